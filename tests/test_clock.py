@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import threading
 import time
 
@@ -11,7 +10,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from mkdaemon.actor import act
 from mkdaemon.clock import LOOK_PERIOD, STEP, SYNCHRONISED_PERIOD, Clock, boot_id, kernel_synchronised
 from mkdaemon.stamp import Stamp
 
@@ -147,20 +145,3 @@ def test_two_threads_find_a_step_once():
     for thread in threads:
         thread.join()
     assert len(machine.clock.take_steps()) == 1
-
-
-async def test_who_is_replayed_is_heard_with_what_he_saw_on_the_clock():
-    heard, now = [], [5.0]
-    clock = Clock(monotonic=lambda: now[0])
-    clock.on_look = lambda actor, at: heard.append((actor, at))
-    assert clock.now() == 5.0
-    assert heard == []
-
-    async def look():
-        now[0] = 6.0
-        return clock.now()
-
-    assert await asyncio.create_task(act(look()), name="control") == 6.0
-    clock.stamp(6.0)
-    clock.monotonic()
-    assert heard == [("control", 6.0)]

@@ -31,8 +31,8 @@ from mkdaemon.link.ports.replayport import read_recording
 from mkdaemon.missions import read_mission
 from mkdaemon.missions.script import read_script
 from mkdaemon.reading import DEEPEST, open_regular, parse_json, parse_toml, read_text
-from mkdaemon.record.glance import glance
 from mkdaemon.record.reader import Recording
+from mkdaemon.record.summary import glance
 from mkdaemon.vision.calibrate.views import views_of_folder
 from mkdaemon.vision.camera.calibration_file import load_camera
 from mkdaemon.vision.camera.files import list_pictures

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Final
 
 from mkdaemon.control.hands import CAPPED, HANDS, Hands
-from mkdaemon.control.modes import ALWAYS, ROWS, Event, Reaction, Row
+from mkdaemon.control.modes import ALWAYS, ROWS, Reaction, Row, Trigger
 from mkdaemon.telemetry.control import Phase
 
 _HEAD: Final = """# Phases of authority
@@ -49,7 +49,7 @@ def modes_page(root: Path) -> str:
         _HEAD,
         _diagram(),
         _meanings("Phases", Phase),
-        _meanings("Events", Event),
+        _meanings("Events", Trigger),
         _meanings("What is sent", Reaction),
     ]
     tables = [_TABLE + "\n".join(_line(row) for row in ROWS), _HANDS + "\n".join(_hands(row) for row in HANDS)]

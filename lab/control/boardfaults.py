@@ -9,6 +9,7 @@ from typing import Any, Final
 from lab.control.corerig import stamp
 from lab.control.expectations import LOST_SIGHT, Expectation
 from lab.control.faultrig import FaultRig
+from mkdaemon.control.events import StateValue
 from mkdaemon.telemetry.state import Battery, Flight, GpsMode, Pilot
 
 REPORT_TIME: Final = 0.2
@@ -60,7 +61,7 @@ def report_flight(rig: FaultRig, at: float, end: float, **changes: object) -> No
     """Let a board report something of the flight, and that all is well again when it ends."""
 
     def tell(now: float, changes: dict[str, object] = changes) -> None:
-        rig.core.state_received(Flight(stamp=stamp(now), **(NORMAL | changes)), now)
+        rig.core.feed(StateValue(Flight(stamp=stamp(now), **(NORMAL | changes))), now)
 
     report(rig, at, end, tell)
     rig.at(end, lambda now: tell(now, {}))
@@ -75,7 +76,7 @@ def battery_low(rig: FaultRig, at: float, rng: random.Random) -> Expectation:
         battery = Battery(
             stamp=stamp(now), source="lab", voltage=9.4 if low else 11.1, current=None, used_mah=None, is_low=low
         )
-        rig.core.state_received(battery, now)
+        rig.core.feed(StateValue(battery), now)
 
     report(rig, at, at + 60.0, tell)
     return Expectation(("the battery is low",) if pause > 3.0 else ())
@@ -111,7 +112,7 @@ def throttle_capped(rig: FaultRig, at: float, rng: random.Random) -> Expectation
             sticks=None,
             throttle_in_use=used,
         )
-        rig.core.state_received(pilot, now)
+        rig.core.feed(StateValue(pilot), now)
 
     report(rig, at, at + 4.0, tell)
     return Expectation(LOST_SIGHT)

@@ -17,8 +17,8 @@ from lab.control.law2010 import PiGains
 from lab.control.rendered import RenderedRig
 from lab.control.rig import Rig, believed_model
 from mkdaemon.control.estimator.model import NO_FILTER
-from mkdaemon.control.guidance.autopilot import Goal
-from mkdaemon.control.guidance.landing import LandingPhase
+from mkdaemon.control.manoeuvres.land import LandingPhase
+from mkdaemon.control.regulator.autopilot import Goal
 from mksim.config import WindClass
 from mksim.physics.attitude_loop import EASY, LEAK_SLOW, AttitudeGains
 

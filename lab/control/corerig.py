@@ -11,23 +11,31 @@ from mkdaemon.config.control import ControlConfig, LimiterConfig
 from mkdaemon.control.actions import Action, PublishEstimate, SendSticks
 from mkdaemon.control.activeset import ActiveSet, Gate, GateKind
 from mkdaemon.control.core import FlightCore
-from mkdaemon.control.estimator.values import TargetView
-from mkdaemon.control.guidance.autopilot import GAS_CENTRE, AutopilotSticks, Goal
+from mkdaemon.control.estimator.values import GAS_CENTRE, TargetView
+from mkdaemon.control.events import (
+    LeaseAsked,
+    LineChanged,
+    LinkVerdict,
+    ModelKnown,
+    PoseSeen,
+    SetpointAccepted,
+    StateValue,
+)
 from mkdaemon.control.modes import IN_FLIGHT
-from mkdaemon.control.vehicle import VehicleFacts
+from mkdaemon.control.regulator.autopilot import AutopilotSticks, Goal
 from mkdaemon.frames import quaternion_from_rotation
 from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.command import LeaseRequest
-from mkdaemon.telemetry.control import ControlLine, EstimateValue, LeaseGrant
+from mkdaemon.telemetry.control import ControlLine, EstimateValue
 from mkdaemon.telemetry.link import LinkCondition, LinkState
 from mkdaemon.telemetry.setpoint import PositionSetpoint, Setpoint, SetpointFrame, TakeOffSetpoint
-from mkdaemon.telemetry.signature import signed
 from mkdaemon.telemetry.state import Attitude
 from mkdaemon.telemetry.vision import VisionPose
 from mksim.physics.hand_flight import HandFlight
 from mksim.physics.world import StickInput
 
 CLIENT: Final = "lab"
+SECRET: Final = "of the lab"
 
 
 def stamp(at: float) -> Stamp:
@@ -43,6 +51,7 @@ class CoreRig(Rig):
         cfg: with which it decides.
         actions: everything it decided, with its time [s].
         estimates: what it published.
+        is_silent: the client sends nothing any more.
         handover: when the client begins to stream; until the core flies, who flew before holds the aircraft [s].
     """
 
@@ -52,14 +61,14 @@ class CoreRig(Rig):
         super().__init__(flight)
         cfg = ControlConfig(limiter=LimiterConfig(hover_throttle=FIRST_HOVER - GAS_CENTRE))
         self.cfg = cfg
-        self.core = FlightCore(cfg, VehicleFacts(), first_epoch=1)
-        self.core.model_known(flight.model or believed_model(flight.gains))
-        self.core.line_changed(ControlLine(layout="v2"))
-        self.core.link_changed(link_state(LinkCondition.UP))
+        self.core = FlightCore(cfg, first_epoch=1)
+        self.core.feed(ModelKnown(flight.model or believed_model(flight.gains)), 0.0)
+        self.core.feed(LineChanged(ControlLine(layout="v2")), 0.0)
+        self.core.feed(LinkVerdict(link_state(LinkCondition.UP)), 0.0)
         self.actions: list[tuple[float, Action]] = []
         self.estimates: list[EstimateValue] = []
+        self.is_silent = False
         self._epoch = 0
-        self._secret = ""
         self._sequence = 0
 
     def _show_pilot(self, view: TargetView, at: float) -> None:
@@ -68,13 +77,13 @@ class CoreRig(Rig):
 
     def _see(self, view: TargetView, at: float) -> None:
         self._show_pilot(view, at)
-        self.core.pose_received(pose_of(view), at)
+        self.core.feed(PoseSeen(pose_of(view)), at)
 
     def _hear(self, measured: float, pitch: float, roll: float, yaw: float, at: float) -> None:
         super()._hear(measured, pitch, roll, yaw, at)
         quaternion = (math.cos(yaw / 2), 0.0, 0.0, math.sin(yaw / 2))
         value = Attitude(stamp=stamp(at), source="lab", quaternion=quaternion, roll=roll, pitch=pitch, yaw=yaw)
-        self.core.state_received(value, at)
+        self.core.feed(StateValue(value), at)
 
     def _control(self, at: float) -> None:
         """The client's turn, then the core's; until the core flies a pilot holds the aircraft where it is."""
@@ -87,12 +96,14 @@ class CoreRig(Rig):
         goal = self._flight.goal(at)
         if not self._epoch:
             request = LeaseRequest(action="take", holder=CLIENT)
-            granted = self.core.lease(request, at, found=ActiveSet(Gate(GateKind.CHANNEL)))
-            assert isinstance(granted, LeaseGrant)
-            self._epoch, self._secret = granted.epoch, granted.secret
+            found = ActiveSet(Gate(GateKind.CHANNEL))
+            granted = self.core.feed(LeaseAsked(request, SECRET, found), at).lease
+            assert granted is not None
+            self._epoch = granted.epoch
         self._sequence += 1
         setpoint = self._setpoint(goal, at)
-        self.core.setpoint(setpoint, at, signed(self._secret, setpoint.suffix, b""))
+        if not self.is_silent:
+            self.core.feed(SetpointAccepted(setpoint, self._epoch), at)
         for action in self.core.tick(at):
             self.actions.append((at, action))
             if isinstance(action, SendSticks):

@@ -15,21 +15,20 @@ from typing import Any, Final
 
 import numpy as np
 
-from lab.control.corerig import CLIENT, CoreRig, link_state, pose_of
+from lab.control.corerig import CLIENT, SECRET, CoreRig, link_state, pose_of
 from lab.control.flights import Flight
 from lab.control.rig import CONTROL_PERIOD
 from lab.control.trouble import Trouble
 from mkdaemon.control.actions import Release, ReportMode, SendSticks
 from mkdaemon.control.activeset import ActiveSet, Gate, GateKind
 from mkdaemon.control.estimator.values import TargetView
-from mkdaemon.control.guidance.autopilot import AutopilotSticks
+from mkdaemon.control.events import LeaseAsked, LinkVerdict, PoseSeen, Released, SetpointAccepted
 from mkdaemon.control.modes import IN_FLIGHT
-from mkdaemon.errors import CommandRejectedError
+from mkdaemon.control.regulator.autopilot import AutopilotSticks
 from mkdaemon.telemetry.command import LeaseRequest
-from mkdaemon.telemetry.control import LeaseGrant, Phase, ReleaseOutcome
+from mkdaemon.telemetry.control import Phase, ReleaseOutcome
 from mkdaemon.telemetry.link import LinkCondition
 from mkdaemon.telemetry.setpoint import LandSetpoint, PositionSetpoint, Setpoint, SetpointFrame
-from mkdaemon.telemetry.signature import signed
 
 LAND_AT: Final = 13.0
 """The client asks for the landing [s]."""
@@ -91,7 +90,7 @@ class FaultRig(CoreRig):
 
     # -- for faults -----------------------------------------------------------------------------------------------
 
-    def at(self, when: float, event: Callable[[float], None]) -> None:
+    def at(self, when: float, event: Callable[[float], object]) -> None:
         """Let something happen at a time [s]."""
         self._at(when, event)
 
@@ -108,12 +107,11 @@ class FaultRig(CoreRig):
         """Let a client ask for the lease; empty, or why it was refused."""
         request = LeaseRequest(action="take", holder=holder, force=force)
         found = ActiveSet(Gate(GateKind.CHANNEL))
-        try:
-            granted = self.core.lease(request, at, found=found)
-        except CommandRejectedError as error:
-            return error.token
-        assert isinstance(granted, LeaseGrant)
-        self._epoch, self._secret, self._sequence = granted.epoch, granted.secret, 0
+        reply = self.core.feed(LeaseAsked(request, SECRET, found), at)
+        if reply.refusal is not None:
+            return reply.refusal.token
+        assert reply.lease is not None
+        self._epoch, self._sequence = reply.lease.epoch, 0
         return ""
 
     # -- the flight -----------------------------------------------------------------------------------------------
@@ -168,7 +166,7 @@ class FaultRig(CoreRig):
         return PositionSetpoint(**stream, position=place, frame=SetpointFrame.PAD)
 
     def _offer(self, setpoint: Setpoint, at: float) -> None:
-        if self.core.setpoint(setpoint, at, signed(self._secret, setpoint.suffix, b"")) is None:
+        if self.core.feed(SetpointAccepted(setpoint, self._epoch), at).refusal is None:
             self._newest = at
 
     def _run_core(self, at: float) -> None:
@@ -199,7 +197,7 @@ class FaultRig(CoreRig):
     def _released(self, action: Release, at: float) -> None:
         if self.outcome.engaged and math.isinf(self.outcome.released):
             self.outcome.released, self.outcome.reason = at, action.reason
-        self._at(at + 0.2, lambda now: self.core.released(ReleaseOutcome.CONFIRMED, now))
+        self._at(at + 0.2, lambda now: self.core.feed(Released(ReleaseOutcome.CONFIRMED), now))
 
     @property
     def throttle_in_use(self) -> int:
@@ -232,11 +230,11 @@ class FaultRig(CoreRig):
         pose = pose_of(view)
         until, late = trouble.camera_late
         if at < trouble.eyes_stalled:
-            self._at(trouble.eyes_stalled, lambda now: self.core.pose_received(pose, now))
+            self._at(trouble.eyes_stalled, lambda now: self.core.feed(PoseSeen(pose), now))
         elif at < until:
-            self._at(at + late, lambda now: self.core.pose_received(pose, now))
+            self._at(at + late, lambda now: self.core.feed(PoseSeen(pose), now))
         else:
-            self.core.pose_received(pose, at)
+            self.core.feed(PoseSeen(pose), at)
 
     def _hear(self, measured: float, pitch: float, roll: float, yaw: float, at: float) -> None:
         if at >= self.trouble.telemetry_silent:
@@ -244,7 +242,7 @@ class FaultRig(CoreRig):
 
     def set_link(self, condition: LinkCondition, at: float, openings: int = 1) -> None:
         """Change the verdict on the line."""
-        self.core.link_changed(link_state(condition, openings, at))
+        self.core.feed(LinkVerdict(link_state(condition, openings, at)), 0.0)
 
     # -- the rules ------------------------------------------------------------------------------------------------
 

@@ -11,12 +11,20 @@ from lab.control.boardfaults import battery_low, gps_switch, height_control, thr
 from lab.control.corerig import stamp
 from lab.control.expectations import LOST_SIGHT, NOTHING, TOLERANCE, Expectation, Fault
 from lab.control.faultrig import FaultRig
+from mkdaemon.control.events import (
+    AbortAsked,
+    ClientGone,
+    GuardActed,
+    LineChanged,
+    ReleaseAsked,
+    SetpointUnsigned,
+    StateValue,
+)
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.command import AbortRequest, ReleaseRequest
 from mkdaemon.telemetry.control import ControlLine, Obstacle
 from mkdaemon.telemetry.link import LinkCondition
 from mkdaemon.telemetry.setpoint import AttitudeSetpoint, Setpoint, SetpointFrame, StickSetpoint, VelocitySetpoint
-from mkdaemon.telemetry.signature import signed
 from mkdaemon.telemetry.state import Pilot
 
 
@@ -32,7 +40,7 @@ def client_dies(rig: FaultRig, at: float, rng: random.Random) -> Expectation:
 
     def die(now: float) -> None:
         rig.trouble.client_silent = math.inf
-        rig.core.client_gone("lab")
+        rig.core.feed(ClientGone("lab"), 0.0)
 
     rig.at(at, die)
     return Expectation(("client lab is gone",), 0.0)
@@ -59,7 +67,7 @@ def stranger(rig: FaultRig, at: float, rng: random.Random) -> Expectation:
     def speak(now: float) -> None:
         wild = {axis: fake.uniform(-127.0, 127.0) for axis in ("pitch", "roll", "yaw", "throttle")}
         setpoint = StickSetpoint(epoch=fake.choice((1, 2, 3)), sequence=fake.randrange(10**6), ttl=0.3, **wild)
-        rig.core.setpoint(setpoint, now, signed("a guess", setpoint.suffix, b""))
+        rig.core.feed(SetpointUnsigned(setpoint), now)
         if now < at + 2.0:
             rig.at(now + 0.01, speak)
 
@@ -104,7 +112,7 @@ def aborted(rig: FaultRig, at: float, rng: random.Random) -> Expectation:
 
     def abort(now: float) -> None:
         with suppress(CommandRejectedError):  # nothing is flown any more
-            rig.core.abort(AbortRequest(reason="enough"))
+            rig.core.feed(AbortAsked(AbortRequest(reason="enough")), 0.0)
 
     rig.at(at, abort)
     return NOTHING
@@ -112,7 +120,7 @@ def aborted(rig: FaultRig, at: float, rng: random.Random) -> Expectation:
 
 def release_asked(rig: FaultRig, at: float, rng: random.Random) -> Expectation:
     """Somebody asks for a release."""
-    rig.at(at, lambda now: rig.core.release(ReleaseRequest(reason="somebody asks")))
+    rig.at(at, lambda now: rig.core.feed(ReleaseAsked(ReleaseRequest(reason="somebody asks")), 0.0))
     return Expectation(("somebody asks",), 0.0)
 
 
@@ -152,7 +160,7 @@ def core_stalled(rig: FaultRig, at: float, rng: random.Random) -> Expectation:
 
 def guard_acts(rig: FaultRig, at: float, rng: random.Random) -> Expectation:
     """The guard says that it has released the aircraft."""
-    rig.at(at, lambda now: rig.core.guard_acted())
+    rig.at(at, lambda now: rig.core.feed(GuardActed(), 0.0))
     return Expectation(("the guard released",), 0.0)
 
 
@@ -183,15 +191,15 @@ def line_refuses(rig: FaultRig, at: float, rng: random.Random) -> Expectation:
             (ControlLine(layout="v2", obstacle=Obstacle.UNCONFIRMED), "the last release is not confirmed"),
         )
     )
-    rig.at(at, lambda now: rig.core.line_changed(line))
-    rig.at(at + 1.0, lambda now: rig.core.line_changed(ControlLine(layout="v2")))
+    rig.at(at, lambda now: rig.core.feed(LineChanged(line), 0.0))
+    rig.at(at + 1.0, lambda now: rig.core.feed(LineChanged(ControlLine(layout="v2")), 0.0))
     return Expectation((reason,), 0.0)
 
 
 def receiver_lost(rig: FaultRig, at: float, rng: random.Random) -> Expectation:
     """The FlightCtrl loses the pilot's transmitter."""
     lost = Pilot(stamp=stamp(at), source="lab", rc_quality=0.0, has_signal=False, throttle=None, sticks=None)
-    rig.at(at, lambda now: rig.core.state_received(lost, now))
+    rig.at(at, lambda now: rig.core.feed(StateValue(lost), now))
     return Expectation(("the receiver is lost",), 0.0)
 
 

@@ -13,11 +13,11 @@ from lab.control.law2010 import PiGains
 from lab.control.radio import RadioModel
 from mkdaemon.control.estimator.model import AircraftModel
 from mkdaemon.control.estimator.tuning import NOMINAL, ROBUST, Tuning
-from mkdaemon.control.guidance.autopilot import Goal, at_origin
-from mkdaemon.control.guidance.horizontal import HorizontalCosts
-from mkdaemon.control.guidance.landing import LandingLimits, LandingPhase
-from mkdaemon.control.guidance.vertical import VerticalGains
 from mkdaemon.control.linear import Array
+from mkdaemon.control.manoeuvres.land import LandingLimits, LandingPhase
+from mkdaemon.control.regulator.autopilot import Goal, at_origin
+from mkdaemon.control.regulator.horizontal import HorizontalCosts
+from mkdaemon.control.regulator.vertical import VerticalGains
 from mksim.config import WindClass
 from mksim.physics.attitude_loop import EASY, AttitudeGains
 

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from mkdaemon.control.estimator.values import TargetView
-from mkdaemon.control.guidance.autopilot import AutopilotSticks
 from mkdaemon.control.linear import Array
+from mkdaemon.control.regulator.autopilot import AutopilotSticks
 
 PERIOD = 1 / 15
 """[s]."""

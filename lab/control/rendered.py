@@ -10,6 +10,7 @@ from lab.places import ROOT
 from mkdaemon.clock import Clock
 from mkdaemon.config.camera import CameraSection
 from mkdaemon.config.vision import VisionSection
+from mkdaemon.control.events import PoseSeen
 from mkdaemon.telemetry.vision import VisionPose
 from mkdaemon.vision.camera.image import CameraImage
 from mkdaemon.vision.pipeline import CameraPipeline
@@ -62,7 +63,7 @@ class RenderedRig(CoreRig):
             for _, value in self._pipeline.process(image, AttitudeHistory(tuple(self._attitudes))):
                 if isinstance(value, VisionPose):
                     self.posed += 1
-                    self.core.pose_received(value, now)
+                    self.core.feed(PoseSeen(value), now)
 
         self._at(at + delay, look)
 

@@ -20,10 +20,10 @@ from lab.control.radio import Radio
 from mkdaemon.control.estimator.estimator import Estimator
 from mkdaemon.control.estimator.model import NO_FILTER, AircraftModel
 from mkdaemon.control.estimator.values import StickCommand, TargetView
-from mkdaemon.control.guidance.autopilot import Autopilot, AutopilotSticks, Goal, at_origin
-from mkdaemon.control.guidance.landing import Landing, LandingPhase
-from mkdaemon.control.guidance.reference import ReferenceLimits
 from mkdaemon.control.linear import Array
+from mkdaemon.control.manoeuvres.land import Landing, LandingPhase
+from mkdaemon.control.regulator.autopilot import Autopilot, AutopilotSticks, Goal, at_origin
+from mkdaemon.control.regulator.reference import ReferenceLimits
 from mksim.config import AirframeConfig, FlightConfig, SensorConfig
 from mksim.physics.attitude_loop import AttitudeGains
 from mksim.physics.deck import MovingDeck
@@ -86,7 +86,7 @@ class Rig:
         self._autopilot: Autopilot | None = None
         self._landing: Landing | None = None
         self._law = None if flight.law is None else PiLaw(flight.law, 2.0)
-        self._queue: list[tuple[float, int, Callable[[float], None]]] = []
+        self._queue: list[tuple[float, int, Callable[[float], object]]] = []
         self._count = 0
 
     def fly(self) -> Record:
@@ -108,7 +108,7 @@ class Rig:
         """Whether nothing is left to see."""
         return self.record.landing is LandingPhase.DOWN and at > self.record.touched + 1.0
 
-    def _at(self, at: float, event: Callable[[float], None]) -> None:
+    def _at(self, at: float, event: Callable[[float], object]) -> None:
         self._count += 1
         heapq.heappush(self._queue, (at, self._count, event))
 

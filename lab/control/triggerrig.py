@@ -16,6 +16,7 @@ from lab.rigs.grounded import GroundedAircraft
 from lab.rigs.virtualguard import VirtualGuard
 from mkdaemon.bus.codec import encode_map
 from mkdaemon.control.estimator.values import TargetView
+from mkdaemon.control.events import PoseSeen
 from mkdaemon.link.session.traffic import Purpose
 from mkdaemon.telemetry.control import Phase
 from mkdaemon.telemetry.setpoint import Setpoint, StickSetpoint
@@ -72,7 +73,7 @@ class Client:
         while True:
             if self.is_seeing:
                 self.seen = loop.time()
-                self._flown.core.pose_received(_pose(loop.time()), loop.time())
+                self._flown.core.feed(PoseSeen(_pose(loop.time())), loop.time())
             await asyncio.sleep(IMAGES)
 
 

@@ -9,7 +9,7 @@ from typing import Final
 
 from lab.control.triggerrig import ASIDE, CLIENT, HERE, Scene
 from lab.rigs.boardport import LineFault
-from mkdaemon.control.guidance.takeoff import TakeOffLimits
+from mkdaemon.control.manoeuvres.take_off import TakeOffLimits
 from mkdaemon.control.modes import IN_FLIGHT
 from mkdaemon.link.session.traffic import Purpose
 from mkdaemon.telemetry.command import AbortRequest, LeaseRequest, ReleaseRequest

@@ -30,10 +30,10 @@ from lab.rigs.motors import MotorWatch
 from lab.rigs.sticks import build_sticks
 from mkdaemon.cli.arguments import AsJson
 from mkdaemon.config.link import LinkConfig
-from mkdaemon.errors import CommandRejectedError, ConfigError
+from mkdaemon.errors import ConfigError
 from mkdaemon.link.link import Link
 from mkdaemon.link.session.roundtrips import percentile
-from mkdaemon.link.session.traffic import Lost, Purpose, Received, Sent
+from mkdaemon.link.session.traffic import Lost, Purpose, Received, Sent, SetpointRefused
 from mkdaemon.telemetry.link import LinkHealth, LinkState, LinkTraffic
 from mksim.config import SimConfig
 
@@ -183,9 +183,8 @@ async def _steer(link: Link, meter: Meter, rate: float, seconds: float) -> None:
         await asyncio.sleep(max(0.0, began + step / rate - time.monotonic()))
         setpoint = build_sticks(layout, pitch=step % 21 - 10)
         meter.handed_in = time.monotonic()
-        try:
-            link.send_setpoint(setpoint, deadline=meter.handed_in + 0.1)
-        except CommandRejectedError:
+        fate = link.send_setpoint(setpoint, deadline=meter.handed_in + 0.1)
+        if isinstance(fate, SetpointRefused):
             meter.losses["refused"] += 1
 
 

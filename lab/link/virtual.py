@@ -15,7 +15,7 @@ from lab.rigs.sticks import build_sticks
 from mkdaemon.errors import ConfigError
 from mkdaemon.link.link import Link
 from mkdaemon.link.session.roundtrips import percentile
-from mkdaemon.link.session.traffic import Lost, Purpose, Received, Sent
+from mkdaemon.link.session.traffic import Lost, Purpose, Received, Sent, SetpointQueued
 from mkdaemon.telemetry.link import LinkHealth, LinkState, LinkTraffic, RoundTripStats
 from mkdaemon.virtualtime import run_virtually
 from mksim.config import PilotPlan, SimConfig
@@ -104,7 +104,8 @@ async def steer_steadily(link: Link, case: Case, seconds: float, sink: Waits) ->
         await asyncio.sleep(max(0.0, began + step / case.setpoint_hz - loop.time()))
         sink.handed_in = loop.time()
         setpoint = build_sticks(layout, pitch=step % 21 - 10)
-        link.send_setpoint(setpoint, deadline=loop.time() + 0.1)
+        fate = link.send_setpoint(setpoint, deadline=loop.time() + 0.1)
+        assert isinstance(fate, SetpointQueued)
     await asyncio.sleep(began + seconds - loop.time())
     return steps
 

@@ -19,14 +19,12 @@ from mkdaemon.client import Vehicle
 from mkdaemon.clock import Clock
 from mkdaemon.errors import MkError
 from mkdaemon.record.entry import TimeBase
-from mkdaemon.record.folder import Limits, RecordingFolder
+from mkdaemon.record.folder import Limits, RawFile, RecordingFolder
 from mkdaemon.record.layout import Session
 from mkdaemon.record.queue import EntryQueue
-from mkdaemon.record.rawfile import RawFile
 from mkdaemon.record.reader import Recording
-from mkdaemon.record.recorder import RETRY, Recorder
+from mkdaemon.record.recorder import RETRY, Recorder, RecorderThread
 from mkdaemon.record.tap import Tap
-from mkdaemon.record.thread import RecorderThread
 from mksim.config import PilotPlan, SimConfig
 from mksim.runtime import Runtime
 

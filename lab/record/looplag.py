@@ -16,9 +16,8 @@ from mkdaemon.clock import Clock
 from mkdaemon.daemon.priority import SWITCH
 from mkdaemon.record.folder import Limits, RecordingFolder
 from mkdaemon.record.queue import EntryQueue
-from mkdaemon.record.recorder import Recorder
+from mkdaemon.record.recorder import Recorder, RecorderThread
 from mkdaemon.record.tap import Tap
-from mkdaemon.record.thread import RecorderThread
 from mkdaemon.record.view import JsonView
 
 TICK: Final = 0.002

@@ -12,27 +12,22 @@ from pydantic import BaseModel
 
 from lab.rigs.boardport import TICK_TIME, Socket
 from mkdaemon.bus.codec import encode, encoding_of
-from mkdaemon.bus.commandserver import Handler
-from mkdaemon.bus.gateway import Watcher
-from mkdaemon.bus.intake import Prover, Taker
 from mkdaemon.clock import Clock
 from mkdaemon.config.root import Config
-from mkdaemon.control.core import FlightCore
+from mkdaemon.control.events import Feed
 from mkdaemon.daemon.eyes import Eyes
-from mkdaemon.daemon.lineport import record_port
 from mkdaemon.daemon.procedures import Journal
 from mkdaemon.daemon.wiring import Wiring
-from mkdaemon.record.entry import Entry, TimeBase
+from mkdaemon.record.entry import Entry, Notice, TimeBase
 from mkdaemon.record.layout import Session
-from mkdaemon.record.notices import Notice
 from mkdaemon.record.queue import EntryQueue
 from mkdaemon.record.tap import Tap
 from mkdaemon.record.writer import RecordingWriter
-from mkdaemon.replay.run import AtOnce
 from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.command import CommandResult
 from mkdaemon.telemetry.setpoint import Setpoint
-from mkdaemon.telemetry.signature import sign
+from mkdaemon.virtualtime import AtOnce
+from mksim.programs.virtualports import LocalBus
 from mksim.simulation import Simulation
 
 WALL: Final = 1.7e9
@@ -52,75 +47,38 @@ class Tape:
         self.base = TimeBase.of(clock.stamp())
         self._queue = EntryQueue(ROOM)
         self.tap = Tap(self._queue, clock, vehicle, self.base)
-        clock.on_look = self.tap.looked
 
     def entries(self) -> list[Entry]:
         """Return what was recorded, once."""
-        self.tap.end_looks()
         taken = (item if isinstance(item, Entry) else item() for item in self._queue.take(len(self._queue)))
         return [entry for entry in taken if entry is not None]
 
 
-class ClientSide:
-    """The bus of this daemon, with its one client.
-
-    Attributes:
-        values: last value of every key.
-    """
+class ClientSide(LocalBus):
+    """The bus of this daemon, with its one client; all of it is recorded."""
 
     def __init__(self, tap: Tap) -> None:
-        self.open_endpoints: tuple[str, ...] = ()
-        self.values: dict[str, Any] = {}
+        super().__init__()
         self._tap = tap
-        self._loop = asyncio.get_running_loop()
-        self._handlers: dict[str, Handler] = {}
-        self._takers: dict[str, Taker] = {}
-        self._watchers: list[Watcher] = []
         self._exchanges = 0
-        self._sequence = 0
-        self.lease: dict[str, Any] = {}
 
     def publish(self, suffix: str, value: BaseModel, *, schema: type[BaseModel] | None = None) -> None:
         """Keep a value."""
-        self.values[suffix] = value
+        super().publish(suffix, value, schema=schema)
         stamp = getattr(value, "stamp", None)
         assert stamp is None or isinstance(stamp, Stamp)
         self._tap.sample(suffix, encode(value), encoding_of(schema or type(value)), stamp)
-
-    def serve(self, root: str, handler: Handler) -> None:
-        """Let a handler answer."""
-        self._handlers[root] = handler
-
-    def receive(self, suffix: str, take: Taker, is_proven: Prover) -> None:
-        """Take setpoints."""
-        self._takers[suffix] = take
-
-    def watch_clients(self, watcher: Watcher) -> None:
-        """Tell of clients."""
-        self._watchers.append(watcher)
 
     async def ask(self, suffix: str, **fields: Any) -> CommandResult:
         """Ask the daemon, as a client does."""
         self._exchanges += 1
         number = self._exchanges
-        payload = msgpack.packb(fields)
-        self._tap.query(suffix, payload, number, SOURCE)
-        began = self._loop.time()
-        result = await self._handlers[suffix.partition("/")[0]](suffix, payload)
-        result = result.model_copy(update={"duration": round(self._loop.time() - began, 6)})
+        self._tap.query(suffix, msgpack.packb(fields), number, SOURCE)
+        began = self.loop.time()
+        result = await super().ask(suffix, **fields)
+        result = result.model_copy(update={"duration": round(self.loop.time() - began, 6)})
         self._tap.reply(suffix, encode(result), encoding_of(CommandResult), number)
         return result
-
-    async def take_lease(self, holder: str = "pilot") -> None:
-        """Take the lease, as the library does."""
-        for watcher in self._watchers:
-            self._tap.client(holder, True)
-            watcher(holder, True)
-        probe = await self.ask("do/lease", action="probe")
-        assert isinstance(probe.reply, dict)
-        granted = await self.ask("do/lease", action="take", holder=holder, echo=probe.reply["echo"])
-        assert isinstance(granted.reply, dict), granted
-        self.lease = granted.reply
 
     async def give_back(self) -> None:
         """Give the lease back."""
@@ -128,24 +86,19 @@ class ClientSide:
 
     async def vanish(self, holder: str = "pilot") -> None:
         """End the client without a word."""
-        for watcher in self._watchers:
-            self._tap.client(holder, False)
-            watcher(holder, False)
+        self.show_client(holder, False)
 
     async def stream(self, kind: type[Setpoint], seconds: float, *, period: float = 0.02, **fields: Any) -> None:
         """Stream a setpoint, by default at 50 Hz."""
-        end = self._loop.time() + seconds
-        while self._loop.time() < end:
-            self._sequence += 1
-            setpoint = kind(epoch=self.lease["epoch"], sequence=self._sequence, ttl=0.3, **fields)
-            payload, at = encode(setpoint), self._loop.time()
-            proof = sign(self.lease["secret"], kind.suffix, payload)
-            self._loop.call_later(HANDED_OVER, self._arrive, kind.suffix, at, payload, proof)
+        end = self.loop.time() + seconds
+        while self.loop.time() < end:
+            self.loop.call_later(HANDED_OVER, self.deliver, kind, self.loop.time(), *self.sign_next(kind, fields))
             await asyncio.sleep(period)
 
-    def _arrive(self, suffix: str, at: float, payload: bytes, proof: bytes) -> None:
-        self._tap.setpoint(suffix, payload, "application/msgpack", proof, at=at, source=SOURCE, is_holder=True)
-        self._takers[suffix](at, payload, proof)
+    def deliver(self, kind: type[Setpoint], at: float, payload: bytes, proof: bytes) -> None:
+        """Bring a setpoint that arrived at a time [s] to the daemon."""
+        self._tap.setpoint(kind.suffix, payload, "application/msgpack", proof, at=at, source=SOURCE, is_holder=True)
+        super().deliver(kind, at, payload, proof)
 
 
 class RecordedDaemon:
@@ -168,7 +121,7 @@ class RecordedDaemon:
         seed: int,
         tick: float = TICK_TIME,
         age: float = 0.0,
-        make_eyes: Callable[[FlightCore, RecordedDaemon], Eyes] = lambda core, daemon: Eyes(None),
+        make_eyes: Callable[[Feed, RecordedDaemon], Eyes] = lambda feed, daemon: Eyes(None),
     ) -> None:
         """Put it together.
 
@@ -192,9 +145,9 @@ class RecordedDaemon:
             cfg,
             self.client,
             clock,
-            make_eyes=lambda core: make_eyes(core, self),
-            opener=record_port(self.socket.open, self.tape.tap, clock),
-            record_written=self.tape.tap.port_written,
+            make_eyes=lambda feed: make_eyes(feed, self),
+            opener=self.socket.open,
+            tap=self.tape.tap,
             journal=Journal(cfg.vehicle.state_folder or Path(), AtOnce()),
         )
 
@@ -216,7 +169,6 @@ class RecordedDaemon:
     def start(self) -> list[asyncio.Task[None]]:
         """Start everything; returns the tasks, the line first."""
         loop = asyncio.get_running_loop()
-        self.tape.tap.notice(Notice.GUARD_ALIVE, fields={"is_alive": True})
         self.wiring.guard_changed(True)
         return [
             loop.create_task(self.wiring.run_line(), name="link"),

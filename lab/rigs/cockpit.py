@@ -21,9 +21,8 @@ from mkdaemon.clock import Clock
 from mkdaemon.config.control import ControlConfig
 from mkdaemon.config.link import LinkConfig
 from mkdaemon.control.core import FlightCore
-from mkdaemon.control.vehicle import VehicleFacts
-from mkdaemon.daemon.audit import Audit, Outlet
-from mkdaemon.daemon.eyes import Eyes
+from mkdaemon.daemon.audit import Outlet
+from mkdaemon.daemon.deck import Deck
 from mkdaemon.daemon.flight import FlightControl
 from mkdaemon.daemon.sink import BusSink
 from mkdaemon.link.link import Link
@@ -116,8 +115,8 @@ class KeepingSink(BusSink):
         states: every verdict on the line.
     """
 
-    def __init__(self, core: FlightCore, audit: Audit, clock: Clock, outlet: Outlet) -> None:
-        super().__init__(outlet, core, audit, Eyes(None), clock)
+    def __init__(self, deck: Deck, clock: Clock, outlet: Outlet) -> None:
+        super().__init__(outlet, deck.feed, deck.core.vehicle, deck.audit, deck.eyes, clock)
         self.tx: list[Sent] = []
         self.heard_at = self.streamed_at = float("-inf")
         self.states: list[LinkState] = []
@@ -264,13 +263,14 @@ async def cockpit(
         synchronised=lambda: True,
         suspended=lambda: cable.slept,
     )
-    core = FlightCore(ControlConfig(), VehicleFacts(), first_epoch=int(clock.stamp().wall * 1000))
-    audit = Audit(_Unheard(), clock)
     published = outlet or _Unheard()
-    sink = KeepingSink(core, audit, clock, published)
+    deck = Deck(ControlConfig(), published, clock, first_epoch=int(clock.stamp().wall * 1000))
+    core, sink = deck.core, KeepingSink(deck, clock, published)
     cfg = LinkConfig.model_validate({"port": "/dev/virtual"} | link)
-    line = link_class(cfg, sink, opener=cable.open, clock=clock, motors_running=core.facts.motors_running, guard=guard)
-    flight = FlightControl(core, line, published, audit, clock=clock)
+    line = link_class(
+        cfg, sink, opener=cable.open, clock=clock, motors_running=core.vehicle.motors_running, guard=guard
+    )
+    flight = FlightControl(deck, line, clock=clock)
     flown = Cockpit(core, line, flight, sink, cable)
     flown.tasks = [asyncio.create_task(line.run(), name="link"), asyncio.create_task(flight.run(), name="control")]
     try:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from mkdaemon.control.vehicle import VehicleFacts
+from mkdaemon.control.vehicle import VehicleMemory
 from mkdaemon.link.session.traffic import LinkSink, Lost, Received, Sent
 from mkdaemon.protocol.boards import board_at
 from mkdaemon.protocol.decoder import Unknown
@@ -18,7 +18,7 @@ class MotorWatch:
     """
 
     def __init__(self, sink: LinkSink) -> None:
-        self.facts = VehicleFacts()
+        self.facts = VehicleMemory()
         self._sink = sink
 
     def received(self, frame: Received) -> None:

@@ -11,9 +11,9 @@ from typing import Any, Final, NamedTuple
 
 from lab.rigs.blackbox import RecordedDaemon
 from mkdaemon.config.root import Config
-from mkdaemon.control.core import FlightCore
+from mkdaemon.control.events import Feed
+from mkdaemon.daemon.blackbox import ImageRecorder
 from mkdaemon.daemon.eyes import Eyes, PoseSink
-from mkdaemon.daemon.imagerecord import ImageRecorder
 from mkdaemon.telemetry.base import Telemetry
 from mkdaemon.telemetry.setpoint import Setpoint
 from mkdaemon.telemetry.state import Attitude
@@ -47,19 +47,19 @@ ATTITUDES: Final = 200
 class RecordedEyes(Eyes):
     """One camera; what it sees comes to the loop later, as from the thread of `VisionWorker`."""
 
-    def __init__(self, scene: SceneCamera, core: FlightCore, daemon: RecordedDaemon) -> None:
+    def __init__(self, scene: SceneCamera, feed: Feed, daemon: RecordedDaemon) -> None:
         """Set the camera up.
 
         Args:
             scene: renders what it sees.
-            core: hears of poses.
+            feed: tells the flight core of poses.
             daemon: its configuration has one camera.
         """
         super().__init__(None)
         (camera,) = daemon.cfg.cameras
         self._name, self._scene, self._clock = camera.name, scene, daemon.clock
         self._socket = daemon.socket
-        self._sink = PoseSink(core, daemon.client, daemon.clock)
+        self._sink = PoseSink(feed, daemon.client, daemon.clock)
         self._record = ImageRecorder(daemon.cfg.record.images, daemon.tape.tap, daemon.clock).record
         self._pipeline = CameraPipeline(camera, daemon.cfg.vision, daemon.clock)
         self._attitudes: deque[AttitudeSample] = deque(maxlen=ATTITUDES)
@@ -74,20 +74,20 @@ class RecordedEyes(Eyes):
         """Expose for ever, from a time on [s]."""
         await asyncio.sleep(dark)
         loop = asyncio.get_running_loop()
-        due = report = since = self._clock.monotonic()
+        due = report = since = self._clock.now()
         while True:
-            truth, at = self._socket.aircraft.world.truth, self._clock.monotonic()
+            truth, at = self._socket.aircraft.world.truth, self._clock.now()
             state = BodyState(at, truth.position_enu, truth.velocity_enu, truth.enu_from_flu, truth.rates)
             loop.call_later(LATENCY, self._look, self._scene.expose(state), at)
             if at >= report:
                 report += STATS
                 self._report(since)
             due += 1.0 / self._scene.cfg.fps
-            await asyncio.sleep(max(due - self._clock.monotonic(), 0.0))
+            await asyncio.sleep(max(due - self._clock.now(), 0.0))
 
     def _look(self, pixels: Grey, exposed: float) -> None:
         self._images += 1
-        image = CameraImage(pixels, exposed, self._clock.monotonic(), self._images, self._name, "header")
+        image = CameraImage(pixels, exposed, self._clock.now(), self._images, self._name, "header")
         attitude = AttitudeHistory(tuple(self._attitudes))
         self._record(image, attitude)
         values = self._pipeline.process(image, attitude)
@@ -164,13 +164,13 @@ async def fly_over_target(parts: Sequence[Part], folder: Path, *, seed: int, fps
         seed=seed,
         tick=TICK,
         age=IDLING,
-        make_eyes=lambda core, daemon: RecordedEyes(camera_of_aircraft, core, daemon),
+        make_eyes=lambda feed, daemon: RecordedEyes(camera_of_aircraft, feed, daemon),
     )
     tasks, client = daemon.start(), daemon.client
     assert isinstance(daemon.wiring.eyes, RecordedEyes)
     eyes = asyncio.create_task(daemon.wiring.eyes.run(dark), name="eyes")
     await daemon.until(lambda: daemon.can_fly)
-    await daemon.until(lambda: bool(daemon.wiring.facts.motors_running(daemon.clock.monotonic())))
+    await daemon.until(lambda: bool(daemon.wiring.facts.motors_running(daemon.clock.now())))
     await client.take_lease()
     for part in parts:
         await client.stream(part.kind, part.seconds, period=1.0 / RATE, **part.fields)

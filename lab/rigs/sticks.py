@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from mkdaemon.link.session.controlpath import BuildControl
+from mkdaemon.link.session.traffic import BuildSetpoint
 from mkdaemon.protocol.wire import WireMessage
 
 
-def build_sticks(layout: type[WireMessage], **fields: int) -> BuildControl:
-    """Return what builds a valid frame: sticks as on the wire, zero where not given, and the number it is told.
+def build_sticks(layout: type[WireMessage], **fields: int) -> BuildSetpoint:
+    """Return what builds a valid frame in this layout, whatever the aircraft's is.
+
+    It has sticks as on the wire, zero where not given, and the number it is told.
 
     Args:
         layout: class of external control.
@@ -17,4 +19,4 @@ def build_sticks(layout: type[WireMessage], **fields: int) -> BuildControl:
     """
     make: Callable[..., WireMessage] = layout
     sticks = {"pitch": 0, "roll": 0, "yaw": 0, "throttle": 0, "config": 1} | fields
-    return lambda frame: make(**sticks, frame=frame)
+    return lambda _, frame: make(**sticks, frame=frame)

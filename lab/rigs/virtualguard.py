@@ -6,7 +6,7 @@ import asyncio
 import json
 from collections.abc import Callable, Sequence
 
-from mkdaemon.guard import Guard, Word
+from mkdaemon.guard import Guard, Word, beat
 
 LOOK = 0.005
 """Time between two looks at the clock [s]."""
@@ -42,7 +42,7 @@ class VirtualGuard:
 
     def frame_written(self, neutral: bytes) -> None:
         """Take a heartbeat."""
-        self._hear(Word.BEAT + neutral)
+        self._hear(beat(neutral, asyncio.get_running_loop().time()))
 
     def released(self) -> None:
         """Nothing is owed."""

@@ -15,7 +15,6 @@ from typing import Final
 from lab.rigs.boardport import LineFault
 from lab.rigs.linkrig import Rig, navi_ctrl, rig
 from lab.rigs.sticks import build_sticks
-from mkdaemon.errors import CommandRejectedError
 from mkdaemon.link.session.reboot import GAP
 from mkdaemon.protocol.messages import ExternControlV1, ExternControlV2
 from mkdaemon.protocol.wire import WireMessage
@@ -88,9 +87,8 @@ async def fly_as_allowed(r: Rig) -> None:
     while True:
         layout = r.link.dialect.extern_control
         if layout is not None:
-            with suppress(CommandRejectedError):
-                deadline = asyncio.get_running_loop().time() + 0.1
-                r.link.send_setpoint(build_sticks(layout, throttle=60, pitch=20), deadline=deadline)
+            deadline = asyncio.get_running_loop().time() + 0.1
+            r.link.send_setpoint(build_sticks(layout, throttle=60, pitch=20), deadline=deadline)
         await asyncio.sleep(0.025)
 
 

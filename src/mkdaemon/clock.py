@@ -15,7 +15,6 @@ from functools import cache
 from pathlib import Path
 from typing import Final, NamedTuple
 
-from mkdaemon.actor import current_actor
 from mkdaemon.stamp import Stamp
 
 LOOK_PERIOD: Final = 0.1
@@ -91,12 +90,7 @@ class SleepWatch:
 
 
 class Clock:
-    """Monotonic time, and stamps that follow the system clock; may be used from any thread.
-
-    Attributes:
-        monotonic: the clock itself [s], for what is no part of a replay.
-        on_look: told who looked and what they saw [s; monotonic]: in a replay they see the same.
-    """
+    """Monotonic time, and stamps that follow the system clock; may be used from any thread."""
 
     def __init__(
         self,
@@ -114,8 +108,7 @@ class Clock:
             synchronised: whether the system clock follows a time server; None for unknown.
             suspended: how long the machine has slept [s].
         """
-        self.monotonic = monotonic
-        self.on_look: Callable[[str, float], None] | None = None
+        self._monotonic = monotonic
         self._wall = wall
         self._ask_synchronised = synchronised
         self._ask_suspended = suspended
@@ -130,10 +123,7 @@ class Clock:
 
     def now(self) -> float:
         """The present moment [s; monotonic]."""
-        now = self.monotonic()
-        if self.on_look is not None and (actor := current_actor()) is not None:
-            self.on_look(actor, now)
-        return now
+        return self._monotonic()
 
     def stamp(self, at: float | None = None) -> Stamp:
         """Stamp a moment; now if none is given.
@@ -141,19 +131,17 @@ class Clock:
         Args:
             at: [s; monotonic].
         """
-        if at is None:
-            now = at = self.now()
-        else:
-            now = self.monotonic()
+        now = self.now()
         if now >= self._look_at:
             self._look(now)
+        at = now if at is None else at
         return Stamp(monotonic=at, wall=at + self._offset, boot=self._boot, synchronised=self._synchronised)
 
     def monotonic_of(self, stamp: Stamp) -> float:
         """A stamp of any machine on this monotonic clock [s]: directly on one machine, through wall time otherwise."""
         if stamp.boot and stamp.boot == self._boot:
             return stamp.monotonic
-        self._look(self.monotonic())
+        self._look(self.now())
         return stamp.wall - self._offset
 
     def time_slept(self) -> float:
@@ -162,7 +150,7 @@ class Clock:
 
     def take_steps(self) -> list[ClockStep]:
         """Look at the system clock; returns every step since the last call, the oldest first."""
-        self._look(self.monotonic())
+        self._look(self.now())
         steps = []
         while self._steps:
             steps.append(self._steps.popleft())
@@ -185,9 +173,9 @@ class Clock:
         """Unix time less monotonic time [s], from the tightest of a few looks."""
         best, narrowest = 0.0, float("inf")
         for _ in range(_ATTEMPTS):
-            before = self.monotonic()
+            before = self.now()
             wall = self._wall()
-            width = self.monotonic() - before
+            width = self.now() - before
             if width < narrowest:
                 best, narrowest = wall - before - width / 2, width
             if width <= _BRACKET:

@@ -2,8 +2,9 @@
 
 It holds a duplicate of the open port, the encoded neutral and release frames, and hears a heartbeat that every written
 stick frame feeds. While the board may obey stick frames, a heartbeat older than `NEUTRAL_AFTER` makes it send neutral
-sticks, one older than `RELEASE_AFTER`, or the end of the daemon, the release. It flies nothing, decides nothing else,
-cannot be reached from the bus, and needs nothing but the standard library. Source: docs/safety.md, "The guard".
+sticks, one older than `RELEASE_AFTER`, or the end of the daemon, the release. Neutral sticks always go before a
+release, however late the guard wakes. It flies nothing, decides nothing else, cannot be reached from the bus, and needs
+nothing but the standard library. Source: docs/safety.md, "The guard".
 
 The daemon talks to it over a socket of packets; the first byte of a packet says what it is (`Word`).
 """
@@ -11,11 +12,13 @@ The daemon talks to it over a socket of packets; the first byte of a packet says
 from __future__ import annotations
 
 import array
+import fcntl
 import json
 import os
 import select
 import signal
 import socket
+import struct
 import sys
 import termios
 import time
@@ -28,20 +31,28 @@ NEUTRAL_SPACING = 0.1
 """Between two neutral frames [s]: faster than any board forgets, slower than any board loses frames."""
 RELEASE_AFTER = 0.8
 """The release begins when no stick frame was written for this long [s]; leaves 0.3 s until the ladder's 1.1 s."""
-RELEASE_SPACING = 0.025
-"""Between two release frames [s]: 40 Hz passes a NaviCtrl 0.24 without loss; docs/firmware-notes.md, "Losses"."""
-RELEASE_TIME = 1.0
-"""The release is repeated for this long [s]: 40 frames, which a burst of lost radio packets does not outlast."""
+FRAME_SPACING = 0.025
+"""Between two frames, whoever wrote them [s]: a FlightCtrl loses a frame right behind another, and 40 Hz passes a
+NaviCtrl 0.24 without loss; docs/firmware-notes.md, "Losses"."""
+RELEASE_FRAMES = 40
+"""Release frames in all: 1 s of them, which a burst of lost radio packets does not outlast."""
 REAL_TIME = (2, 1)
 """Real-time priorities to ask for, the best first: above the event loop's, or the same; docs/operations.md."""
 NICE = -10
 """Priority among ordinary programs, where real time is not granted."""
 RESYNC = b"\r\r"
 """Ends a frame that was cut short; the FlightCtrl's receiver does not resynchronise; docs/firmware-notes.md."""
+IGNORED = (
+    *(signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT, signal.SIGPIPE),
+    *(signal.SIGUSR1, signal.SIGUSR2, signal.SIGALRM, signal.SIGTSTP),
+)
+"""Whoever ends the daemon with one of these signals must not end the guard before it has acted."""
+_WRITTEN = struct.Struct("<d")
+_NEVER = float("inf")
 
 
 class Word:
-    """First byte of a packet. To the guard: PORT to END and PING; from the guard: PONG to RELEASED."""
+    """First byte of a packet. To the guard: PORT to SAFE and PING; from the guard: PONG to RELEASED."""
 
     PORT = b"P"
     """The open port; its descriptor comes with the packet."""
@@ -50,11 +61,9 @@ class Word:
     FRAMES = b"F"
     """JSON list of the release frames, as hexadecimal, in the order they are repeated."""
     BEAT = b"H"
-    """A stick or release frame was written; the neutral frame for it follows."""
+    """A stick or release frame was written; when [s; monotonic] and the neutral frame for it follow."""
     SAFE = b"S"
     """The aircraft is released: nothing is owed."""
-    END = b"E"
-    """The daemon ends in order."""
     PING = b"?"
     """Are you there?"""
     PONG = b"!"
@@ -63,6 +72,16 @@ class Word:
     """Neutral sticks were sent."""
     RELEASED = b"r"
     """The release was sent."""
+
+
+def beat(neutral: bytes, written: float) -> bytes:
+    """Return the packet of a heartbeat.
+
+    Args:
+        neutral: frame with level sticks.
+        written: when the stick frame was written [s; monotonic, which every process of a machine shares].
+    """
+    return Word.BEAT + _WRITTEN.pack(written) + neutral
 
 
 class Guard:
@@ -83,91 +102,116 @@ class Guard:
         self._release: list[bytes] = []
         self._neutral = b""
         self._beat = 0.0
-        self._next = 0.0
-        self._release_ends = 0.0
-        self._is_late = False
+        self._wrote = 0.0
+        self._is_level = False
+        self._left = RELEASE_FRAMES
         self._is_orphan = False
 
     @property
     def is_releasing(self) -> bool:
         """Whether the release has begun; only the daemon's `SAFE` ends that."""
-        return self._release_ends > 0
+        return self._left < RELEASE_FRAMES
 
     def hear(self, packet: bytes, now: float) -> None:
         """Take a packet of the daemon; an empty one is the end of it."""
         word, rest = packet[:1], packet[1:]
         if word == Word.FRAMES:
             self._release = [bytes.fromhex(frame) for frame in json.loads(rest)]
-        elif word == Word.BEAT:
+        elif word == Word.BEAT and len(rest) > _WRITTEN.size:
             if not self.is_releasing:
-                self.is_armed, self._is_late, self._neutral = True, False, rest
-                self._beat, self._next = now, now + NEUTRAL_AFTER
+                # As it was written, not as it is heard: a guard that got no processor must not count that as fresh.
+                self._beat = min(_WRITTEN.unpack_from(rest)[0], now)
+                self._neutral = rest[_WRITTEN.size :]
+                self.is_armed, self._is_level = True, False
         elif word == Word.SAFE:
-            self.is_armed, self._release_ends = False, 0.0
-        elif word == Word.END:
-            self.is_armed, self.is_over = False, True
+            self.is_armed, self._is_level, self._left = False, False, RELEASE_FRAMES
         elif not packet:
             self._is_orphan = True
-            self.is_over = not self.is_armed
-            self._next = min(self._next, now)
+            self.is_over = not self.is_armed or not self._left
 
     def due(self, now: float) -> tuple[bytes, ...]:
         """Return the frames to write now, none where nothing is owed."""
-        if not self.is_armed or self.is_over or now < self._next:
+        if now < self.next_time():
             return ()
-        if self.is_releasing and now >= self._release_ends:
-            self.is_over = self._is_orphan
-            self._next = float("inf")
-            return ()
-        resync = () if self._is_late else (RESYNC,)
-        must_release = self._is_orphan or now - self._beat >= RELEASE_AFTER
-        if not self.is_releasing and not (must_release and self._is_late):
-            self._is_late = True
-            self._next = now if must_release else min(now + NEUTRAL_SPACING, self._beat + RELEASE_AFTER)
-            self._next = max(self._next, now + RELEASE_SPACING)
+        if not self._is_level:
+            self._is_level, self._wrote = True, now
             self.neutral_sent += 1
-            return (*resync, self._neutral)
-        if not self.is_releasing:
-            self._release_ends = now + RELEASE_TIME
-        self._next = now + RELEASE_SPACING
-        self.release_sent += 1
-        return (self._release[(self.release_sent - 1) % len(self._release)],) if self._release else ()
+            return (RESYNC, self._neutral)
+        is_late = now >= self._release_time()
+        self._wrote = now
+        if not is_late:
+            self.neutral_sent += 1
+            return (self._neutral,)
+        return self._next_release()
 
     def next_time(self) -> float:
         """When `due` has something again [s]; infinite while nothing is owed."""
-        return self._next if self.is_armed and not self.is_over else float("inf")
+        if not self.is_armed or self.is_over or not self._left:
+            return _NEVER
+        if not self._is_level:
+            return self._beat + (FRAME_SPACING if self._is_orphan else NEUTRAL_AFTER)
+        return min(self._release_time(), self._wrote + NEUTRAL_SPACING)
+
+    def _release_time(self) -> float:
+        """When the next release frame may go: never without neutral sticks before it, whatever the time is."""
+        is_owed_now = self._is_orphan or self.is_releasing
+        return max(self._wrote + FRAME_SPACING, -_NEVER if is_owed_now else self._beat + RELEASE_AFTER)
+
+    def _next_release(self) -> tuple[bytes, ...]:
+        self._left -= 1
+        self.is_over = self._is_orphan and not self._left
+        if not self._release:
+            return ()
+        self.release_sent += 1
+        return (self._release[(self.release_sent - 1) % len(self._release)],)
 
 
-class _Line:
-    """The duplicate of the daemon's port."""
+class Line:
+    """A port's descriptor, written to past everything that could hold a program up."""
 
     def __init__(self) -> None:
         self.descriptor = -1
+        self._is_cut = False
 
     def replace(self, descriptor: int) -> None:
-        """Hold another duplicate, or none (-1)."""
+        """Hold another descriptor, or none (-1), and close the one held."""
         if self.descriptor >= 0:
             os.close(self.descriptor)
-        self.descriptor = descriptor
+        self.descriptor, self._is_cut = descriptor, False
 
-    def discard(self) -> None:
-        """Throw away what the kernel has not sent yet; a TCP connection cannot."""
-        with suppress(OSError, termios.error):
-            termios.tcflush(self.descriptor, termios.TCOFLUSH)
+    def discard_waiting(self) -> None:
+        """Throw away what the device has not sent yet; a TCP connection cannot.
+
+        Only where something waits: a pseudo terminal, which never says that, would throw away what its reader has not
+        fetched, neutral sticks among it.
+        """
+        waiting = array.array("i", [0])
+        with suppress(OSError):
+            fcntl.ioctl(self.descriptor, termios.TIOCOUTQ, waiting)
+        if waiting[0]:
+            self._discard()
 
     def write(self, frames: tuple[bytes, ...]) -> bool:
         """Write frames; returns whether the port took them. A port that is full is emptied and tried once more."""
         if self.descriptor < 0:
             return False
-        data = b"".join(frames)
         for _ in range(2):
+            data = b"".join((RESYNC, *frames) if self._is_cut else frames)
             try:
-                return os.write(self.descriptor, data) == len(data)
+                taken = os.write(self.descriptor, data)
             except BlockingIOError:
-                self.discard()
+                self._discard()
             except OSError:
                 return False
+            else:
+                self._is_cut = taken < len(data)
+                return not self._is_cut
         return False
+
+    def _discard(self) -> None:
+        with suppress(OSError, termios.error):
+            termios.tcflush(self.descriptor, termios.TCOFLUSH)
+        self._is_cut = True
 
 
 def serve(channel: socket.socket, report: Path | None) -> None:
@@ -177,19 +221,20 @@ def serve(channel: socket.socket, report: Path | None) -> None:
         channel: packets from and to the daemon.
         report: where to write what was done, for the next daemon to read; None for nowhere.
     """
-    guard, line = Guard(), _Line()
+    guard, line = Guard(), Line()
     poll = select.poll()
     poll.register(channel, select.POLLIN)
     while not guard.is_over:
         left = guard.next_time() - time.monotonic()
-        events = poll.poll(None if left == float("inf") else max(0, int(left * 1000) + 1))
-        if events:
-            _listen(channel, guard, line, poll)
+        events = poll.poll(None if left == _NEVER else max(0, int(left * 1000) + 1))
+        # Everything that was said, before anything is decided: the first packet of many may be old.
+        while events and _listen(channel, guard, line, poll):
+            pass
         was_releasing = guard.is_releasing
         frames = guard.due(time.monotonic())
         if frames:
             if guard.is_releasing and not was_releasing:
-                line.discard()
+                line.discard_waiting()
             line.write(frames)
             _answer(channel, Word.RELEASED if guard.is_releasing else Word.NEUTRAL)
     line.replace(-1)
@@ -197,12 +242,13 @@ def serve(channel: socket.socket, report: Path | None) -> None:
         _write_report(f"{guard.neutral_sent} neutral and {guard.release_sent} release frames sent", report)
 
 
-def _listen(channel: socket.socket, guard: Guard, line: _Line, poll: select.poll) -> None:
+def _listen(channel: socket.socket, guard: Guard, line: Line, poll: select.poll) -> bool:
+    """Take a packet; returns whether there may be another."""
     descriptors = array.array("i")
     try:
         packet, ancillary, _, _ = channel.recvmsg(4096, socket.CMSG_SPACE(descriptors.itemsize))
     except BlockingIOError:
-        return
+        return False
     except OSError:
         packet, ancillary = b"", []
     for level, kind, data in ancillary:
@@ -218,6 +264,7 @@ def _listen(channel: socket.socket, guard: Guard, line: _Line, poll: select.poll
     if not packet:
         poll.unregister(channel)
     guard.hear(packet, time.monotonic())
+    return bool(packet)
 
 
 def _answer(channel: socket.socket, word: bytes) -> None:
@@ -232,6 +279,7 @@ def _write_report(text: str, report: Path | None) -> None:
         with suppress(OSError):
             fresh.write_text(json.dumps({"wall": time.time(), "text": text}), encoding="utf-8")
             fresh.replace(report)
+    signal.signal(signal.SIGALRM, signal.SIG_DFL)
     signal.alarm(1)
     with suppress(OSError):
         os.write(2, f"mkdaemon guard: the daemon stopped while the aircraft was under control; {text}\n".encode())
@@ -253,8 +301,8 @@ def go_first(process: int = 0) -> None:
 
 def main() -> None:
     """Run as `python -m mkdaemon.guard DESCRIPTOR [REPORT]`, started by the daemon."""
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT, signal.SIGPIPE):
-        signal.signal(number, signal.SIG_IGN)  # whoever ends the daemon must not end the guard before it has acted
+    for number in IGNORED:
+        signal.signal(number, signal.SIG_IGN)
     go_first()
     channel = socket.socket(fileno=int(sys.argv[1]))
     channel.setblocking(False)

@@ -13,7 +13,7 @@ from mkdaemon.client import connect
 from mkdaemon.clock import Clock
 from mkdaemon.config.control import ControlConfig
 from mkdaemon.control.estimator.model import AircraftModel
-from mkdaemon.control.guidance.margins import gains_of
+from mkdaemon.control.regulator.margins import gains_of
 from mkdaemon.protocol.messages import Settings
 from mkdaemon.telemetry.command import CommandResult
 from mkdaemon.telemetry.control import ControlStatus, LeaseGrant, LeaseState, Phase

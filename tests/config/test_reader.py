@@ -59,7 +59,7 @@ MISTAKES = [
     ),
     ("[control.limiter]\nmax_yaw = inf\n", r"x\.toml:2: control\.limiter\.max_yaw: a whole number is needed"),
     ("[control.limiter]\nslew = nan\n", r"x\.toml:2: control\.limiter\.slew: a finite number is needed"),
-    ("[control.limiter]\nhover_throttle = 100\n", r"x\.toml:1: control\.limiter: .*does not hold"),
+    ("[control.limiter]\nhover_throttle = 60\nmax_throttle = 50\n", r"x\.toml:1: control\.limiter: .*does not hold"),
     ("[[cameras]]\nsource='x'\nreopen_min = 9\n", r"cameras\.0: reopen_min 9 <= reopen_max 5 does not hold$"),
     ("sim = 3\n", r"x\.toml:1: sim: a table \{ \.\.\. \} is needed, not 3$"),
     ("[control.lease]\nrelease_after = 0.2\n", r"x\.toml:1: control: lease\.release_after must be longer"),

@@ -6,13 +6,20 @@ from mkdaemon.config.control import ControlConfig
 from mkdaemon.control.actions import Release, SendSticks
 from mkdaemon.control.activeset import ActiveSet, Gate, GateKind
 from mkdaemon.control.core import FlightCore
-from mkdaemon.control.vehicle import VehicleFacts
+from mkdaemon.control.events import (
+    LeaseAsked,
+    LineChanged,
+    LinkVerdict,
+    ReleaseAsked,
+    Released,
+    SetpointAccepted,
+    SetpointUnsigned,
+)
 from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.command import LeaseRequest, ReleaseRequest
 from mkdaemon.telemetry.control import ControlLine, ReleaseOutcome
 from mkdaemon.telemetry.link import LinkCondition, LinkState
 from mkdaemon.telemetry.setpoint import StickSetpoint
-from mkdaemon.telemetry.signature import signed
 from mkdaemon.telemetry.state import Flight, GpsMode, Pilot
 from mkdaemon.telemetry.vision import VisionPose
 
@@ -58,19 +65,23 @@ def pose(at):
     )
 
 
+UP = link_state()
+
+
 class Driver:
     """A flight core, its clock, and everything it wanted done."""
 
-    def __init__(self, cfg=CFG, guidance=None, line=OPEN) -> None:
-        self.facts = VehicleFacts()
-        self.core = FlightCore(cfg, self.facts, first_epoch=100, known=guidance)
+    def __init__(self, cfg=CFG, guidance=None, line=OPEN, link=UP) -> None:
+        self.core = FlightCore(cfg, first_epoch=100, known=guidance)
         self.now = 0.0
         self.sequence = 0
         self.epoch = 0
         self.secret = ""
+        self.leases = 0
         self.done: list[tuple[float, object]] = []
-        self.facts.link_changed(link_state())
-        self.core.line_changed(line)
+        if link is not None:
+            self.core.feed(LinkVerdict(link), 0.0)
+        self.core.feed(LineChanged(line), self.now)
 
     def of(self, kind):
         """Every action of a kind so far."""
@@ -95,10 +106,14 @@ class Driver:
         if action in {"renew", "release"}:
             fields = {"secret": self.secret} | fields
         request = LeaseRequest(action=action, **fields)
-        granted = self.core.lease(request, self.now)
-        if granted is not None and not hasattr(granted, "epoch"):
-            granted = self.core.lease(request, self.now, found=ActiveSet(gate))
-        return granted
+        self.leases += 1
+        secret = f"secret {self.leases}"
+        reply = self.core.feed(LeaseAsked(request, secret), self.now)
+        if reply.must_read_set:
+            reply = self.core.feed(LeaseAsked(request, secret, ActiveSet(gate)), self.now)
+        if reply.refusal is not None:
+            raise reply.refusal
+        return reply.lease
 
     def take(self, holder="alice", **fields):
         """Take the lease."""
@@ -117,7 +132,14 @@ class Driver:
 
     def offer(self, setpoint):
         """A setpoint, signed by who took the lease last; returns why it was refused."""
-        return self.core.setpoint(setpoint, self.now, signed(self.secret, setpoint.suffix, b""))
+        key = self.core.holder_key
+        is_signed = key is not None and key.secret == self.secret
+        event = SetpointAccepted(setpoint, key.epoch) if is_signed else SetpointUnsigned(setpoint)
+        return self.core.feed(event, self.now).refusal
+
+    def tell(self, event):
+        """Something happens now."""
+        return self.core.feed(event, self.now)
 
     def stream(self, seconds, **setpoint):
         """Setpoints at 50 Hz."""
@@ -134,10 +156,10 @@ class Driver:
         return self.epoch
 
     def ask_release(self, reason="asked"):
-        self.core.release(ReleaseRequest(reason=reason))
+        self.core.feed(ReleaseAsked(ReleaseRequest(reason=reason)), self.now)
 
     def release_ends(self, outcome=ReleaseOutcome.CONFIRMED):
-        self.core.released(outcome, self.now)
+        self.core.feed(Released(outcome), self.now)
 
     @property
     def sticks(self):

@@ -12,9 +12,9 @@ import pytest
 from lab.control.corerig import CoreRig
 from lab.control.flights import Flight
 from mkdaemon.control.actions import PublishEstimate, PublishStatus, Release, ReportMode, SendSticks
+from mkdaemon.control.events import SetpointAccepted
 from mkdaemon.telemetry.control import Phase
 from mkdaemon.telemetry.setpoint import AttitudeSetpoint
-from mkdaemon.telemetry.signature import signed
 from mksim.config import WindClass
 
 CALM = Flight(seed=4, wind=WindClass.NONE, seconds=5.5, start=3.0)
@@ -39,7 +39,7 @@ class Leans(CoreRig):
 
     def _control(self, at):
         if at >= self.until:
-            self.core.setpoint = lambda *_: None  # the client is silent
+            self.is_silent = True
         super()._control(at)
 
     def _setpoint(self, goal, at):
@@ -123,7 +123,7 @@ def test_an_attitude_begins_no_flight_while_it_leans_and_reaches_no_wire_under_a
     status = [action for _, action in rig.actions if isinstance(action, PublishStatus)][-1]
     assert status.reason.endswith("waiting for a level attitude")
     old = AttitudeSetpoint(epoch=rig._epoch - 1, sequence=9999, ttl=0.3, **LEVEL)
-    refused = rig.core.setpoint(old, 6.0, signed(rig._secret, old.suffix, b""))
+    refused = rig.core.feed(SetpointAccepted(old, rig._epoch), 6.0).refusal
     assert refused.token == "wrong_epoch"
 
 

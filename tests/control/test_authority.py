@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import pytest
+from mkdaemon.control.setpoints import StickGuidance
 
 from mkdaemon.config.control import ControlConfig
-from mkdaemon.control.authority import Authority
-from mkdaemon.control.decisions import Fly, ReleaseOrder, SendNothing
+from mkdaemon.control.authority import Authority, Fly, ReleaseOrder, SendNothing
 from mkdaemon.control.lease import LONGEST_JUMP
-from mkdaemon.control.modes import Event
-from mkdaemon.control.setpoints import StickGuidance
+from mkdaemon.control.modes import Trigger
 from mkdaemon.control.vehicle import VehicleFacts
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.control import Phase
@@ -33,7 +32,7 @@ SIGNED = signed(SECRET, "setpoint/stick", b"")
 
 
 def authority(first_epoch):
-    return Authority(CFG, first_epoch=first_epoch, guide=follow, new_secret=lambda: SECRET)
+    return Authority(CFG, first_epoch=first_epoch, guide=follow)
 
 
 class Cockpit:
@@ -52,7 +51,7 @@ class Cockpit:
         while self.now < end:
             if self.now >= next_setpoint:
                 self.sequence += 1
-                self.authority.offer(setpoint(epoch, self.sequence, pitch=pitch, ttl=ttl), self.now, SIGNED)
+                self.authority.offer(setpoint(epoch, self.sequence, pitch=pitch, ttl=ttl), self.now, epoch)
                 next_setpoint += 1 / rate
             self.pass_time(TICK)
 
@@ -66,7 +65,7 @@ class Cockpit:
 
     def fly(self):
         """Take the lease and stream until sticks are sent; returns the epoch."""
-        lease = self.authority.take("alice", self.now)
+        lease = self.authority.take("alice", SECRET, self.now)
         self.stream(1.2, lease.epoch)
         assert self.authority.phase is Phase.FLYING
         self.actions.clear()
@@ -97,7 +96,7 @@ def refused(call, token):
 
 
 def test_without_a_lease_nothing_is_sent(cockpit):
-    refused(lambda: cockpit.authority.offer(setpoint(100, 1), 0.0, SIGNED), "not_leased")
+    refused(lambda: cockpit.authority.offer(setpoint(100, 1), 0.0, 100), "not_leased")
     cockpit.pass_time(3.0)
     assert cockpit.actions == []
     assert cockpit.authority.phase is Phase.FREE
@@ -107,21 +106,21 @@ def test_without_a_lease_nothing_is_sent(cockpit):
 
 
 def test_the_lease_is_one_clients_at_a_time(cockpit):
-    lease = cockpit.authority.take("alice", 0.0)
+    lease = cockpit.authority.take("alice", SECRET, 0.0)
     assert (lease.holder, lease.epoch, lease.ttl, lease.left) == ("alice", 100, CFG.lease.ttl, CFG.lease.ttl)
-    error = refused(lambda: cockpit.authority.take("bob", 1.0), "lease_held")
+    error = refused(lambda: cockpit.authority.take("bob", SECRET, 1.0), "lease_held")
     assert "alice" in error.reason
     assert "4.0 s" in error.reason
     assert cockpit.authority.lease(1.0).holder == "alice"
 
 
 def test_a_client_may_ask_for_a_shorter_life_but_not_a_longer_one(cockpit):
-    assert cockpit.authority.take("alice", 0.0, ttl=1.0).ttl == 1.0
-    assert cockpit.authority.take("alice", 0.0, ttl=60.0, force=True).ttl == CFG.lease.ttl
+    assert cockpit.authority.take("alice", SECRET, 0.0, ttl=1.0).ttl == 1.0
+    assert cockpit.authority.take("alice", SECRET, 0.0, ttl=60.0, force=True).ttl == CFG.lease.ttl
 
 
 def test_an_unused_lease_ends_by_itself_and_the_aircraft_is_released(cockpit):
-    cockpit.authority.take("alice", 0.0)
+    cockpit.authority.take("alice", SECRET, 0.0)
     cockpit.pass_time(CFG.lease.ttl + 0.1)
     [(t, release)] = cockpit.releases
     assert t == pytest.approx(CFG.lease.ttl, abs=TICK)
@@ -133,7 +132,7 @@ def test_an_unused_lease_ends_by_itself_and_the_aircraft_is_released(cockpit):
 
 
 def test_renewal_keeps_an_unused_lease(cockpit):
-    epoch = cockpit.authority.take("alice", 0.0).epoch
+    epoch = cockpit.authority.take("alice", SECRET, 0.0).epoch
     for _ in range(4):
         cockpit.pass_time(CFG.lease.ttl * 0.9)
         assert cockpit.authority.renew(epoch, SECRET, cockpit.now).left == pytest.approx(CFG.lease.ttl)
@@ -142,8 +141,8 @@ def test_renewal_keeps_an_unused_lease(cockpit):
 
 
 def test_a_lease_that_has_run_out_can_be_taken_before_any_tick_noticed(cockpit):
-    cockpit.authority.take("alice", 0.0)
-    assert cockpit.authority.take("bob", CFG.lease.ttl + 1).holder == "bob"
+    cockpit.authority.take("alice", SECRET, 0.0)
+    assert cockpit.authority.take("bob", SECRET, CFG.lease.ttl + 1).holder == "bob"
 
 
 def test_giving_back_releases_and_wants_the_right_epoch(cockpit):
@@ -159,10 +158,21 @@ def test_giving_back_releases_and_wants_the_right_epoch(cockpit):
 
 def test_every_lease_has_an_epoch_of_its_own_also_for_the_same_holder(cockpit):
     first = cockpit.fly()
-    refused(lambda: cockpit.authority.take("alice", cockpit.now), "lease_held")
-    second = cockpit.authority.take("alice", cockpit.now, force=True).epoch
+    refused(lambda: cockpit.authority.take("alice", SECRET, cockpit.now), "lease_held")
+    second = cockpit.authority.take("alice", SECRET, cockpit.now, force=True).epoch
     assert second > first
-    refused(lambda: cockpit.authority.offer(setpoint(first, 10_000), cockpit.now, SIGNED), "wrong_epoch")
+    refused(lambda: cockpit.authority.offer(setpoint(first, 10_000), cockpit.now, first), "wrong_epoch")
+
+
+def test_a_stranger_who_knows_the_epoch_neither_flies_nor_ends_the_lease(cockpit):
+    epoch = cockpit.fly()
+    last = cockpit.sequence
+    refused(lambda: cockpit.authority.offer(setpoint(epoch, last + 1), cockpit.now, epoch - 1), "not_holder")
+    assert cockpit.authority.refuse_unsigned(setpoint(epoch, 2**62)).token == "not_holder"
+    refused(lambda: cockpit.authority.renew(epoch, "guessed", cockpit.now), "not_holder")
+    refused(lambda: cockpit.authority.give_back(epoch, ""), "not_holder")
+    assert not cockpit.authority.offer(setpoint(epoch, last + 1), cockpit.now, epoch)
+    assert cockpit.authority.refused == 2
 
 
 @pytest.mark.parametrize(
@@ -176,31 +186,28 @@ def test_every_lease_has_an_epoch_of_its_own_also_for_the_same_holder(cockpit):
     ],
     ids=["none", "another secret", "another payload", "another key", "cut"],
 )
-def test_a_stranger_who_knows_the_epoch_neither_flies_nor_ends_the_lease(cockpit, signature):
-    epoch = cockpit.fly()
-    last = cockpit.sequence
-    refused(lambda: cockpit.authority.offer(setpoint(epoch, last + 1), cockpit.now, signature), "not_holder")
-    refused(lambda: cockpit.authority.offer(setpoint(epoch, 2**62), cockpit.now, signature), "not_holder")
-    refused(lambda: cockpit.authority.renew(epoch, "guessed", cockpit.now), "not_holder")
-    refused(lambda: cockpit.authority.give_back(epoch, ""), "not_holder")
-    assert not cockpit.authority.offer(setpoint(epoch, last + 1), cockpit.now, SIGNED)
-    assert cockpit.authority.refused == 2
+def test_the_key_of_a_lease_knows_its_holder_alone(cockpit, signature):
+    assert cockpit.authority.holder_key is None
+    epoch = cockpit.authority.take("alice", SECRET, 0.0).epoch
+    key = cockpit.authority.holder_key
+    assert key.epoch_signed(SIGNED) == epoch
+    assert key.epoch_signed(signature) is None
+    assert SECRET not in repr(key)
 
 
 def test_a_sequence_that_jumps_is_refused_and_not_believed(cockpit):
-    epoch = cockpit.authority.take("alice", 0.0).epoch
-    assert cockpit.authority.offer(setpoint(epoch, 5), 0.0, SIGNED)
-    refused(lambda: cockpit.authority.offer(setpoint(epoch, 6 + LONGEST_JUMP), 0.1, SIGNED), "sequence_jump")
-    assert not cockpit.authority.offer(setpoint(epoch, 6), 0.1, SIGNED)
-    assert not cockpit.authority.offer(setpoint(epoch, 6 + LONGEST_JUMP), 0.1, SIGNED)
+    epoch = cockpit.authority.take("alice", SECRET, 0.0).epoch
+    assert cockpit.authority.offer(setpoint(epoch, 5), 0.0, epoch)
+    refused(lambda: cockpit.authority.offer(setpoint(epoch, 6 + LONGEST_JUMP), 0.1, epoch), "sequence_jump")
+    assert not cockpit.authority.offer(setpoint(epoch, 6), 0.1, epoch)
+    assert not cockpit.authority.offer(setpoint(epoch, 6 + LONGEST_JUMP), 0.1, epoch)
 
 
 def test_only_the_grant_shows_the_secret_and_every_lease_has_another():
     authority = Authority(CFG, first_epoch=1, guide=follow)
-    first = authority.take("alice", 0.0)
-    second = authority.take("bob", 0.0, force=True)
-    assert len(first.secret) >= 43
-    assert first.secret != second.secret
+    first = authority.take("alice", "of the first", 0.0)
+    second = authority.take("bob", "of the second", 0.0, force=True)
+    assert (first.secret, second.secret) == ("of the first", "of the second")
     assert "secret" not in authority.lease(0.0).model_dump()
     assert "secret" not in authority.renew(second.epoch, second.secret, 0.0).model_dump()
 
@@ -209,7 +216,7 @@ def test_only_the_grant_shows_the_secret_and_every_lease_has_another():
 
 
 def test_nothing_is_sent_before_the_stream_has_lived_a_second(cockpit):
-    epoch = cockpit.authority.take("alice", 0.0).epoch
+    epoch = cockpit.authority.take("alice", SECRET, 0.0).epoch
     cockpit.stream(CFG.lease.engage_after - TICK, epoch)
     assert cockpit.actions == []
     cockpit.stream(0.2, epoch)
@@ -219,7 +226,7 @@ def test_nothing_is_sent_before_the_stream_has_lived_a_second(cockpit):
 
 
 def test_sticks_must_be_neutral_to_engage(cockpit):
-    epoch = cockpit.authority.take("alice", 0.0).epoch
+    epoch = cockpit.authority.take("alice", SECRET, 0.0).epoch
     cockpit.stream(3.0, epoch, pitch=CFG.lease.neutral_band + 0.1)
     assert cockpit.actions == []
     assert "neutral" in cockpit.authority.reason
@@ -230,13 +237,13 @@ def test_sticks_must_be_neutral_to_engage(cockpit):
 
 
 def test_a_stream_with_gaps_is_not_live(cockpit):
-    epoch = cockpit.authority.take("alice", 0.0).epoch
+    epoch = cockpit.authority.take("alice", SECRET, 0.0).epoch
     cockpit.stream(4.0, epoch, rate=0.9 * CFG.lease.engage_rate)
     assert cockpit.actions == []
 
 
 def test_a_stream_that_has_just_stopped_does_not_engage(cockpit):
-    epoch = cockpit.authority.take("alice", 0.0).epoch
+    epoch = cockpit.authority.take("alice", SECRET, 0.0).epoch
     cockpit.stream(0.9, epoch)
     cockpit.pass_time(2.0)
     assert cockpit.flown == []
@@ -257,7 +264,7 @@ def test_silence_goes_stale_then_releases_then_nothing(cockpit):
     assert "no setpoint from alice" in release.reason
     assert not release.asked
     assert max(t for t, _ in cockpit.flown) < released_at
-    refused(lambda: cockpit.authority.offer(setpoint(epoch, 10_000), cockpit.now, SIGNED), "not_leased")
+    refused(lambda: cockpit.authority.offer(setpoint(epoch, 10_000), cockpit.now, epoch), "not_leased")
 
 
 def test_a_setpoint_in_time_resumes_after_staleness(cockpit):
@@ -289,10 +296,10 @@ def test_a_setpoints_own_shorter_life_is_honoured(cockpit):
 
 @pytest.mark.parametrize("sequence", [0, 1, 5])
 def test_old_and_repeated_sequence_numbers_are_refused(cockpit, sequence):
-    epoch = cockpit.authority.take("alice", 0.0).epoch
-    assert cockpit.authority.offer(setpoint(epoch, 5), 0.0, SIGNED)
-    refused(lambda: cockpit.authority.offer(setpoint(epoch, sequence), 0.1, SIGNED), "stale_sequence")
-    assert not cockpit.authority.offer(setpoint(epoch, 6), 0.1, SIGNED)
+    epoch = cockpit.authority.take("alice", SECRET, 0.0).epoch
+    assert cockpit.authority.offer(setpoint(epoch, 5), 0.0, epoch)
+    refused(lambda: cockpit.authority.offer(setpoint(epoch, sequence), 0.1, epoch), "stale_sequence")
+    assert not cockpit.authority.offer(setpoint(epoch, 6), 0.1, epoch)
 
 
 def test_the_death_of_the_holder_releases_at_once(cockpit):
@@ -314,7 +321,7 @@ def test_the_death_of_somebody_without_lease_means_nothing(cockpit):
 
 
 def test_anybody_may_end_it_even_when_nobody_flies(cockpit):
-    cockpit.authority.end(Event.RELEASE_REQUESTED, cause="big red button")
+    cockpit.authority.end(Trigger.RELEASE_REQUESTED, cause="big red button")
     cockpit.pass_time(0.1)
     [(_, release)] = cockpit.releases
     assert (release.reason, release.holder) == ("big red button", "")
@@ -327,17 +334,17 @@ def test_while_releasing_nothing_is_sent_and_nobody_can_take_over_without_waitin
     epoch = cockpit.fly()
     cockpit.authority.give_back(epoch, SECRET)
     cockpit.pass_time(TICK)
-    refused(lambda: cockpit.authority.take("bob", cockpit.now), "busy")
+    refused(lambda: cockpit.authority.take("bob", SECRET, cockpit.now), "busy")
     cockpit.pass_time(2.0)
     assert len(cockpit.actions) == 1
     cockpit.authority.released(cockpit.now)
-    assert cockpit.authority.take("bob", cockpit.now).holder == "bob"
+    assert cockpit.authority.take("bob", SECRET, cockpit.now).holder == "bob"
 
 
 def test_taking_by_force_releases_first_and_the_new_holder_engages_anew(cockpit):
     old = cockpit.fly()
-    lease = cockpit.authority.take("bob", cockpit.now, force=True)
-    refused(lambda: cockpit.authority.offer(setpoint(old, 10_000), cockpit.now, SIGNED), "wrong_epoch")
+    lease = cockpit.authority.take("bob", SECRET, cockpit.now, force=True)
+    refused(lambda: cockpit.authority.offer(setpoint(old, 10_000), cockpit.now, old), "wrong_epoch")
     cockpit.stream(1.5, lease.epoch)
     [(_, release)] = cockpit.releases
     assert release.holder == "alice"
@@ -350,9 +357,9 @@ def test_taking_by_force_releases_first_and_the_new_holder_engages_anew(cockpit)
 
 def test_a_second_end_during_a_release_is_carried_out_too(cockpit):
     cockpit.fly()
-    cockpit.authority.end(Event.RELEASE_REQUESTED, cause="first")
+    cockpit.authority.end(Trigger.RELEASE_REQUESTED, cause="first")
     cockpit.pass_time(TICK)
-    cockpit.authority.end(Event.RELEASE_REQUESTED, cause="second")
+    cockpit.authority.end(Trigger.RELEASE_REQUESTED, cause="second")
     cockpit.authority.released(cockpit.now)  # of the first
     cockpit.pass_time(TICK)
     assert [release.reason for _, release in cockpit.releases] == ["first", "second"]
@@ -362,7 +369,7 @@ def test_a_second_end_during_a_release_is_carried_out_too(cockpit):
 
 def test_a_lease_does_not_grow_old_while_the_release_before_it_runs(cockpit):
     cockpit.fly()
-    cockpit.authority.take("bob", cockpit.now, force=True)
+    cockpit.authority.take("bob", SECRET, cockpit.now, force=True)
     cockpit.pass_time(CFG.lease.ttl + 1)
     assert len(cockpit.releases) == 1
     cockpit.authority.released(cockpit.now)
@@ -371,9 +378,9 @@ def test_a_lease_does_not_grow_old_while_the_release_before_it_runs(cockpit):
 
 def test_the_lease_can_change_hands_while_the_release_before_it_runs(cockpit):
     cockpit.fly()
-    cockpit.authority.take("bob", cockpit.now, force=True)
+    cockpit.authority.take("bob", SECRET, cockpit.now, force=True)
     cockpit.pass_time(TICK)
-    epoch = cockpit.authority.take("carol", cockpit.now, force=True).epoch
+    epoch = cockpit.authority.take("carol", SECRET, cockpit.now, force=True).epoch
     assert cockpit.authority.phase is Phase.RELEASING
     cockpit.pass_time(TICK)
     assert [release.holder for _, release in cockpit.releases] == ["alice", "bob"]
@@ -391,10 +398,10 @@ def test_released_out_of_place_changes_nothing(cockpit):
 def test_the_next_deadline_is_that_of_the_phase():
     held = authority(1)
     assert held.deadline() is None
-    epoch = held.take("alice", 0.0).epoch
+    epoch = held.take("alice", SECRET, 0.0).epoch
     assert held.deadline() is None
     for step in range(1, 201):
-        held.offer(setpoint(epoch, step, ttl=0.2), step * TICK, SIGNED)
+        held.offer(setpoint(epoch, step, ttl=0.2), step * TICK, epoch)
         held.tick(step * TICK)
     last = 200 * TICK
     assert held.deadline() == pytest.approx(last + 0.2)

@@ -7,11 +7,11 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
-from mkdaemon.control.decisions import Fly, ReleaseOrder
-from mkdaemon.control.modes import Event
+from mkdaemon.control.authority import Fly, ReleaseOrder
+from mkdaemon.control.modes import Trigger
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.control import Phase
-from tests.control.test_authority import CFG, SIGNED, TICK, authority, setpoint
+from tests.control.test_authority import CFG, SECRET, TICK, authority, setpoint
 
 
 class Race(RuleBasedStateMachine):
@@ -30,7 +30,7 @@ class Race(RuleBasedStateMachine):
     @rule(who=st.sampled_from(["alice", "bob"]), force=st.booleans())
     def take(self, who, force):
         try:
-            lease = self.authority.take(who, self.now, force=force)
+            lease = self.authority.take(who, SECRET, self.now, force=force)
         except CommandRejectedError as error:
             assert error.token in {"lease_held", "busy"}
             return
@@ -45,7 +45,7 @@ class Race(RuleBasedStateMachine):
             self.sequence += 1
             held = self.authority.lease(self.now)
             try:
-                self.authority.offer(setpoint(epoch, self.sequence, pitch=pitch), self.now, SIGNED)
+                self.authority.offer(setpoint(epoch, self.sequence, pitch=pitch), self.now, epoch)
             except CommandRejectedError as error:
                 assert error.token in {"not_leased", "wrong_epoch"}
                 assert held is None or held.epoch != epoch
@@ -64,7 +64,7 @@ class Race(RuleBasedStateMachine):
 
     @rule(reason=st.just("line lost"))
     def end(self, reason):
-        self.authority.end(Event.LINK_LOST, cause=reason)
+        self.authority.end(Trigger.LINK_LOST, cause=reason)
 
     @rule()
     def released(self):

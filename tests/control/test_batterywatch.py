@@ -11,7 +11,8 @@ from lab.control.flights import Flight
 from mkdaemon.control.actions import PublishStatus, Release, ReportFailsafe, ReportMode, Warn
 from mkdaemon.control.activeset import UNREAD
 from mkdaemon.control.batterywatch import LASTING, BatteryWatch
-from mkdaemon.control.vehicle import VehicleFacts
+from mkdaemon.control.events import AbortAsked, StateValue
+from mkdaemon.control.vehicle import VehicleMemory
 from mkdaemon.telemetry.command import AbortRequest
 from mkdaemon.telemetry.control import Phase
 from mkdaemon.telemetry.state import Battery
@@ -29,8 +30,8 @@ def battery(voltage, *, is_low=False, at=0.0):
 
 def watched(*reports):
     """A watch that saw reports, each a voltage and when [V, s], of four cells."""
-    facts = VehicleFacts()
-    facts.highest_voltage = 16.8
+    facts = VehicleMemory()
+    facts.state_received(battery(16.8), -1.0)
     watch = BatteryWatch(facts)
     for voltage, at in reports:
         facts.state_received(battery(voltage), at)
@@ -58,7 +59,7 @@ def test_a_little_more_voltage_is_not_yet_the_end_of_it():
 
 
 def test_the_boards_own_alarm_counts_where_the_set_is_not_known():
-    facts = VehicleFacts()
+    facts = VehicleMemory()
     watch = BatteryWatch(facts)
     watch.look(UNREAD, 0.0)
     assert watch.warning is None, "nobody says how full it is"
@@ -72,7 +73,7 @@ def test_without_a_target_the_aircraft_is_released_with_an_alarm():
     drive = Driver()
     drive.fly()
     for _ in range(round((LASTING + 0.3) / PERIOD)):
-        drive.core.state_received(battery(12.0, is_low=True), drive.now)
+        drive.core.feed(StateValue(battery(12.0, is_low=True)), drive.now)
         if not drive.releases:
             drive.stream(PERIOD)
     [release] = drive.releases
@@ -86,7 +87,7 @@ def test_a_low_battery_of_an_earlier_flight_does_not_end_the_next_one():
     for _ in range(2):
         drive.fly()
         for _ in range(round(0.5 * LASTING / PERIOD)):
-            drive.core.state_received(battery(12.0, is_low=True), drive.now)
+            drive.core.feed(StateValue(battery(12.0, is_low=True)), drive.now)
             drive.stream(PERIOD)
         assert not drive.releases
         assert len(drive.of(Warn)) == 1, "told in every flight"
@@ -110,7 +111,7 @@ class RunsEmpty(CoreRig):
         """Five times a second."""
         self._at(at + 0.2, self._tell)
         voltage = self._world.sensors.battery_voltage
-        self.core.state_received(battery(voltage, is_low=voltage < 12.8, at=at), at)
+        self.core.feed(StateValue(battery(voltage, is_low=voltage < 12.8, at=at)), at)
 
     def of(self, kind):
         return [(at, action) for at, action in self.actions if isinstance(action, kind)]
@@ -136,7 +137,7 @@ def test_over_its_target_it_lands_there_whatever_is_streamed():
 
 def test_who_aborts_that_landing_holds_and_is_not_landed_again():
     rig = RunsEmpty(replace(CALM, seconds=17.0))
-    rig._at(12.0, lambda at: rig.core.abort(AbortRequest(reason="not here")))
+    rig._at(12.0, lambda at: rig.core.feed(AbortAsked(AbortRequest(reason="not here")), 0.0))
     rig.fly()
     assert rig.core.phase is Phase.ABORTED
     assert not rig.of(Release)

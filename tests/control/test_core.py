@@ -9,7 +9,6 @@ import pytest
 from mkdaemon.config.control import ControlConfig, LeaseConfig
 from mkdaemon.control.actions import (
     PublishStatus,
-    ReadGate,
     ReportCommand,
     ReportFailsafe,
     ReportMode,
@@ -17,6 +16,19 @@ from mkdaemon.control.actions import (
     Warn,
 )
 from mkdaemon.control.activeset import Gate, GateKind
+from mkdaemon.control.events import (
+    ClientGone,
+    FrameConfirmed,
+    FrameSent,
+    LeaseAsked,
+    LineChanged,
+    LinkVerdict,
+    MotorsReported,
+    PoseSeen,
+    Reply,
+    SetpointUnreadable,
+    StateValue,
+)
 from mkdaemon.control.output import SHORTEST_STEP
 from mkdaemon.control.pacing import IDLE_PERIOD, JUST_AFTER
 from mkdaemon.errors import CommandRejectedError
@@ -110,8 +122,8 @@ def test_tilt_starts_from_neutral_and_throttle_where_the_client_holds_it(drive):
 
 def test_a_stale_command_never_gives_more_throttle_than_the_pilot_or_the_ground_allows(drive):
     drive.fly()
-    drive.facts.state_received(flight(is_flying=True), drive.now)
-    drive.facts.state_received(pilot(-30.0), drive.now)
+    drive.core.feed(StateValue(flight(is_flying=True)), drive.now)
+    drive.core.feed(StateValue(pilot(-30.0)), drive.now)
     drive.run(0.5)
     assert drive.sticks[-1].counts.throttle == -30
     on_ground = Driver()
@@ -121,9 +133,9 @@ def test_a_stale_command_never_gives_more_throttle_than_the_pilot_or_the_ground_
     assert on_ground.sticks[-1].counts.throttle == -80
     in_flight = Driver()
     in_flight.take()
-    in_flight.facts.state_received(flight(is_flying=True), 0.0)
+    in_flight.core.feed(StateValue(flight(is_flying=True)), 0.0)
     in_flight.stream(1.2, throttle=-80.0)
-    in_flight.facts.state_received(flight(is_flying=True), in_flight.now)
+    in_flight.core.feed(StateValue(flight(is_flying=True)), in_flight.now)
     in_flight.run(0.5)
     assert in_flight.sticks[-1].counts.throttle == round(CFG.limiter.hover_throttle)
 
@@ -149,7 +161,7 @@ def test_a_refused_setpoint_does_not_bring_the_next_tick_forward(drive):
     drive.run(0.05)
     before = drive.core.next_time()
     drive.put(epoch=7)
-    drive.core.setpoint_refused("setpoint/stick", {"bytes": 3}, refuse(Token.MALFORMED), drive.now)
+    drive.tell(SetpointUnreadable("setpoint/stick", {"bytes": 3}, refuse(Token.MALFORMED), is_by_holder=False))
     assert drive.core.next_time() == before
 
 
@@ -166,9 +178,10 @@ def test_a_kind_without_guidance_is_refused_and_the_stream_goes_on():
 
 
 def test_the_gate_is_read_before_a_lease_but_not_before_a_take_over(drive):
-    assert drive.core.lease(LeaseRequest(action="take", holder="alice"), 0.0) == ReadGate()
+    assert drive.tell(LeaseAsked(LeaseRequest(action="take", holder="alice"), "s")) == Reply(must_read_set=True)
     drive.take("alice")
-    assert drive.core.lease(LeaseRequest(action="take", holder="bob", force=True), 0.0).holder == "bob"
+    reply = drive.tell(LeaseAsked(LeaseRequest(action="take", holder="bob", force=True), "t"))
+    assert reply.lease.holder == "bob"
 
 
 @pytest.mark.parametrize(
@@ -212,18 +225,17 @@ def test_clients_without_a_name_never_share_one(drive):
         (ControlLine("v2"), None, "link_down"),
     ],
 )
-def test_a_lease_nobody_could_fly_with_is_refused(drive, line, link, token):
-    drive.core.line_changed(line)
-    drive.facts.link = link
+def test_a_lease_nobody_could_fly_with_is_refused(line, link, token):
+    drive = Driver(line=line, link=link)
     assert token_of(drive.request) == token
 
 
 def test_a_client_that_is_gone_is_released_and_a_stranger_means_nothing(drive):
     drive.fly()
-    drive.core.client_gone("bob")
+    drive.core.feed(ClientGone("bob"), drive.now)
     drive.tick()
     assert drive.releases == []
-    drive.core.client_gone("alice")
+    drive.core.feed(ClientGone("alice"), drive.now)
     drive.now += SHORTEST_STEP
     drive.tick()
     assert [release.reason for release in drive.releases] == ["client alice is gone"]
@@ -244,7 +256,7 @@ def test_a_client_that_is_gone_is_released_and_a_stranger_means_nothing(drive):
 )
 def test_a_failsafe_says_whether_its_release_was_confirmed(drive, outcome, released):
     drive.fly()
-    drive.core.client_gone("alice")
+    drive.core.feed(ClientGone("alice"), drive.now)
     drive.run(0.1)
     drive.release_ends(outcome)
     drive.tick()
@@ -295,6 +307,7 @@ def test_released_out_of_place_changes_nothing(drive):
     [
         (LinkCondition.DOWN, 0.0),
         (LinkCondition.ABSENT, 0.0),
+        (LinkCondition.CLOSED, 0.0),
         (LinkCondition.MUTE, 0.15),
         (LinkCondition.GARBAGE, 0.15),
         (LinkCondition.ONE_WAY, CFG.lease.release_after),
@@ -302,7 +315,7 @@ def test_released_out_of_place_changes_nothing(drive):
 )
 def test_each_bad_line_ends_the_lease_after_its_patience(drive, condition, patience):
     drive.fly()
-    drive.facts.link_changed(link_state(condition, "gone"))
+    drive.core.feed(LinkVerdict(link_state(condition, "gone")), drive.now)
     began = drive.now
     drive.stream(patience + 0.1)
     [(at, release)] = [(at, action) for at, action in drive.done if action in drive.releases]
@@ -312,29 +325,29 @@ def test_each_bad_line_ends_the_lease_after_its_patience(drive, condition, patie
 
 def test_a_line_that_recovers_in_time_costs_nothing(drive):
     drive.fly()
-    drive.facts.link_changed(link_state(LinkCondition.MUTE))
+    drive.core.feed(LinkVerdict(link_state(LinkCondition.MUTE)), drive.now)
     drive.stream(0.1)
-    drive.facts.link_changed(link_state())
+    drive.core.feed(LinkVerdict(link_state()), drive.now)
     drive.stream(1.0)
     assert drive.releases == []
 
 
 def test_another_opening_of_the_port_ends_the_lease(drive):
     drive.fly()
-    drive.facts.link_changed(link_state(openings=2))
+    drive.core.feed(LinkVerdict(link_state(openings=2)), drive.now)
     drive.stream(0.1)
     assert len(drive.releases) == 1
 
 
-def test_before_the_first_verdict_nothing_is_judged(drive):
-    drive.facts.link = None
+def test_before_the_first_verdict_nothing_is_judged():
+    drive = Driver(link=None)
     drive.run(1.0)
     assert drive.core.phase is Phase.FREE
 
 
 def test_an_aircraft_that_takes_no_control_any_more_is_released(drive):
     drive.fly()
-    drive.core.line_changed(ControlLine(None, Obstacle.READ_ONLY, "another release"))
+    drive.core.feed(LineChanged(ControlLine(None, Obstacle.READ_ONLY, "another release")), drive.now)
     drive.stream(0.1)
     [release] = drive.releases
     assert release.reason == "external control is not possible: another release"
@@ -344,7 +357,7 @@ def test_an_aircraft_that_takes_no_control_any_more_is_released(drive):
 @pytest.mark.parametrize("obstacle", [Obstacle.RELEASING, Obstacle.UNCONFIRMED])
 def test_a_line_that_releases_by_itself_ends_the_lease(drive, obstacle):
     drive.fly()
-    drive.core.line_changed(ControlLine("v2", obstacle))
+    drive.core.feed(LineChanged(ControlLine("v2", obstacle)), drive.now)
     drive.stream(0.1)
     assert drive.sticks == []
     [release] = drive.releases
@@ -353,13 +366,13 @@ def test_a_line_that_releases_by_itself_ends_the_lease(drive, obstacle):
 
 def test_frames_the_line_does_not_take_are_reported_once_a_second_and_keep_the_lease(drive):
     drive.fly()
-    drive.core.line_changed(ControlLine("v2", Obstacle.LINK_DOWN, "unplugged"))
+    drive.core.feed(LineChanged(ControlLine("v2", Obstacle.LINK_DOWN, "unplugged")), drive.now)
     drive.stream(1.5)
     assert drive.sticks == []
     assert drive.releases == []
     assert len(drive.of(Warn)) == 2
     assert "stick frame not sent: link_down" in drive.of(Warn)[0].text
-    drive.core.line_changed(ControlLine("v2"))
+    drive.core.feed(LineChanged(ControlLine("v2")), drive.now)
     drive.stream(0.1)
     assert drive.sticks
 
@@ -368,10 +381,10 @@ def test_after_the_line_took_no_frames_tilt_begins_from_neutral_again(drive):
     drive.fly()
     drive.stream(0.5, pitch=60.0)
     assert drive.sticks[-1].counts.pitch == 60
-    drive.core.line_changed(ControlLine("v2", Obstacle.LINK_DOWN, "unplugged"))
+    drive.core.feed(LineChanged(ControlLine("v2", Obstacle.LINK_DOWN, "unplugged")), drive.now)
     drive.stream(0.4, pitch=60.0)
     before = len(drive.sticks)
-    drive.core.line_changed(ControlLine("v2"))
+    drive.core.feed(LineChanged(ControlLine("v2")), drive.now)
     drive.stream(0.02, pitch=60.0)
     assert drive.sticks[before].counts.pitch < 30
     drive.stream(0.5, pitch=60.0)
@@ -379,13 +392,13 @@ def test_after_the_line_took_no_frames_tilt_begins_from_neutral_again(drive):
 
 
 def test_no_flight_begins_while_a_board_does_not_listen(drive):
-    drive.core.line_changed(ControlLine("v2", Obstacle.DEAF, "fc to listen again after beep"))
+    drive.core.feed(LineChanged(ControlLine("v2", Obstacle.DEAF, "fc to listen again after beep")), drive.now)
     drive.take()
     drive.stream(1.5)
     drive.stream(0.1, pitch=60.0)
     assert drive.core.phase is Phase.LEASED
     assert "waiting for fc to listen again after beep" in drive.of(PublishStatus)[-1].reason
-    drive.core.line_changed(ControlLine("v2"))
+    drive.core.feed(LineChanged(ControlLine("v2")), drive.now)
     drive.stream(0.1, pitch=60.0)
     assert drive.sticks == []
     drive.stream(1.2)
@@ -423,11 +436,11 @@ def test_status_is_published_on_change_and_once_a_second(drive):
 
 def test_status_counts_what_becomes_of_stick_frames(drive):
     drive.fly()
-    drive.core.frame_sent(7)
-    drive.core.frame_sent(8)
-    drive.core.frame_confirmed(7)
-    drive.core.frame_confirmed(7)
-    drive.core.frame_confirmed(99)
+    drive.core.feed(FrameSent(7), drive.now)
+    drive.core.feed(FrameSent(8), drive.now)
+    drive.core.feed(FrameConfirmed(7), drive.now)
+    drive.core.feed(FrameConfirmed(7), drive.now)
+    drive.core.feed(FrameConfirmed(99), drive.now)
     drive.run(2.5)
     status = drive.of(PublishStatus)[-1]
     assert status.frames_handed_over >= len(drive.sticks) > 0
@@ -440,7 +453,7 @@ def test_a_lost_receiver_ends_the_flight_with_an_event(drive, source):
     lost = flight(is_flying=True).model_copy(update={"emergency_landing": True})
     if source == "pilot":
         lost = pilot(0.0).model_copy(update={"has_signal": False})
-    drive.core.state_received(lost, drive.now)
+    drive.core.feed(StateValue(lost), drive.now)
     drive.stream(0.1)
     [release] = drive.releases
     assert "receiver is lost" in release.reason
@@ -452,7 +465,7 @@ def test_a_lost_receiver_ends_the_flight_with_an_event(drive, source):
 
 def test_height_control_that_is_switched_on_in_flight_ends_it(drive):
     drive.fly()
-    drive.core.state_received(flight(is_flying=True).model_copy(update={"altitude_control": True}), drive.now)
+    drive.core.feed(StateValue(flight(is_flying=True).model_copy(update={"altitude_control": True})), drive.now)
     drive.stream(0.1)
     [release] = drive.releases
     assert release.reason == "external control is not possible: height control is on, so the throttle is a climb rate"
@@ -460,7 +473,7 @@ def test_height_control_that_is_switched_on_in_flight_ends_it(drive):
 
 def test_the_pilots_gps_switch_ends_no_flight_by_sticks(drive):
     drive.fly()
-    drive.core.state_received(flight(is_flying=True).model_copy(update={"gps_mode": GpsMode.HOLD}), drive.now)
+    drive.core.feed(StateValue(flight(is_flying=True).model_copy(update={"gps_mode": GpsMode.HOLD})), drive.now)
     drive.stream(0.5)
     assert drive.core.phase is Phase.FLYING
 
@@ -490,10 +503,10 @@ def test_no_more_stick_frames_leave_than_the_rate_allows(rate, stream_hz):
 
 
 def test_states_verdicts_and_motors_reach_the_facts_through_the_core(drive):
-    drive.core.motors_reported(True, 0.0)
-    drive.core.state_received(flight(is_flying=True), 0.0)
-    drive.core.link_changed(link_state(LinkCondition.MUTE))
-    facts = drive.core.facts
+    drive.core.feed(MotorsReported(True), drive.now)
+    drive.core.feed(StateValue(flight(is_flying=True)), drive.now)
+    drive.core.feed(LinkVerdict(link_state(LinkCondition.MUTE)), drive.now)
+    facts = drive.core.vehicle
     assert (facts.motors_running(0.0), facts.is_flying(0.0)) == (True, True)
     assert facts.link.condition is LinkCondition.MUTE
 
@@ -501,7 +514,7 @@ def test_states_verdicts_and_motors_reach_the_facts_through_the_core(drive):
 def test_status_tells_how_old_the_newest_pose_is(drive):
     drive.tick()
     assert drive.of(PublishStatus)[-1].pose_age is None
-    drive.core.pose_received(pose(0.5), 0.6)
-    drive.core.pose_received(pose(0.2), 0.6)  # of an older image
+    drive.core.feed(PoseSeen(pose(0.5)), 0.6)
+    drive.core.feed(PoseSeen(pose(0.2)), 0.6)  # of an older image
     drive.run(1.5)
     assert drive.of(PublishStatus)[-1].pose_age == pytest.approx(drive.done[-1][0] - 0.5)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from mkdaemon.control.actions import ReportFailsafe
+from mkdaemon.control.events import GuardActed, GuardChanged
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.control import Phase
 from mkdaemon.telemetry.refusals import Token
@@ -17,24 +18,24 @@ def drive():
 
 
 def test_without_a_guard_nobody_gets_a_lease(drive):
-    drive.core.guard_changed(is_alive=False)
+    drive.core.feed(GuardChanged(is_alive=False), drive.now)
     with pytest.raises(CommandRejectedError) as refusal:
         drive.take()
     assert refusal.value.token == Token.GUARD_DEAD
-    drive.core.guard_changed(is_alive=True)
+    drive.core.feed(GuardChanged(is_alive=True), drive.now)
     drive.take()
 
 
 def test_a_guard_that_dies_in_flight_ends_no_flight(drive):
     drive.fly()
-    drive.core.guard_changed(is_alive=False)
+    drive.core.feed(GuardChanged(is_alive=False), drive.now)
     drive.stream(1.0)
     assert drive.core.phase is Phase.FLYING
 
 
 def test_a_release_by_the_guard_ends_the_lease_and_is_followed_by_our_own(drive):
     drive.fly()
-    drive.core.guard_acted()
+    drive.core.feed(GuardActed(), drive.now)
     drive.tick()
     assert len(drive.releases) == 1
     assert drive.core.phase is Phase.RELEASING

@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 
 from mkdaemon.control.actions import Release, ReportMode, SendSticks
+from mkdaemon.control.events import ClientGone, LineChanged, LinkVerdict
 from mkdaemon.control.output import SHORTEST_STEP
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.control import ControlLine, Obstacle, Phase, ReleaseOutcome
@@ -44,7 +45,7 @@ class Race(RuleBasedStateMachine):
 
     @rule(who=st.sampled_from(["alice", "bob"]))
     def lose_client(self, who):
-        self.drive.core.client_gone(who)
+        self.drive.core.feed(ClientGone(who), 0.0)
 
     @rule()
     def ask_release(self):
@@ -58,12 +59,12 @@ class Race(RuleBasedStateMachine):
 
     @rule(condition=st.sampled_from(list(LinkCondition)), openings=st.sampled_from([1, 1, 1, 2]))
     def change_link(self, condition, openings):
-        self.drive.core.link_changed(link_state(condition, openings=openings))
+        self.drive.core.feed(LinkVerdict(link_state(condition, openings=openings)), 0.0)
 
     @rule(obstacle=st.sampled_from([None, None, None, *Obstacle]))
     def change_line(self, obstacle):
         layout = None if obstacle is Obstacle.READ_ONLY else "v2"
-        self.drive.core.line_changed(ControlLine(layout, obstacle, "test"))
+        self.drive.core.feed(LineChanged(ControlLine(layout, obstacle, "test")), 0.0)
 
     def run_for(self, seconds):
         before = len(self.drive.done)

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import pytest
-
-from mkdaemon.control.limiter import Sticks
 from mkdaemon.control.setpoints import Guided
+
+from mkdaemon.control.events import StateValue
+from mkdaemon.control.limiter import Sticks
 from mkdaemon.telemetry.control import Phase
 from mkdaemon.telemetry.setpoint import PositionSetpoint, SetpointFrame
 from mkdaemon.telemetry.state import GpsMode
@@ -36,7 +37,7 @@ def test_a_navictrl_that_steers_too_ends_a_flight_by_position(mode):
     drive.take()
     by_position(drive, 1.2)
     assert drive.core.phase is Phase.FLYING
-    drive.core.state_received(flight(is_flying=True).model_copy(update={"gps_mode": mode}), drive.now)
+    drive.core.feed(StateValue(flight(is_flying=True).model_copy(update={"gps_mode": mode})), drive.now)
     if mode.steers:
         drive.run(0.1)
         [release] = drive.releases

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mkdaemon.config.control import LimiterConfig
+from mkdaemon.config.control import HIGHEST_HOVER, LOWEST_HOVER, LimiterConfig
 from mkdaemon.control.limiter import (
     GESTURE_LOW,
     GESTURE_YAW,
@@ -210,7 +210,9 @@ bounds = st.integers(0, 127)
 
 @st.composite
 def configurations(draw):
-    low, hover, high = sorted(draw(st.tuples(*[st.integers(-127, 127)] * 3)))
+    low, high = draw(st.integers(-127, int(HIGHEST_HOVER))), draw(st.integers(int(LOWEST_HOVER), 127))
+    low, high = min(low, high), max(low, high)
+    hover = draw(st.integers(max(low, int(LOWEST_HOVER)), min(high, int(HIGHEST_HOVER))))
     return LimiterConfig(
         max_pitch=draw(bounds),
         max_roll=draw(bounds),

@@ -7,14 +7,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from mkdaemon.control.targetflight import TargetFlight
 
 from lab.control.camera import CameraModel
 from lab.control.corerig import CoreRig, stamp
 from lab.control.flights import Flight
 from mkdaemon.config.autopilot import AutopilotConfig
 from mkdaemon.control.actions import PublishError, PublishStatus, Release, SendSticks
-from mkdaemon.control.targetflight import TargetFlight
-from mkdaemon.control.vehicle import VehicleFacts
+from mkdaemon.control.events import AbortAsked, MotorsReported
+from mkdaemon.control.vehicle import VehicleMemory
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.command import AbortRequest
 from mkdaemon.telemetry.control import Phase
@@ -45,10 +46,10 @@ class Plan(CoreRig):
         self.plan, self.abort_at, self.motors = plan, abort_at, motors
 
     def _control(self, at):
-        self.core.motors_reported(self.motors, at)
+        self.core.feed(MotorsReported(self.motors), at)
         if at >= self.abort_at:
             self.abort_at = math.inf
-            self.core.abort(AbortRequest(reason="the operator saw something"))
+            self.core.feed(AbortAsked(AbortRequest(reason="the operator saw something")), 0.0)
         super()._control(at)
 
     def _setpoint(self, goal, at):
@@ -112,7 +113,7 @@ def test_an_abort_before_the_lift_off_releases():
 
 def test_who_flies_by_stick_does_not_take_off_in_the_air():
     target = TargetFlight(CFG, -2.0)
-    guided = target.guide(TakeOffSetpoint(**BASE, height=2.0), VehicleFacts(), 5.0, is_flying=True)
+    guided = target.guide(TakeOffSetpoint(**BASE, height=2.0), VehicleMemory(), 5.0, is_flying=True)
     assert guided.sticks.throttle == -2.0
     assert "on the ground" in guided.failure
 
@@ -120,13 +121,13 @@ def test_who_flies_by_stick_does_not_take_off_in_the_air():
 def test_a_take_off_of_an_aircraft_that_is_seen_in_the_air_waits():
     target = TargetFlight(CFG, -2.0)
     target.pose_received(pose(1.0), 1.0)
-    guided = target.guide(TakeOffSetpoint(**BASE, height=2.0), VehicleFacts(), 1.1, is_flying=False)
+    guided = target.guide(TakeOffSetpoint(**BASE, height=2.0), VehicleMemory(), 1.1, is_flying=False)
     assert "an aircraft on the ground: its feet are 1.9 m above the target" in guided.obstacle
 
 
 @pytest.mark.parametrize(("throttle", "age", "waits"), [(-3.0, 0.2, True), (-100.0, 0.2, False), (-3.0, 1.2, False)])
 def test_a_take_off_waits_while_the_pilots_throttle_may_carry_the_aircraft(throttle, age, waits):
-    facts = VehicleFacts()
+    facts = VehicleMemory()
     flown = Pilot(
         stamp=stamp(1.0),
         source="fc/debug",
@@ -180,13 +181,13 @@ def test_an_abort_holds_the_place_and_keeps_the_lease():
 def test_an_abort_without_a_target_is_level_at_hover_throttle():
     target = TargetFlight(CFG, -2.0)
     sticks = StickSetpoint(**BASE, pitch=20, roll=0, yaw=0, throttle=5)
-    guided = target.stop(sticks, VehicleFacts(), 3.0)
+    guided = target.stop(sticks, VehicleMemory(), 3.0)
     assert (guided.sticks.pitch, guided.sticks.throttle, guided.failure) == (0.0, -2.0, "")
 
 
 def test_with_nothing_flown_there_is_nothing_to_abort():
     with pytest.raises(CommandRejectedError) as refusal:
-        CoreRig(CALM).core.abort(AbortRequest())
+        CoreRig(CALM).core.feed(AbortAsked(AbortRequest()), 0.0)
     assert refusal.value.token == Token.NOTHING_FLOWN
 
 
@@ -200,7 +201,7 @@ def test_a_landing_below_its_last_decision_is_not_aborted():
 
     def control(at):
         if is_committed() and rig.core.phase is Phase.FLYING:
-            rig.core.abort(AbortRequest())
+            rig.core.feed(AbortAsked(AbortRequest()), 0.0)
         flown(at)
 
     rig._control = control

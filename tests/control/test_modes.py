@@ -20,9 +20,9 @@ from mkdaemon.control.modes import (
     ROWS,
     SILENT,
     TOO_OLD,
-    Event,
     Reaction,
     Situation,
+    Trigger,
     find_row,
 )
 from mkdaemon.telemetry.control import Phase
@@ -54,17 +54,17 @@ def test_every_row_is_taken_from_each_of_its_phases(row):
 @pytest.mark.parametrize(
     ("phase", "event"),
     [
-        (Phase.FREE, Event.TICK),
-        (Phase.RELEASING, Event.TICK),
-        (Phase.FREE, Event.CLIENT_GONE),
-        (Phase.FREE, Event.LINK_LOST),
-        (Phase.RELEASING, Event.LINK_LOST),
-        (Phase.LEASED, Event.CONTROL_IMPOSSIBLE),
-        (Phase.LEASED, Event.RELEASE_DONE),
-        (Phase.FLYING, Event.RELEASE_DONE),
-        (Phase.FREE, Event.ABORT_REQUESTED),
-        (Phase.LEASED, Event.ABORT_REQUESTED),
-        (Phase.ABORTED, Event.ABORT_REQUESTED),
+        (Phase.FREE, Trigger.TICK),
+        (Phase.RELEASING, Trigger.TICK),
+        (Phase.FREE, Trigger.CLIENT_GONE),
+        (Phase.FREE, Trigger.LINK_LOST),
+        (Phase.RELEASING, Trigger.LINK_LOST),
+        (Phase.LEASED, Trigger.CONTROL_IMPOSSIBLE),
+        (Phase.LEASED, Trigger.RELEASE_DONE),
+        (Phase.FLYING, Trigger.RELEASE_DONE),
+        (Phase.FREE, Trigger.ABORT_REQUESTED),
+        (Phase.LEASED, Trigger.ABORT_REQUESTED),
+        (Phase.ABORTED, Trigger.ABORT_REQUESTED),
     ],
 )
 def test_what_has_no_row_changes_nothing(phase, event):
@@ -72,13 +72,13 @@ def test_what_has_no_row_changes_nothing(phase, event):
 
 
 def test_a_lease_that_is_neither_live_nor_silent_waits():
-    assert find_row(Phase.LEASED, Event.TICK, Situation(is_held=True, is_ready=True, is_fresh=True)) is None
+    assert find_row(Phase.LEASED, Trigger.TICK, Situation(is_held=True, is_ready=True, is_fresh=True)) is None
 
 
 @pytest.mark.parametrize("situation", ALL)
 def test_sticks_are_sent_in_flight_only_and_a_stale_setpoint_never_tilts(situation):
     for phase in Phase:
-        row = find_row(phase, Event.TICK, situation)
+        row = find_row(phase, Trigger.TICK, situation)
         if row is not None and row.reaction is Reaction.STICKS:
             assert row.target is Phase.FLYING
             assert situation.is_fresh
@@ -95,7 +95,7 @@ def test_sticks_are_sent_in_flight_only_and_a_stale_setpoint_never_tilts(situati
 
 def test_every_phase_can_be_released_by_anybody():
     for phase, situation in itertools.product(Phase, ALL):
-        row = find_row(phase, Event.RELEASE_REQUESTED, situation)
+        row = find_row(phase, Trigger.RELEASE_REQUESTED, situation)
         assert row is not None
         assert (row.target, row.reaction) == (Phase.RELEASING, Reaction.RELEASE)
 
@@ -109,7 +109,7 @@ def test_every_release_leads_to_releasing_and_nothing_else_does_but_a_release_un
 
 
 def test_every_event_and_reaction_is_used_and_every_reason_names_known_words():
-    assert {row.event for row in ROWS} == set(Event)
+    assert {row.event for row in ROWS} == set(Trigger)
     assert {row.reaction for row in ROWS} == set(Reaction)
     words = {name for row in ROWS for _, name, _, _ in string.Formatter().parse(row.reason) if name}
     assert words == {"holder", "silence", "taker", "cause", "reason", "obstacle"}

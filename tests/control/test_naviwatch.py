@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from mkdaemon.control.naviwatch import AT_HOME, HANDS, PERIOD, NaviWatch
-from mkdaemon.control.vehicle import VehicleFacts
+from mkdaemon.control.vehicle import VehicleMemory
 from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.navi import NaviStage
 from mkdaemon.telemetry.state import Gps, GpsFix, GpsMode, Position
@@ -19,7 +19,7 @@ class Watched:
     """A watch, and what the boards tell it, once a tick of 0.1 s."""
 
     def __init__(self):
-        self.facts = VehicleFacts()
+        self.facts = VehicleMemory()
         self.watch = NaviWatch(self.facts)
         self.now = 0.0
 
@@ -67,7 +67,7 @@ def test_every_stage_says_what_the_pilots_hands_do(told, stage):
 
 
 def test_without_a_navictrl_and_without_its_flightctrl_nothing_is_said():
-    assert NaviWatch(VehicleFacts()).look(1.0) is None
+    assert NaviWatch(VehicleMemory()).look(1.0) is None
     assert Watched().tell(gps_mode=GpsMode.UNKNOWN) is None
     assert Watched().tell(is_flying=None) is None
 
@@ -102,7 +102,7 @@ def test_a_point_before_the_last_ends_no_list():
 def test_a_list_that_was_changed_makes_what_came_before_old():
     seen = Watched()
     assert seen.tell(**GOING | {"target_reached": True}).is_route_done
-    seen.facts.list_changed_at = seen.now + 0.15
+    seen.facts.list_changed(seen.now + 0.15)
     assert seen.tell(**GOING | {"target_reached": True}) is None, "said before the change"
     assert not seen.tell(**GOING).is_route_done
 
@@ -125,6 +125,6 @@ def test_who_holds_the_height_is_said():
 def test_a_list_changed_in_flight_is_ready_before_a_navictrl_counts_its_points(is_flying, stage):
     seen, uncounted = Watched(), {"waypoint_index": 0, "waypoint_count": 2}
     seen.tell(is_flying=is_flying)
-    seen.facts.list_changed_at = seen.now
+    seen.facts.list_changed(seen.now)
     told = [seen.tell(is_flying=is_flying, **uncounted), seen.tell(**uncounted)]
     assert [found.stage for found in told if found is not None][-1] is stage

@@ -7,6 +7,7 @@ import itertools
 import pytest
 
 from mkdaemon.control.actions import SendSticks
+from mkdaemon.control.events import PoseSeen
 from mkdaemon.control.output import LONGEST_STEP, SHORTEST_STEP
 from mkdaemon.telemetry.control import ControlLine
 from mkdaemon.telemetry.setpoint import PositionSetpoint, SetpointFrame
@@ -26,7 +27,7 @@ def over_target(*, seconds, image_every=IMAGE, setpoint_every=PERIOD, line=OPEN,
     end = seconds
     while drive.now < end:
         if drive.now >= next_image + late * (len(images) % 2):
-            drive.core.pose_received(pose(next_image), drive.now)
+            drive.core.feed(PoseSeen(pose(next_image)), drive.now)
             next_image += image_every
             images.append(drive.now)
         if drive.now >= next_setpoint:
@@ -123,7 +124,7 @@ def test_a_flight_by_sticks_does_not_heed_images():
     drive = Driver()
     drive.fly()
     for _ in range(100):
-        drive.core.pose_received(pose(drive.now), drive.now)
+        drive.core.feed(PoseSeen(pose(drive.now)), drive.now)
         drive.run(0.003)
         drive.put()
     frames = [at for at, action in drive.done if isinstance(action, SendSticks)]

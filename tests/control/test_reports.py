@@ -29,7 +29,7 @@ def believed(**fields):
 def test_an_answer_to_the_sticks_that_is_not_the_models_is_told_once_with_both_numbers(fields, words):
     facts = VehicleFacts()
     authority = Authority(CFG, first_epoch=1, guide=lambda setpoint, now, is_flying: None)
-    reports = Reports(authority, StickOutput(CFG, facts), facts)
+    reports = Reports(authority, StickOutput(CFG, facts), facts, lambda now: None)
     for value in (believed(), believed(stick_gain=1.04), believed(**fields), believed(**fields)):
         reports.estimate(value, None)
     [warning] = [action for action in reports.take() if isinstance(action, Warn)]

@@ -7,6 +7,8 @@ from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
+from mkdaemon.control.targetflight import FORGOTTEN, TargetFlight
+from mkdaemon.control.targetgoals import Arrival, obstacle, velocity_between
 
 from lab.control.camera import CameraModel, rotation_of
 from lab.control.corerig import CoreRig, stamp
@@ -16,10 +18,9 @@ from mkdaemon.config.autopilot import AutopilotConfig
 from mkdaemon.control.actions import PublishStatus, Release, ReportFailsafe, ReportMode, SendSticks
 from mkdaemon.control.estimator.model import AircraftModel
 from mkdaemon.control.estimator.values import TargetView
-from mkdaemon.control.guidance.autopilot import Goal
-from mkdaemon.control.guidance.landing import LandingPhase
-from mkdaemon.control.targetflight import FORGOTTEN, TargetFlight
-from mkdaemon.control.targetgoals import Arrival, obstacle, velocity_between
+from mkdaemon.control.events import Released
+from mkdaemon.control.manoeuvres.land import LandingPhase
+from mkdaemon.control.regulator.autopilot import Goal
 from mkdaemon.control.vehicle import VehicleFacts
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.control import Phase
@@ -167,7 +168,7 @@ def test_a_landing_ends_on_the_target_with_a_release_that_is_no_failsafe(pad):
     assert released_at >= record.touched + 0.3
     last = [action.counts.throttle for at, action in rig.actions if isinstance(action, SendSticks)][-1]
     assert last <= -90
-    rig.core.released(None, released_at)
+    rig.core.feed(Released(None), released_at)
     assert not any(isinstance(action, ReportFailsafe) for at, action in rig.actions)
 
 

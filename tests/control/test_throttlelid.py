@@ -5,12 +5,16 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from lab.control.corerig import CoreRig, stamp
 from lab.control.flights import Flight
-from mkdaemon.control.actions import PublishStatus, Warn
+from mkdaemon.control.actions import PublishStatus, SendSticks, Warn
+from mkdaemon.control.estimator.values import GAS_CENTRE, OURS, ThrottleUse
+from mkdaemon.control.events import StateValue
+from mkdaemon.control.regulator.autopilot import LEAP, at_origin
 from mkdaemon.control.throttlelid import LASTING, ThrottleLid
-from mkdaemon.control.vehicle import ThrottleReport
+from mkdaemon.control.vehicle import FRESH, ThrottleReport
 from mkdaemon.telemetry.control import Phase
 from mkdaemon.telemetry.state import Pilot
 from mksim.config import WindClass
@@ -61,18 +65,93 @@ def test_without_reports_and_with_another_flight_nothing_is_known():
     assert lid.pilots_throttle is None
 
 
+def test_what_is_flown_is_the_pilots_as_soon_as_it_contradicts_ours_and_surely_once_it_lasts():
+    lid = ThrottleLid()
+    assert lid.use == OURS, "nobody reports"
+    now = told(lid, 5.0, 5.0, 1.0)
+    assert lid.use == OURS
+    now = told(lid, 5.0, -20.0, LASTING, start=now)
+    assert lid.use == ThrottleUse(None, is_ours=False), "ours may not be what acts, and is learnt from no more"
+    now = told(lid, 5.0, -20.0, 0.2, start=now)
+    assert lid.use.cap == pytest.approx(GAS_CENTRE - 20.0)
+    assert not lid.use.is_ours
+    told(lid, 5.0, 4.0, 0.2, start=now)
+    assert lid.use == OURS
+
+
+@pytest.mark.parametrize("scale", [0.76, 0.87, 1.0])
+def test_a_board_that_reports_after_the_compensation_of_its_voltage_has_no_lid_but_a_scale(scale):
+    lid = ThrottleLid()
+    now = told(lid, 0.0, scale * 127.0 - 127.0, 1.0)
+    assert lid.use == OURS
+    now = told(lid, 30.0, scale * 157.0 - 127.0, 1.0, start=now)
+    assert lid.use == OURS, "what is reported follows ours"
+    told(lid, 60.0, scale * 157.0 - 127.0, 1.5, start=now)
+    assert lid.use.cap == pytest.approx(157.0), "no longer: in our own counts"
+
+
+def test_a_throttle_that_is_flown_above_ours_is_not_ours():
+    lid = ThrottleLid()
+    now = told(lid, 0.0, 0.0, 1.0)
+    told(lid, 0.0, 20.0, 0.4, start=now)
+    assert lid.use == ThrottleUse(None, is_ours=False)
+
+
+def test_once_reports_end_nothing_confirms_that_ours_acts_and_another_flight_begins_anew():
+    lid = ThrottleLid()
+    now = told(lid, 0.0, 0.0, 1.0)
+    now = told(lid, 0.0, None, FRESH - 0.2, start=now)
+    assert lid.use == OURS
+    now = told(lid, 0.0, None, 0.5, start=now)
+    assert lid.use == ThrottleUse(None, is_ours=False)
+    told(lid, 0.0, None, 0.5, start=now + 5.0)
+    assert lid.use == OURS
+
+
 class Capped(CoreRig):
-    """The pilot's throttle is a lid from 4 to 5.5 s; the FlightCtrl reports what it flies with five times a second."""
+    """The pilot's throttle is a lid for a while; the FlightCtrl reports what it flies with five times a second."""
+
+    lid, begins, ends, scale = LID, 4.0, 5.5, 1.0
 
     def _sticks(self):
         sticks = super()._sticks()
-        self.in_use = min(sticks.gas, LID + 127.0) if 4.0 <= self._world.now < 5.5 else sticks.gas
+        is_capped = self.begins <= self._world.now < self.ends
+        self.in_use = min(sticks.gas, self.lid + 127.0) if is_capped else sticks.gas
         return replace(sticks, gas=self.in_use)
 
     def _report(self, at):
         super()._report(at)
+        gas = round(self.scale * self.in_use)
         if round(at / PERIOD) % 10 == 0:
-            self._at(at + 0.03, lambda now, gas=self.in_use: self.core.state_received(reported(now, gas), now))
+            self._at(at + 0.03, lambda now: self.core.feed(StateValue(reported(now, gas)), now))
+
+
+class Pinned(Capped):
+    """The lid just carries the aircraft, which is to climb by a metre."""
+
+    lid, begins, ends = -1.0, 4.0, 12.0
+
+    def sent(self, start, end):
+        return [
+            action.counts.throttle
+            for at, action in self.actions
+            if isinstance(action, SendSticks) and start <= at < end
+        ]
+
+
+@pytest.mark.parametrize(("scale", "known_to"), [(1.0, 1.0), (0.87, 0.1 * GAS_CENTRE)])
+def test_no_throttle_winds_up_under_a_lid_and_none_leaps_when_the_pilot_raises_it(scale, known_to):
+    rig = Pinned(Flight(seed=4, wind=WindClass.INDOOR, seconds=20.0, goal=lambda t: at_origin(2.0 if t < 3.0 else 3.0)))
+    rig.scale = scale
+    record = rig.fly()
+    assert record.lost == ""
+    hover = [value.hover_throttle for value in rig.estimates]
+    assert max(hover) < hover[150] + 5.0, "it is the same aircraft as before the lid"
+    times, heights = np.array(record.times), np.array(record.positions)[:, 2]
+    assert max(rig.sent(5.5, 12.0)) <= max(rig.lid, max(hover)) + LEAP + known_to
+    climb = np.diff(heights)[times[1:] > 12.0] / PERIOD
+    assert climb.max() < 0.7, "it climbs as it always does"
+    assert heights[-1] == pytest.approx(3.0, abs=0.15)
 
 
 def reported(at, gas):

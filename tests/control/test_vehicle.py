@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from mkdaemon.control.vehicle import FRESH, MOTOR_TEST, VehicleFacts
+from mkdaemon.control.vehicle import FRESH, MOTOR_TEST, VehicleMemory
 from mkdaemon.telemetry.control import ControlLine, LeaseState, Obstacle
 from tests.control.events import flight, link_state, pilot
 
 
 def test_at_first_nothing_is_known():
-    facts = VehicleFacts()
+    facts = VehicleMemory()
     assert facts.link is None
     assert facts.motors_running(0.0) is None
     assert facts.is_flying(0.0) is None
@@ -17,7 +17,7 @@ def test_at_first_nothing_is_known():
 
 
 def test_facts_hold_until_they_are_too_old():
-    facts = VehicleFacts()
+    facts = VehicleMemory()
     facts.motors_reported(True, 10.0)
     facts.state_received(flight(is_flying=True), 10.0)
     facts.state_received(pilot(20.0), 10.0)
@@ -30,7 +30,7 @@ def test_facts_hold_until_they_are_too_old():
 
 
 def test_motors_may_be_asked_for_with_a_stricter_age():
-    facts = VehicleFacts()
+    facts = VehicleMemory()
     facts.motors_reported(False, 10.0)
     assert facts.motors_running(11.0, within=1.0) is False
     assert facts.motors_running(11.1, within=1.0) is None
@@ -38,7 +38,7 @@ def test_motors_may_be_asked_for_with_a_stricter_age():
 
 
 def test_another_opening_of_the_port_voids_what_the_boards_said():
-    facts = VehicleFacts()
+    facts = VehicleMemory()
     facts.link_changed(link_state(openings=1))
     facts.motors_reported(False, 10.0)
     facts.state_received(flight(is_flying=True), 10.0)
@@ -50,20 +50,20 @@ def test_another_opening_of_the_port_voids_what_the_boards_said():
 
 
 def test_a_motor_test_explains_turning_motors_for_a_while():
-    facts = VehicleFacts()
+    facts = VehicleMemory()
     facts.motor_test_sent(5.0)
     assert facts.is_testing_motors(5.0 + MOTOR_TEST)
     assert not facts.is_testing_motors(5.01 + MOTOR_TEST)
 
 
 def test_values_that_decide_nothing_are_ignored():
-    facts = VehicleFacts()
+    facts = VehicleMemory()
     facts.state_received(LeaseState(holder="a", epoch=1, ttl=1, left=1), 0.0)
     assert facts.flight(0.0) is None
 
 
 def test_what_a_lost_flightctrl_said_is_unknown_at_once_and_nobody_may_fly():
-    facts, line = VehicleFacts(), ControlLine(layout="v2")
+    facts, line = VehicleMemory(), ControlLine(layout="v2")
     facts.motors_reported(False, 10.0)
     facts.state_received(flight(is_flying=False), 10.0)
     assert facts.limit_line(line) is line

@@ -9,19 +9,13 @@ import numpy as np
 import pytest
 
 from lab.rigs.waiting import wait_until
-from mkdaemon.actor import act
 from mkdaemon.clock import Clock
 from mkdaemon.config.record import RecordedImages
 from mkdaemon.config.root import Config
 from mkdaemon.daemon import blackbox
 from mkdaemon.daemon.audit import Audit
-from mkdaemon.daemon.blackbox import LOCAL_EXCHANGES, BlackBox, open_black_box, recording_folder
-from mkdaemon.daemon.imagerecord import ImageRecorder
-from mkdaemon.daemon.lineport import record_port
-from mkdaemon.errors import LinkLostError
-from mkdaemon.record.entry import Kind
-from mkdaemon.record.looks import unpack_looks
-from mkdaemon.record.notices import Notice
+from mkdaemon.daemon.blackbox import LOCAL_EXCHANGES, BlackBox, ImageRecorder, open_black_box, recording_folder
+from mkdaemon.record.entry import Kind, Notice
 from mkdaemon.record.reader import Recording
 from mkdaemon.telemetry.command import CommandResult
 from mkdaemon.telemetry.refusals import Status
@@ -46,35 +40,6 @@ class Bus:
         return [value for key, value in self.published if key == suffix]
 
 
-class Port:
-    """A port with something to read, that is lost then."""
-
-    name, backlog, descriptor, is_recording = "line", 3, 7, False
-
-    def __init__(self):
-        self.chunks, self.written, self.is_closed, self.is_broken = [b"#a", b"bc\r"], [], False, False
-
-    async def read(self):
-        if not self.chunks:
-            raise LinkLostError("unplugged")
-        return self.chunks.pop(0)
-
-    def write(self, data):
-        if self.is_broken:
-            raise LinkLostError("broken")
-        self.written.append(data)
-
-    def discard(self):
-        if self.is_broken:
-            raise LinkLostError("discarded")
-
-    async def drain(self):
-        self.written.append("drained")
-
-    async def close(self):
-        self.is_closed = True
-
-
 def config(state, **record):
     return Config.model_validate(
         {"vehicle": {"name": "bb", "state_folder": state}, "record": {"free_mb": 1, "sync_s": 0, **record}}
@@ -85,25 +50,17 @@ def recorded(folder):
     return [entry for path in sorted((folder / "recordings").glob("*.mcap")) for entry in Recording(path).entries()]
 
 
-async def look(clock):
-    return clock.now()
-
-
 async def test_what_passes_is_in_the_file_when_the_daemon_has_ended(tmp_path):
     clock = Clock()
     box = open_black_box(config(tmp_path), clock, is_recording=False)
     async with box.run():
         box.bus_recorder.sample("health", b"\x80", "application/msgpack;mk.VehicleHealth.v1", clock.stamp())
-        clock.now()
-        await asyncio.create_task(act(look(clock)), name="control")
-        box.note(Notice.GUARD_ACTED, released=True)
-        box.note(Notice.STOP)
-        box.record_written(b"#b", clock.now(), "release")
+        box.note_stop()
+        box.tap.port_written(b"#b", clock.now(), "release")
 
     entries = recorded(tmp_path)
-    assert [entry.kind for entry in entries] == [Kind.SAMPLE, *[Kind.NOTICE] * 3, Kind.PORT_WRITTEN]
-    assert [Notice.of(entry) for entry in entries[1:4]] == [Notice.LOOKS, Notice.GUARD_ACTED, Notice.STOP]
-    assert [look.actor for look in unpack_looks(entries[1].payload).looks] == ["control"]
+    assert [entry.kind for entry in entries] == [Kind.SAMPLE, Kind.NOTICE, Kind.PORT_WRITTEN]
+    assert Notice.of(entries[1]) is Notice.STOP
     (path,) = (tmp_path / "recordings").glob("bb-*-000.mcap")
     recording = Recording(path)
     session = recording.read_session()
@@ -127,13 +84,10 @@ async def test_nothing_is_recorded_where_it_is_off_or_a_recording_plays(tmp_path
         box.bus_recorder.setpoint_refused("setpoint/stick", "not_leased", "")
         box.bus_recorder.query("do/mark", b"", 1, "")
         box.bus_recorder.reply("do/mark", b"", "", 1)
-        box.bus_recorder.client("pad", True)
-        box.note(Notice.STOP)
-        box.record_written(b"", 0.0, "")
+        box.note_stop()
         box.image_recorder(RecordedImages())(None, None)
-        opener = object()
-        assert record_port(opener, box.tap, clock) is opener
-        assert box.recorded(opener) is opener
+        answer = object()
+        assert box.recorded(answer) is answer
 
     assert box.status().state == "off"
     assert not (tmp_path / "recordings").exists()
@@ -144,7 +98,7 @@ async def test_its_state_and_the_counts_of_the_bus_are_published_every_second(tm
     clock, bus = Clock(), Bus()
     box = open_black_box(config(tmp_path, json_for_viewers=True), clock, is_recording=False)
     async with box.run():
-        box.note(Notice.STOP)
+        box.note_stop()
         reporting = asyncio.create_task(box.report(bus, Audit(bus, clock)))
         await wait_until(lambda: any(status.file for status in bus.values("record/status")))
         (tmp_path / "recordings").rename(tmp_path / "elsewhere")
@@ -155,46 +109,6 @@ async def test_its_state_and_the_counts_of_the_bus_are_published_every_second(tm
     assert bus.values("event/log")[0].text.endswith(".mcap")  # not before there is a file
     assert "has been removed" in bus.values("event/log")[1].text
     assert bus.values("record/status")[0].queue_limit_bytes == 32_000_000
-
-
-async def test_bytes_of_the_line_are_recorded_on_their_way(tmp_path):
-    clock, port = Clock(), Port()
-    box = open_black_box(config(tmp_path), clock, is_recording=False)
-
-    async def opener(url, *, baud):
-        return port
-
-    async with box.run():
-        opened = await record_port(opener, box.tap, clock)("pty:x", baud=57600)
-        assert (opened.name, opened.backlog, opened.descriptor, opened.is_recording) == ("line", 3, 7, False)
-        assert [await opened.read(), await opened.read()] == [b"#a", b"bc\r"]
-        opened.write(b"x")
-        opened.discard()
-        await opened.drain()
-        with pytest.raises(LinkLostError):
-            await opened.read()
-        port.is_broken = True
-        for fail in (lambda: opened.write(b"y"), opened.discard):
-            with pytest.raises(LinkLostError):
-                fail()
-        await opened.close()
-        again = await record_port(opener, box.tap, clock)("pty:x", baud=57600)
-        await again.close()
-
-    assert port.written == [b"x", "drained"]
-    assert port.is_closed
-    backlog, *entries = sorted(recorded(tmp_path), key=lambda entry: entry.kind is not Kind.NOTICE)
-    assert unpack_looks(backlog.payload).backlogs == ((0, 3),)
-    assert [entry.kind for entry in entries] == [
-        Kind.PORT_OPENED,
-        Kind.PORT_READ,
-        Kind.PORT_READ,
-        Kind.PORT_LOST,
-        Kind.PORT_OPENED,
-        Kind.PORT_LOST,
-    ]
-    assert msgpack.unpackb(entries[0].payload) == {"port": "line", "baud": 57600}
-    assert [msgpack.unpackb(entries[place].payload)["reason"] for place in (3, 5)] == ["unplugged", ""]
 
 
 async def test_requests_of_the_unix_socket_are_recorded_with_their_answers(tmp_path):

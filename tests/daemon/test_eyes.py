@@ -16,7 +16,6 @@ from mkdaemon.config.camera import CameraSection
 from mkdaemon.config.control import ControlConfig
 from mkdaemon.config.root import Config
 from mkdaemon.control.core import FlightCore
-from mkdaemon.control.vehicle import VehicleFacts
 from mkdaemon.daemon.eyes import Eyes, open_eyes
 from mkdaemon.errors import ConfigError
 from mkdaemon.stamp import Stamp
@@ -24,7 +23,7 @@ from mkdaemon.telemetry.state import Attitude, Position
 from tests.bus.support import PATIENCE, bus_config, free_endpoint
 from tests.places import CONFIGS
 
-CORE = FlightCore(ControlConfig(), VehicleFacts(), first_epoch=1)
+CORE = FlightCore(ControlConfig(), first_epoch=1)
 TARGET = CONFIGS / "targets" / "nested.toml"
 LEVEL = Attitude(
     stamp=Stamp(monotonic=1.0, wall=2.0),
@@ -43,7 +42,7 @@ async def test_a_camera_reports_on_the_bus(tmp_path):
     camera = CameraSection(name="down", source=f"folder:{tmp_path}", loop=True, fps=20.0, targets=(TARGET,))
     cfg = Config(bus=bus_config(endpoint), cameras=(camera,))
     async with Bus.open(cfg.bus, "eyes") as bus, connect("eyes", endpoint) as client:
-        eyes = open_eyes(cfg, bus, Clock(), CORE)
+        eyes = open_eyes(cfg, bus, Clock(), CORE.feed)
         async with client.watch("vision/**") as samples, eyes.open():
             eyes.attitude_received(LEVEL)
             async with asyncio.timeout(PATIENCE):
@@ -52,7 +51,7 @@ async def test_a_camera_reports_on_the_bus(tmp_path):
                         break
     assert sample.fields["camera"] == "down"
     assert (sample.fields["width"], sample.fields["height"]) == (160, 120)
-    assert CORE.facts.eyes["down"].camera == "down"
+    assert [stats.camera for stats in CORE.vehicle.eyes] == ["down"]
 
 
 async def test_a_daemon_without_cameras_has_no_eyes():
@@ -65,7 +64,7 @@ async def test_a_camera_that_cannot_work_is_a_configuration_error():
     cfg = Config(bus=bus_config(free_endpoint()), cameras=(CameraSection(source="/dev/video0"),))
     async with Bus.open(cfg.bus, "eyes2") as bus:
         with pytest.raises(ConfigError, match="no targets"):
-            open_eyes(cfg, bus, Clock(), CORE)
+            open_eyes(cfg, bus, Clock(), CORE.feed)
 
 
 PLACE = Position(

@@ -11,18 +11,20 @@ from lab.rigs.linkrig import virtually
 from mkdaemon.bus.codec import TooLong
 from mkdaemon.clock import Clock
 from mkdaemon.config.control import ControlConfig
-from mkdaemon.control.actions import PublishError, PublishEstimate
+from mkdaemon.control.actions import PublishError, PublishEstimate, SendSticks
 from mkdaemon.control.core import FlightCore
-from mkdaemon.control.vehicle import VehicleFacts
-from mkdaemon.daemon.audit import Audit
+from mkdaemon.control.events import PoseSeen
+from mkdaemon.control.limiter import StickCounts
+from mkdaemon.daemon.deck import Deck
 from mkdaemon.daemon.eyes import PoseSink
 from mkdaemon.daemon.flight import FlightControl
 from mkdaemon.daemon.procedures import Interlock
 from mkdaemon.daemon.releases import RELEASE_TIMEOUT
 from mkdaemon.daemon.verbs import Verbs
-from mkdaemon.link.session.traffic import ReleaseResult
+from mkdaemon.link.session.traffic import FrameNumber, ReleaseResult, SetpointQueued, SetpointRefused
 from mkdaemon.telemetry.command import ReleaseRequest
 from mkdaemon.telemetry.control import ControlLine, ErrorValue, EstimateValue, Phase, ReleaseOutcome
+from mkdaemon.telemetry.refusals import Token, refuse
 from mkdaemon.telemetry.setpoint import StickSetpoint
 from tests.control.events import pose
 
@@ -42,6 +44,9 @@ ESTIMATE = EstimateValue(
 )
 
 
+STICKS = SendSticks(StickCounts(0, 0, 0, 60), 1e9, epoch=1, sequence=3, age=0.01, is_limited=False)
+
+
 class Bus:
     def __init__(self):
         self.published = []
@@ -57,7 +62,7 @@ class Core(FlightCore):
     """A flight core that also wants what a test gives it."""
 
     def __init__(self):
-        super().__init__(ControlConfig(), VehicleFacts(), first_epoch=1)
+        super().__init__(ControlConfig(), first_epoch=1)
         self.wanted = []
 
     def tick(self, now, **more):
@@ -71,9 +76,16 @@ class Shell:
     def __init__(self):
         self.bus, self.core, self.releases = Bus(), Core(), []
         clock = Clock(monotonic=asyncio.get_running_loop().time)
-        link = SimpleNamespace(control_line=lambda: ControlLine("v2"), release=self.release, released_at=float("-inf"))
-        self.audit = Audit(self.bus, clock)
-        self.flight = FlightControl(self.core, link, self.bus, self.audit, clock=clock)
+        self.fates = []
+        link = SimpleNamespace(
+            control_line=lambda: ControlLine("v2"),
+            release=self.release,
+            released_at=float("-inf"),
+            send_setpoint=lambda build, *, deadline: self.fates.pop(0),
+        )
+        deck = Deck(ControlConfig(), self.bus, clock, first_epoch=1, core=self.core)
+        self.audit = deck.audit
+        self.flight = FlightControl(deck, link, clock=clock)
 
     def release(self, reason):
         self.releases.append(asyncio.get_running_loop().create_future())
@@ -157,6 +169,21 @@ async def test_the_error_to_the_setpoint_is_published_with_its_stamp():
 
 
 @virtually
+async def test_a_line_that_refuses_a_frame_ends_nothing_and_is_told_once():
+    """The line fell silent between the look of the flight loop and its order."""
+    refused = SetpointRefused(refuse(Token.LINK_DOWN, state="down", detail="nothing arrives any more"))
+    async with Shell() as shell:
+        for fates in ([refused] * 3, [SetpointQueued(FrameNumber(7))], [refused]):
+            shell.fates = list(fates)
+            shell.core.wanted = [STICKS] * len(fates)
+            await asyncio.sleep(1.0)
+        assert not shell.task.done()
+        assert [output.frame for output in shell.bus.values("control/output")] == [7]
+        told = [event.text for event in shell.bus.values("event/log")]
+        assert told == [f"stick frame not sent: {refused.refusal}"] * 2
+
+
+@virtually
 async def test_a_setpoint_that_is_too_long_is_refused_by_its_length():
     async with Shell() as shell:
         shell.flight.setpoint_arrived(StickSetpoint, 0.0, TooLong(9000, 512), b"")
@@ -167,9 +194,9 @@ async def test_a_setpoint_that_is_too_long_is_refused_by_its_length():
 
 @virtually
 async def test_a_pose_reaches_the_core_and_the_bus_and_other_values_only_the_bus():
-    core, bus = Core(), Bus()
-    sink = PoseSink(core, bus, Clock(monotonic=lambda: 1.2))
+    told, bus = [], Bus()
+    sink = PoseSink(lambda event, now: told.append((event, now)), bus, Clock(monotonic=lambda: 1.2))
     sink.publish("vision/down/pose", pose(1.0))
     sink.publish("vision/down/stats", ESTIMATE)
-    assert core.facts.pose_age(1.5) == 0.5
+    assert told == [(PoseSeen(pose(1.0)), 1.2)]
     assert [key for key, _ in bus.published] == ["vision/down/pose", "vision/down/stats"]

@@ -11,7 +11,8 @@ import pytest
 
 from mkdaemon.clock import Clock
 from mkdaemon.config.commands import CommandsConfig
-from mkdaemon.control.vehicle import VehicleFacts
+from mkdaemon.control.events import MotorTestSent
+from mkdaemon.control.vehicle import VehicleMemory
 from mkdaemon.daemon import requests
 from mkdaemon.daemon.procedures import Interlock
 from mkdaemon.daemon.requests import BoardRequests
@@ -75,14 +76,19 @@ class Desk:
 
     def __init__(self, cfg=None):
         self.events = []
-        self.facts = VehicleFacts()
+        self.facts = VehicleMemory()
         self.facts.link_changed(link_state())
         self.facts.motors_reported(False, STILL.now())
         self.line = Line()
         self.interlock = Interlock(lambda: self.phase)
         self.phase = Phase.FREE
-        admit = self.interlock.check_request
-        self._requests = BoardRequests(cfg or CommandsConfig(), self.line, self.facts, self, STILL, admit=admit)
+        admit, allowed = self.interlock.check_request, cfg or CommandsConfig()
+        self._requests = BoardRequests(allowed, self.line, self.facts, self.feed, self, STILL, admit=admit)
+
+    def feed(self, event, now):
+        """Take what the flight core is told of a motor test."""
+        assert isinstance(event, MotorTestSent)
+        self.facts.motor_test_sent(now)
 
     def command(self, key, fields, result):
         self.events.append((key, fields, result))
@@ -110,7 +116,7 @@ async def test_a_beep_that_leaves_the_board_deaf_is_refused(duration, count, tok
 
 async def test_on_a_silent_line_a_request_says_that_and_not_that_motors_are_unknown():
     desk = Desk()
-    desk.facts = desk._requests._facts = VehicleFacts()
+    desk.facts = desk._requests._facts = VehicleMemory()
     desk.facts.link_changed(link_state(LinkCondition.MUTE, "nothing arrives"))
     result = await desk.ask("fc/motor_test", {"motors": TURNING, "confirm": True})
     assert (result.token, "nothing arrives" in result.reason) == ("link_down", True)

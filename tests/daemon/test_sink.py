@@ -6,12 +6,7 @@ import pytest
 
 from mkdaemon.clock import Clock
 from mkdaemon.config.control import ControlConfig
-from mkdaemon.control.core import FlightCore
-from mkdaemon.control.vehicle import VehicleFacts
-from mkdaemon.daemon.audit import Audit
-from mkdaemon.daemon.eyes import Eyes
-from mkdaemon.daemon.sink import BusSink
-from mkdaemon.link.session.exchange import CLOSED
+from mkdaemon.daemon.deck import Deck
 from mkdaemon.link.session.traffic import Lost, Purpose, Received, Sent
 from mkdaemon.protocol.boards import Direction
 from mkdaemon.protocol.decoder import Unknown
@@ -31,8 +26,7 @@ def bus():
 @pytest.fixture
 def sink(bus):
     clock = Clock(monotonic=lambda: 0.0)
-    core = FlightCore(ControlConfig(), VehicleFacts(), first_epoch=1)
-    return BusSink(bus, core, Audit(bus, clock), Eyes(None), clock)
+    return Deck(ControlConfig(), bus, clock, first_epoch=1).sink
 
 
 @pytest.mark.parametrize(
@@ -72,12 +66,12 @@ def test_only_a_new_condition_of_the_line_is_a_line_in_the_log(sink, bus):
         link_state(LinkCondition.DOWN, "just opened"),
         link_state(LinkCondition.UP),
         link_state(LinkCondition.UP, "with losses"),
-        link_state(LinkCondition.DOWN, CLOSED),
+        link_state(LinkCondition.CLOSED, "closed by us"),
     ):
         sink.state_changed(state)
     assert len(bus.values("link/state")) == 4
     assert [(event.level, event.text) for event in bus.values("event/log")] == [
         ("warning", "p: down: just opened"),
         ("info", "p: up: all is well"),
-        ("info", "p: down: closed by us"),
+        ("info", "p: closed: closed by us"),
     ]

@@ -10,7 +10,7 @@ import pytest
 from mkdaemon.bus.schema import schema_json
 from mkdaemon.config.control import ControlConfig
 from mkdaemon.control.estimator.model import AircraftModel
-from mkdaemon.control.guidance.margins import gains_of
+from mkdaemon.control.regulator.margins import gains_of
 from mkdaemon.daemon.procedures import Interlock
 from mkdaemon.daemon.verbs import Verbs
 from mkdaemon.errors import CommandRejectedError

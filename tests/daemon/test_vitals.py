@@ -9,7 +9,7 @@ import pytest
 from rich.console import Console
 
 from mkdaemon.cli.mkctl.status import render
-from mkdaemon.control.vehicle import VehicleFacts
+from mkdaemon.control.vehicle import VehicleMemory
 from mkdaemon.daemon.vitals import status_line, vehicle_health
 from mkdaemon.protocol.wire import Board
 from mkdaemon.telemetry.control import Phase
@@ -22,7 +22,7 @@ def line(read_only=None):
 
 
 def test_before_the_line_was_opened_the_vehicle_is_not_alive():
-    health = vehicle_health(VehicleFacts(), line("unknown firmware"), STAMP, note="a note")
+    health = vehicle_health(VehicleMemory(), line("unknown firmware"), STAMP, note="a note")
     assert (health.is_alive, health.link, health.read_only) == (False, "absent", "unknown firmware")
     assert (health.motors_running, health.error, health.note) == (None, None, "a note")
     assert health.firmware == {"fc": "2.12a"}
@@ -32,19 +32,19 @@ def test_before_the_line_was_opened_the_vehicle_is_not_alive():
     ("condition", "is_alive"), [(LinkCondition.UP, True), (LinkCondition.ONE_WAY, True), (LinkCondition.MUTE, False)]
 )
 def test_vehicle_alive_is_not_daemon_alive(condition, is_alive):
-    facts = VehicleFacts()
+    facts = VehicleMemory()
     facts.link_changed(link_state(condition))
     assert vehicle_health(facts, line(), STAMP, note="").is_alive is is_alive
 
 
 def test_a_message_without_error_tells_of_none():
-    facts = VehicleFacts()
+    facts = VehicleMemory()
     facts.state_received(flight(is_flying=True), STAMP.monotonic)
     assert vehicle_health(facts, line(), STAMP, note="").error is None
 
 
 def test_an_open_bus_is_told_to_everybody():
-    health = vehicle_health(VehicleFacts(), line(), STAMP, note="", open_endpoints=("tcp/0.0.0.0:7447",))
+    health = vehicle_health(VehicleMemory(), line(), STAMP, note="", open_endpoints=("tcp/0.0.0.0:7447",))
     assert health.open_endpoints == ("tcp/0.0.0.0:7447",)
     known = {"health": health.model_dump()}
     with StringIO() as screen:
@@ -68,11 +68,11 @@ def test_the_screen_says_whether_everything_is_recorded(state, reason, lost, wor
 
 
 def test_the_status_line_says_line_motors_and_who_flies():
-    words = status_line(vehicle_health(VehicleFacts(), line(), STAMP, note=""), Phase.FREE)
+    words = status_line(vehicle_health(VehicleMemory(), line(), STAMP, note=""), Phase.FREE)
     assert words == "link absent: the line has not been opened yet; motors unknown; control free"
 
 
 def test_the_status_line_says_what_is_wrong_with_the_aircraft():
-    facts = VehicleFacts()
+    facts = VehicleMemory()
     facts.state_received(flight(is_flying=False).model_copy(update={"error": "no GPS"}), STAMP.monotonic)
     assert status_line(vehicle_health(facts, line(), STAMP, note=""), Phase.FREE).endswith("; error: no GPS")

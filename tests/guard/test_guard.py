@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 
 import pytest
@@ -9,15 +10,21 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mkdaemon import guard as program
-from mkdaemon.guard import NEUTRAL_AFTER, RELEASE_AFTER, RELEASE_TIME, RESYNC, Guard, Word
+from mkdaemon.guard import FRAME_SPACING, NEUTRAL_AFTER, RELEASE_AFTER, RELEASE_FRAMES, RESYNC, Guard, Word, beat
 
-FRAMES = Word.FRAMES + json.dumps([b"#release\r".hex(), b"#other\r".hex()]).encode()
-NEUTRAL = b"#neutral\r"
-BEAT = Word.BEAT + NEUTRAL
+OLD, NEW, NEUTRAL = b"#old\r", b"#new\r", b"#neutral\r"
+FRAMES = Word.FRAMES + json.dumps([OLD.hex(), NEW.hex()]).encode()
+STEP = 0.005
 
 
-def run(events, until, step=0.005):
-    """Everything a guard writes, with its time, for packets at their times."""
+def fly(until, since=0.0, period=0.02):
+    """Heartbeats, each heard when the stick frame was written."""
+    count = int((until - since) / period + 0.5)
+    return [(since + k * period, beat(NEUTRAL, since + k * period)) for k in range(count + 1)]
+
+
+def run(events, until, step=STEP):
+    """Everything a guard writes, with its time, for packets at their times; it looks every `step`."""
     guard, written, now, left = Guard(), [], 0.0, sorted(events, key=lambda event: event[0])
     while now <= until:
         while left and left[0][0] <= now:
@@ -29,88 +36,185 @@ def run(events, until, step=0.005):
     return guard, written
 
 
-def beats(until, period=0.02):
-    return [(k * period, BEAT) for k in range(int(until / period) + 1)]
+def levels(written):
+    """When neutral sticks were written."""
+    return [at for at, data in written if NEUTRAL in data]
+
+
+def releases(written):
+    """When release frames were written."""
+    return [at for at, data in written if data in {OLD, NEW}]
 
 
 def test_regular_beats_need_nothing():
-    guard, written = run([(0, FRAMES), *beats(10.0)], 10.0)
+    guard, written = run([(0, FRAMES), *fly(10.0)], 10.0)
     assert written == []
     assert guard.is_armed
 
 
 def test_a_guard_that_was_never_armed_sends_nothing_and_ends_with_the_daemon():
-    guard, written = run([(0, FRAMES), (1.0, b"")], 5.0)
+    guard, written = run([(0, FRAMES)], 3.0)
+    assert written == []
+    assert not guard.is_over
+    guard, written = run([(0, FRAMES), (1.0, b"")], 3.0)
     assert written == []
     assert guard.is_over
 
 
-def test_silence_is_neutral_then_released():
-    guard, written = run([(0, FRAMES), *beats(1.0)], 5.0)
-    neutral = [at for at, data in written if NEUTRAL in data]
-    released = [at for at, data in written if b"#release" in data]
-    assert 1.0 + NEUTRAL_AFTER <= neutral[0] <= 1.0 + NEUTRAL_AFTER + 0.02
-    assert written[0][1] == RESYNC + NEUTRAL
-    assert 1.0 + RELEASE_AFTER <= released[0] <= 1.0 + RELEASE_AFTER + 0.04
-    assert released[-1] <= released[0] + RELEASE_TIME
-    assert max(neutral) < min(released)
+def test_silence_is_neutral_at_its_time_again_and_again_and_then_released():
+    guard, written = run([(0, FRAMES), *fly(1.0)], 5.0, step=0.001)
+    assert levels(written) == pytest.approx([1.25, 1.35, 1.45, 1.55, 1.65, 1.75], abs=0.01)
+    assert [data for _, data in written[:2]] == [RESYNC + NEUTRAL, NEUTRAL]
+    assert releases(written)[0] == pytest.approx(1.8, abs=2 * STEP)
+    assert guard.is_releasing
+    assert guard.is_armed
     assert not guard.is_over, "the daemon may only be frozen"
+    assert (guard.neutral_sent, guard.release_sent) == (6, RELEASE_FRAMES)
 
 
-def test_release_frames_of_all_layouts_take_turns():
-    _, written = run([(0, FRAMES), *beats(0.1)], 5.0)
+def test_release_frames_of_all_layouts_take_turns_and_have_an_end():
+    guard, written = run([(0, FRAMES), *fly(0.1)], 9.0)
     sent = [data for _, data in written if NEUTRAL not in data]
-    assert sent[:4] == [b"#release\r", b"#other\r"] * 2
-    assert len(sent) >= 30
+    assert sent == [OLD, NEW] * (RELEASE_FRAMES // 2)
+    gaps = [b - a for a, b in itertools.pairwise(releases(written))]
+    assert min(gaps) >= FRAME_SPACING - 1e-9
+    assert max(gaps) <= FRAME_SPACING + STEP
+    assert guard.next_time() == float("inf")
 
 
-def test_a_dead_daemon_is_released_at_once():
-    guard, written = run([(0, FRAMES), *beats(1.0), (1.005, b"")], 5.0)
-    assert written[0] == (1.005, RESYNC + NEUTRAL)
-    assert written[1][1] == b"#release\r"
-    assert written[1][0] <= 1.035
+def test_a_dead_daemon_is_released_at_once_neutral_first():
+    guard, written = run([(0, FRAMES), *fly(1.0), (1.005, b"")], 5.0)
+    assert written[0] == (pytest.approx(1.0 + FRAME_SPACING, abs=STEP), RESYNC + NEUTRAL), "not right behind a frame"
+    assert written[1] == (pytest.approx(1.0 + 2 * FRAME_SPACING, abs=STEP), OLD)
+    assert len(levels(written)) == 1
+    assert len(releases(written)) == RELEASE_FRAMES
     assert guard.is_over
 
 
-def test_a_short_stall_ends_with_the_next_beat():
-    guard, written = run([(0, FRAMES), *beats(1.0), (1.5, BEAT), (1.6, BEAT), (1.7, Word.SAFE)], 5.0)
-    assert {data for _, data in written} <= {RESYNC + NEUTRAL, NEUTRAL}
+@pytest.mark.parametrize("dies", [1.255, 1.3, 1.6, 1.79])
+def test_a_daemon_that_dies_after_its_silence_was_answered_is_released_at_once(dies):
+    guard, written = run([(0, FRAMES), *fly(1.0), (dies, b"")], 5.0)
+    assert dies <= releases(written)[0] <= dies + FRAME_SPACING + STEP
+    assert releases(written)[0] - max(levels(written)) >= FRAME_SPACING - 1e-9
+    assert guard.is_over
+
+
+@pytest.mark.parametrize("dies", [1.9, 2.5, 4.0, 4.9])
+def test_a_daemon_that_dies_during_or_after_the_release_changes_nothing_of_it(dies):
+    guard, written = run([(0, FRAMES), *fly(1.0), (dies, b"")], 5.0)
+    assert len(releases(written)) == RELEASE_FRAMES
+    assert guard.is_over
+
+
+@pytest.mark.parametrize("dies", [True, False])
+@pytest.mark.parametrize("late", [0.0, 0.2, 0.5, 0.79, 0.8, 0.81, 1.0, 3.0, 60.0])
+def test_however_late_the_guard_wakes_neutral_goes_before_the_release(late, dies):
+    """It got no processor since the last stick frame; what it hears then it hears all at once."""
+    guard = Guard()
+    guard.hear(FRAMES, 0.0)
+    guard.hear(beat(NEUTRAL, 1.0), 1.0)
+    now = 1.0 + NEUTRAL_AFTER + late
+    if dies:
+        guard.hear(b"", now)
+    assert guard.next_time() <= now
+    assert guard.due(now) == (RESYNC, NEUTRAL)
+    assert not guard.is_releasing
+    assert guard.due(now + FRAME_SPACING - 0.001) == ()
+    is_owed = dies or now + FRAME_SPACING >= 1.0 + RELEASE_AFTER
+    assert guard.due(now + FRAME_SPACING) == ((OLD,) if is_owed else ())
+    assert guard.is_releasing is is_owed
+
+
+@given(st.lists(st.floats(0.0, 2.0), min_size=60, max_size=60), st.booleans())
+def test_whenever_the_guard_gets_a_turn_it_sends_neutral_first_and_the_whole_release(delays, dies):
+    guard, now, sent = Guard(), 0.0, []
+    guard.hear(FRAMES, now)
+    guard.hear(beat(NEUTRAL, now), now)
+    if dies:
+        guard.hear(b"", now)
+    for delay in delays:
+        if guard.next_time() == float("inf"):
+            break
+        now = max(now, guard.next_time()) + delay
+        sent += [(now, frame) for frame in guard.due(now) if frame != RESYNC]
+    frames = [frame for _, frame in sent]
+    count = frames.count(NEUTRAL)
+    assert count >= 1
+    assert frames == [NEUTRAL] * count + [OLD, NEW] * (RELEASE_FRAMES // 2)
+    assert all(later - at >= FRAME_SPACING - 1e-9 for (at, _), (later, _) in itertools.pairwise(sent))
+    assert guard.is_over is dies
+
+
+def test_a_beat_counts_from_when_it_was_written_and_never_from_the_future():
+    guard = Guard()
+    guard.hear(FRAMES, 0.0)
+    guard.hear(beat(NEUTRAL, 1.0), 1.2)
+    assert guard.next_time() == 1.0 + NEUTRAL_AFTER
+    guard.hear(beat(NEUTRAL, 9.0), 1.3)
+    assert guard.next_time() == 1.3 + NEUTRAL_AFTER
+
+
+def test_a_beat_without_a_neutral_frame_is_no_beat():
+    guard = Guard()
+    guard.hear(beat(b"", 1.0), 1.0)
+    guard.hear(Word.BEAT + b"short", 1.0)
     assert not guard.is_armed
 
 
+def test_a_short_stall_ends_with_the_next_beat_and_the_next_one_is_answered_anew():
+    events = [(0, FRAMES), *fly(1.0), (1.5, beat(NEUTRAL, 1.5)), *fly(2.5, since=2.0), (2.7, Word.SAFE)]
+    guard, written = run(events, 5.0)
+    first, *_ = fresh = [at for at, data in written if data == RESYNC + NEUTRAL]
+    assert first == pytest.approx(1.25, abs=2 * STEP)
+    assert fresh[1] == pytest.approx(1.75, abs=2 * STEP)
+    assert len(fresh) == 2
+    assert releases(written) == []
+    assert not guard.is_armed
+    assert not guard.is_over
+
+
 def test_beats_do_not_stop_a_release_that_has_begun():
-    guard, written = run([(0, FRAMES), *beats(0.5), *[(1.4 + t, BEAT) for t, _ in beats(1.0)]], 5.0)
-    released = [at for at, data in written if b"#release" in data or b"#other" in data]
-    assert released[-1] - released[0] >= RELEASE_TIME - 0.1
+    guard, written = run([(0, FRAMES), *fly(0.5), *fly(2.4, since=1.4)], 5.0)
+    assert len(releases(written)) == RELEASE_FRAMES
+    assert max(levels(written)) < min(releases(written))
     assert guard.is_releasing
 
 
-def test_after_safe_a_new_flight_is_watched_again():
-    events = [(0, FRAMES), *beats(0.5), (3.0, Word.SAFE), (4.0, BEAT)]
-    _, written = run(events, 4.5)
-    again = next(entry for entry in written if entry[0] > 4.0)
-    assert again == (pytest.approx(4.25, abs=0.01), RESYNC + NEUTRAL)
+def test_after_safe_nothing_is_sent_and_a_new_flight_is_watched_again():
+    events = [(0, FRAMES), *fly(0.5), (1.5, Word.SAFE), (4.0, beat(NEUTRAL, 4.0))]
+    guard, written = run(events, 6.5)
+    assert [at for at, _ in written if 1.5 <= at < 4.0] == []
+    again = [entry for entry in written if entry[0] > 4.0]
+    assert again[0] == (pytest.approx(4.25, abs=2 * STEP), RESYNC + NEUTRAL)
+    assert len(releases(again)) == RELEASE_FRAMES
+    assert guard.is_releasing
 
 
-def test_an_orderly_end_sends_nothing():
-    guard, written = run([(0, FRAMES), *beats(0.5), (0.51, Word.SAFE), (0.52, Word.END), (0.53, b"")], 3.0)
+def test_a_daemon_that_ends_when_nothing_is_owed_is_followed_by_nothing():
+    guard, written = run([(0, FRAMES), *fly(0.5), (0.51, Word.SAFE), (0.52, b"")], 3.0)
     assert written == []
     assert guard.is_over
+
+
+def test_without_release_frames_neutral_sticks_are_all_there_is():
+    guard, written = run([*fly(0.5), (0.6, b"")], 3.0)
+    assert written == [(pytest.approx(0.6, abs=STEP), RESYNC + NEUTRAL)]
+    assert (guard.release_sent, guard.is_over) == (0, True)
 
 
 @given(
     st.lists(
         st.tuples(
-            st.floats(0, 5), st.sampled_from([BEAT, Word.SAFE, FRAMES, Word.PING, Word.CLOSED, b"?x", b"H", b""])
+            st.floats(0, 5),
+            st.sampled_from([beat(NEUTRAL, 0.0), Word.SAFE, FRAMES, Word.PING, Word.CLOSED, b"?x", b"H", b""]),
         ),
         max_size=40,
     )
 )
 def test_any_order_of_packets_sends_only_the_frames_it_was_given(events):
     _, written = run([(0, FRAMES), *events], 8.0, step=0.02)
-    allowed = {b"#release\r", b"#other\r", NEUTRAL, RESYNC + NEUTRAL, RESYNC, b""}
-    assert {data for _, data in written} <= allowed
-    if not any(packet[:1] == Word.BEAT for _, packet in events):
+    assert {data for _, data in written} <= {OLD, NEW, NEUTRAL, RESYNC + NEUTRAL}
+    if not any(packet[:1] == Word.BEAT and len(packet) > 1 for _, packet in events):
         assert written == []
 
 

@@ -7,9 +7,11 @@ import asyncio
 import pytest
 
 from lab.rigs.linkrig import flight_ctrl, navi_ctrl, rig, virtually
+from lab.rigs.sticks import build_sticks
 from mkdaemon.config.link import LinkConfig
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.link.session.dialogue import Dialogue
+from mkdaemon.link.session.traffic import SetpointRefused
 from mkdaemon.protocol.decoder import Unknown
 from mkdaemon.protocol.framing import encode_frame
 from mkdaemon.protocol.messages import SelectSettings, VersionRequest
@@ -58,8 +60,9 @@ def test_a_recording_is_asked_nothing_and_steered_nowhere():
     with pytest.raises(CommandRejectedError, match="recording"):
         dialogue.ask(VersionRequest(), Board.FC, 0.1)
     assert dialogue.control_line(0.1).obstacle is Obstacle.RECORDING
-    with pytest.raises(CommandRejectedError, match="recording"):
-        dialogue.steer(lambda number: ExternControlV2(frame=number), 0.3, 0.1)
+    fate = dialogue.steer(build_sticks(ExternControlV2), 0.3, 0.1)
+    assert isinstance(fate, SetpointRefused)
+    assert fate.refusal.token == "recording"
 
 
 @virtually

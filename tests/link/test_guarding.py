@@ -7,7 +7,7 @@ import asyncio
 import pytest
 
 from lab.rigs.boardport import LineFault
-from lab.rigs.linkrig import flight_ctrl, navi_ctrl, rig, virtually
+from lab.rigs.linkrig import Log, flight_ctrl, navi_ctrl, rig, virtually
 from lab.rigs.sticks import build_sticks
 from lab.rigs.virtualguard import VirtualGuard
 from mkdaemon.link.session.traffic import Purpose
@@ -94,4 +94,43 @@ async def test_a_lost_port_disarms_the_guard():
         assert guard.guard.is_armed
         r.socket.unplug()
         await r.until(lambda: not guard.guard.is_armed, 2.0)
+    guard.stop()
+
+
+class BrokenLog(Log):
+    """A sink with a defect: it fails when it hears of something received, and, if that lasts, of what is sent, too."""
+
+    def __init__(self, *, is_lasting: bool) -> None:
+        super().__init__()
+        self.is_broken, self.is_lasting = False, is_lasting
+
+    def received(self, frame):
+        super().received(frame)
+        if self.is_broken:
+            self.is_broken = self.is_lasting
+            raise RuntimeError("a defect")
+
+    def sent(self, frame):
+        super().sent(frame)
+        if self.is_broken:
+            raise RuntimeError("a defect")
+
+
+@pytest.mark.parametrize("is_lasting", [False, True])
+@virtually
+async def test_a_defect_that_ends_the_link_in_flight_is_followed_by_a_release_of_the_link_or_of_the_guard(is_lasting):
+    guard, sink = VirtualGuard(), BrokenLog(is_lasting=is_lasting)
+    async with rig(flight_ctrl("2.08", gate_parameter=200), guard=guard, sink=sink) as r:
+        guard.write = lambda data: r.socket.aircraft.write(data, r.socket.now())
+        await r.until(lambda: r.link.dialect.extern_control is not None and r.link.is_up, 5)
+        await asyncio.sleep(1.0)
+        await fly(r, 0.5, pitch=20)
+        sink.is_broken = True
+        await asyncio.wait([r.task], timeout=2.0)
+        assert r.task.exception() is not None
+        guard.daemon_died()
+        await asyncio.sleep(0.2)
+        r.socket.aircraft.advance(r.socket.now())
+        assert not r.socket.aircraft.flight.external.is_valid
+        assert bool(guard.written) is is_lasting
     guard.stop()

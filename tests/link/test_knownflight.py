@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from contextlib import asynccontextmanager, suppress
+from contextlib import asynccontextmanager
 
 import pytest
 
@@ -50,9 +50,8 @@ async def steer(r, seconds):
     for _ in range(int(seconds / 0.025)):
         layout = r.link.dialect.extern_control
         if layout is not None:
-            with suppress(CommandRejectedError):
-                deadline = asyncio.get_running_loop().time() + 0.1
-                r.link.send_setpoint(build_sticks(layout, throttle=60, pitch=20), deadline=deadline)
+            deadline = asyncio.get_running_loop().time() + 0.1
+            r.link.send_setpoint(build_sticks(layout, throttle=60, pitch=20), deadline=deadline)
         await asyncio.sleep(0.025)
 
 

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import asyncio
-from contextlib import suppress
 
 import pytest
 
 from lab.rigs.linkrig import Rig, flight_ctrl, navi_ctrl, rig, virtually
 from lab.rigs.sticks import build_sticks
-from mkdaemon.errors import CommandRejectedError
 from mkdaemon.link.session.reboot import is_printed
 from mkdaemon.protocol.messages import ExternControlV1, ExternControlV2, ExternControlV3
 from mksim.simulation import Simulation
@@ -28,9 +26,8 @@ async def stream(r: Rig, seconds: float) -> None:
     for _ in range(int(seconds / 0.02)):
         layout = r.link.dialect.extern_control
         if layout is not None:
-            with suppress(CommandRejectedError):
-                deadline = asyncio.get_running_loop().time() + 0.1
-                r.link.send_setpoint(build_sticks(layout, throttle=60, pitch=40), deadline=deadline)
+            deadline = asyncio.get_running_loop().time() + 0.1
+            r.link.send_setpoint(build_sticks(layout, throttle=60, pitch=40), deadline=deadline)
         await asyncio.sleep(0.02)
 
 

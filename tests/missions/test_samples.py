@@ -11,6 +11,7 @@ from lab.control.flights import Flight
 from lab.places import ROOT
 from mkdaemon.config.autopilot import AutopilotConfig
 from mkdaemon.control.actions import PublishStatus, Release
+from mkdaemon.control.events import MotorsReported
 from mkdaemon.missions.script import GotoStep, HoldStep, LandStep, TakeOffStep, VelocityStep, WaitStep, read_script
 from mkdaemon.telemetry.setpoint import (
     HoldSetpoint,
@@ -41,7 +42,7 @@ class Mission(CoreRig):
 
     def _control(self, at):
         if self.motors:
-            self.core.motors_reported(True, at)
+            self.core.feed(MotorsReported(True), at)
         super()._control(at)
         if len(self.finished) < len(self.steps) and self._is_done(self.steps[len(self.finished)], at):
             self.finished.append(at)

@@ -9,10 +9,9 @@ from pathlib import Path
 import msgpack
 
 from mkdaemon.record.entry import Entry, Kind, TimeBase
-from mkdaemon.record.folder import Limits, RecordingFolder
+from mkdaemon.record.folder import Limits, RawFile, RecordingFolder
 from mkdaemon.record.layout import Session
 from mkdaemon.record.queue import EntryQueue
-from mkdaemon.record.rawfile import RawFile
 from mkdaemon.record.recorder import Recorder
 
 BASE = TimeBase("0123abcd", 1_760_000_000_123_456_789)

@@ -15,8 +15,7 @@ import pytest
 
 from mkdaemon.record.folder import free_space, recording_name
 from mkdaemon.record.reader import Recording
-from mkdaemon.record.recorder import FLUSH, RETRY
-from mkdaemon.record.thread import RecorderThread
+from mkdaemon.record.recorder import FLUSH, RETRY, RecorderThread
 from mkdaemon.telemetry.record import RecorderState
 from tests.record.support import ROOMY, Bench, sample
 
@@ -189,7 +188,7 @@ def test_what_a_short_write_left_behind_is_taken_back(tmp_path, monkeypatch):
         calls.append(write(number, data[: len(data) // 2]))
         return calls[0]
 
-    monkeypatch.setattr("mkdaemon.record.rawfile.os.write", cut)
+    monkeypatch.setattr("mkdaemon.record.folder.os.write", cut)
     bench.put(51, 60)
     bench.run(FLUSH + 0.1)
 
@@ -263,7 +262,7 @@ def test_a_disk_that_hangs_costs_entries_and_nothing_else(tmp_path, monkeypatch)
     lost = bench.queue.lost
     assert lost > 800
     assert thread.report.state is RecorderState.RECORDING
-    monkeypatch.setattr("mkdaemon.record.thread.STALLED", 0.0)
+    monkeypatch.setattr("mkdaemon.record.recorder.STALLED", 0.0)
     assert thread.report.state is RecorderState.FAULT
     assert "has not answered" in thread.report.reason
     assert not thread.stop(0.01)

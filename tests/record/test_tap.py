@@ -5,8 +5,10 @@ from __future__ import annotations
 import msgpack
 
 from mkdaemon.clock import Clock
-from mkdaemon.record.entry import Kind, TimeBase
-from mkdaemon.record.notices import Notice
+from mkdaemon.control.events import DUE, ClientGone, MotorsReported
+from mkdaemon.protocol.boards import Board
+from mkdaemon.record.entry import Kind, Notice, TimeBase
+from mkdaemon.record.events import TICK, unpack_event
 from mkdaemon.record.queue import EntryQueue
 from mkdaemon.record.tap import Tap, hide_secrets
 from mkdaemon.stamp import Stamp
@@ -48,11 +50,11 @@ def test_setpoints_and_bytes_have_the_time_they_were_taken_elsewhere():
     tap.setpoint("setpoint/stick", b"x", encoding, b"s" * 32, at=41.9, source="0a1b", is_holder=True)
     tap.port_read(b"#a", 41.8)
     tap.port_written(b"#b", 41.7, "release")
-    tap.port_opened("/dev/ttyUSB0", 57600)
-    tap.port_lost("gone")
-    tap.client("pad", True)
+    tap.port_opened("/dev/ttyUSB0", 57600, 41.7)
+    tap.port_lost("gone", 41.7)
+    tap.layouts_changed({(Board.FC, "b"): "v2"}, 41.65)
     tap.notice(Notice.STOP, 41.6)
-    setpoint, read, written, opened, lost, client, stop = queue.take(10)
+    setpoint, read, written, opened, lost, layouts, stop = queue.take(10)
 
     assert (setpoint.received, setpoint.attachment) == (41.9, b"s" * 32)
     assert (setpoint.issuer, setpoint.source) == ("holder", "0a1b")
@@ -60,10 +62,26 @@ def test_setpoints_and_bytes_have_the_time_they_were_taken_elsewhere():
     assert (written.received, written.issuer) == (41.7, "release")
     assert msgpack.unpackb(opened.payload) == {"port": "/dev/ttyUSB0", "baud": 57600}
     assert msgpack.unpackb(lost.payload) == {"reason": "gone"}
-    assert Notice.of(client) is Notice.CLIENT
-    assert msgpack.unpackb(client.payload) == {"name": "pad", "is_here": True}
+    assert Notice.of(layouts) is Notice.LAYOUTS
+    assert msgpack.unpackb(layouts.payload) == {"layouts": [["fc", "b", "v2"]]}
     assert (Notice.of(stop), stop.received, stop.payload) == (Notice.STOP, 41.6, b"")
     assert Notice.of(read) is None
+
+
+def test_what_the_flight_core_is_told_and_decides_stands_in_order():
+    tap, queue = tapped()
+    tap.ticked(41.0, 0.0)
+    tap.fed(MotorsReported(True), 41.1, DUE)
+    tap.fed(ClientGone("pilot"), 41.2, DUE)
+    tap.ticked(41.3, 2.5)
+    tick, gone, late = queue.take(10)
+
+    assert [entry.kind for entry in (tick, gone, late)] == [Kind.EVENT] * 3
+    assert [entry.suffix for entry in (tick, gone, late)] == [TICK, "core/ClientGone", TICK]
+    assert [entry.received for entry in (tick, gone, late)] == [41.0, 41.2, 41.3]
+    assert unpack_event(gone.suffix, gone.payload) == ClientGone("pilot")
+    assert msgpack.unpackb(gone.payload)["reply"]["is_due"] is True
+    assert (tick.payload, msgpack.unpackb(late.payload)) == (b"", {"slept": 2.5})
 
 
 def test_an_image_becomes_an_entry_on_the_writing_thread():

@@ -12,11 +12,9 @@ from mcap.reader import make_reader
 from mkdaemon.bus.schema import schema_json
 from mkdaemon.errors import ConfigError, MkError
 from mkdaemon.record.entry import HOLDER, STRANGER, Kind
-from mkdaemon.record.glance import glance
-from mkdaemon.record.patterns import matches_any
-from mkdaemon.record.reader import Recording
+from mkdaemon.record.reader import Recording, matches_any
 from mkdaemon.record.rewrite import Selection, cut, merge, recover
-from mkdaemon.record.summary import summarise
+from mkdaemon.record.summary import glance, summarise
 from mkdaemon.record.view import JsonView
 from mkdaemon.record.writer import RecordingWriter
 from tests.record.support import BASE, SESSION, sample

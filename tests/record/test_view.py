@@ -11,8 +11,7 @@ import pytest
 from mkdaemon.bus.schema import schema_json, schema_names
 from mkdaemon.record.entry import Kind
 from mkdaemon.record.layout import ChannelFacts
-from mkdaemon.record.view import JsonView
-from mkdaemon.record.viewschema import flatten_schema
+from mkdaemon.record.view import JsonView, flatten_schema
 from tests.record.support import sample
 
 VIEW = JsonView(schema_json)

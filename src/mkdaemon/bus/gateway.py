@@ -193,13 +193,9 @@ class Bus:
         """Hear of every client that shows or loses its liveliness token, those already there first."""
         loop = self._loop
 
-        def record_and_watch(name: str, is_here: bool) -> None:
-            self._recorder.client(name, is_here)
-            watcher(name, is_here)
-
         def on_token(sample: zenoh.Sample) -> None:
             name = str(sample.key_expr).rpartition("/")[2]
-            loop.call_soon_threadsafe(record_and_watch, name, sample.kind == zenoh.SampleKind.PUT)
+            loop.call_soon_threadsafe(watcher, name, sample.kind == zenoh.SampleKind.PUT)
 
         self._session.liveliness().declare_subscriber(
             key(self.vehicle, "client/*"), zenoh.handlers.Callback(on_token, indirect=False), history=True

@@ -39,9 +39,6 @@ class BusRecorder(Protocol):
     def reply(self, suffix: str, payload: bytes, encoding: str, exchange: int) -> None:
         """Take the answer to a command."""
 
-    def client(self, name: str, is_here: bool) -> None:
-        """Take a client's coming or going."""
-
 
 class NoRecorder:
     """Where nothing is recorded."""
@@ -61,9 +58,6 @@ class NoRecorder:
         """Take no notice."""
 
     def reply(self, suffix: str, payload: bytes, encoding: str, exchange: int) -> None:
-        """Take no notice."""
-
-    def client(self, name: str, is_here: bool) -> None:
         """Take no notice."""
 
 

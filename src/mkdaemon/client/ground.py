@@ -18,8 +18,7 @@ from mkdaemon.record.entry import TimeBase
 from mkdaemon.record.folder import Limits, RecordingFolder, recording_name
 from mkdaemon.record.layout import Session
 from mkdaemon.record.queue import EntryQueue
-from mkdaemon.record.recorder import Recorder, RecorderReport
-from mkdaemon.record.thread import RecorderThread
+from mkdaemon.record.recorder import Recorder, RecorderReport, RecorderThread
 from mkdaemon.record.view import JsonView
 
 PREFIX: Final = "ground"

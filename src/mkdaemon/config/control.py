@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Self
+from typing import Final, Self
 
 from pydantic import Field, model_validator
 
 from mkdaemon.config.autopilot import AutopilotConfig
 from mkdaemon.config.base import Section
+
+LOWEST_HOVER: Final = -67.0
+"""Smallest throttle that is believed to carry an aircraft [stick from the centre]: 60 counts of 254."""
+HIGHEST_HOVER: Final = 63.0
+"""Largest throttle that is believed to carry an aircraft [stick from the centre]: 190 counts of 254."""
 
 
 class LimiterConfig(Section):
@@ -29,7 +34,7 @@ class LimiterConfig(Section):
     """Fastest change of throttle [stick/s]."""
     setpoint_ttl: float = Field(default=0.3, gt=0, le=1.0)
     """Age from which a setpoint counts as stale, whatever longer life it claims [s]; docs/safety.md."""
-    hover_throttle: float = Field(default=-2.0, ge=-127, le=127)
+    hover_throttle: float = Field(default=-2.0, ge=LOWEST_HOVER, le=HIGHEST_HOVER)
     """Throttle that carries the aircraft, held while a setpoint is stale [stick from the centre]; about 125 of 254."""
 
     @model_validator(mode="after")

@@ -7,7 +7,7 @@ from typing import Any
 
 from mkdaemon.control.limiter import StickCounts, Sticks
 from mkdaemon.telemetry.command import CommandResult
-from mkdaemon.telemetry.control import ErrorValue, EstimateValue, LeaseState, Phase
+from mkdaemon.telemetry.control import ErrorValue, EstimateValue, LeaseState, Outcome, Phase
 from mkdaemon.telemetry.navi import NaviFlight
 
 
@@ -59,6 +59,7 @@ class PublishStatus:
     manoeuvre: str | None
     stage: str
     is_done: bool
+    outcome: Outcome | None
     pilots_throttle: float | None
     hands: str
 
@@ -121,8 +122,3 @@ class Warn:
 Report = ReportMode | ReportFailsafe | ReportCommand | Warn
 """What goes into the audit trail."""
 Action = SendSticks | Release | PublishEstimate | PublishError | PublishNavi | PublishStatus | Report
-
-
-@dataclass(frozen=True, slots=True)
-class ReadGate:
-    """Read ExternalControl of the active set, then ask for the lease again with what was read."""

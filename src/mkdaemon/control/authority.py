@@ -8,21 +8,63 @@ Source: docs/safety.md.
 from __future__ import annotations
 
 from collections.abc import Callable
-from secrets import token_hex
+from dataclasses import dataclass
 
 from mkdaemon.config.control import ControlConfig
-from mkdaemon.control.decisions import Decision, Fly, ReleaseOrder, SendNothing
 from mkdaemon.control.lease import Lease
-from mkdaemon.control.modes import IN_FLIGHT, Event, Reaction, Row, Situation, find_row
-from mkdaemon.control.setpoints import Guided, landing_of
+from mkdaemon.control.limiter import Sticks
+from mkdaemon.control.manoeuvres.manoeuvre import Step
+from mkdaemon.control.modes import IN_FLIGHT, Reaction, Row, Situation, Trigger, find_row
 from mkdaemon.errors import CommandRejectedError
-from mkdaemon.telemetry.control import LeaseGrant, LeaseState, Phase, Progress
+from mkdaemon.telemetry.control import LeaseGrant, LeaseState, Outcome, Phase, Progress
 from mkdaemon.telemetry.refusals import Token, refuse
 from mkdaemon.telemetry.setpoint import Setpoint
-from mkdaemon.telemetry.signature import Signature
+from mkdaemon.telemetry.signature import HolderKey
 
-Guide = Callable[[Setpoint, float, bool], Guided]
+Guide = Callable[[Setpoint, float, bool], Step]
 """Turns a setpoint into sticks, at a time [s]; whether its sticks are being sent."""
+
+
+@dataclass(frozen=True, slots=True)
+class SendNothing:
+    """Send nothing."""
+
+
+@dataclass(frozen=True, slots=True)
+class Fly:
+    """Send these sticks, through the limiter, which levels them when they are too old.
+
+    Attributes:
+        sticks: what the holder of the lease asked for [stick; FLU].
+        age: time since it arrived [s].
+        ttl: time it claims to hold [s].
+        epoch: the lease.
+        sequence: the setpoint's number.
+    """
+
+    sticks: Sticks
+    age: float
+    ttl: float
+    epoch: int
+    sequence: int
+
+
+@dataclass(frozen=True, slots=True)
+class ReleaseOrder:
+    """Release the aircraft now, and call `released` when that is done.
+
+    Attributes:
+        reason: why, one sentence.
+        holder: who lost the lease; empty for nobody.
+        asked: somebody asked for it, so it is no failsafe.
+    """
+
+    reason: str
+    holder: str
+    asked: bool
+
+
+Decision = SendNothing | Fly | ReleaseOrder
 
 
 class Authority:
@@ -33,11 +75,10 @@ class Authority:
         reason: why, one sentence.
         refused: setpoints refused since the start.
         progress: what is flown, and how far it is; None while no setpoint's sticks are sent.
+        outcome: how the last manoeuvre of the newest lease ended by itself; None while it has not.
     """
 
-    def __init__(
-        self, cfg: ControlConfig, *, first_epoch: int, guide: Guide, new_secret: Callable[[], str] = token_hex
-    ) -> None:
+    def __init__(self, cfg: ControlConfig, *, first_epoch: int, guide: Guide) -> None:
         """Start with nobody flying.
 
         Args:
@@ -45,10 +86,8 @@ class Authority:
             first_epoch: epoch of the first lease; must be above every epoch of an earlier run of the daemon, so that
                 nothing a client still streams from before is applied.
             guide: turns a setpoint into sticks.
-            new_secret: makes the secret of a lease.
         """
         self._cfg = cfg
-        self._new_secret = new_secret
         self._next_epoch = first_epoch
         self._guide = guide
         self._lease: Lease | None = None
@@ -57,6 +96,7 @@ class Authority:
         self.reason = "nobody has taken the lease"
         self.refused = 0
         self.progress: Progress | None = None
+        self.outcome: Outcome | None = None
 
     # -- what is known --------------------------------------------------------------------------------------------
 
@@ -79,11 +119,14 @@ class Authority:
 
     # -- what clients ask for -------------------------------------------------------------------------------------
 
-    def take(self, holder: str, now: float, *, ttl: float | None = None, force: bool = False) -> LeaseGrant:
+    def take(
+        self, holder: str, secret: str, now: float, *, ttl: float | None = None, force: bool = False
+    ) -> LeaseGrant:
         """Give the lease to a client; another one of the present holder's name is another client.
 
         Args:
             holder: its name.
+            secret: what nobody else knows.
             now: [s].
             ttl: life without a sign of life, if shorter than configured [s].
             force: take it from whoever holds it.
@@ -97,12 +140,12 @@ class Authority:
         if present is None and self.phase is Phase.RELEASING:
             raise refuse(Token.BUSY, detail="a release is under way")
         if present is not None:
-            self.end(Event.LEASE_TAKEN_OVER, taker=holder)
+            self.end(Trigger.LEASE_TAKEN_OVER, taker=holder)
         life = self._cfg.lease.ttl if ttl is None else min(ttl, self._cfg.lease.ttl)
-        secret = self._new_secret()
         self._lease = Lease(holder, self._next_epoch, secret, life, sign_of_life=now, since=now, arrived=now)
         self._next_epoch += 1
-        self._move(Event.LEASE_TAKEN)
+        self.outcome = None
+        self._move(Trigger.LEASE_TAKEN)
         return LeaseGrant(**self._lease.shown(now).__dict__, secret=secret)
 
     def renew(self, epoch: int, secret: str, now: float) -> LeaseState:
@@ -119,14 +162,14 @@ class Authority:
             CommandRejectedError: `not_leased`, `wrong_epoch`, `not_holder`.
         """
         self._check(epoch).check_secret(secret)
-        self.end(Event.LEASE_RETURNED)
+        self.end(Trigger.LEASE_RETURNED)
 
     def client_gone(self, holder: str) -> None:
         """End the lease if this client held it: the client died."""
         if self._lease is not None and self._lease.holder == holder:
-            self.end(Event.CLIENT_GONE)
+            self.end(Trigger.CLIENT_GONE)
 
-    def end(self, event: Event, **words: str) -> None:
+    def end(self, event: Trigger, **words: str) -> None:
         """End the lease, whoever holds it, and release the aircraft at the next tick, even if nobody holds the lease.
 
         Args:
@@ -143,19 +186,19 @@ class Authority:
         Raises:
             CommandRejectedError: `nothing_flown`.
         """
-        if self._move(Event.ABORT_REQUESTED, cause=cause) is None and self.phase is not Phase.ABORTED:
+        if self._move(Trigger.ABORT_REQUESTED, cause=cause) is None and self.phase is not Phase.ABORTED:
             raise refuse(Token.NOTHING_FLOWN, phase=self.reason)
 
     def battery_low(self, cause: str, *, can_land: bool) -> None:
         """End the flight because the battery is low: with a landing where a target is in sight, else with a release."""
         situation = Situation(is_held=self._lease is not None, can_land=can_land)
-        row = find_row(self.phase, Event.BATTERY_LOW, situation)
+        row = find_row(self.phase, Trigger.BATTERY_LOW, situation)
         if row is not None and row.reaction is Reaction.RELEASE:
             self._pending = self._release_order(row, cause=cause)
         elif row is not None:
             self.phase, self.reason = row.target, self._reason(row, cause=cause)
 
-    def offer(self, setpoint: Setpoint, now: float, signature: Signature) -> bool:
+    def offer(self, setpoint: Setpoint, now: float, signed_for: int) -> bool:
         """Take a setpoint; the newest of the present lease wins.
 
         Returns:
@@ -164,25 +207,49 @@ class Authority:
         Raises:
             CommandRejectedError: `not_leased`, `wrong_epoch`, `not_holder`, `stale_sequence`, `sequence_jump`.
         """
-        lease = self.check_setpoint(setpoint, signature)
+        lease = self.check_setpoint(setpoint, signed_for)
         is_first = lease.newest is None
         lease.take_setpoint(setpoint, self._cfg.lease, now)
         return is_first
 
-    def is_signed_by_holder(self, signature: Signature) -> bool:
-        """Whether who holds the lease signed this."""
-        lease = self._lease
-        return lease is not None and signature.is_by(lease.secret)
+    def refuse_setpoint(self, setpoint: Setpoint, now: float, *, goes_on: bool) -> None:
+        """Take note that a setpoint of the holder was refused; see `Lease.refuse_setpoint`."""
+        self.refused += 1
+        if self._lease is not None and self._lease.epoch == setpoint.epoch:
+            self._lease.refuse_setpoint(setpoint, now, goes_on=goes_on)
 
-    def check_setpoint(self, setpoint: Setpoint, signature: Signature) -> Lease:
+    @property
+    def holder_key(self) -> HolderKey | None:
+        """By which setpoints of the present holder are told from others; None while nobody holds the lease."""
+        return None if self._lease is None else HolderKey(self._lease.epoch, self._lease.secret)
+
+    def is_present(self, epoch: int) -> bool:
+        """Whether the present lease has this epoch."""
+        return self._lease is not None and self._lease.epoch == epoch
+
+    def refuse_unsigned(self, setpoint: Setpoint) -> CommandRejectedError:
+        """Why a setpoint is refused that the holder did not sign: `not_leased`, `wrong_epoch`, `not_holder`."""
+        self.refused += 1
+        try:
+            return self._check(setpoint.epoch).not_holder()
+        except CommandRejectedError as error:
+            return error
+
+    def check_setpoint(self, setpoint: Setpoint, signed_for: int) -> Lease:
         """Return the lease a setpoint stands on; take nothing yet.
+
+        Args:
+            setpoint: what is asked for.
+            signed_for: epoch of the lease whose holder signed it.
 
         Raises:
             CommandRejectedError: see `offer`.
         """
         try:
             lease = self._check(setpoint.epoch)
-            lease.check_setpoint(setpoint, signature)
+            if signed_for != lease.epoch:
+                raise lease.not_holder()
+            lease.check_setpoint(setpoint)
         except CommandRejectedError:
             self.refused += 1
             raise
@@ -202,14 +269,14 @@ class Authority:
             return SendNothing()
         is_in_flight = self.phase in IN_FLIGHT
         guided = None if lease.newest is None else self._guide(lease.newest, now, is_in_flight)
-        if guided is not None and is_in_flight and (guided.failure or guided.finished):
-            event = Event.GUIDANCE_LOST if guided.failure else Event.FLIGHT_FINISHED
-            self.end(event, cause=guided.failure or guided.finished)
-            self.progress = flown
+        if guided is not None and is_in_flight and guided.end is not None:
+            event = Trigger.GUIDANCE_LOST if guided.end.is_failure else Trigger.FLIGHT_FINISHED
+            self.end(event, cause=guided.end.words)
+            self.progress, self.outcome = flown, guided.end.outcome
             return self.tick(now)
         words = {"silence": f"{lease.silence(now, is_in_flight=is_in_flight):.2f}"}
         words["obstacle"] = "" if guided is None else guided.obstacle
-        row = self._move(Event.TICK, self._judge(lease, guided, now), **words)
+        row = self._move(Trigger.TICK, self._judge(lease, guided, now), **words)
         if row is None or row.reaction is Reaction.NOTHING:
             return SendNothing()
         if row.reaction is Reaction.RELEASE:
@@ -217,14 +284,13 @@ class Authority:
             return ReleaseOrder(self.reason, lease.holder, row.is_asked)
         assert lease.newest is not None
         assert guided is not None
-        followed = landing_of(lease.newest) if self.phase is Phase.LANDING else lease.newest
-        self.progress = Progress(followed.kind, guided.stage, guided.is_done)
+        self.progress = Progress(guided.manoeuvre, guided.stage, guided.is_done)
         return Fly(guided.sticks, now - lease.arrived, lease.newest.ttl, lease.epoch, lease.newest.sequence)
 
     def released(self, now: float) -> None:
         """Note that the release is done, or queued as the first bytes after the line comes back."""
         owed = self._pending is not None
-        row = self._move(Event.RELEASE_DONE, Situation(is_held=self._lease is not None, is_release_owed=owed))
+        row = self._move(Trigger.RELEASE_DONE, Situation(is_held=self._lease is not None, is_release_owed=owed))
         if row is not None and row.target is Phase.LEASED and self._lease is not None:
             self._lease.sign_of_life = now
 
@@ -237,7 +303,7 @@ class Authority:
             raise refuse(Token.WRONG_EPOCH, epoch=epoch, current=self._lease.epoch)
         return self._lease
 
-    def _judge(self, lease: Lease, guided: Guided | None, now: float) -> Situation:
+    def _judge(self, lease: Lease, guided: Step | None, now: float) -> Situation:
         """Gather what the guards of a tick look at."""
         cfg, is_in_flight = self._cfg, self.phase in IN_FLIGHT
         is_silent = lease.silence(now, is_in_flight=is_in_flight) >= (
@@ -253,7 +319,7 @@ class Authority:
             is_fresh=now - lease.arrived <= lease.setpoint_life(cfg.limiter),
         )
 
-    def _move(self, event: Event, situation: Situation | None = None, **words: str) -> Row | None:
+    def _move(self, event: Trigger, situation: Situation | None = None, **words: str) -> Row | None:
         """Take the row of an event, if there is one."""
         row = find_row(self.phase, event, situation or Situation(is_held=self._lease is not None))
         if row is not None:

@@ -8,7 +8,7 @@ from typing import Final
 from mkdaemon.control.activeset import ActiveSet
 from mkdaemon.control.authority import Authority
 from mkdaemon.control.batterywatch import BatteryWatch
-from mkdaemon.control.modes import IN_FLIGHT, Event
+from mkdaemon.control.modes import IN_FLIGHT, Trigger
 from mkdaemon.control.patience import LinePatience
 from mkdaemon.control.vehicle import VehicleFacts
 from mkdaemon.telemetry.setpoint import AttitudeSetpoint, StickSetpoint
@@ -50,11 +50,11 @@ class FlightWatch:
             # What an earlier flight found must not end this one: the battery may be another.
             self._epoch, self._has_landed, self.battery = lease.epoch, False, BatteryWatch(self._facts)
         if link is not None and self._patience.is_over(link, now):
-            self._authority.end(Event.LINK_LOST, cause=f"{link.condition.value}: {link.reason}")
+            self._authority.end(Trigger.LINK_LOST, cause=f"{link.condition.value}: {link.reason}")
         elif self._facts.is_receiver_lost(now):
-            self._authority.end(Event.RECEIVER_LOST)
+            self._authority.end(Trigger.RECEIVER_LOST)
         elif self._authority.phase in IN_FLIGHT and (cause := self._other_control(now)):
-            self._authority.end(Event.CONTROL_IMPOSSIBLE, cause=cause)
+            self._authority.end(Trigger.CONTROL_IMPOSSIBLE, cause=cause)
         elif self._authority.phase in IN_FLIGHT:
             self.battery.look(found, now)
             if self.battery.warning is not None and self.battery.has_lasted and not self._has_landed:

@@ -9,8 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
-from mkdaemon.control.guidance.landing import LandingPhase
-from mkdaemon.control.guidance.takeoff import TakeOffPhase
+from mkdaemon.control.manoeuvres.land import LandingPhase
+from mkdaemon.control.manoeuvres.take_off import TakeOffPhase
 from mkdaemon.control.modes import IN_FLIGHT
 from mkdaemon.telemetry.control import Phase, Progress
 from mkdaemon.telemetry.setpoint import AttitudeSetpoint, LandSetpoint, StickSetpoint, TakeOffSetpoint

@@ -7,10 +7,10 @@ from hmac import compare_digest
 from typing import Final
 
 from mkdaemon.config.control import LeaseConfig, LimiterConfig
+from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.control import LeaseState
 from mkdaemon.telemetry.refusals import Token, refuse
 from mkdaemon.telemetry.setpoint import Setpoint
-from mkdaemon.telemetry.signature import Signature
 
 LONGEST_JUMP: Final = 10_000
 """Most that the sequence may grow from one setpoint to the next: 200 s of a stream at 50 Hz."""
@@ -29,6 +29,7 @@ class Lease:
         since: since when its stream lives without a pause [s].
         arrived: when the newest setpoint did [s].
         newest: that setpoint; None before the first.
+        sequence: number of the last setpoint that its holder sent, taken or refused; None before the first.
     """
 
     holder: str
@@ -39,6 +40,7 @@ class Lease:
     since: float
     arrived: float
     newest: Setpoint | None = None
+    sequence: int | None = None
 
     def shown(self, now: float) -> LeaseState:
         """Return the lease as the bus shows it."""
@@ -52,19 +54,21 @@ class Lease:
             CommandRejectedError: `not_holder`.
         """
         if not compare_digest(secret.encode(), self.secret.encode()):
-            raise refuse(Token.NOT_HOLDER, holder=self.holder)
+            raise self.not_holder()
 
-    def check_setpoint(self, setpoint: Setpoint, signature: Signature) -> None:
-        """Make sure that the holder streams it, that it is newer than the last one, and not unbelievably so.
+    def not_holder(self) -> CommandRejectedError:
+        """Why somebody else is refused."""
+        return refuse(Token.NOT_HOLDER, holder=self.holder)
+
+    def check_setpoint(self, setpoint: Setpoint) -> None:
+        """Make sure that a setpoint is newer than the last one, and not unbelievably so.
 
         Raises:
-            CommandRejectedError: `not_holder`, `stale_sequence`, `sequence_jump`.
+            CommandRejectedError: `stale_sequence`, `sequence_jump`.
         """
-        if not signature.is_by(self.secret):
-            raise refuse(Token.NOT_HOLDER, holder=self.holder)
-        if self.newest is None:
+        if self.sequence is None:
             return
-        sequence, last = setpoint.sequence, self.newest.sequence
+        sequence, last = setpoint.sequence, self.sequence
         if sequence <= last:
             raise refuse(Token.STALE_SEQUENCE, sequence=sequence, last=last)
         if sequence - last > LONGEST_JUMP:
@@ -75,7 +79,19 @@ class Lease:
         if self.newest is None or now - self.arrived > 1.0 / cfg.engage_rate:
             self.since = now
         self.sign_of_life = self.arrived = now
-        self.newest = setpoint
+        self.newest, self.sequence = setpoint, setpoint.sequence
+
+    def refuse_setpoint(self, setpoint: Setpoint, now: float, *, goes_on: bool) -> None:
+        """Take note of a setpoint of the holder that was refused: it is spent, or a stranger could send it again.
+
+        Args:
+            setpoint: what was refused.
+            now: when it arrived [s].
+            goes_on: what is flown keeps its place, so it is flown on while its holder streams anything.
+        """
+        self.sign_of_life, self.sequence = now, setpoint.sequence
+        if goes_on and self.newest is not None:
+            self.arrived = now
 
     def setpoint_life(self, cfg: LimiterConfig) -> float:
         """Time the newest setpoint holds [s]."""

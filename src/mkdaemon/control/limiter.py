@@ -81,6 +81,7 @@ def limit(
     layout: str,
     cfg: LimiterConfig,
     throttle_cap: float | None = None,
+    hover: float | None = None,
 ) -> Sticks:
     """Bound a stick command before it may reach the wire.
 
@@ -94,6 +95,7 @@ def limit(
         cfg: bounds.
         throttle_cap: the pilot's throttle where it is known, or the last one on the ground [stick]; bounds the
             throttle of a stale command.
+        hover: throttle that carries the aircraft by the estimate [stick]; the configured one where there is none.
 
     Returns:
         `wanted` clipped, then moved from `last` by no more than the slew allows, without a gesture; neutral at hover
@@ -103,14 +105,15 @@ def limit(
         ValueError: a number is NaN or infinite, or `dt` is not positive.
         KeyError: no such layout.
     """
-    numbers = (*astuple(wanted), *astuple(last), age, ttl, dt, throttle_cap or 0.0)
+    numbers = (*astuple(wanted), *astuple(last), age, ttl, dt, throttle_cap or 0.0, hover or 0.0)
     if not all(math.isfinite(number) for number in numbers) or dt <= 0:
         msg = f"cannot limit {wanted} after {last}: age {age} s, ttl {ttl} s, dt {dt} s"
         raise ValueError(msg)
     room = RANGES[layout]
     low, high = max(cfg.min_throttle, room.lowest), min(cfg.max_throttle, room.highest)
     if not 0.0 <= age <= min(ttl, cfg.setpoint_ttl):
-        hover = cfg.hover_throttle if throttle_cap is None else min(cfg.hover_throttle, throttle_cap)
+        carries = cfg.hover_throttle if hover is None else hover
+        hover = carries if throttle_cap is None else min(carries, throttle_cap)
         return Sticks(0.0, 0.0, 0.0, _clip(hover, low, high))
     step = min(dt, LONGEST_STEP)
     return _without_gesture(

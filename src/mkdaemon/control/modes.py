@@ -14,7 +14,7 @@ from typing import Final
 from mkdaemon.telemetry.control import Phase
 
 
-class Event(StrEnum):
+class Trigger(StrEnum):
     """What can happen to authority."""
 
     TICK = "tick"
@@ -140,7 +140,7 @@ class Row:
     """
 
     sources: tuple[Phase, ...]
-    event: Event
+    event: Trigger
     guard: Guard
     target: Phase
     reaction: Reaction
@@ -159,55 +159,57 @@ _FLIES: Final = "{holder} flies"
 _OLD: Final = "the setpoint is too old: neutral sticks"
 
 
-def _release(event: Event, sources: tuple[Phase, ...], reason: str, *, is_asked: bool = False) -> Row:
+def _release(event: Trigger, sources: tuple[Phase, ...], reason: str, *, is_asked: bool = False) -> Row:
     return Row(sources, event, ALWAYS, _RELEASING, Reaction.RELEASE, reason, is_asked)
 
 
 ROWS: Final = (
-    Row((_FREE, *_HELD), Event.LEASE_TAKEN, ALWAYS, _LEASED, Reaction.NOTHING, _WAITING, is_asked=True),
-    Row((_RELEASING,), Event.LEASE_TAKEN, ALWAYS, _RELEASING, Reaction.NOTHING, "{reason}", is_asked=True),
-    Row((_LEASED,), Event.TICK, SILENT, _RELEASING, Reaction.RELEASE, "no sign of life from {holder} for {silence} s"),
-    Row((_LEASED,), Event.TICK, NOT_READY, _LEASED, Reaction.NOTHING, "{holder} streams; waiting for {obstacle}"),
-    Row((_LEASED,), Event.TICK, READY, _FLYING, Reaction.STICKS, _FLIES),
-    Row((_LEASED,), Event.TICK, READY_BUT_OLD, _STALE, Reaction.NEUTRAL, _OLD),
-    Row(IN_FLIGHT, Event.TICK, SILENT, _RELEASING, Reaction.RELEASE, "no setpoint from {holder} for {silence} s"),
-    Row(_STREAMED, Event.TICK, FRESH, _FLYING, Reaction.STICKS, _FLIES),
-    Row(_STREAMED, Event.TICK, TOO_OLD, _STALE, Reaction.NEUTRAL, _OLD),
+    Row((_FREE, *_HELD), Trigger.LEASE_TAKEN, ALWAYS, _LEASED, Reaction.NOTHING, _WAITING, is_asked=True),
+    Row((_RELEASING,), Trigger.LEASE_TAKEN, ALWAYS, _RELEASING, Reaction.NOTHING, "{reason}", is_asked=True),
+    Row(
+        (_LEASED,), Trigger.TICK, SILENT, _RELEASING, Reaction.RELEASE, "no sign of life from {holder} for {silence} s"
+    ),
+    Row((_LEASED,), Trigger.TICK, NOT_READY, _LEASED, Reaction.NOTHING, "{holder} streams; waiting for {obstacle}"),
+    Row((_LEASED,), Trigger.TICK, READY, _FLYING, Reaction.STICKS, _FLIES),
+    Row((_LEASED,), Trigger.TICK, READY_BUT_OLD, _STALE, Reaction.NEUTRAL, _OLD),
+    Row(IN_FLIGHT, Trigger.TICK, SILENT, _RELEASING, Reaction.RELEASE, "no setpoint from {holder} for {silence} s"),
+    Row(_STREAMED, Trigger.TICK, FRESH, _FLYING, Reaction.STICKS, _FLIES),
+    Row(_STREAMED, Trigger.TICK, TOO_OLD, _STALE, Reaction.NEUTRAL, _OLD),
     Row(
         (*_STREAMED, _LANDING),
-        Event.ABORT_REQUESTED,
+        Trigger.ABORT_REQUESTED,
         ALWAYS,
         _ABORTED,
         Reaction.NOTHING,
         "aborted: {cause}",
         is_asked=True,
     ),
-    Row((_ABORTED,), Event.TICK, FRESH, _ABORTED, Reaction.HOLD, "{reason}"),
-    Row((_ABORTED,), Event.TICK, TOO_OLD, _ABORTED, Reaction.NEUTRAL, "{reason}"),
-    Row(_UNTIL_LANDING, Event.BATTERY_LOW, CAN_LAND, _LANDING, Reaction.NOTHING, "{cause} It lands on the target."),
-    Row((_LANDING,), Event.TICK, FRESH, _LANDING, Reaction.LAND, "{reason}"),
-    Row((_LANDING,), Event.TICK, TOO_OLD, _LANDING, Reaction.NEUTRAL, "{reason}"),
-    _release(Event.BATTERY_LOW, _UNTIL_LANDING, "{cause} No target is in sight to land on: the pilot lands."),
-    _release(Event.LEASE_TAKEN_OVER, (*_HELD, _RELEASING), "{taker} took the lease from {holder}", is_asked=True),
-    _release(Event.LEASE_RETURNED, (*_HELD, _RELEASING), "{holder} gave the lease back", is_asked=True),
-    _release(Event.RELEASE_REQUESTED, tuple(Phase), "{cause}", is_asked=True),
-    _release(Event.CLIENT_GONE, (*_HELD, _RELEASING), "client {holder} is gone"),
-    _release(Event.LINK_LOST, _HELD, "the link is {cause}"),
-    _release(Event.CONTROL_IMPOSSIBLE, IN_FLIGHT, "external control is not possible: {cause}"),
-    _release(Event.LINE_RELEASING, IN_FLIGHT, "{cause}"),
-    _release(Event.GUIDANCE_LOST, IN_FLIGHT, "{cause}"),
-    _release(Event.FLIGHT_FINISHED, IN_FLIGHT, "{cause}", is_asked=True),
-    _release(Event.STALLED, IN_FLIGHT, "the daemon stood still for {cause} s"),
-    _release(Event.RECEIVER_LOST, IN_FLIGHT, "the receiver is lost: the FlightCtrl ignores stick frames and lands"),
-    _release(Event.GUARD_ACTED, tuple(Phase), "the guard released the aircraft: {cause}"),
-    Row((_RELEASING,), Event.RELEASE_DONE, RELEASE_OWED, _RELEASING, Reaction.NOTHING, "{reason}"),
-    Row((_RELEASING,), Event.RELEASE_DONE, HELD, _LEASED, Reaction.NOTHING, _WAITING),
-    Row((_RELEASING,), Event.RELEASE_DONE, NOT_HELD, _FREE, Reaction.NOTHING, "{reason}"),
+    Row((_ABORTED,), Trigger.TICK, FRESH, _ABORTED, Reaction.HOLD, "{reason}"),
+    Row((_ABORTED,), Trigger.TICK, TOO_OLD, _ABORTED, Reaction.NEUTRAL, "{reason}"),
+    Row(_UNTIL_LANDING, Trigger.BATTERY_LOW, CAN_LAND, _LANDING, Reaction.NOTHING, "{cause} It lands on the target."),
+    Row((_LANDING,), Trigger.TICK, FRESH, _LANDING, Reaction.LAND, "{reason}"),
+    Row((_LANDING,), Trigger.TICK, TOO_OLD, _LANDING, Reaction.NEUTRAL, "{reason}"),
+    _release(Trigger.BATTERY_LOW, _UNTIL_LANDING, "{cause} No target is in sight to land on: the pilot lands."),
+    _release(Trigger.LEASE_TAKEN_OVER, (*_HELD, _RELEASING), "{taker} took the lease from {holder}", is_asked=True),
+    _release(Trigger.LEASE_RETURNED, (*_HELD, _RELEASING), "{holder} gave the lease back", is_asked=True),
+    _release(Trigger.RELEASE_REQUESTED, tuple(Phase), "{cause}", is_asked=True),
+    _release(Trigger.CLIENT_GONE, (*_HELD, _RELEASING), "client {holder} is gone"),
+    _release(Trigger.LINK_LOST, _HELD, "the link is {cause}"),
+    _release(Trigger.CONTROL_IMPOSSIBLE, IN_FLIGHT, "external control is not possible: {cause}"),
+    _release(Trigger.LINE_RELEASING, IN_FLIGHT, "{cause}"),
+    _release(Trigger.GUIDANCE_LOST, IN_FLIGHT, "{cause}"),
+    _release(Trigger.FLIGHT_FINISHED, IN_FLIGHT, "{cause}", is_asked=True),
+    _release(Trigger.STALLED, IN_FLIGHT, "the daemon stood still for {cause} s"),
+    _release(Trigger.RECEIVER_LOST, IN_FLIGHT, "the receiver is lost: the FlightCtrl ignores stick frames and lands"),
+    _release(Trigger.GUARD_ACTED, tuple(Phase), "the guard released the aircraft: {cause}"),
+    Row((_RELEASING,), Trigger.RELEASE_DONE, RELEASE_OWED, _RELEASING, Reaction.NOTHING, "{reason}"),
+    Row((_RELEASING,), Trigger.RELEASE_DONE, HELD, _LEASED, Reaction.NOTHING, _WAITING),
+    Row((_RELEASING,), Trigger.RELEASE_DONE, NOT_HELD, _FREE, Reaction.NOTHING, "{reason}"),
 )
 """Every transition. A release takes effect at the next tick; what happens in between is judged from the same phase."""
 
 
-def find_row(phase: Phase, event: Event, situation: Situation) -> Row | None:
+def find_row(phase: Phase, event: Trigger, situation: Situation) -> Row | None:
     """Return the row an event takes from a phase; None where nothing changes.
 
     Args:

@@ -6,7 +6,7 @@ from typing import Final
 
 from mkdaemon.config.control import ControlConfig
 from mkdaemon.control.actions import SendSticks
-from mkdaemon.control.decisions import Fly
+from mkdaemon.control.authority import Fly
 from mkdaemon.control.limiter import Sticks, count, limit
 from mkdaemon.control.throttlelid import ThrottleLid
 from mkdaemon.control.vehicle import VehicleFacts
@@ -62,7 +62,9 @@ class StickOutput:
         self._last = Sticks(0.0, 0.0, 0.0, sticks.throttle)
         self._made_at = now - 1.0 / self._cfg.rate
 
-    def make(self, order: Fly, layout: str, now: float, *, is_extra: bool = False) -> SendSticks:
+    def make(
+        self, order: Fly, layout: str, now: float, *, is_extra: bool = False, hover: float | None = None
+    ) -> SendSticks:
         """Limit the sticks and make a frame of them.
 
         Args:
@@ -70,6 +72,7 @@ class StickOutput:
             layout: of external control.
             now: [s].
             is_extra: it answers an image, beside those of `control.rate`.
+            hover: throttle that carries the aircraft by the estimate [stick]; None where there is none.
         """
         cfg = self._cfg.limiter
         ttl = min(order.ttl, cfg.setpoint_ttl)
@@ -82,6 +85,7 @@ class StickOutput:
             layout=layout,
             cfg=cfg,
             throttle_cap=self._throttle_cap(now),
+            hover=hover,
         )
         self._last, self._made_at = sticks, now
         self.lid.frame_made(sticks.throttle, self._facts.throttle_in_use(), now)

@@ -9,7 +9,6 @@ that comes late no frame that was sent in its place.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from typing import Final
 
 from mkdaemon.config.control import ControlConfig
@@ -34,7 +33,6 @@ class Pacing:
     """The times of the ticks.
 
     Attributes:
-        on_news: called when a tick is due sooner than `next_time` said.
         is_paced: stick frames are being sent, so no tick comes sooner than the boards can take the next one.
         is_by_images: what is flown follows what images show.
         answers_image: the present tick was brought forward by one.
@@ -47,21 +45,14 @@ class Pacing:
         self._ticks_since_image = 0
         self._ticked_at = float("-inf")
         self.is_paced = self.is_by_images = self.answers_image = self._is_image_new = False
-        self.on_news: Callable[[], None] = lambda: None
         self._is_due = True
 
     def hurry(self) -> None:
         """Note that something happened that the next tick must judge."""
         self._is_due = True
-        self.on_news()
 
-    def setpoint_taken(self) -> None:
-        """Note that a setpoint is to be followed."""
-        if not self.is_by_images:
-            self.hurry()
-
-    def image_taken(self, captured: float, *, is_ours: bool) -> None:
-        """Note that an image showed where the aircraft is.
+    def image_taken(self, captured: float, *, is_ours: bool) -> bool:
+        """Note that an image showed where the aircraft is; returns whether it is to be answered at once.
 
         Args:
             captured: middle of its exposure [s].
@@ -70,9 +61,9 @@ class Pacing:
         if is_ours:
             period, self._captured = captured - self._captured, captured
             self._image_period = period if 0.0 < period <= SLOWEST_IMAGES else None
-        if self.is_by_images and is_ours:
-            self._is_image_new = True
-            self.hurry()
+        is_answered = self.is_by_images and is_ours
+        self._is_image_new = self._is_image_new or is_answered
+        return is_answered
 
     def sends(self, *, is_flying: bool, is_by_images: bool) -> None:
         """Note what is sent from now on; see the attributes."""

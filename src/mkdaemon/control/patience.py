@@ -9,6 +9,7 @@ from mkdaemon.telemetry.link import LinkCondition, LinkState
 _PATIENCE: Final = {
     LinkCondition.DOWN: 0.0,
     LinkCondition.ABSENT: 0.0,
+    LinkCondition.CLOSED: 0.0,
     LinkCondition.MUTE: 0.15,
     LinkCondition.GARBAGE: 0.15,
 }

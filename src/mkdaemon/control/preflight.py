@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Final
 
@@ -9,11 +10,11 @@ from mkdaemon.config.control import ControlConfig
 from mkdaemon.control.activeset import UNREAD, ActiveSet
 from mkdaemon.control.checks import findings, is_ready, standing
 from mkdaemon.control.estimator.model import AircraftModel, Gap, ModelUnknown
-from mkdaemon.control.guidance.autopilot import GAS_CENTRE
-from mkdaemon.control.guidance.margins import gains_of, loop_refusal
+from mkdaemon.control.estimator.values import GAS_CENTRE
 from mkdaemon.control.knowledge import Knowledge
+from mkdaemon.control.manoeuvres.manoeuvre import Step
 from mkdaemon.control.motionmatch import MotionMatch
-from mkdaemon.control.setpoints import Guided
+from mkdaemon.control.regulator.margins import gains_of, loop_refusal
 from mkdaemon.control.vehicle import VehicleFacts
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.control import ControlLine, Gains, Obstacle
@@ -36,8 +37,11 @@ class Preflight:
         has_guard: the guard is there.
     """
 
-    def __init__(self, cfg: ControlConfig, facts: VehicleFacts) -> None:
-        self._cfg, self._facts = cfg, facts
+    def __init__(
+        self, cfg: ControlConfig, facts: VehicleFacts, target_age: Callable[[float], float | None] = lambda now: None
+    ) -> None:
+        """Check; `target_age` tells the age of the newest image of the target at a time [s]."""
+        self._cfg, self._facts, self._target_age = cfg, facts, target_age
         self.motion = MotionMatch()
         self.active_set: ActiveSet = UNREAD
         self.line = ControlLine()
@@ -66,19 +70,14 @@ class Preflight:
         if refusal is not None:
             raise refusal
 
-    def check_setpoint(self, setpoint: Setpoint, now: float) -> None:
-        """Refuse what would begin a flight against a target while a check stands in its way.
-
-        Raises:
-            CommandRejectedError: the first such check.
-        """
-        if isinstance(setpoint, StickSetpoint | AttitudeSetpoint):
-            return
+    def refusal(self, kind: type[Setpoint], now: float) -> CommandRejectedError | None:
+        """Why a flight against a target may not begin; None where it may, and for flights by hand."""
+        if kind in (StickSetpoint, AttitudeSetpoint):
+            return None
         if now - self._looked_at >= FRESH:
             self._looked_at = now
             self._obstacle = next(standing(self._known(now), Blocks.AUTONOMY), None)
-        if self._obstacle is not None:
-            raise self._obstacle
+        return self._obstacle
 
     def gains(self, *, is_flying: bool = False) -> Gains:
         """Model, gains and margins of the loop; computed once for a model, which takes too long in flight.
@@ -113,9 +112,9 @@ class Preflight:
             self._loop, self._is_loop_known = loop_refusal(self._model, self._cfg, self._gains), True
         return self._loop
 
-    def wait_for_board(self, guided: Guided) -> Guided:
+    def wait_for_board(self, step: Step) -> Step:
         """Begin no flight while a board does not listen: the first frame it hears must be one of neutral sticks."""
-        return replace(guided, obstacle=self.line.reason) if self.line.obstacle is Obstacle.DEAF else guided
+        return replace(step, obstacle=self.line.reason) if self.line.obstacle is Obstacle.DEAF else step
 
     def _known(self, now: float, *, is_quick: bool = False) -> Knowledge:
         """What the checks look at; `is_quick` leaves out what takes long to compute: the loop would stand still."""
@@ -134,9 +133,9 @@ class Preflight:
             pilot=facts.pilot(now),
             battery=facts.battery(now),
             highest_voltage=facts.highest_voltage,
-            eyes=tuple(facts.eyes.values()),
+            eyes=facts.eyes,
             contradicting=self._contradicting,
-            target_age=facts.pose_age(now),
+            target_age=self._target_age(now),
             stamps=None if is_quick else self.motion.match(now),
             free_disk=facts.free_disk,
             model=self._unknown,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, Final
 
 from mkdaemon.control.actions import (
@@ -46,13 +47,20 @@ REPORT_PERIOD: Final = 1.0
 class Reports:
     """Collects what the next tick hands out."""
 
-    def __init__(self, authority: Authority, output: StickOutput, facts: VehicleFacts) -> None:
+    def __init__(
+        self,
+        authority: Authority,
+        output: StickOutput,
+        facts: VehicleFacts,
+        pose_age: Callable[[float], float | None],
+    ) -> None:
         self._authority = authority
         self._output = output
-        self._facts = facts
+        self._pose_age = pose_age
         self._phase = authority.phase
         self._status: tuple[object, ...] | None = None
-        self._status_at = self._refusal_at = self._unsent_at = float("-inf")
+        self._status_at = self._unsent_at = float("-inf")
+        self._refusal_at = {True: float("-inf"), False: float("-inf")}
         self._waiting: list[Action] = []
         self._is_capped = self._is_battery_low = False
         self._believed: EstimateValue | None = None
@@ -68,18 +76,27 @@ class Reports:
         accepted = CommandResult(status=Status.ACCEPTED)
         self._waiting.append(ReportCommand(setpoint.suffix, setpoint.__dict__, accepted))
 
-    def setpoint_refused(self, key: str, fields: dict[str, Any], error: CommandRejectedError, now: float) -> None:
+    def setpoint_refused(
+        self, key: str, fields: dict[str, Any], error: CommandRejectedError, now: float, *, is_by_holder: bool
+    ) -> None:
         """Report a setpoint that was refused or could not be read, but not too often.
+
+        The holder's are counted apart: a stranger's must not hide what the one who flies got wrong.
 
         Args:
             key: where it came, without `mk/<vehicle>/`.
             fields: what it carried.
             error: why it was refused.
             now: [s].
+            is_by_holder: who holds the lease signed it.
         """
-        if now - self._refusal_at >= REPORT_PERIOD:
-            self._refusal_at = now
+        if now - self._refusal_at[is_by_holder] >= REPORT_PERIOD:
+            self._refusal_at[is_by_holder] = now
             self._waiting.append(ReportCommand(key, fields, refused(error)))
+
+    def target_changed(self, before: str, after: str) -> None:
+        """Report that another target is followed, because the one before was out of sight for long."""
+        self._waiting.append(Warn(f"target {after} is followed now: {before} was out of sight for too long"))
 
     def frame_not_sent(self, error: CommandRejectedError, now: float) -> None:
         """Report a stick frame that the line does not take, but not too often."""
@@ -162,10 +179,11 @@ class Reports:
                 frames_sent=self._output.sent,
                 frames_dropped=self._output.dropped(is_flying=authority.phase in IN_FLIGHT),
                 frames_confirmed=self._output.confirmed,
-                pose_age=self._facts.pose_age(now),
+                pose_age=self._pose_age(now),
                 manoeuvre=None if progress is None else progress.manoeuvre,
                 stage="" if progress is None else progress.stage,
                 is_done=progress is not None and progress.is_done,
+                outcome=authority.outcome,
                 pilots_throttle=lid,
                 hands=pilots_hands(authority.phase, progress, is_capped=lid is not None),
             )

@@ -3,14 +3,21 @@
 The FlightCtrl reports the throttle it flies with. Where that stays below everything we sent for a while, it is the
 pilot's stick. Source: docs/flying.md, "Who holds what: the throttle"; docs/protocol.md, "Debug channels of the
 FlightCtrl" and the field `throttle` of the NaviCtrl's OSD data.
+
+Two answers are given. What is shown compares the numbers as they are. What flight goes by must not take a board's own
+scale for a stick: there are boards that report their throttle after the compensation of the battery's voltage, which
+falls and rises with ours. Nobody's stick does, so the largest share of ours that was ever reported in this flight is
+the scale, and only less than that share is the pilot's.
 """
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from typing import Final
 
-from mkdaemon.control.vehicle import ThrottleReport
+from mkdaemon.control.estimator.values import GAS_CENTRE, OURS, ThrottleUse
+from mkdaemon.control.vehicle import FRESH, ThrottleReport
 
 MARGIN: Final = 6.0
 """Less than ours by more than this is the pilot's [stick]; the FlightCtrl rounds, and one count is 1.6 % of thrust."""
@@ -27,19 +34,28 @@ class ThrottleLid:
     Attributes:
         pilots_throttle: the pilot's throttle while it caps ours [stick from the centre]; None while it does not, or
             nobody says so.
+        use: what flight goes by.
     """
 
     def __init__(self) -> None:
-        self.pilots_throttle: float | None = None
         self._sent: deque[tuple[float, float]] = deque()
-        self._reported_at = self._made_at = float("-inf")
+        self._reported_at = self._made_at = -math.inf
+        self._forget()
+
+    def _forget(self) -> None:
+        """Begin anew: what was flown by hand between two flights says nothing."""
+        self._sent.clear()
+        self.pilots_throttle: float | None = None
+        self.use = OURS
         self._lower_since: float | None = None
+        self._capped_since: float | None = None
+        self._scale = 0.0
+        self._compared_at: float | None = None
 
     def frame_made(self, throttle: float, report: ThrottleReport | None, now: float) -> None:
         """Take the throttle of a stick frame that goes out now [stick; s], and the newest report."""
         if now - self._made_at > WINDOW:
-            self._sent.clear()  # another flight: what the pilot flew by hand in between says nothing
-            self._lower_since = self.pilots_throttle = None
+            self._forget()
         self._made_at = now
         self._sent.append((now, throttle))
         while now - self._sent[0][0] > 2.0 * WINDOW:
@@ -47,12 +63,28 @@ class ThrottleLid:
         if report is not None and report.at > self._reported_at:
             self._reported_at = report.at
             self._compare(report)
+        if self._compared_at is not None and now - self._compared_at > FRESH:
+            self.use = ThrottleUse(None, is_ours=False)  # there were reports, and now there are none
 
     def _compare(self, report: ThrottleReport) -> None:
         ours = [throttle for at, throttle in self._sent if report.at - WINDOW <= at <= report.at]
         if not ours or report.at - self._sent[0][0] < WINDOW:
             return
-        if report.throttle >= min(ours) - MARGIN:
+        self._compared_at = report.at
+        self._show(report, min(ours))
+        flown, lowest, highest = (throttle + GAS_CENTRE for throttle in (report.throttle, min(ours), max(ours)))
+        self._scale = max(self._scale, min(flown / max(highest, 1.0), 1.0))
+        if flown >= self._scale * lowest - MARGIN:
+            self._capped_since = None
+            self.use = ThrottleUse(None, is_ours=flown <= highest + MARGIN)
+            return
+        if self._capped_since is None:
+            self._capped_since = report.at
+        has_lasted = report.at - self._capped_since >= LASTING
+        self.use = ThrottleUse(flown / self._scale if has_lasted else None, is_ours=False)
+
+    def _show(self, report: ThrottleReport, lowest: float) -> None:
+        if report.throttle >= lowest - MARGIN:
             self._lower_since = self.pilots_throttle = None
             return
         if self._lower_since is None:

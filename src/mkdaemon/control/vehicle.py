@@ -8,7 +8,7 @@ from mkdaemon.telemetry.base import Telemetry
 from mkdaemon.telemetry.control import ControlLine, Obstacle
 from mkdaemon.telemetry.link import LinkHealth, LinkState
 from mkdaemon.telemetry.state import Battery, Flight, Gps, Pilot, Position
-from mkdaemon.telemetry.vision import VisionPose, VisionStats
+from mkdaemon.telemetry.vision import VisionStats
 
 FRESH: Final = 2.0
 """Knowledge about motors, flight and pilot that is older is none [s]."""
@@ -36,26 +36,17 @@ class ThrottleReport(NamedTuple):
 
 
 class VehicleFacts:
-    """Latest facts, each with the time it arrived; the one owner of what the boards say about the flight.
-
-    Attributes:
-        link: the latest verdict on the line; None before the first.
-        is_fc_lost: the NaviCtrl says that it does not hear its FlightCtrl.
-        health: the latest measurements of the line; None before the first.
-        eyes: what each camera last said of itself.
-        highest_voltage: of the battery since the port was opened [V].
-        list_changed_at: when the daemon last changed the NaviCtrl's list [s].
-        free_disk: where flights are recorded [bytes]; None where nobody has looked.
-    """
+    """What was told last, each with the time it arrived; who reads it changes nothing."""
 
     def __init__(self) -> None:
-        self.link: LinkState | None = None
-        self.is_fc_lost = False
-        self.health: LinkHealth | None = None
-        self.eyes: dict[str, VisionStats] = {}
-        self.highest_voltage = 0.0
-        self.list_changed_at = float("-inf")
-        self.free_disk: float | None = None
+        """Begin with nothing known."""
+        self._link: LinkState | None = None
+        self._is_fc_lost = False
+        self._health: LinkHealth | None = None
+        self._eyes: dict[str, VisionStats] = {}
+        self._highest_voltage = 0.0
+        self._list_changed_at = float("-inf")
+        self._free_disk: float | None = None
         self._motors: _Motors | None = None
         self._battery: tuple[Battery, float] | None = None
         self._flight: tuple[Flight, float] | None = None
@@ -63,58 +54,45 @@ class VehicleFacts:
         self._position: tuple[Position, float] | None = None
         self._gps: tuple[Gps, float] | None = None
         self._tested_at: float | None = None
-        self._pose: VisionPose | None = None
 
-    def motors_reported(self, are_running: bool, at: float) -> None:
-        """Take what a message says about the motors."""
-        self._motors = _Motors(are_running, at)
+    @property
+    def link(self) -> LinkState | None:
+        """The latest verdict on the line; None before the first."""
+        return self._link
 
-    def flightctrl_reported(self, *, is_lost: bool) -> None:
-        """Note whether the NaviCtrl hears its FlightCtrl; while it does not, what it shows of it is old."""
-        if is_lost:
-            self._forget()
-        self.is_fc_lost = is_lost
+    @property
+    def is_fc_lost(self) -> bool:
+        """Whether the NaviCtrl says that it does not hear its FlightCtrl."""
+        return self._is_fc_lost
 
-    def motor_test_sent(self, at: float) -> None:
-        """Note that motors are about to turn because a client tests them."""
-        self._tested_at = at
+    @property
+    def health(self) -> LinkHealth | None:
+        """The latest measurements of the line; None before the first."""
+        return self._health
 
-    def state_received(self, value: Telemetry, at: float) -> None:
-        """Take a state value; kinds that decide nothing are ignored."""
-        match value:
-            case Flight():
-                self._flight = (value, at)
-            case Pilot():
-                self._pilot = (value, at)
-            case Position():
-                self._position = (value, at)
-            case Gps():
-                self._gps = (value, at)
-            case Battery():
-                self._battery = (value, at)
-                self.highest_voltage = max(self.highest_voltage, value.voltage)
-            case _:
-                pass
+    @property
+    def eyes(self) -> tuple[VisionStats, ...]:
+        """What each camera last said of itself."""
+        return tuple(self._eyes.values())
 
-    def pose_received(self, pose: VisionPose) -> None:
-        """Take a pose against a target; the newest image counts."""
-        if self._pose is None or pose.stamp.monotonic >= self._pose.stamp.monotonic:
-            self._pose = pose
+    @property
+    def highest_voltage(self) -> float:
+        """Of the battery since the port was opened [V]."""
+        return self._highest_voltage
 
-    def link_changed(self, state: LinkState) -> None:
-        """Take a verdict on the line; what was said through an earlier opening of the port is forgotten."""
-        if self.link is not None and self.link.openings != state.openings:
-            self._forget()
-            self.is_fc_lost = False
-            self.highest_voltage = 0.0
-        self.link = state
+    @property
+    def list_changed_at(self) -> float:
+        """When the daemon last changed the NaviCtrl's list [s]."""
+        return self._list_changed_at
+
+    @property
+    def free_disk(self) -> float | None:
+        """Where flights are recorded [bytes]; None where nobody has looked."""
+        return self._free_disk
 
     def limit_line(self, line: ControlLine) -> ControlLine:
         """What the line can take, as far as the FlightCtrl can be there to obey."""
-        return ControlLine(obstacle=Obstacle.READ_ONLY, reason=FC_LOST) if self.is_fc_lost else line
-
-    def _forget(self) -> None:
-        self._motors = self._flight = self._pilot = self._position = self._gps = self._battery = None
+        return ControlLine(obstacle=Obstacle.READ_ONLY, reason=FC_LOST) if self._is_fc_lost else line
 
     def motors_running(self, now: float, within: float = FRESH) -> bool | None:
         """Whether motors run; None where no message has said so lately.
@@ -159,14 +137,10 @@ class VehicleFacts:
     def is_receiver_lost(self, now: float) -> bool:
         """Whether the FlightCtrl is known to fly without the pilot's transmitter."""
         flight = self.flight(now)
-        if flight is not None:
-            return flight.emergency_landing is True
+        if flight is not None and flight.emergency_landing is not None:
+            return flight.emergency_landing
         pilot = self.pilot(now)
         return pilot is not None and not pilot.has_signal
-
-    def pose_age(self, now: float) -> float | None:
-        """Time since the image of the newest pose [s]; None where there is none."""
-        return None if self._pose is None else now - self._pose.stamp.monotonic
 
     def throttle_in_use(self) -> ThrottleReport | None:
         """What the FlightCtrl last said of its throttle; None where it does not."""
@@ -178,3 +152,65 @@ class VehicleFacts:
         """The pilot's throttle [stick]; None where no message has said so lately."""
         pilot = self.pilot(now)
         return None if pilot is None else pilot.throttle
+
+
+class VehicleMemory(VehicleFacts):
+    """Takes what the boards and the cameras tell; the one owner of what is known about the vehicle."""
+
+    def motors_reported(self, are_running: bool, at: float) -> None:
+        """Take what a message says about the motors."""
+        self._motors = _Motors(are_running, at)
+
+    def flightctrl_reported(self, *, is_lost: bool) -> None:
+        """Note whether the NaviCtrl hears its FlightCtrl; while it does not, what it shows of it is old."""
+        if is_lost:
+            self._forget()
+        self._is_fc_lost = is_lost
+
+    def motor_test_sent(self, at: float) -> None:
+        """Note that motors are about to turn because a client tests them."""
+        self._tested_at = at
+
+    def list_changed(self, at: float) -> None:
+        """Note that the daemon changed the NaviCtrl's list."""
+        self._list_changed_at = at
+
+    def eye_reported(self, stats: VisionStats) -> None:
+        """Take what a camera says of itself."""
+        self._eyes[stats.camera] = stats
+
+    def disk_measured(self, free: float | None) -> None:
+        """Note how much can be recorded [bytes]."""
+        self._free_disk = free
+
+    def link_measured(self, health: LinkHealth) -> None:
+        """Take the measurements of the line."""
+        self._health = health
+
+    def state_received(self, value: Telemetry, at: float) -> None:
+        """Take a state value; kinds that decide nothing are ignored."""
+        match value:
+            case Flight():
+                self._flight = (value, at)
+            case Pilot():
+                self._pilot = (value, at)
+            case Position():
+                self._position = (value, at)
+            case Gps():
+                self._gps = (value, at)
+            case Battery():
+                self._battery = (value, at)
+                self._highest_voltage = max(self._highest_voltage, value.voltage)
+            case _:
+                pass
+
+    def link_changed(self, state: LinkState) -> None:
+        """Take a verdict on the line; what was said through an earlier opening of the port is forgotten."""
+        if self._link is not None and self._link.openings != state.openings:
+            self._forget()
+            self._is_fc_lost = False
+            self._highest_voltage = 0.0
+        self._link = state
+
+    def _forget(self) -> None:
+        self._motors = self._flight = self._pilot = self._position = self._gps = self._battery = None

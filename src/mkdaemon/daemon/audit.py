@@ -32,23 +32,23 @@ class Audit:
         self._bus = bus
         self._clock = clock
 
-    def report(self, report: Report) -> None:
-        """What the flight core reports."""
+    def report(self, report: Report, at: float) -> None:
+        """What the flight core reports at a time [s; monotonic]."""
         match report:
             case ReportCommand():
-                self.command(report.key, report.fields, report.result)
+                self.command(report.key, report.fields, report.result, at)
             case ReportMode():
-                self.mode(report.before.value, report.after.value, report.reason)
+                self.mode(report.before.value, report.after.value, report.reason, at)
             case ReportFailsafe():
-                self.failsafe(report.action, report.reason, report.released)
+                self.failsafe(report.action, report.reason, report.released, at)
             case _:
                 self.log("warning", report.text)
 
-    def command(self, key: str, fields: dict[str, Any], result: CommandResult) -> None:
+    def command(self, key: str, fields: dict[str, Any], result: CommandResult, at: float | None = None) -> None:
         """A command and its end; the secret of a lease stays one."""
         fields = {**fields, "secret": "..."} if "secret" in fields else fields
         event = CommandEvent(
-            stamp=self._clock.stamp(),
+            stamp=self._clock.stamp(at),
             key=key,
             fields=fields,
             status=result.status.value,
@@ -61,14 +61,16 @@ class Audit:
         shown = {name: value for name, value in fields.items() if len(str(value)) <= _SHOWN}
         _log.info("command", key=key, status=event.status, token=event.token, reason=event.reason, fields=shown)
 
-    def mode(self, before: str, after: str, reason: str) -> None:
+    def mode(self, before: str, after: str, reason: str, at: float) -> None:
         """Authority moved from one phase to another."""
-        self._bus.publish("event/mode", ModeEvent(stamp=self._clock.stamp(), before=before, after=after, reason=reason))
+        self._bus.publish(
+            "event/mode", ModeEvent(stamp=self._clock.stamp(at), before=before, after=after, reason=reason)
+        )
         _log.info("mode", before=before, after=after, reason=reason)
 
-    def failsafe(self, action: str, reason: str, released: bool | None = None) -> None:
+    def failsafe(self, action: str, reason: str, released: bool | None = None, at: float | None = None) -> None:
         """The daemon acted on its own."""
-        event = FailsafeEvent(stamp=self._clock.stamp(), action=action, reason=reason, released=released)
+        event = FailsafeEvent(stamp=self._clock.stamp(at), action=action, reason=reason, released=released)
         self._bus.publish("event/failsafe", event)
         _log.warning("failsafe", action=action, reason=reason, released=released)
 

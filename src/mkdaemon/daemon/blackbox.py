@@ -21,17 +21,20 @@ from mkdaemon.config.record import RecordedImages
 from mkdaemon.config.root import Config
 from mkdaemon.daemon.audit import Audit
 from mkdaemon.daemon.eyes import RecordImage
-from mkdaemon.daemon.imagerecord import ImageRecorder
 from mkdaemon.daemon.localsocket import Answer
 from mkdaemon.daemon.procedures import state_folder
-from mkdaemon.record.notices import Notice
+from mkdaemon.record.entry import Notice
 from mkdaemon.record.queue import EntryQueue
 from mkdaemon.record.tap import Tap
+from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.command import CommandResult
+from mkdaemon.telemetry.image import CameraFrame
 from mkdaemon.telemetry.record import BusCounts, RecorderState, RecordStatus
 
 if TYPE_CHECKING:
-    from mkdaemon.record.thread import RecorderThread
+    from mkdaemon.record.recorder import RecorderThread
+    from mkdaemon.vision.camera.image import CameraImage
+    from mkdaemon.vision.track.attitude import AttitudeHistory
 
 PERIOD: Final = 1.0
 """Of what is published about the recorder [s]."""
@@ -68,25 +71,16 @@ class BlackBox:
         if self._thread is None:
             yield
             return
-        if self.tap is not None:
-            self._clock.on_look = self.tap.looked
         self._thread.start()
         try:
             yield
         finally:
-            if self.tap is not None:
-                self.tap.end_looks()
             await asyncio.to_thread(self._thread.stop)
 
-    def note(self, notice: Notice, **fields: object) -> None:
-        """Record something from beside the bus and the line."""
+    def note_stop(self) -> None:
+        """Record that the daemon was told to end in order."""
         if self.tap is not None:
-            self.tap.notice(notice, fields=fields)
-
-    def record_written(self, data: bytes, at: float, issuer: str) -> None:
-        """Record bytes that were written to the line."""
-        if self.tap is not None:
-            self.tap.port_written(data, at, issuer)
+            self.tap.notice(Notice.STOP)
 
     def image_recorder(self, cfg: RecordedImages) -> RecordImage:
         """What takes the images of the cameras."""
@@ -169,8 +163,7 @@ def open_black_box(cfg: Config, clock: Clock, *, is_recording: bool) -> BlackBox
     from mkdaemon.record.entry import TimeBase
     from mkdaemon.record.folder import Limits, RecordingFolder, recording_name
     from mkdaemon.record.layout import Session
-    from mkdaemon.record.recorder import Recorder
-    from mkdaemon.record.thread import RecorderThread
+    from mkdaemon.record.recorder import Recorder, RecorderThread
     from mkdaemon.record.view import JsonView
 
     stamp, vehicle = clock.stamp(), cfg.vehicle.name
@@ -200,3 +193,53 @@ def recording_folder(cfg: Config) -> Path | None:
     if not cfg.record.enabled:
         return None
     return cfg.record.folder or state_folder(cfg.vehicle) / "recordings"
+
+
+JITTER: Final = 0.1
+"""Share of the period by which an image may come early and still be taken."""
+
+
+class ImageRecorder:
+    """Takes every image, and records as many as the configuration says; on the thread of the eyes."""
+
+    def __init__(self, cfg: RecordedImages, tap: Tap, clock: Clock) -> None:
+        self._cfg = cfg
+        self._tap = tap
+        self._clock = clock
+        self._next: dict[str, float] = {}
+
+    def record(self, image: CameraImage, attitude: AttitudeHistory) -> None:
+        """Record an image if one is due, and how much was known of the attitude by then."""
+        if self._cfg.hz <= 0.0:
+            return
+        due, period = self._next.get(image.camera, image.received_at), 1.0 / self._cfg.hz
+        if image.received_at < due - JITTER * period:
+            return
+        self._next[image.camera] = max(due + period, image.received_at + 0.5 * period)
+        self._tap.image_seen(image.camera, image.sequence, samples[-1].time if (samples := attitude.samples) else None)
+        stamp = self._clock.stamp(image.captured_at)
+        self._tap.image(
+            f"vision/{image.camera}/image",
+            lambda: self._compressed(image, stamp),
+            stamp,
+            image.stamped_by,
+            at=image.received_at,
+            size=image.pixels.nbytes,
+        )
+
+    def _compressed(self, image: CameraImage, stamp: Stamp) -> tuple[bytes, str]:
+        from mkdaemon.vision.camera.imagecodec import encode_jpeg, encode_png
+
+        height, width = image.pixels.shape
+        is_png = self._cfg.coding == "png"
+        pixels = encode_png(image.pixels) if is_png else encode_jpeg(image.pixels, self._cfg.jpeg_quality, width)[0]
+        frame = CameraFrame(
+            stamp=stamp,
+            camera=image.camera,
+            sequence=image.sequence,
+            width=width,
+            height=height,
+            coding=self._cfg.coding,
+            pixels=pixels,
+        )
+        return encode(frame), encoding_of(CameraFrame)

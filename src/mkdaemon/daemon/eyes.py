@@ -12,7 +12,7 @@ import structlog
 from mkdaemon.bus.gateway import Bus
 from mkdaemon.clock import Clock
 from mkdaemon.config.root import Config
-from mkdaemon.control.core import FlightCore
+from mkdaemon.control.events import EyeStats, Feed, PoseSeen
 from mkdaemon.daemon.audit import Outlet
 from mkdaemon.telemetry.base import Telemetry
 from mkdaemon.telemetry.state import Attitude, Position
@@ -67,17 +67,17 @@ class Eyes:
 class PoseSink:
     """Takes what the cameras see and say of themselves: it reaches the flight core before the bus."""
 
-    def __init__(self, core: FlightCore, bus: Outlet, clock: Clock) -> None:
-        self._core = core
+    def __init__(self, feed: Feed, bus: Outlet, clock: Clock) -> None:
+        self._feed = feed
         self._clock = clock
         self._bus = bus
 
     def publish(self, suffix: str, value: Telemetry) -> None:
         """Hand a value on; see `Bus.publish`."""
         if isinstance(value, VisionPose):
-            self._core.pose_received(value, self._clock.monotonic())
+            self._feed(PoseSeen(value), self._clock.now())
         elif isinstance(value, VisionStats):
-            self._core.facts.eyes[value.camera] = value
+            self._feed(EyeStats(value), self._clock.now())
         self._bus.publish(suffix, value)
 
 
@@ -86,7 +86,7 @@ CLOSING = 1.0
 
 
 def open_eyes(
-    cfg: Config, bus: Bus, clock: Clock, core: FlightCore, record: RecordImage = lambda image, attitude: None
+    cfg: Config, bus: Bus, clock: Clock, feed: Feed, record: RecordImage = lambda image, attitude: None
 ) -> Eyes:
     """Prepare the cameras, whose poses go to the flight core first; a daemon without any never loads OpenCV.
 
@@ -94,7 +94,7 @@ def open_eyes(
         cfg: all of it.
         bus: where values go.
         clock: stamps.
-        core: hears of poses.
+        feed: tells the flight core of poses.
         record: takes every image on the thread of the eyes, and returns at once.
 
     Raises:
@@ -105,7 +105,7 @@ def open_eyes(
     from mkdaemon.vision.worker import VisionWorker
 
     loop = asyncio.get_running_loop()
-    sink = PoseSink(core, bus, clock)
+    sink = PoseSink(feed, bus, clock)
     worker = VisionWorker(cfg.cameras, cfg.vision, sink, loop, clock, session=lambda: bus.session, record=record)
     return Eyes(worker)
 

@@ -1,7 +1,7 @@
 """The shell of the flight core: brings it what happens, and lets it decide when it wants to.
 
-Setpoint out: Zenoh thread, `call_soon_threadsafe`, `FlightCore.setpoint` (newest wins), tick, `Link.send_setpoint` with
-a deadline.
+Setpoint out: Zenoh thread, `call_soon_threadsafe`, `FlightCore.feed` (newest wins), tick, `Link.send_setpoint` with a
+deadline.
 """
 
 from __future__ import annotations
@@ -9,34 +9,47 @@ from __future__ import annotations
 import asyncio
 from contextlib import suppress
 from pathlib import Path
+from secrets import token_hex
 
 from mkdaemon.bus.codec import Payload, TooLong, check_command, decode_map
 from mkdaemon.clock import Clock, SleepWatch
-from mkdaemon.control.actions import (
-    ReadGate,
-)
+from mkdaemon.control.actions import Action, Release, SendSticks
 from mkdaemon.control.activeset import ActiveSet
-from mkdaemon.control.core import FlightCore
 from mkdaemon.control.estimator.model import ModelUnknown
+from mkdaemon.control.events import (
+    AbortAsked,
+    ActiveSetRead,
+    ClientGone,
+    FrameNotSent,
+    FreeDisk,
+    GuardActed,
+    GuardChanged,
+    LeaseAsked,
+    LineChanged,
+    ModelKnown,
+    ReleaseAsked,
+    Reply,
+    SetpointAccepted,
+    SetpointUnreadable,
+    SetpointUnsigned,
+)
 from mkdaemon.control.modes import IN_FLIGHT
-from mkdaemon.daemon.audit import Audit, Outlet
+from mkdaemon.daemon.deck import Deck
 from mkdaemon.daemon.discovery import require_flightctrl
-from mkdaemon.daemon.orders import Orders
 from mkdaemon.daemon.preflight import active_set, free_disk, read_active_set
 from mkdaemon.daemon.releases import Releases
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.link.link import Link
-from mkdaemon.link.session.traffic import ReleaseResult
+from mkdaemon.link.session.traffic import ReleaseResult, SetpointRefused
 from mkdaemon.telemetry.command import AbortRequest, LeaseRequest, ReleaseRequest
-from mkdaemon.telemetry.control import (
-    Gains,
-    LeaseState,
-    Phase,
-)
-from mkdaemon.telemetry.preflight import ControlPreflight, PreflightReport
+from mkdaemon.telemetry.control import ControlLine, Gains, LeaseState, Phase
+from mkdaemon.telemetry.preflight import PreflightReport
 from mkdaemon.telemetry.setpoint import Setpoint
 from mkdaemon.telemetry.signature import Signature
-from mkdaemon.translate import aircraft_model, assumed_model
+from mkdaemon.translate import aircraft_model, assumed_model, extern_control
+
+SECRET_BYTES = 16
+"""Of a lease: nobody guesses 128 bits."""
 
 
 class FlightControl:
@@ -46,23 +59,12 @@ class FlightControl:
         ticks: how often the core has decided, for the watchdog.
     """
 
-    def __init__(
-        self,
-        core: FlightCore,
-        link: Link,
-        bus: Outlet,
-        audit: Audit,
-        *,
-        clock: Clock,
-        records: Path | None = None,
-    ) -> None:
+    def __init__(self, deck: Deck, link: Link, *, clock: Clock, records: Path | None = None) -> None:
         """Wire it; `records` is the folder in which flights are recorded, None where none are."""
-        self._core, self._link, self._bus, self._audit = core, link, bus, audit
+        self._deck, self._core, self._link, self._audit = deck, deck.core, link, deck.audit
         self._clock, self._records = clock, records
-        self._news = asyncio.Event()
-        core.pacing.on_news = self._news.set
-        self._releases = Releases(core, link, audit, clock)
-        self._orders = Orders(link, bus, audit, self._releases, clock)
+        self._releases = Releases(deck, link, clock)
+        self._line: ControlLine | None = None
         self.ticks = 0
 
     @property
@@ -86,78 +88,89 @@ class FlightControl:
         Returns:
             Why it was refused; None where it was taken.
         """
+        signed_for = self._epoch_signed(kind, payload, proof)
         fields = {"bytes": payload.size if isinstance(payload, TooLong) else len(payload)}
         try:
             fields = decode_map(payload)
             setpoint = check_command(kind, fields)
         except CommandRejectedError as error:
-            self._core.setpoint_refused(kind.suffix, fields, error, arrived)
-            return error
-        assert isinstance(payload, bytes)
-        return self._core.setpoint(setpoint, arrived, Signature(kind.suffix, payload, proof))
+            unreadable = SetpointUnreadable(kind.suffix, fields, error, is_by_holder=signed_for is not None)
+            return self._deck.feed(unreadable, arrived).refusal
+        if signed_for is None:
+            return self._deck.feed(SetpointUnsigned(setpoint), arrived).refusal
+        return self._deck.feed(SetpointAccepted(setpoint, signed_for), arrived).refusal
 
     def is_signed_by_holder(self, kind: type[Setpoint], payload: Payload, proof: bytes) -> bool:
         """Whether a setpoint comes from who holds the lease; from any thread."""
-        return isinstance(payload, bytes) and self._core.is_signed_by_holder(Signature(kind.suffix, payload, proof))
+        return self._epoch_signed(kind, payload, proof) is not None
+
+    def _epoch_signed(self, kind: type[Setpoint], payload: Payload, proof: bytes) -> int | None:
+        """Epoch of the lease whose holder signed it; None where he did not."""
+        key = self._core.holder_key
+        if key is None or not isinstance(payload, bytes):
+            return None
+        return key.epoch_signed(Signature(kind.suffix, payload, proof))
 
     def client_changed(self, name: str, is_here: bool) -> None:
         """Note that a client showed or lost its liveliness token."""
         if not is_here:
-            self._core.client_gone(name)
+            self._deck.feed(ClientGone(name), self._clock.now())
 
     def guard_acted(self, released: bool) -> None:
         """Note that the guard has sent something because nothing came from here."""
         if released:
-            self._core.guard_acted()
+            self._deck.feed(GuardActed(), self._clock.now())
         self._audit.failsafe("guard release" if released else "guard neutral", "no stick frame was written in time")
 
     def guard_changed(self, is_alive: bool) -> None:
         """Note whether the guard is there."""
-        self._core.guard_changed(is_alive=is_alive)
+        self._deck.feed(GuardChanged(is_alive), self._clock.now())
         self._audit.log("info" if is_alive else "error", "guard runs" if is_alive else "guard is gone: no new lease")
 
     async def lease(self, request: LeaseRequest) -> LeaseState | None:
         """Answer a request about the lease; None for nobody.
 
         Raises:
-            CommandRejectedError: see `FlightCore.lease` and `require_flightctrl`.
+            CommandRejectedError: see `FlightCore` and `require_flightctrl`.
         """
         if request.action == "take":
-            await require_flightctrl(self._link, self._core.facts.link, use_remembered=request.use_remembered)
-        granted = self._ask_core(request)
-        if isinstance(granted, ReadGate):
-            granted = self._ask_core(request, await self._read_active_set())
-        assert not isinstance(granted, ReadGate)
-        return granted
+            await require_flightctrl(self._link, self._core.vehicle.link, use_remembered=request.use_remembered)
+        reply = self._ask_core(request)
+        if reply.must_read_set:
+            reply = self._ask_core(request, await self._read_active_set())
+        if reply.refusal is not None:
+            raise reply.refusal
+        return reply.lease
 
-    def _ask_core(self, request: LeaseRequest, found: ActiveSet | None = None) -> LeaseState | ReadGate | None:
-        self._core.line_changed(self._link.control_line())
-        return self._core.lease(request, self._clock.now(), found=found)
+    def _ask_core(self, request: LeaseRequest, found: ActiveSet | None = None) -> Reply:
+        now = self._clock.now()
+        self._note_line(now)
+        secret = token_hex(SECRET_BYTES) if request.action == "take" else ""
+        return self._deck.feed(LeaseAsked(request, secret, found), now)
 
     async def _read_active_set(self) -> ActiveSet:
         """Read the active set, and how much can be recorded; the flight core learns the aircraft's model from it."""
-        self._core.facts.free_disk = free_disk(self._records)
         parameters, dialect = await read_active_set(self._link), self._link.dialect
         # Flown with the slow leak of a NaviCtrl 2.x, an aircraft is lost once that stops to correct: docs/control.md.
-        found = aircraft_model(parameters, dialect, has_slow_leak=False)
-        if isinstance(found, ModelUnknown):
-            self._core.model_known(assumed_model(dialect), found)
-        else:
-            self._core.model_known(found)
+        found, now = aircraft_model(parameters, dialect, has_slow_leak=False), self._clock.now()
+        known = ModelKnown(assumed_model(dialect), found) if isinstance(found, ModelUnknown) else ModelKnown(found)
+        self._deck.feed(known, now)
+        self._deck.feed(FreeDisk(free_disk(self._records)), now)
         return active_set(parameters)
 
     async def preflight(self) -> PreflightReport:
         """Make every check before a flight, and publish what was found; in flight nothing is read anew."""
         found = None if self._core.phase in IN_FLIGHT else await self._read_active_set()
-        self._core.line_changed(self._link.control_line())
-        report = self._core.preflight(self._clock.now(), found)
-        self._bus.publish("control/preflight", ControlPreflight(stamp=self._clock.stamp(), **dict(report)))
-        return report
+        now = self._clock.now()
+        if found is not None:
+            self._deck.feed(ActiveSetRead(found), now)
+        self._note_line(now)
+        return self._deck.publish_preflight(now)
 
     async def release(self, request: ReleaseRequest) -> ReleaseResult | None:
         """Release the aircraft, whoever asks; returns how it went, None where it had no end in time."""
         ended = self._releases.next_end()
-        self._core.release(request)
+        self._deck.feed(ReleaseAsked(request), self._clock.now())
         return await ended
 
     def gains(self) -> Gains:
@@ -170,7 +183,9 @@ class FlightControl:
         Raises:
             CommandRejectedError: `nothing_flown`.
         """
-        self._core.abort(request)
+        refusal = self._deck.feed(AbortAsked(request), self._clock.now()).refusal
+        if refusal is not None:
+            raise refusal
 
     # -- what the core decides ------------------------------------------------------------------------------------
 
@@ -182,14 +197,42 @@ class FlightControl:
                 await self._wait()
                 self.ticks += 1
                 now = self._clock.now()
-                self._core.line_changed(self._link.control_line())
+                self._note_line(now)
                 for action in self._core.tick(now, slept=sleep.take()):
-                    self._orders.carry_out(action, tasks)
+                    self._carry_out(action, now, tasks)
 
     async def _wait(self) -> None:
         """Wait until the core wants to tick; news may bring that forward."""
+        news = self._deck.news
         while (left := self._core.next_time() - self._clock.now()) > 0:
-            self._news.clear()
+            news.clear()
             with suppress(TimeoutError):
                 async with asyncio.timeout(left):
-                    await self._news.wait()
+                    await news.wait()
+
+    def _note_line(self, now: float) -> None:
+        """Tell the core what the line can take, where that has changed."""
+        line = self._link.control_line()
+        if line != self._line:
+            self._line = line
+            self._deck.feed(LineChanged(line), now)
+
+    def _carry_out(self, action: Action, now: float, tasks: asyncio.TaskGroup) -> None:
+        """Carry out one action of a tick; what takes time goes on in a task of its own."""
+        match action:
+            case SendSticks():
+                self._send(action, now)
+            case Release():
+                self._releases.begin(action.reason, tasks)
+            case _:
+                self._deck.publish(action, now)
+
+    def _send(self, order: SendSticks, now: float) -> None:
+        """Hand a stick frame to the line; the core hears of one that the line does not take."""
+        fate = self._link.send_setpoint(
+            lambda layout, number: extern_control(layout, order.counts, number), deadline=order.deadline
+        )
+        if isinstance(fate, SetpointRefused):
+            self._deck.feed(FrameNotSent(fate.refusal), now)
+        else:
+            self._deck.publish_output(order, fate.number, now)

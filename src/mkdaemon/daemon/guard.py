@@ -128,15 +128,14 @@ class GuardProcess:
     def frame_written(self, neutral: bytes) -> None:
         """A frame that moves or releases the aircraft was written; `neutral` is the frame for level sticks."""
         self._reported = b""
-        self._send(Word.BEAT + neutral)
+        self._send(guard.beat(neutral, self._clock()))
 
     def released(self) -> None:
         """The aircraft is released: nothing is owed."""
         self._send(Word.SAFE)
 
     async def stop(self) -> None:
-        """End in order: the guard sends nothing. Waits half a second at most."""
-        self._send(Word.END)
+        """Let the guard end: at once where nothing is owed, else when it has released. Waits half a second at most."""
         self._hang_up()
         process = self._process
         if process is None:

@@ -21,7 +21,6 @@ from mkdaemon.daemon.blackbox import BlackBox, open_black_box
 from mkdaemon.daemon.eyes import open_eyes
 from mkdaemon.daemon.flightnote import FlightNotes
 from mkdaemon.daemon.guard import GuardProcess, take_report
-from mkdaemon.daemon.lineport import record_port
 from mkdaemon.daemon.localsocket import LocalSocket
 from mkdaemon.daemon.priority import spare_collector
 from mkdaemon.daemon.procedures import state_folder
@@ -30,7 +29,6 @@ from mkdaemon.daemon.watchdog import Notifier, feed_watchdog
 from mkdaemon.daemon.wiring import Wiring
 from mkdaemon.errors import ConfigError, MkError
 from mkdaemon.link.ports.port import open_port
-from mkdaemon.record.notices import Notice
 
 RECORDING: Final = "replay:"
 """Ports that begin so are recordings."""
@@ -90,7 +88,7 @@ class Daemon:
         self._clock = clock
         self._report = state_folder(cfg.vehicle) / "guard.json"
         needs_guard = cfg.control.guard and not cfg.link.port.startswith(RECORDING)
-        self._guard = GuardProcess(self._report, clock=clock.monotonic) if needs_guard else None
+        self._guard = GuardProcess(self._report, clock=clock.now) if needs_guard else None
         box = self._black_box = black_box or BlackBox(clock)
         wiring = self._wiring = Wiring(
             cfg,
@@ -98,8 +96,7 @@ class Daemon:
             clock,
             make_eyes=partial(open_eyes, cfg, bus, clock, record=box.image_recorder(cfg.record.images)),
             guard=self._guard,
-            opener=record_port(open_port, box.tap, clock),
-            record_written=box.record_written,
+            tap=box.tap,
         )
         self._link, self._flight, self._audit = wiring.link, wiring.flight, wiring.audit
         self._notes = FlightNotes(state_folder(cfg.vehicle), cfg.link.port, clock)
@@ -137,7 +134,7 @@ class Daemon:
                 if not is_recording:
                     tasks.append(above.create_task(self._notes.follow(self._link, self._audit), name="flight note"))
                 await asyncio.wait({stopped, link}, return_when=asyncio.FIRST_COMPLETED)
-                self._black_box.note(Notice.STOP)
+                self._black_box.note_stop()
                 for task in tasks:
                     task.cancel()
             link.cancel()
@@ -149,7 +146,7 @@ class Daemon:
         if guard is None:
             yield
             return
-        guard.acted, guard.changed = self._guard_acted, self._guard_changed
+        guard.acted, guard.changed = self._wiring.guard_acted, self._wiring.guard_changed
         try:
             self._report.parent.mkdir(parents=True, exist_ok=True)
         except OSError as error:
@@ -164,14 +161,6 @@ class Daemon:
             finally:
                 watcher.cancel()
                 await guard.stop()
-
-    def _guard_acted(self, released: bool) -> None:
-        self._black_box.note(Notice.GUARD_ACTED, released=released)
-        self._wiring.guard_acted(released)
-
-    def _guard_changed(self, is_alive: bool) -> None:
-        self._black_box.note(Notice.GUARD_ALIVE, is_alive=is_alive)
-        self._wiring.guard_changed(is_alive)
 
     @asynccontextmanager
     async def _listening_locally(self) -> AsyncIterator[None]:

@@ -8,9 +8,9 @@ from contextlib import suppress
 from typing import Final
 
 from mkdaemon.clock import Clock
-from mkdaemon.control.core import FlightCore
+from mkdaemon.control.events import Released
 from mkdaemon.control.modes import IN_FLIGHT
-from mkdaemon.daemon.audit import Audit
+from mkdaemon.daemon.deck import Deck
 from mkdaemon.link.link import Link
 from mkdaemon.link.session.traffic import ReleaseResult
 from mkdaemon.telemetry.control import ReleaseOutcome
@@ -26,8 +26,8 @@ RELEASE_TIMEOUT: Final = 5.0
 class Releases:
     """Runs releases and tells the flight core, and everybody who waits, how they ended."""
 
-    def __init__(self, core: FlightCore, link: Link, audit: Audit, clock: Clock) -> None:
-        self._core, self._link, self._audit, self._clock = core, link, audit, clock
+    def __init__(self, deck: Deck, link: Link, clock: Clock) -> None:
+        self._deck, self._link, self._clock = deck, link, clock
         self._waiters: list[asyncio.Future[ReleaseResult | None]] = []
 
     def next_end(self) -> asyncio.Future[ReleaseResult | None]:
@@ -48,7 +48,7 @@ class Releases:
         with suppress(TimeoutError):
             async with asyncio.timeout(RELEASE_TIMEOUT):
                 result = await release
-        self._core.released(None if result is None else result.status, self._clock.now())
+        self._deck.feed(Released(None if result is None else result.status), self._clock.now())
         waiters, self._waiters = self._waiters, []
         for waiter in waiters:
             if not waiter.done():
@@ -60,9 +60,8 @@ class Releases:
         """Correct the report of a release that was not confirmed, once one is; who flies again ends the wait."""
         with suppress(TimeoutError):
             async with asyncio.timeout(LATE_RELEASE):
-                while self._core.phase not in IN_FLIGHT:
+                while self._deck.core.phase not in IN_FLIGHT:
                     if self._link.released_at > began:
-                        self._audit.failsafe("release", f"{reason}; it is confirmed by now", released=True)
+                        self._deck.audit.failsafe("late release", f"{reason}; it is confirmed by now", released=True)
                         return
                     await asyncio.sleep(LATE_LOOK)
-                    self._clock.now()  # a replay learns from it when the line was asked

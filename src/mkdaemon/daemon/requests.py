@@ -14,6 +14,7 @@ from mkdaemon.bus.codec import Payload, first_mistake, schema_name
 from mkdaemon.clock import Clock
 from mkdaemon.config.commands import CommandsConfig
 from mkdaemon.control.danger import check_danger, check_proof
+from mkdaemon.control.events import Feed, MotorTestSent
 from mkdaemon.control.vehicle import FRESH, VehicleFacts
 from mkdaemon.daemon.answering import answer_query
 from mkdaemon.daemon.audit import Audit
@@ -50,6 +51,7 @@ class BoardRequests:
         cfg: CommandsConfig,
         link: Link,
         facts: VehicleFacts,
+        feed: Feed,
         audit: Audit,
         clock: Clock,
         *,
@@ -61,6 +63,7 @@ class BoardRequests:
             cfg: what is enabled.
             link: the line.
             facts: what is known about the vehicle.
+            feed: tells the flight core of a motor test.
             audit: hears of every command.
             clock: of the daemon.
             admit: refuses what would disturb a procedure or whoever flies.
@@ -68,7 +71,7 @@ class BoardRequests:
         self._cfg = cfg
         self._admit = admit
         self._link = link
-        self._facts = facts
+        self._facts, self._feed = facts, feed
         self._audit = audit
         self._clock = clock
 
@@ -117,7 +120,7 @@ class BoardRequests:
             admit()
             self.check_request(board, message, is_confirmed=is_confirmed)
             if message.spec.danger is not None and message.spec.danger.turns_motors:
-                self._facts.motor_test_sent(self._clock.now())
+                self._feed(MotorTestSent(), self._clock.now())
             if isinstance(message, Redirect):
                 return await self._pass_through(message.port, admit)
             return await self._converse(board, message)

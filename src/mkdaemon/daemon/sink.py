@@ -2,16 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Final
 
 from pydantic import BaseModel
 
 from mkdaemon.clock import Clock
-from mkdaemon.control.core import FlightCore
+from mkdaemon.control.events import (
+    Feed,
+    FlightctrlReported,
+    FrameConfirmed,
+    FrameSent,
+    LinkMeasured,
+    LinkVerdict,
+    MotorsReported,
+    StateValue,
+)
+from mkdaemon.control.vehicle import VehicleFacts
 from mkdaemon.daemon.audit import Audit, Outlet
 from mkdaemon.daemon.eyes import Eyes
-from mkdaemon.link.session.exchange import CLOSED
 from mkdaemon.link.session.traffic import Lost, Purpose, Received, Sent
 from mkdaemon.protocol.boards import board_at
 from mkdaemon.protocol.decoder import Unknown
@@ -28,9 +36,6 @@ from mkdaemon.translate.state import fc_is_lost, motors_running
 _FOREIGN: Final = "other"
 """Board chunk of a frame whose address no board has."""
 
-RecordWritten = Callable[[bytes, float, str], None]
-"""Records bytes that were written to the line, when [s; monotonic] and what for."""
-
 
 class BusSink:
     """Hears about the line and publishes; every method returns at once."""
@@ -38,18 +43,27 @@ class BusSink:
     def __init__(
         self,
         bus: Outlet,
-        core: FlightCore,
+        feed: Feed,
+        facts: VehicleFacts,
         audit: Audit,
         eyes: Eyes,
         clock: Clock,
-        record_written: RecordWritten = lambda data, at, issuer: None,
     ) -> None:
+        """Hand everything on.
+
+        Args:
+            bus: where values go.
+            feed: tells the flight core, before the bus hears of it.
+            facts: what is known about the vehicle.
+            audit: hears of a new condition of the line.
+            eyes: hear how the vehicle lies.
+            clock: stamps.
+        """
         self._bus = bus
-        self._core = core
+        self._feed, self._facts = feed, facts
         self._audit = audit
         self._eyes = eyes
         self._clock = clock
-        self._record_written = record_written
         self._translator = StateTranslator()
         self._counts = {"rx": 0, "tx": 0}
 
@@ -71,16 +85,16 @@ class BusSink:
         """Tell the flight core and the cameras what a message says; returns its state values."""
         at = stamp.monotonic
         if isinstance(message, ControlConfirm):
-            self._core.frame_confirmed(message.frame)
+            self._feed(FrameConfirmed(message.frame), at)
         lost = fc_is_lost(message)
         if lost is not None:
-            self._core.facts.flightctrl_reported(is_lost=lost)
+            self._feed(FlightctrlReported(lost), at)
         running = motors_running(board, message)
         if running is not None:
-            self._core.motors_reported(running, at)
+            self._feed(MotorsReported(running), at)
         states = self._translator.states(board, message, stamp)
         for _, value in states:
-            self._core.state_received(value, at)
+            self._feed(StateValue(value), at)
             if isinstance(value, Attitude):
                 self._eyes.attitude_received(value)
             elif isinstance(value, Position):
@@ -90,11 +104,10 @@ class BusSink:
     def sent(self, frame: Sent) -> None:
         """Publish a transmission as bytes and as a message; the flight core hears of its own."""
         if frame.purpose is Purpose.SETPOINT and frame.message is not None:
-            self._core.frame_sent(frame.message.frame)  # type: ignore[attr-defined]  # every layout has it
+            self._feed(FrameSent(frame.message.frame), frame.at)  # type: ignore[attr-defined]  # every layout has it
         sequence = self._count("tx")
         stamp = self._clock.stamp(frame.at)
         purpose = frame.purpose.name.lower()
-        self._record_written(frame.raw, frame.at, purpose)
         self._bus.publish("raw/tx", RawFrame(stamp=stamp, sequence=sequence, raw=frame.raw, purpose=purpose))
         message = frame.message
         if message is None:
@@ -116,17 +129,17 @@ class BusSink:
 
     def state_changed(self, state: LinkState) -> None:
         """Publish the verdict on the line; a new condition is also a line in the log, with what to do about it."""
-        before = self._core.facts.link
+        before = self._facts.link
         if before is None or before.condition != state.condition:
-            is_ordinary = state.condition is LinkCondition.UP or state.reason == CLOSED
+            is_ordinary = state.condition in {LinkCondition.UP, LinkCondition.CLOSED}
             level = "info" if is_ordinary else "warning"
             self._audit.log(level, f"{state.port}: {state.condition.value}: {state.reason}")
-        self._core.link_changed(state)
+        self._feed(LinkVerdict(state), state.stamp.monotonic)
         self._bus.publish("link/state", state)
 
     def health_measured(self, health: LinkHealth) -> None:
         """Publish the measurements; the checks before a flight look at them."""
-        self._core.facts.health = health
+        self._feed(LinkMeasured(health), health.stamp.monotonic)
         self._bus.publish("link/health", health)
 
     def stream_ended(self, key: str) -> None:

@@ -9,27 +9,22 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Awaitable, Callable
 from functools import partial
-from itertools import count
-from typing import Final, Protocol
+from typing import TYPE_CHECKING, Final, Protocol
 
-from mkdaemon.actor import act, acting, taking
 from mkdaemon.bus.codec import Payload
 from mkdaemon.bus.commandserver import Handler
 from mkdaemon.bus.gateway import Watcher
 from mkdaemon.bus.intake import Prover, Taker
 from mkdaemon.clock import Clock
 from mkdaemon.config.root import Config
-from mkdaemon.control.core import FlightCore
-from mkdaemon.control.guidance.margins import require_safe_loop
-from mkdaemon.control.vehicle import VehicleFacts
-from mkdaemon.daemon.audit import Audit, Outlet
+from mkdaemon.control.regulator.margins import require_safe_loop
+from mkdaemon.daemon.audit import Outlet
 from mkdaemon.daemon.blackbox import recording_folder
-from mkdaemon.daemon.eyes import Eyes
+from mkdaemon.daemon.deck import Deck, MakeEyes
 from mkdaemon.daemon.flight import FlightControl
 from mkdaemon.daemon.pathdelay import PathProbe
 from mkdaemon.daemon.procedures import Interlock, Journal, ProcedureRunner, state_folder
 from mkdaemon.daemon.requests import BoardRequests
-from mkdaemon.daemon.sink import BusSink, RecordWritten
 from mkdaemon.daemon.verbs import Verbs
 from mkdaemon.daemon.vitals import vehicle_health
 from mkdaemon.link.labels import LabelCache
@@ -39,6 +34,9 @@ from mkdaemon.link.session.guarding import LineGuard
 from mkdaemon.telemetry.command import CommandResult
 from mkdaemon.telemetry.setpoint import SETPOINTS
 from mkdaemon.telemetry.vehicle import VehicleHealth
+
+if TYPE_CHECKING:
+    from mkdaemon.record.tap import Tap
 
 HEALTH_PERIOD: Final = 1.0
 """The vehicle's signs of life are published at least this often [s]."""
@@ -63,10 +61,6 @@ class Station(Outlet, Protocol):
         """Hear of every client that comes or goes; see `Bus.watch_clients`."""
 
 
-MakeEyes = Callable[[FlightCore], Eyes]
-"""Makes the cameras, which tell the flight core what they see."""
-
-
 class Wiring:
     """The parts, wired; nothing runs yet.
 
@@ -88,7 +82,7 @@ class Wiring:
         make_eyes: MakeEyes,
         guard: LineGuard | None = None,
         opener: Opener = open_port,
-        record_written: RecordWritten = lambda data, at, issuer: None,
+        tap: Tap | None = None,
         journal: Journal | None = None,
         first_epoch: int | None = None,
     ) -> None:
@@ -101,7 +95,7 @@ class Wiring:
             make_eyes: makes the cameras.
             guard: hears of the open port and of every stick frame written.
             opener: opens the port.
-            record_written: records what is written to it.
+            tap: records the line, and what the flight core is told.
             journal: of procedures; the vehicle's own if none is given.
             first_epoch: of the leases; if none is given, one above every epoch of an earlier run.
 
@@ -112,23 +106,23 @@ class Wiring:
         self._cfg, self._bus, self._clock = cfg, bus, clock
         if cfg.cameras:
             require_safe_loop(cfg.control)
-        facts = self.facts = VehicleFacts()
         if first_epoch is None:
             # Milliseconds since 1970: above every epoch of an earlier run, whatever a client still streams.
             first_epoch = int(clock.stamp().wall * 1000)
-        core = FlightCore(cfg.control, facts, first_epoch=first_epoch)
-        audit = self.audit = Audit(bus, clock)
-        self.eyes = make_eyes(core)
-        sink = BusSink(bus, core, audit, self.eyes, clock, record_written)
+        deck = self._deck = Deck(cfg.control, bus, clock, first_epoch=first_epoch, make_eyes=make_eyes, tap=tap)
+        facts = self.facts = deck.core.vehicle
+        audit, self.eyes = deck.audit, deck.eyes
+        self.audit = audit
         link = self.link = Link(
-            cfg.link, sink, opener=opener, clock=clock, motors_running=facts.motors_running, guard=guard
+            cfg.link, deck.sink, opener=opener, clock=clock, motors_running=facts.motors_running, guard=guard, tap=tap
         )
-        flight = self.flight = FlightControl(core, link, bus, audit, clock=clock, records=recording_folder(cfg))
+        flight = self.flight = FlightControl(deck, link, clock=clock, records=recording_folder(cfg))
         interlock = Interlock(lambda: flight.phase)
-        requests = BoardRequests(cfg.commands, link, facts, audit, clock, admit=interlock.check_request)
+        requests = BoardRequests(cfg.commands, link, facts, deck.feed, audit, clock, admit=interlock.check_request)
         self._procedures = ProcedureRunner(
             link,
             facts,
+            deck.feed,
             bus,
             audit,
             requests,
@@ -137,42 +131,29 @@ class Wiring:
             LabelCache(cfg.link.label_cache),
             clock,
         )
-        self._numbers = count(1)
-        bus.serve("cmd", self._numbered(requests.answer))
+        bus.serve("cmd", requests.answer)
         paths = PathProbe(cfg.control.lease.max_path_delay, clock.now)
         verbs = Verbs(flight, link, audit, interlock, self._procedures.verbs, paths)
-        self.answer_verb: Callable[[str, Payload], Awaitable[CommandResult]] = self._numbered(verbs.answer)
+        self.answer_verb: Callable[[str, Payload], Awaitable[CommandResult]] = verbs.answer
         bus.serve("do", self.answer_verb)
         for kind in SETPOINTS:
             is_proven = partial(flight.is_signed_by_holder, kind)
-            bus.receive(kind.suffix, taking(partial(flight.setpoint_arrived, kind)), is_proven)
-        bus.watch_clients(taking(flight.client_changed))
-        self.guard_acted, self.guard_changed = taking(flight.guard_acted), taking(flight.guard_changed)
+            bus.receive(kind.suffix, partial(flight.setpoint_arrived, kind), is_proven)
+        bus.watch_clients(flight.client_changed)
+        self.guard_acted, self.guard_changed = flight.guard_acted, flight.guard_changed
 
     async def run_line(self) -> None:
         """Keep the line; see `Link.run`."""
-        await act(self.link.run())
+        await self.link.run()
 
     def start(self, tasks: asyncio.TaskGroup | asyncio.AbstractEventLoop) -> list[asyncio.Task[None]]:
         """Start what stands above the line: control, procedures, and what is published by the clock."""
         return [
-            tasks.create_task(act(self.flight.run()), name="control"),
-            tasks.create_task(act(self._procedures.run()), name="procedures"),
-            tasks.create_task(act(self._publish_health()), name="health"),
-            tasks.create_task(act(self._watch_system_clock()), name="clock"),
+            tasks.create_task(self.flight.run(), name="control"),
+            tasks.create_task(self._procedures.run(), name="procedures"),
+            tasks.create_task(self._publish_health(), name="health"),
+            tasks.create_task(self._watch_system_clock(), name="clock"),
         ]
-
-    def _numbered(self, answer: Callable[[str, Payload], Awaitable[CommandResult]]) -> Handler:
-        """What answers requests, each under a number: a replay tells them apart by it."""
-
-        async def answer_numbered(suffix: str, payload: Payload) -> CommandResult:
-            with acting(f"answer {next(self._numbers)}"):
-                try:
-                    return await answer(suffix, payload)
-                finally:
-                    self._clock.now()  # a replay learns from it when the answer was complete
-
-        return answer_numbered
 
     def health(self) -> VehicleHealth:
         """The vehicle's signs of life, now."""

@@ -12,14 +12,13 @@ from typing import Final
 from mkdaemon.clock import Clock
 from mkdaemon.config.link import LinkConfig
 from mkdaemon.errors import LinkLostError, RequestTimeoutError
-from mkdaemon.link.session.controlpath import BuildControl, FrameNumber
 from mkdaemon.link.session.dialogue import Dialogue
 from mkdaemon.link.session.exchange import Exchange
 from mkdaemon.link.session.guarding import LineGuard
 from mkdaemon.link.session.knownflight import FlightMemory
 from mkdaemon.link.session.peers import Proof
 from mkdaemon.link.session.streams import check_rates
-from mkdaemon.link.session.traffic import LinkSink, Purpose, ReleaseResult
+from mkdaemon.link.session.traffic import BuildSetpoint, LineTap, LinkSink, Purpose, ReleaseResult, SetpointFate
 from mkdaemon.protocol.dialect import Dialect
 from mkdaemon.protocol.wire import Board, WireMessage
 from mkdaemon.telemetry.control import ControlLine, ReleaseOutcome
@@ -46,6 +45,7 @@ class Conversation:
         clock: Clock,
         motors_running: MotorsRunning,
         guard: LineGuard | None = None,
+        tap: LineTap | None = None,
     ) -> None:
         """Prepare; arguments as for `Link`.
 
@@ -57,7 +57,7 @@ class Conversation:
         self._clock = clock
         self._motors_running = motors_running
         self._dialogue = Dialogue(cfg, clock.now())
-        self._exchange = Exchange(cfg, sink, self._dialogue, clock, guard)
+        self._exchange = Exchange(cfg, sink, self._dialogue, clock, guard, tap)
         self.passage = asyncio.Lock()
 
     # -- what callers use -----------------------------------------------------------------------------------------
@@ -145,22 +145,22 @@ class Conversation:
         """What the line can take from the flight core now."""
         return self._dialogue.control_line(self._clock.now())
 
-    def send_setpoint(self, build: BuildControl, *, deadline: float) -> FrameNumber:
+    def send_setpoint(self, build: BuildSetpoint, *, deadline: float) -> SetpointFate:
         """Hand in an external control frame; the newest wins, and none leaves after its deadline.
 
+        Raises nothing for what the line refuses: it may fall silent between a look at `control_line` and this call.
+
         Args:
-            build: makes the message, in the layout `dialect.extern_control`, with the frame number it is given.
+            build: makes the message, in the layout and with the frame number it is given.
             deadline: [s; monotonic].
 
         Returns:
-            The frame number; the board's confirmation repeats it.
-
-        Raises:
-            CommandRejectedError: the line takes none now (see `Obstacle`), or `wrong_layout`.
+            The frame number, which the board's confirmation repeats; or why the line takes none now (see `Obstacle`,
+            and `wrong_layout`).
         """
-        number = self._dialogue.steer(build, deadline, self._clock.now())
+        fate = self._dialogue.steer(build, deadline, self._clock.now())
         self._exchange.pump()
-        return number
+        return fate
 
     def release(self, reason: str) -> Awaitable[ReleaseResult]:
         """Release the aircraft: neutral sticks, then Config = 0 five times, confirmed where that is possible.
@@ -267,7 +267,7 @@ class Conversation:
         self, msg: WireMessage, board: Board | None, *, patience: float | None, retries: int | None, purpose: Purpose
     ) -> WireMessage | None:
         """Ask, and wait for the outcome; a caller that is cancelled leaves nothing behind."""
-        if self._exchange.port is None:
+        if not self._exchange.is_open:
             raise LinkLostError(f"{self._cfg.port}: {self._dialogue.health.verdict.reason}")
         now = self._clock.now()
         waiter = self._exchange.waiters.for_answer()

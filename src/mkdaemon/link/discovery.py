@@ -21,7 +21,7 @@ from contextlib import asynccontextmanager, suppress
 from itertools import chain, repeat
 from typing import Final
 
-from mkdaemon.errors import CommandRejectedError, LinkError
+from mkdaemon.errors import CommandRejectedError, LinkError, RequestTimeoutError
 from mkdaemon.link.conversation import Conversation
 from mkdaemon.protocol.flags import RedirectPort
 from mkdaemon.protocol.messages.navictrl import Redirect
@@ -60,7 +60,7 @@ async def discover_flightctrl(link: Conversation, *, until: asyncio.Event) -> No
     pauses = chain(LOOK_AGAIN, repeat(LOOK_AGAIN[-1]))
     while link.lacks_flightctrl and not until.is_set():
         pause = LOOK_AGAIN[0]  # waiting for motors that stand still costs nothing and has no end
-        with suppress(CommandRejectedError):
+        with suppress(CommandRejectedError, RequestTimeoutError):
             await _ask_flightctrl(link)
             link.count_look()
             pause = next(pauses)

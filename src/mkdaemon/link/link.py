@@ -18,7 +18,7 @@ from mkdaemon.link.discovery import discover_boards, discover_flightctrl
 from mkdaemon.link.ports.port import Port, open_port
 from mkdaemon.link.session.guarding import LineGuard
 from mkdaemon.link.session.reopening import AliasMemory, backoff
-from mkdaemon.link.session.traffic import LinkSink
+from mkdaemon.link.session.traffic import LineTap, LinkSink
 from mkdaemon.telemetry.link import LinkCondition
 
 
@@ -41,6 +41,7 @@ class Link(Conversation):
         clock: Clock | None = None,
         motors_running: MotorsRunning = lambda now, within: None,
         guard: LineGuard | None = None,
+        tap: LineTap | None = None,
     ) -> None:
         """Prepare; `run` does the work.
 
@@ -52,11 +53,12 @@ class Link(Conversation):
             motors_running: who knows whether the motors run; a line is only redirected while it is known that they
                 do not.
             guard: hears of the open port and of every stick frame written.
+            tap: records the line.
 
         Raises:
             ConfigError: the configured port or a configured stream cannot exist, or the line cannot carry the rates.
         """
-        super().__init__(cfg, sink, clock or Clock(), motors_running, guard)
+        super().__init__(cfg, sink, clock or Clock(), motors_running, guard, tap)
         self._opener = opener
         self._aliases = AliasMemory()
 

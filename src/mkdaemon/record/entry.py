@@ -47,8 +47,10 @@ class Kind(StrEnum):
     """The line was lost or closed; the payload is a map of `reason`."""
     IMAGE = "image"
     """What a camera saw, kept by the recorder at a rate of its own; the payload is a `CameraFrame`."""
+    EVENT = "event"
+    """What the flight core was told and answered, or that it decided; see `events`."""
     NOTICE = "notice"
-    """What the daemon was told from beside the bus and the line, or when it woke; see `notices`."""
+    """What the daemon was told or decided beside all this; see `Notice`."""
 
 
 class Congestion(StrEnum):
@@ -178,3 +180,31 @@ def _carried_stamp(payload: bytes) -> Stamp | None:
         return Stamp.model_validate(value["stamp"])
     except (ValueError, TypeError, KeyError, RecursionError, msgpack.exceptions.UnpackException):
         return None
+
+
+NOTICES: Final = "notice/"
+"""Keys of notices begin so, behind `mk/<vehicle>/`."""
+
+
+class Notice(StrEnum):
+    """What a notice is about; its payload is a msgpack map, or nothing."""
+
+    LAYOUTS = "layouts"
+    """By which layouts frames are decoded from now on: `layouts`, rows of board, command letter and layout."""
+    IMAGE_SEEN = "image_seen"
+    """An image was looked at: `camera`, `sequence`, `attitude`, the time of the newest attitude known by then [s]."""
+    SETPOINT_REFUSED = "setpoint_refused"
+    """The setpoint before it was refused: `key` without `mk/<vehicle>/`, `sequence` of its entry, `token`, `reason`."""
+    STOP = "stop"
+    """The daemon was told to end in order; nothing else is said."""
+
+    @property
+    def suffix(self) -> str:
+        """The key without `mk/<vehicle>/`."""
+        return NOTICES + self.value
+
+    @classmethod
+    def of(cls, entry: Entry) -> Notice | None:
+        """What an entry is about; None where it is no notice of these."""
+        word = entry.suffix.removeprefix(NOTICES)
+        return cls(word) if entry.kind is Kind.NOTICE and word in set(cls) else None

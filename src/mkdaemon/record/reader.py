@@ -7,9 +7,11 @@ it was recorded; what is missing is named in the report. A file that is being wr
 
 from __future__ import annotations
 
+import re
 import struct
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
 from typing import Final
 
@@ -17,10 +19,9 @@ from mcap.opcode import Opcode
 
 from mkdaemon.errors import MkError
 from mkdaemon.reading import open_regular
-from mkdaemon.record.channels import read_channel, read_metadata
 from mkdaemon.record.entry import SEQUENCES, Entry, Kind, TimeBase
 from mkdaemon.record.layout import SESSION, VIEW, ChannelFacts, Session
-from mkdaemon.record.scan import Chunk, Damage, Record, Scanner, records_in
+from mkdaemon.record.scan import Chunk, Damage, Record, Scanner, read_channel, read_metadata, records_in
 
 _MESSAGE: Final = struct.Struct("<HIQQ")
 Wanted = Callable[[ChannelFacts], bool]
@@ -233,3 +234,25 @@ def _records_of(chunk: Chunk) -> Iterator[Record]:
         yield from records_in(chunk.content())
     except ValueError:
         return
+
+
+def matches_any(key: str, patterns: Sequence[str]) -> bool:
+    """Whether a key, with or without `mk/<vehicle>/`, matches one of the patterns; with no patterns every key does.
+
+    Args:
+        key: the whole key.
+        patterns: with or without `mk/<vehicle>/`.
+    """
+    suffix = key.partition("/")[2].partition("/")[2]
+    return not patterns or any(_compiled(one).fullmatch(name + "/") for one in patterns for name in (key, suffix))
+
+
+@cache
+def _compiled(pattern: str) -> re.Pattern[str]:
+    """The pattern of a key with a slash behind it."""
+    chunks = [_chunk(one) for one in pattern.split("/")]
+    return re.compile("".join(chunks))
+
+
+def _chunk(chunk: str) -> str:
+    return "(?:[^/]+/)*" if chunk == "**" else re.escape(chunk).replace(r"\*", "[^/]*") + "/"

@@ -1,20 +1,100 @@
-"""What a recording holds, in figures."""
+"""What a recording holds, in figures, and who sent what; `glance` tells what can be known without reading it."""
 
 from __future__ import annotations
 
+import struct
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Final
+from typing import Any, BinaryIO, Final
 
 import msgpack
+from mcap.opcode import Opcode
 
+from mkdaemon.errors import MkError
+from mkdaemon.reading import open_regular
 from mkdaemon.record.countcheck import CountCheck
-from mkdaemon.record.entry import NANOSECONDS, ROOTS, Entry, Kind
-from mkdaemon.record.layout import Session
+from mkdaemon.record.entry import HOLDER, NANOSECONDS, ROOTS, Entry, Kind, Notice
+from mkdaemon.record.layout import MAGIC, Session
 from mkdaemon.record.reader import ReadReport, Recording
-from mkdaemon.record.senders import Senders
+from mkdaemon.record.scan import records_in
+
+LEASE: Final = "do/lease"
+_ACCEPTED: Final = "accepted"
+
+
+@dataclass
+class Sender:
+    """One session.
+
+    Attributes:
+        source: its Zenoh id, as it says itself; `local` for the Unix socket; empty for those that say none.
+        names: under which it asked for the lease.
+        setpoints: that arrived.
+        signed: of these, signed with the secret of the lease.
+        setpoints_refused: of these, by token.
+        requests: that arrived.
+        requests_refused: of these, not accepted.
+    """
+
+    source: str
+    names: set[str] = field(default_factory=set)
+    setpoints: int = 0
+    signed: int = 0
+    setpoints_refused: dict[str, int] = field(default_factory=dict)
+    requests: int = 0
+    requests_refused: int = 0
+
+
+class Senders:
+    """Counts them.
+
+    Attributes:
+        found: by source.
+    """
+
+    def __init__(self) -> None:
+        self.found: dict[str, Sender] = {}
+        self._setpoints: dict[str, tuple[int, Sender]] = {}
+        self._asking: dict[int, Sender] = {}
+
+    def take(self, entry: Entry) -> None:
+        """Count an entry."""
+        if entry.kind is Kind.SETPOINT:
+            sender = self._sender(entry)
+            sender.setpoints += 1
+            sender.signed += entry.issuer == HOLDER
+            self._setpoints[entry.suffix] = (entry.sequence, sender)
+        elif entry.kind is Kind.QUERY:
+            sender = self._asking[entry.exchange] = self._sender(entry)
+            sender.requests += 1
+            if entry.suffix == LEASE and (holder := _fields(entry).get("holder")):
+                sender.names.add(str(holder))
+        elif entry.kind is Kind.REPLY:
+            asked = self._asking.pop(entry.exchange, None)
+            if asked is not None:
+                asked.requests_refused += _fields(entry).get("status") != _ACCEPTED
+        elif Notice.of(entry) is Notice.SETPOINT_REFUSED:
+            self._count_refused(_fields(entry))
+
+    def _sender(self, entry: Entry) -> Sender:
+        return self.found.setdefault(entry.source, Sender(entry.source))
+
+    def _count_refused(self, fields: dict[str, Any]) -> None:
+        sequence, sender = self._setpoints.get(str(fields.get("key")), (0, None))
+        if sender is not None and sequence == fields.get("sequence"):
+            token = str(fields.get("token"))
+            sender.setpoints_refused[token] = sender.setpoints_refused.get(token, 0) + 1
+
+
+def _fields(entry: Entry) -> dict[str, Any]:
+    try:
+        found = msgpack.unpackb(entry.payload)
+    except (ValueError, msgpack.exceptions.UnpackException):
+        return {}
+    return found if isinstance(found, dict) else {}
+
 
 MARK: Final = "event/mark"
 Progress = Callable[[int], None]
@@ -164,3 +244,75 @@ def _text_of(entry: Entry) -> str:
         return str(msgpack.unpackb(entry.payload)["text"])
     except (ValueError, TypeError, KeyError, msgpack.exceptions.UnpackException):
         return "?"
+
+
+_FOOTER: Final = struct.Struct("<BQQQI")
+_STATISTICS: Final = struct.Struct("<QHIIIIQQ")
+_LONGEST_SUMMARY: Final = 1 << 26
+"""A longer index is taken for damage [bytes]."""
+
+
+@dataclass(frozen=True, slots=True)
+class Glance:
+    """What the beginning and the end of a file say.
+
+    Attributes:
+        path: the file.
+        size: [bytes].
+        session: None where it says nothing about itself.
+        first: time of the earliest entry [ns]; None where the file was not finished.
+        last: time of the latest entry [ns]; None where the file was not finished.
+    """
+
+    path: Path
+    size: int
+    session: Session | None
+    first: int | None = None
+    last: int | None = None
+
+    @property
+    def is_finished(self) -> bool:
+        """Whether it has an index."""
+        return self.first is not None
+
+    @property
+    def duration(self) -> float | None:
+        """From the earliest to the latest entry [s]."""
+        return None if self.first is None or self.last is None else (self.last - self.first) / NANOSECONDS
+
+
+def glance(path: Path) -> Glance:
+    """Look at a file.
+
+    Raises:
+        MkError: it cannot be opened.
+    """
+    session = Recording(path).read_session()
+    try:
+        with open_regular(path) as file:
+            size = file.seek(0, 2)
+            times = _times(file, size)
+    except OSError as error:
+        msg = f"{path}: cannot be read ({error.strerror})"
+        raise MkError(msg) from error
+    return Glance(path, size, session) if times is None else Glance(path, size, session, *times)
+
+
+def _times(file: BinaryIO, size: int) -> tuple[int, int] | None:
+    """First and last time from the index; None where there is none."""
+    end = size - len(MAGIC) - _FOOTER.size
+    if end < 0:
+        return None
+    file.seek(end)
+    opcode, length, start, _, _ = _FOOTER.unpack(file.read(_FOOTER.size))
+    if file.read() != MAGIC or opcode != Opcode.FOOTER or length != 20 or not end - _LONGEST_SUMMARY < start <= end:
+        return None
+    file.seek(start)
+    try:
+        for record in records_in(file.read(end - start)):
+            if record.opcode == Opcode.STATISTICS and len(record.content) >= _STATISTICS.size:
+                *_, first, last = _STATISTICS.unpack_from(record.content)
+                return first, last
+    except ValueError:
+        pass
+    return None

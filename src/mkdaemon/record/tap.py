@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from secrets import token_bytes
 from types import MappingProxyType
 from typing import Any, Final
 
 import msgpack
 
 from mkdaemon.clock import Clock
-from mkdaemon.record.entry import HOLDER, SEQUENCES, STRANGER, Entry, Kind, TimeBase
-from mkdaemon.record.looks import LookLog
-from mkdaemon.record.notices import Notice
+from mkdaemon.control.events import Event, Reply
+from mkdaemon.protocol.decoder import Layouts
+from mkdaemon.record.entry import HOLDER, SEQUENCES, STRANGER, Entry, Kind, Notice, TimeBase
+from mkdaemon.record.events import DERIVED, TICK, pack_event, suffix_of
 from mkdaemon.record.queue import EntryQueue
 from mkdaemon.stamp import Stamp
 
@@ -22,16 +24,11 @@ PORT: Final = "port"
 """Suffix of the key that bytes of the line have."""
 
 NOTHING: Final[Mapping[str, object]] = MappingProxyType({})
-EYES: Final = ("vision/", "tf")
-"""Keys of what the cameras see: it reaches the flight core from a thread of its own."""
 MakeImage = Callable[[], tuple[bytes, str] | None]
 
 
 class Tap:
-    """Entries of one vehicle. Each kind and key is for one thread at a time.
-
-    What the daemon saw on its clock stands before whatever came in after it: a replay tells by that what was known.
-    """
+    """Entries of one vehicle, in the order in which things passed. Each kind and key is for one thread at a time."""
 
     def __init__(self, queue: EntryQueue, clock: Clock, vehicle: str, base: TimeBase) -> None:
         """Put entries into a queue.
@@ -47,35 +44,16 @@ class Tap:
         self._root = f"mk/{vehicle}/"
         self._base = base
         self._sequences: dict[tuple[Kind, str], int] = {}
-        self._looks = LookLog()
-
-    def looked(self, actor: str, at: float) -> None:
-        """Take a look at the clock [s; monotonic]; on the loop."""
-        if self._looks.ends_with(actor, at):
-            self.end_looks()
-        self._looks.add(actor, at)
-
-    def port_waits(self, size: int) -> None:
-        """Note how much waits in the port from now on [bytes]."""
-        self._looks.add_backlog(size)
-
-    def end_looks(self) -> None:
-        """Let what was seen so far stand before what comes next."""
-        if not self._looks.is_empty:
-            payload, began = self._looks.take()
-            self._put_notice(Notice.LOOKS, payload, began)
+        self._key = token_bytes(16)
 
     def sample(self, suffix: str, payload: bytes, encoding: str, stamp: Stamp | None) -> None:
         """Take a value that is published."""
-        if suffix.startswith(EYES):
-            self.end_looks()
-        self._take(Kind.SAMPLE, suffix, payload, encoding, self._clock.monotonic(), stamp)
+        self._take(Kind.SAMPLE, suffix, payload, encoding, self._clock.now(), stamp)
 
     def setpoint(
         self, suffix: str, payload: bytes, encoding: str, signature: bytes, *, at: float, source: str, is_holder: bool
     ) -> None:
         """Take a setpoint that arrived; see `mkdaemon.bus.recording.BusRecorder`."""
-        self.end_looks()
         issuer = HOLDER if is_holder else STRANGER
         self._take(Kind.SETPOINT, suffix, payload, encoding, at, issuer=issuer, attachment=signature, source=source)
 
@@ -87,39 +65,46 @@ class Tap:
 
     def query(self, suffix: str, payload: bytes, exchange: int, source: str) -> None:
         """Take a query that arrived."""
-        self.end_looks()
-        hidden, at = hide_secrets(payload), self._clock.monotonic()
+        hidden, at = hide_secrets(payload), self._clock.now()
         self._take(Kind.QUERY, suffix, hidden, "application/msgpack", at, exchange=exchange, source=source)
 
     def reply(self, suffix: str, payload: bytes, encoding: str, exchange: int) -> None:
         """Take the answer to a query."""
         hidden = hide_secrets(payload)
-        self._take(Kind.REPLY, suffix, hidden, encoding, self._clock.monotonic(), exchange=exchange)
+        self._take(Kind.REPLY, suffix, hidden, encoding, self._clock.now(), exchange=exchange)
 
-    def client(self, name: str, is_here: bool) -> None:
-        """Note a client's coming or going."""
-        self.notice(Notice.CLIENT, fields={"name": name, "is_here": is_here})
+    def fed(self, event: Event, at: float, reply: Reply | None) -> None:
+        """Take what the flight core was told, and its answer; events that follow from bytes are left out."""
+        if type(event) not in DERIVED:
+            payload = pack_event(event, reply, self._key)
+            self._take(Kind.EVENT, suffix_of(event), payload, "application/msgpack", at)
+
+    def ticked(self, at: float, slept: float) -> None:
+        """Take that the flight core decided."""
+        payload = msgpack.packb({"slept": slept}) if slept else b""
+        self._take(Kind.EVENT, TICK, payload, "application/msgpack" if payload else "", at)
 
     def port_read(self, data: bytes, at: float) -> None:
         """Take bytes that were read from the line."""
-        self.end_looks()
         self._take(Kind.PORT_READ, PORT, data, "", at)
 
     def port_written(self, data: bytes, at: float, issuer: str) -> None:
         """Take bytes that were given to the line."""
         self._take(Kind.PORT_WRITTEN, PORT, data, "", at, issuer=issuer)
 
-    def port_opened(self, port: str, baud: int) -> None:
+    def port_opened(self, port: str, baud: int, at: float) -> None:
         """Note that the line was opened."""
-        self.end_looks()
         payload = msgpack.packb({"port": port, "baud": baud})
-        self._take(Kind.PORT_OPENED, PORT, payload, "application/msgpack", self._clock.monotonic())
+        self._take(Kind.PORT_OPENED, PORT, payload, "application/msgpack", at)
 
-    def port_lost(self, reason: str) -> None:
+    def port_lost(self, reason: str, at: float) -> None:
         """Note that the line was lost or closed."""
-        self.end_looks()
-        payload = msgpack.packb({"reason": reason})
-        self._take(Kind.PORT_LOST, PORT, payload, "application/msgpack", self._clock.monotonic())
+        self._take(Kind.PORT_LOST, PORT, msgpack.packb({"reason": reason}), "application/msgpack", at)
+
+    def layouts_changed(self, layouts: Layouts, at: float) -> None:
+        """Note by which layouts frames are decoded from now on."""
+        rows = [(board.word, letter, layout) for (board, letter), layout in layouts.items()]
+        self.notice(Notice.LAYOUTS, at, {"layouts": rows})
 
     def notice(self, notice: Notice, at: float | None = None, fields: Mapping[str, object] = NOTHING) -> None:
         """Note something from beside the bus and the line; on the loop.
@@ -129,7 +114,6 @@ class Tap:
             at: when [s; monotonic]; now if none is given.
             fields: more about it.
         """
-        self.end_looks()
         self._put_notice(notice, msgpack.packb(dict(fields)) if fields else b"", at)
 
     def image_seen(self, camera: str, sequence: int, attitude: float | None) -> None:
@@ -160,7 +144,7 @@ class Tap:
 
     def _put_notice(self, notice: Notice, payload: bytes, at: float | None = None) -> None:
         encoding = "application/msgpack" if payload else ""
-        self._take(Kind.NOTICE, notice.suffix, payload, encoding, self._clock.monotonic() if at is None else at)
+        self._take(Kind.NOTICE, notice.suffix, payload, encoding, self._clock.now() if at is None else at)
 
     def _take(
         self,

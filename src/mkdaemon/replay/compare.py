@@ -9,13 +9,34 @@ from typing import Any, Final
 import msgpack
 
 from mkdaemon.record.entry import Entry, Kind
+from mkdaemon.record.events import TICK
 from mkdaemon.replay.recorded import Recorded
-from mkdaemon.replay.station import Output
 from mkdaemon.replay.tolerances import WINDOW, admits, is_left_out
 
 _ABSENT: Final = "(absent)"
+_TOLD_APART: Final = {"event/command": "key", "event/failsafe": "action"}
+"""Keys under which more than one part of the daemon publishes, and the field that tells them apart."""
 CUT: Final = 0.05
 """Of a recording that breaks off, the last of it is not compared [s]: part of what came out is missing."""
+
+
+@dataclass(frozen=True, slots=True)
+class Output:
+    """Something that came out of the replay.
+
+    Attributes:
+        kind: a value that is published, or what the flight core was told and answered.
+        suffix: key without `mk/<vehicle>/`.
+        payload: msgpack.
+        encoding: names its schema.
+        at: when [s].
+    """
+
+    kind: Kind
+    suffix: str
+    payload: bytes
+    encoding: str
+    at: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +61,7 @@ class KeyReport:
     """How one key compares.
 
     Attributes:
-        key: without `mk/<vehicle>/`; replies have `reply/` before it.
+        key: without `mk/<vehicle>/`; where several publish under it, with what tells them apart.
         recorded: values recorded.
         replayed: values that came out.
         differing: pairs that differ.
@@ -95,7 +116,7 @@ class Comparison:
 
 @dataclass(frozen=True, slots=True)
 class _Value:
-    """A value, and by what it is found again: the time of its stamp, or the number of its exchange.
+    """A value, and the time by which it is found again: that of its stamp.
 
     A recorded value was taken when it had been coded, which may be much later than it was stamped.
     """
@@ -116,12 +137,9 @@ def compare(recorded: Recorded, outputs: Sequence[Output], *, without: frozenset
     """
     began = recorded.start
     until = float("inf") if recorded.stopped_at is not None else recorded.end - CUT
-    before = _by_key(
-        (moment.entry.kind, moment.entry.suffix, moment.at, moment.entry)
-        for moment in recorded.of(Kind.SAMPLE, Kind.REPLY)
-        if moment.at < until
-    )
-    after = _by_key((output.kind, output.suffix, output.at, output) for output in outputs if output.at < until)
+    entries = (*recorded.of(Kind.SAMPLE), *recorded.of(Kind.EVENT))
+    before = _by_key((entry.received, entry) for entry in entries if entry.received < until)
+    after = _by_key((output.at, output) for output in outputs if output.at < until)
     keys: dict[str, KeyReport] = {}
     left_out: dict[str, int] = {}
     for key in sorted(before.keys() | after.keys()):
@@ -132,22 +150,19 @@ def compare(recorded: Recorded, outputs: Sequence[Output], *, without: frozenset
     return Comparison(keys, left_out)
 
 
-def _by_key(values: Iterable[tuple[Kind, str, float, Entry | Output]]) -> dict[str, list[_Value]]:
+def _by_key(values: Iterable[tuple[float, Entry | Output]]) -> dict[str, list[_Value]]:
     found: dict[str, list[_Value]] = {}
-    for kind, suffix, at, value in values:
-        if kind is Kind.REPLY:
-            name, mark = f"reply/{suffix}", float(value.exchange)
-        else:
-            name, mark = suffix, _stamped(value.payload, at)
+    for at, value in values:
+        if value.suffix == TICK:
+            continue
+        fields = _fields(value.payload) if value.kind is Kind.SAMPLE else None
+        name, mark = value.suffix, at
+        if isinstance(fields, dict):
+            stamp = fields.get("stamp")
+            mark = float(stamp["monotonic"]) if isinstance(stamp, dict) and "monotonic" in stamp else at
+            name = f"{name}:{fields.get(_TOLD_APART[name])}" if name in _TOLD_APART else name
         found.setdefault(name, []).append(_Value(at, mark, value.encoding, value.payload))
-    return found
-
-
-def _stamped(payload: bytes, at: float) -> float:
-    """Time of the stamp that a value carries [s]; `at` where it carries none."""
-    fields = _fields(payload)
-    stamp = fields.get("stamp") if isinstance(fields, dict) else None
-    return float(stamp["monotonic"]) if isinstance(stamp, dict) and "monotonic" in stamp else at
+    return {name: sorted(found[name], key=lambda value: value.mark) for name in found}
 
 
 def _compare_key(key: str, before: Sequence[_Value], after: Sequence[_Value], began: float) -> KeyReport:

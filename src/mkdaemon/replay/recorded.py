@@ -1,4 +1,4 @@
-"""What a recording of one flight of the daemon says, sorted into what went in and what came out."""
+"""What a recording of one flight of the daemon says, sorted by kind."""
 
 from __future__ import annotations
 
@@ -13,14 +13,9 @@ from pydantic import BaseModel, ValidationError
 from mkdaemon.config.root import Config
 from mkdaemon.errors import ConfigError, MkError
 from mkdaemon.reading import parse_json
-from mkdaemon.record.entry import Entry, Kind
+from mkdaemon.record.entry import Entry, Kind, Notice
 from mkdaemon.record.layout import Session
-from mkdaemon.record.looks import Look, unpack_looks
-from mkdaemon.record.notices import Notice
 from mkdaemon.record.reader import Recording
-from mkdaemon.replay.port import Refusal
-from mkdaemon.replay.script import Moment
-from mkdaemon.telemetry.link import LinkCondition
 
 BLACK_BOX: Final = "blackbox"
 _Model = TypeVar("_Model", bound=BaseModel)
@@ -32,45 +27,39 @@ class Recorded:
 
     Attributes:
         session: what the recording says about itself.
-        moments: every entry, in the order in which it was taken.
-        looks: what the daemon saw on its clock, in order.
-        backlogs: before which look, and how many bytes waited in the port from then on.
+        entries: in the order in which they were taken.
         lost: entries missing by their sequence numbers.
         damaged: parts of the files that could not be read.
     """
 
     session: Session
-    moments: list[Moment]
-    looks: list[Look]
-    backlogs: list[tuple[int, int]]
+    entries: Sequence[Entry]
     lost: int = 0
     damaged: int = 0
-    _by_kind: dict[Kind, list[Moment]] = field(default_factory=dict)
+    _by_kind: dict[Kind, list[Entry]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        for moment in self.moments:
-            self._by_kind.setdefault(moment.entry.kind, []).append(moment)
+        for entry in self.entries:
+            self._by_kind.setdefault(entry.kind, []).append(entry)
 
-    def of(self, *kinds: Kind) -> list[Moment]:
-        """The moments of some kinds, in order."""
-        if len(kinds) == 1:
-            return self._by_kind.get(kinds[0], [])
-        return [moment for moment in self.moments if moment.entry.kind in kinds]
+    def of(self, kind: Kind) -> Sequence[Entry]:
+        """The entries of a kind, in order."""
+        return self._by_kind.get(kind, ())
 
     @property
     def start(self) -> float:
         """When the recording begins [s]."""
-        return min(self.moments[0].at, self.looks[0].at)
+        return self.entries[0].received
 
     @property
     def end(self) -> float:
         """When it ends [s]."""
-        return max(self.moments[-1].at, self.looks[-1].at)
+        return self.entries[-1].received
 
     @property
     def stopped_at(self) -> float | None:
         """When the daemon was told to stop [s]; None where it did not end in order."""
-        return next((moment.at for moment in self.notices(Notice.STOP)), None)
+        return next((entry.received for entry in self.notices(Notice.STOP)), None)
 
     @property
     def config(self) -> Config:
@@ -91,48 +80,27 @@ class Recorded:
             )
             raise ConfigError(msg) from error
 
-    def notices(self, notice: Notice) -> Iterator[Moment]:
-        """What the daemon was told of one kind."""
-        for moment in self.of(Kind.NOTICE):
-            if Notice.of(moment.entry) is notice:
-                yield moment
+    def notices(self, notice: Notice) -> Iterator[Entry]:
+        """The notices of one sort."""
+        return (entry for entry in self.of(Kind.NOTICE) if Notice.of(entry) is notice)
 
-    def samples(self, *suffixes: str) -> Iterator[Moment]:
-        """Published values of some keys."""
-        for moment in self.of(Kind.SAMPLE):
-            if moment.entry.suffix in suffixes:
-                yield moment
-
-    def replies(self) -> dict[int, Entry]:
-        """Every reply, by the number of its exchange."""
-        return {moment.entry.exchange: moment.entry for moment in self.of(Kind.REPLY)}
-
-    def refusals(self) -> list[Refusal]:
-        """When the line was found absent or unusable."""
-        states = [(moment.at, fields_of(moment.entry)) for moment in self.samples("link/state")]
-        return [
-            Refusal(at, str(fields.get("reason", "")), fields["condition"] == LinkCondition.ABSENT)
-            for at, fields in states
-            if fields.get("condition") in {LinkCondition.ABSENT, LinkCondition.DOWN}
-        ]
-
-    def first_epoch(self) -> int | None:
-        """Epoch of the first lease; None where nobody took one."""
-        for moment in self.of(Kind.REPLY):
-            reply = fields_of(moment.entry).get("reply") if moment.entry.suffix == "do/lease" else None
-            if isinstance(reply, dict) and "secret" in reply:
-                return int(reply["epoch"])
-        return None
+    def first_epoch(self) -> int:
+        """Epoch of the first lease; 0 where nobody took one."""
+        for entry in self.of(Kind.EVENT):
+            lease = (fields_of(entry).get("reply") or {}).get("lease")
+            if lease is not None:
+                return int(lease["epoch"])
+        return 0
 
     def wall_offsets(self) -> list[tuple[float, float]]:
         """Unix time less monotonic time [s] as the recorded daemon knew it, each with the time from which on [s]."""
         found: list[tuple[float, float]] = []
-        for moment in self.of(Kind.SAMPLE):
-            stamp = fields_of(moment.entry).get("stamp")
-            if isinstance(stamp, dict) and stamp.get("boot") == moment.entry.base.boot:
+        for entry in self.of(Kind.SAMPLE):
+            stamp = fields_of(entry).get("stamp")
+            if isinstance(stamp, dict) and stamp.get("boot") == entry.base.boot:
                 offset = stamp["wall"] - stamp["monotonic"]
                 if not found or abs(offset - found[-1][1]) > 1e-6:
-                    found.append((moment.at, offset))
+                    found.append((entry.received, offset))
         return found
 
 
@@ -144,7 +112,8 @@ def read_recorded(paths: Sequence[Path]) -> Recorded:
 
     Raises:
         MkError: a file cannot be opened.
-        ConfigError: these are not the files of one black box from its beginning on.
+        ConfigError: these are not the files of one black box from its beginning on, or it did not keep what the flight
+            core was told.
     """
     files = [Recording(path) for path in paths]
     sessions: list[tuple[Session, Recording]] = []
@@ -160,35 +129,19 @@ def read_recorded(paths: Sequence[Path]) -> Recorded:
     if not entries:
         msg = f"{paths[0]}: nothing was recorded; a daemon that flies writes one (docs/recording.md)"
         raise ConfigError(msg)
+    if not any(entry.kind is Kind.EVENT for entry in entries):
+        msg = (
+            f"{paths[0]}: recorded by {sessions[0][0].program}, which did not keep what the flight core was told: it "
+            "cannot be verified. `mkctl play`, `mkctl export`, `mkctl log` and the viewer show it as they did"
+        )
+        raise ConfigError(msg)
     reports = [file.report for file in files]
-    return arrange(
-        entries,
+    return Recorded(
         sessions[0][0],
+        entries,
         lost=sum(report.lost for report in reports),
         damaged=sum(len(report.damages) + report.orphans + report.unreadable for report in reports),
     )
-
-
-def arrange(entries: Sequence[Entry], session: Session, *, lost: int = 0, damaged: int = 0) -> Recorded:
-    """Tell what was seen on the clock from what came in and out, and keep their order.
-
-    Raises:
-        ConfigError: nothing is known of what the daemon saw on its clock.
-    """
-    moments: list[Moment] = []
-    looks: list[Look] = []
-    backlogs: list[tuple[int, int]] = []
-    for entry in entries:
-        if Notice.of(entry) is Notice.LOOKS:
-            found = unpack_looks(entry.payload)
-            backlogs += [(len(looks) + before, size) for before, size in found.backlogs]
-            looks += found.looks
-        else:
-            moments.append(Moment(entry.received, entry, len(looks)))
-    if not looks:
-        msg = f"{session.name}: recorded by {session.program}, which did not keep what it saw on its clock"
-        raise ConfigError(msg)
-    return Recorded(session, moments, looks, backlogs, lost, damaged)
 
 
 def _check_parts(sessions: Sequence[tuple[Session, Recording]]) -> None:

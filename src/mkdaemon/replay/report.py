@@ -87,7 +87,7 @@ def verify(paths: list[Path], cfg: Config | None = None) -> ReplayReport:
     replayed = replay(recorded, config)
     notes = []
     without: frozenset[str] = frozenset()
-    if not replayed.has_eyes and any(moment.entry.suffix.startswith(_SIGHT) for moment in recorded.of(Kind.SAMPLE)):
+    if not replayed.has_eyes and any(entry.suffix.startswith(_SIGHT) for entry in recorded.of(Kind.SAMPLE)):
         notes.append(
             "not every image was recorded: the recorded poses were flown with, vision/ and tf are not compared"
         )

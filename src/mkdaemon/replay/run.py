@@ -1,42 +1,37 @@
-"""Runs today's daemon on what a recorded one was given: bytes, requests, setpoints, images, each at its time.
+"""Tells today's flight core what a recorded one was told, decodes the recorded bytes, and looks at the images again.
 
-Everything between the port and the bus is the daemon's own (`mkdaemon.daemon.wiring`). Zenoh, the guard, cameras and
-disks are left out; what they told the recorded daemon is in the recording.
+Nothing runs here but pure code, entry by entry: the decoder, the translators, the flight core, the eyes. What stands
+between them is the daemon's own `Deck`.
 """
 
 from __future__ import annotations
 
-import asyncio
-import tempfile
 from bisect import bisect_right
-from collections.abc import Callable
-from concurrent.futures import Executor, Future
+from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Final, ParamSpec, TypeVar
+from typing import Final
 
+from pydantic import BaseModel
+
+from mkdaemon.bus.codec import encode, encoding_of
+from mkdaemon.clock import Clock
 from mkdaemon.config.root import Config
-from mkdaemon.control.core import FlightCore
-from mkdaemon.daemon.eyes import Eyes
-from mkdaemon.daemon.procedures import Journal
-from mkdaemon.daemon.wiring import Wiring
-from mkdaemon.record.entry import Entry, Kind
-from mkdaemon.record.notices import Notice
-from mkdaemon.record.tap import EYES
-from mkdaemon.replay.port import ReplayedLine
+from mkdaemon.control.actions import Release, SendSticks
+from mkdaemon.daemon.deck import Deck
+from mkdaemon.link.session.traffic import Lost, Purpose, Received, Sent
+from mkdaemon.protocol.boards import Board, Direction
+from mkdaemon.protocol.decoder import MessageDecoder, Unknown
+from mkdaemon.protocol.framing import Dropped, DropReason, Frame, FrameDecoder
+from mkdaemon.record.entry import Entry, Kind, Notice
+from mkdaemon.record.events import CORE, TICK, pack_event, unpack_event
+from mkdaemon.replay.compare import Output
 from mkdaemon.replay.recorded import Recorded, fields_of
-from mkdaemon.replay.script import Moment, Script
-from mkdaemon.replay.sight import BlindEyes, ReplayedEyes
-from mkdaemon.replay.station import Output, ReplayStation
-from mkdaemon.replay.timing import ReplayClock, ReplayLoop
-from mkdaemon.virtualtime import end_loop
+from mkdaemon.replay.sight import has_every_image, look_again
 
-BEFORE: Final = 1e-6
-"""The daemon is put together so long before the first thing that was recorded [s]."""
-LEAVING: Final = 2.0
-"""Longest time an orderly exit takes [s]."""
-_Parameters = ParamSpec("_Parameters")
-_Result = TypeVar("_Result")
+_BOARDS: Final = {board.word: board for board in Board}
+_OUTPUT: Final = "control/output"
+_REFUSED: Final = f"{CORE}FrameNotSent"
+_PREFLIGHT: Final = "control/preflight"
 
 
 @dataclass(frozen=True)
@@ -44,11 +39,11 @@ class Replayed:
     """What came out.
 
     Attributes:
-        outputs: everything published and answered, in order.
+        outputs: everything published, and what the flight core answered, in order.
         has_eyes: whether recorded images were looked at.
     """
 
-    outputs: list[Output]
+    outputs: Sequence[Output]
     has_eyes: bool
 
 
@@ -63,141 +58,128 @@ def replay(recorded: Recorded, cfg: Config) -> Replayed:
         ConfigError: the configuration cannot work here: a camera file is not there, for example.
         MkError: a recorded value is not of the form it has today.
     """
-    script = Script(recorded.looks, [moment for moment in recorded.moments if came_in(moment.entry)], recorded.backlogs)
-    loop = ReplayLoop(script, recorded.start - BEFORE)
-    with tempfile.TemporaryDirectory(prefix="mkdaemon-replay-") as folder:
-        vehicle = cfg.vehicle.model_copy(update={"state_folder": Path(folder)})
-        link = cfg.link.model_copy(update={"label_cache": None})
-        try:
-            return loop.run_until_complete(
-                _Replay(recorded, script, cfg.model_copy(update={"vehicle": vehicle, "link": link}), loop).run()
-            )
-        finally:
-            end_loop(loop)
+    return _Replay(recorded, cfg).run()
+
+
+class _Outputs:
+    """The bus of a replay: it keeps what is published."""
+
+    def __init__(self) -> None:
+        self.kept: list[Output] = []
+        self.at = 0.0
+
+    def publish(self, suffix: str, value: BaseModel, *, schema: type[BaseModel] | None = None) -> None:
+        """Keep a value."""
+        encoding = encoding_of(schema or type(value))
+        self.kept.append(Output(Kind.SAMPLE, suffix, encode(value), encoding, self.at))
 
 
 class _Replay:
     """One run."""
 
-    def __init__(self, recorded: Recorded, script: Script, cfg: Config, loop: ReplayLoop) -> None:
-        self._recorded, self._script, self._cfg, self._loop = recorded, script, cfg, loop
+    def __init__(self, recorded: Recorded, cfg: Config) -> None:
+        self._recorded, self._cfg = recorded, cfg
         self._offsets = recorded.wall_offsets()
-        self._has_eyes = has_every_image(recorded, cfg)
-        self._ended = asyncio.Event()
+        self._bus = _Outputs()
+        self._bus.at = recorded.start
+        self._clock = Clock(monotonic=lambda: self._bus.at, wall=self._wall, synchronised=lambda: None)
+        self._deck = Deck(cfg.control, self._bus, self._clock, first_epoch=recorded.first_epoch())
+        self._bytes = FrameDecoder()
+        self._messages = MessageDecoder()
 
-    async def run(self) -> Replayed:
-        recorded = self._recorded
-        self._station = station = ReplayStation(recorded.replies())
-        self._line = ReplayedLine(self._script, recorded.refusals(), self._loop.bring_what_follows)
-        self._clock = ReplayClock(self._loop, self._offset)
-        self._wiring = wiring = Wiring(
-            self._cfg,
-            station,
-            self._clock,
-            make_eyes=self._make_eyes,
-            opener=self._line.open,
-            journal=Journal(self._cfg.vehicle.state_folder or Path(), AtOnce()),
-            first_epoch=recorded.first_epoch(),
-        )
-        self._loop.follow(self._bring, self._ended.set)
-        link = self._loop.create_task(wiring.run_line(), name="link")
-        async with asyncio.TaskGroup() as above:
-            tasks = wiring.start(above)
-            stopped = above.create_task(self._ended.wait(), name="stop")
-            await asyncio.wait({stopped, link}, return_when=asyncio.FIRST_COMPLETED)
-            outputs = len(station.outputs) if recorded.stopped_at is None else None
-            for task in (*tasks, stopped):
-                task.cancel()
-        link.cancel()
-        await asyncio.wait({link}, timeout=LEAVING)
-        await station.close()
-        return Replayed(station.outputs[:outputs], self._has_eyes)
+    def run(self) -> Replayed:
+        """Bring every entry, then look at the images."""
+        entries = self._recorded.entries
+        for place, entry in enumerate(entries):
+            self._bus.at = entry.received
+            self._bring(entry, place)
+        has_eyes = has_every_image(self._recorded, self._cfg)
+        if has_eyes:
+            for at, suffix, value in look_again(self._recorded, self._cfg, self._clock):
+                self._bus.at = at
+                self._bus.publish(suffix, value)
+        return Replayed(self._bus.kept, has_eyes)
 
-    def _offset(self, at: float) -> float:
-        """Unix time less monotonic time [s], as the recorded daemon knew it at a time [s]."""
-        place = bisect_right(self._offsets, at, key=lambda pair: pair[0])
-        return self._offsets[max(place - 1, 0)][1] if self._offsets else self._recorded.session.base.offset_ns / 1e9
+    def _wall(self) -> float:
+        """Unix time [s], as the recorded daemon knew it."""
+        place = bisect_right(self._offsets, self._bus.at, key=lambda pair: pair[0])
+        known = self._offsets[max(place - 1, 0)][1] if self._offsets else self._recorded.session.base.offset_ns / 1e9
+        return self._bus.at + known
 
-    def _make_eyes(self, core: FlightCore) -> Eyes:
-        if self._has_eyes:
-            self._eyes: BlindEyes | ReplayedEyes = ReplayedEyes(
-                self._cfg, self._station, core, self._clock, self._recorded
-            )
-        else:
-            self._eyes = BlindEyes(core, self._station, self._clock)
-        return self._eyes
-
-    # -- what went in ---------------------------------------------------------------------------------------------
-
-    def _bring(self, moment: Moment) -> None:
-        """Let something come in again."""
-        entry, line, station = moment.entry, self._line, self._station
+    def _bring(self, entry: Entry, place: int) -> None:
+        """Let something happen again."""
         match entry.kind:
+            case Kind.EVENT if entry.suffix == TICK:
+                self._tick(entry, place)
+            case Kind.EVENT:
+                self._feed(entry)
             case Kind.PORT_OPENED:
-                line.bring_port(str(fields_of(entry).get("port", "")))
+                self._bytes = FrameDecoder()
             case Kind.PORT_READ:
-                line.bring(entry.payload)
+                self._take(self._bytes.feed(entry.payload), entry.received)
             case Kind.PORT_LOST:
-                line.lose(str(fields_of(entry).get("reason", "")))
-            case Kind.SETPOINT:
-                station.bring_setpoint(entry)
-            case Kind.QUERY:
-                station.bring_query(entry)
-            case Kind.SAMPLE:
-                self._eyes.bring_seen(entry)
-            case Kind.NOTICE:
-                self._bring_notice(entry)
+                self._take(self._bytes.flush(), entry.received)
+            case Kind.PORT_WRITTEN:
+                self._deck.sink.sent(self._sent(entry))
+            case Kind.NOTICE if Notice.of(entry) is Notice.LAYOUTS:
+                rows = fields_of(entry)["layouts"]
+                self._messages = MessageDecoder({(_BOARDS[board], letter): layout for board, letter, layout in rows})
+            case Kind.SAMPLE if entry.suffix == "raw/tx" and (reason := fields_of(entry).get("dropped")):
+                raw = fields_of(entry)["raw"]
+                self._deck.sink.dropped(Lost(entry.received, Direction.TO_BOARD, DropReason(reason), raw))
+            case Kind.SAMPLE if entry.suffix == _PREFLIGHT:
+                self._deck.publish_preflight(fields_of(entry)["stamp"]["monotonic"])
+            case _:
+                pass
 
-    def _bring_notice(self, entry: Entry) -> None:
-        fields = fields_of(entry)
-        match Notice.of(entry):
-            case Notice.CLIENT:
-                self._station.bring_client(fields["name"], fields["is_here"])
-            case Notice.GUARD_ALIVE:
-                self._wiring.guard_changed(fields["is_alive"])
-            case Notice.GUARD_ACTED:
-                self._wiring.guard_acted(fields["released"])
-            case Notice.STOP:
-                self._ended.set()
+    # -- the line -------------------------------------------------------------------------------------------------
 
+    def _take(self, items: Sequence[Frame | Dropped], at: float) -> None:
+        for item in items:
+            if isinstance(item, Frame):
+                self._deck.sink.received(Received(at, item, self._messages.decode(item)))
+            else:
+                self._deck.sink.dropped(Lost(at, Direction.FROM_BOARD, item.reason, item.raw))
 
-_TAKEN: Final = frozenset({Notice.CLIENT, Notice.GUARD_ALIVE, Notice.GUARD_ACTED, Notice.STOP})
-"""What the daemon is told from beside the bus and the line."""
+    def _sent(self, entry: Entry) -> Sent:
+        """What was written, as it was known to who wrote it."""
+        frames = [item for item in FrameDecoder().feed(entry.payload) if isinstance(item, Frame)]
+        message = self._messages.decode(frames[0]) if frames else None
+        known = None if isinstance(message, Unknown) else message
+        return Sent(entry.received, entry.payload, known, Purpose[entry.issuer.upper()])
 
+    # -- the flight core ------------------------------------------------------------------------------------------
 
-def came_in(entry: Entry) -> bool:
-    """Whether this came in from outside; what the eyes saw comes from a thread of its own."""
-    match entry.kind:
-        case Kind.SAMPLE:
-            return entry.suffix.startswith(EYES)
-        case Kind.NOTICE:
-            return Notice.of(entry) in _TAKEN
-        case Kind.REPLY | Kind.PORT_WRITTEN | Kind.IMAGE:
-            return False
-    return True
+    def _feed(self, entry: Entry) -> None:
+        """Tell the core of an event; what it answers is an output."""
+        event = unpack_event(entry.suffix, entry.payload)
+        reply = self._deck.core.feed(event, entry.received)
+        payload = pack_event(event, reply)
+        self._bus.kept.append(Output(Kind.EVENT, entry.suffix, payload, entry.encoding, entry.received))
 
+    def _tick(self, entry: Entry, place: int) -> None:
+        """Let the core decide, and publish what it wants."""
+        now = entry.received
+        for action in self._deck.core.tick(now, slept=fields_of(entry).get("slept", 0.0)):
+            match action:
+                case SendSticks():
+                    number = self._number(place)
+                    if number is not None:
+                        self._deck.publish_output(action, number, now)
+                case Release():
+                    pass  # the line did it then; `Released` comes
+                case _:
+                    self._deck.publish(action, now)
 
-class AtOnce(Executor):
-    """Does everything at once: a thread would take time that virtual time does not know."""
-
-    def submit(
-        self, fn: Callable[_Parameters, _Result], /, *args: _Parameters.args, **kwargs: _Parameters.kwargs
-    ) -> Future[_Result]:
-        """Do it."""
-        future: Future[_Result] = Future()
-        try:
-            future.set_result(fn(*args, **kwargs))
-        except OSError as error:
-            future.set_exception(error)
-        return future
-
-
-def has_every_image(recorded: Recorded, cfg: Config) -> bool:
-    """Whether every image that was looked at is in the recording: a tracker follows from image to image."""
-    images = len(recorded.of(Kind.IMAGE))
-    looked = {
-        moment.entry.suffix: fields_of(moment.entry)["processed"]
-        for moment in recorded.of(Kind.SAMPLE)
-        if moment.entry.suffix.startswith("vision/") and moment.entry.suffix.endswith("/stats")
-    }
-    return bool(cfg.cameras) and images > 0 and images >= sum(looked.values())
+    def _number(self, place: int) -> int | None:
+        """The number that the line gave a stick frame after this entry; None where it refused the frame."""
+        entries = self._recorded.entries
+        for later in range(place + 1, len(entries)):
+            entry = entries[later]
+            if entry.kind is Kind.EVENT and entry.suffix == TICK:
+                break
+            if entry.suffix == _REFUSED:
+                return None
+            if entry.suffix == _OUTPUT:
+                return int(fields_of(entry)["frame"])
+        return 0

@@ -3,14 +3,13 @@
 Bytes, integers, booleans and texts are equal unless a row says otherwise. Floats have a tolerance everywhere: sines,
 roots and sums of another processor, `libm` or numpy differ in the last bits. The first rule that fits counts.
 
-Keys are without `mk/<vehicle>/`, `reply/` stands before the key of a query; fields are paths with points, elements of a
-list by number; `*` fits any characters.
+Keys are without `mk/<vehicle>/`; `event/command` and `event/failsafe` have the command or the action behind a colon.
+Fields are paths with points, elements of a list by number; `*` fits any characters.
 """
 
 from __future__ import annotations
 
 import math
-import re
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from functools import cache
@@ -36,31 +35,15 @@ class Within:
 
 
 @dataclass(frozen=True, slots=True)
-class Worded:
-    """Two texts may differ where both are of one form.
-
-    Attributes:
-        form: a regular expression for the whole text.
-    """
-
-    form: str
-
-    def admits(self, recorded: Any, replayed: Any) -> bool:
-        """Whether both texts have the form."""
-        texts = (recorded, replayed)
-        return all(isinstance(text, str) and re.fullmatch(self.form, text) is not None for text in texts)
-
-
-@dataclass(frozen=True, slots=True)
 class NotCompared:
-    """A field that tells of the machine and not of the aircraft."""
+    """What tells of the machine and not of the aircraft, or what a replay does not make again."""
 
     def admits(self, recorded: Any, replayed: Any) -> bool:
         """True."""
         return True
 
 
-Tolerance = Within | Worded | NotCompared
+Tolerance = Within | NotCompared
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,11 +68,10 @@ class Rule:
         return self.field == "*" and isinstance(self.tolerance, NotCompared)
 
 
-_MACHINE: Final = NotCompared()
+_OUT: Final = NotCompared()
 _SLEW: Final = 1e-3
 """Most by which the system clock is slewed between two stamps of a recording [s]: 500 ppm (adjtimex(2)) of two
 seconds."""
-_FREE: Final = Worded(r"[\d.]+ GB free")
 _TIME: Final = Within(1e-8)
 """Times and differences of times [s]: they are recorded in nanoseconds, and a float of a year is good to 4 ns. No sine
 or root is in them."""
@@ -101,26 +83,31 @@ _EYES: Final = Within(1e-7, 1e-7)
 Seen between two processors: 1.5e-14 m, 4e-12 of a value."""
 
 RULES: Final[tuple[Rule, ...]] = (
-    Rule("event/log", "*", _MACHINE, "tells of endpoints, files and other programs of the recorded machine"),
-    Rule("event/clock", "*", _MACHINE, "the system clock of the recorded machine"),
-    Rule("event/mark", "*", _MACHINE, "people set marks; they come from outside and nothing follows from them"),
-    Rule("record/status", "*", _MACHINE, "of the recorder and its disk"),
-    Rule("bus/counts", "*", _MACHINE, "of the bus, which a replay has not"),
-    Rule("vision/*/stats", "*", _MACHINE, "rates, latencies and counts of camera threads: load of the machine"),
-    Rule("vision/*/image", "*", _MACHINE, "a picture for viewing, coded by another release of a library"),
+    Rule(
+        "link/*",
+        "*",
+        _OUT,
+        "of the line, at times of its own; the flight core is told the recorded verdicts",
+    ),
+    Rule("health", "*", _OUT, "follows from the line's verdict"),
+    Rule("event/command:do/*", "*", _OUT, "requests are answered by tasks that wait for the line"),
+    Rule("event/command:cmd/*", "*", _OUT, "as above"),
+    Rule("event/progress", "*", _OUT, "procedures wait for the line"),
+    Rule("event/mission", "*", _OUT, "as above"),
+    Rule("event/failsafe:guard *", "*", _OUT, "of the guard's process"),
+    Rule("event/failsafe:late release", "*", _OUT, "a task that waits for the line"),
+    Rule("event/log", "*", _OUT, "tells of endpoints, files and other programs of the recorded machine"),
+    Rule("event/clock", "*", _OUT, "the system clock of the recorded machine"),
+    Rule("event/mark", "*", _OUT, "people set marks; they come from outside and nothing follows from them"),
+    Rule("record/status", "*", _OUT, "of the recorder and its disk"),
+    Rule("bus/counts", "*", _OUT, "of the bus, which a replay has not"),
+    Rule("vision/*/stats", "*", _OUT, "rates, latencies and counts of camera threads: load of the machine"),
+    Rule("vision/*/image", "*", _OUT, "a picture for viewing, coded by another release of a library"),
     Rule("*", "*stamp.wall", Within(_SLEW), "the system clock was read at other moments and is slewed meanwhile"),
     Rule("*", "*since.wall", Within(_SLEW), "as above, of the moment a condition began"),
-    Rule("*", "*.boot", _MACHINE, "names the boot of the machine"),
-    Rule("*", "*.synchronised", _MACHINE, "whether the machine's clock followed a time server"),
-    Rule("reply/*", "duration", _MACHINE, "measured by the bus: with what it does itself"),
-    Rule("event/progress", "id", _MACHINE, "drawn at random"),
-    Rule("reply/do/lease", "reply.secret", _MACHINE, "drawn at random"),
-    Rule("reply/do/lease", "reply.echo", _MACHINE, "drawn at random"),
-    Rule("event/command", "fields.secret", _MACHINE, "drawn at random"),
-    Rule("event/command", "fields.echo", _MACHINE, "drawn at random"),
-    Rule("control/preflight", "findings.*.reason", _FREE, "the disk of the recorded machine"),
-    Rule("reply/do/preflight", "reply.findings.*.reason", _FREE, "as above"),
-    Rule("vision/*/pose", "latency", _MACHINE, "load of the machine"),
+    Rule("*", "*.boot", _OUT, "names the boot of the machine"),
+    Rule("*", "*.synchronised", _OUT, "whether the machine's clock followed a time server"),
+    Rule("vision/*/pose", "latency", _OUT, "load of the machine"),
     Rule("*", "*stamp.monotonic", _TIME, "nanoseconds, as a float"),
     Rule("*", "*since.monotonic", _TIME, "as above"),
     Rule("vision/*/pose", "covariance.*", Within(1e-12, 1e-7), "an image's, and squares of small numbers"),

@@ -44,6 +44,25 @@ class Obstacle(StrEnum):
     """A board works on a request and does not listen."""
 
 
+class Outcome(StrEnum):
+    """How a manoeuvre has ended by itself."""
+
+    LANDED = "landed"
+    """The feet stand on the target."""
+    LANDED_ASIDE = "landed_aside"
+    """It came down, but nothing shows that it stands on the target."""
+    NO_TARGET = "no_target"
+    """No target was in sight."""
+    SIGHT_LOST = "sight_lost"
+    """The target was out of sight for too long."""
+    TAKE_OFF_ABORTED = "take_off_aborted"
+    """A take-off was aborted before an image showed the aircraft off the ground."""
+    TIPPED = "tipped"
+    """A take-off tipped over on the ground."""
+    NOT_LIFTED = "not_lifted"
+    """No image showed the aircraft off the ground."""
+
+
 @dataclass(frozen=True, slots=True)
 class ControlLine:
     """What the link can take from the flight core.
@@ -164,6 +183,8 @@ class ControlStatus(Stamped):
     """Where a take-off or a landing stands, in words."""
     is_done: bool = False
     """What the setpoint asks for is reached, and held."""
+    outcome: Outcome | None = None
+    """How the last manoeuvre of the newest lease ended by itself; null while it has not."""
     hands: str = ""
     """What the pilot does now, one sentence about him; docs/flying.md."""
     pilots_throttle: float | None = None

@@ -25,6 +25,8 @@ class LinkCondition(StrEnum):
     """The port is there but cannot be used: lost, in use, forbidden, or it takes no bytes."""
     ABSENT = "absent"
     """There is no such port at the moment."""
+    CLOSED = "closed"
+    """We have closed the port in order."""
 
     @property
     def is_usable(self) -> bool:

@@ -176,6 +176,11 @@ REFUSALS: Final[Mapping[str, Refusal]] = {
         "{name} needs to know where the aircraft is, and no camera has seen a target yet.",
         "`mkctl watch 'vision/**'` shows what the cameras see; [[cameras]] in the configuration needs one, calibrated.",
     ),
+    Token.NOT_READY: Refusal(
+        Status.DENIED,
+        "{name} cannot begin now: it waits for {detail}.",
+        "Go on with what is flown and repeat; `mkctl watch control/estimate` shows the estimate.",
+    ),
     Token.NO_FRAME: Refusal(
         Status.UNSUPPORTED,
         "{name} cannot be followed in frame {frame}: GPS errs by 2 to 3 m, and its age is not told.",

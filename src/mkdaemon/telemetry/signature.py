@@ -8,7 +8,7 @@ copy of an earlier setpoint is refused by its sequence.
 from __future__ import annotations
 
 import hmac
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final
 
 SIGNATURE_BYTES: Final = 32
@@ -43,6 +43,23 @@ class Signature:
     def is_by(self, secret: str) -> bool:
         """Whether the holder of this secret signed it; takes the same time for every wrong proof."""
         return hmac.compare_digest(sign(secret, self.suffix, self.payload), self.proof)
+
+
+@dataclass(frozen=True, slots=True)
+class HolderKey:
+    """Tells setpoints of the holder of one lease from those of others; a new lease is a new key.
+
+    Attributes:
+        epoch: of the lease.
+        secret: what only its holder knows.
+    """
+
+    epoch: int
+    secret: str = field(repr=False)
+
+    def epoch_signed(self, signature: Signature) -> int | None:
+        """Epoch of the lease whose holder signed this; None where he did not."""
+        return self.epoch if signature.is_by(self.secret) else None
 
 
 def signed(secret: str, suffix: str, payload: bytes) -> Signature:

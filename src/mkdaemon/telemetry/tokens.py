@@ -71,6 +71,7 @@ class Token(StrEnum):
     SEQUENCE_JUMP = "sequence_jump"
     NO_GUIDANCE = "no_guidance"
     NO_ESTIMATE = "no_estimate"
+    NOT_READY = "not_ready"
     NO_FRAME = "no_frame"
     GATE_SHUT = "gate_shut"
     GATE_CONSTANT = "gate_constant"

@@ -9,10 +9,10 @@ import pytest
 
 from mkdaemon.control.estimator.estimator import Estimator
 from mkdaemon.control.estimator.model import GRAVITY, LEVEL_STATES, TH, AircraftModel, B, D, P, S, T, V
-from mkdaemon.control.estimator.rollback import STEP
-from mkdaemon.control.estimator.values import StickCommand, TargetView
-from mkdaemon.control.guidance.horizontal import HorizontalCosts, HorizontalRegulator
-from mkdaemon.control.guidance.reference import Reference
+from mkdaemon.control.estimator.rollback import MEMORY, STEP, RollbackFilter
+from mkdaemon.control.estimator.values import OURS, StickCommand, TargetView, ThrottleUse
+from mkdaemon.control.regulator.horizontal import HorizontalCosts, HorizontalRegulator
+from mkdaemon.control.regulator.reference import Reference
 
 MODEL = AircraftModel()
 HOVER = 125.0
@@ -189,8 +189,44 @@ def test_the_hover_throttle_moves_until_the_model_explains_the_height():
     start = estimator.hover_gas
     estimator._vertical.shift(3, np.array([-0.5]))
     for _ in range(500):
-        estimator.recentre_hover(0.02)
+        estimator.recentre_hover(0.02, HOVER)
     assert estimator.hover_gas == pytest.approx(start * (1 + 0.5 / 9.81 / 2), rel=0.01)
+
+
+NOT_OURS = ThrottleUse(None, is_ours=False)
+
+
+@pytest.mark.parametrize(
+    ("use", "sent"), [(NOT_OURS, HOVER), (ThrottleUse(110.0, is_ours=False), HOVER), (OURS, HOVER - 2.0)]
+)
+def test_what_does_not_act_as_it_was_asked_for_teaches_nothing_about_hover(use, sent):
+    estimator = run(Plant(), 5.0)
+    estimator._vertical.shift(3, np.array([-0.5]))
+    estimator.sent(StickCommand(5.0, 0.0, 0.0, 0.0, sent, use))
+    for _ in range(100):
+        estimator.recentre_hover(0.02, HOVER)
+    assert estimator.hover_gas == HOVER
+    estimator.sent(StickCommand(5.0, 0.0, 0.0, 0.0, HOVER - 1.0, OURS))
+    estimator.recentre_hover(0.02, HOVER)
+    assert estimator.hover_gas > HOVER
+
+
+def test_before_any_stick_frame_nothing_is_learnt_about_hover():
+    estimator = Estimator(MODEL, view(0.0, np.zeros((2, LEVEL_STATES)), 2.0, 0.0), HOVER)
+    estimator._vertical.shift(3, np.array([-0.5]))
+    estimator.recentre_hover(0.02, HOVER)
+    assert (estimator.hover_gas, estimator.throttle_cap) == (HOVER, None)
+
+
+@pytest.mark.parametrize(("cap", "sinks"), [(None, False), (HOVER + 5.0, False), (HOVER - 15.0, True)])
+def test_the_throttle_that_acts_is_the_smaller_of_ours_and_the_pilots(cap, sinks):
+    estimator = Estimator(MODEL, view(0.0, np.zeros((2, LEVEL_STATES)), 2.0, 0.0), HOVER)
+    for k in range(20):
+        estimator.sent(StickCommand(0.02 * k, 0.0, 0.0, 0.0, HOVER, ThrottleUse(cap, is_ours=cap is None)))
+    estimator.advance(0.5)
+    assert estimator.throttle_cap == cap
+    climb = estimator.estimate(0.5).vertical[S]
+    assert (climb < -0.5) if sinks else climb == pytest.approx(0.0, abs=0.01)
 
 
 def test_while_nobody_here_sends_sticks_they_ask_for_the_tilt_that_is_reported():
@@ -222,3 +258,78 @@ def test_a_height_that_every_image_contradicts_is_given_up(wrong):
         estimator.advance(0.01 * k)
         estimator.target_seen(view(0.01 * k, plant.axes, 2.0 + wrong, 0.0))
     assert estimator.estimate(1.1).position[2] == pytest.approx(2.0 + wrong, abs=0.2)
+
+
+@pytest.fixture
+def steps(monkeypatch):
+    """Every step that both filters went or looked ahead."""
+    taken, advance, ahead = [], RollbackFilter.advance, RollbackFilter.ahead
+
+    def counted(self, drive):
+        taken.append(drive)
+        advance(self, drive)
+
+    def looked(self, drives):
+        taken.extend(drives)
+        return ahead(self, drives)
+
+    monkeypatch.setattr(RollbackFilter, "advance", counted)
+    monkeypatch.setattr(RollbackFilter, "ahead", looked)
+    return taken
+
+
+def silent(seconds):
+    """An estimator that has heard nothing for a while, and the moment."""
+    estimator = run(Plant(), 5.0)
+    return estimator, 5.0 + seconds
+
+
+@pytest.mark.parametrize("seconds", [2.0, 60.0, 600.0, 1e6])
+@pytest.mark.parametrize("what", ["attitude", "moment", "question"])
+def test_catching_up_after_a_silence_takes_no_more_steps_than_are_remembered(what, seconds, steps):
+    estimator, now = silent(seconds)
+    steps.clear()
+    match what:
+        case "attitude":
+            estimator.attitude_received(now, 0.01, -0.02, 0.3)
+        case "moment":
+            estimator.advance(now)
+        case "question":
+            estimator.estimate(now)
+    assert len(steps) <= 2 * 2 * round(MEMORY / STEP)
+
+
+def test_a_silence_within_the_memory_is_caught_up_step_by_step(steps):
+    estimator, now = silent(MEMORY - 0.1)
+    steps.clear()
+    estimator.advance(now)
+    assert len(steps) == pytest.approx(2 * round((MEMORY - 0.1) / STEP), abs=2)
+
+
+@pytest.mark.parametrize("seconds", [5.0, 60.0, 600.0])
+def test_after_a_silence_the_estimate_is_as_uncertain_as_it_is_old(seconds):
+    estimator, now = silent(seconds)
+    estimator.is_nominal = True
+    estimator.advance(now)
+    found = estimator.estimate(now)
+    assert np.isfinite(found.axes).all()
+    assert found.position_sd.min() > min(1.0 * seconds, 50.0), "anybody may have flown it anywhere"
+    assert not estimator.is_nominal
+    assert found.age == pytest.approx(seconds, abs=0.2)
+    for covariances in (estimator._level.covariances, estimator._vertical.covariances):
+        assert np.linalg.eigvalsh(covariances).min() > 0.0
+
+
+def test_after_a_silence_the_next_images_are_believed_wherever_they_show_the_aircraft():
+    plant = Plant()
+    estimator, now = silent(60.0)
+    plant.axes[:, P] = 1.5, -2.0
+    for k in range(100):
+        at = now + 0.02 * k
+        estimator.advance(at)
+        estimator.attitude_received(at, 0.0, 0.0, 0.4)
+        estimator.target_seen(view(at, plant.axes, 3.0, 0.0))
+    found = estimator.estimate(now + 2.0)
+    assert found.position == pytest.approx([1.5, -2.0, 3.0], abs=0.05)
+    assert found.velocity == pytest.approx([0.0, 0.0, 0.0], abs=0.1)
+    assert estimator.innovation < 1.5

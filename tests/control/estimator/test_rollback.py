@@ -135,3 +135,38 @@ def make_after(steps):
     for _ in range(steps):
         filter_.advance(np.ones(2))
     return filter_.states
+
+
+@pytest.mark.parametrize("steps", [1, 2, 7, 64, 1000])
+def test_coasting_ends_where_single_steps_without_input_end_and_as_uncertain(steps):
+    stepped, coasted = make(), make()
+    for _ in range(steps):
+        stepped.advance(np.zeros(2))
+    coasted.coast(steps, 0.0)
+    assert coasted.time == pytest.approx(stepped.time)
+    assert np.allclose(coasted.states, stepped.states)
+    assert np.allclose(coasted.covariances, stepped.covariances, rtol=1e-9)
+
+
+def test_an_unknown_input_makes_a_coasting_filter_as_uncertain_as_it_may_have_moved():
+    pushed, still, unknown = make(), make(), make()
+    for _ in range(50):
+        pushed.advance(np.full(2, 3.0))
+        still.advance(np.zeros(2))
+    unknown.coast(50, 3.0**2)
+    moved = pushed.states - still.states
+    grown = unknown.covariances - still.covariances
+    assert np.allclose(grown, moved[:, :, None] * moved[:, None, :])
+
+
+def test_after_coasting_nothing_older_is_remembered_and_shifts_are_kept():
+    filter_ = make()
+    for _ in range(20):
+        filter_.advance(np.zeros(2))
+    filter_.shift(1, np.array([1.0, 0.0]))
+    filter_.measure(Measurement(0.1, POSITION, np.array([0.1, 1.9]), 1e-2))
+    speed = filter_.states[0, 1]
+    filter_.coast(100, 0.0)
+    assert filter_.states[0, 1] == pytest.approx(speed)
+    assert filter_.measure(Measurement(1.15, POSITION, np.zeros(2), 1.0)) is None
+    assert filter_.measure(Measurement(1.205, POSITION, filter_.states[:, 0], 1.0)) is not None

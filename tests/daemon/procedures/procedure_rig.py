@@ -18,14 +18,10 @@ from mkdaemon.clock import Clock
 from mkdaemon.config.commands import CommandsConfig
 from mkdaemon.config.control import ControlConfig
 from mkdaemon.config.link import LinkConfig
-from mkdaemon.control.core import FlightCore
-from mkdaemon.control.vehicle import VehicleFacts
-from mkdaemon.daemon.audit import Audit
-from mkdaemon.daemon.eyes import Eyes
+from mkdaemon.daemon.deck import Deck
 from mkdaemon.daemon.flight import FlightControl
 from mkdaemon.daemon.procedures import Interlock, Journal, ProcedureRunner
 from mkdaemon.daemon.requests import BoardRequests
-from mkdaemon.daemon.sink import BusSink
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.link.labels import LabelCache
 from mkdaemon.link.link import Link
@@ -81,19 +77,19 @@ class ProcedureRig:
         loop = asyncio.get_running_loop()
         self.socket, self.bus, self.phase = socket, Bus(), Phase.FREE
         clock = Clock(monotonic=loop.time)
-        facts = self.facts = VehicleFacts()
-        core = FlightCore(ControlConfig(), facts, first_epoch=1)
-        audit = Audit(self.bus, clock)
+        deck = Deck(ControlConfig(), self.bus, clock, first_epoch=1)
+        facts, audit = deck.core.vehicle, deck.audit
+        self.facts = facts
         cfg = LinkConfig.model_validate({"port": "/dev/rig"})
-        sink = BusSink(self.bus, core, audit, Eyes(None), clock)
-        self.link = Link(cfg, sink, opener=socket.open, clock=clock, motors_running=facts.motors_running)
-        self.control = FlightControl(core, self.link, self.bus, audit, clock=clock)
+        self.link = Link(cfg, deck.sink, opener=socket.open, clock=clock, motors_running=facts.motors_running)
+        self.control = FlightControl(deck, self.link, clock=clock)
         self.interlock = Interlock(lambda: self.phase)
         self.journal = Journal(folder, PromptDisk())
-        self.guard = Guard(CommandsConfig(), self.link, facts, audit, clock)
+        self.guard = Guard(CommandsConfig(), self.link, facts, deck.feed, audit, clock)
         self.runner = ProcedureRunner(
             self.link,
             facts,
+            deck.feed,
             self.bus,
             audit,
             self.guard,

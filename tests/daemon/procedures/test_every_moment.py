@@ -16,7 +16,8 @@ import pytest
 
 from lab.rigs.waiting import wait_until
 from mkdaemon.clock import Clock
-from mkdaemon.control.vehicle import VehicleFacts
+from mkdaemon.control.events import NOTED
+from mkdaemon.control.vehicle import VehicleMemory
 from mkdaemon.daemon.audit import Audit
 from mkdaemon.daemon.procedures import Interlock, Journal, ProcedureRunner
 from mkdaemon.errors import CommandRejectedError, RequestTimeoutError
@@ -119,13 +120,14 @@ class Life:
     def __init__(self, world, folder):
         self.world, self.bus = world, Bus()
         clock = Clock(monotonic=asyncio.get_running_loop().time)
-        facts = VehicleFacts()
+        facts = VehicleMemory()
         facts.link_changed(link_state())
         facts.motors_running = lambda now, within=2.0: False
         self.interlock = Interlock(lambda: Phase.FREE)
         self.runner = ProcedureRunner(
             Line(world),
             facts,
+            lambda event, now: NOTED,
             self.bus,
             Audit(self.bus, clock),
             Guard(),

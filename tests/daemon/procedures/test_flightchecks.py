@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from mkdaemon.control.vehicle import VehicleFacts
+from mkdaemon.control.vehicle import VehicleMemory
 from mkdaemon.daemon.procedures.flightchecks import LEAST_SATELLITES, target_point
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.frames import enu_from_geodetic
@@ -28,7 +28,7 @@ def gps(satellites=9, fix=GpsFix.VALID):
 
 
 def facts(*values):
-    known = VehicleFacts()
+    known = VehicleMemory()
     for value in (flight(is_flying=True), *values):
         known.state_received(value, 1.0)
     return known

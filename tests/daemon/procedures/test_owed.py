@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import pytest
 
 from mkdaemon.clock import Clock
-from mkdaemon.control.vehicle import VehicleFacts
+from mkdaemon.control.vehicle import VehicleMemory
 from mkdaemon.daemon.audit import Audit
 from mkdaemon.daemon.procedures import Interlock, Journal
 from mkdaemon.daemon.procedures.recovery import RETRIES, Recovery
@@ -23,7 +23,7 @@ class Ground:
     """A recovery with an aircraft that stands still before it."""
 
     def __init__(self, folder):
-        self.bus, self.facts = Bus(), VehicleFacts()
+        self.bus, self.facts = Bus(), VehicleMemory()
         self.facts.link_changed(link_state())
         self.link = SimpleNamespace(
             is_up=True, lacks_flightctrl=False, dialect=SimpleNamespace(fc_release=NOTE.firmware)

@@ -52,7 +52,7 @@ def list_(folder: Path | None = None, *, as_json: AsJson = False) -> None:
     Raises:
         ConfigError: there is no such folder.
     """
-    from mkdaemon.record.glance import glance
+    from mkdaemon.record.summary import glance
 
     folders = [folder] if folder is not None else recording_folders()
     if folder is not None and not folder.is_dir():
@@ -142,7 +142,7 @@ def cut(
         end: Until when, in the same way.
         key: Keys that are taken, with or without `mk/<vehicle>/`: `state/**`; may be given several times.
     """
-    from mkdaemon.record.patterns import matches_any
+    from mkdaemon.record.reader import matches_any
     from mkdaemon.record.rewrite import Selection
     from mkdaemon.record.rewrite import cut as write
 

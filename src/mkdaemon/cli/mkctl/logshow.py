@@ -16,9 +16,8 @@ from mkdaemon.cli.printing import json_line
 from mkdaemon.record.entry import NANOSECONDS
 
 if TYPE_CHECKING:
-    from mkdaemon.record.glance import Glance
     from mkdaemon.record.reader import ReadReport
-    from mkdaemon.record.summary import Summary
+    from mkdaemon.record.summary import Glance, Summary
 
 
 WIDE: Final = 1000

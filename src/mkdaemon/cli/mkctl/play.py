@@ -91,8 +91,7 @@ async def play(
 def _samples(file: Path, keys: tuple[str, ...], first: int | None, last: int | None) -> Iterator[Entry]:
     """The published values that are wanted."""
     from mkdaemon.record.entry import Kind
-    from mkdaemon.record.patterns import matches_any
-    from mkdaemon.record.reader import Recording
+    from mkdaemon.record.reader import Recording, matches_any
 
     yield from Recording(file).entries(
         lambda facts: facts.kind is Kind.SAMPLE and matches_any(facts.key, keys), first=first, last=last

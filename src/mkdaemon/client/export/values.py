@@ -17,8 +17,7 @@ from mkdaemon.bus.keys import KEYS
 from mkdaemon.described import meanings_of
 from mkdaemon.errors import ConfigError
 from mkdaemon.record.entry import Entry, Kind
-from mkdaemon.record.patterns import matches_any
-from mkdaemon.record.reader import Recording
+from mkdaemon.record.reader import Recording, matches_any
 
 Row = dict[str, Any]
 """The cells of a value, by the name of their column."""

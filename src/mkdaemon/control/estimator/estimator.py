@@ -13,23 +13,34 @@ from typing import Final
 
 import numpy as np
 
+from mkdaemon.config.control import HIGHEST_HOVER, LOWEST_HOVER
 from mkdaemon.control.estimator.cameras import Cameras
 from mkdaemon.control.estimator.commands import Command, CommandHistory
 from mkdaemon.control.estimator.model import GRAVITY, LEVEL_STATES, TH, AircraftModel, D, E, H, P, S, T, V
-from mkdaemon.control.estimator.rollback import GATE, STEP, Measurement, RollbackFilter
+from mkdaemon.control.estimator.rollback import GATE, MEMORY, STEP, Measurement, RollbackFilter
 from mkdaemon.control.estimator.stickresponse import StickResponse
 from mkdaemon.control.estimator.tuning import NOMINAL, ROBUST, Tuning
-from mkdaemon.control.estimator.values import Estimate, StickCommand, TargetView, upright
+from mkdaemon.control.estimator.values import GAS_CENTRE, Estimate, StickCommand, TargetView, upright
 from mkdaemon.control.linear import Array
 
 COMPASS_MEMORY: Final = 1.0
 """Headings kept for late pictures [s]."""
+ROUNDED: Final = 1.0
+"""Throttle that was sent and differs no more than this from what was asked for is that [count of 254]."""
+REMEMBERED: Final = round(MEMORY / STEP)
+"""Steps that the filter can go back; what is older is caught up in one [steps]."""
+UNKNOWN_TILT: Final = 0.175
+"""What the sticks of somebody else may have asked for in a silence [rad], as a standard deviation: half of the largest
+tilt that is ever asked for here, `AutopilotConfig.max_tilt`."""
+UNKNOWN_THRUST: Final = 0.3
+"""What his throttle may have given, over the weight, as a standard deviation: 0.63 to 1.26 of hover throttle are
+within two of them."""
 UNSENT: Final = 0.3
 """Without a stick frame for this long somebody else flies, whose sticks nobody knows: they ask for the tilt that the
 boards report [s]."""
-HOVER_LOWEST: Final = 60.0
+HOVER_LOWEST: Final = LOWEST_HOVER + GAS_CENTRE
 """Smallest hover throttle believed [count of 254]."""
-HOVER_HIGHEST: Final = 190.0
+HOVER_HIGHEST: Final = HIGHEST_HOVER + GAS_CENTRE
 """Largest hover throttle believed [count of 254]."""
 
 
@@ -66,7 +77,7 @@ class Estimator:
             robust: beliefs before that.
         """
         self.model = model
-        self.hover_gas = hover_gas
+        self.hover_gas = min(max(hover_gas, HOVER_LOWEST), HOVER_HIGHEST)
         self.innovation = 1.0
         self.is_nominal = False
         self._nominal, self._tuning, self._robust = nominal, robust, robust
@@ -80,6 +91,7 @@ class Estimator:
         self._response = StickResponse(model, view.at)
         self._has_other_filter = False
         self._sent_at = -math.inf
+        self._last_command: StickCommand | None = None
         f, g = model.horizontal(STEP)
         start = np.zeros((2, LEVEL_STATES))
         start[:, P] = -(self._turn_matrix(view.at) @ view.position_flu)[:2]
@@ -132,7 +144,7 @@ class Estimator:
     def sent(self, command: StickCommand) -> None:
         """Take note of a stick frame that was written."""
         c, s = self._turn(command.at)
-        self._sent_at = command.at
+        self._sent_at, self._last_command = command.at, command
         asked = np.array([command.pitch, command.roll]) * self.model.rad_per_count
         self._response.sent(command.at + self.model.uplink, asked)
         pitch, roll = (float(tilt) for tilt in asked * self._response.gain)
@@ -140,7 +152,7 @@ class Estimator:
             Command(
                 command.at + self.model.uplink,
                 (pitch * c + roll * s, pitch * s - roll * c),
-                (command.gas / self.hover_gas) ** 2 * upright(self._level.states[:, T]) - 1.0,
+                (command.acting_gas / self.hover_gas) ** 2 * upright(self._level.states[:, T]) - 1.0,
                 command.yaw,
             )
         )
@@ -215,7 +227,17 @@ class Estimator:
             self._heights.judged(view.camera, is_refused=is_refused)
 
     def advance(self, now: float) -> None:
-        """Bring the estimate up to a moment [s; monotonic]."""
+        """Bring the estimate up to a moment [s; monotonic].
+
+        After a silence longer than the memory of the filter it coasts: all before that memory is one step, in which
+        anybody may have flown, and the estimate is as uncertain as that makes it.
+        """
+        forgotten = math.floor((now - self._level.time) / STEP) - REMEMBERED
+        if forgotten > 0:
+            self._level.coast(forgotten, UNKNOWN_TILT**2)
+            self._vertical.coast(forgotten, UNKNOWN_THRUST**2)
+            self._agrees_since = now
+            self._believe(is_nominal=False)
         while self._level.time + STEP <= now:
             acting = self._commands.at(self._level.time + STEP / 2.0)
             self._level.advance(np.array(acting.tilt))
@@ -223,6 +245,7 @@ class Estimator:
 
     def estimate(self, at: float) -> Estimate:
         """Return the estimate at a moment, which may lie ahead: the commands under way are known [s; monotonic]."""
+        self.advance(at - MEMORY)
         steps = max(0, round((at - self._level.time) / STEP))
         acting = [self._commands.at(self._level.time + (k + 0.5) * STEP) for k in range(steps)]
         axes = self._level.ahead(np.array([command.tilt for command in acting]).reshape(-1, 2))
@@ -242,12 +265,24 @@ class Estimator:
             age=at - self._seen_at,
         )
 
-    def recentre_hover(self, rate: float) -> None:
+    @property
+    def throttle_cap(self) -> float | None:
+        """What the pilot's stick lets through of our throttle [count of 254]; None where it lets through all."""
+        return None if self._last_command is None else self._last_command.use.cap
+
+    def recentre_hover(self, rate: float, asked: float) -> None:
         """Move a share of the unexplained vertical acceleration into the hover throttle: the model is true there.
+
+        Not while another throttle acts than was asked for: the pilot's, or that of a limit. What cannot act would be
+        learnt without end.
 
         Args:
             rate: share a call.
+            asked: throttle that was asked for last [count of 254].
         """
+        command = self._last_command
+        if command is None or not command.use.is_ours or abs(command.gas - asked) > ROUNDED:
+            return
         excess = float(self._vertical.states[0, E])
         change = rate * min(max(-excess / GRAVITY, -0.2), 0.2)
         gas = min(max(self.hover_gas * (1.0 + change / 2.0), HOVER_LOWEST), HOVER_HIGHEST)
@@ -291,9 +326,13 @@ class Estimator:
             self._agrees_since = at
         agrees = at - self._agrees_since >= self._agreement
         if agrees != self.is_nominal and (agrees or self.innovation > tuning.innovation_limit):
-            self.is_nominal = agrees
             if not agrees:
                 self._agreement *= 2.0
-            self._tuning = self._nominal if agrees else self._robust
-            self._level.set_noise(self._tuning.level_noise(STEP))
-            self._vertical.set_noise(self._tuning.upright_noise(STEP))
+            self._believe(is_nominal=agrees)
+
+    def _believe(self, *, is_nominal: bool) -> None:
+        """Go on with the beliefs of a model that agrees with the innovations, or of one that may not."""
+        self.is_nominal = is_nominal
+        self._tuning = self._nominal if is_nominal else self._robust
+        self._level.set_noise(self._tuning.level_noise(STEP))
+        self._vertical.set_noise(self._tuning.upright_noise(STEP))

@@ -142,6 +142,31 @@ class RollbackFilter:
             self._first += 1
         self._known = len(self._slots) - 1
 
+    def coast(self, steps: int, variance: float) -> None:
+        """Go many steps forward at once under an input that nobody knows; what lies before is remembered no more.
+
+        The input is taken as a constant of mean zero. Transition, sum of inputs and sum of noise over 2k steps follow
+        from those over k, so that a thousand steps cost ten products of matrices.
+
+        Args:
+            steps: how many.
+            variance: of the input.
+        """
+        self._come_forward(len(self._slots) - 1)
+        first, slot = self._first + len(self._slots) - 1 + steps, self._slots[-1]
+        state, covariance = self._state_of(slot), slot.covariance
+        whole, pushed, grown = np.eye(len(self._f)), np.zeros(len(self._f)), np.zeros_like(self._noise)
+        f, g, noise = self._f, self._g, self._noise
+        while steps:
+            if steps % 2:
+                whole, pushed, grown = f @ whole, f @ pushed + g, f @ grown @ f.T + noise
+            f, g, noise = f @ f, f @ g + g, f @ noise @ f.T + noise
+            steps //= 2
+        covariance = whole @ covariance @ whole.T + grown + variance * np.outer(pushed, pushed)
+        covariance = (covariance + covariance.transpose(0, 2, 1)) / 2.0
+        self._slots = [_Slot(state @ whole.T, covariance, self._undriven, self._shifted)]
+        self._first, self._known = first, 0
+
     def measure(self, measurement: Measurement, doubt: Array | None = None) -> Array | None:
         """Add a measurement where it belongs and come forward again.
 

@@ -10,6 +10,8 @@ import numpy as np
 
 from mkdaemon.control.linear import Array
 
+GAS_CENTRE: Final = 127.0
+"""Throttle of a centred stick [count of 254]; docs/protocol.md, "ExternalControl"."""
 LEAST_UPRIGHT: Final = 0.8
 """Smallest share of the thrust that is taken to carry: 37 degrees of tilt."""
 
@@ -17,6 +19,24 @@ LEAST_UPRIGHT: Final = 0.8
 def upright(tilt: Array) -> float:
     """Return the share of the thrust that carries the weight at a tilt (2,) [rad]."""
     return max(math.cos(tilt[0]) * math.cos(tilt[1]), LEAST_UPRIGHT)
+
+
+@dataclass(frozen=True, slots=True)
+class ThrottleUse:
+    """What the FlightCtrl makes of our throttle.
+
+    Attributes:
+        cap: it flies with no more than this, because the pilot's stick is lower than ours [count of 254]; None where
+            nothing caps ours, or it is not sure.
+        is_ours: nothing that was reported contradicts that it flies with ours.
+    """
+
+    cap: float | None
+    is_ours: bool
+
+
+OURS: Final = ThrottleUse(None, is_ours=True)
+"""It flies with ours, or nobody reports."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,7 +48,8 @@ class StickCommand:
         pitch: nose down positive [stick].
         roll: right side down positive [stick].
         yaw: nose left positive [stick].
-        gas: what the motors get of it before voltage compensation [count of 254].
+        gas: what the motors get of it before voltage compensation, where nothing caps it [count of 254].
+        use: what the FlightCtrl makes of that.
     """
 
     at: float
@@ -36,6 +57,12 @@ class StickCommand:
     roll: float
     yaw: float
     gas: float
+    use: ThrottleUse = OURS
+
+    @property
+    def acting_gas(self) -> float:
+        """What the motors get [count of 254]."""
+        return self.gas if self.use.cap is None else min(self.gas, self.use.cap)
 
 
 @dataclass(frozen=True, slots=True)

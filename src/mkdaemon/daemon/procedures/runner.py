@@ -14,6 +14,7 @@ from typing import Any, Final
 
 from mkdaemon.bus.codec import Payload, read_command, schema_name
 from mkdaemon.clock import Clock
+from mkdaemon.control.events import Feed, ListChanged
 from mkdaemon.control.vehicle import VehicleFacts
 from mkdaemon.daemon.audit import Audit, Outlet
 from mkdaemon.daemon.discovery import refuse_silent_line, require_discovery
@@ -57,6 +58,7 @@ class ProcedureRunner:
         self,
         link: Link,
         facts: VehicleFacts,
+        feed: Feed,
         bus: Outlet,
         audit: Audit,
         guard: Guard,
@@ -66,7 +68,7 @@ class ProcedureRunner:
         clock: Clock,
     ) -> None:
         """Read what an earlier daemon left in the journal; `run` does the work."""
-        self._link, self._facts, self._bus, self._audit = link, facts, bus, audit
+        self._link, self._facts, self._feed, self._bus, self._audit = link, facts, feed, bus, audit
         self._guard, self._interlock, self._journal, self._labels = guard, interlock, journal, labels
         self._clock = clock
         self._list = WaypointListKeeper(journal, audit, bus, clock)
@@ -117,7 +119,7 @@ class ProcedureRunner:
                     self._list.broke_off(source)
                 raise
             if writes is not None:
-                self._facts.list_changed_at = self._clock.now()
+                self._feed(ListChanged(), self._clock.now())
             if isinstance(reply, WaypointsStored):
                 await self._list.stored(reply, source)
             elif isinstance(reply, RouteStarted):

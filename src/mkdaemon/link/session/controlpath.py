@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import itertools
 from collections import deque
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Final, NewType
+from typing import Final
 
 from mkdaemon.link.session.health import HealthMonitor
 from mkdaemon.link.session.scheduler import Entry
-from mkdaemon.link.session.traffic import Purpose
+from mkdaemon.link.session.traffic import UNNUMBERED, BuildControl, FrameNumber, Purpose
 from mkdaemon.protocol.wire import Board, WireMessage
 
 _CONFIRM_DELAY: Final = 0.008
@@ -23,11 +22,6 @@ _PAUSE: Final = 0.005
 _TOLERANCE_TIME: Final = 0.003
 """Times at the host and at the board differ by about this much, and by the line's jitter [s]."""
 
-FrameNumber = NewType("FrameNumber", int)
-"""Number of an external control frame, 1..255: the board's confirmation repeats it. Never 0, which asks for none."""
-BuildControl = Callable[[FrameNumber], WireMessage]
-"""Makes the external control message that carries a frame number."""
-
 
 @dataclass(slots=True, eq=False)
 class ControlEntry(Entry):
@@ -37,7 +31,7 @@ class ControlEntry(Entry):
         number: of the frame.
     """
 
-    number: FrameNumber = FrameNumber(0)
+    number: FrameNumber = UNNUMBERED
 
 
 class ControlPath:

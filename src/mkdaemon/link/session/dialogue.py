@@ -10,7 +10,6 @@ from typing import Final
 
 from mkdaemon.config.link import LinkConfig
 from mkdaemon.link.session import budget
-from mkdaemon.link.session.controlpath import BuildControl, FrameNumber
 from mkdaemon.link.session.counters import Counters
 from mkdaemon.link.session.health import HealthMonitor
 from mkdaemon.link.session.identity import Identity
@@ -24,7 +23,7 @@ from mkdaemon.link.session.scheduler import Entry, TransmitScheduler
 from mkdaemon.link.session.standstill import Standstill
 from mkdaemon.link.session.steering import Steering
 from mkdaemon.link.session.streams import Streams
-from mkdaemon.link.session.traffic import Purpose
+from mkdaemon.link.session.traffic import BuildSetpoint, FrameNumber, Purpose, SetpointFate, SetpointRefused
 from mkdaemon.link.session.verdict import Finding, Verdict
 from mkdaemon.protocol.boards import board_at
 from mkdaemon.protocol.decoder import Unknown
@@ -180,16 +179,13 @@ class Dialogue:
         self.streams.request_received(message, board, now, self.rules, self.demand)
         return self.questions.ask(message, board, now, timeout=timeout, retries=retries, purpose=purpose, token=token)
 
-    def steer(self, build: BuildControl, deadline: float, now: float) -> FrameNumber:
-        """Hand in a setpoint; it replaces one that waits. Returns its frame number.
-
-        Raises:
-            CommandRejectedError: nothing may be steered now; says why.
-        """
-        line = self.control_line(now)
+    def steer(self, build: BuildSetpoint, deadline: float, now: float) -> SetpointFate:
+        """Hand in a setpoint; it replaces one that waits. Refused where nothing may be steered now."""
+        line, layout = self.control_line(now), self.dialect.extern_control
         if line.obstacle is not None:
-            raise refuse(Token(line.obstacle.value), state="down", detail=line.reason)
-        return self.steering.steer(build, deadline, now)
+            return SetpointRefused(refuse(Token(line.obstacle.value), state="down", detail=line.reason))
+        assert layout is not None  # a line without one is read-only
+        return self.steering.steer(build, layout, deadline, now)
 
     def control_line(self, now: float) -> ControlLine:
         """What the line can take from the flight core now; the one place that answers."""

@@ -24,7 +24,7 @@ from mkdaemon.link.session.report import Reporter
 from mkdaemon.link.session.scheduler import Entry
 from mkdaemon.link.session.standstill import StandstillWatch
 from mkdaemon.link.session.stickqueue import LOOK, StickQueue
-from mkdaemon.link.session.traffic import LinkSink, Lost, Received, Sent
+from mkdaemon.link.session.traffic import LineTap, LinkSink, Lost, Received, Sent
 from mkdaemon.link.session.turns import in_turns
 from mkdaemon.link.session.waiters import Waiters
 from mkdaemon.protocol.boards import Direction
@@ -34,8 +34,6 @@ from mkdaemon.telemetry.link import LinkCondition
 
 JUDGE_PERIOD: Final = 0.05
 """How often the evidence is weighed [s]; a twentieth of a second of the half second a verdict may take."""
-CLOSED: Final = "closed by us"
-"""Reason of an orderly end."""
 Discovery = Callable[[], Coroutine[Any, Any, None]]
 """Finds out who is there whenever `needs_discovery` is set; runs for ever."""
 
@@ -52,14 +50,20 @@ class Exchange:
     """
 
     def __init__(
-        self, cfg: LinkConfig, sink: LinkSink, dialogue: Dialogue, clock: Clock, guard: LineGuard | None = None
+        self,
+        cfg: LinkConfig,
+        sink: LinkSink,
+        dialogue: Dialogue,
+        clock: Clock,
+        guard: LineGuard | None = None,
+        tap: LineTap | None = None,
     ) -> None:
         """Prepare.
 
         Raises:
             ConfigError: the configured port cannot exist.
         """
-        self._sink = sink
+        self._sink, self._tap = sink, tap
         self._dialogue = dialogue
         self._clock = clock
         self._guard = GuardFeed(guard)
@@ -78,6 +82,11 @@ class Exchange:
         self.bauds = BaudSearch(cfg.baud, enabled=cfg.probe_baud and has_rate)
         self.needs_discovery = asyncio.Event()
         self.waiters = Waiters()
+
+    @property
+    def is_open(self) -> bool:
+        """Whether a port is open that has not failed."""
+        return self.port is not None and (self._failure is None or not self._failure.done())
 
     # -- reading --------------------------------------------------------------------------------------------------
 
@@ -104,14 +113,16 @@ class Exchange:
             searching=self.bauds.attempt,
         )
         self.reporter.port_opened(port.name)
+        if self._tap is not None:
+            self._tap.port_opened(port.name, self.bauds.current, self._opened_at)
         self._guard.port_opened(port)
         self.follow_dialect()
         self._publish()
-        reason = CLOSED
+        lost = None
         try:
             self.pump()
-            reason = await self._converse(port, discover)
-        except asyncio.CancelledError:
+            lost = await self._converse(port, discover)
+        except BaseException:  # cancelled, or a defect of this program: either way nobody flies from now on
             if not port.is_recording:
                 write = partial(self._write, port)
                 leaving = leave(
@@ -121,28 +132,34 @@ class Exchange:
                 await asyncio.create_task(leaving, name="link.leave")
             raise
         finally:
-            self._stop()
-            self.port_lost(reason, self.bauds.attempt.condition if self.bauds.attempt else LinkCondition.DOWN)
+            self._stop(lost or "")
+            if lost is None:
+                self._guard.port_given_up()
+                self._end("closed by us", LinkCondition.CLOSED)
+            else:
+                self.port_lost(lost, self.bauds.attempt.condition if self.bauds.attempt else LinkCondition.DOWN)
         return self._has_ended
 
     async def _converse(self, port: Port, discover: Discovery) -> str:
-        """Read, discover the boards, watch for failures; returns why it is over."""
-        reason = ""
-        try:
-            async with asyncio.TaskGroup() as tasks:
-                reader = tasks.create_task(self._read(port), name="link.read")
-                others = [
-                    tasks.create_task(discover(), name="link.discover"),
-                    tasks.create_task(self._wait_for_failure(), name="link.failure"),
-                ]
-                await reader
-                for task in others:
-                    task.cancel()
-            self._has_ended = True
-            reason = f"the recording {port.name} has ended"
-        except* LinkLostError as lost:
-            reason = str(lost.exceptions[0])
-        return reason
+        """Read, discover the boards, watch for failures; returns why it is over.
+
+        However the port is lost, the tasks tell it by returning: an exception of theirs would take the place of a
+        cancellation that comes at the same time, and nothing would end the link any more.
+        """
+        async with asyncio.TaskGroup() as tasks:
+            parts = [
+                tasks.create_task(_until_lost(partial(self._read, port)), name="link.read"),
+                tasks.create_task(_until_lost(self._wait_for_failure), name="link.failure"),
+                tasks.create_task(_until_lost(discover), name="link.discover"),
+            ]
+            done, _ = await asyncio.wait(parts, return_when=asyncio.FIRST_COMPLETED)
+            for part in parts:
+                part.cancel()
+        lost = next((part.result() for part in parts if part in done), None)
+        if lost is not None:
+            return lost
+        self._has_ended = True
+        return f"the recording {port.name} has ended"
 
     async def _read(self, port: Port) -> None:
         """Take bytes until there are no more: the straight line from the port to the sink."""
@@ -153,6 +170,8 @@ class Exchange:
 
     def _process(self, chunk: bytes) -> None:
         now = self._clock.now()
+        if self._tap is not None:
+            self._tap.port_read(chunk, now)
         dialogue, sink = self._dialogue, self._sink
         dialogue.bytes_received(len(chunk), now)
         for item in self._decoder.feed(chunk):
@@ -160,20 +179,22 @@ class Exchange:
                 message = self._messages.decode(item)
                 if dialogue.frame_received(item, message, now) and self.port is not None and not self.port.is_recording:
                     self.needs_discovery.set()
-                self.follow_dialect()
                 sink.received(Received(now, item, message))
                 for key in dialogue.streams.take_ended():
                     sink.stream_ended(key)
             else:
                 if dialogue.bytes_damaged(item, now) and self.port is not None and not self.port.is_recording:
                     self.needs_discovery.set()
-                    self.follow_dialect()
                 sink.dropped(Lost(now, Direction.FROM_BOARD, item.reason, item.raw))
+        self.follow_dialect()  # after the portion: a recording of portions and changes tells how each frame was decoded
 
     def follow_dialect(self) -> None:
         """Decode as the boards speak now, and let the guard release as they listen."""
         if self._dialogue.identity.take_change():
-            self._messages = MessageDecoder(self._dialogue.dialect.layouts)
+            layouts = self._dialogue.dialect.layouts
+            self._messages = MessageDecoder(layouts)
+            if self._tap is not None:
+                self._tap.layouts_changed(layouts, self._clock.now())
             self._guard.dialect_changed(self._dialogue.dialect.extern_control)
 
     async def _wait_for_failure(self) -> None:
@@ -217,7 +238,10 @@ class Exchange:
         port.write(entry.raw)
         self._sticks.written(entry)
         self._guard.written(entry)
-        self._sink.sent(Sent(self._clock.now(), entry.raw, entry.message, entry.purpose))
+        now = self._clock.now()
+        if self._tap is not None:
+            self._tap.port_written(entry.raw, now, entry.purpose.name.lower())
+        self._sink.sent(Sent(now, entry.raw, entry.message, entry.purpose))
 
     def _look_after_sticks(self, port: Port) -> None:
         """Let no stick frame wait behind another in the kernel; throw away what waits there when a release begins.
@@ -241,8 +265,11 @@ class Exchange:
             self._sink.dropped(Lost(now, Direction.TO_BOARD, DropReason.EXPIRED, entry.raw))
 
     def _fail(self, error: LinkLostError) -> None:
+        """End the conversation; whoever waits for an answer, or would wait from now on, is told at once."""
         if self._failure is not None and not self._failure.done():
             self._failure.set_exception(error)
+            self._dialogue.questions.port_lost(str(error))
+            self._settle()
 
     def _judge(self, port: Port, now: float) -> None:
         """Weigh the evidence, report, and act on a verdict that needs the port closed."""
@@ -270,9 +297,12 @@ class Exchange:
 
     def port_lost(self, reason: str, condition: LinkCondition = LinkCondition.DOWN) -> None:
         """Say at once that the port is gone, and why."""
+        self._guard.port_lost()
+        self._end(reason, condition)
+
+    def _end(self, reason: str, condition: LinkCondition) -> None:
         self.port = None
         self._sticks.forget()
-        self._guard.port_lost()
         self._dialogue.port_lost(self._clock.now(), reason, condition)
         self._settle()
         self.waiters.port_lost(reason)
@@ -284,14 +314,25 @@ class Exchange:
             self._timer.cancel()
         self._timer = asyncio.get_running_loop().call_later(max(delay, 0.0), self.pump)
 
-    def _stop(self) -> None:
+    def _stop(self, reason: str) -> None:
         if self._timer is not None:
             self._timer.cancel()
             self._timer = None
         if self._failure is not None and not self._failure.done():
             self._failure.cancel()
         now = self._clock.now()
+        if self._tap is not None:
+            self._tap.port_lost(reason, now)
         for item in self._decoder.flush():
             if not isinstance(item, Frame):
                 self._dialogue.bytes_damaged(item, now)
                 self._sink.dropped(Lost(now, Direction.FROM_BOARD, item.reason, item.raw))
+
+
+async def _until_lost(part: Callable[[], Coroutine[Any, Any, None]]) -> str | None:
+    """Run a part of the conversation; returns why the port is lost, None where the part has come to its end."""
+    try:
+        await part()
+    except LinkLostError as lost:
+        return str(lost)
+    return None

@@ -11,14 +11,11 @@ from typing import Protocol
 
 from mkdaemon.link.ports.port import Port
 from mkdaemon.link.session import release
-from mkdaemon.link.session.controlpath import ControlEntry, FrameNumber
+from mkdaemon.link.session.controlpath import ControlEntry
 from mkdaemon.link.session.scheduler import Entry
 from mkdaemon.link.session.steering import Steering
-from mkdaemon.link.session.traffic import Purpose
+from mkdaemon.link.session.traffic import UNNUMBERED, Purpose
 from mkdaemon.protocol.wire import WireMessage
-
-_UNCONFIRMED = FrameNumber(0)
-"""Frame number that asks for no confirmation."""
 
 
 class LineGuard(Protocol):
@@ -53,10 +50,15 @@ class GuardFeed:
             self._guard.port_opened(port.descriptor)
 
     def port_lost(self) -> None:
-        """The port is gone."""
+        """The port is gone, and what was owed with it."""
         if self._guard is not None:
             self._guard.port_closed()
         self._disarm()
+
+    def port_given_up(self) -> None:
+        """We close the port; an aircraft that is not released yet is left to the guard and its duplicate."""
+        if not self._is_armed:
+            self.port_lost()
 
     def dialect_changed(self, layout: type[WireMessage] | None) -> None:
         """The aircraft takes another layout of external control, or it is known for the first time."""
@@ -69,7 +71,7 @@ class GuardFeed:
             return
         if entry.purpose is Purpose.SETPOINT:
             self._is_armed = True
-            self._guard.frame_written(release.neutral_of(entry.message, _UNCONFIRMED).to_frame())
+            self._guard.frame_written(release.neutral_of(entry.message, UNNUMBERED).to_frame())
         elif self._is_armed:
             self._guard.frame_written(entry.raw)
 

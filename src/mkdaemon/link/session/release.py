@@ -29,8 +29,7 @@ from collections.abc import Callable
 from functools import partial
 from typing import Final
 
-from mkdaemon.link.session.controlpath import BuildControl, FrameNumber
-from mkdaemon.link.session.traffic import ReleaseResult
+from mkdaemon.link.session.traffic import BuildControl, FrameNumber, ReleaseResult
 from mkdaemon.protocol.messages.control import ExternControlV1, ExternControlV2
 from mkdaemon.protocol.wire import WireMessage
 from mkdaemon.telemetry.control import ReleaseOutcome

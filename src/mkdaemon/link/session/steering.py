@@ -10,18 +10,26 @@ bit that the dead-man guards. Source: docs/safety.md; docs/firmware-notes, "Exte
 from __future__ import annotations
 
 import math
+from functools import partial
 from typing import Final
 
 from mkdaemon.link.session import release
-from mkdaemon.link.session.controlpath import BuildControl, ControlEntry, ControlPath, FrameNumber
+from mkdaemon.link.session.controlpath import ControlEntry, ControlPath
 from mkdaemon.link.session.health import HealthMonitor
 from mkdaemon.link.session.peers import Peers
 from mkdaemon.link.session.scheduler import TransmitScheduler
-from mkdaemon.link.session.traffic import Purpose
+from mkdaemon.link.session.traffic import (
+    BuildSetpoint,
+    FrameNumber,
+    Purpose,
+    SetpointFate,
+    SetpointQueued,
+    SetpointRefused,
+)
 from mkdaemon.protocol.messages.control import ExternControlV1
 from mkdaemon.protocol.messages.flightctrl import SerialChannels
 from mkdaemon.protocol.messages.version import VersionRequest
-from mkdaemon.protocol.wire import Board
+from mkdaemon.protocol.wire import Board, WireMessage
 from mkdaemon.telemetry.control import Obstacle, ReleaseOutcome
 from mkdaemon.telemetry.refusals import Token, refuse
 
@@ -74,17 +82,13 @@ class Steering:
             return Obstacle.RELEASING
         return Obstacle.UNCONFIRMED if self._scheduler.holds_back(_LETTER, now) else None
 
-    def steer(self, build: BuildControl, deadline: float, now: float) -> FrameNumber:
-        """Hand in a setpoint that the line can take; it replaces one that waits.
-
-        Raises:
-            CommandRejectedError: `wrong_layout`.
-        """
-        entry = self.control.entry(build, Purpose.SETPOINT, deadline)
-        if type(entry.message) is not self._peers.dialect.extern_control:
-            raise refuse(Token.WRONG_LAYOUT, given=type(entry.message).__name__)
+    def steer(self, build: BuildSetpoint, layout: type[WireMessage], deadline: float, now: float) -> SetpointFate:
+        """Hand in a setpoint that the line can take; it replaces one that waits."""
+        entry = self.control.entry(partial(build, layout), Purpose.SETPOINT, deadline)
+        if type(entry.message) is not layout:
+            return SetpointRefused(refuse(Token.WRONG_LAYOUT, given=type(entry.message).__name__))
         self._scheduler.submit(entry, now)
-        return entry.number
+        return SetpointQueued(entry.number)
 
     def release(self, reason: str, now: float) -> None:
         """Begin a release; setpoints are refused until it is done."""

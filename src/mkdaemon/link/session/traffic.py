@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import NamedTuple, Protocol
+from typing import Final, NamedTuple, NewType, Protocol
 
+from mkdaemon.errors import CommandRejectedError
 from mkdaemon.protocol.boards import Direction
-from mkdaemon.protocol.decoder import Unknown
+from mkdaemon.protocol.decoder import Layouts, Unknown
 from mkdaemon.protocol.framing import DropReason, Frame
 from mkdaemon.protocol.wire import WireMessage
 from mkdaemon.telemetry.control import ReleaseOutcome
@@ -31,6 +33,42 @@ class Purpose(IntEnum):
     """Tests the link."""
     BACKGROUND = 6
     """Labels, settings: whenever there is room."""
+
+
+FrameNumber = NewType("FrameNumber", int)
+"""Number of an external control frame, 1..255: the board's confirmation repeats it. Never 0, which asks for none."""
+UNNUMBERED: Final = FrameNumber(0)
+"""Asks for no confirmation."""
+BuildControl = Callable[[FrameNumber], WireMessage]
+"""Makes the external control message that carries a frame number."""
+BuildSetpoint = Callable[[type[WireMessage], FrameNumber], WireMessage]
+"""Makes the same in the layout of this aircraft."""
+
+
+@dataclass(frozen=True, slots=True)
+class SetpointQueued:
+    """A setpoint that the line took; it leaves at its turn unless a newer one or its deadline comes first.
+
+    Attributes:
+        number: of its frame.
+    """
+
+    number: FrameNumber
+
+
+@dataclass(frozen=True, slots=True)
+class SetpointRefused:
+    """A setpoint that the line did not take: nothing of it is sent.
+
+    Attributes:
+        refusal: why.
+    """
+
+    refusal: CommandRejectedError
+
+
+SetpointFate = SetpointQueued | SetpointRefused
+"""What became of a setpoint that was handed in: a line that takes none is nothing unusual, so nothing is raised."""
 
 
 class Received(NamedTuple):
@@ -102,6 +140,25 @@ class LinkSink(Protocol):
 
     def traffic_counted(self, traffic: LinkTraffic) -> None:
         """Take the counters, once a second."""
+
+
+class LineTap(Protocol):
+    """Who records what the link is told by the port and what it decides about it; every method returns at once."""
+
+    def port_opened(self, port: str, baud: int, at: float) -> None:
+        """Take note of an open port."""
+
+    def port_read(self, data: bytes, at: float) -> None:
+        """Take bytes, in the portions in which they are decoded."""
+
+    def port_written(self, data: bytes, at: float, issuer: str) -> None:
+        """Take bytes that were given to the port, and what for."""
+
+    def port_lost(self, reason: str, at: float) -> None:
+        """Take note of the port's end; decoding ends with it."""
+
+    def layouts_changed(self, layouts: Layouts, at: float) -> None:
+        """Take the layouts by which frames are decoded from now on."""
 
 
 @dataclass(frozen=True, slots=True)

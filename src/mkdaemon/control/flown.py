@@ -1,0 +1,147 @@
+"""The manoeuvre that is flown: begun, changed, aborted, and what may take its place."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+from mkdaemon.config.control import ControlConfig
+from mkdaemon.control.manoeuvres.hold import Hold
+from mkdaemon.control.manoeuvres.land import Land
+from mkdaemon.control.manoeuvres.level import Level
+from mkdaemon.control.manoeuvres.manoeuvre import Manoeuvre, Step
+from mkdaemon.control.manoeuvres.table import Row, check_followed
+from mkdaemon.control.sight import Sight
+from mkdaemon.control.vehicle import VehicleFacts
+from mkdaemon.errors import CommandRejectedError
+from mkdaemon.telemetry.control import Phase
+from mkdaemon.telemetry.refusals import Token, refuse
+from mkdaemon.telemetry.setpoint import HoldSetpoint, Setpoint
+
+Admit = Callable[[type[Setpoint], Manoeuvre | None, float], CommandRejectedError | None]
+"""Says why a manoeuvre of a kind may not begin after another one (None on the ground), at a time [s]."""
+
+
+class Flown:
+    """Holds the one manoeuvre that is flown, or would be.
+
+    Attributes:
+        current: it; None before the first setpoint.
+    """
+
+    def __init__(
+        self,
+        cfg: ControlConfig,
+        sight: Sight,
+        facts: VehicleFacts,
+        rows: Mapping[type[Setpoint], Row],
+        admit: Admit,
+    ) -> None:
+        """Fly nothing yet.
+
+        Args:
+            cfg: bands and limits.
+            sight: the target that is followed.
+            facts: about the vehicle.
+            rows: every manoeuvre by its kind of setpoint.
+            admit: asked at every beginning and every change.
+        """
+        self.current: Manoeuvre | None = None
+        self._cfg, self._sight, self._facts, self._rows, self._admit = cfg, sight, facts, rows, admit
+        self._kind: type[Setpoint] | None = None
+        self._phase: Phase | None = None
+
+    # -- at the door ----------------------------------------------------------------------------------------------
+
+    def check(self, setpoint: Setpoint, phase: Phase, now: float) -> None:
+        """Refuse a setpoint that cannot be followed, or may not be flown now.
+
+        Asked of every setpoint on the ground, and in flight of every one that changes the manoeuvre.
+
+        Raises:
+            CommandRejectedError: `no_guidance`, `no_frame`, `no_estimate`, `not_ready`, or what admission says.
+        """
+        kind = type(setpoint)
+        row = self._rows.get(kind)
+        if row is None:
+            known = ", ".join(sorted(each.suffix for each in self._rows))
+            raise refuse(Token.NO_GUIDANCE, name=setpoint.suffix, known=known)
+        check_followed(row, self._sight, setpoint)
+        before = self.current if phase in (Phase.FLYING, Phase.STALE) else None
+        if phase in (Phase.ABORTED, Phase.LANDING) or (before is not None and kind is self._kind):
+            return
+        refusal = self._admit(kind, before, now)
+        if refusal is not None:
+            raise refusal
+        if before is not None:
+            obstacle = row.make(self._sight, self._cfg, setpoint).enter(before, self._facts, now)
+            if obstacle:
+                raise refuse(Token.NOT_READY, name=setpoint.suffix, detail=obstacle)
+
+    @property
+    def keeps_place(self) -> bool:
+        """Whether what is flown goes on by itself while its holder streams what is refused."""
+        return self.current is not None and self.current.keeps_place
+
+    @property
+    def is_by_target(self) -> bool:
+        """Whether what is flown follows what images of the target show."""
+        return self.current is not None and self.current.is_by_target
+
+    # -- the tick -------------------------------------------------------------------------------------------------
+
+    def step(self, setpoint: Setpoint, phase: Phase, now: float, *, is_flying: bool) -> Step:
+        """Decide the sticks for the newest setpoint in a phase of authority at a time [s]."""
+        before, self._phase = self._phase, phase
+        if not is_flying:
+            self.current = self._make(setpoint)
+            obstacle = self.current.enter(None, self._facts, now)
+            step = self.current.step(now, is_flying=False)
+            return step if not obstacle else _waiting(step, obstacle)
+        assert self.current is not None
+        if phase is Phase.LANDING:
+            if before is not Phase.LANDING and not isinstance(self.current, Land):
+                self._change(Land(self._sight, self._cfg.autopilot), now)
+        elif phase is Phase.ABORTED:
+            if before is not Phase.ABORTED:
+                self._abort(now)
+        elif type(setpoint) is not self._kind:
+            self._change(self._make(setpoint), now)
+        else:
+            _follow(self.current, setpoint)
+        return self.current.step(now, is_flying=True)
+
+    def end(self) -> None:
+        """Nothing is flown any more."""
+        self.current = self._kind = None
+
+    def _make(self, setpoint: Setpoint) -> Manoeuvre:
+        self._kind = type(setpoint)
+        return self._rows[self._kind].make(self._sight, self._cfg, setpoint)
+
+    def _change(self, after: Manoeuvre, now: float) -> None:
+        after.enter(self.current, self._facts, now)
+        self.current = after
+
+    def _abort(self, now: float) -> None:
+        """Let the manoeuvre become what an abort makes of it; a hold after a flight by hand is a beginning."""
+        assert self.current is not None
+        before, after = self.current, self.current.abort(now)
+        if after is before:
+            return
+        is_beginning = isinstance(after, Hold) and not before.is_by_target
+        if is_beginning and self._admit(HoldSetpoint, before, now) is not None:
+            after = Level(self._sight)
+        if after.enter(before, self._facts, now):
+            after = Level(self._sight)
+        self.current = after
+
+
+def _follow(manoeuvre: Manoeuvre, setpoint: Setpoint) -> None:
+    """Hand the newest setpoint to a manoeuvre that follows its setpoints."""
+    follow = getattr(manoeuvre, "follow", None)
+    if follow is not None:
+        follow(setpoint)
+
+
+def _waiting(step: Step, obstacle: str) -> Step:
+    return Step(step.sticks, step.manoeuvre, obstacle=obstacle, stage=step.stage)

@@ -1,0 +1,193 @@
+"""What manoeuvres against a target have in common: estimate, reference, and the ladder while it is out of sight.
+
+Out of sight the aircraft flies on by dead reckoning, then level at hover throttle, and then the manoeuvre ends:
+docs/safety.md, "The ladder".
+"""
+
+from __future__ import annotations
+
+import math
+from typing import ClassVar, Final
+
+import numpy as np
+
+from mkdaemon.config.autopilot import AutopilotConfig
+from mkdaemon.control.estimator.estimator import Estimator
+from mkdaemon.control.estimator.values import Estimate
+from mkdaemon.control.limiter import Sticks
+from mkdaemon.control.linear import Array
+from mkdaemon.control.manoeuvres.manoeuvre import End, Manoeuvre, Step, ended, level_at
+from mkdaemon.control.regulator.autopilot import Autopilot, AutopilotSticks, Goal
+from mkdaemon.control.regulator.horizontal import HorizontalCosts
+from mkdaemon.control.regulator.reference import ReferenceLimits
+from mkdaemon.control.regulator.vertical import VerticalGains
+from mkdaemon.control.sight import Sight, triple, turned
+from mkdaemon.control.vehicle import VehicleFacts
+from mkdaemon.telemetry.control import ErrorValue, Outcome
+from mkdaemon.telemetry.refusals import Token, refuse
+from mkdaemon.telemetry.setpoint import Setpoint, SetpointFrame
+
+BRAKING: Final = 0.5
+"""Who is to hold its place holds where the reference would be after this time [s]: there it can stand still."""
+TURNED: Final = math.radians(8.0)
+"""Heading error with which a heading is reached [rad]; within half of it the compass lock holds."""
+_NO_TARGET: Final = "a target in sight"
+
+
+class ByTarget:
+    """A manoeuvre against the target in sight.
+
+    Attributes:
+        stepped_at: when it was asked last [s].
+    """
+
+    kind: ClassVar[str]
+    is_by_target: ClassVar[bool] = True
+    keeps_place: ClassVar[bool] = True
+
+    def __init__(self, sight: Sight, cfg: AutopilotConfig) -> None:
+        """Prepare; nothing is flown before `enter`.
+
+        Args:
+            sight: the target, and the estimate against it.
+            cfg: limits and entry conditions.
+        """
+        self.stepped_at = -math.inf
+        self._sight, self._cfg = sight, cfg
+        self._autopilot: Autopilot | None = None
+        self._arrival = Arrival(cfg.arrived_within, cfg.arrived_for)
+
+    def enter(self, before: Manoeuvre | None, facts: VehicleFacts, now: float) -> str:
+        """Begin; the reference of another manoeuvre by the target goes on, all else begins where the aircraft is.
+
+        Returns:
+            What must change before it may begin: a better estimate, unless another manoeuvre is flown by it already.
+        """
+        if isinstance(before, ByTarget):
+            self._autopilot, self.stepped_at = before._autopilot, before.stepped_at  # noqa: SLF001  # of its own kind
+            return ""
+        return self._sight.entry_obstacle(now)
+
+    def height_seen(self, height: float, at: float) -> float | None:
+        """Nothing follows from it: it flies."""
+        return None
+
+    def step(self, now: float, *, is_flying: bool) -> Step:
+        """Decide the sticks."""
+        estimator = self._sight.estimator
+        if estimator is None:
+            return self._level(self._sight.hover_gas, ended(Outcome.NO_TARGET))
+        step = min(max(now - self.stepped_at, 0.005), 0.1) if is_flying else 0.02
+        self.stepped_at = now
+        estimator.advance(now)
+        estimate, autopilot = estimator.estimate(now), self._autopilot
+        if autopilot is None or autopilot.estimator is not estimator or not is_flying:
+            autopilot = self._autopilot = new_autopilot(self._cfg, estimator, now)
+        if estimate.age > self._cfg.level_after and not self._flies_blind():
+            return self._level(estimate.hover_gas, self._lost_sight(estimate))
+        return self._fly(estimate, autopilot, now, step, is_flying=is_flying)
+
+    def _fly(self, estimate: Estimate, autopilot: Autopilot, now: float, step: float, *, is_flying: bool) -> Step:
+        """Decide the sticks towards the goal."""
+        goal = self._goal(estimate, autopilot)
+        if estimate.age > self._cfg.freeze_after:
+            goal = Goal(position=np.array([*autopilot.reference.position, float(estimate.position[2])]))
+        is_there = is_flying and estimate.age <= self._cfg.freeze_after
+        is_done = is_there and self._arrival.has_arrived(goal, estimate, now)
+        sticks = floating(autopilot.sticks(goal, now, step))
+        return Step(sticks, self.kind, is_done=is_done, error=error_value(self.kind, goal, estimate))
+
+    def abort(self, now: float) -> Manoeuvre:
+        """Each says what it becomes."""
+        raise NotImplementedError
+
+    def _goal(self, estimate: Estimate, autopilot: Autopilot) -> Goal:
+        """Where to go, inside the fence."""
+        raise NotImplementedError
+
+    def _flies_blind(self) -> bool:
+        """Whether it goes on without an image."""
+        return False
+
+    def _level(self, gas: float, end: End | None) -> Step:
+        return Step(level_at(gas), self.kind, obstacle=_NO_TARGET, end=end)
+
+    def _lost_sight(self, estimate: Estimate) -> End | None:
+        """The end of a flight that sees no target any more; None while it may come back into sight."""
+        if estimate.age <= self._cfg.exit_after:
+            return None
+        return ended(Outcome.SIGHT_LOST, target=self._sight.target, age=estimate.age)
+
+    def _inside_fence(self, wanted: Array) -> Array:
+        """The nearest place inside the fence (3,) [m]."""
+        cfg = self._cfg
+        level = wanted[:2] * min(1.0, cfg.fence_radius / max(float(np.hypot(*wanted[:2])), 1e-9))
+        return np.array([*level, min(max(float(wanted[2]), cfg.fence_floor), cfg.fence_height)])
+
+
+class Arrival:
+    """Notices that the aircraft has been close to its goal, heading included where one is wanted, for a while."""
+
+    def __init__(self, within: float, settled: float) -> None:
+        """Count a place as reached within a distance [m] for a time [s]."""
+        self._within, self._settled = within, settled
+        self._place: tuple[float, ...] = ()
+        self._away_at = 0.0
+
+    def has_arrived(self, goal: Goal, estimate: Estimate, now: float) -> bool:
+        """Take where to be and where the aircraft is; whether it has arrived."""
+        wanted = triple(goal.position)
+        is_turned = goal.yaw is None or abs(math.remainder(estimate.yaw - goal.yaw, math.tau)) <= TURNED
+        is_near = float(np.linalg.norm(estimate.position - goal.position)) <= self._within
+        if wanted != self._place or not is_near or not is_turned:
+            self._place, self._away_at = wanted, now
+        return now - self._away_at >= self._settled
+
+
+def new_autopilot(cfg: AutopilotConfig, estimator: Estimator, now: float) -> Autopilot:
+    """Begin a flight where the aircraft is."""
+    return Autopilot(
+        estimator,
+        costs=HorizontalCosts(steepest=cfg.max_tilt),
+        gains=VerticalGains(fastest=cfg.max_climb),
+        level_limits=ReferenceLimits(cfg.max_speed, cfg.max_acceleration),
+        height_limits=ReferenceLimits(cfg.max_climb, 0.8),
+        now=now,
+    )
+
+
+def resting_place(autopilot: Autopilot) -> Array:
+    """Where an aircraft that is to stay comes to rest (3,) [m]."""
+    level, height = autopilot.reference, autopilot.height
+    return np.array([*(level.position + BRAKING * level.velocity), *(height.position + BRAKING * height.velocity)])
+
+
+def check_frame(sight: Sight, setpoint: Setpoint) -> None:
+    """Refuse a setpoint that cannot be followed at all.
+
+    Raises:
+        CommandRejectedError: `no_frame`, `no_estimate`.
+    """
+    frame = getattr(setpoint, "frame", SetpointFrame.PAD)
+    if frame is SetpointFrame.HOME:
+        raise refuse(Token.NO_FRAME, name=setpoint.suffix, frame=frame.value)
+    if sight.estimator is None:
+        raise refuse(Token.NO_ESTIMATE, name=setpoint.suffix)
+
+
+def error_value(kind: str, goal: Goal, estimate: Estimate) -> ErrorValue:
+    """How far the aircraft is from where it is to be."""
+    error = estimate.position - goal.position
+    yaw = None if goal.yaw is None else math.remainder(estimate.yaw - goal.yaw, math.tau)
+    return ErrorValue(
+        manoeuvre=kind,
+        goal=triple(goal.position),
+        error_pad=triple(error),
+        error_body=triple(turned(error, -estimate.yaw)),
+        error_yaw=yaw,
+    )
+
+
+def floating(sticks: AutopilotSticks) -> Sticks:
+    """Whole counts as the limiter takes them."""
+    return Sticks(float(sticks.pitch), float(sticks.roll), float(sticks.yaw), float(sticks.throttle))

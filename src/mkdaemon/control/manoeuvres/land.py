@@ -1,0 +1,218 @@
+"""Landing on a target that may move: down inside a cone, then through the ground effect without hesitation.
+
+Near the ground the rotors' cushion carries the aircraft away sideways, so below `commit_height` the decision is final:
+throttle falls below hover and stays there until the feet stand. That they stand needs evidence: a fresh image, or a
+fall that cannot have been shorter (`Fall`). Source: docs/control.md, "Landing"; without the final push a third to two
+thirds of the landings miss.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import ClassVar
+
+import numpy as np
+
+from mkdaemon.config.autopilot import AutopilotConfig
+from mkdaemon.control.estimator.model import F
+from mkdaemon.control.estimator.values import Estimate
+from mkdaemon.control.manoeuvres.by_target import ByTarget, error_value, floating
+from mkdaemon.control.manoeuvres.fall import Fall
+from mkdaemon.control.manoeuvres.hold import Hold
+from mkdaemon.control.manoeuvres.manoeuvre import Manoeuvre, Step, ended, level_at
+from mkdaemon.control.regulator.autopilot import Autopilot, Goal
+from mkdaemon.control.sight import Sight
+from mkdaemon.telemetry.control import Outcome
+
+
+class LandingPhase(StrEnum):
+    """Where a landing stands."""
+
+    APPROACH = "approach"
+    """Over the target, waiting until it is inside the cone."""
+    DESCEND = "descend"
+    """Inside the cone, sinking."""
+    COMMIT = "commit"
+    """Too low to change its mind."""
+    DOWN = "down"
+    """The feet stand: throttle goes to its lowest."""
+
+
+@dataclass(frozen=True, slots=True)
+class LandingLimits:
+    """The cone and the speeds.
+
+    Attributes:
+        stand_height: of the body origin when the feet stand on the target [m].
+        base: radius of the cone at standing height [m].
+        slope: growth of the radius with height.
+        speed: largest speed against the target inside the cone [m/s].
+        sink: rate of descent [m/s].
+        slow_sink: below `slow_height` [m/s].
+        slow_height: above standing height [m].
+        commit_height: above standing height [m].
+        commit_error: largest horizontal error at which to commit [m].
+        commit_sd: largest standard deviation of the height at which to commit [m].
+        commit_gas: throttle while committed [share of hover].
+        push_after: time of the commit after which throttle goes down further [s].
+        push: by how much [share of hover a second].
+        least_gas: where that ends [share of hover]; attitude control fades with throttle.
+        sight: oldest image with which to descend [s].
+        blind: oldest image with which to commit [s].
+        climb: rate to look for a lost target from above [m/s].
+        highest: where that climb ends [m].
+        touch_age: oldest image that shows whether the feet stand [s].
+        touch_height: lower than this they stand, where an image shows it [m].
+        settled: time the feet must stand [s].
+        pad_radius: who comes down farther from the middle has not landed on the target [m].
+    """
+
+    stand_height: float = 0.10
+    base: float = 0.07
+    slope: float = 0.12
+    speed: float = 0.35
+    sink: float = 0.40
+    slow_sink: float = 0.28
+    slow_height: float = 0.5
+    commit_height: float = 0.13
+    commit_error: float = 0.13
+    commit_sd: float = 0.05
+    commit_gas: float = 0.90
+    push_after: float = 0.3
+    push: float = 1.0
+    least_gas: float = 0.6
+    sight: float = 0.25
+    blind: float = 0.6
+    climb: float = 0.3
+    highest: float = 1.6
+    touch_age: float = 0.15
+    touch_height: float = 0.03
+    settled: float = 0.1
+    pad_radius: float = 0.35
+
+
+class Landing:
+    """One landing.
+
+    Attributes:
+        phase: where it stands.
+        down_since: since when the feet stand [s]; infinite before.
+        is_on_target: they stand on the target, as far as the estimate could tell when they touched.
+    """
+
+    def __init__(self, limits: LandingLimits, estimate: Estimate) -> None:
+        self.phase = LandingPhase.APPROACH
+        self.down_since = math.inf
+        self.is_on_target = False
+        self._limits = limits
+        self._height = float(estimate.position[2])
+        self._committed = self._up_at = estimate.at
+        self._fall: Fall | None = None
+
+    def goal(self, estimate: Estimate, yaw: float | None, step: float) -> Goal:
+        """Decide how to go on, and return where to.
+
+        Args:
+            estimate: now.
+            yaw: heading to hold [rad]; None for any.
+            step: time since the last call [s].
+        """
+        limits = self._limits
+        height = float(estimate.position[2]) - limits.stand_height
+        error = float(np.hypot(*estimate.position[:2]))
+        speed = float(np.hypot(*estimate.velocity[:2]))
+        inside = error < limits.base + limits.slope * max(height, 0.0) and speed < limits.speed
+        if self.phase in (LandingPhase.APPROACH, LandingPhase.DESCEND):
+            may_commit = (inside and estimate.age < limits.sight) or (
+                error < limits.commit_error and estimate.age < limits.blind
+            )
+            is_certain = float(estimate.position_sd[2]) < limits.commit_sd
+            if height < limits.commit_height and may_commit and is_certain:
+                self.phase = LandingPhase.COMMIT
+                self._committed = self._up_at = estimate.at
+                self._fall = Fall(height, float(estimate.velocity[2]), float(estimate.position_sd[2]))
+            else:
+                descends = inside and estimate.age < limits.sight
+                self.phase = LandingPhase.DESCEND if descends else LandingPhase.APPROACH
+        climb = self._climb(height, estimate.age, float(estimate.position[2]), step)
+        if self.phase is LandingPhase.COMMIT:
+            self._settle(estimate, height, error, step)
+        share = {LandingPhase.COMMIT: self._commit_gas(estimate.at), LandingPhase.DOWN: 0.0}.get(self.phase)
+        return Goal(position=np.array([0.0, 0.0, self._height]), yaw=yaw, climb=climb, gas_share=share)
+
+    def _commit_gas(self, at: float) -> float:
+        """Throttle of the commit [share of hover]: less and less where the aircraft hangs on its cushion."""
+        limits = self._limits
+        late = max(0.0, at - self._committed - limits.push_after)
+        return max(limits.least_gas, limits.commit_gas - limits.push * late)
+
+    def _climb(self, height: float, age: float, up: float, step: float) -> float:
+        """Move the wanted height; returns its speed [m/s]."""
+        limits = self._limits
+        if self.phase is LandingPhase.APPROACH:
+            if age > 1.6 * limits.sight and up < limits.highest:
+                self._height = min(self._height + 0.5 * step, up + 0.3)
+                return limits.climb
+            self._height = max(self._height, limits.stand_height + 0.25) if height < 0.25 else self._height
+            return 0.0
+        sink = limits.slow_sink if height < limits.slow_height else limits.sink
+        self._height = max(self._height - sink * step, up - 0.10)
+        return -sink
+
+    def _settle(self, estimate: Estimate, height: float, error: float, step: float) -> None:
+        """Notice that the feet stand: throttle that still half carries would let the wind slide the aircraft away.
+
+        The model knows no ground, so a predicted height goes on falling: it is no evidence.
+        """
+        limits = self._limits
+        assert self._fall is not None
+        has_fallen = self._fall.has_ended(1.0 + float(estimate.vertical[F]), step)
+        is_seen_down = estimate.age <= limits.touch_age and height <= limits.touch_height
+        if not (has_fallen or is_seen_down):
+            self._up_at = estimate.at
+        if estimate.at - self._up_at >= limits.settled:
+            self.phase, self.down_since = LandingPhase.DOWN, estimate.at
+            spread = float(np.hypot(*estimate.position_sd[:2]))
+            self.is_on_target = error + 2.0 * spread < limits.pad_radius
+
+
+class Land(ByTarget):
+    """Goes down on the target; once committed or standing, what the eyes see no longer matters."""
+
+    kind: ClassVar[str] = "land"
+
+    def __init__(self, sight: Sight, cfg: AutopilotConfig, yaw: float | None = None) -> None:
+        """Land with a heading [rad], None for any."""
+        super().__init__(sight, cfg)
+        self.landing: Landing | None = None
+        self._yaw = yaw
+
+    def abort(self, now: float) -> Manoeuvre:
+        """Hold; below its last decision a landing goes on."""
+        is_decided = self.landing is not None and self.landing.phase in (LandingPhase.COMMIT, LandingPhase.DOWN)
+        return self if is_decided else Hold(self._sight, self._cfg)
+
+    def _flies_blind(self) -> bool:
+        return self.landing is not None
+
+    def _fly(self, estimate: Estimate, autopilot: Autopilot, now: float, step: float, *, is_flying: bool) -> Step:
+        if not is_flying:
+            return Step(
+                floating(autopilot.sticks(Goal(position=estimate.position, yaw=self._yaw), now, step)), self.kind
+            )
+        landing = self.landing = self.landing or Landing(LandingLimits(stand_height=self._cfg.stand_height), estimate)
+        goal = landing.goal(estimate, self._yaw, step)
+        error = error_value(self.kind, goal, estimate)
+        sticks, stage = floating(autopilot.sticks(goal, now, step)), landing.phase.value
+        if landing.phase is LandingPhase.DOWN:
+            how = Outcome.LANDED if landing.is_on_target else Outcome.LANDED_ASIDE
+            stands = now - landing.down_since >= self._cfg.stand_time
+            end = ended(how, target=self._sight.target) if stands else None
+            return Step(sticks, self.kind, stage=stage, is_done=True, end=end, error=error)
+        self._sight.hover_gas = estimate.hover_gas
+        if landing.phase is LandingPhase.COMMIT or estimate.age <= self._cfg.level_after:
+            return Step(sticks, self.kind, stage=stage, error=error)
+        level = level_at(estimate.hover_gas)
+        return Step(level, self.kind, stage=stage, end=self._lost_sight(estimate), error=error)

@@ -1,0 +1,45 @@
+"""Level at hover throttle: what an aborted flight by hand becomes where no target is in sight."""
+
+from __future__ import annotations
+
+import math
+from typing import ClassVar
+
+from mkdaemon.control.manoeuvres.manoeuvre import Manoeuvre, Step, level_at
+from mkdaemon.control.sight import Sight
+from mkdaemon.control.vehicle import VehicleFacts
+
+
+class Level:
+    """No tilt; nothing holds the place.
+
+    Attributes:
+        stepped_at: when it was asked last [s].
+    """
+
+    kind: ClassVar[str] = "level"
+    is_by_target: ClassVar[bool] = False
+    keeps_place: ClassVar[bool] = False
+
+    def __init__(self, sight: Sight) -> None:
+        """Fly at the throttle that carries the aircraft, as far as `sight` knows it."""
+        self.stepped_at = -math.inf
+        self._sight = sight
+
+    def enter(self, before: Manoeuvre | None, facts: VehicleFacts, now: float) -> str:
+        """It may begin at any time."""
+        return ""
+
+    def step(self, now: float, *, is_flying: bool) -> Step:
+        """Decide the sticks."""
+        self.stepped_at = now
+        estimator = self._sight.estimator
+        return Step(level_at(self._sight.hover_gas if estimator is None else estimator.hover_gas), self.kind)
+
+    def height_seen(self, height: float, at: float) -> float | None:
+        """Nothing follows from it."""
+        return None
+
+    def abort(self, now: float) -> Manoeuvre:
+        """It is level."""
+        return self

@@ -1,0 +1,118 @@
+"""What a manoeuvre is: an object that turns setpoints of one kind into sticks, from its beginning to its end.
+
+What it remembers (place, reference, stage) belongs to it and ends with it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar, Protocol
+
+from mkdaemon.control.estimator.values import GAS_CENTRE
+from mkdaemon.control.limiter import Sticks
+from mkdaemon.control.vehicle import VehicleFacts
+from mkdaemon.telemetry.control import ErrorValue, Outcome
+
+WORDS: dict[Outcome, str] = {
+    Outcome.LANDED: "landed on {target}",
+    Outcome.LANDED_ASIDE: "came down, but nothing shows that it stands on {target}",
+    Outcome.NO_TARGET: "no target in sight",
+    Outcome.SIGHT_LOST: "no image of {target} for {age:.1f} s",
+    Outcome.TAKE_OFF_ABORTED: "take-off ended: aborted",
+    Outcome.TIPPED: "take-off ended: it tips over: is a foot caught?",
+    Outcome.NOT_LIFTED: (
+        "take-off ended: no image shows it off the ground: gate shut, the pilot's throttle too low, motors off, "
+        "control.limiter.hover_throttle too small for its weight, or images too old"
+    ),
+}
+"""What is said of every way in which a manoeuvre ends by itself."""
+REACHED_ITS_END = frozenset({Outcome.LANDED, Outcome.LANDED_ASIDE})
+"""Ends that were asked for; all others are failures."""
+
+
+@dataclass(frozen=True, slots=True)
+class End:
+    """A manoeuvre has ended: the aircraft is released.
+
+    Attributes:
+        outcome: how.
+        words: why, one sentence.
+    """
+
+    outcome: Outcome
+    words: str
+
+    @property
+    def is_failure(self) -> bool:
+        """Whether nobody asked for this end."""
+        return self.outcome not in REACHED_ITS_END
+
+
+def ended(outcome: Outcome, **words: object) -> End:
+    """End with an outcome; `words` fill in its sentence."""
+    return End(outcome, WORDS[outcome].format(**words))
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """What a manoeuvre wants now.
+
+    Attributes:
+        sticks: before the limiter [stick; FLU].
+        manoeuvre: its shown name.
+        obstacle: what must change before a flight may begin with it; empty for nothing.
+        stage: where it stands, in words; empty for a manoeuvre that has no stages.
+        is_done: what was asked for is reached, and is held from now on.
+        end: how it has ended; None while it goes on.
+        error: how far the aircraft is from its goal; None without a goal.
+    """
+
+    sticks: Sticks
+    manoeuvre: str
+    obstacle: str = ""
+    stage: str = ""
+    is_done: bool = False
+    end: End | None = None
+    error: ErrorValue | None = None
+
+
+class Manoeuvre(Protocol):
+    """One manoeuvre, flown once.
+
+    Attributes:
+        kind: its shown name.
+        is_by_target: it follows what images of a target show.
+        keeps_place: it goes on by itself when its setpoints say nothing new.
+        stepped_at: when it was asked last [s].
+    """
+
+    kind: ClassVar[str]
+    is_by_target: ClassVar[bool]
+    keeps_place: ClassVar[bool]
+    stepped_at: float
+
+    def enter(self, before: Manoeuvre | None, facts: VehicleFacts, now: float) -> str:
+        """Begin, on the ground (`before` is None) or after another manoeuvre.
+
+        Returns:
+            What must change before it may begin; empty for nothing.
+        """
+
+    def step(self, now: float, *, is_flying: bool) -> Step:
+        """Decide the sticks at a time [s]; `is_flying`: they are being sent."""
+
+    def height_seen(self, height: float, at: float) -> float | None:
+        """Take the height above the target that an image shows [m], and when it was taken [s].
+
+        Returns:
+            The throttle that carries the aircraft [count of 254], where this image is the first that shows it off the
+            ground.
+        """
+
+    def abort(self, now: float) -> Manoeuvre:
+        """Stop; returns the manoeuvre that it becomes, which may be itself."""
+
+
+def level_at(gas: float) -> Sticks:
+    """No tilt at a throttle [count of 254]."""
+    return Sticks(0.0, 0.0, 0.0, round(gas - GAS_CENTRE))

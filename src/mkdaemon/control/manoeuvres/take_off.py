@@ -1,0 +1,280 @@
+"""Take-off from the ground: throttle rises until an image shows the aircraft above it, then the autopilot climbs.
+
+A camera that stands on its target sees little or nothing of it, so the first centimetres are flown blind, level and
+quickly: the wind carries the aircraft out of the camera's cone as fast as slow throttle lets it rise. How much blind
+throttle, and for how long, is bounded. Source: docs/control.md, "Take-off".
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import ClassVar, Final
+
+import numpy as np
+
+from mkdaemon.config.autopilot import AutopilotConfig
+from mkdaemon.control.estimator.model import GRAVITY
+from mkdaemon.control.estimator.values import GAS_CENTRE, Estimate
+from mkdaemon.control.manoeuvres.by_target import ByTarget, error_value, floating
+from mkdaemon.control.manoeuvres.hold import Hold
+from mkdaemon.control.manoeuvres.manoeuvre import Manoeuvre, Step, ended, level_at
+from mkdaemon.control.regulator.autopilot import Autopilot, Goal, at_origin
+from mkdaemon.control.sight import Sight
+from mkdaemon.control.vehicle import VehicleFacts
+from mkdaemon.telemetry.control import Outcome
+from mkdaemon.telemetry.setpoint import TakeOffSetpoint
+
+IDLE_GAS: Final = 27.0
+"""Throttle that carries nothing [count of 254]."""
+LIKELY: Final = (0.75, 1.25)
+"""Throttle that carries the aircraft, over what was believed to."""
+STRAIGHT_UP: Final = 0.8
+"""A take-off climbs straight up to this height: lower, a lean takes the target out of the camera's sight [m]."""
+STANDS: Final = 0.15
+"""Who is no higher than this above its standing height is on the ground [m]."""
+CARRIES: Final = 0.6
+"""Who flies with more throttle may be in the air [share of hover]; a third of the weight is carried."""
+REPORTED: Final = 1.0
+"""A throttle that was reported longer ago says nothing [s]."""
+OLDEST: Final = 0.6
+"""An older image proves nothing [s]: the estimator could not roll back to it, and would fly on from where it was."""
+
+
+class TakeOffPhase(StrEnum):
+    """Where a take-off stands; the value is what is shown."""
+
+    IDLE = "idle: the pilot raises his throttle"
+    """Lowest throttle; on stock firmware nothing moves while ours is the smaller one."""
+    RAMP = "throttle rises"
+    """Level, more and more throttle, until images show the aircraft off the ground."""
+    CLIMB = "climbs"
+    """The autopilot flies to the height asked for."""
+    REACHED = "at height"
+    """It holds there."""
+    FAILED = "failed"
+    """Nothing showed that it lifts off, or it tips over: it is released."""
+
+
+@dataclass(frozen=True, slots=True)
+class TakeOffLimits:
+    """Throttle and times.
+
+    Attributes:
+        ready: time at the lowest throttle before it rises [s].
+        stand_height: of the body origin above the target when the feet stand [m].
+        lift: this much higher, the aircraft flies [m].
+        cushion: mean gain of thrust by the ground on the way there.
+        first: to this share of hover throttle it rises at once [share].
+        rise: from there on [share of hover a second].
+        most: blind throttle ends here [share of hover].
+        counts_from: the blind time counts from this throttle on [share of hover].
+        blind: longest time above it without an image of a flying aircraft [s].
+        steepest: tilt on the ground at which it ends: a foot that sticks tips the aircraft over [rad].
+        cut: after that the throttle is at its lowest for this long before the release [s].
+    """
+
+    ready: float = 3.0
+    stand_height: float = 0.10
+    lift: float = 0.06
+    cushion: float = 1.1
+    first: float = 0.80
+    rise: float = 1.60
+    most: float = 1.25
+    counts_from: float = 1.05
+    blind: float = 1.2
+    steepest: float = 0.26
+    cut: float = 1.0
+
+
+class TakeOff:
+    """One take-off.
+
+    Attributes:
+        phase: where it stands.
+        failure: why it failed; None before.
+    """
+
+    def __init__(self, limits: TakeOffLimits, hover_gas: float, now: float, *, is_in_air: bool = False) -> None:
+        """Begin.
+
+        Args:
+            limits: throttle and times.
+            hover_gas: throttle that is believed to carry the aircraft [count of 254].
+            now: [s].
+            is_in_air: it flies already, so that only the climb is left.
+        """
+        self.phase = TakeOffPhase.CLIMB if is_in_air else TakeOffPhase.IDLE
+        self.failure: Outcome | None = None
+        self._limits = limits
+        self._hover_gas = hover_gas
+        self._began = now
+        self._share = IDLE_GAS / hover_gas
+        self._strong_since: float | None = None
+        self._history: deque[tuple[float, float]] = deque([(now, IDLE_GAS)])
+        self._cut_left = 0.0
+        self._seen = (0.0, now)
+
+    @property
+    def is_blind(self) -> bool:
+        """Whether throttle is computed here and not by the autopilot."""
+        return self.phase not in (TakeOffPhase.CLIMB, TakeOffPhase.REACHED)
+
+    @property
+    def is_over(self) -> bool:
+        """Whether a failed take-off is to be released."""
+        return self.phase is TakeOffPhase.FAILED and self._cut_left <= 0.0
+
+    def gas(self, now: float, step: float, tilt: float) -> float:
+        """Go on for a time; the throttle to send [count of 254].
+
+        Args:
+            now: [s].
+            step: time since the last call [s].
+            tilt: largest angle that the boards report, pitch or roll [rad].
+        """
+        limits = self._limits
+        if self.phase is TakeOffPhase.IDLE and now - self._began >= limits.ready:
+            self.phase = TakeOffPhase.RAMP
+            self._share = limits.first
+        elif self.phase is TakeOffPhase.RAMP:
+            self._share = min(self._share + limits.rise * step, limits.most)
+            if self._strong_since is None and self._share >= limits.counts_from:
+                self._strong_since = now
+            if tilt > limits.steepest:
+                self.fail(Outcome.TIPPED)
+                self._share, self._cut_left = IDLE_GAS / self._hover_gas, limits.cut
+            elif self._strong_since is not None and now - self._strong_since > limits.blind:
+                self.fail(Outcome.NOT_LIFTED)
+        elif self.phase is TakeOffPhase.FAILED:
+            self._cut_left -= step
+        gas = self._share * self._hover_gas
+        self._history.append((now, gas))
+        while self._history[0][0] < now - OLDEST and len(self._history) > 1:
+            self._history.popleft()
+        return gas
+
+    def fail(self, why: Outcome) -> None:
+        """End it, as long as no image has shown it off the ground: whether it flies nobody knows then.
+
+        So it goes to the pilot as it is: throttle that goes down would drop an aircraft that flies.
+        """
+        if self.is_blind:
+            self.phase, self.failure = TakeOffPhase.FAILED, why
+
+    def seen(self, height: float, at: float) -> float | None:
+        """Take the height an image shows; once images show that it flies, the throttle that carries it.
+
+        From standing it has reached its height with a mean acceleration of v^2 / 2h, more than its throttle gives in
+        free air by what the cushion adds.
+
+        Args:
+            height: of the body origin above the target [m].
+            at: when the image was taken [s].
+        """
+        limits = self._limits
+        if self.phase is not TakeOffPhase.RAMP or self._history[-1][0] - at > OLDEST:
+            return None
+        flown = height - limits.stand_height
+        before, before_at = self._seen
+        self._seen = (flown, at)
+        if flown <= limits.lift or before <= limits.lift or at <= before_at:
+            return None
+        self.phase = TakeOffPhase.CLIMB
+        climb = max(0.0, (flown - before) / (at - before_at))
+        gas = next((gas for time, gas in reversed(self._history) if time <= at), self._history[0][1])
+        hover = gas * math.sqrt(limits.cushion / (1.0 + climb**2 / (2.0 * flown) / GRAVITY))
+        return min(max(hover, LIKELY[0] * self._hover_gas), LIKELY[1] * self._hover_gas)
+
+    def arrived(self) -> None:
+        """Note that the aircraft holds at the height asked for."""
+        if self.phase is TakeOffPhase.CLIMB:
+            self.phase = TakeOffPhase.REACHED
+
+
+class TakeOffFlight(ByTarget):
+    """Takes off, or climbs on in the air, to a height over the middle of the target, and holds there."""
+
+    kind: ClassVar[str] = "takeoff"
+
+    def __init__(self, sight: Sight, cfg: AutopilotConfig, setpoint: TakeOffSetpoint) -> None:
+        super().__init__(sight, cfg)
+        self.take_off: TakeOff | None = None
+        self._wanted, self._is_in_air = setpoint, False
+
+    def follow(self, setpoint: TakeOffSetpoint) -> None:
+        """Take the newest setpoint."""
+        self._wanted = setpoint
+
+    def enter(self, before: Manoeuvre | None, facts: VehicleFacts, now: float) -> str:
+        """Begin on the ground, or after another manoeuvre by the target, which is climbed on from."""
+        if isinstance(before, ByTarget):
+            self._is_in_air = True
+            return super().enter(before, facts, now)
+        if before is not None:
+            return "an aircraft on the ground: a take-off begins there, with a new lease"
+        return self._ground_obstacle(facts, now)
+
+    def height_seen(self, height: float, at: float) -> float | None:
+        """See `TakeOff.seen`."""
+        return None if self.take_off is None else self.take_off.seen(height, at)
+
+    def step(self, now: float, *, is_flying: bool) -> Step:
+        """Decide the sticks; blind until an image shows the aircraft off the ground."""
+        sight = self._sight
+        if not is_flying:
+            self.take_off, self.stepped_at = None, now
+            return Step(level_at(IDLE_GAS), self.kind, stage=TakeOffPhase.IDLE.value)
+        if self.take_off is None:
+            limits = TakeOffLimits(ready=self._cfg.takeoff_ready, stand_height=self._cfg.stand_height)
+            self.take_off = TakeOff(limits, sight.hover_gas, now, is_in_air=self._is_in_air)
+        take_off = self.take_off
+        if not take_off.is_blind:
+            return super().step(now, is_flying=True)
+        step = min(max(now - self.stepped_at, 0.005), 0.1)
+        self.stepped_at = now
+        attitude = sight.attitude
+        tilt = 0.0 if attitude is None else max(abs(attitude.pitch), abs(attitude.roll))
+        sticks = level_at(take_off.gas(now, step, tilt))
+        end = ended(take_off.failure) if take_off.is_over and take_off.failure is not None else None
+        return Step(sticks, self.kind, stage=take_off.phase.value, end=end)
+
+    def abort(self, now: float) -> Manoeuvre:
+        """Hold; a take-off that no image has shown off the ground ends with a release."""
+        if self.take_off is not None and self.take_off.is_blind:
+            self.take_off.fail(Outcome.TAKE_OFF_ABORTED)
+            return self
+        return Hold(self._sight, self._cfg)
+
+    def _fly(self, estimate: Estimate, autopilot: Autopilot, now: float, step: float, *, is_flying: bool) -> Step:
+        take_off = self.take_off
+        assert take_off is not None
+        height, here = min(self._wanted.height, self._cfg.fence_height), estimate.position
+        goal = at_origin(height)
+        error = error_value(self.kind, goal, estimate)
+        if self._arrival.has_arrived(goal, estimate, now):
+            take_off.arrived()
+        if float(here[2]) < STRAIGHT_UP and take_off.phase is TakeOffPhase.CLIMB:
+            goal = Goal(position=np.array([*(autopilot.reference.position), height]))
+        sticks, is_done = floating(autopilot.sticks(goal, now, step)), take_off.phase is TakeOffPhase.REACHED
+        return Step(sticks, self.kind, stage=take_off.phase.value, is_done=is_done, error=error)
+
+    def _ground_obstacle(self, facts: VehicleFacts, now: float) -> str:
+        """What must change before it begins; empty for nothing.
+
+        It begins with the lowest throttle, which would drop an aircraft that a pilot holds in the air.
+        """
+        sight, estimator = self._sight, self._sight.estimator
+        if facts.motors_running(now) is False:
+            return "running motors: the pilot starts them, throttle at its lowest"
+        if estimator is not None and now - estimator.seen_at <= self._cfg.entry_age:
+            height = float(estimator.estimate(now).position[2]) - self._cfg.stand_height
+            if height > STANDS:
+                return f"an aircraft on the ground: its feet are {height:.1f} m above the target"
+        report = facts.throttle_in_use()
+        is_new = report is not None and now - report.at <= REPORTED
+        if report is not None and is_new and report.throttle + GAS_CENTRE > CARRIES * sight.hover_gas:
+            return f"the pilot's throttle at its lowest: it is at {report.throttle:+.0f}, which may carry the aircraft"
+        return ""

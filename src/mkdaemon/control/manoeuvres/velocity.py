@@ -1,0 +1,43 @@
+"""Flies at a velocity against the target."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import numpy as np
+
+from mkdaemon.config.autopilot import AutopilotConfig
+from mkdaemon.control.estimator.values import Estimate
+from mkdaemon.control.manoeuvres.by_target import ByTarget
+from mkdaemon.control.manoeuvres.hold import Hold
+from mkdaemon.control.manoeuvres.manoeuvre import Manoeuvre
+from mkdaemon.control.regulator.autopilot import Autopilot, Goal
+from mkdaemon.control.sight import Sight, turned
+from mkdaemon.telemetry.setpoint import SetpointFrame, VelocitySetpoint
+
+
+class Velocity(ByTarget):
+    """Flies towards a point ahead that the reference never reaches, no faster than asked."""
+
+    kind: ClassVar[str] = "velocity"
+    keeps_place: ClassVar[bool] = False
+
+    def __init__(self, sight: Sight, cfg: AutopilotConfig, setpoint: VelocitySetpoint) -> None:
+        super().__init__(sight, cfg)
+        self._wanted = setpoint
+
+    def follow(self, setpoint: VelocitySetpoint) -> None:
+        """Take the newest setpoint."""
+        self._wanted = setpoint
+
+    def abort(self, now: float) -> Manoeuvre:
+        """Hold where it comes to rest."""
+        return Hold(self._sight, self._cfg)
+
+    def _goal(self, estimate: Estimate, autopilot: Autopilot) -> Goal:
+        velocity = np.array(self._wanted.velocity)
+        if self._wanted.frame is SetpointFrame.BODY:
+            velocity = turned(velocity, estimate.yaw)
+        here = np.array([*autopilot.reference.position, *autopilot.height.position])
+        ahead = self._inside_fence(here + velocity * self._cfg.velocity_lead)
+        return Goal(position=ahead, yaw_rate=self._wanted.yaw_rate, speed=float(np.hypot(*velocity[:2])))

@@ -1,0 +1,171 @@
+"""Flies to a position in the frame of a target: estimate, reference, regulators, whole counts."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from mkdaemon.control.estimator.estimator import Estimator
+from mkdaemon.control.estimator.values import GAS_CENTRE, Estimate
+from mkdaemon.control.linear import Array
+from mkdaemon.control.regulator.horizontal import STEP, HorizontalCosts, HorizontalRegulator
+from mkdaemon.control.regulator.reference import Reference, ReferenceLimits
+from mkdaemon.control.regulator.shaping import CountShaper
+from mkdaemon.control.regulator.vertical import VerticalGains, gas
+
+UNKNOWN_SPEED: Final = 0.25
+"""A flight begins with a reference that rests on the estimate, until the speed is known to this [m/s]."""
+LEAP: Final = 12.0
+"""While the pilot's throttle caps ours, so much more than flies or hovers is asked for [count of 254]: a fifth of the
+weight, by which the aircraft rises when he lets go, and more than `throttlelid.MARGIN`, so that the cap shows."""
+RECENTRED: Final = 0.02
+"""Share of the unexplained vertical acceleration that goes into the hover throttle at each call: a second at 50 Hz."""
+YAW_TOLERANCE: Final = math.radians(4.0)
+"""Heading error that is left alone: the compass of the FlightCtrl holds the heading meanwhile."""
+YAW_LEAST: Final = 8.0
+"""Smallest yaw stick that unlocks that compass [stick]; 5 to 7 creep against it; docs/firmware-notes.md."""
+YAW_MOST: Final = 28.0
+"""Largest yaw stick [stick]: 10 deg/s, slow enough for the tilts to follow."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Goal:
+    """Where to go, in the frame of the target.
+
+    Attributes:
+        position: (3,) [m].
+        yaw: heading of the forward axis [rad]; None for whatever it is.
+        yaw_rate: turn at this rate where there is no heading, nose left positive [rad/s].
+        climb: speed of the wanted height, which then counts as it stands, without a reference of its own [m/s].
+        speed: largest horizontal speed on the way [m/s]; None for the autopilot's own limit.
+        gas_share: throttle in place of the height's regulator [share of hover]; None for the regulator.
+    """
+
+    position: Array
+    yaw: float | None = None
+    yaw_rate: float = 0.0
+    climb: float = 0.0
+    speed: float | None = None
+    gas_share: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class AutopilotSticks:
+    """Whole counts, FLU signs as everywhere [stick]; throttle from the centre."""
+
+    pitch: int
+    roll: int
+    yaw: int
+    throttle: int
+
+
+class Autopilot:
+    """One flight against one target.
+
+    Attributes:
+        estimator: what is believed.
+        reference: where the aircraft should be now.
+        estimate: what the latest sticks were computed from.
+    """
+
+    def __init__(
+        self,
+        estimator: Estimator,
+        *,
+        costs: HorizontalCosts,
+        gains: VerticalGains,
+        level_limits: ReferenceLimits,
+        height_limits: ReferenceLimits,
+        now: float,
+    ) -> None:
+        """Begin where the aircraft is, climbing as it climbs.
+
+        Raises:
+            ValueError: the costs stabilise nothing on this model.
+        """
+        self.estimator = estimator
+        self._gains = gains
+        self._level_limits = level_limits
+        self._height_limits = height_limits
+        known = estimator.model
+        self._regulators = {
+            model.stick_filter: HorizontalRegulator(model, costs) for model in (known, known.with_other_filter())
+        }
+        self._pitch, self._roll = CountShaper(-127, 127), CountShaper(-127, 127)
+        self._throttle = CountShaper(-127, 127)
+        self._asked = 0
+        self.estimate = estimator.estimate(now)
+        self._is_speed_known = False
+        self.reference = Reference(self.estimate.position[:2], self.estimate.velocity[:2])
+        self.height = Reference(self.estimate.position[2:], self.estimate.velocity[2:])
+
+    def sticks(self, goal: Goal, now: float, step: float = STEP) -> AutopilotSticks:
+        """Return the sticks to send now.
+
+        Args:
+            goal: where to go.
+            now: [s; monotonic].
+            step: time since the last call [s].
+        """
+        estimator = self.estimator
+        estimator.advance(now)
+        limits = self._level_limits
+        if goal.speed is not None:
+            limits = ReferenceLimits(min(goal.speed, limits.speed), limits.acceleration)
+        estimate = self.estimate = estimator.estimate(now + estimator.model.uplink)
+        if not self._is_speed_known:
+            self.reference = Reference(estimate.position[:2], estimate.velocity[:2])
+            self.height = Reference(estimate.position[2:], estimate.velocity[2:])
+            self._is_speed_known = estimator.velocity_sd <= UNKNOWN_SPEED
+        else:
+            self.reference.move(goal.position[:2], limits, step)
+        if goal.climb:
+            self.height = Reference(goal.position[2:], np.array([goal.climb]))
+        else:
+            self.height.move(goal.position[2:], self._height_limits, step)
+        rad_per_count = estimator.model.rad_per_count * estimator.stick_gain
+        tilt = self._regulators[estimator.model.stick_filter].tilt(estimate, self.reference) / rad_per_count
+        c, s = math.cos(estimate.yaw), math.sin(estimate.yaw)
+        return AutopilotSticks(
+            pitch=self._pitch.count(float(tilt[0] * c + tilt[1] * s)),
+            roll=self._roll.count(float(tilt[0] * s - tilt[1] * c)),
+            yaw=self._yaw_stick(goal),
+            throttle=self._throttle_stick(goal),
+        )
+
+    def _throttle_stick(self, goal: Goal) -> int:
+        """Return the throttle for the height, or for what the goal says; where ours cannot act, not much more."""
+        estimator, estimate = self.estimator, self.estimate
+        if goal.gas_share is None:
+            wanted = gas(estimate, float(self.height.position[0]), float(self.height.velocity[0]), self._gains)
+            estimator.recentre_hover(RECENTRED, self._asked + GAS_CENTRE)
+        else:
+            wanted = goal.gas_share * estimate.hover_gas
+        cap = estimator.throttle_cap
+        if cap is not None:
+            wanted = min(wanted, max(cap, estimate.hover_gas) + LEAP)
+        self._asked = self._throttle.count(wanted - GAS_CENTRE)
+        return self._asked
+
+    def _yaw_stick(self, goal: Goal) -> int:
+        """Return the yaw stick for a heading, or a rate that the tilts can follow [stick]."""
+        if goal.yaw is not None or not goal.yaw_rate:
+            return yaw_stick(self.estimate, goal.yaw)
+        wanted = self.estimator.model.yaw_stick(goal.yaw_rate)
+        return round(math.copysign(min(max(abs(wanted), YAW_LEAST), YAW_MOST), goal.yaw_rate))
+
+
+def yaw_stick(estimate: Estimate, yaw: float | None) -> int:
+    """Return the yaw stick that turns towards a heading; nose left positive [stick]."""
+    error = 0.0 if yaw is None else math.remainder(yaw - estimate.yaw, math.tau)
+    if abs(error) <= YAW_TOLERANCE:
+        return 0
+    return round(math.copysign(min(YAW_LEAST + math.degrees(abs(error)) * 0.7, YAW_MOST), error))
+
+
+def at_origin(height: float) -> Goal:
+    """A goal above the middle of the target [m]."""
+    return Goal(position=np.array([0.0, 0.0, height]))

@@ -1,0 +1,88 @@
+"""Position to tilt sticks: a linear quadratic regulator of the whole axis, from the model.
+
+The feed-forward is the state in which the aircraft rests on the reference: with disturbance d, drag c and a reference
+moving at v with acceleration a, the true tilt is (a + c v - d) / g and the tilt that the FlightCtrl believes, which its
+stick must hold against the leak, is (c v - d) / g + b. Source: docs/control.md, "Regulator".
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from mkdaemon.control.estimator.model import GRAVITY, TH, US, AircraftModel, B, P, T, V, W
+from mkdaemon.control.estimator.values import Estimate
+from mkdaemon.control.linear import Array, regulator_gain, spectral_radius
+from mkdaemon.control.regulator.reference import Reference
+
+STEP: Final = 0.02
+"""Control period [s]; sticks are evaluated every 22.5 ms, faster has no effect."""
+
+
+@dataclass(frozen=True, slots=True)
+class HorizontalCosts:
+    """What the regulator weighs against what.
+
+    Attributes:
+        position: [1/m2].
+        velocity: [s2/m2].
+        rate: of the tilt rate [s2/rad2].
+        stick: of the wanted tilt [1/rad2].
+        reach: largest position error that is regulated [m]; farther is the reference's business.
+        steepest: largest wanted tilt [rad].
+    """
+
+    position: float = 6.0
+    velocity: float = 0.6
+    rate: float = 0.1
+    stick: float = 3.0
+    reach: float = 0.6
+    steepest: float = 0.35
+
+
+class HorizontalRegulator:
+    """Both horizontal axes.
+
+    Attributes:
+        gain: (7,) of position, velocity, true tilt, believed tilt, integral, rate, filtered stick.
+        radius: spectral radius of the closed loop over `STEP`; below 1 is stable.
+    """
+
+    def __init__(self, model: AircraftModel, costs: HorizontalCosts) -> None:
+        """Compute the gain.
+
+        Raises:
+            ValueError: the costs stabilise nothing.
+        """
+        self._model = model
+        self._costs = costs
+        f, g = model.horizontal(STEP)
+        f, g = f[:7, :7], g[:7, None]
+        weights = np.zeros(7)
+        weights[[P, V, W]] = costs.position, costs.velocity, costs.rate
+        gain = regulator_gain(f, g, np.diag(weights + 1e-9) * STEP, np.array([[costs.stick * STEP]]))
+        self.gain: Array = gain[0]
+        self.radius = spectral_radius(f - g @ gain)
+
+    def tilt(self, estimate: Estimate, reference: Reference) -> Array:
+        """Return the tilt to ask for, towards x and y of the local frame (2,) [rad].
+
+        Args:
+            estimate: at the moment when the stick will act.
+            reference: position, velocity and acceleration wanted, x and y.
+        """
+        costs, drag = self._costs, self._model.drag
+        error = estimate.axes[:, :7].copy()
+        velocity = reference.velocity[:2]
+        pushed = (drag * velocity - estimate.disturbance) / GRAVITY
+        held = pushed + estimate.axes[:, B]
+        error[:, P] = np.clip(error[:, P] - reference.position[:2], -costs.reach, costs.reach)
+        error[:, V] -= velocity
+        error[:, T] -= pushed + reference.acceleration[:2] / GRAVITY
+        error[:, TH] -= held
+        error[:, US] -= held
+        wanted = held - error @ self.gain
+        size = float(np.hypot(*wanted))
+        return wanted if size <= costs.steepest else wanted * (costs.steepest / size)

@@ -1,0 +1,234 @@
+"""The target that is followed: its name, and the estimate of the aircraft against it."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from typing import Final
+
+import numpy as np
+
+from mkdaemon.config.autopilot import AutopilotConfig
+from mkdaemon.control.estimator.estimator import Estimator
+from mkdaemon.control.estimator.model import AircraftModel
+from mkdaemon.control.estimator.values import GAS_CENTRE, Estimate, StickCommand, TargetView, ThrottleUse
+from mkdaemon.control.limiter import StickCounts
+from mkdaemon.control.linear import Array
+from mkdaemon.frames import rotation_from_quaternion
+from mkdaemon.telemetry.control import EstimateValue
+from mkdaemon.telemetry.state import Attitude
+from mkdaemon.telemetry.vision import VisionPose
+
+ATTITUDE_LATENCY: Final = 0.024
+"""How old an attitude is when it arrives [s]: the board's frame time and half the radio's latency; docs/control.md."""
+SHOWN: Final = 1.13
+"""What a FlightCtrl reports over the angle that its sticks ask for; docs/control.md, "The attitude loop"."""
+FORGOTTEN: Final = 5.0
+"""A target out of sight for longer is met anew [s]."""
+SENT_KEPT: Final = 50
+"""Stick frames that an estimate begun in flight learns of: one second of them."""
+SHORTEST_PAIR: Final = 0.02
+"""Two views closer in time give no velocity [s]."""
+LONGEST_PAIR: Final = 0.2
+"""Two views farther apart in time give none either [s]."""
+
+
+class Sight:
+    """Follows one target at a time.
+
+    Attributes:
+        target: name of the target that is followed; empty before the first.
+        estimator: what is believed against it; None before the first pose.
+        model: what is believed of the aircraft.
+        hover_gas: throttle that carries it, where no estimate says so [count of 254].
+        attitude: as the boards reported it last.
+    """
+
+    def __init__(self, cfg: AutopilotConfig, hover_throttle: float) -> None:
+        """Prepare; nothing is estimated before the first pose.
+
+        Args:
+            cfg: when images agree with the model.
+            hover_throttle: first guess of the throttle that carries the aircraft [stick from the centre].
+        """
+        self.target = ""
+        self.estimator: Estimator | None = None
+        self.model = AircraftModel()
+        self.hover_gas = hover_throttle + GAS_CENTRE
+        self.attitude: Attitude | None = None
+        self._cfg = cfg
+        self._last_view: TargetView | None = None
+        self._sent: deque[StickCommand] = deque(maxlen=SENT_KEPT)
+        self._clean_since = math.inf
+
+    def model_known(self, model: AircraftModel) -> None:
+        """Take the model of the aircraft's own parameter set; the estimate begins anew with it."""
+        if model != self.model:
+            self.model, self.estimator = model, None
+
+    def attitude_received(self, attitude: Attitude) -> None:
+        """Take the attitude the boards report."""
+        self.attitude = attitude
+        if self.estimator is not None:
+            at = attitude.stamp.monotonic - ATTITUDE_LATENCY
+            scale = SHOWN if attitude.source.startswith("fc/") else 1.0
+            self.estimator.attitude_received(at, attitude.pitch / scale, attitude.roll / scale, attitude.yaw)
+
+    def view_received(
+        self, target: str, view: TargetView, now: float, *, lifted_by: float | None, may_change: bool
+    ) -> str:
+        """Take a view of a target.
+
+        Another target takes the place of the followed one only when that has been out of sight for long, and never
+        while something is flown by it.
+
+        Args:
+            target: its name.
+            view: what the image shows.
+            now: when it arrives [s].
+            lifted_by: throttle with which the aircraft left the ground [count of 254]; the estimate begins anew then.
+            may_change: nothing is flown by the followed target.
+
+        Returns:
+            The target that was followed before, where this one takes its place; empty otherwise.
+        """
+        known, before = self.estimator, self.target
+        is_other = bool(before) and target != before
+        is_forgotten = known is None or view.at - known.seen_at > FORGOTTEN
+        if is_other and not (is_forgotten and may_change):
+            return ""
+        if known is None or is_forgotten or lifted_by is not None:
+            # What was believed of an aircraft that stood on the ground says nothing about its throttle.
+            compass = 0.0 if self.attitude is None else self.attitude.yaw
+            velocity = None if is_other else velocity_between(self._last_view, view)
+            self.estimator = Estimator(
+                self.model, view, lifted_by or self.hover_gas, compass=compass, velocity=velocity
+            )
+            for command in self._sent if lifted_by is not None else ():
+                self.estimator.sent(command)
+            self.target, self._clean_since, self._last_view = target, view.at, None
+        else:
+            known.target_seen(view)
+            if not known.innovation <= self._cfg.clean_innovation:
+                self._clean_since = view.at
+        if self._last_view is None or view.at >= self._last_view.at:
+            self._last_view = view
+        return before if is_other else ""
+
+    def sticks_made(self, counts: StickCounts, use: ThrottleUse, now: float) -> None:
+        """Take note of a stick frame that goes out now [s], and of what becomes of its throttle."""
+        command = StickCommand(now, counts.pitch, counts.roll, counts.yaw, counts.throttle + GAS_CENTRE, use)
+        self._sent.append(command)
+        if self.estimator is not None:
+            self.estimator.sent(command)
+
+    # -- questions, which change nothing --------------------------------------------------------------------------
+
+    def is_fresh(self, now: float) -> bool:
+        """Whether the target has been seen lately enough to hold or land by it."""
+        return self.estimator is not None and now - self.estimator.seen_at <= self._cfg.level_after
+
+    def pose_age(self, now: float) -> float | None:
+        """Time since the newest image of the target that is followed [s]; None where there was none."""
+        return None if self._last_view is None else now - self._last_view.at
+
+    def hover_throttle(self, now: float) -> float | None:
+        """Throttle that carries the aircraft by the estimate [stick from the centre]; None where that is too old."""
+        return self.estimator.hover_gas - GAS_CENTRE if self.estimator is not None and self.is_fresh(now) else None
+
+    @property
+    def contradicting(self) -> tuple[str, ...]:
+        """Cameras whose images contradict those of others."""
+        return () if self.estimator is None else self.estimator.contradicting
+
+    def entry_obstacle(self, now: float) -> str:
+        """What must change before something is flown by the target; empty for nothing."""
+        if self.estimator is None:
+            return "a target in sight"
+        self.estimator.advance(now)
+        return entry_obstacle(self._cfg, self.target, self.estimator.estimate(now), now - self._clean_since)
+
+    def estimate(self, now: float) -> EstimateValue | None:
+        """Return what is believed now, as it is published; None before the first pose."""
+        return None if self.estimator is None else estimate_value(self.target, self.estimator, now)
+
+
+def entry_obstacle(cfg: AutopilotConfig, target: str, estimate: Estimate, clean: float) -> str:
+    """What must change before an autonomous flight begins; empty for nothing.
+
+    Args:
+        cfg: entry conditions.
+        target: its name.
+        estimate: now.
+        clean: how long images have agreed with the model [s].
+    """
+    sd, speed = float(estimate.position_sd.max()), float(np.hypot(*estimate.velocity[:2]))
+    if estimate.age > cfg.entry_age:
+        return f"a fresh image of {target}: the last is {estimate.age:.2f} s old"
+    if speed > cfg.entry_speed:
+        return f"a slower aircraft: it moves at {speed:.1f} m/s over {target}"
+    offset, height = float(np.hypot(*estimate.position[:2])), float(estimate.position[2])
+    if offset > cfg.entry_offset * height:
+        return f"a place nearer over {target}: it is {offset:.1f} m beside its middle, {height:.1f} m up"
+    if sd > cfg.entry_sd:
+        return f"a certain position: its standard deviation is {100 * sd:.0f} cm"
+    return "" if clean >= cfg.entry_clean else f"images that agree with the model for {cfg.entry_clean:g} s"
+
+
+def estimate_value(target: str, estimator: Estimator, now: float) -> EstimateValue:
+    """What is believed now, as it is published."""
+    estimator.advance(now)
+    found, spread = estimator.estimate(now), estimator.motion_covariance
+    return EstimateValue(
+        target=target,
+        position=triple(found.position),
+        velocity=triple(found.velocity),
+        tilt=(float(found.tilt[0]), float(found.tilt[1])),
+        disturbance=(float(found.disturbance[0]), float(found.disturbance[1])),
+        yaw=found.yaw,
+        hover_throttle=found.hover_gas - GAS_CENTRE,
+        position_sd=triple(found.position_sd),
+        covariance=(triple(spread[0]), triple(spread[1]), triple(spread[2])),
+        image_age=found.age,
+        innovation=estimator.innovation,
+        is_nominal=estimator.is_nominal,
+        stick_gain=estimator.stick_gain,
+        stick_filter=estimator.model.stick_filter,
+        contradicting=estimator.contradicting,
+    )
+
+
+def view_of(pose: VisionPose) -> TargetView:
+    """A pose as the estimator takes it."""
+    return TargetView(
+        pose.stamp.monotonic,
+        np.array(pose.position_flu),
+        rotation_from_quaternion(pose.quaternion_target_from_flu),
+        np.array(pose.covariance).reshape(6, 6),
+        pose.camera,
+    )
+
+
+def velocity_between(before: TargetView | None, view: TargetView) -> Array | None:
+    """Velocity against the target from two views of it (3,) [m/s]; None where they are too far apart in time.
+
+    None, too, where they are of two cameras: nobody knows both mountings to the millimetre.
+
+    From where the target lies in the body frame, as if that were level: a small tag close by shows its place to
+    millimetres and the tilt to half a radian, which would make tens of metres a second of two places.
+    """
+    step = math.inf if before is None else view.at - before.at
+    if before is None or before.camera != view.camera or not SHORTEST_PAIR <= step <= LONGEST_PAIR:
+        return None
+    return turned((before.position_flu - view.position_flu) / step, view.heading)
+
+
+def turned(vector: Array, yaw: float) -> Array:
+    """Turn a vector (3,) about the up axis [rad]."""
+    c, s = math.cos(yaw), math.sin(yaw)
+    return np.array([c * vector[0] - s * vector[1], s * vector[0] + c * vector[1], vector[2]])
+
+
+def triple(vector: Array) -> tuple[float, float, float]:
+    """Plain numbers."""
+    return float(vector[0]), float(vector[1]), float(vector[2])

@@ -1,0 +1,157 @@
+"""The flight core, with what stands between it, the frames of the line and the bus: on an aircraft and in a replay.
+
+Nothing here waits or looks at a clock to decide: frames and events come in with their time, and what the core wants
+published is stamped with the time of its tick.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from dataclasses import asdict, astuple, fields
+from typing import TYPE_CHECKING
+
+from mkdaemon.clock import Clock
+from mkdaemon.config.control import ControlConfig
+from mkdaemon.control.actions import (
+    Action,
+    PublishError,
+    PublishEstimate,
+    PublishNavi,
+    PublishStatus,
+    Report,
+    SendSticks,
+)
+from mkdaemon.control.core import FlightCore
+from mkdaemon.control.events import Event, Feed, Reply
+from mkdaemon.daemon.audit import Audit, Outlet
+from mkdaemon.daemon.eyes import Eyes
+from mkdaemon.daemon.sink import BusSink
+from mkdaemon.telemetry.control import ControlError, ControlEstimate, ControlOutput, ControlStatus
+from mkdaemon.telemetry.navi import ControlNavi
+from mkdaemon.telemetry.preflight import ControlPreflight, PreflightReport
+
+if TYPE_CHECKING:
+    from mkdaemon.record.tap import Tap
+
+MakeEyes = Callable[[Feed], Eyes]
+"""Makes the cameras, which tell the flight core what they see."""
+Publication = PublishStatus | PublishEstimate | PublishNavi | PublishError | Report
+"""What the flight core wants published."""
+
+
+class RecordedCore(FlightCore):
+    """A flight core of which everything that it is told, and every tick, is recorded."""
+
+    def __init__(self, cfg: ControlConfig, *, first_epoch: int, tap: Tap) -> None:
+        """Start as `FlightCore` does; `tap` records."""
+        super().__init__(cfg, first_epoch=first_epoch)
+        self._tap = tap
+
+    def feed(self, event: Event, now: float) -> Reply:
+        """Take an event; see `FlightCore.feed`. It is recorded with the answer, and even if the core fails on it."""
+        reply: Reply | None = None
+        try:
+            reply = super().feed(event, now)
+        finally:
+            self._tap.fed(event, now, reply)
+        return reply
+
+    def tick(self, now: float, *, slept: float = 0.0) -> list[Action]:
+        """Decide; see `FlightCore.tick`."""
+        self._tap.ticked(now, slept)
+        return super().tick(now, slept=slept)
+
+
+def no_eyes(feed: Feed) -> Eyes:
+    """Make no camera."""
+    return Eyes(None)
+
+
+class Deck:
+    """The core and what translates for it.
+
+    Attributes:
+        core: decides.
+        audit: publishes events.
+        eyes: the cameras.
+        sink: hears about the line.
+        news: set when a tick is due at once.
+    """
+
+    def __init__(
+        self,
+        cfg: ControlConfig,
+        bus: Outlet,
+        clock: Clock,
+        *,
+        first_epoch: int,
+        make_eyes: MakeEyes = no_eyes,
+        tap: Tap | None = None,
+        core: FlightCore | None = None,
+    ) -> None:
+        """Build.
+
+        Args:
+            cfg: of the core.
+            bus: where values go.
+            clock: stamps.
+            first_epoch: of the leases.
+            make_eyes: makes the cameras.
+            tap: records what the core is told.
+            core: another one than the product's.
+        """
+        self._bus, self._clock = bus, clock
+        if core is not None:
+            self.core = core
+        elif tap is None:
+            self.core = FlightCore(cfg, first_epoch=first_epoch)
+        else:
+            self.core = RecordedCore(cfg, first_epoch=first_epoch, tap=tap)
+        self.news = asyncio.Event()
+        self.audit = Audit(bus, clock)
+        self.eyes = make_eyes(self.feed)
+        self.sink = BusSink(bus, self.feed, self.core.vehicle, self.audit, self.eyes, clock)
+
+    def feed(self, event: Event, now: float) -> Reply:
+        """Tell the core of an event at a time [s]; whoever ticks it is woken where that is due."""
+        reply = self.core.feed(event, now)
+        if reply.is_due:
+            self.news.set()
+        return reply
+
+    def publish(self, action: Publication, now: float) -> None:
+        """Publish what the core wants published, stamped with the time of its tick [s]."""
+        bus, stamp = self._bus, self._clock.stamp(now)
+        match action:
+            case PublishStatus():
+                shown = {field.name: getattr(action, field.name) for field in fields(action)}
+                bus.publish("control/status", ControlStatus(stamp=stamp, **shown))
+            case PublishEstimate():
+                bus.publish("control/estimate", ControlEstimate(stamp=stamp, **action.value.__dict__))
+            case PublishNavi():
+                bus.publish("control/navi", ControlNavi(stamp=stamp, **action.value.__dict__))
+            case PublishError():
+                bus.publish("control/error", ControlError(stamp=stamp, **action.value.__dict__))
+            case _:
+                self.audit.report(action, now)
+
+    def publish_output(self, order: SendSticks, frame: int, now: float) -> None:
+        """Publish a stick frame that the line has taken under a number, stamped with the time of the tick [s]."""
+        output = ControlOutput(
+            stamp=self._clock.stamp(now),
+            epoch=order.epoch,
+            sequence=order.sequence,
+            frame=frame,
+            age=order.age,
+            **asdict(order.counts),
+            limited=order.is_limited,
+            wanted=None if order.wanted is None else astuple(order.wanted),
+        )
+        self._bus.publish("control/output", output)
+
+    def publish_preflight(self, now: float) -> PreflightReport:
+        """Ask the core for every check before a flight at a time [s]; publish and return what it found."""
+        report = self.core.preflight(now)
+        self._bus.publish("control/preflight", ControlPreflight(stamp=self._clock.stamp(now), **dict(report)))
+        return report

@@ -1,0 +1,104 @@
+"""The beginning of a flight, and a model that changes in flight."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from mkdaemon.control.estimator.estimator import Estimator
+from mkdaemon.control.estimator.model import AircraftModel, E, V
+from mkdaemon.control.estimator.values import OURS, StickCommand, TargetView, ThrottleUse
+from mkdaemon.control.regulator.autopilot import UNKNOWN_SPEED, Autopilot, at_origin
+from mkdaemon.control.regulator.horizontal import HorizontalCosts
+from mkdaemon.control.regulator.reference import ReferenceLimits
+from mkdaemon.control.regulator.vertical import VerticalGains
+
+MODEL = AircraftModel()
+HOVER = 125.0
+
+
+def look(at, east):
+    """A level aircraft beside the target, two metres up."""
+    spread = [1e-3] * 6
+    return TargetView(at, np.array([-east, 0.0, -2.0]), np.eye(3), np.diag(spread) ** 2)
+
+
+def begin(view):
+    """An autopilot that begins with a view."""
+    estimator = Estimator(MODEL, view, HOVER)
+    limits = ReferenceLimits(1.2, 1.0), ReferenceLimits(0.6, 0.8)
+    return Autopilot(
+        estimator,
+        costs=HorizontalCosts(),
+        gains=VerticalGains(),
+        level_limits=limits[0],
+        height_limits=limits[1],
+        now=view.at,
+    )
+
+
+def test_the_reference_rests_on_the_estimate_until_the_speed_is_known():
+    autopilot = begin(look(0.0, 0.4))
+    sticks = autopilot.sticks(at_origin(2.0), 0.02)
+    assert autopilot.reference.position[0] == pytest.approx(0.4, abs=0.01)
+    assert abs(sticks.pitch) <= 5
+    for k in range(1, 40):
+        now = 0.02 * k
+        autopilot.estimator.advance(now)
+        autopilot.estimator.attitude_received(now, 0.0, 0.0, 0.0)
+        autopilot.estimator.target_seen(look(now, 0.4))
+        sticks = autopilot.sticks(at_origin(2.0), now)
+    assert autopilot.reference.position[0] < 0.35
+    assert sticks.pitch < 0
+
+
+def test_the_reference_begins_with_the_speed_that_made_it_known_and_not_with_the_one_before():
+    autopilot = begin(look(0.0, 0.4))
+    estimator = autopilot.estimator
+    estimator._level.states[0, V] = 2.0
+    autopilot.sticks(at_origin(2.0), 0.0)
+    for k in range(1, 30):
+        now = 0.02 * k
+        estimator.advance(now)
+        estimator.target_seen(look(now, 0.4))
+        autopilot.sticks(at_origin(2.0), now)
+        if estimator.velocity_sd <= UNKNOWN_SPEED:
+            break
+    assert autopilot.reference.velocity[0] == pytest.approx(autopilot.estimate.velocity[0])
+    assert autopilot.height.velocity[0] == pytest.approx(autopilot.estimate.velocity[2], abs=0.02)
+
+
+@pytest.mark.parametrize(("cap", "most"), [(None, 200), (135.0, 147), (100.0, HOVER + 12)])
+def test_while_the_pilots_throttle_caps_ours_not_much_more_is_asked_for_than_flies_or_hovers(cap, most):
+    autopilot, asked = begin(look(0.0, 0.0)), []
+    for k in range(100):
+        now, is_known = 0.02 * k, k > 40
+        sticks = autopilot.sticks(at_origin(5.0 if is_known else 2.0), now)
+        use = ThrottleUse(cap, is_ours=False) if is_known and cap else OURS
+        autopilot.estimator.sent(StickCommand(now, 0.0, 0.0, 0.0, sticks.throttle + 127.0, use))
+        if not is_known:
+            autopilot.estimator.target_seen(look(now, 0.0))
+        elif k == 60:
+            autopilot.estimator._vertical.shift(E, np.array([-5.0]))  # it sinks for no known reason
+        asked.append(sticks.throttle + 127)
+    assert max(asked) > 147 + 1 if cap is None else most - 1 <= max(asked) <= most + 1
+
+
+def test_the_regulator_is_that_of_the_stick_filter_that_was_found():
+    autopilot = begin(look(0.0, 0.0))
+    estimator = autopilot.estimator
+    other, now = MODEL.with_other_filter(), 0.0
+    f, g = other.horizontal(0.01)
+    axes, held = np.zeros((2, 9)), np.zeros(2)
+    for k in range(150):
+        now = 0.01 * k
+        if k % 2 == 0:
+            estimator.advance(now)
+            estimator.attitude_received(now, float(axes[0, 3]), float(-axes[1, 3]), 0.0)
+            held = np.array([round(15 * math.sin(5 * now)), round(15 * math.cos(4 * now))])
+            estimator.sent(StickCommand(now - MODEL.uplink, held[0], -held[1], 0.0, HOVER))
+        axes = axes @ f.T + (held * MODEL.rad_per_count)[:, None] * g
+    assert estimator.model == other
+    assert isinstance(autopilot.sticks(at_origin(2.0), now).pitch, int)

@@ -1,0 +1,80 @@
+"""Margins of the horizontal loop, as they are shown."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from mkdaemon.config.control import ControlConfig
+from mkdaemon.control.estimator.model import LEAK_SLOW, NO_FILTER, AircraftModel
+from mkdaemon.control.regulator.margins import NAMES, gains_of, loop_refusal, require_safe_loop
+from mkdaemon.errors import ConfigError
+
+
+def test_the_loop_bears_the_stick_gains_and_delays_that_flights_bore():
+    found = gains_of(AircraftModel(), ControlConfig())
+    assert tuple(found.gains) == NAMES
+    assert found.radius < 1.0
+    low, high = found.gain_margin
+    assert low < 0.67
+    assert high > 1.33
+    assert 0.02 <= found.delay_margin < 0.48
+
+
+def test_the_model_that_is_shown_is_the_one_that_is_flown_on():
+    found = gains_of(replace(AircraftModel(), a1=3.41, a2=7.1), ControlConfig())
+    assert (found.a1, found.a2) == (3.41, 7.1)
+    assert found.gains["position"] != pytest.approx(gains_of(AircraftModel(), ControlConfig()).gains["position"])
+
+
+def refused(**options):
+    """Why a configuration is refused on the model of the set Easy; None where it is not."""
+    return loop_refusal(AircraftModel(), ControlConfig.model_validate(options))
+
+
+def test_the_default_configuration_is_safe_on_every_set_and_firmware():
+    for changes in ({}, {"leak": LEAK_SLOW}, {"stick_filter": NO_FILTER}, {"a1": 3.41, "a2": 7.1}):
+        assert loop_refusal(replace(AircraftModel(), **changes), ControlConfig()) is None
+
+
+@pytest.mark.parametrize(
+    ("options", "name"),
+    [
+        ({"limiter": {"slew": 50}}, "control.limiter.slew = 50"),
+        ({"limiter": {"throttle_slew": 5}}, "control.limiter.throttle_slew = 5"),
+        ({"limiter": {"max_pitch": 6}}, "control.limiter.max_pitch = 6"),
+        ({"limiter": {"max_throttle": 0}}, "control.limiter.max_throttle = 0"),
+        ({"autopilot": {"max_tilt": 0.05}}, "control.autopilot.max_tilt = 0.05"),
+    ],
+)
+def test_a_value_that_makes_the_loop_unsafe_is_named_with_the_margin_and_the_remedy(options, name):
+    error = refused(**options)
+    assert error.token == "loop_unstable"
+    assert name in error.reason
+    assert "m beside" in error.reason
+    assert "set it to" in error.fix
+
+
+def test_two_values_that_are_each_too_much_are_named_together():
+    error = refused(limiter={"slew": 50, "max_throttle": 0})
+    assert "control.limiter.max_throttle = 0, control.limiter.slew = 50" in error.reason
+    assert "take them out" in error.fix
+
+
+@pytest.mark.parametrize("options", [{"rate": 25}, {"limiter": {"slew": 300}}, {"autopilot": {"max_tilt": 0.2}}])
+def test_other_values_are_not_refused(options):
+    assert refused(**options) is None
+
+
+@pytest.mark.parametrize("changes", [{"a1": 1e-200, "a2": 1e-200}, {"rad_per_count": 1e-4}])
+def test_a_parameter_set_that_cannot_be_flown_is_refused_whatever_the_configuration(changes):
+    error = loop_refusal(replace(AircraftModel(), **changes), ControlConfig())
+    assert "this parameter set" in error.reason
+
+
+def test_the_daemon_does_not_start_with_a_value_that_makes_the_loop_unsafe():
+    require_safe_loop(ControlConfig())
+    require_safe_loop(ControlConfig(rate=40.0))
+    with pytest.raises(ConfigError, match=r"control\.limiter\.slew = 50.*set it to 600"):
+        require_safe_loop(ControlConfig.model_validate({"limiter": {"slew": 50}}))

@@ -1,0 +1,89 @@
+"""Take-off: throttle on the ground, what shows that it flies, and what ends it."""
+
+from __future__ import annotations
+
+import pytest
+
+from mkdaemon.control.manoeuvres.take_off import IDLE_GAS, LIKELY, OLDEST, TakeOff, TakeOffLimits, TakeOffPhase
+
+LIMITS = TakeOffLimits(ready=1.0)
+HOVER = 120.0
+STEP = 0.02
+
+
+def run(take_off, start, seconds, tilt=0.0):
+    """Go on for a time; returns every throttle with its time."""
+    steps = round(seconds / STEP)
+    return [(start + k * STEP, take_off.gas(start + k * STEP, STEP, tilt)) for k in range(1, steps + 1)]
+
+
+def test_throttle_is_at_its_lowest_first_then_rises_to_a_bound():
+    take_off = TakeOff(LIMITS, HOVER, 0.0)
+    throttles = run(take_off, 0.0, 2.1)
+    assert {gas for at, gas in throttles if at < LIMITS.ready - 0.01} == {IDLE_GAS}
+    assert throttles[-1][1] == pytest.approx(LIMITS.most * HOVER)
+    assert take_off.phase is TakeOffPhase.RAMP
+
+
+def test_without_an_image_of_a_flying_aircraft_it_fails_with_what_to_look_at():
+    take_off = TakeOff(LIMITS, HOVER, 0.0)
+    run(take_off, 0.0, LIMITS.ready + LIMITS.blind + 0.6)
+    assert take_off.is_over
+    assert "gate" in take_off.failure
+    assert "hover_throttle" in take_off.failure
+
+
+def test_images_of_an_aircraft_that_stands_change_nothing():
+    take_off = TakeOff(LIMITS, HOVER, 0.0)
+    run(take_off, 0.0, 1.5)
+    assert [take_off.seen(0.10 + 0.01 * k, 1.3 + 0.03 * k) for k in range(4)] == [None] * 4
+    assert take_off.is_blind
+
+
+def test_two_images_of_a_climbing_aircraft_give_it_to_the_autopilot_with_the_throttle_that_carries():
+    take_off = TakeOff(LIMITS, HOVER, 0.0)
+    run(take_off, 0.0, 1.6)
+    assert take_off.seen(0.20, 1.50) is None
+    hover = take_off.seen(0.22, 1.53)
+    assert not take_off.is_blind
+    assert hover is not None
+    # 0.67 m/s after 0.12 m: 1.85 m/s2 with 1.25 of the throttle believed in, and a tenth by the ground.
+    assert hover == pytest.approx(HOVER * 1.25 * (1.1 / 1.19) ** 0.5, rel=0.02)
+    assert take_off.seen(0.3, 1.6) is None, "it is known by now"
+
+
+def test_old_images_do_not_hand_a_flying_aircraft_to_the_autopilot():
+    take_off = TakeOff(LIMITS, HOVER, 0.0)
+    for k in range(1, round((LIMITS.ready + LIMITS.blind + 0.6) / STEP)):
+        take_off.gas(k * STEP, STEP, 0.0)
+        assert take_off.seen(0.2 + 0.01 * k, k * STEP - OLDEST - 0.01) is None
+    assert take_off.is_over
+    assert "too old" in take_off.failure
+
+
+def test_what_carries_the_aircraft_is_not_far_from_what_was_believed():
+    take_off = TakeOff(LIMITS, HOVER, 0.0)
+    run(take_off, 0.0, 1.6)
+    take_off.seen(0.17, 1.50)
+    assert take_off.seen(0.60, 1.53) == pytest.approx(LIKELY[0] * HOVER)
+
+
+def test_an_aircraft_that_tips_over_has_its_throttle_cut_then_is_released():
+    take_off = TakeOff(LIMITS, HOVER, 0.0)
+    run(take_off, 0.0, 1.3)
+    [(_, gas)] = run(take_off, 1.3, STEP, tilt=0.3)
+    assert take_off.phase is TakeOffPhase.FAILED
+    assert not take_off.is_over
+    gas = run(take_off, 1.32, LIMITS.cut + 0.1, tilt=0.3)[-1][1]
+    assert gas == pytest.approx(IDLE_GAS)
+    assert take_off.is_over
+
+
+def test_in_the_air_only_the_climb_is_left_and_cannot_fail():
+    take_off = TakeOff(LIMITS, HOVER, 0.0, is_in_air=True)
+    assert not take_off.is_blind
+    take_off.fail("aborted")
+    assert take_off.phase is TakeOffPhase.CLIMB
+    take_off.arrived()
+    take_off.arrived()
+    assert take_off.phase is TakeOffPhase.REACHED
