@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Final, Protocol
 
 from mkdaemon.bus.commandserver import Handler
 from mkdaemon.bus.gateway import Watcher
-from mkdaemon.bus.intake import Prover, Taker
+from mkdaemon.bus.intake import Taker, Verifier
 from mkdaemon.clock import Clock
 from mkdaemon.config.root import Config
 from mkdaemon.control.regulator.margins import require_safe_loop
@@ -52,7 +52,7 @@ class Station(Outlet, Protocol):
     def serve(self, root: str, handler: Handler) -> None:
         """Answer every command below a root; see `Bus.serve`."""
 
-    def receive(self, suffix: str, take: Taker, is_proven: Prover) -> None:
+    def receive(self, suffix: str, take: Taker, verify: Verifier) -> None:
         """Hand every setpoint of a key to `take`; see `Bus.receive`."""
 
     def watch_clients(self, watcher: Watcher) -> None:
@@ -136,8 +136,7 @@ class Wiring:
         bus.serve("cmd", requests.answer)
         bus.serve("do", self.answer_verb)
         for kind in SETPOINTS:
-            is_proven = partial(flight.is_signed_by_holder, kind)
-            bus.receive(kind.suffix, partial(flight.setpoint_arrived, kind), is_proven)
+            bus.receive(kind.suffix, partial(flight.setpoint_arrived, kind), partial(flight.signed_for, kind))
         bus.watch_clients(flight.client_changed)
 
     async def run_line(self) -> None:
