@@ -13,7 +13,7 @@ from mkdaemon.config.bus import BusConfig
 from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.command import CommandResult, RatesRequest
 from mkdaemon.telemetry.control import LeaseState
-from mkdaemon.telemetry.refusals import REFUSALS
+from mkdaemon.telemetry.refusals import Token
 from tools.markdown import escape, table
 from tools.model_tables import enums_of, fields_of, link_to, members_of, with_parts
 
@@ -105,8 +105,8 @@ def _parts() -> Iterator[str]:
         head = ("key", "who", *_SAYS[use], "what")
         yield from (f"{line}\n" for line in table(head, (_row(spec) for spec in KEYS if spec.use is use)))
     yield f"\n{_COMMANDS}\n{_FLYING}\n{_REFUSALS}"
-    for token, refusal in REFUSALS.items():
-        yield f"| `{token}` | {refusal.status.value} | {escape(refusal.reason)} | {escape(refusal.fix)} |\n"
+    for token in Token:
+        yield f"| `{token}` | {token.status.value} | {escape(token.reason)} | {escape(token.fix)} |\n"
     yield "\n## Payloads\n"
     models = _models()
     for model in models:

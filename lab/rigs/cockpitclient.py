@@ -19,8 +19,8 @@ from mkdaemon.client.transport import Transport
 from mkdaemon.errors import MkError
 from mkdaemon.telemetry.command import LeaseRequest
 from mkdaemon.telemetry.control import LeaseGrant
+from mkdaemon.telemetry.refusals import Status
 from mkdaemon.telemetry.setpoint import SETPOINTS
-from mkdaemon.telemetry.tokens import Status
 
 WAY: Final = (0.0005, 0.004)
 """Shortest and longest way of a sample on the bus [s]; Zenoh on loopback needs a millisecond."""
@@ -85,7 +85,9 @@ class CockpitClient:
         """Bring a setpoint to control."""
         if self.is_alive:
             self.last_arrived = asyncio.get_running_loop().time()
-            self._flown.flight.setpoint_arrived(kind, self.last_arrived, payload, proof)
+            self._flown.flight.setpoint_arrived(
+                kind, self.last_arrived, payload, self._flown.flight.signed_for(kind, payload, proof)
+            )
 
     async def command(self, target: str, name: str, fields: Mapping[str, Any], *, patience: float = 0.0) -> Answer:
         """Carry out a request about the lease; see `Transport.command`.

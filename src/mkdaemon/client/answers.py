@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from mkdaemon.errors import CommandRejectedError, ProtocolError
-from mkdaemon.telemetry.tokens import Status, Token
+from mkdaemon.telemetry.refusals import TOKENS, Status
 
 if TYPE_CHECKING:
     from pydantic import BaseModel
@@ -91,4 +91,4 @@ class Answer:
 
 def _token(word: str | None) -> str | None:
     """The token of a word, or the word where a newer daemon says one that is not known here."""
-    return Token(word) if word in set(Token) else word
+    return None if word is None else TOKENS.get(word, word)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Final
 from mkdaemon.client.samples import Sample
 from mkdaemon.client.verbcalls import NaviVerbs, RouteVerbs, WaypointsVerbs
 from mkdaemon.errors import CommandRejectedError, ManoeuvreError
-from mkdaemon.telemetry.tokens import Token
+from mkdaemon.telemetry.refusals import Token
 
 if TYPE_CHECKING:
     from mkdaemon.telemetry.mission import Mission

@@ -19,7 +19,7 @@ from mkdaemon.client.patterns import require_known
 from mkdaemon.client.samples import Sample, read_payload
 from mkdaemon.client.watch import Watch
 from mkdaemon.errors import CommandRejectedError, MkError
-from mkdaemon.telemetry.tokens import Status
+from mkdaemon.telemetry.refusals import Status
 
 PATIENCE: Final = 15.0
 """Longest wait for the answer to a command [s]; board requests with retries take up to 8 s."""

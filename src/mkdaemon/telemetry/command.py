@@ -12,7 +12,7 @@ from pydantic import Field
 
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.base import Command, Telemetry
-from mkdaemon.telemetry.refusals import REFUSALS, Status
+from mkdaemon.telemetry.refusals import TOKENS, Status
 
 
 class CommandResult(Telemetry):
@@ -36,7 +36,7 @@ class CommandResult(Telemetry):
 
 def refused(error: CommandRejectedError) -> CommandResult:
     """Make the answer that carries a refusal."""
-    refusal = REFUSALS.get(error.token)
+    refusal = TOKENS.get(error.token)
     status = refusal.status if refusal else Status.DENIED
     return CommandResult(status=status, token=error.token, reason=error.reason, fix=error.fix)
 

@@ -11,7 +11,7 @@ from mkdaemon.cli.printing import json_line
 from mkdaemon.cli.program import EXIT_FAILURE
 from mkdaemon.client.localsocket import ask_locally, find_socket
 from mkdaemon.errors import CommandRejectedError, MkError
-from mkdaemon.telemetry.tokens import Token
+from mkdaemon.telemetry.refusals import Token
 
 if TYPE_CHECKING:
     from mkdaemon.telemetry.control import ReleaseOutcome, ReleaseReport

@@ -34,7 +34,7 @@ from mkdaemon.protocol.messages.navictrl import ESCAPE
 from mkdaemon.protocol.wire import Board, WireMessage
 from mkdaemon.telemetry.control import ControlLine, Obstacle
 from mkdaemon.telemetry.link import LinkCondition
-from mkdaemon.telemetry.refusals import Token, refuse
+from mkdaemon.telemetry.refusals import TOKENS, Token, refuse
 
 LONGEST_PASSAGE: Final = 6.0
 """While a NaviCtrl passes the line through, its silence is our doing; a longer passage is judged like any line [s]."""
@@ -216,7 +216,7 @@ class Dialogue:
         """Hand in a setpoint; it replaces one that waits. Refused where nothing may be steered now."""
         line, layout = self.control_line(now), self.dialect.extern_control
         if line.obstacle is not None:
-            return SetpointRefused(refuse(Token(line.obstacle.value), state="down", detail=line.reason))
+            return SetpointRefused(refuse(TOKENS[line.obstacle.value], state="down", detail=line.reason))
         assert layout is not None  # a line without one is read-only
         return self.steering.steer(build, layout, deadline, now)
 

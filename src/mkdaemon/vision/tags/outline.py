@@ -4,8 +4,9 @@ libapriltag wants an unbroken quad. Here a dark blob's outline is cut into strai
 together, and every four lines that could bound a black square are tried; in a highlight, where one side may be gone,
 three too. What can be read of their cells has to agree with a code beyond chance (`coderead.py`).
 
-Three sides of a black square that a highlight opens: two whole corners and the ways of three sides leave one unknown, how far away the fourth side is. The lines between the
-cells tell it, whatever the code is: at the right distance they lie where the image has steps, and none lie amid cells.
+Three sides of a black square that a highlight opens: two whole corners and the ways of three sides leave one unknown,
+how far away the fourth side is. The lines between the cells tell it, whatever the code is: at the right distance they
+lie where the image has steps, and none lie amid cells.
 """
 
 from __future__ import annotations
