@@ -221,7 +221,12 @@ class Cockpit:
     def stream(self, payload: bytes, *, secret: str | None = None) -> None:
         """Put a stick setpoint, signed for the lease taken last or with another secret."""
         proof = sign(self.secret if secret is None else secret, StickSetpoint.suffix, payload)
-        self.flight.setpoint_arrived(StickSetpoint, asyncio.get_running_loop().time(), payload, proof)
+        self.flight.setpoint_arrived(
+            StickSetpoint,
+            asyncio.get_running_loop().time(),
+            payload,
+            self.flight.signed_for(StickSetpoint, payload, proof),
+        )
 
 
 @asynccontextmanager

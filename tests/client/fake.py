@@ -123,10 +123,10 @@ class FakeDaemon:
         )
         self.bus.publish("control/status", status)
 
-    def lose(self, reason):
+    def lose(self, reason, **progress):
         """Let go of the aircraft."""
         self.holder = None
-        self.say(Phase.RELEASING, reason)
+        self.say(Phase.RELEASING, reason, **progress)
 
     def take_setpoint(self, suffix, arrived, raw, proof):
         """One setpoint."""

@@ -113,8 +113,8 @@ def test_who_flies_by_stick_does_not_take_off_in_the_air():
     flying.step(StickSetpoint(**BASE, pitch=0, roll=0, yaw=0, throttle=5), 4.9)
     with pytest.raises(CommandRejectedError) as refusal:
         flying.flown.check(TakeOffSetpoint(**BASE, height=2.0), Phase.FLYING, 5.0)
-    assert refusal.value.token == Token.NOT_READY
-    assert "a take-off begins there" in refusal.value.reason
+    assert refusal.value.token == Token.NOT_ON_GROUND
+    assert "a take-off begins on the ground" in refusal.value.reason
 
 
 def test_a_take_off_of_an_aircraft_that_is_seen_in_the_air_waits():

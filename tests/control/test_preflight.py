@@ -39,8 +39,6 @@ def test_a_low_battery_prevents_autonomous_flight_until_it_is_charged_but_no_fli
     assert to_position(drive).token == "battery_low"
     assert drive.put() is None
     drive.core.feed(StateValue(battery(16.0, is_low=False)), drive.now)
-    assert to_position(drive).token == "battery_low"
-    drive.now += 0.6
     assert to_position(drive) is None
 
 
@@ -138,7 +136,11 @@ def test_in_flight_nothing_is_computed_that_would_hold_up_the_loop(drive, monkey
 
     monkeypatch.setattr(preflight, "gains_of", compute)
     monkeypatch.setattr(preflight, "loop_refusal", compute)
+    drive.tell(ModelKnown(replace(AircraftModel(), rad_per_count=0.005)))
     report = drive.core.preflight(drive.now)
-    assert next(found.state for found in report.findings if found.name == "control loop") == "unknown"
+    assert next(found.token for found in report.findings if found.name == "control loop") == "loop_unknown"
+    assert to_position(drive).token == "no_estimate"
+    drive.core.feed(PoseSeen(pose(drive.now)), drive.now)
+    assert to_position(drive).token == "loop_unknown"
     with pytest.raises(CommandRejectedError, match="busy"):
         drive.core.gains()

@@ -99,7 +99,8 @@ class Flown:
         before, self._phase = self._phase, phase
         if not is_flying:
             self.current = self._make(setpoint)
-            obstacle = self.current.enter(None, self._facts, now) or self._waits_for(NewManoeuvre.by(setpoint), now)
+            entered = self.current.enter(None, self._facts, now)
+            obstacle = self._waits_for(NewManoeuvre.by(setpoint), now) or entered
             step = self.current.step(now, is_flying=False)
             return step if not obstacle else _waiting(step, obstacle)
         assert self.current is not None
