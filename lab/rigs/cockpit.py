@@ -260,7 +260,6 @@ async def cockpit(
     """
     loop = asyncio.get_running_loop()
     wall = 1.7e9 + random.Random(f"{seed} wall").random()
-
     is_new = socket is None
     cable = socket or Socket(boards.make(seed, **(sim or {})), seed=seed, tick=tick)
     clock = Clock(
