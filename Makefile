@@ -18,8 +18,8 @@ test: venv
 	$(BIN)/python -m tools.floor
 
 check: venv
-	$(BIN)/ruff check src lab tools tests
-	$(BIN)/ruff format --check src lab tools tests
+	$(BIN)/ruff check src lab tools tests examples
+	$(BIN)/ruff format --check src lab tools tests examples
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 	$(BIN)/python -m tools.shape

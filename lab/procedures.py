@@ -22,9 +22,9 @@ from mkdaemon.cli.arguments import AsJson
 from mkdaemon.errors import CommandRejectedError, MkError
 from mkdaemon.protocol.generations import Release
 from mkdaemon.protocol.procedures.points import point_format, to_points
-from mkdaemon.protocol.procedures.settings import backup_settings
+from mkdaemon.protocol.procedures.settings_slots import backup_settings
 from mkdaemon.protocol.procedures.steps import Patience, Procedure
-from mkdaemon.protocol.procedures.waypoints import upload_points
+from mkdaemon.protocol.procedures.waypoint_list import upload_points
 from mkdaemon.protocol.wire import WireMessage
 from mkdaemon.telemetry.mission import Mission, MissionPoint
 from mksim.boards.flightctrl import FlightCtrl

@@ -13,9 +13,9 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
 from tests.places import DOCS, ROOT, SOURCE
-from tools.shape import count_lines, find_circles, find_long_files
+from tools.shape import PRODUCT, count_lines, find_circles, find_long_files
 
-PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/*.md")])
+PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md")])
 SOURCES = sorted((ROOT / "src").rglob("*.py"))
 FIRMWARE_WORDS = re.compile(r"\b(nick|gier|gas_?stick|hoehe|luftdruck|drehzahl)\b", re.IGNORECASE)
 
@@ -38,8 +38,9 @@ def test_no_file_is_too_long():
     assert find_long_files(count_lines(ROOT)) == []
 
 
-def test_imports_make_no_circle():
-    assert find_circles() == []
+@pytest.mark.parametrize("package", PRODUCT)
+def test_imports_make_no_circle(package):
+    assert find_circles(package) == []
 
 
 def test_only_one_file_of_each_kind_knows_where_the_repository_is():

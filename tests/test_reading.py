@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 from mkdaemon.bus.session import session_config
 from mkdaemon.cli.mkctl.app import app as mkctl
 from mkdaemon.cli.mkctl.mixer import from_toml
-from mkdaemon.cli.mkctl.teleop.recording import read_recording as read_pad
+from mkdaemon.cli.mkctl.teleop.padrecording import read_recording as read_pad
 from mkdaemon.cli.mkdaemon.app import app as mkdaemon
 from mkdaemon.cli.program import run
 from mkdaemon.client.settings_files import read_sets
@@ -36,8 +36,7 @@ from mkdaemon.record.summary import glance
 from mkdaemon.vision.calibrate.views import views_of_folder
 from mkdaemon.vision.camera.calibration_file import load_camera
 from mkdaemon.vision.camera.files import list_pictures
-from mkdaemon.vision.camera.imagecodec import decode_picture, read_picture
-from mkdaemon.vision.camera.picturesize import picture_size
+from mkdaemon.vision.camera.imagecodec import decode_picture, picture_size, read_picture
 from mkdaemon.vision.camera.shot import PictureError
 from mkdaemon.vision.tags.tagmap import load as load_targets
 
@@ -154,7 +153,7 @@ def test_random_bytes_break_no_reader(tmp_path_factory, name, content):
         ("mkdaemon", "decode", "FILE"),
         ("mkdaemon", "detect", "FILE"),
         ("mkctl", "waypoints", "convert", "FILE", "OUT.plan"),
-        ("mkctl", "settings", "diff", "FILE", "FILE"),
+        ("mkctl", "settings", "compare", "FILE", "FILE"),
     ],
     ids=" ".join,
 )

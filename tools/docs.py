@@ -1,4 +1,4 @@
-"""`python -m tools.docs`: the pages of docs/ that are made from tables, written or compared.
+"""`python -m tools.docs`: the pages and sources that are made from tables, written or compared.
 
 A page is made by a function that takes the root of the source tree and returns the whole text. To add one, add a line
 to `GENERATED`, or to `FILLED` where only its tables are made.
@@ -19,6 +19,9 @@ from mkdaemon.errors import MkError
 from mkdaemon.files import write_whole
 
 GENERATED: Final[Mapping[str, str]] = {
+    "src/mkdaemon/client/keytree.py": "tools.client_sources:key_tree",
+    "src/mkdaemon/client/setpointcalls.py": "tools.client_sources:setpoint_calls",
+    "src/mkdaemon/client/verbcalls.py": "tools.client_sources:verb_calls",
     "docs/configuration.md": "tools.configuration_page:configuration_page",
     "docs/figures/teleop_mapping.svg": "tools.teleop_pictures:mapping_picture",
     "docs/figures/teleop_screen.svg": "tools.teleop_pictures:screen_picture",
@@ -27,11 +30,14 @@ GENERATED: Final[Mapping[str, str]] = {
     "docs/modes.md": "tools.modes_page:modes_page",
     "docs/protocol.md": "tools.protocol_page:protocol_page",
 }
-"""Page, relative to the root of the source tree, and the function that makes it (imported when it is needed)."""
+"""Page or source, relative to the root of the source tree, and the function that makes it, imported when needed."""
 
 
-FILLED: Final[Mapping[str, str]] = {"docs/accuracy.md": "tools.accuracy_tables:accuracy_page"}
-"""Pages written by hand whose tables are made from results; a tree without the page needs none."""
+FILLED: Final[Mapping[str, str]] = {
+    "docs/accuracy.md": "tools.accuracy_tables:accuracy_page",
+    "docs/lab/mutants.md": "tools.mutants_page:mutants_page",
+}
+"""Pages whose tables are made from results; a tree without the page needs none."""
 
 
 def make_page(maker: str, root: Path) -> str:
@@ -75,8 +81,8 @@ def docs(
         msg = f"{root.resolve()} has no docs/: run it in the source tree or give --root"
         raise MkError(msg)
     if not check:
-        (root / "docs" / "figures").mkdir(exist_ok=True)
         for page, maker in _made(root).items():
+            (root / page).parent.mkdir(parents=True, exist_ok=True)
             write_whole(root / page, make_page(maker, root), overwrite=True)
             print(f"wrote {page}")
         return

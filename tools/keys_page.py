@@ -11,9 +11,9 @@ from pydantic import BaseModel
 from mkdaemon.bus.keys import KEYS, KeySpec, Use
 from mkdaemon.config.bus import BusConfig
 from mkdaemon.stamp import Stamp
-from mkdaemon.telemetry.command import CommandResult, RateRequest
+from mkdaemon.telemetry.command import CommandResult, RatesRequest
 from mkdaemon.telemetry.control import LeaseState
-from mkdaemon.telemetry.refusals import REFUSALS
+from mkdaemon.telemetry.refusals import Token
 from tools.markdown import escape, table
 from tools.model_tables import enums_of, fields_of, link_to, members_of, with_parts
 
@@ -105,8 +105,8 @@ def _parts() -> Iterator[str]:
         head = ("key", "who", *_SAYS[use], "what")
         yield from (f"{line}\n" for line in table(head, (_row(spec) for spec in KEYS if spec.use is use)))
     yield f"\n{_COMMANDS}\n{_FLYING}\n{_REFUSALS}"
-    for token, refusal in REFUSALS.items():
-        yield f"| `{token}` | {refusal.status.value} | {escape(refusal.reason)} | {escape(refusal.fix)} |\n"
+    for token in Token:
+        yield f"| `{token}` | {token.status.value} | {escape(token.reason)} | {escape(token.fix)} |\n"
     yield "\n## Payloads\n"
     models = _models()
     for model in models:
@@ -139,4 +139,4 @@ def _who(spec: KeySpec) -> str:
 def _models() -> list[type[BaseModel]]:
     carried = [spec.carries for spec in KEYS if spec.carries is not None]
     replies = [spec.reply for spec in KEYS if spec.reply is not None]
-    return with_parts([Stamp, *carried, *replies, CommandResult, LeaseState, RateRequest])
+    return with_parts([Stamp, *carried, *replies, CommandResult, LeaseState, RatesRequest])

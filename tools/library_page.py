@@ -14,6 +14,11 @@ from typing import Any
 
 import mkdaemon.client as library
 from mkdaemon import errors
+from mkdaemon.bus.keys import KEYS, Use
+from mkdaemon.client import verbcalls
+from mkdaemon.client.asking import Asking
+from mkdaemon.client.keytree import KeyTree
+from tools.markdown import table
 
 _HEAD = """# Reference of the Python library
 
@@ -25,6 +30,7 @@ _ERRORS = (
     "LeaseLostError",
     "ManoeuvreError",
     "NotEngagedError",
+    "SilenceError",
     "ConfigError",
     "ProtocolError",
 )
@@ -35,9 +41,16 @@ _ITEM = re.compile(r"^(\*?\w+): (.*)$")
 def library_page(_: Path) -> str:
     """The whole page."""
     parts = [_HEAD, *_functions(library)]
-    parts.extend(part for name in library.__all__ for part in _class(library, name))
+    first = ["Vehicle", "Stream", "Reading", "Lease"]
+    parts.extend(_class(library.Vehicle))
+    parts.extend(_streams())
+    parts.extend(part for name in first[1:] for part in _class(getattr(library, name)))
+    for name, cls in _services().items():
+        parts.extend(_class(cls, title=f"uav.{name}"))
+    others = [name for name in library.__all__ if name not in first]
+    parts.extend(part for name in others for part in _class(getattr(library, name)))
     parts.append(_ERROR_HEAD)
-    parts.extend(part for name in _ERRORS for part in _class(errors, name, level=3))
+    parts.extend(part for name in _ERRORS for part in _class(getattr(errors, name), level=3))
     return re.sub(r"\n{3,}", "\n\n", "\n".join(parts)).rstrip() + "\n"
 
 
@@ -51,15 +64,38 @@ def _functions(module: ModuleType) -> Iterator[str]:
             yield from _describe_function(_syntax(inspect.unwrap(member)), level=2)
 
 
-def _class(module: ModuleType, name: str, level: int = 2) -> Iterator[str]:
+def _services() -> dict[str, type]:
+    """The services of a vehicle, by their attribute; those written by hand stand before those that are made."""
+    found: dict[str, type] = {}
+    for cls in (library.Vehicle, verbcalls.VerbCalls):
+        module = vars(sys.modules[cls.__module__])
+        body = inspect.getsource(vars(cls)["__init__"])
+        for name, kind in re.findall(r"self\.(\w+)(?:: \w+)? = (\w+)\(self\)", body):
+            if not name.startswith("_"):
+                found.setdefault(name, module[kind])
+    return found
+
+
+def _streams() -> Iterator[str]:
+    """The streams of a vehicle, from the table of keys."""
+    yield "## Streams\n\nEvery key that carries values is a `Stream`; docs/keys.md lists the fields.\n"
+    rows = []
+    for spec in KEYS:
+        if spec.use in {Use.PUBLISHED, Use.CLIENT} and spec.carries is not None:
+            call = re.sub(r"/(<\w+>)/(<\w+>)", r"(\1, \2)", spec.suffix)
+            call = re.sub(r"/(<\w+>)", r"(\1)", call).replace("/", ".").replace("<", "").replace(">", "")
+            rows.append((f"`uav.{call}`", f"`{spec.carries.__name__}`", spec.when, spec.about))
+    yield "\n".join(table(("stream", "value", "when", "what"), rows)) + "\n"
+
+
+def _class(cls: type, level: int = 2, title: str = "") -> Iterator[str]:
     """A class with its own public members and those of its bases within the library."""
-    cls = getattr(module, name)
     if not inspect.isclass(cls):
         return
-    yield f"{'#' * level} {name}\n"
+    yield f"{'#' * level} {title or cls.__name__}\n"
     yield _docstring(inspect.getdoc(cls) or "")
     for base in cls.__mro__:
-        if base.__module__.startswith("mkdaemon.client"):
+        if base.__module__.startswith("mkdaemon.client") and base not in {KeyTree, Asking}:
             yield from _members(base, level + 1)
 
 
@@ -67,7 +103,8 @@ def _members(cls: type, level: int) -> Iterator[str]:
     body = _syntax(cls).body
     for node, following in zip(body, [*body[1:], None], strict=True):
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
-            if not node.name.startswith("_") and not any("overload" in ast.unparse(d) for d in node.decorator_list):
+            is_public = node.name == "__call__" or not node.name.startswith("_")
+            if is_public and not any("overload" in ast.unparse(d) for d in node.decorator_list):
                 yield from _describe_function(node, level)
         elif isinstance(following, ast.Expr) and isinstance(following.value, ast.Constant):
             yield from _describe_attribute(node, inspect.cleandoc(str(following.value.value)))
@@ -92,8 +129,8 @@ def _describe_function(node: ast.FunctionDef | ast.AsyncFunctionDef, level: int)
         prefix = "await " if isinstance(node, ast.AsyncFunctionDef) else ""
         if "asynccontextmanager" in decorators:
             prefix, returned = "async with ", re.sub(r"AsyncIterator\[(.*)\]", r"\1", returned)
-        text = f"{prefix}{node.name}({arguments}) -> {returned}"
-    yield f"\n{'#' * level} {node.name}\n\n```python\n{text}\n```\n"
+        text = f"{prefix}{node.name.strip('_')}({arguments}) -> {returned}"
+    yield f"\n{'#' * level} {node.name.strip('_')}\n\n```python\n{text}\n```\n"
     yield _docstring(ast.get_docstring(node) or "")
 
 

@@ -73,7 +73,7 @@ async def _fly(name: str, boards: Boards, seed: int, folder: Path) -> RecordedDa
     match name:
         case "fc_sticks":
             await client.give_back()
-            await client.ask("do/rate", stream="debug", interval=0.1)
+            await client.ask("do/rates", stream="debug", interval=0.1)
             await client.ask("cmd/fc/settings_request", index=255)
             await client.ask("do/nonsense")
         case "nc_lost_client":

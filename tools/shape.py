@@ -1,13 +1,16 @@
 """`python -m tools.shape`: the shape of the source tree, printed and checked.
 
-It prints how many lines each package has and which files are the longest. It fails when a file is too long or when
-modules import each other in a circle. The layers are held by import-linter (`pyproject.toml`).
+It prints how many lines each package has, which files are the longest, and how often packages import each other. It
+fails when a file or a function is too long, when two modules of one package share a name, or when modules import each
+other in a circle. The layers are held by import-linter (`pyproject.toml`).
 """
 
 from __future__ import annotations
 
+import ast
 import sys
-from collections.abc import Callable, Collection, Mapping
+from collections import Counter
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Final
@@ -22,11 +25,17 @@ from mkdaemon.errors import MkError
 
 LONGEST_FILE: Final = 600
 """Lines a file of src/, lab/ or tools/ may have."""
-FOLDERS: Final = ("src", "lab", "tools", "tests")
+LONGEST_FUNCTION: Final = 60
+"""Lines a function of such a file may have, from `def` to its end: a screen."""
+FOLDERS: Final = ("src", "lab", "tools", "tests", "examples")
+LIMITED: Final = ("src", "lab", "tools", "examples")
+"""Folders whose files have the limits."""
 PRODUCT: Final = ("mkdaemon", "mksim")
-"""Packages of `src/`."""
-LIMITED: Final = ("src", "lab", "tools")
-"""Folders whose files have the limit."""
+"""What is installed."""
+WHOLE: Final = ("mksim",)
+"""Packages that are not cut into rooms of their own: names are unique in all of them."""
+PROGRAMS: Final = "mkdaemon.cli"
+"""Each package in it is a program of its own."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,19 +60,24 @@ def count_lines(root: Path) -> dict[str, int]:
 
 
 def measure_packages(lines: Mapping[str, int]) -> list[Package]:
-    """Return the packages of `src/`, modules above them together, and the other folders, each group largest first."""
+    """Return the packages of the product, its modules together, and the other folders, each group largest first."""
     groups: dict[str, list[int]] = {}
     for path, count in lines.items():
-        parts = path.split("/")
-        name = ".".join(parts[1:-1][:2]) if parts[0] == "src" else parts[0]
-        groups.setdefault(name, []).append(count)
+        groups.setdefault(package_of(path), []).append(count)
     packages = [Package(name, len(counts), sum(counts)) for name, counts in groups.items()]
-    return sorted(packages, key=lambda package: (not is_product(package), -package.lines))
+    return sorted(packages, key=lambda package: (not _is_product(package.name), -package.lines))
 
 
-def is_product(package: Package) -> bool:
-    """Return whether a package is in the wheel."""
-    return package.name.partition(".")[0] in PRODUCT
+def package_of(path: str) -> str:
+    """Return the package a file is counted in: `mkdaemon.link`, `mksim`, `lab`."""
+    parts = path.split("/")
+    if parts[0] != "src":
+        return parts[0]
+    return f"{parts[1]}.{parts[2]}" if len(parts) > 3 else parts[1]
+
+
+def _is_product(package: str) -> bool:
+    return package.partition(".")[0] in PRODUCT
 
 
 def find_long_files(lines: Mapping[str, int]) -> list[str]:
@@ -75,19 +89,76 @@ def find_long_files(lines: Mapping[str, int]) -> list[str]:
     ]
 
 
-def find_circles(*packages: str) -> list[list[str]]:
-    """Return the circles of imports in packages.
+def find_long_functions(root: Path) -> list[str]:
+    """Return a sentence for every function that is longer than it may be."""
+    faults = []
+    for path in sorted(path for folder in LIMITED for path in (root / folder).rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef) and node.end_lineno is not None:
+                count = node.end_lineno - node.lineno + 1
+                if count > LONGEST_FUNCTION:
+                    place = f"{path.relative_to(root).as_posix()}:{node.lineno}"
+                    faults.append(f"{place} {node.name} has {count} lines; {LONGEST_FUNCTION} are allowed")
+    return faults
+
+
+def find_same_names(paths: Iterable[str]) -> list[str]:
+    """Return a sentence for modules that share a name inside one package of the product.
+
+    Args:
+        paths: from the root of the tree.
+    """
+    places: dict[tuple[str, str], list[str]] = {}
+    for path in sorted(paths):
+        parts = path.split("/")
+        if parts[0] != "src" or parts[-1] in {"__init__.py", "__main__.py"}:
+            continue
+        package = package_of(path)
+        if package.partition(".")[0] in WHOLE:
+            package = package.partition(".")[0]
+        elif package == PROGRAMS and len(parts) > 4:
+            package = f"{package}.{parts[3]}"
+        places.setdefault((package, parts[-1]), []).append(path)
+    return [
+        f"{package} has {len(same)} modules of one name: {', '.join(same)}"
+        for (package, _), same in places.items()
+        if len(same) > 1
+    ]
+
+
+def count_imports(packages: Collection[str] = PRODUCT) -> dict[str, Counter[str]]:
+    """Return how many modules of each package import one of each other package, counted by module.
+
+    Args:
+        packages: importable packages.
+    """
+    graph = grimp.build_graph(*packages, cache_dir=None)
+    found: dict[str, Counter[str]] = {}
+    for module in graph.modules:
+        package = _room(module)
+        for other in graph.find_modules_directly_imported_by(module):
+            if _room(other) != package:
+                found.setdefault(package, Counter())[_room(other)] += 1
+    return found
+
+
+def _room(module: str) -> str:
+    return ".".join(module.split(".")[:2])
+
+
+def find_circles(package: str) -> list[list[str]]:
+    """Return the circles of imports in a package.
 
     Two kinds count: modules that import each other, and neighbours in one package (modules or packages) that do when
     each stands for everything below it.
 
     Args:
-        packages: importable packages; those of the product by default.
+        package: importable package.
 
     Returns:
         Every circle once, its members sorted.
     """
-    graph = grimp.build_graph(*(packages or PRODUCT), cache_dir=None)
+    graph = grimp.build_graph(package, cache_dir=None)
     circles = _circles(graph.modules, graph.find_modules_directly_imported_by)
     for parent in sorted(graph.modules):
         children = graph.find_children(parent)
@@ -121,33 +192,46 @@ def _reach(start: str, imported_by: Callable[[str], set[str]]) -> set[str]:
 
 
 def shape(*, root: Annotated[Path, Parameter(help="Root of the source tree.")] = Path()) -> None:
-    """Print the size of every package, and check the length of files and the circles of imports.
+    """Print the sizes of packages and the imports between them, and check files, functions, names and circles.
 
     Raises:
-        MkError: a file is too long, or imports make a circle.
+        MkError: a file or a function is too long, two modules of a package share a name, or imports make a circle.
     """
     lines = count_lines(root)
-    packages = measure_packages(lines)
-    _print_sizes(packages, lines)
-    faults = find_long_files(lines)
-    faults += [f"imports make a circle: {', '.join(circle)}" for circle in find_circles()]
+    _print_sizes(measure_packages(lines), lines)
+    _print_imports(count_imports())
+    faults = [*find_long_files(lines), *find_long_functions(root), *find_same_names(lines)]
+    faults += [f"imports make a circle: {', '.join(circle)}" for name in PRODUCT for circle in find_circles(name)]
     if faults:
-        raise MkError("; ".join(faults))
-    print(f"no file above {LONGEST_FILE} lines, no circle of imports")
+        print(*faults, sep="\n")
+        raise MkError(f"{len(faults)} faults of the shape")
+    limits = f"no file above {LONGEST_FILE} lines, no function above {LONGEST_FUNCTION}"
+    print(f"{limits}, no name twice in one package, no circle of imports")
 
 
 def _print_sizes(packages: list[Package], lines: Mapping[str, int]) -> None:
     table = Table("package", "files", "lines", "share", box=None)
     for column in table.columns[1:]:
         column.justify = "right"
-    product = sum(package.lines for package in packages if is_product(package))
+    product = sum(package.lines for package in packages if _is_product(package.name))
     for package in packages:
-        share = f"{100 * package.lines / product:.1f} %" if is_product(package) else ""
+        share = f"{100 * package.lines / product:.1f} %" if _is_product(package.name) else ""
         table.add_row(package.name, str(package.files), str(package.lines), share)
     console = Console()
     console.print(table)
     longest = sorted(((count, path) for path, count in lines.items() if path.startswith("src/")), reverse=True)[:3]
     console.print("longest: " + ", ".join(f"{path} {count}" for count, path in longest), soft_wrap=True)
+
+
+def _print_imports(imports: Mapping[str, Counter[str]]) -> None:
+    table = Table("package", "imports", "from", box=None)
+    table.columns[1].justify = "right"
+    for package, others in sorted(imports.items(), key=lambda entry: -entry[1].total()):
+        names = ", ".join(f"{other.removeprefix('mkdaemon.')} {count}" for other, count in others.most_common())
+        table.add_row(package, str(others.total()), names)
+    console = Console()
+    console.print(table)
+    console.print(f"imports between packages: {sum(others.total() for others in imports.values())}")
 
 
 app = App(name="shape", default_command=shape, default_parameter=Parameter(negative=()))

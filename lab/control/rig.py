@@ -171,7 +171,7 @@ class Rig:
                 now=at,
             )
         self._autopilot.estimator.advance(at)
-        self._autopilot.estimator.target_seen(view)
+        self._autopilot.estimator.target_seen(view, at)
 
     def _report(self, at: float) -> None:
         self._at(at + TELEMETRY_PERIOD, self._report)

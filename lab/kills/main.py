@@ -67,9 +67,10 @@ class Bench:
     async def ask(self, uav: Vehicle, verb: str, wanted: dict[int, bytes]) -> None:
         """Ask for the procedure and wait for its end."""
         if verb == "backup":
-            await uav.read_settings()
+            await uav.settings.backup()
         else:
-            await uav.restore_settings(wanted)
+            sets = [StoredSet(slot=slot, raw=raw) for slot, raw in wanted.items()]
+            await uav.settings.restore(sets, confirm=True)
 
 
 @asynccontextmanager
@@ -153,7 +154,7 @@ async def wait_until_proven(uav: Vehicle) -> None:
             with suppress(MkError):
                 state = await uav.get("link/state")
                 is_up = state is not None and state.fields["firmware"] and state.fields["condition"] == "up"
-                if is_up and not await uav.recover_settings():
+                if is_up and not (await uav.settings.recover()).notes:
                     return
             await asyncio.sleep(LOOK)
 

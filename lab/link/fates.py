@@ -18,7 +18,7 @@ from typing import Any, Final
 from lab.link.cases import Case
 from lab.link.sim import Witness
 from lab.link.virtual import Waits, configurations, running_link, steer_steadily
-from mkdaemon.link.session.limits import PROBE_TIMEOUT
+from mkdaemon.link.session.health import PROBE_TIMEOUT
 from mkdaemon.protocol.framing import Frame, FrameDecoder
 from mkdaemon.virtualtime import run_virtually
 from mksim.boards.generations import FC_GENERATIONS

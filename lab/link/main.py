@@ -31,8 +31,9 @@ from lab.rigs.sticks import build_sticks
 from mkdaemon.cli.arguments import AsJson
 from mkdaemon.config.link import LinkConfig
 from mkdaemon.errors import ConfigError
+from mkdaemon.link.discovery import discover
 from mkdaemon.link.link import Link
-from mkdaemon.link.session.roundtrips import percentile
+from mkdaemon.link.session.evidence import percentile
 from mkdaemon.link.session.traffic import Lost, Purpose, Received, Sent, SetpointRefused
 from mkdaemon.telemetry.link import LinkHealth, LinkState, LinkTraffic
 from mksim.config import SimConfig
@@ -129,7 +130,7 @@ async def measure(case: Case, seconds: float) -> dict[str, Any]:
         meter = Meter()
         watch = MotorWatch(meter)
         link = Link(cfg, watch, motors_running=watch.facts.motors_running)
-        running = asyncio.create_task(link.run(), name="link")
+        running = asyncio.create_task(link.run(discover), name="link")
         await asyncio.sleep(SETTLE_TIME)
         await until_steerable(link, case)
         before, cpu, began = link.health(), time.process_time(), time.monotonic()

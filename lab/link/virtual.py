@@ -14,7 +14,7 @@ from lab.rigs.linkrig import rig
 from lab.rigs.sticks import build_sticks
 from mkdaemon.errors import ConfigError
 from mkdaemon.link.link import Link
-from mkdaemon.link.session.roundtrips import percentile
+from mkdaemon.link.session.evidence import percentile
 from mkdaemon.link.session.traffic import Lost, Purpose, Received, Sent, SetpointQueued
 from mkdaemon.telemetry.link import LinkHealth, LinkState, LinkTraffic, RoundTripStats
 from mkdaemon.virtualtime import run_virtually

@@ -18,7 +18,7 @@ import numpy as np
 from lab.places import CONFIGS
 from lab.rigs.pilot import Pilot
 from lab.rigs.processes import ObservedSimulation, connected, daemon_process, wait_for_control
-from mkdaemon.link.session.roundtrips import percentile
+from mkdaemon.link.session.evidence import percentile
 from mksim.config import PilotPlan, SimConfig
 from mksim.runtime import Runtime
 

@@ -21,7 +21,7 @@ from lab.rigs.pilot import Pilot
 from lab.rigs.processes import ObservedSimulation, connected, daemon_process, wait_for_control
 from lab.rigs.waiting import wait_until
 from mkdaemon.bus.endpoint import reserved_endpoint
-from mkdaemon.link.session.roundtrips import percentile
+from mkdaemon.link.session.evidence import percentile
 from mkdaemon.record.entry import Entry, Kind
 from mkdaemon.record.reader import Recording
 from mksim.config import PilotPlan, SimConfig

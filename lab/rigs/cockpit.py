@@ -25,6 +25,7 @@ from mkdaemon.daemon.audit import Outlet
 from mkdaemon.daemon.deck import Deck
 from mkdaemon.daemon.flight import FlightControl
 from mkdaemon.daemon.sink import BusSink
+from mkdaemon.link.discovery import discover
 from mkdaemon.link.link import Link
 from mkdaemon.link.session.guarding import LineGuard
 from mkdaemon.link.session.traffic import Received, Sent
@@ -220,7 +221,12 @@ class Cockpit:
     def stream(self, payload: bytes, *, secret: str | None = None) -> None:
         """Put a stick setpoint, signed for the lease taken last or with another secret."""
         proof = sign(self.secret if secret is None else secret, StickSetpoint.suffix, payload)
-        self.flight.setpoint_arrived(StickSetpoint, asyncio.get_running_loop().time(), payload, proof)
+        self.flight.setpoint_arrived(
+            StickSetpoint,
+            asyncio.get_running_loop().time(),
+            payload,
+            self.flight.signed_for(StickSetpoint, payload, proof),
+        )
 
 
 @asynccontextmanager
@@ -272,7 +278,10 @@ async def cockpit(
     )
     flight = FlightControl(deck, line, clock=clock)
     flown = Cockpit(core, line, flight, sink, cable)
-    flown.tasks = [asyncio.create_task(line.run(), name="link"), asyncio.create_task(flight.run(), name="control")]
+    flown.tasks = [
+        asyncio.create_task(line.run(discover), name="link"),
+        asyncio.create_task(flight.run(), name="control"),
+    ]
     try:
         if is_new and await flown.until(lambda: flown.may_fly) is None:
             msg = f"{boards.name}, seed {seed}: not ready to fly: {line.health().state.reason}"

@@ -19,6 +19,7 @@ from mkdaemon.client.transport import Transport
 from mkdaemon.errors import MkError
 from mkdaemon.telemetry.command import LeaseRequest
 from mkdaemon.telemetry.control import LeaseGrant
+from mkdaemon.telemetry.refusals import Status
 from mkdaemon.telemetry.setpoint import SETPOINTS
 
 WAY: Final = (0.0005, 0.004)
@@ -84,7 +85,9 @@ class CockpitClient:
         """Bring a setpoint to control."""
         if self.is_alive:
             self.last_arrived = asyncio.get_running_loop().time()
-            self._flown.flight.setpoint_arrived(kind, self.last_arrived, payload, proof)
+            self._flown.flight.setpoint_arrived(
+                kind, self.last_arrived, payload, self._flown.flight.signed_for(kind, payload, proof)
+            )
 
     async def command(self, target: str, name: str, fields: Mapping[str, Any], *, patience: float = 0.0) -> Answer:
         """Carry out a request about the lease; see `Transport.command`.
@@ -97,11 +100,11 @@ class CockpitClient:
             await asyncio.sleep(patience)
             raise MkError("no answer")
         state = await self._flown.flight.lease(LeaseRequest.model_validate(dict(fields)))
-        return Answer("accepted", {} if state is None else state.model_dump())
+        return Answer(Status.ACCEPTED, {} if state is None else state.model_dump())
 
     @asynccontextmanager
     async def lease(self) -> AsyncIterator[Lease]:
-        """Hold the lease; see `Leasing.lease`.
+        """Hold the lease; see `uav.lease()`.
 
         Raises:
             CommandRejectedError: it was refused.

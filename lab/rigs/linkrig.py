@@ -15,6 +15,7 @@ from lab.rigs.motors import MotorWatch
 from lab.rigs.waiting import wait_until
 from mkdaemon.clock import Clock
 from mkdaemon.config.link import LinkConfig
+from mkdaemon.link.discovery import discover
 from mkdaemon.link.link import Link
 from mkdaemon.link.session.guarding import LineGuard
 from mkdaemon.link.session.traffic import LinkSink, Lost, Received, Sent
@@ -170,7 +171,7 @@ async def rig(
         motors_running=watch.facts.motors_running,
         guard=guard,
     )
-    task = asyncio.create_task(link.run())
+    task = asyncio.create_task(link.run(discover))
     try:
         yield Rig(link, log, socket, task)
     finally:

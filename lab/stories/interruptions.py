@@ -14,7 +14,7 @@ from lab.stories.restarts import Restart, restart
 from lab.stories.standstills import CLEARED as STOP_CLEARED
 from lab.stories.standstills import Standstill, Stopped, stand_still
 from lab.stories.swaps import LONGEST, Swapped, swap_aircraft
-from mkdaemon.link.session.reboot import GAP
+from mkdaemon.link.session.identity import GAP
 
 RUNS: Final = 50
 GENERATIONS: Final = (Boards("early"), Boards("2.08"), Boards("2.12a"))

@@ -15,7 +15,7 @@ from typing import Final
 from lab.rigs.boardport import LineFault
 from lab.rigs.linkrig import Rig, navi_ctrl, rig
 from lab.rigs.sticks import build_sticks
-from mkdaemon.link.session.reboot import GAP
+from mkdaemon.link.session.identity import GAP
 from mkdaemon.protocol.messages import ExternControlV1, ExternControlV2
 from mkdaemon.protocol.wire import WireMessage
 from mkdaemon.virtualtime import run_virtually

@@ -12,7 +12,7 @@ from lab.campaign import Case, Part
 from lab.vision.bounds import scale_sd
 from lab.vision.selfcal import FPS, SECONDS, Descent
 from lab.vision.stills import SeedSet
-from mkdaemon.vision.selfcal.heightfilter import HeightFilter
+from mkdaemon.vision.selfcal.selfcheck import HeightFilter
 
 PAUSE: Final = 60.0
 """From one descent of a flight to the next [s]."""

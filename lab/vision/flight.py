@@ -215,14 +215,7 @@ def fly(
     path = make_path(rng, seconds, near, far, device.response)
     placed = SceneTarget.of(target, deck)
     scene = Scene([placed], ground=GROUNDS[seed % 4], seed=seed, fine=False)
-    bias = np.radians(ATTITUDE_BIAS_DEG) * np.array([*rng.standard_normal(2), 0.0])
-    times = np.arange(0, seconds, 1 / ATTITUDE_RATE)
-    reported = []
-    for t in times:
-        _, rpy = path.view(float(t), intrinsics, 0.0)
-        rpy = rpy + bias + np.radians(ATTITUDE_NOISE_DEG) * rng.standard_normal(3)
-        reported.append(AttitudeSample(float(t), *(float(a) for a in rpy)))
-    attitude = AttitudeHistory(reported)
+    attitude = _reported_attitude(rng, path, seconds, intrinsics)
     plan = plan_troubles(rng, seconds, target.tags[0].size) if troubled else []
     for k in range(int(seconds * fps)):
         t = (k + 0.5) / fps
@@ -231,12 +224,8 @@ def fly(
             if start <= t < end:
                 trouble, conditions, exposure = name, drawn, shutter
         view, _ = path.view(t, lens or intrinsics, exposure)
-        view = replace(
-            view,
-            line_time=device.line_time,
-            vibration_cam=device.vibration * rng.standard_normal(3) if device.vibration > 0.0 else np.zeros(3),
-            vibration_hz=VIBRATION_HZ,
-        )
+        shaking = device.vibration * rng.standard_normal(3) if device.vibration > 0.0 else np.zeros(3)
+        view = replace(view, line_time=device.line_time, vibration_cam=shaking, vibration_hz=VIBRATION_HZ)
         rotation, position = cam_from_target(placed, view)
         if weather is not None:
             view = weather.exposed(view)
@@ -245,9 +234,21 @@ def fly(
         if weather is not None:
             weather.image_seen(pixels)
         image = CameraImage(pixels, t, t, k, "bench", "driver")
-        yield FlightFrame(
-            image, attitude, rotation, position, trouble, share_in_view(target, rotation, position, intrinsics)
-        )
+        share = share_in_view(target, rotation, position, intrinsics)
+        yield FlightFrame(image, attitude, rotation, position, trouble, share)
+
+
+def _reported_attitude(
+    rng: np.random.Generator, path: _Path, seconds: float, intrinsics: Intrinsics
+) -> AttitudeHistory:
+    """What the flight controller says of its attitude: a constant error and noise."""
+    bias = np.radians(ATTITUDE_BIAS_DEG) * np.array([*rng.standard_normal(2), 0.0])
+    reported = []
+    for t in np.arange(0, seconds, 1 / ATTITUDE_RATE):
+        _, rpy = path.view(float(t), intrinsics, 0.0)
+        rpy = rpy + bias + np.radians(ATTITUDE_NOISE_DEG) * rng.standard_normal(3)
+        reported.append(AttitudeSample(float(t), *(float(a) for a in rpy)))
+    return AttitudeHistory(reported)
 
 
 def share_in_view(target: Target, rotation: Array, position: Array, intrinsics: Intrinsics) -> float:

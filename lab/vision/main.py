@@ -10,6 +10,7 @@ import json
 import os
 import sys
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, Final
 
@@ -177,7 +178,12 @@ def main(
         figures["seconds"] = round(time.perf_counter() - start, 1)
         print(json.dumps(figures) if as_json else ablation.table(figures))
         return
-    names = [case] if case is not None else list(CASES)
+    results = _measure([case] if case is not None else list(CASES), quick, seeds, jobs, into)
+    print(json.dumps(results) if as_json else json.dumps(results, indent=2))
+
+
+def _measure(names: Sequence[str], quick: bool, seeds: SeedSet, jobs: int | None, into: Path | None) -> dict[str, Any]:
+    """Run campaigns one after the other, and keep the results of each when it ends."""
     results: dict[str, Any] = {"seeds": seeds.value, "quick": quick}
     for name in names:
         print(f"{name} ...", file=sys.stderr, flush=True)
@@ -187,4 +193,4 @@ def main(
             put_into(into, {name: results[name]})
     if "flips" in results:
         results["all_flips"] = all_flips(results)
-    print(json.dumps(results) if as_json else json.dumps(results, indent=2))
+    return results

@@ -18,9 +18,8 @@ from lab.vision.flight import VGA, Device, FlightFrame, fly
 from lab.vision.stills import SeedSet, error_of, target_named
 from mkdaemon.vision.pose.pose import Pose, solve, with_floor
 from mkdaemon.vision.pose.projection import Projection
-from mkdaemon.vision.tags.aruco_fallback import ArucoSearch
 from mkdaemon.vision.tags.detection import Detection
-from mkdaemon.vision.tags.detector import AprilTagSearch
+from mkdaemon.vision.tags.detector import AprilTagSearch, ArucoSearch
 from mkdaemon.vision.tags.tagmap import TagMap, Target
 from mkdaemon.vision.track.attitude import LOOKING_DOWN
 from mkdaemon.vision.track.result import TargetPose

@@ -12,7 +12,7 @@ from lab.vision.flight import VGA, FlightFrame, fly
 from lab.vision.stills import SeedSet, target_named
 from mkdaemon.vision.pose.carry import Carrier
 from mkdaemon.vision.pose.edgefit import EdgeFit
-from mkdaemon.vision.pose.evidence import EdgeEvidence
+from mkdaemon.vision.pose.fitting import EdgeEvidence
 from mkdaemon.vision.pose.gates import BitModel
 from mkdaemon.vision.pose.photofit import PhotoFit
 from mkdaemon.vision.tags.detector import Detector

@@ -12,6 +12,7 @@
     ├── LeaseLostError             the aircraft is no longer ours to fly
     ├── ManoeuvreError             not done in time, or aborted; the lease is still held
     ├── NotEngagedError            leased, but the daemon sends no sticks
+    ├── SilenceError               a value that was waited for did not come
     ├── VisionError                an image, camera, calibration or target cannot be used
     └── ConfigError                found before any task starts
 
@@ -69,6 +70,10 @@ class NotEngagedError(MkError):
 
 class ManoeuvreError(MkError):
     """A manoeuvre was not done in time, or aborted; the lease is still held."""
+
+
+class SilenceError(MkError):
+    """A value that was waited for did not come in time; names the key."""
 
 
 class VisionError(MkError):

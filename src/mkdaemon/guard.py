@@ -185,6 +185,8 @@ class Line:
         Only where something waits: a pseudo terminal, which never says that, would throw away what its reader has not
         fetched, neutral sticks among it.
         """
+        if self.descriptor < 0:
+            return
         waiting = array.array("i", [0])
         with suppress(OSError):
             fcntl.ioctl(self.descriptor, termios.TIOCOUTQ, waiting)

@@ -27,7 +27,7 @@ from mkdaemon.described import meanings_of
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.protocol.messages import EchoRequest, OsdData5
 from mkdaemon.stamp import Stamp
-from mkdaemon.telemetry.command import LeaseRequest, RateRequest
+from mkdaemon.telemetry.command import LeaseRequest, RatesRequest
 from mkdaemon.telemetry.link import LinkCondition, LinkState
 from mkdaemon.telemetry.mission import MissionPoint, WaypointsUploadRequest
 from mkdaemon.telemetry.setpoint import StickSetpoint, VelocitySetpoint
@@ -138,13 +138,13 @@ def test_setpoints_out_of_range_are_refused(change):
 def test_commands_take_no_unknown_action():
     with pytest.raises(CommandRejectedError, match="action"):
         read_command(LeaseRequest, msgpack.packb({"action": "steal"}))
-    assert read_command(RateRequest, b"").stream is None
+    assert read_command(RatesRequest, b"").stream is None
 
 
 @pytest.mark.parametrize("fields", [{"interval": "0.5"}, {"interval": True}, {"interval": b"0"}])
 def test_numbers_written_as_words_are_refused(fields):
     with pytest.raises(CommandRejectedError, match="interval"):
-        read_command(RateRequest, msgpack.packb(fields))
+        read_command(RatesRequest, msgpack.packb(fields))
 
 
 @pytest.mark.parametrize(

@@ -29,9 +29,9 @@ async def test_what_ends_a_flight_is_not_busy_while_all_else_is(urgent):
     async with Bus.open(bus_config(endpoint, max_queries=2), "t5") as bus:
         bus.serve("do", handler)
         with client(endpoint) as session:
-            held = [asyncio.create_task(asyncio.to_thread(ask, session, "mk/t5/do/rate")) for _ in range(2)]
+            held = [asyncio.create_task(asyncio.to_thread(ask, session, "mk/t5/do/rates")) for _ in range(2)]
             await wait_for(lambda: len(begun) == 2)
-            [(_, other, _)] = await asyncio.to_thread(ask, session, "mk/t5/do/rate")
+            [(_, other, _)] = await asyncio.to_thread(ask, session, "mk/t5/do/rates")
             [(_, result, _)] = await asyncio.to_thread(ask, session, f"mk/t5/{urgent}")
             gate.set()
             await asyncio.gather(*held)
@@ -56,7 +56,7 @@ async def test_the_answer_to_a_release_waits_for_no_other_answer(monkeypatch):
             replies = bus._commands._replies
             submit = replies.submit
             monkeypatch.setattr(replies, "submit", lambda query, work: submit(query, block))
-            held = [asyncio.create_task(asyncio.to_thread(ask, session, "mk/t6/do/rate", timeout=1)) for _ in range(9)]
+            held = [asyncio.create_task(asyncio.to_thread(ask, session, "mk/t6/do/rates", timeout=1)) for _ in range(9)]
             await wait_for(blocked.is_set)
             [(_, result, _)] = await asyncio.to_thread(ask, session, "mk/t6/do/release")
             gate.set()

@@ -11,7 +11,7 @@ import pytest
 from lab.rigs.background import background_daemon
 from lab.rigs.live import VEHICLE
 from mkdaemon.cli.mkctl.app import app
-from mkdaemon.cli.mkctl.rate import read_interval
+from mkdaemon.cli.mkctl.streams import read_interval
 from mkdaemon.cli.program import run
 from mkdaemon.errors import ConfigError
 
@@ -79,9 +79,9 @@ def test_a_first_look_around(serve, mkctl):
         assert [json.loads(line)["key"] for line in out.splitlines()] == ["state/attitude"] * 3
         code, out, _ = mkctl("health")
         assert "link test" in out
-        code, out, err = mkctl("rate", "osd", "250ms")
+        code, out, err = mkctl("rates", "osd", "250ms")
         assert (code, "osd             250 ms" in out) == (0, True), out + err
-        code, _, err = mkctl("rate", "osd", "10ms")
+        code, _, err = mkctl("rates", "osd", "10ms")
         assert code == 1
         assert "line_budget" in err
         assert "% of the line" in err
@@ -119,12 +119,12 @@ def test_mistakes_are_one_line(serve, mkctl):
             (("watch", "state/atitude"), "no key matches 'state/atitude'; did you mean state/attitude?"),
             (("status", "--vehicle", "other"), "there is cockpit: use --vehicle"),
             (("status", "--connect", "tcp/127.0.0.1:1"), "nobody answers"),
-            (("rate", "osd"), "which interval"),
+            (("rates", "osd"), "which interval"),
             (("stick", "--throttle", "0", "--pitch", "300"), "--pitch 300: give a number from -127 to 127"),
             (("stick", "--throttle", "nan"), "--throttle nan: give a number"),
             (("stick", "--throttle", "0", "--rate", "0"), "--rate 0: give a number above 0"),
-            (("rate", "osd", "soon"), "'soon' is no interval"),
-            (("rate", "sod", "100ms"), "no stream"),
+            (("rates", "osd", "soon"), "'soon' is no interval"),
+            (("rates", "sod", "100ms"), "no stream"),
             (("lease", "release", "5", "f00"), "not_leased"),
         ):
             code, _, err = mkctl(*arguments)

@@ -36,7 +36,7 @@ def mission(count: int) -> Mission:
 def test_without_a_navictrl_an_upload_says_so(at: list[str], ctl: Ctl, tmp_path: Path) -> None:
     file = tmp_path / "mission.csv"
     write_mission(mission(2), file)
-    for words in (("upload", str(file)), ("verify", str(file)), ("clear",), ("download", str(tmp_path / "b.csv"))):
+    for words in (("upload", str(file)), ("verify", str(file)), ("clear",), ("read", str(tmp_path / "b.csv"))):
         code, _, err = ctl(at, "waypoints", *words)
         assert (code, err.count("\n")) == (EXIT_FAILURE, 1)
         assert "board_unreachable: nc cannot be reached from here: the line ends at a FlightCtrl" in err
@@ -48,18 +48,18 @@ def test_settings_are_backed_up_changed_and_restored(at: list[str], ctl: Ctl, tm
     assert (code, err) == (EXIT_OK, "")
     assert "set 3 is live, byte for byte as before" in out
     assert sorted(path.name for path in folder.iterdir()) == [f"set{slot}.toml" for slot in range(1, 6)]
-    assert ctl(at, "settings", "diff", str(folder)) == (EXIT_OK, "no difference\n", "")
+    assert ctl(at, "settings", "compare", str(folder)) == (EXIT_OK, "no difference\n", "")
 
     changes = ("gyro_p=85", "throttle_max=5")
-    out = ctl(at, "settings", "edit", *changes, "--slot", "1", "--dry-run")[1]
+    out = ctl(at, "settings", "write", *changes, "--slot", "1", "--dry-run")[1]
     assert "set 1: would change gyro_p from 90 to 85" in out
-    assert ctl(at, "settings", "diff", str(folder))[::2] == (EXIT_OK, "")
-    out = ctl(at, "settings", "edit", *changes, "--slot", "1")[1]
+    assert ctl(at, "settings", "compare", str(folder))[::2] == (EXIT_OK, "")
+    out = ctl(at, "settings", "write", *changes, "--slot", "1")[1]
     assert "the FC changed throttle_max from 5 to 100" in out
-    assert ctl(at, "settings", "diff", str(folder))[0] == EXIT_FAILURE
+    assert ctl(at, "settings", "compare", str(folder))[0] == EXIT_FAILURE
 
     assert ctl(at, "settings", "restore", str(folder / "set1.toml"))[::2] == (EXIT_OK, "")
-    assert ctl(at, "settings", "diff", str(folder))[::2] == (EXIT_OK, "")
+    assert ctl(at, "settings", "compare", str(folder))[::2] == (EXIT_OK, "")
     out = ctl(at, "settings", "list", "--json")[1]
     assert [row["slot"] for row in json.loads(out) if row["active"]] == [3]
     code, _, err = ctl(at, "settings", "backup", str(folder))
@@ -85,20 +85,22 @@ def test_a_set_of_another_revision_is_refused_before_writing(at: list[str], ctl:
 
 def test_mixer_and_motor_controllers(at: list[str], ctl: Ctl, tmp_path: Path) -> None:
     file = tmp_path / "mixer.toml"
-    assert ctl(at, "mixer", "get", str(file))[::2] == (EXIT_OK, "")
+    assert ctl(at, "mixer", "read", str(file))[::2] == (EXIT_OK, "")
     file.write_text(file.read_text().replace("1 = [64, 64, 0, 64]", "1 = [60, 64, 0, 64]"))
-    code, _, err = ctl(at, "mixer", "set", str(file))
+    code, _, err = ctl(at, "mixer", "write", str(file))
     assert code == EXIT_CONFIG
     assert "--confirm" in err
-    assert ctl(at, "mixer", "set", str(file), "--confirm")[::2] == (EXIT_OK, "")
-    assert "1 = [60, 64, 0, 64]" in ctl(at, "mixer", "get")[1]
+    assert ctl(at, "mixer", "write", str(file), "--confirm")[::2] == (EXIT_OK, "")
+    assert "1 = [60, 64, 0, 64]" in ctl(at, "mixer", "read")[1]
 
-    assert "current_limit        30 A" in ctl(at, "bl", "get", "2")[1]
-    code, out, _ = ctl(at, "bl", "set", "2", "--current-limit", "20", "--reverse", "--confirm", "--json")
+    assert "current_limit        30 A" in ctl(at, "motor-controllers", "read", "2")[1]
+    code, out, _ = ctl(
+        at, "motor-controllers", "write", "2", "--current-limit", "20", "--reverse", "--confirm", "--json"
+    )
     found = json.loads(out)
     assert (found["current_limit"], found["reverse"], found["pwm_scaling"]) == (20, True, 255)
-    assert json.loads(ctl(at, "bl", "get", "2", "--json")[1])["current_limit"] == 20
-    code, _, err = ctl(at, "bl", "set", "2", "--current-limit", "21")
+    assert json.loads(ctl(at, "motor-controllers", "read", "2", "--json")[1])["current_limit"] == 20
+    code, _, err = ctl(at, "motor-controllers", "write", "2", "--current-limit", "21")
     assert code == EXIT_CONFIG
     assert "repeat with --confirm" in err
 

@@ -6,7 +6,7 @@ from contextlib import asynccontextmanager
 
 import pytest
 
-from mkdaemon.cli.mkctl import flight, navi
+from mkdaemon.cli.mkctl import manoeuvres, navi
 from mkdaemon.cli.mkctl.app import app
 from mkdaemon.cli.mkctl.connection import Connection
 from mkdaemon.cli.program import EXIT_CONFIG, run
@@ -64,7 +64,7 @@ REACHED = report(NaviStage.AT_POINT, target_distance=1.0, is_route_done=True)
 
 async def test_goto_at_home_asks_the_navictrl_and_shows_what_the_pilot_does(capsys):
     async with navictrl(READY, ROUTE, ROUTE, REACHED) as (daemon, here):
-        assert await flight.goto(10.0, -4.0, 3.0, yaw=0.0, frame="home", confirm=True, connection=here) == 0
+        assert await manoeuvres.goto(10.0, -4.0, 3.0, yaw=0.0, frame="home", confirm=True, connection=here) == 0
         wanted = next(fields for suffix, fields in daemon.asked if suffix == "do/navi_goto")
     assert tuple(wanted["position"]) == (10.0, -4.0, 3.0)
     assert (wanted["heading_deg"], wanted["hold"], wanted["confirm"]) == (90, 255, True)

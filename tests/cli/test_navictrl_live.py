@@ -62,12 +62,12 @@ def test_a_mission_goes_up_is_verified_comes_down_and_is_cleared(at: list[str], 
     assert up["count"] == 31
     assert up["rounds"] >= 1  # more where a loaded machine lets an answer come late
     assert ctl(at, "waypoints", "verify", str(file))[::2] == (EXIT_OK, "")
-    code, out, _ = ctl(at, "waypoints", "download", str(back), "--json")
+    code, out, _ = ctl(at, "waypoints", "read", str(back), "--json")
     assert (code, json.loads(out)["digest"]) == (EXIT_OK, up["digest"])
     assert ctl(at, "waypoints", "clear")[:2] == (EXIT_OK, "the list is empty\n")
     code, out, _ = ctl(at, "waypoints", "verify", str(back))
     assert (code, out.splitlines()[0]) == (EXIT_FAILURE, "point 1 is absent")
-    code, _, err = ctl(at, "waypoints", "download", str(tmp_path / "none.gpx"))
+    code, _, err = ctl(at, "waypoints", "read", str(tmp_path / "none.gpx"))
     assert code == EXIT_FAILURE
     assert "holds no points" in err
 
@@ -130,6 +130,6 @@ def test_the_flightctrl_behind_a_navictrl_is_reached_and_telemetry_goes_on(
     code, out, err = ctl(at, "settings", "backup", str(tmp_path / "backup"))
     assert (code, err) == (EXIT_OK, "")
     assert "set 3 is live, byte for byte as before" in out
-    assert "1 = [64, 64, 0, 64]" in ctl(at, "mixer", "get")[1]
+    assert "1 = [64, 64, 0, 64]" in ctl(at, "mixer", "read")[1]
     assert ctl(at, "send", "version-request", "--board", "nc")[::2] == (EXIT_OK, "")
     assert json.loads(ctl(at, "get", "state/flight", "--json")[1])["motors_running"] is False

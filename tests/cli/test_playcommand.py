@@ -17,9 +17,8 @@ from lab.rigs.waiting import wait_until
 from mkdaemon.cli import promptness
 from mkdaemon.cli.mkctl import play as playcommand
 from mkdaemon.cli.mkctl.connection import Connection
-from mkdaemon.cli.mkctl.play import play
-from mkdaemon.cli.mkctl.playscreen import key_pressed, showing_player
-from mkdaemon.client.playpace import Pace
+from mkdaemon.cli.mkctl.play import key_pressed, play, showing_player
+from mkdaemon.client.player import Pace
 from mkdaemon.errors import ConfigError, MkError
 from mkdaemon.telemetry.play import PlayState, PlayStatus
 from tests.bus.support import client, free_endpoint

@@ -9,15 +9,14 @@ import pytest
 from mkdaemon.bus.localsocket import socket_folders, socket_name
 from mkdaemon.cli.mkctl import release
 from mkdaemon.cli.mkctl.connection import Connection
-from mkdaemon.client import ReleaseResult
 from mkdaemon.daemon.localsocket import LocalSocket
 from mkdaemon.errors import CommandRejectedError, MkError
 from mkdaemon.telemetry.command import CommandResult
-from mkdaemon.telemetry.control import ReleaseOutcome
+from mkdaemon.telemetry.control import ReleaseReport
 from mkdaemon.telemetry.refusals import Status, Token, refuse
 
 HERE = Connection(vehicle="alone", connect="tcp/127.0.0.1:7999")
-DONE = {"status": "confirmed", "frames": 5}
+DONE = {"status": "confirmed", "sent": 5, "confirmed": 5, "reason": "enough"}
 
 
 @pytest.fixture
@@ -58,7 +57,7 @@ async def test_a_bus_that_does_not_answer_leaves_the_socket(monkeypatch, asked, 
 
 
 async def test_a_bus_that_answers_is_enough(monkeypatch, asked):
-    bus_that(monkeypatch, ReleaseResult(ReleaseOutcome.CONFIRMED, DONE))
+    bus_that(monkeypatch, ReleaseReport.model_validate(DONE))
     assert await release.release(connection=HERE) == 0
     assert asked == []
 

@@ -74,14 +74,14 @@ def test_a_folder_keeps_five_sets_and_is_never_overwritten(
 def test_files_and_boards_are_compared(board: FlightCtrl, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     before, after = tmp_path / "before.toml", tmp_path / "after.toml"
     ctl(capsys, "backup", str(before), "--slot", "1")
-    assert ctl(capsys, "edit", "gyro_p=7", "--slot", "1")[0] == EXIT_OK
+    assert ctl(capsys, "write", "gyro_p=7", "--slot", "1")[0] == EXIT_OK
     ctl(capsys, "backup", str(after), "--slot", "1")
-    code, out, _ = ctl(capsys, "diff", str(before), str(after))
+    code, out, _ = ctl(capsys, "compare", str(before), str(after))
     assert code == EXIT_FAILURE
     assert out == f"set 1: gyro_p is {board.sets[2][30] - 7} in the first and 7 in the second\n"
-    code, out, _ = ctl(capsys, "diff", str(before), "--json")
+    code, out, _ = ctl(capsys, "compare", str(before), "--json")
     assert (code, json.loads(out)["1"][0]["name"]) == (EXIT_FAILURE, "gyro_p")
-    assert ctl(capsys, "diff", str(after))[:2] == (EXIT_OK, "no difference\n")
+    assert ctl(capsys, "compare", str(after))[:2] == (EXIT_OK, "no difference\n")
 
 
 def test_restore_into_another_slot_and_edit_of_bits(
@@ -92,7 +92,7 @@ def test_restore_into_another_slot_and_edit_of_bits(
     assert ctl(capsys, "restore", str(file), "--slot", "4")[0] == EXIT_OK
     assert board.sets[4] == board.sets[1]
     assert ctl(capsys, "restore", str(file), "--slot", "4")[1].splitlines()[-1] == "nothing had to be written"
-    assert ctl(capsys, "edit", "global_config=compass,gps", "external_control=poti2")[0] == EXIT_OK
+    assert ctl(capsys, "write", "global_config=compass,gps", "external_control=poti2")[0] == EXIT_OK
     assert (board.sets[3][13], board.sets[3][98]) == (0x28, 254)
     assert (board.active, board.live) == (3, board.sets[3])
 
@@ -100,11 +100,11 @@ def test_restore_into_another_slot_and_edit_of_bits(
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["edit"], "nothing to change; write NAME=VALUE"),
-        (["edit", "gyro_p"], "'gyro_p' is no change; write NAME=VALUE"),
-        (["edit", "gyro_q=1"], "the nearest name is 'gyro_p'"),
-        (["edit", "gyro_p=300"], "gyro_p takes 0..255"),
-        (["edit", "gyro_p=much"], "gyro_p .* cannot be 'much'"),
+        (["write"], "nothing to change; write NAME=VALUE"),
+        (["write", "gyro_p"], "'gyro_p' is no change; write NAME=VALUE"),
+        (["write", "gyro_q=1"], "the nearest name is 'gyro_p'"),
+        (["write", "gyro_p=300"], "gyro_p takes 0..255"),
+        (["write", "gyro_p=much"], "gyro_p .* cannot be 'much'"),
         (["restore", "none.toml"], "none.toml: cannot be read"),
         (["restore", "."], "no .toml or .json file in this folder"),
     ],
@@ -128,7 +128,7 @@ def test_mistakes_are_one_line_with_the_fix(
 def test_motors_running_refuse_and_nothing_changes(board: FlightCtrl, capsys: pytest.CaptureFixture[str]) -> None:
     before = dict(board.sets)
     board.motors_running = True
-    code, _, err = ctl(capsys, "edit", "gyro_p=7")
+    code, _, err = ctl(capsys, "write", "gyro_p=7")
     assert (code, err.startswith("mkctl: write_refused")) == (EXIT_FAILURE, True)
     assert board.sets == before
 
@@ -136,17 +136,17 @@ def test_motors_running_refuse_and_nothing_changes(board: FlightCtrl, capsys: py
 def test_changes_are_told_as_show_tells_values(board: FlightCtrl, capsys: pytest.CaptureFixture[str]) -> None:
     """A poti is `poti3` and bits are their names, not the counts behind them."""
     wanted = ("external_control=poti3", "global_config=gps,compass", "--dry-run")
-    lines = ctl(capsys, "edit", *wanted)[1].splitlines()
+    lines = ctl(capsys, "write", *wanted)[1].splitlines()
     before = json.loads(ctl(capsys, "show", "external_control", "global_config", "--json")[1])["values"]
     bits = ",".join(before["global_config"]) or "none"
     assert f"set 3: would change global_config from {bits} to compass,gps" in lines
     assert f"set 3: would change external_control from {before['external_control']} to poti3" in lines
-    found = json.loads(ctl(capsys, "edit", *wanted, "--json")[1])["3"]
+    found = json.loads(ctl(capsys, "write", *wanted, "--json")[1])["3"]
     assert {change["name"]: change["after"] for change in found} == {
         "external_control": "poti3",
         "global_config": ["compass", "gps"],
     }
-    lines = ctl(capsys, "edit", "global_config=", "--dry-run")[1].splitlines()
+    lines = ctl(capsys, "write", "global_config=", "--dry-run")[1].splitlines()
     assert lines in ([f"set 3: would change global_config from {bits} to none"], ["nothing to change"])
 
 
@@ -159,11 +159,11 @@ def test_what_is_no_text_is_one_line(board: FlightCtrl, capsys: pytest.CaptureFi
 
 def test_an_edit_keeps_to_the_ranges_that_are_known(board: FlightCtrl, capsys: pytest.CaptureFixture[str]) -> None:
     for change, limit in (("receiver=10", "0..9"), ("altitude_channel=33", "0..32"), ("orientation_angle=24", "0..23")):
-        code, _, err = ctl(capsys, "edit", change, "--dry-run")
+        code, _, err = ctl(capsys, "write", change, "--dry-run")
         assert (code, err.count("\n")) == (EXIT_CONFIG, 1)
         assert f"{change.partition('=')[0]} takes {limit}, not" in err
     for change in ("receiver=9", "altitude_channel=32", "external_control=poti8"):
-        assert ctl(capsys, "edit", change, "--dry-run")[::2] == (EXIT_OK, "")
+        assert ctl(capsys, "write", change, "--dry-run")[::2] == (EXIT_OK, "")
 
 
 def test_a_full_disk_leaves_the_old_file_and_fails(

@@ -79,7 +79,7 @@ class FakeDaemon:
                 self.lose(fields["reason"])
                 reply = {"status": "confirmed", "sent": 5, "confirmed": 5, "reason": fields["reason"]}
                 return CommandResult(status=Status.ACCEPTED, reply=reply)
-            case "do/rate", _:
+            case "do/rates", _:
                 return CommandResult(status=Status.ACCEPTED, reply={"intervals": {"osd": fields.get("interval", 0.1)}})
             case "do/gains", _:
                 reply = dict(gains_of(AircraftModel(), ControlConfig()))
@@ -123,10 +123,10 @@ class FakeDaemon:
         )
         self.bus.publish("control/status", status)
 
-    def lose(self, reason):
+    def lose(self, reason, **progress):
         """Let go of the aircraft."""
         self.holder = None
-        self.say(Phase.RELEASING, reason)
+        self.say(Phase.RELEASING, reason, **progress)
 
     def take_setpoint(self, suffix, arrived, raw, proof):
         """One setpoint."""

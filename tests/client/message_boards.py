@@ -13,6 +13,7 @@ from mkdaemon.client import Answer, Vehicle
 from mkdaemon.daemon.procedures.table import PROCEDURES, request_model
 from mkdaemon.errors import CommandRejectedError, MkError
 from mkdaemon.protocol.wire import WireMessage
+from mkdaemon.telemetry.refusals import Status
 from tests.protocol.procedures.talk import Reply, drive
 
 
@@ -24,13 +25,10 @@ class BoardVehicle(Vehicle):
     """
 
     def __init__(self, board: Callable[[WireMessage], Reply]) -> None:
+        super().__init__(None, "boards", "none")
         self.board = board
         self.asked: list[tuple[str, dict[str, Any]]] = []
         self.steps: list[Any] = []
-
-    @property
-    def holder(self) -> str:
-        return "tester"
 
     async def command(
         self, target: str, name: str, fields: Mapping[str, Any] | None = None, *, patience: float = 0.0
@@ -46,10 +44,10 @@ class BoardVehicle(Vehicle):
             raise
         except MkError as error:
             raise CommandRejectedError("procedure_failed", f"{name} failed: {error}.", "Repeat it.") from error
-        return Answer("accepted", msgpack.unpackb(encode_map(dict(reply))))
+        return Answer(Status.ACCEPTED, msgpack.unpackb(encode_map(dict(reply))))
 
     @asynccontextmanager
-    async def watch(self, *patterns: str) -> AsyncIterator[AsyncIterator[Any]]:
+    async def watch(self, *patterns: str, **_: Any) -> AsyncIterator[AsyncIterator[Any]]:
         async def none() -> AsyncIterator[Any]:
             for _ in ():
                 yield

@@ -16,9 +16,8 @@ from mkdaemon.bus.gateway import Bus
 from mkdaemon.bus.keys import KEYS
 from mkdaemon.cli.mkctl.connection import Connection
 from mkdaemon.cli.mkctl.record import record
-from mkdaemon.client.ground import GroundPlan, record_ground
-from mkdaemon.client.groundtap import GroundTap
-from mkdaemon.client.schemas import known_schema
+from mkdaemon.client.groundrecorder import GroundPlan, GroundTap, record_ground
+from mkdaemon.client.samples import known_schema
 from mkdaemon.clock import Clock
 from mkdaemon.errors import ConfigError
 from mkdaemon.record.entry import Congestion, Kind, Qos, TimeBase

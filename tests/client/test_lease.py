@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import asyncio
+import subprocess
+import sys
 
 import pytest
 
 from lab.rigs.waiting import wait_until
-from mkdaemon.client import lease as lease_module
-from mkdaemon.client import setpointstream
+from mkdaemon.client import setpoints as setpoints_module
 from mkdaemon.errors import CommandRejectedError, LeaseLostError, MkError, NotEngagedError
-from mkdaemon.telemetry.control import LeaseState, Phase
+from mkdaemon.telemetry.control import LeaseState, Outcome, Phase
 from mkdaemon.telemetry.event import CommandEvent
 from mkdaemon.telemetry.refusals import Token, refuse
 from tests.client.fake import CLOCK, EPOCH, SECRET, connected
@@ -73,7 +74,7 @@ async def test_a_lost_lease_ends_the_flight_with_the_reason():
         with pytest.raises(LeaseLostError, match="the lease was lost: the link is mute"):
             await flying
         with pytest.raises(LeaseLostError):
-            lease.set("stick", pitch=0, roll=0, yaw=0, throttle=0)
+            lease.set.stick(pitch=0, roll=0, yaw=0, throttle=0)
 
 
 async def test_a_lease_somebody_else_took_is_lost():
@@ -93,14 +94,14 @@ async def test_status_from_before_the_lease_does_not_end_it():
 
 
 async def test_a_silent_daemon_is_a_lost_lease(monkeypatch):
-    monkeypatch.setattr(setpointstream, "SILENCE", 0.3)
+    monkeypatch.setattr(setpoints_module, "SILENCE", 0.3)
     async with connected(engages=1) as (_, uav), uav.lease() as lease:
         with pytest.raises(LeaseLostError, match="the daemon has not been heard"):
             await lease.stick(throttle=0, seconds=60)
 
 
 async def test_a_daemon_that_does_not_engage_is_told_with_its_reason(monkeypatch):
-    monkeypatch.setattr(setpointstream, "ENGAGING", 0.3)
+    monkeypatch.setattr(setpoints_module, "ENGAGING", 0.3)
     async with connected(engages=None) as (daemon, uav):
         with pytest.raises(NotEngagedError, match="waiting for a live, neutral stream"):
             async with uav.lease() as lease:
@@ -130,7 +131,7 @@ async def test_an_exception_and_a_cancellation_release_the_aircraft():
 
 async def test_own_streams_set_one_setpoint_at_a_time():
     async with connected() as (daemon, uav), uav.lease() as lease:
-        lease.set(pitch=1, roll=2, yaw=3, throttle=4, ttl=0.2)
+        lease.set.stick(pitch=1, roll=2, yaw=3, throttle=4, ttl=0.2)
         await wait_until(lambda: daemon.setpoints)
         wanted = {"pitch": 1.0, "roll": 2.0, "yaw": 3.0, "throttle": 4.0, "ttl": 0.2, "epoch": EPOCH, "sequence": 1}
         assert daemon.setpoints == [wanted]
@@ -141,18 +142,18 @@ async def test_setpoints_out_of_range_are_refused_before_they_are_sent():
         with pytest.raises(CommandRejectedError, match="pitch"):
             await lease.stick(pitch=300, throttle=0, seconds=1)
         with pytest.raises(CommandRejectedError, match="throttle"):
-            lease.set("stick", pitch=1, roll=2, yaw=3, throttle=float("nan"))
+            lease.set.stick(pitch=1, roll=2, yaw=3, throttle=float("nan"))
         with pytest.raises(MkError, match="there is no setpoint 'stik'; there is stick"):
-            lease.set("stik", pitch=1)
+            lease.put("stik", {"pitch": 1})
         assert (lease.setpoints, daemon.setpoints) == (0, [])
 
 
 async def test_a_lease_can_be_renewed_and_looked_at():
     async with connected() as (_, uav):
-        assert await uav.lease_state() is None
+        assert await uav.lease.show() is None
         async with uav.lease(holder="me") as lease:
             assert (await lease.renew()).epoch == EPOCH
-            assert (await uav.lease_state()).holder == "me"
+            assert (await uav.lease.show()).holder == "me"
 
 
 async def test_a_position_is_streamed_as_it_is_from_the_beginning():
@@ -176,7 +177,7 @@ async def test_velocities_and_attitudes_are_streamed():
 
 
 async def test_setpoints_that_stay_refused_end_the_flight_with_the_refusal(monkeypatch):
-    monkeypatch.setattr(setpointstream, "GRACE", 0.2)
+    monkeypatch.setattr(setpoints_module, "GRACE", 0.2)
     async with connected() as (daemon, uav), uav.lease() as lease:
         daemon.refuses = Token.NO_ESTIMATE
         with pytest.raises(CommandRejectedError, match="no camera has seen a target yet") as refused:
@@ -234,15 +235,66 @@ async def test_a_landing_ends_when_the_daemon_reports_it():
     async with connected() as (daemon, uav), uav.lease() as lease:
         landing = asyncio.create_task(lease.land())
         await wait_until(lambda: lease.is_engaged)
-        daemon.lose("landed on pad")
+        daemon.lose("it stands", outcome=Outcome.LANDED)
         await landing
+        assert lease.outcome is Outcome.LANDED
 
 
-async def test_a_landing_that_ends_otherwise_is_a_lost_lease():
+@pytest.mark.parametrize(
+    ("reason", "outcome"),
+    [
+        ("no image of pad for 3.1 s", Outcome.SIGHT_LOST),
+        ("landed on pad, says somebody", None),
+        ("landed on its back", Outcome.LANDED_ASIDE),
+    ],
+)
+async def test_a_landing_that_ends_otherwise_is_a_lost_lease_whatever_the_words(reason, outcome):
     async with connected() as (daemon, uav), uav.lease() as lease:
         landing = asyncio.create_task(lease.land())
         await wait_until(lambda: lease.is_engaged)
-        daemon.lose("no image of pad for 3.1 s")
-        with pytest.raises(LeaseLostError, match="no image of pad"):
+        daemon.lose(reason, outcome=outcome)
+        with pytest.raises(LeaseLostError, match=reason):
             await landing
-        assert lease_module.LANDED not in lease.reason
+        assert lease.outcome is outcome
+
+
+IMPORTED_LATE = """
+import asyncio, sys
+from contextlib import asynccontextmanager
+from mkdaemon.client.answers import Answer
+from mkdaemon.client.lease import Leases
+from mkdaemon.telemetry.refusals import Status
+
+class Quiet:
+    def __init__(self): self.loaded = set()
+    @asynccontextmanager
+    async def token(self, name): yield
+    @asynccontextmanager
+    async def watch(self, *patterns, **_):
+        async def none():
+            await asyncio.Event().wait()
+            yield
+        yield none()
+    def stream(self, suffix): return self
+    def put(self, payload, **_): pass
+    async def command(self, target, name, fields, **_):
+        if fields["action"] == "take":
+            self.loaded = set(sys.modules)
+            grant = {"holder": "me", "epoch": 1, "ttl": 5.0, "left": 5.0, "secret": "s"}
+            return Answer(Status.ACCEPTED, grant)
+        return Answer(Status.ACCEPTED, {})
+
+async def main():
+    quiet = Quiet()
+    async with Leases(quiet)() as lease:
+        lease.set.stick(pitch=0, roll=0, yaw=0, throttle=0)
+    print(sorted(name for name in set(sys.modules) - quiet.loaded if name.startswith(("mkdaemon", "pydantic"))))
+
+asyncio.run(main())
+"""
+
+
+def test_nothing_is_imported_any_more_once_the_lease_is_held():
+    """An import takes a second on a busy companion: setpoints would grow stale, and old status seem new."""
+    done = subprocess.run([sys.executable, "-c", IMPORTED_LATE], capture_output=True, text=True, check=True)
+    assert done.stdout == "[]\n"

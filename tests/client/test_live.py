@@ -28,7 +28,7 @@ async def test_sticks_reach_the_aircraft_and_another_client_can_take_the_lease()
                 async with other.lease(holder="other", force=True):
                     await flying
         await live.until_phase("free")
-        assert await uav.lease_state() is None
+        assert await uav.lease.show() is None
 
 
 async def test_requests_are_answered_by_typed_messages_and_status_by_one_value():

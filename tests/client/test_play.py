@@ -11,11 +11,8 @@ import zenoh
 
 from lab.rigs.waiting import wait_until
 from mkdaemon.bus.keys import KEYS, Use
-from mkdaemon.client.player import Player
-from mkdaemon.client.playkeys import PlayKey, check_name, play_key
-from mkdaemon.client.playpace import FASTEST, Pace
-from mkdaemon.client.playselection import Lateness, Selection
-from mkdaemon.client.playsession import open_player_session
+from mkdaemon.client.player import FASTEST, Pace, Player, open_player_session
+from mkdaemon.client.playselection import Lateness, PlayKey, Selection, check_name, play_key
 from mkdaemon.errors import ConfigError, MkError
 from mkdaemon.record.entry import Kind
 from mkdaemon.record.reader import Recording

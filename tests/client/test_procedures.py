@@ -32,40 +32,40 @@ def with_version(board: NaviCtrl) -> Callable[[WireMessage], Reply]:
 async def test_settings_are_saved_compared_changed_and_restored(tmp_path: Path) -> None:
     board = FlightCtrl(active=2)
     uav, folder = BoardVehicle(board), tmp_path / "before"
-    assert len(await uav.backup_settings(folder)) == 5
+    assert len(await uav.settings.backup_to(folder)) == 5
     assert {slot: one.parameters.raw for slot, one in read_sets(folder).items()} == board.sets
-    assert (await uav.compare_settings(folder)).differing == ()
+    assert (await uav.settings.compare_with(folder)).differing == ()
     before = dict(board.sets)
-    changed = await uav.write_settings({"gyro_p": 7, "external_control": "poti3"}, slot=4)
+    changed = await uav.settings.write({"gyro_p": 7, "external_control": "poti3"}, slot=4, confirm=True)
     assert (changed.written, board.sets[4][30], board.sets[4][98]) == ((4, 2), 7, 253)
-    assert (await uav.compare_settings(folder)).differing == (4,)
-    assert (await uav.restore_settings(folder, dry_run=True)).written == ()
-    assert (await uav.restore_settings(folder)).written == (4, 2)
+    assert (await uav.settings.compare_with(folder)).differing == (4,)
+    assert (await uav.settings.restore_from(folder, dry_run=True)).written == ()
+    assert (await uav.settings.restore_from(folder, confirm=True)).written == (4, 2)
     assert (board.sets, board.live, board.active) == (before, before[2], 2)
     with pytest.raises(ConfigError, match="holds something already"):
-        await uav.backup_settings(folder)
+        await uav.settings.backup_to(folder)
     with pytest.raises(ConfigError, match="one file holds one set"):
-        await uav.backup_settings(tmp_path / "two.toml", (1, 2))
+        await uav.settings.backup_to(tmp_path / "two.toml", (1, 2))
 
 
 async def test_a_value_that_does_not_fit_changes_nothing() -> None:
     board = FlightCtrl()
     before = dict(board.sets)
     with pytest.raises(CommandRejectedError, match=r"bad_value: .*the nearest name is 'gyro_p'"):
-        await BoardVehicle(board).write_settings({"gyro_q": 1}, slot=1)
+        await BoardVehicle(board).settings.write({"gyro_q": 1}, slot=1, confirm=True)
     assert (board.sets, board.live) == (before, before[3])
 
 
 async def test_missions_are_stored_read_verified_and_cleared() -> None:
     board = NaviCtrl()
     uav = BoardVehicle(with_version(board))
-    stored = await uav.upload_waypoints(ROUTE, source="test")
+    stored = await uav.waypoints.upload(ROUTE.points, source="test")
     assert (stored.count, len(board.points)) == (7, 7)
-    found = await uav.waypoints()
+    found = await uav.waypoints.read()
     assert (found.points, found.digest) == (ROUTE.points, stored.digest)
-    assert (await uav.verify_waypoints(ROUTE)).differences == ()
-    assert (await uav.clear_waypoints()).count == 0
-    assert (await uav.verify_waypoints(ROUTE)).differences[0] == "point 1 is absent"
+    assert (await uav.waypoints.verify(ROUTE.points)).differences == ()
+    assert (await uav.waypoints.clear()).count == 0
+    assert (await uav.waypoints.verify(ROUTE.points)).differences[0] == "point 1 is absent"
 
 
 async def test_an_upload_that_does_not_come_to_its_end_says_what_is_left() -> None:
@@ -77,12 +77,12 @@ async def test_an_upload_that_does_not_come_to_its_end_says_what_is_left() -> No
         return with_version(board)(message) if len(asked) < 8 else None
 
     with pytest.raises(CommandRejectedError, match=r"list_incomplete: .*the board's list may be incomplete"):
-        await BoardVehicle(deaf_later).upload_waypoints(ROUTE)
+        await BoardVehicle(deaf_later).waypoints.upload(ROUTE.points)
 
 
 async def test_what_writes_hardware_must_be_confirmed() -> None:
     uav = BoardVehicle(FlightCtrl())
     with pytest.raises(CommandRejectedError, match="not_confirmed"):
-        await uav.write_mixer("x", [0] * 64)
+        await uav.mixer.write("x", [0] * 64)
     with pytest.raises(CommandRejectedError, match="not_confirmed"):
-        await uav.change_motor_controller(1, current_limit=20)
+        await uav.motor_controllers.write(1, current_limit=20)

@@ -13,8 +13,9 @@ def test_the_exports_are_pinned():
     assert client.__all__ == [
         "Answer",
         "Lease",
-        "ReleaseResult",
+        "Reading",
         "Sample",
+        "Stream",
         "Vehicle",
         "VehicleStatus",
         "Watch",

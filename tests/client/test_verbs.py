@@ -9,7 +9,6 @@ from mkdaemon.errors import CommandRejectedError, ConfigError, MkError, Protocol
 from mkdaemon.protocol import Board
 from mkdaemon.protocol.messages import MotorTest, Settings, SettingsRequest, VersionFc210, VersionRequest
 from mkdaemon.telemetry.control import ReleaseOutcome
-from mkdaemon.telemetry.settings import SettingsBackup
 from tests.bus.support import free_endpoint
 from tests.client.fake import VEHICLE, connected, fake_daemon
 
@@ -17,10 +16,10 @@ from tests.client.fake import VEHICLE, connected, fake_daemon
 async def test_verbs_send_their_fields_and_return_values():
     async with connected() as (daemon, uav):
         done = await uav.release("enough")
-        assert (done.outcome, done.is_done, done.fields["sent"]) == (ReleaseOutcome.CONFIRMED, True, 5)
-        assert await uav.rate("osd", 0.25) == {"osd": 0.25}
-        assert await uav.rates() == {"osd": 0.1}
-        assert await uav.labels("nc") == ("one", "two")
+        assert (done.status, done.is_done, done.sent) == (ReleaseOutcome.CONFIRMED, True, 5)
+        assert (await uav.rates("osd", 0.25)).intervals == {"osd": 0.25}
+        assert (await uav.rates()).intervals == {"osd": 0.1}
+        assert (await uav.labels("nc")).names == ("one", "two")
         assert [fields for _, fields in daemon.asked] == [
             {"reason": "enough"},
             {"stream": "osd", "interval": 0.25},
@@ -57,7 +56,7 @@ async def test_a_refusal_carries_token_reason_and_fix():
         assert refused.value.token == "timeout"
         assert "mkctl health" in refused.value.fix
         with pytest.raises(CommandRejectedError, match="there is no verb"):
-            await uav.run_procedure("backup_everything", SettingsBackup)
+            (await uav.command("do", "backup_everything")).require()
 
 
 async def test_a_missing_daemon_is_named_beside_those_that_are_there():
@@ -77,7 +76,7 @@ async def test_name_and_endpoint_come_from_the_environment_unless_given(monkeypa
         monkeypatch.setenv("MK_VEHICLE", VEHICLE)
         async with connect() as uav:
             assert uav.vehicle == VEHICLE
-            assert await uav.rates() == {"osd": 0.1}
+            assert (await uav.rates()).intervals == {"osd": 0.1}
         async with connect("other") as uav:
             assert uav.vehicle == "other"
     with pytest.raises(ConfigError, match="'no good'"):

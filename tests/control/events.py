@@ -15,6 +15,7 @@ from mkdaemon.control.events import (
     SetpointAccepted,
     SetpointUnsigned,
 )
+from mkdaemon.control.manoeuvres.table import MANOEUVRES
 from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.command import LeaseRequest, ReleaseRequest
 from mkdaemon.telemetry.control import ControlLine, ReleaseOutcome
@@ -71,8 +72,8 @@ UP = link_state()
 class Driver:
     """A flight core, its clock, and everything it wanted done."""
 
-    def __init__(self, cfg=CFG, guidance=None, line=OPEN, link=UP) -> None:
-        self.core = FlightCore(cfg, first_epoch=100, known=guidance)
+    def __init__(self, cfg=CFG, rows=MANOEUVRES, line=OPEN, link=UP) -> None:
+        self.core = FlightCore(cfg, first_epoch=100, rows=rows)
         self.now = 0.0
         self.sequence = 0
         self.epoch = 0

@@ -90,7 +90,7 @@ def test_an_attitude_leans_the_aircraft_the_way_it_says(lean, axis, sign):
     way = np.subtract(turned(rig, 2.0), drift())
     assert 0.8 < sign * way[axis] < 3.0, "6 degrees are 1 m/s2, and more with the leak"
     assert abs(way[1 - axis]) < 0.35 * abs(way[axis])
-    asked = math.degrees(LEAN) / math.degrees(rig.core._target.model.rad_per_count)
+    asked = math.degrees(LEAN) / math.degrees(rig.core._sight.model.rad_per_count)
     [largest] = {max(max(abs(c.pitch), abs(c.roll)) for c in rig.counts(3.5))}
     assert largest == round(asked)
 

@@ -3,24 +3,25 @@
 from __future__ import annotations
 
 import pytest
-from mkdaemon.control.setpoints import StickGuidance
 
 from mkdaemon.config.control import ControlConfig
 from mkdaemon.control.authority import Authority, Fly, ReleaseOrder, SendNothing
 from mkdaemon.control.lease import LONGEST_JUMP
 from mkdaemon.control.modes import Trigger
-from mkdaemon.control.vehicle import VehicleFacts
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.control import Phase
 from mkdaemon.telemetry.setpoint import StickSetpoint
 from mkdaemon.telemetry.signature import Signature, signed
+from tests.control.flying import Flying
 
 CFG = ControlConfig()
 TICK = 0.02
 
 
 def follow(setpoint, now, is_flying):
-    return StickGuidance(CFG.lease.neutral_band).guide(setpoint, VehicleFacts(), now, is_flying=is_flying)
+    flying = Flying(CFG)
+    flying.step(setpoint, now)
+    return flying.step(setpoint, now, is_flying=is_flying)
 
 
 def setpoint(epoch, sequence, *, pitch=0.0, ttl=0.3):

@@ -166,7 +166,7 @@ def test_a_refused_setpoint_does_not_bring_the_next_tick_forward(drive):
 
 
 def test_a_kind_without_guidance_is_refused_and_the_stream_goes_on():
-    drive = Driver(guidance={})
+    drive = Driver(rows={})
     drive.take()
     error = drive.put()
     assert error is not None

@@ -7,15 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from mkdaemon.control.targetflight import TargetFlight
 
 from lab.control.camera import CameraModel
 from lab.control.corerig import CoreRig, stamp
 from lab.control.flights import Flight
-from mkdaemon.config.autopilot import AutopilotConfig
 from mkdaemon.control.actions import PublishError, PublishStatus, Release, SendSticks
 from mkdaemon.control.events import AbortAsked, MotorsReported
-from mkdaemon.control.vehicle import VehicleMemory
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.command import AbortRequest
 from mkdaemon.telemetry.control import Phase
@@ -31,11 +28,11 @@ from mkdaemon.telemetry.setpoint import (
 from mkdaemon.telemetry.state import Pilot
 from mksim.config import WindClass
 from tests.control.events import pose
+from tests.control.flying import Flying
 
 BASE = {"epoch": 1, "sequence": 1, "ttl": 0.3}
 GROUND = Flight(seed=4, wind=WindClass.INDOOR, seconds=9.2, start=0.0, place=(0.05, -0.04))
 CALM = Flight(seed=4, wind=WindClass.INDOOR, seconds=9.0)
-CFG = AutopilotConfig()
 
 
 class Plan(CoreRig):
@@ -112,22 +109,24 @@ def test_an_abort_before_the_lift_off_releases():
 
 
 def test_who_flies_by_stick_does_not_take_off_in_the_air():
-    target = TargetFlight(CFG, -2.0)
-    guided = target.guide(TakeOffSetpoint(**BASE, height=2.0), VehicleMemory(), 5.0, is_flying=True)
-    assert guided.sticks.throttle == -2.0
-    assert "on the ground" in guided.failure
+    flying = Flying()
+    flying.step(StickSetpoint(**BASE, pitch=0, roll=0, yaw=0, throttle=5), 4.9)
+    with pytest.raises(CommandRejectedError) as refusal:
+        flying.flown.check(TakeOffSetpoint(**BASE, height=2.0), Phase.FLYING, 5.0)
+    assert refusal.value.token == Token.NOT_ON_GROUND
+    assert "a take-off begins on the ground" in refusal.value.reason
 
 
 def test_a_take_off_of_an_aircraft_that_is_seen_in_the_air_waits():
-    target = TargetFlight(CFG, -2.0)
-    target.pose_received(pose(1.0), 1.0)
-    guided = target.guide(TakeOffSetpoint(**BASE, height=2.0), VehicleMemory(), 1.1, is_flying=False)
+    flying = Flying()
+    flying.see(pose(1.0), 1.0)
+    guided = flying.step(TakeOffSetpoint(**BASE, height=2.0), 1.1)
     assert "an aircraft on the ground: its feet are 1.9 m above the target" in guided.obstacle
 
 
 @pytest.mark.parametrize(("throttle", "age", "waits"), [(-3.0, 0.2, True), (-100.0, 0.2, False), (-3.0, 1.2, False)])
 def test_a_take_off_waits_while_the_pilots_throttle_may_carry_the_aircraft(throttle, age, waits):
-    facts = VehicleMemory()
+    flying = Flying()
     flown = Pilot(
         stamp=stamp(1.0),
         source="fc/debug",
@@ -137,8 +136,8 @@ def test_a_take_off_waits_while_the_pilots_throttle_may_carry_the_aircraft(throt
         sticks=None,
         throttle_in_use=throttle,
     )
-    facts.state_received(flown, 1.0)
-    guided = TargetFlight(CFG, -2.0).guide(TakeOffSetpoint(**BASE, height=2.0), facts, 1.0 + age, is_flying=False)
+    flying.facts.state_received(flown, 1.0)
+    guided = flying.step(TakeOffSetpoint(**BASE, height=2.0), 1.0 + age)
     assert ("the pilot's throttle at its lowest" in guided.obstacle) is waits
 
 
@@ -153,6 +152,44 @@ def test_hold_stays_where_the_aircraft_is_and_says_so():
     assert len({error.goal for error in held}) == 1
     assert np.linalg.norm(held[-1].error_pad) < 0.2
     assert np.linalg.norm(held[-1].error_body) == pytest.approx(np.linalg.norm(held[-1].error_pad))
+
+
+def stick(**fields):
+    return StickSetpoint, {"pitch": 0.0, "roll": 0.0, "yaw": 0.0, "throttle": -2.0} | fields
+
+
+def goals(rig, start, end):
+    """Where the aircraft was to be between two times."""
+    return [np.array(a.value.goal) for at, a in rig.actions if isinstance(a, PublishError) and start < at < end]
+
+
+def place(record, at):
+    return record.positions[next(k for k, time in enumerate(record.times) if time >= at)]
+
+
+def test_a_hold_after_flying_by_stick_is_where_the_aircraft_is_then():
+    rig = Plan(
+        replace(CALM, seconds=9.0), hold(), (5.0, *stick(pitch=6.0)), (5.8, *stick(pitch=-5.0)), (6.6, *hold()[1:])
+    )
+    record = rig.fly()
+    assert record.lost == ""
+    first, second = goals(rig, 4.5, 5.0)[-1], goals(rig, 6.8, 9.0)
+    moved = np.linalg.norm(place(record, 6.7)[:2] - first[:2])
+    assert moved > 0.25, "the sticks moved it"
+    assert max(np.linalg.norm(goal - second[0]) for goal in second) < 1e-9
+    assert np.linalg.norm(second[0][:2] - first[:2]) > 0.8 * moved, "it does not fly back"
+
+
+def test_an_aborted_landing_holds_where_the_aircraft_is_then():
+    over = (0.0, PositionSetpoint, {"position": (0.5, 0.3, 2.0), "frame": SetpointFrame.PAD})
+    rig = Plan(replace(CALM, seconds=12.0), over, (4.5, *hold()[1:]), (6.0, LandSetpoint, {}), abort_at=9.0)
+    record = rig.fly()
+    assert record.lost == ""
+    assert rig.core.phase is Phase.ABORTED
+    held, before = goals(rig, 5.5, 6.0)[-1], place(record, 9.0)
+    after = goals(rig, 9.2, 12.0)
+    assert np.linalg.norm(before - held) > 0.4, "it had come nearer to the target"
+    assert max(np.linalg.norm(goal - before) for goal in after) < 0.35
 
 
 def test_a_place_from_the_aircrafts_own_is_flown_to_once():
@@ -179,23 +216,24 @@ def test_an_abort_holds_the_place_and_keeps_the_lease():
 
 
 def test_an_abort_without_a_target_is_level_at_hover_throttle():
-    target = TargetFlight(CFG, -2.0)
+    flying = Flying()
     sticks = StickSetpoint(**BASE, pitch=20, roll=0, yaw=0, throttle=5)
-    guided = target.stop(sticks, VehicleMemory(), 3.0)
-    assert (guided.sticks.pitch, guided.sticks.throttle, guided.failure) == (0.0, -2.0, "")
+    flying.step(sticks, 2.9)
+    guided = flying.step(sticks, 3.0, is_flying=True, phase=Phase.ABORTED)
+    assert (guided.sticks.pitch, guided.sticks.throttle, guided.end) == (0.0, -2.0, None)
 
 
 def test_with_nothing_flown_there_is_nothing_to_abort():
-    with pytest.raises(CommandRejectedError) as refusal:
-        CoreRig(CALM).core.feed(AbortAsked(AbortRequest()), 0.0)
-    assert refusal.value.token == Token.NOTHING_FLOWN
+    refusal = CoreRig(CALM).core.feed(AbortAsked(AbortRequest()), 0.0).refusal
+    assert refusal.token == Token.NOTHING_FLOWN
 
 
 def test_a_landing_below_its_last_decision_is_not_aborted():
     rig = Plan(replace(CALM, seconds=14.0, land_at=3.0), hold(), (3.0, LandSetpoint, {}))
 
     def is_committed():
-        return rig.core._target.landing is not None and rig.core._target.landing.phase.value == "commit"
+        landing = getattr(rig.core._flown.current, "landing", None)
+        return landing is not None and landing.phase.value == "commit"
 
     flown = rig._control
 

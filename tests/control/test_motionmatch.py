@@ -21,8 +21,8 @@ def match(lag=0.0, sign=1.0, size=0.05, rate=30.0, seconds=9.0, end=None):
     for k in range(int(seconds * rate)):
         pitch, roll = tilt(k / rate)
         place = (sign * math.tan(pitch), -sign * math.tan(roll), -1.0)
-        motion.target_seen(k / rate + lag, place)
-    return motion.match(seconds if end is None else end)
+        motion.target_seen("pad", k / rate + lag, place)
+    return motion.match(seconds if end is None else end, "pad")
 
 
 @pytest.mark.parametrize("lag", [-0.08, -0.02, 0.0, 0.033, 0.12])
@@ -49,5 +49,46 @@ def test_a_target_above_the_camera_is_none():
     motion = MotionMatch()
     for k in range(500):
         motion.attitude_received(k / 50, 0.1 * math.sin(k), 0.0)
-        motion.target_seen(k / 50, (0.0, 0.0, 1.0))
-    assert motion.match(10.0) is None
+        motion.target_seen("pad", k / 50, (0.0, 0.0, 1.0))
+    assert motion.match(10.0, "pad") is None
+
+
+def beside(sign, *, other_every=1):
+    """A flown target that is seen one way, and another one in view, half a metre beside it."""
+    motion = MotionMatch()
+    for k in range(450):
+        t = k / 50
+        pitch, roll = 0.05 * math.sin(7.0 * t) + 0.03 * math.sin(11.0 * t), 0.05 * math.cos(9.0 * t)
+        motion.attitude_received(t, pitch, roll)
+        x, y = sign * math.tan(pitch), -sign * math.tan(roll)
+        motion.target_seen("pad", t, (x, y, -1.0), "down")
+        if k % other_every == 0:
+            motion.target_seen("other", t + 0.004, (x + 0.5, y - 0.3, -1.0), "down")
+    return motion
+
+
+@pytest.mark.parametrize("other_every", [1, 2])
+def test_a_turned_camera_is_found_although_another_target_is_in_view(other_every):
+    found = beside(-1.0, other_every=other_every).match(9.0, "pad")
+    assert found.likeness < -0.97
+
+
+def test_a_camera_that_sees_right_is_right_although_another_target_is_in_view():
+    found = beside(1.0).match(9.0, "pad")
+    assert found.likeness > 0.97
+    assert found.lag == pytest.approx(0.0, abs=0.003)
+
+
+def test_who_asks_for_one_target_hears_nothing_of_another():
+    motion = beside(-1.0)
+    assert motion.match(9.0, "third") is None
+    assert motion.match(9.0, "other").likeness < -0.9
+
+
+def test_of_several_cameras_that_see_one_target_the_worst_counts():
+    motion = beside(1.0)
+    for k in range(450):
+        t = k / 50
+        pitch, roll = 0.05 * math.sin(7.0 * t) + 0.03 * math.sin(11.0 * t), 0.05 * math.cos(9.0 * t)
+        motion.target_seen("pad", t + 0.06, (math.tan(pitch), -math.tan(roll), -1.0), "late")
+    assert motion.match(9.0, "pad").lag == pytest.approx(0.06, abs=0.003)

@@ -6,15 +6,18 @@ from dataclasses import replace
 
 import pytest
 
+from mkdaemon.config.control import ControlConfig, LimiterConfig
 from mkdaemon.control import preflight
+from mkdaemon.control.actions import PublishStatus
 from mkdaemon.control.activeset import ActiveSet, Gate, GateKind
 from mkdaemon.control.estimator.model import AircraftModel, Gap, ModelUnknown
-from mkdaemon.control.events import ActiveSetRead, ModelKnown, PoseSeen, StateValue
+from mkdaemon.control.events import AbortAsked, ActiveSetRead, ModelKnown, PoseSeen, StateValue
 from mkdaemon.errors import CommandRejectedError
+from mkdaemon.telemetry.command import AbortRequest
 from mkdaemon.telemetry.control import Phase
 from mkdaemon.telemetry.setpoint import PositionSetpoint, SetpointFrame
+from tests.control.admission.situations import battery
 from tests.control.events import CHANNEL, PERIOD, Driver, pose
-from tests.control.test_checks import battery
 
 
 @pytest.fixture
@@ -36,19 +39,40 @@ def test_a_low_battery_prevents_autonomous_flight_until_it_is_charged_but_no_fli
     assert to_position(drive).token == "battery_low"
     assert drive.put() is None
     drive.core.feed(StateValue(battery(16.0, is_low=False)), drive.now)
-    assert to_position(drive).token == "battery_low"
-    drive.now += 0.6
     assert to_position(drive) is None
 
 
-def test_who_flies_flies_on_whatever_a_check_finds(drive):
+def test_who_flies_flies_on_whatever_a_check_finds_but_begins_nothing_else(drive):
     drive.take()
-    for _ in range(80):
-        drive.put()
-        drive.run(PERIOD)
+    drive.stream(1.6)
     assert drive.core.phase is Phase.FLYING
     drive.core.feed(StateValue(battery(16.0, is_low=True)), drive.now)
-    assert to_position(drive) is None
+    assert to_position(drive).token == "battery_low"
+    assert drive.put() is None
+    drive.run(PERIOD)
+    assert drive.core.phase is Phase.FLYING
+
+
+def test_a_loop_that_is_not_safe_is_refused_in_flight_as_on_the_ground():
+    drive = Driver(ControlConfig(limiter=LimiterConfig(slew=100.0)))
+    drive.core.feed(PoseSeen(pose(0.0)), 0.0)
+    drive.take()
+    assert to_position(drive).token == "loop_unstable"
+    drive.stream(2.0)
+    assert drive.core.phase is Phase.FLYING
+    assert to_position(drive).token == "loop_unstable"
+
+
+def test_an_abort_of_a_flight_by_hand_begins_no_hold_that_a_check_forbids(drive):
+    drive.take()
+    drive.stream(1.6)
+    drive.tell(PoseSeen(pose(drive.now)))
+    drive.tell(StateValue(battery(16.0, is_low=True)))
+    drive.tell(AbortAsked(AbortRequest()))
+    drive.stream(0.3, pitch=20.0)
+    assert drive.core.phase is Phase.ABORTED
+    assert drive.of(PublishStatus)[-1].manoeuvre == "level"
+    assert drive.sticks[-1].counts.pitch == 0
 
 
 def test_a_model_of_its_own_may_be_what_stands_in_the_way(drive):
@@ -112,7 +136,11 @@ def test_in_flight_nothing_is_computed_that_would_hold_up_the_loop(drive, monkey
 
     monkeypatch.setattr(preflight, "gains_of", compute)
     monkeypatch.setattr(preflight, "loop_refusal", compute)
+    drive.tell(ModelKnown(replace(AircraftModel(), rad_per_count=0.005)))
     report = drive.core.preflight(drive.now)
-    assert next(found.state for found in report.findings if found.name == "control loop") == "unknown"
+    assert next(found.token for found in report.findings if found.name == "control loop") == "loop_unknown"
+    assert to_position(drive).token == "no_estimate"
+    drive.core.feed(PoseSeen(pose(drive.now)), drive.now)
+    assert to_position(drive).token == "loop_unknown"
     with pytest.raises(CommandRejectedError, match="busy"):
         drive.core.gains()

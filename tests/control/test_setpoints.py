@@ -1,4 +1,4 @@
-"""Every kind of setpoint takes the same way; guidance decides what becomes of it."""
+"""Every kind of setpoint takes the same way; a manoeuvre decides what becomes of it."""
 
 from __future__ import annotations
 
@@ -7,10 +7,12 @@ import math
 import pytest
 from pydantic import ValidationError
 
+from mkdaemon.config.control import ControlConfig, LeaseConfig
 from mkdaemon.control.actions import ReportCommand
 from mkdaemon.control.limiter import Sticks
-from mkdaemon.control.setpoints import Guided, StickGuidance, guidance_for, stick_guidance
-from mkdaemon.control.vehicle import VehicleFacts
+from mkdaemon.control.manoeuvres.attitude import AttitudeFlight
+from mkdaemon.control.manoeuvres.manoeuvre import Step
+from mkdaemon.control.manoeuvres.table import MANOEUVRES, Row
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.control import Phase
 from mkdaemon.telemetry.setpoint import (
@@ -26,8 +28,9 @@ from mkdaemon.telemetry.setpoint import (
     VelocitySetpoint,
 )
 from tests.control.events import PERIOD, Driver
+from tests.control.flying import Flying
 
-STICKS_ALONE = stick_guidance(4.0)
+STICKS_ALONE = {StickSetpoint: MANOEUVRES[StickSetpoint]}
 BASE = {"epoch": 100, "sequence": 1, "ttl": 0.3}
 EXAMPLES: dict[type[Setpoint], dict[str, object]] = {
     StickSetpoint: {"pitch": 1, "roll": 2, "yaw": 3, "throttle": 4},
@@ -83,16 +86,16 @@ def test_what_is_out_of_range_or_unknown_is_refused(kind, change):
 
 
 def test_stick_setpoints_are_their_own_sticks():
-    guided = StickGuidance(4.0).guide(example(StickSetpoint), VehicleFacts(), 0.0, is_flying=False)
-    assert guided == Guided(Sticks(1.0, 2.0, 3.0, 4.0))
-    tilted = StickGuidance(2.0).guide(example(StickSetpoint), VehicleFacts(), 0.0, is_flying=False)
-    assert tilted.obstacle == "neutral sticks"
+    wanted = example(StickSetpoint)
+    assert Flying().step(wanted, 0.0) == Step(Sticks(1.0, 2.0, 3.0, 4.0), "stick")
+    narrow = ControlConfig(lease=LeaseConfig(neutral_band=2.0))
+    assert Flying(narrow).step(wanted, 0.0).obstacle == "neutral sticks"
 
 
 @pytest.mark.parametrize("kind", [kind for kind in SETPOINTS if kind not in STICKS_ALONE])
 def test_a_kind_without_guidance_is_refused_with_what_to_do(kind):
     with pytest.raises(CommandRejectedError) as caught:
-        guidance_for(example(kind), STICKS_ALONE)
+        Flying(rows=STICKS_ALONE).flown.check(example(kind), Phase.LEASED, 0.0)
     assert caught.value.token == "no_guidance"
     assert kind.suffix in caught.value.reason
     assert "setpoint/stick" in caught.value.reason
@@ -100,10 +103,11 @@ def test_a_kind_without_guidance_is_refused_with_what_to_do(kind):
 
 @pytest.mark.parametrize("kind", [kind for kind in SETPOINTS if kind not in STICKS_ALONE])
 def test_a_kind_without_guidance_does_not_touch_the_stream_of_the_lease(kind):
-    drive = Driver(guidance=STICKS_ALONE)
+    drive = Driver(rows=STICKS_ALONE)
     epoch = drive.fly()
     for _ in range(10):
-        drive.offer(example(kind, epoch=epoch, sequence=10_000))
+        drive.sequence += 1
+        drive.offer(example(kind, epoch=epoch, sequence=drive.sequence))
         drive.put()
         drive.run(PERIOD)
     assert drive.core.phase is Phase.FLYING
@@ -112,19 +116,21 @@ def test_a_kind_without_guidance_does_not_touch_the_stream_of_the_lease(kind):
     assert (refusal.key, refusal.result.token) == (kind.suffix, "no_guidance")
 
 
-class Lean:
+class Lean(AttitudeFlight):
     """A hundred counts a radian; begins level."""
 
-    def check(self, setpoint):
-        assert isinstance(setpoint, AttitudeSetpoint)
+    def enter(self, before, facts, now):
+        return "a level attitude" if self._wanted.roll and before is None else ""
 
-    def guide(self, setpoint, facts, now, *, is_flying):
-        sticks = Sticks(setpoint.pitch * 100, setpoint.roll * 100, 0.0, 0.0)
-        return Guided(sticks, "a level attitude" if setpoint.roll else "")
+    def _sticks(self):
+        return Sticks(self._wanted.pitch * 100, self._wanted.roll * 100, 0.0, 0.0)
+
+
+LEAN = Row(lambda sight, cfg, new: Lean(sight, cfg.autopilot, new))
 
 
 def test_guidance_can_be_added_for_any_kind():
-    drive = Driver(guidance={**STICKS_ALONE, AttitudeSetpoint: Lean()})
+    drive = Driver(rows={**STICKS_ALONE, AttitudeSetpoint: LEAN})
     epoch = drive.fly()
     for sequence in range(1000, 1050):
         assert drive.offer(example(AttitudeSetpoint, epoch=epoch, sequence=sequence)) is None
@@ -133,7 +139,7 @@ def test_guidance_can_be_added_for_any_kind():
 
 
 def test_guidance_says_when_a_flight_may_begin():
-    drive = Driver(guidance={AttitudeSetpoint: Lean()})
+    drive = Driver(rows={AttitudeSetpoint: LEAN})
     epoch = drive.take()
     for sequence in range(100):
         drive.offer(example(AttitudeSetpoint, epoch=epoch, sequence=sequence))

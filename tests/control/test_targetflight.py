@@ -7,22 +7,22 @@ from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
-from mkdaemon.control.targetflight import FORGOTTEN, TargetFlight
-from mkdaemon.control.targetgoals import Arrival, obstacle, velocity_between
 
 from lab.control.camera import CameraModel, rotation_of
 from lab.control.corerig import CoreRig, stamp
 from lab.control.flights import Flight
 from lab.control.rig import Rig, believed_model
 from mkdaemon.config.autopilot import AutopilotConfig
-from mkdaemon.control.actions import PublishStatus, Release, ReportFailsafe, ReportMode, SendSticks
+from mkdaemon.control.actions import PublishStatus, Release, ReportFailsafe, ReportMode, SendSticks, Warn
 from mkdaemon.control.estimator.model import AircraftModel
 from mkdaemon.control.estimator.values import TargetView
-from mkdaemon.control.events import Released
+from mkdaemon.control.events import PoseSeen, ReleaseAsked, Released
+from mkdaemon.control.manoeuvres.by_target import Arrival
 from mkdaemon.control.manoeuvres.land import LandingPhase
 from mkdaemon.control.regulator.autopilot import Goal
-from mkdaemon.control.vehicle import VehicleFacts
+from mkdaemon.control.sight import FORGOTTEN, entry_obstacle, velocity_between
 from mkdaemon.errors import CommandRejectedError
+from mkdaemon.telemetry.command import ReleaseRequest
 from mkdaemon.telemetry.control import Phase
 from mkdaemon.telemetry.refusals import Token
 from mkdaemon.telemetry.setpoint import (
@@ -32,10 +32,11 @@ from mkdaemon.telemetry.setpoint import (
     SetpointFrame,
     VelocitySetpoint,
 )
-from mkdaemon.telemetry.state import Attitude
+from mkdaemon.telemetry.state import AngleScale, Attitude
 from mksim.config import WindClass
 from mksim.physics.attitude_loop import EASY, AttitudeGains
 from tests.control.events import pose
+from tests.control.flying import Flying
 
 CFG = AutopilotConfig()
 BASE = {"epoch": 1, "sequence": 1, "ttl": 0.3}
@@ -48,7 +49,7 @@ def position(frame=SetpointFrame.PAD, **fields):
 
 def test_a_position_at_home_is_refused_with_the_frames_there_are():
     with pytest.raises(CommandRejectedError) as refusal:
-        TargetFlight(CFG, -2.0).check(position(SetpointFrame.HOME))
+        Flying().flown.check(position(SetpointFrame.HOME), Phase.LEASED, 0.0)
     assert refusal.value.token == Token.NO_FRAME
     assert "pad" in refusal.value.fix
 
@@ -58,20 +59,20 @@ def test_a_position_at_home_is_refused_with_the_frames_there_are():
 )
 def test_without_a_target_nothing_is_followed(setpoint):
     with pytest.raises(CommandRejectedError) as refusal:
-        TargetFlight(CFG, -2.0).check(setpoint)
+        Flying().flown.check(setpoint, Phase.LEASED, 0.0)
     assert refusal.value.token == Token.NO_ESTIMATE
 
 
 def test_an_attitude_becomes_counts_of_this_aircraft():
-    target = TargetFlight(CFG, -2.0)
-    target.model_known(replace(AircraftModel(), rad_per_count=0.01))
+    flying = Flying()
+    flying.sight.model_known(replace(AircraftModel(), rad_per_count=0.01))
     setpoint = AttitudeSetpoint(**BASE, roll=0.1, pitch=-0.2, yaw_rate=0.0, thrust=1.0)
-    target.check(setpoint)
-    guided = target.guide(setpoint, VehicleFacts(), 0.0, is_flying=False)
+    flying.flown.check(setpoint, Phase.LEASED, 0.0)
+    guided = flying.step(setpoint, 0.0)
     assert (guided.sticks.roll, guided.sticks.pitch) == pytest.approx((10.0, -20.0))
     assert guided.sticks.throttle == pytest.approx(-2.0)
     assert guided.obstacle == "a level attitude"
-    more = target.guide(setpoint.model_copy(update={"thrust": 1.44}), VehicleFacts(), 0.0, is_flying=True)
+    more = flying.step(setpoint.model_copy(update={"thrust": 1.44}), 0.0, is_flying=True)
     assert more.sticks.throttle == pytest.approx(125.0 * 1.2 - 127.0)
 
 
@@ -116,10 +117,10 @@ def test_no_flight_begins_before_images_have_agreed_for_a_while(held):
 def test_a_goal_beyond_the_fence_is_flown_to_the_fence():
     rig = CoreRig(replace(CALM, camera=CameraModel(tags=(1.2, 0.3)), seconds=3.0))
     rig.fly()
-    target = rig.core._target
+    flown = rig.core._flown.current
     for wanted in ((90.0, 0.0, 40.0), (0.0, -7.0, -3.0)):
-        setpoint = PositionSetpoint(**BASE, position=wanted, frame=SetpointFrame.PAD)
-        goal = target._goals.goal(setpoint, target._estimator.estimate(3.0), target._autopilot)
+        flown.follow(PositionSetpoint(**BASE, position=wanted, frame=SetpointFrame.PAD))
+        goal = flown._goal(rig.core._sight.estimator.estimate(3.0), flown._autopilot)
         assert np.hypot(*goal.position[:2]) == pytest.approx(CFG.fence_radius)
         assert CFG.fence_floor <= goal.position[2] <= CFG.fence_height
 
@@ -186,7 +187,7 @@ class Starves(Lands):
 
     def _control(self, at):
         super()._control(at)
-        landing = self.core._target.landing
+        landing = getattr(self.core._flown.current, "landing", None)
         if landing is not None and landing.phase is LandingPhase.DOWN and self.stood is None:
             self.stood = self._world.truth.on_ground
 
@@ -237,10 +238,10 @@ def test_a_velocity_is_flown_in_its_frame():
 @pytest.mark.parametrize(("aside", "found"), [(0.5, ""), (0.7, "a place nearer over pad: it is 0.7 m beside")])
 def test_no_flight_begins_far_beside_the_target(aside, found, held):
     rig, _ = held
-    still = replace(rig.core._target._estimator.estimate(CALM.seconds), position=np.array([aside, 0.0, 2.0]), age=0.1)
+    still = replace(rig.core._sight.estimator.estimate(CALM.seconds), position=np.array([aside, 0.0, 2.0]), age=0.1)
     still = replace(still, velocity=np.zeros(3), position_sd=np.full(3, 0.02))
-    assert obstacle(CFG, "pad", still, CFG.entry_clean).startswith(found)
-    assert bool(obstacle(CFG, "pad", still, CFG.entry_clean)) is bool(found)
+    assert entry_obstacle(CFG, "pad", still, CFG.entry_clean).startswith(found)
+    assert bool(entry_obstacle(CFG, "pad", still, CFG.entry_clean)) is bool(found)
 
 
 class Turning(Forward):
@@ -274,26 +275,33 @@ def test_an_aircraft_whose_sticks_ask_for_another_tilt_than_its_model_says_is_he
 def test_a_target_seen_after_a_long_time_is_met_anew_and_another_target_is_ignored():
     rig = CoreRig(replace(CALM, seconds=4.0))
     rig.fly()
-    target = rig.core._target
-    first = target._estimator
-    target.pose_received(pose(4.1).model_copy(update={"target": "other"}), 4.1)
-    assert target._estimator is first
-    target.pose_received(pose(4.1 + FORGOTTEN).model_copy(update={"target": "other"}), 4.1 + FORGOTTEN)
-    assert target._estimator is not first
-    assert target.target == "other"
+    sight = rig.core._sight
+    first = sight.estimator
+    rig.core.feed(PoseSeen(pose(4.1).model_copy(update={"target": "other"})), 4.1)
+    assert sight.estimator is first
+    late = 4.1 + FORGOTTEN
+    rig.core.feed(PoseSeen(pose(late).model_copy(update={"target": "other"})), late)
+    assert sight.target == "pad", "it is flown by"
+    rig.core.feed(ReleaseAsked(ReleaseRequest()), late)
+    rig.core.tick(late)
+    rig.core.feed(PoseSeen(pose(late + 0.1).model_copy(update={"target": "other"})), late + 0.1)
+    assert sight.estimator is not first
+    assert sight.target == "other"
+    words = [action.text for action in rig.core.tick(late + 0.2) if isinstance(action, Warn)]
+    assert words == ["target other is followed now: pad was out of sight for too long"]
 
 
-@pytest.mark.parametrize(("source", "scale"), [("fc/attitude", 1.13), ("nc/attitude", 1.0)])
-def test_the_flightctrls_own_attitude_is_larger_than_what_its_sticks_ask_for(source, scale, monkeypatch):
-    target = TargetFlight(CFG, -2.0)
-    target.pose_received(pose(1.0), 1.0)
-    taken = []
-    monkeypatch.setattr(target._estimator, "attitude_received", lambda at, *angles: taken.append(angles))
+@pytest.mark.parametrize(("scale", "factor"), [(AngleScale.FLIGHTCTRL, 1.13), (AngleScale.STICKS, 1.0)])
+def test_the_flightctrls_own_attitude_is_larger_than_what_its_sticks_ask_for(scale, factor, monkeypatch):
+    flying = Flying()
+    flying.see(pose(1.0), 1.0)
+    target, taken = flying.sight, []
+    monkeypatch.setattr(target.estimator, "attitude_received", lambda at, *angles: taken.append(angles))
     quaternion = (1.0, 0.0, 0.0, 0.0)
     target.attitude_received(
-        Attitude(stamp=stamp(1.1), source=source, quaternion=quaternion, pitch=0.113, roll=-0.113, yaw=0.5)
+        Attitude(stamp=stamp(1.1), source="", quaternion=quaternion, pitch=0.113, roll=-0.113, yaw=0.5, scale=scale)
     )
-    assert taken == [pytest.approx((0.113 / scale, -0.113 / scale, 0.5))]
+    assert taken == [pytest.approx((0.113 / factor, -0.113 / factor, 0.5))]
 
 
 def test_two_views_whose_tilts_disagree_by_half_a_radian_give_the_speed_of_the_aircraft():
@@ -305,8 +313,9 @@ def test_two_views_whose_tilts_disagree_by_half_a_radian_give_the_speed_of_the_a
 
 
 def test_another_model_begins_the_estimate_anew():
-    target = TargetFlight(CFG, -2.0)
-    target.pose_received(pose(1.0), 1.0)
+    flying = Flying()
+    flying.see(pose(1.0), 1.0)
+    target = flying.sight
     target.model_known(AircraftModel())
     assert target.estimate(1.1) is not None
     target.model_known(replace(AircraftModel(), drag=0.2))
@@ -314,19 +323,18 @@ def test_another_model_begins_the_estimate_anew():
 
 
 def test_entry_waits_for_a_fresh_image_and_a_certain_position():
-    target = TargetFlight(CFG, -2.0)
-    target.pose_received(pose(1.0), 1.0)
-    fresh = target.guide(position(), VehicleFacts(), 1.05, is_flying=False)
+    flying = Flying()
+    flying.see(pose(1.0), 1.0)
+    fresh = flying.step(position(), 1.05)
     assert "agree with the model" in fresh.obstacle
-    old = target.guide(position(), VehicleFacts(), 1.6, is_flying=False)
+    old = flying.step(position(), 1.6)
     assert "a fresh image" in old.obstacle
-    nobody = TargetFlight(CFG, -2.0).guide(position(), VehicleFacts(), 0.0, is_flying=False)
-    assert (nobody.obstacle, bool(nobody.failure)) == ("a target in sight", True)
+    assert Flying().step(position(), 0.0).obstacle == "a target in sight"
 
 
 def test_a_place_with_a_heading_is_reached_when_the_nose_points_there(held):
     rig, _ = held
-    still = replace(rig.core._target._estimator.estimate(CALM.seconds), position=np.array([0.0, 0.0, 2.0]), yaw=0.3)
+    still = replace(rig.core._sight.estimator.estimate(CALM.seconds), position=np.array([0.0, 0.0, 2.0]), yaw=0.3)
     arrival = Arrival(0.15, 1.0)
     for yaw, is_reached in ((None, True), (0.35, True), (0.6, False)):
         goal = Goal(position=np.array([0.0, 0.0, 2.0]), yaw=yaw)

@@ -17,8 +17,7 @@ from mkdaemon.daemon.flightnote import FlightNotes
 from mkdaemon.daemon.program import Daemon, run
 from mkdaemon.daemon.watchdog import Notifier
 from mkdaemon.errors import ConfigError, LinkLostError, MkError
-from mkdaemon.link.session.knownflight import FlightMemory
-from mkdaemon.link.session.sighting import FlightState, Sighting
+from mkdaemon.link.session.knownflight import FlightMemory, FlightState, Sighting
 from mkdaemon.protocol.boards import Board
 from mkdaemon.protocol.evidence import Evidence
 from mkdaemon.protocol.generations import Release
@@ -43,7 +42,7 @@ class Bus:
     def serve(self, root, handler):
         pass
 
-    def receive(self, suffix, take, is_proven):
+    def receive(self, suffix, take, verify):
         pass
 
     def counts(self):
@@ -240,7 +239,7 @@ def with_daemon(monkeypatch, error):
     """Let `run` serve something that ends with an error."""
 
     class Failing:
-        def __init__(self, cfg, bus, clock, black_box):
+        def __init__(self, cfg, bus, clock, black_box, last_word):
             pass
 
         async def serve(self, stop, notifier):

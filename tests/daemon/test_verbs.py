@@ -82,12 +82,12 @@ def desk():
 
 
 async def test_rates_are_shown_and_changed(desk):
-    shown = await desk.ask("rate")
+    shown = await desk.ask("rates")
     assert (shown.status, shown.reply_type) == ("accepted", "Rates.v1")
     assert shown.reply == {"intervals": {"osd": 0.1, "attitude": 0.05}}
-    changed = await desk.ask("rate", {"stream": "osd", "interval": 0.25})
+    changed = await desk.ask("rates", {"stream": "osd", "interval": 0.25})
     assert changed.reply["intervals"]["osd"] == 0.25
-    stopped = await desk.ask("rate", {"stream": "osd", "interval": 0})
+    stopped = await desk.ask("rates", {"stream": "osd", "interval": 0})
     assert stopped.reply["intervals"]["osd"] == 0
     assert desk.events[1][1] == {"stream": "osd", "interval": 0.25}
 
@@ -95,15 +95,15 @@ async def test_rates_are_shown_and_changed(desk):
 @pytest.mark.parametrize(
     ("verb", "fields", "token", "words"),
     [
-        ("rate", {"stream": "osd", "interval": 0.01}, "line_budget", "184 %"),
-        ("rate", {"stream": "sod", "interval": 0.1}, "no_such_stream", "'sod'"),
-        ("rate", {"stream": "osd", "interval": 3.0}, "bad_field", "interval"),
-        ("rate", {"stream": "osd", "interval": float("nan")}, "bad_field", "interval"),
-        ("rate", {"kind": "osd"}, "bad_field", "kind is no field"),
+        ("rates", {"stream": "osd", "interval": 0.01}, "line_budget", "184 %"),
+        ("rates", {"stream": "sod", "interval": 0.1}, "no_such_stream", "'sod'"),
+        ("rates", {"stream": "osd", "interval": 3.0}, "bad_field", "interval"),
+        ("rates", {"stream": "osd", "interval": float("nan")}, "bad_field", "interval"),
+        ("rates", {"kind": "osd"}, "bad_field", "kind is no field"),
         ("lease", {"action": "renew"}, "not_leased", "nobody holds"),
         ("relase", {}, "unknown_verb", "release"),
         ("fly", {}, "unknown_verb", "lease or release or abort or rate"),
-        ("rate", b"\xc1", "malformed", "msgpack"),
+        ("rates", b"\xc1", "malformed", "msgpack"),
     ],
 )
 async def test_refusals_say_what_is_wrong_and_are_mirrored(desk, verb, fields, token, words):
@@ -133,7 +133,7 @@ async def test_an_answer_fits_the_schema_it_names(desk, monkeypatch):
     free = await desk.ask("lease", {"action": "show"})
     assert (free.status, free.reply, free.reply_type) == ("accepted", None, None)
     monkeypatch.setattr(desk, "lease", someone)
-    for verb, fields in (("lease", {"action": "show"}), ("release", {}), ("rate", {})):
+    for verb, fields in (("lease", {"action": "show"}), ("release", {}), ("rates", {})):
         result = await desk.ask(verb, fields)
         schema = json.loads(schema_json(result.reply_type))
         assert set(schema["required"]) <= set(result.reply) <= set(schema["properties"])

@@ -104,6 +104,19 @@ async def test_a_daemon_that_ends_without_a_release_is_followed_by_one(line):
     await asyncio.to_thread(guard._process.wait, PATIENCE)
 
 
+async def test_a_guard_whose_port_is_gone_goes_on_and_uses_the_next_one(line):
+    far, near = line
+    guard, acts = await flying(near), []
+    guard.acted = acts.append
+    guard.port_closed()
+    await wait_until(lambda: True in acts)
+    assert guard.is_alive
+    guard.port_opened(near)
+    assert RELEASE in await arrived(far, RELEASE)
+    guard.released()
+    await guard.stop()
+
+
 async def test_an_orderly_end_sends_nothing(line):
     far, near = line
     guard = await flying(near)

@@ -10,8 +10,8 @@ import pytest
 from lab.vision.barometer import _fly
 from lab.vision.bounds import mounting_sd, scale_sd, turning_focal_sd
 from lab.vision.selfcal import ATTITUDE_SD, FPS, SECONDS, Descent
-from mkdaemon.vision.selfcal.camerafilter import MOUNTING, CameraFilter
 from mkdaemon.vision.selfcal.evidence import LENS, ImageEvidence
+from mkdaemon.vision.selfcal.selfcheck import MOUNTING, CameraFilter
 from mkdaemon.vision.track.attitude import LOOKING_DOWN
 
 SEEDS = range(3_007_000, 3_007_060)

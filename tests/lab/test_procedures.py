@@ -24,7 +24,7 @@ from mkdaemon.protocol.messages import Label, LabelRequest
 from mkdaemon.protocol.procedures import Patience
 from mkdaemon.protocol.procedures.labels import read_labels
 from mkdaemon.protocol.procedures.live_set import differing
-from mkdaemon.protocol.procedures.settings import restore_settings
+from mkdaemon.protocol.procedures.settings_slots import restore_settings
 from mkdaemon.protocol.wire import Board
 from mksim.boards.flightctrl import FlightCtrl
 from mksim.boards.generations import FC_GENERATIONS

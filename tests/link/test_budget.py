@@ -7,7 +7,7 @@ import pytest
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.link.session.budget import Demand, best_mix, check, plan
 from mkdaemon.link.session.line import LineRules
-from mkdaemon.link.session.subscriptions import KINDS
+from mkdaemon.link.session.streamkinds import KINDS
 from mkdaemon.protocol.messages import AttitudeDataNc, DebugDataNc, Display, OsdData5
 from mkdaemon.protocol.wire import Board
 

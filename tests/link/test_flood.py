@@ -7,8 +7,9 @@ import asyncio
 from lab.rigs.linkrig import Log, virtually
 from mkdaemon.clock import Clock
 from mkdaemon.config.link import LinkConfig
+from mkdaemon.link.discovery import discover
 from mkdaemon.link.link import Link
-from mkdaemon.link.session.turns import TURN_BYTES
+from mkdaemon.link.session.exchange import TURN_BYTES
 from mkdaemon.protocol.framing import encode_frame
 
 FRAMES = 2_000
@@ -51,7 +52,7 @@ async def test_a_flood_of_valid_frames_leaves_every_turn_of_the_loop_to_others()
 
     clock = Clock(monotonic=asyncio.get_running_loop().time)
     link = Link(LinkConfig(port="/dev/flood"), log, opener=open_flooded, clock=clock, motors_running=lambda now: None)
-    running = asyncio.create_task(link.run())
+    running = asyncio.create_task(link.run(discover))
     while len(log.rx) < FRAMES:
         before = len(log.rx)
         await asyncio.sleep(0)

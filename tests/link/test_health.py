@@ -5,8 +5,7 @@ from __future__ import annotations
 import pytest
 
 from mkdaemon.link.session.health import HealthMonitor
-from mkdaemon.link.session.reasons import STUCK
-from mkdaemon.link.session.verdict import Finding
+from mkdaemon.link.session.verdict import STUCK, Finding
 from mkdaemon.protocol.framing import DropReason
 from mkdaemon.telemetry.link import LinkCondition
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from mkdaemon.link.session.health import HealthMonitor
-from mkdaemon.link.session.reasons import QUIET, STOPPED
+from mkdaemon.link.session.verdict import QUIET, STOPPED
 from mkdaemon.telemetry.link import LinkCondition
 from tests.link.test_health import Line, up
 

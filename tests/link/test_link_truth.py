@@ -15,6 +15,7 @@ from mkdaemon.errors import (
     LinkError,
     LinkLostError,
 )
+from mkdaemon.link.discovery import discover
 from mkdaemon.link.link import Link
 from mkdaemon.protocol.messages import (
     OsdRequestV1,
@@ -137,7 +138,7 @@ async def test_a_port_missing_at_the_start_ends_the_run_or_is_waited_for():
         socket.is_present = False
         cfg = LinkConfig(port="/dev/rig", wait_for_port=wait)
         link = Link(cfg, log, opener=socket.open, clock=Clock(monotonic=asyncio.get_running_loop().time))
-        task = asyncio.create_task(link.run())
+        task = asyncio.create_task(link.run(discover))
         await asyncio.sleep(1)
         if wait:
             assert log.states[-1].condition is LinkCondition.ABSENT

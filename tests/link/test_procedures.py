@@ -15,7 +15,7 @@ from mkdaemon.protocol.flags import RedirectPort
 from mkdaemon.protocol.messages import SettingsRequest, SettingsWritten, VersionRequest
 from mkdaemon.protocol.messages.navictrl import Redirect
 from mkdaemon.protocol.procedures import LiveSet, Patience, Progress
-from mkdaemon.protocol.procedures.settings import backup_settings
+from mkdaemon.protocol.procedures.settings_slots import backup_settings
 from mkdaemon.protocol.procedures.steps import Ask
 from mkdaemon.protocol.wire import Board
 

@@ -1,6 +1,8 @@
-"""Questions between the callers and the scheduler: every one ends with exactly one outcome."""
+"""Questions and their answers: which belongs to which, what is late or double, what is asked again."""
 
 from __future__ import annotations
+
+import math
 
 import pytest
 
@@ -8,12 +10,220 @@ from mkdaemon.errors import CommandRejectedError
 from mkdaemon.link.session.health import HealthMonitor
 from mkdaemon.link.session.line import LineRules
 from mkdaemon.link.session.peers import Peers
-from mkdaemon.link.session.questions import Answered, Questions, Unanswered
-from mkdaemon.link.session.requests import Pending
+from mkdaemon.link.session.questions import LATE_WINDOW, Answered, Pending, Questions, RequestBook, Unanswered, answers
 from mkdaemon.link.session.scheduler import QUEUE_LIMIT, TransmitScheduler
 from mkdaemon.link.session.traffic import Purpose
-from mkdaemon.protocol.messages import Label, LabelRequest, VersionRequest, VersionRequestWhich
-from mkdaemon.protocol.wire import Board
+from mkdaemon.protocol.messages import (
+    ACTIVE_SET,
+    DebugDataNc,
+    DebugRequest,
+    Echo,
+    EchoRequest,
+    Label,
+    LabelRequest,
+    Menu,
+    MenuRequest,
+    SettingsRequest,
+    SettingsReset,
+    VersionRequest,
+    VersionRequestWhich,
+)
+from mkdaemon.protocol.spec import Policy
+from mkdaemon.protocol.wire import MESSAGES, Board, Direction, WireMessage
+
+DEBUG = DebugDataNc(status_green=0, status_red=0, analog=(0,) * 32)
+
+
+def label(index: int) -> Label:
+    return Label(index=index, text="Voltage [0.1V]")
+
+
+def menu(page: int, last: int) -> Menu:
+    return Menu(page=page, last_page=last, text=" " * 80)
+
+
+@pytest.mark.parametrize(
+    ("asked", "board", "came", "sender", "fits"),
+    [
+        (LabelRequest(index=3), Board.NC, label(3), Board.NC, True),
+        (LabelRequest(index=3), Board.NC, label(4), Board.NC, False),
+        (LabelRequest(index=3), Board.NC, label(3), Board.FC, False),
+        (LabelRequest(index=3), Board.ANY, label(3), Board.FC, True),
+        (EchoRequest(pattern=7), Board.NC, Echo(pattern=7), Board.NC, True),
+        (EchoRequest(pattern=7), Board.NC, Echo(pattern=8), Board.NC, False),
+        (EchoRequest(pattern=7), Board.NC, label(7), Board.NC, False),
+        (MenuRequest(page=2), Board.NC, menu(2, 15), Board.NC, True),
+        (MenuRequest(page=99), Board.NC, menu(15, 15), Board.NC, True),
+        (MenuRequest(page=99), Board.NC, menu(0, 15), Board.NC, True),
+        (MenuRequest(page=2), Board.NC, menu(15, 15), Board.NC, False),
+        (MenuRequest(page=2), Board.NC, menu(3, 15), Board.NC, False),
+        (DebugRequest(interval=0), Board.NC, DEBUG, Board.NC, True),
+    ],
+)
+def test_answers_are_matched_by_sender_letter_and_content(asked, board, came, sender, fits):
+    assert answers(asked, board, came, sender) is fits
+
+
+def message(board: Board, key: str, **fields: object) -> WireMessage:
+    cls = next(
+        cls
+        for (owner, _, _), cls in MESSAGES.items()
+        if owner is board and cls.spec.key == key and cls.spec.direction is Direction.TO_BOARD
+    )
+    return cls(**fields)
+
+
+def reply(board: Board, letter: str, **fields: object) -> WireMessage:
+    """A reply with these fields, whatever else it holds."""
+    cls = next(cls for (owner, command, _), cls in MESSAGES.items() if owner is board and command == letter)
+    return cls.model_construct(**fields)
+
+
+@pytest.mark.parametrize(
+    ("asked", "answer", "fits"),
+    [
+        (SettingsRequest(index=ACTIVE_SET), 3, True),
+        (SettingsRequest(index=3), 3, True),
+        (SettingsRequest(index=3), 4, False),
+        (SettingsReset(index=13), 3, True),
+        (SettingsReset(index=13), 2, False),
+        (SettingsReset(index=25), 5, True),
+    ],
+)
+def test_settings_answer_by_slot(asked, answer, fits):
+    assert answers(asked, Board.FC, reply(Board.FC, "Q", index=answer), Board.FC) is fits
+
+
+def test_waypoint_answers_carry_their_index_or_zero():
+    asked = next(
+        cls for (owner, letter, _), cls in MESSAGES.items() if owner is Board.NC and letter == "w"
+    ).model_construct(index=4)
+    for index, fits in ((4, True), (0, True), (5, False)):
+        assert answers(asked, Board.NC, reply(Board.NC, "W", index=index), Board.NC) is fits
+
+
+def test_points_and_parameters_answer_by_number():
+    asked = message(Board.NC, "waypoint_request", index=3)
+    for number, fits in ((3, True), (4, False)):
+        assert answers(asked, Board.NC, reply(Board.NC, "X", number=number), Board.NC) is fits
+    assert answers(asked, Board.NC, reply(Board.NC, "X", count=0), Board.NC)
+    asked = message(Board.NC, "navi_parameter_request", id=0)
+    for number, fits in ((0, True), (1, False)):
+        assert answers(asked, Board.NC, reply(Board.NC, "J", id=number), Board.NC) is fits
+
+
+def test_a_layout_without_the_field_is_matched_by_its_letter():
+    asked = next(
+        cls for (owner, letter, _), cls in MESSAGES.items() if owner is Board.NC and letter == "w"
+    ).model_construct()
+    assert answers(asked, Board.NC, reply(Board.NC, "W", index=5), Board.NC)
+
+
+def test_writing_settings_waits_longer_and_leaves_the_board_in_peace():
+    cls = next(cls for (owner, letter, _), cls in MESSAGES.items() if owner is Board.FC and letter == "s")
+    policy = cls.spec.policy(Board.FC)
+    assert policy.timeout >= 1.33
+    assert policy.deaf == pytest.approx(1.33)
+
+
+def test_resetting_a_slot_is_never_repeated_and_reading_one_is():
+    assert SettingsReset.spec.policy(Board.FC) == Policy(1.5, 0, deaf=0.5)
+    assert SettingsRequest.spec.policy(Board.FC).retries > 0
+
+
+def test_what_moves_motors_or_arms_is_never_repeated():
+    for letter in "txew":
+        cls = next((cls for (owner, i, _), cls in MESSAGES.items() if owner is Board.FC and i == letter), None)
+        assert cls is not None
+        assert cls.spec.policy(Board.FC).retries == 0
+
+
+def ask(book: RequestBook, index: int, now: float, retries: int = 1) -> Pending:
+    pending = Pending(LabelRequest(index=index), Board.NC, 1 + retries, 0.3, None)
+    book.open(pending)
+    book.sent(pending, now)
+    return pending
+
+
+def test_an_answer_closes_its_question_only():
+    book = RequestBook()
+    first, second = ask(book, 1, 0.0), ask(book, 2, 0.0)
+    assert book.received(label(2), Board.NC, 0.1) is second
+    assert book.pending == (first,)
+    assert book.answered == 1
+
+
+def test_a_question_not_sent_yet_is_not_answered():
+    book = RequestBook()
+    pending = Pending(LabelRequest(index=1), Board.NC, 1, 0.3, None)
+    book.open(pending)
+    assert book.received(label(1), Board.NC, 0.1) is None
+    assert book.next_time() == math.inf
+    book.withdraw(pending, 0.2)
+    assert book.received(label(1), Board.NC, 0.3) is None
+    assert (book.late, book.duplicate) == (0, 0)
+
+
+def test_attempts_time_out_one_by_one():
+    book = RequestBook()
+    pending = ask(book, 1, 0.0)
+    assert book.due(0.2) == []
+    assert book.next_time() == pytest.approx(0.3)
+    assert book.due(0.3) == [pending]
+    book.sent(pending, 0.35)
+    assert pending.attempts_left == 0
+    assert pending.sent == 2
+    book.give_up(pending, 0.7)
+    assert (book.unanswered, book.pending) == (1, ())
+
+
+def test_late_and_double_answers_are_counted_once():
+    book = RequestBook()
+    given_up, answered = ask(book, 1, 0.0), ask(book, 2, 0.0)
+    book.give_up(given_up, 0.3)
+    assert book.received(label(1), Board.NC, 0.4) is None
+    assert book.received(label(1), Board.NC, 0.5) is None
+    assert book.late == 1
+    book.sent(answered, 0.3)
+    assert book.received(label(2), Board.NC, 0.4) is answered
+    assert book.received(label(2), Board.NC, 0.5) is None
+    assert book.received(label(2), Board.NC, 0.6) is None
+    assert book.duplicate == 1
+
+
+def test_an_old_question_is_forgotten():
+    book = RequestBook()
+    book.give_up(ask(book, 1, 0.0), 0.3)
+    book.received(label(1), Board.NC, 1.0 + LATE_WINDOW)
+    assert book.late == 0
+
+
+def test_one_answer_to_one_sending_is_no_double():
+    book = RequestBook()
+    ask(book, 1, 0.0)
+    book.received(label(1), Board.NC, 0.1)
+    book.received(label(1), Board.NC, 0.2)  # somebody else's question
+    assert book.duplicate == 0
+
+
+def test_a_lost_port_takes_every_question_with_it():
+    book = RequestBook()
+    pending = ask(book, 1, 0.0)
+    assert book.drain() == [pending]
+    book.withdraw(pending, 0.1)
+    assert book.pending == ()
+
+
+def test_every_request_of_the_table_has_a_policy():
+    for (board, _, _), cls in MESSAGES.items():
+        if cls.spec.direction is Direction.TO_BOARD:
+            policy = cls.spec.policy(board)
+            assert 0.1 <= policy.timeout <= 3
+            assert 0 <= policy.retries <= 5
+
+
+def test_version_requests_are_cheap_to_repeat():
+    assert VersionRequest().spec.policy(Board.FC).retries >= 3
 
 
 class Bench:

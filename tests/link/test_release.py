@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 
 import pytest
 
@@ -10,10 +11,14 @@ from mkdaemon.link.session.release import (
     CONFIRM_WAIT,
     EITHER,
     GIVE_UP,
+    QUIET_TIME,
+    REMIND,
     REPEATS,
+    REPEATS_EITHER,
     SPACING,
     ReleasePlan,
     neutral_of,
+    shortest_release,
     zero_frame,
 )
 from mkdaemon.protocol.flags import ControlConfig
@@ -36,7 +41,7 @@ def play(
         if (build := plan.due(now)) is not None:
             number += 1
             message = build(number)
-            plan.sent(message, number, now)
+            plan.sent(message, number)
             sent.append((now, message))
             if confirm is not None and number > lose:
                 answers.append((now + confirm, number))
@@ -116,6 +121,15 @@ def test_while_the_layout_is_unknown_both_forms_go_out_in_turn_and_the_old_one_i
     assert run.result().status == "not_observable"
 
 
+def test_while_the_layout_is_unknown_no_confirmation_counts():
+    """A board confirms a frame in the form of another generation under a number that was never sent."""
+    run = plan(confirms=True, flying=None, layout=None)
+    play(run, confirm=0.005)
+    result = run.result()
+    assert (result.status, result.confirmed) == ("unconfirmed", 0)
+    assert result.sent > REPEATS
+
+
 @pytest.mark.parametrize("number", range(256))
 def test_no_frame_for_an_unknown_layout_sets_the_valid_bit_in_any_form(number):
     """Read as whatever a FlightCtrl may take it for, with whatever an older frame has left in its buffer."""
@@ -134,3 +148,137 @@ def test_no_frame_for_an_unknown_layout_sets_the_valid_bit_in_any_form(number):
 def test_level_sticks_keep_their_throttle():
     level = neutral_of(FLYING, 7)
     assert (level.pitch, level.roll, level.yaw, level.throttle, level.frame) == (0, 0, 0, 40, 7)
+
+
+def send(run: ReleasePlan, now: float, number: int) -> WireMessage | None:
+    """Send what is due; None where nothing is."""
+    build = run.due(now)
+    if build is None:
+        return None
+    message = build(number)
+    run.sent(message, number)
+    return message
+
+
+def test_a_plan_begins_at_once_and_follows_its_neutral_frame_without_a_pause():
+    run = ReleasePlan(layout=ExternControlV2, last_setpoint=FLYING, confirms=True, now=5.0, reason="test")
+    assert run.next_time() == 5.0
+    assert run.due(4.999) is None
+    first = send(run, 5.0, 1)
+    assert (first.config, first.pitch, first.frame) == (1, 0, 1)
+    assert run.next_time() == 5.0
+    second = send(run, 5.0, 2)
+    assert (second.config, second.frame) == (0, 2)
+    assert run.next_time() == 5.0 + CONFIRM_WAIT
+    assert run.due(5.0 + CONFIRM_WAIT - 1e-6) is None
+    assert run.result() == run.result().__class__("unconfirmed", 1, 0, "test"), "the neutral frame ends nothing"
+
+
+def test_each_confirmation_brings_the_next_frame_at_once_and_counts_once():
+    run = plan(confirms=True, flying=None)
+    for number in range(1, REPEATS + 1):
+        now = number / 100
+        assert send(run, now, number) is not None
+        assert run.due(now + 0.001) is None
+        run.confirmed(number, now + 0.005)
+        run.confirmed(number, now + 0.006)
+        assert run.result().confirmed == number
+        assert run.is_running is (number < REPEATS)
+        assert run.next_time() == (now + 0.005 if number < REPEATS else math.inf)
+    assert run.result().status == "confirmed"
+    assert run.due(99.0) is None
+
+
+def test_the_confirmation_of_the_neutral_frame_is_none_of_a_release():
+    run = plan(confirms=True)
+    send(run, 0.0, 1)
+    run.confirmed(1, 0.005)
+    assert run.result().confirmed == 0
+    assert run.next_time() == 0.0
+
+
+def test_a_late_confirmation_of_a_repeated_frame_counts_too():
+    run = plan(confirms=True, flying=None)
+    send(run, 0.0, 1)
+    send(run, CONFIRM_WAIT, 2)
+    for number in (1, 2):
+        run.confirmed(number, CONFIRM_WAIT + 0.02)
+    assert run.result().confirmed == 2
+
+
+def test_it_gives_up_right_after_its_time_and_reminds_until_the_longest_dead_man_is_over():
+    run = plan(confirms=True, flying=None)
+    assert send(run, GIVE_UP, 1) is not None, "its time is not over yet"
+    now = GIVE_UP + CONFIRM_WAIT
+    assert send(run, now, 2) is None
+    assert run.outcome == "unconfirmed"
+    assert not run.is_running
+    reminders = []
+    while run.next_time() < math.inf:
+        assert run.next_time() == pytest.approx(now + REMIND * (len(reminders) + 1))
+        at = run.next_time()
+        assert run.due(at - 1e-6) is None
+        message = send(run, at, 3 + len(reminders))
+        reminders += [at] if message is not None else []
+        assert message is None or not message.config
+    assert reminders[0] == now + REMIND
+    assert len(reminders) == round(QUIET_TIME / REMIND), "the last one when the time is over, and no further one"
+    assert reminders[-1] == pytest.approx(now + QUIET_TIME)
+    assert run.result().sent == 1 + len(reminders)
+
+
+def test_reminders_can_confirm_the_release_late():
+    run = plan(confirms=True, flying=None)
+    send(run, 0.0, 1)
+    send(run, GIVE_UP + 0.1, 2)
+    assert run.outcome == "unconfirmed"
+    now = run.next_time()
+    for number in range(3, 3 + REPEATS):
+        assert send(run, now, number) is not None
+        now += 0.005
+        run.confirmed(number, now)
+        assert run.next_time() == (now if number < 2 + REPEATS else math.inf)
+    assert run.result().status == "confirmed"
+
+
+@pytest.mark.parametrize(("layout", "count"), [(ExternControlV2, REPEATS), (None, REPEATS_EITHER)])
+def test_where_nothing_is_confirmed_it_ends_with_the_last_of_its_frames(layout, count):
+    run = plan(confirms=False, flying=None, layout=layout)
+    for number in range(1, count + 1):
+        assert run.is_running
+        at = run.next_time()
+        assert at == pytest.approx((number - 1) * SPACING)
+        assert send(run, at, number) is not None
+        assert run.result().sent == number
+    assert run.outcome == "not_observable"
+    assert run.next_time() == math.inf
+    assert run.due(99.0) is None
+
+
+@pytest.mark.parametrize("sent", range(1, REPEATS + 2))
+def test_where_confirmations_end_it_sends_what_is_left_of_five_and_waits_for_none(sent):
+    run = plan(confirms=True, flying=None)
+    for number in range(sent):
+        send(run, number * CONFIRM_WAIT, number + 1)
+    run.expect_no_confirmation()
+    assert not run.confirms
+    now = sent * CONFIRM_WAIT
+    while run.is_running:
+        send(run, now, 50)
+        now += SPACING
+    assert run.result().status == "not_observable"
+    assert run.result().sent == max(sent, REPEATS)
+
+
+def test_the_shortest_release_is_one_frame_or_both_forms_with_the_old_one_first_and_last():
+    for layout in (ExternControlV1, ExternControlV2, ExternControlV3):
+        assert shortest_release(layout) == [zero_frame(layout, 0)]
+    assert [type(frame) for frame in shortest_release(None)] == [ExternControlV1, ExternControlV2, ExternControlV1]
+    assert not any(any(frame.encode()) for frame in shortest_release(None))
+
+
+def test_figures_of_a_release_that_are_told_elsewhere():
+    """docs/safety.md, "Release"; docs/firmware-notes.md."""
+    assert (REPEATS, REPEATS_EITHER) == (5, 11)
+    assert (CONFIRM_WAIT, SPACING, GIVE_UP, REMIND) == (0.06, 0.025, 1.5, 0.5)
+    assert QUIET_TIME == 6.0 > 5.1 * 1.024

@@ -15,6 +15,7 @@ import pytest
 from lab.rigs.linkrig import Log
 from lab.rigs.waiting import wait_until
 from mkdaemon.config.link import LinkConfig
+from mkdaemon.link.discovery import discover
 from mkdaemon.link.link import Link
 from mkdaemon.link.session.reopening import AliasMemory
 from mkdaemon.protocol.framing import Frame, FrameDecoder
@@ -69,7 +70,7 @@ async def linked(name: Path, *, by_id: Path | None = None) -> AsyncIterator[tupl
     link._opener = remember
     if by_id is not None:
         link._aliases = AliasMemory(by_id)
-    task = asyncio.create_task(link.run())
+    task = asyncio.create_task(link.run(discover))
     try:
         yield link, opened
     finally:

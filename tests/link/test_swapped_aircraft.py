@@ -9,7 +9,7 @@ import pytest
 from lab.rigs.boardport import LineFault
 from lab.rigs.linkrig import Rig, navi_ctrl, rig, virtually
 from lab.stories.swaps import fly_as_allowed
-from mkdaemon.link.session.reboot import GAP
+from mkdaemon.link.session.identity import GAP
 from mkdaemon.protocol.messages import ExternControlV1, ExternControlV2
 
 LAYOUTS = {"2.12a": ExternControlV2, "2.08": ExternControlV1}

@@ -18,7 +18,7 @@ field = "voltage"
 above = 14
 
 [[step]]
-do = "takeoff"
+do = "take_off"
 height = 2
 
 [[step]]
@@ -59,15 +59,15 @@ def test_the_script_of_the_manual_is_one(tmp_path):
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ('[[step]]\ndo = "tkeoff"\nheight = 2', "step 1: no such step do = 'tkeoff'; did you mean 'takeoff'?"),
-        ('[[step]]\ndo = "xxxxx"', "there is takeoff, hold, goto"),
+        ('[[step]]\ndo = "tke_off"\nheight = 2', "step 1: no such step do = 'tke_off'; did you mean 'take_off'?"),
+        ('[[step]]\ndo = "xxxxx"', "there is take_off, hold, goto"),
         ("[[step]]\nheight = 2", "no such step do = None"),
-        ('[[step]]\ndo = "takeoff"\nheigth = 2', "step 1 (takeoff): height: Field required"),
-        ('[[step]]\ndo = "takeoff"\nheight = 50', "less than or equal to 10"),
+        ('[[step]]\ndo = "take_off"\nheigth = 2', "step 1 (take_off): height: Field required"),
+        ('[[step]]\ndo = "take_off"\nheight = 50', "less than or equal to 10"),
         ('[[step]]\ndo = "hold"\nseconds = 3\nsecond = 3', "did you mean seconds?"),
         ('[[step]]\ndo = "wait"\nkey = "a"\nfield = "b"', "give one of above, below and equals"),
         ('[[step]]\ndo = "land"\n[[step]]\ndo = "hold"\nseconds = 1', "step 1: land must be the last step"),
-        ('[[step]]\ndo = "hold"\nseconds = 1\n[[step]]\ndo = "takeoff"\nheight = 2', "takeoff must be the first"),
+        ('[[step]]\ndo = "hold"\nseconds = 1\n[[step]]\ndo = "take_off"\nheight = 2', "take_off must be the first"),
         ("steps = 3", "a list of [[step]], not steps"),
         ("", "a list of [[step]]"),
         ("[[step]", "not valid TOML"),

@@ -9,12 +9,12 @@ from typing import Annotated
 import pytest
 
 from mkdaemon.bus.codec import schema_name
-from mkdaemon.cli.mkctl.requests import request_forms
+from mkdaemon.cli.mkctl.send import request_forms
 from mkdaemon.cli.mkdaemon.schema import describe_message
 from mkdaemon.control.danger import check_danger
 from mkdaemon.errors import CommandRejectedError
-from mkdaemon.link.session.requests import answers
-from mkdaemon.link.session.subscriptions import find_streams
+from mkdaemon.link.session.questions import answers
+from mkdaemon.link.session.streamkinds import find_streams
 from mkdaemon.protocol import MESSAGES, Board, FrameDecoder, MessageDecoder
 from mkdaemon.protocol.fields import U8, U16
 from mkdaemon.protocol.matching import same

@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from lab.rigs.boardport import LineFault
 from lab.rigs.cockpit import Boards, cockpit
-from mkdaemon.config.control import LeaseConfig
-from mkdaemon.control.checks import standing
-from mkdaemon.control.knowledge import Knowledge
+from mkdaemon.config.control import ControlConfig, LeaseConfig
+from mkdaemon.control.admission import TakeLease, refusal
 from mkdaemon.daemon.preflight import active_set, read_active_set
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.protocol.settings import ParameterSet
-from mkdaemon.telemetry.control import ControlLine
-from mkdaemon.telemetry.preflight import Blocks
 from mkdaemon.virtualtime import run_virtually
 from mksim.boards.parameters import factory_set
-from tests.control.events import link_state
+from tests.control.admission.situations import GOOD
 
 
 def taken(boards, gate, *, silent=False):
@@ -39,15 +38,10 @@ def taken(boards, gate, *, silent=False):
 
 def lease_refusal(parameters):
     """Token of what prevents a lease with this set where the operator accepts a constant gate; None for nothing."""
-    known = Knowledge(
-        now=0.0,
-        lease=LeaseConfig(allow_constant_gate=True),
-        hover_gas=125.0,
-        line=ControlLine("v2"),
-        link=link_state(),
-        active_set=active_set(parameters),
-    )
-    return next((refusal.token for refusal in standing(known, Blocks.LEASE)), None)
+    accepting = ControlConfig(lease=LeaseConfig(allow_constant_gate=True))
+    now = replace(GOOD, cfg=accepting, active_set=active_set(parameters))
+    error = refusal(TakeLease(holder="alice"), now)
+    return None if error is None else error.token
 
 
 @pytest.mark.parametrize("fc", ["early", "2.08", "2.12a", "2.14"])

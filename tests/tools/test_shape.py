@@ -6,7 +6,16 @@ import sys
 
 import pytest
 
-from tools.shape import Package, count_lines, find_circles, find_long_files, measure_packages
+from tools.shape import (
+    Package,
+    count_imports,
+    count_lines,
+    find_circles,
+    find_long_files,
+    find_long_functions,
+    find_same_names,
+    measure_packages,
+)
 
 
 @pytest.fixture
@@ -49,22 +58,48 @@ def test_a_file_above_the_limit_is_named():
     assert find_long_files(lines) == ["src/x/b.py has 601 lines; 600 are allowed"]
 
 
-SIZES = {
-    "src/mkdaemon/link/a/b.py": 3,
-    "src/mkdaemon/link/c.py": 4,
-    "src/mksim/radio.py": 2,
-    "src/mksim/scene/a.py": 3,
-    "lab/d.py": 5,
-}
+def test_a_function_above_the_limit_is_named(tmp_path):
+    (tmp_path / "lab").mkdir()
+    bodies = {"fits": 59, "long": 60}
+    text = "".join(f"async def {name}():\n" + "    pass\n" * count for name, count in bodies.items())
+    (tmp_path / "lab" / "a.py").write_text(text, encoding="utf-8")
+    assert find_long_functions(tmp_path) == ["lab/a.py:61 long has 61 lines; 60 are allowed"]
+
+
+@pytest.mark.parametrize(
+    ("paths", "names"),
+    [
+        (["src/mkdaemon/link/a/x.py", "src/mkdaemon/link/b/x.py"], 1),
+        (["src/mkdaemon/link/a/x.py", "src/mkdaemon/link/x.py"], 1),
+        (["src/mkdaemon/link/x.py", "src/mkdaemon/control/x.py"], 0),
+        (["src/mkdaemon/link/a/__init__.py", "src/mkdaemon/link/b/__init__.py"], 0),
+        (["src/mksim/boards/x.py", "src/mksim/physics/x.py"], 1),
+        (["src/mkdaemon/cli/mkctl/x.py", "src/mkdaemon/cli/mkdaemon/x.py", "src/mkdaemon/cli/x.py"], 0),
+        (["src/mkdaemon/cli/mkctl/x.py", "src/mkdaemon/cli/mkctl/teleop/x.py"], 1),
+        (["lab/a/main.py", "lab/b/main.py"], 0),
+    ],
+)
+def test_modules_of_one_name_in_one_package_are_named(paths, names):
+    assert len(find_same_names(paths)) == names
+
+
+def test_imports_between_packages_are_counted_by_module(make_package):
+    name = make_package("shaped_count", {"a/one": ["b.two"], "a/three": ["b.two", "a.one"], "b/two": []})
+    counts = count_imports([name])
+    assert {package: dict(others) for package, others in counts.items()} == {f"{name}.a": {f"{name}.b": 2}}
 
 
 def test_sizes_are_summed_over_packages(tmp_path):
-    for path, count in SIZES.items():
+    for path, count in {
+        "src/mkdaemon/link/a/b.py": 3,
+        "src/mkdaemon/link/c.py": 4,
+        "src/mksim/e.py": 2,
+        "lab/d.py": 5,
+    }.items():
         (tmp_path / path).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / path).write_text("x\n" * count, encoding="utf-8")
     assert measure_packages(count_lines(tmp_path)) == [
         Package("mkdaemon.link", 2, 7),
-        Package("mksim.scene", 1, 3),
         Package("mksim", 1, 2),
         Package("lab", 1, 5),
     ]

@@ -15,7 +15,9 @@ from mkdaemon.protocol.flags import FlightStatus, FlightStatus2, NaviStatus, Osd
 from mkdaemon.protocol.framing import Frame, FrameDecoder
 from mkdaemon.protocol.messages import (
     AttitudeDataFc210,
+    AttitudeDataFcOld,
     AttitudeDataNc,
+    AttitudeDataNcSticks,
     DebugDataFc,
     DebugDataNc,
     EchoRequest,
@@ -31,7 +33,7 @@ from mkdaemon.protocol.messages.osdsets import (
     OsdWaypoint,
 )
 from mkdaemon.stamp import Stamp
-from mkdaemon.telemetry.state import GpsFix, GpsMode
+from mkdaemon.telemetry.state import AngleScale, GpsFix, GpsMode
 from mkdaemon.translate import StateTranslator
 from mkdaemon.translate.state import COARSE_AFTER, fc_is_lost, motors_running
 from tests.places import CAPTURES
@@ -184,6 +186,21 @@ def test_gps_mode_and_error_come_with_their_words():
     flight = states(blank(OsdData5, version=5, error_code=7))["state/flight"]
     assert (flight.error_code, bool(flight.error)) == (7, True)
     assert states(blank(OsdData5, version=5))["state/flight"].error == ""
+
+
+@pytest.mark.parametrize("board", ["nc", "fc"])
+@pytest.mark.parametrize(
+    ("cls", "scale"),
+    [
+        (AttitudeDataFc210, AngleScale.FLIGHTCTRL),
+        (AttitudeDataFcOld, AngleScale.FLIGHTCTRL),
+        (AttitudeDataNc, AngleScale.STICKS),
+        (AttitudeDataNcSticks, AngleScale.STICKS),
+        (OsdData5, AngleScale.STICKS),
+    ],
+)
+def test_who_made_the_message_decides_the_scale_of_its_angles_and_not_through_which_board_it_came(cls, scale, board):
+    assert states(blank(cls), board)["state/attitude"].scale is scale
 
 
 def test_coarse_attitude_stands_in_only_while_there_is_no_better():

@@ -6,37 +6,24 @@ from collections.abc import Iterator
 from typing import Final
 
 from mkdaemon.bus.keyspec import REQUEST_BYTES, KeySpec, Use
-from mkdaemon.telemetry import mission, settings
 from mkdaemon.telemetry.command import (
-    AbortRequest,
     CommandResult,
-    GainsRequest,
-    Labels,
-    LabelsRequest,
-    LeaseRequest,
-    PreflightRequest,
-    RateRequest,
-    Rates,
-    ReleaseRequest,
 )
 from mkdaemon.telemetry.control import (
     ControlError,
     ControlEstimate,
     ControlOutput,
     ControlStatus,
-    Gains,
-    LeaseGrant,
-    ReleaseReport,
 )
 from mkdaemon.telemetry.event import ClockEvent, CommandEvent, FailsafeEvent, LogEvent, ModeEvent
 from mkdaemon.telemetry.image import CameraFrame
 from mkdaemon.telemetry.joy import Joy
 from mkdaemon.telemetry.link import LinkHealth, LinkState, LinkTraffic
 from mkdaemon.telemetry.mission import MissionEvent
-from mkdaemon.telemetry.navi import ControlNavi, NaviGotoRequest, NaviTarget
-from mkdaemon.telemetry.preflight import ControlPreflight, PreflightReport
-from mkdaemon.telemetry.procedure import Cancelled, CancelRequest, ProcedureProgress
-from mkdaemon.telemetry.record import BusCounts, MarkEvent, MarkRequest, RecordStatus
+from mkdaemon.telemetry.navi import ControlNavi
+from mkdaemon.telemetry.preflight import ControlPreflight
+from mkdaemon.telemetry.procedure import ProcedureProgress
+from mkdaemon.telemetry.record import BusCounts, MarkEvent, RecordStatus
 from mkdaemon.telemetry.setpoint import (
     AttitudeSetpoint,
     HoldSetpoint,
@@ -50,6 +37,7 @@ from mkdaemon.telemetry.sim import FaultRequest, ScenePose, SimFaults, SimTruth
 from mkdaemon.telemetry.state import Attitude, Battery, Flight, Gps, Pilot, Position, Velocity
 from mkdaemon.telemetry.traffic import FrameSample, RawFrame
 from mkdaemon.telemetry.vehicle import VehicleHealth
+from mkdaemon.telemetry.verbs import VERBS
 from mkdaemon.telemetry.vision import Tags, Transform, VisionPose, VisionStats
 
 __all__ = ["KEYS", "REQUEST_BYTES", "KeySpec", "Use", "find", "of_use", "roots"]
@@ -124,92 +112,7 @@ KEYS: Final[tuple[KeySpec, ...]] = (
     KeySpec("record/status", _P, RecordStatus, "1 Hz", "What the daemon's own recorder does."),
     KeySpec("bus/counts", _P, BusCounts, "1 Hz", "How many values were put, by key."),
     KeySpec("cmd/<board>/<message>", _Q, CommandResult, "", "A MikroKopter request; its typed reply, or a refusal."),
-    KeySpec("do/lease", _Q, LeaseRequest, "", "Take, renew, give back or show the lease.", LeaseGrant),
-    KeySpec("do/release", _Q, ReleaseRequest, "", "Let go of the aircraft now; anyone may.", ReleaseReport),
-    KeySpec("do/gains", _Q, GainsRequest, "", "The model flown on, its gains and margins.", Gains),
-    KeySpec("do/preflight", _Q, PreflightRequest, "", "Make every check before a flight.", PreflightReport),
-    KeySpec("do/abort", _Q, AbortRequest, "", "Stop the manoeuvre and hold, or level; anyone may."),
-    KeySpec("do/rate", _Q, RateRequest, "", "Ask for a stream at a rate.", Rates),
-    KeySpec("do/labels", _Q, LabelsRequest, "", "Names of a board's debug channels, kept by firmware.", Labels),
-    KeySpec(
-        "do/settings_backup", _Q, settings.SettingsBackupRequest, "", "Read parameter sets.", settings.SettingsBackup
-    ),
-    KeySpec(
-        "do/settings_compare",
-        _Q,
-        settings.SettingsCompareRequest,
-        "",
-        "Compare parameter sets.",
-        settings.SettingsComparison,
-    ),
-    KeySpec(
-        "do/settings_restore",
-        _Q,
-        settings.SettingsRestoreRequest,
-        "",
-        "Write parameter sets that differ.",
-        settings.SettingsRestoration,
-    ),
-    KeySpec(
-        "do/settings_write",
-        _Q,
-        settings.SettingsWriteRequest,
-        "",
-        "Change parameters by name.",
-        settings.SettingsRestoration,
-    ),
-    KeySpec(
-        "do/settings_recover",
-        _Q,
-        settings.SettingsRecoverRequest,
-        "",
-        "Look after a live set left unproven.",
-        settings.OwedSets,
-    ),
-    KeySpec(
-        "do/waypoints_upload",
-        _Q,
-        mission.WaypointsUploadRequest,
-        "",
-        "Replace the NaviCtrl's list.",
-        mission.WaypointsStored,
-    ),
-    KeySpec(
-        "do/waypoints_read", _Q, mission.WaypointsReadRequest, "", "Read the NaviCtrl's list.", mission.WaypointList
-    ),
-    KeySpec(
-        "do/waypoints_verify",
-        _Q,
-        mission.WaypointsVerifyRequest,
-        "",
-        "Compare the list with a mission.",
-        mission.WaypointsComparison,
-    ),
-    KeySpec("do/waypoints_clear", _Q, mission.WaypointsClearRequest, "", "Empty the list.", mission.WaypointsStored),
-    KeySpec("do/route_start", _Q, mission.RouteStartRequest, "", "Make the list ready.", mission.RouteStarted),
-    KeySpec("do/route_pause", _Q, mission.RoutePauseRequest, "", "Refused: the pilot's switch pauses a route."),
-    KeySpec("do/route_end", _Q, mission.RouteEndRequest, "", "Empty the list, in flight too.", mission.WaypointsStored),
-    KeySpec("do/navi_goto", _Q, NaviGotoRequest, "", "Make a place the NaviCtrl's target, in flight.", NaviTarget),
-    KeySpec("do/mixer_read", _Q, settings.MixerReadRequest, "", "Read the mixer.", settings.MixerTable),
-    KeySpec("do/mixer_write", _Q, settings.MixerWriteRequest, "", "Store a mixer.", settings.MixerTable),
-    KeySpec(
-        "do/motor_controllers_read",
-        _Q,
-        settings.MotorControllersReadRequest,
-        "",
-        "Read motor controllers.",
-        settings.MotorControllers,
-    ),
-    KeySpec(
-        "do/motor_controllers_write",
-        _Q,
-        settings.MotorControllersWriteRequest,
-        "",
-        "Change a motor controller.",
-        settings.MotorControllers,
-    ),
-    KeySpec("do/mark", _Q, MarkRequest, "", "Mark this moment in all recordings; needs no lease."),
-    KeySpec("do/cancel", _Q, CancelRequest, "", "End the procedure that runs.", Cancelled),
+    *(KeySpec(f"do/{verb.name}", _Q, verb.request, "", verb.about, verb.reply) for verb in VERBS),
     KeySpec("schema/<name>", _Q, None, "", "JSON Schema of `<Name>.v<N>`, as the encoding of every payload names it."),
     KeySpec("setpoint/stick", Use.SETPOINT, StickSetpoint, "", "Stick offsets, under a lease."),
     KeySpec("setpoint/attitude", Use.SETPOINT, AttitudeSetpoint, "", "Attitude and thrust, under a lease."),

@@ -4,12 +4,16 @@ from __future__ import annotations
 
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final, Literal
 
-from mkdaemon.client.identity import client_name
-from mkdaemon.client.setpointstream import RATE, SIGHTING, SetpointStream
+from mkdaemon.client.asking import client_name
+from mkdaemon.client.setpoints import RATE, SIGHTING, SetpointStream, load_models
 from mkdaemon.client.transport import Transport
 from mkdaemon.errors import LeaseLostError, ManoeuvreError
+from mkdaemon.telemetry.refusals import Token
+
+if TYPE_CHECKING:
+    from mkdaemon.telemetry.control import LeaseGrant, LeaseState
 
 LANDING: Final = 60.0
 """Longest time of a landing [s]; from 2 m it takes about ten."""
@@ -17,16 +21,17 @@ TAKING_OFF: Final = 30.0
 """Longest time of a take-off [s]; to 2 m it takes about nine."""
 GOING: Final = 30.0
 """Longest time of a way [s]; it begins at the engagement."""
-LANDED: Final = "landed on "
-"""How the reason begins for which the daemon lets go of an aircraft that stands; docs/modes.md."""
+PROBES: Final = 3
+"""How often the path is measured before a slow one is believed: a busy machine is slow for a moment."""
 
 
 class Lease(SetpointStream):
-    """The right to fly; made by `Vehicle.lease`.
+    """The right to fly; made by `uav.lease()`.
 
     Attributes:
         holder: name others see.
         epoch: number of the lease; every setpoint carries it.
+        set: sends one setpoint; for programs that stream at their own rate, at least twice a second.
     """
 
     async def stick(
@@ -99,7 +104,7 @@ class Lease(SetpointStream):
         y: float,
         z: float,
         *,
-        frame: str = "pad",
+        frame: Literal["pad", "body"] = "pad",
         yaw_rate: float = 0.0,
         seconds: float,
         rate: float = RATE,
@@ -130,7 +135,7 @@ class Lease(SetpointStream):
         z: float,
         *,
         yaw: float | None = None,
-        frame: str = "pad",
+        frame: Literal["pad", "body"] = "pad",
         seconds: float,
         rate: float = RATE,
     ) -> None:
@@ -193,7 +198,7 @@ class Lease(SetpointStream):
         z: float,
         *,
         yaw: float | None = None,
-        frame: str = "pad",
+        frame: Literal["pad", "body"] = "pad",
         patience: float = GOING,
         rate: float = RATE,
     ) -> None:
@@ -235,22 +240,27 @@ class Lease(SetpointStream):
             NotEngagedError: as `velocity`.
             CommandRejectedError: as `velocity`.
         """
+        from mkdaemon.telemetry.control import Outcome
+
         wanted = {"yaw": yaw}
         try:
             await self._fly("land", wanted, wanted, patience, rate, patience=SIGHTING)
         except LeaseLostError:
-            if not self.reason.startswith(LANDED):
+            if self.outcome is not Outcome.LANDED:
                 raise
             return
         msg = f"not landed within {patience:g} s"
         raise ManoeuvreError(msg)
 
 
-class Leasing(Transport):
-    """Takes the lease."""
+class Leases:
+    """The right to fly: `async with uav.lease() as lease`. One program at a time holds it."""
+
+    def __init__(self, transport: Transport) -> None:
+        self._transport = transport
 
     @asynccontextmanager
-    async def lease(
+    async def __call__(
         self, *, force: bool = False, ttl: float | None = None, holder: str | None = None, use_remembered: bool = False
     ) -> AsyncIterator[Lease]:
         """Hold the lease for as long as the context lasts; on leaving, however, it is given back at once.
@@ -267,13 +277,68 @@ class Leasing(Transport):
             CommandRejectedError: `lease_held` by somebody else, `busy`, `gate_shut`, `link_down`, ...; says what to do.
             MkError: no daemon speaks for this vehicle.
         """
+        load_models()
         name = holder or client_name()
-        fields: dict[str, Any] = {"action": "take", "holder": name, "force": force}
+        watch = self._transport.watch("control/status", "event/command", are_known=True)
+        async with self._transport.token(name), watch as statuses:
+            granted = await self.take(force=force, ttl=ttl, holder=name, use_remembered=use_remembered)
+            async with Lease(self._transport, name, granted.epoch, granted.secret, statuses) as lease:
+                yield lease
+
+    async def take(
+        self, *, force: bool = False, ttl: float | None = None, holder: str | None = None, use_remembered: bool = False
+    ) -> LeaseGrant:
+        """Take the lease without a context: it ends by itself when nothing follows. Arguments as for `uav.lease()`.
+
+        The daemon measures the path to this program first, and grants none over a slow one.
+
+        Args:
+            force: see `uav.lease()`.
+            ttl: see `uav.lease()`.
+            holder: see `uav.lease()`.
+            use_remembered: see `uav.lease()`.
+
+        Raises:
+            CommandRejectedError: as `uav.lease()`.
+            MkError: no daemon speaks for this vehicle.
+        """
+        from mkdaemon.telemetry.control import LeaseGrant
+
+        fields: dict[str, Any] = {"action": "take", "holder": holder or client_name(), "force": force}
         if ttl is not None:
             fields["ttl"] = ttl
         if use_remembered:
             fields["use_remembered"] = True
-        async with self.token(name), self._watch_unchecked("control/status", "event/command") as statuses:
-            granted = (await self.ask_for_lease(fields)).require()
-            async with Lease(self, name, int(granted["epoch"]), str(granted["secret"]), statuses) as lease:
-                yield lease
+        for _ in range(PROBES):
+            # A daemon that knows no probe answers without an echo, and measures nothing.
+            probe = await self._transport.command("do", "lease", {"action": "probe"})
+            echo = {"echo": probe.reply["echo"]} if "echo" in probe.reply else {}
+            answer = await self._transport.command("do", "lease", {**fields, **echo})
+            if answer.token != Token.SLOW_PATH:
+                break
+        return answer.as_a(LeaseGrant)
+
+    async def release(self, epoch: int, secret: str) -> None:
+        """Give back a lease that was taken without a context; the aircraft is released.
+
+        Args:
+            epoch: as `take` returned it.
+            secret: as `take` returned it.
+
+        Raises:
+            CommandRejectedError: nobody holds it, or another one.
+            MkError: no daemon speaks for this vehicle.
+        """
+        fields = {"action": "release", "epoch": epoch, "secret": secret}
+        (await self._transport.command("do", "lease", fields)).require()
+
+    async def show(self) -> LeaseState | None:
+        """Who holds the lease; None for nobody.
+
+        Raises:
+            MkError: no daemon speaks for this vehicle.
+        """
+        from mkdaemon.telemetry.control import LeaseState
+
+        answer = await self._transport.command("do", "lease", {"action": "show"})
+        return answer.as_a(LeaseState) if answer.require() else None

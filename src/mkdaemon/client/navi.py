@@ -5,11 +5,12 @@ from __future__ import annotations
 import asyncio
 from collections.abc import AsyncIterator, Callable
 from contextlib import suppress
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 from mkdaemon.client.samples import Sample
-from mkdaemon.client.waypoints import WaypointProcedures
+from mkdaemon.client.verbcalls import NaviVerbs, RouteVerbs, WaypointsVerbs
 from mkdaemon.errors import CommandRejectedError, ManoeuvreError
+from mkdaemon.telemetry.refusals import Token
 
 if TYPE_CHECKING:
     from mkdaemon.telemetry.mission import Mission
@@ -23,10 +24,10 @@ OnStage = Callable[["ControlNavi"], None]
 """Hears of every report of the NaviCtrl's flight."""
 
 
-class NaviModes(WaypointProcedures):
-    """Asks for what the NaviCtrl flies by itself, and follows it."""
+class Navi(NaviVerbs):
+    """What the NaviCtrl flies by itself, followed to its end."""
 
-    async def navi_goto(
+    async def goto(
         self,
         east: float,
         north: float,
@@ -55,20 +56,15 @@ class NaviModes(WaypointProcedures):
 
         Raises:
             CommandRejectedError: `route_on_ground`, `switch_at_home`, `position_poor`, `point_unusual`, or as
-                `upload_waypoints`.
+                `uav.waypoints.upload`.
             ManoeuvreError: not reached in time, landed, or the list is gone; says where it stood.
             MkError: no daemon speaks for this vehicle.
         """
-        from mkdaemon.telemetry.navi import NaviTarget
-
-        wanted: dict[str, Any] = {"position": (east, north, up), "radius": radius, "hold": hold, "confirm": True}
-        if heading_deg is not None:
-            wanted["heading_deg"] = heading_deg
-        async with self.watch(NAVI) as samples:
-            await self.run_procedure("navi_goto", NaviTarget, wanted)
+        async with self._transport.watch(NAVI) as samples:
+            await self.target((east, north, up), confirm=True, heading_deg=heading_deg, radius=radius, hold=hold)
             return await _follow(samples, lambda now: now.is_route_done, patience, on_stage, needs_list=True)
 
-    async def navi_route(
+    async def route(
         self,
         mission: Mission | None = None,
         *,
@@ -88,21 +84,21 @@ class NaviModes(WaypointProcedures):
             The report that says that the last point is reached.
 
         Raises:
-            CommandRejectedError: `route_on_ground`, `no_route`, or as `upload_waypoints`.
-            ManoeuvreError: as `navi_goto`.
+            CommandRejectedError: `route_on_ground`, `no_route`, or as `uav.waypoints.upload`.
+            ManoeuvreError: as `goto`.
             MkError: no daemon speaks for this vehicle.
         """
-        async with self.watch(NAVI) as samples:
+        async with self._transport.watch(NAVI) as samples:
             if mission is not None:
-                await self.upload_waypoints(mission, source=source, in_flight=True)
+                await WaypointsVerbs(self._transport).upload(mission.points, source=source, in_flight=True)
             try:
-                await self.start_route()
+                await RouteVerbs(self._transport).start(confirm=True)
             except CommandRejectedError as refusal:
-                if refusal.token != "route_active":  # an upload in flight has made it ready
+                if refusal.token != Token.ROUTE_ACTIVE:  # an upload in flight has made it ready
                     raise
             return await _follow(samples, lambda now: now.is_route_done, patience, on_stage, needs_list=True)
 
-    async def navi_home(self, *, patience: float = PATIENCE, on_stage: OnStage | None = None) -> ControlNavi:
+    async def home(self, *, patience: float = PATIENCE, on_stage: OnStage | None = None) -> ControlNavi:
         """Empty the list, and follow the way home, which the pilot's GPS switch at coming home begins.
 
         Args:
@@ -113,12 +109,12 @@ class NaviModes(WaypointProcedures):
             The report that says that it is home.
 
         Raises:
-            CommandRejectedError: as `end_route`.
+            CommandRejectedError: as `uav.route.end`.
             ManoeuvreError: not there in time, or landed on the way.
             MkError: no daemon speaks for this vehicle.
         """
-        async with self.watch(NAVI) as samples:
-            await self.end_route()
+        async with self._transport.watch(NAVI) as samples:
+            await RouteVerbs(self._transport).end(confirm=True)
             return await _follow(samples, lambda now: now.is_home, patience, on_stage)
 
 

@@ -9,20 +9,116 @@ from __future__ import annotations
 import asyncio
 import threading
 import time
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import asynccontextmanager, closing
+from pathlib import Path
 from typing import Final
 
 import zenoh
 
 from mkdaemon.bus.codec import encode, encoding_of
 from mkdaemon.bus.names import ROOT
-from mkdaemon.client.playkeys import REPLAY, PlayKey
-from mkdaemon.client.playpace import Pace
-from mkdaemon.client.playselection import ReadAhead, Selection, Sent
+from mkdaemon.bus.session import close_session, open_session, session_config
+from mkdaemon.client.playselection import REPLAY, PlayKey, ReadAhead, Selection, Sent
 from mkdaemon.errors import MkError
 from mkdaemon.record.entry import Entry
 from mkdaemon.telemetry.play import PlayState, PlayStatus
+
+SLOWEST: Final = 1 / 64
+FASTEST: Final = 1024.0
+
+
+class Pace:
+    """Turns times of a recording into times at which they are played.
+
+    Attributes:
+        speed: seconds of the recording a second.
+        is_paused: whether time stands still, but for steps.
+    """
+
+    def __init__(self, speed: float, began_at: float, now: float, *, is_paused: bool = False) -> None:
+        """Begin.
+
+        Args:
+            speed: seconds of the recording a second.
+            began_at: first time of the recording [s].
+            now: [s].
+            is_paused: begin with time that stands still.
+        """
+        self.speed = speed
+        self.is_paused = is_paused
+        self._place, self._since = began_at, now
+        self._steps = 0
+
+    def place(self, now: float) -> float:
+        """Where in the recording it is [s]."""
+        return self._place if self.is_paused else self._place + (now - self._since) * self.speed
+
+    def wait(self, at: float, now: float) -> float | None:
+        """Time until a value of the recording is due [s], at most 0 when it is; None while paused.
+
+        Args:
+            at: its time in the recording [s].
+            now: [s].
+        """
+        if not self.is_paused:
+            return (at - self.place(now)) / self.speed
+        if self._steps == 0:
+            return None
+        self._steps -= 1
+        self._place = max(self._place, at)
+        return 0.0
+
+    def toggle(self, now: float) -> None:
+        """Pause, or go on."""
+        self._hold(now)
+        self.is_paused = not self.is_paused
+        self._steps = 0
+
+    def step(self, now: float) -> None:
+        """Play one value and pause."""
+        self._hold(now)
+        self.is_paused = True
+        self._steps += 1
+
+    def change_speed(self, factor: float, now: float) -> None:
+        """Play faster or slower from now on."""
+        self._hold(now)
+        self.speed = min(max(self.speed * factor, SLOWEST), FASTEST)
+
+    def restart(self, began_at: float, now: float) -> None:
+        """Go on at another time of the recording [s]."""
+        self._place, self._since = began_at, now
+
+    def _hold(self, now: float) -> None:
+        self._place, self._since = self.place(now), now
+
+
+@asynccontextmanager
+async def open_player_session(
+    *, connect: Sequence[str], listen: str | None, zenoh_file: Path | None = None
+) -> AsyncIterator[zenoh.Session]:
+    """Open a session for a player of recordings, and close it on leaving.
+
+    Args:
+        connect: endpoint of a daemon or of a router, where clients meet.
+        listen: endpoint for clients, where nothing else is there.
+        zenoh_file: Zenoh configuration, for TLS.
+
+    Raises:
+        MkError: nobody listens at the endpoint, or the one to listen at is in use.
+        ConfigError: an endpoint or the file cannot be understood.
+    """
+    if listen is None:
+        config = session_config("client", connect=connect, zenoh_file=zenoh_file)
+    else:
+        config = session_config("peer", listen=[listen], zenoh_file=zenoh_file)
+    session = await open_session(config, listen=() if listen is None else [listen])
+    try:
+        yield session
+    finally:
+        await close_session(session)
+
 
 SETTLE: Final = 0.3
 """After the first subscriber has come: time for its other subscriptions [s]."""

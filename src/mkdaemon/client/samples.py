@@ -133,3 +133,14 @@ def _messages() -> dict[str, type[WireMessage]]:
     from mkdaemon.protocol import MESSAGES
 
     return {cls.__name__: cls for cls in MESSAGES.values()}
+
+
+def known_schema(name: str) -> bytes | None:
+    """The JSON Schema of `<Name>.v<N>` as UTF-8 JSON; None where it is not known here.
+
+    Args:
+        name: as encodings name it, for example `Attitude.v1`.
+    """
+    from mkdaemon.bus.schema import schema_json
+
+    return schema_json(name)

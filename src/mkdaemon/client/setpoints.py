@@ -1,16 +1,51 @@
-"""Setpoints of one lease: checked here as the daemon checks them, numbered, and put on the bus."""
+"""Setpoints under one lease: checked as the daemon checks them, numbered, signed, streamed until the lease ends."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import asyncio
+from collections.abc import AsyncIterator, Mapping
+from contextlib import suppress
 from functools import cache
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final, Self
 
+from mkdaemon.client.answers import Answer
+from mkdaemon.client.samples import Sample, typed_value
+from mkdaemon.client.setpointcalls import SetpointCalls
 from mkdaemon.client.transport import SetpointPublisher, Transport
-from mkdaemon.errors import MkError
+from mkdaemon.errors import CommandRejectedError, LeaseLostError, ManoeuvreError, MkError, NotEngagedError
+from mkdaemon.telemetry.refusals import Status, Token
 
 if TYPE_CHECKING:
     from pydantic import BaseModel
+
+    from mkdaemon.telemetry.control import ControlStatus, LeaseState, Outcome
+    from mkdaemon.telemetry.event import CommandEvent
+
+RATE: Final = 50.0
+"""Setpoints a second."""
+TTL: Final = 0.3
+"""Time each setpoint holds [s]; the daemon's own limit, `control.limiter.setpoint_ttl`, is the same."""
+SIGHTING: Final = 12.0
+"""Longest time a setpoint that needs a target is streamed until the daemon engages [s]; the target must be in sight and
+agree with the aircraft's model for 2 s."""
+LOOKING: Final = 0.1
+"""Between two looks whether a manoeuvre is done [s]."""
+LATEST_NEWS: Final = 0.5
+"""What the daemon says sooner after the first setpoint of a manoeuvre may be about the one before [s]."""
+ENGAGING: Final = 5.0
+"""Longest time neutral sticks are streamed until the daemon engages [s]; it wants a live stream of 1 s."""
+GRACE: Final = 1.5
+"""Setpoints may be refused for so long before that counts [s]: with a new lease the estimate begins anew."""
+SILENCE: Final = 3.0
+"""A daemon that was not heard for this long is gone [s]; it publishes `control/status` once a second."""
+SETTLING: Final = 1.0
+"""Status from before the lease may still arrive for so long after it was granted [s]."""
+GIVING_BACK: Final = 3.0
+"""Longest wait for the answer when the lease is given back [s]; the end of the liveliness token ends it as well."""
+_OF_STRANGERS: Final = frozenset({Token.NOT_HOLDER, Token.BAD_FIELD, Token.MALFORMED})
+"""Refusals that no setpoint from here can meet: signed and checked as they are, others send those under our epoch."""
+_OF_THE_END: Final = frozenset({Token.WRONG_EPOCH, Token.NOT_LEASED})
+"""Refusals of a lease that has ended; `control/status`, which follows them, says why."""
 
 
 class Setpoints:
@@ -37,7 +72,7 @@ class Setpoints:
         from pydantic import ValidationError
 
         from mkdaemon.bus.codec import first_mistake
-        from mkdaemon.telemetry.refusals import Token, refuse
+        from mkdaemon.telemetry.refusals import refuse
 
         model = _models().get(kind)
         if model is None:
@@ -67,9 +102,240 @@ class Setpoints:
         publisher.put(payload, encoding=encoding, attachment=sign(self._secret, f"setpoint/{kind}", payload))
 
 
+def load_models() -> None:
+    """Import what a lease needs.
+
+    Done before it is asked for: imports take up to a second, in which setpoints would grow stale, and what the daemon
+    said before the lease would seem to be said after it.
+    """
+    import mkdaemon.telemetry.control
+    import mkdaemon.telemetry.event
+    import mkdaemon.telemetry.refusals
+    import mkdaemon.telemetry.signature  # noqa: F401
+
+    _models()
+    typed_value(None, {})
+
+
 @cache
 def _models() -> dict[str, type[BaseModel]]:
     """Every kind of setpoint of the table of keys."""
     from mkdaemon.bus.keys import Use, of_use
 
     return {spec.suffix.removeprefix("setpoint/"): spec.carries for spec in of_use(Use.SETPOINT) if spec.carries}
+
+
+class SetpointStream:
+    """Streams setpoints for as long as a lease lasts.
+
+    Attributes:
+        holder: name others see.
+        epoch: number of the lease; every setpoint carries it.
+        set: sends one setpoint; for programs that stream at their own rate, at least twice a second.
+    """
+
+    def __init__(
+        self, transport: Transport, holder: str, epoch: int, secret: str, statuses: AsyncIterator[Sample]
+    ) -> None:
+        self.holder = holder
+        self.epoch = epoch
+        self._secret = secret
+        self._transport = transport
+        self._statuses = statuses
+        self.set = SetpointCalls(self.put)
+        self._setpoints = Setpoints(transport, epoch, secret)
+        self._loop = asyncio.get_running_loop()
+        self._taken_at = self._received_at = self._loop.time()
+        self._status: ControlStatus | None = None
+        self._lost: str | None = None
+        self._outcome: Outcome | None = None
+        self._refusal: CommandRejectedError | None = None
+        self._following: asyncio.Task[None] | None = None
+
+    async def __aenter__(self) -> Self:
+        self._following = asyncio.create_task(self._follow(), name=f"lease {self.epoch}")
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        if self._following is not None:
+            self._following.cancel()
+        await asyncio.shield(self._give_back())
+
+    async def _give_back(self) -> None:
+        """Release the aircraft; what is refused, or not answered, has ended already."""
+        with suppress(MkError):
+            fields = {"action": "release", "epoch": self.epoch, "secret": self._secret}
+            await self._transport.command("do", "lease", fields, patience=GIVING_BACK)
+
+    @property
+    def setpoints(self) -> int:
+        """Setpoints streamed so far."""
+        return self._setpoints.sequence
+
+    @property
+    def is_engaged(self) -> bool:
+        """Whether the daemon has begun to send what is streamed to the aircraft."""
+        from mkdaemon.telemetry.control import Phase
+
+        flown = {Phase.FLYING, Phase.STALE, Phase.ABORTED, Phase.LANDING}
+        return self._lost is None and self._status is not None and self._status.phase in flown
+
+    @property
+    def status(self) -> ControlStatus | None:
+        """What the daemon last said of this lease: phase, manoeuvre, stage; None before it said anything."""
+        return self._status
+
+    @property
+    def outcome(self) -> Outcome | None:
+        """How the manoeuvre ended by itself; None while it has not."""
+        return self._outcome
+
+    @property
+    def reason(self) -> str:
+        """Why the lease stands where it stands, one sentence, for example what the daemon waits for."""
+        if self._lost is not None or self._refusal is not None:
+            return self._lost or str(self._refusal)
+        return "the daemon has not shown the lease yet" if self._status is None else self._status.reason
+
+    def take_refusal(self) -> CommandRejectedError | None:
+        """Return the newest refusal of a setpoint of this lease, once; None where none was refused since."""
+        refusal, self._refusal = self._refusal, None
+        return refusal
+
+    def put(self, kind: str, fields: Mapping[str, Any], ttl: float = TTL) -> None:
+        """Send one setpoint of a kind that is only known by its name; see `set`.
+
+        Args:
+            kind: last word of a key `setpoint/<kind>`.
+            fields: of the setpoint, without epoch and sequence.
+            ttl: time after arrival at which it no longer holds [s].
+
+        Raises:
+            LeaseLostError: the lease has ended; says why.
+            CommandRejectedError: `bad_field`: a field is missing, unknown or out of range.
+            MkError: there is no such kind of setpoint.
+        """
+        self._require_held()
+        self._setpoints.put(kind, ttl, fields)
+
+    async def renew(self) -> LeaseState:
+        """Keep the lease without streaming; it ends by itself otherwise.
+
+        Raises:
+            CommandRejectedError: it has ended.
+        """
+        from mkdaemon.telemetry.control import LeaseState
+
+        fields = {"action": "renew", "epoch": self.epoch, "secret": self._secret}
+        return (await self._transport.command("do", "lease", fields)).as_a(LeaseState)
+
+    async def pause(self, seconds: float) -> None:
+        """Keep the lease for some time without flying [s]; in flight it would grow stale.
+
+        Raises:
+            LeaseLostError: it has ended.
+            CommandRejectedError: it has ended.
+        """
+        await self.renew()
+        await asyncio.sleep(seconds)
+        self._require_held()
+
+    async def _fly(
+        self,
+        kind: str,
+        wanted: dict[str, Any],
+        lead: dict[str, Any],
+        seconds: float,
+        rate: float,
+        *,
+        patience: float | None = None,
+    ) -> None:
+        """Stream a setpoint; before the daemon engages, stream the lead, one with which it begins a flight.
+
+        Args:
+            kind: last word of a key `setpoint/<kind>`.
+            wanted: its fields.
+            lead: fields of the lead.
+            seconds: how long [s].
+            rate: setpoints a second [Hz].
+            patience: longest lead [s].
+        """
+        self._setpoints.check(kind, TTL, wanted)
+        if not self.is_engaged:
+            await self._engage(kind, lead, rate, ENGAGING if patience is None else patience)
+        self._refusal = None
+        await self._stream(kind, wanted, seconds, rate)
+
+    async def _fly_until_done(self, kind: str, wanted: dict[str, Any], patience: float, rate: float) -> None:
+        """Stream a setpoint until the daemon says that what it asks for is reached.
+
+        After an abort the stream goes on until the patience ends: the daemon holds the aircraft with it.
+
+        Raises:
+            ManoeuvreError: not reached in time, or aborted; says where it stood.
+        """
+        from mkdaemon.telemetry.control import Phase
+
+        self._setpoints.check(kind, TTL, wanted)
+        if not self.is_engaged:
+            await self._engage(kind, wanted, rate, SIGHTING)
+        self._refusal = None
+        start = self._loop.time()
+        while self._loop.time() < start + patience:
+            await self._stream(kind, wanted, LOOKING, rate)
+            status = self._status
+            is_ours = status is not None and status.phase is Phase.FLYING and status.manoeuvre == kind
+            if status is not None and is_ours and status.is_done and self._loop.time() >= start + LATEST_NEWS:
+                return
+        stage = "" if self._status is None else self._status.stage
+        raise ManoeuvreError(f"{kind} not done within {patience:g} s: {stage or self.reason}")
+
+    async def _engage(self, kind: str, lead: dict[str, Any], rate: float, patience: float) -> None:
+        start = self._loop.time()
+        while not self.is_engaged:
+            if self._loop.time() >= start + patience:
+                msg = f"the daemon did not engage within {patience:g} s ({self.reason}): see `mkctl get event/command`"
+                raise NotEngagedError(msg)
+            if self._loop.time() < start + GRACE:
+                self._refusal = None
+            await self._stream(kind, lead, 1.0 / rate, rate)
+
+    async def _stream(self, kind: str, fields: dict[str, Any], seconds: float, rate: float) -> None:
+        """Stream the same setpoint at a steady rate; late ones are not made up for."""
+        start = due = self._loop.time()
+        while due < start + seconds:
+            await asyncio.sleep(max(due - self._loop.time(), 0.0))
+            if self._refusal is not None:
+                raise self._refusal
+            self.put(kind, fields)
+            due = max(due + 1.0 / rate, self._loop.time())
+        await asyncio.sleep(max(start + seconds - self._loop.time(), 0.0))
+        self._require_held()
+
+    def _require_held(self) -> None:
+        silence = self._loop.time() - self._received_at
+        if self._lost is None and silence > SILENCE:
+            self._lost = f"the daemon has not been heard for {silence:.1f} s"
+        if self._lost is not None:
+            msg = f"the lease was lost: {self._lost}; see `mkctl get control/status event/failsafe`"
+            raise LeaseLostError(msg)
+
+    async def _follow(self) -> None:
+        """Learn from `control/status` whether the lease is still held, and which setpoints are refused."""
+        async for sample in self._statuses:
+            self._received_at = self._loop.time()
+            if sample.suffix == "control/status":
+                self._status_arrived(sample.value)
+            else:
+                self._event_arrived(sample.value)
+
+    def _event_arrived(self, event: CommandEvent) -> None:
+        is_ours = event.key.startswith("setpoint/") and event.fields.get("epoch") == self.epoch
+        if is_ours and event.token is not None and event.token not in _OF_STRANGERS | _OF_THE_END:
+            self._refusal = Answer(Status.DENIED, {}, event.token, event.reason, event.fix).refusal
+
+    def _status_arrived(self, status: ControlStatus) -> None:
+        if status.lease is not None and status.lease.epoch == self.epoch:
+            self._status, self._outcome = status, status.outcome
+        elif self._lost is None and (self._status is not None or self._received_at - self._taken_at > SETTLING):
+            self._lost, self._outcome = status.reason, status.outcome

@@ -12,7 +12,7 @@ from mkdaemon.files import refuse_existing, save
 from mkdaemon.protocol.settings import ParameterSet
 from mkdaemon.protocol.settings_file import SettingsFile
 from mkdaemon.reading import LONGEST_SETTINGS, read_text
-from mkdaemon.telemetry.settings import SettingsBackup
+from mkdaemon.telemetry.settings import SettingsBackup, StoredSet
 
 _SUFFIXES: Final = (".toml", ".json")
 _ALL: Final = 5
@@ -116,3 +116,12 @@ def read_sets(source: Path) -> dict[int, Source]:
             raise ConfigError(msg)
         sets[content.slot] = Source(content.parameters, str(path))
     return sets
+
+
+def stored_sets(source: Path) -> tuple[StoredSet, ...]:
+    """Read a backup, file or folder, as the daemon takes it.
+
+    Raises:
+        ConfigError: see `read_sets`.
+    """
+    return tuple(StoredSet(slot=slot, raw=one.parameters.raw) for slot, one in read_sets(source).items())

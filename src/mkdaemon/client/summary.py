@@ -7,8 +7,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Final, Generic, TypeVar
 
 from mkdaemon.client.samples import Sample
-from mkdaemon.client.transport import Transport
-from mkdaemon.errors import MkError
 
 if TYPE_CHECKING:
     from mkdaemon.telemetry.control import ControlStatus
@@ -85,20 +83,3 @@ class VehicleStatus:
         """
         sample = self.samples.get(suffix)
         return None if sample is None else sample.age
-
-
-class Summary(Transport):
-    """Asks how the vehicle is."""
-
-    async def status(self) -> VehicleStatus:
-        """The aircraft, its link and who flies, by the last values of all of them.
-
-        Raises:
-            MkError: no daemon speaks for this vehicle.
-        """
-        found: dict[str, Sample] = {}
-        for pattern in PATTERNS:
-            found |= await self.get_all(pattern)
-        if not found and (absence := await self.absence()) is not None:
-            raise MkError(absence)
-        return VehicleStatus(self.vehicle, found)

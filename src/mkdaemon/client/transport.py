@@ -19,13 +19,12 @@ from mkdaemon.client.patterns import require_known
 from mkdaemon.client.samples import Sample, read_payload
 from mkdaemon.client.watch import Watch
 from mkdaemon.errors import CommandRejectedError, MkError
+from mkdaemon.telemetry.refusals import Status
 
 PATIENCE: Final = 15.0
 """Longest wait for the answer to a command [s]; board requests with retries take up to 8 s."""
 DENIAL_LOOK: Final = 2.0
 """Longest wait for the answers that show whether this client may command at all [s]."""
-PROBES: Final = 3
-"""How often the path is measured before a slow one is believed: a busy machine is slow for a moment."""
 SEQUENCES: Final = 1 << 32
 """Zenoh's numbers of a source begin again at zero after so many."""
 _SECURED: Final = ("tls/", "quic/")
@@ -52,12 +51,13 @@ class Transport:
 
     Attributes:
         vehicle: name of the vehicle.
+        endpoint: Zenoh endpoint of its daemon or of a router.
     """
 
     def __init__(self, session: zenoh.Session, vehicle: str, endpoint: str) -> None:
         self.vehicle = vehicle
         self._session = session
-        self._endpoint = endpoint
+        self.endpoint = endpoint
         self._loop = asyncio.get_running_loop()
 
     async def get_all(self, pattern: str, *, patience: float = 3.0) -> dict[str, Sample]:
@@ -102,7 +102,7 @@ class Transport:
             target: `fc`, `nc`, `mag`, ... for a MikroKopter request, `do` for a verb of the daemon, `sim` for one of
                 the simulator.
             name: key of the request, for example `version_request`, or the verb.
-            fields: of the request; dangerous ones want `confirm = True`.
+            fields: of the request, models among them; dangerous ones want `confirm = True`.
             patience: longest wait for the answer [s].
 
         Raises:
@@ -110,9 +110,9 @@ class Transport:
         """
         suffix = f"{target}/{name}" if target in _OTHER_ROOTS else f"cmd/{target}/{name}"
         try:
-            replies = await self._query(suffix, msgpack.packb(dict(fields or {})), patience)
+            replies = await self._query(suffix, msgpack.packb(dict(fields or {}), default=vars), patience)
         except CommandRejectedError as error:
-            return Answer("busy", {}, error.token, error.reason, error.fix)
+            return Answer(Status.BUSY, {}, error.token, error.reason, error.fix)
         if not replies:
             raise MkError(await self._silence(suffix))
         if len(replies) > 1:
@@ -123,31 +123,13 @@ class Transport:
             raise MkError(msg)
         return Answer.from_fields(replies[0].fields)
 
-    async def ask_for_lease(self, fields: Mapping[str, Any]) -> Answer:
-        """Ask for the lease so that the daemon can measure the path to this client.
-
-        Args:
-            fields: of a `LeaseRequest` with the action `take`.
-
-        Raises:
-            MkError: no daemon speaks for this vehicle.
-        """
-        for _ in range(PROBES):
-            # A daemon that knows no probe answers without an echo, and measures nothing.
-            probe = await self.command("do", "lease", {"action": "probe"})
-            echo = {"echo": probe.reply["echo"]} if "echo" in probe.reply else {}
-            answer = await self.command("do", "lease", {**fields, **echo})
-            if answer.token != "slow_path":
-                break
-        return answer
-
     async def _silence(self, suffix: str) -> str:
         """Why a command got no answer."""
         if (absence := await self.absence()) is not None:
             return absence
-        if self._endpoint.startswith(_SECURED) and await self._is_denied():
+        if self.endpoint.startswith(_SECURED) and await self._is_denied():
             return (
-                f"access denied: the daemon at {self._endpoint} answers this client, but not {suffix}: this "
+                f"access denied: the daemon at {self.endpoint} answers this client, but not {suffix}: this "
                 "certificate may look and not command; use a pilot's (configs/zenoh/README.md)"
             )
         return f"the daemon gives no answer to {suffix}: is it older than this client?"
@@ -158,22 +140,22 @@ class Transport:
         commands = await self._query("do/lease", show, DENIAL_LOOK)
         return not commands and bool(await self._query("schema/LeaseRequest.v1", b"", PATIENCE))
 
-    def watch(self, *patterns: str) -> Watch:
+    def watch(self, *patterns: str, backlog: int | None = None, are_known: bool = False) -> Watch:
         """Subscribe to keys: iterate over what comes with `async for`, or enter it first with `async with`.
 
         Args:
             patterns: keys without `mk/<vehicle>/`; may hold `*` and `**`.
+            backlog: so many samples may wait for a slow reader, then the oldest is dropped; 4096 unless given.
+            are_known: the patterns are keys of the table, and need not be looked up there.
 
         Raises:
             MkError: a pattern is no key expression, or no key that exists matches it.
         """
-        watch = self._watch_unchecked(*patterns)
-        for pattern in patterns:
-            require_known(self._suffix(pattern))
-        return watch
-
-    def _watch_unchecked(self, *patterns: str) -> Watch:
-        return Watch(self._session, [self._expression(pattern) for pattern in patterns], self._sample)
+        expressions = [self._expression(pattern) for pattern in patterns]
+        if not are_known:
+            for pattern in patterns:
+                require_known(self._suffix(pattern))
+        return Watch(self._session, expressions, self._sample, backlog)
 
     @asynccontextmanager
     async def token(self, name: str) -> AsyncIterator[None]:
@@ -262,9 +244,9 @@ class Transport:
             return None
         if others:
             return (
-                f"no daemon for vehicle {self.vehicle} at {self._endpoint}; there is {', '.join(others)}: use --vehicle"
+                f"no daemon for vehicle {self.vehicle} at {self.endpoint}; there is {', '.join(others)}: use --vehicle"
             )
-        return f"no daemon at {self._endpoint}: start `mkdaemon run`, or use --connect"
+        return f"no daemon at {self.endpoint}: start `mkdaemon run`, or use --connect"
 
 
 def _raise_refusal(error: zenoh.ReplyError) -> None:

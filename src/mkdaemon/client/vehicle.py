@@ -2,13 +2,130 @@
 
 from __future__ import annotations
 
-from mkdaemon.client.lease import Leasing
-from mkdaemon.client.navi import NaviModes
-from mkdaemon.client.requests import Requests
-from mkdaemon.client.settings import SettingsProcedures
-from mkdaemon.client.summary import Summary
-from mkdaemon.client.verbs import Verbs
+from typing import TYPE_CHECKING, Any, TypeVar, overload
+
+import zenoh
+
+from mkdaemon.client.lease import Leases
+from mkdaemon.client.navi import Navi
+from mkdaemon.client.records import Records
+from mkdaemon.client.samples import Sample, message_from
+from mkdaemon.client.settings import Settings
+from mkdaemon.client.summary import PATTERNS, VehicleStatus
+from mkdaemon.client.verbcalls import VerbCalls
+from mkdaemon.errors import MkError, ProtocolError
+
+if TYPE_CHECKING:
+    from mkdaemon.protocol import Board, WireMessage
+
+_Reply = TypeVar("_Reply", bound="WireMessage")
 
 
-class Vehicle(Summary, Leasing, Verbs, Requests, SettingsProcedures, NaviModes):
-    """A vehicle whose daemon this program is connected to; made by `connect`."""
+class Vehicle(VerbCalls):
+    """A vehicle whose daemon this program is connected to; made by `connect`.
+
+    Its values are typed streams (`uav.state.attitude()`), its verbs methods of the vehicle (`uav.release()`) or of one
+    of its services (`uav.settings.backup()`).
+
+    Attributes:
+        lease: the right to fly.
+        settings: parameter sets of the FlightCtrl.
+        waypoints: the NaviCtrl's list.
+        route: that list, flown by the pilot's switch.
+        navi: what the NaviCtrl flies by itself.
+        mixer: of the FlightCtrl.
+        motor_controllers: their configuration.
+        records: recordings.
+    """
+
+    def __init__(self, session: zenoh.Session, vehicle: str, endpoint: str) -> None:
+        super().__init__(session, vehicle, endpoint)
+        self.lease = Leases(self)
+        self.settings: Settings = Settings(self)
+        self.navi: Navi = Navi(self)
+        self.records: Records = Records(self)
+
+    async def status(self) -> VehicleStatus:
+        """The aircraft, its link and who flies, by the last values of all of them.
+
+        Raises:
+            MkError: no daemon speaks for this vehicle.
+        """
+        found: dict[str, Sample] = {}
+        for pattern in PATTERNS:
+            found |= await self.get_all(pattern)
+        if not found and (absence := await self.absence()) is not None:
+            raise MkError(absence)
+        return VehicleStatus(self.vehicle, found)
+
+    async def schema(self, name: str) -> dict[str, Any] | None:
+        """The JSON Schema of a payload; None for an unknown name.
+
+        Args:
+            name: name and version, as an encoding names them: `Attitude.v1`.
+
+        Raises:
+            MkError: the name is no part of a key.
+        """
+        suffix = f"schema/{name}"
+        sample = (await self.get_all(suffix)).get(suffix)
+        return None if sample is None else sample.fields
+
+    async def stop(self, *, in_flight: bool = False) -> None:
+        """Stop the motors. Only a public fork of the FlightCtrl can be asked to; else the pilot's sticks do it.
+
+        Args:
+            in_flight: also where the aircraft flies, or may: it falls.
+
+        Raises:
+            CommandRejectedError: `flying_stop`; stock firmware; `commands.fork_arming` is not set.
+            MkError: no daemon speaks for this vehicle.
+        """
+        from mkdaemon.protocol import Board
+        from mkdaemon.protocol.messages import DisarmMotors
+        from mkdaemon.telemetry.refusals import Token, refuse
+
+        if not in_flight:
+            flight = await self.state.flight.latest()
+            if flight is None or flight.value.is_flying is not False:
+                raise refuse(Token.FLYING_STOP)
+        await self.request(Board.FC, DisarmMotors(), confirm=True)
+
+    @overload
+    async def request(
+        self, board: Board, message: WireMessage, expect: type[_Reply], *, confirm: bool = False
+    ) -> _Reply: ...
+
+    @overload
+    async def request(self, board: Board, message: WireMessage, *, confirm: bool = False) -> WireMessage | None: ...
+
+    async def request(
+        self, board: Board, message: WireMessage, expect: type[_Reply] | None = None, *, confirm: bool = False
+    ) -> WireMessage | None:
+        """Send a MikroKopter request through the daemon and return the board's typed reply.
+
+        Args:
+            board: who is asked.
+            message: the request, for example `SettingsRequest(index=255)`.
+            expect: class the reply must have; a reply of another layout is an error.
+            confirm: the danger that the message's declaration names is known and wanted.
+
+        Returns:
+            The reply; None where the board gives none to such a request.
+
+        Raises:
+            CommandRejectedError: it was refused, or the board did not answer in time; says token, reason and fix.
+            ProtocolError: the reply is of another class than expected, or unknown here.
+            MkError: no daemon speaks for this vehicle.
+        """
+        fields = message.model_dump()
+        if confirm:
+            fields["confirm"] = True
+        answer = await self.command(board.word, message.spec.key, fields)
+        reply = answer.require()
+        found = message_from(answer.reply_type, reply) if answer.reply_type else None
+        if expect is not None and not isinstance(found, expect):
+            name = "nothing" if found is None else type(found).__name__
+            msg = f"{board.word} answers {message.spec.key} with {name}, not {expect.__name__}"
+            raise ProtocolError(msg)
+        return found

@@ -20,16 +20,20 @@ class Watch:
 
     `async for sample in watch` subscribes when the loop begins. `async with watch as samples` subscribes at once, so
     that nothing is missed of what a command sets off, and ends the subscription on leaving. The oldest samples are
-    dropped when the reader is `BACKLOG` behind.
+    dropped when the reader is that many behind (4096 unless given).
     """
 
     def __init__(
-        self, session: zenoh.Session, expressions: Sequence[zenoh.KeyExpr], read: Callable[[zenoh.Sample], Sample]
+        self,
+        session: zenoh.Session,
+        expressions: Sequence[zenoh.KeyExpr],
+        read: Callable[[zenoh.Sample], Sample],
+        backlog: int | None = None,
     ) -> None:
         self._session = session
         self._expressions = expressions
         self._read = read
-        self._queue: asyncio.Queue[zenoh.Sample] = asyncio.Queue(BACKLOG)
+        self._queue: asyncio.Queue[zenoh.Sample] = asyncio.Queue(BACKLOG if backlog is None else backlog)
         self._subscribers: list[zenoh.Subscriber[None]] = []
 
     async def __aenter__(self) -> AsyncIterator[Sample]:

@@ -60,6 +60,7 @@ class PublishStatus:
     stage: str
     is_done: bool
     outcome: Outcome | None
+    poses_refused: int
     pilots_throttle: float | None
     hands: str
 

@@ -12,7 +12,19 @@ from typing import Any
 from mkdaemon.config.control import ControlConfig
 from mkdaemon.control.actions import Action, Release, SendSticks
 from mkdaemon.control.activeset import UNREAD
+from mkdaemon.control.admission import (
+    Concern,
+    NewManoeuvre,
+    Situation,
+    TakeLease,
+    findings,
+    is_ready,
+    refusal,
+    refusals,
+    waits_for,
+)
 from mkdaemon.control.authority import Authority, Fly, ReleaseOrder
+from mkdaemon.control.estimator.values import fault_of
 from mkdaemon.control.events import (
     DUE,
     NOTED,
@@ -47,7 +59,7 @@ from mkdaemon.control.events import (
 )
 from mkdaemon.control.flightwatch import FlightWatch
 from mkdaemon.control.flown import Flown
-from mkdaemon.control.manoeuvres.manoeuvre import Manoeuvre, Step
+from mkdaemon.control.manoeuvres.manoeuvre import Step
 from mkdaemon.control.manoeuvres.table import MANOEUVRES, Row
 from mkdaemon.control.modes import IN_FLIGHT, Trigger
 from mkdaemon.control.output import StickOutput
@@ -60,7 +72,7 @@ from mkdaemon.control.vehicle import VehicleFacts, VehicleMemory
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.control import ControlLine, ErrorValue, Gains, LeaseState, Obstacle, Phase
 from mkdaemon.telemetry.preflight import PreflightReport
-from mkdaemon.telemetry.refusals import Token, refuse
+from mkdaemon.telemetry.refusals import TOKENS, Token, refuse
 from mkdaemon.telemetry.setpoint import Setpoint
 from mkdaemon.telemetry.signature import HolderKey
 from mkdaemon.telemetry.state import Attitude
@@ -86,13 +98,13 @@ class FlightCore:
         self._cfg = cfg
         facts = self._facts = VehicleMemory()
         self._sight = Sight(cfg.autopilot, cfg.limiter.hover_throttle)
-        self._flown = Flown(cfg, self._sight, facts, rows, self._admit)
+        self._flown = Flown(cfg, self._sight, facts, rows, self._admit, self._waits_for)
         self._authority = Authority(cfg, first_epoch=first_epoch, guide=self._guide)
         self._output = StickOutput(cfg, facts)
         self._reports = Reports(self._authority, self._output, facts, self._sight.pose_age)
         self._patience = LinePatience(one_way=cfg.lease.release_after)
-        self._watch = FlightWatch(self._authority, facts, self._patience, self._sight.is_fresh)
-        self._preflight = Preflight(cfg, facts, self._sight.pose_age)
+        self._watch = FlightWatch(self._authority, facts, self._patience, self._can_land)
+        self._preflight = Preflight(cfg, facts)
         self._release: ReleaseOrder | None = None
         self._nameless = 0
         self._pacing = Pacing(cfg)
@@ -193,7 +205,12 @@ class FlightCore:
                 is_to_be_read = found is None and self._authority.lease(now) is None
                 if found is not None or is_to_be_read:
                     self._preflight.active_set = found or UNREAD
-                self._preflight.require_lease(now)
+                if self._authority.phase not in IN_FLIGHT:
+                    self._preflight.compute_loop()
+                for error in refusals(TakeLease(holder=request.holder, force=request.force), self.situation(now)):
+                    # A release that is under way may end while the set is read.
+                    if not (is_to_be_read and error.token == Token.BUSY):
+                        raise error
                 if is_to_be_read:
                     return Reply(must_read_set=True)
                 assert self._facts.link is not None
@@ -235,6 +252,10 @@ class FlightCore:
     def _pose_seen(self, event: PoseSeen, now: float) -> Reply:
         pose = event.pose
         sight, view = self._sight, view_of(pose)
+        fault = fault_of(view, now)
+        if fault is not None:
+            self._reports.pose_refused(pose, fault, now)
+            return NOTED
         is_ours = not sight.target or pose.target == sight.target
         current = self._flown.current
         lifted_by = None
@@ -244,13 +265,13 @@ class FlightCore:
         before = sight.view_received(pose.target, view, now, lifted_by=lifted_by, may_change=may_change)
         if before:
             self._reports.target_changed(before, sight.target)
-        self._preflight.pose_received(pose, sight.contradicting)
+        self._preflight.pose_received(pose, sight.target, sight.contradicting)
         is_ours = pose.target == sight.target
         return DUE if self._pacing.image_taken(pose.stamp.monotonic, is_ours=is_ours) else NOTED
 
     def _model_known(self, event: ModelKnown, now: float) -> Reply:
         self._sight.model_known(event.model)
-        self._preflight.model_known(event.model, event.unknown)
+        self._preflight.model_known(event.model, event.unknown, is_flying=self.phase in IN_FLIGHT)
         return NOTED
 
     def _active_set_read(self, event: ActiveSetRead, now: float) -> Reply:
@@ -297,8 +318,15 @@ class FlightCore:
         return self._authority.holder_key
 
     def preflight(self, now: float) -> PreflightReport:
-        """Every check before a flight."""
-        return self._preflight.report(now, is_flying=self.phase in IN_FLIGHT)
+        """Every check before a flight; in flight nothing that takes long is computed anew."""
+        if self.phase not in IN_FLIGHT:
+            self._preflight.compute_loop()
+        found = findings(self.situation(now))
+        return PreflightReport(is_ready=is_ready(found), findings=found)
+
+    def situation(self, now: float) -> Situation:
+        """All that admission looks at, at a time [s]; who runs procedures adds the work that keeps the boards busy."""
+        return self._situation(self._flown.concern if self.phase in IN_FLIGHT else None, now)
 
     def gains(self) -> Gains:
         """Model, gains and margins of the horizontal loop.
@@ -341,11 +369,33 @@ class FlightCore:
     def _guide(self, setpoint: Setpoint, now: float, is_flying: bool) -> Step:
         step = self._flown.step(setpoint, self._authority.phase, now, is_flying=is_flying)
         self._error = step.error
-        return self._preflight.wait_for_board(step)
+        return step
 
-    def _admit(self, kind: type[Setpoint], before: Manoeuvre | None, now: float) -> CommandRejectedError | None:
-        """Why a manoeuvre may not begin now; None where it may."""
-        return self._preflight.refusal(kind, now)
+    def _situation(self, flown: Concern | None, now: float) -> Situation:
+        return self._preflight.situation(
+            now,
+            phase=self.phase,
+            lease=self._authority.lease(now),
+            flown=flown,
+            entry=self._sight.entry(now),
+            hover_gas=self._sight.hover_gas,
+            target_age=self._sight.pose_age(now),
+        )
+
+    def _admit(self, wanted: NewManoeuvre, before: Concern | None, now: float) -> CommandRejectedError | None:
+        """Why a manoeuvre may not begin after another one; None where it may."""
+        return refusal(wanted, self._situation(before, now))
+
+    def _waits_for(self, wanted: NewManoeuvre, now: float) -> str:
+        """What a flight waits for that would begin with a manoeuvre; empty for nothing."""
+        return waits_for(wanted, self._situation(None, now))
+
+    def _can_land(self, now: float) -> bool:
+        """Whether a battery that is low is landed with: it cannot wait until entry conditions are met."""
+        if not self._sight.is_fresh(now):
+            return False
+        found = refusals(NewManoeuvre(Concern.LAND), self.situation(now))
+        return all(error.token == Token.NOT_READY for error in found)
 
     def _fly(self, order: Fly, now: float, *, engaging: bool) -> SendSticks | None:
         """Make a stick frame; None where the line does not take it."""
@@ -357,7 +407,7 @@ class FlightCore:
         if engaging or line.obstacle is not None:
             self._output.engage(order.sticks, now)
         if line.obstacle is not None:
-            error = refuse(Token(line.obstacle.value), state="down", detail=line.reason)
+            error = refuse(TOKENS[line.obstacle.value], state="down", detail=line.reason)
             if line.obstacle in {Obstacle.RELEASING, Obstacle.UNCONFIRMED}:  # nobody flies then, so the lease ends
                 self._end(Trigger.LINE_RELEASING, error.reason)
                 self._pacing.hurry()

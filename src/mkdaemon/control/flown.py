@@ -5,20 +5,23 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 
 from mkdaemon.config.control import ControlConfig
+from mkdaemon.control.admission import Concern, NewManoeuvre
 from mkdaemon.control.manoeuvres.hold import Hold
 from mkdaemon.control.manoeuvres.land import Land
 from mkdaemon.control.manoeuvres.level import Level
 from mkdaemon.control.manoeuvres.manoeuvre import Manoeuvre, Step
-from mkdaemon.control.manoeuvres.table import Row, check_followed
+from mkdaemon.control.manoeuvres.table import Row
 from mkdaemon.control.sight import Sight
 from mkdaemon.control.vehicle import VehicleFacts
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.control import Phase
 from mkdaemon.telemetry.refusals import Token, refuse
-from mkdaemon.telemetry.setpoint import HoldSetpoint, Setpoint
+from mkdaemon.telemetry.setpoint import Setpoint
 
-Admit = Callable[[type[Setpoint], Manoeuvre | None, float], CommandRejectedError | None]
-"""Says why a manoeuvre of a kind may not begin after another one (None on the ground), at a time [s]."""
+Admit = Callable[[NewManoeuvre, Concern | None, float], CommandRejectedError | None]
+"""Says why a manoeuvre may not begin after another one (None on the ground), at a time [s]; see `admission.refusal`."""
+WaitsFor = Callable[[NewManoeuvre, float], str]
+"""Says what a flight waits for that would begin with a manoeuvre at a time [s]; see `admission.waits_for`."""
 
 
 class Flown:
@@ -35,8 +38,9 @@ class Flown:
         facts: VehicleFacts,
         rows: Mapping[type[Setpoint], Row],
         admit: Admit,
+        waits_for: WaitsFor,
     ) -> None:
-        """Fly nothing yet.
+        """NewManoeuvre nothing yet.
 
         Args:
             cfg: bands and limits.
@@ -44,9 +48,11 @@ class Flown:
             facts: about the vehicle.
             rows: every manoeuvre by its kind of setpoint.
             admit: asked at every beginning and every change.
+            waits_for: asked before the flight.
         """
         self.current: Manoeuvre | None = None
-        self._cfg, self._sight, self._facts, self._rows, self._admit = cfg, sight, facts, rows, admit
+        self._cfg, self._sight, self._facts, self._rows = cfg, sight, facts, rows
+        self._admit, self._waits_for = admit, waits_for
         self._kind: type[Setpoint] | None = None
         self._phase: Phase | None = None
 
@@ -55,27 +61,26 @@ class Flown:
     def check(self, setpoint: Setpoint, phase: Phase, now: float) -> None:
         """Refuse a setpoint that cannot be followed, or may not be flown now.
 
-        Asked of every setpoint on the ground, and in flight of every one that changes the manoeuvre.
-
         Raises:
-            CommandRejectedError: `no_guidance`, `no_frame`, `no_estimate`, `not_ready`, or what admission says.
+            CommandRejectedError: `no_guidance`, or what admission says.
         """
-        kind = type(setpoint)
-        row = self._rows.get(kind)
-        if row is None:
+        if type(setpoint) not in self._rows:
             known = ", ".join(sorted(each.suffix for each in self._rows))
             raise refuse(Token.NO_GUIDANCE, name=setpoint.suffix, known=known)
-        check_followed(row, self._sight, setpoint)
-        before = self.current if phase in (Phase.FLYING, Phase.STALE) else None
-        if phase in (Phase.ABORTED, Phase.LANDING) or (before is not None and kind is self._kind):
-            return
-        refusal = self._admit(kind, before, now)
+        wanted, before = NewManoeuvre.by(setpoint), self.concern if phase in (Phase.FLYING, Phase.STALE) else None
+        if phase in (Phase.ABORTED, Phase.LANDING):
+            # It is not flown; it only has to be one that could be.
+            before = wanted.concern
+        refusal = self._admit(wanted, before, now)
         if refusal is not None:
             raise refusal
-        if before is not None:
-            obstacle = row.make(self._sight, self._cfg, setpoint).enter(before, self._facts, now)
-            if obstacle:
-                raise refuse(Token.NOT_READY, name=setpoint.suffix, detail=obstacle)
+
+    @property
+    def concern(self) -> Concern | None:
+        """What is flown, as admission knows it; None before the first setpoint."""
+        if self.current is None:
+            return None
+        return Concern.ATTITUDE if isinstance(self.current, Level) else Concern(self.current.kind)
 
     @property
     def keeps_place(self) -> bool:
@@ -94,7 +99,8 @@ class Flown:
         before, self._phase = self._phase, phase
         if not is_flying:
             self.current = self._make(setpoint)
-            obstacle = self.current.enter(None, self._facts, now)
+            entered = self.current.enter(None, self._facts, now)
+            obstacle = self._waits_for(NewManoeuvre.by(setpoint), now) or entered
             step = self.current.step(now, is_flying=False)
             return step if not obstacle else _waiting(step, obstacle)
         assert self.current is not None
@@ -128,11 +134,9 @@ class Flown:
         before, after = self.current, self.current.abort(now)
         if after is before:
             return
-        is_beginning = isinstance(after, Hold) and not before.is_by_target
-        if is_beginning and self._admit(HoldSetpoint, before, now) is not None:
+        if isinstance(after, Hold) and self._admit(NewManoeuvre(Concern.HOLD), self.concern, now) is not None:
             after = Level(self._sight)
-        if after.enter(before, self._facts, now):
-            after = Level(self._sight)
+        after.enter(before, self._facts, now)
         self.current = after
 
 

@@ -12,7 +12,7 @@ import math
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -30,6 +30,8 @@ LEAST_MOTION: Final = math.radians(0.4)
 """Smaller tilts, as a root mean square, tell nothing [rad]."""
 LEAST_RATE: Final = 12.0
 """Rarer samples tell nothing [Hz]."""
+KEPT: Final = 1000
+"""Samples of one source that are kept: `WINDOW` at 125 Hz, more than boards and cameras give."""
 ALIKE: Final = 0.7
 """Correlation from which on the two are the same motion; its negative is a camera mounted the wrong way round."""
 
@@ -47,30 +49,54 @@ class Match:
     likeness: float
 
 
+class _View(NamedTuple):
+    """Who sees what."""
+
+    target: str
+    camera: str
+
+
 class MotionMatch:
-    """The motion of the last seconds, as the boards and as the cameras reported it."""
+    """The motion of the last seconds, as the boards reported it and as each camera saw it by each target.
+
+    Two targets in one camera's view lie in different directions: mixed, they would show motion that there was none.
+    """
 
     def __init__(self) -> None:
-        self._reported: deque[tuple[float, float, float]] = deque(maxlen=1000)
-        self._seen: dict[str, deque[tuple[float, float, float]]] = {}
+        self._reported: deque[tuple[float, float, float]] = deque(maxlen=KEPT)
+        self._seen: dict[_View, deque[tuple[float, float, float]]] = {}
 
     def attitude_received(self, at: float, pitch: float, roll: float) -> None:
         """Take an attitude of the boards, measured at a time [s]; nose down and right side down positive [rad]."""
         self._reported.append((at, pitch, roll))
 
-    def target_seen(self, at: float, position_flu: Sequence[float] | Array, camera: str = "") -> None:
-        """Take the target's origin in the body frame (3,) [m; FLU] as an image of a camera at a time [s] shows it."""
-        depth = -float(position_flu[2])
-        if depth > 0.0:
-            angles = math.atan2(float(position_flu[0]), depth), math.atan2(-float(position_flu[1]), depth)
-            self._seen.setdefault(camera, deque(maxlen=1000)).append((at, *angles))
+    def target_seen(self, target: str, at: float, position_flu: Sequence[float] | Array, camera: str = "") -> None:
+        """Take where an image of a camera shows a target.
 
-    def match(self, now: float) -> Match | None:
-        """Compare the last seconds; None where there was too little to see, or nothing moved.
+        Args:
+            target: its name.
+            at: when the image was taken [s; monotonic].
+            position_flu: the target's origin in the body frame (3,) [m; FLU].
+            camera: whose image it is.
+        """
+        depth = -float(position_flu[2])
+        if depth <= 0.0:
+            return
+        self._seen = {view: seen for view, seen in self._seen.items() if seen[-1][0] >= at - WINDOW}
+        angles = math.atan2(float(position_flu[0]), depth), math.atan2(-float(position_flu[1]), depth)
+        self._seen.setdefault(_View(target, camera), deque(maxlen=KEPT)).append((at, *angles))
+
+    def match(self, now: float, target: str) -> Match | None:
+        """Compare the last seconds by one target; None where there was too little to see, or nothing moved.
 
         Of several cameras the worst counts: one that sees the opposite, else the one that is farthest off.
+
+        Args:
+            now: [s; monotonic].
+            target: its name.
         """
-        found = [match for seen in self._seen.values() if (match := self._match(seen, now)) is not None]
+        views = [seen for view, seen in self._seen.items() if view.target == target]
+        found = [match for seen in views if (match := self._match(seen, now)) is not None]
         return min(found, key=lambda match: (match.likeness > -ALIKE, -abs(match.lag)), default=None)
 
     def _match(self, samples: deque[tuple[float, float, float]], now: float) -> Match | None:

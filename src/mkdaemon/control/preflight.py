@@ -1,34 +1,36 @@
-"""Before a flight: gathers what the checks look at, and refuses what they forbid; the table is `checks`."""
+"""Gathers what admission looks at; the table is `admission`."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import replace
-from typing import Final
+from functools import lru_cache
+from typing import Final, NamedTuple
 
 from mkdaemon.config.control import ControlConfig
 from mkdaemon.control.activeset import UNREAD, ActiveSet
-from mkdaemon.control.checks import findings, is_ready, standing
+from mkdaemon.control.admission import (
+    NO_WORK,
+    Concern,
+    Entry,
+    Situation,
+)
 from mkdaemon.control.estimator.model import AircraftModel, Gap, ModelUnknown
 from mkdaemon.control.estimator.values import GAS_CENTRE
-from mkdaemon.control.knowledge import Knowledge
-from mkdaemon.control.manoeuvres.manoeuvre import Step
-from mkdaemon.control.motionmatch import MotionMatch
+from mkdaemon.control.motionmatch import Match, MotionMatch
 from mkdaemon.control.regulator.margins import gains_of, loop_refusal
 from mkdaemon.control.vehicle import VehicleFacts
 from mkdaemon.errors import CommandRejectedError
-from mkdaemon.telemetry.control import ControlLine, Gains, Obstacle
-from mkdaemon.telemetry.preflight import Blocks, PreflightReport
+from mkdaemon.telemetry.control import ControlLine, Gains, LeaseState, Phase
 from mkdaemon.telemetry.refusals import Token, refuse
-from mkdaemon.telemetry.setpoint import AttitudeSetpoint, Setpoint, StickSetpoint
 from mkdaemon.telemetry.vision import VisionPose
 
-FRESH: Final = 0.5
-"""What stood in the way of autonomous flight is looked at again after this time [s]."""
+MATCHED_FOR: Final = 0.5
+"""Camera and boards are compared again after this time [s]; it takes 2 ms a camera."""
+REPORTED: Final = 1.0
+"""A throttle that was reported longer ago says nothing [s]."""
 
 
 class Preflight:
-    """The checks before a flight.
+    """What admission looks at, as it was told last.
 
     Attributes:
         motion: as the boards and a camera told it.
@@ -37,108 +39,137 @@ class Preflight:
         has_guard: the guard is there.
     """
 
-    def __init__(
-        self, cfg: ControlConfig, facts: VehicleFacts, target_age: Callable[[float], float | None] = lambda now: None
-    ) -> None:
-        """Check; `target_age` tells the age of the newest image of the target at a time [s]."""
-        self._cfg, self._facts, self._target_age = cfg, facts, target_age
+    def __init__(self, cfg: ControlConfig, facts: VehicleFacts) -> None:
+        """Gather; nothing is known yet but the configuration."""
+        self._cfg, self._facts = cfg, facts
         self.motion = MotionMatch()
         self.active_set: ActiveSet = UNREAD
         self.line = ControlLine()
         self.has_guard = True
         self._contradicting: tuple[str, ...] = ()
+        self._followed = ""
         self._model = AircraftModel()
         self._unknown: ModelUnknown | None = ModelUnknown(Gap.UNREAD)
-        self._gains: Gains | None = None
-        self._loop: CommandRejectedError | None = None
-        self._is_loop_known = False
-        self._obstacle: CommandRejectedError | None = None
-        self._looked_at = float("-inf")
+        self._loop: _Loop | None = None
+        self._match: Match | None = None
+        self._matched_at = float("-inf")
 
-    def report(self, now: float, *, is_flying: bool = False) -> PreflightReport:
-        """Every check, at a time [s]; in flight nothing that takes long is computed anew."""
-        found = findings(self._known(now, is_quick=is_flying))
-        return PreflightReport(is_ready=is_ready(found), findings=found)
+    # -- what is told ---------------------------------------------------------------------------------------------
 
-    def require_lease(self, now: float) -> None:
-        """Refuse a lease nobody could fly with.
+    def pose_received(self, pose: VisionPose, followed: str, contradicting: tuple[str, ...]) -> None:
+        """Take a pose, the target that is followed, and the cameras whose poses contradict those of others."""
+        self.motion.target_seen(pose.target, pose.stamp.monotonic, pose.position_flu, pose.camera)
+        self._followed, self._contradicting = followed, contradicting
 
-        Raises:
-            CommandRejectedError: the first check that stands in the way.
+    def model_known(self, model: AircraftModel, unknown: ModelUnknown | None, *, is_flying: bool = False) -> None:
+        """Take the model to fly by.
+
+        Args:
+            model: of the aircraft.
+            unknown: why it is not that of the aircraft's own parameter set; None where it is.
+            is_flying: stick frames are being sent: its loop is not computed now.
         """
-        refusal = next(standing(self._known(now, is_quick=True), Blocks.LEASE), None)
-        if refusal is not None:
-            raise refusal
+        self._unknown = unknown
+        if model != self._model:
+            self._model, self._loop = model, None
+        if not is_flying:
+            self.compute_loop()
 
-    def refusal(self, kind: type[Setpoint], now: float) -> CommandRejectedError | None:
-        """Why a flight against a target may not begin; None where it may, and for flights by hand."""
-        if kind in (StickSetpoint, AttitudeSetpoint):
-            return None
-        if now - self._looked_at >= FRESH:
-            self._looked_at = now
-            self._obstacle = next(standing(self._known(now), Blocks.AUTONOMY), None)
-        return self._obstacle
+    def compute_loop(self) -> None:
+        """Judge the control loop on the present model; 0.06 to 0.12 s for a new one: never in flight."""
+        if self._loop is None:
+            self._loop = _judge_loop(self._model, self._cfg)
+
+    # -- what is asked --------------------------------------------------------------------------------------------
+
+    def situation(
+        self,
+        now: float,
+        *,
+        phase: Phase,
+        lease: LeaseState | None,
+        flown: Concern | None,
+        entry: Entry | None,
+        hover_gas: float,
+        target_age: float | None,
+    ) -> Situation:
+        """All that admission looks at, now; cheap.
+
+        Args:
+            now: [s].
+            phase: where authority stands.
+            lease: the present one; None for nobody.
+            flown: the manoeuvre whose sticks are being sent; None while no stick frames are sent.
+            entry: what the estimate says; None where there is no estimate.
+            hover_gas: throttle that carries the aircraft [count of 254].
+            target_age: time since the newest image of the target [s]; None where there was none.
+        """
+        facts, throttle = self._facts, self._facts.throttle_in_use()
+        is_told = throttle is not None and now - throttle.at <= REPORTED
+        if now - self._matched_at >= MATCHED_FOR:
+            self._match, self._matched_at = self.motion.match(now, self._followed), now
+        return Situation(
+            cfg=self._cfg,
+            now=now,
+            phase=phase,
+            holder="" if lease is None else lease.holder,
+            lease_left=0.0 if lease is None else lease.left,
+            flown=flown,
+            work=NO_WORK,
+            line=self.line,
+            has_guard=self.has_guard,
+            link=facts.link,
+            health=facts.health,
+            active_set=self.active_set,
+            motors_running=facts.motors_running(now),
+            is_testing_motors=facts.is_testing_motors(now),
+            flight=facts.flight(now),
+            pilot=facts.pilot(now),
+            position=facts.position(now),
+            gps=facts.gps(now),
+            battery=facts.battery(now),
+            highest_voltage=facts.highest_voltage,
+            hover_gas=hover_gas,
+            gas_in_use=throttle.throttle + GAS_CENTRE if throttle is not None and is_told else None,
+            eyes=facts.eyes,
+            contradicting=self._contradicting,
+            target_age=target_age,
+            entry=entry,
+            stamps=self._match,
+            free_disk=facts.free_disk,
+            model=self._unknown,
+            loop=None if self._loop is None else self._loop.refusal,
+            is_loop_known=self._loop is not None,
+        )
 
     def gains(self, *, is_flying: bool = False) -> Gains:
-        """Model, gains and margins of the loop; computed once for a model, which takes too long in flight.
+        """Model, gains and margins of the loop.
 
         Raises:
             CommandRejectedError: `loop_unstable`: there are none; `busy`: in flight nothing is computed.
         """
-        if self._gains is None and is_flying:
+        if self._loop is None and is_flying:
             raise refuse(Token.BUSY, detail="the loop is not computed in flight")
-        if self._gains is None:
-            try:
-                self._gains = gains_of(self._model, self._cfg)
-            except ValueError:
-                refusal = loop_refusal(self._model, self._cfg)
-                assert refusal is not None
-                raise refusal from None
-        return self._gains
+        self.compute_loop()
+        assert self._loop is not None
+        if self._loop.gains is None:
+            assert self._loop.refusal is not None
+            raise self._loop.refusal
+        return self._loop.gains
 
-    def pose_received(self, pose: VisionPose, contradicting: tuple[str, ...]) -> None:
-        """Take a pose, and the cameras whose poses contradict those of others."""
-        self.motion.target_seen(pose.stamp.monotonic, pose.position_flu, pose.camera)
-        self._contradicting = contradicting
 
-    def model_known(self, model: AircraftModel, unknown: ModelUnknown | None) -> None:
-        """Take the model to fly by, and why it is not that of the aircraft's own parameter set; None where it is."""
-        self._unknown = unknown
-        if model != self._model:
-            self._model, self._gains, self._loop, self._is_loop_known = model, None, None, False
+class _Loop(NamedTuple):
+    """What was computed of a control loop: its gains, if it has any, and why it must not be flown."""
 
-    def _loop_refusal(self) -> CommandRejectedError | None:
-        if not self._is_loop_known:
-            self._loop, self._is_loop_known = loop_refusal(self._model, self._cfg, self._gains), True
-        return self._loop
+    gains: Gains | None
+    refusal: CommandRejectedError | None
 
-    def wait_for_board(self, step: Step) -> Step:
-        """Begin no flight while a board does not listen: the first frame it hears must be one of neutral sticks."""
-        return replace(step, obstacle=self.line.reason) if self.line.obstacle is Obstacle.DEAF else step
 
-    def _known(self, now: float, *, is_quick: bool = False) -> Knowledge:
-        """What the checks look at; `is_quick` leaves out what takes long to compute: the loop would stand still."""
-        loop = self._loop if is_quick else self._loop_refusal()
-        facts = self._facts
-        return Knowledge(
-            now=now,
-            lease=self._cfg.lease,
-            hover_gas=self._cfg.limiter.hover_throttle + GAS_CENTRE,
-            has_guard=self.has_guard,
-            line=self.line,
-            link=facts.link,
-            health=facts.health,
-            active_set=self.active_set,
-            flight=facts.flight(now),
-            pilot=facts.pilot(now),
-            battery=facts.battery(now),
-            highest_voltage=facts.highest_voltage,
-            eyes=facts.eyes,
-            contradicting=self._contradicting,
-            target_age=self._target_age(now),
-            stamps=None if is_quick else self.motion.match(now),
-            free_disk=facts.free_disk,
-            model=self._unknown,
-            loop=loop,
-            is_loop_known=self._is_loop_known,
-        )
+@lru_cache(maxsize=16)
+def _judge_loop(model: AircraftModel, cfg: ControlConfig) -> _Loop:
+    """Compute gains and margins of the loop on a model, and judge it."""
+    try:
+        gains = gains_of(model, cfg)
+    except ValueError:
+        return _Loop(None, loop_refusal(model, cfg))
+    return _Loop(gains, loop_refusal(model, cfg, gains))

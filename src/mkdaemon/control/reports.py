@@ -17,6 +17,7 @@ from mkdaemon.control.actions import (
     Warn,
 )
 from mkdaemon.control.authority import Authority
+from mkdaemon.control.estimator.values import ViewFault
 from mkdaemon.control.hands import pilots_hands
 from mkdaemon.control.modes import IN_FLIGHT
 from mkdaemon.control.naviwatch import NaviWatch
@@ -27,6 +28,7 @@ from mkdaemon.telemetry.command import CommandResult, refused
 from mkdaemon.telemetry.control import ErrorValue, EstimateValue, Phase, ReleaseOutcome
 from mkdaemon.telemetry.refusals import Status
 from mkdaemon.telemetry.setpoint import Setpoint
+from mkdaemon.telemetry.vision import VisionPose
 
 _IS_CONFIRMED: Final = {
     ReleaseOutcome.CONFIRMED: True,
@@ -61,6 +63,7 @@ class Reports:
         self._status: tuple[object, ...] | None = None
         self._status_at = self._unsent_at = float("-inf")
         self._refusal_at = {True: float("-inf"), False: float("-inf")}
+        self._poses_refused, self._pose_at = 0, float("-inf")
         self._waiting: list[Action] = []
         self._is_capped = self._is_battery_low = False
         self._believed: EstimateValue | None = None
@@ -93,6 +96,13 @@ class Reports:
         if now - self._refusal_at[is_by_holder] >= REPORT_PERIOD:
             self._refusal_at[is_by_holder] = now
             self._waiting.append(ReportCommand(key, fields, refused(error)))
+
+    def pose_refused(self, pose: VisionPose, fault: ViewFault, now: float) -> None:
+        """Count a pose that nobody may use, and report it, but not too often."""
+        self._poses_refused += 1
+        if now - self._pose_at >= REPORT_PERIOD:
+            self._pose_at = now
+            self._waiting.append(Warn(f"pose of {pose.camera} against {pose.target} not used: {fault.value}"))
 
     def target_changed(self, before: str, after: str) -> None:
         """Report that another target is followed, because the one before was out of sight for long."""
@@ -184,6 +194,7 @@ class Reports:
                 stage="" if progress is None else progress.stage,
                 is_done=progress is not None and progress.is_done,
                 outcome=authority.outcome,
+                poses_refused=self._poses_refused,
                 pilots_throttle=lid,
                 hands=pilots_hands(authority.phase, progress, is_capped=lid is not None),
             )

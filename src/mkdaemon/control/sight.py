@@ -9,14 +9,15 @@ from typing import Final
 import numpy as np
 
 from mkdaemon.config.autopilot import AutopilotConfig
+from mkdaemon.control.admission.situation import Entry
 from mkdaemon.control.estimator.estimator import Estimator
 from mkdaemon.control.estimator.model import AircraftModel
-from mkdaemon.control.estimator.values import GAS_CENTRE, Estimate, StickCommand, TargetView, ThrottleUse
+from mkdaemon.control.estimator.values import GAS_CENTRE, StickCommand, TargetView, ThrottleUse
 from mkdaemon.control.limiter import StickCounts
 from mkdaemon.control.linear import Array
 from mkdaemon.frames import rotation_from_quaternion
 from mkdaemon.telemetry.control import EstimateValue
-from mkdaemon.telemetry.state import Attitude
+from mkdaemon.telemetry.state import AngleScale, Attitude
 from mkdaemon.telemetry.vision import VisionPose
 
 ATTITUDE_LATENCY: Final = 0.024
@@ -71,7 +72,7 @@ class Sight:
         self.attitude = attitude
         if self.estimator is not None:
             at = attitude.stamp.monotonic - ATTITUDE_LATENCY
-            scale = SHOWN if attitude.source.startswith("fc/") else 1.0
+            scale = SHOWN if attitude.scale is AngleScale.FLIGHTCTRL else 1.0
             self.estimator.attitude_received(at, attitude.pitch / scale, attitude.roll / scale, attitude.yaw)
 
     def view_received(
@@ -108,7 +109,7 @@ class Sight:
                 self.estimator.sent(command)
             self.target, self._clean_since, self._last_view = target, view.at, None
         else:
-            known.target_seen(view)
+            known.target_seen(view, now)
             if not known.innovation <= self._cfg.clean_innovation:
                 self._clean_since = view.at
         if self._last_view is None or view.at >= self._last_view.at:
@@ -141,38 +142,27 @@ class Sight:
         """Cameras whose images contradict those of others."""
         return () if self.estimator is None else self.estimator.contradicting
 
-    def entry_obstacle(self, now: float) -> str:
-        """What must change before something is flown by the target; empty for nothing."""
+    def entry(self, now: float) -> Entry | None:
+        """Return what the conditions look at under which something begins to be flown by the target.
+
+        None without an estimate.
+        """
         if self.estimator is None:
-            return "a target in sight"
-        self.estimator.advance(now)
-        return entry_obstacle(self._cfg, self.target, self.estimator.estimate(now), now - self._clean_since)
+            return None
+        estimate = self.estimator.estimate(now)
+        return Entry(
+            target=self.target,
+            age=estimate.age,
+            speed=float(np.hypot(*estimate.velocity[:2])),
+            offset=float(np.hypot(*estimate.position[:2])),
+            height=float(estimate.position[2]),
+            sd=float(estimate.position_sd.max()),
+            clean=now - self._clean_since,
+        )
 
     def estimate(self, now: float) -> EstimateValue | None:
         """Return what is believed now, as it is published; None before the first pose."""
         return None if self.estimator is None else estimate_value(self.target, self.estimator, now)
-
-
-def entry_obstacle(cfg: AutopilotConfig, target: str, estimate: Estimate, clean: float) -> str:
-    """What must change before an autonomous flight begins; empty for nothing.
-
-    Args:
-        cfg: entry conditions.
-        target: its name.
-        estimate: now.
-        clean: how long images have agreed with the model [s].
-    """
-    sd, speed = float(estimate.position_sd.max()), float(np.hypot(*estimate.velocity[:2]))
-    if estimate.age > cfg.entry_age:
-        return f"a fresh image of {target}: the last is {estimate.age:.2f} s old"
-    if speed > cfg.entry_speed:
-        return f"a slower aircraft: it moves at {speed:.1f} m/s over {target}"
-    offset, height = float(np.hypot(*estimate.position[:2])), float(estimate.position[2])
-    if offset > cfg.entry_offset * height:
-        return f"a place nearer over {target}: it is {offset:.1f} m beside its middle, {height:.1f} m up"
-    if sd > cfg.entry_sd:
-        return f"a certain position: its standard deviation is {100 * sd:.0f} cm"
-    return "" if clean >= cfg.entry_clean else f"images that agree with the model for {cfg.entry_clean:g} s"
 
 
 def estimate_value(target: str, estimator: Estimator, now: float) -> EstimateValue:

@@ -17,8 +17,7 @@ from mkdaemon.clock import Clock
 from mkdaemon.daemon.audit import Audit
 from mkdaemon.files import write_whole
 from mkdaemon.link.link import Link
-from mkdaemon.link.session.knownflight import FlightMemory
-from mkdaemon.link.session.sighting import FlightState, Sighting
+from mkdaemon.link.session.knownflight import FlightMemory, FlightState, Sighting
 from mkdaemon.protocol.boards import Board
 from mkdaemon.protocol.evidence import ControlForm, Evidence
 from mkdaemon.protocol.generations import Release

@@ -9,17 +9,19 @@ from __future__ import annotations
 import array
 import asyncio
 import json
+import os
 import socket
 import subprocess
 import sys
 import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from itertools import cycle, islice
 from pathlib import Path
 from typing import Final
 
 from mkdaemon import guard
-from mkdaemon.guard import Word
+from mkdaemon.guard import Line, Word
 from mkdaemon.reading import parse_json, read_text
 
 PING_PERIOD: Final = 0.2
@@ -28,6 +30,8 @@ SILENCE_LIMIT: Final = 1.0
 """A guard that has not answered for this long counts as dead [s]."""
 STOP_LIMIT: Final = 0.5
 """Longest wait for the end of a guard that was told to stop [s]."""
+LAST_FRAMES: Final = 10
+"""Release frames of a program that ends at once: five in each of two layouts."""
 START_LIMIT: Final = 5.0
 """Longest wait for the first answer of a guard that was started [s]; on an idle machine it takes 0.05."""
 
@@ -180,6 +184,69 @@ class GuardProcess:
             channel.close()
             self._lost.set()
             self._first_answer.set()
+
+
+class LastWord:
+    """What a program that has to end at once still says to the aircraft where no guard does.
+
+    Hears of one line what a guard hears, and hands it on to the guard.
+
+    Attributes:
+        guard: the process; None where there is none.
+    """
+
+    def __init__(self) -> None:
+        self.guard: GuardProcess | None = None
+        self._line = Line()
+        self._neutral: bytes | None = None
+        self._release: Sequence[bytes] = ()
+
+    @property
+    def is_guarded(self) -> bool:
+        """Whether a guard hears the end of this process, and releases what is owed."""
+        return self.guard is not None and self.guard.is_alive
+
+    def port_opened(self, descriptor: int) -> None:
+        """Keep a duplicate of an open port: it can be written to whatever became of the original."""
+        self._line.replace(os.dup(descriptor))
+        if self.guard is not None:
+            self.guard.port_opened(descriptor)
+
+    def port_closed(self) -> None:
+        """Let go of the port."""
+        self._line.replace(-1)
+        if self.guard is not None:
+            self.guard.port_closed()
+
+    def frames_changed(self, release: Sequence[bytes]) -> None:
+        """Take the encoded release frames of this aircraft."""
+        self._release = release
+        if self.guard is not None:
+            self.guard.frames_changed(release)
+
+    def frame_written(self, neutral: bytes) -> None:
+        """A frame that moves or releases the aircraft was written; `neutral` is the frame for level sticks."""
+        self._neutral = neutral
+        if self.guard is not None:
+            self.guard.frame_written(neutral)
+
+    def released(self) -> None:
+        """Nothing is owed."""
+        self._neutral = None
+        if self.guard is not None:
+            self.guard.released()
+
+    def speak(self) -> None:
+        """Write neutral sticks and the release straight to the port, in 0.3 s, and wait for nothing else.
+
+        Does nothing where nothing is owed. May be called in a signal handler, from wherever the program hangs.
+        """
+        if self._neutral is None:
+            return
+        self._line.discard_waiting()
+        for frame in (guard.RESYNC + self._neutral, *islice(cycle(self._release), LAST_FRAMES)):
+            time.sleep(guard.FRAME_SPACING)
+            self._line.write((frame,))
 
 
 def take_report(path: Path) -> str | None:

@@ -20,7 +20,7 @@ from mkdaemon.config.root import Config
 from mkdaemon.daemon.blackbox import BlackBox, open_black_box
 from mkdaemon.daemon.eyes import open_eyes
 from mkdaemon.daemon.flightnote import FlightNotes
-from mkdaemon.daemon.guard import GuardProcess, take_report
+from mkdaemon.daemon.guard import GuardProcess, LastWord, take_report
 from mkdaemon.daemon.localsocket import LocalSocket
 from mkdaemon.daemon.priority import spare_collector
 from mkdaemon.daemon.procedures import state_folder
@@ -41,13 +41,14 @@ SETTLE: Final = 0.3
 """After the first subscriber has come: time for its other subscriptions, and for the last samples to leave [s]."""
 
 
-async def run(cfg: Config, stop: asyncio.Event, clock: Clock | None = None) -> None:
+async def run(cfg: Config, stop: asyncio.Event, clock: Clock | None = None, last_word: LastWord | None = None) -> None:
     """Fly until `stop` is set, or until a recording has ended.
 
     Args:
         cfg: all of it.
         stop: ends the flight.
         clock: the machine's if none is given.
+        last_word: learns what to say to the aircraft where the program has to end at once.
 
     Raises:
         ConfigError: the configuration cannot work.
@@ -61,7 +62,7 @@ async def run(cfg: Config, stop: asyncio.Event, clock: Clock | None = None) -> N
     takes_images = any(camera.source.startswith(OVER_BUS) for camera in cfg.cameras)
     opening = Bus.open(cfg.bus, cfg.vehicle.name, black_box.bus_recorder, takes_images=takes_images)
     async with black_box.run(), opening as bus:
-        daemon = Daemon(cfg, bus, clock, black_box)
+        daemon = Daemon(cfg, bus, clock, black_box, last_word)
         spare_collector()
         try:
             await daemon.serve(stop, notifier)
@@ -77,7 +78,14 @@ async def run(cfg: Config, stop: asyncio.Event, clock: Clock | None = None) -> N
 class Daemon:
     """Everything that runs, wired together."""
 
-    def __init__(self, cfg: Config, bus: Bus, clock: Clock, black_box: BlackBox | None = None) -> None:
+    def __init__(
+        self,
+        cfg: Config,
+        bus: Bus,
+        clock: Clock,
+        black_box: BlackBox | None = None,
+        last_word: LastWord | None = None,
+    ) -> None:
         """Build and wire; nothing runs yet.
 
         Raises:
@@ -89,13 +97,15 @@ class Daemon:
         self._report = state_folder(cfg.vehicle) / "guard.json"
         needs_guard = cfg.control.guard and not cfg.link.port.startswith(RECORDING)
         self._guard = GuardProcess(self._report, clock=clock.now) if needs_guard else None
+        last_word = last_word or LastWord()
+        last_word.guard = self._guard
         box = self._black_box = black_box or BlackBox(clock)
         wiring = self._wiring = Wiring(
             cfg,
             bus,
             clock,
             make_eyes=partial(open_eyes, cfg, bus, clock, record=box.image_recorder(cfg.record.images)),
-            guard=self._guard,
+            guard=last_word,
             tap=box.tap,
         )
         self._link, self._flight, self._audit = wiring.link, wiring.flight, wiring.audit

@@ -21,8 +21,8 @@ from mkdaemon.telemetry.command import (
     GainsRequest,
     LeaseRequest,
     PreflightRequest,
-    RateRequest,
     Rates,
+    RatesRequest,
     ReleaseRequest,
 )
 from mkdaemon.telemetry.control import Gains, LeaseProbe, ReleaseOutcome, ReleaseReport
@@ -54,7 +54,7 @@ class Verbs:
             "lease": self._lease,
             "release": self._release,
             "abort": self._abort,
-            "rate": self._rate,
+            "rates": self._rates,
             "gains": self._gains,
             "preflight": self._preflight,
             "mark": self._mark,
@@ -120,9 +120,9 @@ class Verbs:
         self._audit.mark(request.text, request.holder)
         return CommandResult(status=Status.ACCEPTED)
 
-    async def _rate(self, payload: Payload) -> CommandResult:
-        """Answer `do/rate`: change one stream, or just show all."""
-        request = read_command(RateRequest, payload)
+    async def _rates(self, payload: Payload) -> CommandResult:
+        """Answer `do/rates`: change one stream, or just show all."""
+        request = read_command(RatesRequest, payload)
         if request.stream is not None and request.interval is not None:
             self._link.set_rate(request.stream, request.interval)
         rates = Rates(intervals=self._link.rates())

@@ -22,7 +22,7 @@ from itertools import chain, repeat
 from typing import Final
 
 from mkdaemon.errors import CommandRejectedError, LinkError, RequestTimeoutError
-from mkdaemon.link.conversation import Conversation
+from mkdaemon.link.link import Link
 from mkdaemon.protocol.flags import RedirectPort
 from mkdaemon.protocol.messages.navictrl import Redirect
 from mkdaemon.protocol.messages.version import VersionRequest
@@ -44,13 +44,22 @@ DISCOVERY_TIME: Final = 4.0
 """How long whoever wants to act waits for the boards to be known [s]; a start takes 0.5-1.5 s."""
 
 
-async def discover_boards(link: Conversation) -> None:
+async def discover(link: Link) -> None:
+    """Find out who is there, after the opening and after every silence long enough for a reboot; runs for ever."""
+    while True:
+        await link.needs_discovery.wait()
+        link.needs_discovery.clear()
+        await discover_boards(link)
+        await discover_flightctrl(link, until=link.needs_discovery)
+
+
+async def discover_boards(link: Link) -> None:
     """Find out who is on the line, and ask for the streams."""
     await _find_direct_board(link)
     link.start_streams()
 
 
-async def discover_flightctrl(link: Conversation, *, until: asyncio.Event) -> None:
+async def discover_flightctrl(link: Link, *, until: asyncio.Event) -> None:
     """Ask the FlightCtrl behind a NaviCtrl for its release, ever more seldom; ends when it is known or never answers.
 
     Args:
@@ -70,7 +79,7 @@ async def discover_flightctrl(link: Conversation, *, until: asyncio.Event) -> No
                     await until.wait()
 
 
-async def wait_for_discovery(link: Conversation) -> bool:
+async def wait_for_discovery(link: Link) -> bool:
     """Wait a while for the boards on the line to name their releases; returns whether they have.
 
     Ends early where a FlightCtrl that cannot be asked is remembered.
@@ -82,7 +91,7 @@ async def wait_for_discovery(link: Conversation) -> bool:
     return not link.lacks_flightctrl and bool(link.boards)
 
 
-async def _ask_flightctrl(link: Conversation) -> None:
+async def _ask_flightctrl(link: Link) -> None:
     """Through a NaviCtrl 0.24 no release is ever confirmed; while the line is passed through one is."""
     async with redirection(link, Board.FC):
         for _ in range(3):
@@ -91,7 +100,7 @@ async def _ask_flightctrl(link: Conversation) -> None:
                 break
 
 
-async def _find_direct_board(link: Conversation) -> None:
+async def _find_direct_board(link: Link) -> None:
     pauses = chain(ASK_AGAIN, repeat(ASK_AGAIN[-1]))
     while True:
         if await _ask_version(link, Board.ANY) and link.direct_board is Board.NC:
@@ -105,7 +114,7 @@ async def _find_direct_board(link: Conversation) -> None:
         await asyncio.sleep(next(pauses))
 
 
-async def _ask_version(link: Conversation, board: Board) -> bool:
+async def _ask_version(link: Link, board: Board) -> bool:
     try:
         await link.request(VersionRequest(), board=board, timeout=0.15, retries=0)
     except (LinkError, CommandRejectedError):
@@ -113,7 +122,7 @@ async def _ask_version(link: Conversation, board: Board) -> bool:
     return True
 
 
-async def wait_for_still_motors(link: Conversation) -> bool:
+async def wait_for_still_motors(link: Link) -> bool:
     """Wait a while for telemetry that says whether the motors run; returns whether they stand still."""
     with suppress(TimeoutError):
         async with asyncio.timeout(MOTORS_WAIT):
@@ -127,9 +136,7 @@ PORTS: Final = {RedirectPort.FC: Board.FC, RedirectPort.MAG: Board.MAG, Redirect
 
 
 @asynccontextmanager
-async def redirection(
-    link: Conversation, board: Board, admit: Callable[[], None] = lambda: None
-) -> AsyncIterator[None]:
+async def redirection(link: Link, board: Board, admit: Callable[[], None] = lambda: None) -> AsyncIterator[None]:
     """Have a NaviCtrl pass the line through to another board; the escape sequence ends it, whatever happens.
 
     `Board.ANY` is the GPS receiver: nothing is sent to it, what it says is raw bytes.
@@ -167,14 +174,14 @@ async def redirection(
                 await _restart_servos(link)
 
 
-async def _end_redirection(link: Conversation) -> None:
+async def _end_redirection(link: Link) -> None:
     for _ in range(2):
         await link.send_escape()
         await asyncio.sleep(ESCAPE_PAUSE)
     link.set_redirection(None)
 
 
-async def _restart_servos(link: Conversation) -> None:
+async def _restart_servos(link: Link) -> None:
     """Have the NaviCtrl set up the timer of its camera servos again; a release must not be lost to the compass."""
     for _ in range(50):
         if not link.is_releasing:

@@ -1,25 +1,39 @@
-"""The link as its users see it: one port, reopened for ever, and the boards at its other end.
+"""The link as its users see it: one port, reopened for ever, and what may be said to the boards at its other end.
 
-Everything happens in the task of `run` and in the callers' own. What may be said is `conversation`, what crosses the
-port is `exchange`, what is decided about it is `dialogue`, and who is there `discovery` finds out.
+Each call hands something to the dialogue and pumps the exchange; everything happens in the task of `run` and in the
+callers' own. What crosses the port is `exchange`, what is decided about it is `dialogue`, and who is there `discovery`
+finds out.
 """
 
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable
-from typing import Protocol
+from collections.abc import Awaitable, Callable, Coroutine
+from functools import partial
+from typing import Any, Final, Protocol
 
 from mkdaemon.clock import Clock
 from mkdaemon.config.link import LinkConfig
-from mkdaemon.errors import LinkError, LinkLostError
-from mkdaemon.link.conversation import Conversation, MotorsRunning
-from mkdaemon.link.discovery import discover_boards, discover_flightctrl
+from mkdaemon.errors import LinkError, LinkLostError, RequestTimeoutError
 from mkdaemon.link.ports.port import Port, open_port
+from mkdaemon.link.session.dialogue import Dialogue
+from mkdaemon.link.session.exchange import Exchange
 from mkdaemon.link.session.guarding import LineGuard
+from mkdaemon.link.session.knownflight import FlightMemory
+from mkdaemon.link.session.peers import Proof
 from mkdaemon.link.session.reopening import AliasMemory, backoff
-from mkdaemon.link.session.traffic import LineTap, LinkSink
-from mkdaemon.telemetry.link import LinkCondition
+from mkdaemon.link.session.streams import check_rates
+from mkdaemon.link.session.traffic import BuildSetpoint, LineTap, LinkSink, Purpose, ReleaseResult, SetpointFate
+from mkdaemon.protocol.dialect import Dialect
+from mkdaemon.protocol.wire import Board, WireMessage
+from mkdaemon.telemetry.control import ControlLine, ReleaseOutcome
+from mkdaemon.telemetry.link import LinkCondition, LinkHealth, LinkTraffic
+from mkdaemon.telemetry.refusals import Token, refuse
+
+MOTORS_FRESH: Final = 1.0
+"""Before a redirection, telemetry about the motors counts for this long [s]: less than redirections are apart."""
+MotorsRunning = Callable[[float, float], bool | None]
+"""Tells at a time [s] whether the motors run, from telemetry of at most an age [s]; None where there is none."""
 
 
 class Opener(Protocol):
@@ -29,8 +43,12 @@ class Opener(Protocol):
         """Open; raises what `open_port` raises."""
 
 
-class Link(Conversation):
-    """A line to a MikroKopter that can be trusted: opened, watched, and opened again."""
+class Link:
+    """A line to a MikroKopter that can be trusted: opened, watched, and opened again.
+
+    Attributes:
+        passage: held while a NaviCtrl passes the line through to another board.
+    """
 
     def __init__(
         self,
@@ -58,14 +76,23 @@ class Link(Conversation):
         Raises:
             ConfigError: the configured port or a configured stream cannot exist, or the line cannot carry the rates.
         """
-        super().__init__(cfg, sink, clock or Clock(), motors_running, guard, tap)
+        check_rates(cfg)
+        self._cfg = cfg
+        self._clock = clock or Clock()
+        self._motors_running = motors_running
         self._opener = opener
         self._aliases = AliasMemory()
+        self._dialogue = Dialogue(cfg, self._clock.now())
+        self._exchange = Exchange(cfg, sink, self._dialogue, self._clock, guard, tap)
+        self.passage = asyncio.Lock()
 
-    async def run(self) -> None:
+    async def run(self, discover: Discover) -> None:
         """Open, read, write, and open again whenever the port is lost; ends only with a recording.
 
         Cancelling it ends with a release.
+
+        Args:
+            discover: finds out who is on the line; see `link.discovery`.
 
         Raises:
             LinkError: the port could not be opened the first time, and `wait_for_port` is off.
@@ -85,13 +112,248 @@ class Link(Conversation):
                 continue
             has_been_open = True
             try:
-                if await self._exchange.serve(port, self._discover):
+                if await self._exchange.serve(port, partial(discover, self)):
                     return
             finally:
                 self._exchange.port = None
                 await port.close()
             delays = backoff(self._cfg.reopen_min, self._cfg.reopen_max)
             await asyncio.sleep(next(delays))
+
+    # -- what callers use -----------------------------------------------------------------------------------------
+
+    @property
+    def dialect(self) -> Dialect:
+        """How to speak to this aircraft, as far as it has shown itself."""
+        return self._dialogue.dialect
+
+    @property
+    def boards(self) -> frozenset[Board]:
+        """Boards heard since the port was opened."""
+        return frozenset(self._dialogue.peers.boards)
+
+    @property
+    def direct_board(self) -> Board:
+        """The board the wire ends at; ANY while unknown."""
+        return self._dialogue.peers.direct
+
+    @property
+    def lacks_flightctrl(self) -> bool:
+        """Whether the FlightCtrl behind the NaviCtrl at the end of the wire is still to be asked for its release."""
+        port = self._exchange.port
+        may_ask = self._cfg.probe_flightctrl and port is not None and not port.is_recording
+        may_ask = may_ask and self._dialogue.peers.looks < self._cfg.flightctrl_looks
+        return may_ask and self.direct_board is Board.NC and self.dialect.fc_release is None
+
+    @property
+    def is_up(self) -> bool:
+        """Whether both directions work, perhaps with losses."""
+        return self._dialogue.health.verdict.condition.is_usable
+
+    def health(self) -> LinkHealth:
+        """Everything measured about the line, now."""
+        return self._exchange.reporter.health(self._clock.now())
+
+    def traffic(self) -> LinkTraffic:
+        """The counters, now."""
+        return self._exchange.reporter.traffic(self._clock.now())
+
+    def rates(self) -> dict[str, float]:
+        """Interval of every wanted stream [s]."""
+        return self._dialogue.streams.wanted
+
+    async def request(
+        self,
+        msg: WireMessage,
+        *,
+        board: Board | None = None,
+        timeout: float | None = None,  # noqa: ASYNC109 - of one attempt, kept by the dialogue
+        retries: int | None = None,
+        purpose: Purpose = Purpose.REQUEST,
+    ) -> WireMessage:
+        """Ask a board and return its answer.
+
+        Args:
+            msg: the question.
+            board: who is asked; by default the board at the end of the wire, or the only one that understands it.
+            timeout: wait for the first answer [s]; by default what this command takes.
+            retries: further attempts; by default what repeating this command may do.
+            purpose: REQUEST, or BACKGROUND for what nobody waits for.
+
+        Raises:
+            CommandRejectedError: the board cannot be reached, too much waits, or the message has no answer.
+            RequestTimeoutError: no answer, all attempts used.
+            LinkLostError: the port is not open, or was lost meanwhile.
+        """
+        if msg.spec.reply is None:
+            raise refuse(Token.NO_REPLY, name=msg.spec.name)
+        reply = await self._converse(msg, board, patience=timeout, retries=retries, purpose=purpose)
+        if reply is None:
+            raise RequestTimeoutError(f"{msg.spec.name}: no answer")
+        return reply
+
+    async def send(self, msg: WireMessage, *, board: Board | None = None) -> None:
+        """Send a message that is never answered; returns when it is on the wire.
+
+        Raises:
+            CommandRejectedError: the board cannot be reached, or too much waits.
+            LinkLostError: the port is not open, or was lost meanwhile.
+        """
+        await self._converse(msg, board, patience=None, retries=0, purpose=Purpose.REQUEST)
+
+    def control_line(self) -> ControlLine:
+        """What the line can take from the flight core now."""
+        return self._dialogue.control_line(self._clock.now())
+
+    def send_setpoint(self, build: BuildSetpoint, *, deadline: float) -> SetpointFate:
+        """Hand in an external control frame; the newest wins, and none leaves after its deadline.
+
+        Raises nothing for what the line refuses: it may fall silent between a look at `control_line` and this call.
+
+        Args:
+            build: makes the message, in the layout and with the frame number it is given.
+            deadline: [s; monotonic].
+
+        Returns:
+            The frame number, which the board's confirmation repeats; or why the line takes none now (see `Obstacle`,
+            and `wrong_layout`).
+        """
+        fate = self._dialogue.steer(build, deadline, self._clock.now())
+        self._exchange.pump()
+        return fate
+
+    def release(self, reason: str) -> Awaitable[ReleaseResult]:
+        """Release the aircraft: neutral sticks, then Config = 0 five times, confirmed where that is possible.
+
+        The first frame is handed in at once. Setpoints are refused until the release is done. Without an open port it
+        is what goes out first after the next opening.
+
+        Returns:
+            What to wait on for its end; never raises.
+        """
+        waiter = self._exchange.waiters.for_release()
+        if self._exchange.port is None or self._exchange.port.is_recording:
+            self._exchange.waiters.end_releases(ReleaseResult(ReleaseOutcome.NOT_SENT, 0, 0, reason))
+            return waiter
+        self._dialogue.steering.release(reason, self._clock.now())
+        self._exchange.pump()
+        return waiter
+
+    def set_rate(self, kind: str, interval: float) -> None:
+        """Change the interval of a stream [s]; 0 ends it.
+
+        Raises:
+            CommandRejectedError: no such stream, or the line cannot carry it; with the arithmetic.
+        """
+        self._dialogue.want(kind, interval)
+        self._exchange.pump()
+
+    @property
+    def firmware(self) -> dict[Board, str]:
+        """Release of each board that named it since the port was opened."""
+        return dict(self._dialogue.peers.firmware)
+
+    @property
+    def proof(self) -> Proof | None:
+        """Who sent the latest version reply; None where the wire has led elsewhere since."""
+        return self._dialogue.peers.proof
+
+    def is_proven(self, board: Board) -> bool:
+        """Whether the latest version reply, not long ago, came from this board."""
+        return self._dialogue.peers.is_proven(board, self._clock.now())
+
+    @property
+    def is_releasing(self) -> bool:
+        """Whether a release is under way."""
+        return self._dialogue.steering.is_releasing
+
+    def recall_flight(self, memory: FlightMemory) -> None:
+        """Take what an earlier process knew of a flight, to be proven by telemetry and confirmed by a client."""
+        self._dialogue.identity.flight.recall(memory)
+
+    @property
+    def flight_memory(self) -> FlightMemory | None:
+        """What a later process would have to know of the flight under way; None on the ground."""
+        return self._dialogue.identity.flight.memory
+
+    def offered_memory(self) -> FlightMemory | None:
+        """What a client may confirm now, because its FlightCtrl cannot be asked in flight; None for nothing."""
+        return self._dialogue.identity.flight.offer(self._clock.now())
+
+    def confirm_memory(self) -> FlightMemory:
+        """Speak to the FlightCtrl as it is remembered, because a client says that it is the same one.
+
+        Raises:
+            CommandRejectedError: `nothing_remembered`.
+        """
+        memory = self._dialogue.identity.confirm_memory(self._clock.now())
+        self._exchange.follow_dialect()
+        self._exchange.pump()
+        return memory
+
+    @property
+    def released_at(self) -> float:
+        """When a release was confirmed last [s; monotonic]; minus infinity for never."""
+        return self._dialogue.steering.released_at
+
+    # -- what discovery uses --------------------------------------------------------------------------------------
+
+    def count_look(self) -> None:
+        """Count that a FlightCtrl behind a NaviCtrl was asked for its release."""
+        self._dialogue.peers.looks += 1
+
+    def start_streams(self) -> None:
+        """Ask for the configured streams."""
+        self._dialogue.start_streams()
+        self._exchange.pump()
+
+    def motors_running(self) -> bool | None:
+        """Whether telemetry of the last second says that the motors run; None where none does."""
+        return self._motors_running(self._clock.now(), MOTORS_FRESH)
+
+    def set_redirection(self, board: Board | None) -> None:
+        """A NaviCtrl passes the line through to a board from now on; None: no more."""
+        self._dialogue.redirect(board, self._clock.now())
+        self._exchange.pump()
+
+    async def send_escape(self) -> None:
+        """Send the sequence that ends a redirection."""
+        self._dialogue.escape(self._clock.now())
+        self._exchange.pump()
+
+    @property
+    def needs_discovery(self) -> asyncio.Event:
+        """Set after the opening, and after every sign that other boards may be there."""
+        return self._exchange.needs_discovery
+
+    # -- inside ---------------------------------------------------------------------------------------------------
+
+    async def _converse(
+        self, msg: WireMessage, board: Board | None, *, patience: float | None, retries: int | None, purpose: Purpose
+    ) -> WireMessage | None:
+        """Ask, and wait for the outcome; a caller that is cancelled leaves nothing behind."""
+        if not self._exchange.is_open:
+            raise LinkLostError(f"{self._cfg.port}: {self._dialogue.health.verdict.reason}")
+        now = self._clock.now()
+        waiter = self._exchange.waiters.for_answer()
+        pending = self._dialogue.ask(
+            msg,
+            self._addressee(msg) if board is None else board,
+            now,
+            timeout=patience,
+            retries=retries,
+            purpose=purpose,
+            token=waiter,
+        )
+        self._exchange.pump()
+        try:
+            return await waiter
+        finally:
+            self._dialogue.questions.withdraw(pending, self._clock.now())
+
+    def _addressee(self, msg: WireMessage) -> Board:
+        here = self._dialogue.peers.redirected or self._dialogue.peers.direct
+        return here if here in msg.spec.boards else msg.spec.boards[0]
 
     async def _open(self) -> Port:
         url = self._cfg.port
@@ -105,10 +367,6 @@ class Link(Conversation):
         self._aliases.learn(url)
         return port
 
-    async def _discover(self) -> None:
-        """Find out who is there, after the opening and after every silence long enough for a reboot."""
-        while True:
-            await self._exchange.needs_discovery.wait()
-            self._exchange.needs_discovery.clear()
-            await discover_boards(self)
-            await discover_flightctrl(self, until=self._exchange.needs_discovery)
+
+Discover = Callable[[Link], Coroutine[Any, Any, None]]
+"""Finds out who is on a line whenever it `needs_discovery`; runs for ever."""

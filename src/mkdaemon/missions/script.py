@@ -24,7 +24,7 @@ _Degrees = Annotated[float, Field(ge=-180.0, le=180.0)]
 class TakeOffStep(Section):
     """Take off and hold over the middle of the target."""
 
-    do: Literal["takeoff"]
+    do: Literal["take_off"]
     height: float = Field(ge=0.5, le=10.0)
     """Above the target [m]."""
     patience: _Seconds = 30.0
@@ -110,7 +110,7 @@ class LandStep(Section):
 
 Step = TakeOffStep | HoldStep | GotoStep | VelocityStep | WaitStep | LandStep
 STEPS: Final[Mapping[str, type[Step]]] = {
-    "takeoff": TakeOffStep,
+    "take_off": TakeOffStep,
     "hold": HoldStep,
     "goto": GotoStep,
     "velocity": VelocityStep,
@@ -143,7 +143,7 @@ def read_script(path: Path) -> tuple[Step, ...]:
             raise ConfigError(f"{path}: step {number}: land must be the last step: the aircraft is released after it")
         is_flying = any(not isinstance(before, WaitStep) for before in steps[: number - 1])
         if isinstance(step, TakeOffStep) and is_flying:
-            raise ConfigError(f"{path}: step {number}: takeoff must be the first step that flies")
+            raise ConfigError(f"{path}: step {number}: take_off must be the first step that flies")
     return steps
 
 

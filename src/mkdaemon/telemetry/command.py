@@ -12,7 +12,7 @@ from pydantic import Field
 
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.base import Command, Telemetry
-from mkdaemon.telemetry.refusals import REFUSALS, Status
+from mkdaemon.telemetry.refusals import TOKENS, Status
 
 
 class CommandResult(Telemetry):
@@ -36,7 +36,7 @@ class CommandResult(Telemetry):
 
 def refused(error: CommandRejectedError) -> CommandResult:
     """Make the answer that carries a refusal."""
-    refusal = REFUSALS.get(error.token)
+    refusal = TOKENS.get(error.token)
     status = refusal.status if refusal else Status.DENIED
     return CommandResult(status=status, token=error.token, reason=error.reason, fix=error.fix)
 
@@ -86,8 +86,8 @@ class PreflightRequest(Command):
     """Make every check before a flight: `do/preflight`."""
 
 
-class RateRequest(Command):
-    """Ask for a telemetry stream at a rate, or just for the present rates: `do/rate`."""
+class RatesRequest(Command):
+    """Ask for a telemetry stream at a rate, or just for the present rates: `do/rates`."""
 
     stream: str | None = None
     """Key of the message, for example `osd`, `attitude`, `debug`, `display`; null to look only."""
@@ -96,7 +96,7 @@ class RateRequest(Command):
 
 
 class Rates(Telemetry):
-    """The streams that are asked for: the answer to `do/rate`."""
+    """The streams that are asked for: the answer to `do/rates`."""
 
     intervals: dict[str, float]
     """Time between two frames of each stream [s]."""

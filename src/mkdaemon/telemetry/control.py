@@ -105,6 +105,11 @@ class ReleaseReport(Telemetry):
     reason: str
     """Why it was released."""
 
+    @property
+    def is_done(self) -> bool:
+        """Whether it was confirmed, or cannot be."""
+        return self.status in {ReleaseOutcome.CONFIRMED, ReleaseOutcome.NOT_OBSERVABLE}
+
 
 @dataclass(frozen=True, slots=True)
 class Progress:
@@ -185,6 +190,8 @@ class ControlStatus(Stamped):
     """What the setpoint asks for is reached, and held."""
     outcome: Outcome | None = None
     """How the last manoeuvre of the newest lease ended by itself; null while it has not."""
+    poses_refused: int = 0
+    """Poses that nobody may use since the start: not finite, from the future, too old; the log names them."""
     hands: str = ""
     """What the pilot does now, one sentence about him; docs/flying.md."""
     pilots_throttle: float | None = None

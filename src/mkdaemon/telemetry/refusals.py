@@ -1,4 +1,4 @@
-"""Why a command is refused: every refusal of the whole program, with its reason and its fix.
+"""Why a command is refused: every refusal of the whole program, declared once with its reason and its fix.
 
 A client can know them all: docs/keys.md shows this table, and a test walks it.
 """
@@ -6,293 +6,552 @@ A client can know them all: docs/keys.md shows this table, and a test walks it.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, Final
+from enum import StrEnum
+from typing import Any, Final, Self
 
 from mkdaemon.errors import CommandRejectedError
-from mkdaemon.telemetry.failures import FAILURES
-from mkdaemon.telemetry.tokens import Refusal, Status, Token
 
-__all__ = ["REFUSALS", "Refusal", "Status", "Token", "refuse"]
 
-REFUSALS: Final[Mapping[str, Refusal]] = {
+class Status(StrEnum):
+    """How a command ended."""
+
+    ACCEPTED = "accepted"
+    DENIED = "denied"
+    BUSY = "busy"
+    UNSUPPORTED = "unsupported"
+    TIMEOUT = "timeout"
+    NOT_OBSERVABLE = "not_observable"
+    """Sent, but this board gives no sign by which success could be known."""
+
+
+class Token(StrEnum):
+    """Stable word of a refusal, by which programs know why a command was refused.
+
+    Attributes:
+        reason: why; may name `{words}` that the refusal fills in.
+        fix: what to do about it; likewise.
+        status: how the command ends.
+    """
+
+    reason: str
+    fix: str
+    status: Status
+
+    def __new__(cls, word: str, reason: str, fix: str, status: Status = Status.DENIED) -> Self:
+        """Declare one."""
+        member = str.__new__(cls, word)
+        member._value_ = word
+        member.reason, member.fix, member.status = reason, fix, status
+        return member
+
     # the request itself
-    Token.MALFORMED: Refusal(
-        Status.DENIED, "the request cannot be read: {detail}.", "Send a msgpack map; `mkctl send --help` shows fields."
-    ),
-    Token.BAD_FIELD: Refusal(
-        Status.DENIED, "{name} does not take this: {detail}.", "`mkctl get schema/{name}.v1` shows fields and limits."
-    ),
-    Token.UNKNOWN_MESSAGE: Refusal(
-        Status.UNSUPPORTED, "{board} has no request {name!r}.", "Did you mean {near}? docs/protocol.md lists all."
-    ),
-    Token.UNKNOWN_VERB: Refusal(
-        Status.UNSUPPORTED, "there is no verb {name!r}.", "Did you mean {near}? See docs/keys.md."
-    ),
-    Token.UNSUPPORTED: Refusal(
-        Status.UNSUPPORTED, "this firmware does not know {name}: {detail}.", "docs/protocol.md says who does."
-    ),
-    Token.READ_ONLY: Refusal(
-        Status.DENIED, "the aircraft is read-only: {detail}.", "Connect a firmware this version knows; `mkctl status`."
-    ),
-    Token.DISCOVERING: Refusal(
-        Status.BUSY,
+    MALFORMED = (
+        "malformed",
+        "the request cannot be read: {detail}.",
+        "Send a msgpack map; `mkctl send --help` shows fields.",
+    )
+    BAD_FIELD = (
+        "bad_field",
+        "{name} does not take this: {detail}.",
+        "`mkctl get schema/{name}.v1` shows fields and limits.",
+    )
+    UNKNOWN_MESSAGE = (
+        "unknown_message",
+        "{board} has no request {name!r}.",
+        "Did you mean {near}? docs/protocol.md lists all.",
+        Status.UNSUPPORTED,
+    )
+    UNKNOWN_VERB = (
+        "unknown_verb",
+        "there is no verb {name!r}.",
+        "Did you mean {near}? See docs/keys.md.",
+        Status.UNSUPPORTED,
+    )
+    UNSUPPORTED = (
+        "unsupported",
+        "this firmware does not know {name}: {detail}.",
+        "docs/protocol.md says who does.",
+        Status.UNSUPPORTED,
+    )
+    READ_ONLY = (
+        "read_only",
+        "the aircraft is read-only: {detail}.",
+        "Connect a firmware this version knows; `mkctl status`.",
+    )
+    DISCOVERING = (
+        "discovering",
         "the aircraft is not known yet: {detail}.",
         "The board is asked again every few seconds while telemetry says that the motors stand still; `mkctl status`.",
-    ),
-    Token.BUSY: Refusal(Status.BUSY, "{detail}.", "Try again when the first one has been answered."),
-    Token.INTERNAL: Refusal(
-        Status.DENIED, "the daemon failed on it: {detail}.", "This is a defect; see the daemon's log."
-    ),
+        Status.BUSY,
+    )
+    BUSY = ("busy", "{detail}.", "Try again when the first one has been answered.", Status.BUSY)
+    INTERNAL = ("internal", "the daemon failed on it: {detail}.", "This is a defect; see the daemon's log.")
+
     # the line
-    Token.LINK_DOWN: Refusal(
-        Status.DENIED, "the link is {state}: {detail}.", "`mkctl health` shows the line; check cable, power, port."
-    ),
-    Token.TIMEOUT: Refusal(
-        Status.TIMEOUT,
+    LINK_DOWN = (
+        "link_down",
+        "the link is {state}: {detail}.",
+        "`mkctl health` shows the line; check cable, power, port.",
+    )
+    TIMEOUT = (
+        "timeout",
         "{board} did not answer {name}: {detail}.",
         "The boards never say no: check `mkctl health`, then whether docs/protocol.md lists a condition for {name}.",
-    ),
-    Token.LINE_BUDGET: Refusal(
-        Status.DENIED,
+        Status.TIMEOUT,
+    )
+    LINE_BUDGET = (
+        "line_budget",
         "{terms} of the line; {limit:.0f} % is the limit.",
         "Make the intervals {factor:.1f} times longer, or stop a stream.",
-    ),
-    Token.UPLINK_BUDGET: Refusal(
-        Status.DENIED,
+    )
+    UPLINK_BUDGET = (
+        "uplink_budget",
         "setpoints at {hz:.0f} Hz, echoes and renewals need {share:.0f} % of the line towards the board.",
         "Lower the setpoint or echo rate.",
-    ),
-    Token.NO_SUCH_STREAM: Refusal(Status.UNSUPPORTED, "{board} has no stream {name!r}.", "It has {known}."),
-    Token.BOARD_UNREACHABLE: Refusal(
-        Status.DENIED, "{board} cannot be reached from here: {detail}.", "Connect to it, or redirect the line first."
-    ),
-    Token.NO_REPLY: Refusal(Status.UNSUPPORTED, "{name} is never answered.", "Send it without waiting."),
-    Token.RECORDING: Refusal(Status.DENIED, "a recording plays: nobody listens.", "Connect an aircraft."),
-    Token.NOT_REDIRECTABLE: Refusal(
-        Status.UNSUPPORTED, "the line cannot be passed through to {board}.", "Connect to that board directly."
-    ),
-    Token.MOTORS_NOT_KNOWN_OFF: Refusal(
-        Status.DENIED,
+    )
+    NO_SUCH_STREAM = ("no_such_stream", "{board} has no stream {name!r}.", "It has {known}.", Status.UNSUPPORTED)
+    BOARD_UNREACHABLE = (
+        "board_unreachable",
+        "{board} cannot be reached from here: {detail}.",
+        "Connect to it, or redirect the line first.",
+    )
+    NO_REPLY = ("no_reply", "{name} is never answered.", "Send it without waiting.", Status.UNSUPPORTED)
+    RECORDING = ("recording", "a recording plays: nobody listens.", "Connect an aircraft.")
+    NOT_REDIRECTABLE = (
+        "not_redirectable",
+        "the line cannot be passed through to {board}.",
+        "Connect to that board directly.",
+        Status.UNSUPPORTED,
+    )
+    MOTORS_NOT_KNOWN_OFF = (
+        "motors_not_known_off",
         "a redirection stops the NaviCtrl's telemetry and servos.",
         "Stop the motors and wait for telemetry that says so.",
-    ),
-    Token.WRONG_LAYOUT: Refusal(
-        Status.DENIED,
+    )
+    WRONG_LAYOUT = (
+        "wrong_layout",
         "this FlightCtrl takes another external control than {given}.",
         "This is a defect of the program that built the frame; see the log.",
-    ),
-    Token.RELEASING: Refusal(Status.BUSY, "a release is under way.", "Wait for its result."),
-    Token.UNCONFIRMED: Refusal(Status.BUSY, "the last release is not confirmed yet.", "Wait until it is, or 6 s."),
-    Token.BOARD_DEAF: Refusal(
-        Status.BUSY, "the line waits for {detail}.", "Wait up to 5 s; sticks begin from neutral then."
-    ),
-    Token.REMEMBERED_ONLY: Refusal(
-        Status.DENIED,
+    )
+    RELEASING = ("releasing", "a release is under way.", "Wait for its result.", Status.BUSY)
+    UNCONFIRMED = ("unconfirmed", "the last release is not confirmed yet.", "Wait until it is, or 6 s.", Status.BUSY)
+    BOARD_DEAF = (
+        "board_deaf",
+        "the line waits for {detail}.",
+        "Wait up to 5 s; sticks begin from neutral then.",
+        Status.BUSY,
+    )
+    REMEMBERED_ONLY = (
+        "remembered_only",
         "a FlightCtrl behind a NaviCtrl cannot be asked in flight; before this start or opening of the port it was "
         "{firmware}, and flying time, charge and home say that it is the same flight.",
         "Repeat with `use_remembered` (`mkctl lease take --use-remembered`) if it is, or land and stop the motors.",
-    ),
-    Token.NOTHING_REMEMBERED: Refusal(
-        Status.DENIED,
+    )
+    NOTHING_REMEMBERED = (
+        "nothing_remembered",
         "no flight is remembered that telemetry shows going on.",
         "Repeat without `use_remembered`; land and stop the motors, and the FlightCtrl is asked.",
-    ),
-    # danger gate
-    Token.NOT_ENABLED: Refusal(
-        Status.DENIED, "{name} is off: {detail}.", "Set commands.{option} = true in the configuration, knowing why."
-    ),
-    Token.NOT_CONFIRMED: Refusal(
-        Status.DENIED, "{name} is dangerous: {detail}.", "Repeat the request with `confirm` set to {confirm!r}."
-    ),
-    Token.MOTORS_RUNNING: Refusal(Status.DENIED, "motors are running, and {detail}.", "Land, stop the motors, repeat."),
-    Token.MOTORS_UNKNOWN: Refusal(
-        Status.DENIED,
+    )
+
+    # dangers
+    NOT_ENABLED = (
+        "not_enabled",
+        "{name} is off: {detail}.",
+        "Set commands.{option} = true in the configuration, knowing why.",
+    )
+    NOT_CONFIRMED = (
+        "not_confirmed",
+        "{name} is dangerous: {detail}.",
+        "Repeat the request with `confirm` set to {confirm!r}.",
+    )
+    MOTORS_RUNNING = ("motors_running", "motors are running, and {detail}.", "Land, stop the motors, repeat.")
+    MOTORS_UNKNOWN = (
+        "motors_unknown",
         "nobody has told lately whether motors run, and {detail}.",
-        "Subscribe to the NaviCtrl's OSD data (`mkctl rate osd 200ms`), or check the cable to the NaviCtrl.",
-    ),
-    Token.BOARD_UNPROVEN: Refusal(
-        Status.DENIED,
+        "Subscribe to the NaviCtrl's OSD data (`mkctl rates osd 200ms`), or check the cable to the NaviCtrl.",
+    )
+    BOARD_UNPROVEN = (
+        "board_unproven",
         "the last version reply does not prove that {board} is on the line ({detail}).",
         "`mkctl send version-request --board {board}` first; behind a NaviCtrl redirect the line.",
-    ),
-    Token.NEVER: Refusal(Status.DENIED, "{name} is never sent for a client: {detail}.", "{instead}"),
-    Token.DEAF_TOO_LONG: Refusal(
-        Status.DENIED,
+    )
+    NEVER = ("never", "{name} is never sent for a client: {detail}.", "{instead}")
+    DEAF_TOO_LONG = (
+        "deaf_too_long",
         "the FlightCtrl would hear nothing for {seconds:.0f} s, and only power-off ends that.",
         "Make duration times count smaller: {limit:g} s in all, pauses as long as the beeps included.",
-    ),
+    )
+
     # authority
-    Token.NOT_LEASED: Refusal(Status.DENIED, "nobody holds the lease.", "`mkctl lease take` first."),
-    Token.SLOW_PATH: Refusal(
-        Status.DENIED,
-        "the way to this client and back {took}, more than {limit:g} s: every limit of the ladder comes later by it.",
-        "Fly from nearer, by cable or on the aircraft; or raise control.lease.max_path_delay (docs/safety.md).",
-    ),
-    Token.LEASE_HELD: Refusal(
-        Status.DENIED,
-        "{holder} holds the lease for another {left:.1f} s.",
-        "Ask the holder, or take it with `--force`.",
-    ),
-    Token.WRONG_EPOCH: Refusal(
-        Status.DENIED, "epoch {epoch} is not the lease's epoch {current}.", "Take a lease and use the epoch it returns."
-    ),
-    Token.NOT_HOLDER: Refusal(
-        Status.DENIED,
-        "only {holder} has the secret of the lease, and this was not made with it.",
-        "Sign setpoints with the secret that `take` returned; docs/keys.md shows how.",
-    ),
-    Token.SEQUENCE_JUMP: Refusal(
-        Status.DENIED,
-        "sequence {sequence} is more than {limit} after {last}.",
-        "Count sequence up by one from one setpoint to the next.",
-    ),
-    Token.STALE_SEQUENCE: Refusal(
-        Status.DENIED, "sequence {sequence} is not after {last}.", "Count sequence up from one setpoint to the next."
-    ),
-    Token.NO_GUIDANCE: Refusal(
-        Status.UNSUPPORTED, "nothing turns {name} into sticks: the daemon follows {known}.", "Stream one of these."
-    ),
-    Token.GATE_SHUT: Refusal(
-        Status.DENIED,
-        "the FlightCtrl ignores stick frames: ExternalControl of its active set is {value}, not above 128.",
-        "Put it on a switch of the transmitter: `mkctl settings edit external_control=poti1` (to poti8).",
-    ),
-    Token.GATE_CONSTANT: Refusal(
-        Status.DENIED,
-        "no switch of the transmitter ends external control: ExternalControl of the active set is {value}, a constant.",
-        "`mkctl settings edit external_control=poti1`, or set control.lease.allow_constant_gate = true, knowing why.",
-    ),
-    Token.GATE_SWITCHES_ALTITUDE: Refusal(
-        Status.DENIED,
-        "the switch that opens external control also turns height control on: HoeheChannel of the active set is "
-        "{channel}, the gate's own channel, and height control is enabled (GlobalConfig bit 0).",
-        "Put one of them on another channel: `mkctl settings edit external_control=poti2`, or altitude_channel=0.",
-    ),
-    Token.NO_CONTROL: Refusal(
-        Status.DENIED, "external control is not possible: {detail}.", "`mkctl status` shows the firmware and the gate."
-    ),
-    Token.NO_ESTIMATE: Refusal(
-        Status.DENIED,
-        "{name} needs to know where the aircraft is, and no camera has seen a target yet.",
-        "`mkctl watch 'vision/**'` shows what the cameras see; [[cameras]] in the configuration needs one, calibrated.",
-    ),
-    Token.NOT_READY: Refusal(
-        Status.DENIED,
-        "{name} cannot begin now: it waits for {detail}.",
-        "Go on with what is flown and repeat; `mkctl watch control/estimate` shows the estimate.",
-    ),
-    Token.NO_FRAME: Refusal(
-        Status.UNSUPPORTED,
-        "{name} cannot be followed in frame {frame}: GPS errs by 2 to 3 m, and its age is not told.",
-        "Give it in frame pad or body; `mkctl goto X Y Z --frame home` (`do/navi_goto`) lets the NaviCtrl fly there.",
-    ),
-    Token.FLYING_STOP: Refusal(
-        Status.DENIED,
+    NOT_LEASED = ("not_leased", "nobody holds the lease.", "`mkctl lease take` first.")
+    FLYING_STOP = (
+        "flying_stop",
         "stopping the motors drops an aircraft that flies, and nobody says that it stands.",
         "Land first; `mkctl release` gives it to the pilot; --in-flight stops the motors in the air.",
-    ),
-    Token.NOTHING_FLOWN: Refusal(
-        Status.DENIED, "there is no manoeuvre to stop: {phase}.", "`mkctl release` lets go of the aircraft at any time."
-    ),
-    Token.GUARD_DEAD: Refusal(
-        Status.DENIED,
+    )
+    NOTHING_FLOWN = (
+        "nothing_flown",
+        "there is no manoeuvre to stop: {phase}.",
+        "`mkctl release` lets go of the aircraft at any time.",
+    )
+    LEASE_HELD = (
+        "lease_held",
+        "{holder} holds the lease for another {left:.1f} s.",
+        "Ask the holder, or take it with `--force`.",
+    )
+    SLOW_PATH = (
+        "slow_path",
+        "the way to this client and back {took}, more than {limit:g} s: every limit of the ladder comes later by it.",
+        "Fly from nearer, by cable or on the aircraft; or raise control.lease.max_path_delay (docs/safety.md).",
+    )
+    WRONG_EPOCH = (
+        "wrong_epoch",
+        "epoch {epoch} is not the lease's epoch {current}.",
+        "Take a lease and use the epoch it returns.",
+    )
+    NOT_HOLDER = (
+        "not_holder",
+        "only {holder} has the secret of the lease, and this was not made with it.",
+        "Sign setpoints with the secret that `take` returned; docs/keys.md shows how.",
+    )
+    STALE_SEQUENCE = (
+        "stale_sequence",
+        "sequence {sequence} is not after {last}.",
+        "Count sequence up from one setpoint to the next.",
+    )
+    SEQUENCE_JUMP = (
+        "sequence_jump",
+        "sequence {sequence} is more than {limit} after {last}.",
+        "Count sequence up by one from one setpoint to the next.",
+    )
+    NO_GUIDANCE = (
+        "no_guidance",
+        "nothing turns {name} into sticks: the daemon follows {known}.",
+        "Stream one of these.",
+        Status.UNSUPPORTED,
+    )
+    NO_ESTIMATE = (
+        "no_estimate",
+        "{name} needs to know where the aircraft is, and no camera has seen a target yet.",
+        "`mkctl watch 'vision/**'` shows what the cameras see; [[cameras]] in the configuration needs one, calibrated.",
+    )
+    NO_FRAME = (
+        "no_frame",
+        "{name} cannot be followed in frame {frame}: GPS errs by 2 to 3 m, and its age is not told.",
+        "Give it in frame pad or body; `mkctl goto X Y Z --frame home` (`do/navi_goto`) lets the NaviCtrl fly there.",
+        Status.UNSUPPORTED,
+    )
+    NOT_READY = (
+        "not_ready",
+        "{name} cannot begin from sticks or attitude now; it needs {detail}.",
+        "Fly on by sticks until it is so, then stream it again; docs/flying.md lists the conditions.",
+    )
+    NOT_ON_GROUND = (
+        "not_on_ground",
+        "a take-off begins on the ground, and this aircraft is flown by sticks or attitude.",
+        "In the air stream hold or a position; on the ground `mkctl release`, take the lease again, then take off.",
+    )
+    GATE_SHUT = (
+        "gate_shut",
+        "the FlightCtrl ignores stick frames: ExternalControl of its active set is {value}, not above 128.",
+        "Put it on a switch of the transmitter: `mkctl settings write external_control=poti1` (to poti8).",
+    )
+    GATE_CONSTANT = (
+        "gate_constant",
+        "no switch of the transmitter ends external control: ExternalControl of the active set is {value}, a constant.",
+        "`mkctl settings write external_control=poti1`, or set control.lease.allow_constant_gate = true, knowing why.",
+    )
+    GATE_SWITCHES_ALTITUDE = (
+        "gate_switches_altitude",
+        "the switch that opens external control also turns height control on: HoeheChannel of the active set is "
+        "{channel}, the gate's own channel, and height control is enabled (GlobalConfig bit 0).",
+        "Put one of them on another channel: `mkctl settings write external_control=poti2`, or altitude_channel=0.",
+    )
+    NO_CONTROL = (
+        "no_control",
+        "external control is not possible: {detail}.",
+        "`mkctl status` shows the firmware and the gate.",
+    )
+    GUARD_DEAD = (
+        "guard_dead",
         "the guard process is gone: nothing would release the aircraft if the daemon died.",
         'Restart the daemon; docs/safety.md, "The guard".',
-    ),
+    )
+
     # before a flight against a target
-    Token.LOOP_UNSTABLE: Refusal(
-        Status.DENIED,
+    LOOP_UNSTABLE = (
+        "loop_unstable",
         "with {cause} the control loop is not safe on the model of this aircraft: {detail}.",
         "`mkctl gains` shows the loop; {remedy}.",
-    ),
-    Token.GAIN_ON_POTI: Refusal(
-        Status.DENIED,
+    )
+    LOOP_UNKNOWN = (
+        "loop_unknown",
+        "the control loop has not been computed for the model of this aircraft, and is not computed in flight.",
+        "Land, or fly by sticks; `mkctl preflight` and the next lease compute it.",
+    )
+    GAIN_ON_POTI = (
+        "gain_on_poti",
         "{parameter} = {value} of the active set is potentiometer {poti} of the transmitter and no number: nobody can "
         "know what a stick does.",
         "Give it a number below 248: `mkctl settings edit {parameter}=...`, motors off; or fly by sticks.",
-    ),
-    Token.GAIN_ZERO: Refusal(
-        Status.DENIED,
+    )
+    GAIN_ZERO = (
+        "gain_zero",
         "with {parameter} = {value} in the active set the aircraft does not answer its sticks as its model says.",
         "Give it a number above 0: `mkctl settings edit {parameter}=...`, motors off; or fly by sticks.",
-    ),
-    Token.LINK_POOR: Refusal(
-        Status.DENIED,
+    )
+    LINK_POOR = (
+        "link_poor",
         "{lost:.0f} % of the echoes are lost, more than {limit:g} %.",
         "`mkctl health` shows the line; move the antennas, or use a cable, before an autonomous flight.",
-    ),
-    Token.HEIGHT_CONTROL: Refusal(
-        Status.DENIED,
+    )
+    HEIGHT_CONTROL = (
+        "height_control",
         "height control takes the throttle for a climb rate: {detail}.",
-        "Clear the bit altitude_control of global_config with `mkctl settings edit`; motors off.",
-    ),
-    Token.GPS_STEERS: Refusal(
-        Status.DENIED,
+        "Clear the bit altitude_control of global_config with `mkctl settings write`; motors off.",
+    )
+    GPS_STEERS = (
+        "gps_steers",
         "the pilot's GPS switch is at {mode}: the NaviCtrl steers too, against the machine.",
         "The pilot turns the GPS switch to free.",
-    ),
-    Token.EMERGENCY_CLIMBS: Refusal(
-        Status.DENIED,
+    )
+    EMERGENCY_CLIMBS = (
+        "emergency_climbs",
         "with the emergency throttle NotGas {value} the aircraft does not sink when the receiver is lost; it hovers at "
         "about {hover}.",
-        "Make it smaller: `mkctl settings edit emergency_throttle=...`; or set control.limiter.hover_throttle right.",
-    ),
-    Token.EMERGENCY_FALLS: Refusal(
-        Status.DENIED,
+        "Make it smaller: `mkctl settings write emergency_throttle=...`; or set control.limiter.hover_throttle right.",
+    )
+    EMERGENCY_FALLS = (
+        "emergency_falls",
         "with the emergency throttle NotGas {value} for {time} (NotGasZeit) the aircraft falls when the receiver is "
         "lost: {share:.0f} % of its weight are carried.",
-        "`mkctl settings edit emergency_throttle=...`, {low} to {high}, and a time above zero.",
-    ),
-    Token.RECEIVER_WEAK: Refusal(
-        Status.DENIED,
+        "`mkctl settings write emergency_throttle=...`, {low} to {high}, and a time above zero.",
+    )
+    RECEIVER_WEAK = (
+        "receiver_weak",
         "the pilot's receiver quality is {quality:.0f} %, below {limit:.0f} %.",
         "Switch the transmitter on, check antennas and range; the pilot must be able to take over.",
-    ),
-    Token.BATTERY_LOW: Refusal(Status.DENIED, "the battery is low: {voltage:.1f} V.", "Land, and change it."),
-    Token.CAMERA_UNFIT: Refusal(
-        Status.DENIED, "no camera can be flown by: {detail}.", "`mkctl watch 'vision/**'`; docs/cameras.md."
-    ),
-    Token.CAMERAS_CONTRADICT: Refusal(
-        Status.DENIED,
+    )
+    BATTERY_LOW = ("battery_low", "the battery is low: {voltage:.1f} V.", "Land, and change it.")
+    CAMERA_UNFIT = (
+        "camera_unfit",
+        "no camera can be flown by: {detail}.",
+        "`mkctl watch 'vision/**'`; docs/cameras.md.",
+    )
+    CAMERAS_CONTRADICT = (
+        "cameras_contradict",
         "cameras see the target in different places; against the others is {cameras}.",
         "Compare `vision/*/pose`; correct `mount` of the wrong one (`mkdaemon calibrate mount`), or remove it.",
-    ),
-    Token.IMAGES_LATE: Refusal(
-        Status.DENIED,
+    )
+    IMAGES_LATE = (
+        "images_late",
         "half of the images of camera {camera} are more than {late:.0f} ms old when they have been looked at, and the "
         "limit is {limit:.0f} ms.",
         "End what else runs on this computer; a nearer camera, smaller images or fewer a second (docs/cameras.md).",
-    ),
-    Token.CAMERA_TURNED: Refusal(
-        Status.DENIED,
+    )
+    CAMERA_TURNED = (
+        "camera_turned",
         "the camera sees the opposite of what the boards report when the aircraft tilts (correlation {likeness:.1f}).",
         "Correct `mount` in the camera file (docs/frames.md), or the signs of the boards.",
-    ),
-    Token.STAMPS_OFF: Refusal(
-        Status.DENIED,
+    )
+    STAMPS_OFF = (
+        "stamps_off",
         "the images' time stamps are {lag:+.0f} ms off, more than {limit:.0f} ms: the camera shows a tilt at another "
         "time than the boards.",
         "Set `latency_ms` of the camera to that, if it is constant; else use a source that stamps (docs/cameras.md).",
-    ),
-    Token.DISK_FULL: Refusal(
-        Status.DENIED,
+    )
+    DISK_FULL = (
+        "disk_full",
         "{free:.0f} MB are free where flights are recorded, less than {limit:.0f} MB.",
         "Make room; `mkctl preflight` looks again.",
-    ),
+    )
+
+    # procedures on the boards
+    BAD_VALUE = ("bad_value", "{detail}.", "`mkctl settings show` lists names and values.")
+    FLYING = (
+        "flying",
+        "{name} and flying exclude each other, and control is {phase}.",
+        "Give the lease back (`mkctl lease release`), stop the motors, repeat.",
+    )
+    IN_FLIGHT_NEEDED = (
+        "in_flight_needed",
+        "{detail}, and {name} takes effect at once.",
+        "Land and stop the motors, or repeat with `in_flight` (`--in-flight`), knowing what it does.",
+    )
+    MOTORS_STARTED = (
+        "motors_started",
+        "motors have started during {name}, or nobody knows any more: what was begun may be incomplete.",
+        "Land, stop the motors, repeat.",
+    )
+    LIST_INCOMPLETE = (
+        "list_incomplete",
+        "{detail}; the board's list may be incomplete.",
+        "Repeat the upload, or empty the list: `mkctl waypoints clear`.",
+    )
+    LIVE_SET_OWED = (
+        "live_set_owed",
+        "{verb} was cut off, and parameter set {slot}, live before it, is not proven to be live again, so {name} must "
+        "wait: {detail}.",
+        "Stop the motors: it is restored as soon as the FlightCtrl answers; `mkctl settings recover` looks after it.",
+    )
+    JOURNAL_UNWRITABLE = (
+        "journal_unwritable",
+        "the live parameter set cannot be noted for the case that the daemon dies: {detail}.",
+        "Make the folder writable, or set vehicle.state_folder in the configuration.",
+    )
+    CANCELLED = (
+        "cancelled",
+        "{name} was cancelled: {detail}.",
+        "Repeat it; what was half written stays so until then.",
+    )
+    NO_PROCEDURE = ("no_procedure", "no such procedure is under way.", "`mkctl get event/progress` shows the last.")
+    PROCEDURE_FAILED = ("procedure_failed", "{name} failed: {detail}.", "Check `mkctl health`, then repeat it.")
+    NOT_CLEARED = (
+        "not_cleared",
+        "the NaviCtrl still holds {count} points after the list was cleared {rounds} times.",
+        "Check that no other program uploads; then repeat.",
+    )
+    POINT_REFUSED = (
+        "point_refused",
+        "the NaviCtrl refused point {number} of {total} (it answered 0 and still holds {count} points).",
+        "Shorten the mission: NaviCtrl 0.24 holds 31 points.",
+    )
+    NOT_VERIFIED = (
+        "not_verified",
+        "after {rounds} rounds the NaviCtrl still holds something else at {where}; do not fly this list.",
+        "Improve the line (`mkctl health`), then upload again; `mkctl waypoints clear` empties the list.",
+    )
+    LIST_CHANGING = (
+        "list_changing",
+        "the waypoint list changed while it was read ({before} points, then {after}).",
+        "End the other program that uploads, then repeat.",
+    )
+    TOO_MANY_POINTS = (
+        "too_many_points",
+        "the mission has {count} points and this board holds {limit}.",
+        "Split the mission, or take points out.",
+    )
+    POINT_NOT_EXPRESSIBLE = (
+        "point_not_expressible",
+        "point {number}: {detail}.",
+        "Change the point; docs/waypoints.md shows what each NaviCtrl release can express.",
+    )
+    POINT_UNUSUAL = (
+        "point_unusual",
+        "point {number} {detail}.",
+        "Correct the point, or repeat with `allow_unusual` (`--allow-unusual`), knowing why.",
+    )
+    NO_ROUTE = ("no_route", "the NaviCtrl holds no points.", "Upload a mission first: `mkctl waypoints upload FILE`.")
+    ROUTE_ON_GROUND = (
+        "route_on_ground",
+        "a route is started in flight, and {detail}: a NaviCtrl 0.24 flies home with a list activated on the ground.",
+        "Take off by hand, then repeat.",
+    )
+    ROUTE_ACTIVE = (
+        "route_active",
+        "the list is active already, at point {index} of {count}.",
+        "The pilot's GPS switch at coming home flies it; `mkctl route end` ends it.",
+    )
+    SWITCH_AT_HOME = (
+        "switch_at_home",
+        "the pilot's GPS switch is at coming home: a list that changes now is flown at once, or ends in a flight home.",
+        "The pilot turns the GPS switch to hold or free; repeat, then he turns it to coming home.",
+    )
+    POSITION_POOR = (
+        "position_poor",
+        "the NaviCtrl's position is not good enough to be flown by: {detail}.",
+        "Start the motors under open sky with a fix, for that sets home; over a target fly with `--frame pad`.",
+    )
+    PILOTS_SWITCH = (
+        "pilots_switch",
+        "nothing on the serial line pauses a route.",
+        "Turn the GPS switch away from coming home: position hold stays there, free flies by hand; a NaviCtrl 0.24 "
+        "goes on when the switch is turned back.",
+        Status.UNSUPPORTED,
+    )
+    UNKNOWN_NAVICTRL = (
+        "unknown_navictrl",
+        "the points of NaviCtrl {release} are not documented.",
+        "Nothing was sent; docs/protocol.md lists the releases this version knows.",
+    )
+    UNKNOWN_REVISION = (
+        "unknown_revision",
+        "parameter sets of revision {revision} ({size} bytes) are not known for FlightCtrl {release}.",
+        "They can be backed up as raw bytes, not edited or restored; nothing was written.",
+    )
+    REVISION_DIFFERS = (
+        "revision_differs",
+        "the file holds revision {wanted} and the FlightCtrl speaks revision {present}.",
+        "Restore to the firmware the backup was made with; nothing was written.",
+    )
+    LENGTH_DIFFERS = (
+        "length_differs",
+        "the file holds {wanted} bytes for a parameter set and the FlightCtrl sends {present}.",
+        "The file is damaged or from another firmware; nothing was written.",
+    )
+    LIVE_SET_CHANGED = (
+        "live_set_changed",
+        "the active parameter set {slot} is not what it was before: {where}.",
+        "Do not fly; restore the set from a backup and compare.",
+    )
+    LIVE_SET_UNPROVEN = (
+        "live_set_unproven",
+        "reading stopped ({cause}), and set {slot} could not be made live again for certain.",
+        "Do not fly: the daemon makes it live again as soon as the FlightCtrl answers; repeat on a better line.",
+    )
+    ACTIVE_SET_MOVED = (
+        "active_set_moved",
+        "the FlightCtrl says set {present} is active, and set {wanted} was before.",
+        "Choose the set on the transmitter or restore again; do not fly before.",
+    )
+    WRITE_REFUSED = (
+        "write_refused",
+        "the FlightCtrl refused to store set {slot} (it answered 0).",
+        "Stop the motors; check that the set was made for this firmware.",
+    )
+    MIXER_REFUSED = (
+        "mixer_refused",
+        "the FlightCtrl refused the mixer: it speaks another revision.",
+        "Nothing was stored; save its mixer first.",
+    )
+    MIXER_DIFFERS = (
+        "mixer_differs",
+        "the FlightCtrl holds another mixer than was sent ({where}).",
+        "Do not fly; store the mixer again and compare.",
+    )
+    MOTOR_CONTROLLER_REFUSED = (
+        "motor_controller_refused",
+        "motor controller {motor}: {status}.",
+        "Check that the motors are off and that the controller is a BL-Ctrl 2.0 or later.",
+    )
+    MOTOR_CONTROLLER_DIFFERS = (
+        "motor_controller_differs",
+        "motor controller {motor}: {where}.",
+        "Do not fly; set it again and compare.",
+    )
+    LABELS_INCONSISTENT = (
+        "labels_inconsistent",
+        "the labels read do not have the checksum the {board} tells ({found:#04x}, not {wanted:#04x}).",
+        "Read them again on a better line.",
+    )
+
     # faults of the simulator
-    Token.UNKNOWN_FAULT: Refusal(Status.DENIED, "there is no fault {name!r}.", "Did you mean {near!r}? All: {known}."),
-    Token.UNKNOWN_PARAMETER: Refusal(
-        Status.DENIED, "fault {name!r} has no parameter {parameter!r}.", "Its parameters: {known}."
-    ),
-    Token.OUT_OF_RANGE: Refusal(Status.DENIED, "{name} cannot be {value}.", "Give {wanted}."),
-    Token.NOT_SIMULATED: Refusal(
-        Status.DENIED,
+    UNKNOWN_FAULT = ("unknown_fault", "there is no fault {name!r}.", "Did you mean {near!r}? All: {known}.")
+    UNKNOWN_PARAMETER = (
+        "unknown_parameter",
+        "fault {name!r} has no parameter {parameter!r}.",
+        "Its parameters: {known}.",
+    )
+    OUT_OF_RANGE = ("out_of_range", "{name} cannot be {value}.", "Give {wanted}.")
+    NOT_SIMULATED = (
+        "not_simulated",
         "a recorded flight is only flown by a simulator: {detail}.",
         "Start `mkdaemon sim`, then `mkdaemon run --port` with the port that it prints, for the same vehicle.",
-    ),
-    **FAILURES,
-}
-"""Every refusal by its token; docs/keys.md shows the same table."""
+    )
+
+
+TOKENS: Final[Mapping[str, Token]] = {token.value: token for token in Token}
+"""Every refusal by its word, as it comes over the bus; another version may know others."""
 
 
 class _Missing(str):
@@ -311,6 +570,5 @@ class _Words(dict[str, Any]):
 
 def refuse(token: Token, **words: Any) -> CommandRejectedError:
     """Make the refusal `token`, its reason and fix filled in with `words`."""
-    refusal = REFUSALS[token]
     filled = _Words(words)
-    return CommandRejectedError(token, refusal.reason.format_map(filled), refusal.fix.format_map(filled))
+    return CommandRejectedError(token, token.reason.format_map(filled), token.fix.format_map(filled))

@@ -20,6 +20,15 @@ class StateValue(Stamped):
     """Board and message, for example `nc/osd`."""
 
 
+class AngleScale(StrEnum):
+    """What a board makes of an angle that its sticks ask for; docs/control.md, "The attitude loop"."""
+
+    STICKS = "sticks"
+    """It reports that angle: a NaviCtrl."""
+    FLIGHTCTRL = "flightctrl"
+    """It reports 1.13 times that angle: a FlightCtrl itself, on a cable to it."""
+
+
 class Attitude(StateValue):
     """Orientation: `state/attitude`."""
 
@@ -31,6 +40,8 @@ class Attitude(StateValue):
     """Nose down positive [rad]."""
     yaw: float
     """Counter-clockwise from magnetic east, seen from above, in (-pi, pi] [rad]."""
+    scale: AngleScale = AngleScale.STICKS
+    """Of roll and pitch, as the board reports them."""
 
 
 class Position(StateValue):

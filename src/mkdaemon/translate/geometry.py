@@ -11,7 +11,7 @@ from mkdaemon.frames import (
     rotation_from_euler,
     yaw_enu_from_heading,
 )
-from mkdaemon.telemetry.state import Attitude, Position
+from mkdaemon.telemetry.state import AngleScale, Attitude, Position
 from mkdaemon.translate.origin import Origin
 
 
@@ -23,7 +23,9 @@ class Home:
     longitude: float
 
 
-def attitude(origin: Origin, *, roll: float, pitch: float, heading: float) -> Attitude:
+def attitude(
+    origin: Origin, *, roll: float, pitch: float, heading: float, scale: AngleScale = AngleScale.STICKS
+) -> Attitude:
     """Make an attitude.
 
     Args:
@@ -31,10 +33,11 @@ def attitude(origin: Origin, *, roll: float, pitch: float, heading: float) -> At
         roll: right side down positive [rad; FLU].
         pitch: nose down positive [rad; FLU].
         heading: clockwise from magnetic north [rad].
+        scale: of roll and pitch, as the board reports them.
     """
     yaw = yaw_enu_from_heading(heading)
     quaternion = quaternion_from_rotation(rotation_from_euler(roll, pitch, yaw))
-    return Attitude(**origin._asdict(), quaternion=quaternion, roll=roll, pitch=pitch, yaw=yaw)
+    return Attitude(**origin._asdict(), quaternion=quaternion, roll=roll, pitch=pitch, yaw=yaw, scale=scale)
 
 
 def position(

@@ -16,7 +16,7 @@ from mkdaemon.protocol.messages import (
 from mkdaemon.protocol.messages.osdsets import OsdFlags, OsdSet
 from mkdaemon.protocol.wire import WireMessage
 from mkdaemon.stamp import Stamp
-from mkdaemon.telemetry.state import Battery
+from mkdaemon.telemetry.state import AngleScale, Battery
 from mkdaemon.translate.geometry import attitude
 from mkdaemon.translate.origin import Origin, State
 from mkdaemon.translate.osd import from_osd, pilot
@@ -53,9 +53,12 @@ class StateTranslator:
         if board == "nc" and self._fc_is_lost and message.spec.key == AttitudeDataNc.spec.key:
             return []  # the NaviCtrl repeats the last attitude it heard of
         match message:
-            case AttitudeDataFc210() | AttitudeDataFcOld() | AttitudeDataNc() | AttitudeDataNcSticks():
+            case AttitudeDataFc210() | AttitudeDataFcOld():
                 self._fine_attitude_at = stamp.monotonic
-                return _from_attitude(message, origin)
+                return _from_attitude(message, origin, AngleScale.FLIGHTCTRL)
+            case AttitudeDataNc() | AttitudeDataNcSticks():
+                self._fine_attitude_at = stamp.monotonic
+                return _from_attitude(message, origin, AngleScale.STICKS)
             case OsdData4() | OsdData5():
                 states = from_osd(message, origin)
                 if self._wants_coarse(stamp.monotonic):
@@ -102,9 +105,9 @@ def _coarse_attitude(osd: OsdData4 | OsdData5, origin: Origin) -> State:
     return "state/attitude", value
 
 
-def _from_attitude(message: WireMessage, origin: Origin) -> list[State]:
-    value = attitude(origin, roll=message.si("roll"), pitch=message.si("pitch"), heading=message.si("heading"))
-    return [("state/attitude", value)]
+def _from_attitude(message: WireMessage, origin: Origin, scale: AngleScale) -> list[State]:
+    angles = {name: message.si(name) for name in ("roll", "pitch", "heading")}
+    return [("state/attitude", attitude(origin, **angles, scale=scale))]
 
 
 def _from_debug(debug: DebugDataFc, origin: Origin) -> list[State]:

@@ -15,7 +15,7 @@ from pydantic import BaseModel
 from mkdaemon.bus.codec import encode
 from mkdaemon.bus.commandserver import Handler
 from mkdaemon.bus.gateway import Watcher
-from mkdaemon.bus.intake import Prover, Taker
+from mkdaemon.bus.intake import Taker, Verifier
 from mkdaemon.errors import LinkLostError
 from mkdaemon.link.ports.port import Port
 from mkdaemon.telemetry.command import CommandResult
@@ -131,7 +131,7 @@ class LocalBus:
         self.lease: dict[str, Any] = {}
         self.loop = asyncio.get_running_loop()
         self._handlers: dict[str, Handler] = {}
-        self._takers: dict[str, Taker] = {}
+        self._takers: dict[str, tuple[Taker, Verifier]] = {}
         self._watchers: list[Watcher] = []
         self._sequence = 0
 
@@ -146,10 +146,9 @@ class LocalBus:
         """Let a handler answer."""
         self._handlers[root] = handler
 
-    def receive(self, suffix: str, take: Taker, is_proven: Prover) -> None:
+    def receive(self, suffix: str, take: Taker, verify: Verifier) -> None:
         """Take setpoints."""
-        del is_proven
-        self._takers[suffix] = take
+        self._takers[suffix] = take, verify
 
     def watch_clients(self, watcher: Watcher) -> None:
         """Tell of clients."""
@@ -183,4 +182,5 @@ class LocalBus:
 
     def deliver(self, kind: type[Setpoint], at: float, payload: bytes, proof: bytes) -> None:
         """Bring a setpoint that arrived at a time [s] to the daemon."""
-        self._takers[kind.suffix](at, payload, proof)
+        take, verify = self._takers[kind.suffix]
+        take(at, payload, verify(payload, proof))

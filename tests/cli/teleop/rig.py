@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Mapping
 from contextlib import asynccontextmanager
 from typing import Any
 
@@ -22,10 +22,10 @@ class FakeLease:
         self.refusal: CommandRejectedError | None = None
         self.lost: str | None = None
 
-    def set(self, kind: str, **fields: Any) -> None:
+    def put(self, kind: str, fields: Mapping[str, Any]) -> None:
         if self.lost is not None:
             raise LeaseLostError(self.lost)
-        self.streamed.append((kind, fields))
+        self.streamed.append((kind, dict(fields)))
 
     def take_refusal(self) -> CommandRejectedError | None:
         refusal, self.refusal = self.refusal, None

@@ -6,9 +6,8 @@ from typing import Any
 import pytest
 
 from mkdaemon.cli.mkctl.teleop import command
-from mkdaemon.cli.mkctl.teleop.command import SECRET, Hands, teleop
+from mkdaemon.cli.mkctl.teleop.command import SECRET, Hands, Source, teleop
 from mkdaemon.cli.mkctl.teleop.evdevpad import FoundPad
-from mkdaemon.cli.mkctl.teleop.program import Source
 from mkdaemon.errors import ConfigError, MkError
 
 

@@ -9,8 +9,7 @@ from pydantic import ValidationError
 from mkdaemon.bus.codec import encode, encoding_of
 from mkdaemon.cli.mkctl.teleop import padsearch
 from mkdaemon.cli.mkctl.teleop.devices import DeviceLostError, DeviceState
-from mkdaemon.cli.mkctl.teleop.joypad import GONE, JoyPad, joy_fields
-from mkdaemon.cli.mkctl.teleop.joysearch import JoyFinder
+from mkdaemon.cli.mkctl.teleop.joypad import GONE, JoyFinder, JoyPad, joy_fields
 from mkdaemon.cli.mkctl.teleop.padsearch import Mappings
 from mkdaemon.client.samples import Sample, read_payload
 from mkdaemon.clock import Clock

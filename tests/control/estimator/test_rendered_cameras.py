@@ -14,7 +14,7 @@ from mkdaemon.config.vision import VisionSection
 from mkdaemon.control.estimator.estimator import Estimator
 from mkdaemon.control.estimator.model import P, T
 from mkdaemon.control.estimator.rollback import STEP
-from mkdaemon.control.targetgoals import view_of
+from mkdaemon.control.sight import view_of
 from mkdaemon.frames import rotation_from_euler
 from mkdaemon.telemetry.vision import VisionPose
 from mkdaemon.vision.camera.calibration_file import load_camera, mount_rotation
@@ -79,7 +79,7 @@ def fly(offsets: dict[str, float]) -> tuple[npt.NDArray[np.float64], Estimator, 
         for _, pose in (due for due in pending if due[0] == k):
             estimator = estimator or Estimator(MODEL, view_of(pose), HOVER)
             estimator.advance(plant.now)
-            estimator.target_seen(view_of(pose))
+            estimator.target_seen(view_of(pose), plant.now)
         if estimator is not None and k % 2 == 0:
             estimator.attitude_received(plant.now, *plant.reported(), 0.0)
             sway = round(3 * math.sin(4.0 * plant.now))

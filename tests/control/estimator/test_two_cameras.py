@@ -54,7 +54,7 @@ def errors(*cameras: Camera) -> tuple[npt.NDArray[np.float64], Estimator]:
             if estimator is None:
                 estimator = Estimator(MODEL, seen, HOVER)
             estimator.advance(plant.now)
-            estimator.target_seen(seen)
+            estimator.target_seen(seen, plant.now)
         if estimator is not None and k % 2 == 0:
             sway(plant, estimator)
         if estimator is not None and k % 5 == 0 and plant.now > SETTLED:
@@ -115,7 +115,7 @@ def fly(*cameras: tuple[str, int, float, int], seconds: float = 4.0) -> tuple[np
                 seen = replace(displaced(true, wrong), camera=name)
                 estimator = estimator or Estimator(MODEL, seen, HOVER)
                 estimator.advance(plant.now)
-                estimator.target_seen(seen)
+                estimator.target_seen(seen, plant.now)
         if estimator is not None and k % 2 == 0:
             sway(plant, estimator)
             if plant.now > SETTLED:
@@ -157,9 +157,9 @@ def test_a_camera_that_is_left_alone_is_believed_in_the_end() -> None:
         if k % 3 == 0:
             seen = replace(view(plant.now, plant.axes, 2.0, plant.yaw), camera="forward")
             if k > 100:
-                estimator.target_seen(displaced(seen, WRONG))
+                estimator.target_seen(displaced(seen, WRONG), plant.now)
             if k < 130:
-                estimator.target_seen(replace(seen, camera="down"))
+                estimator.target_seen(replace(seen, camera="down"), plant.now)
         if k == 130:
             assert estimator.contradicting == ("forward",)
     assert estimator.contradicting == ()
@@ -182,7 +182,7 @@ def test_each_direction_counts_by_its_own_variance() -> None:
                 )
                 estimator = estimator or Estimator(MODEL, seen, HOVER)
                 estimator.advance(plant.now)
-                estimator.target_seen(seen)
+                estimator.target_seen(seen, plant.now)
                 if k > 60:
                     found.append(estimator.estimate(plant.now).position[:2] - plant.axes[:, P])
             plant.step()
@@ -207,7 +207,7 @@ def test_the_attitude_in_two_poses_of_one_moment_counts_once() -> None:
                 estimator = estimator or Estimator(MODEL, seen, HOVER)
                 estimator.advance(plant.now)
                 vague = np.diag([100.0] * 3 + [1e-4] * 3)  # nothing but the tilt
-                estimator.target_seen(replace(seen, covariance=vague))
+                estimator.target_seen(replace(seen, covariance=vague), plant.now)
         assert estimator is not None
         tilts.append(float(estimator._level.covariances[0, T, T]))
     assert tilts == pytest.approx([tilts[0]] * 3, rel=0.15)

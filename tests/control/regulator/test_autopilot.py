@@ -48,7 +48,7 @@ def test_the_reference_rests_on_the_estimate_until_the_speed_is_known():
         now = 0.02 * k
         autopilot.estimator.advance(now)
         autopilot.estimator.attitude_received(now, 0.0, 0.0, 0.0)
-        autopilot.estimator.target_seen(look(now, 0.4))
+        autopilot.estimator.target_seen(look(now, 0.4), now)
         sticks = autopilot.sticks(at_origin(2.0), now)
     assert autopilot.reference.position[0] < 0.35
     assert sticks.pitch < 0
@@ -62,7 +62,7 @@ def test_the_reference_begins_with_the_speed_that_made_it_known_and_not_with_the
     for k in range(1, 30):
         now = 0.02 * k
         estimator.advance(now)
-        estimator.target_seen(look(now, 0.4))
+        estimator.target_seen(look(now, 0.4), now)
         autopilot.sticks(at_origin(2.0), now)
         if estimator.velocity_sd <= UNKNOWN_SPEED:
             break
@@ -79,7 +79,7 @@ def test_while_the_pilots_throttle_caps_ours_not_much_more_is_asked_for_than_fli
         use = ThrottleUse(cap, is_ours=False) if is_known and cap else OURS
         autopilot.estimator.sent(StickCommand(now, 0.0, 0.0, 0.0, sticks.throttle + 127.0, use))
         if not is_known:
-            autopilot.estimator.target_seen(look(now, 0.0))
+            autopilot.estimator.target_seen(look(now, 0.0), now)
         elif k == 60:
             autopilot.estimator._vertical.shift(E, np.array([-5.0]))  # it sinks for no known reason
         asked.append(sticks.throttle + 127)

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import pytest
 
+from mkdaemon.control.manoeuvres.manoeuvre import WORDS
 from mkdaemon.control.manoeuvres.take_off import IDLE_GAS, LIKELY, OLDEST, TakeOff, TakeOffLimits, TakeOffPhase
+from mkdaemon.telemetry.control import Outcome
 
 LIMITS = TakeOffLimits(ready=1.0)
 HOVER = 120.0
@@ -29,8 +31,9 @@ def test_without_an_image_of_a_flying_aircraft_it_fails_with_what_to_look_at():
     take_off = TakeOff(LIMITS, HOVER, 0.0)
     run(take_off, 0.0, LIMITS.ready + LIMITS.blind + 0.6)
     assert take_off.is_over
-    assert "gate" in take_off.failure
-    assert "hover_throttle" in take_off.failure
+    assert take_off.failure is Outcome.NOT_LIFTED
+    assert "gate" in WORDS[take_off.failure]
+    assert "hover_throttle" in WORDS[take_off.failure]
 
 
 def test_images_of_an_aircraft_that_stands_change_nothing():
@@ -58,7 +61,8 @@ def test_old_images_do_not_hand_a_flying_aircraft_to_the_autopilot():
         take_off.gas(k * STEP, STEP, 0.0)
         assert take_off.seen(0.2 + 0.01 * k, k * STEP - OLDEST - 0.01) is None
     assert take_off.is_over
-    assert "too old" in take_off.failure
+    assert take_off.failure is Outcome.NOT_LIFTED
+    assert "too old" in WORDS[take_off.failure]
 
 
 def test_what_carries_the_aircraft_is_not_far_from_what_was_believed():
@@ -82,7 +86,7 @@ def test_an_aircraft_that_tips_over_has_its_throttle_cut_then_is_released():
 def test_in_the_air_only_the_climb_is_left_and_cannot_fail():
     take_off = TakeOff(LIMITS, HOVER, 0.0, is_in_air=True)
     assert not take_off.is_blind
-    take_off.fail("aborted")
+    take_off.fail(Outcome.TAKE_OFF_ABORTED)
     assert take_off.phase is TakeOffPhase.CLIMB
     take_off.arrived()
     take_off.arrived()

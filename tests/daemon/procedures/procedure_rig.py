@@ -23,6 +23,7 @@ from mkdaemon.daemon.flight import FlightControl
 from mkdaemon.daemon.procedures import Interlock, Journal, ProcedureRunner
 from mkdaemon.daemon.requests import BoardRequests
 from mkdaemon.errors import CommandRejectedError
+from mkdaemon.link.discovery import discover
 from mkdaemon.link.labels import LabelCache
 from mkdaemon.link.link import Link
 from mkdaemon.telemetry.command import CommandResult, refused
@@ -141,7 +142,7 @@ class ProcedureRig:
 async def procedure_rig(socket: Socket, folder: Path) -> AsyncIterator[ProcedureRig]:
     """Run the procedures of a daemon on a line while the context lives."""
     rig = ProcedureRig(socket, folder)
-    rig.tasks = [asyncio.create_task(rig.runner.run()), asyncio.create_task(rig.link.run())]
+    rig.tasks = [asyncio.create_task(rig.runner.run()), asyncio.create_task(rig.link.run(discover))]
     try:
         yield rig
     finally:

@@ -5,12 +5,13 @@ from __future__ import annotations
 import asyncio
 from contextlib import asynccontextmanager
 
+import msgpack
 import pytest
 
 from lab.rigs.linkrig import virtually
-from mkdaemon.bus.codec import encoding_of
-from mkdaemon.client.answers import Answer
-from mkdaemon.client.navi import NAVI, NaviModes
+from mkdaemon.bus.codec import encode_map, encoding_of
+from mkdaemon.client import Answer, Vehicle
+from mkdaemon.client.navi import NAVI
 from mkdaemon.client.samples import Sample
 from mkdaemon.errors import CommandRejectedError, ManoeuvreError
 from mkdaemon.frames import geodetic_from_enu
@@ -24,10 +25,11 @@ AIRBORNE = 13.0
 """A flight by hand to 2 m, the motors started on the way [s]."""
 
 
-class RigVehicle(NaviModes):
+class RigVehicle(Vehicle):
     """The client library on a rig, without a bus between."""
 
     def __init__(self, rig):
+        super().__init__(None, "rig", "none")
         self.rig, self.queue = rig, asyncio.Queue()
         rig.bus.follower = self._published
 
@@ -36,8 +38,9 @@ class RigVehicle(NaviModes):
             self.queue.put_nowait(Sample(suffix, value.model_dump(mode="json"), encoding_of(ControlNavi)))
 
     async def command(self, root, name, fields=None, *, patience=0.0):
-        result = await self.rig.ask(name, **{key: value for key, value in fields.items() if key != "holder"})
-        return Answer(result.status.value, result.reply or {}, result.token, result.reason, result.fix)
+        asked = msgpack.unpackb(encode_map(fields))
+        result = await self.rig.ask(name, **{key: value for key, value in asked.items() if key != "holder"})
+        return Answer(result.status, result.reply or {}, result.token, result.reason, result.fix)
 
     @asynccontextmanager
     async def _watching(self):
@@ -48,7 +51,7 @@ class RigVehicle(NaviModes):
         self.queue = asyncio.Queue()
         yield samples()
 
-    def watch(self, *keys):
+    def watch(self, *keys, **_):
         return self._watching()
 
 
@@ -114,7 +117,7 @@ async def in_flight(tmp_path, nc="0.24", seconds=AIRBORNE):
 async def test_the_navictrl_flies_to_places_at_home_and_the_pilots_sticks_and_switch_rule(tmp_path):
     async with in_flight(tmp_path) as flown:
         assert not flown.truth.on_ground
-        report = await flown.uav.navi_goto(5.0, -3.0, 2.0, radius=2, on_stage=flown.seen)
+        report = await flown.uav.navi.goto(5.0, -3.0, 2.0, radius=2, on_stage=flown.seen)
         assert flown.stages == [NaviStage.READY, NaviStage.ROUTE, NaviStage.AT_POINT]
         assert report.is_route_done
         assert report.target_distance <= 2.5
@@ -124,18 +127,18 @@ async def test_the_navictrl_flies_to_places_at_home_and_the_pilots_sticks_and_sw
         assert flown.truth.position_enu[2] > 1.0, "and the pilot's does"
         flown.turn_switch("hold")
         await asyncio.sleep(0.5)
-        again = await flown.uav.navi_goto(0.0, -3.0, 2.0, radius=2, on_stage=flown.seen)
+        again = await flown.uav.navi.goto(0.0, -3.0, 2.0, radius=2, on_stage=flown.seen)
         assert again.is_route_done
         assert flown.truth.position_enu[:2] == pytest.approx([0.0, -3.0], abs=2.5)
         assert flown.stages[-2:] == [NaviStage.ROUTE, NaviStage.AT_POINT], "the place before says nothing of this one"
         flown.turn_switch("hold")
         await asyncio.sleep(0.5)
         with pytest.raises(ManoeuvreError, match=r"not there within 1 s: ready; the pilot turns the GPS switch to"):
-            await flown.uav.navi_goto(50.0, 0.0, 2.0, patience=1.0)
+            await flown.uav.navi.goto(50.0, 0.0, 2.0, patience=1.0)
         flown.turn_switch("home")
         await asyncio.sleep(0.5)
         with pytest.raises(CommandRejectedError) as refusal:
-            await flown.uav.navi_goto(10.0, 0.0, 2.0)
+            await flown.uav.navi.goto(10.0, 0.0, 2.0)
         assert refusal.value.token == "switch_at_home"
         flown.pilot.program, flown.pilot.pitch = None, 20
         assert await flown.newest(0.5) is NaviStage.OVERRIDDEN
@@ -152,10 +155,10 @@ async def test_the_navictrl_flies_to_places_at_home_and_the_pilots_sticks_and_sw
 async def test_a_newer_navictrl_flies_a_route_to_its_last_point_and_then_home(tmp_path):
     async with in_flight(tmp_path, "2.14") as flown:
         mission = Mission(points=(flown.place(5.0, 0.0), flown.place(5.0, 4.0)))
-        report = await flown.uav.navi_route(mission, on_stage=flown.seen)
+        report = await flown.uav.navi.route(mission, on_stage=flown.seen)
         assert (report.waypoint, report.waypoints, report.is_route_done) == (2, 2, True)
         assert flown.truth.position_enu[:2] == pytest.approx([5.0, 4.0], abs=2.5)
-        home = await flown.uav.navi_home(on_stage=flown.seen)
+        home = await flown.uav.navi.home(on_stage=flown.seen)
         assert home.is_home
         assert flown.stages[-1] is NaviStage.HOME
 

@@ -8,7 +8,7 @@ from mkdaemon.errors import CommandRejectedError, ProtocolError, RequestTimeoutE
 from mkdaemon.protocol.messages import SettingsRequest, WriteSettings
 from mkdaemon.protocol.procedures import LiveSet, LiveSetAtRisk, LiveSetProven, Patience
 from mkdaemon.protocol.procedures.live_set import Recovered, pad_set, recover_live_set
-from mkdaemon.protocol.procedures.settings import backup_settings, edit_settings, restore_settings
+from mkdaemon.protocol.procedures.settings_slots import backup_settings, edit_settings, restore_settings
 
 from .talk import FlightCtrl, drive
 

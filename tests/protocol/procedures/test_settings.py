@@ -11,7 +11,7 @@ from mkdaemon.errors import CommandRejectedError, MkError, RequestTimeoutError
 from mkdaemon.protocol.messages import Settings, SettingsRequest, WriteSettings
 from mkdaemon.protocol.procedures import Patience
 from mkdaemon.protocol.procedures.live_set import differing
-from mkdaemon.protocol.procedures.settings import backup_settings, restore_settings
+from mkdaemon.protocol.procedures.settings_slots import backup_settings, restore_settings
 from mkdaemon.protocol.wire import WireMessage
 
 from .talk import FlightCtrl, Reply, drive, losing

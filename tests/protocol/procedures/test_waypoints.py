@@ -11,7 +11,7 @@ from mkdaemon.protocol.messages import NaviVersionClassic, WaypointRequest, Wayp
 from mkdaemon.protocol.procedures import Patience
 from mkdaemon.protocol.procedures.points import from_points, point_format, read_format, to_points
 from mkdaemon.protocol.procedures.steps import Progress, Step
-from mkdaemon.protocol.procedures.waypoints import (
+from mkdaemon.protocol.procedures.waypoint_list import (
     clear_message,
     clear_points,
     content_hash,

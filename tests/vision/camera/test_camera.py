@@ -17,14 +17,13 @@ from mkdaemon.config.camera import CameraSection
 from mkdaemon.errors import ConfigError, VisionError
 from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.image import CameraFrame
-from mkdaemon.vision.camera.camera import CameraStream, StreamState, retry_delays
+from mkdaemon.vision.camera.camera import CameraStream, StampClock, StreamState, retry_delays
 from mkdaemon.vision.camera.files import list_pictures
 from mkdaemon.vision.camera.image import CameraImage
 from mkdaemon.vision.camera.imagecodec import encode_jpeg, pack
 from mkdaemon.vision.camera.shot import EndOfImages, PictureError, Shot
 from mkdaemon.vision.camera.slot import NewestSlot
 from mkdaemon.vision.camera.sources import source_of
-from mkdaemon.vision.camera.stamping import StampClock
 from tests.vision.streams import wait_for_status
 
 PATIENCE = 60.0

@@ -13,9 +13,9 @@ import pytest
 
 from mkdaemon.config.camera import CameraSection
 from mkdaemon.errors import VisionError
-from mkdaemon.vision.camera.codedsize import Size, coded_sizes
 from mkdaemon.vision.camera.files import ClipSource
 from mkdaemon.vision.camera.shot import EndOfImages, PictureError
+from mkdaemon.vision.camera.sizewatch import Size, coded_sizes
 from mkdaemon.vision.camera.sources import source_of
 from tests.vision.camera import h264
 from tests.vision.camera.network_cameras import NetworkCamera

@@ -22,8 +22,7 @@ from mkdaemon.vision.camera.camera import CameraStream, StreamState
 from mkdaemon.vision.camera.exposure import Adjustable, Reach, Setting
 from mkdaemon.vision.camera.image import CameraImage
 from mkdaemon.vision.camera.slot import NewestSlot
-from mkdaemon.vision.camera.sources import source_of
-from mkdaemon.vision.camera.v4l2controls import (
+from mkdaemon.vision.camera.sources import (
     AUTOGAIN,
     EXPOSURE_ABSOLUTE,
     EXPOSURE_AUTO,
@@ -31,6 +30,7 @@ from mkdaemon.vision.camera.v4l2controls import (
     GAIN,
     GREATEST_GAIN,
     V4l2Controls,
+    source_of,
 )
 from tests.vision.streams import wait_for_status
 

@@ -14,7 +14,7 @@ from mkdaemon.vision.pose.pose import Pose, largest_variance
 from mkdaemon.vision.pose.prints import sheet_of
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.tags.tagmap import Target
-from mkdaemon.vision.track.sheet import LearnedBend
+from mkdaemon.vision.track.follower import LearnedBend
 from mksim.scene.curl import Curl
 from mksim.scene.light import Conditions
 from tests.vision.views import VGA, View, angle_deg, place, shipped

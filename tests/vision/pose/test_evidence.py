@@ -9,7 +9,7 @@ import pytest
 
 from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.edgefit import EdgeFit
-from mkdaemon.vision.pose.evidence import EdgeEvidence
+from mkdaemon.vision.pose.fitting import EdgeEvidence
 from mkdaemon.vision.pose.pose import Pose, turn
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.tags.tagmap import TagMap

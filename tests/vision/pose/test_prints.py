@@ -12,8 +12,7 @@ import pytest
 from mkdaemon.config.vision import TagPlacement, TargetSection
 from mkdaemon.vision.camera.image import CameraImage
 from mkdaemon.vision.limits import LIMITS
-from mkdaemon.vision.pose.fitting import TargetFitter
-from mkdaemon.vision.pose.gather import PrintGatherer
+from mkdaemon.vision.pose.fitting import PrintGatherer, TargetFitter
 from mkdaemon.vision.pose.pose import Pose, inverse, turn
 from mkdaemon.vision.pose.prints import MOST, Prints, roots
 from mkdaemon.vision.pose.projection import Projection

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from mkdaemon.frames import rotation_from_euler
-from mkdaemon.vision.selfcal.camerafilter import DECK, LENS_AT, MOUNTING, TILT_SCALE, CameraFilter
 from mkdaemon.vision.selfcal.evidence import LENS, ImageEvidence
+from mkdaemon.vision.selfcal.selfcheck import DECK, LENS_AT, MOUNTING, TILT_SCALE, CameraFilter
 from mkdaemon.vision.track.attitude import LOOKING_DOWN
 
 BELIEVED = LOOKING_DOWN.flu_from_cam

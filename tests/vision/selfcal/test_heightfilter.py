@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from mkdaemon.vision.selfcal.heightfilter import HeightFilter
+from mkdaemon.vision.selfcal.selfcheck import HeightFilter
 
 DELAY = 0.1
 

@@ -13,13 +13,12 @@ import pytest
 from mkdaemon.config.camera import MountSection
 from mkdaemon.telemetry.vision import Alarm
 from mkdaemon.vision.camera.calibration_file import CalibrationRecord, Camera
+from mkdaemon.vision.limits import SELFCAL
 from mkdaemon.vision.pose.edgefit import EdgeFit
 from mkdaemon.vision.pose.pose import Pose
 from mkdaemon.vision.pose.projection import Projection
-from mkdaemon.vision.selfcal.camerafilter import LENS_AT
 from mkdaemon.vision.selfcal.evidence import EvidenceMaker
-from mkdaemon.vision.selfcal.limits import SELFCAL
-from mkdaemon.vision.selfcal.selfcheck import SelfCheck, TargetWatch
+from mkdaemon.vision.selfcal.selfcheck import LENS_AT, SelfCheck, TargetWatch
 from mkdaemon.vision.tags.tagmap import TagMap, Target
 from mkdaemon.vision.track.attitude import LOOKING_DOWN
 from tests.vision.views import VGA, View, place, shipped

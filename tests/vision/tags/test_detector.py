@@ -11,9 +11,8 @@ import pytest
 
 from mkdaemon.config.vision import DetectorSection
 from mkdaemon.vision.limits import LIMITS
-from mkdaemon.vision.tags.aruco_fallback import ArucoSearch
 from mkdaemon.vision.tags.cellread import quiet_sides
-from mkdaemon.vision.tags.detector import Detector
+from mkdaemon.vision.tags.detector import ArucoSearch, Detector
 from mkdaemon.vision.tags.searchplan import first_of
 from mkdaemon.vision.tags.tagfamily import cells, find_family
 from mksim.scene.gloss import Gloss

@@ -23,8 +23,7 @@ from mkdaemon.vision.track.attitude import (
     normal_beside,
     without_normal,
 )
-from mkdaemon.vision.track.deck import LONGEST, PRIOR_SD, Deck
-from mkdaemon.vision.track.level import LevelKnowledge, Sight
+from mkdaemon.vision.track.level import LONGEST, PRIOR_SD, Deck, LevelKnowledge, Sight
 from mkdaemon.vision.track.tracker import Tracker
 from mksim.scene.motion import Platform
 from mksim.scene.scene import Scene, SceneTarget, cam_from_target

@@ -16,8 +16,8 @@ from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.pose import Pose
 from mkdaemon.vision.tags.tagmap import TagMap
 from mkdaemon.vision.track.attitude import LOOKING_DOWN
+from mkdaemon.vision.track.follower import Starts
 from mkdaemon.vision.track.level import Sight
-from mkdaemon.vision.track.starts import Starts
 from mkdaemon.vision.track.track import Track
 from mkdaemon.vision.track.tracker import Tracker
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from mkdaemon.client import Vehicle
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.protocol.wire import Board, WireMessage
-from mkdaemon.telemetry.refusals import REFUSALS, Status
+from mkdaemon.telemetry.refusals import TOKENS, Status
 
 _NO_ANSWER = frozenset({Status.TIMEOUT, Status.BUSY})
 
@@ -22,7 +22,7 @@ async def try_request(uav: Vehicle, board: Board, message: WireMessage) -> WireM
     try:
         return await uav.request(board, message, confirm=message.spec.danger is not None)
     except CommandRejectedError as error:
-        refusal = REFUSALS.get(error.token)
+        refusal = TOKENS.get(error.token)
         if refusal is not None and refusal.status in _NO_ANSWER:
             return None
         raise

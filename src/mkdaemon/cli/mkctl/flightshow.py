@@ -7,15 +7,12 @@ import math
 import sys
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager, suppress
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from mkdaemon.cli.mkctl.connection import Connection
 from mkdaemon.cli.printing import json_line
 from mkdaemon.client import Lease, Vehicle
 from mkdaemon.errors import ConfigError, MkError
-
-if TYPE_CHECKING:
-    from mkdaemon.telemetry.control import ControlStatus
 
 PROGRESS_PERIOD: Final = 0.2
 """Between two lines of progress on a terminal [s]."""
@@ -65,7 +62,7 @@ async def leased(uav: Vehicle, connection: Connection, *, force: bool) -> AsyncI
     While his throttle caps ours it is said in capitals.
 
     Raises:
-        MkError: see `Vehicle.lease`.
+        MkError: see `uav.lease()`.
     """
     released = asyncio.Event()
     released.set()
@@ -73,9 +70,8 @@ async def leased(uav: Vehicle, connection: Connection, *, force: bool) -> AsyncI
     async def show_hands() -> None:
         hands = ""
         clear = CLEAR if sys.stderr.isatty() and not connection.json else ""
-        async with uav.watch("control/status") as samples:
-            async for sample in samples:
-                status: ControlStatus = sample.value
+        async with uav.control.status.subscribed() as statuses:
+            async for status in statuses:
                 is_free = status.phase is status.phase.FREE
                 words = f"the pilot {status.hands}"
                 words = words if status.pilots_throttle is None else words.upper()
@@ -158,12 +154,10 @@ async def read_position(uav: Vehicle) -> Position:
     Raises:
         MkError: the daemon publishes no estimate.
     """
-    with suppress(AttributeError):
-        sample = await uav.get("control/estimate")
-        x, y, z = sample.value.position  # type: ignore[union-attr]
-        return (x, y, z)
-    msg = "the daemon publishes no estimate: see `mkctl get control/status`"
-    raise MkError(msg)
+    found = await uav.control.estimate.latest()
+    if found is None:
+        raise MkError("the daemon publishes no estimate: see `mkctl get control/status`")
+    return found.value.position
 
 
 def conclude(shown: Shown, goal: Position | None, within: float, connection: Connection) -> int:

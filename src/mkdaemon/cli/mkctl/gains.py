@@ -21,7 +21,7 @@ async def gains(*, connection: Connection = HERE) -> None:
         MkError: no daemon.
     """
     async with connection.open() as uav:
-        found = (await uav.command("do", "gains", {})).require()
+        found = dict(await uav.gains())
     if connection.json:
         print(json_line(found))
         return

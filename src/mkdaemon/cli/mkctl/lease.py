@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Final
+from typing import Annotated, Final
 
 from cyclopts import App, Parameter
 
 from mkdaemon.cli.mkctl.connection import HERE, Connection
 from mkdaemon.cli.printing import json_line
-from mkdaemon.client.identity import client_name
+from mkdaemon.telemetry.control import LeaseGrant, LeaseState
 
 app: Final = App(
     name="lease",
@@ -32,12 +32,9 @@ async def take(
     Args:
         holder: Name others see; default: user, machine and process.
     """
-    fields: dict[str, Any] = {"action": "take", "holder": holder or client_name(), "force": force}
-    if ttl is not None:
-        fields["ttl"] = ttl
-    if use_remembered:
-        fields["use_remembered"] = True
-    await _lease(fields, connection)
+    async with connection.open() as uav:
+        granted = await uav.lease.take(force=force, ttl=ttl, holder=holder, use_remembered=use_remembered)
+    _show(granted, connection)
 
 
 @app.command
@@ -48,25 +45,25 @@ async def release(epoch: int, secret: str, *, connection: Connection = HERE) -> 
         epoch: As `take` printed it.
         secret: As `take` printed it.
     """
-    await _lease({"action": "release", "epoch": epoch, "secret": secret}, connection)
+    async with connection.open() as uav:
+        await uav.lease.release(epoch, secret)
+    _show(None, connection)
 
 
 @app.command
 async def show(*, connection: Connection = HERE) -> None:
     """Show who holds the lease."""
-    await _lease({"action": "show"}, connection)
+    async with connection.open() as uav:
+        found = await uav.lease.show()
+    _show(found, connection)
 
 
-async def _lease(fields: dict[str, Any], connection: Connection) -> None:
-    async with connection.open() as client:
-        is_taking = fields["action"] == "take"
-        answer = await (client.ask_for_lease(fields) if is_taking else client.command("do", "lease", fields))
-        reply = answer.require()
+def _show(lease: LeaseState | None, connection: Connection) -> None:
     if connection.json:
-        print(json_line(reply or {"holder": None}))
-    elif reply:
-        print(f"{reply['holder']} holds the lease: epoch {reply['epoch']}, {reply['left']:.1f} s left")
-        if "secret" in reply:
-            print(f"secret {reply['secret']}")
-    else:
+        print(json_line({"holder": None} if lease is None else dict(lease)))
+    elif lease is None:
         print("nobody holds the lease")
+    else:
+        print(f"{lease.holder} holds the lease: epoch {lease.epoch}, {lease.left:.1f} s left")
+        if isinstance(lease, LeaseGrant):
+            print(f"secret {lease.secret}")

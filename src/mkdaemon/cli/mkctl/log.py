@@ -2,21 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict
+from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Final
+from typing import TYPE_CHECKING, Annotated, Any, Final
 
 from cyclopts import App, Parameter
+from rich.console import Console
+from rich.table import Table
 
 from mkdaemon.cli.arguments import AsJson
 from mkdaemon.cli.mkctl.connection import HERE, Connection
-from mkdaemon.cli.mkctl.logshow import print_check, print_list, print_summary, reading_progress, summary_fields
 from mkdaemon.cli.mkctl.logtime import moment_of, recording_folders
 from mkdaemon.cli.printing import json_line
 from mkdaemon.cli.program import EXIT_FAILURE, EXIT_OK
 from mkdaemon.errors import ConfigError
+from mkdaemon.record.entry import NANOSECONDS
 
 if TYPE_CHECKING:
+    from mkdaemon.record.reader import ReadReport
+    from mkdaemon.record.summary import Glance, Summary
     from mkdaemon.record.writer import View
 
 Force = Annotated[bool, Parameter(negative=(), help="Replace a file that is there.")]
@@ -35,10 +42,8 @@ async def mark(text: str, *, connection: Connection = HERE) -> None:
     Args:
         text: What happened, up to 200 characters.
     """
-    from mkdaemon.client.identity import client_name
-
-    async with connection.open() as client:
-        (await client.command("do", "mark", {"text": text, "holder": client_name()})).require()
+    async with connection.open() as uav:
+        await uav.records.mark(text)
     print(json_line({"marked": text}) if connection.json else f"marked: {text}")
 
 
@@ -185,7 +190,7 @@ def _required(files: Sequence[Path]) -> Sequence[Path]:
 
 
 def _view(is_wanted: bool) -> View | None:
-    from mkdaemon.client.schemas import known_schema
+    from mkdaemon.client.samples import known_schema
     from mkdaemon.record.view import JsonView
 
     return JsonView(known_schema) if is_wanted else None
@@ -196,3 +201,221 @@ def _print_written(target: Path, entries: int, lost: int, *, as_json: bool) -> N
         print(json_line({"file": str(target), "entries": entries, "lost": lost}))
     else:
         print(f"{target}: {entries} entries" + (f"; {lost} are missing by their numbers" if lost else ""))
+
+
+WIDE: Final = 1000
+"""Columns where there is no terminal."""
+
+
+@contextmanager
+def reading_progress(paths: Sequence[Path]) -> Iterator[Callable[[int], None]]:
+    """Show on standard error how much of some files has been read; nothing where there is no terminal."""
+    from rich.progress import BarColumn, DownloadColumn, Progress, TextColumn, TimeRemainingColumn
+
+    console = Console(stderr=True)
+    total = sum(path.stat().st_size for path in paths if path.exists())
+    columns = (TextColumn(paths[0].name), BarColumn(), DownloadColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bars:
+        task = bars.add_task("", total=total)
+        yield lambda position: bars.update(task, completed=position)
+
+
+def print_list(found: Sequence[Glance], folders: Sequence[Path], *, as_json: bool) -> None:
+    """Print what recordings there are, the newest last."""
+    if as_json:
+        for one in found:
+            print(json_line(_glance_fields(one)))
+        return
+    if not found:
+        where = ", ".join(map(str, folders)) or "/var/lib/mkdaemon and the user's state folder"
+        print(f"no recordings in {where}; name a folder: mkctl log list FOLDER")
+        return
+    table = Table(box=None, pad_edge=False)
+    for name in ("recording", "by", "begins (UTC)", "length", "size", ""):
+        table.add_column(name, overflow="fold")
+    for one in found:
+        session = one.session
+        table.add_row(
+            str(one.path),
+            "?" if session is None else session.recorder,
+            "?" if one.first is None else _time(one.first),
+            "?" if one.duration is None else _length(one.duration),
+            _size(one.size),
+            "" if one.is_finished else "not finished",
+        )
+    _console().print(table)
+
+
+def _glance_fields(one: Glance) -> dict[str, Any]:
+    session = one.session
+    return {
+        "file": str(one.path),
+        "recorder": None if session is None else session.recorder,
+        "vehicle": None if session is None else session.vehicle,
+        "name": None if session is None else session.name,
+        "part": None if session is None else session.part,
+        "begins": None if one.first is None else one.first / NANOSECONDS,
+        "duration": one.duration,
+        "size": one.size,
+        "finished": one.is_finished,
+    }
+
+
+def summary_fields(summary: Summary) -> dict[str, Any]:
+    """What a recording holds, for programs."""
+    session = summary.session
+    return {
+        "file": str(summary.path),
+        "size": summary.report.size,
+        "recorder": None if session is None else session.recorder,
+        "name": None if session is None else session.name,
+        "part": None if session is None else session.part,
+        "program": None if session is None else session.program,
+        "host": None if session is None else session.host,
+        "vehicles": summary.vehicles,
+        "begins": summary.first / NANOSECONDS,
+        "duration": summary.duration,
+        **report_fields(summary.report),
+        "missed": dict(summary.missed),
+        "keys": [
+            {
+                "kind": one.kind.value,
+                "key": one.key,
+                "encoding": one.encoding,
+                "count": one.count,
+                "bytes": one.size,
+                "rate": one.rate,
+                "longest_gap": one.longest_gap,
+                "lost": one.lost,
+            }
+            for one in summary.keys.values()
+        ],
+        "marks": [
+            {"at": (mark.at - summary.first) / NANOSECONDS, "vehicle": mark.vehicle, "text": mark.text}
+            for mark in summary.marks
+        ],
+        "senders": [{**asdict(one), "names": sorted(one.names)} for one in summary.senders.found.values()],
+    }
+
+
+def report_fields(report: ReadReport) -> dict[str, Any]:
+    """What was found while reading, for programs."""
+    return {
+        "entries": report.entries,
+        "whole": report.is_whole,
+        "finished": report.is_complete,
+        "lost": report.lost,
+        "orphans": report.orphans,
+        "unreadable": report.unreadable,
+        "foreign": report.foreign,
+        "damages": [{"offset": one.offset, "length": one.length, "reason": one.reason} for one in report.damages],
+    }
+
+
+def print_summary(summary: Summary) -> None:
+    """Print what a recording holds."""
+    session, console = summary.session, _console()
+    console.print(f"{summary.path}: {_size(summary.report.size)}, {summary.report.entries} entries", highlight=False)
+    if session is not None:
+        words = f"{session.recorder} {session.name}, part {session.part}, by {session.program} on {session.host}"
+        console.print(words, highlight=False)
+    if summary.keys:
+        vehicles = ", ".join(summary.vehicles) or "-"
+        words = f"begins {_time(summary.first)} UTC, {_length(summary.duration)}; vehicle {vehicles}"
+        console.print(words, highlight=False)
+        console.print(_key_table(summary))
+    for mark in summary.marks:
+        at = (mark.at - summary.first) / NANOSECONDS
+        console.print(f"mark {at:10.3f} s  {mark.vehicle}: {mark.text}", highlight=False, markup=False)
+    lines = (*sender_lines(summary), *damage_lines(summary.report), *missed_lines(summary))
+    for line in lines:
+        console.print(line, highlight=False, markup=False)
+
+
+def sender_lines(summary: Summary) -> Iterator[str]:
+    """Who sent setpoints and requests, a sentence each."""
+    for one in summary.senders.found.values():
+        names = f" ({', '.join(sorted(one.names))})" if one.names else ""
+        counts = [f"{one.requests} requests, {one.requests_refused} refused"] if one.requests else []
+        if one.setpoints:
+            tokens = ", ".join(f"{number} {token}" for token, number in one.setpoints_refused.items())
+            refused = tokens or "none"
+            counts.append(
+                f"{one.setpoints} setpoints, {one.signed} signed by the holder of the lease, refused: {refused}"
+            )
+        yield f"from {one.source or 'who does not say'}{names}: {'; '.join(counts)}"
+
+
+def _key_table(summary: Summary) -> Table:
+    table = Table(box=None, pad_edge=False)
+    table.add_column("kind")
+    table.add_column("key", overflow="fold")
+    for name in ("count", "Hz", "kB", "longest gap (s)", "lost"):
+        table.add_column(name, justify="right")
+    for one in sorted(summary.keys.values(), key=lambda one: (one.kind.value, one.key)):
+        table.add_row(
+            one.kind.value,
+            one.key,
+            str(one.count),
+            f"{one.rate:.1f}",
+            f"{one.size / 1000:.1f}",
+            f"{one.longest_gap:.2f}",
+            str(one.lost or ""),
+        )
+    return table
+
+
+def print_check(summary: Summary, *, as_json: bool) -> None:
+    """Print whether a recording is whole."""
+    report = summary.report
+    if as_json:
+        print(json_line({"file": str(summary.path), **report_fields(report), "missed": dict(summary.missed)}))
+        return
+    words = "whole" if report.is_whole and not summary.missed else "not whole"
+    print(f"{summary.path}: {words}, {report.entries} entries")
+    for line in (*damage_lines(report), *missed_lines(summary)):
+        print(f"  {line}")
+
+
+def missed_lines(summary: Summary) -> Iterator[str]:
+    """What never reached the recorder, a sentence each."""
+    for key, lost in summary.missed.most_common():
+        yield f"{lost} of {key} were put by the daemon and never came: lost on the way to the recorder"
+
+
+def damage_lines(report: ReadReport) -> Iterator[str]:
+    """What is wrong with a recording, a sentence each."""
+    for one in report.damages:
+        where = f"{one.length} bytes at byte {one.offset}" if one.length else f"at byte {one.offset}"
+        yield f"{where}: {one.reason}"
+    if report.damages:
+        yield "`mkctl log recover FILE` writes what is whole into a new file"
+    for (kind, key), lost in report.gaps.items():
+        yield f"{lost} of {kind} {key} are missing by their numbers: they were lost before they were written"
+    if report.orphans:
+        yield f"{report.orphans} entries belong to keys that are nowhere in the file"
+    if report.unreadable:
+        yield f"{report.unreadable} entries cannot be read"
+    if report.foreign:
+        yield f"{report.foreign} messages of other programs are left out"
+
+
+def _console() -> Console:
+    """Where it is printed; what another program reads is not cut into lines of a terminal."""
+    console = Console()
+    return console if console.is_terminal else Console(width=WIDE)
+
+
+def _time(at: int) -> str:
+    return f"{datetime.fromtimestamp(at / NANOSECONDS, UTC):%Y-%m-%d %H:%M:%S}"
+
+
+def _length(seconds: float) -> str:
+    whole = round(seconds)
+    if whole < 60:
+        return f"{seconds:.1f} s"
+    return f"{whole // 3600}:{whole // 60 % 60:02d}:{whole % 60:02d}"
+
+
+def _size(size: int) -> str:
+    return f"{size / 1e6:.1f} MB" if size >= 100_000 else f"{size / 1e3:.1f} kB"

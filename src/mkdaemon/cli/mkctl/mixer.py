@@ -23,7 +23,7 @@ ROWS: Final = 16
 
 
 @app.command
-async def get(
+async def read(
     file: Annotated[Path | None, Parameter(help="Save it as TOML; without it the table is shown.")] = None,
     /,
     *,
@@ -39,7 +39,7 @@ async def get(
     if file is not None:
         refuse_existing(file, overwrite=force)
     async with connection.open() as uav:
-        mixer = await uav.mixer()
+        mixer = await uav.mixer.read()
     if file is not None:
         save(file, to_toml(mixer.name, mixer.motors), overwrite=force)
         print(f"saved {file}")
@@ -49,9 +49,9 @@ async def get(
         print(to_toml(mixer.name, mixer.motors), end="")
 
 
-@app.command(name="set")
-async def set_mixer(
-    file: Annotated[Path, Parameter(help="TOML as `mixer get` writes it.")],
+@app.command
+async def write(
+    file: Annotated[Path, Parameter(help="TOML as `mixer read` writes it.")],
     /,
     *,
     confirm: Annotated[bool, Parameter(help="I know that a wrong mixer flips the aircraft.", negative=())] = False,
@@ -68,7 +68,7 @@ async def set_mixer(
         msg = f"{file}: a wrong mixer flips the aircraft; check the rows and repeat with --confirm"
         raise ConfigError(msg)
     async with connection.open() as uav:
-        stored = await uav.write_mixer(wanted.name, wanted.motors, confirm=confirm)
+        stored = await uav.mixer.write(wanted.name, wanted.motors, confirm=confirm)
     print(f"stored and read back: {stored.name}")
 
 
@@ -92,12 +92,12 @@ def from_toml(file: Path) -> WriteMixer:
         msg = f"{file}: cannot be read ({error.strerror}); check the name"
         raise ConfigError(msg) from error
     except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        msg = f"{file}: no TOML: {error}; `mkctl mixer get FILE` writes one"
+        msg = f"{file}: no TOML: {error}; `mkctl mixer read FILE` writes one"
         raise ConfigError(msg) from error
     motors = [0] * (4 * ROWS)
     rows = content.get("motors")
     if not isinstance(rows, dict) or not rows:
-        msg = f"{file}: no table [motors]; `mkctl mixer get FILE` writes one"
+        msg = f"{file}: no table [motors]; `mkctl mixer read FILE` writes one"
         raise ConfigError(msg)
     for number, row in rows.items():
         if not number.isdecimal() or not 1 <= int(number) <= ROWS:

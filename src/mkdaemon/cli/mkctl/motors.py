@@ -11,11 +11,11 @@ from cyclopts import App, Parameter, validators
 
 from mkdaemon.cli.mkctl.board_request import try_request
 from mkdaemon.cli.mkctl.connection import HERE, Connection
-from mkdaemon.cli.mkctl.flightstate import refuse_running
 from mkdaemon.client import Vehicle
 from mkdaemon.errors import ConfigError, MkError
 from mkdaemon.protocol.messages import MotorTest
 from mkdaemon.protocol.wire import Board
+from mkdaemon.telemetry.refusals import Token, refuse
 
 app = App(name="motors", help="Motor test. Take the propellers off first.")
 
@@ -106,3 +106,27 @@ def _confirm(setpoint: int) -> None:
     if input(f"Motors will turn. Type '{wanted}' to go on: ").strip().lower() != wanted:
         msg = "not confirmed; nothing was sent"
         raise ConfigError(msg)
+
+
+FRESH: Final = 3.0
+"""Oldest flight state that counts [s]; the NaviCtrl tells it several times a second."""
+
+
+async def motors_running(client: Vehicle) -> bool | None:
+    """Whether motors run, by the last flight state; None where nobody has told lately."""
+    flight = await client.state.flight.latest()
+    return None if flight is None or flight.age >= FRESH else flight.value.motors_running
+
+
+async def refuse_running(client: Vehicle, why: str) -> None:
+    """Go on unless motors are known to run; what is unknown is left to the daemon's own gate.
+
+    Args:
+        client: the daemon's client.
+        why: what running motors would mean, in words.
+
+    Raises:
+        CommandRejectedError: `motors_running`.
+    """
+    if await motors_running(client):
+        raise refuse(Token.MOTORS_RUNNING, detail=why)

@@ -35,11 +35,11 @@ async def status(*, connection: Connection = HERE) -> None:
         MkError: no daemon.
     """
     async with connection.open() as uav:
-        sample = await uav.get("control/navi")
-    if sample is None:
+        found = await uav.control.navi.latest()
+    if found is None:
         print_end({"stage": None}, "no NaviCtrl has said anything yet", connection)
     else:
-        print_end(_fields(sample.value), stage_line(sample.value), connection)
+        print_end(_fields(found.value), stage_line(found.value), connection)
 
 
 @app.command
@@ -95,7 +95,7 @@ async def route(
     mission = None if file is None else read_mission(file, start_elevation=start_elevation, altitude=altitude)
     async with connection.open() as uav:
         source = "" if file is None else str(file)
-        end = await uav.navi_route(mission, source=source, patience=patience, on_stage=Shown().show)
+        end = await uav.navi.route(mission, source=source, patience=patience, on_stage=Shown().show)
     print_end(_fields(end), f"the last of {end.waypoints} points is reached; the pilot {end.hands}", connection)
 
 
@@ -111,7 +111,7 @@ async def home(*, confirm: Confirm = False, patience: Patience = PATIENCE, conne
     """
     _require(patience, confirm=confirm)
     async with connection.open() as uav:
-        end = await uav.navi_home(patience=patience, on_stage=Shown().show)
+        end = await uav.navi.home(patience=patience, on_stage=Shown().show)
     print_end(_fields(end), f"home; the pilot {end.hands}", connection)
 
 
@@ -134,7 +134,7 @@ async def fly_to(
     require_finite(east=east, north=north, up=up)
     _require(patience, confirm=confirm)
     async with connection.open() as uav:
-        end = await uav.navi_goto(
+        end = await uav.navi.goto(
             east, north, up, heading_deg=heading, hold=hold, patience=patience, on_stage=Shown().show
         )
     print_end(_fields(end), f"reached; the pilot {end.hands}", connection)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Final
+from typing import Final
 
 from rich.console import Console
 from rich.table import Table
@@ -10,8 +10,9 @@ from rich.table import Table
 from mkdaemon.cli.mkctl.connection import HERE, Connection
 from mkdaemon.cli.printing import json_line
 from mkdaemon.cli.program import EXIT_FAILURE
+from mkdaemon.telemetry.preflight import Blocks, CheckState, PreflightReport
 
-_PREVENTS: Final = {"lease": "NO LEASE", "autonomy": "NO AUTONOMY", "nothing": "advice"}
+_PREVENTS: Final = {Blocks.LEASE: "NO LEASE", Blocks.AUTONOMY: "NO AUTONOMY", Blocks.NOTHING: "advice"}
 
 
 async def preflight(*, connection: Connection = HERE) -> int:
@@ -25,23 +26,23 @@ async def preflight(*, connection: Connection = HERE) -> int:
         MkError: no daemon.
     """
     async with connection.open() as uav:
-        report = (await uav.command("do", "preflight", {})).require()
+        report = await uav.preflight()
     if connection.json:
-        print(json_line(report))
+        print(json_line(report.model_dump(mode="json")))
     else:
         table = Table("check", "found", "what it is, and what to do", show_lines=False)
-        for finding in report["findings"]:
-            word = _PREVENTS[finding["blocks"]] if finding["state"] == "stands" else finding["state"]
-            table.add_row(finding["name"], word, " ".join(filter(None, (finding["reason"], finding["fix"]))))
+        for finding in report.findings:
+            word = _PREVENTS[finding.blocks] if finding.state is CheckState.STANDS else finding.state.value
+            table.add_row(finding.name, word, " ".join(filter(None, (finding.reason, finding.fix))))
         Console().print(table)
         print(_conclusion(report))
-    return 0 if report["is_ready"] else EXIT_FAILURE
+    return 0 if report.is_ready else EXIT_FAILURE
 
 
-def _conclusion(report: dict[str, Any]) -> str:
+def _conclusion(report: PreflightReport) -> str:
     """Whether a flight may begin, and how much of that nobody could see."""
-    if not report["is_ready"]:
+    if not report.is_ready:
         return "not ready: see above"
-    unseen = sum(finding["state"] == "unknown" for finding in report["findings"])
+    unseen = sum(finding.state is CheckState.UNKNOWN for finding in report.findings)
     look = f"; unknown from here, look yourself: {unseen}" if unseen else ""
     return f"nothing prevents an autonomous flight{look}"

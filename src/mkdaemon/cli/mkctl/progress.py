@@ -7,7 +7,7 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager, suppress
 
 from mkdaemon.client import Vehicle
-from mkdaemon.client.procedures import OnProgress
+from mkdaemon.client.asking import OnProgress
 from mkdaemon.errors import MkError
 from mkdaemon.telemetry.procedure import ProcedureProgress
 
@@ -37,5 +37,5 @@ async def showing_progress(uav: Vehicle, title: str, *, quiet: bool = False) -> 
         except asyncio.CancelledError:
             if running:
                 with suppress(MkError):
-                    await uav.cancel_procedure(running[0])
+                    await uav.cancel(running[0])
             raise

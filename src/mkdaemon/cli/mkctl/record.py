@@ -12,16 +12,15 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 
 from cyclopts import Parameter
 
-from mkdaemon.cli.arguments import require_length
+from mkdaemon.cli.arguments import require_count, require_length
 from mkdaemon.cli.mkctl.connection import HERE, Connection
 from mkdaemon.cli.mkctl.logtime import user_folder
 from mkdaemon.cli.printing import json_line
 from mkdaemon.cli.program import EXIT_FAILURE, EXIT_OK
 from mkdaemon.cli.promptness import favour_threads
-from mkdaemon.errors import ConfigError
 
 if TYPE_CHECKING:
-    from mkdaemon.client.ground import GroundRecording
+    from mkdaemon.client.groundrecorder import GroundPlan, GroundRecording
 
 REDRAW: Final = 0.25
 """Time between two progress lines on a terminal [s]."""
@@ -67,16 +66,13 @@ async def record(
         ConfigError: an option cannot be.
         MkError: the disk took nothing at the end.
     """
-    from mkdaemon.client.ground import GroundPlan, record_ground
-    from mkdaemon.client.groundtap import EVERYTHING
+    from mkdaemon.client.groundrecorder import EVERYTHING, GroundPlan
     from mkdaemon.record.folder import Limits
 
     require_length(seconds, "--seconds")
     require_length(file_minutes, "--file-minutes")
     for name, number in {"file": file_mb, "total": total_mb, "free": free_mb, "queue": queue_mb}.items():
-        if number < 1:
-            msg = f"--{name}-mb {number}: give 1 or more"
-            raise ConfigError(msg)
+        require_count(number, f"--{name}-mb")
     plan = GroundPlan(
         endpoints=(connection.connect, *also),
         folder=folder or user_folder() / "ground" / "recordings",
@@ -87,6 +83,15 @@ async def record(
         has_json=not no_viewer,
     )
     favour_threads()
+    recording, took = await _record(plan, seconds, is_quiet=connection.json)
+    _print_summary(recording, took, as_json=connection.json)
+    return EXIT_OK if not recording.queue.lost else EXIT_FAILURE
+
+
+async def _record(plan: GroundPlan, seconds: float | None, *, is_quiet: bool) -> tuple[GroundRecording, float]:
+    """Record until a signal, or for some seconds; returns the recording and how long it took [s]."""
+    from mkdaemon.client.groundrecorder import record_ground
+
     stop = asyncio.Event()
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         asyncio.get_running_loop().add_signal_handler(number, stop.set)
@@ -94,9 +99,8 @@ async def record(
     async with record_ground(plan) as recording:
         with suppress(TimeoutError):
             async with asyncio.timeout(seconds):
-                await _show(recording, plan.endpoints, stop, began, is_quiet=connection.json)
-    _print_summary(recording, time.monotonic() - began, as_json=connection.json)
-    return EXIT_OK if not recording.queue.lost else EXIT_FAILURE
+                await _show(recording, plan.endpoints, stop, began, is_quiet=is_quiet)
+    return recording, time.monotonic() - began
 
 
 async def _show(

@@ -9,13 +9,12 @@ from typing import TYPE_CHECKING, Final
 from mkdaemon.cli.mkctl.connection import HERE, Connection
 from mkdaemon.cli.printing import json_line
 from mkdaemon.cli.program import EXIT_FAILURE
-from mkdaemon.client import ReleaseResult
 from mkdaemon.client.localsocket import ask_locally, find_socket
 from mkdaemon.errors import CommandRejectedError, MkError
-from mkdaemon.telemetry.tokens import Token
+from mkdaemon.telemetry.refusals import Token
 
 if TYPE_CHECKING:
-    from mkdaemon.telemetry.control import ReleaseOutcome
+    from mkdaemon.telemetry.control import ReleaseOutcome, ReleaseReport
 
 BUS_TIME: Final = 1.0
 """The bus has this long before the Unix socket is asked too [s]: a release asked for twice is one release."""
@@ -31,11 +30,11 @@ async def release(reason: str = "asked for by mkctl", *, connection: Connection 
         reason: Published with the event.
     """
     done = await _release(connection, reason)
-    print(json_line(done.fields) if connection.json else _words(done.outcome))
+    print(json_line(dict(done)) if connection.json else _words(done.status))
     return 0 if done.is_done else EXIT_FAILURE
 
 
-async def _release(connection: Connection, reason: str) -> ReleaseResult:
+async def _release(connection: Connection, reason: str) -> ReleaseReport:
     """Release over the bus; where that has not answered soon, or fails, over the Unix socket of a daemon here.
 
     Raises:
@@ -54,8 +53,10 @@ async def _release(connection: Connection, reason: str) -> ReleaseResult:
     except MkError as error:
         print(f"mkctl: {error}", file=sys.stderr)
         return await over_bus
+    from mkdaemon.telemetry.control import ReleaseReport
+
     over_bus.cancel()
-    return ReleaseResult.from_reply(answer.require())
+    return answer.as_a(ReleaseReport)
 
 
 def _is_refusal(error: BaseException | None) -> bool:
@@ -63,7 +64,7 @@ def _is_refusal(error: BaseException | None) -> bool:
     return isinstance(error, CommandRejectedError) and error.token != Token.BUSY
 
 
-async def _release_over_bus(connection: Connection, reason: str) -> ReleaseResult:
+async def _release_over_bus(connection: Connection, reason: str) -> ReleaseReport:
     async with connection.open() as client:
         return await client.release(reason)
 

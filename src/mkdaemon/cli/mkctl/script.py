@@ -9,8 +9,8 @@ from typing import Annotated, Final
 from cyclopts import Parameter
 
 from mkdaemon.cli.mkctl.connection import HERE, Connection
-from mkdaemon.cli.mkctl.flight import Force
 from mkdaemon.cli.mkctl.flightshow import leased, metres, print_end, showing
+from mkdaemon.cli.mkctl.manoeuvres import Force
 from mkdaemon.client import Lease, Vehicle
 from mkdaemon.errors import ManoeuvreError
 from mkdaemon.missions.script import (
@@ -39,7 +39,7 @@ async def fly(
     """Fly the steps of a TOML file one after the other, then release.
 
     The whole file is checked before anything flies. A step that fails ends the flight with a release. Ctrl-C releases
-    at once. The pilot's part is that of `mkctl takeoff`, `goto` and `land`: docs/flying.md.
+    at once. The pilot's part is that of `mkctl take-off`, `goto` and `land`: docs/flying.md.
 
     Args:
         script: The file; docs/flying.md shows one.

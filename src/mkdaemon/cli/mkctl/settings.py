@@ -83,7 +83,7 @@ async def backup(target: Target, /, *, slot: Slot = None, force: Force = False, 
 
 
 @app.command
-async def diff(first: Saved, second: Other = None, /, *, connection: Connection = HERE) -> int:
+async def compare(first: Saved, second: Other = None, /, *, connection: Connection = HERE) -> int:
     """Show what differs between two backups, or between a backup and the board. Exit code 1 where they differ."""
     before = read_sets(first)
     if second is not None:
@@ -92,7 +92,7 @@ async def diff(first: Saved, second: Other = None, /, *, connection: Connection 
             after = dict(zip(before, after.values(), strict=True))
     else:
         async with connection.open() as uav, showing_progress(uav, "read", quiet=connection.json) as report:
-            after = _sets((await uav.compare_settings(_raw(before), on_progress=report)).stored)
+            after = _sets((await uav.settings.compare(_raw(before), on_progress=report)).stored)
     changes = {slot: spell_changes(source.parameters, after[slot]) for slot, source in before.items() if slot in after}
     _print_changes(connection, changes, "{name} is {before} in the first and {after} in the second")
     return 1 if any(changes.values()) else 0
@@ -121,13 +121,13 @@ async def restore(
             msg = f"{source_set.name}: {source_set.parameters.reason}; such sets are a record and never written"
             raise ConfigError(msg)
     async with connection.open() as uav, showing_progress(uav, "write", quiet=connection.json) as report:
-        done = await uav.restore_settings(_raw(sets), dry_run=dry_run, on_progress=report)
+        done = await uav.settings.restore(_raw(sets), confirm=True, dry_run=dry_run, on_progress=report)
     _print_written(connection, {slot: found.parameters for slot, found in sets.items()}, done, dry_run=dry_run)
 
 
 @app.command
-async def edit(*changes: Changes, slot: Slot = None, dry_run: DryRun = False, connection: Connection = HERE) -> None:
-    """Change parameters of one set by name, for example `edit gyro_p=85 external_control=poti1`.
+async def write(*changes: Changes, slot: Slot = None, dry_run: DryRun = False, connection: Connection = HERE) -> None:
+    """Change parameters of one set by name, for example `write gyro_p=85 external_control=poti1`.
 
     Raises:
         ConfigError: nothing to change, or no such parameter or value.
@@ -139,7 +139,7 @@ async def edit(*changes: Changes, slot: Slot = None, dry_run: DryRun = False, co
         raise ConfigError(msg)
     async with connection.open() as uav, showing_progress(uav, "write", quiet=connection.json) as report:
         try:
-            done = await uav.write_settings(wanted, slot, dry_run=dry_run, on_progress=report)
+            done = await uav.settings.write(wanted, slot=slot, confirm=True, dry_run=dry_run, on_progress=report)
         except CommandRejectedError as error:
             if error.token != Token.BAD_VALUE:
                 raise
@@ -168,7 +168,8 @@ async def recover(
         msg = "--retry and --discard exclude each other"
         raise ConfigError(msg)
     async with connection.open() as uav:
-        notes = await uav.recover_settings("discard" if discard else "retry" if retry else "show")
+        action: Literal["show", "retry", "discard"] = "discard" if discard else "retry" if retry else "show"
+        notes = (await uav.settings.recover(action=action, confirm=discard)).notes
     if connection.json:
         print(json.dumps([note.model_dump() for note in notes]))
     else:
@@ -183,7 +184,7 @@ async def recover(
 
 async def _read(connection: Connection, slots: tuple[int, ...]) -> SettingsBackup:
     async with connection.open() as uav, showing_progress(uav, "read", quiet=connection.json) as report:
-        return await uav.read_settings(slots, on_progress=report)
+        return await uav.settings.backup(slots, on_progress=report)
 
 
 def _print_written(
@@ -227,8 +228,8 @@ def _sets(found: tuple[StoredSet, ...]) -> dict[int, ParameterSet]:
     return {one.slot: ParameterSet.from_payload(one.raw) for one in found}
 
 
-def _raw(sets: dict[int, Source]) -> dict[int, bytes]:
-    return {slot: source.parameters.raw for slot, source in sets.items()}
+def _raw(sets: dict[int, Source]) -> list[StoredSet]:
+    return [StoredSet(slot=slot, raw=source.parameters.raw) for slot, source in sets.items()]
 
 
 def _split(change: str) -> tuple[str, str]:

@@ -23,15 +23,12 @@ app = App(
 MissionFile = Annotated[Path, Parameter(help="Mission file; its suffix tells the format.")]
 Elevation = Annotated[float | None, Parameter(help="Elevation of the starting place, for heights above sea level [m].")]
 Height = Annotated[float | None, Parameter(help="Put every point at this height above the start [m].")]
-PATIENCE = 60.0
-"""Longest wait for the NaviCtrl, which may write its card for seconds [s]."""
 InFlight = Annotated[
     bool, Parameter(negative=(), help="Allow it with running motors: a changed list takes effect at once.")
 ]
 Unusual = Annotated[
     bool, Parameter(negative=(), help="Take points over 5 km away, below the start or over 500 m above it.")
 ]
-Confirm = Annotated[bool, Parameter(negative=(), help="I know what the aircraft does then.")]
 Force = Annotated[bool, Parameter(negative=(), help="Overwrite a file that is there.")]
 
 
@@ -49,15 +46,15 @@ async def upload(
     """Replace the NaviCtrl's list by a mission, read it back and compare every byte."""
     mission = read_mission(file, start_elevation=start_elevation, altitude=altitude)
     async with connection.open() as uav, showing_progress(uav, "upload", quiet=connection.json) as report:
-        done = await uav.upload_waypoints(
-            mission, source=str(file), in_flight=in_flight, allow_unusual=allow_unusual, on_progress=report
+        done = await uav.waypoints.upload(
+            mission.points, source=str(file), in_flight=in_flight, allow_unusual=allow_unusual, on_progress=report
         )
     text = f"{done.count} points stored and read back, content {done.digest[:16]}"
     _print_result(connection, text, count=done.count, digest=done.digest, rounds=done.rounds, writes=done.writes)
 
 
 @app.command
-async def download(file: MissionFile, /, *, force: Force = False, connection: Connection = HERE) -> None:
+async def read(file: MissionFile, /, *, force: Force = False, connection: Connection = HERE) -> None:
     """Read the NaviCtrl's list into a file.
 
     Raises:
@@ -65,8 +62,8 @@ async def download(file: MissionFile, /, *, force: Force = False, connection: Co
         MkError: the list is empty or could not be read, or the file cannot be written.
     """
     check_place(file, overwrite=force)
-    async with connection.open() as uav, showing_progress(uav, "download", quiet=connection.json) as report:
-        found = await uav.waypoints(on_progress=report)
+    async with connection.open() as uav, showing_progress(uav, "read", quiet=connection.json) as report:
+        found = await uav.waypoints.read(on_progress=report)
     if not found.points:
         msg = "the NaviCtrl holds no points; nothing was written"
         raise MkError(msg)
@@ -87,7 +84,7 @@ async def verify(
     """Compare the NaviCtrl's list with a mission; changes nothing. Exit code 1 where they differ."""
     mission = read_mission(file, start_elevation=start_elevation, altitude=altitude)
     async with connection.open() as uav, showing_progress(uav, "verify", quiet=connection.json) as report:
-        found = await uav.verify_waypoints(mission, on_progress=report)
+        found = await uav.waypoints.verify(mission.points, on_progress=report)
     text = "\n".join(found.differences)
     if not found.differences:
         text = f"the NaviCtrl holds this mission: {len(mission.points)} points, content {found.digest[:16]}"
@@ -99,31 +96,8 @@ async def verify(
 async def clear(*, in_flight: InFlight = False, connection: Connection = HERE) -> None:
     """Empty the NaviCtrl's list and see that it is empty."""
     async with connection.open() as uav:
-        await uav.clear_waypoints(in_flight=in_flight)
+        await uav.waypoints.clear(in_flight=in_flight)
     _print_result(connection, "the list is empty", count=0)
-
-
-@app.command
-async def start(*, confirm: Confirm = False, connection: Connection = HERE) -> None:
-    """Make the list ready in flight, and say what the pilot's GPS switch does then; the switch alone flies it."""
-    async with connection.open() as uav:
-        reply = (await uav.command("do", "route_start", {"confirm": confirm}, patience=PATIENCE)).require()
-    _print_result(connection, f"{reply['count']} points are ready: {reply['switch']}", **reply)
-
-
-@app.command
-async def pause(*, connection: Connection = HERE) -> None:
-    """Say how the pilot pauses a route: nothing on the serial line does."""
-    async with connection.open() as uav:
-        (await uav.command("do", "route_pause", {})).require()
-
-
-@app.command
-async def end(*, confirm: Confirm = False, connection: Connection = HERE) -> None:
-    """Empty the list, in flight too: with the GPS switch at coming home the aircraft flies home at once."""
-    async with connection.open() as uav:
-        reply = (await uav.command("do", "route_end", {"confirm": confirm}, patience=PATIENCE)).require()
-    _print_result(connection, "the list is empty; with the GPS switch at coming home the aircraft flies home", **reply)
 
 
 @app.command

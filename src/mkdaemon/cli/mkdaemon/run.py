@@ -17,6 +17,7 @@ from mkdaemon.cli.program import let_signals_kill
 from mkdaemon.config.reader import load
 from mkdaemon.config.root import Config
 from mkdaemon.daemon import run as run_daemon
+from mkdaemon.daemon.guard import LastWord
 from mkdaemon.daemon.priority import favour_loop, is_favoured, keep_threads_favoured
 
 
@@ -34,7 +35,8 @@ def run(
     """Run the daemon: show every frame on the line as a Zenoh key, answer requests, fly under a lease.
 
     It ends in order on Ctrl-C, on SIGTERM and at the end of a recording: control stops, the aircraft is released, the
-    bus closes. Exit codes: 0 as asked, 1 failed while running, 2 wrong configuration.
+    bus closes. A second Ctrl-C or SIGTERM ends it at once, whatever hangs, and the guard releases the aircraft. Exit
+    codes: 0 as asked, 1 failed while running, 2 wrong configuration.
 
     Args:
         config: TOML file; `configs/` has commented samples. Without it every default holds.
@@ -85,15 +87,40 @@ def _fast_loop() -> Callable[[], asyncio.AbstractEventLoop] | None:
 
 async def _until_signalled(cfg: Config) -> None:
     tasks = [asyncio.create_task(keep_threads_favoured(), name="priority")] if _go_first(cfg) else []
-    stop = asyncio.Event()
-    loop = asyncio.get_running_loop()
-    for name in (signal.SIGINT, signal.SIGTERM):
-        loop.add_signal_handler(name, stop.set)
+    stop, last_word = asyncio.Event(), LastWord()
+    _end_on_signals(stop, last_word)
     try:
-        await run_daemon(cfg, stop)
+        await run_daemon(cfg, stop, last_word=last_word)
     finally:
+        let_signals_kill()
         for task in tasks:
             task.cancel()
+
+
+def _end_on_signals(stop: asyncio.Event, last_word: LastWord) -> None:
+    """Let the first signal end the daemon in order, and the second one at once, whatever hangs.
+
+    With a guard the second one kills: the guard sees that and releases the aircraft. Without one the last word does,
+    from within the handler: the loop may hang, too.
+    """
+    loop = asyncio.get_running_loop()
+    ends = (signal.SIGINT, signal.SIGTERM)
+
+    def end_at_once(number: int, _: object) -> None:
+        let_signals_kill()
+        last_word.speak()
+        signal.raise_signal(number)
+
+    def end_in_order(_: int, __: object) -> None:
+        loop.call_soon_threadsafe(stop.set)
+        if last_word.is_guarded:
+            let_signals_kill()
+            return
+        for name in ends:
+            signal.signal(name, end_at_once)
+
+    for name in ends:
+        signal.signal(name, end_in_order)
 
 
 def _go_first(cfg: Config) -> bool:

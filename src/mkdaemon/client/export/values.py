@@ -14,6 +14,7 @@ from pydantic import BaseModel
 
 from mkdaemon.bus.codec import schema_name
 from mkdaemon.bus.keys import KEYS
+from mkdaemon.client.samples import typed_value
 from mkdaemon.described import meanings_of
 from mkdaemon.errors import ConfigError
 from mkdaemon.record.entry import Entry, Kind
@@ -43,6 +44,15 @@ class Value:
     monotonic: float
     fields: dict[str, Any]
     schema: str
+
+    @property
+    def typed(self) -> Any:
+        """The telemetry value, for example an `Attitude`; the map where its schema is not known here.
+
+        Raises:
+            ProtocolError: the map does not fit the schema it names.
+        """
+        return typed_value(self.schema, self.fields)
 
 
 def read_values(path: Path, patterns: tuple[str, ...] = ()) -> Iterator[Value]:

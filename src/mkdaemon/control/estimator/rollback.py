@@ -15,12 +15,13 @@ from typing import Final
 
 import numpy as np
 
+from mkdaemon.control.estimator.values import OLDEST
 from mkdaemon.control.linear import Array
 
 STEP: Final = 0.010
 """Grid [s]: a tenth of the fastest lag of the model."""
-MEMORY: Final = 0.8
-"""How far back a measurement may reach [s]; three times the oldest picture."""
+MEMORY: Final = OLDEST
+"""How far back a measurement may reach [s]."""
 GATE: Final = 5.0
 """Largest believable innovation [standard deviations]."""
 
@@ -42,6 +43,13 @@ class Measurement:
     values: Array
     variance: float | Array
     gate: float = GATE
+
+    @property
+    def is_sound(self) -> bool:
+        """Whether it can be one: all numbers finite, the variance positive."""
+        variance = np.asarray(self.variance)
+        is_finite = np.isfinite(self.row).all() and np.isfinite(self.values).all() and np.isfinite(variance).all()
+        return bool(is_finite and math.isfinite(self.at) and (variance > 0.0).all())
 
 
 @dataclass(slots=True)
@@ -67,6 +75,7 @@ class RollbackFilter:
     Attributes:
         rejected: measurements outside their gate, since the start.
         dropped: measurements older than the memory, since the start.
+        refused: measurements that are none: a value, row or moment that is not finite, a variance that is not positive.
     """
 
     def __init__(self, f: Array, g: Array, noise: Array, states: Array, covariance: Array, now: float) -> None:
@@ -90,11 +99,16 @@ class RollbackFilter:
         self._known = 0  # the last slot that holds what was measured before it
         self.rejected = 0
         self.dropped = 0
+        self.refused = 0
 
     @property
     def time(self) -> float:
         """The moment of the newest state [s]."""
         return (self._first + len(self._slots) - 1) * STEP
+
+    def remembers(self, at: float) -> bool:
+        """Whether a measurement of a moment can still be used [s]."""
+        return math.floor(at / STEP) >= self._first
 
     @property
     def states(self) -> Array:
@@ -175,8 +189,11 @@ class RollbackFilter:
             doubt: covariance (n, n) to add to the state of that moment first, when the filter was too sure of itself.
 
         Returns:
-            Innovation over its standard deviation (k,); None where the measurement is too old to be used.
+            Innovation over its standard deviation (k,); None where the measurement is too old to be used, or is none.
         """
+        if not measurement.is_sound:
+            self.refused += 1
+            return None
         index = math.floor(measurement.at / STEP) - self._first
         if index < 0:
             self.dropped += 1

@@ -1,9 +1,10 @@
-"""What the estimator takes and gives: stick frames, views of a target, the estimate."""
+"""What the estimator takes and gives: stick frames, views of a target, the estimate; and which views are none."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from enum import Enum
 from typing import Final
 
 import numpy as np
@@ -12,6 +13,14 @@ from mkdaemon.control.linear import Array
 
 GAS_CENTRE: Final = 127.0
 """Throttle of a centred stick [count of 254]; docs/protocol.md, "ExternalControl"."""
+OLDEST: Final = 0.8
+"""Older measurements are used no more [s]: three times the oldest image that is flown by; docs/control.md."""
+FUTURE: Final = 0.02
+"""A view may be so far ahead of our clock [s]: an error of the stamps that flights bear; docs/control.md."""
+FARTHEST: Final = 1000.0
+"""No camera sees a target from farther away, or knows it worse than to this [m; rad]."""
+SKEWED: Final = 1e-3
+"""How far a rotation may be from orthonormal, and a covariance from symmetric [share]: rounding, and no more."""
 LEAST_UPRIGHT: Final = 0.8
 """Smallest share of the thrust that is taken to carry: 37 degrees of tilt."""
 
@@ -106,6 +115,43 @@ class TargetView:
         jacobian = np.concatenate([-r.T, -r.T @ cross], axis=1)
         covariance: Array = jacobian @ self.covariance @ jacobian.T
         return covariance
+
+
+class ViewFault(Enum):
+    """Why a view of a target is none; the value is what is shown."""
+
+    NOT_FINITE = "it has numbers that are not finite"
+    TOO_FAR = "it shows the target farther away, or knows it worse, than any camera does"
+    NO_ROTATION = "its attitude is no rotation"
+    NO_COVARIANCE = "its covariance is not symmetric and positive definite"
+    FUTURE = "it was taken in the future"
+    TOO_OLD = "it is older than the estimate remembers"
+
+
+def fault_of(view: TargetView, now: float) -> ViewFault | None:
+    """Return why nobody may use a view that arrives now [s; monotonic]; None where it is sound."""
+    rotation, covariance = view.target_from_flu, view.covariance
+    numbers = (view.at, *view.position_flu, *rotation.flat, *covariance.flat)
+    if not all(math.isfinite(number) for number in numbers):
+        return ViewFault.NOT_FINITE
+    if np.abs(view.position_flu).max() > FARTHEST or np.abs(covariance).max() > FARTHEST**2:
+        return ViewFault.TOO_FAR
+    if np.abs(rotation @ rotation.T - np.eye(3)).max() > SKEWED or np.linalg.det(rotation) < 0.0:
+        return ViewFault.NO_ROTATION
+    if np.abs(covariance - covariance.T).max() > SKEWED * np.abs(covariance).max() or not _is_positive(covariance):
+        return ViewFault.NO_COVARIANCE
+    if view.at > now + FUTURE:
+        return ViewFault.FUTURE
+    return ViewFault.TOO_OLD if view.at < now - OLDEST else None
+
+
+def _is_positive(covariance: Array) -> bool:
+    """Whether a symmetric matrix is positive definite: it has a Cholesky factor."""
+    try:
+        np.linalg.cholesky(covariance)
+    except np.linalg.LinAlgError:
+        return False
+    return True
 
 
 @dataclass(frozen=True, slots=True)

@@ -24,8 +24,6 @@ from mkdaemon.control.regulator.vertical import VerticalGains
 from mkdaemon.control.sight import Sight, triple, turned
 from mkdaemon.control.vehicle import VehicleFacts
 from mkdaemon.telemetry.control import ErrorValue, Outcome
-from mkdaemon.telemetry.refusals import Token, refuse
-from mkdaemon.telemetry.setpoint import Setpoint, SetpointFrame
 
 BRAKING: Final = 0.5
 """Who is to hold its place holds where the reference would be after this time [s]: there it can stand still."""
@@ -60,13 +58,11 @@ class ByTarget:
     def enter(self, before: Manoeuvre | None, facts: VehicleFacts, now: float) -> str:
         """Begin; the reference of another manoeuvre by the target goes on, all else begins where the aircraft is.
 
-        Returns:
-            What must change before it may begin: a better estimate, unless another manoeuvre is flown by it already.
+        What the estimate must be like is asked of admission.
         """
         if isinstance(before, ByTarget):
             self._autopilot, self.stepped_at = before._autopilot, before.stepped_at  # noqa: SLF001  # of its own kind
-            return ""
-        return self._sight.entry_obstacle(now)
+        return ""
 
     def height_seen(self, height: float, at: float) -> float | None:
         """Nothing follows from it: it flies."""
@@ -160,19 +156,6 @@ def resting_place(autopilot: Autopilot) -> Array:
     """Where an aircraft that is to stay comes to rest (3,) [m]."""
     level, height = autopilot.reference, autopilot.height
     return np.array([*(level.position + BRAKING * level.velocity), *(height.position + BRAKING * height.velocity)])
-
-
-def check_frame(sight: Sight, setpoint: Setpoint) -> None:
-    """Refuse a setpoint that cannot be followed at all.
-
-    Raises:
-        CommandRejectedError: `no_frame`, `no_estimate`.
-    """
-    frame = getattr(setpoint, "frame", SetpointFrame.PAD)
-    if frame is SetpointFrame.HOME:
-        raise refuse(Token.NO_FRAME, name=setpoint.suffix, frame=frame.value)
-    if sight.estimator is None:
-        raise refuse(Token.NO_ESTIMATE, name=setpoint.suffix)
 
 
 def error_value(kind: str, goal: Goal, estimate: Estimate) -> ErrorValue:

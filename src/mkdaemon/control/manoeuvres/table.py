@@ -8,7 +8,6 @@ from typing import Any, Final, NamedTuple
 
 from mkdaemon.config.control import ControlConfig
 from mkdaemon.control.manoeuvres.attitude import AttitudeFlight
-from mkdaemon.control.manoeuvres.by_target import check_frame
 from mkdaemon.control.manoeuvres.goto import Goto
 from mkdaemon.control.manoeuvres.hold import Hold
 from mkdaemon.control.manoeuvres.land import Land
@@ -34,32 +33,20 @@ class Row(NamedTuple):
 
     Attributes:
         make: makes it for a setpoint.
-        needs_estimate: refused while no target has been seen.
     """
 
     make: Callable[[Sight, ControlConfig, Any], Manoeuvre]
-    needs_estimate: bool = True
 
 
 MANOEUVRES: Final[Mapping[type[Setpoint], Row]] = MappingProxyType(
     {
-        StickSetpoint: Row(lambda sight, cfg, new: Stick(sight, cfg.autopilot, new, cfg.lease.neutral_band), False),
-        AttitudeSetpoint: Row(lambda sight, cfg, new: AttitudeFlight(sight, cfg.autopilot, new), False),
+        StickSetpoint: Row(lambda sight, cfg, new: Stick(sight, cfg.autopilot, new, cfg.lease.neutral_band)),
+        AttitudeSetpoint: Row(lambda sight, cfg, new: AttitudeFlight(sight, cfg.autopilot, new)),
         VelocitySetpoint: Row(lambda sight, cfg, new: Velocity(sight, cfg.autopilot, new)),
         PositionSetpoint: Row(lambda sight, cfg, new: Goto(sight, cfg.autopilot, new)),
         HoldSetpoint: Row(lambda sight, cfg, new: Hold(sight, cfg.autopilot)),
-        TakeOffSetpoint: Row(lambda sight, cfg, new: TakeOffFlight(sight, cfg.autopilot, new), False),
+        TakeOffSetpoint: Row(lambda sight, cfg, new: TakeOffFlight(sight, cfg.autopilot, new)),
         LandSetpoint: Row(lambda sight, cfg, new: Land(sight, cfg.autopilot, new.yaw)),
     }
 )
 """Every manoeuvre, by the setpoints that are streamed for it."""
-
-
-def check_followed(row: Row, sight: Sight, setpoint: Setpoint) -> None:
-    """Refuse a setpoint that cannot be followed at all, before it touches the lease's stream.
-
-    Raises:
-        CommandRejectedError: `no_frame`, `no_estimate`.
-    """
-    if row.needs_estimate:
-        check_frame(sight, setpoint)

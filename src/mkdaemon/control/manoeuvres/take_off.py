@@ -17,7 +17,7 @@ import numpy as np
 
 from mkdaemon.config.autopilot import AutopilotConfig
 from mkdaemon.control.estimator.model import GRAVITY
-from mkdaemon.control.estimator.values import GAS_CENTRE, Estimate
+from mkdaemon.control.estimator.values import Estimate
 from mkdaemon.control.manoeuvres.by_target import ByTarget, error_value, floating
 from mkdaemon.control.manoeuvres.hold import Hold
 from mkdaemon.control.manoeuvres.manoeuvre import Manoeuvre, Step, ended, level_at
@@ -210,12 +210,8 @@ class TakeOffFlight(ByTarget):
 
     def enter(self, before: Manoeuvre | None, facts: VehicleFacts, now: float) -> str:
         """Begin on the ground, or after another manoeuvre by the target, which is climbed on from."""
-        if isinstance(before, ByTarget):
-            self._is_in_air = True
-            return super().enter(before, facts, now)
-        if before is not None:
-            return "an aircraft on the ground: a take-off begins there, with a new lease"
-        return self._ground_obstacle(facts, now)
+        self._is_in_air = isinstance(before, ByTarget)
+        return super().enter(before, facts, now)
 
     def height_seen(self, height: float, at: float) -> float | None:
         """See `TakeOff.seen`."""
@@ -260,21 +256,3 @@ class TakeOffFlight(ByTarget):
             goal = Goal(position=np.array([*(autopilot.reference.position), height]))
         sticks, is_done = floating(autopilot.sticks(goal, now, step)), take_off.phase is TakeOffPhase.REACHED
         return Step(sticks, self.kind, stage=take_off.phase.value, is_done=is_done, error=error)
-
-    def _ground_obstacle(self, facts: VehicleFacts, now: float) -> str:
-        """What must change before it begins; empty for nothing.
-
-        It begins with the lowest throttle, which would drop an aircraft that a pilot holds in the air.
-        """
-        sight, estimator = self._sight, self._sight.estimator
-        if facts.motors_running(now) is False:
-            return "running motors: the pilot starts them, throttle at its lowest"
-        if estimator is not None and now - estimator.seen_at <= self._cfg.entry_age:
-            height = float(estimator.estimate(now).position[2]) - self._cfg.stand_height
-            if height > STANDS:
-                return f"an aircraft on the ground: its feet are {height:.1f} m above the target"
-        report = facts.throttle_in_use()
-        is_new = report is not None and now - report.at <= REPORTED
-        if report is not None and is_new and report.throttle + GAS_CENTRE > CARRIES * sight.hover_gas:
-            return f"the pilot's throttle at its lowest: it is at {report.throttle:+.0f}, which may carry the aircraft"
-        return ""

@@ -16,9 +16,9 @@ from mkdaemon.protocol.procedures.mixer import read_mixer, write_mixer
 from mkdaemon.protocol.procedures.motor_controllers import change_motor_controller, read_motor_controller
 from mkdaemon.protocol.procedures.points import from_points, read_format, to_points
 from mkdaemon.protocol.procedures.route import activate_route, switch_words
-from mkdaemon.protocol.procedures.settings import Restoration, backup_settings, edit_settings, restore_settings
+from mkdaemon.protocol.procedures.settings_slots import Restoration, backup_settings, edit_settings, restore_settings
 from mkdaemon.protocol.procedures.steps import Patience, Procedure, Progress
-from mkdaemon.protocol.procedures.waypoints import (
+from mkdaemon.protocol.procedures.waypoint_list import (
     Upload,
     clear_points,
     content_hash,

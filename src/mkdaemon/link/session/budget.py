@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from mkdaemon.link.session.line import LineRules
-from mkdaemon.link.session.subscriptions import KINDS, StreamKind
+from mkdaemon.link.session.streamkinds import KINDS, StreamKind
 from mkdaemon.protocol.wire import Board
 from mkdaemon.telemetry.refusals import Token, refuse
 

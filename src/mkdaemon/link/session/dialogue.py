@@ -6,22 +6,20 @@ It hears what arrived and what callers want, says with `poll` what to write now 
 from __future__ import annotations
 
 import math
+from collections import Counter
+from dataclasses import dataclass, field
 from typing import Final
 
 from mkdaemon.config.link import LinkConfig
 from mkdaemon.link.session import budget
-from mkdaemon.link.session.counters import Counters
 from mkdaemon.link.session.health import HealthMonitor
-from mkdaemon.link.session.identity import Identity
+from mkdaemon.link.session.identity import Identity, Standstill
 from mkdaemon.link.session.line import FORWARDING_GAP, LineRules
-from mkdaemon.link.session.outgoing import Outgoing
 from mkdaemon.link.session.peers import AFTER_PASSAGE, VERSION_KEY, Peers
 from mkdaemon.link.session.prober import VERSION_TOKEN, Prober
-from mkdaemon.link.session.questions import Questions
-from mkdaemon.link.session.requests import Pending
+from mkdaemon.link.session.questions import Pending, Questions
 from mkdaemon.link.session.scheduler import Entry, TransmitScheduler
-from mkdaemon.link.session.standstill import Standstill
-from mkdaemon.link.session.steering import Steering
+from mkdaemon.link.session.steering import ControlEntry, Steering
 from mkdaemon.link.session.streams import Streams
 from mkdaemon.link.session.traffic import BuildSetpoint, FrameNumber, Purpose, SetpointFate, SetpointRefused
 from mkdaemon.link.session.verdict import Finding, Verdict
@@ -36,10 +34,51 @@ from mkdaemon.protocol.messages.navictrl import ESCAPE
 from mkdaemon.protocol.wire import Board, WireMessage
 from mkdaemon.telemetry.control import ControlLine, Obstacle
 from mkdaemon.telemetry.link import LinkCondition
-from mkdaemon.telemetry.refusals import Token, refuse
+from mkdaemon.telemetry.refusals import TOKENS, Token, refuse
 
 LONGEST_PASSAGE: Final = 6.0
 """While a NaviCtrl passes the line through, its silence is our doing; a longer passage is judged like any line [s]."""
+
+
+@dataclass(slots=True)
+class Counters:
+    """Bytes, frames by board and command letter (`nc.O`), and losses by reason.
+
+    Attributes:
+        rx_bytes: received.
+        tx_bytes: sent.
+        rx: right frames received.
+        tx: frames sent.
+        dropped: what did not get through.
+    """
+
+    rx_bytes: int = 0
+    tx_bytes: int = 0
+    rx: Counter[str] = field(default_factory=Counter)
+    tx: Counter[str] = field(default_factory=Counter)
+    dropped: Counter[str] = field(default_factory=Counter)
+
+    def bytes_received(self, size: int) -> None:
+        """Bytes arrived, whatever they are."""
+        self.rx_bytes += size
+
+    def frame_received(self, board: Board, frame: Frame) -> None:
+        """A right frame arrived."""
+        self.rx[f"{board.word}.{frame.id}"] += 1
+
+    def damaged(self, loss: Dropped) -> None:
+        """Bytes were no frame."""
+        self.dropped[loss.reason.value] += 1
+
+    def sent(self, entry: Entry) -> None:
+        """A frame, or the escape sequence, went out."""
+        self.tx_bytes += len(entry.raw)
+        if entry.message is not None:
+            self.tx[f"{entry.board.word}.{entry.message.spec.id}"] += 1
+
+    def expired(self) -> None:
+        """A frame was too old to be sent."""
+        self.dropped[DropReason.EXPIRED.value] += 1
 
 
 class Dialogue:
@@ -59,13 +98,7 @@ class Dialogue:
         self.is_open = False
         self.is_recording = False
         self.counters = Counters()
-        self.outgoing = Outgoing(
-            *(self.scheduler, self.peers, self.health, self.counters),
-            questions=self.questions,
-            steering=self.steering,
-            streams=self.streams,
-            prober=self.prober,
-        )
+        self._discarded: list[Entry] = []
 
     # -- the port -------------------------------------------------------------------------------------------------
 
@@ -183,7 +216,7 @@ class Dialogue:
         """Hand in a setpoint; it replaces one that waits. Refused where nothing may be steered now."""
         line, layout = self.control_line(now), self.dialect.extern_control
         if line.obstacle is not None:
-            return SetpointRefused(refuse(Token(line.obstacle.value), state="down", detail=line.reason))
+            return SetpointRefused(refuse(TOKENS[line.obstacle.value], state="down", detail=line.reason))
         assert layout is not None  # a line without one is read-only
         return self.steering.steer(build, layout, deadline, now)
 
@@ -243,11 +276,38 @@ class Dialogue:
 
     def poll(self, now: float) -> list[Entry]:
         """Return what to write now, in order."""
-        return self.outgoing.poll(now) if self.is_open and not self.is_recording else []
+        if not self.is_open or self.is_recording:
+            return []
+        self.questions.step(now)
+        self._drop_expired(now)
+        self.steering.step(now)
+        self._ask_for_streams(now)
+        if now >= self._probe_time():
+            self.scheduler.submit(self.prober.make(self.peers.direct, now), now)
+        out: list[Entry] = []
+        while (entry := self.scheduler.take(now)) is not None:
+            self._note_sent(entry, now)
+            out.append(entry)
+        return out
 
     def next_time(self, now: float) -> float:
         """When to poll again [s]."""
-        return math.inf if self.is_recording else self.outgoing.next_time(now)
+        if self.is_recording:
+            return math.inf
+        times = [
+            self.scheduler.next_time(now) or math.inf,
+            self.questions.book.next_time(),
+            self.steering.next_time(),
+            self._probe_time(),
+        ]
+        if self.peers.redirected is None:
+            times.append(self.streams.next_time())
+        return min(times)
+
+    def take_discarded(self) -> list[Entry]:
+        """Return what was never sent since the last call."""
+        discarded, self._discarded = self._discarded, []
+        return discarded
 
     # -- what is known --------------------------------------------------------------------------------------------
 
@@ -285,3 +345,33 @@ class Dialogue:
 
     def _set_rules(self, rules: LineRules) -> None:
         self.rules = self.scheduler.rules = rules
+
+    def _drop_expired(self, now: float) -> None:
+        for entry in self.scheduler.take_expired():
+            if entry.purpose is Purpose.ECHO:
+                self.prober.dropped()
+            if isinstance(entry.tag, Pending):
+                self.questions.never_sent(entry.tag, now)
+            self.counters.expired()
+            self._discarded.append(entry)
+
+    def _ask_for_streams(self, now: float) -> None:
+        if self.peers.redirected is not None or now < self.streams.next_time():
+            return
+        for entry in self.streams.due(now):
+            self.scheduler.submit(entry, now)
+        self.health.wanted(self.peers.direct.word, self.streams.wanted, now)
+
+    def _probe_time(self) -> float:
+        """When the next link test is due [s]; infinite while nobody could answer it."""
+        nobody_answers = self.peers.direct is Board.ANY or self.peers.redirected is not None
+        return math.inf if nobody_answers else self.prober.next_time()
+
+    def _note_sent(self, entry: Entry, now: float) -> None:
+        self.counters.sent(entry)
+        if isinstance(entry.tag, Pending):
+            self.questions.sent(entry.tag, now)
+        elif entry.purpose is Purpose.ECHO:
+            self.prober.sent(entry, now)
+        elif isinstance(entry, ControlEntry):
+            self.steering.sent(entry, now)

@@ -8,34 +8,114 @@ from __future__ import annotations
 
 import asyncio
 import math
-from collections.abc import Callable, Coroutine
+from collections.abc import AsyncIterator, Callable, Coroutine
+from contextlib import suppress
 from functools import partial
 from typing import Any, Final
 
 from mkdaemon.clock import Clock
 from mkdaemon.config.link import LinkConfig
-from mkdaemon.errors import LinkLostError
+from mkdaemon.errors import LinkError, LinkLostError, RequestTimeoutError
 from mkdaemon.link.ports.port import Port, parse_address
 from mkdaemon.link.session.dialogue import Dialogue
 from mkdaemon.link.session.guarding import GuardFeed, LineGuard
-from mkdaemon.link.session.leaving import leave
+from mkdaemon.link.session.identity import StandstillWatch
+from mkdaemon.link.session.questions import Answered, Outcome, Unanswered
+from mkdaemon.link.session.release import shortest_release
 from mkdaemon.link.session.reopening import BaudSearch
-from mkdaemon.link.session.report import Reporter
+from mkdaemon.link.session.reporter import Reporter
 from mkdaemon.link.session.scheduler import Entry
-from mkdaemon.link.session.standstill import StandstillWatch
-from mkdaemon.link.session.stickqueue import LOOK, StickQueue
-from mkdaemon.link.session.traffic import LineTap, LinkSink, Lost, Received, Sent
-from mkdaemon.link.session.turns import in_turns
-from mkdaemon.link.session.waiters import Waiters
-from mkdaemon.protocol.boards import Direction
+from mkdaemon.link.session.streamkinds import KINDS
+from mkdaemon.link.session.traffic import LineTap, LinkSink, Lost, Purpose, Received, ReleaseResult, Sent
+from mkdaemon.protocol.boards import Board, Direction
 from mkdaemon.protocol.decoder import MessageDecoder
 from mkdaemon.protocol.framing import DropReason, Frame, FrameDecoder
+from mkdaemon.protocol.wire import WireMessage
+from mkdaemon.telemetry.control import ReleaseOutcome
 from mkdaemon.telemetry.link import LinkCondition
 
+TURN_BYTES: Final = 256
+"""Bytes decoded in one turn of the loop: 45 ms of the line at 57600 baud, and 42 frames at most: the shortest has 6."""
 JUDGE_PERIOD: Final = 0.05
 """How often the evidence is weighed [s]; a twentieth of a second of the half second a verdict may take."""
+STICK_LOOK: Final = 0.005
+"""Time between two looks at a stick frame that has not left [s]."""
+EXIT_TIME: Final = 0.6
+"""Longest time an orderly exit may take [s]."""
+EXIT_LOOK: Final = 0.02
+"""Longest wait for bytes between two looks at the release of an exit [s]."""
+CLOSED: Final = "closed by us"
+"""Reason of an orderly end."""
+Answer = asyncio.Future[WireMessage | None]
+"""Of a question: its answer; None where it was sent and none ever comes."""
 Discovery = Callable[[], Coroutine[Any, Any, None]]
 """Finds out who is there whenever `needs_discovery` is set; runs for ever."""
+
+
+class Waiters:
+    """Everybody who waits."""
+
+    def __init__(self) -> None:
+        self._releases: list[asyncio.Future[ReleaseResult]] = []
+
+    def for_answer(self) -> Answer:
+        """Return what a caller waits on for an answer; hand it to the dialogue as token."""
+        return asyncio.get_running_loop().create_future()
+
+    def for_release(self) -> asyncio.Future[ReleaseResult]:
+        """Return what a caller waits on for the end of the release under way."""
+        waiter: asyncio.Future[ReleaseResult] = asyncio.get_running_loop().create_future()
+        self._releases.append(waiter)
+        return waiter
+
+    def settle(self, dialogue: Dialogue, *, is_open: bool) -> None:
+        """Hand out what is known by now; without an open port an answer is lost, not late."""
+        for outcome in dialogue.questions.take_finished():
+            waiter = outcome.pending.token
+            if isinstance(waiter, asyncio.Future) and not waiter.done():
+                _resolve(waiter, outcome, is_open=is_open)
+        if self._releases and not dialogue.steering.is_releasing and dialogue.steering.plan is not None:
+            self.end_releases(dialogue.steering.plan.result())
+
+    def port_lost(self, reason: str) -> None:
+        """A release that waits cannot be sent now; it is the first thing sent after opening."""
+        self.end_releases(ReleaseResult(ReleaseOutcome.NOT_SENT, 0, 0, reason))
+
+    def end_releases(self, result: ReleaseResult) -> None:
+        """Hand everybody who waits for a release its result."""
+        waiters, self._releases = self._releases, []
+        for waiter in waiters:
+            if not waiter.done():
+                waiter.set_result(result)
+
+
+class StickQueue:
+    """Follows the last stick frame through the queues of the port and the kernel."""
+
+    def __init__(self) -> None:
+        self._behind: int | None = None
+
+    @property
+    def is_watching(self) -> bool:
+        """Whether a stick frame was written that was still waiting at the last look."""
+        return self._behind is not None
+
+    def written(self, entry: Entry) -> None:
+        """A frame was written."""
+        if entry.purpose is Purpose.SETPOINT:
+            self._behind = 0
+        elif self._behind is not None:
+            self._behind += len(entry.raw)
+
+    def has_left(self, backlog: int) -> bool:
+        """Whether the last stick frame is out, where so many bytes wait [bytes]."""
+        if self._behind is not None and backlog <= self._behind:
+            self._behind = None
+        return self._behind is None
+
+    def forget(self) -> None:
+        """What waited was thrown away, or the port was lost."""
+        self._behind = None
 
 
 class Exchange:
@@ -124,18 +204,14 @@ class Exchange:
             lost = await self._converse(port, discover)
         except BaseException:  # cancelled, or a defect of this program: either way nobody flies from now on
             if not port.is_recording:
-                write = partial(self._write, port)
-                leaving = leave(
-                    port, self._dialogue, self._clock.now, process=self._process, pump=self.pump, write=write
-                )
                 # In a task of its own: before Python 3.11.4 a timeout within a cancelled task ends it (gh-102780).
-                await asyncio.create_task(leaving, name="link.leave")
+                await asyncio.create_task(self._leave(port), name="link.leave")
             raise
         finally:
             self._stop(lost or "")
             if lost is None:
                 self._guard.port_given_up()
-                self._end("closed by us", LinkCondition.CLOSED)
+                self._end(CLOSED, LinkCondition.CLOSED)
             else:
                 self.port_lost(lost, self.bauds.attempt.condition if self.bauds.attempt else LinkCondition.DOWN)
         return self._has_ended
@@ -202,6 +278,26 @@ class Exchange:
         assert self._failure is not None
         await self._failure
 
+    async def _leave(self, port: Port) -> None:
+        """Let go of the aircraft and of its streams; bounded, and the port may be gone already."""
+        dialogue = self._dialogue
+        dialogue.steering.leave(self._clock.now())
+        with suppress(LinkError, TimeoutError):
+            async with asyncio.timeout(EXIT_TIME):
+                self.pump()
+                while dialogue.steering.is_releasing:
+                    try:
+                        async with asyncio.timeout(EXIT_LOOK):
+                            chunk = await port.read()
+                    except TimeoutError:
+                        chunk = b""
+                    self._process(chunk)
+                    self.pump()
+                for entry in last_words(dialogue, self._clock.now()):
+                    self._write(port, entry)
+                    await asyncio.sleep(dialogue.rules.wire_time(entry.raw) + dialogue.rules.gap)
+                await port.drain()
+
     # -- writing --------------------------------------------------------------------------------------------------
 
     def pump(self) -> None:
@@ -226,7 +322,7 @@ class Exchange:
         self._settle()
         if now >= self._judge_at:
             self._judge(port, now)
-        look = now + LOOK if self._dialogue.scheduler.holds_setpoints else math.inf
+        look = now + STICK_LOOK if self._dialogue.scheduler.holds_setpoints else math.inf
         self._set_timer(min(self._dialogue.next_time(now), self._judge_at, look) - now)
 
     def _write(self, port: Port, entry: Entry) -> None:
@@ -259,8 +355,8 @@ class Exchange:
 
     def _settle(self) -> None:
         """Hand answers, refusals and losses to whoever waits for them."""
-        self.waiters.settle(self._dialogue)
-        for entry in self._dialogue.outgoing.take_discarded():
+        self.waiters.settle(self._dialogue, is_open=self.is_open)
+        for entry in self._dialogue.take_discarded():
             now = self._clock.now()
             self._sink.dropped(Lost(now, Direction.TO_BOARD, DropReason.EXPIRED, entry.raw))
 
@@ -329,6 +425,32 @@ class Exchange:
                 self._sink.dropped(Lost(now, Direction.FROM_BOARD, item.reason, item.raw))
 
 
+async def in_turns(chunk: bytes) -> AsyncIterator[bytes]:
+    """Yield what arrived in portions; setpoints and requests have their turn between two."""
+    for start in range(0, len(chunk), TURN_BYTES):
+        if start:
+            await asyncio.sleep(0)
+        yield chunk[start : start + TURN_BYTES]
+
+
+def last_words(dialogue: Dialogue, now: float) -> list[Entry]:
+    """Return what is said when the aircraft is released: a FlightCtrl of the fork never ends its debug stream.
+
+    Older ones do, after 4.1 s, and their dead-man is refreshed by the request: they are not asked. A release follows.
+    """
+    plan, layout, dead_man = dialogue.steering.plan, dialogue.dialect.extern_control, dialogue.dialect.dead_man
+    is_released = plan is not None and plan.outcome is ReleaseOutcome.CONFIRMED
+    is_endless = dialogue.peers.direct is Board.FC and not dead_man.refreshed_by("d")
+    if not is_endless or not is_released or "debug" not in dialogue.streams.wanted:
+        return []
+    stop = KINDS["debug"].ask(0)
+    frames = [(Purpose.SUBSCRIPTION, stop), *((Purpose.RELEASE, frame) for frame in shortest_release(layout))]
+    entries = [Entry(frame.to_frame(Board.FC), why, now + 1.0, Board.FC, frame) for why, frame in frames]
+    for entry in entries:
+        dialogue.counters.sent(entry)
+    return entries
+
+
 async def _until_lost(part: Callable[[], Coroutine[Any, Any, None]]) -> str | None:
     """Run a part of the conversation; returns why the port is lost, None where the part has come to its end."""
     try:
@@ -336,3 +458,11 @@ async def _until_lost(part: Callable[[], Coroutine[Any, Any, None]]) -> str | No
     except LinkLostError as lost:
         return str(lost)
     return None
+
+
+def _resolve(waiter: Answer, outcome: Outcome, *, is_open: bool) -> None:
+    match outcome:
+        case Answered():
+            waiter.set_result(outcome.answer)
+        case Unanswered():
+            waiter.set_exception((RequestTimeoutError if is_open else LinkLostError)(outcome.reason))

@@ -11,9 +11,8 @@ from typing import Protocol
 
 from mkdaemon.link.ports.port import Port
 from mkdaemon.link.session import release
-from mkdaemon.link.session.controlpath import ControlEntry
 from mkdaemon.link.session.scheduler import Entry
-from mkdaemon.link.session.steering import Steering
+from mkdaemon.link.session.steering import ControlEntry, Steering
 from mkdaemon.link.session.traffic import UNNUMBERED, Purpose
 from mkdaemon.protocol.wire import WireMessage
 

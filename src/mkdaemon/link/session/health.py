@@ -12,22 +12,45 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Hashable
+from typing import Final
 
-from mkdaemon.link.session import limits, reasons
-from mkdaemon.link.session.arrivals import Arrivals
-from mkdaemon.link.session.damage import ReceivedBytes
-from mkdaemon.link.session.roundtrips import RoundTrips
+from mkdaemon.link.session import verdict
+from mkdaemon.link.session.evidence import Arrivals, ReceivedBytes, RoundTrips
 from mkdaemon.link.session.verdict import Cause, Finding, Verdict
 from mkdaemon.protocol.framing import DropReason
 from mkdaemon.telemetry.link import KindHealth, LinkCondition
+
+SILENCE_TIME: Final = 0.35
+"""Without a right frame for this long while some are due, we do not hear the board [s]."""
+PROBE_PATIENCE: Final = 0.1
+"""A probe unanswered for this long is followed by another at once [s]; radios of 2010 answer within 0.13 s."""
+PROBES_MISSED: Final = 2
+"""So many probes unanswered in a row, and the board does not hear us."""
+STUCK_TIME: Final = 0.15
+"""A port that has not taken our bytes for this long is stuck [s]."""
+GARBAGE_BYTES: Final = 6
+"""Fewer undecodable bytes than this within the silence are a glitch, not a wrong baud rate; `#av@w` has 6."""
+GARBAGE_MEMORY: Final = 1.2
+"""Once garbage was seen, it is not silence before nothing came for this long [s]."""
+DAMAGE_LIMIT: Final = 0.1
+"""Share of damaged among all received bytes above which the line counts as degraded."""
+BOOT_TIME: Final = 6.0
+"""A silence so long after boot text is still the boot [s]; a FlightCtrl takes 4.7 s."""
+BOOT_LENGTH: Final = 700
+"""More bytes than this within the silence are no boot text: a FlightCtrl prints 628 characters in all."""
+HOLD: Final = 1.0
+"""A line that was degraded is up again when nothing was wrong for so long [s]: what comes and goes is one verdict."""
+PROBE_TIMEOUT: Final = 0.25
+"""A link test without an answer for this long is lost [s]; the longest measured wait beside a saturated line is 27 ms,
+the longest radio round trip 0.13 s."""
 
 
 class HealthMonitor:
     """Collects evidence and judges it."""
 
     def __init__(self, *, window: float = 10.0, max_loss_percent: float = 5.0, now: float = 0.0) -> None:
-        self.echo = RoundTrips(window=window, timeout=limits.PROBE_TIMEOUT)
-        self.confirm = RoundTrips(window=window, timeout=limits.PROBE_TIMEOUT)
+        self.echo = RoundTrips(window=window, timeout=PROBE_TIMEOUT)
+        self.confirm = RoundTrips(window=window, timeout=PROBE_TIMEOUT)
         self.backlog = 0
         self._window = window
         self._max_loss = max_loss_percent
@@ -84,11 +107,11 @@ class HealthMonitor:
 
     def stood_still(self, seconds: float, now: float) -> None:
         """This program did not run for so long [s]: what is missing is its own doing, and arrives now."""
-        self.pause(now + limits.SILENCE_TIME)
+        self.pause(now + SILENCE_TIME)
         self._open_questions.clear()
         self.echo.clear()
         self.confirm.clear()
-        self._stopped_until, self._stopped_for = now + limits.SILENCE_TIME + limits.HOLD, seconds
+        self._stopped_until, self._stopped_for = now + SILENCE_TIME + HOLD, seconds
 
     def damaged(self, reason: DropReason, raw: bytes, now: float) -> None:
         """Bytes arrived that are no frame."""
@@ -145,7 +168,7 @@ class HealthMonitor:
 
     def boot_text_received(self, text: bytes, now: float) -> None:
         """A board printed text by itself: it boots."""
-        self._boots_until, self._boot_text = now + limits.BOOT_TIME, text
+        self._boots_until, self._boot_text = now + BOOT_TIME, text
 
     # -- what it means --------------------------------------------------------------------------------------------
 
@@ -193,7 +216,7 @@ class HealthMonitor:
         was_degraded = self._verdict.condition is LinkCondition.DEGRADED
         if finding.condition is LinkCondition.DEGRADED:
             self._degraded_at = now
-        elif finding.condition is LinkCondition.UP and was_degraded and now - self._degraded_at < limits.HOLD:
+        elif finding.condition is LinkCondition.UP and was_degraded and now - self._degraded_at < HOLD:
             return self._verdict.finding
         return finding
 
@@ -206,18 +229,18 @@ class HealthMonitor:
         return self._bytes.rates(now)
 
     def _weigh(self, opened: float, now: float) -> Finding:
-        is_stuck = self._backlog_since is not None and now - self._backlog_since > limits.STUCK_TIME
+        is_stuck = self._backlog_since is not None and now - self._backlog_since > STUCK_TIME
         if is_stuck:
-            return Finding(LinkCondition.DOWN, reasons.STUCK, Cause.PORT_STUCK)
+            return Finding(LinkCondition.DOWN, verdict.STUCK, Cause.PORT_STUCK)
         if now < self._paused_until:
             return self._verdict.finding
         silent_for = now - max(self._received_at, opened)
-        if silent_for > limits.SILENCE_TIME and self._expects_something(now) and not self._sends_on_time(now):
+        if silent_for > SILENCE_TIME and self._expects_something(now) and not self._sends_on_time(now):
             return self._explain_silence(now)
         if self._received_at == -math.inf:
             return self._verdict.finding
-        if self._missed(now) >= limits.PROBES_MISSED:
-            if silent_for < limits.SILENCE_TIME / 2 or self._sends_on_time(now):
+        if self._missed(now) >= PROBES_MISSED:
+            if silent_for < SILENCE_TIME / 2 or self._sends_on_time(now):
                 return self._explain_deafness(now)
             return self._verdict.finding  # deaf or mute: the silence will tell
         if self._answered == -math.inf and not self._is_recording:
@@ -232,17 +255,17 @@ class HealthMonitor:
         if self.backlog:
             return self._verdict.finding  # nothing left the port: the board is not to blame
         if now < self._boots_until:
-            return Finding(LinkCondition.DEGRADED, reasons.boots(self._boot_text))
-        if self._bytes.damaged_since(now - limits.SILENCE_TIME) >= limits.GARBAGE_BYTES:
-            return Finding(LinkCondition.DEGRADED, reasons.DAMAGED)
-        return Finding(LinkCondition.ONE_WAY, reasons.UNANSWERED)
+            return Finding(LinkCondition.DEGRADED, verdict.boots(self._boot_text))
+        if self._bytes.damaged_since(now - SILENCE_TIME) >= GARBAGE_BYTES:
+            return Finding(LinkCondition.DEGRADED, verdict.DAMAGED)
+        return Finding(LinkCondition.ONE_WAY, verdict.UNANSWERED)
 
     def _weigh_quality(self, now: float) -> Finding:
         if now < self._stopped_until:
-            return Finding(LinkCondition.DEGRADED, reasons.stood_still(self._stopped_for))
+            return Finding(LinkCondition.DEGRADED, verdict.stood_still(self._stopped_for))
         stale = self._arrivals.overdue(now)
         if stale and now < self._boots_until:
-            return Finding(LinkCondition.DEGRADED, reasons.RESTARTING)
+            return Finding(LinkCondition.DEGRADED, verdict.RESTARTING)
         if stale:
             worst = max(stale, key=lambda kind: kind.missed(now))
             only = " (only link tests are answered)" if len(stale) == len(self._arrivals.asked) else ""
@@ -255,23 +278,23 @@ class HealthMonitor:
                 reason = f"{100 * lost / sent:.1f} % of {name}s lost in {self._window:g} s"
                 return Finding(LinkCondition.DEGRADED, reason)
         bad, total = self._bytes.share(now)
-        if bad > limits.DAMAGE_LIMIT * total:
+        if bad > DAMAGE_LIMIT * total:
             return Finding(LinkCondition.DEGRADED, f"{100 * bad / total:.0f} % of the received bytes are damaged")
         return Finding(LinkCondition.UP, "a recording plays" if self._is_recording else "both directions proven")
 
     def _explain_silence(self, now: float) -> Finding:
         # Half the silence: the end of a frame that was cut off is no garbage. Once it is, slow garbage stays it.
         is_garbage = self._verdict.condition is LinkCondition.GARBAGE
-        since = now - (limits.GARBAGE_MEMORY if is_garbage else limits.SILENCE_TIME / 2)
-        if now < self._boots_until and self._bytes.arrived_since(now - limits.SILENCE_TIME) < limits.BOOT_LENGTH:
-            return Finding(LinkCondition.MUTE, reasons.boots(self._boot_text), Cause.PLAIN_TEXT)
-        if self._bytes.arrived_since(since) < limits.GARBAGE_BYTES:
-            silence = reasons.NOTHING if self._received_at == -math.inf else reasons.STOPPED
-            return Finding(LinkCondition.MUTE, reasons.QUIET if now < self._quiet_until else silence)
+        since = now - (GARBAGE_MEMORY if is_garbage else SILENCE_TIME / 2)
+        if now < self._boots_until and self._bytes.arrived_since(now - SILENCE_TIME) < BOOT_LENGTH:
+            return Finding(LinkCondition.MUTE, verdict.boots(self._boot_text), Cause.PLAIN_TEXT)
+        if self._bytes.arrived_since(since) < GARBAGE_BYTES:
+            silence = verdict.NOTHING if self._received_at == -math.inf else verdict.STOPPED
+            return Finding(LinkCondition.MUTE, verdict.QUIET if now < self._quiet_until else silence)
         text = self._bytes.text_since(since)
         if text is not None:
-            return Finding(LinkCondition.GARBAGE, reasons.plain_text(text), Cause.PLAIN_TEXT)
-        return Finding(LinkCondition.GARBAGE, reasons.NO_FRAME)
+            return Finding(LinkCondition.GARBAGE, verdict.plain_text(text), Cause.PLAIN_TEXT)
+        return Finding(LinkCondition.GARBAGE, verdict.NO_FRAME)
 
     def _expects_something(self, now: float) -> bool:
         """Whether a frame should have come: link tests are out, or a stream that was asked for is overdue.
@@ -279,12 +302,12 @@ class HealthMonitor:
         One link test may be late or lost once the board has spoken; a stream slower than the silence is not missed
         before its time.
         """
-        enough = 1 if self._received_at == -math.inf else limits.PROBES_MISSED
+        enough = 1 if self._received_at == -math.inf else PROBES_MISSED
         return self._missed(now) >= enough or bool(self._arrivals.overdue(now))
 
     def _missed(self, now: float) -> int:
         """Probes unanswered for longer than usual, since the board last proved that it hears us."""
-        return sum(1 for sent in self._open_questions if now - sent > limits.PROBE_PATIENCE)
+        return sum(1 for sent in self._open_questions if now - sent > PROBE_PATIENCE)
 
     def _conclude(self, finding: Finding, now: float) -> bool:
         """Make a finding the verdict; returns whether the condition changed."""

@@ -9,8 +9,7 @@ from __future__ import annotations
 import math
 from typing import Final, Literal
 
-from mkdaemon.link.session.health import HealthMonitor
-from mkdaemon.link.session.limits import PROBE_PATIENCE
+from mkdaemon.link.session.health import PROBE_PATIENCE, HealthMonitor
 from mkdaemon.link.session.scheduler import Entry
 from mkdaemon.link.session.traffic import Purpose
 from mkdaemon.protocol.messages.linktest import EchoRequest

@@ -106,7 +106,7 @@ class ReleasePlan:
         self._began = now
         self._next = now
         self._reminds_until = -math.inf
-        self._awaited: dict[FrameNumber, float] = {}
+        self._awaited: set[FrameNumber] = set()
         self._sent = 0
         self._confirmed = 0
         self.outcome: ReleaseOutcome | None = None
@@ -137,20 +137,21 @@ class ReleasePlan:
         self._next = now + (CONFIRM_WAIT if self.confirms else SPACING)
         return next(self._zeros)
 
-    def sent(self, message: WireMessage, number: FrameNumber, now: float) -> None:
+    def sent(self, message: WireMessage, number: FrameNumber) -> None:
         """A frame of this plan went out under a number."""
         if message.config:  # type: ignore[attr-defined]  # every layout of external control has it
             return
         self._sent += 1
-        self._awaited[number] = now
+        self._awaited.add(number)
         if not self.confirms and self._sent >= self._repeats:
             self.outcome = ReleaseOutcome.NOT_OBSERVABLE
 
     def confirmed(self, number: FrameNumber, now: float) -> None:
         """The board confirmed a frame number."""
         # In the form of another generation a frame is confirmed under a number that was never sent.
-        if self.layout is None or self._awaited.pop(number, None) is None:
+        if self.layout is None or number not in self._awaited:
             return
+        self._awaited.remove(number)
         self._confirmed += 1
         self._next = now
         if self._confirmed >= REPEATS:

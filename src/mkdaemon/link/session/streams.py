@@ -1,10 +1,19 @@
-"""The streams somebody wants: by configuration, by `auto`, or changed at run time. Pure; driven with `now`."""
+"""The streams somebody wants, asked for once and renewed for as long as they are wanted. Pure; driven with `now`.
+
+They are wanted by configuration, by `auto`, or since they were changed at run time. A board has ONE timer for all its
+streams (NaviCtrl 4.0 s, FlightCtrl 4.1 s); any stream request renews them all. A request with interval 0 renews without
+costing a frame, so a kind nobody wants is the renewal; where all kinds are wanted, the one with the shortest reply is.
+Every other request costs one frame and restarts the phase of its stream, so a stream is asked for again only when its
+rate changes or it went stale. Source: docs/firmware-notes, "Subscriptions".
+"""
 
 from __future__ import annotations
 
 import difflib
+import math
 from collections import deque
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 from mkdaemon.config.link import LinkConfig
@@ -13,9 +22,108 @@ from mkdaemon.link.session import budget
 from mkdaemon.link.session.line import LineRules
 from mkdaemon.link.session.prober import AUTO
 from mkdaemon.link.session.scheduler import Entry
-from mkdaemon.link.session.subscriptions import KINDS, TICK_TIME, Subscriptions, kind_of, round_up_interval
+from mkdaemon.link.session.streamkinds import KINDS, TICK_TIME, kind_of, round_up_interval
 from mkdaemon.link.session.traffic import Purpose
 from mkdaemon.protocol.wire import Board, WireMessage
+
+ASK_AGAIN: Final = 1.0
+"""How soon a stream that does not come is asked for again [s]."""
+
+
+@dataclass(slots=True)
+class _Stream:
+    interval: float
+    asked_at: float = -math.inf
+    seen_at: float = -math.inf
+
+
+class Subscriptions:
+    """The streams of one board."""
+
+    def __init__(self, board: Board, *, renew: float = 1.5) -> None:
+        self.board = board
+        self._renew = renew
+        self._wanted: dict[str, _Stream] = {}
+        self._to_stop: list[str] = []
+        self._renewed_at = -math.inf
+
+    @property
+    def wanted(self) -> dict[str, float]:
+        """Interval of every wanted stream [s]."""
+        return {key: stream.interval for key, stream in self._wanted.items()}
+
+    def want(self, key: str, interval: float) -> None:
+        """Want a stream at an interval [s], see `round_up_interval`; 0 or less ends it.
+
+        Raises:
+            CommandRejectedError: see `kind_of`.
+        """
+        kind_of(key, self.board)
+        if interval <= 0:
+            if self._wanted.pop(key, None) is not None:
+                self._to_stop.append(key)
+            return
+        interval = round_up_interval(interval)
+        stream = self._wanted.get(key)
+        if stream is None or stream.interval != interval:
+            self._wanted[key] = _Stream(interval)
+
+    def end(self, key: str) -> None:
+        """End a stream that nobody here wants."""
+        if key not in self._to_stop and self.board in KINDS[key].boards:
+            self._to_stop.append(key)
+
+    def forget(self) -> None:
+        """The board lost everything it was asked (reboot, port lost): ask for all of it again."""
+        for stream in self._wanted.values():
+            stream.asked_at = stream.seen_at = -math.inf
+        self._renewed_at = -math.inf
+
+    def frame_received(self, key: str, now: float) -> None:
+        """A frame of a kind arrived."""
+        stream = self._wanted.get(key)
+        if stream is not None:
+            stream.seen_at = now
+
+    def due(self, now: float) -> list[WireMessage]:
+        """Return the requests to send now and note them as asked."""
+        messages = [KINDS[key].ask(0) for key in self._to_stop]
+        self._to_stop.clear()
+        for key, stream in self._wanted.items():
+            if now >= self._asks_at(stream):
+                stream.asked_at = now
+                messages.append(KINDS[key].ask(stream.interval))
+        if messages:
+            self._renewed_at = now
+        elif self._wanted and now >= self._renewed_at + self._renew:
+            self._renewed_at = now
+            messages.append(self._renewal(now))
+        return messages
+
+    def next_time(self) -> float:
+        """When `due` has something next [s]; infinite while nothing is wanted."""
+        if self._to_stop:
+            return -math.inf
+        if not self._wanted:
+            return math.inf
+        return min(self._renewed_at + self._renew, *(self._asks_at(stream) for stream in self._wanted.values()))
+
+    @staticmethod
+    def _asks_at(stream: _Stream) -> float:
+        """When a stream must be asked for (again): at once, or when three periods went by without a frame."""
+        if stream.asked_at == -math.inf:
+            return -math.inf
+        patience = max(ASK_AGAIN, 3 * stream.interval)
+        return max(stream.asked_at, stream.seen_at) + patience
+
+    def _renewal(self, now: float) -> WireMessage:
+        for key, kind in KINDS.items():
+            if key not in self._wanted and self.board in kind.boards and kind.renews is not None:
+                return kind.ask(0)
+        key = next(key for key in KINDS if key in self._wanted)
+        self._wanted[key].asked_at = now
+        return KINDS[key].ask(self._wanted[key].interval)
+
 
 QUEUED: Final = 1.0
 """Longest time a request for a stream waits for the line [s]; it is asked again anyway."""

@@ -13,7 +13,7 @@ from mkdaemon.protocol.flags import PositionStatus
 from mkdaemon.protocol.messages import WaypointCount
 from mkdaemon.protocol.procedures.points import PointFormat
 from mkdaemon.protocol.procedures.steps import Patience, Procedure, Progress, insist, insist_twice
-from mkdaemon.protocol.procedures.waypoints import ask_point, count_points, is_same_point, point_within, write_point
+from mkdaemon.protocol.procedures.waypoint_list import ask_point, count_points, is_same_point, point_within, write_point
 from mkdaemon.telemetry.refusals import Token, refuse
 
 ACTIVATES_IN_FLIGHT: Final = (2, 0)

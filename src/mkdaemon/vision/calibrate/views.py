@@ -14,7 +14,7 @@ from mkdaemon.errors import VisionError
 from mkdaemon.files import save
 from mkdaemon.vision.calibrate.board import BoardPoints, CalibrationBoard
 from mkdaemon.vision.calibrate.coverage import Coverage
-from mkdaemon.vision.calibrate.tone import edge_levels
+from mkdaemon.vision.calibrate.tone_curve import edge_levels
 from mkdaemon.vision.camera.files import list_pictures
 from mkdaemon.vision.camera.imagecodec import read_picture
 from mkdaemon.vision.camera.shot import PictureError

@@ -14,7 +14,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 import numpy.typing as npt
 
-from mkdaemon.vision.limitfield import of
+from mkdaemon.vision.limits import of
 
 Array = npt.NDArray[np.float64]
 Grey = npt.NDArray[np.uint8]

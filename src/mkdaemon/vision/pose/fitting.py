@@ -1,30 +1,208 @@
-"""From decoded tags or a prediction to a measured pose of one target: which fit, which candidate, which gate."""
+"""From decoded tags or a prediction to a measured pose of one target: which fit, which candidate, which gate.
+
+A start for a fit of several prints: a pose that one of them gave puts the others beside their place.
+
+A tag of 27 px knows its tilt to a degree or two; at the next tag, two metres away, these are more pixels than a cell
+has, and no fit would get there. Each print is therefore looked for around where the start puts it, as a whole.
+Source: normalised cross-correlation; J. P. Lewis, "Fast normalized cross-correlation", 1995.
+
+Whether the edges of a partly hidden target support a pose, or could be faked by what lies over it.
+
+A first pose without attitude has nothing to contradict it but its own image. Two questions tell a right pose from one
+that follows the rim of something lying on the print: do the edges agree whose cells are seen, and does the pose stay
+where it is when any one straight line of edges is taken away? A rim is straight and covers one line of the grid.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import Final
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
-from mkdaemon.vision.limits import LIMITS, Limits
+from mkdaemon.vision.limits import LIMITS, EvidenceLimits, Limits
 from mkdaemon.vision.pose.bend import Bend
 from mkdaemon.vision.pose.edgefind import HALF_WIDTH
 from mkdaemon.vision.pose.edgefit import EdgeFit, Level
-from mkdaemon.vision.pose.evidence import EdgeEvidence
+from mkdaemon.vision.pose.edgemodel import EdgeModel
+from mkdaemon.vision.pose.edgestep import MAD
 from mkdaemon.vision.pose.gates import BitModel, CellEvidence
-from mkdaemon.vision.pose.gather import PrintGatherer
 from mkdaemon.vision.pose.photofit import PhotoFit
-from mkdaemon.vision.pose.pose import Pose, solve
+from mkdaemon.vision.pose.pose import Pose, correlation, median, solve
+from mkdaemon.vision.pose.printmodel import SQUARE, PrintModel
+from mkdaemon.vision.pose.prints import Prints
 from mkdaemon.vision.pose.projection import NEAR_M, Projection
 from mkdaemon.vision.pose.rolling import KnownMotion
+from mkdaemon.vision.tags.cellread import sample
 from mkdaemon.vision.tags.detection import Detection
 from mkdaemon.vision.tags.tagmap import Tag, Target
 
 Array = npt.NDArray[np.float64]
 Grey = npt.NDArray[np.uint8]
+
+SPREAD: Final = np.eye(2)
+"""Of the point spread with which prints are looked for [px^2]: a little wide, so that a start need not be exact."""
+REACH: Final = 0.6
+"""How far from its place a print is looked for, of its size in the image."""
+
+
+class PrintGatherer:
+    """Finds the prints of one target around a start.
+
+    Args:
+        prints: of the target.
+        projection: of the lens.
+        limits: all thresholds.
+    """
+
+    def __init__(self, prints: Prints, projection: Projection, limits: Limits) -> None:
+        self._prints, self._projection, self._limits = prints, projection, limits.photo
+
+    def gathered(self, pixels: Grey, start: Pose) -> Pose:
+        """The start, moved to where the prints are found; as it is where all are in their place, or one is found alone.
+
+        Args:
+            pixels: `(h, w)` uint8.
+            start: from one print or from the images before.
+        """
+        seen = self._prints.seen(start.rotation, start.position, pixels.shape)
+        if len(seen) < 2:
+            return start
+        looked = [(model, self._shift(pixels, model, start)) for model in seen]
+        found = [(model, shift) for model, shift in looked if shift is not None]
+        if len(found) < 2 or not any(shift.any() for _, shift in found):
+            return start
+        places = [SQUARE * model.half @ model.axes[:, :2].T + model.origin for model, _ in found]
+        points = np.concatenate(places)
+        pixels_of = self._projection.project(points @ start.rotation.T + start.position)[0]
+        rays = self._projection.undistort(pixels_of + np.repeat([shift for _, shift in found], len(SQUARE), axis=0))
+        turned, place = np.asarray(cv2.Rodrigues(start.rotation)[0], np.float64), start.position.reshape(3, 1).copy()
+        found_one, vector, moved = cv2.solvePnP(points, rays, np.eye(3), None, turned, place, useExtrinsicGuess=True)
+        position = np.asarray(moved, np.float64).ravel()
+        if not found_one or not np.isfinite(position).all() or position[2] < NEAR_M:
+            return start
+        return replace(start, rotation=np.asarray(cv2.Rodrigues(vector)[0], np.float64), position=position)
+
+    def _shift(self, pixels: Grey, model: PrintModel, start: Pose) -> Array | None:
+        """How far a print is beside its place `(2,)` [px]; zero where it is near, none where it is not found."""
+        rendered = model.render(pixels.shape, start.rotation, start.position, SPREAD)
+        if rendered is None:
+            return None
+        template, mask, left, top = rendered.template()
+        height, width = template.shape
+        here = pixels[top : top + height, left : left + width].astype(np.float32)
+        if int(mask.sum()) < self._limits.min_window_px**2:
+            return None
+        if correlation(here[mask].astype(np.float64), template[mask].astype(np.float64)) >= self._limits.found_match:
+            return np.zeros(2)
+        reach = int(np.ceil(REACH * max(width, height)))
+        x0, y0 = max(left - reach, 0), max(top - reach, 0)
+        x1, y1 = min(left + width + reach, pixels.shape[1]), min(top + height + reach, pixels.shape[0])
+        around = pixels[y0:y1, x0:x1].astype(np.float32)
+        score = cv2.matchTemplate(around, template, cv2.TM_CCOEFF_NORMED, mask=mask.astype(np.float32))
+        score = np.where(np.isfinite(score), score, -1.0)
+        row, column = np.unravel_index(int(np.argmax(score)), score.shape)
+        if score[row, column] < self._limits.found_match:
+            return None
+        return np.array([float(column + x0 - left), float(row + y0 - top)])
+
+
+ALL_SAMPLES = 4000
+"""More than any target has: which edges are hidden is asked of all of them."""
+CLEAR_PERCENT = 75
+"""Percentile of the contrast that the clear edges have."""
+HALF_WAY = 0.5
+"""Between two axes of a tag: which one a normal follows."""
+
+
+@dataclass(frozen=True, slots=True)
+class Evidence:
+    """What the edges say about a pose.
+
+    Attributes:
+        seen: share of the edges in view with the print's contrast.
+        agreeing: share of these that lie where the pose puts them.
+        leverage: largest turn of the pose when one straight line of edges is taken away [rad].
+    """
+
+    seen: float
+    agreeing: float
+    leverage: float
+
+    def supports(self, limits: EvidenceLimits) -> bool:
+        """Whether the pose can be believed with parts of the target hidden."""
+        agrees = self.seen >= limits.min_seen and self.agreeing >= limits.min_agreeing
+        return agrees and self.leverage <= limits.max_leverage
+
+
+class EdgeEvidence:
+    """Asks the edges of one target."""
+
+    def __init__(self, target: Target, projection: Projection, limits: Limits = LIMITS) -> None:
+        self._projection = projection
+        self._limits = limits.evidence
+        self._fit = EdgeFit(target, projection, ALL_SAMPLES, limits)
+        model = self._fit.model
+        reach = 0.5 * model.cell[:, None] * model.normals
+        self._dark, self._bright = model.points - reach, model.points + reach
+        self._line = _lines(target, model)
+
+    def measure(self, pixels: Grey, pose: Pose) -> Evidence | None:
+        """Ask all edges about a fitted pose; none when too few are in view.
+
+        Args:
+            pixels: `(h, w)` uint8.
+            pose: fitted to edges.
+        """
+        located = self._fit.locate(pixels, pose)
+        if located is None or not bool(located.found.any()):
+            return None
+        index = located.index
+        contrast = self._grey(pixels, self._bright[index], pose) - self._grey(pixels, self._dark[index], pose)
+        clear = max(float(np.percentile(contrast, CLEAR_PERCENT)), 1.0)
+        seen = contrast > self._limits.seen_contrast * clear
+        size = np.abs(located.offsets)
+        scatter = max(MAD * median(size[located.found]), self._limits.least_scale_px)
+        agrees = located.found & (size < self._limits.outlier * scatter)
+        return Evidence(
+            float(seen.mean()),
+            float((agrees & seen).sum()) / max(int(seen.sum()), 1),
+            _leverage(located.jacobian[agrees], located.offsets[agrees], self._line[index][agrees]),
+        )
+
+    def _grey(self, pixels: Grey, points: Array, pose: Pose) -> Array:
+        seen, _ = self._projection.project(points @ pose.rotation.T + pose.position)
+        return sample(pixels, seen)
+
+
+def _lines(target: Target, model: EdgeModel) -> npt.NDArray[np.intp]:
+    """Number of the straight line of the print each sample lies on `(n,)`."""
+    keys: list[tuple[int, int, int]] = []
+    for point, normal, cell, k in zip(model.points, model.normals, model.cell, model.tag.tolist(), strict=True):
+        tag = target.tags[k]
+        axis = int(abs(float(normal @ tag.rotation[:, 1])) > HALF_WAY)
+        keys.append((k, axis, round(2 * float((point - tag.position) @ tag.rotation[:, axis]) / float(cell))))
+    number = {key: k for k, key in enumerate(sorted(set(keys)))}
+    return np.array([number[key] for key in keys], dtype=np.intp)
+
+
+def _leverage(jacobian: Array, offsets: Array, line: npt.NDArray[np.intp]) -> float:
+    """Largest turn [rad] that leaving out the samples of one line gives, to first order.
+
+    Without the rows L of a line the least-squares pose moves by (J^T J - L^T L)^-1 L^T d_L.
+    """
+    normal = jacobian.T @ jacobian
+    largest = 0.0
+    for k in np.unique(line):
+        part = jacobian[line == k]
+        left = normal - part.T @ part
+        step = np.linalg.solve(left + 1e-9 * np.diag(np.diag(normal)) + 1e-12 * np.eye(6), part.T @ offsets[line == k])
+        largest = max(largest, float(np.linalg.norm(step[3:])))
+    return largest
+
 
 ROOM, ROOM_PX = 0.2, 14.0
 """Room around a target in a window: share of its size, and so much more [px]."""

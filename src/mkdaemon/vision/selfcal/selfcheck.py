@@ -1,27 +1,269 @@
-"""Watches one camera fly: whether images, attitude and barometer agree with its camera file and its target files."""
+"""Watches one camera fly: whether images, attitude and barometer agree with its camera file and its target files.
+
+Lens, sizes, mounting, deck and scale of the attitude, estimated together from what images and attitude say.
+
+The unknowns: the turn of the mounting about body forward, left, up [rad], the horizontal part of the target's normal,
+east and north, the share by which the vehicle reports too much tilt; then those of the images (`ImageEvidence`).
+A mounting turns with the vehicle, a deck does not: without yaw only their sum is seen, and the deviations say so. What
+is constant in the vehicle's own attitude counts as mounting. A lens that is too long turns poses near the rim of the
+image, which the attitude contradicts.
+
+With n the normal that an image shows, in body axes, and E the attitude, the horizontal part of the normal in the world
+is y = E n. Were the mounting turned by m, the lens or a size changed by p, the deck d and the scale k, it would be
+y = d - E (m x n) - E M (T p x n_cam) + k E e_z, with T the turn of a pose with lens and sizes.
+
+Heights over a target, as the eyes see them, against the barometer: on ways down and up their scales must agree.
+
+With z the height by the eyes, e the share of it that is too much, b the barometer, a its offset and L its delay,
+b = a + z - e z - L dz/dt. The offset wanders, so slow flights say little, and a hover nothing.
+
+A mounting turned by what a flight says, as the camera file writes it.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from math import exp, hypot
+from math import exp, hypot, radians
+from typing import Final
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
+from mkdaemon.config.camera import MountSection
+from mkdaemon.frames import euler_from_rotation, rotation_from_euler
 from mkdaemon.telemetry.selfcal import SelfCalibration, TagSizeError
 from mkdaemon.telemetry.vision import Alarm
 from mkdaemon.vision.camera.calibration_file import Camera, mount_rotation
+from mkdaemon.vision.limits import SELFCAL
+from mkdaemon.vision.pose.bend import Bend
 from mkdaemon.vision.pose.pose import Pose
 from mkdaemon.vision.pose.projection import Projection
-from mkdaemon.vision.selfcal.camerafilter import LENS_AT, MOUNTING, SIZES_AT, CameraFilter
-from mkdaemon.vision.selfcal.evidence import EvidenceMaker
-from mkdaemon.vision.selfcal.heightfilter import HeightFilter
-from mkdaemon.vision.selfcal.limits import SELFCAL
-from mkdaemon.vision.selfcal.mounting import turned_rpy_deg
+from mkdaemon.vision.pose.rolling import skew
+from mkdaemon.vision.selfcal.evidence import LENS, EvidenceMaker, ImageEvidence
 from mkdaemon.vision.tags.tagmap import TagMap, Target
 
 Array = npt.NDArray[np.float64]
 Grey = npt.NDArray[np.uint8]
+
+LENS_SD: Final = (0.03, 10.0, 10.0, 0.05)
+"""How far a calibration may be off, deviations: 3 % of the focal length, 10 px, 0.05."""
+MOUNTING_SD: Final = np.radians(5.0)
+DECK_SD: Final = np.radians(2.5)
+"""As in `track.deck`."""
+TILT_SCALE_SD: Final = 0.08
+"""Real gyros: attitudes of 0.89 to 1.13 times the truth."""
+MOUNTING_DRIFT: Final = np.radians(0.02)
+"""Of the mounting with the attitude's bias, random walk [rad/sqrt(s)]: 0.2 degrees in 100 s."""
+DECK_DRIFT: Final = {False: np.radians(0.02), True: np.radians(2.0)}
+"""Of the target's normal, by whether it moves [rad/sqrt(s)]."""
+ALIKE_TIME: Final = 0.2
+"""For so long errors of the attitude are one error [s]: images that follow sooner weigh less."""
+SOONEST: Final = 0.01
+"""Images that follow sooner count as so far apart [s]."""
+LONGEST: Final = 10.0
+"""A longer time without an image counts as so much [s]."""
+SIZE_SD: Final = 0.03
+"""How far a tag's size may be off, logarithm."""
+MELT_SD: Final = 0.008
+"""By how much a tag of the smallest readable cells may look smaller or larger, logarithm; one error of all images."""
+MOUNTING: Final = slice(0, 3)
+DECK: Final = slice(3, 5)
+TILT_SCALE: Final = 5
+LENS_AT: Final = 6
+SIZES_AT: Final = LENS_AT + len(LENS)
+
+
+class CameraFilter:
+    """A Kalman filter of what is constant, or nearly so, about one camera and one target.
+
+    Args:
+        attitude_sd: how well the vehicle knows its attitude at one moment [rad].
+        flu_from_cam: the mounting believed `(3, 3)`; none says nothing about attitude.
+        is_level: whether the target lies level at rest.
+        is_moving: whether it moves.
+        sizes: how many unknown sizes the images speak of, melting apart.
+        bend: what is known of that of its print; none where it does not bend.
+
+    Attributes:
+        mean: of the unknowns `(n,)`.
+        covariance: of them `(n, n)`.
+        looks: images taken in.
+    """
+
+    def __init__(
+        self,
+        attitude_sd: float,
+        flu_from_cam: Array | None,
+        *,
+        is_level: bool,
+        is_moving: bool,
+        sizes: int,
+        bend: Bend | None = None,
+    ) -> None:
+        self._attitude_sd = attitude_sd
+        self._flu_from_cam = flu_from_cam if is_level else None
+        self._deck_drift = DECK_DRIFT[is_moving]
+        rises = np.zeros(0 if bend is None else len(bend.mean))
+        sd = np.array(
+            [*[MOUNTING_SD] * 3, *[DECK_SD] * 2, TILT_SCALE_SD, *LENS_SD, *[SIZE_SD] * sizes, MELT_SD, *rises]
+        )
+        self.mean: Array = np.zeros(len(sd))
+        self.covariance: Array = np.diag(sd**2)
+        if bend is not None:
+            self.mean[-len(bend.mean) :] = bend.mean
+            self.covariance[-len(bend.mean) :, -len(bend.mean) :] = bend.covariance
+        self.looks = 0
+        self._time: float | None = None
+
+    @property
+    def sd(self) -> Array:
+        """Standard deviations `(n,)`."""
+        deviations: Array = np.sqrt(np.diag(self.covariance))
+        return deviations
+
+    def image_seen(self, time: float, evidence: ImageEvidence, enu_from_flu: Array | None) -> None:
+        """Take in one image.
+
+        Args:
+            time: middle of its exposure [s].
+            evidence: what it says.
+            enu_from_flu: the vehicle's attitude then `(3, 3)`; none when unknown.
+        """
+        spent = self._drift_to(time)
+        self.looks += 1
+        self._edges_seen(evidence)
+        if enu_from_flu is not None and self._flu_from_cam is not None:
+            self._normal_seen(evidence, enu_from_flu, self._flu_from_cam, spent)
+
+    def _drift_to(self, time: float) -> float:
+        spent = 0.0 if self._time is None else min(max(time - self._time, 0.0), LONGEST)
+        self._time = time
+        drift = np.zeros(len(self.mean))
+        drift[MOUNTING] = MOUNTING_DRIFT
+        drift[DECK] = self._deck_drift
+        self.covariance = self.covariance + spent * np.diag(drift**2)
+        return spent
+
+    def _edges_seen(self, evidence: ImageEvidence) -> None:
+        before = np.linalg.inv(self.covariance)
+        after, right = before.copy(), before @ self.mean
+        after[LENS_AT:, LENS_AT:] += evidence.matrix
+        right[LENS_AT:] += evidence.pull
+        self.covariance = np.linalg.inv(after)
+        self.mean = self.covariance @ right
+
+    def _normal_seen(self, evidence: ImageEvidence, enu_from_flu: Array, flu_from_cam: Array, spent: float) -> None:
+        enu_from_cam = enu_from_flu @ flu_from_cam
+        normal_cam = evidence.rotation[:, 2]
+        # a small turn w moves the normal n by w x n = -[n]x w
+        moved_cam = (-enu_from_cam @ skew(normal_cam))[:2]
+        moved_flu = (-enu_from_flu @ skew(flu_from_cam @ normal_cam))[:2]
+        observe = np.zeros((2, len(self.mean)))
+        observe[:, LENS_AT:] = -moved_cam @ evidence.turn
+        observe[:, MOUNTING] = -moved_flu
+        observe[:, DECK] = np.eye(2)
+        observe[:, TILT_SCALE] = enu_from_flu[:2, 2]
+        shared = max(ALIKE_TIME / max(spent, SOONEST), 1.0)
+        noise = moved_cam @ evidence.covariance @ moved_cam.T + self._attitude_sd**2 * shared * np.eye(2)
+        surprise = (enu_from_cam @ normal_cam)[:2] - observe @ self.mean
+        gain = self.covariance @ observe.T @ np.linalg.inv(observe @ self.covariance @ observe.T + noise)
+        self.mean = self.mean + gain @ surprise
+        kept = self.covariance - gain @ observe @ self.covariance
+        self.covariance = (kept + kept.T) / 2
+
+
+SCALE_SD: Final = 0.5
+"""How far heights may be off, deviation: a size may be that of another print."""
+DELAY: Final = (0.15, 0.1)
+"""Of a barometer's height when it arrives here, mean and deviation [s]."""
+OFFSET_SD: Final = 100.0
+"""Of the two zeros [m]: nothing is known."""
+WANDER: Final = 0.067
+"""Of a barometer, random walk [m/sqrt(s)]: 0.15 m with 10 s of correlation, as the simulator's."""
+READING_SD: Final = 0.03
+"""Of one reading [m]: steps of 5 cm."""
+LOWEST: Final = 0.7
+"""Below, the rotors' own pressure is on the barometer [m]."""
+LONGEST_GAP: Final = 0.5
+"""Between two poses that a reading lies between [s]."""
+PAUSE: Final = 5.0
+"""Without both for so long the offset is unknown again [s]."""
+KEPT: Final = 50
+"""Readings that wait for the next pose."""
+
+
+class HeightFilter:
+    """Compares the heights over one target with those of the barometer.
+
+    Attributes:
+        covered: between the lowest and the highest height that was compared [m].
+    """
+
+    def __init__(self) -> None:
+        self._mean: Array = np.array([0.0, 0.0, DELAY[0]])
+        self._covariance: Array = np.diag(np.array([OFFSET_SD, SCALE_SD, DELAY[1]]) ** 2)
+        self._waiting: list[tuple[float, float]] = []
+        self._last: tuple[float, float] | None = None
+        self._compared_at: float | None = None
+        self._low, self._high = np.inf, -np.inf
+
+    @property
+    def scale(self) -> tuple[float, float]:
+        """Share by which the eyes' heights are too large, and its deviation."""
+        return float(self._mean[1]), float(np.sqrt(self._covariance[1, 1]))
+
+    @property
+    def contradicts(self) -> bool:
+        """Whether the barometer says that heights are wrong: by enough to matter, and by no accident."""
+        share, sd = self.scale
+        return self.covered > SELFCAL.least_way and abs(share) > max(SELFCAL.height, SELFCAL.certain * sd)
+
+    @property
+    def covered(self) -> float:
+        """Between the lowest and the highest height that was compared [m]."""
+        return max(float(self._high - self._low), 0.0)
+
+    def reading_received(self, time: float, height: float) -> None:
+        """Take the barometer's height [m] at a time [s]; it counts when the next pose is there."""
+        self._waiting = [*self._waiting[1 - KEPT :], (time, height)]
+
+    def pose_seen(self, time: float, height: float) -> None:
+        """Take the eyes' height over the target [m] at a time [s]."""
+        before, self._last = self._last, (time, height)
+        if before is None or not 0.0 < time - before[0] < LONGEST_GAP:
+            return
+        due = [reading for reading in self._waiting if before[0] <= reading[0] < time]
+        self._waiting = [reading for reading in self._waiting if reading[0] >= time]
+        speed = (height - before[1]) / (time - before[0])
+        for at, barometer in due:
+            here = before[1] + speed * (at - before[0])
+            if here > LOWEST:
+                self._compare(at, here, speed, barometer)
+
+    def _compare(self, time: float, height: float, speed: float, barometer: float) -> None:
+        spent = 0.0 if self._compared_at is None else max(time - self._compared_at, 0.0)
+        self._compared_at = time
+        if spent > PAUSE:
+            self._covariance[0, :] = self._covariance[:, 0] = 0.0
+            self._covariance[0, 0] = OFFSET_SD**2
+        self._covariance[0, 0] += WANDER**2 * spent
+        self._low, self._high = min(self._low, height), max(self._high, height)
+        observe = np.array([1.0, -height, -speed])
+        surprise = barometer - height - float(observe @ self._mean)
+        seen = self._covariance @ observe
+        gain = seen / (float(observe @ seen) + READING_SD**2)
+        self._mean = self._mean + gain * surprise
+        kept = self._covariance - np.outer(gain, seen)
+        self._covariance = (kept + kept.T) / 2
+
+
+def turned_rpy_deg(mount: MountSection, turn: Array) -> tuple[float, float, float]:
+    """Angles of a mount [deg] after a turn by the rotation vector `(3,)` [rad; body], `rpy_deg` of the camera file."""
+    roll, pitch, yaw = (radians(angle) for angle in mount.rpy_deg)
+    after = np.asarray(cv2.Rodrigues(turn.reshape(3, 1))[0]) @ rotation_from_euler(roll, pitch, yaw)
+    roll, pitch, yaw = (float(np.degrees(angle)) for angle in euler_from_rotation(after))
+    return roll, pitch, yaw
 
 
 class TargetWatch:

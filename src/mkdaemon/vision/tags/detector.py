@@ -1,4 +1,9 @@
-"""Finding tags in an image: a ladder of searches, each accepted only when nothing speaks against the tag."""
+"""Finding tags in an image: a ladder of searches, each accepted only when nothing speaks against the tag.
+
+The search used where the pyapriltags wheel is missing: cv2.aruco with AprilTag dictionaries.
+
+The image as a search sees it: other tones for shadows, tone curves and highlights.
+"""
 
 from __future__ import annotations
 
@@ -8,25 +13,96 @@ from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Literal
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
 from mkdaemon.config.vision import DetectorSection
-from mkdaemon.vision.limits import LIMITS, Limits
+from mkdaemon.errors import VisionError
+from mkdaemon.vision.limits import LIMITS, Limits, Stage
 from mkdaemon.vision.tags import apriltaglib
-from mkdaemon.vision.tags.aruco_fallback import ArucoSearch
-from mkdaemon.vision.tags.cellread import quiet_sides
+from mkdaemon.vision.tags.cellread import quiet_sides, read_code
 from mkdaemon.vision.tags.coderead import Covered
-from mkdaemon.vision.tags.detection import Detection, Search, Stage
+from mkdaemon.vision.tags.detection import Detection, Search
 from mkdaemon.vision.tags.outline import OutlineSearch
 from mkdaemon.vision.tags.searchplan import FIRST, Look, every_second, first_of, looks_of, shrink, shrinking
-from mkdaemon.vision.tags.tagfamily import find_family
-from mkdaemon.vision.tags.tones import prepare
+from mkdaemon.vision.tags.tagfamily import FAMILIES, find_family
 
 if TYPE_CHECKING:
     from pyapriltags import Detector as LibDetector
 
 Grey = npt.NDArray[np.uint8]
+
+
+class ArucoSearch:
+    """cv2.aruco with sub-pixel corners; its range is short and it is blind to the outer one of nested tags.
+
+    Raises:
+        VisionError: a family OpenCV has no dictionary of.
+    """
+
+    def __init__(self, families: tuple[str, ...]) -> None:
+        parameters = cv2.aruco.DetectorParameters()
+        parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
+        parameters.cornerRefinementWinSize = 3
+        parameters.minMarkerPerimeterRate = 0.02
+        self._detectors: dict[str, cv2.aruco.ArucoDetector] = {}
+        for name in families:
+            dictionary = find_family(name).dictionary
+            if dictionary is None:
+                msg = f"cv2.aruco does not know {name}: install mkdaemon with its pyapriltags wheel, or use {_known()}"
+                raise VisionError(msg)
+            codes = cv2.aruco.getPredefinedDictionary(dictionary)
+            self._detectors[name] = cv2.aruco.ArucoDetector(codes, parameters)
+
+    def find(self, pixels: Grey, stage: Stage) -> list[Detection]:
+        """All codes cv2.aruco sees; `log` equalises the image first, the other stages are one and the same."""
+        image = cv2.createCLAHE(4.0, (8, 8)).apply(pixels) if stage == "log" else pixels
+        found: list[Detection] = []
+        for name, detector in self._detectors.items():
+            corners, ids, _ = detector.detectMarkers(np.ascontiguousarray(image))
+            # OpenCV returns None for no markers, whatever its type says.
+            codes = np.array([] if not corners else ids, dtype=int).ravel()
+            for quad, tag_id in zip(corners, codes, strict=True):
+                # cv2 names the corners of its own drawing, which is the official print upside down.
+                ours = np.roll(np.asarray(quad, dtype=np.float64).reshape(4, 2), 2, axis=0)
+                wrong, margin = read_code(pixels, ours, name, int(tag_id), find_family(name).black_cells)
+                found.append(Detection(name, int(tag_id), wrong, margin, ours, stage))
+        return found
+
+
+def _known() -> str:
+    return ", ".join(family.name for family in FAMILIES.values() if family.dictionary is not None)
+
+
+_LOG_LUT: Grey = np.round(100 + 14 * (np.log10(np.arange(256) + 4.0) - np.log10(64.0))).clip(0, 255).astype(np.uint8)
+"""Compresses bright and dark halves of a shadow to equal steps; 14 levels a decade merge texture below a real edge."""
+
+_LIGHT_LUT: Grey = np.round(255 * (np.arange(256) / 255) ** LIMITS.search.tone).astype(np.uint8)
+"""Light from grey values: a tone curve lets white cells spread over small black ones, which then read as white."""
+
+_BRIGHT_LUT: Grey = np.round(255 * (np.arange(256) / 255) ** LIMITS.search.highlight).astype(np.uint8)
+"""Spreads the brightest grey values: ink in a highlight is nearly as bright as paper beside it."""
+
+
+def prepare(pixels: Grey, stage: Stage) -> npt.NDArray[np.generic]:
+    """The image a stage searches `(h, w)`, 8 bits.
+
+    Args:
+        pixels: `(h, w)` uint8.
+        stage: how it is searched.
+    """
+    if stage in ("log", "halflog"):
+        return cv2.LUT(pixels, _LOG_LUT)
+    if stage == "linear":
+        return cv2.LUT(pixels, _LIGHT_LUT)
+    if stage == "bright":
+        return cv2.LUT(pixels, _BRIGHT_LUT)
+    if stage == "equalised":
+        tiles = [max(round(length / LIMITS.search.tile_px), 2) for length in (pixels.shape[1], pixels.shape[0])]
+        return cv2.createCLAHE(4.0, (tiles[0], tiles[1])).apply(pixels)
+    return pixels
+
 
 SIDES = 4
 """Of a tag; all of them have to be quiet."""

@@ -1,22 +1,32 @@
-"""Following one target from image to image: prediction, fit, gates, re-detection, and starting anew."""
+"""Following one target from image to image: prediction, fit, gates, re-detection, and starting anew.
+
+How its print bends is a slow state, as paper moves in wind and sun only: an image far away cannot tell a bend from a
+tilt, so what near ones showed is carried on and forgotten slowly.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
+from itertools import chain, tee
+from math import exp
 from typing import Final
+
+import numpy as np
+import numpy.typing as npt
 
 from mkdaemon.config.vision import TrackerSection
 from mkdaemon.telemetry.vision import PoseRefusal
-from mkdaemon.vision.limits import LIMITS, Limits
+from mkdaemon.vision.limits import LIMITS, Limits, Stage
 from mkdaemon.vision.pose.ambiguity import Choice, prefers
+from mkdaemon.vision.pose.bend import Bend
 from mkdaemon.vision.pose.carry import Carrier
 from mkdaemon.vision.pose.fitting import TargetFitter
 from mkdaemon.vision.pose.pose import Pose
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.tags.detection import Detection
 from mkdaemon.vision.tags.detector import Detector
-from mkdaemon.vision.tags.tagmap import Target
+from mkdaemon.vision.tags.tagmap import Tag, Target
 from mkdaemon.vision.track.alarms import ImageHealth
 from mkdaemon.vision.track.attitude import Mounting
 from mkdaemon.vision.track.checks import Checks
@@ -24,12 +34,154 @@ from mkdaemon.vision.track.first import FirstJudge
 from mkdaemon.vision.track.frame import Frame
 from mkdaemon.vision.track.judge import Judge, Verdict
 from mkdaemon.vision.track.level import Sight
-from mkdaemon.vision.track.ownsearch import OwnSearch
 from mkdaemon.vision.track.result import FoundBy, TargetPose
-from mkdaemon.vision.track.sheet import LearnedBend
-from mkdaemon.vision.track.starts import Start, Starts
 from mkdaemon.vision.track.track import Prediction, Track, known_motion
 from mkdaemon.vision.track.witness import AttitudeWitness
+
+Grey = npt.NDArray[np.uint8]
+
+Window = tuple[int, int, int, int]
+"""`(x0, y0, x1, y1)` [px], end exclusive."""
+REDECODED: Final[tuple[Stage, ...]] = ("decimate1", "linear", "log")
+"""How a followed target is decoded again."""
+
+
+class OwnSearch:
+    """Searches windows for the tags of one target.
+
+    Args:
+        target: whose tags.
+        detector: that decodes.
+        limits: all thresholds.
+    """
+
+    def __init__(self, target: Target, detector: Detector, limits: Limits) -> None:
+        self._target, self._detector, self._limits = target, detector, limits
+
+    def again(self, pixels: Grey, window: Window) -> list[Detection]:
+        """Tags of a part of the image, searched as it is and in light."""
+        for stage in REDECODED:
+            found = self._detector.search_shrunk(pixels, stage, window)
+            if self.own(found):
+                return found
+        return []
+
+    def nearby(self, pixels: Grey, window: Window, misses: int) -> list[Detection]:
+        """Tags of a part of the image, searched in another way after every miss."""
+        ways: tuple[tuple[Stage, ...], ...] = self._limits.search.nearby
+        found: list[Detection] = []
+        for stage in ways[misses % len(ways)]:
+            found = found or self._detector.search_shrunk(pixels, stage, window)
+        return found
+
+    def own(self, found: Sequence[Detection]) -> list[tuple[Tag, Detection]]:
+        """The target's own tags among decoded ones."""
+        own = {(tag.family.name, tag.tag_id): tag for tag in self._target.tags}
+        pairs = ((own.get((detection.family, detection.tag_id)), detection) for detection in found)
+        return [(tag, detection) for tag, detection in pairs if tag is not None]
+
+
+MOVED: Final = 16.3
+"""Squared distance of a bend from what was known of it, from which that was wrong: chi-square(3), one in 1000."""
+LASTS: Final = 300.0
+"""Correlation time of a bend [s]; chosen."""
+
+
+class LearnedBend:
+    """The bend of one print: a process that returns to what is known without any image within minutes."""
+
+    def __init__(self, prior: Bend | None) -> None:
+        self._prior = self._last = prior
+        self._time = -np.inf
+
+    def at(self, time: float) -> Bend | None:
+        """What is known at a time; none for a target that does not bend."""
+        if self._prior is None or self._last is None:
+            return None
+        kept = exp(-max(time - self._time, 0.0) / LASTS)
+        mean = kept * self._last.mean + (1.0 - kept) * self._prior.mean
+        return Bend(mean, kept**2 * self._last.covariance + (1.0 - kept**2) * self._prior.covariance)
+
+    def learn(self, time: float, pose: Pose) -> None:
+        """Take in what the edges of a published pose say; its fit asked with what was known here.
+
+        Grey values of a target far away hardly tell a bend from a tilt, and the lens and light they leave unexplained
+        are larger: learned from them as well, the bend was off by 2.7 deviations (three flights of a bent print, 298
+        images), from edges alone by 1.1.
+        """
+        if pose.bend is None or pose.known_bend is None or pose.source != "edges":
+            return
+        surprise = pose.bend.mean - pose.known_bend.mean
+        is_learned = self._last is not self._prior
+        is_moved = is_learned and float(surprise @ pose.known_bend.information @ surprise) > MOVED
+        # A sheet that moved, or was learned wrong, is learned anew; one that its file does not expect is learned, too.
+        self._last, self._time = self._prior if is_moved else pose.bend, time
+
+
+Way = tuple[FoundBy, Pose]
+Start = tuple[FoundBy, Pose, Iterator[Pose]]
+"""How it was found, where a fit begins, and the starts that are left to it where few edges agree."""
+
+
+class Starts:
+    """Orders the starts of one target.
+
+    Args:
+        fitter: that will begin there.
+        carrier: of its last pose.
+        track: its memory.
+        mounting: of the camera.
+        limits: all thresholds.
+    """
+
+    def __init__(
+        self, fitter: TargetFitter, carrier: Carrier, track: Track, mounting: Mounting | None, limits: Limits
+    ) -> None:
+        self._fitter, self._carrier = fitter, carrier
+        self._track, self._mounting, self._limits = track, mounting, limits
+
+    def of(self, pixels: Grey, predicted: Prediction) -> Iterator[Start]:
+        """Where to begin in an image `(h, w)`, the likeliest first, with the starts that are left to the first one.
+
+        Later ones are computed only when they are asked for.
+        """
+        ways = self._ways(pixels, predicted)
+        first = next(ways, None)
+        if first is None:
+            return
+        left, rest = tee(ways)
+        yield *first, (start for _, start in left)
+        for way in rest:
+            yield *way, iter(())
+
+    def _ways(self, pixels: Grey, predicted: Prediction) -> Iterator[Way]:
+        """The prediction, and the last pose carried over: before it where the image does not show what it expects."""
+        track, through = self._track, self._limits.judge.flow_through
+        carried: Iterator[Way] = iter(())
+        if track.misses < through and track.image is not None:
+            starts = self._carrier.starts(track.image, pixels, track.last, predicted.pose)
+            carried = (("flow", start) for start in starts)
+        if track.misses < through and (predicted.has_attitude or track.has_velocity):
+            expected: list[Way] = [("predicted", predicted.pose)]
+            is_seen = self._fitter.shows(pixels, predicted.pose)
+            yield from chain(expected, carried) if is_seen else chain(carried, expected)
+        else:
+            yield from carried
+
+    def with_climb(self, seen: Sight, start: Pose) -> Pose:
+        """The start of a track's second image with the speed that both ranges tell.
+
+        Under a rolling shutter a climb looks like a tilt, and does not change the range half way through the image. A
+        fit that few edges agree with may have taken them for their neighbours, and its range says nothing.
+        """
+        if not self._fitter.rolls or self._track.has_velocity:
+            return start
+        found = self._fitter.refine(seen.pixels, start)
+        if found is None or found.inliers < self._limits.agreement.blind:
+            return start
+        known = self._track.motion_with(seen.time, found, seen.enu_from_flu, self._mounting, seen.turning_flu)
+        return start if known is None else replace(start, known_motion=known)
+
 
 UNDECIDED: Final = (PoseRefusal.AMBIGUOUS, PoseRefusal.ANGLE_UNCERTAIN)
 """Why a first pose is followed without being published: the next images may decide, or know how the camera climbs."""

@@ -61,7 +61,7 @@ class LeaseKeeper:
             self._end.clear()
             self._task = asyncio.create_task(self._hold(), name="teleop lease")
         if self.lease is not None:
-            self.lease.set(wanted.kind, **wanted.fields)
+            self.lease.put(wanted.kind, wanted.fields)
 
     def take_refusal(self) -> str | None:
         """The newest refusal of what was streamed, once; None where nothing was refused."""

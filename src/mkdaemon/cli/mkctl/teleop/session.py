@@ -9,7 +9,7 @@ from typing import Final
 
 from mkdaemon.cli.mkctl.teleop.devices import Device, DeviceLostError
 from mkdaemon.cli.mkctl.teleop.leasekeeper import LeaseKeeper
-from mkdaemon.cli.mkctl.teleop.recording import Recorder
+from mkdaemon.cli.mkctl.teleop.padrecording import Recorder
 from mkdaemon.config.gamepad import Gamepad
 from mkdaemon.control.teleop.teleop import Output, Teleop
 from mkdaemon.errors import MkError

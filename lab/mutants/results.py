@@ -1,0 +1,153 @@
+"""What became of mutants: kept between runs, summed up, and the survivors with a reason each."""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from lab.mutants.operators import Mutant
+from lab.mutants.sessions import Verdict
+from mkdaemon.errors import ConfigError
+
+REASONS: Final = Path("lab/mutants/survivors.toml")
+"""Mutants that no test kills, and why that is right; from the root of the tree."""
+KILLED: Final = ("killed", "timeout")
+
+
+@dataclass(frozen=True, slots=True)
+class Reason:
+    """Why a mutant may survive.
+
+    Attributes:
+        path: of the file, from the root of the tree.
+        scope: qualified name of the function it is in.
+        was: what stands there.
+        becomes: what the mutant makes of it.
+        reason: why no test can or need notice.
+        is_equivalent: the mutant does the same as the code; it does not count.
+    """
+
+    path: str
+    scope: str
+    was: str
+    becomes: str
+    reason: str
+    is_equivalent: bool
+
+    def fits(self, mutant: Mutant) -> bool:
+        """Whether it is about this mutant."""
+        return (self.path, self.scope, self.was, self.becomes) == (
+            mutant.path,
+            mutant.scope,
+            mutant.was,
+            mutant.becomes,
+        )
+
+
+def read_reasons(file: Path) -> list[Reason]:
+    """Read the reasons.
+
+    Raises:
+        ConfigError: it cannot be read, or a word is missing or unknown.
+    """
+    try:
+        content = tomllib.loads(file.read_text(encoding="utf-8")) if file.is_file() else {}
+        return [Reason(**{"is_equivalent": False, **entry}) for entry in content.get("survivor", ())]
+    except (OSError, TypeError, tomllib.TOMLDecodeError) as error:
+        raise ConfigError(f"{file}: {error}") from None
+
+
+class Store:
+    """Verdicts of earlier runs that still hold, one JSON object a line.
+
+    A verdict holds while the file of its mutant is the same, and the test that killed it is; a survivor's while all
+    tests are.
+
+    Args:
+        file: where they are kept.
+        fingerprint_of: of a file's content, its path from the root.
+        tests: fingerprint of all tests.
+    """
+
+    def __init__(self, file: Path, fingerprint_of: Mapping[str, str], tests: str) -> None:
+        self._file = file
+        self._fingerprint_of = fingerprint_of
+        self._tests = tests
+        self.verdicts: dict[str, Verdict] = {}
+        if file.is_file():
+            for line in file.read_text(encoding="utf-8").splitlines():
+                kept = json.loads(line)
+                verdict = Verdict(**kept["verdict"])
+                if kept["source"] == self._source(verdict) and kept["tests"] == self._judges(verdict):
+                    self.verdicts[verdict.mutant] = verdict
+
+    def _source(self, verdict: Verdict) -> str:
+        return self._fingerprint_of.get(verdict.mutant.partition(":")[0], "")
+
+    def _judges(self, verdict: Verdict) -> str:
+        return self._fingerprint_of.get(verdict.by.partition("::")[0], self._tests)
+
+    def add(self, verdict: Verdict) -> None:
+        """Keep one more."""
+        self.verdicts[verdict.mutant] = verdict
+        kept = {"verdict": asdict(verdict), "source": self._source(verdict), "tests": self._judges(verdict)}
+        self._file.parent.mkdir(parents=True, exist_ok=True)
+        with self._file.open("a", encoding="utf-8") as file:
+            file.write(json.dumps(kept) + "\n")
+
+
+def sum_up(mutants: Sequence[Mutant], verdicts: Mapping[str, Verdict], reasons: Sequence[Reason]) -> dict[str, Any]:
+    """Count.
+
+    Args:
+        mutants: those that were tried.
+        verdicts: of all of them, by id.
+        reasons: of those that may survive.
+
+    Returns:
+        Counts in all, by file and by operator; each survivor with its reason, empty where nobody wrote one. The share
+        killed leaves out the equivalent ones, and only those.
+    """
+    survivors: list[dict[str, Any]] = []
+    for mutant in mutants:
+        if verdicts[mutant.id].outcome not in KILLED:
+            reason = next((reason for reason in reasons if reason.fits(mutant)), None)
+            survivors.append(
+                {
+                    "id": mutant.id,
+                    "scope": mutant.scope,
+                    "was": mutant.was,
+                    "becomes": mutant.becomes,
+                    "reason": reason.reason if reason else "",
+                    "equivalent": bool(reason and reason.is_equivalent),
+                }
+            )
+    equivalent = {survivor["id"] for survivor in survivors if survivor["equivalent"]}
+    files = sorted({mutant.path for mutant in mutants})
+    operators = sorted({mutant.operator for mutant in mutants})
+    return {
+        **_count(mutants, verdicts, equivalent),
+        "files": {file: _count((m for m in mutants if m.path == file), verdicts, equivalent) for file in files},
+        "operators": {
+            name: _count((m for m in mutants if m.operator == name), verdicts, equivalent) for name in operators
+        },
+        "survivors": survivors,
+    }
+
+
+def _count(mutants: Iterable[Mutant], verdicts: Mapping[str, Verdict], equivalent: set[str]) -> dict[str, Any]:
+    outcomes = [(mutant.id, verdicts[mutant.id].outcome) for mutant in mutants]
+    killed = sum(outcome in KILLED for _, outcome in outcomes)
+    same = sum(name in equivalent for name, _ in outcomes)
+    return {
+        "mutants": len(outcomes),
+        "killed": killed,
+        "timeouts": sum(outcome == "timeout" for _, outcome in outcomes),
+        "equivalent": same,
+        "survived": len(outcomes) - killed - same,
+        "share": round(killed / max(len(outcomes) - same, 1), 4),
+    }

@@ -1,0 +1,298 @@
+"""`mkctl take-off`, `goto`, `hold`, `velocity`, `attitude`, `stick`, `land`, `abort`, `stop`: one flight each."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Final, Literal
+
+from cyclopts import Parameter, validators
+
+from mkdaemon.cli.arguments import require_length
+from mkdaemon.cli.mkctl.connection import HERE, Connection
+from mkdaemon.cli.mkctl.flightshow import (
+    Position,
+    conclude,
+    leased,
+    metres,
+    print_end,
+    read_position,
+    require_finite,
+    showing,
+)
+from mkdaemon.cli.mkctl.navi import PATIENCE, fly_to
+from mkdaemon.cli.printing import json_line
+from mkdaemon.errors import ConfigError
+
+LONGEST_STAY: Final = 255
+"""How long the NaviCtrl stays at a place at home [s]; its points take no more."""
+BRIEF: Final = 0.2
+"""Time flown to learn where the aircraft is [s]."""
+
+Force = Annotated[bool, Parameter(negative=(), help="Take the lease from whoever holds it.")]
+Seconds = Annotated[float, Parameter(name=["--seconds", "-s"], help="How long from the engagement on.")]
+
+
+async def goto(
+    x: float,
+    y: float,
+    z: float,
+    /,
+    *,
+    yaw: Annotated[float | None, Parameter(help="Heading, counter-clockwise from x [deg]; else it is kept.")] = None,
+    frame: Annotated[Literal["pad", "body", "home"], Parameter(help="Where x, y and z count from.")] = "pad",
+    seconds: Seconds = 10.0,
+    within: Annotated[float, Parameter(help="Exit code 0 only if it is so close at the end [m].")] = 0.3,
+    force: Force = False,
+    confirm: Annotated[bool, Parameter(negative=(), help="With frame home: see `mkctl navi goto --help`.")] = False,
+    connection: Connection = HERE,
+) -> int:
+    """Fly to a place over the target in sight, hold it, then release.
+
+    In frame `pad`: x to the right of its print, y to its top, z up. In frame `body`: forward, left and up from where
+    the aircraft is; yaw from its heading. Ctrl-C releases at once. The pilot must have handed over: docs/flying.md.
+    In frame `home`: east, north and up of home, flown by the NaviCtrl when the pilot turns the GPS switch to coming
+    home: `mkctl navi goto`; takes --yaw (from east) and --confirm.
+
+    Args:
+        x: Metres from the middle of the target.
+        y: Metres from the middle of the target.
+        z: Metres above the target.
+
+    Raises:
+        ConfigError: a number cannot be.
+        MkError: the daemon refused, did not engage, or let go on the way.
+    """
+    require_finite(x=x, y=y, z=z, yaw=yaw)
+    require_length(seconds, "--seconds")
+    require_length(within, "--within")
+    if frame == "home":
+        compass = None if yaw is None else round(90.0 - yaw - 1.0) % 360 + 1
+        await fly_to((x, y, z), compass, LONGEST_STAY, confirm=confirm, patience=PATIENCE, connection=connection)
+        return 0
+    heading = None if yaw is None else math.remainder(math.radians(yaw), math.tau)
+    goal = (x, y, z) if frame == "pad" else None
+    async with connection.open() as uav, leased(uav, connection, force=force) as lease:
+        async with showing(uav, lease, connection, lambda: goal) as shown:
+            await lease.position(x, y, z, yaw=heading, frame=frame, seconds=seconds)
+        return conclude(shown, goal or shown.goal, within, connection)
+
+
+async def hold(
+    *,
+    height: Annotated[float | None, Parameter(help="Above the target [m]; else the present one.")] = None,
+    seconds: Seconds = 10.0,
+    within: Annotated[float, Parameter(help="Exit code 0 only if it is so close at the end [m].")] = 0.3,
+    force: Force = False,
+    connection: Connection = HERE,
+) -> int:
+    """Hold the place where the aircraft is when the daemon engages, then release.
+
+    Raises:
+        ConfigError: a number cannot be.
+        MkError: the daemon refused, did not engage, or let go on the way.
+    """
+    require_finite(height=height)
+    require_length(seconds, "--seconds")
+    goal: Position | None = None
+    async with connection.open() as uav, leased(uav, connection, force=force) as lease:
+        async with showing(uav, lease, connection, lambda: goal) as shown:
+            await lease.velocity(0.0, 0.0, 0.0, seconds=BRIEF)
+            x, y, z = shown.position or await read_position(uav)
+            goal = (x, y, z if height is None else height)
+            await lease.position(*goal, seconds=seconds)
+        return conclude(shown, goal, within, connection)
+
+
+async def velocity(
+    x: float,
+    y: float,
+    z: float,
+    /,
+    *,
+    frame: Annotated[Literal["pad", "body"], Parameter(help="Axes of the target, or forward and left.")] = "pad",
+    seconds: Seconds = 2.0,
+    force: Force = False,
+    connection: Connection = HERE,
+) -> None:
+    """Fly at a velocity against the target in sight, then release.
+
+    Args:
+        x: Metres per second along the first axis.
+        y: Metres per second along the second.
+        z: Metres per second up.
+
+    Raises:
+        ConfigError: a number cannot be.
+        MkError: the daemon refused, did not engage, or let go on the way.
+    """
+    require_finite(x=x, y=y, z=z)
+    require_length(seconds, "--seconds")
+    async with connection.open() as uav, leased(uav, connection, force=force) as lease:
+        async with showing(uav, lease, connection, lambda: None) as shown:
+            await lease.velocity(x, y, z, frame=frame, seconds=seconds)
+        print_end({"position": shown.position}, f"now at {metres(shown.position)}", connection)
+
+
+async def land(
+    *,
+    yaw: Annotated[float | None, Parameter(help="Heading, counter-clockwise from x [deg]; else it is kept.")] = None,
+    force: Force = False,
+    connection: Connection = HERE,
+) -> None:
+    """Land on the target in sight; ends when the feet stand and the aircraft is released.
+
+    The motors still turn then: the pilot stops them.
+
+    Raises:
+        ConfigError: a number cannot be.
+        MkError: the daemon refused, did not engage, or let go before the feet stood.
+    """
+    require_finite(yaw=yaw)
+    heading = None if yaw is None else math.remainder(math.radians(yaw), math.tau)
+    async with connection.open() as uav, leased(uav, connection, force=force) as lease:
+        async with showing(uav, lease, connection, lambda: (0.0, 0.0, 0.0)) as shown:
+            await lease.land(yaw=heading)
+        print_end({"position": shown.position}, f"{lease.reason}; the pilot stops the motors", connection)
+
+
+async def take_off(
+    height: Annotated[float, Parameter(validator=validators.Number(gte=0.5, lte=10.0))],
+    /,
+    *,
+    seconds: Annotated[float, Parameter(name=["--seconds", "-s"], help="How long it holds there.")] = 10.0,
+    force: Force = False,
+    connection: Connection = HERE,
+) -> None:
+    """Take off from the target to a height over its middle, hold there, then release.
+
+    The pilot has started the motors and opened the gate, throttle at its lowest. For three seconds ours stays at its
+    lowest too: in that time he raises his above hover. Ctrl-C releases at once; docs/flying.md.
+
+    Args:
+        height: Metres above the target.
+
+    Raises:
+        ConfigError: a number cannot be.
+        MkError: the daemon refused, did not engage, or the take-off failed; says why.
+    """
+    require_length(seconds, "--seconds")
+    async with connection.open() as uav, leased(uav, connection, force=force) as lease:
+        async with showing(uav, lease, connection, lambda: None) as shown:
+            await lease.take_off(height)
+            await lease.hold(seconds=seconds)
+        print_end({"position": shown.position}, f"took off; now at {metres(shown.position)}", connection)
+
+
+async def attitude(
+    *,
+    pitch: Annotated[float, Parameter(help="Nose down positive [deg].")] = 0.0,
+    roll: Annotated[float, Parameter(help="Right side down positive [deg].")] = 0.0,
+    yaw_rate: Annotated[float, Parameter(help="Nose left positive [deg/s].")] = 0.0,
+    thrust: Annotated[float, Parameter(help="Share of the weight.")] = 1.0,
+    seconds: Seconds = 2.0,
+    force: Force = False,
+    connection: Connection = HERE,
+) -> None:
+    """Fly by attitude and thrust for some seconds, then release; nothing holds a place.
+
+    Raises:
+        ConfigError: a number cannot be.
+        MkError: the daemon refused, did not engage, or let go on the way.
+    """
+    require_finite(pitch=pitch, roll=roll, yaw_rate=yaw_rate, thrust=thrust)
+    require_length(seconds, "--seconds")
+    async with connection.open() as uav, leased(uav, connection, force=force) as lease:
+        await lease.attitude(
+            pitch=math.radians(pitch),
+            roll=math.radians(roll),
+            yaw_rate=math.radians(yaw_rate),
+            thrust=thrust,
+            seconds=seconds,
+        )
+        output = await uav.control.output.latest()
+        is_limited = output is not None and bool(output.value.limited)
+        words = f"{lease.setpoints} setpoints{'; the limiter cut the last stick frame' if is_limited else ''}"
+        print_end({"setpoints": lease.setpoints, "limited": is_limited}, words, connection)
+
+
+async def abort(reason: str = "asked for by mkctl", *, connection: Connection = HERE) -> None:
+    """Stop the manoeuvre that is flown, whoever flies: the aircraft holds its place, or is level without a target.
+
+    Its holder keeps the lease; the aircraft is released when he stops to stream. A landing below 13 cm goes on; a
+    take-off that has not left the ground is released. `mkctl release` lets go at once.
+
+    Args:
+        reason: Published with the change of phase.
+
+    Raises:
+        MkError: nothing is flown, or no daemon.
+    """
+    async with connection.open() as uav:
+        await uav.abort(reason)
+    print_end({"aborted": True}, "aborted: the aircraft holds, or is level", connection)
+
+
+async def stop(
+    *,
+    in_flight: Annotated[bool, Parameter(negative=(), help="I know that an aircraft in the air falls.")] = False,
+    connection: Connection = HERE,
+) -> None:
+    """Stop the motors. Only a public fork of the FlightCtrl can be asked to; on any other the pilot's sticks do it.
+
+    Raises:
+        MkError: refused: an aircraft that flies, stock firmware, or `commands.fork_arming` is not set.
+    """
+    async with connection.open() as uav:
+        await uav.stop(in_flight=in_flight)
+    print_end({"stopped": None}, "asked for; only telemetry tells whether the motors stand", connection)
+
+
+FULL = 127
+"""Full stick [count]."""
+AXES = ("pitch", "roll", "yaw", "throttle")
+
+
+async def stick(
+    *,
+    pitch: float = 0.0,
+    roll: float = 0.0,
+    yaw: float = 0.0,
+    throttle: float,
+    seconds: Annotated[float, Parameter(name=["--seconds", "-s"])] = 2.0,
+    rate: float = 50.0,
+    force: Annotated[bool, Parameter(negative=())] = False,
+    connection: Connection = HERE,
+) -> None:
+    """Take the lease, stream neutral sticks until the daemon engages, then these for some seconds, then release.
+
+    Counts as on the receiver, full deflection about 125; every frame passes the limiter. Ctrl-C releases at once.
+    Exit code 1 when they did not fly to the end.
+
+    Args:
+        pitch: Nose down positive.
+        roll: Right side down positive.
+        yaw: Nose left positive.
+        throttle: From the centre, more lift positive; stock firmware takes the smaller of this and the pilot's.
+        seconds: How long after the neutral lead.
+        rate: Setpoints a second.
+        force: Take the lease from whoever holds it.
+
+    Raises:
+        ConfigError: a stick is beyond its range, or no number.
+        MkError: the daemon refused the lease, did not engage, or let go on the way.
+    """
+    wanted = {"pitch": pitch, "roll": roll, "yaw": yaw, "throttle": throttle}
+    for name, value in wanted.items():
+        if not abs(value) <= FULL:
+            raise ConfigError(f"--{name} {value:g}: give a number from -{FULL} to {FULL}")
+    require_length(seconds, "--seconds")
+    require_length(rate, "--rate")
+    async with connection.open() as uav, leased(uav, connection, force=force) as lease:
+        await lease.stick(**wanted, seconds=seconds, rate=rate)
+        output = await uav.control.output.latest()
+    sent = {name: None if output is None else getattr(output.value, name) for name in (*AXES, "limited")}
+    if connection.json:
+        print(json_line({"epoch": lease.epoch, "setpoints": lease.setpoints, "last_output": sent}))
+    else:
+        sticks = ", ".join(f"{axis} {sent[axis]}" for axis in AXES)
+        print(f"{lease.setpoints} setpoints; last stick frame: {sticks}{' (limited)' if sent['limited'] else ''}")

@@ -1,0 +1,103 @@
+"""`mkctl do <verb> --field value`, and the groups that need no more: commands made from the table of verbs."""
+
+from __future__ import annotations
+
+import inspect
+import json
+from collections.abc import Awaitable, Callable
+from typing import Annotated, Any, Final, Literal, get_args, get_origin
+
+from cyclopts import App, Parameter
+from pydantic.fields import FieldInfo
+
+from mkdaemon.cli.mkctl.connection import HERE, Connection
+from mkdaemon.cli.printing import json_line, short
+from mkdaemon.client.asking import client_name
+from mkdaemon.described import meanings_of
+from mkdaemon.errors import ConfigError
+from mkdaemon.telemetry.verbs import VERBS, Verb
+
+_HOLDER: Final = "holder"
+"""Field that says who asks."""
+
+app = App(
+    name="do",
+    help="Ask the daemon for any verb of docs/keys.md and print its answer. Values are words, or JSON: `3`, `[1, 2]`.",
+)
+route = App(name="route", help="The NaviCtrl's list in flight. The pilot's GPS switch flies it, and pauses it.")
+
+
+async def ask(verb: Verb, given: dict[str, str | bool | None], connection: Connection) -> None:
+    """Ask for a verb and print the answer.
+
+    Raises:
+        ConfigError: a value is no JSON where it has to be.
+        CommandRejectedError: it was refused; says token, reason and fix.
+    """
+    fields: dict[str, Any] = {}
+    for name, text in given.items():
+        if text is not None and text is not False:
+            fields[name] = text if text is True else _read(name, text, verb.request.model_fields[name].annotation)
+    if _HOLDER in verb.request.model_fields:
+        fields[_HOLDER] = client_name()
+    async with connection.open() as uav:
+        answer = await uav.command("do", verb.name, fields, patience=verb.patience)
+    reply = answer.require()
+    if connection.json:
+        print(json_line(reply))
+        return
+    for name, value in reply.items():
+        print(f"{name:24} {short(value)}")
+    if not reply:
+        print(answer.status.value)
+
+
+def _read(name: str, text: str, annotation: Any) -> Any:
+    """A word where words are taken, else JSON."""
+    if _takes_words(annotation):
+        return text
+    try:
+        return json.loads(text)
+    except ValueError as error:
+        msg = f"--{name.replace('_', '-')} {text!r}: give JSON, for example 3, true or [1, 2]"
+        raise ConfigError(msg) from error
+
+
+def _takes_words(annotation: Any) -> bool:
+    if get_origin(annotation) is Literal:
+        return True
+    return annotation is str or str in get_args(annotation)
+
+
+def _command(verb: Verb) -> Callable[..., Awaitable[None]]:
+    """Make the function of one verb, with a parameter for each field of its request."""
+
+    async def run(**given: Any) -> None:
+        await ask(verb, given, given.pop("connection", HERE))
+
+    meanings = meanings_of(verb.request)
+    parameters = [
+        _parameter(name, field, meanings[name]) for name, field in verb.request.model_fields.items() if name != _HOLDER
+    ]
+    parameters.append(
+        inspect.Parameter("connection", inspect.Parameter.KEYWORD_ONLY, default=HERE, annotation=Connection)
+    )
+    run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+    run.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
+    run.__doc__ = verb.about
+    return run
+
+
+def _parameter(name: str, field: FieldInfo, meaning: str) -> inspect.Parameter:
+    about = Parameter(help=" ".join(meaning.split()), negative=(), allow_leading_hyphen=field.annotation is not bool)
+    kind: Any = Annotated[str if field.is_required() else str | None, about]
+    default: Any = inspect.Parameter.empty if field.is_required() else None
+    if field.annotation is bool:
+        kind, default = Annotated[bool, about], False
+    return inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=kind)
+
+
+for _verb in VERBS:
+    app.command(_command(_verb), name=_verb.name.replace("_", "-"))
+    if _verb.service == route.name[0]:
+        route.command(_command(_verb), name=_verb.method)

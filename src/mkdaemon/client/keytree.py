@@ -1,0 +1,225 @@
+"""The values of every key, typed: `uav.state.attitude()`, `uav.vision(camera).pose()`.
+
+Made by `python -m tools.docs` from bus/keys.py; do not edit.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import zenoh
+
+from mkdaemon.client.streams import Stream, part_of_key
+from mkdaemon.client.transport import Transport
+
+if TYPE_CHECKING:
+    from mkdaemon.telemetry.control import ControlError, ControlEstimate, ControlOutput, ControlStatus
+    from mkdaemon.telemetry.event import ClockEvent, CommandEvent, FailsafeEvent, LogEvent, ModeEvent
+    from mkdaemon.telemetry.image import CameraFrame
+    from mkdaemon.telemetry.joy import Joy
+    from mkdaemon.telemetry.link import LinkHealth, LinkState, LinkTraffic
+    from mkdaemon.telemetry.mission import MissionEvent
+    from mkdaemon.telemetry.navi import ControlNavi
+    from mkdaemon.telemetry.preflight import ControlPreflight
+    from mkdaemon.telemetry.procedure import ProcedureProgress
+    from mkdaemon.telemetry.record import BusCounts, MarkEvent, RecordStatus
+    from mkdaemon.telemetry.sim import ScenePose, SimFaults, SimTruth
+    from mkdaemon.telemetry.state import Attitude, Battery, Flight, Gps, Pilot, Position, Velocity
+    from mkdaemon.telemetry.traffic import FrameSample, RawFrame
+    from mkdaemon.telemetry.vehicle import VehicleHealth
+    from mkdaemon.telemetry.vision import Tags, Transform, VisionPose, VisionStats
+
+
+class RawKeys:
+    """Streams of `raw/...`."""
+
+    def __init__(self, transport: Transport) -> None:
+        self.rx: Stream[RawFrame] = Stream(transport, "raw/rx", "mkdaemon.telemetry.traffic:RawFrame")
+        """`raw/rx`, every frame and every loss: Bytes received, and why they were dropped if they were."""
+        self.tx: Stream[RawFrame] = Stream(transport, "raw/tx", "mkdaemon.telemetry.traffic:RawFrame")
+        """`raw/tx`, every frame: Bytes sent, and what for."""
+
+
+class StateKeys:
+    """Streams of `state/...`."""
+
+    def __init__(self, transport: Transport) -> None:
+        self.attitude: Stream[Attitude] = Stream(transport, "state/attitude", "mkdaemon.telemetry.state:Attitude")
+        """`state/attitude`, every C (O where there is none): Orientation."""
+        self.position: Stream[Position] = Stream(transport, "state/position", "mkdaemon.telemetry.state:Position")
+        """`state/position`, every O with a valid position: Position, home, altitude."""
+        self.velocity: Stream[Velocity] = Stream(transport, "state/velocity", "mkdaemon.telemetry.state:Velocity")
+        """`state/velocity`, every O with a valid position: Velocity."""
+        self.battery: Stream[Battery] = Stream(transport, "state/battery", "mkdaemon.telemetry.state:Battery")
+        """`state/battery`, every O; FlightCtrl D: Voltage, current, charge used."""
+        self.gps: Stream[Gps] = Stream(transport, "state/gps", "mkdaemon.telemetry.state:Gps")
+        """`state/gps`, every O: Satellites and fix."""
+        self.flight: Stream[Flight] = Stream(transport, "state/flight", "mkdaemon.telemetry.state:Flight")
+        """`state/flight`, every O: What the aircraft is doing, its flags and its error."""
+        self.pilot: Stream[Pilot] = Stream(transport, "state/pilot", "mkdaemon.telemetry.state:Pilot")
+        """`state/pilot`, every O; FlightCtrl D: Receiver quality and the pilot's sticks."""
+
+
+class LinkKeys:
+    """Streams of `link/...`."""
+
+    def __init__(self, transport: Transport) -> None:
+        self.state: Stream[LinkState] = Stream(transport, "link/state", "mkdaemon.telemetry.link:LinkState")
+        """`link/state`, on change: The verdict on the line, its reason and since when."""
+        self.health: Stream[LinkHealth] = Stream(transport, "link/health", "mkdaemon.telemetry.link:LinkHealth")
+        """`link/health`, 5 Hz and on change: Round trips, losses, rates and ages of streams."""
+        self.traffic: Stream[LinkTraffic] = Stream(transport, "link/traffic", "mkdaemon.telemetry.link:LinkTraffic")
+        """`link/traffic`, 1 Hz: Bytes and frames by kind, shares of the line."""
+
+
+class ControlKeys:
+    """Streams of `control/...`."""
+
+    def __init__(self, transport: Transport) -> None:
+        self.status: Stream[ControlStatus] = Stream(
+            transport, "control/status", "mkdaemon.telemetry.control:ControlStatus"
+        )
+        """`control/status`, 1 Hz and on change: Who flies, and why nobody does; what is new with every stick frame
+        is in `output`, `estimate` and `error`."""
+        self.estimate: Stream[ControlEstimate] = Stream(
+            transport, "control/estimate", "mkdaemon.telemetry.control:ControlEstimate"
+        )
+        """`control/estimate`, every autonomous stick frame: Where the aircraft is believed."""
+        self.preflight: Stream[ControlPreflight] = Stream(
+            transport, "control/preflight", "mkdaemon.telemetry.preflight:ControlPreflight"
+        )
+        """`control/preflight`, when asked for: What was found before a flight, with fixes."""
+        self.error: Stream[ControlError] = Stream(transport, "control/error", "mkdaemon.telemetry.control:ControlError")
+        """`control/error`, every autonomous stick frame: How far it is from its goal."""
+        self.output: Stream[ControlOutput] = Stream(
+            transport, "control/output", "mkdaemon.telemetry.control:ControlOutput"
+        )
+        """`control/output`, every stick frame handed over: Sticks for the line, after the limiter."""
+        self.navi: Stream[ControlNavi] = Stream(transport, "control/navi", "mkdaemon.telemetry.navi:ControlNavi")
+        """`control/navi`, on change; 1 Hz while it flies: What the NaviCtrl flies by itself."""
+
+
+class VisionCameraKeys:
+    """Streams of `vision/<camera>/...`."""
+
+    def __init__(self, transport: Transport, camera: str) -> None:
+        self.tags: Stream[Tags] = Stream(
+            transport, f"vision/{part_of_key(camera)}/tags", "mkdaemon.telemetry.vision:Tags"
+        )
+        """`vision/<camera>/tags`, every image that was searched: Tags found, with their corners."""
+        self.pose: Stream[VisionPose] = Stream(
+            transport, f"vision/{part_of_key(camera)}/pose", "mkdaemon.telemetry.vision:VisionPose"
+        )
+        """`vision/<camera>/pose`, every image with a pose: The vehicle against a target."""
+        self.stats: Stream[VisionStats] = Stream(
+            transport, f"vision/{part_of_key(camera)}/stats", "mkdaemon.telemetry.vision:VisionStats"
+        )
+        """`vision/<camera>/stats`, 1 Hz and on change: Rate, latency, refusals, what is in the way."""
+        self.image: Stream[CameraFrame] = Stream(
+            transport, f"vision/{part_of_key(camera)}/image", "mkdaemon.telemetry.image:CameraFrame"
+        )
+        """`vision/<camera>/image`, as configured: What the camera saw."""
+
+
+class EventKeys:
+    """Streams of `event/...`."""
+
+    def __init__(self, transport: Transport) -> None:
+        self.command: Stream[CommandEvent] = Stream(transport, "event/command", "mkdaemon.telemetry.event:CommandEvent")
+        """`event/command`, every command: Who asked what, what was decided and why."""
+        self.mode: Stream[ModeEvent] = Stream(transport, "event/mode", "mkdaemon.telemetry.event:ModeEvent")
+        """`event/mode`, on change: Authority or flight mode changed."""
+        self.failsafe: Stream[FailsafeEvent] = Stream(
+            transport, "event/failsafe", "mkdaemon.telemetry.event:FailsafeEvent"
+        )
+        """`event/failsafe`, on occurrence: The daemon let go on its own."""
+        self.mission: Stream[MissionEvent] = Stream(
+            transport, "event/mission", "mkdaemon.telemetry.mission:MissionEvent"
+        )
+        """`event/mission`, on change: A waypoint list was stored, cleared, started or left incomplete."""
+        self.progress: Stream[ProcedureProgress] = Stream(
+            transport, "event/progress", "mkdaemon.telemetry.procedure:ProcedureProgress"
+        )
+        """`event/progress`, every step: How far a procedure is, and how it ended."""
+        self.clock: Stream[ClockEvent] = Stream(transport, "event/clock", "mkdaemon.telemetry.event:ClockEvent")
+        """`event/clock`, on occurrence: The system clock was set: how far, and which way."""
+        self.mark: Stream[MarkEvent] = Stream(transport, "event/mark", "mkdaemon.telemetry.record:MarkEvent")
+        """`event/mark`, on occurrence: Somebody marked this moment for the recordings."""
+        self.log: Stream[LogEvent] = Stream(transport, "event/log", "mkdaemon.telemetry.event:LogEvent")
+        """`event/log`, on occurrence: Other things worth knowing."""
+
+
+class SimKeys:
+    """Streams of `sim/...`."""
+
+    def __init__(self, transport: Transport) -> None:
+        self._transport = transport
+        self.truth: Stream[SimTruth] = Stream(transport, "sim/truth", "mkdaemon.telemetry.sim:SimTruth")
+        """`sim/truth`, 50 Hz: The simulator's true state; never read by flight code."""
+        self.pose: Stream[ScenePose] = Stream(transport, "sim/pose", "mkdaemon.telemetry.sim:ScenePose")
+        """`sim/pose`, as sent: Another simulator's pose, for `mkdaemon sim --scene-only`."""
+        self.faults: Stream[SimFaults] = Stream(transport, "sim/faults", "mkdaemon.telemetry.sim:SimFaults")
+        """`sim/faults`, 1 Hz and on change: Faults the simulator plays."""
+
+    def camera(self, name: str) -> Stream[CameraFrame]:
+        """`sim/camera/<name>`, 30 Hz, where it is on: What the simulated camera sees."""
+        return Stream(self._transport, f"sim/camera/{part_of_key(name)}", "mkdaemon.telemetry.image:CameraFrame")
+
+
+class RecordKeys:
+    """Streams of `record/...`."""
+
+    def __init__(self, transport: Transport) -> None:
+        self.status: Stream[RecordStatus] = Stream(transport, "record/status", "mkdaemon.telemetry.record:RecordStatus")
+        """`record/status`, 1 Hz: What the daemon's own recorder does."""
+
+
+class BusKeys:
+    """Streams of `bus/...`."""
+
+    def __init__(self, transport: Transport) -> None:
+        self.counts: Stream[BusCounts] = Stream(transport, "bus/counts", "mkdaemon.telemetry.record:BusCounts")
+        """`bus/counts`, 1 Hz: How many values were put, by key."""
+
+
+class KeyTree(Transport):
+    """Every key that carries values, as typed streams."""
+
+    def __init__(self, session: zenoh.Session, vehicle: str, endpoint: str) -> None:
+        super().__init__(session, vehicle, endpoint)
+        self.raw: RawKeys = RawKeys(self)
+        """Streams of `raw/...`."""
+        self.state: StateKeys = StateKeys(self)
+        """Streams of `state/...`."""
+        self.link: LinkKeys = LinkKeys(self)
+        """Streams of `link/...`."""
+        self.control: ControlKeys = ControlKeys(self)
+        """Streams of `control/...`."""
+        self.tf: Stream[Transform] = Stream(self, "tf", "mkdaemon.telemetry.vision:Transform")
+        """`tf`, every pose; mounts at 1 Hz: One edge of the tree of frames."""
+        self.event: EventKeys = EventKeys(self)
+        """Streams of `event/...`."""
+        self.sim: SimKeys = SimKeys(self)
+        """Streams of `sim/...`."""
+        self.health: Stream[VehicleHealth] = Stream(self, "health", "mkdaemon.telemetry.vehicle:VehicleHealth")
+        """`health`, 1 Hz and on change: Whether the vehicle is alive (the daemon: see `alive`)."""
+        self.record: RecordKeys = RecordKeys(self)
+        """Streams of `record/...`."""
+        self.bus: BusKeys = BusKeys(self)
+        """Streams of `bus/...`."""
+
+    def rx(self, board: str, message: str) -> Stream[FrameSample]:
+        """`rx/<board>/<message>`, every frame: A message as it came; board: `fc nc mag osd bl`, `other`."""
+        return Stream(self, f"rx/{part_of_key(board)}/{part_of_key(message)}", "mkdaemon.telemetry.traffic:FrameSample")
+
+    def tx(self, board: str, message: str) -> Stream[FrameSample]:
+        """`tx/<board>/<message>`, every frame: A message as it went; board also `any`."""
+        return Stream(self, f"tx/{part_of_key(board)}/{part_of_key(message)}", "mkdaemon.telemetry.traffic:FrameSample")
+
+    def vision(self, camera: str) -> VisionCameraKeys:
+        """Streams of `vision/<camera>/...`."""
+        return VisionCameraKeys(self, camera)
+
+    def joy(self, pad: str) -> Stream[Joy]:
+        """`joy/<pad>`, 50 Hz and on change: A gamepad of another machine: `mkctl teleop --joy`."""
+        return Stream(self, f"joy/{part_of_key(pad)}", "mkdaemon.telemetry.joy:Joy")

@@ -1,0 +1,41 @@
+"""Recordings: marked for everybody, made here, and read back."""
+
+from __future__ import annotations
+
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from mkdaemon.client.verbcalls import RecordsVerbs
+
+if TYPE_CHECKING:
+    from mkdaemon.client.groundrecorder import GroundRecording
+
+MEGA: Final = 1_000_000
+
+
+class Records(RecordsVerbs):
+    """Marks, and recordings that this program makes; the daemon's own recorder is told by `uav.record.status`."""
+
+    @asynccontextmanager
+    async def record(self, folder: Path, *, total_mb: int = 20_000) -> AsyncIterator[GroundRecording]:
+        """Record everything that this vehicle puts on the bus while the context lasts; then the file is whole.
+
+        `mkdaemon.client.export.values.read_values` reads it back; `mkctl play` shows it to other programs.
+
+        Args:
+            folder: of the files.
+            total_mb: all recordings in it together [MB]; recording stops there.
+
+        Raises:
+            MkError: what was left could not be written at the end.
+        """
+        from mkdaemon.client.groundrecorder import GroundPlan, record_ground
+        from mkdaemon.record.folder import Limits
+
+        limits = Limits(500 * MEGA, 3600.0, total_mb * MEGA, 1000 * MEGA, may_delete=False)
+        expressions = (f"mk/{self._transport.vehicle}/**",)
+        plan = GroundPlan([self._transport.endpoint], folder, limits, expressions)
+        async with record_ground(plan) as recording:
+            yield recording

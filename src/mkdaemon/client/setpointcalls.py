@@ -1,0 +1,139 @@
+"""Every kind of setpoint as a method with its types.
+
+Made by `python -m tools.docs` from telemetry/setpoint.py; do not edit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any, Literal
+
+if TYPE_CHECKING:
+    from mkdaemon.telemetry.setpoint import SetpointFrame
+
+
+class SetpointCalls:
+    """One setpoint of each kind: `lease.set.velocity(...)`."""
+
+    def __init__(self, put: Callable[[str, Mapping[str, Any], float], None]) -> None:
+        self._put = put
+
+    def stick(self, *, pitch: float, roll: float, yaw: float, throttle: float, ttl: float = 0.3) -> None:
+        """Stick offsets, FLU signs.
+
+        Args:
+            pitch: Nose down positive [stick].
+            roll: Right side down positive [stick].
+            yaw: Nose left positive [stick].
+            throttle: More lift positive [stick from the centre]. Stock firmware takes the smaller of this and the
+                pilot's.
+            ttl: Time after arrival at which it no longer holds [s].
+
+        Raises:
+            LeaseLostError: the lease has ended; says why.
+            CommandRejectedError: `bad_field`: a number is out of range.
+        """
+        self._put("stick", {"pitch": pitch, "roll": roll, "yaw": yaw, "throttle": throttle}, ttl)
+
+    def attitude(self, *, roll: float, pitch: float, yaw_rate: float, thrust: float, ttl: float = 0.3) -> None:
+        """Attitude and thrust, FLU signs.
+
+        Args:
+            roll: Right side down positive [rad].
+            pitch: Nose down positive [rad].
+            yaw_rate: Nose left positive [rad/s].
+            thrust: Thrust along the body's up axis, as a share of the weight: 1 carries the aircraft when level.
+            ttl: Time after arrival at which it no longer holds [s].
+
+        Raises:
+            LeaseLostError: the lease has ended; says why.
+            CommandRejectedError: `bad_field`: a number is out of range.
+        """
+        self._put("attitude", {"roll": roll, "pitch": pitch, "yaw_rate": yaw_rate, "thrust": thrust}, ttl)
+
+    def velocity(
+        self,
+        *,
+        velocity: tuple[float, float, float],
+        frame: SetpointFrame | Literal["home", "pad", "body"],
+        yaw_rate: float = 0.0,
+        ttl: float = 0.3,
+    ) -> None:
+        """Velocity.
+
+        Args:
+            velocity: In the axes of `frame` [m/s].
+            frame: What the velocity is given in.
+            yaw_rate: Nose left positive [rad/s].
+            ttl: Time after arrival at which it no longer holds [s].
+
+        Raises:
+            LeaseLostError: the lease has ended; says why.
+            CommandRejectedError: `bad_field`: a number is out of range.
+        """
+        self._put("velocity", {"velocity": velocity, "frame": frame, "yaw_rate": yaw_rate}, ttl)
+
+    def position(
+        self,
+        *,
+        position: tuple[float, float, float],
+        frame: SetpointFrame | Literal["home", "pad", "body"],
+        yaw: float | None = None,
+        ttl: float = 0.3,
+    ) -> None:
+        """Position and heading.
+
+        Args:
+            position: In the axes of `frame`, from its origin [m].
+            frame: What the position is given in.
+            yaw: Heading about the up axis of `frame`, counter-clockwise from its first axis [rad]; None to keep the
+                heading.
+            ttl: Time after arrival at which it no longer holds [s].
+
+        Raises:
+            LeaseLostError: the lease has ended; says why.
+            CommandRejectedError: `bad_field`: a number is out of range.
+        """
+        self._put("position", {"position": position, "frame": frame, "yaw": yaw}, ttl)
+
+    def hold(self, *, ttl: float = 0.3) -> None:
+        """Stay where the aircraft is when the first of them arrives.
+
+        Args:
+            ttl: Time after arrival at which it no longer holds [s].
+
+        Raises:
+            LeaseLostError: the lease has ended; says why.
+            CommandRejectedError: `bad_field`: a number is out of range.
+        """
+        self._put("hold", {}, ttl)
+
+    def take_off(self, *, height: float, ttl: float = 0.3) -> None:
+        """Take off and hold over the middle of the target.
+
+        The pilot has started the motors.
+
+        Args:
+            height: Above the target [m]; never above the configured fence.
+            ttl: Time after arrival at which it no longer holds [s].
+
+        Raises:
+            LeaseLostError: the lease has ended; says why.
+            CommandRejectedError: `bad_field`: a number is out of range.
+        """
+        self._put("takeoff", {"height": height}, ttl)
+
+    def land(self, *, yaw: float | None = None, ttl: float = 0.3) -> None:
+        """Land on the target in sight.
+
+        Streamed until the feet stand; the aircraft is released then.
+
+        Args:
+            yaw: Heading about the up axis of the target, counter-clockwise from its first axis [rad]; None to keep it.
+            ttl: Time after arrival at which it no longer holds [s].
+
+        Raises:
+            LeaseLostError: the lease has ended; says why.
+            CommandRejectedError: `bad_field`: a number is out of range.
+        """
+        self._put("land", {"yaw": yaw}, ttl)

@@ -1,0 +1,263 @@
+"""Rows about requests to the boards and about procedures, and what both keep away from whoever flies.
+
+Source of the rules: docs/safety.md, "The last function before the wire".
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from mkdaemon.control.admission.beginnings import BoardRequest, Concern, Procedure, TakeLease
+from mkdaemon.control.admission.row import Row, Verdict, passed, stands, when
+from mkdaemon.control.admission.situation import Situation
+from mkdaemon.errors import CommandRejectedError
+from mkdaemon.telemetry.control import Phase
+from mkdaemon.telemetry.danger import Confirm
+from mkdaemon.telemetry.link import LinkCondition
+from mkdaemon.telemetry.refusals import Token, refuse
+
+LONGEST_BEEP: Final = 2.5
+"""A FlightCtrl may be made deaf for so long by its buzzer [s]; what the link expects of it."""
+
+
+# -- what keeps the boards busy -----------------------------------------------------------------------------------
+
+
+def _unconfirmed(now: Situation, wanted: Procedure) -> Verdict:
+    if not wanted.unconfirmed:
+        return passed()
+    return stands(refuse(Token.NOT_CONFIRMED, name=f"do/{wanted.verb}", detail=wanted.unconfirmed, confirm=True))
+
+
+def _stick_frames(now: Situation, wanted: BoardRequest | Procedure) -> Verdict:
+    """Nothing that keeps stick frames from the aircraft goes on while somebody flies, or is about to."""
+    is_harmless = not (wanted.is_alone if isinstance(wanted, Procedure) else wanted.is_slow)
+    if is_harmless or now.is_free:
+        return passed()
+    phase = Phase.LEASED if now.work.leases else now.phase
+    name = wanted.verb if isinstance(wanted, Procedure) else wanted.title
+    return stands(refuse(Token.FLYING, name=name, phase=phase.value))
+
+
+def _owed(now: Situation, wanted: TakeLease | BoardRequest | Procedure) -> Verdict:
+    owed = now.work.owed
+    match wanted:
+        case TakeLease():
+            name = "a lease"
+        case BoardRequest():
+            name = "this request" if wanted.is_disturbing and wanted.is_to_flightctrl else ""
+        case Procedure():
+            name = wanted.verb if wanted.needs_live_set else ""
+    if owed is None or not name:
+        return passed()
+    return stands(refuse(Token.LIVE_SET_OWED, name=name, slot=owed.slot, verb=owed.verb, detail=owed.detail))
+
+
+def _running(now: Situation, wanted: TakeLease | BoardRequest | Procedure) -> Verdict:
+    running = now.work.running
+    match wanted:
+        case TakeLease():
+            is_in_the_way = now.work.is_alone
+        case BoardRequest():
+            is_in_the_way = wanted.is_disturbing
+        case Procedure():
+            is_in_the_way = True
+    if running is None or not is_in_the_way:
+        return passed()
+    who = f" for {running.holder}" if running.holder else ""
+    return stands(refuse(Token.BUSY, detail=f"{running.verb}{who} is under way ({running.id})"))
+
+
+# -- requests to a board ------------------------------------------------------------------------------------------
+
+
+def _known_request(now: Situation, wanted: BoardRequest) -> Verdict:
+    refusal = refuse(Token.UNSUPPORTED, name=wanted.title, detail=wanted.unsupported)
+    return when(refusal if wanted.unsupported else None)
+
+
+def _writable(now: Situation, wanted: BoardRequest) -> Verdict:
+    return when(refuse(Token.READ_ONLY, detail=wanted.read_only) if wanted.read_only else None)
+
+
+def _never(now: Situation, wanted: BoardRequest) -> Verdict:
+    danger = wanted.danger
+    if danger is None or not danger.never:
+        return passed()
+    return stands(refuse(Token.NEVER, name=wanted.title, detail=danger.never, instead=danger.instead))
+
+
+def _enabled(now: Situation, wanted: BoardRequest) -> Verdict:
+    danger = wanted.danger
+    if danger is None or danger.switch is None or danger.switch in wanted.switches:
+        return passed()
+    return stands(refuse(Token.NOT_ENABLED, name=wanted.title, detail=danger.effect, option=danger.switch.value))
+
+
+def _stopped(now: Situation, wanted: BoardRequest) -> Verdict:
+    danger, running = wanted.danger, _running_motors(now, wanted)
+    if danger is None or not danger.stopped or running is False:
+        return passed()
+    if running is None:
+        return stands(_silent_line(now) or refuse(Token.MOTORS_UNKNOWN, detail=f"{wanted.title} needs them stopped"))
+    return stands(refuse(Token.MOTORS_RUNNING, detail=f"{wanted.title} needs them stopped: {danger.effect}"))
+
+
+def _confirmed(now: Situation, wanted: BoardRequest) -> Verdict:
+    danger = wanted.danger
+    if danger is None or wanted.is_confirmed or danger.confirm is Confirm.NO:
+        return passed()
+    if danger.confirm is Confirm.IN_FLIGHT and _running_motors(now, wanted) is False:
+        return passed()
+    return stands(refuse(Token.NOT_CONFIRMED, name=wanted.title, detail=danger.effect, confirm=True))
+
+
+def _deaf(now: Situation, wanted: BoardRequest) -> Verdict:
+    refusal = refuse(Token.DEAF_TOO_LONG, seconds=wanted.deaf_time, limit=LONGEST_BEEP)
+    return when(refusal if wanted.deaf_time > LONGEST_BEEP else None)
+
+
+def _proven(now: Situation, wanted: BoardRequest) -> Verdict:
+    if wanted.danger is None or not wanted.danger.proven or not wanted.unproven:
+        return passed()
+    return stands(refuse(Token.BOARD_UNPROVEN, board=wanted.board, detail=wanted.unproven))
+
+
+def _running_motors(now: Situation, wanted: BoardRequest) -> bool | None:
+    """Whether motors run; a motor test a moment ago does not stand in the way of the next one."""
+    is_own_doing = wanted.danger is not None and wanted.danger.turns_motors and now.is_testing_motors
+    return False if now.motors_running and is_own_doing else now.motors_running
+
+
+def _silent_line(now: Situation) -> CommandRejectedError | None:
+    """What is wrong where nobody tells about the motors because nothing arrives at all."""
+    if now.link is not None and now.link.condition.hears_board:
+        return None
+    condition = LinkCondition.ABSENT if now.link is None else now.link.condition
+    return refuse(Token.LINK_DOWN, state=condition.value, detail="" if now.link is None else now.link.reason)
+
+
+# -- procedures ---------------------------------------------------------------------------------------------------
+
+
+def _standing(now: Situation, wanted: Procedure) -> Verdict:
+    """A procedure that excludes flying begins with motors that are known to stand still."""
+    running, name = now.motors_running, f"do/{wanted.verb}"
+    if not wanted.is_alone or running is False:
+        return passed()
+    if running is None and (silent := _silent_line(now)) is not None:
+        return stands(silent)
+    if wanted.can_fly:
+        found = "motors are running" if running else "nobody knows whether motors run"
+        return stands(refuse(Token.IN_FLIGHT_NEEDED, name=name, detail=found))
+    token = Token.MOTORS_RUNNING if running else Token.MOTORS_UNKNOWN
+    return stands(refuse(token, detail=f"{name} needs them stopped"))
+
+
+_REQUEST: Final = (Concern.REQUEST,)
+_PROCEDURE: Final = (Concern.PROCEDURE,)
+_BOTH: Final = (Concern.REQUEST, Concern.PROCEDURE)
+_ALL: Final = (Concern.LEASE, Concern.REQUEST, Concern.PROCEDURE)
+
+BUSY_ROWS: Final = (
+    Row(
+        name="confirmed procedure",
+        concerns=_PROCEDURE,
+        stands="it writes to a board, and the request does not say `confirm`",
+        tokens=(Token.NOT_CONFIRMED,),
+        look=_unconfirmed,
+        is_early=True,
+    ),
+    Row(
+        name="stick frames",
+        concerns=_BOTH,
+        stands="it keeps stick frames from the aircraft, or excludes flying, and somebody holds the lease or takes it",
+        tokens=(Token.FLYING,),
+        look=_stick_frames,
+        is_early=True,
+    ),
+    Row(
+        name="live set",
+        concerns=_ALL,
+        stands="a live set must be proven first: before a lease, before a dangerous request to the FlightCtrl, and "
+        "before a procedure that relies on it",
+        tokens=(Token.LIVE_SET_OWED,),
+        look=_owed,
+        is_early=True,
+    ),
+    Row(
+        name="procedure under way",
+        concerns=_ALL,
+        stands="a procedure is under way; a lease waits only for one that excludes flying, and a harmless request for "
+        "none",
+        tokens=(Token.BUSY,),
+        look=_running,
+        is_early=True,
+    ),
+)
+"""What keeps the boards busy."""
+
+REQUEST_ROWS: Final = (
+    Row(
+        name="known request",
+        concerns=_REQUEST,
+        stands="this firmware does not know it",
+        tokens=(Token.UNSUPPORTED,),
+        look=_known_request,
+    ),
+    Row(
+        name="writable aircraft",
+        concerns=_REQUEST,
+        stands="it is dangerous, or writes settings, and the firmware is not known well enough",
+        tokens=(Token.READ_ONLY,),
+        look=_writable,
+    ),
+    Row(name="never sent", concerns=_REQUEST, stands="it is never sent", tokens=(Token.NEVER,), look=_never),
+    Row(
+        name="enabled",
+        concerns=_REQUEST,
+        stands="the configuration does not turn it on",
+        tokens=(Token.NOT_ENABLED,),
+        look=_enabled,
+    ),
+    Row(
+        name="motors that stand still",
+        concerns=_REQUEST,
+        stands="it needs motors that stand still, and they run, or nobody has told lately whether they do",
+        tokens=(Token.MOTORS_RUNNING, Token.MOTORS_UNKNOWN, Token.LINK_DOWN),
+        look=_stopped,
+    ),
+    Row(
+        name="confirmed request",
+        concerns=_REQUEST,
+        stands="it must be confirmed, always or with motors that may run, and does not say `confirm`",
+        tokens=(Token.NOT_CONFIRMED,),
+        look=_confirmed,
+    ),
+    Row(
+        name="buzzer",
+        concerns=_REQUEST,
+        stands=f"it would make the FlightCtrl deaf for more than {LONGEST_BEEP:g} s",
+        tokens=(Token.DEAF_TOO_LONG,),
+        look=_deaf,
+    ),
+    Row(
+        name="proven board",
+        concerns=_REQUEST,
+        stands="it needs a proven board, and the last version reply came from another one",
+        tokens=(Token.BOARD_UNPROVEN,),
+        look=_proven,
+    ),
+)
+"""What stands in the way of a request to a board."""
+
+PROCEDURE_ROWS: Final = (
+    Row(
+        name="motors for a procedure",
+        concerns=_PROCEDURE,
+        stands="it excludes flying, and motors run, or nobody has told lately whether they do",
+        tokens=(Token.IN_FLIGHT_NEEDED, Token.MOTORS_RUNNING, Token.MOTORS_UNKNOWN, Token.LINK_DOWN),
+        look=_standing,
+    ),
+)
+"""What stands in the way of a procedure."""

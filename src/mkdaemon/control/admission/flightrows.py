@@ -1,0 +1,577 @@
+"""Rows about the lease and about flying: what `mkctl preflight` shows, and what a manoeuvre needs.
+
+Source of the rules: docs/flying.md, "Before the first flight"; docs/safety.md.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Final
+
+from mkdaemon.control.activeset import OPEN_ABOVE, GateKind
+from mkdaemon.control.admission.beginnings import BY_HAND, BY_TARGET, MANOEUVRES, Concern, NewManoeuvre, TakeLease
+from mkdaemon.control.admission.row import Look, Row, Rule, Verdict, at, passed, stands, unknown, when
+from mkdaemon.control.admission.situation import Situation
+from mkdaemon.control.batterywatch import low_voltage
+from mkdaemon.control.estimator.model import Gap
+from mkdaemon.control.estimator.values import GAS_CENTRE
+from mkdaemon.control.motionmatch import ALIKE
+from mkdaemon.errors import CommandRejectedError
+from mkdaemon.telemetry.control import Obstacle, Phase
+from mkdaemon.telemetry.link import LinkCondition
+from mkdaemon.telemetry.preflight import CheckState
+from mkdaemon.telemetry.refusals import Token, refuse
+from mkdaemon.telemetry.setpoint import SetpointFrame
+from mkdaemon.telemetry.state import GpsMode
+from mkdaemon.telemetry.vision import Alarm, EyeState, VisionStats
+
+LEAST_QUALITY: Final = 0.75
+"""Receiver quality with which a flight may begin; below 0.5 the FlightCtrl flies on emergency throttle."""
+MOST_LOSS: Final = 20.0
+"""Lost echoes with which a flight may begin [%]; hovers bore bursty loss of 25 %, docs/control.md."""
+STAMP_LIMIT: Final = 0.045
+"""Largest error of the images' stamps, as it is measured [s]: 20 ms are survived, 80 ms crash, and the measurement is
+off by up to 20 ms; docs/control.md, "Time stamps"."""
+HIGHEST_EMERGENCY: Final = 0.95
+"""An emergency throttle above this does not sink [share of the hover throttle]."""
+LOWEST_EMERGENCY: Final = 0.7
+"""With one below this the aircraft falls: half of its weight is carried [share of the hover throttle]."""
+LEAST_DISK: Final = 200e6
+"""Free space with which a flight may begin [bytes]: an hour of the recorder's small streams."""
+EYES_FRESH: Final = 3.0
+"""What a camera said of itself longer ago counts no more [s]; it says so once a second."""
+LATEST_IMAGES: Final = 500.0
+"""Median age of images that have been looked at, with which a flight may begin [ms]: take-offs were flown by images
+0.6 s old; of 0.9 s, which the estimator's history no longer holds, they climbed to 12 m."""
+STANDS: Final = 0.15
+"""Who is no higher than this above its standing height is on the ground [m]."""
+CARRIES: Final = 0.6
+"""Who flies with more throttle may be in the air [share of hover]; a third of the weight is carried."""
+_UNFIT: Final = (Alarm.UNCALIBRATED, Alarm.WRONG_SIZE, Alarm.TARGET_MISMATCH)
+
+
+def _guard(now: Situation) -> Verdict:
+    return passed("it runs") if now.has_guard else stands(refuse(Token.GUARD_DEAD))
+
+
+def _firmware(now: Situation) -> Verdict:
+    line = now.line
+    if line.layout is None:
+        return stands(refuse(Token.NO_CONTROL, detail=line.reason or "this firmware has no external control"))
+    words = "" if now.link is None else now.link.firmware
+    return passed(f"{words or 'known'}; external control {line.layout}")
+
+
+def _link(now: Situation) -> Verdict:
+    link = now.link
+    if link is None or not link.condition.is_usable:
+        condition = LinkCondition.ABSENT if link is None else link.condition
+        return stands(refuse(Token.LINK_DOWN, state=condition.value, detail="" if link is None else link.reason))
+    return passed(f"{link.condition.value}: {link.reason}")
+
+
+def _losses(now: Situation) -> Verdict:
+    echo = None if now.health is None else now.health.echo
+    if echo is None or not echo.sent:
+        return unknown("no echo has been asked for yet")
+    if echo.loss_percent > MOST_LOSS:
+        return stands(refuse(Token.LINK_POOR, lost=echo.loss_percent, limit=MOST_LOSS))
+    return passed(f"{echo.loss_percent:.0f} % of {echo.sent} echoes lost")
+
+
+def _gate(now: Situation) -> Verdict:
+    gate = now.active_set.gate
+    if gate.kind is GateKind.UNKNOWN:
+        return unknown("it cannot be read from here: look with `mkctl settings show`")
+    if gate.kind is GateKind.CHANNEL:
+        return passed(f"a switch of the transmitter: ExternalControl {gate.value}")
+    if gate.value <= OPEN_ABOVE:
+        return stands(refuse(Token.GATE_SHUT, value=gate.value))
+    if not now.cfg.lease.allow_constant_gate:
+        return stands(refuse(Token.GATE_CONSTANT, value=gate.value))
+    return passed(f"the constant {gate.value}, which the operator has accepted")
+
+
+def _gate_alone(now: Situation) -> Verdict:
+    channel = now.active_set.gate.altitude_channel
+    if channel is not None:
+        return stands(refuse(Token.GATE_SWITCHES_ALTITUDE, channel=channel))
+    return passed("it switches nothing else") if now.active_set.is_known else unknown("it cannot be read from here")
+
+
+def _height_control(now: Situation) -> Verdict:
+    flight = now.flight
+    if flight is not None and flight.altitude_control:
+        return stands(refuse(Token.HEIGHT_CONTROL, detail="the FlightCtrl says that it is on"))
+    if now.active_set.has_height_control:
+        return stands(refuse(Token.HEIGHT_CONTROL, detail="bit 0 of GlobalConfig of the active set allows it"))
+    return passed("off (GlobalConfig bit 0)") if now.active_set.is_known else unknown("it cannot be read from here")
+
+
+def _gps_switch(now: Situation) -> Verdict:
+    flight = now.flight
+    if flight is None or flight.gps_mode is GpsMode.UNKNOWN:
+        return unknown("no NaviCtrl says where it stands")
+    if flight.gps_mode.steers:
+        return stands(refuse(Token.GPS_STEERS, mode=flight.gps_mode.value))
+    return passed("at free: the NaviCtrl does not steer")
+
+
+def _emergency(now: Situation) -> Verdict:
+    throttle, hover = now.active_set.emergency_throttle, now.hover_gas
+    if not now.active_set.is_known or throttle is None:
+        return unknown("it cannot be read from here, or is a share of what the board has learnt")
+    if throttle > HIGHEST_EMERGENCY * hover:
+        return stands(refuse(Token.EMERGENCY_CLIMBS, value=throttle, hover=round(hover)))
+    return passed(f"NotGas {throttle} is below hover, about {hover:.0f}")
+
+
+def _emergency_gentle(now: Situation) -> Verdict:
+    found, hover = now.active_set, now.hover_gas
+    if not found.is_known or found.emergency_throttle is None:
+        return unknown("it cannot be read from here")
+    share = 100.0 * (found.emergency_throttle / hover) ** 2
+    if found.emergency_throttle < LOWEST_EMERGENCY * hover or not found.emergency_time:
+        refusal = refuse(
+            Token.EMERGENCY_FALLS,
+            value=found.emergency_throttle,
+            time=found.emergency_time,
+            share=share,
+            low=math.ceil(0.85 * hover),
+            high=math.floor(HIGHEST_EMERGENCY * hover),
+        )
+        return stands(refusal)
+    return passed(f"{share:.0f} % of the weight are carried")
+
+
+def _model(now: Situation) -> Verdict:
+    model = now.model
+    if model is None:
+        return passed("known from the active parameter set")
+    match model.gap:
+        case Gap.ON_POTENTIOMETER:
+            return stands(refuse(Token.GAIN_ON_POTI, parameter=model.parameter, value=model.value, poti=model.poti))
+        case Gap.NO_AIRCRAFT:
+            return stands(refuse(Token.GAIN_ZERO, parameter=model.parameter, value=model.value))
+        case Gap.UNREAD:
+            return unknown("its set cannot be read from here: it is flown as one with the set Easy")
+
+
+def _loop(now: Situation) -> Verdict:
+    if not now.is_loop_known:
+        return stands(refuse(Token.LOOP_UNKNOWN))
+    if now.loop is not None:
+        # A new one: whoever raises it would hang the way it went to one that is kept.
+        return stands(CommandRejectedError(now.loop.token, now.loop.reason, now.loop.fix))
+    return passed("stable on the model of this aircraft, with the configured limits")
+
+
+def _receiver(now: Situation) -> Verdict:
+    limit = 100.0 * LEAST_QUALITY
+    if now.flight is not None and now.flight.emergency_landing:
+        return stands(refuse(Token.RECEIVER_WEAK, quality=0.0, limit=limit))
+    if now.pilot is None:
+        return unknown("nobody says how good the reception is")
+    if now.pilot.rc_quality < LEAST_QUALITY:
+        return stands(refuse(Token.RECEIVER_WEAK, quality=100.0 * now.pilot.rc_quality, limit=limit))
+    return passed(f"{100.0 * now.pilot.rc_quality:.0f} %")
+
+
+def _battery(now: Situation) -> Verdict:
+    battery, flight = now.battery, now.flight
+    if battery is None:
+        return unknown("nobody says how full it is")
+    low = battery.is_low or (flight is not None and flight.battery_low)
+    if low or battery.voltage < low_voltage(now.active_set, now.highest_voltage):
+        return stands(refuse(Token.BATTERY_LOW, voltage=battery.voltage))
+    return passed(f"{battery.voltage:.1f} V")
+
+
+def _camera(now: Situation) -> Verdict:
+    eyes = [stats for stats in now.eyes if now.now - stats.stamp.monotonic <= EYES_FRESH]
+    if not eyes:
+        return unknown("no camera of this daemon; poses may come from elsewhere")
+    unfit = [f"{stats.camera}: {why}" for stats in eyes if (why := _unfit(stats))]
+    if len(unfit) == len(eyes):
+        return stands(refuse(Token.CAMERA_UNFIT, detail="; ".join(unfit)))
+    return passed(f"{len(eyes) - len(unfit)} of {len(eyes)} see, calibrated")
+
+
+def _unfit(stats: VisionStats) -> str:
+    """Why a camera cannot be flown by; empty where it can."""
+    for alarm in _UNFIT:
+        if alarm in stats.alarms:
+            return stats.alarms[alarm]
+    return "" if stats.state is EyeState.OK else f"{stats.state.value}: {stats.reason}"
+
+
+def _agreement(now: Situation) -> Verdict:
+    if now.contradicting:
+        return stands(refuse(Token.CAMERAS_CONTRADICT, cameras=", ".join(now.contradicting)))
+    return passed("no camera contradicts another")
+
+
+def _lateness(now: Situation) -> Verdict:
+    eyes = [stats for stats in now.eyes if now.now - stats.stamp.monotonic <= EYES_FRESH and stats.processed]
+    if not eyes:
+        return unknown("no camera of this daemon; poses may come from elsewhere")
+    best = min(eyes, key=lambda stats: stats.latency_p50_ms)
+    if best.latency_p50_ms > LATEST_IMAGES:
+        return stands(refuse(Token.IMAGES_LATE, camera=best.camera, late=best.latency_p50_ms, limit=LATEST_IMAGES))
+    return passed(f"half of them are looked at within {best.latency_p50_ms:.0f} ms of their exposure")
+
+
+def _target(now: Situation) -> Verdict:
+    age = now.target_age
+    if age is None:
+        return unknown("none was seen; from the ground that says nothing, in the air autonomous flight waits for it")
+    return passed("in sight") if age <= 1.0 else unknown(f"the last image of it is {age:.0f} s old")
+
+
+def _stamps(now: Situation) -> Verdict:
+    match = now.stamps
+    if match is None:
+        return unknown("nothing moved enough in sight of the target: turn it by hand over the target, some degrees")
+    if match.likeness <= -ALIKE:
+        return stands(refuse(Token.CAMERA_TURNED, likeness=match.likeness))
+    if match.likeness < ALIKE:
+        return unknown(f"camera and boards tell of different motion (correlation {match.likeness:.1f}): move faster")
+    if abs(match.lag) > STAMP_LIMIT:
+        return stands(refuse(Token.STAMPS_OFF, lag=1000.0 * match.lag, limit=1000.0 * STAMP_LIMIT))
+    return passed(f"camera and boards move together to {1000.0 * match.lag:+.0f} ms")
+
+
+def _disk(now: Situation) -> Verdict:
+    if now.free_disk is None:
+        return unknown("nobody looked")
+    if now.free_disk < LEAST_DISK:
+        return stands(refuse(Token.DISK_FULL, free=now.free_disk / 1e6, limit=LEAST_DISK / 1e6))
+    return passed(f"{now.free_disk / 1e9:.1f} GB free")
+
+
+# -- what a manoeuvre itself needs --------------------------------------------------------------------------------
+
+
+def _estimate(now: Situation, wanted: NewManoeuvre) -> Verdict:
+    return when(refuse(Token.NO_ESTIMATE, name=f"setpoint/{wanted.concern}") if now.entry is None else None)
+
+
+def _frame(now: Situation, wanted: NewManoeuvre) -> Verdict:
+    is_home = wanted.frame is SetpointFrame.HOME
+    refusal = refuse(Token.NO_FRAME, name=f"setpoint/{wanted.concern}", frame=SetpointFrame.HOME.value)
+    return when(refusal if is_home else None)
+
+
+def _on_ground(now: Situation) -> Verdict:
+    return when(refuse(Token.NOT_ON_GROUND) if now.flown in BY_HAND else None)
+
+
+def _waiting(wanted: NewManoeuvre, detail: str) -> Verdict:
+    """Say what a manoeuvre waits for; the words stand after "waiting for"."""
+    refusal = refuse(Token.NOT_READY, name=wanted.concern.value, detail=detail)
+    return Verdict(CheckState.STANDS, detail, refusal)
+
+
+def _board_listens(now: Situation, wanted: NewManoeuvre) -> Verdict:
+    """Begin no flight while a board does not listen: the first frame it hears must be one of neutral sticks."""
+    return _waiting(wanted, now.line.reason) if now.line.obstacle is Obstacle.DEAF else passed()
+
+
+def _fresh_image(now: Situation, wanted: NewManoeuvre) -> Verdict:
+    entry = now.entry
+    if entry is None or entry.age <= now.cfg.autopilot.entry_age:
+        return passed()
+    return _waiting(wanted, f"a fresh image of {entry.target}: the last is {entry.age:.2f} s old")
+
+
+def _slow(now: Situation, wanted: NewManoeuvre) -> Verdict:
+    entry = now.entry
+    if entry is None or entry.speed <= now.cfg.autopilot.entry_speed:
+        return passed()
+    return _waiting(wanted, f"a slower aircraft: it moves at {entry.speed:.1f} m/s over {entry.target}")
+
+
+def _near(now: Situation, wanted: NewManoeuvre) -> Verdict:
+    entry = now.entry
+    if entry is None or entry.offset <= now.cfg.autopilot.entry_offset * entry.height:
+        return passed()
+    where = f"it is {entry.offset:.1f} m beside its middle, {entry.height:.1f} m up"
+    return _waiting(wanted, f"a place nearer over {entry.target}: {where}")
+
+
+def _certain(now: Situation, wanted: NewManoeuvre) -> Verdict:
+    entry = now.entry
+    if entry is None or entry.sd <= now.cfg.autopilot.entry_sd:
+        return passed()
+    return _waiting(wanted, f"a certain position: its standard deviation is {100 * entry.sd:.0f} cm")
+
+
+def _clean(now: Situation, wanted: NewManoeuvre) -> Verdict:
+    entry = now.entry
+    if entry is None or entry.clean >= now.cfg.autopilot.entry_clean:
+        return passed()
+    return _waiting(wanted, f"images that agree with the model for {now.cfg.autopilot.entry_clean:g} s")
+
+
+def _motors_run(now: Situation, wanted: NewManoeuvre) -> Verdict:
+    if now.motors_running is not False:
+        return passed()
+    return _waiting(wanted, "running motors: the pilot starts them, throttle at its lowest")
+
+
+def _feet_down(now: Situation, wanted: NewManoeuvre) -> Verdict:
+    """A take-off begins with the lowest throttle, which would drop an aircraft that a pilot holds in the air."""
+    entry = now.entry
+    if entry is None or entry.age > now.cfg.autopilot.entry_age:
+        return passed()
+    feet = entry.height - now.cfg.autopilot.stand_height
+    if feet <= STANDS:
+        return passed()
+    return _waiting(wanted, f"an aircraft on the ground: its feet are {feet:.1f} m above the target")
+
+
+def _throttle_low(now: Situation, wanted: NewManoeuvre) -> Verdict:
+    gas = now.gas_in_use
+    if gas is None or gas <= CARRIES * now.hover_gas:
+        return passed()
+    found = f"it is at {gas - GAS_CENTRE:+.0f}, which may carry the aircraft"
+    return _waiting(wanted, f"the pilot's throttle at its lowest: {found}")
+
+
+# -- the lease ----------------------------------------------------------------------------------------------------
+
+
+def _path(now: Situation, wanted: TakeLease) -> Verdict:
+    """Every time of the ladder counts from a setpoint's arrival; who sent it sees all of them later by this delay."""
+    delay, limit = wanted.path_delay, now.cfg.lease.max_path_delay
+    if delay is None or delay <= limit:
+        return passed()
+    took = f"takes {delay:.2f} s" if math.isfinite(delay) else "is unknown"
+    return stands(refuse(Token.SLOW_PATH, took=took, limit=limit))
+
+
+def _holder(now: Situation, wanted: TakeLease) -> Verdict:
+    if not now.holder or now.lease_left <= 0 or wanted.force:
+        return passed()
+    return stands(refuse(Token.LEASE_HELD, holder=now.holder, left=now.lease_left))
+
+
+def _released(now: Situation) -> Verdict:
+    is_releasing = not now.holder and now.phase is Phase.RELEASING
+    return when(refuse(Token.BUSY, detail="a release is under way") if is_releasing else None)
+
+
+def _check(
+    name: str, concerns: tuple[Concern, ...], stands: str, look: Callable[[Situation], Verdict], *tokens: Token
+) -> Row:
+    """A check before a flight, as `mkctl preflight` shows it."""
+    return Row(name=name, concerns=concerns, stands=stands, tokens=tokens, look=at(look), is_shown=True)
+
+
+def _entry(name: str, stands: str, look: Look, *, rule: Rule = Rule.ENTRY, concerns: tuple[Concern, ...]) -> Row:
+    """A condition that the stream waits for."""
+    return Row(name=name, concerns=concerns, stands=stands, tokens=(Token.NOT_READY,), look=look, rule=rule)
+
+
+_LEASE: Final = (Concern.LEASE,)
+_NOT_LANDING: Final = tuple(kind for kind in BY_TARGET if kind is not Concern.LAND)
+_IN_SIGHT: Final = tuple(kind for kind in BY_TARGET if kind is not Concern.TAKE_OFF)
+_TAKE_OFF: Final = (Concern.TAKE_OFF,)
+
+LEASE_ROWS: Final = (
+    Row(
+        name="way to the client",
+        concerns=_LEASE,
+        stands="the way to the client and back takes longer than `control.lease.max_path_delay`, or nobody knows",
+        tokens=(Token.SLOW_PATH,),
+        look=_path,
+        is_early=True,
+    ),
+    _check("guard", _LEASE, "the guard process is gone", _guard, Token.GUARD_DEAD),
+    _check(
+        "firmware and layout",
+        _LEASE,
+        "the firmware is unknown, or has no external control",
+        _firmware,
+        Token.NO_CONTROL,
+    ),
+    _check("link", _LEASE, "the link is not up or degraded", _link, Token.LINK_DOWN),
+    _check(
+        "gate",
+        _LEASE,
+        "ExternalControl of the active set is 128 or less, or a constant that `control.lease.allow_constant_gate` does "
+        "not accept",
+        _gate,
+        Token.GATE_SHUT,
+        Token.GATE_CONSTANT,
+    ),
+    _check(
+        "gate and height control",
+        _LEASE,
+        "the switch of the gate also turns height control on",
+        _gate_alone,
+        Token.GATE_SWITCHES_ALTITUDE,
+    ),
+    Row(
+        name="holder",
+        concerns=_LEASE,
+        stands="another client holds the lease, and the request does not say `force`",
+        tokens=(Token.LEASE_HELD,),
+        look=_holder,
+    ),
+    Row(
+        name="release under way",
+        concerns=_LEASE,
+        stands="a release is under way and nobody holds the lease",
+        tokens=(Token.BUSY,),
+        look=at(_released),
+    ),
+)
+"""What stands in the way of the lease; what keeps the boards busy does, too: see `boardrows`."""
+
+FLIGHT_ROWS: Final = (
+    Row(
+        name="estimate",
+        concerns=_IN_SIGHT,
+        stands="no camera has seen a target yet",
+        tokens=(Token.NO_ESTIMATE,),
+        look=_estimate,
+        rule=Rule.ALWAYS,
+    ),
+    Row(
+        name="frame",
+        concerns=(Concern.VELOCITY, Concern.POSITION),
+        stands="it is given in frame home",
+        tokens=(Token.NO_FRAME,),
+        look=_frame,
+        rule=Rule.ALWAYS,
+    ),
+    _check(
+        "link losses",
+        _NOT_LANDING,
+        f"more than {MOST_LOSS:g} % of the echoes are lost",
+        _losses,
+        Token.LINK_POOR,
+    ),
+    _check(
+        "height control",
+        BY_TARGET,
+        "height control is on, or the active set allows it",
+        _height_control,
+        Token.HEIGHT_CONTROL,
+    ),
+    _check("GPS switch", BY_TARGET, "the pilot's GPS switch is not at free", _gps_switch, Token.GPS_STEERS),
+    _check(
+        "emergency throttle",
+        _NOT_LANDING,
+        f"NotGas is more than {100 * HIGHEST_EMERGENCY:g} % of the hover throttle",
+        _emergency,
+        Token.EMERGENCY_CLIMBS,
+    ),
+    Row(
+        name="emergency descent",
+        concerns=_NOT_LANDING,
+        stands=f"NotGas is less than {100 * LOWEST_EMERGENCY:g} % of the hover throttle, or NotGasZeit is 0",
+        tokens=(Token.EMERGENCY_FALLS,),
+        look=at(_emergency_gentle),
+        rule=Rule.ADVICE,
+        is_shown=True,
+    ),
+    _check(
+        "aircraft model",
+        BY_TARGET,
+        "a gain of the active set is on a potentiometer, or zero",
+        _model,
+        Token.GAIN_ON_POTI,
+        Token.GAIN_ZERO,
+    ),
+    _check(
+        "control loop",
+        BY_TARGET,
+        "the loop with the configured limits is not safe on the model of this aircraft, or is not computed for it",
+        _loop,
+        Token.LOOP_UNSTABLE,
+        Token.LOOP_UNKNOWN,
+    ),
+    _check(
+        "receiver",
+        _NOT_LANDING,
+        f"the receiver quality is below {100 * LEAST_QUALITY:g} %, or the FlightCtrl lands by itself",
+        _receiver,
+        Token.RECEIVER_WEAK,
+    ),
+    _check(
+        "battery",
+        _NOT_LANDING,
+        "the board says that it is low, or a cell is below the voltage of the active set",
+        _battery,
+        Token.BATTERY_LOW,
+    ),
+    _check("camera", BY_TARGET, "every camera is gone, silent or not calibrated", _camera, Token.CAMERA_UNFIT),
+    _check(
+        "agreement of cameras",
+        BY_TARGET,
+        "a camera contradicts the others",
+        _agreement,
+        Token.CAMERAS_CONTRADICT,
+    ),
+    _check(
+        "age of images",
+        BY_TARGET,
+        f"half of the images are older than {LATEST_IMAGES:g} ms when they have been looked at",
+        _lateness,
+        Token.IMAGES_LATE,
+    ),
+    _check("target", BY_TARGET, "never; it says when the target was last in sight", _target),
+    _check(
+        "time stamps",
+        BY_TARGET,
+        f"camera and boards move more than {1000 * STAMP_LIMIT:g} ms apart, or against each other",
+        _stamps,
+        Token.CAMERA_TURNED,
+        Token.STAMPS_OFF,
+    ),
+    _check(
+        "disk",
+        _NOT_LANDING,
+        f"less than {LEAST_DISK / 1e6:g} MB are free where flights are recorded",
+        _disk,
+        Token.DISK_FULL,
+    ),
+    Row(
+        name="take-off from the ground",
+        concerns=_TAKE_OFF,
+        stands="sticks or attitudes of a client are being flown",
+        tokens=(Token.NOT_ON_GROUND,),
+        look=at(_on_ground),
+    ),
+    _entry(
+        "board that listens",
+        "a board works on a request and does not listen",
+        _board_listens,
+        rule=Rule.WAITS,
+        concerns=MANOEUVRES,
+    ),
+    _entry("fresh image", "the newest image is older than `entry_age`", _fresh_image, concerns=_IN_SIGHT),
+    _entry("speed", "it moves faster than `entry_speed` against the target", _slow, concerns=_IN_SIGHT),
+    _entry("offset", "it is more than `entry_offset` of its height beside the target", _near, concerns=_IN_SIGHT),
+    _entry("certainty", "the standard deviation of its position is above `entry_sd`", _certain, concerns=_IN_SIGHT),
+    _entry("clean images", "images have agreed with the model for less than `entry_clean`", _clean, concerns=_IN_SIGHT),
+    _entry("running motors", "motors stand still", _motors_run, rule=Rule.WAITS, concerns=_TAKE_OFF),
+    _entry(
+        "feet on the ground",
+        f"its feet are more than {100 * STANDS:g} cm above the target",
+        _feet_down,
+        rule=Rule.WAITS,
+        concerns=_TAKE_OFF,
+    ),
+    _entry(
+        "throttle at its lowest",
+        f"it flies with more than {100 * CARRIES:g} % of the hover throttle",
+        _throttle_low,
+        rule=Rule.WAITS,
+        concerns=_TAKE_OFF,
+    ),
+)
+"""What stands in the way of a manoeuvre. `entry_...` are options of `control.autopilot`."""

@@ -1,0 +1,111 @@
+"""One row of the table of admission, what it finds, and when it is asked."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Any
+
+from mkdaemon.control.admission.beginnings import Concern
+from mkdaemon.control.admission.situation import Situation
+from mkdaemon.errors import CommandRejectedError
+from mkdaemon.telemetry.preflight import Blocks, CheckState
+from mkdaemon.telemetry.refusals import Token
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """What a row found.
+
+    Attributes:
+        state: in one word.
+        words: in words; of the refusal where it stands.
+        refusal: why; None where nothing stands.
+    """
+
+    state: CheckState
+    words: str
+    refusal: CommandRejectedError | None = None
+
+
+def passed(words: str = "") -> Verdict:
+    """Nothing stands in the way."""
+    return Verdict(CheckState.PASSED, words)
+
+
+def unknown(words: str) -> Verdict:
+    """Nobody can tell from here."""
+    return Verdict(CheckState.UNKNOWN, words)
+
+
+def stands(refusal: CommandRejectedError) -> Verdict:
+    """Something stands in the way."""
+    return Verdict(CheckState.STANDS, refusal.reason, refusal)
+
+
+def when(refusal: CommandRejectedError | None) -> Verdict:
+    """What a row finds that has nothing to say where it does not refuse."""
+    return passed() if refusal is None else stands(refusal)
+
+
+class Rule(StrEnum):
+    """When a row that stands refuses."""
+
+    BEGINNING = "refuses"
+    """It refuses every beginning it concerns, in flight too; but neither hold nor landing of an aircraft that is
+    already flown by the target: they are the way out."""
+    ALWAYS = "refuses always"
+    """It refuses every beginning it concerns, and every later setpoint of it: it cannot be done at all."""
+    ENTRY = "waits, then refuses"
+    """Before the flight the stream waits for it. From sticks or attitude to the target it refuses; between manoeuvres
+    that are flown by the target nobody asks."""
+    WAITS = "waits"
+    """Before the flight the stream waits for it; in flight nobody asks."""
+    ADVICE = "advises"
+    """It is shown and refuses nothing."""
+
+
+Look = Callable[[Situation, Any], Verdict]
+"""Looks at the situation and at what is to begin."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Row:
+    """One row.
+
+    Attributes:
+        name: shown.
+        concerns: what it may refuse.
+        stands: in which situation, in words.
+        tokens: of its refusals.
+        look: the row itself.
+        rule: when it refuses.
+        is_early: what it looks at is known before anything is read for the beginning.
+        is_shown: it is a check before a flight, shown by `mkctl preflight`.
+    """
+
+    name: str
+    concerns: tuple[Concern, ...]
+    stands: str
+    tokens: tuple[Token, ...]
+    look: Look
+    rule: Rule = Rule.BEGINNING
+    is_early: bool = False
+    is_shown: bool = False
+
+    @property
+    def blocks(self) -> Blocks:
+        """What it prevents, as `mkctl preflight` shows it."""
+        if self.rule is Rule.ADVICE:
+            return Blocks.NOTHING
+        return Blocks.LEASE if Concern.LEASE in self.concerns else Blocks.AUTONOMY
+
+
+def at(look: Callable[[Situation], Verdict]) -> Look:
+    """A look at the situation alone, whatever is to begin."""
+
+    def look_at(situation: Situation, beginning: object) -> Verdict:
+        return look(situation)
+
+    return look_at

@@ -1,0 +1,152 @@
+"""All that admission looks at: frozen, made once a tick, or when a client asks for something."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from mkdaemon.config.control import ControlConfig
+from mkdaemon.control.activeset import ActiveSet
+from mkdaemon.control.admission.beginnings import Concern
+from mkdaemon.control.estimator.model import ModelUnknown
+from mkdaemon.control.motionmatch import Match
+from mkdaemon.errors import CommandRejectedError
+from mkdaemon.telemetry.control import ControlLine, Phase
+from mkdaemon.telemetry.link import LinkHealth, LinkState
+from mkdaemon.telemetry.procedure import ProcedureProgress
+from mkdaemon.telemetry.state import Battery, Flight, Gps, Pilot, Position
+from mkdaemon.telemetry.vision import VisionStats
+
+
+@dataclass(frozen=True, slots=True)
+class OwedSet:
+    """A live set of the FlightCtrl that has to be proven before anybody relies on it.
+
+    Attributes:
+        slot: number of the set.
+        verb: procedure that left it.
+        detail: what has become of that so far.
+    """
+
+    slot: int
+    verb: str
+    detail: str
+
+
+@dataclass(frozen=True, slots=True)
+class Work:
+    """What keeps the boards busy.
+
+    Attributes:
+        running: the procedure under way; None for none.
+        is_alone: whether it excludes flying.
+        owed: the live set that has to be proven first; None for none.
+        leases: how many clients are taking the lease at this moment.
+    """
+
+    running: ProcedureProgress | None = None
+    is_alone: bool = False
+    owed: OwedSet | None = None
+    leases: int = 0
+
+
+NO_WORK = Work()
+"""Nothing is under way."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Entry:
+    """What the estimate says of the aircraft, for the conditions under which a flight by the target begins.
+
+    Attributes:
+        target: name of the target that is followed.
+        age: of its newest image [s].
+        speed: over ground against the target [m/s].
+        offset: from the middle of the target, over ground [m].
+        height: above the target [m].
+        sd: standard deviation of the worst known axis of the position [m].
+        clean: how long images have agreed with the model [s].
+    """
+
+    target: str
+    age: float
+    speed: float
+    offset: float
+    height: float
+    sd: float
+    clean: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Situation:
+    """All that admission looks at; nothing has a default, so that nothing passes because it was forgotten.
+
+    Attributes:
+        cfg: what is configured.
+        now: [s].
+        phase: where authority stands.
+        holder: of the lease; empty for nobody.
+        lease_left: time until the lease ends without a sign of life [s].
+        flown: the manoeuvre whose sticks are being sent; None while no stick frames are sent.
+        work: what keeps the boards busy.
+        line: what the line can take.
+        has_guard: the guard is there.
+        link: the verdict on the line; None before the first.
+        health: its measurements; None before the first.
+        active_set: the FlightCtrl's parameter set.
+        motors_running: None where no message has said so lately.
+        is_testing_motors: motors that turn may turn because of a motor test.
+        flight: what the aircraft does; None where nobody says so.
+        pilot: reception; None where nobody says so.
+        position: by GPS; None where nobody says so.
+        gps: reception of satellites; None where nobody says so.
+        battery: None where nobody says so.
+        highest_voltage: that it had since the port was opened [V]; the cells are counted by it.
+        hover_gas: throttle that carries the aircraft [count of 254].
+        gas_in_use: throttle that the FlightCtrl flies with [count of 254]; None where it does not tell.
+        eyes: what each camera last said of itself.
+        contradicting: cameras whose poses contradict those of the others.
+        target_age: time since the newest image of a target [s]; None where there was none.
+        entry: what the estimate says; None where there is no estimate.
+        stamps: do camera and boards tell of the same motion; None where nothing moved.
+        free_disk: where the recorder writes [bytes]; None where nobody looked.
+        model: why the model of the aircraft is not known from its set; None where it is.
+        loop: why the control loop must not be flown; None where it is safe.
+        is_loop_known: that has been computed.
+    """
+
+    cfg: ControlConfig
+    now: float
+    phase: Phase
+    holder: str
+    lease_left: float
+    flown: Concern | None
+    work: Work
+    line: ControlLine
+    has_guard: bool
+    link: LinkState | None
+    health: LinkHealth | None
+    active_set: ActiveSet
+    motors_running: bool | None
+    is_testing_motors: bool
+    flight: Flight | None
+    pilot: Pilot | None
+    position: Position | None
+    gps: Gps | None
+    battery: Battery | None
+    highest_voltage: float
+    hover_gas: float
+    gas_in_use: float | None
+    eyes: tuple[VisionStats, ...]
+    contradicting: tuple[str, ...]
+    target_age: float | None
+    entry: Entry | None
+    stamps: Match | None
+    free_disk: float | None
+    model: ModelUnknown | None
+    loop: CommandRejectedError | None
+    is_loop_known: bool
+
+    @property
+    def is_free(self) -> bool:
+        """Whether nobody flies, holds the lease or is taking it."""
+        return self.phase is Phase.FREE and not self.work.leases

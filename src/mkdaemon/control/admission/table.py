@@ -1,0 +1,111 @@
+"""The one table of what may begin, and the questions that are asked of it.
+
+To add a check, add its row, and its refusal to `telemetry/refusals.py`; docs/safety.md and docs/flying.md print it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Final
+
+from mkdaemon.control.admission.beginnings import Beginning, Concern, NewManoeuvre
+from mkdaemon.control.admission.boardrows import BUSY_ROWS, PROCEDURE_ROWS, REQUEST_ROWS
+from mkdaemon.control.admission.flightrows import FLIGHT_ROWS, LEASE_ROWS
+from mkdaemon.control.admission.navirows import NAVI_ROWS
+from mkdaemon.control.admission.row import Row, Rule, Verdict
+from mkdaemon.control.admission.situation import Situation
+from mkdaemon.errors import CommandRejectedError
+from mkdaemon.telemetry.preflight import Blocks, CheckState, Finding
+
+ROWS: Final[tuple[Row, ...]] = (
+    *BUSY_ROWS,
+    *LEASE_ROWS,
+    *FLIGHT_ROWS,
+    *REQUEST_ROWS,
+    *PROCEDURE_ROWS,
+    *NAVI_ROWS,
+)
+"""Every row, in the order in which the first one that stands is named."""
+
+
+def refusal(beginning: Beginning, situation: Situation) -> CommandRejectedError | None:
+    """Say why something must not begin now; None where it may. What a flight waits for is no refusal.
+
+    Args:
+        beginning: what is to begin.
+        situation: in which.
+    """
+    return next(refusals(beginning, situation), None)
+
+
+def refusals(beginning: Beginning, situation: Situation) -> Iterator[CommandRejectedError]:
+    """Every reason why something must not begin now."""
+    for row in ROWS:
+        if _refuses(row, beginning, situation) and (found := row.look(situation, beginning).refusal) is not None:
+            yield found
+
+
+def waits_for(beginning: NewManoeuvre, situation: Situation) -> str:
+    """Say what a flight waits for that would begin with this manoeuvre; empty for nothing.
+
+    What refuses it is waited for, too: it may stand only since the newest setpoint was taken.
+
+    Args:
+        beginning: the manoeuvre that is streamed.
+        situation: before the flight; in flight nothing is waited for.
+    """
+    if situation.flown is not None:
+        return ""
+    refused = refusal(beginning, situation)
+    if refused is not None:
+        return f"an end of this: {refused.reason.removesuffix('.')}"
+    for row in ROWS:
+        if row.rule in {Rule.ENTRY, Rule.WAITS} and beginning.concern in row.concerns:
+            found = row.look(situation, beginning)
+            if found.state is CheckState.STANDS:
+                return found.words
+    return ""
+
+
+def findings(situation: Situation) -> tuple[Finding, ...]:
+    """What every check before a flight finds, as `mkctl preflight` shows it."""
+    return tuple(_shown(row, row.look(situation, None)) for row in ROWS if row.is_shown)
+
+
+def is_ready(found: tuple[Finding, ...]) -> bool:
+    """Whether nothing prevents a flight against a target."""
+    return all(each.state is not CheckState.STANDS or each.blocks is Blocks.NOTHING for each in found)
+
+
+def _refuses(row: Row, beginning: Beginning, situation: Situation) -> bool:
+    """Whether a row is asked about a beginning, where it would refuse."""
+    if beginning.concern not in row.concerns or (beginning.is_early and not row.is_early):
+        return False
+    flown = situation.flown if isinstance(beginning, NewManoeuvre) else None
+    match row.rule:
+        case Rule.ALWAYS:
+            return True
+        case Rule.BEGINNING:
+            return not _goes_on(beginning.concern, flown)
+        case Rule.ENTRY:
+            return flown is not None and not flown.is_by_target
+        case Rule.WAITS | Rule.ADVICE:
+            return False
+
+
+def _goes_on(wanted: Concern, flown: Concern | None) -> bool:
+    """Whether an aircraft flies on as it does, or from the target to the way out: hold or landing."""
+    is_way_out = flown is not None and flown.is_by_target and wanted in {Concern.HOLD, Concern.LAND}
+    return wanted is flown or is_way_out
+
+
+def _shown(row: Row, verdict: Verdict) -> Finding:
+    found = verdict.refusal
+    return Finding(
+        name=row.name,
+        state=verdict.state,
+        blocks=row.blocks,
+        token=None if found is None else found.token,
+        reason=verdict.words,
+        fix="" if found is None else found.fix,
+    )

@@ -1,0 +1,359 @@
+"""What happened on the line in the moving window: frames by kind, damaged bytes, probes and their answers. Pure."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Hashable
+from dataclasses import dataclass, field
+from typing import Final
+
+from mkdaemon.protocol.framing import DropReason
+from mkdaemon.telemetry.link import KindHealth, RoundTripStats
+
+STALE_PERIODS: Final = 3
+"""A stream is stale after this many missed periods."""
+OVERDUE: Final = 0.2
+"""A stale stream degrades the link after this at the earliest [s]; a radio's spike of 62 ms is 3 periods at 50 Hz."""
+
+
+@dataclass(slots=True)
+class FrameKind:
+    """Arrivals of one kind of frame.
+
+    Attributes:
+        key: the message, as in Zenoh keys.
+        board: who sends it.
+        frames: since the port was opened.
+        last: when the latest one arrived [s]; minus infinity before the first.
+        interval: asked for [s]; None where nobody asked.
+        asked_at: when that was asked for first [s].
+        arrivals: times of the latest ones [s].
+    """
+
+    key: str
+    board: str
+    frames: int = 0
+    last: float = -math.inf
+    interval: float | None = None
+    asked_at: float = math.inf
+    arrivals: deque[float] = field(default_factory=lambda: deque(maxlen=256))
+
+    def missed(self, now: float) -> float:
+        """Periods since the latest frame, or since it was asked for."""
+        if self.interval is None:
+            return 0.0
+        return (now - max(self.last, self.asked_at)) / self.interval
+
+    def is_overdue(self, now: float) -> bool:
+        """Stale for long enough that the line, not a single late frame of a fast stream, is to blame."""
+        return self.missed(now) > STALE_PERIODS and now - max(self.last, self.asked_at) > OVERDUE
+
+    def rate(self, now: float, window: float) -> float:
+        """Frames a second over the window [Hz]."""
+        while self.arrivals and self.arrivals[0] < now - window:
+            self.arrivals.popleft()
+        if len(self.arrivals) < 2:
+            return 0.0
+        # The time since the last arrival counts, so that a stream that stopped does not keep its rate.
+        span = max(self.arrivals[-1] - self.arrivals[0], now - self.arrivals[0] - 2 * (self.interval or 1.0))
+        return (len(self.arrivals) - 1) / span if span > 0 else 0.0
+
+
+class Arrivals:
+    """Every kind of frame heard or asked for since the port was opened."""
+
+    def __init__(self) -> None:
+        self._kinds: dict[tuple[str, str], FrameKind] = {}
+
+    def clear(self) -> None:
+        """A port was opened."""
+        self._kinds.clear()
+
+    def received(self, board: str, key: str, now: float) -> None:
+        """A right frame arrived."""
+        kind = self._kinds.get((board, key))
+        if kind is None:
+            kind = self._kinds[board, key] = FrameKind(key, board)
+        kind.frames += 1
+        kind.last = now
+        kind.arrivals.append(now)
+
+    def wanted(self, board: str, intervals: dict[str, float], now: float) -> None:
+        """These streams of a board are asked for, at these intervals [s]; its others are not."""
+        for kind in self._kinds.values():
+            if kind.board == board and kind.key not in intervals:
+                kind.interval = None
+        for key, interval in intervals.items():
+            kind = self._kinds.setdefault((board, key), FrameKind(key, board))
+            if kind.interval != interval:
+                kind.interval, kind.asked_at = interval, now
+
+    @property
+    def asked(self) -> list[FrameKind]:
+        """The kinds somebody asked for."""
+        return [kind for kind in self._kinds.values() if kind.interval is not None]
+
+    def overdue(self, now: float) -> list[FrameKind]:
+        """The kinds that should have come."""
+        return [kind for kind in self._kinds.values() if kind.is_overdue(now)]
+
+    def are_on_time(self, now: float) -> bool:
+        """Whether streams are asked for, and none is stale."""
+        asked = self.asked
+        return bool(asked) and not any(kind.missed(now) > STALE_PERIODS for kind in asked)
+
+    def health(self, now: float, window: float) -> tuple[KindHealth, ...]:
+        """Describe every kind; rates over a window [s]."""
+        return tuple(
+            KindHealth(
+                key=kind.key,
+                board=kind.board,
+                frames=kind.frames,
+                rate=kind.rate(now, window),
+                asked_rate=None if kind.interval is None else 1 / kind.interval,
+                age=min(now - kind.last, 1e9),
+                is_stale=kind.missed(now) > STALE_PERIODS,
+            )
+            for kind in self._kinds.values()
+        )
+
+
+class ReceivedBytes:
+    """Bytes of the moving window, right and damaged."""
+
+    def __init__(self, window: float) -> None:
+        """Start empty; figures are over `window` [s]."""
+        self._window = window
+        self._damage: deque[tuple[float, int, DropReason]] = deque(maxlen=1024)
+        self._decoded: deque[tuple[float, int]] = deque(maxlen=4096)
+        self._raw: deque[tuple[float, int]] = deque(maxlen=256)
+        self._text = ""
+
+    def clear(self) -> None:
+        """A port was opened: what came before says nothing about it."""
+        self._damage.clear()
+        self._raw.clear()
+
+    def forget_damage(self) -> None:
+        """An outage is over: the damage it did says nothing about the line as it is now."""
+        self._damage.clear()
+
+    def arrived(self, size: int, now: float) -> None:
+        """Bytes arrived, whatever they are."""
+        self._raw.append((now, size))
+
+    def frame(self, size: int, now: float) -> None:
+        """So many bytes were a right frame."""
+        self._decoded.append((now, size))
+
+    def damaged(self, reason: DropReason, raw: bytes, now: float, *, keep_text: bool) -> None:
+        """Bytes were no frame.
+
+        Args:
+            reason: why.
+            raw: the bytes.
+            now: [s; monotonic].
+            keep_text: text replaces the text known so far.
+        """
+        self._damage.append((now, len(raw), reason))
+        self._decoded.append((now, len(raw)))
+        if reason is DropReason.TEXT and keep_text:
+            self._text = raw.decode("latin-1")
+
+    def rates(self, now: float) -> tuple[float, float]:
+        """Undecodable bytes and wrong checksums a second over the window [1/s]."""
+        self._forget(now)
+        checksums = sum(1 for _, _, reason in self._damage if reason is DropReason.CHECKSUM)
+        return sum(size for _, size, _ in self._damage) / self._window, checksums / self._window
+
+    def share(self, now: float) -> tuple[int, int]:
+        """Damaged and all bytes of the window."""
+        self._forget(now)
+        return sum(size for _, size, _ in self._damage), sum(size for _, size in self._decoded)
+
+    def arrived_since(self, since: float) -> int:
+        """Bytes that arrived after a moment [s], whatever they are."""
+        return sum(size for at, size in self._raw if at > since)
+
+    def damaged_since(self, since: float) -> int:
+        """Bytes that arrived after a moment [s] and were no frame."""
+        return sum(size for at, size, _ in self._damage if at > since)
+
+    def text_since(self, since: float) -> str | None:
+        """The text, where everything that was no frame after a moment [s] is text; None otherwise."""
+        recent = [reason for at, _, reason in self._damage if at > since]
+        is_text = recent and all(reason is DropReason.TEXT for reason in recent) and _is_readable(self._text)
+        return self._text if is_text else None
+
+    def _forget(self, now: float) -> None:
+        for events in (self._damage, self._decoded):
+            while events and events[0][0] < now - self._window:
+                events.popleft()
+
+
+def _is_readable(sample: str) -> bool:
+    """Mostly printable, as boot banners are and a wrong baud rate is not."""
+    readable = sum(1 for c in sample if c.isascii() and (c.isprintable() or c.isspace()))
+    return readable > 0 and readable >= 0.9 * len(sample)
+
+
+WEIGHT: Final = 1 / 8
+"""Weight of a new round trip in the weighted mean (as TCP smooths its own; RFC 6298, section 2)."""
+JITTER_WEIGHT: Final = 1 / 4
+"""Weight of a new deviation in the jitter (the same)."""
+CAPACITY: Final = 4096
+"""Fates remembered at most; a window of 10 s at 100 Hz needs 1000."""
+
+
+class RoundTrips:
+    """Follows probes that carry a token."""
+
+    def __init__(self, *, window: float, timeout: float) -> None:
+        """Start empty.
+
+        Args:
+            window: how long a fate counts [s].
+            timeout: an answer after this is late, the probe lost [s].
+        """
+        self.timeout = timeout
+        self._window = window
+        self._open: dict[Hashable, float] = {}
+        self._given_up: deque[tuple[Hashable, float]] = deque(maxlen=64)
+        self._fates: deque[tuple[float, float | None]] = deque()
+        self._lost = 0
+        self._sent_total = 0
+        self._lost_total = 0
+        self._late = 0
+        self._duplicate = 0
+        self._mean: float | None = None
+        self._jitter = 0.0
+        self._latest: deque[float] = deque(maxlen=64)
+        self._last: float | None = None
+
+    @property
+    def unanswered(self) -> int:
+        """Probes still waiting for their answer."""
+        return len(self._open)
+
+    def began(self, token: Hashable) -> float | None:
+        """When a waiting probe was sent [s]; None where it does not wait."""
+        return self._open.get(token)
+
+    def before(self, now: float) -> list[tuple[Hashable, float]]:
+        """Return the waiting probes sent before then, with their times [s]."""
+        return [(token, sent) for token, sent in self._open.items() if sent < now]
+
+    @property
+    def fastest(self) -> float:
+        """Shortest of the latest round trips [s]; 0 before the first."""
+        return min(self._latest, default=0.0)
+
+    @property
+    def jitter(self) -> float:
+        """Weighted mean deviation of the round trips from their mean [s]."""
+        return self._jitter
+
+    def sent(self, token: Hashable, now: float) -> None:
+        """A probe went out; a token used again replaces the old probe."""
+        self._open.pop(token, None)
+        self._open[token] = now
+
+    def answered(self, token: Hashable, now: float) -> float | None:
+        """An answer came; returns its round trip [s], None when it answers nothing that waits."""
+        began = self._open.pop(token, None)
+        if began is None:
+            self._count_stray(token)
+            return None
+        trip = now - began
+        self._note(now, trip)
+        self._last = trip
+        self._latest.append(trip)
+        if self._mean is not None:
+            self._jitter += JITTER_WEIGHT * (abs(trip - self._mean) - self._jitter)
+        self._mean = trip if self._mean is None else self._mean + WEIGHT * (trip - self._mean)
+        return trip
+
+    def forget(self, token: Hashable) -> None:
+        """A probe's fate cannot be known: it counts neither way."""
+        self._open.pop(token, None)
+
+    def expire(self, now: float) -> int:
+        """Give up probes without an answer in time; returns how many."""
+        lost = 0
+        while self._open:
+            token, began = next(iter(self._open.items()))
+            if now - began < self.timeout:
+                break
+            del self._open[token]
+            self._given_up.append((token, now))
+            self._note(now, None)
+            lost += 1
+        return lost
+
+    def clear(self) -> None:
+        """The port was lost: nothing that waits will be answered, and that is not the board's loss."""
+        self._open.clear()
+        self._given_up.clear()
+
+    def forget_losses(self) -> None:
+        """Forget the losses of the window and what waits; round trips stay, and a late answer is known as late."""
+        self._given_up.extend(self._open.items())
+        self._open.clear()
+        self._fates = deque(fate for fate in self._fates if fate[1] is not None)
+        self._lost = 0
+
+    def fates(self, now: float) -> tuple[int, int]:
+        """Return how many probes of the window have a known fate, and how many of them are lost."""
+        while self._fates and self._fates[0][0] < now - self._window:
+            self._drop_oldest()
+        return len(self._fates), self._lost
+
+    def statistics(self, now: float) -> RoundTripStats:
+        """Sum up the window."""
+        sent, lost = self.fates(now)
+        trips = sorted(trip for _, trip in self._fates if trip is not None)
+        return RoundTripStats(
+            sent=sent,
+            lost=lost,
+            sent_total=self._sent_total,
+            lost_total=self._lost_total,
+            loss_percent=100 * lost / sent if sent else 0.0,
+            last_ms=_ms(self._last),
+            mean_ms=_ms(self._mean),
+            p50_ms=_ms(percentile(trips, 0.50)),
+            p95_ms=_ms(percentile(trips, 0.95)),
+            p99_ms=_ms(percentile(trips, 0.99)),
+            late=self._late,
+            duplicate=self._duplicate,
+        )
+
+    def _note(self, now: float, trip: float | None) -> None:
+        if len(self._fates) == CAPACITY:
+            self._drop_oldest()
+        self._fates.append((now, trip))
+        self._lost += trip is None
+        self._sent_total += 1
+        self._lost_total += trip is None
+
+    def _drop_oldest(self) -> None:
+        self._lost -= self._fates.popleft()[1] is None
+
+    def _count_stray(self, token: Hashable) -> None:
+        for entry in self._given_up:
+            if entry[0] == token:
+                self._late += 1
+                self._given_up.remove(entry)
+                return
+        self._duplicate += 1
+
+
+def percentile(ordered: list[float], share: float) -> float | None:
+    """Nearest-rank percentile of ascending values; None of none."""
+    if not ordered:
+        return None
+    return ordered[min(int(share * len(ordered)), len(ordered) - 1)]
+
+
+def _ms(seconds: float | None) -> float | None:
+    return None if seconds is None else seconds * 1000

@@ -1,0 +1,107 @@
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from mkdaemon.cli.mkctl.teleop.devices import DeviceState
+from mkdaemon.cli.mkctl.teleop.mappings import Learner, save_mapping
+from mkdaemon.config.gamepad import Gamepad
+from mkdaemon.config.reader import load_section
+from mkdaemon.control.teleop.learning import is_calm, mapping_text, moved_axis, pressed_control
+from mkdaemon.errors import MkError
+from mkdaemon.virtualtime import run_virtually
+from tests.control.teleop.pads import FACTS, HIGH, LOW, REST
+
+ANSWERS = {
+    "LEFT stick UP": {"ABS_Y": LOW},
+    "LEFT stick to the RIGHT": {"ABS_X": HIGH},
+    "RIGHT stick UP": {"ABS_RY": LOW},
+    "RIGHT stick to the RIGHT": {"ABS_RX": HIGH},
+    "ENABLE": {"BTN_TL": 1},
+    "RELEASE": {"BTN_EAST": 1},
+    "LAND": {"ABS_Z": 255},
+    "TRIM LEFT": {"ABS_HAT0X": -1},
+}
+
+
+class ScriptedPad:
+    """A pad whose owner does what he is asked for, a moment later, and lets go again."""
+
+    name, facts = "/dev/input/event7", FACTS
+
+    def __init__(self, answers: dict[str, dict[str, int]]) -> None:
+        self.shown: list[str] = []
+        self._answers = answers
+        self._values: dict[str, float] = {**REST, **dict.fromkeys(FACTS.buttons, 0.0)}
+
+    def show(self, line: str) -> None:
+        self.shown.append(line)
+        for words, values in self._answers.items():
+            if words in line:
+                loop = asyncio.get_running_loop()
+                rest = {control: self._values[control] for control in values}
+                loop.call_later(0.5, self._values.update, values)
+                loop.call_later(1.0, self._values.update, rest)
+
+    def ask(self, now: float) -> DeviceState:
+        return DeviceState(dict(self._values), now)
+
+
+def learn(answers: dict[str, dict[str, int]]) -> tuple[str, ScriptedPad]:
+    async def main() -> tuple[str, ScriptedPad]:
+        pad = ScriptedPad(answers)
+        return await Learner(pad, "045e:028e", pad.show).learn(), pad  # type: ignore[arg-type]
+
+    return run_virtually(main())
+
+
+def test_learned_mapping_is_one_that_is_read_back(tmp_path: Path) -> None:
+    text, _ = learn(ANSWERS)
+    pad = load_section(Gamepad, save_mapping(tmp_path / "new", "Test pad!", text))
+    assert pad.ids == ("045e:028e",)
+    assert pad.sticks is not None
+    assert pad.sticks.model_dump() == {
+        "left_x": "ABS_X", "left_y": "-ABS_Y", "right_x": "ABS_RX", "right_y": "-ABS_RY"
+    }  # fmt: skip
+    given = {key: value for key, value in pad.buttons.model_dump().items() if value is not None}
+    assert given == {"enable": "BTN_TL", "release": "BTN_EAST", "land": "ABS_Z+", "trim_left": "ABS_HAT0X-"}
+    assert (tmp_path / "new" / "test-pad.toml").is_file()
+
+
+@pytest.mark.parametrize("missing", ["RIGHT stick UP", "ENABLE"])
+def test_stick_or_enable_button_that_is_not_shown_ends_it(missing: str) -> None:
+    with pytest.raises(MkError, match=missing):
+        learn({words: values for words, values in ANSWERS.items() if words != missing})
+
+
+def test_button_with_a_meaning_already_is_not_taken_twice() -> None:
+    text, pad = learn({**ANSWERS, "RELEASE": {"BTN_TL": 1}})
+    assert 'release = "' not in text
+    assert any("has a meaning already" in line for line in pad.shown)
+
+
+@pytest.mark.parametrize(
+    ("look", "found"),
+    [
+        (lambda: moved_axis({"A": 0.0, "B": 0.0}, {"A": 0.6, "B": -0.9}), "-B"),
+        (lambda: moved_axis({"A": -1.0}, {"A": 1.0}), "A"),
+        (lambda: moved_axis({"A": 0.0}, {"A": 0.4}), None),
+        (lambda: moved_axis({}, {}), None),
+        (lambda: pressed_control({}, {}, frozenset({"B1"}), frozenset({"B1", "B2"})), "B2"),
+        (lambda: pressed_control({"A": -1.0}, {"A": 1.0}, frozenset(), frozenset()), "A+"),
+        (lambda: pressed_control({"A": 0.0}, {"A": -1.0}, frozenset(), frozenset()), "A-"),
+        (lambda: pressed_control({"A": 0.0}, {"A": 0.1}, frozenset(), frozenset()), None),
+        (lambda: is_calm({"A": 0.0}, {"A": 0.1}, frozenset()), True),
+        (lambda: is_calm({"A": 0.0}, {"A": 0.2}, frozenset()), False),
+        (lambda: is_calm({"A": 0.0}, {"A": 0.0}, frozenset({"B1"})), False),
+    ],
+)
+def test_what_moved_is_found(look: Callable[[], object], found: object) -> None:
+    assert look() == found
+
+
+def test_name_of_a_pad_cannot_break_its_file() -> None:
+    assert 'name = "gamepad"' in mapping_text('"\\\n', "0000:0000", {})

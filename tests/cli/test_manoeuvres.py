@@ -1,0 +1,297 @@
+"""`mkctl goto`, `hold`, `velocity` and `land` against a daemon without boards."""
+
+from __future__ import annotations
+
+import math
+from contextlib import asynccontextmanager
+from functools import partial
+
+import pytest
+
+from lab.rigs.waiting import wait_until
+from mkdaemon.bus.session import session_config
+from mkdaemon.cli.mkctl import flightshow, gains, manoeuvres, preflight, script
+from mkdaemon.cli.mkctl.app import app
+from mkdaemon.cli.mkctl.connection import Connection
+from mkdaemon.cli.program import EXIT_CONFIG, EXIT_FAILURE, run
+from mkdaemon.errors import CommandRejectedError, ConfigError, ManoeuvreError, MkError
+from mkdaemon.telemetry.control import ControlEstimate, Outcome, Phase
+from mkdaemon.telemetry.refusals import Token
+from tests.client.fake import CLOCK, VEHICLE, fake_daemon
+
+NOWHERE = ["--connect", "tcp/127.0.0.1:1"]
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["goto", "-1", "-0.5", "2", "--yaw", "-90"],
+        ["goto", "1", "-.5", "2e0", "--seconds", "3"],
+        ["velocity", "-0.2", "0", "-0.1", "--frame", "body"],
+        ["hold", "--height", "1.5"],
+        ["land", "--yaw", "-10"],
+        ["goto", "-1", "0", "0", "--frame", "body"],
+        ["attitude", "--pitch", "-3"],
+        ["take-off", "2"],
+        ["abort"],
+        ["stop"],
+    ],
+)
+def test_negative_numbers_are_arguments(arguments, capsys, monkeypatch):
+    monkeypatch.setattr("mkdaemon.client.connection.session_config", partial(session_config, patience=0.1))
+    assert run(app, [*arguments, *NOWHERE]) == EXIT_FAILURE
+    assert "tcp/127.0.0.1:1" in capsys.readouterr().err, "it got as far as looking for a daemon"
+
+
+@pytest.mark.parametrize("arguments", [["goto", "1", "2"], ["velocity", "0", "0", "0", "--frame", "home"]])
+def test_what_is_missing_or_unknown_is_a_usage_error(arguments):
+    assert run(app, [*arguments, *NOWHERE]) == EXIT_CONFIG
+
+
+async def test_a_number_that_is_none_is_refused():
+    with pytest.raises(ConfigError, match="x nan"):
+        await manoeuvres.goto(math.nan, 0.0, 2.0)
+
+
+def publish_estimate(daemon, position, image_age=0.05):
+    value = ControlEstimate(
+        stamp=CLOCK.stamp(),
+        target="pad",
+        position=position,
+        velocity=(0.0, 0.0, 0.0),
+        tilt=(0.0, 0.0),
+        disturbance=(0.0, 0.0),
+        yaw=0.0,
+        hover_throttle=-2.0,
+        position_sd=(0.01, 0.01, 0.01),
+        image_age=image_age,
+        innovation=1.0,
+        is_nominal=True,
+    )
+    daemon.bus.publish("control/estimate", value)
+
+
+@asynccontextmanager
+async def flying(place, image_age=0.05, **more):
+    """A daemon that publishes an estimate with every setpoint, as the flight core does, and where it listens."""
+    async with fake_daemon(**more) as daemon:
+        daemon.follow = lambda: publish_estimate(daemon, place, image_age)
+        yield daemon, Connection(vehicle=VEHICLE, connect=daemon.endpoint)
+
+
+@pytest.mark.parametrize(("place", "code"), [((-1.0, 0.0, 1.9), 0), ((0.0, 0.0, 2.0), 1)])
+async def test_goto_reports_the_error_at_the_end(place, code, capsys, monkeypatch):
+    monkeypatch.setattr(flightshow, "LOG_PERIOD", 0.1)
+    async with flying(place) as (daemon, here):
+        assert await manoeuvres.goto(-1.0, 0.0, 2.0, yaw=180.0, seconds=0.5, connection=here) == code
+        await wait_until(lambda: daemon.holder is None)
+        assert daemon.setpoints[-1]["yaw"] == pytest.approx(math.pi)
+    shown = capsys.readouterr()
+    assert "cm from the goal" in shown.out
+    assert "cm from the goal" in shown.err
+
+
+async def test_a_place_that_no_image_has_shown_for_long_is_not_shown(capsys):
+    async with flying((5.0, 287.0, -60.0), image_age=2.0) as (_, here):
+        assert await manoeuvres.goto(0.0, 0.0, 2.0, seconds=0.3, connection=here) == 1
+    shown = capsys.readouterr()
+    assert shown.out == "no image showed where it ended\n"
+    assert "287" not in shown.err
+
+
+async def test_hold_goes_where_the_aircraft_is(capsys):
+    async with flying((0.3, -0.2, 1.7)) as (daemon, here):
+        assert await manoeuvres.hold(height=1.5, seconds=0.3, connection=here) == 0
+        assert tuple(daemon.setpoints[-1]["position"]) == (0.3, -0.2, 1.5)
+    assert "20 cm from the goal" in capsys.readouterr().out
+
+
+def reach(daemon):
+    """Say that the take-off is done, after a while."""
+    if len(daemon.setpoints) >= 40:
+        daemon.say(Phase.FLYING, f"{daemon.holder} flies", manoeuvre="takeoff", stage="at height", is_done=True)
+
+
+async def test_a_take_off_is_followed_by_a_hold(capsys):
+    async with flying((0.0, 0.0, 2.0)) as (daemon, here):
+        daemon.follow = lambda: reach(daemon)
+        await manoeuvres.take_off(2.0, seconds=0.2, connection=here)
+        assert daemon.setpoints[30]["height"] == 2.0
+        assert "height" not in daemon.setpoints[-1]
+    assert "took off" in capsys.readouterr().out
+
+
+async def test_a_take_off_that_is_not_done_in_time_says_where_it_stood(monkeypatch):
+    async with fake_daemon() as daemon:
+        daemon.follow = lambda: daemon.say(Phase.FLYING, "flies", manoeuvre="takeoff", stage="climbs")
+        async with (
+            Connection(vehicle=VEHICLE, connect=daemon.endpoint).open() as uav,
+            uav.lease() as lease,
+        ):
+            with pytest.raises(ManoeuvreError, match=r"takeoff not done within 0.7 s: climbs"):
+                await lease.take_off(2.0, patience=0.7)
+
+
+async def test_a_flight_by_attitude_is_in_degrees(capsys):
+    async with flying((0.0, 0.0, 2.0)) as (daemon, here):
+        await manoeuvres.attitude(pitch=3.0, seconds=0.2, connection=here)
+        assert daemon.setpoints[-1]["pitch"] == pytest.approx(math.radians(3.0))
+    assert "setpoints" in capsys.readouterr().out
+
+
+FINDINGS = [
+    {"name": "gate", "state": "passed", "blocks": "lease", "token": None, "reason": "a switch", "fix": ""},
+    {"name": "battery", "state": "stands", "blocks": "autonomy", "token": "x", "reason": "11 V.", "fix": "Charge it."},
+]
+
+
+async def test_checks_before_a_flight_are_shown_with_what_to_do(capsys):
+    async with fake_daemon() as daemon:
+        here = Connection(vehicle=VEHICLE, connect=daemon.endpoint)
+        assert await preflight.preflight(connection=here) == 0
+        assert capsys.readouterr().out.endswith("nothing prevents an autonomous flight\n")
+        daemon.preflight = {"is_ready": True, "findings": [FINDINGS[0] | {"state": "unknown"}]}
+        assert await preflight.preflight(connection=here) == 0
+        assert "unknown from here, look yourself: 1" in capsys.readouterr().out
+        daemon.preflight = {"is_ready": False, "findings": FINDINGS}
+        assert await preflight.preflight(connection=here) == EXIT_FAILURE
+        shown = capsys.readouterr().out
+        assert "NO AUTONOMY" in shown
+        assert "Charge it." in shown
+        await preflight.preflight(connection=Connection(vehicle=VEHICLE, connect=daemon.endpoint, json=True))
+        assert '"is_ready": false' in capsys.readouterr().out
+
+
+async def test_gains_are_shown_with_their_margins(capsys):
+    async with fake_daemon() as daemon:
+        await gains.gains(connection=Connection(vehicle=VEHICLE, connect=daemon.endpoint))
+        assert "stable with a stick gain" in capsys.readouterr().out
+        await gains.gains(connection=Connection(vehicle=VEHICLE, connect=daemon.endpoint, json=True))
+        assert '"gain_margin"' in capsys.readouterr().out
+
+
+async def test_motors_that_may_carry_an_aircraft_are_not_stopped():
+    async with flying((0.0, 0.0, 2.0)) as (_, here):
+        with pytest.raises(CommandRejectedError) as refusal:
+            await manoeuvres.stop(connection=here)
+    assert refusal.value.token == Token.FLYING_STOP
+
+
+def end_landing(daemon):
+    if len(daemon.setpoints) == 20:
+        daemon.lose("landed on pad", outcome=Outcome.LANDED)
+
+
+async def test_a_landing_ends_with_the_words_of_the_daemon(capsys):
+    async with flying((0.0, 0.0, 0.1)) as (daemon, here):
+        daemon.follow = lambda: end_landing(daemon)
+        await manoeuvres.land(connection=here)
+    assert capsys.readouterr().out == "landed on pad; the pilot stops the motors\n"
+
+
+def cap(daemon):
+    if len(daemon.setpoints) == 20:
+        daemon.say(Phase.FLYING, "flies", hands="raises the throttle above hover, now", pilots_throttle=-20.0)
+
+
+async def test_a_throttle_that_caps_ours_is_told_in_capitals(capsys):
+    async with flying((0.0, 0.0, 2.0)) as (daemon, here):
+        daemon.follow = lambda: cap(daemon)
+        await manoeuvres.velocity(0.0, 0.0, 0.0, seconds=0.6, connection=here)
+    assert "THE PILOT RAISES THE THROTTLE ABOVE HOVER, NOW" in capsys.readouterr().err.splitlines()
+
+
+def release_by_itself(daemon):
+    if len(daemon.setpoints) == 20:
+        daemon.holder = None
+        daemon.say(Phase.RELEASING, "no image of pad for 3.0 s", hands="flies: throttle back to hover at once")
+
+
+@pytest.mark.parametrize("verb", ["velocity", "attitude", "stick"])
+async def test_what_the_pilot_does_when_the_machine_lets_go_is_the_last_word(verb, capsys):
+    async with flying((0.0, 0.0, 2.0)) as (daemon, here):
+        daemon.follow = lambda: release_by_itself(daemon)
+        verbs = {
+            "velocity": lambda: manoeuvres.velocity(0.0, 0.0, 0.0, seconds=3.0, connection=here),
+            "attitude": lambda: manoeuvres.attitude(seconds=3.0, connection=here),
+            "stick": lambda: manoeuvres.stick(throttle=0.0, seconds=3.0, connection=here),
+        }
+        with pytest.raises(MkError, match="no image of pad"):
+            await verbs[verb]()
+    assert capsys.readouterr().err.splitlines()[-1] == "the pilot flies: throttle back to hover at once"
+
+
+async def test_what_the_daemon_waits_for_is_shown(capsys, monkeypatch):
+    monkeypatch.setattr(flightshow, "LOG_PERIOD", 0.05)
+    async with flying((0.0, 0.0, 2.0), engages=20) as (daemon, here):
+        await manoeuvres.velocity(0.0, 0.0, 0.0, seconds=0.1, connection=here)
+        assert daemon.setpoints[-1]["velocity"] == [0.0, 0.0, 0.0]
+    assert "waiting for a live, neutral stream" in capsys.readouterr().err
+
+
+async def test_a_flight_that_does_not_begin_fails(monkeypatch):
+    monkeypatch.setattr("mkdaemon.client.lease.SIGHTING", 0.3)
+    async with flying((0.0, 0.0, 2.0), engages=None) as (_, here):
+        with pytest.raises(MkError, match="did not engage within"):
+            await manoeuvres.goto(0.0, 0.0, 2.0, connection=here)
+
+
+SCRIPT = """
+[[step]]
+do = "wait"
+key = "control/status"
+field = "refused"
+below = 1
+
+[[step]]
+do = "hold"
+seconds = 0.2
+
+[[step]]
+do = "wait"
+key = "control/status"
+field = "refused"
+below = 1
+
+[[step]]
+do = "velocity"
+velocity = [0.1, 0, 0]
+seconds = 0.2
+
+[[step]]
+do = "land"
+"""
+
+
+def end_after(daemon, count):
+    if len(daemon.setpoints) == count:
+        daemon.lose("landed on pad", outcome=Outcome.LANDED)
+
+
+async def test_a_script_is_flown_step_by_step(tmp_path, capsys):
+    path = tmp_path / "flight.toml"
+    path.write_text(SCRIPT)
+    async with flying((0.0, 0.0, 2.0)) as (daemon, here):
+        daemon.follow = lambda: end_after(daemon, 60)
+        await script.fly(path, connection=here)
+        assert any("velocity" in setpoint for setpoint in daemon.setpoints)
+    shown = capsys.readouterr().out
+    assert "step 5 of 5: land" in shown
+    assert "done" in shown
+
+
+async def test_a_condition_that_is_not_met_ends_the_flight(tmp_path, monkeypatch):
+    monkeypatch.setattr(script, "LOOK", 0.1)
+    path = tmp_path / "flight.toml"
+    path.write_text('[[step]]\ndo = "wait"\nkey = "control/status"\nfield = "refused"\nabove = 9\npatience = 0.2\n')
+    async with flying((0.0, 0.0, 2.0)) as (daemon, here):
+        with pytest.raises(ManoeuvreError, match="control/status refused was not as wanted"):
+            await script.fly(path, connection=here)
+        await wait_until(lambda: daemon.holder is None)
+
+
+async def test_a_script_is_checked_without_a_daemon(tmp_path, capsys):
+    path = tmp_path / "flight.toml"
+    path.write_text(SCRIPT)
+    await script.fly(path, check=True)
+    assert "5 steps, nothing wrong" in capsys.readouterr().out

@@ -1,0 +1,110 @@
+from __future__ import annotations
+
+import re
+from types import SimpleNamespace
+from typing import cast
+
+import pytest
+
+from mkdaemon.cli.mkctl.send import describe_reply, find_board, request_forms
+from mkdaemon.client import Vehicle
+from mkdaemon.errors import ConfigError
+from mkdaemon.protocol.flags import MotorControllerItems
+from mkdaemon.protocol.messages import ErrorText, MotorController, Settings
+from mkdaemon.protocol.wire import MESSAGES, Board, Direction
+from tests.places import DOCS
+
+FORMS = request_forms()
+
+
+def test_every_request_of_the_table_has_a_form() -> None:
+    keys = {cls.spec.key for cls in MESSAGES.values() if cls.spec.direction is Direction.TO_BOARD}
+    assert set(FORMS) == keys
+    assert all(form.about and form.firmware for form in FORMS.values())
+
+
+@pytest.mark.parametrize(
+    ("form", "heard", "board"),
+    [
+        ("menu_request", ("fc", "nc"), Board.NC),
+        ("label_request", ("nc",), Board.NC),
+        ("display_request", ("fc",), Board.FC),
+        ("display_request", None, Board.FC),
+        ("motor_test", ("fc", "nc"), Board.FC),
+    ],
+)
+async def test_the_board_at_the_end_of_the_line_is_asked_by_default(form, heard, board) -> None:
+    async def latest() -> SimpleNamespace | None:
+        return None if heard is None else SimpleNamespace(value=SimpleNamespace(boards=heard))
+
+    client = SimpleNamespace(link=SimpleNamespace(state=SimpleNamespace(latest=latest)))
+    assert await find_board(cast("Vehicle", client), FORMS[form]) is board
+
+
+def test_layouts_are_one_form_with_the_limits_of_each() -> None:
+    form = FORMS["extern_control"]
+    throttle = next(field for field in form.fields if field.name == "throttle")
+    assert "-127..127 (layout v1: 0..255). [stick]" in throttle.help
+    assert form.read({"throttle": "200", "yaw": "-5", "height": None}) == {"throttle": 200, "yaw": -5}
+    assert {field.name for field in form.fields if field.is_required} == {"pitch", "roll", "yaw", "throttle"}
+    assert "reserved" not in {field.name for field in form.fields}
+
+
+def test_what_can_have_one_value_only_is_no_option() -> None:
+    assert {field.name for field in FORMS["write_navi_parameter"].fields} == {"id", "value"}
+    assert {field.name for field in FORMS["time_request"].fields} == set()
+
+
+@pytest.mark.parametrize(
+    ("key", "field", "text", "value"),
+    [
+        ("extern_control", "config", "valid,throttle_add", 3),
+        ("extern_control", "config", "valid", 1),
+        ("extern_control", "config", "0x81", 0x81),
+        ("navi_parameter_request", "id", "target-speed", 0),
+        ("navi_parameter_request", "id", "4", 4),
+        ("motor_test", "motors", "20,0 0 0 0 0 0 0 0 0 0 0 0 0 0 0", (20, *(0,) * 15)),
+        ("write_settings", "parameters", "6a" * 88, b"\x6a" * 88),
+        ("write_mixer", "name", "Mine", "Mine"),
+        ("settings_request", "index", "255", 255),
+    ],
+)
+def test_what_is_typed_becomes_the_value(key: str, field: str, text: str, value: object) -> None:
+    assert FORMS[key].read({field: text}) == {field: value}
+
+
+@pytest.mark.parametrize(
+    ("key", "field", "text", "message"),
+    [
+        ("extern_control", "pitch", "300", r"--pitch: '300' does not fit; it takes: -127\.\.127\."),
+        ("extern_control", "pitch", "level", "'level' does not fit"),
+        ("extern_control", "config", "sideways", "it takes: Name or number, joined by commas: valid "),
+        ("navi_parameter_request", "id", "speed", "it takes: Name or number: target_speed"),
+        ("navi_parameter_request", "id", "9", "'9' does not fit"),
+        ("motor_test", "motors", "1 2 3", r"it takes: 16 numbers 0\.\.255"),
+        ("motor_test", "motors", "300 " * 16, r"it takes: 16 numbers 0\.\.255"),
+        ("write_settings", "parameters", "6a", r"it takes: 88\.\.178 bytes in hexadecimal"),
+        ("write_settings", "parameters", "zz", "bytes in hexadecimal"),
+        ("write_mixer", "name", "far too long a name", "it takes: At most 12 characters"),
+        ("settings_request", "index", "13", "it takes: 1, 2, 3, 4, 5, 255"),
+    ],
+)
+def test_what_does_not_fit_is_named_with_what_would(key: str, field: str, text: str, message: str) -> None:
+    with pytest.raises(ConfigError, match=message):
+        FORMS[key].read({field: text})
+
+
+def test_answers_are_shown_with_units_and_names() -> None:
+    reply = MotorController.decode(bytes((1, 0, 3, 2, 0x82, 255, 30, 99, 64, 1, 7)))
+    lines = dict(line.split(maxsplit=1) for line in describe_reply(reply).splitlines())
+    assert lines["current_limit"] == "30 A"
+    assert lines["status"] == "0 (success)"
+    assert lines["items"].startswith(str(int(MotorControllerItems.CURRENT_LIMIT | MotorControllerItems.SAVE)))
+    assert describe_reply(ErrorText(text="no GPS")).split(maxsplit=1) == ["text", "'no GPS'"]
+    assert describe_reply(Settings(index=1, parameters=bytes(88))).splitlines()[1].split() == ["parameters", "00" * 88]
+
+
+def test_the_command_line_of_the_protocol_page_exists() -> None:
+    page = (DOCS / "protocol.md").read_text(encoding="utf-8")
+    named = set(re.findall(r"mkctl send ([a-z0-9-]+)", page))
+    assert named == {form.command for form in FORMS.values()}

@@ -1,0 +1,75 @@
+"""Situations for the tests of admission: `GOOD`, in which everything may begin, and what is put in its place."""
+
+from __future__ import annotations
+
+from mkdaemon.config.control import ControlConfig
+from mkdaemon.control.activeset import ActiveSet, Gate, GateKind
+from mkdaemon.control.admission import NO_WORK, Entry, Situation
+from mkdaemon.control.motionmatch import Match
+from mkdaemon.telemetry.control import ControlLine, Phase
+from mkdaemon.telemetry.link import LinkHealth, RoundTripStats
+from mkdaemon.telemetry.state import Battery, Flight, Pilot
+from mkdaemon.telemetry.vision import EyeState, VisionStats
+from tests.control.events import STAMP, flight, link_state, pilot
+
+SET = ActiveSet(Gate(GateKind.CHANNEL, 255), "Easy", emergency_throttle=110, emergency_time=90, low_cell=3.2)
+
+SHARED = Gate(GateKind.CHANNEL, 255, altitude_channel=5)
+
+
+def health(*, lost=0, sent=50):
+    echo = RoundTripStats(sent=sent, lost=lost, loss_percent=100.0 * lost / sent if sent else 0.0)
+    return LinkHealth(stamp=STAMP, state=link_state(), echo=echo, confirm=RoundTripStats())
+
+
+def battery(voltage, *, is_low=None):
+    return Battery(stamp=STAMP, source="nc/osd", voltage=voltage, current=None, used_mah=None, is_low=is_low)
+
+
+def eyes(state=EyeState.OK, alarms=None, reason="", **more):
+    fields = {"state": state, "alarms": alarms or {}, "reason": reason, "processed": 9, "latency_p50_ms": 80.0}
+    return VisionStats.model_construct(stamp=STAMP, camera="down", **(fields | more))
+
+
+def reception(quality):
+    return Pilot.model_copy(pilot(0.0), update={"rc_quality": quality})
+
+
+def flags(**flags):
+    return Flight.model_copy(flight(is_flying=False), update=flags)
+
+
+ENTRY = Entry(target="pad", age=0.1, speed=0.1, offset=0.1, height=2.0, sd=0.02, clean=3.0)
+GOOD = Situation(
+    cfg=ControlConfig(),
+    now=1.0,
+    phase=Phase.FREE,
+    holder="",
+    lease_left=0.0,
+    flown=None,
+    work=NO_WORK,
+    line=ControlLine("v2"),
+    has_guard=True,
+    link=link_state(),
+    health=health(),
+    active_set=SET,
+    motors_running=True,
+    is_testing_motors=False,
+    flight=flight(is_flying=False),
+    pilot=pilot(0.0),
+    position=None,
+    gps=None,
+    battery=battery(16.0),
+    highest_voltage=16.0,
+    hover_gas=125.0,
+    gas_in_use=None,
+    eyes=(eyes(),),
+    contradicting=(),
+    target_age=0.1,
+    entry=ENTRY,
+    stamps=Match(0.01, 0.95),
+    free_disk=5e9,
+    model=None,
+    loop=None,
+    is_loop_known=True,
+)

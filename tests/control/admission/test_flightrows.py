@@ -1,0 +1,129 @@
+"""The checks before a flight: what each one finds, and what it prevents."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from mkdaemon.config.control import ControlConfig, LeaseConfig
+from mkdaemon.control.activeset import UNREAD, Gate, GateKind
+from mkdaemon.control.admission import ROWS, Concern, NewManoeuvre, TakeLease, findings, is_ready, refusals
+from mkdaemon.control.estimator.model import Gap, ModelUnknown
+from mkdaemon.control.motionmatch import Match
+from mkdaemon.telemetry.control import ControlLine
+from mkdaemon.telemetry.link import LinkCondition
+from mkdaemon.telemetry.preflight import Blocks, CheckState
+from mkdaemon.telemetry.refusals import Token, refuse
+from mkdaemon.telemetry.state import GpsMode
+from mkdaemon.telemetry.vision import Alarm, EyeState
+from tests.control.admission.situations import GOOD, SET, SHARED, battery, eyes, flags, health, reception
+from tests.control.events import link_state
+
+STANDS = [
+    ("guard", "guard_dead", {"has_guard": False}),
+    ("firmware and layout", "no_control", {"line": ControlLine(reason="FC 0.1 is not known")}),
+    ("link", "link_down", {"link": None}),
+    ("link", "link_down", {"link": link_state(LinkCondition.ONE_WAY)}),
+    ("link losses", "link_poor", {"health": health(lost=11)}),
+    ("gate", "gate_shut", {"active_set": replace(SET, gate=Gate(GateKind.CONSTANT, 128))}),
+    ("gate", "gate_constant", {"active_set": replace(SET, gate=Gate(GateKind.CONSTANT, 129))}),
+    ("gate and height control", "gate_switches_altitude", {"active_set": replace(SET, gate=SHARED)}),
+    ("height control", "height_control", {"active_set": replace(SET, has_height_control=True)}),
+    ("height control", "height_control", {"flight": flags(altitude_control=True)}),
+    ("GPS switch", "gps_steers", {"flight": flags(gps_mode=GpsMode.HOLD)}),
+    ("GPS switch", "gps_steers", {"flight": flags(gps_mode=GpsMode.COME_HOME)}),
+    ("emergency throttle", "emergency_climbs", {"active_set": replace(SET, emergency_throttle=119)}),
+    ("emergency descent", "emergency_falls", {"active_set": replace(SET, emergency_throttle=65)}),
+    ("emergency descent", "emergency_falls", {"active_set": replace(SET, emergency_time=0)}),
+    ("aircraft model", "gain_on_poti", {"model": ModelUnknown(Gap.ON_POTENTIOMETER, "gyro_i", 255, 1)}),
+    ("aircraft model", "gain_zero", {"model": ModelUnknown(Gap.NO_AIRCRAFT, "stick_p", 0)}),
+    ("control loop", "loop_unstable", {"loop": refuse(Token.LOOP_UNSTABLE, detail="x", cause="y", remedy="z")}),
+    ("control loop", "loop_unknown", {"is_loop_known": False}),
+    ("receiver", "receiver_weak", {"pilot": reception(0.7)}),
+    ("receiver", "receiver_weak", {"flight": flags(emergency_landing=True)}),
+    ("battery", "battery_low", {"battery": battery(16.0, is_low=True)}),
+    ("battery", "battery_low", {"battery": battery(12.7)}),
+    ("battery", "battery_low", {"flight": flags(battery_low=True)}),
+    ("camera", "camera_unfit", {"eyes": (eyes(EyeState.GONE, reason="unplugged"),)}),
+    ("camera", "camera_unfit", {"eyes": (eyes(alarms={Alarm.UNCALIBRATED: "no calibration"}),)}),
+    ("agreement of cameras", "cameras_contradict", {"contradicting": ("forward",)}),
+    ("age of images", "images_late", {"eyes": (eyes(latency_p50_ms=501.0), eyes(latency_p50_ms=900.0))}),
+    ("time stamps", "camera_turned", {"stamps": Match(0.0, -0.9)}),
+    ("time stamps", "stamps_off", {"stamps": Match(0.05, 0.9)}),
+    ("time stamps", "stamps_off", {"stamps": Match(-0.05, 0.9)}),
+    ("disk", "disk_full", {"free_disk": 1e8}),
+]  # fmt: skip
+
+UNKNOWN = [
+    ("link losses", {"health": None}),
+    ("link losses", {"health": health(sent=0)}),
+    ("gate", {"active_set": UNREAD}),
+    ("gate and height control", {"active_set": UNREAD}),
+    ("height control", {"active_set": UNREAD}),
+    ("GPS switch", {"flight": None}),
+    ("GPS switch", {"flight": flags(gps_mode=GpsMode.UNKNOWN)}),
+    ("emergency throttle", {"active_set": UNREAD}),
+    ("emergency descent", {"active_set": replace(SET, emergency_throttle=None)}),
+    ("aircraft model", {"model": ModelUnknown(Gap.UNREAD)}),
+    ("receiver", {"pilot": None}),
+    ("battery", {"battery": None}),
+    ("camera", {"eyes": ()}),
+    ("camera", {"now": 10.0}),
+    ("age of images", {"eyes": (eyes(processed=0),)}),
+    ("age of images", {"now": 10.0}),
+    ("target", {"target_age": None}),
+    ("target", {"target_age": 1.1}),
+    ("time stamps", {"stamps": None}),
+    ("time stamps", {"stamps": Match(0.2, 0.5)}),
+    ("disk", {"free_disk": None}),
+]
+
+
+def finding(known, name):
+    return next(found for found in findings(known) if found.name == name)
+
+
+def test_all_is_well():
+    found = findings(GOOD)
+    assert [each.name for each in found if each.state is not CheckState.PASSED] == []
+    assert len({row.name for row in ROWS}) == len(ROWS)
+    assert is_ready(found)
+
+
+@pytest.mark.parametrize(("name", "token", "change"), STANDS)
+def test_what_stands_is_refused_with_a_reason_and_a_remedy(name, token, change):
+    known = replace(GOOD, **change)
+    found = finding(known, name)
+    assert (found.state, found.token) == (CheckState.STANDS, token)
+    assert found.reason
+    assert found.fix
+    beginning = TakeLease(holder="alice") if found.blocks is Blocks.LEASE else NewManoeuvre(Concern.POSITION)
+    refused = [refusal.token for refusal in refusals(beginning, known)]
+    assert refused == ([] if found.blocks is Blocks.NOTHING else [token])
+    assert is_ready(findings(known)) is (found.blocks is Blocks.NOTHING)
+
+
+@pytest.mark.parametrize(("name", "change"), UNKNOWN)
+def test_what_nobody_can_tell_prevents_nothing(name, change):
+    known = replace(GOOD, **change)
+    assert finding(known, name).state is CheckState.UNKNOWN
+    assert is_ready(findings(known))
+
+
+def test_every_check_can_stand_but_for_the_target_which_the_flight_itself_waits_for():
+    assert {row.name for row in ROWS if row.is_shown} - {name for name, _, _ in STANDS} == {"target"}
+
+
+def test_one_camera_that_sees_is_enough():
+    assert finding(replace(GOOD, eyes=(eyes(), eyes(EyeState.SILENT))), "camera").state is CheckState.PASSED
+
+
+def test_an_accepted_constant_gate_passes():
+    gate = replace(SET, gate=Gate(GateKind.CONSTANT, 200))
+    known = replace(GOOD, cfg=ControlConfig(lease=LeaseConfig(allow_constant_gate=True)), active_set=gate)
+    assert finding(known, "gate").state is CheckState.PASSED
+
+
+def test_a_battery_without_a_known_cell_voltage_has_only_the_boards_alarm():
+    assert finding(replace(GOOD, active_set=replace(SET, low_cell=None), battery=battery(9.0)), "battery").token is None

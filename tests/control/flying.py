@@ -1,0 +1,46 @@
+"""Drives the manoeuvre that is flown, without authority and output."""
+
+from __future__ import annotations
+
+from mkdaemon.config.control import ControlConfig
+from mkdaemon.control.admission import refusal, waits_for
+from mkdaemon.control.flown import Flown
+from mkdaemon.control.manoeuvres.table import MANOEUVRES
+from mkdaemon.control.preflight import Preflight
+from mkdaemon.control.sight import Sight, view_of
+from mkdaemon.control.vehicle import VehicleMemory
+from mkdaemon.telemetry.control import Phase
+
+
+class Flying:
+    """A sight, and what is flown by it; admission decides, or `refusal`."""
+
+    def __init__(self, cfg=None, rows=MANOEUVRES) -> None:
+        self.cfg = cfg or ControlConfig()
+        self.sight = Sight(self.cfg.autopilot, -2.0)
+        self.facts = VehicleMemory()
+        self.refusal = None
+        self.asked = []
+        self.flown = Flown(self.cfg, self.sight, self.facts, rows, self._admit, self._waits_for)
+        self._preflight = Preflight(self.cfg, self.facts)
+        self._preflight.compute_loop()
+
+    def _admit(self, wanted, before, now):
+        self.asked.append(wanted.concern)
+        return self.refusal or refusal(wanted, self._situation(before, now))
+
+    def _waits_for(self, wanted, now):
+        return waits_for(wanted, self._situation(None, now))
+
+    def _situation(self, flown, now):
+        sight = self.sight
+        found = {"entry": sight.entry(now), "hover_gas": sight.hover_gas, "target_age": sight.pose_age(now)}
+        return self._preflight.situation(now, phase=Phase.LEASED, lease=None, flown=flown, **found)
+
+    def see(self, pose, now, *, may_change=True):
+        """A pose arrives."""
+        return self.sight.view_received(pose.target, view_of(pose), now, lifted_by=None, may_change=may_change)
+
+    def step(self, setpoint, now, *, is_flying=False, phase=Phase.FLYING):
+        """What is wanted for a setpoint."""
+        return self.flown.step(setpoint, phase if is_flying else Phase.LEASED, now, is_flying=is_flying)

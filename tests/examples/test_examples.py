@@ -1,0 +1,126 @@
+"""The programs of examples/ run as they stand there, each as a process of its own, against the simulator."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import re
+import sys
+from contextlib import asynccontextmanager
+
+import pytest
+
+from lab.places import ROOT
+from lab.rigs.live import VEHICLE, live_daemon
+from lab.rigs.overtarget import VEHICLE as FLOWN
+from lab.rigs.overtarget import Setting, hovering
+from lab.rigs.waiting import wait_for
+
+EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
+LONGEST = 60
+"""Lines of a program; a user reads all of it before he copies it."""
+CORNERS = (("middle", 0.0, 0.0), ("east", 0.4, 0.0), ("north", 0.4, 0.4), ("west", 0.0, 0.4), ("south", 0.0, 0.0))
+"""Of the square over the target [m]."""
+PATIENCE = 120.0
+"""Longest time for a program [s]; a loaded machine is slow, not wrong."""
+
+
+@asynccontextmanager
+async def running(name, *arguments, endpoint, vehicle=VEHICLE):
+    """An example as a process of its own."""
+    pipe = asyncio.subprocess.PIPE
+    program = (sys.executable, "-u", str(ROOT / "examples" / f"{name}.py"))
+    environment = os.environ | {"MK_CONNECT": endpoint, "MK_VEHICLE": vehicle}
+    process = await asyncio.create_subprocess_exec(*program, *arguments, stdout=pipe, stderr=pipe, env=environment)
+    try:
+        yield process
+    finally:
+        if process.returncode is None:
+            process.kill()
+        await process.communicate()
+
+
+async def output_of(name, *arguments, endpoint, vehicle=VEHICLE):
+    """What an example printed; it must end well."""
+    async with asyncio.timeout(PATIENCE), running(name, *arguments, endpoint=endpoint, vehicle=vehicle) as process:
+        out, err = await process.communicate()
+        assert (process.returncode, err) == (0, b""), f"{process.pid}: {(out + err).decode()}"
+        return out.decode().splitlines()
+
+
+@pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
+def test_an_example_is_short_and_says_what_it_does(path):
+    text = path.read_text(encoding="utf-8")
+    assert text.count("\n") < LONGEST
+    assert re.match(r'"""[A-Z][^"]+\."?', text)
+
+
+def test_all_examples_are_run_here():
+    text = (ROOT / "tests" / "examples" / "test_examples.py").read_text(encoding="utf-8")
+    assert [path.stem for path in EXAMPLES if f'("{path.stem}"' not in text] == []
+
+
+@pytest.mark.flight
+async def test_telemetry_is_watched():
+    async with (
+        live_daemon(board="nc") as flown,
+        asyncio.timeout(PATIENCE),
+        running("watch_telemetry", endpoint=flown.endpoint) as process,
+    ):
+        lines = []
+        while not any("V " in line for line in lines) or len(lines) < 5:
+            lines.append((await process.stdout.readline()).decode())
+    for line in lines:
+        assert re.fullmatch(
+            r"roll [+-]\d+\.\d, pitch [+-]\d+\.\d, from nc/attitude\n|\d+\.\d V \d+\.\d s ago, link [a-z_]+\n", line
+        ), line
+
+
+@pytest.mark.flight
+async def test_a_recording_is_made_and_read_back(tmp_path):
+    async with live_daemon(board="nc") as flown:
+        await flown.until(lambda: flown.values("state/attitude"))
+        lines = await output_of("record_and_read", str(tmp_path / "flights"), endpoint=flown.endpoint)
+    assert lines[0] == "marked: the interesting part begins"
+    assert re.fullmatch(r"\d\d+ values of \d+ keys, 1 mark", lines[1])
+    assert re.fullmatch(r"roll between [+-]\d\.\d{3} and [+-]\d\.\d{3} rad in \d+ attitudes", lines[2])
+
+
+@pytest.mark.flight
+async def test_settings_are_saved_changed_compared_and_restored(tmp_path):
+    async with live_daemon() as flown:
+        await flown.until(lambda: flown.values("state/flight") or flown.values("health"))
+        before = dict(flown.runtime.simulation.flight.eeprom.sets)
+        lines = await output_of("settings_backup", str(tmp_path / "backup"), endpoint=flown.endpoint)
+        assert flown.runtime.simulation.flight.eeprom.sets == before
+    assert "saved: set1.toml, set2.toml, set3.toml, set4.toml, set5.toml" in lines
+    assert re.fullmatch(r"set 2: gyro_p was \d+, is 81", lines[-2])
+    assert lines[-1].startswith("restored sets: 2")
+
+
+@pytest.mark.flight
+@pytest.mark.real_time(tolerance=0.1)
+async def test_a_square_a_controller_of_ones_own_and_a_landing_are_flown_over_a_target():
+    async with hovering(Setting(fps=10.0)) as hover:
+
+        async def fly(name):
+            lines = await output_of(name, endpoint=hover.endpoint, vehicle=FLOWN)
+            await wait_for(lambda: hover.seen.phases[-1].startswith("free"), PATIENCE)
+            return lines
+
+        corners = await fly("fly_square")
+        moved = await fly("own_controller")
+        await wait_for(hover.seen.is_hovering, PATIENCE, 0.1)
+        landed = await fly("land_on_target")
+    for line, (name, x, y) in zip(corners, CORNERS, strict=True):
+        east, north, up = map(float, line.split()[1:])
+        assert line.split()[0] == name
+        assert abs(east - x) < 0.3, line
+        assert abs(north - y) < 0.3, line
+        assert abs(up - 2.0) < 0.3, line
+    assert moved == ["there", "given back"]
+    assert landed[-1].startswith("landed: landed on ")
+    flown = ["free", "leased", "flying", "releasing", "free"]
+    phases = [words.partition(":")[0] for words in hover.seen.phases]
+    assert phases[:9] == flown + flown[1:]
+    assert phases[-1] == "free"

@@ -1,0 +1,246 @@
+"""What the link counts: frames by kind, damaged bytes, and probes with their answers."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from mkdaemon.link.session.evidence import (
+    CAPACITY,
+    OVERDUE,
+    STALE_PERIODS,
+    WEIGHT,
+    Arrivals,
+    FrameKind,
+    ReceivedBytes,
+    RoundTrips,
+    percentile,
+)
+from mkdaemon.protocol.framing import DropReason
+
+
+def stream(interval: float, *, until: float = 10.0) -> Arrivals:
+    """A stream that was asked for at 0 s and came on time."""
+    arrivals = Arrivals()
+    arrivals.wanted("nc", {"osd": interval}, 0.0)
+    for step in range(1, round(until / interval) + 1):
+        arrivals.received("nc", "osd", step * interval)
+    return arrivals
+
+
+@pytest.mark.parametrize("interval", [0.02, 0.1, 1.0])
+def test_a_stream_is_overdue_after_three_periods_and_not_before_a_fifth_of_a_second(interval: float):
+    arrivals = stream(interval)
+    patience = max(STALE_PERIODS * interval, OVERDUE)
+    assert arrivals.overdue(10.0 + patience - 0.001) == []
+    [late] = arrivals.overdue(10.0 + patience + 0.001)
+    assert (late.board, late.key) == ("nc", "osd")
+
+
+def test_a_stream_never_heard_is_overdue_from_when_it_was_asked_for():
+    arrivals = Arrivals()
+    arrivals.wanted("nc", {"osd": 0.1}, 5.0)
+    assert arrivals.overdue(5.29) == []
+    assert [kind.key for kind in arrivals.overdue(5.31)] == ["osd"]
+    [health] = arrivals.health(5.31, 10.0)
+    assert (health.frames, health.rate, health.is_stale, health.age) == (0, 0.0, True, 1e9)
+
+
+def test_what_nobody_asked_for_is_never_missed():
+    arrivals = Arrivals()
+    arrivals.received("fc", "debug", 1.0)
+    assert arrivals.overdue(100.0) == []
+    assert not arrivals.are_on_time(1.0)
+    assert arrivals.health(100.0, 10.0)[0].asked_rate is None
+
+
+def test_streams_of_another_board_stay_wanted():
+    arrivals = stream(0.1)
+    arrivals.wanted("fc", {"debug": 0.5}, 10.0)
+    assert {kind.key for kind in arrivals.asked} == {"osd", "debug"}
+    arrivals.wanted("nc", {}, 10.0)
+    assert {kind.key for kind in arrivals.asked} == {"debug"}
+
+
+def test_a_stream_that_stopped_does_not_keep_its_rate():
+    arrivals = stream(0.1)
+    assert arrivals.health(10.0, 10.0)[0].rate == pytest.approx(10.0, rel=0.01)
+    assert arrivals.health(15.0, 10.0)[0].rate < 6.0
+    assert arrivals.health(21.0, 10.0)[0].rate == 0.0
+
+
+def test_an_opening_forgets_everything():
+    arrivals = stream(0.1)
+    arrivals.clear()
+    assert arrivals.health(10.0, 10.0) == ()
+
+
+def test_a_kind_before_its_first_frame():
+    kind = FrameKind("osd", "nc")
+    assert (kind.last, kind.missed(3.0), kind.rate(3.0, 10.0)) == (-math.inf, 0.0, 0.0)
+
+
+def test_rates_and_share_are_over_the_window():
+    received = ReceivedBytes(window=10.0)
+    received.frame(90, 1.0)
+    received.damaged(DropReason.CHECKSUM, bytes(10), 1.0, keep_text=True)
+    received.damaged(DropReason.LENGTH, bytes(20), 2.0, keep_text=True)
+    assert received.share(2.0) == (30, 120)
+    assert received.rates(2.0) == (pytest.approx(3.0), pytest.approx(0.1))
+    assert received.share(11.5) == (20, 20)
+    assert received.rates(12.5) == (0.0, 0.0)
+
+
+def test_what_arrived_is_counted_whether_it_is_a_frame_or_not():
+    received = ReceivedBytes(window=10.0)
+    received.arrived(5, 1.0)
+    received.arrived(7, 2.0)
+    assert (received.arrived_since(1.0), received.arrived_since(0.0)) == (7, 12)
+    received.clear()
+    assert received.arrived_since(0.0) == 0
+
+
+@pytest.mark.parametrize(
+    ("pieces", "text"),
+    [
+        ([(DropReason.TEXT, b"boot 2.12a ok")], "boot 2.12a ok"),
+        ([(DropReason.TEXT, b"boot"), (DropReason.CHECKSUM, b"#b")], None),
+        ([(DropReason.TEXT, bytes(range(128, 160)))], None),
+        ([], None),
+    ],
+)
+def test_only_readable_text_and_nothing_else_is_text(pieces: list[tuple[DropReason, bytes]], text: str | None):
+    received = ReceivedBytes(window=10.0)
+    for reason, raw in pieces:
+        received.damaged(reason, raw, 1.0, keep_text=True)
+    assert received.text_since(0.0) == text
+
+
+def test_text_that_is_kept_is_not_replaced():
+    received = ReceivedBytes(window=10.0)
+    received.damaged(DropReason.TEXT, b"first", 1.0, keep_text=True)
+    received.damaged(DropReason.TEXT, b"second", 2.0, keep_text=False)
+    assert received.text_since(1.5) == "first"
+
+
+def test_damage_of_an_outage_can_be_forgotten():
+    received = ReceivedBytes(window=10.0)
+    received.damaged(DropReason.LENGTH, bytes(20), 1.0, keep_text=True)
+    received.forget_damage()
+    assert received.damaged_since(0.0) == 0
+    assert received.share(1.0) == (0, 20)
+
+
+def test_a_text_that_was_not_kept_is_no_text():
+    """Garbage at a wrong line rate: one that passed for text would end the search for the right rate."""
+    received = ReceivedBytes(window=10.0)
+    received.damaged(DropReason.TEXT, b"\x85\xa0\x92", 1.0, keep_text=False)
+    assert received.text_since(0.0) is None
+
+
+def test_percentiles_mean_and_last():
+    trips = RoundTrips(window=10.0, timeout=0.25)
+    for number in range(100):
+        trips.sent(number, number * 0.01)
+        assert trips.answered(number, number * 0.01 + (number + 1) / 1000) == pytest.approx((number + 1) / 1000)
+    stats = trips.statistics(1.0)
+    assert stats.sent == 100
+    assert stats.lost == 0
+    assert stats.p50_ms == pytest.approx(51)
+    assert stats.p95_ms == pytest.approx(96)
+    assert stats.p99_ms == pytest.approx(100)
+    assert stats.last_ms == pytest.approx(100)
+    assert stats.mean_ms is not None
+    assert 90 < stats.mean_ms < 95
+
+
+def test_the_weighted_mean_moves_an_eighth():
+    trips = RoundTrips(window=10.0, timeout=1.0)
+    for token, trip in ((1, 0.008), (2, 0.016)):
+        trips.sent(token, 0.0)
+        trips.answered(token, trip)
+    assert trips.statistics(0.1).mean_ms == pytest.approx(8 + WEIGHT * 8)
+
+
+def test_loss_counts_within_the_window_only():
+    trips = RoundTrips(window=10.0, timeout=0.25)
+    trips.sent("a", 0.0)
+    trips.sent("b", 0.1)
+    assert trips.unanswered == 2
+    assert trips.expire(0.2) == 0
+    assert trips.expire(0.3) == 1
+    trips.answered("b", 0.2)
+    stats = trips.statistics(0.3)
+    assert (stats.sent, stats.lost, stats.loss_percent) == (2, 1, 50.0)
+    assert trips.statistics(20.0).sent == 0
+    assert trips.statistics(20.0).loss_percent == 0.0
+
+
+def test_late_double_and_stray_answers_are_told_apart():
+    trips = RoundTrips(window=10.0, timeout=0.25)
+    trips.sent("a", 0.0)
+    trips.expire(0.3)
+    assert trips.answered("a", 0.4) is None
+    assert trips.answered("a", 0.5) is None
+    assert trips.answered("never sent", 0.5) is None
+    stats = trips.statistics(0.5)
+    assert (stats.late, stats.duplicate, stats.lost) == (1, 2, 1)
+
+
+def test_what_is_forgotten_or_cleared_counts_neither_way():
+    trips = RoundTrips(window=10.0, timeout=0.25)
+    trips.sent("hidden", 0.0)
+    trips.forget("hidden")
+    trips.sent("gone", 0.0)
+    trips.clear()
+    assert trips.expire(9.0) == 0
+    assert trips.statistics(9.0).sent == 0
+
+
+def test_forgiving_drops_losses_and_keeps_round_trips():
+    trips = RoundTrips(window=10.0, timeout=0.25)
+    trips.sent("lost", 0.0)
+    trips.expire(0.3)
+    trips.sent("good", 0.4)
+    trips.answered("good", 0.41)
+    trips.sent("under way", 0.5)
+    trips.forget_losses()
+    assert trips.fates(0.6) == (1, 0)
+    assert (trips.statistics(0.6).sent_total, trips.statistics(0.6).lost_total) == (2, 1)
+    trips.answered("under way", 0.7)
+    assert trips.statistics(0.7).late == 1
+
+
+def test_times_of_what_waits():
+    trips = RoundTrips(window=10.0, timeout=0.25)
+    trips.sent("a", 1.0)
+    trips.sent("b", 2.0)
+    assert trips.began("a") == 1.0
+    assert trips.began("c") is None
+    assert trips.before(2.0) == [("a", 1.0)]
+
+
+def test_memory_is_bounded():
+    trips = RoundTrips(window=1e9, timeout=0.25)
+    for number in range(CAPACITY + 50):
+        trips.sent(number, float(number))
+        if number % 2:
+            trips.answered(number, number + 0.01)
+        else:
+            trips.expire(number + 0.3)
+    assert trips.fates(0.0) == (CAPACITY, CAPACITY // 2)
+
+
+def test_percentile_of_nothing():
+    assert percentile([], 0.5) is None
+
+
+@given(st.lists(st.floats(0, 1), min_size=1), st.floats(0, 1))
+def test_percentile_is_one_of_the_values(values, share):
+    values.sort()
+    found = percentile(values, share)
+    assert found in values
+    assert sum(value < found for value in values) <= share * len(values)

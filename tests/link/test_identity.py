@@ -1,0 +1,104 @@
+"""A board that starts anew in flight, and a program that does: the old command is taken away; in virtual time."""
+
+from __future__ import annotations
+
+import asyncio
+
+import pytest
+
+from lab.rigs.linkrig import Rig, flight_ctrl, navi_ctrl, rig, virtually
+from lab.rigs.sticks import build_sticks
+from mkdaemon.link.session.identity import is_printed
+from mkdaemon.protocol.messages import ExternControlV1, ExternControlV2, ExternControlV3
+from mksim.simulation import Simulation
+
+LAYOUTS = {"early": ExternControlV1, "2.08": ExternControlV1, "2.12a": ExternControlV2, "2.14": ExternControlV3}
+SIM = {"gate_parameter": 200}
+
+
+def is_held(boards: Simulation) -> bool:
+    """Whether the FlightCtrl holds a valid command."""
+    return boards.flight.external.is_valid
+
+
+async def stream(r: Rig, seconds: float) -> None:
+    """Stream a tilt whenever the link takes it."""
+    for _ in range(int(seconds / 0.02)):
+        layout = r.link.dialect.extern_control
+        if layout is not None:
+            deadline = asyncio.get_running_loop().time() + 0.1
+            r.link.send_setpoint(build_sticks(layout, throttle=60, pitch=40), deadline=deadline)
+        await asyncio.sleep(0.02)
+
+
+def valid_frames(r: Rig, since: float) -> list[float]:
+    """When frames with the valid bit went out since a time [s]."""
+    frames = [s for s in r.log.tx if s.at >= since and s.message is not None and s.message.spec.id == "b"]
+    return [s.at for s in frames if int(s.message.config) & 1]
+
+
+@pytest.mark.parametrize("word", LAYOUTS)
+@virtually
+async def test_an_old_tilt_that_comes_back_with_a_rebooted_board_is_taken_away(word):
+    loop = asyncio.get_running_loop()
+    for seed in range(1, 4):
+        async with rig(flight_ctrl(word, seed=seed, **SIM), seed=seed, probe_baud=True) as r:
+            await r.until_up()
+            await asyncio.sleep(0.3)
+            await stream(r, 1.0)
+            boards = r.socket.aircraft
+            assert is_held(boards)
+            began, silent = loop.time(), r.log.rx[-1].at
+            boards.world.faults.start("fc_reboot")
+            flying = asyncio.create_task(stream(r, 4.0))
+            await r.until(lambda boards=boards: not boards.world.faults.is_active("fc_reboot"), 1.0)
+            await r.until(lambda r=r, began=began: r.log.rx[-1].at > began + 3, 8.0)
+            await flying
+            answered = next(frame.at for frame in r.log.rx if frame.at > began + 3)
+            while loop.time() < answered + 3:
+                await asyncio.sleep(0.01)
+                assert not is_held(boards) or loop.time() < answered + 1.1
+            assert silent - began < 0.2
+            assert max(valid_frames(r, began), default=began) - began <= 0.35
+            assert r.socket.openings == 1
+            assert not any(state.condition == "garbage" for state in r.log.states)
+            assert any("boots" in state.reason for state in r.log.states)
+
+
+@pytest.mark.parametrize("word", LAYOUTS)
+@pytest.mark.parametrize("front", ["0.24", None])
+@virtually
+async def test_the_first_frames_of_a_program_that_restarts_in_flight_clear_the_control(word, front):
+    make = flight_ctrl(word, **SIM) if front is None else navi_ctrl(front, word, **SIM)
+    async with rig(make) as r:
+        boards = r.socket.aircraft
+        await r.until(lambda: r.link.dialect.extern_control is LAYOUTS[word], 5)
+        await asyncio.sleep(1.0)
+        await stream(r, 1.0)
+        await asyncio.sleep(0.1)
+        boards.world.pilot.gate = 255
+        assert is_held(boards)
+        r.socket.port.lose("the program was killed")
+        before = r.socket.openings
+        await r.until(lambda: r.socket.openings > before, 5)
+        await r.until(lambda: not is_held(boards), 0.35)
+        assert r.link.dialect.extern_control is None or front is None
+        for _ in range(100):
+            await asyncio.sleep(0.01)
+            assert not is_held(boards)
+
+
+@pytest.mark.parametrize(
+    ("raw", "printed"),
+    [
+        (b"\n\nFlight-Ctrl HW:2.2 SW:2.12a", True),
+        (b"\nMotor 1: found, version 2", True),
+        (b"\nACC neutral: 510 512 700", True),
+        (b"\n===================================", False),
+        (b"bC?li=S]A>====NX?li=S]A>===", False),
+        (b"ok 12", False),
+        (bytes(range(128, 190)), False),
+    ],
+)
+def test_text_a_board_prints_is_told_from_the_rest_of_a_broken_frame(raw, printed):
+    assert is_printed(raw) is printed

@@ -1,0 +1,128 @@
+"""The recipes of docs/architecture.md are carried out as they stand there, each on a copy of the tree."""
+
+from __future__ import annotations
+
+import os
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import pytest
+
+from tests.places import ROOT
+from tools.docs import GENERATED
+
+PAGE = ROOT / "docs" / "architecture.md"
+COPIED = ("src", "tests", "tools", "lab", "docs", "configs", "examples", "pyproject.toml", "README.md")
+STEP = re.compile(
+    r"^In `(?P<path>[^`]+)`, (?P<where>at the end|above|in place of|new file)(?: `(?P<anchor>[^`]+)`)?:\n\n```python\n"
+    r"(?P<code>.*?)^```$",
+    re.DOTALL | re.MULTILINE,
+)
+PROOF = re.compile(r"^```sh\n(.*?)^```$", re.DOTALL | re.MULTILINE)
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """A section `### Add ...`: edits and commands."""
+
+    name: str
+    steps: list[re.Match[str]] = field(repr=False)
+    commands: list[str] = field(repr=False)
+
+    @property
+    def files(self) -> set[str]:
+        return {step["path"] for step in self.steps}
+
+
+def read_recipes() -> list[Recipe]:
+    sections = re.split(r"^### (?=Add )", PAGE.read_text(encoding="utf-8"), flags=re.MULTILINE)[1:]
+    return [
+        Recipe(
+            section.partition("\n")[0],
+            list(STEP.finditer(section)),
+            [command for block in PROOF.findall(section) for command in block.splitlines()],
+        )
+        for section in sections
+    ]
+
+
+RECIPES = read_recipes()
+
+
+def apply(step: re.Match[str], tree: Path) -> None:
+    path, code = tree / step["path"], step["code"]
+    if step["where"] == "new file":
+        assert not path.exists()
+        path.write_text(code, encoding="utf-8")
+        return
+    text = path.read_text(encoding="utf-8")
+    if step["where"] == "at the end":
+        path.write_text(text.rstrip("\n") + "\n" + code, encoding="utf-8")
+        return
+    lines = text.splitlines(keepends=True)
+    (place,) = (n for n, line in enumerate(lines) if line.startswith(step["anchor"]))
+    kept = place if step["where"] == "above" else place + 1
+    path.write_text("".join([*lines[:place], code, *lines[kept:]]), encoding="utf-8")
+
+
+def contents(tree: Path) -> dict[str, bytes]:
+    files = (
+        path
+        for path in tree.rglob("*")
+        if path.suffix in {".py", ".md", ".svg", ".toml"} and ".ruff_cache" not in path.parts
+    )
+    return {path.relative_to(tree).as_posix(): path.read_bytes() for path in files}
+
+
+def run(command: str, tree: Path) -> subprocess.CompletedProcess[str]:
+    words = shlex.split(command)
+    if " -k " in command:  # an expression, of several words
+        before, _, after = command.partition(" -k ")
+        words = [*shlex.split(before), "-k", after]
+    if words[0] == "python":
+        words[0] = sys.executable
+    environment = {
+        **os.environ,
+        "PYTHONPATH": f"{tree / 'src'}{os.pathsep}{tree}",
+        "PYTEST_ADDOPTS": "-p no:cacheprovider",
+    }
+    return subprocess.run(words, cwd=tree, env=environment, capture_output=True, text=True, check=False, timeout=600)
+
+
+@pytest.fixture
+def tree(tmp_path):
+    for name in COPIED:
+        source = ROOT / name
+        if source.is_dir():
+            ignored = shutil.ignore_patterns("__pycache__", "*.mcap", "*.png", "*.jpg")
+            shutil.copytree(source, tmp_path / name, ignore=ignored)
+        elif source.is_file():
+            shutil.copy(source, tmp_path / name)
+    return tmp_path
+
+
+def test_the_page_has_a_recipe_for_everything_that_is_often_added():
+    assert [recipe.name for recipe in RECIPES] == ["Add a message", "Add a key", "Add a verb", "Add a check"]
+    assert all(recipe.steps and recipe.commands for recipe in RECIPES)
+
+
+@pytest.mark.parametrize("recipe", RECIPES, ids=lambda recipe: recipe.name.replace(" ", "_"))
+def test_at_most_four_source_files_are_edited(recipe):
+    assert len([path for path in recipe.files if path.startswith("src/")]) <= 4
+
+
+@pytest.mark.parametrize("recipe", RECIPES, ids=lambda recipe: recipe.name.replace(" ", "_"))
+def test_a_recipe_does_what_it_promises_and_names_every_file(recipe, tree):
+    before = contents(tree)
+    for step in recipe.steps:
+        apply(step, tree)
+    for command in recipe.commands:
+        done = run(command, tree)
+        assert done.returncode == 0, f"{command}\n{done.stdout}\n{done.stderr}"
+    changed = {path for path, content in contents(tree).items() if before.get(path) != content}
+    assert changed - set(GENERATED) == recipe.files

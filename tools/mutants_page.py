@@ -1,0 +1,63 @@
+"""docs/lab/mutants.md: what `python -m lab mutants --json` found, and why each survivor may live."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, Final
+
+from tools.markdown import table
+
+RESULTS: Final = Path("docs/results/mutants.json")
+SHOWN: Final = 90
+"""Characters of a line of code that are shown."""
+
+_HEAD: Final = """# Mutants
+
+`python -m lab mutants` changes the code that decides, one place at a time (a comparison, a constant, a sign, a
+condition, a value returned, a statement left out), and runs the tests that come by. A mutant is killed when a test
+fails or takes too long. What survives is a missing test, or changes nothing that matters: then its reason stands below
+and in `lab/mutants/survivors.toml`. The share leaves out mutants that do the same as the code.
+
+This page is made by `python -m tools.docs` from `docs/results/mutants.json`.
+"""
+
+
+def mutants_page(root: Path) -> str:
+    """Return the page.
+
+    Args:
+        root: root of the source tree.
+    """
+    found: dict[str, Any] = json.loads((root / RESULTS).read_text(encoding="utf-8").splitlines()[-1])
+    drawn = f"A sample of {found['sample']} drawn with seed {found['seed']}" if found["sample"] else "All of them"
+    total = f"{drawn}: {found['killed']} of {found['mutants']} killed, {found['timeouts']} of these by time."
+    lines = [_HEAD, f"{total}\n", *_counts("file", found["files"]), "", *_counts("change", found["operators"])]
+    rows = (
+        (
+            _code(survivor["id"].removeprefix("src/mkdaemon/")),
+            _code(survivor["was"]),
+            _code(survivor["becomes"]),
+            ("the same: " if survivor["equivalent"] else "") + survivor["reason"],
+        )
+        for survivor in found["survivors"]
+    )
+    lines += ["\n## Survivors\n", *table(("mutant", "was", "becomes", "reason"), rows)]
+    return "\n".join(lines) + "\n"
+
+
+def _counts(name: str, counts: dict[str, dict[str, Any]]) -> Iterator[str]:
+    rows = (
+        (
+            key.removeprefix("src/mkdaemon/"),
+            *(str(count[word]) for word in ("mutants", "killed", "equivalent", "survived")),
+            f"{100 * count['share']:.1f} %",
+        )
+        for key, count in counts.items()
+    )
+    return table((name, "mutants", "killed", "the same", "survived", "share"), rows)
+
+
+def _code(text: str) -> str:
+    return f"`{text if len(text) <= SHOWN else text[: SHOWN - 3] + '...'}`"
