@@ -8,6 +8,7 @@ from lab.rigs.boardport import LineFault, Socket
 from lab.rigs.linkrig import Log, flight_ctrl, virtually
 from mkdaemon.clock import Clock
 from mkdaemon.config.link import LinkConfig
+from mkdaemon.link.discovery import discover
 from mkdaemon.link.link import Link
 from mkdaemon.protocol.decoder import MessageDecoder
 from mkdaemon.protocol.framing import Frame, FrameDecoder
@@ -58,7 +59,7 @@ async def test_what_the_tap_was_told_gives_the_same_frames_and_messages_again():
     socket = Socket(flight_ctrl("2.12a"), seed=3)
     cfg = LinkConfig.model_validate({"port": "/dev/rig", "rates": {"attitude": 50}})
     link = Link(cfg, log, opener=socket.open, clock=Clock(monotonic=loop.time), tap=tap)
-    task = asyncio.create_task(link.run())
+    task = asyncio.create_task(link.run(discover))
     await asyncio.sleep(2.0)
     socket.port.inject(LineFault.UNPLUGGED)
     await asyncio.sleep(0.2)

@@ -17,7 +17,7 @@ import pytest
 from lab.places import ROOT
 from lab.rigs.programs import run_mkdaemon
 from mkdaemon.control.events import NOTED
-from mkdaemon.control.regulator.shaping import CountShaper
+from mkdaemon.control.regulator.autopilot import CountShaper
 from mkdaemon.errors import ConfigError, MkError
 from mkdaemon.protocol.fields import WireField
 from mkdaemon.protocol.messages import OsdData5

@@ -14,7 +14,7 @@ from mkdaemon.replay.recorded import Recorded
 from mkdaemon.replay.tolerances import WINDOW, admits, is_left_out
 
 _ABSENT: Final = "(absent)"
-_TOLD_APART: Final = {"event/command": "key", "event/failsafe": "action"}
+_SPLIT_BY: Final = {"event/command": "key", "event/failsafe": "action"}
 """Keys under which more than one part of the daemon publishes, and the field that tells them apart."""
 CUT: Final = 0.05
 """Of a recording that breaks off, the last of it is not compared [s]: part of what came out is missing."""
@@ -160,7 +160,7 @@ def _by_key(values: Iterable[tuple[float, Entry | Output]]) -> dict[str, list[_V
         if isinstance(fields, dict):
             stamp = fields.get("stamp")
             mark = float(stamp["monotonic"]) if isinstance(stamp, dict) and "monotonic" in stamp else at
-            name = f"{name}:{fields.get(_TOLD_APART[name])}" if name in _TOLD_APART else name
+            name = f"{name}:{fields.get(_SPLIT_BY[name])}" if name in _SPLIT_BY else name
         found.setdefault(name, []).append(_Value(at, mark, value.encoding, value.payload))
     return {name: sorted(found[name], key=lambda value: value.mark) for name in found}
 

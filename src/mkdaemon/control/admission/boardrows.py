@@ -150,8 +150,10 @@ def _standing(now: Situation, wanted: Procedure) -> Verdict:
     if wanted.can_fly:
         found = "motors are running" if running else "nobody knows whether motors run"
         return stands(refuse(Token.IN_FLIGHT_NEEDED, name=name, detail=found))
-    token = Token.MOTORS_RUNNING if running else Token.MOTORS_UNKNOWN
-    return stands(refuse(token, detail=f"{name} needs them stopped"))
+    detail = f"{name} needs them stopped"
+    if running:
+        return stands(refuse(Token.MOTORS_RUNNING, detail=detail))
+    return stands(refuse(Token.MOTORS_UNKNOWN, detail=detail))
 
 
 _REQUEST: Final = (Concern.REQUEST,)

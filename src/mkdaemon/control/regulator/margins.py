@@ -17,9 +17,9 @@ from mkdaemon.config.control import ControlConfig, LimiterConfig
 from mkdaemon.control.estimator.model import GRAVITY, LEVEL_STATES, AircraftModel, D, E, H, P
 from mkdaemon.control.estimator.values import GAS_CENTRE, Estimate
 from mkdaemon.control.linear import Array, spectral_radius
+from mkdaemon.control.regulator.autopilot import CountShaper
 from mkdaemon.control.regulator.horizontal import HorizontalCosts, HorizontalRegulator
 from mkdaemon.control.regulator.reference import Reference
-from mkdaemon.control.regulator.shaping import CountShaper
 from mkdaemon.control.regulator.vertical import VerticalGains, gas
 from mkdaemon.errors import CommandRejectedError, ConfigError
 from mkdaemon.telemetry.control import Gains
