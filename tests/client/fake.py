@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
-from functools import partial
 
 from mkdaemon.bus.codec import decode_map, schema_name
 from mkdaemon.bus.gateway import Bus
@@ -27,6 +26,7 @@ from tests.bus.support import bus_config, free_endpoint
 VEHICLE = "fake"
 EPOCH = 1000
 SECRET = "known to the holder alone"
+KEY = HolderKey(EPOCH, SECRET)
 CLOCK = Clock()
 
 
@@ -174,11 +174,10 @@ async def fake_daemon(**more):
         for root in ("do", "cmd"):
             bus.serve(root, daemon.answer)
         for kind in SETPOINTS:
-            key = HolderKey(EPOCH, SECRET)
             bus.receive(
                 kind.suffix,
                 daemon.take_setpoint,
-                lambda raw, proof, kind=kind: key.epoch_signed(Signature(kind.suffix, raw, proof)),
+                lambda raw, proof, kind=kind: KEY.epoch_signed(Signature(kind.suffix, raw, proof)),
             )
         bus.watch_clients(daemon.client_changed)
         yield daemon
