@@ -227,7 +227,7 @@ class Line:
     def _discard(self) -> None:
         with suppress(OSError, termios.error):
             termios.tcflush(self.descriptor, termios.TCOFLUSH)
-        self._is_cut = True
+            self._is_cut = True
 
 
 def serve(channel: socket.socket, report: Path | None) -> None:
