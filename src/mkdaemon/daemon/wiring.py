@@ -118,8 +118,8 @@ class Wiring:
             cfg.link, deck.sink, opener=opener, clock=clock, motors_running=facts.motors_running, guard=guard, tap=tap
         )
         flight = self.flight = FlightControl(deck, link, clock=clock, records=recording_folder(cfg))
-        interlock = Interlock(lambda: flight.phase)
-        requests = BoardRequests(cfg.commands, link, facts, deck.feed, audit, clock, admit=interlock.check_request)
+        interlock = Interlock(lambda: deck.core.situation(clock.now()))
+        requests = BoardRequests(cfg.commands, link, facts, deck.feed, audit, clock, interlock)
         self._procedures = ProcedureRunner(
             link,
             facts,
@@ -133,7 +133,7 @@ class Wiring:
             clock,
         )
         bus.serve("cmd", requests.answer)
-        paths = PathProbe(cfg.control.lease.max_path_delay, clock.now)
+        paths = PathProbe(clock.now)
         verbs = Verbs(flight, link, audit, interlock, self._procedures.verbs, paths)
         self.answer_verb: Callable[[str, Payload], Awaitable[CommandResult]] = verbs.answer
         bus.serve("do", self.answer_verb)

@@ -31,7 +31,7 @@ def _unconfirmed(now: Situation, wanted: Procedure) -> Verdict:
 
 def _stick_frames(now: Situation, wanted: BoardRequest | Procedure) -> Verdict:
     """Nothing that keeps stick frames from the aircraft goes on while somebody flies, or is about to."""
-    is_harmless = not (wanted.is_alone if isinstance(wanted, Procedure) else wanted.is_slow)
+    is_harmless = not (wanted.is_alone if isinstance(wanted, Procedure) else wanted.is_slow and wanted.is_disturbing)
     if is_harmless or now.is_free:
         return passed()
     phase = Phase.LEASED if now.work.leases else now.phase
@@ -150,8 +150,10 @@ def _standing(now: Situation, wanted: Procedure) -> Verdict:
     if wanted.can_fly:
         found = "motors are running" if running else "nobody knows whether motors run"
         return stands(refuse(Token.IN_FLIGHT_NEEDED, name=name, detail=found))
-    token = Token.MOTORS_RUNNING if running else Token.MOTORS_UNKNOWN
-    return stands(refuse(token, detail=f"{name} needs them stopped"))
+    detail = f"{name} needs them stopped"
+    if running:
+        return stands(refuse(Token.MOTORS_RUNNING, detail=detail))
+    return stands(refuse(Token.MOTORS_UNKNOWN, detail=detail))
 
 
 _REQUEST: Final = (Concern.REQUEST,)
