@@ -1,16 +1,19 @@
 """Tests in real time: each states how long the machine may stand still, and a test is repeated only beyond that.
 
 A test marked `real_time(tolerance=...)` that fails although the machine never stood still longer than it tolerates has
-failed. One that was held up longer is repeated once. Repeats are counted and printed, and a run with more than
-`MOST_REPEATS` fails: whatever shows up that often is a fault of ours.
+failed. One that was held up longer is repeated once. A test that measures itself how late the machine was raises
+`InconclusiveError`: that is neither right nor wrong, and it is repeated once, too. Repeats are counted and printed, and
+a run with more than `MOST_REPEATS` fails: whatever shows up that often is a fault of ours.
 """
 
 from __future__ import annotations
 
 import threading
 import time
+from collections.abc import Generator
 from typing import Final, Self
 
+import pluggy
 import pytest
 from _pytest.runner import runtestprotocol
 
@@ -20,6 +23,10 @@ STEP: Final = 0.02
 """Time between two looks at the clock [s]."""
 REPEATED: Final = "repeated"
 """Name of the property of a report that says why its test was repeated."""
+
+
+class InconclusiveError(Exception):
+    """What was measured says nothing of the code, because the machine was late; says how late, or at what."""
 
 
 class Standstill:
@@ -72,11 +79,15 @@ class Repeats:
             reports = runtestprotocol(item, log=False, nextitem=nextitem)
         tolerance = mark.kwargs["tolerance"]
         reason = ""
-        if any(report.failed for report in reports) and still.longest > tolerance:
+        inconclusive = next((report.inconclusive for report in reports if hasattr(report, "inconclusive")), None)
+        if inconclusive is not None:
+            reason = f"{item.nodeid}: inconclusive: {inconclusive}"
+        elif any(report.failed for report in reports) and still.longest > tolerance:
             reason = (
                 f"{item.nodeid}: the machine stood still for {1000 * still.longest:.0f} ms, "
                 f"{1000 * tolerance:.0f} ms are tolerated"
             )
+        if reason:
             item.session._setupstate.teardown_exact(None)  # fixtures that failed are made anew
             item._initrequest()  # type: ignore[attr-defined]
             reports = runtestprotocol(item, log=False, nextitem=nextitem)
@@ -86,6 +97,14 @@ class Repeats:
             item.ihook.pytest_runtest_logreport(report=report)
         item.ihook.pytest_runtest_logfinish(nodeid=item.nodeid, location=item.location)
         return True
+
+    @pytest.hookimpl(hookwrapper=True)
+    def pytest_runtest_makereport(
+        self, item: pytest.Item, call: pytest.CallInfo[None]
+    ) -> Generator[None, pluggy.Result[pytest.TestReport], None]:
+        outcome = yield
+        if call.excinfo is not None and isinstance(call.excinfo.value, InconclusiveError):
+            outcome.get_result().inconclusive = str(call.excinfo.value)
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
         """Also called where the tests run in other processes: properties travel with their report."""

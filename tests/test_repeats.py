@@ -34,15 +34,29 @@ def test_that_fails_the_first_time(number):
     assert tries.count(number) > {failures}
 """
 
+INCONCLUSIVE = """
+import pytest
+from tests.repeats import InconclusiveError
+
+tries = []
+
+@pytest.mark.real_time(tolerance={tolerance})
+@pytest.mark.parametrize("number", range({count}))
+def test_that_measures_the_machine(number):
+    tries.append(number)
+    if tries.count(number) <= {failures}:
+        raise InconclusiveError("late by 2 s")
+"""
+
 
 @pytest.fixture
 def make_run(pytester):
     """Run such a file; the machine stood still if the tolerance is below nothing."""
 
-    def make(*options, tolerance, count=1, failures=1):
+    def make(*options, tolerance, count=1, failures=1, what=FAILS_ONCE):
         pytester.makeini("[pytest]\nasyncio_default_fixture_loop_scope = function")
         pytester.makeconftest(CONFTEST)
-        pytester.makepyfile(FAILS_ONCE.format(tolerance=tolerance, count=count, failures=failures))
+        pytester.makepyfile(what.format(tolerance=tolerance, count=count, failures=failures))
         return pytester.runpytest_inprocess("-p", "no:cacheprovider", *options)
 
     return make
@@ -65,6 +79,13 @@ def test_on_a_steady_machine_a_failure_stands(make_run):
     done = make_run(tolerance=STEADY)
     done.assert_outcomes(failed=1)
     done.stdout.fnmatch_lines(["0 of 1 repeated; 3 may be"])
+
+
+@pytest.mark.parametrize(("failures", "outcome"), [(1, {"passed": 1}), (2, {"failed": 1})])
+def test_an_inconclusive_test_is_repeated_once_on_a_steady_machine_too(make_run, failures, outcome):
+    done = make_run(tolerance=STEADY, failures=failures, what=INCONCLUSIVE)
+    done.assert_outcomes(**outcome)
+    done.stdout.fnmatch_lines(["*inconclusive: late by 2 s", "1 of 1 repeated; 3 may be"])
 
 
 def test_a_second_failure_stands(make_run):

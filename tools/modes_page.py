@@ -9,8 +9,8 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Final
 
-from mkdaemon.control.hands import CAPPED, HANDS, Hands
 from mkdaemon.control.modes import ALWAYS, ROWS, Reaction, Row, Trigger
+from mkdaemon.control.pilots_hands import CAPPED, HANDS, Hands
 from mkdaemon.telemetry.control import Phase
 
 _HEAD: Final = """# Phases of authority
@@ -34,7 +34,7 @@ asked for between two ticks begins with the next one; a take-over is `lease_take
 
 _HANDS: Final = f"""## What the pilot's hands do
 
-From `control/hands.py`, published as `hands` in `control/status`; the first row that fits counts. In flight,
+From `control/pilots_hands.py`, published as `hands` in `control/status`; the first row that fits counts. In flight,
 while his throttle caps ours: the pilot {CAPPED}. The throttle is that of stock
 firmware, which takes the smaller one; [flying.md](flying.md) says more.
 

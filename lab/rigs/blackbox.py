@@ -4,18 +4,14 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable, Sequence
-from concurrent.futures import Executor, Future
 from pathlib import Path
-from typing import Any, Final, ParamSpec, TypeVar
+from typing import Any, Final
 
 import msgpack
 from pydantic import BaseModel
 
 from lab.rigs.boardport import TICK_TIME, Socket
 from mkdaemon.bus.codec import encode, encoding_of
-from mkdaemon.bus.commandserver import Handler
-from mkdaemon.bus.gateway import Watcher
-from mkdaemon.bus.intake import Prover, Taker
 from mkdaemon.clock import Clock
 from mkdaemon.config.root import Config
 from mkdaemon.control.events import Feed
@@ -30,7 +26,8 @@ from mkdaemon.record.writer import RecordingWriter
 from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.command import CommandResult
 from mkdaemon.telemetry.setpoint import Setpoint
-from mkdaemon.telemetry.signature import sign
+from mkdaemon.virtualtime import AtOnce
+from mksim.programs.virtualports import LocalBus
 from mksim.simulation import Simulation
 
 WALL: Final = 1.7e9
@@ -39,25 +36,8 @@ SOURCE: Final = "5eed"
 """Id of the client's session."""
 ROOM: Final = 1 << 30
 """Nothing is lost [bytes]."""
-_Parameters = ParamSpec("_Parameters")
-_Result = TypeVar("_Result")
 HANDED_OVER: Final = 8e-5
 """Time from the arrival of a setpoint at the bus to its arrival at the loop [s]."""
-
-
-class AtOnce(Executor):
-    """Does everything at once: a thread would take time that virtual time does not know."""
-
-    def submit(
-        self, fn: Callable[_Parameters, _Result], /, *args: _Parameters.args, **kwargs: _Parameters.kwargs
-    ) -> Future[_Result]:
-        """Do it."""
-        future: Future[_Result] = Future()
-        try:
-            future.set_result(fn(*args, **kwargs))
-        except OSError as error:
-            future.set_exception(error)
-        return future
 
 
 class Tape:
@@ -74,65 +54,31 @@ class Tape:
         return [entry for entry in taken if entry is not None]
 
 
-class ClientSide:
-    """The bus of this daemon, with its one client.
-
-    Attributes:
-        values: last value of every key.
-    """
+class ClientSide(LocalBus):
+    """The bus of this daemon, with its one client; all of it is recorded."""
 
     def __init__(self, tap: Tap) -> None:
-        self.open_endpoints: tuple[str, ...] = ()
-        self.values: dict[str, Any] = {}
+        super().__init__()
         self._tap = tap
-        self._loop = asyncio.get_running_loop()
-        self._handlers: dict[str, Handler] = {}
-        self._takers: dict[str, Taker] = {}
-        self._watchers: list[Watcher] = []
         self._exchanges = 0
-        self._sequence = 0
-        self.lease: dict[str, Any] = {}
 
     def publish(self, suffix: str, value: BaseModel, *, schema: type[BaseModel] | None = None) -> None:
         """Keep a value."""
-        self.values[suffix] = value
+        super().publish(suffix, value, schema=schema)
         stamp = getattr(value, "stamp", None)
         assert stamp is None or isinstance(stamp, Stamp)
         self._tap.sample(suffix, encode(value), encoding_of(schema or type(value)), stamp)
-
-    def serve(self, root: str, handler: Handler) -> None:
-        """Let a handler answer."""
-        self._handlers[root] = handler
-
-    def receive(self, suffix: str, take: Taker, is_proven: Prover) -> None:
-        """Take setpoints."""
-        self._takers[suffix] = take
-
-    def watch_clients(self, watcher: Watcher) -> None:
-        """Tell of clients."""
-        self._watchers.append(watcher)
 
     async def ask(self, suffix: str, **fields: Any) -> CommandResult:
         """Ask the daemon, as a client does."""
         self._exchanges += 1
         number = self._exchanges
-        payload = msgpack.packb(fields)
-        self._tap.query(suffix, payload, number, SOURCE)
-        began = self._loop.time()
-        result = await self._handlers[suffix.partition("/")[0]](suffix, payload)
-        result = result.model_copy(update={"duration": round(self._loop.time() - began, 6)})
+        self._tap.query(suffix, msgpack.packb(fields), number, SOURCE)
+        began = self.loop.time()
+        result = await super().ask(suffix, **fields)
+        result = result.model_copy(update={"duration": round(self.loop.time() - began, 6)})
         self._tap.reply(suffix, encode(result), encoding_of(CommandResult), number)
         return result
-
-    async def take_lease(self, holder: str = "pilot") -> None:
-        """Take the lease, as the library does."""
-        for watcher in self._watchers:
-            watcher(holder, True)
-        probe = await self.ask("do/lease", action="probe")
-        assert isinstance(probe.reply, dict)
-        granted = await self.ask("do/lease", action="take", holder=holder, echo=probe.reply["echo"])
-        assert isinstance(granted.reply, dict), granted
-        self.lease = granted.reply
 
     async def give_back(self) -> None:
         """Give the lease back."""
@@ -140,23 +86,19 @@ class ClientSide:
 
     async def vanish(self, holder: str = "pilot") -> None:
         """End the client without a word."""
-        for watcher in self._watchers:
-            watcher(holder, False)
+        self.show_client(holder, False)
 
     async def stream(self, kind: type[Setpoint], seconds: float, *, period: float = 0.02, **fields: Any) -> None:
         """Stream a setpoint, by default at 50 Hz."""
-        end = self._loop.time() + seconds
-        while self._loop.time() < end:
-            self._sequence += 1
-            setpoint = kind(epoch=self.lease["epoch"], sequence=self._sequence, ttl=0.3, **fields)
-            payload, at = encode(setpoint), self._loop.time()
-            proof = sign(self.lease["secret"], kind.suffix, payload)
-            self._loop.call_later(HANDED_OVER, self._arrive, kind.suffix, at, payload, proof)
+        end = self.loop.time() + seconds
+        while self.loop.time() < end:
+            self.loop.call_later(HANDED_OVER, self.deliver, kind, self.loop.time(), *self.sign_next(kind, fields))
             await asyncio.sleep(period)
 
-    def _arrive(self, suffix: str, at: float, payload: bytes, proof: bytes) -> None:
-        self._tap.setpoint(suffix, payload, "application/msgpack", proof, at=at, source=SOURCE, is_holder=True)
-        self._takers[suffix](at, payload, proof)
+    def deliver(self, kind: type[Setpoint], at: float, payload: bytes, proof: bytes) -> None:
+        """Bring a setpoint that arrived at a time [s] to the daemon."""
+        self._tap.setpoint(kind.suffix, payload, "application/msgpack", proof, at=at, source=SOURCE, is_holder=True)
+        super().deliver(kind, at, payload, proof)
 
 
 class RecordedDaemon:

@@ -224,12 +224,8 @@ def fly(
             if start <= t < end:
                 trouble, conditions, exposure = name, drawn, shutter
         view, _ = path.view(t, lens or intrinsics, exposure)
-        view = replace(
-            view,
-            line_time=device.line_time,
-            vibration_cam=device.vibration * rng.standard_normal(3) if device.vibration > 0.0 else np.zeros(3),
-            vibration_hz=VIBRATION_HZ,
-        )
+        shaking = device.vibration * rng.standard_normal(3) if device.vibration > 0.0 else np.zeros(3)
+        view = replace(view, line_time=device.line_time, vibration_cam=shaking, vibration_hz=VIBRATION_HZ)
         rotation, position = cam_from_target(placed, view)
         if weather is not None:
             view = weather.exposed(view)
@@ -238,9 +234,8 @@ def fly(
         if weather is not None:
             weather.image_seen(pixels)
         image = CameraImage(pixels, t, t, k, "bench", "driver")
-        yield FlightFrame(
-            image, attitude, rotation, position, trouble, share_in_view(target, rotation, position, intrinsics)
-        )
+        share = share_in_view(target, rotation, position, intrinsics)
+        yield FlightFrame(image, attitude, rotation, position, trouble, share)
 
 
 def _reported_attitude(

@@ -84,33 +84,49 @@ def beat(neutral: bytes, written: float) -> bytes:
     return Word.BEAT + _WRITTEN.pack(written) + neutral
 
 
+class _Debt:
+    """What is owed to an aircraft that may obey stick frames.
+
+    Attributes:
+        neutral: the latest stick frame with level sticks.
+        beat: when that stick frame was written [s].
+        wrote: when the guard wrote last; None before its first neutral frame [s].
+        left: release frames to come.
+    """
+
+    def __init__(self, neutral: bytes, beat: float) -> None:
+        self.neutral = neutral
+        self.beat = beat
+        self.wrote: float | None = None
+        self.left = RELEASE_FRAMES
+
+
 class Guard:
     """What is owed to the aircraft, and what to send now; pure, driven with `now` [s; monotonic].
 
     Attributes:
-        is_armed: the board may obey stick frames, so the heartbeat is watched.
         is_over: nothing is left to do.
         neutral_sent: frames with level sticks sent.
         release_sent: release frames sent.
     """
 
     def __init__(self) -> None:
-        self.is_armed = False
         self.is_over = False
         self.neutral_sent = 0
         self.release_sent = 0
         self._release: list[bytes] = []
-        self._neutral = b""
-        self._beat = 0.0
-        self._wrote = 0.0
-        self._is_level = False
-        self._left = RELEASE_FRAMES
+        self._debt: _Debt | None = None
         self._is_orphan = False
+
+    @property
+    def is_armed(self) -> bool:
+        """Whether the board may obey stick frames, so that the heartbeat is watched."""
+        return self._debt is not None
 
     @property
     def is_releasing(self) -> bool:
         """Whether the release has begun; only the daemon's `SAFE` ends that."""
-        return self._left < RELEASE_FRAMES
+        return self._debt is not None and self._debt.left < RELEASE_FRAMES
 
     def hear(self, packet: bytes, now: float) -> None:
         """Take a packet of the daemon; an empty one is the end of it."""
@@ -120,46 +136,44 @@ class Guard:
         elif word == Word.BEAT and len(rest) > _WRITTEN.size:
             if not self.is_releasing:
                 # As it was written, not as it is heard: a guard that got no processor must not count that as fresh.
-                self._beat = min(_WRITTEN.unpack_from(rest)[0], now)
-                self._neutral = rest[_WRITTEN.size :]
-                self.is_armed, self._is_level = True, False
+                self._debt = _Debt(rest[_WRITTEN.size :], min(_WRITTEN.unpack_from(rest)[0], now))
         elif word == Word.SAFE:
-            self.is_armed, self._is_level, self._left = False, False, RELEASE_FRAMES
+            self._debt = None
         elif not packet:
             self._is_orphan = True
-            self.is_over = not self.is_armed or not self._left
+            self.is_over = self._debt is None or not self._debt.left
 
     def due(self, now: float) -> tuple[bytes, ...]:
         """Return the frames to write now, none where nothing is owed."""
-        if now < self.next_time():
+        debt = self._debt
+        if debt is None or now < self.next_time():
             return ()
-        if not self._is_level:
-            self._is_level, self._wrote = True, now
-            self.neutral_sent += 1
-            return (RESYNC, self._neutral)
-        is_late = now >= self._release_time()
-        self._wrote = now
-        if not is_late:
-            self.neutral_sent += 1
-            return (self._neutral,)
-        return self._next_release()
+        is_first, must_release = debt.wrote is None, now >= self._release_time(debt)
+        debt.wrote = now
+        if must_release:
+            return self._next_release(debt)
+        self.neutral_sent += 1
+        return (RESYNC, debt.neutral) if is_first else (debt.neutral,)
 
     def next_time(self) -> float:
         """When `due` has something again [s]; infinite while nothing is owed."""
-        if not self.is_armed or self.is_over or not self._left:
+        debt = self._debt
+        if debt is None or not debt.left:
             return _NEVER
-        if not self._is_level:
-            return self._beat + (FRAME_SPACING if self._is_orphan else NEUTRAL_AFTER)
-        return min(self._release_time(), self._wrote + NEUTRAL_SPACING)
+        if debt.wrote is None:
+            return debt.beat + (FRAME_SPACING if self._is_orphan else NEUTRAL_AFTER)
+        return min(self._release_time(debt), debt.wrote + NEUTRAL_SPACING)
 
-    def _release_time(self) -> float:
-        """When the next release frame may go: never without neutral sticks before it, whatever the time is."""
-        is_owed_now = self._is_orphan or self.is_releasing
-        return max(self._wrote + FRAME_SPACING, -_NEVER if is_owed_now else self._beat + RELEASE_AFTER)
+    def _release_time(self, debt: _Debt) -> float:
+        """When the next release frame may go: never without neutral sticks before it, however late it is."""
+        if debt.wrote is None:
+            return _NEVER
+        soonest = debt.wrote + FRAME_SPACING
+        return soonest if self._is_orphan or self.is_releasing else max(soonest, debt.beat + RELEASE_AFTER)
 
-    def _next_release(self) -> tuple[bytes, ...]:
-        self._left -= 1
-        self.is_over = self._is_orphan and not self._left
+    def _next_release(self, debt: _Debt) -> tuple[bytes, ...]:
+        debt.left -= 1
+        self.is_over = self._is_orphan and not debt.left
         if not self._release:
             return ()
         self.release_sent += 1
@@ -213,7 +227,7 @@ class Line:
     def _discard(self) -> None:
         with suppress(OSError, termios.error):
             termios.tcflush(self.descriptor, termios.TCOFLUSH)
-        self._is_cut = True
+            self._is_cut = True
 
 
 def serve(channel: socket.socket, report: Path | None) -> None:

@@ -5,10 +5,12 @@ from __future__ import annotations
 import asyncio
 import selectors
 import time
-from collections.abc import Coroutine
-from typing import Any, TypeVar
+from collections.abc import Callable, Coroutine
+from concurrent.futures import Executor, Future
+from typing import Any, ParamSpec, TypeVar
 
 _Result = TypeVar("_Result")
+_Parameters = ParamSpec("_Parameters")
 
 
 class _JumpingSelector(selectors.SelectSelector):
@@ -55,6 +57,21 @@ class VirtualLoop(asyncio.SelectorEventLoop):
     def let_pass(self, seconds: float) -> None:
         """Let time pass in which nothing of this loop runs, as while a process is stopped or works on something."""
         self._jumping.now += seconds
+
+
+class AtOnce(Executor):
+    """Does everything at once: a thread would take time that virtual time does not know."""
+
+    def submit(
+        self, fn: Callable[_Parameters, _Result], /, *args: _Parameters.args, **kwargs: _Parameters.kwargs
+    ) -> Future[_Result]:
+        """Do it."""
+        future: Future[_Result] = Future()
+        try:
+            future.set_result(fn(*args, **kwargs))
+        except OSError as error:
+            future.set_exception(error)
+        return future
 
 
 def run_virtually(main: Coroutine[Any, Any, _Result], pace: float = 0.0) -> _Result:

@@ -217,8 +217,12 @@ def _impatient(endpoint):
 
 async def test_setpoints_arrive_on_the_loop_with_their_time(bus):
     opened, endpoint = bus
-    taken: asyncio.Queue[tuple[float, bytes, bytes]] = asyncio.Queue()
-    opened.receive("setpoint/stick", lambda t, raw, proof: taken.put_nowait((t, raw, proof)))
+    taken: asyncio.Queue[tuple[float, bytes, int | None]] = asyncio.Queue()
+    opened.receive(
+        "setpoint/stick",
+        lambda t, raw, signed_for: taken.put_nowait((t, raw, signed_for)),
+        lambda raw, proof: 7 if proof == bytes(32) else None,
+    )
     before = time.monotonic()
     with client(endpoint) as session:
         came = []
@@ -226,7 +230,7 @@ async def test_setpoints_arrive_on_the_loop_with_their_time(bus):
             await asyncio.to_thread(session.put, "mk/t1/setpoint/stick", b"abc", attachment=attachment)
             came.append(await asyncio.wait_for(taken.get(), PATIENCE))
     stamp = came[0][0]
-    assert [(raw, proof) for _, raw, proof in came] == [(b"abc", bytes(32)), (b"abc", b""), (b"abc", b"")]
+    assert [(raw, signed_for) for _, raw, signed_for in came] == [(b"abc", 7), (b"abc", None), (b"abc", None)]
     assert before <= stamp <= time.monotonic()
 
 
@@ -234,7 +238,9 @@ async def test_a_flood_of_setpoints_is_shed_and_costs_the_holder_nothing(bus_of_
     opened, endpoint = bus_of_one_second
     taken: Counter[bytes] = Counter()
     opened.receive(
-        "setpoint/stick", lambda t, raw, proof: taken.update([raw]), lambda raw, proof: proof == bytes(SIGNATURE_BYTES)
+        "setpoint/stick",
+        lambda t, raw, signed_for: taken.update([raw]),
+        lambda raw, proof: 7 if proof == bytes(SIGNATURE_BYTES) else None,
     )
     with client(endpoint) as attacker, client(endpoint) as pilot:
 
@@ -259,8 +265,8 @@ async def test_nobody_elses_setpoints_displace_the_holders_or_flood_the_loop():
     shed = ShedCounter()
     intake = SetpointIntake(
         asyncio.get_running_loop(),
-        lambda t, raw, proof, source: taken.append(raw),
-        lambda raw, proof: proof == b"holder",
+        lambda arrived: taken.append(arrived.payload),
+        lambda raw, proof: 7 if proof == b"holder" else None,
         partial(shed.add, "setpoints"),
     )
     intake.arrived(b"mine", b"holder")
@@ -277,8 +283,8 @@ async def test_of_the_holders_own_flood_the_newest_comes_through():
     taken: list[bytes] = []
     intake = SetpointIntake(
         asyncio.get_running_loop(),
-        lambda t, raw, proof, source: taken.append(raw),
-        lambda raw, proof: True,
+        lambda arrived: taken.append(arrived.payload),
+        lambda raw, proof: 7,
         lambda: None,
     )
     for number in range(5000):

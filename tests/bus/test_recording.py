@@ -9,6 +9,7 @@ import zenoh
 
 from mkdaemon.bus.codec import TooLong
 from mkdaemon.bus.gateway import Bus
+from mkdaemon.bus.intake import Arrived
 from mkdaemon.bus.recording import recorded_taker
 from mkdaemon.telemetry.command import CommandResult
 from mkdaemon.telemetry.refusals import Status, Token, refuse
@@ -49,13 +50,13 @@ async def test_a_recorder_is_shown_everything_that_crosses_the_bus():
     async def answer(suffix, payload):
         return CommandResult(status=Status.ACCEPTED)
 
-    def take(at, payload, proof):
+    def take(at, payload, signed_for):
         arrived.set()
-        return None if proof == PROOF else refuse(Token.NOT_HOLDER)
+        return None if signed_for == 7 else refuse(Token.NOT_HOLDER)
 
     async with Bus.open(bus_config(endpoint), "t8", recorder) as opened, asyncio.timeout(PATIENCE):
         opened.serve("do", answer)
-        opened.receive("setpoint/stick", take, lambda payload, proof: proof == PROOF)
+        opened.receive("setpoint/stick", take, lambda payload, proof: 7 if proof == PROOF else None)
         opened.watch_clients(lambda name, is_here: arrived.set())
         opened.publish("state/battery", BATTERY)
         with client(endpoint) as session:
@@ -84,11 +85,7 @@ async def test_a_recorder_is_shown_everything_that_crosses_the_bus():
 
 def test_what_is_too_long_is_taken_and_not_recorded():
     recorder, taken = Recorder(), []
-    take = recorded_taker(recorder, "setpoint/stick", "", lambda at, payload, proof: taken.append(payload), never)
-    take(1.0, TooLong(9000, 1024), b"", "")
+    take = recorded_taker(recorder, "setpoint/stick", "", lambda at, payload, signed_for: taken.append(payload))
+    take(Arrived(1.0, TooLong(9000, 1024), b"", None, ""))
     assert recorder.seen == []
     assert taken == [TooLong(9000, 1024)]
-
-
-def never(payload, proof):
-    return False

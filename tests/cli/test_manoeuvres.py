@@ -15,7 +15,7 @@ from mkdaemon.cli.mkctl.app import app
 from mkdaemon.cli.mkctl.connection import Connection
 from mkdaemon.cli.program import EXIT_CONFIG, EXIT_FAILURE, run
 from mkdaemon.errors import CommandRejectedError, ConfigError, ManoeuvreError, MkError
-from mkdaemon.telemetry.control import ControlEstimate, Phase
+from mkdaemon.telemetry.control import ControlEstimate, Outcome, Phase
 from mkdaemon.telemetry.refusals import Token
 from tests.client.fake import CLOCK, VEHICLE, fake_daemon
 
@@ -179,7 +179,7 @@ async def test_motors_that_may_carry_an_aircraft_are_not_stopped():
 
 def end_landing(daemon):
     if len(daemon.setpoints) == 20:
-        daemon.lose("landed on pad")
+        daemon.lose("landed on pad", outcome=Outcome.LANDED)
 
 
 async def test_a_landing_ends_with_the_words_of_the_daemon(capsys):
@@ -265,7 +265,7 @@ do = "land"
 
 def end_after(daemon, count):
     if len(daemon.setpoints) == count:
-        daemon.lose("landed on pad")
+        daemon.lose("landed on pad", outcome=Outcome.LANDED)
 
 
 async def test_a_script_is_flown_step_by_step(tmp_path, capsys):

@@ -9,10 +9,9 @@ import sys
 import pytest
 
 from lab.rigs.waiting import wait_until
-from mkdaemon.client import lease as lease_module
 from mkdaemon.client import setpoints as setpoints_module
 from mkdaemon.errors import CommandRejectedError, LeaseLostError, MkError, NotEngagedError
-from mkdaemon.telemetry.control import LeaseState, Phase
+from mkdaemon.telemetry.control import LeaseState, Outcome, Phase
 from mkdaemon.telemetry.event import CommandEvent
 from mkdaemon.telemetry.refusals import Token, refuse
 from tests.client.fake import CLOCK, EPOCH, SECRET, connected
@@ -236,18 +235,27 @@ async def test_a_landing_ends_when_the_daemon_reports_it():
     async with connected() as (daemon, uav), uav.lease() as lease:
         landing = asyncio.create_task(lease.land())
         await wait_until(lambda: lease.is_engaged)
-        daemon.lose("landed on pad")
+        daemon.lose("it stands", outcome=Outcome.LANDED)
         await landing
+        assert lease.outcome is Outcome.LANDED
 
 
-async def test_a_landing_that_ends_otherwise_is_a_lost_lease():
+@pytest.mark.parametrize(
+    ("reason", "outcome"),
+    [
+        ("no image of pad for 3.1 s", Outcome.SIGHT_LOST),
+        ("landed on pad, says somebody", None),
+        ("landed on its back", Outcome.LANDED_ASIDE),
+    ],
+)
+async def test_a_landing_that_ends_otherwise_is_a_lost_lease_whatever_the_words(reason, outcome):
     async with connected() as (daemon, uav), uav.lease() as lease:
         landing = asyncio.create_task(lease.land())
         await wait_until(lambda: lease.is_engaged)
-        daemon.lose("no image of pad for 3.1 s")
-        with pytest.raises(LeaseLostError, match="no image of pad"):
+        daemon.lose(reason, outcome=outcome)
+        with pytest.raises(LeaseLostError, match=reason):
             await landing
-        assert lease_module.LANDED not in lease.reason
+        assert lease.outcome is outcome
 
 
 IMPORTED_LATE = """

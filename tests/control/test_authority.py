@@ -5,8 +5,7 @@ from __future__ import annotations
 import pytest
 
 from mkdaemon.config.control import ControlConfig
-from mkdaemon.control.authority import Authority, Fly, ReleaseOrder, SendNothing
-from mkdaemon.control.lease import LONGEST_JUMP
+from mkdaemon.control.authority import LONGEST_JUMP, Authority, Fly, ReleaseOrder, SendNothing
 from mkdaemon.control.modes import Trigger
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.control import Phase

@@ -42,7 +42,7 @@ class Bus:
     def serve(self, root, handler):
         pass
 
-    def receive(self, suffix, take, is_proven):
+    def receive(self, suffix, take, verify):
         pass
 
     def counts(self):
@@ -239,7 +239,7 @@ def with_daemon(monkeypatch, error):
     """Let `run` serve something that ends with an error."""
 
     class Failing:
-        def __init__(self, cfg, bus, clock, black_box):
+        def __init__(self, cfg, bus, clock, black_box, last_word):
             pass
 
         async def serve(self, stop, notifier):

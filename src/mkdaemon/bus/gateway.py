@@ -21,7 +21,7 @@ from mkdaemon.bus.codec import MEDIA_TYPE, encoding_of
 from mkdaemon.bus.commandserver import CommandServer, Handler
 from mkdaemon.bus.exposure import check_exposure
 from mkdaemon.bus.floods import ShedCounter, flood_settings
-from mkdaemon.bus.intake import Prover, SetpointIntake, Taker, read_payload, read_signature, read_source
+from mkdaemon.bus.intake import SetpointIntake, Taker, Verifier, read_payload, read_signature, read_source
 from mkdaemon.bus.keys import Use, find, of_use, roots
 from mkdaemon.bus.names import key
 from mkdaemon.bus.published import PublishedValues
@@ -162,7 +162,7 @@ class Bus:
         """End what is being worked on; what is asked from now on gets no answer."""
         await self._commands.stop()
 
-    def receive(self, suffix: str, take: Taker, is_proven: Prover = lambda payload, proof: True) -> None:
+    def receive(self, suffix: str, take: Taker, verify: Verifier = lambda payload, proof: 0) -> None:
         """Hand every setpoint of a key to `take`, with the time it arrived; see `SetpointIntake`.
 
         What is too long is not even copied.
@@ -170,14 +170,14 @@ class Bus:
         Args:
             suffix: key without `mk/<vehicle>/`.
             take: called on the loop.
-            is_proven: whether it is the holder's; called on Zenoh's threads.
+            verify: tells those of the holder from others; called on Zenoh's threads.
         """
         spec = find(suffix)
         encoding = MEDIA_TYPE if spec is None or spec.carries is None else encoding_of(spec.carries)
 
-        recorded = recorded_taker(self._recorder, suffix, encoding, take, is_proven)
+        recorded = recorded_taker(self._recorder, suffix, encoding, take)
         shed = partial(self._shed.add, f"setpoints to {suffix}")
-        intake = SetpointIntake(self._loop, recorded, is_proven, shed, self._clock)
+        intake = SetpointIntake(self._loop, recorded, verify, shed, self._clock)
 
         def on_sample(sample: zenoh.Sample) -> None:
             source = read_source(sample.source_info)

@@ -7,7 +7,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable
-from typing import Final
+from typing import Final, NamedTuple
 
 import zenoh
 
@@ -22,13 +22,29 @@ FLOOD: Final = 64
 STRANGERS: Final = 4
 """Setpoints of others taken in one turn, so that they are refused by name."""
 
-Taker = Callable[[float, Payload, bytes], CommandRejectedError | None]
-"""Takes a setpoint: arrival [s; monotonic], payload, signature; called on the loop, returns at once, never raises.
-Returns why it was refused."""
-SourcedTaker = Callable[[float, Payload, bytes, str], None]
-"""The same, with the id of the session it says it comes from."""
-Prover = Callable[[Payload, bytes], bool]
-"""Whether payload and signature come from who flies; called on any thread."""
+Taker = Callable[[float, Payload, int | None], CommandRejectedError | None]
+"""Takes a setpoint: arrival [s; monotonic], payload, epoch of the lease whose holder signed it; called on the loop,
+returns at once, never raises. Returns why it was refused."""
+Verifier = Callable[[Payload, bytes], int | None]
+"""Epoch of the lease whose holder signed a payload; None where he did not. Called on any thread, once a setpoint."""
+
+
+class Arrived(NamedTuple):
+    """A setpoint that has arrived.
+
+    Attributes:
+        at: when [s; monotonic].
+        payload: as it came.
+        proof: its signature.
+        signed_for: epoch of the lease whose holder signed it; None where he did not.
+        source: id of the session it says it comes from.
+    """
+
+    at: float
+    payload: Payload
+    proof: bytes
+    signed_for: int | None
+    source: str
 
 
 class SetpointIntake:
@@ -42,8 +58,8 @@ class SetpointIntake:
     def __init__(
         self,
         loop: asyncio.AbstractEventLoop,
-        take: SourcedTaker,
-        is_proven: Prover,
+        take: Callable[[Arrived], None],
+        verify: Verifier,
         shed: Callable[[], None],
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
@@ -52,27 +68,27 @@ class SetpointIntake:
         Args:
             loop: where `take` is called.
             take: takes them.
-            is_proven: tells those of the holder from others.
+            verify: tells those of the holder from others.
             shed: called, on any thread, for each setpoint that was dropped.
             clock: what a second is, for strangers' setpoints that are too many in it [s].
         """
-        self._loop, self._take, self._is_proven, self._shed = loop, take, is_proven, shed
+        self._loop, self._take, self._verify, self._shed = loop, take, verify, shed
         self._lock = threading.Lock()
-        self._holders: deque[tuple[float, Payload, bytes, str]] = deque(maxlen=FLOOD)
-        self._others: deque[tuple[float, Payload, bytes, str]] = deque(maxlen=STRANGERS)
+        self._holders: deque[Arrived] = deque(maxlen=FLOOD)
+        self._others: deque[Arrived] = deque(maxlen=STRANGERS)
         self._strangers = Budget(STRANGER_RATE, clock)
         self._is_called = False
 
     def arrived(self, payload: Payload, proof: bytes, source: str = "") -> None:
         """Take a setpoint; from any thread, returns at once."""
-        is_proven = self._is_proven(payload, proof)
-        if not is_proven and not self._strangers.admits():
+        signed_for = self._verify(payload, proof)
+        if signed_for is None and not self._strangers.admits():
             self._shed()
             return
-        waiting = self._holders if is_proven else self._others
+        waiting = self._others if signed_for is None else self._holders
         with self._lock:
             is_full = len(waiting) == waiting.maxlen
-            waiting.append((time.monotonic(), payload, proof, source))
+            waiting.append(Arrived(time.monotonic(), payload, proof, signed_for, source))
             must_call, self._is_called = not self._is_called, True
         if is_full:
             self._shed()
@@ -86,7 +102,7 @@ class SetpointIntake:
             self._others.clear()
             self._holders.clear()
         for setpoint in arrived:
-            self._take(*setpoint)
+            self._take(setpoint)
 
 
 def read_signature(attachment: zenoh.ZBytes | None) -> bytes:

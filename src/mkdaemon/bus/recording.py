@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Protocol
 
-from mkdaemon.bus.codec import Payload
-from mkdaemon.bus.intake import Prover, SourcedTaker, Taker
+from mkdaemon.bus.intake import Arrived, Taker
 from mkdaemon.stamp import Stamp
 
 
@@ -61,7 +61,7 @@ class NoRecorder:
         """Take no notice."""
 
 
-def recorded_taker(recorder: BusRecorder, suffix: str, encoding: str, take: Taker, is_proven: Prover) -> SourcedTaker:
+def recorded_taker(recorder: BusRecorder, suffix: str, encoding: str, take: Taker) -> Callable[[Arrived], None]:
     """What hands the setpoints of a key to a recorder and then to `take`, and its refusals to the recorder again.
 
     Args:
@@ -69,16 +69,16 @@ def recorded_taker(recorder: BusRecorder, suffix: str, encoding: str, take: Take
         suffix: key without `mk/<vehicle>/`.
         encoding: of what it carries.
         take: takes them.
-        is_proven: whether one is the holder's.
     """
 
-    def record_and_take(at: float, payload: Payload, proof: bytes, source: str) -> None:
+    def record_and_take(arrived: Arrived) -> None:
+        at, payload, proof, signed_for, source = arrived
         if not isinstance(payload, bytes):
-            take(at, payload, proof)
+            take(at, payload, signed_for)
             return
-        is_holder = is_proven(payload, proof)
+        is_holder = signed_for is not None
         recorder.setpoint(suffix, payload, encoding, proof, at=at, source=source, is_holder=is_holder)
-        refusal = take(at, payload, proof)
+        refusal = take(at, payload, signed_for)
         if refusal is not None:
             recorder.setpoint_refused(suffix, refusal.token, refusal.reason)
 

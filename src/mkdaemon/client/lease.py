@@ -23,8 +23,6 @@ GOING: Final = 30.0
 """Longest time of a way [s]; it begins at the engagement."""
 PROBES: Final = 3
 """How often the path is measured before a slow one is believed: a busy machine is slow for a moment."""
-LANDED: Final = "landed on "
-"""How the reason begins for which the daemon lets go of an aircraft that stands; docs/modes.md."""
 
 
 class Lease(SetpointStream):
@@ -242,11 +240,13 @@ class Lease(SetpointStream):
             NotEngagedError: as `velocity`.
             CommandRejectedError: as `velocity`.
         """
+        from mkdaemon.telemetry.control import Outcome
+
         wanted = {"yaw": yaw}
         try:
             await self._fly("land", wanted, wanted, patience, rate, patience=SIGHTING)
         except LeaseLostError:
-            if not self.reason.startswith(LANDED):
+            if self.outcome is not Outcome.LANDED:
                 raise
             return
         msg = f"not landed within {patience:g} s"

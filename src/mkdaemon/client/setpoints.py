@@ -18,7 +18,7 @@ from mkdaemon.telemetry.refusals import Status, Token
 if TYPE_CHECKING:
     from pydantic import BaseModel
 
-    from mkdaemon.telemetry.control import ControlStatus, LeaseState
+    from mkdaemon.telemetry.control import ControlStatus, LeaseState, Outcome
     from mkdaemon.telemetry.event import CommandEvent
 
 RATE: Final = 50.0
@@ -148,6 +148,7 @@ class SetpointStream:
         self._taken_at = self._received_at = self._loop.time()
         self._status: ControlStatus | None = None
         self._lost: str | None = None
+        self._outcome: Outcome | None = None
         self._refusal: CommandRejectedError | None = None
         self._following: asyncio.Task[None] | None = None
 
@@ -183,6 +184,11 @@ class SetpointStream:
     def status(self) -> ControlStatus | None:
         """What the daemon last said of this lease: phase, manoeuvre, stage; None before it said anything."""
         return self._status
+
+    @property
+    def outcome(self) -> Outcome | None:
+        """How the manoeuvre ended by itself; None while it has not."""
+        return self._outcome
 
     @property
     def reason(self) -> str:
@@ -330,6 +336,6 @@ class SetpointStream:
 
     def _status_arrived(self, status: ControlStatus) -> None:
         if status.lease is not None and status.lease.epoch == self.epoch:
-            self._status = status
-        elif self._status is not None or self._received_at - self._taken_at > SETTLING:
-            self._lost = self._lost or status.reason
+            self._status, self._outcome = status, status.outcome
+        elif self._lost is None and (self._status is not None or self._received_at - self._taken_at > SETTLING):
+            self._lost, self._outcome = status.reason, status.outcome

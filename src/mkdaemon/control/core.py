@@ -24,7 +24,7 @@ from mkdaemon.control.admission import (
     waits_for,
 )
 from mkdaemon.control.authority import Authority, Fly, ReleaseOrder
-from mkdaemon.control.estimator.values import fault_of
+from mkdaemon.control.estimator.values import ViewFault
 from mkdaemon.control.events import (
     DUE,
     NOTED,
@@ -67,7 +67,7 @@ from mkdaemon.control.pacing import Pacing
 from mkdaemon.control.patience import LinePatience
 from mkdaemon.control.preflight import Preflight
 from mkdaemon.control.reports import Reports
-from mkdaemon.control.sight import ATTITUDE_LATENCY, Sight, view_of
+from mkdaemon.control.sight import ATTITUDE_LATENCY, Sight, checked_view
 from mkdaemon.control.vehicle import VehicleFacts, VehicleMemory
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.control import ControlLine, ErrorValue, Gains, LeaseState, Obstacle, Phase
@@ -251,10 +251,9 @@ class FlightCore:
 
     def _pose_seen(self, event: PoseSeen, now: float) -> Reply:
         pose = event.pose
-        sight, view = self._sight, view_of(pose)
-        fault = fault_of(view, now)
-        if fault is not None:
-            self._reports.pose_refused(pose, fault, now)
+        sight, view = self._sight, checked_view(pose, now)
+        if isinstance(view, ViewFault):
+            self._reports.pose_refused(pose, view, now)
             return NOTED
         is_ours = not sight.target or pose.target == sight.target
         current = self._flown.current

@@ -105,7 +105,7 @@ class Preflight:
             target_age: time since the newest image of the target [s]; None where there was none.
         """
         facts, throttle = self._facts, self._facts.throttle_in_use()
-        is_told = throttle is not None and now - throttle.at <= REPORTED
+        is_reported = throttle is not None and now - throttle.at <= REPORTED
         if now - self._matched_at >= MATCHED_FOR:
             self._match, self._matched_at = self.motion.match(now, self._followed), now
         return Situation(
@@ -130,7 +130,7 @@ class Preflight:
             battery=facts.battery(now),
             highest_voltage=facts.highest_voltage,
             hover_gas=hover_gas,
-            gas_in_use=throttle.throttle + GAS_CENTRE if throttle is not None and is_told else None,
+            gas_in_use=throttle.throttle + GAS_CENTRE if throttle is not None and is_reported else None,
             eyes=facts.eyes,
             contradicting=self._contradicting,
             target_age=target_age,

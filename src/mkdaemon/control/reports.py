@@ -18,10 +18,10 @@ from mkdaemon.control.actions import (
 )
 from mkdaemon.control.authority import Authority
 from mkdaemon.control.estimator.values import ViewFault
-from mkdaemon.control.hands import pilots_hands
 from mkdaemon.control.modes import IN_FLIGHT
 from mkdaemon.control.naviwatch import NaviWatch
 from mkdaemon.control.output import StickOutput
+from mkdaemon.control.pilots_hands import pilots_hands
 from mkdaemon.control.vehicle import VehicleFacts
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.command import CommandResult, refused

@@ -12,7 +12,7 @@ from mkdaemon.config.autopilot import AutopilotConfig
 from mkdaemon.control.admission.situation import Entry
 from mkdaemon.control.estimator.estimator import Estimator
 from mkdaemon.control.estimator.model import AircraftModel
-from mkdaemon.control.estimator.values import GAS_CENTRE, StickCommand, TargetView, ThrottleUse
+from mkdaemon.control.estimator.values import GAS_CENTRE, StickCommand, TargetView, ThrottleUse, ViewFault, fault_of
 from mkdaemon.control.limiter import StickCounts
 from mkdaemon.control.linear import Array
 from mkdaemon.frames import rotation_from_quaternion
@@ -186,6 +186,14 @@ def estimate_value(target: str, estimator: Estimator, now: float) -> EstimateVal
         stick_filter=estimator.model.stick_filter,
         contradicting=estimator.contradicting,
     )
+
+
+def checked_view(pose: VisionPose, now: float) -> TargetView | ViewFault:
+    """A pose that arrives now [s] as the estimator takes it, or why nobody may use it."""
+    if not all(math.isfinite(number) for number in pose.quaternion_target_from_flu):
+        return ViewFault.NOT_FINITE
+    view = view_of(pose)
+    return fault_of(view, now) or view
 
 
 def view_of(pose: VisionPose) -> TargetView:

@@ -30,6 +30,7 @@ from mkdaemon.daemon.sink import BusSink
 from mkdaemon.telemetry.control import ControlError, ControlEstimate, ControlOutput, ControlStatus
 from mkdaemon.telemetry.navi import ControlNavi
 from mkdaemon.telemetry.preflight import ControlPreflight, PreflightReport
+from mkdaemon.telemetry.signature import HolderKey
 
 if TYPE_CHECKING:
     from mkdaemon.record.tap import Tap
@@ -77,6 +78,7 @@ class Deck:
         eyes: the cameras.
         sink: hears about the line.
         news: set when a tick is due at once.
+        holder_key: tells setpoints of who holds the lease from others; replaced as a whole, so any thread may read it.
     """
 
     def __init__(
@@ -109,6 +111,7 @@ class Deck:
         else:
             self.core = RecordedCore(cfg, first_epoch=first_epoch, tap=tap)
         self.news = asyncio.Event()
+        self.holder_key: HolderKey | None = None
         self.audit = Audit(bus, clock)
         self.eyes = make_eyes(self.feed)
         self.sink = BusSink(bus, self.feed, self.core.vehicle, self.audit, self.eyes, clock)
@@ -116,9 +119,16 @@ class Deck:
     def feed(self, event: Event, now: float) -> Reply:
         """Tell the core of an event at a time [s]; whoever ticks it is woken where that is due."""
         reply = self.core.feed(event, now)
+        self.holder_key = self.core.holder_key
         if reply.is_due:
             self.news.set()
         return reply
+
+    def tick(self, now: float, *, slept: float) -> list[Action]:
+        """Let the core decide; see `FlightCore.tick`."""
+        actions = self.core.tick(now, slept=slept)
+        self.holder_key = self.core.holder_key
+        return actions
 
     def publish(self, action: Publication, now: float) -> None:
         """Publish what the core wants published, stamped with the time of its tick [s]."""

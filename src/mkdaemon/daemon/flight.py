@@ -75,7 +75,7 @@ class FlightControl:
     # -- what the bus brings --------------------------------------------------------------------------------------
 
     def setpoint_arrived(
-        self, kind: type[Setpoint], arrived: float, payload: Payload, proof: bytes
+        self, kind: type[Setpoint], arrived: float, payload: Payload, signed_for: int | None
     ) -> CommandRejectedError | None:
         """Take a streamed setpoint; one that is refused is counted and reported.
 
@@ -83,12 +83,11 @@ class FlightControl:
             kind: what the key carries.
             arrived: [s; monotonic].
             payload: as it came.
-            proof: its attachment; see `telemetry.signature`.
+            signed_for: epoch of the lease whose holder signed it, see `signed_for`; None where he did not.
 
         Returns:
             Why it was refused; None where it was taken.
         """
-        signed_for = self._epoch_signed(kind, payload, proof)
         fields = {"bytes": payload.size if isinstance(payload, TooLong) else len(payload)}
         try:
             fields = decode_map(payload)
@@ -96,17 +95,12 @@ class FlightControl:
         except CommandRejectedError as error:
             unreadable = SetpointUnreadable(kind.suffix, fields, error, is_by_holder=signed_for is not None)
             return self._deck.feed(unreadable, arrived).refusal
-        if signed_for is None:
-            return self._deck.feed(SetpointUnsigned(setpoint), arrived).refusal
-        return self._deck.feed(SetpointAccepted(setpoint, signed_for), arrived).refusal
+        event = SetpointUnsigned(setpoint) if signed_for is None else SetpointAccepted(setpoint, signed_for)
+        return self._deck.feed(event, arrived).refusal
 
-    def is_signed_by_holder(self, kind: type[Setpoint], payload: Payload, proof: bytes) -> bool:
-        """Whether a setpoint comes from who holds the lease; from any thread."""
-        return self._epoch_signed(kind, payload, proof) is not None
-
-    def _epoch_signed(self, kind: type[Setpoint], payload: Payload, proof: bytes) -> int | None:
-        """Epoch of the lease whose holder signed it; None where he did not."""
-        key = self._core.holder_key
+    def signed_for(self, kind: type[Setpoint], payload: Payload, proof: bytes) -> int | None:
+        """Epoch of the lease whose holder signed a setpoint; None where he did not. From any thread."""
+        key = self._deck.holder_key
         if key is None or not isinstance(payload, bytes):
             return None
         return key.epoch_signed(Signature(kind.suffix, payload, proof))
@@ -198,7 +192,7 @@ class FlightControl:
                 self.ticks += 1
                 now = self._clock.now()
                 self._note_line(now)
-                for action in self._core.tick(now, slept=sleep.take()):
+                for action in self._deck.tick(now, slept=sleep.take()):
                     self._carry_out(action, now, tasks)
 
     async def _wait(self) -> None:

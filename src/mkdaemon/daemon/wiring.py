@@ -7,14 +7,12 @@ What differs comes from outside: the bus, the clock, what opens the port, the gu
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable, Callable
 from functools import partial
 from typing import TYPE_CHECKING, Final, Protocol
 
-from mkdaemon.bus.codec import Payload
 from mkdaemon.bus.commandserver import Handler
 from mkdaemon.bus.gateway import Watcher
-from mkdaemon.bus.intake import Prover, Taker
+from mkdaemon.bus.intake import Taker, Verifier
 from mkdaemon.clock import Clock
 from mkdaemon.config.root import Config
 from mkdaemon.control.regulator.margins import require_safe_loop
@@ -32,7 +30,6 @@ from mkdaemon.link.labels import LabelCache
 from mkdaemon.link.link import Link, Opener
 from mkdaemon.link.ports.port import open_port
 from mkdaemon.link.session.guarding import LineGuard
-from mkdaemon.telemetry.command import CommandResult
 from mkdaemon.telemetry.setpoint import SETPOINTS
 from mkdaemon.telemetry.vehicle import VehicleHealth
 
@@ -55,7 +52,7 @@ class Station(Outlet, Protocol):
     def serve(self, root: str, handler: Handler) -> None:
         """Answer every command below a root; see `Bus.serve`."""
 
-    def receive(self, suffix: str, take: Taker, is_proven: Prover) -> None:
+    def receive(self, suffix: str, take: Taker, verify: Verifier) -> None:
         """Hand every setpoint of a key to `take`; see `Bus.receive`."""
 
     def watch_clients(self, watcher: Watcher) -> None:
@@ -85,7 +82,6 @@ class Wiring:
         opener: Opener = open_port,
         tap: Tap | None = None,
         journal: Journal | None = None,
-        first_epoch: int | None = None,
     ) -> None:
         """Build and wire.
 
@@ -98,7 +94,6 @@ class Wiring:
             opener: opens the port.
             tap: records the line, and what the flight core is told.
             journal: of procedures; the vehicle's own if none is given.
-            first_epoch: of the leases; if none is given, one above every epoch of an earlier run.
 
         Raises:
             ConfigError: the port cannot exist, the line cannot carry the configured rates, a camera is wrong, or a
@@ -107,13 +102,11 @@ class Wiring:
         self._cfg, self._bus, self._clock = cfg, bus, clock
         if cfg.cameras:
             require_safe_loop(cfg.control)
-        if first_epoch is None:
-            # Milliseconds since 1970: above every epoch of an earlier run, whatever a client still streams.
-            first_epoch = int(clock.stamp().wall * 1000)
-        deck = self._deck = Deck(cfg.control, bus, clock, first_epoch=first_epoch, make_eyes=make_eyes, tap=tap)
+        # Milliseconds since 1970: above every epoch of an earlier run, whatever a client still streams.
+        first_epoch = int(clock.stamp().wall * 1000)
+        deck = Deck(cfg.control, bus, clock, first_epoch=first_epoch, make_eyes=make_eyes, tap=tap)
         facts = self.facts = deck.core.vehicle
-        audit, self.eyes = deck.audit, deck.eyes
-        self.audit = audit
+        audit, self.audit, self.eyes = deck.audit, deck.audit, deck.eyes
         link = self.link = Link(
             cfg.link, deck.sink, opener=opener, clock=clock, motors_running=facts.motors_running, guard=guard, tap=tap
         )
@@ -132,16 +125,19 @@ class Wiring:
             LabelCache(cfg.link.label_cache),
             clock,
         )
-        bus.serve("cmd", requests.answer)
         paths = PathProbe(clock.now)
-        verbs = Verbs(flight, link, audit, interlock, self._procedures.verbs, paths)
-        self.answer_verb: Callable[[str, Payload], Awaitable[CommandResult]] = verbs.answer
+        self.answer_verb = Verbs(flight, link, audit, interlock, self._procedures.verbs, paths).answer
+        self.guard_acted, self.guard_changed = flight.guard_acted, flight.guard_changed
+        self._serve(requests)
+
+    def _serve(self, requests: BoardRequests) -> None:
+        """Be there for the bus: requests, setpoints, clients."""
+        bus, flight = self._bus, self.flight
+        bus.serve("cmd", requests.answer)
         bus.serve("do", self.answer_verb)
         for kind in SETPOINTS:
-            is_proven = partial(flight.is_signed_by_holder, kind)
-            bus.receive(kind.suffix, partial(flight.setpoint_arrived, kind), is_proven)
+            bus.receive(kind.suffix, partial(flight.setpoint_arrived, kind), partial(flight.signed_for, kind))
         bus.watch_clients(flight.client_changed)
-        self.guard_acted, self.guard_changed = flight.guard_acted, flight.guard_changed
 
     async def run_line(self) -> None:
         """Keep the line; see `Link.run`."""

@@ -74,8 +74,8 @@ def unpack_event(suffix: str, payload: bytes) -> Event:
     name = suffix.removeprefix(CORE)
     try:
         cls = _EVENTS[name]
-        told = msgpack.unpackb(payload, strict_map_key=False)["event"]
-        return cls(**{field: _built(hint, told[field]) for field, hint in _hints(name).items()})
+        packed = msgpack.unpackb(payload, strict_map_key=False)["event"]
+        return cls(**{field: _built(hint, packed[field]) for field, hint in _hints(name).items()})
     except (ValueError, TypeError, KeyError, ValidationError, msgpack.exceptions.UnpackException) as error:
         reason = " ".join(str(error).split())[:200]
         msg = f"{suffix}: not as the event is today ({reason}); verify the recording with the version that made it"
@@ -110,13 +110,13 @@ def _names(cls: type) -> tuple[str, ...] | None:
     return _FIELDS[cls]
 
 
-def _built(hint: Any, told: Any) -> Any:
+def _built(hint: Any, packed: Any) -> Any:
     """A field as it was."""
     if hint is Setpoint:
-        return _adapter(_SETPOINTS[told.pop(_KIND)]).validate_python(told, strict=False)
+        return _adapter(_SETPOINTS[packed.pop(_KIND)]).validate_python(packed, strict=False)
     if hint is CommandRejectedError:
-        return CommandRejectedError(**told)
-    return _adapter(hint).validate_python(told, strict=False)
+        return CommandRejectedError(**packed)
+    return _adapter(hint).validate_python(packed, strict=False)
 
 
 @cache

@@ -24,7 +24,7 @@ from mkdaemon.cli.program import EXIT_FAILURE, EXIT_OK
 
 if TYPE_CHECKING:
     from mkdaemon.telemetry.control import ControlStatus
-    from mksim.programs.rehearsal.record import Moment
+    from mksim.programs.flightrecord import Moment
 
 REDRAW: Final = 0.25
 """Least flight time between two tables [s]."""
@@ -79,8 +79,8 @@ def demo(
 def _fly(pace: float, seed: int, wind: str, fps: float, picture: Path, *, is_quiet: bool, is_headless: bool) -> int:
     import mksim.scene  # noqa: F401 - before the eyes: where OpenCV is missing it names the extra to install
     from mkdaemon.virtualtime import run_virtually
-    from mksim.programs.flightpicture import write_picture
-    from mksim.programs.rehearsal.flight import rehearse
+    from mksim.programs.flightrecord import write_picture
+    from mksim.programs.rehearsal import rehearse
 
     structlog.configure(wrapper_class=structlog.make_filtering_bound_logger(logging.CRITICAL))
     console = Console(quiet=is_quiet)

@@ -7,8 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
-from mkdaemon.control.estimator.estimator import Estimator
+from mkdaemon.control.estimator.estimator import TOGETHER, Cameras, Estimator
 from mkdaemon.control.estimator.model import GRAVITY, LEVEL_STATES, TH, AircraftModel, B, D, P, S, T, V
 from mkdaemon.control.estimator.rollback import MEMORY, STEP, RollbackFilter
 from mkdaemon.control.estimator.values import (
@@ -389,14 +391,23 @@ def test_no_estimate_begins_with_a_view_that_cannot_be_one():
         Estimator(MODEL, replace(good, at=math.nan), HOVER)
 
 
-@pytest.mark.parametrize("wrong", [(math.nan, 0.0, 0.0, 0.0), (5.0, math.nan, 0.0, 0.0), (5.0, 0.0, 0.0, math.inf)])
-def test_an_attitude_that_is_no_number_changes_nothing(wrong):
+@pytest.mark.parametrize(
+    ("wrong", "fault"),
+    [
+        ((math.nan, 0.0, 0.0, 0.0), ViewFault.NOT_FINITE),
+        ((5.0, math.nan, 0.0, 0.0), ViewFault.NOT_FINITE),
+        ((5.0, 0.0, 0.0, math.inf), ViewFault.NOT_FINITE),
+        ((5.0, 3.2, 0.0, 0.0), ViewFault.NO_ROTATION),
+        ((5.0, 0.0, -3.2, 0.0), ViewFault.NO_ROTATION),
+    ],
+)
+def test_an_attitude_that_is_none_changes_nothing(wrong, fault):
     estimator = run(Plant(), 5.0)
     before = estimator.estimate(5.0)
     estimator.attitude_received(*wrong)
     assert np.array_equal(estimator.estimate(5.0).axes, before.axes)
     assert estimator.estimate(5.0).yaw == before.yaw
-    assert estimator.refused == {ViewFault.NOT_FINITE: 1}
+    assert estimator.refused == {fault: 1}
 
 
 def test_an_image_just_ahead_of_our_clock_is_of_now_and_the_newest_image_never_gets_older():
@@ -414,3 +425,103 @@ def test_an_image_older_than_the_filter_is_no_sight_of_the_target():
     estimator.target_seen(view(4.9, np.zeros((2, LEVEL_STATES)), 2.0, 1.0), 5.0)
     assert estimator.refused == {ViewFault.TOO_OLD: 1}
     assert estimator.estimate(5.0).yaw == 0.0
+
+
+@pytest.mark.parametrize(
+    ("first", "believed"), [(0.0, 60.0), (59.0, 60.0), (60.0, 60.0), (190.0, 190.0), (254.0, 190.0)]
+)
+def test_no_estimate_begins_with_a_hover_throttle_that_carries_nothing(first, believed):
+    assert Estimator(MODEL, view(0.0, np.zeros((2, LEVEL_STATES)), 2.0, 0.0), first).hover_gas == believed
+
+
+def test_after_a_silence_somebody_else_may_have_tilted_it_the_more_the_longer():
+    estimator, now = silent(MEMORY + 1.0)
+    estimator.advance(now)
+    # What a constant tilt of 0.175 rad alone makes of a second: 0.175 g, 1.7 m/s, and more by the leak.
+    assert estimator.velocity_sd > 1.7
+
+
+def test_after_a_silence_the_model_must_agree_anew_before_it_counts():
+    plant = Plant()
+    estimator = run(plant, 20.0)
+    estimator._believe(is_nominal=True)
+    estimator._agrees_since = 0.0
+    now = plant.now + 10.0
+    plant.axes[:] = 0.0
+    for k in range(50):
+        at = now + 0.02 * k
+        estimator.advance(at)
+        estimator.attitude_received(at, 0.0, 0.0, 0.4)
+        estimator.target_seen(view(at, plant.axes, 2.0, 0.0), at)
+    assert not estimator.is_nominal
+
+
+def test_a_camera_is_doubted_after_images_that_were_refused_one_after_the_other_and_by_most_cameras():
+    cameras = Cameras(3)
+    for name in ("down", "forward"):
+        cameras.seen(name, 1.0)
+    for is_refused in (True, True, False, True, True):
+        cameras.judged("down", is_refused=is_refused)
+    assert (cameras.doubts("down", 1.0), cameras.contradicting) == (False, ())
+    cameras.judged("down", is_refused=True)
+    assert cameras.contradicting == ("down",)
+    assert not cameras.doubts("down", 1.0), "the other half agrees"
+    cameras.seen("down", 1.6 + TOGETHER)
+    assert cameras.doubts("down", 1.6 + TOGETHER), "no other camera has a say"
+
+
+# -- whatever comes ------------------------------------------------------------------------------------------------
+
+WILD = st.one_of(st.floats(-3.0, 3.0), st.sampled_from([math.nan, math.inf, -math.inf, 1e300]))
+WAITS = st.sampled_from([0.0, 0.02, 0.1, 1.0, 30.0])
+EVENTS = st.lists(
+    st.one_of(
+        st.tuples(st.just("attitude"), WAITS, WILD, WILD, WILD),
+        st.tuples(st.just("view"), WAITS, st.floats(-2.0, 2.0) | WILD, WILD, WILD, st.sampled_from([1e-4, 0.0, -1.0])),
+        st.tuples(st.just("sent"), WAITS, st.integers(-127, 127), st.integers(0, 254), st.none() | st.floats(0, 254)),
+    ),
+    max_size=25,
+)
+
+
+@settings(max_examples=60, deadline=None)
+@given(EVENTS)
+def test_whatever_arrives_the_estimate_is_numbers_and_the_newest_image_neither_ages_nor_lies_ahead(events):
+    estimator, now = Estimator(MODEL, view(0.0, np.zeros((2, LEVEL_STATES)), 2.0, 0.0), HOVER), 0.0
+    for what, wait, *how in events:
+        now += wait
+        estimator.advance(now)
+        before = estimator.seen_at
+        match what:
+            case "attitude":
+                estimator.attitude_received(now - 0.02, *how)
+            case "view":
+                age, x, turn, variance = how
+                rotation = np.eye(3) if turn != turn else np.diag([1.0, math.copysign(1.0, turn), 1.0])
+                covariance = np.diag([1e-4] * 5 + [variance])
+                estimator.target_seen(TargetView(now - age, np.array([x, 0.1, -2.0]), rotation, covariance), now)
+            case "sent":
+                pitch, gas, cap = how
+                estimator.sent(StickCommand(now, pitch, -pitch, 0.0, gas, ThrottleUse(cap, is_ours=cap is None)))
+                estimator.recentre_hover(0.02, gas)
+        found = estimator.estimate(now + 0.029)
+        assert before <= estimator.seen_at <= now
+        assert math.isfinite(estimator.innovation)
+        assert 60.0 <= estimator.hover_gas <= 190.0
+        assert np.isfinite([*found.axes.flat, *found.vertical, *found.position_sd, found.yaw, found.age]).all()
+
+
+@settings(max_examples=10, deadline=None)
+@given(st.permutations(range(6)))
+def test_the_order_in_which_late_images_arrive_changes_the_estimate_little(order):
+    """Not at all but for the heading, which follows the images as they come."""
+    ends = []
+    for one in (range(6), order):
+        plant = Plant()
+        estimator = run(plant, 3.0)
+        views = [view(3.0 - 0.03 * k, plant.axes, 2.0 + 0.001 * k, plant.yaw) for k in range(6)]
+        for k in one:
+            estimator.target_seen(views[k], 3.0)
+        ends.append(estimator.estimate(3.0))
+    assert ends[0].position == pytest.approx(ends[1].position, abs=2e-3)
+    assert ends[0].velocity == pytest.approx(ends[1].velocity, abs=1e-2)

@@ -6,6 +6,8 @@ import random
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from mkdaemon.control.estimator.rollback import MEMORY, STEP, Measurement, RollbackFilter
 
@@ -126,15 +128,15 @@ def test_the_states_of_a_moment_are_those_of_its_step_or_the_nearest_known():
         filter_.advance(np.ones(2))
     assert np.array_equal(filter_.states_at(-1.0), first)
     assert np.array_equal(filter_.states_at(99.0), filter_.states)
-    assert np.allclose(filter_.states_at(filter_.time - 3 * STEP), make_after(7))
+    assert np.allclose(filter_.states_at(filter_.time - 3 * STEP), make_after(7).states)
 
 
 def make_after(steps):
-    """States after so many steps under an input of one."""
+    """A filter after so many steps under an input of one."""
     filter_ = make()
     for _ in range(steps):
         filter_.advance(np.ones(2))
-    return filter_.states
+    return filter_
 
 
 @pytest.mark.parametrize("steps", [1, 2, 7, 64, 1000])
@@ -170,3 +172,87 @@ def test_after_coasting_nothing_older_is_remembered_and_shifts_are_kept():
     assert filter_.states[0, 1] == pytest.approx(speed)
     assert filter_.measure(Measurement(1.15, POSITION, np.zeros(2), 1.0)) is None
     assert filter_.measure(Measurement(1.205, POSITION, filter_.states[:, 0], 1.0)) is not None
+
+
+# -- whatever comes, in whatever order -----------------------------------------------------------------------------
+
+MOMENTS = st.floats(0.35, 0.995)
+VALUES = st.floats(-3.0, 3.0)
+READINGS = st.lists(st.tuples(MOMENTS, VALUES, st.sampled_from([POSITION, SPEED]), st.floats(1e-4, 1.0)), max_size=8)
+
+
+def after(readings, order):
+    """A filter that was told readings in an order, at the end of a second."""
+    filter_ = make()
+    for step in range(100):
+        filter_.advance(np.array([0.3, -0.1]) * (step % 7))
+    for index in order:
+        at, value, row, variance = readings[index]
+        filter_.measure(Measurement(at, row, np.array([value, -value]), variance, gate=1e9))
+    return filter_
+
+
+@settings(max_examples=60, deadline=None)
+@given(READINGS, st.randoms(use_true_random=False))
+def test_the_order_in_which_late_measurements_arrive_does_not_matter(readings, rng):
+    order = list(range(len(readings)))
+    rng.shuffle(order)
+    one, other = after(readings, range(len(readings))), after(readings, order)
+    assert np.allclose(one.states, other.states, atol=1e-7)
+    assert np.allclose(one.covariances, other.covariances, atol=1e-9)
+
+
+OTHER_VALUES = st.one_of(VALUES, st.sampled_from([np.nan, np.inf, -np.inf, 1e9]))
+DEEDS = st.lists(
+    st.one_of(
+        st.tuples(st.just("advance"), st.integers(1, 120)),
+        st.tuples(st.just("coast"), st.integers(1, 5000)),
+        st.tuples(st.just("shift"), VALUES),
+        st.tuples(st.just("doubt"), VALUES),
+        st.tuples(st.just("measure"), st.floats(0.0, 1.2), OTHER_VALUES, st.sampled_from([1e-6, 1e-2, 1.0, 0.0, -1.0])),
+    ),
+    max_size=12,
+)
+
+
+@settings(max_examples=60, deadline=None)
+@given(DEEDS)
+def test_states_stay_numbers_and_covariances_symmetric_and_positive(deeds):
+    filter_ = make()
+    for deed, *how in deeds:
+        match deed:
+            case "advance":
+                for _ in range(how[0]):
+                    filter_.advance(np.ones(2))
+            case "coast":
+                filter_.coast(how[0], 0.04)
+            case "shift":
+                filter_.shift(1, np.full(2, how[0]))
+            case "doubt":
+                late = Measurement(filter_.time - 0.1, POSITION, np.full(2, how[0]), 1e-3)
+                filter_.measure(late, np.diag([0.1, 0.1]))
+            case "measure":
+                back, value, variance = how
+                filter_.measure(Measurement(filter_.time - back, SPEED, np.array([value, 0.0]), variance))
+        covariances = filter_.covariances
+        assert np.isfinite(filter_.states).all()
+        assert np.allclose(covariances, covariances.transpose(0, 2, 1), rtol=1e-9, atol=1e-15)
+        assert np.linalg.eigvalsh(covariances).min() > -1e-12 * np.abs(covariances).max()
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        Measurement(np.nan, POSITION, np.zeros(2), 1.0),
+        Measurement(0.1, POSITION, np.array([np.nan, 0.0]), 1.0),
+        Measurement(0.1, np.array([np.inf, 0.0]), np.zeros(2), 1.0),
+        Measurement(0.1, POSITION, np.zeros(2), 0.0),
+        Measurement(0.1, POSITION, np.zeros(2), np.array([1.0, -1.0])),
+        Measurement(0.1, POSITION, np.zeros(2), np.inf),
+    ],
+)
+def test_what_is_no_measurement_is_refused_and_counted(wrong):
+    filter_ = make_after(20)
+    assert filter_.measure(wrong, np.eye(2)) is None
+    assert (filter_.refused, filter_.dropped, filter_.rejected) == (1, 0, 0)
+    assert np.array_equal(filter_.covariances, make_after(20).covariances)

@@ -12,10 +12,9 @@ from hypothesis import strategies as st
 
 from mkdaemon.control.estimator.model import LEVEL_STATES, AircraftModel, D, P
 from mkdaemon.control.estimator.values import Estimate
-from mkdaemon.control.regulator.autopilot import YAW_LEAST, YAW_MOST, yaw_stick
+from mkdaemon.control.regulator.autopilot import YAW_LEAST, YAW_MOST, CountShaper, yaw_stick
 from mkdaemon.control.regulator.horizontal import HorizontalCosts, HorizontalRegulator
 from mkdaemon.control.regulator.reference import Reference, ReferenceLimits
-from mkdaemon.control.regulator.shaping import CountShaper
 from mkdaemon.control.regulator.vertical import VerticalGains, gas
 
 MODEL = AircraftModel()

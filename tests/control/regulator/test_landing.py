@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from mkdaemon.control.estimator.values import Estimate
-from mkdaemon.control.manoeuvres.fall import LARGEST_CUSHION, Fall
-from mkdaemon.control.manoeuvres.land import Landing, LandingLimits, LandingPhase
+from mkdaemon.control.manoeuvres.land import LARGEST_CUSHION, Fall, Landing, LandingLimits, LandingPhase
 
 LIMITS = LandingLimits()
 STEP = 0.02

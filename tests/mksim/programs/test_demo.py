@@ -11,7 +11,7 @@ from rich.console import Console
 from mkdaemon.cli.mkdaemon.app import app
 from mkdaemon.cli.program import run
 from mksim.programs import demo
-from mksim.programs.flightpicture import write_picture
+from mksim.programs.flightrecord import write_picture
 from tests.mksim.programs.test_rehearsal import flight
 
 
@@ -25,7 +25,7 @@ def flown(monkeypatch):
             watcher(moment, None)
         return shown["record"]
 
-    monkeypatch.setattr("mksim.programs.rehearsal.flight.rehearse", rehearse)
+    monkeypatch.setattr("mksim.programs.rehearsal.rehearse", rehearse)
     return shown
 
 

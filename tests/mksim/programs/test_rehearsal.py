@@ -8,8 +8,8 @@ import math
 import pytest
 
 from mkdaemon.virtualtime import run_virtually
-from mksim.programs.rehearsal.flight import rehearse
-from mksim.programs.rehearsal.record import Moment, Rehearsed
+from mksim.programs.flightrecord import Moment, Rehearsed
+from mksim.programs.rehearsal import Rehearsal
 
 
 def test_the_aircraft_lifts_off_seen_by_the_real_eyes_and_over_the_real_link():
@@ -25,14 +25,18 @@ def test_the_aircraft_lifts_off_seen_by_the_real_eyes_and_over_the_real_link():
             if status is not None and status.stage == "climbs" and heights[-1] > 0.6:
                 flies.set()
 
-        flight = asyncio.create_task(rehearse(seed=1, wind="indoor", fps=10.0, watcher=watch))
+        rehearsal = Rehearsal(seed=1, wind="indoor", fps=10.0, watcher=watch)
+        flight = asyncio.create_task(rehearsal.fly())
         await asyncio.wait_for(flies.wait(), 20.0)
         flight.cancel()
         await asyncio.gather(flight, return_exceptions=True)
+        return rehearsal.bus.values
 
-    run_virtually(watch_the_lift_off())
+    published = run_virtually(watch_the_lift_off())
     assert heights[0] == pytest.approx(0.1)
     assert max(heights) == heights[-1] == pytest.approx(0.65, abs=0.05)
+    # the whole daemon is there: its signs of life, its audit and the answers to its client are published too
+    assert {"health", "link/state", "state/attitude", "event/command", "control/output"} <= published.keys()
 
 
 def moments(part, begin, places, goal=(0.0, 0.0, 2.0)):

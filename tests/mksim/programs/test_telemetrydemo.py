@@ -46,8 +46,7 @@ def test_what_is_no_length_of_time_starts_nothing(seconds, capsys):
 )
 def test_a_signal_while_it_starts_ends_it(stage, number):
     with mkdaemon("demo", "--telemetry", "--seconds", "100") as program:
-        while stage not in program.stdout.readline():
-            pass
+        wait_for_line(program, stage)
         program.send_signal(number)
         out, err = program.communicate()
         # A daemon that was quick enough to let telemetry flow makes it an ordinary end.
@@ -59,13 +58,18 @@ def test_a_signal_while_it_starts_ends_it(stage, number):
 @pytest.mark.real_time(tolerance=0.1)
 def test_a_daemon_that_dies_is_noticed():
     with mkdaemon("demo", "--telemetry", "--seconds", "100") as program:
-        while "frames" not in program.stdout.readline():
-            pass
+        wait_for_line(program, "frames")
         victim = [pid for pid in children_of(program.pid) if "run" in arguments_of(pid)]
         os.kill(*victim, signal.SIGKILL)
         _, err = program.communicate()
         assert program.returncode == 1
         assert own_words(err) == ["mkdaemon: the daemon ended while it flew: exit code -9"]
+
+
+def wait_for_line(program, words):
+    """Read what a program prints until a line has the words; one that ends before fails with what it said."""
+    if not any(words in line for line in program.stdout):
+        pytest.fail(f"it ended with {program.wait()} before {words!r}: {program.stderr.read()}")
 
 
 def own_words(err):

@@ -18,8 +18,8 @@ from mkdaemon.control.admission.beginnings import (
     Upload,
 )
 from mkdaemon.control.admission.row import Row, Rule
+from mkdaemon.control.admission.rows import ROWS, findings, is_ready, refusal, refusals, waits_for
 from mkdaemon.control.admission.situation import NO_WORK, Entry, OwedSet, Situation, Work
-from mkdaemon.control.admission.table import ROWS, findings, is_ready, refusal, refusals, waits_for
 
 __all__ = [
     "BY_HAND",

@@ -9,13 +9,12 @@ from __future__ import annotations
 
 import math
 from collections import Counter, deque
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 
 from mkdaemon.config.control import HIGHEST_HOVER, LOWEST_HOVER
-from mkdaemon.control.estimator.cameras import Cameras
-from mkdaemon.control.estimator.commands import Command, CommandHistory
 from mkdaemon.control.estimator.model import GRAVITY, LEVEL_STATES, TH, AircraftModel, D, E, H, P, S, T, V
 from mkdaemon.control.estimator.rollback import GATE, MEMORY, STEP, Measurement, RollbackFilter
 from mkdaemon.control.estimator.stickresponse import StickResponse
@@ -43,6 +42,8 @@ tilt that is ever asked for here, `AutopilotConfig.max_tilt`."""
 UNKNOWN_THRUST: Final = 0.3
 """What his throttle may have given, over the weight, as a standard deviation: 0.63 to 1.26 of hover throttle are
 within two of them."""
+UPRIGHT: Final = 0.5
+"""Smallest upward share of the body's own up with which an image's tilt is taken: 60 degrees of tilt."""
 UNSENT: Final = 0.3
 """Without a stick frame for this long somebody else flies, whose sticks nobody knows: they ask for the tilt that the
 boards report [s]."""
@@ -50,6 +51,107 @@ HOVER_LOWEST: Final = LOWEST_HOVER + GAS_CENTRE
 """Smallest hover throttle believed [count of 254]."""
 HOVER_HIGHEST: Final = HIGHEST_HOVER + GAS_CENTRE
 """Largest hover throttle believed [count of 254]."""
+
+TOGETHER: Final = 0.5
+"""A camera whose newest image is older has no say [s]: three images of a slow one."""
+AT_ONCE: Final = 0.15
+"""Cameras whose newest images are no further apart share the attitude that is in their poses [s]."""
+KNOWN: Final = 2.0
+"""How long a stick frame is remembered [s]."""
+
+
+@dataclass(slots=True)
+class _Record:
+    """What became of one camera's images.
+
+    Attributes:
+        at: when its newest image was taken [s].
+        refused: its images refused one after the other.
+    """
+
+    at: float
+    refused: int = 0
+
+
+class Cameras:
+    """Which cameras the estimate goes by where several see one target: all that agree, else the majority.
+
+    Args:
+        patience: images of one camera refused one after the other before they may mean something.
+    """
+
+    def __init__(self, patience: int) -> None:
+        self._patience = patience
+        self._records: dict[str, _Record] = {}
+
+    def seen(self, camera: str, at: float) -> int:
+        """Note an image of a camera taken at a moment [s]; returns how many cameras see the target then."""
+        record = self._records.setdefault(camera, _Record(at))
+        record.at = max(record.at, at)
+        return sum(abs(at - each.at) <= AT_ONCE for each in self._records.values())
+
+    def judged(self, camera: str, *, is_refused: bool) -> None:
+        """Note what became of an image of a camera that was seen."""
+        record = self._records[camera]
+        record.refused = record.refused + 1 if is_refused else 0
+
+    def expect_change(self) -> None:
+        """Let the next image of any camera count as one after too many refused ones."""
+        for record in self._records.values():
+            record.refused = self._patience
+
+    def doubts(self, camera: str, at: float) -> bool:
+        """Whether the estimate is wrong and not a camera that was refused: most cameras contradict it."""
+        if self._records[camera].refused < self._patience:
+            return False
+        recent = [each for each in self._records.values() if at - each.at <= TOGETHER]
+        refused = sum(each.refused >= self._patience for each in recent)
+        return 2 * refused > len(recent)
+
+    @property
+    def contradicting(self) -> tuple[str, ...]:
+        """Cameras whose images contradict what others show."""
+        newest = max((each.at for each in self._records.values()), default=0.0)
+        recent = {name: each for name, each in self._records.items() if newest - each.at <= TOGETHER}
+        refused = tuple(sorted(name for name, each in recent.items() if each.refused >= self._patience))
+        return refused if len(refused) < len(recent) else ()
+
+
+@dataclass(frozen=True, slots=True)
+class Command:
+    """One stick frame in the axes of the local frame.
+
+    Attributes:
+        at: when it acts [s; monotonic].
+        tilt: wanted tilt, the way it accelerates, x and y of the local frame [rad].
+        thrust: squared ratio of its throttle to hover throttle, less one.
+    """
+
+    at: float
+    tilt: tuple[float, float]
+    thrust: float
+
+
+NEUTRAL: Final = Command(-math.inf, (0.0, 0.0), 0.0)
+"""Nothing asked for."""
+
+
+class CommandHistory:
+    """Stick frames in the order in which they act, `uplink` after they were written: with the next receiver frame."""
+
+    def __init__(self) -> None:
+        self._commands: deque[Command] = deque([NEUTRAL])
+
+    def add(self, command: Command) -> None:
+        """Remember a command; one that would act before an earlier one acts just after it."""
+        last = self._commands[-1].at
+        self._commands.append(command if command.at >= last else replace(command, at=last))
+        while len(self._commands) > 2 and self._commands[1].at < command.at - KNOWN:
+            self._commands.popleft()
+
+    def at(self, time: float) -> Command:
+        """Return the command that acts at a time [s]."""
+        return next((command for command in reversed(self._commands) if command.at <= time), self._commands[0])
 
 
 class Estimator:
@@ -100,7 +202,6 @@ class Estimator:
         self._nominal, self._tuning, self._robust = nominal, robust, robust
         self._agrees_since, self._agreement = view.at, robust.agreement
         self._cameras, self._heights = Cameras(robust.patience), Cameras(robust.patience)
-        tuning = robust
         self._yaw_offset = view.heading - compass
         self._headings: deque[tuple[float, float]] = deque([(view.at, compass)])
         self._seen_at = view.at
@@ -109,22 +210,23 @@ class Estimator:
         self._has_other_filter = False
         self._sent_at = -math.inf
         self._last_command: StickCommand | None = None
-        f, g = model.horizontal(STEP)
-        start = np.zeros((2, LEVEL_STATES))
-        start[:, P] = -(self._turn_matrix(view.at) @ view.position_flu)[:2]
-        moving = np.zeros(3) if velocity is None else velocity
-        start[:, V] = moving[:2]
-        self._level = RollbackFilter(f, g, tuning.level_noise(STEP), start, tuning.first_covariance, view.at)
-        f, g = model.vertical(STEP)
-        self._vertical = RollbackFilter(
-            f,
-            g,
-            tuning.upright_noise(STEP),
-            np.array([[-view.position_flu[2], moving[2], 0.0, 0.0]]),
-            np.diag(tuning.first_upright_spread) ** 2,
-            view.at,
-        )
+        self._level, self._vertical = self._filters(view, np.zeros(3) if velocity is None else velocity)
         self.target_seen(view, view.at)
+
+    def _filters(self, view: TargetView, velocity: Array) -> tuple[RollbackFilter, RollbackFilter]:
+        """Return the filters of both horizontal axes and of the vertical one, begun with the first view."""
+        tuning = self._tuning
+        level, upright = np.zeros((2, LEVEL_STATES)), np.zeros((1, 4))
+        level[:, P] = -(self._turn_matrix(view.at) @ view.position_flu)[:2]
+        level[:, V] = velocity[:2]
+        upright[0, [H, S]] = -view.position_flu[2], velocity[2]
+        spread = np.diag(tuning.first_upright_spread) ** 2
+        return (
+            RollbackFilter(
+                *self.model.horizontal(STEP), tuning.level_noise(STEP), level, tuning.first_covariance, view.at
+            ),
+            RollbackFilter(*self.model.vertical(STEP), tuning.upright_noise(STEP), upright, spread, view.at),
+        )
 
     @property
     def seen_at(self) -> float:
@@ -170,12 +272,11 @@ class Estimator:
                 command.at + self.model.uplink,
                 (pitch * c + roll * s, pitch * s - roll * c),
                 (command.acting_gas / self.hover_gas) ** 2 * upright(self._level.states[:, T]) - 1.0,
-                command.yaw,
             )
         )
 
     def attitude_received(self, at: float, pitch: float, roll: float, yaw: float) -> None:
-        """Take the attitude the boards report; one that is not finite is counted and does nothing.
+        """Take the attitude the boards report; one that can be none is counted and does nothing.
 
         Args:
             at: when it was measured [s; monotonic].
@@ -183,8 +284,9 @@ class Estimator:
             roll: right side down positive [rad].
             yaw: counter-clockwise, ENU or any other fixed zero [rad].
         """
-        if not all(math.isfinite(number) for number in (at, pitch, roll, yaw)):
-            self.refused[ViewFault.NOT_FINITE] += 1
+        is_finite = all(math.isfinite(number) for number in (at, pitch, roll, yaw))
+        if not is_finite or max(abs(pitch), abs(roll)) > math.pi:
+            self.refused[ViewFault.NO_ROTATION if is_finite else ViewFault.NOT_FINITE] += 1
             return
         self._headings.append((at, yaw))
         while self._headings[0][0] < at - COMPASS_MEMORY:
@@ -196,7 +298,7 @@ class Estimator:
         c, s = self._turn(at)
         believed = np.array([pitch * c + roll * s, pitch * s - roll * c])
         if at - self._sent_at > UNSENT:
-            self._commands.add(Command(at, (float(believed[0]), float(believed[1])), 0.0, 0.0))
+            self._commands.add(Command(at, (float(believed[0]), float(believed[1])), 0.0))
         row = np.zeros(LEVEL_STATES)
         row[TH] = 1.0
         self._level.measure(Measurement(at, row, believed, self._tuning.attitude_sd**2))
@@ -214,7 +316,6 @@ class Estimator:
         if fault is not None:
             self.refused[fault] += 1
             return
-        tuning = self._tuning
         shared_by = self._cameras.seen(view.camera, view.at)
         self._heights.seen(view.camera, view.at)
         is_trusted = view.camera not in self.contradicting
@@ -223,29 +324,44 @@ class Estimator:
             self._seen_at = max(self._seen_at, min(view.at, now))
         turn = self._turn_matrix(view.at)
         seen, spread = turn @ view.position_flu, turn @ view.sight_covariance @ turn.T
+        self._see_place(view, seen, spread, is_trusted=is_trusted)
+        if is_trusted:
+            self._see_tilt(view, shared_by)
+        self._see_height(view, seen, spread, is_trusted=is_trusted)
+
+    def _see_place(self, view: TargetView, seen: Array, spread: Array, *, is_trusted: bool) -> None:
+        """Take the horizontal place (3,) of the target, as if level [m], with its covariance (3, 3)."""
+        tuning = self._tuning
         speed = float(np.abs(self._level.states[:, V]).max())
         timing = (speed * tuning.stamp_sd) ** 2
         row = np.zeros(LEVEL_STATES)
         row[P], row[T] = 1.0, seen[2]
-        level = tuning.view_inflation**2 * np.diag(spread)[:2] + tuning.view_floor**2 + timing
+        variance = tuning.view_inflation**2 * np.diag(spread)[:2] + tuning.view_floor**2 + timing
         doubt = tuning.doubt if self._cameras.doubts(view.camera, view.at) else None
         gate = GATE if is_trusted or doubt is not None else 0.0  # who contradicts the others is asked, not believed
-        ratio = self._level.measure(Measurement(view.at, row, -seen[:2], level, gate), doubt)
+        ratio = self._level.measure(Measurement(view.at, row, -seen[:2], variance, gate), doubt)
         if ratio is not None:
             is_refused = bool((np.abs(ratio) > GATE).any()) and doubt is None
             self._cameras.judged(view.camera, is_refused=is_refused)
             if is_trusted:
                 self._judge(float(np.mean(ratio**2)), view.at, is_refused=is_refused)
-        up = view.target_from_flu[:, 2]
-        if up[2] > 0.5 and is_trusted:
+
+    def _see_tilt(self, view: TargetView, shared_by: int) -> None:
+        """Take the tilt that an image shows, where it is upright and certain enough.
+
+        The same attitude of the boards, and how the target lies, is in every camera's tilt: it counts once.
+        """
+        tuning, up = self._tuning, view.target_from_flu[:, 2]
+        variance = tuning.view_inflation**2 * float(view.covariance[3, 3] + view.covariance[4, 4]) / 2.0
+        variance += tuning.tilt_floor**2
+        if up[2] > UPRIGHT and variance < tuning.tilt_worst**2:
             row = np.zeros(LEVEL_STATES)
             row[T] = 1.0
-            variance = (tuning.view_inflation**2) * float(view.covariance[3, 3] + view.covariance[4, 4]) / 2.0
-            variance += tuning.tilt_floor**2
-            if variance < tuning.tilt_worst**2:
-                # The same attitude of the boards, and how the target lies, is in every camera's tilt: it counts once.
-                self._level.measure(Measurement(view.at, row, up[:2] / up[2], shared_by * variance))
-        tilt = self._level.states_at(view.at)[:, T]
+            self._level.measure(Measurement(view.at, row, up[:2] / up[2], shared_by * variance))
+
+    def _see_height(self, view: TargetView, seen: Array, spread: Array, *, is_trusted: bool) -> None:
+        """Take the height: the place (3,) of the target, as if level [m], along the normal of the believed tilt."""
+        tuning, tilt = self._tuning, self._level.states_at(view.at)[:, T]
         normal = np.array([-tilt[0], -tilt[1], 1.0]) / math.sqrt(1.0 + float(tilt @ tilt))
         row = np.zeros(4)
         row[H] = 1.0

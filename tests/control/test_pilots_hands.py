@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from mkdaemon.control.hands import CAPPED, HANDS, LID, pilots_hands
 from mkdaemon.control.manoeuvres.land import LandingPhase
 from mkdaemon.control.manoeuvres.take_off import TakeOffPhase
 from mkdaemon.control.modes import IN_FLIGHT
+from mkdaemon.control.pilots_hands import CAPPED, HANDS, LID, pilots_hands
 from mkdaemon.telemetry.control import Phase, Progress
 from mkdaemon.telemetry.setpoint import SETPOINTS
 

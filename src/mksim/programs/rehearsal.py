@@ -1,0 +1,334 @@
+"""The flight of the demonstration: take-off, hold, a step of 1 m, the target starts to move, landing on it.
+
+The daemon is the one that flies an aircraft, wired as on it, on other ports: a cable to simulated boards, a bus without
+Zenoh, a camera that renders, and virtual time. Left out are only Zenoh, the guard and the wall clock.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import random
+from collections import deque
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, Final, TypeVar
+
+from pydantic import BaseModel
+
+from mkdaemon.clock import Clock
+from mkdaemon.config.link import LinkConfig
+from mkdaemon.config.record import RecordConfig
+from mkdaemon.config.root import Config
+from mkdaemon.config.vision import VisionSection
+from mkdaemon.control.events import Feed, PoseSeen
+from mkdaemon.daemon.eyes import Eyes
+from mkdaemon.daemon.procedures import Journal
+from mkdaemon.daemon.wiring import Wiring
+from mkdaemon.errors import MkError
+from mkdaemon.telemetry.control import ControlError, ControlEstimate, ControlStatus
+from mkdaemon.telemetry.setpoint import (
+    HoldSetpoint,
+    LandSetpoint,
+    PositionSetpoint,
+    Setpoint,
+    SetpointFrame,
+    TakeOffSetpoint,
+)
+from mkdaemon.telemetry.state import Attitude
+from mkdaemon.telemetry.vision import VisionPose
+from mkdaemon.virtualtime import AtOnce
+from mkdaemon.vision.camera.calibration_file import mount_rotation
+from mkdaemon.vision.camera.image import CameraImage
+from mkdaemon.vision.output import values_of
+from mkdaemon.vision.tags.nested import nested_map
+from mkdaemon.vision.track.attitude import AttitudeHistory, AttitudeSample, Mounting
+from mkdaemon.vision.track.tracker import Tracker
+from mksim.config import PilotPlan, SimConfig
+from mksim.physics.world import World
+from mksim.programs.flightrecord import Moment, Rehearsed
+from mksim.programs.virtualports import Cable, LocalBus
+from mksim.scene.camera import BodyState, Grey, SceneCamera, landing_world
+from mksim.simulation import Simulation
+
+PAD_STARTS: Final = 45.0
+"""The target stands until then [s]."""
+PAD_SPEED: Final = 0.3
+"""Of the target once it moves, east [m/s]."""
+IMAGE_LATENCY: Final = 0.060
+"""From the exposure to the host [s]; the eyes' own time comes on top."""
+EYES_TIME: Final = 0.020
+"""What the eyes need for an image on an ordinary computer [s]; virtual time knows no computer."""
+
+
+def simulated_aircraft(seed: int, wind: str, fps: float) -> SimConfig:
+    """An aircraft on its target: the pilot starts the motors and leaves the rest to the machine.
+
+    Args:
+        seed: of everything random.
+        wind: none, indoor, light or moderate.
+        fps: images a second.
+    """
+    radio = {"kind": "xbee"}
+    platform = {"kind": "ramp", "speed": PAD_SPEED, "acceleration": 0.15, "delay": PAD_STARTS}
+    scene: dict[str, Any] = {"enabled": True, "fps": fps, "exposure_ms": 6.0, "platform": platform}
+    return SimConfig.model_validate(
+        {
+            "seed": seed,
+            "board": "fc",
+            "pilot_plan": PilotPlan.START,
+            "pilot_wait": 4.0,
+            "flight": {"wind": wind},
+            "radio": {"to_board": radio, "to_host": radio | {"usb_timer": 0.001}},
+            "scene": scene | {"light": {"noise_sd": 2.0}},
+        }
+    )
+
+
+ATTITUDES_KEPT: Final = 200
+"""Attitudes kept for late images."""
+JITTER: Final = 0.005
+"""Standard deviation of the latency [s]."""
+
+
+class RehearsedEyes(Eyes):
+    """The camera of the simulated aircraft and what looks through it.
+
+    Attributes:
+        images: looked at so far.
+        posed: of those, with a pose.
+    """
+
+    def __init__(self, scene: SceneCamera, world: World, feed: Feed, clock: Clock, seed: int) -> None:
+        super().__init__(None)
+        self.images = self.posed = 0
+        self._scene, self._world, self._feed, self._clock = scene, world, feed, clock
+        self._rng = random.Random(f"{seed} latency")
+        self._attitudes: deque[AttitudeSample] = deque(maxlen=ATTITUDES_KEPT)
+        mount = scene.camera.mount
+        self._mounting = Mounting(mount_rotation(mount), scene.arm_flu)
+        vision = VisionSection()
+        self._tracker = Tracker(
+            nested_map(),
+            scene.camera.intrinsics,
+            self._mounting,
+            vision.tracker,
+            vision.detector,
+        )
+
+    def attitude_received(self, attitude: Attitude) -> None:
+        """Tell the eyes how the vehicle lies."""
+        at = attitude.stamp.monotonic
+        self._attitudes.append(AttitudeSample(at, attitude.roll, attitude.pitch, attitude.yaw))
+
+    async def run(self) -> None:
+        """Expose for ever."""
+        loop = asyncio.get_running_loop()
+        period, due = 1.0 / self._scene.cfg.fps, loop.time()
+        while True:
+            truth, at = self._world.truth, self._clock.now()
+            state = BodyState(at, truth.position_enu, truth.velocity_enu, truth.enu_from_flu, truth.rates)
+            pixels = self._scene.expose(state)
+            latency = IMAGE_LATENCY + EYES_TIME + abs(self._rng.gauss(0.0, JITTER))
+            loop.call_later(latency, self._look, pixels, at)
+            due += period
+            await asyncio.sleep(due - loop.time())
+
+    def _look(self, pixels: Grey, exposed: float) -> None:
+        self.images += 1
+        now = self._clock.now()
+        image = CameraImage(pixels, exposed, now, self.images, "down", "header")
+        with suppress(MkError):
+            result = self._tracker.update(image, AttitudeHistory(tuple(self._attitudes)))
+            for _, value in values_of(result, image, self._clock.stamp(exposed), self._mounting, now):
+                if isinstance(value, VisionPose):
+                    self.posed += 1
+                    self._feed(PoseSeen(value), now)
+
+
+HEIGHT: Final = 2.0
+"""Flown above the target [m]."""
+PERIOD: Final = 0.02
+"""Of setpoints [s]."""
+KEPT: Final = 0.05
+"""Of moments in the record [s]."""
+OLD: Final = 0.5
+"""Errors and estimates older than this are not shown [s]: nothing is flown by them."""
+READY: Final = 30.0
+"""Longest wait for the boards to be known and the motors to run [s]."""
+LONGEST: Final = 40.0
+"""Longest part of the flight [s]."""
+WALL: Final = 1.7e9
+"""Unix time when virtual time is zero [s]."""
+_Value = TypeVar("_Value", bound=BaseModel)
+Watcher = Callable[[Moment, ControlStatus | None], None]
+"""Sees every moment of the record, and the latest status."""
+
+
+class Rehearsal:
+    """One flight in virtual time.
+
+    Attributes:
+        record: what happened.
+        bus: where the daemon stands, and the client that flies.
+    """
+
+    def __init__(self, *, seed: int, wind: str, fps: float, watcher: Watcher) -> None:
+        """Set everything up; needs a running loop.
+
+        Args:
+            seed: of everything random.
+            wind: none, indoor, light or moderate.
+            fps: images a second.
+            watcher: sees the flight.
+        """
+        loop = asyncio.get_running_loop()
+        config = simulated_aircraft(seed, wind, fps)
+        world = landing_world(config)
+        assert world is not None
+        self.record, self.bus = Rehearsed(), LocalBus()
+        self._world, self._watcher, self._loop = world, watcher, loop
+        self._scene = SceneCamera(config.scene, seed)
+        clock = Clock(
+            monotonic=loop.time, wall=lambda: WALL + loop.time(), synchronised=lambda: True, suspended=lambda: 0.0
+        )
+        eyes: list[RehearsedEyes] = []
+
+        def make_eyes(feed: Feed) -> RehearsedEyes:
+            eyes.append(RehearsedEyes(self._scene, world, feed, clock, seed))
+            return eyes[0]
+
+        self._wiring = Wiring(
+            Config(link=LinkConfig(port="simulated"), record=RecordConfig(enabled=False)),
+            self.bus,
+            clock,
+            make_eyes=make_eyes,
+            opener=Cable(Simulation(config, world), self._moved).open,
+            journal=Journal(Path(os.devnull), AtOnce()),
+        )
+        (self._eyes,) = eyes
+        self._part = ""
+        self._kept_at = 0.0
+
+    async def fly(self) -> Rehearsed:
+        """Fly from the pilot's start of the motors to motors that stand still; the record."""
+        jobs = [
+            asyncio.create_task(self._wiring.run_line(), name="link"),
+            *self._wiring.start(self._loop),
+            asyncio.create_task(self._eyes.run(), name="eyes"),
+        ]
+        try:
+            self._begin("start")
+            if await self._wait(self._is_ready, READY):
+                await self.bus.take_lease("demo")
+                await self._wait(lambda: self._is_leased, 1.0)
+                await self._fly_parts()
+                self._begin("after")
+                await self._wait(lambda: self._wiring.facts.motors_running(self._loop.time()) is False, 10.0)
+            self.record.motors_stand = self._wiring.facts.motors_running(self._loop.time()) is False
+        finally:
+            for job in reversed(jobs):
+                job.cancel()
+            await asyncio.gather(*jobs, return_exceptions=True)
+        self.record.crashed = self._world.truth.crash_reason
+        self.record.images, self.record.posed = self._eyes.images, self._eyes.posed
+        return self.record
+
+    # -- the parts of the flight ----------------------------------------------------------------------------------
+
+    async def _fly_parts(self) -> None:
+        over = {"position": (0.0, 0.0, HEIGHT), "frame": SetpointFrame.PAD}
+        aside, across = over | {"position": (-0.5, 0.0, HEIGHT)}, over | {"position": (0.5, 0.0, HEIGHT)}
+        parts: tuple[tuple[str, type[Setpoint], dict[str, Any], float | None], ...] = (
+            ("take-off", TakeOffSetpoint, {"height": HEIGHT}, None),
+            ("hold", HoldSetpoint, {}, 12.0),
+            ("aside", PositionSetpoint, aside, None),
+            ("step", PositionSetpoint, across, 6.0),
+            ("back", PositionSetpoint, over, None),
+            ("wait", PositionSetpoint, over, max(0.0, PAD_STARTS - self._loop.time()) + 1.0),
+            ("follow", PositionSetpoint, over, 8.0),
+            ("land", LandSetpoint, {}, None),
+        )
+        for part, kind, fields, seconds in parts:
+            if part == "hold":
+                kind, fields = PositionSetpoint, over
+            elif part == "wait":
+                seconds = max(0.0, PAD_STARTS - self._loop.time()) + 1.0
+            self._begin(part)
+            if not await self._stream(kind, fields, seconds):
+                break
+        status = self._value("control/status", ControlStatus)
+        self.record.outcome = "" if status is None else status.reason
+
+    async def _stream(self, kind: type[Setpoint], fields: dict[str, Any], seconds: float | None) -> bool:
+        """Stream a setpoint for some time, or until it is done; whether the flight goes on."""
+        began = self._loop.time()
+        while self._loop.time() - began < (LONGEST if seconds is None else seconds):
+            self.bus.deliver(kind, self._loop.time(), *self.bus.sign_next(kind, fields))
+            await asyncio.sleep(PERIOD)
+            status = self._value("control/status", ControlStatus)
+            if status is None or status.lease is None:
+                return False
+            is_new = self._loop.time() - began > 2 * PERIOD
+            if seconds is None and is_new and status.is_done and kind is not LandSetpoint:
+                return True
+        return seconds is not None
+
+    @property
+    def _is_leased(self) -> bool:
+        status = self._value("control/status", ControlStatus)
+        return status is not None and status.lease is not None
+
+    def _value(self, suffix: str, kind: type[_Value]) -> _Value | None:
+        """The last value of a key, None before the first."""
+        value = self.bus.values.get(suffix)
+        assert value is None or isinstance(value, kind)
+        return value
+
+    def _is_ready(self) -> bool:
+        link, runs = self._wiring.link, self._wiring.facts.motors_running(self._loop.time())
+        return bool(link.is_up and link.dialect.extern_control is not None and runs)
+
+    async def _wait(self, claim: Callable[[], bool], within: float) -> bool:
+        """Wait for a claim to hold; whether it did in time."""
+        deadline = self._loop.time() + within
+        while not claim():
+            if self._loop.time() >= deadline:
+                return False
+            await asyncio.sleep(PERIOD)
+        return True
+
+    def _begin(self, part: str) -> None:
+        self._part = part
+        self.record.parts[part] = self._loop.time()
+
+    def _moved(self, now: float) -> None:
+        """Keep what is true now, twenty times a second."""
+        if now < self._kept_at:
+            return
+        self._kept_at = now + KEPT
+        target = self._scene.platform.pose_at(now).position_enu
+        x, y, z = (float(part) for part in self._world.truth.position_enu - target)
+        east, north, up = (float(part) for part in target)
+        error = self._value("control/error", ControlError)
+        estimate = self._value("control/estimate", ControlEstimate)
+        if error is not None and now - error.stamp.monotonic > OLD:
+            error = None
+        if estimate is not None and now - estimate.stamp.monotonic > OLD:
+            estimate = None
+        moment = Moment(
+            at=now,
+            position=(x, y, z),
+            target=(east, north, up),
+            goal=None if error is None else error.goal,
+            estimate=None if estimate is None else estimate.position,
+            part=self._part,
+        )
+        self.record.moments.append(moment)
+        self._watcher(moment, self._value("control/status", ControlStatus))
+
+
+async def rehearse(*, seed: int, wind: str, fps: float, watcher: Watcher) -> Rehearsed:
+    """Fly the demonstration once; see `Rehearsal`."""
+    return await Rehearsal(seed=seed, wind=wind, fps=fps, watcher=watcher).fly()

@@ -1,0 +1,186 @@
+"""What a daemon in virtual time stands on: a cable to the simulated boards, and a bus with one client.
+
+`Wiring` takes them in place of the serial port and of Zenoh; everything between them is the daemon's own.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from typing import Any, Final
+
+import msgpack
+from pydantic import BaseModel
+
+from mkdaemon.bus.codec import encode
+from mkdaemon.bus.commandserver import Handler
+from mkdaemon.bus.gateway import Watcher
+from mkdaemon.bus.intake import Taker, Verifier
+from mkdaemon.errors import LinkLostError
+from mkdaemon.link.ports.port import Port
+from mkdaemon.telemetry.command import CommandResult
+from mkdaemon.telemetry.setpoint import Setpoint
+from mkdaemon.telemetry.signature import sign
+from mksim.simulation import Simulation
+
+TICK: Final = 2e-3
+"""How often bytes are carried [s]."""
+
+
+class Cable:
+    """The one cable to the boards."""
+
+    def __init__(self, simulation: Simulation, moved: Callable[[float], None]) -> None:
+        """Plug it in.
+
+        Args:
+            simulation: the boards, and what they fly.
+            moved: called after every step with the time [s].
+        """
+        self.simulation = simulation
+        self.moved = moved
+
+    async def open(self, url: str, *, baud: int) -> Port:
+        """Open the port; see `mkdaemon.link.ports.port.open_port`."""
+        del baud
+        return CablePort(self, url)
+
+
+class CablePort:
+    """An open port to the boards; see `Port`."""
+
+    def __init__(self, cable: Cable, name: str) -> None:
+        self._cable = cable
+        self._name = name
+        self._inbox = bytearray()
+        self._is_closed = False
+        self._arrived = asyncio.Event()
+        self._loop = asyncio.get_running_loop()
+        self._timer = self._loop.call_later(TICK, self._tick)
+
+    @property
+    def name(self) -> str:
+        """The address it was opened under."""
+        return self._name
+
+    @property
+    def backlog(self) -> int:
+        """Bytes that wait: none, the radio keeps what it was given."""
+        return 0
+
+    @property
+    def descriptor(self) -> int | None:
+        """None: there is no device."""
+        return None
+
+    @property
+    def is_recording(self) -> bool:
+        """False."""
+        return False
+
+    def discard(self) -> None:
+        """Throw away what waits: nothing does."""
+
+    async def read(self) -> bytes:
+        """Return what arrived; see `Port.read`."""
+        while not self._inbox:
+            if self._is_closed:
+                raise LinkLostError(f"{self._name}: closed")
+            self._arrived.clear()
+            await self._arrived.wait()
+        chunk = bytes(self._inbox)
+        self._inbox.clear()
+        return chunk
+
+    def write(self, data: bytes) -> None:
+        """Take bytes to send; see `Port.write`."""
+        if self._is_closed:
+            raise LinkLostError(f"{self._name}: closed")
+        self._cable.simulation.write(data, max(self._loop.time(), self._cable.simulation.now))
+
+    async def drain(self) -> None:
+        """Return at once: virtual bytes need no draining."""
+
+    async def close(self) -> None:
+        """End it."""
+        self._is_closed = True
+        self._timer.cancel()
+        self._arrived.set()
+
+    def _tick(self) -> None:
+        self._timer = self._loop.call_later(TICK, self._tick)
+        now = self._loop.time()
+        arrived = b"".join(data for _, data in self._cable.simulation.advance(now))
+        self._cable.moved(now)
+        if arrived:
+            self._inbox += arrived
+            self._arrived.set()
+
+
+class LocalBus:
+    """A bus inside the process, with one client at it; for the daemon it is a `Station`.
+
+    Attributes:
+        values: last value of every key.
+        lease: that the client took: its epoch and secret; empty before.
+    """
+
+    def __init__(self) -> None:
+        self.open_endpoints: tuple[str, ...] = ()
+        self.values: dict[str, Any] = {}
+        self.lease: dict[str, Any] = {}
+        self.loop = asyncio.get_running_loop()
+        self._handlers: dict[str, Handler] = {}
+        self._takers: dict[str, tuple[Taker, Verifier]] = {}
+        self._watchers: list[Watcher] = []
+        self._sequence = 0
+
+    # -- the daemon's side ----------------------------------------------------------------------------------------
+
+    def publish(self, suffix: str, value: BaseModel, *, schema: type[BaseModel] | None = None) -> None:
+        """Keep a value."""
+        del schema
+        self.values[suffix] = value
+
+    def serve(self, root: str, handler: Handler) -> None:
+        """Let a handler answer."""
+        self._handlers[root] = handler
+
+    def receive(self, suffix: str, take: Taker, verify: Verifier) -> None:
+        """Take setpoints."""
+        self._takers[suffix] = take, verify
+
+    def watch_clients(self, watcher: Watcher) -> None:
+        """Tell of clients."""
+        self._watchers.append(watcher)
+
+    # -- the client's side ----------------------------------------------------------------------------------------
+
+    def show_client(self, name: str, is_here: bool) -> None:
+        """Let a client come or go."""
+        for watcher in self._watchers:
+            watcher(name, is_here)
+
+    async def ask(self, suffix: str, **fields: Any) -> CommandResult:
+        """Ask the daemon, as a client does."""
+        return await self._handlers[suffix.partition("/")[0]](suffix, msgpack.packb(fields))
+
+    async def take_lease(self, holder: str = "pilot") -> None:
+        """Take the lease, as the library does."""
+        self.show_client(holder, True)
+        probe = await self.ask("do/lease", action="probe")
+        assert isinstance(probe.reply, dict)
+        granted = await self.ask("do/lease", action="take", holder=holder, echo=probe.reply["echo"])
+        assert isinstance(granted.reply, dict), granted
+        self.lease = granted.reply
+
+    def sign_next(self, kind: type[Setpoint], fields: dict[str, Any]) -> tuple[bytes, bytes]:
+        """The next setpoint under the lease, as bytes, and its signature."""
+        self._sequence += 1
+        payload = encode(kind(epoch=self.lease["epoch"], sequence=self._sequence, ttl=0.3, **fields))
+        return payload, sign(self.lease["secret"], kind.suffix, payload)
+
+    def deliver(self, kind: type[Setpoint], at: float, payload: bytes, proof: bytes) -> None:
+        """Bring a setpoint that arrived at a time [s] to the daemon."""
+        take, verify = self._takers[kind.suffix]
+        take(at, payload, verify(payload, proof))
