@@ -43,17 +43,18 @@ from mkdaemon.telemetry.procedure import ProcedureProgress, ProcedureState
 from mkdaemon.telemetry.refusals import Token, refuse
 from mkdaemon.telemetry.setpoint import PositionSetpoint, SetpointFrame
 from mkdaemon.telemetry.state import GpsMode
+from mkdaemon.telemetry.vision import EyeState
 from tests.control.admission.situations import ENTRY, GOOD, SET, battery, eyes, flags, health, reception
 from tests.control.events import STAMP, link_state
 
 RUNNING = ProcedureProgress(
-    stamp=STAMP, id="p1", verb="settings_backup", holder="bob", state=ProcedureState.RUNNING, step=0, of=0, text="begins"
+    stamp=STAMP, id="p1", verb="settings_backup", holder="bob", state=ProcedureState.RUNNING, step=0, of=0, text="x"
 )  # fmt: skip
 OWED = OwedSet(3, "settings_restore", "the FlightCtrl has not been met yet")
 TEST = Danger(effect="turns motors", confirm=Confirm.ALWAYS, stopped=True, proven=True, turns_motors=True)
 IN_FLIGHT = Danger(effect="writes", confirm=Confirm.IN_FLIGHT)
 FLYING = flags(is_flying=True)
-PLACE = {"latitude_deg": 53.0, "longitude_deg": 8.0}
+PLACE = {"latitude_deg": 53.0, "longitude_deg": 8.0, "altitude": 5.0}
 
 
 def request(**fields):
@@ -210,7 +211,7 @@ def test_a_step_of_a_procedure_is_not_refused_for_its_procedure():
 
 
 def test_points_that_are_meant_and_points_close_by_are_taken():
-    far = MissionPoint(latitude_deg=54.0, longitude_deg=8.0)
+    far = MissionPoint(**(PLACE | {"latitude_deg": 54.0}))
     assert FAR < 100_000.0
     assert refusal(Upload((MissionPoint(**PLACE), far), allow_unusual=True), GOOD) is None
     assert refusal(points(latitude_deg=53.01), GOOD) is None
@@ -225,7 +226,7 @@ CHANGES = {
     "receiver": {"pilot": reception(0.2)},
     "emergency": {"active_set": replace(SET, emergency_throttle=125)},
     "gate": {"active_set": replace(SET, gate=Gate(GateKind.CONSTANT, 0))},
-    "camera": {"eyes": (eyes(reason="gone", state="gone"),)},
+    "camera": {"eyes": (eyes(EyeState.GONE, reason="unplugged"),)},
     "contradiction": {"contradicting": ("forward",)},
     "stamps": {"stamps": Match(0.08, 0.9)},
     "turned": {"stamps": Match(0.0, -0.9)},
