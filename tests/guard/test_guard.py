@@ -233,7 +233,7 @@ def test_any_order_of_packets_sends_only_the_frames_it_was_given(events):
         assert written == []
 
 
-@pytest.mark.parametrize(("granted", "taken"), [(2, ("rr", 2)), (1, ("rr", 1)), (0, ("nice", program.NICE))])
+@pytest.mark.parametrize(("granted", "taken"), [(2, ("rr", 2)), (1, ("rr", 1)), (0, ("nice", 0, -10))])
 def test_it_takes_the_best_priority_that_the_system_grants(monkeypatch, granted, taken):
     found = []
 
@@ -243,6 +243,6 @@ def test_it_takes_the_best_priority_that_the_system_grants(monkeypatch, granted,
         found.append(("rr", parameters.sched_priority))
 
     monkeypatch.setattr(program.os, "sched_setscheduler", schedule)
-    monkeypatch.setattr(program.os, "setpriority", lambda which, process, nice: found.append(("nice", nice)))
+    monkeypatch.setattr(program.os, "setpriority", lambda which, process, nice: found.append(("nice", process, nice)))
     program.go_first()
     assert found == [taken]
