@@ -13,7 +13,7 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
 from tests.places import DOCS, ROOT, SOURCE
-from tools.shape import PRODUCT, count_lines, find_circles, find_long_files
+from tools.shape import PRODUCT, count_lines, find_circles, find_long_files, find_long_functions, find_same_names
 
 PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md")])
 SOURCES = sorted((ROOT / "src").rglob("*.py"))
@@ -34,8 +34,13 @@ def test_no_work_is_left_for_later(source):
     assert not re.search(r"\b(TODO|FIXME|XXX)\b", text)
 
 
-def test_no_file_is_too_long():
+def test_no_file_or_function_is_too_long():
     assert find_long_files(count_lines(ROOT)) == []
+    assert find_long_functions(ROOT) == []
+
+
+def test_a_name_stands_for_one_module_of_a_package():
+    assert find_same_names(count_lines(ROOT)) == []
 
 
 @pytest.mark.parametrize("package", PRODUCT)

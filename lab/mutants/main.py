@@ -30,7 +30,7 @@ from mkdaemon.errors import ConfigError, MkError
 
 SUBJECTS: Final[Mapping[str, tuple[str, ...]]] = {
     "src/mkdaemon/control": ("tests/control", "tests/translate"),
-    "src/mkdaemon/link/session/release.py": ("tests/link",),
+    "src/mkdaemon/link/session/release.py": ("tests/link/test_release.py", "tests/link/test_steering.py"),
     "src/mkdaemon/guard.py": ("tests/guard", "tests/daemon/test_guard.py"),
 }
 """What is mutated when nobody says what, and the tests that judge it."""
@@ -116,10 +116,12 @@ def _tests_of(path: str) -> tuple[str, ...]:
 
 
 def draw(mutants: Sequence[Mutant], sample: int, seed: int) -> list[Mutant]:
-    """Return all, or a sample that is the same for the same code."""
+    """Return all, or a sample that is the same for the same code; a larger one holds the smaller one."""
     if not 0 < sample < len(mutants):
         return list(mutants)
-    chosen = set(random.Random(seed).sample(sorted(mutant.id for mutant in mutants), sample))
+    names = sorted(mutant.id for mutant in mutants)
+    random.Random(seed).shuffle(names)
+    chosen = set(names[:sample])
     return [mutant for mutant in mutants if mutant.id in chosen]
 
 

@@ -258,17 +258,9 @@ async def cockpit(
     Raises:
         TimeoutError: the boards were not discovered.
     """
-    loop = asyncio.get_running_loop()
-    wall = 1.7e9 + random.Random(f"{seed} wall").random()
-
     is_new = socket is None
     cable = socket or Socket(boards.make(seed, **(sim or {})), seed=seed, tick=tick)
-    clock = Clock(
-        monotonic=loop.time,
-        wall=lambda: wall + loop.time() + cable.slept,
-        synchronised=lambda: True,
-        suspended=lambda: cable.slept,
-    )
+    clock = _virtual_clock(cable, seed)
     published = outlet or _Unheard()
     deck = Deck(ControlConfig(), published, clock, first_epoch=int(clock.stamp().wall * 1000))
     core, sink = deck.core, KeepingSink(deck, clock, published)
@@ -291,3 +283,15 @@ async def cockpit(
         for task in reversed(flown.tasks):
             task.cancel()
             await asyncio.gather(task, return_exceptions=True)
+
+
+def _virtual_clock(cable: Socket, seed: int) -> Clock:
+    """The clock of a computer that sleeps when its cable says so."""
+    loop = asyncio.get_running_loop()
+    wall = 1.7e9 + random.Random(f"{seed} wall").random()
+    return Clock(
+        monotonic=loop.time,
+        wall=lambda: wall + loop.time() + cable.slept,
+        synchronised=lambda: True,
+        suspended=lambda: cable.slept,
+    )

@@ -358,7 +358,7 @@ class GasLaw(StrEnum):
 
 
 class SimConfig(Section):
-    """The simulated aircraft."""
+    """The simulated aircraft; only `mkdaemon sim` reads this section and names a mistake in it."""
 
     seed: int = Field(default=1, ge=0)
     """Of every random stream: the same seed and the same input give the same bytes."""

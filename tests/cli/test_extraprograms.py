@@ -53,6 +53,17 @@ def test_everything_else_runs_without_the_simulator(words):
     assert (done.returncode, done.stderr) == (0, "")
 
 
+def test_daemon_doctor_and_clients_need_no_simulator(tmp_path):
+    config = tmp_path / "aircraft.toml"
+    config.write_text('[link]\nport = "/dev/no-such-port"\n[sim]\nboard = "only the simulator reads this"\n')
+    done = run_without_simulator("doctor", "--config", str(config), "--json")
+    assert "mksim" not in done.stdout + done.stderr
+    assert "/dev/no-such-port" in done.stdout
+    parts = "import mkdaemon.daemon.program, mkdaemon.cli.mkctl.app, mkdaemon.client, mkdaemon.replay"
+    script = f'import sys\nsys.modules["mksim"] = None\n{parts}'
+    assert subprocess.run([sys.executable, "-c", script], timeout=120).returncode == 0
+
+
 def test_no_entry_point_at_all_is_the_same_as_no_package(monkeypatch, capsys):
     monkeypatch.setattr("importlib.metadata.entry_points", lambda **_: ())
     assert run(app, ["sim"]) == 2

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
-from functools import partial
 
 from mkdaemon.bus.codec import decode_map, schema_name
 from mkdaemon.bus.gateway import Bus
@@ -20,13 +19,14 @@ from mkdaemon.telemetry.control import ControlStatus, LeaseGrant, LeaseState, Ph
 from mkdaemon.telemetry.event import CommandEvent
 from mkdaemon.telemetry.refusals import Status, Token, refuse
 from mkdaemon.telemetry.setpoint import SETPOINTS
-from mkdaemon.telemetry.signature import Signature
+from mkdaemon.telemetry.signature import HolderKey, Signature
 from mkdaemon.telemetry.state import Attitude
 from tests.bus.support import bus_config, free_endpoint
 
 VEHICLE = "fake"
 EPOCH = 1000
 SECRET = "known to the holder alone"
+KEY = HolderKey(EPOCH, SECRET)
 CLOCK = Clock()
 
 
@@ -128,9 +128,9 @@ class FakeDaemon:
         self.holder = None
         self.say(Phase.RELEASING, reason, **progress)
 
-    def take_setpoint(self, suffix, arrived, raw, proof):
+    def take_setpoint(self, arrived, raw, signed_for):
         """One setpoint."""
-        assert Signature(suffix, raw, proof).is_by(SECRET)
+        assert signed_for == EPOCH
         self.setpoints.append(decode_map(raw))
         if self.refuses is not None:
             self.refuse_setpoint(self.setpoints[-1])
@@ -174,7 +174,11 @@ async def fake_daemon(**more):
         for root in ("do", "cmd"):
             bus.serve(root, daemon.answer)
         for kind in SETPOINTS:
-            bus.receive(kind.suffix, partial(daemon.take_setpoint, kind.suffix))
+            bus.receive(
+                kind.suffix,
+                daemon.take_setpoint,
+                lambda raw, proof, kind=kind: KEY.epoch_signed(Signature(kind.suffix, raw, proof)),
+            )
         bus.watch_clients(daemon.client_changed)
         yield daemon
 

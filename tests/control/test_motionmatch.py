@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from mkdaemon.control.motionmatch import MotionMatch
+from mkdaemon.control.motionmatch import WINDOW, MotionMatch
 
 
 def match(lag=0.0, sign=1.0, size=0.05, rate=30.0, seconds=9.0, end=None):
@@ -92,3 +92,10 @@ def test_of_several_cameras_that_see_one_target_the_worst_counts():
         pitch, roll = 0.05 * math.sin(7.0 * t) + 0.03 * math.sin(11.0 * t), 0.05 * math.cos(9.0 * t)
         motion.target_seen("pad", t + 0.06, (math.tan(pitch), -math.tan(roll), -1.0), "late")
     assert motion.match(9.0, "pad").lag == pytest.approx(0.06, abs=0.003)
+
+
+def test_targets_that_are_seen_no_more_are_forgotten():
+    motion = MotionMatch()
+    for k in range(50):
+        motion.target_seen(f"target {k}", WINDOW * k, (0.1, 0.0, -1.0))
+    assert len(motion._seen) == 2, "the one that is seen, and the one of a window before"

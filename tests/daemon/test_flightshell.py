@@ -26,6 +26,7 @@ from mkdaemon.telemetry.command import ReleaseRequest
 from mkdaemon.telemetry.control import ControlLine, ErrorValue, EstimateValue, Phase, ReleaseOutcome
 from mkdaemon.telemetry.refusals import Token, refuse
 from mkdaemon.telemetry.setpoint import StickSetpoint
+from tests.control.admission.situations import GOOD
 from tests.control.events import pose
 
 DONE = ReleaseResult(ReleaseOutcome.CONFIRMED, 5, 5, "test")
@@ -104,7 +105,7 @@ class Shell:
 @virtually
 async def test_a_release_that_never_ends_is_answered_as_a_timeout_and_control_goes_on():
     async with Shell() as shell:
-        verbs = Verbs(shell.flight, shell.flight._link, shell.audit, Interlock(lambda: Phase.FREE), {})
+        verbs = Verbs(shell.flight, shell.flight._link, shell.audit, Interlock(lambda: GOOD), {})
         began = asyncio.get_running_loop().time()
         result = await verbs.answer("do/release", b"")
         assert (result.status, result.token) == ("timeout", "timeout")

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import math
+
 import pytest
 
+from mkdaemon.control.admission import TakeLease, refusal
 from mkdaemon.daemon.pathdelay import WAITING, PathProbe
-from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.refusals import Token
+from tests.control.admission.situations import GOOD
 
 
 class Time:
@@ -26,33 +29,31 @@ def clock():
 
 @pytest.fixture
 def probe(clock):
-    return PathProbe(0.5, clock)
+    return PathProbe(clock)
 
 
 def test_an_echo_that_is_back_in_time_counts_once(probe, clock):
     echo = probe.new_echo()
     clock.now += 0.49
-    probe.check(echo)
-    with pytest.raises(CommandRejectedError, match="unknown"):
-        probe.check(echo)
+    assert probe.delay(echo) == pytest.approx(0.49)
+    assert probe.delay(echo) == math.inf
 
 
 def test_an_echo_that_comes_late_says_how_late(probe, clock):
     echo = probe.new_echo()
     clock.now += 2.05
-    with pytest.raises(CommandRejectedError, match=r"takes 2\.05 s, more than 0\.5 s") as refused:
-        probe.check(echo)
-    assert refused.value.token == Token.SLOW_PATH
-    assert "max_path_delay" in refused.value.fix
+    error = refusal(TakeLease(path_delay=probe.delay(echo), is_early=True), GOOD)
+    assert error.token == Token.SLOW_PATH
+    assert "takes 2.05 s, more than 0.5 s" in error.reason
+    assert "max_path_delay" in error.fix
 
 
 def test_who_asks_for_no_echo_is_not_measured(probe):
-    probe.check("")
+    assert probe.delay("") is None
 
 
 def test_echoes_that_never_come_back_fill_no_memory(probe):
     first = probe.new_echo()
     last = [probe.new_echo() for _ in range(WAITING)][-1]
-    probe.check(last)
-    with pytest.raises(CommandRejectedError):
-        probe.check(first)
+    assert probe.delay(last) == 0.0
+    assert probe.delay(first) == math.inf

@@ -24,6 +24,7 @@ from mkdaemon.protocol.wire import Board
 from mkdaemon.telemetry.command import CommandResult
 from mkdaemon.telemetry.control import Phase
 from mkdaemon.telemetry.link import LinkCondition
+from tests.control.admission.situations import situation_of
 from tests.control.events import link_state
 
 TURNING = [30] + [0] * 15
@@ -80,10 +81,10 @@ class Desk:
         self.facts.link_changed(link_state())
         self.facts.motors_reported(False, STILL.now())
         self.line = Line()
-        self.interlock = Interlock(lambda: self.phase)
+        self.interlock = Interlock(lambda: situation_of(self.facts, STILL.now(), self.phase))
         self.phase = Phase.FREE
-        admit, allowed = self.interlock.check_request, cfg or CommandsConfig()
-        self._requests = BoardRequests(allowed, self.line, self.facts, self.feed, self, STILL, admit=admit)
+        allowed = cfg or CommandsConfig()
+        self._requests = BoardRequests(allowed, self.line, self.facts, self.feed, self, STILL, self.interlock)
 
     def feed(self, event, now):
         """Take what the flight core is told of a motor test."""

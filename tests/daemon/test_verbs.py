@@ -15,9 +15,10 @@ from mkdaemon.daemon.procedures import Interlock
 from mkdaemon.daemon.verbs import Verbs
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.link.session.traffic import ReleaseResult
-from mkdaemon.telemetry.control import LeaseState, Phase, ReleaseOutcome
+from mkdaemon.telemetry.control import LeaseState, ReleaseOutcome
 from mkdaemon.telemetry.preflight import PreflightReport
 from mkdaemon.telemetry.refusals import Token, refuse
+from tests.control.admission.situations import GOOD
 
 
 class Line:
@@ -43,7 +44,7 @@ class Desk:
     def __init__(self):
         self.events, self.marks = [], []
         self.released = ReleaseResult(ReleaseOutcome.CONFIRMED, 5, 5, "test")
-        self._verbs = Verbs(self, Line(), self, Interlock(lambda: Phase.FREE), {})
+        self._verbs = Verbs(self, Line(), self, Interlock(lambda: GOOD), {})
 
     async def lease(self, raw):
         raise refuse(Token.NOT_LEASED)

@@ -136,6 +136,7 @@ def test_a_sample_is_the_same_for_the_same_seed():
     mutants = list(Module("a.py", "\n".join(f"x{n} = {n}" for n in range(50))).mutants.values())
     assert draw(mutants, 5, 1) == draw(mutants[:], 5, 1) != draw(mutants, 5, 2)
     assert len(draw(mutants, 5, 1)) == 5
+    assert set(draw(mutants, 5, 1)) < set(draw(mutants, 9, 1))
     assert draw(mutants, 0, 1) == draw(mutants, 99, 1) == mutants
 
 

@@ -11,8 +11,7 @@ import pytest
 from mkdaemon.bus.codec import schema_name
 from mkdaemon.cli.mkctl.send import request_forms
 from mkdaemon.cli.mkdaemon.schema import describe_message
-from mkdaemon.control.danger import check_danger
-from mkdaemon.errors import CommandRejectedError
+from mkdaemon.control.admission import BoardRequest, refusal
 from mkdaemon.link.session.questions import answers
 from mkdaemon.link.session.streamkinds import find_streams
 from mkdaemon.protocol import MESSAGES, Board, FrameDecoder, MessageDecoder
@@ -24,6 +23,7 @@ from mkdaemon.protocol.units import DECIVOLT, TEN_MS
 from mkdaemon.protocol.wire import WireMessage, answer, request
 from mkdaemon.telemetry.danger import Confirm, Danger
 from mkdaemon.telemetry.refusals import Token
+from tests.control.admission.situations import GOOD
 from tools.protocol_page import protocol_page
 
 
@@ -78,15 +78,9 @@ def test_one_class_is_enough_everywhere(lamp):
     assert not answers(asked(number=2), Board.NC, answered(number=3, voltage=1), Board.NC)
     stream = find_streams()["lamp"]
     assert (stream.reply, stream.characters) == ("Q", 10), "the streams"
-    with pytest.raises(CommandRejectedError, match=Token.NOT_CONFIRMED):
-        check_danger(
-            "nc/lamp_request",
-            asked.spec.danger,
-            is_confirmed=False,
-            switches=(),
-            motors_running=False,
-            is_testing_motors=False,
-        )
+    error = refusal(BoardRequest(board="nc", name="lamp_request", danger=asked.spec.danger), GOOD)
+    assert error is not None
+    assert error.token == Token.NOT_CONFIRMED, "admission"
 
 
 def test_the_documentation_shows_a_declared_message(lamp, monkeypatch):

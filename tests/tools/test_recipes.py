@@ -107,7 +107,8 @@ def tree(tmp_path):
 
 
 def test_the_page_has_a_recipe_for_everything_that_is_often_added():
-    assert [recipe.name for recipe in RECIPES] == ["Add a message", "Add a key", "Add a verb", "Add a check"]
+    names = ["a message", "a key", "a verb", "a check", "a manoeuvre"]
+    assert [recipe.name for recipe in RECIPES] == [f"Add {name}" for name in names]
     assert all(recipe.steps and recipe.commands for recipe in RECIPES)
 
 

@@ -24,15 +24,7 @@ from mkdaemon.telemetry.navi import ControlNavi
 from mkdaemon.telemetry.preflight import ControlPreflight
 from mkdaemon.telemetry.procedure import ProcedureProgress
 from mkdaemon.telemetry.record import BusCounts, MarkEvent, RecordStatus
-from mkdaemon.telemetry.setpoint import (
-    AttitudeSetpoint,
-    HoldSetpoint,
-    LandSetpoint,
-    PositionSetpoint,
-    StickSetpoint,
-    TakeOffSetpoint,
-    VelocitySetpoint,
-)
+from mkdaemon.telemetry.setpoint import SETPOINTS
 from mkdaemon.telemetry.sim import FaultRequest, ScenePose, SimFaults, SimTruth
 from mkdaemon.telemetry.state import Attitude, Battery, Flight, Gps, Pilot, Position, Velocity
 from mkdaemon.telemetry.traffic import FrameSample, RawFrame
@@ -114,13 +106,7 @@ KEYS: Final[tuple[KeySpec, ...]] = (
     KeySpec("cmd/<board>/<message>", _Q, CommandResult, "", "A MikroKopter request; its typed reply, or a refusal."),
     *(KeySpec(f"do/{verb.name}", _Q, verb.request, "", verb.about, verb.reply) for verb in VERBS),
     KeySpec("schema/<name>", _Q, None, "", "JSON Schema of `<Name>.v<N>`, as the encoding of every payload names it."),
-    KeySpec("setpoint/stick", Use.SETPOINT, StickSetpoint, "", "Stick offsets, under a lease."),
-    KeySpec("setpoint/attitude", Use.SETPOINT, AttitudeSetpoint, "", "Attitude and thrust, under a lease."),
-    KeySpec("setpoint/velocity", Use.SETPOINT, VelocitySetpoint, "", "Velocity, under a lease."),
-    KeySpec("setpoint/position", Use.SETPOINT, PositionSetpoint, "", "Position and heading, under a lease."),
-    KeySpec("setpoint/hold", Use.SETPOINT, HoldSetpoint, "", "Stay over the target in sight, under a lease."),
-    KeySpec("setpoint/takeoff", Use.SETPOINT, TakeOffSetpoint, "", "Take off and hold, under a lease."),
-    KeySpec("setpoint/land", Use.SETPOINT, LandSetpoint, "", "Land on the target in sight, under a lease."),
+    *(KeySpec(kind.suffix, Use.SETPOINT, kind, "", f"{kind.about}, under a lease.") for kind in SETPOINTS),
     KeySpec("alive", Use.TOKEN, None, "", "The daemon is alive."),
     KeySpec(
         "client/<holder>",

@@ -58,9 +58,30 @@ def session_config(
     except zenoh.ZError as error:
         msg = f"{zenoh_file}: no usable Zenoh configuration: {_plain_words(error)}"
         raise ConfigError(msg) from error
-    # An own file keeps its own endpoints unless ours are given; everything else is what platform measurements showed
-    # necessary: an unset scouting delay alone costs 500 ms at every start.
+    settings = _measured_settings(mode, lease, patience)
+    # An own file keeps its own endpoints unless ours are given.
     keep = zenoh_file is not None
+    if connect or not keep:
+        settings["connect/endpoints"] = list(connect)
+    if listen or not keep:
+        settings["listen/endpoints"] = list(listen)
+    for endpoint in listen:
+        check_endpoint(endpoint, "bus.listen")
+    for endpoint in connect:
+        check_endpoint(endpoint, "--connect" if mode == "client" else "bus.connect")
+    for key, value in more.items():
+        settings[key] = [*json.loads(config.get_json(key)), *value] if isinstance(value, list) else value
+    for key, value in settings.items():
+        try:
+            config.insert_json5(key, json.dumps(value))
+        except zenoh.ZError as error:
+            msg = f"Zenoh refuses {key} = {value}: {_plain_words(error)}"
+            raise ConfigError(msg) from error
+    return config
+
+
+def _measured_settings(mode: str, lease: float, patience: float) -> dict[str, object]:
+    """What measurements showed necessary; an unset scouting delay alone costs 500 ms at every start."""
     settings: dict[str, object] = {
         "mode": mode,
         "scouting/multicast/enabled": False,
@@ -79,23 +100,7 @@ def session_config(
         settings["connect/exit_on_failure"] = False
         # What must not be lost (the end of a query) waits so long for a client that takes nothing; then it is cut off.
         settings["transport/link/tx/queue/congestion_control/block/wait_before_close"] = int(STALL * 1_000_000)
-    if connect or not keep:
-        settings["connect/endpoints"] = list(connect)
-    if listen or not keep:
-        settings["listen/endpoints"] = list(listen)
-    for endpoint in listen:
-        check_endpoint(endpoint, "bus.listen")
-    for endpoint in connect:
-        check_endpoint(endpoint, "--connect" if mode == "client" else "bus.connect")
-    for key, value in more.items():
-        settings[key] = [*json.loads(config.get_json(key)), *value] if isinstance(value, list) else value
-    for key, value in settings.items():
-        try:
-            config.insert_json5(key, json.dumps(value))
-        except zenoh.ZError as error:
-            msg = f"Zenoh refuses {key} = {value}: {_plain_words(error)}"
-            raise ConfigError(msg) from error
-    return config
+    return settings
 
 
 def _check_file(path: Path) -> None:

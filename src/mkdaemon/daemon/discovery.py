@@ -5,19 +5,8 @@ from __future__ import annotations
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.link.discovery import wait_for_discovery
 from mkdaemon.link.link import Link
-from mkdaemon.telemetry.link import LinkCondition, LinkState
+from mkdaemon.telemetry.link import LinkState
 from mkdaemon.telemetry.refusals import Token, refuse
-
-
-def refuse_silent_line(state: LinkState | None) -> None:
-    """Say what is wrong where nobody tells about the motors because nothing arrives at all.
-
-    Raises:
-        CommandRejectedError: `link_down`: no board is heard.
-    """
-    if state is None or not state.condition.hears_board:
-        condition = LinkCondition.ABSENT if state is None else state.condition
-        raise refuse(Token.LINK_DOWN, state=condition.value, detail="" if state is None else state.reason)
 
 
 async def require_discovery(link: Link, state: LinkState | None) -> None:

@@ -13,12 +13,13 @@ from pydantic import ValidationError
 from mkdaemon.bus.codec import Payload, first_mistake, schema_name
 from mkdaemon.clock import Clock
 from mkdaemon.config.commands import CommandsConfig
-from mkdaemon.control.danger import check_danger, check_proof
+from mkdaemon.control.admission import BoardRequest
 from mkdaemon.control.events import Feed, MotorTestSent
-from mkdaemon.control.vehicle import FRESH, VehicleFacts
+from mkdaemon.control.vehicle import VehicleFacts
 from mkdaemon.daemon.answering import answer_query
 from mkdaemon.daemon.audit import Audit
-from mkdaemon.daemon.discovery import refuse_silent_line, require_discovery
+from mkdaemon.daemon.discovery import require_discovery
+from mkdaemon.daemon.procedures.interlock import Interlock
 from mkdaemon.errors import CommandRejectedError, LinkLostError, RequestTimeoutError
 from mkdaemon.link.discovery import PORTS, redirection
 from mkdaemon.link.link import Link
@@ -27,19 +28,15 @@ from mkdaemon.protocol.flags import RedirectPort
 from mkdaemon.protocol.messages import Beep, Redirect, VersionRequest, WriteSettings
 from mkdaemon.protocol.wire import MESSAGES, Board, Direction, WireMessage
 from mkdaemon.telemetry.command import CommandResult, refused
-from mkdaemon.telemetry.danger import Confirm, Danger, Switch
+from mkdaemon.telemetry.danger import Danger, Switch
 from mkdaemon.telemetry.refusals import Status, Token, refuse
 
 PASSAGE: Final = 5.0
 """How long a bare redirection lasts [s]; a client waits 15 s for an answer."""
-LONGEST_BEEP: Final = 2.5
-"""A FlightCtrl may be made deaf for so long by its buzzer [s]; what the link expects of it."""
 MOTORS_FRESH: Final = 0.5
 """What telemetry says about the motors counts for so long where a request must not meet running ones [s]."""
 MOTORS_WAIT: Final = 1.5
 """How long to wait for telemetry to say it again, where it is slower [s]."""
-Admit = Callable[[Board, str, bool], None]
-"""Refuses a request to a board; told its name, and whether it makes the board deaf."""
 _BOARDS = {board.word: board for board in Board if board is not Board.ANY}
 
 
@@ -54,8 +51,7 @@ class BoardRequests:
         feed: Feed,
         audit: Audit,
         clock: Clock,
-        *,
-        admit: Admit = lambda board, name, is_slow: None,
+        interlock: Interlock,
     ) -> None:
         """Answer for one line.
 
@@ -66,10 +62,10 @@ class BoardRequests:
             feed: tells the flight core of a motor test.
             audit: hears of every command.
             clock: of the daemon.
-            admit: refuses what would disturb a procedure or whoever flies.
+            interlock: says what may be sent.
         """
         self._cfg = cfg
-        self._admit = admit
+        self._interlock = interlock
         self._link = link
         self._facts, self._feed = facts, feed
         self._audit = audit
@@ -91,18 +87,17 @@ class BoardRequests:
         confirmed = fields.pop("confirm", False) is True
         message = self._build(board, name, fields)
         danger = _danger_of(message)
-        is_slow = self._is_slow(board, message, danger)
 
         def admit() -> None:
-            if is_slow or (danger is not None and danger.confirm is Confirm.IN_FLIGHT):
-                self._admit(board, name, is_slow)
+            self._interlock.require(self._beginning(board, message, is_confirmed=confirmed, is_early=True))
 
         admit()
         if danger is not None:
             await require_discovery(self._link, self._facts.link)
             if danger.stopped:
                 await self._wait_for_motors()
-        self.check_request(board, message, is_confirmed=confirmed, within=MOTORS_FRESH)
+        running = self._facts.motors_running(self._clock.now(), MOTORS_FRESH)
+        self._interlock.require(self._beginning(board, message, is_confirmed=confirmed), motors_running=running)
         try:
             return await self._send(board, message, admit, is_confirmed=confirmed)
         except CommandRejectedError as error:
@@ -117,13 +112,33 @@ class BoardRequests:
         async with way_to(self._link, board, message, admit):
             await self.prove_board(board, message)
             # Seconds may have passed: somebody may hold the lease by now, or have started the motors.
-            admit()
-            self.check_request(board, message, is_confirmed=is_confirmed)
+            self._interlock.require(self._beginning(board, message, is_confirmed=is_confirmed))
             if message.spec.danger is not None and message.spec.danger.turns_motors:
                 self._feed(MotorTestSent(), self._clock.now())
             if isinstance(message, Redirect):
                 return await self._pass_through(message.port, admit)
             return await self._converse(board, message)
+
+    def _beginning(self, board: Board, message: WireMessage, **known: Any) -> BoardRequest:
+        """A request as admission looks at it; `known` is what whoever asks knows besides."""
+        danger, dialect, spec = _danger_of(message), self._link.dialect, message.spec
+        # Nothing on the line tells the fork from stock firmware: who enables its commands says that it is one.
+        unsupported = None if spec.is_fork else dialect.unsupported.get((board, spec.key))
+        read_only = dialect.read_only_reason if danger is not None else None
+        if read_only is None and isinstance(message, WriteSettings):
+            read_only = dialect.settings_read_only_reason
+        return BoardRequest(
+            board=board.word,
+            name=spec.key,
+            danger=danger,
+            switches=frozenset(switch for switch in Switch if getattr(self._cfg, switch)),
+            is_slow=self._is_slow(board, message, danger),
+            is_to_flightctrl=board is Board.FC,
+            unsupported=unsupported or "",
+            read_only=read_only or "",
+            deaf_time=message.deaf_time if isinstance(message, Beep) else 0.0,
+            **known,
+        )
 
     def _is_slow(self, board: Board, message: WireMessage, danger: Danger | None) -> bool:
         """Whether nobody's stick frames reach the aircraft while the request is at work.
@@ -144,43 +159,36 @@ class BoardRequests:
                 while self._facts.motors_running(self._clock.now(), MOTORS_FRESH) is None:  # noqa: ASYNC110
                     await asyncio.sleep(0.02)
 
-    def check_request(self, board: Board, message: WireMessage, *, is_confirmed: bool, within: float = FRESH) -> None:
-        """Let a request pass, or refuse it.
+    def check_step(self, board: Board, message: WireMessage) -> None:
+        """Let a step of a procedure pass, or refuse it.
 
         Args:
             board: who is asked.
             message: the request.
-            is_confirmed: whoever asks knows the danger.
-            within: how old telemetry about the motors may be [s].
 
         Raises:
-            CommandRejectedError: `unsupported`, `read_only`, or what `check_danger` refuses.
+            CommandRejectedError: what admission says.
         """
-        danger = _danger_of(message)
-        self._check_dialect(board, message, danger)
-        if danger is not None:
-            if danger.stopped and self._facts.motors_running(self._clock.now(), within) is None:
-                refuse_silent_line(self._facts.link)
-            check_danger(
-                f"{board.word}/{message.spec.key}",
-                danger,
-                is_confirmed=is_confirmed,
-                switches=[switch for switch in Switch if getattr(self._cfg, switch)],
-                motors_running=self._facts.motors_running(self._clock.now(), within),
-                is_testing_motors=self._facts.is_testing_motors(self._clock.now()),
-            )
-        if isinstance(message, Beep) and message.deaf_time > LONGEST_BEEP:
-            raise refuse(Token.DEAF_TOO_LONG, seconds=message.deaf_time, limit=LONGEST_BEEP)
+        self._interlock.require(self._beginning(board, message, is_confirmed=True, is_step=True))
 
     async def prove_board(self, board: Board, message: WireMessage) -> None:
-        """Make sure that the board asked is the one that hears us, where the request needs that.
+        """Make sure that the board asked hears us, where the request needs that: another may read the same letter.
 
         Raises:
             CommandRejectedError: `board_unproven`, or what the link refuses.
         """
         danger = _danger_of(message)
-        if danger is not None and danger.proven:
-            await self._prove(board, danger)
+        if danger is None or not danger.proven or self._link.is_proven(board):
+            return
+        try:
+            await self._link.request(VersionRequest(), board=board)
+        except (RequestTimeoutError, LinkLostError) as error:
+            found = str(error)
+        else:
+            proof = self._link.proof
+            found = "no board answered one" if proof is None else f"{proof.board.word} answered it"
+            found = "" if self._link.is_proven(board) else found
+        self._interlock.require(self._beginning(board, message, is_confirmed=True, is_step=True, unproven=found))
 
     async def _pass_through(self, port: RedirectPort, admit: Callable[[], None]) -> CommandResult:
         """Answer a bare redirection: for a while and back again, or the line would be lost to everybody for ever.
@@ -223,33 +231,6 @@ class BoardRequests:
                 mistake = mistake or error
         assert mistake is not None
         raise refuse(Token.BAD_FIELD, name=layouts[0].__name__, detail=first_mistake(mistake)) from mistake
-
-    def _check_dialect(self, board: Board, message: WireMessage, danger: Danger | None) -> None:
-        dialect, spec = self._link.dialect, message.spec
-        # Nothing on the line tells the fork from stock firmware: who enables its commands says that it is one.
-        reason = None if spec.is_fork else dialect.unsupported.get((board, spec.key))
-        if reason is not None:
-            raise refuse(Token.UNSUPPORTED, name=f"{board.word}/{spec.key}", detail=reason)
-        if danger is not None and dialect.read_only_reason is not None:
-            raise refuse(Token.READ_ONLY, detail=dialect.read_only_reason)
-        if isinstance(message, WriteSettings) and dialect.settings_read_only_reason is not None:
-            raise refuse(Token.READ_ONLY, detail=dialect.settings_read_only_reason)
-
-    async def _prove(self, board: Board, danger: Danger) -> None:
-        """Make sure that the board asked is the one that hears us: another may read the same letter as a motor test.
-
-        Raises:
-            CommandRejectedError: `board_unproven`, or what the link refuses.
-        """
-        if self._link.is_proven(board):
-            return
-        try:
-            await self._link.request(VersionRequest(), board=board)
-        except (RequestTimeoutError, LinkLostError) as error:
-            raise refuse(Token.BOARD_UNPROVEN, board=board.word, detail=str(error)) from error
-        proof = self._link.proof
-        found = "no board answered one" if proof is None else f"{proof.board.word} answered it"
-        check_proof(board.word, danger, is_proven=self._link.is_proven(board), found=found)
 
     async def _converse(self, board: Board, message: WireMessage) -> CommandResult:
         spec = message.spec

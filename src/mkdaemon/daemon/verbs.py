@@ -81,8 +81,7 @@ class Verbs:
             probe = LeaseProbe(echo=self._paths.new_echo())
             return CommandResult(status=Status.ACCEPTED, reply=dict(probe), reply_type=schema_name(LeaseProbe))
         if request.action == "take":
-            self._paths.check(request.echo)
-            with self._interlock.taking_lease():
+            with self._interlock.taking_lease(self._paths.delay(request.echo)):
                 lease = await self._flight.lease(request)
         else:
             lease = await self._flight.lease(request)

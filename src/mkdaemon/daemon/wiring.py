@@ -111,8 +111,8 @@ class Wiring:
             cfg.link, deck.sink, opener=opener, clock=clock, motors_running=facts.motors_running, guard=guard, tap=tap
         )
         flight = self.flight = FlightControl(deck, link, clock=clock, records=recording_folder(cfg))
-        interlock = Interlock(lambda: flight.phase)
-        requests = BoardRequests(cfg.commands, link, facts, deck.feed, audit, clock, admit=interlock.check_request)
+        interlock = Interlock(lambda: deck.core.situation(clock.now()))
+        requests = BoardRequests(cfg.commands, link, facts, deck.feed, audit, clock, interlock)
         self._procedures = ProcedureRunner(
             link,
             facts,
@@ -125,7 +125,7 @@ class Wiring:
             LabelCache(cfg.link.label_cache),
             clock,
         )
-        paths = PathProbe(cfg.control.lease.max_path_delay, clock.now)
+        paths = PathProbe(clock.now)
         self.answer_verb = Verbs(flight, link, audit, interlock, self._procedures.verbs, paths).answer
         self.guard_acted, self.guard_changed = flight.guard_acted, flight.guard_changed
         self._serve(requests)

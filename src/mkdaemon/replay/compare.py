@@ -17,7 +17,8 @@ _ABSENT: Final = "(absent)"
 _SPLIT_BY: Final = {"event/command": "key", "event/failsafe": "action"}
 """Keys under which more than one part of the daemon publishes, and the field that tells them apart."""
 CUT: Final = 0.05
-"""Of a recording that breaks off, the last of it is not compared [s]: part of what came out is missing."""
+"""At the end of a recording a value may be missing or new for so long [s]: what came out of the last entries may not
+have been recorded any more."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,17 +137,17 @@ def compare(recorded: Recorded, outputs: Sequence[Output], *, without: frozenset
         without: keys beginning so are not compared, for example `vision/` where images are missing.
     """
     began = recorded.start
-    until = float("inf") if recorded.stopped_at is not None else recorded.end - CUT
+    until = recorded.end - CUT
     entries = (*recorded.of(Kind.SAMPLE), *recorded.of(Kind.EVENT))
-    before = _by_key((entry.received, entry) for entry in entries if entry.received < until)
-    after = _by_key((output.at, output) for output in outputs if output.at < until)
+    before = _by_key((entry.received, entry) for entry in entries)
+    after = _by_key((output.at, output) for output in outputs)
     keys: dict[str, KeyReport] = {}
     left_out: dict[str, int] = {}
     for key in sorted(before.keys() | after.keys()):
         if is_left_out(key) or key.startswith(tuple(without)):
             left_out[key] = len(before.get(key, ()))
         else:
-            keys[key] = _compare_key(key, before.get(key, []), after.get(key, []), began)
+            keys[key] = _compare_key(key, before.get(key, []), after.get(key, []), began, until)
     return Comparison(keys, left_out)
 
 
@@ -165,8 +166,8 @@ def _by_key(values: Iterable[tuple[float, Entry | Output]]) -> dict[str, list[_V
     return {name: sorted(found[name], key=lambda value: value.mark) for name in found}
 
 
-def _compare_key(key: str, before: Sequence[_Value], after: Sequence[_Value], began: float) -> KeyReport:
-    """Pair values that are marked alike, in order, and compare each pair."""
+def _compare_key(key: str, before: Sequence[_Value], after: Sequence[_Value], began: float, until: float) -> KeyReport:
+    """Pair values that are marked alike, in order, and compare each pair; from `until` on a pair may be incomplete."""
     report = KeyReport(key, len(before), len(after))
     i = j = 0
     while i < len(before) or j < len(after):
@@ -175,12 +176,14 @@ def _compare_key(key: str, before: Sequence[_Value], after: Sequence[_Value], be
             _compare_pair(report, before[i], after[j], began)
             i, j = i + 1, j + 1
         elif lead < 0:
-            report.missing += 1
-            report.note(Difference(before[i].at - began, "", _fields(before[i].payload), _ABSENT))
+            if before[i].at < until:
+                report.missing += 1
+                report.note(Difference(before[i].at - began, "", _fields(before[i].payload), _ABSENT))
             i += 1
         else:
-            report.new += 1
-            report.note(Difference(after[j].at - began, "", _ABSENT, _fields(after[j].payload)))
+            if after[j].at < until:
+                report.new += 1
+                report.note(Difference(after[j].at - began, "", _ABSENT, _fields(after[j].payload)))
             j += 1
     return report
 

@@ -16,9 +16,11 @@ class Setpoint(Command):
 
     Attributes:
         suffix: key it is streamed to, without `mk/<vehicle>/`.
+        about: what it asks for, in a few words.
     """
 
     suffix: ClassVar[str]
+    about: ClassVar[str]
 
     @property
     def kind(self) -> str:
@@ -37,6 +39,7 @@ class StickSetpoint(Setpoint):
     """Stick offsets, FLU signs: `setpoint/stick`."""
 
     suffix: ClassVar[str] = "setpoint/stick"
+    about: ClassVar[str] = "Stick offsets"
 
     pitch: float = Field(ge=-127, le=127)
     """Nose down positive [stick]."""
@@ -70,6 +73,7 @@ class AttitudeSetpoint(Setpoint):
     """Attitude and thrust, FLU signs: `setpoint/attitude`."""
 
     suffix: ClassVar[str] = "setpoint/attitude"
+    about: ClassVar[str] = "Attitude and thrust"
 
     roll: _Tilt
     """Right side down positive [rad]."""
@@ -85,6 +89,7 @@ class VelocitySetpoint(Setpoint):
     """Velocity: `setpoint/velocity`."""
 
     suffix: ClassVar[str] = "setpoint/velocity"
+    about: ClassVar[str] = "Velocity"
 
     velocity: tuple[_Speed, _Speed, _Speed] = Field(strict=False)
     """In the axes of `frame` [m/s]."""
@@ -98,6 +103,7 @@ class PositionSetpoint(Setpoint):
     """Position and heading: `setpoint/position`."""
 
     suffix: ClassVar[str] = "setpoint/position"
+    about: ClassVar[str] = "Position and heading"
 
     position: tuple[_Metres, _Metres, _Metres] = Field(strict=False)
     """In the axes of `frame`, from its origin [m]."""
@@ -111,12 +117,14 @@ class HoldSetpoint(Setpoint):
     """Stay where the aircraft is when the first of them arrives: `setpoint/hold`."""
 
     suffix: ClassVar[str] = "setpoint/hold"
+    about: ClassVar[str] = "Stay over the target in sight"
 
 
 class TakeOffSetpoint(Setpoint):
     """Take off and hold over the middle of the target: `setpoint/takeoff`. The pilot has started the motors."""
 
     suffix: ClassVar[str] = "setpoint/takeoff"
+    about: ClassVar[str] = "Take off and hold"
 
     height: float = Field(ge=0.5, le=10.0)
     """Above the target [m]; never above the configured fence."""
@@ -126,6 +134,7 @@ class LandSetpoint(Setpoint):
     """Land on the target in sight: `setpoint/land`. Streamed until the feet stand; the aircraft is released then."""
 
     suffix: ClassVar[str] = "setpoint/land"
+    about: ClassVar[str] = "Land on the target in sight"
 
     yaw: _Angle | None = None
     """Heading about the up axis of the target, counter-clockwise from its first axis [rad]; null to keep it."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from mkdaemon.config.control import ControlConfig
 from mkdaemon.control.activeset import ActiveSet, Gate, GateKind
 from mkdaemon.control.admission import NO_WORK, Entry, Situation
@@ -73,3 +75,18 @@ GOOD = Situation(
     loop=None,
     is_loop_known=True,
 )
+
+
+def situation_of(facts, now, phase=Phase.FREE):
+    """What is known of a vehicle at a time [s], where all else is well."""
+    return replace(
+        GOOD,
+        now=now,
+        phase=phase,
+        link=facts.link,
+        motors_running=facts.motors_running(now),
+        is_testing_motors=facts.is_testing_motors(now),
+        flight=facts.flight(now),
+        position=facts.position(now),
+        gps=facts.gps(now),
+    )

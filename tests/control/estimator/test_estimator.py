@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mkdaemon.control.estimator.estimator import Estimator
+from mkdaemon.control.estimator.estimator import TOGETHER, Cameras, Estimator
 from mkdaemon.control.estimator.model import GRAVITY, LEVEL_STATES, TH, AircraftModel, B, D, P, S, T, V
 from mkdaemon.control.estimator.rollback import MEMORY, STEP, RollbackFilter
 from mkdaemon.control.estimator.values import (
@@ -425,6 +425,49 @@ def test_an_image_older_than_the_filter_is_no_sight_of_the_target():
     estimator.target_seen(view(4.9, np.zeros((2, LEVEL_STATES)), 2.0, 1.0), 5.0)
     assert estimator.refused == {ViewFault.TOO_OLD: 1}
     assert estimator.estimate(5.0).yaw == 0.0
+
+
+@pytest.mark.parametrize(
+    ("first", "believed"), [(0.0, 60.0), (59.0, 60.0), (60.0, 60.0), (190.0, 190.0), (254.0, 190.0)]
+)
+def test_no_estimate_begins_with_a_hover_throttle_that_carries_nothing(first, believed):
+    assert Estimator(MODEL, view(0.0, np.zeros((2, LEVEL_STATES)), 2.0, 0.0), first).hover_gas == believed
+
+
+def test_after_a_silence_somebody_else_may_have_tilted_it_the_more_the_longer():
+    estimator, now = silent(MEMORY + 1.0)
+    estimator.advance(now)
+    # What a constant tilt of 0.175 rad alone makes of a second: 0.175 g, 1.7 m/s, and more by the leak.
+    assert estimator.velocity_sd > 1.7
+
+
+def test_after_a_silence_the_model_must_agree_anew_before_it_counts():
+    plant = Plant()
+    estimator = run(plant, 20.0)
+    estimator._believe(is_nominal=True)
+    estimator._agrees_since = 0.0
+    now = plant.now + 10.0
+    plant.axes[:] = 0.0
+    for k in range(50):
+        at = now + 0.02 * k
+        estimator.advance(at)
+        estimator.attitude_received(at, 0.0, 0.0, 0.4)
+        estimator.target_seen(view(at, plant.axes, 2.0, 0.0), at)
+    assert not estimator.is_nominal
+
+
+def test_a_camera_is_doubted_after_images_that_were_refused_one_after_the_other_and_by_most_cameras():
+    cameras = Cameras(3)
+    for name in ("down", "forward"):
+        cameras.seen(name, 1.0)
+    for is_refused in (True, True, False, True, True):
+        cameras.judged("down", is_refused=is_refused)
+    assert (cameras.doubts("down", 1.0), cameras.contradicting) == (False, ())
+    cameras.judged("down", is_refused=True)
+    assert cameras.contradicting == ("down",)
+    assert not cameras.doubts("down", 1.0), "the other half agrees"
+    cameras.seen("down", 1.6 + TOGETHER)
+    assert cameras.doubts("down", 1.6 + TOGETHER), "no other camera has a say"
 
 
 # -- whatever comes ------------------------------------------------------------------------------------------------

@@ -29,6 +29,7 @@ from mkdaemon.link.link import Link
 from mkdaemon.telemetry.command import CommandResult, refused
 from mkdaemon.telemetry.control import Phase
 from mksim.simulation import Simulation
+from tests.control.admission.situations import situation_of
 
 
 class PromptDisk(Executor):
@@ -66,9 +67,9 @@ class Guard(BoardRequests):
 
     refusal: Callable[[Any], None] = staticmethod(lambda message: None)
 
-    def check_request(self, board: Any, message: Any, **how: Any) -> None:
+    def check_step(self, board: Any, message: Any) -> None:
         self.refusal(message)
-        super().check_request(board, message, **how)
+        super().check_step(board, message)
 
 
 class ProcedureRig:
@@ -84,9 +85,9 @@ class ProcedureRig:
         cfg = LinkConfig.model_validate({"port": "/dev/rig"})
         self.link = Link(cfg, deck.sink, opener=socket.open, clock=clock, motors_running=facts.motors_running)
         self.control = FlightControl(deck, self.link, clock=clock)
-        self.interlock = Interlock(lambda: self.phase)
+        self.interlock = Interlock(lambda: situation_of(facts, clock.now(), self.phase))
         self.journal = Journal(folder, PromptDisk())
-        self.guard = Guard(CommandsConfig(), self.link, facts, deck.feed, audit, clock)
+        self.guard = Guard(CommandsConfig(), self.link, facts, deck.feed, audit, clock, self.interlock)
         self.runner = ProcedureRunner(
             self.link,
             facts,

@@ -24,8 +24,8 @@ from mkdaemon.errors import CommandRejectedError, RequestTimeoutError
 from mkdaemon.link.labels import LabelCache
 from mkdaemon.protocol.messages import WriteSettings
 from mkdaemon.protocol.wire import Board
-from mkdaemon.telemetry.control import Phase
 from mkdaemon.virtualtime import run_virtually
+from tests.control.admission.situations import situation_of
 from tests.control.events import link_state
 from tests.daemon.procedures.procedure_rig import Bus
 from tests.protocol.procedures.talk import FlightCtrl
@@ -107,7 +107,7 @@ class Line:
 class Guard:
     """Lets everything pass."""
 
-    def check_request(self, board, message, *, is_confirmed):
+    def check_step(self, board, message):
         pass
 
     async def prove_board(self, board, message):
@@ -123,7 +123,7 @@ class Life:
         facts = VehicleMemory()
         facts.link_changed(link_state())
         facts.motors_running = lambda now, within=2.0: False
-        self.interlock = Interlock(lambda: Phase.FREE)
+        self.interlock = Interlock(lambda: situation_of(facts, clock.now()))
         self.runner = ProcedureRunner(
             Line(world),
             facts,

@@ -13,7 +13,7 @@ from mkdaemon.daemon.procedures import Interlock, Journal
 from mkdaemon.daemon.procedures.recovery import RETRIES, Recovery
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.protocol.procedures.live_set import Recovered
-from mkdaemon.telemetry.control import Phase
+from tests.control.admission.situations import GOOD
 from tests.control.events import link_state
 from tests.daemon.procedures.procedure_rig import Bus
 from tests.daemon.procedures.test_journal import NOTE
@@ -28,7 +28,7 @@ class Ground:
         self.link = SimpleNamespace(
             is_up=True, lacks_flightctrl=False, dialect=SimpleNamespace(fc_release=NOTE.firmware)
         )  # fmt: skip
-        self.interlock = Interlock(lambda: Phase.FREE)
+        self.interlock = Interlock(lambda: GOOD)
         clock = Clock(monotonic=lambda: 0.0)
         self.recovery = Recovery(Journal(folder), self.link, self.facts, Audit(self.bus, clock), self.interlock)
 

@@ -9,12 +9,12 @@ import pytest
 
 from lab.rigs.boardport import LineFault
 from lab.rigs.linkrig import flight_ctrl, navi_ctrl, virtually
-from mkdaemon.daemon.procedures.flightchecks import Place
+from mkdaemon.control.admission import BoardRequest
+from mkdaemon.control.admission.navirows import Place
 from mkdaemon.daemon.procedures.runner import MOTORS_WAIT
 from mkdaemon.daemon.procedures.table import PROCEDURES, request_model
 from mkdaemon.errors import CommandRejectedError, RequestTimeoutError
 from mkdaemon.protocol.messages import SettingsRequest
-from mkdaemon.protocol.wire import Board
 from mkdaemon.telemetry.control import Phase
 from mkdaemon.telemetry.procedure import ProcedureRequest
 from mkdaemon.telemetry.refusals import Token, refuse
@@ -94,9 +94,9 @@ async def test_procedures_and_flying_exclude_each_other(tmp_path):
         with pytest.raises(CommandRejectedError, match="settings_backup is under way"), rig.interlock.taking_lease():
             pass
         with pytest.raises(CommandRejectedError, match="settings_backup is under way"):
-            rig.interlock.check_request(Board.FC, "beep", is_slow=True)
+            rig.interlock.require(BoardRequest(board="fc", name="beep", is_slow=True))
         await asked
-        rig.interlock.check_request(Board.FC, "beep", is_slow=True)
+        rig.interlock.require(BoardRequest(board="fc", name="beep", is_slow=True))
 
 
 @virtually

@@ -108,6 +108,7 @@ class BoardRequest:
         deaf_time: the board's buzzer makes it deaf for so long [s].
         unproven: what the last version reply was, where it does not prove the board; empty where it does, or where
             nobody has asked for one yet.
+        is_step: it is a step of the procedure under way, which has been admitted as a whole.
         is_early: asked before the aircraft is known and telemetry about the motors is fresh.
     """
 
@@ -122,6 +123,7 @@ class BoardRequest:
     read_only: str = ""
     deaf_time: float = 0.0
     unproven: str = ""
+    is_step: bool = False
     is_early: bool = False
 
     @property
@@ -137,7 +139,8 @@ class BoardRequest:
     @property
     def is_disturbing(self) -> bool:
         """Whether it would disturb a procedure, or whoever flies."""
-        return self.is_slow or (self.danger is not None and self.danger.confirm is Confirm.IN_FLIGHT)
+        is_dangerous = self.danger is not None and self.danger.confirm is Confirm.IN_FLIGHT
+        return not self.is_step and (self.is_slow or is_dangerous)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

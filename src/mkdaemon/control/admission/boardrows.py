@@ -31,7 +31,7 @@ def _unconfirmed(now: Situation, wanted: Procedure) -> Verdict:
 
 def _stick_frames(now: Situation, wanted: BoardRequest | Procedure) -> Verdict:
     """Nothing that keeps stick frames from the aircraft goes on while somebody flies, or is about to."""
-    is_harmless = not (wanted.is_alone if isinstance(wanted, Procedure) else wanted.is_slow)
+    is_harmless = not (wanted.is_alone if isinstance(wanted, Procedure) else wanted.is_slow and wanted.is_disturbing)
     if is_harmless or now.is_free:
         return passed()
     phase = Phase.LEASED if now.work.leases else now.phase

@@ -21,13 +21,13 @@ LEAST_SATELLITES: Final = 6
 """With fewer no target is taken: what NaviCtrls ask for from the factory, docs/protocol.md, NaviGpsMinSat."""
 
 
-class _Place(NamedTuple):
+class Place(NamedTuple):
     """A place on the ground, latitude and longitude [deg]."""
 
     latitude: float
     longitude: float
 
-    def distance_to(self, other: _Place) -> float:
+    def distance_to(self, other: Place) -> float:
         """Distance over ground [m]."""
         here = (math.radians(self.latitude), math.radians(self.longitude), 0.0)
         east, north, _ = enu_from_geodetic(math.radians(other.latitude), math.radians(other.longitude), 0.0, here)
@@ -39,9 +39,9 @@ def _usual(now: Situation, wanted: Upload) -> Verdict:
     if wanted.allow_unusual:
         return passed()
     if now.position is None:
-        origin, of = _Place(wanted.points[0].latitude_deg, wanted.points[0].longitude_deg), "point 1"
+        origin, of = Place(wanted.points[0].latitude_deg, wanted.points[0].longitude_deg), "point 1"
     else:
-        origin, of = _Place(now.position.latitude_deg, now.position.longitude_deg), "the aircraft"
+        origin, of = Place(now.position.latitude_deg, now.position.longitude_deg), "the aircraft"
     for number, point in enumerate(wanted.points, 1):
         detail = _mistake(point, origin, of)
         if detail:
@@ -49,9 +49,9 @@ def _usual(now: Situation, wanted: Upload) -> Verdict:
     return passed()
 
 
-def _mistake(point: MissionPoint, origin: _Place, of: str) -> str:
+def _mistake(point: MissionPoint, origin: Place, of: str) -> str:
     """What is strange about a point; empty for nothing."""
-    away = origin.distance_to(_Place(point.latitude_deg, point.longitude_deg))
+    away = origin.distance_to(Place(point.latitude_deg, point.longitude_deg))
     if not away <= FAR:
         return f"is {away / 1000:,.0f} km away from {of}"
     if point.kind is not PointKind.POI and point.altitude < 0:

@@ -30,8 +30,8 @@ KEY = "event/progress"
 class Guard(Protocol):
     """Checks single requests before they are sent: `mkdaemon.daemon.requests.BoardRequests` in earnest."""
 
-    def check_request(self, board: Board, message: WireMessage, *, is_confirmed: bool) -> None:
-        """Let a request pass or raise `CommandRejectedError`."""
+    def check_step(self, board: Board, message: WireMessage) -> None:
+        """Let a step of a procedure pass or raise `CommandRejectedError`."""
 
     async def prove_board(self, board: Board, message: WireMessage) -> None:
         """Make sure that the board asked is the one that hears us."""
@@ -154,7 +154,7 @@ class JobObserver:
         """
         if self._job.is_alone and message.spec.danger and await self._find_motors() is not False:
             raise refuse(Token.MOTORS_STARTED, name=self._job.verb)
-        self._guard.check_request(board, message, is_confirmed=True)
+        self._guard.check_step(board, message)
 
     async def prove(self, board: Board, message: WireMessage) -> None:
         """Make sure that the board asked is the one that hears us.

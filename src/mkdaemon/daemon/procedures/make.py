@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Final
 
@@ -9,6 +10,7 @@ from pydantic import ValidationError
 
 from mkdaemon.bus.codec import first_mistake
 from mkdaemon.errors import CommandRejectedError, MkError, ProtocolError
+from mkdaemon.frames import geodetic_from_enu
 from mkdaemon.protocol.flags import MotorControllerBits
 from mkdaemon.protocol.messages import Mixer, MotorController, WriteMixer
 from mkdaemon.protocol.procedures.live_set import differing
@@ -30,8 +32,9 @@ from mkdaemon.protocol.settings import ParameterSet
 from mkdaemon.protocol.settings_file import change_by_name
 from mkdaemon.telemetry import mission, settings
 from mkdaemon.telemetry.mission import Mission, MissionPoint
-from mkdaemon.telemetry.navi import NaviTarget
+from mkdaemon.telemetry.navi import NaviGotoRequest, NaviTarget
 from mkdaemon.telemetry.refusals import Token, refuse
+from mkdaemon.telemetry.state import Position
 
 PATIENCE: Final = Patience(attempts=12, timeout=0.5)
 """With each request: a NaviCtrl that writes its card says nothing for 2 s, one that streams too much for 4 s. Source:
@@ -130,6 +133,24 @@ def navi_goto(point: MissionPoint) -> Procedure[NaviTarget]:
     except MkError as error:
         raise _list_left(error) from error
     return NaviTarget(**dict(_stored_list(done)), switch=switch_words(form))
+
+
+def target_point(request: NaviGotoRequest, position: Position | None) -> MissionPoint:
+    """Return the place a request means, from the home position that the NaviCtrl tells; admission made sure of one."""
+    assert position is not None
+    assert position.home_latitude_deg is not None
+    assert position.home_longitude_deg is not None
+    east, north, up = request.position
+    home = (math.radians(position.home_latitude_deg), math.radians(position.home_longitude_deg), 0.0)
+    latitude, longitude, _ = geodetic_from_enu(east, north, 0.0, home)
+    return MissionPoint(
+        latitude_deg=math.degrees(latitude),
+        longitude_deg=math.degrees(longitude),
+        altitude=up,
+        radius=request.radius,
+        hold=request.hold,
+        heading_deg=request.heading_deg,
+    )
 
 
 def route_end(request: mission.RouteEndRequest) -> Procedure[mission.WaypointsStored]:

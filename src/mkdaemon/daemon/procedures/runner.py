@@ -9,15 +9,17 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Awaitable, Callable
 from contextlib import suppress
+from dataclasses import replace
 from functools import partial
 from typing import Any, Final
 
 from mkdaemon.bus.codec import Payload, read_command, schema_name
 from mkdaemon.clock import Clock
+from mkdaemon.control.admission import Procedure
 from mkdaemon.control.events import Feed, ListChanged
 from mkdaemon.control.vehicle import VehicleFacts
 from mkdaemon.daemon.audit import Audit, Outlet
-from mkdaemon.daemon.discovery import refuse_silent_line, require_discovery
+from mkdaemon.daemon.discovery import require_discovery
 from mkdaemon.daemon.procedures.interlock import Interlock
 from mkdaemon.daemon.procedures.job import Guard, Job, JobObserver, refusal_for, state_of
 from mkdaemon.daemon.procedures.journal import Journal, Note
@@ -98,22 +100,29 @@ class ProcedureRunner:
     async def _answer(self, verb: str, spec: ProcedureSpec, payload: Payload) -> CommandResult:
         model = request_model(verb)
         request = read_command(model, payload)
-        if not request.is_confirmed:
-            raise refuse(Token.NOT_CONFIRMED, name=f"do/{verb}", detail=spec.writes, confirm=True)
         is_alone = (spec.is_alone and not request.allows_flight) or self._is_behind(spec.board)
-        admit = partial(self._interlock.check_procedure, verb, is_alone=is_alone, needs_live_set=spec.needs_live_set)
-        admit()
+        wanted = Procedure(
+            verb=verb,
+            is_alone=is_alone,
+            needs_live_set=spec.needs_live_set,
+            can_fly=issubclass(model, InFlightRequest),
+            unconfirmed="" if request.is_confirmed else spec.writes or f"do/{verb} writes",
+        )
+        self._interlock.require(replace(wanted, is_early=True))
         await require_discovery(self._link, self._facts.link)
-        wanted = spec.prepare(request, self._facts, self._clock.now())
+        flown = spec.begins(request)
+        if flown is not None:
+            self._interlock.require(flown)
+        prepared = spec.prepare(request, self._facts.position(self._clock.now()))
         if is_alone:
-            await self._check_motors(f"do/{verb}", can_fly=issubclass(model, InFlightRequest))
-        admit()
+            await self._find_motors()
+        self._interlock.require(wanted)
 
         async def work(observer: Observer) -> Telemetry:
             source = request.source if isinstance(request, WaypointsUploadRequest) else ""
             writes = self._list.watch(observer, verb, request.holder, source) if spec.changes_list else None
             try:
-                reply = await run_procedure(self._link, spec.make(wanted), writes or observer)
+                reply = await run_procedure(self._link, spec.make(prepared), writes or observer)
             except Exception:
                 if writes is not None and writes.may_be_changed:
                     self._list.broke_off(source)
@@ -140,7 +149,7 @@ class ProcedureRunner:
         kept = self._labels.find_for(board, self._link.dialect)
         if kept is None:
             is_behind = self._is_behind(board)
-            self._interlock.check_procedure("labels", is_alone=is_behind, needs_live_set=False)
+            self._interlock.require(Procedure(verb="labels", is_alone=is_behind, is_early=True))
 
             async def work(observer: Observer) -> tuple[str, ...]:
                 return await read_labels(self._link, board, self._labels, observer)
@@ -178,27 +187,6 @@ class ProcedureRunner:
                 self._recovery.forget(note)
         reply = OwedSets(notes=self._recovery.list_notes())
         return CommandResult(status=Status.ACCEPTED, reply=dict(reply), reply_type=schema_name(OwedSets))
-
-    async def _check_motors(self, name: str, *, can_fly: bool) -> None:
-        """Go on only with motors known to stand still.
-
-        Raises:
-            CommandRejectedError: `link_down`, `motors_running`, `motors_unknown` or `in_flight_needed`.
-        """
-        are_running = await self._find_motors()
-        if are_running is None:
-            refuse_silent_line(self._facts.link)
-        match are_running:
-            case False:
-                return
-            case True if can_fly:
-                raise refuse(Token.IN_FLIGHT_NEEDED, name=name, detail="motors are running")
-            case None if can_fly:
-                raise refuse(Token.IN_FLIGHT_NEEDED, name=name, detail="nobody knows whether motors run")
-            case True:
-                raise refuse(Token.MOTORS_RUNNING, detail=f"{name} needs them stopped")
-            case _:
-                raise refuse(Token.MOTORS_UNKNOWN, detail=f"{name} needs them stopped")
 
     async def _find_motors(self) -> bool | None:
         """Whether motors run; waits a while for telemetry to tell, which pauses while a board is deaf."""
@@ -238,11 +226,7 @@ class ProcedureRunner:
         return self._job
 
     def _may_recover(self) -> bool:
-        try:
-            self._interlock.check_procedure("recovery", is_alone=True, needs_live_set=False)
-        except CommandRejectedError:
-            return False
-        return True
+        return self._interlock.refusal(Procedure(verb="recovery", is_alone=True, is_early=True)) is None
 
     async def _restore(self, note: Note, observer: Observer) -> None:
         found = await run_procedure(self._link, recover_live_set(note.wanted, PATIENCE), observer)

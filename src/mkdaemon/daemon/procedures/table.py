@@ -11,13 +11,14 @@ from functools import partial
 from typing import Any, Final
 
 from mkdaemon.bus.keys import find
-from mkdaemon.control.vehicle import VehicleFacts
+from mkdaemon.control.admission import Beginning, NaviGoto, StartRoute, Upload
 from mkdaemon.daemon.procedures import make
-from mkdaemon.daemon.procedures.flightchecks import check_places, check_route, target_point
 from mkdaemon.protocol.procedures.steps import Procedure
 from mkdaemon.protocol.wire import Board
 from mkdaemon.telemetry.base import Telemetry
+from mkdaemon.telemetry.mission import WaypointsUploadRequest
 from mkdaemon.telemetry.procedure import ProcedureRequest
+from mkdaemon.telemetry.state import Position
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,8 +32,8 @@ class ProcedureSpec:
         writes: what is written, in words; the request must say `confirm`, unless it is a dry run.
         needs_live_set: it must not begin while a live set is owed.
         changes_list: it leaves the waypoint list half written when it is cut off.
-        prepare: returns what `make` takes, from the request, what is known of the flight, and the time [s]; refuses
-            what the flight does not allow now.
+        begins: what the NaviCtrl is to fly with it, for admission; None for nothing.
+        prepare: returns what `make` takes, from the request and where the aircraft is by GPS.
     """
 
     board: Board
@@ -41,7 +42,12 @@ class ProcedureSpec:
     writes: str | None = None
     needs_live_set: bool = False
     changes_list: bool = False
-    prepare: Callable[[Any, VehicleFacts, float], Any] = lambda request, facts, now: request
+    begins: Callable[[Any], Beginning | None] = lambda request: None
+    prepare: Callable[[Any, Position | None], Any] = lambda request, position: request
+
+
+def _upload(request: WaypointsUploadRequest) -> Upload:
+    return Upload(request.points, request.allow_unusual)
 
 
 _settings = partial(ProcedureSpec, Board.FC, needs_live_set=True)
@@ -57,7 +63,7 @@ PROCEDURES: Final[Mapping[str, ProcedureSpec]] = {
         make.settings_write,
         writes="parameters decide how the aircraft flies",
     ),
-    "waypoints_upload": ProcedureSpec(Board.NC, make.waypoints_upload, changes_list=True, prepare=check_places),
+    "waypoints_upload": ProcedureSpec(Board.NC, make.waypoints_upload, changes_list=True, begins=_upload),
     "waypoints_clear": ProcedureSpec(Board.NC, make.waypoints_clear, changes_list=True),
     "waypoints_read": ProcedureSpec(Board.NC, make.waypoints_read, is_alone=False),
     "waypoints_verify": ProcedureSpec(Board.NC, make.waypoints_verify, is_alone=False),
@@ -66,7 +72,7 @@ PROCEDURES: Final[Mapping[str, ProcedureSpec]] = {
         make.route_start,
         is_alone=False,
         writes="the aircraft flies the list by itself when the pilot turns the GPS switch to coming home",
-        prepare=check_route,
+        begins=lambda request: StartRoute(),
     ),
     "route_end": ProcedureSpec(
         Board.NC,
@@ -81,7 +87,8 @@ PROCEDURES: Final[Mapping[str, ProcedureSpec]] = {
         is_alone=False,
         writes="the aircraft flies there by itself when the pilot turns the GPS switch to coming home",
         changes_list=True,
-        prepare=target_point,
+        begins=lambda request: NaviGoto(request.position[2]),
+        prepare=make.target_point,
     ),
     "mixer_read": ProcedureSpec(Board.FC, make.mixer_read, is_alone=False),
     "mixer_write": ProcedureSpec(

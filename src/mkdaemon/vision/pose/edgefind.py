@@ -137,14 +137,7 @@ def find_edges(
     every symmetric blur. Source: moment-based edge location, Lyvers et al., PAMI 11(12), 1989, in one dimension.
     """
     edges, blur = limits.edges, limits.blur
-    longest = float(samples.reach.max())
-    spacing = max(STEP_PX, longest / STEPS)
-    count = int(np.ceil((longest + 1.0) / spacing))
-    along = np.arange(-count, count + 1) * spacing
-    # A column a sample: what is done with each runs along rows.
-    x = (samples.pixels[:, 0] + along[:, None] * samples.normals[:, 0]).astype(np.float32)
-    y = (samples.pixels[:, 1] + along[:, None] * samples.normals[:, 1]).astype(np.float32)
-    profile = cv2.remap(pixels, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE).astype(np.float32)
+    profile, along, spacing = _profiles(pixels, samples)
     # g'(s) by central differences, nothing beyond the reach and half a step more.
     place = along[1:-1].astype(np.float32)
     slope = profile[2:] - profile[:-2]
@@ -152,14 +145,13 @@ def find_edges(
     np.maximum(slope, 0.0, out=slope)
     away = np.abs(place)[:, None]
     slope *= away <= samples.reach + STEP_PX / 2
-    peak_at = slope.argmax(axis=0)
+    centre = place[slope.argmax(axis=0)]
     peak = slope.max(axis=0)
     # Width of an edge in this image: area of the slope over its peak, median over the samples.
     area = slope.sum(axis=0) * spacing / np.maximum(peak, 1e-3)
     width = min(max(WIDTH_FACTOR * median(area), blur.sharp_px), WIDEST_PX)
     areas = _areas(area, samples)
     widths = np.maximum(WIDTH_FACTOR * areas, width).astype(np.float32)
-    centre = place[peak_at]
     if width > blur.sharp_px:
         # The peak of a wide edge is noise: a first centre of gravity puts the window where the edge is.
         centre = _centre(slope, place, centre, peak, widths, FIRST_SKIRT)
@@ -168,10 +160,8 @@ def find_edges(
     tenth = max(len(peak) // 10, 1)
     enough = max(edges.min_slope, edges.min_peak * float(np.partition(peak, -tenth)[-tenth]))
     found = (peak > enough) & (np.abs(offsets) < samples.reach)
-    trust: Array = np.ones(len(found))
-    toned: Array = np.ones(len(found))
+    trust, toned, room = (np.ones(len(found)) for _ in range(3))
     sides: EdgeSides | None = None
-    room: Array = np.ones(len(found))
     if is_near:
         toned = blur_of(areas / SLOPE_WIDTH)
         toned /= toned.mean()
@@ -183,11 +173,9 @@ def find_edges(
         room = 1.0 / (1.0 + (limits.cells.melted_widths * widths / samples.cell_px) ** MELTING)
         room /= float(room.max())
     located = offsets.astype(np.float64)
-    blown = (
-        blown_edges(sides or _sides(profile, along, samples, area), found, samples.upright, limits)
-        if is_blown
-        else None
-    )
+    blown: Blown | None = None
+    if is_blown:
+        blown = blown_edges(sides or _sides(profile, along, samples, area), found, samples.upright, limits)
     if is_near:
         clarity = _clarity(area * peak, found)
         # What is cut off is not dim: `clear` doubts it.
@@ -199,6 +187,21 @@ def find_edges(
             found &= blown.shown
             room *= blown.shown
     return FoundEdges(located, found, width, widths.astype(np.float64), toned, trust, room, blown, sides)
+
+
+def _profiles(pixels: Grey, samples: Samples) -> tuple[Array32, npt.NDArray[np.floating], float]:
+    """Grey values along the normals, a column a sample, the places along them, and from one place to the next [px].
+
+    What is done with each sample runs along rows.
+    """
+    longest = float(samples.reach.max())
+    spacing = max(STEP_PX, longest / STEPS)
+    count = int(np.ceil((longest + 1.0) / spacing))
+    along = np.arange(-count, count + 1) * spacing
+    x = (samples.pixels[:, 0] + along[:, None] * samples.normals[:, 0]).astype(np.float32)
+    y = (samples.pixels[:, 1] + along[:, None] * samples.normals[:, 1]).astype(np.float32)
+    profile = cv2.remap(pixels, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE).astype(np.float32)
+    return profile, along, spacing
 
 
 def _areas(area: Array32, samples: Samples) -> Array:

@@ -245,6 +245,81 @@ class LocatedEdges:
     normals: Array
 
 
+def _moved(step: EdgeStep, carried: int) -> float:
+    """How far a step moves the edges [px], by the mean square: a move along one side of the tag shifts half of them."""
+    shifts = step.samples.jacobian[:, :carried] @ step.change[:carried]
+    return sqrt(float(shifts @ shifts) / len(shifts))
+
+
+@dataclass(slots=True, eq=False)
+class _State:
+    """Where a fit is.
+
+    Attributes:
+        rotation: camera from target `(3, 3)`.
+        position: of the target `(3,)` [m; RDF].
+        motion: under a rolling shutter `(4,)`; none under a global one.
+        bent: the bend of the print; none where it is taken for flat.
+        projection: of the lens, stretched.
+        stretch: of the ratio of its focal lengths.
+    """
+
+    rotation: Array
+    position: Array
+    motion: Array | None
+    bent: BentPrint | None
+    projection: Projection
+    stretch: float = 0.0
+
+    def move(self, step: Array, carried: int) -> None:
+        """Make a step; behind the first `carried` unknowns comes the motion."""
+        self.rotation = turn(self.rotation, step[3:6])
+        self.position = self.position + step[:3]
+        if self.bent is not None:
+            self.bent = self.bent.moved(step[BENT])
+        if self.motion is not None:
+            self.motion = self.motion + step[carried - MOTIONS : carried]
+
+    def ran_away(self, start: Pose, limits: EdgeLimits) -> bool:
+        """Whether it left what a camera sees, or the neighbourhood of where it began."""
+        if not np.isfinite(self.position).all() or self.position[2] < NEAR_M:
+            return True
+        away = float(np.linalg.norm(self.position - start.position))
+        return away > limits.max_move * start.range_m + limits.max_move_m
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _System:
+    """What one step is solved from.
+
+    Attributes:
+        samples: of the model.
+        edges: found there.
+        state: where the fit is.
+        start: where it began.
+        level: where the normal should point, if anywhere.
+        edge_px: deviation of a located edge [px].
+        stretch_sd: deviation of the ratio of the focal lengths; zero takes them as exact.
+        is_first: it is the first step.
+        is_near: the place is nearly known.
+    """
+
+    samples: Samples
+    edges: FoundEdges
+    state: _State
+    start: Pose
+    level: Level | None
+    edge_px: float
+    stretch_sd: float
+    is_first: bool
+    is_near: bool
+
+    @property
+    def bend_px(self) -> float:
+        """Deviation of a located edge that the bend is weighed with [px]."""
+        return self.edge_px if self.is_near else FIRST_BEND_PX
+
+
 class EdgeFit:
     """Fits the pose of one target."""
 
@@ -261,12 +336,7 @@ class EdgeFit:
         self._max_samples = limits.edges.max_samples if max_samples is None else max_samples
 
     def fit(
-        self,
-        pixels: Grey,
-        start: Pose,
-        iterations: int = 12,
-        level: Level | None = None,
-        stretch_sd: float = 0.0,
+        self, pixels: Grey, start: Pose, iterations: int = 12, level: Level | None = None, stretch_sd: float = 0.0
     ) -> Pose | None:
         """Refine a pose.
 
@@ -281,56 +351,25 @@ class EdgeFit:
             The pose, or none when too few edges were seen or the fit ran away.
         """
         limits = self._limits.edges
-        rotation, position = start.rotation, start.position
         last: EdgeStep | None = None
         edge_px = weighed_px = limits.located_px
         moved, to_go = np.inf, np.zeros(6)
         light: UnevenLight | None = None
-        projection, stretch = self._projection, 0.0
-        # stills that doubt the lens show no motion of the camera, and take the print for flat
         rolls = self._line_time > 0.0 and stretch_sd == 0.0
-        bent = self._bent_at(start) if stretch_sd == 0.0 else None
-        motion = (start.motion if start.motion is not None else motion_at_rest()) if rolls else None
+        state = self._start(start, rolls=rolls, bends=stretch_sd == 0.0)
         is_blown = int(pixels.max()) >= self._limits.read.saturated
         for k in range(iterations):
             is_near = k >= len(limits.reach_px) - 2
-            # Within a shorter reach a wide edge has no middle: it is found wherever it is looked for.
-            widest = last.edges.widest if last is not None else 0.0
-            reach = max(limits.reach_px[min(k, len(limits.reach_px) - 1)], widest)
-            samples = self._project(pixels.shape, rotation, position, reach, projection, motion, bent)
-            if samples is None:
+            reach = self._reach(k, last)
+            found = self._find(pixels, state, reach, light, is_blown=is_blown, is_near=is_near)
+            if found is None:
                 return None
-            if is_blown:
-                samples = without_glare(pixels, samples, self._limits)
-            edges = find_edges(pixels, samples, self._limits, is_blown=is_blown, is_near=is_near)
-            if int(edges.found.sum()) < limits.min_samples:
-                return None
-            if edges.sides is not None and edges.blown is None:
-                light = light or UnevenLight.of(edges.sides, edges.found)
-                if light is not None:
-                    edges = light.without(edges, limits)
-            if last is not None:
-                edge_px = max(last.variance**0.5, limits.least_scale_px)
-            weighed = edge_px if is_near else limits.located_px
-            prior: Prior = (np.zeros((6, 6)), np.zeros(6)) if level is None else level.pull(rotation, weighed)
-            bend_px = edge_px if is_near else FIRST_BEND_PX
-            if bent is not None:
-                prior = with_bend(prior, bent, bend_px)
-            if stretch_sd > 0.0:
-                samples, prior = with_stretch(samples, prior, projection, stretch, limits.located_px / stretch_sd)
-            carried = samples.jacobian.shape[1]
-            if motion is not None:
-                samples, prior = with_motion(samples, prior, start, motion, position, edge_px, limits)
-            if edges.blown is not None:
-                samples, prior = with_blown(samples, prior, edges.blown, edge_px)
-            smaller = self.model.smaller[samples.index] if is_near else None
-            samples, prior = with_shift(samples, prior, edges.toned, smaller, weighed, limits)
-            least_scale = limits.first_scale_px if k == 0 else limits.least_scale_px
-            now = EdgeStep.solve(samples, edges, least_scale, limits.tukey, prior, is_near=is_near)
+            samples, edges, light = found
+            edge_px = edge_px if last is None else max(last.variance**0.5, limits.least_scale_px)
+            system = _System(samples, edges, state, start, level, edge_px, stretch_sd, k == 0, is_near)
+            now, carried = self._solve(system)
             step = now.change
-            # By the mean square: a move along one side of the tag shifts half of the edges, and no middle one.
-            shifts = samples.jacobian[:, :carried] @ step[:carried]
-            before, moved = moved, sqrt(float(shifts @ shifts) / len(shifts))
+            before, moved = moved, _moved(now, carried)
             # Edges wider than they were looked for are cut off, and less far from their place than they are.
             is_cut = edges.widest > CUT * reach
             to_go = step[:6]
@@ -338,34 +377,78 @@ class EdgeFit:
             if is_longer and now.length2 < limits.on_its_way2:
                 # Edges of jagged pixels answer more than a move asks: the step before was nearer.
                 break
-            last, weighed_px = now, bend_px
-            rotation = turn(rotation, step[3:6])
-            position = position + step[:3]
-            if not np.isfinite(position).all() or position[2] < NEAR_M:
+            last, weighed_px = now, system.bend_px
+            state.move(step, carried)
+            if state.ran_away(start, limits):
                 return None
-            if np.linalg.norm(position - start.position) > limits.max_move * start.range_m + limits.max_move_m:
-                return None
-            if bent is not None:
-                bent = bent.moved(step[BENT])
-            if motion is not None:
-                motion = motion + step[carried - MOTIONS : carried]
             if moved < limits.settled_px and is_near and not is_cut:
                 to_go = np.zeros(6)
                 break
             if stretch_sd > 0.0:
-                stretch += float(step[carried - 1])
-                projection = self._projection.stretch(stretch)
+                state.stretch += float(step[carried - 1])
+                state.projection = self._projection.stretch(state.stretch)
         if last is None:
             return None
-        fitted = last.pose(rotation, position, self.model.square, self._limits, bent, weighed_px)
-        return replace(
-            fitted,
-            # It has not arrived: how far it would go on is an error, too.
-            covariance=fitted.covariance + np.outer(to_go, to_go),
-            motion=motion,
-            known_motion=start.known_motion if rolls else None,
-            stretch=stretch if stretch_sd > 0.0 else None,
+        fitted = last.pose(state.rotation, state.position, self.model.square, self._limits, state.bent, weighed_px)
+        known, stretch = start.known_motion if rolls else None, state.stretch if stretch_sd > 0.0 else None
+        # It has not arrived: how far it would go on is an error, too.
+        covariance = fitted.covariance + np.outer(to_go, to_go)
+        return replace(fitted, covariance=covariance, motion=state.motion, known_motion=known, stretch=stretch)
+
+    def _reach(self, k: int, last: EdgeStep | None) -> float:
+        """How far from their place edges are looked for in a step [px]; within less a wide edge has no middle."""
+        reach_px = self._limits.edges.reach_px
+        return max(reach_px[min(k, len(reach_px) - 1)], last.edges.widest if last is not None else 0.0)
+
+    def _start(self, start: Pose, *, rolls: bool, bends: bool) -> _State:
+        """Where a fit begins. Stills that doubt the lens show no motion of the camera, and take the print for flat."""
+        motion = (start.motion if start.motion is not None else motion_at_rest()) if rolls else None
+        bent = self._bent_at(start) if bends else None
+        return _State(start.rotation, start.position, motion, bent, self._projection)
+
+    def _find(
+        self, pixels: Grey, state: _State, reach: float, light: UnevenLight | None, *, is_blown: bool, is_near: bool
+    ) -> tuple[Samples, FoundEdges, UnevenLight | None] | None:
+        """Find edges, without what uneven light moves them; none when they are too few, or too few are in view."""
+        limits = self._limits.edges
+        samples = self._project(
+            pixels.shape, state.rotation, state.position, reach, state.projection, state.motion, state.bent
         )
+        if samples is None:
+            return None
+        if is_blown:
+            samples = without_glare(pixels, samples, self._limits)
+        edges = find_edges(pixels, samples, self._limits, is_blown=is_blown, is_near=is_near)
+        if int(edges.found.sum()) < limits.min_samples:
+            return None
+        if edges.sides is not None and edges.blown is None:
+            light = light or UnevenLight.of(edges.sides, edges.found)
+            if light is not None:
+                edges = light.without(edges, limits)
+        return samples, edges, light
+
+    def _solve(self, system: _System) -> tuple[EdgeStep, int]:
+        """Solve for the step, with how many unknowns move the edges themselves: pose, bend and lens."""
+        limits, state, samples, edges = self._limits.edges, system.state, system.samples, system.edges
+        weighed = system.edge_px if system.is_near else limits.located_px
+        level = system.level
+        prior: Prior = (np.zeros((6, 6)), np.zeros(6)) if level is None else level.pull(state.rotation, weighed)
+        if state.bent is not None:
+            prior = with_bend(prior, state.bent, system.bend_px)
+        if system.stretch_sd > 0.0:
+            lens = limits.located_px / system.stretch_sd
+            samples, prior = with_stretch(samples, prior, state.projection, state.stretch, lens)
+        carried = samples.jacobian.shape[1]
+        if state.motion is not None:
+            samples, prior = with_motion(
+                samples, prior, system.start, state.motion, state.position, system.edge_px, limits
+            )
+        if edges.blown is not None:
+            samples, prior = with_blown(samples, prior, edges.blown, system.edge_px)
+        smaller = self.model.smaller[samples.index] if system.is_near else None
+        samples, prior = with_shift(samples, prior, edges.toned, smaller, weighed, limits)
+        scale = limits.first_scale_px if system.is_first else limits.least_scale_px
+        return EdgeStep.solve(samples, edges, scale, limits.tukey, prior, is_near=system.is_near), carried
 
     def locate(self, pixels: Grey, pose: Pose) -> LocatedEdges | None:
         """Find the edges around a fitted pose; none when too few are in view."""

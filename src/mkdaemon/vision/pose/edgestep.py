@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from mkdaemon.vision.limits import Limits
+from mkdaemon.vision.limits import EdgeLimits, Limits
 from mkdaemon.vision.pose.bend import BENT, Bend, BentPrint
 from mkdaemon.vision.pose.edgefind import LEAST_OF_A_KIND, FoundEdges, Samples
 from mkdaemon.vision.pose.nuisance import Prior
@@ -195,11 +195,7 @@ class EdgeStep:
             covariance += off @ off.T
         if bent is not None and bend is not None:
             covariance[:3, :3] += bent.sheet.plane_covariance(rotation, bend)
-        # Loss for rivals: geometric mean of min(r, missed)^2 + least^2. Log odds of two fits are then n / 2 times the
-        # log of their ratio, and a hidden sample costs both the same.
         size = np.abs(self.residual)
-        missed = np.where(self.agreeing > 0.0, size, limits.missed_px)
-        squared = np.minimum(missed, limits.missed_px) ** 2 + limits.least_scale_px**2
         counted = self.agreeing > limits.counted
         return Pose(
             rotation,
@@ -210,7 +206,7 @@ class EdgeStep:
             float(np.sqrt(variance)),
             float(self.edges.room[counted].sum() / self.edges.room.sum()),
             float(np.linalg.norm(self.change[:3])) / max(float(np.linalg.norm(position)), 1e-9),
-            loss=float(np.exp(np.mean(np.log(squared)))),
+            loss=self._loss(size, limits),
             blur_px=self.edges.width,
             widest_px=self.edges.widest,
             ragged_px=MAD * max(median(size[kind]) for kind in _kinds(self.edges.found, self.samples.upright)),
@@ -219,6 +215,15 @@ class EdgeStep:
             bend=bend,
             known_bend=None if bent is None else bent.known,
         )
+
+    def _loss(self, size: Array, limits: EdgeLimits) -> float:
+        """Loss for rivals: geometric mean of min(r, missed)^2 + least^2.
+
+        Log odds of two fits are then n / 2 times the log of their ratio, and a hidden sample costs both the same.
+        """
+        missed = np.where(self.agreeing > 0.0, size, limits.missed_px)
+        squared = np.minimum(missed, limits.missed_px) ** 2 + limits.least_scale_px**2
+        return float(np.exp(np.mean(np.log(squared))))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -14,7 +14,7 @@ The light on a print: black, white, how it changes over the print, and the tone 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from math import sqrt
 from typing import Final
 
@@ -323,6 +323,38 @@ class _Part:
     steepness: float
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Weighed:
+    """How far residuals are believed.
+
+    Attributes:
+        clear: clarity of each pixel `(n,)`.
+        size: of each residual, by its clarity `(n,)` [grey].
+        bound: from which a residual is an outlier [grey].
+        agreeing: 1 for what is none, less beyond `(n,)`.
+        weights: both together `(n,)`.
+        cost: robust mean square [grey^2].
+    """
+
+    clear: Array
+    size: Array
+    bound: float
+    agreeing: Array
+    weights: Array
+    cost: float
+
+
+def _weigh(residual: Array, value: Array, outlier: float) -> _Weighed:
+    """Robust weights: 1 within c sigma, (c sigma / r)^2 beyond, sigma from the median of |r|; times the clarity."""
+    clear = clarity(residual, value)
+    size = np.maximum(np.abs(residual) * clear, 1e-6)
+    scatter = max(MAD * median(size), 1.0)
+    bound = outlier * scatter
+    agreeing = np.where(size < bound, 1.0, (bound / size) ** 2)
+    cost = float(np.mean(np.minimum(size, COST_BOUND * scatter) ** 2))
+    return _Weighed(clear, size, bound, agreeing, agreeing * clear**2, cost)
+
+
 class PhotoStepper:
     """Computes the steps of one target's fit.
 
@@ -351,30 +383,12 @@ class PhotoStepper:
         parts = [part for part in (self._part(pixels, model, state) for model in prints) if part is not None]
         if not parts:
             return None
-        limits, rotation, position = self._limits.photo, state.rotation, state.position
+        limits, rotation = self._limits.photo, state.rotation
         jacobian, unit = _joined(parts)
-        value = np.concatenate([part.at.value for part in parts])
-        grey = np.concatenate([part.at.grey for part in parts])
-        residual = np.concatenate([part.residual for part in parts])
         rises = slice(len(unit) - RISES if state.rise is not None else len(unit), len(unit))
-        if state.rise is not None:
-            # The print is rendered flat; its bend moves what is seen by less than a pixel.
-            residual -= state.rise @ jacobian[rises]
-        bends = np.zeros(0)
-        if state.motion is not None:
-            rows = jacobian[np.r_[BENDS, LIGHT, BENDS.stop : rises.start]]
-            spread = np.concatenate([beyond_sd(self._limits.edges), np.full(len(rows) - BEYOND, np.inf)])
-            anew = asked_anew(residual, rows, spread, limits.outlier)
-            residual -= anew @ rows
-            bends = anew[:BEYOND]
-        # Robust weights: 1 within c sigma, (c sigma / r)^2 beyond, sigma from the median of |r|; times the clarity.
-        clear = clarity(residual, value)
-        size = np.maximum(np.abs(residual) * clear, 1e-6)
-        scatter = max(MAD * median(size), 1.0)
-        bound = limits.outlier * scatter
-        agreeing = np.where(size < bound, 1.0, (bound / size) ** 2)
-        weights = agreeing * clear**2
-        cost = float(np.mean(np.minimum(size, COST_BOUND * scatter) ** 2))
+        residual, bends = self._residual(parts, jacobian, rises, state)
+        weighed = _weigh(residual, np.concatenate([part.at.value for part in parts]), limits.outlier)
+        clear, weights, bound = weighed.clear, weighed.weights, weighed.bound
         weighted = jacobian * weights
         noise = max(float((weights * residual**2).sum() / max(weights.sum() - len(unit), 1.0)), LEAST_NOISE)
         least = LEAST_SHARED if state.motion is None else 0.0  # what a motion lacks hides under opposed noise
@@ -382,8 +396,8 @@ class PhotoStepper:
         shared = shared_by_all(clipped, windows, least)
         steeper = shared_on_slopes(clipped, np.concatenate([part.at.steep for part in parts]), windows, least)
         noise *= steeper * streak_doubt(state.spread)
-        prior, pull, surprise = self._prior(state, bends, start, level, noise, len(unit))
         sheet = prints[0].sheet
+        prior, pull, surprise = self._prior(state, bends, start, level, noise, len(unit))
         if sheet is not None and state.rise is not None:
             known = start.known_bend or sheet.prior
             off, information = known.mean - state.rise, known.information
@@ -402,14 +416,50 @@ class PhotoStepper:
         if sheet is not None and state.rise is not None:
             bend = Bend(state.rise + change[rises], inverse[rises, rises])
             covariance[:3, :3] += sheet.plane_covariance(rotation, bend)
+        pose = self._pose(parts, state, start, weighed, residual, covariance, change, surprise)
+        pose = replace(pose, bend=bend, shared=shared.factor, common=shared.common)
+        assert pose.cost is not None
+        return PhotoStep(change, pose.cost, pose, to_go, float(to_go @ np.linalg.solve(pose.covariance, to_go)))
+
+    def _residual(
+        self, parts: Sequence[_Part], jacobian: Array, rises: slice, state: PhotoState
+    ) -> tuple[Array, Array]:
+        """Residuals of all prints `(n,)` [grey] without what the motion lacks, and that `(5,)` or `(0,)`."""
+        residual = np.concatenate([part.residual for part in parts])
+        if state.rise is not None:
+            # The print is rendered flat; its bend moves what is seen by less than a pixel.
+            residual -= state.rise @ jacobian[rises]
+        if state.motion is None:
+            return residual, np.zeros(0)
+        rows = jacobian[np.r_[BENDS, LIGHT, BENDS.stop : rises.start]]
+        spread = np.concatenate([beyond_sd(self._limits.edges), np.full(len(rows) - BEYOND, np.inf)])
+        anew = asked_anew(residual, rows, spread, self._limits.photo.outlier)
+        residual -= anew @ rows
+        return residual, anew[:BEYOND]
+
+    def _pose(
+        self,
+        parts: Sequence[_Part],
+        state: PhotoState,
+        start: Pose,
+        weighed: _Weighed,
+        residual: Array,
+        covariance: Array,
+        change: Array,
+        surprise: float,
+    ) -> Pose:
+        """The pose the step starts from; `surprise` is the squared distance of the state from what is known of it."""
+        limits, position = self._limits.photo, state.position
+        grey = np.concatenate([part.at.grey for part in parts])
+        cost, size, agreeing = weighed.cost, weighed.size, weighed.agreeing
         # Residual as a shift of edges: rms over the rms slope of the lit prints [grey / (grey/px)].
-        steepness = sqrt(sum(part.steepness**2 * part.residual.size for part in parts) / value.size)
+        steepness = sqrt(sum(part.steepness**2 * part.residual.size for part in parts) / size.size)
         # Clarity of mean logarithm zero: a cost by which two states compare, each with a clarity of its own.
-        comparable = cost * float(np.exp(-2.0 * np.mean(np.log(clear)))) * (1.0 + surprise / value.size)
+        comparable = cost * float(np.exp(-2.0 * np.mean(np.log(weighed.clear)))) * (1.0 + surprise / size.size)
         squared = np.minimum(size, limits.lost_grey) ** 2 + limits.quiet_grey**2
         is_positive = all(part.brightness > 0.0 for part in parts)
-        pose = Pose(
-            rotation,
+        return Pose(
+            state.rotation,
             position,
             covariance,
             "photometric",
@@ -423,12 +473,8 @@ class PhotoStepper:
             cost=comparable,
             motion=state.motion,
             known_motion=start.known_motion,
-            bend=bend,
             known_bend=start.known_bend,
-            shared=shared.factor,
-            common=shared.common,
         )
-        return PhotoStep(change, comparable, pose, to_go, float(to_go @ np.linalg.solve(pose.covariance, to_go)))
 
     def match(self, pixels: Grey, model: PrintModel, state: PhotoState) -> float:
         """Correlation between one print and the image where a state puts it; -1 where it cannot be told."""

@@ -6,12 +6,15 @@ import math
 
 import pytest
 
+from mkdaemon.control.admission import refusal
+from mkdaemon.control.admission.navirows import LEAST_SATELLITES
 from mkdaemon.control.vehicle import VehicleMemory
-from mkdaemon.daemon.procedures.flightchecks import LEAST_SATELLITES, target_point
+from mkdaemon.daemon.procedures.table import PROCEDURES
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.frames import enu_from_geodetic
 from mkdaemon.telemetry.navi import NaviGotoRequest
 from mkdaemon.telemetry.state import Gps, GpsFix, GpsMode, Position
+from tests.control.admission.situations import situation_of
 from tests.control.events import STAMP, flight
 
 HOME = (53.0, 8.0)
@@ -35,7 +38,13 @@ def facts(*values):
 
 
 def ask(*values, at=(30.0, -20.0, 5.0), **fields):
-    return target_point(NaviGotoRequest(position=at, confirm=True, **fields), facts(*values), 1.0)
+    """The place that is meant; raises why it is refused."""
+    known, request = facts(*values), NaviGotoRequest(position=at, confirm=True, **fields)
+    spec = PROCEDURES["navi_goto"]
+    error = refusal(spec.begins(request), situation_of(known, 1.0))
+    if error is not None:
+        raise error
+    return spec.prepare(request, known.position(1.0))
 
 
 @pytest.mark.parametrize("reception", [(), (gps(),), (gps(satellites=None),)])

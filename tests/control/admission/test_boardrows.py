@@ -2,28 +2,43 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 import mkdaemon.protocol.messages as messages
 from mkdaemon.config.commands import CommandsConfig
-from mkdaemon.control.danger import check_danger, check_proof
+from mkdaemon.control.admission import BoardRequest, refusal
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.protocol.wire import MESSAGES, Board
 from mkdaemon.telemetry.danger import Confirm, Danger, Switch
 from mkdaemon.telemetry.refusals import Token
+from tests.control.admission.situations import GOOD
 
 DANGEROUS = {cls.__name__: cls.spec.danger for cls in MESSAGES.values() if cls.spec.danger}
 
 
-def check(danger: Danger, *, confirmed=True, switches=tuple(Switch), motors: bool | None = False, testing=False):
-    check_danger(
-        "fc/x",
-        danger,
+def check(
+    danger: Danger,
+    *,
+    confirmed=True,
+    switches=tuple(Switch),
+    motors: bool | None = False,
+    testing=False,
+    unproven="",
+):
+    """Raise why a request of this danger is refused."""
+    request = BoardRequest(
+        board="fc",
+        name="x",
+        danger=danger,
         is_confirmed=confirmed,
-        switches=switches,
-        motors_running=motors,
-        is_testing_motors=testing,
+        switches=frozenset(switches),
+        unproven=unproven,
     )
+    error = refusal(request, replace(GOOD, motors_running=motors, is_testing_motors=testing))
+    if error is not None:
+        raise error
 
 
 def token_of(danger: Danger, **terms):
@@ -55,14 +70,13 @@ def test_every_declared_danger_refuses_for_its_reasons_and_passes_when_they_are_
         check(danger, motors=True)
     if danger.proven:
         with pytest.raises(CommandRejectedError, match=Token.BOARD_UNPROVEN):
-            check_proof("fc", danger, is_proven=False, found="nc answered it")
-    check_proof("fc", danger, is_proven=True, found="")
+            check(danger, unproven="nc answered it")
 
 
 def test_a_danger_without_terms_passes():
     harmless = Danger(effect="none")
     check(harmless, confirmed=False, switches=(), motors=None)
-    check_proof("fc", harmless, is_proven=False, found="")
+    check(harmless, unproven="nc answered it")
 
 
 def test_the_refusals_come_in_this_order():
