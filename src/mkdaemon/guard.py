@@ -14,6 +14,7 @@ from __future__ import annotations
 import array
 import fcntl
 import json
+import math
 import os
 import select
 import signal
@@ -230,6 +231,11 @@ class Line:
             self._is_cut = True
 
 
+def poll_timeout(left: float) -> int | None:
+    """Return how long to wait for packets, rounded up [ms]; None for ever, 0 where something is due."""
+    return None if left == _NEVER else max(0, math.ceil(left * 1000))
+
+
 def serve(channel: socket.socket, report: Path | None) -> None:
     """Watch until the daemon ends or nothing is owed any more.
 
@@ -241,8 +247,7 @@ def serve(channel: socket.socket, report: Path | None) -> None:
     poll = select.poll()
     poll.register(channel, select.POLLIN)
     while not guard.is_over:
-        left = guard.next_time() - time.monotonic()
-        events = poll.poll(None if left == _NEVER else max(0, int(left * 1000) + 1))
+        events = poll.poll(poll_timeout(guard.next_time() - time.monotonic()))
         # Everything that was said, before anything is decided: the first packet of many may be old.
         while events and _listen(channel, guard, line, poll):
             pass

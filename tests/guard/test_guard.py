@@ -82,6 +82,21 @@ def test_release_frames_of_all_layouts_take_turns_and_have_an_end():
     assert guard.next_time() == float("inf")
 
 
+def test_three_release_frames_take_turns_in_their_order():
+    frames = [b"#1\r", b"#2\r", b"#3\r"]
+    events = [(0, Word.FRAMES + json.dumps([frame.hex() for frame in frames]).encode()), *fly(0.1), (0.2, b"")]
+    _, written = run(events, 3.0)
+    assert [data for _, data in written[1:7]] == frames * 2
+
+
+@pytest.mark.parametrize(
+    ("left", "milliseconds"),
+    [(float("inf"), None), (-5.0, 0), (0.0, 0), (1e-6, 1), (0.001, 1), (0.0011, 2), (0.25, 250), (2.0, 2000)],
+)
+def test_it_waits_until_something_is_due_and_never_less(left, milliseconds):
+    assert program.poll_timeout(left) == milliseconds
+
+
 def test_a_dead_daemon_is_released_at_once_neutral_first():
     guard, written = run([(0, FRAMES), *fly(1.0), (1.005, b"")], 5.0)
     assert written[0] == (pytest.approx(1.0 + FRAME_SPACING, abs=STEP), RESYNC + NEUTRAL), "not right behind a frame"
@@ -218,7 +233,7 @@ def test_any_order_of_packets_sends_only_the_frames_it_was_given(events):
         assert written == []
 
 
-@pytest.mark.parametrize(("granted", "taken"), [(2, ("rr", 2)), (1, ("rr", 1)), (0, ("nice", program.NICE))])
+@pytest.mark.parametrize(("granted", "taken"), [(2, ("rr", 2)), (1, ("rr", 1)), (0, ("nice", 0, -10))])
 def test_it_takes_the_best_priority_that_the_system_grants(monkeypatch, granted, taken):
     found = []
 
@@ -228,6 +243,6 @@ def test_it_takes_the_best_priority_that_the_system_grants(monkeypatch, granted,
         found.append(("rr", parameters.sched_priority))
 
     monkeypatch.setattr(program.os, "sched_setscheduler", schedule)
-    monkeypatch.setattr(program.os, "setpriority", lambda which, process, nice: found.append(("nice", nice)))
+    monkeypatch.setattr(program.os, "setpriority", lambda which, process, nice: found.append(("nice", process, nice)))
     program.go_first()
     assert found == [taken]

@@ -39,6 +39,35 @@ def test_without_a_port_nothing_is_written_and_nothing_fails():
     line.discard_waiting()
 
 
+@pytest.mark.parametrize("descriptor", [0, 1, 99])
+def test_every_descriptor_from_0_on_is_a_port(monkeypatch, descriptor):
+    written, asked, closed = [], [], []
+    monkeypatch.setattr(os, "write", lambda number, data: written.append((number, data)) or len(data))
+    monkeypatch.setattr("mkdaemon.guard.fcntl.ioctl", lambda number, *_: asked.append(number))
+    monkeypatch.setattr(os, "close", closed.append)
+    line = Line()
+    assert line.descriptor == -1
+    line.replace(descriptor)
+    assert line.write((FRAME,))
+    line.discard_waiting()
+    line.replace(-1)
+    line.replace(-1)
+    assert (written, asked, closed) == ([(descriptor, FRAME)], [descriptor], [descriptor])
+
+
+def test_a_device_that_does_not_tell_what_waits_is_not_emptied(monkeypatch):
+    def ioctl(*_):
+        raise OSError
+
+    flushed = []
+    monkeypatch.setattr("mkdaemon.guard.fcntl.ioctl", ioctl)
+    monkeypatch.setattr("mkdaemon.guard.termios.tcflush", lambda *what: flushed.append(what))
+    line = Line()
+    line.descriptor = 99
+    line.discard_waiting()
+    assert flushed == []
+
+
 def test_a_port_that_is_gone_takes_nothing(pair):
     near, far = pair
     line = Line()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import array
 import json
 import os
+import select
 import signal
 import socket
 import sys
@@ -23,6 +24,7 @@ class Daemon:
     """The other end of the channel, and the far end of the port; everything is said before the guard looks."""
 
     def __init__(self) -> None:
+        self.alarms: list[tuple[int, object]] = []
         self.near, self.channel = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self.port, self.board = socket.socketpair()
         for end in (self.near, self.channel, self.port, self.board):
@@ -64,9 +66,11 @@ class Daemon:
 
 @pytest.fixture
 def daemon(monkeypatch):
-    monkeypatch.setattr(program.signal, "alarm", lambda seconds: None)
-    before = signal.getsignal(signal.SIGALRM)
+    before = signal.signal(signal.SIGALRM, signal.SIG_IGN)
     both = Daemon()
+    monkeypatch.setattr(
+        program.signal, "alarm", lambda seconds: both.alarms.append((seconds, signal.getsignal(signal.SIGALRM)))
+    )
     yield both
     both.close()
     signal.signal(signal.SIGALRM, before)
@@ -87,6 +91,55 @@ def test_a_daemon_that_is_gone_is_followed_by_neutral_and_the_whole_release_and_
     assert list(tmp_path.iterdir()) == [report]
     line = f"mkdaemon guard: the daemon stopped while the aircraft was under control; {told['text']}\n"
     assert capfd.readouterr().err == line
+    assert daemon.alarms == [(1, signal.SIG_DFL)], "a standard error that takes nothing ends the guard"
+
+
+def test_what_waits_in_the_port_is_discarded_once_when_the_release_begins(daemon, monkeypatch):
+    lines = []
+
+    class Watched(program.Line):
+        def __init__(self):
+            super().__init__()
+            self.done = []
+            lines.append(self)
+
+        def discard_waiting(self):
+            self.done.append("discarded")
+
+        def write(self, frames):
+            self.done.append(frames[-1])
+            return True
+
+    monkeypatch.setattr(program, "Line", Watched)
+    daemon.open_port()
+    daemon.say(FRAMES, beat(NEUTRAL, time.monotonic()))
+    daemon.end()
+    program.serve(daemon.channel, None)
+    [line] = lines
+    assert line.done == [NEUTRAL, "discarded"] + [RELEASE] * RELEASE_FRAMES
+    assert line.descriptor == -1
+
+
+def test_one_packet_is_taken_at_a_time_and_none_where_there_is_none(daemon):
+    guard, line, poll = program.Guard(), program.Line(), select.poll()
+    poll.register(daemon.channel, select.POLLIN)
+    assert program._listen(daemon.channel, guard, line, poll) is False
+    daemon.say(Word.PORT, Word.PING)
+    assert program._listen(daemon.channel, guard, line, poll) is True
+    assert line.descriptor == -1, "no descriptor came with it"
+    assert daemon.heard() == []
+    assert program._listen(daemon.channel, guard, line, poll) is True
+    assert daemon.heard() == [Word.PONG]
+    daemon.open_port()
+    assert program._listen(daemon.channel, guard, line, poll) is True
+    assert line.descriptor >= 0
+    daemon.say(Word.CLOSED)
+    assert program._listen(daemon.channel, guard, line, poll) is True
+    assert line.descriptor == -1
+    daemon.end()
+    assert program._listen(daemon.channel, guard, line, poll) is False
+    assert guard.is_over
+    assert poll.poll(0) == [], "the end of the daemon is heard once"
 
 
 def test_without_a_place_for_the_report_it_is_told_all_the_same(daemon, capfd):

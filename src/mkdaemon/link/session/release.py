@@ -121,11 +121,13 @@ class ReleasePlan:
         if now < self.next_time():
             return None
         if self.outcome is ReleaseOutcome.UNCONFIRMED:
-            self._next = now + REMIND if now <= self._reminds_until else math.inf
-            return next(self._zeros) if now <= self._reminds_until else None
+            if now > self._reminds_until:
+                self._next = math.inf
+                return None
+            self._next = now + REMIND
+            return next(self._zeros)
         if self._neutral is not None:
             neutral, self._neutral = self._neutral, None
-            self._next = now
             return neutral
         if self.confirms and now - self._began > GIVE_UP:
             self.outcome = ReleaseOutcome.UNCONFIRMED
