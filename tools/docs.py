@@ -35,9 +35,11 @@ GENERATED: Final[Mapping[str, str]] = {
 
 FILLED: Final[Mapping[str, str]] = {
     "docs/accuracy.md": "tools.accuracy_tables:accuracy_page",
+    "docs/flying.md": "tools.admission_tables:flying_page",
     "docs/lab/mutants.md": "tools.mutants_page:mutants_page",
+    "docs/safety.md": "tools.admission_tables:safety_page",
 }
-"""Pages whose tables are made from results; a tree without the page needs none."""
+"""Pages written by hand in which only tables are made; a tree without the page needs none."""
 
 
 def make_page(maker: str, root: Path) -> str:

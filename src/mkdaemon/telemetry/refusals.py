@@ -293,12 +293,12 @@ class Token(StrEnum):
         "gain_on_poti",
         "{parameter} = {value} of the active set is potentiometer {poti} of the transmitter and no number: nobody can "
         "know what a stick does.",
-        "Give it a number below 248: `mkctl settings edit {parameter}=...`, motors off; or fly by sticks.",
+        "Give it a number below 248: `mkctl settings write {parameter}=...`, motors off; or fly by sticks.",
     )
     GAIN_ZERO = (
         "gain_zero",
         "with {parameter} = {value} in the active set the aircraft does not answer its sticks as its model says.",
-        "Give it a number above 0: `mkctl settings edit {parameter}=...`, motors off; or fly by sticks.",
+        "Give it a number above 0: `mkctl settings write {parameter}=...`, motors off; or fly by sticks.",
     )
     LINK_POOR = (
         "link_poor",

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Any
+from typing import Any, Self
 
 from mkdaemon.control.admission.beginnings import Concern
 from mkdaemon.control.admission.situation import Situation
@@ -50,20 +50,36 @@ def when(refusal: CommandRejectedError | None) -> Verdict:
 
 
 class Rule(StrEnum):
-    """When a row that stands refuses."""
+    """When a row that stands refuses.
 
-    BEGINNING = "refuses"
-    """It refuses every beginning it concerns, in flight too; but neither hold nor landing of an aircraft that is
-    already flown by the target: they are the way out."""
-    ALWAYS = "refuses always"
-    """It refuses every beginning it concerns, and every later setpoint of it: it cannot be done at all."""
-    ENTRY = "waits, then refuses"
-    """Before the flight the stream waits for it. From sticks or attitude to the target it refuses; between manoeuvres
-    that are flown by the target nobody asks."""
-    WAITS = "waits"
-    """Before the flight the stream waits for it; in flight nobody asks."""
-    ADVICE = "advises"
-    """It is shown and refuses nothing."""
+    Attributes:
+        meaning: in words, for the documentation.
+    """
+
+    meaning: str
+
+    def __new__(cls, word: str, meaning: str) -> Self:
+        """Declare one."""
+        member = str.__new__(cls, word)
+        member._value_, member.meaning = word, meaning
+        return member
+
+    BEGINNING = (
+        "refuses",
+        "It refuses every beginning it concerns, in flight too. But who flies flies on; and hold or landing of an "
+        "aircraft that is already flown by the target are the way out, and not refused.",
+    )
+    ALWAYS = (
+        "refuses always",
+        "It refuses every beginning it concerns, and every later setpoint of it: it cannot be done at all.",
+    )
+    ENTRY = (
+        "waits, then refuses",
+        "Before the flight the stream waits for it. From sticks or attitude to a manoeuvre by the target it refuses; "
+        "between manoeuvres by the target nobody asks.",
+    )
+    WAITS = ("waits", "Before the flight the stream waits for it; in flight nobody asks.")
+    ADVICE = ("advises", "It is shown and refuses nothing.")
 
 
 Look = Callable[[Situation, Any], Verdict]

@@ -1,0 +1,99 @@
+"""The tables of admission in docs/flying.md and docs/safety.md, made from the rows of control/admission.
+
+The prose of both pages is written by hand; a table stands between `<!-- admission NAME -->` and `<!-- end -->`.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import Final
+
+from mkdaemon.control.admission import BY_TARGET, MANOEUVRES, ROWS, Concern, Row, Rule
+from mkdaemon.errors import MkError
+from tools.markdown import table
+
+PLACE: Final = re.compile(r"(?P<begin><!-- admission (?P<name>\w+) -->\n).*?(?P<end><!-- end -->)", re.DOTALL)
+_LANDING: Final = tuple(kind for kind in BY_TARGET if kind is not Concern.LAND)
+_IN_SIGHT: Final = tuple(kind for kind in BY_TARGET if kind is not Concern.TAKE_OFF)
+_TOGETHER: Final[Mapping[tuple[Concern, ...], str]] = {
+    MANOEUVRES: "every manoeuvre",
+    BY_TARGET: "every manoeuvre by the target",
+    _LANDING: "every manoeuvre by the target but landing",
+    _IN_SIGHT: "every manoeuvre by the target but take-off",
+}
+"""Concerns that have a name together."""
+
+
+def flying_page(root: Path) -> str:
+    """Return docs/flying.md with the tables of checks and manoeuvres made anew.
+
+    Raises:
+        MkError: a table that is not known.
+    """
+    return _filled(root / "docs/flying.md")
+
+
+def safety_page(root: Path) -> str:
+    """Return docs/safety.md with the table of all else that may begin made anew.
+
+    Raises:
+        MkError: a table that is not known.
+    """
+    return _filled(root / "docs/safety.md")
+
+
+def _filled(page: Path) -> str:
+    def made(place: re.Match[str]) -> str:
+        name = place["name"]
+        if name not in TABLES:
+            msg = f"{page.name}: no table '{name}'; known are {', '.join(TABLES)}"
+            raise MkError(msg)
+        return place["begin"] + "\n".join(TABLES[name]()) + "\n" + place["end"]
+
+    return PLACE.sub(made, page.read_text(encoding="utf-8"))
+
+
+def _is_of_flight(row: Row) -> bool:
+    return any(concern in MANOEUVRES for concern in row.concerns)
+
+
+def _checks() -> Iterator[str]:
+    return _lines(row for row in ROWS if row.is_shown)
+
+
+def _manoeuvres() -> Iterator[str]:
+    return _lines(row for row in ROWS if _is_of_flight(row) and not row.is_shown)
+
+
+def _others() -> Iterator[str]:
+    return _lines(row for row in ROWS if not _is_of_flight(row) and not row.is_shown)
+
+
+def _rules() -> Iterator[str]:
+    return table(("rule", "meaning"), ((rule.value, rule.meaning) for rule in Rule))
+
+
+def _lines(rows: Iterator[Row]) -> Iterator[str]:
+    head = ("row", "concerns", "stands when", "then it", "refusal and remedy")
+    return table(head, ((row.name, _concerns(row), row.stands, row.rule.value, _remedies(row)) for row in rows))
+
+
+def _concerns(row: Row) -> str:
+    return _TOGETHER.get(row.concerns) or ", ".join(concern.value for concern in row.concerns)
+
+
+def _remedies(row: Row) -> str:
+    if row.rule is Rule.WAITS:
+        return ""
+    return "<br/>".join(f"`{token.value}`: {token.fix}" for token in row.tokens)
+
+
+TABLES: Final[Mapping[str, Callable[[], Iterator[str]]]] = {
+    "rules": _rules,
+    "checks": _checks,
+    "manoeuvres": _manoeuvres,
+    "others": _others,
+}
+"""Every table by its name."""
