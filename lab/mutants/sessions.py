@@ -152,7 +152,13 @@ class Server:
 
     @pytest.hookimpl(tryfirst=True)
     def pytest_runtestloop(self, session: pytest.Session) -> bool:
-        """Judge in place of running."""
+        """Judge in place of running.
+
+        Raises:
+            Interrupted: a file of tests could not be collected; without it survivors would prove nothing.
+        """
+        if session.testsfailed:
+            raise session.Interrupted(f"{session.testsfailed} errors during collection")
         self._items = {item.nodeid: item for item in session.items}
         functions = LiveFunctions(self._file(path) for path in self._modules)
         if self._coverage is None:

@@ -9,6 +9,7 @@ import pytest
 from mkdaemon.control.actions import SendSticks
 from mkdaemon.control.events import PoseSeen
 from mkdaemon.control.output import LONGEST_STEP, SHORTEST_STEP
+from mkdaemon.control.pacing import EARLY, Pacing
 from mkdaemon.telemetry.control import ControlLine
 from mkdaemon.telemetry.setpoint import PositionSetpoint, SetpointFrame
 from tests.control.events import CFG, OPEN, PERIOD, Driver, pose
@@ -129,3 +130,15 @@ def test_a_flight_by_sticks_does_not_heed_images():
         drive.put()
     frames = [at for at, action in drive.done if isinstance(action, SendSticks)]
     assert len(frames) / 0.3 < 1.3 * CFG.rate
+
+
+@pytest.mark.parametrize(("apart", "ticks"), [(0.25, 12), (0.2501, None), (0.1, 5)])
+def test_images_up_to_a_quarter_of_a_second_apart_have_a_rhythm(apart, ticks):
+    pacing = Pacing(CFG)
+    pacing.sends(is_flying=True, is_by_images=True)
+    for captured in (1.0, 1.0 + apart):
+        pacing.image_taken(captured, is_ours=True)
+    pacing.tick(2.0)
+    until_next = pacing.next_time(None, 0.0, 0.01) - 2.0
+    last = apart - 0.01 - EARLY
+    assert until_next == pytest.approx(1 / CFG.rate if ticks is None else last / ticks)

@@ -8,7 +8,7 @@ import pytest
 
 from mkdaemon.config.control import ControlConfig, LeaseConfig
 from mkdaemon.control.activeset import UNREAD, Gate, GateKind
-from mkdaemon.control.admission import ROWS, Concern, NewManoeuvre, TakeLease, findings, is_ready, refusals
+from mkdaemon.control.admission import ROWS, Concern, NewManoeuvre, TakeLease, findings, is_ready, refusals, waits_for
 from mkdaemon.control.estimator.model import Gap, ModelUnknown
 from mkdaemon.control.motionmatch import Match
 from mkdaemon.telemetry.control import ControlLine
@@ -127,3 +127,15 @@ def test_an_accepted_constant_gate_passes():
 
 def test_a_battery_without_a_known_cell_voltage_has_only_the_boards_alarm():
     assert finding(replace(GOOD, active_set=replace(SET, low_cell=None), battery=battery(9.0)), "battery").token is None
+
+
+@pytest.mark.parametrize(
+    ("part", "limit"),
+    [("speed", "entry_speed"), ("sd", "entry_sd"), ("offset", "entry_offset")],
+)
+def test_an_entry_condition_holds_up_to_its_limit_and_not_beyond(part, limit):
+    edge = getattr(GOOD.cfg.autopilot, limit) * (GOOD.entry.height if part == "offset" else 1.0)
+    at_edge = replace(GOOD, entry=replace(GOOD.entry, **{part: edge}))
+    beyond = replace(GOOD, entry=replace(GOOD.entry, **{part: edge + 1e-6}))
+    assert waits_for(NewManoeuvre(Concern.HOLD), at_edge) == ""
+    assert waits_for(NewManoeuvre(Concern.HOLD), beyond) != ""
