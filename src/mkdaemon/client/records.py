@@ -45,6 +45,7 @@ class Records(RecordsVerbs):
         async with record_ground(plan) as recording:
             with suppress(TimeoutError):
                 async with asyncio.timeout(FIRST_VALUE):
-                    while not recording.tap.vehicles:  # what is put before the first value has come is not recorded
+                    # What is put before the first value has come is not recorded; Zenoh's threads count.
+                    while not recording.tap.vehicles:  # noqa: ASYNC110
                         await asyncio.sleep(0.02)
             yield recording

@@ -432,19 +432,19 @@ LEASE_ROWS: Final = (
 
 FLIGHT_ROWS: Final = (
     Row(
-        name="estimate",
-        concerns=_IN_SIGHT,
-        stands="no camera has seen a target yet",
-        tokens=(Token.NO_ESTIMATE,),
-        look=_estimate,
-        rule=Rule.ALWAYS,
-    ),
-    Row(
         name="frame",
         concerns=(Concern.VELOCITY, Concern.POSITION),
         stands="it is given in frame home",
         tokens=(Token.NO_FRAME,),
         look=_frame,
+        rule=Rule.ALWAYS,
+    ),
+    Row(
+        name="estimate",
+        concerns=_IN_SIGHT,
+        stands="no camera has seen a target yet",
+        tokens=(Token.NO_ESTIMATE,),
+        look=_estimate,
         rule=Rule.ALWAYS,
     ),
     _check(
