@@ -21,7 +21,7 @@ CAMPAIGNS: Final = (
     CommandEntry("fly", "lab.fly:main", "The whole daemon holds over a target, rendered camera, in real time."),
     CommandEntry("flight", "lab.flight:main", "The simulated flight against the plant's figures."),
     CommandEntry("record", "lab.record.main:main", "Recording: what it costs, kills, disks that fail."),
-    CommandEntry("mutants", "lab.mutants.main:main", "The code that decides, changed: does a test notice?"),
+    CommandEntry("mutants", "lab.mutants.main:main", "Whether a test notices when the code that decides is changed."),
     CommandEntry("figures", "lab.figures:main", "Every plot of docs/figures."),
 )
 

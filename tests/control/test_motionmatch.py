@@ -36,7 +36,7 @@ def test_a_camera_mounted_the_wrong_way_round_sees_the_opposite():
     assert match(sign=-1.0).likeness < -0.97
 
 
-@pytest.mark.parametrize("silent", [{"size": 0.001}, {"rate": 4.0}, {"seconds": 3.0}, {"end": 100.0}])
+@pytest.mark.parametrize("silent", [{"size": 0.001}, {"rate": 4.0}, {"rate": 10.0}, {"seconds": 3.0}, {"end": 100.0}])
 def test_too_little_motion_too_few_images_or_old_ones_tell_nothing(silent):
     assert match(**silent) is None
 

@@ -20,7 +20,7 @@ from mkdaemon.control.events import PoseSeen, ReleaseAsked, Released
 from mkdaemon.control.manoeuvres.by_target import Arrival
 from mkdaemon.control.manoeuvres.land import LandingPhase
 from mkdaemon.control.regulator.autopilot import Goal
-from mkdaemon.control.sight import FORGOTTEN, entry_obstacle, velocity_between
+from mkdaemon.control.sight import FORGOTTEN, velocity_between
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.command import ReleaseRequest
 from mkdaemon.telemetry.control import Phase
@@ -233,15 +233,6 @@ def test_a_velocity_is_flown_in_its_frame():
     assert math.hypot(x, y) == pytest.approx(0.5, abs=0.15)
     assert math.atan2(y, x) == pytest.approx(0.3, abs=0.25), "the nose points there"
     assert z == pytest.approx(0.0, abs=0.1)
-
-
-@pytest.mark.parametrize(("aside", "found"), [(0.5, ""), (0.7, "a place nearer over pad: it is 0.7 m beside")])
-def test_no_flight_begins_far_beside_the_target(aside, found, held):
-    rig, _ = held
-    still = replace(rig.core._sight.estimator.estimate(CALM.seconds), position=np.array([aside, 0.0, 2.0]), age=0.1)
-    still = replace(still, velocity=np.zeros(3), position_sd=np.full(3, 0.02))
-    assert entry_obstacle(CFG, "pad", still, CFG.entry_clean).startswith(found)
-    assert bool(entry_obstacle(CFG, "pad", still, CFG.entry_clean)) is bool(found)
 
 
 class Turning(Forward):

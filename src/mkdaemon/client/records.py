@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -13,6 +14,8 @@ if TYPE_CHECKING:
     from mkdaemon.client.groundrecorder import GroundRecording
 
 MEGA: Final = 1_000_000
+FIRST_VALUE: Final = 5.0
+"""A recording waits so long for its first value [s]."""
 
 
 class Records(RecordsVerbs):
@@ -21,6 +24,8 @@ class Records(RecordsVerbs):
     @asynccontextmanager
     async def record(self, folder: Path, *, total_mb: int = 20_000) -> AsyncIterator[GroundRecording]:
         """Record everything that this vehicle puts on the bus while the context lasts; then the file is whole.
+
+        It begins when the first value has arrived, or after five seconds without one.
 
         `mkdaemon.client.export.values.read_values` reads it back; `mkctl play` shows it to other programs.
 
@@ -38,4 +43,8 @@ class Records(RecordsVerbs):
         expressions = (f"mk/{self._transport.vehicle}/**",)
         plan = GroundPlan([self._transport.endpoint], folder, limits, expressions)
         async with record_ground(plan) as recording:
+            with suppress(TimeoutError):
+                async with asyncio.timeout(FIRST_VALUE):
+                    while not recording.tap.vehicles:  # what is put before the first value has come is not recorded
+                        await asyncio.sleep(0.02)
             yield recording

@@ -119,11 +119,15 @@ class MotionMatch:
 
 
 def _window(samples: deque[tuple[float, float, float]], now: float) -> Array | None:
-    """The samples (n, 3) of the window, in the order of their times; None where they are too few."""
-    recent = sorted(sample for sample in samples if now - WINDOW <= sample[0])
-    if len(recent) < LEAST_RATE * WINDOW / 2:
+    """The samples (n, 3) of the window, in the order of their times; None where they are too few, or too far apart.
+
+    Half of them may be missing; those that are there must come at `LEAST_RATE` all the same, or what happens between two
+    of them is drawn as a straight line, and the lag that is found is that of the line.
+    """
+    recent = np.array(sorted(sample for sample in samples if now - WINDOW <= sample[0]))
+    if len(recent) < LEAST_RATE * WINDOW / 2 or float(np.median(np.diff(recent[:, 0]))) > 1.0 / LEAST_RATE:
         return None
-    return np.array(recent)
+    return recent
 
 
 def _quick(samples: Array, grid: Array) -> Array:
