@@ -39,7 +39,7 @@ def mutants_page(root: Path) -> str:
             _code(survivor["id"].removeprefix("src/mkdaemon/")),
             _code(survivor["was"]),
             _code(survivor["becomes"]),
-            ("the same: " if survivor["equivalent"] else "") + survivor["reason"],
+            ("the same: " if survivor["equivalent"] else "") + (survivor["reason"] or "no test yet"),
         )
         for survivor in found["survivors"]
     )
