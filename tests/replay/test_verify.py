@@ -16,10 +16,11 @@ import pytest
 
 from lab.places import ROOT
 from lab.rigs.programs import run_mkdaemon
-from mkdaemon.control.events import NOTED
+from mkdaemon.control.events import NOTED, FrameNotSent
 from mkdaemon.control.regulator.autopilot import CountShaper
 from mkdaemon.errors import ConfigError, MkError
 from mkdaemon.protocol.fields import WireField
+from mkdaemon.protocol.framing import DropReason
 from mkdaemon.protocol.messages import OsdData5
 from mkdaemon.record.entry import Entry, Kind, TimeBase
 from mkdaemon.record.events import pack_event, unpack_event
@@ -31,6 +32,7 @@ from mkdaemon.replay.report import verify
 from mkdaemon.replay.run import replay
 from mkdaemon.replay.tolerances import Within, rule_for
 from mkdaemon.telemetry.command import CommandResult
+from mkdaemon.telemetry.refusals import Token, refuse
 from tests.places import DATA
 from tools.recordings import make
 
@@ -325,3 +327,51 @@ def test_the_command_tells_differences_by_its_exit_code(tmp_path):
     assert code == 1, errors
     assert report["differences"] > 0
     assert set(report["keys"]["control/output"]["fields"]) == {"pitch", "limited"}
+
+
+def sticks_with(change):
+    """The recording flown by sticks, its entries changed."""
+    return Recorded(Recording(STICKS).read_session(), change(list(Recording(STICKS).entries())))
+
+
+def test_a_frame_that_the_line_refused_is_published_by_nobody():
+    def refuse_first(entries):
+        first = next(place for place, entry in enumerate(entries) if entry.suffix == "control/output")
+        event = FrameNotSent(refuse(Token.RELEASING))
+        payload = pack_event(event, NOTED)
+        key = entries[first].key.replace("control/output", "core/FrameNotSent")
+        refused = entries[first]._replace(kind=Kind.EVENT, key=key, payload=payload)
+        return [*entries[:first], refused, *entries[first + 1 :]]
+
+    whole, recorded = read_recorded([STICKS]), sticks_with(refuse_first)
+    sent = [output for output in replay(whole, whole.config).outputs if output.suffix == "control/output"]
+    fewer = [output for output in replay(recorded, recorded.config).outputs if output.suffix == "control/output"]
+    assert len(fewer) == len(sent) - 1
+
+
+def test_a_frame_whose_number_was_not_recorded_is_found_missing_and_no_other():
+    def leave_out_first(entries):
+        first = next(place for place, entry in enumerate(entries) if entry.suffix == "control/output")
+        return [*entries[:first], *entries[first + 1 :]]
+
+    recorded = sticks_with(leave_out_first)
+    report = compare(recorded, replay(recorded, recorded.config).outputs).keys["control/output"]
+    assert (report.new, report.missing) == (1, 0)
+
+
+def test_bytes_that_were_never_written_come_out_as_they_were_dropped():
+    def drop_first(entries):
+        first = next(place for place, entry in enumerate(entries) if entry.suffix == "raw/tx")
+        fields = fields_of(entries[first]) | {"dropped": DropReason.CHECKSUM.value}
+        return [*entries[:first], entries[first]._replace(payload=msgpack.packb(fields)), *entries[first + 1 :]]
+
+    recorded = sticks_with(drop_first)
+    outputs = [msgpack.unpackb(o.payload) for o in replay(recorded, recorded.config).outputs if o.suffix == "raw/tx"]
+    assert [fields["dropped"] for fields in outputs if fields["dropped"]] == [DropReason.CHECKSUM.value]
+
+
+def test_a_recording_without_a_lease_or_a_stamp_of_its_own_clock_is_replayed_from_nothing():
+    recorded = sticks_with(lambda entries: [entry for entry in entries if entry.kind is not Kind.EVENT])
+    assert recorded.first_epoch() == 0
+    elsewhere = sticks_with(lambda entries: [e._replace(base=replace(e.base, boot="another")) for e in entries])
+    assert elsewhere.wall_offsets() == []
