@@ -71,6 +71,14 @@ def test_a_strangers_refusals_do_not_hide_the_holders_own(drive):
     assert [report.result.token for report in drive.of(ReportCommand)] == ["not_holder", "wrong_epoch"]
 
 
+def test_what_was_flown_is_forgotten_with_its_release(drive):
+    drive.fly()
+    assert drive.core._flown.current is not None
+    drive.ask_release()
+    drive.tick()
+    assert drive.core._flown.current is None
+
+
 @pytest.mark.parametrize("has_signal", [True, False])
 def test_where_no_flag_tells_of_the_receiver_the_pilots_signal_does(drive, has_signal):
     drive.fly()

@@ -356,6 +356,7 @@ class FlightCore:
                 order = self._fly(decision, now, engaging=before is Phase.LEASED)
             elif isinstance(decision, ReleaseOrder):
                 self._release, order = decision, Release(decision.reason)
+                self._flown.end()
         self._reports.status(self._preflight.line.layout, self._watch.battery.warning, now)
         self._pacing.sends(is_flying=self._authority.phase in IN_FLIGHT, is_by_images=self._is_by_images(now))
         return ([] if order is None else [order]) + self._reports.take()

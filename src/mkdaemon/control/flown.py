@@ -40,7 +40,7 @@ class Flown:
         admit: Admit,
         waits_for: WaitsFor,
     ) -> None:
-        """NewManoeuvre nothing yet.
+        """Fly nothing yet.
 
         Args:
             cfg: bands and limits.
