@@ -14,6 +14,7 @@ import zenoh
 from lab.rigs.waiting import wait_until
 from mkdaemon.bus.codec import encode_map
 from mkdaemon.client import Vehicle
+from mkdaemon.client.transport import SetpointPublisher
 from mkdaemon.telemetry.signature import sign
 
 ENGAGE_WAIT: Final = 4.0
@@ -37,7 +38,7 @@ class Pilot:
         self.secret = ""
         self.puts: list[float] = []
         self._client = client
-        self._publisher = client.stream("setpoint/stick")
+        self._publisher: SetpointPublisher | None = None
         self._period = 1.0 / rate
         self._sequence = 0
         self._task: asyncio.Task[None] | None = None
@@ -48,6 +49,7 @@ class Pilot:
         answer = await self._client.command("do", "lease", fields)
         if answer.is_accepted:
             self.epoch, self.secret, self._sequence = int(answer.reply["epoch"]), answer.reply["secret"], 0
+            self._publisher = self._client.stream(f"{answer.reply['setpoint_root']}/stick")
         return answer.is_accepted
 
     async def engage(self, is_controlled: Callable[[], bool]) -> None:
@@ -92,6 +94,7 @@ class Pilot:
                 fields = {**self.sticks, "epoch": self.epoch, "sequence": self._sequence, "ttl": 0.3}
                 payload = encode_map(fields)
                 self.puts.append(time.monotonic())
-                self._publisher.put(payload, attachment=sign(self.secret, "setpoint/stick", payload))
+                if self._publisher is not None:
+                    self._publisher.put(payload, attachment=sign(self.secret, "setpoint/stick", payload))
                 due = max(due + self._period, loop.time())
                 await asyncio.sleep(due - loop.time())

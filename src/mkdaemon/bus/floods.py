@@ -14,6 +14,7 @@ from collections.abc import Callable, Mapping
 from typing import Final
 
 from mkdaemon.bus.keyspec import REQUEST_BYTES
+from mkdaemon.bus.names import key
 
 STRANGER_RATE: Final = 100.0
 """Setpoints of one kind that the holder did not sign, taken from all connections together [Hz]."""
@@ -45,10 +46,10 @@ def flood_settings(vehicle: str, kinds: tuple[str, ...], *, takes_images: bool =
 
     Args:
         vehicle: its name.
-        kinds: suffixes of the setpoints.
+        kinds: suffixes to which setpoints are put.
         takes_images: whether a camera brings its images over the bus.
     """
-    keys = [f"mk/{vehicle}/{kind}" for kind in kinds]
+    keys = [key(vehicle, kind) for kind in kinds]
     return {
         "low_pass_filter": [
             {

@@ -214,8 +214,9 @@ class Daemon:
         return status_line(self._wiring.health(), self._flight.phase)
 
     async def _report_floods(self) -> None:
-        """Say what was shed, at most once a second."""
+        """Say what was shed, and refuse setpoints put where nobody may, once a second."""
         while True:
+            self._bus.refuse_uninvited()
             shed = ", ".join(f"{count} {what}" for what, count in self._bus.take_shed().items())
             if shed:
                 self._audit.log("warning", f"flood: {shed} were shed")

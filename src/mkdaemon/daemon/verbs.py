@@ -25,7 +25,7 @@ from mkdaemon.telemetry.command import (
     RatesRequest,
     ReleaseRequest,
 )
-from mkdaemon.telemetry.control import Gains, LeaseProbe, ReleaseOutcome, ReleaseReport
+from mkdaemon.telemetry.control import Gains, LeaseGrant, LeaseProbe, ReleaseOutcome, ReleaseReport
 from mkdaemon.telemetry.preflight import PreflightReport
 from mkdaemon.telemetry.record import MarkRequest
 from mkdaemon.telemetry.refusals import Status, Token, refuse
@@ -44,8 +44,10 @@ class Verbs:
         interlock: Interlock,
         procedures: Mapping[str, Verb],
         paths: PathProbe | None = None,
+        setpoint_root: str = "",
     ) -> None:
         self._paths = paths or PathProbe()
+        self._setpoint_root = setpoint_root
         self._link = link
         self._flight = flight
         self._audit = audit
@@ -87,6 +89,8 @@ class Verbs:
             lease = await self._flight.lease(request)
         if lease is None:  # nobody holds it: there is nothing to describe
             return CommandResult(status=Status.ACCEPTED)
+        if isinstance(lease, LeaseGrant):
+            lease = lease.model_copy(update={"setpoint_root": self._setpoint_root})
         return CommandResult(status=Status.ACCEPTED, reply=dict(lease), reply_type=schema_name(type(lease)))
 
     async def _release(self, payload: Payload) -> CommandResult:

@@ -48,6 +48,7 @@ class Station(Outlet, Protocol):
     """The bus as the daemon stands on it: `mkdaemon.bus.gateway.Bus` in earnest."""
 
     open_endpoints: tuple[str, ...]
+    setpoint_root: str
 
     def serve(self, root: str, handler: Handler) -> None:
         """Answer every command below a root; see `Bus.serve`."""
@@ -126,7 +127,9 @@ class Wiring:
             clock,
         )
         paths = PathProbe(clock.now)
-        self.answer_verb = Verbs(flight, link, audit, interlock, self._procedures.verbs, paths).answer
+        self.answer_verb = Verbs(
+            flight, link, audit, interlock, self._procedures.verbs, paths, bus.setpoint_root
+        ).answer
         self.guard_acted, self.guard_changed = flight.guard_acted, flight.guard_changed
         self._serve(requests)
 
