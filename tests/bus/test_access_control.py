@@ -22,7 +22,7 @@ from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.command import CommandResult
 from mkdaemon.telemetry.event import LogEvent
 from mkdaemon.telemetry.refusals import Status
-from tests.bus.support import PATIENCE, ask, bus_config, free_endpoint
+from tests.bus.support import PATIENCE, ask, bus_config, free_endpoint, sticks_of
 from tests.places import CONFIGS
 
 SAMPLES = CONFIGS / "zenoh"
@@ -93,7 +93,7 @@ async def test_a_pilot_looks_and_commands(guarded, connect):
     assert value["text"] == "hello"
     [(_, result, _)] = await asyncio.to_thread(ask, pilot, "mk/t1/do/release")
     assert result["status"] == "accepted"
-    pilot.put("mk/t1/setpoint/stick", b"sticks")
+    pilot.put(sticks_of(guarded[0]), b"sticks")
     await wait_until(lambda: b"sticks" in commanded)
 
 
@@ -104,11 +104,11 @@ async def test_a_watcher_looks_and_cannot_command_or_fly(guarded, connect):
     [(_, value, _)] = await asyncio.to_thread(ask, watcher, "mk/t1/event/log")
     assert value["text"] == "hello"
     assert await asyncio.to_thread(ask, watcher, "mk/t1/do/release", None, 1.0) == []
-    watcher.put("mk/t1/setpoint/stick", b"forged")
+    watcher.put(sticks_of(guarded[0]), b"forged")
     await asyncio.to_thread(
         ask, watcher, "mk/t1/event/log"
     )  # the put went the same way, so it has arrived or never will
-    pilot.put("mk/t1/setpoint/stick", b"mine")
+    pilot.put(sticks_of(guarded[0]), b"mine")
     await wait_until(lambda: b"mine" in commanded)
     assert commanded == [b"mine"]
 

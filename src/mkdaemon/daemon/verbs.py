@@ -44,7 +44,7 @@ class Verbs:
         interlock: Interlock,
         procedures: Mapping[str, Verb],
         paths: PathProbe | None = None,
-        setpoint_root: str = "",
+        setpoint_root: str = "setpoint",
     ) -> None:
         self._paths = paths or PathProbe()
         self._setpoint_root = setpoint_root

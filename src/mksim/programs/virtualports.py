@@ -127,7 +127,7 @@ class LocalBus:
 
     def __init__(self) -> None:
         self.open_endpoints: tuple[str, ...] = ()
-        self.setpoint_root = ""
+        self.setpoint_root = "setpoint"
         self.values: dict[str, Any] = {}
         self.lease: dict[str, Any] = {}
         self.loop = asyncio.get_running_loop()
