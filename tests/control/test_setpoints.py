@@ -89,7 +89,7 @@ def test_stick_setpoints_are_their_own_sticks():
     wanted = example(StickSetpoint)
     assert Flying().step(wanted, 0.0) == Step(Sticks(1.0, 2.0, 3.0, 4.0), "stick")
     narrow = ControlConfig(lease=LeaseConfig(neutral_band=2.0))
-    assert Flying(narrow).step(wanted, 0.0).obstacle == "neutral sticks"
+    assert Flying(narrow).step(wanted, 0.0).obstacle == "waiting for neutral sticks"
 
 
 @pytest.mark.parametrize("kind", [kind for kind in SETPOINTS if kind not in STICKS_ALONE])
