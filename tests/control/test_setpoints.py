@@ -119,8 +119,8 @@ def test_a_kind_without_guidance_does_not_touch_the_stream_of_the_lease(kind):
 class Lean(AttitudeFlight):
     """A hundred counts a radian; begins level."""
 
-    def enter(self, before, facts, now):
-        return "a level attitude" if self._wanted.roll and before is None else ""
+    def enter(self, before, now):
+        return "waiting for a level attitude" if self._wanted.roll and before is None else ""
 
     def _sticks(self):
         return Sticks(self._wanted.pitch * 100, self._wanted.roll * 100, 0.0, 0.0)

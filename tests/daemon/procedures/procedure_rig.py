@@ -24,7 +24,6 @@ from mkdaemon.daemon.wiring import Wiring
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.command import CommandResult, refused
 from mkdaemon.telemetry.control import Phase
-from mksim.programs.virtualports import LocalBus
 from mksim.simulation import Simulation
 from tests.control.admission.situations import situation_of
 
@@ -41,17 +40,24 @@ class PromptDisk(Executor):
         return done
 
 
-class Bus(LocalBus):
-    """What is published."""
+class Bus:
+    """What is published; nobody asks there."""
+
+    open_endpoints: tuple[str, ...] = ()
 
     def __init__(self) -> None:
-        super().__init__()
         self.published: list[tuple[str, BaseModel]] = []
         self.follower: Callable[[str, BaseModel], None] = lambda suffix, value: None
 
     def publish(self, suffix: str, value: BaseModel, *, schema: type[BaseModel] | None = None) -> None:
         self.published.append((suffix, value))
         self.follower(suffix, value)
+
+    def serve(self, root: str, handler: Any) -> None: ...
+
+    def receive(self, suffix: str, take: Any, verify: Any) -> None: ...
+
+    def watch_clients(self, watcher: Any) -> None: ...
 
     def values(self, suffix: str) -> list[Any]:
         return [value for key, value in self.published if key == suffix]
