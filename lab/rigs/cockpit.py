@@ -184,6 +184,7 @@ class Cockpit:
         core: the flight core inside `flight`.
         link: the line.
         flight: control: the lease, the tick, the release.
+        run_line: keeps the line.
         bus: where clients bring what they want.
         sink: what was seen on the line.
         socket: the cable and the boards at its end.
@@ -193,7 +194,7 @@ class Cockpit:
     """
 
     def __init__(self, wiring: Wiring, bus: CockpitBus, sink: LineWatch, socket: Socket) -> None:
-        self.core, self.link, self.flight = wiring.core, wiring.link, wiring.flight
+        self.core, self.link, self.flight, self.run_line = wiring.core, wiring.link, wiring.flight, wiring.run_line
         self.bus, self.sink, self.socket = bus, sink, socket
         self.epoch = 0
         self.secret = ""
@@ -269,31 +270,12 @@ async def cockpit(
     """
     is_new = socket is None
     cable = socket or Socket(boards.make(seed, **(sim or {})), seed=seed, tick=tick)
-    clock = _virtual_clock(cable, seed)
-    bus, watches = CockpitBus(outlet), list[LineWatch]()
-
-    def make_link(cfg: LinkConfig, sink: LinkSink, **more: Any) -> Link:
-        watches.append(LineWatch(sink))
-        return link_class(cfg, watches[0], **more)
-
-    wiring = Wiring(
-        Config(
-            link=LinkConfig.model_validate({"port": "/dev/virtual"} | link),
-            record=RecordConfig(enabled=False),
-        ),
-        bus,
-        clock,
-        make_eyes=no_eyes,
-        guard=guard,
-        opener=cable.open,
-        journal=Journal(Path(os.devnull), AtOnce()),
-        make_link=make_link,
-    )
-    flown = Cockpit(wiring, bus, watches[0], cable)
+    cfg = LinkConfig.model_validate({"port": "/dev/virtual"} | link)
+    flown = _wired(cfg, cable, _virtual_clock(cable, seed), CockpitBus(outlet), guard, link_class)
     # What else runs in a daemon touches neither the line nor the sticks.
     flown.tasks = [
-        asyncio.create_task(wiring.run_line(), name="link"),
-        asyncio.create_task(wiring.flight.run(), name="control"),
+        asyncio.create_task(flown.run_line(), name="link"),
+        asyncio.create_task(flown.flight.run(), name="control"),
     ]
     try:
         if is_new and await flown.until(lambda: flown.may_fly) is None:
@@ -304,6 +286,34 @@ async def cockpit(
         for task in reversed(flown.tasks):
             task.cancel()
             await asyncio.gather(task, return_exceptions=True)
+
+
+def _wired(
+    cfg: LinkConfig,
+    cable: Socket,
+    clock: Clock,
+    bus: CockpitBus,
+    guard: LineGuard | None,
+    link_class: type[Link],
+) -> Cockpit:
+    """A daemon of which nothing runs yet."""
+    watches: list[LineWatch] = []
+
+    def make_link(cfg: LinkConfig, sink: LinkSink, **more: Any) -> Link:
+        watches.append(LineWatch(sink))
+        return link_class(cfg, watches[0], **more)
+
+    wiring = Wiring(
+        Config(link=cfg, record=RecordConfig(enabled=False)),
+        bus,
+        clock,
+        make_eyes=no_eyes,
+        guard=guard,
+        opener=cable.open,
+        journal=Journal(Path(os.devnull), AtOnce()),
+        make_link=make_link,
+    )
+    return Cockpit(wiring, bus, watches[0], cable)
 
 
 def _virtual_clock(cable: Socket, seed: int) -> Clock:

@@ -112,14 +112,14 @@ class Wiring:
         # Milliseconds since 1970: above every epoch of an earlier run, whatever a client still streams.
         first_epoch = int(clock.stamp().wall * 1000)
         deck = self._deck = Deck(cfg.control, bus, clock, first_epoch=first_epoch, make_eyes=make_eyes, tap=tap)
-        core = self.core = deck.core
-        facts = self.facts = core.vehicle
+        self.core = deck.core
+        facts = self.facts = deck.core.vehicle
         audit, self.audit, self.eyes = deck.audit, deck.audit, deck.eyes
         link = self.link = make_link(
             cfg.link, deck.sink, opener=opener, clock=clock, motors_running=facts.motors_running, guard=guard, tap=tap
         )
         flight = self.flight = FlightControl(deck, link, clock=clock, records=recording_folder(cfg))
-        interlock = self.interlock = Interlock(lambda: core.situation(clock.now()))
+        interlock = self.interlock = Interlock(lambda: deck.core.situation(clock.now()))
         requests = self.requests = BoardRequests(cfg.commands, link, facts, deck.feed, audit, clock, interlock)
         self.procedures = ProcedureRunner(
             link,
@@ -133,8 +133,7 @@ class Wiring:
             LabelCache(cfg.link.label_cache),
             clock,
         )
-        paths = PathProbe(clock.now)
-        self.answer_verb = Verbs(flight, link, audit, interlock, self.procedures.verbs, paths).answer
+        self.answer_verb = Verbs(flight, link, audit, interlock, self.procedures.verbs, PathProbe(clock.now)).answer
         self.guard_acted, self.guard_changed = flight.guard_acted, flight.guard_changed
         self._serve()
 
