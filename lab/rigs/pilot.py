@@ -14,7 +14,6 @@ import zenoh
 from lab.rigs.waiting import wait_until
 from mkdaemon.bus.codec import encode_map
 from mkdaemon.client import Vehicle
-from mkdaemon.client.transport import SetpointPublisher
 from mkdaemon.telemetry.signature import sign
 
 ENGAGE_WAIT: Final = 4.0
@@ -38,7 +37,8 @@ class Pilot:
         self.secret = ""
         self.puts: list[float] = []
         self._client = client
-        self._publisher: SetpointPublisher | None = None
+        # A stranger knows the plain key alone.
+        self._publisher = client.stream("setpoint/stick")
         self._period = 1.0 / rate
         self._sequence = 0
         self._task: asyncio.Task[None] | None = None
@@ -94,7 +94,6 @@ class Pilot:
                 fields = {**self.sticks, "epoch": self.epoch, "sequence": self._sequence, "ttl": 0.3}
                 payload = encode_map(fields)
                 self.puts.append(time.monotonic())
-                if self._publisher is not None:
-                    self._publisher.put(payload, attachment=sign(self.secret, "setpoint/stick", payload))
+                self._publisher.put(payload, attachment=sign(self.secret, "setpoint/stick", payload))
                 due = max(due + self._period, loop.time())
                 await asyncio.sleep(due - loop.time())
