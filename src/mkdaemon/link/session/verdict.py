@@ -47,6 +47,16 @@ def stood_still(seconds: float) -> str:
     return f"this program stood still for {seconds:.1f} s: the machine is busy, or something stopped it"
 
 
+def busy(share: float) -> str:
+    """What is added to a verdict that was found on a machine without time for us."""
+    return f"but this program did not run for {100 * share:.0f} % of the time: look at the load of this machine first"
+
+
+def comes_and_goes(times: int, seconds: float) -> str:
+    """Reason of a line that works now and was lost a moment ago, more than once."""
+    return f"it was lost {times} times in {seconds:g} s: it comes and goes"
+
+
 class Cause(Enum):
     """What a verdict stands on, where somebody acts on it."""
 
