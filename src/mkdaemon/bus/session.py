@@ -168,8 +168,8 @@ async def open_session(config: zenoh.Config, *, listen: Sequence[str] = ()) -> z
             where = ", ".join(endpoints)
             if await asyncio.to_thread(_is_taken, endpoints):
                 msg = (
-                    f"a program listens at {where} but does not answer: that machine or this one is busy, so ask again; "
-                    "or it is no mkdaemon"
+                    f"a program listens at {where} but does not answer: that machine or this one is busy, so ask again;"
+                    " or it is no mkdaemon"
                 )
                 raise MkError(msg) from error
             msg = f"nobody answers at {where}: is mkdaemon running there? (`mkdaemon run` here, or --connect elsewhere)"

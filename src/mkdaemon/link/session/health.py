@@ -42,6 +42,8 @@ HOLD: Final = 1.0
 """A line that was degraded is up again when nothing was wrong for so long [s]: what comes and goes is one verdict."""
 BREAK: Final = SILENCE_TIME / 2
 """Between two frames that are farther apart the board was silent; nobody knows whether it heard us meanwhile [s]."""
+DEAF_BEFORE: Final = 1.0
+"""A board that was heard for so long after its last answer did not hear us before it fell silent [s]."""
 COMES_AND_GOES: Final = 2
 """So many outages within the window, and a line that works is degraded until they are past: it is one verdict."""
 BUSY: Final = 0.1
@@ -313,13 +315,19 @@ class HealthMonitor:
         if now < self._boots_until and self._bytes.arrived_since(now - SILENCE_TIME) < BOOT_LENGTH:
             return Finding(LinkCondition.MUTE, verdict.boots(self._boot_text), Cause.PLAIN_TEXT)
         if self._bytes.arrived_since(since) < GARBAGE_BYTES:
-            silence = verdict.NOTHING if self._received_at == -math.inf else verdict.STOPPED
+            silence = self._kind_of_silence()
             reason = verdict.QUIET if now < self._quiet_until else self._beside_load(silence, now)
             return Finding(LinkCondition.MUTE, reason)
         text = self._bytes.text_since(since)
         if text is not None:
             return Finding(LinkCondition.GARBAGE, verdict.plain_text(text), Cause.PLAIN_TEXT)
         return Finding(LinkCondition.GARBAGE, verdict.NO_FRAME)
+
+    def _kind_of_silence(self) -> str:
+        if self._received_at == -math.inf:
+            return verdict.NOTHING
+        was_deaf = self._received_at - max(self._answered, self._opened or 0.0) > DEAF_BEFORE
+        return verdict.RAN_OUT if was_deaf else verdict.STOPPED
 
     def _expects_something(self, now: float) -> bool:
         """Whether a frame should have come: link tests are out, or a stream that was asked for is overdue.

@@ -15,6 +15,11 @@ NOTHING: Final = "nothing arrives: check power, wiring and that this is the righ
 """Reason of a line that never said anything."""
 STOPPED: Final = "nothing arrives any more: the board was switched off, stands still, or a cable came off"
 """Reason of a line that was heard before."""
+RAN_OUT: Final = (
+    "nothing arrives any more; before, it was heard and answered nothing until its streams ran out, for it does not "
+    "hear us: check the board's RX wire"
+)
+"""Reason of a line that was one-way before."""
 UNANSWERED: Final = "frames arrive, but nothing we send is answered: check the board's RX wire"
 """Reason of a one-way line."""
 QUIET: Final = "nothing arrives, and for 6 s hardly anything is asked: the last release was not confirmed"
