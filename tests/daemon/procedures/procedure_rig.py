@@ -67,9 +67,9 @@ class Guard(BoardRequests):
 
     refusal: Callable[[Any], None] = staticmethod(lambda message: None)
 
-    def check_step(self, board: Any, message: Any) -> None:
+    async def check_step(self, board: Any, message: Any) -> None:
         self.refusal(message)
-        super().check_step(board, message)
+        await super().check_step(board, message)
 
 
 class ProcedureRig:
