@@ -447,3 +447,36 @@ def test_a_verdict_found_on_a_busy_machine_says_so():
     line.talks = False
     line.until(LinkCondition.MUTE, 0.7)
     assert "did not run for 20 % of the time" in line.health.verdict.reason
+
+
+def test_what_may_wait_unseen_is_told_before_it_is_a_verdict():
+    line = up()
+    line.run(3.0)
+    assert not line.health.may_stand_still(line.now)
+    line.talks = False  # the far end stands still
+    line.run(0.17)
+    assert line.health.may_stand_still(line.now)
+    line.talks = True
+    line.run(0.5)
+    assert not line.health.may_stand_still(line.now)
+    line.listens = False  # it talks, and takes nothing
+    line.run(0.45)
+    assert line.health.may_stand_still(line.now)
+    line.listens = True
+    line.run(0.3)
+    assert not line.health.may_stand_still(line.now)
+
+
+def test_stick_frames_that_are_not_confirmed_wait_somewhere_and_one_or_two_are_lost():
+    line = up()
+    for frame in range(20):
+        line.health.confirm.sent(frame, line.now)
+        line.run(0.02)
+        if frame not in (4, 5):
+            line.health.confirmed(frame, line.now)
+        assert not line.health.may_stand_still(line.now)
+    for frame in range(20, 31):
+        line.health.confirm.sent(frame, line.now)
+        line.run(0.02)
+        line.health._open_questions.clear()
+    assert line.health.may_stand_still(line.now)

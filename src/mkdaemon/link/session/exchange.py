@@ -156,8 +156,9 @@ class Exchange:
         self._opened_at = 0.0
         self.port: Port | None = None
         self.reporter = Reporter(cfg, dialogue, clock)
-        has_rate = parse_address(cfg.port).scheme == "serial"
-        self.bauds = BaudSearch(cfg.baud, enabled=cfg.probe_baud and has_rate)
+        scheme = parse_address(cfg.port).scheme
+        self._hides_queue = scheme == "tcp"
+        self.bauds = BaudSearch(cfg.baud, enabled=cfg.probe_baud and scheme == "serial")
         self.needs_discovery = asyncio.Event()
         self.waiters = Waiters()
 
@@ -310,7 +311,7 @@ class Exchange:
             self.needs_discovery.set()
             self.follow_dialect()
         try:
-            self._look_after_sticks(port)
+            self._look_after_sticks(port, now)
             for entry in self._dialogue.poll(now):
                 self._write(port, entry)
         except LinkLostError as error:
@@ -337,8 +338,10 @@ class Exchange:
             self._tap.port_written(entry.raw, now, entry.purpose.name.lower())
         self._sink.sent(Sent(now, entry.raw, entry.message, entry.purpose))
 
-    def _look_after_sticks(self, port: Port) -> None:
+    def _look_after_sticks(self, port: Port, now: float) -> None:
         """Let no stick frame wait behind another in the kernel; throw away what waits there when a release begins.
+
+        A serial server acknowledges what it has not sent: there none is written that may wait in it.
 
         Raises:
             LinkLostError: what waits can only be thrown away with the connection.
@@ -349,7 +352,8 @@ class Exchange:
             self._sticks.forget()
             self._dialogue.scheduler.resynchronise()
             port.discard()
-        self._dialogue.scheduler.holds_setpoints = is_waiting
+        may_wait = self._hides_queue and self._dialogue.health.may_stand_still(now)
+        self._dialogue.scheduler.holds_setpoints = is_waiting or may_wait
 
     def _settle(self) -> None:
         """Hand answers, refusals and losses to whoever waits for them."""

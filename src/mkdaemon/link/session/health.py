@@ -15,7 +15,7 @@ from collections.abc import Hashable
 from typing import Final
 
 from mkdaemon.link.session import verdict
-from mkdaemon.link.session.evidence import Arrivals, OwnTime, ReceivedBytes, RoundTrips
+from mkdaemon.link.session.evidence import STALE_PERIODS, Arrivals, OwnTime, ReceivedBytes, RoundTrips
 from mkdaemon.link.session.verdict import Cause, Finding, Verdict
 from mkdaemon.protocol.framing import DropReason
 from mkdaemon.telemetry.link import KindHealth, LinkCondition
@@ -44,6 +44,12 @@ BREAK: Final = SILENCE_TIME / 2
 """Between two frames that are farther apart the board was silent; nobody knows whether it heard us meanwhile [s]."""
 DEAF_BEFORE: Final = 1.0
 """A board that was heard for so long after its last answer did not hear us before it fell silent [s]."""
+HUSH: Final = 0.15
+"""Telemetry, or the confirmation of a stick frame, is late after this [s]; a radio's longest round trip is 0.13 s."""
+UNCONFIRMED: Final = 3
+"""So many stick frames not confirmed for that long, and they wait somewhere; one or two may be lost."""
+DOUBT: Final = 1.0
+"""Doubt whether we are heard is looked at anew after this [s], or a line without link tests would be doubted for ever."""
 COMES_AND_GOES: Final = 2
 """So many outages within the window, and a line that works is degraded until they are past: it is one verdict."""
 BUSY: Final = 0.1
@@ -77,6 +83,7 @@ class HealthMonitor:
         self._degraded_at = self._stopped_until = -math.inf
         self._stopped_for = 0.0
         self._outages: deque[float] = deque(maxlen=16)
+        self._doubted_at: float | None = None
 
     # -- what happened --------------------------------------------------------------------------------------------
 
@@ -92,6 +99,7 @@ class HealthMonitor:
         self._is_recording = is_recording
         self._received_at = self._answered = -math.inf
         self._open_questions.clear()
+        self._doubted_at = None
         self._backlog_since = None
         self.backlog = 0
         self._bytes.clear()
@@ -209,6 +217,21 @@ class HealthMonitor:
     def answer_age(self, now: float) -> float:
         """Time since the latest proof that the board hears us [s]; infinite for never."""
         return now - self._answered
+
+    def may_stand_still(self, now: float) -> bool:
+        """Whether what is written now may wait where nobody sees it, as in a serial server that reads no more.
+
+        That is so when telemetry stops, and from the first sign that nothing of ours is heard until an answer comes.
+        """
+        doubted_at = self._doubted_at
+        if doubted_at is not None and (self._answered > doubted_at or now - doubted_at > DOUBT):
+            self._doubted_at = None
+        unconfirmed = len(self.confirm.before(now - HUSH))
+        if self._doubted_at is None and (self._missed(now) >= PROBES_MISSED or unconfirmed >= UNCONFIRMED):
+            self._doubted_at = now
+        fastest = min((kind.interval or math.inf for kind in self._arrivals.asked), default=math.inf)
+        is_hushed = self._own.elapsed(self._received_at, now) > max(HUSH, STALE_PERIODS * fastest)
+        return is_hushed or self._doubted_at is not None
 
     @property
     def two_way_proof(self) -> float:
