@@ -19,10 +19,10 @@ OVERDUE: Final = 0.1
 """Bytes not acknowledged for so long stand still [s]; a receiver may delay its acknowledgement by 0.04 s."""
 
 SEND_BUFFER: Final = 2048
-"""Bytes the kernel takes before they wait here, where they are seen: 0.36 s of a line at 57600 baud; Linux doubles it."""
+"""Bytes the kernel takes before they wait here, where they are seen: 0.36 s of a line; Linux doubles it."""
 DEAD: Final = 3.0
-"""A connection that acknowledges nothing for so long is ended, with what waits in it [s]; a FlightCtrl has let go of the
-sticks by then."""
+"""A connection that acknowledges nothing for so long is ended, with what waits in it [s]; a FlightCtrl has
+let go of the sticks by then."""
 
 
 class TcpPort:

@@ -49,7 +49,7 @@ HUSH: Final = 0.15
 UNCONFIRMED: Final = 3
 """So many stick frames not confirmed for that long, and they wait somewhere; one or two may be lost."""
 DOUBT: Final = 1.0
-"""Doubt whether we are heard is looked at anew after this [s], or a line without link tests would be doubted for ever."""
+"""Whether we are heard is asked anew after this [s], or a line without link tests would be doubted for ever."""
 COMES_AND_GOES: Final = 2
 """So many outages within the window, and a line that works is degraded until they are past: it is one verdict."""
 BUSY: Final = 0.1
