@@ -134,6 +134,20 @@ def test_wrong_usage_is_one_line_and_exit_code_2(tokens, says, points_to, capsys
     assert f"See `{points_to}`." in err
 
 
+@pytest.mark.parametrize(
+    ("tokens", "says"),
+    [
+        (["stick", "--pich", "8"], "Unknown option: --pich. Did you mean --pitch? See `mkctl stick --help`."),
+        (["stick", "--xyzzy=8"], "Unknown option: --xyzzy. See `mkctl stick --help`."),
+        (["log", "cut", "--form", "3"], "Unknown option: --form. Did you mean --from? See `mkctl log cut --help`."),
+        (["goto", "-1", "2"], "`mkctl goto` needs Z. See `mkctl goto --help`."),
+    ],
+)
+def test_a_misspelt_option_is_told_before_what_is_missing(tokens, says, capsys):
+    assert run(mkctl.app, tokens) == 2
+    assert capsys.readouterr().err == f"mkctl: {says}\n"
+
+
 ASCII = """
 import sys
 from mkdaemon.cli import program

@@ -7,6 +7,7 @@ import gc
 import importlib
 import importlib.util
 import os
+import re
 import signal
 import sys
 from collections.abc import Iterable, Sequence
@@ -26,6 +27,7 @@ EXIT_INTERRUPTED: Final = 130
 LONGEST_COMPLAINT: Final = 1000
 """Of a longer one the middle is left out [characters]: it quotes what a stranger wrote."""
 _ENDS: Final = (signal.SIGTERM, signal.SIGHUP)
+_OPTION: Final = re.compile(r"--?[A-Za-z]")
 
 
 class CommandEntry(NamedTuple):
@@ -162,7 +164,7 @@ def run(app: App, tokens: Sequence[str] | None = None) -> int:
         sys.stdout.flush()
     except CycloptsError as error:
         command = " ".join((app.name[0], *(error.command_chain or ())))
-        return _complain(app, f"{_words_of(error, command, tokens)} See `{command} --help`.", EXIT_CONFIG)
+        return _complain(app, f"{_words_of(error, app, command, tokens)} See `{command} --help`.", EXIT_CONFIG)
     except ConfigError as error:
         return _complain(app, error, EXIT_CONFIG)
     except MkError as error:
@@ -182,15 +184,30 @@ def run(app: App, tokens: Sequence[str] | None = None) -> int:
     return result if isinstance(result, int) else EXIT_OK
 
 
-def _words_of(error: CycloptsError, command: str, tokens: Sequence[str]) -> str:
+def _words_of(error: CycloptsError, app: App, command: str, tokens: Sequence[str]) -> str:
     """What is wrong with a command line, in a sentence."""
     match error:
+        case MissingArgumentError() if (mistake := _unknown_option(error, app)) is not None:
+            return mistake  # told before what is missing because of it
         case MissingArgumentError(argument=Argument() as missing):
             name = missing.name if missing.index is None else missing.name.lstrip("-").upper()
             return f"{name} needs a value." if missing.name in tokens else f"`{command}` needs {name}."
         case UnusedCliTokensError():
             return f"`{command}` does not take {' '.join(error.unused_tokens or ())!r}."
     return str(error)
+
+
+def _unknown_option(error: CycloptsError, app: App) -> str | None:
+    """What is wrong with an option that the command does not have; None if there is none."""
+    for name in error.command_chain or ():
+        app = app[name]
+    known = [name for argument in app.assemble_argument_collection() for name in argument.names]
+    given = (word.partition("=")[0] for word in error.unused_tokens or () if _OPTION.match(word))
+    unknown = next((name for name in given if name not in known), None)
+    if unknown is None:
+        return None
+    near = difflib.get_close_matches(unknown, known, n=1)
+    return f"Unknown option: {unknown}.{f' Did you mean {near[0]}?' if near else ''}"
 
 
 def _unknown_command(app: App, tokens: Sequence[str]) -> str | None:
