@@ -158,6 +158,7 @@ async def test_checks_before_a_flight_are_shown_with_what_to_do(capsys):
         shown = capsys.readouterr().out
         assert "NO AUTONOMY" in shown
         assert "Charge it." in shown
+        assert shown.index("battery") < shown.index("gate"), "what stands in the way comes first"
         await preflight.preflight(connection=Connection(vehicle=VEHICLE, connect=daemon.endpoint, json=True))
         assert '"is_ready": false' in capsys.readouterr().out
 

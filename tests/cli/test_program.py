@@ -48,6 +48,14 @@ def test_help_lists_every_command_without_importing_one(program, capsys):
     assert all(entry.name in out for entry in table)
 
 
+@pytest.mark.parametrize("program", [mkctl, mkdaemon], ids=["mkctl", "mkdaemon"])
+def test_help_lists_the_commands_in_the_order_of_the_table(program, capsys):
+    assert run(program.app, ["--help"]) == 0
+    shown = re.findall(r"^│ ([a-z-]+) ", capsys.readouterr().out, re.MULTILINE)
+    assert shown == [entry.name for entry in program.COMMANDS]
+    assert program.COMMANDS[0].name in {"status", "run"}
+
+
 @pytest.mark.parametrize("entry", TABLES, ids=lambda entry: entry.target)
 def test_every_command_has_a_help_without_clutter(entry, capsys):
     program = mkctl if entry in mkctl.COMMANDS else mkdaemon

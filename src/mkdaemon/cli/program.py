@@ -14,7 +14,7 @@ from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from typing import Final, NamedTuple, NoReturn
 
-from cyclopts import App, CycloptsError, MissingArgumentError, Parameter, UnusedCliTokensError
+from cyclopts import App, CycloptsError, Group, MissingArgumentError, Parameter, UnusedCliTokensError
 from cyclopts.argument import Argument
 
 from mkdaemon.cli.terminal import print_whatever_the_encoding
@@ -52,7 +52,7 @@ def build(name: str, about: str, table: Iterable[CommandEntry], *, chosen: str =
     Args:
         name: of the program.
         about: its own help.
-        table: its commands.
+        table: its commands, in the order in which the help shows them and their groups.
         chosen: the command that is going to run: it shows its own, longer help in place of the table's line.
     """
     app = App(
@@ -60,12 +60,17 @@ def build(name: str, about: str, table: Iterable[CommandEntry], *, chosen: str =
         help=about,
         version=_version,
         help_format="markdown",
+        group_commands=Group("Help"),
         default_parameter=Parameter(negative=()),  # no `--no-json` beside every `--json`
     )
-    for entry in table:
+    groups: dict[str, Group] = {}
+    for number, entry in enumerate(table):
         if importlib.util.find_spec(entry.target.partition(":")[0]) is not None:
+            group = groups.setdefault(entry.group, Group(entry.group, sort_key=number))
             line = None if entry.name == chosen else entry.help
-            app.command(entry.target, name=entry.name, help=line, group=entry.group)
+            app.command(entry.target, name=entry.name, help=line, group=group, sort_key=number)
+    for flag in (*app.help_flags, *app.version_flags):
+        app[flag].show = False  # whoever reads the help has found them
     return app
 
 
