@@ -10,7 +10,7 @@ import os
 import re
 import signal
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from typing import Final, NamedTuple, NoReturn
 
@@ -164,8 +164,21 @@ def run(app: App, tokens: Sequence[str] | None = None) -> int:
     tokens = sys.argv[1:] if tokens is None else tokens
     if (mistake := _unknown_command(app, tokens)) is not None:
         return _complain(app, mistake, EXIT_CONFIG)
+    return tell(
+        app, tokens, lambda: app(tokens, exit_on_error=False, print_error=False, result_action="return_value")
+    )
+
+
+def tell(app: App, tokens: Sequence[str], work: Callable[[], object]) -> int:
+    """Do what a command does and return its exit code; see `run`.
+
+    Args:
+        app: the program.
+        tokens: its command line.
+        work: the command.
+    """
     try:
-        result = app(tokens, exit_on_error=False, print_error=False, result_action="return_value")
+        result = work()
         sys.stdout.flush()
     except CycloptsError as error:
         command = " ".join((app.name[0], *(error.command_chain or ())))
