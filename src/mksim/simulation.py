@@ -61,7 +61,7 @@ class Simulation:
         self._give_plan(config.pilot_wait)
 
     def start_pilot(self) -> None:
-        """Let the pilot begin now, once more where his flight is over; without effect while he flies, or has no plan."""
+        """Let the pilot begin now, or once more after a flight; without effect while he flies, or has no plan."""
         program = self.world.pilot.program
         if program is not None and program.is_over:
             self._give_plan(0.0)

@@ -317,7 +317,7 @@ async def test_who_never_flew_is_not_told_to_take_over(monkeypatch, capsys):
             say(phase, reason, **more)
 
         daemon.say = let_go_in_between
-        with pytest.raises(MkError, match="waiting for a live, neutral stream"):
+        with pytest.raises(MkError):
             await manoeuvres.take_off(2.0, connection=here)
     assert "throttle back" not in capsys.readouterr().err
 
@@ -328,9 +328,12 @@ async def test_what_the_pilot_does_is_said_once(monkeypatch, capsys):
     async with flying((0.0, 0.0, 2.0)) as (daemon, here):
         daemon.follow = lambda: daemon.say(Phase.FLYING, "flies", manoeuvre="takeoff", is_done=False, **words)
         with pytest.raises(MkError):
-            async with here.open() as uav, flightshow.leased(uav, here, force=False) as lease:
-                async with flightshow.showing(uav, lease, here, lambda: None):
-                    await lease.take_off(2.0, patience=0.5)
+            async with (
+                here.open() as uav,
+                flightshow.leased(uav, here, force=False) as lease,
+                flightshow.showing(uav, lease, here, lambda: None),
+            ):
+                await lease.take_off(2.0, patience=0.5)
     shown = capsys.readouterr().err
     assert shown.count("raises") == 1
     assert "idle" in shown

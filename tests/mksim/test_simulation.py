@@ -133,6 +133,7 @@ def test_the_pilot_flies_once_more_when_he_is_asked_after_a_landing():
     host.run(9.0)
     assert host.simulation.world.truth.airborne
 
+
 def test_a_reboot_in_flight_ends_it():
     host = Host(pilot_plan=PilotPlan.HOVER, pilot_wait=0.0)
     host.run(9.0)
