@@ -168,7 +168,10 @@ async def test_checks_before_a_flight_are_shown_with_what_to_do(capsys):
 async def test_gains_are_shown_with_their_margins(capsys):
     async with fake_daemon() as daemon:
         await gains.gains(connection=Connection(vehicle=VEHICLE, connect=daemon.endpoint))
-        assert "stable with a stick gain" in capsys.readouterr().out
+        shown = capsys.readouterr().out
+        assert "stable with a stick gain" in shown
+        assert "0.67 to 1.33, or more" in shown
+        assert shown.endswith("safe: the loop bears all that it has to bear\n")
         await gains.gains(connection=Connection(vehicle=VEHICLE, connect=daemon.endpoint, json=True))
         assert '"gain_margin"' in capsys.readouterr().out
 
