@@ -312,12 +312,12 @@ async def test_steps_and_progress_share_no_line_of_a_terminal(tmp_path, monkeypa
 async def test_who_never_flew_is_not_told_to_take_over(monkeypatch, capsys):
     monkeypatch.setattr("mkdaemon.client.lease.SIGHTING", 0.3)
     async with flying((0.0, 0.0, 2.0), engages=None) as (daemon, here):
-        say = daemon.say
+        publish = daemon.say
 
         def let_go_in_between(phase, reason, **more):
             if phase is Phase.FREE:
-                say(Phase.RELEASING, reason, hands="flies: throttle back to hover at once")
-            say(phase, reason, **more)
+                publish(Phase.RELEASING, reason, hands="flies: throttle back to hover at once")
+            publish(phase, reason, **more)
 
         daemon.say = let_go_in_between
         with pytest.raises(MkError):

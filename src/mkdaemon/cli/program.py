@@ -164,10 +164,12 @@ def run(app: App, tokens: Sequence[str] | None = None) -> int:
     tokens = sys.argv[1:] if tokens is None else tokens
     if (mistake := _unknown_command(app, tokens)) is not None:
         return _complain(app, mistake, EXIT_CONFIG)
-    return tell(app, tokens, lambda: app(tokens, exit_on_error=False, print_error=False, result_action="return_value"))
+    return report_mistakes(
+        app, tokens, lambda: app(tokens, exit_on_error=False, print_error=False, result_action="return_value")
+    )
 
 
-def tell(app: App, tokens: Sequence[str], work: Callable[[], object]) -> int:
+def report_mistakes(app: App, tokens: Sequence[str], work: Callable[[], object]) -> int:
     """Do what a command does and return its exit code; see `run`.
 
     Args:

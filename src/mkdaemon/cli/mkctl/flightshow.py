@@ -60,7 +60,7 @@ class Shown:
         self.goal: Position | None = None
         self._clear = clear
 
-    def say(self, words: str) -> None:
+    def print_line(self, words: str) -> None:
         """Print a line on standard output; the line of progress is taken away first."""
         print(self._clear, end="", file=sys.stderr, flush=True)
         print(words, flush=True)
