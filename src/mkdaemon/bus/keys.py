@@ -111,6 +111,7 @@ KEYS: Final[tuple[KeySpec, ...]] = (
     KeySpec("schema/<name>", _Q, None, "", "JSON Schema of `<Name>.v<N>`, as the encoding of every payload names it."),
     *(KeySpec(kind.suffix, Use.SETPOINT, kind, "", f"{kind.about}, under a lease.") for kind in SETPOINTS),
     KeySpec("alive", Use.TOKEN, None, "", "The daemon is alive."),
+    KeySpec("playing", Use.TOKEN, None, "", "A recording is played under this name: `mkctl play --as`."),
     KeySpec(
         "client/<holder>",
         Use.TOKEN,
