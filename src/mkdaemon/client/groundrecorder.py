@@ -31,8 +31,7 @@ from mkdaemon.record.view import JsonView
 EVERYTHING: Final = ("mk/**",)
 """What is recorded. A part of a key that begins with `@` is matched by no wildcard: such keys must be given in full."""
 SIMULATED_IMAGES: Final = "sim/camera/"
-"""What a simulated camera sees, 9 MB/s: recorded only where a key expression names it. What a daemon shows of its cameras
-is under `vision/`."""
+"""What a simulated camera sees, 9 MB/s: recorded only where a key expression names it; `vision/` is recorded."""
 _SETPOINTS: Final = "setpoint/"
 
 

@@ -11,7 +11,7 @@ import asyncio
 import threading
 import time
 from collections.abc import AsyncIterator, Callable, Iterator, Sequence
-from contextlib import ExitStack, asynccontextmanager, closing, contextmanager
+from contextlib import ExitStack, asynccontextmanager, closing, contextmanager, suppress
 from pathlib import Path
 from typing import Final
 
@@ -175,7 +175,12 @@ class Player:
     @contextmanager
     def answering(self) -> Iterator[None]:
         """Answer, while the context lasts, as the vehicle did at the place of the recording that is played."""
-        with self._values.answering(lambda: self._loop.call_soon_threadsafe(self._watched.set)):
+
+        def on_question() -> None:
+            with suppress(RuntimeError):  # the loop may be closing
+                self._loop.call_soon_threadsafe(self._watched.set)
+
+        with self._values.answering(on_question):
             yield
 
     async def wait_for_subscribers(self) -> None:
