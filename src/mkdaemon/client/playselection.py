@@ -154,6 +154,7 @@ class Selection:
         entries: gives all of it, in order, every time it is called.
         counts: values by key, as played.
         keys: to put them to.
+        earlier: gives what was recorded before it, in order.
         first: time of its beginning [s; Unix time].
         last: of its end [s; Unix time].
     """
@@ -161,24 +162,31 @@ class Selection:
     entries: Callable[[], Iterator[Played]]
     counts: Counter[str]
     keys: frozenset[PlayKey]
+    earlier: Callable[[], Iterator[Played]]
     first: float
     last: float
 
     @classmethod
-    def of(cls, entries: Callable[[], Iterable[Entry]], name: str | None) -> Selection:
+    def of(
+        cls,
+        entries: Callable[[], Iterable[Entry]],
+        name: str | None,
+        earlier: Callable[[], Iterable[Entry]] = lambda: (),
+    ) -> Selection:
         """Look through a recording once.
 
         Args:
             entries: gives the entries, every time it is called.
             name: vehicle to play as; None for `replay/<vehicle>/...`.
+            earlier: gives the entries before them, which are not played but known.
 
         Raises:
             MkError: there is nothing to play.
         """
         known: dict[str, PlayKey | None] = {}
 
-        def played() -> Iterator[Played]:
-            for entry in entries():
+        def played(wanted: Callable[[], Iterable[Entry]] = entries) -> Iterator[Played]:
+            for entry in wanted():
                 if entry.key not in known:
                     known[entry.key] = play_key(entry.key, name)
                 key = known[entry.key]
@@ -193,7 +201,8 @@ class Selection:
         if not counts:
             msg = "nothing to play: no published value in this part of the recording; `mkctl log info` shows its keys"
             raise MkError(msg)
-        return cls(played, counts, frozenset(key for key in known.values() if key), first, last)
+        keys = frozenset(key for key in known.values() if key)
+        return cls(played, counts, keys, lambda: played(earlier), first, last)
 
     @property
     def vehicles(self) -> set[str]:

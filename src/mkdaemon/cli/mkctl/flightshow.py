@@ -50,9 +50,20 @@ class Shown:
         goal: where the daemon says it is to be [m].
     """
 
-    def __init__(self) -> None:
+    def __init__(self, clear: str = "") -> None:
+        """Begin.
+
+        Args:
+            clear: takes the line of progress away, where there is one.
+        """
         self.position: Position | None = None
         self.goal: Position | None = None
+        self._clear = clear
+
+    def print_line(self, words: str) -> None:
+        """Print a line on standard output; the line of progress is taken away first."""
+        print(self._clear, end="", file=sys.stderr, flush=True)
+        print(words, flush=True)
 
 
 @asynccontextmanager
@@ -68,17 +79,20 @@ async def leased(uav: Vehicle, connection: Connection, *, force: bool) -> AsyncI
     released.set()
 
     async def show_hands() -> None:
-        hands = ""
+        hands, has_flown = "", False
         clear = CLEAR if sys.stderr.isatty() and not connection.json else ""
         async with uav.control.status.subscribed() as statuses:
             async for status in statuses:
                 is_free = status.phase is status.phase.FREE
                 words = f"the pilot {status.hands}"
                 words = words if status.pilots_throttle is None else words.upper()
-                if words != hands and not is_free:
+                is_leaving = status.phase is status.phase.RELEASING
+                has_flown = has_flown or status.phase is status.phase.FLYING
+                # On the ground nobody has to take over what was never flown.
+                if words != hands and not is_free and (has_flown or not is_leaving):
                     hands = words
                     print(f"{clear}{hands}", file=sys.stderr, flush=True)
-                if is_free or status.phase is status.phase.RELEASING:
+                if is_free or is_leaving:
                     released.set()
                 else:
                     released.clear()
@@ -99,8 +113,8 @@ async def showing(
     uav: Vehicle, lease: Lease, connection: Connection, goal: Callable[[], Position | None]
 ) -> AsyncIterator[Shown]:
     """Show on standard error what the daemon waits for, then where the aircraft is."""
-    shown = Shown()
     is_terminal = sys.stderr.isatty() and not connection.json
+    shown = Shown(CLEAR if is_terminal else "")
 
     async def follow() -> None:
         async with uav.watch("control/estimate", "control/error") as samples:
@@ -136,7 +150,8 @@ def _line(lease: Lease, position: Position | None, goal: Position | None) -> str
     status = lease.status
     if not lease.is_engaged or status is None or status.phase in (status.phase.ABORTED, status.phase.LANDING):
         return lease.reason
-    words = [status.stage] if status.stage else []
+    # What the pilot does meanwhile is said once, by itself.
+    words = [status.stage.partition(":")[0]] if status.stage else []
     if position is not None:
         words.append(f"at {metres(position)}")
         words += [] if goal is None else [f"{100 * math.dist(position, goal):.0f} cm from the goal"]

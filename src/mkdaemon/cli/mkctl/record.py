@@ -51,7 +51,7 @@ async def record(
     Args:
         folder: Where files go; by default `ground/recordings` in the user's state folder.
         key: Key expressions that are recorded: default `mk/**`, every vehicle. What begins with `@` is matched by no
-            wildcard and must be given in full.
+            wildcard and must be given in full; images of a simulated camera are recorded with 'mk/*/sim/camera/*' only.
         also: Further endpoints, beside that of `--connect`.
         seconds: End after so many seconds.
         no_viewer: Leave out the JSON for Foxglove, Lichtblick and PlotJuggler.
