@@ -135,18 +135,17 @@ RULES = [
     {"id": "one kind", "key_exprs": ["mk/t1/setpoint/stick"]},
     {"id": "all", "key_exprs": ["mk/**"]},
     {"id": "other vehicle", "key_exprs": ["mk/t2/setpoint/**"]},
+    {"id": "see", "key_exprs": ["mk/*/sim/camera/*"]},
     {"id": "look", "key_exprs": ["mk/*/state/**"]},
 ]
 
 
-def test_rules_that_speak_of_setpoints_speak_of_the_secret_root():
+def test_rules_that_speak_of_setpoints_or_images_speak_of_the_secret_keys():
     config = zenoh.Config()
     rest = {"permission": "allow", "flows": ["ingress"], "messages": ["put"]}
     config.insert_json5("access_control/rules", json.dumps([{**rule, **rest} for rule in RULES]))
-    extend_access(config, "t1", "setpoint/@1")
-    extended = [
-        rule["id"]
-        for rule in json.loads(config.get_json("access_control/rules"))
-        if "mk/t1/setpoint/@1/**" in rule["key_exprs"]
-    ]
-    assert extended == ["fly", "one kind", "all"]
+    extend_access(config, "t1", "setpoint/@1", {"mk/t1/sim/camera/down": "mk/t1/sim/camera/down/@2"})
+    rules = json.loads(config.get_json("access_control/rules"))
+    setpoints, image = "mk/t1/setpoint/@1/**", "mk/t1/sim/camera/down/@2"
+    assert [rule["id"] for rule in rules if setpoints in rule["key_exprs"]] == ["fly", "one kind", "all"]
+    assert [rule["id"] for rule in rules if image in rule["key_exprs"]] == ["all", "see"]

@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Mapping
 from contextlib import ExitStack, asynccontextmanager
 from functools import partial
+from types import MappingProxyType
 from typing import Any, Final, Self
 
 import zenoh
@@ -78,6 +79,7 @@ class Bus:
         recorder: BusRecorder | None = None,
         *,
         takes_images: bool = False,
+        private_images: Mapping[str, str] = MappingProxyType({}),
         clock: Callable[[], float] = time.monotonic,
     ) -> AsyncIterator[Self]:
         """Open a session, show the liveliness token, answer last-value and schema queries; close all on leaving.
@@ -87,6 +89,7 @@ class Bus:
             vehicle: its name in every key.
             recorder: hears of everything published and asked; nobody by default.
             takes_images: whether a camera brings its images over the bus: only then are long messages received.
+            private_images: keys that only a camera's sender knows, by the plain ones.
             clock: what a second is, for messages that are too many in it [s].
 
         Raises:
@@ -104,7 +107,7 @@ class Bus:
             lease=cfg.lease,
             more={**flood_settings(vehicle, kinds, takes_images=takes_images), "gateway": NEIGHBOURS},
         )
-        extend_access(config, vehicle, root)
+        extend_access(config, vehicle, root, private_images)
         reachable = check_exposure(config, allow_open=cfg.allow_open)
         session = await open_session(config, listen=cfg.listen)
         try:

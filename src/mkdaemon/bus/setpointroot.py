@@ -12,7 +12,7 @@ to the plain key (`setpoint/stick`) by the daemon, for everybody to see.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from secrets import token_hex
 from typing import Any, Final
 
@@ -42,8 +42,8 @@ def below(root: str, suffix: str) -> str:
     return root + suffix.removeprefix(PLAIN_ROOT)
 
 
-def extend_access(config: zenoh.Config, vehicle: str, root: str) -> None:
-    """Make every rule of access control that speaks of setpoints speak of the secret root too.
+def extend_access(config: zenoh.Config, vehicle: str, root: str, images: Mapping[str, str]) -> None:
+    """Make every rule of access control that speaks of setpoints, or of images, speak of the secret keys too.
 
     No pattern in a file can: a chunk that begins with `@` is matched by itself alone.
 
@@ -51,14 +51,15 @@ def extend_access(config: zenoh.Config, vehicle: str, root: str) -> None:
         config: of the daemon's session.
         vehicle: its name.
         root: of its setpoints.
+        images: private keys of cameras by the plain ones.
     """
     rules: list[dict[str, Any]] | None = json.loads(config.get_json("access_control")).get("rules")
     if not rules:
         return
-    plain, secret = key(vehicle, f"{PLAIN_ROOT}/*"), key(vehicle, f"{root}/**")
+    secrets = {key(vehicle, f"{PLAIN_ROOT}/*"): key(vehicle, f"{root}/**"), **images}
     for rule in rules:
-        if _speaks_of(rule["key_exprs"], plain):
-            rule["key_exprs"].append(secret)
+        patterns = list(rule["key_exprs"])
+        rule["key_exprs"] += [secret for plain, secret in secrets.items() if _speaks_of(patterns, plain)]
     config.insert_json5("access_control/rules", json.dumps(rules))
 
 
