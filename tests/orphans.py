@@ -1,4 +1,4 @@
-"""Nothing that a test starts outlives the tests, whatever ends them: also a `kill -9`, also a daemon of a demo of a test.
+"""Nothing that a test starts outlives the tests, whatever ends them: not even a daemon that a demo of a test started.
 
 Every program of a test inherits a mark in its environment. Beside the tests runs a small process that waits for the end
 of its standard input, which nobody but the tests holds open, and then ends whatever has that mark.
