@@ -16,7 +16,7 @@ from typing import Final, NamedTuple, NoReturn
 from cyclopts import App, CycloptsError, MissingArgumentError, Parameter, UnusedCliTokensError
 from cyclopts.argument import Argument
 
-from mkdaemon.cli.terminal import print_whatever_the_encoding
+from mkdaemon.cli.terminal import guarded_streams, print_whatever_the_encoding
 from mkdaemon.errors import ConfigError, MkError
 
 EXIT_OK: Final = 0
@@ -153,8 +153,13 @@ def _end_at_once() -> None:
 
 
 def run(app: App, tokens: Sequence[str] | None = None) -> int:
-    """Run a program and return its exit code; every mistake is one line on stderr."""
+    """Run a program and return its exit code; every mistake is one line on stderr, and nothing acts on a terminal."""
     tokens = sys.argv[1:] if tokens is None else tokens
+    with guarded_streams():
+        return _run(app, tokens)
+
+
+def _run(app: App, tokens: Sequence[str]) -> int:
     if (mistake := _unknown_command(app, tokens)) is not None:
         return _complain(app, mistake, EXIT_CONFIG)
     try:

@@ -26,6 +26,11 @@ SEQUENCES: Final = 1 << 32
 """A sequence number begins again at zero after so many."""
 
 
+EARLIEST: Final = NANOSECONDS
+LATEST: Final = 9_000_000_000 * NANOSECONDS
+"""Times that a file can have [ns]: within, between 1970 and 2255, every one comes back as a time that it can have."""
+
+
 class Kind(StrEnum):
     """What an entry is."""
 

@@ -189,7 +189,8 @@ class Recorder:
         if now >= part.look_at:
             self._look(part, now)
         limits = self._folder.limits
-        if part.writer.size >= limits.file_bytes or now - part.opened_at >= limits.file_time:
+        is_old = now - part.opened_at >= limits.file_time
+        if is_old or part.writer.size >= limits.file_bytes or part.writer.is_full:
             self._end(now)
 
     def _flush(self, part: _Part) -> None:

@@ -11,6 +11,7 @@ from typing import Final
 
 from mkdaemon.cli.mkctl.connection import Connection
 from mkdaemon.cli.printing import json_line
+from mkdaemon.cli.terminal import drawing_stream, on_one_line
 from mkdaemon.client import Lease, Vehicle
 from mkdaemon.errors import ConfigError, MkError
 
@@ -77,7 +78,7 @@ async def leased(uav: Vehicle, connection: Connection, *, force: bool) -> AsyncI
                 words = words if status.pilots_throttle is None else words.upper()
                 if words != hands and not is_free:
                     hands = words
-                    print(f"{clear}{hands}", file=sys.stderr, flush=True)
+                    _put(f"{clear}{on_one_line(hands)}\n")
                 if is_free or status.phase is status.phase.RELEASING:
                     released.set()
                 else:
@@ -115,7 +116,7 @@ async def showing(
         while True:
             line = _line(lease, shown.position, goal() or shown.goal)
             if is_terminal:
-                print(f"{CLEAR}{line}", end="", file=sys.stderr, flush=True)
+                _put(f"{CLEAR}{on_one_line(line)}")
             elif line != last:
                 print(line, file=sys.stderr, flush=True)
             last = line
@@ -130,6 +131,13 @@ async def showing(
         await asyncio.gather(*tasks, return_exceptions=True)
         if is_terminal:
             print(file=sys.stderr)
+
+
+def _put(drawing: str) -> None:
+    """Draw on standard error."""
+    stream = drawing_stream(sys.stderr)
+    stream.write(drawing)
+    stream.flush()
 
 
 def _line(lease: Lease, position: Position | None, goal: Position | None) -> str:

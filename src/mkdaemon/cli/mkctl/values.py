@@ -12,6 +12,7 @@ from cyclopts import Parameter
 from mkdaemon.cli.arguments import require_count, require_length
 from mkdaemon.cli.mkctl.connection import HERE, Connection
 from mkdaemon.cli.printing import age_of, flat, json_line
+from mkdaemon.cli.terminal import on_one_line
 from mkdaemon.client import Sample
 from mkdaemon.client.patterns import did_you_mean, is_known
 from mkdaemon.errors import MkError
@@ -50,7 +51,7 @@ async def get(*patterns: str, connection: Connection = HERE) -> None:
         if connection.json:
             print(json_line({"key": suffix, **sample.fields}))
         else:
-            print(f"{suffix}  {flat(sample.fields)}  {age_of(sample.fields)}".rstrip())
+            print(f"{on_one_line(suffix)}  {flat(sample.fields)}  {age_of(sample.fields)}".rstrip())
 
 
 def _hints(patterns: list[str]) -> str:
@@ -89,6 +90,6 @@ async def watch(
                     if connection.json:
                         print(json_line({"key": sample.suffix, **sample.fields}), flush=True)
                     else:
-                        print(f"{sample.suffix}  {flat(sample.fields)}", flush=True)
+                        print(f"{on_one_line(sample.suffix)}  {flat(sample.fields)}", flush=True)
                     if left is not None and (left := left - 1) <= 0:
                         return
