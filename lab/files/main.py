@@ -11,6 +11,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Final
 
@@ -57,11 +58,15 @@ def hostile_files(seeds: range, only: str) -> Iterator[Hostile]:
             content = part * (LONG // len(part))
             yield Hostile(reader, f"long {number} {part[:20]!r}", _writer(content))
         for seed in seeds:
-            yield Hostile(reader, f"seed {seed}", lambda path, r=reader, s=seed: _write(path, spoil(r.kind, s)))
+            yield Hostile(reader, f"seed {seed}", partial(_spoil, reader.kind, seed))
 
 
 def _writer(content: bytes) -> Callable[[Path], None]:
     return lambda path: _write(path, content)
+
+
+def _spoil(kind: Kind, seed: int, path: Path) -> None:
+    _write(path, spoil(kind, seed))
 
 
 def _write(path: Path, content: bytes) -> None:

@@ -7,10 +7,12 @@ import json
 import tempfile
 from collections.abc import Sequence
 from enum import StrEnum
+from functools import cache
 from typing import Final
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 
 from lab.places import CAPTURES, CONFIGS, ROOT
 from mkdaemon.missions.format import FORMATS
@@ -22,7 +24,8 @@ from mkdaemon.telemetry.mission import Mission, MissionPoint, PointKind
 
 RECORDINGS: Final = ROOT / "tests" / "data" / "recordings"
 _ENTRIES: Final = 400
-"""Of a recording: its opening, its first setpoints and state."""
+"""Taken of the beginning of a long recording; of the rest only what was seen of the target."""
+_SEEN: Final = ("vision/", "tf", "control/estimate", "control/output")
 
 
 _REVISION: Final = 106
@@ -80,6 +83,7 @@ _PAD_SESSION: Final = (
 )
 
 
+@cache
 def originals(kind: Kind) -> Sequence[bytes]:
     """Some good files of a kind."""
     match kind:
@@ -117,7 +121,7 @@ def originals(kind: Kind) -> Sequence[bytes]:
         case Kind.CLIP:
             return [_clip()]
         case Kind.RECORDING:
-            return [_recording(name) for name in ("fc_sticks.mcap", "nc_lost_client.mcap")]
+            return [_recording(name) for name in ("fc_sticks.mcap", "nc_lost_client.mcap", "fc_over_target.mcap")]
 
 
 def _settings() -> SettingsFile:
@@ -127,30 +131,35 @@ def _settings() -> SettingsFile:
     return SettingsFile(parameters, slot=3, firmware="2.12a", saved="2014-05-01T12:00:00Z")
 
 
-def _picture(suffix: str) -> bytes:
+def _pixels() -> npt.NDArray[np.uint8]:
     dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
     pixels = np.full((120, 160), 255, dtype=np.uint8)
     pixels[20:100, 40:120] = cv2.aruco.generateImageMarker(dictionary, 3, 80)
-    return cv2.imencode(suffix, pixels)[1].tobytes()
+    return pixels
+
+
+def _picture(suffix: str) -> bytes:
+    return cv2.imencode(suffix, _pixels())[1].tobytes()
 
 
 def _clip() -> bytes:
     with tempfile.NamedTemporaryFile(suffix=".avi") as file:
         writer = cv2.VideoWriter(file.name, cv2.VideoWriter.fourcc(*"MJPG"), 10.0, (160, 120), isColor=False)
         for _ in range(5):
-            writer.write(cv2.imdecode(np.frombuffer(_picture(".png"), np.uint8), cv2.IMREAD_GRAYSCALE))
+            writer.write(_pixels())
         writer.release()
         return file.read()
 
 
 def _recording(name: str) -> bytes:
-    """The first entries of a recorded flight."""
+    """A recorded flight, the long one with gaps."""
     recording = Recording(RECORDINGS / name)
     session = recording.read_session()
     assert session is not None
     output = io.BytesIO()
     writer = RecordingWriter(output, session)
-    for entry, _ in zip(recording.entries(), range(_ENTRIES), strict=False):
-        writer.add(entry)
+    for number, entry in enumerate(recording.entries()):
+        if "target" not in name or number < _ENTRIES or entry.suffix.startswith(_SEEN):
+            writer.add(entry)
     writer.finish()
     return output.getvalue()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import random
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, Final
 
 import msgpack
@@ -41,7 +41,7 @@ def spoil_recording(chance: random.Random, content: bytes) -> bytes:
     return spoil(chance, parts)
 
 
-def _file(parts: list[Record | Chunk]) -> bytes:
+def _file(parts: Sequence[Record | Chunk]) -> bytes:
     """The file of some records, as one that was not finished."""
     return MAGIC + b"".join(_packed(part) for part in parts if isinstance(part, Chunk) or part.opcode in _KEPT)
 

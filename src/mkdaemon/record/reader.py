@@ -25,7 +25,7 @@ from mkdaemon.record.scan import Chunk, Damage, Record, Scanner, read_channel, r
 
 _MESSAGE: Final = struct.Struct("<HIQQ")
 FREE_RECORDS: Final = 100_000
-"""The chunks of a file may have one record for each of its bytes, and these beside: ours take 16 bytes of index each."""
+"""The chunks of a file may have one record for each of its bytes, and these beside; the index of ours takes 16 each."""
 Wanted = Callable[[ChannelFacts], bool]
 """Chooses channels."""
 

@@ -21,6 +21,8 @@ from mkdaemon.record.entry import NANOSECONDS, nanoseconds
 BODY: Final = "base_link"
 FULL_STICK: Final = 127.0
 """Count of a stick at its end; axes of a Joy go from -1 to 1."""
+LAST_SECOND: Final = (1 << 31) - 1
+"""Of a stamp in ROS [s; Unix time]."""
 VERSION: Final = 9
 """Of the bag's metadata: ROS 2 Jazzy and later; older readers take it too."""
 _Message = tuple[str, str, Any]
@@ -107,10 +109,9 @@ class RosExport:
         return count
 
     def _messages(self, value: Value) -> list[_Message]:
-        if value.suffix.startswith("vision/") and value.suffix.endswith("/pose"):
-            return self._pose(value)
-        maker = self._makers.get(value.suffix)
-        return [] if maker is None else maker(value)
+        is_pose = value.suffix.startswith("vision/") and value.suffix.endswith("/pose")
+        make = self._pose if is_pose else self._makers.get(value.suffix)
+        return [] if make is None else make(value.as_published())
 
     # -- messages -------------------------------------------------------------------------------------------------
 
@@ -237,6 +238,11 @@ class RosExport:
 
     def _header(self, value: Value, frame: str) -> Any:
         whole, rest = divmod(nanoseconds(value.wall), NANOSECONDS)
+        if whole > LAST_SECOND:
+            msg = (
+                f"{value.suffix} of {value.vehicle} is of a time after 2038, which ROS cannot have; `mkctl log cut` it"
+            )
+            raise MkError(msg)
         stamp = self._new("builtin_interfaces/msg/Time", sec=whole, nanosec=rest)
         return self._new("std_msgs/msg/Header", stamp=stamp, frame_id=frame)
 

@@ -49,18 +49,18 @@ def tracks_of(values: Iterable[Value]) -> dict[str, list[TrackPoint]]:
     """The track of each vehicle.
 
     Raises:
-        MkError: there is no position in the recording.
+        MkError: there is no position in the recording, or something else under its key.
     """
     tracks: dict[str, list[TrackPoint]] = {}
     for value in values:
         if value.suffix == POSITION:
-            fields = value.fields
+            fields = value.as_published().fields
             point = TrackPoint(
                 value.wall,
                 fields["latitude_deg"],
                 fields["longitude_deg"],
-                fields.get("altitude"),
-                fields.get("altitude_above_start"),
+                fields["altitude"],
+                fields["altitude_above_start"],
             )
             tracks.setdefault(value.vehicle, []).append(point)
     if not tracks:

@@ -4,20 +4,19 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Any, Final
 
-import msgpack
 from pydantic import BaseModel
 
 from mkdaemon.bus.codec import schema_name
-from mkdaemon.bus.keys import KEYS
+from mkdaemon.bus.keys import KEYS, find
 from mkdaemon.client.samples import typed_value
 from mkdaemon.described import meanings_of
-from mkdaemon.errors import ConfigError
-from mkdaemon.record.entry import Entry, Kind
+from mkdaemon.errors import ConfigError, MkError, ProtocolError
+from mkdaemon.record.entry import Entry, Kind, unpacked
 from mkdaemon.record.reader import Recording, matches_any
 
 Row = dict[str, Any]
@@ -54,6 +53,27 @@ class Value:
         """
         return typed_value(self.schema, self.fields)
 
+    def as_published(self) -> Value:
+        """The same, with fields of the types that its key carries.
+
+        Raises:
+            MkError: somebody else wrote it, or another version.
+        """
+        spec = find(self.suffix)
+        model = None if spec is None else spec.carries
+        reason = f"it is {self.schema or 'of no kind'}"
+        try:
+            typed = self.typed
+        except ProtocolError as error:
+            typed, reason = None, str(error)
+        if model is None or not isinstance(typed, model):
+            msg = (
+                f"{self.suffix} of {self.vehicle} at {self.wall:.3f} s: not what its key carries ({reason}); "
+                "--format csv takes every value, `mkctl log cut` leaves it out"
+            )
+            raise MkError(msg)
+        return replace(self, fields=typed.model_dump())
+
 
 def read_values(path: Path, patterns: tuple[str, ...] = ()) -> Iterator[Value]:
     """Every published value of a recording, in its order.
@@ -79,14 +99,11 @@ def read_values(path: Path, patterns: tuple[str, ...] = ()) -> Iterator[Value]:
 def _value(entry: Entry) -> Value | None:
     if "msgpack" not in entry.encoding:
         return None
-    try:
-        fields = msgpack.unpackb(entry.payload)
-    except (ValueError, msgpack.exceptions.UnpackException):
+    fields = unpacked(entry.payload)
+    if not fields:
         return None
-    if not isinstance(fields, dict):
-        return None
-    stamp = fields.get("stamp")
-    monotonic = stamp.get("monotonic", entry.received) if isinstance(stamp, dict) else entry.received
+    stamp = entry.carried_stamp
+    monotonic = entry.received if stamp is None else stamp.monotonic
     schema = entry.encoding.rpartition(";mk.")[2]
     return Value(entry.vehicle, entry.suffix, entry.published, monotonic, fields, schema)
 
