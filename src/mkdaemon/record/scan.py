@@ -297,9 +297,11 @@ class Scanner:
     def _next_data(self, at: int) -> int:
         """Where the next bytes are that were ever written; a file may have large holes."""
         try:
-            return os.lseek(self._file.fileno(), at, os.SEEK_DATA)
+            return self._file.seek(at, os.SEEK_DATA)
         except OSError as error:
             return self._size if error.errno == errno.ENXIO else at
+        except ValueError:  # a file in memory
+            return at
 
     def _may_be_chunk(self, at: int) -> bool:
         """Whether the first bytes are those of a chunk: damage has many places like it, and a chunk may be long."""

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any, Final
@@ -12,10 +13,10 @@ from typing import Any, Final
 from pydantic import BaseModel
 
 from mkdaemon.bus.codec import schema_name
-from mkdaemon.bus.keys import KEYS, find
+from mkdaemon.bus.keys import KEYS
 from mkdaemon.client.samples import typed_value
 from mkdaemon.described import meanings_of
-from mkdaemon.errors import ConfigError, MkError, ProtocolError
+from mkdaemon.errors import ConfigError, MkError
 from mkdaemon.record.entry import Entry, Kind, unpacked
 from mkdaemon.record.reader import Recording, matches_any
 
@@ -53,26 +54,50 @@ class Value:
         """
         return typed_value(self.schema, self.fields)
 
-    def as_published(self) -> Value:
-        """The same, with fields of the types that its key carries.
+    def number(self, name: str) -> float:
+        """A field that is a number.
 
         Raises:
-            MkError: somebody else wrote it, or another version.
+            MkError: it is none: somebody else wrote it, or another version.
         """
-        spec = find(self.suffix)
-        model = None if spec is None else spec.carries
-        reason = f"it is {self.schema or 'of no kind'}"
-        try:
-            typed = self.typed
-        except ProtocolError as error:
-            typed, reason = None, str(error)
-        if model is None or not isinstance(typed, model):
-            msg = (
-                f"{self.suffix} of {self.vehicle} at {self.wall:.3f} s: not what its key carries ({reason}); "
-                "--format csv takes every value, `mkctl log cut` leaves it out"
-            )
-            raise MkError(msg)
-        return replace(self, fields=typed.model_dump())
+        found = self.fields.get(name)
+        if isinstance(found, bool) or not isinstance(found, int | float) or not math.isfinite(found):
+            raise self._wrong(name, "number")
+        return float(found)
+
+    def number_or_none(self, name: str) -> float | None:
+        """A field that is a number, or is not there; raises as `number` does."""
+        return None if self.fields.get(name) is None else self.number(name)
+
+    def numbers(self, name: str, count: int) -> list[float]:
+        """A field that is a list of so many numbers.
+
+        Raises:
+            MkError: it is none.
+        """
+        found = self.fields.get(name)
+        parts = found if isinstance(found, list) else []
+        if len(parts) != count or not all(isinstance(part, int | float) and math.isfinite(part) for part in parts):
+            raise self._wrong(name, f"list of {count} numbers")
+        return [float(part) for part in parts]
+
+    def text(self, name: str) -> str:
+        """A field that is a text.
+
+        Raises:
+            MkError: it is none.
+        """
+        found = self.fields.get(name)
+        if not isinstance(found, str):
+            raise self._wrong(name, "text")
+        return found
+
+    def _wrong(self, name: str, wanted: str) -> MkError:
+        found = f"{self.fields.get(name)!r:.40}"
+        return MkError(
+            f"{self.suffix} of {self.vehicle} at {self.wall:.3f} s: {name} is {found}, no {wanted}; "
+            "--format csv takes every value, `mkctl log cut` leaves some out"
+        )
 
 
 def read_values(path: Path, patterns: tuple[str, ...] = ()) -> Iterator[Value]:
