@@ -20,6 +20,8 @@ LONGEST_TEXT: Final = 4_000_000
 LONGEST_SETTINGS: Final = 500_000
 """Longest configuration, mapping, camera, target, script, mixer or settings file [bytes]; ours have up to 10,000. The
 readers need about 1 s of processor time for one that is full of mistakes."""
+LONGEST_CAPTURE: Final = 1_000_000_000
+"""Longest file of recorded bytes, or of lines with such [bytes]: two days of a busy line."""
 LONGEST_PICTURE: Final = 1 << 28
 """Longest picture file [bytes]: 64 million pixels, four bytes each."""
 DEEPEST: Final = 64

@@ -6,6 +6,7 @@ import pytest
 
 from mkdaemon.bus.keys import KEYS
 from mkdaemon.daemon.procedures.table import PROCEDURES
+from mkdaemon.telemetry import command
 from mkdaemon.telemetry.verbs import VERBS
 
 
