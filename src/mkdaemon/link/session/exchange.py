@@ -19,7 +19,7 @@ from mkdaemon.errors import LinkError, LinkLostError, RequestTimeoutError
 from mkdaemon.link.ports.port import Port, parse_address
 from mkdaemon.link.session.dialogue import Dialogue
 from mkdaemon.link.session.guarding import GuardFeed, LineGuard
-from mkdaemon.link.session.identity import StandstillWatch
+from mkdaemon.link.session.identity import LOOK, StandstillWatch
 from mkdaemon.link.session.questions import Answered, Outcome, Unanswered
 from mkdaemon.link.session.release import shortest_release
 from mkdaemon.link.session.reopening import BaudSearch
@@ -36,8 +36,6 @@ from mkdaemon.telemetry.link import LinkCondition
 
 TURN_BYTES: Final = 256
 """Bytes decoded in one turn of the loop: 45 ms of the line at 57600 baud, and 42 frames at most: the shortest has 6."""
-JUDGE_PERIOD: Final = 0.05
-"""How often the evidence is weighed [s]; a twentieth of a second of the half second a verdict may take."""
 STICK_LOOK: Final = 0.005
 """Time between two looks at a stick frame that has not left [s]."""
 EXIT_TIME: Final = 0.6
@@ -369,7 +367,7 @@ class Exchange:
 
     def _judge(self, port: Port, now: float) -> None:
         """Weigh the evidence, report, and act on a verdict that needs the port closed."""
-        self._judge_at = max(self._judge_at + JUDGE_PERIOD, now + JUDGE_PERIOD / 2)
+        self._judge_at = max(self._judge_at + LOOK, now + LOOK / 2)
         health = self._dialogue.health
         health.port_backlog(port.backlog, now)
         before = health.verdict

@@ -20,8 +20,10 @@ from mkdaemon.protocol.decoder import Unknown
 from mkdaemon.protocol.wire import Board, WireMessage
 from mkdaemon.telemetry.refusals import Token, refuse
 
-NOTICED: Final = 0.25
-"""A shorter standstill explains nothing on the line [s]; the loop looks every 0.05 s."""
+LOOK: Final = 0.05
+"""The evidence is weighed so often where the loop runs [s]: a tenth of the half second that a verdict may take."""
+NOTICED: Final = 2 * LOOK
+"""A shorter time between two looks is ordinary lateness [s]."""
 
 
 @dataclass(frozen=True, slots=True)
