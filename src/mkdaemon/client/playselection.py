@@ -198,8 +198,8 @@ class Selection:
         for at, key, _ in played():
             if last + LONGEST_SILENCE < at and counts:
                 msg = (
-                    f"nothing was recorded for {(at - last) / 3600:.0f} hours after {_moment(last)}: play what is before "
-                    f"it, with --to {_moment(last + 1)}, or behind it, with --from {_moment(at)}"
+                    f"nothing was recorded for {(at - last) / 3600:.0f} hours after {_moment(last)}: play what is "
+                    f"before it, with --to {_moment(last + 1)}, or behind it, with --from {_moment(at)}"
                 )
                 raise MkError(msg)
             counts[key.whole] += 1
