@@ -28,6 +28,8 @@ _LONGEST_WORD: Final = 4000
 """Of what a command says of a file [characters]."""
 _CONTROLS: Final = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028\u2029\u202a-\u202e\u2066-\u2069]")
 """What a terminal acts on; but for a carriage return before a line feed there is none of it."""
+DAEMON_TIME: Final = 8.0
+"""A daemon that a file did not stop is told to end then [s]."""
 PLACE: Final = "hostile"
 """Name of every file, before its suffix."""
 
@@ -96,7 +98,8 @@ def try_file(hostile: Hostile, goods: Path) -> tuple[Ended, list[str]]:
             "camera": goods / f"good{Kind.CAMERA}",
         }
         words = [word.format(**places) for word in reader.words]
-        ended = run_forked(reader.program, words, folder)
+        is_daemon = reader.program == "mkdaemon" and words[0] == "run"
+        ended = run_forked(reader.program, words, folder, end_after=DAEMON_TIME if is_daemon else None)
     return ended, faults_of(ended)
 
 

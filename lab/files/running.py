@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import importlib
 import io
 import os
@@ -79,13 +80,16 @@ def prepare() -> None:
             importlib.import_module(name)
 
 
-def run_forked(program: Literal["mkctl", "mkdaemon"], words: Sequence[str], folder: Path) -> Ended:
+def run_forked(
+    program: Literal["mkctl", "mkdaemon"], words: Sequence[str], folder: Path, *, end_after: float | None = None
+) -> Ended:
     """Run a command in a child.
 
     Args:
         program: which.
         words: its command line.
         folder: where it runs.
+        end_after: a command that runs until it is told to end is told so then [s].
     """
     with tempfile.TemporaryFile() as out, tempfile.TemporaryFile() as err:
         sys.stdout.flush()
@@ -94,7 +98,7 @@ def run_forked(program: Literal["mkctl", "mkdaemon"], words: Sequence[str], fold
         child = os.fork()
         if child == 0:
             _be_child(APPS[program], words, folder, out.fileno(), err.fileno())
-        status, used = _wait(child, began + PATIENCE)
+        status, used = _wait(child, began, end_after)
         return Ended(
             os.waitstatus_to_exitcode(status),
             used.ru_utime + used.ru_stime,
@@ -105,14 +109,18 @@ def run_forked(program: Literal["mkctl", "mkdaemon"], words: Sequence[str], fold
         )
 
 
-def _wait(child: int, until: float) -> tuple[int, resource.struct_rusage]:
+def _wait(child: int, began: float, end_after: float | None) -> tuple[int, resource.struct_rusage]:
     pause = 0.001
     while True:
         pid, status, used = os.wait4(child, os.WNOHANG)
         if pid:
             return status, used
-        if time.monotonic() > until:
+        passed = time.monotonic() - began
+        if passed > PATIENCE:
             os.kill(child, signal.SIGKILL)
+        elif end_after is not None and passed > end_after:
+            end_after = None
+            os.kill(child, signal.SIGTERM)
         time.sleep(pause)
         pause = min(pause * 1.5, 0.05)
 
@@ -141,6 +149,7 @@ def _be_child(app: App, words: Sequence[str], folder: Path, out: int, err: int) 
         traceback.print_exc()
     finally:
         with suppress(OSError, ValueError):
+            atexit._run_exitfuncs()  # noqa: SLF001  # what waits to be logged; there is no other way
             sys.stdout.flush()
             sys.stderr.flush()
         os._exit(code)

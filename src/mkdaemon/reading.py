@@ -7,6 +7,7 @@ the parsers of Python raise beside their own errors (`RecursionError`, a number 
 from __future__ import annotations
 
 import errno
+import io
 import json
 import os
 import re
@@ -28,8 +29,22 @@ DEEPEST: Final = 64
 """Deepest nesting of a document; ours need fewer than ten."""
 
 
+class _NamedFile(io.FileIO):
+    """An open file whose errors name it: a disk that fails while it is read is told with the file."""
+
+    def __init__(self, number: int, path: Path) -> None:
+        super().__init__(number, "rb")
+        self._path = path
+
+    def readinto(self, buffer: Any, /) -> int | None:
+        try:
+            return super().readinto(buffer)
+        except OSError as error:
+            raise OSError(error.errno, error.strerror, str(self._path)) from error
+
+
 def open_regular(path: Path, limit: int | None = None) -> BinaryIO:
-    """Open a regular file for reading bytes.
+    """Open a regular file for reading bytes; what fails later names it too.
 
     Args:
         path: the file.
@@ -39,7 +54,7 @@ def open_regular(path: Path, limit: int | None = None) -> BinaryIO:
         OSError: it cannot be opened, is a folder, pipe, socket or device, or too long.
     """
     number = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
-    file = os.fdopen(number, "rb")
+    file = io.BufferedReader(_NamedFile(number, path))
     try:
         found = os.fstat(number)
         if stat.S_ISDIR(found.st_mode):

@@ -182,7 +182,8 @@ def _run(app: App, tokens: Sequence[str]) -> int:
         _mute()
         return EXIT_OK  # whoever read our output has seen enough
     except OSError as error:
-        _mute()
+        if error.filename is None:
+            _mute()
         return _complain(app, f"{error.filename or 'standard output'}: {error.strerror or error}", EXIT_FAILURE)
     return result if isinstance(result, int) else EXIT_OK
 

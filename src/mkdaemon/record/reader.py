@@ -7,6 +7,7 @@ it was recorded; what is missing is named in the report. A file that is being wr
 
 from __future__ import annotations
 
+import os
 import re
 import struct
 from collections.abc import Callable, Iterator, Sequence
@@ -166,7 +167,7 @@ class Recording:
             msg = f"{self.path}: cannot be opened ({error.strerror}); `mkctl log list` shows recordings"
             raise MkError(msg) from error
         with file:
-            report.size = file.seek(0, 2)
+            report.size = os.fstat(file.fileno()).st_size
             scanner = Scanner(file, report.size)
             report.damages = scanner.damages
             for record in scanner.records():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import struct
 from collections import Counter
 from collections.abc import Callable
@@ -278,7 +279,7 @@ def glance(path: Path) -> Glance:
     session = Recording(path).read_session()
     try:
         with open_regular(path) as file:
-            size = file.seek(0, 2)
+            size = os.fstat(file.fileno()).st_size
             times = _times(file, size)
     except OSError as error:
         msg = f"{path}: cannot be read ({error.strerror})"
