@@ -152,3 +152,7 @@ def test_frames_are_counted_from_the_hand_over_to_the_confirmation():
     out.frame_confirmed(9)
     out.frame_confirmed(9)
     assert out.confirmed == 1
+
+
+def test_before_the_first_frame_none_was_dropped_and_none_waits():
+    assert output().dropped(is_flying=True) == output().dropped(is_flying=False) == 0
