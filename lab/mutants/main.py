@@ -56,7 +56,7 @@ class Tree:
 
 def main(
     *files: Annotated[Path, Parameter(help="Files or folders; without any: control/, the release and the guard.")],
-    sample: Annotated[int, Parameter(help="Mutants to try, drawn with the seed; 0: all.")] = 0,
+    sample: Annotated[int, Parameter(help="Mutants of each subject to try, drawn with the seed; 0: all.")] = 0,
     seed: int = 29,
     jobs: Annotated[int, Parameter(help="Processes.")] = 1,
     tests: Annotated[
@@ -75,9 +75,17 @@ def main(
     that was stopped goes on where it was: verdicts are kept in `build/mutants`.
     """
     tree = plan_tree(root, files, tests or ())
-    mutants = draw([mutant for module in tree.modules.values() for mutant in module.mutants.values()], sample, seed)
+    by_subject: dict[str, list[Mutant]] = {}
+    for path, module in tree.modules.items():
+        by_subject.setdefault(_subject_of(path), []).extend(module.mutants.values())
+    mutants = [mutant for every in by_subject.values() for mutant in draw(every, sample, seed)]
     verdicts = judge_all(tree, mutants, jobs, budget=budget, anew=anew)
-    summary = {"seed": seed, "sample": sample, **sum_up(mutants, verdicts, read_reasons(root / REASONS))}
+    summary = {
+        "seed": seed,
+        "sample": sample,
+        "of": {name: len(every) for name, every in by_subject.items()},
+        **sum_up(mutants, verdicts, read_reasons(root / REASONS), _subject_of),
+    }
     unexplained = [survivor for survivor in summary["survivors"] if not survivor["reason"]]
     if as_json:
         print(json.dumps(summary))
@@ -116,10 +124,14 @@ def _from_root(root: Path, path: Path) -> str:
     return (root / path).resolve().relative_to(root).as_posix()
 
 
+def _subject_of(path: str) -> str:
+    """What of `SUBJECTS` a file belongs to; itself, where it is none of them."""
+    return next((name for name in SUBJECTS if path == name or path.startswith(f"{name}/")), path)
+
+
 def _tests_of(path: str) -> tuple[str, ...]:
-    for subject, tests in SUBJECTS.items():
-        if path == subject or path.startswith(f"{subject}/"):
-            return tests
+    if (subject := _subject_of(path)) in SUBJECTS:
+        return SUBJECTS[subject]
     package = path.removeprefix("src/").split("/")
     return (f"tests/{package[1].removesuffix('.py')}" if package[0] == "mkdaemon" else f"tests/{package[0]}",)
 
@@ -164,7 +176,7 @@ def judge_all(
         os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
         kept = _KeptCoverage(tree, prints)
         coverage = kept.read()
-        choose = _Chooser(tree, store, budget)
+        choose = Chooser(tree, store, budget)
         unreached = {mutant.id for mutant in waiting if mutant.at_import}
         warm: list[str] = []
         swapped = [mutant for mutant in waiting if not mutant.at_import]
@@ -217,7 +229,7 @@ class _KeptCoverage:
 
 
 def _serve_apart(
-    tree: Tree, mutants: Sequence[Mutant], coverage: Coverage, jobs: int, choose: _Chooser
+    tree: Tree, mutants: Sequence[Mutant], coverage: Coverage, jobs: int, choose: Chooser
 ) -> Iterator[dict[str, Any]]:
     """Run the warm session in a child, so that this process imports nothing that is mutated; give what it tells."""
     tree.keep.mkdir(parents=True, exist_ok=True)
@@ -252,7 +264,7 @@ def _serve_apart(
 
 
 def _judge_fresh(
-    tree: Tree, mutants: Sequence[Mutant], coverage: Coverage, warm: Sequence[str], jobs: int, choose: _Chooser
+    tree: Tree, mutants: Sequence[Mutant], coverage: Coverage, warm: Sequence[str], jobs: int, choose: Chooser
 ) -> Iterator[tuple[Verdict, list[str]]]:
     """Judge mutants of what runs at import, each in a process that has not imported their module."""
     if not mutants:
@@ -292,7 +304,7 @@ def _warm_up(root: Path, paths: set[str], warm: Sequence[str]) -> None:
             importlib.import_module(name)
 
 
-class _Chooser:
+class Chooser:
     """Chooses tests for mutants, those that tell most in the least time first.
 
     Args:

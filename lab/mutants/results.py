@@ -6,7 +6,7 @@ import hashlib
 import json
 import tomllib
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -129,17 +129,23 @@ def fingerprint(text: str) -> str:
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
-def sum_up(mutants: Sequence[Mutant], verdicts: Mapping[str, Verdict], reasons: Sequence[Reason]) -> dict[str, Any]:
+def sum_up(
+    mutants: Sequence[Mutant],
+    verdicts: Mapping[str, Verdict],
+    reasons: Sequence[Reason],
+    subject_of: Callable[[str], str] = str,
+) -> dict[str, Any]:
     """Count.
 
     Args:
         mutants: those that were tried.
         verdicts: of all of them, by id.
         reasons: of those that may survive.
+        subject_of: what a file belongs to.
 
     Returns:
-        Counts in all, by file and by operator; each survivor with its reason, empty where nobody wrote one. The share
-        killed leaves out the equivalent ones, and only those.
+        Counts in all, by subject, by file and by operator; each survivor with its reason, empty where nobody wrote
+        one. The share killed leaves out the equivalent ones, and only those.
     """
     survivors: list[dict[str, Any]] = []
     for mutant in mutants:
@@ -158,8 +164,12 @@ def sum_up(mutants: Sequence[Mutant], verdicts: Mapping[str, Verdict], reasons: 
     equivalent = {survivor["id"] for survivor in survivors if survivor["equivalent"]}
     files = sorted({mutant.path for mutant in mutants})
     operators = sorted({mutant.operator for mutant in mutants})
+    subjects = sorted({subject_of(file) for file in files})
     return {
         **_count(mutants, verdicts, equivalent),
+        "subjects": {
+            name: _count((m for m in mutants if subject_of(m.path) == name), verdicts, equivalent) for name in subjects
+        },
         "files": {file: _count((m for m in mutants if m.path == file), verdicts, equivalent) for file in files},
         "operators": {
             name: _count((m for m in mutants if m.operator == name), verdicts, equivalent) for name in operators
@@ -179,4 +189,5 @@ def _count(mutants: Iterable[Mutant], verdicts: Mapping[str, Verdict], equivalen
         "equivalent": same,
         "survived": len(outcomes) - killed - same,
         "share": round(killed / max(len(outcomes) - same, 1), 4),
+        "seconds": round(sum(verdicts[name].seconds for name, _ in outcomes), 1),
     }
