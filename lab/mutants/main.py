@@ -276,7 +276,7 @@ def _judge_fresh(
     def work(names: Iterable[str], patience: float) -> Iterator[tuple[str, Callable[[], dict[str, Any]]]]:
         for name in names:
             mutant = by_id[name]
-            tests, files[name] = choose(mutant, coverage)
+            tests, files[name] = choose(mutant, coverage, is_imported=False)
             module = tree.modules[mutant.path]
             yield name, functools.partial(try_fresh, tree.root, module, mutant, tests, coverage, patience)
 
@@ -324,11 +324,19 @@ class Chooser:
         if verdict.outcome == "killed":
             self._killers[verdict.mutant.partition(":")[0], verdict.by] += 1
 
-    def __call__(self, mutant: Mutant, coverage: Coverage) -> Choice:
-        """Choose of the tests that come by a mutant those that it has not outlived yet."""
-        coming_by = self._coming_by(mutant, coverage) - set(coverage.failing)
+    def __call__(self, mutant: Mutant, coverage: Coverage, *, is_imported: bool = True) -> Choice:
+        """Choose of the tests that come by a mutant those that it has not outlived yet.
+
+        Args:
+            mutant: to judge.
+            coverage: what each test runs.
+            is_imported: its module is imported already, so that only what runs again can tell.
+        """
+        coming_by = self._coming_by(mutant, coverage, is_imported=is_imported) - set(coverage.failing)
         outlived = self._store.outlived(mutant.id)
-        tests, left_out, spent = [], set(), 0.0
+        tests: list[str] = []
+        left_out: set[str] = set()
+        spent = 0.0
         for test in sorted(coming_by, key=lambda test: self._cost(test, mutant, coverage)):
             if test.partition("::")[0] in outlived:
                 continue
@@ -346,17 +354,18 @@ class Chooser:
         likely += 1.0 if f"/test_{Path(mutant.path).stem}.py::" in test else 0.3 * test.startswith(folder)
         return max(coverage.taken[test], 0.002) / likely, test
 
-    def _coming_by(self, mutant: Mutant, coverage: Coverage) -> set[str]:
+    def _coming_by(self, mutant: Mutant, coverage: Coverage, *, is_imported: bool) -> set[str]:
         """Tests that run the mutated line.
 
-        What runs at import is judged by the tests that run a line with one of its names, and by its own file's.
+        What runs at import only is judged by the tests that run a line with one of its names, and by its own file's.
         """
-        own = {test for test in coverage.seconds if f"/test_{Path(mutant.path).stem}.py::" in test}
-        if mutant.at_import:
-            return own | _tests_with_names(self._tree, mutant, coverage)
-        if self._tree.modules[mutant.path].is_program:
+        if self._tree.modules[mutant.path].is_program and not mutant.at_import:
             return {test for test in coverage.seconds if test.startswith(_tests_of(mutant.path))}
-        return {test for test, lines in coverage.lines.items() if mutant.statement in lines.get(mutant.path, ())} or own
+        passing = {test for test, lines in coverage.lines.items() if mutant.statement in lines.get(mutant.path, ())}
+        if passing or is_imported:
+            return passing
+        own = {test for test in coverage.seconds if f"/test_{Path(mutant.path).stem}.py::" in test}
+        return own | _tests_with_names(self._tree, mutant, coverage)
 
 
 def _tests_with_names(tree: Tree, mutant: Mutant, coverage: Coverage) -> set[str]:

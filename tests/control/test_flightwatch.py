@@ -10,12 +10,12 @@ from mkdaemon.control.flightwatch import FlightWatch
 from mkdaemon.control.limiter import Sticks
 from mkdaemon.control.manoeuvres.goto import Goto
 from mkdaemon.control.manoeuvres.manoeuvre import Step
-from mkdaemon.control.manoeuvres.table import Row
+from mkdaemon.control.manoeuvres.table import MANOEUVRES, Row
 from mkdaemon.control.patience import LinePatience
 from mkdaemon.control.vehicle import VehicleMemory
 from mkdaemon.telemetry.control import Phase
 from mkdaemon.telemetry.link import LinkCondition
-from mkdaemon.telemetry.setpoint import PositionSetpoint, SetpointFrame
+from mkdaemon.telemetry.setpoint import PositionSetpoint, SetpointFrame, StickSetpoint
 from mkdaemon.telemetry.state import GpsMode
 from tests.control.events import PERIOD, Driver, flight, link_state, pose
 
@@ -155,3 +155,49 @@ def test_another_opening_of_the_port_is_the_end_whatever_the_line_is_like():
     patience.lease_taken(3)
     assert patience.is_over(link_state(openings=4), 0.0)
     assert not patience.is_over(link_state(openings=3), 0.0)
+
+
+# -- setpoints that are refused in flight --------------------------------------------------------------------------
+
+
+def refused_stream(drive, seconds):
+    """Positions in a frame nobody can fly to, fifty a second."""
+    for _ in range(round(seconds / PERIOD)):
+        drive.sequence += 1
+        drive.core.feed(PoseSeen(pose(drive.now)), drive.now)
+        home = PositionSetpoint(
+            epoch=drive.epoch, sequence=drive.sequence, ttl=0.3, position=(0.0, 0.0, 2.0), frame=SetpointFrame.HOME
+        )
+        assert drive.offer(home).token == "no_frame"
+        drive.run(PERIOD)
+
+
+def test_a_place_is_kept_while_its_holder_streams_what_is_refused():
+    drive = Driver(rows=ANYWHERE)
+    drive.core.feed(PoseSeen(pose(drive.now)), drive.now)
+    drive.take()
+    by_position(drive, 3.0)
+    refused_stream(drive, 2.0)
+    assert drive.core.phase is Phase.FLYING
+    drive.run(0.4)
+    assert drive.core.phase is Phase.STALE, "silence is silence"
+
+
+def test_sticks_grow_stale_while_their_holder_streams_what_is_refused():
+    drive = Driver(rows=ANYWHERE | {StickSetpoint: MANOEUVRES[StickSetpoint]})
+    drive.fly()
+    refused_stream(drive, 0.4)
+    assert drive.core.phase is Phase.STALE
+
+
+def test_a_refused_setpoint_is_spent_and_keeps_the_lease_alive():
+    drive = Driver(rows=ANYWHERE)
+    drive.take(ttl=0.5)
+    refused_stream(drive, 1.0)
+    assert drive.core.phase is Phase.LEASED
+    again = PositionSetpoint(
+        epoch=drive.epoch, sequence=drive.sequence, ttl=0.3, position=(0.0, 0.0, 2.0), frame=SetpointFrame.PAD
+    )
+    assert drive.offer(again).token == "stale_sequence"
+    drive.run(0.6)
+    assert drive.core.phase is not Phase.LEASED

@@ -16,7 +16,7 @@ from mkdaemon.control.estimator.estimator import (
     CommandHistory,
     Estimator,
 )
-from mkdaemon.control.estimator.model import AircraftModel
+from mkdaemon.control.estimator.model import TH, AircraftModel
 from mkdaemon.control.estimator.values import StickCommand, TargetView
 from mkdaemon.control.manoeuvres.by_target import new_autopilot
 from mkdaemon.control.regulator.autopilot import Goal
@@ -160,3 +160,57 @@ def test_no_flight_leans_further_than_its_configuration_says(steepest):
         sticks = autopilot.sticks(Goal(position=np.array([3.0, 0.0, 2.0])), 0.02 * k, 0.02)
         most = max(most, abs(sticks.pitch) * estimator.model.rad_per_count)
     assert most == pytest.approx(steepest, abs=estimator.model.rad_per_count)
+
+
+@pytest.mark.parametrize("yaw", [0.0, 0.7, 1.9, -2.4])
+@pytest.mark.parametrize(("pitch", "roll"), [(20.0, 0.0), (0.0, 20.0)])
+def test_sticks_tilt_the_aircraft_in_the_axes_of_its_nose(yaw, pitch, roll):
+    estimator = Estimator(AircraftModel(), level_view(yaw=yaw), HOVER, compass=0.4)
+    estimator.sent(StickCommand(0.0, pitch, roll, 0.0, HOVER))
+    ahead = estimator.estimate(0.4)
+    # Pitch accelerates forwards, roll to the right.
+    way = np.array([np.cos(yaw), np.sin(yaw)]) if pitch else np.array([np.sin(yaw), -np.cos(yaw)])
+    assert ahead.tilt == pytest.approx(np.linalg.norm(ahead.tilt) * way, abs=1e-6)
+    assert np.linalg.norm(ahead.tilt) > 0.03
+    assert ahead.yaw == pytest.approx(yaw)
+
+
+@pytest.mark.parametrize("yaw", [0.0, 0.7, -2.4])
+def test_an_attitude_is_that_of_the_nose_too(yaw):
+    estimator = Estimator(AircraftModel(), level_view(yaw=yaw), HOVER, compass=0.4)
+    for k in range(1, 40):
+        estimator.attitude_received(0.02 * k, 0.1, 0.0, 0.4)
+    tilt = estimator.estimate(0.8).axes[:, TH]
+    assert tilt == pytest.approx(0.1 * np.array([np.cos(yaw), np.sin(yaw)]), abs=0.02)
+
+
+def test_a_turn_that_the_boards_report_turns_the_estimate():
+    estimator = Estimator(AircraftModel(), level_view(yaw=0.5), HOVER, compass=0.4)
+    for k in range(1, 20):
+        estimator.attitude_received(0.02 * k, 0.0, 0.0, 0.4 + 0.01 * k)
+    assert estimator.estimate(0.38).yaw == pytest.approx(0.5 + 0.19, abs=0.02)
+
+
+def test_a_target_that_moves_fast_is_seen_less_certainly_because_stamps_err():
+    def seen(speed):
+        at = [level_view(0.03 * k, place=(speed * 0.03 * k, 0.0, 2.0)) for k in range(20)]
+        estimator = Estimator(AircraftModel(), at[0], HOVER, velocity=np.array([speed, 0.0, 0.0]))
+        for view in at[1:]:
+            estimator.advance(view.at)
+            estimator.target_seen(view, view.at)
+        return estimator.estimate(0.57).position_sd[0]
+
+    assert seen(3.0) > 1.1 * seen(0.0)
+
+
+@pytest.mark.parametrize("lean", [0.0, 0.2, 0.4])
+def test_the_height_is_that_above_the_target_however_the_aircraft_leans(lean):
+    r = turned((0.0, lean, 0.0))
+    place = np.array([0.3, 0.0, 2.0])
+    views = [TargetView(0.03 * k, -r.T @ place, r, np.diag([1e-6] * 6)) for k in range(30)]
+    estimator = Estimator(AircraftModel(), views[0], HOVER)
+    for view in views[1:]:
+        estimator.advance(view.at)
+        estimator.attitude_received(view.at, lean, 0.0, 0.0)
+        estimator.target_seen(view, view.at)
+    assert estimator.estimate(0.87).position[2] == pytest.approx(2.0, abs=0.03)
