@@ -210,3 +210,9 @@ def test_near_the_ground_thrust_carries_more(height, gain):
     fall.has_ended(1.0 / 1.08, STEP)
     expected = {0.0: 1.0 / (1.0 - 0.25)}.get(height, gain)
     assert fall.climb == pytest.approx(9.81 * (min(expected, 1.25) - 1.0) * STEP, rel=1e-3, abs=1e-5)
+
+
+@pytest.mark.parametrize("yaw", [None, 0.5])
+def test_a_landing_keeps_its_heading(yaw):
+    landing = Landing(LIMITS, estimate(0.0, 1.0))
+    assert landing.goal(estimate(0.0, 1.0), yaw, STEP).yaw == yaw
