@@ -18,7 +18,7 @@ from mkdaemon.cli.mkctl.connection import HERE, Connection
 from mkdaemon.cli.printing import age_of, flat, json_line
 from mkdaemon.cli.terminal import on_one_line
 from mkdaemon.client import Sample
-from mkdaemon.client.patterns import did_you_mean, is_known
+from mkdaemon.client.patterns import did_you_mean, is_known, model_of
 from mkdaemon.errors import MkError
 
 
@@ -161,11 +161,10 @@ _WORDS: Final = {True: "yes", False: "no", None: "-"}
 @cache
 def _units(key: str) -> Mapping[str, str]:
     """Units of the fields of a key, as its model declares them."""
-    from mkdaemon.bus.keys import find
     from mkdaemon.described import meanings_of
 
-    spec = find(key)
-    meanings = {} if spec is None or spec.carries is None else meanings_of(spec.carries)
+    carried = model_of(key)
+    meanings = {} if carried is None else meanings_of(carried)
     return {name: found[1] for name, meaning in meanings.items() if (found := _UNIT.search(meaning)) is not None}
 
 
