@@ -8,12 +8,13 @@ from __future__ import annotations
 import math
 from collections import Counter
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Final
 
 from mkdaemon.config.link import LinkConfig
 from mkdaemon.link.session import budget
 from mkdaemon.link.session.health import HealthMonitor
-from mkdaemon.link.session.identity import Identity, Standstill
+from mkdaemon.link.session.identity import LOOK, Identity, Standstill
 from mkdaemon.link.session.line import FORWARDING_GAP, LineRules
 from mkdaemon.link.session.peers import AFTER_PASSAGE, VERSION_KEY, Peers
 from mkdaemon.link.session.prober import VERSION_TOKEN, Prober
@@ -21,7 +22,14 @@ from mkdaemon.link.session.questions import Pending, Questions
 from mkdaemon.link.session.scheduler import Entry, TransmitScheduler
 from mkdaemon.link.session.steering import ControlEntry, Steering
 from mkdaemon.link.session.streams import Streams
-from mkdaemon.link.session.traffic import BuildSetpoint, FrameNumber, Purpose, SetpointFate, SetpointRefused
+from mkdaemon.link.session.traffic import (
+    BuildSetpoint,
+    FrameNumber,
+    Purpose,
+    SetpointFate,
+    SetpointQueued,
+    SetpointRefused,
+)
 from mkdaemon.link.session.verdict import Finding, Verdict
 from mkdaemon.protocol.boards import board_at
 from mkdaemon.protocol.decoder import Unknown
@@ -36,6 +44,8 @@ from mkdaemon.telemetry.control import ControlLine, Obstacle
 from mkdaemon.telemetry.link import LinkCondition
 from mkdaemon.telemetry.refusals import TOKENS, Token, refuse
 
+STOOD_STILL: Final = 0.25
+"""After a longer standstill of this program the line is told to be worse for it [s]."""
 LONGEST_PASSAGE: Final = 6.0
 """While a NaviCtrl passes the line through, its silence is our doing; a longer passage is judged like any line [s]."""
 
@@ -186,7 +196,9 @@ class Dialogue:
 
     def stood_still(self, lost: Standstill, now: float) -> bool:
         """This program did not run for a while; returns whether the boards must be discovered anew."""
-        self.health.stood_still(max(lost.stopped, lost.slept), now)
+        self.health.not_looked(now - lost.stopped + LOOK, now)
+        if max(lost.stopped, lost.slept) > STOOD_STILL:
+            self.health.stood_still(max(lost.stopped, lost.slept), now)
         return self.identity.stood_still(lost, now)
 
     # -- what callers want ----------------------------------------------------------------------------------------
@@ -218,7 +230,11 @@ class Dialogue:
         if line.obstacle is not None:
             return SetpointRefused(refuse(TOKENS[line.obstacle.value], state="down", detail=line.reason))
         assert layout is not None  # a line without one is read-only
-        return self.steering.steer(build, layout, deadline, now)
+        entry = self.steering.control.entry(partial(build, layout), Purpose.SETPOINT, deadline)
+        if type(entry.message) is not layout:
+            return SetpointRefused(refuse(Token.WRONG_LAYOUT, given=type(entry.message).__name__))
+        self.scheduler.submit(entry, now)
+        return SetpointQueued(entry.number)
 
     def control_line(self, now: float) -> ControlLine:
         """What the line can take from the flight core now; the one place that answers."""
