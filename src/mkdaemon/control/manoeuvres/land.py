@@ -31,6 +31,7 @@ from mkdaemon.control.manoeuvres.manoeuvre import Manoeuvre, Step, ended, level_
 from mkdaemon.control.regulator.autopilot import Autopilot, Goal
 from mkdaemon.control.sight import Sight
 from mkdaemon.telemetry.control import Outcome
+from mkdaemon.telemetry.setpoint import LandSetpoint
 
 DEVIATIONS: Final = 3.0
 """The aircraft is no higher than this many standard deviations above its estimate."""
@@ -182,9 +183,7 @@ class Landing:
         speed = float(np.hypot(*estimate.velocity[:2]))
         inside = error < limits.base + limits.slope * max(height, 0.0) and speed < limits.speed
         if self.phase in (LandingPhase.APPROACH, LandingPhase.DESCEND):
-            may_commit = (inside and estimate.age < limits.sight) or (
-                error < limits.commit_error and estimate.age < limits.blind
-            )
+            may_commit = error < limits.commit_error and estimate.age < limits.blind
             is_certain = float(estimate.position_sd[2]) < limits.commit_sd
             if height < limits.commit_height and may_commit and is_certain:
                 self.phase = LandingPhase.COMMIT
@@ -245,6 +244,9 @@ class Land(ByTarget):
         super().__init__(sight, cfg)
         self.landing: Landing | None = None
         self._yaw = yaw
+
+    def follow(self, setpoint: LandSetpoint) -> None:
+        """It lands with the heading it began with."""
 
     def abort(self, now: float) -> Manoeuvre:
         """Hold; below its last decision a landing goes on."""
