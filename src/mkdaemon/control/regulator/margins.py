@@ -92,6 +92,9 @@ def gains_of(model: AircraftModel, cfg: ControlConfig) -> Gains:
         delay_margin=(steps - 1) * period,
         rest_level=rest.level,
         rest_height=rest.height,
+        needed_gain=LEAST_GAIN,
+        needed_delay=LEAST_DELAY,
+        farthest_rest=FARTHEST_REST,
     )
 
 
@@ -107,7 +110,7 @@ def loop_refusal(model: AircraftModel, cfg: ControlConfig, found: Gains | None =
         gains = found or gains_of(model, cfg)
     except ValueError as error:
         return refuse(Token.LOOP_UNSTABLE, detail=str(error), cause="this parameter set", remedy="fly the set Easy")
-    if _is_safe(gains):
+    if gains.is_safe:
         return None
     low, high = gains.gain_margin
     detail = (
@@ -117,7 +120,7 @@ def loop_refusal(model: AircraftModel, cfg: ControlConfig, found: Gains | None =
     )
     causes = {name: value for name, (value, wanted) in _options(cfg).items() if value != wanted}
     for name in causes:
-        if _is_safe(gains_of(model, _with_default(cfg, name))):
+        if gains_of(model, _with_default(cfg, name)).is_safe:
             cause = f"control.{name} = {causes[name]:g}"
             remedy = f"set it to {_options(cfg)[name][1]:g}, or nearer"
             return refuse(Token.LOOP_UNSTABLE, detail=detail, cause=cause, remedy=remedy)
@@ -138,17 +141,6 @@ def require_safe_loop(cfg: ControlConfig) -> None:
     if refusal is not None:
         msg = f"{refusal.reason} {refusal.fix}"
         raise ConfigError(msg)
-
-
-def _is_safe(gains: Gains) -> bool:
-    low, high = gains.gain_margin
-    return (
-        gains.radius < 1.0
-        and low <= LEAST_GAIN[0]
-        and high >= LEAST_GAIN[1]
-        and gains.delay_margin >= LEAST_DELAY
-        and max(gains.rest_level, gains.rest_height) <= FARTHEST_REST
-    )
 
 
 def _options(cfg: ControlConfig) -> dict[str, tuple[float, float]]:
