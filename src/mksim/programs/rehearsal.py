@@ -200,7 +200,7 @@ class Rehearsal:
             return eyes[0]
 
         self._wiring = Wiring(
-            Config(link=LinkConfig(port="simulated"), record=RecordConfig(enabled=False)),
+            Config(link=LinkConfig(port="/dev/simulated"), record=RecordConfig(enabled=False)),
             self.bus,
             clock,
             make_eyes=make_eyes,
