@@ -59,9 +59,6 @@ struct board {
     uint64_t random;
     /* to the board */
     avr_irq_t *serial_in;
-    uint8_t inbox[QUEUE];
-    unsigned in_head, in_tail;
-    int is_sending;
     /* from it */
     uint8_t outbox[QUEUE];
     uint64_t out_at[QUEUE];
@@ -93,19 +90,6 @@ static double normal(struct board *b) {
 
 /* -- serial line ------------------------------------------------------------------------------------------------ */
 
-static avr_cycle_count_t byte_cycles(const struct board *b) { return b->avr->frequency * 10 / 57600; }
-
-static avr_cycle_count_t next_byte(avr_t *avr, avr_cycle_count_t when, void *param) {
-    struct board *b = param;
-    (void)avr;
-    if (b->in_tail == b->in_head) {
-        b->is_sending = 0;
-        return 0;
-    }
-    avr_raise_irq(b->serial_in, b->inbox[b->in_tail++ % QUEUE]);
-    return when + byte_cycles(b);
-}
-
 static void byte_written(struct avr_irq_t *irq, uint32_t value, void *param) {
     struct board *b = param;
     (void)irq;
@@ -114,13 +98,8 @@ static void byte_written(struct avr_irq_t *irq, uint32_t value, void *param) {
     b->out_head++;
 }
 
-void board_write(struct board *b, const uint8_t *bytes, int count) {
-    for (int i = 0; i < count; i++) b->inbox[b->in_head++ % QUEUE] = bytes[i];
-    if (count && !b->is_sending) {
-        b->is_sending = 1;
-        avr_cycle_timer_register(b->avr, byte_cycles(b), next_byte, b);
-    }
-}
+/* A byte whose last bit arrives now. */
+void board_receive(struct board *b, uint8_t value) { avr_raise_irq(b->serial_in, value); }
 
 /* What left the board until now: bytes and the time of their last bit [s]; returns how many. */
 int board_read(struct board *b, uint8_t *bytes, double *times, int most) {
@@ -324,8 +303,6 @@ struct lines *board_lines(struct board *b) { return &b->lines; }
 void board_reset(struct board *b) {
     avr_reset(b->avr);
     power_up(b);
-    b->is_sending = b->in_tail != b->in_head;
-    if (b->is_sending) avr_cycle_timer_register(b->avr, byte_cycles(b), next_byte, b);
 }
 
 /* Run on for so many seconds; 0, or simavr's state when the processor stopped. */

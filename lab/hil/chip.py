@@ -83,9 +83,9 @@ class Chip:
         if state:
             raise RuntimeError(f"{self.firmware.name}: the processor stopped (simavr state {state}) at {self.now:.3f} s")
 
-    def write(self, data: bytes) -> None:
-        """Put bytes on its serial input, one after the other as the line carries them."""
-        self._library.board_write(self._board, data, len(data))
+    def receive(self, byte: int) -> None:
+        """Hand its serial input a byte whose last bit arrives now."""
+        self._library.board_receive(self._board, byte)
 
     def read(self) -> list[tuple[float, int]]:
         """Bytes that left its serial output: the time of the last bit [s], and the byte."""
@@ -128,7 +128,7 @@ def _load() -> ctypes.CDLL:
     library.board_lines.restype = ctypes.POINTER(Lines)
     library.board_time.restype = ctypes.c_double
     library.board_run.argtypes = [board, ctypes.c_double]
-    library.board_write.argtypes = [board, text, ctypes.c_int]
+    library.board_receive.argtypes = [board, ctypes.c_uint8]
     library.board_read.argtypes = [board, text, ctypes.c_void_p, ctypes.c_int]
     library.board_peek.argtypes = library.board_poke.argtypes = [board, ctypes.c_int, text, ctypes.c_int]
     library.board_eeprom.argtypes = [board, text, ctypes.c_int]

@@ -13,7 +13,7 @@ from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, Final, TypeVar
+from typing import Any, Final, Protocol, TypeVar
 
 from pydantic import BaseModel
 
@@ -48,7 +48,7 @@ from mkdaemon.vision.track.tracker import Tracker
 from mksim.config import PilotPlan, SimConfig
 from mksim.physics.world import World
 from mksim.programs.flightrecord import Moment, Rehearsed
-from mksim.programs.virtualports import Cable, LocalBus
+from mksim.programs.virtualports import Aircraft, Cable, LocalBus
 from mksim.scene.camera import BodyState, Grey, SceneCamera, landing_world
 from mksim.simulation import Simulation
 
@@ -166,6 +166,14 @@ Watcher = Callable[[Moment, ControlStatus | None], None]
 """Sees every moment of the record, and the latest status."""
 
 
+class FlyingAircraft(Aircraft, Protocol):
+    """Boards at the end of a cable, and the world they fly in."""
+
+    @property
+    def world(self) -> World:
+        """Airframe, air, pilot and faults."""
+
+
 class Rehearsal:
     """One flight in virtual time.
 
@@ -174,19 +182,16 @@ class Rehearsal:
         bus: where the daemon stands, and the client that flies.
     """
 
-    def __init__(self, *, seed: int, wind: str, fps: float, watcher: Watcher) -> None:
+    def __init__(self, config: SimConfig, aircraft: FlyingAircraft, watcher: Watcher) -> None:
         """Set everything up; needs a running loop.
 
         Args:
-            seed: of everything random.
-            wind: none, indoor, light or moderate.
-            fps: images a second.
+            config: what is simulated: scene, and the seed of everything random.
+            aircraft: boards and world, at the end of the daemon's cable.
             watcher: sees the flight.
         """
         loop = asyncio.get_running_loop()
-        config = simulated_aircraft(seed, wind, fps)
-        world = landing_world(config)
-        assert world is not None
+        world, seed = aircraft.world, config.seed
         self.record, self.bus = Rehearsed(), LocalBus()
         self._world, self._watcher, self._loop = world, watcher, loop
         self._scene = SceneCamera(config.scene, seed)
@@ -204,7 +209,7 @@ class Rehearsal:
             self.bus,
             clock,
             make_eyes=make_eyes,
-            opener=Cable(Simulation(config, world), self._moved).open,
+            opener=Cable(aircraft, self._moved).open,
             journal=Journal(Path(os.devnull), AtOnce()),
         )
         (self._eyes,) = eyes
@@ -330,5 +335,17 @@ class Rehearsal:
 
 
 async def rehearse(*, seed: int, wind: str, fps: float, watcher: Watcher) -> Rehearsed:
-    """Fly the demonstration once; see `Rehearsal`."""
-    return await Rehearsal(seed=seed, wind=wind, fps=fps, watcher=watcher).fly()
+    """Fly the demonstration once; see `Rehearsal`.
+
+    Args:
+        seed: of everything random.
+        wind: none, indoor, light or moderate.
+        fps: images a second.
+        watcher: sees the flight.
+    """
+    return await demonstration(simulated_aircraft(seed, wind, fps), watcher).fly()
+
+
+def demonstration(config: SimConfig, watcher: Watcher) -> Rehearsal:
+    """The demonstration with simulated boards; needs a running loop."""
+    return Rehearsal(config, Simulation(config, landing_world(config)), watcher)

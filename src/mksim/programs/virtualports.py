@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
-from typing import Any, Final
+from typing import Any, Final, Protocol
 
 import msgpack
 from pydantic import BaseModel
@@ -21,23 +21,38 @@ from mkdaemon.link.ports.port import Port
 from mkdaemon.telemetry.command import CommandResult
 from mkdaemon.telemetry.setpoint import Setpoint
 from mkdaemon.telemetry.signature import sign
-from mksim.simulation import Simulation
 
 TICK: Final = 2e-3
 """How often bytes are carried [s]."""
 
 
+class Aircraft(Protocol):
+    """Boards and what they fly, at the end of a cable; `mksim.simulation.Simulation` is one.
+
+    Attributes:
+        now: simulated time [s].
+    """
+
+    now: float
+
+    def write(self, data: bytes, at: float) -> None:
+        """Send bytes to the board at `at` [s]; they take their time on the line."""
+
+    def advance(self, to: float) -> list[tuple[float, bytes]]:
+        """Run to `to` [s] and return what reached the host: bytes with the time they arrived [s]."""
+
+
 class Cable:
     """The one cable to the boards."""
 
-    def __init__(self, simulation: Simulation, moved: Callable[[float], None]) -> None:
+    def __init__(self, aircraft: Aircraft, moved: Callable[[float], None]) -> None:
         """Plug it in.
 
         Args:
-            simulation: the boards, and what they fly.
+            aircraft: the boards, and what they fly.
             moved: called after every step with the time [s].
         """
-        self.simulation = simulation
+        self.aircraft = aircraft
         self.moved = moved
 
     async def open(self, url: str, *, baud: int) -> Port:
@@ -96,7 +111,7 @@ class CablePort:
         """Take bytes to send; see `Port.write`."""
         if self._is_closed:
             raise LinkLostError(f"{self._name}: closed")
-        self._cable.simulation.write(data, max(self._loop.time(), self._cable.simulation.now))
+        self._cable.aircraft.write(data, max(self._loop.time(), self._cable.aircraft.now))
 
     async def drain(self) -> None:
         """Return at once: virtual bytes need no draining."""
@@ -110,7 +125,7 @@ class CablePort:
     def _tick(self) -> None:
         self._timer = self._loop.call_later(TICK, self._tick)
         now = self._loop.time()
-        arrived = b"".join(data for _, data in self._cable.simulation.advance(now))
+        arrived = b"".join(data for _, data in self._cable.aircraft.advance(now))
         self._cable.moved(now)
         if arrived:
             self._inbox += arrived
