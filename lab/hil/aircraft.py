@@ -10,7 +10,7 @@ from mksim.boards.line import HOST_CHAR
 from mksim.config import PilotPlan, SimConfig
 from mksim.physics.airframe import Ground
 from mksim.physics.pilot import DelayedProgram
-from mksim.physics.world import DT, MOTORS_OFF, StickInput
+from mksim.physics.world import DT, MOTORS_OFF, StartState, StickInput
 from mksim.radio import Channel
 from mksim.supervision import Supervision
 
@@ -31,6 +31,7 @@ class GenuineAircraft:
         firmware: Firmware,
         config: SimConfig,
         *,
+        start: StartState | None = None,
         ground: Ground | None = None,
         voltage: float | None = None,
         has_compass: bool = True,
@@ -40,6 +41,7 @@ class GenuineAircraft:
         Args:
             firmware: that flies.
             config: world, line and pilot; what it says of boards does not count.
+            start: where it stands; default the origin, nose north.
             ground: what is below; default flat.
             voltage: of the battery, held [V]; by default the battery of the configuration.
             has_compass: whether the board hears of the heading.
@@ -47,7 +49,7 @@ class GenuineAircraft:
         self.now = 0.0
         chip = Chip(firmware, eeprom.content(firmware), seed=config.seed)
         self.world = GenuineWorld(
-            config.flight, chip, seed=config.seed, ground=ground, voltage=voltage, has_compass=has_compass
+            config.flight, chip, seed=config.seed, start=start, ground=ground, voltage=voltage, has_compass=has_compass
         )
         self._to_board = Channel(config.radio.to_board, f"{config.seed} to board")
         self._to_host = Channel(config.radio.to_host, f"{config.seed} to host")

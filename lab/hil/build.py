@@ -118,7 +118,7 @@ def _build_library(simavr: Path) -> None:
     for name, repair in (("avr_twi.c", _slow_i2c), ("avr_eeprom.c", _busy_eeprom)):
         (work / name).write_text(repair((simavr / "sim" / name).read_text(encoding="latin1")), encoding="latin1")
     sources = [path for path in sorted((simavr / "sim").glob("*.c")) if path.name not in LEFT_OUT]
-    sources += [simavr / "cores" / "sim_mega1284.c", simavr / "cores" / "sim_megax4.c", simavr / "cores" / "sim_mega644.c"]
+    sources += [simavr / "cores" / f"sim_{core}.c" for core in ("mega1284", "megax4", "mega644")]
     sources += [work / "avr_twi.c", work / "avr_eeprom.c", Path(__file__).parent / "board.c"]
     folders = (work, simavr / "sim", simavr / "sim" / "avr", simavr / "cores")
     command = ["gcc", "-O3", "-march=native", "-fPIC", "-shared", "-w", "-fno-semantic-interposition", "-flto=auto"]
@@ -242,7 +242,7 @@ def _run(command: list[str], what: str, *, check: bool = True) -> str:
 
 def main() -> None:
     """Build from two folders given on the command line."""
-    if len(sys.argv) != 3 or not sys.argv[1]:  # noqa: PLR2004
+    if len(sys.argv) != 3 or not sys.argv[1]:
         print(
             "make hil FIRMWARE=<folder of a FlightCtrl's sources> SIMAVR=<folder of simavr>\n"
             f"  sources, for example: {FIRMWARE_URL}\n  simavr: {SIMAVR_URL}",

@@ -81,7 +81,8 @@ class Chip:
         """
         state = self._library.board_run(self._board, seconds)
         if state:
-            raise RuntimeError(f"{self.firmware.name}: the processor stopped (simavr state {state}) at {self.now:.3f} s")
+            name = self.firmware.name
+            raise RuntimeError(f"{name}: the processor stopped (simavr state {state}) at {self.now:.3f} s")
 
     def receive(self, byte: int) -> None:
         """Hand its serial input a byte whose last bit arrives now."""
@@ -108,12 +109,12 @@ class Chip:
         """Whether the firmware has a variable of this name."""
         return symbol in self.firmware.symbols
 
-    def peek(self, symbol: str, format: str, offset: int = 0) -> int:
-        """A variable of the firmware; `format` is that of `struct`, for example `<h`."""
-        size = struct.calcsize(format)
+    def peek(self, symbol: str, kind: str, offset: int = 0) -> int:
+        """A variable of the firmware; `kind` is a format of `struct`, for example `<h`."""
+        size = struct.calcsize(kind)
         content = ctypes.create_string_buffer(size)
         self._library.board_peek(self._board, self.firmware.symbols[symbol] + offset, content, size)
-        return int(struct.unpack(format, content.raw)[0])
+        return int(struct.unpack(kind, content.raw)[0])
 
     def poke(self, symbol: str, data: bytes, offset: int = 0) -> None:
         """Write into a variable of the firmware, for parts of the aircraft that talk over its SPI."""

@@ -36,12 +36,13 @@ NOISE: Final = (0.8, 0.8, 0.8, 0.7, 0.0, 1.5, 1.5, 1.5)
 """Standard deviation of one conversion of each channel [LSB]: gyros, barometer, battery, accelerometer."""
 COUNTS_PER_RAD: Final = 1220.0 * 180.0 / math.pi
 """Of the firmware's angle integrals."""
+GATE_OPEN: Final = 128
+"""External control acts where its parameter evaluates to more."""
 THROTTLE, ROLL, PITCH, YAW, FIRST_SWITCH = range(5)
 """Order of the transmitter's channels; potentiometer 1 is the first switch."""
 CHANNELS: Final = 9
 FULL: Final = 125
 """Largest channel that the firmware's receiver takes for a stick [count]."""
-CALIBRATION: Final = "ACC neutral"
 
 
 class GenuineWorld(World):
@@ -106,7 +107,7 @@ class GenuineWorld(World):
     def is_controlled(self) -> bool:
         """Whether the firmware follows external control: it is valid, and the gate is open."""
         asks = self.chip.peek("ExternalControl", "<B", 5) & 1
-        return bool(asks) and self.chip.peek("Parameter_ExternalControl", "<B") > 128  # noqa: PLR2004
+        return bool(asks) and self.chip.peek("Parameter_ExternalControl", "<B") > GATE_OPEN
 
     @property
     def held(self) -> tuple[int, int, int, int, bool]:

@@ -11,7 +11,7 @@ import random
 from dataclasses import dataclass
 from typing import Final
 
-from mksim.config import FlightConfig
+from mksim.config import FlightConfig, WindClass
 from mksim.faults import ActiveFault, Faults
 from mksim.physics.airframe import GRAVITY, Airframe, FlatGround, Ground
 from mksim.physics.attitude_loop import LOOP_PERIOD, AttitudeGains, AxisLoop, YawLoop
@@ -206,6 +206,10 @@ class World:
     def steer(self, away: tuple[float, float] | None) -> None:
         """Let the NaviCtrl lean the aircraft towards a place so far east and north of it [m]; None lets it alone."""
         self._away = away
+
+    def change_wind(self, wind: WindClass) -> None:
+        """Let it blow with another strength from now on."""
+        self._wind.change(wind)
 
     def calibrate(self) -> None:
         """Zero the FlightCtrl's angles, as its calibration gesture does."""

@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, Final, Protocol
 
 import msgpack
@@ -137,12 +137,14 @@ class LocalBus:
 
     Attributes:
         values: last value of every key.
+        followers: hear of every value, with its key.
         lease: that the client took: its epoch and secret; empty before.
     """
 
     def __init__(self) -> None:
         self.open_endpoints: tuple[str, ...] = ()
         self.values: dict[str, Any] = {}
+        self.followers: list[Callable[[str, BaseModel], None]] = []
         self.lease: dict[str, Any] = {}
         self.loop = asyncio.get_running_loop()
         self._handlers: dict[str, Handler] = {}
@@ -156,6 +158,8 @@ class LocalBus:
         """Keep a value."""
         del schema
         self.values[suffix] = value
+        for follow in self.followers:
+            follow(suffix, value)
 
     def serve(self, root: str, handler: Handler) -> None:
         """Let a handler answer."""
@@ -189,7 +193,7 @@ class LocalBus:
         assert isinstance(granted.reply, dict), granted
         self.lease = granted.reply
 
-    def sign_next(self, kind: type[Setpoint], fields: dict[str, Any]) -> tuple[bytes, bytes]:
+    def sign_next(self, kind: type[Setpoint], fields: Mapping[str, Any]) -> tuple[bytes, bytes]:
         """The next setpoint under the lease, as bytes, and its signature."""
         self._sequence += 1
         payload = encode(kind(epoch=self.lease["epoch"], sequence=self._sequence, ttl=0.3, **fields))
