@@ -30,9 +30,7 @@ def read_image_secret(path: Path) -> str:
         msg = f"secret_file {path}: {getattr(error, 'strerror', None) or 'not UTF-8 text'}"
         raise ConfigError(msg) from error
     if len(secret) < SHORTEST_SECRET:
-        msg = (
-            f"secret_file {path}: {len(secret)} characters; {SHORTEST_SECRET} at least: `openssl rand -hex 16 > {path}`"
-        )
+        msg = f"secret_file {path}: {len(secret)} characters, {SHORTEST_SECRET} needed: `openssl rand -hex 16 > {path}`"
         raise ConfigError(msg)
     return secret
 

@@ -84,13 +84,13 @@ class _Guest:
         connection: with it.
         process: at its other end.
         until: when it is closed [s; monotonic].
-        said: what came so far.
+        request: what came of it so far.
     """
 
     connection: socket.socket
     process: int
     until: float
-    said: bytes = b""
+    request: bytes = b""
 
 
 class Reception(threading.Thread):
@@ -183,10 +183,10 @@ class Reception(threading.Thread):
         except BlockingIOError:
             return
         except OSError:
-            data, guest.said = b"", b""
-        guest.said += data
-        line, newline, _ = guest.said.partition(b"\n")
-        if data and not newline and len(guest.said) <= REQUEST_BYTES:
+            data, guest.request = b"", b""
+        guest.request += data
+        line, newline, _ = guest.request.partition(b"\n")
+        if data and not newline and len(guest.request) <= REQUEST_BYTES:
             return
         connection = self._forget(guest, selector)
         verb, _, text = line.decode(errors="replace").strip().partition(" ")
