@@ -62,8 +62,12 @@ FOLDER: Final = "/var/lib/mkdaemon/mk1"
 """What stands for the daemon's folder in what is typed and printed."""
 ENDPOINT: Final = "tcp/127.0.0.1:7447"
 """What stands for its endpoint."""
+FREE_PORT: Final = "127.0.0.1:7448"
+"""What stands for a port that nobody uses."""
 TICK: Final = 1.6e-2
 """How often bytes are carried [s]."""
+RATES: Final = {"osd": 250, "attitude": 50, "debug": 500}
+"""Intervals of the streams [ms]: fewer than the line carries take less time to compute."""
 IMAGES: Final = 10.0
 """Images a second [Hz]."""
 LATENCY: Final = 0.08
@@ -168,7 +172,7 @@ class Screen(io.TextIOBase):
 
     def __init__(self) -> None:
         self.page: contextvars.ContextVar[io.StringIO] = contextvars.ContextVar("page")
-        self._nowhere = Path(os.devnull).open("w", encoding="utf-8")
+        self._nowhere = os.open(os.devnull, os.O_WRONLY)
 
     def write(self, text: str) -> int:
         """Print."""
@@ -176,7 +180,7 @@ class Screen(io.TextIOBase):
 
     def fileno(self) -> int:
         """Where those write who want a file: nowhere."""
-        return self._nowhere.fileno()
+        return self._nowhere
 
     @contextmanager
     def fresh(self) -> Iterator[io.StringIO]:
@@ -291,7 +295,7 @@ class Desk:
         """Carry out a line as a shell does; what it prints.
 
         Args:
-                line: a command of `mkctl` or `mkdaemon`, with `&` behind it if it is to run in the background; `wait` for
+            line: a command of `mkctl` or `mkdaemon`, with `&` behind it if it is to run in the background; `wait` for
                 that one; `sleep SECONDS`; or, behind `#`, something that happens.
         """
         if line in self._happenings:
@@ -316,7 +320,7 @@ class Desk:
 
     def _here(self, line: str) -> str:
         """A line as it must be typed on this machine."""
-        return line.replace(FOLDER, str(self.folder)).replace(ENDPOINT, self.endpoint)
+        return line.replace(FOLDER, str(self.folder)).replace(ENDPOINT, self.endpoint).replace(FREE_PORT, "127.0.0.1:0")
 
     def _there(self, text: str) -> str:
         """What was printed, as on a machine whose daemon is a service."""
@@ -367,7 +371,7 @@ def desk(folder: Path, **sim: Any) -> Iterator[Desk]:
     config = Config.model_validate(
         {
             "vehicle": {"name": VEHICLE, "note": "simulated aircraft", "state_folder": folder},
-            "link": {"port": "/dev/pts/7"},
+            "link": {"port": "/dev/pts/7", "rates": RATES},
             "cameras": ({"name": "down", "source": "/dev/video0", "calibration": CAMERA, "targets": (TARGET,)},),
         }
     )
@@ -391,6 +395,7 @@ def desk(folder: Path, **sim: Any) -> Iterator[Desk]:
             ("mkdaemon.client.connection.open_session", open_session),
             ("mkdaemon.client.connection.close_session", close_session),
             ("mkdaemon.client.lease.SIGHTING", SIGHTING),
+            ("mkdaemon.client.setpoints.SIGHTING", SIGHTING),
             ("mkdaemon.record.recorder.LOOK", 0.02),
             ("mkdaemon.cli.mkdaemon.run.configure", lambda level: None),  # logs would take the screen
             ("mkdaemon.daemon.flight.free_disk", lambda folder: float(made.free_space(folder))),
@@ -412,3 +417,4 @@ def desk(folder: Path, **sim: Any) -> Iterator[Desk]:
             with screen.fresh():
                 loop.run_until_complete(made.stop())
                 end_loop(loop)
+            os.close(screen.fileno())

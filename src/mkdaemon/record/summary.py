@@ -25,7 +25,7 @@ from mkdaemon.telemetry.refusals import Token
 LEASE: Final = "do/lease"
 _ACCEPTED: Final = "accepted"
 UNDER_WAY: Final = 0.5
-"""A holder whose lease has ended, as after a landing, hears of it so late at most [s]; `control.lease.max_path_delay`."""
+"""Who held a lease that has ended, as after a landing, hears of it so late at most [s]: `lease.max_path_delay`."""
 
 
 @dataclass
