@@ -1,4 +1,4 @@
-"""`python -m lab stalled`: a serial server that stands still while a pilot steers; how many old stick frames it gathers.
+"""`python -m lab stalled`: a serial server that stands still while a pilot steers: old stick frames that it gathers.
 
 Real time, a TCP connection on this machine, the simulated boards behind it. The server stops reading, as a process
 that gets no processor does, while its kernel goes on acknowledging; then it reads on and hands the boards everything.

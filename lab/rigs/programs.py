@@ -16,7 +16,7 @@ COMMAND: Final = (sys.executable, "-m", "mkdaemon.cli.mkdaemon.app")
 
 @contextmanager
 def mkdaemon(*arguments: str) -> Iterator[subprocess.Popen[str]]:
-    """A running `mkdaemon`; killed at the end of the context if it has not ended by itself."""
+    """A running `mkdaemon`; ended with the context if it has not ended by itself."""
     process = subprocess.Popen(
         [*COMMAND, *arguments],
         stdout=subprocess.PIPE,
@@ -28,8 +28,12 @@ def mkdaemon(*arguments: str) -> Iterator[subprocess.Popen[str]]:
         yield process
     finally:
         if process.poll() is None:
+            process.terminate()  # it ends what it started itself
+        try:
+            process.communicate(timeout=PATIENCE)
+        except subprocess.TimeoutExpired:
             process.kill()
-        process.communicate()
+            process.communicate()
 
 
 def run_mkdaemon(*arguments: str) -> tuple[int, str, str]:

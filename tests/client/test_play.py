@@ -22,6 +22,7 @@ from mkdaemon.telemetry.play import PlayState
 from mkdaemon.telemetry.refusals import Token
 from tests.bus.support import client, free_endpoint
 from tests.places import DATA
+from tests.record.support import sample
 
 STICKS = DATA / "recordings" / "fc_sticks.mcap"
 
@@ -313,3 +314,15 @@ def test_lateness_is_counted_in_steps():
 def test_a_recording_without_values_is_nothing_to_play():
     with pytest.raises(MkError, match="nothing to play"):
         Selection.of(lambda: Recording(STICKS).entries(lambda facts: facts.kind is Kind.PORT_READ), None)
+
+
+def test_days_of_silence_are_told_and_not_waited_for():
+    def entries():
+        for number, days in enumerate((0, 0, 9, 9)):
+            one = sample(number)
+            yield one._replace(received=one.received + days * 24 * 3600.0)
+
+    with pytest.raises(
+        MkError, match=r"nothing was recorded for 216 hours .* --to 2025-10-09T\S+Z, .* --from 2025-10-18T"
+    ):
+        Selection.of(entries, None)

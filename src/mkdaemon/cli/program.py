@@ -17,7 +17,7 @@ from typing import Final, NamedTuple, NoReturn
 from cyclopts import App, CycloptsError, Group, MissingArgumentError, Parameter, UnusedCliTokensError
 from cyclopts.argument import Argument
 
-from mkdaemon.cli.terminal import print_whatever_the_encoding
+from mkdaemon.cli.terminal import guarded_streams, print_whatever_the_encoding
 from mkdaemon.errors import ConfigError, MkError
 
 EXIT_OK: Final = 0
@@ -160,8 +160,13 @@ def _end_at_once() -> None:
 
 
 def run(app: App, tokens: Sequence[str] | None = None) -> int:
-    """Run a program and return its exit code; every mistake is one line on stderr."""
+    """Run a program and return its exit code; every mistake is one line on stderr, and nothing acts on a terminal."""
     tokens = sys.argv[1:] if tokens is None else tokens
+    with guarded_streams():
+        return _run(app, tokens)
+
+
+def _run(app: App, tokens: Sequence[str]) -> int:
     if (mistake := _unknown_command(app, tokens)) is not None:
         return _complain(app, mistake, EXIT_CONFIG)
     return report_mistakes(
@@ -197,7 +202,8 @@ def report_mistakes(app: App, tokens: Sequence[str], work: Callable[[], object])
         _mute()
         return EXIT_OK  # whoever read our output has seen enough
     except OSError as error:
-        _mute()
+        if error.filename is None:
+            _mute()
         return _complain(app, f"{error.filename or 'standard output'}: {error.strerror or error}", EXIT_FAILURE)
     return result if isinstance(result, int) else EXIT_OK
 

@@ -157,9 +157,14 @@ class Link:
         return self._dialogue.health.heard_age(self._clock.now())
 
     @property
+    def condition(self) -> LinkCondition:
+        """The verdict on the line."""
+        return self._dialogue.health.verdict.condition
+
+    @property
     def is_up(self) -> bool:
         """Whether both directions work, perhaps with losses."""
-        return self._dialogue.health.verdict.condition.is_usable
+        return self.condition.is_usable
 
     def health(self) -> LinkHealth:
         """Everything measured about the line, now."""

@@ -11,6 +11,7 @@ from typing import Final
 
 from mkdaemon.cli.mkctl.connection import Connection
 from mkdaemon.cli.printing import json_line
+from mkdaemon.cli.terminal import drawing_stream, on_one_line
 from mkdaemon.client import Lease, Vehicle
 from mkdaemon.errors import ConfigError, MkError
 
@@ -91,7 +92,7 @@ async def leased(uav: Vehicle, connection: Connection, *, force: bool) -> AsyncI
                 # On the ground nobody has to take over what was never flown.
                 if words != hands and not is_free and (has_flown or not is_leaving):
                     hands = words
-                    print(f"{clear}{hands}", file=sys.stderr, flush=True)
+                    _put(f"{clear}{on_one_line(hands)}\n")
                 if is_free or is_leaving:
                     released.set()
                 else:
@@ -129,7 +130,7 @@ async def showing(
         while True:
             line = _line(lease, shown.position, goal() or shown.goal)
             if is_terminal:
-                print(f"{CLEAR}{line}", end="", file=sys.stderr, flush=True)
+                _put(f"{CLEAR}{on_one_line(line)}")
             elif line != last:
                 print(line, file=sys.stderr, flush=True)
             last = line
@@ -144,6 +145,13 @@ async def showing(
         await asyncio.gather(*tasks, return_exceptions=True)
         if is_terminal:
             print(file=sys.stderr)
+
+
+def _put(drawing: str) -> None:
+    """Draw on standard error."""
+    stream = drawing_stream(sys.stderr)
+    stream.write(drawing)
+    stream.flush()
 
 
 def _line(lease: Lease, position: Position | None, goal: Position | None) -> str:

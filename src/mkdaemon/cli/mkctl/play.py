@@ -164,8 +164,9 @@ def key_pressed(player: Player, key: str) -> None:
 @asynccontextmanager
 async def showing_player(player: Player, *, quiet: bool) -> AsyncIterator[None]:
     """Show a bar and take keys while the context lasts; nothing when `quiet` or no terminal is there."""
-    from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn
+
+    from mkdaemon.cli.console import Console
 
     console = Console(stderr=True)
     is_shown = not quiet and console.is_terminal

@@ -107,20 +107,22 @@ async def _show(
     recording: GroundRecording, endpoints: Sequence[str], stop: asyncio.Event, began: float, *, is_quiet: bool
 ) -> None:
     """Show how it goes until it is to stop."""
-    from rich.console import Console
+    from rich.text import Text
+
+    from mkdaemon.cli.console import Console
 
     console = Console(stderr=True)
     stopped = asyncio.create_task(stop.wait())
     try:
         if console.is_terminal and not is_quiet:
-            with console.status("") as status:
+            with console.status(Text()) as status:
                 while not stop.is_set():
-                    status.update(_line(recording, endpoints, time.monotonic() - began))
+                    status.update(Text(_line(recording, endpoints, time.monotonic() - began)))
                     await asyncio.wait({stopped}, timeout=REDRAW)
             return
         while not stop.is_set():
             if not is_quiet:
-                console.print(_line(recording, endpoints, time.monotonic() - began), highlight=False, markup=False)
+                console.print(_line(recording, endpoints, time.monotonic() - began))
             await asyncio.wait({stopped}, timeout=LINE_EVERY)
     finally:
         stopped.cancel()

@@ -16,8 +16,9 @@ from cyclopts import Parameter
 from mkdaemon.cli.arguments import require_count, require_length
 from mkdaemon.cli.mkctl.connection import HERE, Connection
 from mkdaemon.cli.printing import age_of, flat, json_line
+from mkdaemon.cli.terminal import on_one_line
 from mkdaemon.client import Sample
-from mkdaemon.client.patterns import did_you_mean, is_known
+from mkdaemon.client.patterns import did_you_mean, is_known, model_of
 from mkdaemon.errors import MkError
 
 
@@ -54,7 +55,7 @@ async def get(*patterns: str, connection: Connection = HERE) -> None:
         if connection.json:
             print(json_line({"key": suffix, **sample.fields}))
         else:
-            print(f"{suffix}  {flat(sample.fields)}  {age_of(sample.fields)}".rstrip())
+            print(f"{on_one_line(suffix)}  {flat(sample.fields)}  {age_of(sample.fields)}".rstrip())
 
 
 def _hints(patterns: list[str]) -> str:
@@ -102,7 +103,7 @@ async def watch(
                     elif table:
                         print("\n".join(columns.lines(sample.suffix, sample.fields)), flush=True)
                     else:
-                        print(f"{sample.suffix}  {flat(sample.fields)}", flush=True)
+                        print(f"{on_one_line(sample.suffix)}  {flat(sample.fields)}", flush=True)
                     if left is not None and (left := left - 1) <= 0:
                         return
 
@@ -160,11 +161,10 @@ _WORDS: Final = {True: "yes", False: "no", None: "-"}
 @cache
 def _units(key: str) -> Mapping[str, str]:
     """Units of the fields of a key, as its model declares them."""
-    from mkdaemon.bus.keys import find
     from mkdaemon.described import meanings_of
 
-    spec = find(key)
-    meanings = {} if spec is None or spec.carries is None else meanings_of(spec.carries)
+    carried = model_of(key)
+    meanings = {} if carried is None else meanings_of(carried)
     return {name: found[1] for name, meaning in meanings.items() if (found := _UNIT.search(meaning)) is not None}
 
 

@@ -16,14 +16,15 @@ from pathlib import Path
 from typing import Annotated, Final, NamedTuple
 
 from cyclopts import Parameter
-from rich.console import Console
 from rich.text import Text
 
 from mkdaemon.bus.exposure import open_endpoints
 from mkdaemon.bus.session import session_config
 from mkdaemon.cli.arguments import AsJson
+from mkdaemon.cli.console import Console
 from mkdaemon.cli.printing import json_line
 from mkdaemon.cli.program import EXIT_FAILURE, EXIT_OK
+from mkdaemon.cli.terminal import on_one_line
 from mkdaemon.clock import kernel_synchronised
 from mkdaemon.config.bus import BusConfig
 from mkdaemon.config.reader import load
@@ -110,9 +111,11 @@ def show(findings: Iterable[Finding], console: Console) -> None:
     colours = {Verdict.GOOD: "green", Verdict.NOTE: "yellow", Verdict.BAD: "red"}
     for finding in findings:
         head = (f"{finding.verdict:<4}", colours[finding.verdict])
-        console.print(Text.assemble(head, f" {finding.what}: {finding.found}"), soft_wrap=True)
+        console.print(Text.assemble(head, f" {on_one_line(f'{finding.what}: {finding.found}')}"), soft_wrap=True)
         if finding.fix:
-            console.print(Text(f"     {finding.fix}", style="dim"), soft_wrap=True)  # a command is copied whole
+            console.print(
+                Text(f"     {on_one_line(finding.fix)}", style="dim"), soft_wrap=True
+            )  # a command is copied whole
 
 
 def examine(machine: Machine, config: Path | None) -> Iterator[Finding]:
