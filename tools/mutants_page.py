@@ -20,7 +20,16 @@ condition, a value returned, a statement left out), and runs the tests that come
 fails or computes for too long. What survives is a missing test, or changes nothing that matters: then its reason stands
 below and in `lab/mutants/survivors.toml`. The share leaves out mutants that do the same as the code.
 
-This page is made by `python -m tools.docs` from `docs/results/mutants.json`.
+A mutant that is killed takes about 0.1 s of computing time, one that lives all its tests, up to `--budget`. Tests that
+tell most in the least time come first. Only computing time counts against a mutant, and a kill by a test that waits is
+tried again: a loaded machine kills nothing. Verdicts are kept in `build/mutants`, so a run that was stopped goes on,
+and after new tests a survivor has to outlive only those.
+
+```sh
+python -m lab mutants src/mkdaemon/control/sight.py                         # one file, all its mutants
+python -m lab mutants --sample 600 --budget 30 --jobs 2 --json > docs/results/mutants.json
+python -m tools.docs                                                        # makes this page of it
+```
 """
 
 

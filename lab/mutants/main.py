@@ -293,15 +293,22 @@ def _judge_fresh(
 
 
 def _warm_up(root: Path, paths: set[str], warm: Sequence[str]) -> None:
-    """Import what the tests import, unless it imports one of these files."""
+    """Import what the tests import, unless it, or a package it is in, imports one of these files.
+
+    Raises:
+        MkError: one of the files was imported all the same; its mutants would live.
+    """
     graph = grimp.build_graph("mkdaemon", "mksim", cache_dir=None)
     modules = {
         path.removeprefix("src/").removesuffix(".py").removesuffix("/__init__").replace("/", ".") for path in paths
     }
     touched = modules.union(*(graph.find_downstream_modules(module) for module in modules if module in graph.modules))
     for name in ("cv2", "numpy", "pydantic", "zenoh", "structlog", "hypothesis", *warm):
-        if name not in touched:
+        parts = name.split(".")
+        if touched.isdisjoint(".".join(parts[: k + 1]) for k in range(len(parts))):
             importlib.import_module(name)
+    if imported := sorted(modules & set(sys.modules)):
+        raise MkError(f"{', '.join(imported)} are imported before their mutants")
 
 
 class Chooser:

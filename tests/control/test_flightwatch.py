@@ -177,7 +177,7 @@ def test_a_place_is_kept_while_its_holder_streams_what_is_refused():
     drive.core.feed(PoseSeen(pose(drive.now)), drive.now)
     drive.take()
     by_position(drive, 3.0)
-    refused_stream(drive, 2.0)
+    refused_stream(drive, 1.2)
     assert drive.core.phase is Phase.FLYING
     drive.run(0.4)
     assert drive.core.phase is Phase.STALE, "silence is silence"
