@@ -18,6 +18,7 @@ from mkdaemon.telemetry.control import ControlEstimate, ControlStatus
 from mkdaemon.telemetry.event import LogEvent
 from mkdaemon.virtualtime import run_virtually
 from mksim.config import BatteryConfig, FlightConfig, PilotPlan, SimConfig, WindClass
+from mksim.physics.battery import OPEN_CIRCUIT_V
 from mksim.physics.deck import MovingDeck
 from mksim.physics.world import StartState, World
 from mksim.programs.flightrecord import Moment
@@ -188,8 +189,6 @@ def _config(setting: Setting) -> SimConfig:
 
 def charge_of(voltage: float) -> float:
     """State of charge of a pack of four cells that hovers at about a voltage [V]."""
-    from mksim.physics.battery import OPEN_CIRCUIT_V
-
     charges, volts = zip(*OPEN_CIRCUIT_V, strict=True)
     return max(0.01, float(np.interp(voltage / 4 + 0.1, volts, charges)))
 
@@ -202,7 +201,7 @@ def figures(flown: Flown) -> dict[str, Any]:
     truth = np.array(flown.truth)
     found: dict[str, Any] = {"outcome": flown.outcome, "crashed": flown.crashed}
     found["lost"] = bool(flown.crashed) or not flown.outcome.startswith("landed on")
-    ends = {name: end for name, end in zip(flown.parts, [*list(flown.parts.values())[1:], math.inf], strict=False)}
+    ends = dict(zip(flown.parts, [*list(flown.parts.values())[1:], math.inf], strict=True))
     for part in ("hold", "light", "moderate", "follow"):
         if part in flown.parts:
             rows = _between(truth, flown.parts[part] + SETTLED, ends[part])
@@ -247,7 +246,9 @@ def _landing(rows: Array) -> dict[str, Any]:
 
 def _honesty(truth: Array, estimates: Array, parts: dict[str, float]) -> dict[str, Any]:
     """Normalised squared error of the estimated place, per axis, and what it says of the stick filter."""
-    flies = _between(estimates, parts.get("hold", math.inf), parts.get("land", math.inf)) if len(estimates) else []
+    if not len(estimates):
+        return {}
+    flies = _between(estimates, parts.get("hold", math.inf), parts.get("land", math.inf))
     if not len(flies):
         return {}
     true = np.stack([np.interp(flies[:, 0], truth[:, 0], truth[:, 1 + axis]) for axis in range(3)], axis=1)

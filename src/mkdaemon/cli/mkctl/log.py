@@ -353,8 +353,9 @@ def sender_lines(summary: Summary) -> Iterator[str]:
         if one.setpoints:
             tokens = ", ".join(f"{number} {token}" for token, number in one.setpoints_refused.items())
             refused = tokens or "none"
+            late = f", {one.setpoints_late} under way when it ended" if one.setpoints_late else ""
             counts.append(
-                f"{one.setpoints} setpoints, {one.signed} signed by the holder of the lease, refused: {refused}"
+                f"{one.setpoints} setpoints, {one.signed} signed by the holder of the lease{late}, refused: {refused}"
             )
         yield f"from {one.source or 'who does not say'}{names}: {'; '.join(counts)}"
 
