@@ -27,6 +27,8 @@ SILENT: Final = 1500
 """Connections that say nothing."""
 STRANGER: Final = {"transport/shared_memory/enabled": True}
 """Settings of Zenoh's that a program of a stranger's has: those of its own."""
+STEADY_RATE: Final = 17_600.0
+"""Setpoints a second of each attacker that limits itself [Hz]."""
 SLEEPERS: Final = 8
 """Subscribers that one process stops with it."""
 
@@ -35,7 +37,9 @@ class Flood(StrEnum):
     """What an attacker does."""
 
     SETPOINTS = "setpoints"
-    """Setpoints without a lease, as many as go."""
+    """Setpoints without a lease, as many as go: in batches, dropped where they do not go at once, real-time."""
+    STEADY = "17,600 setpoints a second"
+    """The same at a rate."""
     BIG = "10 MB setpoints"
     COMMANDS = "commands"
     """`do/lease`, answers read."""
@@ -74,22 +78,23 @@ def main() -> None:
     strike = _striker(kind, session, vehicle)
     count = 0
     while time.monotonic() < end:
-        strike()
-        count += 1
+        count += strike()
     with suppress(BrokenPipeError):
         print(round(count / seconds), flush=True)
     os._exit(0)  # what was not read must not hold up the end
 
 
-def _striker(kind: Flood, session: zenoh.Session, vehicle: str) -> Callable[[], None]:
-    block = zenoh.CongestionControl.BLOCK
-    if kind in (Flood.SETPOINTS, Flood.BIG):
+def _striker(kind: Flood, session: zenoh.Session, vehicle: str) -> Callable[[], int]:
+    """What attacks once, and returns how often it did."""
+    if kind in (Flood.SETPOINTS, Flood.STEADY, Flood.BIG):
         publisher = session.declare_publisher(
-            f"mk/{vehicle}/setpoint/stick", congestion_control=block, priority=zenoh.Priority.REAL_TIME, express=True
+            f"mk/{vehicle}/setpoint/stick",
+            congestion_control=zenoh.CongestionControl.BLOCK if kind is Flood.BIG else zenoh.CongestionControl.DROP,
+            priority=zenoh.Priority.REAL_TIME,
         )
         sticks = {"pitch": 40.0, "roll": 40.0, "yaw": 0.0, "throttle": 0.0, "epoch": 1, "sequence": 1, "ttl": 0.3}
         payload = bytes(BIG) if kind is Flood.BIG else msgpack.packb(sticks)
-        return lambda: publisher.put(payload, attachment=bytes(32))
+        return _setpoints(publisher, payload, STEADY_RATE if kind is Flood.STEADY else None)
     key, payload = {
         Flood.COMMANDS: ("do/lease", msgpack.packb({"action": "show"})),
         Flood.REFUSALS: ("do/nothing", b""),
@@ -104,20 +109,39 @@ def _striker(kind: Flood, session: zenoh.Session, vehicle: str) -> Callable[[], 
     def ignore(reply: zenoh.Reply) -> None:
         """Read it, and that is all."""
 
-    def ask() -> None:
+    def ask() -> int:
         if kind is Flood.LONG:
             channel: zenoh.handlers.FifoChannel[zenoh.Reply] = zenoh.handlers.FifoChannel(1)
             kept.append(session.get(f"mk/{vehicle}/{next(asked)}/**", handler=channel, payload=payload, timeout=60))
-            return
+            return 1
         if kind is Flood.UNREAD:
             kept.append(session.get(f"mk/{vehicle}/{key}", handler=zenoh.handlers.FifoChannel(1), timeout=60))
             time.sleep(0.01)
-            return
+            return 1
         handler: zenoh.handlers.Callback[zenoh.Reply] = zenoh.handlers.Callback(ignore, lambda: None, indirect=False)
         session.get(f"mk/{vehicle}/{key}", handler, payload=payload, timeout=5)
         time.sleep(0.0001)
+        return 1
 
     return ask
+
+
+def _setpoints(publisher: zenoh.Publisher, payload: bytes, rate: float | None) -> Callable[[], int]:
+    """What puts a setpoint; where it has a rate [Hz], as many as are due."""
+    proof, began, count = bytes(32), time.monotonic(), 0
+
+    def put() -> int:
+        nonlocal count
+        due = 1
+        if rate is not None:
+            time.sleep(0.001)
+            due = int((time.monotonic() - began) * rate) - count
+        for _ in range(due):
+            publisher.put(payload, attachment=proof)
+        count += due
+        return due
+
+    return put
 
 
 if __name__ == "__main__":

@@ -15,14 +15,24 @@ import time
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from typing import Final
 
 from lab.attack.attackers import Flood
+from lab.attack.flights import Plan
 from lab.attack.programs import DEAF_DAEMON
 from lab.rigs.pilot import Pilot
-from lab.rigs.processes import START, VEHICLE, ObservedSimulation, connected, daemon_process, wait_for_control
+from lab.rigs.processes import (
+    START,
+    VEHICLE,
+    ObservedSimulation,
+    Sticks,
+    connected,
+    daemon_process,
+    wait_for_control,
+)
 from lab.rigs.waiting import wait_until
 from lab.stories.kill import steering
 from lab.stories.losses import percentile
@@ -40,6 +50,10 @@ LOG_LIMIT: Final = 10_000.0
 """What the daemon writes to standard error [bytes/s]."""
 RELEASE_LIMIT: Final = 2.5
 """From `mkctl release` to a FlightCtrl that holds nothing [s]: 1 s for the bus, then the Unix socket."""
+NEUTRAL_LIMIT: Final = 0.35
+"""From the pilot's last setpoint to level sticks [s]: 0.3 s, and what the daemon and the line take."""
+LADDER_LIMIT: Final = 1.1
+"""From there to a FlightCtrl that holds nothing [s]: 1 s, and the same."""
 ATTACKERS: Final = 2
 SECONDS: Final = 5.0
 """How long an attack lasts [s]."""
@@ -56,7 +70,8 @@ class Ride:
         gap_p99: the same, 99th percentile [s].
         gap_max: the same, longest [s].
         kept: the FlightCtrl was under control from beginning to end.
-        released: from `mkctl release` to a FlightCtrl that holds nothing [s].
+        neutral: from the pilot's last setpoint to level sticks [s]; None where he flies on until the release.
+        released: from `mkctl release`, or from the pilot's last setpoint, to a FlightCtrl that holds nothing [s].
         memory_mb: most that the daemon held at any time [MiB].
         log: what it wrote to standard error [bytes/s].
         load: of the machine, over one minute.
@@ -68,6 +83,7 @@ class Ride:
     gap_p99: float
     gap_max: float
     kept: bool
+    neutral: float | None
     released: float
     memory_mb: float
     log: float
@@ -77,11 +93,13 @@ class Ride:
     def is_wrong(self) -> bool:
         """Whether it breaks a limit."""
         is_slow = self.gap_p99 > GAP_LIMIT or self.released > RELEASE_LIMIT
+        if self.neutral is not None:
+            is_slow |= self.neutral > NEUTRAL_LIMIT or self.released > LADDER_LIMIT
         return is_slow or not self.kept or self.memory_mb > MEMORY_LIMIT_MB or self.log > LOG_LIMIT
 
 
-async def ride(kind: Flood, seed: int) -> Ride:
-    """Fly under attack, then release as a user would.
+async def ride(kind: Flood, seed: int, *, dies: bool = False) -> Ride:
+    """Fly under attack, then release as a user would; or the pilot dies, and the attack goes on.
 
     Raises:
         TimeoutError: the flight did not begin, or the aircraft was never released.
@@ -113,26 +131,33 @@ async def ride(kind: Flood, seed: int) -> Ride:
                 times = [at for at, data in simulation.heard if steering(data)]
                 log = (len(daemon.errors) - written) / (time.monotonic() - began)
                 memory = daemon.most_resident_mb()
-                called = time.monotonic()
-                asking = asyncio.create_task(_release(daemon.endpoint), name="release")
-                await wait_until(lambda: not simulation.is_controlled)
-                released = time.monotonic() - called
-                await pilot.stop()
-                await asking
+                neutral, released = await (_die if dies else _release)(pilot, simulation, daemon.endpoint)
             rates = tuple([(await one.communicate())[0].decode().strip() for one in attackers])
     gaps = sorted(after - before for before, after in pairwise(times)) or [SECONDS]
     return Ride(
-        kind.value,
+        _name(kind, dies=dies),
         rates,
         round(percentile(gaps, 0.5) or 0.0, 4),
         round(percentile(gaps, 0.99) or 0.0, 4),
         round(gaps[-1], 4),
         is_kept,
-        round(released, 3),
+        neutral,
+        released,
         round(memory, 1),
         round(log),
         round(os.getloadavg()[0], 1),
     )
+
+
+def flood_plans(boards: str) -> list[Plan[Ride]]:
+    """Every flight under a flood; under setpoints those in which the pilot dies too."""
+    deadly = (Flood.SETPOINTS, Flood.STEADY)
+    rows = [(kind, dies) for kind in Flood for dies in ((False, True) if kind in deadly else (False,))]
+    return [Plan(_name(kind, dies=dies), boards, partial(ride, kind, dies=dies)) for kind, dies in rows]
+
+
+def _name(kind: Flood, *, dies: bool) -> str:
+    return f"{kind.value}, the pilot dies" if dies else kind.value
 
 
 @asynccontextmanager
@@ -140,7 +165,7 @@ async def _attacked(kind: Flood, endpoint: str) -> AsyncIterator[list[asyncio.su
     """Attackers for as long as the context lasts, and a little longer."""
     words = ("-m", "lab.attack.attackers", kind.value, endpoint, VEHICLE, str(SECONDS + 2.0))
     attackers = [
-        await asyncio.create_subprocess_exec("nice", "-n", "5", sys.executable, *words, stdout=asyncio.subprocess.PIPE)
+        await asyncio.create_subprocess_exec(sys.executable, *words, stdout=asyncio.subprocess.PIPE)
         for _ in range(ATTACKERS)
     ]
     try:
@@ -152,5 +177,24 @@ async def _attacked(kind: Flood, endpoint: str) -> AsyncIterator[list[asyncio.su
                     one.send_signal(signal.SIGKILL)
 
 
-async def _release(endpoint: str) -> None:
-    await release("the attack is over", connection=Connection(vehicle=VEHICLE, connect=endpoint, json=True))
+async def _release(pilot: Pilot, simulation: ObservedSimulation, endpoint: str) -> tuple[None, float]:
+    """Release as a user would; returns how long that took [s]."""
+    called = time.monotonic()
+    connection = Connection(vehicle=VEHICLE, connect=endpoint, json=True)
+    asking = asyncio.create_task(release("the attack is over", connection=connection), name="release")
+    await wait_until(lambda: not simulation.is_controlled)
+    released = time.monotonic() - called
+    await pilot.stop()
+    await asking
+    return None, round(released, 3)
+
+
+async def _die(pilot: Pilot, simulation: ObservedSimulation, endpoint: str) -> tuple[float, float]:
+    """Let the pilot fall silent; returns when the sticks were level and when the aircraft was released [s]."""
+    del endpoint
+    await pilot.stop()
+    died = pilot.puts[-1]
+    await wait_until(lambda: simulation.sticks is not Sticks.STEERED)
+    neutral = time.monotonic() - died
+    await wait_until(lambda: simulation.sticks is Sticks.NOTHING)
+    return round(neutral, 3), round(time.monotonic() - died, 3)

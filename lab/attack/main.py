@@ -19,10 +19,9 @@ from cyclopts import Parameter
 from rich.console import Console
 from rich.table import Table
 
-from lab.attack.attackers import Flood
 from lab.attack.deaths import BOARDS, Attack, Death, attack
 from lab.attack.flights import AnyFlight, Flights, Plan, flight_pool, fly_all
-from lab.attack.floods import Ride, ride
+from lab.attack.floods import Ride, flood_plans
 from lab.attack.guardless import GuardDeath, kill_guard
 from lab.attack.quiet import FLIGHT, fly_quietly
 from lab.attack.virtual import Silence, VirtualDeath, fly_virtually
@@ -117,7 +116,7 @@ def virtual_row(flights: Flights[VirtualDeath]) -> dict[str, Any]:
 
 def run_floods(scope: Scope) -> Rows:
     """Every flood, one at a time: it is the machine's load itself."""
-    return map(flood_row, scope.alone().fly([Plan(kind.value, ON_TCP, partial(ride, kind)) for kind in Flood]))
+    return map(flood_row, scope.alone().fly(flood_plans(ON_TCP)))
 
 
 def flood_row(flights: Flights[Ride]) -> dict[str, Any]:
@@ -129,6 +128,7 @@ def flood_row(flights: Flights[Ride]) -> dict[str, Any]:
         kept=sum(one.kept for one in flown),
         gap_p99_max_s=_largest(one.gap_p99 for one in flown),
         gap_max_s=_largest(one.gap_max for one in flown),
+        neutral_max_s=_largest(one.neutral for one in flown if one.neutral is not None),
         released_max_s=_largest(one.released for one in flown),
         memory_max_mb=_largest(one.memory_mb for one in flown),
         log_max_bytes_per_s=_largest(one.log for one in flown),

@@ -113,7 +113,7 @@ class CockpitClient:
             granted = await self._flown.flight.lease(LeaseRequest(action="take", holder=self.name))
             assert isinstance(granted, LeaseGrant)
             transport = cast("Transport", self)
-            async with Lease(transport, self.name, granted.epoch, granted.secret, _listen(queue)) as lease:
+            async with Lease(transport, self.name, granted, _listen(queue)) as lease:
                 yield lease
         finally:
             self._published.listeners.remove(queue)

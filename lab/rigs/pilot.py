@@ -42,6 +42,7 @@ class Pilot:
         self.secret = ""
         self.puts: list[float] = []
         self._client = client
+        # A stranger knows the plain key alone.
         self._publisher = client.stream("setpoint/stick")
         self._period = 1.0 / rate
         self._sequence = 0
@@ -53,6 +54,7 @@ class Pilot:
         answer = await self._client.command("do", "lease", fields)
         if answer.is_accepted:
             self.epoch, self.secret, self._sequence = int(answer.reply["epoch"]), answer.reply["secret"], 0
+            self._publisher = self._client.stream(f"{answer.reply['setpoint_root']}/stick")
         return answer.is_accepted
 
     async def engage(self, is_controlled: Callable[[], bool]) -> None:

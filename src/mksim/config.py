@@ -300,6 +300,8 @@ class SceneConfig(Section):
     """Whether images are rendered; one core carries 640x480 at 30 Hz."""
     name: CameraName = "down"
     """Last part of its key."""
+    secret_file: Path | None = None
+    """File with the secret that signs its images, as `secret_file` of the daemon's camera; unset signs none."""
     camera: Path | None = None
     """Camera file it renders with; unset is 640x480, 74 x 59 deg, looking down."""
     targets: tuple[Path, ...] = ()

@@ -11,6 +11,7 @@ import zenoh
 
 from lab.rigs.waiting import PATIENCE
 from mkdaemon.bus.endpoint import reserved_endpoint
+from mkdaemon.bus.gateway import Bus
 from mkdaemon.bus.session import session_config
 from mkdaemon.config.bus import BusConfig
 
@@ -40,6 +41,11 @@ def client(endpoint: str, more: Mapping[str, object] = MappingProxyType({})) -> 
         yield session
     finally:
         session.close()
+
+
+def sticks_of(bus: Bus) -> str:
+    """The key at which a bus takes sticks from the holder of the lease."""
+    return f"mk/{bus.vehicle}/{bus.setpoint_root}/stick"
 
 
 def ask(session: zenoh.Session, key: str, payload: dict | bytes | None = None, timeout: float = PATIENCE) -> list:

@@ -6,6 +6,7 @@ import asyncio
 import json
 import shutil
 import subprocess
+from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
@@ -13,6 +14,7 @@ import zenoh
 
 from lab.rigs.waiting import wait_until
 from mkdaemon.bus.gateway import Bus
+from mkdaemon.bus.keys import Use, roots
 from mkdaemon.bus.session import open_session, session_config
 from mkdaemon.bus.tls import explain_tls_failure
 from mkdaemon.client import connect as connect_client
@@ -22,7 +24,7 @@ from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.command import CommandResult
 from mkdaemon.telemetry.event import LogEvent
 from mkdaemon.telemetry.refusals import Status
-from tests.bus.support import PATIENCE, ask, bus_config, free_endpoint
+from tests.bus.support import PATIENCE, ask, bus_config, free_endpoint, sticks_of
 from tests.places import CONFIGS
 
 SAMPLES = CONFIGS / "zenoh"
@@ -93,7 +95,7 @@ async def test_a_pilot_looks_and_commands(guarded, connect):
     assert value["text"] == "hello"
     [(_, result, _)] = await asyncio.to_thread(ask, pilot, "mk/t1/do/release")
     assert result["status"] == "accepted"
-    pilot.put("mk/t1/setpoint/stick", b"sticks")
+    pilot.put(sticks_of(guarded[0]), b"sticks")
     await wait_until(lambda: b"sticks" in commanded)
 
 
@@ -104,11 +106,11 @@ async def test_a_watcher_looks_and_cannot_command_or_fly(guarded, connect):
     [(_, value, _)] = await asyncio.to_thread(ask, watcher, "mk/t1/event/log")
     assert value["text"] == "hello"
     assert await asyncio.to_thread(ask, watcher, "mk/t1/do/release", None, 1.0) == []
-    watcher.put("mk/t1/setpoint/stick", b"forged")
+    watcher.put(sticks_of(guarded[0]), b"forged")
     await asyncio.to_thread(
         ask, watcher, "mk/t1/event/log"
     )  # the put went the same way, so it has arrived or never will
-    pilot.put("mk/t1/setpoint/stick", b"mine")
+    pilot.put(sticks_of(guarded[0]), b"mine")
     await wait_until(lambda: b"mine" in commanded)
     assert commanded == [b"mine"]
 
@@ -131,6 +133,31 @@ async def test_nobody_forges_telemetry(guarded, connect):
     for _ in range(3):
         await asyncio.to_thread(ask, pilot, "mk/t1/event/log")
     assert "mk/t1/state/battery" not in heard
+
+
+@pytest.mark.parametrize("who", ["pilot", "watcher"])
+async def test_nobody_forges_schemas_or_signs_of_life(guarded, connect, who):
+    bus, endpoint, _ = guarded
+    forger = await asyncio.to_thread(connect, who, endpoint)
+    other = await asyncio.to_thread(connect, "pilot", endpoint)
+    heard = []
+    note = zenoh.handlers.Callback(lambda sample: heard.append(str(sample.key_expr)), indirect=False)
+    other.declare_subscriber("mk/t1/**", note)
+    other.liveliness().declare_subscriber("mk/**", note, history=True)
+    with ExitStack() as tokens:
+        for name in ("t1/alive", "t2/alive", *(["t1/client/pilot"] if who == "watcher" else [])):
+            tokens.enter_context(forger.liveliness().declare_token(f"mk/{name}"))
+        forger.put("mk/t1/schema/Attitude.v1", b"{}")
+        await asyncio.to_thread(ask, forger, "mk/t1/event/log")  # the same way: what arrives has arrived
+
+        def hears_the_daemon() -> bool:
+            bus.publish("event/log", HELLO)
+            return "mk/t1/event/log" in heard
+
+        await wait_until(hears_the_daemon)
+        await asyncio.to_thread(ask, other, "mk/t1/event/log")
+    assert set(heard) == {"mk/t1/alive", "mk/t1/event/log"}
+    assert heard.count("mk/t1/alive") == 1  # the daemon's own
 
 
 @pytest.mark.parametrize("who", ["pilot", "watcher"])
@@ -178,3 +205,11 @@ def test_a_certificate_is_good_for_nothing_else(certificates, who):
     assert ("TLS Web Server Authentication" in text) is (who == "daemon")
     assert ("localhost" in text) is (who == "daemon")
     assert "TLS Web Client Authentication" in text
+
+
+def test_the_sample_lets_everybody_look_at_everything_that_is_published():
+    rules = json.loads(zenoh.Config.from_file(SAMPLES / "daemon-tls.json5").get_json("access_control/rules"))
+    patterns = {rule["id"]: [zenoh.KeyExpr(one) for one in rule["key_exprs"]] for rule in rules}
+    for name in ("look", "hear"):
+        for root in roots(Use.PUBLISHED):
+            assert any(zenoh.KeyExpr(f"mk/t1/{root}").intersects(one) for one in patterns[name]), root

@@ -36,7 +36,7 @@ from mkdaemon.telemetry.event import LogEvent
 from mkdaemon.telemetry.refusals import Status, Token, refuse
 from mkdaemon.telemetry.signature import SIGNATURE_BYTES
 from mkdaemon.telemetry.state import Attitude, Battery
-from tests.bus.support import PATIENCE, ask, bus_config, client, free_endpoint
+from tests.bus.support import PATIENCE, ask, bus_config, client, free_endpoint, sticks_of
 
 STAMP = Stamp(monotonic=1.0, wall=2.0)
 BATTERY = Battery(stamp=STAMP, source="nc/osd", voltage=11.4, current=2.5, used_mah=130.0, is_low=False)
@@ -227,7 +227,7 @@ async def test_setpoints_arrive_on_the_loop_with_their_time(bus):
     with client(endpoint) as session:
         came = []
         for attachment in (bytes(32), bytes(33), None):
-            await asyncio.to_thread(session.put, "mk/t1/setpoint/stick", b"abc", attachment=attachment)
+            await asyncio.to_thread(session.put, sticks_of(opened), b"abc", attachment=attachment)
             came.append(await asyncio.wait_for(taken.get(), PATIENCE))
     stamp = came[0][0]
     assert [(raw, signed_for) for _, raw, signed_for in came] == [(b"abc", 7), (b"abc", None), (b"abc", None)]
@@ -246,13 +246,11 @@ async def test_a_flood_of_setpoints_is_shed_and_costs_the_holder_nothing(bus_of_
 
         def flood() -> None:
             for _ in range(5000):
-                attacker.put("mk/t1/setpoint/stick", b"flood", congestion_control=zenoh.CongestionControl.BLOCK)
+                attacker.put(sticks_of(opened), b"flood", congestion_control=zenoh.CongestionControl.BLOCK)
 
         flooding = asyncio.ensure_future(asyncio.to_thread(flood))
         for number in range(10):
-            await asyncio.to_thread(
-                pilot.put, "mk/t1/setpoint/stick", b"%d" % number, attachment=bytes(SIGNATURE_BYTES)
-            )
+            await asyncio.to_thread(pilot.put, sticks_of(opened), b"%d" % number, attachment=bytes(SIGNATURE_BYTES))
             await wait_until(lambda number=number: taken[b"%d" % number])
         await flooding
         await asyncio.to_thread(ask, attacker, "mk/t1/schema/Attitude.v1")  # the same way: everything has arrived
@@ -392,7 +390,7 @@ async def test_long_setpoints_and_requests_are_refused_by_their_length_and_cost_
 
         def attack() -> None:
             for payload in (*([big] * 64), long, b"small"):
-                session.put("mk/t1/setpoint/stick", payload, congestion_control=zenoh.CongestionControl.BLOCK)
+                session.put(sticks_of(opened), payload, congestion_control=zenoh.CongestionControl.BLOCK)
 
         used = time.thread_time()
         await asyncio.to_thread(attack)

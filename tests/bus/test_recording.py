@@ -13,7 +13,7 @@ from mkdaemon.bus.intake import Arrived
 from mkdaemon.bus.recording import recorded_taker
 from mkdaemon.telemetry.command import CommandResult
 from mkdaemon.telemetry.refusals import Status, Token, refuse
-from tests.bus.support import PATIENCE, ask, bus_config, client, free_endpoint
+from tests.bus.support import PATIENCE, ask, bus_config, client, free_endpoint, sticks_of
 from tests.bus.test_gateway import BATTERY
 
 PROOF = b"s" * 32
@@ -61,7 +61,7 @@ async def test_a_recorder_is_shown_everything_that_crosses_the_bus():
             me, source = str(session.zid()), zenoh.SourceInfo(session.id, 1)
             for number, proof in enumerate((PROOF, b"t" * 32)):
                 given = source if number == 0 else None
-                session.put("mk/t8/setpoint/stick", b"\x80", attachment=proof, source_info=given)
+                session.put(sticks_of(opened), b"\x80", attachment=proof, source_info=given)
                 await arrived.wait()
                 arrived.clear()
             with session.liveliness().declare_token("mk/t8/client/pad"):
@@ -82,6 +82,6 @@ async def test_a_recorder_is_shown_everything_that_crosses_the_bus():
 def test_what_is_too_long_is_taken_and_not_recorded():
     recorder, taken = Recorder(), []
     take = recorded_taker(recorder, "setpoint/stick", "", lambda at, payload, signed_for: taken.append(payload))
-    take(Arrived(1.0, TooLong(9000, 1024), b"", None, ""))
+    take(Arrived(1.0, TooLong(9000, 1024), b"", None, None))
     assert recorder.seen == []
     assert taken == [TooLong(9000, 1024)]

@@ -101,7 +101,7 @@ class FakeDaemon:
                 raise refuse(Token.UNKNOWN_VERB, name=suffix, near="lease")
         shown = self.lease()
         if shown is not None and fields.get("action") == "take":
-            shown = LeaseGrant(**dict(shown), secret=SECRET)
+            shown = LeaseGrant(**dict(shown), secret=SECRET, setpoint_root=self.bus.setpoint_root)
         return CommandResult(status=Status.ACCEPTED, reply=None if shown is None else dict(shown))
 
     def lease(self):

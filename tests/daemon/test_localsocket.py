@@ -6,15 +6,16 @@ import asyncio
 import json
 import os
 import stat
+import sys
 
 import pytest
 
-from lab.rigs.waiting import wait_until
+from lab.rigs.waiting import PATIENCE, wait_until
 from mkdaemon.bus.codec import decode_map
 from mkdaemon.bus.localsocket import REQUEST_BYTES, is_here, socket_folders, socket_name
 from mkdaemon.client.localsocket import ask_locally, find_socket
 from mkdaemon.daemon import localsocket
-from mkdaemon.daemon.localsocket import CONNECTIONS, LocalSocket
+from mkdaemon.daemon.localsocket import CONNECTIONS, WORKED_ON, LocalSocket
 from mkdaemon.errors import ConfigError, MkError
 from mkdaemon.telemetry.command import CommandResult, refused
 from mkdaemon.telemetry.refusals import Status, Token, refuse
@@ -163,3 +164,65 @@ async def test_a_folder_of_another_user_is_no_place_for_the_socket(path, monkeyp
         async with LocalSocket(Desk().answer).serve(path):
             pytest.fail("it listens")
     assert not path.exists()
+
+
+STORM = """
+import resource, socket, sys
+resource.setrlimit(resource.RLIMIT_NOFILE, (1024, 1024))
+kept = []
+while True:
+    try:
+        one = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        one.setblocking(False)
+        one.connect(sys.argv[1])
+        kept.append(one)
+    except OSError:
+        pass
+    if len(kept) == 500:
+        print(flush=True)
+        kept.clear()
+"""
+
+
+async def test_a_release_gets_in_beside_a_storm_of_connections(desk, path):
+    storm = await asyncio.create_subprocess_exec(sys.executable, "-c", STORM, str(path), stdout=asyncio.subprocess.PIPE)
+    try:
+        await asyncio.wait_for(storm.stdout.readline(), PATIENCE)  # it rages
+        for _ in range(3):
+            assert (await ask_locally(path, "release")).is_accepted
+    finally:
+        storm.kill()
+        await storm.wait()
+    assert len(desk.asked) >= 3
+
+
+async def test_who_has_most_silent_connections_loses_one(monkeypatch, path):
+    """A client that has not asked yet is not shut out by those of another process."""
+    numbers = iter([1] + [2] * 3 * CONNECTIONS)
+    monkeypatch.setattr(localsocket, "_process_of", lambda connection: next(numbers, 3))
+    async with LocalSocket(Desk().answer).serve(path):
+        reader, writer = await asyncio.open_unix_connection(str(path))
+        others = [await asyncio.open_unix_connection(str(path)) for _ in range(3 * CONNECTIONS)]
+        assert (await ask_locally(path, "cancel")).token == Token.NOT_LEASED  # taken after them all
+        writer.write(b"release\n")
+        assert json.loads(await reader.readline())["status"] == "accepted"
+        for _, other in [*others, (None, writer)]:
+            other.close()
+
+
+async def test_requests_that_are_worked_on_shut_out_no_release(path):
+    gate = asyncio.Event()
+
+    async def answer(suffix, payload):
+        if suffix == "do/cancel":
+            await gate.wait()
+        return CommandResult(status=Status.ACCEPTED)
+
+    async with LocalSocket(answer).serve(path):
+        cancels = [asyncio.ensure_future(ask_locally(path, "cancel")) for _ in range(2 * WORKED_ON)]
+        done, _ = await asyncio.wait(cancels, return_when=asyncio.FIRST_COMPLETED)
+        assert {one.result().token for one in done} == {Token.BUSY}
+        assert (await ask_locally(path, "release")).is_accepted
+        gate.set()
+        answers = await asyncio.gather(*cancels)
+        assert sum(one.is_accepted for one in answers) == WORKED_ON

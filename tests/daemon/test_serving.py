@@ -29,6 +29,8 @@ RECORDING = CAPTURES / "nc_mixed_60s.jsonl"
 class Bus:
     """Keeps what is published; nobody asks and nobody listens."""
 
+    setpoint_root = "setpoint/@1"
+
     def __init__(self, open_endpoints=()):
         self.published, self.shed, self.open_endpoints = [], {}, open_endpoints
         self.audience = asyncio.Event()
@@ -40,6 +42,9 @@ class Bus:
         return [value for key, value in self.published if key == suffix]
 
     def serve(self, root, handler):
+        pass
+
+    def refuse_uninvited(self):
         pass
 
     def receive(self, suffix, take, verify):
@@ -246,7 +251,7 @@ def with_daemon(monkeypatch, error):
             raise error
 
     @asynccontextmanager
-    async def opened(cfg, vehicle, recorder, *, takes_images):
+    async def opened(cfg, vehicle, recorder, *, takes_images, private_images):
         yield Bus()
 
     monkeypatch.setattr(program, "Daemon", Failing)

@@ -25,7 +25,7 @@ from lab.stories.losses import silence_log
 from mkdaemon.client import Sample
 from mkdaemon.protocol.framing import encode_frame
 
-RIDE = Ride("setpoints", ("1000", "1000"), 0.02, 0.03, 0.04, True, 0.1, 100.0, 90.0, 1.0)
+RIDE = Ride("setpoints", ("1000", "1000"), 0.02, 0.03, 0.04, True, None, 0.1, 100.0, 90.0, 1.0)
 
 
 def test_a_row_names_the_deaths_that_break_a_limit():
@@ -42,6 +42,10 @@ def test_a_row_names_the_deaths_that_break_a_limit():
         ({"gap_p99": 0.07}, True),
         ({"kept": False}, True),
         ({"released": 3.0}, True),
+        ({"released": 1.11}, False),
+        ({"neutral": 0.35, "released": 1.1}, False),
+        ({"neutral": 0.35, "released": 1.11}, True),
+        ({"neutral": 0.36, "released": 1.1}, True),
         ({"memory_mb": 151.0}, True),
         ({"log": 11_000.0}, True),
     ],

@@ -1,8 +1,8 @@
 """What keeps a flood of one client from costing another its lease.
 
-What is too long is dropped inside Zenoh, before Python sees it; the rest is bounded here, on Zenoh's threads, and
-counted. Zenoh's own limit of a rate (`downsampling`) is not used: of setpoints that a slow network delivers together it
-would take the first and drop the newest.
+What is too long is dropped inside Zenoh, before Python sees it, and so are setpoints of strangers (`setpointroot`). The
+rest is bounded here, on Zenoh's threads, and counted. Zenoh's own limit of a rate (`downsampling`) is not used: of
+setpoints that a slow network delivers together it would take the first and drop the newest.
 """
 
 from __future__ import annotations
@@ -14,9 +14,10 @@ from collections.abc import Callable, Mapping
 from typing import Final
 
 from mkdaemon.bus.keyspec import REQUEST_BYTES
+from mkdaemon.bus.names import key
 
 STRANGER_RATE: Final = 100.0
-"""Setpoints of one kind that the holder did not sign, taken from all connections together [Hz]."""
+"""Setpoints of one kind below the secret root that the holder did not sign, from all connections together [Hz]."""
 LONGEST_SETPOINT: Final = 1 << 16
 """A longer one is dropped without a word [bytes]; one of more than 512 is refused with a reason."""
 LONGEST_MESSAGE: Final = 1 << 20
@@ -45,10 +46,10 @@ def flood_settings(vehicle: str, kinds: tuple[str, ...], *, takes_images: bool =
 
     Args:
         vehicle: its name.
-        kinds: suffixes of the setpoints.
+        kinds: suffixes to which setpoints are put.
         takes_images: whether a camera brings its images over the bus.
     """
-    keys = [f"mk/{vehicle}/{kind}" for kind in kinds]
+    keys = [key(vehicle, kind) for kind in kinds]
     return {
         "low_pass_filter": [
             {

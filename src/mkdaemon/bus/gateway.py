@@ -8,10 +8,11 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Mapping
 from contextlib import ExitStack, asynccontextmanager
 from functools import partial
-from typing import Final, Self
+from types import MappingProxyType
+from typing import Any, Final, Self
 
 import zenoh
 from pydantic import BaseModel
@@ -21,13 +22,14 @@ from mkdaemon.bus.codec import MEDIA_TYPE, encoding_of
 from mkdaemon.bus.commandserver import CommandServer, Handler
 from mkdaemon.bus.exposure import check_exposure
 from mkdaemon.bus.floods import ShedCounter, flood_settings
-from mkdaemon.bus.intake import SetpointIntake, Taker, Verifier, read_payload, read_signature, read_source
+from mkdaemon.bus.intake import Arrived, SetpointIntake, Taker, Verifier, read_payload, read_signature
 from mkdaemon.bus.keys import Use, find, of_use, roots
 from mkdaemon.bus.names import key
 from mkdaemon.bus.published import PublishedValues
 from mkdaemon.bus.recording import BusRecorder, NoRecorder, recorded_taker
 from mkdaemon.bus.schema import schema_json, schema_names
 from mkdaemon.bus.session import close_session, open_session, session_config
+from mkdaemon.bus.setpointroot import NEIGHBOURS, below, extend_access, new_setpoint_root
 from mkdaemon.config.bus import BusConfig
 
 _JSON: Final = "application/schema+json"
@@ -41,13 +43,21 @@ class Bus:
 
     Attributes:
         open_endpoints: where everybody in the network may come in; empty unless the configuration allows it.
+        setpoint_root: below which the holder of the lease puts setpoints; nobody else is told.
     """
 
     def __init__(
-        self, session: zenoh.Session, cfg: BusConfig, vehicle: str, recorder: BusRecorder, clock: Callable[[], float]
+        self,
+        session: zenoh.Session,
+        cfg: BusConfig,
+        vehicle: str,
+        recorder: BusRecorder,
+        clock: Callable[[], float],
+        root: str,
     ) -> None:
         self.vehicle = vehicle
         self.open_endpoints: tuple[str, ...] = ()
+        self.setpoint_root = root
         self._session = session
         self._cfg = cfg
         self._loop = asyncio.get_running_loop()
@@ -55,6 +65,7 @@ class Bus:
         self._clock = clock
         self._published = PublishedValues(session, vehicle, recorder)
         self._shed = ShedCounter()
+        self._uninvited: list[tuple[zenoh.Subscriber[Any], str, Callable[[Arrived], None]]] = []
         self._commands = CommandServer(session, vehicle, recorder, self._shed, cfg.max_queries, clock)
         # One of its own, so that who reads no last values holds up no answer to a command.
         self._lookups = AnswerThread("bus.lookups", limit=4 * cfg.max_queries, limit_per_key=cfg.max_queries)
@@ -68,6 +79,7 @@ class Bus:
         recorder: BusRecorder | None = None,
         *,
         takes_images: bool = False,
+        private_images: Mapping[str, str] = MappingProxyType({}),
         clock: Callable[[], float] = time.monotonic,
     ) -> AsyncIterator[Self]:
         """Open a session, show the liveliness token, answer last-value and schema queries; close all on leaving.
@@ -77,26 +89,29 @@ class Bus:
             vehicle: its name in every key.
             recorder: hears of everything published and asked; nobody by default.
             takes_images: whether a camera brings its images over the bus: only then are long messages received.
+            private_images: keys that only a camera's sender knows, by the plain ones.
             clock: what a second is, for messages that are too many in it [s].
 
         Raises:
             ConfigError: an endpoint or the Zenoh file is wrong, or everybody in the network could fly.
             MkError: the endpoint is in use.
         """
+        root = new_setpoint_root()
+        plain = tuple(spec.suffix for spec in of_use(Use.SETPOINT))
+        kinds = (*plain, *(below(root, suffix) for suffix in plain))
         config = session_config(
             "peer",
             listen=cfg.listen,
             connect=cfg.connect,
             zenoh_file=cfg.zenoh_file,
             lease=cfg.lease,
-            more=flood_settings(
-                vehicle, tuple(spec.suffix for spec in of_use(Use.SETPOINT)), takes_images=takes_images
-            ),
+            more={**flood_settings(vehicle, kinds, takes_images=takes_images), "gateway": NEIGHBOURS},
         )
+        extend_access(config, vehicle, root, private_images)
         reachable = check_exposure(config, allow_open=cfg.allow_open)
         session = await open_session(config, listen=cfg.listen)
         try:
-            bus = cls(session, cfg, vehicle, recorder or NoRecorder(), clock)
+            bus = cls(session, cfg, vehicle, recorder or NoRecorder(), clock, root)
             bus.open_endpoints = reachable
             with ExitStack() as token:
                 try:
@@ -163,12 +178,13 @@ class Bus:
         await self._commands.stop()
 
     def receive(self, suffix: str, take: Taker, verify: Verifier = lambda payload, proof: 0) -> None:
-        """Hand every setpoint of a key to `take`, with the time it arrived; see `SetpointIntake`.
+        """Hand every setpoint put below the secret root to `take`, with the time it arrived; see `SetpointIntake`.
 
-        What is too long is not even copied.
+        What is too long is not even copied. The holder's are put once more to the plain key. What others put there is
+        kept without Python, the newest alone, for `refuse_uninvited`.
 
         Args:
-            suffix: key without `mk/<vehicle>/`.
+            suffix: plain key without `mk/<vehicle>/`.
             take: called on the loop.
             verify: tells those of the holder from others; called on Zenoh's threads.
         """
@@ -176,14 +192,33 @@ class Bus:
         encoding = MEDIA_TYPE if spec is None or spec.carries is None else encoding_of(spec.carries)
 
         recorded = recorded_taker(self._recorder, suffix, encoding, take)
+        plain, remote = key(self.vehicle, suffix), zenoh.Locality.REMOTE
+        publisher = self._session.declare_publisher(plain, encoding=encoding, allowed_destination=remote)
+
+        def take_and_show(arrived: Arrived) -> None:
+            recorded(arrived)
+            if arrived.signed_for is not None and isinstance(arrived.payload, bytes):
+                publisher.put(arrived.payload, attachment=arrived.proof, source_info=arrived.source)
+
         shed = partial(self._shed.add, f"setpoints to {suffix}")
-        intake = SetpointIntake(self._loop, recorded, verify, shed, self._clock)
+        intake = SetpointIntake(self._loop, take_and_show, verify, shed, self._clock)
 
         def on_sample(sample: zenoh.Sample) -> None:
-            source = read_source(sample.source_info)
-            intake.arrived(read_payload(sample.payload, suffix), read_signature(sample.attachment), source)
+            payload = read_payload(sample.payload, suffix)
+            intake.arrived(payload, read_signature(sample.attachment), sample.source_info)
 
-        self._session.declare_subscriber(key(self.vehicle, suffix), zenoh.handlers.Callback(on_sample, indirect=False))
+        whole = key(self.vehicle, below(self.setpoint_root, suffix))
+        self._session.declare_subscriber(whole, zenoh.handlers.Callback(on_sample, indirect=False))
+        newest = self._session.declare_subscriber(plain, zenoh.handlers.RingChannel(1), allowed_origin=remote)
+        self._uninvited.append((newest, suffix, recorded))
+
+    def refuse_uninvited(self) -> None:
+        """Have the newest setpoint refused that was put to each plain key since the last call; nobody may."""
+        for newest, suffix, take in self._uninvited:
+            sample = newest.handler.try_recv()
+            if sample is not None:
+                payload = read_payload(sample.payload, suffix)
+                take(Arrived(time.monotonic(), payload, b"", None, sample.source_info))
 
     def take_shed(self) -> dict[str, int]:
         """How much of what was shed since the last call, because it was too much."""

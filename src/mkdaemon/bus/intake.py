@@ -37,14 +37,14 @@ class Arrived(NamedTuple):
         payload: as it came.
         proof: its signature.
         signed_for: epoch of the lease whose holder signed it; None where he did not.
-        source: id of the session it says it comes from.
+        source: the session it says it comes from; None where it says nothing.
     """
 
     at: float
     payload: Payload
     proof: bytes
     signed_for: int | None
-    source: str
+    source: zenoh.SourceInfo | None
 
 
 class SetpointIntake:
@@ -79,7 +79,7 @@ class SetpointIntake:
         self._strangers = Budget(STRANGER_RATE, clock)
         self._is_called = False
 
-    def arrived(self, payload: Payload, proof: bytes, source: str = "") -> None:
+    def arrived(self, payload: Payload, proof: bytes, source: zenoh.SourceInfo | None = None) -> None:
         """Take a setpoint; from any thread, returns at once."""
         signed_for = self._verify(payload, proof)
         if signed_for is None and not self._strangers.admits():

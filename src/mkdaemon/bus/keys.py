@@ -109,7 +109,10 @@ KEYS: Final[tuple[KeySpec, ...]] = (
     KeySpec("cmd/<board>/<message>", _Q, CommandResult, "", "A MikroKopter request; its typed reply, or a refusal."),
     *(KeySpec(f"do/{verb.name}", _Q, verb.request, "", verb.about, verb.reply) for verb in VERBS),
     KeySpec("schema/<name>", _Q, None, "", "JSON Schema of `<Name>.v<N>`, as the encoding of every payload names it."),
-    *(KeySpec(kind.suffix, Use.SETPOINT, kind, "", f"{kind.about}, under a lease.") for kind in SETPOINTS),
+    *(
+        KeySpec(kind.suffix, Use.SETPOINT, kind, "", f"{kind.about}, under a lease: what its holder put.")
+        for kind in SETPOINTS
+    ),
     KeySpec("alive", Use.TOKEN, None, "", "The daemon is alive."),
     KeySpec("playing", Use.TOKEN, None, "", "A recording is played under this name: `mkctl play --as`."),
     KeySpec(

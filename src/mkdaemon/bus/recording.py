@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Protocol
 
-from mkdaemon.bus.intake import Arrived, Taker
+from mkdaemon.bus.intake import Arrived, Taker, read_source
 from mkdaemon.stamp import Stamp
 
 
@@ -77,7 +77,8 @@ def recorded_taker(recorder: BusRecorder, suffix: str, encoding: str, take: Take
             take(at, payload, signed_for)
             return
         is_holder = signed_for is not None
-        recorder.setpoint(suffix, payload, encoding, proof, at=at, source=source, is_holder=is_holder)
+        source_id = read_source(source)
+        recorder.setpoint(suffix, payload, encoding, proof, at=at, source=source_id, is_holder=is_holder)
         refusal = take(at, payload, signed_for)
         if refusal is not None:
             recorder.setpoint_refused(suffix, refusal.token, refusal.reason)

@@ -282,7 +282,7 @@ class Leases:
         watch = self._transport.watch("control/status", "event/command", are_known=True)
         async with self._transport.token(name), watch as statuses:
             granted = await self.take(force=force, ttl=ttl, holder=name, use_remembered=use_remembered)
-            async with Lease(self._transport, name, granted.epoch, granted.secret, statuses) as lease:
+            async with Lease(self._transport, name, granted, statuses) as lease:
                 yield lease
 
     async def take(

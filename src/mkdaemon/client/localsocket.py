@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import errno
 import json
 import os
 from pathlib import Path
@@ -14,6 +15,10 @@ from mkdaemon.errors import MkError
 
 ANSWER_TIME: Final = 8.0
 """Longest wait for an answer [s]; a release has an end within 5 s."""
+RETRY: Final = 0.02
+"""Pause before it is asked again [s]; asking twice for the same does no harm."""
+_SHUT_OUT: Final = frozenset({errno.EAGAIN, errno.ENOTCONN, errno.ECONNRESET, errno.EPIPE})
+"""What a connection meets for which the kernel or the daemon had no room."""
 
 
 def find_socket(vehicle: str, endpoint: str) -> Path | None:
@@ -43,15 +48,31 @@ async def ask_locally(path: Path, verb: str, text: str = "") -> Answer:
     Raises:
         MkError: nobody answers there, or this user may not ask.
     """
+    request = f"{verb} {' '.join(text.split())[:200]}\n".encode()
     try:
         async with asyncio.timeout(ANSWER_TIME):
-            reader, writer = await asyncio.open_unix_connection(str(path))
-            try:
-                writer.write(f"{verb} {' '.join(text.split())[:200]}\n".encode())
-                line = await reader.readline()
-            finally:
-                writer.close()
+            while not (line := await _ask_once(path, request)):  # noqa: ASYNC110 - nobody tells when there is room
+                await asyncio.sleep(RETRY)
         return Answer.from_fields(json.loads(line))
     except (OSError, TimeoutError, ValueError) as error:
         msg = f"{path}: {getattr(error, 'strerror', None) or 'no answer'}"
         raise MkError(msg) from error
+
+
+async def _ask_once(path: Path, request: bytes) -> bytes:
+    """Ask once; empty where a storm of connections shut this one out.
+
+    Raises:
+        OSError: nobody listens there, or this user may not ask.
+    """
+    try:
+        reader, writer = await asyncio.open_unix_connection(str(path))
+        try:
+            writer.write(request)
+            return await reader.readline()
+        finally:
+            writer.close()
+    except OSError as error:
+        if error.errno in _SHUT_OUT:
+            return b""
+        raise

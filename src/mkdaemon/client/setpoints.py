@@ -18,7 +18,7 @@ from mkdaemon.telemetry.refusals import Status, Token
 if TYPE_CHECKING:
     from pydantic import BaseModel
 
-    from mkdaemon.telemetry.control import ControlStatus, LeaseState, Outcome
+    from mkdaemon.telemetry.control import ControlStatus, LeaseGrant, LeaseState, Outcome
     from mkdaemon.telemetry.event import CommandEvent
 
 RATE: Final = 50.0
@@ -55,11 +55,10 @@ class Setpoints:
         sequence: number of the last setpoint; counts up over all kinds.
     """
 
-    def __init__(self, transport: Transport, epoch: int, secret: str) -> None:
+    def __init__(self, transport: Transport, grant: LeaseGrant) -> None:
         self.sequence = 0
         self._transport = transport
-        self._epoch = epoch
-        self._secret = secret
+        self._grant = grant
         self._publishers: dict[str, tuple[SetpointPublisher, str]] = {}
 
     def check(self, kind: str, ttl: float, fields: Mapping[str, Any]) -> BaseModel:
@@ -79,7 +78,9 @@ class Setpoints:
             msg = f"there is no setpoint {kind!r}; there is {', '.join(_models())}"
             raise MkError(msg)
         try:
-            return model.model_validate({**fields, "epoch": self._epoch, "sequence": self.sequence + 1, "ttl": ttl})
+            return model.model_validate(
+                {**fields, "epoch": self._grant.epoch, "sequence": self.sequence + 1, "ttl": ttl}
+            )
         except ValidationError as error:
             raise refuse(Token.BAD_FIELD, name=model.__name__, detail=first_mistake(error)) from error
 
@@ -95,11 +96,12 @@ class Setpoints:
 
         setpoint = self.check(kind, ttl, fields)
         if kind not in self._publishers:
-            self._publishers[kind] = (self._transport.stream(f"setpoint/{kind}"), encoding_of(type(setpoint)))
+            publisher = self._transport.stream(f"{self._grant.setpoint_root}/{kind}")
+            self._publishers[kind] = (publisher, encoding_of(type(setpoint)))
         publisher, encoding = self._publishers[kind]
         self.sequence += 1
         payload = encode(setpoint)
-        publisher.put(payload, encoding=encoding, attachment=sign(self._secret, f"setpoint/{kind}", payload))
+        publisher.put(payload, encoding=encoding, attachment=sign(self._grant.secret, f"setpoint/{kind}", payload))
 
 
 def load_models() -> None:
@@ -134,16 +136,14 @@ class SetpointStream:
         set: sends one setpoint; for programs that stream at their own rate, at least twice a second.
     """
 
-    def __init__(
-        self, transport: Transport, holder: str, epoch: int, secret: str, statuses: AsyncIterator[Sample]
-    ) -> None:
+    def __init__(self, transport: Transport, holder: str, grant: LeaseGrant, statuses: AsyncIterator[Sample]) -> None:
         self.holder = holder
-        self.epoch = epoch
-        self._secret = secret
+        self.epoch = grant.epoch
+        self._secret = grant.secret
         self._transport = transport
         self._statuses = statuses
         self.set = SetpointCalls(self.put)
-        self._setpoints = Setpoints(transport, epoch, secret)
+        self._setpoints = Setpoints(transport, grant)
         self._loop = asyncio.get_running_loop()
         self._taken_at = self._received_at = self._loop.time()
         self._status: ControlStatus | None = None

@@ -3,13 +3,36 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal, Self
+from typing import Annotated, Final, Literal, Self
 
 from pydantic import Field, model_validator
 
 from mkdaemon.config.base import Section
+from mkdaemon.errors import ConfigError
+from mkdaemon.reading import read_text
 
 CameraName = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9_-]{0,31}$")]
+
+
+SHORTEST_SECRET: Final = 16
+"""Of images [characters]."""
+
+
+def read_image_secret(path: Path) -> str:
+    """Read the secret with which images are signed.
+
+    Raises:
+        ConfigError: the file cannot be read, or the secret is too short.
+    """
+    try:
+        secret = read_text(path).strip()
+    except (OSError, UnicodeDecodeError) as error:
+        msg = f"secret_file {path}: {getattr(error, 'strerror', None) or 'not UTF-8 text'}"
+        raise ConfigError(msg) from error
+    if len(secret) < SHORTEST_SECRET:
+        msg = f"secret_file {path}: {len(secret)} characters, {SHORTEST_SECRET} needed: `openssl rand -hex 16 > {path}`"
+        raise ConfigError(msg)
+    return secret
 
 
 class MountSection(Section):
@@ -30,6 +53,9 @@ class CameraSection(Section):
     """Name on the bus, `vision/<name>/...`."""
     source: str = Field(min_length=1)
     """`/dev/video0` or `v4l2:PATH`, `rtsp://...`, `gstreamer:PIPELINE`, `file:CLIP`, `folder:DIR`, `zenoh:KEY`."""
+    secret_file: Path | None = None
+    """File with the secret that the sender of a `zenoh:` source signs its images with, 16 characters or more; unset
+    takes images from whoever puts them."""
     calibration: Path | None = None
     """Camera file of `mkdaemon calibrate camera`; without one tags are published, poses never."""
     targets: tuple[Path, ...] = ()
@@ -69,6 +95,10 @@ class CameraSection(Section):
     """Quality of published images."""
     jpeg_width: int = Field(default=640, gt=0, le=8192)
     """Published images are scaled down to this width [px]."""
+
+    def image_secret(self) -> str | None:
+        """Read the secret; see `read_image_secret`."""
+        return None if self.secret_file is None else read_image_secret(self.secret_file)
 
     @model_validator(mode="after")
     def _delays_in_order(self) -> Self:

@@ -9,9 +9,15 @@ from __future__ import annotations
 import asyncio
 import grp
 import os
+import selectors
 import socket
+import struct
+import threading
+import time
+from collections import Counter
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager, suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
@@ -24,19 +30,30 @@ from mkdaemon.telemetry.refusals import Token, refuse
 
 REQUEST_TIME: Final = 1.0
 """A connection that has asked for nothing after this long is closed [s]."""
-CONNECTIONS: Final = 16
-"""Connections at a time; a further one ends the oldest."""
+CONNECTIONS: Final = 64
+"""Silent connections at a time."""
+WORKED_ON: Final = 16
+"""Requests of one verb that are worked on at a time."""
+BACKLOG: Final = 1024
+"""Connections that wait in the kernel; with 16, a storm kept a release from coming so far."""
+AT_ONCE: Final = 64
+"""Connections taken before those that are open are looked at again."""
+READ_BYTES: Final = 1 << 16
+"""Read at a time: what is left unread makes the kernel end a connection with an error [bytes]."""
+RETRY: Final = 0.02
+"""Pause where no connection can be taken [s]."""
+CLOSING: Final = 1.0
+"""Longest wait for the thread at the end [s]."""
 
 Answer = Callable[[str, bytes], Awaitable[CommandResult]]
 """Answers `do/<verb>` with a payload, as on the bus."""
 
 
 class LocalSocket:
-    """Answers requests over a Unix socket, on the loop."""
+    """Answers requests over a Unix socket: a thread of its own takes them, the loop works on them."""
 
     def __init__(self, answer: Answer) -> None:
         self._answer = answer
-        self._open: dict[asyncio.Task[None], None] = {}
 
     @asynccontextmanager
     async def serve(self, path: Path, group: str | None = None) -> AsyncIterator[None]:
@@ -50,44 +67,165 @@ class LocalSocket:
             ConfigError: there is no such group, or this user is not in it.
             MkError: another daemon listens there, or the folder cannot be used.
         """
-        server = await asyncio.start_unix_server(self._accept, sock=_listen(path, group), limit=REQUEST_BYTES)
+        reception = Reception(_listen(path, group), asyncio.get_running_loop(), self._answer)
+        reception.start()
         try:
             yield
         finally:
-            server.close()
-            for task in self._open:
-                task.cancel()
+            reception.close()
             _remove(path)
 
-    async def _accept(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        task = asyncio.current_task()
-        assert task is not None
-        if len(self._open) >= CONNECTIONS:
-            next(iter(self._open)).cancel()
-        self._open[task] = None
+
+@dataclass(slots=True, eq=False)
+class _Guest:
+    """A connection that has asked for nothing yet.
+
+    Attributes:
+        connection: with it.
+        process: at its other end.
+        until: when it is closed [s; monotonic].
+        request: what came of it so far.
+    """
+
+    connection: socket.socket
+    process: int
+    until: float
+    request: bytes = b""
+
+
+class Reception(threading.Thread):
+    """Takes connections and reads what they ask for, so that a storm of them costs the loop nothing.
+
+    All that wait are taken, and what each has said is read at once. Of those that say nothing so many may be open; a
+    further one ends the oldest of the process that has most. So whoever asks is heard before a storm shuts him out.
+    """
+
+    def __init__(self, listener: socket.socket, loop: asyncio.AbstractEventLoop, answer: Answer) -> None:
+        """Prepare.
+
+        Args:
+            listener: bound, and does not block; closed at the end.
+            loop: where `answer` runs.
+            answer: works on a request.
+        """
+        super().__init__(name="local socket", daemon=True)
+        self._listener, self._loop, self._answer = listener, loop, answer
+        self._silent: dict[_Guest, None] = {}
+        self._rooms = {verb: threading.Semaphore(WORKED_ON) for verb in VERBS}
+        self._is_over = False
+        self._waker, self._woken = socket.socketpair()
+
+    def close(self) -> None:
+        """End it; from any thread. Who has asked is still answered where the loop gets to it."""
+        self._is_over = True
+        self._waker.send(b".")
+        self.join(CLOSING)
+
+    def run(self) -> None:
+        """Take connections until the end."""
+        with self._listener, self._waker, self._woken, selectors.DefaultSelector() as selector:
+            selector.register(self._listener, selectors.EVENT_READ)
+            selector.register(self._woken, selectors.EVENT_READ)
+            while not self._is_over:
+                ready = selector.select(self._patience())
+                began = time.monotonic()
+                for key, _ in ready:
+                    if key.fileobj is self._listener:
+                        self._accept(selector)
+                    elif isinstance(key.data, _Guest) and key.data in self._silent:
+                        self._read(key.data, selector)
+                for guest in [one for one in self._silent if one.until <= began]:
+                    self._forget(guest, selector).close()
+                # Half the time at most: the loop needs the interpreter too.
+                time.sleep(time.monotonic() - began)
+            for guest in list(self._silent):
+                self._forget(guest, selector).close()
+
+    def _patience(self) -> float | None:
+        oldest = next(iter(self._silent), None)
+        return None if oldest is None else max(oldest.until - time.monotonic(), 0.0)
+
+    def _accept(self, selector: selectors.BaseSelector) -> None:
+        for _ in range(AT_ONCE):
+            try:
+                connection, _ = self._listener.accept()
+            except BlockingIOError:
+                return
+            except OSError:  # no descriptor is left
+                self._end_one(selector)
+                time.sleep(RETRY)
+                return
+            connection.setblocking(False)
+            guest = _Guest(connection, _process_of(connection), time.monotonic() + REQUEST_TIME)
+            self._silent[guest] = None
+            selector.register(connection, selectors.EVENT_READ, guest)
+            self._read(guest, selector)
+            if len(self._silent) > CONNECTIONS:
+                self._end_one(selector)
+
+    def _end_one(self, selector: selectors.BaseSelector) -> None:
+        """End the oldest silent connection of the process that has most."""
+        counts = Counter(guest.process for guest in self._silent)
+        for guest in self._silent:
+            if counts[guest.process] == max(counts.values()):
+                self._forget(guest, selector).close()
+                return
+
+    def _forget(self, guest: _Guest, selector: selectors.BaseSelector) -> socket.socket:
+        del self._silent[guest]
+        selector.unregister(guest.connection)
+        return guest.connection
+
+    def _read(self, guest: _Guest, selector: selectors.BaseSelector) -> None:
+        """Read what has come; a whole line, or the end, is the request."""
         try:
-            await self._converse(reader, writer)
-        except (OSError, TimeoutError, ValueError, asyncio.CancelledError):
-            pass  # it asked nothing, too much, or has gone
-        finally:
-            del self._open[task]
-            writer.close()
-
-    async def _converse(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        async with asyncio.timeout(REQUEST_TIME):
-            line = await reader.readline()
-        verb, _, text = line.decode(errors="replace").strip().partition(" ")
-        if not verb:
+            data = guest.connection.recv(READ_BYTES)
+        except BlockingIOError:
             return
-        writer.write((await self._result(verb, text)).model_dump_json().encode() + b"\n")
-        async with asyncio.timeout(REQUEST_TIME):
-            await writer.drain()
+        except OSError:
+            data, guest.request = b"", b""
+        guest.request += data
+        line, newline, _ = guest.request.partition(b"\n")
+        if data and not newline and len(guest.request) <= REQUEST_BYTES:
+            return
+        connection = self._forget(guest, selector)
+        verb, _, text = line.decode(errors="replace").strip().partition(" ")
+        if not verb or len(line) >= REQUEST_BYTES:
+            connection.close()
+        elif verb not in VERBS:
+            _reply(connection, refused(refuse(Token.UNKNOWN_VERB, name=verb, near=" or ".join(VERBS))))
+        elif not self._rooms[verb].acquire(blocking=False):
+            _reply(connection, refused(refuse(Token.BUSY, detail=f"{WORKED_ON} of these are being worked on")))
+        else:
+            self._ask(connection, verb, text)
 
-    async def _result(self, verb: str, text: str) -> CommandResult:
-        if verb not in VERBS:
-            return refused(refuse(Token.UNKNOWN_VERB, name=verb, near=" or ".join(VERBS)))
+    def _ask(self, connection: socket.socket, verb: str, text: str) -> None:
+        """Have a request worked on by the loop, and answered there."""
         fields = {"reason": text} if verb == "release" and text else {}
-        return await self._answer(f"do/{verb}", msgpack.packb(fields))
+
+        async def work() -> None:
+            try:
+                _reply(connection, await self._answer(f"do/{verb}", msgpack.packb(fields)))
+            finally:
+                connection.close()
+                self._rooms[verb].release()
+
+        with suppress(RuntimeError):  # the loop has ended
+            asyncio.run_coroutine_threadsafe(work(), self._loop)
+
+
+def _reply(connection: socket.socket, result: CommandResult) -> None:
+    """Answer and hang up; an answer is shorter than what the kernel keeps for who does not read."""
+    with connection, suppress(OSError):
+        connection.send(result.model_dump_json().encode() + b"\n")
+
+
+def _process_of(connection: socket.socket) -> int:
+    """Process at the other end of a connection; 0 where the system does not say."""
+    if not hasattr(socket, "SO_PEERCRED"):
+        return 0
+    number: int = struct.unpack("3i", connection.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, 12))[0]
+    return number
 
 
 def check_group(name: str) -> int:
@@ -125,7 +263,7 @@ def _listen(path: Path, group: str | None) -> socket.socket:
             os.umask(umask)
         if group is not None:
             _share(path, group)
-        listener.listen(CONNECTIONS)
+        listener.listen(BACKLOG)
         listener.setblocking(False)
     except OSError as error:
         listener.close()

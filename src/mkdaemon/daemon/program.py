@@ -6,7 +6,7 @@ The order of leaving is a safety argument: control stops first, then the link en
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Sequence
 from contextlib import AsyncExitStack, asynccontextmanager, suppress
 from functools import partial
 from typing import Final
@@ -16,6 +16,7 @@ from mkdaemon.bus.gateway import Bus
 from mkdaemon.bus.linger import keep_closing_at_once
 from mkdaemon.bus.localsocket import socket_folders, socket_name
 from mkdaemon.clock import Clock
+from mkdaemon.config.camera import CameraSection
 from mkdaemon.config.root import Config
 from mkdaemon.daemon.blackbox import BlackBox, open_black_box
 from mkdaemon.daemon.eyes import open_eyes
@@ -30,6 +31,7 @@ from mkdaemon.daemon.watchdog import Notifier, feed_watchdog
 from mkdaemon.daemon.wiring import Wiring
 from mkdaemon.errors import ConfigError, MkError
 from mkdaemon.link.ports.port import open_port
+from mkdaemon.telemetry.signature import private_key
 
 RECORDING: Final = "replay:"
 """Ports that begin so are recordings."""
@@ -62,7 +64,11 @@ async def run(cfg: Config, stop: asyncio.Event, clock: Clock | None = None, last
     notifier, clock = Notifier(), clock or Clock()
     black_box = open_black_box(cfg, clock, is_recording=cfg.link.port.startswith(RECORDING))
     takes_images = any(camera.source.startswith(OVER_BUS) for camera in cfg.cameras)
-    opening = Bus.open(cfg.bus, cfg.vehicle.name, black_box.bus_recorder, takes_images=takes_images)
+    opening = Bus.open(
+        *(cfg.bus, cfg.vehicle.name, black_box.bus_recorder),
+        takes_images=takes_images,
+        private_images=private_images(cfg.cameras),
+    )
     async with black_box.run(), opening as bus:
         daemon = Daemon(cfg, bus, clock, black_box, last_word)
         spare_collector()
@@ -75,6 +81,17 @@ async def run(cfg: Config, stop: asyncio.Event, clock: Clock | None = None, last
             raise _first(expected) from None
         finally:
             notifier.send("STOPPING=1")
+
+
+def private_images(cameras: Sequence[CameraSection]) -> dict[str, str]:
+    """Keys that only the senders of images know, by the plain ones.
+
+    Raises:
+        ConfigError: a secret cannot be read.
+    """
+    plain = {camera.source.removeprefix(OVER_BUS): camera for camera in cameras if camera.source.startswith(OVER_BUS)}
+    secrets = {key: camera.image_secret() for key, camera in plain.items()}
+    return {key: private_key(secret, key) for key, secret in secrets.items() if secret is not None}
 
 
 class Daemon:
@@ -122,6 +139,10 @@ class Daemon:
         if self._bus.open_endpoints:
             reachable = ", ".join(self._bus.open_endpoints)
             self._audit.log("warning", f"everybody in the network may fly: {reachable} is open (bus.allow_open)")
+        for camera in cfg.cameras:
+            if camera.source.startswith(OVER_BUS) and camera.secret_file is None:
+                text = f"camera {camera.name}: images of anybody at {camera.source} are flown by; set secret_file"
+                self._audit.log("warning", text)
         report = take_report(self._report)
         if report is not None:
             self._audit.failsafe("guard release", f"an earlier daemon stopped in flight; {report}")
@@ -216,8 +237,9 @@ class Daemon:
         return status_line(self._wiring.health(), self._flight.phase)
 
     async def _report_floods(self) -> None:
-        """Say what was shed, at most once a second."""
+        """Say what was shed, and refuse setpoints put where nobody may, once a second."""
         while True:
+            self._bus.refuse_uninvited()
             shed = ", ".join(f"{count} {what}" for what, count in self._bus.take_shed().items())
             if shed:
                 self._audit.log("warning", f"flood: {shed} were shed")

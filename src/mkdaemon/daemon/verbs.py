@@ -27,7 +27,7 @@ from mkdaemon.telemetry.command import (
     RatesRequest,
     ReleaseRequest,
 )
-from mkdaemon.telemetry.control import LeaseProbe, ReleaseOutcome, ReleaseReport
+from mkdaemon.telemetry.control import LeaseGrant, LeaseProbe, ReleaseOutcome, ReleaseReport
 from mkdaemon.telemetry.record import MarkRequest
 from mkdaemon.telemetry.refusals import Status, Token, refuse
 from mkdaemon.telemetry.verbs import VERBS
@@ -50,8 +50,10 @@ class Verbs:
         interlock: Interlock,
         procedures: Mapping[str, Procedure],
         paths: PathProbe | None = None,
+        setpoint_root: str = "setpoint",
     ) -> None:
         self._paths = paths or PathProbe()
+        self._setpoint_root = setpoint_root
         self._link = link
         self._flight = flight
         self._audit = audit
@@ -92,6 +94,8 @@ class Verbs:
                 lease = await self._flight.lease(request)
         else:
             lease = await self._flight.lease(request)
+        if isinstance(lease, LeaseGrant):
+            lease = lease.model_copy(update={"setpoint_root": self._setpoint_root})
         # Where nobody holds it there is nothing to describe.
         return CommandResult(status=Status.ACCEPTED) if lease is None else _accepted(lease)
 

@@ -49,6 +49,7 @@ class Station(Outlet, Protocol):
     """The bus as the daemon stands on it: `mkdaemon.bus.gateway.Bus` in earnest."""
 
     open_endpoints: tuple[str, ...]
+    setpoint_root: str
 
     def serve(self, root: str, handler: Handler) -> None:
         """Answer every command below a root; see `Bus.serve`."""
@@ -112,8 +113,8 @@ class Wiring:
         # Milliseconds since 1970: above every epoch of an earlier run, whatever a client still streams.
         first_epoch = int(clock.stamp().wall * 1000)
         deck = self._deck = Deck(cfg.control, bus, clock, first_epoch=first_epoch, make_eyes=make_eyes, tap=tap)
-        self.core = deck.core
-        facts = self.facts = deck.core.vehicle
+        self.core, facts = deck.core, deck.core.vehicle
+        self.facts = facts
         audit, self.audit, self.eyes = deck.audit, deck.audit, deck.eyes
         link = self.link = make_link(
             cfg.link, deck.sink, opener=opener, clock=clock, motors_running=facts.motors_running, guard=guard, tap=tap
@@ -124,16 +125,13 @@ class Wiring:
         self.procedures = ProcedureRunner(
             link,
             facts,
-            deck.feed,
-            bus,
-            audit,
-            requests,
-            interlock,
+            *(deck.feed, bus, audit, requests, interlock),
             journal or Journal(state_folder(cfg.vehicle)),
             LabelCache(cfg.link.label_cache),
             clock,
         )
-        self.answer_verb = Verbs(flight, link, audit, interlock, self.procedures.verbs, PathProbe(clock.now)).answer
+        probe, verbs, root = PathProbe(clock.now), self.procedures.verbs, bus.setpoint_root
+        self.answer_verb = Verbs(flight, link, audit, interlock, verbs, probe, root).answer
         self.guard_acted, self.guard_changed = flight.guard_acted, flight.guard_changed
         self._serve()
 

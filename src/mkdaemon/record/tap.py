@@ -18,6 +18,8 @@ from mkdaemon.record.queue import EntryQueue
 from mkdaemon.stamp import Stamp
 
 SECRET: Final = "secret"
+SECRETS: Final = (SECRET, "setpoint_root")
+"""What only the holder of a lease is told."""
 """Field that is never recorded: who knows it may fly."""
 HIDDEN: Final = "..."
 PORT: Final = "port"
@@ -172,7 +174,7 @@ class Tap:
 
 
 def hide_secrets(payload: bytes) -> bytes:
-    """A payload without the secret of a lease; the payload itself where it has none."""
+    """A payload without what only the holder of a lease is told; the payload itself where it has none of that."""
     if SECRET.encode() not in payload:
         return payload
     try:
@@ -184,5 +186,5 @@ def hide_secrets(payload: bytes) -> bytes:
 
 def _hidden(value: Any) -> Any:
     if isinstance(value, dict):
-        return {key: HIDDEN if key == SECRET and part else _hidden(part) for key, part in value.items()}
+        return {key: HIDDEN if key in SECRETS and part else _hidden(part) for key, part in value.items()}
     return [_hidden(part) for part in value] if isinstance(value, list) else value

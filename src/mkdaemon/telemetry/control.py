@@ -151,6 +151,8 @@ class LeaseGrant(LeaseState):
 
     secret: str
     """Signs every setpoint (see Flying by sticks), and renews or gives back the lease. Never published."""
+    setpoint_root: str = "setpoint"
+    """Setpoints are put below it: `<setpoint_root>/stick`. Never published."""
 
 
 class ControlStatus(Stamped):

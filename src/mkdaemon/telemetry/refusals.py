@@ -212,7 +212,7 @@ class Token(StrEnum):
     NOT_HOLDER = (
         "not_holder",
         "only {holder} has the secret of the lease, and this was not made with it.",
-        "Sign setpoints with the secret that `take` returned; docs/keys.md shows how.",
+        "Sign setpoints with the secret that `take` returned, and put them below its `setpoint_root`; docs/keys.md.",
     )
     STALE_SEQUENCE = (
         "stale_sequence",

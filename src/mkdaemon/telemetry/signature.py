@@ -26,6 +26,16 @@ def sign(secret: str, suffix: str, payload: bytes) -> bytes:
     return hmac.digest(secret.encode(), suffix.encode() + b"\0" + payload, "sha256")
 
 
+def private_key(secret: str, key: str) -> str:
+    """The key below a plain one that only who knows a secret can name; no wildcard matches its last chunk.
+
+    Args:
+        secret: shared by both sides.
+        key: plain and whole.
+    """
+    return f"{key}/@{sign(secret, key, b'').hex()}"
+
+
 @dataclass(frozen=True, slots=True)
 class Signature:
     """What came with a payload.

@@ -121,7 +121,7 @@ async def film_poses(config: SimConfig, vehicle: str, expression: str) -> AsyncI
     except zenoh.ZError as error:
         msg = f"--truth {expression!r}: no key; give one like mk/{vehicle}/sim/pose"
         raise ConfigError(msg) from error
-    publisher = CameraPublisher(vehicle, config.scene.name)
+    publisher = CameraPublisher(vehicle, config.scene.name, config.scene.secret_file)
     feed = SceneFeed(SceneCamera(config.scene, config.seed), publisher.send, seed=config.seed)
     stream = PoseStream(feed, Clock())
 

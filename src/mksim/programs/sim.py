@@ -106,7 +106,7 @@ async def _serve(config: SimulatorFile, seconds: float | None) -> None:
     simulation = Simulation(config.sim, open_world(config.sim))
     camera = open_camera(config.sim)
     runtime = Runtime(simulation, listen=config.sim.listen)
-    publisher = CameraPublisher(config.vehicle.name, config.sim.scene.name)
+    publisher = CameraPublisher(config.vehicle.name, config.sim.scene.name, config.sim.scene.secret_file)
     async with (
         runtime.serve(),
         run_camera(camera, simulation, config.sim, publisher),

@@ -5,13 +5,16 @@ from __future__ import annotations
 import asyncio
 import contextlib
 from collections.abc import AsyncIterator, Iterator
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import zenoh
 
 from mkdaemon.bus.codec import encoding_of
 from mkdaemon.bus.names import key
+from mkdaemon.config.camera import read_image_secret
 from mkdaemon.telemetry.image import CameraFrame
+from mkdaemon.telemetry.signature import private_key, sign
 from mksim.config import SimConfig
 from mksim.simulation import Simulation
 
@@ -49,8 +52,20 @@ def open_world(config: SimConfig) -> World | None:
 class CameraPublisher:
     """Publishes pictures while it has a session; without one they are dropped."""
 
-    def __init__(self, vehicle: str, camera: str) -> None:
-        self._key = key(vehicle, f"sim/camera/{camera}")
+    def __init__(self, vehicle: str, camera: str, secret_file: Path | None = None) -> None:
+        """Prepare.
+
+        Args:
+            vehicle: its name.
+            camera: its name.
+            secret_file: holds the secret that signs its images; None signs none.
+
+        Raises:
+            ConfigError: the secret cannot be read.
+        """
+        self._plain = key(vehicle, f"sim/camera/{camera}")
+        self._secret = None if secret_file is None else read_image_secret(secret_file)
+        self._key = self._plain if self._secret is None else private_key(self._secret, self._plain)
         self._publisher: zenoh.Publisher | None = None
         self._encoding = encoding_of(CameraFrame)
 
@@ -72,8 +87,9 @@ class CameraPublisher:
         """Put one packed picture; from any thread."""
         publisher = self._publisher
         if publisher is not None:
+            proof = None if self._secret is None else sign(self._secret, self._plain, payload)
             with contextlib.suppress(zenoh.ZError):  # the session ends at the same moment
-                publisher.put(payload, encoding=self._encoding)
+                publisher.put(payload, encoding=self._encoding, attachment=proof)
 
 
 @contextlib.asynccontextmanager

@@ -144,6 +144,7 @@ class LocalBus:
 
     def __init__(self) -> None:
         self.open_endpoints: tuple[str, ...] = ()
+        self.setpoint_root = "setpoint"
         self.values: dict[str, Any] = {}
         self.followers: list[Callable[[str, BaseModel], None]] = []
         self.lease: dict[str, Any] = {}

@@ -44,6 +44,7 @@ class Bus:
     """What is published; nobody asks there."""
 
     open_endpoints: tuple[str, ...] = ()
+    setpoint_root: str = "setpoint"
 
     def __init__(self) -> None:
         self.published: list[tuple[str, BaseModel]] = []

@@ -21,18 +21,22 @@ from mksim.programs.sim_camera import CameraPublisher, open_camera, run_camera
 from mksim.simulation import Simulation
 
 
-async def test_frames_of_the_simulation_reach_a_camera_on_the_bus(tmp_path: Path) -> None:
+@pytest.mark.parametrize("is_signed", [False, True])
+async def test_frames_of_the_simulation_reach_a_camera_on_the_bus(tmp_path: Path, is_signed: bool) -> None:
+    secret_file = tmp_path / "image.key" if is_signed else None
+    if secret_file is not None:
+        secret_file.write_text("0123456789abcdef", encoding="utf-8")
     scene = SceneConfig(enabled=True, fps=20, latency_ms=10.0, latency_jitter_ms=0.0, video=tmp_path / "flight.avi")
     config = SimConfig(scene=scene, pilot_plan=PilotPlan.NOTHING)
     session = zenoh.open(session_config("peer"))
-    cfg = CameraSection(source="zenoh:mk/film/sim/camera/down")
+    cfg = CameraSection(source="zenoh:mk/film/sim/camera/down", secret_file=secret_file)
     slot: NewestSlot[CameraImage] = NewestSlot()
     stream = CameraStream(cfg, source_of(cfg, lambda: session), slot)
     simulation = Simulation(config)
     stream.start()
     try:
         async with asyncio.timeout(120.0):
-            publisher = CameraPublisher("film", "down")
+            publisher = CameraPublisher("film", "down", secret_file)
             async with run_camera(open_camera(config), simulation, config, publisher):
                 before = simulation.now
                 with publisher.open(session):

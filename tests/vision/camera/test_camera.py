@@ -17,6 +17,8 @@ from mkdaemon.config.camera import CameraSection
 from mkdaemon.errors import ConfigError, VisionError
 from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.image import CameraFrame
+from mkdaemon.telemetry.signature import private_key, sign
+from mkdaemon.vision.camera import bus_images
 from mkdaemon.vision.camera.camera import CameraStream, StampClock, StreamState, retry_delays
 from mkdaemon.vision.camera.files import list_pictures
 from mkdaemon.vision.camera.image import CameraImage
@@ -342,6 +344,50 @@ def test_images_from_the_bus_keep_their_capture_time(session: zenoh.Session) -> 
     assert min(earliest, latest) - 0.01 <= image.captured_at <= max(earliest, latest) + 0.01
     assert stream.status().lost == 2  # 6 and 7
     stream.stop()
+
+
+SECRET = "known to the camera's machine"
+
+
+def test_images_without_the_secret_displace_none_and_are_counted_and_named(
+    session: zenoh.Session, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(bus_images, "STRANGERS_LOOK", 0.0)
+    file, key = tmp_path / "image.key", "test/signed/image"
+    file.write_text(f"{SECRET}\n", encoding="utf-8")
+    cfg = CameraSection(source=f"zenoh:{key}", secret_file=file)
+    slot: NewestSlot[CameraImage] = NewestSlot()
+    stream = CameraStream(cfg, source_of(cfg, lambda: session), slot)
+    stream.start()
+    wait_for_status(stream, lambda s: s.state is StreamState.STREAMING)
+    forged, private = pack(frame(picture(200), 1_000_000)), private_key(SECRET, key)
+    for pattern in (key, "test/signed/**", "**", f"{key}/*"):
+        session.put(pattern, forged, attachment=sign(SECRET, key, forged))
+    status = wait_for_status(stream, lambda s: s.damaged > 0)
+    assert "without the secret" in status.damage
+    session.put(private, forged)  # from who heard of the key and has no secret
+    session.put(private, forged, attachment=bytes(32))
+    own = pack(frame(picture(77), 5))
+    session.put(private, own, attachment=sign(SECRET, key, own))
+    image = slot.take(PATIENCE)
+    assert image is not None
+    np.testing.assert_array_equal(image.pixels, picture(77))
+    assert stream.status().images == 1
+    assert stream.status().lost == 0
+    stream.stop()
+
+
+@pytest.mark.parametrize(
+    ("text", "words"), [(None, "No such file"), ("short", "5 characters"), (b"\xff" * 20, "UTF-8")]
+)
+def test_a_secret_of_images_that_is_none_is_a_wrong_configuration(
+    tmp_path: Path, text: str | bytes | None, words: str
+) -> None:
+    file = tmp_path / "image.key"
+    if text is not None:
+        file.write_bytes(text.encode() if isinstance(text, str) else text)
+    with pytest.raises(ConfigError, match=words):
+        CameraSection(source="zenoh:mk/mk1/sim/camera/down", secret_file=file).image_secret()
 
 
 def test_rubbish_on_an_image_key_is_named(session: zenoh.Session) -> None:

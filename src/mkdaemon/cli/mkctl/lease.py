@@ -27,7 +27,9 @@ async def take(
     ] = False,
     connection: Connection = HERE,
 ) -> None:
-    """Take the lease and print its epoch and secret; it ends by itself when no setpoints follow.
+    """Take the lease and print its epoch, its secret and where setpoints are put.
+
+    It ends by itself when none follow.
 
     Args:
         holder: Name others see; default: user, machine and process.
@@ -66,4 +68,4 @@ def _show(lease: LeaseState | None, connection: Connection) -> None:
     else:
         print(f"{lease.holder} holds the lease: epoch {lease.epoch}, {lease.left:.1f} s left")
         if isinstance(lease, LeaseGrant):
-            print(f"secret {lease.secret}")
+            print(f"secret {lease.secret}\nsetpoints are put below {lease.setpoint_root}")

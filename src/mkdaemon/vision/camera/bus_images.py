@@ -5,13 +5,18 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable
+from typing import Any, Final
 
 import zenoh
 
 from mkdaemon.clock import Clock
 from mkdaemon.errors import VisionError
+from mkdaemon.telemetry.signature import Signature, private_key
 from mkdaemon.vision.camera.imagecodec import unpack
-from mkdaemon.vision.camera.shot import Shot
+from mkdaemon.vision.camera.shot import PictureError, Shot
+
+STRANGERS_LOOK: Final = 1.0
+"""Time between two looks for images of somebody else [s]."""
 
 
 class ZenohSource:
@@ -19,32 +24,63 @@ class ZenohSource:
 
     live = True
 
-    def __init__(self, key: str, session: Callable[[], zenoh.Session]) -> None:
-        self._key = key
+    def __init__(self, key: str, session: Callable[[], zenoh.Session], secret: str | None = None) -> None:
+        """Prepare.
+
+        Args:
+            key: plain and whole.
+            session: gives an open one.
+            secret: with which the sender signs them, and without which nobody knows the key they come to; None takes
+                images from whoever puts them.
+        """
+        self._key, self._secret = key, secret
+        self._strangers: zenoh.Subscriber[Any] | None = None
         self._session = session
         self._clock = Clock()
         self._subscriber: zenoh.Subscriber[None] | None = None
         self._arrival = threading.Condition()
         self._newest: tuple[bytes, float] | None = None
+        self._look_at = 0.0
 
     def open(self) -> tuple[str, ...]:
         """Subscribe with a direct callback that only keeps the newest payload."""
         try:
-            self._subscriber = self._session().declare_subscriber(
-                self._key, zenoh.handlers.Callback(self._on_sample, indirect=False)
-            )
+            session, secret = self._session(), self._secret
+            key = self._key if secret is None else private_key(secret, self._key)
+            self._subscriber = session.declare_subscriber(key, zenoh.handlers.Callback(self._on_sample, indirect=False))
+            if secret is not None:  # kept without Python, the newest alone
+                self._strangers = session.declare_subscriber(self._key, zenoh.handlers.RingChannel(1))
         except zenoh.ZError as error:
             msg = f"zenoh:{self._key}: {str(error).partition(' at ')[0]}"
             raise VisionError(msg) from error
         return ()
 
     def _on_sample(self, sample: zenoh.Sample) -> None:
+        payload, proof = sample.payload.to_bytes(), sample.attachment
+        if self._secret is not None:
+            signature = Signature(self._key, payload, b"" if proof is None else proof.to_bytes())
+            if not signature.is_by(self._secret):
+                return
         with self._arrival:
-            self._newest = (sample.payload.to_bytes(), time.monotonic())
+            self._newest = (payload, time.monotonic())
             self._arrival.notify()
+
+    def _require_no_stranger(self) -> None:
+        """Make sure that nobody put an image to the plain key since the last look, one a second at most.
+
+        Raises:
+            PictureError: somebody did.
+        """
+        if self._strangers is None or time.monotonic() < self._look_at:
+            return
+        self._look_at = time.monotonic() + STRANGERS_LOOK
+        if self._strangers.handler.try_recv() is not None:
+            msg = f"somebody without the secret of this camera puts images to {self._key}: they are not looked at"
+            raise PictureError(msg)
 
     def read(self, timeout: float) -> Shot | None:
         """Newest image."""
+        self._require_no_stranger()
         with self._arrival:
             self._arrival.wait_for(lambda: self._newest is not None, timeout)
             taken, self._newest = self._newest, None
@@ -55,7 +91,10 @@ class ZenohSource:
         return Shot(pixels, arrived, self._clock.monotonic_of(frame.stamp), frame.sequence)
 
     def close(self) -> None:
-        """End the subscription."""
+        """End the subscriptions."""
+        if self._strangers is not None:
+            self._strangers.undeclare()  # type: ignore[no-untyped-call]
+            self._strangers = None
         if self._subscriber is not None:
             self._subscriber.undeclare()  # type: ignore[no-untyped-call]
             self._subscriber = None

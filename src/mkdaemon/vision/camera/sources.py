@@ -202,7 +202,7 @@ def source_of(cfg: CameraSection, session: Callable[[], zenoh.Session] | None = 
         if session is None:
             msg = f"camera {cfg.name}: source '{text}' needs the bus; run it in the daemon"
             raise ConfigError(msg)
-        return ZenohSource(rest, session)
+        return ZenohSource(rest, session, cfg.image_secret())
     if scheme == "folder" and rest:
         return FolderSource(Path(rest), cfg)
     if scheme == "file" and rest:

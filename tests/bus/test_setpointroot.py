@@ -1,0 +1,151 @@
+"""Setpoints come in below a root that only holders of a lease know: what strangers put reaches no Python."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import sys
+
+import pytest
+import zenoh
+
+from lab.rigs.waiting import wait_until
+from mkdaemon.bus.gateway import Bus
+from mkdaemon.bus.setpointroot import below, extend_access, new_setpoint_root
+from mkdaemon.telemetry.signature import SIGNATURE_BYTES
+from tests.bus.support import PATIENCE, ask, bus_config, client, free_endpoint, sticks_of
+
+PLAIN = "mk/t1/setpoint/stick"
+PROOF = bytes(SIGNATURE_BYTES)
+
+
+@pytest.fixture
+async def flown():
+    """A bus, where it listens, and what it took: payload and epoch of the lease that signed it."""
+    endpoint, taken = free_endpoint(), []
+    async with Bus.open(bus_config(endpoint), "t1") as bus:
+        bus.receive(
+            "setpoint/stick",
+            lambda at, payload, signed_for: taken.append((payload, signed_for)),
+            lambda payload, proof: 7 if proof == PROOF else None,
+        )
+        yield bus, endpoint, taken
+
+
+async def everything_arrived(session):
+    """What was put goes the same way as a query."""
+    await asyncio.to_thread(ask, session, "mk/t1/schema/Attitude.v1")
+
+
+async def test_no_wildcard_reaches_the_holders_key_and_none_hears_it(flown):
+    bus, endpoint, taken = flown
+    heard = []
+    secret = sticks_of(bus)
+    with client(endpoint) as stranger, client(endpoint) as pilot:
+        stranger.declare_subscriber(
+            "**", zenoh.handlers.Callback(lambda one: heard.append(str(one.key_expr)), indirect=False)
+        )
+        hears = stranger.declare_publisher("mk/t1/setpoint/**")
+        for pattern in ("**", "mk/**", "mk/t1/setpoint/**", "mk/t1/setpoint/*/stick", "mk/t1/setpoint/@$*/stick"):
+            await asyncio.to_thread(stranger.put, pattern, b"wild", attachment=PROOF)
+        await everything_arrived(stranger)
+        await asyncio.to_thread(pilot.put, secret, b"mine", attachment=PROOF)
+        await wait_until(lambda: PLAIN in heard)
+        hears.undeclare()
+    assert taken == [(b"mine", 7)]
+    assert secret not in heard
+
+
+async def test_what_the_holder_put_is_on_the_plain_key_as_it_came(flown):
+    bus, endpoint, _ = flown
+    heard: asyncio.Queue[tuple[bytes, str, bytes, str]] = asyncio.Queue()
+    loop = asyncio.get_running_loop()
+
+    def on_sample(sample):
+        source = str(sample.source_info.source_id.zid)
+        shown = (sample.payload.to_bytes(), str(sample.encoding), sample.attachment.to_bytes(), source)
+        loop.call_soon_threadsafe(heard.put_nowait, shown)
+
+    with client(endpoint) as watcher, client(endpoint) as pilot:
+        watcher.declare_subscriber("mk/t1/setpoint/*", zenoh.handlers.Callback(on_sample, indirect=False))
+        await everything_arrived(watcher)
+        source = zenoh.SourceInfo(pilot.id, 1)
+        await asyncio.to_thread(pilot.put, sticks_of(bus), b"forged", attachment=bytes(31), source_info=source)
+        await asyncio.to_thread(pilot.put, sticks_of(bus), b"mine", attachment=PROOF, source_info=source)
+        shown = await asyncio.wait_for(heard.get(), PATIENCE)
+        assert shown == (b"mine", "application/msgpack;mk.StickSetpoint.v1", PROOF, str(pilot.zid()))
+        assert heard.empty()
+
+
+async def test_a_flood_of_the_plain_key_is_one_refusal_however_well_signed(flown):
+    bus, endpoint, taken = flown
+    with client(endpoint) as stranger:
+
+        def flood():
+            for number in range(5000):
+                stranger.put(PLAIN, b"%d" % number, attachment=PROOF, congestion_control=zenoh.CongestionControl.BLOCK)
+
+        await asyncio.to_thread(flood)
+        await everything_arrived(stranger)
+    assert taken == []
+    bus.refuse_uninvited()
+    bus.refuse_uninvited()
+    assert taken == [(b"4999", None)]
+
+
+STRANGER = """
+import sys, zenoh
+from mkdaemon.bus.session import session_config
+zenoh.init_log_from_env_or("error")
+mode, endpoint = sys.argv[1:]
+with zenoh.open(session_config(mode, connect=[endpoint])) as session:
+    session.declare_publisher("mk/t1/**")
+    session.declare_subscriber("mk/t1/**", lambda sample: None)
+    for _ in session.get("mk/t1/schema/Attitude.v1"):
+        pass
+"""
+
+
+@pytest.mark.parametrize("mode", ["client", "peer"])
+async def test_nobody_is_told_of_the_key_who_does_not_ask_for_it(flown, mode):
+    """What Zenoh itself hears of the daemon is in its log; nothing else shows a declaration with such a chunk."""
+    bus, endpoint, _ = flown
+    bus.receive("setpoint/hold", lambda at, payload, signed_for: None)
+    told = await asyncio.create_subprocess_exec(
+        *(sys.executable, "-c", STRANGER, mode, endpoint),
+        env={**os.environ, "RUST_LOG": "zenoh=debug"},
+        stdout=asyncio.subprocess.PIPE,
+        stderr=asyncio.subprocess.STDOUT,
+    )
+    log = (await told.communicate())[0].decode()
+    assert told.returncode == 0
+    assert "Register resource mk/t1/" in log  # the log shows what was declared
+    assert bus.setpoint_root not in log
+
+
+def test_every_root_is_another_and_leads_to_the_plain_suffixes():
+    roots = {new_setpoint_root() for _ in range(100)}
+    assert len(roots) == 100
+    assert below("setpoint/@1", "setpoint/stick") == "setpoint/@1/stick"
+
+
+RULES = [
+    {"id": "fly", "key_exprs": ["mk/*/do/**", "mk/*/setpoint/**"]},
+    {"id": "one kind", "key_exprs": ["mk/t1/setpoint/stick"]},
+    {"id": "all", "key_exprs": ["mk/**"]},
+    {"id": "other vehicle", "key_exprs": ["mk/t2/setpoint/**"]},
+    {"id": "see", "key_exprs": ["mk/*/sim/camera/*"]},
+    {"id": "look", "key_exprs": ["mk/*/state/**"]},
+]
+
+
+def test_rules_that_speak_of_setpoints_or_images_speak_of_the_secret_keys():
+    config = zenoh.Config()
+    rest = {"permission": "allow", "flows": ["ingress"], "messages": ["put"]}
+    config.insert_json5("access_control/rules", json.dumps([{**rule, **rest} for rule in RULES]))
+    extend_access(config, "t1", "setpoint/@1", {"mk/t1/sim/camera/down": "mk/t1/sim/camera/down/@2"})
+    rules = json.loads(config.get_json("access_control/rules"))
+    setpoints, image = "mk/t1/setpoint/@1/**", "mk/t1/sim/camera/down/@2"
+    assert [rule["id"] for rule in rules if setpoints in rule["key_exprs"]] == ["fly", "one kind", "all"]
+    assert [rule["id"] for rule in rules if image in rule["key_exprs"]] == ["all", "see"]
