@@ -47,6 +47,11 @@ def mutants_page(root: Path) -> str:
         f"{found['equivalent']} do the same as the code. **{100 * found['share']:.1f} %**, in "
         f"{found['seconds'] / 60:.0f} minutes of computing time."
     )
+    if found["budget"]:
+        total += f" Tests of one mutant took {found['budget']:g} s at most."
+    if found["tests"]:
+        count = len(found["tests"])
+        total += f" Only {count} files and folders of tests judged, named in the results: the share is a lower bound."
     tables = (("subject", "subjects"), ("file", "files"), ("change", "operators"))
     lines = [_HEAD, total]
     for name, key in tables:
