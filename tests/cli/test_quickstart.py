@@ -20,6 +20,7 @@ from lab.places import ROOT
 from lab.rigs.waiting import PATIENCE, wait_blocking
 from tests.bus.support import free_endpoint
 from tests.places import CONFIGS
+from tests.repeats import InconclusiveError, require_no_standstill
 
 pytestmark = [pytest.mark.flight, pytest.mark.real_time(tolerance=0.1)]
 
@@ -81,6 +82,9 @@ class Terminal:
             timeout=PATIENCE,
             check=False,
         )
+        require_no_standstill(ended.stderr)
+        if ended.stderr.startswith("mkctl: discovering: "):  # it was known before, and in flight no board is asked
+            raise InconclusiveError("the daemon stood still for so long that the aircraft may be another one")
         assert ended.returncode == 0, (line, ended.stdout, ended.stderr)
         return ended.stdout
 

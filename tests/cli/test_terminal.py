@@ -211,10 +211,11 @@ async def test_what_a_daemon_and_strangers_put_on_the_bus(capsys):
             out, err = capsys.readouterr()
             check(out, err)
             assert "FAKED" in out
-        watching = asyncio.create_task(asyncio.to_thread(run, mkctl, ["watch", "event/log", "-n", "1", *here]))
-        while not watching.done():
-            daemon.bus.publish("event/log", LogEvent(stamp=CLOCK.stamp(), level=EVIL, text=EVIL))
-            await asyncio.sleep(0.05)
-        out, err = capsys.readouterr()
-        check(out, err)
-        assert "FAKED" in out
+        for words in (["watch", "event/log", "-n", "1"], ["watch", "event/log", "-n", "1", "--table"]):
+            watching = asyncio.create_task(asyncio.to_thread(run, mkctl, [*words, *here]))
+            while not watching.done():
+                daemon.bus.publish("event/log", LogEvent(stamp=CLOCK.stamp(), level=EVIL, text=EVIL))
+                await asyncio.sleep(0.05)
+            out, err = capsys.readouterr()
+            check(out, err)
+            assert "FAKED" in out

@@ -95,6 +95,23 @@ def test_a_summary_tells_who_sent_what_and_what_was_refused(tmp_path):
     assert (silent.source, silent.requests, silent.requests_refused) == ("", 1, 1)
 
 
+@pytest.mark.parametrize(("after", "late", "refused"), [(0.1, 1, {}), (0.9, 0, {"not_leased": 1})])
+def test_a_setpoint_that_was_under_way_at_the_end_of_a_flight_is_no_refusal(tmp_path, after, late, refused):
+    def entry(kind, suffix, number, at, **more):
+        payload = msgpack.packb(more.pop("fields", {}))
+        made = sample(number, f"mk/mk1/{suffix}", kind=kind)
+        return made._replace(payload=payload, received=1000.0 + at, **more)
+
+    words = {"key": "setpoint/land", "sequence": 2, "token": "not_leased", "reason": "..."}
+    entries = [
+        entry(Kind.SETPOINT, "setpoint/land", 1, 0.0, source="aa", issuer=HOLDER),
+        entry(Kind.SETPOINT, "setpoint/land", 2, after, source="aa", issuer=STRANGER),
+        entry(Kind.NOTICE, "notice/setpoint_refused", 1, after, fields=words),
+    ]
+    (pilot,) = summarise(written(tmp_path / "a.mcap", entries)).senders.found.values()
+    assert (pilot.setpoints_late, pilot.setpoints_refused) == (late, refused)
+
+
 @pytest.mark.parametrize("share", [0.3, 0.55, 1.0])
 def test_recovering_a_file_that_was_cut_off_gives_a_whole_one_with_the_same_entries(tmp_path, share):
     whole = written(tmp_path / "a.mcap", finish=share < 1.0)

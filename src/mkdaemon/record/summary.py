@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import struct
 from collections import Counter
@@ -19,9 +20,12 @@ from mkdaemon.record.entry import HOLDER, NANOSECONDS, ROOTS, Entry, Kind, Notic
 from mkdaemon.record.layout import MAGIC, Session
 from mkdaemon.record.reader import ReadReport, Recording
 from mkdaemon.record.scan import records_in
+from mkdaemon.telemetry.refusals import Token
 
 LEASE: Final = "do/lease"
 _ACCEPTED: Final = "accepted"
+UNDER_WAY: Final = 0.5
+"""Who held a lease that has ended, as after a landing, hears of it so late at most [s]: `lease.max_path_delay`."""
 
 
 @dataclass
@@ -34,6 +38,7 @@ class Sender:
         setpoints: that arrived.
         signed: of these, signed with the secret of the lease.
         setpoints_refused: of these, by token.
+        setpoints_late: of these, when its lease had just ended: they were under way.
         requests: that arrived.
         requests_refused: of these, not accepted.
     """
@@ -43,6 +48,7 @@ class Sender:
     setpoints: int = 0
     signed: int = 0
     setpoints_refused: dict[str, int] = field(default_factory=dict)
+    setpoints_late: int = 0
     requests: int = 0
     requests_refused: int = 0
 
@@ -58,13 +64,16 @@ class Senders:
         self.found: dict[str, Sender] = {}
         self._setpoints: dict[str, tuple[int, Sender]] = {}
         self._asking: dict[int, Sender] = {}
+        self._signed_at: dict[str, float] = {}
 
     def take(self, entry: Entry) -> None:
         """Count an entry."""
         if entry.kind is Kind.SETPOINT:
             sender = self._sender(entry)
             sender.setpoints += 1
-            sender.signed += entry.issuer == HOLDER
+            if entry.issuer == HOLDER:
+                sender.signed += 1
+                self._signed_at[entry.source] = entry.received
             self._setpoints[entry.suffix] = (entry.sequence, sender)
         elif entry.kind is Kind.QUERY:
             sender = self._asking[entry.exchange] = self._sender(entry)
@@ -76,15 +85,18 @@ class Senders:
             if asked is not None:
                 asked.requests_refused += unpacked(entry.payload).get("status") != _ACCEPTED
         elif Notice.of(entry) is Notice.SETPOINT_REFUSED:
-            self._count_refused(unpacked(entry.payload))
+            self._count_refused(unpacked(entry.payload), entry.received)
 
     def _sender(self, entry: Entry) -> Sender:
         return self.found.setdefault(entry.source, Sender(entry.source))
 
-    def _count_refused(self, fields: dict[str, Any]) -> None:
+    def _count_refused(self, fields: dict[str, Any], at: float) -> None:
         sequence, sender = self._setpoints.get(str(fields.get("key")), (0, None))
         if sender is not None and sequence == fields.get("sequence"):
             token = str(fields.get("token"))
+            if token == Token.NOT_LEASED and at - self._signed_at.get(sender.source, -math.inf) < UNDER_WAY:
+                sender.setpoints_late += 1
+                return
             sender.setpoints_refused[token] = sender.setpoints_refused.get(token, 0) + 1
 
 

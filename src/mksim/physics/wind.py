@@ -41,7 +41,7 @@ class Wind:
         up: wind velocity upwards [m/s].
     """
 
-    __slots__ = ("_decay", "_gust", "_kick", "_mean", "_rng", "_sd", "_turbulence", "east", "north", "up")
+    __slots__ = ("_decay", "_gust", "_kick", "_mean", "_rng", "_sd", "_toward", "_turbulence", "east", "north", "up")
 
     def __init__(
         self, wind_class: WindClass, *, rng: random.Random, period: float, from_deg: float | None = None
@@ -54,19 +54,23 @@ class Wind:
             period: time between two calls of `update` [s].
             from_deg: where the mean wind comes from, clockwise from north [deg]; drawn when absent.
         """
-        figure = WIND_FIGURES[wind_class]
         drawn = rng.uniform(0.0, 360.0)
-        toward = math.radians((drawn if from_deg is None else from_deg) + 180.0)
+        self._toward = math.radians((drawn if from_deg is None else from_deg) + 180.0)
         self._rng = rng
-        self._mean = (figure.mean * math.sin(toward), figure.mean * math.cos(toward))
-        self._sd = figure.sd
         # exact discretisation of the process (Gillespie, Phys. Rev. E 54, 1996)
         self._decay = math.exp(-period / CORRELATION_TIME)
-        self._kick = figure.sd * math.sqrt(1.0 - self._decay * self._decay)
-        self._turbulence = [rng.gauss(0.0, figure.sd), rng.gauss(0.0, figure.sd), rng.gauss(0.0, figure.sd)]
+        self.change(wind_class)
+        self._turbulence = [rng.gauss(0.0, self._sd), rng.gauss(0.0, self._sd), rng.gauss(0.0, self._sd)]
         self._gust: tuple[float, float, float, float] | None = None
         self.east = self.north = self.up = 0.0
         self.update(0.0)
+
+    def change(self, wind_class: WindClass) -> None:
+        """Blow with another strength from now on, from where it came before."""
+        figure = WIND_FIGURES[wind_class]
+        self._mean = (figure.mean * math.sin(self._toward), figure.mean * math.cos(self._toward))
+        self._sd = figure.sd
+        self._kick = figure.sd * math.sqrt(1.0 - self._decay * self._decay)
 
     def start_gust(self, now: float, *, speed: float, from_deg: float, duration: float) -> None:
         """Add a 1-cosine gust (MIL-F-8785C) of `speed` [m/s] for `duration` [s] from `from_deg` [deg]."""

@@ -11,7 +11,7 @@ import random
 from dataclasses import dataclass
 from typing import Final
 
-from mksim.config import FlightConfig
+from mksim.config import FlightConfig, WindClass
 from mksim.faults import ActiveFault, Faults
 from mksim.physics.airframe import GRAVITY, Airframe, FlatGround, Ground
 from mksim.physics.attitude_loop import LOOP_PERIOD, AttitudeGains, AxisLoop, YawLoop
@@ -207,6 +207,10 @@ class World:
         """Let the NaviCtrl lean the aircraft towards a place so far east and north of it [m]; None lets it alone."""
         self._away = away
 
+    def change_wind(self, wind: WindClass) -> None:
+        """Let it blow with another strength from now on."""
+        self._wind.change(wind)
+
     def calibrate(self) -> None:
         """Zero the FlightCtrl's angles, as its calibration gesture does."""
         self._pitch.believed = self._roll.believed = 0.0
@@ -214,6 +218,14 @@ class World:
 
     def step(self, sticks: StickInput) -> None:
         """Advance one `DT` with these sticks."""
+        self._tend(is_armed=sticks.motors_running)
+        self._fly(sticks)
+        self._report()
+        self._step += 1
+        self.now = self._step * DT
+
+    def _tend(self, *, is_armed: bool) -> None:
+        """Everything that is not flying: faults, air, battery, slow sensors, pilot."""
         now, step = self.now, self._step
         self.faults.advance(now)
         if self.faults.generation != self._faults_seen:
@@ -223,22 +235,22 @@ class World:
             self._battery.update(self._motors.load, _SLOW)
             self.sensors.update_slow(self._airframe, self._battery, now)
         if step % _RC_STEPS == 0:
-            self._view.motors_running = sticks.motors_running
+            self._view.motors_running = is_armed
             self.pilot.update(self._view, now)
             self._lean = (0.0, 0.0) if self._away is None else lean(self._view, self._away)
+
+    def _fly(self, sticks: StickInput) -> None:
+        """Fly one step by the law of the simulated FlightCtrl, and measure."""
         self._control(sticks)
         motors, wind = self._motors, self._wind
         self._airframe.step(
             motors.thrust,
             (motors.torque_x, motors.torque_y, motors.torque_z),
             (wind.east, wind.north, wind.up),
-            now,
+            self.now,
             DT,
         )
         self.sensors.update_inertial(self._airframe)
-        self._report()
-        self._step = step + 1
-        self.now = (step + 1) * DT
 
     def _control(self, sticks: StickInput) -> None:
         """Run the FlightCtrl's law and the motors."""

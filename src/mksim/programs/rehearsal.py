@@ -10,10 +10,11 @@ import asyncio
 import os
 import random
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final, TypeVar
+from typing import Any, Final, Protocol, TypeVar
 
 from pydantic import BaseModel
 
@@ -29,7 +30,6 @@ from mkdaemon.daemon.wiring import Wiring
 from mkdaemon.errors import MkError
 from mkdaemon.telemetry.control import ControlError, ControlEstimate, ControlStatus
 from mkdaemon.telemetry.setpoint import (
-    HoldSetpoint,
     LandSetpoint,
     PositionSetpoint,
     Setpoint,
@@ -45,10 +45,10 @@ from mkdaemon.vision.output import values_of
 from mkdaemon.vision.tags.nested import nested_map
 from mkdaemon.vision.track.attitude import AttitudeHistory, AttitudeSample, Mounting
 from mkdaemon.vision.track.tracker import Tracker
-from mksim.config import PilotPlan, SimConfig
+from mksim.config import PilotPlan, SimConfig, WindClass
 from mksim.physics.world import World
 from mksim.programs.flightrecord import Moment, Rehearsed
-from mksim.programs.virtualports import Cable, LocalBus
+from mksim.programs.virtualports import Aircraft, Cable, LocalBus
 from mksim.scene.camera import BodyState, Grey, SceneCamera, landing_world
 from mksim.simulation import Simulation
 
@@ -166,6 +166,64 @@ Watcher = Callable[[Moment, ControlStatus | None], None]
 """Sees every moment of the record, and the latest status."""
 
 
+@dataclass(frozen=True, slots=True)
+class FlightPart:
+    """What is streamed for a while.
+
+    Attributes:
+        name: in the record.
+        kind: of the setpoint.
+        fields: of it.
+        seconds: how long; None until it is done.
+        until: the time at which it ends in place of that [s].
+        wind: that blows from then on; None leaves it.
+    """
+
+    name: str
+    kind: type[Setpoint]
+    fields: Mapping[str, Any]
+    seconds: float | None = None
+    until: float | None = None
+    wind: WindClass | None = None
+
+
+def over_pad(name: str, east: float, seconds: float | None = None, **more: Any) -> FlightPart:
+    """Hold a place so far east of the middle of the target [m], `HEIGHT` above it."""
+    fields = {"position": (east, 0.0, HEIGHT), "frame": SetpointFrame.PAD}
+    return FlightPart(name, PositionSetpoint, fields, seconds, **more)
+
+
+def take_off() -> FlightPart:
+    """Climb to `HEIGHT`."""
+    return FlightPart("take-off", TakeOffSetpoint, {"height": HEIGHT})
+
+
+def land() -> FlightPart:
+    """Land on the target."""
+    return FlightPart("land", LandSetpoint, {})
+
+
+DEMONSTRATION: Final = (
+    take_off(),
+    over_pad("hold", 0.0, 12.0),
+    over_pad("aside", -0.5),
+    over_pad("step", 0.5, 6.0),
+    over_pad("back", 0.0),
+    over_pad("wait", 0.0, until=PAD_STARTS + 1.0),
+    over_pad("follow", 0.0, 8.0),
+    land(),
+)
+"""What the demonstration flies."""
+
+
+class FlyingAircraft(Aircraft, Protocol):
+    """Boards at the end of a cable, and the world they fly in."""
+
+    @property
+    def world(self) -> World:
+        """Airframe, air, pilot and faults."""
+
+
 class Rehearsal:
     """One flight in virtual time.
 
@@ -174,21 +232,29 @@ class Rehearsal:
         bus: where the daemon stands, and the client that flies.
     """
 
-    def __init__(self, *, seed: int, wind: str, fps: float, watcher: Watcher) -> None:
+    def __init__(
+        self,
+        config: SimConfig,
+        aircraft: FlyingAircraft,
+        watcher: Watcher,
+        parts: Sequence[FlightPart] = DEMONSTRATION,
+        *,
+        moved: Callable[[float], None] = lambda now: None,
+    ) -> None:
         """Set everything up; needs a running loop.
 
         Args:
-            seed: of everything random.
-            wind: none, indoor, light or moderate.
-            fps: images a second.
+            config: what is simulated: scene, and the seed of everything random.
+            aircraft: boards and world, at the end of the daemon's cable.
             watcher: sees the flight.
+            parts: what is flown.
+            moved: called after every step of the world with the time [s].
         """
         loop = asyncio.get_running_loop()
-        config = simulated_aircraft(seed, wind, fps)
-        world = landing_world(config)
-        assert world is not None
+        world, seed = aircraft.world, config.seed
         self.record, self.bus = Rehearsed(), LocalBus()
         self._world, self._watcher, self._loop = world, watcher, loop
+        self._told = moved
         self._scene = SceneCamera(config.scene, seed)
         clock = Clock(
             monotonic=loop.time, wall=lambda: WALL + loop.time(), synchronised=lambda: True, suspended=lambda: 0.0
@@ -200,14 +266,15 @@ class Rehearsal:
             return eyes[0]
 
         self._wiring = Wiring(
-            Config(link=LinkConfig(port="simulated"), record=RecordConfig(enabled=False)),
+            Config(link=LinkConfig(port="/dev/simulated"), record=RecordConfig(enabled=False)),
             self.bus,
             clock,
             make_eyes=make_eyes,
-            opener=Cable(Simulation(config, world), self._moved).open,
+            opener=Cable(aircraft, self._moved).open,
             journal=Journal(Path(os.devnull), AtOnce()),
         )
         (self._eyes,) = eyes
+        self._parts = parts
         self._part = ""
         self._kept_at = 0.0
 
@@ -238,30 +305,19 @@ class Rehearsal:
     # -- the parts of the flight ----------------------------------------------------------------------------------
 
     async def _fly_parts(self) -> None:
-        over = {"position": (0.0, 0.0, HEIGHT), "frame": SetpointFrame.PAD}
-        aside, across = over | {"position": (-0.5, 0.0, HEIGHT)}, over | {"position": (0.5, 0.0, HEIGHT)}
-        parts: tuple[tuple[str, type[Setpoint], dict[str, Any], float | None], ...] = (
-            ("take-off", TakeOffSetpoint, {"height": HEIGHT}, None),
-            ("hold", HoldSetpoint, {}, 12.0),
-            ("aside", PositionSetpoint, aside, None),
-            ("step", PositionSetpoint, across, 6.0),
-            ("back", PositionSetpoint, over, None),
-            ("wait", PositionSetpoint, over, max(0.0, PAD_STARTS - self._loop.time()) + 1.0),
-            ("follow", PositionSetpoint, over, 8.0),
-            ("land", LandSetpoint, {}, None),
-        )
-        for part, kind, fields, seconds in parts:
-            if part == "hold":
-                kind, fields = PositionSetpoint, over
-            elif part == "wait":
-                seconds = max(0.0, PAD_STARTS - self._loop.time()) + 1.0
-            self._begin(part)
-            if not await self._stream(kind, fields, seconds):
+        for part in self._parts:
+            self._begin(part.name)
+            if part.wind is not None:
+                self._world.change_wind(part.wind)
+            seconds = part.seconds
+            if part.until is not None:
+                seconds = max(0.0, part.until - self._loop.time())
+            if not await self._stream(part.kind, part.fields, seconds):
                 break
         status = self._value("control/status", ControlStatus)
         self.record.outcome = "" if status is None else status.reason
 
-    async def _stream(self, kind: type[Setpoint], fields: dict[str, Any], seconds: float | None) -> bool:
+    async def _stream(self, kind: type[Setpoint], fields: Mapping[str, Any], seconds: float | None) -> bool:
         """Stream a setpoint for some time, or until it is done; whether the flight goes on."""
         began = self._loop.time()
         while self._loop.time() - began < (LONGEST if seconds is None else seconds):
@@ -305,6 +361,7 @@ class Rehearsal:
 
     def _moved(self, now: float) -> None:
         """Keep what is true now, twenty times a second."""
+        self._told(now)
         if now < self._kept_at:
             return
         self._kept_at = now + KEPT
@@ -330,5 +387,17 @@ class Rehearsal:
 
 
 async def rehearse(*, seed: int, wind: str, fps: float, watcher: Watcher) -> Rehearsed:
-    """Fly the demonstration once; see `Rehearsal`."""
-    return await Rehearsal(seed=seed, wind=wind, fps=fps, watcher=watcher).fly()
+    """Fly the demonstration once; see `Rehearsal`.
+
+    Args:
+        seed: of everything random.
+        wind: none, indoor, light or moderate.
+        fps: images a second.
+        watcher: sees the flight.
+    """
+    return await demonstration(simulated_aircraft(seed, wind, fps), watcher).fly()
+
+
+def demonstration(config: SimConfig, watcher: Watcher) -> Rehearsal:
+    """The demonstration with simulated boards; needs a running loop."""
+    return Rehearsal(config, Simulation(config, landing_world(config)), watcher)

@@ -6,8 +6,8 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
-from typing import Any, Final
+from collections.abc import Callable, Mapping
+from typing import Any, Final, Protocol
 
 import msgpack
 from pydantic import BaseModel
@@ -21,23 +21,38 @@ from mkdaemon.link.ports.port import Port
 from mkdaemon.telemetry.command import CommandResult
 from mkdaemon.telemetry.setpoint import Setpoint
 from mkdaemon.telemetry.signature import sign
-from mksim.simulation import Simulation
 
 TICK: Final = 2e-3
 """How often bytes are carried [s]."""
 
 
+class Aircraft(Protocol):
+    """Boards and what they fly, at the end of a cable; `mksim.simulation.Simulation` is one.
+
+    Attributes:
+        now: simulated time [s].
+    """
+
+    now: float
+
+    def write(self, data: bytes, at: float) -> None:
+        """Send bytes to the board at `at` [s]; they take their time on the line."""
+
+    def advance(self, to: float) -> list[tuple[float, bytes]]:
+        """Run to `to` [s] and return what reached the host: bytes with the time they arrived [s]."""
+
+
 class Cable:
     """The one cable to the boards."""
 
-    def __init__(self, simulation: Simulation, moved: Callable[[float], None]) -> None:
+    def __init__(self, aircraft: Aircraft, moved: Callable[[float], None]) -> None:
         """Plug it in.
 
         Args:
-            simulation: the boards, and what they fly.
+            aircraft: the boards, and what they fly.
             moved: called after every step with the time [s].
         """
-        self.simulation = simulation
+        self.aircraft = aircraft
         self.moved = moved
 
     async def open(self, url: str, *, baud: int) -> Port:
@@ -96,7 +111,7 @@ class CablePort:
         """Take bytes to send; see `Port.write`."""
         if self._is_closed:
             raise LinkLostError(f"{self._name}: closed")
-        self._cable.simulation.write(data, max(self._loop.time(), self._cable.simulation.now))
+        self._cable.aircraft.write(data, max(self._loop.time(), self._cable.aircraft.now))
 
     async def drain(self) -> None:
         """Return at once: virtual bytes need no draining."""
@@ -110,7 +125,7 @@ class CablePort:
     def _tick(self) -> None:
         self._timer = self._loop.call_later(TICK, self._tick)
         now = self._loop.time()
-        arrived = b"".join(data for _, data in self._cable.simulation.advance(now))
+        arrived = b"".join(data for _, data in self._cable.aircraft.advance(now))
         self._cable.moved(now)
         if arrived:
             self._inbox += arrived
@@ -122,6 +137,7 @@ class LocalBus:
 
     Attributes:
         values: last value of every key.
+        followers: hear of every value, with its key.
         lease: that the client took: its epoch and secret; empty before.
         takers: what takes the setpoints of a key, and what tells whose they are.
     """
@@ -129,6 +145,7 @@ class LocalBus:
     def __init__(self) -> None:
         self.open_endpoints: tuple[str, ...] = ()
         self.values: dict[str, Any] = {}
+        self.followers: list[Callable[[str, BaseModel], None]] = []
         self.lease: dict[str, Any] = {}
         self.loop = asyncio.get_running_loop()
         self._handlers: dict[str, Handler] = {}
@@ -142,6 +159,8 @@ class LocalBus:
         """Keep a value."""
         del schema
         self.values[suffix] = value
+        for follow in self.followers:
+            follow(suffix, value)
 
     def serve(self, root: str, handler: Handler) -> None:
         """Let a handler answer."""
@@ -175,7 +194,7 @@ class LocalBus:
         assert isinstance(granted.reply, dict), granted
         self.lease = granted.reply
 
-    def sign_next(self, kind: type[Setpoint], fields: dict[str, Any]) -> tuple[bytes, bytes]:
+    def sign_next(self, kind: type[Setpoint], fields: Mapping[str, Any]) -> tuple[bytes, bytes]:
         """The next setpoint under the lease, as bytes, and its signature."""
         self._sequence += 1
         payload = encode(kind(epoch=self.lease["epoch"], sequence=self._sequence, ttl=0.3, **fields))

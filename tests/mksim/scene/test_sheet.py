@@ -5,16 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 import cv2
-import pytest
 
-from mkdaemon.vision.camera.intrinsics import Intrinsics
 from mkdaemon.vision.tags.tagmap import single
 from mksim.scene.sheet import contact_sheet
 
 
-def test_the_sheet_has_twenty_pictures_with_captions(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    small = Intrinsics(width=320, height=240, fx=300, fy=300, cx=159.5, cy=119.5, k1=-0.2, k2=0.05)
-    monkeypatch.setattr("mksim.scene.sheet.CAMERA", small)
+def test_the_sheet_has_twenty_pictures_with_captions(tmp_path: Path) -> None:
     path = tmp_path / "deep" / "sheet.png"
     contact_sheet(single(0.3048, 48), path)
     sheet = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)

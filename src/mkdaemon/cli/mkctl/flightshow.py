@@ -63,7 +63,7 @@ class Shown:
 
     def print_line(self, words: str) -> None:
         """Print a line on standard output; the line of progress is taken away first."""
-        print(self._clear, end="", file=sys.stderr, flush=True)
+        _put(self._clear)
         print(words, flush=True)
 
 

@@ -328,19 +328,19 @@ def print_summary(summary: Summary) -> None:
         words = f"begins {_time(summary.first)} UTC, {_length(summary.duration)}; vehicle {vehicles}"
         console.print(words)
         console.print(_key_table(summary))
-        _tell_more(console, len(summary.keys), "keys")
+        _print_rest(console, len(summary.keys), "keys")
     for mark in summary.marks[:MOST_LINES]:
         at = (mark.at - summary.first) / NANOSECONDS
         console.print(on_one_line(f"mark {at:10.3f} s  {mark.vehicle}: {mark.text}"))
-    _tell_more(console, len(summary.marks), "marks")
+    _print_rest(console, len(summary.marks), "marks")
     lines = [*sender_lines(summary), *damage_lines(summary.report), *missed_lines(summary)]
     for line in lines[:MOST_LINES]:
         console.print(on_one_line(line))
-    _tell_more(console, len(lines), "lines")
+    _print_rest(console, len(lines), "lines")
 
 
-def _tell_more(console: Console, count: int, what: str) -> None:
-    """Say how many are not shown."""
+def _print_rest(console: Console, count: int, what: str) -> None:
+    """Print how many are not shown."""
     if count > MOST_LINES:
         console.print(f"... and {count - MOST_LINES} more {what}; --json has them all")
 
@@ -353,8 +353,9 @@ def sender_lines(summary: Summary) -> Iterator[str]:
         if one.setpoints:
             tokens = ", ".join(f"{number} {token}" for token, number in one.setpoints_refused.items())
             refused = tokens or "none"
+            late = f", {one.setpoints_late} under way when it ended" if one.setpoints_late else ""
             counts.append(
-                f"{one.setpoints} setpoints, {one.signed} signed by the holder of the lease, refused: {refused}"
+                f"{one.setpoints} setpoints, {one.signed} signed by the holder of the lease{late}, refused: {refused}"
             )
         yield f"from {one.source or 'who does not say'}{names}: {'; '.join(counts)}"
 
@@ -389,7 +390,7 @@ def print_check(summary: Summary, *, as_json: bool) -> None:
     lines = [*damage_lines(report), *missed_lines(summary)]
     for line in lines[:MOST_LINES]:
         print(on_one_line(f"  {line}"))
-    _tell_more(_console(), len(lines), "lines")
+    _print_rest(_console(), len(lines), "lines")
 
 
 def missed_lines(summary: Summary) -> Iterator[str]:

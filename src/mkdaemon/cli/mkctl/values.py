@@ -148,7 +148,8 @@ class Columns:
         row = "  ".join(text.rjust(max(WIDE, len(name))) for name, text in cells)
         has_heading = key != self._last or self._shown >= REPEAT
         self._last, self._shown = key, 1 if has_heading else self._shown + 1
-        return [key, "  ".join(name.rjust(WIDE) for name, _ in cells), row] if has_heading else [row]
+        heading = [key, "  ".join(name.rjust(WIDE) for name, _ in cells)] if has_heading else []
+        return [on_one_line(line) for line in (*heading, row)]
 
 
 _UNIT: Final = re.compile(r"\[([^\],;]+)[^\]]*\]")

@@ -71,7 +71,7 @@ class HealthMonitor:
         self._max_loss = max_loss_percent
         self._arrivals = Arrivals(self._own)
         self._bytes = ReceivedBytes(window)
-        self._received_at = self._heard_since = -math.inf
+        self._received_at = self._talks_since = -math.inf
         self._answered = -math.inf
         self._opened: float | None = None
         self._is_recording = False
@@ -120,7 +120,7 @@ class HealthMonitor:
     def frame_received(self, board: str, key: str, characters: int, now: float) -> None:
         """A right frame arrived."""
         if now - self._received_at > BREAK:
-            self._heard_since = now
+            self._talks_since = now
         self._received_at = now
         self._bytes.frame(characters, now)
         self._arrivals.received(board, key, now)
@@ -285,8 +285,8 @@ class HealthMonitor:
         if self._received_at == -math.inf:
             return self._verdict.finding
         if self._missed(now) >= PROBES_MISSED:
-            was_heard = silent_for < BREAK and self._missed(now, self._heard_since) >= PROBES_MISSED
-            if was_heard or self._sends_on_time(now):
+            is_deaf = silent_for < BREAK and self._missed(now, self._talks_since) >= PROBES_MISSED
+            if is_deaf or self._sends_on_time(now):
                 return self._explain_deafness(now)
             return self._verdict.finding  # deaf, mute or late: a moment more will tell
         if self._answered == -math.inf and not self._is_recording:
@@ -361,12 +361,12 @@ class HealthMonitor:
         enough = 1 if self._received_at == -math.inf else PROBES_MISSED
         return self._missed(now) >= enough or bool(self._arrivals.overdue(now))
 
-    def _missed(self, now: float, heard_since: float = -math.inf) -> int:
+    def _missed(self, now: float, talks_since: float = -math.inf) -> int:
         """Probes unanswered for longer than usual, since the board last proved that it hears us.
 
-        A board that says nothing at all may hear us; only time after `heard_since` shows that it does not.
+        A board that says nothing at all may hear us; only time after `talks_since` shows that it does not.
         """
-        waiting = (max(sent, heard_since) for sent in self._open_questions)
+        waiting = (max(sent, talks_since) for sent in self._open_questions)
         return sum(1 for since in waiting if self._own.elapsed(since, now) > PROBE_PATIENCE)
 
     def _beside_load(self, reason: str, now: float) -> str:

@@ -1,0 +1,261 @@
+"""Builds what the proving ground flies, from the user's own checkouts: `make hil FIRMWARE=DIR SIMAVR=DIR`.
+
+Neither firmware nor simavr is part of this project (their licences); nothing is copied out of `build/hil`, which git
+does not see. simavr needs two repairs for this firmware, made in the copies that are compiled:
+
+* its I2C bus is five times too fast, so that the firmware's motor loop never waits;
+* `EEPE` does not stay set while the EEPROM writes, so that a parameter set is lost byte by byte.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from mkdaemon.errors import ConfigError
+
+ROOT: Final = Path(__file__).resolve().parents[2]
+OUTPUT: Final = ROOT / "build" / "hil"
+"""Everything that is built."""
+LIBRARY: Final = OUTPUT / "board.so"
+FIRMWARE: Final = OUTPUT / "firmware"
+"""One folder a firmware: `firmware.elf`, `firmware.json`, `eeprom.bin`."""
+SIMAVR_URL: Final = "https://github.com/buserror/simavr (tag v1.6)"
+FIRMWARE_URL: Final = "https://github.com/cehberlin/MikroKopterFlightController (FlightCtrl 2.12a, a public fork)"
+PACKAGES: Final = {
+    "avr-gcc": "gcc-avr avr-libc",
+    "avr-nm": "binutils-avr",
+    "gcc": "gcc",
+    "make": "make",
+}
+"""Programs and the Debian packages they come in."""
+CORES: Final = {"atmega1284p": "mega1284", "atmega644p": "mega644", "atmega644": "mega644"}
+"""Processors of FlightCtrls, and what simavr calls them."""
+LEFT_OUT: Final = {"run_avr.c", "avr_twi.c", "avr_eeprom.c"}
+"""Of simavr's sources: a program of its own, and the two that are repaired."""
+OWN_LID: Final = re.compile(rb"^(\s*)ChannelGas = ExternalControl\.Gas;", re.MULTILINE)
+STOCK_LID: Final = rb"\1if(ExternalControl.Gas < ChannelGas) ChannelGas = ExternalControl.Gas;"
+"""A public fork takes our throttle as it is; stock firmware takes the smaller of the pilot's and ours."""
+
+
+@dataclass(frozen=True, slots=True)
+class Firmware:
+    """A firmware that was built.
+
+    Attributes:
+        name: of its folder.
+        elf: the program.
+        mcu: processor, as simavr calls it.
+        frequency: of its clock [Hz].
+        symbols: address of every variable in RAM.
+    """
+
+    name: str
+    elf: Path
+    mcu: str
+    frequency: int
+    symbols: dict[str, int]
+
+
+def built(name: str) -> Firmware:
+    """A firmware that `make hil` built.
+
+    Raises:
+        ConfigError: there is none of this name; says what to fetch and run.
+    """
+    folder = FIRMWARE / name
+    if not LIBRARY.exists() or not (folder / "firmware.json").exists():
+        there = ", ".join(names()) or "none"
+        raise ConfigError(
+            f"firmware {name!r} is not built (there is: {there}). Fetch its sources, for example {FIRMWARE_URL}, and "
+            f"{SIMAVR_URL}, then run: make hil FIRMWARE=<folder of the sources> SIMAVR=<folder of simavr>"
+        )
+    facts = json.loads((folder / "firmware.json").read_text())
+    return Firmware(name, folder / "firmware.elf", facts["mcu"], facts["frequency"], facts["symbols"])
+
+
+def names() -> list[str]:
+    """Firmwares that were built."""
+    return sorted(path.parent.name for path in FIRMWARE.glob("*/firmware.json"))
+
+
+def build(sources: Path, simavr: Path) -> list[str]:
+    """Build the board's library and a firmware; returns the names of what can be flown now.
+
+    Args:
+        sources: folder of a FlightCtrl's sources, with its makefile.
+        simavr: a checkout of simavr.
+
+    Raises:
+        ConfigError: something is missing, or does not compile; says what.
+    """
+    for program, package in PACKAGES.items():
+        if shutil.which(program) is None:
+            raise ConfigError(f"{program} is not installed: apt-get install {package} libelf-dev")
+    if not (simavr / "simavr" / "sim" / "sim_avr.h").exists():
+        raise ConfigError(f"{simavr}: no checkout of simavr; fetch {SIMAVR_URL}")
+    makefile = next((path for name in ("makefile", "Makefile") if (path := sources / name).exists()), None)
+    if makefile is None:
+        raise ConfigError(f"{sources}: no makefile of a FlightCtrl; fetch for example {FIRMWARE_URL}")
+    _build_library(simavr / "simavr")
+    return _build_firmware(sources, makefile)
+
+
+# -- simavr and the board -----------------------------------------------------------------------------------------
+
+
+def _build_library(simavr: Path) -> None:
+    """Compile simavr, repaired, and the board around it into one library."""
+    work = OUTPUT / "simavr"
+    work.mkdir(parents=True, exist_ok=True)
+    _configure(work)
+    for name, repair in (("avr_twi.c", _slow_i2c), ("avr_eeprom.c", _busy_eeprom)):
+        (work / name).write_text(repair((simavr / "sim" / name).read_text(encoding="latin1")), encoding="latin1")
+    sources = [path for path in sorted((simavr / "sim").glob("*.c")) if path.name not in LEFT_OUT]
+    sources += [simavr / "cores" / f"sim_{core}.c" for core in ("mega1284", "megax4", "mega644")]
+    sources += [work / "avr_twi.c", work / "avr_eeprom.c", Path(__file__).parent / "board.c"]
+    folders = (work, simavr / "sim", simavr / "sim" / "avr", simavr / "cores")
+    command = ["gcc", "-O3", "-march=native", "-fPIC", "-shared", "-w", "-fno-semantic-interposition", "-flto=auto"]
+    command += [f"-I{folder}" for folder in folders] + ["-include", str(work / "sim_core_config.h")]
+    command += [str(path) for path in sources if path.exists()]
+    _run([*command, "-o", str(LIBRARY), "-lelf", "-lm"], "the board's library (is libelf-dev installed?)")
+
+
+def _configure(work: Path) -> None:
+    """Write the two headers that simavr's own build would make: which processors there are."""
+    cores = sorted(set(CORES.values()))
+    known = "".join(f"#define CONFIG_{core.upper()} 1\n" for core in cores)
+    (work / "sim_core_config.h").write_text(
+        f'#ifndef SIM_CORE_CONFIG_H\n#define SIM_CORE_CONFIG_H\n#define CONFIG_SIMAVR_VERSION "1.6"\n{known}#endif\n'
+    )
+    declared = "".join(f"extern avr_kind_t {core};\n" for core in cores)
+    listed = ", ".join(f"&{core}" for core in cores)
+    (work / "sim_core_decl.h").write_text(
+        '#ifndef SIM_CORE_DECL_H\n#define SIM_CORE_DECL_H\n#include "sim_core_config.h"\n'
+        f"{declared}extern avr_kind_t * avr_kind[];\n"
+        f"#ifdef AVR_KIND_DECL\navr_kind_t * avr_kind[] = {{ {listed}, NULL }};\n#endif\n#endif\n"
+    )
+
+
+def _slow_i2c(text: str) -> str:
+    """Let a byte on the I2C bus take the nine bits it takes at 100 kHz and above, not a fifth of them."""
+    return _replaced(
+        text,
+        "p->io.avr, twi_cycles, avr_twi_set_state_timer, p);",
+        "p->io.avr, twi_cycles * 5, avr_twi_set_state_timer, p);",
+        "avr_twi.c",
+    )
+
+
+def _busy_eeprom(text: str) -> str:
+    """Keep EEPE set while a byte is being written."""
+    steps = (
+        ("static avr_cycle_count_t avr_eei_raise", "static int is_busy;\nstatic avr_cycle_count_t avr_eei_raise"),
+        (
+            "\tavr_raise_interrupt(p->io.avr, &p->ready);\n\treturn 0;",
+            "\tis_busy = 0;\n\tavr_regbit_clear(p->io.avr, p->eepe);\n"
+            "\tavr_raise_interrupt(p->io.avr, &p->ready);\n\treturn 0;",
+        ),
+        (
+            "\tif (eempe && avr_regbit_get(avr, p->eepe)) {\t// write operation",
+            "\tif (eempe && avr_regbit_get(avr, p->eepe) && !is_busy) {\n\t\tis_busy = 1;",
+        ),
+        (
+            "\t// autocleared\n\tavr_regbit_clear(avr, p->eepe);",
+            "\tif (is_busy)\n\t\tavr_regbit_set(avr, p->eepe);\n\telse\n\t\tavr_regbit_clear(avr, p->eepe);",
+        ),
+    )
+    for old, new in steps:
+        text = _replaced(text, old, new, "avr_eeprom.c")
+    return text
+
+
+def _replaced(text: str, old: str, new: str, name: str) -> str:
+    if old not in text:
+        raise ConfigError(f"simavr's {name} is not that of tag v1.6, which the repairs are for; fetch {SIMAVR_URL}")
+    return text.replace(old, new)
+
+
+# -- firmware -----------------------------------------------------------------------------------------------------
+
+
+def _build_firmware(sources: Path, makefile: Path) -> list[str]:
+    """Compile a copy of the sources; twice where they are a fork whose throttle has no lid."""
+    name = sources.resolve().name
+    text = makefile.read_text(encoding="latin1")
+    mcu = _variable(text, "MCU", "atmega644p")
+    frequency = int(_variable(text, "F_CPU", "20000000"))
+    if mcu not in CORES:
+        raise ConfigError(f"{makefile}: a {mcu} is no processor of a FlightCtrl ({', '.join(CORES)})")
+    done = [_compile(sources, name, mcu, frequency, lid=None)]
+    main = sources / "fc.c"
+    if main.exists() and OWN_LID.search(main.read_bytes()):
+        done.append(_compile(sources, f"{name}-stock-lid", mcu, frequency, lid=STOCK_LID))
+    return done
+
+
+def _compile(sources: Path, name: str, mcu: str, frequency: int, *, lid: bytes | None) -> str:
+    folder = FIRMWARE / name
+    work = folder / "sources"
+    shutil.rmtree(folder, ignore_errors=True)
+    shutil.copytree(sources, work, ignore=shutil.ignore_patterns(".git", "*.o", "*.elf", "*.hex"))
+    if lid is not None:
+        main = work / "fc.c"
+        main.write_bytes(OWN_LID.sub(lid, main.read_bytes()))
+    _run(["make", "-C", str(work)], f"firmware {name}", check=False)
+    elf = next(iter(sorted(work.glob("*.elf"))), None)
+    if elf is None:
+        raise ConfigError(f"firmware {name} does not compile; run to see why: make -C {work}")
+    shutil.copy(elf, folder / "firmware.elf")
+    facts = {"mcu": mcu, "frequency": frequency, "symbols": _symbols(elf)}
+    (folder / "firmware.json").write_text(json.dumps(facts))
+    return name
+
+
+def _symbols(elf: Path) -> dict[str, int]:
+    """Addresses of variables; RAM begins at 0x800000 in the ELF of an AVR."""
+    found = {}
+    for line in _run(["avr-nm", str(elf)], "the firmware's symbols").splitlines():
+        address, kind, symbol = line.split()[-3:] if len(line.split()) == 3 else ("", "", "")
+        if kind in {"B", "b", "D", "d"} and "." not in symbol:
+            found[symbol] = int(address, 16) & 0xFFFF
+    return found
+
+
+def _variable(text: str, name: str, default: str) -> str:
+    found = re.search(rf"^{name}\s*=\s*(\S+)", text, re.MULTILINE)
+    return found.group(1) if found else default
+
+
+def _run(command: list[str], what: str, *, check: bool = True) -> str:
+    done = subprocess.run(command, capture_output=True, encoding="latin1", check=False)
+    if check and done.returncode:
+        raise ConfigError(f"{what} cannot be built:\n{done.stderr[-2000:]}")
+    return done.stdout
+
+
+def main() -> None:
+    """Build from two folders given on the command line."""
+    if len(sys.argv) != 3 or not sys.argv[1]:
+        print(
+            "make hil FIRMWARE=<folder of a FlightCtrl's sources> SIMAVR=<folder of simavr>\n"
+            f"  sources, for example: {FIRMWARE_URL}\n  simavr: {SIMAVR_URL}",
+            file=sys.stderr,
+        )
+        sys.exit(2)
+    try:
+        names = build(Path(sys.argv[1]), Path(sys.argv[2]))
+    except ConfigError as error:
+        print(f"error: {error}", file=sys.stderr)
+        sys.exit(1)
+    print(f"built: {', '.join(names)}. Fly it: python -m lab hil --firmware {names[0]}")
+
+
+if __name__ == "__main__":
+    main()
