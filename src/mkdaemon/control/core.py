@@ -124,7 +124,7 @@ class FlightCore:
             MotorTestSent: _noted(lambda event, now: facts.motor_test_sent(now)),
             ListChanged: _noted(lambda event, now: facts.list_changed(now)),
             PoseSeen: self._pose_seen,
-            EyeStats: _noted(lambda event, now: facts.eye_reported(event.stats)),
+            EyeStats: self._eye_reported,
             FreeDisk: _noted(lambda event, now: facts.disk_measured(event.free)),
             ModelKnown: self._model_known,
             ActiveSetRead: self._active_set_read,
@@ -268,6 +268,11 @@ class FlightCore:
         is_ours = pose.target == sight.target
         return DUE if self._pacing.image_taken(pose.stamp.monotonic, is_ours=is_ours) else NOTED
 
+    def _eye_reported(self, event: EyeStats, now: float) -> Reply:
+        self._facts.eye_reported(event.stats)
+        self._reports.eyes_reported()
+        return NOTED
+
     def _model_known(self, event: ModelKnown, now: float) -> Reply:
         self._sight.model_known(event.model)
         self._preflight.model_known(event.model, event.unknown, is_flying=self.phase in IN_FLIGHT)
@@ -357,6 +362,7 @@ class FlightCore:
             elif isinstance(decision, ReleaseOrder):
                 self._release, order = decision, Release(decision.reason)
                 self._flown.end()
+                self._sight.stand(is_standing=False)
         self._reports.status(self._preflight.line.layout, self._watch.battery.warning, now)
         self._pacing.sends(is_flying=self._authority.phase in IN_FLIGHT, is_by_images=self._is_by_images(now))
         return ([] if order is None else [order]) + self._reports.take()
@@ -368,6 +374,7 @@ class FlightCore:
 
     def _guide(self, setpoint: Setpoint, now: float, is_flying: bool) -> Step:
         step = self._flown.step(setpoint, self._authority.phase, now, is_flying=is_flying)
+        self._sight.stand(is_standing=is_flying and step.stands)
         self._error = step.error
         return step
 

@@ -68,6 +68,13 @@ class Position(StateValue):
     """The same as the board says it [m]; a NaviCtrl 0.24 begins at 0 again every 655 m."""
 
 
+class Altitude(StateValue):
+    """How high by the barometer: `state/altitude`. It needs no GPS; not published while the FlightCtrl is not heard."""
+
+    above_start: float
+    """Above the point of calibration [m], in the board's steps of 5 or 10 cm."""
+
+
 class Velocity(StateValue):
     """How fast: `state/velocity`. Published only while the GPS position is valid."""
 

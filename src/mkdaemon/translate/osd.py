@@ -8,7 +8,7 @@ from mkdaemon.frames import yaw_enu_from_heading
 from mkdaemon.protocol.errorcodes import ErrorCode, describe_error, is_fc_lost
 from mkdaemon.protocol.flags import FlightStatus, FlightStatus2, NaviStatus, PositionStatus
 from mkdaemon.protocol.messages import OsdData4, OsdData5
-from mkdaemon.telemetry.state import Battery, Flight, Gps, GpsFix, GpsMode, Pilot, Position, Velocity
+from mkdaemon.telemetry.state import Altitude, Battery, Flight, Gps, GpsFix, GpsMode, Pilot, Position, Velocity
 from mkdaemon.translate.geometry import Home, east_north, position
 from mkdaemon.translate.origin import Origin, State
 
@@ -78,6 +78,7 @@ def from_osd(osd: OsdData4 | OsdData5, origin: Origin) -> list[State]:
         states.append(("state/battery", _battery(osd, origin)))
         gas = float(osd.throttle) if osd.fc_flags & FlightStatus.MOTORS_RUNNING else None
         states.append(("state/pilot", pilot(origin, float(osd.rc_quality), sticks=None, throttle=None, gas=gas)))
+        states.append(("state/altitude", Altitude(**origin._asdict(), above_start=osd.si("altimeter"))))
     if _is_position_valid(osd):
         states.append(("state/position", _position(osd, origin)))
         states.append(("state/velocity", _velocity(osd, origin)))

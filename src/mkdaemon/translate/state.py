@@ -16,7 +16,7 @@ from mkdaemon.protocol.messages import (
 from mkdaemon.protocol.messages.osdsets import OsdFlags, OsdSet
 from mkdaemon.protocol.wire import WireMessage
 from mkdaemon.stamp import Stamp
-from mkdaemon.telemetry.state import AngleScale, Battery
+from mkdaemon.telemetry.state import Altitude, AngleScale, Battery
 from mkdaemon.translate.geometry import attitude
 from mkdaemon.translate.origin import Origin, State
 from mkdaemon.translate.osd import from_osd, pilot
@@ -27,6 +27,7 @@ COARSE_AFTER = 0.5
 
 # Source: docs/protocol.md, "Debug channels of the FlightCtrl".
 _CHANNEL_VOLTAGE, _CHANNEL_RECEIVER, _CHANNEL_CURRENT, _CHANNEL_CAPACITY = 9, 10, 22, 23
+_CHANNEL_HEIGHT = 5
 _CHANNEL_THROTTLE, _THROTTLE_SCALE = 7, 4.0
 _CHANNEL_MOTORS = slice(12, 16)
 
@@ -111,7 +112,7 @@ def _from_attitude(message: WireMessage, origin: Origin, scale: AngleScale) -> l
 
 
 def _from_debug(debug: DebugDataFc, origin: Origin) -> list[State]:
-    """Battery and receiver where no NaviCtrl tells them."""
+    """Battery, receiver and height where no NaviCtrl tells them."""
     channels = debug.analog
     battery = Battery(
         **origin._asdict(),
@@ -123,5 +124,6 @@ def _from_debug(debug: DebugDataFc, origin: Origin) -> list[State]:
     gas = channels[_CHANNEL_THROTTLE] / _THROTTLE_SCALE if any(channels[_CHANNEL_MOTORS]) else None
     return [
         ("state/battery", battery),
+        ("state/altitude", Altitude(**origin._asdict(), above_start=channels[_CHANNEL_HEIGHT] / 10)),
         ("state/pilot", pilot(origin, float(channels[_CHANNEL_RECEIVER]), sticks=None, throttle=None, gas=gas)),
     ]
