@@ -63,7 +63,7 @@ class Client:
                 kind, fields = self.setpoint
                 payload = encode_map({"epoch": flown.epoch, "sequence": self._sequence, "ttl": 0.3, **fields})
                 proof = sign(flown.secret, kind.suffix, payload)
-                flown.flight.setpoint_arrived(kind, loop.time(), payload, flown.flight.signed_for(kind, payload, proof))
+                flown.bus.deliver(kind, loop.time(), payload, proof)
                 self.last = loop.time()
             await asyncio.sleep(STREAM)
 

@@ -1,16 +1,18 @@
 """A cockpit in virtual time: control, link and simulated boards, and everything on the wire and in the FlightCtrl kept.
 
-The same control loop, sink, link and boards as in earnest; only Zenoh and the wall clock are left out, so a thousand
+The daemon is wired as in earnest; only Zenoh and the wall clock are left out, so a thousand
 flights are exact, seeded and faster than real time.
 """
 
 from __future__ import annotations
 
 import asyncio
+import os
 import random
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Final, NamedTuple, cast
 
 from pydantic import BaseModel
@@ -18,24 +20,25 @@ from pydantic import BaseModel
 from lab.rigs.boardport import TICK_TIME, Socket
 from lab.rigs.grounded import GroundedAircraft
 from mkdaemon.clock import Clock
-from mkdaemon.config.control import ControlConfig
 from mkdaemon.config.link import LinkConfig
-from mkdaemon.control.core import FlightCore
+from mkdaemon.config.record import RecordConfig
+from mkdaemon.config.root import Config
 from mkdaemon.daemon.audit import Outlet
-from mkdaemon.daemon.deck import Deck
-from mkdaemon.daemon.flight import FlightControl
-from mkdaemon.daemon.sink import BusSink
-from mkdaemon.link.discovery import discover
+from mkdaemon.daemon.deck import no_eyes
+from mkdaemon.daemon.procedures import Journal
+from mkdaemon.daemon.wiring import Wiring
 from mkdaemon.link.link import Link
 from mkdaemon.link.session.guarding import LineGuard
-from mkdaemon.link.session.traffic import Received, Sent
+from mkdaemon.link.session.traffic import LinkSink, Received, Sent
 from mkdaemon.telemetry.command import LeaseRequest
 from mkdaemon.telemetry.control import LeaseGrant
 from mkdaemon.telemetry.link import LinkState
 from mkdaemon.telemetry.setpoint import StickSetpoint
 from mkdaemon.telemetry.signature import sign
+from mkdaemon.virtualtime import AtOnce
 from mksim.config import PilotPlan, SimConfig
 from mksim.physics.world import World
+from mksim.programs.virtualports import LocalBus
 from mksim.simulation import Simulation
 
 GATE_OPEN: Final = 255
@@ -99,15 +102,22 @@ class WatchedSimulation(Simulation):
         return self.flight.external.is_valid
 
 
-class _Unheard:
-    """An outlet nobody listens to."""
+class CockpitBus(LocalBus):
+    """The bus of a cockpit; a listener hears everything that is published."""
+
+    def __init__(self, listener: Outlet | None) -> None:
+        super().__init__()
+        self._listener = listener
 
     def publish(self, suffix: str, value: BaseModel, *, schema: type[BaseModel] | None = None) -> None:
-        """Take a value and forget it."""
+        """Hand a value on."""
+        super().publish(suffix, value, schema=schema)
+        if self._listener is not None:
+            self._listener.publish(suffix, value, schema=schema)
 
 
-class KeepingSink(BusSink):
-    """What the daemon hears about the line, kept.
+class LineWatch:
+    """What the daemon hears about the line, kept, and handed on to its sink.
 
     Attributes:
         tx: every transmission.
@@ -116,27 +126,29 @@ class KeepingSink(BusSink):
         states: every verdict on the line.
     """
 
-    def __init__(self, deck: Deck, clock: Clock, outlet: Outlet) -> None:
-        super().__init__(outlet, deck.feed, deck.core.vehicle, deck.audit, deck.eyes, clock)
+    def __init__(self, sink: LinkSink) -> None:
+        self.dropped, self.health_measured = sink.dropped, sink.health_measured
+        self.stream_ended, self.traffic_counted = sink.stream_ended, sink.traffic_counted
+        self._sink = sink
         self.tx: list[Sent] = []
         self.heard_at = self.streamed_at = float("-inf")
         self.states: list[LinkState] = []
 
     def received(self, frame: Received) -> None:
         """Take a right frame."""
-        super().received(frame)
+        self._sink.received(frame)
         self.heard_at = frame.at
         if frame.frame.id in "OCD":
             self.streamed_at = frame.at
 
     def sent(self, frame: Sent) -> None:
         """Take a transmission."""
-        super().sent(frame)
+        self._sink.sent(frame)
         self.tx.append(frame)
 
     def state_changed(self, state: LinkState) -> None:
         """Take a verdict."""
-        super().state_changed(state)
+        self._sink.state_changed(state)
         self.states.append(state)
 
 
@@ -172,15 +184,18 @@ class Cockpit:
         core: the flight core inside `flight`.
         link: the line.
         flight: control: the lease, the tick, the release.
+        run_line: keeps the line.
+        bus: where clients bring what they want.
         sink: what was seen on the line.
         socket: the cable and the boards at its end.
         epoch: of the lease taken last.
         secret: of that lease.
-        task: of the link.
+        tasks: of line and control.
     """
 
-    def __init__(self, core: FlightCore, link: Link, flight: FlightControl, sink: KeepingSink, socket: Socket) -> None:
-        self.core, self.link, self.flight, self.sink, self.socket = core, link, flight, sink, socket
+    def __init__(self, wiring: Wiring, bus: CockpitBus, sink: LineWatch, socket: Socket) -> None:
+        self.core, self.link, self.flight, self.run_line = wiring.core, wiring.link, wiring.flight, wiring.run_line
+        self.bus, self.sink, self.socket = bus, sink, socket
         self.epoch = 0
         self.secret = ""
         self.tasks: list[asyncio.Task[None]] = []
@@ -221,12 +236,7 @@ class Cockpit:
     def stream(self, payload: bytes, *, secret: str | None = None) -> None:
         """Put a stick setpoint, signed for the lease taken last or with another secret."""
         proof = sign(self.secret if secret is None else secret, StickSetpoint.suffix, payload)
-        self.flight.setpoint_arrived(
-            StickSetpoint,
-            asyncio.get_running_loop().time(),
-            payload,
-            self.flight.signed_for(StickSetpoint, payload, proof),
-        )
+        self.bus.deliver(StickSetpoint, asyncio.get_running_loop().time(), payload, proof)
 
 
 @asynccontextmanager
@@ -260,29 +270,50 @@ async def cockpit(
     """
     is_new = socket is None
     cable = socket or Socket(boards.make(seed, **(sim or {})), seed=seed, tick=tick)
-    clock = _virtual_clock(cable, seed)
-    published = outlet or _Unheard()
-    deck = Deck(ControlConfig(), published, clock, first_epoch=int(clock.stamp().wall * 1000))
-    core, sink = deck.core, KeepingSink(deck, clock, published)
     cfg = LinkConfig.model_validate({"port": "/dev/virtual"} | link)
-    line = link_class(
-        cfg, sink, opener=cable.open, clock=clock, motors_running=core.vehicle.motors_running, guard=guard
-    )
-    flight = FlightControl(deck, line, clock=clock)
-    flown = Cockpit(core, line, flight, sink, cable)
+    flown = _wired(cfg, cable, _virtual_clock(cable, seed), CockpitBus(outlet), guard, link_class)
+    # What else runs in a daemon touches neither the line nor the sticks.
     flown.tasks = [
-        asyncio.create_task(line.run(discover), name="link"),
-        asyncio.create_task(flight.run(), name="control"),
+        asyncio.create_task(flown.run_line(), name="link"),
+        asyncio.create_task(flown.flight.run(), name="control"),
     ]
     try:
         if is_new and await flown.until(lambda: flown.may_fly) is None:
-            msg = f"{boards.name}, seed {seed}: not ready to fly: {line.health().state.reason}"
+            msg = f"{boards.name}, seed {seed}: not ready to fly: {flown.link.health().state.reason}"
             raise TimeoutError(msg)
         yield flown
     finally:
         for task in reversed(flown.tasks):
             task.cancel()
             await asyncio.gather(task, return_exceptions=True)
+
+
+def _wired(
+    cfg: LinkConfig,
+    cable: Socket,
+    clock: Clock,
+    bus: CockpitBus,
+    guard: LineGuard | None,
+    link_class: type[Link],
+) -> Cockpit:
+    """A daemon of which nothing runs yet."""
+    watches: list[LineWatch] = []
+
+    def make_link(cfg: LinkConfig, sink: LinkSink, **more: Any) -> Link:
+        watches.append(LineWatch(sink))
+        return link_class(cfg, watches[0], **more)
+
+    wiring = Wiring(
+        Config(link=cfg, record=RecordConfig(enabled=False)),
+        bus,
+        clock,
+        make_eyes=no_eyes,
+        guard=guard,
+        opener=cable.open,
+        journal=Journal(Path(os.devnull), AtOnce()),
+        make_link=make_link,
+    )
+    return Cockpit(wiring, bus, watches[0], cable)
 
 
 def _virtual_clock(cable: Socket, seed: int) -> Clock:

@@ -85,9 +85,7 @@ class CockpitClient:
         """Bring a setpoint to control."""
         if self.is_alive:
             self.last_arrived = asyncio.get_running_loop().time()
-            self._flown.flight.setpoint_arrived(
-                kind, self.last_arrived, payload, self._flown.flight.signed_for(kind, payload, proof)
-            )
+            self._flown.bus.deliver(kind, self.last_arrived, payload, proof)
 
     async def command(self, target: str, name: str, fields: Mapping[str, Any], *, patience: float = 0.0) -> Answer:
         """Carry out a request about the lease; see `Transport.command`.

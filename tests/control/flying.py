@@ -21,7 +21,7 @@ class Flying:
         self.facts = VehicleMemory()
         self.refusal = None
         self.asked = []
-        self.flown = Flown(self.cfg, self.sight, self.facts, rows, self._admit, self._waits_for)
+        self.flown = Flown(self.cfg, self.sight, rows, self._admit, self._waits_for)
         self._preflight = Preflight(self.cfg, self.facts)
         self._preflight.compute_loop()
 
@@ -43,4 +43,4 @@ class Flying:
 
     def step(self, setpoint, now, *, is_flying=False, phase=Phase.FLYING):
         """What is wanted for a setpoint."""
-        return self.flown.step(setpoint, phase if is_flying else Phase.LEASED, now, is_flying=is_flying)
+        return self.flown.step(setpoint, phase if is_flying else Phase.LEASED, now)

@@ -208,6 +208,25 @@ def test_renew_show_and_give_back(drive):
     assert token_of(lambda: drive.request("release")) == "not_leased"
 
 
+def test_the_lease_is_one_clients_at_a_time_unless_it_is_taken_by_force(drive):
+    drive.take("alice")
+    drive.run(1.0)
+    with pytest.raises(CommandRejectedError, match=r"lease_held.*alice.*4\.0 s"):
+        drive.request(holder="bob")
+    assert token_of(lambda: drive.request(holder="alice")) == "lease_held", "another client of that name"
+    assert drive.request("show").holder == "alice"
+    assert drive.request(holder="bob", force=True).holder == "bob"
+
+
+def test_nobody_takes_the_lease_while_a_release_is_under_way(drive):
+    drive.take()
+    drive.request("release", epoch=drive.epoch)
+    drive.tick()
+    assert token_of(lambda: drive.request(holder="bob")) == "busy"
+    drive.release_ends()
+    assert drive.request(holder="bob").holder == "bob"
+
+
 def test_clients_without_a_name_never_share_one(drive):
     first = drive.request()
     drive.request("release", epoch=first.epoch, secret=first.secret)

@@ -20,29 +20,29 @@ from mkdaemon.control.modes import (
     ROWS,
     SILENT,
     TOO_OLD,
+    Conditions,
     Reaction,
-    Situation,
     Trigger,
     find_row,
 )
 from mkdaemon.telemetry.control import Phase
 
 WHEN = {
-    ALWAYS: Situation(),
-    SILENT: Situation(is_held=True, is_silent=True, is_fresh=True),
-    NOT_READY: Situation(is_held=True, is_live=True, is_fresh=True),
-    READY: Situation(is_held=True, is_live=True, is_ready=True, is_fresh=True),
-    READY_BUT_OLD: Situation(is_held=True, is_live=True, is_ready=True),
-    FRESH: Situation(is_held=True, is_fresh=True),
-    CAN_LAND: Situation(is_held=True, can_land=True),
-    TOO_OLD: Situation(is_held=True),
-    RELEASE_OWED: Situation(is_held=True, is_release_owed=True),
-    HELD: Situation(is_held=True),
-    NOT_HELD: Situation(),
+    ALWAYS: Conditions(),
+    SILENT: Conditions(is_held=True, is_silent=True, is_fresh=True),
+    NOT_READY: Conditions(is_held=True, is_live=True, is_fresh=True),
+    READY: Conditions(is_held=True, is_live=True, is_ready=True, is_fresh=True),
+    READY_BUT_OLD: Conditions(is_held=True, is_live=True, is_ready=True),
+    FRESH: Conditions(is_held=True, is_fresh=True),
+    CAN_LAND: Conditions(is_held=True, can_land=True),
+    TOO_OLD: Conditions(is_held=True),
+    RELEASE_OWED: Conditions(is_held=True, is_release_owed=True),
+    HELD: Conditions(is_held=True),
+    NOT_HELD: Conditions(),
 }
 """A situation in which each guard holds, and none of an earlier row."""
 
-ALL = [Situation(*flags) for flags in itertools.product((False, True), repeat=7)]
+ALL = [Conditions(*flags) for flags in itertools.product((False, True), repeat=7)]
 
 
 @pytest.mark.parametrize("row", ROWS, ids=lambda row: f"{row.event}-{row.sources[0]}-{row.target}")
@@ -72,7 +72,7 @@ def test_what_has_no_row_changes_nothing(phase, event):
 
 
 def test_a_lease_that_is_neither_live_nor_silent_waits():
-    assert find_row(Phase.LEASED, Trigger.TICK, Situation(is_held=True, is_ready=True, is_fresh=True)) is None
+    assert find_row(Phase.LEASED, Trigger.TICK, Conditions(is_held=True, is_ready=True, is_fresh=True)) is None
 
 
 @pytest.mark.parametrize("situation", ALL)

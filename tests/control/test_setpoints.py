@@ -89,7 +89,7 @@ def test_stick_setpoints_are_their_own_sticks():
     wanted = example(StickSetpoint)
     assert Flying().step(wanted, 0.0) == Step(Sticks(1.0, 2.0, 3.0, 4.0), "stick")
     narrow = ControlConfig(lease=LeaseConfig(neutral_band=2.0))
-    assert Flying(narrow).step(wanted, 0.0).obstacle == "neutral sticks"
+    assert Flying(narrow).step(wanted, 0.0).obstacle == "waiting for neutral sticks"
 
 
 @pytest.mark.parametrize("kind", [kind for kind in SETPOINTS if kind not in STICKS_ALONE])
@@ -119,8 +119,8 @@ def test_a_kind_without_guidance_does_not_touch_the_stream_of_the_lease(kind):
 class Lean(AttitudeFlight):
     """A hundred counts a radian; begins level."""
 
-    def enter(self, before, facts, now):
-        return "a level attitude" if self._wanted.roll and before is None else ""
+    def enter(self, before, now):
+        return "waiting for a level attitude" if self._wanted.roll and before is None else ""
 
     def _sticks(self):
         return Sticks(self._wanted.pitch * 100, self._wanted.roll * 100, 0.0, 0.0)

@@ -81,7 +81,7 @@ def test_an_attitude_becomes_counts_of_this_aircraft():
     guided = flying.step(setpoint, 0.0)
     assert (guided.sticks.roll, guided.sticks.pitch) == pytest.approx((10.0, -20.0))
     assert guided.sticks.throttle == pytest.approx(-2.0)
-    assert guided.obstacle == "a level attitude"
+    assert guided.obstacle == "waiting for a level attitude"
     more = flying.step(setpoint.model_copy(update={"thrust": 1.44}), 0.0, is_flying=True)
     assert more.sticks.throttle == pytest.approx(125.0 * 1.2 - 127.0)
 

@@ -84,7 +84,7 @@ class Shell:
             released_at=float("-inf"),
             send_setpoint=lambda build, *, deadline: self.fates.pop(0),
         )
-        deck = Deck(ControlConfig(), self.bus, clock, first_epoch=1, core=self.core)
+        deck = self.deck = Deck(ControlConfig(), self.bus, clock, first_epoch=1, core=self.core)
         self.audit = deck.audit
         self.flight = FlightControl(deck, link, clock=clock)
 
@@ -189,7 +189,7 @@ async def test_a_line_that_refuses_frames_ends_nothing_and_is_told():
 @virtually
 async def test_a_setpoint_that_is_too_long_is_refused_by_its_length():
     async with Shell() as shell:
-        shell.flight.setpoint_arrived(StickSetpoint, 0.0, TooLong(9000, 512), None)
+        shell.deck.setpoint_arrived(StickSetpoint, 0.0, TooLong(9000, 512), None)
         await asyncio.sleep(1.0)
         [event] = shell.bus.values("event/command")
         assert (event.key, event.token, event.fields) == ("setpoint/stick", "malformed", {"bytes": 9000})

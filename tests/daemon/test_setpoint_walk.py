@@ -5,14 +5,12 @@ from __future__ import annotations
 import asyncio
 import re
 import sys
-from functools import partial
 
 from lab.rigs.cockpit import Boards, cockpit
 from mkdaemon.bus.codec import encode_map
 from mkdaemon.bus.intake import SetpointIntake
 from mkdaemon.bus.recording import recorded_taker
 from mkdaemon.telemetry.control import Phase
-from mkdaemon.telemetry.setpoint import StickSetpoint
 from mkdaemon.telemetry.signature import sign
 from mkdaemon.virtualtime import run_virtually
 from tests.places import DOCS
@@ -46,8 +44,7 @@ async def calls_of_one_setpoint():
 
     async with cockpit(Boards("2.12a"), 1) as flown:
         await flown.take("alice")
-        take = partial(flown.flight.setpoint_arrived, StickSetpoint)
-        verify = partial(flown.flight.signed_for, StickSetpoint)
+        take, verify = flown.bus.takers["setpoint/stick"]
         loop = asyncio.get_running_loop()
         taken = recorded_taker(NoRecorder(), "setpoint/stick", "", take)
         intake = SetpointIntake(loop, lambda one: taken(one._replace(at=loop.time())), verify, lambda: None, loop.time)
@@ -67,6 +64,6 @@ async def calls_of_one_setpoint():
 def test_a_setpoint_goes_the_way_that_is_shown_and_its_signature_is_computed_once():
     calls = run_virtually(calls_of_one_setpoint())
     walk = shown_walk()
-    assert len(walk) == 13
+    assert len(walk) == 11
     assert [call for call in dict.fromkeys(calls) if call in walk] == walk
     assert calls.count(("mkdaemon.telemetry.signature", "sign")) == 1

@@ -11,13 +11,14 @@ from mkdaemon.bus.schema import schema_json
 from mkdaemon.config.control import ControlConfig
 from mkdaemon.control.estimator.model import AircraftModel
 from mkdaemon.control.regulator.margins import gains_of
-from mkdaemon.daemon.procedures import Interlock
+from mkdaemon.daemon.procedures import Interlock, ProcedureRunner
 from mkdaemon.daemon.verbs import Verbs
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.link.session.traffic import ReleaseResult
 from mkdaemon.telemetry.control import LeaseState, ReleaseOutcome
 from mkdaemon.telemetry.preflight import PreflightReport
 from mkdaemon.telemetry.refusals import Token, refuse
+from mkdaemon.telemetry.verbs import VERBS
 from tests.control.admission.situations import GOOD
 
 
@@ -82,6 +83,11 @@ def desk():
     return Desk()
 
 
+def test_every_verb_of_the_table_is_answered(desk):
+    procedures = ProcedureRunner.verbs.fget(object.__new__(ProcedureRunner))
+    assert {*desk._verbs._handlers, *procedures} == {verb.name for verb in VERBS}
+
+
 async def test_rates_are_shown_and_changed(desk):
     shown = await desk.ask("rates")
     assert (shown.status, shown.reply_type) == ("accepted", "Rates.v1")
@@ -103,7 +109,7 @@ async def test_rates_are_shown_and_changed(desk):
         ("rates", {"kind": "osd"}, "bad_field", "kind is no field"),
         ("lease", {"action": "renew"}, "not_leased", "nobody holds"),
         ("relase", {}, "unknown_verb", "release"),
-        ("fly", {}, "unknown_verb", "lease or release or abort or rate"),
+        ("fly", {}, "unknown_verb", "lease or release or gains or preflight"),
         ("rates", b"\xc1", "malformed", "msgpack"),
     ],
 )

@@ -145,7 +145,8 @@ class Bench:
     def steer(self) -> None:
         layout = self.peers.dialect.extern_control
         assert layout is not None
-        self.steering.steer(build_sticks(layout, pitch=20, throttle=60), layout, self.now + 1.0, self.now)
+        build = partial(build_sticks(layout, pitch=20, throttle=60), layout)
+        self.scheduler.submit(self.steering.control.entry(build, Purpose.SETPOINT, self.now + 1.0), self.now)
 
     def poll_telemetry(self) -> None:
         """Queue a request that keeps the sticks of a 2.08 alive."""

@@ -17,7 +17,7 @@ from typing import Final
 from mkdaemon.config.control import ControlConfig, LeaseConfig, LimiterConfig
 from mkdaemon.control.limiter import Sticks
 from mkdaemon.control.manoeuvres.manoeuvre import Step
-from mkdaemon.control.modes import IN_FLIGHT, Reaction, Row, Situation, Trigger, find_row
+from mkdaemon.control.modes import IN_FLIGHT, Conditions, Reaction, Row, Trigger, find_row
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.control import LeaseGrant, LeaseState, Outcome, Phase, Progress
 from mkdaemon.telemetry.refusals import Token, refuse
@@ -86,12 +86,14 @@ class Lease:
         if sequence - last > LONGEST_JUMP:
             raise refuse(Token.SEQUENCE_JUMP, sequence=sequence, last=last, limit=LONGEST_JUMP)
 
-    def take_setpoint(self, setpoint: Setpoint, cfg: LeaseConfig, now: float) -> None:
-        """Take the newest setpoint; after a pause the stream lives anew."""
-        if self.newest is None or now - self.arrived > 1.0 / cfg.engage_rate:
+    def take_setpoint(self, setpoint: Setpoint, cfg: LeaseConfig, now: float) -> bool:
+        """Take the newest setpoint; after a pause the stream lives anew. Returns whether it is the first."""
+        is_first = self.newest is None
+        if is_first or now - self.arrived > 1.0 / cfg.engage_rate:
             self.since = now
         self.sign_of_life = self.arrived = now
         self.newest, self.sequence = setpoint, setpoint.sequence
+        return is_first
 
     def refuse_setpoint(self, setpoint: Setpoint, now: float, *, goes_on: bool) -> None:
         """Take note of a setpoint of the holder that was refused: it is spent, or a stranger could send it again.
@@ -119,8 +121,8 @@ class Lease:
         return now - self.arrived <= 1.0 / cfg.engage_rate and self.arrived - self.since >= cfg.engage_after
 
 
-Guide = Callable[[Setpoint, float, bool], Step]
-"""Turns a setpoint into sticks, at a time [s]; whether its sticks are being sent."""
+Guide = Callable[[Setpoint, Phase, float], Step]
+"""Turns the newest setpoint into sticks, in a phase, at a time [s]; in flight they are being sent."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -217,27 +219,18 @@ class Authority:
 
     # -- what clients ask for -------------------------------------------------------------------------------------
 
-    def take(
-        self, holder: str, secret: str, now: float, *, ttl: float | None = None, force: bool = False
-    ) -> LeaseGrant:
-        """Give the lease to a client; another one of the present holder's name is another client.
+    def take(self, holder: str, secret: str, now: float, *, ttl: float | None = None) -> LeaseGrant:
+        """Give the lease to a client, from whoever holds it; whether it may have it is asked of admission.
+
+        Another client of the present holder's name is another client.
 
         Args:
             holder: its name.
             secret: what nobody else knows.
             now: [s].
             ttl: life without a sign of life, if shorter than configured [s].
-            force: take it from whoever holds it.
-
-        Raises:
-            CommandRejectedError: `lease_held`, `busy` (a release is under way).
         """
-        present = self.lease(now)
-        if present is not None and present.left > 0 and not force:
-            raise refuse(Token.LEASE_HELD, holder=present.holder, left=present.left)
-        if present is None and self.phase is Phase.RELEASING:
-            raise refuse(Token.BUSY, detail="a release is under way")
-        if present is not None:
+        if self._lease is not None:
             self.end(Trigger.LEASE_TAKEN_OVER, taker=holder)
         life = self._cfg.lease.ttl if ttl is None else min(ttl, self._cfg.lease.ttl)
         self._lease = Lease(holder, self._next_epoch, secret, life, sign_of_life=now, since=now, arrived=now)
@@ -274,7 +267,7 @@ class Authority:
             event: what happened; nothing is done in a phase for which the table has no row.
             words: what the reason of the row is filled in with.
         """
-        row = find_row(self.phase, event, Situation(is_held=self._lease is not None))
+        row = find_row(self.phase, event, Conditions(is_held=self._lease is not None))
         if row is not None:
             self._pending = self._release_order(row, **words)
 
@@ -289,26 +282,12 @@ class Authority:
 
     def battery_low(self, cause: str, *, can_land: bool) -> None:
         """End the flight because the battery is low: with a landing where a target is in sight, else with a release."""
-        situation = Situation(is_held=self._lease is not None, can_land=can_land)
-        row = find_row(self.phase, Trigger.BATTERY_LOW, situation)
+        conditions = Conditions(is_held=self._lease is not None, can_land=can_land)
+        row = find_row(self.phase, Trigger.BATTERY_LOW, conditions)
         if row is not None and row.reaction is Reaction.RELEASE:
             self._pending = self._release_order(row, cause=cause)
         elif row is not None:
             self.phase, self.reason = row.target, self._reason(row, cause=cause)
-
-    def offer(self, setpoint: Setpoint, now: float, signed_for: int) -> bool:
-        """Take a setpoint; the newest of the present lease wins.
-
-        Returns:
-            Whether it is the first of its epoch.
-
-        Raises:
-            CommandRejectedError: `not_leased`, `wrong_epoch`, `not_holder`, `stale_sequence`, `sequence_jump`.
-        """
-        lease = self.check_setpoint(setpoint, signed_for)
-        is_first = lease.newest is None
-        lease.take_setpoint(setpoint, self._cfg.lease, now)
-        return is_first
 
     def refuse_setpoint(self, setpoint: Setpoint, now: float, *, goes_on: bool) -> None:
         """Take note that a setpoint of the holder was refused; see `Lease.refuse_setpoint`."""
@@ -334,14 +313,14 @@ class Authority:
             return error
 
     def check_setpoint(self, setpoint: Setpoint, signed_for: int) -> Lease:
-        """Return the lease a setpoint stands on; take nothing yet.
+        """Return the lease a setpoint stands on, which may take it.
 
         Args:
             setpoint: what is asked for.
             signed_for: epoch of the lease whose holder signed it.
 
         Raises:
-            CommandRejectedError: see `offer`.
+            CommandRejectedError: `not_leased`, `wrong_epoch`, `not_holder`, `stale_sequence`, `sequence_jump`.
         """
         try:
             lease = self._check(setpoint.epoch)
@@ -366,7 +345,7 @@ class Authority:
         if lease is None:
             return SendNothing()
         is_in_flight = self.phase in IN_FLIGHT
-        guided = None if lease.newest is None else self._guide(lease.newest, now, is_in_flight)
+        guided = None if lease.newest is None else self._guide(lease.newest, self.phase, now)
         if guided is not None and is_in_flight and guided.end is not None:
             event = Trigger.GUIDANCE_LOST if guided.end.is_failure else Trigger.FLIGHT_FINISHED
             self.end(event, cause=guided.end.words)
@@ -388,7 +367,7 @@ class Authority:
     def released(self, now: float) -> None:
         """Note that the release is done, or queued as the first bytes after the line comes back."""
         owed = self._pending is not None
-        row = self._move(Trigger.RELEASE_DONE, Situation(is_held=self._lease is not None, is_release_owed=owed))
+        row = self._move(Trigger.RELEASE_DONE, Conditions(is_held=self._lease is not None, is_release_owed=owed))
         if row is not None and row.target is Phase.LEASED and self._lease is not None:
             self._lease.sign_of_life = now
 
@@ -401,15 +380,15 @@ class Authority:
             raise refuse(Token.WRONG_EPOCH, epoch=epoch, current=self._lease.epoch)
         return self._lease
 
-    def _judge(self, lease: Lease, guided: Step | None, now: float) -> Situation:
+    def _judge(self, lease: Lease, guided: Step | None, now: float) -> Conditions:
         """Gather what the guards of a tick look at."""
         cfg, is_in_flight = self._cfg, self.phase in IN_FLIGHT
         is_silent = lease.silence(now, is_in_flight=is_in_flight) >= (
             cfg.lease.release_after if is_in_flight else lease.ttl
         )
         if guided is None:
-            return Situation(is_held=True, is_silent=is_silent)
-        return Situation(
+            return Conditions(is_held=True, is_silent=is_silent)
+        return Conditions(
             is_held=True,
             is_silent=is_silent,
             is_live=lease.is_live(cfg.lease, now),
@@ -417,9 +396,9 @@ class Authority:
             is_fresh=now - lease.arrived <= lease.setpoint_life(cfg.limiter),
         )
 
-    def _move(self, event: Trigger, situation: Situation | None = None, **words: str) -> Row | None:
+    def _move(self, event: Trigger, conditions: Conditions | None = None, **words: str) -> Row | None:
         """Take the row of an event, if there is one."""
-        row = find_row(self.phase, event, situation or Situation(is_held=self._lease is not None))
+        row = find_row(self.phase, event, conditions or Conditions(is_held=self._lease is not None))
         if row is not None:
             self.phase, self.reason = row.target, self._reason(row, **words)
         return row

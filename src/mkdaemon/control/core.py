@@ -59,7 +59,6 @@ from mkdaemon.control.events import (
 )
 from mkdaemon.control.flightwatch import FlightWatch
 from mkdaemon.control.flown import Flown
-from mkdaemon.control.manoeuvres.manoeuvre import Step
 from mkdaemon.control.manoeuvres.table import MANOEUVRES, Row
 from mkdaemon.control.modes import IN_FLIGHT, Trigger
 from mkdaemon.control.output import StickOutput
@@ -70,7 +69,7 @@ from mkdaemon.control.reports import Reports
 from mkdaemon.control.sight import ATTITUDE_LATENCY, Sight, checked_view
 from mkdaemon.control.vehicle import VehicleFacts, VehicleMemory
 from mkdaemon.errors import CommandRejectedError
-from mkdaemon.telemetry.control import ControlLine, ErrorValue, Gains, LeaseState, Obstacle, Phase
+from mkdaemon.telemetry.control import ControlLine, Gains, LeaseState, Obstacle, Phase
 from mkdaemon.telemetry.preflight import PreflightReport
 from mkdaemon.telemetry.refusals import TOKENS, Token, refuse
 from mkdaemon.telemetry.setpoint import Setpoint
@@ -98,8 +97,8 @@ class FlightCore:
         self._cfg = cfg
         facts = self._facts = VehicleMemory()
         self._sight = Sight(cfg.autopilot, cfg.limiter.hover_throttle)
-        self._flown = Flown(cfg, self._sight, facts, rows, self._admit, self._waits_for)
-        self._authority = Authority(cfg, first_epoch=first_epoch, guide=self._guide)
+        self._flown = Flown(cfg, self._sight, rows, self._admit, self._waits_for)
+        self._authority = Authority(cfg, first_epoch=first_epoch, guide=self._flown.step)
         self._output = StickOutput(cfg, facts)
         self._reports = Reports(self._authority, self._output, facts, self._sight.pose_age)
         self._patience = LinePatience(one_way=cfg.lease.release_after)
@@ -109,7 +108,6 @@ class FlightCore:
         self._nameless = 0
         self._pacing = Pacing(cfg)
         self._line = ControlLine()
-        self._error: ErrorValue | None = None
         self._handlers: Mapping[type[Event], Callable[[Any, float], Reply]] = {
             SetpointAccepted: self._setpoint_accepted,
             SetpointUnsigned: self._setpoint_unsigned,
@@ -156,18 +154,18 @@ class FlightCore:
     def _setpoint_accepted(self, event: SetpointAccepted, now: float) -> Reply:
         """Take a streamed setpoint; the newest of the present lease wins.
 
-        Refused as in `Flown.check` and `Authority.offer`. What is refused in flight changes nothing: a manoeuvre that
-        keeps its place is flown on, sticks and attitudes grow stale.
+        Refused as in `Authority.check_setpoint` and `Flown.check`. What is refused in flight changes nothing: a
+        manoeuvre that keeps its place is flown on, sticks and attitudes grow stale.
         """
         setpoint = event.setpoint
         is_by_holder, is_of_lease = True, False
         try:
             # Who sent it comes first: a stranger's setpoint must not be reported as one that the holder got wrong.
             is_by_holder = self._authority.is_present(event.signed_for)
-            self._authority.check_setpoint(setpoint, event.signed_for)
+            lease = self._authority.check_setpoint(setpoint, event.signed_for)
             is_of_lease = True
             self._flown.check(setpoint, self._authority.phase, now)
-            is_first = self._authority.offer(setpoint, now, event.signed_for)
+            is_first = lease.take_setpoint(setpoint, self._cfg.lease, now)
         except CommandRejectedError as error:
             if is_of_lease:
                 goes_on = self._authority.phase in IN_FLIGHT and self._flown.keeps_place
@@ -215,7 +213,7 @@ class FlightCore:
                     return Reply(must_read_set=True)
                 assert self._facts.link is not None
                 holder = request.holder or self._next_name()
-                granted = self._authority.take(holder, event.secret, now, ttl=request.ttl, force=request.force)
+                granted = self._authority.take(holder, event.secret, now, ttl=request.ttl)
                 self._patience.lease_taken(self._facts.link.openings)
             case "renew":
                 granted = self._authority.renew(epoch, request.secret, now)
@@ -362,7 +360,6 @@ class FlightCore:
             elif isinstance(decision, ReleaseOrder):
                 self._release, order = decision, Release(decision.reason)
                 self._flown.end()
-                self._sight.stand(is_standing=False)
         self._reports.status(self._preflight.line.layout, self._watch.battery.warning, now)
         self._pacing.sends(is_flying=self._authority.phase in IN_FLIGHT, is_by_images=self._is_by_images(now))
         return ([] if order is None else [order]) + self._reports.take()
@@ -371,12 +368,6 @@ class FlightCore:
         """Whether the sticks of this tick followed from what images show."""
         current = self._flown.current
         return current is not None and current.is_by_target and current.stepped_at == now
-
-    def _guide(self, setpoint: Setpoint, now: float, is_flying: bool) -> Step:
-        step = self._flown.step(setpoint, self._authority.phase, now, is_flying=is_flying)
-        self._sight.stand(is_standing=is_flying and step.stands)
-        self._error = step.error
-        return step
 
     def _situation(self, flown: Concern | None, now: float) -> Situation:
         return self._preflight.situation(
@@ -423,7 +414,7 @@ class FlightCore:
         hover = self._sight.hover_throttle(now)
         frame = self._output.make(order, line.layout, now, is_extra=self._pacing.answers_image, hover=hover)
         self._sight.sticks_made(frame.counts, self._output.lid.use, now)
-        self._reports.estimate(self._sight.estimate(now), self._error)
+        self._reports.estimate(self._sight.estimate(now), self._flown.error)
         return frame
 
     def _end(self, event: Trigger, cause: str) -> Reply:

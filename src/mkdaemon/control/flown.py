@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 
 from mkdaemon.config.control import ControlConfig
 from mkdaemon.control.admission import Concern, NewManoeuvre
@@ -11,10 +12,10 @@ from mkdaemon.control.manoeuvres.land import Land
 from mkdaemon.control.manoeuvres.level import Level
 from mkdaemon.control.manoeuvres.manoeuvre import Manoeuvre, Step
 from mkdaemon.control.manoeuvres.table import Row
+from mkdaemon.control.modes import IN_FLIGHT
 from mkdaemon.control.sight import Sight
-from mkdaemon.control.vehicle import VehicleFacts
 from mkdaemon.errors import CommandRejectedError
-from mkdaemon.telemetry.control import Phase
+from mkdaemon.telemetry.control import ErrorValue, Phase
 from mkdaemon.telemetry.refusals import Token, refuse
 from mkdaemon.telemetry.setpoint import Setpoint
 
@@ -29,13 +30,13 @@ class Flown:
 
     Attributes:
         current: it; None before the first setpoint.
+        error: how far the aircraft was from its goal at the last step; None without a goal.
     """
 
     def __init__(
         self,
         cfg: ControlConfig,
         sight: Sight,
-        facts: VehicleFacts,
         rows: Mapping[type[Setpoint], Row],
         admit: Admit,
         waits_for: WaitsFor,
@@ -45,13 +46,13 @@ class Flown:
         Args:
             cfg: bands and limits.
             sight: the target that is followed.
-            facts: about the vehicle.
             rows: every manoeuvre by its kind of setpoint.
             admit: asked at every beginning and every change.
             waits_for: asked before the flight.
         """
         self.current: Manoeuvre | None = None
-        self._cfg, self._sight, self._facts, self._rows = cfg, sight, facts, rows
+        self.error: ErrorValue | None = None
+        self._cfg, self._sight, self._rows = cfg, sight, rows
         self._admit, self._waits_for = admit, waits_for
         self._kind: type[Setpoint] | None = None
         self._phase: Phase | None = None
@@ -94,15 +95,24 @@ class Flown:
 
     # -- the tick -------------------------------------------------------------------------------------------------
 
-    def step(self, setpoint: Setpoint, phase: Phase, now: float, *, is_flying: bool) -> Step:
+    def step(self, setpoint: Setpoint, phase: Phase, now: float) -> Step:
         """Decide the sticks for the newest setpoint in a phase of authority at a time [s]."""
         before, self._phase = self._phase, phase
-        if not is_flying:
-            self.current = self._make(setpoint)
-            entered = self.current.enter(None, self._facts, now)
-            obstacle = self._waits_for(NewManoeuvre.by(setpoint), now) or entered
-            step = self.current.step(now, is_flying=False)
-            return step if not obstacle else _waiting(step, obstacle)
+        step = self._fly(setpoint, before, phase, now) if phase in IN_FLIGHT else self._prepare(setpoint, now)
+        self.error = step.error
+        self._sight.stand(is_standing=step.stands)
+        return step
+
+    def _prepare(self, setpoint: Setpoint, now: float) -> Step:
+        """What the flight would begin with, and what it waits for."""
+        self.current = self._make(setpoint)
+        entered = self.current.enter(None, now)
+        obstacle = self._waits_for(NewManoeuvre.by(setpoint), now) or entered
+        step = self.current.step(now, is_flying=False)
+        return replace(step, obstacle=obstacle) if obstacle else step
+
+    def _fly(self, setpoint: Setpoint, before: Phase | None, phase: Phase, now: float) -> Step:
+        """Go on, or change to what setpoint and phase ask for."""
         assert self.current is not None
         if phase is Phase.LANDING:
             if before is not Phase.LANDING and not isinstance(self.current, Land):
@@ -113,11 +123,12 @@ class Flown:
         elif type(setpoint) is not self._kind:
             self._change(self._make(setpoint), now)
         else:
-            _follow(self.current, setpoint)
+            self.current.follow(setpoint)
         return self.current.step(now, is_flying=True)
 
     def end(self) -> None:
         """Nothing is flown any more."""
+        self._sight.stand(is_standing=False)
         self.current = self._kind = None
 
     def _make(self, setpoint: Setpoint) -> Manoeuvre:
@@ -125,7 +136,7 @@ class Flown:
         return self._rows[self._kind].make(self._sight, self._cfg, setpoint)
 
     def _change(self, after: Manoeuvre, now: float) -> None:
-        after.enter(self.current, self._facts, now)
+        after.enter(self.current, now)
         self.current = after
 
     def _abort(self, now: float) -> None:
@@ -136,16 +147,5 @@ class Flown:
             return
         if isinstance(after, Hold) and self._admit(NewManoeuvre(Concern.HOLD), self.concern, now) is not None:
             after = Level(self._sight)
-        after.enter(before, self._facts, now)
+        after.enter(before, now)
         self.current = after
-
-
-def _follow(manoeuvre: Manoeuvre, setpoint: Setpoint) -> None:
-    """Hand the newest setpoint to a manoeuvre that follows its setpoints."""
-    follow = getattr(manoeuvre, "follow", None)
-    if follow is not None:
-        follow(setpoint)
-
-
-def _waiting(step: Step, obstacle: str) -> Step:
-    return Step(step.sticks, step.manoeuvre, obstacle=obstacle, stage=step.stage)

@@ -71,8 +71,8 @@ class Reaction(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Situation:
-    """What guards look at.
+class Conditions:
+    """What the guards of rows look at.
 
     Attributes:
         is_held: somebody holds the lease.
@@ -103,7 +103,7 @@ class Guard:
     """
 
     meaning: str
-    holds: Callable[[Situation], bool]
+    holds: Callable[[Conditions], bool]
 
 
 ALWAYS: Final = Guard("always", lambda now: True)
@@ -169,7 +169,7 @@ ROWS: Final = (
     Row(
         (_LEASED,), Trigger.TICK, SILENT, _RELEASING, Reaction.RELEASE, "no sign of life from {holder} for {silence} s"
     ),
-    Row((_LEASED,), Trigger.TICK, NOT_READY, _LEASED, Reaction.NOTHING, "{holder} streams; waiting for {obstacle}"),
+    Row((_LEASED,), Trigger.TICK, NOT_READY, _LEASED, Reaction.NOTHING, "{holder} streams; {obstacle}"),
     Row((_LEASED,), Trigger.TICK, READY, _FLYING, Reaction.STICKS, _FLIES),
     Row((_LEASED,), Trigger.TICK, READY_BUT_OLD, _STALE, Reaction.NEUTRAL, _OLD),
     Row(IN_FLIGHT, Trigger.TICK, SILENT, _RELEASING, Reaction.RELEASE, "no setpoint from {holder} for {silence} s"),
@@ -209,15 +209,15 @@ ROWS: Final = (
 """Every transition. A release takes effect at the next tick; what happens in between is judged from the same phase."""
 
 
-def find_row(phase: Phase, event: Trigger, situation: Situation) -> Row | None:
+def find_row(phase: Phase, event: Trigger, conditions: Conditions) -> Row | None:
     """Return the row an event takes from a phase; None where nothing changes.
 
     Args:
         phase: present one.
         event: what happened.
-        situation: what guards look at.
+        conditions: what guards look at.
     """
     for row in ROWS:
-        if row.event is event and phase in row.sources and row.guard.holds(situation):
+        if row.event is event and phase in row.sources and row.guard.holds(conditions):
             return row
     return None

@@ -11,6 +11,7 @@ from collections.abc import Callable
 from dataclasses import asdict, astuple, fields
 from typing import TYPE_CHECKING
 
+from mkdaemon.bus.codec import Payload, TooLong, check_command, decode_map
 from mkdaemon.clock import Clock
 from mkdaemon.config.control import ControlConfig
 from mkdaemon.control.actions import (
@@ -23,14 +24,16 @@ from mkdaemon.control.actions import (
     SendSticks,
 )
 from mkdaemon.control.core import FlightCore
-from mkdaemon.control.events import Event, Feed, Reply
+from mkdaemon.control.events import Event, Feed, Reply, SetpointAccepted, SetpointUnreadable, SetpointUnsigned
 from mkdaemon.daemon.audit import Audit, Outlet
 from mkdaemon.daemon.eyes import Eyes
 from mkdaemon.daemon.sink import BusSink
+from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.control import ControlError, ControlEstimate, ControlOutput, ControlStatus
 from mkdaemon.telemetry.navi import ControlNavi
 from mkdaemon.telemetry.preflight import ControlPreflight, PreflightReport
-from mkdaemon.telemetry.signature import HolderKey
+from mkdaemon.telemetry.setpoint import Setpoint
+from mkdaemon.telemetry.signature import HolderKey, Signature
 
 if TYPE_CHECKING:
     from mkdaemon.record.tap import Tap
@@ -115,6 +118,37 @@ class Deck:
         self.audit = Audit(bus, clock)
         self.eyes = make_eyes(self.feed)
         self.sink = BusSink(bus, self.feed, self.core.vehicle, self.audit, self.eyes, clock)
+
+    def setpoint_arrived(
+        self, kind: type[Setpoint], arrived: float, payload: Payload, signed_for: int | None
+    ) -> CommandRejectedError | None:
+        """Take a streamed setpoint; one that is refused is counted and reported.
+
+        Args:
+            kind: what the key carries.
+            arrived: [s; monotonic].
+            payload: as it came.
+            signed_for: epoch of the lease whose holder signed it, see `signed_for`; None where he did not.
+
+        Returns:
+            Why it was refused; None where it was taken.
+        """
+        fields = {"bytes": payload.size if isinstance(payload, TooLong) else len(payload)}
+        try:
+            fields = decode_map(payload)
+            setpoint = check_command(kind, fields)
+        except CommandRejectedError as error:
+            unreadable = SetpointUnreadable(kind.suffix, fields, error, is_by_holder=signed_for is not None)
+            return self.feed(unreadable, arrived).refusal
+        event = SetpointUnsigned(setpoint) if signed_for is None else SetpointAccepted(setpoint, signed_for)
+        return self.feed(event, arrived).refusal
+
+    def signed_for(self, kind: type[Setpoint], payload: Payload, proof: bytes) -> int | None:
+        """Epoch of the lease whose holder signed a setpoint; None where he did not. From any thread."""
+        key = self.holder_key
+        if key is None or not isinstance(payload, bytes):
+            return None
+        return key.epoch_signed(Signature(kind.suffix, payload, proof))
 
     def feed(self, event: Event, now: float) -> Reply:
         """Tell the core of an event at a time [s]; whoever ticks it is woken where that is due."""

@@ -11,7 +11,6 @@ from contextlib import suppress
 from pathlib import Path
 from secrets import token_hex
 
-from mkdaemon.bus.codec import Payload, TooLong, check_command, decode_map
 from mkdaemon.clock import Clock, SleepWatch
 from mkdaemon.control.actions import Action, Release, SendSticks
 from mkdaemon.control.activeset import ActiveSet
@@ -29,23 +28,17 @@ from mkdaemon.control.events import (
     ModelKnown,
     ReleaseAsked,
     Reply,
-    SetpointAccepted,
-    SetpointUnreadable,
-    SetpointUnsigned,
 )
 from mkdaemon.control.modes import IN_FLIGHT
 from mkdaemon.daemon.deck import Deck
 from mkdaemon.daemon.discovery import require_flightctrl
 from mkdaemon.daemon.preflight import active_set, free_disk, read_active_set
 from mkdaemon.daemon.releases import Releases
-from mkdaemon.errors import CommandRejectedError
 from mkdaemon.link.link import Link
 from mkdaemon.link.session.traffic import ReleaseResult, SetpointQueued, SetpointRefused
 from mkdaemon.telemetry.command import AbortRequest, LeaseRequest, ReleaseRequest
 from mkdaemon.telemetry.control import ControlLine, Gains, LeaseState, Phase
 from mkdaemon.telemetry.preflight import PreflightReport
-from mkdaemon.telemetry.setpoint import Setpoint
-from mkdaemon.telemetry.signature import Signature
 from mkdaemon.translate import aircraft_model, assumed_model, extern_control
 
 SECRET_BYTES = 16
@@ -73,37 +66,6 @@ class FlightControl:
         return self._core.phase
 
     # -- what the bus brings --------------------------------------------------------------------------------------
-
-    def setpoint_arrived(
-        self, kind: type[Setpoint], arrived: float, payload: Payload, signed_for: int | None
-    ) -> CommandRejectedError | None:
-        """Take a streamed setpoint; one that is refused is counted and reported.
-
-        Args:
-            kind: what the key carries.
-            arrived: [s; monotonic].
-            payload: as it came.
-            signed_for: epoch of the lease whose holder signed it, see `signed_for`; None where he did not.
-
-        Returns:
-            Why it was refused; None where it was taken.
-        """
-        fields = {"bytes": payload.size if isinstance(payload, TooLong) else len(payload)}
-        try:
-            fields = decode_map(payload)
-            setpoint = check_command(kind, fields)
-        except CommandRejectedError as error:
-            unreadable = SetpointUnreadable(kind.suffix, fields, error, is_by_holder=signed_for is not None)
-            return self._deck.feed(unreadable, arrived).refusal
-        event = SetpointUnsigned(setpoint) if signed_for is None else SetpointAccepted(setpoint, signed_for)
-        return self._deck.feed(event, arrived).refusal
-
-    def signed_for(self, kind: type[Setpoint], payload: Payload, proof: bytes) -> int | None:
-        """Epoch of the lease whose holder signed a setpoint; None where he did not. From any thread."""
-        key = self._deck.holder_key
-        if key is None or not isinstance(payload, bytes):
-            return None
-        return key.epoch_signed(Signature(kind.suffix, payload, proof))
 
     def client_changed(self, name: str, is_here: bool) -> None:
         """Note that a client showed or lost its liveliness token."""

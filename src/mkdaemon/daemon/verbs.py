@@ -5,7 +5,9 @@ from __future__ import annotations
 import difflib
 from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import asdict
-from typing import Any
+from typing import Any, Final
+
+from pydantic import BaseModel
 
 from mkdaemon.bus.codec import Payload, read_command, schema_name
 from mkdaemon.daemon.answering import answer_query
@@ -25,12 +27,16 @@ from mkdaemon.telemetry.command import (
     RatesRequest,
     ReleaseRequest,
 )
-from mkdaemon.telemetry.control import Gains, LeaseProbe, ReleaseOutcome, ReleaseReport
-from mkdaemon.telemetry.preflight import PreflightReport
+from mkdaemon.telemetry.control import LeaseProbe, ReleaseOutcome, ReleaseReport
 from mkdaemon.telemetry.record import MarkRequest
 from mkdaemon.telemetry.refusals import Status, Token, refuse
+from mkdaemon.telemetry.verbs import VERBS
 
-Verb = Callable[[Payload], Awaitable[CommandResult]]
+Procedure = Callable[[Payload], Awaitable[CommandResult]]
+Handler = Callable[[Any], Awaitable[CommandResult]]
+"""Answers a request of the kind that `telemetry/verbs.py` has for its verb."""
+
+_VERBS: Final = {verb.name: verb for verb in VERBS}
 
 
 class Verbs:
@@ -42,7 +48,7 @@ class Verbs:
         link: Link,
         audit: Audit,
         interlock: Interlock,
-        procedures: Mapping[str, Verb],
+        procedures: Mapping[str, Procedure],
         paths: PathProbe | None = None,
     ) -> None:
         self._paths = paths or PathProbe()
@@ -50,7 +56,8 @@ class Verbs:
         self._flight = flight
         self._audit = audit
         self._interlock = interlock
-        self._verbs: dict[str, Verb] = {
+        self._procedures = procedures
+        self._handlers: dict[str, Handler] = {
             "lease": self._lease,
             "release": self._release,
             "abort": self._abort,
@@ -58,7 +65,6 @@ class Verbs:
             "gains": self._gains,
             "preflight": self._preflight,
             "mark": self._mark,
-            **procedures,
         }
 
     async def answer(self, suffix: str, payload: Payload) -> CommandResult:
@@ -66,63 +72,64 @@ class Verbs:
 
         async def work(fields: dict[str, Any]) -> CommandResult:
             name = suffix.removeprefix("do/")
-            verb = self._verbs.get(name)
+            verb = _VERBS.get(name)
             if verb is None:
-                near = difflib.get_close_matches(name, self._verbs, n=1, cutoff=0.4) or list(self._verbs)
+                near = difflib.get_close_matches(name, _VERBS, n=1, cutoff=0.4) or list(_VERBS)
                 raise refuse(Token.UNKNOWN_VERB, name=name, near=" or ".join(near))
-            return await verb(payload)
+            procedure = self._procedures.get(name)
+            if procedure is not None:
+                return await procedure(payload)
+            return await self._handlers[name](read_command(verb.request, payload))
 
         return await answer_query(self._audit, suffix, payload, work)
 
-    async def _lease(self, payload: Payload) -> CommandResult:
+    async def _lease(self, request: LeaseRequest) -> CommandResult:
         """Answer `do/lease`; nobody takes one while a procedure needs the boards."""
-        request = read_command(LeaseRequest, payload)
         if request.action == "probe":
-            probe = LeaseProbe(echo=self._paths.new_echo())
-            return CommandResult(status=Status.ACCEPTED, reply=dict(probe), reply_type=schema_name(LeaseProbe))
+            return _accepted(LeaseProbe(echo=self._paths.new_echo()))
         if request.action == "take":
             with self._interlock.taking_lease(self._paths.delay(request.echo)):
                 lease = await self._flight.lease(request)
         else:
             lease = await self._flight.lease(request)
-        if lease is None:  # nobody holds it: there is nothing to describe
-            return CommandResult(status=Status.ACCEPTED)
-        return CommandResult(status=Status.ACCEPTED, reply=dict(lease), reply_type=schema_name(type(lease)))
+        # Where nobody holds it there is nothing to describe.
+        return CommandResult(status=Status.ACCEPTED) if lease is None else _accepted(lease)
 
-    async def _release(self, payload: Payload) -> CommandResult:
+    async def _release(self, request: ReleaseRequest) -> CommandResult:
         """Answer `do/release`."""
-        result = await self._flight.release(read_command(ReleaseRequest, payload))
+        result = await self._flight.release(request)
         if result is None:
             raise refuse(Token.TIMEOUT, board="fc", name="release", detail=f"no end in {RELEASE_TIMEOUT:g} s")
         status = Status.ACCEPTED if result.status is ReleaseOutcome.CONFIRMED else Status.NOT_OBSERVABLE
         return CommandResult(status=status, reply=asdict(result), reply_type=schema_name(ReleaseReport))
 
-    async def _abort(self, payload: Payload) -> CommandResult:
+    async def _abort(self, request: AbortRequest) -> CommandResult:
         """Answer `do/abort`."""
-        self._flight.abort(read_command(AbortRequest, payload))
+        self._flight.abort(request)
         return CommandResult(status=Status.ACCEPTED)
 
-    async def _gains(self, payload: Payload) -> CommandResult:
+    async def _gains(self, request: GainsRequest) -> CommandResult:
         """Answer `do/gains`."""
-        read_command(GainsRequest, payload)
-        return CommandResult(status=Status.ACCEPTED, reply=dict(self._flight.gains()), reply_type=schema_name(Gains))
+        return _accepted(self._flight.gains())
 
-    async def _preflight(self, payload: Payload) -> CommandResult:
+    async def _preflight(self, request: PreflightRequest) -> CommandResult:
         """Answer `do/preflight`."""
-        read_command(PreflightRequest, payload)
-        report = (await self._flight.preflight()).model_dump(mode="json")
-        return CommandResult(status=Status.ACCEPTED, reply=report, reply_type=schema_name(PreflightReport))
+        return _accepted(await self._flight.preflight())
 
-    async def _mark(self, payload: Payload) -> CommandResult:
+    async def _mark(self, request: MarkRequest) -> CommandResult:
         """Answer `do/mark`."""
-        request = read_command(MarkRequest, payload)
         self._audit.mark(request.text, request.holder)
         return CommandResult(status=Status.ACCEPTED)
 
-    async def _rates(self, payload: Payload) -> CommandResult:
+    async def _rates(self, request: RatesRequest) -> CommandResult:
         """Answer `do/rates`: change one stream, or just show all."""
-        request = read_command(RatesRequest, payload)
         if request.stream is not None and request.interval is not None:
             self._link.set_rate(request.stream, request.interval)
-        rates = Rates(intervals=self._link.rates())
-        return CommandResult(status=Status.ACCEPTED, reply=dict(rates), reply_type=schema_name(Rates))
+        return _accepted(Rates(intervals=self._link.rates()))
+
+
+def _accepted(reply: BaseModel) -> CommandResult:
+    """Accept with an answer."""
+    return CommandResult(
+        status=Status.ACCEPTED, reply=reply.model_dump(mode="json"), reply_type=schema_name(type(reply))
+    )

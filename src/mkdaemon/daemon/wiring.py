@@ -7,6 +7,7 @@ What differs comes from outside: the bus, the clock, what opens the port, the gu
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Callable
 from functools import partial
 from typing import TYPE_CHECKING, Final, Protocol
 
@@ -67,7 +68,11 @@ class Wiring:
         audit: publishes events.
         eyes: the cameras.
         link: the line.
+        core: decides what is flown; `flight` runs it.
         flight: control.
+        interlock: between procedures, requests and flights.
+        requests: to the boards.
+        procedures: settings, waypoints.
         answer_verb: answers `do/<verb>`.
     """
 
@@ -82,6 +87,7 @@ class Wiring:
         opener: Opener = open_port,
         tap: Tap | None = None,
         journal: Journal | None = None,
+        make_link: Callable[..., Link] = Link,
     ) -> None:
         """Build and wire.
 
@@ -94,6 +100,7 @@ class Wiring:
             opener: opens the port.
             tap: records the line, and what the flight core is told.
             journal: of procedures; the vehicle's own if none is given.
+            make_link: makes the line, from what `Link` is made of.
 
         Raises:
             ConfigError: the port cannot exist, the line cannot carry the configured rates, a camera is wrong, or a
@@ -104,16 +111,17 @@ class Wiring:
             require_safe_loop(cfg.control)
         # Milliseconds since 1970: above every epoch of an earlier run, whatever a client still streams.
         first_epoch = int(clock.stamp().wall * 1000)
-        deck = Deck(cfg.control, bus, clock, first_epoch=first_epoch, make_eyes=make_eyes, tap=tap)
+        deck = self._deck = Deck(cfg.control, bus, clock, first_epoch=first_epoch, make_eyes=make_eyes, tap=tap)
+        self.core = deck.core
         facts = self.facts = deck.core.vehicle
         audit, self.audit, self.eyes = deck.audit, deck.audit, deck.eyes
-        link = self.link = Link(
+        link = self.link = make_link(
             cfg.link, deck.sink, opener=opener, clock=clock, motors_running=facts.motors_running, guard=guard, tap=tap
         )
         flight = self.flight = FlightControl(deck, link, clock=clock, records=recording_folder(cfg))
-        interlock = Interlock(lambda: deck.core.situation(clock.now()))
-        requests = BoardRequests(cfg.commands, link, facts, deck.feed, audit, clock, interlock)
-        self._procedures = ProcedureRunner(
+        interlock = self.interlock = Interlock(lambda: deck.core.situation(clock.now()))
+        requests = self.requests = BoardRequests(cfg.commands, link, facts, deck.feed, audit, clock, interlock)
+        self.procedures = ProcedureRunner(
             link,
             facts,
             deck.feed,
@@ -125,19 +133,18 @@ class Wiring:
             LabelCache(cfg.link.label_cache),
             clock,
         )
-        paths = PathProbe(clock.now)
-        self.answer_verb = Verbs(flight, link, audit, interlock, self._procedures.verbs, paths).answer
+        self.answer_verb = Verbs(flight, link, audit, interlock, self.procedures.verbs, PathProbe(clock.now)).answer
         self.guard_acted, self.guard_changed = flight.guard_acted, flight.guard_changed
-        self._serve(requests)
+        self._serve()
 
-    def _serve(self, requests: BoardRequests) -> None:
+    def _serve(self) -> None:
         """Be there for the bus: requests, setpoints, clients."""
-        bus, flight = self._bus, self.flight
-        bus.serve("cmd", requests.answer)
+        bus, deck = self._bus, self._deck
+        bus.serve("cmd", self.requests.answer)
         bus.serve("do", self.answer_verb)
         for kind in SETPOINTS:
-            bus.receive(kind.suffix, partial(flight.setpoint_arrived, kind), partial(flight.signed_for, kind))
-        bus.watch_clients(flight.client_changed)
+            bus.receive(kind.suffix, partial(deck.setpoint_arrived, kind), partial(deck.signed_for, kind))
+        bus.watch_clients(self.flight.client_changed)
 
     async def run_line(self) -> None:
         """Keep the line; see `Link.run`."""
@@ -147,7 +154,7 @@ class Wiring:
         """Start what stands above the line: control, procedures, and what is published by the clock."""
         return [
             tasks.create_task(self.flight.run(), name="control"),
-            tasks.create_task(self._procedures.run(), name="procedures"),
+            tasks.create_task(self.procedures.run(), name="procedures"),
             tasks.create_task(self._publish_health(), name="health"),
             tasks.create_task(self._watch_system_clock(), name="clock"),
         ]

@@ -123,6 +123,7 @@ class LocalBus:
     Attributes:
         values: last value of every key.
         lease: that the client took: its epoch and secret; empty before.
+        takers: what takes the setpoints of a key, and what tells whose they are.
     """
 
     def __init__(self) -> None:
@@ -131,7 +132,7 @@ class LocalBus:
         self.lease: dict[str, Any] = {}
         self.loop = asyncio.get_running_loop()
         self._handlers: dict[str, Handler] = {}
-        self._takers: dict[str, tuple[Taker, Verifier]] = {}
+        self.takers: dict[str, tuple[Taker, Verifier]] = {}
         self._watchers: list[Watcher] = []
         self._sequence = 0
 
@@ -148,7 +149,7 @@ class LocalBus:
 
     def receive(self, suffix: str, take: Taker, verify: Verifier) -> None:
         """Take setpoints."""
-        self._takers[suffix] = take, verify
+        self.takers[suffix] = take, verify
 
     def watch_clients(self, watcher: Watcher) -> None:
         """Tell of clients."""
@@ -182,5 +183,5 @@ class LocalBus:
 
     def deliver(self, kind: type[Setpoint], at: float, payload: bytes, proof: bytes) -> None:
         """Bring a setpoint that arrived at a time [s] to the daemon."""
-        take, verify = self._takers[kind.suffix]
+        take, verify = self.takers[kind.suffix]
         take(at, payload, verify(payload, proof))

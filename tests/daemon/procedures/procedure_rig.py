@@ -15,17 +15,13 @@ from pydantic import BaseModel
 from lab.rigs.boardport import ADAPTER_TIME, Socket
 from lab.rigs.waiting import wait_until
 from mkdaemon.clock import Clock
-from mkdaemon.config.commands import CommandsConfig
-from mkdaemon.config.control import ControlConfig
 from mkdaemon.config.link import LinkConfig
-from mkdaemon.daemon.deck import Deck
-from mkdaemon.daemon.flight import FlightControl
-from mkdaemon.daemon.procedures import Interlock, Journal, ProcedureRunner
-from mkdaemon.daemon.requests import BoardRequests
+from mkdaemon.config.record import RecordConfig
+from mkdaemon.config.root import Config
+from mkdaemon.daemon.deck import no_eyes
+from mkdaemon.daemon.procedures import Journal
+from mkdaemon.daemon.wiring import Wiring
 from mkdaemon.errors import CommandRejectedError
-from mkdaemon.link.discovery import discover
-from mkdaemon.link.labels import LabelCache
-from mkdaemon.link.link import Link
 from mkdaemon.telemetry.command import CommandResult, refused
 from mkdaemon.telemetry.control import Phase
 from mksim.simulation import Simulation
@@ -45,7 +41,9 @@ class PromptDisk(Executor):
 
 
 class Bus:
-    """What is published."""
+    """What is published; nobody asks there."""
+
+    open_endpoints: tuple[str, ...] = ()
 
     def __init__(self) -> None:
         self.published: list[tuple[str, BaseModel]] = []
@@ -55,21 +53,17 @@ class Bus:
         self.published.append((suffix, value))
         self.follower(suffix, value)
 
+    def serve(self, root: str, handler: Any) -> None: ...
+
+    def receive(self, suffix: str, take: Any, verify: Any) -> None: ...
+
+    def watch_clients(self, watcher: Any) -> None: ...
+
     def values(self, suffix: str) -> list[Any]:
         return [value for key, value in self.published if key == suffix]
 
     def texts(self) -> list[str]:
         return [value.text for value in self.values("event/log")]
-
-
-class Guard(BoardRequests):
-    """The daemon's guard; a test may refuse more."""
-
-    refusal: Callable[[Any], None] = staticmethod(lambda message: None)
-
-    def check_step(self, board: Any, message: Any) -> None:
-        self.refusal(message)
-        super().check_step(board, message)
 
 
 class ProcedureRig:
@@ -78,28 +72,22 @@ class ProcedureRig:
     def __init__(self, socket: Socket, folder: Path) -> None:
         loop = asyncio.get_running_loop()
         self.socket, self.bus, self.phase = socket, Bus(), Phase.FREE
+        self.refusal: Callable[[Any], None] = lambda message: None
         clock = Clock(monotonic=loop.time)
-        deck = Deck(ControlConfig(), self.bus, clock, first_epoch=1)
-        facts, audit = deck.core.vehicle, deck.audit
-        self.facts = facts
-        cfg = LinkConfig.model_validate({"port": "/dev/rig"})
-        self.link = Link(cfg, deck.sink, opener=socket.open, clock=clock, motors_running=facts.motors_running)
-        self.control = FlightControl(deck, self.link, clock=clock)
-        self.interlock = Interlock(lambda: situation_of(facts, clock.now(), self.phase))
         self.journal = Journal(folder, PromptDisk())
-        self.guard = Guard(CommandsConfig(), self.link, facts, deck.feed, audit, clock, self.interlock)
-        self.runner = ProcedureRunner(
-            self.link,
-            facts,
-            deck.feed,
+        wiring = Wiring(
+            Config(link=LinkConfig(port="/dev/rig"), record=RecordConfig(enabled=False)),
             self.bus,
-            audit,
-            self.guard,
-            self.interlock,
-            self.journal,
-            LabelCache(None),
             clock,
+            make_eyes=no_eyes,
+            opener=socket.open,
+            journal=self.journal,
         )
+        self.link, self.facts, self.control = wiring.link, wiring.facts, wiring.flight
+        self.interlock, self.runner, self.run_line = wiring.interlock, wiring.procedures, wiring.run_line
+        check_step = wiring.requests.check_step
+        wiring.requests.check_step = lambda board, message: (self.refusal(message), check_step(board, message))[1]
+        self.interlock._situation = lambda: situation_of(self.facts, clock.now(), self.phase)
         self.tasks: list[asyncio.Task[None]] = []
 
     @property
@@ -143,7 +131,7 @@ class ProcedureRig:
 async def procedure_rig(socket: Socket, folder: Path) -> AsyncIterator[ProcedureRig]:
     """Run the procedures of a daemon on a line while the context lives."""
     rig = ProcedureRig(socket, folder)
-    rig.tasks = [asyncio.create_task(rig.runner.run()), asyncio.create_task(rig.link.run(discover))]
+    rig.tasks = [asyncio.create_task(rig.runner.run()), asyncio.create_task(rig.run_line())]
     try:
         yield rig
     finally:

@@ -218,9 +218,9 @@ async def test_a_client_can_ask_for_an_attempt_at_once(tmp_path):
         def refuse(message):
             raise CommandRejectedError("read_only", "the release is not known.", "Wait.")
 
-        rig.guard.refusal = refuse
+        rig.refusal = refuse
         await rig.until(lambda: ("recovery", "refused") in rig.steps())
-        rig.guard.refusal = lambda message: None
+        rig.refusal = lambda message: None
         asked = asyncio.get_running_loop().time()
         [note] = (await rig.ask("settings_recover", action="retry")).reply["notes"]
         assert (note.is_owed, note.detail) == (True, "the release is not known.")

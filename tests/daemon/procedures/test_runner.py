@@ -154,13 +154,13 @@ async def test_motors_that_start_end_a_procedure_and_the_live_set_is_owed(tmp_pa
 
         asked = asyncio.create_task(rig.ask("settings_backup"))
         await rig.until(lambda: rig.flight.live.raw == rig.flight.eeprom.sets[2])
-        rig.guard.refusal = refuse_sets
+        rig.refusal = refuse_sets
         assert (await asked).token == "live_set_unproven"
         assert rig.interlock.owed is not None
         assert (await rig.ask("settings_backup")).token == "live_set_owed"
         with pytest.raises(CommandRejectedError, match="live_set_owed"), rig.interlock.taking_lease():
             pass
-        rig.guard.refusal = lambda message: None
+        rig.refusal = lambda message: None
         await rig.until(lambda: rig.interlock.owed is None)
         assert rig.flight.live.raw == rig.flight.eeprom.sets[3]
         assert any("is live, byte for byte as before" in text for text in rig.bus.texts())
@@ -338,11 +338,11 @@ async def test_a_defect_in_a_procedure_is_answered_and_the_next_one_runs(tmp_pat
         def fail(message):
             raise RuntimeError("wires crossed")
 
-        rig.guard.refusal = fail
+        rig.refusal = fail
         result = await rig.ask("mixer_read")
         assert (result.token, "RuntimeError: wires crossed" in result.reason) == ("internal", True)
         assert rig.steps() == [("mixer_read", "running"), ("mixer_read", "failed")]
-        rig.guard.refusal = lambda message: None
+        rig.refusal = lambda message: None
         assert (await rig.ask("mixer_read")).status == "accepted"
 
 
@@ -383,7 +383,7 @@ async def test_a_list_that_is_cut_off_is_said_to_be_incomplete(tmp_path, verb):
             if any(data[2:3] == b"w" for _, data in rig.socket.wire):
                 raise RequestTimeoutError("the board fell silent")
 
-        rig.guard.refusal = fall_silent
+        rig.refusal = fall_silent
         result = await rig.ask(verb, **({"points": POINTS * 20} if verb == "waypoints_upload" else {}))
         assert result.token == "list_incomplete"
         assert "the board fell silent; the board's list may be incomplete" in result.reason
@@ -400,7 +400,7 @@ async def test_a_list_left_half_written_is_an_event_at_once_and_at_the_next_star
             if any(data[2:3] == b"w" for _, data in rig.socket.wire):
                 raise RequestTimeoutError("the board fell silent")
 
-        rig.guard.refusal = fall_silent
+        rig.refusal = fall_silent
         await rig.ask("waypoints_upload", points=POINTS, source="field.gpx")
         [event] = rig.bus.values("event/mission")
         assert (event.action, event.source) == ("incomplete", "field.gpx")
@@ -490,7 +490,7 @@ async def test_an_upload_that_wrote_nothing_neither_leaves_a_note_of_a_list_nor_
             if message.spec.key == "write_waypoint":
                 raise refuse(Token.MOTORS_RUNNING, detail="test")
 
-        rig.guard.refusal = refuse_writes
+        rig.refusal = refuse_writes
         points = [{**POINTS[0], "poi": 9}] if refused == "by its points" else POINTS
         result = await rig.ask("waypoints_upload", points=points)
         assert result.token == ("bad_value" if refused == "by its points" else "motors_running")

@@ -46,7 +46,7 @@ def refusals(beginning: Beginning, situation: Situation) -> Iterator[CommandReje
 
 
 def waits_for(beginning: NewManoeuvre, situation: Situation) -> str:
-    """Say what a flight waits for that would begin with this manoeuvre; empty for nothing.
+    """Say what keeps a flight from beginning with this manoeuvre; empty for nothing.
 
     What refuses it is waited for, too: it may stand only since the newest setpoint was taken.
 
@@ -58,12 +58,12 @@ def waits_for(beginning: NewManoeuvre, situation: Situation) -> str:
         return ""
     refused = refusal(beginning, situation)
     if refused is not None:
-        return f"an end of this: {refused.reason.removesuffix('.')}"
+        return f"no flight begins: {refused.reason}"
     for row in ROWS:
         if row.rule in {Rule.ENTRY, Rule.WAITS} and beginning.concern in row.concerns:
             found = row.look(situation, beginning)
             if found.state is CheckState.STANDS:
-                return found.words
+                return f"waiting for {found.words}"
     return ""
 
 

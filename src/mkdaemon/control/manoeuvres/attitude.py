@@ -12,7 +12,6 @@ from mkdaemon.control.manoeuvres.hold import Hold
 from mkdaemon.control.manoeuvres.level import Level
 from mkdaemon.control.manoeuvres.manoeuvre import Manoeuvre, Step
 from mkdaemon.control.sight import Sight
-from mkdaemon.control.vehicle import VehicleFacts
 from mkdaemon.telemetry.setpoint import AttitudeSetpoint
 
 
@@ -29,11 +28,11 @@ class AttitudeFlight(Level):
         """Take the newest setpoint."""
         self._wanted = setpoint
 
-    def enter(self, before: Manoeuvre | None, facts: VehicleFacts, now: float) -> str:
+    def enter(self, before: Manoeuvre | None, now: float) -> str:
         """The attitude must be level at the beginning of a flight."""
         sticks = self._sticks()
         is_neutral = max(abs(sticks.pitch), abs(sticks.roll), abs(sticks.yaw)) <= self._cfg.neutral_band
-        return "" if is_neutral or before is not None else "a level attitude"
+        return "" if is_neutral or before is not None else "waiting for a level attitude"
 
     def step(self, now: float, *, is_flying: bool) -> Step:
         """The sticks that ask for the attitude."""

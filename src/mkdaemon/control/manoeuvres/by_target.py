@@ -7,7 +7,8 @@ docs/safety.md, "The ladder".
 from __future__ import annotations
 
 import math
-from typing import ClassVar, Final
+from abc import ABC, abstractmethod
+from typing import Any, ClassVar, Final
 
 import numpy as np
 
@@ -22,17 +23,16 @@ from mkdaemon.control.regulator.horizontal import HorizontalCosts
 from mkdaemon.control.regulator.reference import ReferenceLimits
 from mkdaemon.control.regulator.vertical import VerticalGains
 from mkdaemon.control.sight import Sight, triple, turned
-from mkdaemon.control.vehicle import VehicleFacts
 from mkdaemon.telemetry.control import ErrorValue, Outcome
 
 BRAKING: Final = 0.5
 """Who is to hold its place holds where the reference would be after this time [s]: there it can stand still."""
 TURNED: Final = math.radians(8.0)
 """Heading error with which a heading is reached [rad]; within half of it the compass lock holds."""
-_NO_TARGET: Final = "a target in sight"
+_NO_TARGET: Final = "waiting for a target in sight"
 
 
-class ByTarget:
+class ByTarget(ABC):
     """A manoeuvre against the target in sight.
 
     Attributes:
@@ -55,7 +55,7 @@ class ByTarget:
         self._autopilot: Autopilot | None = None
         self._arrival = Arrival(cfg.arrived_within, cfg.arrived_for)
 
-    def enter(self, before: Manoeuvre | None, facts: VehicleFacts, now: float) -> str:
+    def enter(self, before: Manoeuvre | None, now: float) -> str:
         """Begin; the reference of another manoeuvre by the target goes on, all else begins where the aircraft is.
 
         What the estimate must be like is asked of admission.
@@ -67,6 +67,10 @@ class ByTarget:
     def height_seen(self, height: float, at: float) -> float | None:
         """Nothing follows from it: it flies."""
         return None
+
+    @abstractmethod
+    def follow(self, setpoint: Any) -> None:
+        """Take the newest setpoint, of the kind it was made for."""
 
     def step(self, now: float, *, is_flying: bool) -> Step:
         """Decide the sticks."""
@@ -83,23 +87,13 @@ class ByTarget:
             return self._level(estimate.hover_gas, self._lost_sight(estimate))
         return self._fly(estimate, autopilot, now, step, is_flying=is_flying)
 
-    def _fly(self, estimate: Estimate, autopilot: Autopilot, now: float, step: float, *, is_flying: bool) -> Step:
-        """Decide the sticks towards the goal."""
-        goal = self._goal(estimate, autopilot)
-        if estimate.age > self._cfg.freeze_after:
-            goal = Goal(position=np.array([*autopilot.reference.position, float(estimate.position[2])]))
-        is_there = is_flying and estimate.age <= self._cfg.freeze_after
-        is_done = is_there and self._arrival.has_arrived(goal, estimate, now)
-        sticks = floating(autopilot.sticks(goal, now, step))
-        return Step(sticks, self.kind, is_done=is_done, error=error_value(self.kind, goal, estimate))
-
+    @abstractmethod
     def abort(self, now: float) -> Manoeuvre:
-        """Each says what it becomes."""
-        raise NotImplementedError
+        """Stop; returns the manoeuvre that it becomes, which may be itself."""
 
-    def _goal(self, estimate: Estimate, autopilot: Autopilot) -> Goal:
-        """Where to go, inside the fence."""
-        raise NotImplementedError
+    @abstractmethod
+    def _fly(self, estimate: Estimate, autopilot: Autopilot, now: float, step: float, *, is_flying: bool) -> Step:
+        """Decide the sticks by an estimate that is young enough."""
 
     def _flies_blind(self) -> bool:
         """Whether it goes on without an image."""
@@ -119,6 +113,23 @@ class ByTarget:
         cfg = self._cfg
         level = wanted[:2] * min(1.0, cfg.fence_radius / max(float(np.hypot(*wanted[:2])), 1e-9))
         return np.array([*level, min(max(float(wanted[2]), cfg.fence_floor), cfg.fence_height)])
+
+
+class ToGoal(ByTarget):
+    """A manoeuvre by the target that is described by where to be."""
+
+    @abstractmethod
+    def _goal(self, estimate: Estimate, autopilot: Autopilot) -> Goal:
+        """Where to be, inside the fence."""
+
+    def _fly(self, estimate: Estimate, autopilot: Autopilot, now: float, step: float, *, is_flying: bool) -> Step:
+        goal = self._goal(estimate, autopilot)
+        if estimate.age > self._cfg.freeze_after:
+            goal = Goal(position=np.array([*autopilot.reference.position, float(estimate.position[2])]))
+        is_there = is_flying and estimate.age <= self._cfg.freeze_after
+        is_done = is_there and self._arrival.has_arrived(goal, estimate, now)
+        sticks = floating(autopilot.sticks(goal, now, step))
+        return Step(sticks, self.kind, is_done=is_done, error=error_value(self.kind, goal, estimate))
 
 
 class Arrival:

@@ -9,7 +9,7 @@ import numpy as np
 from mkdaemon.config.autopilot import AutopilotConfig
 from mkdaemon.control.estimator.values import Estimate
 from mkdaemon.control.linear import Array
-from mkdaemon.control.manoeuvres.by_target import ByTarget, resting_place
+from mkdaemon.control.manoeuvres.by_target import ToGoal, resting_place
 from mkdaemon.control.manoeuvres.hold import Hold
 from mkdaemon.control.manoeuvres.manoeuvre import Manoeuvre
 from mkdaemon.control.regulator.autopilot import Autopilot, Goal
@@ -17,7 +17,7 @@ from mkdaemon.control.sight import Sight, turned
 from mkdaemon.telemetry.setpoint import PositionSetpoint, SetpointFrame
 
 
-class Goto(ByTarget):
+class Goto(ToGoal):
     """Flies to positions against the target, or from where the aircraft was when a position first arrived."""
 
     kind: ClassVar[str] = "position"

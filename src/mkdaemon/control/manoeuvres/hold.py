@@ -7,13 +7,14 @@ from typing import ClassVar
 from mkdaemon.config.autopilot import AutopilotConfig
 from mkdaemon.control.estimator.values import Estimate
 from mkdaemon.control.linear import Array
-from mkdaemon.control.manoeuvres.by_target import ByTarget, resting_place
+from mkdaemon.control.manoeuvres.by_target import ToGoal, resting_place
 from mkdaemon.control.manoeuvres.manoeuvre import Manoeuvre
 from mkdaemon.control.regulator.autopilot import Autopilot, Goal
 from mkdaemon.control.sight import Sight
+from mkdaemon.telemetry.setpoint import HoldSetpoint
 
 
-class Hold(ByTarget):
+class Hold(ToGoal):
     """Holds a place."""
 
     kind: ClassVar[str] = "hold"
@@ -22,6 +23,9 @@ class Hold(ByTarget):
         super().__init__(sight, cfg)
         self._place: Array | None = None
         self._of: Autopilot | None = None
+
+    def follow(self, setpoint: HoldSetpoint) -> None:
+        """They all say the same."""
 
     def abort(self, now: float) -> Manoeuvre:
         """It holds."""

@@ -31,6 +31,7 @@ from mkdaemon.control.manoeuvres.manoeuvre import Manoeuvre, Step, ended, level_
 from mkdaemon.control.regulator.autopilot import Autopilot, Goal
 from mkdaemon.control.sight import Sight
 from mkdaemon.telemetry.control import Outcome
+from mkdaemon.telemetry.setpoint import LandSetpoint
 
 DEVIATIONS: Final = 3.0
 """The aircraft is no higher than this many standard deviations above its estimate."""
@@ -245,6 +246,9 @@ class Land(ByTarget):
         super().__init__(sight, cfg)
         self.landing: Landing | None = None
         self._yaw = yaw
+
+    def follow(self, setpoint: LandSetpoint) -> None:
+        """It lands with the heading it began with."""
 
     def abort(self, now: float) -> Manoeuvre:
         """Hold; below its last decision a landing goes on."""

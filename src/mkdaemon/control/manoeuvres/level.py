@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import math
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from mkdaemon.control.manoeuvres.manoeuvre import Manoeuvre, Step, level_at
 from mkdaemon.control.sight import Sight
-from mkdaemon.control.vehicle import VehicleFacts
 
 
 class Level:
@@ -26,9 +25,12 @@ class Level:
         self.stepped_at = -math.inf
         self._sight = sight
 
-    def enter(self, before: Manoeuvre | None, facts: VehicleFacts, now: float) -> str:
+    def enter(self, before: Manoeuvre | None, now: float) -> str:
         """It may begin at any time."""
         return ""
+
+    def follow(self, setpoint: Any) -> None:
+        """Level is level."""
 
     def step(self, now: float, *, is_flying: bool) -> Step:
         """Decide the sticks."""

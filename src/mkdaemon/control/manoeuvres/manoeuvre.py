@@ -6,11 +6,10 @@ What it remembers (place, reference, stage) belongs to it and ends with it.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar, Protocol
+from typing import Any, ClassVar, Protocol
 
 from mkdaemon.control.estimator.values import GAS_CENTRE
 from mkdaemon.control.limiter import Sticks
-from mkdaemon.control.vehicle import VehicleFacts
 from mkdaemon.telemetry.control import ErrorValue, Outcome
 
 WORDS: dict[Outcome, str] = {
@@ -60,7 +59,7 @@ class Step:
     Attributes:
         sticks: before the limiter [stick; FLU].
         manoeuvre: its shown name.
-        obstacle: what must change before a flight may begin with it; empty for nothing.
+        obstacle: what keeps a flight from beginning with it, in words; empty for nothing.
         stage: where it stands, in words; empty for a manoeuvre that has no stages.
         is_done: what was asked for is reached, and is held from now on.
         end: how it has ended; None while it goes on.
@@ -93,12 +92,15 @@ class Manoeuvre(Protocol):
     keeps_place: ClassVar[bool]
     stepped_at: float
 
-    def enter(self, before: Manoeuvre | None, facts: VehicleFacts, now: float) -> str:
+    def enter(self, before: Manoeuvre | None, now: float) -> str:
         """Begin, on the ground (`before` is None) or after another manoeuvre.
 
         Returns:
-            What must change before it may begin; empty for nothing.
+            What it waits for, in words; empty for nothing.
         """
+
+    def follow(self, setpoint: Any) -> None:
+        """Take the newest setpoint, of the kind it was made for."""
 
     def step(self, now: float, *, is_flying: bool) -> Step:
         """Decide the sticks at a time [s]; `is_flying`: they are being sent."""

@@ -10,7 +10,6 @@ from mkdaemon.control.manoeuvres.hold import Hold
 from mkdaemon.control.manoeuvres.level import Level
 from mkdaemon.control.manoeuvres.manoeuvre import Manoeuvre, Step
 from mkdaemon.control.sight import Sight
-from mkdaemon.control.vehicle import VehicleFacts
 from mkdaemon.telemetry.setpoint import StickSetpoint
 
 
@@ -28,11 +27,11 @@ class Stick(Level):
         """Take the newest setpoint."""
         self._wanted = setpoint
 
-    def enter(self, before: Manoeuvre | None, facts: VehicleFacts, now: float) -> str:
+    def enter(self, before: Manoeuvre | None, now: float) -> str:
         """Sticks must be neutral at the beginning of a flight; who takes over in flight moves them as he likes."""
         wanted = self._wanted
         is_neutral = max(abs(wanted.pitch), abs(wanted.roll), abs(wanted.yaw)) <= self._band
-        return "" if is_neutral or before is not None else "neutral sticks"
+        return "" if is_neutral or before is not None else "waiting for neutral sticks"
 
     def step(self, now: float, *, is_flying: bool) -> Step:
         """The sticks as they are."""

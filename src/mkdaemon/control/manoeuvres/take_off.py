@@ -23,7 +23,6 @@ from mkdaemon.control.manoeuvres.hold import Hold
 from mkdaemon.control.manoeuvres.manoeuvre import Manoeuvre, Step, ended, level_at
 from mkdaemon.control.regulator.autopilot import Autopilot, Goal, at_origin
 from mkdaemon.control.sight import Sight
-from mkdaemon.control.vehicle import VehicleFacts
 from mkdaemon.telemetry.control import Outcome
 from mkdaemon.telemetry.setpoint import TakeOffSetpoint
 
@@ -213,10 +212,10 @@ class TakeOffFlight(ByTarget):
         """Take the newest setpoint."""
         self._wanted = setpoint
 
-    def enter(self, before: Manoeuvre | None, facts: VehicleFacts, now: float) -> str:
+    def enter(self, before: Manoeuvre | None, now: float) -> str:
         """Begin on the ground, or after another manoeuvre by the target, which is climbed on from."""
         self._is_in_air = isinstance(before, ByTarget)
-        return super().enter(before, facts, now)
+        return super().enter(before, now)
 
     def height_seen(self, height: float, at: float) -> float | None:
         """See `TakeOff.seen`."""

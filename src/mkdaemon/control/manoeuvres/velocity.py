@@ -8,7 +8,7 @@ import numpy as np
 
 from mkdaemon.config.autopilot import AutopilotConfig
 from mkdaemon.control.estimator.values import Estimate
-from mkdaemon.control.manoeuvres.by_target import ByTarget
+from mkdaemon.control.manoeuvres.by_target import ToGoal
 from mkdaemon.control.manoeuvres.hold import Hold
 from mkdaemon.control.manoeuvres.manoeuvre import Manoeuvre
 from mkdaemon.control.regulator.autopilot import Autopilot, Goal
@@ -16,7 +16,7 @@ from mkdaemon.control.sight import Sight, turned
 from mkdaemon.telemetry.setpoint import SetpointFrame, VelocitySetpoint
 
 
-class Velocity(ByTarget):
+class Velocity(ToGoal):
     """Flies towards a point ahead that the reference never reaches, no faster than asked."""
 
     kind: ClassVar[str] = "velocity"

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Final
 
 from mkdaemon.config.link import LinkConfig
@@ -21,7 +22,14 @@ from mkdaemon.link.session.questions import Pending, Questions
 from mkdaemon.link.session.scheduler import Entry, TransmitScheduler
 from mkdaemon.link.session.steering import ControlEntry, Steering
 from mkdaemon.link.session.streams import Streams
-from mkdaemon.link.session.traffic import BuildSetpoint, FrameNumber, Purpose, SetpointFate, SetpointRefused
+from mkdaemon.link.session.traffic import (
+    BuildSetpoint,
+    FrameNumber,
+    Purpose,
+    SetpointFate,
+    SetpointQueued,
+    SetpointRefused,
+)
 from mkdaemon.link.session.verdict import Finding, Verdict
 from mkdaemon.protocol.boards import board_at
 from mkdaemon.protocol.decoder import Unknown
@@ -218,7 +226,11 @@ class Dialogue:
         if line.obstacle is not None:
             return SetpointRefused(refuse(TOKENS[line.obstacle.value], state="down", detail=line.reason))
         assert layout is not None  # a line without one is read-only
-        return self.steering.steer(build, layout, deadline, now)
+        entry = self.steering.control.entry(partial(build, layout), Purpose.SETPOINT, deadline)
+        if type(entry.message) is not layout:
+            return SetpointRefused(refuse(Token.WRONG_LAYOUT, given=type(entry.message).__name__))
+        self.scheduler.submit(entry, now)
+        return SetpointQueued(entry.number)
 
     def control_line(self, now: float) -> ControlLine:
         """What the line can take from the flight core now; the one place that answers."""

@@ -13,7 +13,6 @@ import itertools
 import math
 from collections import deque
 from dataclasses import dataclass
-from functools import partial
 from typing import Final
 
 from mkdaemon.link.session import release
@@ -23,19 +22,14 @@ from mkdaemon.link.session.scheduler import Entry, TransmitScheduler
 from mkdaemon.link.session.traffic import (
     UNNUMBERED,
     BuildControl,
-    BuildSetpoint,
     FrameNumber,
     Purpose,
-    SetpointFate,
-    SetpointQueued,
-    SetpointRefused,
 )
 from mkdaemon.protocol.messages.control import ExternControlV1
 from mkdaemon.protocol.messages.flightctrl import SerialChannels
 from mkdaemon.protocol.messages.version import VersionRequest
 from mkdaemon.protocol.wire import Board, WireMessage
 from mkdaemon.telemetry.control import Obstacle, ReleaseOutcome
-from mkdaemon.telemetry.refusals import Token, refuse
 
 _CONFIRM_DELAY: Final = 0.008
 """From the beginning of an external control frame to that of its confirmation, the board being free [s]: 3.1 ms on the
@@ -175,14 +169,6 @@ class Steering:
         if self.is_releasing:
             return Obstacle.RELEASING
         return Obstacle.UNCONFIRMED if self._scheduler.holds_back(_LETTER, now) else None
-
-    def steer(self, build: BuildSetpoint, layout: type[WireMessage], deadline: float, now: float) -> SetpointFate:
-        """Hand in a setpoint that the line can take; it replaces one that waits."""
-        entry = self.control.entry(partial(build, layout), Purpose.SETPOINT, deadline)
-        if type(entry.message) is not layout:
-            return SetpointRefused(refuse(Token.WRONG_LAYOUT, given=type(entry.message).__name__))
-        self._scheduler.submit(entry, now)
-        return SetpointQueued(entry.number)
 
     def release(self, reason: str, now: float) -> None:
         """Begin a release; setpoints are refused until it is done."""
