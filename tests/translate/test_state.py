@@ -299,6 +299,19 @@ def test_recorded_frames_make_a_consistent_aircraft():
     assert all(10 < battery.voltage < 20 for battery in found["state/battery"])
 
 
+def test_the_throttle_comes_with_the_voltage_that_is_in_it_and_a_fork_tells_its_stick():
+    osd = blank(OsdData5, throttle=108, battery=148, fc_flags=FlightStatus.MOTORS_RUNNING, rc_quality=190)
+    told = states(osd)["state/pilot"]
+    assert (told.throttle_in_use, told.compensated_at) == pytest.approx((-19.0, 14.8))
+    channels = [0] * 32
+    channels[7], channels[9], channels[12] = 4 * 108, 148, 100
+    told = states(blank(DebugDataFc, analog=tuple(channels)), "fc")["state/pilot"]
+    assert (told.throttle_in_use, told.compensated_at) == pytest.approx((-19.0, 14.8))
+    channels[19], channels[26] = -2, 1
+    told = states(blank(DebugDataFc, analog=tuple(channels)), "fc")["state/pilot"]
+    assert (told.throttle_in_use, told.compensated_at) == (-2.0, None)
+
+
 def test_the_barometers_height_needs_no_gps_and_no_navictrl():
     indoors = blank(OsdData5, altimeter=42, position_status=PositionStatus.INVALID, error_code=ErrorCode.NO_GPS)
     found = states(indoors)

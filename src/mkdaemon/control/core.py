@@ -412,7 +412,14 @@ class FlightCore:
             self._reports.frame_not_sent(error, now)
             return None
         hover = self._sight.hover_throttle(now)
-        frame = self._output.make(order, line.layout, now, is_extra=self._pacing.answers_image, hover=hover)
+        frame = self._output.make(
+            order,
+            line.layout,
+            now,
+            is_extra=self._pacing.answers_image,
+            hover=hover,
+            low_cell=self._preflight.active_set.low_cell,
+        )
         self._sight.sticks_made(frame.counts, self._output.lid.use, now)
         self._reports.estimate(self._sight.estimate(now), self._flown.error)
         return frame

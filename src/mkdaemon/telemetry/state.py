@@ -209,3 +209,6 @@ class Pilot(StateValue):
     throttle_in_use: float | None = None
     """Throttle the FlightCtrl flies with: on stock firmware the smaller of the pilot's and ours [stick from the
     centre]; null where the board does not report it, and while motors stand."""
+    compensated_at: float | None = None
+    """Voltage of the battery in this message, where `throttle_in_use` is what the FlightCtrl made of its stick by it
+    [V]: the stick times the voltage of its low-battery warning over this; null where it is the stick itself."""

@@ -19,7 +19,7 @@ from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.state import Altitude, AngleScale, Battery
 from mkdaemon.translate.geometry import attitude
 from mkdaemon.translate.origin import Origin, State
-from mkdaemon.translate.osd import from_osd, pilot
+from mkdaemon.translate.osd import STICK_CENTRE, from_osd, pilot
 from mkdaemon.translate.osdsets import SetTranslator
 
 COARSE_AFTER = 0.5
@@ -30,6 +30,9 @@ _CHANNEL_VOLTAGE, _CHANNEL_RECEIVER, _CHANNEL_CURRENT, _CHANNEL_CAPACITY = 9, 10
 _CHANNEL_HEIGHT = 5
 _CHANNEL_THROTTLE, _THROTTLE_SCALE = 7, 4.0
 _CHANNEL_MOTORS = slice(12, 16)
+_CHANNEL_FORK_STICK, _CHANNEL_FORK_CALIBRATED = 19, 26
+"""Of a public fork: the throttle stick itself, and whether it is calibrated, as all are whose motors run. Stock
+firmware leaves both at 0."""
 
 
 class StateTranslator:
@@ -121,9 +124,18 @@ def _from_debug(debug: DebugDataFc, origin: Origin) -> list[State]:
         used_mah=float(channels[_CHANNEL_CAPACITY]),
         is_low=None,
     )
-    gas = channels[_CHANNEL_THROTTLE] / _THROTTLE_SCALE if any(channels[_CHANNEL_MOTORS]) else None
+    is_fork = bool(channels[_CHANNEL_FORK_CALIBRATED])
+    stick = channels[_CHANNEL_FORK_STICK] + STICK_CENTRE if is_fork else channels[_CHANNEL_THROTTLE] / _THROTTLE_SCALE
+    said = pilot(
+        origin,
+        float(channels[_CHANNEL_RECEIVER]),
+        sticks=None,
+        throttle=None,
+        gas=stick if any(channels[_CHANNEL_MOTORS]) else None,
+        compensated_at=None if is_fork else battery.voltage,
+    )
     return [
         ("state/battery", battery),
         ("state/altitude", Altitude(**origin._asdict(), above_start=channels[_CHANNEL_HEIGHT] / 10)),
-        ("state/pilot", pilot(origin, float(channels[_CHANNEL_RECEIVER]), sticks=None, throttle=None, gas=gas)),
+        ("state/pilot", said),
     ]
