@@ -16,6 +16,8 @@ CAMPAIGNS: Final = (
     CommandEntry("teleop", "lab.teleop.main:main", "An operator's hands: pads lost in flight, a stick's way."),
     CommandEntry("procedures", "lab.procedures:main", "Uploads and backups over a line that loses bytes."),
     CommandEntry("attack", "lab.attack.main:main", "Killed, frozen and flooded in flight; the guard killed."),
+    CommandEntry("stalled", "lab.stalled:main", "A serial server that stands still: old stick frames it gathers."),
+    CommandEntry("files", "lab.files.main:main", "Hostile files, given to every command that reads one."),
     CommandEntry("kills", "lab.kills.main:main", "kill -9 of mkctl and of the daemon during backups and restores."),
     CommandEntry("control", "lab.control.main:main", "Hover, steps and landings of estimator and autopilot."),
     CommandEntry("fly", "lab.fly:main", "The whole daemon holds over a target, rendered camera, in real time."),

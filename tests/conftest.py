@@ -16,6 +16,7 @@ import structlog
 from hypothesis import HealthCheck, settings
 
 from tests.bus.support import give_back_endpoints
+from tests.orphans import no_orphans
 from tests.places import DATA, REFERENCE
 from tests.repeats import Repeats
 
@@ -59,9 +60,9 @@ def pytest_collection_finish() -> None:
 
 @pytest.fixture(scope="session", autouse=True)
 def surroundings(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """The same on every machine: a home of our own, no settings of the user's, no colours."""
+    """The same on every machine: a home of our own, no settings of the user's, no colours; and nothing stays behind."""
     home = str(tmp_path_factory.mktemp("home"))
-    with pytest.MonkeyPatch.context() as patch:
+    with no_orphans() as mark, pytest.MonkeyPatch.context() as patch:
         for name in os.environ:
             if name.startswith(("MK_", "XDG_", "ZENOH_")) or name in {
                 "FORCE_COLOR",
@@ -77,6 +78,7 @@ def surroundings(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
             "NO_COLOR": "1",
             "TERM": "dumb",
             "COLUMNS": "120",
+            **mark,
         }.items():
             patch.setenv(name, value)
         yield

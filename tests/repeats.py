@@ -8,6 +8,7 @@ a run with more than `MOST_REPEATS` fails: whatever shows up that often is a fau
 
 from __future__ import annotations
 
+import re
 import threading
 import time
 from collections.abc import Generator
@@ -27,6 +28,16 @@ REPEATED: Final = "repeated"
 
 class InconclusiveError(Exception):
     """What was measured says nothing of the code, because the machine was late; says how late, or at what."""
+
+
+def require_no_standstill(errors: str) -> None:
+    """Pass where a program did not fail because its daemon got no processor.
+
+    Raises:
+        InconclusiveError: it says so.
+    """
+    if stalled := re.search(r"the daemon stood still for [\d.]+ s", errors):
+        raise InconclusiveError(stalled[0])
 
 
 class Standstill:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import configparser
+import fnmatch
 import re
 import shutil
 import subprocess
@@ -53,9 +54,24 @@ def test_a_daemon_that_keeps_failing_is_started_again_for_ever():
     assert (unit["Service"]["Restart"], unit["Service"]["Type"]) == ("on-failure", "notify")
 
 
+@pytest.mark.parametrize(
+    ("driver", "is_open"),
+    [
+        *((name, True) for name in ("ttyUSB", "ttyACM", "ttyAMA", "ttyS", "ttyTHS", "video4linux")),
+        *((name, False) for name in ("mem", "tty", "kvm", "input", "gpiochip", "vcs", "ttyprintk")),
+    ],
+)
+def test_the_unit_opens_serial_lines_and_cameras_alone(driver, is_open):
+    """By the names of drivers in /proc/devices, as systemd matches them."""
+    lines = UNIT.read_text(encoding="utf-8").splitlines()
+    assert "DevicePolicy=closed" in lines
+    allowed = [line.removeprefix("DeviceAllow=char-").split()[0] for line in lines if line.startswith("DeviceAllow=")]
+    assert any(fnmatch.fnmatchcase(driver, pattern) for pattern in allowed) is is_open
+
+
 def test_the_recipe_of_the_service_installs_what_flies_and_no_tools_of_development():
     recipe = (ROOT / "docs" / "operations.md").read_text(encoding="utf-8").partition("## As a service")[2]
-    assert "make -C /opt/mkdaemon install" in recipe.partition("```")[2]
+    assert "make -C /opt/mkdaemon-$V install" in recipe.partition("```")[2]
     commands = (ROOT / "Makefile").read_text(encoding="utf-8").partition("\ninstall:")[2].partition("\n\n")[0]
     assert "--require-hashes" in commands
     assert "dev" not in commands

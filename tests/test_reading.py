@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import struct
@@ -30,6 +31,8 @@ from mkdaemon.link.labels import LabelCache
 from mkdaemon.link.ports.replayport import read_recording
 from mkdaemon.missions import read_mission
 from mkdaemon.missions.script import read_script
+from mkdaemon.protocol.capture import read_chunks
+from mkdaemon.protocol.framing import DropReason, FrameDecoder
 from mkdaemon.reading import DEEPEST, open_regular, parse_json, parse_toml, read_text
 from mkdaemon.record.reader import Recording
 from mkdaemon.record.summary import glance
@@ -293,3 +296,76 @@ def test_a_board_of_hundreds_of_tags_is_read_soon(tmp_path):
     began = time.process_time()
     assert len(load_targets([path]).targets[0].tags) == 576
     assert time.process_time() - began < 1.0
+
+
+@pytest.mark.parametrize("encoding", ["utf-7", "idna", "zlib_codec", "utf-16", "latin-1", "nothing", ""])
+def test_what_a_document_says_of_its_encoding_counts_for_nothing(tmp_path, encoding):
+    path = tmp_path / "route.gpx"
+    route = '<gpx><rte><name>H\u00f6he</name><rtept lat="1" lon="2"><ele>3</ele></rtept></rte></gpx>'
+    path.write_text(f'<?xml version="1.0" encoding="{encoding}"?>{route}', encoding="utf-8")
+    if encoding:
+        assert read_mission(path, altitude=5.0).name == "H\u00f6he"
+    else:
+        with pytest.raises(ConfigError, match=r"route\.gpx:1: no well-formed XML"):
+            read_mission(path)
+
+
+def test_text_in_very_many_pieces_takes_no_longer(tmp_path):
+    path = tmp_path / "route.gpx"
+    path.write_text(f"<gpx><rte><name>{'a<!---->' * 400_000}</name></rte></gpx>", encoding="utf-8")
+    began = time.process_time()
+    with pytest.raises(ConfigError, match="neither a route"):
+        read_mission(path)
+    assert time.process_time() - began < 2.0
+
+
+@pytest.mark.parametrize("blank", [b"\r", b"\n", b" ", b"\xef\xbb\xbf"])
+def test_a_capture_of_blanks_is_read_soon(blank):
+    began = time.process_time()
+    raw = b"".join(chunk.raw for chunk in read_chunks(io.BytesIO(blank * 500_000 + b"#"), "blanks"))
+    assert raw == blank * 500_000 + b"#"
+    assert time.process_time() - began < 1.0
+
+
+def test_a_line_of_beginnings_of_frames_is_few_losses():
+    decoder = FrameDecoder()
+    lost = [one for _ in range(100) for one in decoder.feed(b"#" * 4096)] + decoder.flush()
+    assert len(lost) <= 101
+    assert b"".join(one.raw for one in lost) == b"#" * 409_600
+    assert {one.reason for one in lost} == {DropReason.LENGTH}
+
+
+def test_holes_of_a_recording_are_stepped_over(tmp_path):
+    path = tmp_path / "sparse.mcap"
+    with path.open("wb") as file:
+        file.write(b"\x89MCAP0\r\n")
+        file.truncate(1 << 40)
+    began = time.process_time()
+    recording = Recording(path)
+    assert list(recording.entries()) == []
+    assert [one.length for one in recording.report.damages] == [(1 << 40) - 8]
+    assert time.process_time() - began < 1.0
+
+
+@pytest.mark.parametrize("codes", ["0-99999999999", "1" * 5000, "\u00b2", "0-\u0663", "3-"])
+def test_codes_beyond_every_family_are_refused(capsys, codes):
+    assert run(mkdaemon, ["detect", "nothing.png", "--ids", codes]) == 2
+    assert "give codes and ranges below 100000" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "content", [b"#EXTM3U\nhttp://127.0.0.1/a.ts\n", b"ffconcat version 1.0\nfile a\n", b"\x89MCAP0\r\n" * 99]
+)
+def test_what_is_no_video_is_not_given_to_the_library_that_guesses(tmp_path, capsys, monkeypatch, content):
+    monkeypatch.setattr(cv2, "VideoCapture", None)
+    path = tmp_path / "clip.avi"
+    path.write_bytes(content)
+    assert run(mkdaemon, ["detect", str(path)]) == 1
+    assert "no video that can be read" in capsys.readouterr().err
+
+
+def test_a_file_that_fails_while_it_is_read_is_named(capsys):
+    assert run(mkdaemon, ["decode", "/proc/self/mem"]) == 1
+    assert capsys.readouterr().err == "mkdaemon: /proc/self/mem: Input/output error\n"
+    print("goes on")
+    assert capsys.readouterr().out == "goes on\n"

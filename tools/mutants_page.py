@@ -17,10 +17,19 @@ _HEAD: Final = """# Mutants
 
 `python -m lab mutants` changes the code that decides, one place at a time (a comparison, a constant, a sign, a
 condition, a value returned, a statement left out), and runs the tests that come by. A mutant is killed when a test
-fails or takes too long. What survives is a missing test, or changes nothing that matters: then its reason stands below
-and in `lab/mutants/survivors.toml`. The share leaves out mutants that do the same as the code.
+fails or computes for too long. What survives is a missing test, or changes nothing that matters: then its reason stands
+below and in `lab/mutants/survivors.toml`. The share leaves out mutants that do the same as the code.
 
-This page is made by `python -m tools.docs` from `docs/results/mutants.json`.
+A mutant that is killed takes about 0.1 s of computing time, one that lives all its tests, up to `--budget`. Tests that
+tell most in the least time come first. Only computing time counts against a mutant, and a kill by a test that waits is
+tried again: a loaded machine kills nothing. Verdicts are kept in `build/mutants`, so a run that was stopped goes on,
+and after new tests a survivor has to outlive only those.
+
+```sh
+python -m lab mutants src/mkdaemon/control/sight.py                         # one file, all its mutants
+python -m lab mutants --sample 600 --budget 30 --jobs 2 --json > docs/results/mutants.json
+python -m tools.docs                                                        # makes this page of it
+```
 """
 
 
@@ -31,9 +40,17 @@ def mutants_page(root: Path) -> str:
         root: root of the source tree.
     """
     found: dict[str, Any] = json.loads((root / RESULTS).read_text(encoding="utf-8").splitlines()[-1])
-    drawn = f"A sample of {found['sample']} drawn with seed {found['seed']}" if found["sample"] else "All of them"
-    total = f"{drawn}: {found['killed']} of {found['mutants']} killed, {found['timeouts']} of these by time."
-    lines = [_HEAD, f"{total}\n", *_counts("file", found["files"]), "", *_counts("change", found["operators"])]
+    drawn = f"Of each subject {found['sample']} were drawn with seed {found['seed']}" if found["sample"] else "All"
+    sizes = ", ".join(f"`{name.removeprefix('src/mkdaemon/')}` has {count}" for name, count in found["of"].items())
+    total = (
+        f"{drawn} ({sizes}): {found['killed']} of {found['mutants']} killed, {found['timeouts']} of these by time; "
+        f"{found['equivalent']} do the same as the code. **{100 * found['share']:.1f} %**, in "
+        f"{found['seconds'] / 60:.0f} minutes of computing time."
+    )
+    tables = (("subject", "subjects"), ("file", "files"), ("change", "operators"))
+    lines = [_HEAD, total]
+    for name, key in tables:
+        lines += ["", *_counts(name, found[key])]
     rows = (
         (
             _code(survivor["id"].removeprefix("src/mkdaemon/")),

@@ -130,7 +130,8 @@ async def attack(boards: Boards, kind: Death, seed: int) -> Attack:
     """Fly, attack the daemon, and watch the boards: on a pseudo terminal, with every second seed on a TCP port.
 
     Raises:
-        TimeoutError: the flight did not begin, or the aircraft was never released.
+        TimeoutError: the aircraft was never released.
+        NotObeyedError: the flight did not begin.
         ControlLostError: control was lost before the attack.
     """
     favour_loop()  # who judges must not be starved by the machine's other programs
@@ -156,7 +157,8 @@ async def attack(boards: Boards, kind: Death, seed: int) -> Attack:
             await wait_for_control(client)
             await pilot.engage(lambda: simulation.is_controlled)
             pilot.sticks |= {"pitch": 40.0, "roll": -40.0}
-            await wait_until(lambda: simulation.sticks is Sticks.STEERED)
+            with suppress(TimeoutError):
+                await wait_until(lambda: simulation.sticks is Sticks.STEERED)
             await asyncio.sleep(rng.uniform(0.2, 0.8))
             favour_threads()  # those that carry the pilot's setpoints, and his daemon's death
             if simulation.sticks is not Sticks.STEERED:

@@ -18,6 +18,8 @@ DIED: Final = "died"
 """Key of the result of a child that said nothing: the signal that ended it, or 0."""
 FAILED: Final = "failed"
 """Key of the result of a child whose work raised: the traceback."""
+SECONDS: Final = "seconds"
+"""Key of every result: computing time of the child, and of those of its own that it waited for [s]."""
 
 
 class _Child(NamedTuple):
@@ -37,7 +39,8 @@ def run_forked(
         jobs: children at a time.
 
     Yields:
-        The name, and the result; one with `DIED` where the child was ended, with `FAILED` where the work raised.
+        The name, and the result with `SECONDS`; one with `DIED` where the child was ended, with `FAILED` where the work
+        raised.
     """
     waiting = iter(work)
     selector = selectors.DefaultSelector()
@@ -91,12 +94,13 @@ def _end(child: _Child) -> dict[str, Any]:
     """End what is left of a child and its own children."""
     with contextlib.suppress(ProcessLookupError):
         os.killpg(child.pid, signal.SIGKILL)
-    _, status = os.waitpid(child.pid, 0)
+    _, status, used = os.wait4(child.pid, 0)
+    seconds = round(used.ru_utime + used.ru_stime, 3)
     os.close(child.pipe)
     shutil.rmtree(child.folder, ignore_errors=True)
     try:
         result = json.loads(child.received)
     except ValueError:
-        return {DIED: os.WTERMSIG(status) if os.WIFSIGNALED(status) else 0}
+        result = {DIED: os.WTERMSIG(status) if os.WIFSIGNALED(status) else 0}
     assert isinstance(result, dict)
-    return result
+    return {**result, SECONDS: seconds}

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import tomllib
-from collections.abc import Iterable, Mapping, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -65,52 +67,85 @@ class Store:
     """Verdicts of earlier runs that still hold, one JSON object a line.
 
     A verdict holds while the file of its mutant is the same, and the test that killed it is; a survivor's while all
-    tests are.
+    files are. Where only tests are new, a survivor has to outlive those alone.
 
     Args:
         file: where they are kept.
         fingerprint_of: of a file's content, its path from the root.
-        tests: fingerprint of all tests.
+
+    Attributes:
+        verdicts: those that hold, by the mutants' ids.
     """
 
-    def __init__(self, file: Path, fingerprint_of: Mapping[str, str], tests: str) -> None:
+    def __init__(self, file: Path, fingerprint_of: Mapping[str, str]) -> None:
         self._file = file
         self._fingerprint_of = fingerprint_of
-        self._tests = tests
+        self._all = fingerprint("".join(sorted(fingerprint_of.values())))
+        self._outlived: dict[str, set[str]] = {}
         self.verdicts: dict[str, Verdict] = {}
-        if file.is_file():
-            for line in file.read_text(encoding="utf-8").splitlines():
-                kept = json.loads(line)
-                verdict = Verdict(**kept["verdict"])
-                if kept["source"] == self._source(verdict) and kept["tests"] == self._judges(verdict):
-                    self.verdicts[verdict.mutant] = verdict
+        for line in file.read_text(encoding="utf-8").splitlines() if file.is_file() else ():
+            self._read(json.loads(line))
+
+    def _read(self, kept: dict[str, Any]) -> None:
+        verdict = Verdict(**kept["verdict"])
+        self.verdicts.pop(verdict.mutant, None)
+        if kept["source"] != self._source(verdict):
+            return
+        same = {file for file, print_ in kept["files"].items() if self._fingerprint_of.get(file) == print_}
+        if kept["all"] == self._all or (verdict.by.partition("::")[0] in same):
+            self.verdicts[verdict.mutant] = verdict
+        elif verdict.outcome == "survived":
+            self._outlived[verdict.mutant] = same
 
     def _source(self, verdict: Verdict) -> str:
         return self._fingerprint_of.get(verdict.mutant.partition(":")[0], "")
 
-    def _judges(self, verdict: Verdict) -> str:
-        return self._fingerprint_of.get(verdict.by.partition("::")[0], self._tests)
+    def outlived(self, mutant: str) -> set[str]:
+        """Files of tests that are as they were when the mutant outlived all it chose of them."""
+        return self._outlived.get(mutant, set())
 
-    def add(self, verdict: Verdict) -> None:
-        """Keep one more."""
+    def killers(self) -> Counter[tuple[str, str]]:
+        """How many mutants of a file a test killed."""
+        return Counter((v.mutant.partition(":")[0], v.by) for v in self.verdicts.values() if v.outcome == "killed")
+
+    def forget(self) -> None:
+        """Let no verdict hold."""
+        self.verdicts.clear()
+        self._outlived.clear()
+
+    def add(self, verdict: Verdict, files: Iterable[str]) -> None:
+        """Keep one more, and the files of the tests that were run."""
         self.verdicts[verdict.mutant] = verdict
-        kept = {"verdict": asdict(verdict), "source": self._source(verdict), "tests": self._judges(verdict)}
+        judges = [verdict.by.partition("::")[0]] if verdict.outcome == "killed" else files
+        prints = {file: self._fingerprint_of[file] for file in judges if file in self._fingerprint_of}
+        kept = {"verdict": asdict(verdict), "source": self._source(verdict), "files": prints, "all": self._all}
         self._file.parent.mkdir(parents=True, exist_ok=True)
         with self._file.open("a", encoding="utf-8") as file:
             file.write(json.dumps(kept) + "\n")
 
 
-def sum_up(mutants: Sequence[Mutant], verdicts: Mapping[str, Verdict], reasons: Sequence[Reason]) -> dict[str, Any]:
+def fingerprint(text: str) -> str:
+    """Return a short name of a text."""
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+def sum_up(
+    mutants: Sequence[Mutant],
+    verdicts: Mapping[str, Verdict],
+    reasons: Sequence[Reason],
+    subject_of: Callable[[str], str] = str,
+) -> dict[str, Any]:
     """Count.
 
     Args:
         mutants: those that were tried.
         verdicts: of all of them, by id.
         reasons: of those that may survive.
+        subject_of: what a file belongs to.
 
     Returns:
-        Counts in all, by file and by operator; each survivor with its reason, empty where nobody wrote one. The share
-        killed leaves out the equivalent ones, and only those.
+        Counts in all, by subject, by file and by operator; each survivor with its reason, empty where nobody wrote
+        one. The share killed leaves out the equivalent ones, and only those.
     """
     survivors: list[dict[str, Any]] = []
     for mutant in mutants:
@@ -129,8 +164,12 @@ def sum_up(mutants: Sequence[Mutant], verdicts: Mapping[str, Verdict], reasons: 
     equivalent = {survivor["id"] for survivor in survivors if survivor["equivalent"]}
     files = sorted({mutant.path for mutant in mutants})
     operators = sorted({mutant.operator for mutant in mutants})
+    subjects = sorted({subject_of(file) for file in files})
     return {
         **_count(mutants, verdicts, equivalent),
+        "subjects": {
+            name: _count((m for m in mutants if subject_of(m.path) == name), verdicts, equivalent) for name in subjects
+        },
         "files": {file: _count((m for m in mutants if m.path == file), verdicts, equivalent) for file in files},
         "operators": {
             name: _count((m for m in mutants if m.operator == name), verdicts, equivalent) for name in operators
@@ -150,4 +189,5 @@ def _count(mutants: Iterable[Mutant], verdicts: Mapping[str, Verdict], equivalen
         "equivalent": same,
         "survived": len(outcomes) - killed - same,
         "share": round(killed / max(len(outcomes) - same, 1), 4),
+        "seconds": round(sum(verdicts[name].seconds for name, _ in outcomes), 1),
     }

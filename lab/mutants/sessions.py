@@ -3,24 +3,26 @@
 from __future__ import annotations
 
 import ast
+import functools
+import math
 import os
 import signal
 import sys
 import tempfile
+import threading
 import time
-from collections import Counter
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from importlib.abc import MetaPathFinder
 from importlib.machinery import ModuleSpec, PathFinder, SourceFileLoader
 from pathlib import Path
 from types import CodeType, ModuleType
-from typing import Any, Final, NoReturn
+from typing import Any, Final, NamedTuple, NoReturn
 
 import pytest
 from hypothesis import Phase, settings
 
-from lab.mutants.children import DIED, FAILED, run_forked
+from lab.mutants.children import DIED, FAILED, SECONDS, run_forked
 from lab.mutants.engine import LiveFunctions, NotReachableError, compile_tree
 from lab.mutants.operators import Module, Mutant
 from mkdaemon.errors import MkError
@@ -28,9 +30,13 @@ from mkdaemon.errors import MkError
 CPU_LIMIT: Final = 2.0
 """Computing time of a test with a mutant [s], and `CPU_FACTOR` times its own."""
 CPU_FACTOR: Final = 5.0
-WALL_LIMIT: Final = 60.0
-"""Time of a test with a mutant [s], and `WALL_FACTOR` times its own: it may wait for what never comes."""
-WALL_FACTOR: Final = 5.0
+WAITING_LIMIT: Final = 20.0
+"""Time that a test with a mutant may take [s], and `WAITING_FACTOR` times its own: it may wait for what never comes."""
+WAITING_FACTOR: Final = 5.0
+PATIENT: Final = 4.0
+"""A mutant is tried again, with this many times that limit, before it counts as killed by a test that waits."""
+WAITS: Final = 0.1
+"""A test that takes so much longer than it computes waits for something, and a loaded machine can make it fail [s]."""
 COLLECTING_LIMIT: Final = 60.0
 """Computing time of importing and collecting with a mutant [s]."""
 OPTIONS: Final = (
@@ -38,7 +44,8 @@ OPTIONS: Final = (
     *("-W", "ignore::pytest.PytestAssertRewriteWarning", "-m", "not flight and not real_time"),
 )
 """Of pytest. What runs in real time says nothing on a loaded machine."""
-_SIGNALS: Final = (signal.SIGPROF, signal.SIGALRM)
+_LIMITING: Final = (signal.SIGPROF, signal.SIGKILL)
+"""Signals that end a mutant which takes too long: it computes, or it waits."""
 
 
 @dataclass(slots=True)
@@ -47,15 +54,25 @@ class Coverage:
 
     Attributes:
         seconds: computing time of each test.
-        waited: how long each took, computing or not [s].
+        taken: how long each took, less the time it waited for a processor [s].
         lines: of each test the lines of each file, its path from the root.
         failing: tests that fail without a mutant; they judge none.
     """
 
     seconds: dict[str, float] = field(default_factory=dict)
-    waited: dict[str, float] = field(default_factory=dict)
+    taken: dict[str, float] = field(default_factory=dict)
     lines: dict[str, dict[str, list[int]]] = field(default_factory=dict)
     failing: list[str] = field(default_factory=list)
+
+    def add(self, other: Mapping[str, Any]) -> None:
+        """Take in what was measured of other tests, as plain values."""
+        for kept, new in ((self.seconds, "seconds"), (self.taken, "taken"), (self.lines, "lines")):
+            kept.update(other[new])
+        self.failing.extend(other["failing"])
+
+    def waits(self, test: str) -> bool:
+        """Whether a test waits for something, so that it may fail because the machine is loaded."""
+        return self.taken.get(test, WAITS) - self.seconds.get(test, 0.0) >= WAITS
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,13 +83,25 @@ class Verdict:
         mutant: its id.
         outcome: `killed`, `timeout`, `survived`, or `unreached` where no test came to it in the warm session.
         by: test that killed it.
-        seconds: how long that took.
+        seconds: computing time that took.
     """
 
     mutant: str
     outcome: str
     by: str
     seconds: float
+
+
+class Choice(NamedTuple):
+    """Tests for a mutant.
+
+    Attributes:
+        tests: to run, in this order.
+        files: of these, and of those that were run before: none of their tests is left out.
+    """
+
+    tests: list[str]
+    files: list[str]
 
 
 class _Profile:
@@ -86,31 +115,70 @@ class _Profile:
 
 
 class _Judge:
-    """Plugin: keeps the first test that fails, and limits the time of each where it is known what it takes."""
+    """Plugin: keeps the first test that fails."""
 
-    def __init__(self, known: Coverage | None = None) -> None:
+    def __init__(self) -> None:
         self.killer = ""
-        self._known = known
-
-    @pytest.hookimpl(wrapper=True)
-    def pytest_runtest_protocol(self, item: pytest.Item) -> Generator[None, object, object]:
-        if self._known is not None:
-            cpu = self._known.seconds.get(item.nodeid, CPU_LIMIT)
-            wall = self._known.waited.get(item.nodeid, WALL_LIMIT)
-            limit_time(CPU_LIMIT + CPU_FACTOR * cpu, WALL_LIMIT + WALL_FACTOR * wall)
-        return (yield)
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
         if report.failed and not self.killer:
             self.killer = report.nodeid
 
 
-def limit_time(cpu: float, wall: float) -> None:
-    """End this process when it has computed for so long [s], or when so much time is over [s]."""
-    for number in _SIGNALS:
-        signal.signal(number, signal.SIG_DFL)
-    signal.setitimer(signal.ITIMER_PROF, cpu)
-    signal.setitimer(signal.ITIMER_REAL, wall)
+class _StrictJudge(_Judge):
+    """Plugin: keeps the first test that fails, and limits the time of each by what it takes without a mutant."""
+
+    def __init__(self, known: Coverage, patience: float) -> None:
+        super().__init__()
+        self._known = known
+        self._patience = patience
+        self._limits = _Limits()
+        self._limits.set(COLLECTING_LIMIT, patience * WAITING_FACTOR * COLLECTING_LIMIT)
+
+    @pytest.hookimpl(wrapper=True)
+    def pytest_runtest_protocol(self, item: pytest.Item) -> Generator[None, object, object]:
+        cpu = self._known.seconds.get(item.nodeid, CPU_LIMIT)
+        taken = self._known.taken.get(item.nodeid, WAITING_LIMIT)
+        self._limits.set(CPU_LIMIT + CPU_FACTOR * cpu, self._patience * (WAITING_LIMIT + WAITING_FACTOR * taken))
+        return (yield)
+
+
+def fair_clock() -> float:
+    """Time [s], less what this process waited for a processor: a loaded machine is slow, not wrong."""
+    _, waited_ns, _ = Path("/proc/self/schedstat").read_text(encoding="ascii").split()
+    return time.monotonic() - int(waited_ns) * 1e-9
+
+
+class _Watchdog(threading.Thread):
+    """Kills this process when a deadline is over. Signals would not: the guard ignores them.
+
+    Attributes:
+        deadline: on the fair clock [s].
+    """
+
+    def __init__(self) -> None:
+        super().__init__(name="watchdog", daemon=True)
+        self.deadline = math.inf
+
+    def run(self) -> None:
+        """Look every second."""
+        while fair_clock() < self.deadline:
+            time.sleep(1.0)
+        os.kill(os.getpid(), signal.SIGKILL)
+
+
+class _Limits:
+    """Ends this process when it takes too long, by SIGPROF where it computes and by SIGKILL where it waits."""
+
+    def __init__(self) -> None:
+        signal.signal(signal.SIGPROF, signal.SIG_DFL)
+        self._watchdog = _Watchdog()
+        self._watchdog.start()
+
+    def set(self, cpu: float, taken: float) -> None:
+        """Allow so much computing time from now, and so much of its own time [s]."""
+        self._watchdog.deadline = fair_clock() + taken
+        signal.setitimer(signal.ITIMER_PROF, cpu)
 
 
 class Server:
@@ -120,9 +188,9 @@ class Server:
         root: of the source tree.
         modules: by their paths from the root.
         mutants: those to judge.
-        coverage: known already, or None.
+        coverage: known already; tests without are measured.
         jobs: children at a time.
-        choose: tests for a mutant, the likeliest to kill it first.
+        choose: tests for a mutant, those that tell most in the least time first.
         report: takes each verdict and, when measured, the coverage.
     """
 
@@ -131,9 +199,9 @@ class Server:
         root: Path,
         modules: Mapping[str, Module],
         mutants: Sequence[Mutant],
-        coverage: Coverage | None,
+        coverage: Coverage,
         jobs: int,
-        choose: Callable[[Mutant, Coverage, Counter[str]], list[str]],
+        choose: Callable[[Mutant, Coverage], Choice],
         report: Callable[[dict[str, Any]], None],
     ) -> None:
         self._root = root
@@ -144,8 +212,7 @@ class Server:
         self._choose = choose
         self._report = report
         self._items: dict[str, pytest.Item] = {}
-        self._killers: Counter[str] = Counter()
-        self._started: dict[str, float] = {}
+        self._files: dict[str, list[str]] = {}
 
     def _file(self, path: str) -> str:
         return str(self._root / path)
@@ -161,31 +228,40 @@ class Server:
             raise session.Interrupted(f"{session.testsfailed} errors during collection")
         self._items = {item.nodeid: item for item in session.items}
         functions = LiveFunctions(self._file(path) for path in self._modules)
-        if self._coverage is None:
-            ((_, result),) = run_forked([("coverage", lambda: self._measure(functions))], 1)
+        if unknown := [item for name, item in self._items.items() if name not in self._coverage.seconds]:
+            ((_, result),) = run_forked([("coverage", lambda: self._measure(functions, unknown))], 1)
             if DIED in result or FAILED in result:
                 pytest.exit(f"the tests could not be measured: {result}", returncode=3)
-            self._coverage = Coverage(**result)
-            self._report({"coverage": result})
-        names = {mutant.id: mutant for mutant in self._mutants}
-        for name, result in run_forked(self._work(functions), self._jobs):
-            verdict = judge(names[name].id, result, time.monotonic() - self._started[name])
-            if verdict.outcome == "killed":
-                self._killers[verdict.by] += 1
-            self._report({"verdict": [verdict.mutant, verdict.outcome, verdict.by, verdict.seconds]})
+            self._coverage.add(result["coverage"])
+            self._report({"coverage": asdict(self._coverage)})
+        mutants = {mutant.id: mutant for mutant in self._mutants}
+        doubtful: list[Mutant] = []
+        for name, result in run_forked(self._work(functions, self._mutants, 1.0), self._jobs):
+            if is_doubtful(result, self._coverage):
+                doubtful.append(mutants[name])
+            else:
+                self._tell(name, result)
+        for name, result in run_forked(self._work(functions, doubtful, PATIENT), 1):
+            self._tell(name, result)
         return True
 
-    def _work(self, functions: LiveFunctions) -> Iterator[tuple[str, Callable[[], dict[str, Any]]]]:
-        assert self._coverage is not None
-        for mutant in self._mutants:
-            tests = [test for test in self._choose(mutant, self._coverage, self._killers) if test in self._items]
-            if not tests:
-                self._report({"verdict": [mutant.id, "unreached", "", 0.0]})
-                continue
-            self._started[mutant.id] = time.monotonic()
-            yield mutant.id, lambda mutant=mutant, tests=tests: self._try(functions, mutant, tests)  # type: ignore[misc]
+    def _tell(self, name: str, result: Mapping[str, Any]) -> None:
+        self._report({"verdict": asdict(judge(name, result)), "files": self._files[name]})
 
-    def _try(self, functions: LiveFunctions, mutant: Mutant, tests: list[str]) -> dict[str, Any]:
+    def _work(
+        self, functions: LiveFunctions, mutants: Sequence[Mutant], patience: float
+    ) -> Iterator[tuple[str, Callable[[], dict[str, Any]]]]:
+        for mutant in mutants:
+            tests, self._files[mutant.id] = self._choose(mutant, self._coverage)
+            tests = [test for test in tests if test in self._items]
+            if tests:
+                yield mutant.id, functools.partial(self._try, functions, mutant, tests, patience)
+            elif self._files[mutant.id]:
+                self._tell(mutant.id, {"by": "", SECONDS: 0.0})
+            else:
+                self._tell(mutant.id, {"unreached": "no test runs it", SECONDS: 0.0})
+
+    def _try(self, functions: LiveFunctions, mutant: Mutant, tests: list[str], patience: float) -> dict[str, Any]:
         """In the child: become the mutant and run tests until one fails."""
         module, file = self._modules[mutant.path], self._file(mutant.path)
         try:
@@ -196,8 +272,7 @@ class Server:
                         living.__file__ = write_program(file, tree)
         except NotReachableError as error:
             return {"unreached": str(error)}
-        assert self._coverage is not None
-        return self._run([self._items[test] for test in tests], _Judge(self._coverage))
+        return self._run([self._items[test] for test in tests], _StrictJudge(self._coverage, patience))
 
     def _run(self, items: Sequence[pytest.Item], judge: _Judge) -> dict[str, Any]:
         items[0].config.pluginmanager.register(judge, "judge-of-mutants")
@@ -205,19 +280,16 @@ class Server:
             item.ihook.pytest_runtest_protocol(item=item, nextitem=following)
             if judge.killer:
                 break
-        for timer in (signal.ITIMER_PROF, signal.ITIMER_REAL):
-            signal.setitimer(timer, 0.0)
         return {"by": judge.killer}
 
-    def _measure(self, functions: LiveFunctions) -> dict[str, Any]:
-        """In a child: run every test with probes in the files."""
+    def _measure(self, functions: LiveFunctions, items: Sequence[pytest.Item]) -> dict[str, Any]:
+        """In a child: run tests with probes in the files."""
         seen = {path: functions.add_probes(self._file(path), module.original) for path, module in self._modules.items()}
         coverage = Coverage()
-        items = list(self._items.values())
         for item, following in zip(items, [*items[1:], None], strict=True):
             for lines in seen.values():
                 lines.clear()
-            cpu_start, wall_start = time.process_time(), time.monotonic()
+            cpu_start, start = time.process_time(), fair_clock()
             failed = _Judge()
             item.config.pluginmanager.register(failed, "failing")
             item.ihook.pytest_runtest_protocol(item=item, nextitem=following)
@@ -225,17 +297,23 @@ class Server:
             if failed.killer:
                 coverage.failing.append(item.nodeid)
             coverage.seconds[item.nodeid] = time.process_time() - cpu_start
-            coverage.waited[item.nodeid] = time.monotonic() - wall_start
+            coverage.taken[item.nodeid] = fair_clock() - start
             coverage.lines[item.nodeid] = {path: sorted(lines) for path, lines in seen.items() if lines}
-        return asdict(coverage)
+        return {"coverage": asdict(coverage)}
 
 
-def judge(mutant: str, result: Mapping[str, Any], seconds: float) -> Verdict:
+def is_doubtful(result: Mapping[str, Any], coverage: Coverage) -> bool:
+    """Whether a loaded machine may be what killed a mutant: it waited for too long, or the test that failed waits."""
+    return result.get(DIED) == signal.SIGKILL or (bool(result.get("by")) and coverage.waits(result["by"]))
+
+
+def judge(mutant: str, result: Mapping[str, Any]) -> Verdict:
     """Say what the result of a child means."""
+    seconds = result[SECONDS]
     if "unreached" in result:
         return Verdict(mutant, "unreached", "", seconds)
     if DIED in result:
-        return Verdict(mutant, "timeout" if result[DIED] in _SIGNALS else "killed", "", seconds)
+        return Verdict(mutant, "timeout" if result[DIED] in _LIMITING else "killed", "", seconds)
     if FAILED in result:
         return Verdict(mutant, "killed", result[FAILED].splitlines()[-1], seconds)
     return Verdict(mutant, "killed" if result["by"] else "survived", result["by"], seconds)
@@ -318,10 +396,13 @@ class _Selection:
         items[:] = [by_id[test] for test in self._tests if test in by_id] + new
 
 
-def try_fresh(root: Path, module: Module, mutant: Mutant, tests: Sequence[str], coverage: Coverage) -> dict[str, Any]:
+def try_fresh(
+    root: Path, module: Module, mutant: Mutant, tests: Sequence[str], coverage: Coverage, patience: float
+) -> dict[str, Any]:
     """In a child that has not imported the module: import the mutant and run tests until one fails."""
-    limit_time(COLLECTING_LIMIT, WALL_FACTOR * COLLECTING_LIMIT)
-    judging = _Judge(coverage)
+    if not tests:
+        return {"by": ""}
+    judging = _StrictJudge(coverage, patience)
     files = dict.fromkeys(test.partition("::")[0] for test in tests)
     with module.mutated(mutant.id) as tree:
         sys.meta_path.insert(0, _Finder(str(root / mutant.path), tree))

@@ -116,7 +116,7 @@ class Rig:
     @property
     def condition(self) -> str:
         """The verdict on the line."""
-        return self.link.health().state.condition.value
+        return self.link.condition.value
 
     async def until(self, claim: Callable[[], bool], within: float) -> float:
         """Wait for something to become true; returns how long it took [s].

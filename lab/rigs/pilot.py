@@ -11,13 +11,18 @@ from typing import Final, Self
 
 import zenoh
 
-from lab.rigs.waiting import wait_until
+from lab.rigs.waiting import PATIENCE, wait_until
 from mkdaemon.bus.codec import encode_map
 from mkdaemon.client import Vehicle
+from mkdaemon.errors import MkError
 from mkdaemon.telemetry.signature import sign
 
 ENGAGE_WAIT: Final = 4.0
 """A stream that lives is obeyed within this time [s]; the daemon wants one second of it first."""
+
+
+class NotObeyedError(Exception):
+    """A flight that was to be disturbed never began: nothing is known of what comes after."""
 
 
 class Pilot:
@@ -56,13 +61,20 @@ class Pilot:
         A busy machine may cost a client its lease before it flies; then it is taken once more, and stderr says so.
 
         Raises:
-            TimeoutError: it did not obey the second time either.
+            NotObeyedError: it did not obey within `PATIENCE`.
         """
-        try:
-            await self._engage_once(is_controlled)
-        except TimeoutError:
-            print(f"{self.name}: not obeyed within {ENGAGE_WAIT:g} s; takes the lease once more", file=sys.stderr)
-            await self._engage_once(is_controlled, force=True)
+        loop = asyncio.get_running_loop()
+        end, force = loop.time() + PATIENCE, False
+        while True:
+            try:
+                await self._engage_once(is_controlled, force=force)
+            except (TimeoutError, MkError) as why:
+                if loop.time() > end:
+                    raise NotObeyedError(f"{self.name}: not obeyed within {PATIENCE:g} s") from why
+                print(f"{self.name}: not obeyed within {ENGAGE_WAIT:g} s; takes the lease once more", file=sys.stderr)
+                force = True
+            else:
+                return
 
     async def _engage_once(self, is_controlled: Callable[[], bool], *, force: bool = False) -> None:
         async with asyncio.timeout(ENGAGE_WAIT):

@@ -9,14 +9,14 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Final
 
-PATIENCE: Final = 30.0
-"""Longest wait for a program that ends in two seconds on an idle machine [s]."""
+PATIENCE: Final = 120.0
+"""Longest wait for a program that ends in two seconds on an idle machine [s]; a loaded machine is slow, not wrong."""
 COMMAND: Final = (sys.executable, "-m", "mkdaemon.cli.mkdaemon.app")
 
 
 @contextmanager
 def mkdaemon(*arguments: str) -> Iterator[subprocess.Popen[str]]:
-    """A running `mkdaemon`; killed at the end of the context if it has not ended by itself."""
+    """A running `mkdaemon`; ended with the context if it has not ended by itself."""
     process = subprocess.Popen(
         [*COMMAND, *arguments],
         stdout=subprocess.PIPE,
@@ -28,8 +28,12 @@ def mkdaemon(*arguments: str) -> Iterator[subprocess.Popen[str]]:
         yield process
     finally:
         if process.poll() is None:
+            process.terminate()  # it ends what it started itself
+        try:
+            process.communicate(timeout=PATIENCE)
+        except subprocess.TimeoutExpired:
             process.kill()
-        process.communicate()
+            process.communicate()
 
 
 def run_mkdaemon(*arguments: str) -> tuple[int, str, str]:

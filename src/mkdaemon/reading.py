@@ -7,6 +7,7 @@ the parsers of Python raise beside their own errors (`RecursionError`, a number 
 from __future__ import annotations
 
 import errno
+import io
 import json
 import os
 import re
@@ -20,14 +21,30 @@ LONGEST_TEXT: Final = 4_000_000
 LONGEST_SETTINGS: Final = 500_000
 """Longest configuration, mapping, camera, target, script, mixer or settings file [bytes]; ours have up to 10,000. The
 readers need about 1 s of processor time for one that is full of mistakes."""
+LONGEST_CAPTURE: Final = 1_000_000_000
+"""Longest file of recorded bytes, or of lines with such [bytes]: two days of a busy line."""
 LONGEST_PICTURE: Final = 1 << 28
 """Longest picture file [bytes]: 64 million pixels, four bytes each."""
 DEEPEST: Final = 64
 """Deepest nesting of a document; ours need fewer than ten."""
 
 
+class _NamedFile(io.FileIO):
+    """An open file whose errors name it: a disk that fails while it is read is told with the file."""
+
+    def __init__(self, number: int, path: Path) -> None:
+        super().__init__(number, "rb")
+        self._path = path
+
+    def readinto(self, buffer: Any, /) -> int | None:
+        try:
+            return super().readinto(buffer)
+        except OSError as error:
+            raise OSError(error.errno, error.strerror, str(self._path)) from error
+
+
 def open_regular(path: Path, limit: int | None = None) -> BinaryIO:
-    """Open a regular file for reading bytes.
+    """Open a regular file for reading bytes; what fails later names it too.
 
     Args:
         path: the file.
@@ -37,7 +54,7 @@ def open_regular(path: Path, limit: int | None = None) -> BinaryIO:
         OSError: it cannot be opened, is a folder, pipe, socket or device, or too long.
     """
     number = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
-    file = os.fdopen(number, "rb")
+    file = io.BufferedReader(_NamedFile(number, path))
     try:
         found = os.fstat(number)
         if stat.S_ISDIR(found.st_mode):

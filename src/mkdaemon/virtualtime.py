@@ -23,10 +23,12 @@ class _JumpingSelector(selectors.SelectSelector):
         self._began = time.monotonic()
 
     def select(self, timeout: float | None = None) -> list[tuple[selectors.SelectorKey, int]]:
+        if timeout is not None and timeout <= 0.0:
+            return []  # something is to be done now: files, of which there are none but the loop's own, can wait
         ready = super().select(0)
         if not ready and timeout is None:
             raise RuntimeError("everything waits, and no timer is set: this would wait for ever")
-        if not ready and timeout is not None and timeout > 0:
+        if not ready and timeout is not None:
             self.now += timeout
             if self._pace > 0.0:
                 ahead = (self.now - self._start) / self._pace - (time.monotonic() - self._began)

@@ -56,14 +56,31 @@ class Simulation:
         self.port: NaviCtrl | FlightCtrl = self.navigation or self.flight
         self._to_board = Channel(config.radio.to_board, f"{config.seed} to board")
         self._to_host = Channel(config.radio.to_host, f"{config.seed} to host")
-        program = self._plan(config.pilot_plan)
-        self._delayed = None if program is None else DelayedProgram(program, config.pilot_wait)
-        self.world.pilot.program = self._delayed
+        self._config = config
+        self._delayed: DelayedProgram | None
+        self._give_plan(config.pilot_wait)
 
     def start_pilot(self) -> None:
-        """Let the pilot begin now; without effect once he has begun, or where he has no plan."""
-        if self._delayed is not None:
+        """Let the pilot begin now, or once more after a flight; without effect while he flies, or has no plan."""
+        program = self.world.pilot.program
+        if program is not None and program.is_over:
+            self._give_plan(0.0)
+        elif self._delayed is not None:
             self._delayed.start()
+
+    @property
+    def pilot_doing(self) -> str:
+        """What the pilot does, or waits for, after "the pilot"."""
+        if self.world.truth.crashed:
+            return "stands beside a broken aircraft: start the simulator anew"
+        program = self.world.pilot.program
+        return f"leaves his sticks alone ({self._config.pilot_plan})" if program is None else program.doing
+
+    def _give_plan(self, wait_time: float) -> None:
+        """Let the pilot begin with his plan after a while [s]."""
+        program = self._plan(self._config.pilot_plan)
+        self._delayed = None if program is None else DelayedProgram(program, wait_time)
+        self.world.pilot.program = self._delayed
 
     def _plan(self, plan: PilotPlan) -> Program | None:
         if plan is PilotPlan.CIRCLE:

@@ -68,6 +68,23 @@ class Supervision:
         if self.flight is not None:
             self.flight.fly(pilot, view, now)
 
+    @property
+    def doing(self) -> str:
+        """What the pilot does, or waits for; see `Program`."""
+        if self._machine_flies:
+            return "rests the sticks while a machine flies, and takes over when it lets go"
+        if self.flight is None:
+            return "waits for a machine to start the motors and take off"
+        if self.flight.phase is Phase.FLY:
+            return "hovers by hand and waits for a machine: `mkctl stick`, `goto`, `land`"
+        is_ready = self.flight.phase is Phase.DONE and not self.flight.is_over
+        return f"{self.flight.doing}{' and waits for a machine: `mkctl take-off`, `fly`' if is_ready else ''}"
+
+    @property
+    def is_over(self) -> bool:
+        """The motors are stopped; see `Program`."""
+        return self.flight is not None and self.flight.is_over
+
     def _rest_sticks(self, pilot: Pilot, view: FlightView, now: float) -> None:
         """Rest the sticks, unless the pilot is still busy taking off, landing or starting motors."""
         is_ready = {Phase.FLY} if self.take_overs else {Phase.FLY, Phase.DONE}

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import socket
+
 import pytest
 
 from mkdaemon.bus.session import check_endpoint, open_session, session_config
@@ -62,3 +64,12 @@ async def test_nobody_there_is_said_with_the_endpoint():
     endpoint = free_endpoint()
     with pytest.raises(MkError, match=f"^nobody answers at {endpoint}: is mkdaemon running there"):
         await open_session(session_config("client", connect=[endpoint], patience=0.05))
+
+
+async def test_a_program_that_listens_and_has_no_time_is_not_told_as_nobody():
+    with socket.socket() as stopped:
+        stopped.bind(("127.0.0.1", 0))
+        stopped.listen()
+        endpoint = f"tcp/127.0.0.1:{stopped.getsockname()[1]}"
+        with pytest.raises(MkError, match=f"^a program listens at {endpoint} but does not answer: .* busy"):
+            await open_session(session_config("client", connect=[endpoint], patience=0.3))

@@ -10,13 +10,14 @@ import socket
 import pytest
 
 from mkdaemon.cli.mkdaemon.doctor import Machine, Verdict, doctor, examine
+from tests.places import CONFIGS
 
 
 @pytest.fixture
 def machine(tmp_path):
-    for name in ("dev", "sys", "run"):
+    for name in ("dev", "sys", "run", "proc"):
         (tmp_path / name).mkdir()
-    return Machine(tmp_path / "dev", tmp_path / "sys", tmp_path / "run")
+    return Machine(tmp_path / "dev", tmp_path / "sys", tmp_path / "run", tmp_path / "proc")
 
 
 def findings(machine, config=None):
@@ -85,8 +86,9 @@ def test_configuration_endpoint_and_device_are_checked(machine, tmp_path):
         taken.listen()
         port = taken.getsockname()[1]
         path.write_text(
-            f'[link]\nport = "/dev/no-such-port"\n[bus]\nlisten = ["tcp/127.0.0.1:{port}", "tcp/0.0.0.0:0"]\n'
-            '[[cameras]]\nsource = "/dev/video9"\n',
+            f'[link]\nport = "/dev/no-such-port"\n'
+            f'[bus]\nlisten = ["tcp/127.0.0.1:{port}", "tcp/0.0.0.0:0"]\nallow_open = true\n'
+            f'[[cameras]]\nsource = "/dev/video9"\ntargets = ["{CONFIGS}/targets/nested.toml"]\n',
             encoding="utf-8",
         )
         found = list(examine(machine, path))
@@ -94,7 +96,7 @@ def test_configuration_endpoint_and_device_are_checked(machine, tmp_path):
     assert "good " + str(path) in text
     assert "bad /dev/no-such-port does not exist" in text
     assert f"note tcp/127.0.0.1:{port} cannot be listened on" in text
-    assert "bad tcp/0.0.0.0:0 lets the whole network fly the aircraft" in text
+    assert "note tcp/0.0.0.0:0 lets the whole network fly the aircraft" in text
     assert "has no calibration" in text
 
 
@@ -121,3 +123,34 @@ def test_the_clock_is_judged_as_every_stamp_judges_it(machine, monkeypatch, sync
     found = [finding for finding in examine(machine, None) if finding.what == "clock"]
     assert [finding.verdict for finding in found] == ([] if verdict is None else [verdict])
     assert all(words in finding.found for finding in found)
+
+
+@pytest.mark.parametrize(
+    ("load", "verdict", "words"),
+    [("0.10 0.2 0.3 1/99 7", Verdict.GOOD, "2 cores"), ("3.50 1.0 0.5 4/99 7", Verdict.NOTE, "load 3.5 on 2 cores")],
+)
+def test_a_busy_machine_is_told_before_it_keeps_the_daemon_waiting(machine, monkeypatch, load, verdict, words):
+    monkeypatch.setattr(os, "sched_getaffinity", lambda process: {0, 1})
+    (machine.proc / "loadavg").write_text(f"{load}\n", encoding="ascii")
+    assert words in findings(machine)[("processor", verdict)].found
+
+
+def test_missing_rights_and_autogroup_come_with_the_command_that_mends(machine, monkeypatch):
+    monkeypatch.setattr("mkdaemon.cli.mkdaemon.doctor.may_be_real_time", lambda: False)
+    (machine.proc / "sys" / "kernel").mkdir(parents=True)
+    (machine.proc / "sys" / "kernel" / "sched_autogroup_enabled").write_text("1\n", encoding="ascii")
+    found = findings(machine)
+    assert "- rtprio 2" in found[("real time", Verdict.NOTE)].fix
+    assert "sudo sysctl -p" in found[("autogroup", Verdict.NOTE)].fix
+    monkeypatch.setattr("mkdaemon.cli.mkdaemon.doctor.may_be_real_time", lambda: True)
+    (machine.proc / "sys" / "kernel" / "sched_autogroup_enabled").write_text("0\n", encoding="ascii")
+    found = findings(machine)
+    assert ("real time", Verdict.GOOD) in found
+    assert not any(what == "autogroup" for what, _ in found)
+
+
+def test_one_core_is_too_few_for_a_camera(machine, monkeypatch, tmp_path):
+    monkeypatch.setattr(os, "sched_getaffinity", lambda process: {0})
+    path = tmp_path / "x.toml"
+    path.write_text('[[cameras]]\nsource = "/dev/video9"\n', encoding="utf-8")
+    assert "holds up the control loop" in findings(machine, path)[("processor", Verdict.NOTE)].found

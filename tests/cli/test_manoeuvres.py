@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import io
 import math
+import sys
 from contextlib import asynccontextmanager
 from functools import partial
 
@@ -158,6 +160,7 @@ async def test_checks_before_a_flight_are_shown_with_what_to_do(capsys):
         shown = capsys.readouterr().out
         assert "NO AUTONOMY" in shown
         assert "Charge it." in shown
+        assert shown.index("battery") < shown.index("gate"), "what stands in the way comes first"
         await preflight.preflight(connection=Connection(vehicle=VEHICLE, connect=daemon.endpoint, json=True))
         assert '"is_ready": false' in capsys.readouterr().out
 
@@ -165,7 +168,10 @@ async def test_checks_before_a_flight_are_shown_with_what_to_do(capsys):
 async def test_gains_are_shown_with_their_margins(capsys):
     async with fake_daemon() as daemon:
         await gains.gains(connection=Connection(vehicle=VEHICLE, connect=daemon.endpoint))
-        assert "stable with a stick gain" in capsys.readouterr().out
+        shown = capsys.readouterr().out
+        assert "stable with a stick gain" in shown
+        assert "0.67 to 1.33, or more" in shown
+        assert shown.endswith("safe: the loop bears all that it has to bear\n")
         await gains.gains(connection=Connection(vehicle=VEHICLE, connect=daemon.endpoint, json=True))
         assert '"gain_margin"' in capsys.readouterr().out
 
@@ -278,6 +284,62 @@ async def test_a_script_is_flown_step_by_step(tmp_path, capsys):
     shown = capsys.readouterr().out
     assert "step 5 of 5: land" in shown
     assert "done" in shown
+
+
+class OneTerminal(io.StringIO):
+    """A terminal that shows standard output and standard error."""
+
+    def isatty(self):
+        return True
+
+
+async def test_steps_and_progress_share_no_line_of_a_terminal(tmp_path, monkeypatch):
+    monkeypatch.setattr(flightshow, "PROGRESS_PERIOD", 0.02)
+    path, screen = tmp_path / "flight.toml", OneTerminal()
+    path.write_text(SCRIPT)
+    async with flying((0.0, 0.0, 2.0)) as (daemon, here):
+        daemon.follow = lambda: end_after(daemon, 60)
+        monkeypatch.setattr(sys, "stdout", screen)
+        monkeypatch.setattr(sys, "stderr", screen)
+        await script.fly(path, connection=here)
+        monkeypatch.undo()
+    shown = [line.rpartition(flightshow.CLEAR)[2] for line in screen.getvalue().split("\n")]
+    assert [line for line in shown if "step" in line] == [
+        f"step {number} of 5: {what}" for number, what in enumerate(("wait", "hold", "wait", "velocity", "land"), 1)
+    ]
+
+
+async def test_who_never_flew_is_not_told_to_take_over(monkeypatch, capsys):
+    monkeypatch.setattr("mkdaemon.client.lease.SIGHTING", 0.3)
+    async with flying((0.0, 0.0, 2.0), engages=None) as (daemon, here):
+        publish = daemon.say
+
+        def let_go_in_between(phase, reason, **more):
+            if phase is Phase.FREE:
+                publish(Phase.RELEASING, reason, hands="flies: throttle back to hover at once")
+            publish(phase, reason, **more)
+
+        daemon.say = let_go_in_between
+        with pytest.raises(MkError):
+            await manoeuvres.take_off(2.0, connection=here)
+    assert "throttle back" not in capsys.readouterr().err
+
+
+async def test_what_the_pilot_does_is_said_once(monkeypatch, capsys):
+    monkeypatch.setattr(flightshow, "LOG_PERIOD", 0.05)
+    words = {"hands": "raises the throttle", "stage": "idle: the pilot raises his throttle"}
+    async with flying((0.0, 0.0, 2.0)) as (daemon, here):
+        daemon.follow = lambda: daemon.say(Phase.FLYING, "flies", manoeuvre="takeoff", is_done=False, **words)
+        with pytest.raises(MkError):
+            async with (
+                here.open() as uav,
+                flightshow.leased(uav, here, force=False) as lease,
+                flightshow.showing(uav, lease, here, lambda: None),
+            ):
+                await lease.take_off(2.0, patience=0.5)
+    shown = capsys.readouterr().err
+    assert shown.count("raises") == 1
+    assert "idle" in shown
 
 
 async def test_a_condition_that_is_not_met_ends_the_flight(tmp_path, monkeypatch):

@@ -156,6 +156,23 @@ async def test_who_ends_it_by_a_key_is_told_what_is_missing(monkeypatch, capsys)
     assert "of the file were not put" in capsys.readouterr().out
 
 
+async def test_keys_work_while_it_waits_and_none_reach_the_shell(monkeypatch, capsys):
+    with terminal(monkeypatch) as fake:
+        playing = asyncio.create_task(play(STICKS, listen=free_endpoint(), wait=60.0))
+        await wait_until(lambda: fake.shows("waiting"))
+        before = termios.tcgetattr(fake.slave)[3]
+        assert not before & termios.ICANON, "keys come without Return"
+        os.write(fake.master, b" ")
+        await wait_until(lambda: fake.shows("paused"))
+        os.write(fake.master, b"qrm -rf\n")
+        assert await playing == 1
+        assert termios.tcgetattr(fake.slave)[3] & termios.ICANON
+        os.set_blocking(fake.slave, False)
+        with pytest.raises(BlockingIOError):
+            os.read(fake.slave, 64)
+    assert "of the file were not put" in capsys.readouterr().out
+
+
 async def test_what_cannot_be_played_is_named():
     with pytest.raises(MkError, match="nobody subscribed within"):
         await play(STICKS, listen=free_endpoint(), wait=0.05)

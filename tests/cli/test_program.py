@@ -48,6 +48,14 @@ def test_help_lists_every_command_without_importing_one(program, capsys):
     assert all(entry.name in out for entry in table)
 
 
+@pytest.mark.parametrize("program", [mkctl, mkdaemon], ids=["mkctl", "mkdaemon"])
+def test_help_lists_the_commands_in_the_order_of_the_table(program, capsys):
+    assert run(program.app, ["--help"]) == 0
+    shown = re.findall(r"^│ ([a-z-]+) ", capsys.readouterr().out, re.MULTILINE)
+    assert shown == [entry.name for entry in program.COMMANDS]
+    assert program.COMMANDS[0].name in {"status", "run"}
+
+
 @pytest.mark.parametrize("entry", TABLES, ids=lambda entry: entry.target)
 def test_every_command_has_a_help_without_clutter(entry, capsys):
     program = mkctl if entry in mkctl.COMMANDS else mkdaemon
@@ -132,6 +140,20 @@ def test_wrong_usage_is_one_line_and_exit_code_2(tokens, says, points_to, capsys
     assert err.startswith("mkdaemon: ")
     assert says in err
     assert f"See `{points_to}`." in err
+
+
+@pytest.mark.parametrize(
+    ("tokens", "says"),
+    [
+        (["stick", "--pich", "8"], "Unknown option: --pich. Did you mean --pitch? See `mkctl stick --help`."),
+        (["stick", "--xyzzy=8"], "Unknown option: --xyzzy. See `mkctl stick --help`."),
+        (["log", "cut", "--form", "3"], "Unknown option: --form. Did you mean --from? See `mkctl log cut --help`."),
+        (["goto", "-1", "2"], "`mkctl goto` needs Z. See `mkctl goto --help`."),
+    ],
+)
+def test_a_misspelt_option_is_told_before_what_is_missing(tokens, says, capsys):
+    assert run(mkctl.app, tokens) == 2
+    assert capsys.readouterr().err == f"mkctl: {says}\n"
 
 
 ASCII = """

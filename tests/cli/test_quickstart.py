@@ -20,6 +20,7 @@ from lab.places import ROOT
 from lab.rigs.waiting import PATIENCE, wait_blocking
 from tests.bus.support import free_endpoint
 from tests.places import CONFIGS
+from tests.repeats import require_no_standstill
 
 pytestmark = [pytest.mark.flight, pytest.mark.real_time(tolerance=0.1)]
 
@@ -81,6 +82,7 @@ class Terminal:
             timeout=PATIENCE,
             check=False,
         )
+        require_no_standstill(ended.stderr)
         assert ended.returncode == 0, (line, ended.stdout, ended.stderr)
         return ended.stdout
 

@@ -85,9 +85,17 @@ with asyncio.Runner(loop_factory=program._fast_loop()) as runner:
 """
 
 
-@pytest.mark.parametrize("kind", ["ignores its end", "thinks for ever", "sleeps in the loop"])
-@pytest.mark.parametrize("guarded", ["guarded", "alone"])
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=lambda number: number.name)
+@pytest.mark.parametrize(
+    ("number", "guarded", "kind"),
+    [
+        (signal.SIGINT, "guarded", "ignores its end"),
+        (signal.SIGTERM, "alone", "ignores its end"),
+        (signal.SIGINT, "alone", "thinks for ever"),
+        (signal.SIGTERM, "guarded", "thinks for ever"),
+        (signal.SIGINT, "guarded", "sleeps in the loop"),
+        (signal.SIGTERM, "alone", "sleeps in the loop"),
+    ],
+)
 async def test_a_second_signal_releases_and_ends_whatever_hangs(line, kind, guarded, number):
     far, near = line
     daemon = await asyncio.create_subprocess_exec(

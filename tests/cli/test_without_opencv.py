@@ -71,5 +71,7 @@ def test_the_doctor_finds_it(tmp_path, monkeypatch):
     machine = Machine(tmp_path, tmp_path, tmp_path)
     config = tmp_path / "camera.toml"
     config.write_text('[[cameras]]\nsource = "/dev/video0"\n', encoding="utf-8")
-    found = [finding for finding in examine(machine, config) if finding.what == "camera"]
-    assert (found[0].verdict, found[0].fix) == (Verdict.BAD, "pip install 'mkdaemon[vision]'.")
+    monkeypatch.delitem(sys.modules, "mkdaemon.vision.worker", raising=False)
+    monkeypatch.delitem(sys.modules, "mkdaemon.vision", raising=False)
+    found = [finding for finding in examine(machine, config) if finding.what == "configuration"]
+    assert (found[0].verdict, found[0].found) == (Verdict.BAD, FIX)

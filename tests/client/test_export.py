@@ -172,3 +172,45 @@ def test_a_file_that_is_no_recording_is_refused(tmp_path):
     text.write_text("no recording", encoding="utf-8")
     with pytest.raises(ConfigError, match=r"notes\.txt: no recording"):
         list(read_values(text))
+
+
+@pytest.mark.parametrize("wrong", [None, "1", b"1", True, [1.0], {}, float("nan"), float("inf")])
+@pytest.mark.parametrize("name", ["latitude_deg", "longitude_deg", "altitude"])
+def test_a_position_that_is_none_is_named(tmp_path, name, wrong):
+    fields = {"latitude_deg": 53.0, "longitude_deg": 8.0, "altitude": 1.0} | {name: wrong}
+    value = made("state/position", "Position.v1", **fields)
+    if name == "altitude" and wrong is None:
+        assert tracks_of([value])["mk1"][0].altitude is None
+        return
+    for export in (lambda: tracks_of([value]), lambda: RosExport().write([value], tmp_path / "bag", overwrite=False)):
+        with pytest.raises(MkError, match=rf"state/position of mk1 at 1700000000.250 s: {name} is .*, no number"):
+            export()
+
+
+@pytest.mark.parametrize(
+    ("suffix", "fields"),
+    [
+        ("state/attitude", {"quaternion": [1.0, 0.0]}),
+        ("state/attitude", {"quaternion": [1.0, 0.0, 0.0, "a"]}),
+        ("state/battery", {"voltage": b"12"}),
+        ("control/output", {"pitch": None, "roll": 0, "yaw": 0, "throttle": 0}),
+        ("control/estimate", {"target": 1, "position": [0.0] * 3, "yaw": 0.0}),
+        ("vision/down/pose", {"target": "a", "position_target": [0.0] * 3, "quaternion_target_from_flu": None}),
+        ("tf", {"parent": "a", "child": 3, "translation": [0.0] * 3, "quaternion": [1.0, 0.0, 0.0, 0.0]}),
+    ],
+)
+def test_a_value_that_ros_cannot_have_is_named(tmp_path, suffix, fields):
+    with pytest.raises(MkError, match=f"{suffix} of mk1 at .*--format csv takes every value"):
+        RosExport().write([made(suffix, "", **fields)], tmp_path / "bag", overwrite=False)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_time_that_ros_cannot_have_is_named(tmp_path):
+    value = Value("mk1", "state/battery", 3e9, 1.0, {"voltage": 12.0}, "Battery.v1")
+    with pytest.raises(MkError, match="after 2038"):
+        RosExport().write([value], tmp_path / "bag", overwrite=False)
+
+
+def test_a_table_of_thousands_of_columns_is_refused(tmp_path):
+    with pytest.raises(MkError, match=r"mk1\.state_a: more than 5000 columns; export other keys, with --key"):
+        write_csv(lambda: [made("state/a", "", a=list(range(6000)))], tmp_path / "csv", overwrite=False)

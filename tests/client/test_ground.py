@@ -114,6 +114,29 @@ async def test_everything_of_all_vehicles_is_recorded_from_the_moment_they_are_t
     assert report.report.views > 0
 
 
+@pytest.mark.parametrize(
+    ("expressions", "images"), [(["mk/**"], 0), (["mk/t1/**"], 0), (["mk/**", "mk/*/sim/camera/*"], 1)]
+)
+async def test_images_of_a_simulated_camera_are_recorded_where_they_are_named(tmp_path, expressions, images):
+    endpoint = free_endpoint()
+    async with (
+        Bus.open(bus_config(endpoint), "t1"),
+        record_ground(GroundPlan([endpoint], tmp_path, LIMITS, expressions=expressions)) as recording,
+    ):
+        await wait_until(lambda: bool(recording.connected))
+        with client(endpoint) as session:
+
+            def put():
+                session.put("mk/t1/sim/camera/down", b"\x80")
+                session.put("mk/t1/sim/truth", b"\x80")
+                return recording.received
+
+            await wait_until(put)
+    found = {entry.key for entry in entries_in(tmp_path)}
+    assert ("mk/t1/sim/camera/down" in found) is bool(images)
+    assert found <= {"mk/t1/sim/camera/down", "mk/t1/sim/truth"}
+
+
 def publish(*buses):
     for bus in buses:
         bus.publish("state/battery", BATTERY)

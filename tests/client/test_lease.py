@@ -231,13 +231,16 @@ def refused_setpoint(token):
     )
 
 
-async def test_a_landing_ends_when_the_daemon_reports_it():
-    async with connected() as (daemon, uav), uav.lease() as lease:
-        landing = asyncio.create_task(lease.land())
-        await wait_until(lambda: lease.is_engaged)
-        daemon.lose("it stands", outcome=Outcome.LANDED)
-        await landing
-        assert lease.outcome is Outcome.LANDED
+async def test_a_landing_ends_when_the_daemon_reports_it_and_asks_for_nothing_more():
+    async with connected() as (daemon, uav):
+        async with uav.lease() as lease:
+            landing = asyncio.create_task(lease.land())
+            await wait_until(lambda: lease.is_engaged)
+            daemon.lose("it stands", outcome=Outcome.LANDED)
+            await landing
+            assert lease.outcome is Outcome.LANDED
+        # Giving back what has ended would be refused, and every flight would end with a refusal in its recording.
+        assert RELEASE not in daemon.asked
 
 
 @pytest.mark.parametrize(

@@ -15,6 +15,7 @@ from lab.places import ROOT
 from lab.rigs.live import VEHICLE, live_daemon
 from lab.rigs.waiting import wait_for
 from mksim.config import PilotPlan
+from tests.repeats import require_no_standstill
 
 PAGE = (ROOT / "docs" / "library.md").read_text(encoding="utf-8")
 PATIENCE = 120.0
@@ -46,6 +47,7 @@ async def output_of(heading, **options):
     """What a program printed; it must end well."""
     async with asyncio.timeout(PATIENCE), running(heading, **options) as process:
         out, err = await process.communicate()
+        require_no_standstill(err.decode())
         assert (process.returncode, err) == (0, b""), (out + err).decode()
         return out.decode().splitlines()
 

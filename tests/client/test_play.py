@@ -6,19 +6,23 @@ import asyncio
 import threading
 import time
 
+import msgpack
 import pytest
 import zenoh
 
 from lab.rigs.waiting import wait_until
 from mkdaemon.bus.keys import KEYS, Use
+from mkdaemon.client import connect
 from mkdaemon.client.player import FASTEST, Pace, Player, open_player_session
 from mkdaemon.client.playselection import Lateness, PlayKey, Selection, check_name, play_key
-from mkdaemon.errors import ConfigError, MkError
+from mkdaemon.errors import CommandRejectedError, ConfigError, MkError
 from mkdaemon.record.entry import Kind
 from mkdaemon.record.reader import Recording
 from mkdaemon.telemetry.play import PlayState
+from mkdaemon.telemetry.refusals import Token
 from tests.bus.support import client, free_endpoint
 from tests.places import DATA
+from tests.record.support import sample
 
 STICKS = DATA / "recordings" / "fc_sticks.mcap"
 
@@ -203,6 +207,85 @@ async def test_a_daemon_that_comes_up_under_the_name_ends_playing():
                 await task
 
 
+async def halfway(endpoint, session, name="show"):
+    """A player that has put half of a recording under a name, and pauses."""
+    selection = Selection.of(samples, name)
+    player = Player(session, selection, Pace(1.0, selection.first, 0.0, is_paused=True), "fc_sticks.mcap")
+    playing = asyncio.create_task(player.play())
+    for _ in range(selection.total // 2):
+        player.adjust(lambda pace, now: pace.step(now))
+    await wait_until(lambda: player.sent.total == selection.total // 2)
+    return player, playing, list(samples())[: selection.total // 2]
+
+
+async def test_a_recording_that_plays_answers_as_the_vehicle_did():
+    endpoint = free_endpoint()
+    async with open_player_session(connect=[], listen=endpoint) as session:
+        player, playing, put = await halfway(endpoint, session)
+        with player.answering():
+            async with connect("show", endpoint) as uav:
+                assert await uav.absence() is None
+                status = await uav.status()
+                last = {entry.suffix: entry for entry in put}
+                assert set(status.samples) <= set(last)
+                assert status.link is not None
+                for suffix, sample in status.samples.items():
+                    fields = msgpack.unpackb(last[suffix].payload)
+                    assert {name: value for name, value in sample.fields.items() if name != "age"} == fields
+                    assert sample.age == pytest.approx(put[-1].received - last[suffix].stamp.monotonic, abs=1e-3)
+                assert await uav.schema("Attitude.v1") is not None
+                with pytest.raises(CommandRejectedError) as refusal:
+                    await uav.release("stop")
+                assert refusal.value.token == Token.RECORDING
+                assert "recording plays" in refusal.value.reason
+        player.stop()
+        await playing
+
+
+async def test_what_was_recorded_before_the_beginning_is_known():
+    def later():
+        return list(samples())[-3:]
+
+    endpoint = free_endpoint()
+    async with open_player_session(connect=[], listen=endpoint) as session:
+        selection = Selection.of(later, "show", lambda: list(samples())[:-3])
+        player = Player(session, selection, Pace(1.0, selection.first, 0.0, is_paused=True), "fc_sticks.mcap")
+        playing = asyncio.create_task(player.play())
+        player.adjust(lambda pace, now: pace.step(now))
+        await wait_until(lambda: player.sent.total == 1)
+        with player.answering():
+            async with connect("show", endpoint) as uav:
+                assert set(await uav.get_all("**")) >= {entry.suffix for entry in list(samples())[:-2]}
+        player.stop()
+        await playing
+
+
+async def test_who_asks_is_an_audience_too():
+    endpoint = free_endpoint()
+    async with open_player_session(connect=[], listen=endpoint) as session:
+        selection = Selection.of(samples, "show")
+        player = Player(session, selection, Pace(1.0, selection.first, 0.0), "fc_sticks.mcap")
+        with player.answering():
+            waiting = asyncio.create_task(player.wait_for_subscribers())
+            await asyncio.sleep(0)
+            assert player.status().state is PlayState.WAITING
+            async with connect("show", endpoint) as uav:
+                await uav.get_all("state/*")
+                await waiting
+
+
+async def test_a_player_that_waits_can_be_stopped():
+    async with open_player_session(connect=[], listen=free_endpoint()) as session:
+        selection = Selection.of(samples, "show")
+        player = Player(session, selection, Pace(1.0, selection.first, 0.0), "fc_sticks.mcap")
+        waiting = asyncio.create_task(player.wait_for_subscribers())
+        await asyncio.sleep(0)
+        player.stop()
+        await waiting
+        await player.play()
+    assert player.sent.total == 0
+
+
 async def test_what_fails_while_it_reads_ends_playing():
     calls = []
 
@@ -231,3 +314,15 @@ def test_lateness_is_counted_in_steps():
 def test_a_recording_without_values_is_nothing_to_play():
     with pytest.raises(MkError, match="nothing to play"):
         Selection.of(lambda: Recording(STICKS).entries(lambda facts: facts.kind is Kind.PORT_READ), None)
+
+
+def test_days_of_silence_are_told_and_not_waited_for():
+    def entries():
+        for number, days in enumerate((0, 0, 9, 9)):
+            one = sample(number)
+            yield one._replace(received=one.received + days * 24 * 3600.0)
+
+    with pytest.raises(
+        MkError, match=r"nothing was recorded for 216 hours .* --to 2025-10-09T\S+Z, .* --from 2025-10-18T"
+    ):
+        Selection.of(entries, None)

@@ -161,7 +161,9 @@ def test_a_refused_setpoint_does_not_bring_the_next_tick_forward(drive):
     drive.run(0.05)
     before = drive.core.next_time()
     drive.put(epoch=7)
-    drive.tell(SetpointUnreadable("setpoint/stick", {"bytes": 3}, refuse(Token.MALFORMED), is_by_holder=False))
+    drive.tell(
+        SetpointUnreadable("setpoint/stick", {"bytes": 3}, refuse(Token.MALFORMED, detail="x"), is_by_holder=False)
+    )
     assert drive.core.next_time() == before
 
 

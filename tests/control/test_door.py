@@ -109,3 +109,14 @@ def test_a_stale_setpoint_is_neutral_at_the_throttle_that_is_estimated_to_carry(
     assert drive.core.phase is Phase.STALE
     assert drive.sticks[-1].counts.throttle == round(sight.hover_throttle(drive.now))
     assert drive.sticks[-1].counts.throttle > drive.core._cfg.limiter.hover_throttle + 10
+
+
+def test_an_image_of_another_target_shows_no_take_off_off_the_ground(drive, monkeypatch):
+    drive.tell(PoseSeen(pose(drive.now)))
+    drive.fly()
+    heard = []
+    monkeypatch.setattr(drive.core._flown.current, "height_seen", lambda height, at: heard.append((height, at)))
+    drive.tell(PoseSeen(pose(drive.now).model_copy(update={"target": "other"})))
+    assert heard == []
+    drive.tell(PoseSeen(pose(drive.now)))
+    assert heard == [(2.0, drive.now)]

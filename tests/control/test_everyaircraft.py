@@ -87,7 +87,7 @@ def flown(cfg, gains):
     return drive
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=60, deadline=None)
 @given(CONFIGS, GAINS, ANGLE, ANGLE, st.floats(-2.0, 2.0), st.floats(0.0, 2.0))
 def test_an_attitude_flies_or_is_refused_with_every_set_and_every_configuration(cfg, gains, pitch, roll, rate, thrust):
     drive = flown(cfg, gains)
@@ -103,7 +103,7 @@ def test_an_attitude_flies_or_is_refused_with_every_set_and_every_configuration(
         assert cfg.limiter.min_throttle <= sent.counts.throttle <= cfg.limiter.max_throttle
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=10, deadline=None)
 @given(CONFIGS, GAINS)
 def test_a_position_flies_or_is_refused_with_every_set_and_every_configuration(cfg, gains):
     drive = flown(cfg, gains)

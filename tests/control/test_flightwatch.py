@@ -1,24 +1,29 @@
-"""What the boards do with the sticks besides ends a flight by position."""
+"""What ends a flight without anybody asking: the line, the receiver, what the boards do with the sticks besides."""
 
 from __future__ import annotations
 
 import pytest
 
-from mkdaemon.control.events import PoseSeen, StateValue
+from mkdaemon.control.activeset import UNREAD
+from mkdaemon.control.events import LinkVerdict, PoseSeen, StateValue
+from mkdaemon.control.flightwatch import FlightWatch
 from mkdaemon.control.limiter import Sticks
 from mkdaemon.control.manoeuvres.goto import Goto
 from mkdaemon.control.manoeuvres.manoeuvre import Step
-from mkdaemon.control.manoeuvres.table import Row
+from mkdaemon.control.manoeuvres.table import MANOEUVRES, Row
+from mkdaemon.control.patience import LinePatience
+from mkdaemon.control.vehicle import VehicleMemory
 from mkdaemon.telemetry.control import Phase
-from mkdaemon.telemetry.setpoint import PositionSetpoint, SetpointFrame
+from mkdaemon.telemetry.link import LinkCondition
+from mkdaemon.telemetry.setpoint import PositionSetpoint, SetpointFrame, StickSetpoint
 from mkdaemon.telemetry.state import GpsMode
-from tests.control.events import PERIOD, Driver, flight, pose
+from tests.control.events import PERIOD, Driver, flight, link_state, pose
 
 
 class Anywhere(Goto):
     """A manoeuvre that is always content."""
 
-    def enter(self, before, facts, now):
+    def enter(self, before, now):
         return ""
 
     def step(self, now, *, is_flying):
@@ -52,3 +57,147 @@ def test_a_navictrl_that_steers_too_ends_a_flight_by_position(mode):
     else:
         by_position(drive, 0.3)
         assert drive.core.phase is Phase.FLYING
+
+
+@pytest.mark.parametrize("is_on", [True, False])
+def test_height_control_that_is_switched_on_ends_every_flight(is_on):
+    drive = Driver()
+    drive.fly()
+    drive.core.feed(StateValue(flight(is_flying=True).model_copy(update={"altitude_control": is_on})), drive.now)
+    drive.stream(0.1)
+    reasons = [release.reason for release in drive.releases]
+    assert [("height control is on, so the throttle is a climb rate" in reason) for reason in reasons] == [True] * is_on
+
+
+@pytest.mark.parametrize("mode", [GpsMode.HOLD, GpsMode.COME_HOME])
+def test_a_flight_by_hand_goes_on_while_the_navictrl_steers(mode):
+    drive = Driver()
+    drive.fly()
+    drive.core.feed(StateValue(flight(is_flying=True).model_copy(update={"gps_mode": mode})), drive.now)
+    drive.stream(0.3)
+    assert drive.core.phase is Phase.FLYING
+
+
+def test_height_control_on_the_ground_ends_no_lease():
+    drive = Driver()
+    drive.take()
+    drive.core.feed(StateValue(flight(is_flying=False).model_copy(update={"altitude_control": True})), drive.now)
+    drive.run(0.2)
+    assert drive.core.phase is Phase.LEASED
+
+
+@pytest.mark.parametrize(("condition", "released"), [(LinkCondition.DOWN, True), (LinkCondition.UP, False)])
+def test_a_line_that_is_gone_ends_the_lease_with_what_the_link_says(condition, released):
+    drive = Driver()
+    drive.fly()
+    drive.core.feed(LinkVerdict(link_state(condition, reason="the cable")), drive.now)
+    drive.stream(0.1)
+    assert [release.reason.count(f"{condition.value}: the cable") for release in drive.releases] == [1] * released
+
+
+def test_a_line_nobody_has_judged_ends_no_lease():
+    drive = Driver(link=None)
+    facts = VehicleMemory()
+    watch = FlightWatch(drive.core._authority, facts, LinePatience(one_way=0.5), lambda now: False)
+    watch.look(UNREAD, 1.0)
+    assert drive.releases == []
+
+
+@pytest.mark.parametrize("is_flying", [True, False])
+def test_a_receiver_that_is_lost_ends_a_flight_and_on_the_ground_nothing(is_flying):
+    drive = Driver()
+    drive.fly() if is_flying else drive.take()
+    lost = flight(is_flying=is_flying).model_copy(update={"emergency_landing": True})
+    drive.core.feed(StateValue(lost), drive.now)
+    drive.run(0.1)
+    assert ["the receiver is lost" in release.reason for release in drive.releases] == [True] * is_flying
+
+
+@pytest.mark.parametrize(
+    ("condition", "seconds", "is_over"),
+    [
+        (LinkCondition.UP, 100.0, False),
+        (LinkCondition.DOWN, 0.0, True),
+        (LinkCondition.ABSENT, 0.0, True),
+        (LinkCondition.CLOSED, 0.0, True),
+        (LinkCondition.MUTE, 0.14, False),
+        (LinkCondition.MUTE, 0.16, True),
+        (LinkCondition.GARBAGE, 0.14, False),
+        (LinkCondition.GARBAGE, 0.16, True),
+        (LinkCondition.ONE_WAY, 0.49, False),
+        (LinkCondition.ONE_WAY, 0.51, True),
+    ],
+)
+def test_patience_with_each_kind_of_line(condition, seconds, is_over):
+    patience = LinePatience(one_way=0.5)
+    patience.lease_taken(1)
+    link = link_state(condition)
+    patience.watch(link, 10.0)
+    assert patience.is_over(link, 10.0 + seconds) is is_over
+
+
+def test_patience_begins_when_the_line_grows_bad_and_anew_after_it_was_good():
+    patience = LinePatience(one_way=0.5)
+    patience.lease_taken(1)
+    bad, good = link_state(LinkCondition.ONE_WAY), link_state()
+    patience.watch(bad, 10.0)
+    patience.watch(bad, 10.4)
+    assert patience.is_over(bad, 10.5)
+    patience.watch(good, 10.45)
+    assert not patience.is_over(good, 20.0)
+    patience.watch(bad, 20.0)
+    assert not patience.is_over(bad, 20.4)
+
+
+def test_another_opening_of_the_port_is_the_end_whatever_the_line_is_like():
+    patience = LinePatience(one_way=0.5)
+    assert not patience.is_over(link_state(openings=0), 0.0)
+    patience.lease_taken(3)
+    assert patience.is_over(link_state(openings=4), 0.0)
+    assert not patience.is_over(link_state(openings=3), 0.0)
+
+
+# -- setpoints that are refused in flight --------------------------------------------------------------------------
+
+
+def refused_stream(drive, seconds):
+    """Positions in a frame nobody can fly to, fifty a second."""
+    for _ in range(round(seconds / PERIOD)):
+        drive.sequence += 1
+        drive.core.feed(PoseSeen(pose(drive.now)), drive.now)
+        home = PositionSetpoint(
+            epoch=drive.epoch, sequence=drive.sequence, ttl=0.3, position=(0.0, 0.0, 2.0), frame=SetpointFrame.HOME
+        )
+        assert drive.offer(home).token == "no_frame"
+        drive.run(PERIOD)
+
+
+def test_a_place_is_kept_while_its_holder_streams_what_is_refused():
+    drive = Driver(rows=ANYWHERE)
+    drive.core.feed(PoseSeen(pose(drive.now)), drive.now)
+    drive.take()
+    by_position(drive, 3.0)
+    refused_stream(drive, 1.2)
+    assert drive.core.phase is Phase.FLYING
+    drive.run(0.4)
+    assert drive.core.phase is Phase.STALE, "silence is silence"
+
+
+def test_sticks_grow_stale_while_their_holder_streams_what_is_refused():
+    drive = Driver(rows=ANYWHERE | {StickSetpoint: MANOEUVRES[StickSetpoint]})
+    drive.fly()
+    refused_stream(drive, 0.4)
+    assert drive.core.phase is Phase.STALE
+
+
+def test_a_refused_setpoint_is_spent_and_keeps_the_lease_alive():
+    drive = Driver(rows=ANYWHERE)
+    drive.take(ttl=0.5)
+    refused_stream(drive, 1.0)
+    assert drive.core.phase is Phase.LEASED
+    again = PositionSetpoint(
+        epoch=drive.epoch, sequence=drive.sequence, ttl=0.3, position=(0.0, 0.0, 2.0), frame=SetpointFrame.PAD
+    )
+    assert drive.offer(again).token == "stale_sequence"
+    drive.run(0.6)
+    assert drive.core.phase is not Phase.LEASED

@@ -113,3 +113,11 @@ def test_every_event_and_reaction_is_used_and_every_reason_names_known_words():
     assert {row.reaction for row in ROWS} == set(Reaction)
     words = {name for row in ROWS for _, name, _, _ in string.Formatter().parse(row.reason) if name}
     assert words == {"holder", "silence", "taker", "cause", "reason", "obstacle"}
+
+
+@pytest.mark.parametrize("situation", ALL)
+def test_of_guards_that_divide_a_situation_exactly_one_holds(situation):
+    """Held: fresh or too old. Live: not ready, ready, or ready but old."""
+    assert FRESH.holds(situation) + TOO_OLD.holds(situation) == situation.is_held
+    assert NOT_READY.holds(situation) + READY.holds(situation) + READY_BUT_OLD.holds(situation) == situation.is_live
+    assert HELD.holds(situation) + NOT_HELD.holds(situation) == 1

@@ -25,10 +25,10 @@ def match(lag=0.0, sign=1.0, size=0.05, rate=30.0, seconds=9.0, end=None):
     return motion.match(seconds if end is None else end, "pad")
 
 
-@pytest.mark.parametrize("lag", [-0.08, -0.02, 0.0, 0.033, 0.12])
-def test_the_error_of_the_stamps_is_measured(lag):
+@pytest.mark.parametrize("lag", [-0.08, -0.02, 0.0, 0.033, 0.0365, 0.12])
+def test_the_error_of_the_stamps_is_measured_between_the_points_of_its_grid(lag):
     found = match(lag)
-    assert found.lag == pytest.approx(lag, abs=0.003)
+    assert found.lag == pytest.approx(lag, abs=0.0015)
     assert found.likeness > 0.97
 
 
@@ -99,3 +99,12 @@ def test_targets_that_are_seen_no_more_are_forgotten():
     for k in range(50):
         motion.target_seen(f"target {k}", WINDOW * k, (0.1, 0.0, -1.0))
     assert len(motion._seen) == 2, "the one that is seen, and the one of a window before"
+
+
+def test_a_camera_that_sees_the_opposite_is_worse_than_one_that_is_late():
+    motion = beside(-1.0)
+    for k in range(450):
+        t = k / 50
+        pitch, roll = 0.05 * math.sin(7.0 * t) + 0.03 * math.sin(11.0 * t), 0.05 * math.cos(9.0 * t)
+        motion.target_seen("pad", t + 0.06, (math.tan(pitch), -math.tan(roll), -1.0), "late")
+    assert motion.match(9.0, "pad").likeness < -0.97

@@ -128,3 +128,46 @@ def test_a_list_changed_in_flight_is_ready_before_a_navictrl_counts_its_points(i
     seen.facts.list_changed(seen.now)
     told = [seen.tell(is_flying=is_flying, **uncounted), seen.tell(**uncounted)]
     assert [found.stage for found in told if found is not None][-1] is stage
+
+
+def test_without_a_list_there_is_no_route_that_could_be_done():
+    found = Watched().tell()
+    assert (found.waypoint, found.waypoints, found.is_route_done) == (0, 0, False)
+    homing = Watched()
+    homing.tell(gps_mode=GpsMode.COME_HOME, target=AWAY)
+    homing.now += PERIOD
+    found = homing.tell(gps_mode=GpsMode.COME_HOME, target=HOME)
+    assert (found.stage, found.is_route_done) == (NaviStage.HOME, False)
+
+
+def test_a_list_whose_one_point_is_home_is_not_done_before_it_is_reached():
+    assert not Watched().tell(**GOING | {"target": HOME}).is_route_done
+
+
+def test_another_list_begins_anew():
+    seen = Watched()
+    assert seen.tell(**GOING | {"target_reached": True}).is_route_done
+    assert not seen.tell(**GOING | {"waypoint_count": 2}).is_route_done
+
+
+def test_a_route_that_is_done_is_forgotten_on_the_ground():
+    seen = Watched()
+    assert seen.tell(**GOING | {"target_reached": True}).is_route_done
+    assert not seen.tell(**GOING | {"is_flying": False, "gps_mode": GpsMode.FREE}).is_route_done
+    assert seen.tell(**LIST).stage is NaviStage.READY
+
+
+def test_what_was_said_at_the_moment_of_the_change_is_old():
+    seen = Watched()
+    seen.tell(**GOING)
+    seen.facts.list_changed(seen.now + 0.1)
+    assert seen.tell(**GOING | {"target_reached": True}) is None
+
+
+@pytest.mark.parametrize(("metres", "stage"), [(0.9, NaviStage.HOME), (1.1, NaviStage.ROUTE)])
+def test_a_target_within_a_metre_of_home_is_home(metres, stage):
+    seen = Watched()
+    seen.tell(**GOING)
+    seen.now += PERIOD
+    near = (HOME[0] + metres / 111_000.0, HOME[1])
+    assert seen.tell(**GOING | {"target": near}).stage is stage

@@ -152,3 +152,13 @@ def test_frames_are_counted_from_the_hand_over_to_the_confirmation():
     out.frame_confirmed(9)
     out.frame_confirmed(9)
     assert out.confirmed == 1
+
+
+def test_before_the_first_frame_none_was_dropped_and_none_waits():
+    assert output().dropped(is_flying=True) == output().dropped(is_flying=False) == 0
+
+
+def test_a_flight_begins_with_all_of_tilt_and_yaw_at_neutral():
+    slow = LimiterConfig(slew=100.0, throttle_slew=100.0, hover_throttle=0.0)
+    out = output(limiter=slow, engaged=10.0, sticks=Sticks(50.0, 50.0, 50.0, 20.0))
+    assert out.make(order(sticks=Sticks(50.0, 50.0, 50.0, 20.0)), "v2", 10.0).counts == StickCounts(2, 2, 2, 20)

@@ -142,3 +142,76 @@ def test_images_up_to_a_quarter_of_a_second_apart_have_a_rhythm(apart, ticks):
     until_next = pacing.next_time(None, 0.0, 0.01) - 2.0
     last = apart - 0.01 - EARLY
     assert until_next == pytest.approx(1 / CFG.rate if ticks is None else last / ticks)
+
+
+def by_images(apart, step=SHORTEST_STEP, images=3):
+    """Ticks after the last of some images that were answered at once."""
+    pacing = Pacing(CFG)
+    pacing.sends(is_flying=True, is_by_images=True)
+    at = 0.0
+    for k in range(images):
+        at = k * apart
+        assert pacing.image_taken(at, is_ours=True)
+        pacing.tick(at)
+    ticks = []
+    for _ in range(6):
+        ticks.append(pacing.next_time(None, at, step))
+        pacing.tick(ticks[-1])
+    return [tick - at for tick in ticks]
+
+
+@pytest.mark.parametrize(
+    ("apart", "step", "expected"),
+    [
+        # The last of `between` ticks leaves room for the boards and for an image 3 ms early; the next one waits.
+        (1 / 15, 0.01, [0.01789, 0.03578, 0.05367, 0.07367, 0.09367]),
+        (1 / 30, 0.01, [0.02, 0.04, 0.06]),
+        (1 / 50, 0.01, [0.027, 0.047, 0.067]),
+        (1 / 4.2, 0.025, [0.035, 0.07, 0.105, 0.14, 0.175, 0.21]),
+        (1 / 3.9, 0.01, [0.02, 0.04]),  # too far apart for a rhythm
+    ],
+)
+def test_ticks_between_images_keep_the_rate_and_leave_the_next_image_room(apart, step, expected):
+    assert by_images(apart, step)[: len(expected)] == pytest.approx(expected, abs=3e-4)
+
+
+def test_the_first_image_has_no_rhythm_yet():
+    assert by_images(1 / 15, images=1)[:2] == pytest.approx([0.02, 0.04])
+
+
+def test_images_of_another_target_and_those_of_a_flight_by_hand_are_not_answered():
+    pacing = Pacing(CFG)
+    assert not pacing.image_taken(0.0, is_ours=True)
+    pacing.sends(is_flying=True, is_by_images=True)
+    assert not pacing.image_taken(0.1, is_ours=False)
+    pacing.tick(0.1)
+    assert not pacing.answers_image
+    assert pacing.image_taken(0.2, is_ours=True)
+    pacing.tick(0.2)
+    assert pacing.answers_image
+    pacing.tick(0.3)
+    assert not pacing.answers_image
+    pacing.sends(is_flying=False, is_by_images=True)
+    assert not pacing.image_taken(0.4, is_ours=True)
+
+
+def test_while_nobody_flies_the_core_looks_ten_times_a_second_and_at_once_after_news():
+    pacing = Pacing(CFG)
+    assert pacing.tick(5.0) == float("inf")
+    assert pacing.next_time(None, 0.0, 0.01) == pytest.approx(5.1)
+    assert pacing.next_time(5.05, 0.0, 0.01) == pytest.approx(5.0502)
+    pacing.hurry()
+    assert pacing.next_time(None, 9.0, 0.01) == 5.0
+    assert pacing.tick(5.3) == pytest.approx(0.3)
+
+
+def test_in_flight_a_repetition_waits_half_a_period_longer_than_a_client_and_for_the_boards():
+    pacing = Pacing(CFG)
+    pacing.sends(is_flying=True, is_by_images=False)
+    pacing.tick(5.0)
+    assert pacing.next_time(None, 0.0, 0.01) == pytest.approx(5.03)
+    assert pacing.next_time(None, 5.04, 0.01) == pytest.approx(5.04)
+    assert pacing.next_time(5.035, 0.0, 0.01) == pytest.approx(5.0352), "left out shortly before a deadline"
+    assert pacing.next_time(5.045, 0.0, 0.01) == pytest.approx(5.03)
+    pacing.hurry()
+    assert pacing.next_time(None, 5.01, 0.01) == pytest.approx(5.01)

@@ -50,7 +50,7 @@ from tests.control.flying import Flying
 
 CFG = AutopilotConfig()
 BASE = {"epoch": 1, "sequence": 1, "ttl": 0.3}
-CALM = Flight(seed=4, wind=WindClass.INDOOR, seconds=16.0)
+CALM = Flight(seed=4, wind=WindClass.INDOOR, seconds=12.0)
 
 
 def position(frame=SetpointFrame.PAD, **fields):
@@ -136,12 +136,12 @@ def test_a_goal_beyond_the_fence_is_flown_to_the_fence():
 
 
 def test_a_target_out_of_sight_is_dead_reckoned_then_level_then_released():
-    rig = CoreRig(replace(CALM, camera=CameraModel(gone=((8.0, 99.0),)), seconds=12.0))
+    rig = CoreRig(replace(CALM, camera=CameraModel(gone=((5.0, 99.0),)), seconds=9.0))
     rig.fly()
     released = next(at for at, action in rig.actions if isinstance(action, Release))
-    assert released == pytest.approx(8.0 + CFG.exit_after, abs=0.3)
+    assert released == pytest.approx(5.0 + CFG.exit_after, abs=0.3)
     level = [
-        a.counts for at, a in rig.actions if isinstance(a, SendSticks) and 8 + CFG.level_after + 0.1 < at < released
+        a.counts for at, a in rig.actions if isinstance(a, SendSticks) and 5 + CFG.level_after + 0.1 < at < released
     ]
     assert level
     assert {(counts.pitch, counts.roll) for counts in level} == {(0, 0)}
@@ -150,10 +150,10 @@ def test_a_target_out_of_sight_is_dead_reckoned_then_level_then_released():
 
 
 def test_a_short_loss_of_sight_ends_nothing():
-    rig = CoreRig(replace(CALM, camera=CameraModel(gone=((6.0, 7.0),)), seconds=14.0))
+    rig = CoreRig(replace(CALM, camera=CameraModel(gone=((5.0, 6.0),)), seconds=11.0))
     record = rig.fly()
     assert rig.core.phase is Phase.FLYING
-    after = np.array(record.errors)[np.array(record.times) > 11.0]
+    after = np.array(record.errors)[np.array(record.times) > 9.0]
     assert np.hypot(after[:, 0], after[:, 1]).max() < 0.3
 
 
@@ -242,19 +242,19 @@ def test_a_descent_without_images_before_the_commit_is_level_then_released_and_n
 
 
 class Forward(CoreRig):
-    """From 8 s on the client asks for 0.3 m/s forward."""
+    """From 5 s on the client asks for 0.3 m/s forward."""
 
     def _setpoint(self, goal, at):
-        if at < 8.0:
+        if at < 5.0:
             return super()._setpoint(goal, at)
         velocity = {"velocity": (0.3, 0.0, 0.0), "frame": SetpointFrame.BODY}
         return VelocitySetpoint(epoch=self._epoch, sequence=self._sequence, ttl=0.3, **velocity)
 
 
 def test_a_velocity_is_flown_in_its_frame():
-    rig = Forward(replace(CALM, seconds=10.0))
+    rig = Forward(replace(CALM, seconds=7.0))
     record = rig.fly()
-    start = record.positions[next(k for k, at in enumerate(record.times) if at > 8.0)]
+    start = record.positions[next(k for k, at in enumerate(record.times) if at > 5.0)]
     x, y, z = record.positions[-1] - start
     assert math.hypot(x, y) == pytest.approx(0.5, abs=0.15)
     assert math.atan2(y, x) == pytest.approx(0.3, abs=0.25), "the nose points there"
@@ -262,17 +262,17 @@ def test_a_velocity_is_flown_in_its_frame():
 
 
 class Turning(Forward):
-    """From 8 s on the client asks to turn left on the spot."""
+    """From 5 s on the client asks to turn left on the spot."""
 
     def _setpoint(self, goal, at):
-        if at < 8.0:
+        if at < 5.0:
             return super()._setpoint(goal, at)
         turn = {"velocity": (0.0, 0.0, 0.0), "frame": SetpointFrame.PAD, "yaw_rate": 0.15}
         return VelocitySetpoint(epoch=self._epoch, sequence=self._sequence, ttl=0.3, **turn)
 
 
 def test_a_velocity_setpoint_turns():
-    rig = Turning(replace(CALM, seconds=10.0))
+    rig = Turning(replace(CALM, seconds=7.0))
     record = rig.fly()
     before = next(estimate.yaw for estimate in reversed(rig.estimates[:-100]))
     assert rig.estimates[-1].yaw - before == pytest.approx(0.15 * 2.0, abs=0.12)

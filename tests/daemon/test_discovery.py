@@ -16,13 +16,13 @@ from mkdaemon.telemetry.link import LinkCondition
 from tests.control.events import link_state
 
 
-def line(*, is_up, boards=(), lacks_flightctrl=False):
+def line(*, is_up, boards=()):
     dialect = SimpleNamespace(read_only_reason="nobody has named a release")
     return SimpleNamespace(
         dialect=dialect,
         is_up=is_up,
         boards=frozenset(boards),
-        lacks_flightctrl=lacks_flightctrl,
+        is_discovering=True,
         offered_memory=lambda: None,
     )
 
@@ -45,14 +45,14 @@ async def test_on_a_line_that_is_down_nobody_waits(state, words):
 @virtually
 async def test_an_aircraft_that_names_itself_meanwhile_is_waited_for():
     link = line(is_up=True)
-    asyncio.get_running_loop().call_later(1.0, lambda: setattr(link, "boards", frozenset({Board.FC})))
+    asyncio.get_running_loop().call_later(1.0, lambda: setattr(link, "is_discovering", False))
     await require_discovery(link, link_state())
     assert 1.0 <= asyncio.get_running_loop().time() < 1.2
 
 
 @virtually
 async def test_an_aircraft_that_does_not_name_itself_is_refused_with_what_is_missing():
-    link = line(is_up=True, boards=[Board.NC], lacks_flightctrl=True)
+    link = line(is_up=True, boards=[Board.NC])
     with pytest.raises(CommandRejectedError, match="nobody has named a release") as caught:
         await require_discovery(link, link_state())
     assert caught.value.token == "discovering"
@@ -66,7 +66,7 @@ class Remembering:
         self.dialect = SimpleNamespace(
             read_only_reason=None if is_readable else "the FlightCtrl is unknown", extern_control=None
         )
-        self.is_up, self.boards, self.lacks_flightctrl = True, frozenset({Board.NC}), not is_readable
+        self.is_up, self.boards, self.is_discovering = True, frozenset({Board.NC}), not is_readable
         self.memory, self.is_confirmed = memory, False
 
     def offered_memory(self):

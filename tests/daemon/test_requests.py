@@ -16,7 +16,7 @@ from mkdaemon.control.vehicle import VehicleMemory
 from mkdaemon.daemon import requests
 from mkdaemon.daemon.procedures import Interlock
 from mkdaemon.daemon.requests import BoardRequests
-from mkdaemon.errors import LinkLostError, RequestTimeoutError
+from mkdaemon.errors import CommandRejectedError, LinkLostError, RequestTimeoutError
 from mkdaemon.link.session.peers import Peers
 from mkdaemon.protocol.dialect import Dialect, Evidence, decide
 from mkdaemon.protocol.messages import Echo, MotorTest, VersionFc210, VersionRequest
@@ -42,7 +42,8 @@ class Line:
         self.direct_board = Board.FC
         self.boards = {Board.FC}
         self.is_up = True
-        self.lacks_flightctrl = False
+        self.is_discovering = False
+        self.offered_memory = lambda: None
         self.when_asked = lambda: None
         self._peers = Peers()
 
@@ -359,3 +360,18 @@ async def test_without_any_telemetry_about_the_motors_nobody_waits_for_it(desk):
         desk.ask("fc/motor_test", {"motors": TURNING, "confirm": True}), requests.MOTORS_WAIT
     )
     assert result.token == "motors_unknown"
+
+
+async def test_a_step_of_a_procedure_waits_while_the_boards_are_asked_anew(desk):
+    desk.line.dialect = Dialect()  # nobody has named a release yet
+    desk.line.is_discovering = True
+
+    def answer():
+        desk.line.dialect, desk.line.is_discovering = Dialect(read_only_reason=None), False
+
+    asyncio.get_running_loop().call_later(0.06, answer)
+    await desk._requests.check_step(Board.FC, MotorTest(motors=TURNING))
+    desk.line.dialect = Dialect(read_only_reason="it is in no table")
+    with pytest.raises(CommandRejectedError, match="it is in no table") as caught:
+        await desk._requests.check_step(Board.FC, MotorTest(motors=TURNING))
+    assert caught.value.token == "read_only"

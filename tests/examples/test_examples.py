@@ -15,7 +15,7 @@ from lab.rigs.live import VEHICLE, live_daemon
 from lab.rigs.overtarget import VEHICLE as FLOWN
 from lab.rigs.overtarget import Setting, hovering
 from lab.rigs.waiting import wait_for
-from tests.repeats import InconclusiveError
+from tests.repeats import require_no_standstill
 
 EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
 LONGEST = 60
@@ -45,8 +45,7 @@ async def output_of(name, *arguments, endpoint, vehicle=VEHICLE):
     """What an example printed; it must end well."""
     async with asyncio.timeout(PATIENCE), running(name, *arguments, endpoint=endpoint, vehicle=vehicle) as process:
         out, err = await process.communicate()
-        if stalled := re.search(rb"the daemon stood still for ([\d.]+) s", err):
-            raise InconclusiveError(f"the daemon stood still for {stalled[1].decode()} s")
+        require_no_standstill(err.decode())
         assert (process.returncode, err) == (0, b""), f"{process.pid}: {(out + err).decode()}"
         return out.decode().splitlines()
 

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import ast
 import json
+import signal
 import subprocess
 import sys
 
 import pytest
 
-from lab.mutants.main import draw
+from lab.mutants.children import DIED, SECONDS
+from lab.mutants.main import Chooser, Tree, draw
 from lab.mutants.operators import Module, Mutant
 from lab.mutants.results import Store, read_reasons, sum_up
-from lab.mutants.sessions import Verdict
+from lab.mutants.sessions import Coverage, Verdict, is_doubtful, judge
 from mkdaemon.errors import ConfigError
 from tests.places import ROOT
 
@@ -179,24 +181,105 @@ def test_tests_that_cannot_be_collected_are_an_error_and_no_verdict(tiny):
 MUTANT = Mutant("src/a.py", 3, 4, "compare", "f", 3, False, "a < b", "a >= b")
 
 
+PRINTS = {"src/a.py": "1", "tests/test_a.py": "2", "tests/test_b.py": "3"}
+
+
 @pytest.mark.parametrize(
-    ("outcome", "by", "change", "holds"),
+    ("outcome", "by", "change", "holds", "outlived"),
     [
-        ("killed", "tests/test_a.py::test_x", {}, True),
-        ("killed", "tests/test_a.py::test_x", {"src/a.py": "new"}, False),
-        ("killed", "tests/test_a.py::test_x", {"tests/test_a.py": "new"}, False),
-        ("killed", "tests/test_a.py::test_x", {"tests/test_b.py": "new"}, True),
-        ("survived", "", {"tests/test_b.py": "new"}, False),
-        ("survived", "", {}, True),
+        ("killed", "tests/test_a.py::test_x", {}, True, []),
+        ("killed", "tests/test_a.py::test_x", {"src/a.py": "new"}, False, []),
+        ("killed", "tests/test_a.py::test_x", {"tests/test_a.py": "new"}, False, []),
+        ("killed", "tests/test_a.py::test_x", {"tests/test_b.py": "new"}, True, []),
+        ("timeout", "", {"tests/test_b.py": "new"}, False, []),
+        ("survived", "", {"tests/test_b.py": "new"}, False, ["tests/test_a.py"]),
+        ("survived", "", {"src/a.py": "new"}, False, []),
+        ("survived", "", {}, True, []),
     ],
 )
-def test_a_verdict_holds_while_what_it_was_found_with_is_the_same(tmp_path, outcome, by, change, holds):
-    prints = {"src/a.py": "1", "tests/test_a.py": "2", "tests/test_b.py": "3"}
+def test_a_verdict_holds_while_what_it_was_found_with_is_the_same(tmp_path, outcome, by, change, holds, outlived):
     verdict = Verdict(MUTANT.id, outcome, by, 0.1)
-    Store(tmp_path / "kept", prints, str(sorted(prints.items()))).add(verdict)
-    later = prints | change
-    kept = Store(tmp_path / "kept", later, str(sorted(later.items()))).verdicts
-    assert kept == ({MUTANT.id: verdict} if holds else {})
+    Store(tmp_path / "kept", PRINTS).add(verdict, ["tests/test_a.py", "tests/test_b.py"])
+    later = Store(tmp_path / "kept", PRINTS | change)
+    assert later.verdicts == ({MUTANT.id: verdict} if holds else {})
+    assert sorted(later.outlived(MUTANT.id)) == outlived
+    later.forget()
+    assert (later.verdicts, later.outlived(MUTANT.id)) == ({}, set())
+
+
+def test_a_later_verdict_takes_the_place_of_an_earlier_one(tmp_path):
+    store = Store(tmp_path / "kept", PRINTS)
+    for verdict in (Verdict(MUTANT.id, "survived", "", 9.0), Verdict(MUTANT.id, "killed", "tests/test_b.py::x", 0.1)):
+        store.add(verdict, ["tests/test_a.py"])
+    later = Store(tmp_path / "kept", PRINTS)
+    assert later.verdicts[MUTANT.id].outcome == "killed"
+    assert later.killers() == {("src/a.py", "tests/test_b.py::x"): 1}
+
+
+COVERAGE = Coverage(
+    seconds={
+        "tests/test_a.py::own": 2.0,
+        "tests/test_b.py::short": 1.0,
+        "tests/test_b.py::long": 9.0,
+        "tests/c.py::no": 0,
+    },
+    taken={
+        "tests/test_a.py::own": 2.0,
+        "tests/test_b.py::short": 1.0,
+        "tests/test_b.py::long": 9.0,
+        "tests/c.py::no": 0,
+    },
+    lines={f"tests/{test}": {"src/a.py": [3]} for test in ("test_a.py::own", "test_b.py::short", "test_b.py::long")},
+)
+
+
+@pytest.mark.parametrize(
+    ("budget", "killers", "tests", "files"),
+    [
+        (0.0, [], ["a.py::own", "b.py::short", "b.py::long"], ["a.py", "b.py"]),
+        (0.0, ["b.py::long"] * 99, ["b.py::long", "a.py::own", "b.py::short"], ["a.py", "b.py"]),
+        (4.0, [], ["a.py::own", "b.py::short"], ["a.py"]),
+        (0.5, [], ["a.py::own"], ["a.py"]),
+    ],
+)
+def test_tests_that_tell_most_in_the_least_time_come_first_within_a_budget(tmp_path, budget, killers, tests, files):
+    tree = Tree(tmp_path, ("tests",), {"src/a.py": Module("src/a.py", "a < b")}, tmp_path)
+    choose = Chooser(tree, Store(tmp_path / "kept", PRINTS), budget)
+    for test in killers:
+        choose.learn(Verdict(MUTANT.id, "killed", f"tests/test_{test}", 0.1))
+    assert choose(MUTANT, COVERAGE) == (
+        [f"tests/test_{test}" for test in tests],
+        [f"tests/test_{file}" for file in files],
+    )
+
+
+def test_a_survivor_has_to_outlive_only_tests_that_are_new(tmp_path):
+    Store(tmp_path / "kept", PRINTS).add(
+        Verdict(MUTANT.id, "survived", "", 9.0), ["tests/test_a.py", "tests/test_b.py"]
+    )
+    store = Store(tmp_path / "kept", PRINTS | {"tests/test_b.py": "new"})
+    tree = Tree(tmp_path, ("tests",), {"src/a.py": Module("src/a.py", "a < b")}, tmp_path)
+    chosen = Chooser(tree, store, 0.0)(MUTANT, COVERAGE)
+    assert chosen.tests == ["tests/test_b.py::short", "tests/test_b.py::long"]
+    assert chosen.files == ["tests/test_a.py", "tests/test_b.py"]
+
+
+@pytest.mark.parametrize(
+    ("result", "doubtful", "outcome"),
+    [
+        ({"by": ""}, False, "survived"),
+        ({"by": "computes"}, False, "killed"),
+        ({"by": "waits"}, True, "killed"),
+        ({DIED: signal.SIGPROF}, False, "timeout"),
+        ({DIED: signal.SIGKILL}, True, "timeout"),
+        ({DIED: signal.SIGSEGV}, False, "killed"),
+        ({"unreached": "no line"}, False, "unreached"),
+    ],
+)
+def test_what_a_loaded_machine_may_have_killed_is_tried_again(result, doubtful, outcome):
+    known = Coverage(seconds={"computes": 1.0, "waits": 1.0}, taken={"computes": 1.05, "waits": 1.2})
+    assert is_doubtful(result, known) is doubtful
+    assert judge(MUTANT.id, result | {SECONDS: 0.1}).outcome == outcome
 
 
 def test_a_timeout_counts_as_killed():

@@ -9,7 +9,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable
 from contextlib import suppress
-from functools import partial
+from functools import cache, partial
 
 import pytest
 
@@ -221,6 +221,7 @@ class Session:
         self.loop.let_pass(1.2)
 
 
+@cache
 def turns_of(board: Board) -> int:
     """Turns of a session that nothing disturbs."""
     session = Session(board)

@@ -71,6 +71,42 @@ async def test_a_flightctrl_that_was_silent_at_first_is_asked_again():
         assert len([s for s in r.log.tx if s.message == TO_FLIGHTCTRL]) == 3
 
 
+def drop(rig, what, times):
+    """Lose so many portions with these bytes on their way to the boards; returns what was lost."""
+    passed_on, lost = rig.socket.aircraft.write, []
+
+    def write(data: bytes, at: float) -> None:
+        if what in data and len(lost) < times:
+            lost.append(at)
+        else:
+            passed_on(data, at)
+
+    rig.socket.aircraft.write = write
+    return lost
+
+
+@virtually
+async def test_a_redirection_that_the_line_lost_is_no_look_and_soon_made_again():
+    async with rig(navi_ctrl()) as r:
+        lost = drop(r, b"#cu", 3)
+        took = await r.until(lambda: r.link.dialect.extern_control is ExternControlV2, 20)
+        assert (len(lost), took < 6.0) == (3, True)
+
+
+@pytest.mark.parametrize("seed", range(3))
+@virtually
+async def test_a_line_with_one_damaged_byte_in_a_hundred_does_not_ask_the_boards_anew(seed):
+    async with rig(navi_ctrl(seed=seed), seed=seed) as r:
+        await r.until_up()
+        r.socket.port.fault, r.socket.port.amount = LineFault.BIT_FLIPS, 0.01
+        await r.until(lambda: r.link.dialect.extern_control is ExternControlV2, 20)
+        loop = asyncio.get_running_loop()
+        end = loop.time() + 60.0
+        while loop.time() < end:
+            await asyncio.sleep(0.05)
+            assert r.link.dialect.read_only_reason is None
+
+
 @virtually
 async def test_an_aircraft_that_flew_at_first_is_known_once_its_motors_stop():
     async with rig(navi_ctrl(pilot_plan="hover", pilot_wait=0.0)) as r:

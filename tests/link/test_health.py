@@ -388,3 +388,95 @@ def test_answers_to_nothing_change_nothing():
     health.probe_answered(7, 1.1)
     health.confirmed(8, 1.1)
     assert health.answer_age(1.2) == float("inf")
+
+
+def test_an_answer_that_comes_late_shows_all_the_same_that_the_board_hears_us():
+    line = up()
+    line.probes = False
+    waiting: list[tuple[float, int]] = []
+    for token in range(1, 60):
+        line.health.probe_sent(token, line.now)
+        waiting.append((line.now + 0.32, token))
+        for _ in range(20):
+            line.step()
+            while waiting and waiting[0][0] <= line.now:
+                line.health.probe_answered(waiting.pop(0)[1], line.now)
+        # until the first one nothing told a slow board from a deaf one
+        assert line.health.verdict.condition.is_usable or token < 5, line.health.verdict
+    line.health.probe_answered(9999, line.now)  # nobody asked: proves nothing
+    answered = line.health.answer_age(line.now)
+    line.run(2.0)
+    line.health.probe_answered(59, line.now)  # asked too long ago
+    assert line.health.answer_age(line.now) == pytest.approx(answered + 2.0, abs=0.02)
+
+
+def test_what_was_asked_while_the_board_said_nothing_is_no_sign_of_a_cut_wire():
+    line = up(streams={"osd": 0.05})
+    for _ in range(8):
+        line.talks = False
+        line.run(0.32)  # it stands still, and is back before that is a silence
+        line.talks, line.listens = True, False
+        line.run(0.06)  # what it sends on its own comes first
+        assert line.health.verdict.condition is not LinkCondition.ONE_WAY
+        line.listens = True
+        line.run(0.6)
+    line.listens = False
+    line.until(LinkCondition.ONE_WAY, 0.5)
+
+
+def test_a_line_that_comes_and_goes_is_one_verdict_until_it_stays():
+    line = up()
+    said = set()
+    for _ in range(5):
+        line.talks = False
+        line.until(LinkCondition.MUTE, 0.5)
+        line.talks = True
+        line.run(0.8)
+        said.add((line.health.verdict.condition, line.health.verdict.reason.partition(" times")[0]))
+    assert (LinkCondition.DEGRADED, "it was lost 5") in said
+    assert sum(condition is LinkCondition.UP for condition, _ in said) == 1  # after the first one
+    line.until(LinkCondition.UP, 11.0)
+
+
+def test_a_verdict_found_on_a_busy_machine_says_so():
+    line = up()
+    for _ in range(20):
+        line.run(0.05)
+        line.health.not_looked(line.now, line.now + 0.1)
+        line.now += 0.1
+    line.talks = False
+    line.until(LinkCondition.MUTE, 0.7)
+    assert "did not run for 20 % of the time" in line.health.verdict.reason
+
+
+def test_what_may_wait_unseen_is_told_before_it_is_a_verdict():
+    line = up()
+    line.run(3.0)
+    assert not line.health.may_stand_still(line.now)
+    line.talks = False  # the far end stands still
+    line.run(0.17)
+    assert line.health.may_stand_still(line.now)
+    line.talks = True
+    line.run(0.5)
+    assert not line.health.may_stand_still(line.now)
+    line.listens = False  # it talks, and takes nothing
+    line.run(0.45)
+    assert line.health.may_stand_still(line.now)
+    line.listens = True
+    line.run(0.3)
+    assert not line.health.may_stand_still(line.now)
+
+
+def test_stick_frames_that_are_not_confirmed_wait_somewhere_and_one_or_two_are_lost():
+    line = up()
+    for frame in range(20):
+        line.health.confirm.sent(frame, line.now)
+        line.run(0.02)
+        if frame not in (4, 5):
+            line.health.confirmed(frame, line.now)
+        assert not line.health.may_stand_still(line.now)
+    for frame in range(20, 31):
+        line.health.confirm.sent(frame, line.now)
+        line.run(0.02)
+        line.health._open_questions.clear()
+    assert line.health.may_stand_still(line.now)

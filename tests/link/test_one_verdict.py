@@ -79,6 +79,18 @@ async def test_a_line_that_was_heard_is_not_told_to_check_its_wiring():
         assert r.socket.openings == 1
 
 
+@pytest.mark.parametrize("board", [flight_ctrl, navi_ctrl])
+@virtually
+async def test_a_wire_cut_towards_the_board_is_still_told_as_that_when_its_streams_have_run_out(board):
+    async with rig(board()) as r:
+        await r.until_up()
+        await asyncio.sleep(1.0)
+        r.socket.port.inject(LineFault.ONE_WAY)
+        await asyncio.sleep(8.0)
+        assert r.condition == "mute"
+        assert "RX wire" in r.link.health().state.reason
+
+
 @virtually
 async def test_a_stream_that_comes_and_goes_is_one_verdict():
     async with rig(navi_ctrl()) as r:

@@ -74,7 +74,7 @@ def test_xbee_latency_is_that_of_2010() -> None:
 
 @pytest.mark.parametrize("loss", [0.01, 0.03])
 def test_loss_comes_in_bursts_of_four(loss: float) -> None:
-    delays = first_arrivals(ChannelConfig(kind=RadioKind.XBEE, loss=loss), 40000, 0.1)
+    delays = first_arrivals(ChannelConfig(kind=RadioKind.XBEE, loss=loss), 20000, 0.1)
     lost = [delay is None for delay in delays]
     bursts = [0]
     for is_lost in lost:

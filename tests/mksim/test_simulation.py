@@ -104,6 +104,36 @@ def test_the_pilot_begins_when_he_is_asked():
     Host(pilot_plan=PilotPlan.NOTHING).simulation.start_pilot()
 
 
+def test_the_pilot_says_what_he_waits_for():
+    def doing(plan, seconds):
+        host = Host(pilot_plan=plan, pilot_wait=0.5)
+        said = [host.simulation.pilot_doing]
+        host.run(seconds)
+        return [*said, host.simulation.pilot_doing]
+
+    waits = "waits 0.5 s before he touches the sticks; `mkctl sim start` asks him earlier"
+    started = "has started the motors, throttle at its lowest and waits for a machine: `mkctl take-off`, `fly`"
+    assert doing(PilotPlan.START, 8.0) == [waits, started]
+    assert doing(PilotPlan.SUPERVISE, 14.0)[-1].startswith("hovers by hand and waits for a machine")
+    assert doing(PilotPlan.WAIT, 1.0)[-1] == "waits for a machine to start the motors and take off"
+    assert doing(PilotPlan.HOVER, 14.0)[-1] == "flies by hand"
+    assert doing(PilotPlan.NOTHING, 1.0) == ["leaves his sticks alone (nothing)"] * 2
+
+
+def test_the_pilot_flies_once_more_when_he_is_asked_after_a_landing():
+    host = Host(pilot_plan=PilotPlan.HOVER, pilot_wait=0.0, calibrated=True)
+    host.run(9.0)
+    host.simulation.start_pilot()
+    host.run(0.1)
+    assert host.simulation.world.truth.airborne, "he flies: nothing begins anew"
+    host.simulation.world.pilot.program.program.land()
+    host.run(15.0)
+    assert host.simulation.pilot_doing == "has stopped the motors"
+    host.simulation.start_pilot()
+    host.run(9.0)
+    assert host.simulation.world.truth.airborne
+
+
 def test_a_reboot_in_flight_ends_it():
     host = Host(pilot_plan=PilotPlan.HOVER, pilot_wait=0.0)
     host.run(9.0)

@@ -205,12 +205,36 @@ def test_a_removed_folder_is_noticed_and_made_again(tmp_path):
     bench.put(51, 60)
     bench.run(1.2)
     assert bench.recorder.report.state is RecorderState.FAULT
-    assert "removed" in bench.recorder.report.reason
+    assert "removed, and 50 entries with it" in bench.recorder.report.reason
     bench.put(61, 70)
     bench.run(RETRY + FLUSH + 0.2)
 
     assert bench.recorder.report.state is RecorderState.RECORDING
-    assert numbers(folder)[-10:] == list(range(61, 71))
+    bench.recorder.close(bench.now)
+    assert numbers(folder) == list(range(51, 71))
+    assert (bench.queue.lost, bench.recorder.report.entries) == (50, 20)
+
+
+def test_a_file_removed_before_its_end_is_lost_and_counted(tmp_path):
+    bench = Bench(tmp_path)
+    bench.put(1, 20)
+    bench.run(FLUSH + 0.1)
+    for path in tmp_path.glob("*.mcap"):
+        path.unlink()
+    bench.recorder.close(bench.now)
+    assert bench.recorder.report.state is RecorderState.FAULT
+    assert (bench.queue.lost, bench.recorder.report.entries) == (20, 0)
+
+
+def test_a_file_ends_before_its_keys_have_no_numbers_left(tmp_path, monkeypatch):
+    monkeypatch.setattr("mkdaemon.record.writer.MOST_CHANNELS", 50)
+    bench = Bench(tmp_path)
+    for number in range(1, 121):
+        bench.queue.put(sample(number, f"mk/mk1/state/a{number}"))
+    bench.run(FLUSH + 0.1)
+    bench.recorder.close(bench.now)
+    assert numbers(tmp_path) == list(range(1, 121))
+    assert len(list(tmp_path.glob("*.mcap"))) == 2
 
 
 def test_a_folder_that_may_not_be_written_is_tried_again(tmp_path):

@@ -375,3 +375,46 @@ def test_a_recording_without_a_lease_or_a_stamp_of_its_own_clock_is_replayed_fro
     assert recorded.first_epoch() == 0
     elsewhere = sticks_with(lambda entries: [e._replace(base=replace(e.base, boot="another")) for e in entries])
     assert elsewhere.wall_offsets() == []
+
+
+@pytest.mark.parametrize(
+    ("kind", "suffix", "payload"),
+    [
+        *(
+            (Kind.NOTICE, "notice/layouts", msgpack.packb(one))
+            for one in ({}, {"layouts": 3}, {"layouts": [["x"]]}, [])
+        ),
+        (Kind.NOTICE, "notice/layouts", msgpack.packb({"layouts": [["nobody", "v", "1"]]})),
+        (Kind.NOTICE, "notice/layouts", b"\x81\x91\x01\x02"),
+        (Kind.SAMPLE, "raw/tx", msgpack.packb({"dropped": "by nobody", "raw": b""})),
+        (Kind.SAMPLE, "raw/tx", msgpack.packb({"dropped": "expired"})),
+        (Kind.EVENT, "core/Tick", msgpack.packb({"slept": []})),
+        (Kind.EVENT, "core/ReleaseAsked", b"\x91" * 2000),
+        (Kind.EVENT, "core/ReleaseAsked", msgpack.packb({"event": [1, 2]})),
+        (Kind.EVENT, "core/Nobody", msgpack.packb({"event": {}})),
+        (Kind.PORT_WRITTEN, "port", b"#"),
+    ],
+)
+def test_what_no_daemon_records_is_named_and_no_defect_of_ours(tmp_path, kind, suffix, payload):
+    entries = list(Recording(DATA / "recordings" / "fc_sticks.mcap").entries())
+    place = next(number for number, one in enumerate(entries) if (one.kind, one.suffix) == (Kind.EVENT, "core/Tick"))
+    strange = entries[place]._replace(kind=kind, key=f"mk/mk1/{suffix}", payload=payload, issuer="nobody")
+    path = written(tmp_path / "a.mcap", [*entries[: place + 1], strange, *entries[place + 1 :]])
+    with pytest.raises(MkError, match=f"{suffix}"):
+        verify([path])
+
+
+def test_stamps_of_strangers_do_not_set_the_clock(tmp_path):
+    entries = list(Recording(DATA / "recordings" / "fc_sticks.mcap").entries())
+    stamps = ({"wall": "a", "monotonic": 1.0}, {"wall": b"a"}, {"wall": float("inf"), "monotonic": 0.0}, 3, None)
+    strange = [
+        entries[0]._replace(
+            kind=Kind.SAMPLE,
+            key="mk/mk1/event/log",
+            encoding="application/msgpack",
+            payload=msgpack.packb({"stamp": one}),
+        )
+        for one in stamps
+    ]
+    before = read_recorded([written(tmp_path / "a.mcap", entries)]).wall_offsets()
+    assert read_recorded([written(tmp_path / "b.mcap", [*entries, *strange])]).wall_offsets() == before

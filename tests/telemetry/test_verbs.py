@@ -6,6 +6,7 @@ import pytest
 
 from mkdaemon.bus.keys import KEYS
 from mkdaemon.daemon.procedures.table import PROCEDURES
+from mkdaemon.telemetry import command
 from mkdaemon.telemetry.verbs import VERBS
 
 
@@ -40,3 +41,9 @@ def test_the_daemon_has_a_procedure_for_every_verb_that_is_one():
 )
 def test_the_call_follows_from_the_name_where_nothing_else_is_said(name, call):
     assert next(verb for verb in VERBS if verb.name == name).call == call
+
+
+@pytest.mark.parametrize("request_of", [command.ReleaseRequest, command.AbortRequest])
+def test_a_long_reason_is_cut_and_never_refused(request_of):
+    assert request_of(reason="x" * 10_000).reason == "x" * 200
+    assert request_of.model_validate_json('{"reason": "' + "y" * 201 + '"}').reason == "y" * 200

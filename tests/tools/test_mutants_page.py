@@ -1,35 +1,33 @@
-"""The page of mutants shows every survivor with its reason."""
+"""docs/lab/mutants.md, of what a run found."""
 
 from __future__ import annotations
 
 import json
 
-from tools.mutants_page import mutants_page
-
-COUNT = {"mutants": 3, "killed": 2, "timeouts": 0, "equivalent": 0, "survived": 1, "share": 0.6667}
-FOUND = {
-    "seed": 29,
-    "sample": 3,
-    **COUNT,
-    "files": {"src/mkdaemon/guard.py": COUNT},
-    "operators": {"boolean": COUNT},
-    "survivors": [
-        {
-            "id": "src/mkdaemon/guard.py:3:4:boolean",
-            "scope": "f",
-            "was": "a | b",
-            "becomes": "a & b",
-            "reason": "nobody asks",
-            "equivalent": False,
-        }
-    ],
-}
+from lab.mutants.operators import Mutant
+from lab.mutants.results import Reason, sum_up
+from lab.mutants.sessions import Verdict
+from tools.mutants_page import RESULTS, mutants_page
 
 
-def test_counts_and_survivors_are_shown(tmp_path):
-    (tmp_path / "docs" / "results").mkdir(parents=True)
-    (tmp_path / "docs" / "results" / "mutants.json").write_text(json.dumps(FOUND), encoding="utf-8")
+def test_the_page_has_the_share_of_each_subject_and_each_survivor_with_its_reason(tmp_path):
+    mutants = [
+        Mutant(f"src/mkdaemon/{file}", line, 4, "compare", "f", line, False, "a < b", becomes)
+        for file in ("control/x.py", "guard.py")
+        for line, becomes in ((1, "a >= b"), (2, "a <= b"))
+    ]
+    outcomes = ["killed", "survived", "killed", "survived"]
+    verdicts = {m.id: Verdict(m.id, how, "", 60.0) for m, how in zip(mutants, outcomes, strict=True)}
+    reasons = [Reason("src/mkdaemon/guard.py", "f", "a < b", "a <= b", "never equal", is_equivalent=True)]
+    found = sum_up(mutants, verdicts, reasons, lambda path: path.split("/")[2])
+    summary = {"seed": 29, "sample": 2, "of": {"src/mkdaemon/control": 9, "src/mkdaemon/guard.py": 2}, **found}
+    (tmp_path / RESULTS).parent.mkdir(parents=True)
+    (tmp_path / RESULTS).write_text(json.dumps(summary), encoding="utf-8")
     page = mutants_page(tmp_path)
-    assert "A sample of 3 drawn with seed 29: 2 of 3 killed" in page
-    assert "| guard.py | 3 | 2 | 0 | 1 | 66.7 % |" in page
-    assert "| `guard.py:3:4:boolean` | `a \\| b` | `a & b` | nobody asks |" in page
+    assert "Of each subject 2 were drawn with seed 29 (`control` has 9, `guard.py` has 2)" in page
+    assert "2 of 4 killed" in page
+    assert "**66.7 %**, in 4 minutes of computing time" in page
+    assert "the same: never equal" in page
+    assert "no test yet" in page
+    [control] = [line for line in page.splitlines() if line.startswith("| control ")]
+    assert control.split("|")[-2].strip() == "50.0 %"

@@ -380,3 +380,43 @@ def test_the_last_position_of_a_dead_gps_receiver_is_no_position(code):
     states(blank(OsdFlags, index=11, error_code=code), translator=translator)
     home = blank(OsdHome, index=13, latitude=481234567, longitude=115000000)
     assert "state/position" not in states(home, translator=translator)
+
+
+def test_a_receiver_that_says_nothing_sees_no_satellites():
+    translator = StateTranslator()
+
+    def gps(code):
+        return states(blank(OsdData5, **OSD | {"error_code": code}), translator=translator)["state/gps"]
+
+    assert gps(ErrorCode.NONE).satellites == 9
+    assert gps(ErrorCode.NO_GPS).satellites is None
+    assert gps(ErrorCode.NO_GPS_FIX).satellites == 9  # it talks, and counts them
+    assert gps(ErrorCode.GPS_LOST).satellites is None
+
+
+def test_an_error_that_hides_a_silent_receiver_does_not_bring_it_back():
+    translator = StateTranslator()
+
+    def tell(code):
+        return states(blank(OsdData5, **OSD | {"error_code": code}), translator=translator)
+
+    assert "state/position" in tell(ErrorCode.NO_FC)  # a NaviCtrl goes on with its receiver without a FlightCtrl
+    assert "state/position" not in tell(ErrorCode.NO_GPS)
+    for code in (ErrorCode.NO_FC, ErrorCode.NO_COMPASS, ErrorCode.MOTOR_CONTROLLER_MISSING):
+        told = tell(code)
+        assert "state/position" not in told
+        assert (told["state/gps"].satellites, told["state/gps"].fix) == (None, GpsFix.NONE)
+    assert "state/position" in tell(ErrorCode.RC_LOST)  # which a NaviCtrl shows only while its receiver is heard
+
+
+def test_the_time_in_the_air_counts_by_a_flag_that_stands_still_with_the_flightctrl():
+    assert states(blank(OsdData5, **OSD))["state/flight"].flying_time == 61
+    assert states(blank(OsdData5, **OSD | {"error_code": ErrorCode.NO_FC}))["state/flight"].flying_time is None
+
+
+def test_the_satellites_of_the_data_sets_are_those_of_a_receiver_that_talks():
+    translator = StateTranslator()
+    states(blank(OsdDeviation, index=12, satellites=8), translator=translator)
+    for code, satellites in ((ErrorCode.NONE, 8), (ErrorCode.NO_GPS, None), (ErrorCode.NO_FC, None)):
+        told = states(blank(OsdFlags, index=11, error_code=code), translator=translator)
+        assert told["state/gps"].satellites == satellites

@@ -94,7 +94,10 @@ KEYS: Final[tuple[KeySpec, ...]] = (
     KeySpec("sim/faults", Use.CLIENT, SimFaults, "1 Hz and on change", "Faults the simulator plays."),
     KeySpec("sim/camera/<name>", Use.CLIENT, CameraFrame, "30 Hz, where it is on", "What the simulated camera sees."),
     KeySpec("joy/<pad>", Use.CLIENT, Joy, "50 Hz and on change", "A gamepad of another machine: `mkctl teleop --joy`."),
-    KeySpec("sim/start", _Q, None, "", "The simulated pilot begins now, without waiting longer; no payload."),
+    KeySpec(
+        *("sim/start", _Q, None, "", "The simulated pilot begins now, or once more after a landing; no payload."),
+        SimTruth,
+    ),
     KeySpec("sim/fault", _Q, FaultRequest, "", "Begin or end a fault of the simulator.", SimFaults),
     KeySpec("event/clock", _P, ClockEvent, "on occurrence", "The system clock was set: how far, and which way."),
     KeySpec("event/mark", _P, MarkEvent, "on occurrence", "Somebody marked this moment for the recordings."),
@@ -109,6 +112,7 @@ KEYS: Final[tuple[KeySpec, ...]] = (
     KeySpec("schema/<name>", _Q, None, "", "JSON Schema of `<Name>.v<N>`, as the encoding of every payload names it."),
     *(KeySpec(kind.suffix, Use.SETPOINT, kind, "", f"{kind.about}, under a lease.") for kind in SETPOINTS),
     KeySpec("alive", Use.TOKEN, None, "", "The daemon is alive."),
+    KeySpec("playing", Use.TOKEN, None, "", "A recording is played under this name: `mkctl play --as`."),
     KeySpec(
         "client/<holder>",
         Use.TOKEN,

@@ -6,6 +6,7 @@ import asyncio
 import contextlib
 import json
 import re
+import socket
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
@@ -163,11 +164,29 @@ async def open_session(config: zenoh.Config, *, listen: Sequence[str] = ()) -> z
         if "Unable to connect" in text:
             if (refusal := await asyncio.to_thread(explain_tls_failure, config)) is not None:
                 raise MkError(refusal) from error
-            where = ", ".join(json.loads(config.get_json("connect/endpoints")))
+            endpoints = json.loads(config.get_json("connect/endpoints"))
+            where = ", ".join(endpoints)
+            if await asyncio.to_thread(_is_taken, endpoints):
+                msg = (
+                    f"a program listens at {where} but does not answer: that machine or this one is busy, so ask again;"
+                    " or it is no mkdaemon"
+                )
+                raise MkError(msg) from error
             msg = f"nobody answers at {where}: is mkdaemon running there? (`mkdaemon run` here, or --connect elsewhere)"
             raise MkError(msg) from error
         msg = f"Zenoh session: {text}"
         raise ConfigError(msg) from error
+
+
+def _is_taken(endpoints: Sequence[str]) -> bool:
+    """Whether a program listens at one of these: its kernel takes a connection even where it has no time itself."""
+    for endpoint in endpoints:
+        protocol, _, address = endpoint.partition("/")
+        host, _, port = re.split("[?#]", address)[0].rpartition(":")
+        if protocol in {"tcp", "tls"} and port.isdigit():
+            with contextlib.suppress(OSError), socket.create_connection((host.strip("[]"), int(port)), 1.0):
+                return True
+    return False
 
 
 async def close_session(session: zenoh.Session) -> None:

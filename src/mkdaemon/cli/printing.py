@@ -1,10 +1,12 @@
-"""How values look on a terminal, and as JSON lines."""
+"""How values look on a terminal, each on one line, and as JSON lines."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Mapping
 from typing import Any
+
+from mkdaemon.cli.terminal import on_one_line
 
 
 def json_line(value: Mapping[str, Any]) -> str:
@@ -19,7 +21,7 @@ def _plain(value: object) -> object:
 def flat(fields: Mapping[str, Any]) -> str:
     """One value on one line of text: `name=value`, times left out, floats short."""
     skipped = {"stamp", "source", "age"}
-    return " ".join(f"{name}={short(value)}" for name, value in fields.items() if name not in skipped)
+    return " ".join(f"{on_one_line(name)}={short(value)}" for name, value in fields.items() if name not in skipped)
 
 
 def short(value: Any) -> str:
@@ -30,12 +32,12 @@ def short(value: Any) -> str:
         case bytes():
             return value.hex()
         case dict():
-            return "{" + " ".join(f"{name}={short(inner)}" for name, inner in value.items()) + "}"
+            return "{" + " ".join(f"{on_one_line(name)}={short(inner)}" for name, inner in value.items()) + "}"
         case list() | tuple():
             return "(" + ", ".join(short(inner) for inner in value) + ")"
         case None:
             return "-"
-    return str(value)
+    return on_one_line(value)
 
 
 def age_of(fields: Mapping[str, Any]) -> str:

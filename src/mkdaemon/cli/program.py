@@ -7,16 +7,17 @@ import gc
 import importlib
 import importlib.util
 import os
+import re
 import signal
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from typing import Final, NamedTuple, NoReturn
 
-from cyclopts import App, CycloptsError, MissingArgumentError, Parameter, UnusedCliTokensError
+from cyclopts import App, CycloptsError, Group, MissingArgumentError, Parameter, UnusedCliTokensError
 from cyclopts.argument import Argument
 
-from mkdaemon.cli.terminal import print_whatever_the_encoding
+from mkdaemon.cli.terminal import guarded_streams, print_whatever_the_encoding
 from mkdaemon.errors import ConfigError, MkError
 
 EXIT_OK: Final = 0
@@ -26,6 +27,7 @@ EXIT_INTERRUPTED: Final = 130
 LONGEST_COMPLAINT: Final = 1000
 """Of a longer one the middle is left out [characters]: it quotes what a stranger wrote."""
 _ENDS: Final = (signal.SIGTERM, signal.SIGHUP)
+_OPTION: Final = re.compile(r"--?[A-Za-z]")
 
 
 class CommandEntry(NamedTuple):
@@ -50,7 +52,7 @@ def build(name: str, about: str, table: Iterable[CommandEntry], *, chosen: str =
     Args:
         name: of the program.
         about: its own help.
-        table: its commands.
+        table: its commands, in the order in which the help shows them and their groups.
         chosen: the command that is going to run: it shows its own, longer help in place of the table's line.
     """
     app = App(
@@ -58,12 +60,17 @@ def build(name: str, about: str, table: Iterable[CommandEntry], *, chosen: str =
         help=about,
         version=_version,
         help_format="markdown",
+        group_commands=Group("Help"),
         default_parameter=Parameter(negative=()),  # no `--no-json` beside every `--json`
     )
-    for entry in table:
+    groups: dict[str, Group] = {}
+    for number, entry in enumerate(table):
         if importlib.util.find_spec(entry.target.partition(":")[0]) is not None:
+            group = groups.setdefault(entry.group, Group(entry.group, sort_key=number))
             line = None if entry.name == chosen else entry.help
-            app.command(entry.target, name=entry.name, help=line, group=entry.group)
+            app.command(entry.target, name=entry.name, help=line, group=group, sort_key=number)
+    for flag in (*app.help_flags, *app.version_flags):
+        app[flag].show = False  # whoever reads the help has found them
     return app
 
 
@@ -153,16 +160,34 @@ def _end_at_once() -> None:
 
 
 def run(app: App, tokens: Sequence[str] | None = None) -> int:
-    """Run a program and return its exit code; every mistake is one line on stderr."""
+    """Run a program and return its exit code; every mistake is one line on stderr, and nothing acts on a terminal."""
     tokens = sys.argv[1:] if tokens is None else tokens
+    with guarded_streams():
+        return _run(app, tokens)
+
+
+def _run(app: App, tokens: Sequence[str]) -> int:
     if (mistake := _unknown_command(app, tokens)) is not None:
         return _complain(app, mistake, EXIT_CONFIG)
+    return report_mistakes(
+        app, tokens, lambda: app(tokens, exit_on_error=False, print_error=False, result_action="return_value")
+    )
+
+
+def report_mistakes(app: App, tokens: Sequence[str], work: Callable[[], object]) -> int:
+    """Do what a command does and return its exit code; see `run`.
+
+    Args:
+        app: the program.
+        tokens: its command line.
+        work: the command.
+    """
     try:
-        result = app(tokens, exit_on_error=False, print_error=False, result_action="return_value")
+        result = work()
         sys.stdout.flush()
     except CycloptsError as error:
         command = " ".join((app.name[0], *(error.command_chain or ())))
-        return _complain(app, f"{_words_of(error, command, tokens)} See `{command} --help`.", EXIT_CONFIG)
+        return _complain(app, f"{_words_of(error, app, command, tokens)} See `{command} --help`.", EXIT_CONFIG)
     except ConfigError as error:
         return _complain(app, error, EXIT_CONFIG)
     except MkError as error:
@@ -177,20 +202,36 @@ def run(app: App, tokens: Sequence[str] | None = None) -> int:
         _mute()
         return EXIT_OK  # whoever read our output has seen enough
     except OSError as error:
-        _mute()
+        if error.filename is None:
+            _mute()
         return _complain(app, f"{error.filename or 'standard output'}: {error.strerror or error}", EXIT_FAILURE)
     return result if isinstance(result, int) else EXIT_OK
 
 
-def _words_of(error: CycloptsError, command: str, tokens: Sequence[str]) -> str:
+def _words_of(error: CycloptsError, app: App, command: str, tokens: Sequence[str]) -> str:
     """What is wrong with a command line, in a sentence."""
     match error:
+        case MissingArgumentError() if (mistake := _unknown_option(error, app)) is not None:
+            return mistake  # told before what is missing because of it
         case MissingArgumentError(argument=Argument() as missing):
             name = missing.name if missing.index is None else missing.name.lstrip("-").upper()
             return f"{name} needs a value." if missing.name in tokens else f"`{command}` needs {name}."
         case UnusedCliTokensError():
             return f"`{command}` does not take {' '.join(error.unused_tokens or ())!r}."
     return str(error)
+
+
+def _unknown_option(error: CycloptsError, app: App) -> str | None:
+    """What is wrong with an option that the command does not have; None if there is none."""
+    for name in error.command_chain or ():
+        app = app[name]
+    known = [name for argument in app.assemble_argument_collection() for name in argument.names]
+    given = (word.partition("=")[0] for word in error.unused_tokens or () if _OPTION.match(word))
+    unknown = next((name for name in given if name not in known), None)
+    if unknown is None:
+        return None
+    near = difflib.get_close_matches(unknown, known, n=1)
+    return f"Unknown option: {unknown}.{f' Did you mean {near[0]}?' if near else ''}"
 
 
 def _unknown_command(app: App, tokens: Sequence[str]) -> str | None:

@@ -1,14 +1,98 @@
-"""Text for every terminal: what its encoding lacks is written in letters that it has."""
+r"""Text on its way to a terminal: nothing in it acts on the terminal, and what its encoding lacks has other letters.
+
+The texts of a program are mixed with what others wrote: keys and values from the bus, names of files, what stands in
+files, what boards call themselves. Whoever prints does not have to know: the streams of a program are guarded while it
+runs (`guarded_streams`), and every control character, every mark that turns the direction of writing and every
+invisible one comes out as Python spells it, `\x1b` for example. Pictures of rich go through `mkdaemon.cli.console`,
+which guards their text and lets their own colours pass; a screen that is drawn by hand goes to `drawing_stream`.
+"""
 
 from __future__ import annotations
 
 import codecs
 import io
+import re
 import sys
-from typing import Final
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from typing import Final, TextIO, cast
 
 _ERRORS: Final = "mkdaemon.plain"
 _PLAIN: Final = {"°": " deg", "²": "2", "±": "+/-", "µ": "u", "×": "x", "·": ".", "–": "-", "—": "-", "…": "..."}
+_ACTING: Final = re.compile(
+    "\r(?!\n)|[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\xad\u061c\u180e\u200b-\u200f\u2028-\u202e\u2060-\u206f\ud800-\udfff\ufeff"
+    "\ufff9-\ufffb\U000e0000-\U000e007f]"
+)
+"""Controls C0 (but for tab and the ends of lines) and C1, separators of lines, marks of direction, invisible ones, and
+halves of letters, by which Python names bytes that are no text."""
+_BREAKING: Final = re.compile(r"[\t\r\n]")
+
+
+def spelled(text: str) -> str:
+    """A text in which nothing acts on a terminal; lines and tabs stay."""
+    return _ACTING.sub(_spell, text)
+
+
+def on_one_line(text: object) -> str:
+    """What somebody else wrote, as a part of one line: no line of its own can pass for one of ours.
+
+    Args:
+        text: a text, or anything that has one.
+    """
+    return _BREAKING.sub(_spell, spelled(str(text)))
+
+
+def _spell(found: re.Match[str]) -> str:
+    return found.group().encode("unicode_escape").decode("ascii")
+
+
+class GuardedStream:
+    """A text stream that spells what would act on a terminal.
+
+    Attributes:
+        rich_proxied_file: the stream beneath; rich, which asks for this name, draws on it.
+    """
+
+    def __init__(self, beneath: TextIO) -> None:
+        self.rich_proxied_file = beneath
+
+    def write(self, text: str, /) -> int:
+        """Write a text."""
+        self.rich_proxied_file.write(spelled(text))
+        return len(text)
+
+    def writelines(self, lines: Iterable[str], /) -> None:
+        """Write several."""
+        for line in lines:
+            self.write(line)
+
+    def __getattr__(self, name: str) -> object:
+        return getattr(self.rich_proxied_file, name)
+
+
+def guarded(stream: TextIO) -> TextIO:
+    """A stream that spells what would act on a terminal."""
+    return stream if isinstance(stream, GuardedStream) else cast("TextIO", GuardedStream(stream))
+
+
+def drawing_stream(stream: TextIO) -> TextIO:
+    """The stream beneath, for what draws a screen; every text of others in it has to go through `on_one_line` first.
+
+    Args:
+        stream: `sys.stdout` or `sys.stderr`.
+    """
+    return stream.rich_proxied_file if isinstance(stream, GuardedStream) else stream
+
+
+@contextmanager
+def guarded_streams() -> Iterator[None]:
+    """Let nothing that is printed while the context lasts act on a terminal."""
+    before = sys.stdout, sys.stderr
+    sys.stdout, sys.stderr = guarded(sys.stdout), guarded(sys.stderr)
+    try:
+        yield
+    finally:
+        sys.stdout, sys.stderr = before
 
 
 def print_whatever_the_encoding() -> None:

@@ -6,11 +6,14 @@ import difflib
 from collections.abc import Iterator
 from functools import cache
 from itertools import chain
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import zenoh
 
 from mkdaemon.errors import MkError
+
+if TYPE_CHECKING:
+    from pydantic import BaseModel
 
 _FRAMES: Final = ("rx", "tx")
 _LIKE: Final = 0.6
@@ -87,3 +90,11 @@ def _frame_keys() -> Iterator[str]:
         yield from dict.fromkeys(f"{way}/{board.word}/{cls.spec.key}" for (board, *_), cls in MESSAGES.items())
         yield from dict.fromkeys(f"{way}/{Board.ANY.word}/{cls.spec.key}" for cls in MESSAGES.values())
         yield from (f"{way}/{board}/unknown" for board in (*(board.word for board in Board), "other"))
+
+
+def model_of(suffix: str) -> type[BaseModel] | None:
+    """What a key carries; None where it is no key, or carries no typed value."""
+    from mkdaemon.bus.keys import find
+
+    spec = find(suffix)
+    return None if spec is None else spec.carries

@@ -1,7 +1,8 @@
 """Puts the published values of a recording on the bus again, at their times, and counts what it put.
 
-Only publishers of `PlayKey`s are ever declared; there is no port, no query and no setpoint here. A thread puts, and
-another one reads ahead: the event loop, which draws and listens to keys, makes no value late.
+Only publishers of `PlayKey`s are ever declared, and what is asked is answered with them; there is no port and no
+setpoint here, and no command is obeyed. A thread puts, and another one reads ahead: the event loop, which draws and
+listens to keys, makes no value late.
 """
 
 from __future__ import annotations
@@ -9,8 +10,8 @@ from __future__ import annotations
 import asyncio
 import threading
 import time
-from collections.abc import AsyncIterator, Callable, Sequence
-from contextlib import asynccontextmanager, closing
+from collections.abc import AsyncIterator, Callable, Iterator, Sequence
+from contextlib import ExitStack, asynccontextmanager, closing, contextmanager, suppress
 from pathlib import Path
 from typing import Final
 
@@ -19,9 +20,9 @@ import zenoh
 from mkdaemon.bus.codec import encode, encoding_of
 from mkdaemon.bus.names import ROOT
 from mkdaemon.bus.session import close_session, open_session, session_config
-from mkdaemon.client.playselection import REPLAY, PlayKey, ReadAhead, Selection, Sent
+from mkdaemon.client.playedvalues import PlayedValues
+from mkdaemon.client.playselection import REPLAY, Played, PlayKey, ReadAhead, Selection, Sent
 from mkdaemon.errors import MkError
-from mkdaemon.record.entry import Entry
 from mkdaemon.telemetry.play import PlayState, PlayStatus
 
 SLOWEST: Final = 1 / 64
@@ -146,8 +147,11 @@ class Player:
         self.rounds = 0
         self._session, self._selection, self._title = session, selection, title
         self._publishers: dict[PlayKey, zenoh.Publisher] = {}
+        self._values = PlayedValues(session, selection, self._place)
         self._turn = threading.Condition()
-        self._is_stopped = False
+        self._is_stopped = self._is_waiting = False
+        self._watched = asyncio.Event()
+        self._loop = asyncio.get_running_loop()
         self._found: set[str] = set()
         roots = {key.rpartition("/")[0].split("/")[1] for key in selection.counts}
         self._status = session.declare_publisher(f"{REPLAY}/status/{min(roots)}")
@@ -168,28 +172,40 @@ class Player:
         alive = {str(reply.ok.key_expr).split("/")[1] for reply in replies if reply.ok is not None}
         self._refuse(names & alive)
 
+    @contextmanager
+    def answering(self) -> Iterator[None]:
+        """Answer, while the context lasts, as the vehicle did at the place of the recording that is played."""
+
+        def on_question() -> None:
+            with suppress(RuntimeError):  # the loop may be closing
+                self._loop.call_soon_threadsafe(self._watched.set)
+
+        with self._values.answering(on_question):
+            yield
+
     async def wait_for_subscribers(self) -> None:
-        """Return as soon as anybody subscribes to what will be played."""
-        watched, loop = asyncio.Event(), asyncio.get_running_loop()
+        """Return as soon as anybody subscribes to what will be played, or asks for it; or when `stop` is called."""
 
         def on_change(status: zenoh.MatchingStatus) -> None:
             if status.matching:
-                loop.call_soon_threadsafe(watched.set)
+                self._loop.call_soon_threadsafe(self._watched.set)
 
         roots = {"/".join(key.split("/")[:2]) for key in self._selection.counts}
-        publishers = [self._session.declare_publisher(f"{root}/**") for root in roots]
-        listeners = []
-        for publisher in publishers:
-            listeners.append(publisher.declare_matching_listener(zenoh.handlers.Callback(on_change, indirect=False)))
-            present: zenoh.MatchingStatus = publisher.matching_status  # type: ignore[assignment]  # the stub errs
-            if present.matching:
-                watched.set()
-        await watched.wait()
-        await asyncio.sleep(SETTLE)
-        for listener in listeners:
-            listener.undeclare()  # type: ignore[no-untyped-call]
-        for publisher in publishers:
-            publisher.undeclare()  # type: ignore[no-untyped-call]
+        self._is_waiting = True
+        with ExitStack() as stack:
+            for root in roots:
+                publisher = stack.enter_context(self._session.declare_publisher(f"{root}/**"))
+                handler = zenoh.handlers.Callback(on_change, indirect=False)
+                stack.enter_context(publisher.declare_matching_listener(handler))
+                present: zenoh.MatchingStatus = publisher.matching_status  # type: ignore[assignment]  # the stub errs
+                if present.matching:
+                    self._watched.set()
+            try:
+                await self._watched.wait()
+            finally:
+                self._is_waiting = False
+            if not self._is_stopped:
+                await asyncio.sleep(SETTLE)
 
     # -- playing --------------------------------------------------------------------------------------------------
 
@@ -214,10 +230,11 @@ class Player:
         self._show_status(PlayState.STOPPED if self._is_stopped else PlayState.ENDED)
 
     def stop(self) -> None:
-        """End it before the next value."""
+        """End it before the next value, or while it waits for somebody."""
         with self._turn:
             self._is_stopped = True
             self._turn.notify()
+        self._watched.set()
 
     def adjust(self, change: Callable[[Pace, float], object]) -> None:
         """Change the pace.
@@ -248,11 +265,12 @@ class Player:
     def _put_all(self) -> None:
         with closing(ReadAhead(self._selection.entries)) as ahead:
             ahead.wait()
+            self._values.restart()
             self.adjust(lambda pace, now: pace.restart(self._selection.first, now))
-            for at, key, entry in ahead:
-                if not self._wait_until_due(at):
+            for played in ahead:
+                if not self._wait_until_due(played.at):
                     return
-                self._put(key, entry)
+                self._put(played)
 
     def _wait_until_due(self, at: float) -> bool:
         """Wait for the time of a value; false when playing was stopped."""
@@ -270,26 +288,34 @@ class Player:
                     continue
             time.sleep(left)
 
-    def _put(self, key: PlayKey, entry: Entry) -> None:
-        self._publishers[key].put(entry.payload, encoding=entry.encoding)
-        self.sent.counts[key.whole] += 1
+    def _put(self, played: Played) -> None:
+        self._values.take(played)
+        self._publishers[played.key].put(played.entry.payload, encoding=played.entry.encoding)
+        self.sent.counts[played.key.whole] += 1
 
     # -- what it tells --------------------------------------------------------------------------------------------
 
     def status(self, state: PlayState | None = None) -> PlayStatus:
-        """What the player does; whether it plays or pauses, if no state is given."""
+        """What the player does; whether it waits, plays or pauses, if no state is given."""
         first, last = self._selection.first, self._selection.last
         with self._turn:
-            is_paused, speed, place = self.pace.is_paused, self.pace.speed, self.pace.place(time.monotonic())
+            is_paused, speed = self.pace.is_paused, self.pace.speed
+        moving = PlayState.WAITING if self._is_waiting else PlayState.PLAYING
         return PlayStatus(
             file=self._title,
-            state=state or (PlayState.PAUSED if is_paused else PlayState.PLAYING),
+            state=state or (PlayState.PAUSED if is_paused else moving),
             speed=speed,
-            place=min(max(place - first, 0.0), last - first),
+            place=0.0 if self._is_waiting else self._place() - first,
             length=last - first,
             sent=self.sent.total,
             values=self._selection.total,
         )
+
+    def _place(self) -> float:
+        """How far the recording has come [s; Unix time]."""
+        with self._turn:
+            place = self.pace.place(time.monotonic())
+        return min(max(place, self._selection.first), self._selection.last)
 
     def _show_status(self, state: PlayState | None = None) -> None:
         self._status.put(encode(self.status(state)), encoding=encoding_of(PlayStatus))

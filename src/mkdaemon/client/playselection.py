@@ -13,6 +13,7 @@ import threading
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
+from datetime import UTC, datetime
 from typing import Final, NamedTuple, Self
 
 from mkdaemon.bus.keys import Use, find
@@ -89,8 +90,15 @@ AHEAD: Final = 256
 """Values that are read before they are due."""
 PATIENCE: Final = 0.1
 """Time between two looks whether what was read ahead is still wanted [s]."""
+LONGEST_SILENCE: Final = 24 * 3600.0
+"""Between two values [s]: nobody waits for the next one longer; the times of two recordings, or of a damaged one."""
 STEP: Final = 1e-5
 """Lateness is counted in steps of this [s]."""
+
+
+def _moment(at: float) -> str:
+    """A time [s; Unix time] as `--from` takes it."""
+    return datetime.fromtimestamp(at, UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
 
 
 class Lateness:
@@ -154,6 +162,7 @@ class Selection:
         entries: gives all of it, in order, every time it is called.
         counts: values by key, as played.
         keys: to put them to.
+        earlier: gives what was recorded before it, in order.
         first: time of its beginning [s; Unix time].
         last: of its end [s; Unix time].
     """
@@ -161,24 +170,31 @@ class Selection:
     entries: Callable[[], Iterator[Played]]
     counts: Counter[str]
     keys: frozenset[PlayKey]
+    earlier: Callable[[], Iterator[Played]]
     first: float
     last: float
 
     @classmethod
-    def of(cls, entries: Callable[[], Iterable[Entry]], name: str | None) -> Selection:
+    def of(
+        cls,
+        entries: Callable[[], Iterable[Entry]],
+        name: str | None,
+        earlier: Callable[[], Iterable[Entry]] = lambda: (),
+    ) -> Selection:
         """Look through a recording once.
 
         Args:
             entries: gives the entries, every time it is called.
             name: vehicle to play as; None for `replay/<vehicle>/...`.
+            earlier: gives the entries before them, which are not played but known.
 
         Raises:
-            MkError: there is nothing to play.
+            MkError: there is nothing to play, or days between two values.
         """
         known: dict[str, PlayKey | None] = {}
 
-        def played() -> Iterator[Played]:
-            for entry in entries():
+        def played(wanted: Callable[[], Iterable[Entry]] = entries) -> Iterator[Played]:
+            for entry in wanted():
                 if entry.key not in known:
                     known[entry.key] = play_key(entry.key, name)
                 key = known[entry.key]
@@ -188,12 +204,19 @@ class Selection:
         counts: Counter[str] = Counter()
         first, last = float("inf"), float("-inf")
         for at, key, _ in played():
+            if last + LONGEST_SILENCE < at and counts:
+                msg = (
+                    f"nothing was recorded for {(at - last) / 3600:.0f} hours after {_moment(last)}: play what is "
+                    f"before it, with --to {_moment(last + 1)}, or behind it, with --from {_moment(at)}"
+                )
+                raise MkError(msg)
             counts[key.whole] += 1
             first, last = min(first, at), max(last, at)
         if not counts:
             msg = "nothing to play: no published value in this part of the recording; `mkctl log info` shows its keys"
             raise MkError(msg)
-        return cls(played, counts, frozenset(key for key in known.values() if key), first, last)
+        keys = frozenset(key for key in known.values() if key)
+        return cls(played, counts, keys, lambda: played(earlier), first, last)
 
     @property
     def vehicles(self) -> set[str]:

@@ -148,6 +148,7 @@ class SetpointStream:
         self._taken_at = self._received_at = self._loop.time()
         self._status: ControlStatus | None = None
         self._lost: str | None = None
+        self._has_ended = False
         self._outcome: Outcome | None = None
         self._refusal: CommandRejectedError | None = None
         self._following: asyncio.Task[None] | None = None
@@ -162,7 +163,9 @@ class SetpointStream:
         await asyncio.shield(self._give_back())
 
     async def _give_back(self) -> None:
-        """Release the aircraft; what is refused, or not answered, has ended already."""
+        """Release the aircraft; nothing where the daemon has said that this lease is over, as after a landing."""
+        if self._has_ended:
+            return
         with suppress(MkError):
             fields = {"action": "release", "epoch": self.epoch, "secret": self._secret}
             await self._transport.command("do", "lease", fields, patience=GIVING_BACK)
@@ -338,4 +341,4 @@ class SetpointStream:
         if status.lease is not None and status.lease.epoch == self.epoch:
             self._status, self._outcome = status, status.outcome
         elif self._lost is None and (self._status is not None or self._received_at - self._taken_at > SETTLING):
-            self._lost, self._outcome = status.reason, status.outcome
+            self._lost, self._has_ended, self._outcome = status.reason, True, status.outcome

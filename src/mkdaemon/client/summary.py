@@ -16,7 +16,16 @@ if TYPE_CHECKING:
     from mkdaemon.telemetry.vehicle import VehicleHealth
 
 _Value = TypeVar("_Value")
-PATTERNS: Final = ("health", "link/state", "link/health", "control/status", "state/*", "record/status")
+PATTERNS: Final = (
+    "health",
+    "link/state",
+    "link/health",
+    "control/status",
+    "state/*",
+    "vision/*/stats",
+    "vision/*/pose",
+    "record/status",
+)
 
 
 class _Last(Generic[_Value]):

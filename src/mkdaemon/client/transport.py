@@ -174,9 +174,10 @@ class Transport:
         return SetpointPublisher(publisher)
 
     async def vehicles(self) -> list[str]:
-        """Names of all vehicles whose daemon is alive."""
-        replies = await asyncio.to_thread(lambda: list(self._session.liveliness().get(f"{ROOT}/*/alive", timeout=1)))
-        return sorted(str(reply.ok.key_expr).split("/")[1] for reply in replies if reply.ok is not None)
+        """Names of all vehicles whose daemon is alive, and of recordings that are played under a name."""
+        replies = await asyncio.to_thread(lambda: list(self._session.liveliness().get(f"{ROOT}/*/*", timeout=1)))
+        tokens = (str(reply.ok.key_expr).split("/") for reply in replies if reply.ok is not None)
+        return sorted({vehicle for _, vehicle, token in tokens if token in {"alive", "playing"}})
 
     def _key(self, suffix: str) -> str:
         return key(self.vehicle, suffix)

@@ -498,7 +498,7 @@ class VerbCalls(KeyTree):
         Anyone may, with or without a lease.
 
         Args:
-            reason: Published with the event.
+            reason: Published with the event; what is longer is cut, never refused.
 
         Raises:
             MkError: refused or failed (`CommandRejectedError`: token, reason, fix), or there is no daemon.
@@ -533,7 +533,7 @@ class VerbCalls(KeyTree):
         Anyone may; the holder keeps the lease, and the aircraft holds.
 
         Args:
-            reason: Published with the event.
+            reason: Published with the event; what is longer is cut, never refused.
 
         Raises:
             MkError: refused or failed (`CommandRejectedError`: token, reason, fix), or there is no daemon.

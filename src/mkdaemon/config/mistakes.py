@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import json
+import math
 import re
 import typing
 from collections.abc import Iterator, Mapping, Sequence
@@ -43,6 +44,9 @@ _BOUNDS: Final[Mapping[str, str]] = {
     "string_too_short": "must not be empty",
     "missing": "must be given",
 }
+
+
+_UNIT: Final = re.compile(r"\[([A-Za-z%][^\],;]*)[^\]]*\]")
 
 
 class Mistake(NamedTuple):
@@ -108,7 +112,9 @@ def _what(branches: Sequence[Mistake], root: type[BaseModel]) -> str:
         return _unknown_key(branches[0].place, root)
     bound = _BOUNDS.get(details["type"])
     if bound is not None:
-        return f"{bound.format(**details.get('ctx', {}))}{_shown(details)}"
+        unit = _unit(branches[0].place, root)
+        needed = " ".join(filter(None, (bound.format(**details.get("ctx", {})), unit)))
+        return f"{needed}{_shown(details)}{_degrees(details, unit)}"
     if details["type"] == "string_pattern_mismatch" and (meaning := _meaning(branches[0].place, root)):
         return f"{json.dumps(details['input'])} will not do. {meaning}"
     reason = details["msg"].removeprefix("Value error, ")
@@ -131,10 +137,28 @@ def _shown(details: ErrorDetails) -> str:
 
 def _meaning(place: Place, root: type[BaseModel]) -> str:
     """What a key is for: the docstring of its field."""
+    if not place:
+        return ""
     for model in _models_at(place[:-1], root):
         if (meaning := meanings_of(model).get(str(place[-1]))) is not None:
             return meaning
     return ""
+
+
+def _unit(place: Place, root: type[BaseModel]) -> str:
+    """The unit of a key, as its meaning, or that of the table it is in, has it in brackets; empty where none has."""
+    found: list[str] = _UNIT.findall(_meaning(place, root) or _meaning(place[:-1], root))
+    return found[-1] if found else ""
+
+
+def _degrees(details: ErrorDetails, unit: str) -> str:
+    """The right number, where somebody has written degrees: radians that are too many, and as degrees are not."""
+    limit = next((float(value) for name, value in details.get("ctx", {}).items() if name in {"lt", "le"}), None)
+    value = details["input"]
+    if not unit.startswith("rad") or limit is None or not isinstance(value, int | float) or value <= limit:
+        return ""
+    meant = math.radians(value)
+    return f"; {value:g} degrees are {meant:.3g} rad" if meant <= limit else ""
 
 
 def _unknown_key(place: Place, root: type[BaseModel]) -> str:

@@ -19,6 +19,11 @@ RECOVERED: Final = 1.02
 """It is no longer low above so many times the limit."""
 
 
+def count_cells(highest: float) -> int | None:
+    """Return how many cells a battery has, counted by the highest voltage it had [V]; None where it had none."""
+    return 1 + int(highest / HIGHEST_CELL) if highest > 0.0 else None
+
+
 def low_voltage(found: ActiveSet, highest: float) -> float:
     """Return the voltage below which a battery is low [V]; zero where the active set does not say.
 
@@ -26,7 +31,7 @@ def low_voltage(found: ActiveSet, highest: float) -> float:
         found: the active set; gives the voltage of a cell.
         highest: voltage that the battery had since the port was opened [V]; the cells are counted by it.
     """
-    return 0.0 if found.low_cell is None else found.low_cell * (1 + int(highest / HIGHEST_CELL))
+    return 0.0 if found.low_cell is None else found.low_cell * (count_cells(highest) or 1)
 
 
 class BatteryWatch:

@@ -19,7 +19,7 @@ async def require_discovery(link: Link, state: LinkState | None) -> None:
         state: what is known about the line.
 
     Raises:
-        CommandRejectedError: `link_down`: nobody can be asked; `discovering`: no answer yet.
+        CommandRejectedError: `link_down`: nobody can be asked, any more; `discovering`: no answer yet.
     """
     if link.dialect.read_only_reason is None:
         return
@@ -27,6 +27,9 @@ async def require_discovery(link: Link, state: LinkState | None) -> None:
         condition = "absent" if state is None else state.condition.value
         raise refuse(Token.LINK_DOWN, state=condition, detail="" if state is None else state.reason)
     if not await wait_for_discovery(link):
+        if not link.is_up:
+            lost = link.health().state
+            raise refuse(Token.LINK_DOWN, state=lost.condition.value, detail=lost.reason)
         raise refuse(Token.DISCOVERING, detail=link.dialect.read_only_reason)
 
 

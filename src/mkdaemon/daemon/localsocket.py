@@ -90,6 +90,26 @@ class LocalSocket:
         return await self._answer(f"do/{verb}", msgpack.packb(fields))
 
 
+def check_group(name: str) -> int:
+    """Return the number of a group that this user may share the socket with.
+
+    Raises:
+        ConfigError: there is no such group, or this user is not in it.
+    """
+    try:
+        number = grp.getgrnam(name).gr_gid
+    except KeyError as error:
+        msg = f"bus.local_group: there is no group {name!r} on this machine"
+        raise ConfigError(msg) from error
+    if os.geteuid() != 0 and number not in {os.getegid(), *os.getgroups()}:
+        raise ConfigError(_not_in(name))
+    return number
+
+
+def _not_in(group: str) -> str:
+    return f"bus.local_group: the daemon's user is not in group {group!r}"
+
+
 def _listen(path: Path, group: str | None) -> socket.socket:
     listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
     try:
@@ -119,20 +139,18 @@ def _listen(path: Path, group: str | None) -> socket.socket:
 
 def _share(path: Path, group: str) -> None:
     try:
-        number = grp.getgrnam(group).gr_gid
+        number = check_group(group)
         os.chown(path, -1, number)
         path.chmod(0o660)
         if path.parent.stat().st_uid == os.getuid():
             os.chown(path.parent, -1, number)
             path.parent.chmod(0o750)
-    except KeyError as error:
-        _remove(path)
-        msg = f"bus.local_group: there is no group {group!r} on this machine"
-        raise ConfigError(msg) from error
     except PermissionError as error:
         _remove(path)
-        msg = f"bus.local_group: the daemon's user is not in group {group!r}"
-        raise ConfigError(msg) from error
+        raise ConfigError(_not_in(group)) from error
+    except ConfigError:
+        _remove(path)
+        raise
 
 
 def _remove(path: Path) -> None:

@@ -24,6 +24,7 @@ from mkdaemon.daemon.guard import GuardProcess, LastWord, take_report
 from mkdaemon.daemon.localsocket import LocalSocket
 from mkdaemon.daemon.priority import spare_collector
 from mkdaemon.daemon.procedures import state_folder
+from mkdaemon.daemon.runnable import require_runnable
 from mkdaemon.daemon.vitals import status_line
 from mkdaemon.daemon.watchdog import Notifier, feed_watchdog
 from mkdaemon.daemon.wiring import Wiring
@@ -57,6 +58,7 @@ async def run(cfg: Config, stop: asyncio.Event, clock: Clock | None = None, last
     if not cfg.link.port:
         msg = "link.port: no port is configured; set it, or give --port (mkdaemon doctor lists what is plugged in)"
         raise ConfigError(msg)
+    require_runnable(cfg)
     notifier, clock = Notifier(), clock or Clock()
     black_box = open_black_box(cfg, clock, is_recording=cfg.link.port.startswith(RECORDING))
     takes_images = any(camera.source.startswith(OVER_BUS) for camera in cfg.cameras)

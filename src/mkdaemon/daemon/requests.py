@@ -159,8 +159,8 @@ class BoardRequests:
                 while self._facts.motors_running(self._clock.now(), MOTORS_FRESH) is None:  # noqa: ASYNC110
                     await asyncio.sleep(0.02)
 
-    def check_step(self, board: Board, message: WireMessage) -> None:
-        """Let a step of a procedure pass, or refuse it.
+    async def check_step(self, board: Board, message: WireMessage) -> None:
+        """Let a step of a procedure pass, or refuse it; it waits while the boards are asked anew who they are.
 
         Args:
             board: who is asked.
@@ -169,6 +169,8 @@ class BoardRequests:
         Raises:
             CommandRejectedError: what admission says.
         """
+        if _danger_of(message) is not None and self._link.is_up:
+            await require_discovery(self._link, self._facts.link)
         self._interlock.require(self._beginning(board, message, is_confirmed=True, is_step=True))
 
     async def prove_board(self, board: Board, message: WireMessage) -> None:

@@ -40,6 +40,8 @@ ASK_AGAIN: Final = (0.1, 0.2, 0.4)
 LOOK_AGAIN: Final = (1.0, 4.0, 15.0, 60.0)
 """Pauses between looks behind a NaviCtrl while its FlightCtrl is unknown; the last one repeats [s]. Each costs 0.6 s
 of telemetry; their number is `link.flightctrl_looks`."""
+STILL: Final = 0.3
+"""A NaviCtrl that passes the line through has said nothing for so long after three questions of 0.15 s [s]."""
 DISCOVERY_TIME: Final = 4.0
 """How long whoever wants to act waits for the boards to be known [s]; a start takes 0.5-1.5 s."""
 
@@ -70,9 +72,9 @@ async def discover_flightctrl(link: Link, *, until: asyncio.Event) -> None:
     while link.lacks_flightctrl and not until.is_set():
         pause = LOOK_AGAIN[0]  # waiting for motors that stand still costs nothing and has no end
         with suppress(CommandRejectedError, RequestTimeoutError):
-            await _ask_flightctrl(link)
-            link.count_look()
-            pause = next(pauses)
+            if await _ask_flightctrl(link):
+                link.count_look()
+                pause = next(pauses)
         if link.lacks_flightctrl:
             with suppress(TimeoutError):
                 async with asyncio.timeout(pause):
@@ -86,24 +88,28 @@ async def wait_for_discovery(link: Link) -> bool:
     """
     with suppress(TimeoutError):
         async with asyncio.timeout(DISCOVERY_TIME):
-            while (link.lacks_flightctrl or not link.boards) and link.offered_memory() is None:  # noqa: ASYNC110 - what is known is a state, not an event
+            while link.is_discovering and link.offered_memory() is None:  # noqa: ASYNC110 - what is known is a state, not an event
                 await asyncio.sleep(0.05)
-    return not link.lacks_flightctrl and bool(link.boards)
+    return not link.is_discovering
 
 
-async def _ask_flightctrl(link: Link) -> None:
-    """Through a NaviCtrl 0.24 no release is ever confirmed; while the line is passed through one is."""
+async def _ask_flightctrl(link: Link) -> bool:
+    """Look behind the NaviCtrl; returns whether that was a look: a NaviCtrl that talks on has not passed the line on.
+
+    Through a NaviCtrl 0.24 no release is ever confirmed; while the line is passed through one is.
+    """
     async with redirection(link, Board.FC):
         for _ in range(3):
             if await _ask_version(link, Board.FC):
                 await link.release("FlightCtrl found")
-                break
+                return True
+        return link.heard_age > STILL
 
 
 async def _find_direct_board(link: Link) -> None:
     pauses = chain(ASK_AGAIN, repeat(ASK_AGAIN[-1]))
     while True:
-        if await _ask_version(link, Board.ANY) and link.direct_board is Board.NC:
+        if await _ask_version(link, Board.ANY) and link.is_proven(Board.NC):
             return
         await link.send_escape()
         await asyncio.sleep(ESCAPE_PAUSE)

@@ -146,9 +146,25 @@ class Link:
         return may_ask and self.direct_board is Board.NC and self.dialect.fc_release is None
 
     @property
+    def is_discovering(self) -> bool:
+        """Whether a release that steering or writing needs is not known yet and still being asked for."""
+        shown = self._dialogue.peers.evidence
+        return self.lacks_flightctrl or (not shown.releases and shown.foreign is None)
+
+    @property
+    def heard_age(self) -> float:
+        """Time since the latest right frame [s]; infinite for never."""
+        return self._dialogue.health.heard_age(self._clock.now())
+
+    @property
+    def condition(self) -> LinkCondition:
+        """The verdict on the line."""
+        return self._dialogue.health.verdict.condition
+
+    @property
     def is_up(self) -> bool:
         """Whether both directions work, perhaps with losses."""
-        return self._dialogue.health.verdict.condition.is_usable
+        return self.condition.is_usable
 
     def health(self) -> LinkHealth:
         """Everything measured about the line, now."""

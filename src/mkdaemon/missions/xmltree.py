@@ -25,14 +25,19 @@ class Element:
         attributes: by local name.
         place: file and line of the opening tag.
         children: elements within, in order.
-        text: characters directly within, all runs joined.
+        runs: characters directly within, in the pieces between what else is within.
     """
 
     name: str
     attributes: dict[str, str]
     place: Place
     children: list[Element] = field(default_factory=list)
-    text: str = ""
+    runs: list[str] = field(default_factory=list)
+
+    @property
+    def text(self) -> str:
+        """Characters directly within, all runs joined."""
+        return "".join(self.runs)
 
     def find(self, name: str) -> Element | None:
         """Return the first child of this name."""
@@ -61,7 +66,8 @@ def parse_xml(text: str, name: str) -> Element:
     Raises:
         ConfigError: it is no well-formed XML, declares a document type, or nests too deeply.
     """
-    parser = expat.ParserCreate(namespace_separator=" ")
+    # The text is decoded already: what the document says of its encoding counts for nothing, and is not looked up.
+    parser = expat.ParserCreate("utf-8", " ")
     parser.buffer_text = True
     root = Element("", {}, Place(name, 1))
     stack = [root]
@@ -80,7 +86,7 @@ def parse_xml(text: str, name: str) -> Element:
         stack.pop()
 
     def characters(run: str) -> None:
-        stack[-1].text += run
+        stack[-1].runs.append(run)
 
     def doctype(*_: object) -> None:
         raise here().wrong("a document type declaration", "delete the <!DOCTYPE> line: mission files need none")

@@ -44,9 +44,9 @@ def read_chunks(stream: BinaryIO, name: str) -> Iterator[Chunk]:
     Raises:
         MkError: it is empty, or a capture line is damaged; names the line.
     """
-    # A byte order mark and blank lines are an editor's, and come before a capture only.
-    lead = b""
-    while (first := stream.read(1)) and first in _BLANK:
+    # A byte order mark and blank lines are an editor's, and come before a capture only; thousands are no editor's.
+    lead = bytearray()
+    while (first := stream.read(1)) and first in _BLANK and len(lead) < _LONGEST_LINE:
         lead += first
     if not lead + first:
         msg = f"{name} is empty: nothing was recorded"
@@ -54,7 +54,7 @@ def read_chunks(stream: BinaryIO, name: str) -> Iterator[Chunk]:
     if first == b"{":
         yield from _read_lines(first, stream, name, lead.count(b"\n") + 1)
     else:
-        yield Chunk(None, Direction.FROM_BOARD, lead + first)
+        yield Chunk(None, Direction.FROM_BOARD, bytes(lead) + first)
         # read1 hands over what a pipe has without waiting for a whole block.
         read = getattr(stream, "read1", stream.read)
         while block := read(_BLOCK):

@@ -15,6 +15,7 @@ from __future__ import annotations
 from binascii import Error as BinasciiError
 from binascii import a2b_base64, b2a_base64
 from enum import StrEnum
+from itertools import groupby
 from typing import Final, NamedTuple
 from zlib import adler32
 
@@ -193,8 +194,15 @@ def _fault(line: bytes) -> DropReason:
 
 
 def _drop_debris(debris: bytes, out: list[Frame | Dropped]) -> None:
-    """Name text and interrupted frames; white space alone is idle line, not a loss."""
+    """Name text and interrupted frames; white space alone is idle line, not a loss.
+
+    Pieces too short for any frame are one loss together: a line full of `#` is no thousand frames.
+    """
     text, *cut = debris.split(b"#")
     if text.strip(_IDLE):
         out.append(Dropped(DropReason.TEXT, text))
-    out.extend(Dropped(DropReason.LENGTH, b"#" + part) for part in cut)
+    for is_short, pieces in groupby(cut, key=lambda part: len(part) < _OVERHEAD - 1):
+        if is_short:
+            out.append(Dropped(DropReason.LENGTH, b"#" + b"#".join(pieces)))
+        else:
+            out.extend(Dropped(DropReason.LENGTH, b"#" + part) for part in pieces)

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections import Counter
 from typing import Final
 
-import msgpack
+from mkdaemon.record.entry import unpacked
 
 COUNTS: Final = "bus/counts"
 
@@ -48,8 +48,6 @@ class CountCheck:
 
 def _counts_in(payload: bytes) -> dict[str, int]:
     """What a `BusCounts` says; nothing where it is none."""
-    try:
-        counts = msgpack.unpackb(payload)["counts"]
-        return {str(key): int(number) for key, number in counts.items()}
-    except (ValueError, TypeError, KeyError, AttributeError, RecursionError, msgpack.exceptions.UnpackException):
-        return {}
+    counts = unpacked(payload).get("counts")
+    found = counts.items() if isinstance(counts, dict) else ()
+    return {str(key): number for key, number in found if isinstance(number, int)}

@@ -9,9 +9,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import msgpack
+from pydantic import ValidationError
 
 from mkdaemon.stamp import Stamp
 
@@ -24,6 +25,11 @@ STRANGER: Final = "stranger"
 """Issuer of any other setpoint."""
 SEQUENCES: Final = 1 << 32
 """A sequence number begins again at zero after so many."""
+
+
+EARLIEST: Final = NANOSECONDS
+LATEST: Final = 9_000_000_000 * NANOSECONDS
+"""Times that a file can have [ns]: within, between 1970 and 2255, every one comes back as a time that it can have."""
 
 
 class Kind(StrEnum):
@@ -167,19 +173,27 @@ class Entry(NamedTuple):
     @property
     def stamp(self) -> Stamp:
         """The stamp the payload carries; where it carries none, the moment it was taken."""
-        if "msgpack" in self.encoding:
-            carried = _carried_stamp(self.payload)
-            if carried is not None:
-                return carried
-        return Stamp(monotonic=self.received, wall=self.published, boot=self.base.boot)
+        carried = self.carried_stamp
+        return carried or Stamp(monotonic=self.received, wall=self.published, boot=self.base.boot)
+
+    @property
+    def carried_stamp(self) -> Stamp | None:
+        """The stamp the payload carries; None where it carries none."""
+        if "msgpack" not in self.encoding:
+            return None
+        try:
+            return Stamp.model_validate(unpacked(self.payload).get("stamp"))
+        except ValidationError:
+            return None
 
 
-def _carried_stamp(payload: bytes) -> Stamp | None:
+def unpacked(payload: bytes) -> dict[str, Any]:
+    """What a payload says, whoever wrote it; nothing where it is no map with names."""
     try:
-        value = msgpack.unpackb(payload)
-        return Stamp.model_validate(value["stamp"])
-    except (ValueError, TypeError, KeyError, RecursionError, msgpack.exceptions.UnpackException):
-        return None
+        found = msgpack.unpackb(payload, strict_map_key=False)
+    except (ValueError, TypeError, RecursionError, msgpack.exceptions.UnpackException):
+        return {}
+    return found if isinstance(found, dict) and all(isinstance(name, str) for name in found) else {}
 
 
 NOTICES: Final = "notice/"

@@ -14,7 +14,7 @@ from hashlib import blake2b
 from typing import Any, Final, get_args, get_type_hints
 
 import msgpack
-from pydantic import TypeAdapter, ValidationError
+from pydantic import TypeAdapter
 
 from mkdaemon.control.events import (
     Event,
@@ -76,7 +76,7 @@ def unpack_event(suffix: str, payload: bytes) -> Event:
         cls = _EVENTS[name]
         packed = msgpack.unpackb(payload, strict_map_key=False)["event"]
         return cls(**{field: _built(hint, packed[field]) for field, hint in _hints(name).items()})
-    except (ValueError, TypeError, KeyError, ValidationError, msgpack.exceptions.UnpackException) as error:
+    except (ValueError, TypeError, LookupError, AttributeError, msgpack.exceptions.UnpackException) as error:
         reason = " ".join(str(error).split())[:200]
         msg = f"{suffix}: not as the event is today ({reason}); verify the recording with the version that made it"
         raise MkError(msg) from error

@@ -12,10 +12,12 @@ from typing import Any, Final
 
 import msgpack
 
-from mkdaemon.record.entry import Congestion, Entry, Kind, Qos, TimeBase, seconds
+from mkdaemon.record.entry import EARLIEST, LATEST, Congestion, Entry, Kind, Qos, TimeBase, seconds
 
 MAGIC: Final = b"\x89MCAP0\r\n"
 """At both ends of every MCAP file."""
+LONGEST_KEY: Final = 200
+"""Of an entry [characters]; ours have up to 60."""
 FORMAT: Final = "1"
 PROFILE: Final = "mkdaemon"
 SESSION: Final = "mkdaemon.session"
@@ -87,12 +89,37 @@ class Session:
                 program=metadata["program"],
                 host=metadata["host"],
                 boot=metadata["boot"],
-                offset_ns=int(metadata["offset_ns"]),
+                offset_ns=_base(metadata).offset_ns,
                 vehicle=metadata.get("vehicle", ""),
                 config=metadata.get("config", ""),
             )
         except (KeyError, ValueError):
             return None
+
+
+def _base(metadata: dict[str, str]) -> TimeBase:
+    """The clock of a session or a channel.
+
+    Raises:
+        KeyError, ValueError: it says none, or one of another age.
+    """
+    offset = int(metadata["offset_ns"])
+    if abs(offset) > LATEST:
+        msg = f"a clock of another age: {offset}"
+        raise ValueError(msg)
+    return TimeBase(metadata["boot"], offset)
+
+
+def _key(key: str) -> str:
+    """A key as it can be on a bus, and in the name of a file.
+
+    Raises:
+        ValueError: it cannot.
+    """
+    if not key.isprintable() or len(key) > LONGEST_KEY:
+        msg = f"no key: {key[:LONGEST_KEY]!a}"
+        raise ValueError(msg)
+    return key
 
 
 def needs_envelope(entry: Entry) -> bool:
@@ -163,9 +190,9 @@ class ChannelFacts:
                 return None
             return cls(
                 kind=Kind(metadata["kind"]),
-                key=metadata["key"],
+                key=_key(metadata["key"]),
                 encoding=metadata["encoding"],
-                base=TimeBase(metadata["boot"], int(metadata["offset_ns"])),
+                base=_base(metadata),
                 qos=Qos(Congestion(metadata["congestion"]), int(metadata["priority"]), metadata["express"] == "1"),
                 has_envelope=metadata["envelope"] == "1",
             )
@@ -198,8 +225,11 @@ class ChannelFacts:
             publish_time: [ns].
 
         Raises:
-            ValueError: the data is not what this channel stores.
+            ValueError: the data is not what this channel stores, or of another age.
         """
+        if not (EARLIEST <= log_time <= LATEST and EARLIEST <= publish_time <= LATEST):
+            msg = f"{self.topic}: a time of another age"
+            raise ValueError(msg)
         issuer, exchange, attachment, source = "", 0, b"", ""
         if self.has_envelope:
             try:

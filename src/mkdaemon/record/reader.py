@@ -7,6 +7,7 @@ it was recorded; what is missing is named in the report. A file that is being wr
 
 from __future__ import annotations
 
+import os
 import re
 import struct
 from collections.abc import Callable, Iterator, Sequence
@@ -24,6 +25,8 @@ from mkdaemon.record.layout import SESSION, VIEW, ChannelFacts, Session
 from mkdaemon.record.scan import Chunk, Damage, Record, Scanner, read_channel, read_metadata, records_in
 
 _MESSAGE: Final = struct.Struct("<HIQQ")
+FREE_RECORDS: Final = 100_000
+"""The chunks of a file may have one record for each of its bytes, and these beside; the index of ours takes 16 each."""
 Wanted = Callable[[ChannelFacts], bool]
 """Chooses channels."""
 
@@ -38,6 +41,7 @@ class ReadReport:
         damages: parts that cannot be read.
         entries: how many were returned.
         gaps: how many entries of each kind and key are missing by their sequence numbers.
+        records: how many were in its chunks.
         orphans: messages whose channel is nowhere in the file.
         unreadable: messages that their channel does not explain.
         foreign: messages of channels that another program wrote.
@@ -49,6 +53,7 @@ class ReadReport:
     damages: list[Damage] = field(default_factory=list)
     entries: int = 0
     gaps: dict[tuple[Kind, str], int] = field(default_factory=dict)
+    records: int = 0
     orphans: int = 0
     unreadable: int = 0
     foreign: int = 0
@@ -129,9 +134,31 @@ class Recording:
 
     def definitions(self) -> Iterator[Record]:
         """All channels in the file, wherever they are."""
-        for record in self._records(ReadReport()):
-            inside = _records_of(record) if isinstance(record, Chunk) else iter((record,))
+        report = ReadReport()
+        for record in self._records(report):
+            inside = self.inside(record, report) if isinstance(record, Chunk) else iter((record,))
             yield from (one for one in inside if one.opcode == Opcode.CHANNEL)
+
+    def inside(self, chunk: Chunk, report: ReadReport) -> Iterator[Record]:
+        """The records of a chunk, as far as they are whole, and no more than a file can hold that is so long.
+
+        Args:
+            chunk: of this file, just read.
+            report: counts them.
+        """
+        most = FREE_RECORDS + self.position
+        try:
+            for record in records_in(chunk.content()):
+                report.records += 1
+                if report.records > most:
+                    if report.records == most + 1:
+                        report.damages.append(
+                            Damage(self.position, 0, "more records than a file of this size can hold")
+                        )
+                    return
+                yield record
+        except ValueError:
+            return
 
     def _records(self, report: ReadReport) -> Iterator[Record | Chunk]:
         try:
@@ -140,7 +167,7 @@ class Recording:
             msg = f"{self.path}: cannot be opened ({error.strerror}); `mkctl log list` shows recordings"
             raise MkError(msg) from error
         with file:
-            report.size = file.seek(0, 2)
+            report.size = os.fstat(file.fileno()).st_size
             scanner = Scanner(file, report.size)
             report.damages = scanner.damages
             for record in scanner.records():
@@ -173,7 +200,7 @@ class _Reading:
             self._channels[channel.number] = other if facts is None else facts
 
     def entries_of(self, chunk: Chunk, low: int, high: int) -> Iterator[Entry]:
-        for record in _records_of(chunk):
+        for record in self._recording.inside(chunk, self._report):
             self.define(record)
             if record.opcode == Opcode.MESSAGE and len(record.content) >= _MESSAGE.size:
                 entry = self._entry(record.content, low, high)
@@ -226,14 +253,6 @@ class _Other:
     """A channel without entries of ours."""
 
     is_view: bool
-
-
-def _records_of(chunk: Chunk) -> Iterator[Record]:
-    """The records of a chunk, as far as they are whole."""
-    try:
-        yield from records_in(chunk.content())
-    except ValueError:
-        return
 
 
 def matches_any(key: str, patterns: Sequence[str]) -> bool:

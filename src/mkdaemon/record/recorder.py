@@ -189,7 +189,8 @@ class Recorder:
         if now >= part.look_at:
             self._look(part, now)
         limits = self._folder.limits
-        if part.writer.size >= limits.file_bytes or now - part.opened_at >= limits.file_time:
+        is_old = now - part.opened_at >= limits.file_time
+        if is_old or part.writer.size >= limits.file_bytes or part.writer.is_full:
             self._end(now)
 
     def _flush(self, part: _Part) -> None:
@@ -204,8 +205,7 @@ class Recorder:
     def _look(self, part: _Part, now: float) -> None:
         """Look after the file and the room for it, and report."""
         part.look_at = now + LOOK
-        if not part.file.is_in_place():
-            raise FileNotFoundError(2, "the file that was being written has been removed")
+        self._require_in_place(part)
         reason = self._folder.make_room(self._session.name, part.path)
         if reason:
             self._end(now)
@@ -220,6 +220,21 @@ class Recorder:
             entries=self._written,
         )
 
+    def _require_in_place(self, part: _Part) -> None:
+        """Make sure that the file still has its name: what was written into a removed one is lost, and counted.
+
+        Raises:
+            FileNotFoundError: it has not.
+        """
+        if part.file.is_in_place():
+            return
+        self._count(part)
+        self._written -= part.counted
+        self.queue.count_lost(part.counted)
+        raise FileNotFoundError(
+            2, f"the file that was being written has been removed, and {part.counted} entries with it"
+        )
+
     def _end(self, now: float) -> None:
         """End the present part as a whole file."""
         part = self._part
@@ -230,6 +245,7 @@ class Recorder:
             part.writer.finish()
             if self._sync_period:
                 part.file.sync()
+            self._require_in_place(part)
         except OSError as error:
             self._give_up(RecorderState.FAULT, f"{part.path}: {error.strerror or error}", now)
         else:

@@ -154,11 +154,14 @@ def _write(
 
     Raises:
         ConfigError: the new file is there already, or has no folder.
-        MkError: there are no entries, or it cannot be written.
+        MkError: there are no entries, or too many keys, or it cannot be written.
     """
     with saving(target, overwrite=overwrite) as output:
         writer = RecordingWriter(output, session, view)
         for entry in _reporting(entries, files, progress):
+            if writer.is_full:
+                msg = f"{target}: too many keys for one file; take some of them, with `mkctl log cut --key`"
+                raise MkError(msg)
             writer.add(entry)
         if not writer.entries:
             names = ", ".join(str(file.path) for file in files)

@@ -6,6 +6,8 @@ that fails, the next chunk is looked for byte by byte. Channels and metadata are
 
 from __future__ import annotations
 
+import errno
+import os
 import re
 import struct
 import zlib
@@ -90,8 +92,15 @@ def read_metadata(content: bytes) -> tuple[str, dict[str, str]] | None:
         return None
 
 
-MOST_CHUNK_BYTES: Final = 1 << 28
-"""A chunk that claims to be larger is damaged, or not ours [bytes]."""
+MOST_CHUNK_BYTES: Final = 1 << 25
+"""A chunk that claims to be larger is damaged, or not ours, which hold 1 MB and a message [bytes]."""
+MOST_SUMMARY_BYTES: Final = 1 << 26
+"""Of any other record [bytes]."""
+EXPANSION: Final = 200
+FREE_BYTES: Final = 1 << 28
+"""Chunks may hold so many times the bytes of the file before them, and these beside [bytes]: ours hold 20 times."""
+PATIENCE: Final = 4
+"""Looking for the next chunk, so many times the bytes of the file may be tried, and `FREE_BYTES`."""
 _LONGEST_NAME: Final = 8
 """Of a compression [bytes]."""
 _BLOCK: Final = 1 << 20
@@ -199,6 +208,8 @@ class Scanner:
         self.is_complete = False
         self._file = file
         self._size = size
+        self._expanded = 0
+        self._tried = 0
 
     def records(self) -> Iterator[Record | Chunk]:
         """All records and chunks that are right, in order."""
@@ -214,7 +225,7 @@ class Scanner:
             end = at + _HEAD.size + len(record.content)
             if record.opcode == Opcode.CHUNK:
                 chunk = read_chunk(record.content)
-                fault = "it is too short" if chunk is None else chunk.fault()
+                fault = "it is too short, or too long" if chunk is None else self._fault(chunk, end)
                 if chunk is None or fault:
                     self.damages.append(Damage(at, end - at, f"a chunk is damaged: {fault}"))
                     unproven = at + 1  # its length may be wrong as well
@@ -232,13 +243,20 @@ class Scanner:
         if not self.damages:
             self.damages.append(Damage(self._size, 0, "it ends without an index"))
 
+    def _fault(self, chunk: Chunk, end: int) -> str:
+        """What is wrong with a chunk that ends somewhere; empty where it is right."""
+        if self._expanded + chunk.size > FREE_BYTES + EXPANSION * end:
+            return "it holds more than a file of this size can"
+        self._expanded += chunk.size
+        return chunk.fault()
+
     def _record_at(self, at: int) -> Record | str:
         """The record that begins somewhere; what is wrong where none does."""
         head = self._read(at, _HEAD.size)
         if len(head) < _HEAD.size:
             return "it is cut off"
         opcode, length = _HEAD.unpack(head)
-        if opcode not in _OPCODES or length > MOST_CHUNK_BYTES:
+        if opcode not in _OPCODES or length > (MOST_CHUNK_BYTES if opcode == Opcode.CHUNK else MOST_SUMMARY_BYTES):
             return "no record begins here"
         if at + _HEAD.size + length > self._size:
             return "it is cut off"
@@ -259,15 +277,31 @@ class Scanner:
         return found
 
     def _next_chunk(self, start: int) -> int:
-        for at in range(start, self._size, _BLOCK):
+        at = self._next_data(start)
+        while at < self._size:
             for found in _CHUNK_START.finditer(self._read(at, _BLOCK + _HEAD.size)):
                 if not self._may_be_chunk(at + found.start()):
                     continue
                 record = self._record_at(at + found.start())
                 chunk = read_chunk(record.content) if isinstance(record, Record) else None
-                if chunk is not None and chunk.checksum and not chunk.fault():
+                if chunk is None:
+                    continue
+                self._tried += len(chunk.stored) + chunk.size
+                if self._tried > FREE_BYTES + PATIENCE * self._size:
+                    return self._size
+                if chunk.checksum and not chunk.fault():
                     return at + found.start()
+            at = self._next_data(at + _BLOCK)
         return self._size
+
+    def _next_data(self, at: int) -> int:
+        """Where the next bytes are that were ever written; a file may have large holes."""
+        try:
+            return self._file.seek(at, os.SEEK_DATA)
+        except OSError as error:
+            return self._size if error.errno == errno.ENXIO else at
+        except ValueError:  # a file in memory
+            return at
 
     def _may_be_chunk(self, at: int) -> bool:
         """Whether the first bytes are those of a chunk: damage has many places like it, and a chunk may be long."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import struct
 from collections import Counter
 from collections.abc import Callable
@@ -9,13 +10,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, BinaryIO, Final
 
-import msgpack
 from mcap.opcode import Opcode
 
 from mkdaemon.errors import MkError
 from mkdaemon.reading import open_regular
 from mkdaemon.record.countcheck import CountCheck
-from mkdaemon.record.entry import HOLDER, NANOSECONDS, ROOTS, Entry, Kind, Notice
+from mkdaemon.record.entry import HOLDER, NANOSECONDS, ROOTS, Entry, Kind, Notice, unpacked
 from mkdaemon.record.layout import MAGIC, Session
 from mkdaemon.record.reader import ReadReport, Recording
 from mkdaemon.record.scan import records_in
@@ -69,14 +69,14 @@ class Senders:
         elif entry.kind is Kind.QUERY:
             sender = self._asking[entry.exchange] = self._sender(entry)
             sender.requests += 1
-            if entry.suffix == LEASE and (holder := _fields(entry).get("holder")):
+            if entry.suffix == LEASE and (holder := unpacked(entry.payload).get("holder")):
                 sender.names.add(str(holder))
         elif entry.kind is Kind.REPLY:
             asked = self._asking.pop(entry.exchange, None)
             if asked is not None:
-                asked.requests_refused += _fields(entry).get("status") != _ACCEPTED
+                asked.requests_refused += unpacked(entry.payload).get("status") != _ACCEPTED
         elif Notice.of(entry) is Notice.SETPOINT_REFUSED:
-            self._count_refused(_fields(entry))
+            self._count_refused(unpacked(entry.payload))
 
     def _sender(self, entry: Entry) -> Sender:
         return self.found.setdefault(entry.source, Sender(entry.source))
@@ -86,14 +86,6 @@ class Senders:
         if sender is not None and sequence == fields.get("sequence"):
             token = str(fields.get("token"))
             sender.setpoints_refused[token] = sender.setpoints_refused.get(token, 0) + 1
-
-
-def _fields(entry: Entry) -> dict[str, Any]:
-    try:
-        found = msgpack.unpackb(entry.payload)
-    except (ValueError, msgpack.exceptions.UnpackException):
-        return {}
-    return found if isinstance(found, dict) else {}
 
 
 MARK: Final = "event/mark"
@@ -240,10 +232,7 @@ def summarise(path: Path, progress: Progress = lambda position: None) -> Summary
 
 
 def _text_of(entry: Entry) -> str:
-    try:
-        return str(msgpack.unpackb(entry.payload)["text"])
-    except (ValueError, TypeError, KeyError, msgpack.exceptions.UnpackException):
-        return "?"
+    return str(unpacked(entry.payload).get("text", "?"))
 
 
 _FOOTER: Final = struct.Struct("<BQQQI")
@@ -290,7 +279,7 @@ def glance(path: Path) -> Glance:
     session = Recording(path).read_session()
     try:
         with open_regular(path) as file:
-            size = file.seek(0, 2)
+            size = os.fstat(file.fileno()).st_size
             times = _times(file, size)
     except OSError as error:
         msg = f"{path}: cannot be read ({error.strerror})"

@@ -97,6 +97,8 @@ def packed(record: records.McapRecord) -> bytes:
 
 CHUNK_BYTES: Final = 1 << 20
 """A chunk is ended when it holds so many bytes; viewers read a file by chunks."""
+MOST_CHANNELS: Final = 60_000
+"""Channels that a file may have; MCAP numbers them with 16 bits, and an entry needs up to two."""
 REPEAT: Final = 10.0
 """Time between two copies of the session and of all channels in a file [s]."""
 
@@ -144,6 +146,7 @@ class RecordingWriter:
         self._channels: dict[ChannelFacts, int] = {}
         self._recent: dict[tuple[str, str], tuple[ChannelFacts, int]] = {}
         self._shown: dict[ChannelFacts, int | None] = {}
+        self._channel_count = 0
         self._definitions = bytearray()
         self._schemas: dict[tuple[str, bytes], int] = {}
         self._chunk = ChunkBuilder()
@@ -156,6 +159,11 @@ class RecordingWriter:
         self._metadata_count = 0
         self._put(MAGIC + packed(records.Header(PROFILE, session.program)))
         self._put(self._session_record())
+
+    @property
+    def is_full(self) -> bool:
+        """Whether it has nearly as many channels as MCAP can number: no entry of another key is to be added."""
+        return self._channel_count >= MOST_CHANNELS
 
     def add(self, entry: Entry) -> None:
         """Take an entry; it is in the output after the next `flush`, or when the chunk is full."""
@@ -243,14 +251,12 @@ class RecordingWriter:
         return number
 
     def _define(self, topic: str, encoding: str, schema: int, metadata: Mapping[str, str]) -> int:
-        number = self._channel_count() + 1
+        self._channel_count += 1
+        number = self._channel_count
         record = packed(records.Channel(number, topic, encoding, dict(metadata), schema))
         self._definitions += record
         self._chunk.data += record
         return number
-
-    def _channel_count(self) -> int:
-        return len(self._channels) + sum(number is not None for number in self._shown.values())
 
     def _definitions_of(self, opcode: Opcode) -> bytes:
         """All schemas, or all channels, as records."""
@@ -301,7 +307,7 @@ class RecordingWriter:
     def _statistics(self) -> records.Statistics:
         return records.Statistics(
             attachment_count=0,
-            channel_count=self._channel_count(),
+            channel_count=self._channel_count,
             channel_message_counts=dict(self._counts),
             chunk_count=self._chunks,
             message_count=self._counts.total(),

@@ -2,23 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
-import msgpack
 from pydantic import BaseModel, ValidationError
 
 from mkdaemon.config.root import Config
 from mkdaemon.errors import ConfigError, MkError
 from mkdaemon.reading import parse_json
-from mkdaemon.record.entry import Entry, Kind, Notice
+from mkdaemon.record.entry import Entry, Kind, Notice, unpacked
 from mkdaemon.record.layout import Session
 from mkdaemon.record.reader import Recording
 
 BLACK_BOX: Final = "blackbox"
 _Model = TypeVar("_Model", bound=BaseModel)
+_Part = TypeVar("_Part")
 
 
 @dataclass
@@ -87,21 +87,27 @@ class Recorded:
     def first_epoch(self) -> int:
         """Epoch of the first lease; 0 where nobody took one."""
         for entry in self.of(Kind.EVENT):
-            lease = (fields_of(entry).get("reply") or {}).get("lease")
-            if lease is not None:
-                return int(lease["epoch"])
+            epoch = part_of(entry, _epoch_of)
+            if epoch is not None:
+                return epoch
         return 0
 
     def wall_offsets(self) -> list[tuple[float, float]]:
         """Unix time less monotonic time [s] as the recorded daemon knew it, each with the time from which on [s]."""
         found: list[tuple[float, float]] = []
         for entry in self.of(Kind.SAMPLE):
-            stamp = fields_of(entry).get("stamp")
-            if isinstance(stamp, dict) and stamp.get("boot") == entry.base.boot:
-                offset = stamp["wall"] - stamp["monotonic"]
+            stamp = entry.carried_stamp
+            if stamp is not None and stamp.boot == entry.base.boot:
+                offset = stamp.wall - stamp.monotonic
                 if not found or abs(offset - found[-1][1]) > 1e-6:
                     found.append((entry.received, offset))
         return found
+
+
+def _epoch_of(fields: dict[str, Any]) -> int | None:
+    """The lease that an event granted."""
+    lease = (fields.get("reply") or {}).get("lease")
+    return None if lease is None else int(lease["epoch"])
 
 
 def read_recorded(paths: Sequence[Path]) -> Recorded:
@@ -169,11 +175,27 @@ def _check_parts(sessions: Sequence[tuple[Session, Recording]]) -> None:
 
 def fields_of(entry: Entry) -> dict[str, Any]:
     """What a payload says; nothing where it is no map."""
+    return unpacked(entry.payload)
+
+
+def part_of(entry: Entry, read: Callable[[dict[str, Any]], _Part]) -> _Part:
+    """What is read of the fields of an entry.
+
+    Args:
+        entry: the entry.
+        read: makes the part of the fields.
+
+    Raises:
+        MkError: no daemon records it so.
+    """
     try:
-        fields = msgpack.unpackb(entry.payload, strict_map_key=False)
-    except (ValueError, msgpack.exceptions.UnpackException):
-        return {}
-    return fields if isinstance(fields, dict) else {}
+        return read(fields_of(entry))
+    except (LookupError, ValueError, TypeError, AttributeError, OverflowError) as error:
+        msg = (
+            f"{entry.key}, entry {entry.sequence}: no daemon records it so ({error!r}); "
+            "damaged or changed: replay the original"
+        )
+        raise MkError(msg) from error
 
 
 def value_of(entry: Entry, model: type[_Model]) -> _Model:

@@ -9,7 +9,7 @@ from __future__ import annotations
 from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 from pydantic import BaseModel
 
@@ -25,7 +25,7 @@ from mkdaemon.protocol.framing import Dropped, DropReason, Frame, FrameDecoder
 from mkdaemon.record.entry import Entry, Kind, Notice
 from mkdaemon.record.events import CORE, TICK, pack_event, unpack_event
 from mkdaemon.replay.compare import Output
-from mkdaemon.replay.recorded import Recorded, fields_of
+from mkdaemon.replay.recorded import Recorded, fields_of, part_of
 from mkdaemon.replay.sight import has_every_image, look_again
 
 _BOARDS: Final = {board.word: board for board in Board}
@@ -59,6 +59,11 @@ def replay(recorded: Recorded, cfg: Config) -> Replayed:
         MkError: a recorded value is not of the form it has today.
     """
     return _Replay(recorded, cfg).run()
+
+
+def _layouts_of(fields: dict[str, Any]) -> dict[tuple[Board, str], str]:
+    """The layouts that a notice names."""
+    return {(_BOARDS[board], letter): layout for board, letter, layout in fields["layouts"]}
 
 
 class _Outputs:
@@ -122,13 +127,12 @@ class _Replay:
             case Kind.PORT_WRITTEN:
                 self._deck.sink.sent(self._sent(entry))
             case Kind.NOTICE if Notice.of(entry) is Notice.LAYOUTS:
-                rows = fields_of(entry)["layouts"]
-                self._messages = MessageDecoder({(_BOARDS[board], letter): layout for board, letter, layout in rows})
-            case Kind.SAMPLE if entry.suffix == "raw/tx" and (reason := fields_of(entry).get("dropped")):
-                raw = fields_of(entry)["raw"]
-                self._deck.sink.dropped(Lost(entry.received, Direction.TO_BOARD, DropReason(reason), raw))
+                self._messages = MessageDecoder(part_of(entry, _layouts_of))
+            case Kind.SAMPLE if entry.suffix == "raw/tx" and fields_of(entry).get("dropped"):
+                reason, raw = part_of(entry, lambda fields: (DropReason(fields["dropped"]), bytes(fields["raw"])))
+                self._deck.sink.dropped(Lost(entry.received, Direction.TO_BOARD, reason, raw))
             case Kind.SAMPLE if entry.suffix == _PREFLIGHT:
-                self._deck.publish_preflight(fields_of(entry)["stamp"]["monotonic"])
+                self._deck.publish_preflight(part_of(entry, lambda fields: float(fields["stamp"]["monotonic"])))
             case _:
                 pass
 
@@ -146,7 +150,7 @@ class _Replay:
         frames = [item for item in FrameDecoder().feed(entry.payload) if isinstance(item, Frame)]
         message = self._messages.decode(frames[0]) if frames else None
         known = None if isinstance(message, Unknown) else message
-        return Sent(entry.received, entry.payload, known, Purpose[entry.issuer.upper()])
+        return Sent(entry.received, entry.payload, known, part_of(entry, lambda _: Purpose[entry.issuer.upper()]))
 
     # -- the flight core ------------------------------------------------------------------------------------------
 
@@ -160,7 +164,7 @@ class _Replay:
     def _tick(self, entry: Entry, place: int) -> None:
         """Let the core decide, and publish what it wants."""
         now = entry.received
-        for action in self._deck.core.tick(now, slept=fields_of(entry).get("slept", 0.0)):
+        for action in self._deck.core.tick(now, slept=part_of(entry, lambda fields: float(fields.get("slept", 0.0)))):
             match action:
                 case SendSticks():
                     number = self._number(place)
@@ -181,5 +185,5 @@ class _Replay:
             if entry.suffix == _REFUSED:
                 return None
             if entry.suffix == _OUTPUT:
-                return int(fields_of(entry)["frame"])
+                return part_of(entry, lambda fields: int(fields["frame"]))
         return 0

@@ -6,9 +6,9 @@ Every answer to a command is a map with `status`; a refusal adds a stable `token
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Annotated, Any, Final, Literal
 
-from pydantic import Field
+from pydantic import BeforeValidator, Field
 
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.base import Command, Telemetry
@@ -64,18 +64,28 @@ class LeaseRequest(Command):
     opened; the refusal `remembered_only` says which."""
 
 
+LONGEST_REASON: Final = 200
+"""Of a release or an abort [characters]."""
+Reason = Annotated[
+    str,
+    BeforeValidator(lambda text: text[:LONGEST_REASON] if isinstance(text, str) else text),
+    Field(max_length=LONGEST_REASON),
+]
+"""Why; nobody's release waits for a shorter text."""
+
+
 class ReleaseRequest(Command):
     """Let go of the aircraft now: `do/release`. Anyone may, with or without a lease."""
 
-    reason: str = Field(default="asked for", max_length=200)
-    """Published with the event."""
+    reason: Reason = "asked for"
+    """Published with the event; what is longer is cut, never refused."""
 
 
 class AbortRequest(Command):
     """Stop the manoeuvre that is flown: `do/abort`. Anyone may; the holder keeps the lease, and the aircraft holds."""
 
-    reason: str = Field(default="asked for", max_length=200)
-    """Published with the event."""
+    reason: Reason = "asked for"
+    """Published with the event; what is longer is cut, never refused."""
 
 
 class GainsRequest(Command):

@@ -285,6 +285,24 @@ class Gains(Telemetry):
     """Horizontal distance from its goal with which a flight on the model ends, behind the configured limits [m]."""
     rest_height: float
     """The same, vertically [m]."""
+    needed_gain: tuple[float, float] = (1.0, 1.0)
+    """Stick gains over the model's that it has to bear: the range of `gain_margin` must hold this one."""
+    needed_delay: float = 0.0
+    """Least `delay_margin` [s]."""
+    farthest_rest: float = 1e9
+    """Largest `rest_level` and `rest_height` [m]."""
+
+    @property
+    def is_safe(self) -> bool:
+        """The loop bears what it has to bear."""
+        low, high = self.gain_margin
+        return (
+            self.radius < 1.0
+            and low <= self.needed_gain[0]
+            and high >= self.needed_gain[1]
+            and self.delay_margin >= self.needed_delay
+            and max(self.rest_level, self.rest_height) <= self.farthest_rest
+        )
 
 
 class ControlOutput(Stamped):

@@ -10,6 +10,8 @@ from mkdaemon.telemetry.base import Telemetry
 class PlayState(StrEnum):
     """What it does."""
 
+    WAITING = "waiting"
+    """Nobody has subscribed or asked yet."""
     PLAYING = "playing"
     PAUSED = "paused"
     ENDED = "ended"

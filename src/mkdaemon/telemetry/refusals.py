@@ -116,7 +116,7 @@ class Token(StrEnum):
         "Connect to it, or redirect the line first.",
     )
     NO_REPLY = ("no_reply", "{name} is never answered.", "Send it without waiting.", Status.UNSUPPORTED)
-    RECORDING = ("recording", "a recording plays: nobody listens.", "Connect an aircraft.")
+    RECORDING = ("recording", "a recording plays: nobody listens.", "Connect an aircraft, or name it with --vehicle.")
     NOT_REDIRECTABLE = (
         "not_redirectable",
         "the line cannot be passed through to {board}.",

@@ -41,6 +41,8 @@ class SimTruth(Stamped):
     """[count], motors 1 to 4."""
     port: str = ""
     """Pseudo terminal that the simulator serves, on the machine of `stamp.boot`; empty for none."""
+    pilot: str = ""
+    """What the simulated pilot does, or waits for, after "the pilot"."""
 
 
 class ScenePose(Telemetry):

@@ -112,7 +112,7 @@ class Gps(StateValue):
     """Reception: `state/gps`."""
 
     satellites: int | None
-    """Used for the solution; null where this message does not say."""
+    """Used for the solution; null where this message does not say, and while nothing comes from the receiver."""
     fix: GpsFix
     """Whether the current position is valid; `none` also while the board shows the last position of a dead receiver."""
     is_usable: bool
@@ -178,7 +178,7 @@ class Flight(StateValue):
     error: str
     """The same in words."""
     flying_time: float | None
-    """Since motors started [s]."""
+    """In the air [s]; null as above."""
     waypoint_index: int | None
     """Waypoint on the way to, from 1; 0 for none."""
     waypoint_count: int | None

@@ -26,5 +26,7 @@ class VehicleHealth(Stamped):
     """The board's own error in words; null for none or unknown."""
     note: str
     """`vehicle.note` of the configuration."""
+    battery_cells: int | None = None
+    """Cells of the battery, counted by its highest voltage since the port was opened; null before it was reported."""
     open_endpoints: tuple[str, ...] = ()
     """Zenoh endpoints where everybody in the network may come in and fly, because `bus.allow_open` is true."""

@@ -11,6 +11,7 @@ from mkdaemon.protocol.messages import OsdData4, OsdData5
 from mkdaemon.telemetry.state import Altitude, Battery, Flight, Gps, GpsFix, GpsMode, Pilot, Position, Velocity
 from mkdaemon.translate.geometry import Home, east_north, position
 from mkdaemon.translate.origin import Origin, State
+from mkdaemon.translate.receiver import ReceiverWatch
 
 RC_FULL = 200.0
 """Receiver quality that counts as full; docs/protocol.md, "Debug channels of the FlightCtrl", channel 10."""
@@ -18,9 +19,6 @@ RC_ENOUGH = 100.0
 """Below this the FlightCtrl goes into emergency; docs/protocol.md, "When it acts"."""
 STICK_CENTRE = 127.0
 """Throttle of a centred stick as the boards report it; docs/protocol.md, "ExternalControl"."""
-
-_GPS_LOST = frozenset({ErrorCode.NO_GPS, ErrorCode.GPS_LOST, ErrorCode.NO_GPS_FIX})
-"""Nothing comes from the GPS receiver, or no fix: position and speed stay at their last values, marked valid."""
 
 _MODES = {
     NaviStatus.FREE: GpsMode.FREE,
@@ -32,11 +30,6 @@ _MODES = {
 def gps_mode(flags: NaviStatus) -> GpsMode:
     """What the GPS switch says."""
     return next((mode for flag, mode in _MODES.items() if flags & flag), GpsMode.UNKNOWN)
-
-
-def is_gps_lost(code: ErrorCode) -> bool:
-    """Whether a NaviCtrl that complains so shows an old position; docs/protocol.md, "Error codes"."""
-    return code in _GPS_LOST
 
 
 def error_text(code: ErrorCode) -> str:
@@ -74,9 +67,17 @@ def pilot(
     )
 
 
-def from_osd(osd: OsdData4 | OsdData5, origin: Origin) -> list[State]:
-    """Everything an OSD frame says, attitude aside (that one has a degree's resolution here)."""
-    states: list[State] = [("state/gps", _gps(osd, origin)), ("state/flight", _flight(osd, origin))]
+def from_osd(osd: OsdData4 | OsdData5, origin: Origin, receiver: ReceiverWatch) -> list[State]:
+    """Everything an OSD frame says, attitude aside (that one has a degree's resolution here).
+
+    Args:
+        osd: the frame.
+        origin: when and from where.
+        receiver: has seen the error code of this frame.
+    """
+    is_valid = osd.position_status != PositionStatus.INVALID and receiver.has_position
+    gps = _gps(osd, origin, receiver, is_valid=is_valid)
+    states: list[State] = [("state/gps", gps), ("state/flight", _flight(osd, origin, is_valid=is_valid))]
     if not is_fc_lost(osd.error_code):
         states.append(("state/battery", _battery(osd, origin)))
         gas = float(osd.throttle) if osd.fc_flags & FlightStatus.MOTORS_RUNNING else None
@@ -85,14 +86,10 @@ def from_osd(osd: OsdData4 | OsdData5, origin: Origin) -> list[State]:
         )
         states.append(("state/pilot", said))
         states.append(("state/altitude", Altitude(**origin._asdict(), above_start=osd.si("altimeter"))))
-    if _is_position_valid(osd):
+    if is_valid:
         states.append(("state/position", _position(osd, origin)))
         states.append(("state/velocity", _velocity(osd, origin)))
     return states
-
-
-def _is_position_valid(osd: OsdData4 | OsdData5) -> bool:
-    return osd.position_status != PositionStatus.INVALID and not is_gps_lost(osd.error_code)
 
 
 def _home(osd: OsdData4 | OsdData5) -> Home | None:
@@ -114,10 +111,8 @@ def _position(osd: OsdData4 | OsdData5, origin: Origin) -> Position:
     )
 
 
-def _target_distance(osd: OsdData4 | OsdData5) -> float | None:
-    """How far the target is, which is known while the position is [m]."""
-    if not _is_position_valid(osd):
-        return None
+def _target_distance(osd: OsdData4 | OsdData5) -> float:
+    """How far the target is [m]."""
     target = Home(osd.si("target_latitude"), osd.si("target_longitude"))
     return math.hypot(*east_north(osd.si("position_latitude"), osd.si("position_longitude"), target))
 
@@ -144,17 +139,17 @@ def _battery(osd: OsdData4 | OsdData5, origin: Origin) -> Battery:
     )
 
 
-def _gps(osd: OsdData4 | OsdData5, origin: Origin) -> Gps:
+def _gps(osd: OsdData4 | OsdData5, origin: Origin, receiver: ReceiverWatch, *, is_valid: bool) -> Gps:
     return Gps(
         **origin._asdict(),
-        satellites=osd.satellites,
-        fix=GpsFix.VALID if _is_position_valid(osd) else GpsFix.NONE,
-        is_usable=bool(osd.nc_flags & NaviStatus.GPS_OK) and _is_position_valid(osd),
+        satellites=receiver.satellites(osd.satellites),
+        fix=GpsFix.VALID if is_valid else GpsFix.NONE,
+        is_usable=bool(osd.nc_flags & NaviStatus.GPS_OK) and is_valid,
         is_home_set=osd.home_status != PositionStatus.INVALID,
     )
 
 
-def _flight(osd: OsdData4 | OsdData5, origin: Origin) -> Flight:
+def _flight(osd: OsdData4 | OsdData5, origin: Origin, *, is_valid: bool) -> Flight:
     # Without the FlightCtrl its flags, and what else comes from it, stay as they were.
     first = None if is_fc_lost(osd.error_code) else osd.fc_flags
     second = osd.fc_flags_2 if isinstance(osd, OsdData5) and first is not None else None
@@ -189,10 +184,11 @@ def _flight(osd: OsdData4 | OsdData5, origin: Origin) -> Flight:
         serial_link_lost=bool(navi & NaviStatus.NO_SERIAL_LINK),
         error_code=int(osd.error_code),
         error=error_text(osd.error_code),
-        flying_time=osd.si("flying_time"),
+        # It counts by the flag of the FlightCtrl, so it goes on, or stands, with that.
+        flying_time=None if first is None else osd.si("flying_time"),
         waypoint_index=osd.waypoint_index,
         waypoint_count=osd.waypoint_count,
-        target_distance=_target_distance(osd) if has_target else None,
+        target_distance=_target_distance(osd) if has_target and is_valid else None,
         target_latitude_deg=osd.si("target_latitude") if has_target else None,
         target_longitude_deg=osd.si("target_longitude") if has_target else None,
         board_target_distance=osd.si("target_distance") if has_target else None,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from mkdaemon.protocol.errorcodes import ErrorCode, is_fc_lost
 from mkdaemon.protocol.flags import NaviStatus, OsdStatus, OsdStatus2
@@ -12,7 +12,8 @@ from mkdaemon.protocol.wire import WireMessage
 from mkdaemon.telemetry.state import Altitude, Battery, Flight, Gps, GpsFix, Position
 from mkdaemon.translate.geometry import Home, attitude, east_north, position
 from mkdaemon.translate.origin import Origin, State
-from mkdaemon.translate.osd import error_text, gps_mode, is_gps_lost, pilot
+from mkdaemon.translate.osd import error_text, gps_mode, pilot
+from mkdaemon.translate.receiver import ReceiverWatch
 
 
 @dataclass(slots=True)
@@ -26,12 +27,14 @@ class SetTranslator:
     waypoint: OsdWaypoint | None = None
     altitude_setpoint: float | None = None
     error: ErrorCode = ErrorCode.NONE
+    receiver: ReceiverWatch = field(default_factory=ReceiverWatch)
 
     def states(self, message: WireMessage, origin: Origin) -> list[State]:
         """What one data set says."""
         states: list[State] = []
         if isinstance(message, OsdFlags):
             self.error = message.error_code
+            self.receiver.look(message.error_code)
         if self._has_place(message):
             states.append(("state/position", self._position(message, origin)))
         if not is_fc_lost(self.error):
@@ -67,7 +70,7 @@ class SetTranslator:
 
     def _has_place(self, message: WireMessage) -> bool:
         """Whether a set, each of which begins with the place, carries one that is not old."""
-        return bool(message.latitude or message.longitude) and not is_gps_lost(self.error)  # type: ignore[attr-defined]
+        return bool(message.latitude or message.longitude) and self.receiver.has_position  # type: ignore[attr-defined]
 
     def _target_distance(self, message: OsdFlags) -> float | None:
         """How far the target is, which is known while the position is [m]."""
@@ -90,9 +93,9 @@ class SetTranslator:
         usable = bool(flags.nc_flags & NaviStatus.GPS_OK)
         return Gps(
             **origin._asdict(),
-            satellites=None if self.deviation is None else self.deviation.satellites,
+            satellites=None if self.deviation is None else self.receiver.satellites(self.deviation.satellites),
             fix=GpsFix.VALID if self._has_place(flags) else GpsFix.NONE,
-            is_usable=usable and not is_gps_lost(self.error),
+            is_usable=usable and self.receiver.has_position,
             is_home_set=None if self.home is None else True,
         )
 
@@ -126,7 +129,7 @@ class SetTranslator:
             serial_link_lost=bool(navi & NaviStatus.NO_SERIAL_LINK),
             error_code=int(flags.error_code),
             error=error_text(flags.error_code),
-            flying_time=None if self.deviation is None else self.deviation.si("flying_time"),
+            flying_time=None if self.deviation is None or is_lost else self.deviation.si("flying_time"),
             waypoint_index=None if self.waypoint is None else self.waypoint.waypoint_index,
             waypoint_count=None if self.waypoint is None else self.waypoint.waypoint_count,
             target_distance=self._target_distance(flags),

@@ -64,7 +64,8 @@ class StateTranslator:
                 self._fine_attitude_at = stamp.monotonic
                 return _from_attitude(message, origin, AngleScale.STICKS)
             case OsdData4() | OsdData5():
-                states = from_osd(message, origin)
+                self._sets.receiver.look(message.error_code)
+                states = from_osd(message, origin, self._sets.receiver)
                 if self._wants_coarse(stamp.monotonic):
                     states.append(_coarse_attitude(message, origin))
                 return states

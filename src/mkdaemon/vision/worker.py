@@ -6,7 +6,8 @@ import asyncio
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from typing import Final, Protocol
 
 import cv2
@@ -52,6 +53,31 @@ class Sink(Protocol):
         """Put `value` on `mk/<vehicle>/<suffix>`."""
 
 
+def camera_mistakes(cameras: Sequence[CameraSection], vision: VisionSection, clock: Clock) -> Iterator[ConfigError]:
+    """What is wrong with cameras, their files and their targets; no camera is opened."""
+    checks: list[Callable[[], object]] = [partial(_require_names, cameras)]
+    for cfg in cameras:
+        checks += [partial(source_of, cfg, _no_session), partial(CameraPipeline, cfg, vision, clock)]
+    for check in checks:
+        try:
+            check()
+        except ConfigError as error:
+            yield error
+
+
+def _no_session() -> zenoh.Session:
+    """Stand for the bus where no camera is opened."""
+    raise ConfigError("no bus is open")
+
+
+def _require_names(cameras: Sequence[CameraSection]) -> None:
+    names = [cfg.name for cfg in cameras]
+    for name in names:
+        if names.count(name) > 1:
+            msg = f"two cameras are called '{name}'; give one of them another name"
+            raise ConfigError(msg)
+
+
 class VisionWorker:
     """Runs the cameras of one vehicle.
 
@@ -82,11 +108,7 @@ class VisionWorker:
         open_source: Callable[[CameraSection, Callable[[], zenoh.Session] | None], Source] = source_of,
         record: Callable[[CameraImage, AttitudeHistory], None] = lambda image, attitude: None,
     ) -> None:
-        names = [cfg.name for cfg in cameras]
-        for name in names:
-            if names.count(name) > 1:
-                msg = f"two cameras are called '{name}'; give one of them another name"
-                raise ConfigError(msg)
+        _require_names(cameras)
         self._sink = sink
         self._record = record
         self._loop = loop

@@ -43,6 +43,17 @@ class Phase(StrEnum):
     DONE = "done"
 
 
+_DOING: Final = {
+    Phase.CALIBRATE: "calibrates the sensors, then starts the motors",
+    Phase.ARM: "starts the motors",
+    Phase.CLIMB: "takes off by hand",
+    Phase.FLY: "flies by hand",
+    Phase.LAND: "lands by hand",
+    Phase.STOP: "stops the motors",
+    Phase.DONE: "has stopped the motors",
+}
+
+
 def lean(
     view: FlightView, away: tuple[float, float], velocity: tuple[float, float] = (0.0, 0.0)
 ) -> tuple[float, float]:
@@ -148,6 +159,17 @@ class HandFlight:
         flight = cls()
         flight.phase = Phase.STOP
         return flight
+
+    @property
+    def doing(self) -> str:
+        """What the pilot does; see `Program`."""
+        has_started = self.phase is Phase.DONE and not self.is_over
+        return "has started the motors, throttle at its lowest" if has_started else _DOING[self.phase]
+
+    @property
+    def is_over(self) -> bool:
+        """The motors are stopped; see `Program`."""
+        return self.phase is Phase.DONE and self._armed is not Phase.DONE
 
     def path(self, t: float) -> tuple[tuple[float, float], tuple[float, float]]:
         """Return place and velocity relative to the start, east and north [m, m/s], `t` [s] after reaching height."""

@@ -50,6 +50,14 @@ class Program(Protocol):
     def fly(self, pilot: Pilot, view: FlightView, now: float) -> None:
         """Move the sticks; called at every receiver frame."""
 
+    @property
+    def doing(self) -> str:
+        """What the pilot does, or waits for, after "the pilot"."""
+
+    @property
+    def is_over(self) -> bool:
+        """The aircraft stands, its motors stopped, and nothing more will happen."""
+
 
 class DelayedProgram:
     """A program that begins after a while, or when asked: a ground station looks at the boards first.
@@ -63,18 +71,33 @@ class DelayedProgram:
         self.program = program
         self._wait_time = wait_time
         self._starts_at: float | None = None
+        self._is_waiting = wait_time > 0.0
 
     def start(self) -> None:
         """Begin with the next receiver frame."""
         self._wait_time = 0.0
         self._starts_at = None
+        self._is_waiting = False
 
     def fly(self, pilot: Pilot, view: FlightView, now: float) -> None:
         """Leave the sticks alone until it is time."""
         if self._starts_at is None:
             self._starts_at = now + self._wait_time
-        if now >= self._starts_at:
+        self._is_waiting = now < self._starts_at
+        if not self._is_waiting:
             self.program.fly(pilot, view, now)
+
+    @property
+    def doing(self) -> str:
+        """What the pilot does; see `Program`."""
+        if self._is_waiting:
+            return f"waits {self._wait_time:g} s before he touches the sticks; `mkctl sim start` asks him earlier"
+        return self.program.doing
+
+    @property
+    def is_over(self) -> bool:
+        """It was flown to its end; see `Program`."""
+        return not self._is_waiting and self.program.is_over
 
 
 class Pilot:

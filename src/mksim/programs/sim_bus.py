@@ -63,6 +63,7 @@ def truth_of(simulation: Simulation, stamp: Stamp, port: str = "") -> SimTruth:
         gate_open=core.gate_open,
         motor_setpoints=(setpoints[0], setpoints[1], setpoints[2], setpoints[3]),
         port=port,
+        pilot=simulation.pilot_doing,
     )
 
 
@@ -123,11 +124,14 @@ class SimBus:
     async def publish(self, rate_hz: float) -> None:
         """Put truth at a rate, and the faults every second and on change, for ever."""
         faults = self._simulation.world.faults
-        seen, next_faults = -1, 0.0
+        seen, next_faults, doing = -1, 0.0, ""
         period = 1.0 / rate_hz if rate_hz else _FAULTS_PERIOD
         while True:
             if rate_hz:
                 self._put(TRUTH, truth_of(self._simulation, self._clock.stamp(), self._port))
+            if doing != self._simulation.pilot_doing:
+                doing = self._simulation.pilot_doing
+                _log.info(f"the pilot {doing}", t=round(self._simulation.now, 3))
             now = time.monotonic()
             if faults.generation != seen or now >= next_faults:
                 seen, next_faults = faults.generation, now + _FAULTS_PERIOD
@@ -155,7 +159,8 @@ class SimBus:
     def _start_pilot(self, query: zenoh.Query) -> CommandResult:
         self._simulation.start_pilot()
         _log.info("pilot asked to begin", t=round(self._simulation.now, 3))
-        return CommandResult(status=Status.ACCEPTED)
+        reply = truth_of(self._simulation, self._clock.stamp(), self._port)
+        return CommandResult(status=Status.ACCEPTED, reply=reply.model_dump(), reply_type=schema_name(SimTruth))
 
     def _handle_fault_request(self, query: zenoh.Query) -> CommandResult:
         payload = query.payload.to_bytes() if query.payload is not None else b""

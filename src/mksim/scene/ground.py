@@ -44,14 +44,20 @@ def ground_texture(kind: GroundKind, seed: int) -> Image32:
     return np.asarray(np.clip(ground, 0.02, 0.95), dtype=np.float32)
 
 
-def _cloud(rng: np.random.Generator, slope: float) -> Image32:
-    """Periodic noise of unit variance whose amplitude falls as frequency to the power `slope`."""
-    spectrum = np.fft.rfft2(rng.standard_normal((SIDE_TEXELS, SIDE_TEXELS)))
+@lru_cache(maxsize=2)
+def _falloff(slope: float) -> Array:
+    """Amplitude of each frequency of a cloud."""
     fy = np.fft.fftfreq(SIDE_TEXELS)[:, None]
     fx = np.fft.rfftfreq(SIDE_TEXELS)[None, :]
     frequency = np.hypot(fx, fy)
     frequency[0, 0] = 1.0
-    spectrum *= np.maximum(frequency, 4 / SIDE_TEXELS) ** slope
+    return np.asarray(np.maximum(frequency, 4 / SIDE_TEXELS) ** slope)
+
+
+def _cloud(rng: np.random.Generator, slope: float) -> Image32:
+    """Periodic noise of unit variance whose amplitude falls as frequency to the power `slope`."""
+    spectrum = np.fft.rfft2(rng.standard_normal((SIDE_TEXELS, SIDE_TEXELS)))
+    spectrum *= _falloff(slope)
     spectrum[0, 0] = 0.0
     noise = np.fft.irfft2(spectrum, s=(SIDE_TEXELS, SIDE_TEXELS))
     return np.asarray(noise / noise.std(), dtype=np.float32)
@@ -113,16 +119,22 @@ def _add_stones(ground: Image32, rng: np.random.Generator) -> None:
         np.copyto(patch, turned, where=turned >= 0.0)
 
 
+@lru_cache(maxsize=1)
+def _pyramid(kind: GroundKind, seed: int) -> tuple[list[Image32], list[Image32]]:
+    """The texture at ever coarser levels, and each of them with a border that repeats it; nobody changes them."""
+    level = ground_texture(kind, seed)
+    levels = [level]
+    while level.shape[0] > 64:
+        level = np.asarray(cv2.resize(level, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA), dtype=np.float32)
+        levels.append(level)
+    return levels, [np.pad(level, level.shape[0] // 2, mode="wrap") for level in levels]
+
+
 class Ground:
     """The plane z = 0 [ENU] as the camera samples it, with coarser levels for farther ground."""
 
     def __init__(self, kind: GroundKind, seed: int) -> None:
-        level = ground_texture(kind, seed)
-        self._levels = [level]
-        while level.shape[0] > 64:
-            level = np.asarray(cv2.resize(level, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA), dtype=np.float32)
-            self._levels.append(level)
-        self._padded = [np.pad(level, level.shape[0] // 2, mode="wrap") for level in self._levels]
+        self._levels, self._padded = _pyramid(kind, seed)
 
     def render(self, view: CameraView, rays: RayGrid) -> Image32:
         """Reflectance `(height, width)` the camera sees; `SKY` above the horizon and below ground."""

@@ -153,3 +153,10 @@ def test_an_entry_condition_holds_up_to_its_limit_and_not_beyond(part, limit):
     beyond = replace(GOOD, entry=replace(GOOD.entry, **{part: edge + 1e-6}))
     assert waits_for(NewManoeuvre(Concern.HOLD), at_edge) == ""
     assert waits_for(NewManoeuvre(Concern.HOLD), beyond) != ""
+
+
+def test_an_emergency_throttle_that_falls_is_told_with_the_range_that_carries():
+    found = finding(replace(GOOD, active_set=replace(SET, emergency_throttle=65), hover_gas=125.0), "emergency descent")
+    assert "NotGas 65 for 90" in found.reason
+    assert "27 % of its weight" in found.reason  # (65 / 125)^2
+    assert "107 to 118" in found.fix  # 0.85 of hover, and below what climbs

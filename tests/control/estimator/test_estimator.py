@@ -484,7 +484,7 @@ EVENTS = st.lists(
 )
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(EVENTS)
 def test_whatever_arrives_the_estimate_is_numbers_and_the_newest_image_neither_ages_nor_lies_ahead(events):
     estimator, now = Estimator(MODEL, view(0.0, np.zeros((2, LEVEL_STATES)), 2.0, 0.0), HOVER), 0.0
@@ -511,7 +511,7 @@ def test_whatever_arrives_the_estimate_is_numbers_and_the_newest_image_neither_a
         assert np.isfinite([*found.axes.flat, *found.vertical, *found.position_sd, found.yaw, found.age]).all()
 
 
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=6, deadline=None)
 @given(st.permutations(range(6)))
 def test_the_order_in_which_late_images_arrive_changes_the_estimate_little(order):
     """Not at all but for the heading, which follows the images as they come."""

@@ -14,7 +14,7 @@ from mkdaemon.control.linear import discretise
 MODEL = AircraftModel()
 
 
-def flown(gain, *, size=0.08, seconds=5.0, late=0.024, hold=0.0, model=MODEL, aircraft=MODEL, wind=0.0):
+def flown(gain, *, size=0.08, seconds=5.0, late=0.024, hold=0.0, model=MODEL, aircraft=MODEL, wind=0.0, start=0.0):
     """What is found of an aircraft whose sticks ask for so much more tilt than the model's."""
     a, b = np.zeros((4, 4)), np.zeros((4, 1))
     a[0, 0], a[0, 2] = -1.0 / aircraft.leak, 1.0
@@ -22,14 +22,14 @@ def flown(gain, *, size=0.08, seconds=5.0, late=0.024, hold=0.0, model=MODEL, ai
     a[2] = np.array([-aircraft.a1, -aircraft.a2, -1.0, aircraft.a1]) / aircraft.rate_lag
     a[3, 3], b[3, 0] = -1.0 / aircraft.stick_filter, 1.0 / aircraft.stick_filter
     f, g = discretise(a, b, STEP)
-    found, state = StickResponse(model, 0.0), np.zeros((2, 4))
+    found, state = StickResponse(model, start), np.zeros((2, 4))
     reports = []
     for k in range(round(seconds / STEP)):
         now = k * STEP
         asked = size * np.array([math.sin(2.0 * now), math.cos(3.0 * now)])
-        found.sent(now, asked)
+        found.sent(start + now, asked)
         state = state @ f.T + gain * asked[:, None] * g[:, 0]
-        reports.append((now + STEP, state[:, 0] + wind))
+        reports.append((start + now + STEP, state[:, 0] + wind))
         if k % 2 == 0 and now > late + hold:
             found.attitude_received(*reports[-1 - round(late / STEP)])
     return found
@@ -42,9 +42,10 @@ def test_a_gain_that_differs_is_found_soon_after_two_seconds(gain):
     assert found.gain == found.measured
 
 
+@pytest.mark.parametrize("start", [0.0, 500.0])
 @pytest.mark.parametrize(("gain", "believed"), [(0.67, 1.0), (1.5, 1.5)])
-def test_only_a_larger_gain_is_believed_before_two_seconds(gain, believed):
-    found = flown(gain, seconds=1.9)
+def test_only_a_larger_gain_is_believed_before_two_seconds(gain, believed, start):
+    found = flown(gain, seconds=1.9, start=start)
     assert found.measured == pytest.approx(gain, abs=0.1)
     assert found.gain == pytest.approx(believed, abs=0.1)
 
@@ -94,3 +95,28 @@ def test_attitudes_that_come_too_late_are_left_out():
     before = found.measured
     found.attitude_received(0.5, np.array([9.0, 9.0]))
     assert found.measured == before == 0.5
+
+
+def test_a_difference_must_be_larger_before_two_seconds_than_after():
+    """1.28 is more than the boards' scale, and less than what is believed of an aircraft that is handed over."""
+    assert flown(1.28, seconds=1.9).gain == 1.0
+    later = flown(1.28, seconds=3.0)
+    assert later.gain == later.measured == pytest.approx(1.28, abs=0.03)
+
+
+def test_before_sticks_act_the_boards_tell_nothing_of_them():
+    found = StickResponse(MODEL, 0.0)
+    found.sent(10.0, np.array([0.1, 0.1]))
+    for k in range(300):
+        found.attitude_received(k * STEP, np.array([0.2 * math.sin(0.1 * k), 0.0]))
+    assert found.measured == 1.0
+    assert not found.has_other_filter
+
+
+def test_the_last_stick_acts_until_the_next():
+    found = StickResponse(MODEL, 0.0)
+    found.sent(0.0, np.array([0.1, 0.0]))
+    found.attitude_received(0.5, np.zeros(2))
+    tilted = found._expected[-1][1][0][0]
+    found.attitude_received(0.9, np.zeros(2))
+    assert found._expected[-1][1][0][0] > tilted > 0.01

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ import pytest
 from mkdaemon.control.estimator.estimator import Estimator
 from mkdaemon.control.estimator.model import AircraftModel, E, V
 from mkdaemon.control.estimator.values import OURS, StickCommand, TargetView, ThrottleUse
-from mkdaemon.control.regulator.autopilot import UNKNOWN_SPEED, Autopilot, at_origin
+from mkdaemon.control.regulator.autopilot import UNKNOWN_SPEED, Autopilot, Goal, at_origin
 from mkdaemon.control.regulator.horizontal import HorizontalCosts
 from mkdaemon.control.regulator.reference import ReferenceLimits
 from mkdaemon.control.regulator.vertical import VerticalGains
@@ -102,3 +103,70 @@ def test_the_regulator_is_that_of_the_stick_filter_that_was_found():
         axes = axes @ f.T + (held * MODEL.rad_per_count)[:, None] * g
     assert estimator.model == other
     assert isinstance(autopilot.sticks(at_origin(2.0), now).pitch, int)
+
+
+def held(seconds, *, east=0.4, yaw=0.0, goal=None, climb=0.0, **fields):
+    """An autopilot that saw an aircraft stand still for a time, and all sticks it asked for."""
+    c, s = np.cos(yaw), np.sin(yaw)
+    r = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+    def seen(at):
+        return TargetView(at, -r.T @ np.array([east, 0.0, 2.0 + climb * at]), r, np.diag([1e-3] * 6) ** 2)
+
+    autopilot, sticks = begin(seen(0.0)), []
+    for k in range(1, round(seconds / 0.02)):
+        autopilot.estimator.advance(0.02 * k)
+        autopilot.estimator.target_seen(seen(0.02 * k), 0.02 * k)
+        sticks.append(autopilot.sticks(replace(goal or at_origin(2.0), **fields), 0.02 * k))
+    return autopilot, sticks
+
+
+def test_sticks_are_for_the_moment_when_they_act():
+    autopilot, _ = held(0.2)
+    assert autopilot.estimate.at == pytest.approx(0.02 * 9 + 0.029)
+
+
+@pytest.mark.parametrize("yaw", [0.0, 0.8, 1.571, -2.3])
+def test_sticks_lean_towards_the_goal_whatever_the_heading(yaw):
+    _, sticks = held(1.5, yaw=yaw)
+    pitch, roll = (sum(getattr(each, axis) for each in sticks[-25:]) for axis in ("pitch", "roll"))
+    # The goal lies to the west; pitch is forwards, roll to the right.
+    way = -np.array([np.cos(yaw), np.sin(yaw)])
+    assert np.array([pitch, roll]) == pytest.approx(np.hypot(pitch, roll) * way, abs=0.12 * np.hypot(pitch, roll))
+    assert np.hypot(pitch, roll) > 25
+
+
+def test_a_height_begins_where_the_aircraft_is_once_its_speed_is_known():
+    autopilot, _ = held(1.0, climb=0.3, goal=Goal(position=np.array([0.4, 0.0, 2.0]), climb=0.0))
+    assert autopilot.height.position[0] == pytest.approx(2.1, abs=0.25)
+    start = begin(look(0.0, 0.0))
+    start.sticks(at_origin(5.0), 0.02)
+    assert start.height.position[0] == pytest.approx(2.0, abs=0.02)
+    assert start.reference.position.shape == (2,)
+
+
+def test_a_climb_that_is_asked_for_is_its_own_reference():
+    autopilot, _ = held(0.5, goal=Goal(position=np.array([0.4, 0.0, 1.7]), climb=-0.3))
+    assert (autopilot.height.position[0], autopilot.height.velocity[0]) == (1.7, -0.3)
+
+
+@pytest.mark.parametrize(("share", "throttle"), [(0.6, 0.6 * HOVER - 127), (1.1, 1.1 * HOVER - 127)])
+def test_a_share_of_hover_is_the_throttle(share, throttle):
+    _, sticks = held(0.5, gas_share=share)
+    assert sticks[-1].throttle == pytest.approx(throttle, abs=1.0)
+
+
+@pytest.mark.parametrize(("speed", "limit"), [(None, 1.2), (0.3, 0.3), (5.0, 1.2)])
+def test_a_way_is_flown_no_faster_than_asked_and_never_faster_than_allowed(speed, limit):
+    autopilot, _ = held(4.0, goal=Goal(position=np.array([20.0, 0.0, 2.0])), speed=speed)
+    assert autopilot.reference.velocity[0] == pytest.approx(limit, rel=0.02)
+
+
+@pytest.mark.parametrize(
+    ("rate_deg", "stick"), [(0.0, 0), (0.5, 8), (-0.5, -8), (5.0, None), (-5.0, None), (60.0, 28), (-60.0, -28)]
+)
+def test_a_yaw_rate_becomes_a_stick_between_what_unlocks_the_compass_and_what_tilts_can_follow(rate_deg, stick):
+    autopilot, sticks = held(0.3, yaw_rate=float(np.radians(rate_deg)))
+    expected = round(autopilot.estimator.model.yaw_stick(float(np.radians(rate_deg)))) if stick is None else stick
+    assert sticks[-1].yaw == expected
+    assert np.sign(sticks[-1].yaw) == np.sign(rate_deg)

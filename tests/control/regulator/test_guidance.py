@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mkdaemon.control.estimator.model import LEVEL_STATES, AircraftModel, D, P
+from mkdaemon.control.estimator.model import LEVEL_STATES, TH, US, AircraftModel, B, D, P, T, V
 from mkdaemon.control.estimator.values import Estimate
 from mkdaemon.control.regulator.autopilot import YAW_LEAST, YAW_MOST, CountShaper, yaw_stick
 from mkdaemon.control.regulator.horizontal import HorizontalCosts, HorizontalRegulator
@@ -112,3 +112,81 @@ def test_yaw_turns_the_short_way_with_a_stick_that_the_compass_lock_lets_pass(er
 def test_a_small_yaw_error_is_left_to_the_compass_lock():
     assert yaw_stick(REST, math.radians(3)) == 0
     assert yaw_stick(REST, None) == 0
+
+
+@pytest.mark.parametrize(
+    ("yaw", "wanted", "stick"),
+    [
+        (0.2, 0.5, 8.0 + 0.7 * math.degrees(0.3)),
+        (0.8, 0.5, -8.0 - 0.7 * math.degrees(0.3)),
+        (-3.0, 3.0, -8.0 - 0.7 * math.degrees(math.tau - 6.0)),
+        (0.0, 2.0, 28.0),
+        (0.0, -2.0, -28.0),
+        (0.0, math.radians(4.1), 8.0 + 0.7 * 4.1),
+        (0.0, math.radians(3.9), 0.0),
+        (0.5, None, 0.0),
+    ],
+)
+def test_the_yaw_stick_grows_with_the_error_from_what_unlocks_the_compass(yaw, wanted, stick):
+    assert yaw_stick(replace(REST, yaw=yaw), wanted) == round(stick)
+
+
+def state(**values):
+    axes = np.zeros((2, LEVEL_STATES))
+    for name, value in values.items():
+        axes[0, {"p": P, "v": V, "d": D, "b": B, "t": T, "th": TH}[name]] = value
+    return replace(REST, axes=axes, disturbance=axes[:, D].copy())
+
+
+def test_what_leans_the_accelerometers_and_what_pushes_is_leant_against():
+    regulator = HorizontalRegulator(MODEL, HorizontalCosts())
+    # At rest under a push of 0.5 m/s2 the true tilt is -0.5 / g; the board believes it crooked by what leans it.
+    still = state(d=0.5, b=0.02, t=-0.5 / 9.81, th=-0.5 / 9.81 + 0.02)
+    still.axes[0, US] = -0.5 / 9.81 + 0.02
+    assert regulator.tilt(still, Reference(np.zeros(2)))[0] == pytest.approx(-0.5 / 9.81 + 0.02)
+
+
+def test_a_reference_that_flies_is_flown_after_with_the_tilt_of_its_drag():
+    regulator = HorizontalRegulator(MODEL, HorizontalCosts())
+    lean = 0.35 * 0.8 / 9.81
+    flying = state(v=0.8, t=lean, th=lean)
+    flying.axes[0, US] = lean
+    assert regulator.tilt(flying, Reference(np.zeros(2), np.array([0.8, 0.0])))[0] == pytest.approx(lean)
+
+
+@pytest.mark.parametrize(("far", "same"), [(0.5, False), (0.6, True), (5.0, True)])
+def test_an_error_beyond_its_reach_is_the_references_business(far, same):
+    regulator = HorizontalRegulator(MODEL, HorizontalCosts(steepest=9.0))
+    asked, most = (regulator.tilt(state(p=-size), Reference(np.zeros(2)))[0] for size in (far, 0.6))
+    assert asked > 0.0
+    assert bool(asked == pytest.approx(most)) is same
+
+
+def test_throttle_is_that_of_the_cascade():
+    def thrust(**values):
+        """Over hover, without the lead over the motors' lag [share of the weight]."""
+        gains = VerticalGains(lead=1.0)
+        vertical = np.zeros(4)
+        for name, value in values.items():
+            if name in {"h", "s", "e", "f"}:
+                vertical["hsfe".index(name)] = value
+        asked = gas(replace(REST, vertical=vertical), values.get("height", 0.0), values.get("climb", 0.0), gains)
+        return (asked / REST.hover_gas) ** 2 - 1.0
+
+    assert thrust() == pytest.approx(0.0)
+    assert thrust(height=0.1) == pytest.approx(2.7 * 0.2 / 9.81)
+    assert thrust(h=0.1) == pytest.approx(-2.7 * 0.2 / 9.81)
+    assert thrust(height=5.0) == pytest.approx(2.7 * 0.6 / 9.81)
+    assert thrust(h=5.0) == pytest.approx(-2.7 * 0.6 / 9.81)
+    assert thrust(climb=0.2) == pytest.approx(2.7 * 0.2 / 9.81)
+    assert thrust(s=0.2) == pytest.approx(-2.7 * 0.2 / 9.81)
+    assert thrust(e=0.5) == pytest.approx(-0.5 / 9.81)
+    assert thrust(s=-5.0) == pytest.approx(0.5)
+    assert thrust(s=5.0) == pytest.approx(-0.4)
+
+
+def test_throttle_leads_the_motors_and_carries_a_leaning_aircraft():
+    lagging = replace(REST, vertical=np.array([0.0, 0.0, -0.1, 0.0]))
+    assert (gas(lagging, 0.0, 0.0, VerticalGains()) / 125.0) ** 2 == pytest.approx(0.9 + 1.5 * 0.1)
+    leaning = replace(REST, tilt=np.array([0.3, 0.0]), vertical=np.zeros(4))
+    assert (gas(leaning, 0.0, 0.0, VerticalGains()) / 125.0) ** 2 == pytest.approx(1.0 / math.cos(0.3), rel=0.01)

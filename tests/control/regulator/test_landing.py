@@ -95,3 +95,124 @@ def test_the_cushion_is_bounded_where_the_rotors_are_as_low_as_they_get():
     before = fall.climb
     fall.has_ended(1.0 / (LARGEST_CUSHION * 1.08), STEP)
     assert fall.climb == pytest.approx(before)
+
+
+def phase_after(height, *, east=0.0, speed=0.0, age=0.1, sd=0.01):
+    """Where a landing stands after one look at the aircraft."""
+    seen = estimate(0.0, height, climb=0.0, age=age, sd=sd, east=east)
+    seen.velocity[0] = speed
+    landing = Landing(LIMITS, seen)
+    landing.goal(seen, None, STEP)
+    return landing.phase
+
+
+@pytest.mark.parametrize(
+    ("fields", "descends"),
+    [
+        # The cone: 7 cm at the ground and 12 cm wider a metre, on both sides of its wall.
+        ({"height": 1.0, "east": 0.185}, True),
+        ({"height": 1.0, "east": 0.195}, False),
+        ({"height": 1.0, "east": -0.195}, False),
+        ({"height": 2.0, "east": 0.305}, True),
+        ({"height": 2.0, "east": 0.315}, False),
+        # Its speed, and the oldest image.
+        ({"height": 1.0, "speed": 0.34}, True),
+        ({"height": 1.0, "speed": 0.36}, False),
+        ({"height": 1.0, "speed": -0.36}, False),
+        ({"height": 1.0, "age": 0.24}, True),
+        ({"height": 1.0, "age": 0.26}, False),
+    ],
+)
+def test_it_goes_down_inside_the_cone_slowly_and_by_a_fresh_image_only(fields, descends):
+    assert phase_after(**fields) is (LandingPhase.DESCEND if descends else LandingPhase.APPROACH)
+
+
+@pytest.mark.parametrize(
+    ("fields", "commits"),
+    [
+        ({"height": 0.12}, True),
+        ({"height": 0.14}, False),
+        ({"height": 0.12, "east": 0.12, "speed": 1.0}, True),
+        ({"height": 0.12, "east": 0.14}, False),
+        ({"height": 0.12, "age": 0.59}, True),
+        ({"height": 0.12, "age": 0.61}, False),
+        ({"height": 0.12, "sd": 0.049}, True),
+        ({"height": 0.12, "sd": 0.051}, False),
+    ],
+)
+def test_close_to_the_ground_the_decision_is_final_over_the_target_only(fields, commits):
+    assert (phase_after(**fields) is LandingPhase.COMMIT) is commits
+
+
+@pytest.mark.parametrize(("height", "sink"), [(1.0, 0.40), (0.51, 0.40), (0.49, 0.28), (0.2, 0.28)])
+def test_it_sinks_more_slowly_close_to_the_ground(height, sink):
+    landing = Landing(LIMITS, estimate(0.0, height))
+    goal = landing.goal(estimate(0.0, height), None, STEP)
+    assert goal.climb == -sink
+    assert goal.position[2] == pytest.approx(height + 0.10 - sink * STEP)
+    for _ in range(100):  # an aircraft that does not follow is not left far behind
+        goal = landing.goal(estimate(0.0, height), None, STEP)
+    assert goal.position[2] == pytest.approx(height + 0.10 - 0.10)
+
+
+@pytest.mark.parametrize(
+    ("height", "age", "climb"), [(1.0, 0.41, 0.3), (1.0, 0.39, 0.0), (1.49, 0.41, 0.3), (1.51, 0.41, 0.0)]
+)
+def test_a_target_out_of_sight_is_looked_for_from_above_up_to_a_height(height, age, climb):
+    landing = Landing(LIMITS, estimate(0.0, height, age=age))
+    goals = [landing.goal(estimate(0.0, height, age=age), None, STEP) for _ in range(200)]
+    assert goals[0].climb == climb
+    assert goals[0].position[2] == pytest.approx(height + 0.10 + (0.5 * STEP if climb else 0.0))
+    assert goals[-1].position[2] == pytest.approx(height + 0.10 + (0.3 if climb else 0.0))
+
+
+@pytest.mark.parametrize(("height", "wanted"), [(0.10, 0.35), (0.24, 0.35), (0.26, 0.36)])
+def test_beside_the_target_it_waits_above_its_last_decision(height, wanted):
+    landing = Landing(LIMITS, estimate(0.0, height, east=0.5))
+    assert landing.goal(estimate(0.0, height, east=0.5), None, STEP).position[2] == pytest.approx(wanted)
+
+
+def test_throttle_of_the_commit_goes_down_further_after_a_while_and_to_nothing_when_it_stands():
+    landing = Landing(LIMITS, estimate(0.0, 0.12))
+    shares = {at: landing.goal(estimate(at, 0.12, thrust=1.0), None, STEP).gas_share for at in (0.0, 0.3, 0.4, 0.9)}
+    assert shares == pytest.approx({0.0: 0.9, 0.3: 0.9, 0.4: 0.8, 0.9: 0.6})
+    assert landing.goal(estimate(0.92, 0.029, thrust=1.0), None, STEP).gas_share == pytest.approx(0.6)
+    assert landing.goal(estimate(1.02, 0.029, thrust=1.0), None, STEP).gas_share == 0.0
+    assert landing.down_since == 1.02
+
+
+@pytest.mark.parametrize(("height", "age", "stands"), [(0.029, 0.14, True), (0.031, 0.14, False), (0.029, 0.16, False)])
+def test_only_a_fresh_image_of_feet_at_the_ground_shows_that_they_stand(height, age, stands):
+    landing = land([0.12] * 2)
+    for k in range(2, 9):
+        landing.goal(estimate(k * STEP, height, age=age, thrust=1.0), None, STEP)
+    assert (landing.phase is LandingPhase.DOWN) is stands
+
+
+@pytest.mark.parametrize(("east", "is_on_target"), [(0.31, True), (0.33, False)])
+def test_on_the_target_it_stands_where_two_standard_deviations_are_on_it_too(east, is_on_target):
+    landing = land([0.12] * 2)
+    for k in range(2, 9):
+        landing.goal(estimate(k * STEP, 0.0, east=east), None, STEP)
+    assert landing.phase is LandingPhase.DOWN
+    assert landing.is_on_target is is_on_target
+
+
+def test_a_fall_begins_where_the_aircraft_may_be_highest_and_slowest():
+    fall = Fall(0.12, -0.28, 0.01)
+    assert (fall.height, fall.climb) == pytest.approx((0.15, -0.13))
+
+
+@pytest.mark.parametrize(("height", "gain"), [(0.0, 1.25), (0.1, 1.0 / (1.0 - 0.0625)), (10.0, 1.0)])
+def test_near_the_ground_thrust_carries_more(height, gain):
+    """I. Cheeseman and W. Bennett: 1 / (1 - (R / 4z)^2), rotors of 0.2 m at 0.1 m above the feet."""
+    fall = Fall(height, -0.15, 0.0)  # slowest: it does not sink at all
+    fall.has_ended(1.0 / 1.08, STEP)
+    expected = {0.0: 1.0 / (1.0 - 0.25)}.get(height, gain)
+    assert fall.climb == pytest.approx(9.81 * (min(expected, 1.25) - 1.0) * STEP, rel=1e-3, abs=1e-5)
+
+
+@pytest.mark.parametrize("yaw", [None, 0.5])
+def test_a_landing_keeps_its_heading(yaw):
+    landing = Landing(LIMITS, estimate(0.0, 1.0))
+    assert landing.goal(estimate(0.0, 1.0), yaw, STEP).yaw == yaw

@@ -91,3 +91,107 @@ def test_in_the_air_only_the_climb_is_left_and_cannot_fail():
     take_off.arrived()
     take_off.arrived()
     assert take_off.phase is TakeOffPhase.REACHED
+
+
+def ramp(seconds):
+    """A take-off whose throttle has risen for so long, and its throttles."""
+    take_off = TakeOff(LIMITS, HOVER, 0.0)
+    run(take_off, 0.0, LIMITS.ready)
+    assert take_off.phase is TakeOffPhase.RAMP
+    return take_off, [gas / HOVER for _, gas in run(take_off, LIMITS.ready, seconds)]
+
+
+def test_throttle_leaps_to_four_fifths_of_hover_and_rises_by_its_slope():
+    take_off = TakeOff(LIMITS, HOVER, 0.0)
+    last = run(take_off, 0.0, LIMITS.ready)[-1][1]
+    assert last == pytest.approx(0.8 * HOVER)
+    _, shares = ramp(0.2)
+    assert shares == pytest.approx([0.8 + 1.6 * STEP * k for k in range(1, 11)])
+
+
+def test_blind_time_counts_from_the_throttle_that_may_carry():
+    # 1.05 of hover is reached 0.16 s after the leap; 1.2 s later it is over.
+    take_off, _ = ramp(0.16 + 1.19)
+    assert take_off.phase is TakeOffPhase.RAMP
+    run(take_off, LIMITS.ready + 1.35, 0.06)
+    assert take_off.phase is TakeOffPhase.FAILED
+    assert take_off.failure is Outcome.NOT_LIFTED
+
+
+@pytest.mark.parametrize(("tilt", "fails"), [(0.255, False), (0.265, True)])
+def test_a_foot_that_sticks_ends_it_at_fifteen_degrees(tilt, fails):
+    take_off, _ = ramp(0.1)
+    run(take_off, LIMITS.ready + 0.1, STEP, tilt=tilt)
+    assert take_off.failure is (Outcome.TIPPED if fails else None)
+
+
+def test_a_tilt_before_the_throttle_rises_ends_nothing():
+    take_off = TakeOff(LIMITS, HOVER, 0.0)
+    run(take_off, 0.0, 0.5, tilt=0.5)
+    assert take_off.phase is TakeOffPhase.IDLE
+
+
+def test_throttle_is_cut_for_a_second_before_who_tipped_over_is_released():
+    take_off, _ = ramp(0.1)
+    run(take_off, LIMITS.ready + 0.1, STEP, tilt=0.3)
+    run(take_off, LIMITS.ready + 0.12, 0.94)
+    assert not take_off.is_over
+    run(take_off, LIMITS.ready + 1.06, 0.1)
+    assert take_off.is_over
+
+
+def test_one_that_was_not_lifted_is_released_at_once_at_its_throttle():
+    take_off, shares = ramp(1.5)
+    assert take_off.failure is Outcome.NOT_LIFTED
+    assert take_off.is_over
+    assert shares[-1] == pytest.approx(1.25)
+
+
+@pytest.mark.parametrize(
+    ("images", "flies"),
+    [
+        ([(0.20, 1.50), (0.22, 1.53)], True),
+        ([(0.165, 1.50), (0.165, 1.53)], True),
+        ([(0.155, 1.50), (0.22, 1.53)], False),  # the first shows it no higher than 6 cm above where it stands
+        ([(0.22, 1.50), (0.155, 1.53)], False),
+        ([(0.22, 1.53), (0.22, 1.50)], False),  # in another order than taken
+        ([(0.22, 1.50), (0.22, 1.50)], False),
+        ([(0.22, 1.50)], False),
+    ],
+)
+def test_two_images_in_a_row_must_show_it_above_the_ground(images, flies):
+    take_off, _ = ramp(0.6)
+    found = [take_off.seen(height, at) for height, at in images]
+    assert (found[-1] is not None) is flies
+    assert take_off.is_blind is not flies
+
+
+def test_the_throttle_that_carries_is_that_of_the_time_of_the_image():
+    take_off, shares = ramp(0.3)  # 0.8 at 1.0 s, 1.28 at 1.3 s, bounded by 1.25
+    take_off.seen(0.20, 1.10)
+    # No climb between the two: what it rose with is what carries it, and the cushion.
+    assert take_off.seen(0.20, 1.2001) == pytest.approx(HOVER * shares[9] * 1.1**0.5)
+
+
+def test_what_carries_is_bounded_above_too_and_a_sinking_aircraft_does_not_climb():
+    take_off, _ = ramp(0.6)
+    take_off.seen(0.60, 1.50)
+    assert take_off.seen(0.20, 1.53) == pytest.approx(1.25 * HOVER)
+
+
+def test_an_image_just_young_enough_counts():
+    take_off, _ = ramp(1.0)
+    assert take_off.seen(0.20, 2.0 - OLDEST + 0.01) is None
+    assert take_off.seen(0.22, 2.0 - OLDEST + 0.03) is not None
+
+
+@pytest.mark.parametrize("phase", ["idle", "ramp"])
+def test_who_aborts_before_the_lift_off_ends_it_as_it_is(phase):
+    take_off = TakeOff(LIMITS, HOVER, 0.0)
+    if phase == "ramp":
+        take_off, _ = ramp(0.1)
+    take_off.fail(Outcome.TAKE_OFF_ABORTED)
+    assert take_off.failure is Outcome.TAKE_OFF_ABORTED
+    assert take_off.is_over
+    take_off.arrived()
+    assert take_off.phase is TakeOffPhase.FAILED

@@ -5,6 +5,7 @@ from dataclasses import replace
 import pytest
 
 from mkdaemon.config.gamepad import MOST_TRIM
+from mkdaemon.control.teleop.hands import Function
 from mkdaemon.control.teleop.inputs import AxisRange, PadInputs
 from tests.control.teleop.pads import FACTS, HIGH, LOW, MIDDLE, TestedPad
 
@@ -117,6 +118,7 @@ def test_older_stamp_changes_nothing() -> None:
 def test_range_without_extent_says_nothing() -> None:
     assert AxisRange(5, 5).normalise(7) == 0.0
     assert AxisRange(0, 255).normalise(999) == 1.0
+    assert AxisRange(0, 255).normalise(-999) == -1.0
 
 
 def test_unknown_axis_is_the_oldest() -> None:
@@ -133,9 +135,67 @@ def test_pad_without_a_mapped_control_does_not_fly() -> None:
     output = pad.tick(BTN_TL=1)
     assert output.setpoint is None
     assert "has no BTN_TL" in output.reason
+    assert pad.hands.missing == ["BTN_TL"]
 
 
 def test_state_that_was_never_answered_does_not_fly() -> None:
     pad = TestedPad()
     pad.hands.reported("BTN_TL", 1, pad.now)
     assert "not answered" in pad.decide(0.01).reason
+
+
+def test_control_that_was_never_known_stands_in_the_middle_and_is_not_pressed() -> None:
+    inputs = PadInputs(FACTS, 0.0)
+    assert inputs.axis("ABS_X") == 0.0
+    assert not any(inputs.is_pressed(reference) for reference in ("BTN_TL", "ABS_HAT0X+", "ABS_HAT0X-"))
+
+
+@pytest.mark.parametrize(("raw", "pressed"), [(0.5, ""), (0.51, "+"), (-0.5, ""), (-0.51, "-"), (0.0, "")])
+def test_axis_is_a_button_beyond_half_of_its_way(raw: float, pressed: str) -> None:
+    inputs = PadInputs(FACTS, 0.0)
+    inputs.reported("ABS_HAT0X", raw, 1.0)
+    assert [side for side in "+-" if inputs.is_pressed(f"ABS_HAT0X{side}")] == list(pressed)
+
+
+def test_what_is_reported_before_the_pad_has_answered_counts_for_nothing() -> None:
+    pad = TestedPad()
+    pad.hands.reported("ABS_Y", HIGH, pad.now)
+    pad.hands.reported("BTN_TR", 1, pad.now)
+    pad.tick()
+    assert not pad.hands.has_seen_zero
+    assert not pad.hands.is_fine
+    assert "lowest" in pad.tick(BTN_TL=1).reason
+
+
+def test_setting_is_done_by_the_pad_and_handed_on_to_nobody() -> None:
+    pad = TestedPad()
+    pad.fly()
+    pad.now += 0.02
+    pad.ask(BTN_TR=1, BTN_SOUTH=1, ABS_HAT0X=1, BTN_NORTH=1)
+    assert pad.hands.take_presses(pad.now) == [Function.HOLD]
+    assert pad.hands.is_fine
+    assert pad.hands.thrust.is_locked
+    assert pad.hands.trims["roll"] == 1.0
+
+
+def test_reset_ends_small_deflections() -> None:
+    pad = TestedPad()
+    pad.fly()
+    pad.tick(BTN_TR=1)
+    assert pad.hands.is_fine
+    pad.tick(BTN_SELECT=1)
+    assert not pad.hands.is_fine
+
+
+@pytest.mark.parametrize(("forward", "trim", "pitch"), [(LOW, 20, 127), (HIGH, -20, -127)])
+def test_deflection_with_its_trim_stays_within_what_a_stick_can_say(forward: int, trim: float, pitch: float) -> None:
+    pad = TestedPad(pitch={"rate": 127, "trim": trim})
+    pad.fly()
+    assert pad.sticks(ABS_RY=forward)["pitch"] == pitch
+
+
+def test_centred_sticks_are_plain_zeros() -> None:
+    pad = TestedPad()
+    pad.fly()
+    sticks = pad.sticks()
+    assert [f"{sticks[axis]:+g}" for axis in ("pitch", "roll", "yaw")] == ["+0", "+0", "+0"]

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from mkdaemon.control.teleop.keys import BUTTONS, DEFLECTION, FACTS, KEYBOARD, PRESS, REPEAT, STEP, TAP, Keys
+from mkdaemon.control.teleop.keys import BUTTONS, DEFLECTION, FACTS, KEYBOARD, PRESS, REPEAT, REPEATED, STEP, TAP, Keys
 from mkdaemon.control.teleop.teleop import Output, Teleop
 
 
@@ -149,3 +149,24 @@ def test_refusal_without_a_pilot_changes_nothing() -> None:
     typist = Typist()
     typist.teleop.refused()
     assert typist.tick().setpoint is None
+
+
+def test_presses_a_tenth_of_a_second_apart_are_two() -> None:
+    keys = Keys()
+    for at in (0.0, REPEATED, REPEATED + 0.09):
+        keys.typed("e", at)
+    assert not keys.is_enabled
+
+
+def test_who_lets_go_centres_the_sticks() -> None:
+    keys = Keys()
+    keys.typed("up", 1.0)
+    keys.let_go()
+    assert keys.state(1.0)["KEYS_PITCH"] == 0.0
+
+
+def test_thrust_by_keys_ends_at_the_top() -> None:
+    typist = Typist()
+    for _ in range(100):
+        typist.type("w")
+    assert typist.keys.thrust == 1.0

@@ -93,3 +93,29 @@ def test_recentred_hover_is_what_the_middle_asks_for() -> None:
     assert thrust.move(0.475) == 30
     thrust.reset()
     assert (thrust.hover, thrust.value, thrust.is_waiting) == (0, 30, True)
+
+
+@pytest.mark.parametrize(("position", "hover"), [(-1.0, -99), (1.0, 49)])
+def test_middle_moved_to_an_end_leaves_a_way_on_both_sides(position: float, hover: float) -> None:
+    thrust = Thrust(CFG)
+    thrust.move(position)
+    thrust.recentre()
+    assert thrust.hover == hover
+
+
+def test_locked_thrust_waits_for_no_stick() -> None:
+    thrust = Thrust(CFG)
+    thrust.toggle_lock()
+    assert not thrust.is_waiting
+    thrust.toggle_lock()
+    assert thrust.is_waiting
+
+
+def test_thrust_held_anew_on_the_other_side_of_the_stick_does_not_jump() -> None:
+    thrust = Thrust(CFG)
+    thrust.move(0.475)
+    thrust.hold(-50)
+    assert thrust.move(0.475) == -50  # the stick stands above
+    thrust.hold(40)
+    assert thrust.move(0.475) == 40  # and now below
+    assert thrust.move(0.0) == 40

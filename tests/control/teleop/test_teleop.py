@@ -154,6 +154,7 @@ def test_pad_detached_without_flying_lets_go_of_nothing() -> None:
     second.ask()
     first.fly()
     first.teleop.detach("second", "unplugged")
+    assert list(first.teleop.hands) == ["pad"]
     assert kind(first.tick()) == "stick"
 
 
@@ -243,6 +244,7 @@ def test_pad_by_radio_that_reports_nothing_with_a_deflected_stick_is_lost() -> N
     pad.hands.reported("ABS_RX", HIGH, pad.now)
     pad.state["ABS_RX"] = HIGH
     outputs = [pad.tick() for _ in range(150)]
+    assert not any(output.is_neutral for output in outputs[:99])
     assert any(output.is_neutral for output in outputs)
     assert any(output.let_go and "out of reach" in output.reason for output in outputs)
 
@@ -258,3 +260,63 @@ def test_quiet_time_of_the_mapping_counts_by_cable_too() -> None:
     pad.fly()
     outputs = [pad.tick(ABS_RX=HIGH) for _ in range(30)]
     assert outputs[-1].is_neutral
+
+
+def test_pad_by_radio_that_reports_nothing_has_no_thrust_above_hover() -> None:
+    pad = TestedPad(replace(FACTS, is_wireless=True))
+    pad.fly()
+    pad.hands.reported("ABS_RX", HIGH, pad.now)
+    pad.state |= {"ABS_RX": HIGH, "ABS_Y": LOW}
+    outputs = [pad.tick() for _ in range(110)]
+    assert outputs[0].setpoint is not None
+    assert outputs[0].setpoint.fields["throttle"] == 30
+    assert outputs[-1].is_neutral
+    assert outputs[-1].setpoint is not None
+    assert outputs[-1].setpoint.fields["throttle"] == -2
+
+
+def test_who_lets_go_of_the_enable_button_keeps_the_thrust_of_his_stick() -> None:
+    pad = TestedPad()
+    pad.fly()
+    assert pad.sticks(ABS_Y=LOW)["throttle"] == 30
+    output = pad.tick(BTN_TL=0)
+    assert output.is_neutral
+    assert output.setpoint is not None
+    assert output.setpoint.fields["throttle"] == 30
+
+
+def test_enable_button_that_was_only_tapped_flies_nothing() -> None:
+    pad = TestedPad()
+    pad.make_ready()
+    pad.now += 2.0
+    pad.ask()
+    pad.hands.reported("BTN_TL", 1, pad.now)
+    pad.hands.reported("BTN_TL", 0, pad.now)
+    assert pad.decide().setpoint is None
+    assert pad.tick().setpoint is None
+
+
+def test_manoeuvre_goes_on_while_somebody_asks_for_the_motors_to_stop() -> None:
+    pad = TestedPad()
+    pad.fly()
+    pad.tick(BTN_NORTH=1)
+    outputs = [pad.tick(BTN_MODE=1) for _ in range(60)]
+    assert {kind(output) for output in outputs} == {"hold"}
+    assert [output.stop_motors for output in outputs].count(True) == 1
+
+
+def test_refusal_while_nobody_flies_changes_nothing() -> None:
+    pad = TestedPad()
+    pad.make_ready()
+    pad.teleop.refused()
+    assert kind(pad.tick(BTN_TL=1)) == "stick"
+
+
+def test_button_held_for_just_its_time_counts_and_an_axis_just_so_old_is_still_known() -> None:
+    pad = TestedPad()
+    pad.fly()
+    pad.now = 16.0  # a float holds this moment, and those a quarter of a second later, exactly
+    pad.ask(BTN_START=1)
+    assert kind(pad.decide()) == "stick"
+    assert not pad.decide(0.25).is_neutral
+    assert kind(pad.tick(0.25)) == "takeoff"

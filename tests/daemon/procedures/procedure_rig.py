@@ -86,7 +86,12 @@ class ProcedureRig:
         self.link, self.facts, self.control = wiring.link, wiring.facts, wiring.flight
         self.interlock, self.runner, self.run_line = wiring.interlock, wiring.procedures, wiring.run_line
         check_step = wiring.requests.check_step
-        wiring.requests.check_step = lambda board, message: (self.refusal(message), check_step(board, message))[1]
+
+        async def refuse_or_check(board: Any, message: Any) -> None:
+            self.refusal(message)
+            await check_step(board, message)
+
+        wiring.requests.check_step = refuse_or_check
         self.interlock._situation = lambda: situation_of(self.facts, clock.now(), self.phase)
         self.tasks: list[asyncio.Task[None]] = []
 

@@ -87,7 +87,8 @@ class Line:
 
     def __init__(self, world):
         self.world = world
-        self.is_up, self.lacks_flightctrl, self.direct_board = True, False, Board.FC
+        self.is_up, self.direct_board = True, Board.FC
+        self.is_discovering = self.lacks_flightctrl = False
         self.boards = frozenset({Board.FC})
         self.dialect = SimpleNamespace(fc_release="2.12a", read_only_reason=None)
 
@@ -107,7 +108,7 @@ class Line:
 class Guard:
     """Lets everything pass."""
 
-    def check_step(self, board, message):
+    async def check_step(self, board, message):
         pass
 
     async def prove_board(self, board, message):

@@ -355,7 +355,7 @@ async def test_a_line_that_is_lost_and_a_board_that_is_silent_are_told_apart(tmp
         silent = await asked
         assert (silent.token, "no answer from the FC" in silent.reason) == ("procedure_failed", True)
         rig.socket.port.inject(LineFault.NONE)
-        await rig.until(lambda: rig.link.is_up)
+        await rig.until(lambda: rig.link.is_up and not rig.link.is_discovering)
         asked = asyncio.create_task(rig.ask("mixer_read"))
         await asyncio.sleep(0.003)
         rig.socket.unplug()

@@ -78,7 +78,7 @@ def pi_of_2010(kp: float, ki: float) -> Law:
     return law
 
 
-@pytest.mark.parametrize("block", range(5))
+@pytest.mark.parametrize("block", range(3))
 def test_the_2010_law_is_lost_at_every_gain(block: int) -> None:
     rng = random.Random(f"gains {block}")
     for k in range(3):
@@ -89,7 +89,7 @@ def test_the_2010_law_is_lost_at_every_gain(block: int) -> None:
         assert lost, f"PI with kp {kp:.1f} and ki {ki:.1f} count/m flew in {wind} wind"
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_the_2010_law_at_a_whisper_is_lost_in_the_first_wind(seed: int) -> None:
     rng = random.Random(f"whisper {seed}")
     kp = math.exp(rng.uniform(math.log(0.2), math.log(2.0)))

@@ -40,14 +40,11 @@ def move_behind_command(tokens: Sequence[str], groups: Container[str]) -> list[s
     return [*command, *options, *left] if command else left
 
 
-_LOOK, _FLY, _BOARDS = "Look", "Fly", "Boards"
+_LOOK, _FLY, _RECORD, _BOARDS, _SIMULATOR = "Look", "Fly", "Recordings", "Boards", "Simulator"
 
 COMMANDS: Final = (
     CommandEntry(
         "status", "mkdaemon.cli.mkctl.status:status", "The aircraft, the link and who flies, on one screen.", _LOOK
-    ),
-    CommandEntry(
-        "health", "mkdaemon.cli.mkctl.health:health", "The link, live: state, round trips, losses, streams.", _LOOK
     ),
     CommandEntry(
         "watch", "mkdaemon.cli.mkctl.values:watch", "Values as they come, for example `watch 'state/**'`.", _LOOK
@@ -55,18 +52,11 @@ COMMANDS: Final = (
     CommandEntry(
         "get", "mkdaemon.cli.mkctl.values:get", "Last values with their age, for example `get rx/nc/osd`.", _LOOK
     ),
-    CommandEntry("display", "mkdaemon.cli.mkctl.display:display", "A board's own 4x20 menu, live, with keys.", _LOOK),
-    CommandEntry("labels", "mkdaemon.cli.mkctl.streams:labels", "Names of a board's analog channels.", _LOOK),
     CommandEntry(
-        "record", "mkdaemon.cli.mkctl.record:record", "Record what all vehicles put on the bus, into files.", _LOOK
+        "health", "mkdaemon.cli.mkctl.health:health", "The link, live: state, round trips, losses, streams.", _LOOK
     ),
-    CommandEntry("play", "mkdaemon.cli.mkctl.play:play", "Show a recording to clients, at any speed.", _LOOK),
-    CommandEntry("export", "mkdaemon.cli.mkctl.export:export", "A recording as tables, a track or a ROS 2 bag.", _LOOK),
-    CommandEntry("log", "mkdaemon.cli.mkctl.log:app", "Recordings: list, check, recover, cut, merge, mark.", _LOOK),
-    CommandEntry("lease", "mkdaemon.cli.mkctl.lease:app", "Take, give back or show the right to fly.", _FLY),
-    CommandEntry(
-        "stick", "mkdaemon.cli.mkctl.manoeuvres:stick", "Fly by sticks: stream stick offsets for some seconds.", _FLY
-    ),
+    CommandEntry("release", "mkdaemon.cli.mkctl.release:release", "Let go of the aircraft, now, whoever flies.", _FLY),
+    CommandEntry("preflight", "mkdaemon.cli.mkctl.preflight:preflight", "Make every check before a flight.", _FLY),
     CommandEntry(
         "take-off",
         "mkdaemon.cli.mkctl.manoeuvres:take_off",
@@ -74,31 +64,37 @@ COMMANDS: Final = (
         _FLY,
     ),
     CommandEntry(
+        "hold", "mkdaemon.cli.mkctl.manoeuvres:hold", "Hold the present place over the target in sight.", _FLY
+    ),
+    CommandEntry(
         "goto", "mkdaemon.cli.mkctl.manoeuvres:goto", "Fly to a place over the target in sight: `goto 0 0 2`.", _FLY
     ),
-    CommandEntry("navi", "mkdaemon.cli.mkctl.navi:app", "The NaviCtrl's own modes: goto, route, home, status.", _FLY),
+    CommandEntry("land", "mkdaemon.cli.mkctl.manoeuvres:land", "Land on the target in sight.", _FLY),
+    CommandEntry("fly", "mkdaemon.cli.mkctl.script:fly", "Fly the steps of a file: `fly SCRIPT.toml`.", _FLY),
+    CommandEntry("abort", "mkdaemon.cli.mkctl.manoeuvres:abort", "Stop the manoeuvre and hold, whoever flies.", _FLY),
     CommandEntry(
-        "hold", "mkdaemon.cli.mkctl.manoeuvres:hold", "Hold the present place over the target in sight.", _FLY
+        "stick", "mkdaemon.cli.mkctl.manoeuvres:stick", "Fly by sticks: stream stick offsets for some seconds.", _FLY
+    ),
+    CommandEntry(
+        "teleop", "mkdaemon.cli.mkctl.teleop.command:teleop", "Fly with a gamepad or the keyboard: `teleop`.", _FLY
     ),
     CommandEntry(
         "velocity", "mkdaemon.cli.mkctl.manoeuvres:velocity", "Fly at a velocity against the target in sight.", _FLY
     ),
     CommandEntry("attitude", "mkdaemon.cli.mkctl.manoeuvres:attitude", "Fly by attitude and thrust.", _FLY),
-    CommandEntry("land", "mkdaemon.cli.mkctl.manoeuvres:land", "Land on the target in sight.", _FLY),
-    CommandEntry("preflight", "mkdaemon.cli.mkctl.preflight:preflight", "Make every check before a flight.", _FLY),
+    CommandEntry("lease", "mkdaemon.cli.mkctl.lease:app", "Take, give back or show the right to fly.", _FLY),
+    CommandEntry("navi", "mkdaemon.cli.mkctl.navi:app", "The NaviCtrl's own modes: goto, route, home, status.", _FLY),
     CommandEntry("gains", "mkdaemon.cli.mkctl.gains:gains", "Model, gains and margins of the horizontal loop.", _FLY),
-    CommandEntry("fly", "mkdaemon.cli.mkctl.script:fly", "Fly the steps of a file: `fly SCRIPT.toml`.", _FLY),
-    CommandEntry(
-        "teleop", "mkdaemon.cli.mkctl.teleop.command:teleop", "Fly with a gamepad or the keyboard: `teleop`.", _FLY
-    ),
-    CommandEntry("abort", "mkdaemon.cli.mkctl.manoeuvres:abort", "Stop the manoeuvre and hold, whoever flies.", _FLY),
     CommandEntry(
         "stop", "mkdaemon.cli.mkctl.manoeuvres:stop", "Stop the motors, where the firmware can be asked.", _FLY
     ),
-    CommandEntry("release", "mkdaemon.cli.mkctl.release:release", "Let go of the aircraft, now, whoever flies.", _FLY),
-    CommandEntry("rates", "mkdaemon.cli.mkctl.streams:rates", "Streams at an interval: `rates osd 100ms`.", _BOARDS),
+    CommandEntry("log", "mkdaemon.cli.mkctl.log:app", "Recordings: list, check, recover, cut, merge, mark.", _RECORD),
     CommandEntry(
-        "send", "mkdaemon.cli.mkctl.send:app", "Any MikroKopter request, with help, units and limits.", _BOARDS
+        "record", "mkdaemon.cli.mkctl.record:record", "Record what all vehicles put on the bus, into files.", _RECORD
+    ),
+    CommandEntry("play", "mkdaemon.cli.mkctl.play:play", "Show a recording to clients, at any speed.", _RECORD),
+    CommandEntry(
+        "export", "mkdaemon.cli.mkctl.export:export", "A recording as tables, a track or a ROS 2 bag.", _RECORD
     ),
     CommandEntry(
         "settings", "mkdaemon.cli.mkctl.settings:app", "Parameter sets: show, backup, compare, write, restore.", _BOARDS
@@ -107,6 +103,10 @@ COMMANDS: Final = (
         "waypoints", "mkdaemon.cli.mkctl.waypoints:app", "Missions: upload, read, verify, clear, convert.", _BOARDS
     ),
     CommandEntry("route", "mkdaemon.cli.mkctl.verbforms:route", "The NaviCtrl's list in flight: start, end.", _BOARDS),
+    CommandEntry("rates", "mkdaemon.cli.mkctl.streams:rates", "Streams at an interval: `rates osd 100ms`.", _BOARDS),
+    CommandEntry(
+        "send", "mkdaemon.cli.mkctl.send:app", "Any MikroKopter request, with help, units and limits.", _BOARDS
+    ),
     CommandEntry("motors", "mkdaemon.cli.mkctl.motors:app", "Motor test, propellers off.", _BOARDS),
     CommandEntry("mixer", "mkdaemon.cli.mkctl.mixer:app", "The FlightCtrl's mixer table.", _BOARDS),
     CommandEntry(
@@ -115,11 +115,13 @@ COMMANDS: Final = (
         "Configuration of the motor controllers.",
         _BOARDS,
     ),
-    CommandEntry("do", "mkdaemon.cli.mkctl.verbforms:app", "Any verb of the daemon, with help and limits.", _BOARDS),
     CommandEntry("nc-param", "mkdaemon.cli.mkctl.ncparam:app", "Parameters of the NaviCtrl.", _BOARDS),
-    CommandEntry("sim", "mkdaemon.cli.mkctl.sim_fault:app", "Faults of a running simulator.", "Simulator"),
+    CommandEntry("display", "mkdaemon.cli.mkctl.display:display", "A board's own 4x20 menu, live, with keys.", _BOARDS),
+    CommandEntry("labels", "mkdaemon.cli.mkctl.streams:labels", "Names of a board's analog channels.", _BOARDS),
+    CommandEntry("do", "mkdaemon.cli.mkctl.verbforms:app", "Any verb of the daemon, with help and limits.", _BOARDS),
+    CommandEntry("sim", "mkdaemon.cli.mkctl.sim_fault:app", "Faults of a running simulator.", _SIMULATOR),
 )
-"""Every command; a further one is one line here and its module."""
+"""Every command, those most used first; a further one is one line here and its module."""
 
 ABOUT: Final = """Look at a MikroKopter, fly it and set it up, through a running mkdaemon.
 

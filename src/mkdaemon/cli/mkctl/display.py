@@ -16,6 +16,7 @@ from cyclopts import Parameter
 
 from mkdaemon.cli.mkctl.board_request import try_request
 from mkdaemon.cli.mkctl.connection import HERE, Connection
+from mkdaemon.cli.terminal import drawing_stream, on_one_line
 from mkdaemon.client import Vehicle
 from mkdaemon.errors import MkError, RequestTimeoutError
 from mkdaemon.protocol.flags import MenuKey
@@ -93,7 +94,7 @@ def lines_of(text: str) -> list[str]:
 def frame_of(text: str) -> str:
     """Return a picture with a border, as lines for a raw terminal."""
     bar = "+" + "-" * COLUMNS + "+"
-    return "\r\n".join([bar, *(f"|{line}|" for line in lines_of(text)), bar])
+    return "\r\n".join([bar, *(f"|{on_one_line(line)}|" for line in lines_of(text)), bar])
 
 
 async def _press(client: Vehicle, board: Board, keys: MenuKey, interval: int) -> str:
@@ -107,7 +108,7 @@ async def _press(client: Vehicle, board: Board, keys: MenuKey, interval: int) ->
 
 async def _live(client: Vehicle, board: Board, *, allow_change: bool) -> None:
     """Draw what comes, and renew the stream; keys go out as they are typed."""
-    print("\x1b[2J", end="")
+    drawing_stream(sys.stdout).write("\x1b[2J")
     _draw(await _press(client, board, MenuKey.NONE, INTERVAL))
 
     async def renew() -> None:
@@ -149,12 +150,19 @@ async def _live(client: Vehicle, board: Board, *, allow_change: bool) -> None:
 
 def _draw(text: str) -> None:
     """Draw at the top left, without clearing, so that nothing flickers."""
-    print(f"\x1b[H{frame_of(text)}\r\n{LEGEND}\x1b[K\r\n", end="", flush=True)
+    _put(f"\x1b[H{frame_of(text)}\r\n{LEGEND}\x1b[K\r\n")
 
 
 def _note(text: str) -> None:
     """Write the line below the legend; it stays until the next key."""
-    print(f"\x1b[{LINES + 4};1H{text}\x1b[K", end="", flush=True)
+    _put(f"\x1b[{LINES + 4};1H{text}\x1b[K")
+
+
+def _put(drawing: str) -> None:
+    """Draw on the terminal."""
+    stream = drawing_stream(sys.stdout)
+    stream.write(drawing)
+    stream.flush()
 
 
 async def _typed() -> AsyncIterator[str]:
@@ -187,4 +195,4 @@ def _raw_terminal() -> Iterator[None]:
         yield
     finally:
         termios.tcsetattr(terminal, termios.TCSADRAIN, before)
-        print("\r\n", end="", flush=True)
+        _put("\r\n")

@@ -11,6 +11,7 @@ from typing import Final
 
 from mkdaemon.cli.mkctl.connection import Connection
 from mkdaemon.cli.printing import json_line
+from mkdaemon.cli.terminal import drawing_stream, on_one_line
 from mkdaemon.client import Lease, Vehicle
 from mkdaemon.errors import ConfigError, MkError
 
@@ -50,9 +51,20 @@ class Shown:
         goal: where the daemon says it is to be [m].
     """
 
-    def __init__(self) -> None:
+    def __init__(self, clear: str = "") -> None:
+        """Begin.
+
+        Args:
+            clear: takes the line of progress away, where there is one.
+        """
         self.position: Position | None = None
         self.goal: Position | None = None
+        self._clear = clear
+
+    def print_line(self, words: str) -> None:
+        """Print a line on standard output; the line of progress is taken away first."""
+        _put(self._clear)
+        print(words, flush=True)
 
 
 @asynccontextmanager
@@ -68,17 +80,20 @@ async def leased(uav: Vehicle, connection: Connection, *, force: bool) -> AsyncI
     released.set()
 
     async def show_hands() -> None:
-        hands = ""
+        hands, has_flown = "", False
         clear = CLEAR if sys.stderr.isatty() and not connection.json else ""
         async with uav.control.status.subscribed() as statuses:
             async for status in statuses:
                 is_free = status.phase is status.phase.FREE
                 words = f"the pilot {status.hands}"
                 words = words if status.pilots_throttle is None else words.upper()
-                if words != hands and not is_free:
+                is_leaving = status.phase is status.phase.RELEASING
+                has_flown = has_flown or status.phase is status.phase.FLYING
+                # On the ground nobody has to take over what was never flown.
+                if words != hands and not is_free and (has_flown or not is_leaving):
                     hands = words
-                    print(f"{clear}{hands}", file=sys.stderr, flush=True)
-                if is_free or status.phase is status.phase.RELEASING:
+                    _put(f"{clear}{on_one_line(hands)}\n")
+                if is_free or is_leaving:
                     released.set()
                 else:
                     released.clear()
@@ -99,8 +114,8 @@ async def showing(
     uav: Vehicle, lease: Lease, connection: Connection, goal: Callable[[], Position | None]
 ) -> AsyncIterator[Shown]:
     """Show on standard error what the daemon waits for, then where the aircraft is."""
-    shown = Shown()
     is_terminal = sys.stderr.isatty() and not connection.json
+    shown = Shown(CLEAR if is_terminal else "")
 
     async def follow() -> None:
         async with uav.watch("control/estimate", "control/error") as samples:
@@ -115,7 +130,7 @@ async def showing(
         while True:
             line = _line(lease, shown.position, goal() or shown.goal)
             if is_terminal:
-                print(f"{CLEAR}{line}", end="", file=sys.stderr, flush=True)
+                _put(f"{CLEAR}{on_one_line(line)}")
             elif line != last:
                 print(line, file=sys.stderr, flush=True)
             last = line
@@ -132,11 +147,19 @@ async def showing(
             print(file=sys.stderr)
 
 
+def _put(drawing: str) -> None:
+    """Draw on standard error."""
+    stream = drawing_stream(sys.stderr)
+    stream.write(drawing)
+    stream.flush()
+
+
 def _line(lease: Lease, position: Position | None, goal: Position | None) -> str:
     status = lease.status
     if not lease.is_engaged or status is None or status.phase in (status.phase.ABORTED, status.phase.LANDING):
         return lease.reason
-    words = [status.stage] if status.stage else []
+    # What the pilot does meanwhile is said once, by itself.
+    words = [status.stage.partition(":")[0]] if status.stage else []
     if position is not None:
         words.append(f"at {metres(position)}")
         words += [] if goal is None else [f"{100 * math.dist(position, goal):.0f} cm from the goal"]

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
-from rich.console import Console
+from typing import TYPE_CHECKING, Final
+
 from rich.table import Table
 
+from mkdaemon.cli.console import Console
 from mkdaemon.cli.mkctl.connection import HERE, Connection
 from mkdaemon.cli.printing import json_line
+
+if TYPE_CHECKING:
+    from mkdaemon.telemetry.control import Gains
 
 
 async def gains(*, connection: Connection = HERE) -> None:
@@ -21,25 +26,42 @@ async def gains(*, connection: Connection = HERE) -> None:
         MkError: no daemon.
     """
     async with connection.open() as uav:
-        found = dict(await uav.gains())
+        found = await uav.gains()
     if connection.json:
-        print(json_line(found))
-        return
-    table = Table("what", "value", width=78)
-    low, high = found["gain_margin"]
+        print(json_line({**dict(found), "is_safe": found.is_safe}))
+    else:
+        Console().print(_table(found))
+        print(_JUDGEMENT[found.is_safe])
+
+
+_JUDGEMENT: Final = {
+    True: "safe: the loop bears all that it has to bear",
+    False: "NOT safe: `mkctl preflight` names the cause and the remedy; no flight against a target begins",
+}
+
+
+def _table(found: Gains) -> Table:
+    """What is believed, and the margins beside what they must be."""
+    table = Table("what", "value", "must be", width=96)
     for words, value in (
-        ("tilt that a stick count asks for (deg)", found["degrees_per_count"]),
-        ("attitude loop, proportional gain (1/s)", found["a1"]),
-        ("attitude loop, integral gain (1/s2)", found["a2"]),
-        ("leak of the FlightCtrl's tilt (s)", found["leak"]),
-        ("stick filter (s)", found["stick_filter"]),
-        ("uplink (s)", found["uplink"]),
-        *((f"gain on {name}", value) for name, value in found["gains"].items()),
-        ("spectral radius over a control period (stable below 1)", found["radius"]),
+        ("tilt that a stick count asks for (deg)", found.degrees_per_count),
+        ("attitude loop, proportional gain (1/s)", found.a1),
+        ("attitude loop, integral gain (1/s2)", found.a2),
+        ("leak of the FlightCtrl's tilt (s)", found.leak),
+        ("stick filter (s)", found.stick_filter),
+        ("uplink (s)", found.uplink),
+        *((f"gain on {name}", value) for name, value in found.gains.items()),
     ):
         table.add_row(words, f"{value:.4g}")
-    table.add_row("stable with a stick gain over the model's of", f"{low:.2f} to {high:.2f}")
-    table.add_row("stable with so much more delay (s)", f"{found['delay_margin']:.2f}")
-    table.add_row("flight on the model ends so far beside its goal (m)", f"{found['rest_level']:.2g}")
-    table.add_row("and so far above or below (m)", f"{found['rest_height']:.2g}")
-    Console().print(table)
+    (low, high), (least, most) = found.gain_margin, found.needed_gain
+    farthest = f"at most {found.farthest_rest:.2g}"
+    table.add_row("spectral radius over a control period", f"{found.radius:.4g}", "below 1")
+    table.add_row(
+        "stable with a stick gain over the model's of", f"{low:.2f} to {high:.2f}", f"{least} to {most}, or more"
+    )
+    table.add_row(
+        "stable with so much more delay (s)", f"{found.delay_margin:.2f}", f"at least {found.needed_delay:.2g}"
+    )
+    table.add_row("flight on the model ends so far beside its goal (m)", f"{found.rest_level:.2g}", farthest)
+    table.add_row("and so far above or below (m)", f"{found.rest_height:.2g}", farthest)
+    return table

@@ -10,14 +10,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final
 
 from cyclopts import App, Parameter
-from rich.console import Console
 from rich.table import Table
 
 from mkdaemon.cli.arguments import AsJson
+from mkdaemon.cli.console import Console
 from mkdaemon.cli.mkctl.connection import HERE, Connection
 from mkdaemon.cli.mkctl.logtime import moment_of, recording_folders
 from mkdaemon.cli.printing import json_line
 from mkdaemon.cli.program import EXIT_FAILURE, EXIT_OK
+from mkdaemon.cli.terminal import on_one_line
 from mkdaemon.errors import ConfigError
 from mkdaemon.record.entry import NANOSECONDS
 
@@ -44,7 +45,7 @@ async def mark(text: str, *, connection: Connection = HERE) -> None:
     """
     async with connection.open() as uav:
         await uav.records.mark(text)
-    print(json_line({"marked": text}) if connection.json else f"marked: {text}")
+    print(json_line({"marked": text}) if connection.json else f"marked: {on_one_line(text)}")
 
 
 @app.command(name="list")
@@ -200,9 +201,11 @@ def _print_written(target: Path, entries: int, lost: int, *, as_json: bool) -> N
     if as_json:
         print(json_line({"file": str(target), "entries": entries, "lost": lost}))
     else:
-        print(f"{target}: {entries} entries" + (f"; {lost} are missing by their numbers" if lost else ""))
+        print(f"{on_one_line(target)}: {entries} entries" + (f"; {lost} are missing by their numbers" if lost else ""))
 
 
+MOST_LINES: Final = 300
+"""Keys, marks or findings that are shown of a file; ours have up to 60 keys."""
 WIDE: Final = 1000
 """Columns where there is no terminal."""
 
@@ -214,9 +217,10 @@ def reading_progress(paths: Sequence[Path]) -> Iterator[Callable[[int], None]]:
 
     console = Console(stderr=True)
     total = sum(path.stat().st_size for path in paths if path.exists())
-    columns = (TextColumn(paths[0].name), BarColumn(), DownloadColumn(), TimeRemainingColumn())
+    name = TextColumn("{task.description}", markup=False)
+    columns = (name, BarColumn(), DownloadColumn(), TimeRemainingColumn())
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bars:
-        task = bars.add_task("", total=total)
+        task = bars.add_task(on_one_line(paths[0].name), total=total)
         yield lambda position: bars.update(task, completed=position)
 
 
@@ -236,8 +240,8 @@ def print_list(found: Sequence[Glance], folders: Sequence[Path], *, as_json: boo
     for one in found:
         session = one.session
         table.add_row(
-            str(one.path),
-            "?" if session is None else session.recorder,
+            on_one_line(one.path),
+            "?" if session is None else on_one_line(session.recorder),
             "?" if one.first is None else _time(one.first),
             "?" if one.duration is None else _length(one.duration),
             _size(one.size),
@@ -315,21 +319,30 @@ def report_fields(report: ReadReport) -> dict[str, Any]:
 def print_summary(summary: Summary) -> None:
     """Print what a recording holds."""
     session, console = summary.session, _console()
-    console.print(f"{summary.path}: {_size(summary.report.size)}, {summary.report.entries} entries", highlight=False)
+    console.print(f"{on_one_line(summary.path)}: {_size(summary.report.size)}, {summary.report.entries} entries")
     if session is not None:
         words = f"{session.recorder} {session.name}, part {session.part}, by {session.program} on {session.host}"
-        console.print(words, highlight=False)
+        console.print(on_one_line(words))
     if summary.keys:
-        vehicles = ", ".join(summary.vehicles) or "-"
+        vehicles = on_one_line(", ".join(summary.vehicles)) or "-"
         words = f"begins {_time(summary.first)} UTC, {_length(summary.duration)}; vehicle {vehicles}"
-        console.print(words, highlight=False)
+        console.print(words)
         console.print(_key_table(summary))
-    for mark in summary.marks:
+        _print_rest(console, len(summary.keys), "keys")
+    for mark in summary.marks[:MOST_LINES]:
         at = (mark.at - summary.first) / NANOSECONDS
-        console.print(f"mark {at:10.3f} s  {mark.vehicle}: {mark.text}", highlight=False, markup=False)
-    lines = (*sender_lines(summary), *damage_lines(summary.report), *missed_lines(summary))
-    for line in lines:
-        console.print(line, highlight=False, markup=False)
+        console.print(on_one_line(f"mark {at:10.3f} s  {mark.vehicle}: {mark.text}"))
+    _print_rest(console, len(summary.marks), "marks")
+    lines = [*sender_lines(summary), *damage_lines(summary.report), *missed_lines(summary)]
+    for line in lines[:MOST_LINES]:
+        console.print(on_one_line(line))
+    _print_rest(console, len(lines), "lines")
+
+
+def _print_rest(console: Console, count: int, what: str) -> None:
+    """Print how many are not shown."""
+    if count > MOST_LINES:
+        console.print(f"... and {count - MOST_LINES} more {what}; --json has them all")
 
 
 def sender_lines(summary: Summary) -> Iterator[str]:
@@ -352,10 +365,10 @@ def _key_table(summary: Summary) -> Table:
     table.add_column("key", overflow="fold")
     for name in ("count", "Hz", "kB", "longest gap (s)", "lost"):
         table.add_column(name, justify="right")
-    for one in sorted(summary.keys.values(), key=lambda one: (one.kind.value, one.key)):
+    for one in sorted(summary.keys.values(), key=lambda one: (one.kind.value, one.key))[:MOST_LINES]:
         table.add_row(
             one.kind.value,
-            one.key,
+            on_one_line(one.key),
             str(one.count),
             f"{one.rate:.1f}",
             f"{one.size / 1000:.1f}",
@@ -372,9 +385,11 @@ def print_check(summary: Summary, *, as_json: bool) -> None:
         print(json_line({"file": str(summary.path), **report_fields(report), "missed": dict(summary.missed)}))
         return
     words = "whole" if report.is_whole and not summary.missed else "not whole"
-    print(f"{summary.path}: {words}, {report.entries} entries")
-    for line in (*damage_lines(report), *missed_lines(summary)):
-        print(f"  {line}")
+    print(f"{on_one_line(summary.path)}: {words}, {report.entries} entries")
+    lines = [*damage_lines(report), *missed_lines(summary)]
+    for line in lines[:MOST_LINES]:
+        print(on_one_line(f"  {line}"))
+    _print_rest(_console(), len(lines), "lines")
 
 
 def missed_lines(summary: Summary) -> Iterator[str]:

@@ -48,10 +48,11 @@ async def play(
 ) -> int:
     """Put the published values of a recording on the bus again, each at its time, byte by byte.
 
-    They stand under `replay/<vehicle>/...`, or with --as under `mk/<name>/...`, as from a daemon of that name.
-    Setpoints and requests are never played, and a name that a live daemon has is refused. What was put is counted and
-    compared with the file; exit code 1 when it is not the same. Keys: space pauses, n plays one value, + and - change
-    the speed, q ends.
+    They stand under `replay/<vehicle>/...`, or with --as under `mk/<name>/...`, as from a daemon of that name: then
+    `mkctl --vehicle <name>` with status, health, get and watch shows the vehicle as it was at that moment, and every
+    command is refused. Setpoints and requests are never played, and a name that a live daemon has is refused. What was
+    put is counted and compared with the file; exit code 1 when it is not the same. Keys: space pauses, n plays one
+    value, + and - change the speed, q ends.
 
     Args:
         file: The recording.
@@ -63,7 +64,7 @@ async def play(
         key: Only these keys, for example `-k 'state/*'`.
         name: Vehicle to play as, `mk/<name>/...`.
         listen: Zenoh endpoint for clients, for example tcp/127.0.0.1:7448; without it they meet at that of --connect.
-        wait: Longest wait for a first subscriber [s]; 0 for none.
+        wait: Longest wait for somebody who subscribes or asks [s]; 0 for none.
         connection: Where to play.
 
     Raises:
@@ -76,17 +77,19 @@ async def play(
     require_length(speed, "--speed")
     check_name(name)
     first, last = moment_of(start, file, "--from"), moment_of(end, file, "--to")
-    selection = Selection.of(partial(_samples, file, key, first, last), name)
+    earlier = partial(_samples, file, key, None, first) if first is not None else tuple
+    selection = Selection.of(partial(_samples, file, key, first, last), name, earlier)
     where = [connection.connect] if listen is None else []
     async with open_player_session(connect=where, listen=listen, zenoh_file=connection.zenoh_file) as session:
         pace = Pace(speed, selection.first, time.monotonic(), is_paused=step)
         player = Player(session, selection, pace, file.name)
         await player.refuse_live_daemons()
-        if wait > 0:
-            await _wait(player, wait)
         favour_threads()
-        async with showing_player(player, quiet=connection.json):
-            await player.play(loops=loop)
+        with player.answering():
+            async with showing_player(player, quiet=connection.json):
+                if wait > 0:
+                    await _wait(player, wait)
+                await player.play(loops=loop)
     return _print_result(player, as_json=connection.json)
 
 
@@ -101,12 +104,12 @@ def _samples(file: Path, keys: tuple[str, ...], first: int | None, last: int | N
 
 
 async def _wait(player: Player, seconds: float) -> None:
-    """Wait for a subscriber, and say so.
+    """Wait for somebody who subscribes or asks, and say so.
 
     Raises:
         MkError: nobody came.
     """
-    print("waiting for a subscriber", file=sys.stderr)
+    print("waiting for a subscriber; q ends", file=sys.stderr)
     try:
         async with asyncio.timeout(seconds):
             await player.wait_for_subscribers()
@@ -161,8 +164,9 @@ def key_pressed(player: Player, key: str) -> None:
 @asynccontextmanager
 async def showing_player(player: Player, *, quiet: bool) -> AsyncIterator[None]:
     """Show a bar and take keys while the context lasts; nothing when `quiet` or no terminal is there."""
-    from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn
+
+    from mkdaemon.cli.console import Console
 
     console = Console(stderr=True)
     is_shown = not quiet and console.is_terminal
@@ -180,7 +184,7 @@ async def _draw(player: Player, update: Callable[..., None], task: object) -> No
     while True:
         status = player.status()
         text = f"{status.place:.1f} of {status.length:.1f} s, {status.speed:g} times, {status.sent} values"
-        text += ", paused" if status.state is PlayState.PAUSED else ""
+        text += f", {status.state}" if status.state is not PlayState.PLAYING else ""
         update(task, total=status.length or 1.0, completed=status.place, description=text)
         await asyncio.sleep(DRAW)
 
@@ -204,4 +208,4 @@ def _keys(player: Player, is_shown: bool) -> Iterator[None]:
         yield
     finally:
         loop.remove_reader(terminal)
-        termios.tcsetattr(terminal, termios.TCSADRAIN, before)
+        termios.tcsetattr(terminal, termios.TCSAFLUSH, before)  # what was typed and not read is for nobody else

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from typing import Final
 
-from rich.console import Console
 from rich.table import Table
 
+from mkdaemon.cli.console import Console
 from mkdaemon.cli.mkctl.connection import HERE, Connection
 from mkdaemon.cli.printing import json_line
 from mkdaemon.cli.program import EXIT_FAILURE
-from mkdaemon.telemetry.preflight import Blocks, CheckState, PreflightReport
+from mkdaemon.telemetry.preflight import Blocks, CheckState, Finding, PreflightReport
 
 _PREVENTS: Final = {Blocks.LEASE: "NO LEASE", Blocks.AUTONOMY: "NO AUTONOMY", Blocks.NOTHING: "advice"}
+
+_FIRST: Final = (CheckState.STANDS, CheckState.UNKNOWN, CheckState.PASSED)
 
 
 async def preflight(*, connection: Connection = HERE) -> int:
@@ -31,12 +33,17 @@ async def preflight(*, connection: Connection = HERE) -> int:
         print(json_line(report.model_dump(mode="json")))
     else:
         table = Table("check", "found", "what it is, and what to do", show_lines=False)
-        for finding in report.findings:
+        for finding in sorted(report.findings, key=_urgency):
             word = _PREVENTS[finding.blocks] if finding.state is CheckState.STANDS else finding.state.value
             table.add_row(finding.name, word, " ".join(filter(None, (finding.reason, finding.fix))))
         Console().print(table)
         print(_conclusion(report))
     return 0 if report.is_ready else EXIT_FAILURE
+
+
+def _urgency(finding: Finding) -> tuple[int, int]:
+    """What must be put right comes first, then what somebody must look at; as the daemon has it within that."""
+    return _FIRST.index(finding.state), list(Blocks).index(finding.blocks)
 
 
 def _conclusion(report: PreflightReport) -> str:

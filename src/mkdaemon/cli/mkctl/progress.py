@@ -6,6 +6,7 @@ import asyncio
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager, suppress
 
+from mkdaemon.cli.terminal import on_one_line
 from mkdaemon.client import Vehicle
 from mkdaemon.client.asking import OnProgress
 from mkdaemon.errors import MkError
@@ -19,18 +20,21 @@ async def showing_progress(uav: Vehicle, title: str, *, quiet: bool = False) -> 
     Ctrl-C meanwhile ends the procedure as well, which leaves the board as it promises to; whoever is killed ends only
     the bar.
     """
-    from rich.console import Console
     from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn
+
+    from mkdaemon.cli.console import Console
 
     running: list[str] = []
     console = Console(stderr=True)
-    columns = (TextColumn(title), BarColumn(), TaskProgressColumn(), TextColumn("{task.description}"))
+    columns = (TextColumn(title), BarColumn(), TaskProgressColumn(), TextColumn("{task.description}", markup=False))
     with Progress(*columns, console=console, transient=True, disable=quiet or not console.is_terminal) as bars:
         task = bars.add_task("", total=None)
 
         def show(progress: ProcedureProgress) -> None:
             running[:] = [progress.id]
-            bars.update(task, total=progress.of or None, completed=progress.step, description=progress.text)
+            bars.update(
+                task, total=progress.of or None, completed=progress.step, description=on_one_line(progress.text)
+            )
 
         try:
             yield show

@@ -51,7 +51,7 @@ async def record(
     Args:
         folder: Where files go; by default `ground/recordings` in the user's state folder.
         key: Key expressions that are recorded: default `mk/**`, every vehicle. What begins with `@` is matched by no
-            wildcard and must be given in full.
+            wildcard and must be given in full; images of a simulated camera are recorded with 'mk/*/sim/camera/*' only.
         also: Further endpoints, beside that of `--connect`.
         seconds: End after so many seconds.
         no_viewer: Leave out the JSON for Foxglove, Lichtblick and PlotJuggler.
@@ -107,20 +107,22 @@ async def _show(
     recording: GroundRecording, endpoints: Sequence[str], stop: asyncio.Event, began: float, *, is_quiet: bool
 ) -> None:
     """Show how it goes until it is to stop."""
-    from rich.console import Console
+    from rich.text import Text
+
+    from mkdaemon.cli.console import Console
 
     console = Console(stderr=True)
     stopped = asyncio.create_task(stop.wait())
     try:
         if console.is_terminal and not is_quiet:
-            with console.status("") as status:
+            with console.status(Text()) as status:
                 while not stop.is_set():
-                    status.update(_line(recording, endpoints, time.monotonic() - began))
+                    status.update(Text(_line(recording, endpoints, time.monotonic() - began)))
                     await asyncio.wait({stopped}, timeout=REDRAW)
             return
         while not stop.is_set():
             if not is_quiet:
-                console.print(_line(recording, endpoints, time.monotonic() - began), highlight=False, markup=False)
+                console.print(_line(recording, endpoints, time.monotonic() - began))
             await asyncio.wait({stopped}, timeout=LINE_EVERY)
     finally:
         stopped.cancel()

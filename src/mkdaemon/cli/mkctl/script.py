@@ -56,7 +56,7 @@ async def fly(
         async with showing(uav, lease, connection, lambda: None) as shown:
             for number, step in enumerate(steps, 1):
                 if not connection.json:
-                    print(f"step {number} of {len(steps)}: {step.do}")
+                    shown.print_line(f"step {number} of {len(steps)}: {step.do}")
                 await fly_step(uav, lease, step)
         print_end(
             {"steps": len(steps), "position": shown.position}, f"done; now at {metres(shown.position)}", connection

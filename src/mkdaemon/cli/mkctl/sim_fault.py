@@ -18,10 +18,14 @@ app: Final = App(name="sim", help="Steer a running simulator: its pilot, its fau
 
 @app.command
 async def start(connection: Connection = HERE) -> None:
-    """Ask the simulated pilot to begin now instead of after his waiting time."""
+    """Ask the simulated pilot to begin now instead of after his waiting time, or once more after a landing.
+
+    Says what he does, or waits for; `mkctl get sim/truth` shows it later.
+    """
     async with connection.open() as client:
-        (await client.command("sim", "start", {})).require()
-    print(json_line({"status": "accepted"}) if connection.json else "the pilot begins")
+        reply = (await client.command("sim", "start", {})).require()
+    doing = reply.get("pilot") or "was asked to begin"
+    print(json_line({"status": "accepted", "pilot": doing}) if connection.json else f"the pilot {doing}")
 
 
 @app.command

@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Iterator, Mapping
+from typing import Any, Final
 
-from rich.console import Console
 from rich.table import Table
 
+from mkdaemon.cli.console import Console
 from mkdaemon.cli.mkctl.connection import HERE, Connection
 from mkdaemon.cli.printing import age_of, json_line
 from mkdaemon.cli.program import EXIT_FAILURE
 
 Fields = Mapping[str, Any]
+SEEN: Final = 1.0
+"""A target that was seen longer ago is not in sight [s]; the slowest camera in use delivers five images meanwhile."""
+WEAK_CELL: Final = 3.5
+"""A lithium cell below this has less than a tenth left, less under load [V]."""
 
 
 async def status(*, connection: Connection = HERE) -> int:
@@ -40,10 +44,52 @@ def render(vehicle: str, known: Mapping[str, Fields]) -> Table:
     for name, key, line in _LINES:
         fields = known.get(key)
         text = line(fields) if fields else "unknown"
+        if key == "state/battery" and fields:
+            text += _cells(fields, known.get("health", {}))
         if not text:
             continue
         table.add_row(name, text, age_of(fields) if fields and key.startswith("state/") else "")
+    for name, text in _eyes(known):
+        table.add_row(name, text, "")
     return table
+
+
+def _eyes(known: Mapping[str, Fields]) -> Iterator[tuple[str, str]]:
+    """A line for each camera, and one for the target that it saw last."""
+    for key in sorted(known):
+        root, _, kind = key.rpartition("/")
+        if not root.startswith("vision/") or kind != "stats":
+            continue
+        stats = known[key]
+        yield f"camera {stats['camera']}", _camera(stats)
+        pose = known.get(f"{root}/pose")
+        yield "target", "none seen yet" if pose is None else _target(pose)
+
+
+def _camera(fields: Fields) -> str:
+    if fields["state"] != "ok":
+        return f"{fields['state']}: {fields['reason']}"
+    words = [f"{fields['fps']:.0f} images a second, {100 * fields['posed']:.0f} % gave a pose"]
+    return "; ".join([*words, *fields["alarms"].values()])
+
+
+def _target(fields: Fields) -> str:
+    x, y, z = fields["position_target"]
+    place = f"{fields['target']} {math.hypot(x, y, z):.2f} m away, {z:+.2f} m above it"
+    age = fields.get("age")
+    if age is not None and age > SEEN:
+        return f"NOT SEEN for {age:.0f} s; last {place}"
+    return f"{place}, seen {age_of(fields)}"
+
+
+def _cells(battery: Fields, health: Fields) -> str:
+    """The voltage of a cell, which says how much is left, and what that means where it is little."""
+    cells = health.get("battery_cells")
+    if not cells:
+        return ""
+    each = battery["voltage"] / cells
+    weak = f", NEARLY EMPTY (below {WEAK_CELL:g} V)" if each < WEAK_CELL else ""
+    return f"; {each:.2f} V in each of {cells} cells{weak}"
 
 
 def _health(fields: Fields) -> str:
@@ -95,8 +141,12 @@ def _flight(fields: Fields) -> str:
     words = [_PLACES[fields["is_flying"]], f"GPS {fields['gps_mode']}"]
     words += [name.replace("_", " ") for name in _ALARMS if fields.get(name)]
     if fields["flying_time"] is not None:
-        words.append(f"{fields['flying_time']:.0f} s in the air")
+        words.append(f"{fields['flying_time']:.0f} s in the air" if fields["is_flying"] else _flown(fields))
     return ", ".join(words)
+
+
+def _flown(fields: Fields) -> str:
+    return f"flew {fields['flying_time']:.0f} s"
 
 
 _PLACES = {True: "flying", False: "on the ground", None: "in the air or on the ground: unknown"}
@@ -127,6 +177,8 @@ def _battery(fields: Fields) -> str:
 
 
 def _gps(fields: Fields) -> str:
+    if fields["satellites"] is None and fields["fix"] == "none":
+        return "NO WORD FROM THE RECEIVER: satellites and position are not known"
     satellites = "?" if fields["satellites"] is None else fields["satellites"]
     return f"{satellites} satellites, position {fields['fix']}, {'usable' if fields['is_usable'] else 'not usable'}"
 

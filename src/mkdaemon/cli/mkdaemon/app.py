@@ -16,7 +16,7 @@ COMMANDS: Final = (
         "demo", "mkdaemon.cli.mkdaemon.extraprograms:demo", "A whole flight by itself, simulated: a first look.", "Fly"
     ),
     CommandEntry(
-        "doctor", "mkdaemon.cli.mkdaemon.doctor:doctor", "Check this machine: port, permissions, bus, camera."
+        "doctor", "mkdaemon.cli.mkdaemon.doctor:doctor", "Check this machine: port, permissions, bus, camera.", "Fly"
     ),
     CommandEntry("calibrate", "mkdaemon.cli.mkdaemon.calibrate:app", "Calibrate a camera.", "Camera"),
     CommandEntry(

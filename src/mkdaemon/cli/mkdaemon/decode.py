@@ -14,7 +14,7 @@ from cyclopts import Parameter
 
 from mkdaemon.errors import MkError
 from mkdaemon.protocol import Chunk, Decoded, Dropped, Unknown, decode_chunks, read_chunks
-from mkdaemon.reading import open_regular
+from mkdaemon.reading import LONGEST_CAPTURE, open_regular
 
 
 @dataclass(slots=True)
@@ -82,9 +82,9 @@ def decode(
         _print(decoding.run(read_chunks(sys.stdin.buffer, "standard input")), live=True)
     else:
         try:
-            stream = open_regular(Path(file))
+            stream = open_regular(Path(file), LONGEST_CAPTURE)
         except OSError as error:
-            msg = f"cannot read {file}: {error.strerror or error}"
+            msg = f"cannot read {file}: {error.strerror or error}; name a file of recorded bytes, or - for a stream"
             raise MkError(msg) from error
         with stream:
             _print(decoding.run(read_chunks(stream, file)), live=False)

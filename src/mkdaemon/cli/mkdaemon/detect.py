@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import json
+import re
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Final
 
 import numpy as np
 import numpy.typing as npt
 from cyclopts import Parameter
 
+from mkdaemon.cli.terminal import on_one_line
 from mkdaemon.config.camera import CameraSection
 from mkdaemon.errors import ConfigError, VisionError
 from mkdaemon.frames import quaternion_from_rotation
@@ -26,6 +28,8 @@ from mkdaemon.vision.still import StillEye, StillPose, StillResult, StillTag
 from mkdaemon.vision.tags.tagmap import TagMap, load
 
 Grey = npt.NDArray[np.uint8]
+_CODE: Final = r"[0-9]{1,5}"
+"""Of a tag; the largest family has 48,714."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,8 +157,8 @@ def _ids(text: str) -> frozenset[int]:
     found: set[int] = set()
     for part in text.split(","):
         first, dash, last = part.strip().partition("-")
-        if not first.isdigit() or (dash and not last.isdigit()):
-            msg = f"--ids '{text}': give codes and ranges, for example 0,3,7-9"
+        if not all(re.fullmatch(_CODE, code) for code in ((first, last) if dash else (first,))):
+            msg = f"--ids '{text}': give codes and ranges below 100000, for example 0,3,7-9"
             raise ConfigError(msg)
         if int(last or first) < int(first):
             msg = f"--ids '{text}': {part.strip()} counts down; give codes and ranges, for example 0,3,7-9"
@@ -229,9 +233,10 @@ def _print_picture(
     if as_json:
         print(json.dumps(_object(picture, result)), flush=True)
         return
-    name = picture.file if picture.frame is None else f"{picture.file} [{picture.frame}]"
+    file = on_one_line(picture.file)
+    name = file if picture.frame is None else f"{file} [{picture.frame}]"
     if result is None:
-        print(f"mkdaemon: {name}: {picture.error}", file=sys.stderr)
+        print(f"mkdaemon: {name}: {on_one_line(picture.error)}", file=sys.stderr)
         return
     print(f"{name}: {len(result.tags)} tags")
     for tag in result.tags:
@@ -242,7 +247,7 @@ def _print_picture(
         x, y, z = pose.pose.position
         doubt = f", doubtful: {pose.refusal}" if pose.refusal is not None else ""
         tilt = f"tilt {np.degrees(pose.pose.tilt):.1f} deg{', ambiguous' if pose.ambiguous else ''}{doubt}"
-        print(f"  {pose.target}: right {x:.4f}, down {y:.4f}, ahead {z:.4f} m, {tilt}")
+        print(f"  {on_one_line(pose.target)}: right {x:.4f}, down {y:.4f}, ahead {z:.4f} m, {tilt}")
     if result.tags and not result.poses:
         print(f"  no pose: {_missing(k, sized=sized)}")
 

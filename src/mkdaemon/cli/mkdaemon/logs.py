@@ -14,6 +14,7 @@ from typing import Final, Literal, TextIO, cast
 import structlog
 
 from mkdaemon.cli.mkdaemon.logqueue import LogQueue
+from mkdaemon.cli.terminal import guarded, on_one_line, spelled
 
 Level = Literal["debug", "info", "warning", "error"]
 
@@ -68,12 +69,21 @@ def shorten_values(_: object, __: str, event: structlog.typing.EventDict) -> str
     return event
 
 
+def spell_values(_: object, __: str, event: structlog.typing.EventDict) -> structlog.typing.EventDict:
+    """Spell what would act on a terminal, or begin a line, in what others wrote; a traceback keeps its lines."""
+    for name, value in event.items():
+        if isinstance(value, str):
+            event[name] = spelled(value) if name == "exception" else on_one_line(value)
+    return event
+
+
 def configure(level: Level) -> None:
     """Set up structlog once, at the program's start, and put `sys.stderr` behind a queue for everything else."""
     is_terminal = sys.stderr.isatty()
-    stream = LogQueue(sys.stderr.fileno())
-    sys.stderr = stream
-    atexit.register(stream.drain)
+    queue = LogQueue(sys.stderr.fileno())
+    stream = cast("TextIO", queue)
+    sys.stderr = guarded(stream)
+    atexit.register(queue.drain)
     renderer: structlog.typing.Processor = (
         structlog.dev.ConsoleRenderer() if is_terminal else structlog.processors.JSONRenderer()
     )
@@ -84,9 +94,10 @@ def configure(level: Level) -> None:
             structlog.processors.add_log_level,
             structlog.processors.TimeStamper(fmt="iso", utc=True),
             structlog.processors.format_exc_info,
+            spell_values,
             renderer,
         ],
         wrapper_class=structlog.make_filtering_bound_logger(getattr(logging, level.upper())),
-        logger_factory=structlog.WriteLoggerFactory(cast("TextIO", stream)),
+        logger_factory=structlog.WriteLoggerFactory(stream),
         cache_logger_on_first_use=True,
     )

@@ -21,6 +21,8 @@ from mkdaemon.record.entry import NANOSECONDS, nanoseconds
 BODY: Final = "base_link"
 FULL_STICK: Final = 127.0
 """Count of a stick at its end; axes of a Joy go from -1 to 1."""
+LAST_SECOND: Final = (1 << 31) - 1
+"""Of a stamp in ROS [s; Unix time]."""
 VERSION: Final = 9
 """Of the bag's metadata: ROS 2 Jazzy and later; older readers take it too."""
 _Message = tuple[str, str, Any]
@@ -107,25 +109,23 @@ class RosExport:
         return count
 
     def _messages(self, value: Value) -> list[_Message]:
-        if value.suffix.startswith("vision/") and value.suffix.endswith("/pose"):
-            return self._pose(value)
-        maker = self._makers.get(value.suffix)
-        return [] if maker is None else maker(value)
+        is_pose = value.suffix.startswith("vision/") and value.suffix.endswith("/pose")
+        make = self._pose if is_pose else self._makers.get(value.suffix)
+        return [] if make is None else make(value)
 
     # -- messages -------------------------------------------------------------------------------------------------
 
     def _fix(self, value: Value) -> list[_Message]:
         import numpy as np
 
-        fields = value.fields
         status = self._new("sensor_msgs/msg/NavSatStatus", status=0, service=1)
-        altitude = fields.get("altitude")
+        altitude = value.number_or_none("altitude")
         message = self._new(
             "sensor_msgs/msg/NavSatFix",
             header=self._header(value, BODY),
             status=status,
-            latitude=fields["latitude_deg"],
-            longitude=fields["longitude_deg"],
+            latitude=value.number("latitude_deg"),
+            longitude=value.number("longitude_deg"),
             altitude=math.nan if altitude is None else altitude,
             position_covariance=np.zeros(9),
             position_covariance_type=0,
@@ -141,7 +141,7 @@ class RosExport:
         message = self._new(
             "sensor_msgs/msg/Imu",
             header=self._header(value, BODY),
-            orientation=self._quaternion(value.fields["quaternion"]),
+            orientation=self._quaternion(value.numbers("quaternion", 4)),
             orientation_covariance=unknown,
             angular_velocity=zero,
             angular_velocity_covariance=missing,
@@ -153,12 +153,11 @@ class RosExport:
     def _battery(self, value: Value) -> list[_Message]:
         import numpy as np
 
-        fields = value.fields
-        current = fields.get("current")
+        current = value.number_or_none("current")
         message = self._new(
             "sensor_msgs/msg/BatteryState",
             header=self._header(value, BODY),
-            voltage=fields["voltage"],
+            voltage=value.number("voltage"),
             temperature=math.nan,
             current=math.nan if current is None else -current,
             charge=math.nan,
@@ -179,12 +178,12 @@ class RosExport:
     def _pose(self, value: Value) -> list[_Message]:
         import numpy as np
 
-        fields, topic = value.fields, value.suffix
-        header = self._header(value, f"target/{fields['target']}")
-        pose = self._posed(fields["position_target"], fields["quaternion_target_from_flu"])
+        topic = value.suffix
+        header = self._header(value, f"target/{value.text('target')}")
+        pose = self._posed(value.numbers("position_target", 3), value.numbers("quaternion_target_from_flu", 4))
         certain = self._new("geometry_msgs/msg/PoseStamped", header=header, pose=pose)
         spread = self._new(
-            "geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=np.array(fields["covariance"], dtype=float)
+            "geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=np.array(value.numbers("covariance", 36))
         )
         whole = self._new("geometry_msgs/msg/PoseWithCovarianceStamped", header=header, pose=spread)
         return [
@@ -193,42 +192,40 @@ class RosExport:
         ]
 
     def _estimate(self, value: Value) -> list[_Message]:
-        fields = value.fields
-        yaw = fields["yaw"]
+        yaw = value.number("yaw")
         quaternion = [math.cos(yaw / 2), 0.0, 0.0, math.sin(yaw / 2)]
-        header = self._header(value, f"target/{fields['target']}")
-        pose = self._posed(fields["position"], quaternion)
+        header = self._header(value, f"target/{value.text('target')}")
+        pose = self._posed(value.numbers("position", 3), quaternion)
         message = self._new("geometry_msgs/msg/PoseStamped", header=header, pose=pose)
         return [("control/estimate", "geometry_msgs/msg/PoseStamped", message)]
 
     def _sticks(self, value: Value) -> list[_Message]:
         import numpy as np
 
-        axes = [value.fields[name] / FULL_STICK for name in ("pitch", "roll", "yaw", "throttle")]
+        axes = [value.number(name) / FULL_STICK for name in ("pitch", "roll", "yaw", "throttle")]
         message = self._new(
             "sensor_msgs/msg/Joy",
             header=self._header(value, BODY),
             axes=np.array(axes, dtype=np.float32),
-            buttons=np.array([int(value.fields["limited"])], dtype=np.int32),
+            buttons=np.array([int(bool(value.fields.get("limited")))], dtype=np.int32),
         )
         return [("control/sticks", "sensor_msgs/msg/Joy", message)]
 
     def _transform(self, value: Value) -> list[_Message]:
-        fields = value.fields
-        x, y, z = fields["translation"]
+        x, y, z = value.numbers("translation", 3)
         transform = self._new(
             "geometry_msgs/msg/Transform",
             translation=self._vector(x, y, z),
-            rotation=self._quaternion(fields["quaternion"]),
+            rotation=self._quaternion(value.numbers("quaternion", 4)),
         )
         stamped = self._new(
             "geometry_msgs/msg/TransformStamped",
-            header=self._header(value, _frame(fields["parent"])),
-            child_frame_id=_frame(fields["child"]),
+            header=self._header(value, _frame(value.text("parent"))),
+            child_frame_id=_frame(value.text("child")),
             transform=transform,
         )
         message = self._new("tf2_msgs/msg/TFMessage", transforms=[stamped])
-        return [("/tf_static" if fields.get("static") else "/tf", "tf2_msgs/msg/TFMessage", message)]
+        return [("/tf_static" if value.fields.get("static") else "/tf", "tf2_msgs/msg/TFMessage", message)]
 
     # -- parts ----------------------------------------------------------------------------------------------------
 
@@ -237,6 +234,11 @@ class RosExport:
 
     def _header(self, value: Value, frame: str) -> Any:
         whole, rest = divmod(nanoseconds(value.wall), NANOSECONDS)
+        if whole > LAST_SECOND:
+            msg = (
+                f"{value.suffix} of {value.vehicle} is of a time after 2038, which ROS cannot have; `mkctl log cut` it"
+            )
+            raise MkError(msg)
         stamp = self._new("builtin_interfaces/msg/Time", sec=whole, nanosec=rest)
         return self._new("std_msgs/msg/Header", stamp=stamp, frame_id=frame)
 

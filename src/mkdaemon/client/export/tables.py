@@ -20,6 +20,8 @@ from mkdaemon.files import refuse_existing, saving
 
 TIMES: Final = ("time [s]", "monotonic [s]")
 """First columns: publish time (Unix time), and the time that never jumps."""
+MOST_COLUMNS: Final = 5000
+"""Of a table; ours have up to a few hundred."""
 WAITING: Final = 200_000
 """Cells that wait for their row group of a Parquet file, of all tables together; 20 MB."""
 Read = Callable[[], Iterable[Value]]
@@ -41,7 +43,14 @@ class Table:
     columns: dict[str, set[type]] = field(default_factory=lambda: {name: {float} for name in TIMES})
 
     def take(self, row: Row) -> None:
-        """Learn from a row."""
+        """Learn from a row.
+
+        Raises:
+            MkError: there are too many columns.
+        """
+        if len(row) + len(self.columns) > MOST_COLUMNS and len({*row, *self.columns}) > MOST_COLUMNS:
+            msg = f"{self.name}: more than {MOST_COLUMNS} columns; export other keys, with --key"
+            raise MkError(msg)
         for name, part in row.items():
             kinds = self.columns.setdefault(name, set())
             if part is not None:

@@ -49,18 +49,17 @@ def tracks_of(values: Iterable[Value]) -> dict[str, list[TrackPoint]]:
     """The track of each vehicle.
 
     Raises:
-        MkError: there is no position in the recording.
+        MkError: there is no position in the recording, or one is none.
     """
     tracks: dict[str, list[TrackPoint]] = {}
     for value in values:
         if value.suffix == POSITION:
-            fields = value.fields
             point = TrackPoint(
                 value.wall,
-                fields["latitude_deg"],
-                fields["longitude_deg"],
-                fields.get("altitude"),
-                fields.get("altitude_above_start"),
+                value.number("latitude_deg"),
+                value.number("longitude_deg"),
+                value.number_or_none("altitude"),
+                value.number_or_none("altitude_above_start"),
             )
             tracks.setdefault(value.vehicle, []).append(point)
     if not tracks:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -9,15 +10,14 @@ from functools import cache
 from pathlib import Path
 from typing import Any, Final
 
-import msgpack
 from pydantic import BaseModel
 
 from mkdaemon.bus.codec import schema_name
 from mkdaemon.bus.keys import KEYS
 from mkdaemon.client.samples import typed_value
 from mkdaemon.described import meanings_of
-from mkdaemon.errors import ConfigError
-from mkdaemon.record.entry import Entry, Kind
+from mkdaemon.errors import ConfigError, MkError
+from mkdaemon.record.entry import Entry, Kind, unpacked
 from mkdaemon.record.reader import Recording, matches_any
 
 Row = dict[str, Any]
@@ -54,6 +54,51 @@ class Value:
         """
         return typed_value(self.schema, self.fields)
 
+    def number(self, name: str) -> float:
+        """A field that is a number.
+
+        Raises:
+            MkError: it is none: somebody else wrote it, or another version.
+        """
+        found = self.fields.get(name)
+        if isinstance(found, bool) or not isinstance(found, int | float) or not math.isfinite(found):
+            raise self._wrong(name, "number")
+        return float(found)
+
+    def number_or_none(self, name: str) -> float | None:
+        """A field that is a number, or is not there; raises as `number` does."""
+        return None if self.fields.get(name) is None else self.number(name)
+
+    def numbers(self, name: str, count: int) -> list[float]:
+        """A field that is a list of so many numbers.
+
+        Raises:
+            MkError: it is none.
+        """
+        found = self.fields.get(name)
+        parts = found if isinstance(found, list) else []
+        if len(parts) != count or not all(isinstance(part, int | float) and math.isfinite(part) for part in parts):
+            raise self._wrong(name, f"list of {count} numbers")
+        return [float(part) for part in parts]
+
+    def text(self, name: str) -> str:
+        """A field that is a text.
+
+        Raises:
+            MkError: it is none.
+        """
+        found = self.fields.get(name)
+        if not isinstance(found, str):
+            raise self._wrong(name, "text")
+        return found
+
+    def _wrong(self, name: str, wanted: str) -> MkError:
+        found = f"{self.fields.get(name)!r:.40}"
+        return MkError(
+            f"{self.suffix} of {self.vehicle} at {self.wall:.3f} s: {name} is {found}, no {wanted}; "
+            "--format csv takes every value, `mkctl log cut` leaves some out"
+        )
+
 
 def read_values(path: Path, patterns: tuple[str, ...] = ()) -> Iterator[Value]:
     """Every published value of a recording, in its order.
@@ -79,14 +124,11 @@ def read_values(path: Path, patterns: tuple[str, ...] = ()) -> Iterator[Value]:
 def _value(entry: Entry) -> Value | None:
     if "msgpack" not in entry.encoding:
         return None
-    try:
-        fields = msgpack.unpackb(entry.payload)
-    except (ValueError, msgpack.exceptions.UnpackException):
+    fields = unpacked(entry.payload)
+    if not fields:
         return None
-    if not isinstance(fields, dict):
-        return None
-    stamp = fields.get("stamp")
-    monotonic = stamp.get("monotonic", entry.received) if isinstance(stamp, dict) else entry.received
+    stamp = entry.carried_stamp
+    monotonic = entry.received if stamp is None else stamp.monotonic
     schema = entry.encoding.rpartition(";mk.")[2]
     return Value(entry.vehicle, entry.suffix, entry.published, monotonic, fields, schema)
 

@@ -183,9 +183,7 @@ class Landing:
         speed = float(np.hypot(*estimate.velocity[:2]))
         inside = error < limits.base + limits.slope * max(height, 0.0) and speed < limits.speed
         if self.phase in (LandingPhase.APPROACH, LandingPhase.DESCEND):
-            may_commit = (inside and estimate.age < limits.sight) or (
-                error < limits.commit_error and estimate.age < limits.blind
-            )
+            may_commit = error < limits.commit_error and estimate.age < limits.blind
             is_certain = float(estimate.position_sd[2]) < limits.commit_sd
             if height < limits.commit_height and may_commit and is_certain:
                 self.phase = LandingPhase.COMMIT

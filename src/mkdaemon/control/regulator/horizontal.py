@@ -8,6 +8,7 @@ stick must hold against the leak, is (c v - d) / g + b. Source: docs/control.md,
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Final
 
 import numpy as np
@@ -42,6 +43,18 @@ class HorizontalCosts:
     steepest: float = 0.35
 
 
+@lru_cache(maxsize=16)
+def _solve(model: AircraftModel, costs: HorizontalCosts) -> tuple[Array, float]:
+    """Gain (7,) and spectral radius; an autopilot is made at every tick until a flight begins, always on one model."""
+    f, g = model.horizontal(STEP)
+    f, g = f[:7, :7], g[:7, None]
+    weights = np.zeros(7)
+    weights[[P, V, W]] = costs.position, costs.velocity, costs.rate
+    gain = regulator_gain(f, g, np.diag(weights + 1e-9) * STEP, np.array([[costs.stick * STEP]]))
+    gain.flags.writeable = False
+    return gain[0], spectral_radius(f - g @ gain)
+
+
 class HorizontalRegulator:
     """Both horizontal axes.
 
@@ -58,13 +71,7 @@ class HorizontalRegulator:
         """
         self._model = model
         self._costs = costs
-        f, g = model.horizontal(STEP)
-        f, g = f[:7, :7], g[:7, None]
-        weights = np.zeros(7)
-        weights[[P, V, W]] = costs.position, costs.velocity, costs.rate
-        gain = regulator_gain(f, g, np.diag(weights + 1e-9) * STEP, np.array([[costs.stick * STEP]]))
-        self.gain: Array = gain[0]
-        self.radius = spectral_radius(f - g @ gain)
+        self.gain, self.radius = _solve(model, costs)
 
     def tilt(self, estimate: Estimate, reference: Reference) -> Array:
         """Return the tilt to ask for, towards x and y of the local frame (2,) [rad].

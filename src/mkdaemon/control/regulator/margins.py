@@ -47,6 +47,10 @@ FLIGHT_WIND: Final = 2.0
 """That it has to bear: the light wind of docs/control.md [m/s]."""
 HOVER_DOUBT: Final = 0.1
 """Thrust it must make up for, either way: an aircraft heavier or lighter than believed [share of the weight]."""
+_NOWHERE: Final = np.zeros(3)
+_LEVEL: Final = np.zeros(2)
+_UNMOVED: Final = np.zeros((2, LEVEL_STATES))
+_AT_REST: Final = np.zeros(4)
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +80,8 @@ def gains_of(model: AircraftModel, cfg: ControlConfig) -> Gains:
     f, g = model.horizontal(period)
     f, g = f[:7, :7], g[:7, None]
     gain = regulator.gain[None]
-    stable = [factor for factor in FACTORS if spectral_radius(f - g @ (factor * gain)) < 1.0]
+    radii = np.abs(np.linalg.eigvals(f - g @ (np.array(FACTORS)[:, None, None] * gain))).max(axis=1)
+    stable = [factor for factor, radius in zip(FACTORS, radii, strict=True) if radius < 1.0]
     steps = next((count for count in range(1, MOST_STEPS) if _delayed_radius(f, g, gain, count) >= 1.0), MOST_STEPS)
     rest = fly_model(model, cfg)
     return Gains(
@@ -92,6 +97,9 @@ def gains_of(model: AircraftModel, cfg: ControlConfig) -> Gains:
         delay_margin=(steps - 1) * period,
         rest_level=rest.level,
         rest_height=rest.height,
+        needed_gain=LEAST_GAIN,
+        needed_delay=LEAST_DELAY,
+        farthest_rest=FARTHEST_REST,
     )
 
 
@@ -107,7 +115,7 @@ def loop_refusal(model: AircraftModel, cfg: ControlConfig, found: Gains | None =
         gains = found or gains_of(model, cfg)
     except ValueError as error:
         return refuse(Token.LOOP_UNSTABLE, detail=str(error), cause="this parameter set", remedy="fly the set Easy")
-    if _is_safe(gains):
+    if gains.is_safe:
         return None
     low, high = gains.gain_margin
     detail = (
@@ -117,7 +125,7 @@ def loop_refusal(model: AircraftModel, cfg: ControlConfig, found: Gains | None =
     )
     causes = {name: value for name, (value, wanted) in _options(cfg).items() if value != wanted}
     for name in causes:
-        if _is_safe(gains_of(model, _with_default(cfg, name))):
+        if gains_of(model, _with_default(cfg, name)).is_safe:
             cause = f"control.{name} = {causes[name]:g}"
             remedy = f"set it to {_options(cfg)[name][1]:g}, or nearer"
             return refuse(Token.LOOP_UNSTABLE, detail=detail, cause=cause, remedy=remedy)
@@ -138,17 +146,6 @@ def require_safe_loop(cfg: ControlConfig) -> None:
     if refusal is not None:
         msg = f"{refusal.reason} {refusal.fix}"
         raise ConfigError(msg)
-
-
-def _is_safe(gains: Gains) -> bool:
-    low, high = gains.gain_margin
-    return (
-        gains.radius < 1.0
-        and low <= LEAST_GAIN[0]
-        and high >= LEAST_GAIN[1]
-        and gains.delay_margin >= LEAST_DELAY
-        and max(gains.rest_level, gains.rest_height) <= FARTHEST_REST
-    )
 
 
 def _options(cfg: ControlConfig) -> dict[str, tuple[float, float]]:
@@ -204,8 +201,10 @@ def _rest_beside(model: AircraftModel, cfg: ControlConfig) -> float:
     state = np.zeros(LEVEL_STATES)
     state[P], state[D] = FLIGHT_FROM, model.drag * FLIGHT_WIND
     goal, shaper, sent, worst = Reference(np.zeros(2)), CountShaper(-127, 127), 0.0, 0.0
+    axes = np.zeros((2, LEVEL_STATES))
     for k in range(round(FLIGHT * cfg.rate)):
-        believed = _known_state(np.array([state, np.zeros(LEVEL_STATES)]), np.zeros(4))
+        axes[0] = state
+        believed = _known_state(axes, _AT_REST)
         wanted = shaper.count(float(regulator.tilt(believed, goal)[0]) / model.rad_per_count)
         sent = _moved(sent, wanted, cfg.limiter.slew * min(period, 0.1), most)
         state = f @ state + g * (round(sent) * model.rad_per_count)
@@ -223,7 +222,7 @@ def _rest_above(model: AircraftModel, cfg: ControlConfig, doubt: float) -> float
     shaper, sent, worst = CountShaper(-127, 127), limits.hover_throttle, 0.0
     gains = VerticalGains(fastest=cfg.autopilot.max_climb)
     for k in range(round(FLIGHT * cfg.rate)):
-        believed = _known_state(np.zeros((2, LEVEL_STATES)), state, hover)
+        believed = _known_state(_UNMOVED, state, hover)
         wanted = shaper.count(gas(believed, 0.0, 0.0, gains) - GAS_CENTRE)
         step = limits.throttle_slew * min(period, 0.1)
         sent = min(max(sent + min(max(wanted - sent, -step), step), limits.min_throttle), limits.max_throttle)
@@ -240,17 +239,16 @@ def _moved(last: float, wanted: float, step: float, most: float) -> float:
 
 def _known_state(axes: Array, vertical: Array, hover: float = 0.0) -> Estimate:
     """The true state, as the regulators take it."""
-    nothing = np.zeros(3)
     return Estimate(
         at=0.0,
-        position=nothing,
-        velocity=nothing,
-        tilt=np.zeros(2),
+        position=_NOWHERE,
+        velocity=_NOWHERE,
+        tilt=_LEVEL,
         disturbance=axes[:, D],
         yaw=0.0,
         hover_gas=hover,
         axes=axes,
         vertical=vertical,
-        position_sd=nothing,
+        position_sd=_NOWHERE,
         age=0.0,
     )

@@ -66,7 +66,6 @@ class Teleop:
         self.hands: dict[str, Hands] = {}
         self.pilot: str | None = None
         self.manoeuvre: str | None = None
-        self._height = 0.0
         self._thrust_at = 0.0
         self._lost: str | None = None
         self._news = ""

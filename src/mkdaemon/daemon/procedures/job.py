@@ -30,7 +30,7 @@ KEY = "event/progress"
 class Guard(Protocol):
     """Checks single requests before they are sent: `mkdaemon.daemon.requests.BoardRequests` in earnest."""
 
-    def check_step(self, board: Board, message: WireMessage) -> None:
+    async def check_step(self, board: Board, message: WireMessage) -> None:
         """Let a step of a procedure pass or raise `CommandRejectedError`."""
 
     async def prove_board(self, board: Board, message: WireMessage) -> None:
@@ -154,7 +154,7 @@ class JobObserver:
         """
         if self._job.is_alone and message.spec.danger and await self._find_motors() is not False:
             raise refuse(Token.MOTORS_STARTED, name=self._job.verb)
-        self._guard.check_step(board, message)
+        await self._guard.check_step(board, message)
 
     async def prove(self, board: Board, message: WireMessage) -> None:
         """Make sure that the board asked is the one that hears us.

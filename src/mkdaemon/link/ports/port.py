@@ -100,8 +100,10 @@ def parse_address(url: str) -> PortAddress:
         raise ConfigError('no port configured: set link.port, for example port = "/dev/serial/by-id/usb-FTDI_..."')
     scheme, found, rest = url.partition(":")
     if not found or url.startswith(("/", "./", "../")):
-        return PortAddress("serial", url)
+        scheme, rest = "serial", url
     if scheme in ("serial", "pty") and rest:
+        if not rest.startswith(("/", "./", "../")):
+            raise ConfigError(f'link.port "{url}" is no path of a device: write it whole, for example /dev/{rest}')
         return PortAddress(scheme, rest)
     if scheme == "tcp":
         host, _, number = rest.rpartition(":")

@@ -213,8 +213,6 @@ def _refusal(path: Path, baud: int, error: Exception, *, is_pty: bool) -> LinkEr
     number = _errno(error) if isinstance(error, OSError) else None
     if isinstance(error, ValueError):
         return ConfigError(f"{path} cannot run at {baud} baud: set link.baud to 57600")
-    if not path.exists() and not path.is_absolute():
-        return LinkLostError(f"no serial port {path}: give its whole path, for example /dev/{path.name}")
     if not path.exists():
         return LinkLostError(f"no serial port {path}: {_what_is_there(is_pty=is_pty)}")
     if number in (errno.EACCES, errno.EPERM):

@@ -18,6 +18,12 @@ _CONNECT: Final = 3.0
 OVERDUE: Final = 0.1
 """Bytes not acknowledged for so long stand still [s]; a receiver may delay its acknowledgement by 0.04 s."""
 
+SEND_BUFFER: Final = 2048
+"""Bytes the kernel takes before they wait here, where they are seen: 0.36 s of a line; Linux doubles it."""
+DEAD: Final = 3.0
+"""A connection that acknowledges nothing for so long is ended, with what waits in it [s]; a FlightCtrl has
+let go of the sticks by then."""
+
 
 class TcpPort:
     """An open TCP connection; see `Port`."""
@@ -107,6 +113,17 @@ class TcpPort:
             await self._writer.wait_closed()
 
 
+def _keep_short(connection: socket.socket) -> None:
+    """Let nothing old wait in the kernel: little of it, not for company, and not for long."""
+    # A setpoint must not wait for Nagle's algorithm to collect more bytes.
+    connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER)
+    for option, value in (("TCP_NOTSENT_LOWAT", SEND_BUFFER), ("TCP_USER_TIMEOUT", int(DEAD * 1000))):
+        number = getattr(socket, option, None)  # Linux has them
+        if number is not None:
+            connection.setsockopt(socket.IPPROTO_TCP, number, value)
+
+
 async def open_tcp(target: str) -> TcpPort:
     """Connect.
 
@@ -129,6 +146,5 @@ async def open_tcp(target: str) -> TcpPort:
         raise LinkLostError(f"tcp {target}: {error.strerror or error}: is the serial server running?") from error
     connection: socket.socket | None = writer.get_extra_info("socket")
     if connection is not None:
-        # A setpoint must not wait for Nagle's algorithm to collect more bytes.
-        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        _keep_short(connection)
     return TcpPort(target, reader, writer)

@@ -14,7 +14,7 @@ from typing import Final
 from mkdaemon.config.link import LinkConfig
 from mkdaemon.link.session import budget
 from mkdaemon.link.session.health import HealthMonitor
-from mkdaemon.link.session.identity import Identity, Standstill
+from mkdaemon.link.session.identity import LOOK, Identity, Standstill
 from mkdaemon.link.session.line import FORWARDING_GAP, LineRules
 from mkdaemon.link.session.peers import AFTER_PASSAGE, VERSION_KEY, Peers
 from mkdaemon.link.session.prober import VERSION_TOKEN, Prober
@@ -44,6 +44,8 @@ from mkdaemon.telemetry.control import ControlLine, Obstacle
 from mkdaemon.telemetry.link import LinkCondition
 from mkdaemon.telemetry.refusals import TOKENS, Token, refuse
 
+STOOD_STILL: Final = 0.25
+"""After a longer standstill of this program the line is told to be worse for it [s]."""
 LONGEST_PASSAGE: Final = 6.0
 """While a NaviCtrl passes the line through, its silence is our doing; a longer passage is judged like any line [s]."""
 
@@ -194,7 +196,9 @@ class Dialogue:
 
     def stood_still(self, lost: Standstill, now: float) -> bool:
         """This program did not run for a while; returns whether the boards must be discovered anew."""
-        self.health.stood_still(max(lost.stopped, lost.slept), now)
+        self.health.not_looked(now - lost.stopped + LOOK, now)
+        if max(lost.stopped, lost.slept) > STOOD_STILL:
+            self.health.stood_still(max(lost.stopped, lost.slept), now)
         return self.identity.stood_still(lost, now)
 
     # -- what callers want ----------------------------------------------------------------------------------------

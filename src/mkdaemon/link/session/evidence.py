@@ -17,6 +17,30 @@ OVERDUE: Final = 0.2
 """A stale stream degrades the link after this at the earliest [s]; a radio's spike of 62 ms is 3 periods at 50 Hz."""
 
 
+class OwnTime:
+    """The time in which this program looked: only that tells that something did not arrive.
+
+    What comes while the loop is kept from running waits in the kernel, and what the loop should have sent was not sent.
+    """
+
+    def __init__(self) -> None:
+        self._missed: deque[tuple[float, float]] = deque(maxlen=64)
+
+    def miss(self, since: float, until: float) -> None:
+        """Note that nothing was looked at between two times [s]."""
+        self._missed.append((since, until))
+
+    def elapsed(self, since: float, now: float) -> float:
+        """Time that passed since then and was looked at [s]; infinite since never."""
+        if since == -math.inf:
+            return math.inf
+        return now - since - sum(max(until - max(since, began), 0.0) for began, until in self._missed)
+
+    def share_missed(self, now: float, window: float) -> float:
+        """Part of the last so many seconds in which nothing was looked at [1]."""
+        return 1.0 - self.elapsed(now - window, now) / window
+
+
 @dataclass(slots=True)
 class FrameKind:
     """Arrivals of one kind of frame.
@@ -29,6 +53,7 @@ class FrameKind:
         interval: asked for [s]; None where nobody asked.
         asked_at: when that was asked for first [s].
         arrivals: times of the latest ones [s].
+        own: the time in which a missing one can be told.
     """
 
     key: str
@@ -38,16 +63,21 @@ class FrameKind:
     interval: float | None = None
     asked_at: float = math.inf
     arrivals: deque[float] = field(default_factory=lambda: deque(maxlen=256))
+    own: OwnTime = field(default_factory=OwnTime)
 
     def missed(self, now: float) -> float:
         """Periods since the latest frame, or since it was asked for."""
         if self.interval is None:
             return 0.0
-        return (now - max(self.last, self.asked_at)) / self.interval
+        return self._waited(now) / self.interval
 
     def is_overdue(self, now: float) -> bool:
         """Stale for long enough that the line, not a single late frame of a fast stream, is to blame."""
-        return self.missed(now) > STALE_PERIODS and now - max(self.last, self.asked_at) > OVERDUE
+        return self.missed(now) > STALE_PERIODS and self._waited(now) > OVERDUE
+
+    def _waited(self, now: float) -> float:
+        """Own time since the latest frame, or since it was asked for [s]."""
+        return self.own.elapsed(max(self.last, self.asked_at), now)
 
     def rate(self, now: float, window: float) -> float:
         """Frames a second over the window [Hz]."""
@@ -63,7 +93,9 @@ class FrameKind:
 class Arrivals:
     """Every kind of frame heard or asked for since the port was opened."""
 
-    def __init__(self) -> None:
+    def __init__(self, own: OwnTime | None = None) -> None:
+        """Nothing was heard; a frame is missing when its time has passed in `own`, all time if none is given."""
+        self._own = own or OwnTime()
         self._kinds: dict[tuple[str, str], FrameKind] = {}
 
     def clear(self) -> None:
@@ -74,7 +106,7 @@ class Arrivals:
         """A right frame arrived."""
         kind = self._kinds.get((board, key))
         if kind is None:
-            kind = self._kinds[board, key] = FrameKind(key, board)
+            kind = self._kinds[board, key] = FrameKind(key, board, own=self._own)
         kind.frames += 1
         kind.last = now
         kind.arrivals.append(now)
@@ -85,7 +117,7 @@ class Arrivals:
             if kind.board == board and kind.key not in intervals:
                 kind.interval = None
         for key, interval in intervals.items():
-            kind = self._kinds.setdefault((board, key), FrameKind(key, board))
+            kind = self._kinds.setdefault((board, key), FrameKind(key, board, own=self._own))
             if kind.interval != interval:
                 kind.interval, kind.asked_at = interval, now
 
@@ -202,6 +234,8 @@ WEIGHT: Final = 1 / 8
 """Weight of a new round trip in the weighted mean (as TCP smooths its own; RFC 6298, section 2)."""
 JITTER_WEIGHT: Final = 1 / 4
 """Weight of a new deviation in the jitter (the same)."""
+LATE_PROOF: Final = 1.0
+"""An answer so long after its probe was given up says nothing about the line as it is now [s]."""
 CAPACITY: Final = 4096
 """Fates remembered at most; a window of 10 s at 100 Hz needs 1000."""
 
@@ -209,13 +243,15 @@ CAPACITY: Final = 4096
 class RoundTrips:
     """Follows probes that carry a token."""
 
-    def __init__(self, *, window: float, timeout: float) -> None:
+    def __init__(self, *, window: float, timeout: float, own: OwnTime | None = None) -> None:
         """Start empty.
 
         Args:
             window: how long a fate counts [s].
             timeout: an answer after this is late, the probe lost [s].
+            own: the time in which an answer can be missing; all of it if none is given.
         """
+        self._own = own or OwnTime()
         self.timeout = timeout
         self._window = window
         self._open: dict[Hashable, float] = {}
@@ -274,6 +310,12 @@ class RoundTrips:
         self._mean = trip if self._mean is None else self._mean + WEIGHT * (trip - self._mean)
         return trip
 
+    def proves_hearing(self, token: Hashable, now: float) -> bool:
+        """Whether an answer now shows that the other end hears us; one that was given up a moment ago does, too."""
+        return token in self._open or any(
+            given_up == token and now - at < LATE_PROOF for given_up, at in self._given_up
+        )
+
     def forget(self, token: Hashable) -> None:
         """A probe's fate cannot be known: it counts neither way."""
         self._open.pop(token, None)
@@ -283,7 +325,7 @@ class RoundTrips:
         lost = 0
         while self._open:
             token, began = next(iter(self._open.items()))
-            if now - began < self.timeout:
+            if self._own.elapsed(began, now) < self.timeout:
                 break
             del self._open[token]
             self._given_up.append((token, now))

@@ -19,7 +19,7 @@ from mkdaemon.errors import LinkError, LinkLostError, RequestTimeoutError
 from mkdaemon.link.ports.port import Port, parse_address
 from mkdaemon.link.session.dialogue import Dialogue
 from mkdaemon.link.session.guarding import GuardFeed, LineGuard
-from mkdaemon.link.session.identity import StandstillWatch
+from mkdaemon.link.session.identity import LOOK, StandstillWatch
 from mkdaemon.link.session.questions import Answered, Outcome, Unanswered
 from mkdaemon.link.session.release import shortest_release
 from mkdaemon.link.session.reopening import BaudSearch
@@ -36,8 +36,6 @@ from mkdaemon.telemetry.link import LinkCondition
 
 TURN_BYTES: Final = 256
 """Bytes decoded in one turn of the loop: 45 ms of the line at 57600 baud, and 42 frames at most: the shortest has 6."""
-JUDGE_PERIOD: Final = 0.05
-"""How often the evidence is weighed [s]; a twentieth of a second of the half second a verdict may take."""
 STICK_LOOK: Final = 0.005
 """Time between two looks at a stick frame that has not left [s]."""
 EXIT_TIME: Final = 0.6
@@ -158,8 +156,9 @@ class Exchange:
         self._opened_at = 0.0
         self.port: Port | None = None
         self.reporter = Reporter(cfg, dialogue, clock)
-        has_rate = parse_address(cfg.port).scheme == "serial"
-        self.bauds = BaudSearch(cfg.baud, enabled=cfg.probe_baud and has_rate)
+        scheme = parse_address(cfg.port).scheme
+        self._hides_queue = scheme == "tcp"
+        self.bauds = BaudSearch(cfg.baud, enabled=cfg.probe_baud and scheme == "serial")
         self.needs_discovery = asyncio.Event()
         self.waiters = Waiters()
 
@@ -312,7 +311,7 @@ class Exchange:
             self.needs_discovery.set()
             self.follow_dialect()
         try:
-            self._look_after_sticks(port)
+            self._look_after_sticks(port, now)
             for entry in self._dialogue.poll(now):
                 self._write(port, entry)
         except LinkLostError as error:
@@ -339,8 +338,10 @@ class Exchange:
             self._tap.port_written(entry.raw, now, entry.purpose.name.lower())
         self._sink.sent(Sent(now, entry.raw, entry.message, entry.purpose))
 
-    def _look_after_sticks(self, port: Port) -> None:
+    def _look_after_sticks(self, port: Port, now: float) -> None:
         """Let no stick frame wait behind another in the kernel; throw away what waits there when a release begins.
+
+        A serial server acknowledges what it has not sent: there none is written that may wait in it.
 
         Raises:
             LinkLostError: what waits can only be thrown away with the connection.
@@ -351,7 +352,8 @@ class Exchange:
             self._sticks.forget()
             self._dialogue.scheduler.resynchronise()
             port.discard()
-        self._dialogue.scheduler.holds_setpoints = is_waiting
+        may_wait = self._hides_queue and self._dialogue.health.may_stand_still(now)
+        self._dialogue.scheduler.holds_setpoints = is_waiting or may_wait
 
     def _settle(self) -> None:
         """Hand answers, refusals and losses to whoever waits for them."""
@@ -369,7 +371,7 @@ class Exchange:
 
     def _judge(self, port: Port, now: float) -> None:
         """Weigh the evidence, report, and act on a verdict that needs the port closed."""
-        self._judge_at = max(self._judge_at + JUDGE_PERIOD, now + JUDGE_PERIOD / 2)
+        self._judge_at = max(self._judge_at + LOOK, now + LOOK / 2)
         health = self._dialogue.health
         health.port_backlog(port.backlog, now)
         before = health.verdict

@@ -15,7 +15,7 @@ from collections.abc import Hashable
 from typing import Final
 
 from mkdaemon.link.session import verdict
-from mkdaemon.link.session.evidence import Arrivals, ReceivedBytes, RoundTrips
+from mkdaemon.link.session.evidence import STALE_PERIODS, Arrivals, OwnTime, ReceivedBytes, RoundTrips
 from mkdaemon.link.session.verdict import Cause, Finding, Verdict
 from mkdaemon.protocol.framing import DropReason
 from mkdaemon.telemetry.link import KindHealth, LinkCondition
@@ -40,6 +40,20 @@ BOOT_LENGTH: Final = 700
 """More bytes than this within the silence are no boot text: a FlightCtrl prints 628 characters in all."""
 HOLD: Final = 1.0
 """A line that was degraded is up again when nothing was wrong for so long [s]: what comes and goes is one verdict."""
+BREAK: Final = SILENCE_TIME / 2
+"""Between two frames that are farther apart the board was silent; nobody knows whether it heard us meanwhile [s]."""
+DEAF_BEFORE: Final = 1.0
+"""A board that was heard for so long after its last answer did not hear us before it fell silent [s]."""
+HUSH: Final = 0.15
+"""Telemetry, or the confirmation of a stick frame, is late after this [s]; a radio's longest round trip is 0.13 s."""
+UNCONFIRMED: Final = 3
+"""So many stick frames not confirmed for that long, and they wait somewhere; one or two may be lost."""
+DOUBT: Final = 1.0
+"""Whether we are heard is asked anew after this [s], or a line without link tests would be doubted for ever."""
+COMES_AND_GOES: Final = 2
+"""So many outages within the window, and a line that works is degraded until they are past: it is one verdict."""
+BUSY: Final = 0.1
+"""Part of the window in which this program did not run, above which a verdict says so [1]."""
 PROBE_TIMEOUT: Final = 0.25
 """A link test without an answer for this long is lost [s]; the longest measured wait beside a saturated line is 27 ms,
 the longest radio round trip 0.13 s."""
@@ -49,14 +63,15 @@ class HealthMonitor:
     """Collects evidence and judges it."""
 
     def __init__(self, *, window: float = 10.0, max_loss_percent: float = 5.0, now: float = 0.0) -> None:
-        self.echo = RoundTrips(window=window, timeout=PROBE_TIMEOUT)
-        self.confirm = RoundTrips(window=window, timeout=PROBE_TIMEOUT)
+        self._own = OwnTime()
+        self.echo = RoundTrips(window=window, timeout=PROBE_TIMEOUT, own=self._own)
+        self.confirm = RoundTrips(window=window, timeout=PROBE_TIMEOUT, own=self._own)
         self.backlog = 0
         self._window = window
         self._max_loss = max_loss_percent
-        self._arrivals = Arrivals()
+        self._arrivals = Arrivals(self._own)
         self._bytes = ReceivedBytes(window)
-        self._received_at = -math.inf
+        self._received_at = self._talks_since = -math.inf
         self._answered = -math.inf
         self._opened: float | None = None
         self._is_recording = False
@@ -67,6 +82,8 @@ class HealthMonitor:
         self._boot_text = b""
         self._degraded_at = self._stopped_until = -math.inf
         self._stopped_for = 0.0
+        self._outages: deque[float] = deque(maxlen=16)
+        self._doubted_at: float | None = None
 
     # -- what happened --------------------------------------------------------------------------------------------
 
@@ -82,6 +99,7 @@ class HealthMonitor:
         self._is_recording = is_recording
         self._received_at = self._answered = -math.inf
         self._open_questions.clear()
+        self._doubted_at = None
         self._backlog_since = None
         self.backlog = 0
         self._bytes.clear()
@@ -101,12 +119,18 @@ class HealthMonitor:
 
     def frame_received(self, board: str, key: str, characters: int, now: float) -> None:
         """A right frame arrived."""
+        if now - self._received_at > BREAK:
+            self._talks_since = now
         self._received_at = now
         self._bytes.frame(characters, now)
         self._arrivals.received(board, key, now)
 
+    def not_looked(self, since: float, now: float) -> None:
+        """Nothing ran between two times [s]: what is missing since then waits in the kernel, or was not asked."""
+        self._own.miss(since, now)
+
     def stood_still(self, seconds: float, now: float) -> None:
-        """This program did not run for so long [s]: what is missing is its own doing, and arrives now."""
+        """This program did not run for so long [s] that the boards have stopped what they were asked for."""
         self.pause(now + SILENCE_TIME)
         self._open_questions.clear()
         self.echo.clear()
@@ -134,12 +158,16 @@ class HealthMonitor:
 
     def probe_answered(self, token: Hashable, now: float) -> None:
         """A link test came back."""
-        if self.echo.answered(token, now) is not None:
+        hears = self.echo.proves_hearing(token, now)
+        self.echo.answered(token, now)
+        if hears:
             self.board_answered(now)
 
     def confirmed(self, token: Hashable, now: float) -> None:
         """An external control frame was confirmed."""
-        if self.confirm.answered(token, now) is not None:
+        hears = self.confirm.proves_hearing(token, now)
+        self.confirm.answered(token, now)
+        if hears:
             self.board_answered(now)
 
     def wanted(self, board: str, intervals: dict[str, float], now: float) -> None:
@@ -190,6 +218,21 @@ class HealthMonitor:
         """Time since the latest proof that the board hears us [s]; infinite for never."""
         return now - self._answered
 
+    def may_stand_still(self, now: float) -> bool:
+        """Whether what is written now may wait where nobody sees it, as in a serial server that reads no more.
+
+        That is so when telemetry stops, and from the first sign that nothing of ours is heard until an answer comes.
+        """
+        doubted_at = self._doubted_at
+        if doubted_at is not None and (self._answered > doubted_at or now - doubted_at > DOUBT):
+            self._doubted_at = None
+        unconfirmed = len(self.confirm.before(now - HUSH))
+        if self._doubted_at is None and (self._missed(now) >= PROBES_MISSED or unconfirmed >= UNCONFIRMED):
+            self._doubted_at = now
+        fastest = min((kind.interval or math.inf for kind in self._arrivals.asked), default=math.inf)
+        is_hushed = self._own.elapsed(self._received_at, now) > max(HUSH, STALE_PERIODS * fastest)
+        return is_hushed or self._doubted_at is not None
+
     @property
     def two_way_proof(self) -> float:
         """When both directions were last proven [s; monotonic]; minus infinity for never."""
@@ -209,6 +252,8 @@ class HealthMonitor:
             self.confirm.forget_losses()
             self._bytes.forget_damage()
             finding = self._weigh(self._opened, now)
+        if before.is_usable and not finding.condition.is_usable:
+            self._outages.append(now)
         return self._conclude(self._hold(finding, now), now)
 
     def _hold(self, finding: Finding, now: float) -> Finding:
@@ -229,20 +274,21 @@ class HealthMonitor:
         return self._bytes.rates(now)
 
     def _weigh(self, opened: float, now: float) -> Finding:
-        is_stuck = self._backlog_since is not None and now - self._backlog_since > STUCK_TIME
+        is_stuck = self._backlog_since is not None and self._own.elapsed(self._backlog_since, now) > STUCK_TIME
         if is_stuck:
             return Finding(LinkCondition.DOWN, verdict.STUCK, Cause.PORT_STUCK)
         if now < self._paused_until:
             return self._verdict.finding
-        silent_for = now - max(self._received_at, opened)
+        silent_for = self._own.elapsed(max(self._received_at, opened), now)
         if silent_for > SILENCE_TIME and self._expects_something(now) and not self._sends_on_time(now):
             return self._explain_silence(now)
         if self._received_at == -math.inf:
             return self._verdict.finding
         if self._missed(now) >= PROBES_MISSED:
-            if silent_for < SILENCE_TIME / 2 or self._sends_on_time(now):
+            is_deaf = silent_for < BREAK and self._missed(now, self._talks_since) >= PROBES_MISSED
+            if is_deaf or self._sends_on_time(now):
                 return self._explain_deafness(now)
-            return self._verdict.finding  # deaf or mute: the silence will tell
+            return self._verdict.finding  # deaf, mute or late: a moment more will tell
         if self._answered == -math.inf and not self._is_recording:
             return self._verdict.finding  # it talks, but nothing shows that it hears us
         return self._weigh_quality(now)
@@ -258,7 +304,7 @@ class HealthMonitor:
             return Finding(LinkCondition.DEGRADED, verdict.boots(self._boot_text))
         if self._bytes.damaged_since(now - SILENCE_TIME) >= GARBAGE_BYTES:
             return Finding(LinkCondition.DEGRADED, verdict.DAMAGED)
-        return Finding(LinkCondition.ONE_WAY, verdict.UNANSWERED)
+        return Finding(LinkCondition.ONE_WAY, self._beside_load(verdict.UNANSWERED, now))
 
     def _weigh_quality(self, now: float) -> Finding:
         if now < self._stopped_until:
@@ -280,6 +326,9 @@ class HealthMonitor:
         bad, total = self._bytes.share(now)
         if bad > DAMAGE_LIMIT * total:
             return Finding(LinkCondition.DEGRADED, f"{100 * bad / total:.0f} % of the received bytes are damaged")
+        outages = sum(1 for at in self._outages if now - at < self._window)
+        if outages >= COMES_AND_GOES:
+            return Finding(LinkCondition.DEGRADED, verdict.comes_and_goes(outages, self._window))
         return Finding(LinkCondition.UP, "a recording plays" if self._is_recording else "both directions proven")
 
     def _explain_silence(self, now: float) -> Finding:
@@ -289,12 +338,19 @@ class HealthMonitor:
         if now < self._boots_until and self._bytes.arrived_since(now - SILENCE_TIME) < BOOT_LENGTH:
             return Finding(LinkCondition.MUTE, verdict.boots(self._boot_text), Cause.PLAIN_TEXT)
         if self._bytes.arrived_since(since) < GARBAGE_BYTES:
-            silence = verdict.NOTHING if self._received_at == -math.inf else verdict.STOPPED
-            return Finding(LinkCondition.MUTE, verdict.QUIET if now < self._quiet_until else silence)
+            silence = self._kind_of_silence()
+            reason = verdict.QUIET if now < self._quiet_until else self._beside_load(silence, now)
+            return Finding(LinkCondition.MUTE, reason)
         text = self._bytes.text_since(since)
         if text is not None:
             return Finding(LinkCondition.GARBAGE, verdict.plain_text(text), Cause.PLAIN_TEXT)
         return Finding(LinkCondition.GARBAGE, verdict.NO_FRAME)
+
+    def _kind_of_silence(self) -> str:
+        if self._received_at == -math.inf:
+            return verdict.NOTHING
+        was_deaf = self._received_at - max(self._answered, self._opened or 0.0) > DEAF_BEFORE
+        return verdict.RAN_OUT if was_deaf else verdict.STOPPED
 
     def _expects_something(self, now: float) -> bool:
         """Whether a frame should have come: link tests are out, or a stream that was asked for is overdue.
@@ -305,9 +361,18 @@ class HealthMonitor:
         enough = 1 if self._received_at == -math.inf else PROBES_MISSED
         return self._missed(now) >= enough or bool(self._arrivals.overdue(now))
 
-    def _missed(self, now: float) -> int:
-        """Probes unanswered for longer than usual, since the board last proved that it hears us."""
-        return sum(1 for sent in self._open_questions if now - sent > PROBE_PATIENCE)
+    def _missed(self, now: float, talks_since: float = -math.inf) -> int:
+        """Probes unanswered for longer than usual, since the board last proved that it hears us.
+
+        A board that says nothing at all may hear us; only time after `talks_since` shows that it does not.
+        """
+        waiting = (max(sent, talks_since) for sent in self._open_questions)
+        return sum(1 for since in waiting if self._own.elapsed(since, now) > PROBE_PATIENCE)
+
+    def _beside_load(self, reason: str, now: float) -> str:
+        """A reason, and that this machine has no time for us, which may be another one."""
+        share = self._own.share_missed(now, self._window)
+        return reason if share < BUSY else f"{reason}; {verdict.busy(share)}"
 
     def _conclude(self, finding: Finding, now: float) -> bool:
         """Make a finding the verdict; returns whether the condition changed."""

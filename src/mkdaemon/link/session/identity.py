@@ -20,8 +20,10 @@ from mkdaemon.protocol.decoder import Unknown
 from mkdaemon.protocol.wire import Board, WireMessage
 from mkdaemon.telemetry.refusals import Token, refuse
 
-NOTICED: Final = 0.25
-"""A shorter standstill explains nothing on the line [s]; the loop looks every 0.05 s."""
+LOOK: Final = 0.05
+"""The evidence is weighed so often where the loop runs [s]: a tenth of the half second that a verdict may take."""
+NOTICED: Final = 2 * LOOK
+"""A shorter time between two looks is ordinary lateness [s]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,6 +66,8 @@ BOOT_TIME: Final = 8.0
 """Text so long after the first one belongs to the same boot [s]; a FlightCtrl boots in 4.7 s."""
 _SHORTEST: Final = 8
 """Fewer characters are the rest of a broken frame."""
+_FEWEST: Final = 3
+"""Fewer characters that no frame has are those of a short frame that lost its `#`: an answer to a link test has ten."""
 _SHARE: Final = 0.1
 """Part of the characters that no frame has: boot text has spaces, digits and line breaks, and noise few [characters
 each]; tuned on the text of genuine boards and on frames with 5 % of their bytes damaged or lost."""
@@ -75,7 +79,7 @@ def is_printed(raw: bytes) -> bool:
     words = raw.strip(b" \r\n\t\0")
     foreign = sum(1 for code in words if code not in _PAYLOAD)
     readable = all(0x20 <= code < 0x7F or code in b"\r\n\t" for code in words)
-    return len(words) >= _SHORTEST and readable and foreign >= _SHARE * len(words)
+    return len(words) >= _SHORTEST and readable and foreign >= max(_FEWEST, _SHARE * len(words))
 
 
 class RebootWatch:

@@ -15,6 +15,11 @@ NOTHING: Final = "nothing arrives: check power, wiring and that this is the righ
 """Reason of a line that never said anything."""
 STOPPED: Final = "nothing arrives any more: the board was switched off, stands still, or a cable came off"
 """Reason of a line that was heard before."""
+RAN_OUT: Final = (
+    "nothing arrives any more; before, it was heard and answered nothing until its streams ran out, for it does not "
+    "hear us: check the board's RX wire"
+)
+"""Reason of a line that was one-way before."""
 UNANSWERED: Final = "frames arrive, but nothing we send is answered: check the board's RX wire"
 """Reason of a one-way line."""
 QUIET: Final = "nothing arrives, and for 6 s hardly anything is asked: the last release was not confirmed"
@@ -45,6 +50,16 @@ def plain_text(text: str) -> str:
 def stood_still(seconds: float) -> str:
     """Reason of what was missed while this program did not run."""
     return f"this program stood still for {seconds:.1f} s: the machine is busy, or something stopped it"
+
+
+def busy(share: float) -> str:
+    """What is added to a verdict that was found on a machine without time for us."""
+    return f"but this program did not run for {100 * share:.0f} % of the time: look at the load of this machine first"
+
+
+def comes_and_goes(times: int, seconds: float) -> str:
+    """Reason of a line that works now and was lost a moment ago, more than once."""
+    return f"it was lost {times} times in {seconds:g} s: it comes and goes"
 
 
 class Cause(Enum):

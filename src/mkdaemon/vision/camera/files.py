@@ -5,11 +5,13 @@ from __future__ import annotations
 import re
 import time
 from pathlib import Path
+from typing import Final
 
 import cv2
 
 from mkdaemon.config.camera import CameraSection
 from mkdaemon.errors import VisionError
+from mkdaemon.reading import open_regular
 from mkdaemon.vision.camera.captured import captured_pixels, take_jpegs
 from mkdaemon.vision.camera.imagecodec import read_picture
 from mkdaemon.vision.camera.shot import EndOfImages, PictureError, Shot
@@ -17,6 +19,10 @@ from mkdaemon.vision.camera.sizewatch import ClipWatch, may_change_size, open_qu
 
 PICTURES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm", ".webp"})
 CLIPS = frozenset({".mp4", ".avi", ".mkv", ".mov", ".webm", ".m4v", ".mpg", ".mpeg", ".ts"})
+_BEGINNING: Final = re.compile(
+    rb"RIFF.{4}AVI |.{4}(?:ftyp|moov|mdat|wide|free|skip|pnot)|\x1aE\xdf\xa3|\x00\x00\x01[\xb3\xba]|G.{187}G", re.DOTALL
+)
+"""Of AVI, MP4 and QuickTime, Matroska, MPEG and its transport stream."""
 FOLDER_HZ = 10.0
 
 
@@ -38,10 +44,12 @@ class ClipSource:
         if not self._path.is_file():
             msg = f"camera {self._cfg.name}: no such file: {self._path}"
             raise VisionError(msg)
+        unread = f"camera {self._cfg.name}: {self._path} is no video OpenCV can read"
+        if not _is_video(self._path):
+            raise VisionError(unread)
         capture = open_quietly(lambda: cv2.VideoCapture(str(self._path), cv2.CAP_FFMPEG, []))
         if not capture.isOpened():
-            msg = f"camera {self._cfg.name}: {self._path} is no video OpenCV can read"
-            raise VisionError(msg)
+            raise VisionError(unread)
         self._capture, self._started = capture, None
         self._coded = take_jpegs(capture, cv2.CAP_FFMPEG)
         self._watch = self._new_watch(capture)
@@ -88,6 +96,15 @@ class ClipSource:
         if self._watch is not None:
             self._watch.close()
             self._watch = None
+
+
+def _is_video(path: Path) -> bool:
+    """Whether a file begins as a video does: FFmpeg guesses at others for long, and follows lists to elsewhere."""
+    try:
+        with open_regular(path) as file:
+            return _BEGINNING.match(file.read(189)) is not None
+    except OSError:
+        return False
 
 
 class FolderSource:

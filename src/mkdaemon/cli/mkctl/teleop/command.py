@@ -29,6 +29,7 @@ from mkdaemon.cli.mkctl.teleop.screen import drawing, screen_lines
 from mkdaemon.cli.mkctl.teleop.session import Session
 from mkdaemon.cli.mkctl.teleop.watcher import Watcher
 from mkdaemon.cli.printing import json_line
+from mkdaemon.cli.terminal import drawing_stream
 from mkdaemon.client import Vehicle
 from mkdaemon.client.joy import JoySender
 from mkdaemon.config.gamepad import Gamepad
@@ -306,7 +307,7 @@ class Program:
             if is_screen:
                 lines = screen_lines(self.session, self._watcher, title, has_keyboard=self._source.has_keyboard)
                 with suppress(OSError):  # a terminal that was hung up; SIGHUP ends the program
-                    sys.stdout.write(drawing(lines, color=color))
+                    drawing_stream(sys.stdout).write(drawing(lines, color=color))
                     sys.stdout.flush()
             elif (line := self._line()) != last:
                 print(line, flush=True)
@@ -317,7 +318,7 @@ class Program:
         """Shake the pads, and ring the bell of the terminal."""
         self.session.alarm(notice)
         if sys.stdout.isatty() and not self._source.has_keyboard:
-            sys.stdout.write("\a")
+            drawing_stream(sys.stdout).write("\a")
 
     def _line(self) -> str:
         output = self.session.output
@@ -343,10 +344,10 @@ class Program:
 @contextmanager
 def _second_screen() -> Iterator[None]:
     """Draw on the terminal's second screen; the first comes back afterwards."""
-    sys.stdout.write("\x1b[?1049h\x1b[?25l\x1b[2J")
+    drawing_stream(sys.stdout).write("\x1b[?1049h\x1b[?25l\x1b[2J")
     try:
         yield
     finally:
         with suppress(OSError):
-            sys.stdout.write("\x1b[?25h\x1b[?1049l")
+            drawing_stream(sys.stdout).write("\x1b[?25h\x1b[?1049l")
             sys.stdout.flush()

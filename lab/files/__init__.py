@@ -1,0 +1,1 @@
+"""Files of strangers, given to every command that reads one."""

@@ -1,0 +1,187 @@
+"""`python -m lab files`: hostile files, given to every command that reads one."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import sys
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Annotated, Any, Final
+
+from cyclopts import Parameter
+
+from lab.files.commands import READERS, Reader
+from lab.files.mutations import LONG, REPEATED, SPECIAL, spoil
+from lab.files.originals import Kind, originals
+from lab.files.running import MOST_CPU, MOST_MEMORY, PATIENCE, Ended, prepare, run_forked
+from mkdaemon.cli.arguments import AsJson, require_count
+
+_CODES: Final = frozenset({0, 1, 2})
+_LONGEST_WORD: Final = 4000
+"""Of what a command says of a file [characters]."""
+_CONTROLS: Final = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028\u2029\u202a-\u202e\u2066-\u2069]")
+"""What a terminal acts on; but for a carriage return before a line feed there is none of it."""
+DAEMON_TIME: Final = 8.0
+"""A daemon that a file did not stop is told to end then [s]."""
+PLACE: Final = "hostile"
+"""Name of every file, before its suffix."""
+
+
+@dataclass(frozen=True, slots=True)
+class Hostile:
+    """One file for one command.
+
+    Attributes:
+        reader: the command.
+        name: what was done.
+        make: writes it.
+    """
+
+    reader: Reader
+    name: str
+    make: Callable[[Path], None]
+
+
+def hostile_files(seeds: range, only: str) -> Iterator[Hostile]:
+    """All files, the special ones first."""
+    for reader in READERS:
+        if only not in reader.name:
+            continue
+        for name, make in SPECIAL.items():
+            yield Hostile(reader, name, make)
+        for number, part in enumerate(REPEATED):
+            content = part * (LONG // len(part))
+            yield Hostile(reader, f"long {number} {part[:20]!r}", _writer(content))
+        for seed in seeds:
+            yield Hostile(reader, f"seed {seed}", partial(_spoil, reader.kind, seed))
+
+
+def _writer(content: bytes) -> Callable[[Path], None]:
+    return lambda path: _write(path, content)
+
+
+def _spoil(kind: Kind, seed: int, path: Path) -> None:
+    _write(path, spoil(kind, seed))
+
+
+def _write(path: Path, content: bytes) -> None:
+    path.write_bytes(content)
+
+
+def try_file(hostile: Hostile, goods: Path) -> tuple[Ended, list[str]]:
+    """Run the command; returns how it ended and what is wrong with that.
+
+    Args:
+        hostile: the file and the command.
+        goods: folder of a good file of each kind.
+    """
+    reader = hostile.reader
+    with tempfile.TemporaryDirectory() as temporary:
+        folder, parent = Path(temporary) / "o", Path(temporary) / "f"
+        folder.mkdir()
+        parent.mkdir()
+        path = parent / f"{PLACE}{reader.kind}"
+        hostile.make(path)
+        places = {
+            "file": path,
+            "parent": parent,
+            "folder": folder,
+            "good": goods / f"good{reader.kind}",
+            "picture": goods / f"good{Kind.PICTURE}",
+            "camera": goods / f"good{Kind.CAMERA}",
+        }
+        words = [word.format(**places) for word in reader.words]
+        is_daemon = reader.program == "mkdaemon" and words[0] == "run"
+        ended = run_forked(reader.program, words, folder, end_after=DAEMON_TIME if is_daemon else None)
+    return ended, faults_of(ended)
+
+
+def faults_of(ended: Ended) -> list[str]:
+    """What is wrong with how a command ended."""
+    found = []
+    if "Traceback" in ended.err or "Traceback" in ended.out:
+        found.append(f"traceback: {_last_line(ended.err)}")
+    elif ended.code not in _CODES:
+        found.append(f"ended with {ended.code}")
+    elif ended.code and not ended.err.strip() and not ended.out.strip():
+        found.append("failed without a word")
+    if ended.cpu > MOST_CPU:
+        found.append(f"took {ended.cpu:.1f} s")
+    elif ended.wall > PATIENCE:
+        found.append(f"lasted {ended.wall:.1f} s")
+    if ended.memory > MOST_MEMORY:
+        found.append(f"took {ended.memory / 1e6:.0f} MB")
+    if len(ended.err) > _LONGEST_WORD:
+        found.append(f"said {len(ended.err)} characters")
+    for text in (ended.err, ended.out):
+        if (control := _CONTROLS.search(text.replace("\r\n", "\n"))) is not None:
+            found.append(f"printed {control.group()!a}")
+            break
+    return found
+
+
+def _last_line(text: str) -> str:
+    places = re.findall(r'File ".*?/src/(\S+?)", line (\d+)', text)
+    lines = [line for line in text.splitlines() if line.strip()]
+    place = f" at {places[-1][0]}:{places[-1][1]}" if places else ""
+    return (lines[-1][:150] if lines else "") + place
+
+
+def good_files(folder: Path) -> None:
+    """Write a good file of each kind."""
+    for kind in Kind:
+        (folder / f"good{kind}").write_bytes(originals(kind)[0])
+
+
+def main(
+    *,
+    seeds: Annotated[int, Parameter(help="Spoilt files for each command.")] = 30,
+    first: Annotated[int, Parameter(help="The first seed.")] = 0,
+    only: Annotated[str, Parameter(help="Only commands whose line holds this.")] = "",
+    keep: Annotated[Path | None, Parameter(help="Folder for files that a command could not stand.")] = None,
+    as_json: AsJson = False,
+) -> int:
+    """Give hostile files to every command that reads one; exit code 1 if one of them breaks a limit.
+
+    No traceback, an exit code of ours, a word about what is wrong, at most 5 s of processor time and 300 MB, and
+    nothing that a terminal acts on. With 30 seeds it takes about fifteen minutes.
+    """
+    require_count(seeds, "--seeds")
+    prepare()
+    os.environ["MK_CONNECT"] = "tcp/127.0.0.1:9"
+    rows: list[dict[str, Any]] = []
+    tried: Counter[str] = Counter()
+    longest, largest, began = 0.0, 0, time.monotonic()
+    with tempfile.TemporaryDirectory() as goods:
+        good_files(Path(goods))
+        for hostile in hostile_files(range(first, first + seeds), only):
+            ended, faults = try_file(hostile, Path(goods))
+            tried[hostile.reader.name] += 1
+            longest, largest = max(longest, ended.cpu), max(largest, ended.memory)
+            if faults:
+                rows.append({"command": hostile.reader.name, "file": hostile.name, "faults": faults})
+                print(json.dumps(rows[-1]), file=sys.stderr, flush=True)
+                if keep is not None and hostile.name.startswith("seed"):
+                    keep.mkdir(parents=True, exist_ok=True)
+                    hostile.make(keep / f"{len(rows)}{hostile.reader.kind}")
+    found = {
+        "files": tried.total(),
+        "commands": len(tried),
+        "cpu_max_s": round(longest, 2),
+        "memory_max_mb": round(largest / 1e6),
+        "wall_s": round(time.monotonic() - began),
+        "wrong": rows,
+    }
+    if as_json:
+        print(json.dumps(found))
+    else:
+        print(f"{found['files']} files for {found['commands']} commands: {len(rows)} wrong;", end=" ")
+        print(f"at most {found['cpu_max_s']} s and {found['memory_max_mb']} MB")
+    return 1 if rows else 0

@@ -1,0 +1,94 @@
+"""What is played, for those who ask: last values with the age they had at that moment, schemas, and no command.
+
+A vehicle that is played under `mk/<name>/` answers as its daemon did, so that `mkctl --vehicle <name> status` shows it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from typing import Final
+
+import zenoh
+
+from mkdaemon.bus.answers import AnswerThread
+from mkdaemon.bus.codec import encode, encoding_of, with_age
+from mkdaemon.bus.keys import Use, find
+from mkdaemon.bus.names import ROOT
+from mkdaemon.bus.schema import schema_json, schema_names
+from mkdaemon.client.playselection import Played, Selection
+from mkdaemon.telemetry.command import CommandResult, refused
+from mkdaemon.telemetry.refusals import Token, refuse
+
+PLAYING: Final = "playing"
+"""Liveliness token of a name that is played under. Not `alive`: a daemon that comes up beside it must be seen."""
+_COMMANDS: Final = frozenset({"do", "cmd"})
+_QUERIES: Final = 64
+"""Questions that may wait for an answer; a quarter of them of one key."""
+
+
+class PlayedValues:
+    """The last values of what is played."""
+
+    def __init__(self, session: zenoh.Session, selection: Selection, place: Callable[[], float]) -> None:
+        """Know nothing yet.
+
+        Args:
+            session: where they are asked for.
+            selection: what is played; what was recorded before it is known from the beginning.
+            place: how far the recording has come [s; Unix time].
+        """
+        self._session, self._selection, self._place = session, selection, place
+        self._last: dict[str, Played] = {}
+        self._roots = sorted({"/".join(key.split("/")[:2]) for key in selection.counts})
+
+    def restart(self) -> None:
+        """Know what was recorded before the beginning, and nothing else."""
+        self._last = {played.key.whole: played for played in self._selection.earlier()}
+
+    def take(self, played: Played) -> None:
+        """Know one more; on the thread that plays."""
+        self._last[played.key.whole] = played
+
+    @contextmanager
+    def answering(self, asked: Callable[[], None]) -> Iterator[None]:
+        """Answer while the context lasts, and show the names that are played under.
+
+        Args:
+            asked: hears of every question; called on Zenoh's threads.
+        """
+        answers = AnswerThread("play.answers", limit=_QUERIES, limit_per_key=_QUERIES // 4)
+
+        def on_query(query: zenoh.Query) -> None:
+            asked()
+            answers.submit(query, self._answer)
+
+        handler = zenoh.handlers.Callback(on_query, indirect=False)
+        with ExitStack() as stack:
+            stack.callback(answers.close)
+            for root in self._roots:
+                stack.enter_context(self._session.declare_queryable(f"{root}/**", handler))
+                if root.startswith(f"{ROOT}/"):
+                    stack.enter_context(self._session.liveliness().declare_token(f"{root}/{PLAYING}"))
+            yield
+
+    def _answer(self, query: zenoh.Query) -> None:
+        asked = str(query.key_expr)
+        suffix = asked.split("/", 2)[-1]
+        spec = find(suffix)
+        is_command = suffix.partition("/")[0] in _COMMANDS or (spec is not None and spec.use is Use.QUERY)
+        if is_command and not suffix.startswith("schema/") and "*" not in asked:
+            query.reply(asked, encode(refused(refuse(Token.RECORDING))), encoding=encoding_of(CommandResult))
+            return
+        place = self._place()
+        for whole, (at, _, entry) in list(self._last.items()):
+            if query.key_expr.intersects(whole):
+                stamp = entry.stamp
+                # As old as it was when it was put, and what has passed in the recording since then.
+                delay = entry.received - stamp.monotonic if stamp.boot == entry.base.boot else 0.0
+                query.reply(whole, with_age(entry.payload, delay + place - at), encoding=entry.encoding)
+        for name in schema_names():
+            for here in self._roots:
+                whole = f"{here}/schema/{name}"
+                if query.key_expr.intersects(whole) and (schema := schema_json(name)) is not None:
+                    query.reply(whole, schema, encoding="application/schema+json")

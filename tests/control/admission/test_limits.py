@@ -1,0 +1,314 @@
+"""Every limit of the table on both its sides, and what is said where all is well."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import pytest
+
+from mkdaemon.control.admission import (
+    BoardRequest,
+    Concern,
+    NaviGoto,
+    NewManoeuvre,
+    Procedure,
+    StartRoute,
+    TakeLease,
+    Upload,
+    findings,
+    refusal,
+    waits_for,
+)
+from mkdaemon.control.admission.navirows import FAR, HIGH, LEAST_SATELLITES
+from mkdaemon.control.motionmatch import Match
+from mkdaemon.telemetry.control import Phase
+from mkdaemon.telemetry.danger import Danger
+from mkdaemon.telemetry.mission import MissionPoint, PointKind
+from mkdaemon.telemetry.preflight import CheckState
+from mkdaemon.telemetry.state import Gps, GpsFix, Position
+from tests.control.admission.situations import ENTRY, GOOD, SET, battery, eyes, flags, health, reception
+from tests.control.events import STAMP, link_state
+
+PASSED, STANDS, UNKNOWN = CheckState.PASSED, CheckState.STANDS, CheckState.UNKNOWN
+
+
+def found(known, name):
+    return next(each for each in findings(known) if each.name == name)
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "state"),
+    [
+        ("link losses", {"health": health(lost=20, sent=100)}, PASSED),
+        ("link losses", {"health": health(lost=21, sent=100)}, STANDS),
+        ("emergency throttle", {"active_set": replace(SET, emergency_throttle=118)}, PASSED),
+        ("emergency throttle", {"active_set": replace(SET, emergency_throttle=119)}, STANDS),
+        ("emergency throttle", {"active_set": replace(SET, emergency_throttle=None)}, UNKNOWN),
+        ("emergency descent", {"active_set": replace(SET, emergency_throttle=88)}, PASSED),
+        ("emergency descent", {"active_set": replace(SET, emergency_throttle=87)}, STANDS),
+        ("emergency descent", {"active_set": replace(SET, emergency_time=1)}, PASSED),
+        ("receiver", {"pilot": reception(0.75)}, PASSED),
+        ("receiver", {"pilot": reception(0.74)}, STANDS),
+        ("receiver", {"flight": None}, PASSED),
+        ("battery", {"battery": battery(12.8)}, PASSED),
+        ("battery", {"battery": battery(12.79)}, STANDS),
+        ("battery", {"battery": battery(12.79), "highest_voltage": 12.8}, PASSED),
+        ("battery", {"flight": None}, PASSED),
+        ("camera", {"now": 3.0}, PASSED),
+        ("camera", {"now": 3.01}, UNKNOWN),
+        ("age of images", {"eyes": (eyes(latency_p50_ms=500.0),)}, PASSED),
+        ("age of images", {"eyes": (eyes(latency_p50_ms=500.1),)}, STANDS),
+        ("age of images", {"eyes": (eyes(latency_p50_ms=900.0), eyes(latency_p50_ms=100.0))}, PASSED),
+        ("age of images", {"now": 3.0}, PASSED),
+        ("target", {"target_age": 1.0}, PASSED),
+        ("target", {"target_age": 1.01}, UNKNOWN),
+        ("time stamps", {"stamps": Match(0.0, -0.7)}, STANDS),
+        ("time stamps", {"stamps": Match(0.0, -0.69)}, UNKNOWN),
+        ("time stamps", {"stamps": Match(0.0, 0.69)}, UNKNOWN),
+        ("time stamps", {"stamps": Match(0.045, 0.7)}, PASSED),
+        ("time stamps", {"stamps": Match(-0.045, 0.7)}, PASSED),
+        ("time stamps", {"stamps": Match(0.0451, 0.7)}, STANDS),
+        ("disk", {"free_disk": 200e6}, PASSED),
+        ("disk", {"free_disk": 199e6}, STANDS),
+        ("height control", {"flight": None}, PASSED),
+        ("firmware and layout", {"link": None}, PASSED),
+    ],
+)
+def test_a_check_holds_up_to_its_limit_and_not_beyond(name, change, state):
+    assert found(replace(GOOD, **change), name).state is state
+
+
+SHOWN = {
+    "guard": "it runs",
+    "firmware and layout": "known; external control v2",
+    "link": "up: all is well",
+    "link losses": "0 % of 50 echoes lost",
+    "gate": "a switch of the transmitter: ExternalControl 255",
+    "gate and height control": "it switches nothing else",
+    "height control": "off (GlobalConfig bit 0)",
+    "GPS switch": "at free: the NaviCtrl does not steer",
+    "emergency throttle": "NotGas 110 is below hover, about 125",
+    "emergency descent": "77 % of the weight are carried",
+    "aircraft model": "known from the active parameter set",
+    "control loop": "stable on the model of this aircraft, with the configured limits",
+    "receiver": "100 %",
+    "battery": "16.0 V",
+    "camera": "1 of 1 see, calibrated",
+    "agreement of cameras": "no camera contradicts another",
+    "age of images": "half of them are looked at within 80 ms of their exposure",
+    "target": "in sight",
+    "time stamps": "camera and boards move together to +10 ms",
+    "disk": "5.0 GB free",
+}
+
+
+def test_what_is_shown_where_all_is_well():
+    assert {each.name: each.reason for each in findings(GOOD)} == SHOWN
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "words"),
+    [
+        ("link", {"link": None}, "absent"),
+        ("link losses", {"health": health(lost=26, sent=100)}, "26 %"),
+        ("receiver", {"pilot": reception(0.5)}, "50 %"),
+        ("receiver", {"flight": flags(emergency_landing=True)}, "0 %"),
+        ("battery", {"battery": battery(12.0)}, "12.0 V"),
+        ("age of images", {"eyes": (eyes(latency_p50_ms=900.0), eyes(latency_p50_ms=800.0))}, "800"),
+        ("time stamps", {"stamps": Match(0.062, 0.9)}, "62"),
+        ("disk", {"free_disk": 50e6}, "50"),
+        ("target", {"target_age": 7.0}, "7 s old"),
+        ("agreement of cameras", {"contradicting": ("a", "b")}, "a, b"),
+    ],
+)
+def test_what_is_wrong_is_told_with_its_number(name, change, words):
+    assert words in found(replace(GOOD, **change), name).reason
+
+
+# -- what the stream waits for -------------------------------------------------------------------------------------
+
+CFG = GOOD.cfg.autopilot
+STANDING = replace(GOOD, entry=replace(ENTRY, height=CFG.stand_height))
+
+
+@pytest.mark.parametrize(
+    ("concern", "change", "waits"),
+    [
+        (Concern.HOLD, {"entry": replace(ENTRY, age=CFG.entry_age)}, False),
+        (Concern.HOLD, {"entry": replace(ENTRY, age=CFG.entry_age + 1e-6)}, True),
+        (Concern.HOLD, {"entry": replace(ENTRY, clean=CFG.entry_clean)}, False),
+        (Concern.HOLD, {"entry": replace(ENTRY, clean=CFG.entry_clean - 1e-6)}, True),
+        (Concern.TAKE_OFF, {"entry": replace(ENTRY, height=CFG.stand_height + 0.149)}, False),
+        (Concern.TAKE_OFF, {"entry": replace(ENTRY, height=CFG.stand_height + 0.151)}, True),
+        (Concern.TAKE_OFF, {"entry": replace(ENTRY, height=2.0, age=CFG.entry_age)}, True),
+        (Concern.TAKE_OFF, {"entry": replace(ENTRY, height=2.0, age=CFG.entry_age + 1e-6)}, False),
+        (Concern.TAKE_OFF, {"entry": None}, False),
+        (Concern.TAKE_OFF, {"gas_in_use": 75.0}, False),
+        (Concern.TAKE_OFF, {"gas_in_use": 75.1}, True),
+        (Concern.TAKE_OFF, {"motors_running": None}, False),
+    ],
+)
+def test_a_stream_waits_up_to_a_limit_and_not_beyond(concern, change, waits):
+    assert bool(waits_for(NewManoeuvre(concern), replace(STANDING, **change))) is waits
+
+
+def test_what_a_take_off_waits_for_is_told_with_its_number():
+    high = replace(STANDING, entry=replace(ENTRY, height=CFG.stand_height + 0.4))
+    assert "its feet are 0.4 m above" in waits_for(NewManoeuvre(Concern.TAKE_OFF), high)
+    strong = replace(STANDING, gas_in_use=130.0)
+    assert "it is at +3" in waits_for(NewManoeuvre(Concern.TAKE_OFF), strong)
+
+
+# -- the lease -----------------------------------------------------------------------------------------------------
+
+LIMIT = GOOD.cfg.lease.max_path_delay
+
+
+@pytest.mark.parametrize(
+    ("delay", "words"), [(None, ""), (0.0, ""), (LIMIT, ""), (LIMIT + 0.01, "takes 0.51 s"), (math.inf, "is unknown")]
+)
+def test_the_way_to_the_client_may_take_its_limit_and_no_longer(delay, words):
+    error = refusal(TakeLease(path_delay=delay), GOOD)
+    assert (error is None) is not words
+    assert error is None or words in error.reason
+
+
+@pytest.mark.parametrize(
+    ("change", "force", "refused"),
+    [
+        ({"holder": "alice", "lease_left": 0.5, "phase": Phase.LEASED}, False, True),
+        ({"holder": "alice", "lease_left": 0.5, "phase": Phase.LEASED}, True, False),
+        ({"holder": "alice", "lease_left": 0.0, "phase": Phase.LEASED}, False, False),
+        ({"holder": "", "lease_left": 0.5, "phase": Phase.LEASED}, False, False),
+        ({"holder": "", "phase": Phase.RELEASING}, False, True),
+        ({"holder": "bob", "phase": Phase.RELEASING}, False, False),
+    ],
+)
+def test_a_lease_belongs_to_its_holder_while_it_lives(change, force, refused):
+    error = refusal(TakeLease(holder="bob", force=force), replace(GOOD, **change))
+    assert (error is not None) is refused
+    if error is not None and change["holder"]:
+        assert "alice" in error.reason
+        assert "0.5" in error.reason
+
+
+# -- requests to a board -------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("seconds", "refused"), [(2.5, False), (2.6, True)])
+def test_a_buzzer_may_sound_for_two_and_a_half_seconds(seconds, refused):
+    error = refusal(BoardRequest(board="fc", name="beep", deaf_time=seconds), GOOD)
+    assert (error is not None) is refused
+    if error is not None:
+        assert "for 3 s" in error.reason
+
+
+@pytest.mark.parametrize("link", [None, link_state()])
+def test_a_silent_line_is_told_in_place_of_motors_that_nobody_tells_of(link):
+    danger = Danger(effect="it turns", stopped=True)
+    error = refusal(BoardRequest(board="fc", name="x", danger=danger), replace(GOOD, motors_running=None, link=link))
+    assert error.token == ("link_down" if link is None else "motors_unknown")
+    procedure = refusal(Procedure(verb="x", is_alone=True), replace(GOOD, motors_running=None, link=link))
+    assert procedure.token == error.token
+
+
+def test_a_procedure_that_could_be_done_in_flight_says_how():
+    wanted = Procedure(verb="waypoints_upload", is_alone=True, can_fly=True)
+    running = refusal(wanted, replace(GOOD, motors_running=True))
+    unknown = refusal(wanted, replace(GOOD, motors_running=None))
+    assert (running.token, unknown.token) == ("in_flight_needed", "in_flight_needed")
+    assert "motors are running" in running.reason
+    assert "nobody knows" in unknown.reason
+    assert refusal(wanted, replace(GOOD, motors_running=False)) is None
+
+
+# -- places for the NaviCtrl ---------------------------------------------------------------------------------------
+
+HOME = Position(
+    stamp=STAMP, source="nc/osd", latitude_deg=53.0, longitude_deg=8.0, altitude=None, altitude_above_start=2.0,
+    position_enu=None, home_latitude_deg=53.0, home_longitude_deg=8.0, home_distance=0.0,
+)  # fmt: skip
+METRE = 1.0 / 111_200.0
+"""Degrees of latitude."""
+
+
+def gps(satellites=10, fix=GpsFix.VALID):
+    return Gps(stamp=STAMP, source="nc/osd", satellites=satellites, fix=fix, is_usable=True, is_home_set=True)
+
+
+def upload(*places, **fields):
+    points = [MissionPoint(latitude_deg=la, longitude_deg=lo, altitude=up, **fields) for la, lo, up in places]
+    return Upload(tuple(points))
+
+
+@pytest.mark.parametrize(
+    ("place", "fields", "refused"),
+    [
+        ((53.0, 8.0, 0.0), {}, False),
+        ((53.0, 8.0, -0.1), {}, True),
+        ((53.0, 8.0, -5.0), {"kind": PointKind.POI}, False),
+        ((53.0, 8.0, HIGH), {}, False),
+        ((53.0, 8.0, HIGH + 0.1), {}, True),
+        ((53.0 + 0.99 * FAR * METRE, 8.0, 5.0), {}, False),
+        ((53.0 + 1.01 * FAR * METRE, 8.0, 5.0), {}, True),
+    ],
+)
+def test_a_point_may_lie_up_to_its_limits_and_no_further(place, fields, refused):
+    error = refusal(upload(place, **fields), replace(GOOD, position=HOME))
+    assert (error is not None) is refused
+
+
+def test_points_are_measured_from_the_aircraft_or_from_the_first_of_them():
+    far = (53.0 + 2.0 * FAR * METRE, 8.0, 5.0)
+    from_aircraft = refusal(upload(far, far), replace(GOOD, position=HOME))
+    assert "point 1" in from_aircraft.reason
+    assert "from the aircraft" in from_aircraft.reason
+    assert refusal(upload(far, far), replace(GOOD, position=None)) is None
+    from_first = refusal(upload((53.0, 8.0, 5.0), far), replace(GOOD, position=None))
+    assert "from point 1" in from_first.reason
+    assert "point 2" in from_first.reason
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({}, ""),
+        ({"gps": None}, ""),
+        ({"gps": gps(satellites=LEAST_SATELLITES)}, ""),
+        ({"gps": gps(satellites=LEAST_SATELLITES - 1)}, f"{LEAST_SATELLITES - 1} satellites"),
+        ({"gps": gps(satellites=None)}, ""),
+        ({"gps": gps(fix=GpsFix.NONE)}, "it has none"),
+        ({"position": None}, "it has none"),
+        ({"position": HOME.model_copy(update={"home_latitude_deg": None})}, "home is not known"),
+        ({"position": HOME.model_copy(update={"home_longitude_deg": None})}, "home is not known"),
+    ],
+)
+def test_a_place_is_flown_to_with_a_position_that_is_good_enough(change, words):
+    known = replace(GOOD, flight=flags(is_flying=True), position=HOME, gps=gps())
+    error = refusal(NaviGoto(2.0), replace(known, **change))
+    assert (error is None) is not words
+    assert error is None or words in error.reason
+
+
+@pytest.mark.parametrize(("up", "refused"), [(0.0, False), (HIGH, False), (-0.1, True), (HIGH + 0.1, True)])
+def test_a_place_lies_between_the_ground_and_a_height(up, refused):
+    known = replace(GOOD, flight=flags(is_flying=True), position=HOME, gps=gps())
+    assert (refusal(NaviGoto(up), known) is not None) is refused
+
+
+@pytest.mark.parametrize(
+    ("flight", "token", "words"),
+    [
+        (None, "route_on_ground", "nobody has told"),
+        (flags(is_flying=None), "route_on_ground", "nobody has told"),
+        (flags(is_flying=False), "route_on_ground", "it stands"),
+        (flags(is_flying=True), None, ""),
+        (flags(is_flying=True, waypoint_index=0), None, ""),
+        (flags(is_flying=True, waypoint_index=2, waypoint_count=5), "route_active", "2 of 5"),
+    ],
+)
+def test_a_route_begins_in_the_air_and_after_the_one_before(flight, token, words):
+    error = refusal(StartRoute(), replace(GOOD, flight=flight))
+    assert (None if error is None else error.token) == token
+    assert error is None or words in error.reason

@@ -1,0 +1,216 @@
+"""Parts of the estimator: which cameras have a say, which stick frame acts when, and where it all leads."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from mkdaemon.config.autopilot import AutopilotConfig
+from mkdaemon.control.estimator.estimator import (
+    AT_ONCE,
+    KNOWN,
+    NEUTRAL,
+    TOGETHER,
+    Cameras,
+    Command,
+    CommandHistory,
+    Estimator,
+)
+from mkdaemon.control.estimator.model import TH, AircraftModel
+from mkdaemon.control.estimator.values import StickCommand, TargetView
+from mkdaemon.control.manoeuvres.by_target import new_autopilot
+from mkdaemon.control.regulator.autopilot import Goal
+from tests.control.estimator.test_values import turned
+
+HOVER = 125.0
+
+
+def level_view(at=0.0, *, place=(0.0, 0.0, 2.0), yaw=0.0, covariance=None):
+    """What a level aircraft sees."""
+    r = turned((0.0, 0.0, yaw))
+    return TargetView(at, -r.T @ np.array(place), r, np.diag([1e-6] * 6) if covariance is None else covariance)
+
+
+# -- cameras -------------------------------------------------------------------------------------------------------
+
+
+def refused(cameras, name, at, times=3):
+    cameras.seen(name, at)
+    for _ in range(times):
+        cameras.judged(name, is_refused=True)
+
+
+def test_cameras_share_an_attitude_while_their_newest_images_are_close():
+    cameras = Cameras(3)
+    assert cameras.seen("down", 0.0) == 1
+    assert cameras.seen("forward", AT_ONCE) == 2
+    assert cameras.seen("down", 2.0 * AT_ONCE + 0.01) == 1
+    assert cameras.seen("forward", AT_ONCE) == 1, "an image that comes late makes no camera older"
+    assert cameras.seen("forward", 2.0 * AT_ONCE) == 2
+
+
+def test_a_camera_that_is_silent_contradicts_nobody():
+    cameras = Cameras(3)
+    refused(cameras, "down", 0.0)
+    for at in (0.0, TOGETHER):
+        cameras.seen("forward", at)
+        assert cameras.contradicting == ("down",)
+    cameras.seen("forward", TOGETHER + 0.01)
+    assert cameras.contradicting == ()
+
+
+def test_a_majority_contradicts_and_where_all_do_the_estimate_is_wrong():
+    cameras = Cameras(3)
+    for name in ("a", "b", "c"):
+        cameras.seen(name, 0.0)
+    refused(cameras, "a", 0.0)
+    assert (cameras.contradicting, cameras.doubts("a", 0.0)) == (("a",), False)
+    refused(cameras, "b", 0.0)
+    assert (cameras.contradicting, cameras.doubts("a", 0.0)) == (("a", "b"), True)
+    refused(cameras, "c", 0.0)
+    assert (cameras.contradicting, cameras.doubts("c", 0.0)) == ((), True)
+    cameras.judged("c", is_refused=False)
+    assert not cameras.doubts("c", 0.0)
+
+
+def test_after_a_change_one_refused_image_is_enough():
+    cameras = Cameras(3)
+    cameras.seen("down", 0.0)
+    cameras.expect_change()
+    assert cameras.doubts("down", 0.0)
+    assert Cameras(3).contradicting == ()
+
+
+# -- stick frames --------------------------------------------------------------------------------------------------
+
+
+def command(at, tilt=0.1):
+    return Command(at, (tilt, 0.0), 0.0)
+
+
+def test_a_stick_frame_acts_from_its_moment_until_the_next():
+    history = CommandHistory()
+    first, second = command(1.0), command(2.0, 0.2)
+    assert history.at(0.0) is NEUTRAL
+    history.add(first)
+    history.add(second)
+    assert [history.at(time) for time in (0.99, 1.0, 1.99, 2.0, 9.0)] == [NEUTRAL, first, first, second, second]
+
+
+def test_a_stick_frame_that_would_act_before_an_earlier_one_acts_just_after_it():
+    history = CommandHistory()
+    history.add(command(1.0))
+    history.add(command(0.5, 0.2))
+    assert history.at(0.6) is NEUTRAL
+    assert history.at(1.0).tilt == (0.2, 0.0)
+
+
+def test_stick_frames_are_remembered_for_two_seconds():
+    history = CommandHistory()
+    for k in range(1000):
+        history.add(command(0.02 * k, 0.001 * k))
+    newest = 0.02 * 999
+    assert history.at(newest - KNOWN + 0.011).tilt[0] == pytest.approx(0.9, abs=2e-3)
+    assert len(history._commands) <= KNOWN / 0.02 + 3
+
+
+# -- the estimate --------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("yaw", [0.0, 0.7, 1.57, -2.4])
+def test_what_an_image_is_unsure_of_stays_in_the_axes_of_the_target_whatever_the_heading(yaw):
+    covariance = np.diag([0.1**2, 0.005**2, 0.005**2, 1e-6, 1e-6, 1e-6])
+    estimator = Estimator(AircraftModel(), level_view(yaw=yaw, covariance=covariance), HOVER)
+    for k in range(1, 10):
+        estimator.advance(0.03 * k)
+        estimator.target_seen(level_view(0.03 * k, yaw=yaw, covariance=covariance), 0.03 * k)
+    sd = estimator.estimate(0.3).position_sd
+    assert sd[0] > 2.0 * sd[1]
+
+
+def test_the_estimate_looks_ahead_by_what_is_known():
+    estimator = Estimator(AircraftModel(), level_view(), HOVER, velocity=np.array([0.5, -0.25, 0.0]))
+    estimator.advance(0.1)
+    now, later = estimator.estimate(0.1), estimator.estimate(0.3)
+    assert later.position[:2] - now.position[:2] == pytest.approx([0.1, -0.05], rel=0.1)
+    assert (later.at, later.age) == (0.3, pytest.approx(0.3))
+
+
+def test_sticks_that_were_sent_tilt_the_aircraft_that_is_looked_ahead_for():
+    model = AircraftModel()
+    estimator = Estimator(model, level_view(), HOVER)
+    estimator.sent(StickCommand(0.0, 20.0, 0.0, 0.0, HOVER))
+    ahead = estimator.estimate(0.4)
+    assert ahead.tilt[0] > 0.3 * 20.0 * model.rad_per_count
+    assert ahead.tilt[1] == pytest.approx(0.0, abs=1e-6)
+    assert ahead.velocity[0] > 0.05
+
+
+@pytest.mark.parametrize("steepest", [0.05, 0.15])
+def test_no_flight_leans_further_than_its_configuration_says(steepest):
+    """An aircraft that does not come nearer is asked for all the tilt there is."""
+    here = (-3.0, 0.0, 2.0)
+    estimator = Estimator(AircraftModel(), level_view(place=here), HOVER)
+    cfg = AutopilotConfig(max_tilt=steepest, max_speed=2.0, max_acceleration=2.0)
+    autopilot = new_autopilot(cfg, estimator, 0.0)
+    most = 0.0
+    for k in range(1, 100):
+        estimator.advance(0.02 * k)
+        estimator.target_seen(level_view(0.02 * k, place=here), 0.02 * k)
+        sticks = autopilot.sticks(Goal(position=np.array([3.0, 0.0, 2.0])), 0.02 * k, 0.02)
+        most = max(most, abs(sticks.pitch) * estimator.model.rad_per_count)
+    assert most == pytest.approx(steepest, abs=estimator.model.rad_per_count)
+
+
+@pytest.mark.parametrize("yaw", [0.0, 0.7, 1.9, -2.4])
+@pytest.mark.parametrize(("pitch", "roll"), [(20.0, 0.0), (0.0, 20.0)])
+def test_sticks_tilt_the_aircraft_in_the_axes_of_its_nose(yaw, pitch, roll):
+    estimator = Estimator(AircraftModel(), level_view(yaw=yaw), HOVER, compass=0.4)
+    estimator.sent(StickCommand(0.0, pitch, roll, 0.0, HOVER))
+    ahead = estimator.estimate(0.4)
+    # Pitch accelerates forwards, roll to the right.
+    way = np.array([np.cos(yaw), np.sin(yaw)]) if pitch else np.array([np.sin(yaw), -np.cos(yaw)])
+    assert ahead.tilt == pytest.approx(np.linalg.norm(ahead.tilt) * way, abs=1e-6)
+    assert np.linalg.norm(ahead.tilt) > 0.03
+    assert ahead.yaw == pytest.approx(yaw)
+
+
+@pytest.mark.parametrize("yaw", [0.0, 0.7, -2.4])
+def test_an_attitude_is_that_of_the_nose_too(yaw):
+    estimator = Estimator(AircraftModel(), level_view(yaw=yaw), HOVER, compass=0.4)
+    for k in range(1, 40):
+        estimator.attitude_received(0.02 * k, 0.1, 0.0, 0.4)
+    tilt = estimator.estimate(0.8).axes[:, TH]
+    assert tilt == pytest.approx(0.1 * np.array([np.cos(yaw), np.sin(yaw)]), abs=0.02)
+
+
+def test_a_turn_that_the_boards_report_turns_the_estimate():
+    estimator = Estimator(AircraftModel(), level_view(yaw=0.5), HOVER, compass=0.4)
+    for k in range(1, 20):
+        estimator.attitude_received(0.02 * k, 0.0, 0.0, 0.4 + 0.01 * k)
+    assert estimator.estimate(0.38).yaw == pytest.approx(0.5 + 0.19, abs=0.02)
+
+
+def test_a_target_that_moves_fast_is_seen_less_certainly_because_stamps_err():
+    def seen(speed):
+        at = [level_view(0.03 * k, place=(speed * 0.03 * k, 0.0, 2.0)) for k in range(20)]
+        estimator = Estimator(AircraftModel(), at[0], HOVER, velocity=np.array([speed, 0.0, 0.0]))
+        for view in at[1:]:
+            estimator.advance(view.at)
+            estimator.target_seen(view, view.at)
+        return estimator.estimate(0.57).position_sd[0]
+
+    assert seen(3.0) > 1.1 * seen(0.0)
+
+
+@pytest.mark.parametrize("lean", [0.0, 0.2, 0.4])
+def test_the_height_is_that_above_the_target_however_the_aircraft_leans(lean):
+    r = turned((0.0, lean, 0.0))
+    place = np.array([0.3, 0.0, 2.0])
+    views = [TargetView(0.03 * k, -r.T @ place, r, np.diag([1e-6] * 6)) for k in range(30)]
+    estimator = Estimator(AircraftModel(), views[0], HOVER)
+    for view in views[1:]:
+        estimator.advance(view.at)
+        estimator.attitude_received(view.at, lean, 0.0, 0.0)
+        estimator.target_seen(view, view.at)
+    assert estimator.estimate(0.87).position[2] == pytest.approx(2.0, abs=0.03)

@@ -1,0 +1,185 @@
+"""What is flown: begun once, changed by another kind of setpoint, and what it waits for."""
+
+from __future__ import annotations
+
+import pytest
+
+from mkdaemon.config.control import ControlConfig
+from mkdaemon.control.flown import Flown
+from mkdaemon.control.limiter import Sticks
+from mkdaemon.control.manoeuvres.by_target import ByTarget
+from mkdaemon.control.manoeuvres.hold import Hold
+from mkdaemon.control.manoeuvres.land import Land
+from mkdaemon.control.manoeuvres.level import Level
+from mkdaemon.control.manoeuvres.manoeuvre import Step
+from mkdaemon.control.manoeuvres.table import MANOEUVRES
+from mkdaemon.control.manoeuvres.take_off import TakeOffPhase
+from mkdaemon.control.sight import Sight
+from mkdaemon.errors import CommandRejectedError
+from mkdaemon.telemetry.control import Phase
+from mkdaemon.telemetry.refusals import Token, refuse
+from mkdaemon.telemetry.setpoint import (
+    HoldSetpoint,
+    LandSetpoint,
+    StickSetpoint,
+    TakeOffSetpoint,
+)
+
+BASE = {"epoch": 1, "sequence": 1, "ttl": 0.3}
+STICKS = {"pitch": 1.0, "roll": 2.0, "yaw": 3.0, "throttle": 4.0}
+STICK = StickSetpoint(**BASE, **STICKS)
+HOLD = HoldSetpoint(**BASE)
+LAND = LandSetpoint(**BASE)
+TAKE_OFF = TakeOffSetpoint(**BASE, height=2.0)
+
+
+class Rig:
+    """What is flown, with an admission that says what the test wants, and a note of who was begun after whom."""
+
+    def __init__(self, monkeypatch, *, waits_for=""):
+        cfg = ControlConfig()
+        self.refusal = None
+        self.asked = []
+        self.entered = []
+        monkeypatch.setattr(ByTarget, "enter", lambda new, before, now: self._enter(new, before))
+        monkeypatch.setattr(Level, "enter", lambda new, before, now: self._enter(new, before))
+        sight = Sight(cfg.autopilot, -2.0)
+        self.flown = Flown(cfg, sight, MANOEUVRES, self._admit, lambda wanted, now: waits_for)
+
+    def _enter(self, new, before):
+        self.entered.append((type(new), type(before)))
+        return ""
+
+    def _admit(self, wanted, before, now):
+        self.asked.append((wanted.concern.value, None if before is None else before.value))
+        return self.refusal
+
+    def fly(self, *phases_and_setpoints):
+        """Begin with the first setpoint, then fly each in its phase."""
+        setpoint = phases_and_setpoints[0][1]
+        self.flown.step(setpoint, Phase.LEASED, 0.0)
+        for k, (phase, each) in enumerate(phases_and_setpoints):
+            self.flown.step(each, phase, 0.02 * (k + 1))
+        return type(self.flown.current)
+
+
+@pytest.fixture
+def rig(monkeypatch):
+    return Rig(monkeypatch)
+
+
+def test_nothing_is_flown_before_the_first_setpoint_and_after_the_end(rig):
+    assert (rig.flown.concern, rig.flown.keeps_place, rig.flown.is_by_target) == (None, False, False)
+    rig.fly((Phase.FLYING, HOLD))
+    assert (rig.flown.concern.value, rig.flown.keeps_place, rig.flown.is_by_target) == ("hold", True, True)
+    rig.flown.end()
+    assert (rig.flown.concern, rig.flown.keeps_place, rig.flown.is_by_target) == (None, False, False)
+
+
+def test_flight_by_hand_keeps_no_place_and_is_one_for_admission(rig):
+    rig.fly((Phase.FLYING, STICK))
+    assert (rig.flown.concern.value, rig.flown.keeps_place, rig.flown.is_by_target) == ("attitude", False, False)
+
+
+def test_a_setpoint_of_the_same_kind_changes_nothing_and_one_of_another_does(rig):
+    rig.fly((Phase.FLYING, HOLD))
+    first = rig.flown.current
+    rig.flown.step(HoldSetpoint(**BASE | {"sequence": 2}), Phase.FLYING, 1.0)
+    assert rig.flown.current is first
+    rig.flown.step(LAND, Phase.FLYING, 1.1)
+    assert type(rig.flown.current) is Land
+    assert rig.entered[-1] == (Land, Hold)
+
+
+def test_before_the_flight_every_setpoint_is_begun_anew(rig):
+    rig.flown.step(HOLD, Phase.LEASED, 0.0)
+    first = rig.flown.current
+    rig.flown.step(HOLD, Phase.LEASED, 0.1)
+    assert rig.flown.current is not first
+    assert rig.entered == [(Hold, type(None))] * 2
+
+
+def test_a_low_battery_lands_once_whatever_is_streamed(rig):
+    assert rig.fly((Phase.FLYING, HOLD), (Phase.LANDING, HOLD)) is Land
+    landing = rig.flown.current
+    rig.flown.step(HOLD, Phase.LANDING, 1.0)
+    assert rig.flown.current is landing
+    assert [new for new, _ in rig.entered].count(Land) == 1
+
+
+def test_who_lands_already_goes_on_landing(rig):
+    rig.fly((Phase.FLYING, LAND))
+    landing = rig.flown.current
+    rig.flown.step(LAND, Phase.LANDING, 1.0)
+    assert rig.flown.current is landing
+
+
+def test_an_abort_holds_once(rig):
+    assert rig.fly((Phase.FLYING, LAND), (Phase.ABORTED, LAND)) is Hold
+    assert rig.entered[-1] == (Hold, Land)
+    holding = rig.flown.current
+    rig.flown.step(LAND, Phase.ABORTED, 1.0)
+    assert rig.flown.current is holding
+
+
+def test_an_abort_of_a_hold_goes_on_holding(rig):
+    rig.fly((Phase.FLYING, HOLD))
+    holding = rig.flown.current
+    asked = len(rig.asked)
+    rig.flown.step(HOLD, Phase.ABORTED, 1.0)
+    assert rig.flown.current is holding
+    assert len(rig.asked) == asked
+
+
+def test_an_abort_where_no_hold_is_admitted_is_level(rig, monkeypatch):
+    monkeypatch.setattr(rig.flown._sight, "is_fresh", lambda now: True)
+    rig.refusal = refuse(Token.NO_GUIDANCE, name="x", known="y")
+    assert rig.fly((Phase.FLYING, STICK), (Phase.ABORTED, STICK)) is Level
+    assert rig.entered[-1][0] is Level
+    assert rig.flown.concern.value == "attitude"
+    assert rig.asked == [("hold", "attitude")]
+
+
+@pytest.mark.parametrize(
+    ("phase", "asked"),
+    [
+        (Phase.LEASED, ("land", None)),
+        (Phase.FREE, ("land", None)),
+        (Phase.FLYING, ("land", "hold")),
+        (Phase.STALE, ("land", "hold")),
+        (Phase.ABORTED, ("land", "land")),
+        (Phase.LANDING, ("land", "land")),
+    ],
+)
+def test_admission_hears_what_is_flown_in_flight_only(rig, phase, asked):
+    rig.fly((Phase.FLYING, HOLD))
+    rig.flown.check(LAND, phase, 1.0)
+    assert rig.asked == [asked]
+    rig.refusal = refuse(Token.NO_GUIDANCE, name="x", known="y")
+    with pytest.raises(CommandRejectedError):
+        rig.flown.check(LAND, phase, 1.0)
+
+
+def test_a_setpoint_that_nothing_follows_is_refused_with_those_that_are():
+    cfg = ControlConfig()
+    rows = {StickSetpoint: MANOEUVRES[StickSetpoint]}
+    flown = Flown(cfg, Sight(cfg.autopilot, -2.0), rows, lambda *_: None, lambda *_: "")
+    with pytest.raises(CommandRejectedError, match=r"setpoint/hold.*setpoint/stick") as caught:
+        flown.check(HOLD, Phase.FLYING, 1.0)
+    assert caught.value.token == "no_guidance"
+
+
+def test_what_waits_shows_its_stage_and_what_it_waits_for(monkeypatch):
+    waiting = Rig(monkeypatch, waits_for="a certain position").flown
+    step = waiting.step(TAKE_OFF, Phase.LEASED, 0.0)
+    assert (step.obstacle, step.stage, step.manoeuvre) == ("a certain position", TakeOffPhase.IDLE.value, "takeoff")
+    free = Rig(monkeypatch).flown
+    assert free.step(TAKE_OFF, Phase.LEASED, 0.0).obstacle == ""
+
+
+def test_sticks_in_flight_are_those_of_the_newest_setpoint(rig):
+    rig.fly((Phase.FLYING, STICK))
+    newest = StickSetpoint(**BASE | {"sequence": 2}, **STICKS | {"pitch": 9.0})
+    step = rig.flown.step(newest, Phase.FLYING, 1.0)
+    assert isinstance(step, Step)
+    assert step.sticks == Sticks(9.0, 2.0, 3.0, 4.0)

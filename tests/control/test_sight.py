@@ -1,0 +1,199 @@
+"""The target that is followed, and what is believed against it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from mkdaemon.config.autopilot import AutopilotConfig
+from mkdaemon.control.estimator.values import GAS_CENTRE, OURS, TargetView, ViewFault
+from mkdaemon.control.limiter import StickCounts
+from mkdaemon.control.sight import (
+    FORGOTTEN,
+    LONGEST_PAIR,
+    SENT_KEPT,
+    SHORTEST_PAIR,
+    Sight,
+    checked_view,
+    turned,
+    velocity_between,
+)
+from tests.control.events import pose
+
+CFG = AutopilotConfig()
+HOVER = -2.0
+
+
+def view(at, place=(0.0, 0.0, 2.0), *, yaw=0.0, camera="down", covariance=1e-4):
+    """What a level aircraft at a place sees."""
+    c, s = math.cos(yaw), math.sin(yaw)
+    r = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    return TargetView(at, -r.T @ np.array(place), r, covariance * np.eye(6), camera)
+
+
+def see(sight, seen, *, target="pad", lifted_by=None, may_change=True):
+    return sight.view_received(target, seen, seen.at, lifted_by=lifted_by, may_change=may_change)
+
+
+@pytest.fixture
+def sight():
+    followed = Sight(CFG, HOVER)
+    see(followed, view(10.0))
+    return followed
+
+
+def test_before_the_first_image_nothing_is_known():
+    sight = Sight(CFG, HOVER)
+    assert (sight.target, sight.is_fresh(0.0), sight.contradicting) == ("", False, ())
+    assert (sight.pose_age(0.0), sight.hover_throttle(0.0), sight.entry(0.0), sight.estimate(0.0)) == (None,) * 4
+    assert sight.hover_gas == HOVER + GAS_CENTRE
+
+
+def test_an_image_is_fresh_until_flight_by_it_ends(sight):
+    limit = CFG.level_after
+    assert [sight.is_fresh(10.0 + age) for age in (0.0, limit - 1e-6, limit + 1e-6)] == [True, True, False]
+    assert [sight.hover_throttle(10.0 + age) for age in (limit - 1e-6, limit + 1e-6)] == [pytest.approx(HOVER), None]
+
+
+def test_the_age_of_the_newest_image_is_that_of_its_exposure_whatever_comes_late(sight):
+    assert sight.pose_age(10.5) == 0.5
+    see(sight, view(10.2))
+    see(sight, view(10.1))
+    assert sight.pose_age(10.5) == pytest.approx(0.3)
+
+
+@pytest.mark.parametrize(
+    ("after", "may_change", "followed"),
+    [
+        (FORGOTTEN + 0.01, True, "other"),
+        (FORGOTTEN - 0.01, True, "pad"),
+        (FORGOTTEN + 0.01, False, "pad"),
+    ],
+)
+def test_another_target_is_followed_only_after_a_long_time_and_while_nothing_is_flown(
+    sight, after, may_change, followed
+):
+    before = see(sight, view(10.0 + after), target="other", may_change=may_change)
+    assert (before, sight.target) == ("pad" if followed == "other" else "", followed)
+
+
+@pytest.mark.parametrize(("after", "is_new"), [(FORGOTTEN - 0.01, False), (FORGOTTEN + 0.01, True)])
+def test_the_same_target_is_met_anew_after_a_long_time(sight, after, is_new):
+    first = sight.estimator
+    assert see(sight, view(10.0 + after), may_change=False) == ""
+    assert (sight.estimator is not first) is is_new
+
+
+def test_an_aircraft_that_leaves_the_ground_is_met_anew_with_its_throttle_and_the_frames_sent(sight):
+    first = sight.estimator
+    for k in range(SENT_KEPT + 10):
+        sight.sticks_made(StickCounts(20, 0, 0, 3), OURS, 9.0 + 0.02 * k)
+    see(sight, view(10.2), lifted_by=140.0)
+    estimator = sight.estimator
+    assert estimator is not first
+    assert estimator.hover_gas == 140.0
+    assert estimator._last_command.at == pytest.approx(9.0 + 0.02 * (SENT_KEPT + 9))
+    assert estimator._last_command.gas == 3 + GAS_CENTRE
+    assert estimator.estimate(10.6).tilt[0] > 0.05, "it knows the sticks that were sent before"
+
+
+def test_a_target_that_is_met_anew_in_the_air_knows_no_frames_of_before():
+    sight = Sight(CFG, HOVER)
+    for k in range(20):
+        sight.sticks_made(StickCounts(20, 0, 0, 3), OURS, 9.6 + 0.02 * k)
+    see(sight, view(10.0))
+    assert sight.estimator.estimate(10.4).tilt[0] == pytest.approx(0.0)
+
+
+def test_a_stick_frame_is_taken_as_it_was_made(sight):
+    sight.sticks_made(StickCounts(1, 2, 3, 4), OURS, 10.1)
+    command = sight.estimator._last_command
+    assert (command.at, command.pitch, command.roll, command.yaw, command.gas) == (10.1, 1, 2, 3, 4 + GAS_CENTRE)
+
+
+def test_entry_looks_at_speed_and_offset_over_the_ground_the_least_certain_axis_and_clean_images(sight):
+    estimator = sight.estimator
+    found = replace(
+        estimator.estimate(10.3),
+        position=np.array([0.3, -0.4, 1.7]),
+        velocity=np.array([-0.6, 0.8, 5.0]),
+        position_sd=np.array([0.01, 0.03, 0.02]),
+        age=0.3,
+    )
+    estimator.estimate = lambda now: found
+    entry = sight.entry(10.3)
+    assert (entry.target, entry.age, entry.height) == ("pad", 0.3, 1.7)
+    assert (entry.speed, entry.offset, entry.sd) == pytest.approx((1.0, 0.5, 0.03))
+    assert entry.clean == pytest.approx(0.3)
+
+
+def test_images_are_clean_since_the_last_one_that_disagreed(sight):
+    for k in range(1, 5):
+        see(sight, view(10.0 + 0.1 * k))
+    assert sight.entry(10.4).clean == pytest.approx(0.4)
+    sight.estimator.innovation = 100.0
+    see(sight, view(10.5))
+    assert sight.entry(10.6).clean == pytest.approx(0.1)
+
+
+@pytest.mark.parametrize(
+    ("step", "has_one"),
+    [
+        (SHORTEST_PAIR - 0.001, False),
+        (SHORTEST_PAIR + 0.001, True),
+        (LONGEST_PAIR - 0.001, True),
+        (LONGEST_PAIR + 0.001, False),
+        (-0.1, False),
+    ],
+)
+def test_two_images_a_little_apart_give_a_velocity(step, has_one):
+    velocity = velocity_between(view(10.0), view(10.0 + step, (0.1 * step, 0.2 * step, 2.0 + 0.3 * step)))
+    assert (velocity is not None) is has_one
+    if has_one:
+        assert velocity == pytest.approx([0.1, 0.2, 0.3])
+
+
+def test_two_cameras_or_one_image_give_none():
+    assert velocity_between(view(10.0, camera="down"), view(10.1, camera="forward")) is None
+    assert velocity_between(None, view(10.0)) is None
+
+
+def test_a_velocity_is_that_over_the_ground_whatever_the_heading():
+    velocity = velocity_between(view(10.0, yaw=1.0), view(10.1, (0.1, 0.0, 2.0), yaw=1.0))
+    assert velocity == pytest.approx([1.0, 0.0, 0.0])
+
+
+def test_to_turn_is_counter_clockwise():
+    assert turned(np.array([1.0, 0.0, 5.0]), math.pi / 2.0) == pytest.approx([0.0, 1.0, 5.0])
+    assert turned(np.array([0.0, 1.0, 5.0]), math.pi / 2.0) == pytest.approx([-1.0, 0.0, 5.0])
+
+
+def test_a_target_met_anew_soon_after_begins_with_the_speed_that_two_images_show():
+    sight = Sight(CFG, HOVER)
+    see(sight, view(10.0))
+    see(sight, view(10.1, (0.05, 0.0, 2.0)), lifted_by=120.0)
+    assert sight.estimator.estimate(10.1).velocity[0] == pytest.approx(0.5, abs=0.05)
+
+
+@pytest.mark.parametrize("number", [math.nan, math.inf])
+def test_a_pose_whose_attitude_is_no_number_is_none(number):
+    broken = pose(10.0).model_copy(update={"quaternion_target_from_flu": (1.0, number, 0.0, 0.0)})
+    assert checked_view(broken, 10.0) is ViewFault.NOT_FINITE
+    assert isinstance(checked_view(pose(10.0), 10.0), TargetView)
+
+
+def test_what_is_published_is_what_is_believed(sight):
+    shown, found = sight.estimate(10.1), sight.estimator.estimate(10.1)
+    spread = sight.estimator.motion_covariance
+    assert (shown.target, shown.yaw, shown.image_age) == ("pad", found.yaw, pytest.approx(0.1))
+    assert shown.position == pytest.approx(tuple(found.position))
+    assert shown.velocity == pytest.approx(tuple(found.velocity))
+    assert shown.tilt == pytest.approx(tuple(found.tilt))
+    assert shown.disturbance == pytest.approx(tuple(found.disturbance))
+    assert shown.position_sd == pytest.approx(tuple(found.position_sd))
+    assert shown.hover_throttle == pytest.approx(HOVER)
+    assert np.array(shown.covariance) == pytest.approx(spread)
+    assert len({tuple(row) for row in shown.covariance}) > 1
