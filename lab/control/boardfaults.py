@@ -9,6 +9,7 @@ from typing import Any, Final
 from lab.control.corerig import stamp
 from lab.control.expectations import LOST_SIGHT, Expectation
 from lab.control.faultrig import FaultRig
+from mkdaemon.control.estimator.values import GAS_CENTRE
 from mkdaemon.control.events import StateValue
 from mkdaemon.telemetry.state import Battery, Flight, GpsMode, Pilot
 
@@ -16,6 +17,10 @@ REPORT_TIME: Final = 0.2
 """Between two reports of a board [s]."""
 HANDS: Final = 0.1
 """A client that flies by hand for a moment may hold no place when the switch is turned [s]."""
+VOLTAGE: Final = 14.8
+"""Of the battery [V]: the FlightCtrl reports less throttle than its stick."""
+LOW_VOLTAGE: Final = 12.8
+"""Above which it does [V]."""
 NORMAL: Final[dict[str, Any]] = {
     "source": "lab",
     "motors_running": True,
@@ -102,7 +107,7 @@ def throttle_capped(rig: FaultRig, at: float, rng: random.Random) -> Expectation
     rig.at(end, rig.lid_moved)
 
     def tell(now: float) -> None:
-        used = float(rig.throttle_in_use)
+        used = (rig.throttle_in_use + GAS_CENTRE) * LOW_VOLTAGE / VOLTAGE - GAS_CENTRE
         pilot = Pilot(
             stamp=stamp(now),
             source="lab",
@@ -111,6 +116,7 @@ def throttle_capped(rig: FaultRig, at: float, rng: random.Random) -> Expectation
             throttle=None,
             sticks=None,
             throttle_in_use=used,
+            compensated_at=VOLTAGE,
         )
         rig.core.feed(StateValue(pilot), now)
 

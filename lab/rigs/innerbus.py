@@ -246,7 +246,7 @@ class InnerBus(LocalBus):
             self._deliver(whole, payload, encoding)
             return
         take, verify = self.takers[suffix]
-        arrived = Arrived(self.loop.time(), payload, attachment, verify(payload, attachment), SOURCE)
+        arrived = Arrived(self.loop.time(), payload, attachment, verify(payload, attachment), None)
         recorded_taker(self._recorder, suffix, encoding, take)(arrived)
 
     def ask_all(self, query: InnerQuery) -> None:

@@ -18,10 +18,11 @@ from mkdaemon.control.estimator.values import ViewFault
 from mkdaemon.control.output import StickOutput
 from mkdaemon.control.pilots_hands import CAPPED
 from mkdaemon.control.reports import Reports
-from mkdaemon.control.vehicle import VehicleFacts
+from mkdaemon.control.vehicle import VehicleFacts, VehicleMemory
 from mkdaemon.telemetry.control import ErrorValue, EstimateValue, Phase, ReleaseOutcome
 from mkdaemon.telemetry.refusals import Status, Token, refuse
 from mkdaemon.telemetry.setpoint import StickSetpoint
+from tests.control.admission.situations import eyes, heights
 from tests.control.events import pose
 
 CFG = ControlConfig()
@@ -46,6 +47,18 @@ def test_an_answer_to_the_sticks_that_is_not_the_models_is_told_once_with_both_n
         reports.estimate(value, None)
     [warning] = [action for action in reports.take() if isinstance(action, Warn)]
     assert words in warning.text
+
+
+def test_heights_that_the_barometer_contradicts_are_told_once_with_their_scale():
+    facts = VehicleMemory()
+    authority = Authority(CFG, first_epoch=1, guide=lambda setpoint, now, is_flying: None)
+    reports = Reports(authority, StickOutput(CFG, facts), facts, lambda now: None)
+    for odds in (0.0, 1.9, 2.1, 5.0, 5.0):
+        facts.eye_reported(eyes(selfcal=(heights(20.0, sd=4.0, covered=2.5, odds=odds),)))
+        reports.eyes_reported()
+    [warning] = reports.take()
+    assert "2.00 +- 0.10 m by the barometer" in warning.text
+    assert "+20 % off" in warning.text
 
 
 class Told:

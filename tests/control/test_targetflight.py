@@ -13,7 +13,17 @@ from lab.control.corerig import CoreRig, stamp
 from lab.control.flights import Flight
 from lab.control.rig import Rig, believed_model
 from mkdaemon.config.autopilot import AutopilotConfig
-from mkdaemon.control.actions import PublishStatus, Release, ReportFailsafe, ReportMode, SendSticks, Warn
+from mkdaemon.control.actions import (
+    PublishError,
+    PublishEstimate,
+    PublishStatus,
+    Release,
+    ReportCommand,
+    ReportFailsafe,
+    ReportMode,
+    SendSticks,
+    Warn,
+)
 from mkdaemon.control.estimator.model import AircraftModel
 from mkdaemon.control.estimator.values import TargetView
 from mkdaemon.control.events import PoseSeen, ReleaseAsked, Released
@@ -171,6 +181,22 @@ def test_a_landing_ends_on_the_target_with_a_release_that_is_no_failsafe(pad):
     assert last <= -90
     rig.core.feed(Released(None), released_at)
     assert not any(isinstance(action, ReportFailsafe) for at, action in rig.actions)
+    refused = [at for at, action in rig.actions if isinstance(action, ReportCommand) and action.result.token]
+    assert not [at for at in refused if 8.0 < at < released_at]
+
+
+@pytest.mark.parametrize("gone", [(), ((13.95, 99.0),)], ids=["seen", "out of sight"])
+def test_the_estimate_ends_where_the_feet_stand(gone):
+    rig = Lands(Flight(seed=5, wind=WindClass.LIGHT, seconds=18.0, land_at=8.0, camera=CameraModel(gone=gone)))
+    record = rig.fly()
+    assert record.touch_error < 0.2
+    released_at = next(at for at, action in rig.actions if isinstance(action, Release))
+    last_at, last = [(at, action.value) for at, action in rig.actions if isinstance(action, PublishEstimate)][-1]
+    errors_until = max(at for at, action in rig.actions if isinstance(action, PublishError))
+    assert last_at < released_at - 0.3
+    assert errors_until <= last_at
+    assert min(value.position[2] for value in rig.estimates) > 0.0
+    assert last.velocity[2] > -1.0
 
 
 def test_a_landing_whose_target_vanishes_high_up_ends_level_then_released():

@@ -30,7 +30,7 @@ def told(lid, throttle, in_use, seconds, *, every=0.1, start=0.0):
     for step in range(round(seconds / PERIOD)):
         now = start + step * PERIOD
         if in_use is not None and step % round(every / PERIOD) == 0:
-            report = ThrottleReport(in_use, now)
+            report = in_use._replace(at=now) if isinstance(in_use, ThrottleReport) else ThrottleReport(in_use, now)
         lid.frame_made(throttle, report, now)
     return start + seconds
 
@@ -88,6 +88,34 @@ def test_a_board_that_reports_after_the_compensation_of_its_voltage_has_no_lid_b
     assert lid.use == OURS, "what is reported follows ours"
     told(lid, 60.0, scale * 157.0 - 127.0, 1.5, start=now)
     assert lid.use.cap == pytest.approx(157.0), "no longer: in our own counts"
+
+
+@pytest.mark.parametrize("cells", [3, 4])
+@pytest.mark.parametrize("cell", [3.2, 3.4, 3.7, 3.9, 4.1, 4.2])
+def test_at_no_voltage_is_compensation_a_lid_and_a_real_lid_is_seen_from_the_start(cell, cells):
+    def reported(stick):
+        count = int(stick + 127.0) * round(32 * cells) // int(10.0 * cell * cells + 1e-9)
+        return ThrottleReport(float(count) - 127.0, 0.0, min(1.0, 3.2 / cell))
+
+    lid, now = ThrottleLid(), 0.0
+    for stick in (-2.0, 30.0, -20.0, -2.0):
+        now = told(lid, stick, reported(stick), 1.0, start=now)
+        assert (lid.pilots_throttle, lid.use) == (None, OURS)
+    now = told(lid, 10.0, reported(-20.0), 1.0, start=now)
+    assert lid.pilots_throttle == pytest.approx(-20.0, abs=2.0), "in the counts of a stick"
+    assert lid.use.cap == pytest.approx(107.0, abs=2.0)
+    told(lid, 10.0, reported(-20.0), 1.0, start=now + 5.0)
+    assert lid.pilots_throttle == pytest.approx(-20.0, abs=2.0), "another flight that begins under it"
+
+
+@pytest.mark.parametrize("share", [0.78, 0.87])
+def test_a_board_that_reports_its_stick_is_known_by_a_throttle_above_its_share(share):
+    lid = ThrottleLid()
+    now = told(lid, 0.0, ThrottleReport(0.0, 0.0, share), 1.0)
+    assert lid.use == OURS
+    told(lid, 20.0, ThrottleReport(0.0, 0.0, share), 1.5, start=now)
+    assert lid.pilots_throttle == 0.0
+    assert lid.use.cap == pytest.approx(127.0)
 
 
 def test_a_throttle_that_is_flown_above_ours_is_not_ours():

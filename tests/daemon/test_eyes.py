@@ -19,7 +19,7 @@ from mkdaemon.control.core import FlightCore
 from mkdaemon.daemon.eyes import Eyes, open_eyes
 from mkdaemon.errors import ConfigError
 from mkdaemon.stamp import Stamp
-from mkdaemon.telemetry.state import Attitude, Position
+from mkdaemon.telemetry.state import Altitude, Attitude
 from tests.bus.support import PATIENCE, bus_config, free_endpoint
 from tests.places import CONFIGS
 
@@ -67,18 +67,7 @@ async def test_a_camera_that_cannot_work_is_a_configuration_error():
             open_eyes(cfg, bus, Clock(), CORE.feed)
 
 
-PLACE = Position(
-    stamp=Stamp(monotonic=1.0, wall=2.0),
-    source="nc/osd",
-    latitude_deg=48.0,
-    longitude_deg=11.0,
-    altitude=500.0,
-    altitude_above_start=3.5,
-    position_enu=None,
-    home_latitude_deg=None,
-    home_longitude_deg=None,
-    home_distance=None,
-)
+HEIGHT = Altitude(stamp=Stamp(monotonic=1.0, wall=2.0), source="nc/osd", above_start=3.5)
 
 
 def test_the_barometers_height_reaches_the_cameras_where_the_boards_know_it():
@@ -86,9 +75,8 @@ def test_the_barometers_height_reaches_the_cameras_where_the_boards_know_it():
     worker = Worker()
     worker.barometer_arrived = lambda time, height: heard.append((time, height))
     eyes = Eyes(worker)
-    eyes.position_received(PLACE)
-    eyes.position_received(PLACE.model_copy(update={"altitude_above_start": None}))
-    Eyes(None).position_received(PLACE)
+    eyes.altitude_received(HEIGHT)
+    Eyes(None).altitude_received(HEIGHT)
     assert heard == [(1.0, 3.5)]
 
 

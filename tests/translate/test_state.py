@@ -299,6 +299,33 @@ def test_recorded_frames_make_a_consistent_aircraft():
     assert all(10 < battery.voltage < 20 for battery in found["state/battery"])
 
 
+def test_the_throttle_comes_with_the_voltage_that_is_in_it_and_a_fork_tells_its_stick():
+    osd = blank(OsdData5, throttle=108, battery=148, fc_flags=FlightStatus.MOTORS_RUNNING, rc_quality=190)
+    told = states(osd)["state/pilot"]
+    assert (told.throttle_in_use, told.compensated_at) == pytest.approx((-19.0, 14.8))
+    channels = [0] * 32
+    channels[7], channels[9], channels[12] = 4 * 108, 148, 100
+    told = states(blank(DebugDataFc, analog=tuple(channels)), "fc")["state/pilot"]
+    assert (told.throttle_in_use, told.compensated_at) == pytest.approx((-19.0, 14.8))
+    channels[19], channels[26] = -2, 1
+    told = states(blank(DebugDataFc, analog=tuple(channels)), "fc")["state/pilot"]
+    assert (told.throttle_in_use, told.compensated_at) == (-2.0, None)
+
+
+def test_the_barometers_height_needs_no_gps_and_no_navictrl():
+    indoors = blank(OsdData5, altimeter=42, position_status=PositionStatus.INVALID, error_code=ErrorCode.NO_GPS)
+    found = states(indoors)
+    assert "state/position" not in found
+    assert found["state/altitude"].above_start == pytest.approx(2.1)
+    channels = [0] * 32
+    channels[5] = 21
+    assert states(blank(DebugDataFc, analog=tuple(channels)), "fc")["state/altitude"].above_start == pytest.approx(2.1)
+    flags = blank(OsdFlags, index=11, altimeter=42)
+    assert states(flags)["state/altitude"].above_start == pytest.approx(2.1)
+    for lost in (indoors, flags):
+        assert "state/altitude" not in states(lost.model_copy(update={"error_code": ErrorCode.FC_SPI}))
+
+
 FROM_FLIGHTCTRL = (
     *("motors_running", "is_flying", "is_calibrating", "is_starting", "emergency_landing", "battery_low", "care_free"),
     *("altitude_control", "rc_failsafe", "waiting_for_takeoff", "auto_starting", "auto_landing", "altitude_setpoint"),

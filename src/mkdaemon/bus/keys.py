@@ -26,7 +26,7 @@ from mkdaemon.telemetry.procedure import ProcedureProgress
 from mkdaemon.telemetry.record import BusCounts, MarkEvent, RecordStatus
 from mkdaemon.telemetry.setpoint import SETPOINTS
 from mkdaemon.telemetry.sim import FaultRequest, ScenePose, SimFaults, SimTruth
-from mkdaemon.telemetry.state import Attitude, Battery, Flight, Gps, Pilot, Position, Velocity
+from mkdaemon.telemetry.state import Altitude, Attitude, Battery, Flight, Gps, Pilot, Position, Velocity
 from mkdaemon.telemetry.traffic import FrameSample, RawFrame
 from mkdaemon.telemetry.vehicle import VehicleHealth
 from mkdaemon.telemetry.verbs import VERBS
@@ -51,6 +51,7 @@ KEYS: Final[tuple[KeySpec, ...]] = (
     KeySpec("tx/<board>/<message>", _P, FrameSample, "every frame", "A message as it went; board also `any`."),
     KeySpec("state/attitude", _P, Attitude, "every C (O where there is none)", "Orientation."),
     KeySpec("state/position", _P, Position, "every O with a valid position", "Position, home, altitude."),
+    KeySpec("state/altitude", _P, Altitude, "every O; FlightCtrl D", "Height by the barometer."),
     KeySpec("state/velocity", _P, Velocity, "every O with a valid position", "Velocity."),
     KeySpec("state/battery", _P, Battery, "every O; FlightCtrl D", "Voltage, current, charge used."),
     KeySpec("state/gps", _P, Gps, "every O", "Satellites and fix."),
@@ -63,7 +64,7 @@ KEYS: Final[tuple[KeySpec, ...]] = (
         *("control/status", _P, ControlStatus, "1 Hz and on change"),
         "Who flies, and why nobody does; what is new with every stick frame is in `output`, `estimate` and `error`.",
     ),
-    KeySpec("control/estimate", _P, ControlEstimate, "every autonomous stick frame", "Where the aircraft is believed."),
+    KeySpec("control/estimate", _P, ControlEstimate, "every stick frame in the air", "Where the aircraft is believed."),
     KeySpec("control/preflight", _P, ControlPreflight, "when asked for", "What was found before a flight, with fixes."),
     KeySpec("control/error", _P, ControlError, "every autonomous stick frame", "How far it is from its goal."),
     KeySpec(

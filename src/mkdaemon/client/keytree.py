@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from mkdaemon.telemetry.procedure import ProcedureProgress
     from mkdaemon.telemetry.record import BusCounts, MarkEvent, RecordStatus
     from mkdaemon.telemetry.sim import ScenePose, SimFaults, SimTruth
-    from mkdaemon.telemetry.state import Attitude, Battery, Flight, Gps, Pilot, Position, Velocity
+    from mkdaemon.telemetry.state import Altitude, Attitude, Battery, Flight, Gps, Pilot, Position, Velocity
     from mkdaemon.telemetry.traffic import FrameSample, RawFrame
     from mkdaemon.telemetry.vehicle import VehicleHealth
     from mkdaemon.telemetry.vision import Tags, Transform, VisionPose, VisionStats
@@ -48,6 +48,8 @@ class StateKeys:
         """`state/attitude`, every C (O where there is none): Orientation."""
         self.position: Stream[Position] = Stream(transport, "state/position", "mkdaemon.telemetry.state:Position")
         """`state/position`, every O with a valid position: Position, home, altitude."""
+        self.altitude: Stream[Altitude] = Stream(transport, "state/altitude", "mkdaemon.telemetry.state:Altitude")
+        """`state/altitude`, every O; FlightCtrl D: Height by the barometer."""
         self.velocity: Stream[Velocity] = Stream(transport, "state/velocity", "mkdaemon.telemetry.state:Velocity")
         """`state/velocity`, every O with a valid position: Velocity."""
         self.battery: Stream[Battery] = Stream(transport, "state/battery", "mkdaemon.telemetry.state:Battery")
@@ -84,7 +86,7 @@ class ControlKeys:
         self.estimate: Stream[ControlEstimate] = Stream(
             transport, "control/estimate", "mkdaemon.telemetry.control:ControlEstimate"
         )
-        """`control/estimate`, every autonomous stick frame: Where the aircraft is believed."""
+        """`control/estimate`, every stick frame in the air: Where the aircraft is believed."""
         self.preflight: Stream[ControlPreflight] = Stream(
             transport, "control/preflight", "mkdaemon.telemetry.preflight:ControlPreflight"
         )

@@ -9,12 +9,10 @@ from __future__ import annotations
 from typing import Final
 
 from mkdaemon.control.activeset import ActiveSet
-from mkdaemon.control.vehicle import VehicleFacts
+from mkdaemon.control.vehicle import HIGHEST_CELL, VehicleFacts
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.refusals import Token, refuse
 
-HIGHEST_CELL: Final = 4.3
-"""The FlightCtrl counts cells by this voltage [V]; docs/firmware-notes.md."""
 LASTING: Final = 3.0
 """A battery that is low for this long is not only sagging under load [s]."""
 RECOVERED: Final = 1.02

@@ -122,7 +122,7 @@ class FlightCore:
             MotorTestSent: _noted(lambda event, now: facts.motor_test_sent(now)),
             ListChanged: _noted(lambda event, now: facts.list_changed(now)),
             PoseSeen: self._pose_seen,
-            EyeStats: _noted(lambda event, now: facts.eye_reported(event.stats)),
+            EyeStats: self._eye_reported,
             FreeDisk: _noted(lambda event, now: facts.disk_measured(event.free)),
             ModelKnown: self._model_known,
             ActiveSetRead: self._active_set_read,
@@ -266,6 +266,11 @@ class FlightCore:
         is_ours = pose.target == sight.target
         return DUE if self._pacing.image_taken(pose.stamp.monotonic, is_ours=is_ours) else NOTED
 
+    def _eye_reported(self, event: EyeStats, now: float) -> Reply:
+        self._facts.eye_reported(event.stats)
+        self._reports.eyes_reported()
+        return NOTED
+
     def _model_known(self, event: ModelKnown, now: float) -> Reply:
         self._sight.model_known(event.model)
         self._preflight.model_known(event.model, event.unknown, is_flying=self.phase in IN_FLIGHT)
@@ -407,7 +412,14 @@ class FlightCore:
             self._reports.frame_not_sent(error, now)
             return None
         hover = self._sight.hover_throttle(now)
-        frame = self._output.make(order, line.layout, now, is_extra=self._pacing.answers_image, hover=hover)
+        frame = self._output.make(
+            order,
+            line.layout,
+            now,
+            is_extra=self._pacing.answers_image,
+            hover=hover,
+            low_cell=self._preflight.active_set.low_cell,
+        )
         self._sight.sticks_made(frame.counts, self._output.lid.use, now)
         self._reports.estimate(self._sight.estimate(now), self._flown.error)
         return frame

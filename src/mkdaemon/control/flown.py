@@ -100,6 +100,7 @@ class Flown:
         before, self._phase = self._phase, phase
         step = self._fly(setpoint, before, phase, now) if phase in IN_FLIGHT else self._prepare(setpoint, now)
         self.error = step.error
+        self._sight.stand(is_standing=step.stands)
         return step
 
     def _prepare(self, setpoint: Setpoint, now: float) -> Step:
@@ -127,6 +128,7 @@ class Flown:
 
     def end(self) -> None:
         """Nothing is flown any more."""
+        self._sight.stand(is_standing=False)
         self.current = self._kind = None
 
     def _make(self, setpoint: Setpoint) -> Manoeuvre:

@@ -63,7 +63,14 @@ class StickOutput:
         self._made_at = now - 1.0 / self._cfg.rate
 
     def make(
-        self, order: Fly, layout: str, now: float, *, is_extra: bool = False, hover: float | None = None
+        self,
+        order: Fly,
+        layout: str,
+        now: float,
+        *,
+        is_extra: bool = False,
+        hover: float | None = None,
+        low_cell: float | None = None,
     ) -> SendSticks:
         """Limit the sticks and make a frame of them.
 
@@ -73,6 +80,7 @@ class StickOutput:
             now: [s].
             is_extra: it answers an image, beside those of `control.rate`.
             hover: throttle that carries the aircraft by the estimate [stick]; None where there is none.
+            low_cell: voltage of a cell above which throttle is compensated [V]; None for the factory's.
         """
         cfg = self._cfg.limiter
         ttl = min(order.ttl, cfg.setpoint_ttl)
@@ -88,7 +96,7 @@ class StickOutput:
             hover=hover,
         )
         self._last, self._made_at = sticks, now
-        self.lid.frame_made(sticks.throttle, self._facts.throttle_in_use(), now)
+        self.lid.frame_made(sticks.throttle, self._facts.throttle_in_use(low_cell), now)
         self._due_at = max(self._due_at, now) + (0.0 if is_extra else 1.0 / self._cfg.rate)
         self.handed_over += 1
         self._is_waiting = True

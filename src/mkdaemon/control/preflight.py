@@ -14,7 +14,6 @@ from mkdaemon.control.admission import (
     Situation,
 )
 from mkdaemon.control.estimator.model import AircraftModel, Gap, ModelUnknown
-from mkdaemon.control.estimator.values import GAS_CENTRE
 from mkdaemon.control.motionmatch import Match, MotionMatch
 from mkdaemon.control.regulator.margins import gains_of, loop_refusal
 from mkdaemon.control.vehicle import VehicleFacts
@@ -104,7 +103,7 @@ class Preflight:
             hover_gas: throttle that carries the aircraft [count of 254].
             target_age: time since the newest image of the target [s]; None where there was none.
         """
-        facts, throttle = self._facts, self._facts.throttle_in_use()
+        facts, throttle = self._facts, self._facts.throttle_in_use(self.active_set.low_cell)
         is_reported = throttle is not None and now - throttle.at <= REPORTED
         if now - self._matched_at >= MATCHED_FOR:
             self._match, self._matched_at = self.motion.match(now, self._followed), now
@@ -130,7 +129,7 @@ class Preflight:
             battery=facts.battery(now),
             highest_voltage=facts.highest_voltage,
             hover_gas=hover_gas,
-            gas_in_use=throttle.throttle + GAS_CENTRE if throttle is not None and is_reported else None,
+            gas_in_use=throttle.stick if throttle is not None and is_reported else None,
             eyes=facts.eyes,
             contradicting=self._contradicting,
             target_age=target_age,

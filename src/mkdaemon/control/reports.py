@@ -18,6 +18,7 @@ from mkdaemon.control.actions import (
 )
 from mkdaemon.control.authority import Authority
 from mkdaemon.control.estimator.values import ViewFault
+from mkdaemon.control.heights import heights_found
 from mkdaemon.control.modes import IN_FLIGHT
 from mkdaemon.control.naviwatch import NaviWatch
 from mkdaemon.control.output import StickOutput
@@ -27,6 +28,7 @@ from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.command import CommandResult, refused
 from mkdaemon.telemetry.control import ErrorValue, EstimateValue, Phase, ReleaseOutcome
 from mkdaemon.telemetry.refusals import Status
+from mkdaemon.telemetry.selfcal import HEIGHTS_TOLD
 from mkdaemon.telemetry.setpoint import Setpoint
 from mkdaemon.telemetry.vision import VisionPose
 
@@ -65,9 +67,10 @@ class Reports:
         self._refusal_at = {True: float("-inf"), False: float("-inf")}
         self._poses_refused, self._pose_at = 0, float("-inf")
         self._waiting: list[Action] = []
-        self._is_capped = self._is_battery_low = False
+        self._is_capped = self._is_battery_low = self._are_heights_wrong = False
         self._believed: EstimateValue | None = None
         self._navi = NaviWatch(facts)
+        self._facts = facts
 
     def take(self) -> list[Action]:
         """Return what was collected, once."""
@@ -116,9 +119,10 @@ class Reports:
 
     def estimate(self, value: EstimateValue | None, error: ErrorValue | None) -> None:
         """Report what is believed, and how far that is from the goal, where there is any."""
-        if value is not None:
-            self._waiting.append(PublishEstimate(value))
-            self._report_model(value)
+        if value is None:
+            return
+        self._waiting.append(PublishEstimate(value))
+        self._report_model(value)
         if error is not None:
             self._waiting.append(PublishError(error))
 
@@ -140,6 +144,14 @@ class Reports:
         if warning is not None and not self._is_battery_low:
             self._waiting.append(Warn(f"{warning.reason} {warning.fix}"))
         self._is_battery_low = warning is not None
+
+    def eyes_reported(self) -> None:
+        """Warn once when the barometer begins to contradict the heights that images show."""
+        found = heights_found(self._facts.eyes)
+        is_wrong = found is not None and found.odds >= HEIGHTS_TOLD
+        if found is not None and is_wrong and not self._are_heights_wrong:
+            self._waiting.append(Warn(f"{found.refusal.reason} {found.refusal.fix}"))
+        self._are_heights_wrong = is_wrong
 
     def released(self, reason: str, outcome: ReleaseOutcome | None) -> None:
         """Report the end of a release nobody asked for; None where it did not end in time."""

@@ -43,6 +43,7 @@ class Sight:
         model: what is believed of the aircraft.
         hover_gas: throttle that carries it, where no estimate says so [count of 254].
         attitude: as the boards reported it last.
+        is_standing: what is flown knows that the aircraft stands on the ground, where nothing is estimated.
     """
 
     def __init__(self, cfg: AutopilotConfig, hover_throttle: float) -> None:
@@ -57,6 +58,7 @@ class Sight:
         self.model = AircraftModel()
         self.hover_gas = hover_throttle + GAS_CENTRE
         self.attitude: Attitude | None = None
+        self.is_standing = False
         self._cfg = cfg
         self._last_view: TargetView | None = None
         self._sent: deque[StickCommand] = deque(maxlen=SENT_KEPT)
@@ -66,6 +68,12 @@ class Sight:
         """Take the model of the aircraft's own parameter set; the estimate begins anew with it."""
         if model != self.model:
             self.model, self.estimator = model, None
+
+    def stand(self, *, is_standing: bool) -> None:
+        """Take what the flown manoeuvre knows: the estimate ends on the ground, and begins anew in the air."""
+        self.is_standing = is_standing
+        if is_standing:
+            self.estimator = None
 
     def attitude_received(self, attitude: Attitude) -> None:
         """Take the attitude the boards report."""
@@ -98,7 +106,9 @@ class Sight:
         is_forgotten = known is None or view.at - known.seen_at > FORGOTTEN
         if is_other and not (is_forgotten and may_change):
             return ""
-        if known is None or is_forgotten or lifted_by is not None:
+        if self.is_standing and lifted_by is None:
+            self.target = target
+        elif known is None or is_forgotten or lifted_by is not None:
             # What was believed of an aircraft that stood on the ground says nothing about its throttle.
             compass = 0.0 if self.attitude is None else self.attitude.yaw
             velocity = None if is_other else velocity_between(self._last_view, view)
@@ -161,8 +171,12 @@ class Sight:
         )
 
     def estimate(self, now: float) -> EstimateValue | None:
-        """Return what is believed now, as it is published; None before the first pose."""
-        return None if self.estimator is None else estimate_value(self.target, self.estimator, now)
+        """Return what is believed now, as it is published; None before the first pose, and on the ground.
+
+        No camera sees a target from behind: who is believed there has come down, and the model knows no ground.
+        """
+        value = None if self.estimator is None else estimate_value(self.target, self.estimator, now)
+        return value if value is not None and value.position[2] > 0.0 else None
 
 
 def estimate_value(target: str, estimator: Estimator, now: float) -> EstimateValue:

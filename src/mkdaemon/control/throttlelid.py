@@ -4,10 +4,11 @@ The FlightCtrl reports the throttle it flies with. Where that stays below everyt
 pilot's stick. Source: docs/flying.md, "Who holds what: the throttle"; docs/protocol.md, "Debug channels of the
 FlightCtrl" and the field `throttle` of the NaviCtrl's OSD data.
 
-Two answers are given. What is shown compares the numbers as they are. What flight goes by must not take a board's own
-scale for a stick: there are boards that report their throttle after the compensation of the battery's voltage, which
-falls and rises with ours. Nobody's stick does, so the largest share of ours that was ever reported in this flight is
-the scale, and only less than that share is the pilot's.
+It reports the throttle after the compensation of the battery's voltage: at 14.8 V a hover reads 19 counts less than
+its stick. By the voltage of the same message that share is known (`ThrottleReport.share`), unless more than it is seen:
+then the board reports the stick itself. Where no voltage is known, what is shown compares the numbers as they are, and
+flight goes by the largest share of ours that was ever reported in this flight: nobody's stick falls and rises with
+ours, and only less than that share is the pilot's.
 """
 
 from __future__ import annotations
@@ -50,6 +51,7 @@ class ThrottleLid:
         self._lower_since: float | None = None
         self._capped_since: float | None = None
         self._scale = 0.0
+        self._is_stick = False
         self._compared_at: float | None = None
 
     def frame_made(self, throttle: float, report: ThrottleReport | None, now: float) -> None:
@@ -71,9 +73,9 @@ class ThrottleLid:
         if not ours or report.at - self._sent[0][0] < WINDOW:
             return
         self._compared_at = report.at
-        self._show(report, min(ours))
         flown, lowest, highest = (throttle + GAS_CENTRE for throttle in (report.throttle, min(ours), max(ours)))
-        self._scale = max(self._scale, min(flown / max(highest, 1.0), 1.0))
+        self._find_scale(report.share, flown, lowest, highest)
+        self._show(report.at, flown, lowest, 1.0 if report.share is None else self._scale)
         if flown >= self._scale * lowest - MARGIN:
             self._capped_since = None
             self.use = ThrottleUse(None, is_ours=flown <= highest + MARGIN)
@@ -83,11 +85,21 @@ class ThrottleLid:
         has_lasted = report.at - self._capped_since >= LASTING
         self.use = ThrottleUse(flown / self._scale if has_lasted else None, is_ours=False)
 
-    def _show(self, report: ThrottleReport, lowest: float) -> None:
-        if report.throttle >= lowest - MARGIN:
+    def _find_scale(self, share: float | None, flown: float, lowest: float, highest: float) -> None:
+        """Find what share of a stick is reported."""
+        if share is None:
+            self._scale = max(self._scale, min(flown / max(highest, 1.0), 1.0))
+            return
+        # Of a throttle that the motors' least would hide, nothing is told.
+        is_told = (1.0 - share) * lowest > MARGIN
+        self._is_stick = self._is_stick or (is_told and flown > share * highest + MARGIN)
+        self._scale = 1.0 if self._is_stick else share
+
+    def _show(self, at: float, flown: float, lowest: float, scale: float) -> None:
+        if flown >= scale * lowest - MARGIN:
             self._lower_since = self.pilots_throttle = None
             return
         if self._lower_since is None:
-            self._lower_since = report.at
-        if report.at - self._lower_since >= LASTING:
-            self.pilots_throttle = report.throttle
+            self._lower_since = at
+        if at - self._lower_since >= LASTING:
+            self.pilots_throttle = flown / scale - GAS_CENTRE

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Final, NamedTuple
 
+from mkdaemon.control.estimator.values import GAS_CENTRE
 from mkdaemon.telemetry.base import Telemetry
 from mkdaemon.telemetry.control import ControlLine, Obstacle
 from mkdaemon.telemetry.link import LinkHealth, LinkState
@@ -12,6 +13,14 @@ from mkdaemon.telemetry.vision import VisionStats
 
 FRESH: Final = 2.0
 """Knowledge about motors, flight and pilot that is older is none [s]."""
+HIGHEST_CELL: Final = 4.3
+"""The FlightCtrl counts cells by this voltage [V]; docs/firmware-notes.md."""
+FACTORY_LOW_CELL: Final = 3.2
+"""Voltage of a cell at which the factory's sets warn, and above which throttle is compensated [V]."""
+LEAST_BATTERY: Final = 5.0
+"""A voltage below this is none of a battery that flies [V]: one NaviCtrl reports its used charge in that field."""
+MOST_BATTERY: Final = 60.0
+"""Nor one above this [V]."""
 FC_LOST: Final = "the NaviCtrl does not hear its FlightCtrl, which may be booting"
 """Why nobody may fly while it does not."""
 MOTOR_TEST: Final = 1.0
@@ -29,10 +38,17 @@ class ThrottleReport(NamedTuple):
     Attributes:
         throttle: [stick from the centre].
         at: when the report arrived [s].
+        share: of the stick that this is, after the compensation of the battery's voltage; None where nobody knows.
     """
 
     throttle: float
     at: float
+    share: float | None = None
+
+    @property
+    def stick(self) -> float:
+        """The stick that gave it [count of 254]."""
+        return (self.throttle + GAS_CENTRE) / (self.share or 1.0)
 
 
 class VehicleFacts:
@@ -142,11 +158,23 @@ class VehicleFacts:
         pilot = self.pilot(now)
         return pilot is not None and not pilot.has_signal
 
-    def throttle_in_use(self) -> ThrottleReport | None:
-        """What the FlightCtrl last said of its throttle; None where it does not."""
+    def throttle_in_use(self, low_cell: float | None = None) -> ThrottleReport | None:
+        """What the FlightCtrl last said of its throttle; None where it does not.
+
+        Above the voltage of its low-battery warning the FlightCtrl takes throttle back as the voltage is higher.
+
+        Args:
+            low_cell: that voltage for a cell, by the active set [V]; None for the factory's.
+        """
         if self._pilot is None or self._pilot[0].throttle_in_use is None:
             return None
-        return ThrottleReport(self._pilot[0].throttle_in_use, self._pilot[1])
+        (pilot, at), voltage = self._pilot, self._pilot[0].compensated_at
+        share = None
+        if voltage is not None and LEAST_BATTERY <= voltage <= MOST_BATTERY:
+            cells = 1 + int(max(voltage, self._highest_voltage) / HIGHEST_CELL)
+            share = min(1.0, cells * (low_cell or FACTORY_LOW_CELL) / voltage)
+        assert pilot.throttle_in_use is not None
+        return ThrottleReport(pilot.throttle_in_use, at, share)
 
     def pilot_throttle(self, now: float) -> float | None:
         """The pilot's throttle [stick]; None where no message has said so lately."""

@@ -15,7 +15,7 @@ from mkdaemon.config.root import Config
 from mkdaemon.control.events import EyeStats, Feed, PoseSeen
 from mkdaemon.daemon.audit import Outlet
 from mkdaemon.telemetry.base import Telemetry
-from mkdaemon.telemetry.state import Attitude, Position
+from mkdaemon.telemetry.state import Altitude, Attitude
 from mkdaemon.telemetry.vision import VisionPose, VisionStats
 
 if TYPE_CHECKING:
@@ -58,10 +58,10 @@ class Eyes:
         sample = AttitudeSample(attitude.stamp.monotonic, attitude.roll, attitude.pitch, attitude.yaw)
         self._worker.attitude_arrived(sample)
 
-    def position_received(self, position: Position) -> None:
+    def altitude_received(self, altitude: Altitude) -> None:
         """Tell the eyes the barometer's height, with which they compare their own."""
-        if self._worker is not None and position.altitude_above_start is not None:
-            self._worker.barometer_arrived(position.stamp.monotonic, position.altitude_above_start)
+        if self._worker is not None:
+            self._worker.barometer_arrived(altitude.stamp.monotonic, altitude.above_start)
 
 
 class PoseSink:

@@ -27,7 +27,7 @@ from mkdaemon.protocol.messages import ControlConfirm
 from mkdaemon.protocol.wire import Board, WireMessage
 from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.link import LinkCondition, LinkHealth, LinkState, LinkTraffic
-from mkdaemon.telemetry.state import Attitude, Position
+from mkdaemon.telemetry.state import Altitude, Attitude
 from mkdaemon.telemetry.traffic import FrameSample, RawFrame
 from mkdaemon.translate import StateTranslator
 from mkdaemon.translate.origin import State
@@ -97,8 +97,8 @@ class BusSink:
             self._feed(StateValue(value), at)
             if isinstance(value, Attitude):
                 self._eyes.attitude_received(value)
-            elif isinstance(value, Position):
-                self._eyes.position_received(value)
+            elif isinstance(value, Altitude):
+                self._eyes.altitude_received(value)
         return states
 
     def sent(self, frame: Sent) -> None:

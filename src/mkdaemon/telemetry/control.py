@@ -238,7 +238,7 @@ class EstimateValue(Telemetry):
 
 
 class ControlEstimate(Stamped, EstimateValue):
-    """What the flight core believes: `control/estimate`, with every stick frame of an autonomous flight."""
+    """What the flight core believes: `control/estimate`, with every stick frame in the air; nothing on the ground."""
 
 
 class ErrorValue(Telemetry):
@@ -257,7 +257,7 @@ class ErrorValue(Telemetry):
 
 
 class ControlError(Stamped, ErrorValue):
-    """The error to the setpoint: `control/error`, with every stick frame of an autonomous flight."""
+    """The error to the setpoint: `control/error`, with every stick frame of an autonomous flight in the air."""
 
 
 class Gains(Telemetry):

@@ -343,6 +343,12 @@ class Token(StrEnum):
         "cameras see the target in different places; against the others is {cameras}.",
         "Compare `vision/*/pose`; correct `mount` of the wrong one (`mkdaemon calibrate mount`), or remove it.",
     )
+    HEIGHTS_CONTRADICTED = (
+        "heights_contradicted",
+        "a way of {way:.2f} m up or down by camera {camera} over {target} is {by:.2f} +- {sd:.2f} m by the barometer: "
+        "heights and distances are {share:+.0f} % off.",
+        "Measure the print against its target file and calibrate the camera; then start the daemon anew.",
+    )
     IMAGES_LATE = (
         "images_late",
         "half of the images of camera {camera} are more than {late:.0f} ms old when they have been looked at, and the "

@@ -6,7 +6,17 @@ was assumed.
 
 from __future__ import annotations
 
+from typing import Final
+
 from mkdaemon.telemetry.base import Telemetry
+
+HEIGHTS_TOLD: Final = 2.0
+"""`height_odds` from which wrong heights are told: of right ones that happens in less than one flight in 100.
+
+Of right files the odds pass K in at most one flight in K, however often one looks. Source: J. Ville, "Etude critique de
+la notion de collectif" (1939)."""
+HEIGHTS_SURE: Final = 4.0
+"""From which nothing begins by them: less than one flight in 10,000."""
 
 
 class TagSizeError(Telemetry):
@@ -57,3 +67,6 @@ class SelfCalibration(Telemetry):
     """[%]; what a barometer wanders makes it large in one flight."""
     height_covered: float
     """Between the lowest and the highest height that was compared [m]."""
+    height_odds: float = 0.0
+    """Decimal logarithm of how many times likelier the barometer's readings are by heights that are wrong by some share
+    than by heights that are right."""

@@ -68,6 +68,13 @@ class Position(StateValue):
     """The same as the board says it [m]; a NaviCtrl 0.24 begins at 0 again every 655 m."""
 
 
+class Altitude(StateValue):
+    """How high by the barometer: `state/altitude`. It needs no GPS; not published while the FlightCtrl is not heard."""
+
+    above_start: float
+    """Above the point of calibration [m], in the board's steps of 5 or 10 cm."""
+
+
 class Velocity(StateValue):
     """How fast: `state/velocity`. Published only while the GPS position is valid."""
 
@@ -202,3 +209,6 @@ class Pilot(StateValue):
     throttle_in_use: float | None = None
     """Throttle the FlightCtrl flies with: on stock firmware the smaller of the pilot's and ours [stick from the
     centre]; null where the board does not report it, and while motors stand."""
+    compensated_at: float | None = None
+    """Voltage of the battery in this message, where `throttle_in_use` is what the FlightCtrl made of its stick by it
+    [V]: the stick times the voltage of its low-battery warning over this; null where it is the stick itself."""

@@ -8,7 +8,7 @@ from mkdaemon.frames import yaw_enu_from_heading
 from mkdaemon.protocol.errorcodes import ErrorCode, describe_error, is_fc_lost
 from mkdaemon.protocol.flags import FlightStatus, FlightStatus2, NaviStatus, PositionStatus
 from mkdaemon.protocol.messages import OsdData4, OsdData5
-from mkdaemon.telemetry.state import Battery, Flight, Gps, GpsFix, GpsMode, Pilot, Position, Velocity
+from mkdaemon.telemetry.state import Altitude, Battery, Flight, Gps, GpsFix, GpsMode, Pilot, Position, Velocity
 from mkdaemon.translate.geometry import Home, east_north, position
 from mkdaemon.translate.origin import Origin, State
 from mkdaemon.translate.receiver import ReceiverWatch
@@ -44,6 +44,7 @@ def pilot(
     sticks: tuple[float, float, float] | None,
     throttle: float | None,
     gas: float | None = None,
+    compensated_at: float | None = None,
 ) -> Pilot:
     """What reaches the aircraft from the pilot.
 
@@ -53,6 +54,7 @@ def pilot(
         sticks: pitch, roll, yaw, where they are reported [stick; FLU].
         throttle: where it is reported [stick].
         gas: what the FlightCtrl flies with, 0..254; zero and None say nothing.
+        compensated_at: battery voltage that is in it [V]; None where it is the stick itself.
     """
     return Pilot(
         **origin._asdict(),
@@ -61,6 +63,7 @@ def pilot(
         throttle=throttle,
         sticks=sticks,
         throttle_in_use=gas - STICK_CENTRE if gas else None,
+        compensated_at=compensated_at if gas else None,
     )
 
 
@@ -78,7 +81,11 @@ def from_osd(osd: OsdData4 | OsdData5, origin: Origin, receiver: ReceiverWatch) 
     if not is_fc_lost(osd.error_code):
         states.append(("state/battery", _battery(osd, origin)))
         gas = float(osd.throttle) if osd.fc_flags & FlightStatus.MOTORS_RUNNING else None
-        states.append(("state/pilot", pilot(origin, float(osd.rc_quality), sticks=None, throttle=None, gas=gas)))
+        said = pilot(
+            origin, float(osd.rc_quality), sticks=None, throttle=None, gas=gas, compensated_at=osd.si("battery")
+        )
+        states.append(("state/pilot", said))
+        states.append(("state/altitude", Altitude(**origin._asdict(), above_start=osd.si("altimeter"))))
     if is_valid:
         states.append(("state/position", _position(osd, origin)))
         states.append(("state/velocity", _velocity(osd, origin)))

@@ -9,7 +9,7 @@ from mkdaemon.protocol.errorcodes import ErrorCode, is_fc_lost
 from mkdaemon.protocol.flags import NaviStatus, OsdStatus, OsdStatus2
 from mkdaemon.protocol.messages.osdsets import OsdDeviation, OsdFlags, OsdHome, OsdTarget, OsdVolatile, OsdWaypoint
 from mkdaemon.protocol.wire import WireMessage
-from mkdaemon.telemetry.state import Battery, Flight, Gps, GpsFix, Position
+from mkdaemon.telemetry.state import Altitude, Battery, Flight, Gps, GpsFix, Position
 from mkdaemon.translate.geometry import Home, attitude, east_north, position
 from mkdaemon.translate.origin import Origin, State
 from mkdaemon.translate.osd import error_text, gps_mode, pilot
@@ -37,6 +37,8 @@ class SetTranslator:
             self.receiver.look(message.error_code)
         if self._has_place(message):
             states.append(("state/position", self._position(message, origin)))
+        if not is_fc_lost(self.error):
+            states.append(("state/altitude", Altitude(**origin._asdict(), above_start=message.si("altimeter"))))
         if isinstance(message, OsdTarget):
             target = Home(message.si("target_latitude"), message.si("target_longitude"))
             self.target = target if message.target_latitude or message.target_longitude else None

@@ -16,10 +16,10 @@ from mkdaemon.protocol.messages import (
 from mkdaemon.protocol.messages.osdsets import OsdFlags, OsdSet
 from mkdaemon.protocol.wire import WireMessage
 from mkdaemon.stamp import Stamp
-from mkdaemon.telemetry.state import AngleScale, Battery
+from mkdaemon.telemetry.state import Altitude, AngleScale, Battery
 from mkdaemon.translate.geometry import attitude
 from mkdaemon.translate.origin import Origin, State
-from mkdaemon.translate.osd import from_osd, pilot
+from mkdaemon.translate.osd import STICK_CENTRE, from_osd, pilot
 from mkdaemon.translate.osdsets import SetTranslator
 
 COARSE_AFTER = 0.5
@@ -27,8 +27,12 @@ COARSE_AFTER = 0.5
 
 # Source: docs/protocol.md, "Debug channels of the FlightCtrl".
 _CHANNEL_VOLTAGE, _CHANNEL_RECEIVER, _CHANNEL_CURRENT, _CHANNEL_CAPACITY = 9, 10, 22, 23
+_CHANNEL_HEIGHT = 5
 _CHANNEL_THROTTLE, _THROTTLE_SCALE = 7, 4.0
 _CHANNEL_MOTORS = slice(12, 16)
+_CHANNEL_FORK_STICK, _CHANNEL_FORK_CALIBRATED = 19, 26
+"""Of a public fork: the throttle stick itself, and whether it is calibrated, as all are whose motors run. Stock
+firmware leaves both at 0."""
 
 
 class StateTranslator:
@@ -112,7 +116,7 @@ def _from_attitude(message: WireMessage, origin: Origin, scale: AngleScale) -> l
 
 
 def _from_debug(debug: DebugDataFc, origin: Origin) -> list[State]:
-    """Battery and receiver where no NaviCtrl tells them."""
+    """Battery, receiver and height where no NaviCtrl tells them."""
     channels = debug.analog
     battery = Battery(
         **origin._asdict(),
@@ -121,8 +125,18 @@ def _from_debug(debug: DebugDataFc, origin: Origin) -> list[State]:
         used_mah=float(channels[_CHANNEL_CAPACITY]),
         is_low=None,
     )
-    gas = channels[_CHANNEL_THROTTLE] / _THROTTLE_SCALE if any(channels[_CHANNEL_MOTORS]) else None
+    is_fork = bool(channels[_CHANNEL_FORK_CALIBRATED])
+    stick = channels[_CHANNEL_FORK_STICK] + STICK_CENTRE if is_fork else channels[_CHANNEL_THROTTLE] / _THROTTLE_SCALE
+    said = pilot(
+        origin,
+        float(channels[_CHANNEL_RECEIVER]),
+        sticks=None,
+        throttle=None,
+        gas=stick if any(channels[_CHANNEL_MOTORS]) else None,
+        compensated_at=None if is_fork else battery.voltage,
+    )
     return [
         ("state/battery", battery),
-        ("state/pilot", pilot(origin, float(channels[_CHANNEL_RECEIVER]), sticks=None, throttle=None, gas=gas)),
+        ("state/altitude", Altitude(**origin._asdict(), above_start=channels[_CHANNEL_HEIGHT] / 10)),
+        ("state/pilot", said),
     ]

@@ -162,7 +162,7 @@ class SelfCalLimits:
     k1: float = of(0.02, "", "of the radial distortion", "0.5 cm at 2 m")
     mounting: float = of(radians(1.0), "rad", "of the mounting; less is the attitude's own bias", "sim: 0.5-1.5 deg")
     size: float = of(0.01, "share", "of a tag's size against the largest tag's", "docs/accuracy.md")
-    height: float = of(0.015, "share", "of a way down or up against the barometer's", MEASURED)
+    height: float = of(0.015, "share", "that calibration and print leave of a way down or up", MEASURED)
     least_way: float = of(0.5, "m", "between the heights that are compared", "steps of a barometer: 5 cm")
     mounting_floor: float = of(radians(0.2), "rad", "deviation of the mounting: slow attitude errors", MEASURED)
     focal_floor: float = of(0.003, "share", "deviation of the focal length that no image shows", MEASURED)

@@ -204,6 +204,12 @@ class FlightCore:
         chain = self._chain(parameters)
         return max(chain.least, min(chain.most, self.mixed.throttle + FULL))
 
+    def reported_gas(self, parameters: Parameters) -> int:
+        """Collective count as the board reports it, after voltage compensation; 0 while the motors stand."""
+        if not self.running:
+            return 0
+        return self._chain(parameters).compensated(self.gas(parameters), self._aircraft.sensors.battery_voltage)
+
     def _chain(self, parameters: Parameters) -> GasChain:
         return GasChain(
             reference=self._low_voltage(parameters),

@@ -153,7 +153,7 @@ def debug(board: FcBoard) -> WireMessage:
     analog[4] = bounded(math.degrees(sensors.gyro_z))
     analog[5] = bounded(sensors.baro_height * 10.0)
     analog[6] = bounded(sensors.acc_z / _GRAVITY * _ACC_Z_UNIT)
-    analog[7] = bounded(4.0 * core.gas(board.live)) if core.running else 0
+    analog[7] = 4 * core.reported_gas(board.live)
     analog[8] = round(sensors.compass_deg) % 360 if board.forced_heading is None else board.forced_heading
     analog[9] = bounded(sensors.battery_voltage * 10.0)
     analog[10] = core.quality

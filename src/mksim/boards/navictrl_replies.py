@@ -245,7 +245,7 @@ def _volatile(board: NcBoard, head: _Head) -> WireMessage:
         variometer=bounded(up * 10.0, 8),
         course=round(math.degrees(math.atan2(east, north)) % 360.0 / 2.0) % 180,
         heading=round(sensors.compass_deg / 2.0) % 180,
-        throttle=round(core.gas(board.flight.live)) if core.running else 0,
+        throttle=core.reported_gas(board.flight.live),
         shutter_count=0,
         altitude_setpoint=head["altimeter"],
     )
@@ -436,7 +436,7 @@ def _osd(board: NcBoard, value: int) -> WireMessage | None:
         target_hold_time=round(navigator.points.hold_left(board.now)),
         fc_flags_2=navigator.flight_status_2(),
         altitude_setpoint=bounded(sensors.baro_height * 20.0),
-        throttle=round(core.gas(flight.live)) if core.running else 0,
+        throttle=core.reported_gas(flight.live),
         current=max(0, min(0xFFFF, round(sensors.battery_current * 10.0))),
         used_capacity=max(0, min(0xFFFF, round(sensors.battery_used_mah))),
     )

@@ -44,13 +44,17 @@ class GasChain:
     least: int = 18
     most: int = 210
 
-    def setpoint(self, gas: float, voltage: float) -> float:
-        """Return the set point of a level aircraft [count]; the fraction is what the mixer's sums still see."""
+    def compensated(self, gas: float, voltage: float) -> int:
+        """Return what is left of a gas at a voltage [V]: what the board flies with, and reports [count]."""
         measured, reference = int(10.0 * voltage), round(10.0 * self.reference)
         count = int(gas)
         if measured > reference > 0:
             count = count * reference // measured
-        return max(self.least, min(self.most, count)) - MIXER_LOSS
+        return max(self.least, min(self.most, count))
+
+    def setpoint(self, gas: float, voltage: float) -> float:
+        """Return the set point of a level aircraft [count]; the fraction is what the mixer's sums still see."""
+        return self.compensated(gas, voltage) - MIXER_LOSS
 
 
 FACTORY_CHAIN: Final = GasChain()

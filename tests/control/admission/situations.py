@@ -10,6 +10,7 @@ from mkdaemon.control.admission import NO_WORK, Entry, Situation
 from mkdaemon.control.motionmatch import Match
 from mkdaemon.telemetry.control import ControlLine, Phase
 from mkdaemon.telemetry.link import LinkHealth, RoundTripStats
+from mkdaemon.telemetry.selfcal import SelfCalibration
 from mkdaemon.telemetry.state import Battery, Flight, Pilot
 from mkdaemon.telemetry.vision import EyeState, VisionStats
 from tests.control.events import STAMP, flight, link_state, pilot
@@ -28,8 +29,15 @@ def battery(voltage, *, is_low=None):
     return Battery(stamp=STAMP, source="nc/osd", voltage=voltage, current=None, used_mah=None, is_low=is_low)
 
 
+def heights(share=0.0, *, sd=5.0, covered=1.5, odds=-1.0):
+    """What a camera found out about its heights by the barometer [%; m]."""
+    found = {"height_percent": share, "height_sd_percent": sd, "height_covered": covered, "height_odds": odds}
+    return SelfCalibration.model_construct(target="pad", **found)
+
+
 def eyes(state=EyeState.OK, alarms=None, reason="", **more):
     fields = {"state": state, "alarms": alarms or {}, "reason": reason, "processed": 9, "latency_p50_ms": 80.0}
+    fields["selfcal"] = (heights(),)
     return VisionStats.model_construct(stamp=STAMP, camera="down", **(fields | more))
 
 

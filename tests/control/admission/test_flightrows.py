@@ -17,7 +17,7 @@ from mkdaemon.telemetry.preflight import Blocks, CheckState
 from mkdaemon.telemetry.refusals import Token, refuse
 from mkdaemon.telemetry.state import GpsMode
 from mkdaemon.telemetry.vision import Alarm, EyeState
-from tests.control.admission.situations import GOOD, SET, SHARED, battery, eyes, flags, health, reception
+from tests.control.admission.situations import GOOD, SET, SHARED, battery, eyes, flags, health, heights, reception
 from tests.control.events import link_state
 
 STANDS = [
@@ -48,6 +48,7 @@ STANDS = [
     ("camera", "camera_unfit", {"eyes": (eyes(EyeState.GONE, reason="unplugged"),)}),
     ("camera", "camera_unfit", {"eyes": (eyes(alarms={Alarm.UNCALIBRATED: "no calibration"}),)}),
     ("agreement of cameras", "cameras_contradict", {"contradicting": ("forward",)}),
+    ("scale of heights", "heights_contradicted", {"eyes": (eyes(), eyes(selfcal=(heights(20.0, odds=4.0),)))}),
     ("age of images", "images_late", {"eyes": (eyes(latency_p50_ms=501.0), eyes(latency_p50_ms=900.0))}),
     ("time stamps", "camera_turned", {"stamps": Match(0.0, -0.9)}),
     ("time stamps", "stamps_off", {"stamps": Match(0.05, 0.9)}),
@@ -70,6 +71,9 @@ UNKNOWN = [
     ("battery", {"battery": None}),
     ("camera", {"eyes": ()}),
     ("camera", {"now": 10.0}),
+    ("scale of heights", {"eyes": (eyes(selfcal=()),)}),
+    ("scale of heights", {"eyes": (eyes(selfcal=(heights(covered=0.4),)),)}),
+    ("scale of heights", {"eyes": (eyes(selfcal=(heights(20.0, odds=3.9),)),)}),
     ("age of images", {"eyes": (eyes(processed=0),)}),
     ("age of images", {"now": 10.0}),
     ("target", {"target_age": None}),
@@ -113,6 +117,16 @@ def test_what_nobody_can_tell_prevents_nothing(name, change):
 
 def test_every_check_can_stand_but_for_the_target_which_the_flight_itself_waits_for():
     assert {row.name for row in ROWS if row.is_shown} - {name for name, _, _ in STANDS} == {"target"}
+
+
+def test_heights_that_the_barometer_contradicts_are_told_with_their_scale():
+    wrong = eyes(selfcal=(heights(20.0, sd=4.0, covered=2.5, odds=4.2),))
+    assert "2.50 m up or down by camera down over pad is 2.00 +- 0.10 m by the barometer" in (
+        finding(replace(GOOD, eyes=(wrong,)), "scale of heights").reason
+    )
+    # Who flies by them flies on, and may land.
+    for wanted in (Concern.POSITION, Concern.HOLD, Concern.LAND):
+        assert not [*refusals(NewManoeuvre(wanted), replace(GOOD, eyes=(wrong,), flown=Concern.POSITION))]
 
 
 def test_one_camera_that_sees_is_enough():

@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from mkdaemon.telemetry.selfcal import HEIGHTS_SURE
 from mkdaemon.vision.selfcal.selfcheck import HeightFilter
 
 DELAY = 0.1
@@ -67,3 +68,29 @@ def test_images_that_are_missing_are_not_guessed() -> None:
         found.reading_received(time - 0.01, 9.0)
         found.pose_seen(time, height)
     assert found.covered == 0.0
+
+
+def rise_and_sink(time: float) -> float:
+    """A take-off, a hold, a descent: 0.7 m to 2.1 m and back."""
+    return 0.7 + 1.4 * float(np.clip(min(time - 1.0, 7.0 - time) / 2.3, 0.0, 1.0))
+
+
+def test_a_focal_length_wrong_by_a_quarter_is_told_and_then_sure() -> None:
+    once = flown(0.25, height=rise_and_sink, wander=0.08)
+    assert once.contradicts
+    assert flown(0.25, height=rise_and_sink, wander=0.08, flights=3).odds > HEIGHTS_SURE
+    assert once.scale[0] == pytest.approx(0.2, abs=2.5 * once.scale[1])
+
+
+@pytest.mark.parametrize("flights", [1, 4])
+def test_right_heights_are_likelier_right_than_wrong(flights: int) -> None:
+    assert flown(0.0, height=rise_and_sink, wander=0.15, flights=flights).odds < 0.0
+
+
+def test_a_barometer_that_does_not_move_says_nothing() -> None:
+    found = HeightFilter()
+    for k in range(240):
+        found.reading_received(k / 30 - 0.005, 0.0)
+        found.pose_seen(k / 30, descend(k / 30))
+    assert found.covered > 2.0
+    assert found.odds == 0.0

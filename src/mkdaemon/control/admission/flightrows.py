@@ -16,12 +16,14 @@ from mkdaemon.control.admission.situation import Situation
 from mkdaemon.control.batterywatch import low_voltage
 from mkdaemon.control.estimator.model import Gap
 from mkdaemon.control.estimator.values import GAS_CENTRE
+from mkdaemon.control.heights import heights_found
 from mkdaemon.control.motionmatch import ALIKE
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.control import Obstacle, Phase
 from mkdaemon.telemetry.link import LinkCondition
 from mkdaemon.telemetry.preflight import CheckState
 from mkdaemon.telemetry.refusals import Token, refuse
+from mkdaemon.telemetry.selfcal import HEIGHTS_SURE, HEIGHTS_TOLD
 from mkdaemon.telemetry.setpoint import SetpointFrame
 from mkdaemon.telemetry.state import GpsMode
 from mkdaemon.telemetry.vision import Alarm, EyeState, VisionStats
@@ -212,6 +214,15 @@ def _agreement(now: Situation) -> Verdict:
     return passed("no camera contradicts another")
 
 
+def _heights(now: Situation) -> Verdict:
+    found = heights_found(now.eyes)
+    if found is None:
+        return unknown("nothing compares them yet: lift it by hand over the target, from 0.7 m up by a metre and back")
+    if found.odds >= HEIGHTS_SURE:
+        return stands(found.refusal)
+    return unknown(f"watch it: {found.refusal.reason}") if found.odds >= HEIGHTS_TOLD else passed(found.words)
+
+
 def _lateness(now: Situation) -> Verdict:
     eyes = [stats for stats in now.eyes if now.now - stats.stamp.monotonic <= EYES_FRESH and stats.processed]
     if not eyes:
@@ -254,7 +265,10 @@ def _disk(now: Situation) -> Verdict:
 
 
 def _estimate(now: Situation, wanted: NewManoeuvre) -> Verdict:
-    return when(refuse(Token.NO_ESTIMATE, name=f"setpoint/{wanted.concern}") if now.entry is None else None)
+    """Who lands has no estimate once he stands, and goes on landing."""
+    if now.entry is not None or now.flown is wanted.concern:
+        return passed()
+    return stands(refuse(Token.NO_ESTIMATE, name=f"setpoint/{wanted.concern}"))
 
 
 def _frame(now: Situation, wanted: NewManoeuvre) -> Verdict:
@@ -515,6 +529,13 @@ FLIGHT_ROWS: Final = (
         "a camera contradicts the others",
         _agreement,
         Token.CAMERAS_CONTRADICT,
+    ),
+    _check(
+        "scale of heights",
+        BY_TARGET,
+        "the barometer contradicts the heights that images show, and it is no accident",
+        _heights,
+        Token.HEIGHTS_CONTRADICTED,
     ),
     _check(
         "age of images",

@@ -195,7 +195,7 @@ class Landing:
         climb = self._climb(height, estimate.age, float(estimate.position[2]), step)
         if self.phase is LandingPhase.COMMIT:
             self._settle(estimate, height, error, step)
-        share = {LandingPhase.COMMIT: self._commit_gas(estimate.at), LandingPhase.DOWN: 0.0}.get(self.phase)
+        share = self._commit_gas(estimate.at) if self.phase is LandingPhase.COMMIT else None
         return Goal(position=np.array([0.0, 0.0, self._height]), yaw=yaw, climb=climb, gas_share=share)
 
     def _commit_gas(self, at: float) -> float:
@@ -256,6 +256,20 @@ class Land(ByTarget):
     def _flies_blind(self) -> bool:
         return self.landing is not None
 
+    def step(self, now: float, *, is_flying: bool) -> Step:
+        """Decide the sticks; once the feet stand they follow from no estimate."""
+        if self.landing is not None and self.landing.phase is LandingPhase.DOWN:
+            self.stepped_at = now
+            return self._stand(self.landing, now)
+        return super().step(now, is_flying=is_flying)
+
+    def _stand(self, landing: Landing, now: float) -> Step:
+        """Level at the lowest throttle, until the aircraft has stood long enough to be released."""
+        how = Outcome.LANDED if landing.is_on_target else Outcome.LANDED_ASIDE
+        has_stood = now - landing.down_since >= self._cfg.stand_time
+        end = ended(how, target=self._sight.target) if has_stood else None
+        return Step(level_at(0.0), self.kind, stage=landing.phase.value, is_done=True, end=end, stands=True)
+
     def _fly(self, estimate: Estimate, autopilot: Autopilot, now: float, step: float, *, is_flying: bool) -> Step:
         if not is_flying:
             return Step(
@@ -263,13 +277,10 @@ class Land(ByTarget):
             )
         landing = self.landing = self.landing or Landing(LandingLimits(stand_height=self._cfg.stand_height), estimate)
         goal = landing.goal(estimate, self._yaw, step)
+        if landing.phase is LandingPhase.DOWN:
+            return self._stand(landing, now)
         error = error_value(self.kind, goal, estimate)
         sticks, stage = floating(autopilot.sticks(goal, now, step)), landing.phase.value
-        if landing.phase is LandingPhase.DOWN:
-            how = Outcome.LANDED if landing.is_on_target else Outcome.LANDED_ASIDE
-            stands = now - landing.down_since >= self._cfg.stand_time
-            end = ended(how, target=self._sight.target) if stands else None
-            return Step(sticks, self.kind, stage=stage, is_done=True, end=end, error=error)
         self._sight.hover_gas = estimate.hover_gas
         if landing.phase is LandingPhase.COMMIT or estimate.age <= self._cfg.level_after:
             return Step(sticks, self.kind, stage=stage, error=error)

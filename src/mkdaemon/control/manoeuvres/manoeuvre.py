@@ -64,6 +64,7 @@ class Step:
         is_done: what was asked for is reached, and is held from now on.
         end: how it has ended; None while it goes on.
         error: how far the aircraft is from its goal; None without a goal.
+        stands: the aircraft stands on the ground, where nothing is estimated: no model here knows the ground.
     """
 
     sticks: Sticks
@@ -73,6 +74,7 @@ class Step:
     is_done: bool = False
     end: End | None = None
     error: ErrorValue | None = None
+    stands: bool = False
 
 
 class Manoeuvre(Protocol):

@@ -122,6 +122,11 @@ class TakeOff:
         return self.phase not in (TakeOffPhase.CLIMB, TakeOffPhase.REACHED)
 
     @property
+    def stands(self) -> bool:
+        """Whether nothing has shown it off the ground yet; of one that failed nobody knows whether it flies."""
+        return self.phase in (TakeOffPhase.IDLE, TakeOffPhase.RAMP)
+
+    @property
     def is_over(self) -> bool:
         """Whether a failed take-off is to be released."""
         return self.phase is TakeOffPhase.FAILED and self._cut_left <= 0.0
@@ -234,7 +239,7 @@ class TakeOffFlight(ByTarget):
         tilt = 0.0 if attitude is None else max(abs(attitude.pitch), abs(attitude.roll))
         sticks = level_at(take_off.gas(now, step, tilt))
         end = ended(take_off.failure) if take_off.is_over and take_off.failure is not None else None
-        return Step(sticks, self.kind, stage=take_off.phase.value, end=end)
+        return Step(sticks, self.kind, stage=take_off.phase.value, end=end, stands=take_off.stands)
 
     def abort(self, now: float) -> Manoeuvre:
         """Hold; a take-off that no image has shown off the ground ends with a release."""

@@ -15,7 +15,8 @@ y = d - E (m x n) - E M (T p x n_cam) + k E e_z, with T the turn of a pose with 
 Heights over a target, as the eyes see them, against the barometer: on ways down and up their scales must agree.
 
 With z the height by the eyes, e the share of it that is too much, b the barometer, a its offset and L its delay,
-b = a + z - e z - L dz/dt. The offset wanders, so slow flights say little, and a hover nothing.
+b = a + z - e z - L dz/dt. The offset wanders, so slow flights say little, and a hover nothing. Two hypotheses are
+compared: e is what a calibration and a measured print leave, or it is anything. Their odds are a Bayes factor.
 
 A mounting turned by what a flight says, as the camera file writes it.
 """
@@ -23,7 +24,7 @@ A mounting turned by what a flight says, as the camera file writes it.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from math import exp, hypot, radians
+from math import exp, hypot, log, radians
 from typing import Final
 
 import cv2
@@ -32,7 +33,7 @@ import numpy.typing as npt
 
 from mkdaemon.config.camera import MountSection
 from mkdaemon.frames import euler_from_rotation, rotation_from_euler
-from mkdaemon.telemetry.selfcal import SelfCalibration, TagSizeError
+from mkdaemon.telemetry.selfcal import HEIGHTS_TOLD, SelfCalibration, TagSizeError
 from mkdaemon.telemetry.vision import Alarm
 from mkdaemon.vision.camera.calibration_file import Camera, mount_rotation
 from mkdaemon.vision.limits import SELFCAL
@@ -185,6 +186,8 @@ READING_SD: Final = 0.03
 """Of one reading [m]: steps of 5 cm."""
 LOWEST: Final = 0.7
 """Below, the rotors' own pressure is on the barometer [m]."""
+LEAST_CHANGE: Final = 0.1
+"""A barometer that lives changes by so much on `SELFCAL.least_way` [m]: two of its steps, or one of the coarse ones."""
 LONGEST_GAP: Final = 0.5
 """Between two poses that a reading lies between [s]."""
 PAUSE: Final = 5.0
@@ -207,6 +210,7 @@ class HeightFilter:
         self._last: tuple[float, float] | None = None
         self._compared_at: float | None = None
         self._low, self._high = np.inf, -np.inf
+        self._read_low, self._read_high = np.inf, -np.inf
 
     @property
     def scale(self) -> tuple[float, float]:
@@ -214,10 +218,25 @@ class HeightFilter:
         return float(self._mean[1]), float(np.sqrt(self._covariance[1, 1]))
 
     @property
-    def contradicts(self) -> bool:
-        """Whether the barometer says that heights are wrong: by enough to matter, and by no accident."""
+    def odds(self) -> float:
+        """Decimal logarithm of the odds that heights are wrong, against right ones; 0 where nothing is known.
+
+        What was read says of the share e what a normal distribution about m with deviation s says, once the belief
+        before it is taken out; integrated over what e may be, that is the density of m with both variances. A barometer
+        that does not move is dead, and says nothing.
+        """
         share, sd = self.scale
-        return self.covered > SELFCAL.least_way and abs(share) > max(SELFCAL.height, SELFCAL.certain * sd)
+        left = 1.0 / sd**2 - 1.0 / SCALE_SD**2
+        if self.covered <= SELFCAL.least_way or self._read_high - self._read_low < LEAST_CHANGE or left <= 0.0:
+            return 0.0
+        mean, variance = share / (sd**2 * left), 1.0 / left
+        wrong, right = variance + SCALE_SD**2, variance + SELFCAL.height**2
+        return (mean**2 * (1.0 / right - 1.0 / wrong) - log(wrong / right)) / 2.0 / log(10.0)
+
+    @property
+    def contradicts(self) -> bool:
+        """Whether the barometer says that heights are wrong, and by no accident."""
+        return self.odds >= HEIGHTS_TOLD
 
     @property
     def covered(self) -> float:
@@ -249,6 +268,7 @@ class HeightFilter:
             self._covariance[0, 0] = OFFSET_SD**2
         self._covariance[0, 0] += WANDER**2 * spent
         self._low, self._high = min(self._low, height), max(self._high, height)
+        self._read_low, self._read_high = min(self._read_low, barometer), max(self._read_high, barometer)
         observe = np.array([1.0, -height, -speed])
         surprise = barometer - height - float(observe @ self._mean)
         seen = self._covariance @ observe
@@ -386,6 +406,7 @@ class TargetWatch:
             height_percent=100.0 * height,
             height_sd_percent=100.0 * height_sd,
             height_covered=self.heights.covered,
+            height_odds=self.heights.odds,
         )
 
     def _known(self, n: int, floor: float = 0.0) -> tuple[float, float]:
