@@ -17,13 +17,13 @@ _HEAD: Final = """# Mutants
 
 `python -m lab mutants` changes the code that decides, one place at a time (a comparison, a constant, a sign, a
 condition, a value returned, a statement left out), and runs the tests that come by. A mutant is killed when a test
-fails or computes for too long. What survives is a missing test, or changes nothing that matters: then its reason stands
+fails or takes too long. What survives is a missing test, or changes nothing that matters: then its reason stands
 below and in `lab/mutants/survivors.toml`. The share leaves out mutants that do the same as the code.
 
 A mutant that is killed takes about 0.1 s of computing time, one that lives all its tests, up to `--budget`. Tests that
-tell most in the least time come first. Only computing time counts against a mutant, and a kill by a test that waits is
-tried again: a loaded machine kills nothing. Verdicts are kept in `build/mutants`, so a run that was stopped goes on,
-and after new tests a survivor has to outlive only those.
+tell most in the least time come first. Waiting for a processor does not count against a mutant, and a kill by a test
+that waits is tried again: a loaded machine kills nothing. Verdicts are kept in `build/mutants`, so a run that was
+stopped goes on, and after new tests a survivor has to outlive only those.
 
 ```sh
 python -m lab mutants src/mkdaemon/control/sight.py                         # one file, all its mutants
@@ -44,9 +44,14 @@ def mutants_page(root: Path) -> str:
     sizes = ", ".join(f"`{name.removeprefix('src/mkdaemon/')}` has {count}" for name, count in found["of"].items())
     total = (
         f"{drawn} ({sizes}): {found['killed']} of {found['mutants']} killed, {found['timeouts']} of these by time; "
-        f"{found['equivalent']} do the same as the code. **{100 * found['share']:.1f} %**, in "
+        f"{found['equivalent']} do the same as the code. It took "
         f"{found['seconds'] / 60:.0f} minutes of computing time."
     )
+    if found["budget"]:
+        total += f" Tests of one mutant took {found['budget']:g} s at most."
+    if found["tests"]:
+        count = len(found["tests"])
+        total += f" Only {count} files and folders of tests judged, named in the results: shares are lower bounds."
     tables = (("subject", "subjects"), ("file", "files"), ("change", "operators"))
     lines = [_HEAD, total]
     for name, key in tables:

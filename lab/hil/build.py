@@ -18,9 +18,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+from lab.places import ROOT
 from mkdaemon.errors import ConfigError
 
-ROOT: Final = Path(__file__).resolve().parents[2]
 OUTPUT: Final = ROOT / "build" / "hil"
 """Everything that is built."""
 LIBRARY: Final = OUTPUT / "board.so"
@@ -119,7 +119,7 @@ def _build_library(simavr: Path) -> None:
         (work / name).write_text(repair((simavr / "sim" / name).read_text(encoding="latin1")), encoding="latin1")
     sources = [path for path in sorted((simavr / "sim").glob("*.c")) if path.name not in LEFT_OUT]
     sources += [simavr / "cores" / f"sim_{core}.c" for core in ("mega1284", "megax4", "mega644")]
-    sources += [work / "avr_twi.c", work / "avr_eeprom.c", Path(__file__).parent / "board.c"]
+    sources += [work / "avr_twi.c", work / "avr_eeprom.c", ROOT / "lab" / "hil" / "board.c"]
     folders = (work, simavr / "sim", simavr / "sim" / "avr", simavr / "cores")
     command = ["gcc", "-O3", "-march=native", "-fPIC", "-shared", "-w", "-fno-semantic-interposition", "-flto=auto"]
     command += [f"-I{folder}" for folder in folders] + ["-include", str(work / "sim_core_config.h")]

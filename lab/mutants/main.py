@@ -83,6 +83,8 @@ def main(
     summary = {
         "seed": seed,
         "sample": sample,
+        "budget": budget,
+        "tests": sorted(path.as_posix() for path in tests or ()),
         "of": {name: len(every) for name, every in by_subject.items()},
         **sum_up(mutants, verdicts, read_reasons(root / REASONS), _subject_of),
     }

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import pytest
+
 from mkdaemon.control.vehicle import FRESH, MOTOR_TEST, VehicleMemory
 from mkdaemon.telemetry.control import ControlLine, LeaseState, Obstacle
-from tests.control.events import flight, link_state, pilot
+from mkdaemon.telemetry.state import Battery, Gps, GpsFix, Position
+from tests.control.events import STAMP, flight, link_state, pilot
 
 
 def test_at_first_nothing_is_known():
@@ -78,3 +81,28 @@ def test_what_a_lost_flightctrl_said_is_unknown_at_once_and_nobody_may_fly():
     facts.link_changed(link_state())
     facts.link_changed(link_state(openings=7))
     assert facts.limit_line(line) is line
+
+
+STAMPED = {"stamp": STAMP, "source": "nc/osd"}
+PLACE = Position(
+    **STAMPED, latitude_deg=53.0, longitude_deg=8.0, altitude=None, altitude_above_start=2.0, position_enu=None,
+    home_latitude_deg=53.0, home_longitude_deg=8.0, home_distance=0.0,
+)  # fmt: skip
+RECEPTION = Gps(**STAMPED, satellites=9, fix=GpsFix.VALID, is_usable=True, is_home_set=True)
+CHARGE = Battery(**STAMPED, voltage=16.0, current=None, used_mah=None, is_low=None)
+
+
+@pytest.mark.parametrize(
+    ("told", "ask"),
+    [
+        (flight(is_flying=True), VehicleMemory.flight),
+        (PLACE, VehicleMemory.position),
+        (RECEPTION, VehicleMemory.gps),
+        (pilot(20.0), VehicleMemory.pilot),
+        (CHARGE, VehicleMemory.battery),
+    ],
+)
+def test_every_fact_holds_for_just_two_seconds(told, ask):
+    facts = VehicleMemory()
+    facts.state_received(told, 10.0)
+    assert [ask(facts, at) for at in (10.0, 12.0, 12.001)] == [told, told, None]

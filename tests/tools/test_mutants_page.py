@@ -20,13 +20,22 @@ def test_the_page_has_the_share_of_each_subject_and_each_survivor_with_its_reaso
     verdicts = {m.id: Verdict(m.id, how, "", 60.0) for m, how in zip(mutants, outcomes, strict=True)}
     reasons = [Reason("src/mkdaemon/guard.py", "f", "a < b", "a <= b", "never equal", is_equivalent=True)]
     found = sum_up(mutants, verdicts, reasons, lambda path: path.split("/")[2])
-    summary = {"seed": 29, "sample": 2, "of": {"src/mkdaemon/control": 9, "src/mkdaemon/guard.py": 2}, **found}
+    summary = {
+        "seed": 29,
+        "sample": 2,
+        "budget": 5.0,
+        "tests": ["tests/x.py"],
+        "of": {"src/mkdaemon/control": 9, "src/mkdaemon/guard.py": 2},
+        **found,
+    }
     (tmp_path / RESULTS).parent.mkdir(parents=True)
     (tmp_path / RESULTS).write_text(json.dumps(summary), encoding="utf-8")
     page = mutants_page(tmp_path)
     assert "Of each subject 2 were drawn with seed 29 (`control` has 9, `guard.py` has 2)" in page
     assert "2 of 4 killed" in page
-    assert "**66.7 %**, in 4 minutes of computing time" in page
+    assert "It took 4 minutes of computing time" in page
+    assert "took 5 s at most" in page
+    assert "Only 1 files and folders of tests judged" in page
     assert "the same: never equal" in page
     assert "no test yet" in page
     [control] = [line for line in page.splitlines() if line.startswith("| control ")]

@@ -88,11 +88,15 @@ def drawing_stream(stream: TextIO) -> TextIO:
 def guarded_streams() -> Iterator[None]:
     """Let nothing that is printed while the context lasts act on a terminal."""
     before = sys.stdout, sys.stderr
-    sys.stdout, sys.stderr = guarded(sys.stdout), guarded(sys.stderr)
+    sys.stdout, sys.stderr = ours = guarded(sys.stdout), guarded(sys.stderr)
     try:
         yield
     finally:
-        sys.stdout, sys.stderr = before
+        # Who put another stream in the place of one, as the daemon's log does, has guarded it himself.
+        if sys.stdout is ours[0]:
+            sys.stdout = before[0]
+        if sys.stderr is ours[1]:
+            sys.stderr = before[1]
 
 
 def print_whatever_the_encoding() -> None:

@@ -254,7 +254,7 @@ class Rehearsal:
         world, seed = aircraft.world, config.seed
         self.record, self.bus = Rehearsed(), LocalBus()
         self._world, self._watcher, self._loop = world, watcher, loop
-        self._told = moved
+        self._watch_world = moved
         self._scene = SceneCamera(config.scene, seed)
         clock = Clock(
             monotonic=loop.time, wall=lambda: WALL + loop.time(), synchronised=lambda: True, suspended=lambda: 0.0
@@ -361,7 +361,7 @@ class Rehearsal:
 
     def _moved(self, now: float) -> None:
         """Keep what is true now, twenty times a second."""
-        self._told(now)
+        self._watch_world(now)
         if now < self._kept_at:
             return
         self._kept_at = now + KEPT

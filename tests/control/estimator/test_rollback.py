@@ -256,3 +256,12 @@ def test_what_is_no_measurement_is_refused_and_counted(wrong):
     assert filter_.measure(wrong, np.eye(2)) is None
     assert (filter_.refused, filter_.dropped, filter_.rejected) == (1, 0, 0)
     assert np.array_equal(filter_.covariances, make_after(20).covariances)
+
+
+@pytest.mark.parametrize(("deviations", "is_believed"), [(4.9, True), (-4.9, True), (5.1, False), (-5.1, False)])
+def test_five_standard_deviations_are_believed_and_no_more(deviations, is_believed):
+    filter_ = run(readings(random.Random(3)), lambda m: 0.02)
+    spread = np.sqrt(filter_.covariances[0, 0, 0] + 4e-4)
+    seen = filter_.states[:, 0] + np.array([deviations * spread, 0.0])
+    filter_.measure(Measurement(filter_.time, POSITION, seen, 4e-4))
+    assert (filter_.rejected == 0) is is_believed

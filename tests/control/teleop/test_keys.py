@@ -170,3 +170,12 @@ def test_thrust_by_keys_ends_at_the_top() -> None:
     for _ in range(100):
         typist.type("w")
     assert typist.keys.thrust == 1.0
+
+
+def test_thrust_by_keys_is_a_straight_line() -> None:
+    typist = Typist()
+    typist.type("e")
+    typist.keys.thrust = 0.475  # half of the way to where the stick counts as at its top
+    output = typist.tick()
+    assert output.setpoint is not None
+    assert output.setpoint.fields["throttle"] == pytest.approx((KEYBOARD.thrust.hover + KEYBOARD.thrust.highest) / 2.0)

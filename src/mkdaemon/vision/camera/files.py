@@ -20,9 +20,13 @@ from mkdaemon.vision.camera.sizewatch import ClipWatch, may_change_size, open_qu
 PICTURES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm", ".webp"})
 CLIPS = frozenset({".mp4", ".avi", ".mkv", ".mov", ".webm", ".m4v", ".mpg", ".mpeg", ".ts"})
 _BEGINNING: Final = re.compile(
-    rb"RIFF.{4}AVI |.{4}(?:ftyp|moov|mdat|wide|free|skip|pnot)|\x1aE\xdf\xa3|\x00\x00\x01[\xb3\xba]|G.{187}G", re.DOTALL
+    rb"RIFF.{4}AVI |.{4}(?:ftyp|moov|mdat|wide|free|skip|pnot)|\x1aE\xdf\xa3|\x00\x00\x01[\xb3\xba]"
+    rb"|\x00?\x00\x00\x01[\x09\x27\x47\x67]|G.{187}G",
+    re.DOTALL,
 )
-"""Of AVI, MP4 and QuickTime, Matroska, MPEG and its transport stream."""
+"""Of AVI, MP4 and QuickTime, Matroska, MPEG, bare H.264, and the transport stream."""
+_LOOKED_AT: Final = 189
+"""Length of the longest of them: a packet of the transport stream and the first byte of the next."""
 FOLDER_HZ = 10.0
 
 
@@ -102,7 +106,7 @@ def _is_video(path: Path) -> bool:
     """Whether a file begins as a video does: FFmpeg guesses at others for long, and follows lists to elsewhere."""
     try:
         with open_regular(path) as file:
-            return _BEGINNING.match(file.read(189)) is not None
+            return _BEGINNING.match(file.read(_LOOKED_AT)) is not None
     except OSError:
         return False
 
