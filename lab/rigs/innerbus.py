@@ -9,6 +9,7 @@ import asyncio
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from types import SimpleNamespace
 from typing import Any, Final
 
 import zenoh
@@ -26,6 +27,8 @@ from mksim.programs.virtualports import LocalBus
 
 SOURCE: Final = "5eed"
 """Id of every session."""
+SOURCE_INFO: Final[Any] = SimpleNamespace(source_id=SimpleNamespace(zid=SOURCE))
+"""The same as Zenoh has it, which makes one for open sessions alone."""
 
 
 class Bytes(bytes):
@@ -246,7 +249,7 @@ class InnerBus(LocalBus):
             self._deliver(whole, payload, encoding)
             return
         take, verify = self.takers[suffix]
-        arrived = Arrived(self.loop.time(), payload, attachment, verify(payload, attachment), None)
+        arrived = Arrived(self.loop.time(), payload, attachment, verify(payload, attachment), SOURCE_INFO)
         recorded_taker(self._recorder, suffix, encoding, take)(arrived)
 
     def ask_all(self, query: InnerQuery) -> None:
