@@ -116,7 +116,10 @@ def test_mistakes_are_one_line(serve, mkctl):
             (("get", "a//b"), "'a//b' is no key: empty chunks are forbidden"),
             (("get", "--vehicle", "other"), "there is cockpit: use --vehicle"),
             (("watch", ""), "'' is no key"),
-            (("watch", "state/atitude"), "no key matches 'state/atitude'; did you mean state/attitude?"),
+            (
+                ("watch", "state/atitude"),
+                "no key matches 'state/atitude'; did you mean state/attitude or state/altitude?",
+            ),
             (("status", "--vehicle", "other"), "there is cockpit: use --vehicle"),
             (("status", "--connect", "tcp/127.0.0.1:1"), "nobody answers"),
             (("rates", "osd"), "which interval"),

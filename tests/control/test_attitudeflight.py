@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from functools import cache
 from itertools import pairwise
 
@@ -96,12 +97,14 @@ def test_an_attitude_leans_the_aircraft_the_way_it_says(lean, axis, sign):
 
 
 def test_thrust_is_a_share_of_the_weight_and_a_yaw_rate_turns():
-    rig = Leans(CALM, thrust=1.08, yaw_rate=0.3)
+    rig = Leans(CALM, thrust=1.08)
     assert rig.fly().lost == ""
     level = Leans(CALM)
     level.fly()
     assert turned(rig, 1.5)[2] - turned(level, 1.5)[2] > 0.3
-    assert 0.3 < rig.estimates[-1].yaw - next(e.yaw for e in rig.estimates) < 1.2
+    turns = Leans(replace(CALM, start=6.0), yaw_rate=0.3)
+    turns.fly()
+    assert 0.3 < turns.estimates[-1].yaw - next(e.yaw for e in turns.estimates) < 1.2
 
 
 def test_an_attitude_that_is_too_old_gives_neutral_sticks_and_then_a_release_never_a_frozen_tilt():

@@ -28,7 +28,7 @@ from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.command import CommandResult, refused
 from mkdaemon.telemetry.control import ErrorValue, EstimateValue, Phase, ReleaseOutcome
 from mkdaemon.telemetry.refusals import Status
-from mkdaemon.telemetry.selfcal import HEIGHTS_TOLD
+from mkdaemon.telemetry.selfcal import HEIGHTS_LIKELY
 from mkdaemon.telemetry.setpoint import Setpoint
 from mkdaemon.telemetry.vision import VisionPose
 
@@ -148,7 +148,7 @@ class Reports:
     def eyes_reported(self) -> None:
         """Warn once when the barometer begins to contradict the heights that images show."""
         found = heights_found(self._facts.eyes)
-        is_wrong = found is not None and found.odds >= HEIGHTS_TOLD
+        is_wrong = found is not None and found.odds >= HEIGHTS_LIKELY
         if found is not None and is_wrong and not self._are_heights_wrong:
             self._waiting.append(Warn(f"{found.refusal.reason} {found.refusal.fix}"))
         self._are_heights_wrong = is_wrong

@@ -91,8 +91,8 @@ class ThrottleLid:
             self._scale = max(self._scale, min(flown / max(highest, 1.0), 1.0))
             return
         # Of a throttle that the motors' least would hide, nothing is told.
-        is_told = (1.0 - share) * lowest > MARGIN
-        self._is_stick = self._is_stick or (is_told and flown > share * highest + MARGIN)
+        differs = (1.0 - share) * lowest > MARGIN
+        self._is_stick = self._is_stick or (differs and flown > share * highest + MARGIN)
         self._scale = 1.0 if self._is_stick else share
 
     def _show(self, at: float, flown: float, lowest: float, scale: float) -> None:

@@ -10,7 +10,7 @@ from typing import Final
 
 from mkdaemon.telemetry.base import Telemetry
 
-HEIGHTS_TOLD: Final = 2.0
+HEIGHTS_LIKELY: Final = 2.0
 """`height_odds` from which wrong heights are told: of right ones that happens in less than one flight in 100.
 
 Of right files the odds pass K in at most one flight in K, however often one looks. Source: J. Ville, "Etude critique de

@@ -81,10 +81,10 @@ def from_osd(osd: OsdData4 | OsdData5, origin: Origin, receiver: ReceiverWatch) 
     if not is_fc_lost(osd.error_code):
         states.append(("state/battery", _battery(osd, origin)))
         gas = float(osd.throttle) if osd.fc_flags & FlightStatus.MOTORS_RUNNING else None
-        said = pilot(
+        reported = pilot(
             origin, float(osd.rc_quality), sticks=None, throttle=None, gas=gas, compensated_at=osd.si("battery")
         )
-        states.append(("state/pilot", said))
+        states.append(("state/pilot", reported))
         states.append(("state/altitude", Altitude(**origin._asdict(), above_start=osd.si("altimeter"))))
     if is_valid:
         states.append(("state/position", _position(osd, origin)))

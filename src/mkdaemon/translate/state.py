@@ -127,7 +127,7 @@ def _from_debug(debug: DebugDataFc, origin: Origin) -> list[State]:
     )
     is_fork = bool(channels[_CHANNEL_FORK_CALIBRATED])
     stick = channels[_CHANNEL_FORK_STICK] + STICK_CENTRE if is_fork else channels[_CHANNEL_THROTTLE] / _THROTTLE_SCALE
-    said = pilot(
+    reported = pilot(
         origin,
         float(channels[_CHANNEL_RECEIVER]),
         sticks=None,
@@ -138,5 +138,5 @@ def _from_debug(debug: DebugDataFc, origin: Origin) -> list[State]:
     return [
         ("state/battery", battery),
         ("state/altitude", Altitude(**origin._asdict(), above_start=channels[_CHANNEL_HEIGHT] / 10)),
-        ("state/pilot", said),
+        ("state/pilot", reported),
     ]

@@ -172,12 +172,12 @@ def test_beside_the_target_it_waits_above_its_last_decision(height, wanted):
     assert landing.goal(estimate(0.0, height, east=0.5), None, STEP).position[2] == pytest.approx(wanted)
 
 
-def test_throttle_of_the_commit_goes_down_further_after_a_while_and_to_nothing_when_it_stands():
+def test_throttle_of_the_commit_goes_down_further_after_a_while_and_ends_when_it_stands():
     landing = Landing(LIMITS, estimate(0.0, 0.12))
     shares = {at: landing.goal(estimate(at, 0.12, thrust=1.0), None, STEP).gas_share for at in (0.0, 0.3, 0.4, 0.9)}
     assert shares == pytest.approx({0.0: 0.9, 0.3: 0.9, 0.4: 0.8, 0.9: 0.6})
     assert landing.goal(estimate(0.92, 0.029, thrust=1.0), None, STEP).gas_share == pytest.approx(0.6)
-    assert landing.goal(estimate(1.02, 0.029, thrust=1.0), None, STEP).gas_share == 0.0
+    assert landing.goal(estimate(1.02, 0.029, thrust=1.0), None, STEP).gas_share is None, "the manoeuvre stands"
     assert landing.down_since == 1.02
 
 

@@ -23,7 +23,7 @@ from mkdaemon.telemetry.control import Obstacle, Phase
 from mkdaemon.telemetry.link import LinkCondition
 from mkdaemon.telemetry.preflight import CheckState
 from mkdaemon.telemetry.refusals import Token, refuse
-from mkdaemon.telemetry.selfcal import HEIGHTS_SURE, HEIGHTS_TOLD
+from mkdaemon.telemetry.selfcal import HEIGHTS_LIKELY, HEIGHTS_SURE
 from mkdaemon.telemetry.setpoint import SetpointFrame
 from mkdaemon.telemetry.state import GpsMode
 from mkdaemon.telemetry.vision import Alarm, EyeState, VisionStats
@@ -220,7 +220,7 @@ def _heights(now: Situation) -> Verdict:
         return unknown("nothing compares them yet: lift it by hand over the target, from 0.7 m up by a metre and back")
     if found.odds >= HEIGHTS_SURE:
         return stands(found.refusal)
-    return unknown(f"watch it: {found.refusal.reason}") if found.odds >= HEIGHTS_TOLD else passed(found.words)
+    return unknown(f"watch it: {found.refusal.reason}") if found.odds >= HEIGHTS_LIKELY else passed(found.words)
 
 
 def _lateness(now: Situation) -> Verdict:

@@ -33,7 +33,7 @@ import numpy.typing as npt
 
 from mkdaemon.config.camera import MountSection
 from mkdaemon.frames import euler_from_rotation, rotation_from_euler
-from mkdaemon.telemetry.selfcal import HEIGHTS_TOLD, SelfCalibration, TagSizeError
+from mkdaemon.telemetry.selfcal import HEIGHTS_LIKELY, SelfCalibration, TagSizeError
 from mkdaemon.telemetry.vision import Alarm
 from mkdaemon.vision.camera.calibration_file import Camera, mount_rotation
 from mkdaemon.vision.limits import SELFCAL
@@ -236,7 +236,7 @@ class HeightFilter:
     @property
     def contradicts(self) -> bool:
         """Whether the barometer says that heights are wrong, and by no accident."""
-        return self.odds >= HEIGHTS_TOLD
+        return self.odds >= HEIGHTS_LIKELY
 
     @property
     def covered(self) -> float:
