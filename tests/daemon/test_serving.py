@@ -44,7 +44,7 @@ class Bus:
     def serve(self, root, handler):
         pass
 
-    def refuse_uninvited(self):
+    async def refuse_uninvited(self):
         pass
 
     def receive(self, suffix, take, verify):

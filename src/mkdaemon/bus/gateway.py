@@ -12,7 +12,7 @@ from collections.abc import AsyncIterator, Callable, Mapping
 from contextlib import ExitStack, asynccontextmanager
 from functools import partial
 from types import MappingProxyType
-from typing import Any, Final, Self
+from typing import Final, Self
 
 import zenoh
 from pydantic import BaseModel
@@ -24,15 +24,17 @@ from mkdaemon.bus.exposure import check_exposure
 from mkdaemon.bus.floods import ShedCounter, flood_settings
 from mkdaemon.bus.intake import Arrived, SetpointIntake, Taker, Verifier, read_payload, read_signature
 from mkdaemon.bus.keys import Use, find, of_use, roots
-from mkdaemon.bus.names import key
+from mkdaemon.bus.names import key, suffix_of
 from mkdaemon.bus.published import PublishedValues
 from mkdaemon.bus.recording import BusRecorder, NoRecorder, recorded_taker
 from mkdaemon.bus.schema import schema_json, schema_names
 from mkdaemon.bus.session import close_session, open_session, session_config
-from mkdaemon.bus.setpointroot import NEIGHBOURS, below, extend_access, new_setpoint_root
+from mkdaemon.bus.setpointroot import NEIGHBOURS, PLAIN_ROOT, below, extend_access, new_setpoint_root
 from mkdaemon.config.bus import BusConfig
 
 _JSON: Final = "application/schema+json"
+LOOK: Final = 0.05
+"""How long it is looked, each time, for setpoints put where nobody may [s]."""
 
 Watcher = Callable[[str, bool], None]
 """Takes a client's coming (True) or going (False), by its name; called on the loop."""
@@ -65,7 +67,7 @@ class Bus:
         self._clock = clock
         self._published = PublishedValues(session, vehicle, recorder)
         self._shed = ShedCounter()
-        self._uninvited: list[tuple[zenoh.Subscriber[Any], str, Callable[[Arrived], None]]] = []
+        self._uninvited: dict[str, Callable[[Arrived], None]] = {}
         self._commands = CommandServer(session, vehicle, recorder, self._shed, cfg.max_queries, clock)
         # One of its own, so that who reads no last values holds up no answer to a command.
         self._lookups = AnswerThread("bus.lookups", limit=4 * cfg.max_queries, limit_per_key=cfg.max_queries)
@@ -180,8 +182,8 @@ class Bus:
     def receive(self, suffix: str, take: Taker, verify: Verifier = lambda payload, proof: 0) -> None:
         """Hand every setpoint put below the secret root to `take`, with the time it arrived; see `SetpointIntake`.
 
-        What is too long is not even copied. The holder's are put once more to the plain key. What others put there is
-        kept without Python, the newest alone, for `refuse_uninvited`.
+        What is too long is not even copied. The holder's are put once more to the plain key; for what others put there
+        see `refuse_uninvited`.
 
         Args:
             suffix: plain key without `mk/<vehicle>/`.
@@ -209,14 +211,25 @@ class Bus:
 
         whole = key(self.vehicle, below(self.setpoint_root, suffix))
         self._session.declare_subscriber(whole, zenoh.handlers.Callback(on_sample, indirect=False))
-        newest = self._session.declare_subscriber(plain, zenoh.handlers.RingChannel(1), allowed_origin=remote)
-        self._uninvited.append((newest, suffix, recorded))
+        self._uninvited[suffix] = recorded
 
-    def refuse_uninvited(self) -> None:
-        """Have the newest setpoint refused that was put to each plain key since the last call; nobody may."""
-        for newest, suffix, take in self._uninvited:
-            sample = newest.handler.try_recv()
-            if sample is not None:
+    async def refuse_uninvited(self) -> None:
+        """Look for setpoints at the plain keys for a moment, and have the newest refused; nobody may put any there.
+
+        Only for a moment: while somebody subscribes, everything that is put there comes to this computer's door.
+        """
+        places, remote = len(self._uninvited), zenoh.Locality.REMOTE
+        looks = self._session.declare_subscriber(
+            key(self.vehicle, f"{PLAIN_ROOT}/*"), zenoh.handlers.RingChannel(places), allowed_origin=remote
+        )
+        try:
+            await asyncio.sleep(LOOK)
+            found = [sample for _ in range(places) if (sample := looks.handler.try_recv()) is not None]
+        finally:
+            looks.undeclare()
+        for sample in found:
+            suffix = suffix_of(self.vehicle, str(sample.key_expr))
+            if (take := self._uninvited.get(suffix)) is not None:
                 payload = read_payload(sample.payload, suffix)
                 take(Arrived(time.monotonic(), payload, b"", None, sample.source_info))
 

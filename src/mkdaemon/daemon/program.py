@@ -239,7 +239,7 @@ class Daemon:
     async def _report_floods(self) -> None:
         """Say what was shed, and refuse setpoints put where nobody may, once a second."""
         while True:
-            self._bus.refuse_uninvited()
+            await self._bus.refuse_uninvited()
             shed = ", ".join(f"{count} {what}" for what, count in self._bus.take_shed().items())
             if shed:
                 self._audit.log("warning", f"flood: {shed} were shed")
