@@ -75,12 +75,12 @@ def main(
     holds = True
     for name in [scene] if scene else SCENES:
         columns = {board or SIMULATED: _fly(name, board, runs, first_seed, jobs) for board in flown}
-        row = {"scene": name, "boards": {board: summary(SCENES[name], found) for board, found in columns.items()}}
-        holds &= all(part["holds"] for part in row["boards"].values())
+        summed = {board: summary(SCENES[name], found) for board, found in columns.items()}
+        holds &= all(part["holds"] for part in summed.values())
         if as_json:
-            print(json.dumps(row), flush=True)
+            print(json.dumps({"scene": name, "boards": summed}), flush=True)
         else:
-            Console().print(_table(SCENES[name], row["boards"]))
+            Console().print(_table(SCENES[name], summed))
     return 0 if holds else 1
 
 
