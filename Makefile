@@ -6,7 +6,7 @@ STAMP := .venv/.prepared
 # Where it is set, each of the hundred programs that the tests start compiles every module anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test check bench figures docs venv install clean
+.PHONY: demo test check bench figures hil docs venv install clean
 .DEFAULT_GOAL := demo
 
 demo: venv
@@ -33,6 +33,10 @@ bench: venv
 
 figures: venv
 	$(BIN)/python -m lab figures
+
+# The proving ground: FIRMWARE is a folder of a FlightCtrl's sources, SIMAVR one of simavr; both are the user's.
+hil: venv
+	$(BIN)/python -m lab.hil.build "$(FIRMWARE)" "$(SIMAVR)"
 
 docs: venv
 	$(BIN)/python -m tools.docs

@@ -14,6 +14,7 @@ from pydantic import BaseModel
 
 from lab.hil.aircraft import GenuineAircraft
 from lab.hil.build import built
+from mkdaemon.control.estimator.model import STICK_FILTER
 from mkdaemon.telemetry.control import ControlEstimate, ControlStatus
 from mkdaemon.telemetry.event import LogEvent
 from mkdaemon.virtualtime import run_virtually
@@ -258,5 +259,5 @@ def _honesty(truth: Array, estimates: Array, parts: dict[str, float]) -> dict[st
         "nees_level": float(ratio[:, :2].mean()),
         "nees_height": float(ratio[:, 2].mean()),
         "bias_height_cm": 100 * float(errors[:, 2].mean()),
-        "stick_filter_ms": 1000 * float(flies[-1, 7]),
+        "filter_off_ms": 1000 * abs(float(flies[-1, 7]) - STICK_FILTER),
     }
