@@ -64,7 +64,7 @@ def test_a_compiler_that_is_not_there_is_named_with_its_package(unbuilt, monkeyp
 
 def test_another_simavr_is_not_repaired_blindly():
     assert "is_busy" in building._busy_eeprom(REPAIRED)
-    with pytest.raises(ConfigError, match="not that of tag v1.6"):
+    with pytest.raises(ConfigError, match=r"not that of tag v1\.6"):
         building._busy_eeprom(REPAIRED.replace("write operation", "writing"))
     with pytest.raises(ConfigError, match=r"avr_twi\.c"):
         building._slow_i2c("nothing of it")

@@ -226,7 +226,7 @@ class Bus:
             await asyncio.sleep(LOOK)
             found = [sample for _ in range(places) if (sample := looks.handler.try_recv()) is not None]
         finally:
-            looks.undeclare()
+            looks.undeclare()  # type: ignore[no-untyped-call]
         for sample in found:
             suffix = suffix_of(self.vehicle, str(sample.key_expr))
             if (take := self._uninvited.get(suffix)) is not None:
