@@ -145,8 +145,10 @@ async def test_leaving_while_flying_ends_with_a_release():
 async def test_malformed_setpoints_are_counted_and_named():
     async with live_daemon() as flown, flown.client() as client:
         publisher = client.stream("setpoint/stick")
-        publisher.put(b"\xff\x00 no msgpack")
-        event = await flown.until(
-            lambda: next((e for e in flown.values("event/command") if e["key"] == "setpoint/stick"), None)
-        )
+
+        def refused():
+            publisher.put(b"\xff\x00 no msgpack")  # a stream: nobody looks there for long
+            return next((e for e in flown.values("event/command") if e["key"] == "setpoint/stick"), None)
+
+        event = await flown.until(refused)
         assert (event["status"], event["token"]) == ("denied", "malformed")
