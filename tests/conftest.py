@@ -39,6 +39,10 @@ signal.signal(signal.SIGTERM, signal.SIG_DFL)
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
+LONG = {"stories", "tools", "vision"}
+"""Folders with files that take long."""
+
+
 def pytest_configure(config: pytest.Config) -> None:
     config.pluginmanager.register(Repeats(), "repeats")
 
@@ -61,9 +65,12 @@ def pytest_collection(session: pytest.Session) -> None:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Files that start whole programs come first: beside those that compute, what runs in real time comes too late."""
+    """Files that start whole programs come first: beside those that compute, what runs in real time comes too late.
+
+    Then come the folders whose files take long: at the end one process would work on such a file while others wait.
+    """
     slow = {item.path for item in items if item.get_closest_marker("flight")}
-    items.sort(key=lambda item: item.path not in slow)
+    items.sort(key=lambda item: (item.path not in slow, not LONG & set(item.path.parts)))
 
 
 def pytest_collectstart() -> None:
