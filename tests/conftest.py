@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 import os
 import signal
+import sys
 from collections.abc import Iterator
 from contextlib import suppress
 from importlib import import_module
@@ -17,7 +18,6 @@ import pytest
 import structlog
 from hypothesis import HealthCheck, settings
 
-from tests.bus.support import give_back_endpoints
 from tests.orphans import no_orphans
 from tests.places import DATA, REFERENCE, ROOT
 from tests.repeats import Repeats
@@ -120,9 +120,10 @@ def logs() -> Iterator[None]:
 
 @pytest.fixture(scope="module", autouse=True)
 def endpoints() -> Iterator[None]:
-    """Endpoints are reserved until the end of a file's tests."""
+    """Endpoints are reserved until the end of a file's tests; who reserved none need not import the bus for that."""
     yield
-    give_back_endpoints()
+    if (support := sys.modules.get("tests.bus.support")) is not None:
+        support.give_back_endpoints()
 
 
 @pytest.fixture(scope="session")
