@@ -56,7 +56,10 @@ class LeastSquares:
 
 
 def at_once(views, tuning, velocity):
-    """Both horizontal axes and the vertical one after views of one moment, by docs/control.md, "Estimator"."""
+    """Both horizontal axes, the vertical one and the mean of the innovations after views of one moment.
+
+    By docs/control.md, "Estimator".
+    """
     yaw = views[0].heading
     turn = turned((0.0, 0.0, yaw))
     place = -turn @ views[0].position_flu
@@ -64,20 +67,25 @@ def at_once(views, tuning, velocity):
     starts[:, P], starts[:, V] = place[:2], velocity[:2]
     axes = [LeastSquares(start, tuning.first_covariance) for start in starts]
     upright = LeastSquares(np.array([place[2], velocity[2], 0.0, 0.0]), np.diag(tuning.first_upright_spread) ** 2)
+    innovation = 1.0
     for view in views:
         seen, spread = turn @ view.position_flu, turn @ view.sight_covariance @ turn.T
         fastest = max(abs(axis.mean[V]) for axis in axes)
         up = view.target_from_flu[:, 2]
+        squares = []
         for k, axis in enumerate(axes):
             # The place is seen as if the aircraft were level: off by its tilt times the distance.
             variance = 1.2**2 * spread[k, k] + 0.004**2 + (0.004 * fastest) ** 2
-            axis.add(np.eye(LEVEL_STATES)[P] + seen[2] * np.eye(LEVEL_STATES)[T], -seen[k], variance)
+            row = np.eye(LEVEL_STATES)[P] + seen[2] * np.eye(LEVEL_STATES)[T]
+            squares.append((-seen[k] - row @ axis.mean) ** 2 / (row @ axis.covariance @ row + variance))
+            axis.add(row, -seen[k], variance)
             tilt = 1.2**2 * (view.covariance[3, 3] + view.covariance[4, 4]) / 2.0 + 0.01**2
             axis.add(np.eye(LEVEL_STATES)[T], up[k] / up[2], tilt)
+        innovation += 0.02 * (sum(squares) / 2.0 - innovation)
         normal = np.array([-axes[0].mean[T], -axes[1].mean[T], 1.0])
         normal /= np.linalg.norm(normal)
         upright.add(np.eye(4)[H], -normal @ seen, 1.2**2 * normal @ spread @ normal + 0.01**2)
-    return axes, upright
+    return axes, upright, innovation
 
 
 PLACE = (0.5, -0.8, 2.0)
@@ -95,7 +103,7 @@ def test_views_of_one_moment_count_as_least_squares_say(size, yaw):
     estimator = Estimator(MODEL, views[0], HOVER, compass=0.3, velocity=velocity, robust=STILL)
     for view in views[1:]:
         estimator.target_seen(view, 0.0)
-    axes, upright = at_once(views, STILL, velocity)
+    axes, upright, innovation = at_once(views, STILL, velocity)
     found = estimator.estimate(0.0)
     assert found.axes == pytest.approx(np.array([axis.mean for axis in axes]), abs=1e-6)
     assert found.vertical == pytest.approx(upright.mean, abs=1e-6)
@@ -108,6 +116,7 @@ def test_views_of_one_moment_count_as_least_squares_say(size, yaw):
     assert spread[2] == pytest.approx([upright.covariance[H, H], upright.covariance[H, S], upright.covariance[S, S]])
     assert found.position_sd[2] ** 2 == pytest.approx(upright.covariance[H, H])
     assert estimator.velocity_sd**2 == pytest.approx(max(axis.covariance[V, V] for axis in axes))
+    assert estimator.innovation == pytest.approx(innovation)
     assert estimator.rejected == 0
 
 
@@ -115,7 +124,7 @@ def test_an_attitude_counts_by_its_own_variance_and_is_that_of_the_boards():
     view = leaning_view((0.0, 0.0, 0.7), PLACE, seed=4)
     estimator = Estimator(MODEL, view, HOVER, robust=STILL)
     estimator.attitude_received(0.0, 0.03, -0.02, 0.0)
-    axes, _ = at_once([view], STILL, np.zeros(3))
+    axes, _, _ = at_once([view], STILL, np.zeros(3))
     c, s = math.cos(0.7), math.sin(0.7)
     for axis, value in zip(axes, (0.03 * c - 0.02 * s, 0.03 * s + 0.02 * c), strict=True):
         axis.add(np.eye(LEVEL_STATES)[TH], value, 0.004**2)
@@ -366,3 +375,15 @@ def test_at_the_end_of_what_is_believed_nothing_moves(hover, excess):
     estimator._vertical.shift(E, np.array([excess]))
     estimator.recentre_hover(0.02, hover)
     assert (estimator.hover_gas, estimator._vertical.states[0, E]) == (hover, pytest.approx(excess))
+
+
+def test_who_goes_to_a_moment_finds_what_who_looked_ahead_found():
+    looked, gone = (Estimator(MODEL, level_view(yaw=0.4), HOVER) for _ in range(2))
+    for k in range(20):
+        for estimator in (looked, gone):
+            estimator.sent(StickCommand(0.023 * k, 3.0 * k, -20.0, 0.0, HOVER + k))
+    gone.advance(0.5)
+    ahead, there = looked.estimate(0.5), gone.estimate(0.5)
+    assert there.axes == pytest.approx(ahead.axes, abs=1e-9)
+    assert there.vertical == pytest.approx(ahead.vertical, abs=1e-9)
+    assert np.abs(there.tilt).min() > 0.02

@@ -153,9 +153,10 @@ def swung(size, *, gain=1.0, seconds=14.0, model=MODEL, frequencies=(5.0, 7.0)):
     return found
 
 
-def test_motion_is_remembered_by_its_size_with_both_filters_for_four_seconds():
-    size, frequencies, gain = 0.1, (5.0, 7.0), 1.4
-    found = swung(size, gain=gain)
+@pytest.mark.parametrize("frequencies", [(5.0, 7.0), (1.5, 2.5)])
+def test_motion_is_remembered_by_its_size_with_both_filters_for_four_seconds(frequencies):
+    size, gain = 0.1, 1.4
+    found = swung(size, gain=gain, frequencies=frequencies)
     for k, model in enumerate((MODEL, MODEL.with_other_filter())):
         swings = [size * abs(believed(model, frequency)) for frequency in frequencies]
         assert found._squares[k] == pytest.approx(MEMORY * sum(swing**2 / 2.0 for swing in swings), rel=0.08)
