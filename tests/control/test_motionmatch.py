@@ -225,3 +225,19 @@ def test_a_target_level_with_the_camera_is_none():
 )
 def test_a_maximum_lies_where_the_parabola_through_its_neighbours_has_it(values, best, vertex):
     assert _vertex(np.array(values), best) == pytest.approx(vertex)
+
+
+def test_a_camera_that_sees_nothing_move_is_like_nothing():
+    motion = MotionMatch()
+    for k in range(450):
+        motion.attitude_received(k / 50, 0.05 * math.sin(0.14 * k), 0.0)
+        motion.target_seen("pad", k / 50, (0.0, 0.0, -1.0))
+    assert motion.match(9.0, "pad").likeness == 0.0
+
+
+def test_no_source_fills_the_memory():
+    motion = MotionMatch()
+    for k in range(1500):
+        motion.attitude_received(0.001 * k, 0.0, 0.0)
+        motion.target_seen("pad", 0.001 * k, (0.0, 0.0, -1.0))
+    assert [len(motion._reported), *map(len, motion._seen.values())] == [1000, 1000]

@@ -387,3 +387,11 @@ def test_who_goes_to_a_moment_finds_what_who_looked_ahead_found():
     assert there.axes == pytest.approx(ahead.axes, abs=1e-9)
     assert there.vertical == pytest.approx(ahead.vertical, abs=1e-9)
     assert np.abs(there.tilt).min() > 0.02
+
+
+@pytest.mark.parametrize(("silent", "is_nominal"), [(0.805, True), (0.815, False)])
+def test_only_a_silence_longer_than_the_memory_ends_what_is_believed(silent, is_nominal):
+    estimator = watched()
+    estimator._believe(is_nominal=True)
+    estimator.advance(silent)
+    assert estimator.is_nominal is is_nominal
