@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mkdaemon.control.estimator.estimator import COMPASS_MEMORY, UNSENT, Estimator
+from mkdaemon.control.estimator.estimator import AT_ONCE, COMPASS_MEMORY, KNOWN, TOGETHER, UNSENT, Estimator
 from mkdaemon.control.estimator.model import LEVEL_STATES, TH, US, AircraftModel, B, D, E, H, P, S, T, V, W, Z
 from mkdaemon.control.estimator.tuning import NOMINAL, ROBUST
 from mkdaemon.control.estimator.values import StickCommand, TargetView
@@ -395,3 +395,27 @@ def test_only_a_silence_longer_than_the_memory_ends_what_is_believed(silent, is_
     estimator._believe(is_nominal=True)
     estimator.advance(silent)
     assert estimator.is_nominal is is_nominal
+
+
+def test_a_silence_adds_what_half_of_the_largest_tilt_and_three_tenths_of_the_weight_would_do(monkeypatch):
+    """Ahead of the memory of 0.8 s, for a second: 100 steps at once, the rest one by one."""
+
+    def silent():
+        estimator = watched()
+        estimator.advance(1.805)
+        return estimator._level.covariances[0], estimator._vertical.covariances[0]
+
+    unknown = silent()
+    for name in ("UNKNOWN_TILT", "UNKNOWN_THRUST"):
+        monkeypatch.setattr(f"mkdaemon.control.estimator.estimator.{name}", 0.0)
+    known = silent()
+    for dynamics, size, one, other in zip(
+        (MODEL.horizontal, MODEL.vertical), (0.175, 0.3), unknown, known, strict=True
+    ):
+        moved = dynamics(0.8)[0] @ dynamics(1.0)[1] * size
+        assert one - other == pytest.approx(np.outer(moved, moved), rel=1e-6, abs=1e-9)
+
+
+def test_how_long_what_has_a_say():
+    """A camera for three images of a slow one, stick frames until the oldest image that is used is surely older."""
+    assert (TOGETHER, AT_ONCE, KNOWN) == (0.5, 0.15, 2.0)

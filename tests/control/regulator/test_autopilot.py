@@ -228,3 +228,17 @@ def test_a_share_of_hover_teaches_nothing_about_it():
     estimator._vertical.shift(E, np.array([-3.0]))
     autopilot.sticks(replace(at_origin(2.0), gas_share=1.0), 0.5)
     assert estimator.hover_gas == HOVER
+
+
+def test_the_speed_is_known_to_a_quarter_of_a_metre_a_second_before_the_reference_moves():
+    autopilot, goal = begin(look(0.0, 0.4)), at_origin(2.0)
+    for k in range(1, 40):
+        autopilot.estimator.advance(0.02 * k)
+        autopilot.estimator.target_seen(look(0.02 * k, 0.4), 0.02 * k)
+        was_known = autopilot.estimator.velocity_sd <= 0.25
+        autopilot.sticks(goal, 0.02 * k)
+        if was_known:
+            break
+        assert autopilot.reference.position == pytest.approx(autopilot.estimate.position[:2])
+    autopilot.sticks(goal, 0.02 * k + 0.02)
+    assert autopilot.reference.acceleration[0] < 0.0, "now it moves"
