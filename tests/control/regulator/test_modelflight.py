@@ -186,3 +186,14 @@ def test_a_set_that_nothing_stabilises_is_named_and_not_the_configuration():
     error = loop_refusal(replace(MODEL, a1=1e-200, a2=1e-200), ControlConfig.model_validate({"limiter": {"slew": 50}}))
     assert "no gain stabilises" in error.reason
     assert "parameter set" in error.reason
+
+
+def test_a_fast_aircraft_that_is_steered_seldom_bears_nothing():
+    """Of the gains from a twentieth to twenty times the model's only small ones are stable, and no delay."""
+    seldom = gains_of(replace(MODEL, a1=30.0, a2=300.0), ControlConfig(rate=10.0))
+    assert seldom.radius > 1.0
+    assert seldom.delay_margin == 0.0
+    low, high = seldom.gain_margin
+    assert (low, high) == (pytest.approx(0.05), pytest.approx(0.41, abs=0.01))
+    assert not seldom.is_safe
+    assert found(100.0).gain_margin[1] == pytest.approx(20.0)
