@@ -364,3 +364,41 @@ def test_a_filter_that_begins_inside_a_step_begins_with_it():
     assert filter_.time == pytest.approx(7.01)
     assert filter_.remembers(7.0101)
     assert not filter_.remembers(7.0099)
+
+
+OTHER_F = np.array([[1.0, 3.0 * STEP], [0.0, 0.99]])
+
+
+@pytest.mark.parametrize(
+    "deed",
+    [
+        lambda filter_: filter_.advance(np.ones(2)),
+        lambda filter_: filter_.set_noise(9.0 * NOISE),
+        lambda filter_: filter_.set_dynamics(OTHER_F, 2.0 * G),
+        lambda filter_: filter_.shift(1, np.array([0.5, -0.5])),
+        lambda filter_: filter_.coast(7, 0.1),
+        lambda filter_: filter_.ahead(np.ones((3, 2))),
+    ],
+)
+@pytest.mark.parametrize("back", [0.0, 0.011, 0.1])
+def test_what_is_done_after_a_late_measurement_is_done_to_what_it_says(deed, back):
+    """Whether somebody looks in between or not."""
+    looked, unlooked = make_after(20), make_after(20)
+    for filter_ in (looked, unlooked):
+        late = Measurement(filter_.time - back, POSITION, np.array([0.5, 1.5]), 1e-3)
+        filter_.measure(late)
+        if filter_ is looked:
+            assert filter_.states.shape == filter_.covariances.shape[:2]
+        deed(filter_)
+        filter_.advance(np.ones(2))
+    assert np.allclose(looked.states, unlooked.states, atol=1e-12)
+    assert np.allclose(looked.covariances, unlooked.covariances, atol=1e-12)
+
+
+def test_the_state_of_a_late_moment_knows_what_was_measured_before_it():
+    filter_ = make_after(20)
+    filter_.measure(Measurement(0.05, POSITION, np.array([0.5, 1.5]), 1e-6))
+    at_once = filter_.states_at(0.1).copy()
+    assert filter_.states.shape == (2, 2)
+    assert np.array_equal(filter_.states_at(0.1), at_once)
+    assert at_once[0, 0] > 0.4
