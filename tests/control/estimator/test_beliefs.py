@@ -419,3 +419,42 @@ def test_a_silence_adds_what_half_of_the_largest_tilt_and_three_tenths_of_the_we
 def test_how_long_what_has_a_say():
     """A camera for three images of a slow one, stick frames until the oldest image that is used is surely older."""
     assert (TOGETHER, AT_ONCE, KNOWN) == (0.5, 0.15, 2.0)
+
+
+@pytest.mark.parametrize("off", [0.001, 0.02])
+def test_a_camera_that_contradicts_another_is_not_believed_even_where_it_agrees(off):
+    estimator = watched()
+    for camera in ("", "forward"):
+        estimator.target_seen(replace(level_view(), camera=camera), 0.0)
+    for _ in range(3):
+        estimator._cameras.judged("forward", is_refused=True)
+    assert estimator.contradicting == ("forward",)
+    before, rejected, yaw = estimator.estimate(0.0), estimator.rejected, estimator.estimate(0.0).yaw
+    innovation = estimator.innovation
+    estimator.target_seen(replace(level_view(place=(off, off, 2.0 + off), yaw=0.3), camera="forward"), 0.0)
+    after = estimator.estimate(0.0)
+    assert np.array_equal(after.axes, before.axes)
+    assert np.array_equal(after.vertical, before.vertical)
+    assert (after.yaw, estimator.innovation) == (yaw, innovation)
+    assert estimator.rejected > rejected, "it is asked, and told that it is off"
+
+
+def test_after_the_filter_of_the_sticks_changed_the_next_image_is_right():
+    for is_changed in (False, True):
+        estimator = watched()
+        see_many(estimator, 0.0, 2.0)
+        if is_changed:
+            estimator._change_filter()
+            assert estimator.model == MODEL.with_other_filter()
+        see(estimator, 2.125, off=1.0)
+        assert estimator.estimate(2.125).position[0] == pytest.approx(1.0 if is_changed else 0.0, abs=0.05)
+
+
+@pytest.mark.parametrize("images", [1, 2, 3, 4])
+def test_the_fourth_of_images_that_are_refused_is_right(images):
+    estimator = watched()
+    see_many(estimator, 0.0, 2.0)
+    for k in range(images):
+        see(estimator, 2.125 + 0.125 * k, off=1.0)
+    found = estimator.estimate(2.0 + 0.125 * images).position[0]
+    assert found == pytest.approx(1.0 if images == 4 else 0.0, abs=0.05)
