@@ -242,3 +242,21 @@ def test_the_speed_is_known_to_a_quarter_of_a_metre_a_second_before_the_referenc
         assert autopilot.reference.position == pytest.approx(autopilot.estimate.position[:2])
     autopilot.sticks(goal, 0.02 * k + 0.02)
     assert autopilot.reference.acceleration[0] < 0.0, "now it moves"
+
+
+def test_until_the_speed_is_known_the_height_asked_for_is_that_of_the_estimate_too():
+    def rising(at):
+        return replace(look(at, 0.0), position_flu=np.array([0.0, 0.0, -2.0 - 1.5 * at]))
+
+    autopilot, at = begin(rising(0.0)), 0.0
+    while True:
+        at += 0.02
+        autopilot.estimator.advance(at)
+        autopilot.estimator.target_seen(rising(at), at)
+        if autopilot.estimator.velocity_sd <= UNKNOWN_SPEED:
+            break
+        autopilot.sticks(at_origin(2.0), at)
+        found = autopilot.estimate
+        # From there it goes on towards its goal, for one step.
+        assert autopilot.height.position[0] == pytest.approx(found.position[2] + 0.02 * found.velocity[2], abs=2e-3)
+    assert found.position[2] > 2.03
