@@ -260,3 +260,14 @@ def test_until_the_speed_is_known_the_height_asked_for_is_that_of_the_estimate_t
         # From there it goes on towards its goal, for one step.
         assert autopilot.height.position[0] == pytest.approx(found.position[2] + 0.02 * found.velocity[2], abs=2e-3)
     assert found.position[2] > 2.03
+
+
+@pytest.mark.parametrize("yaw", [0.8, 2.3, -2.0])
+@pytest.mark.parametrize("way", [(1.0, 0.0), (0.0, 1.0), (-0.6, 0.8)])
+def test_sticks_lean_towards_a_goal_in_any_direction(yaw, way):
+    _, sticks = held(1.5, yaw=yaw, goal=Goal(position=np.array([0.4 + 0.5 * way[0], 0.5 * way[1], 2.0])))
+    pitch, roll = (sum(getattr(each, axis) for each in sticks[-25:]) for axis in ("pitch", "roll"))
+    forwards, right = np.array([np.cos(yaw), np.sin(yaw)]), np.array([np.sin(yaw), -np.cos(yaw)])
+    size = np.hypot(pitch, roll)
+    assert size > 25
+    assert [pitch, roll] == pytest.approx([size * (forwards @ way), size * (right @ way)], abs=0.12 * size)

@@ -308,3 +308,8 @@ def test_what_is_left_over_is_carried_over_and_at_the_end_of_the_range_at_most_o
     assert [shaper.count(0.4) for _ in range(5)] == [0, 1, 0, 1, 0]
     shaper = CountShaper(-10, 20)
     assert [shaper.count(wanted) for wanted in (30.0, 19.3, 0.0, -30.0, -9.3, 0.0)] == [20, 20, 0, -10, -10, 0]
+
+
+def test_a_gain_that_is_computed_once_for_all_flights_cannot_be_changed():
+    with pytest.raises(ValueError, match="read-only"):
+        HorizontalRegulator(MODEL, HorizontalCosts()).gain[0] = 1.0
