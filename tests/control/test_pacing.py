@@ -215,3 +215,11 @@ def test_in_flight_a_repetition_waits_half_a_period_longer_than_a_client_and_for
     assert pacing.next_time(5.045, 0.0, 0.01) == pytest.approx(5.03)
     pacing.hurry()
     assert pacing.next_time(None, 5.01, 0.01) == pytest.approx(5.01)
+
+
+def test_the_first_tick_is_due_at_once():
+    pacing = Pacing(CFG)
+    assert pacing.next_time(None, 0.0, 0.01) == float("-inf")
+    assert not (pacing.is_paced or pacing.is_by_images or pacing.answers_image)
+    pacing.tick(1.0)
+    assert not pacing.answers_image
