@@ -8,11 +8,12 @@ from mkdaemon.config.autopilot import AutopilotConfig
 from mkdaemon.config.control import ControlConfig
 from mkdaemon.control.actions import PublishError, PublishEstimate, PublishStatus, ReportFailsafe, ReportMode, Warn
 from mkdaemon.control.batterywatch import LASTING
-from mkdaemon.control.events import AbortAsked, MotorsReported, PoseSeen, StateValue
+from mkdaemon.control.events import AbortAsked, EyeStats, FlightctrlReported, MotorsReported, PoseSeen, StateValue
+from mkdaemon.control.sight import FORGOTTEN
 from mkdaemon.telemetry.command import AbortRequest
 from mkdaemon.telemetry.control import Outcome, Phase
 from mkdaemon.telemetry.setpoint import HoldSetpoint, LandSetpoint, StickSetpoint, TakeOffSetpoint
-from tests.control.admission.situations import battery
+from tests.control.admission.situations import battery, eyes, heights
 from tests.control.events import PERIOD, Driver, pose
 
 SOON = ControlConfig(autopilot=AutopilotConfig(takeoff_ready=0.2, entry_clean=0.5))
@@ -163,3 +164,45 @@ def test_clients_that_give_no_name_are_numbered():
     drive = Driver()
     names = [drive.request(holder="", force=True).holder for _ in range(3)]
     assert names == ["anonymous-1", "anonymous-2", "anonymous-3"]
+
+
+@pytest.mark.parametrize(
+    ("kind", "changes"), [("nothing", True), ("hold, on the ground", True), ("stick", True), ("hold", False)]
+)
+def test_another_target_is_followed_after_five_seconds_unless_the_first_is_flown_by(kind, changes):
+    story = holding() if kind == "hold" else Story()
+    if kind == "stick":
+        story.sticks_neutral(1.5)
+    story.see(2.0)
+    story.height = None
+    if kind == "hold, on the ground":
+        story.streams(HoldSetpoint, 0.1)
+    assert (story.core.phase is Phase.FLYING) is (kind in {"stick", "hold"})
+    story.now += FORGOTTEN + 0.1
+    story.see(2.0, target="other")
+    assert story.core._sight.target == ("other" if changes else "pad")
+    words = [warning.text for warning in story.tick() if isinstance(warning, Warn) and "followed" in warning.text]
+    assert words == ["target other is followed now: pad was out of sight for too long"] * changes
+
+
+def test_while_the_navictrl_does_not_hear_its_flightctrl_nobody_flies():
+    drive = Driver()
+    drive.fly()
+    drive.tell(MotorsReported(True))
+    drive.tell(FlightctrlReported(is_lost=True))
+    assert drive.core.vehicle.is_fc_lost
+    assert drive.core.vehicle.motors_running(drive.now) is None, "what is shown of it is old"
+    drive.run(PERIOD)
+    [release] = drive.releases
+    assert release.reason.startswith("external control is not possible: the NaviCtrl does not hear its FlightCtrl")
+    drive.tell(FlightctrlReported(is_lost=False))
+    assert not drive.core.vehicle.is_fc_lost
+
+
+def test_what_a_camera_says_of_itself_is_known_and_warned_of():
+    drive = Driver()
+    wrong = eyes(selfcal=(heights(20.0, sd=4.0, covered=2.5, odds=4.2),))
+    drive.tell(EyeStats(wrong))
+    assert drive.core.vehicle.eyes == (wrong,)
+    [warning] = [action for action in drive.tick() if isinstance(action, Warn)]
+    assert "by the barometer" in warning.text
