@@ -10,7 +10,7 @@ from lab.control.corerig import CoreRig, stamp
 from lab.control.flights import Flight
 from mkdaemon.control.actions import PublishStatus, Release, ReportFailsafe, ReportMode, Warn
 from mkdaemon.control.activeset import UNREAD
-from mkdaemon.control.batterywatch import LASTING, BatteryWatch
+from mkdaemon.control.batterywatch import LASTING, BatteryWatch, count_cells
 from mkdaemon.control.events import AbortAsked, StateValue
 from mkdaemon.control.vehicle import VehicleMemory
 from mkdaemon.telemetry.command import AbortRequest
@@ -141,3 +141,8 @@ def test_who_aborts_that_landing_holds_and_is_not_landed_again():
     rig.fly()
     assert rig.core.phase is Phase.ABORTED
     assert not rig.of(Release)
+
+
+@pytest.mark.parametrize(("highest", "cells"), [(0.0, None), (0.5, 1), (4.2, 1), (4.4, 2), (16.8, 4), (17.3, 5)])
+def test_cells_are_counted_by_the_highest_voltage_there_was(highest, cells):
+    assert count_cells(highest) == cells

@@ -121,3 +121,16 @@ def test_of_guards_that_divide_a_situation_exactly_one_holds(situation):
     assert FRESH.holds(situation) + TOO_OLD.holds(situation) == situation.is_held
     assert NOT_READY.holds(situation) + READY.holds(situation) + READY_BUT_OLD.holds(situation) == situation.is_live
     assert HELD.holds(situation) + NOT_HELD.holds(situation) == 1
+
+
+def test_only_what_somebody_asked_for_is_no_failsafe():
+    asked = {row.event for row in ROWS if row.is_asked}
+    assert asked == {
+        Trigger.LEASE_TAKEN,
+        Trigger.LEASE_TAKEN_OVER,
+        Trigger.LEASE_RETURNED,
+        Trigger.RELEASE_REQUESTED,
+        Trigger.ABORT_REQUESTED,
+        Trigger.FLIGHT_FINISHED,
+    }
+    assert all(row.is_asked for row in ROWS if row.event in asked)

@@ -158,10 +158,9 @@ class FlightCore:
         manoeuvre that keeps its place is flown on, sticks and attitudes grow stale.
         """
         setpoint = event.setpoint
-        is_by_holder, is_of_lease = True, False
+        # Who sent it comes first: a stranger's setpoint must not be reported as one that the holder got wrong.
+        is_by_holder, is_of_lease = self._authority.is_present(event.signed_for), False
         try:
-            # Who sent it comes first: a stranger's setpoint must not be reported as one that the holder got wrong.
-            is_by_holder = self._authority.is_present(event.signed_for)
             lease = self._authority.check_setpoint(setpoint, event.signed_for)
             is_of_lease = True
             self._flown.check(setpoint, self._authority.phase, now)

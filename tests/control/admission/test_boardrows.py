@@ -8,9 +8,10 @@ import pytest
 
 import mkdaemon.protocol.messages as messages
 from mkdaemon.config.commands import CommandsConfig
-from mkdaemon.control.admission import BoardRequest, refusal
+from mkdaemon.control.admission import BoardRequest, Procedure, Work, refusal
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.protocol.wire import MESSAGES, Board
+from mkdaemon.telemetry.control import Phase
 from mkdaemon.telemetry.danger import Confirm, Danger, Switch
 from mkdaemon.telemetry.refusals import Token
 from tests.control.admission.situations import GOOD
@@ -129,3 +130,22 @@ def test_a_motor_test_may_go_on_although_it_turns_motors():
 
 def test_every_switch_is_a_field_of_the_configuration():
     assert {switch.value for switch in Switch} == set(CommandsConfig.model_fields)
+
+
+@pytest.mark.parametrize(
+    "wanted", [BoardRequest(board="fc", name="x", is_slow=True), Procedure(verb="x", is_alone=True)]
+)
+@pytest.mark.parametrize(
+    ("phase", "leases", "said"),
+    [
+        (Phase.FREE, 0, None),
+        (Phase.FREE, 1, "leased"),
+        (Phase.LEASED, 0, "leased"),
+        (Phase.FLYING, 0, "flying"),
+        (Phase.RELEASING, 0, "releasing"),
+    ],
+)
+def test_what_keeps_stick_frames_away_is_refused_with_the_phase_there_is(wanted, phase, leases, said):
+    error = refusal(wanted, replace(GOOD, phase=phase, work=Work(leases=leases), motors_running=False))
+    assert (error is None) is (said is None)
+    assert error is None or (error.token == "flying" and said in error.reason)

@@ -82,7 +82,7 @@ class Fall:
 def _cushion(height: float) -> float:
     """Gain of thrust with the feet at a height above the ground [m]."""
     ratio = (ROTOR_RADIUS / (4.0 * (max(height, 0.0) + ROTOR_HEIGHT))) ** 2
-    return min(1.0 / (1.0 - ratio), LARGEST_CUSHION) if ratio < 1.0 else LARGEST_CUSHION
+    return min(1.0 / (1.0 - ratio), LARGEST_CUSHION)
 
 
 class LandingPhase(StrEnum):

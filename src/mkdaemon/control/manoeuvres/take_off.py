@@ -32,12 +32,6 @@ LIKELY: Final = (0.75, 1.25)
 """Throttle that carries the aircraft, over what was believed to."""
 STRAIGHT_UP: Final = 0.8
 """A take-off climbs straight up to this height: lower, a lean takes the target out of the camera's sight [m]."""
-STANDS: Final = 0.15
-"""Who is no higher than this above its standing height is on the ground [m]."""
-CARRIES: Final = 0.6
-"""Who flies with more throttle may be in the air [share of hover]; a third of the weight is carried."""
-REPORTED: Final = 1.0
-"""A throttle that was reported longer ago says nothing [s]."""
 OLDEST: Final = 0.6
 """An older image proves nothing [s]: the estimator could not roll back to it, and would fly on from where it was."""
 
@@ -156,7 +150,7 @@ class TakeOff:
             self._cut_left -= step
         gas = self._share * self._hover_gas
         self._history.append((now, gas))
-        while self._history[0][0] < now - OLDEST and len(self._history) > 1:
+        while self._history[0][0] < now - OLDEST:
             self._history.popleft()
         return gas
 
