@@ -17,13 +17,11 @@ from datetime import UTC, datetime
 from typing import Final, NamedTuple, Self
 
 from mkdaemon.bus.keys import Use, find
-from mkdaemon.bus.names import ROOT
+from mkdaemon.bus.names import REPLAY, ROOT
 from mkdaemon.config.names import VEHICLE_NAME
 from mkdaemon.errors import ConfigError, MkError
 from mkdaemon.record.entry import Entry
 
-REPLAY: Final = "replay"
-"""Root of everything that is played without a name of its own."""
 _SHOWN: Final = frozenset({Use.PUBLISHED, Use.CLIENT})
 _HANDS: Final = "joy/"
 """Keys of pads, by which a program on another machine flies."""
