@@ -102,7 +102,7 @@ class Pace:
 
 @asynccontextmanager
 async def open_player_session(
-    *, connect: Sequence[str], listen: str | None, zenoh_file: Path | None = None
+    *, connect: Sequence[str], listen: str | None, zenoh_file: Path | None = None, alone: bool = False
 ) -> AsyncIterator[zenoh.Session]:
     """Open a session for a player of recordings, and close it on leaving.
 
@@ -110,12 +110,15 @@ async def open_player_session(
         connect: endpoint of a daemon or of a router, where clients meet.
         listen: endpoint for clients, where nothing else is there.
         zenoh_file: Zenoh configuration, for TLS.
+        alone: connect to nobody: who looks is in this process.
 
     Raises:
         MkError: nobody listens at the endpoint, or the one to listen at is in use.
         ConfigError: an endpoint or the file cannot be understood.
     """
-    if listen is None:
+    if alone:
+        config = session_config("peer")
+    elif listen is None:
         config = session_config("client", connect=connect, zenoh_file=zenoh_file)
     else:
         config = session_config("peer", listen=[listen], zenoh_file=zenoh_file)

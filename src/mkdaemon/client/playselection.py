@@ -223,6 +223,11 @@ class Selection:
         return {vehicle for root, vehicle, *_ in parts if root == ROOT}
 
     @property
+    def names(self) -> set[str]:
+        """Names of all vehicles that are played."""
+        return {key.split("/")[1] for key in self.counts}
+
+    @property
     def total(self) -> int:
         """How many values."""
         return self.counts.total()
