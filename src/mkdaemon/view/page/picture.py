@@ -51,7 +51,7 @@ OLD: Final = 1.0
 """A last value that was older when it was asked for is no part of a curve [s]."""
 IMAGE_DEPTH: Final = 0.3
 """The image is drawn in the frustum at this share of the height above the target."""
-SHALLOW: Final = 0.25
+SHALLOW: Final = 0.02
 """But not nearer than this [m]."""
 
 
@@ -311,7 +311,7 @@ class Picture:
         stats = known.last(f"vision/{name}/stats", VisionStats)
         shown: dict[str, Any] = {"name": name, "frustum": None, "image": None, "outlines": [], "seen_age": None}
         if setup is not None and place is not None and place.frame != "home":
-            depth = max(SHALLOW, IMAGE_DEPTH * float(place.position[2]))
+            depth = max(SHALLOW, IMAGE_DEPTH * float(place.position[2]))  # above the ground, also where it stands
             shown["frustum"] = frustum(setup.value, place.position, place.rotation, depth)
         pose = known.last(f"vision/{name}/pose", VisionPose)
         if pose is not None:

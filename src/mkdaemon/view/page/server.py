@@ -14,12 +14,11 @@ from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager, suppress
 from http import HTTPStatus
 from importlib.resources import files
-from typing import Any, Final
+from typing import Any, Final, Protocol
 
 from mkdaemon.errors import CommandRejectedError, ConfigError, MkError
 from mkdaemon.telemetry.image import CameraFrame
 from mkdaemon.telemetry.play import PlayAction
-from mkdaemon.view.page.gallery import Gallery
 from mkdaemon.view.page.http import LONGEST_HEAD, BadRequestError, Request, answer, event, read_request, stream_head
 from mkdaemon.view.page.picture import Picture, Reader
 
@@ -40,6 +39,26 @@ _FILES: Final = {
 _TOKEN: Final = b"{{token}}"
 
 
+class Pictures(Protocol):
+    """What a page needs of a gallery: `mkdaemon.view.page.gallery.Gallery`."""
+
+    @property
+    def pictures(self) -> dict[str, Picture]:
+        """Every vehicle that is or was there, by its name."""
+
+    def choose(self, wanted: str) -> Picture | None:
+        """The picture of a vehicle; see `Gallery.choose`."""
+
+    async def abort(self, word: str) -> str:
+        """Stop what a vehicle flies; see `Gallery.abort`."""
+
+    async def release(self, word: str) -> str:
+        """Let go of a vehicle; see `Gallery.release`."""
+
+    async def play(self, word: str, action: PlayAction, speed: float | None) -> str:
+        """Pause a recording, or change its speed; see `Gallery.play`."""
+
+
 class PageServer:
     """Serves one gallery.
 
@@ -47,10 +66,16 @@ class PageServer:
         address: of the page, once it is open.
     """
 
-    def __init__(self, gallery: Gallery) -> None:
-        """Prepare; `open` serves."""
+    def __init__(self, gallery: Pictures, now: Callable[[], float]) -> None:
+        """Prepare; `open` serves.
+
+        Args:
+            gallery: what is shown, and who does what the buttons ask for.
+            now: the time at which pictures are shown [s], as they were told of values.
+        """
         self.address = ""
         self._gallery = gallery
+        self._now = now
         self._token = secrets.token_urlsafe(16)
         self._hosts: frozenset[str] = frozenset()
         self._tasks: set[asyncio.Task[None]] = set()
@@ -152,7 +177,7 @@ class PageServer:
                 wanted = picture.name
                 if reader is None or reader.picture is not picture:
                     reader = Reader(picture)
-            shown: dict[str, Any] = {} if reader is None else reader.read(loop.time())
+            shown: dict[str, Any] = {} if reader is None else reader.read(self._now())
             shown["vehicles"] = [_label(word, found) for word, found in sorted(gallery.pictures.items())]
             writer.write(event(shown))
             await asyncio.wait_for(writer.drain(), STUCK)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 
@@ -23,6 +24,6 @@ async def serving(uav: Vehicle, port: int) -> AsyncIterator[str]:
         ConfigError: the port is in use.
     """
     gallery = Gallery(Fleet(uav), uav.vehicle)
-    server = PageServer(gallery)
+    server = PageServer(gallery, asyncio.get_running_loop().time)
     async with gallery.open(), server.open(port):
         yield server.address

@@ -128,7 +128,8 @@ Said = tuple[str, str]
 
 
 def _authority(status: ControlStatus, known: Knowledge) -> Said:
-    words = f"{_PHASES[status.phase][0].format(holder=_holder(status))}; {status.reason}"
+    words = _PHASES[status.phase][0].format(holder=_holder(status))
+    words = words if status.reason in ("", words) else f"{words}; {status.reason}"
     layout = "" if status.external_control else "; external control is not possible"
     return words + layout, _PHASES[status.phase][1]
 

@@ -18,14 +18,14 @@ const sticks = (column, name, colour) => [
   {series: "sticks", column, name, colour}, {series: "sticks", column: column + 4, colour, dashed: true},
 ];
 const PLOTS = [
-  {id: "error", title: "error", unit: "cm", least: 10, lines: [
+  {id: "error", digits: 0, title: "error", unit: "cm", least: 10, lines: [
     {series: "error", column: 1, name: "level", colour: "--one"}, {series: "error", column: 2, name: "height", colour: "--two"}]},
-  {id: "height", title: "height", unit: "m", least: 0.5, lines: [
+  {id: "height", digits: 2, title: "height", unit: "m", least: 0.5, lines: [
     {series: "height", column: 1, name: "seen", colour: "--one"}, {series: "goal", column: 1, name: "goal", colour: "--four", dashed: true},
     {series: "barometer", column: 1, name: "baro", colour: "--two"}]},
-  {id: "sticks", title: "sticks", unit: "counts; dashed: before the limiter", least: 20, lines: [
+  {id: "sticks", digits: 0, title: "sticks", unit: "counts", hint: "dashed: before the limiter", least: 20, lines: [
     ...sticks(1, "pitch", "--one"), ...sticks(2, "roll", "--two"), ...sticks(3, "yaw", "--three"), ...sticks(4, "gas", "--four")]},
-  {id: "latency", title: "link latency", unit: "ms", least: 20, lines: [
+  {id: "latency", digits: 0, title: "link latency", unit: "ms", least: 20, lines: [
     {series: "latency", column: 1, name: "last", colour: "--one"}, {series: "latency", column: 2, name: "p50", colour: "--four"},
     {series: "latency", column: 3, name: "p99", colour: "--two", dashed: true}]},
 ];
@@ -179,7 +179,7 @@ function showCamera(camera) {
   known.title.textContent = `${camera.name}: ${seen}`;
   const isOld = camera.image !== null && camera.image.age > OLD_IMAGE;
   known.box.classList.toggle("stale", isOld);
-  known.note.textContent = camera.image === null ? "no image is published: set jpeg_hz of this camera" : isOld ? `image ${ageWords(camera.image.age)} old` : "";
+  known.note.textContent = camera.image === null ? "no image: `jpeg_hz` of this camera is 0" : isOld ? `image ${ageWords(camera.image.age)} old` : "";
   if (camera.image === null) drawCamera(known, camera);
   else if (camera.image.sequence !== known.sequence && !known.isLoading) load(known, camera);
 }

@@ -14,6 +14,7 @@ export class Plot {
     this.about = about;
     this.box = document.createElement("div");
     this.box.className = "plot";
+    this.box.title = about.hint || "";
     this.box.dataset.plot = about.id;
     this.head = document.createElement("h2");
     this.canvas = document.createElement("canvas");
@@ -76,7 +77,7 @@ export class Plot {
       if (line.label) {
         const last = curves[k].at(-1);
         const isOld = !last || now - last[0] > GAP;
-        line.label.textContent = `${line.name} ${isOld ? "–" : +last[1].toFixed(2)}`;
+        line.label.textContent = `${line.name} ${isOld ? "–" : +last[1].toFixed(this.about.digits)}`;
         line.label.style.color = colour(line.colour);
       }
     });

@@ -36,7 +36,7 @@ export class Scene {
     this.middle = [0, 0, 0.8];
     this.reach = 5;
     this.textures = new Map();
-    const gl = this.gl = world.getContext("webgl", {antialias: true, preserveDrawingBuffer: true});
+    const gl = this.gl = world.getContext("webgl", {alpha: false, antialias: true});
     if (!gl) return;
     this.lines = program(gl, LINE_SHADER, SHADE);
     this.faces = program(gl, FACE_SHADER, SHADE);
