@@ -14,7 +14,7 @@ from mkdaemon.client.samples import read_payload, typed_value
 from mkdaemon.record.entry import Kind
 from mkdaemon.record.reader import Recording
 from tests.places import DATA
-from tests.view.page.browsing import chromium, opened, program, said, wait_until
+from lab.rigs.browsing import chromium, opened, program, said, wait_until
 
 pytestmark = pytest.mark.browser
 FLIGHT = DATA / "recordings" / "fc_over_target.mcap"

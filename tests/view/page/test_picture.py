@@ -65,7 +65,7 @@ def test_values_grow_old_while_nothing_comes():
     assert [one["id"] for one in shown["lines"] if not one["is_stale"] and one["text"] != "not known"] == ["link"]
     assert shown["scene"]["aircraft"]["is_stale"] and shown["scene"]["aircraft"]["age"] == pytest.approx(10.0)
     assert shown["scene"]["goal"] is None
-    assert shown["can"]["abort"] is False
+    assert shown["can"] == {"release": True, "abort": True}
     assert shown["verdict"] == {"text": "Nothing fresh from the daemon", "tone": "bad"}
 
 
@@ -250,3 +250,8 @@ def test_another_boot_of_the_machine_begins_anew():
     shown = picture.show(NOW + 60.0)
     assert line(shown, "attitude")["age"] == pytest.approx(0.0)
     assert line(shown, "battery")["text"] == "not known"
+
+
+def test_what_is_known_not_to_fly_is_not_aborted():
+    free = flights.status(1000.0, phase=Phase.FREE, lease=None, manoeuvre=None)
+    assert picture_of([("control/status", free)]).show(NOW)["can"] == {"release": True, "abort": False}

@@ -250,11 +250,11 @@ class Picture:
         return [setup.value for setup in found if setup is not None]
 
     def _can(self) -> dict[str, bool]:
-        """Which buttons do anything: release always where a daemon is; abort only what is flown."""
+        """Which buttons can be pressed: both where a daemon is, unless it is known that nothing is flown to abort."""
         status = self._known.fresh("control/status", ControlStatus)
-        flies = status is not None and status.phase in {Phase.FLYING, Phase.STALE, Phase.LANDING}
+        may_fly = status is None or status.phase in {Phase.FLYING, Phase.STALE, Phase.LANDING}
         is_live = self.is_here and not self.is_played
-        return {"release": is_live, "abort": is_live and flies}
+        return {"release": is_live, "abort": is_live and may_fly}
 
     def _place(self) -> Place | None:
         """Where the aircraft is: as the flight core believes, else as a camera saw it, else by GPS; however old."""

@@ -12,7 +12,7 @@ from typing import Any
 
 from playwright.sync_api import Browser, Page, sync_playwright
 
-PATIENCE = 120.0
+PATIENCE = 600.0
 """Longest wait for anything [s]: a loaded machine is slow, not wrong."""
 FLAGS = ("--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist")
 """CI is root, and has no graphics."""
@@ -34,7 +34,7 @@ def chromium() -> Iterator[Browser]:
 @contextmanager
 def opened(browser: Browser, address: str) -> Iterator[tuple[Page, list[str]]]:
     """A page, and what went wrong in it: errors, and what it wanted from elsewhere."""
-    page = browser.new_page(viewport={"width": 1000, "height": 700})
+    page = browser.new_page(viewport={"width": 920, "height": 560})
     page.set_default_timeout(PATIENCE * 1e3)
     wrong: list[str] = []
     page.on("pageerror", lambda error: wrong.append(str(error)))
