@@ -10,11 +10,11 @@ import cv2
 import numpy as np
 import pytest
 
+from lab.rigs.browsing import chromium, opened, program, said, wait_until
 from mkdaemon.client.samples import read_payload, typed_value
 from mkdaemon.record.entry import Kind
 from mkdaemon.record.reader import Recording
 from tests.places import DATA
-from lab.rigs.browsing import chromium, opened, program, said, wait_until
 
 pytestmark = pytest.mark.browser
 FLIGHT = DATA / "recordings" / "fc_over_target.mcap"
