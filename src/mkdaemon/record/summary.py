@@ -205,12 +205,15 @@ class Summary:
         return sorted({part[1] for part in parts if part[0] in ROOTS and len(part) > 2})
 
 
-def summarise(path: Path, progress: Progress = lambda position: None) -> Summary:
+def summarise(
+    path: Path, progress: Progress = lambda position: None, also: Callable[[Entry], None] = lambda entry: None
+) -> Summary:
     """Read a whole file.
 
     Args:
         path: the file.
         progress: hears how far it is, now and then.
+        also: is given every entry as well, in order.
 
     Raises:
         MkError: it cannot be opened.
@@ -226,6 +229,7 @@ def summarise(path: Path, progress: Progress = lambda position: None) -> Summary
             found = summary.keys[place] = KeySummary(*place)
         found.take(entry, at)
         summary.senders.take(entry)
+        also(entry)
         if entry.kind is Kind.SAMPLE:
             checks.setdefault(entry.vehicle, CountCheck()).take(entry.suffix, entry.payload)
             if entry.suffix == MARK:
