@@ -48,6 +48,7 @@ from mkdaemon.vision.track.tracker import Tracker
 from mksim.config import PilotPlan, SimConfig, WindClass
 from mksim.physics.world import World
 from mksim.programs.flightrecord import Moment, Rehearsed
+from mksim.programs.flighttape import FlightTape
 from mksim.programs.virtualports import Aircraft, Cable, LocalBus
 from mksim.scene.camera import BodyState, Grey, SceneCamera, landing_world
 from mksim.simulation import Simulation
@@ -98,10 +99,12 @@ class RehearsedEyes(Eyes):
     Attributes:
         images: looked at so far.
         posed: of those, with a pose.
+        tape: takes images and what is seen in them; None where the flight is not recorded.
     """
 
     def __init__(self, scene: SceneCamera, world: World, feed: Feed, clock: Clock, seed: int) -> None:
         super().__init__(None)
+        self.tape: FlightTape | None = None
         self.images = self.posed = 0
         self._scene, self._world, self._feed, self._clock = scene, world, feed, clock
         self._rng = random.Random(f"{seed} latency")
@@ -139,9 +142,14 @@ class RehearsedEyes(Eyes):
         self.images += 1
         now = self._clock.now()
         image = CameraImage(pixels, exposed, now, self.images, "down", "header")
+        attitudes = AttitudeHistory(tuple(self._attitudes))
+        if self.tape is not None:
+            self.tape.images.record(image, attitudes)
         with suppress(MkError):
-            result = self._tracker.update(image, AttitudeHistory(tuple(self._attitudes)))
-            for _, value in values_of(result, image, self._clock.stamp(exposed), self._mounting, now):
+            result = self._tracker.update(image, attitudes)
+            for suffix, value in values_of(result, image, self._clock.stamp(exposed), self._mounting, now):
+                if self.tape is not None:
+                    self.tape.take(suffix, value)
                 if isinstance(value, VisionPose):
                     self.posed += 1
                     self._feed(PoseSeen(value), now)
@@ -230,6 +238,7 @@ class Rehearsal:
     Attributes:
         record: what happened.
         bus: where the daemon stands, and the client that flies.
+        tape: records the flight; None where it is not recorded.
     """
 
     def __init__(
@@ -240,6 +249,7 @@ class Rehearsal:
         parts: Sequence[FlightPart] = DEMONSTRATION,
         *,
         moved: Callable[[float], None] = lambda now: None,
+        is_recorded: bool = False,
     ) -> None:
         """Set everything up; needs a running loop.
 
@@ -249,6 +259,7 @@ class Rehearsal:
             watcher: sees the flight.
             parts: what is flown.
             moved: called after every step of the world with the time [s].
+            is_recorded: keep all of it on `tape`.
         """
         loop = asyncio.get_running_loop()
         world, seed = aircraft.world, config.seed
@@ -259,6 +270,8 @@ class Rehearsal:
         clock = Clock(
             monotonic=loop.time, wall=lambda: WALL + loop.time(), synchronised=lambda: True, suspended=lambda: 0.0
         )
+        cfg = Config(link=LinkConfig(port="/dev/simulated"), record=RecordConfig(enabled=False))
+        self.tape = FlightTape(cfg, clock, self.bus) if is_recorded else None
         eyes: list[RehearsedEyes] = []
 
         def make_eyes(feed: Feed) -> RehearsedEyes:
@@ -266,17 +279,23 @@ class Rehearsal:
             return eyes[0]
 
         self._wiring = Wiring(
-            Config(link=LinkConfig(port="/dev/simulated"), record=RecordConfig(enabled=False)),
+            cfg,
             self.bus,
             clock,
             make_eyes=make_eyes,
             opener=Cable(aircraft, self._moved).open,
+            tap=None if self.tape is None else self.tape.tap,
             journal=Journal(Path(os.devnull), AtOnce()),
         )
         (self._eyes,) = eyes
+        self._eyes.tape = self.tape
         self._parts = parts
         self._part = ""
         self._kept_at = 0.0
+
+    def watch_world(self, moved: Callable[[float], None]) -> None:
+        """Call something after every step of the world with the time [s], in place of what was called before."""
+        self._watch_world = moved
 
     async def fly(self) -> Rehearsed:
         """Fly from the pilot's start of the motors to motors that stand still; the record."""
@@ -386,7 +405,7 @@ class Rehearsal:
         self._watcher(moment, self._value("control/status", ControlStatus))
 
 
-async def rehearse(*, seed: int, wind: str, fps: float, watcher: Watcher) -> Rehearsed:
+async def rehearse(*, seed: int, wind: str, fps: float, watcher: Watcher, recording: Path | None = None) -> Rehearsed:
     """Fly the demonstration once; see `Rehearsal`.
 
     Args:
@@ -394,10 +413,22 @@ async def rehearse(*, seed: int, wind: str, fps: float, watcher: Watcher) -> Reh
         wind: none, indoor, light or moderate.
         fps: images a second.
         watcher: sees the flight.
+        recording: where its recording goes; None for none.
+
+    Raises:
+        MkError: the recording cannot be written.
     """
-    return await demonstration(simulated_aircraft(seed, wind, fps), watcher).fly()
+    rehearsal = demonstration(simulated_aircraft(seed, wind, fps), watcher, is_recorded=recording is not None)
+    record = await rehearsal.fly()
+    if recording is not None and rehearsal.tape is not None:
+        rehearsal.tape.write(recording)
+    return record
 
 
-def demonstration(config: SimConfig, watcher: Watcher) -> Rehearsal:
+def demonstration(config: SimConfig, watcher: Watcher, *, is_recorded: bool = False) -> Rehearsal:
     """The demonstration with simulated boards; needs a running loop."""
-    return Rehearsal(config, Simulation(config, landing_world(config)), watcher)
+    simulation = Simulation(config, landing_world(config))
+    rehearsal = Rehearsal(config, simulation, watcher, is_recorded=is_recorded)
+    if rehearsal.tape is not None:
+        rehearsal.watch_world(rehearsal.tape.watch(simulation))
+    return rehearsal
