@@ -31,7 +31,7 @@ def shares(conditions: list[tuple[float, str]], end: float) -> dict[str, float]:
     """How long each word held [s], until an end [s]."""
     found: dict[str, float] = {}
     ends = [at for at, _ in conditions[1:]] + [end]
-    for (at, word), until in zip(conditions, ends, strict=True):
+    for (at, word), until in zip(conditions, ends, strict=False):  # no condition, no end
         found[word] = found.get(word, 0.0) + max(until - at, 0.0)
     return found
 
@@ -76,10 +76,12 @@ def _percentiles(p50: float | None, p95: float | None, p99: float | None) -> str
 def eyes_rows(flight: Flight, camera: str) -> list[Row]:
     """How a camera and its detector worked."""
     stats = flight.last.get(f"vision/{camera}/stats", {})
-    rows: list[Row] = [
-        ("state at the end", f"{text_of(stats, 'state')} {text_of(stats, 'reason')}".strip()),
-        ("images", f"{shown(number_of(stats, 'processed'), 'looked at', 0)}, {_lost_images(stats)}"),
-    ]
+    rows: list[Row] = []
+    if stats:
+        rows = [
+            ("state at the end", f"{text_of(stats, 'state')} {text_of(stats, 'reason')}".strip()),
+            ("images", f"{shown(number_of(stats, 'processed'), 'looked at', 0)}, {_lost_images(stats)}"),
+        ]
     width, height = number_of(stats, "width"), number_of(stats, "height")
     if width and height:
         rows.append(("size and rate", f"{width:.0f} x {height:.0f} px, {shown(number_of(stats, 'fps'), 'Hz')}"))
@@ -144,7 +146,7 @@ def version_rows(flight: Flight, session: Session | None) -> list[Row]:
         if words := text_of(state, path):
             rows.append((title, words))
     for camera in flight.cameras:
-        if words := text_of(flight.last[f"vision/{camera}/stats"], "detector"):
+        if words := text_of(flight.last.get(f"vision/{camera}/stats", {}), "detector"):
             rows.append((f"detector of {camera}", words))
     if note := text_of(health, "note"):
         rows.append(("note", note))

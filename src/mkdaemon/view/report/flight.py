@@ -84,6 +84,7 @@ LAST: Final = frozenset(
 IN_AIR: Final = frozenset({"flying", "stale", "aborted", "landing"})
 """Phases in which the machine steers."""
 STATUS: Final = "control/status"
+_POSE: Final = " pose.x"
 NEAR: Final = 10.0
 """A stamp that is farther from the time at which the recorder took the value is not believed [s]."""
 
@@ -176,8 +177,9 @@ class Flight:
 
     @property
     def cameras(self) -> list[str]:
-        """Whose figures are there."""
-        return sorted(suffix.split("/")[1] for suffix in self.last if suffix.startswith("vision/"))
+        """Those that told figures or poses."""
+        told = {suffix.split("/")[1] for suffix in self.last if suffix.startswith("vision/")}
+        return sorted(told | {name.removesuffix(_POSE) for name in self.series if name.endswith(_POSE)})
 
     def keep(self, happening: Happening) -> None:
         """Keep something that happened, if there is room."""

@@ -21,7 +21,7 @@
     const layout = {
       font, paper_bgcolor: "#fff", plot_bgcolor: "#fff", margin: { l: 76, r: 12, t: 26, b: figure.times.length ? 44 : 28 },
       legend: { orientation: "h", x: 1, xanchor: "right", y: 1.02, yanchor: "bottom" },
-      showlegend: true, dragmode: "zoom", ...figure.layout,
+      hoverlabel: { namelength: -1 }, showlegend: true, dragmode: "zoom", ...figure.layout,
     };
     layout.xaxis = { ...axis, ...layout.xaxis };
     layout.yaxis = { ...axis, ...layout.yaxis };

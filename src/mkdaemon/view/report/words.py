@@ -24,7 +24,7 @@ def moment(seconds: float) -> str:
 def flown_time(flight: Flight) -> float:
     """How long the machine steered [s]."""
     ends = [state.at for state in flight.states[1:]] + [flight.ended]
-    return sum(max(end - state.at, 0.0) for state, end in zip(flight.states, ends, strict=True) if state.is_flown)
+    return sum(max(end - state.at, 0.0) for state, end in zip(flight.states, ends, strict=False) if state.is_flown)
 
 
 def sentences(flight: Flight, pieces: Sequence[Piece], began: float) -> list[str]:
@@ -80,7 +80,8 @@ def _failsafes(flight: Flight) -> list[str]:
     found = [one for one in flight.happenings if one.sort is Sort.FAILSAFE]
     if not found:
         return ["No failsafe acted."]
-    return [f"{len(found)} times a failsafe acted, first at {found[0].at:.1f} s: {found[0].text}."]
+    words = "A failsafe acted" if len(found) == 1 else f"{len(found)} failsafes acted, the first"
+    return [f"{words} at {found[0].at:.1f} s: {found[0].text}."]
 
 
 def _refused(flight: Flight) -> list[str]:
