@@ -260,6 +260,17 @@ class ControlError(Stamped, ErrorValue):
     """The error to the setpoint: `control/error`, with every stick frame of an autonomous flight in the air."""
 
 
+class ControlFence(Stamped):
+    """Where autonomous flight ends: setpoints outside are moved to its surface: `control/fence`."""
+
+    radius: float
+    """Largest horizontal distance from the middle of the target [m]."""
+    height: float
+    """Largest height above it [m]."""
+    floor: float
+    """Least height above it; landing is a thing of its own [m]."""
+
+
 class Gains(Telemetry):
     """The horizontal loop: what is believed of the aircraft, what follows, how wrong it may be: `do/gains`."""
 

@@ -25,6 +25,7 @@ from mkdaemon.cli.program import EXIT_FAILURE, EXIT_OK
 if TYPE_CHECKING:
     from mkdaemon.telemetry.control import ControlStatus
     from mksim.programs.flightrecord import Moment
+    from mksim.programs.rehearsal import ShowOn
 
 REDRAW: Final = 0.25
 """Least flight time between two tables [s]."""
@@ -55,6 +56,7 @@ def demo(
     wind: Annotated[Literal["none", "indoor", "light", "moderate"], Parameter(help="In the simulation.")] = "light",
     seed: Annotated[int, Parameter(help="Of everything random.")] = 1,
     fps: Annotated[float, Parameter(help="Images a second.")] = 15.0,
+    view: Annotated[bool, Parameter(negative=(), help="Open `mkctl view`, and look at the flight.")] = False,
     telemetry: Annotated[
         bool, Parameter(negative=(), help="Instead: simulator, daemon and bus as processes, and what they tell.")
     ] = False,
@@ -76,10 +78,26 @@ def demo(
         from mksim.programs.telemetrydemo import watch_telemetry
 
         return watch_telemetry(seconds, as_json=as_json)
-    return _fly(0.0 if fast else 1.0, seed, wind, fps, picture, is_quiet=as_json, is_headless=headless)
+    pace = 0.0 if fast else 1.0
+    if not view:
+        return _fly(pace, seed, wind, fps, picture, is_quiet=as_json, is_headless=headless)
+    from mksim.programs.shownflight import looked_at
+
+    with looked_at(is_quiet=as_json, is_headless=headless) as show_on:
+        return _fly(pace, seed, wind, fps, picture, show_on, is_quiet=as_json, is_headless=headless)
 
 
-def _fly(pace: float, seed: int, wind: str, fps: float, picture: Path, *, is_quiet: bool, is_headless: bool) -> int:
+def _fly(
+    pace: float,
+    seed: int,
+    wind: str,
+    fps: float,
+    picture: Path,
+    show_on: ShowOn | None = None,
+    *,
+    is_quiet: bool,
+    is_headless: bool,
+) -> int:
     import mksim.scene  # noqa: F401 - before the eyes: where OpenCV is missing it names the extra to install
     from mkdaemon.virtualtime import run_virtually
     from mksim.programs.flightrecord import write_picture
@@ -90,7 +108,7 @@ def _fly(pace: float, seed: int, wind: str, fps: float, picture: Path, *, is_qui
     console.print(f"a simulated aircraft on its target; {wind} wind, {fps:g} images a second, seed {seed}")
     with _Board(console, is_live=console.is_terminal and not is_headless) as board:
         recording = picture.with_suffix(".mcap")
-        flight = rehearse(seed=seed, wind=wind, fps=fps, watcher=board.show, recording=recording)
+        flight = rehearse(seed=seed, wind=wind, fps=fps, watcher=board.show, show_on=show_on, recording=recording)
         record = run_virtually(flight, pace)
     figures = record.figures()
     write_picture(record, picture)

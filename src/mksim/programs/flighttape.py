@@ -1,8 +1,9 @@
-"""Records a flight in virtual time as the daemon's black box would: a recording that every program can read."""
+"""Records a flight in virtual time: what is put on its bus, and the true state, as a recording that programs read."""
 
 from __future__ import annotations
 
 import io
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 from typing import Final
@@ -11,62 +12,63 @@ from pydantic import BaseModel
 
 from mkdaemon.bus.codec import encode, encoding_of
 from mkdaemon.clock import Clock
-from mkdaemon.config.root import Config
-from mkdaemon.daemon.blackbox import ImageRecorder
+from mkdaemon.config.vehicle import VehicleConfig
 from mkdaemon.files import save
-from mkdaemon.record.entry import Entry, TimeBase
+from mkdaemon.record.entry import Entry, Kind, TimeBase
 from mkdaemon.record.layout import Session
-from mkdaemon.record.queue import EntryQueue
-from mkdaemon.record.tap import Tap
 from mkdaemon.record.writer import RecordingWriter
 from mkdaemon.stamp import Stamp
 from mksim.programs.sim_bus import truth_of
-from mksim.programs.virtualports import LocalBus
 from mksim.simulation import Simulation
 
-ROOM: Final = 1 << 30
-"""A flight of the demonstration takes a tenth of it [bytes]."""
 TRUTH: Final = 0.05
 """Time between two true states [s]."""
+IMAGES: Final = 0.5
+"""Time between two images [s], as the black box keeps them."""
+VEHICLE: Final = VehicleConfig().name
 
 
 class FlightTape:
-    """Takes what passes in a flight; written to a file when it is over.
+    """Takes what is published in a flight; written to a file when it is over."""
 
-    Attributes:
-        tap: for the line and the flight core.
-        images: takes what the camera saw.
-    """
+    def __init__(self) -> None:
+        self._entries: list[Entry] = []
+        self._counts: Counter[str] = Counter()
+        self._clock: Clock | None = None
+        self._base = TimeBase("", 0)
+        self._truth_at = self._image_at = float("-inf")
 
-    def __init__(self, cfg: Config, clock: Clock, bus: LocalBus) -> None:
-        """Take everything that is put on a bus from now on.
+    def begin(self, clock: Clock) -> None:
+        """Take everything from now on.
 
         Args:
-            cfg: of the daemon.
             clock: of the flight.
-            bus: where its values are put.
         """
-        self._base = TimeBase.of(clock.stamp())
-        self._queue = EntryQueue(ROOM)
-        self._cfg, self._clock = cfg, clock
-        self._truth_at = 0.0
-        self.tap = Tap(self._queue, clock, cfg.vehicle.name, self._base)
-        self.images = ImageRecorder(cfg.record.images, self.tap, clock)
-        bus.followers.append(self.take)
+        self._clock, self._base = clock, TimeBase.of(clock.stamp())
 
     def take(self, suffix: str, value: BaseModel) -> None:
         """Take a value that is published."""
+        if self._clock is None:
+            return
+        now = self._clock.now()
+        if suffix.endswith("/image"):
+            if now < self._image_at:
+                return
+            self._image_at = now + IMAGES
         stamp = getattr(value, "stamp", None)
-        carried = stamp if isinstance(stamp, Stamp) else None
-        self.tap.sample(suffix, encode(value), encoding_of(type(value)), carried)
+        wall = (stamp if isinstance(stamp, Stamp) else self._clock.stamp(now)).wall
+        self._counts[suffix] += 1
+        payload, encoding, number = encode(value), encoding_of(type(value)), self._counts[suffix]
+        key = f"mk/{VEHICLE}/{suffix}"
+        self._entries.append(Entry(Kind.SAMPLE, key, payload, encoding, now, wall, self._base, number))
 
-    def watch(self, simulation: Simulation) -> Callable[[float], None]:
-        """What takes the true state after every step of the world."""
+    def follow(self, simulation: Simulation) -> Callable[[float], None]:
+        """What takes the true state: to be called after every step of the world with the time [s]."""
 
         def moved(now: float) -> None:
-            if now >= self._truth_at:
+            if self._clock is not None and now >= self._truth_at:
                 self._truth_at = now + TRUTH
-                self.take("sim/truth", truth_of(simulation, self._clock.stamp(now), ""))
+                self.take("sim/truth", truth_of(simulation, self._clock.stamp(now)))
 
         return moved
 
@@ -74,16 +76,12 @@ class FlightTape:
         """Write the recording; what is there is replaced.
 
         Raises:
+            ConfigError: there is no such folder.
             MkError: it cannot be written.
         """
-        config = self._cfg.model_dump_json(exclude={"sim"})
-        name = self._cfg.vehicle.name
-        session = Session.begin("demo", path.stem, self._base, vehicle=name, config=config)
         content = io.BytesIO()
-        writer = RecordingWriter(content, session)
-        for item in self._queue.take(len(self._queue)):
-            entry = item if isinstance(item, Entry) else item()
-            if entry is not None:
-                writer.add(entry)
+        writer = RecordingWriter(content, Session.begin("demo", path.stem, self._base, vehicle=VEHICLE))
+        for entry in self._entries:
+            writer.add(entry)
         writer.finish()
         save(path, content.getvalue(), overwrite=True)

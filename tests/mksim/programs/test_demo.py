@@ -20,7 +20,7 @@ def flown(monkeypatch):
     """Let the demo fly a flight that is there already; returns what may be changed of it."""
     shown = {"record": flight()}
 
-    async def rehearse(*, seed, wind, fps, watcher):
+    async def rehearse(*, seed, wind, fps, watcher, show_on):
         for moment in shown["record"].moments:
             watcher(moment, None)
         return shown["record"]

@@ -46,6 +46,7 @@ COMMANDS: Final = (
     CommandEntry(
         "status", "mkdaemon.cli.mkctl.status:status", "The aircraft, the link and who flies, on one screen.", _LOOK
     ),
+    CommandEntry("view", "mkdaemon.cli.mkctl.view:view", "The aircraft in a browser, live or from a recording.", _LOOK),
     CommandEntry(
         "watch", "mkdaemon.cli.mkctl.values:watch", "Values as they come, for example `watch 'state/**'`.", _LOOK
     ),
