@@ -19,6 +19,7 @@ from typing import Final, TextIO, cast
 
 _ERRORS: Final = "mkdaemon.plain"
 _PLAIN: Final = {"°": " deg", "²": "2", "±": "+/-", "µ": "u", "×": "x", "·": ".", "–": "-", "—": "-", "…": "..."}
+_PLAIN.update(zip("▁▂▃▄▅▆▇█", "_.-=+*%#", strict=True))
 _ACTING: Final = re.compile(
     "\r(?!\n)|[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\xad\u061c\u180e\u200b-\u200f\u2028-\u202e\u2060-\u206f\ud800-\udfff\ufeff"
     "\ufff9-\ufffb\U000e0000-\U000e007f]"

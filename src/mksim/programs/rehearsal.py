@@ -11,7 +11,7 @@ import os
 import random
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import AbstractContextManager, suppress
+from contextlib import AbstractContextManager, ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, Protocol, TypeVar
@@ -48,6 +48,7 @@ from mkdaemon.vision.track.tracker import Tracker
 from mksim.config import PilotPlan, SimConfig, WindClass
 from mksim.physics.world import World
 from mksim.programs.flightrecord import Moment, Rehearsed
+from mksim.programs.flighttape import FlightTape
 from mksim.programs.virtualports import Aircraft, Cable, LocalBus
 from mksim.programs.watchedeyes import WatchedEyes
 from mksim.scene.camera import BodyState, Grey, SceneCamera, landing_world
@@ -412,7 +413,15 @@ class Rehearsal:
         self._watcher(moment, self._value("control/status", ControlStatus))
 
 
-async def rehearse(*, seed: int, wind: str, fps: float, watcher: Watcher, show_on: ShowOn | None = None) -> Rehearsed:
+async def rehearse(
+    *,
+    seed: int,
+    wind: str,
+    fps: float,
+    watcher: Watcher,
+    show_on: ShowOn | None = None,
+    recording: Path | None = None,
+) -> Rehearsed:
     """Fly the demonstration once; see `Rehearsal`.
 
     Args:
@@ -421,15 +430,34 @@ async def rehearse(*, seed: int, wind: str, fps: float, watcher: Watcher, show_o
         fps: images a second.
         watcher: sees the flight.
         show_on: a bus on which clients look at it; None for none.
+        recording: where its recording goes; None for none.
+
+    Raises:
+        MkError: the recording cannot be written.
     """
-    rehearsal = demonstration(simulated_aircraft(seed, wind, fps), watcher)
-    if show_on is None:
-        return await rehearsal.fly()
-    with show_on(rehearsal.bus, rehearsal.clock) as follow:
-        rehearsal.watch(follow)
-        return await rehearsal.fly()
+    tape = None if recording is None else FlightTape()
+    rehearsal = demonstration(simulated_aircraft(seed, wind, fps), watcher, tape)
+    with ExitStack() as stack:
+        if show_on is not None:
+            rehearsal.watch(stack.enter_context(show_on(rehearsal.bus, rehearsal.clock)))
+        record = await rehearsal.fly()
+    if tape is not None and recording is not None:
+        tape.write(recording)
+    return record
 
 
-def demonstration(config: SimConfig, watcher: Watcher) -> Rehearsal:
-    """The demonstration with simulated boards; needs a running loop."""
-    return Rehearsal(config, Simulation(config, landing_world(config)), watcher)
+def demonstration(config: SimConfig, watcher: Watcher, tape: FlightTape | None = None) -> Rehearsal:
+    """The demonstration with simulated boards; needs a running loop.
+
+    Args:
+        config: what is simulated.
+        watcher: sees the flight.
+        tape: records it; None for no recording.
+    """
+    simulation = Simulation(config, landing_world(config))
+    if tape is None:
+        return Rehearsal(config, simulation, watcher)
+    rehearsal = Rehearsal(config, simulation, watcher, moved=tape.follow(simulation))
+    tape.begin(rehearsal.clock)
+    rehearsal.watch(tape.take)
+    return rehearsal

@@ -95,6 +95,12 @@ COMMANDS: Final = (
     ),
     CommandEntry("play", "mkdaemon.cli.mkctl.play:play", "Show a recording to clients, at any speed.", _RECORD),
     CommandEntry(
+        "report",
+        "mkdaemon.cli.mkctl.report:report",
+        "A flight as one page, out of a recording: `report FILE`.",
+        _RECORD,
+    ),
+    CommandEntry(
         "export", "mkdaemon.cli.mkctl.export:export", "A recording as tables, a track or a ROS 2 bag.", _RECORD
     ),
     CommandEntry(
