@@ -55,6 +55,12 @@ COMMANDS: Final = (
     CommandEntry(
         "health", "mkdaemon.cli.mkctl.health:health", "The link, live: state, round trips, losses, streams.", _LOOK
     ),
+    CommandEntry(
+        "linktest",
+        "mkdaemon.cli.mkctl.linktest:linktest",
+        "Measure the line under load, with advice. Motors off.",
+        _LOOK,
+    ),
     CommandEntry("release", "mkdaemon.cli.mkctl.release:release", "Let go of the aircraft, now, whoever flies.", _FLY),
     CommandEntry("preflight", "mkdaemon.cli.mkctl.preflight:preflight", "Make every check before a flight.", _FLY),
     CommandEntry(

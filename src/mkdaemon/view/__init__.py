@@ -1,0 +1,1 @@
+"""What people look at: the page in the browser, the terminal view, the report."""
