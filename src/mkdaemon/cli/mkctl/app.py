@@ -46,6 +46,7 @@ COMMANDS: Final = (
     CommandEntry(
         "status", "mkdaemon.cli.mkctl.status:status", "The aircraft, the link and who flies, on one screen.", _LOOK
     ),
+    CommandEntry("top", "mkdaemon.cli.mkctl.top:top", "A vehicle on one screen of a terminal, live, with keys.", _LOOK),
     CommandEntry(
         "watch", "mkdaemon.cli.mkctl.values:watch", "Values as they come, for example `watch 'state/**'`.", _LOOK
     ),
