@@ -40,7 +40,7 @@ def move_behind_command(tokens: Sequence[str], groups: Container[str]) -> list[s
     return [*command, *options, *left] if command else left
 
 
-_LOOK, _FLY, _RECORD, _BOARDS, _SIMULATOR = "Look", "Fly", "Recordings", "Boards", "Simulator"
+_LOOK, _FLY, _EYES, _RECORD, _BOARDS, _SIMULATOR = "Look", "Fly", "Eyes", "Recordings", "Boards", "Simulator"
 
 COMMANDS: Final = (
     CommandEntry(
@@ -95,6 +95,7 @@ COMMANDS: Final = (
     CommandEntry(
         "stop", "mkdaemon.cli.mkctl.manoeuvres:stop", "Stop the motors, where the firmware can be asked.", _FLY
     ),
+    CommandEntry("target", "mkdaemon.cli.mkctl.target:app", "A print judged by a photograph: `target check`.", _EYES),
     CommandEntry("log", "mkdaemon.cli.mkctl.log:app", "Recordings: list, check, recover, cut, merge, mark.", _RECORD),
     CommandEntry(
         "record", "mkdaemon.cli.mkctl.record:record", "Record what all vehicles put on the bus, into files.", _RECORD
