@@ -11,6 +11,7 @@ from mkdaemon.cli.program import CommandEntry, build, run
 CAMPAIGNS: Final = (
     CommandEntry("protocol", "lab.protocol:main", "Decoding: frames a second, against pymavlink."),
     CommandEntry("link", "lab.link.main:main", "The link under load: losses, latencies, recovery."),
+    CommandEntry("linktest", "lab.linktest:main", "Whether `mkctl linktest` finds what was put into a line."),
     CommandEntry("vision", "lab.vision.main:main", "Detection: rate, accuracy, latency."),
     CommandEntry("stories", "lab.stories.main:main", "Lost clients, pulled cables, races: the safety stories."),
     CommandEntry("teleop", "lab.teleop.main:main", "An operator's hands: pads lost in flight, a stick's way."),

@@ -25,6 +25,7 @@ GENERATED: Final[Mapping[str, str]] = {
     "docs/configuration.md": "tools.configuration_page:configuration_page",
     "docs/figures/teleop_mapping.svg": "tools.teleop_pictures:mapping_picture",
     "docs/figures/teleop_screen.svg": "tools.teleop_pictures:screen_picture",
+    "docs/figures/top.svg": "tools.top_picture:top_picture",
     "docs/keys.md": "tools.keys_page:keys_page",
     "docs/library-reference.md": "tools.library_page:library_page",
     "docs/modes.md": "tools.modes_page:modes_page",

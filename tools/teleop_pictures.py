@@ -4,11 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import random
-from collections.abc import Sequence
-from itertools import groupby
 from pathlib import Path
 from typing import Final
-from xml.sax.saxutils import escape
 
 from rich.text import Text
 
@@ -26,13 +23,11 @@ from mkdaemon.config.reader import load_section
 from mkdaemon.control.teleop.shaping import MODES
 from mkdaemon.telemetry.control import Phase
 from mkdaemon.virtualtime import run_virtually
+from tools.screensvg import screen_svg, svg_of, svg_text
 
 _SEED: Final = 1
 _FLOWN: Final = 1.5
 """How long the picture's flight has lasted [s]."""
-_CHAR, _LINE, _MARGIN = 8.4, 18, 14
-"""Width of a letter, height of a line, and border [px]."""
-_COLOURS: Final = {"": "#d0d0d0", "dim": "#8a8a8a", "bold": "#ffffff", "green": "#7fd77f", "bold red": "#ff7070"}
 _WORDS: Final = {
     "pitch": "pitch: forward, back",
     "roll": "roll: to the sides",
@@ -70,9 +65,7 @@ def screen_picture(_root: Path) -> str:
     """Return the screen of a flight, as SVG."""
     silence_log()
     lines = run_virtually(_flown_screen())
-    width, height = 2 * _MARGIN + COLUMNS * _CHAR, 2 * _MARGIN + len(lines) * _LINE
-    rows = [_row(line, _MARGIN + (number + 0.75) * _LINE) for number, line in enumerate(lines)]
-    return _svg(width, height, [f'<rect width="{width:g}" height="{height:g}" rx="6" fill="#1c1c1c"/>', *rows])
+    return screen_svg(lines, COLUMNS)
 
 
 async def _flown_screen() -> list[Text]:
@@ -97,38 +90,6 @@ async def _flown_screen() -> list[Text]:
     return lines
 
 
-def _row(line: Text, y: float) -> str:
-    """One line of the screen; every piece of one style is placed by its column."""
-    styles = [""] * len(line.plain)
-    for span in line.spans:
-        styles[span.start : span.end] = [str(span.style)] * (span.end - span.start)
-    pieces, start = [], 0
-    for style, group in groupby(styles):
-        words = line.plain[start : start + len(list(group))]
-        if words.strip():
-            left = start + len(words) - len(words.lstrip(" "))
-            pieces.append(_text(_MARGIN + left * _CHAR, y, words.strip(" "), _COLOURS[style], bold="bold" in style))
-        start += len(words)
-    return "".join(pieces)
-
-
-def _text(x: float, y: float, words: str, colour: str, *, bold: bool = False, anchor: str = "start") -> str:
-    weight = ' font-weight="bold"' if bold else ""
-    length = f' textLength="{len(words) * _CHAR:.1f}"' if anchor == "start" else ""
-    return (
-        f'<text x="{x:.1f}" y="{y:.1f}" fill="{colour}"{weight}{length} text-anchor="{anchor}" '
-        f'xml:space="preserve">{escape(words)}</text>\n'
-    )
-
-
-def _svg(width: float, height: float, parts: Sequence[str]) -> str:
-    head = (
-        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width:g} {height:g}" width="{width:g}" '
-        f'height="{height:g}" font-family="monospace" font-size="14">\n'
-    )
-    return head + "\n".join(part.rstrip("\n") for part in parts) + "\n</svg>\n"
-
-
 def mapping_picture(_root: Path) -> str:
     """Return what the controls of the Xbox pad do, stick mode as in its file, as SVG."""
     pad = load_section(Gamepad, CONFIGS / "gamepads" / "xbox.toml")
@@ -142,22 +103,22 @@ def mapping_picture(_root: Path) -> str:
         parts.append(f'<circle cx="{x}" cy="{y}" r="30" fill="#cfcfcf" stroke="#555555"/>')
         stick = {place: function for function, place in MODES[pad.mode].items()}
         words = f"{_WORDS[stick[f'{side}_y']]}; {_WORDS[stick[f'{side}_x']]}"
-        parts.append(_text(x, y + 5, side, "#222222", anchor="middle"))
+        parts.append(svg_text(x, y + 5, side, "#222222", anchor="middle"))
         at = (245, 395) if side == "left" else (545, 395)
-        parts.append(_text(at[0] - 145, at[1], f"{side} stick:", "#222222", bold=True))
-        parts.append(_text(at[0] - 145, at[1] + 18, words, "#222222"))
+        parts.append(svg_text(at[0] - 145, at[1], f"{side} stick:", "#222222", bold=True))
+        parts.append(svg_text(at[0] - 145, at[1] + 18, words, "#222222"))
     parts.append(
         '<path d="M 400 235 h 14 v 14 h 14 v 14 h -14 v 14 h -14 v -14 h -14 v -14 h 14 z" fill="#cfcfcf" '
         'stroke="#555555"/>'
     )
-    parts.append(_text(407, 295, "d-pad: trims", "#222222", anchor="middle"))
+    parts.append(svg_text(407, 295, "d-pad: trims", "#222222", anchor="middle"))
     for x, y, label in ((585, 150, "Y"), (560, 175, "X"), (610, 175, "B"), (585, 200, "A")):
         parts.append(f'<circle cx="{x}" cy="{y}" r="11" fill="#ffffff" stroke="#555555"/>')
-        parts.append(_text(x, y + 5, label, "#222222", anchor="middle"))
+        parts.append(svg_text(x, y + 5, label, "#222222", anchor="middle"))
     parts.append("</g>")
     given = pad.buttons.model_dump()
     for function, meaning in _MEANINGS.items():
         x, y, label = _PLACES[given[function]]
         colour = "#b00020" if function in {"enable", "release"} else "#222222"
-        parts.append(_text(x, y, f"{label:5} {meaning}", colour, bold=function in {"enable", "release"}))
-    return _svg(1150, 425, parts)
+        parts.append(svg_text(x, y, f"{label:5} {meaning}", colour, bold=function in {"enable", "release"}))
+    return svg_of(1150, 425, parts)

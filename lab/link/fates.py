@@ -23,6 +23,7 @@ from mkdaemon.protocol.framing import Frame, FrameDecoder
 from mkdaemon.virtualtime import run_virtually
 from mksim.boards.generations import FC_GENERATIONS
 from mksim.config import SimConfig
+from mksim.physics.world import World
 
 PROOF: Final = 600.0
 """Length of a proof [s]: 6000 link tests; none of ours lost among them bounds our share to 0.05 %."""
@@ -80,8 +81,8 @@ class Tracer(Witness):
         sticks: fates of stick frames, in order.
     """
 
-    def __init__(self, config: SimConfig) -> None:
-        super().__init__(config)
+    def __init__(self, config: SimConfig, world: World | None = None) -> None:
+        super().__init__(config, world)
         self.echoes: list[Fate] = []
         self.sticks: list[Fate] = []
         self._now: Callable[[], float] = asyncio.get_running_loop().time

@@ -18,6 +18,7 @@ from typing import Final
 
 from mkdaemon.protocol.framing import Frame, FrameDecoder
 from mksim.config import SimConfig
+from mksim.physics.world import World
 from mksim.radio import Channel
 from mksim.runtime import Runtime
 from mksim.simulation import Simulation
@@ -36,8 +37,8 @@ class Witness(Simulation):
         delivered: frames that reached the board by letter: what line and radio left of `came`.
     """
 
-    def __init__(self, config: SimConfig) -> None:
-        super().__init__(config)
+    def __init__(self, config: SimConfig, world: World | None = None) -> None:
+        super().__init__(config, world)
         self.trips: list[tuple[float, float]] = []
         self.came: Counter[str] = Counter()
         self.left: Counter[str] = Counter()

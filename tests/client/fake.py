@@ -42,6 +42,7 @@ class FakeDaemon:
         refuses: why setpoints that need a target are refused; None for not at all.
         follow: called with every setpoint that was taken.
         replies: what makes the answer to a further command, by suffix.
+        intervals: of the streams it keeps as they are asked for; None where it answers with what was asked alone.
     """
 
     bus: Bus
@@ -54,6 +55,7 @@ class FakeDaemon:
     refuses: Token | None = None
     follow: Callable[[], None] = lambda: None
     replies: dict[str, Callable[[], dict]] = field(default_factory=dict)
+    intervals: dict[str, float] | None = None
     phase: Phase = Phase.FREE
     preflight: dict = field(default_factory=lambda: {"is_ready": True, "findings": []})
 
@@ -79,6 +81,11 @@ class FakeDaemon:
                 self.lose(fields["reason"])
                 reply = {"status": "confirmed", "sent": 5, "confirmed": 5, "reason": fields["reason"]}
                 return CommandResult(status=Status.ACCEPTED, reply=reply)
+            case "do/rates", _ if self.intervals is not None:
+                if fields.get("stream"):
+                    self.intervals[fields["stream"]] = fields["interval"]
+                kept = {name: every for name, every in self.intervals.items() if every}
+                return CommandResult(status=Status.ACCEPTED, reply={"intervals": kept})
             case "do/rates", _:
                 return CommandResult(status=Status.ACCEPTED, reply={"intervals": {"osd": fields.get("interval", 0.1)}})
             case "do/gains", _:

@@ -40,13 +40,14 @@ def move_behind_command(tokens: Sequence[str], groups: Container[str]) -> list[s
     return [*command, *options, *left] if command else left
 
 
-_LOOK, _FLY, _RECORD, _BOARDS, _SIMULATOR = "Look", "Fly", "Recordings", "Boards", "Simulator"
+_LOOK, _FLY, _EYES, _RECORD, _BOARDS, _SIMULATOR = "Look", "Fly", "Eyes", "Recordings", "Boards", "Simulator"
 
 COMMANDS: Final = (
     CommandEntry(
         "status", "mkdaemon.cli.mkctl.status:status", "The aircraft, the link and who flies, on one screen.", _LOOK
     ),
     CommandEntry("view", "mkdaemon.cli.mkctl.view:view", "The aircraft in a browser, live or from a recording.", _LOOK),
+    CommandEntry("top", "mkdaemon.cli.mkctl.top:top", "A vehicle on one screen of a terminal, live, with keys.", _LOOK),
     CommandEntry(
         "watch", "mkdaemon.cli.mkctl.values:watch", "Values as they come, for example `watch 'state/**'`.", _LOOK
     ),
@@ -55,6 +56,12 @@ COMMANDS: Final = (
     ),
     CommandEntry(
         "health", "mkdaemon.cli.mkctl.health:health", "The link, live: state, round trips, losses, streams.", _LOOK
+    ),
+    CommandEntry(
+        "linktest",
+        "mkdaemon.cli.mkctl.linktest:linktest",
+        "Measure the line under load, with advice. Motors off.",
+        _LOOK,
     ),
     CommandEntry("release", "mkdaemon.cli.mkctl.release:release", "Let go of the aircraft, now, whoever flies.", _FLY),
     CommandEntry("preflight", "mkdaemon.cli.mkctl.preflight:preflight", "Make every check before a flight.", _FLY),
@@ -89,6 +96,7 @@ COMMANDS: Final = (
     CommandEntry(
         "stop", "mkdaemon.cli.mkctl.manoeuvres:stop", "Stop the motors, where the firmware can be asked.", _FLY
     ),
+    CommandEntry("target", "mkdaemon.cli.mkctl.target:app", "A print judged by a photograph: `target check`.", _EYES),
     CommandEntry("log", "mkdaemon.cli.mkctl.log:app", "Recordings: list, check, recover, cut, merge, mark.", _RECORD),
     CommandEntry(
         "record", "mkdaemon.cli.mkctl.record:record", "Record what all vehicles put on the bus, into files.", _RECORD

@@ -29,13 +29,17 @@ async def release(reason: str = "asked for by mkctl", *, connection: Connection 
     Args:
         reason: Published with the event.
     """
-    done = await _release(connection, reason)
-    print(json_line(dict(done)) if connection.json else _words(done.status))
+    done = await release_somehow(connection, reason)
+    print(json_line(dict(done)) if connection.json else words_of_release(done.status))
     return 0 if done.is_done else EXIT_FAILURE
 
 
-async def _release(connection: Connection, reason: str) -> ReleaseReport:
+async def release_somehow(connection: Connection, reason: str) -> ReleaseReport:
     """Release over the bus; where that has not answered soon, or fails, over the Unix socket of a daemon here.
+
+    Args:
+        connection: which vehicle.
+        reason: published with the event.
 
     Raises:
         CommandRejectedError: the daemon refused.
@@ -69,7 +73,8 @@ async def _release_over_bus(connection: Connection, reason: str) -> ReleaseRepor
         return await client.release(reason)
 
 
-def _words(outcome: ReleaseOutcome) -> str:
+def words_of_release(outcome: ReleaseOutcome) -> str:
+    """How a release ended."""
     from mkdaemon.telemetry.control import ReleaseOutcome
 
     match outcome:

@@ -1,0 +1,139 @@
+"""`python -m lab linktest`: whether `mkctl linktest` finds what was put into a line. Virtual time, seeded.
+
+Each line is measured as `mkctl linktest` measures it. What was put in is known twice: as it is configured, and as every
+single conversation went (`lab.link.fates`). Losses and latencies found have to agree with both within 10 %.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated, Any, Final
+
+from cyclopts import Parameter
+
+from lab.link.cases import FULL, RADIO, Case
+from lab.link.fates import Fate
+from lab.rigs.measuredlink import measure_link
+from mkdaemon.cli.arguments import AsJson
+from mkdaemon.client.linktest.advice import judge
+from mkdaemon.client.linktest.measures import LoadRun, measure
+from mkdaemon.client.linktest.probes import TIMEOUT, ProbeKind
+from mkdaemon.errors import ConfigError
+from mkdaemon.view.linkpicture import link_picture
+from mksim.config import ChannelConfig, RadioKind
+from mksim.radio import BITS_PER_BYTE
+
+LIMIT: Final = 0.10
+"""Largest difference between found and put in, as a share of what was put in."""
+LONG: Final = 900.0
+"""Length by default [s]; 9000 link tests scatter by less than a third of `LIMIT` where 5 % of the packets are lost."""
+ASKED, ANSWERED = 10, 10
+"""Characters of a link test and of its answer."""
+_BOARDS: Final = {"board": "nc", "nc": "2.14", "fc": "2.14"}
+_POOR: Final = {"kind": "xbee", "loss": 0.05, "mean_burst": 2.0}
+_LINES: Final[dict[str, dict[str, Any]]] = {
+    "wire": {},
+    "timer": {"radio": {"to_host": {"usb_timer": 0.016}}},
+    "radio": {"radio": RADIO},
+    "poor radio": {"radio": {"to_board": _POOR, "to_host": {**_POOR, "usb_timer": 0.001}}},
+}
+
+
+def main(
+    *,
+    seconds: Annotated[float, Parameter(help="Length of each measurement [s].")] = LONG,
+    line: Annotated[str | None, Parameter(help="One line; all of them by default.")] = None,
+    picture: Annotated[
+        Path | None, Parameter(help="Draw the poor radio under light and full load into this SVG.")
+    ] = None,
+    as_json: AsJson = False,
+) -> int:
+    """Measure lines whose losses and latencies are known; exit code 1 where 10 % are exceeded.
+
+    Ten minutes for all; `--line radio --seconds 60` takes five seconds and finds latencies only. `--picture` alone
+    draws a minute of each load, in ten seconds.
+
+    Raises:
+        ConfigError: no such line.
+    """
+    if picture is not None:
+        picture.write_text(draw(60.0), encoding="utf-8")
+        print(picture)
+        return 0
+    if line is not None and line not in _LINES:
+        raise ConfigError(f"no line {line!r}: choose from {', '.join(_LINES)}")
+    results = {name: found_and_put_in(name, seconds) for name in ([line] if line else _LINES)}
+    for name, result in results.items():
+        if not as_json:
+            print(name, *(f"{key} {value}" for key, value in result.items()), sep="  ")
+    if as_json:
+        print(json.dumps(results))
+    return 0 if all(result["worst"] <= LIMIT for result in results.values()) else 1
+
+
+def case_of(name: str, *, full: bool = False) -> Case:
+    """One of the lines under light or full load."""
+    sim = {**_BOARDS, **_LINES[name]}
+    if full:
+        return Case(name, 60, FULL, setpoint_hz=15, sim=sim)
+    return Case(name, 60, {"osd": 500.0}, sim=sim)
+
+
+def draw(seconds: float) -> str:
+    """The picture of a minute over the poor radio."""
+    runs = []
+    for load, full in (("light", False), ("full", True)):
+        run = measure_link(case_of("poor radio", full=full), seconds).run
+        runs.append(LoadRun("poor radio, simulated", load, run.control_hz, run.probes))
+    verdict = judge(runs)
+    return link_picture(runs, f"Link test: {verdict.grade}. {verdict.reason}")
+
+
+def found_and_put_in(name: str, seconds: float) -> dict[str, Any]:
+    """Measure a line under light load, and compare."""
+    measured = measure_link(case_of(name), seconds)
+    found = measure(measured.run.of(ProbeKind.ECHO))
+    happened_loss, happened_ms = happened(measured.echoes)
+    loss, added_ms = configured(name)
+    result: dict[str, Any] = {
+        "sent": found.sent,
+        "loss_percent": round(found.loss_percent, 3),
+        "loss_happened_percent": round(100 * happened_loss, 3),
+        "loss_put_in_percent": round(100 * loss, 3),
+        "mean_ms": round(found.mean_ms or 0.0, 2),
+        "mean_happened_ms": round(happened_ms, 2),
+        "verdict": judge([measured.run]).grade.value,
+    }
+    worst = max(_apart(found.loss_percent, 100 * happened_loss), _apart(found.mean_ms or 0.0, happened_ms))
+    if name != "wire":
+        wire = measure(measure_link(case_of("wire"), min(seconds, 60.0)).run.of(ProbeKind.ECHO)).mean_ms or 0.0
+        result["added_ms"], result["added_put_in_ms"] = round((found.mean_ms or 0.0) - wire, 2), round(added_ms, 2)
+        worst = max(worst, _apart((found.mean_ms or 0.0) - wire, added_ms), _apart(found.loss_percent, 100 * loss))
+    return {**result, "worst": round(worst, 4)}
+
+
+def happened(fates: list[Fate]) -> tuple[float, float]:
+    """Share of conversations that were lost, and mean time of the others [ms]."""
+    times = [fate.heard - fate.asked for fate in fates if fate.heard is not None and fate.heard - fate.asked <= TIMEOUT]
+    return 1.0 - len(times) / len(fates), 1000 * sum(times) / len(times)
+
+
+def configured(name: str) -> tuple[float, float]:
+    """Share of conversations that a line takes, and the time that it adds to the others [ms], as configured.
+
+    A packet is on its way for the configured time, and its characters are sent once more behind the air.
+    """
+    kept, added = 1.0, 0.0
+    given = _LINES[name].get("radio", {})
+    for way, characters in (("to_board", ASKED), ("to_host", ANSWERED)):
+        channel = ChannelConfig.model_validate(given.get(way, {}))
+        if channel.kind is RadioKind.XBEE:
+            kept *= 1.0 - channel.loss
+            added += channel.latency_mean + characters * BITS_PER_BYTE / channel.baud
+        added += channel.usb_timer / 2
+    return 1.0 - kept, 1000 * added
+
+
+def _apart(found: float, put_in: float) -> float:
+    return 0.0 if found == put_in else abs(found - put_in) / put_in if put_in else 1.0

@@ -1,0 +1,283 @@
+"""`mkctl linktest`: how good the line to the aircraft is, with advice."""
+
+from __future__ import annotations
+
+import asyncio
+import signal
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+from itertools import groupby
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
+
+from cyclopts import Parameter
+
+from mkdaemon.cli.arguments import require_length
+from mkdaemon.cli.mkctl.connection import HERE, Connection
+from mkdaemon.cli.mkctl.streams import read_interval
+from mkdaemon.cli.printing import json_line
+from mkdaemon.cli.program import EXIT_FAILURE, EXIT_OK
+from mkdaemon.cli.terminal import on_one_line
+from mkdaemon.errors import ConfigError, MkError
+from mkdaemon.files import refuse_existing, save
+
+if TYPE_CHECKING:
+    from mkdaemon.client.linktest.advice import Verdict
+    from mkdaemon.client.linktest.campaign import LinkTestFound, LinkTestPlan, OnLinkTest
+    from mkdaemon.client.linktest.measures import LoadRun, Measures
+    from mkdaemon.client.linktest.probes import Probe
+
+BINS: Final = 16
+"""Lines of a histogram on the terminal."""
+BAR: Final = 40
+"""Characters of its longest bar."""
+SLICES: Final = 60
+"""Characters of the line that shows losses over time."""
+
+
+async def linktest(
+    *,
+    load: Literal["light", "full", "both"] = "both",
+    stream: Annotated[tuple[str, ...], Parameter(negative=())] = (),
+    control: float = 0.0,
+    seconds: float = 60.0,
+    tests: float = 0.0,
+    label: str = "",
+    csv: Path | None = None,
+    picture: Path | None = None,
+    compare: Path | None = None,
+    motors_off: Annotated[bool, Parameter(negative=())] = False,
+    force: Annotated[bool, Parameter(negative=())] = False,
+    connection: Connection = HERE,
+) -> int:
+    """Measure the line: round trips and losses under light and full load, with a verdict and what to change.
+
+    On the ground, motors off; refused while they run. Streams are changed meanwhile and put back at the end, also
+    after Ctrl-C, which ends the measurement and still shows what was found. Exit code 1 for a poor line.
+
+    Args:
+        load: `light` is OSD twice a second; `full` OSD at 100 ms, debug at 200 ms, attitude at 50 ms.
+        stream: A stream of your own choice in place of these, for example `osd=100ms`; may be given again.
+        control: Stick frames a second beside full or chosen load [Hz]: neutral, throttle at its lowest, under a lease.
+        seconds: Length of each load [s].
+        tests: Link tests a second beside the daemon's own (`link.echo_hz`) [Hz].
+        label: Whose line: the radio, the cable, the place. The vehicle's name by default.
+        csv: Write every probe into this file.
+        picture: Draw histogram and losses into this SVG.
+        compare: CSV of another line, shown beside this one.
+        motors_off: You have looked: the motors are off, where no stream says so.
+        force: Overwrite files that are there.
+
+    Raises:
+        ConfigError: an option cannot be, or a file is there already.
+        MkError: motors run, or the line is down.
+        CommandRejectedError: the line cannot carry the streams, or the lease is refused.
+    """
+    from mkdaemon.client.linktest.campaign import CHOSEN, FULL, LIGHT, LinkTestPlan
+    from mkdaemon.client.linktest.probefile import read_csv
+
+    require_length(seconds, "--seconds")
+    _require_rates(control, tests)
+    for path in (csv, picture):
+        if path is not None:
+            refuse_existing(path, overwrite=force)
+    other = [] if compare is None else read_csv(compare)
+    plan = LinkTestPlan(
+        label=label or connection.vehicle,
+        loads=(CHOSEN,) if stream else {"light": (LIGHT,), "full": (FULL,), "both": (LIGHT, FULL)}[load],
+        streams=dict(_stream(text) for text in stream),
+        control_hz=control,
+        seconds=seconds,
+        tests_hz=tests,
+        motors_off=motors_off,
+    )
+    found = await _run(plan, connection)
+    return _conclude(found, other, _Files(csv, picture, force), as_json=connection.json)
+
+
+@dataclass(frozen=True, slots=True)
+class _Files:
+    """What is to be written."""
+
+    csv: Path | None
+    picture: Path | None
+    overwrite: bool
+
+
+def _conclude(found: LinkTestFound, other: Sequence[LoadRun], files: _Files, *, as_json: bool) -> int:
+    """Judge, write the files and print; the exit code."""
+    from mkdaemon.client.linktest.advice import Grade, judge
+    from mkdaemon.client.linktest.probefile import to_csv
+
+    runs = found.runs
+    verdict = judge(runs)
+    if files.csv is not None:
+        save(files.csv, to_csv(runs), overwrite=files.overwrite)
+    if files.picture is not None:
+        from mkdaemon.view.linkpicture import link_picture
+
+        title = f"Link test: {verdict.grade}. {verdict.reason}"
+        save(files.picture, link_picture([*other, *runs], title), overwrite=files.overwrite)
+    if as_json:
+        fields = {"verdict": asdict(verdict), "ended_by": found.ended_by, "runs": [_fields(run) for run in runs]}
+        print(json_line(fields))
+    else:
+        _print(runs, other, verdict)
+    return EXIT_OK if verdict.grade in (Grade.GOOD, Grade.USABLE) else EXIT_FAILURE
+
+
+def _require_rates(control: float, tests: float) -> None:
+    """Refuse rates that nobody can stream.
+
+    Raises:
+        ConfigError: names the first.
+    """
+    for number, name in ((control, "--control"), (tests, "--tests")):
+        if not 0.0 <= number <= 100.0:
+            raise ConfigError(f"{name} {number:g}: give a rate from 0 to 100 Hz")
+
+
+def _stream(text: str) -> tuple[str, float]:
+    """Read `osd=100ms`.
+
+    Raises:
+        ConfigError: it is no stream with an interval.
+    """
+    name, equals, interval = text.partition("=")
+    if not (name and equals):
+        raise ConfigError(f"--stream {text!r}: write a stream and its interval, for example osd=100ms")
+    return name, read_interval(interval)
+
+
+async def _run(plan: LinkTestPlan, connection: Connection) -> LinkTestFound:
+    """Measure until it is done or Ctrl-C.
+
+    Raises:
+        MkError: nothing was measured.
+    """
+    from mkdaemon.client.linktest.campaign import run_link_test
+
+    stop = asyncio.Event()
+    loop = asyncio.get_running_loop()
+    async with connection.open() as uav:
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+            loop.add_signal_handler(number, stop.set)
+        with _bars(plan, quiet=connection.json) as show:
+            found = await run_link_test(uav, plan, on_progress=show, stop=stop)
+    if found.ended_by:
+        print(f"mkctl: ended early, the streams are as they were: {on_one_line(found.ended_by)}", file=sys.stderr)
+    if not any(run.probes for run in found.runs):
+        raise MkError("no link test was seen: set link.echo_hz in the configuration, or give --tests 5")
+    return found
+
+
+@contextmanager
+def _bars(plan: LinkTestPlan, *, quiet: bool) -> Iterator[OnLinkTest]:
+    """A bar on standard error, where a terminal is."""
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+    from mkdaemon.cli.console import Console
+    from mkdaemon.client.linktest.campaign import LinkTestProgress
+
+    console = Console(stderr=True)
+    columns = (BarColumn(), TimeRemainingColumn(), TextColumn("{task.description}", markup=False))
+    hidden = quiet or not console.is_terminal
+    with Progress(*columns, console=console, transient=True, disable=hidden) as bars:
+        task = bars.add_task("streams are set", total=plan.seconds * len(plan.loads))
+
+        def show(progress: LinkTestProgress) -> None:
+            done = progress.done * plan.seconds + progress.elapsed
+            words = (
+                f"{progress.load} load {progress.done + 1} of {progress.of}: {progress.sent} sent, {progress.lost} lost"
+            )
+            bars.update(task, completed=done, description=words)
+
+        yield show
+
+
+def _fields(run: LoadRun) -> dict[str, Any]:
+    from mkdaemon.client.linktest.measures import measure
+    from mkdaemon.client.linktest.probes import ProbeKind
+
+    kinds = {"echo": ProbeKind.ECHO, "control": ProbeKind.CONTROL}
+    found = {name: measure(run.of(kind)) for name, kind in kinds.items() if run.of(kind)}
+    return {
+        "label": run.label,
+        "load": run.load,
+        "control_hz": run.control_hz,
+        "line_share": run.line_share,
+        "damaged_bytes": run.damaged,
+        "late": run.late,
+        "daemon_stalled": run.stalled,
+        **{name: {**asdict(value), "loss_percent": value.loss_percent} for name, value in found.items()},
+    }
+
+
+def _print(runs: Sequence[LoadRun], other: Sequence[LoadRun], verdict: Verdict) -> None:
+    from rich.table import Table
+
+    from mkdaemon.cli.console import Console
+    from mkdaemon.client.linktest.measures import measure
+    from mkdaemon.client.linktest.probes import ProbeKind
+
+    console = Console()
+    for run in runs:
+        for kind, group in groupby(sorted(run.probes, key=lambda probe: probe.kind), key=lambda probe: probe.kind):
+            probes = list(group)
+            console.print(f"{run.load} load, {kind}s:")
+            for line in (*_histogram(probes), _over_time(probes)):
+                console.print(line)
+            console.print()
+    titles = ("line", "load", "probe", "sent", "lost %", "in a row", "50", "95", "99 %", "most", "weighted ms")
+    table = Table(*titles, box=None, pad_edge=False)
+    for run in (*other, *runs):
+        for kind in ProbeKind:
+            if run.of(kind):
+                figures = measure(run.of(kind))
+                table.add_row(on_one_line(run.label), on_one_line(run.load), kind, *_cells(figures))
+    console.print(table)
+    console.print(f"\n{verdict.grade.upper()}: {verdict.reason}")
+    for advice in verdict.advice:
+        console.print(f"  {advice}")
+
+
+def _cells(figures: Measures) -> tuple[str, ...]:
+    times = (figures.p50_ms, figures.p95_ms, figures.p99_ms, figures.most_ms, figures.weighted_ms)
+    return (
+        str(figures.sent),
+        f"{figures.loss_percent:.2f}",
+        str(figures.longest_run),
+        *("-" if value is None else f"{value:.1f}" for value in times),
+    )
+
+
+def _histogram(probes: Sequence[Probe]) -> Iterator[str]:
+    """Bars of round trips, the lost ones last."""
+    from mkdaemon.client.linktest.measures import histogram
+
+    trips = sorted(1000 * probe.trip for probe in probes if probe.trip is not None)
+    lost = len(probes) - len(trips)
+    if trips:
+        width = max(trips[int(0.995 * len(trips))] / BINS, 0.5)
+        counts = histogram(trips, width, BINS)
+        last = max(place for place, count in enumerate(counts) if count)
+        for place, count in enumerate(counts[: last + 1]):
+            ends = (
+                f"{place * width:5.1f} - {(place + 1) * width:5.1f} ms"
+                if place < BINS - 1
+                else f"{place * width:5.1f} ms ...    "
+            )
+            yield f"  {ends} {'#' * round(BAR * count / max(counts)):<{BAR}} {count}"
+    yield f"  {'lost':<16} {'':<{BAR}} {lost}"
+
+
+def _over_time(probes: Sequence[Probe]) -> str:
+    """Losses over time: a character for each part of it."""
+    from mkdaemon.client.linktest.measures import losses_over_time
+
+    seconds = max(probe.sent for probe in probes)
+    shares = losses_over_time(probes, seconds, min(SLICES, len(probes)))
+    marks = "".join(" " if share is None else "." if not share else str(min(int(10 * share), 9)) for share in shares)
+    return f"  lost over {seconds:.0f} s: [{marks}]  (. none, 0 below a tenth, 9 nine tenths or more)"

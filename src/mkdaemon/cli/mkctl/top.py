@@ -1,0 +1,47 @@
+"""`mkctl top`: a vehicle on one screen of a terminal, live."""
+
+from __future__ import annotations
+
+import sys
+from contextlib import AbstractAsyncContextManager
+from dataclasses import replace
+
+from mkdaemon.cli.mkctl.connection import HERE, Connection
+from mkdaemon.cli.mkctl.release import release_somehow, words_of_release
+from mkdaemon.client import Vehicle
+from mkdaemon.errors import ConfigError
+
+
+async def top(*, connection: Connection = HERE) -> None:
+    """Show a vehicle on one screen of 80 x 24, also over ssh: health, attitude, battery, link, eyes, who flies, events.
+
+    Keys: `r` releases, `l` lands on the target in sight, both after a question; `v` chooses another vehicle, `q` ends.
+    What is stale says so, with its age. Needs the extra `top`: pip install 'mkdaemon[top]'.
+
+    Raises:
+        ConfigError: there is no terminal, or textual is not installed.
+    """
+    if not (sys.stdin.isatty() and sys.stdout.isatty()):
+        raise ConfigError("mkctl top needs a terminal; `mkctl status` prints once")
+    try:
+        from mkdaemon.view.top.terminalapp import TopApp
+    except ModuleNotFoundError as error:
+        if not (error.name or "").startswith("textual"):
+            raise
+        raise ConfigError("mkctl top needs textual: pip install 'mkdaemon[top]'") from None
+
+    def of(vehicle: str) -> Connection:
+        return replace(connection, vehicle=vehicle)
+
+    def open_vehicle(vehicle: str) -> AbstractAsyncContextManager[Vehicle]:
+        return of(vehicle).open()
+
+    async def release(vehicle: str) -> str:
+        return words_of_release((await release_somehow(of(vehicle), "asked for in mkctl top")).status)
+
+    async def land(vehicle: str) -> str:
+        async with of(vehicle).open() as uav, uav.lease(force=True) as lease:
+            await lease.land()
+            return lease.reason
+
+    await TopApp(connection.vehicle, open_vehicle, release=release, land=land).run_async()

@@ -1,0 +1,49 @@
+"""A print judged by one photograph: what `mkctl target check` shows. Needs OpenCV, the extra `vision`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from mkdaemon.errors import ConfigError, MkError
+
+if TYPE_CHECKING:
+    from mkdaemon.vision.calibrate.printcheck import PrintFinding
+
+
+def check_photo(
+    photo: Path, target: Path, camera: Path | None = None, distance: float | None = None
+) -> tuple[PrintFinding, ...]:
+    """Judge a print by one photograph.
+
+    Args:
+        photo: the picture.
+        target: file of the target that was printed.
+        camera: file of the calibrated camera; its size is the picture's.
+        distance: from the lens to the middle of the largest tag, by tape [m].
+
+    Raises:
+        ConfigError: a file cannot be used, it holds several targets, or the picture is of another size than the camera.
+        MkError: the picture cannot be read.
+    """
+    from mkdaemon.vision.calibrate.printcheck import check_print
+    from mkdaemon.vision.camera.calibration_file import load_camera
+    from mkdaemon.vision.camera.imagecodec import read_picture
+    from mkdaemon.vision.camera.shot import PictureError
+    from mkdaemon.vision.tags.tagmap import load
+
+    targets = load([target]).targets
+    if len(targets) > 1:
+        raise ConfigError(f"target file {target} holds {len(targets)} targets: give the one that was printed")
+    intrinsics = None if camera is None else load_camera(camera).intrinsics
+    try:
+        pixels = read_picture(photo)
+    except OSError as error:
+        raise ConfigError(f"{photo}: {error.strerror or 'cannot be read'}") from None
+    except PictureError as error:
+        raise MkError(f"{photo}: {error}") from None
+    height, width = pixels.shape
+    if intrinsics is not None and (intrinsics.width, intrinsics.height) != (width, height):
+        msg = f"{photo} is {width}x{height}, the calibration is for {intrinsics.width}x{intrinsics.height}"
+        raise ConfigError(msg)
+    return check_print(pixels, targets[0], intrinsics, distance)

@@ -1,0 +1,32 @@
+"""What others wrote, spelled so that nothing in it acts on whoever shows it."""
+
+from __future__ import annotations
+
+import re
+from typing import Final
+
+_ACTING: Final = re.compile(
+    "\r(?!\n)|[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\xad\u061c\u180e\u200b-\u200f\u2028-\u202e\u2060-\u206f\ud800-\udfff\ufeff"
+    "\ufff9-\ufffb\U000e0000-\U000e007f]"
+)
+"""Controls C0 (but for tab and the ends of lines) and C1, separators of lines, marks of direction, invisible ones, and
+halves of letters, by which Python names bytes that are no text."""
+_BREAKING: Final = re.compile(r"[\t\r\n]")
+
+
+def spelled(text: str) -> str:
+    """A text in which nothing acts on a terminal; lines and tabs stay."""
+    return _ACTING.sub(_spell, text)
+
+
+def on_one_line(text: object) -> str:
+    """What somebody else wrote, as a part of one line: no line of its own can pass for one of ours.
+
+    Args:
+        text: a text, or anything that has one.
+    """
+    return _BREAKING.sub(_spell, spelled(str(text)))
+
+
+def _spell(found: re.Match[str]) -> str:
+    return found.group().encode("unicode_escape").decode("ascii")

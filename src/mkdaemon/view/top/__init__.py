@@ -1,0 +1,1 @@
+"""The terminal view: pure panels of 80 columns, and the program that shows them."""

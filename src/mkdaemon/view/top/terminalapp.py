@@ -1,0 +1,225 @@
+"""The program that shows the panels, and asks before it acts. Needs textual, the extra `top`."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import Awaitable, Callable
+from contextlib import AbstractAsyncContextManager
+from typing import TYPE_CHECKING, ClassVar, Final
+
+from rich.text import Text
+from textual import work
+from textual.app import App, ComposeResult
+from textual.binding import Binding, BindingType
+from textual.containers import Vertical
+from textual.screen import ModalScreen
+from textual.widgets import OptionList, Static
+
+from mkdaemon.errors import MkError
+from mkdaemon.spelling import on_one_line
+from mkdaemon.view.top.panels import KEYS, Board, Row
+
+if TYPE_CHECKING:
+    from mkdaemon.client import Vehicle
+
+REDRAW: Final = 0.25
+"""Between two drawings [s]: little enough for a slow ssh line."""
+FLEET_EVERY: Final = 3.0
+"""Between two looks for other vehicles [s]."""
+RETRY: Final = 2.0
+"""Before a daemon that was not there is looked for again [s]."""
+
+OpenVehicle = Callable[[str], AbstractAsyncContextManager["Vehicle"]]
+Act = Callable[[str], Awaitable[str]]
+"""Does something with a vehicle and returns what came of it, in words."""
+
+
+class Question(ModalScreen[bool]):
+    """Asks before something happens; only `y` says yes."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("y", "answer(True)", "yes"),
+        Binding("n,escape,q", "answer(False)", "no"),
+    ]
+    CSS = """
+    Question { align: center middle; }
+    #question { width: 66; height: auto; padding: 1 2; border: heavy $warning; background: $surface; }
+    """
+
+    def __init__(self, words: str) -> None:
+        super().__init__()
+        self._words = words
+
+    def compose(self) -> ComposeResult:
+        """The words, and the two keys."""
+        with Vertical(id="question"):
+            yield Static(Text(f"{on_one_line(self._words)}\n\ny yes      n no"))
+
+    def action_answer(self, is_wanted: bool) -> None:
+        """Return the answer."""
+        self.dismiss(is_wanted)
+
+
+class Choice(ModalScreen[str | None]):
+    """Shows the fleet; Enter chooses."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [Binding("escape,q", "leave", "back")]
+    CSS = """
+    Choice { align: center middle; }
+    #fleet { width: 40; height: auto; max-height: 16; border: heavy $accent; }
+    """
+
+    def __init__(self, fleet: list[str]) -> None:
+        super().__init__()
+        self._fleet = fleet
+
+    def compose(self) -> ComposeResult:
+        """The names."""
+        yield OptionList(*(Text(on_one_line(name)) for name in self._fleet), id="fleet")
+
+    def on_option_list_option_selected(self, event: OptionList.OptionSelected) -> None:
+        """Return the name."""
+        self.dismiss(self._fleet[event.option_index])
+
+    def action_leave(self) -> None:
+        """Return nothing."""
+        self.dismiss(None)
+
+
+class TopApp(App[None]):
+    """Shows one vehicle of a fleet."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("q", "leave", "quit"),
+        Binding("r", "release", "release"),
+        Binding("l", "land", "land"),
+        Binding("v", "choose", "vehicle"),
+    ]
+    CSS = "#all { width: 80; height: 24; }"
+    ENABLE_COMMAND_PALETTE = False
+
+    def __init__(self, vehicle: str, open_vehicle: OpenVehicle, *, release: Act, land: Act) -> None:
+        """Show a vehicle.
+
+        Args:
+            vehicle: its name.
+            open_vehicle: connects to one of a name.
+            release: lets go of one.
+            land: lands one; given up, it lets go of it.
+        """
+        super().__init__()
+        self.board = Board(vehicle)
+        self._open = open_vehicle
+        self._release, self._land = release, land
+        self._landing: asyncio.Task[None] | None = None
+
+    def compose(self) -> ComposeResult:
+        """One picture of letters."""
+        yield Static(id="all")
+
+    def on_mount(self) -> None:
+        """Begin."""
+        self.set_interval(REDRAW, self.draw)
+        self.watch_vehicle()
+
+    def draw(self) -> None:
+        """Draw what is known now."""
+        picture = Text("\n").join(_text(row) for row in self.board.rows(time.monotonic()))
+        self.screen_stack[0].query_one("#all", Static).update(picture)
+
+    @work(exclusive=True, group="watch")
+    async def watch_vehicle(self) -> None:
+        """Watch the chosen vehicle, for ever; a daemon that is not there is waited for."""
+        board = self.board
+        while True:
+            try:
+                async with self._open(board.vehicle) as uav, asyncio.TaskGroup() as tasks:
+                    tasks.create_task(_watch(uav, board))
+                    tasks.create_task(_look_for_others(uav, board))
+            except* MkError as errors:
+                board.notice = str(errors.exceptions[0])
+            await asyncio.sleep(RETRY)
+
+    def action_release(self) -> None:
+        """Ask, then let go of the aircraft."""
+        words = f"Release {self.board.vehicle} now? Whoever flies loses it; the pilot's sticks rule at once."
+        self._ask(words, lambda: self._act("release", self._release))
+
+    def action_land(self) -> None:
+        """Ask, then land on the target in sight."""
+        if self._landing is not None and not self._landing.done():
+            self.board.notice = "it lands already"
+            return
+        holder = self.board.lease_holder()
+        taken = f" This takes the lease from {holder}." if holder else ""
+        words = (
+            f"Land {self.board.vehicle} on the target in sight?{taken} Stay here until it stands: leaving releases it."
+        )
+        self._ask(words, self._begin_landing)
+
+    def _begin_landing(self) -> None:
+        self._landing = asyncio.create_task(self._perform("land", self._land, self.board), name="landing")
+
+    def action_choose(self) -> None:
+        """Choose another vehicle."""
+        fleet = sorted({*self.board.fleet, self.board.vehicle})
+        self.push_screen(Choice(fleet), self._show_other)
+
+    def _show_other(self, name: str | None) -> None:
+        if name is None or name == self.board.vehicle:
+            return
+        fleet = self.board.fleet
+        self.board = Board(name)
+        self.board.fleet = fleet
+        self.watch_vehicle()
+
+    def action_leave(self) -> None:
+        """End; while it lands, only after a question."""
+        if self._landing is not None and not self._landing.done():
+            self._ask("It is landing. Leave, and release the aircraft in the air?", self.exit)
+        else:
+            self.exit()
+
+    async def on_unmount(self) -> None:
+        """A landing that goes on is given up: its lease is given back, which releases the aircraft."""
+        if self._landing is not None:
+            self._landing.cancel()
+            await asyncio.gather(self._landing, return_exceptions=True)
+
+    def _ask(self, words: str, act: Callable[[], object]) -> None:
+        def answered(is_wanted: bool | None) -> None:
+            if is_wanted:
+                act()
+
+        self.push_screen(Question(words), answered)
+
+    def _act(self, name: str, act: Act) -> None:
+        self.run_worker(self._perform(name, act, self.board), group=name)
+
+    async def _perform(self, name: str, act: Act, board: Board) -> None:
+        board.notice = f"{name} ..."
+        try:
+            board.notice = await act(board.vehicle)
+        except MkError as error:
+            board.notice = f"{name}: {error}"
+
+
+async def _watch(uav: Vehicle, board: Board) -> None:
+    async with uav.watch(*KEYS, are_known=True) as samples:
+        for pattern in KEYS:
+            for suffix, sample in sorted((await uav.get_all(pattern)).items()):
+                board.take(suffix, sample.fields, time.monotonic())
+        board.notice = await uav.absence() or ""
+        async for sample in samples:
+            board.take(sample.suffix, sample.fields, time.monotonic())
+
+
+async def _look_for_others(uav: Vehicle, board: Board) -> None:
+    while True:
+        board.fleet = await uav.vehicles()
+        await asyncio.sleep(FLEET_EVERY)
+
+
+def _text(row: Row) -> Text:
+    return Text.assemble(*((text, str(tone)) for text, tone in row), no_wrap=True)

@@ -1,0 +1,44 @@
+"""What `mkctl linktest` finds is what happened on the simulated line, in virtual time."""
+
+from __future__ import annotations
+
+import pytest
+
+from lab.link.cases import FULL, Case
+from lab.link.fates import Fate
+from lab.linktest import LIMIT, case_of, configured, happened
+from lab.rigs.measuredlink import measure_link
+from mkdaemon.client.linktest.advice import judge
+from mkdaemon.client.linktest.measures import measure
+from mkdaemon.client.linktest.probes import ProbeKind
+
+
+def test_losses_and_latencies_put_into_the_radio_are_found_within_a_tenth():
+    """Under full load: link tests and stick frames, each against what became of every single one."""
+    channel = {"kind": "xbee", "loss": 0.08, "mean_burst": 1.2}
+    radio = {"to_board": channel, "to_host": {**channel, "usb_timer": 0.001}}
+    case = Case("full", 20, FULL, setpoint_hz=15, sim={"board": "nc", "nc": "2.14", "fc": "2.14", "radio": radio})
+    measured = measure_link(case, 12.0)
+    for kind, fates in ((ProbeKind.ECHO, measured.echoes), (ProbeKind.CONTROL, measured.sticks)):
+        found = measure(measured.run.of(kind))
+        loss, mean_ms = happened(fates)
+        assert found.lost >= 10, kind
+        assert found.loss_percent == pytest.approx(100 * loss, rel=LIMIT), kind
+        assert found.mean_ms == pytest.approx(mean_ms, rel=LIMIT), kind
+
+
+def test_what_a_line_adds_is_found_and_a_timer_is_named():
+    wire, timer = (measure_link(case_of(name), 8.0).run for name in ("wire", "timer"))
+    assert measure(wire.of(ProbeKind.ECHO)).lost == 0
+    added = measure(timer.of(ProbeKind.ECHO)).mean_ms - measure(wire.of(ProbeKind.ECHO)).mean_ms
+    assert added == pytest.approx(configured("timer")[1], rel=LIMIT)
+    assert not any("timer" in advice for advice in judge([wire]).advice)
+    assert any(advice.startswith("Latency timer") for advice in judge([timer]).advice)
+
+
+def test_what_is_put_in_as_configured():
+    assert configured("wire") == (0.0, 0.0)
+    loss, added_ms = configured("radio")
+    assert loss == pytest.approx(1 - 0.99**2)
+    assert added_ms == pytest.approx(2 * (23.0 + 10 * 10 / 57.6) + 0.5)
+    assert happened([Fate(0.0, heard=0.01), Fate(0.0), Fate(0.0, heard=0.3), Fate(0.0, heard=0.03)]) == (0.5, 20.0)
