@@ -15,7 +15,7 @@ from __future__ import annotations
 import ast
 import json
 import sys
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from importlib.abc import MetaPathFinder
 from importlib.machinery import ModuleSpec, PathFinder, SourceFileLoader
 from pathlib import Path
@@ -25,6 +25,7 @@ from typing import Any, Final, NoReturn
 import pytest
 
 import mkdaemon
+from tools.statements import blocks_of
 
 PACKAGES: Final = ("bus", "control", "daemon", "link", "protocol", "replay", "translate")
 """Packages that fly, and the one that tells whether they fly as they did."""
@@ -59,7 +60,7 @@ class _Probing:
                     self._decide(node)
                 case ast.Match():
                     self._match(node)
-            for inner in _blocks(node):
+            for inner in blocks_of(node):
                 self.visit(inner)
 
     def _probe(self, deciding: ast.stmt, body: list[ast.stmt]) -> list[ast.stmt]:
@@ -89,12 +90,6 @@ def _is_decided(test: ast.expr) -> bool:
 
 def _place(node: ast.stmt) -> dict[str, Any]:
     return {name: getattr(node, name) for name in ("lineno", "col_offset", "end_lineno", "end_col_offset")}
-
-
-def _blocks(node: ast.AST) -> Iterator[Iterable[ast.AST]]:
-    """The blocks inside a statement, in the order of the source; a handler and a case are parts like statements."""
-    for name in ("body", "handlers", "cases", "orelse", "finalbody"):
-        yield getattr(node, name, ())
 
 
 def add_probes(source: str | bytes) -> tuple[ast.Module, list[Branch]]:
