@@ -169,6 +169,7 @@ def by_images(apart, step=SHORTEST_STEP, images=3):
         (1 / 50, 0.01, [0.027, 0.047, 0.067]),
         (1 / 4.2, 0.025, [0.035, 0.07, 0.105, 0.14, 0.175, 0.21]),
         (1 / 3.9, 0.01, [0.02, 0.04]),  # too far apart for a rhythm
+        (0.0, 0.025, [0.02, 0.04]),  # two of one moment have none
     ],
 )
 def test_ticks_between_images_keep_the_rate_and_leave_the_next_image_room(apart, step, expected):

@@ -458,3 +458,13 @@ def test_the_fourth_of_images_that_are_refused_is_right(images):
         see(estimator, 2.125 + 0.125 * k, off=1.0)
     found = estimator.estimate(2.0 + 0.125 * images).position[0]
     assert found == pytest.approx(1.0 if images == 4 else 0.0, abs=0.05)
+
+
+def test_sticks_ask_for_as_much_more_tilt_as_the_aircraft_was_found_to_give():
+    estimator = watched()
+    estimator._response.measured, estimator._response._first_at = 1.5, -9.0
+    assert estimator.stick_gain == 1.5
+    estimator.sent(StickCommand(0.0, 20.0, -10.0, 0.0, HOVER))
+    count = MODEL.rad_per_count
+    assert estimator._commands.at(0.1).tilt == pytest.approx((1.5 * 20.0 * count, 1.5 * 10.0 * count))
+    assert estimator._response._commands[-1][1] == pytest.approx([20.0 * count, -10.0 * count]), "it finds the factor"
