@@ -165,3 +165,19 @@ def test_an_emergency_throttle_that_falls_is_told_with_the_range_that_carries():
 
 def test_only_the_way_to_the_client_is_asked_before_anything_is_read():
     assert [row.name for row in (*LEASE_ROWS, *FLIGHT_ROWS) if row.is_early] == ["way to the client"]
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "words"),
+    [
+        ("time stamps", {"stamps": Match(0.062, 0.9)}, ("+62 ms", "45 ms")),
+        ("time stamps", {"stamps": Match(-0.062, 0.9)}, ("-62 ms", "45 ms")),
+        ("disk", {"free_disk": 50e6}, ("50 MB", "200 MB")),
+        ("receiver", {"pilot": reception(0.5)}, ("50 %", "75 %")),
+        ("link losses", {"health": health(lost=15)}, ("30 %", "20 %")),
+        ("age of images", {"eyes": (eyes(latency_p50_ms=700.0),)}, ("700 ms", "500 ms")),
+    ],
+)
+def test_what_is_beyond_its_limit_is_told_with_both_numbers(name, change, words):
+    reason = finding(replace(GOOD, **change), name).reason
+    assert all(word in reason for word in words), reason
