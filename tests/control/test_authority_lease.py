@@ -255,3 +255,15 @@ def test_refusals_are_counted_whoever_sent_what_was_refused():
     assert desk.authority.refused == 4
     desk.authority.refuse_setpoint(setpoint(9, epoch=6), 99.0, goes_on=False)
     assert desk.authority.lease(11.0).left == CFG.lease.ttl, "another lease's setpoint is no sign of life"
+
+
+def test_a_release_that_is_asked_for_again_is_not_over_with_the_first():
+    desk = Desk().fly()
+    desk.authority.end(Trigger.RELEASE_REQUESTED, cause="first")
+    desk.authority.tick(desk.now)
+    desk.authority.end(Trigger.RELEASE_REQUESTED, cause="second")
+    desk.authority.released(desk.now)
+    assert desk.authority.phase is Phase.RELEASING, "the second has not been sent yet"
+    assert desk.authority.tick(desk.now) == ReleaseOrder("second", "", True)
+    desk.authority.released(desk.now)
+    assert desk.authority.phase is Phase.FREE

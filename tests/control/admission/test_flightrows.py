@@ -9,6 +9,7 @@ import pytest
 from mkdaemon.config.control import ControlConfig, LeaseConfig
 from mkdaemon.control.activeset import UNREAD, Gate, GateKind
 from mkdaemon.control.admission import ROWS, Concern, NewManoeuvre, TakeLease, findings, is_ready, refusals, waits_for
+from mkdaemon.control.admission.flightrows import FLIGHT_ROWS, LEASE_ROWS
 from mkdaemon.control.estimator.model import Gap, ModelUnknown
 from mkdaemon.control.motionmatch import Match
 from mkdaemon.telemetry.control import ControlLine
@@ -160,3 +161,23 @@ def test_an_emergency_throttle_that_falls_is_told_with_the_range_that_carries():
     assert "NotGas 65 for 90" in found.reason
     assert "27 % of its weight" in found.reason  # (65 / 125)^2
     assert "107 to 118" in found.fix  # 0.85 of hover, and below what climbs
+
+
+def test_only_the_way_to_the_client_is_asked_before_anything_is_read():
+    assert [row.name for row in (*LEASE_ROWS, *FLIGHT_ROWS) if row.is_early] == ["way to the client"]
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "words"),
+    [
+        ("time stamps", {"stamps": Match(0.062, 0.9)}, ("+62 ms", "45 ms")),
+        ("time stamps", {"stamps": Match(-0.062, 0.9)}, ("-62 ms", "45 ms")),
+        ("disk", {"free_disk": 50e6}, ("50 MB", "200 MB")),
+        ("receiver", {"pilot": reception(0.5)}, ("50 %", "75 %")),
+        ("link losses", {"health": health(lost=15)}, ("30 %", "20 %")),
+        ("age of images", {"eyes": (eyes(latency_p50_ms=700.0),)}, ("700 ms", "500 ms")),
+    ],
+)
+def test_what_is_beyond_its_limit_is_told_with_both_numbers(name, change, words):
+    reason = finding(replace(GOOD, **change), name).reason
+    assert all(word in reason for word in words), reason

@@ -300,8 +300,3 @@ def test_what_is_refused_early_is_refused_in_the_end(found, is_slow, is_alone):
     ):
         at_last = {error.token for error in refusals(replace(early, is_early=False), found)}
         assert {error.token for error in refusals(early, found)} <= at_last
-
-
-def test_rows_that_are_asked_before_anything_is_read_look_at_nothing_that_is():
-    early = {row.name for row in ROWS if row.is_early}
-    assert early == {"confirmed procedure", "stick frames", "live set", "procedure under way", "way to the client"}

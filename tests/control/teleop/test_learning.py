@@ -113,3 +113,7 @@ def test_file_holds_what_was_answered_in_the_order_of_the_questions():
 )
 def test_name_of_a_pad_cannot_break_its_file(name, written):
     assert tomllib.loads(mapping_text(name, "0000:0000", {}))["name"] == written
+
+
+def test_half_of_the_way_is_a_movement_and_a_tremble_is_none():
+    assert (MOVED, CALM) == (0.5, 0.15)

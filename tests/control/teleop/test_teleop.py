@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import pytest
 
+from mkdaemon.control.teleop.hands import AXIS_AGE, QUIET
 from mkdaemon.control.teleop.teleop import RELEASE_AFTER, Output, Teleop
 from tests.control.teleop.pads import FACTS, HIGH, LOW, MIDDLE, TestedPad
 
@@ -345,3 +346,9 @@ def test_pad_by_radio_with_a_hardly_deflected_stick_may_be_silent() -> None:
     position = round(0.24 * HIGH)
     assert not any(pad.tick(ABS_RX=position).is_neutral for _ in range(110))
     assert pad.tick(ABS_RX=round(0.26 * HIGH)).is_neutral, "nothing was reported for two seconds"
+
+
+def test_figures_that_docs_teleop_tells() -> None:
+    assert RELEASE_AFTER == 0.9, "the daemon would do it after 1.0 s"
+    assert (AXIS_AGE, QUIET) == (0.25, 2.0), "an axis that is not known any more; a pad by radio that says nothing"
+    assert AXIS_AGE + 0.1 <= 0.35, "neutral sticks reach the wire within 350 ms"
