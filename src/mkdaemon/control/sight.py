@@ -63,7 +63,7 @@ class Sight:
         self.is_standing = False
         self.answer = AnswerWatch(self.model)
         self._is_answer_judged = self._is_others = False
-        self._trusted_gas = self.hover_gas
+        self._trusted_gas: float | None = None
         self._cfg = cfg
         self._last_view: TargetView | None = None
         self._sent: deque[StickCommand] = deque(maxlen=SENT_KEPT)
@@ -88,7 +88,7 @@ class Sight:
     def leave_to_pilot(self, *, is_his: bool) -> None:
         """Take whether the pilot flies, whatever is sent: what was learnt from sticks that did not act is forgotten."""
         if is_his and not self._is_others:
-            self.estimator, self.hover_gas = None, self._trusted_gas
+            self.estimator, self.hover_gas = None, self._trusted_gas or self.hover_gas
         self._is_others = is_his
 
     def attitude_received(self, attitude: Attitude) -> None:
