@@ -17,9 +17,11 @@ from mkdaemon.control.modes import (
     READY,
     READY_BUT_OLD,
     RELEASE_OWED,
+    RESUMED,
     ROWS,
     SILENT,
     TOO_OLD,
+    UNANSWERED,
     Conditions,
     Reaction,
     Trigger,
@@ -36,13 +38,15 @@ WHEN = {
     FRESH: Conditions(is_held=True, is_fresh=True),
     CAN_LAND: Conditions(is_held=True, can_land=True),
     TOO_OLD: Conditions(is_held=True),
+    UNANSWERED: Conditions(is_held=True, is_fresh=True, is_unanswered=True),
+    RESUMED: Conditions(is_held=True, is_fresh=True, resumes=True),
     RELEASE_OWED: Conditions(is_held=True, is_release_owed=True),
     HELD: Conditions(is_held=True),
     NOT_HELD: Conditions(),
 }
 """A situation in which each guard holds, and none of an earlier row."""
 
-ALL = [Conditions(*flags) for flags in itertools.product((False, True), repeat=7)]
+ALL = [Conditions(*flags) for flags in itertools.product((False, True), repeat=len(Conditions.__slots__))]
 
 
 @pytest.mark.parametrize("row", ROWS, ids=lambda row: f"{row.event}-{row.sources[0]}-{row.target}")
@@ -84,7 +88,8 @@ def test_sticks_are_sent_in_flight_only_and_a_stale_setpoint_never_tilts(situati
             assert situation.is_fresh
             assert not situation.is_silent
         if row is not None and row.reaction is Reaction.NEUTRAL:
-            assert row.target is (phase if phase in (Phase.ABORTED, Phase.LANDING) else Phase.STALE)
+            assert row.target in (phase, Phase.STALE, Phase.UNANSWERED)
+            assert row.target is not Phase.FLYING
         if row is not None and row.reaction is Reaction.HOLD:
             assert row.target is Phase.ABORTED
             assert situation.is_fresh

@@ -19,8 +19,11 @@ class Phase(StrEnum):
     """Stick frames are sent."""
     STALE = "stale"
     """The setpoint is too old: neutral sticks at hover throttle are sent."""
+    UNANSWERED = "unanswered"
+    """The aircraft does not answer its sticks, so the pilot flies it: neutral sticks at hover throttle are sent."""
     ABORTED = "aborted"
-    """A manoeuvre was stopped: the aircraft holds its place where a target is in sight, else it is level."""
+    """A manoeuvre was stopped: the aircraft holds its place where a target is in sight, else it is level; until its
+    holder ends the abort."""
     LANDING = "landing"
     """The battery is low: the aircraft lands on the target in sight, whatever is streamed."""
     RELEASING = "releasing"
@@ -172,6 +175,8 @@ class ControlStatus(Stamped):
     """Age of the setpoint in use [s]."""
     refused: int
     """Setpoints refused since the start."""
+    aborts: int = 0
+    """Aborts since the start; a setpoint with this number in `after_abort` ends the newest one."""
     external_control: str | None
     """Layout of stick frames this aircraft takes; null where control is not possible."""
     frames_handed_over: int = 0

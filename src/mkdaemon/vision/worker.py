@@ -132,8 +132,9 @@ class VisionWorker:
         self._thread = self._new_thread()
 
     def start(self) -> None:
-        """Start all threads."""
+        """Start all threads; that every camera is being opened is told at once, so that nobody flies without them."""
         for eye in self._eyes.values():
+            self._publish(eye.report(self._clock.stamp(), self._restarts, self._not_numbers))
             eye.stream.start()
         self._alive_at = self._clock.now()
         self._thread.start()

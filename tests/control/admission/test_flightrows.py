@@ -47,6 +47,8 @@ STANDS = [
     ("battery", "battery_low", {"battery": battery(12.7)}),
     ("battery", "battery_low", {"flight": flags(battery_low=True)}),
     ("camera", "camera_unfit", {"eyes": (eyes(EyeState.GONE, reason="unplugged"),)}),
+    ("camera", "camera_opening", {"eyes": (eyes(EyeState.OPENING, reason="not opened yet"),)}),
+    ("camera", "camera_unfit", {"eyes": (eyes(EyeState.SILENT, reason="no image for 4.0 s", processed=0),)}),
     ("camera", "camera_unfit", {"eyes": (eyes(alarms={Alarm.UNCALIBRATED: "no calibration"}),)}),
     ("agreement of cameras", "cameras_contradict", {"contradicting": ("forward",)}),
     ("scale of heights", "heights_contradicted", {"eyes": (eyes(), eyes(selfcal=(heights(20.0, odds=4.0),)))}),
@@ -71,12 +73,10 @@ UNKNOWN = [
     ("receiver", {"pilot": None}),
     ("battery", {"battery": None}),
     ("camera", {"eyes": ()}),
-    ("camera", {"now": 10.0}),
     ("scale of heights", {"eyes": (eyes(selfcal=()),)}),
     ("scale of heights", {"eyes": (eyes(selfcal=(heights(covered=0.4),)),)}),
     ("scale of heights", {"eyes": (eyes(selfcal=(heights(20.0, odds=3.9),)),)}),
     ("age of images", {"eyes": (eyes(processed=0),)}),
-    ("age of images", {"now": 10.0}),
     ("target", {"target_age": None}),
     ("target", {"target_age": 1.1}),
     ("time stamps", {"stamps": None}),
@@ -128,6 +128,14 @@ def test_heights_that_the_barometer_contradicts_are_told_with_their_scale():
     # Who flies by them flies on, and may land.
     for wanted in (Concern.POSITION, Concern.HOLD, Concern.LAND):
         assert not [*refusals(NewManoeuvre(wanted), replace(GOOD, eyes=(wrong,), flown=Concern.POSITION))]
+
+
+def test_a_camera_that_tells_nothing_more_is_named_with_since_when():
+    later = replace(GOOD, now=GOOD.now + 7.0)
+    found = finding(later, "camera")
+    assert found.state is CheckState.STANDS
+    assert f"{later.eyes[0].camera}: silent: nothing was heard of it for " in found.reason
+    assert later.eyes[0].camera in finding(later, "age of images").reason
 
 
 def test_one_camera_that_sees_is_enough():

@@ -233,7 +233,7 @@ class TakeOffFlight(ByTarget):
         tilt = 0.0 if attitude is None else max(abs(attitude.pitch), abs(attitude.roll))
         sticks = level_at(take_off.gas(now, step, tilt))
         end = ended(take_off.failure) if take_off.is_over and take_off.failure is not None else None
-        return Step(sticks, self.kind, stage=take_off.phase.value, end=end, stands=take_off.stands)
+        return Step(sticks, self.kind, stage=take_off.phase.value, end=end, stands=take_off.stands, may_touch=True)
 
     def abort(self, now: float) -> Manoeuvre:
         """Hold; a take-off that no image has shown off the ground ends with a release."""
