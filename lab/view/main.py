@@ -24,8 +24,7 @@ from typing import Annotated, Any, Final
 from cyclopts import Parameter
 
 from lab.places import ROOT
-from lab.rigs.processes import VEHICLE, DaemonProcess, connected, daemon_process, wait_for_control
-from lab.rigs.waiting import PATIENCE
+from lab.rigs.processes import START, VEHICLE, DaemonProcess, connected, daemon_process, wait_for_control
 from lab.view.figure import draw
 from mkdaemon.cli.arguments import AsJson
 from mkdaemon.client import Vehicle
@@ -158,7 +157,7 @@ async def _viewer(endpoint: str, *words: str) -> AsyncIterator[tuple[Process, st
     process = await asyncio.create_subprocess_exec(*command, stdin=DEVNULL, stdout=PIPE, stderr=DEVNULL)
     try:
         assert process.stdout is not None
-        async with asyncio.timeout(PATIENCE):
+        async with asyncio.timeout(START):
             line = await process.stdout.readline()
         yield process, json.loads(line)["address"]
     finally:
@@ -201,7 +200,7 @@ async def _open_recording(folder: Path) -> float:
         reader, writer = await asyncio.open_connection(name, int(port), limit=1 << 22)
         writer.write(f"GET /stream HTTP/1.1\r\nHost: {host}\r\n\r\n".encode())
         await reader.readuntil(b"\r\n\r\n")
-        async with asyncio.timeout(PATIENCE):
+        async with asyncio.timeout(START):
             while True:
                 shown = json.loads((await reader.readuntil(b"\n\n"))[6:])
                 lines = {line["id"]: line["text"] for line in shown.get("lines", ())}
