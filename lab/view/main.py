@@ -24,8 +24,7 @@ from typing import Annotated, Any, Final
 from cyclopts import Parameter
 
 from lab.places import ROOT
-from lab.rigs.processes import VEHICLE, DaemonProcess, connected, daemon_process, wait_for_control
-from lab.rigs.waiting import PATIENCE
+from lab.rigs.processes import START, VEHICLE, DaemonProcess, connected, cpu_of, daemon_process, wait_for_control
 from lab.view.figure import draw
 from mkdaemon.cli.arguments import AsJson
 from mkdaemon.client import Vehicle
@@ -66,7 +65,7 @@ def main(
         return
     with tempfile.TemporaryDirectory() as folder:
         found = asyncio.run(_measure(Path(folder), seconds, rounds))
-        found["open_100k_s"] = asyncio.run(_open_recording(Path(folder)))
+        found["open_100k_s"], found["open_100k_cpu_s"] = asyncio.run(_open_recording(Path(folder)))
     if as_json:
         print(json.dumps(found))
     else:
@@ -158,7 +157,7 @@ async def _viewer(endpoint: str, *words: str) -> AsyncIterator[tuple[Process, st
     process = await asyncio.create_subprocess_exec(*command, stdin=DEVNULL, stdout=PIPE, stderr=DEVNULL)
     try:
         assert process.stdout is not None
-        async with asyncio.timeout(PATIENCE):
+        async with asyncio.timeout(START):
             line = await process.stdout.readline()
         yield process, json.loads(line)["address"]
     finally:
@@ -190,26 +189,26 @@ async def _page(address: str, *, reads: bool = True) -> AsyncIterator[None]:
         writer.transport.abort()
 
 
-async def _open_recording(folder: Path) -> float:
-    """Time from the start of `mkctl view FILE` until its page shows the aircraft's attitude [s]."""
+async def _open_recording(folder: Path) -> tuple[float, float]:
+    """Time from the start of `mkctl view FILE` until its page shows the aircraft's attitude, and processor time [s]."""
     file = folder / "long.mcap"
     _write_long(file)
     began = time.monotonic()
-    async with _viewer("", str(file)) as (_, address):
+    async with _viewer("", str(file)) as (viewer, address):
         host = address.removeprefix("http://").strip("/")
         name, _, port = host.partition(":")
         reader, writer = await asyncio.open_connection(name, int(port), limit=1 << 22)
         writer.write(f"GET /stream HTTP/1.1\r\nHost: {host}\r\n\r\n".encode())
         await reader.readuntil(b"\r\n\r\n")
-        async with asyncio.timeout(PATIENCE):
+        async with asyncio.timeout(START):
             while True:
                 shown = json.loads((await reader.readuntil(b"\n\n"))[6:])
                 lines = {line["id"]: line["text"] for line in shown.get("lines", ())}
                 if lines.get("attitude", "not known") != "not known":
                     break
-        took = time.monotonic() - began
+        took, used = time.monotonic() - began, cpu_of(viewer.pid)
         writer.transport.abort()
-    return round(took, 2)
+    return round(took, 2), round(used, 2)
 
 
 def _write_long(file: Path) -> None:

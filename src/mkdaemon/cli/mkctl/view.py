@@ -75,9 +75,14 @@ async def view(
 async def _until_asked_to_end() -> None:
     """Wait for Ctrl-C or SIGTERM: looking is ended in order, with exit code 0."""
     stop, loop = asyncio.Event(), asyncio.get_running_loop()
-    for name in (signal.SIGINT, signal.SIGTERM):
+    ends = (signal.SIGINT, signal.SIGTERM)
+    for name in ends:
         loop.add_signal_handler(name, stop.set)
-    await stop.wait()
+    try:
+        await stop.wait()
+    finally:
+        for name in ends:
+            loop.remove_signal_handler(name)
 
 
 @asynccontextmanager

@@ -245,9 +245,18 @@ def _line(
 ) -> Line:
     found = known.last(key, kind)
     if found is None:
-        return Line(word, name, UNKNOWN, "unknown")
+        return _motors(known) if word == "flight" else Line(word, name, UNKNOWN, "unknown")
     text, tone = say(found.value, known)
     return Line(word, name, text, tone, known.age(found), known.is_stale(key, found))
+
+
+def _motors(known: Knowledge) -> Line:
+    """What is known of the flight where no NaviCtrl tells: whether the motors run."""
+    found = known.last("health", VehicleHealth)
+    if found is None or found.value.motors_running is None:
+        return Line("flight", "flight", UNKNOWN, "unknown")
+    words = f"motors {'run' if found.value.motors_running else 'stand'}, in the air or not: {UNKNOWN}"
+    return Line("flight", "flight", words, "note", known.age(found), known.is_stale("health", found))
 
 
 def _eyes(known: Knowledge) -> Iterator[Line]:

@@ -77,7 +77,7 @@ export class Plot {
       if (line.label) {
         const last = curves[k].at(-1);
         const isOld = !last || now - last[0] > GAP;
-        line.label.textContent = `${line.name} ${isOld ? "–" : +last[1].toFixed(this.about.digits)}`;
+        line.label.textContent = `${line.name} ${isOld ? "–" : last[1].toFixed(this.about.digits)}`;
         line.label.style.color = colour(line.colour);
       }
     });
