@@ -84,9 +84,9 @@ def test_the_pointer_shows_one_moment_everywhere(known):
     known.page.locator("#events tr[data-at='4.000']").first.click()
     here = "document.getElementById('plot-target').data.at(-1).x"
     known.page.wait_for_function(f"{here}.length === 1 && Math.abs({here}[0] - 1.12) < 1e-9")
-    texts = known.page.locator("#plot-height .hoverlayer").inner_text()
-    assert "2.5" in texts
-    assert "4.00" in texts
+    # Hovering is drawn a moment later; plotly's own texts say height and time.
+    said = "document.querySelector('#plot-height .hoverlayer').textContent"
+    known.page.wait_for_function(f"{said}.includes('2.5') && {said}.includes('4.00')")
 
 
 def test_it_prints(known):
@@ -103,5 +103,5 @@ def test_what_strangers_wrote_runs_nothing(browser, tmp_path):
     inside = "main a, main script, main img:not([src^='data:image/jpeg']), main svg a"
     assert opened.page.locator(inside).count() == 0
     assert opened.dialogs == []
-    assert [error for error in opened.errors if "Content Security Policy" not in error] == []
+    assert opened.errors == []
     assert [url for url in opened.asked if not url.startswith(("data:", "blob:"))] == [opened.page.url]
