@@ -47,7 +47,7 @@ def camera_screen(target: Target, path: Path) -> None:
             id=number,
             hamming=0,
             decision_margin=80.0,
-            corners=tuple((float(x), float(y)) for x, y in corners),  # type: ignore[arg-type]  # four of them
+            corners=tuple((float(x), float(y)) for x, y in corners),
             search="decimate1",
         )
         for (family, number), corners in true_corners(placed, view).items()
