@@ -15,6 +15,7 @@ from cyclopts import Parameter
 
 from lab.link import figures as link_figures
 from lab.vision import figures as vision_figures
+from lab.vision.camerascreen import camera_screen
 from mkdaemon.errors import ConfigError, MkError
 from mkdaemon.vision.tags import tagmap
 from mksim.scene.sheet import contact_sheet
@@ -62,9 +63,10 @@ def main(
     for plot, content in known:
         for path in plot.draw(content, out):
             print(path)
-    sheet = out / "scene_conditions.png"
-    contact_sheet(tagmap.load([target]).targets[0], sheet)
-    print(sheet)
+    shown = tagmap.load([target]).targets[0]
+    for path, render in ((out / "scene_conditions.png", contact_sheet), (out / "camera_screen.svg", camera_screen)):
+        render(shown, path)
+        print(path)
     if missing:
         msg = f"no results to draw from yet; measure first: {'; '.join(missing)}"
         raise MkError(msg)

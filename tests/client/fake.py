@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import asyncio
+import threading
 from collections.abc import Callable
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, contextmanager
 from dataclasses import dataclass, field
 
 from mkdaemon.bus.codec import decode_map, schema_name
@@ -188,6 +190,34 @@ async def fake_daemon(**more):
             )
         bus.watch_clients(daemon.client_changed)
         yield daemon
+
+
+@contextmanager
+def in_background(serving):
+    """Keep an asynchronous context open in a thread, for a command that wants the main one; yields what it yields."""
+    ready, found = threading.Event(), []
+
+    async def live():
+        loop, stop = asyncio.get_running_loop(), asyncio.Event()
+        async with serving as served:
+            found.extend([served, lambda: loop.call_soon_threadsafe(stop.set)])
+            ready.set()
+            await stop.wait()
+
+    def run():
+        try:
+            asyncio.run(live())
+        finally:
+            ready.set()
+
+    thread = threading.Thread(target=run)
+    thread.start()
+    ready.wait()
+    try:
+        yield found[0]
+    finally:
+        found[1]()
+        thread.join()
 
 
 @asynccontextmanager

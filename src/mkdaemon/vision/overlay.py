@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 
 import cv2
@@ -35,17 +36,28 @@ def draw(pixels: npt.NDArray[np.uint8], result: StillResult, intrinsics: Intrins
     picture = np.asarray(cv2.cvtColor(pixels, cv2.COLOR_GRAY2BGR), dtype=np.uint8)
     scale = max(pixels.shape[1] / 1000.0, 0.5)
     for tag in result.tags:
-        corners = tag.found.corners
-        for k in range(4):
-            _line(picture, corners[k], corners[(k + 1) % 4], SIDES[k], scale)
-        x, y = corners[3] + (0.0, 14.0 * scale)
-        label = f"{tag.found.tag_id}"
-        at = (round(float(x)), round(float(y)))
-        cv2.putText(picture, label, at, cv2.FONT_HERSHEY_SIMPLEX, 0.6 * scale, (0, 0, 0), 3, cv2.LINE_AA)
-        cv2.putText(picture, label, at, cv2.FONT_HERSHEY_SIMPLEX, 0.6 * scale, (60, 230, 255), 1, cv2.LINE_AA)
+        _tag(picture, tag.found.corners, f"{tag.found.tag_id}", scale)
     if intrinsics is not None:
         for pose in result.poses:
             _axes(picture, pose, intrinsics, scale)
+    return picture
+
+
+def draw_tags(
+    pixels: npt.NDArray[np.uint8], tags: Iterable[tuple[str, npt.NDArray[np.float64]]]
+) -> npt.NDArray[np.uint8]:
+    """Draw outlines of tags.
+
+    Args:
+        pixels: `(h, w)` uint8.
+        tags: what stands beside each, and its corners `(4, 2)` [px].
+
+    Returns:
+        `(h, w, 3)` uint8, blue-green-red.
+    """
+    picture = np.asarray(cv2.cvtColor(pixels, cv2.COLOR_GRAY2BGR), dtype=np.uint8)
+    for label, corners in tags:
+        _tag(picture, corners, label, max(pixels.shape[1] / 1000.0, 0.5))
     return picture
 
 
@@ -69,6 +81,16 @@ def write_picture(path: Path, pixels: npt.NDArray[np.uint8], *, overwrite: bool 
         msg = f"{path}: no format of pictures has this suffix; use .png or .jpg"
         raise ConfigError(msg)
     save(path, content.tobytes(), overwrite=overwrite)
+
+
+def _tag(picture: npt.NDArray[np.uint8], corners: npt.NDArray[np.float64], label: str, scale: float) -> None:
+    """The sides of a tag, each in its colour, and a word below."""
+    for k in range(4):
+        _line(picture, corners[k], corners[(k + 1) % 4], SIDES[k], scale)
+    x, y = corners[3] + (0.0, 14.0 * scale)
+    at = (round(float(x)), round(float(y)))
+    cv2.putText(picture, label, at, cv2.FONT_HERSHEY_SIMPLEX, 0.6 * scale, (0, 0, 0), 3, cv2.LINE_AA)
+    cv2.putText(picture, label, at, cv2.FONT_HERSHEY_SIMPLEX, 0.6 * scale, (60, 230, 255), 1, cv2.LINE_AA)
 
 
 def _axes(picture: npt.NDArray[np.uint8], found: StillPose, k: Intrinsics, scale: float) -> None:

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
-import threading
-from contextlib import asynccontextmanager, contextmanager
+from contextlib import asynccontextmanager
 
 import pytest
 
@@ -19,7 +18,7 @@ from mkdaemon.errors import MkError
 from mkdaemon.protocol.messages import Echo, EchoRequest
 from mkdaemon.telemetry.link import LinkCondition, LinkState
 from mkdaemon.telemetry.vehicle import VehicleHealth
-from tests.client.fake import CLOCK, VEHICLE, fake_daemon
+from tests.client.fake import CLOCK, VEHICLE, fake_daemon, in_background
 from tests.client.linktest.test_probes import frame
 
 BEFORE = {"osd": 0.05, "display": 1.0}
@@ -149,32 +148,10 @@ async def test_whoever_has_seen_enough_gets_what_was_measured():
     assert len(found.runs[0].probes) > 4
 
 
-@contextmanager
-def in_background():
-    """The same in a thread: the command wants the main one, for signals."""
-    ready, endpoint = threading.Event(), []
-
-    async def live():
-        async with measured() as board:
-            endpoint.append(board.daemon.endpoint)
-            loop, stop = asyncio.get_running_loop(), asyncio.Event()
-            endpoint.append(lambda: loop.call_soon_threadsafe(stop.set))
-            ready.set()
-            await stop.wait()
-
-    thread = threading.Thread(target=asyncio.run, args=(live(),))
-    thread.start()
-    try:
-        assert ready.wait(10)
-        yield endpoint[0]
-    finally:
-        endpoint[1]()
-        thread.join()
-
-
 def test_the_command_prints_a_verdict_and_writes_what_it_found(tmp_path, capsys):
     csv, picture = tmp_path / "fake.csv", tmp_path / "fake.svg"
-    with in_background() as endpoint:
+    with in_background(measured()) as board:
+        endpoint = board.daemon.endpoint
         at = ["--vehicle", VEHICLE, "--connect", endpoint, "--seconds", "0.5", "--load", "light"]
         words = ["linktest", *at, "--csv", str(csv), "--picture", str(picture), "--label", "radio A"]
         assert run(app, words) == 1  # a quarter lost is poor

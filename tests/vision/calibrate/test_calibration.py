@@ -137,6 +137,21 @@ def test_coverage_leads_from_nothing_to_enough() -> None:
     assert coverage.missing() == []
 
 
+def test_coverage_is_drawn_part_by_part() -> None:
+    coverage = Coverage(640, 480)
+    empty = coverage.picture()
+    assert empty.count("|" + "      |" * 4) == 3
+    assert empty[-2] == "tilted: left MISSING, right MISSING, top MISSING, bottom MISSING"
+    xs, ys = np.meshgrid(np.linspace(480, 630, 6), np.linspace(330, 470, 5))  # bottom right part
+    points = np.column_stack([xs.ravel(), ys.ravel()])
+    board = np.column_stack([points / 1000, np.zeros(len(points))])
+    coverage.add(BoardPoints(np.arange(len(points)), board, points))
+    drawn = coverage.picture()
+    assert drawn[5] == "|" + "      |" * 3 + "  ok  |"
+    assert [line.count("ok") for line in drawn[1:6:2]] == [0, 0, 1]
+    assert drawn[-1] == "distance: near MISSING, far ok"
+
+
 @pytest.mark.parametrize(("place", "side"), [(5, "left"), (6, "right"), (7, "top"), (8, "bottom")])
 def test_tilts_are_told_apart(place: int, side: str) -> None:
     coverage = Coverage(640, 480)

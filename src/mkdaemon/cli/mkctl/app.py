@@ -96,6 +96,7 @@ COMMANDS: Final = (
     CommandEntry(
         "stop", "mkdaemon.cli.mkctl.manoeuvres:stop", "Stop the motors, where the firmware can be asked.", _FLY
     ),
+    CommandEntry("camera", "mkdaemon.cli.mkctl.camera:camera", "What a camera sees, how well, what to change.", _EYES),
     CommandEntry("target", "mkdaemon.cli.mkctl.target:app", "A print judged by a photograph: `target check`.", _EYES),
     CommandEntry("log", "mkdaemon.cli.mkctl.log:app", "Recordings: list, check, recover, cut, merge, mark.", _RECORD),
     CommandEntry(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from datetime import UTC, datetime
@@ -15,8 +15,11 @@ from typing import Annotated, Final, Literal
 import numpy as np
 import zenoh
 from cyclopts import App, Parameter
+from rich.live import Live
+from rich.text import Text
 
 from mkdaemon.bus.session import session_config
+from mkdaemon.cli.console import Console
 from mkdaemon.cli.mkdaemon.calibrate_mount import mount as mount_of_flight
 from mkdaemon.cli.mkdaemon.calibrate_shutter import shutter
 from mkdaemon.config.camera import CameraSection, MountSection
@@ -212,8 +215,8 @@ def _live(
 ) -> Coverage:
     """Guide until the views will do, the time is over, or Ctrl-C says that is enough."""
     views = LiveViews(board, keep)
-    deadline, received_at, guided = time.monotonic() + seconds, time.monotonic(), 0.0
-    with _streaming(cfg, connect) as (stream, slot):
+    deadline, received_at = time.monotonic() + seconds, time.monotonic()
+    with _streaming(cfg, connect) as (stream, slot), _guiding(quiet=quiet) as guide:
         try:
             while time.monotonic() < deadline:
                 image = slot.take(0.2)
@@ -227,11 +230,9 @@ def _live(
                     continue
                 received_at = now
                 report = views.offer(image.pixels)
+                guide(report, views.coverage)
                 if views.coverage is not None and not views.coverage.missing():
                     break
-                if not quiet and (report.taken or now - guided > GUIDE_EVERY):
-                    guided = now
-                    _guide(report, views.coverage)
         except KeyboardInterrupt:
             print("enough, calibrating", file=sys.stderr)
     if views.coverage is None:
@@ -240,13 +241,44 @@ def _live(
     return views.coverage
 
 
-def _guide(report: ViewReport, coverage: Coverage | None) -> None:
-    if coverage is None:
+Guide = Callable[[ViewReport, Coverage | None], None]
+
+
+@contextmanager
+def _guiding(*, quiet: bool) -> Iterator[Guide]:
+    """Show what has been covered and what to do next: in place on a terminal, else a line now and then."""
+    console = Console()
+    if quiet or not console.is_terminal:
+        yield _line_guide(quiet=quiet)
         return
+    with Live(console=console, refresh_per_second=8) as live:
+
+        def show(report: ViewReport, coverage: Coverage | None) -> None:
+            if coverage is not None:
+                live.update(Text("\n".join([*coverage.picture(), _guidance(report, coverage)])))
+
+        yield show
+
+
+def _line_guide(*, quiet: bool) -> Guide:
+    guided = -GUIDE_EVERY
+
+    def tell(report: ViewReport, coverage: Coverage | None) -> None:
+        nonlocal guided
+        now = time.monotonic()
+        if not quiet and coverage is not None and (report.taken or now - guided > GUIDE_EVERY):
+            guided = now
+            print(_guidance(report, coverage))
+
+    return tell
+
+
+def _guidance(report: ViewReport, coverage: Coverage) -> str:
+    """How far it is, what became of the newest image, and what to do next."""
     missing = coverage.missing()
     outcome = "taken" if report.taken else report.reason
     following = missing[0] if missing else "done"
-    print(f"[{100 * coverage.share():3.0f} %] {len(coverage.views)} views, {outcome}. Next: {following}")
+    return f"[{100 * coverage.share():3.0f} %] {len(coverage.views)} views, {outcome}. Next: {following}"
 
 
 def _explain(result: CalibrationResult, coverage: Coverage, tone: str) -> None:
@@ -268,7 +300,10 @@ def _explain(result: CalibrationResult, coverage: Coverage, tone: str) -> None:
             continue
         print(f"  {name} = {getattr(k, name):10.4f} +- {result.sd[name]:.4f}{unit}")
     print(f"  focal length known to {result.focal_sd_percent:.3f} %, image centre to {result.centre_sd_px:.2f} px")
-    for words in coverage.missing():
+    missing = coverage.missing()
+    for line in coverage.picture() if missing else ():
+        print(f"  {line}")
+    for words in missing:
         print(f"  better with: {words}")
     print(f"  tone curve (gamma) {tone}")
 

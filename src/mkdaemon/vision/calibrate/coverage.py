@@ -95,6 +95,15 @@ class Coverage:
         total = self._cells.size + len(_TILTS) + 2 + 1
         return 1.0 - len(self.missing()) / total
 
+    def picture(self) -> list[str]:
+        """What has been seen, as rows of letters: parts of the picture, tilts, distances."""
+        line = "+" + "------+" * CELLS[0]
+        rows = [line]
+        for counts in self._cells:
+            rows += ["|" + "".join("  ok  |" if count >= POINTS_PER_CELL else "      |" for count in counts), line]
+        tilts = ", ".join(f"{side} {_word(side in self._tilts)}" for side in _TILTS)
+        return [*rows, f"tilted: {tilts}", f"distance: near {_word(self._near)}, far {_word(self._far)}"]
+
     def _tilt(self, view: BoardPoints) -> set[str]:
         """Sides of the board that lean towards the camera, seen from the camera."""
         normal = board_normal(view, *self.size)
@@ -111,3 +120,7 @@ class Coverage:
         if normal[1] < -limit:
             sides.add("bottom")
         return sides
+
+
+def _word(is_seen: bool) -> str:
+    return "ok" if is_seen else "MISSING"

@@ -147,6 +147,24 @@ def check_print(
     )
 
 
+def softness(pixels: Grey, corners: Array, cells: int) -> float | None:
+    """How soft the edges of a tag are, as a share of a cell [1]; None where they do not show.
+
+    Args:
+        pixels: `(h, w)` uint8.
+        corners: of the tag `(4, 2)` [px].
+        cells: on its side.
+    """
+    image, reaches = pixels.astype(np.float32), 0.6 * _depths(corners) / cells
+    edges = [
+        _edge(image, corners[number], corners[(number + 1) % 4], max(float(reaches[number]), 1.5))
+        for number in range(4)
+    ]
+    found = [edge[1] for edge in edges if edge is not None]
+    side = float(np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1).mean())
+    return float(np.median(found)) / (side / cells) if found else None
+
+
 def _find(pixels: Grey, target: Target) -> list[tuple[Tag, Detection]]:
     """Tags of the target, largest in the image first."""
     tagmap = TagMap((target,))
