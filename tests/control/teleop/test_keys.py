@@ -187,3 +187,7 @@ def test_figures_that_docs_teleop_tells() -> None:
     assert REPEATED == 0.1, "keyboards repeat every 25 to 40 ms"
     assert max(HELD_FOR.values()) < PRESS, "a key that is a button counts for longer than any must be held"
     assert (STEP, PRESS) == (0.03, 1.2)
+
+
+def test_every_button_of_the_keyboard_has_its_key() -> None:
+    assert set(KEYBOARD.buttons.model_dump().values()) == {"KEY_E", *BUTTONS.values()}
