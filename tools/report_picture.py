@@ -17,7 +17,7 @@ from lab.places import ROOT
 from mkdaemon.view.report.make import make_page
 
 PICTURE: Final = ROOT / "docs" / "figures" / "report.png"
-WIDTH, HEIGHT = 1100, 1500
+WIDTH, HEIGHT = 1100, 1720
 """Of the part of the page that is shown [px]."""
 PATIENCE: Final = 300.0
 """Longest wait for the plots [s]."""

@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from mkdaemon.view.report.flight import FlightReader
+from mkdaemon.view.report.inwords import flown_time, sentences
 from mkdaemon.view.report.pieces import Errors, pieces_of
-from mkdaemon.view.report.words import flown_time, sentences
 from tests.view.report.known import Tape, known_flight
 
 

@@ -171,6 +171,14 @@ class Flight:
     began: float = 0.0
     ended: float = 0.0
 
+    def add(self, name: str, at: float, value: float) -> None:
+        """Add a value of a time [s] to a series."""
+        series = self.series.get(name)
+        if series is None:
+            series = self.series[name] = Series()
+        series.times.append(at)
+        series.values.append(value)
+
     def has(self, name: str) -> bool:
         """Whether there is such a series."""
         return name in self.series
@@ -200,35 +208,59 @@ class FlightReader:
     def __init__(self) -> None:
         self.flights: dict[str, Flight] = {}
         self.origin = 0
+        self._routes: dict[tuple[Kind, str], _Route] = {}
 
     def take(self, entry: Entry) -> None:
         """Take an entry, in the order of the recording."""
         received = entry.base.file_time(entry.received)
         self.origin = self.origin or received
         taken = (received - self.origin) / NANOSECONDS
-        flight = self.flights.get(entry.vehicle)
-        if flight is None:
-            flight = self.flights[entry.vehicle] = Flight(entry.vehicle, began=taken, ended=taken)
+        route = self._routes.get((entry.kind, entry.key))
+        if route is None:
+            route = self._routes[entry.kind, entry.key] = self._route_of(entry, taken)
+        flight, suffix, camera, use = route
         flight.entries += 1
-        flight.ended = max(flight.ended, taken)
-        flight.began = min(flight.began, taken)
+        if taken > flight.ended:
+            flight.ended = taken
+        elif taken < flight.began:
+            flight.began = taken
+        if camera:
+            flight.images.append(ImagePlace(taken, entry.kind, entry.key, entry.sequence, camera))
+        elif use is not None:
+            fields = unpacked(entry.payload)
+            at = taken
+            stamp = fields.get("stamp")
+            if isinstance(stamp, dict) and stamp.get("boot") == entry.base.boot:
+                stamped = number_of(stamp, "monotonic")
+                if stamped is not None and abs(stamped - entry.received) < NEAR:
+                    at = taken + stamped - entry.received
+            use(flight, at, suffix, fields)
+
+    def _route_of(self, entry: Entry, at: float) -> _Route:
+        """What becomes of entries like this one, the first of its kind and key [s]."""
+        flight = self.flights.setdefault(entry.vehicle, Flight(entry.vehicle, began=at, ended=at))
         pattern, camera = _pattern_of(entry.suffix)
-        if entry.kind is Kind.IMAGE or (entry.kind is Kind.SAMPLE and pattern == "vision/*/image"):
-            image = ImagePlace(taken, entry.kind, entry.key, entry.sequence, camera)
-            flight.images.append(image)
-            return
-        use = _USES.get((entry.kind, pattern))
-        if use is None and entry.kind is not Kind.PORT_LOST:
-            return
-        fields = unpacked(entry.payload)
-        if use is None:
-            flight.keep(Happening(taken, Sort.LINE, f"the line was lost or closed: {text_of(fields, 'reason')}"))
-            return
-        at = taken
-        stamped, boot = number_of(fields, "stamp.monotonic"), part_of(fields, "stamp.boot")
-        if stamped is not None and boot == entry.base.boot and abs(stamped - entry.received) < NEAR:
-            at = taken + stamped - entry.received
-        use(flight, at, entry.suffix, fields)
+        is_image = entry.kind is Kind.IMAGE or (entry.kind is Kind.SAMPLE and pattern == "vision/*/image")
+        if is_image:
+            return _Route(flight, entry.suffix, camera or "?", None)
+        use = _take_lost_line if entry.kind is Kind.PORT_LOST else _USES.get((entry.kind, pattern))
+        return _Route(flight, entry.suffix, "", use)
+
+
+class _Route(NamedTuple):
+    """What becomes of the entries of one kind and key.
+
+    Attributes:
+        flight: that they belong to.
+        suffix: of the key.
+        camera: of images; empty for anything else.
+        use: takes their values; None where they are only counted.
+    """
+
+    flight: Flight
+    suffix: str
+    camera: str
+    use: _Use | None
 
 
 def _pattern_of(suffix: str) -> tuple[str, str]:
@@ -246,14 +278,13 @@ def _take_numbers(flight: Flight, at: float, suffix: str, fields: Mapping[str, A
     if pattern in LAST:
         flight.last[suffix] = fields
     for column in COLUMNS.get(pattern, ()):
-        name = before + column.name
         if isinstance(column, Column):
             number = number_of(fields, column.path)
             if number is not None:
-                flight.series.setdefault(name, Series()).add(at, number * column.factor)
+                flight.add(before + column.name, at, number * column.factor)
         elif (numbers := numbers_of(fields, column.path, 3)) is not None:
             for axis, number in zip("xyz", numbers, strict=True):
-                flight.series.setdefault(f"{name}.{axis}", Series()).add(at, number)
+                flight.add(f"{before}{column.name}.{axis}", at, number)
 
 
 def _take_status(flight: Flight, at: float, suffix: str, fields: Mapping[str, Any]) -> None:
@@ -279,6 +310,10 @@ def _take_link(flight: Flight, at: float, suffix: str, fields: Mapping[str, Any]
 
 def _take_happening(flight: Flight, at: float, suffix: str, fields: Mapping[str, Any]) -> None:
     flight.keep(MAKERS[suffix](at, fields))
+
+
+def _take_lost_line(flight: Flight, at: float, suffix: str, fields: Mapping[str, Any]) -> None:
+    flight.keep(Happening(at, Sort.LINE, f"the line was lost or closed: {text_of(fields, 'reason')}"))
 
 
 def _take_settings(flight: Flight, at: float, suffix: str, fields: Mapping[str, Any]) -> None:

@@ -12,10 +12,10 @@ from mkdaemon.record.summary import summarise
 from mkdaemon.view.report import facts, thumbnails
 from mkdaemon.view.report.flight import Flight, FlightReader
 from mkdaemon.view.report.happenings import Sort, refusals
+from mkdaemon.view.report.inwords import flown_time, sentences
 from mkdaemon.view.report.page import Card, Report, plotly_source, render
 from mkdaemon.view.report.pieces import Piece, pieces_of
 from mkdaemon.view.report.plots import plots_of
-from mkdaemon.view.report.words import flown_time, sentences
 
 Progress = Callable[[int], None]
 _NOTHING: Final = "nothing to report: no value of a vehicle in it"
@@ -61,7 +61,7 @@ def report_of(path: Path, vehicle: str | None, progress: Progress = lambda posit
         "Versions, and the model that was flown on": facts.version_rows(flight, summary.session),
     }
     return Report(
-        file=str(path),
+        file=path.name,
         vehicle=flight.vehicle,
         cards=_cards(flight, pieces),
         sentences=sentences(flight, pieces, facts.seconds_of(summary)),

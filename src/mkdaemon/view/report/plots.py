@@ -6,8 +6,9 @@ Texts of others are escaped here as well: plotly takes a part of HTML in texts, 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from html import escape
 from typing import Any, Final
 
@@ -29,6 +30,12 @@ LETTERS: Final = 110
 """That fit into the width of a plot."""
 MOST_EVENTS: Final = 1500
 """Events that are drawn."""
+
+
+Lines = list[dict[str, Any]]
+"""Traces of one plot."""
+Line = Callable[..., Lines]
+"""Makes a trace of a series; see `_line`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,13 +111,13 @@ def _timed(name: str, title: str, unit: str, data: list[dict[str, Any]], height:
     return Plot(name, title, data, layout)
 
 
-Lines = list[dict[str, Any]]
+def _over_time(flight: Flight) -> list[Plot]:
+    line = partial(_line, flight)
+    return [*_motion(flight, line), *_link(line), *_eyes(flight, line), _battery(line)]
 
 
-def _over_time(flight: Flight) -> Iterable[Plot]:
-    def line(series: str, name: str, colour: str, **more: Any) -> Lines:
-        return _line(flight, series, name, colour, **more)
-
+def _motion(flight: Flight, line: Line) -> Iterable[Plot]:
+    """How it moved, and what was sent for it."""
     yield _timed(
         "height",
         "Height",
@@ -149,6 +156,9 @@ def _over_time(flight: Flight) -> Iterable[Plot]:
         + line("stick.throttle", "throttle", PURPLE)
         + line("pilot.throttle", "the pilot's throttle", GREY, dash=DASHED),
     )
+
+
+def _link(line: Line) -> Iterable[Plot]:
     yield _timed(
         "link",
         "Link: round trips",
@@ -164,6 +174,9 @@ def _over_time(flight: Flight) -> Iterable[Plot]:
         line("link.echo_loss", "link test", BLUE) + line("link.confirm_loss", "stick frames", ORANGE),
         160,
     )
+
+
+def _eyes(flight: Flight, line: Line) -> Iterable[Plot]:
     for place, camera in enumerate(flight.cameras):
         yield _timed(
             f"eyes{place}",
@@ -173,7 +186,10 @@ def _over_time(flight: Flight) -> Iterable[Plot]:
             + line(f"{camera} eyes.latency_p99", "latency, p99 [ms]", ORANGE)
             + line(f"{camera} eyes.posed", "with a pose [%]", GREEN),
         )
-    yield _timed(
+
+
+def _battery(line: Line) -> Plot:
+    return _timed(
         "battery",
         "Battery",
         "V, A",

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping, Sequence
+from functools import cache
 from typing import Any, Final
 
 LARGEST: Final = 1e12
@@ -14,28 +13,38 @@ LONGEST: Final = 400
 
 def part_of(fields: Any, path: str) -> Any:
     """A part of a value, `echo.p50_ms` or `position.0`; None where it has none."""
-    for name in path.split("."):
-        if isinstance(fields, Mapping):
+    for name in _names(path):
+        if isinstance(fields, dict):
             fields = fields.get(name)
-        elif isinstance(fields, Sequence) and name.isdigit() and int(name) < len(fields):
+        elif isinstance(fields, list) and name.isdigit() and int(name) < len(fields):
             fields = fields[int(name)]
         else:
             return None
     return fields
 
 
+@cache
+def _names(path: str) -> list[str]:
+    return path.split(".")
+
+
 def number_of(fields: Any, path: str) -> float | None:
     """A part that is a finite number of a likely size; else None."""
-    found = part_of(fields, path)
-    if isinstance(found, bool) or not isinstance(found, int | float):
+    return _number(part_of(fields, path))
+
+
+def _number(found: Any) -> float | None:
+    if isinstance(found, bool) or not isinstance(found, (float, int)):
         return None
-    return float(found) if abs(found) < LARGEST and math.isfinite(found) else None
+    return float(found) if -LARGEST < found < LARGEST else None  # not a number is in no range
 
 
 def numbers_of(fields: Any, path: str, count: int) -> list[float] | None:
-    """A part that is a list of so many numbers; else None."""
-    found = [number_of(fields, f"{path}.{place}") for place in range(count)]
-    numbers = [one for one in found if one is not None]
+    """A part that is a list of so many numbers or more, the first of them; else None."""
+    found = part_of(fields, path)
+    if not isinstance(found, list):
+        return None
+    numbers = [number for number in map(_number, found[:count]) if number is not None]
     return numbers if len(numbers) == count else None
 
 
