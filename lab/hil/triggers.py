@@ -35,7 +35,7 @@ from mkdaemon.daemon.procedures import Journal
 from mkdaemon.daemon.wiring import Wiring
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.control import ControlStatus, Phase
-from mkdaemon.telemetry.setpoint import PositionSetpoint, SetpointFrame, TakeOffSetpoint
+from mkdaemon.telemetry.setpoint import PositionSetpoint, Setpoint, SetpointFrame, TakeOffSetpoint
 from mkdaemon.virtualtime import AtOnce, run_virtually
 from mksim.config import WindClass
 from mksim.physics.hand_flight import HandFlight
@@ -119,7 +119,7 @@ class Flight:
             opener=Cable(self.cable, self._moved).open,
             journal=Journal(Path(os.devnull), AtOnce()),
         )
-        self.wanted: tuple[type, dict[str, Any]] = (TakeOffSetpoint, {"height": HEIGHT})
+        self.wanted: tuple[type[Setpoint], dict[str, Any]] = (TakeOffSetpoint, {"height": HEIGHT})
 
     def _hear(self, suffix: str, value: object) -> None:
         if isinstance(value, ControlStatus):

@@ -134,6 +134,7 @@ async def test_own_streams_set_one_setpoint_at_a_time():
         lease.set.stick(pitch=1, roll=2, yaw=3, throttle=4, ttl=0.2)
         await wait_until(lambda: daemon.setpoints)
         wanted = {"pitch": 1.0, "roll": 2.0, "yaw": 3.0, "throttle": 4.0, "ttl": 0.2, "epoch": EPOCH, "sequence": 1}
+        wanted["after_abort"] = 0
         assert daemon.setpoints == [wanted]
 
 
