@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from mkdaemon.config.autopilot import AutopilotConfig
-from mkdaemon.control.estimator.model import AircraftModel
+from mkdaemon.control.estimator.model import AircraftModel, D, T
 from mkdaemon.control.estimator.values import GAS_CENTRE, OURS, TargetView, ViewFault
 from mkdaemon.control.limiter import StickCounts
 from mkdaemon.control.sight import (
@@ -329,3 +329,11 @@ def test_a_pose_is_checked_against_the_time_it_arrives(ahead, fault):
 def test_how_long_what_is_remembered():
     """5 s out of sight and a target is met anew; a second of frames; pairs of images 20 to 200 ms apart."""
     assert (FORGOTTEN, SENT_KEPT, SHORTEST_PAIR, LONGEST_PAIR) == (5.0, 50, 0.02, 0.2)
+
+
+def test_tilt_and_disturbance_are_told_along_their_own_axes(sight):
+    sight.estimator._level.shift(D, np.array([0.3, -0.2]))
+    sight.estimator._level.shift(T, np.array([0.1, -0.05]))
+    shown = sight.estimate(10.0)
+    assert shown.disturbance == pytest.approx((0.3, -0.2), abs=0.02)
+    assert shown.tilt == pytest.approx((0.1, -0.05), abs=0.02)
