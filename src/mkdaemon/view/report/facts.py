@@ -185,20 +185,22 @@ def configuration(session: Session | None) -> str:
 def losses(summary: Summary, flight: Flight) -> list[str]:
     """What the recording lacks, a sentence each; nothing where it is whole."""
     report = summary.report
-    said: list[str] = []
+    lines: list[str] = []
     if not report.is_complete:
-        said.append("The recording was not finished: a crash or a power failure cut it off, or it is still being made.")
+        lines.append(
+            "The recording was not finished: a crash or a power failure cut it off, or it is still being made."
+        )
     if report.damages:
         size = sum(one.length for one in report.damages)
         first = report.damages[0]
-        said.append(
+        lines.append(
             f"{len(report.damages)} damaged parts of the file, {size} bytes, cannot be read; the first at byte "
             f"{first.offset}: {short(first.reason)}."
         )
     if report.lost:
         gaps = sorted(report.gaps.items(), key=lambda gap: -gap[1])[:5]
         words = ", ".join(f"{number} of {short(key)}" for (_, key), number in gaps)
-        said.append(f"{report.lost} entries are missing by their numbers: {words}.")
+        lines.append(f"{report.lost} entries are missing by their numbers: {words}.")
     for number, words in (
         (report.unreadable, "entries cannot be unpacked"),
         (report.orphans, "entries belong to no channel of the file"),
@@ -206,13 +208,13 @@ def losses(summary: Summary, flight: Flight) -> list[str]:
         (flight.left_out, "further events are not listed"),
     ):
         if number:
-            said.append(f"{number} {words}.")
+            lines.append(f"{number} {words}.")
     status = flight.last.get("record/status", {})
     if number_of(status, "lost"):
-        said.append(
+        lines.append(
             f"The daemon's recorder lost {number_of(status, 'lost'):.0f} entries: the disk was too slow or full."
         )
-    return said
+    return lines
 
 
 def seconds_of(summary: Summary) -> float:

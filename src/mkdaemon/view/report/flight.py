@@ -185,9 +185,9 @@ class Flight:
 
     @property
     def cameras(self) -> list[str]:
-        """Those that told figures or poses."""
-        told = {suffix.split("/")[1] for suffix in self.last if suffix.startswith("vision/")}
-        return sorted(told | {name.removesuffix(_POSE) for name in self.series if name.endswith(_POSE)})
+        """Those that gave figures or poses."""
+        known = {suffix.split("/")[1] for suffix in self.last if suffix.startswith("vision/")}
+        return sorted(known | {name.removesuffix(_POSE) for name in self.series if name.endswith(_POSE)})
 
     def keep(self, happening: Happening) -> None:
         """Keep something that happened, if there is room."""

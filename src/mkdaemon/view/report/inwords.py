@@ -35,11 +35,11 @@ def sentences(flight: Flight, pieces: Sequence[Piece], began: float) -> list[str
         pieces: of it.
         began: Unix time of the recording's beginning [s].
     """
-    said = [f"Recorded on {moment(began)}, {flight.ended - flight.began:.1f} s, {flight.entries} entries."]
-    said += _flown(flight, pieces)
-    said += _errors(pieces)
-    said += [*_failsafes(flight), *_refused(flight), *_line(flight), *_eyes(flight), *_battery(flight)]
-    return said
+    lines = [f"Recorded on {moment(began)}, {flight.ended - flight.began:.1f} s, {flight.entries} entries."]
+    lines += _flown(flight, pieces)
+    lines += _errors(pieces)
+    lines += [*_failsafes(flight), *_refused(flight), *_line(flight), *_eyes(flight), *_battery(flight)]
+    return lines
 
 
 def _flown(flight: Flight, pieces: Sequence[Piece]) -> list[str]:
@@ -51,15 +51,15 @@ def _flown(flight: Flight, pieces: Sequence[Piece]) -> list[str]:
         if not kinds or kinds[-1] != piece.manoeuvre:
             kinds.append(piece.manoeuvre)
     ways = f": {', '.join(kinds[:12])}{' ...' if len(kinds) > 12 else ''}" if kinds else ""
-    said = [f"The machine flew for {seconds:.1f} s{ways}."]
+    lines = [f"The machine flew for {seconds:.1f} s{ways}."]
     last = next((state for state in reversed(flight.states) if state.phase and not state.is_flown), None)
     if last is not None and flight.states and not flight.states[-1].is_flown:
         ended = next((state for state in reversed(flight.states) if state.outcome), None)
         outcome = f" ({ended.outcome.replace('_', ' ')})" if ended is not None else ""
-        said.append(f"It ended with: {last.reason}{outcome}.")
+        lines.append(f"It ended with: {last.reason}{outcome}.")
     elif flight.states:
-        said.append("The recording ends while it flies.")
-    return said
+        lines.append("The recording ends while it flies.")
+    return lines
 
 
 def _errors(pieces: Sequence[Piece]) -> list[str]:
@@ -109,13 +109,13 @@ def _line(flight: Flight) -> list[str]:
 
 
 def _eyes(flight: Flight) -> list[str]:
-    said = []
+    lines = []
     for camera in flight.cameras:
         posed = flight.series.get(f"{camera} eyes.posed")
         if posed is not None:
             mean = sum(posed.values) / len(posed)
-            said.append(f"Camera {camera} gave a pose from {mean:.0f} % of its images on average.")
-    return said
+            lines.append(f"Camera {camera} gave a pose from {mean:.0f} % of its images on average.")
+    return lines
 
 
 def _battery(flight: Flight) -> list[str]:
