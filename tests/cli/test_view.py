@@ -26,7 +26,7 @@ def no_favour(monkeypatch):
 
 
 async def test_a_recording_is_served_until_it_is_asked_to_end(capsys):
-    looking = asyncio.create_task(view(STICKS, port=0, browser=False, paused=True, connection=Connection(json=True)))
+    looking = asyncio.create_task(view(STICKS, port=0, no_browser=True, paused=True, connection=Connection(json=True)))
     said = ""
 
     def is_open() -> bool:

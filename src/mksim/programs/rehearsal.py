@@ -163,7 +163,7 @@ class RehearsedEyes(Eyes):
                 if self.is_watched:
                     self._show(suffix, value)
             if self.is_watched:
-                for suffix, value in self._watched.tell(image, bool(result.poses), self._clock):
+                for suffix, value in self._watched.values_due(image, bool(result.poses), self._clock):
                     self._show(suffix, value)
 
 

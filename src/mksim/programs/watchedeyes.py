@@ -42,7 +42,7 @@ class WatchedEyes:
         self._since: list[tuple[float, float, bool]] = []
         self._seen = 0
 
-    def tell(self, image: CameraImage, is_posed: bool, clock: Clock) -> Iterator[tuple[str, Telemetry]]:
+    def values_due(self, image: CameraImage, is_posed: bool, clock: Clock) -> Iterator[tuple[str, Telemetry]]:
         """Keys and values that are due after an image was looked at.
 
         Args:

@@ -31,7 +31,7 @@ async def view(
     /,
     *,
     port: int = PORT,
-    browser: Annotated[bool, Parameter(negative="--no-browser")] = True,
+    no_browser: Annotated[bool, Parameter(negative=())] = False,
     speed: Annotated[float, Parameter(name=["--speed", "-s"])] = 1.0,
     paused: Annotated[bool, Parameter(negative=())] = False,
     loop: Annotated[bool, Parameter(negative=())] = False,
@@ -46,7 +46,7 @@ async def view(
     Args:
         file: A recording to show.
         port: Of the page; 0 for any that is free.
-        browser: Open it in the browser; without, only its address is printed.
+        no_browser: Only print the address.
         speed: With a file: seconds of the recording a second.
         paused: With a file: begin paused.
         loop: With a file: begin again at the end.
@@ -67,7 +67,7 @@ async def view(
     async with opening as uav, serving(uav, port) as address:
         print(json_line({"address": address}) if connection.json else f"the page is at {address}; Ctrl-C ends it")
         sys.stdout.flush()
-        if browser:
+        if not no_browser:
             await asyncio.to_thread(webbrowser.open, address)
         await _until_asked_to_end()
 

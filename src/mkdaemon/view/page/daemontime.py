@@ -22,7 +22,7 @@ class DaemonTime:
         self._best: tuple[float, float] | None = None
         self._since = 0.0
 
-    def heard(self, at_least: float, now: float) -> None:
+    def take(self, at_least: float, now: float) -> None:
         """Take a value's time.
 
         Args:

@@ -138,7 +138,7 @@ class Picture:
         if self._boot not in (None, stamp.boot):
             self.restart()
         self._boot = stamp.boot
-        self._time.heard(stamp.monotonic + (age or 0.0), now)
+        self._time.take(stamp.monotonic + (age or 0.0), now)
         if isinstance(value, CameraFrame | Tags | VisionPose):
             self._look(suffix, value)
         if not isinstance(value, CameraFrame):

@@ -200,12 +200,12 @@ class PageServer:
         if request.path not in buttons:
             raise BadRequestError(HTTPStatus.NOT_FOUND, "there is no such button")
         try:
-            said = {"is_done": True, "text": await buttons[request.path](), "fix": ""}
+            outcome = {"is_done": True, "text": await buttons[request.path](), "fix": ""}
         except CommandRejectedError as refusal:
-            said = {"is_done": False, "text": refusal.reason, "fix": refusal.fix}
+            outcome = {"is_done": False, "text": refusal.reason, "fix": refusal.fix}
         except MkError as error:
-            said = {"is_done": False, "text": str(error), "fix": ""}
-        return answer(event(said)[6:], "application/json")
+            outcome = {"is_done": False, "text": str(error), "fix": ""}
+        return answer(event(outcome)[6:], "application/json")
 
 
 def _label(word: str, picture: Picture) -> dict[str, Any]:

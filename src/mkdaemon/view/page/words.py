@@ -123,28 +123,28 @@ def _manoeuvre_words(status: ControlStatus) -> str:
 
 # -- lines ------------------------------------------------------------------------------------------------------------
 
-Said = tuple[str, str]
+Words = tuple[str, str]
 """Text and tone."""
 
 
-def _authority(status: ControlStatus, known: Knowledge) -> Said:
+def _authority(status: ControlStatus, known: Knowledge) -> Words:
     words = _PHASES[status.phase][0].format(holder=_holder(status))
     words = words if status.reason in ("", words) else f"{words}; {status.reason}"
     layout = "" if status.external_control else "; external control is not possible"
     return words + layout, _PHASES[status.phase][1]
 
 
-def _manoeuvre(status: ControlStatus, known: Knowledge) -> Said:
+def _manoeuvre(status: ControlStatus, known: Knowledge) -> Words:
     return _manoeuvre_words(status), "ok" if status.is_done else "note"
 
 
-def _hands(status: ControlStatus, known: Knowledge) -> Said:
+def _hands(status: ControlStatus, known: Knowledge) -> Words:
     if not status.hands:
         return UNKNOWN, "unknown"
     return f"the pilot {status.hands}", "note" if status.pilots_throttle is None else "bad"
 
 
-def _flight(flight: Flight, known: Knowledge) -> Said:
+def _flight(flight: Flight, known: Knowledge) -> Words:
     place = {True: "in the air", False: "on the ground", None: "in the air or not: not known"}[flight.is_flying]
     motors = {True: "motors run", False: "motors stand", None: "motors not known"}[flight.motors_running]
     words = [place, motors]
@@ -159,7 +159,7 @@ def _flight(flight: Flight, known: Knowledge) -> Said:
 _ALARMS: Final = ("emergency_landing", "battery_low", "rc_failsafe", "range_limit", "serial_link_lost")
 
 
-def _battery(battery: Battery, known: Knowledge) -> Said:
+def _battery(battery: Battery, known: Knowledge) -> Words:
     health = known.fresh("health", VehicleHealth)
     cells = None if health is None else health.battery_cells
     words = [f"{battery.voltage:.1f} V"]
@@ -172,7 +172,7 @@ def _battery(battery: Battery, known: Knowledge) -> Said:
     return ", ".join(words), "warn" if is_weak else "ok"
 
 
-def _position(estimate: ControlEstimate, known: Knowledge) -> Said:
+def _position(estimate: ControlEstimate, known: Knowledge) -> Words:
     x, y, z = estimate.position
     sd = 100 * max(estimate.position_sd)
     words = f"x {x:+.2f}  y {y:+.2f}  z {z:.2f} m over {estimate.target}, ± {sd:.1f} cm"
@@ -181,23 +181,23 @@ def _position(estimate: ControlEstimate, known: Knowledge) -> Said:
     return words, "ok" if estimate.image_age < 0.5 else "warn"
 
 
-def _error(error: ControlError, known: Knowledge) -> Said:
+def _error(error: ControlError, known: Knowledge) -> Words:
     x, y, z = error.error_pad
     yaw = "" if error.error_yaw is None else f", heading {math.degrees(error.error_yaw):+.0f}°"
     return f"{100 * math.hypot(x, y):.0f} cm level, {100 * z:+.0f} cm height{yaw}", "note"
 
 
-def _attitude(attitude: Attitude, known: Knowledge) -> Said:
+def _attitude(attitude: Attitude, known: Knowledge) -> Words:
     roll, pitch, yaw = (math.degrees(angle) for angle in (attitude.roll, attitude.pitch, attitude.yaw))
     return f"roll {roll:+.1f}°  pitch {pitch:+.1f}°  heading {(90 - yaw) % 360:.0f}°", "note"
 
 
-def _link(link: LinkState, known: Knowledge) -> Said:
+def _link(link: LinkState, known: Knowledge) -> Words:
     tone = "ok" if link.condition is LinkCondition.UP else "warn" if link.condition.hears_board else "bad"
     return f"{_LINK_WORDS[link.condition]}; {link.reason}", tone
 
 
-def _latency(health: LinkHealth, known: Knowledge) -> Said:
+def _latency(health: LinkHealth, known: Knowledge) -> Words:
     path = health.confirm if health.confirm.p50_ms is not None else health.echo
     if path.p50_ms is None or path.p99_ms is None:
         return "no answer measured yet", "unknown"
@@ -205,24 +205,24 @@ def _latency(health: LinkHealth, known: Knowledge) -> Said:
     return words, "ok" if path.loss_percent < 2.0 else "warn"
 
 
-def _pilot(pilot: Pilot, known: Knowledge) -> Said:
+def _pilot(pilot: Pilot, known: Knowledge) -> Words:
     words = f"{100 * pilot.rc_quality:.0f} %"
     return (words, "ok") if pilot.has_signal else (f"{words}, NO SIGNAL", "bad")
 
 
-def _gps(gps: Gps, known: Knowledge) -> Said:
+def _gps(gps: Gps, known: Knowledge) -> Words:
     satellites = "not known how many" if gps.satellites is None else f"{gps.satellites}"
     return f"{satellites} satellites, position {gps.fix}", "ok" if gps.is_usable else "note"
 
 
-def _recording(status: RecordStatus, known: Knowledge) -> Said:
+def _recording(status: RecordStatus, known: Knowledge) -> Words:
     lost = f", {status.lost} LOST" if status.lost else ""
     if status.state is RecorderState.RECORDING:
         return f"{status.entries} entries{lost}", "bad" if status.lost else "ok"
     return f"NOT RECORDING ({status.state}): {status.reason}{lost}", "warn"
 
 
-_Row = tuple[str, str, str, type[Any], Callable[[Any, Knowledge], Said]]
+_Row = tuple[str, str, str, type[Any], Callable[[Any, Knowledge], Words]]
 _ROWS: Final[tuple[_Row, ...]] = (
     ("authority", "who flies", "control/status", ControlStatus, _authority),
     ("manoeuvre", "manoeuvre", "control/status", ControlStatus, _manoeuvre),
@@ -241,12 +241,12 @@ _ROWS: Final[tuple[_Row, ...]] = (
 
 
 def _line(
-    known: Knowledge, word: str, name: str, key: str, kind: type[Any], say: Callable[[Any, Knowledge], Said]
+    known: Knowledge, word: str, name: str, key: str, kind: type[Any], make: Callable[[Any, Knowledge], Words]
 ) -> Line:
     found = known.last(key, kind)
     if found is None:
         return _motors(known) if word == "flight" else Line(word, name, UNKNOWN, "unknown")
-    text, tone = say(found.value, known)
+    text, tone = make(found.value, known)
     return Line(word, name, text, tone, known.age(found), known.is_stale(key, found))
 
 
@@ -274,7 +274,7 @@ def _eyes(known: Knowledge) -> Iterator[Line]:
         yield Line(f"eye-{name}", f"camera {name}", text, tone, known.age(found), known.is_stale(key, found))
 
 
-def _eye(stats: VisionStats) -> Said:
+def _eye(stats: VisionStats) -> Words:
     if stats.state is not EyeState.OK:
         return f"{stats.state}: {stats.reason}", "bad"
     words = [f"{stats.fps:.0f} Hz, {100 * stats.posed:.0f} % gave a pose, {stats.latency_p50_ms:.0f} ms"]
