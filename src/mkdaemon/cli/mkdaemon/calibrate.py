@@ -263,14 +263,14 @@ def _guiding(*, quiet: bool) -> Iterator[Guide]:
 def _line_guide(*, quiet: bool) -> Guide:
     guided = -GUIDE_EVERY
 
-    def tell(report: ViewReport, coverage: Coverage | None) -> None:
+    def print_line(report: ViewReport, coverage: Coverage | None) -> None:
         nonlocal guided
         now = time.monotonic()
         if not quiet and coverage is not None and (report.taken or now - guided > GUIDE_EVERY):
             guided = now
             print(_guidance(report, coverage))
 
-    return tell
+    return print_line
 
 
 def _guidance(report: ViewReport, coverage: Coverage) -> str:

@@ -148,12 +148,12 @@ async def run_link_test(
         for number, load in enumerate(loads):
             await _ask_for(uav, load, before)
 
-            def tell(elapsed: float, ledger: Ledger, load: Load = load, number: int = number) -> None:
+            def report(elapsed: float, ledger: Ledger, load: Load = load, number: int = number) -> None:
                 if on_progress is not None:
                     on_progress(LinkTestProgress(load.name, number, len(loads), elapsed, *ledger.counts()))
 
             try:
-                runs.append(await _measure(uav, plan, load, board, tell, stop))
+                runs.append(await _measure(uav, plan, load, board, report, stop))
             except MkError as error:
                 if not runs:
                     raise
@@ -289,7 +289,7 @@ async def _measure(
     plan: LinkTestPlan,
     load: Load,
     board: str,
-    tell: Callable[[float, Ledger], None],
+    report: Callable[[float, Ledger], None],
     stop: asyncio.Event,
 ) -> LoadRun:
     ledger, line = Ledger(), _Line()
@@ -309,13 +309,13 @@ async def _measure(
             testing = await stack.enter_async_context(_running(_send_tests(uav, board, plan.tests_hz)))
         began = loop.time()
         while not stop.is_set() and (elapsed := loop.time() - began) < plan.seconds:
-            tell(elapsed, ledger)
+            report(elapsed, ledger)
             await _first({steering, listening, testing}, stop, min(LOOKING, plan.seconds - elapsed))
             if line.motors_run:
                 raise MkError("motors run: the measurement has ended, and sticks are the pilot's")
         ledger.end()
         await asyncio.sleep(TIMEOUT + 0.1)
-        tell(plan.seconds, ledger)
+        report(plan.seconds, ledger)
     return LoadRun(
         plan.label,
         load.name,

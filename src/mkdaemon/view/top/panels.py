@@ -95,7 +95,7 @@ class Board:
         self.notice = ""
         self._known: dict[str, Value] = {}
         self._events: deque[tuple[float, str, Tone]] = deque(maxlen=EVENTS)
-        self._heard: float | None = None
+        self._received_at: float | None = None
 
     def take(self, suffix: str, fields: Fields, now: float) -> None:
         """Note a value.
@@ -107,7 +107,7 @@ class Board:
         """
         age = fields.get("age")
         at = now if age is None else now - float(age)
-        self._heard = at if self._heard is None else max(self._heard, at)
+        self._received_at = at if self._received_at is None else max(self._received_at, at)
         if suffix.startswith("event/"):
             if (event := _event(suffix, fields)) is not None:
                 self._events.append((at, *event))
@@ -142,7 +142,7 @@ class Board:
         value = self._known.get("health")
         if value is None:
             state: Row = [("not heard yet", Tone.WARN)]
-        elif (silence := now - (self._heard or now)) > STALE:
+        elif (silence := now - (self._received_at or now)) > STALE:
             state = [(f"NOTHING HEARD FOR {_age(silence)}", Tone.BAD)]
         else:
             fields = value.fields

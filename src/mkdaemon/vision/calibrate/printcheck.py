@@ -192,8 +192,8 @@ def _measure(pixels: Grey, tag: Tag, seen: Detection, projection: Projection | N
     bent = [points if projection is None else projection.undistort(points) for points in sides]
     lines = [_line(points) for points in bent]
     bows, noises = zip(*(_bow(points, line) for points, line in zip(bent, lines, strict=True)), strict=True)
-    corners = np.array([_meet(lines[number - 1], lines[number]) for number in range(4)])
-    raw = np.array([_meet(raw_lines[number - 1], raw_lines[number]) for number in range(4)])
+    corners = np.array([_intersection(lines[number - 1], lines[number]) for number in range(4)])
+    raw = np.array([_intersection(raw_lines[number - 1], raw_lines[number]) for number in range(4)])
     side = float(np.linalg.norm(raw - np.roll(raw, 1, axis=0), axis=1).mean())
     unit = side / float(np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1).mean())
     return _Measured(tag, corners, raw, np.array(bows), unit * float(np.mean(noises)), float(np.median(blurs)), side)
@@ -241,7 +241,7 @@ def _line(points: Array) -> Line:
     return middle, np.asarray(direction if direction @ (points[-1] - points[0]) > 0 else -direction, np.float64)
 
 
-def _meet(one: Line, other: Line) -> Array:
+def _intersection(one: Line, other: Line) -> Array:
     """Where two lines meet."""
     (a, u), (b, v) = one, other
     return np.asarray(a + u * np.linalg.solve(np.column_stack([u, -v]), b - a)[0], np.float64)
