@@ -293,7 +293,7 @@ async def lid(flight: Flight) -> Figures:
 async def receiver_lost(flight: Flight) -> Figures:
     """The pilot's transmitter is gone."""
     since = flight.loop.time()
-    flight.world.pilot.rc_lost = True
+    flight.world.faults.start("rc_lost", duration=10.0)
     await asyncio.sleep(3.0)
     return {"released": flight.released_after(since)}
 
