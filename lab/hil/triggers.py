@@ -65,12 +65,8 @@ class CutCable:
     """The aircraft behind a cable whose daemon may fall silent."""
 
     def __init__(self, aircraft: GenuineAircraft) -> None:
-        self.aircraft, self.is_cut, self.is_deaf = aircraft, False, False
-
-    @property
-    def now(self) -> float:
-        """Simulated time [s]."""
-        return self.aircraft.now
+        self.aircraft, self.now = aircraft, aircraft.now
+        self.is_cut = self.is_deaf = False
 
     def write(self, data: bytes, at: float) -> None:
         """Bytes of the daemon."""
@@ -79,7 +75,7 @@ class CutCable:
 
     def advance(self, to: float) -> list[tuple[float, bytes]]:
         """Run on."""
-        said = self.aircraft.advance(to)
+        said, self.now = self.aircraft.advance(to), to
         return [] if self.is_deaf else said
 
 
@@ -297,7 +293,7 @@ async def lid(flight: Flight) -> Figures:
 async def receiver_lost(flight: Flight) -> Figures:
     """The pilot's transmitter is gone."""
     since = flight.loop.time()
-    flight.world.pilot.rc_quality = 0
+    flight.world.faults.start("rc_lost", duration=10.0)
     await asyncio.sleep(3.0)
     return {"released": flight.released_after(since)}
 
