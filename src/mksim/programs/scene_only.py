@@ -52,7 +52,7 @@ class PoseStream:
     def __init__(self, feed: SceneFeed, clock: Clock) -> None:
         self.taken = self.refused = 0
         self._feed, self._clock = feed, clock
-        self._complained_at = self._told_at = float("-inf")
+        self._complained_at = self._reported_at = float("-inf")
         self.latest = 0.0
 
     def take(self, encoding: str, raw: bytes) -> None:
@@ -85,15 +85,15 @@ class PoseStream:
             _log.info("first pose", t=pose.t)
         self.taken += 1
         self._feed.show(state, at)
-        self._tell_lateness(now - at)
+        self._report_lateness(now - at)
 
-    def _tell_lateness(self, late: float) -> None:
+    def _report_lateness(self, late: float) -> None:
         """Tell how late poses come, where that is much: images are later by as much."""
         self.latest = max(self.latest, late)
-        if time.monotonic() - self._told_at >= LATENESS_PERIOD:
+        if time.monotonic() - self._reported_at >= LATENESS_PERIOD:
             if self.latest > LATE:
                 _log.warning("poses come late", latest_ms=round(1000.0 * self.latest), fix="the machine is too busy")
-            self._told_at, self.latest = time.monotonic(), 0.0
+            self._reported_at, self.latest = time.monotonic(), 0.0
 
     def _refuse(self, error: Exception) -> None:
         self.refused += 1
