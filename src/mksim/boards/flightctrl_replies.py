@@ -165,7 +165,12 @@ def debug(board: FcBoard) -> WireMessage:
     analog[24] = analog[5]
     if board.is_fork:
         sticks = core.mixed
-        analog[16:20] = [bounded(sticks.pitch), bounded(sticks.roll), bounded(sticks.yaw), bounded(sticks.throttle)]
+        analog[16:20] = [
+            bounded(sticks.pitch),
+            bounded(sticks.roll),
+            bounded(sticks.yaw),
+            bounded(sticks.throttle + FULL),
+        ]
         analog[25], analog[26] = int(core.controlled), int(core.calibrated)
     analog[29] = 255
     green = BoardStatus.FC | BoardStatus.BL
