@@ -33,9 +33,9 @@ CONTROL_PERIOD: Final = 0.02
 """[s]."""
 TELEMETRY_PERIOD: Final = 0.02
 """[s]."""
-BOARD_AGE: Final = 0.0195
+BOARD_AGE: Final = 0.0255
 """The FlightCtrl reports an attitude that it collected so long ago, mean [s]; docs/lab/genuine.md."""
-BOARD_TIME: Final = 0.0027
+BOARD_TIME: Final = 0.0014
 """From the last byte of a stick frame to its being in the FlightCtrl's memory [s]; docs/lab/genuine.md."""
 RECEIVER_FRAME: Final = 0.0225
 """Sticks are evaluated on a receiver frame [s]."""

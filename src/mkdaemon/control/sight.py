@@ -21,9 +21,9 @@ from mkdaemon.telemetry.link import LinkHealth
 from mkdaemon.telemetry.state import AngleScale, Attitude
 from mkdaemon.telemetry.vision import VisionPose
 
-CONFIRMED_BY_CABLE: Final = 0.012
+CONFIRMED_BY_CABLE: Final = 0.0125
 """By cable a stick frame is confirmed so long after it was written [s], median; docs/lab/genuine.md."""
-ECHOED_BY_CABLE: Final = 0.016
+ECHOED_BY_CABLE: Final = 0.0125
 """By cable a link test is answered after so long [s], median; docs/lab/genuine.md."""
 SHOWN: Final = 1.13
 """What a FlightCtrl reports over the angle that its sticks ask for; docs/control.md, "The attitude loop"."""

@@ -126,8 +126,7 @@ def name(index: int) -> WireMessage:
 def attitude(board: FcBoard) -> WireMessage:
     """Build C."""
     sensors = board.aircraft.sensors
-    pitch = bounded(math.degrees(sensors.fc_angle_pitch) * 10.0 * _SHOWN)
-    roll = bounded(-math.degrees(sensors.fc_angle_roll) * 10.0 * _SHOWN)
+    pitch, roll = (bounded(math.degrees(angle) * 10.0 * _SHOWN) for angle in (board.collected[0], -board.collected[1]))
     heading = round(sensors.heading_deg * 10.0) % 3600
     if board.generation.attitude is AttitudeDataFcOld:
         return AttitudeDataFcOld(pitch=pitch, roll=roll, heading=heading, centroid=(0, 0, 0), reserved=(0,) * 5)

@@ -46,10 +46,11 @@ LEAK_BLUR: Final = 0.4
 """Noise of the accelerometers in what leaks, as a standard deviation [count]."""
 ACCELEROMETER_SCALE: Final = 0.9
 """Tilt that the accelerometers show over that in which they are: 0.79 to 1 on boards of 170 to 216 counts a g."""
-CABLE_UPLINK: Final = 0.0065
+CABLE_UPLINK: Final = 0.0045
 """By cable a stick frame is in the firmware's memory so long after it was written [s]; docs/lab/genuine.md."""
-CABLE_AGE: Final = 0.024
-"""By cable an attitude is so old when it arrives [s]: the boards collect it every 20 ms; docs/lab/genuine.md."""
+CABLE_AGE: Final = 0.030
+"""By cable an attitude is so old when it arrives [s]: the boards collect it every 20 ms, for their SPI bus;
+docs/lab/genuine.md."""
 UNMEASURED: Final = 0.009
 """What a line adds to each where nobody measured it [s]: half of a radio's, so both cables and radios are near."""
 LEAST_LINE_SD: Final = 0.004
