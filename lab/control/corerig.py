@@ -64,7 +64,7 @@ class CoreRig(Rig):
         cfg = ControlConfig(limiter=LimiterConfig(hover_throttle=FIRST_HOVER - GAS_CENTRE))
         self.cfg = cfg
         self.core = FlightCore(cfg, first_epoch=1)
-        self.core.feed(ModelKnown(flight.model or believed_model(flight.gains)), 0.0)
+        self.core.feed(ModelKnown(flight.model or believed_model(flight.gains, flight.radio)), 0.0)
         self.core.feed(LineChanged(ControlLine(layout="v2")), 0.0)
         self.core.feed(LinkVerdict(link_state(LinkCondition.UP)), 0.0)
         self.actions: list[tuple[float, Action]] = []
@@ -96,8 +96,8 @@ class CoreRig(Rig):
         self._show_pilot(view, at)
         self.core.feed(PoseSeen(pose_of(view)), at)
 
-    def _hear(self, measured: float, pitch: float, roll: float, yaw: float, at: float) -> None:
-        self._tell_pilot(partial(super()._hear, measured, pitch, roll, yaw, at))
+    def _hear(self, pitch: float, roll: float, yaw: float, at: float) -> None:
+        self._tell_pilot(partial(super()._hear, pitch, roll, yaw, at))
         quaternion = (math.cos(yaw / 2), 0.0, 0.0, math.sin(yaw / 2))
         value = Attitude(stamp=stamp(at), source="lab", quaternion=quaternion, roll=roll, pitch=pitch, yaw=yaw)
         self.core.feed(StateValue(value), at)

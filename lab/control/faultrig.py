@@ -236,9 +236,9 @@ class FaultRig(CoreRig):
         else:
             self.core.feed(PoseSeen(pose), at)
 
-    def _hear(self, measured: float, pitch: float, roll: float, yaw: float, at: float) -> None:
+    def _hear(self, pitch: float, roll: float, yaw: float, at: float) -> None:
         if at >= self.trouble.telemetry_silent:
-            super()._hear(measured, pitch, roll, yaw, at)
+            super()._hear(pitch, roll, yaw, at)
 
     def set_link(self, condition: LinkCondition, at: float, openings: int = 1) -> None:
         """Change the verdict on the line."""

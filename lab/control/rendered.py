@@ -67,7 +67,7 @@ class RenderedRig(CoreRig):
 
         self._at(at + delay, look)
 
-    def _hear(self, measured: float, pitch: float, roll: float, yaw: float, at: float) -> None:
-        super()._hear(measured, pitch, roll, yaw, at)
+    def _hear(self, pitch: float, roll: float, yaw: float, at: float) -> None:
+        super()._hear(pitch, roll, yaw, at)
         self._attitudes.append(AttitudeSample(at, roll, pitch, yaw))
         del self._attitudes[:-HISTORY]

@@ -16,7 +16,7 @@ import numpy as np
 
 from lab.control.flights import Flight, Record
 from lab.control.law2010 import PERIOD, PiLaw
-from lab.control.radio import Radio
+from lab.control.radio import Radio, RadioModel
 from mkdaemon.control.estimator.estimator import Estimator
 from mkdaemon.control.estimator.model import NO_FILTER, AircraftModel
 from mkdaemon.control.estimator.values import StickCommand, TargetView
@@ -33,12 +33,12 @@ CONTROL_PERIOD: Final = 0.02
 """[s]."""
 TELEMETRY_PERIOD: Final = 0.02
 """[s]."""
-TELEMETRY_LATENCY: Final = 0.024
-"""How old an attitude is taken to be when it arrives [s]."""
+BOARD_AGE: Final = 0.0255
+"""The FlightCtrl reports an attitude that it collected so long ago, mean [s]; docs/lab/genuine.md."""
+BOARD_TIME: Final = 0.0014
+"""From the last byte of a stick frame to its being in the FlightCtrl's memory [s]; docs/lab/genuine.md."""
 RECEIVER_FRAME: Final = 0.0225
 """Sticks are evaluated on a receiver frame [s]."""
-WIRE_TIME: Final = 0.0038
-"""Of a stick frame of 22 characters [s]."""
 HOVER: Final = 125.0
 """Motor set point that carries the simulated 1.25 kg at 3.2 V a cell [count of 254]; docs/simulator.md."""
 HOVER_LOSS: Final = 1.7
@@ -49,8 +49,8 @@ WORLD_SIZE: Final = 12.0
 """An aircraft farther from its target than this is lost [m]."""
 
 
-def believed_model(gains: AttitudeGains) -> AircraftModel:
-    """The product's model of an aircraft whose parameter set is known."""
+def believed_model(gains: AttitudeGains, radio: RadioModel) -> AircraftModel:
+    """The product's model of an aircraft whose parameter set is known, by a line whose round trips were measured."""
     return AircraftModel(
         rad_per_count=gains.rad_per_count,
         a1=gains.a1,
@@ -59,7 +59,7 @@ def believed_model(gains: AttitudeGains) -> AircraftModel:
         stick_filter=gains.ts or NO_FILTER,
         yaw_linear=gains.yaw_linear,
         yaw_square=gains.yaw_square,
-    )
+    ).by_line((radio.fastest + radio.slowest) / 2.0)
 
 
 class Rig:
@@ -81,7 +81,7 @@ class Rig:
         self._world = World(config, seed=flight.seed, start=start, gains=flight.gains, ground=ground)
         gas = round(HOVER * scale + HOVER_LOSS) if flight.start > 0.0 else 0
         self._held = self._acting = AutopilotSticks(0, 0, 0, gas - 127)
-        self._next_frame = 0.0
+        self._next_frame, self._frames = 0.0, 0
         self._sink = 0.0
         self._autopilot: Autopilot | None = None
         self._landing: Landing | None = None
@@ -121,7 +121,7 @@ class Rig:
         while world.now + DT <= until:
             if world.now >= self._next_frame:
                 self._next_frame += RECEIVER_FRAME
-                self._acting = self._held
+                self._acting, self._frames = self._held, self._frames + 1
             world.step(self._sticks())
             if world.now > self._flight.land_at and math.isnan(record.touched) and world.truth.on_ground:
                 record.touched, record.touch_sink = world.now, self._sink
@@ -131,7 +131,7 @@ class Rig:
     def _sticks(self) -> StickInput:
         """What the FlightCtrl gets."""
         s = self._acting
-        return StickInput(s.pitch, -s.roll, s.yaw, s.throttle + 127.0, motors_running=True)
+        return StickInput(s.pitch, -s.roll, s.yaw, s.throttle + 127.0, motors_running=True, frame=self._frames)
 
     def _watch(self, at: float) -> None:
         truth, place = self._world.truth, self._place(at)
@@ -155,7 +155,7 @@ class Rig:
             return
         if self._autopilot is None:
             estimator = Estimator(
-                flight.model or believed_model(flight.gains),
+                flight.model or believed_model(flight.gains, flight.radio),
                 view,
                 FIRST_HOVER,
                 nominal=flight.nominal,
@@ -175,16 +175,20 @@ class Rig:
 
     def _report(self, at: float) -> None:
         self._at(at + TELEMETRY_PERIOD, self._report)
-        arrival = self._down.arrival(at, 26)
         sensors, yaw = self._world.sensors, self._world.truth.yaw
         pitch, roll = sensors.fc_angle_pitch, sensors.fc_angle_roll
-        if arrival is not None:
-            self._at(arrival, lambda now: self._hear(now - TELEMETRY_LATENCY, pitch, roll, yaw, now))
+        self._at(at + BOARD_AGE, lambda now: self._transmit(pitch, roll, yaw, now))
 
-    def _hear(self, measured: float, pitch: float, roll: float, yaw: float, at: float) -> None:
+    def _transmit(self, pitch: float, roll: float, yaw: float, at: float) -> None:
+        arrival = self._down.arrival(at, 26)
+        if arrival is not None:
+            self._at(arrival, lambda now: self._hear(pitch, roll, yaw, now))
+
+    def _hear(self, pitch: float, roll: float, yaw: float, at: float) -> None:
         if self._autopilot is not None:
-            self._autopilot.estimator.advance(at)
-            self._autopilot.estimator.attitude_received(measured, pitch, roll, yaw)
+            estimator = self._autopilot.estimator
+            estimator.advance(at)
+            estimator.attitude_received(at - estimator.line.attitude_age, pitch, roll, yaw)
 
     def _control(self, at: float) -> None:
         self._at(at + CONTROL_PERIOD, self._control)
@@ -198,7 +202,7 @@ class Rig:
                 self.record.landing = self._landing.phase
             sticks = self._autopilot.sticks(goal, at)
             gas = sticks.throttle + 127.0
-            estimator.sent(StickCommand(at + WIRE_TIME, sticks.pitch, sticks.roll, sticks.yaw, gas))
+            estimator.sent(StickCommand(at, sticks.pitch, sticks.roll, sticks.yaw, gas))
             self._send(sticks, at)
             self.record.estimates.append(believed.position - self._place(at))
         self._keep(goal, at)
@@ -214,7 +218,7 @@ class Rig:
     def _send(self, sticks: AutopilotSticks, at: float) -> None:
         arrival = self._up.arrival(at, 18)
         if arrival is not None:
-            self._at(arrival, lambda now: self._hold(sticks))
+            self._at(arrival + BOARD_TIME, lambda now: self._hold(sticks))
 
     def _hold(self, sticks: AutopilotSticks) -> None:
         self._held = sticks

@@ -66,14 +66,10 @@ class AirframeConfig(Section):
 class LoopConfig(Section):
     """What the parameter set does not say about the attitude loop."""
 
-    rate_lag: float = Field(default=0.040, ge=0.01, le=0.2)
+    rate_lag: float = Field(default=0.022, ge=0.01, le=0.2)
     """Lag of the closed pitch and roll rate loops [s]."""
     yaw_torque_lag: float = Field(default=0.06, ge=0.01, le=0.5)
     """Lag of the yaw torque behind the yaw rate loop [s]: with the loop's gains a step overshoots by 40 %."""
-    leak_dead_band_deg: float = Field(default=0.35, ge=0.0)
-    """Difference between gyro angle and accelerometer angle that is not corrected [deg]."""
-    leak_slew_deg: float = Field(default=12.8, gt=0.0)
-    """Fastest correction towards the accelerometer [deg/s]."""
     truncate_sticks: bool = True
     """Integer arithmetic of the stick filter: a growing stick stalls up to 3/Stick_P counts short."""
     compass_lock: bool = True

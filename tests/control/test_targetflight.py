@@ -11,6 +11,7 @@ import pytest
 from lab.control.camera import CameraModel, rotation_of
 from lab.control.corerig import CoreRig, stamp
 from lab.control.flights import Flight
+from lab.control.radio import RadioModel
 from lab.control.rig import Rig, believed_model
 from mkdaemon.config.autopilot import AutopilotConfig
 from mkdaemon.control.actions import (
@@ -281,7 +282,7 @@ def test_a_velocity_setpoint_turns():
 
 @pytest.mark.parametrize("gain", [0.67, 1.49])
 def test_an_aircraft_whose_sticks_ask_for_another_tilt_than_its_model_says_is_held(gain):
-    true = believed_model(AttitudeGains.from_parameters(**EASY))
+    true = believed_model(AttitudeGains.from_parameters(**EASY), RadioModel())
     model = replace(true, rad_per_count=true.rad_per_count / gain)
     rig = Rig(Flight(seed=506, wind=WindClass.LIGHT, seconds=9.0, model=model))
     record = rig.fly()

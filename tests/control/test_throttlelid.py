@@ -159,11 +159,22 @@ class Pinned(Capped):
 
     lid, begins, ends = -1.0, 4.0, 12.0
 
+    def __init__(self, flight):
+        super().__init__(flight)
+        self.known, self.was_known = set(), False
+
+    def _control(self, at):
+        if self.was_known:
+            self.known.add(at)
+        super()._control(at)
+        self.was_known = self.core._output.lid.use.cap is not None
+
     def sent(self, start, end):
+        """Throttles that were made when the lid was known: it takes 0.4 s to know one."""
         return [
             action.counts.throttle
             for at, action in self.actions
-            if isinstance(action, SendSticks) and start <= at < end
+            if isinstance(action, SendSticks) and start <= at < end and at in self.known
         ]
 
 

@@ -286,8 +286,9 @@ class SetpointStream:
         from mkdaemon.telemetry.control import Phase
 
         status = self._status
-        is_aborted = status is not None and status.phase is Phase.ABORTED
-        return is_aborted and status is not None and status.aborts != self._setpoints.after_abort
+        if status is None or status.phase is not Phase.ABORTED:
+            return False
+        return status.aborts != self._setpoints.after_abort
 
     def _require_not_aborted(self, kind: str) -> None:
         if self._is_aborted:

@@ -66,7 +66,7 @@ from mkdaemon.control.pacing import Pacing
 from mkdaemon.control.patience import LinePatience
 from mkdaemon.control.preflight import Preflight
 from mkdaemon.control.reports import Reports
-from mkdaemon.control.sight import ATTITUDE_LATENCY, Sight, checked_view
+from mkdaemon.control.sight import Sight, checked_view
 from mkdaemon.control.vehicle import VehicleFacts, VehicleMemory
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.control import ControlLine, Gains, LeaseState, Obstacle, Phase
@@ -128,7 +128,7 @@ class FlightCore:
             ActiveSetRead: self._active_set_read,
             LineChanged: self._line_changed,
             LinkVerdict: self._link_judged,
-            LinkMeasured: _noted(lambda event, now: facts.link_measured(event.health)),
+            LinkMeasured: self._link_measured,
             FrameSent: _noted(lambda event, now: self._output.frame_sent(event.number)),
             FrameConfirmed: _noted(lambda event, now: self._output.frame_confirmed(event.number)),
             FrameNotSent: _noted(lambda event, now: self._reports.frame_not_sent(event.error, now)),
@@ -240,7 +240,7 @@ class FlightCore:
         self._facts.state_received(value, now)
         if isinstance(value, Attitude):
             self._sight.attitude_received(value)
-            self._preflight.motion.attitude_received(now - ATTITUDE_LATENCY, value.pitch, value.roll)
+            self._preflight.motion.attitude_received(now - self._sight.attitude_age, value.pitch, value.roll)
         elif isinstance(value, Pilot) and value.is_gate_open is not None:
             self._sight.answer.gate_reported(now, is_open=value.is_gate_open)
         return NOTED
@@ -290,6 +290,11 @@ class FlightCore:
     def _link_judged(self, event: LinkVerdict, now: float) -> Reply:
         self._facts.link_changed(event.state)
         return self._line_changed(LineChanged(self._line), now)
+
+    def _link_measured(self, event: LinkMeasured, now: float) -> Reply:
+        self._facts.link_measured(event.health)
+        self._sight.link_measured(event.health)
+        return NOTED
 
     def _guard_changed(self, event: GuardChanged, now: float) -> Reply:
         """Without the guard nobody gets a lease, and who flies flies on."""

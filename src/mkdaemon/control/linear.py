@@ -16,6 +16,8 @@ Array = npt.NDArray[np.float64]
 
 _TERMS: Final = 12
 """Terms of the Taylor series; with a norm below one half the rest is below 1e-13."""
+ROUNDED: Final = 1e-9
+"""A loop whose slowest motion lasts longer than a thousand million steps is one that never ends, rounded."""
 _DOUBLINGS: Final = 60
 """Most steps of the doubling algorithm; it converges quadratically, in about ten."""
 
@@ -76,7 +78,7 @@ def regulator_gain(f: Array, g: Array, state_cost: Array, input_cost: Array) -> 
             break
         if np.abs(step).max() <= 1e-12 * np.abs(q).max():
             gain = np.asarray(np.linalg.solve(input_cost + g.T @ q @ g, g.T @ q @ f), dtype=np.float64)
-            if spectral_radius(f - g @ gain) < 1.0:
+            if spectral_radius(f - g @ gain) < 1.0 - ROUNDED:
                 return gain
             break
     msg = "no gain stabilises this system"

@@ -18,11 +18,14 @@ from mkdaemon.control.limiter import StickCounts
 from mkdaemon.control.linear import Array
 from mkdaemon.frames import rotation_from_quaternion
 from mkdaemon.telemetry.control import EstimateValue
+from mkdaemon.telemetry.link import LinkHealth
 from mkdaemon.telemetry.state import AngleScale, Attitude
 from mkdaemon.telemetry.vision import VisionPose
 
-ATTITUDE_LATENCY: Final = 0.024
-"""How old an attitude is when it arrives [s]: the board's frame time and half the radio's latency; docs/control.md."""
+CONFIRMED_BY_CABLE: Final = 0.0125
+"""By cable a stick frame is confirmed so long after it was written [s], median; docs/lab/genuine.md."""
+ECHOED_BY_CABLE: Final = 0.0125
+"""By cable a link test is answered after so long [s], median; docs/lab/genuine.md."""
 SHOWN: Final = 1.13
 """What a FlightCtrl reports over the angle that its sticks ask for; docs/control.md, "The attitude loop"."""
 FORGOTTEN: Final = 5.0
@@ -64,6 +67,7 @@ class Sight:
         self.answer = AnswerWatch(self.model)
         self._is_answer_judged = self._is_others = False
         self._trusted_gas: float | None = None
+        self._added: float | None = None
         self._cfg = cfg
         self._last_view: TargetView | None = None
         self._sent: deque[StickCommand] = deque(maxlen=SENT_KEPT)
@@ -74,6 +78,24 @@ class Sight:
         if model != self.model:
             self.model, self.estimator = model, None
             self.answer = AnswerWatch(model)
+
+    def link_measured(self, health: LinkHealth) -> None:
+        """Take round trips of the line: half of what they are longer than a cable's is added to each way."""
+        for trips, by_cable in ((health.confirm, CONFIRMED_BY_CABLE), (health.echo, ECHOED_BY_CABLE)):
+            if trips.p50_ms is not None:
+                self._added = max(0.0, trips.p50_ms / 1000.0 - by_cable) / 2.0
+                return
+
+    @property
+    def attitude_age(self) -> float:
+        """How old an attitude is when it arrives, as far as is known [s]."""
+        return self._known_model().attitude_age
+
+    def _known_model(self) -> AircraftModel:
+        """The model that is flown by, or would be."""
+        if self.estimator is not None:
+            return self.estimator.model
+        return self.model if self._added is None else self.model.by_line(self._added)
 
     def stand(self, *, is_standing: bool) -> None:
         """Take what the flown manoeuvre knows: the estimate ends on the ground, and begins anew in the air."""
@@ -94,12 +116,13 @@ class Sight:
     def attitude_received(self, attitude: Attitude) -> None:
         """Take the attitude the boards report."""
         self.attitude = attitude
-        at = attitude.stamp.monotonic - ATTITUDE_LATENCY
+        at = attitude.stamp.monotonic - self.attitude_age
         scale = SHOWN if attitude.scale is AngleScale.FLIGHTCTRL else 1.0
         pitch, roll = attitude.pitch / scale, attitude.roll / scale
         self.answer.attitude_received(at, pitch, roll, says_something=self._is_answer_judged)
         if self.estimator is not None:
-            self.estimator.attitude_received(at, pitch, roll, attitude.yaw)
+            line_age = self.estimator.line.attitude_age
+            self.estimator.attitude_received(attitude.stamp.monotonic - line_age, pitch, roll, attitude.yaw)
             if self.answer.is_sure:
                 self._trusted_gas = self.estimator.hover_gas
 
@@ -132,8 +155,9 @@ class Sight:
             # What was believed of an aircraft that stood on the ground says nothing about its throttle.
             compass = 0.0 if self.attitude is None else self.attitude.yaw
             velocity = None if is_other else velocity_between(self._last_view, view)
+            self.estimator = None
             self.estimator = Estimator(
-                self.model, view, lifted_by or self.hover_gas, compass=compass, velocity=velocity
+                self._known_model(), view, lifted_by or self.hover_gas, compass=compass, velocity=velocity
             )
             for command in self._sent if lifted_by is not None else ():
                 self.estimator.sent(command)
@@ -219,6 +243,8 @@ def estimate_value(target: str, estimator: Estimator, now: float) -> EstimateVal
         is_nominal=estimator.is_nominal,
         stick_gain=estimator.stick_gain,
         stick_filter=estimator.model.stick_filter,
+        uplink=estimator.model.uplink,
+        attitude_age=estimator.model.attitude_age,
         contradicting=estimator.contradicting,
     )
 

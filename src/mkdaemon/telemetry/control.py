@@ -238,6 +238,10 @@ class EstimateValue(Telemetry):
     """Tilt that a stick count asks for, over the model's; found in flight, 1 while it may be the model's."""
     stick_filter: float = 0.0
     """Time constant of the FlightCtrl's stick filter [s]: that of its release, unless the flight shows another."""
+    uplink: float = 0.0
+    """From the moment a stick frame is written until the boards have it [s]: measured on the line, then in flight."""
+    attitude_age: float = 0.0
+    """Of a reported attitude when it arrives [s]: measured on the line, then in flight."""
     contradicting: tuple[str, ...] = ()
     """Cameras whose images contradict those of the others and are not used."""
 

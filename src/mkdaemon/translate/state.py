@@ -19,7 +19,7 @@ from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.state import Altitude, AngleScale, Battery
 from mkdaemon.translate.geometry import attitude
 from mkdaemon.translate.origin import Origin, State
-from mkdaemon.translate.osd import STICK_CENTRE, from_osd, pilot
+from mkdaemon.translate.osd import from_osd, pilot
 from mkdaemon.translate.osdsets import SetTranslator
 
 COARSE_AFTER = 0.5
@@ -31,8 +31,8 @@ _CHANNEL_HEIGHT = 5
 _CHANNEL_THROTTLE, _THROTTLE_SCALE = 7, 4.0
 _CHANNEL_MOTORS = slice(12, 16)
 _CHANNEL_FORK_STICK, _CHANNEL_FORK_GATE, _CHANNEL_FORK_CALIBRATED = 19, 25, 26
-"""Of a public fork: the throttle stick itself, whether the gate is open, and whether it is calibrated, as all are whose
-motors run. Stock firmware leaves them at 0."""
+"""Of a public fork: the throttle stick itself, 0..254, whether the gate is open, and whether it is calibrated, as all
+are whose motors run. Stock firmware leaves them at 0."""
 
 
 class StateTranslator:
@@ -126,7 +126,7 @@ def _from_debug(debug: DebugDataFc, origin: Origin) -> list[State]:
         is_low=None,
     )
     is_fork = bool(channels[_CHANNEL_FORK_CALIBRATED])
-    stick = channels[_CHANNEL_FORK_STICK] + STICK_CENTRE if is_fork else channels[_CHANNEL_THROTTLE] / _THROTTLE_SCALE
+    stick = float(channels[_CHANNEL_FORK_STICK]) if is_fork else channels[_CHANNEL_THROTTLE] / _THROTTLE_SCALE
     reported = pilot(
         origin,
         float(channels[_CHANNEL_RECEIVER]),

@@ -79,6 +79,7 @@ class FlightCore:
         self._emergency_until = 0.0
         self._flown = 0.0
         self._next_at = 0.0
+        self._frames = 0
         self.cells = 1 + int(aircraft.sensors.battery_voltage / _CELL_FULL)
         self.mixed = self.receiver = Sticks(0.0, 0.0, 0.0, -FULL)
         self.quality = 0
@@ -105,6 +106,7 @@ class FlightCore:
             self.quality = min(quality, self.quality + 2 * _QUALITY_STEP)
             self.receiver = Sticks.from_receiver(pilot)
             self.potis = read_potis(pilot)
+        self._frames += 1
         self._mix(parameters)
         return self._act_on_gesture(now, parameters, may_start=may_start)
 
@@ -228,7 +230,9 @@ class FlightCore:
             return MOTORS_OFF
         gas = self.gas(parameters)
         if self.emergency:
-            return StickInput(0.0, 0.0, 0.0, gas, motors_running=True, chain=self._chain(parameters))
+            return StickInput(
+                0.0, 0.0, 0.0, gas, motors_running=True, chain=self._chain(parameters), frame=self._frames
+            )
         mixed = self.mixed
         return StickInput(
             mixed.pitch,
@@ -238,6 +242,7 @@ class FlightCore:
             motors_running=True,
             height_control=self.height_control,
             chain=self._chain(parameters),
+            frame=self._frames,
         )
 
     def battery_is_low(self, parameters: Parameters) -> bool:

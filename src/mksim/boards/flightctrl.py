@@ -440,6 +440,7 @@ class FlightCtrl(FcBoard):
         while self._next_tick <= now:
             self._next_tick += SLOW_TICK
             self.core.tick(now, self.live)
+            self.collect()
             self.external.tick_until(now)
             self.motors.pass_time(now, running=self.core.running)
             self._set_sticks()

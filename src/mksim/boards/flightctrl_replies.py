@@ -126,8 +126,7 @@ def name(index: int) -> WireMessage:
 def attitude(board: FcBoard) -> WireMessage:
     """Build C."""
     sensors = board.aircraft.sensors
-    pitch = bounded(math.degrees(sensors.fc_angle_pitch) * 10.0 * _SHOWN)
-    roll = bounded(-math.degrees(sensors.fc_angle_roll) * 10.0 * _SHOWN)
+    pitch, roll = (bounded(math.degrees(angle) * 10.0 * _SHOWN) for angle in (board.collected[0], -board.collected[1]))
     heading = round(sensors.heading_deg * 10.0) % 3600
     if board.generation.attitude is AttitudeDataFcOld:
         return AttitudeDataFcOld(pitch=pitch, roll=roll, heading=heading, centroid=(0, 0, 0), reserved=(0,) * 5)
@@ -165,7 +164,12 @@ def debug(board: FcBoard) -> WireMessage:
     analog[24] = analog[5]
     if board.is_fork:
         sticks = core.mixed
-        analog[16:20] = [bounded(sticks.pitch), bounded(sticks.roll), bounded(sticks.yaw), bounded(sticks.throttle)]
+        analog[16:20] = [
+            bounded(sticks.pitch),
+            bounded(sticks.roll),
+            bounded(sticks.yaw),
+            bounded(sticks.throttle + FULL),
+        ]
         analog[25], analog[26] = int(core.controlled), int(core.calibrated)
     analog[29] = 255
     green = BoardStatus.FC | BoardStatus.BL

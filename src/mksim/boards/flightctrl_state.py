@@ -177,6 +177,7 @@ class FcBoard(BoardPort):
         core: what flies.
         rx: the receive interrupt.
         requests: replies asked for, and streams.
+        collected: pitch and roll as `C` tells them [rad]; it tells those of the cycle before.
         serial_channels: what `y` brought.
         has_companion: a NaviCtrl is on its SPI bus.
         companion_release: the NaviCtrl's release.
@@ -233,11 +234,20 @@ class FcBoard(BoardPort):
         self.core = FlightCore(self.generation, self.external, self.aircraft, calibrated=calibrated)
         self.rx = FcReceiver(self.generation.buffer)
         self.requests = FcRequests(compass_at=self.now)
+        self.collected = self._collecting = (0.0, 0.0)
         self.serial_channels = [-127] * 12
         self.forced_heading: int | None = None
         self.bridged = False
         self.blocked_until = 0.0
         self.keeps_buffer = False
+
+    def collect(self) -> None:
+        """Every 20 ms the angles for the SPI bus are collected; `C` tells them a cycle later: 30 ms old by cable.
+
+        Source: docs/lab/genuine.md.
+        """
+        sensors = self.aircraft.sensors
+        self.collected, self._collecting = self._collecting, (sensors.fc_angle_pitch, sensors.fc_angle_roll)
 
     def cut(self, at: float) -> None:
         """Give up the frame being sent, but for the character on the line."""

@@ -2,12 +2,15 @@
 
 Per axis, with `u` the stick in radians of wanted tilt (docs/simulator.md, attitude loop; FlightCtrl 2.12a)::
 
-    us' = (u - us) / ts                    stick low-pass, FC >= 2.10 only
+    us  = (3 us + u) / 4                   stick low-pass, with every receiver frame, FC >= 2.10 only
     w   -> -a1 (th - us) - a2 z            through the lag of the rate loop;   z' = th - us
-    th' = w - (th - tacc) / ta             the FC's own idea of tilt; tacc is what the accelerometer calls down
+    th' = q trunc(w / q) - q trunc((th - tacc) / q ta)
 
-The last term is the leak: an accelerometer does not see gravity while the aircraft accelerates, so a constant command
-keeps tilting the aircraft while the FlightCtrl believes its angle is held.
+`th` is the FC's own idea of tilt, `tacc` what the accelerometer calls down. The last term is the leak: an accelerometer
+does not see gravity while the aircraft accelerates, so a constant command keeps tilting the aircraft while the
+FlightCtrl believes its angle is held. Gyro and leak are whole counts a loop (`COUNT`, q): nothing leaks below q ta,
+0.35 deg without a NaviCtrl, and half a count less above than a time constant of ta would let through. Noise of the
+accelerometer blurs the steps.
 """
 
 from __future__ import annotations
@@ -21,7 +24,14 @@ from mksim.config import LoopConfig
 LOOP_PERIOD: Final = 2.048e-3
 """Period of the FlightCtrl's control loop [s] (488 Hz)."""
 STICK_LAG: Final = 0.078
-"""Stick low-pass of FC >= 2.10: (3 old + new) / 4 at 22.5 ms frames [s]."""
+"""Mean delay of the stick low-pass of FC >= 2.10, (3 old + new) / 4 with every receiver frame of 22.5 ms: three frames,
+and the half frame that sticks wait for one [s]."""
+COUNT: Final = math.radians(1.0 / 1220.0) / LOOP_PERIOD
+"""One count of the integrated gyro a loop [rad/s]: 0.4 deg/s, the smallest rate and the smallest leak."""
+LEAK_MOST: Final = 32
+"""Largest leak [count a loop]; AUSGLEICH in FlightCtrl fc.c."""
+ACCELEROMETER_SHARE: Final = 0.25
+"""Of a new reading in the tilt of the accelerometer, (3 old + new) / 4 with every loop; FlightCtrl fc.c."""
 LEAK_SLOW: Final = 7.1
 """Time constant of the leak with a newer NaviCtrl [s]."""
 LEAK_FAST: Final = 0.885
@@ -147,13 +157,12 @@ class AxisLoop:
     __slots__ = (
         "_a1",
         "_a2",
-        "_dead_band",
-        "_decay",
+        "_is_filtered",
         "_lag",
+        "_leak_step",
+        "_leaned",
         "_rad_per_count",
-        "_slew",
-        "_stall",
-        "_ta",
+        "_stick_p",
         "_truncate",
         "acceleration",
         "believed",
@@ -163,34 +172,41 @@ class AxisLoop:
 
     def __init__(self, gains: AttitudeGains, config: LoopConfig) -> None:
         self._lag = config.rate_lag
-        self._dead_band = math.radians(config.leak_dead_band_deg)
-        self._slew = math.radians(config.leak_slew_deg)
         self._truncate = config.truncate_sticks
+        self._leaned = 0.0
         self.stick = self.believed = self.integral = self.acceleration = 0.0
         self.set_gains(gains)
 
     def set_gains(self, gains: AttitudeGains) -> None:
         """Fly on with another parameter set."""
-        self._a1, self._a2, self._ta = gains.a1, gains.a2, gains.ta
+        self._a1, self._a2 = gains.a1, gains.a2
         self._rad_per_count = gains.rad_per_count
-        self._decay = 1.0 - math.exp(-LOOP_PERIOD / gains.ts) if gains.ts else 1.0
-        # (3 old + new) / 4 in whole units of count * Stick_P stops up to 3 units short of a growing target
-        self._stall = 3.0 / gains.stick_p if self._truncate and gains.ts else 0.0
+        self._stick_p = gains.stick_p
+        self._is_filtered = gains.ts > 0.0
+        self._leak_step = COUNT * gains.ta
 
-    def update(self, stick: float, rate: float, leaned: float, coupling: float, *, flying: bool) -> None:
+    def take_stick(self, stick: float) -> None:
+        """Take the stick of a receiver frame [count], positive towards positive tilt.
+
+        The low-pass counts in whole units of count * Stick_P: a growing stick stalls up to 3 units short.
+        """
+        if not self._is_filtered:
+            self.stick = stick
+        elif self._truncate:
+            units = round(self.stick * self._stick_p)
+            self.stick = int((3 * units + stick * self._stick_p) / 4.0) / self._stick_p
+        else:
+            self.stick = (3.0 * self.stick + stick) / 4.0
+
+    def update(self, rate: float, leaned: float, coupling: float, *, flying: bool) -> None:
         """Advance by one loop period.
 
         Args:
-            stick: [count], positive towards positive tilt.
             rate: gyro on this axis [rad/s].
             leaned: tilt the accelerometer shows, `tacc` [rad].
             coupling: rate this axis gains from yawing while tilted [rad/s].
             flying: the integral works; on the ground the FlightCtrl holds it at zero.
         """
-        short = stick - self.stick
-        if -self._stall < short < self._stall and short * stick > 0.0:
-            short = 0.0
-        self.stick += short * self._decay
         error = self.believed - self.stick * self._rad_per_count
         integral = self.integral
         wanted = -self._a1 * error - self._a2 * integral
@@ -200,11 +216,11 @@ class AxisLoop:
             self.integral = max(-_INTEGRAL_LIMIT, min(_INTEGRAL_LIMIT, integral))
         else:
             self.integral = 0.0
-        apart = self.believed - leaned
-        leak = 0.0
-        if apart > self._dead_band or apart < -self._dead_band:
-            leak = max(-self._slew, min(self._slew, apart / self._ta))
-        self.believed += (rate + coupling - leak) * LOOP_PERIOD
+        self._leaned += (leaned - self._leaned) * ACCELEROMETER_SHARE
+        counts = int((self.believed - self._leaned) / self._leak_step)
+        leak = COUNT * max(-LEAK_MOST, min(LEAK_MOST, counts))
+        turned = COUNT * int(rate / COUNT)
+        self.believed += (turned + coupling - leak) * LOOP_PERIOD
 
 
 class YawLoop:

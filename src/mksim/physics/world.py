@@ -98,6 +98,7 @@ class StickInput:
         motors_running: armed.
         height_control: gas is a climb-rate stick.
         chain: how gas becomes a motor set point.
+        frame: counts the receiver frames with which they were sampled; None samples with the world's own.
     """
 
     pitch: float
@@ -107,6 +108,7 @@ class StickInput:
     motors_running: bool
     height_control: bool = False
     chain: GasChain = FACTORY_CHAIN
+    frame: int | None = None
 
 
 MOTORS_OFF: Final = StickInput(0.0, 0.0, 0.0, 0.0, motors_running=False)
@@ -187,6 +189,7 @@ class World:
         self._view = FlightView(self._airframe, self._pitch, self._roll, self._gains, self._battery)
         self._away: tuple[float, float] | None = None
         self._lean = (0.0, 0.0)
+        self._frame: int | None = None
         self.sensors.update_slow(self._airframe, self._battery, 0.0)
         self.sensors.update_inertial(self._airframe)
         self._yaw = YawLoop(self._gains, cfg.loop, self.sensors.compass_yaw)
@@ -264,8 +267,13 @@ class World:
         leaned_pitch, leaned_roll = -sensors.acc_x * scale, sensors.acc_y * scale
         pitch_coupling, roll_coupling = -rate_z * roll.believed, rate_z * pitch.believed
         navi_pitch, navi_roll = self._lean
-        pitch.update(sticks.pitch + navi_pitch, sensors.gyro_y, leaned_pitch, pitch_coupling, flying=flying)
-        roll.update(navi_roll - sticks.roll, sensors.gyro_x, leaned_roll, roll_coupling, flying=flying)
+        is_new = self._step % _RC_STEPS == 0 if sticks.frame is None else sticks.frame != self._frame
+        if is_new:
+            self._frame = sticks.frame
+            pitch.take_stick(sticks.pitch + navi_pitch)
+            roll.take_stick(navi_roll - sticks.roll)
+        pitch.update(sensors.gyro_y, leaned_pitch, pitch_coupling, flying=flying)
+        roll.update(sensors.gyro_x, leaned_roll, roll_coupling, flying=flying)
         yaw.update(sticks.yaw, rate_z, sensors.compass_yaw, flying=flying)
         if not running:
             self._height_control.switch_off()

@@ -40,16 +40,16 @@ HORIZONTAL = {
     # The board's tilt turns with the rate, and leaks to what its accelerometers show: what pushes less drag, crooked.
     (TH, W): 1.0,
     (TH, TH): -1.0 / 0.885,
-    (TH, V): 0.35 / G / 0.885,
-    (TH, D): -1.0 / G / 0.885,
+    (TH, V): 0.9 * 0.35 / G / 0.885,
+    (TH, D): -0.9 / G / 0.885,
     (TH, B): 1.0 / 0.885,
     (Z, TH): 1.0,
     (Z, US): -1.0,
     # The rate follows a proportional and an integral part of the error of the board's tilt.
-    (W, TH): -3.10 / 0.04,
-    (W, US): 3.10 / 0.04,
-    (W, Z): -3.33 / 0.04,
-    (W, W): -1.0 / 0.04,
+    (W, TH): -3.10 / 0.022,
+    (W, US): 3.10 / 0.022,
+    (W, Z): -3.33 / 0.022,
+    (W, W): -1.0 / 0.022,
     (US, US): -1.0 / 0.078,
 }
 VERTICAL = {(H, S): 1.0, (S, F): G, (S, E): 1.0, (S, S): -0.35, (F, F): -1.0 / 0.060}
@@ -97,7 +97,7 @@ def test_the_set_easy_is_the_aircraft_that_is_flown_where_none_is_known():
         ({"stick_yaw_p": 8}, "yaw_linear", 2.0),
         ({"stick_yaw_p": 8}, "yaw_square", 2.0),
         ({"has_slow_leak": True}, "leak", 7.1 / 0.885),
-        ({"has_stick_filter": False}, "stick_filter", 0.004 / 0.078),
+        ({"has_stick_filter": False}, "stick_filter", 0.0113 / 0.078),
     ],
 )
 def test_each_parameter_acts_as_in_the_firmware(change, name, factor):
@@ -125,7 +125,7 @@ def test_a_rate_that_one_count_gives_is_no_stick():
 
 def test_an_aircraft_has_the_other_filter_twice():
     other = MODEL.with_other_filter()
-    assert other.stick_filter == 0.004
+    assert other.stick_filter == 0.0113
     assert other.with_other_filter() == MODEL
 
 

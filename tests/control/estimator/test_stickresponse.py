@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,8 +15,12 @@ from mkdaemon.control.linear import discretise
 MODEL = AircraftModel()
 
 
-def flown(gain, *, size=0.08, seconds=5.0, late=0.024, hold=0.0, model=MODEL, aircraft=MODEL, wind=0.0, start=0.0):
-    """What is found of an aircraft whose sticks ask for so much more tilt than the model's."""
+def flown(gain, *, size=0.08, seconds=5.0, late=0.024, hold=0.0, model=MODEL, aircraft=MODEL, wind=0.0, start=0.0,
+          stamped=None, lost=(9.0, 9.0)):  # fmt: skip
+    """What is found of an aircraft whose sticks ask for so much more tilt than the model's.
+
+    Its reports come `late`, and are taken to be of the time `stamped` before; sticks of the time `lost` do not act.
+    """
     a, b = np.zeros((4, 4)), np.zeros((4, 1))
     a[0, 0], a[0, 2] = -1.0 / aircraft.leak, 1.0
     a[1, 0], a[1, 3] = 1.0, -1.0
@@ -23,15 +28,17 @@ def flown(gain, *, size=0.08, seconds=5.0, late=0.024, hold=0.0, model=MODEL, ai
     a[3, 3], b[3, 0] = -1.0 / aircraft.stick_filter, 1.0 / aircraft.stick_filter
     f, g = discretise(a, b, STEP)
     found, state = StickResponse(model, start), np.zeros((2, 4))
-    reports = []
+    reports, acting = [], np.zeros(2)
     for k in range(round(seconds / STEP)):
         now = k * STEP
         asked = size * np.array([math.sin(2.0 * now), math.cos(3.0 * now)])
         found.sent(start + now, asked)
-        state = state @ f.T + gain * asked[:, None] * g[:, 0]
+        acting = acting if lost[0] <= now < lost[1] else asked
+        state = state @ f.T + gain * acting[:, None] * g[:, 0]
         reports.append((start + now + STEP, state[:, 0] + wind))
         if k % 2 == 0 and now > late + hold:
-            found.attitude_received(*reports[-1 - round(late / STEP)])
+            at, tilt = reports[-1 - round(late / STEP)]
+            found.attitude_received(at + (0.0 if stamped is None else late - stamped), tilt)
     return found
 
 
@@ -63,9 +70,9 @@ def test_a_gain_is_found_although_wind_moves_the_believed_tilt():
 
 @pytest.mark.parametrize("gain", [0.7, 1.0, 1.4])
 @pytest.mark.parametrize("model", [MODEL, MODEL.with_other_filter()])
-def test_the_stick_filter_that_the_aircraft_has_is_found_within_a_second(model, gain):
+def test_the_stick_filter_that_the_aircraft_has_is_found_within_a_second_of_reports(model, gain):
     for aircraft in (MODEL, MODEL.with_other_filter()):
-        found = flown(gain, seconds=1.2, model=model, aircraft=aircraft)
+        found = flown(gain, seconds=1.4, model=model, aircraft=aircraft)
         assert found.has_other_filter == (aircraft != model)
         assert found.measured == pytest.approx(gain, abs=0.06)
 
@@ -117,13 +124,15 @@ def test_the_last_stick_acts_until_the_next():
     found = StickResponse(MODEL, 0.0)
     found.sent(0.0, np.array([0.1, 0.0]))
     found.attitude_received(0.5, np.zeros(2))
-    tilted = found._expected[-1][1][0][0]
+    tilted = found._expected[-1][0][0]
     found.attitude_received(0.9, np.zeros(2))
-    assert found._expected[-1][1][0][0] > tilted > 0.01
+    assert found._expected[-1][0][0] > tilted > 0.01
 
 
 # -- by the frequency response of the loop --------------------------------------------------------------------------
 
+AS_BELIEVED = 3
+"""Place of the hypothesis that the line is as late as it is believed to be."""
 MEMORY, SLOW = 4.0, 0.7
 """What is older counts less than a third; what changes more slowly is left out: docs/control.md, "Estimator" [s]."""
 
@@ -159,9 +168,9 @@ def test_motion_is_remembered_by_its_size_with_both_filters_for_four_seconds(fre
     found = swung(size, gain=gain, frequencies=frequencies)
     for k, model in enumerate((MODEL, MODEL.with_other_filter())):
         swings = [size * abs(believed(model, frequency)) for frequency in frequencies]
-        assert found._squares[k] == pytest.approx(MEMORY * sum(swing**2 / 2.0 for swing in swings), rel=0.08)
-    assert found._products[0] == pytest.approx(gain * found._squares[0], rel=0.02)
-    assert found._reported == pytest.approx(gain**2 * found._squares[0], rel=0.02)
+        assert found._squares[k, AS_BELIEVED] == pytest.approx(MEMORY * sum(swing**2 / 2.0 for swing in swings), rel=0.08)
+    assert found._products[0, AS_BELIEVED] == pytest.approx(gain * found._squares[0, AS_BELIEVED], rel=0.02)
+    assert found._reported == pytest.approx(gain**2 * found._squares[0, AS_BELIEVED], rel=0.02)
     assert found.measured == pytest.approx(gain, rel=0.02)
 
 
@@ -219,9 +228,9 @@ def test_of_a_long_silence_one_second_is_computed():
     found.sent(0.0, np.array([0.1, 0.0]))
     found.attitude_received(0.3, np.zeros(2))
     found.attitude_received(0.9, np.zeros(2))
-    assert found._expected[-1][1][0][0] == pytest.approx(held_for(0.9), rel=0.01)
+    assert found._expected[-1][0][0] == pytest.approx(held_for(0.9), rel=0.01)
     found.attitude_received(100.0, np.zeros(2))
-    assert found._expected[-1][1][0][0] == pytest.approx(held_for(1.9), rel=0.01)
+    assert found._expected[-1][0][0] == pytest.approx(held_for(1.9), rel=0.01)
 
 
 def test_responses_are_kept_for_as_long_as_an_attitude_may_come_late():
@@ -229,3 +238,21 @@ def test_responses_are_kept_for_as_long_as_an_attitude_may_come_late():
     for k in range(1, 101):
         found.attitude_received(0.02 * k, np.zeros(2))
     assert found._expected[0][0] == pytest.approx(2.0 - 0.3, abs=0.015)
+
+
+@pytest.mark.parametrize("lag", [-0.02, 0.0, 0.02, 0.03])
+def test_what_the_line_delays_beyond_what_was_measured_is_found_with_the_filter(lag):
+    model = replace(MODEL, line_sd=0.02)
+    found = flown(1.0, model=model, late=0.06, stamped=0.06 - lag)
+    assert found.lag == pytest.approx(lag, abs=0.006)
+    assert not found.has_other_filter
+
+
+def test_without_motion_the_line_is_as_it_was_measured():
+    assert flown(1.0, size=0.0, late=0.06, stamped=0.03).lag == pytest.approx(0.0, abs=0.012)
+
+
+def test_sticks_that_were_lost_are_no_smaller_gain():
+    found, lost = flown(1.0, seconds=2.5, lost=(0.5, 0.8)), flown(0.6, seconds=2.5)
+    assert found.gain == 1.0
+    assert lost.gain == pytest.approx(0.6, abs=0.05)

@@ -19,6 +19,7 @@ from mksim.physics.attitude_loop import (
     AxisLoop,
     YawLoop,
 )
+from mksim.physics.pilot import RC_PERIOD
 from mksim.physics.world import DT, StartState, StickInput, World
 
 G = 9.81
@@ -82,7 +83,8 @@ def solve(name: str, *, stick_filter: bool, ta: float, drag: float = 0.35) -> li
     a[1, 4] = 1.0
     a[2, 4], a[2, 2], a[2, 0] = 1.0, -1.0 / ta, drag / G / ta
     a[3, 2], a[3, 5] = 1.0, -1.0
-    a[4, 2], a[4, 5], a[4, 3], a[4, 4] = -gains.a1 / 0.04, gains.a1 / 0.04, -gains.a2 / 0.04, -1.0 / 0.04
+    lag = LoopConfig().rate_lag
+    a[4, 2], a[4, 5], a[4, 3], a[4, 4] = -gains.a1 / lag, gains.a1 / lag, -gains.a2 / lag, -1.0 / lag
     ts = gains.ts or 1e-3
     a[5, 5], a[5, 6] = -1.0 / ts, 1.0 / ts
     values, vectors = np.linalg.eig(a)
@@ -136,10 +138,11 @@ def test_a_constant_command_tilts_as_on_the_genuine_firmware_where_the_accelerom
     for _ in range(round(4.0 / DT)):
         world.step(StickInput(18.0, 0.0, 0.0, 127.0, motors_running=True))
         tilts.append((math.degrees(world.truth.pitch), math.degrees(world.sensors.fc_angle_pitch)))
+    waited = RC_PERIOD / 2.0  # here the stick meets a receiver frame at once
     for when, tilt in GENUINE_TILT.items():
-        assert tilts[round(when / DT) - 1][0] == pytest.approx(tilt, abs=0.25)
+        assert tilts[round((when - waited) / DT) - 1][0] == pytest.approx(tilt, abs=0.15)
     for when, tilt in GENUINE_BELIEVED.items():
-        assert tilts[round(when / DT) - 1][1] == pytest.approx(tilt, abs=0.15)
+        assert tilts[round((when - waited) / DT) - 1][1] == pytest.approx(tilt, abs=0.15)
 
 
 def test_the_scale_of_the_accelerometer_is_drawn_once_per_seed() -> None:
@@ -181,35 +184,68 @@ def test_constant_command_with_ducts() -> None:
 @pytest.mark.parametrize(("count", "kept"), [(10.0, 9.5), (-10.0, -9.5), (1.0, 0.5)])
 def test_a_growing_stick_stalls_half_a_count_short(count: float, kept: float) -> None:
     loop = AxisLoop(gains_of("easy"), LoopConfig())
-    for _ in range(1000):
-        loop.update(count, 0.0, 0.0, 0.0, flying=True)
-    assert loop.stick == pytest.approx(kept, abs=0.02)
-    for _ in range(1000):
-        loop.update(0.0, 0.0, 0.0, 0.0, flying=True)
-    assert loop.stick == pytest.approx(0.0, abs=1e-6)
+    for _ in range(60):
+        loop.take_stick(count)
+    assert loop.stick == pytest.approx(kept, abs=1e-9)
+    for _ in range(60):
+        loop.take_stick(0.0)
+    assert loop.stick == 0.0
+
+
+def test_the_stick_filter_takes_a_quarter_of_every_receiver_frame_in_whole_units() -> None:
+    """FlightCtrl fc.c: stick = (3 stick + channel * Stick_P) / 4, Stick_P 6, truncated."""
+    loop = AxisLoop(gains_of("easy"), LoopConfig())
+    units = []
+    for _ in range(5):
+        loop.take_stick(11.0)
+        units.append(round(loop.stick * 6.0, 9))
+    assert units == [16, 28, 37, 44, 49]
 
 
 def test_old_firmware_takes_the_stick_as_it_is() -> None:
     loop = AxisLoop(gains_of("easy", stick_filter=False), LoopConfig())
-    loop.update(10.0, 0.0, 0.0, 0.0, flying=True)
+    loop.take_stick(10.0)
     assert loop.stick == 10.0
 
 
+def test_sticks_are_taken_with_the_receiver_frame_that_brought_them() -> None:
+    world = World(FlightConfig(wind=WindClass.NONE), seed=1, start=StartState(height=20.0))
+    for k in range(30):
+        world.step(StickInput(40.0, 0.0, 0.0, 125.0, motors_running=True, frame=1 if k < 20 else 2))
+        if k < 20:
+            assert world._pitch.stick == 10.0
+    assert world._pitch.stick == pytest.approx(105.0 / 6.0)
+
+
+COUNT_DEG = 1.0 / 1220.0 / DT
+"""One count a loop [deg/s]."""
+
+
 @pytest.mark.parametrize(
-    ("leaned_deg", "after_one_second"),
-    [(0.3, 0.0), (-0.3, 0.0), (3.0, 3.0 * (1 - math.exp(-1 / LEAK_FAST))), (40.0, 12.8), (-40.0, -12.8)],
+    ("leaned_deg", "counts"),
+    [(0.34, 0), (-0.34, 0), (0.37, 1), (-0.37, -1), (0.70, 1), (0.72, 2), (1.79, 5), (40.0, 32), (-40.0, -32)],
 )
-def test_leak_has_a_dead_band_and_a_slew(leaned_deg: float, after_one_second: float) -> None:
+def test_the_leak_is_a_whole_number_of_counts(leaned_deg: float, counts: int) -> None:
+    """A sixteenth of the difference in counts of 27 to 1220 a degree, truncated: 0.354 deg a count, 32 at most."""
     loop = AxisLoop(gains_of("easy"), LoopConfig())
-    for _ in range(round(1.0 / DT)):
-        loop.update(0.0, 0.0, math.radians(leaned_deg), 0.0, flying=True)
-    assert math.degrees(loop.believed) == pytest.approx(after_one_second, rel=0.01, abs=1e-9)
+    for _ in range(40):
+        before = loop.believed
+        loop.update(0.0, math.radians(leaned_deg) + before, 0.0, flying=True)  # the filtered one comes up to it
+    assert math.degrees(loop.believed - before) / DT == pytest.approx(counts * COUNT_DEG, abs=1e-9)
+
+
+@pytest.mark.parametrize(("rate_deg", "counts"), [(0.39, 0), (-0.39, 0), (0.41, 1), (-0.81, -2), (10.2, 25)])
+def test_the_gyro_is_integrated_in_whole_counts(rate_deg: float, counts: int) -> None:
+    loop = AxisLoop(gains_of("easy"), LoopConfig())
+    loop.update(math.radians(rate_deg), 0.0, 0.0, flying=True)
+    assert math.degrees(loop.believed) / DT == pytest.approx(counts * COUNT_DEG, abs=1e-9)
 
 
 def test_the_integral_rests_on_the_ground() -> None:
     loop = AxisLoop(gains_of("easy"), LoopConfig())
+    loop.take_stick(30.0)
     for _ in range(100):
-        loop.update(30.0, 0.0, 0.0, 0.0, flying=False)
+        loop.update(0.0, 0.0, 0.0, flying=False)
     assert loop.integral == 0.0
 
 

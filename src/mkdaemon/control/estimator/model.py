@@ -25,6 +25,7 @@ from typing import Final
 
 import numpy as np
 
+from mkdaemon.control.estimator.wholenumbers import WholeNumbers
 from mkdaemon.control.linear import Array, discretise
 
 GRAVITY: Final = 9.81
@@ -32,13 +33,30 @@ GRAVITY: Final = 9.81
 FC_PERIOD: Final = 2.048e-3
 """Period of the FlightCtrl's loop [s]; docs/firmware-notes.md, "Timing"."""
 STICK_FILTER: Final = 0.078
-"""Stick filter of FC >= 2.10 [s]: (3 old + new) / 4 at receiver frames of 22.5 ms."""
-NO_FILTER: Final = 0.004
-"""Stands for the missing stick filter of older firmware [s]: two periods of its loop."""
+"""Stick filter of FC >= 2.10 [s]: (3 old + new) / 4 at receiver frames of 22.5 ms, and half a frame of waiting."""
+NO_FILTER: Final = 0.0113
+"""Without it sticks wait for half a receiver frame [s]; FlightCtrl up to 2.08."""
 LEAK_FAST: Final = 0.885
 """Leak without a NaviCtrl or with 0.24 [s]; docs/simulator.md."""
 LEAK_SLOW: Final = 7.1
 """Leak with a newer NaviCtrl [s]."""
+LEAK_COUNT: Final = math.radians(1.0 / 1220.0) / FC_PERIOD
+"""The smallest leak there is, one count of the integrated gyro a loop [rad/s]: 0.4 deg/s; docs/lab/genuine.md."""
+LEAK_BLUR: Final = 0.4
+"""Noise of the accelerometers in what leaks, as a standard deviation [count]."""
+ACCELEROMETER_SCALE: Final = 0.9
+"""Tilt that the accelerometers show over that in which they are: 0.79 to 1 on boards of 170 to 216 counts a g."""
+CABLE_UPLINK: Final = 0.0045
+"""By cable a stick frame is in the firmware's memory so long after it was written [s]; docs/lab/genuine.md."""
+CABLE_AGE: Final = 0.030
+"""By cable an attitude is so old when it arrives [s]: the boards collect it every 20 ms, for their SPI bus;
+docs/lab/genuine.md."""
+UNMEASURED: Final = 0.009
+"""What a line adds to each where nobody measured it [s]: half of a radio's, so both cables and radios are near."""
+LEAST_LINE_SD: Final = 0.004
+"""Least doubt about the delay of a line that was measured [s]; a third of what it adds is more where it is slow."""
+SHORTEST: Final = 0.001
+"""No delay is shorter [s]."""
 YAW_DEAD_BAND: Final = 4.0
 """Yaw counts that do nothing; docs/firmware-notes.md."""
 P, V, T, TH, Z, W, US, D, B = range(9)
@@ -91,8 +109,10 @@ class AircraftModel:
         thrust_lag: `tm` [s].
         yaw_linear: yaw rate per count beyond the dead band [rad/s].
         yaw_square: yaw rate per squared count beyond it [rad/s].
-        uplink: time from the transmission of a stick frame to its effect [s]: 18 ms of radio and the mean wait of 11 ms
-            for a receiver frame; docs/firmware-notes.md, "Timing".
+        uplink: from the moment a stick frame is written until it is in the boards' memory [s]; how it waits for a
+            receiver frame there is a part of `stick_filter`.
+        attitude_age: of a reported attitude when it arrives [s].
+        line_sd: how well the sum of the last two is known before a flight, as a standard deviation [s].
 
     Raises:
         ValueError: a constant is not a positive number.
@@ -103,12 +123,14 @@ class AircraftModel:
     a2: float = 3.33
     leak: float = LEAK_FAST
     stick_filter: float = STICK_FILTER
-    rate_lag: float = 0.040
+    rate_lag: float = 0.022
     drag: float = 0.35
     thrust_lag: float = 0.060
     yaw_linear: float = math.radians(0.4)
     yaw_square: float = math.radians(0.0047 / 6 * 4)
-    uplink: float = 0.029
+    uplink: float = CABLE_UPLINK + UNMEASURED
+    attitude_age: float = CABLE_AGE + UNMEASURED
+    line_sd: float = UNMEASURED
 
     def __post_init__(self) -> None:
         if not all(math.isfinite(number) and number > 0.0 for number in astuple(self)):
@@ -164,6 +186,20 @@ class AircraftModel:
         """Return the same aircraft without its stick filter, or with one where it has none."""
         return replace(self, stick_filter=STICK_FILTER if self.stick_filter <= NO_FILTER else NO_FILTER)
 
+    def by_line(self, added: float) -> AircraftModel:
+        """Return the same aircraft at the end of a line that adds so much to a cable's delay, each way [s]."""
+        return replace(
+            self,
+            uplink=CABLE_UPLINK + added,
+            attitude_age=CABLE_AGE + added,
+            line_sd=max(LEAST_LINE_SD, added / 3.0),
+        )
+
+    def later(self, lag: float) -> AircraftModel:
+        """Return the same aircraft, sticks and reports together so much later [s]: nothing says which of them."""
+        uplink, age = (max(SHORTEST, delay + lag / 2.0) for delay in (self.uplink, self.attitude_age))
+        return replace(self, uplink=uplink, attitude_age=age)
+
     def yaw_stick(self, rate: float) -> float:
         """Return the stick that turns at a rate [rad/s], the inverse of the firmware's parabola; 0 below the dead band.
 
@@ -176,14 +212,34 @@ class AircraftModel:
         return math.copysign(YAW_DEAD_BAND + (root - self.yaw_linear) / (2.0 * self.yaw_square), rate)
 
     def horizontal(self, step: float) -> tuple[Array, Array]:
-        """Return transition (9, 9) and input (9,) of a horizontal axis over a step [s]."""
+        """Return transition (9, 9) and input (9,) of a horizontal axis over a step [s], its leak linear."""
+        a, b = self._level()
+        a[TH] += self._leaked() * -LEAK_COUNT
+        f, g = discretise(a, b, step)
+        return f, g[:, 0]
+
+    def counted(self, step: float) -> tuple[Array, Array, WholeNumbers]:
+        """Return transition (9, 9), input (9,) and leak of a horizontal axis over a step [s]: whole counts leak."""
+        a, b = self._level()
+        down = np.zeros((LEVEL_STATES, 1))
+        down[TH] = -LEAK_COUNT
+        f, g = discretise(a, np.concatenate([b, down], axis=1), step)
+        return f, g[:, 0].copy(), WholeNumbers(self._leaked(), g[:, 1].copy(), LEAK_BLUR)
+
+    def _leaked(self) -> Array:
+        """What the FlightCtrl counts of the state (9,): its tilt less that of its accelerometers [count]."""
+        row = np.zeros(LEVEL_STATES)
+        row[[TH, V, D, B]] = 1.0, -ACCELEROMETER_SCALE * self.drag / GRAVITY, ACCELEROMETER_SCALE / GRAVITY, -1.0
+        leaked: Array = row / (LEAK_COUNT * self.leak)
+        return leaked
+
+    def _level(self) -> tuple[Array, Array]:
+        """Rates (9, 9) and input (9, 1) of a horizontal axis without its leak."""
         a, b = np.zeros((LEVEL_STATES, LEVEL_STATES)), np.zeros((LEVEL_STATES, 1))
         a[P, V] = 1.0
         a[V, T], a[V, V], a[V, D] = GRAVITY, -self.drag, 1.0
         a[T, W] = 1.0
-        a[TH, W], a[TH, TH] = 1.0, -1.0 / self.leak
-        a[TH, V], a[TH, D] = self.drag / GRAVITY / self.leak, -1.0 / GRAVITY / self.leak
-        a[TH, B] = 1.0 / self.leak
+        a[TH, W] = 1.0
         a[Z, TH], a[Z, US] = 1.0, -1.0
         a[W, TH], a[W, US], a[W, Z], a[W, W] = (
             -self.a1 / self.rate_lag,
@@ -192,8 +248,7 @@ class AircraftModel:
             -1.0 / self.rate_lag,
         )
         a[US, US], b[US, 0] = -1.0 / self.stick_filter, 1.0 / self.stick_filter
-        f, g = discretise(a, b, step)
-        return f, g[:, 0]
+        return a, b
 
     def vertical(self, step: float) -> tuple[Array, Array]:
         """Return transition (4, 4) and input (4,) of the vertical axis over a step [s]."""

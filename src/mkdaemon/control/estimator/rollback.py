@@ -16,6 +16,7 @@ from typing import Final
 import numpy as np
 
 from mkdaemon.control.estimator.values import OLDEST
+from mkdaemon.control.estimator.wholenumbers import WholeNumbers
 from mkdaemon.control.linear import Array
 
 STEP: Final = 0.010
@@ -62,6 +63,7 @@ class _Slot:
     state: Array
     covariance: Array
     drive: Array
+    doubted: Array
     shifted: Array
     measurements: list[tuple[float, Measurement]] = field(default_factory=list)
 
@@ -78,24 +80,36 @@ class RollbackFilter:
         refused: measurements that are none: a value, row or moment that is not finite, a variance that is not positive.
     """
 
-    def __init__(self, f: Array, g: Array, noise: Array, states: Array, covariance: Array, now: float) -> None:
+    def __init__(
+        self,
+        f: Array,
+        g: Array,
+        noise: Array,
+        states: Array,
+        covariance: Array,
+        now: float,
+        counted: WholeNumbers | None = None,
+    ) -> None:
         """Begin at a moment.
 
         Args:
-            f: (n, n) transition over `STEP`.
+            f: (n, n) transition over `STEP`, without what is counted.
             g: (n,) input over `STEP`.
             noise: (n, n) process noise over `STEP`.
             states: (k, n) first states.
             covariance: (n, n) of each of them.
             now: [s; monotonic].
+            counted: feedback in whole counts; None for none.
         """
         self._noise = noise
+        self._counted = counted
         self._f, self._g, self._rate = f, g, _rate(f)
         self._first = math.floor(now / STEP)
         axes = len(states)
         self._undriven = np.zeros(axes)
         self._shifted = np.zeros(states.shape)
-        self._slots = [_Slot(states.copy(), np.repeat(covariance[None], axes, axis=0), self._undriven, self._shifted)]
+        covariances = np.repeat(covariance[None], axes, axis=0)
+        self._slots = [_Slot(states.copy(), covariances, self._undriven, self._undriven, self._shifted)]
         self._known = 0  # the last slot that holds what was measured before it
         self.rejected = 0
         self.dropped = 0
@@ -128,10 +142,10 @@ class RollbackFilter:
         self._come_forward(index)
         return self._state_of(self._slots[index])
 
-    def set_dynamics(self, f: Array, g: Array) -> None:
-        """Go on with another transition (n, n) and input (n,) over `STEP`."""
+    def set_dynamics(self, f: Array, g: Array, counted: WholeNumbers | None = None) -> None:
+        """Go on with another transition (n, n), input (n,) and counted feedback over `STEP`."""
         self._come_forward(len(self._slots) - 1)
-        self._f, self._g, self._rate = f, g, _rate(f)
+        self._f, self._g, self._rate, self._counted = f, g, _rate(f), counted
 
     def set_noise(self, noise: Array) -> None:
         """Go on with another process noise (n, n) over `STEP`."""
@@ -144,13 +158,13 @@ class RollbackFilter:
         self._shifted = self._shifted.copy()
         self._shifted[:, place] += amounts
 
-    def advance(self, drive: Array) -> None:
-        """Go one step forward under an input (k,)."""
+    def advance(self, drive: Array, doubted: Array | None = None) -> None:
+        """Go one step forward under an input (k,), whose variance (k,) is none where nothing is said."""
         self._come_forward(len(self._slots) - 1)
         slot = self._slots[-1]
-        slot.drive = drive
+        slot.drive, slot.doubted = drive, self._undriven if doubted is None else doubted
         state, covariance = self._predicted(slot)
-        self._slots.append(_Slot(state, covariance, self._undriven, self._shifted))
+        self._slots.append(_Slot(state, covariance, self._undriven, self._undriven, self._shifted))
         if len(self._slots) > MEMORY / STEP:
             del self._slots[0]
             self._first += 1
@@ -171,6 +185,8 @@ class RollbackFilter:
         state, covariance = self._state_of(slot), slot.covariance
         whole, pushed, grown = np.eye(len(self._f)), np.zeros(len(self._f)), np.zeros_like(self._noise)
         f, g, noise = self._f, self._g, self._noise
+        if self._counted is not None:  # nobody knows the state to a count then, and what is counted is linear
+            f = f + np.outer(self._counted.effect, self._counted.row)
         while steps:
             if steps % 2:
                 whole, pushed, grown = f @ whole, f @ pushed + g, f @ grown @ f.T + noise
@@ -178,7 +194,7 @@ class RollbackFilter:
             steps //= 2
         covariance = whole @ covariance @ whole.T + grown + variance * np.outer(pushed, pushed)
         covariance = (covariance + covariance.transpose(0, 2, 1)) / 2.0
-        self._slots = [_Slot(state @ whole.T, covariance, self._undriven, self._shifted)]
+        self._slots = [_Slot(state @ whole.T, covariance, self._undriven, self._undriven, self._shifted)]
         self._first, self._known = first, 0
 
     def measure(self, measurement: Measurement, doubt: Array | None = None) -> Array | None:
@@ -212,9 +228,12 @@ class RollbackFilter:
 
     def ahead(self, drives: Array) -> Array:
         """Return the states (k, n) after further steps under inputs (steps, k), without changing anything."""
-        state = self.states
+        state, covariances, counted = self.states, self.covariances, self._counted
         for drive in drives:
-            state = state @ self._f.T + drive[:, None] * self._g
+            after: Array = state @ self._f.T + drive[:, None] * self._g
+            if counted is not None:
+                after += counted.linearised(state, covariances)[0][:, None] * counted.effect
+            state = after
         return state
 
     def _come_forward(self, to: int) -> None:
@@ -234,8 +253,15 @@ class RollbackFilter:
         return slot.state
 
     def _predicted(self, slot: _Slot) -> tuple[Array, Array]:
-        state = self._state_of(slot) @ self._f.T + slot.drive[:, None] * self._g
-        return state, self._f @ slot.covariance @ self._f.T + self._noise
+        before, counted = self._state_of(slot), self._counted
+        state = before @ self._f.T + slot.drive[:, None] * self._g
+        noise = self._noise + slot.doubted[:, None, None] * (self._g[:, None] * self._g)
+        if counted is None:
+            return state, self._f @ slot.covariance @ self._f.T + noise
+        counts, slopes = counted.linearised(before, slot.covariance)
+        f = self._f + slopes[:, None, None] * (counted.effect[:, None] * counted.row)
+        state += counts[:, None] * counted.effect
+        return state, f @ slot.covariance @ f.transpose(0, 2, 1) + noise
 
     def _corrected(self, slot: _Slot, offset: float, measurement: Measurement) -> Array:
         """Correct a slot; inside a step the state moves as its rate says, so the row is carried back to its start."""

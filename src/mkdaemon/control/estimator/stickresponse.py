@@ -1,12 +1,18 @@
 """How the aircraft answers its sticks, over what its model says: found in the first seconds of a flight.
 
 The FlightCtrl makes the tilt that it believes, and reports, follow its sticks. What it reports is compared with what
-the model of its loop says that it should report after the sticks that were sent, with the stick filter and without.
-The filter whose response leaves less over is the aircraft's; the factor on that response is the stick gain. What
-changes slowly is left out of both: wind and crooked accelerometers move the believed tilt too. The boards report 0.89
-to 1.13 of what they believe, so a gain that differs less than that from the model's is none.
+the model of its loop says that it should report after the sticks that were sent. The hypotheses are a bank: with the
+stick filter and without, each as late as the line is believed to be, and 30 ms earlier to 60 ms later. The factor on
+the response that leaves least over is the stick gain. What changes slowly is left out of all: wind and crooked
+accelerometers move the believed tilt too. The boards report 0.89 to 1.13 of what they believe, so a gain that differs
+less than that from the model's is none.
 
-Source: least squares with exponential forgetting, L. Ljung, "System Identification" (1999), section 11.2.
+A delay and a filter look alike; both have a prior, the delay by what was measured of the line before the flight. What
+one hypothesis leaves over is likely as its share of what the best leaves is: the noise is not known, and its scale is
+estimated with it.
+
+Source: least squares with exponential forgetting, L. Ljung, "System Identification" (1999), section 11.2; likelihood of
+a linear model with unknown noise, A. Gelman et al., "Bayesian Data Analysis" (2013), section 14.2.
 """
 
 from __future__ import annotations
@@ -21,7 +27,9 @@ from mkdaemon.control.estimator.model import AircraftModel
 from mkdaemon.control.linear import Array, discretise
 
 STEP: Final = 0.010
-"""Grid of the responses [s]."""
+"""Grid of the responses, and of the delays [s]."""
+LAGS: Final = np.arange(-3, 7) * STEP
+"""Delays of sticks and reports together, over what is believed of the line [s]."""
 MEMORY: Final = 4.0
 """What is older counts less than a third [s]."""
 SLOW: Final = 0.7
@@ -31,7 +39,9 @@ REACH: Final = 0.3
 LONGEST_GAP: Final = 1.0
 """After a longer silence of the boards only so much of it is computed [s]."""
 LEAST_MOTION: Final = math.radians(1.0)
-"""Mean tilt, as a root mean square over `MEMORY`, that says enough [rad]."""
+"""Mean tilt, as a root mean square over `MEMORY`, that says enough of filter and gain [rad]."""
+LEAST_LEFT: Final = math.radians(0.15)
+"""What any hypothesis leaves over [rad]: gusts, and the tenth of a degree in which boards report."""
 LEAST_CHANGE: Final = math.log(1.25)
 """Gains closer to the model's than a factor of 1.25 are the model's: the boards' own scale is no better known."""
 SETTLED: Final = 2.0
@@ -43,10 +53,14 @@ FIRST_CHANGE: Final = math.log(1.3)
 LIKELY: Final = (0.5, 2.0)
 """Gains that are believed."""
 FILTER_SEEN: Final = 0.7
-"""Before sticks have been sent for so long the filter is the model's [s]."""
-CLEARLY: Final = 2.0
-"""The other filter is believed when the one in use leaves this many times more over. In simulation it leaves 0.02 to
-0.98 times as much when it is right, 2.3 to 50 when it is not; docs/control.md, "Estimator"."""
+"""Before sticks have been sent for so long filter and delay are those believed before the flight [s]."""
+INDEPENDENT: Final = 10.0
+"""Independent residuals of both axes a second: what is left over stays for some 0.2 s."""
+GAIN_CLEARLY: Final = 4.0
+"""A gain is believed when it is so much likelier than the model's [nat]: sticks that were lost look like half an
+answer, which no gain explains."""
+CLEARLY: Final = 6.0
+"""The other filter is believed when it is so much likelier [nat]: where it leaves half as much for 1.7 s."""
 
 
 class StickResponse:
@@ -55,6 +69,7 @@ class StickResponse:
     Attributes:
         measured: gain over the model's; 1 before there was enough to see.
         has_other_filter: the aircraft has a stick filter where the model has none, or none where the model has one.
+        lag: delay of sticks and reports together, over what was believed of the line [s].
     """
 
     def __init__(self, model: AircraftModel, now: float) -> None:
@@ -64,58 +79,99 @@ class StickResponse:
         self._g = np.array([g for _, g in responses])[:, None, :]
         self._state = np.zeros((2, 2, 4))  # filter, axis, state
         self._time = now
-        self._expected: deque[tuple[float, Array]] = deque([(now, np.zeros((2, 2)))])
+        self._expected = np.zeros((round(REACH / STEP) + len(LAGS), 2, 2))  # newest last: time, filter, axis
         self._commands: deque[tuple[float, Array]] = deque([(-math.inf, np.zeros(2))])
+        self._reports: deque[tuple[float, Array]] = deque()
         self._keep = math.exp(-1.0 / MEMORY)
-        self._slow: Array | None = None  # of both responses and of what is reported, by axis (3, 2)
-        self._squares, self._products, self._reported = np.zeros(2), np.zeros(2), 0.0
+        self._slow: Array | None = None  # of what every hypothesis expects and of what is reported, by axis
+        self._squares, self._products = np.zeros((2, len(LAGS))), np.zeros((2, len(LAGS)))
+        self._reported = self._seen = 0.0
+        self._prior = -0.5 * (LAGS / model.line_sd) ** 2
         self._measured_at = now
         self._first_at = math.inf
+        self._is_clear = False
         self.measured = 1.0
         self.has_other_filter = False
+        self.lag = 0.0
 
     @property
     def gain(self) -> float:
-        """What to fly with: the measured gain, or 1 where that may be the boards' scale."""
+        """What to fly with: the measured gain, or 1 where that may be the boards' scale, or explains too little."""
         change = math.log(self.measured)
+        if not self._is_clear:
+            return 1.0
         if self._measured_at - self._first_at < SETTLED:
             return self.measured if change >= FIRST_CHANGE else 1.0
         return self.measured if abs(change) >= LEAST_CHANGE else 1.0
 
     def sent(self, acts_at: float, tilt: Array) -> None:
-        """Take sticks and when they act [s]: pitch and roll (2,) as the model would have them [rad]."""
+        """Take sticks and when they act as far as is believed of the line: pitch and roll (2,), by the model [rad]."""
         self._first_at = min(self._first_at, acts_at)
         self._commands.append((acts_at, tilt))
 
     def attitude_received(self, at: float, tilt: Array) -> None:
-        """Take what the boards reported of a moment [s]: pitch and roll (2,) [rad]."""
+        """Take what the boards reported of a moment, as far as is believed of the line: pitch and roll (2,) [rad].
+
+        It is compared when all sticks that act as much later as the line may be faster are known.
+        """
+        self._reports.append((at, tilt))
         self._advance(at)
-        expected = next((value for time, value in reversed(self._expected) if time <= at), None)
-        if expected is None:
+        while self._reports and self._reports[0][0] <= at + LAGS[0]:
+            self._compare(*self._reports.popleft())
+
+    def _compare(self, at: float, tilt: Array) -> None:
+        """Compare a report with what every hypothesis expects."""
+        newest = (at - self._time) / STEP + len(self._expected) - 1  # place of the moment itself
+        first = math.floor(newest)
+        place = first - np.arange(len(LAGS)) - round(float(LAGS[0]) / STEP)
+        if place[-1] < 0 or place[0] + 1 > len(self._expected):
             return
+        later = np.minimum(place + 1, len(self._expected) - 1)
+        share = newest - first
+        expected = (1.0 - share) * self._expected[place] + share * self._expected[later]  # lag, filter, axis
         passed = max(0.0, at - self._measured_at)
         keep, step = self._keep**passed, min(passed, 0.1)
         self._measured_at = max(self._measured_at, at)
-        signals = np.array([*expected, tilt])
+        signals = np.concatenate([expected.transpose(1, 0, 2).reshape(-1, 2), tilt[None]])
         slow = signals if self._slow is None else self._slow
         slow = self._slow = slow + (signals - slow) * (1.0 - math.exp(-passed / SLOW))
-        first, second, seen = signals - slow
-        self._squares = keep * self._squares + step * np.array([first @ first, second @ second])
-        self._products = keep * self._products + step * np.array([first @ seen, second @ seen])
+        fast = signals - slow
+        moved, seen = fast[:-1].reshape(2, len(LAGS), 2), fast[-1]
+        self._squares = keep * self._squares + step * (moved**2).sum(axis=2)
+        self._products = keep * self._products + step * (moved @ seen)
         self._reported = keep * self._reported + step * float(seen @ seen)
-        self._judge()
+        self._seen = keep * self._seen + step
+        if self._measured_at - self._first_at >= FILTER_SEEN:
+            self._judge()
+        self._take_gain()
 
     def _judge(self) -> None:
-        """Choose the filter, and take its gain."""
+        """Choose the filter, and weigh the delays."""
+        fitted = self._products.clip(min=0.0) ** 2 / np.maximum(self._squares, 1e-12)
+        left = np.maximum(self._reported - fitted, 0.0) + LEAST_LEFT**2 * self._seen
+        likelihood = -0.5 * INDEPENDENT * self._seen * np.log(left) + self._prior
+        best = likelihood.max(axis=1)
         chosen = int(self.has_other_filter)
-        if self._squares.min() <= LEAST_MOTION**2 * MEMORY:
-            return
-        if self._measured_at - self._first_at >= FILTER_SEEN:
-            left = self._reported - self._products**2 / self._squares
-            if left[chosen] > CLEARLY * max(left[1 - chosen], 0.0):
-                self.has_other_filter, chosen = not self.has_other_filter, 1 - chosen
-        gain = float(self._products[chosen] / self._squares[chosen])
-        self.measured = min(max(gain, LIKELY[0]), LIKELY[1])
+        if self._is_moving and best[1 - chosen] - best[chosen] > CLEARLY:
+            self.has_other_filter, chosen = not self.has_other_filter, 1 - chosen
+        weights = np.exp(likelihood[chosen] - best[chosen])
+        self.lag = float(weights @ LAGS / weights.sum())
+
+    @property
+    def _is_moving(self) -> bool:
+        return bool(self._squares.min() > LEAST_MOTION**2 * MEMORY)
+
+    def _take_gain(self) -> None:
+        if self._is_moving:
+            chosen = int(self.has_other_filter), int(np.abs(LAGS - self.lag).argmin())
+            squares, products = float(self._squares[chosen]), float(self._products[chosen])
+            gain = min(max(products / squares, LIKELY[0]), LIKELY[1])
+            least, as_model = (
+                self._reported - 2.0 * factor * products + factor**2 * squares + LEAST_LEFT**2 * self._seen
+                for factor in (gain, 1.0)
+            )
+            self.measured = gain
+            self._is_clear = 0.5 * INDEPENDENT * self._seen * math.log(as_model / least) > GAIN_CLEARLY
 
     def _advance(self, until: float) -> None:
         self._time = max(self._time, until - LONGEST_GAP)
@@ -125,9 +181,8 @@ class StickResponse:
             drive = self._commands[0][1]
             self._state = self._state @ self._f + drive[:, None] * self._g
             self._time += STEP
-            self._expected.append((self._time, self._state[:, :, 0].copy()))
-        while len(self._expected) > 1 and self._expected[0][0] < until - REACH:
-            self._expected.popleft()
+            self._expected[:-1] = self._expected[1:]
+            self._expected[-1] = self._state[:, :, 0]
 
 
 def _response(model: AircraftModel) -> tuple[Array, Array]:

@@ -46,20 +46,20 @@ class Tuning:
         patience: images refused one after the other before the filter doubts itself.
     """
 
-    velocity: float = 0.05
+    velocity: float = 0.03
     tilt: float = 0.001
     believed: float = 0.003
     integral: float = 0.001
     rate: float = 0.15
     filtered: float = 0.02
-    disturbance: float = 0.125
+    disturbance: float = 0.09
     level: float = 0.0005
     climb: float = 0.05
     thrust: float = 0.02
     vertical: float = 0.4
     attitude_sd: float = 0.004
     view_inflation: float = 1.2
-    view_floor: float = 0.004
+    view_floor: float = 0.003
     height_floor: float = 0.01
     tilt_floor: float = 0.01
     tilt_worst: float = 0.25
@@ -111,5 +111,5 @@ class Tuning:
 
 NOMINAL: Final = Tuning()
 """The parameter set is known and the innovations agree with it."""
-ROBUST: Final = Tuning(tilt=0.01, believed=0.015, rate=1.0, filtered=0.05, disturbance=0.3)
+ROBUST: Final = Tuning(velocity=0.05, tilt=0.01, believed=0.015, rate=1.0, filtered=0.05, disturbance=0.3)
 """Before that: images count for more, the model for less."""

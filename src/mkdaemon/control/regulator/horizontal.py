@@ -45,7 +45,7 @@ class HorizontalCosts:
 
 @lru_cache(maxsize=16)
 def _solve(model: AircraftModel, costs: HorizontalCosts) -> tuple[Array, float]:
-    """Gain (7,) and spectral radius; an autopilot is made at every tick until a flight begins, always on one model."""
+    """Gain (7,) and spectral radius; an autopilot is made at every tick until a flight begins, on the same aircraft."""
     f, g = model.horizontal(STEP)
     f, g = f[:7, :7], g[:7, None]
     weights = np.zeros(7)
@@ -71,7 +71,7 @@ class HorizontalRegulator:
         """
         self._model = model
         self._costs = costs
-        self.gain, self.radius = _solve(model, costs)
+        self.gain, self.radius = _solve(model.by_line(0.0), costs)
 
     def tilt(self, estimate: Estimate, reference: Reference) -> Array:
         """Return the tilt to ask for, towards x and y of the local frame (2,) [rad].

@@ -8,10 +8,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
 from mkdaemon.control.linear import Array
+
+BRAKING: Final = 0.65
+"""Share of the acceleration that braking plans with: the reference of a step of 1 m is at nine tenths after 1.7 s, and
+passes its goal by less than 2 %."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,8 +49,8 @@ class Reference:
     def move(self, goal: Array, limits: ReferenceLimits, step: float, *, goal_velocity: Array | float = 0.0) -> None:
         """Go on towards a goal for a time.
 
-        The speed towards the goal is what can still be braked away with half the acceleration, and falls off linearly
-        close to it.
+        The speed towards the goal is what can still be braked away with `BRAKING` of the acceleration, and falls off
+        linearly close to it.
 
         Args:
             goal: (n,) [m].
@@ -55,7 +60,7 @@ class Reference:
         """
         away = goal - self.position
         distance = float(np.linalg.norm(away))
-        braking = limits.acceleration * 0.5
+        braking = limits.acceleration * BRAKING
         near = 0.12 + braking * step
         slope = math.sqrt(2.0 * braking * near) / near
         speed = distance * slope if distance < near else math.sqrt(2.0 * braking * distance)
