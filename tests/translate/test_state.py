@@ -307,7 +307,7 @@ def test_the_throttle_comes_with_the_voltage_that_is_in_it_and_a_fork_tells_its_
     channels[7], channels[9], channels[12] = 4 * 108, 148, 100
     told = states(blank(DebugDataFc, analog=tuple(channels)), "fc")["state/pilot"]
     assert (told.throttle_in_use, told.compensated_at) == pytest.approx((-19.0, 14.8))
-    channels[19], channels[26] = -2, 1
+    channels[19], channels[26] = 125, 1  # FlightCtrl fc.c: StickGas = ChannelGas + 127
     told = states(blank(DebugDataFc, analog=tuple(channels)), "fc")["state/pilot"]
     assert (told.throttle_in_use, told.compensated_at) == (-2.0, None)
 

@@ -19,7 +19,7 @@ from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.state import Altitude, AngleScale, Battery
 from mkdaemon.translate.geometry import attitude
 from mkdaemon.translate.origin import Origin, State
-from mkdaemon.translate.osd import STICK_CENTRE, from_osd, pilot
+from mkdaemon.translate.osd import from_osd, pilot
 from mkdaemon.translate.osdsets import SetTranslator
 
 COARSE_AFTER = 0.5
@@ -126,7 +126,7 @@ def _from_debug(debug: DebugDataFc, origin: Origin) -> list[State]:
         is_low=None,
     )
     is_fork = bool(channels[_CHANNEL_FORK_CALIBRATED])
-    stick = channels[_CHANNEL_FORK_STICK] + STICK_CENTRE if is_fork else channels[_CHANNEL_THROTTLE] / _THROTTLE_SCALE
+    stick = float(channels[_CHANNEL_FORK_STICK]) if is_fork else channels[_CHANNEL_THROTTLE] / _THROTTLE_SCALE
     reported = pilot(
         origin,
         float(channels[_CHANNEL_RECEIVER]),
