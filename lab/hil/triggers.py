@@ -22,7 +22,7 @@ import numpy as np
 from lab.control.corerig import pose_of
 from lab.hil.aircraft import GenuineAircraft
 from lab.hil.build import built
-from lab.hil.flights import BOOTED, Setting, config_of
+from lab.hil.flights import Setting, config_of
 from lab.rigs.virtualguard import VirtualGuard
 from mkdaemon.clock import Clock
 from mkdaemon.config.link import LinkConfig
@@ -135,9 +135,7 @@ class Flight:
             *self.wiring.start(self.loop),
             asyncio.create_task(self._see()),
         ]
-        await self.until(lambda: self.loop.time() > BOOTED and self.world.is_armed)
-        await self.until(lambda: self.wiring.link.is_up and self.wiring.link.dialect.extern_control is not None)
-        await asyncio.sleep(1.0)
+        await self.until(self._is_ready)
         await self.bus.take_lease(CLIENT)
         self._jobs.append(asyncio.create_task(self._stream()))
         if await self.until(lambda: self.status is not None and self.status.is_done) is None:
@@ -145,6 +143,11 @@ class Flight:
         self.wanted = (PositionSetpoint, {"position": (0.0, 0.0, HEIGHT), "frame": SetpointFrame.PAD})
         self.world.change_wind(WindClass.LIGHT)
         await asyncio.sleep(4.0)
+
+    def _is_ready(self) -> bool:
+        """Motors run, the pilot's throttle is still at its lowest, and the boards are known."""
+        link, runs = self.wiring.link, self.wiring.facts.motors_running(self.loop.time())
+        return bool(link.is_up and link.dialect.extern_control is not None and runs)
 
     async def _stream(self) -> None:
         while True:
