@@ -20,14 +20,15 @@ TIMEOUT: Final = 0.25
 RADIO_TRIP: Final = 0.025
 """A shorter median round trip is a wire's [s]; a radio's shortest way there and back takes 26 ms."""
 PATTERNS: Final = (
-    "tx/nc/echo_request",
     "rx/nc/echo",
-    "tx/fc/version_request",
     "rx/fc/version",
-    "tx/*/extern_control",
     "rx/*/control_confirm",
+    "tx/nc/echo_request",
+    "tx/fc/version_request",
+    "tx/*/extern_control",
 )
-"""Keys of the frames that are followed."""
+"""Keys of the frames that are followed; they are subscribed one after the other, answers first: a question whose answer
+came before anybody listened would seem lost."""
 
 
 class ProbeKind(StrEnum):
