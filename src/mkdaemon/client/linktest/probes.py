@@ -69,11 +69,12 @@ class Ledger:
 
     Attributes:
         late: answers that came after the time-out.
+        stick_frames: sent, whether the board confirms any or not.
     """
 
     def __init__(self) -> None:
         """Begin; times are counted from the first frame that is seen."""
-        self.late = 0
+        self.late = self.stick_frames = 0
         self._began: float | None = None
         self._latest = 0.0
         self._is_open = True
@@ -156,6 +157,7 @@ class Ledger:
     def _sent(self, kind: ProbeKind, token: Hashable, now: float) -> None:
         if not self._is_open:
             return
+        self.stick_frames += kind is ProbeKind.CONTROL
         probe = _Open(kind, now)
         self._all.append(probe)
         self._waiting[kind, token] = probe
