@@ -6,7 +6,7 @@ STAMP := .venv/.prepared
 # Where it is set, each of the hundred programs that the tests start compiles every module anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test check bench figures hil docs venv install clean
+.PHONY: demo test check check-view bench figures hil docs venv install clean
 .DEFAULT_GOAL := demo
 
 demo: venv
@@ -24,6 +24,10 @@ check: venv
 	$(BIN)/lint-imports
 	$(BIN)/python -m tools.shape
 	$(BIN)/python -m tools.docs --check
+
+# The page of `mkctl view` in a real browser; names the package to install where there is none.
+check-view: venv
+	$(BIN)/python -m pytest -q -m browser tests/view
 
 bench: venv
 	$(BIN)/python -m lab protocol --json

@@ -5,7 +5,10 @@ from __future__ import annotations
 import gc
 import os
 import signal
+import sys
 from collections.abc import Iterator
+from contextlib import suppress
+from importlib import import_module
 from pathlib import Path
 
 os.environ["OPENBLAS_NUM_THREADS"] = "1"  # read when numpy is imported
@@ -15,9 +18,8 @@ import pytest
 import structlog
 from hypothesis import HealthCheck, settings
 
-from tests.bus.support import give_back_endpoints
 from tests.orphans import no_orphans
-from tests.places import DATA, REFERENCE
+from tests.places import DATA, REFERENCE, ROOT
 from tests.repeats import Repeats
 
 # A loaded machine is slow, not wrong: how long an example takes, or takes to draw, says nothing about the code.
@@ -37,14 +39,38 @@ signal.signal(signal.SIGTERM, signal.SIG_DFL)
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
+LONG = {"stories", "tools", "vision"}
+"""Folders with files that take long."""
+
+
 def pytest_configure(config: pytest.Config) -> None:
     config.pluginmanager.register(Repeats(), "repeats")
 
 
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection(session: pytest.Session) -> None:
+    """Each worker imports a share of the files first, and leaves them compiled, with asserts rewritten, to the others.
+
+    All of them collect every file, in one order: on a fresh clone each would compile it at the same time.
+    """
+    worker = getattr(session.config, "workerinput", {"workerid": "gw0", "workercount": 1})
+    folders = [Path(argument) for argument in session.config.args]
+    if worker["workercount"] == 1 or not all(folder.is_dir() for folder in folders):
+        return
+    gc.disable()
+    files = sorted(path.resolve() for folder in folders for path in folder.rglob("test_*.py"))
+    for path in files[int(worker["workerid"].removeprefix("gw")) :: worker["workercount"]]:
+        with suppress(Exception, pytest.skip.Exception):  # whoever collects the file reports it
+            import_module(".".join(path.relative_to(ROOT).with_suffix("").parts))
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Files that start whole programs come first: beside those that compute, what runs in real time comes too late."""
+    """Files that start whole programs come first: beside those that compute, what runs in real time comes too late.
+
+    Then come the folders whose files take long: at the end one process would work on such a file while others wait.
+    """
     slow = {item.path for item in items if item.get_closest_marker("flight")}
-    items.sort(key=lambda item: item.path not in slow)
+    items.sort(key=lambda item: (item.path not in slow, not LONG & set(item.path.parts)))
 
 
 def pytest_collectstart() -> None:
@@ -94,9 +120,10 @@ def logs() -> Iterator[None]:
 
 @pytest.fixture(scope="module", autouse=True)
 def endpoints() -> Iterator[None]:
-    """Endpoints are reserved until the end of a file's tests."""
+    """Endpoints are reserved until the end of a file's tests; who reserved none need not import the bus for that."""
     yield
-    give_back_endpoints()
+    if (support := sys.modules.get("tests.bus.support")) is not None:
+        support.give_back_endpoints()
 
 
 @pytest.fixture(scope="session")

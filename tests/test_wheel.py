@@ -40,6 +40,12 @@ def test_the_wheel_brings_the_sample_configurations(wheel):
     assert inside == {path.relative_to(CONFIGS).as_posix() for path in CONFIGS.rglob("*") if path.is_file()}
 
 
+def test_the_wheel_brings_the_page_of_the_viewer(wheel):
+    folder = ROOT / "src" / "mkdaemon" / "view" / "page" / "static"
+    inside = {name.rpartition("/")[2] for name in wheel.namelist() if "/view/page/static/" in name}
+    assert inside == {path.name for path in folder.iterdir()} != set()
+
+
 def test_the_wheel_has_both_programs_and_the_licence(wheel):
     programs = {name.rpartition("/")[2]: name for name in wheel.namelist() if ".data/scripts/" in name}
     assert programs.keys() == {"mkctl", "mkdaemon"}

@@ -25,6 +25,7 @@ from typing import Any, Final, NoReturn
 import pytest
 
 import mkdaemon
+from tools.statements import blocks_of
 
 PACKAGES: Final = ("bus", "control", "daemon", "link", "protocol", "replay", "translate")
 """Packages that fly, and the one that tells whether they fly as they did."""
@@ -38,8 +39,8 @@ Branch = tuple[int, int]
 """Line that decides, and line to which it goes."""
 
 
-class _Probing(ast.NodeTransformer):
-    """Puts a probe into every branch.
+class _Probing:
+    """Puts a probe into every branch. It looks into statements alone: branches in expressions are not counted.
 
     Attributes:
         branches: those found, in the order of their probes.
@@ -48,39 +49,54 @@ class _Probing(ast.NodeTransformer):
     def __init__(self) -> None:
         self.branches: list[Branch] = []
 
+    def visit(self, block: Iterable[ast.AST]) -> None:
+        """Put probes into what a block decides, and into the blocks inside it."""
+        for node in block:
+            match node:
+                case ast.If() | ast.While():
+                    if not _is_decided(node.test):
+                        self._decide(node)
+                case ast.For() | ast.AsyncFor():
+                    self._decide(node)
+                case ast.Match():
+                    self._match(node)
+            for inner in blocks_of(node):
+                self.visit(inner)
+
     def _probe(self, deciding: ast.stmt, body: list[ast.stmt]) -> list[ast.stmt]:
         """A branch with a probe in front of what it does."""
-        place = body[0] if body else deciding
-        probe = ast.parse(f"{PROBES}[{len(self.branches)}] = 1").body[0]
-        for node in ast.walk(probe):
-            ast.copy_location(node, place)
+        where = _place(body[0] if body else deciding)
+        probe = ast.Subscript(
+            ast.Name(PROBES, ast.Load(), **where), ast.Constant(len(self.branches), **where), ast.Store(), **where
+        )
         self.branches.append((deciding.lineno, body[0].lineno if body else 0))
-        return [probe, *body]
+        return [ast.Assign([probe], ast.Constant(1, **where), **where), *body]
 
-    def _decide(self, node: ast.If | ast.For | ast.AsyncFor | ast.While) -> ast.stmt:
-        test = None if isinstance(node, ast.For | ast.AsyncFor) else node.test
-        if not isinstance(test, ast.Constant) and not (isinstance(test, ast.Name) and test.id == "TYPE_CHECKING"):
-            node.body = self._probe(node, node.body)
-            node.orelse = self._probe(node, node.orelse)
-        self.generic_visit(node)
-        return node
+    def _decide(self, node: ast.If | ast.For | ast.AsyncFor | ast.While) -> None:
+        node.body = self._probe(node, node.body)
+        node.orelse = self._probe(node, node.orelse)
 
-    visit_If = visit_For = visit_AsyncFor = visit_While = _decide  # noqa: N815
-
-    def visit_Match(self, node: ast.Match) -> ast.stmt:
+    def _match(self, node: ast.Match) -> None:
         last = node.cases[-1]
         for case in node.cases:
             case.body = self._probe(node, case.body)
         if last.guard is not None or not isinstance(last.pattern, ast.MatchAs) or last.pattern.pattern is not None:
-            node.cases.append(ast.match_case(ast.MatchAs(), None, self._probe(node, [])))
-        self.generic_visit(node)
-        return ast.fix_missing_locations(node)
+            node.cases.append(ast.match_case(ast.MatchAs(**_place(node)), None, self._probe(node, [])))
+
+
+def _is_decided(test: ast.expr) -> bool:
+    return isinstance(test, ast.Constant) or (isinstance(test, ast.Name) and test.id == "TYPE_CHECKING")
+
+
+def _place(node: ast.stmt) -> dict[str, Any]:
+    return {name: getattr(node, name) for name in ("lineno", "col_offset", "end_lineno", "end_col_offset")}
 
 
 def add_probes(source: str | bytes) -> tuple[ast.Module, list[Branch]]:
     """Return the syntax tree of a module with its probes, and its branches in the order of the probes."""
     probing = _Probing()
-    tree = probing.visit(ast.parse(source))
+    tree = ast.parse(source)
+    probing.visit(tree.body)
     return tree, probing.branches
 
 

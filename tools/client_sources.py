@@ -28,7 +28,7 @@ from mkdaemon.telemetry.verbs import VERBS, Verb
 
 _MADE: Final = "Made by `python -m tools.docs` from {table}; do not edit."
 _WIDTH: Final = 120
-_FILLED_IN: Final = frozenset({"holder", "epoch", "sequence", "ttl"})
+_FILLED_IN: Final = frozenset({"holder", "epoch", "sequence", "ttl", "after_abort"})
 """Fields that the client fills in itself, or that every setpoint has."""
 TTL: Final = 0.3
 """Time a setpoint holds [s]; the daemon's own limit, `control.limiter.setpoint_ttl`, is the same."""

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from functools import partial
 from typing import Final
 
 from lab.control.flights import Flight
@@ -70,17 +72,32 @@ class CoreRig(Rig):
         self.is_silent = False
         self._epoch = 0
         self._sequence = 0
+        self._untold: list[Callable[[], None]] = []
 
     def _show_pilot(self, view: TargetView, at: float) -> None:
         """Let who holds the aircraft before the core does see the target."""
-        super()._see(view, at)
+        self._tell_pilot(partial(super()._see, view, at))
+
+    def _tell_pilot(self, event: Callable[[], None]) -> None:
+        """Let him know of something: at once, or, while the core flies, when he holds the aircraft again.
+
+        He has an estimator of his own, which costs as much as the core's and which nobody asks in the meantime.
+        """
+        self._untold.append(event)
+        if self.core.phase not in IN_FLIGHT:
+            self._tell_rest()
+
+    def _tell_rest(self) -> None:
+        for event in self._untold:
+            event()
+        self._untold.clear()
 
     def _see(self, view: TargetView, at: float) -> None:
         self._show_pilot(view, at)
         self.core.feed(PoseSeen(pose_of(view)), at)
 
     def _hear(self, measured: float, pitch: float, roll: float, yaw: float, at: float) -> None:
-        super()._hear(measured, pitch, roll, yaw, at)
+        self._tell_pilot(partial(super()._hear, measured, pitch, roll, yaw, at))
         quaternion = (math.cos(yaw / 2), 0.0, 0.0, math.sin(yaw / 2))
         value = Attitude(stamp=stamp(at), source="lab", quaternion=quaternion, roll=roll, pitch=pitch, yaw=yaw)
         self.core.feed(StateValue(value), at)
@@ -90,7 +107,7 @@ class CoreRig(Rig):
         if self.core.phase in IN_FLIGHT or self._flight.start <= 0.0:
             self._at(at + CONTROL_PERIOD, self._control)
         else:
-            super()._control(at)
+            self._hold_by_hand(at)
         if at < self.handover:
             return
         goal = self._flight.goal(at)
@@ -113,6 +130,11 @@ class CoreRig(Rig):
                 self.estimates.append(action.value)
         if self.core.phase in IN_FLIGHT:
             self._keep(goal, at)
+
+    def _hold_by_hand(self, at: float) -> None:
+        """The turn of who holds the aircraft while the core does not."""
+        self._tell_rest()
+        super()._control(at)
 
     def _setpoint(self, goal: Goal, at: float) -> Setpoint:
         """What the client streams."""

@@ -130,7 +130,7 @@ class FaultRig(CoreRig):
             self._at(at + CONTROL_PERIOD, self._control)
             self._keep(self._flight.goal(at), at)
         else:
-            super(CoreRig, self)._control(at)
+            self._hold_by_hand(at)
 
     def _is_over(self, at: float) -> bool:
         """Whether nothing is left to see: the client streams on for a while after a release."""

@@ -66,7 +66,8 @@ def stranger(rig: FaultRig, at: float, rng: random.Random) -> Expectation:
 
     def speak(now: float) -> None:
         wild = {axis: fake.uniform(-127.0, 127.0) for axis in ("pitch", "roll", "yaw", "throttle")}
-        setpoint = StickSetpoint(epoch=fake.choice((1, 2, 3)), sequence=fake.randrange(10**6), ttl=0.3, **wild)
+        numbers = {"epoch": fake.choice((1, 2, 3)), "sequence": fake.randrange(10**6)}
+        setpoint = StickSetpoint.model_validate(wild | numbers | {"ttl": 0.3})
         rig.core.feed(SetpointUnsigned(setpoint), now)
         if now < at + 2.0:
             rig.at(now + 0.01, speak)

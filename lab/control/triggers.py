@@ -165,6 +165,7 @@ TRIGGERS: Final = (
 )
 """Every trigger of docs/safety.md, "What happens when something fails"."""
 ELSEWHERE: Final = {
+    "the aircraft does not answer its sticks, in a flight by the target": "lab.hil.triggers",
     "a pad is unplugged, its enable button let go of, a terminal gone": "lab.teleop.losses",
 }
 """Rows of that table whose times another campaign measures, and its module."""

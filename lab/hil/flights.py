@@ -118,7 +118,7 @@ def fly(setting: Setting) -> dict[str, Any]:
 
 
 async def _fly(setting: Setting) -> Flown:
-    config = _config(setting)
+    config = config_of(setting)
     platform = platform_of(config.scene.platform)
     deck = MovingDeck(lambda time: platform.pose_at(time).position_enu, radius=DECK_RADIUS_M)
     start = StartState(yaw=setting.yaw)
@@ -162,7 +162,8 @@ def _unwatched(moment: Moment, status: ControlStatus | None) -> None:
     """Nobody looks."""
 
 
-def _config(setting: Setting) -> SimConfig:
+def config_of(setting: Setting) -> SimConfig:
+    """What the simulator is told of a setting."""
     pad: dict[str, Any] = {"kind": "still"}
     if setting.pad_speed:
         heading = random.Random(f"{setting.seed} pad").uniform(0.0, 360.0)

@@ -18,12 +18,15 @@ from rich.table import Table
 from lab.hil.build import built, names
 from lab.hil.flights import fly
 from lab.hil.scenes import FIRST_SEED, SCENES, Goal, Scene
+from lab.hil.triggers import STORIES, tell
 from mkdaemon.cli.arguments import AsJson
 from mkdaemon.cli.console import Console
 from mkdaemon.errors import ConfigError
 
 SIMULATED: Final = "simulated"
 """The simulator's boards, in a table."""
+TRIGGER_RUNS: Final = 10
+"""Flights in which every trigger fires."""
 SHOWN: Final = (
     "hold_cm",
     "light_cm",
@@ -45,6 +48,7 @@ SHOWN: Final = (
 def main(
     *,
     firmware: str = "",
+    case: Literal["scenes", "triggers"] = "scenes",
     scene: Literal["", "cable", "radio", "moving", "voltages", "headings"] = "",
     runs: int | None = None,
     first_seed: int = FIRST_SEED,
@@ -58,7 +62,8 @@ def main(
     firmware first: `make hil FIRMWARE=<folder> SIMAVR=<folder>`.
 
     Args:
-        firmware: Name of one that was built; the only one by default.
+        firmware: Name of one that was built; the first by default.
+        case: The scenes, or what happens when something fails, judged by the firmware's memory.
         scene: One scene instead of all.
         runs: Flights of every scene, in place of each scene's own.
         first_seed: Seeds count up from here.
@@ -71,6 +76,8 @@ def main(
     except ConfigError as error:
         print(f"lab hil: {error}", file=sys.stderr)
         return 2
+    if case == "triggers":
+        return _tell_triggers(genuine, runs or TRIGGER_RUNS, first_seed, jobs, as_json=as_json)
     flown = {"both": (None, genuine), "genuine": (genuine,), "simulated": (None,)}[boards]
     holds = True
     for name in [scene] if scene else SCENES:
@@ -82,6 +89,38 @@ def main(
         else:
             Console().print(_table(SCENES[name], summed))
     return 0 if holds else 1
+
+
+def _tell_triggers(firmware: str, runs: int, first_seed: int, jobs: int, *, as_json: bool) -> int:
+    """Let every trigger fire, in so many flights; exit code 1 if one misses its goals."""
+    work = [(firmware, first_seed + k) for k in range(runs)]
+    flights = []
+    with ProcessPoolExecutor(min(jobs, runs), multiprocessing.get_context("spawn")) as pool:
+        for told in pool.map(_tell_one, work):
+            flights.append(told)
+            print(f"triggers: {len(flights)} of {runs} flights", file=sys.stderr, flush=True)
+    table = Table("what happens", "figure", "least / median / most", "goal", "right", title=f"triggers on {firmware}")
+    holds = True
+    for name in dict.fromkeys(name for flight in flights for name in flight):
+        found = [flight[name] for flight in flights if name in flight]
+        right = sum(not each["missed"] for each in found)
+        holds &= right == len(found)
+        if as_json:
+            print(json.dumps({"story": name, "right": right, "of": len(found), "flights": found}), flush=True)
+        for figure in [key for key in found[0] if key != "missed"]:
+            values = sorted(each[figure] for each in found if figure in each)
+            shown = f"{values[0]:.2f} / {statistics.median(values):.2f} / {values[-1]:.2f}"
+            goal = STORIES[name].goals.get(figure)
+            words = "" if goal is None else f"{goal[0]:g} to {goal[1]:g}"
+            table.add_row(name, figure, shown, words, f"{right} of {len(found)}")
+    if not as_json:
+        Console().print(table)
+    return 0 if holds else 1
+
+
+def _tell_one(work: tuple[str, int]) -> dict[str, dict[str, Any]]:
+    structlog.configure(wrapper_class=structlog.make_filtering_bound_logger(logging.CRITICAL))
+    return tell(*work)
 
 
 def _fly(name: str, board: str | None, runs: int | None, first_seed: int, jobs: int) -> list[dict[str, Any]]:

@@ -304,13 +304,23 @@ def _warm_up(root: Path, paths: set[str], warm: Sequence[str]) -> None:
     modules = {
         path.removeprefix("src/").removesuffix(".py").removesuffix("/__init__").replace("/", ".") for path in paths
     }
-    touched = modules.union(*(graph.find_downstream_modules(module) for module in modules if module in graph.modules))
+    touched = touched_by(graph, modules)
     for name in ("cv2", "numpy", "pydantic", "zenoh", "structlog", "hypothesis", *warm):
         parts = name.split(".")
         if touched.isdisjoint(".".join(parts[: k + 1]) for k in range(len(parts))):
             importlib.import_module(name)
     if imported := sorted(modules & set(sys.modules)):
         raise MkError(f"{', '.join(imported)} are imported before their mutants")
+
+
+def touched_by(graph: grimp.ImportGraph, modules: set[str]) -> set[str]:
+    """Modules that import one of these, themselves included; whoever imports a module imports the package it is in."""
+    touched, new = set(modules), modules & graph.modules
+    while new:
+        inside = new.union(*(graph.find_descendants(module) for module in new))
+        new = inside.union(*(graph.find_downstream_modules(module) for module in inside)) - touched
+        touched |= new
+    return touched
 
 
 class Chooser:

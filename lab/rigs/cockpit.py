@@ -67,7 +67,7 @@ class Held(NamedTuple):
 
 
 class WatchedSimulation(Simulation):
-    """Simulated boards on an aircraft that stands still, keeping every change of what the FlightCtrl holds and applies.
+    """Simulated boards on an aircraft that tilts and stays, keeping what the FlightCtrl holds and applies.
 
     Attributes:
         held: the external control structure.
@@ -82,6 +82,7 @@ class WatchedSimulation(Simulation):
         self.held: list[Held] = []
         self.applied: list[Held] = []
         self._seen: object = None
+        self._bench, self._leant_at = bench, 0.0
 
     def advance(self, to: float) -> list[tuple[float, bytes]]:
         """Run on; see `Simulation.advance`."""
@@ -92,6 +93,9 @@ class WatchedSimulation(Simulation):
             self.held.append(Held(to, external.is_valid, (held.pitch, held.roll, held.yaw)))
         mixed, own = core.mixed, core.receiver
         tilt = (round(mixed.pitch - own.pitch), round(mixed.roll - own.roll), round(mixed.yaw - own.yaw))
+        # FLU: right side down is positive, where the board counts the left one.
+        self._bench.lean(tilt[0], -tilt[1], to - self._leant_at)
+        self._leant_at = to
         if not self.applied or (core.controlled, tilt) != self.applied[-1][1:]:
             self.applied.append(Held(to, core.controlled, tilt))
         return sent

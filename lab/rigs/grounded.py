@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
 from mksim.faults import Faults
@@ -9,6 +10,10 @@ from mksim.physics.attitude_loop import AttitudeGains
 from mksim.physics.sensors import GpsFix
 from mksim.physics.world import DT, StickInput
 
+TILT_LAG = 0.25
+"""With which the tilt follows the sticks [s]; docs/control.md, "The attitude loop"."""
+RAD_PER_COUNT = math.radians(0.451)
+"""Tilt of a stick count with the factory's set Easy [rad]."""
 FIX = GpsFix(530712345, 87912345, 12.0, (0.0, 0.0, 0.0), 9, True, 0.0, 1)
 
 
@@ -69,6 +74,19 @@ class GroundedAircraft:
         self._steps += 1
         self.now = self._steps * DT
         self.faults.advance(self.now)
+
+    def lean(self, pitch: float, roll: float, seconds: float) -> None:
+        """Answer sticks for a time [s], as an aircraft does that can tilt freely: towards the tilt that they ask for.
+
+        Args:
+            pitch: nose down positive [stick].
+            roll: right side down positive [stick].
+            seconds: since the last call [s].
+        """
+        sensors, share = self.sensors, 1.0 - math.exp(-seconds / TILT_LAG)
+        per_count = RAD_PER_COUNT if self.gains is None else self.gains.rad_per_count
+        sensors.fc_angle_pitch += (pitch * per_count - sensors.fc_angle_pitch) * share
+        sensors.fc_angle_roll += (roll * per_count - sensors.fc_angle_roll) * share
 
     def steer(self, away: tuple[float, float] | None) -> None:
         """Lean nowhere: it stands."""

@@ -94,6 +94,12 @@ def _frames(decoder: FrameDecoder, data: bytes) -> int:
     return sum(isinstance(item, Frame) for item in decoder.feed(data))
 
 
+def cpu_of(process: int) -> float:
+    """Processor time that a process has used, by its id [s]."""
+    fields = Path(f"/proc/{process}/stat").read_text(encoding="ascii").rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
 class DaemonProcess:
     """One `mkdaemon run`.
 
@@ -168,8 +174,7 @@ class DaemonProcess:
 
     def cpu_s(self) -> float:
         """Processor time it has used [s]."""
-        fields = Path(f"/proc/{self.pid}/stat").read_text(encoding="ascii").rpartition(")")[2].split()
-        return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+        return cpu_of(self.pid)
 
 
 @asynccontextmanager

@@ -10,7 +10,7 @@ import pytest
 
 from lab.rigs.waiting import wait_until
 from mkdaemon.client import setpoints as setpoints_module
-from mkdaemon.errors import CommandRejectedError, LeaseLostError, MkError, NotEngagedError
+from mkdaemon.errors import CommandRejectedError, LeaseLostError, ManoeuvreError, MkError, NotEngagedError
 from mkdaemon.telemetry.control import LeaseState, Outcome, Phase
 from mkdaemon.telemetry.event import CommandEvent
 from mkdaemon.telemetry.refusals import Token, refuse
@@ -134,6 +134,7 @@ async def test_own_streams_set_one_setpoint_at_a_time():
         lease.set.stick(pitch=1, roll=2, yaw=3, throttle=4, ttl=0.2)
         await wait_until(lambda: daemon.setpoints)
         wanted = {"pitch": 1.0, "roll": 2.0, "yaw": 3.0, "throttle": 4.0, "ttl": 0.2, "epoch": EPOCH, "sequence": 1}
+        wanted["after_abort"] = 0
         assert daemon.setpoints == [wanted]
 
 
@@ -259,6 +260,31 @@ async def test_a_landing_that_ends_otherwise_is_a_lost_lease_whatever_the_words(
         with pytest.raises(LeaseLostError, match=reason):
             await landing
         assert lease.outcome is outcome
+
+
+async def test_what_was_aborted_says_so_and_the_next_call_ends_the_abort():
+    async with connected() as (daemon, uav), uav.lease() as lease:
+        going = asyncio.create_task(lease.goto(0.0, 0.0, 2.0, patience=1.0))
+        await wait_until(lambda: lease.is_engaged)
+        daemon.say(Phase.ABORTED, "aborted: the operator saw something", aborts=3)
+        with pytest.raises(ManoeuvreError, match="aborted: the operator saw something"):
+            await going
+        assert {setpoint["after_abort"] for setpoint in daemon.setpoints} == {0}
+        before = lease.setpoints
+        landing = asyncio.create_task(lease.land())
+        await wait_until(lambda: daemon.setpoints[-1]["sequence"] > before)
+        daemon.lose("it stands", outcome=Outcome.LANDED)
+        await landing
+        assert {each["after_abort"] for each in daemon.setpoints if each["sequence"] > before} == {3}
+
+
+async def test_a_flight_of_some_seconds_that_was_aborted_ends_with_that():
+    async with connected() as (daemon, uav), uav.lease() as lease:
+        holding = asyncio.create_task(lease.hold(seconds=0.5))
+        await wait_until(lambda: lease.is_engaged)
+        daemon.say(Phase.ABORTED, "aborted: enough", aborts=1)
+        with pytest.raises(ManoeuvreError, match="hold aborted: enough"):
+            await holding
 
 
 IMPORTED_LATE = """

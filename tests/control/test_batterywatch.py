@@ -10,7 +10,7 @@ from lab.control.corerig import CoreRig, stamp
 from lab.control.flights import Flight
 from mkdaemon.control.actions import PublishStatus, Release, ReportFailsafe, ReportMode, Warn
 from mkdaemon.control.activeset import UNREAD
-from mkdaemon.control.batterywatch import LASTING, BatteryWatch
+from mkdaemon.control.batterywatch import LASTING, RECOVERED, BatteryWatch, count_cells
 from mkdaemon.control.events import AbortAsked, StateValue
 from mkdaemon.control.vehicle import VehicleMemory
 from mkdaemon.telemetry.command import AbortRequest
@@ -141,3 +141,18 @@ def test_who_aborts_that_landing_holds_and_is_not_landed_again():
     rig.fly()
     assert rig.core.phase is Phase.ABORTED
     assert not rig.of(Release)
+
+
+@pytest.mark.parametrize(("highest", "cells"), [(0.0, None), (0.5, 1), (4.2, 1), (4.4, 2), (16.8, 4), (17.3, 5)])
+def test_cells_are_counted_by_the_highest_voltage_there_was(highest, cells):
+    assert count_cells(highest) == cells
+
+
+def test_figures_that_docs_safety_tells():
+    assert LASTING == 3.0, "it is ended after this time"
+    assert RECOVERED == 1.02, "a little more voltage is not yet the end of it"
+
+
+@pytest.mark.parametrize(("voltage", "is_low"), [(12.79, True), (12.81, True), (13.05, True), (13.06, False)])
+def test_a_battery_that_was_low_is_so_until_it_is_two_percent_above_the_limit(voltage, is_low):
+    assert (watched((12.7, 0.0), (voltage, 1.0)).warning is not None) is is_low

@@ -24,6 +24,8 @@ from mkdaemon.telemetry.setpoint import (
     StickSetpoint,
     TakeOffSetpoint,
 )
+from tests.control.events import pose
+from tests.control.flying import Flying
 
 BASE = {"epoch": 1, "sequence": 1, "ttl": 0.3}
 STICKS = {"pitch": 1.0, "roll": 2.0, "yaw": 3.0, "throttle": 4.0}
@@ -183,3 +185,13 @@ def test_sticks_in_flight_are_those_of_the_newest_setpoint(rig):
     step = rig.flown.step(newest, Phase.FLYING, 1.0)
     assert isinstance(step, Step)
     assert step.sticks == Sticks(9.0, 2.0, 3.0, 4.0)
+
+
+def test_error_shown_is_that_of_the_last_step_and_none_where_there_is_no_goal():
+    flying = Flying()
+    flying.see(pose(1.0), 1.0)
+    flying.step(HOLD, 1.0, is_flying=False)
+    flying.step(HOLD, 1.02, is_flying=True)
+    assert flying.flown.error.goal == pytest.approx((0.0, 0.0, 2.0), abs=0.05)
+    flying.step(STICK, 1.04, is_flying=True)
+    assert flying.flown.error is None

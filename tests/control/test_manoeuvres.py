@@ -246,3 +246,26 @@ def test_a_landing_below_its_last_decision_is_not_aborted():
     record = rig.fly()
     assert rig.release_reason() == "landed on pad"
     assert record.touch_error < 0.2
+
+
+ASIDE = {"position": (0.4, 0.0, 2.0), "frame": SetpointFrame.PAD}
+
+
+@pytest.mark.parametrize(("number", "phase"), [(1, Phase.FLYING), (2, Phase.ABORTED), (0, Phase.ABORTED)])
+def test_an_abort_is_ended_by_setpoints_that_name_it_and_by_no_others(number, phase):
+    resumed = (PositionSetpoint, ASIDE | {"after_abort": number})
+    rig = Plan(replace(CALM, seconds=3.5), hold(), (3.0, *resumed), abort_at=2.5)
+    rig.fly()
+    shown = [action for _, action in rig.actions if isinstance(action, PublishStatus)]
+    assert rig.core.phase is phase
+    assert shown[-1].aborts == 1
+    assert (shown[-1].manoeuvre == "position") is (phase is Phase.FLYING)
+
+
+def test_a_second_abort_is_not_ended_by_the_number_of_the_first():
+    rig = Plan(replace(CALM, seconds=4.0), hold(), (2.7, HoldSetpoint, {"after_abort": 1}), abort_at=2.5)
+    rig._at(3.2, lambda at: rig.core.feed(AbortAsked(AbortRequest(reason="again")), at))
+    rig.fly()
+    phases = [action.phase for _, action in rig.actions if isinstance(action, PublishStatus)]
+    assert list(dict.fromkeys(phases[phases.index(Phase.ABORTED) :])) == [Phase.ABORTED, Phase.FLYING]
+    assert phases[-1] is Phase.ABORTED

@@ -17,9 +17,11 @@ from mkdaemon.control.modes import (
     READY,
     READY_BUT_OLD,
     RELEASE_OWED,
+    RESUMED,
     ROWS,
     SILENT,
     TOO_OLD,
+    UNANSWERED,
     Conditions,
     Reaction,
     Trigger,
@@ -36,13 +38,15 @@ WHEN = {
     FRESH: Conditions(is_held=True, is_fresh=True),
     CAN_LAND: Conditions(is_held=True, can_land=True),
     TOO_OLD: Conditions(is_held=True),
+    UNANSWERED: Conditions(is_held=True, is_fresh=True, is_unanswered=True),
+    RESUMED: Conditions(is_held=True, is_fresh=True, resumes=True),
     RELEASE_OWED: Conditions(is_held=True, is_release_owed=True),
     HELD: Conditions(is_held=True),
     NOT_HELD: Conditions(),
 }
 """A situation in which each guard holds, and none of an earlier row."""
 
-ALL = [Conditions(*flags) for flags in itertools.product((False, True), repeat=7)]
+ALL = [Conditions(*flags) for flags in itertools.product((False, True), repeat=len(Conditions.__slots__))]
 
 
 @pytest.mark.parametrize("row", ROWS, ids=lambda row: f"{row.event}-{row.sources[0]}-{row.target}")
@@ -84,7 +88,8 @@ def test_sticks_are_sent_in_flight_only_and_a_stale_setpoint_never_tilts(situati
             assert situation.is_fresh
             assert not situation.is_silent
         if row is not None and row.reaction is Reaction.NEUTRAL:
-            assert row.target is (phase if phase in (Phase.ABORTED, Phase.LANDING) else Phase.STALE)
+            assert row.target in (phase, Phase.STALE, Phase.UNANSWERED)
+            assert row.target is not Phase.FLYING
         if row is not None and row.reaction is Reaction.HOLD:
             assert row.target is Phase.ABORTED
             assert situation.is_fresh
@@ -121,3 +126,16 @@ def test_of_guards_that_divide_a_situation_exactly_one_holds(situation):
     assert FRESH.holds(situation) + TOO_OLD.holds(situation) == situation.is_held
     assert NOT_READY.holds(situation) + READY.holds(situation) + READY_BUT_OLD.holds(situation) == situation.is_live
     assert HELD.holds(situation) + NOT_HELD.holds(situation) == 1
+
+
+def test_only_what_somebody_asked_for_is_no_failsafe():
+    asked = {row.event for row in ROWS if row.is_asked}
+    assert asked == {
+        Trigger.LEASE_TAKEN,
+        Trigger.LEASE_TAKEN_OVER,
+        Trigger.LEASE_RETURNED,
+        Trigger.RELEASE_REQUESTED,
+        Trigger.ABORT_REQUESTED,
+        Trigger.FLIGHT_FINISHED,
+    }
+    assert all(row.is_asked for row in ROWS if row.event in asked)

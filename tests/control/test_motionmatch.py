@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 import pytest
 
-from mkdaemon.control.motionmatch import WINDOW, MotionMatch
+from mkdaemon.control.motionmatch import WINDOW, MotionMatch, _vertex
 
 
 def match(lag=0.0, sign=1.0, size=0.05, rate=30.0, seconds=9.0, end=None):
@@ -108,3 +109,135 @@ def test_a_camera_that_sees_the_opposite_is_worse_than_one_that_is_late():
         pitch, roll = 0.05 * math.sin(7.0 * t) + 0.03 * math.sin(11.0 * t), 0.05 * math.cos(9.0 * t)
         motion.target_seen("pad", t + 0.06, (math.tan(pitch), -math.tan(roll), -1.0), "late")
     assert motion.match(9.0, "pad").likeness < -0.97
+
+
+# -- how much is enough --------------------------------------------------------------------------------------------
+
+
+def swinging(size, *, seconds=9.0, rate=30.0, reports=50.0, lag=0.0, gap=(0.0, 0.0)):
+    """A pitch that swings at 7 rad/s, with no images in a gap [s]."""
+    motion = MotionMatch()
+    for k in range(round(seconds * reports)):
+        motion.attitude_received(k / reports, size * math.sin(7.0 * k / reports), 0.0)
+    for k in range(round(seconds * rate)):
+        if not gap[0] < k / rate < gap[1]:
+            motion.target_seen("pad", k / rate + lag, (math.tan(size * math.sin(7.0 * k / rate)), 0.0, -1.0))
+    return motion.match(seconds, "pad")
+
+
+@pytest.mark.parametrize(("mean_deg", "tells"), [(0.38, False), (0.42, True)])
+def test_a_motion_of_four_tenths_of_a_degree_in_the_mean_tells(mean_deg, tells):
+    """Of what swings at 7 rad/s a mean over 0.6 s leaves sin(2.1) / 2.1, which is taken away."""
+    left = (1.0 - math.sin(2.1) / 2.1) / math.sqrt(2.0)
+    assert (swinging(math.radians(mean_deg) / left) is not None) is tells
+
+
+@pytest.mark.parametrize(("rate", "tells"), [(11.9, False), (12.1, True)])
+def test_twelve_images_a_second_tell(rate, tells):
+    assert (swinging(0.05, rate=rate) is not None) is tells
+    assert (swinging(0.05, reports=rate) is not None) is tells
+
+
+@pytest.mark.parametrize(("seconds", "tells"), [(3.9, False), (4.2, True)])
+def test_half_of_the_window_must_have_been_seen(seconds, tells):
+    assert (swinging(0.05, seconds=seconds) is not None) is tells
+
+
+@pytest.mark.parametrize(("gap", "tells"), [((2.0, 5.9), True), ((1.5, 7.6), False)])
+def test_half_of_the_images_may_be_missing(gap, tells):
+    assert (swinging(0.05, rate=14.0, gap=gap) is not None) is tells
+
+
+def test_what_is_older_than_the_window_is_not_compared():
+    motion = MotionMatch()
+    for k in range(1000):
+        t = k / 50
+        motion.attitude_received(t, 0.05 * math.sin(7.0 * t), 0.0)
+        motion.target_seen("pad", t, ((1.0 if t > 11.9 else -1.0) * math.tan(0.05 * math.sin(7.0 * t)), 0.0, -1.0))
+    assert motion.match(19.98, "pad").likeness > 0.99
+    assert motion.match(18.0, "pad").likeness < 0.9
+
+
+@pytest.mark.parametrize("lag", [-0.24, 0.24])
+def test_a_quarter_of_a_second_is_the_farthest_shift(lag):
+    assert match(lag).lag == pytest.approx(lag, abs=0.005)
+    assert abs(match(1.25 * lag).lag) <= 0.25 + 1e-9
+
+
+@pytest.mark.parametrize(("likeness", "is_opposite"), [(-0.8, True), (-0.6, False)])
+def test_seven_tenths_alike_the_wrong_way_round_is_a_camera_that_is_mounted_so(likeness, is_opposite):
+    """One camera sees the opposite, and motion of its own; another is late."""
+    motion = MotionMatch()
+    # What is left of each swing when its mean over 0.6 s is taken away.
+    left = {w: 1.0 - math.sin(0.3 * w) / (0.3 * w) for w in (7.0, 12.0)}
+    own = math.sqrt(1.0 - likeness**2) * left[7.0] / left[12.0]
+    for k in range(450):
+        t = k / 50
+        first, second = 0.05 * math.sin(7.0 * t), 0.05 * math.sin(12.0 * t)
+        motion.attitude_received(t, first, 0.0)
+        motion.target_seen("pad", t, (math.tan(likeness * first + own * second), 0.0, -1.0), "turned")
+        motion.target_seen("pad", t + 0.1, (math.tan(first), 0.0, -1.0), "late")
+    found = motion.match(9.0, "pad")
+    assert found.likeness == pytest.approx(likeness if is_opposite else 1.0, abs=0.05)
+
+
+def test_samples_that_overtake_each_other_are_compared_in_the_order_of_their_times():
+    motion = MotionMatch()
+    for k in range(450):
+        t = (k ^ 1) / 50
+        motion.attitude_received(t, 0.05 * math.sin(7.0 * t), 0.05 * math.cos(9.0 * t))
+        motion.target_seen("pad", t, (math.tan(0.05 * math.sin(7.0 * t)), -math.tan(0.05 * math.cos(9.0 * t)), -1.0))
+    found = motion.match(9.0, "pad")
+    assert found.likeness > 0.999
+    assert found.lag == pytest.approx(0.0, abs=1e-4)
+
+
+def test_a_target_twice_as_far_away_shows_the_same_tilt():
+    motion = MotionMatch()
+    for k in range(450):
+        t = k / 50
+        pitch, roll = 0.3 * math.sin(7.0 * t), 0.2 * math.cos(9.0 * t)
+        motion.attitude_received(t, pitch, roll)
+        depth = 2.0 + math.sin(t)
+        motion.target_seen("pad", t, (depth * math.tan(pitch), -depth * math.tan(roll), -depth))
+    assert motion.match(9.0, "pad").likeness > 0.9999
+
+
+def test_a_target_level_with_the_camera_is_none():
+    motion = MotionMatch()
+    motion.target_seen("pad", 0.0, (1.0, 0.0, 0.0))
+    motion.target_seen("pad", 0.0, (1.0, 0.0, 0.1))
+    assert motion.match(0.0, "pad") is None
+    assert not motion._seen
+
+
+@pytest.mark.parametrize(
+    ("values", "best", "vertex"),
+    [
+        ((0.0, 1.0, 0.0), 1, 0.0),
+        ((0.5, 1.0, 0.9), 1, 1.0 / 3.0),  # a parabola through them: y = 1 + 0.2 x - 0.3 x^2
+        ((0.9, 1.0, 0.5), 1, -1.0 / 3.0),
+        ((0.0, 1.0, 1.0), 1, 0.5),
+        ((1.0, 1.0, 1.0), 1, 0.0),
+        ((1.0, 0.5, 0.2), 0, 0.0),
+        ((0.2, 0.5, 1.0), 2, 0.0),
+    ],
+)
+def test_a_maximum_lies_where_the_parabola_through_its_neighbours_has_it(values, best, vertex):
+    assert _vertex(np.array(values), best) == pytest.approx(vertex)
+
+
+def test_a_camera_that_sees_nothing_move_is_like_nothing():
+    motion = MotionMatch()
+    for k in range(450):
+        motion.attitude_received(k / 50, 0.05 * math.sin(0.14 * k), 0.0)
+        motion.target_seen("pad", k / 50, (0.0, 0.0, -1.0))
+    assert motion.match(9.0, "pad").likeness == 0.0
+
+
+def test_no_source_fills_the_memory():
+    motion = MotionMatch()
+    for k in range(1500):
+        motion.attitude_received(0.001 * k, 0.0, 0.0)
+        motion.target_seen("pad", 0.001 * k, (0.0, 0.0, -1.0))
+    assert [len(motion._reported), *map(len, motion._seen.values())] == [1000, 1000]

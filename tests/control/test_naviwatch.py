@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from mkdaemon.control.naviwatch import AT_HOME, HANDS, PERIOD, NaviWatch
+from mkdaemon.control.naviwatch import AT_HOME, HANDS, PERIOD, SAME_PLACE, NaviWatch
 from mkdaemon.control.vehicle import VehicleMemory
 from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.navi import NaviStage
@@ -171,3 +171,9 @@ def test_a_target_within_a_metre_of_home_is_home(metres, stage):
     seen.now += PERIOD
     near = (HOME[0] + metres / 111_000.0, HOME[1])
     assert seen.tell(**GOING | {"target": near}).stage is stage
+
+
+def test_figures_of_a_flight_by_the_navictrl():
+    assert PERIOD == 1.0, "a stage that lasts is told once a second"
+    assert AT_HOME == 5.0, "GPS is good for 2 to 3 m"
+    assert SAME_PLACE == 1.0

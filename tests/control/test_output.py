@@ -162,3 +162,22 @@ def test_a_flight_begins_with_all_of_tilt_and_yaw_at_neutral():
     slow = LimiterConfig(slew=100.0, throttle_slew=100.0, hover_throttle=0.0)
     out = output(limiter=slow, engaged=10.0, sticks=Sticks(50.0, 50.0, 50.0, 20.0))
     assert out.make(order(sticks=Sticks(50.0, 50.0, 50.0, 20.0)), "v2", 10.0).counts == StickCounts(2, 2, 2, 20)
+
+
+@pytest.mark.parametrize(("hover", "throttle"), [(None, 5), (12.0, 12), (-8.0, -8)])
+def test_a_stale_command_holds_the_throttle_that_the_estimate_knows_to_carry(hover, throttle):
+    facts = VehicleMemory()
+    facts.state_received(flight(is_flying=True), 10.0)
+    out = output(facts=facts, engaged=10.0)
+    assert out.make(order(age=0.9), "v2", 10.0, hover=hover).counts == StickCounts(0, 0, 0, throttle)
+
+
+def test_the_lid_is_shown_the_throttle_that_leaves_and_what_it_is_reported_as():
+    facts = VehicleMemory()
+    facts.state_received(pilot(None).model_copy(update={"throttle_in_use": 1.0, "compensated_at": 14.8}), 9.9)
+    out = output(facts=facts, engaged=10.0)
+    shown = []
+    out.lid.frame_made = lambda *told: shown.append(told)
+    out.make(order(), "v2", 10.0, low_cell=3.5)
+    assert shown == [(20.0, facts.throttle_in_use(3.5), 10.0)]
+    assert shown[0][1].share == pytest.approx(14.0 / 14.8)

@@ -169,6 +169,7 @@ def by_images(apart, step=SHORTEST_STEP, images=3):
         (1 / 50, 0.01, [0.027, 0.047, 0.067]),
         (1 / 4.2, 0.025, [0.035, 0.07, 0.105, 0.14, 0.175, 0.21]),
         (1 / 3.9, 0.01, [0.02, 0.04]),  # too far apart for a rhythm
+        (0.0, 0.025, [0.02, 0.04]),  # two of one moment have none
     ],
 )
 def test_ticks_between_images_keep_the_rate_and_leave_the_next_image_room(apart, step, expected):
@@ -215,3 +216,11 @@ def test_in_flight_a_repetition_waits_half_a_period_longer_than_a_client_and_for
     assert pacing.next_time(5.045, 0.0, 0.01) == pytest.approx(5.03)
     pacing.hurry()
     assert pacing.next_time(None, 5.01, 0.01) == pytest.approx(5.01)
+
+
+def test_the_first_tick_is_due_at_once():
+    pacing = Pacing(CFG)
+    assert pacing.next_time(None, 0.0, 0.01) == float("-inf")
+    assert not (pacing.is_paced or pacing.is_by_images or pacing.answers_image)
+    pacing.tick(1.0)
+    assert not pacing.answers_image

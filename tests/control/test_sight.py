@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from mkdaemon.config.autopilot import AutopilotConfig
+from mkdaemon.control.estimator.model import AircraftModel, D, T
 from mkdaemon.control.estimator.values import GAS_CENTRE, OURS, TargetView, ViewFault
 from mkdaemon.control.limiter import StickCounts
 from mkdaemon.control.sight import (
@@ -20,7 +21,10 @@ from mkdaemon.control.sight import (
     checked_view,
     turned,
     velocity_between,
+    view_of,
 )
+from mkdaemon.stamp import Stamp
+from mkdaemon.telemetry.state import AngleScale, Attitude
 from tests.control.events import pose
 
 CFG = AutopilotConfig()
@@ -197,3 +201,139 @@ def test_what_is_published_is_what_is_believed(sight):
     assert shown.hover_throttle == pytest.approx(HOVER)
     assert np.array(shown.covariance) == pytest.approx(spread)
     assert len({tuple(row) for row in shown.covariance}) > 1
+
+
+def told(at, *, pitch=0.1, roll=0.0, yaw=0.4, scale=AngleScale.FLIGHTCTRL):
+    """What a board reports of the attitude."""
+    angles = {"quaternion": (1.0, 0.0, 0.0, 0.0), "pitch": pitch, "roll": roll, "yaw": yaw}
+    return Attitude(stamp=Stamp(monotonic=at, wall=at), source="fc/data3d", scale=scale, **angles)
+
+
+@pytest.mark.parametrize(("scale", "shown_as"), [(AngleScale.FLIGHTCTRL, 1.13), (AngleScale.STICKS, 1.0)])
+def test_an_attitude_is_of_before_it_arrived_and_a_flightctrls_angles_are_larger_than_they_are(sight, scale, shown_as):
+    heard = []
+    sight.estimator.attitude_received = lambda *told: heard.append(told)
+    sight.attitude_received(told(10.5, pitch=0.1, roll=-0.2, scale=scale))
+    assert heard == [pytest.approx((10.5 - 0.024, 0.1 / shown_as, -0.2 / shown_as, 0.4))]
+    assert sight.attitude.yaw == 0.4
+
+
+def test_a_target_is_met_with_the_heading_that_the_boards_reported_last():
+    sight = Sight(CFG, HOVER)
+    sight.attitude_received(told(9.99, pitch=0.0))
+    see(sight, view(10.0, yaw=1.0))
+    sight.attitude_received(told(10.1, pitch=0.0, yaw=0.6))
+    assert sight.estimator.estimate(10.1).yaw == pytest.approx(1.2)
+
+
+def test_another_aircraft_is_met_anew_and_the_same_is_not(sight):
+    first = sight.estimator
+    sight.model_known(AircraftModel())
+    assert sight.estimator is first
+    other = AircraftModel(drag=0.5)
+    sight.model_known(other)
+    assert sight.estimator is None
+    see(sight, view(10.1))
+    assert sight.estimator.model == other
+
+
+def test_on_the_ground_nothing_is_estimated_and_the_target_is_known(sight):
+    sight.stand(is_standing=True)
+    assert (sight.is_standing, sight.estimator) == (True, None)
+    see(sight, view(10.1), target="other")
+    assert (sight.estimator, sight.target) == (None, "other"), "it was forgotten with the estimate"
+    assert sight.pose_age(10.3) == pytest.approx(0.2)
+    see(sight, view(10.2), target="other", lifted_by=130.0)
+    assert sight.estimator.hover_gas == 130.0
+    sight.stand(is_standing=False)
+    assert not sight.is_standing
+    assert sight.estimator is not None
+
+
+def test_who_is_met_anew_in_the_air_is_carried_by_the_throttle_that_is_configured(sight):
+    see(sight, view(10.1 + FORGOTTEN))
+    assert sight.estimator.hover_gas == HOVER + GAS_CENTRE
+
+
+def test_images_are_clean_since_a_target_was_met():
+    sight = Sight(CFG, HOVER)
+    see(sight, view(10.0))
+    assert sight.entry(10.7).clean == pytest.approx(0.7)
+    see(sight, view(10.1), lifted_by=130.0)
+    assert sight.entry(10.7).clean == pytest.approx(0.6)
+
+
+@pytest.mark.parametrize(("innovation", "is_clean"), [(3.9, True), (4.2, False), (math.nan, False)])
+def test_images_that_agree_within_four_variances_are_clean(sight, innovation, is_clean):
+    sight.estimator.target_seen = lambda seen, now: setattr(sight.estimator, "innovation", innovation)
+    see(sight, view(10.5))
+    assert sight.entry(10.6).clean == pytest.approx(0.6 if is_clean else 0.1)
+    assert CFG.clean_innovation == 4.0
+
+
+def test_another_target_is_met_without_the_speed_against_the_one_before():
+    sight = Sight(CFG, HOVER)
+    see(sight, view(10.0))
+    sight.stand(is_standing=True)
+    see(sight, view(10.1, (0.05, 0.0, 2.0)), target="other", lifted_by=130.0)
+    assert sight.estimator.estimate(10.1).velocity[:2] == pytest.approx([0.0, 0.0], abs=0.01)
+
+
+def test_what_is_told_of_an_estimate_is_the_estimators(sight):
+    estimator = sight.estimator
+    estimator.innovation, estimator.is_nominal, estimator.model = 2.5, True, AircraftModel().with_other_filter()
+    shown = sight.estimate(10.1)
+    assert (shown.innovation, shown.is_nominal) == (2.5, True)
+    assert (shown.stick_gain, shown.stick_filter) == (1.0, 0.004)
+    assert shown.contradicting == sight.contradicting == ()
+
+
+def test_of_an_aircraft_below_its_target_nothing_is_told():
+    sight = Sight(CFG, HOVER)
+    see(sight, view(10.0, (0.0, 0.0, -0.5)))
+    assert sight.estimator is not None
+    assert sight.estimate(10.0) is None
+
+
+def test_a_camera_that_contradicts_is_told(sight):
+    for name in ("down", "forward"):
+        sight.estimator._cameras.seen(name, 10.0)
+    for _ in range(3):
+        sight.estimator._cameras.judged("forward", is_refused=True)
+    assert sight.contradicting == ("forward",)
+    assert sight.estimate(10.0).contradicting == ("forward",)
+
+
+def test_a_pose_becomes_a_view_of_the_same_numbers():
+    half = math.sqrt(0.5)
+    seen = pose(10.0).model_copy(
+        update={
+            "position_flu": (1.0, 2.0, -3.0),
+            "quaternion_target_from_flu": (half, 0.0, 0.0, half),
+            "covariance": tuple(float(min(divmod(k, 6))) for k in range(36)),
+        }
+    )
+    found = view_of(seen)
+    assert (found.at, found.camera, tuple(found.position_flu)) == (10.0, "down", (1.0, 2.0, -3.0))
+    assert found.heading == pytest.approx(math.pi / 2.0)
+    assert found.covariance.shape == (6, 6)
+    assert found.covariance[3, 5] == 3.0
+
+
+@pytest.mark.parametrize(("ahead", "fault"), [(0.02, None), (0.021, ViewFault.FUTURE), (-0.81, ViewFault.TOO_OLD)])
+def test_a_pose_is_checked_against_the_time_it_arrives(ahead, fault):
+    found = checked_view(pose(10.0 + ahead), 10.0)
+    assert (found is fault) if fault else isinstance(found, TargetView)
+
+
+def test_how_long_what_is_remembered():
+    """5 s out of sight and a target is met anew; a second of frames; pairs of images 20 to 200 ms apart."""
+    assert (FORGOTTEN, SENT_KEPT, SHORTEST_PAIR, LONGEST_PAIR) == (5.0, 50, 0.02, 0.2)
+
+
+def test_tilt_and_disturbance_are_told_along_their_own_axes(sight):
+    sight.estimator._level.shift(D, np.array([0.3, -0.2]))
+    sight.estimator._level.shift(T, np.array([0.1, -0.05]))
+    shown = sight.estimate(10.0)
+    assert shown.disturbance == pytest.approx((0.3, -0.2), abs=0.02)
+    assert shown.tilt == pytest.approx((0.1, -0.05), abs=0.02)

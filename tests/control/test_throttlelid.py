@@ -210,3 +210,100 @@ def test_a_pilot_who_holds_his_throttle_too_low_is_noticed_and_the_flight_goes_o
     assert heights[(times > 5.0) & (times < 6.2)].min() < 1.7, "nothing could be done"
     assert heights[-1] > 1.85
     assert rig.core.phase is Phase.FLYING
+
+
+# -- one frame and one report after the other ----------------------------------------------------------------------
+
+
+def compared(frames, reports, *, share=1.0):
+    """What is known after frames (moment, throttle) and reports (moment, throttle), in the order of their moments."""
+    lid = ThrottleLid()
+    report = None
+    for at, throttle in frames:
+        report = next((ThrottleReport(said, when, share) for when, said in reversed(reports) if when <= at), report)
+        lid.frame_made(throttle, report, at)
+    return lid
+
+
+def steady(throttle, seconds, start=0.0):
+    return [(start + 0.0625 * k, throttle) for k in range(round(seconds / 0.0625) + 1)]
+
+
+@pytest.mark.parametrize(("flown", "is_capped"), [(4.0, False), (3.75, True)])
+def test_six_counts_less_than_the_lowest_of_half_a_second_may_be_ours(flown, is_capped):
+    frames = [(at, 10.0 if at == 0.5 else 30.0) for at, _ in steady(0.0, 1.0)]
+    lid = compared(frames, [(1.0, flown)])
+    assert lid.use.is_ours is not is_capped
+    later = compared(steady(10.0, 2.0), [(at, flown) for at, _ in steady(0.0, 2.0)])
+    assert (later.use.cap, later.pilots_throttle) == ((flown + 127.0, flown) if is_capped else (None, None))
+
+
+@pytest.mark.parametrize(("flown", "is_ours"), [(36.0, True), (36.1, False)])
+def test_six_counts_more_than_the_highest_may_be_ours(flown, is_ours):
+    frames = [(at, 30.0 if at == 0.5 else 10.0) for at, _ in steady(0.0, 1.0)]
+    assert compared(frames, [(1.0, flown)]).use == ThrottleUse(None, is_ours=is_ours)
+
+
+@pytest.mark.parametrize(("dip", "is_ours"), [(0.4375, False), (0.5, True), (1.0, True), (1.0625, False)])
+def test_a_report_is_of_a_frame_of_the_half_second_before_it(dip, is_ours):
+    frames = [(at, -30.0 if at == dip else 10.0) for at, _ in steady(0.0, 1.0625)]
+    assert compared(frames, [(1.0, -30.0)]).use.is_ours is is_ours
+
+
+def test_before_half_a_second_of_frames_nothing_is_compared():
+    assert compared(steady(10.0, 0.4375), [(0.4375, -50.0)]).use == OURS
+    assert compared(steady(10.0, 0.5), [(0.5, -50.0)]).use == ThrottleUse(None, is_ours=False)
+
+
+@pytest.mark.parametrize(("lasts", "is_sure"), [(0.375, False), (0.4375, True)])
+def test_a_lid_is_sure_after_four_tenths_of_a_second(lasts, is_sure):
+    reports = [(at, 10.0 if at < 1.0 else -20.0) for at, _ in steady(0.0, 1.0 + lasts)]
+    lid = compared(steady(10.0, 1.0 + lasts), reports)
+    assert (lid.use.cap is not None) is is_sure
+    assert (lid.pilots_throttle is not None) is is_sure
+    again = compared(steady(10.0, 2.0), [(at, -20.0 if at != 1.75 else 10.0) for at, _ in steady(0.0, 2.0)])
+    assert again.use.cap is None, "it begins anew where ours was flown between"
+
+
+def test_a_report_counts_once():
+    frames = steady(10.0, 3.0)
+    lid = compared(frames, [(1.0, -20.0)])
+    assert lid.use == ThrottleUse(None, is_ours=False)
+    assert lid.pilots_throttle is None, "nothing has lasted"
+
+
+@pytest.mark.parametrize(("silence", "is_known"), [(0.5, True), (0.5625, False)])
+def test_a_pause_of_half_a_second_is_another_flight(silence, is_known):
+    lid = compared(steady(10.0, 2.0), [(at, -20.0) for at, _ in steady(0.0, 2.0)])
+    assert lid.use.cap == pytest.approx(107.0)
+    lid.frame_made(10.0, None, 2.0 + silence)
+    assert (lid.use.cap is not None) is is_known
+    assert (lid.pilots_throttle is not None) is is_known
+
+
+@pytest.mark.parametrize(("share", "stick", "is_stick"), [(0.8, 10.0, True), (0.97, 10.0, False), (0.8, -100.0, False)])
+def test_a_board_that_reports_its_stick_is_known_where_that_differs_by_more_than_six_counts(share, stick, is_stick):
+    """A fifth of 137 counts is 27; three hundredths are 4, and a fifth of 27 is 5."""
+    lid = compared(steady(stick, 1.0), [(at, stick) for at, _ in steady(0.0, 1.0)], share=share)
+    assert lid._scale == (1.0 if is_stick else share)
+    assert lid.use.is_ours
+
+
+@pytest.mark.parametrize(("above", "is_stick"), [(5.9, False), (6.1, True)])
+def test_more_than_the_share_of_the_highest_frame_is_a_stick(above, is_stick):
+    flown = 0.8 * 157.0 - 127.0 + above
+    frames = [(at, 30.0 if at == 0.5 else 10.0) for at, _ in steady(0.0, 1.0)]
+    lid = compared(frames, [(1.0, flown)], share=0.8)
+    assert lid._scale == (1.0 if is_stick else 0.8)
+
+
+def test_without_a_voltage_the_largest_share_of_this_flight_counts():
+    lid = compared(steady(10.0, 1.0), [(at, 0.7 * 137.0 - 127.0) for at, _ in steady(0.0, 1.0)], share=None)
+    assert lid._scale == pytest.approx(0.7)
+    for k in range(1, 20):
+        lid.frame_made(10.0, ThrottleReport(0.5 * 137.0 - 127.0, 1.0 + 0.0625 * k), 1.0 + 0.0625 * k)
+    assert lid._scale == pytest.approx(0.7)
+    assert lid.use.cap == pytest.approx(0.5 * 137.0 / 0.7)
+    assert lid.pilots_throttle == pytest.approx(0.5 * 137.0 - 127.0), "what is shown is as it was told"
+    lid.frame_made(10.0, ThrottleReport(60.0, 2.25), 2.25)
+    assert lid._scale == 1.0, "no share is more than all"

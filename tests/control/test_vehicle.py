@@ -6,7 +6,9 @@ import pytest
 
 from mkdaemon.control.vehicle import FRESH, MOTOR_TEST, VehicleMemory
 from mkdaemon.telemetry.control import ControlLine, LeaseState, Obstacle
+from mkdaemon.telemetry.link import LinkHealth
 from mkdaemon.telemetry.state import Battery, Gps, GpsFix, Position
+from mkdaemon.telemetry.vision import VisionStats
 from tests.control.events import STAMP, flight, link_state, pilot
 
 
@@ -106,3 +108,98 @@ def test_every_fact_holds_for_just_two_seconds(told, ask):
     facts = VehicleMemory()
     facts.state_received(told, 10.0)
     assert [ask(facts, at) for at in (10.0, 12.0, 12.001)] == [told, told, None]
+
+
+def flown_at(voltage, *, throttle=-20.0):
+    """What the FlightCtrl says of its throttle, compensated at a voltage [V]."""
+    return pilot(None).model_copy(update={"throttle_in_use": throttle, "compensated_at": voltage})
+
+
+@pytest.mark.parametrize(
+    ("voltage", "low_cell", "share"),
+    [
+        (14.8, None, 12.8 / 14.8),  # four cells of at most 4.3 V, each low at 3.2 V
+        (14.8, 3.5, 14.0 / 14.8),
+        (12.0, None, 9.6 / 12.0),  # three cells
+        (12.95, None, 12.8 / 12.95),  # 4.3 V a cell would be four
+        (12.85, None, 9.6 / 12.85),
+        (12.0, 4.2, 1.0),  # below the warning nothing is taken back
+        (5.0, None, 1.0),
+        (4.9, None, None),  # no voltage of a battery that flies
+        (60.0, None, 14 * 3.2 / 60.0),
+        (60.1, None, None),
+        (None, None, None),
+    ],
+)
+def test_the_share_of_a_stick_that_is_reported_follows_from_voltage_and_cells(voltage, low_cell, share):
+    facts = VehicleMemory()
+    facts.state_received(flown_at(voltage), 10.0)
+    found = facts.throttle_in_use(low_cell)
+    assert (found.throttle, found.at) == (-20.0, 10.0)
+    assert found.share == (None if share is None else pytest.approx(share))
+    assert found.stick == pytest.approx(107.0 / (share or 1.0)), "in counts of 254"
+
+
+def test_cells_are_counted_at_the_highest_voltage_of_this_battery():
+    facts = VehicleMemory()
+    for voltage in (16.4, 12.4):
+        facts.state_received(CHARGE.model_copy(update={"voltage": voltage}), 10.0)
+    facts.state_received(flown_at(12.4), 10.0)
+    assert facts.highest_voltage == 16.4
+    assert facts.throttle_in_use().share == 1.0, "four cells that are empty, not three"
+    facts.link_changed(link_state(openings=1))
+    assert facts.highest_voltage == 16.4
+    facts.link_changed(link_state(openings=2))
+    assert (facts.highest_voltage, facts.throttle_in_use()) == (0.0, None)
+
+
+def test_who_does_not_tell_of_his_throttle_tells_nothing():
+    facts = VehicleMemory()
+    assert facts.throttle_in_use() is None
+    facts.state_received(pilot(20.0), 10.0)
+    assert facts.throttle_in_use() is None
+
+
+@pytest.mark.parametrize(
+    ("emergency", "has_signal", "is_lost"),
+    [
+        (True, True, True),  # the flight says it, whatever the receiver shows
+        (False, False, False),
+        (None, False, True),
+        (None, True, False),
+        (None, None, False),
+    ],
+)
+def test_the_receiver_is_lost_by_what_the_flight_says_or_else_the_receiver(emergency, has_signal, is_lost):
+    facts = VehicleMemory()
+    assert not facts.is_receiver_lost(10.0)
+    facts.state_received(flight(is_flying=True).model_copy(update={"emergency_landing": emergency}), 10.0)
+    if has_signal is not None:
+        facts.state_received(pilot(0.0).model_copy(update={"has_signal": has_signal}), 10.0)
+    assert facts.is_receiver_lost(10.0) is is_lost
+    assert not facts.is_receiver_lost(12.1)
+
+
+def test_what_else_is_told_is_kept():
+    facts = VehicleMemory()
+    assert (facts.health, facts.eyes, facts.list_changed_at, facts.free_disk) == (None, (), float("-inf"), None)
+    down, forward = (VisionStats.model_construct(camera=name) for name in ("down", "forward"))
+    for stats in (down, forward, down):
+        facts.eye_reported(stats)
+    facts.list_changed(7.0)
+    facts.disk_measured(5e9)
+    health = LinkHealth.model_construct()
+    facts.link_measured(health)
+    assert (facts.eyes, facts.list_changed_at, facts.free_disk) == ((down, forward), 7.0, 5e9)
+    assert facts.health is health
+
+
+@pytest.mark.parametrize("ask", [VehicleMemory.position, VehicleMemory.gps, VehicleMemory.battery])
+def test_a_lost_flightctrl_voids_every_fact(ask):
+    facts = VehicleMemory()
+    for told in (PLACE, RECEPTION, CHARGE):
+        facts.state_received(told, 10.0)
+    assert not facts.is_fc_lost
+    facts.flightctrl_reported(is_lost=True)
+    assert facts.is_fc_lost
+    assert ask(facts, 10.0) is None

@@ -14,6 +14,7 @@ from lab.hil.eeprom import SETTINGS, _checksum, _is_set
 from lab.hil.flights import PAD_STARTS, SHORT, Flown, Setting, figures
 from lab.hil.main import main, summary
 from lab.hil.scenes import SCENES
+from lab.hil.triggers import Flight, missed
 from mkdaemon.errors import ConfigError
 from mkdaemon.protocol.settings import ParameterSet, layout_of
 from mksim.boards.parameters import factory_set
@@ -136,3 +137,17 @@ def test_every_scene_makes_a_setting_of_any_seed():
             assert 12.0 < setting.voltage < 17.0
     assert Setting(None, SHORT, 1).pad_speed == 0.0
     assert PAD_STARTS > 20.0
+
+
+def test_a_story_is_judged_by_what_the_firmware_held():
+    flight = Flight.__new__(Flight)
+    flight.held = [(1.0, (0, 0, 0, 90, True)), (2.0, (20, 0, 0, 90, True)), (2.5, (0, 0, 0, 90, True))]
+    assert flight.level_after(2.2) == pytest.approx(0.3)
+    assert flight.released_after(2.2) == math.inf
+    flight.held.append((3.0, (0, 0, 0, 90, False)))
+    assert flight.released_after(2.2) == pytest.approx(0.8)
+    assert missed("client_frozen", {"level": 0.3, "released": 1.0}) == []
+    assert missed("client_frozen", {"level": 0.6, "released": math.inf}) == [
+        "level 0.60 is not in 0.25 to 0.45",
+        "released inf is not in 0.9 to 1.35",
+    ]

@@ -8,10 +8,11 @@ import signal
 import subprocess
 import sys
 
+import grimp
 import pytest
 
 from lab.mutants.children import DIED, SECONDS
-from lab.mutants.main import Chooser, Tree, draw
+from lab.mutants.main import Chooser, Tree, draw, touched_by
 from lab.mutants.operators import Module, Mutant
 from lab.mutants.results import Store, read_reasons, sum_up
 from lab.mutants.sessions import Coverage, Verdict, is_doubtful, judge
@@ -291,3 +292,15 @@ def test_a_reason_with_an_unknown_word_is_refused(tmp_path):
     (tmp_path / "reasons.toml").write_text("[[survivor]]\nfile = 'x'\n", encoding="utf-8")
     with pytest.raises(ConfigError, match=r"reasons\.toml"):
         read_reasons(tmp_path / "reasons.toml")
+
+
+def test_who_imports_a_module_imports_the_package_that_it_is_in():
+    graph = grimp.ImportGraph()
+    for module in ("a", "a.rows", "a.rows.first", "a.rows.plain", "a.user", "a.users_user", "a.other"):
+        graph.add_module(module)
+    graph.add_import(importer="a.rows", imported="a.rows.first")
+    graph.add_import(importer="a.user", imported="a.rows.plain")
+    graph.add_import(importer="a.users_user", imported="a.user")
+    assert touched_by(graph, {"a.rows.first"}) == {"a.rows.first", "a.rows", "a.rows.plain", "a.user", "a.users_user"}
+    assert touched_by(graph, {"a.other"}) == {"a.other"}
+    assert touched_by(graph, {"elsewhere"}) == {"elsewhere"}

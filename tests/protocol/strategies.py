@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cache
 from itertools import pairwise
 
 from hypothesis import strategies as st
@@ -37,6 +38,7 @@ def values(wire: WireField) -> st.SearchStrategy[object]:
     return numbers(wire)
 
 
+@cache
 def messages(cls: type[WireMessage]) -> st.SearchStrategy[WireMessage]:
     return st.fixed_dictionaries({slot.name: values(slot.wire) for slot in cls.spec.slots}).map(
         lambda fields: cls(**fields)

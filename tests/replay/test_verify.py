@@ -93,7 +93,7 @@ def test_floats_that_differ_by_a_millionth_are_named(replayed):
             for path, value in floats_of(fields_of(entry)):
                 tolerance = rule_for(entry.suffix, path).tolerance
                 is_judged = entry.suffix in keys and isinstance(tolerance, Within)
-                if is_judged and abs(value) * 9e-7 > tolerance.absolute:
+                if is_judged and abs(value) * 9e-7 > max(tolerance.absolute, tolerance.relative * abs(value)):
                     assert path in keys[entry.suffix].fields, (entry.suffix, path, value)
                     checked += "stamp" not in path
     assert checked > 2000

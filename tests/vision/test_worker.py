@@ -512,3 +512,23 @@ def test_cameras_take_turns() -> None:
     taken += [slots.take(0.0), slots.take(0.0), slots.take(0.0)]
     assert taken == ["1c", "2a", "1d", None]
     assert (first.dropped, second.dropped) == (2, 0)
+
+
+def test_what_a_camera_is_and_looks_for_is_told_from_its_files() -> None:
+    setup = CameraPipeline(section(), VisionSection(), CLOCK).setup(CLOCK.stamp())
+    assert setup.lens is not None and (setup.lens.width, setup.lens.fx, setup.lens.cx) == (640, 425.0, 319.5)
+    assert setup.lens.distortion == (-0.12, 0.02, 0.0, 0.0, 0.0)
+    assert setup.position_flu == (0.05, 0.0, -0.03)
+    assert setup.quaternion_flu_from_cam is not None
+    looks = rotation_from_quaternion(setup.quaternion_flu_from_cam)[:, 2]
+    np.testing.assert_allclose(looks, [0.0, 0.0, -1.0], atol=1e-9)
+    (target,) = setup.targets
+    outer, inner = target.tags
+    assert (outer.id, inner.id) == (48, 1)
+    np.testing.assert_allclose(outer.corners[0], [-0.1524, 0.1524, 0.0], atol=1e-9)
+    assert outer.cells[0] == "########" and outer.cells[2][0] == "#" and "." in "".join(outer.cells)
+
+
+def test_a_camera_without_files_says_what_is_not_known() -> None:
+    setup = CameraPipeline(section(calibration=None), VisionSection(), CLOCK).setup(CLOCK.stamp())
+    assert (setup.lens, setup.position_flu, setup.quaternion_flu_from_cam) == (None, None, None)

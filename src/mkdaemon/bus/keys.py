@@ -12,6 +12,7 @@ from mkdaemon.telemetry.command import (
 from mkdaemon.telemetry.control import (
     ControlError,
     ControlEstimate,
+    ControlFence,
     ControlOutput,
     ControlStatus,
 )
@@ -30,7 +31,7 @@ from mkdaemon.telemetry.state import Altitude, Attitude, Battery, Flight, Gps, P
 from mkdaemon.telemetry.traffic import FrameSample, RawFrame
 from mkdaemon.telemetry.vehicle import VehicleHealth
 from mkdaemon.telemetry.verbs import VERBS
-from mkdaemon.telemetry.vision import Tags, Transform, VisionPose, VisionStats
+from mkdaemon.telemetry.vision import CameraSetup, Tags, Transform, VisionPose, VisionStats
 
 __all__ = ["KEYS", "REQUEST_BYTES", "KeySpec", "Use", "find", "of_use", "roots"]
 
@@ -70,6 +71,7 @@ KEYS: Final[tuple[KeySpec, ...]] = (
     KeySpec(
         "control/output", _P, ControlOutput, "every stick frame handed over", "Sticks for the line, after the limiter."
     ),
+    KeySpec("control/fence", _P, ControlFence, "every 10 s", "Where autonomous flight ends."),
     KeySpec("control/navi", _P, ControlNavi, "on change; 1 Hz while it flies", "What the NaviCtrl flies by itself."),
     KeySpec("vision/<camera>/tags", _P, Tags, "every image that was searched", "Tags found, with their corners."),
     KeySpec("vision/<camera>/pose", _P, VisionPose, "every image with a pose", "The vehicle against a target."),
@@ -77,6 +79,10 @@ KEYS: Final[tuple[KeySpec, ...]] = (
         "vision/<camera>/stats", _P, VisionStats, "1 Hz and on change", "Rate, latency, refusals, what is in the way."
     ),
     KeySpec("vision/<camera>/image", _P, CameraFrame, "as configured", "What the camera saw."),
+    KeySpec(
+        *("vision/<camera>/setup", _P, CameraSetup, "every 10 s"),
+        "Lens, mount and targets of a camera, from its files.",
+    ),
     KeySpec("tf", _P, Transform, "every pose; mounts at 1 Hz", "One edge of the tree of frames."),
     KeySpec("event/command", _P, CommandEvent, "every command", "Who asked what, what was decided and why."),
     KeySpec("event/mode", _P, ModeEvent, "on change", "Authority or flight mode changed."),

@@ -7,18 +7,22 @@ from typing import Final
 ROOT: Final = "mk"
 
 
-def key(vehicle: str, suffix: str) -> str:
+REPLAY: Final = "replay"
+"""Root of everything that is played without a name of its own."""
+
+
+def key(vehicle: str, suffix: str, root: str = ROOT) -> str:
     """The whole key of a suffix."""
-    return f"{ROOT}/{vehicle}/{suffix}"
+    return f"{root}/{vehicle}/{suffix}"
 
 
-def suffix_of(vehicle: str, whole: str) -> str:
-    """What follows `mk/<vehicle>/` in a key.
+def suffix_of(vehicle: str, whole: str, root: str = ROOT) -> str:
+    """What follows `<root>/<vehicle>/` in a key.
 
     Raises:
         ValueError: the key belongs to another vehicle.
     """
-    head = f"{ROOT}/{vehicle}/"
+    head = f"{root}/{vehicle}/"
     if not whole.startswith(head):
         msg = f"{whole} is no key of vehicle {vehicle}"
         raise ValueError(msg)

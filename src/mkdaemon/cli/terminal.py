@@ -21,6 +21,7 @@ from mkdaemon.spelling import spelled as spelled
 
 _ERRORS: Final = "mkdaemon.plain"
 _PLAIN: Final = {"°": " deg", "²": "2", "±": "+/-", "µ": "u", "×": "x", "·": ".", "–": "-", "—": "-", "…": "..."}
+_PLAIN.update(zip("▁▂▃▄▅▆▇█", "_.-=+*%#", strict=True))
 
 
 class GuardedStream:

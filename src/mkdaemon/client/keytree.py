@@ -13,7 +13,7 @@ from mkdaemon.client.streams import Stream, part_of_key
 from mkdaemon.client.transport import Transport
 
 if TYPE_CHECKING:
-    from mkdaemon.telemetry.control import ControlError, ControlEstimate, ControlOutput, ControlStatus
+    from mkdaemon.telemetry.control import ControlError, ControlEstimate, ControlFence, ControlOutput, ControlStatus
     from mkdaemon.telemetry.event import ClockEvent, CommandEvent, FailsafeEvent, LogEvent, ModeEvent
     from mkdaemon.telemetry.image import CameraFrame
     from mkdaemon.telemetry.joy import Joy
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from mkdaemon.telemetry.state import Altitude, Attitude, Battery, Flight, Gps, Pilot, Position, Velocity
     from mkdaemon.telemetry.traffic import FrameSample, RawFrame
     from mkdaemon.telemetry.vehicle import VehicleHealth
-    from mkdaemon.telemetry.vision import Tags, Transform, VisionPose, VisionStats
+    from mkdaemon.telemetry.vision import CameraSetup, Tags, Transform, VisionPose, VisionStats
 
 
 class RawKeys:
@@ -97,6 +97,8 @@ class ControlKeys:
             transport, "control/output", "mkdaemon.telemetry.control:ControlOutput"
         )
         """`control/output`, every stick frame handed over: Sticks for the line, after the limiter."""
+        self.fence: Stream[ControlFence] = Stream(transport, "control/fence", "mkdaemon.telemetry.control:ControlFence")
+        """`control/fence`, every 10 s: Where autonomous flight ends."""
         self.navi: Stream[ControlNavi] = Stream(transport, "control/navi", "mkdaemon.telemetry.navi:ControlNavi")
         """`control/navi`, on change; 1 Hz while it flies: What the NaviCtrl flies by itself."""
 
@@ -121,6 +123,10 @@ class VisionCameraKeys:
             transport, f"vision/{part_of_key(camera)}/image", "mkdaemon.telemetry.image:CameraFrame"
         )
         """`vision/<camera>/image`, as configured: What the camera saw."""
+        self.setup: Stream[CameraSetup] = Stream(
+            transport, f"vision/{part_of_key(camera)}/setup", "mkdaemon.telemetry.vision:CameraSetup"
+        )
+        """`vision/<camera>/setup`, every 10 s: Lens, mount and targets of a camera, from its files."""
 
 
 class EventKeys:

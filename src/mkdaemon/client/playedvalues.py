@@ -14,14 +14,13 @@ import zenoh
 from mkdaemon.bus.answers import AnswerThread
 from mkdaemon.bus.codec import encode, encoding_of, with_age
 from mkdaemon.bus.keys import Use, find
-from mkdaemon.bus.names import ROOT
 from mkdaemon.bus.schema import schema_json, schema_names
 from mkdaemon.client.playselection import Played, Selection
 from mkdaemon.telemetry.command import CommandResult, refused
 from mkdaemon.telemetry.refusals import Token, refuse
 
 PLAYING: Final = "playing"
-"""Liveliness token of a name that is played under. Not `alive`: a daemon that comes up beside it must be seen."""
+"""Liveliness token below everything that is played. Not `alive`: a daemon that comes up beside it must be seen."""
 _COMMANDS: Final = frozenset({"do", "cmd"})
 _QUERIES: Final = 64
 """Questions that may wait for an answer; a quarter of them of one key."""
@@ -68,8 +67,7 @@ class PlayedValues:
             stack.callback(answers.close)
             for root in self._roots:
                 stack.enter_context(self._session.declare_queryable(f"{root}/**", handler))
-                if root.startswith(f"{ROOT}/"):
-                    stack.enter_context(self._session.liveliness().declare_token(f"{root}/{PLAYING}"))
+                stack.enter_context(self._session.liveliness().declare_token(f"{root}/{PLAYING}"))
             yield
 
     def _answer(self, query: zenoh.Query) -> None:

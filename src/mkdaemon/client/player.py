@@ -18,12 +18,13 @@ from typing import Final
 import zenoh
 
 from mkdaemon.bus.codec import encode, encoding_of
-from mkdaemon.bus.names import ROOT
+from mkdaemon.bus.names import REPLAY, ROOT
 from mkdaemon.bus.session import close_session, open_session, session_config
+from mkdaemon.client.playcontrol import answer_controls
 from mkdaemon.client.playedvalues import PlayedValues
-from mkdaemon.client.playselection import REPLAY, Played, PlayKey, ReadAhead, Selection, Sent
+from mkdaemon.client.playselection import Played, PlayKey, ReadAhead, Selection, Sent
 from mkdaemon.errors import MkError
-from mkdaemon.telemetry.play import PlayState, PlayStatus
+from mkdaemon.telemetry.play import PlayAction, PlayControl, PlayState, PlayStatus
 
 SLOWEST: Final = 1 / 64
 FASTEST: Final = 1024.0
@@ -84,8 +85,12 @@ class Pace:
 
     def change_speed(self, factor: float, now: float) -> None:
         """Play faster or slower from now on."""
+        self.play_at(self.speed * factor, now)
+
+    def play_at(self, speed: float, now: float) -> None:
+        """Play so many seconds of the recording a second from now on."""
         self._hold(now)
-        self.speed = min(max(self.speed * factor, SLOWEST), FASTEST)
+        self.speed = min(max(speed, SLOWEST), FASTEST)
 
     def restart(self, began_at: float, now: float) -> None:
         """Go on at another time of the recording [s]."""
@@ -97,7 +102,7 @@ class Pace:
 
 @asynccontextmanager
 async def open_player_session(
-    *, connect: Sequence[str], listen: str | None, zenoh_file: Path | None = None
+    *, connect: Sequence[str], listen: str | None, zenoh_file: Path | None = None, alone: bool = False
 ) -> AsyncIterator[zenoh.Session]:
     """Open a session for a player of recordings, and close it on leaving.
 
@@ -105,12 +110,15 @@ async def open_player_session(
         connect: endpoint of a daemon or of a router, where clients meet.
         listen: endpoint for clients, where nothing else is there.
         zenoh_file: Zenoh configuration, for TLS.
+        alone: connect to nobody: who looks is in this process.
 
     Raises:
         MkError: nobody listens at the endpoint, or the one to listen at is in use.
         ConfigError: an endpoint or the file cannot be understood.
     """
-    if listen is None:
+    if alone:
+        config = session_config("peer")
+    elif listen is None:
         config = session_config("client", connect=connect, zenoh_file=zenoh_file)
     else:
         config = session_config("peer", listen=[listen], zenoh_file=zenoh_file)
@@ -154,7 +162,8 @@ class Player:
         self._loop = asyncio.get_running_loop()
         self._found: set[str] = set()
         roots = {key.rpartition("/")[0].split("/")[1] for key in selection.counts}
-        self._status = session.declare_publisher(f"{REPLAY}/status/{min(roots)}")
+        self._name = min(roots)
+        self._status = session.declare_publisher(f"{REPLAY}/status/{self._name}")
 
     # -- before ---------------------------------------------------------------------------------------------------
 
@@ -180,8 +189,20 @@ class Player:
             with suppress(RuntimeError):  # the loop may be closing
                 self._loop.call_soon_threadsafe(self._watched.set)
 
-        with self._values.answering(on_question):
+        with self._values.answering(on_question), answer_controls(self._session, self._name, self._control):
             yield
+
+    def _control(self, control: PlayControl) -> PlayStatus:
+        """Do what somebody asks for; on the thread that answers."""
+        match control.action:
+            case PlayAction.STEP:
+                self.adjust(lambda pace, now: pace.step(now))
+            case PlayAction.SPEED:
+                self.adjust(lambda pace, now: pace.play_at(control.speed, now))
+            case _:
+                is_wanted = control.action is PlayAction.PAUSE
+                self.adjust(lambda pace, now: pace.toggle(now) if pace.is_paused is not is_wanted else None)
+        return self.status()
 
     async def wait_for_subscribers(self) -> None:
         """Return as soon as anybody subscribes to what will be played, or asks for it; or when `stop` is called."""

@@ -17,13 +17,11 @@ from datetime import UTC, datetime
 from typing import Final, NamedTuple, Self
 
 from mkdaemon.bus.keys import Use, find
-from mkdaemon.bus.names import ROOT
+from mkdaemon.bus.names import REPLAY, ROOT
 from mkdaemon.config.names import VEHICLE_NAME
 from mkdaemon.errors import ConfigError, MkError
 from mkdaemon.record.entry import Entry
 
-REPLAY: Final = "replay"
-"""Root of everything that is played without a name of its own."""
 _SHOWN: Final = frozenset({Use.PUBLISHED, Use.CLIENT})
 _HANDS: Final = "joy/"
 """Keys of pads, by which a program on another machine flies."""
@@ -223,6 +221,11 @@ class Selection:
         """Names under `mk/` that values are put under."""
         parts = (key.split("/") for key in self.counts)
         return {vehicle for root, vehicle, *_ in parts if root == ROOT}
+
+    @property
+    def names(self) -> set[str]:
+        """Names of all vehicles that are played."""
+        return {key.split("/")[1] for key in self.counts}
 
     @property
     def total(self) -> int:

@@ -53,10 +53,11 @@ class Setpoints:
 
     Attributes:
         sequence: number of the last setpoint; counts up over all kinds.
+        after_abort: number of the abort that they end; 0 for none.
     """
 
     def __init__(self, transport: Transport, grant: LeaseGrant) -> None:
-        self.sequence = 0
+        self.sequence = self.after_abort = 0
         self._transport = transport
         self._grant = grant
         self._publishers: dict[str, tuple[SetpointPublisher, str]] = {}
@@ -78,9 +79,8 @@ class Setpoints:
             msg = f"there is no setpoint {kind!r}; there is {', '.join(_models())}"
             raise MkError(msg)
         try:
-            return model.model_validate(
-                {**fields, "epoch": self._grant.epoch, "sequence": self.sequence + 1, "ttl": ttl}
-            )
+            filled_in = {"epoch": self._grant.epoch, "sequence": self.sequence + 1, "ttl": ttl}
+            return model.model_validate({"after_abort": self.after_abort, **fields, **filled_in})
         except ValidationError as error:
             raise refuse(Token.BAD_FIELD, name=model.__name__, detail=first_mistake(error)) from error
 
@@ -180,7 +180,7 @@ class SetpointStream:
         """Whether the daemon has begun to send what is streamed to the aircraft."""
         from mkdaemon.telemetry.control import Phase
 
-        flown = {Phase.FLYING, Phase.STALE, Phase.ABORTED, Phase.LANDING}
+        flown = {Phase.FLYING, Phase.STALE, Phase.UNANSWERED, Phase.ABORTED, Phase.LANDING}
         return self._lost is None and self._status is not None and self._status.phase in flown
 
     @property
@@ -262,12 +262,36 @@ class SetpointStream:
             seconds: how long [s].
             rate: setpoints a second [Hz].
             patience: longest lead [s].
+
+        Raises:
+            ManoeuvreError: aborted meanwhile.
         """
         self._setpoints.check(kind, TTL, wanted)
+        self._end_abort()
         if not self.is_engaged:
             await self._engage(kind, lead, rate, ENGAGING if patience is None else patience)
         self._refusal = None
         await self._stream(kind, wanted, seconds, rate)
+        self._require_not_aborted(kind)
+
+    def _end_abort(self) -> None:
+        """Let what is streamed from now on end an abort of which the daemon has told: who calls again flies on."""
+        if self._is_aborted:
+            assert self._status is not None
+            self._setpoints.after_abort = self._status.aborts
+
+    @property
+    def _is_aborted(self) -> bool:
+        """Whether an abort is told that nothing streamed here ends."""
+        from mkdaemon.telemetry.control import Phase
+
+        status = self._status
+        is_aborted = status is not None and status.phase is Phase.ABORTED
+        return is_aborted and status is not None and status.aborts != self._setpoints.after_abort
+
+    def _require_not_aborted(self, kind: str) -> None:
+        if self._is_aborted:
+            raise ManoeuvreError(f"{kind} {self.reason}. The next call under this lease ends the abort and flies on")
 
     async def _fly_until_done(self, kind: str, wanted: dict[str, Any], patience: float, rate: float) -> None:
         """Stream a setpoint until the daemon says that what it asks for is reached.
@@ -280,6 +304,7 @@ class SetpointStream:
         from mkdaemon.telemetry.control import Phase
 
         self._setpoints.check(kind, TTL, wanted)
+        self._end_abort()
         if not self.is_engaged:
             await self._engage(kind, wanted, rate, SIGHTING)
         self._refusal = None
@@ -290,6 +315,7 @@ class SetpointStream:
             is_ours = status is not None and status.phase is Phase.FLYING and status.manoeuvre == kind
             if status is not None and is_ours and status.is_done and self._loop.time() >= start + LATEST_NEWS:
                 return
+        self._require_not_aborted(kind)
         stage = "" if self._status is None else self._status.stage
         raise ManoeuvreError(f"{kind} not done within {patience:g} s: {stage or self.reason}")
 

@@ -56,9 +56,15 @@ class Transport:
 
     def __init__(self, session: zenoh.Session, vehicle: str, endpoint: str) -> None:
         self.vehicle = vehicle
+        self._root = ROOT
         self._session = session
         self.endpoint = endpoint
         self._loop = asyncio.get_running_loop()
+
+    @property
+    def session(self) -> zenoh.Session:
+        """The Zenoh session, for what is no vehicle's own."""
+        return self._session
 
     async def get_all(self, pattern: str, *, patience: float = 3.0) -> dict[str, Sample]:
         """Ask for the last values of all keys that match, each with its `age`.
@@ -181,7 +187,7 @@ class Transport:
         return sorted({str(reply.ok.key_expr).split("/")[1] for reply in replies if reply.ok is not None})
 
     def _key(self, suffix: str) -> str:
-        return key(self.vehicle, suffix)
+        return key(self.vehicle, suffix, self._root)
 
     def _suffix(self, pattern: str) -> str:
         return pattern.removeprefix(self._key(""))
@@ -237,7 +243,7 @@ class Transport:
 
     def _sample(self, sample: zenoh.Sample) -> Sample:
         encoding, raw = str(sample.encoding), sample.payload.to_bytes()
-        return Sample(suffix_of(self.vehicle, str(sample.key_expr)), read_payload(encoding, raw), encoding)
+        return Sample(suffix_of(self.vehicle, str(sample.key_expr), self._root), read_payload(encoding, raw), encoding)
 
     async def absence(self) -> str | None:
         """Say that there is no daemon for this vehicle, and what there is; None while there is one."""

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any, TypeVar, overload
 
 import zenoh
 
+from mkdaemon.bus.names import ROOT
 from mkdaemon.client.lease import Leases
 from mkdaemon.client.navi import Navi
 from mkdaemon.client.records import Records
@@ -38,8 +39,9 @@ class Vehicle(VerbCalls):
         records: recordings.
     """
 
-    def __init__(self, session: zenoh.Session, vehicle: str, endpoint: str) -> None:
+    def __init__(self, session: zenoh.Session, vehicle: str, endpoint: str, *, root: str = ROOT) -> None:
         super().__init__(session, vehicle, endpoint)
+        self._root = root
         self.lease = Leases(self)
         self.settings: Settings = Settings(self)
         self.navi: Navi = Navi(self)

@@ -50,6 +50,7 @@ class PublishStatus:
     lease: LeaseState | None
     setpoint_age: float | None
     refused: int
+    aborts: int
     external_control: str | None
     frames_handed_over: int
     frames_sent: int

@@ -174,6 +174,7 @@ class Authority:
         phase: where authority stands.
         reason: why, one sentence.
         refused: setpoints refused since the start.
+        aborts: asked for and done since the start.
         progress: what is flown, and how far it is; None while no setpoint's sticks are sent.
         outcome: how the last manoeuvre of the newest lease ended by itself; None while it has not.
     """
@@ -194,7 +195,7 @@ class Authority:
         self._pending: ReleaseOrder | None = None
         self.phase = Phase.FREE
         self.reason = "nobody has taken the lease"
-        self.refused = 0
+        self.refused = self.aborts = 0
         self.progress: Progress | None = None
         self.outcome: Outcome | None = None
 
@@ -279,6 +280,7 @@ class Authority:
         """
         if self._move(Trigger.ABORT_REQUESTED, cause=cause) is None and self.phase is not Phase.ABORTED:
             raise refuse(Token.NOTHING_FLOWN, phase=self.reason)
+        self.aborts += 1
 
     def battery_low(self, cause: str, *, can_land: bool) -> None:
         """End the flight because the battery is low: with a landing where a target is in sight, else with a release."""
@@ -294,6 +296,10 @@ class Authority:
         self.refused += 1
         if self._lease is not None and self._lease.epoch == setpoint.epoch:
             self._lease.refuse_setpoint(setpoint, now, goes_on=goes_on)
+
+    def is_resumed_by(self, setpoint: Setpoint | None) -> bool:
+        """Whether a setpoint ends the newest abort."""
+        return setpoint is not None and 0 < setpoint.after_abort == self.aborts
 
     @property
     def holder_key(self) -> HolderKey | None:
@@ -394,6 +400,8 @@ class Authority:
             is_live=lease.is_live(cfg.lease, now),
             is_ready=not guided.obstacle,
             is_fresh=now - lease.arrived <= lease.setpoint_life(cfg.limiter),
+            is_unanswered=guided.is_unanswered,
+            resumes=self.is_resumed_by(lease.newest),
         )
 
     def _move(self, event: Trigger, conditions: Conditions | None = None, **words: str) -> Row | None:

@@ -74,7 +74,7 @@ from mkdaemon.telemetry.preflight import PreflightReport
 from mkdaemon.telemetry.refusals import TOKENS, Token, refuse
 from mkdaemon.telemetry.setpoint import Setpoint
 from mkdaemon.telemetry.signature import HolderKey
-from mkdaemon.telemetry.state import Attitude
+from mkdaemon.telemetry.state import Attitude, Pilot
 
 
 class FlightCore:
@@ -158,13 +158,13 @@ class FlightCore:
         manoeuvre that keeps its place is flown on, sticks and attitudes grow stale.
         """
         setpoint = event.setpoint
-        is_by_holder, is_of_lease = True, False
+        # Who sent it comes first: a stranger's setpoint must not be reported as one that the holder got wrong.
+        is_by_holder, is_of_lease = self._authority.is_present(event.signed_for), False
         try:
-            # Who sent it comes first: a stranger's setpoint must not be reported as one that the holder got wrong.
-            is_by_holder = self._authority.is_present(event.signed_for)
             lease = self._authority.check_setpoint(setpoint, event.signed_for)
             is_of_lease = True
-            self._flown.check(setpoint, self._authority.phase, now)
+            phase, resumes = self._authority.phase, self._authority.is_resumed_by(setpoint)
+            self._flown.check(setpoint, Phase.FLYING if phase is Phase.ABORTED and resumes else phase, now)
             is_first = lease.take_setpoint(setpoint, self._cfg.lease, now)
         except CommandRejectedError as error:
             if is_of_lease:
@@ -241,6 +241,8 @@ class FlightCore:
         if isinstance(value, Attitude):
             self._sight.attitude_received(value)
             self._preflight.motion.attitude_received(now - ATTITUDE_LATENCY, value.pitch, value.roll)
+        elif isinstance(value, Pilot) and value.is_gate_open is not None:
+            self._sight.answer.gate_reported(now, is_open=value.is_gate_open)
         return NOTED
 
     def _flightctrl_reported(self, event: FlightctrlReported, now: float) -> Reply:
@@ -328,7 +330,8 @@ class FlightCore:
 
     def situation(self, now: float) -> Situation:
         """All that admission looks at, at a time [s]; who runs procedures adds the work that keeps the boards busy."""
-        return self._situation(self._flown.concern if self.phase in IN_FLIGHT else None, now)
+        is_flown = self.phase in IN_FLIGHT and self.phase is not Phase.UNANSWERED
+        return self._situation(self._flown.concern if is_flown else None, now)
 
     def gains(self) -> Gains:
         """Model, gains and margins of the horizontal loop.
@@ -376,6 +379,7 @@ class FlightCore:
             lease=self._authority.lease(now),
             flown=flown,
             entry=self._sight.entry(now),
+            unanswered=self._sight.answer.missing_words(now),
             hover_gas=self._sight.hover_gas,
             target_age=self._sight.pose_age(now),
         )

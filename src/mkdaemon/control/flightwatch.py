@@ -11,6 +11,7 @@ from mkdaemon.control.batterywatch import BatteryWatch
 from mkdaemon.control.modes import IN_FLIGHT, Trigger
 from mkdaemon.control.patience import LinePatience
 from mkdaemon.control.vehicle import VehicleFacts
+from mkdaemon.telemetry.control import Phase
 from mkdaemon.telemetry.setpoint import AttitudeSetpoint, StickSetpoint
 
 BY_HAND: Final = frozenset({StickSetpoint.suffix, AttitudeSetpoint.suffix})
@@ -55,6 +56,8 @@ class FlightWatch:
             self._authority.end(Trigger.RECEIVER_LOST)
         elif self._authority.phase in IN_FLIGHT and (cause := self._other_control(now)):
             self._authority.end(Trigger.CONTROL_IMPOSSIBLE, cause=cause)
+        elif self._authority.phase is Phase.UNANSWERED:
+            self._has_landed = False  # the pilot flies; when he hands over again, it lands again
         elif self._authority.phase in IN_FLIGHT:
             self.battery.look(found, now)
             if self.battery.warning is not None and self.battery.has_lasted and not self._has_landed:

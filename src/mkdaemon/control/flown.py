@@ -10,12 +10,12 @@ from mkdaemon.control.admission import Concern, NewManoeuvre
 from mkdaemon.control.manoeuvres.hold import Hold
 from mkdaemon.control.manoeuvres.land import Land
 from mkdaemon.control.manoeuvres.level import Level
-from mkdaemon.control.manoeuvres.manoeuvre import Manoeuvre, Step
+from mkdaemon.control.manoeuvres.manoeuvre import Manoeuvre, Step, ended, level_at
 from mkdaemon.control.manoeuvres.table import Row
 from mkdaemon.control.modes import IN_FLIGHT
 from mkdaemon.control.sight import Sight
 from mkdaemon.errors import CommandRejectedError
-from mkdaemon.telemetry.control import ErrorValue, Phase
+from mkdaemon.telemetry.control import ErrorValue, Outcome, Phase
 from mkdaemon.telemetry.refusals import Token, refuse
 from mkdaemon.telemetry.setpoint import Setpoint
 
@@ -56,6 +56,8 @@ class Flown:
         self._admit, self._waits_for = admit, waits_for
         self._kind: type[Setpoint] | None = None
         self._phase: Phase | None = None
+        self._left: Manoeuvre | None = None
+        self._may_touch = False
 
     # -- at the door ----------------------------------------------------------------------------------------------
 
@@ -69,7 +71,7 @@ class Flown:
             known = ", ".join(sorted(each.suffix for each in self._rows))
             raise refuse(Token.NO_GUIDANCE, name=setpoint.suffix, known=known)
         wanted, before = NewManoeuvre.by(setpoint), self.concern if phase in (Phase.FLYING, Phase.STALE) else None
-        if phase in (Phase.ABORTED, Phase.LANDING):
+        if phase in (Phase.UNANSWERED, Phase.ABORTED, Phase.LANDING):
             # It is not flown; it only has to be one that could be.
             before = wanted.concern
         refusal = self._admit(wanted, before, now)
@@ -98,10 +100,50 @@ class Flown:
     def step(self, setpoint: Setpoint, phase: Phase, now: float) -> Step:
         """Decide the sticks for the newest setpoint in a phase of authority at a time [s]."""
         before, self._phase = self._phase, phase
-        step = self._fly(setpoint, before, phase, now) if phase in IN_FLIGHT else self._prepare(setpoint, now)
-        self.error = step.error
+        if phase not in IN_FLIGHT:
+            step = self._prepare(setpoint, now)
+        elif phase is Phase.UNANSWERED or self._is_unanswered(now):
+            step = self._wait(setpoint, phase, now)
+        else:
+            self._left = None
+            self._sight.leave_to_pilot(is_his=False)
+            step = self._fly(setpoint, before, phase, now)
+        self.error, self._may_touch = step.error, step.may_touch
         self._sight.stand(is_standing=step.stands)
+        is_flown = phase in IN_FLIGHT and (phase is Phase.UNANSWERED or self.is_by_target)
+        self._sight.judge_answer(says_something=is_flown and not step.may_touch)
         return step
+
+    def _is_unanswered(self, now: float) -> bool:
+        """Whether the aircraft, flown by the target and off the ground, does not answer its sticks."""
+        return self.is_by_target and not self._may_touch and bool(self._sight.answer.missing_words(now))
+
+    def _wait(self, setpoint: Setpoint, phase: Phase, now: float) -> Step:
+        """Level, and ready to begin anew where the aircraft is, under the conditions of a hand-over in the air.
+
+        Nothing that was learnt from sticks that did not act is kept.
+        """
+        if self._left is None:
+            self._left = self.current
+            self._sight.leave_to_pilot(is_his=True)
+        after = self._resumed(setpoint, phase)
+        wanted = NewManoeuvre.by(setpoint)
+        if (after.is_by_target and phase is not Phase.UNANSWERED) or wanted.concern is Concern.TAKE_OFF:
+            wanted = NewManoeuvre(Concern.HOLD)
+        entered = after.enter(self._left if after.is_by_target else None, now)
+        obstacle = self._waits_for(wanted, now) or entered
+        self.current, step = after, after.step(now, is_flying=False)
+        age = self._sight.pose_age(now)
+        is_lost = after.is_by_target and (age is None or age > self._cfg.autopilot.exit_after)
+        end = ended(Outcome.SIGHT_LOST, target=self._sight.target, age=age or 0.0) if is_lost else None
+        sticks = level_at(self._sight.hover_gas)
+        return replace(step, sticks=sticks, obstacle=obstacle, end=end, is_unanswered=True, is_done=False, stands=False)
+
+    def _resumed(self, setpoint: Setpoint, phase: Phase) -> Manoeuvre:
+        """What is flown when the aircraft answers again."""
+        if phase is Phase.LANDING:
+            return Land(self._sight, self._cfg.autopilot)
+        return Hold(self._sight, self._cfg.autopilot) if phase is Phase.ABORTED else self._make(setpoint)
 
     def _prepare(self, setpoint: Setpoint, now: float) -> Step:
         """What the flight would begin with, and what it waits for."""
@@ -129,7 +171,10 @@ class Flown:
     def end(self) -> None:
         """Nothing is flown any more."""
         self._sight.stand(is_standing=False)
-        self.current = self._kind = None
+        self._sight.leave_to_pilot(is_his=False)
+        self._sight.answer.forget()
+        self.current = self._kind = self._left = None
+        self._may_touch = False
 
     def _make(self, setpoint: Setpoint) -> Manoeuvre:
         self._kind = type(setpoint)
@@ -148,4 +193,4 @@ class Flown:
         if isinstance(after, Hold) and self._admit(NewManoeuvre(Concern.HOLD), self.concern, now) is not None:
             after = Level(self._sight)
         after.enter(before, now)
-        self.current = after
+        self.current, self._kind = after, None  # whoever ends the abort begins anew

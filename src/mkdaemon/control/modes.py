@@ -82,6 +82,8 @@ class Conditions:
         is_fresh: its newest setpoint is within its time to live.
         is_release_owed: another release was asked for since the last one began.
         can_land: a target is in sight to land on.
+        is_unanswered: the aircraft does not answer its sticks.
+        resumes: the newest setpoint ends the abort.
     """
 
     is_held: bool = False
@@ -91,6 +93,8 @@ class Conditions:
     is_fresh: bool = False
     is_release_owed: bool = False
     can_land: bool = False
+    is_unanswered: bool = False
+    resumes: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,6 +121,8 @@ READY_BUT_OLD: Final = Guard(
     "the stream is live and ready, its newest setpoint is too old",
     lambda now: now.is_live and now.is_ready and not now.is_fresh,
 )
+UNANSWERED: Final = Guard("the aircraft does not answer its sticks", lambda now: now.is_unanswered)
+RESUMED: Final = Guard("the newest setpoint ends the abort", lambda now: now.resumes and now.is_fresh)
 FRESH: Final = Guard("the newest setpoint is fresh", lambda now: now.is_held and now.is_fresh)
 TOO_OLD: Final = Guard("the newest setpoint is too old", lambda now: now.is_held and not now.is_fresh)
 CAN_LAND: Final = Guard("a target is in sight", lambda now: now.can_land)
@@ -148,8 +154,8 @@ class Row:
     is_asked: bool = False
 
 
-_FREE, _LEASED, _FLYING, _STALE, _ABORTED, _LANDING, _RELEASING = Phase
-IN_FLIGHT: Final = (_FLYING, _STALE, _ABORTED, _LANDING)
+_FREE, _LEASED, _FLYING, _STALE, _UNANSWERED, _ABORTED, _LANDING, _RELEASING = Phase
+IN_FLIGHT: Final = (_FLYING, _STALE, _UNANSWERED, _ABORTED, _LANDING)
 """Phases in which stick frames are sent."""
 _STREAMED: Final = (_FLYING, _STALE)
 _UNTIL_LANDING: Final = (_FLYING, _STALE, _ABORTED)
@@ -173,10 +179,11 @@ ROWS: Final = (
     Row((_LEASED,), Trigger.TICK, READY, _FLYING, Reaction.STICKS, _FLIES),
     Row((_LEASED,), Trigger.TICK, READY_BUT_OLD, _STALE, Reaction.NEUTRAL, _OLD),
     Row(IN_FLIGHT, Trigger.TICK, SILENT, _RELEASING, Reaction.RELEASE, "no setpoint from {holder} for {silence} s"),
+    Row((_FLYING,), Trigger.TICK, UNANSWERED, _UNANSWERED, Reaction.NEUTRAL, "{obstacle}"),
     Row(_STREAMED, Trigger.TICK, FRESH, _FLYING, Reaction.STICKS, _FLIES),
     Row(_STREAMED, Trigger.TICK, TOO_OLD, _STALE, Reaction.NEUTRAL, _OLD),
     Row(
-        (*_STREAMED, _LANDING),
+        (*_STREAMED, _UNANSWERED, _LANDING),
         Trigger.ABORT_REQUESTED,
         ALWAYS,
         _ABORTED,
@@ -184,6 +191,10 @@ ROWS: Final = (
         "aborted: {cause}",
         is_asked=True,
     ),
+    Row((_UNANSWERED,), Trigger.TICK, NOT_READY, _UNANSWERED, Reaction.NEUTRAL, "{holder} streams; {obstacle}"),
+    Row((_UNANSWERED,), Trigger.TICK, READY, _FLYING, Reaction.STICKS, _FLIES),
+    Row((_UNANSWERED,), Trigger.TICK, ALWAYS, _UNANSWERED, Reaction.NEUTRAL, "{reason}"),
+    Row((_ABORTED,), Trigger.TICK, RESUMED, _FLYING, Reaction.STICKS, _FLIES),
     Row((_ABORTED,), Trigger.TICK, FRESH, _ABORTED, Reaction.HOLD, "{reason}"),
     Row((_ABORTED,), Trigger.TICK, TOO_OLD, _ABORTED, Reaction.NEUTRAL, "{reason}"),
     Row(_UNTIL_LANDING, Trigger.BATTERY_LOW, CAN_LAND, _LANDING, Reaction.NOTHING, "{cause} It lands on the target."),

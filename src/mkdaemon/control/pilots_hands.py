@@ -65,6 +65,13 @@ HANDS: Final = (
     _flying(AttitudeSetpoint.suffix, "", _BY_HAND),
     Hands(Phase.FLYING, "", "", LID),
     Hands(Phase.STALE, "", "", "shuts the gate and flies, unless the machine goes on at once"),
+    Hands(
+        Phase.UNANSWERED,
+        "",
+        "",
+        "flies; to hand over he hovers still over the target, throttle a quarter above hover, sticks centred, and "
+        "opens the gate",
+    ),
     Hands(Phase.ABORTED, "", "", f"{LID}; shuts the gate to take over"),
     Hands(Phase.LANDING, _LANDING, LandingPhase.DOWN.value, _STANDS),
     Hands(Phase.LANDING, "", "", "holds the throttle a quarter above hover until the feet stand, then down"),

@@ -89,6 +89,7 @@ class Preflight:
         lease: LeaseState | None,
         flown: Concern | None,
         entry: Entry | None,
+        unanswered: str,
         hover_gas: float,
         target_age: float | None,
     ) -> Situation:
@@ -100,13 +101,11 @@ class Preflight:
             lease: the present one; None for nobody.
             flown: the manoeuvre whose sticks are being sent; None while no stick frames are sent.
             entry: what the estimate says; None where there is no estimate.
+            unanswered: why the sticks do not act; empty where they may.
             hover_gas: throttle that carries the aircraft [count of 254].
             target_age: time since the newest image of the target [s]; None where there was none.
         """
-        facts, throttle = self._facts, self._facts.throttle_in_use(self.active_set.low_cell)
-        is_reported = throttle is not None and now - throttle.at <= REPORTED
-        if now - self._matched_at >= MATCHED_FOR:
-            self._match, self._matched_at = self.motion.match(now, self._followed), now
+        facts, loop = self._facts, self._loop
         return Situation(
             cfg=self._cfg,
             now=now,
@@ -129,17 +128,29 @@ class Preflight:
             battery=facts.battery(now),
             highest_voltage=facts.highest_voltage,
             hover_gas=hover_gas,
-            gas_in_use=throttle.stick if throttle is not None and is_reported else None,
+            gas_in_use=self._gas_in_use(now),
             eyes=facts.eyes,
             contradicting=self._contradicting,
             target_age=target_age,
             entry=entry,
-            stamps=self._match,
+            unanswered=unanswered,
+            stamps=self._stamps(now),
             free_disk=facts.free_disk,
             model=self._unknown,
-            loop=None if self._loop is None else self._loop.refusal,
-            is_loop_known=self._loop is not None,
+            loop=None if loop is None else loop.refusal,
+            is_loop_known=loop is not None,
         )
+
+    def _stamps(self, now: float) -> Match | None:
+        """How camera and boards move together; compared anew after a while."""
+        if now - self._matched_at >= MATCHED_FOR:
+            self._match, self._matched_at = self.motion.match(now, self._followed), now
+        return self._match
+
+    def _gas_in_use(self, now: float) -> float | None:
+        """Throttle that the FlightCtrl flies with [count of 254]; None where it has not told lately."""
+        throttle = self._facts.throttle_in_use(self.active_set.low_cell)
+        return throttle.stick if throttle is not None and now - throttle.at <= REPORTED else None
 
     def gains(self, *, is_flying: bool = False) -> Gains:
         """Model, gains and margins of the loop.

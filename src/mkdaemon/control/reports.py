@@ -27,7 +27,7 @@ from mkdaemon.control.vehicle import VehicleFacts
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.command import CommandResult, refused
 from mkdaemon.telemetry.control import ErrorValue, EstimateValue, Phase, ReleaseOutcome
-from mkdaemon.telemetry.refusals import Status
+from mkdaemon.telemetry.refusals import Status, Token, refuse
 from mkdaemon.telemetry.selfcal import HEIGHTS_LIKELY
 from mkdaemon.telemetry.setpoint import Setpoint
 from mkdaemon.telemetry.vision import VisionPose
@@ -164,6 +164,9 @@ class Reports:
             return
         self._phase = after
         self._waiting.append(ReportMode(before, after, self._authority.reason))
+        if after is Phase.UNANSWERED:
+            error = refuse(Token.NO_ANSWER, detail=self._authority.reason)
+            self._waiting.append(Warn(f"{error.reason} {error.fix}"))
         if action := _FAILSAFES.get(after):
             self._waiting.append(ReportFailsafe(action, self._authority.reason))
         self._believed = None
@@ -185,7 +188,14 @@ class Reports:
         progress = authority.progress
         lid = self._output.lid.pilots_throttle if authority.phase in IN_FLIGHT else None
         self._report_lid(lid)
-        news = (authority.phase, authority.reason, lease.epoch if lease else None, progress, lid is None)
+        news = (
+            authority.phase,
+            authority.reason,
+            lease.epoch if lease else None,
+            progress,
+            lid is None,
+            authority.aborts,
+        )
         if news == self._status and now - self._status_at < STATUS_PERIOD:
             return
         self._status, self._status_at = news, now
@@ -196,6 +206,7 @@ class Reports:
                 lease=lease,
                 setpoint_age=authority.setpoint_age(now),
                 refused=authority.refused,
+                aborts=authority.aborts,
                 external_control=layout,
                 frames_handed_over=self._output.handed_over,
                 frames_sent=self._output.sent,

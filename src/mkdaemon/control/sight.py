@@ -10,6 +10,7 @@ import numpy as np
 
 from mkdaemon.config.autopilot import AutopilotConfig
 from mkdaemon.control.admission.situation import Entry
+from mkdaemon.control.answers import AnswerWatch
 from mkdaemon.control.estimator.estimator import Estimator
 from mkdaemon.control.estimator.model import AircraftModel
 from mkdaemon.control.estimator.values import GAS_CENTRE, StickCommand, TargetView, ThrottleUse, ViewFault, fault_of
@@ -44,6 +45,7 @@ class Sight:
         hover_gas: throttle that carries it, where no estimate says so [count of 254].
         attitude: as the boards reported it last.
         is_standing: what is flown knows that the aircraft stands on the ground, where nothing is estimated.
+        answer: of the aircraft to its sticks.
     """
 
     def __init__(self, cfg: AutopilotConfig, hover_throttle: float) -> None:
@@ -59,6 +61,9 @@ class Sight:
         self.hover_gas = hover_throttle + GAS_CENTRE
         self.attitude: Attitude | None = None
         self.is_standing = False
+        self.answer = AnswerWatch(self.model)
+        self._is_answer_judged = self._is_others = False
+        self._trusted_gas: float | None = None
         self._cfg = cfg
         self._last_view: TargetView | None = None
         self._sent: deque[StickCommand] = deque(maxlen=SENT_KEPT)
@@ -68,6 +73,7 @@ class Sight:
         """Take the model of the aircraft's own parameter set; the estimate begins anew with it."""
         if model != self.model:
             self.model, self.estimator = model, None
+            self.answer = AnswerWatch(model)
 
     def stand(self, *, is_standing: bool) -> None:
         """Take what the flown manoeuvre knows: the estimate ends on the ground, and begins anew in the air."""
@@ -75,13 +81,27 @@ class Sight:
         if is_standing:
             self.estimator = None
 
+    def judge_answer(self, *, says_something: bool) -> None:
+        """Take whether no answer to the sticks would mean something: it is flown by the target, off the ground."""
+        self._is_answer_judged = says_something
+
+    def leave_to_pilot(self, *, is_his: bool) -> None:
+        """Take whether the pilot flies, whatever is sent: what was learnt from sticks that did not act is forgotten."""
+        if is_his and not self._is_others:
+            self.estimator, self.hover_gas = None, self._trusted_gas or self.hover_gas
+        self._is_others = is_his
+
     def attitude_received(self, attitude: Attitude) -> None:
         """Take the attitude the boards report."""
         self.attitude = attitude
+        at = attitude.stamp.monotonic - ATTITUDE_LATENCY
+        scale = SHOWN if attitude.scale is AngleScale.FLIGHTCTRL else 1.0
+        pitch, roll = attitude.pitch / scale, attitude.roll / scale
+        self.answer.attitude_received(at, pitch, roll, says_something=self._is_answer_judged)
         if self.estimator is not None:
-            at = attitude.stamp.monotonic - ATTITUDE_LATENCY
-            scale = SHOWN if attitude.scale is AngleScale.FLIGHTCTRL else 1.0
-            self.estimator.attitude_received(at, attitude.pitch / scale, attitude.roll / scale, attitude.yaw)
+            self.estimator.attitude_received(at, pitch, roll, attitude.yaw)
+            if self.answer.is_sure:
+                self._trusted_gas = self.estimator.hover_gas
 
     def view_received(
         self, target: str, view: TargetView, now: float, *, lifted_by: float | None, may_change: bool
@@ -130,7 +150,8 @@ class Sight:
         """Take note of a stick frame that goes out now [s], and of what becomes of its throttle."""
         command = StickCommand(now, counts.pitch, counts.roll, counts.yaw, counts.throttle + GAS_CENTRE, use)
         self._sent.append(command)
-        if self.estimator is not None:
+        self.answer.sent(counts.pitch, counts.roll, now)
+        if self.estimator is not None and not self._is_others:
             self.estimator.sent(command)
 
     # -- questions, which change nothing --------------------------------------------------------------------------

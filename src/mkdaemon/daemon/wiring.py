@@ -31,6 +31,7 @@ from mkdaemon.link.labels import LabelCache
 from mkdaemon.link.link import Link, Opener
 from mkdaemon.link.ports.port import open_port
 from mkdaemon.link.session.guarding import LineGuard
+from mkdaemon.telemetry.control import ControlFence
 from mkdaemon.telemetry.setpoint import SETPOINTS
 from mkdaemon.telemetry.vehicle import VehicleHealth
 
@@ -41,6 +42,8 @@ HEALTH_PERIOD: Final = 1.0
 """The vehicle's signs of life are published at least this often [s]."""
 HEALTH_LOOK: Final = 0.1
 """Time between two looks at them [s]."""
+FENCE_PERIOD: Final = 10.0
+"""The fence is published so often: a recording that is cut has it all the same [s]."""
 CLOCK_LOOK: Final = 0.5
 """Time between two looks for a step of the system clock [s]."""
 
@@ -154,6 +157,7 @@ class Wiring:
             tasks.create_task(self.flight.run(), name="control"),
             tasks.create_task(self.procedures.run(), name="procedures"),
             tasks.create_task(self._publish_health(), name="health"),
+            tasks.create_task(self._publish_fence(), name="fence"),
             tasks.create_task(self._watch_system_clock(), name="clock"),
         ]
 
@@ -172,6 +176,14 @@ class Wiring:
                 published, published_at = content, health.stamp.monotonic
                 self._bus.publish("health", health)
             await asyncio.sleep(HEALTH_LOOK)
+
+    async def _publish_fence(self) -> None:
+        """Publish where autonomous flight ends, now and then."""
+        limits = self._cfg.control.autopilot
+        shown = {"radius": limits.fence_radius, "height": limits.fence_height, "floor": limits.fence_floor}
+        while True:
+            self._bus.publish("control/fence", ControlFence(stamp=self._clock.stamp(), **shown))
+            await asyncio.sleep(FENCE_PERIOD)
 
     async def _watch_system_clock(self) -> None:
         """Publish every step of the system clock."""

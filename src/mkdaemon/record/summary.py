@@ -105,6 +105,39 @@ Progress = Callable[[int], None]
 """Takes how many bytes of a file have been read."""
 
 
+STRETCHES: Final = 64
+"""Of an `Activity`."""
+SHORTEST: Final = NANOSECONDS // 20
+"""First length of a stretch [ns]."""
+
+
+class Activity:
+    """How many entries came when; takes no more memory for longer recordings: stretches of time grow."""
+
+    def __init__(self, origin: int) -> None:
+        """Count from a time on [ns; times of the file]."""
+        self._origin, self._length = origin, SHORTEST
+        self._counts = [0] * STRETCHES
+
+    def take(self, at: int) -> None:
+        """Count an entry of a time [ns]."""
+        place = max(at - self._origin, 0) // self._length
+        while place >= STRETCHES:
+            pairs = zip(self._counts[::2], self._counts[1::2], strict=True)
+            self._counts = [one + other for one, other in pairs] + [0] * (STRETCHES // 2)
+            self._length *= 2
+            place //= 2
+        self._counts[place] += 1
+
+    def over(self, end: int, columns: int) -> list[int]:
+        """Entries in so many equal parts of the time until an end [ns]."""
+        span, found = max(end - self._origin, 1), [0] * columns
+        for place, count in enumerate(self._counts):
+            middle = (2 * place + 1) * self._length // 2
+            found[min(middle * columns // span, columns - 1)] += count
+        return found
+
+
 @dataclass
 class KeySummary:
     """All entries of one kind and key.
@@ -119,10 +152,12 @@ class KeySummary:
         last: time of the latest [ns].
         longest_gap: longest time between two of them [s].
         lost: missing by their sequence numbers.
+        activity: how many came when.
     """
 
     kind: Kind
     key: str
+    activity: Activity
     encoding: str = ""
     count: int = 0
     size: int = 0
@@ -144,6 +179,7 @@ class KeySummary:
         self.encoding, self.count, self.size = entry.encoding, self.count + 1, self.size + len(entry.payload)
         self.first = min(self.first, at) if self.first else at
         self.last = max(self.last, at)
+        self.activity.take(at)
 
 
 @dataclass(frozen=True, slots=True)
@@ -205,12 +241,15 @@ class Summary:
         return sorted({part[1] for part in parts if part[0] in ROOTS and len(part) > 2})
 
 
-def summarise(path: Path, progress: Progress = lambda position: None) -> Summary:
+def summarise(
+    path: Path, progress: Progress = lambda position: None, also: Callable[[Entry], None] = lambda entry: None
+) -> Summary:
     """Read a whole file.
 
     Args:
         path: the file.
         progress: hears how far it is, now and then.
+        also: is given every entry as well, in order.
 
     Raises:
         MkError: it cannot be opened.
@@ -218,14 +257,17 @@ def summarise(path: Path, progress: Progress = lambda position: None) -> Summary
     recording = Recording(path)
     summary = Summary(path, None, recording.report)
     checks: dict[str, CountCheck] = {}
+    origin = 0
     for number, entry in enumerate(recording.entries()):
         at = entry.base.file_time(entry.received)
+        origin = origin or at
         place = (entry.kind, entry.key)
         found = summary.keys.get(place)
         if found is None:
-            found = summary.keys[place] = KeySummary(*place)
+            found = summary.keys[place] = KeySummary(*place, Activity(origin))
         found.take(entry, at)
         summary.senders.take(entry)
+        also(entry)
         if entry.kind is Kind.SAMPLE:
             checks.setdefault(entry.vehicle, CountCheck()).take(entry.suffix, entry.payload)
             if entry.suffix == MARK:

@@ -19,8 +19,11 @@ class Phase(StrEnum):
     """Stick frames are sent."""
     STALE = "stale"
     """The setpoint is too old: neutral sticks at hover throttle are sent."""
+    UNANSWERED = "unanswered"
+    """The aircraft does not answer its sticks, so the pilot flies it: neutral sticks at hover throttle are sent."""
     ABORTED = "aborted"
-    """A manoeuvre was stopped: the aircraft holds its place where a target is in sight, else it is level."""
+    """A manoeuvre was stopped: the aircraft holds its place where a target is in sight, else it is level; until its
+    holder ends the abort."""
     LANDING = "landing"
     """The battery is low: the aircraft lands on the target in sight, whatever is streamed."""
     RELEASING = "releasing"
@@ -172,6 +175,8 @@ class ControlStatus(Stamped):
     """Age of the setpoint in use [s]."""
     refused: int
     """Setpoints refused since the start."""
+    aborts: int = 0
+    """Aborts since the start; a setpoint with this number in `after_abort` ends the newest one."""
     external_control: str | None
     """Layout of stick frames this aircraft takes; null where control is not possible."""
     frames_handed_over: int = 0
@@ -258,6 +263,17 @@ class ErrorValue(Telemetry):
 
 class ControlError(Stamped, ErrorValue):
     """The error to the setpoint: `control/error`, with every stick frame of an autonomous flight in the air."""
+
+
+class ControlFence(Stamped):
+    """Where autonomous flight ends: setpoints outside are moved to its surface: `control/fence`."""
+
+    radius: float
+    """Largest horizontal distance from the middle of the target [m]."""
+    height: float
+    """Largest height above it [m]."""
+    floor: float
+    """Least height above it; landing is a thing of its own [m]."""
 
 
 class Gains(Telemetry):

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from enum import StrEnum
 
-from mkdaemon.telemetry.base import Telemetry
+from pydantic import Field
+
+from mkdaemon.telemetry.base import Command, Telemetry
 
 
 class PlayState(StrEnum):
@@ -37,3 +39,23 @@ class PlayStatus(Telemetry):
     """Values put in this round."""
     values: int
     """Values in the file to be put."""
+
+
+class PlayAction(StrEnum):
+    """What a player is asked to do."""
+
+    PAUSE = "pause"
+    GO_ON = "go_on"
+    STEP = "step"
+    """Play one value and pause."""
+    SPEED = "speed"
+    """Play at `speed`."""
+
+
+class PlayControl(Command):
+    """Ask a player of recordings: `replay/control/<vehicle>`, answered by a `PlayStatus`."""
+
+    action: PlayAction = Field(strict=False)
+    """What to do."""
+    speed: float = Field(default=1.0, ge=1 / 64, le=1024.0)
+    """Seconds of the recording a second, for `speed`."""

@@ -246,6 +246,12 @@ class Token(StrEnum):
         "{name} cannot begin from sticks or attitude now; it needs {detail}.",
         "Fly on by sticks until it is so, then stream it again; docs/flying.md lists the conditions.",
     )
+    NO_ANSWER = (
+        "no_answer",
+        "the aircraft does not answer its sticks: {detail}; they are level now.",
+        "The pilot flies. To hand over he hovers still over the target, centres his sticks and opens the gate; if it "
+        "is open, look at `mkctl health` and `mkctl settings show external_control`.",
+    )
     NOT_ON_GROUND = (
         "not_on_ground",
         "a take-off begins on the ground, and this aircraft is flown by sticks or attitude.",
@@ -336,7 +342,14 @@ class Token(StrEnum):
     CAMERA_UNFIT = (
         "camera_unfit",
         "no camera can be flown by: {detail}.",
-        "`mkctl watch 'vision/**'`; docs/cameras.md.",
+        "Silent or gone: check its cable and power, and that no other program has opened it. `mkctl watch 'vision/**'` "
+        "shows it; docs/cameras.md.",
+    )
+    CAMERA_OPENING = (
+        "camera_opening",
+        "no camera delivers yet: {detail}.",
+        "Wait some seconds, then repeat; `mkctl watch 'vision/**'` shows when images come.",
+        Status.BUSY,
     )
     CAMERAS_CONTRADICT = (
         "cameras_contradict",

@@ -33,6 +33,9 @@ class Setpoint(Command):
     """Counts up from one setpoint of an epoch to the next, whatever their kind."""
     ttl: float = Field(gt=0, le=1.0)
     """Time after arrival at which it no longer holds [s]; the daemon's own limit applies as well."""
+    after_abort: int = Field(default=0, ge=0)
+    """Number of the abort that it ends, as `aborts` of `control/status` counts them: its holder has been told of it and
+    flies on. With any other number an aborted flight stays aborted."""
 
 
 class StickSetpoint(Setpoint):

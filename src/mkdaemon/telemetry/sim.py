@@ -58,8 +58,8 @@ class ScenePose(Telemetry):
     """Blurs the image [m/s]."""
     rates: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """Body rates about forward, left, up; blur the image [rad/s]."""
-    stamp: Stamp | None = None
-    """When it was so; null for when it arrived. Within half a second of our own clock."""
+    stamp: Stamp
+    """When it was so; within half a second of our own clock. When it arrives says nothing: under load it is late."""
 
 
 class RunningFault(Telemetry):

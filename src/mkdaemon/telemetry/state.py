@@ -209,6 +209,8 @@ class Pilot(StateValue):
     throttle_in_use: float | None = None
     """Throttle the FlightCtrl flies with: on stock firmware the smaller of the pilot's and ours [stick from the
     centre]; null where the board does not report it, and while motors stand."""
+    is_gate_open: bool | None = None
+    """Whether the pilot's gate is open, where the board reports it: a public fork."""
     compensated_at: float | None = None
     """Voltage of the battery in this message, where `throttle_in_use` is what the FlightCtrl made of its stick by it
     [V]: the stick times the voltage of its low-battery warning over this; null where it is the stick itself."""

@@ -261,6 +261,66 @@ class VisionStats(Stamped):
     """Exposure and gain that we choose (`exposure_ms = "target"`); none where the camera or its driver does."""
 
 
+class TagShape(Telemetry):
+    """One printed tag of a target."""
+
+    family: str
+    """For example `tag36h11`."""
+    id: int
+    """Its code."""
+    corners: tuple[Vector3, Vector3, Vector3, Vector3]
+    """Top-left, top-right, bottom-right, bottom-left of everything black, in the target's frame [m]."""
+    cells: tuple[str, ...]
+    """Rows of the print from the top, `#` for a black cell and `.` for a white one."""
+
+
+class TargetShape(Telemetry):
+    """A target, as its file describes it."""
+
+    name: str
+    """Name of the target."""
+    moving: bool
+    """Whether it moves in the world."""
+    tags: tuple[TagShape, ...]
+    """Largest first: a later tag lies on top of an earlier one."""
+
+
+class LensShape(Telemetry):
+    """How a calibrated camera projects: what camera files have under `[intrinsics]`."""
+
+    width: int
+    """Of the images [px]."""
+    height: int
+    """[px]."""
+    fx: float
+    """Focal length along x [px]."""
+    fy: float
+    """Focal length along y [px]."""
+    cx: float
+    """Principal point, x [px; centres at integers]."""
+    cy: float
+    """Principal point, y [px]."""
+    model: str
+    """`pinhole` or `fisheye`."""
+    distortion: tuple[float, ...]
+    """In OpenCV's order: k1, k2, p1, p2, k3 of a pinhole, k1 to k4 of a fisheye."""
+
+
+class CameraSetup(Stamped):
+    """What a camera is, and what it looks for, from its files: `vision/<camera>/setup`."""
+
+    camera: str
+    """Name of the camera."""
+    lens: LensShape | None
+    """How it projects; null where it is not calibrated."""
+    position_flu: Vector3 | None
+    """Its centre in the body frame [m]; null where nobody said how it sits."""
+    quaternion_flu_from_cam: Quaternion | None
+    """Its rotation in the body frame (w, x, y, z); null as above."""
+    targets: tuple[TargetShape, ...]
+    """What it looks for."""
+
+
 class Transform(Stamped):
     """One edge of the tree of frames: `tf`."""
 

@@ -45,6 +45,7 @@ def pilot(
     throttle: float | None,
     gas: float | None = None,
     compensated_at: float | None = None,
+    is_gate_open: bool | None = None,
 ) -> Pilot:
     """What reaches the aircraft from the pilot.
 
@@ -55,6 +56,7 @@ def pilot(
         throttle: where it is reported [stick].
         gas: what the FlightCtrl flies with, 0..254; zero and None say nothing.
         compensated_at: battery voltage that is in it [V]; None where it is the stick itself.
+        is_gate_open: where it is reported.
     """
     return Pilot(
         **origin._asdict(),
@@ -64,6 +66,7 @@ def pilot(
         sticks=sticks,
         throttle_in_use=gas - STICK_CENTRE if gas else None,
         compensated_at=compensated_at if gas else None,
+        is_gate_open=is_gate_open,
     )
 
 

@@ -30,9 +30,9 @@ _CHANNEL_VOLTAGE, _CHANNEL_RECEIVER, _CHANNEL_CURRENT, _CHANNEL_CAPACITY = 9, 10
 _CHANNEL_HEIGHT = 5
 _CHANNEL_THROTTLE, _THROTTLE_SCALE = 7, 4.0
 _CHANNEL_MOTORS = slice(12, 16)
-_CHANNEL_FORK_STICK, _CHANNEL_FORK_CALIBRATED = 19, 26
-"""Of a public fork: the throttle stick itself, and whether it is calibrated, as all are whose motors run. Stock
-firmware leaves both at 0."""
+_CHANNEL_FORK_STICK, _CHANNEL_FORK_GATE, _CHANNEL_FORK_CALIBRATED = 19, 25, 26
+"""Of a public fork: the throttle stick itself, whether the gate is open, and whether it is calibrated, as all are whose
+motors run. Stock firmware leaves them at 0."""
 
 
 class StateTranslator:
@@ -134,6 +134,7 @@ def _from_debug(debug: DebugDataFc, origin: Origin) -> list[State]:
         throttle=None,
         gas=stick if any(channels[_CHANNEL_MOTORS]) else None,
         compensated_at=None if is_fork else battery.voltage,
+        is_gate_open=bool(channels[_CHANNEL_FORK_GATE]) if is_fork else None,
     )
     return [
         ("state/battery", battery),

@@ -1,1 +1,1 @@
-"""What people look at: the page in the browser, the terminal view, the report."""
+"""What people look at: pages and screens made of values from the bus or of a recording. Stands on the client."""

@@ -10,12 +10,23 @@ import numpy.typing as npt
 from mkdaemon.frames import quaternion_from_rotation
 from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.base import Telemetry
-from mkdaemon.telemetry.vision import Exposure, Tags, TagSighting, Transform, VisionPose
+from mkdaemon.telemetry.vision import (
+    CameraSetup,
+    Exposure,
+    LensShape,
+    Tags,
+    TagShape,
+    TagSighting,
+    TargetShape,
+    Transform,
+    VisionPose,
+)
 from mkdaemon.vision.camera.exposure import ExposureControl
 from mkdaemon.vision.camera.image import CameraImage
+from mkdaemon.vision.camera.intrinsics import Intrinsics
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.tags.detection import Detection
-from mkdaemon.vision.tags.tagmap import TagMap
+from mkdaemon.vision.tags.tagmap import Tag, TagMap
 from mkdaemon.vision.track.attitude import Mounting
 from mkdaemon.vision.track.result import TargetPose, VisionResult
 
@@ -170,3 +181,43 @@ def outlines_of(result: VisionResult, tagmap: TagMap, projection: Projection | N
             if visible.all():
                 found.append(corners)
     return found
+
+
+def setup_of(
+    camera: str, intrinsics: Intrinsics | None, mounting: Mounting | None, tagmap: TagMap, stamp: Stamp
+) -> CameraSetup:
+    """What a camera is and looks for.
+
+    Args:
+        camera: its name.
+        intrinsics: of its calibration; None without one.
+        mounting: how it sits on the vehicle; None where nobody said.
+        tagmap: its targets.
+        stamp: now.
+    """
+    lens = None
+    if intrinsics is not None:
+        shown = intrinsics.model_dump(include={"width", "height", "fx", "fy", "cx", "cy", "model"})
+        lens = LensShape(**shown, distortion=tuple(float(k) for k in intrinsics.distortion))
+    return CameraSetup(
+        stamp=stamp,
+        camera=camera,
+        lens=lens,
+        position_flu=None if mounting is None else _vector(mounting.position_flu),
+        quaternion_flu_from_cam=None if mounting is None else quaternion_from_rotation(mounting.flu_from_cam),
+        targets=tuple(
+            TargetShape(name=target.name, moving=target.moving, tags=tuple(map(_tag_shape, target.tags)))
+            for target in tagmap.targets
+        ),
+    )
+
+
+def _tag_shape(tag: Tag) -> TagShape:
+    top_left, top_right, bottom_right, bottom_left = map(_vector, tag.outline)
+    rows = tuple("".join("." if cell else "#" for cell in row) for row in tag.bitmap)
+    return TagShape(
+        family=tag.family.name,
+        id=tag.tag_id,
+        corners=(top_left, top_right, bottom_right, bottom_left),
+        cells=rows,
+    )

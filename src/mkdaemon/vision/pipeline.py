@@ -19,13 +19,13 @@ from mkdaemon.errors import ConfigError, VisionError
 from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.base import Telemetry
 from mkdaemon.telemetry.image import CameraFrame
-from mkdaemon.telemetry.vision import Alarm, AttitudeLoss, EyeState, PoseRefusal, Transform, VisionStats
+from mkdaemon.telemetry.vision import Alarm, AttitudeLoss, CameraSetup, EyeState, PoseRefusal, Transform, VisionStats
 from mkdaemon.vision.camera.calibration_file import Camera, load_camera, mount_rotation
 from mkdaemon.vision.camera.camera import StreamState, StreamStatus
 from mkdaemon.vision.camera.image import CameraImage
 from mkdaemon.vision.camera.imagecodec import encode_jpeg
 from mkdaemon.vision.camera.tone import in_light
-from mkdaemon.vision.output import height_over, mount_transform, outlines_of, values_of
+from mkdaemon.vision.output import height_over, mount_transform, outlines_of, setup_of, values_of
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.pose.target_check import TargetCheck
 from mkdaemon.vision.selfcal.selfcheck import SelfCheck
@@ -262,6 +262,12 @@ class CameraPipeline:
     def mount(self, stamp: Stamp) -> Transform | None:
         """The camera in the body; None where nobody said how it sits."""
         return mount_transform(self.cfg.name, self.mounting, stamp) if self._has_mount else None
+
+    def setup(self, stamp: Stamp) -> CameraSetup:
+        """What the camera is and looks for, from its files."""
+        mounting = self.mounting if self._has_mount else None
+        intrinsics = self.camera.intrinsics if self.camera is not None else None
+        return setup_of(self.cfg.name, intrinsics, mounting, self._tagmap, stamp)
 
     def stats(
         self, stream: StreamStatus, dropped: int, restarts: int, stamp: Stamp, not_numbers: int = 0

@@ -32,6 +32,8 @@ from mkdaemon.vision.pipeline import CameraPipeline
 from mkdaemon.vision.track.attitude import AttitudeHistory, AttitudeSample
 
 STATS_EVERY = 1.0
+SETUP_EVERY: Final = 10.0
+"""What a camera is does not change; a recording that is cut has it all the same [s]."""
 LOOK_EVERY = 0.1
 """Longest wait for an image before states are looked at again."""
 STALLED_AFTER: Final = 0.5
@@ -130,8 +132,9 @@ class VisionWorker:
         self._thread = self._new_thread()
 
     def start(self) -> None:
-        """Start all threads."""
+        """Start all threads; that every camera is being opened is told at once, so that nobody flies without them."""
         for eye in self._eyes.values():
+            self._publish(eye.report(self._clock.stamp(), self._restarts, self._not_numbers))
             eye.stream.start()
         self._alive_at = self._clock.now()
         self._thread.start()
@@ -241,6 +244,7 @@ class _Eye:
         self._slot = slot
         self._reported: tuple[EyeState, tuple[Alarm, ...]] | None = None
         self._due = 0.0
+        self._setup_due = float("-inf")
         self.stats_key = f"vision/{pipeline.cfg.name}/stats"
         self.last: VisionStats | None = None
         self._exposure: ExposureControl | None = None
@@ -266,7 +270,7 @@ class _Eye:
             self.stream.adjust(setting)
 
     def report(self, stamp: Stamp, restarts: int, not_numbers: int) -> list[tuple[str, Telemetry]]:
-        """Stats and the static frame, once a second and when the state changes."""
+        """Stats and the static frame, once a second and when the state changes; now and then what the camera is."""
         status = self.stream.status()
         facts = (self.pipeline.state(status)[0], self.pipeline.alarms)
         if facts == self._reported and stamp.monotonic < self._due:
@@ -278,4 +282,9 @@ class _Eye:
         self.last = stats
         values: list[tuple[str, Telemetry]] = [(self.stats_key, stats)]
         mount = self.pipeline.mount(stamp)
-        return [*values, ("tf", mount)] if mount is not None else values
+        if mount is not None:
+            values.append(("tf", mount))
+        if stamp.monotonic >= self._setup_due:
+            self._setup_due = stamp.monotonic + SETUP_EVERY
+            values.append((f"vision/{self.pipeline.cfg.name}/setup", self.pipeline.setup(stamp)))
+        return values

@@ -25,6 +25,7 @@ from mkdaemon.cli.program import EXIT_FAILURE, EXIT_OK
 if TYPE_CHECKING:
     from mkdaemon.telemetry.control import ControlStatus
     from mksim.programs.flightrecord import Moment
+    from mksim.programs.rehearsal import ShowOn
 
 REDRAW: Final = 0.25
 """Least flight time between two tables [s]."""
@@ -48,10 +49,14 @@ def demo(
     *,
     fast: Annotated[bool, Parameter(negative=(), help="In virtual time, as fast as it goes.")] = False,
     headless: Annotated[bool, Parameter(negative=(), help="No live table: a line every 5 s of flight.")] = False,
-    picture: Annotated[Path, Parameter(help="Where the picture of the flight goes (SVG); replaced.")] = PICTURE,
+    picture: Annotated[
+        Path,
+        Parameter(help="Where the picture of the flight goes (SVG), with recording and report beside it; replaced."),
+    ] = PICTURE,
     wind: Annotated[Literal["none", "indoor", "light", "moderate"], Parameter(help="In the simulation.")] = "light",
     seed: Annotated[int, Parameter(help="Of everything random.")] = 1,
     fps: Annotated[float, Parameter(help="Images a second.")] = 15.0,
+    view: Annotated[bool, Parameter(negative=(), help="Open `mkctl view`, and look at the flight.")] = False,
     telemetry: Annotated[
         bool, Parameter(negative=(), help="Instead: simulator, daemon and bus as processes, and what they tell.")
     ] = False,
@@ -73,10 +78,26 @@ def demo(
         from mksim.programs.telemetrydemo import watch_telemetry
 
         return watch_telemetry(seconds, as_json=as_json)
-    return _fly(0.0 if fast else 1.0, seed, wind, fps, picture, is_quiet=as_json, is_headless=headless)
+    pace = 0.0 if fast else 1.0
+    if not view:
+        return _fly(pace, seed, wind, fps, picture, is_quiet=as_json, is_headless=headless)
+    from mksim.programs.shownflight import looked_at
+
+    with looked_at(is_quiet=as_json, is_headless=headless) as show_on:
+        return _fly(pace, seed, wind, fps, picture, show_on, is_quiet=as_json, is_headless=headless)
 
 
-def _fly(pace: float, seed: int, wind: str, fps: float, picture: Path, *, is_quiet: bool, is_headless: bool) -> int:
+def _fly(
+    pace: float,
+    seed: int,
+    wind: str,
+    fps: float,
+    picture: Path,
+    show_on: ShowOn | None = None,
+    *,
+    is_quiet: bool,
+    is_headless: bool,
+) -> int:
     import mksim.scene  # noqa: F401 - before the eyes: where OpenCV is missing it names the extra to install
     from mkdaemon.virtualtime import run_virtually
     from mksim.programs.flightrecord import write_picture
@@ -86,17 +107,37 @@ def _fly(pace: float, seed: int, wind: str, fps: float, picture: Path, *, is_qui
     console = Console(quiet=is_quiet)
     console.print(f"a simulated aircraft on its target; {wind} wind, {fps:g} images a second, seed {seed}")
     with _Board(console, is_live=console.is_terminal and not is_headless) as board:
-        record = run_virtually(rehearse(seed=seed, wind=wind, fps=fps, watcher=board.show), pace)
+        recording = picture.with_suffix(".mcap")
+        flight = rehearse(seed=seed, wind=wind, fps=fps, watcher=board.show, show_on=show_on, recording=recording)
+        record = run_virtually(flight, pace)
     figures = record.figures()
     write_picture(record, picture)
+    report, reason = _write_report(recording)
     if is_quiet:
-        print(json_line({**figures, "picture": str(picture)}))
+        files = {"picture": str(picture), "recording": str(recording), "report": report and str(report)}
+        print(json_line({**figures, **files}))
     else:
         console.print(summary_table(figures))
         console.print(f"picture of the flight: {picture}")
+        console.print(f"its recording: {recording}")
+        console.print(f"its report, for a browser: {report}" if report else f"no report: {reason}")
         words = "landed on the target, motors stand" if record.has_landed else f"NOT landed: {figures['outcome']}"
         console.print(Text(words, style="bold green" if record.has_landed else "bold red"))
     return EXIT_OK if record.has_landed else EXIT_FAILURE
+
+
+def _write_report(recording: Path) -> tuple[Path | None, str]:
+    """Write the report beside a recording: its file, or none and why."""
+    from mkdaemon.errors import MkError
+    from mkdaemon.files import save
+    from mkdaemon.view.report.make import make_page
+
+    report = recording.with_suffix(".html")
+    try:
+        save(report, make_page(recording, None), overwrite=True)
+    except MkError as error:
+        return None, str(error)
+    return report, ""
 
 
 class _Board:

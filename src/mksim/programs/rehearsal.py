@@ -11,7 +11,7 @@ import os
 import random
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
+from contextlib import AbstractContextManager, ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, Protocol, TypeVar
@@ -48,7 +48,9 @@ from mkdaemon.vision.track.tracker import Tracker
 from mksim.config import PilotPlan, SimConfig, WindClass
 from mksim.physics.world import World
 from mksim.programs.flightrecord import Moment, Rehearsed
+from mksim.programs.flighttape import FlightTape
 from mksim.programs.virtualports import Aircraft, Cable, LocalBus
+from mksim.programs.watchedeyes import WatchedEyes
 from mksim.scene.camera import BodyState, Grey, SceneCamera, landing_world
 from mksim.simulation import Simulation
 
@@ -86,10 +88,18 @@ def simulated_aircraft(seed: int, wind: str, fps: float) -> SimConfig:
     )
 
 
+CAMERA: Final = "down"
+"""Name of the simulated camera."""
 ATTITUDES_KEPT: Final = 200
 """Attitudes kept for late images."""
 JITTER: Final = 0.005
 """Standard deviation of the latency [s]."""
+
+
+Show = Callable[[str, BaseModel], None]
+"""Publishes a value under a key."""
+ShowOn = Callable[[LocalBus, Clock], AbstractContextManager[Show]]
+"""Shows a flight while a context lasts: what it gives takes every value."""
 
 
 class RehearsedEyes(Eyes):
@@ -98,19 +108,24 @@ class RehearsedEyes(Eyes):
     Attributes:
         images: looked at so far.
         posed: of those, with a pose.
+        is_watched: somebody looks at what the camera sees.
     """
 
-    def __init__(self, scene: SceneCamera, world: World, feed: Feed, clock: Clock, seed: int) -> None:
+    def __init__(self, scene: SceneCamera, world: World, feed: Feed, clock: Clock, seed: int, show: Show) -> None:
         super().__init__(None)
         self.images = self.posed = 0
+        self.is_watched = False
+        self._show = show
         self._scene, self._world, self._feed, self._clock = scene, world, feed, clock
         self._rng = random.Random(f"{seed} latency")
         self._attitudes: deque[AttitudeSample] = deque(maxlen=ATTITUDES_KEPT)
         mount = scene.camera.mount
         self._mounting = Mounting(mount_rotation(mount), scene.arm_flu)
         vision = VisionSection()
+        tags = nested_map()
+        self._watched = WatchedEyes(CAMERA, scene.camera.intrinsics, self._mounting, tags)
         self._tracker = Tracker(
-            nested_map(),
+            tags,
             scene.camera.intrinsics,
             self._mounting,
             vision.tracker,
@@ -138,13 +153,18 @@ class RehearsedEyes(Eyes):
     def _look(self, pixels: Grey, exposed: float) -> None:
         self.images += 1
         now = self._clock.now()
-        image = CameraImage(pixels, exposed, now, self.images, "down", "header")
+        image = CameraImage(pixels, exposed, now, self.images, CAMERA, "header")
         with suppress(MkError):
             result = self._tracker.update(image, AttitudeHistory(tuple(self._attitudes)))
-            for _, value in values_of(result, image, self._clock.stamp(exposed), self._mounting, now):
+            for suffix, value in values_of(result, image, self._clock.stamp(exposed), self._mounting, now):
                 if isinstance(value, VisionPose):
                     self.posed += 1
                     self._feed(PoseSeen(value), now)
+                if self.is_watched:
+                    self._show(suffix, value)
+            if self.is_watched:
+                for suffix, value in self._watched.values_due(image, bool(result.poses), self._clock):
+                    self._show(suffix, value)
 
 
 HEIGHT: Final = 2.0
@@ -230,6 +250,7 @@ class Rehearsal:
     Attributes:
         record: what happened.
         bus: where the daemon stands, and the client that flies.
+        clock: virtual time.
     """
 
     def __init__(
@@ -262,7 +283,7 @@ class Rehearsal:
         eyes: list[RehearsedEyes] = []
 
         def make_eyes(feed: Feed) -> RehearsedEyes:
-            eyes.append(RehearsedEyes(self._scene, world, feed, clock, seed))
+            eyes.append(RehearsedEyes(self._scene, world, feed, clock, seed, self.bus.publish))
             return eyes[0]
 
         self._wiring = Wiring(
@@ -274,9 +295,15 @@ class Rehearsal:
             journal=Journal(Path(os.devnull), AtOnce()),
         )
         (self._eyes,) = eyes
+        self.clock = clock
         self._parts = parts
         self._part = ""
         self._kept_at = 0.0
+
+    def watch(self, follow: Show) -> None:
+        """Let somebody hear of every value, what the camera sees among them."""
+        self.bus.followers.append(follow)
+        self._eyes.is_watched = True
 
     async def fly(self) -> Rehearsed:
         """Fly from the pilot's start of the motors to motors that stand still; the record."""
@@ -386,7 +413,15 @@ class Rehearsal:
         self._watcher(moment, self._value("control/status", ControlStatus))
 
 
-async def rehearse(*, seed: int, wind: str, fps: float, watcher: Watcher) -> Rehearsed:
+async def rehearse(
+    *,
+    seed: int,
+    wind: str,
+    fps: float,
+    watcher: Watcher,
+    show_on: ShowOn | None = None,
+    recording: Path | None = None,
+) -> Rehearsed:
     """Fly the demonstration once; see `Rehearsal`.
 
     Args:
@@ -394,10 +429,35 @@ async def rehearse(*, seed: int, wind: str, fps: float, watcher: Watcher) -> Reh
         wind: none, indoor, light or moderate.
         fps: images a second.
         watcher: sees the flight.
+        show_on: a bus on which clients look at it; None for none.
+        recording: where its recording goes; None for none.
+
+    Raises:
+        MkError: the recording cannot be written.
     """
-    return await demonstration(simulated_aircraft(seed, wind, fps), watcher).fly()
+    tape = None if recording is None else FlightTape()
+    rehearsal = demonstration(simulated_aircraft(seed, wind, fps), watcher, tape)
+    with ExitStack() as stack:
+        if show_on is not None:
+            rehearsal.watch(stack.enter_context(show_on(rehearsal.bus, rehearsal.clock)))
+        record = await rehearsal.fly()
+    if tape is not None and recording is not None:
+        tape.write(recording)
+    return record
 
 
-def demonstration(config: SimConfig, watcher: Watcher) -> Rehearsal:
-    """The demonstration with simulated boards; needs a running loop."""
-    return Rehearsal(config, Simulation(config, landing_world(config)), watcher)
+def demonstration(config: SimConfig, watcher: Watcher, tape: FlightTape | None = None) -> Rehearsal:
+    """The demonstration with simulated boards; needs a running loop.
+
+    Args:
+        config: what is simulated.
+        watcher: sees the flight.
+        tape: records it; None for no recording.
+    """
+    simulation = Simulation(config, landing_world(config))
+    if tape is None:
+        return Rehearsal(config, simulation, watcher)
+    rehearsal = Rehearsal(config, simulation, watcher, moved=tape.follow(simulation))
+    tape.begin(rehearsal.clock)
+    rehearsal.watch(tape.take)
+    return rehearsal

@@ -32,6 +32,10 @@ LONGEST: Final = 4096
 """Longest pose that is read [bytes]."""
 MOST_APART: Final = 0.5
 """A stamp farther from our clock says nothing about when the pose was [s]."""
+LATE: Final = 0.05
+"""A pose that comes so long after its stamp is told [s]: most of an image's own latency."""
+LATENESS_PERIOD: Final = 5.0
+"""Between two lines of the log about that [s]."""
 COMPLAINT_PERIOD: Final = 1.0
 """Between two lines of the log about poses that are refused [s]."""
 
@@ -42,12 +46,14 @@ class PoseStream:
     Attributes:
         taken: poses that could be read.
         refused: poses that could not.
+        latest: the most that a pose came after its stamp since this was last told [s].
     """
 
     def __init__(self, feed: SceneFeed, clock: Clock) -> None:
         self.taken = self.refused = 0
         self._feed, self._clock = feed, clock
-        self._complained_at = float("-inf")
+        self._complained_at = self._reported_at = float("-inf")
+        self.latest = 0.0
 
     def take(self, encoding: str, raw: bytes) -> None:
         """Take one pose, at once; one that cannot be read is counted and named in the log.
@@ -61,9 +67,10 @@ class PoseStream:
         now = self._clock.now()
         try:
             pose = _read(encoding, raw)
-            at = now if pose.stamp is None else self._clock.monotonic_of(pose.stamp)
+            at = self._clock.monotonic_of(pose.stamp)
             if abs(at - now) > MOST_APART:
-                raise ValueError(f"its stamp is {at - now:+.1f} s off: leave it out, or synchronise the clocks")
+                words = "synchronise the clocks, or send it sooner"
+                raise ValueError(f"it came {now - at:+.1f} s after its stamp: {words}")
             state = BodyState(
                 pose.t,
                 np.array(pose.position_enu),
@@ -78,6 +85,15 @@ class PoseStream:
             _log.info("first pose", t=pose.t)
         self.taken += 1
         self._feed.show(state, at)
+        self._report_lateness(now - at)
+
+    def _report_lateness(self, late: float) -> None:
+        """Tell how late poses come, where that is much: images are later by as much."""
+        self.latest = max(self.latest, late)
+        if time.monotonic() - self._reported_at >= LATENESS_PERIOD:
+            if self.latest > LATE:
+                _log.warning("poses come late", latest_ms=round(1000.0 * self.latest), fix="the machine is too busy")
+            self._reported_at, self.latest = time.monotonic(), 0.0
 
     def _refuse(self, error: Exception) -> None:
         self.refused += 1
@@ -97,6 +113,8 @@ def _read(encoding: str, raw: bytes) -> ScenePose:
     if len(raw) > LONGEST:
         raise ValueError(f"{len(raw)} bytes, more than {LONGEST}")
     fields = json.loads(raw) if JSON in encoding else decode_map(raw)
+    if isinstance(fields, dict) and fields.get("stamp") is None:
+        raise ValueError("it has no stamp: say when the aircraft was there, {monotonic, boot, wall}; docs/simulator.md")
     return ScenePose.model_validate(fields)
 
 

@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -10,7 +9,6 @@ from mkdaemon.cli.mkctl.teleop.devices import DeviceState
 from mkdaemon.cli.mkctl.teleop.mappings import Learner, save_mapping
 from mkdaemon.config.gamepad import Gamepad
 from mkdaemon.config.reader import load_section
-from mkdaemon.control.teleop.learning import is_calm, mapping_text, moved_axis, pressed_control
 from mkdaemon.errors import MkError
 from mkdaemon.virtualtime import run_virtually
 from tests.control.teleop.pads import FACTS, HIGH, LOW, REST
@@ -81,27 +79,3 @@ def test_button_with_a_meaning_already_is_not_taken_twice() -> None:
     text, pad = learn({**ANSWERS, "RELEASE": {"BTN_TL": 1}})
     assert 'release = "' not in text
     assert any("has a meaning already" in line for line in pad.shown)
-
-
-@pytest.mark.parametrize(
-    ("look", "found"),
-    [
-        (lambda: moved_axis({"A": 0.0, "B": 0.0}, {"A": 0.6, "B": -0.9}), "-B"),
-        (lambda: moved_axis({"A": -1.0}, {"A": 1.0}), "A"),
-        (lambda: moved_axis({"A": 0.0}, {"A": 0.4}), None),
-        (lambda: moved_axis({}, {}), None),
-        (lambda: pressed_control({}, {}, frozenset({"B1"}), frozenset({"B1", "B2"})), "B2"),
-        (lambda: pressed_control({"A": -1.0}, {"A": 1.0}, frozenset(), frozenset()), "A+"),
-        (lambda: pressed_control({"A": 0.0}, {"A": -1.0}, frozenset(), frozenset()), "A-"),
-        (lambda: pressed_control({"A": 0.0}, {"A": 0.1}, frozenset(), frozenset()), None),
-        (lambda: is_calm({"A": 0.0}, {"A": 0.1}, frozenset()), True),
-        (lambda: is_calm({"A": 0.0}, {"A": 0.2}, frozenset()), False),
-        (lambda: is_calm({"A": 0.0}, {"A": 0.0}, frozenset({"B1"})), False),
-    ],
-)
-def test_what_moved_is_found(look: Callable[[], object], found: object) -> None:
-    assert look() == found
-
-
-def test_name_of_a_pad_cannot_break_its_file() -> None:
-    assert 'name = "gamepad"' in mapping_text('"\\\n', "0000:0000", {})

@@ -71,6 +71,7 @@ GOOD = Situation(
     gps=None,
     battery=battery(16.0),
     highest_voltage=16.0,
+    unanswered="",
     hover_gas=125.0,
     gas_in_use=None,
     eyes=(eyes(),),

@@ -8,9 +8,11 @@ import pytest
 
 import mkdaemon.protocol.messages as messages
 from mkdaemon.config.commands import CommandsConfig
-from mkdaemon.control.admission import BoardRequest, refusal
+from mkdaemon.control.admission import BoardRequest, Procedure, Work, refusal
+from mkdaemon.control.admission.boardrows import BUSY_ROWS, LONGEST_BEEP, PROCEDURE_ROWS, REQUEST_ROWS
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.protocol.wire import MESSAGES, Board
+from mkdaemon.telemetry.control import Phase
 from mkdaemon.telemetry.danger import Confirm, Danger, Switch
 from mkdaemon.telemetry.refusals import Token
 from tests.control.admission.situations import GOOD
@@ -129,3 +131,28 @@ def test_a_motor_test_may_go_on_although_it_turns_motors():
 
 def test_every_switch_is_a_field_of_the_configuration():
     assert {switch.value for switch in Switch} == set(CommandsConfig.model_fields)
+
+
+@pytest.mark.parametrize(
+    "wanted", [BoardRequest(board="fc", name="x", is_slow=True), Procedure(verb="x", is_alone=True)]
+)
+@pytest.mark.parametrize(
+    ("phase", "leases", "said"),
+    [
+        (Phase.FREE, 0, None),
+        (Phase.FREE, 1, "leased"),
+        (Phase.LEASED, 0, "leased"),
+        (Phase.FLYING, 0, "flying"),
+        (Phase.RELEASING, 0, "releasing"),
+    ],
+)
+def test_what_keeps_stick_frames_away_is_refused_with_the_phase_there_is(wanted, phase, leases, said):
+    error = refusal(wanted, replace(GOOD, phase=phase, work=Work(leases=leases), motors_running=False))
+    assert (error is None) is (said is None)
+    assert error is None or (error.token == "flying" and said in error.reason)
+
+
+def test_what_keeps_the_boards_busy_is_asked_before_anything_is_read_and_nothing_else_about_them():
+    assert [row.name for row in BUSY_ROWS if not row.is_early] == []
+    assert [row.name for row in (*REQUEST_ROWS, *PROCEDURE_ROWS) if row.is_early or row.is_shown] == []
+    assert LONGEST_BEEP == 2.5, "what the link expects of a FlightCtrl"

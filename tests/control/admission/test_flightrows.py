@@ -9,6 +9,7 @@ import pytest
 from mkdaemon.config.control import ControlConfig, LeaseConfig
 from mkdaemon.control.activeset import UNREAD, Gate, GateKind
 from mkdaemon.control.admission import ROWS, Concern, NewManoeuvre, TakeLease, findings, is_ready, refusals, waits_for
+from mkdaemon.control.admission.flightrows import FLIGHT_ROWS, LEASE_ROWS
 from mkdaemon.control.estimator.model import Gap, ModelUnknown
 from mkdaemon.control.motionmatch import Match
 from mkdaemon.telemetry.control import ControlLine
@@ -46,6 +47,8 @@ STANDS = [
     ("battery", "battery_low", {"battery": battery(12.7)}),
     ("battery", "battery_low", {"flight": flags(battery_low=True)}),
     ("camera", "camera_unfit", {"eyes": (eyes(EyeState.GONE, reason="unplugged"),)}),
+    ("camera", "camera_opening", {"eyes": (eyes(EyeState.OPENING, reason="not opened yet"),)}),
+    ("camera", "camera_unfit", {"eyes": (eyes(EyeState.SILENT, reason="no image for 4.0 s", processed=0),)}),
     ("camera", "camera_unfit", {"eyes": (eyes(alarms={Alarm.UNCALIBRATED: "no calibration"}),)}),
     ("agreement of cameras", "cameras_contradict", {"contradicting": ("forward",)}),
     ("scale of heights", "heights_contradicted", {"eyes": (eyes(), eyes(selfcal=(heights(20.0, odds=4.0),)))}),
@@ -70,12 +73,10 @@ UNKNOWN = [
     ("receiver", {"pilot": None}),
     ("battery", {"battery": None}),
     ("camera", {"eyes": ()}),
-    ("camera", {"now": 10.0}),
     ("scale of heights", {"eyes": (eyes(selfcal=()),)}),
     ("scale of heights", {"eyes": (eyes(selfcal=(heights(covered=0.4),)),)}),
     ("scale of heights", {"eyes": (eyes(selfcal=(heights(20.0, odds=3.9),)),)}),
     ("age of images", {"eyes": (eyes(processed=0),)}),
-    ("age of images", {"now": 10.0}),
     ("target", {"target_age": None}),
     ("target", {"target_age": 1.1}),
     ("time stamps", {"stamps": None}),
@@ -129,6 +130,14 @@ def test_heights_that_the_barometer_contradicts_are_told_with_their_scale():
         assert not [*refusals(NewManoeuvre(wanted), replace(GOOD, eyes=(wrong,), flown=Concern.POSITION))]
 
 
+def test_a_camera_that_tells_nothing_more_is_named_with_since_when():
+    later = replace(GOOD, now=GOOD.now + 7.0)
+    found = finding(later, "camera")
+    assert found.state is CheckState.STANDS
+    assert f"{later.eyes[0].camera}: silent: nothing was heard of it for " in found.reason
+    assert later.eyes[0].camera in finding(later, "age of images").reason
+
+
 def test_one_camera_that_sees_is_enough():
     assert finding(replace(GOOD, eyes=(eyes(), eyes(EyeState.SILENT))), "camera").state is CheckState.PASSED
 
@@ -160,3 +169,23 @@ def test_an_emergency_throttle_that_falls_is_told_with_the_range_that_carries():
     assert "NotGas 65 for 90" in found.reason
     assert "27 % of its weight" in found.reason  # (65 / 125)^2
     assert "107 to 118" in found.fix  # 0.85 of hover, and below what climbs
+
+
+def test_only_the_way_to_the_client_is_asked_before_anything_is_read():
+    assert [row.name for row in (*LEASE_ROWS, *FLIGHT_ROWS) if row.is_early] == ["way to the client"]
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "words"),
+    [
+        ("time stamps", {"stamps": Match(0.062, 0.9)}, ("+62 ms", "45 ms")),
+        ("time stamps", {"stamps": Match(-0.062, 0.9)}, ("-62 ms", "45 ms")),
+        ("disk", {"free_disk": 50e6}, ("50 MB", "200 MB")),
+        ("receiver", {"pilot": reception(0.5)}, ("50 %", "75 %")),
+        ("link losses", {"health": health(lost=15)}, ("30 %", "20 %")),
+        ("age of images", {"eyes": (eyes(latency_p50_ms=700.0),)}, ("700 ms", "500 ms")),
+    ],
+)
+def test_what_is_beyond_its_limit_is_told_with_both_numbers(name, change, words):
+    reason = finding(replace(GOOD, **change), name).reason
+    assert all(word in reason for word in words), reason

@@ -10,25 +10,19 @@ import pytest
 from mkdaemon.control.admission import (
     BoardRequest,
     Concern,
-    NaviGoto,
     NewManoeuvre,
     Procedure,
-    StartRoute,
     TakeLease,
-    Upload,
     findings,
     refusal,
     waits_for,
 )
-from mkdaemon.control.admission.navirows import FAR, HIGH, LEAST_SATELLITES
 from mkdaemon.control.motionmatch import Match
 from mkdaemon.telemetry.control import Phase
 from mkdaemon.telemetry.danger import Danger
-from mkdaemon.telemetry.mission import MissionPoint, PointKind
 from mkdaemon.telemetry.preflight import CheckState
-from mkdaemon.telemetry.state import Gps, GpsFix, Position
 from tests.control.admission.situations import ENTRY, GOOD, SET, battery, eyes, flags, health, reception
-from tests.control.events import STAMP, link_state
+from tests.control.events import link_state
 
 PASSED, STANDS, UNKNOWN = CheckState.PASSED, CheckState.STANDS, CheckState.UNKNOWN
 
@@ -56,7 +50,7 @@ def found(known, name):
         ("battery", {"battery": battery(12.79), "highest_voltage": 12.8}, PASSED),
         ("battery", {"flight": None}, PASSED),
         ("camera", {"now": 3.0}, PASSED),
-        ("camera", {"now": 3.01}, UNKNOWN),
+        ("camera", {"now": 3.01}, STANDS),
         ("age of images", {"eyes": (eyes(latency_p50_ms=500.0),)}, PASSED),
         ("age of images", {"eyes": (eyes(latency_p50_ms=500.1),)}, STANDS),
         ("age of images", {"eyes": (eyes(latency_p50_ms=900.0), eyes(latency_p50_ms=100.0))}, PASSED),
@@ -171,7 +165,7 @@ LIMIT = GOOD.cfg.lease.max_path_delay
 )
 def test_the_way_to_the_client_may_take_its_limit_and_no_longer(delay, words):
     error = refusal(TakeLease(path_delay=delay), GOOD)
-    assert (error is None) is not words
+    assert (error is None) is (words == "")
     assert error is None or words in error.reason
 
 
@@ -222,94 +216,3 @@ def test_a_procedure_that_could_be_done_in_flight_says_how():
     assert "motors are running" in running.reason
     assert "nobody knows" in unknown.reason
     assert refusal(wanted, replace(GOOD, motors_running=False)) is None
-
-
-# -- places for the NaviCtrl ---------------------------------------------------------------------------------------
-
-HOME = Position(
-    stamp=STAMP, source="nc/osd", latitude_deg=53.0, longitude_deg=8.0, altitude=None, altitude_above_start=2.0,
-    position_enu=None, home_latitude_deg=53.0, home_longitude_deg=8.0, home_distance=0.0,
-)  # fmt: skip
-METRE = 1.0 / 111_200.0
-"""Degrees of latitude."""
-
-
-def gps(satellites=10, fix=GpsFix.VALID):
-    return Gps(stamp=STAMP, source="nc/osd", satellites=satellites, fix=fix, is_usable=True, is_home_set=True)
-
-
-def upload(*places, **fields):
-    points = [MissionPoint(latitude_deg=la, longitude_deg=lo, altitude=up, **fields) for la, lo, up in places]
-    return Upload(tuple(points))
-
-
-@pytest.mark.parametrize(
-    ("place", "fields", "refused"),
-    [
-        ((53.0, 8.0, 0.0), {}, False),
-        ((53.0, 8.0, -0.1), {}, True),
-        ((53.0, 8.0, -5.0), {"kind": PointKind.POI}, False),
-        ((53.0, 8.0, HIGH), {}, False),
-        ((53.0, 8.0, HIGH + 0.1), {}, True),
-        ((53.0 + 0.99 * FAR * METRE, 8.0, 5.0), {}, False),
-        ((53.0 + 1.01 * FAR * METRE, 8.0, 5.0), {}, True),
-    ],
-)
-def test_a_point_may_lie_up_to_its_limits_and_no_further(place, fields, refused):
-    error = refusal(upload(place, **fields), replace(GOOD, position=HOME))
-    assert (error is not None) is refused
-
-
-def test_points_are_measured_from_the_aircraft_or_from_the_first_of_them():
-    far = (53.0 + 2.0 * FAR * METRE, 8.0, 5.0)
-    from_aircraft = refusal(upload(far, far), replace(GOOD, position=HOME))
-    assert "point 1" in from_aircraft.reason
-    assert "from the aircraft" in from_aircraft.reason
-    assert refusal(upload(far, far), replace(GOOD, position=None)) is None
-    from_first = refusal(upload((53.0, 8.0, 5.0), far), replace(GOOD, position=None))
-    assert "from point 1" in from_first.reason
-    assert "point 2" in from_first.reason
-
-
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        ({}, ""),
-        ({"gps": None}, ""),
-        ({"gps": gps(satellites=LEAST_SATELLITES)}, ""),
-        ({"gps": gps(satellites=LEAST_SATELLITES - 1)}, f"{LEAST_SATELLITES - 1} satellites"),
-        ({"gps": gps(satellites=None)}, ""),
-        ({"gps": gps(fix=GpsFix.NONE)}, "it has none"),
-        ({"position": None}, "it has none"),
-        ({"position": HOME.model_copy(update={"home_latitude_deg": None})}, "home is not known"),
-        ({"position": HOME.model_copy(update={"home_longitude_deg": None})}, "home is not known"),
-    ],
-)
-def test_a_place_is_flown_to_with_a_position_that_is_good_enough(change, words):
-    known = replace(GOOD, flight=flags(is_flying=True), position=HOME, gps=gps())
-    error = refusal(NaviGoto(2.0), replace(known, **change))
-    assert (error is None) is not words
-    assert error is None or words in error.reason
-
-
-@pytest.mark.parametrize(("up", "refused"), [(0.0, False), (HIGH, False), (-0.1, True), (HIGH + 0.1, True)])
-def test_a_place_lies_between_the_ground_and_a_height(up, refused):
-    known = replace(GOOD, flight=flags(is_flying=True), position=HOME, gps=gps())
-    assert (refusal(NaviGoto(up), known) is not None) is refused
-
-
-@pytest.mark.parametrize(
-    ("flight", "token", "words"),
-    [
-        (None, "route_on_ground", "nobody has told"),
-        (flags(is_flying=None), "route_on_ground", "nobody has told"),
-        (flags(is_flying=False), "route_on_ground", "it stands"),
-        (flags(is_flying=True), None, ""),
-        (flags(is_flying=True, waypoint_index=0), None, ""),
-        (flags(is_flying=True, waypoint_index=2, waypoint_count=5), "route_active", "2 of 5"),
-    ],
-)
-def test_a_route_begins_in_the_air_and_after_the_one_before(flight, token, words):
-    error = refusal(StartRoute(), replace(GOOD, flight=flight))
-    assert (None if error is None else error.token) == token
-    assert error is None or words in error.reason

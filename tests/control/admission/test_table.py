@@ -137,6 +137,7 @@ WAITING = [
         {"line": ControlLine("v2", Obstacle.DEAF, "fc to listen again")},
         "to listen",
     ),
+    ("answer to the sticks", Concern.HOLD, {"unanswered": "the board reports the gate shut"}, "reports the gate shut"),
     ("fresh image", Concern.HOLD, {"entry": replace(ENTRY, age=0.26)}, "0.26 s old"),
     ("speed", Concern.POSITION, {"entry": replace(ENTRY, speed=0.5)}, "0.5 m/s"),
     ("offset", Concern.LAND, {"entry": replace(ENTRY, offset=0.7)}, "0.7 m beside"),

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from copy import deepcopy
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -106,6 +108,16 @@ def run(plant, seconds=20.0, delay=8, sight=lambda t: True):
     return estimator
 
 
+@cache
+def _flown():
+    return run(Plant(), 5.0)
+
+
+def flown():
+    """An estimator of an aircraft that flew for 5 s; each test gets its own."""
+    return deepcopy(_flown())
+
+
 def test_position_and_speed_are_those_of_the_aircraft_although_images_are_late():
     plant = Plant(yaw=0.7)
     estimate = run(plant).estimate(plant.now)
@@ -195,7 +207,7 @@ def test_one_wild_image_is_rejected():
 
 
 def test_the_hover_throttle_moves_until_the_model_explains_the_height():
-    estimator = run(Plant(), 5.0)
+    estimator = flown()
     estimator.advance(5.0)
     start = estimator.hover_gas
     estimator._vertical.shift(3, np.array([-0.5]))
@@ -211,7 +223,7 @@ NOT_OURS = ThrottleUse(None, is_ours=False)
     ("use", "sent"), [(NOT_OURS, HOVER), (ThrottleUse(110.0, is_ours=False), HOVER), (OURS, HOVER - 2.0)]
 )
 def test_what_does_not_act_as_it_was_asked_for_teaches_nothing_about_hover(use, sent):
-    estimator = run(Plant(), 5.0)
+    estimator = flown()
     estimator._vertical.shift(3, np.array([-0.5]))
     estimator.sent(StickCommand(5.0, 0.0, 0.0, 0.0, sent, use))
     for _ in range(100):
@@ -291,7 +303,7 @@ def steps(monkeypatch):
 
 def silent(seconds):
     """An estimator that has heard nothing for a while, and the moment."""
-    estimator = run(Plant(), 5.0)
+    estimator = flown()
     return estimator, 5.0 + seconds
 
 
@@ -368,7 +380,7 @@ EACH = [(fault, change) for fault, changes in WRONG.items() for change in change
 
 @pytest.mark.parametrize(("fault", "change"), EACH)
 def test_a_view_that_cannot_be_one_changes_nothing_and_is_counted(fault, change):
-    estimator = run(Plant(), 5.0)
+    estimator = flown()
     good = view(4.95, np.zeros((2, LEVEL_STATES)), 2.0, 0.0)
     wrong = replace(good, **change)
     before, seen_at, innovation = estimator.estimate(5.0), estimator.seen_at, estimator.innovation
@@ -402,7 +414,7 @@ def test_no_estimate_begins_with_a_view_that_cannot_be_one():
     ],
 )
 def test_an_attitude_that_is_none_changes_nothing(wrong, fault):
-    estimator = run(Plant(), 5.0)
+    estimator = flown()
     before = estimator.estimate(5.0)
     estimator.attitude_received(*wrong)
     assert np.array_equal(estimator.estimate(5.0).axes, before.axes)
@@ -411,7 +423,7 @@ def test_an_attitude_that_is_none_changes_nothing(wrong, fault):
 
 
 def test_an_image_just_ahead_of_our_clock_is_of_now_and_the_newest_image_never_gets_older():
-    estimator = run(Plant(), 5.0)
+    estimator = flown()
     ahead = view(5.0 + FUTURE, np.zeros((2, LEVEL_STATES)), 2.0, 0.0)
     estimator.target_seen(ahead, 5.0)
     assert estimator.seen_at == 5.0

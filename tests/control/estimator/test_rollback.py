@@ -265,3 +265,140 @@ def test_five_standard_deviations_are_believed_and_no_more(deviations, is_believ
     seen = filter_.states[:, 0] + np.array([deviations * spread, 0.0])
     filter_.measure(Measurement(filter_.time, POSITION, seen, 4e-4))
     assert (filter_.rejected == 0) is is_believed
+
+
+# -- in closed form: a place that moves at a known speed, without noise ---------------------------------------------
+
+
+def sure(steps=30, *, states=((0.0, 1.0),), noise=0.0):
+    """A filter without inputs; place and speed are each known to 0.1."""
+    filter_ = RollbackFilter(F, G, noise * np.eye(2), np.array(states), np.diag([0.01, 0.01]), now=0.0)
+    for _ in range(steps):
+        filter_.advance(np.zeros(len(states)))
+    return filter_
+
+
+@pytest.mark.parametrize("at", [0.0, 0.003, 0.25, 0.2575, 0.3])
+@pytest.mark.parametrize("off", [0.0, 0.04, -0.2])
+def test_a_measurement_is_compared_with_the_state_of_its_very_moment(at, off):
+    ratio = sure().measure(Measurement(at, POSITION, np.array([at + off]), 4e-4))
+    assert ratio == pytest.approx(off / np.sqrt(0.01 + 0.01 * at**2 + 4e-4), abs=1e-9)
+
+
+def test_a_measurement_of_the_future_is_one_of_the_end_of_the_newest_step():
+    assert sure().measure(Measurement(5.0, POSITION, np.array([0.31]), 1.0)) == pytest.approx(0.0, abs=1e-9)
+
+
+@pytest.mark.parametrize("at", [0.0, 0.1234, 0.3])
+def test_a_measurement_makes_place_and_speed_as_sure_as_a_line_through_it(at):
+    filter_ = sure()
+    filter_.measure(Measurement(at, POSITION, np.array([at + 0.05]), 0.02))
+    # Place and speed at the start, by least squares; 0.3 s later by the speed.
+    row = np.array([1.0, at])
+    information = np.eye(2) / 0.01 + np.outer(row, row) / 0.02
+    start = np.linalg.solve(information, np.array([0.0, 1.0]) / 0.01 + row * (at + 0.05) / 0.02)
+    later = np.array([[1.0, 0.3], [0.0, 1.0]])
+    assert filter_.states[0] == pytest.approx(later @ start)
+    assert filter_.covariances[0] == pytest.approx(later @ np.linalg.inv(information) @ later.T)
+
+
+def test_noise_of_each_step_adds_up():
+    assert sure(30, noise=1e-4).covariances[0, 1, 1] == pytest.approx(0.01 + 30e-4)
+    changed = sure(10, noise=1e-4)
+    changed.set_noise(4e-4 * np.eye(2))
+    for _ in range(20):
+        changed.advance(np.zeros(1))
+    assert changed.covariances[0, 1, 1] == pytest.approx(0.01 + 10e-4 + 80e-4)
+
+
+def test_doubt_widens_what_was_believed_before_the_measurement_is_weighed():
+    filter_ = sure(0)
+    filter_.measure(Measurement(0.0, POSITION, np.array([1.0]), 1.0), np.diag([0.99, 0.0]))
+    assert filter_.states[0] == pytest.approx([0.5, 1.0])
+    assert np.diag(filter_.covariances[0]) == pytest.approx([0.5, 0.01])
+
+
+def test_a_measurement_that_is_only_asked_says_how_far_it_is_off_and_changes_nothing():
+    filter_ = sure()
+    before = filter_.states.copy(), filter_.covariances.copy()
+    ratio = filter_.measure(Measurement(0.1, POSITION, np.array([0.3]), 1e-3, gate=0.0))
+    assert ratio == pytest.approx(0.2 / np.sqrt(0.01 + 1e-4 + 1e-3))
+    assert np.array_equal(filter_.states, before[0])
+    assert np.array_equal(filter_.covariances, before[1])
+    assert filter_.rejected == 1
+
+
+def test_each_axis_is_rejected_for_itself():
+    filter_ = sure(states=((0.0, 1.0), (2.0, -1.0)))
+    filter_.measure(Measurement(0.3, POSITION, np.array([9.0, 1.72]), np.array([1e-4, 1e-2])))
+    assert filter_.states[0] == pytest.approx([0.3, 1.0])
+    assert 1.7 < filter_.states[1, 0] < 1.72
+    assert filter_.rejected == 1
+
+
+def test_other_dynamics_hold_from_now_on():
+    filter_ = sure(10)
+    filter_.set_dynamics(np.array([[1.0, 3.0 * STEP], [0.0, 1.0]]), 2.0 * G)
+    for _ in range(10):
+        filter_.advance(np.ones(1))
+    speed = 1.0 + 10 * 2.0 * STEP
+    assert filter_.states[0, 1] == pytest.approx(speed)
+    assert filter_.states[0, 0] == pytest.approx(0.1 + 0.3 + 3.0 * 0.02 * 0.45 + 0.001)
+    found = filter_.measure(Measurement(0.205, POSITION, filter_.states[:, 0] + 0.005 * 3.0 * speed, 1.0))
+    assert found == pytest.approx(0.0, abs=1e-9), "inside a step it moves as it does now"
+
+
+def test_just_the_memory_is_remembered():
+    filter_ = sure(79)
+    assert filter_.remembers(0.0)
+    assert not filter_.remembers(-0.001)
+    assert filter_.measure(Measurement(-0.001, POSITION, np.zeros(1), 1.0)) is None
+    filter_.advance(np.zeros(1))
+    assert [filter_.remembers(at) for at in (0.0099, 0.0101)] == [False, True]
+    assert filter_.measure(Measurement(0.0101, POSITION, np.array([0.0101]), 1.0)) is not None
+    assert (filter_.dropped, MEMORY, STEP) == (1, 0.8, 0.01)
+
+
+def test_a_filter_that_begins_inside_a_step_begins_with_it():
+    filter_ = RollbackFilter(F, G, NOISE, np.array([[0.0, 1.0]]), np.eye(2), now=7.019)
+    assert filter_.time == pytest.approx(7.01)
+    assert filter_.remembers(7.0101)
+    assert not filter_.remembers(7.0099)
+
+
+OTHER_F = np.array([[1.0, 3.0 * STEP], [0.0, 0.99]])
+
+
+@pytest.mark.parametrize(
+    "deed",
+    [
+        lambda filter_: filter_.advance(np.ones(2)),
+        lambda filter_: filter_.set_noise(9.0 * NOISE),
+        lambda filter_: filter_.set_dynamics(OTHER_F, 2.0 * G),
+        lambda filter_: filter_.shift(1, np.array([0.5, -0.5])),
+        lambda filter_: filter_.coast(7, 0.1),
+        lambda filter_: filter_.ahead(np.ones((3, 2))),
+    ],
+)
+@pytest.mark.parametrize("back", [0.0, 0.011, 0.1])
+def test_what_is_done_after_a_late_measurement_is_done_to_what_it_says(deed, back):
+    """Whether somebody looks in between or not."""
+    looked, unlooked = make_after(20), make_after(20)
+    for filter_ in (looked, unlooked):
+        late = Measurement(filter_.time - back, POSITION, np.array([0.5, 1.5]), 1e-3)
+        filter_.measure(late)
+        if filter_ is looked:
+            assert filter_.states.shape == filter_.covariances.shape[:2]
+        deed(filter_)
+        filter_.advance(np.ones(2))
+    assert np.allclose(looked.states, unlooked.states, atol=1e-12)
+    assert np.allclose(looked.covariances, unlooked.covariances, atol=1e-12)
+
+
+def test_the_state_of_a_late_moment_knows_what_was_measured_before_it():
+    filter_ = make_after(20)
+    filter_.measure(Measurement(0.05, POSITION, np.array([0.5, 1.5]), 1e-6))
+    at_once = filter_.states_at(0.1).copy()
+    assert filter_.states.shape == (2, 2)
+    assert np.array_equal(filter_.states_at(0.1), at_once)
+    assert at_once[0, 0] > 0.4

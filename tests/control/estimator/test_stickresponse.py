@@ -120,3 +120,112 @@ def test_the_last_stick_acts_until_the_next():
     tilted = found._expected[-1][1][0][0]
     found.attitude_received(0.9, np.zeros(2))
     assert found._expected[-1][1][0][0] > tilted > 0.01
+
+
+# -- by the frequency response of the loop --------------------------------------------------------------------------
+
+MEMORY, SLOW = 4.0, 0.7
+"""What is older counts less than a third; what changes more slowly is left out: docs/control.md, "Estimator" [s]."""
+
+
+def believed(model, frequency):
+    """Believed tilt over a stick that swings at a frequency [rad/s], less what changes slowly."""
+    s = 1j * frequency
+    stick = 1.0 / (1.0 + s * model.stick_filter)
+    # Rate and tilt: (tw s + 1) w = a1 (us - th) - a2 (th - us) / s, and (s + 1 / ta) th = w.
+    loop = (model.a1 + model.a2 / s) / (model.rate_lag * s + 1.0)
+    tilt = loop / (s + 1.0 / model.leak + loop)
+    return stick * tilt * (s * SLOW / (1.0 + s * SLOW))
+
+
+def swung(size, *, gain=1.0, seconds=14.0, model=MODEL, frequencies=(5.0, 7.0)):
+    """What is found of an aircraft whose sticks swing, each axis at its own frequency, for long enough to settle."""
+    found, response = StickResponse(model, 0.0), []
+    for frequency in frequencies:
+        s = 1j * frequency
+        response.append(believed(MODEL, frequency) * (1.0 + s * SLOW) / (s * SLOW))
+    for k in range(round(seconds / STEP)):
+        now = k * STEP
+        found.sent(now, size * np.array([math.sin(frequency * now) for frequency in frequencies]))
+        if k % 2 == 0:
+            swings = [np.exp(1j * w * (now - STEP / 2.0)) * h for w, h in zip(frequencies, response, strict=True)]
+            found.attitude_received(now, gain * size * np.array(swings).imag)
+    return found
+
+
+@pytest.mark.parametrize("frequencies", [(5.0, 7.0), (1.5, 2.5)])
+def test_motion_is_remembered_by_its_size_with_both_filters_for_four_seconds(frequencies):
+    size, gain = 0.1, 1.4
+    found = swung(size, gain=gain, frequencies=frequencies)
+    for k, model in enumerate((MODEL, MODEL.with_other_filter())):
+        swings = [size * abs(believed(model, frequency)) for frequency in frequencies]
+        assert found._squares[k] == pytest.approx(MEMORY * sum(swing**2 / 2.0 for swing in swings), rel=0.08)
+    assert found._products[0] == pytest.approx(gain * found._squares[0], rel=0.02)
+    assert found._reported == pytest.approx(gain**2 * found._squares[0], rel=0.02)
+    assert found.measured == pytest.approx(gain, rel=0.02)
+
+
+@pytest.mark.parametrize(("mean_deg", "tells"), [(0.9, False), (1.12, True)])
+def test_a_mean_tilt_of_one_degree_tells_enough(mean_deg, tells):
+    """The filter through which less motion comes counts."""
+    per_count = min(
+        math.sqrt(sum(abs(believed(model, frequency)) ** 2 / 2.0 for frequency in (5.0, 7.0)))
+        for model in (MODEL, MODEL.with_other_filter())
+    )
+    found = swung(math.radians(mean_deg) / per_count, gain=1.5)
+    assert found.measured == pytest.approx(1.5 if tells else 1.0, rel=0.03)
+
+
+def test_the_filter_is_the_models_until_sticks_have_acted_for_seven_tenths_of_a_second():
+    aircraft = MODEL.with_other_filter()
+    assert not flown(1.0, seconds=0.7, aircraft=aircraft, size=0.3).has_other_filter
+    assert flown(1.0, seconds=0.8, aircraft=aircraft, size=0.3).has_other_filter
+
+
+def held_for(seconds):
+    """Believed tilt after a stick of 0.1 rad was held so long, by the model."""
+    _, g = discretise(*by_equations(MODEL), seconds)
+    return 0.1 * g[0, 0]
+
+
+def by_equations(model):
+    """Rates of believed tilt, its integral, its rate and the filtered stick."""
+    k = 1.0 / model.rate_lag
+    return (
+        np.array(
+            [
+                [-1.0 / model.leak, 0.0, 1.0, 0.0],
+                [1.0, 0.0, 0.0, -1.0],
+                [-k * model.a1, -k * model.a2, -k, k * model.a1],
+                [0.0, 0.0, 0.0, -1.0 / model.stick_filter],
+            ]
+        ),
+        np.array([[0.0], [0.0], [0.0], [1.0 / model.stick_filter]]),
+    )
+
+
+def test_a_stick_acts_from_its_moment_and_what_it_does_is_what_the_model_says():
+    found = StickResponse(MODEL, 0.0)
+    found.sent(0.1, np.array([0.1, -0.2]))
+    found.attitude_received(0.505, np.zeros(2))
+    at, (with_filter, without) = found._expected[-1]
+    assert at == pytest.approx(0.5)
+    assert with_filter == pytest.approx([held_for(0.4), -2.0 * held_for(0.4)], rel=0.01)
+    assert without[0] > with_filter[0] + 0.005
+
+
+def test_of_a_long_silence_one_second_is_computed():
+    found = StickResponse(MODEL, 0.0)
+    found.sent(0.0, np.array([0.1, 0.0]))
+    found.attitude_received(0.3, np.zeros(2))
+    found.attitude_received(0.9, np.zeros(2))
+    assert found._expected[-1][1][0][0] == pytest.approx(held_for(0.9), rel=0.01)
+    found.attitude_received(100.0, np.zeros(2))
+    assert found._expected[-1][1][0][0] == pytest.approx(held_for(1.9), rel=0.01)
+
+
+def test_responses_are_kept_for_as_long_as_an_attitude_may_come_late():
+    found = StickResponse(MODEL, 0.0)
+    for k in range(1, 101):
+        found.attitude_received(0.02 * k, np.zeros(2))
+    assert found._expected[0][0] == pytest.approx(2.0 - 0.3, abs=0.015)

@@ -83,3 +83,26 @@ def test_a_mirror_image_is_no_attitude():
 @pytest.mark.parametrize(("cap", "acting"), [(None, 130.0), (120.0, 120.0), (140.0, 130.0)])
 def test_the_motors_get_no_more_than_the_pilots_throttle(cap, acting):
     assert StickCommand(0.0, 0.0, 0.0, 0.0, 130.0, ThrottleUse(cap, is_ours=False)).acting_gas == acting
+
+
+@pytest.mark.parametrize(("skew", "is_sound"), [(0.9e-3, True), (1.1e-3, False)])
+def test_an_attitude_and_a_covariance_may_be_off_by_a_thousandth(skew, is_sound):
+    stretched = np.diag([math.sqrt(1.0 + skew), 1.0, 1.0])
+    seen = TargetView(5.0, np.array([0.0, 0.0, -2.0]), stretched, COVARIANCE)
+    assert fault_of(seen, 5.0) is (None if is_sound else ViewFault.NO_ROTATION)
+    crooked = COVARIANCE.copy()
+    crooked[0, 1] += skew * np.abs(COVARIANCE).max()
+    assert fault_of(view(covariance=crooked), 5.0) is (None if is_sound else ViewFault.NO_COVARIANCE)
+
+
+@pytest.mark.parametrize(("far", "is_sound"), [(1000.0, True), (1000.1, False)])
+def test_nothing_is_seen_from_farther_than_a_kilometre(far, is_sound):
+    fault = None if is_sound else ViewFault.TOO_FAR
+    rotation = np.eye(3)
+    assert fault_of(TargetView(5.0, np.array([0.0, far, -2.0]), rotation, COVARIANCE), 5.0) is fault
+    assert fault_of(TargetView(5.0, np.array([0.0, -far, -2.0]), rotation, COVARIANCE), 5.0) is fault
+    assert fault_of(view(covariance=with_diagonal(far**2)), 5.0) is fault
+
+
+def test_how_old_and_how_far_ahead_a_view_may_be():
+    assert (OLDEST, FUTURE) == (0.8, 0.02)

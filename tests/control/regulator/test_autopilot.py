@@ -170,3 +170,104 @@ def test_a_yaw_rate_becomes_a_stick_between_what_unlocks_the_compass_and_what_ti
     expected = round(autopilot.estimator.model.yaw_stick(float(np.radians(rate_deg)))) if stick is None else stick
     assert sticks[-1].yaw == expected
     assert np.sign(sticks[-1].yaw) == np.sign(rate_deg)
+
+
+def asked_far(axis, sign, **model):
+    """Sticks for a goal far away along an axis of the target, of an aircraft that has stood still for a while."""
+    far = np.array([0.0, 0.0, 2.0])
+    far[axis] += 9.0 * sign
+    estimator = Estimator(replace(MODEL, **model), look(0.0, 0.0), HOVER)
+    limits = ReferenceLimits(5.0, 3.0)
+    autopilot = Autopilot(
+        estimator, costs=HorizontalCosts(), gains=VerticalGains(), level_limits=limits, height_limits=limits, now=0.0
+    )
+    sticks = []
+    for k in range(1, 60):
+        estimator.advance(0.02 * k)
+        estimator.target_seen(look(0.02 * k, 0.0), 0.02 * k)
+        sticks.append(autopilot.sticks(Goal(position=far), 0.02 * k))
+    return sticks
+
+
+@pytest.mark.parametrize(
+    ("axis", "sign", "pitch", "roll"), [(0, 1, 127, 0), (0, -1, -127, 0), (1, 1, 0, -127), (1, -1, 0, 127)]
+)
+def test_sticks_end_where_the_wire_does(axis, sign, pitch, roll):
+    """A count that asks for next to nothing: 0.35 rad would be 700 of them."""
+    last = asked_far(axis, sign, rad_per_count=5e-4)[-1]
+    assert (last.pitch, last.roll) == (
+        pytest.approx(pitch, abs=60 * (pitch == 0)),
+        pytest.approx(roll, abs=60 * (roll == 0)),
+    )
+
+
+def test_an_aircraft_that_answers_its_sticks_half_as_much_again_is_asked_for_less(monkeypatch):
+    usual = asked_far(0, 1)
+    monkeypatch.setattr(Estimator, "stick_gain", property(lambda self: 1.5))
+    assert sum(each.pitch for each in asked_far(0, 1)) == pytest.approx(
+        sum(each.pitch for each in usual) / 1.5, rel=0.02
+    )
+
+
+def test_the_regulator_moves_what_lifts_unexplained_into_the_hover_throttle_by_a_fiftieth_each_time():
+    autopilot, _ = held(0.5, east=0.0)
+    estimator, now = autopilot.estimator, 0.5
+    for k in range(2):
+        sticks = autopilot.sticks(at_origin(2.0), now + 0.02 * k)
+        estimator.sent(StickCommand(now + 0.02 * k, 0.0, 0.0, 0.0, sticks.throttle + 127.0))
+    estimator._vertical.shift(E, -0.981 - estimator._vertical.states[:, E])
+    before = estimator.hover_gas
+    autopilot.sticks(at_origin(2.0), now + 0.04)
+    assert estimator.hover_gas == pytest.approx(before * (1.0 + 0.02 * 0.1 / 2.0), rel=2e-4)
+
+
+def test_a_share_of_hover_teaches_nothing_about_it():
+    autopilot, _ = held(0.5, gas_share=1.0, east=0.0)
+    estimator = autopilot.estimator
+    estimator.sent(StickCommand(0.5, 0.0, 0.0, 0.0, HOVER))
+    estimator._vertical.shift(E, np.array([-3.0]))
+    autopilot.sticks(replace(at_origin(2.0), gas_share=1.0), 0.5)
+    assert estimator.hover_gas == HOVER
+
+
+def test_the_speed_is_known_to_a_quarter_of_a_metre_a_second_before_the_reference_moves():
+    autopilot, goal = begin(look(0.0, 0.4)), at_origin(2.0)
+    for k in range(1, 40):
+        autopilot.estimator.advance(0.02 * k)
+        autopilot.estimator.target_seen(look(0.02 * k, 0.4), 0.02 * k)
+        was_known = autopilot.estimator.velocity_sd <= 0.25
+        autopilot.sticks(goal, 0.02 * k)
+        if was_known:
+            break
+        assert autopilot.reference.position == pytest.approx(autopilot.estimate.position[:2])
+    autopilot.sticks(goal, 0.02 * k + 0.02)
+    assert autopilot.reference.acceleration[0] < 0.0, "now it moves"
+
+
+def test_until_the_speed_is_known_the_height_asked_for_is_that_of_the_estimate_too():
+    def rising(at):
+        return replace(look(at, 0.0), position_flu=np.array([0.0, 0.0, -2.0 - 1.5 * at]))
+
+    autopilot, at = begin(rising(0.0)), 0.0
+    while True:
+        at += 0.02
+        autopilot.estimator.advance(at)
+        autopilot.estimator.target_seen(rising(at), at)
+        if autopilot.estimator.velocity_sd <= UNKNOWN_SPEED:
+            break
+        autopilot.sticks(at_origin(2.0), at)
+        found = autopilot.estimate
+        # From there it goes on towards its goal, for one step.
+        assert autopilot.height.position[0] == pytest.approx(found.position[2] + 0.02 * found.velocity[2], abs=2e-3)
+    assert found.position[2] > 2.03
+
+
+@pytest.mark.parametrize("yaw", [0.8, 2.3, -2.0])
+@pytest.mark.parametrize("way", [(1.0, 0.0), (0.0, 1.0), (-0.6, 0.8)])
+def test_sticks_lean_towards_a_goal_in_any_direction(yaw, way):
+    _, sticks = held(1.5, yaw=yaw, goal=Goal(position=np.array([0.4 + 0.5 * way[0], 0.5 * way[1], 2.0])))
+    pitch, roll = (sum(getattr(each, axis) for each in sticks[-25:]) for axis in ("pitch", "roll"))
+    forwards, right = np.array([np.cos(yaw), np.sin(yaw)]), np.array([np.sin(yaw), -np.cos(yaw)])
+    size = np.hypot(pitch, roll)
+    assert size > 25
+    assert [pitch, roll] == pytest.approx([size * (forwards @ way), size * (right @ way)], abs=0.12 * size)

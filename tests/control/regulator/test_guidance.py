@@ -190,3 +190,126 @@ def test_throttle_leads_the_motors_and_carries_a_leaning_aircraft():
     assert (gas(lagging, 0.0, 0.0, VerticalGains()) / 125.0) ** 2 == pytest.approx(0.9 + 1.5 * 0.1)
     leaning = replace(REST, tilt=np.array([0.3, 0.0]), vertical=np.zeros(4))
     assert (gas(leaning, 0.0, 0.0, VerticalGains()) / 125.0) ** 2 == pytest.approx(1.0 / math.cos(0.3), rel=0.01)
+
+
+# -- in closed form ------------------------------------------------------------------------------------------------
+
+LIMITS = ReferenceLimits(speed=1.2, acceleration=1.0)
+
+
+@pytest.mark.parametrize(
+    ("distance", "speed"),
+    [
+        # What half the acceleration still brakes: the root of the distance, linear below 0.12 m and one step's braking.
+        (0.0, 0.0),
+        (0.05, 0.05 / math.sqrt(0.13)),
+        (0.125, 0.125 / math.sqrt(0.13)),
+        (0.135, math.sqrt(0.135)),
+        (0.5, math.sqrt(0.5)),
+        (1.43, math.sqrt(1.43)),
+        (1.45, 1.2),
+        (9.0, 1.2),
+    ],
+)
+def test_a_reference_that_has_the_speed_it_can_still_brake_keeps_it(distance, speed):
+    way = np.array([0.6, -0.8])
+    reference = Reference(np.array([3.0, 4.0]), speed * way)
+    reference.move(np.array([3.0, 4.0]) + distance * way, LIMITS, 0.02)
+    assert reference.acceleration == pytest.approx([0.0, 0.0], abs=1e-9)
+    assert reference.velocity == pytest.approx(speed * way)
+    assert reference.position == pytest.approx(np.array([3.0, 4.0]) + 0.02 * speed * way)
+
+
+@pytest.mark.parametrize(
+    ("velocity", "step", "acceleration"),
+    [
+        (0.0, 0.02, 1.0),  # 1.2 m/s in 0.12 s is more than it may
+        (1.15, 0.02, 0.05 / 0.12),
+        (1.15, 0.2, 0.05 / 0.2),  # no more in a long step than takes it there
+        (1.3, 0.02, -0.1 / 0.12),
+        (3.0, 0.02, -1.0),
+    ],
+)
+def test_a_reference_takes_up_its_speed_within_its_acceleration(velocity, step, acceleration):
+    reference = Reference(np.zeros(1), np.array([velocity]))
+    reference.move(np.array([20.0]), LIMITS, step)
+    assert reference.acceleration[0] == pytest.approx(acceleration)
+    assert reference.velocity[0] == pytest.approx(velocity + step * acceleration)
+    assert reference.position[0] == pytest.approx(velocity * step + acceleration * step**2 / 2.0)
+
+
+def test_a_reference_that_follows_a_goal_moves_with_it():
+    reference, goal = Reference(np.zeros(2)), np.array([0.5, 0.0])
+    for _ in range(300):
+        reference.move(goal, LIMITS, 0.02, goal_velocity=np.array([0.0, 0.4]))
+        goal = goal + 0.02 * np.array([0.0, 0.4])
+    assert reference.velocity == pytest.approx([0.0, 0.4], abs=0.01)
+    assert reference.position == pytest.approx(goal, abs=0.02)
+
+
+def test_a_reference_keeps_numbers_of_its_own():
+    place, speed = np.zeros(2), np.ones(2)
+    reference = Reference(place, speed)
+    place += 1.0
+    speed += 1.0
+    assert (tuple(reference.position), tuple(reference.velocity)) == ((0.0, 0.0), (1.0, 1.0))
+    assert (tuple(Reference(place).velocity), tuple(reference.acceleration)) == ((0.0, 0.0), (0.0, 0.0))
+
+
+def test_the_gain_is_that_of_the_costs():
+    """By going back from the end, step by step, until the cost to go stands still."""
+    f, g = (each[:7] for each in MODEL.horizontal(0.02))
+    f = f[:, :7]
+    weights = 0.02 * np.diag([6.0, 0.6, 0.0, 0.0, 0.0, 0.1, 0.0])
+    to_go, gain = weights, np.zeros(7)
+    for _ in range(2000):
+        gain = (g @ to_go @ f) / (0.02 * 3.0 + g @ to_go @ g)
+        to_go = weights + f.T @ to_go @ (f - np.outer(g, gain))
+    assert HorizontalRegulator(MODEL, HorizontalCosts()).gain == pytest.approx(gain, rel=1e-4, abs=1e-6)
+
+
+def test_a_reference_that_accelerates_is_flown_with_the_tilt_that_accelerates():
+    regulator = HorizontalRegulator(MODEL, HorizontalCosts())
+    reference = Reference(np.zeros(2))
+    reference.acceleration = np.array([0.6, 0.0])
+    assert regulator.tilt(state(t=0.6 / 9.81), reference) == pytest.approx([0.0, 0.0])
+    assert regulator.tilt(state(t=-0.6 / 9.81), reference)[0] > 0.0
+
+
+def test_a_tilt_that_is_too_steep_keeps_its_direction():
+    reference = Reference(np.zeros(2))
+    far = moved(p=(0.3, -0.6))
+    free, bound = (
+        HorizontalRegulator(MODEL, HorizontalCosts(steepest=steepest)).tilt(far, reference) for steepest in (9.0, 0.05)
+    )
+    assert np.hypot(*bound) == pytest.approx(0.05)
+    assert bound / 0.05 == pytest.approx(free / np.hypot(*free))
+    assert HorizontalCosts().steepest == 0.35
+
+
+@pytest.mark.parametrize(
+    ("vertical", "tilt", "share"),
+    [
+        ([-9.0, -9.0, 2.0, 0.0], 0.0, 0.75),  # three weights lift and 1.5 are wanted: 3 - 1.5 x 1.5
+        ([0.0, 9.0, 0.0, 0.0], 0.0, 0.4),  # one lifts and 0.6 is wanted: 1 - 1.5 x 0.4
+        ([0.0, 9.0, 0.5, 0.0], 0.0, 0.3),  # 1.5 - 1.5 x 0.9 is less than what is ever asked for
+        ([-9.0, -9.0, 0.0, 0.0], 0.6, 1.9),  # and here more
+        ([0.0, 0.0, 0.0, 0.0], 0.5, 1.0 / math.cos(0.5)),
+        ([0.0, 0.0, 0.0, 0.0], 0.8, 1.0 / 0.8),  # steeper leans count as 37 degrees
+    ],
+)
+def test_throttle_stays_within_what_motors_can_follow(vertical, tilt, share):
+    asked = gas(replace(REST, vertical=np.array(vertical), tilt=np.array([0.0, tilt])), 0.0, 0.0, VerticalGains())
+    assert asked == pytest.approx(125.0 * math.sqrt(share))
+
+
+def test_what_is_left_over_is_carried_over_and_at_the_end_of_the_range_at_most_one():
+    shaper = CountShaper(-10, 20)
+    assert [shaper.count(0.4) for _ in range(5)] == [0, 1, 0, 1, 0]
+    shaper = CountShaper(-10, 20)
+    assert [shaper.count(wanted) for wanted in (30.0, 19.3, 0.0, -30.0, -9.3, 0.0)] == [20, 20, 0, -10, -10, 0]
+
+
+def test_a_gain_that_is_computed_once_for_all_flights_cannot_be_changed():
+    with pytest.raises(ValueError, match="read-only"):
+        HorizontalRegulator(MODEL, HorizontalCosts()).gain[0] = 1.0

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import pytest
 
+from mkdaemon.control.teleop.hands import HELD_FOR
 from mkdaemon.control.teleop.keys import BUTTONS, DEFLECTION, FACTS, KEYBOARD, PRESS, REPEAT, REPEATED, STEP, TAP, Keys
 from mkdaemon.control.teleop.teleop import Output, Teleop
 
@@ -179,3 +180,14 @@ def test_thrust_by_keys_is_a_straight_line() -> None:
     output = typist.tick()
     assert output.setpoint is not None
     assert output.setpoint.fields["throttle"] == pytest.approx((KEYBOARD.thrust.hover + KEYBOARD.thrust.highest) / 2.0)
+
+
+def test_figures_that_docs_teleop_tells() -> None:
+    assert (DEFLECTION, TAP, REPEAT) == (0.7, 0.3, 0.15)
+    assert REPEATED == 0.1, "keyboards repeat every 25 to 40 ms"
+    assert max(HELD_FOR.values()) < PRESS, "a key that is a button counts for longer than any must be held"
+    assert (STEP, PRESS) == (0.03, 1.2)
+
+
+def test_every_button_of_the_keyboard_has_its_key() -> None:
+    assert set(KEYBOARD.buttons.model_dump().values()) == {"KEY_E", *BUTTONS.values()}

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import pytest
 
+from mkdaemon.control.teleop.hands import AXIS_AGE, QUIET
 from mkdaemon.control.teleop.teleop import RELEASE_AFTER, Output, Teleop
 from tests.control.teleop.pads import FACTS, HIGH, LOW, MIDDLE, TestedPad
 
@@ -320,3 +321,34 @@ def test_button_held_for_just_its_time_counts_and_an_axis_just_so_old_is_still_k
     assert kind(pad.decide()) == "stick"
     assert not pad.decide(0.25).is_neutral
     assert kind(pad.tick(0.25)) == "takeoff"
+
+
+LINEAR = {"deadzone": 0.0, "expo": 0.0}
+
+
+@pytest.mark.parametrize("axis", ["ABS_RX", "ABS_RY", "ABS_X", "ABS_Y"])
+@pytest.mark.parametrize("way", [1, -1])
+def test_stick_takes_over_from_a_manoeuvre_beyond_a_quarter_of_its_way(axis: str, way: int) -> None:
+    pad = TestedPad(pitch=LINEAR, roll=LINEAR, yaw=LINEAR)
+    pad.fly()
+    assert kind(pad.tick(BTN_NORTH=1)) == "hold"
+    assert kind(pad.tick(BTN_NORTH=0, **{axis: round(0.24 * way * HIGH)})) == "hold"
+    output = pad.tick(**{axis: round(0.26 * way * HIGH)})
+    assert kind(output) == "stick"
+    assert output.setpoint is not None
+    assert output.setpoint.fields["throttle"] == -2, "hover, until the thrust stick has come to it"
+    assert pad.teleop.manoeuvre is None
+
+
+def test_pad_by_radio_with_a_hardly_deflected_stick_may_be_silent() -> None:
+    pad = TestedPad(replace(FACTS, is_wireless=True), roll=LINEAR)
+    pad.fly()
+    position = round(0.24 * HIGH)
+    assert not any(pad.tick(ABS_RX=position).is_neutral for _ in range(110))
+    assert pad.tick(ABS_RX=round(0.26 * HIGH)).is_neutral, "nothing was reported for two seconds"
+
+
+def test_figures_that_docs_teleop_tells() -> None:
+    assert RELEASE_AFTER == 0.9, "the daemon would do it after 1.0 s"
+    assert (AXIS_AGE, QUIET) == (0.25, 2.0), "an axis that is not known any more; a pad by radio that says nothing"
+    assert AXIS_AGE + 0.1 <= 0.35, "neutral sticks reach the wire within 350 ms"

@@ -13,6 +13,7 @@ from mkdaemon.cli.program import run
 from mksim.programs import demo
 from mksim.programs.flightrecord import write_picture
 from tests.mksim.programs.test_rehearsal import flight
+from tests.view.report.known import write_known
 
 
 @pytest.fixture
@@ -20,12 +21,14 @@ def flown(monkeypatch):
     """Let the demo fly a flight that is there already; returns what may be changed of it."""
     shown = {"record": flight()}
 
-    async def rehearse(*, seed, wind, fps, watcher):
+    async def rehearse(*, seed, wind, fps, watcher, show_on, recording):
         for moment in shown["record"].moments:
             watcher(moment, None)
+        write_known(recording)
         return shown["record"]
 
     monkeypatch.setattr("mksim.programs.rehearsal.rehearse", rehearse)
+    monkeypatch.setattr("mkdaemon.view.report.make.plotly_source", lambda: "library")
     return shown
 
 
@@ -35,7 +38,8 @@ def test_a_landing_is_a_success_with_figures_and_a_picture(flown, tmp_path, caps
     shown = capsys.readouterr().out
     assert "landed on the target, motors stand" in shown
     assert "hold over the target, horizontal RMS (cm)" in shown
-    assert max(len(line) for line in shown.splitlines() if "picture" not in line) <= 80
+    assert max(len(line) for line in shown.splitlines() if str(tmp_path) not in line) <= 80
+    assert "<h1>mk1</h1>" in picture.with_suffix(".html").read_text(encoding="utf-8")
     assert ElementTree.parse(picture).getroot().tag.endswith("svg")
 
 
@@ -51,6 +55,8 @@ def test_figures_as_json_name_the_picture(flown, tmp_path, capsys):
     figures = json.loads(capsys.readouterr().out)
     assert figures["landed"] is True
     assert figures["picture"] == str(picture)
+    assert figures["recording"] == str(picture.with_suffix(".mcap"))
+    assert figures["report"] == str(picture.with_suffix(".html"))
 
 
 def test_the_live_table_fits_80_columns():

@@ -36,7 +36,8 @@ from mksim.scene.camera import SceneCamera
 from tests.bus.support import free_endpoint
 
 CLOCK = Clock()
-POSE = {"t": 1.0, "position_enu": (0.0, 0.0, 2.0), "enu_from_flu": (1.0, 0.0, 0.0, 0.0)}
+PLACE = {"t": 1.0, "position_enu": (0.0, 0.0, 2.0), "enu_from_flu": (1.0, 0.0, 0.0, 0.0)}
+POSE = PLACE | {"stamp": "NOW"}
 SCENE = SceneConfig(latency_ms=20.0, latency_jitter_ms=0.0)
 
 
@@ -105,8 +106,10 @@ def test_json_and_msgpack_are_read_and_a_stamp_of_this_machine_is_when_it_was(en
     feed = Feed()
     stream = PoseStream(feed, CLOCK)
     then = CLOCK.stamp(CLOCK.now() - 0.1)
-    stream.take(encoding, pack(POSE | {"stamp": then.model_dump(), "wind_enu": [1, 2, 3]}))
-    stream.take(encoding, pack(POSE | {"enu_from_flu": (0.0, 0.0, 0.0, 2.0), "rates": (0.0, 0.0, 1.0)}))
+    stream.take(encoding, pack(PLACE | {"stamp": then.model_dump(), "wind_enu": [1, 2, 3]}))
+    now = CLOCK.stamp().model_dump()
+    turning = {"enu_from_flu": (0.0, 0.0, 0.0, 2.0), "rates": (0.0, 0.0, 1.0), "stamp": now}
+    stream.take(encoding, pack(PLACE | turning))
     (state, at), (turned, arrived) = feed.shown
     assert at == then.monotonic
     assert state.position_enu == pytest.approx([0.0, 0.0, 2.0])
@@ -118,31 +121,40 @@ def test_json_and_msgpack_are_read_and_a_stamp_of_this_machine_is_when_it_was(en
 def test_the_truth_of_our_own_simulator_is_such_a_pose():
     assert {name for name, field in ScenePose.model_fields.items() if field.is_required()} < set(SimTruth.model_fields)
     feed = Feed()
-    PoseStream(feed, CLOCK).take("application/msgpack", encode(ScenePose(**POSE)))
+    PoseStream(feed, CLOCK).take("application/msgpack", encode(ScenePose(**PLACE, stamp=CLOCK.stamp())))
     assert len(feed.shown) == 1
 
 
 @pytest.mark.parametrize(
     ("raw", "words"),
     [
-        (b'{"t": 1.0}', "position_enu"),
+        (json.dumps({"t": 1.0, "stamp": POSE["stamp"]}).encode(), "position_enu"),
         (b"[" * 3000, ""),
         (b"not json", ""),
         (b" " * 5000, "5000 bytes"),
         (json.dumps(POSE | {"enu_from_flu": (0, 0, 0, 0)}).encode(), "length zero"),
         (json.dumps(POSE | {"t": "soon"}).encode(), "t: "),
-        (json.dumps(POSE | {"stamp": {"monotonic": 0.0, "wall": 1.0}}).encode(), "s off: leave it out"),
+        (json.dumps(POSE | {"stamp": {"monotonic": 0.0, "wall": 1.0}}).encode(), "s after its stamp: synchronise"),
+        (json.dumps(PLACE).encode(), "it has no stamp"),
+        (json.dumps(PLACE | {"stamp": None}).encode(), "it has no stamp"),
     ],
 )
 def test_what_is_no_pose_is_counted_and_named_once_a_second(raw, words, capsys):
     feed = Feed()
     stream = PoseStream(feed, CLOCK)
+    raw = raw.replace(b'"NOW"', json.dumps(CLOCK.stamp().model_dump()).encode())
     stream.take("application/json", raw)
     stream.take("application/json", raw)
     assert (stream.taken, stream.refused, feed.shown) == (0, 2, [])
     told = capsys.readouterr().out
     assert told.count("pose refused") == 1
     assert words in told
+
+
+def test_poses_that_come_late_are_told_with_how_late(capsys):
+    stream = PoseStream(Feed(), CLOCK)
+    stream.take("", msgpack.packb(PLACE | {"stamp": CLOCK.stamp(CLOCK.now() - 0.2).model_dump()}))
+    assert re.search(r"poses come late.*2\d\d", capsys.readouterr().out)
 
 
 def test_a_mistake_of_the_options_is_named():

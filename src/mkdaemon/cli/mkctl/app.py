@@ -46,6 +46,7 @@ COMMANDS: Final = (
     CommandEntry(
         "status", "mkdaemon.cli.mkctl.status:status", "The aircraft, the link and who flies, on one screen.", _LOOK
     ),
+    CommandEntry("view", "mkdaemon.cli.mkctl.view:view", "The aircraft in a browser, live or from a recording.", _LOOK),
     CommandEntry("top", "mkdaemon.cli.mkctl.top:top", "A vehicle on one screen of a terminal, live, with keys.", _LOOK),
     CommandEntry(
         "watch", "mkdaemon.cli.mkctl.values:watch", "Values as they come, for example `watch 'state/**'`.", _LOOK
@@ -102,6 +103,12 @@ COMMANDS: Final = (
         "record", "mkdaemon.cli.mkctl.record:record", "Record what all vehicles put on the bus, into files.", _RECORD
     ),
     CommandEntry("play", "mkdaemon.cli.mkctl.play:play", "Show a recording to clients, at any speed.", _RECORD),
+    CommandEntry(
+        "report",
+        "mkdaemon.cli.mkctl.report:report",
+        "A flight as one page, out of a recording: `report FILE`.",
+        _RECORD,
+    ),
     CommandEntry(
         "export", "mkdaemon.cli.mkctl.export:export", "A recording as tables, a track or a ROS 2 bag.", _RECORD
     ),

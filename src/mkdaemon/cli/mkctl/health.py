@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Mapping
+from collections import deque
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from typing import Any
+from typing import Any, Final
 
 from rich.console import Group
 from rich.live import Live
@@ -16,10 +17,15 @@ from mkdaemon.cli.arguments import require_length
 from mkdaemon.cli.console import Console
 from mkdaemon.cli.mkctl.connection import HERE, Connection
 from mkdaemon.cli.printing import json_line
+from mkdaemon.cli.sparkline import sparkline
 from mkdaemon.errors import MkError
 
 KEY = "link/health"
 _COLOURS = {"up": "green", "degraded": "yellow"}
+MINUTE: Final = 300
+"""Measurements in it, at 5 Hz."""
+BARS: Final = 16
+"""Of a trend."""
 
 
 async def health(*, once: bool = False, seconds: float | None = None, connection: Connection = HERE) -> None:
@@ -50,33 +56,44 @@ async def health(*, once: bool = False, seconds: float | None = None, connection
                 if (absence := await client.absence()) is not None:
                     live.update(Text(f"{absence}; waiting for it"))
                 with suppress(TimeoutError):
+                    minute: deque[Mapping[str, Any]] = deque(maxlen=MINUTE)
                     async with asyncio.timeout(seconds):
                         async for sample in samples:
-                            live.update(render(sample.fields))
+                            minute.append(sample.fields)
+                            live.update(render(sample.fields, minute))
 
 
-def render(fields: Mapping[str, Any]) -> Group:
-    """The screen."""
+def render(fields: Mapping[str, Any], minute: Sequence[Mapping[str, Any]] = ()) -> Group:
+    """The screen.
+
+    Args:
+        fields: what was measured last.
+        minute: what was measured in the last minute, in order; with two or more their trends are shown.
+    """
     state = fields["state"]
     colour = _COLOURS.get(state["condition"], "red")
     head = Text.assemble((f"{state['condition']} ", f"bold {colour}"), state["reason"])
     ears = f"we hear the board: {_yes(state['hears_board'])}; it hears us: {_yes(state['board_hears_us'])}"
     where = f"{state['port']}, {state['baud']} baud; {state['firmware'] or 'firmware unknown'}"
-    return Group(head, Text(ears), Text(where, style="dim"), _round_trips(fields), _streams(fields["kinds"]))
+    return Group(head, Text(ears), Text(where, style="dim"), _round_trips(fields, minute), _streams(fields["kinds"]))
 
 
 def _yes(value: bool) -> str:
     return "yes" if value else "NO"
 
 
-def _round_trips(fields: Mapping[str, Any]) -> Table:
+def _round_trips(fields: Mapping[str, Any], minute: Sequence[Mapping[str, Any]]) -> Table:
     table = Table("round trip", "sent", "lost", "loss", "p50 ms", "p95 ms", "p99 ms", "late", "twice")
+    has_trend = len(minute) > 1
+    if has_trend:
+        table.add_column("p95, last minute", no_wrap=True)
     for name, title in (("echo", "link test"), ("confirm", "stick frames")):
         trip = fields[name]
         times = ("-" if trip[key] is None else f"{trip[key]:.1f}" for key in ("p50_ms", "p95_ms", "p99_ms"))
         loss = f"{trip['loss_percent']:.2f} %"
         counts = (str(trip["late"]), str(trip["duplicate"]))
-        table.add_row(title, str(trip["sent"]), str(trip["lost"]), loss, *times, *counts)
+        trend = [sparkline([one[name]["p95_ms"] for one in minute], BARS)] if has_trend else []
+        table.add_row(title, str(trip["sent"]), str(trip["lost"]), loss, *times, *counts, *trend)
     return table
 
 

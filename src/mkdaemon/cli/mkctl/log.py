@@ -18,13 +18,14 @@ from mkdaemon.cli.mkctl.connection import HERE, Connection
 from mkdaemon.cli.mkctl.logtime import moment_of, recording_folders
 from mkdaemon.cli.printing import json_line
 from mkdaemon.cli.program import EXIT_FAILURE, EXIT_OK
+from mkdaemon.cli.sparkline import sparkline
 from mkdaemon.cli.terminal import on_one_line
 from mkdaemon.errors import ConfigError
 from mkdaemon.record.entry import NANOSECONDS
 
 if TYPE_CHECKING:
     from mkdaemon.record.reader import ReadReport
-    from mkdaemon.record.summary import Glance, Summary
+    from mkdaemon.record.summary import Glance, KeySummary, Summary
     from mkdaemon.record.writer import View
 
 Force = Annotated[bool, Parameter(negative=(), help="Replace a file that is there.")]
@@ -206,6 +207,10 @@ def _print_written(target: Path, entries: int, lost: int, *, as_json: bool) -> N
 
 MOST_LINES: Final = 300
 """Keys, marks or findings that are shown of a file; ours have up to 60 keys."""
+BARS: Final = 12
+"""Of the trend of a key."""
+ENOUGH: Final = 8 * BARS
+"""Fewer entries than this come too unevenly to be counted by the bar."""
 WIDE: Final = 1000
 """Columns where there is no terminal."""
 
@@ -366,6 +371,7 @@ def _key_table(summary: Summary) -> Table:
     table.add_column("key", overflow="fold")
     for name in ("count", "Hz", "kB", "longest gap (s)", "lost"):
         table.add_column(name, justify="right")
+    table.add_column("over time", no_wrap=True)
     for one in sorted(summary.keys.values(), key=lambda one: (one.kind.value, one.key))[:MOST_LINES]:
         table.add_row(
             one.kind.value,
@@ -375,8 +381,17 @@ def _key_table(summary: Summary) -> Table:
             f"{one.size / 1000:.1f}",
             f"{one.longest_gap:.2f}",
             str(one.lost or ""),
+            trend(one, summary.last),
         )
     return table
+
+
+def trend(one: KeySummary, end: int) -> str:
+    """When entries of a key came, until an end [ns]: how many, or only whether, where they are too few for bars."""
+    counts = one.activity.over(end, BARS)
+    if one.count < ENOUGH:
+        return "".join("▄" if count else " " for count in counts)
+    return sparkline([count or None for count in counts], BARS, least=0.0)
 
 
 def print_check(summary: Summary, *, as_json: bool) -> None:

@@ -218,8 +218,9 @@ async def attitude(
 async def abort(reason: str = "asked for by mkctl", *, connection: Connection = HERE) -> None:
     """Stop the manoeuvre that is flown, whoever flies: the aircraft holds its place, or is level without a target.
 
-    Its holder keeps the lease; the aircraft is released when he stops to stream. A landing below 13 cm goes on; a
-    take-off that has not left the ground is released. `mkctl release` lets go at once.
+    Its holder keeps the lease; the aircraft is released when he stops to stream, and flies on with the next call of
+    his program, which ends the abort. A landing below 13 cm goes on; a take-off that has not left the ground is
+    released. `mkctl release` lets go at once.
 
     Args:
         reason: Published with the change of phase.

@@ -77,8 +77,8 @@ async def play(
     require_length(speed, "--speed")
     check_name(name)
     first, last = moment_of(start, file, "--from"), moment_of(end, file, "--to")
-    earlier = partial(_samples, file, key, None, first) if first is not None else tuple
-    selection = Selection.of(partial(_samples, file, key, first, last), name, earlier)
+    earlier = partial(recorded_samples, file, key, None, first) if first is not None else tuple
+    selection = Selection.of(partial(recorded_samples, file, key, first, last), name, earlier)
     where = [connection.connect] if listen is None else []
     async with open_player_session(connect=where, listen=listen, zenoh_file=connection.zenoh_file) as session:
         pace = Pace(speed, selection.first, time.monotonic(), is_paused=step)
@@ -93,8 +93,15 @@ async def play(
     return _print_result(player, as_json=connection.json)
 
 
-def _samples(file: Path, keys: tuple[str, ...], first: int | None, last: int | None) -> Iterator[Entry]:
-    """The published values that are wanted."""
+def recorded_samples(file: Path, keys: tuple[str, ...], first: int | None, last: int | None) -> Iterator[Entry]:
+    """The published values of a recording.
+
+    Args:
+        file: the recording.
+        keys: patterns of the keys that are wanted; none for all.
+        first: time in the file of the first entry; None for the beginning.
+        last: of the last one; None for the end.
+    """
     from mkdaemon.record.entry import Kind
     from mkdaemon.record.reader import Recording, matches_any
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import signal
 import time
+from collections import deque
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -18,6 +19,7 @@ from mkdaemon.cli.mkctl.logtime import user_folder
 from mkdaemon.cli.printing import json_line
 from mkdaemon.cli.program import EXIT_FAILURE, EXIT_OK
 from mkdaemon.cli.promptness import favour_threads
+from mkdaemon.cli.sparkline import sparkline
 
 if TYPE_CHECKING:
     from mkdaemon.client.groundrecorder import GroundPlan, GroundRecording
@@ -27,6 +29,8 @@ REDRAW: Final = 0.25
 LINE_EVERY: Final = 60.0
 """Time between two lines where there is no terminal [s]."""
 MEGA: Final = 1_000_000
+TREND: Final = 20
+"""Seconds whose numbers of values are shown as bars."""
 
 
 async def record(
@@ -113,11 +117,14 @@ async def _show(
 
     console = Console(stderr=True)
     stopped = asyncio.create_task(stop.wait())
+    rate = Rate()
     try:
         if console.is_terminal and not is_quiet:
             with console.status(Text()) as status:
                 while not stop.is_set():
-                    status.update(Text(_line(recording, endpoints, time.monotonic() - began)))
+                    seconds = time.monotonic() - began
+                    rate.take(recording.received, seconds)
+                    status.update(Text(f"{_line(recording, endpoints, seconds)}  {rate.shown()}"))
                     await asyncio.wait({stopped}, timeout=REDRAW)
             return
         while not stop.is_set():
@@ -126,6 +133,26 @@ async def _show(
             await asyncio.wait({stopped}, timeout=LINE_EVERY)
     finally:
         stopped.cancel()
+
+
+class Rate:
+    """How many values came in each of the last seconds."""
+
+    def __init__(self) -> None:
+        self._counts: deque[int] = deque(maxlen=TREND)
+        self._received, self._at = 0, 0.0
+
+    def take(self, received: int, at: float) -> None:
+        """Take how many have come since the beginning until a time [s]; looks once a second."""
+        if at - self._at >= 1.0:
+            self._counts.append(received - self._received)
+            self._received, self._at = received, at
+
+    def shown(self) -> str:
+        """Bars and the newest number; empty in the first second."""
+        if not self._counts:
+            return ""
+        return f"{sparkline(self._counts, TREND, least=0.0)} {self._counts[-1]} values/s"
 
 
 def _line(recording: GroundRecording, endpoints: Sequence[str], seconds: float) -> str:

@@ -12,45 +12,42 @@ from typing import Final
 from mkdaemon.control.activeset import OPEN_ABOVE, GateKind
 from mkdaemon.control.admission.beginnings import BY_HAND, BY_TARGET, MANOEUVRES, Concern, NewManoeuvre, TakeLease
 from mkdaemon.control.admission.row import Look, Row, Rule, Verdict, at, passed, stands, unknown, when
+from mkdaemon.control.admission.sightlooks import (
+    LATEST_IMAGES,
+    STAMP_LIMIT,
+    agreement,
+    camera,
+    heights,
+    lateness,
+    stamps,
+    target,
+)
 from mkdaemon.control.admission.situation import Situation
 from mkdaemon.control.batterywatch import low_voltage
 from mkdaemon.control.estimator.model import Gap
 from mkdaemon.control.estimator.values import GAS_CENTRE
-from mkdaemon.control.heights import heights_found
-from mkdaemon.control.motionmatch import ALIKE
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.control import Obstacle, Phase
 from mkdaemon.telemetry.link import LinkCondition
 from mkdaemon.telemetry.preflight import CheckState
 from mkdaemon.telemetry.refusals import Token, refuse
-from mkdaemon.telemetry.selfcal import HEIGHTS_LIKELY, HEIGHTS_SURE
 from mkdaemon.telemetry.setpoint import SetpointFrame
 from mkdaemon.telemetry.state import GpsMode
-from mkdaemon.telemetry.vision import Alarm, EyeState, VisionStats
 
 LEAST_QUALITY: Final = 0.75
 """Receiver quality with which a flight may begin; below 0.5 the FlightCtrl flies on emergency throttle."""
 MOST_LOSS: Final = 20.0
 """Lost echoes with which a flight may begin [%]; hovers bore bursty loss of 25 %, docs/control.md."""
-STAMP_LIMIT: Final = 0.045
-"""Largest error of the images' stamps, as it is measured [s]: 20 ms are survived, 80 ms crash, and the measurement is
-off by up to 20 ms; docs/control.md, "Time stamps"."""
 HIGHEST_EMERGENCY: Final = 0.95
 """An emergency throttle above this does not sink [share of the hover throttle]."""
 LOWEST_EMERGENCY: Final = 0.7
 """With one below this the aircraft falls: half of its weight is carried [share of the hover throttle]."""
 LEAST_DISK: Final = 200e6
 """Free space with which a flight may begin [bytes]: an hour of the recorder's small streams."""
-EYES_FRESH: Final = 3.0
-"""What a camera said of itself longer ago counts no more [s]; it says so once a second."""
-LATEST_IMAGES: Final = 500.0
-"""Median age of images that have been looked at, with which a flight may begin [ms]: take-offs were flown by images
-0.6 s old; of 0.9 s, which the estimator's history no longer holds, they climbed to 12 m."""
 STANDS: Final = 0.15
 """Who is no higher than this above its standing height is on the ground [m]."""
 CARRIES: Final = 0.6
 """Who flies with more throttle may be in the air [share of hover]; a third of the weight is carried."""
-_UNFIT: Final = (Alarm.UNCALIBRATED, Alarm.WRONG_SIZE, Alarm.TARGET_MISMATCH)
 
 
 def _guard(now: Situation) -> Verdict:
@@ -190,69 +187,6 @@ def _battery(now: Situation) -> Verdict:
     return passed(f"{battery.voltage:.1f} V")
 
 
-def _camera(now: Situation) -> Verdict:
-    eyes = [stats for stats in now.eyes if now.now - stats.stamp.monotonic <= EYES_FRESH]
-    if not eyes:
-        return unknown("no camera of this daemon; poses may come from elsewhere")
-    unfit = [f"{stats.camera}: {why}" for stats in eyes if (why := _unfit(stats))]
-    if len(unfit) == len(eyes):
-        return stands(refuse(Token.CAMERA_UNFIT, detail="; ".join(unfit)))
-    return passed(f"{len(eyes) - len(unfit)} of {len(eyes)} see, calibrated")
-
-
-def _unfit(stats: VisionStats) -> str:
-    """Why a camera cannot be flown by; empty where it can."""
-    for alarm in _UNFIT:
-        if alarm in stats.alarms:
-            return stats.alarms[alarm]
-    return "" if stats.state is EyeState.OK else f"{stats.state.value}: {stats.reason}"
-
-
-def _agreement(now: Situation) -> Verdict:
-    if now.contradicting:
-        return stands(refuse(Token.CAMERAS_CONTRADICT, cameras=", ".join(now.contradicting)))
-    return passed("no camera contradicts another")
-
-
-def _heights(now: Situation) -> Verdict:
-    found = heights_found(now.eyes)
-    if found is None:
-        return unknown("nothing compares them yet: lift it by hand over the target, from 0.7 m up by a metre and back")
-    if found.odds >= HEIGHTS_SURE:
-        return stands(found.refusal)
-    return unknown(f"watch it: {found.refusal.reason}") if found.odds >= HEIGHTS_LIKELY else passed(found.words)
-
-
-def _lateness(now: Situation) -> Verdict:
-    eyes = [stats for stats in now.eyes if now.now - stats.stamp.monotonic <= EYES_FRESH and stats.processed]
-    if not eyes:
-        return unknown("no camera of this daemon; poses may come from elsewhere")
-    best = min(eyes, key=lambda stats: stats.latency_p50_ms)
-    if best.latency_p50_ms > LATEST_IMAGES:
-        return stands(refuse(Token.IMAGES_LATE, camera=best.camera, late=best.latency_p50_ms, limit=LATEST_IMAGES))
-    return passed(f"half of them are looked at within {best.latency_p50_ms:.0f} ms of their exposure")
-
-
-def _target(now: Situation) -> Verdict:
-    age = now.target_age
-    if age is None:
-        return unknown("none was seen; from the ground that says nothing, in the air autonomous flight waits for it")
-    return passed("in sight") if age <= 1.0 else unknown(f"the last image of it is {age:.0f} s old")
-
-
-def _stamps(now: Situation) -> Verdict:
-    match = now.stamps
-    if match is None:
-        return unknown("nothing moved enough in sight of the target: turn it by hand over the target, some degrees")
-    if match.likeness <= -ALIKE:
-        return stands(refuse(Token.CAMERA_TURNED, likeness=match.likeness))
-    if match.likeness < ALIKE:
-        return unknown(f"camera and boards tell of different motion (correlation {match.likeness:.1f}): move faster")
-    if abs(match.lag) > STAMP_LIMIT:
-        return stands(refuse(Token.STAMPS_OFF, lag=1000.0 * match.lag, limit=1000.0 * STAMP_LIMIT))
-    return passed(f"camera and boards move together to {1000.0 * match.lag:+.0f} ms")
-
-
 def _disk(now: Situation) -> Verdict:
     if now.free_disk is None:
         return unknown("nobody looked")
@@ -290,6 +224,14 @@ def _waiting(wanted: NewManoeuvre, detail: str) -> Verdict:
 def _board_listens(now: Situation, wanted: NewManoeuvre) -> Verdict:
     """Begin no flight while a board does not listen: the first frame it hears must be one of neutral sticks."""
     return _waiting(wanted, now.line.reason) if now.line.obstacle is Obstacle.DEAF else passed()
+
+
+def _answer(now: Situation, wanted: NewManoeuvre) -> Verdict:
+    """Begin no flight whose sticks would not act: they would wind up until the gate is opened."""
+    if not now.unanswered:
+        return passed()
+    refusal = refuse(Token.NO_ANSWER, detail=now.unanswered)
+    return Verdict(CheckState.STANDS, f"an answer to the sticks: {now.unanswered}", refusal)
 
 
 def _fresh_image(now: Situation, wanted: NewManoeuvre) -> Verdict:
@@ -522,34 +464,41 @@ FLIGHT_ROWS: Final = (
         _battery,
         Token.BATTERY_LOW,
     ),
-    _check("camera", BY_TARGET, "every camera is gone, silent or not calibrated", _camera, Token.CAMERA_UNFIT),
+    _check(
+        "camera",
+        BY_TARGET,
+        "every camera is still being opened, gone, silent or not calibrated",
+        camera,
+        Token.CAMERA_UNFIT,
+        Token.CAMERA_OPENING,
+    ),
     _check(
         "agreement of cameras",
         BY_TARGET,
         "a camera contradicts the others",
-        _agreement,
+        agreement,
         Token.CAMERAS_CONTRADICT,
     ),
     _check(
         "scale of heights",
         BY_TARGET,
         "the barometer contradicts the heights that images show, and it is no accident",
-        _heights,
+        heights,
         Token.HEIGHTS_CONTRADICTED,
     ),
     _check(
         "age of images",
         BY_TARGET,
         f"half of the images are older than {LATEST_IMAGES:g} ms when they have been looked at",
-        _lateness,
+        lateness,
         Token.IMAGES_LATE,
     ),
-    _check("target", BY_TARGET, "never; it says when the target was last in sight", _target),
+    _check("target", BY_TARGET, "never; it says when the target was last in sight", target),
     _check(
         "time stamps",
         BY_TARGET,
         f"camera and boards move more than {1000 * STAMP_LIMIT:g} ms apart, or against each other",
-        _stamps,
+        stamps,
         Token.CAMERA_TURNED,
         Token.STAMPS_OFF,
     ),
@@ -573,6 +522,14 @@ FLIGHT_ROWS: Final = (
         _board_listens,
         rule=Rule.WAITS,
         concerns=MANOEUVRES,
+    ),
+    Row(
+        name="answer to the sticks",
+        concerns=BY_TARGET,
+        stands="a board reports the gate shut, or the aircraft that is flown does not answer its sticks",
+        tokens=(Token.NO_ANSWER,),
+        look=_answer,
+        rule=Rule.WAITS,
     ),
     _entry("fresh image", "the newest image is older than `entry_age`", _fresh_image, concerns=_IN_SIGHT),
     _entry("speed", "it moves faster than `entry_speed` against the target", _slow, concerns=_IN_SIGHT),

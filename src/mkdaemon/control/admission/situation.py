@@ -107,6 +107,7 @@ class Situation:
         contradicting: cameras whose poses contradict those of the others.
         target_age: time since the newest image of a target [s]; None where there was none.
         entry: what the estimate says; None where there is no estimate.
+        unanswered: why the sticks of a flight by the target do not act, in words; empty where they may.
         stamps: do camera and boards tell of the same motion; None where nothing moved.
         free_disk: where the recorder writes [bytes]; None where nobody looked.
         model: why the model of the aircraft is not known from its set; None where it is.
@@ -140,6 +141,7 @@ class Situation:
     contradicting: tuple[str, ...]
     target_age: float | None
     entry: Entry | None
+    unanswered: str
     stamps: Match | None
     free_disk: float | None
     model: ModelUnknown | None

@@ -82,7 +82,7 @@ class Fall:
 def _cushion(height: float) -> float:
     """Gain of thrust with the feet at a height above the ground [m]."""
     ratio = (ROTOR_RADIUS / (4.0 * (max(height, 0.0) + ROTOR_HEIGHT))) ** 2
-    return min(1.0 / (1.0 - ratio), LARGEST_CUSHION) if ratio < 1.0 else LARGEST_CUSHION
+    return min(1.0 / (1.0 - ratio), LARGEST_CUSHION)
 
 
 class LandingPhase(StrEnum):
@@ -268,7 +268,9 @@ class Land(ByTarget):
         how = Outcome.LANDED if landing.is_on_target else Outcome.LANDED_ASIDE
         has_stood = now - landing.down_since >= self._cfg.stand_time
         end = ended(how, target=self._sight.target) if has_stood else None
-        return Step(level_at(0.0), self.kind, stage=landing.phase.value, is_done=True, end=end, stands=True)
+        return Step(
+            level_at(0.0), self.kind, stage=landing.phase.value, is_done=True, end=end, stands=True, may_touch=True
+        )
 
     def _fly(self, estimate: Estimate, autopilot: Autopilot, now: float, step: float, *, is_flying: bool) -> Step:
         if not is_flying:
@@ -283,6 +285,7 @@ class Land(ByTarget):
         sticks, stage = floating(autopilot.sticks(goal, now, step)), landing.phase.value
         self._sight.hover_gas = estimate.hover_gas
         if landing.phase is LandingPhase.COMMIT or estimate.age <= self._cfg.level_after:
-            return Step(sticks, self.kind, stage=stage, error=error)
+            may_touch = landing.phase is LandingPhase.COMMIT
+            return Step(sticks, self.kind, stage=stage, error=error, may_touch=may_touch)
         level = level_at(estimate.hover_gas)
         return Step(level, self.kind, stage=stage, end=self._lost_sight(estimate), error=error)

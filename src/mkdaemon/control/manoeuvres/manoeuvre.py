@@ -65,6 +65,8 @@ class Step:
         end: how it has ended; None while it goes on.
         error: how far the aircraft is from its goal; None without a goal.
         stands: the aircraft stands on the ground, where nothing is estimated: no model here knows the ground.
+        may_touch: the ground may hold the aircraft's tilt, so that no answer to its sticks says nothing.
+        is_unanswered: the aircraft does not answer its sticks.
     """
 
     sticks: Sticks
@@ -75,6 +77,8 @@ class Step:
     end: End | None = None
     error: ErrorValue | None = None
     stands: bool = False
+    may_touch: bool = False
+    is_unanswered: bool = False
 
 
 class Manoeuvre(Protocol):

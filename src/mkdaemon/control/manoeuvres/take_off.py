@@ -32,12 +32,6 @@ LIKELY: Final = (0.75, 1.25)
 """Throttle that carries the aircraft, over what was believed to."""
 STRAIGHT_UP: Final = 0.8
 """A take-off climbs straight up to this height: lower, a lean takes the target out of the camera's sight [m]."""
-STANDS: Final = 0.15
-"""Who is no higher than this above its standing height is on the ground [m]."""
-CARRIES: Final = 0.6
-"""Who flies with more throttle may be in the air [share of hover]; a third of the weight is carried."""
-REPORTED: Final = 1.0
-"""A throttle that was reported longer ago says nothing [s]."""
 OLDEST: Final = 0.6
 """An older image proves nothing [s]: the estimator could not roll back to it, and would fly on from where it was."""
 
@@ -156,7 +150,7 @@ class TakeOff:
             self._cut_left -= step
         gas = self._share * self._hover_gas
         self._history.append((now, gas))
-        while self._history[0][0] < now - OLDEST and len(self._history) > 1:
+        while self._history[0][0] < now - OLDEST:
             self._history.popleft()
         return gas
 
@@ -239,7 +233,7 @@ class TakeOffFlight(ByTarget):
         tilt = 0.0 if attitude is None else max(abs(attitude.pitch), abs(attitude.roll))
         sticks = level_at(take_off.gas(now, step, tilt))
         end = ended(take_off.failure) if take_off.is_over and take_off.failure is not None else None
-        return Step(sticks, self.kind, stage=take_off.phase.value, end=end, stands=take_off.stands)
+        return Step(sticks, self.kind, stage=take_off.phase.value, end=end, stands=take_off.stands, may_touch=True)
 
     def abort(self, now: float) -> Manoeuvre:
         """Hold; a take-off that no image has shown off the ground ends with a release."""

@@ -137,9 +137,8 @@ class Teleop:
         stop = Function.STOP in pressed
         for function in pressed:
             self._begin(function, hands)
-        if self.manoeuvre is not None and self._takes_over(hands):
-            self.manoeuvre = None
-            hands.thrust.hold(hands.thrust.hover)
+        if self._takes_over(hands):
+            self._end_manoeuvre(hands)
         if self.manoeuvre is not None:
             fields = {"height": hands.pad.takeoff_height} if self.manoeuvre == "takeoff" else {}
             return Output(

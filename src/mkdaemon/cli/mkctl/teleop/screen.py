@@ -27,7 +27,7 @@ KEYBOARD_LEGEND: Final = (
     "f fine  l lock  c recentre  r reset  8 2 4 6 trim  T take-off  H hold  L land",
     "X stop the motors  q quit",
 )
-_FLOWN: Final = {"flying": GOOD, "stale": BAD, "aborted": BAD, "landing": BAD, "releasing": BAD}
+_FLOWN: Final = {"flying": GOOD, "stale": BAD, "unanswered": BAD, "aborted": BAD, "landing": BAD, "releasing": BAD}
 
 
 def bar(value: float | None, sent: float | None) -> str:

@@ -1,0 +1,406 @@
+"""What happens to a flight of genuine firmware when something fails, judged by the firmware's own memory.
+
+One take-off and hold in virtual time; then the whole world, firmware, air and daemon, is forked once for each story.
+What counts is the external control that the FlightCtrl holds in its RAM: from when on no tilt, from when on not valid.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import asyncio.events
+import json
+import math
+import os
+import random
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from lab.control.corerig import pose_of
+from lab.hil.aircraft import GenuineAircraft
+from lab.hil.build import built
+from lab.hil.flights import BOOTED, Setting, config_of
+from lab.rigs.virtualguard import VirtualGuard
+from mkdaemon.clock import Clock
+from mkdaemon.config.link import LinkConfig
+from mkdaemon.config.record import RecordConfig
+from mkdaemon.config.root import Config
+from mkdaemon.control.estimator.values import TargetView
+from mkdaemon.control.events import PoseSeen
+from mkdaemon.daemon.deck import no_eyes
+from mkdaemon.daemon.procedures import Journal
+from mkdaemon.daemon.wiring import Wiring
+from mkdaemon.errors import CommandRejectedError
+from mkdaemon.telemetry.control import ControlStatus, Phase
+from mkdaemon.telemetry.setpoint import PositionSetpoint, Setpoint, SetpointFrame, TakeOffSetpoint
+from mkdaemon.virtualtime import AtOnce, run_virtually
+from mksim.config import WindClass
+from mksim.physics.hand_flight import HandFlight
+from mksim.programs.virtualports import Cable, LocalBus
+
+CLIENT: Final = "lab"
+HEIGHT: Final = 1.5
+IMAGES: Final = 0.05
+"""Between two poses [s]."""
+IMAGE_AGE: Final = 0.08
+"""Of a pose when it arrives [s]."""
+NOISE: Final = 0.006
+"""Of a pose, each axis [m]."""
+STREAM: Final = 0.02
+"""Between two setpoints [s]."""
+TILTED: Final = 4
+"""A story begins with at least this tilt asked for [stick]."""
+LONGEST: Final = 40.0
+"""Longest wait for anything [s]."""
+CAPPING: Final = -50
+"""The pilot's throttle in the story of the lid [stick]."""
+
+Held = tuple[int, int, int, int, bool]
+
+
+class CutCable:
+    """The aircraft behind a cable whose daemon may fall silent."""
+
+    def __init__(self, aircraft: GenuineAircraft) -> None:
+        self.aircraft, self.now = aircraft, aircraft.now
+        self.is_cut = self.is_deaf = False
+
+    def write(self, data: bytes, at: float) -> None:
+        """Bytes of the daemon."""
+        if not self.is_cut:
+            self.aircraft.write(data, at)
+
+    def advance(self, to: float) -> list[tuple[float, bytes]]:
+        """Run on."""
+        said, self.now = self.aircraft.advance(to), to
+        return [] if self.is_deaf else said
+
+
+class Flight:
+    """A client that holds over the target, its daemon, guard, and the aircraft.
+
+    Attributes:
+        held: what the firmware held from a time on [s].
+        phases: of authority, each with its first moment [s].
+        status: newest of the daemon.
+        is_streaming: the client streams.
+        is_seeing: poses come.
+    """
+
+    def __init__(self, firmware: str, seed: int) -> None:
+        loop = self.loop = asyncio.get_running_loop()
+        setting = Setting(firmware, (), seed)
+        self.aircraft = GenuineAircraft(built(firmware), config_of(setting), voltage=setting.voltage)
+        self.world, self.cable = self.aircraft.world, CutCable(self.aircraft)
+        self.bus, self._rng = LocalBus(), random.Random(f"{seed} poses")
+        self.held: list[tuple[float, Held]] = []
+        self.phases: list[tuple[float, Phase]] = []
+        self.status: ControlStatus | None = None
+        self.is_streaming = self.is_seeing = True
+        self.seen_at = self.streamed_at = 0.0
+        self.guard = VirtualGuard(lambda data: self.aircraft.write(data, max(loop.time(), self.aircraft.now)))
+        self.bus.followers.append(self._hear)
+        clock = Clock(
+            monotonic=loop.time, wall=lambda: 1.7e9 + loop.time(), synchronised=lambda: True, suspended=lambda: 0.0
+        )
+        self.wiring = Wiring(
+            Config(link=LinkConfig(port="/dev/genuine"), record=RecordConfig(enabled=False)),
+            self.bus,
+            clock,
+            make_eyes=no_eyes,
+            guard=self.guard,
+            opener=Cable(self.cable, self._moved).open,
+            journal=Journal(Path(os.devnull), AtOnce()),
+        )
+        self.wanted: tuple[type[Setpoint], dict[str, Any]] = (TakeOffSetpoint, {"height": HEIGHT})
+
+    def _hear(self, suffix: str, value: object) -> None:
+        if isinstance(value, ControlStatus):
+            self.status = value
+            if not self.phases or self.phases[-1][1] is not value.phase:
+                self.phases.append((self.loop.time(), value.phase))
+
+    def _moved(self, now: float) -> None:
+        if not self.held or self.held[-1][1] != self.world.held:
+            self.held.append((now, self.world.held))
+
+    async def begin(self) -> None:
+        """From the pilot's start of the motors to a hold."""
+        self.guard.port_opened(0)
+        self._jobs = [
+            asyncio.create_task(self.wiring.run_line()),
+            *self.wiring.start(self.loop),
+            asyncio.create_task(self._see()),
+        ]
+        await self.until(lambda: self.loop.time() > BOOTED and self.world.is_armed)
+        await self.until(lambda: self.wiring.link.is_up and self.wiring.link.dialect.extern_control is not None)
+        await asyncio.sleep(1.0)
+        await self.bus.take_lease(CLIENT)
+        self._jobs.append(asyncio.create_task(self._stream()))
+        if await self.until(lambda: self.status is not None and self.status.is_done) is None:
+            raise TimeoutError(f"no hold: {self.status}")
+        self.wanted = (PositionSetpoint, {"position": (0.0, 0.0, HEIGHT), "frame": SetpointFrame.PAD})
+        self.world.change_wind(WindClass.LIGHT)
+        await asyncio.sleep(4.0)
+
+    async def _stream(self) -> None:
+        while True:
+            if self.is_streaming:
+                kind, fields = self.wanted
+                self.streamed_at = self.loop.time()
+                self.bus.deliver(kind, self.streamed_at, *self.bus.sign_next(kind, fields))
+            await asyncio.sleep(STREAM)
+
+    async def _see(self) -> None:
+        while True:
+            truth, at = self.world.truth, self.loop.time()
+            noise = np.array([self._rng.gauss(0.0, NOISE) for _ in range(3)])
+            rotation = truth.enu_from_flu
+            if self.is_seeing and truth.position_enu[2] > 0.25:
+                self.seen_at = at
+                place = -rotation.T @ (truth.position_enu + noise)
+                view = TargetView(at, place, rotation, np.diag([NOISE**2] * 3 + [0.02**2] * 3), "down")
+                self.loop.call_later(IMAGE_AGE, self._pose, view)
+            await asyncio.sleep(IMAGES)
+
+    def _pose(self, view: TargetView) -> None:
+        self.wiring.core.feed(PoseSeen(pose_of(view)), self.loop.time())
+
+    async def until(self, claim: Callable[[], bool], within: float = LONGEST) -> float | None:
+        """Wait for a claim; how long that took [s], None where it never held."""
+        began = self.loop.time()
+        while not claim():
+            if self.loop.time() - began > within:
+                return None
+            await asyncio.sleep(0.004)
+        return self.loop.time() - began
+
+    # -- judged by the firmware's memory --------------------------------------------------------------------------
+
+    def level_after(self, since: float) -> float:
+        """Time from a moment on to when the firmware holds no tilt any more [s]; infinite for never."""
+        tilted = [k for k, (_, held) in enumerate(self.held) if held[4] and any(held[:3])]
+        if not tilted:
+            return 0.0
+        after = tilted[-1] + 1
+        return max(0.0, self.held[after][0] - since) if after < len(self.held) else math.inf
+
+    def released_after(self, since: float) -> float:
+        """Time from a moment on to when the firmware holds no valid control any more [s]; infinite for never."""
+        valid = [k for k, (_, held) in enumerate(self.held) if held[4]]
+        after = valid[-1] + 1
+        return max(0.0, self.held[after][0] - since) if after < len(self.held) else math.inf
+
+    def phase_after(self, phase: Phase, since: float) -> float:
+        """Time from a moment on to a phase [s]; infinite for never."""
+        return next((at - since for at, found in self.phases if found is phase and at >= since), math.inf)
+
+
+Figures = dict[str, float]
+
+
+async def client_killed(flight: Flight) -> Figures:
+    """Its session ends."""
+    since, flight.is_streaming = flight.loop.time(), False
+    flight.wiring.flight.client_changed(CLIENT, is_here=False)
+    await asyncio.sleep(1.5)
+    return {"released": flight.released_after(since)}
+
+
+async def client_frozen(flight: Flight) -> Figures:
+    """It stops to stream."""
+    since, flight.is_streaming = flight.streamed_at, False
+    await asyncio.sleep(2.0)
+    return {"level": flight.level_after(since), "released": flight.released_after(since)}
+
+
+async def daemon_stopped(flight: Flight) -> Figures:
+    """It stands still, its end of the guard's channel open."""
+    since = flight.loop.time()
+    flight.cable.is_cut = True
+    flight.guard.daemon_stopped()
+    await asyncio.sleep(2.5)
+    return {"level": flight.level_after(since), "released": flight.released_after(since)}
+
+
+async def daemon_killed(flight: Flight) -> Figures:
+    """It is gone."""
+    since = flight.loop.time()
+    flight.cable.is_cut = True
+    flight.guard.daemon_died()
+    await asyncio.sleep(2.0)
+    return {"level": flight.level_after(since), "released": flight.released_after(since)}
+
+
+async def board_rebooted(flight: Flight) -> Figures:
+    """A dip of its supply; obeyed for so long after the boot [s], with motors that stand."""
+    since = flight.loop.time()
+    flight.world.chip.reset()
+    await asyncio.sleep(9.0)
+    spans = [
+        end - at
+        for (at, held), (end, _) in zip(flight.held, flight.held[1:], strict=False)
+        if at > since + 0.2 and held[4]
+    ]
+    lost = min(flight.phase_after(Phase.RELEASING, since), flight.phase_after(Phase.FREE, since))
+    return {"lease_ends": lost, "kept_frame_held": sum(spans), "armed": float(flight.world.is_armed)}
+
+
+async def camera_dead(flight: Flight) -> Figures:
+    """No image any more."""
+    since, flight.is_seeing = flight.seen_at, False
+    await asyncio.sleep(4.0)
+    return {"level": flight.level_after(since), "released": flight.released_after(since)}
+
+
+async def gate_shut(flight: Flight) -> Figures:
+    """The pilot shuts the gate, flies by hand for 5 s, and opens it again."""
+    pilot, since = flight.world.pilot, flight.loop.time()
+    program, gas = pilot.program, pilot.gas
+    pilot.program, pilot.gate = HandFlight(height=HEIGHT, flying=True), 0
+    ignored = await flight.until(lambda: not flight.world.is_controlled, 2.0)
+    await asyncio.sleep(5.0)
+    largest = max(abs(part) for _, held in flight.held[-1:] for part in held[:2])
+    unanswered = flight.phase_after(Phase.UNANSWERED, since)
+    opened = flight.loop.time()
+    pilot.program, pilot.gate = program, 255
+    pilot.pitch = pilot.roll = pilot.yaw = 0
+    pilot.gas = gas
+    await asyncio.sleep(4.0)
+    x, y = flight.world.truth.position_enu[:2]
+    flies = flight.status is not None and flight.status.phase is Phase.FLYING
+    return {
+        "ignored": math.inf if ignored is None else ignored,
+        "unanswered": unanswered,
+        "sticks_at_opening": float(largest),
+        "flies_again": flight.phase_after(Phase.FLYING, opened) if flight.phases[-1][0] > opened else 0.0,
+        "flies": float(flies),
+        "off_cm": 100.0 * math.hypot(x, y),
+    }
+
+
+async def lid(flight: Flight) -> Figures:
+    """The pilot's throttle is lower than ours; only with the rule of stock firmware."""
+    since = flight.loop.time()
+    flight.world.pilot.gas = CAPPING
+    told = await flight.until(lambda: flight.status is not None and flight.status.pilots_throttle is not None, 3.0)
+    return {"told": math.inf if told is None else flight.loop.time() - since}
+
+
+async def receiver_lost(flight: Flight) -> Figures:
+    """The pilot's transmitter is gone."""
+    since = flight.loop.time()
+    flight.world.faults.start("rc_lost", duration=10.0)
+    await asyncio.sleep(3.0)
+    return {"released": flight.released_after(since)}
+
+
+async def line_cut(flight: Flight) -> Figures:
+    """Nothing reaches the board any more: its own dead-man."""
+    since, flight.cable.is_cut, flight.cable.is_deaf = flight.loop.time(), True, True
+    await asyncio.sleep(3.0)
+    return {"released": flight.released_after(since)}
+
+
+@dataclass(frozen=True, slots=True)
+class Story:
+    """One thing that happens.
+
+    Attributes:
+        happens: it.
+        goals: least and most of each figure.
+        needs_lid: only firmware with the rule of stock firmware shows it.
+    """
+
+    happens: Callable[[Flight], Awaitable[Figures]]
+    goals: dict[str, tuple[float, float]]
+    needs_lid: bool = False
+
+
+STORIES: Final[dict[str, Story]] = {
+    "client_killed": Story(client_killed, {"released": (0.0, 0.35)}),
+    "client_frozen": Story(client_frozen, {"level": (0.25, 0.45), "released": (0.9, 1.35)}),
+    "daemon_stopped": Story(daemon_stopped, {"level": (0.2, 0.45), "released": (0.75, 1.15)}),
+    "daemon_killed": Story(daemon_killed, {"level": (0.0, 0.2), "released": (0.0, 0.35)}),
+    "board_rebooted": Story(
+        board_rebooted, {"lease_ends": (0.0, 1.0), "kept_frame_held": (0.0, 0.3), "armed": (0.0, 0.0)}
+    ),
+    "camera_dead": Story(camera_dead, {"level": (1.3, 1.8), "released": (2.8, 3.4)}),
+    "gate_shut": Story(
+        gate_shut,
+        {
+            "ignored": (0.0, 0.2),
+            "unanswered": (0.0, 3.0),
+            "sticks_at_opening": (0.0, 30.0),
+            "flies_again": (0.0, 3.0),
+            "flies": (1.0, 1.0),
+        },
+    ),
+    "lid": Story(lid, {"told": (0.4, 1.4)}, needs_lid=True),
+    "receiver_lost": Story(receiver_lost, {"released": (0.0, 1.0)}),
+    "line_cut": Story(line_cut, {"released": (1.9, 2.2)}),
+}
+"""Times from the event to what the firmware holds [s]; docs/safety.md, "What happens when something fails"."""
+
+
+def tell(firmware: str, seed: int, names: tuple[str, ...] = ()) -> dict[str, dict[str, Any]]:
+    """Fly once, and let each story happen in a fork; its figures, and which miss their goals.
+
+    Args:
+        firmware: that flies.
+        seed: of everything random.
+        names: of the stories; all by default.
+    """
+    return run_virtually(_tell(firmware, seed, names or tuple(STORIES)))
+
+
+async def _tell(firmware: str, seed: int, names: tuple[str, ...]) -> dict[str, dict[str, Any]]:
+    flight = Flight(firmware, seed)
+    try:
+        await flight.begin()
+    except (TimeoutError, CommandRejectedError) as error:
+        return {name: {"missed": [f"the flight did not begin: {error}"]} for name in names}
+    found = {}
+    for name in names:
+        if not STORIES[name].needs_lid or firmware.endswith("stock-lid"):
+            found[name] = await _fork(flight, name, seed)
+    return found
+
+
+async def _fork(flight: Flight, name: str, seed: int) -> dict[str, Any]:
+    """Let a story happen to a copy of everything; what the copy found."""
+    reading, writing = os.pipe()
+    child = os.fork()
+    if child:
+        os.close(writing)
+        return _told(reading, child)
+    try:
+        asyncio.events._set_running_loop(flight.loop)  # noqa: SLF001  # it was that of the process before the fork
+        # At another moment of the flight in every story and for every seed, with a tilt to be lost.
+        await asyncio.sleep(random.Random(f"{seed} {name}").uniform(0.1, 1.0))
+        await flight.until(lambda: max(abs(part) for part in flight.world.held[:2]) >= TILTED, 3.0)
+        figures = await STORIES[name].happens(flight)
+        with os.fdopen(writing, "wb") as pipe:
+            pipe.write(json.dumps(figures | {"missed": missed(name, figures)}).encode())
+    finally:
+        os._exit(0)
+
+
+def _told(reading: int, child: int) -> dict[str, Any]:
+    """What a copy writes before it ends."""
+    with os.fdopen(reading, "rb") as pipe:
+        said = pipe.read()
+    os.waitpid(child, 0)
+    return dict(json.loads(said)) if said else {"missed": ["the story ended without a word"]}
+
+
+def missed(name: str, figures: Figures) -> list[str]:
+    """Goals of a story that its figures miss."""
+    return [
+        f"{figure} {figures[figure]:.2f} is not in {least:g} to {most:g}"
+        for figure, (least, most) in STORIES[name].goals.items()
+        if not least <= figures[figure] <= most
+    ]

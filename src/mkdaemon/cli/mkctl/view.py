@@ -1,0 +1,105 @@
+"""`mkctl view`: the aircraft in a browser, live or from a recording."""
+
+from __future__ import annotations
+
+import asyncio
+import signal
+import sys
+import time
+import webbrowser
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from functools import partial
+from pathlib import Path
+from typing import Annotated, Final
+
+from cyclopts import Parameter
+
+from mkdaemon.cli.arguments import require_length
+from mkdaemon.cli.mkctl.connection import HERE, Connection
+from mkdaemon.cli.mkctl.play import recorded_samples
+from mkdaemon.cli.printing import json_line
+from mkdaemon.cli.promptness import favour_threads
+from mkdaemon.client import Vehicle
+from mkdaemon.errors import ConfigError
+
+PORT: Final = 8747
+
+
+async def view(
+    file: Path | None = None,
+    /,
+    *,
+    port: int = PORT,
+    no_browser: Annotated[bool, Parameter(negative=())] = False,
+    speed: Annotated[float, Parameter(name=["--speed", "-s"])] = 1.0,
+    paused: Annotated[bool, Parameter(negative=())] = False,
+    loop: Annotated[bool, Parameter(negative=())] = False,
+    connection: Connection = HERE,
+) -> None:
+    """Show the aircraft in a browser: where it is, what its cameras see, who flies it, link, battery and events.
+
+    The page is served at 127.0.0.1 only, needs no network, and shows every vehicle and every recording that is played
+    at the daemon's endpoint. Given a file, it shows that recording, and needs no daemon. Ctrl-C ends it. Two buttons
+    command, each after a question: abort and release.
+
+    Args:
+        file: A recording to show.
+        port: Of the page; 0 for any that is free.
+        no_browser: Only print the address.
+        speed: With a file: seconds of the recording a second.
+        paused: With a file: begin paused.
+        loop: With a file: begin again at the end.
+        connection: Which vehicle is shown first, and where its daemon is.
+
+    Raises:
+        MkError: nobody listens at the endpoint, or the recording cannot be read.
+        ConfigError: the port is in use, or a number cannot be.
+    """
+    from mkdaemon.view.page.viewer import serving
+
+    if not 0 <= port <= 65535:
+        msg = f"--port {port}: give one from 1 to 65535, or 0 for any that is free"
+        raise ConfigError(msg)
+    require_length(speed, "--speed")
+    favour_threads()
+    opening = connection.open() if file is None else _played(file, speed, is_paused=paused, loops=loop)
+    async with opening as uav, serving(uav, port) as address:
+        print(json_line({"address": address}) if connection.json else f"the page is at {address}; Ctrl-C ends it")
+        sys.stdout.flush()
+        if not no_browser:
+            await asyncio.to_thread(webbrowser.open, address)
+        await _until_asked_to_end()
+
+
+async def _until_asked_to_end() -> None:
+    """Wait for Ctrl-C or SIGTERM: looking is ended in order, with exit code 0."""
+    stop, loop = asyncio.Event(), asyncio.get_running_loop()
+    ends = (signal.SIGINT, signal.SIGTERM)
+    for name in ends:
+        loop.add_signal_handler(name, stop.set)
+    try:
+        await stop.wait()
+    finally:
+        for name in ends:
+            loop.remove_signal_handler(name)
+
+
+@asynccontextmanager
+async def _played(file: Path, speed: float, *, is_paused: bool, loops: bool) -> AsyncIterator[Vehicle]:
+    """Play a recording in this process, on a bus of its own; a client of what is played."""
+    from mkdaemon.client.player import Pace, Player, open_player_session
+    from mkdaemon.client.playselection import Selection
+
+    selection = await asyncio.to_thread(Selection.of, partial(recorded_samples, file, (), None, None), None)
+    async with open_player_session(connect=(), listen=None, alone=True) as session:
+        player = Player(
+            session, selection, Pace(speed, selection.first, time.monotonic(), is_paused=is_paused), file.name
+        )
+        with player.answering():
+            playing = asyncio.create_task(player.play(loops=loops), name="player")
+            try:
+                yield Vehicle(session, min(selection.names), "this recording")
+            finally:
+                player.stop()
+                await asyncio.gather(playing, return_exceptions=True)

@@ -1,0 +1,117 @@
+"""Who is there: vehicles whose daemon is alive, and recordings that are played, as they come and go."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator, Callable
+from contextlib import ExitStack, asynccontextmanager, suppress
+from dataclasses import dataclass
+from typing import Final
+
+import msgpack
+import zenoh
+
+from mkdaemon.bus.names import REPLAY, ROOT
+from mkdaemon.client.playcontrol import control_key, status_key
+from mkdaemon.client.samples import read_payload
+from mkdaemon.client.vehicle import Vehicle
+from mkdaemon.errors import MkError
+from mkdaemon.telemetry.play import PlayAction, PlayStatus
+
+_TOKENS: Final = (f"{ROOT}/*/alive", f"{ROOT}/*/playing", f"{REPLAY}/*/playing")
+ANSWER: Final = 2.0
+"""Longest wait for the answer of a player [s]."""
+
+
+@dataclass(frozen=True, slots=True, order=True)
+class Sighting:
+    """Somebody who is there.
+
+    Attributes:
+        name: of the vehicle.
+        root: of its keys: `mk`, or `replay`.
+        is_played: a recording is played under this name.
+    """
+
+    name: str
+    root: str
+    is_played: bool
+
+
+class Fleet:
+    """Everybody at one endpoint.
+
+    Attributes:
+        here: who is there now.
+    """
+
+    def __init__(self, through: Vehicle) -> None:
+        """Know nobody yet; `watch` does.
+
+        Args:
+            through: any client at the endpoint.
+        """
+        self.here: set[Sighting] = set()
+        self._through, self._session = through, through.session
+        self._loop = asyncio.get_running_loop()
+
+    @asynccontextmanager
+    async def watch(
+        self, changed: Callable[[], None], played: Callable[[str, PlayStatus], None]
+    ) -> AsyncIterator[None]:
+        """Follow who comes and goes while the context lasts, and hear what players say.
+
+        Args:
+            changed: called on the loop when `here` has changed.
+            played: called on the loop with the vehicle and what its player says.
+        """
+
+        def on_token(sample: zenoh.Sample) -> None:
+            root, name, token = str(sample.key_expr).split("/")
+            sighting = Sighting(name, root, token == "playing")
+            is_here = sample.kind == zenoh.SampleKind.PUT
+            with suppress(RuntimeError):  # the loop may be closing
+                self._loop.call_soon_threadsafe(self._seen, sighting, is_here, changed)
+
+        def on_status(sample: zenoh.Sample) -> None:
+            name = str(sample.key_expr).rpartition("/")[2]
+            fields = read_payload(str(sample.encoding), sample.payload.to_bytes())
+            with suppress(ValueError, RuntimeError):
+                self._loop.call_soon_threadsafe(played, name, PlayStatus.model_validate(fields))
+
+        with ExitStack() as stack:
+            tokens = zenoh.handlers.Callback(on_token, indirect=False)
+            for one in _TOKENS:
+                stack.enter_context(self._session.liveliness().declare_subscriber(one, tokens, history=True))
+            statuses = zenoh.handlers.Callback(on_status, indirect=False)
+            stack.enter_context(self._session.declare_subscriber(status_key("*"), statuses))
+            yield
+
+    def client(self, sighting: Sighting) -> Vehicle:
+        """A client of somebody who is there."""
+        return Vehicle(self._session, sighting.name, self._through.endpoint, root=sighting.root)
+
+    async def control(self, name: str, action: PlayAction, speed: float | None = None) -> PlayStatus:
+        """Ask the player of a vehicle to pause, go on, step, or play at a speed.
+
+        Raises:
+            MkError: it does not answer, or refuses.
+        """
+        asked = {"action": action.value} | ({} if speed is None else {"speed": speed})
+        get = self._session.get
+        replies = await asyncio.to_thread(
+            lambda: list(get(control_key(name), payload=msgpack.packb(asked), timeout=ANSWER))
+        )
+        answers = [reply.ok for reply in replies if reply.ok is not None]
+        if not answers:
+            raise MkError(f"nobody plays a recording of {name} any more")
+        fields = read_payload(str(answers[0].encoding), answers[0].payload.to_bytes())
+        if "reason" in fields:
+            raise MkError(str(fields["reason"]))
+        return PlayStatus.model_validate(fields)
+
+    def _seen(self, sighting: Sighting, is_here: bool, changed: Callable[[], None]) -> None:
+        before = set(self.here)
+        (self.here.add if is_here else self.here.discard)(sighting)
+        if self.here != before:
+            changed()

@@ -1,0 +1,396 @@
+"""What to show of one vehicle, from the values it publishes: decided here, drawn by the page.
+
+Nothing here waits, looks at a clock or knows a browser.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import OrderedDict, deque
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from mkdaemon.frames import rotation_from_euler, rotation_from_quaternion
+from mkdaemon.telemetry.base import Stamped
+from mkdaemon.telemetry.control import (
+    ControlError,
+    ControlEstimate,
+    ControlFence,
+    ControlOutput,
+    ControlStatus,
+    Phase,
+)
+from mkdaemon.telemetry.image import CameraFrame
+from mkdaemon.telemetry.link import LinkHealth
+from mkdaemon.telemetry.play import PlayState, PlayStatus
+from mkdaemon.telemetry.state import Altitude, Attitude, Position
+from mkdaemon.telemetry.vision import CameraSetup, Tags, VisionPose, VisionStats
+from mkdaemon.view.page.daemontime import DaemonTime
+from mkdaemon.view.page.eventlines import EventLine, line_of
+from mkdaemon.view.page.known import Knowledge, Known
+from mkdaemon.view.page.optics import frustum, project, shape_of
+from mkdaemon.view.page.series import Series
+from mkdaemon.view.page.words import lines_of, verdict_of
+
+Array = npt.NDArray[np.float64]
+
+SIGMAS: Final = 3.0
+"""The ellipsoid holds the aircraft with 97 % where the estimate is right about itself."""
+TRAIL_STEP: Final = 0.1
+"""Between two points of the trail [s]."""
+PLOT_STEP: Final = 0.04
+"""Between two points of a plot [s]."""
+EVENTS: Final = 200
+"""Lines of the log."""
+SEEN: Final = 64
+"""Images whose tags and poses are kept until the image itself comes, which takes longer."""
+OLD: Final = 1.0
+"""A last value that was older when it was asked for is no part of a curve [s]."""
+IMAGE_DEPTH: Final = 0.3
+"""The image is drawn in the frustum at this share of the height above the target."""
+SHALLOW: Final = 0.02
+"""But not nearer than this [m]."""
+
+
+@dataclass(slots=True)
+class Look:
+    """What one camera saw last.
+
+    Attributes:
+        image: newest image that was published.
+        tags: of the latest images, by number.
+        poses: likewise; one for each target.
+    """
+
+    image: CameraFrame | None = None
+    tags: OrderedDict[int, Tags] = field(default_factory=OrderedDict)
+    poses: OrderedDict[int, dict[str, VisionPose]] = field(default_factory=OrderedDict)
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """Where the aircraft is drawn.
+
+    Attributes:
+        position: in the frame (3,) [m].
+        rotation: frame from body (3, 3).
+        frame: name of the target, or `home`.
+        source: `estimate`, `pose` or `gps`.
+        spread: ellipsoid at `SIGMAS`: the unit sphere is turned and stretched by it (3, 3) [m]; None where not known.
+        at: when it was so [s; the daemon's monotonic].
+    """
+
+    position: Array
+    rotation: Array
+    frame: str
+    source: str
+    spread: Array | None
+    at: float
+
+
+class Picture:
+    """One vehicle.
+
+    Attributes:
+        name: of the vehicle.
+        is_played: it is a recording that is played.
+        is_here: its daemon, or its player, is alive.
+        series: what is drawn over time.
+        events: lines of the log, and how many there were ever.
+    """
+
+    def __init__(self, name: str, *, is_played: bool = False) -> None:
+        """Know nothing yet."""
+        self.name = name
+        self.is_played = is_played
+        self.is_here = True
+        self.series = {
+            "trail": Series(shortest_step=TRAIL_STEP),
+            **{word: Series(shortest_step=PLOT_STEP) for word in ("error", "height", "goal", "sticks")},
+            **{word: Series() for word in ("barometer", "latency")},
+        }
+        self.events: deque[EventLine] = deque(maxlen=EVENTS)
+        self.event_count = 0
+        self._time = DaemonTime()
+        self._known = Knowledge()
+        self._looks: dict[str, Look] = {}
+        self._play: PlayStatus | None = None
+        self._boot: str | None = None
+        self._restarts = 0
+
+    # -- what comes -----------------------------------------------------------------------------------------------
+
+    def take(self, suffix: str, value: object, now: float, age: float | None = None) -> None:
+        """Take a value of the vehicle.
+
+        Args:
+            suffix: its key without the vehicle.
+            value: as the client read it.
+            now: our own time [s].
+            age: that a last value had when it was asked for [s]; None for one that came by itself.
+        """
+        if not isinstance(value, Stamped):
+            return
+        stamp = value.stamp
+        if self._boot not in (None, stamp.boot):
+            self.restart()
+        self._boot = stamp.boot
+        self._time.take(stamp.monotonic + (age or 0.0), now)
+        if isinstance(value, CameraFrame | Tags | VisionPose):
+            self._look(suffix, value)
+        if not isinstance(value, CameraFrame):
+            self._known.take(suffix, value)
+        line = line_of(value)
+        if line is not None:
+            self.events.append(line)
+            self.event_count += 1
+        if age is None or age < OLD:
+            self._draw(value, stamp.monotonic)
+
+    def take_play(self, status: PlayStatus, now: float) -> None:
+        """Take what the player of the recording says; a recording that begins again is drawn anew."""
+        if self._play is not None and status.place < self._play.place - OLD:
+            self.restart()
+        self._play = status
+        moves = status.state is PlayState.PLAYING
+        self._time.play_at(status.speed if moves else 0.0, now)
+
+    def restart(self) -> None:
+        """Forget everything: another boot of the machine, or a recording that is played again."""
+        self._time.restart()
+        self._known.forget()
+        self._looks.clear()
+        self._restarts += 1
+        for series in self.series.values():
+            series.clear()
+        self.events.clear()
+
+    def image(self, camera: str) -> CameraFrame | None:
+        """The newest image of a camera."""
+        look = self._looks.get(camera)
+        return None if look is None else look.image
+
+    def _look(self, suffix: str, value: CameraFrame | Tags | VisionPose) -> None:
+        look = self._looks.setdefault(suffix.split("/")[1], Look())
+        match value:
+            case CameraFrame():
+                look.image = value
+            case Tags():
+                look.tags[value.sequence] = value
+            case VisionPose():
+                look.poses.setdefault(value.sequence, {})[value.target] = value
+        for seen in (look.tags, look.poses):
+            while len(seen) > SEEN:
+                seen.popitem(last=False)
+
+    def _draw(self, value: Stamped, at: float) -> None:
+        """Add to the curves."""
+        series = self.series
+        match value:
+            case ControlEstimate():
+                series["trail"].add(at, *value.position)
+                series["height"].add(at, value.position[2])
+            case VisionPose():
+                flown = self._known.last("control/estimate", ControlEstimate)
+                if flown is None or at - flown.at > OLD:
+                    series["trail"].add(at, *value.position_target)
+                    series["height"].add(at, value.position_target[2])
+            case ControlError():
+                x, y, z = value.error_pad
+                series["error"].add(at, 100 * math.hypot(x, y), 100 * z)
+                series["goal"].add(at, value.goal[2])
+            case ControlOutput():
+                wanted = value.wanted or (None, None, None, None)
+                sent = (value.pitch, value.roll, value.yaw, value.throttle)
+                series["sticks"].add(at, *sent, *wanted, float(value.limited))
+            case Altitude():
+                series["barometer"].add(at, value.above_start)
+            case LinkHealth():
+                path = value.confirm if value.confirm.last_ms is not None else value.echo
+                series["latency"].add(at, path.last_ms, path.p50_ms, path.p99_ms)
+
+    # -- what is shown --------------------------------------------------------------------------------------------
+
+    def show(self, now: float) -> dict[str, Any]:
+        """Everything but curves and log, as the page takes it.
+
+        Args:
+            now: our own time [s].
+        """
+        known = self._known
+        known.now = self._time.now(now) or 0.0
+        place = self._place()
+        text, tone = verdict_of(known, is_here=self.is_here, is_played=self.is_played)
+        return {
+            "vehicle": self.name,
+            "restarts": self._restarts,
+            "now": round(known.now, 3),
+            "is_played": self.is_played,
+            "is_here": self.is_here,
+            "play": None if self._play is None else self._play.model_dump(mode="json"),
+            "verdict": {"text": text, "tone": tone},
+            "lines": [line.as_map() for line in lines_of(known)],
+            "scene": self._scene(place),
+            "cameras": [self._camera(name, place) for name in known.cameras()],
+            "can": self._can(),
+        }
+
+    def shapes(self) -> dict[str, Any]:
+        """The tags of the target that is shown: what rarely changes."""
+        frame = (place := self._place()) and place.frame
+        targets = [target for setup in self._setups() for target in setup.targets]
+        name = frame if frame not in (None, "home") else next((target.name for target in targets), "")
+        return {"target": name, "tags": shape_of(targets, name or "")}
+
+    def _setups(self) -> list[CameraSetup]:
+        found = (self._known.last(f"vision/{name}/setup", CameraSetup) for name in self._known.cameras())
+        return [setup.value for setup in found if setup is not None]
+
+    def _can(self) -> dict[str, bool]:
+        """Which buttons can be pressed: both where a daemon is, unless it is known that nothing is flown to abort."""
+        status = self._known.fresh("control/status", ControlStatus)
+        may_fly = status is None or status.phase in {Phase.FLYING, Phase.STALE, Phase.LANDING}
+        is_live = self.is_here and not self.is_played
+        return {"release": is_live, "abort": is_live and may_fly}
+
+    def _place(self) -> Place | None:
+        """Where the aircraft is: as the flight core believes, else as a camera saw it, else by GPS; however old."""
+        known, found = self._known, []
+        attitude = known.last("state/attitude", Attitude)
+        level = (0.0, 0.0) if attitude is None else (attitude.value.roll, attitude.value.pitch)
+        estimate = known.last("control/estimate", ControlEstimate)
+        if estimate is not None:
+            value = estimate.value
+            variances = [axis[0] for axis in value.covariance] if value.covariance else np.square(value.position_sd)
+            spread = np.diag(SIGMAS * np.sqrt(variances))
+            turn = rotation_from_euler(*level, value.yaw)
+            found.append(Place(np.array(value.position), turn, value.target, "estimate", spread, estimate.at))
+        for camera in known.cameras():
+            pose = known.last(f"vision/{camera}/pose", VisionPose)
+            if pose is not None:
+                found.append(_posed(pose))
+        if not found:
+            position = known.last("state/position", Position)
+            if position is not None and position.value.position_enu is not None and attitude is not None:
+                turn = rotation_from_euler(*level, attitude.value.yaw)
+                where = np.array(position.value.position_enu)
+                found.append(Place(where, turn, "home", "gps", None, position.at))
+        # A camera's pose is newer than the estimate of the same moment only by chance.
+        return max(found, key=lambda place: place.at + OLD * (place.source == "estimate"), default=None)
+
+    def _scene(self, place: Place | None) -> dict[str, Any]:
+        """The aircraft over its target."""
+        known = self._known
+        fence = known.last("control/fence", ControlFence)
+        error = known.fresh("control/error", ControlError)
+        shown = {} if fence is None else fence.value.model_dump(include={"radius", "height", "floor"})
+        scene: dict[str, Any] = {"aircraft": None, "goal": None, "fence": shown or None}
+        if place is not None:
+            age = max(0.0, known.now - place.at)
+            scene["aircraft"] = {
+                "position": _rounded(place.position),
+                "rotation": _rounded(place.rotation),
+                "spread": None if place.spread is None else _rounded(place.spread),
+                "frame": place.frame,
+                "source": place.source,
+                "age": round(age, 2),
+                "is_stale": age > OLD,
+            }
+        if error is not None:
+            scene["goal"] = list(error.goal)
+        return scene
+
+    def _camera(self, name: str, place: Place | None) -> dict[str, Any]:
+        """One camera: frustum, newest image, and what was found in it."""
+        known = self._known
+        look = self._looks.get(name, Look())
+        setup = known.last(f"vision/{name}/setup", CameraSetup)
+        stats = known.last(f"vision/{name}/stats", VisionStats)
+        shown: dict[str, Any] = {"name": name, "frustum": None, "image": None, "outlines": [], "seen_age": None}
+        if setup is not None and place is not None and place.frame != "home":
+            depth = max(SHALLOW, IMAGE_DEPTH * float(place.position[2]))  # above the ground, also where it stands
+            shown["frustum"] = frustum(setup.value, place.position, place.rotation, depth)
+        pose = known.last(f"vision/{name}/pose", VisionPose)
+        if pose is not None:
+            shown["seen_age"] = round(known.age(pose), 2)
+        image = look.image
+        sequence = image.sequence if image is not None else next(reversed(look.poses or look.tags or {-1: None}))
+        if image is not None:
+            shown["image"] = {"sequence": sequence, "age": round(max(0.0, known.now - image.stamp.monotonic), 2)}
+        lens = None if setup is None else setup.value.lens
+        width, height = (lens.width, lens.height) if lens else (0, 0)
+        if not width and stats is not None:
+            width, height = stats.value.width, stats.value.height
+        shown["size"] = [width, height]
+        shown["outlines"] = self._outlines(look, sequence, None if setup is None else setup.value)
+        return shown
+
+    def _outlines(self, look: Look, sequence: int, setup: CameraSetup | None) -> list[dict[str, Any]]:
+        """Corners [px] of the tags in one image: as they were decoded, and where the pose puts the others."""
+        tags = look.tags.get(sequence)
+        found = [] if tags is None else [{"id": tag.id, "how": "decoded", "corners": tag.corners} for tag in tags.tags]
+        if found or setup is None:
+            return found
+        return [
+            {"id": None, "how": "tracked", "corners": corners}
+            for pose in look.poses.get(sequence, {}).values()
+            for corners in project(setup, pose)
+        ]
+
+
+def _posed(known: Known[VisionPose]) -> Place:
+    """A place as a camera saw it."""
+    pose = known.value
+    variances, axes = np.linalg.eigh(np.array(pose.covariance).reshape(6, 6)[:3, :3])
+    return Place(
+        np.array(pose.position_target),
+        rotation_from_quaternion(pose.quaternion_target_from_flu),
+        pose.target,
+        "pose",
+        axes * (SIGMAS * np.sqrt(np.maximum(variances, 0.0))),
+        known.at,
+    )
+
+
+def _rounded(numbers: Array) -> Any:
+    return np.round(numbers, 4).tolist()
+
+
+class Reader:
+    """One page that reads a picture: it is given what it does not have yet."""
+
+    def __init__(self, picture: Picture) -> None:
+        """Begin with everything.
+
+        Args:
+            picture: that is read.
+        """
+        self.picture = picture
+        self._places = dict.fromkeys(picture.series, 0)
+        self._events = 0
+        self._shapes: dict[str, Any] | None = None
+        self._restarts = -1
+
+    def read(self, now: float) -> dict[str, Any]:
+        """What to show at our own time [s]: everything said, and of curves, log and tags what is new."""
+        picture = self.picture
+        shown = picture.show(now)
+        # An empty curve is cleared on the page too.
+        shown["is_anew"] = shown["restarts"] != self._restarts
+        self._restarts = shown["restarts"]
+        shown["series"] = {}
+        for word, series in picture.series.items():
+            new = series.since(self._places[word])
+            self._places[word] = series.count
+            if new:
+                shown["series"][word] = new
+        new_events = min(picture.event_count - self._events, len(picture.events))
+        self._events = picture.event_count
+        shown["events"] = [line.as_map() for line in list(picture.events)[-new_events:]] if new_events > 0 else []
+        shapes = picture.shapes()
+        if shapes != self._shapes:
+            self._shapes = shown["shapes"] = shapes
+        return shown

@@ -1,0 +1,238 @@
+"""Serves the page: its files, what it shows as a stream of events, images, and the two buttons.
+
+A page that is slow, stopped or gone costs nobody anything: what is shown is made when the page can take it, so it is
+given less often, and never late.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import secrets
+import struct
+import zlib
+from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import asynccontextmanager, suppress
+from http import HTTPStatus
+from importlib.resources import files
+from typing import Any, Final, Protocol
+
+from mkdaemon.errors import CommandRejectedError, ConfigError, MkError
+from mkdaemon.telemetry.image import CameraFrame
+from mkdaemon.telemetry.play import PlayAction
+from mkdaemon.view.page.http import LONGEST_HEAD, BadRequestError, Request, answer, event, read_request, stream_head
+from mkdaemon.view.page.picture import Picture, Reader
+
+HOST: Final = "127.0.0.1"
+PERIOD: Final = 1 / 15
+"""Between two pictures of a page [s]."""
+ROOM: Final = 65_536
+"""What waits in a connection before its page is given nothing more [bytes]."""
+STUCK: Final = 20.0
+"""A page that takes nothing for so long is disconnected [s]; it connects again when it lives."""
+_FILES: Final = {
+    "/": ("index.html", "text/html; charset=utf-8"),
+    "/page.js": ("page.js", "text/javascript; charset=utf-8"),
+    "/scene.js": ("scene.js", "text/javascript; charset=utf-8"),
+    "/plots.js": ("plots.js", "text/javascript; charset=utf-8"),
+    "/style.css": ("style.css", "text/css; charset=utf-8"),
+}
+_TOKEN: Final = b"{{token}}"
+
+
+class Pictures(Protocol):
+    """What a page needs of a gallery: `mkdaemon.view.page.gallery.Gallery`."""
+
+    @property
+    def pictures(self) -> dict[str, Picture]:
+        """Every vehicle that is or was there, by its name."""
+
+    def choose(self, wanted: str) -> Picture | None:
+        """The picture of a vehicle; see `Gallery.choose`."""
+
+    async def abort(self, word: str) -> str:
+        """Stop what a vehicle flies; see `Gallery.abort`."""
+
+    async def release(self, word: str) -> str:
+        """Let go of a vehicle; see `Gallery.release`."""
+
+    async def play(self, word: str, action: PlayAction, speed: float | None) -> str:
+        """Pause a recording, or change its speed; see `Gallery.play`."""
+
+
+class PageServer:
+    """Serves one gallery.
+
+    Attributes:
+        address: of the page, once it is open.
+    """
+
+    def __init__(self, gallery: Pictures, now: Callable[[], float]) -> None:
+        """Prepare; `open` serves.
+
+        Args:
+            gallery: what is shown, and who does what the buttons ask for.
+            now: the time at which pictures are shown [s], as they were told of values.
+        """
+        self.address = ""
+        self._gallery = gallery
+        self._now = now
+        self._token = secrets.token_urlsafe(16)
+        self._hosts: frozenset[str] = frozenset()
+        self._tasks: set[asyncio.Task[None]] = set()
+
+    @asynccontextmanager
+    async def open(self, port: int) -> AsyncIterator[None]:
+        """Serve while the context lasts.
+
+        Args:
+            port: of 127.0.0.1; 0 for one that is free.
+
+        Raises:
+            ConfigError: the port is in use.
+        """
+        try:
+            server = await asyncio.start_server(self._connected, HOST, port, limit=LONGEST_HEAD)
+        except OSError as error:
+            msg = f"--port {port}: {error.strerror or error}; end what uses it, or give another one (0: any)"
+            raise ConfigError(msg) from error
+        port = server.sockets[0].getsockname()[1]
+        self._hosts = frozenset({f"{HOST}:{port}", f"localhost:{port}"})
+        self.address = f"http://{HOST}:{port}/"
+        try:
+            yield
+        finally:
+            server.close()
+            for task in self._tasks:
+                task.cancel()
+            await asyncio.gather(*self._tasks, return_exceptions=True)
+
+    async def _connected(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        task = asyncio.current_task()
+        assert task is not None
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
+        writer.transport.set_write_buffer_limits(ROOM)
+        try:
+            with suppress(ConnectionError, TimeoutError):
+                await self._serve(reader, writer)
+        finally:
+            writer.transport.abort() if writer.transport.get_write_buffer_size() > ROOM else writer.close()
+
+    async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        try:
+            request = await read_request(reader)
+            if request is None:
+                return
+            self._check(request)
+            if request.path == "/stream":
+                await self._stream(request, writer)
+                return
+            body = await self._answer(request)
+        except BadRequestError as error:
+            body = answer(f"{error}\n".encode(), "text/plain; charset=utf-8", error.status)
+        writer.write(body)
+        await asyncio.wait_for(writer.drain(), STUCK)
+
+    def _check(self, request: Request) -> None:
+        """Refuse who is not our page.
+
+        Raises:
+            BadRequestError: another host's name leads here, or another page asks for something to be done.
+        """
+        if request.headers.get("host") not in self._hosts:
+            raise BadRequestError(HTTPStatus.FORBIDDEN, f"the page is at {self.address}")
+        if request.method == "POST":
+            if not secrets.compare_digest(request.headers.get("x-page", ""), self._token):
+                raise BadRequestError(HTTPStatus.FORBIDDEN, "only the page itself may ask; load it again")
+        elif request.method != "GET":
+            raise BadRequestError(HTTPStatus.METHOD_NOT_ALLOWED, "GET or POST")
+
+    async def _answer(self, request: Request) -> bytes:
+        """Answer what is no stream.
+
+        Raises:
+            BadRequestError: there is no such thing.
+        """
+        if request.method == "POST":
+            return await self._do(request)
+        if request.path in _FILES:
+            name, kind = _FILES[request.path]
+            content = files(__package__).joinpath("static", name).read_bytes()
+            return answer(content.replace(_TOKEN, self._token.encode()), kind)
+        if request.path == "/image":
+            picture = self._gallery.pictures.get(request.query.get("vehicle", ""))
+            image = None if picture is None else picture.image(request.query.get("camera", ""))
+            if image is not None:
+                return answer(*_viewable(image))
+        raise BadRequestError(HTTPStatus.NOT_FOUND, "there is nothing here")
+
+    async def _stream(self, request: Request, writer: asyncio.StreamWriter) -> None:
+        """Tell a page what to show until it goes; as often as it can take it."""
+        gallery, loop = self._gallery, asyncio.get_running_loop()
+        wanted, reader, due = request.query.get("vehicle", ""), None, loop.time()
+        writer.write(stream_head())
+        while not writer.is_closing():
+            picture = gallery.choose(wanted)
+            if picture is not None:
+                wanted = picture.name
+                if reader is None or reader.picture is not picture:
+                    reader = Reader(picture)
+            shown: dict[str, Any] = {} if reader is None else reader.read(self._now())
+            shown["vehicles"] = [_label(word, found) for word, found in sorted(gallery.pictures.items())]
+            writer.write(event(shown))
+            await asyncio.wait_for(writer.drain(), STUCK)
+            due = max(due + PERIOD, loop.time())
+            await asyncio.sleep(due - loop.time())
+
+    async def _do(self, request: Request) -> bytes:
+        """Do what a button asks for; the answer says how it went.
+
+        Raises:
+            BadRequestError: there is no such button.
+        """
+        fields, gallery = request.fields, self._gallery
+        vehicle = str(fields.get("vehicle", ""))
+        buttons: dict[str, Callable[[], Awaitable[str]]] = {
+            "/abort": lambda: gallery.abort(vehicle),
+            "/release": lambda: gallery.release(vehicle),
+            "/play": lambda: gallery.play(vehicle, *_play_fields(fields)),
+        }
+        if request.path not in buttons:
+            raise BadRequestError(HTTPStatus.NOT_FOUND, "there is no such button")
+        try:
+            outcome = {"is_done": True, "text": await buttons[request.path](), "fix": ""}
+        except CommandRejectedError as refusal:
+            outcome = {"is_done": False, "text": refusal.reason, "fix": refusal.fix}
+        except MkError as error:
+            outcome = {"is_done": False, "text": str(error), "fix": ""}
+        return answer(event(outcome)[6:], "application/json")
+
+
+def _label(word: str, picture: Picture) -> dict[str, Any]:
+    return {"id": word, "is_here": picture.is_here, "is_played": picture.is_played}
+
+
+def _play_fields(fields: dict[str, Any]) -> tuple[PlayAction, float | None]:
+    """What a page asks of a player.
+
+    Raises:
+        BadRequestError: it is nothing that a player does.
+    """
+    speed = fields.get("speed")
+    if fields.get("action") not in set(PlayAction) or not isinstance(speed, int | float | None):
+        raise BadRequestError(HTTPStatus.BAD_REQUEST, "pause, go_on, step, or speed with a number")
+    return PlayAction(fields["action"]), None if speed is None else float(speed)
+
+
+def _viewable(image: CameraFrame) -> tuple[bytes, str]:
+    """An image as a browser reads it, and its MIME type."""
+    if image.coding != "gray8":
+        return image.pixels, f"image/{image.coding}"
+    rows = range(0, image.width * image.height, image.width)
+    scan = b"".join(b"\0" + image.pixels[row : row + image.width] for row in rows)
+    head = struct.pack(">IIBBBBB", image.width, image.height, 8, 0, 0, 0, 0)
+    chunks = ((b"IHDR", head), (b"IDAT", zlib.compress(scan, 1)), (b"IEND", b""))
+    png = b"".join(
+        struct.pack(">I", len(data)) + name + data + struct.pack(">I", zlib.crc32(name + data)) for name, data in chunks
+    )
+    return b"\x89PNG\r\n\x1a\n" + png, "image/png"

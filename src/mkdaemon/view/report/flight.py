@@ -1,0 +1,340 @@
+"""A flight out of a recording: numbers over time, what happened, last words, and where its images are.
+
+What is taken of which key is one table. Nothing here trusts the file: a part that is not what it should be is left out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from math import degrees
+from typing import Any, Final, NamedTuple
+
+from mkdaemon.record.entry import NANOSECONDS, Entry, Kind, unpacked
+from mkdaemon.view.report.happenings import MAKERS, MOST, Happening, Sort
+from mkdaemon.view.report.said import number_of, numbers_of, part_of, text_of
+from mkdaemon.view.report.timeseries import Series
+
+
+class Column(NamedTuple):
+    """A number of a key that is kept over time.
+
+    Attributes:
+        path: of the field.
+        name: of the series.
+        factor: by which it is multiplied.
+    """
+
+    path: str
+    name: str
+    factor: float = 1.0
+
+
+class Place(NamedTuple):
+    """Three numbers of a key that are kept together, as series `name.x`, `name.y` and `name.z`.
+
+    Attributes:
+        path: of the field.
+        name: of the series.
+    """
+
+    path: str
+    name: str
+
+
+_DEGREES: Final = degrees(1.0)
+_PERCENT: Final = 100.0
+COLUMNS: Final[Mapping[str, tuple[Column | Place, ...]]] = {
+    "control/estimate": (Place("position", "estimate"),),
+    "control/error": (Place("goal", "goal"), Place("error_pad", "error")),
+    "control/output": tuple(Column(name, f"stick.{name}") for name in ("pitch", "roll", "yaw", "throttle")),
+    "state/attitude": (
+        *(Column(name, f"attitude.{name}", _DEGREES) for name in ("roll", "pitch")),
+        Column("yaw", "attitude.yaw", _DEGREES),
+    ),
+    "state/altitude": (Column("above_start", "barometer"),),
+    "state/position": (Place("position_enu", "ground"),),
+    "state/battery": (
+        Column("voltage", "battery.voltage"),
+        Column("current", "battery.current"),
+        Column("used_mah", "battery.used_mah"),
+    ),
+    "state/pilot": (Column("throttle", "pilot.throttle"), Column("rc_quality", "pilot.rc_quality", _PERCENT)),
+    "link/health": (
+        Column("echo.p50_ms", "link.echo_p50"),
+        Column("echo.p95_ms", "link.echo_p95"),
+        Column("echo.loss_percent", "link.echo_loss"),
+        Column("confirm.p95_ms", "link.confirm_p95"),
+        Column("confirm.loss_percent", "link.confirm_loss"),
+    ),
+    "vision/*/stats": (
+        Column("posed", "eyes.posed", _PERCENT),
+        Column("latency_p50_ms", "eyes.latency_p50"),
+        Column("latency_p99_ms", "eyes.latency_p99"),
+        Column("fps", "eyes.fps"),
+    ),
+    "vision/*/pose": (Place("position_target", "pose"),),
+    "sim/truth": (Place("position_enu", "truth"),),
+}
+"""What is kept of each key; `*` is a camera, whose name is put before that of the series: `down eyes.posed`."""
+LAST: Final = frozenset(
+    {"health", "link/health", "link/state", "link/traffic", "control/status", "record/status", "vision/*/stats"}
+)
+"""Keys whose last value is kept whole."""
+IN_AIR: Final = frozenset({"flying", "stale", "aborted", "landing"})
+"""Phases in which the machine steers."""
+STATUS: Final = "control/status"
+_POSE: Final = " pose.x"
+NEAR: Final = 10.0
+"""A stamp that is farther from the time at which the recorder took the value is not believed [s]."""
+
+
+@dataclass(frozen=True, slots=True)
+class State:
+    """Who flies and what, from one moment on.
+
+    Attributes:
+        at: [s].
+        phase: of authority.
+        manoeuvre: that is flown; empty for none.
+        stage: of it; empty for none.
+        is_done: what it asks for is reached.
+        reason: why the phase is what it is.
+        outcome: of the last manoeuvre; empty for none.
+    """
+
+    at: float
+    phase: str
+    manoeuvre: str
+    stage: str
+    is_done: bool
+    reason: str
+    outcome: str
+
+    @property
+    def is_flown(self) -> bool:
+        """Whether the machine steers."""
+        return self.phase in IN_AIR
+
+
+@dataclass(frozen=True, slots=True)
+class ImagePlace:
+    """Where an image is in the recording.
+
+    Attributes:
+        at: when it was exposed [s].
+        kind: of its entry.
+        key: of its entry.
+        sequence: of its entry.
+        camera: that took it.
+    """
+
+    at: float
+    kind: Kind
+    key: str
+    sequence: int
+    camera: str
+
+
+@dataclass(slots=True)
+class Flight:
+    """One vehicle in a recording.
+
+    Attributes:
+        vehicle: its name.
+        entries: how many are of it.
+        series: numbers over time, by name.
+        states: changes of who flies and what.
+        conditions: changes of the link's condition: time [s], word.
+        happenings: in order.
+        left_out: happenings beyond those that are kept.
+        images: where they are.
+        last: last values, by key.
+        parameters: the FlightCtrl's active parameter set, as it was read last; empty where it was not.
+        model: of the aircraft that was flown on; empty where it is not known.
+        frames: good frames received.
+        began: time of the first entry [s].
+        ended: time of the last entry [s].
+    """
+
+    vehicle: str
+    entries: int = 0
+    series: dict[str, Series] = field(default_factory=dict)
+    states: list[State] = field(default_factory=list)
+    conditions: list[tuple[float, str]] = field(default_factory=list)
+    happenings: list[Happening] = field(default_factory=list)
+    left_out: int = 0
+    images: list[ImagePlace] = field(default_factory=list)
+    last: dict[str, Mapping[str, Any]] = field(default_factory=dict)
+    parameters: bytes = b""
+    model: Mapping[str, Any] = field(default_factory=dict)
+    began: float = 0.0
+    ended: float = 0.0
+
+    def add(self, name: str, at: float, value: float) -> None:
+        """Add a value of a time [s] to a series."""
+        series = self.series.get(name)
+        if series is None:
+            series = self.series[name] = Series()
+        series.times.append(at)
+        series.values.append(value)
+
+    def has(self, name: str) -> bool:
+        """Whether there is such a series."""
+        return name in self.series
+
+    @property
+    def cameras(self) -> list[str]:
+        """Those that gave figures or poses."""
+        known = {suffix.split("/")[1] for suffix in self.last if suffix.startswith("vision/")}
+        return sorted(known | {name.removesuffix(_POSE) for name in self.series if name.endswith(_POSE)})
+
+    def keep(self, happening: Happening) -> None:
+        """Keep something that happened, if there is room."""
+        if len(self.happenings) < MOST:
+            self.happenings.append(happening)
+        else:
+            self.left_out += 1
+
+
+class FlightReader:
+    """Makes flights of entries.
+
+    Attributes:
+        flights: by vehicle.
+        origin: time of the first entry of all [ns; times of the file]; 0 before it.
+    """
+
+    def __init__(self) -> None:
+        self.flights: dict[str, Flight] = {}
+        self.origin = 0
+        self._routes: dict[tuple[Kind, str], _Route] = {}
+
+    def take(self, entry: Entry) -> None:
+        """Take an entry, in the order of the recording."""
+        received = entry.base.file_time(entry.received)
+        self.origin = self.origin or received
+        taken = (received - self.origin) / NANOSECONDS
+        route = self._routes.get((entry.kind, entry.key))
+        if route is None:
+            route = self._routes[entry.kind, entry.key] = self._route_of(entry, taken)
+        flight, suffix, camera, use = route
+        flight.entries += 1
+        if taken > flight.ended:
+            flight.ended = taken
+        elif taken < flight.began:
+            flight.began = taken
+        if camera:
+            flight.images.append(ImagePlace(taken, entry.kind, entry.key, entry.sequence, camera))
+        elif use is not None:
+            fields = unpacked(entry.payload)
+            at = taken
+            stamp = fields.get("stamp")
+            if isinstance(stamp, dict) and stamp.get("boot") == entry.base.boot:
+                stamped = number_of(stamp, "monotonic")
+                if stamped is not None and abs(stamped - entry.received) < NEAR:
+                    at = taken + stamped - entry.received
+            use(flight, at, suffix, fields)
+
+    def _route_of(self, entry: Entry, at: float) -> _Route:
+        """What becomes of entries like this one, the first of its kind and key [s]."""
+        flight = self.flights.setdefault(entry.vehicle, Flight(entry.vehicle, began=at, ended=at))
+        pattern, camera = _pattern_of(entry.suffix)
+        is_image = entry.kind is Kind.IMAGE or (entry.kind is Kind.SAMPLE and pattern == "vision/*/image")
+        if is_image:
+            return _Route(flight, entry.suffix, camera or "?", None)
+        use = _take_lost_line if entry.kind is Kind.PORT_LOST else _USES.get((entry.kind, pattern))
+        return _Route(flight, entry.suffix, "", use)
+
+
+class _Route(NamedTuple):
+    """What becomes of the entries of one kind and key.
+
+    Attributes:
+        flight: that they belong to.
+        suffix: of the key.
+        camera: of images; empty for anything else.
+        use: takes their values; None where they are only counted.
+    """
+
+    flight: Flight
+    suffix: str
+    camera: str
+    use: _Use | None
+
+
+def _pattern_of(suffix: str) -> tuple[str, str]:
+    """A key with `*` in place of the camera's name, and that name; empty where it has none."""
+    first, _, rest = suffix.partition("/")
+    if first != "vision":
+        return suffix, ""
+    camera, _, what = rest.partition("/")
+    return f"vision/*/{what}", camera
+
+
+def _take_numbers(flight: Flight, at: float, suffix: str, fields: Mapping[str, Any]) -> None:
+    pattern, camera = _pattern_of(suffix)
+    before = f"{camera} " if camera else ""
+    if pattern in LAST:
+        flight.last[suffix] = fields
+    for column in COLUMNS.get(pattern, ()):
+        if isinstance(column, Column):
+            number = number_of(fields, column.path)
+            if number is not None:
+                flight.add(before + column.name, at, number * column.factor)
+        elif (numbers := numbers_of(fields, column.path, 3)) is not None:
+            for axis, number in zip("xyz", numbers, strict=True):
+                flight.add(f"{before}{column.name}.{axis}", at, number)
+
+
+def _take_status(flight: Flight, at: float, suffix: str, fields: Mapping[str, Any]) -> None:
+    flight.last[suffix] = fields
+    words = [text_of(fields, name) for name in ("phase", "manoeuvre", "stage", "reason", "outcome")]
+    phase, manoeuvre, stage, reason, outcome = words
+    state = State(at, phase, manoeuvre, stage, part_of(fields, "is_done") is True, reason, outcome)
+    before = flight.states[-1] if flight.states else None
+    if before is None or _without_time(before) != _without_time(state):
+        flight.states.append(state)
+
+
+def _without_time(state: State) -> tuple[object, ...]:
+    return state.phase, state.manoeuvre, state.stage, state.is_done, state.reason, state.outcome
+
+
+def _take_link(flight: Flight, at: float, suffix: str, fields: Mapping[str, Any]) -> None:
+    flight.last[suffix] = fields
+    condition = text_of(fields, "condition")
+    if not flight.conditions or flight.conditions[-1][1] != condition:
+        flight.conditions.append((at, condition))
+
+
+def _take_happening(flight: Flight, at: float, suffix: str, fields: Mapping[str, Any]) -> None:
+    flight.keep(MAKERS[suffix](at, fields))
+
+
+def _take_lost_line(flight: Flight, at: float, suffix: str, fields: Mapping[str, Any]) -> None:
+    flight.keep(Happening(at, Sort.LINE, f"the line was lost or closed: {text_of(fields, 'reason')}"))
+
+
+def _take_settings(flight: Flight, at: float, suffix: str, fields: Mapping[str, Any]) -> None:
+    found = part_of(fields, "fields.parameters")
+    if isinstance(found, bytes):
+        flight.parameters = found
+
+
+def _take_model(flight: Flight, at: float, suffix: str, fields: Mapping[str, Any]) -> None:
+    found = part_of(fields, "event.model")
+    if isinstance(found, Mapping):
+        flight.model = found
+
+
+_Use = Callable[[Flight, float, str, Mapping[str, Any]], None]
+_USES: Final[dict[tuple[Kind, str], _Use]] = {
+    **{(Kind.SAMPLE, suffix): _take_numbers for suffix in {*COLUMNS, *LAST}},
+    **{(Kind.SAMPLE, suffix): _take_happening for suffix in MAKERS},
+    (Kind.SAMPLE, STATUS): _take_status,
+    (Kind.SAMPLE, "link/state"): _take_link,
+    (Kind.SAMPLE, "rx/fc/settings"): _take_settings,
+    (Kind.EVENT, "core/ModelKnown"): _take_model,
+}
+"""What becomes of the entries of a kind and key; all others are only counted."""

@@ -1,0 +1,126 @@
+"""A flight in a few sentences."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from datetime import UTC, datetime
+
+from mkdaemon.view.report.facts import shares
+from mkdaemon.view.report.flight import Flight
+from mkdaemon.view.report.happenings import Sort, refusals
+from mkdaemon.view.report.pieces import Piece
+from mkdaemon.view.report.said import number_of
+
+
+def moment(seconds: float) -> str:
+    """A Unix time [s] as date and time, UTC."""
+    try:
+        return datetime.fromtimestamp(seconds, UTC).strftime("%Y-%m-%d %H:%M:%S UTC")
+    except (ValueError, OverflowError, OSError):
+        return "an unknown time"
+
+
+def flown_time(flight: Flight) -> float:
+    """How long the machine steered [s]."""
+    ends = [state.at for state in flight.states[1:]] + [flight.ended]
+    return sum(max(end - state.at, 0.0) for state, end in zip(flight.states, ends, strict=False) if state.is_flown)
+
+
+def sentences(flight: Flight, pieces: Sequence[Piece], began: float) -> list[str]:
+    """What happened, in order of importance.
+
+    Args:
+        flight: what flew.
+        pieces: of it.
+        began: Unix time of the recording's beginning [s].
+    """
+    lines = [f"Recorded on {moment(began)}, {flight.ended - flight.began:.1f} s, {flight.entries} entries."]
+    lines += _flown(flight, pieces)
+    lines += _errors(pieces)
+    lines += [*_failsafes(flight), *_refused(flight), *_line(flight), *_eyes(flight), *_battery(flight)]
+    return lines
+
+
+def _flown(flight: Flight, pieces: Sequence[Piece]) -> list[str]:
+    seconds = flown_time(flight)
+    if not seconds:
+        return ["The machine did not fly."]
+    kinds: list[str] = []
+    for piece in pieces:
+        if not kinds or kinds[-1] != piece.manoeuvre:
+            kinds.append(piece.manoeuvre)
+    ways = f": {', '.join(kinds[:12])}{' ...' if len(kinds) > 12 else ''}" if kinds else ""
+    lines = [f"The machine flew for {seconds:.1f} s{ways}."]
+    last = next((state for state in reversed(flight.states) if state.phase and not state.is_flown), None)
+    if last is not None and flight.states and not flight.states[-1].is_flown:
+        ended = next((state for state in reversed(flight.states) if state.outcome), None)
+        outcome = f" ({ended.outcome.replace('_', ' ')})" if ended is not None else ""
+        lines.append(f"It ended with: {last.reason}{outcome}.")
+    elif flight.states:
+        lines.append("The recording ends while it flies.")
+    return lines
+
+
+def _errors(pieces: Sequence[Piece]) -> list[str]:
+    settled = [piece for piece in pieces if piece.errors is not None and not piece.stage]
+    if not settled:
+        return []
+    count = sum(piece.errors.count for piece in settled if piece.errors)
+    squares = sum(piece.errors.count * piece.errors.level_rms_cm**2 for piece in settled if piece.errors)
+    worst = max(settled, key=lambda piece: piece.errors.level_max_cm if piece.errors else 0.0)
+    farthest = worst.errors.level_max_cm if worst.errors else 0.0
+    return [
+        f"Over its goals it was {math.sqrt(squares / count):.1f} cm off horizontally (RMS, once it was there), "
+        f"{farthest:.1f} cm at most, in {worst.name} at {worst.begin:.1f} s."
+    ]
+
+
+def _failsafes(flight: Flight) -> list[str]:
+    found = [one for one in flight.happenings if one.sort is Sort.FAILSAFE]
+    if not found:
+        return ["No failsafe acted."]
+    words = "A failsafe acted" if len(found) == 1 else f"{len(found)} failsafes acted, the first"
+    return [f"{words} at {found[0].at:.1f} s: {found[0].text}."]
+
+
+def _refused(flight: Flight) -> list[str]:
+    found = refusals(flight.happenings)
+    if not found:
+        return ["Nothing was refused."]
+    words = ", ".join(f"{one.count} {one.token or 'without a token'}" for one in found[:6])
+    return [f"Refused: {words}."]
+
+
+def _line(flight: Flight) -> list[str]:
+    times = shares(flight.conditions, flight.ended)
+    total = sum(times.values())
+    if not total:
+        return []
+    health = flight.last.get("link/health", {})
+    sent, lost = number_of(health, "echo.sent_total"), number_of(health, "echo.lost_total")
+    trips = flight.series.get("link.echo_p95")
+    words = f"The link was up for {100.0 * times.get('up', 0.0) / total:.0f} % of the time"
+    if sent:
+        words += f", {lost or 0:.0f} of {sent:.0f} link tests were lost"
+    if trips is not None:
+        words += f", and p95 of the round trip was {max(trips.values):.0f} ms at worst"
+    return [f"{words}."]
+
+
+def _eyes(flight: Flight) -> list[str]:
+    lines = []
+    for camera in flight.cameras:
+        posed = flight.series.get(f"{camera} eyes.posed")
+        if posed is not None:
+            mean = sum(posed.values) / len(posed)
+            lines.append(f"Camera {camera} gave a pose from {mean:.0f} % of its images on average.")
+    return lines
+
+
+def _battery(flight: Flight) -> list[str]:
+    voltage = flight.series.get("battery.voltage")
+    if voltage is None:
+        return []
+    _, volts = voltage.arrays()
+    return [f"The battery went from {volts[0]:.1f} V to {volts[-1]:.1f} V, {volts.min():.1f} V at least."]

@@ -1,0 +1,120 @@
+"""Makes the report of a recording: reads it, counts, draws, and puts the page together."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Final
+
+from mkdaemon.errors import ConfigError, MkError
+from mkdaemon.record.summary import summarise
+from mkdaemon.view.report import facts, thumbnails
+from mkdaemon.view.report.flight import Flight, FlightReader
+from mkdaemon.view.report.happenings import Sort, refusals
+from mkdaemon.view.report.inwords import flown_time, sentences
+from mkdaemon.view.report.page import Card, Report, plotly_source, render
+from mkdaemon.view.report.pieces import Piece, pieces_of
+from mkdaemon.view.report.plots import plots_of
+
+Progress = Callable[[int], None]
+_NOTHING: Final = "nothing to report: no value of a vehicle in it"
+
+
+def make_page(path: Path, vehicle: str | None, progress: Progress = lambda position: None) -> bytes:
+    """The page of a recording.
+
+    Args:
+        path: the recording, whole or damaged.
+        vehicle: whose flight; None where the recording has only one.
+        progress: hears how many bytes of the file have been read; it is read twice where it has images.
+
+    Raises:
+        ConfigError: plotly is not installed, or the recording is not of this vehicle, or of several.
+        MkError: the file cannot be opened, or has nothing in it.
+    """
+    library = plotly_source()
+    return render(report_of(path, vehicle, progress), library)
+
+
+def report_of(path: Path, vehicle: str | None, progress: Progress = lambda position: None) -> Report:
+    """What the page of a recording shows; see `make_page`.
+
+    Raises:
+        ConfigError: the recording is not of this vehicle, or of several.
+        MkError: the file cannot be opened, or has nothing in it.
+    """
+    reader = FlightReader()
+    summary = summarise(path, progress, reader.take)
+    flight = _chosen(path, reader, vehicle)
+    pieces = pieces_of(flight)
+    happenings = sorted(flight.happenings, key=lambda one: one.at)
+    chosen, note = thumbnails.choose(flight, happenings), ""
+    try:
+        pictures = thumbnails.read(path, chosen, progress)
+    except ConfigError as error:
+        pictures, note = {}, str(error)
+    tables = {"Link": facts.link_rows(flight)}
+    tables |= {f"Eyes: camera {camera}": facts.eyes_rows(flight, camera) for camera in flight.cameras}
+    tables |= {
+        "Battery": facts.battery_rows(flight),
+        "Versions, and the model that was flown on": facts.version_rows(flight, summary.session),
+    }
+    return Report(
+        file=path.name,
+        vehicle=flight.vehicle,
+        cards=_cards(flight, pieces),
+        sentences=sentences(flight, pieces, facts.seconds_of(summary)),
+        losses=facts.losses(summary, flight),
+        plots=plots_of(flight, pieces),
+        pieces=pieces,
+        refusals=refusals(happenings),
+        happenings=happenings,
+        pictures=pictures,
+        picture_note=note,
+        tables=tables,
+        parameters=facts.parameter_rows(flight),
+        configuration=facts.configuration(summary.session),
+    )
+
+
+def _chosen(path: Path, reader: FlightReader, vehicle: str | None) -> Flight:
+    """The flight that is wanted.
+
+    Raises:
+        ConfigError: there is no such vehicle in the recording, or there are several and none was named.
+        MkError: there is none at all.
+    """
+    flights = {name: flight for name, flight in reader.flights.items() if name}
+    if not flights:
+        raise MkError(f"{path}: {_NOTHING}; `mkctl log info` shows what it holds, `mkctl log list` shows recordings")
+    known = ", ".join(sorted(flights)[:20])
+    if vehicle is None and len(flights) > 1:
+        raise ConfigError(f"{path}: a recording of several vehicles; choose one with --vehicle: {known}")
+    name = next(iter(flights)) if vehicle is None else vehicle
+    if name not in flights:
+        raise ConfigError(f"{path}: nothing of vehicle {name} in it; there is {known}")
+    return flights[name]
+
+
+def _cards(flight: Flight, pieces: Sequence[Piece]) -> list[Card]:
+    """Figures that are seen first."""
+    settled = [piece.errors for piece in pieces if piece.errors is not None and not piece.stage]
+    cards = [Card(f"{flown_time(flight):.1f} s", "flown by the machine")]
+    if settled:
+        squares = sum(one.count * one.level_rms_cm**2 for one in settled)
+        cards.append(
+            Card(f"{math.sqrt(squares / sum(one.count for one in settled)):.1f} cm", "level RMS over its goals")
+        )
+        cards.append(Card(f"{max(one.level_max_cm for one in settled):.1f} cm", "the farthest"))
+    count = {sort: sum(one.sort is sort for one in flight.happenings) for sort in Sort}
+    cards.append(Card(str(count[Sort.FAILSAFE]), "failsafes", count[Sort.FAILSAFE] > 0))
+    cards.append(Card(str(count[Sort.REFUSAL]), "refusals"))
+    cards.append(Card(str(count[Sort.WARNING]), "warnings"))
+    trips = flight.series.get("link.echo_p95")
+    if trips is not None:
+        cards.append(Card(f"{max(trips.values):.0f} ms", "round trip, p95, worst"))
+    voltage = flight.series.get("battery.voltage")
+    if voltage is not None:
+        cards.append(Card(f"{min(voltage.values):.1f} V", "least battery voltage"))
+    return cards

@@ -1,0 +1,365 @@
+"""The plots of a report as figures of plotly.js: plain maps that become JSON.
+
+Texts of others are escaped here as well: plotly takes a part of HTML in texts, links among it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from html import escape
+from typing import Any, Final
+
+import numpy as np
+
+from mkdaemon.view.report.flight import Flight
+from mkdaemon.view.report.happenings import Happening, Sort
+from mkdaemon.view.report.pieces import Piece
+from mkdaemon.view.report.timeseries import Array, thin
+
+BLUE, ORANGE, GREEN, RED, PURPLE, GREY = "#1f6fb4", "#d9822b", "#2a9d62", "#c0392b", "#7b52ab", "#7d8590"
+DASHED: Final = "dash"
+LONGEST_GAP: Final = 2.0
+"""A line is broken where nothing came for longer [s], and for ten times as long as usual."""
+TRACK_POINTS: Final = 2000
+MOST_BANDS: Final = 80
+"""Manoeuvres that are shaded."""
+LETTERS: Final = 110
+"""That fit into the width of a plot."""
+MOST_EVENTS: Final = 1500
+"""Events that are drawn."""
+
+
+Lines = list[dict[str, Any]]
+"""Traces of one plot."""
+Line = Callable[..., Lines]
+"""Makes a trace of a series; see `_line`."""
+
+
+@dataclass(frozen=True, slots=True)
+class Plot:
+    """One figure.
+
+    Attributes:
+        name: of its place in the page.
+        title: above it.
+        data: traces.
+        layout: of plotly.
+        times: of the points of the first trace [s], of a track; empty for a plot over time.
+    """
+
+    name: str
+    title: str
+    data: list[dict[str, Any]]
+    layout: dict[str, Any]
+    times: list[float] = field(default_factory=list)
+
+    def as_json(self) -> dict[str, Any]:
+        """For the script of the page."""
+        return {"name": self.name, "data": self.data, "layout": self.layout, "times": self.times}
+
+
+def plots_of(flight: Flight, pieces: Sequence[Piece]) -> list[Plot]:
+    """Every plot that the flight has numbers for: tracks first, then over time."""
+    over_time = [plot for plot in _over_time(flight) if plot.data]
+    events = _events(flight.happenings, pieces, flight.ended - flight.began)
+    timed = [events, *over_time] if events.data else over_time
+    limits = [flight.began, max(flight.ended, flight.began + 1e-3)]
+    for plot in timed:
+        plot.layout["xaxis"] |= {"range": limits}
+        plot.layout["shapes"] = _bands(pieces)
+    return [*_tracks(flight), *timed]
+
+
+# -- over time --------------------------------------------------------------------------------------------------------
+
+
+def _line(flight: Flight, series: str, name: str, colour: str, *, dash: str = "solid", factor: float = 1.0) -> Lines:
+    """A series as a trace; nothing where there is none."""
+    found = flight.series.get(series)
+    if found is None:
+        return []
+    times, values = found.arrays()
+    return [_trace(*thin(times, values * factor), name, colour, dash)]
+
+
+def _trace(times: Array, values: Array, name: str, colour: str, dash: str = "solid") -> dict[str, Any]:
+    x: list[float | None] = []
+    y: list[float | None] = []
+    steps = np.diff(times)
+    longest = max(LONGEST_GAP, 10.0 * float(np.median(steps)) if len(steps) else 0.0)
+    for place, (at, value) in enumerate(zip(times.tolist(), values.tolist(), strict=True)):
+        if place and steps[place - 1] > longest:
+            x.append(round(at - 1e-3, 3))
+            y.append(None)
+        x.append(round(at, 3))
+        y.append(round(value, 4))
+    line = {"color": colour, "width": 1.5, "dash": dash}
+    shape = {"type": "scatter", "mode": "lines" if len(times) > 1 else "markers"}
+    return {**shape, "name": escape(name), "x": x, "y": y, "line": line, "marker": {"color": colour}}
+
+
+def _timed(name: str, title: str, unit: str, data: list[dict[str, Any]], height: int = 200) -> Plot:
+    layout = {
+        "height": height,
+        "hovermode": "x unified",
+        "xaxis": {"ticksuffix": " s", "hoverformat": ".2f"},
+        "yaxis": {"title": {"text": unit}, "hoverformat": ".3~f", "zeroline": False},
+    }
+    return Plot(name, title, data, layout)
+
+
+def _over_time(flight: Flight) -> list[Plot]:
+    line = partial(_line, flight)
+    return [*_motion(flight, line), *_link(line), *_eyes(flight, line), _battery(line)]
+
+
+def _motion(flight: Flight, line: Line) -> Iterable[Plot]:
+    """How it moved, and what was sent for it."""
+    yield _timed(
+        "height",
+        "Height",
+        "m",
+        line("estimate.z", "estimate, over the target", BLUE)
+        + line("goal.z", "goal", ORANGE, dash=DASHED)
+        + line("barometer", "barometer, over the start", GREY)
+        + (line("ground.z", "position, over home", PURPLE) if not flight.has("barometer") else [])
+        + line("truth.z", "true, over the ground", GREEN, dash="dot"),
+        240,
+    )
+    yield _timed("error", "Error to the goal", "cm", _level_error(flight) + _height_error(flight), 220)
+    yield _timed(
+        "place",
+        "Place over the target",
+        "m",
+        line("estimate.x", "x", BLUE)
+        + line("goal.x", "x, goal", BLUE, dash=DASHED)
+        + line("estimate.y", "y", ORANGE)
+        + line("goal.y", "y, goal", ORANGE, dash=DASHED),
+        220,
+    )
+    yield _timed(
+        "attitude",
+        "Attitude",
+        "deg",
+        line("attitude.roll", "roll, right side down", BLUE) + line("attitude.pitch", "pitch, nose down", ORANGE),
+    )
+    yield _timed(
+        "sticks",
+        "Sticks sent",
+        "count",
+        line("stick.pitch", "pitch", ORANGE)
+        + line("stick.roll", "roll", BLUE)
+        + line("stick.yaw", "yaw", GREEN)
+        + line("stick.throttle", "throttle", PURPLE)
+        + line("pilot.throttle", "the pilot's throttle", GREY, dash=DASHED),
+    )
+
+
+def _link(line: Line) -> Iterable[Plot]:
+    yield _timed(
+        "link",
+        "Link: round trips",
+        "ms",
+        line("link.echo_p50", "link test, p50", GREEN)
+        + line("link.echo_p95", "link test, p95", BLUE)
+        + line("link.confirm_p95", "stick frames, p95", ORANGE),
+    )
+    yield _timed(
+        "loss",
+        "Link: losses",
+        "%",
+        line("link.echo_loss", "link test", BLUE) + line("link.confirm_loss", "stick frames", ORANGE),
+        160,
+    )
+
+
+def _eyes(flight: Flight, line: Line) -> Iterable[Plot]:
+    for place, camera in enumerate(flight.cameras):
+        yield _timed(
+            f"eyes{place}",
+            f"Camera {camera}: latency, and images with a pose",
+            "ms, %",
+            line(f"{camera} eyes.latency_p50", "latency, p50 [ms]", BLUE)
+            + line(f"{camera} eyes.latency_p99", "latency, p99 [ms]", ORANGE)
+            + line(f"{camera} eyes.posed", "with a pose [%]", GREEN),
+        )
+
+
+def _battery(line: Line) -> Plot:
+    return _timed(
+        "battery",
+        "Battery",
+        "V, A",
+        line("battery.voltage", "voltage [V]", GREEN) + line("battery.current", "current [A]", GREY),
+        180,
+    )
+
+
+def _level_error(flight: Flight) -> Lines:
+    if not flight.has("error.x"):
+        return []
+    (times, x), (_, y) = flight.series["error.x"].arrays(), flight.series["error.y"].arrays()
+    return [_trace(*thin(times, 100.0 * np.hypot(x, y)), "horizontal", BLUE)]
+
+
+def _height_error(flight: Flight) -> Lines:
+    return _line(flight, "error.z", "height, above positive", ORANGE, factor=100.0)
+
+
+def _bands(pieces: Sequence[Piece]) -> list[dict[str, Any]]:
+    """Every second manoeuvre or stage shaded."""
+    place = {"type": "rect", "xref": "x", "yref": "paper", "y0": 0, "y1": 1, "layer": "below", "line": {"width": 0}}
+    return [
+        {**place, "x0": round(piece.begin, 3), "x1": round(piece.end, 3), "fillcolor": "rgba(31,111,180,0.07)"}
+        for piece in pieces[:MOST_BANDS:2]
+    ]
+
+
+_COLOURS: Final = {
+    Sort.REFUSAL: RED,
+    Sort.FAILSAFE: RED,
+    Sort.WARNING: ORANGE,
+    Sort.MARK: PURPLE,
+    Sort.MODE: GREEN,
+}
+_FLOWN: Final = "flown"
+
+
+def _events(happenings: Sequence[Happening], pieces: Sequence[Piece], length: float) -> Plot:
+    """What was flown and what happened, one row for each sort, in a recording of some length [s]."""
+    data: Lines = [_flown(pieces)] if pieces else []
+    for sort in Sort:
+        found = [one for one in happenings if one.sort is sort][:MOST_EVENTS]
+        if found:
+            words = [escape(one.text[:100]) for one in found]
+            data.append(_marks(sort.value, [round(one.at, 3) for one in found], words, _COLOURS.get(sort, GREY)))
+    plot = _timed("events", "What was flown, and what happened", "", data, 60 + 26 * len(data))
+    plot.layout.update(showlegend=False, hovermode="closest")
+    plot.layout["yaxis"] = {"autorange": "reversed", "type": "category"}
+    plot.layout["annotations"] = _names(pieces, length)
+    return plot
+
+
+def _flown(pieces: Sequence[Piece]) -> dict[str, Any]:
+    """A bar for each manoeuvre or stage, as wide as it lasted."""
+    x: list[float | None] = []
+    text: list[str | None] = []
+    for piece in pieces:
+        words = escape(f"{piece.name}, {piece.begin:.1f} to {piece.end:.1f} s")
+        x += [round(piece.begin, 3), round(piece.end, 3), None]
+        text += [words, words, None]
+    return {
+        "type": "scatter",
+        "mode": "lines",
+        "name": _FLOWN,
+        "x": x,
+        "y": [_FLOWN] * len(x),
+        "text": text,
+        "line": {"color": "#8fb8da", "width": 14},
+        "hovertemplate": "%{text}<extra></extra>",
+    }
+
+
+def _names(pieces: Sequence[Piece], length: float) -> list[dict[str, Any]]:
+    """The names of manoeuvres on their bars, as far as they have room."""
+    place = {"y": _FLOWN, "xanchor": "left", "showarrow": False, "font": {"size": 11}}
+    found = []
+    for piece in pieces[:MOST_BANDS]:
+        room = LETTERS * (piece.end - piece.begin) / max(length, 1e-3)
+        name = next((name for name in (piece.name, piece.manoeuvre) if len(name) < room), "")
+        if name:
+            found.append({**place, "x": round(piece.begin, 3), "text": escape(name)})
+    return found
+
+
+def _marks(row: str, x: list[float], text: list[str], colour: str) -> dict[str, Any]:
+    marker = {"color": colour, "size": 9, "symbol": "diamond"}
+    return {
+        "type": "scatter",
+        "mode": "markers",
+        "name": row,
+        "x": x,
+        "y": [row] * len(x),
+        "text": text,
+        "marker": marker,
+        "hovertemplate": "%{x:.2f} s: %{text}<extra></extra>",
+    }
+
+
+# -- from above -------------------------------------------------------------------------------------------------------
+
+
+def _tracks(flight: Flight) -> list[Plot]:
+    found: list[Plot] = []
+    if flight.has("estimate.x"):
+        track = _track(flight, "target", "Over the target", "estimate", "estimate", ("x", "y"))
+        goal = _path(flight, "goal")
+        if goal is not None:
+            _, x, y = goal
+            line = {"color": ORANGE, "width": 1.2, "dash": DASHED}
+            named = {"type": "scatter", "mode": "lines", "name": "goal"}
+            track.data.insert(1, {**named, "x": x, "y": y, "line": line, "hoverinfo": "skip"})
+        found.append(track)
+    if flight.has("truth.x"):
+        found.append(_track(flight, "ground", "Over the ground", "truth", "true", ("east", "north")))
+    elif flight.has("ground.x"):
+        found.append(_track(flight, "ground", "Over the ground", "ground", "position", ("east", "north")))
+    return found
+
+
+def _path(flight: Flight, name: str) -> tuple[list[float], list[float], list[float]] | None:
+    """Times, x and y of a track, at most so many points."""
+    if not (flight.has(f"{name}.x") and flight.has(f"{name}.y")):
+        return None
+    (times, x), (_, y) = flight.series[f"{name}.x"].arrays(), flight.series[f"{name}.y"].arrays()
+    step = math.ceil(len(times) / TRACK_POINTS)
+    kept = [times[::step], x[::step], y[::step]]
+    return tuple(np.round(one, 4).tolist() for one in kept)
+
+
+def _track(flight: Flight, name: str, title: str, series: str, words: str, axes: tuple[str, str]) -> Plot:
+    path = _path(flight, series)
+    assert path is not None
+    times, x, y = path
+    line = {
+        "type": "scatter",
+        "mode": "lines",
+        "name": words,
+        "x": x,
+        "y": y,
+        "customdata": times,
+        "line": {"color": BLUE, "width": 1.8},
+        "hovertemplate": "%{customdata:.2f} s: %{x:.3f}, %{y:.3f} m<extra></extra>",
+    }
+    ends = {
+        "type": "scatter",
+        "mode": "markers+text",
+        "name": "begin and end",
+        "x": [x[0], x[-1]],
+        "y": [y[0], y[-1]],
+        "text": ["begin", "end"],
+        "textposition": "top center",
+        "hoverinfo": "skip",
+        "showlegend": False,
+        "marker": {"color": [GREEN, RED], "size": 9},
+    }
+    here = {
+        "type": "scatter",
+        "mode": "markers",
+        "name": "here",
+        "x": [],
+        "y": [],
+        "hoverinfo": "skip",
+        "showlegend": False,
+        "marker": {"color": PURPLE, "size": 12, "symbol": "circle-open", "line": {"width": 3}},
+    }
+    layout = {
+        "height": 460,
+        "hovermode": "closest",
+        "xaxis": {"title": {"text": f"{axes[0]} [m]"}},
+        "yaxis": {"title": {"text": f"{axes[1]} [m]"}, "scaleanchor": "x", "scaleratio": 1},
+    }
+    return Plot(name, title, [line, ends, here], layout, times)

@@ -1,0 +1,60 @@
+"""What a recording says, whoever wrote it: numbers that are numbers, texts that are short, nothing else."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any, Final
+
+LARGEST: Final = 1e12
+"""A number beyond it is none of ours."""
+LONGEST: Final = 400
+"""Of a text that is shown [characters]; ours have up to 250."""
+
+
+def part_of(fields: Any, path: str) -> Any:
+    """A part of a value, `echo.p50_ms` or `position.0`; None where it has none."""
+    for name in _names(path):
+        if isinstance(fields, dict):
+            fields = fields.get(name)
+        elif isinstance(fields, list) and name.isdigit() and int(name) < len(fields):
+            fields = fields[int(name)]
+        else:
+            return None
+    return fields
+
+
+@cache
+def _names(path: str) -> list[str]:
+    return path.split(".")
+
+
+def number_of(fields: Any, path: str) -> float | None:
+    """A part that is a finite number of a likely size; else None."""
+    return _number(part_of(fields, path))
+
+
+def _number(found: Any) -> float | None:
+    if isinstance(found, bool) or not isinstance(found, (float, int)):
+        return None
+    return float(found) if -LARGEST < found < LARGEST else None  # not a number is in no range
+
+
+def numbers_of(fields: Any, path: str, count: int) -> list[float] | None:
+    """A part that is a list of so many numbers or more, the first of them; else None."""
+    found = part_of(fields, path)
+    if not isinstance(found, list):
+        return None
+    numbers = [number for number in map(_number, found[:count]) if number is not None]
+    return numbers if len(numbers) == count else None
+
+
+def text_of(fields: Any, path: str) -> str:
+    """A part as a short text; empty where there is none."""
+    found = part_of(fields, path)
+    return "" if found is None else short(found)
+
+
+def short(found: Any) -> str:
+    """Anything as a text that is not too long."""
+    text = found if isinstance(found, str) else f"{found!r:.{LONGEST + 1}}"
+    return text if len(text) <= LONGEST else f"{text[:LONGEST]} ..."

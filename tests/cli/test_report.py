@@ -1,0 +1,54 @@
+"""`mkctl report` as a command: the file it writes, and mistakes in one line."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from mkdaemon.cli.mkctl.app import app
+from mkdaemon.cli.program import EXIT_CONFIG, EXIT_FAILURE, EXIT_OK, run
+from mkdaemon.view.report import make
+from tests.places import DATA
+
+FLIGHT = DATA / "recordings" / "fc_sticks.mcap"
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(make, "plotly_source", lambda: "library")
+    return tmp_path
+
+
+def report(capsys, *words):
+    code = run(app, ["report", *map(str, words)])
+    shown = capsys.readouterr()
+    return code, shown.out, shown.err
+
+
+def test_the_page_has_the_name_of_the_recording(capsys, folder):
+    assert report(capsys, FLIGHT) == (EXIT_OK, "fc_sticks.html\n", "")
+    assert "<h1>t</h1>" in (folder / "fc_sticks.html").read_text(encoding="utf-8")
+    code, _, err = report(capsys, FLIGHT)
+    assert (code, "--force" in err, len(err.splitlines())) == (EXIT_CONFIG, True, 1)
+    code, out, _ = report(capsys, FLIGHT, "-o", "other.html", "--json")
+    assert (code, json.loads(out)) == (
+        *(EXIT_OK, {"written": "other.html", "bytes": (folder / "other.html").stat().st_size}),
+    )
+
+
+@pytest.mark.parametrize(
+    ("words", "expected", "told"),
+    [
+        (("nowhere.mcap",), EXIT_FAILURE, "cannot be opened"),
+        ((FLIGHT, "--vehicle", "mk9"), EXIT_CONFIG, "nothing of vehicle mk9"),
+        ((FLIGHT, "-o", "nowhere/page.html"), EXIT_CONFIG, "there is no folder"),
+        ((__file__,), EXIT_FAILURE, "nothing to report"),
+    ],
+)
+def test_mistakes_are_one_line(capsys, words, expected, told):
+    code, out, err = report(capsys, *words)
+    assert (code, out) == (expected, "")
+    assert told in err
+    assert len(err.splitlines()) == 1

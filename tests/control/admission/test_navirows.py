@@ -1,0 +1,151 @@
+"""What the NaviCtrl flies by itself: where points may lie, when a route may start, what a place needs."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import pytest
+
+from mkdaemon.control.admission import ROWS, NaviGoto, StartRoute, Upload, refusal
+from mkdaemon.control.admission.navirows import FAR, HIGH, LEAST_SATELLITES, NAVI_ROWS
+from mkdaemon.telemetry.mission import MissionPoint, PointKind
+from mkdaemon.telemetry.state import Gps, GpsFix, GpsMode, Position
+from tests.control.admission.situations import GOOD, flags
+from tests.control.events import STAMP
+
+HOME = Position(
+    stamp=STAMP, source="nc/osd", latitude_deg=53.0, longitude_deg=8.0, altitude=None, altitude_above_start=2.0,
+    position_enu=None, home_latitude_deg=53.0, home_longitude_deg=8.0, home_distance=0.0,
+)  # fmt: skip
+METRE = 1.0 / 111_200.0
+"""Degrees of latitude."""
+EAST = math.cos(math.radians(53.0))
+"""A degree of longitude over one of latitude, there."""
+
+
+def gps(satellites=10, fix=GpsFix.VALID):
+    return Gps(stamp=STAMP, source="nc/osd", satellites=satellites, fix=fix, is_usable=True, is_home_set=True)
+
+
+def upload(*places, **fields):
+    points = [MissionPoint(latitude_deg=la, longitude_deg=lo, altitude=up, **fields) for la, lo, up in places]
+    return Upload(tuple(points))
+
+
+@pytest.mark.parametrize(
+    ("place", "fields", "refused"),
+    [
+        ((53.0, 8.0, 0.0), {}, False),
+        ((53.0, 8.0, -0.1), {}, True),
+        ((53.0, 8.0, -5.0), {"kind": PointKind.POI}, False),
+        ((53.0, 8.0, HIGH), {}, False),
+        ((53.0, 8.0, HIGH + 0.1), {}, True),
+        ((53.0 + 0.99 * FAR * METRE, 8.0, 5.0), {}, False),
+        ((53.0 + 1.01 * FAR * METRE, 8.0, 5.0), {}, True),
+        ((53.0, 8.0 - 0.99 * FAR * METRE / EAST, 5.0), {}, False),
+        ((53.0, 8.0 + 1.01 * FAR * METRE / EAST, 5.0), {}, True),
+    ],
+)
+def test_a_point_may_lie_up_to_its_limits_and_no_further(place, fields, refused):
+    error = refusal(upload(place, **fields), replace(GOOD, position=HOME))
+    assert (error is not None) is refused
+
+
+def test_points_are_measured_from_the_aircraft_or_from_the_first_of_them():
+    far = (53.0 + 2.0 * FAR * METRE, 8.0, 5.0)
+    from_aircraft = refusal(upload(far, far), replace(GOOD, position=HOME))
+    assert "point 1" in from_aircraft.reason
+    assert "from the aircraft" in from_aircraft.reason
+    assert refusal(upload(far, far), replace(GOOD, position=None)) is None
+    apart = (53.0, 8.0 + 0.99 * FAR * METRE / EAST, 5.0)
+    assert refusal(upload((53.0, 8.0, 5.0), apart), replace(GOOD, position=None)) is None
+    assert refusal(upload(apart, far), replace(GOOD, position=None)).reason.count("km away from point 1") == 1
+    from_first = refusal(upload((53.0, 8.0, 5.0), far), replace(GOOD, position=None))
+    assert "from point 1" in from_first.reason
+    assert "point 2" in from_first.reason
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({}, ""),
+        ({"gps": None}, ""),
+        ({"gps": gps(satellites=LEAST_SATELLITES)}, ""),
+        ({"gps": gps(satellites=LEAST_SATELLITES - 1)}, f"{LEAST_SATELLITES - 1} satellites"),
+        ({"gps": gps(satellites=None)}, ""),
+        ({"gps": gps(fix=GpsFix.NONE)}, "it has none"),
+        ({"position": None}, "it has none"),
+        ({"position": HOME.model_copy(update={"home_latitude_deg": None})}, "home is not known"),
+        ({"position": HOME.model_copy(update={"home_longitude_deg": None})}, "home is not known"),
+    ],
+)
+def test_a_place_is_flown_to_with_a_position_that_is_good_enough(change, words):
+    known = replace(GOOD, flight=flags(is_flying=True), position=HOME, gps=gps())
+    error = refusal(NaviGoto(2.0), replace(known, **change))
+    assert (error is None) is (words == "")
+    assert error is None or words in error.reason
+
+
+@pytest.mark.parametrize(("up", "refused"), [(0.0, False), (HIGH, False), (-0.1, True), (HIGH + 0.1, True)])
+def test_a_place_lies_between_the_ground_and_a_height(up, refused):
+    known = replace(GOOD, flight=flags(is_flying=True), position=HOME, gps=gps())
+    error = refusal(NaviGoto(up), known)
+    assert (error is not None) is refused
+    assert error is None or error.reason == f"point 1 lies {up:g} m above the start, not 0 to {HIGH:g}."
+
+
+@pytest.mark.parametrize(
+    ("place", "words"),
+    [
+        ((53.2, 8.0, 5.0), "is 22 km away from the aircraft"),
+        ((53.0, 8.0, -3.0), "lies 3 m below the start"),
+        ((53.0, 8.0, 600.0), "lies 600 m above the start"),
+    ],
+)
+def test_what_is_strange_about_a_point_is_told_with_its_number(place, words):
+    error = refusal(upload((53.0, 8.0, 5.0), place), replace(GOOD, position=HOME))
+    assert "point 2" in error.reason
+    assert words in error.reason
+
+
+@pytest.mark.parametrize(
+    ("flight", "token", "words"),
+    [
+        (None, "route_on_ground", "nobody has told"),
+        (flags(is_flying=None), "route_on_ground", "nobody has told"),
+        (flags(is_flying=False), "route_on_ground", "it stands"),
+        (flags(is_flying=True), None, ""),
+        (flags(is_flying=True, waypoint_index=0), None, ""),
+        (flags(is_flying=True, waypoint_index=2, waypoint_count=5), "route_active", "2 of 5"),
+    ],
+)
+def test_a_route_begins_in_the_air_and_after_the_one_before(flight, token, words):
+    error = refusal(StartRoute(), replace(GOOD, flight=flight))
+    assert (None if error is None else error.token) == token
+    assert error is None or words in error.reason
+
+
+@pytest.mark.parametrize(("mode", "refused"), [(mode, mode is GpsMode.COME_HOME) for mode in GpsMode])
+def test_no_place_is_given_while_the_switch_would_fly_to_it_at_once(mode, refused):
+    known = replace(GOOD, flight=flags(is_flying=True, gps_mode=mode), position=HOME, gps=gps())
+    error = refusal(NaviGoto(2.0), known)
+    assert (error is not None and error.token == "switch_at_home") is refused
+
+
+CONCERNS = {
+    "places": {"upload of points"},
+    "aircraft in the air": {"start of a route", "target for the NaviCtrl"},
+    "no route under way": {"start of a route"},
+    "switch at home": {"target for the NaviCtrl"},
+    "position by GPS": {"target for the NaviCtrl"},
+    "height of the place": {"target for the NaviCtrl"},
+}
+
+
+def test_each_row_concerns_what_it_is_about_and_is_in_the_table():
+    assert {row.name: {concern.value for concern in row.concerns} for row in NAVI_ROWS} == CONCERNS
+    assert set(NAVI_ROWS) <= set(ROWS)
+    assert FAR == 5000.0, "docs/waypoints.md"
+    assert HIGH == 500.0
+    assert LEAST_SATELLITES == 6, "NaviGpsMinSat from the factory"

@@ -1,0 +1,1 @@
+"""Manoeuvres flown one at a time, against a target that images show."""

@@ -1,0 +1,197 @@
+"""A take-off as a manoeuvre: on the ground, blind, off the ground, at its height, and in the air already."""
+
+from __future__ import annotations
+
+import pytest
+
+from mkdaemon.config.autopilot import AutopilotConfig
+from mkdaemon.control.limiter import Sticks
+from mkdaemon.control.manoeuvres.hold import Hold
+from mkdaemon.control.manoeuvres.level import Level
+from mkdaemon.control.manoeuvres.take_off import IDLE_GAS, TakeOffFlight
+from mkdaemon.telemetry.control import Outcome
+from mkdaemon.telemetry.setpoint import TakeOffSetpoint
+from mkdaemon.telemetry.state import AngleScale, Attitude
+from tests.control.events import STAMP
+from tests.control.manoeuvres.hovering import CFG, STEP, Hovering, view
+
+IDLE = Sticks(0.0, 0.0, 0.0, IDLE_GAS - 127.0)
+HOVER = 125.0
+"""Throttle that the aircraft is believed to need [count of 254]."""
+CLIMB_FROM = 3.0
+"""When throttle rises [s]."""
+
+
+def setpoint(height):
+    return TakeOffSetpoint(epoch=1, sequence=1, ttl=0.3, height=height)
+
+
+def on_ground(height=1.5, cfg=CFG):
+    """An aircraft that stands where its camera sees nothing, and its take-off."""
+    aircraft = Hovering((0.0, 0.0, 0.1), cfg=cfg)
+    aircraft.sees = False
+    return aircraft, aircraft.begin(TakeOffFlight(aircraft.sight, cfg, setpoint(height)))
+
+
+def attitude(pitch=0.0, roll=0.0):
+    fields = {"quaternion": (1.0, 0.0, 0.0, 0.0), "yaw": 0.0, "scale": AngleScale.STICKS, "source": ""}
+    return Attitude(stamp=STAMP, pitch=pitch, roll=roll, **fields)
+
+
+def lift(aircraft, take_off, height):
+    """Two images show it off the ground; the estimate begins anew with the throttle that they found."""
+    for k in (1, 0):
+        seen = view(aircraft.now - 0.04 * k, (*aircraft.place[:2], height))
+        gas = take_off.height_seen(height, seen.at)
+    assert gas is not None
+    aircraft.place = (*aircraft.place[:2], height)
+    aircraft.sight.view_received("pad", seen, aircraft.now, lifted_by=gas, may_change=True)
+    aircraft.sees = True
+    return gas
+
+
+def test_before_the_flight_it_is_idle_and_begins_anew_whenever_a_flight_does():
+    aircraft, take_off = on_ground()
+    steps = aircraft.fly(take_off, 5.0, is_flying=False)
+    assert {(step.sticks, step.stage, step.end, step.stands) for step in steps} == {
+        (IDLE, "idle: the pilot raises his throttle", None, False)
+    }
+    assert take_off.stepped_at == aircraft.now
+    flown = aircraft.fly(take_off, CLIMB_FROM - STEP)
+    assert {(step.sticks, step.stands) for step in flown} == {(IDLE, True)}, "not a moment of the wait counts"
+    assert aircraft.fly(take_off, 0.2)[-1].stage == "throttle rises"
+    assert aircraft.fly(take_off, STEP, is_flying=False)[0].stage == "idle: the pilot raises his throttle"
+    assert aircraft.fly(take_off, STEP)[0].sticks == IDLE
+
+
+def test_throttle_rises_level_until_an_image_should_have_shown_something():
+    aircraft, take_off = on_ground(cfg=AutopilotConfig(takeoff_ready=1.0))
+    steps = aircraft.fly(take_off, 3.0)
+    rising = [step.sticks.throttle + 127.0 for step in steps if step.stage == "throttle rises"]
+    assert rising[0] == pytest.approx(0.8 * HOVER, abs=1.0)
+    assert max(rising) == pytest.approx(1.25 * HOVER, abs=1.0)
+    assert rising == sorted(rising)
+    assert {(step.sticks.pitch, step.sticks.roll, step.sticks.yaw) for step in steps} == {(0.0, 0.0, 0.0)}
+    ended = [step for step in steps if step.end is not None]
+    assert {(step.end.outcome, step.stage, step.stands) for step in ended} == {(Outcome.NOT_LIFTED, "failed", False)}
+    # A second at the lowest, 0.16 s to the throttle that may carry, 1.2 s blind, and one step.
+    assert len(steps) - len(ended) == pytest.approx((1.0 + 0.16 + 1.2) / STEP, abs=3)
+
+
+@pytest.mark.parametrize(("pitch", "roll"), [(0.3, 0.0), (-0.3, 0.0), (0.0, 0.3), (0.0, -0.3)])
+def test_foot_that_sticks_cuts_the_throttle_and_ends_it(pitch, roll):
+    aircraft, take_off = on_ground(cfg=AutopilotConfig(takeoff_ready=0.0))
+    aircraft.sight.attitude_received(attitude(0.2, -0.2))
+    assert aircraft.fly(take_off, 0.1)[-1].stage == "throttle rises"
+    aircraft.sight.attitude_received(attitude(pitch, roll))
+    steps = aircraft.fly(take_off, 1.2)
+    assert {(step.sticks, step.stage) for step in steps} == {(IDLE, "failed")}
+    ends = [None if step.end is None else step.end.outcome for step in steps]
+    assert ends.count(None) == pytest.approx(1.0 / STEP, abs=2)
+    assert ends[-1] is Outcome.TIPPED
+    assert "it tips over" in steps[-1].end.words
+
+
+@pytest.mark.parametrize(("pause", "gone"), [(0.1, 0.16), (2.0, 0.16), (0.04, 0.064), (0.001, 0.008)])
+def test_throttle_never_leaps_after_a_pause(pause, gone):
+    aircraft, take_off = on_ground(cfg=AutopilotConfig(takeoff_ready=0.0))
+    before = aircraft.fly(take_off, 0.1)[-1].sticks.throttle
+    step = take_off.step(aircraft.now + pause, is_flying=True)
+    assert step.sticks.throttle - before == pytest.approx(gone * HOVER, abs=1.1)
+    assert take_off.stepped_at == aircraft.now + pause
+
+
+def test_off_the_ground_it_climbs_straight_up_first_then_over_the_middle():
+    aircraft, take_off = on_ground(height=1.2)
+    aircraft.place = (0.3, 0.0, 0.1)
+    aircraft.fly(take_off, CLIMB_FROM + 0.3)
+    lift(aircraft, take_off, 0.25)
+    low = aircraft.fly(take_off, 0.5)
+    assert {(step.stage, step.stands, step.is_done) for step in low} == {("climbs", False, False)}
+    assert low[-1].error.goal == (0.0, 0.0, 1.2), "what is shown is where it is to be in the end"
+    assert low[-1].sticks.throttle > 0.0, "upwards"
+    assert abs(low[-1].sticks.pitch) <= 1.0, "straight up"
+    aircraft.sight.estimator = None
+    aircraft.place = (0.3, 0.0, 0.85)
+    aircraft.look()
+    assert aircraft.fly(take_off, 0.5)[-1].sticks.pitch < -1.0, "towards the middle"
+
+
+@pytest.mark.parametrize(("asked", "at"), [(1.2, 1.2), (8.0, 2.0)])
+def test_at_the_height_asked_for_or_that_of_the_fence_it_holds(asked, at):
+    cfg = AutopilotConfig(takeoff_ready=0.0, fence_height=2.0)
+    aircraft, take_off = on_ground(asked, cfg)
+    aircraft.fly(take_off, 0.3)
+    lift(aircraft, take_off, 0.25)
+    aircraft.place = (0.0, 0.0, at)
+    aircraft.sight.estimator = None
+    aircraft.look()
+    steps = aircraft.fly(take_off, 1.5)
+    assert steps[0].error.goal == (0.0, 0.0, at)
+    assert {(step.stage, step.is_done) for step in steps} == {("climbs", False), ("at height", True)}
+    assert sum(step.is_done for step in steps) == pytest.approx(0.5 / STEP, abs=3)
+    aircraft.place = (0.0, 0.0, 0.5)
+    aircraft.sight.estimator = None
+    aircraft.look()
+    [after] = aircraft.fly(take_off, STEP)
+    assert (after.stage, after.is_done) == ("at height", True), "it has been there"
+
+
+def test_another_height_is_climbed_to_at_once():
+    aircraft, take_off = on_ground(1.0, AutopilotConfig(takeoff_ready=0.0))
+    aircraft.fly(take_off, 0.3)
+    lift(aircraft, take_off, 0.25)
+    assert aircraft.fly(take_off, STEP)[0].error.goal[2] == 1.0
+    take_off.follow(setpoint(1.6))
+    assert aircraft.fly(take_off, STEP)[0].error.goal[2] == 1.6
+
+
+def test_throttle_found_on_the_way_up_is_what_the_flight_begins_with():
+    aircraft, take_off = on_ground(cfg=AutopilotConfig(takeoff_ready=0.0))
+    aircraft.fly(take_off, 0.3)
+    gas = lift(aircraft, take_off, 0.25)
+    assert aircraft.sight.estimator.hover_gas == gas
+    assert gas == pytest.approx(1.2 * HOVER, abs=0.08 * HOVER)
+
+
+def test_image_before_the_throttle_rises_lifts_nothing():
+    _, take_off = on_ground()
+    assert take_off.height_seen(0.5, 10.0) is None
+    assert take_off.height_seen(0.6, 10.1) is None
+    assert take_off.take_off is None
+
+
+@pytest.mark.parametrize("is_by_target", [True, False])
+def test_in_the_air_by_the_target_only_the_climb_is_left(is_by_target):
+    aircraft = Hovering((0.0, 0.0, 1.0)).watch(1.0)
+    before = Hold(aircraft.sight, CFG) if is_by_target else Level(aircraft.sight)
+    aircraft.fly(aircraft.begin(before), 0.5)
+    take_off = aircraft.begin(TakeOffFlight(aircraft.sight, CFG, setpoint(2.0)), before)
+    [step] = aircraft.fly(take_off, STEP)
+    assert step.stage == ("climbs" if is_by_target else "idle: the pilot raises his throttle")
+    assert (step.sticks == IDLE) is not is_by_target
+
+
+def test_an_abort_on_the_ground_ends_it_and_one_in_the_air_holds():
+    aircraft, take_off = on_ground(cfg=AutopilotConfig(takeoff_ready=0.0))
+    assert isinstance(take_off.abort(aircraft.now), Hold), "nothing has begun"
+    aircraft.fly(take_off, 0.3)
+    assert take_off.abort(aircraft.now) is take_off
+    [step] = aircraft.fly(take_off, STEP)
+    assert (step.end.outcome, step.end.words) == (Outcome.TAKE_OFF_ABORTED, "take-off ended: aborted")
+    aircraft, take_off = on_ground(cfg=AutopilotConfig(takeoff_ready=0.0))
+    aircraft.fly(take_off, 0.3)
+    lift(aircraft, take_off, 0.25)
+    aircraft.fly(take_off, 0.2)
+    assert isinstance(take_off.abort(aircraft.now), Hold)
+
+
+def test_off_the_ground_it_goes_down_the_ladder_as_every_flight_by_the_target_does():
+    cfg = AutopilotConfig(takeoff_ready=0.0)
+    aircraft, take_off = on_ground(cfg=cfg)
+    aircraft.fly(take_off, 0.3)
+    lift(aircraft, take_off, 0.25)
+    aircraft.fly(take_off, 0.2)
+    aircraft.sees = False
+    steps = aircraft.fly(take_off, cfg.exit_after + 0.1)
+    assert steps[-1].end.outcome is Outcome.SIGHT_LOST

@@ -1,0 +1,199 @@
+"""Margins of the loop against loops whose limits are known, and the flight on the model against what it must hold."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from mkdaemon.config.control import ControlConfig
+from mkdaemon.control.estimator.model import AircraftModel
+from mkdaemon.control.regulator.horizontal import STEP, HorizontalCosts, HorizontalRegulator
+from mkdaemon.control.regulator.margins import _delayed_radius, fly_model, gains_of, loop_refusal
+
+MODEL = AircraftModel()
+
+
+@cache
+def found(rate=50.0):
+    """Margins of the set Easy."""
+    return gains_of(MODEL, ControlConfig(rate=rate))
+
+
+def radius(rate=50.0, *, factor=1.0, late=0):
+    """Largest eigenvalue of the loop whose stick does `factor` of what it should, some periods late."""
+    gain = HorizontalRegulator(MODEL, HorizontalCosts()).gain
+    f, g = (each[:7] for each in MODEL.horizontal(1.0 / rate))
+    loop = np.zeros((7 + late, 7 + late))
+    loop[:7, :7] = f[:, :7]
+    if late:
+        loop[:7, -1] = g
+        loop[7, :7] = -factor * gain
+        loop[8:, 7:-1] = np.eye(late - 1)
+    else:
+        loop[:7, :7] -= factor * np.outer(g, gain)
+    return float(np.abs(np.linalg.eigvals(loop)).max())
+
+
+@pytest.mark.parametrize("rate", [50.0, 25.0])
+def test_the_loop_is_stable_just_inside_its_gain_margin_and_not_just_outside(rate):
+    low, high = found(rate).gain_margin
+    grid = 400.0 ** (1.0 / 240.0)
+    assert radius(rate, factor=high * 0.999) < 1.0 <= radius(rate, factor=high * grid * 1.001)
+    assert radius(rate, factor=low * 1.001) < 1.0
+    assert low == pytest.approx(0.05) or radius(rate, factor=low / grid * 0.999) >= 1.0
+    assert found(rate).radius == pytest.approx(radius(rate))
+
+
+@pytest.mark.parametrize("rate", [50.0, 25.0])
+def test_the_loop_bears_its_delay_margin_and_not_a_period_more(rate):
+    late = round(found(rate).delay_margin * rate)
+    assert found(rate).delay_margin == pytest.approx(late / rate)
+    assert radius(rate, late=late) < 1.0 <= radius(rate, late=late + 1)
+
+
+@pytest.mark.parametrize("steps", [1, 2, 3, 7])
+def test_an_integrator_bears_the_gain_that_the_theory_of_its_delay_gives(steps):
+    """x+ = x - k x[-n] is stable for 0 < k < 2 sin(pi / (4 n + 2)); S. Levin and R. May, Theor. Pop. Biol. 9 (1976)."""
+    limit = 2.0 * math.sin(math.pi / (4 * steps + 2))
+    one = np.eye(1)
+    assert (
+        _delayed_radius(one, one, 0.99 * limit * one, steps)
+        < 1.0
+        < _delayed_radius(one, one, 1.01 * limit * one, steps)
+    )
+
+
+def test_what_is_told_of_a_loop_is_of_the_model_and_of_what_it_must_bear():
+    told = found()
+    assert told.degrees_per_count == pytest.approx(0.451)
+    for name in ("a1", "a2", "leak", "stick_filter", "uplink"):
+        assert getattr(told, name) == getattr(MODEL, name)
+    assert list(told.gains.values()) == pytest.approx(HorizontalRegulator(MODEL, HorizontalCosts()).gain)
+    # The wrong models and the wrong stamps of docs/control.md, and a tenth of a metre.
+    assert (told.needed_gain, told.needed_delay, told.farthest_rest) == ((0.67, 1.33), 0.02, 0.1)
+
+
+def test_the_regulator_is_computed_for_the_period_of_fifty_hertz():
+    assert STEP == 0.02
+    regulator = HorizontalRegulator(MODEL, HorizontalCosts())
+    assert regulator.radius == pytest.approx(radius(1.0 / STEP))
+
+
+# -- the flight on the model ---------------------------------------------------------------------------------------
+
+
+def rest(**options):
+    return fly_model(MODEL, ControlConfig.model_validate(options))
+
+
+@pytest.mark.parametrize("rate", [20, 50, 100])
+def test_the_model_comes_to_rest_within_centimetres(rate):
+    at_rest = rest(rate=rate)
+    assert at_rest.level < 0.03
+    assert at_rest.height < 0.02
+
+
+@pytest.mark.parametrize("axis", ["max_pitch", "max_roll"])
+def test_the_sticks_must_reach_as_far_as_the_light_wind_needs(axis):
+    """Drag times 2 m/s over g is 4.1 degrees, 9.1 counts of 0.451 degrees; the flight begins half a metre beside."""
+    assert rest(limiter={axis: 9}).level > 0.5
+    assert rest(limiter={axis: 11}).level < 0.1
+
+
+def test_the_tilt_that_may_be_asked_for_must_be_as_large_as_the_light_wind_needs():
+    needed = MODEL.drag * 2.0 / 9.81
+    assert rest(autopilot={"max_tilt": 0.95 * needed}).level > 0.5
+    assert rest(autopilot={"max_tilt": 1.25 * needed}).level < 0.1
+
+
+@pytest.mark.parametrize(
+    ("limits", "holds"),
+    [
+        # A tenth more or less thrust than believed is 4.9 % or 5.1 % of the throttle that hovers: 6.1 or 6.4 counts.
+        ({"max_throttle": 5}, False),
+        ({"max_throttle": 8}, True),
+        ({"min_throttle": -5}, False),
+        ({"min_throttle": -9}, True),
+    ],
+)
+def test_the_throttle_must_reach_as_far_as_a_tenth_of_the_weight_needs(limits, holds):
+    found = rest(limiter={"hover_throttle": 0, **limits}).height
+    assert (found < 0.05) if holds else (found > 0.3)
+
+
+def test_it_is_judged_by_its_last_three_seconds_of_twelve():
+    """It climbs at the speed that it may: after 9 s of 12 the rest of half a metre is left."""
+    assert rest(autopilot={"max_climb": 0.03}).height == pytest.approx(0.5 - 9.0 * 0.03, abs=0.07)
+    assert rest(autopilot={"max_climb": 0.03}, rate=20).height == pytest.approx(0.5 - 9.0 * 0.03, abs=0.07)
+
+
+@pytest.mark.parametrize(
+    ("options", "worse"), [({"slew": 100}, "level"), ({"slew": 60}, "level"), ({"throttle_slew": 15}, "height")]
+)
+def test_sticks_that_move_slowly_let_it_swing(options, worse):
+    assert getattr(rest(limiter=options), worse) > 1.5 * getattr(rest(), worse)
+
+
+def test_an_aircraft_whose_sticks_tilt_more_than_another_rests_as_near():
+    """What it is asked for is in counts of its own."""
+    assert fly_model(replace(MODEL, rad_per_count=2.0 * MODEL.rad_per_count), ControlConfig()).level < 0.05
+
+
+# -- whose fault it is ---------------------------------------------------------------------------------------------
+
+
+def test_margins_that_are_known_are_not_computed_again():
+    safe = found()
+    assert loop_refusal(MODEL, ControlConfig(limiter={"slew": 50}), safe) is None
+    unsafe = safe.model_copy(update={"delay_margin": 0.019, "gain_margin": (0.7, 3.0), "rest_level": 0.2})
+    error = loop_refusal(MODEL, ControlConfig(), unsafe)
+    assert "0.70 to 3.00 of the model's stick gain, 19 ms more delay" in error.reason
+    assert "0.20 m beside" in error.reason
+    assert "this parameter set" in error.reason
+    assert "Easy" in error.fix
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"radius": 1.0},
+        {"gain_margin": (0.68, 3.0)},
+        {"gain_margin": (0.3, 1.32)},
+        {"delay_margin": 0.019},
+        {"rest_level": 0.11},
+        {"rest_height": 0.11},
+    ],
+)
+def test_a_loop_is_safe_while_every_margin_is_as_large_as_it_must_be(change):
+    assert found().is_safe
+    assert not found().model_copy(update=change).is_safe
+    just = {"gain_margin": (0.67, 1.33), "delay_margin": 0.02, "rest_level": 0.1, "rest_height": 0.1}
+    assert found().model_copy(update=just).is_safe
+
+
+def test_where_two_values_differ_the_one_that_makes_it_unsafe_is_named():
+    error = loop_refusal(MODEL, ControlConfig.model_validate({"rate": 40, "limiter": {"slew": 50}}))
+    assert "control.limiter.slew = 50" in error.reason
+    assert "rate" not in error.reason
+    assert "600" in error.fix
+
+
+def test_a_set_that_nothing_stabilises_is_named_and_not_the_configuration():
+    error = loop_refusal(replace(MODEL, a1=1e-200, a2=1e-200), ControlConfig.model_validate({"limiter": {"slew": 50}}))
+    assert "no gain stabilises" in error.reason
+    assert "parameter set" in error.reason
+
+
+def test_a_fast_aircraft_that_is_steered_seldom_bears_nothing():
+    """Of the gains from a twentieth to twenty times the model's only small ones are stable, and no delay."""
+    seldom = gains_of(replace(MODEL, a1=30.0, a2=300.0), ControlConfig(rate=10.0))
+    assert seldom.radius > 1.0
+    assert seldom.delay_margin == 0.0
+    low, high = seldom.gain_margin
+    assert (low, high) == (pytest.approx(0.05), pytest.approx(0.41, abs=0.01))
+    assert not seldom.is_safe
+    assert found(100.0).gain_margin[1] == pytest.approx(20.0)

@@ -1,0 +1,167 @@
+"""A gate that is shut while a client streams: the daemon notices, winds nothing up, and goes on when it is opened."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from lab.control.corerig import CoreRig, stamp
+from lab.control.flights import Flight
+from mkdaemon.control.actions import PublishStatus, SendSticks, Warn
+from mkdaemon.control.answers import SURE, AnswerWatch
+from mkdaemon.control.estimator.model import AircraftModel
+from mkdaemon.control.events import AbortAsked, StateValue
+from mkdaemon.telemetry.command import AbortRequest
+from mkdaemon.telemetry.control import Phase
+from mkdaemon.telemetry.setpoint import HoldSetpoint
+from mkdaemon.telemetry.state import Pilot
+from mksim.config import WindClass
+from mksim.physics.hand_flight import HandFlight
+from mksim.physics.world import StickInput
+
+SHUT, OPENED = 3.0, 6.0
+
+
+class Gated(CoreRig):
+    """A client holds; the pilot shuts the gate, flies by hand, and opens it again.
+
+    Attributes:
+        tells: the board reports the gate.
+        abort_at: somebody aborts [s].
+    """
+
+    tells, abort_at, kind = False, math.inf, HoldSetpoint
+
+    def _sticks(self):
+        if not SHUT <= self._world.now < OPENED:
+            return super()._sticks()
+        pilot = self._world.pilot
+        if not isinstance(pilot.program, HandFlight):
+            pilot.program = HandFlight(height=2.0, flying=True)
+        return StickInput(pilot.pitch, pilot.roll, pilot.yaw, pilot.gas + 127.0, motors_running=True)
+
+    def _setpoint(self, goal, at):
+        return self.kind(epoch=self._epoch, sequence=self._sequence, ttl=0.3)
+
+    def _control(self, at):
+        if self.tells:
+            is_open = not SHUT <= at < OPENED
+            said = {"rc_quality": 1.0, "has_signal": True, "throttle": None, "sticks": None, "is_gate_open": is_open}
+            self.core.feed(StateValue(Pilot(stamp=stamp(at), source="fc/debug", **said)), at)
+        if at >= self.abort_at:
+            self.abort_at = math.inf
+            self.core.feed(AbortAsked(AbortRequest(reason="enough")), at)
+        super()._control(at)
+
+    def phases(self):
+        """Each phase and when it was first told."""
+        shown = {}
+        for at, action in self.actions:
+            if isinstance(action, PublishStatus):
+                shown.setdefault((action.phase), at)
+        return shown
+
+    def sticks(self, begin, end):
+        """Largest pitch or roll between two times."""
+        counts = [a.counts for at, a in self.actions if isinstance(a, SendSticks) and begin <= at < end]
+        return max(max(abs(each.pitch), abs(each.roll)) for each in counts)
+
+    def phase_at(self, when):
+        return [a.phase for at, a in self.actions if isinstance(a, PublishStatus) and at <= when][-1]
+
+
+def flight(**more):
+    return Flight(seed=1, wind=WindClass.INDOOR, seconds=9.0, **more)
+
+
+@pytest.fixture(scope="module")
+def silent():
+    """A board that tells nothing of its gate."""
+    rig = Gated(flight())
+    rig.record = rig.fly()
+    return rig
+
+
+def test_a_shut_gate_is_noticed_told_and_nothing_winds_up(silent):
+    assert silent.record.lost == ""
+    noticed = silent.phases()[Phase.UNANSWERED]
+    assert SHUT < noticed < SHUT + 2.2
+    # Once it is noticed sticks are level until the gate is opened, and the flight begins anew with small ones.
+    assert silent.sticks(noticed + 0.3, noticed + 1.0) == 0
+    warnings = [action.text for _, action in silent.actions if isinstance(action, Warn)]
+    assert any("does not answer its sticks" in text and "opens the gate" in text for text in warnings)
+
+
+def test_nothing_is_learnt_from_sticks_that_do_not_act(silent):
+    gains = [value.stick_gain for value in silent.estimates]
+    assert gains[-1] == 1.0
+    noticed = silent.phases()[Phase.UNANSWERED]
+    told = [a.text for at, a in silent.actions if isinstance(a, Warn) and at > noticed]
+    assert not any("angle per stick count" in text for text in told)
+
+
+def test_an_opened_gate_is_flown_through_again_where_the_aircraft_is(silent):
+    assert silent.phase_at(9.0) is Phase.FLYING
+    positions = [p for at, p in zip(silent.record.times, silent.record.positions, strict=True) if at > OPENED]
+    assert max(float(abs(p - positions[0])[:2].max()) for p in positions) < 0.6
+
+
+def test_a_board_that_reports_its_gate_is_believed_at_once():
+    rig = Gated(flight())
+    rig.tells = True
+    assert rig.fly().lost == ""
+    assert rig.phases()[Phase.UNANSWERED] == pytest.approx(SHUT, abs=0.05)
+    assert rig.sticks(SHUT + 0.3, OPENED) == 0
+    assert rig.phase_at(OPENED - 0.1) is Phase.UNANSWERED
+    assert rig.phase_at(OPENED + 0.5) is Phase.FLYING
+
+
+def test_an_aborted_flight_stays_aborted_over_a_shut_gate():
+    rig = Gated(flight())
+    rig.tells, rig.abort_at = True, SHUT - 0.5
+    assert rig.fly().lost == ""
+    assert rig.sticks(SHUT + 0.3, OPENED) == 0
+    assert rig.phase_at(9.0) is Phase.ABORTED
+
+
+def test_a_tilt_that_follows_the_sticks_is_an_answer_with_half_or_twice_the_models_gain():
+    for share in (0.5, 1.0, 2.0):
+        watch = follow(lambda asked, share=share: share * asked)
+        assert watch.evidence == -SURE
+        assert watch.is_sure
+
+
+def test_sticks_that_tilt_nothing_are_unanswered():
+    watch = follow(lambda asked: 0.0)
+    assert watch.is_missing
+    watch.forget()
+    assert not watch.is_missing
+
+
+def test_without_meaning_or_with_sparse_attitudes_nothing_is_found():
+    assert follow(lambda asked: 0.0, says_something=False).evidence == 0.0
+    assert follow(lambda asked: 0.0, period=0.2).evidence == 0.0
+
+
+def test_an_old_word_about_the_gate_counts_no_more():
+    watch = AnswerWatch(AircraftModel())
+    watch.gate_reported(1.0, is_open=False)
+    assert watch.is_gate_shut(2.0)
+    assert not watch.is_gate_shut(4.0)
+
+
+def follow(answer, *, says_something=True, period=0.02):
+    """A watch that saw 2 s of sticks to and fro, and what the aircraft made of the tilt that they ask for."""
+    model = AircraftModel()
+    watch = AnswerWatch(model)
+    reference = AnswerWatch(model)
+    for k in range(100):
+        now = 1.0 + 0.02 * k
+        pitch = 20.0 * math.sin(3.0 * (now - 1.0))
+        watch.sent(pitch, 0.0, now)
+        reference.sent(pitch, 0.0, now)
+        reference.attitude_received(now, 0.0, 0.0, says_something=False)
+        if k % round(period / 0.02) == 0:
+            watch.attitude_received(now, answer(reference.expected[0]), 0.0, says_something=says_something)
+    return watch

@@ -1,0 +1,208 @@
+"""Whole flights told to the core as events, with an aircraft that is where the story says: no physics, no port."""
+
+from __future__ import annotations
+
+import pytest
+
+from mkdaemon.config.autopilot import AutopilotConfig
+from mkdaemon.config.control import ControlConfig
+from mkdaemon.control.actions import PublishError, PublishEstimate, PublishStatus, ReportFailsafe, ReportMode, Warn
+from mkdaemon.control.batterywatch import LASTING
+from mkdaemon.control.events import AbortAsked, EyeStats, FlightctrlReported, MotorsReported, PoseSeen, StateValue
+from mkdaemon.control.sight import FORGOTTEN
+from mkdaemon.telemetry.command import AbortRequest
+from mkdaemon.telemetry.control import Outcome, Phase
+from mkdaemon.telemetry.setpoint import HoldSetpoint, LandSetpoint, StickSetpoint, TakeOffSetpoint
+from tests.control.admission.situations import battery, eyes, heights
+from tests.control.events import PERIOD, Driver, pose
+
+SOON = ControlConfig(autopilot=AutopilotConfig(takeoff_ready=0.2, entry_clean=0.5))
+"""A configuration with which nobody waits for long."""
+
+
+class Story(Driver):
+    """A core, and images that show the aircraft at a height over the target, while it is in sight."""
+
+    def __init__(self, height=None):
+        super().__init__(SOON)
+        self.height = height
+        self.take()
+
+    def see(self, height, target="pad"):
+        """An image of now."""
+        seen = pose(self.now).model_copy(update={"position_flu": (0.0, 0.0, -height), "target": target})
+        self.tell(PoseSeen(seen))
+
+    def streams(self, kind, seconds, **fields):
+        """Setpoints of a kind at 50 Hz; returns the refusals."""
+        refusals = set()
+        for _ in range(round(seconds / PERIOD)):
+            self.sequence += 1
+            if self.height is not None and self.sequence % 2 == 0:
+                self.see(self.height)
+            refusal = self.offer(kind(epoch=self.epoch, sequence=self.sequence, ttl=0.3, **fields))
+            refusals.add(None if refusal is None else refusal.token)
+            self.run(PERIOD)
+        return refusals
+
+    def sticks_neutral(self, seconds):
+        return self.streams(StickSetpoint, seconds, pitch=0.0, roll=0.0, yaw=0.0, throttle=10.0)
+
+    def streams_low(self, seconds):
+        """Holds, and reports of a low battery ten times a second."""
+        for _ in range(round(seconds / (5 * PERIOD))):
+            self.tell(StateValue(battery(12.0, is_low=True)))
+            self.streams(HoldSetpoint, 5 * PERIOD)
+
+    def abort(self, reason="not here"):
+        return self.tell(AbortAsked(AbortRequest(reason=reason))).refusal
+
+    @property
+    def status(self):
+        return self.of(PublishStatus)[-1]
+
+    @property
+    def changes(self):
+        return [(mode.before.value, mode.after.value) for mode in self.of(ReportMode)]
+
+
+def test_one_that_takes_off_where_no_target_was_ever_seen_flies_by_the_first_two_images():
+    story = Story()
+    story.tell(MotorsReported(True))
+    story.streams(TakeOffSetpoint, 1.5, height=1.0)
+    assert (story.core.phase, story.status.stage) == (Phase.FLYING, "throttle rises")
+    assert not story.of(PublishEstimate), "nothing is known of it"
+    story.see(0.20)
+    story.streams(TakeOffSetpoint, PERIOD, height=1.0)
+    assert story.status.stage == "throttle rises", "one image is none"
+    story.see(0.21)
+    story.streams(TakeOffSetpoint, PERIOD, height=1.0)
+    assert (story.status.manoeuvre, story.status.stage) == ("takeoff", "climbs")
+    estimate = story.of(PublishEstimate)[-1].value
+    assert (estimate.target, estimate.position[2]) == ("pad", pytest.approx(0.21, abs=0.05))
+    story.see(0.25, target="other")
+    assert story.core._sight.target == "pad", "it is flown by"
+
+
+def holding(height=2.0):
+    story = Story(height)
+    story.see(height)
+    assert story.streams(HoldSetpoint, 2.2) == {None}
+    assert story.core.phase is Phase.FLYING
+    return story
+
+
+def test_a_low_battery_lands_once_and_who_aborts_that_landing_flies_on():
+    story = holding()
+    story.streams_low(LASTING + 0.3)
+    assert story.changes[-1] == ("flying", "landing")
+    assert story.status.manoeuvre == "land"
+    [failsafe] = story.of(ReportFailsafe)
+    assert (failsafe.action, failsafe.released) == ("land", None)
+    assert story.abort() is None
+    story.streams_low(LASTING + 0.5)
+    assert story.changes[-1] == ("landing", "aborted")
+    assert (story.status.manoeuvre, story.status.reason) == ("hold", "aborted: not here")
+    assert len(story.of(Warn)) == 1, "told once"
+    assert not story.releases
+
+
+def test_after_an_abort_the_place_is_held_whatever_is_streamed_until_the_lease_ends():
+    story = holding()
+    story.streams(LandSetpoint, 0.3)
+    assert story.status.manoeuvre == "land"
+    assert story.abort("a dog") is None
+    assert story.abort("a dog again") is None, "it holds already"
+    story.streams(LandSetpoint, 0.5)
+    assert (story.core.phase, story.status.manoeuvre) == (Phase.ABORTED, "hold")
+    assert story.status.reason == "aborted: a dog"
+    assert len({error.value.goal for error in story.of(PublishError)[-10:]}) == 1
+    story.run(story.core._cfg.lease.release_after + 0.1)
+    assert [release.reason[:21] for release in story.releases] == ["no setpoint from alic"]
+
+
+def test_with_nothing_flown_an_abort_is_refused_and_says_what_is_the_case():
+    story = Story()
+    refusal = story.abort()
+    assert refusal.token == "nothing_flown"
+    assert "alice holds the lease" in refusal.reason
+
+
+def test_one_whose_target_is_lost_is_released_with_how_it_ended():
+    story = holding()
+    story.height = None
+    story.streams(HoldSetpoint, SOON.autopilot.exit_after + 0.3)
+    [release] = story.releases
+    assert release.reason.startswith("no image of pad for 3.0")
+    assert story.status.outcome is Outcome.SIGHT_LOST
+    story.release_ends()
+    story.run(0.1)
+    assert [failsafe.released for failsafe in story.of(ReportFailsafe)] == [True]
+    story.take()
+    story.run(0.1)
+    assert story.status.outcome is None, "a new lease, a new flight"
+
+
+def test_from_sticks_to_a_place_only_what_may_begin_begins():
+    story = Story()
+    assert story.sticks_neutral(1.5) == {None}
+    assert story.core.phase is Phase.FLYING
+    assert story.streams(HoldSetpoint, 0.1) == {"no_estimate"}
+    story.height = 2.0
+    story.see(2.0)
+    assert story.streams(HoldSetpoint, 0.1) == {"not_ready"}, "images have not agreed for long enough"
+    assert story.sticks_neutral(0.8) == {None}
+    assert story.streams(HoldSetpoint, 0.1) == {None}
+    assert story.status.manoeuvre == "hold"
+    assert story.streams(LandSetpoint, 0.1) == {None}
+    assert story.sticks_neutral(0.1) == {None}
+    assert story.status.manoeuvre == "stick"
+    assert story.streams(TakeOffSetpoint, 0.1, height=1.0) == {"not_on_ground"}
+
+
+def test_clients_that_give_no_name_are_numbered():
+    drive = Driver()
+    names = [drive.request(holder="", force=True).holder for _ in range(3)]
+    assert names == ["anonymous-1", "anonymous-2", "anonymous-3"]
+
+
+@pytest.mark.parametrize(
+    ("kind", "changes"), [("nothing", True), ("hold, on the ground", True), ("stick", True), ("hold", False)]
+)
+def test_another_target_is_followed_after_five_seconds_unless_the_first_is_flown_by(kind, changes):
+    story = holding() if kind == "hold" else Story()
+    if kind == "stick":
+        story.sticks_neutral(1.5)
+    story.see(2.0)
+    story.height = None
+    if kind == "hold, on the ground":
+        story.streams(HoldSetpoint, 0.1)
+    assert (story.core.phase is Phase.FLYING) is (kind in {"stick", "hold"})
+    story.now += FORGOTTEN + 0.1
+    story.see(2.0, target="other")
+    assert story.core._sight.target == ("other" if changes else "pad")
+    words = [warning.text for warning in story.tick() if isinstance(warning, Warn) and "followed" in warning.text]
+    assert words == ["target other is followed now: pad was out of sight for too long"] * changes
+
+
+def test_while_the_navictrl_does_not_hear_its_flightctrl_nobody_flies():
+    drive = Driver()
+    drive.fly()
+    drive.tell(MotorsReported(True))
+    drive.tell(FlightctrlReported(is_lost=True))
+    assert drive.core.vehicle.is_fc_lost
+    assert drive.core.vehicle.motors_running(drive.now) is None, "what is shown of it is old"
+    drive.run(PERIOD)
+    [release] = drive.releases
+    assert release.reason.startswith("external control is not possible: the NaviCtrl does not hear its FlightCtrl")
+    drive.tell(FlightctrlReported(is_lost=False))
+    assert not drive.core.vehicle.is_fc_lost
+
+
+def test_what_a_camera_says_of_itself_is_known_and_warned_of():
+    drive = Driver()
+    wrong = eyes(selfcal=(heights(20.0, sd=4.0, covered=2.5, odds=4.2),))
+    drive.tell(EyeStats(wrong))
+    assert drive.core.vehicle.eyes == (wrong,)
+    [warning] = [action for action in drive.tick() if isinstance(action, Warn)]
+    assert "by the barometer" in warning.text

@@ -1,0 +1,126 @@
+"""The page in a real browser: true values of a known flight are read back from it, and its buttons are pressed."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+
+import cv2
+import numpy as np
+import pytest
+
+from lab.rigs.browsing import chromium, opened, program, said, wait_until
+from mkdaemon.client.samples import read_payload, typed_value
+from mkdaemon.record.entry import Kind
+from mkdaemon.record.reader import Recording
+from tests.places import DATA
+
+pytestmark = pytest.mark.browser
+FLIGHT = DATA / "recordings" / "fc_over_target.mcap"
+MKCTL, MKDAEMON = "mkdaemon.cli.mkctl.app", "mkdaemon.cli.mkdaemon.app"
+
+
+@pytest.fixture(scope="module")
+def browser():
+    with chromium() as found:
+        yield found
+
+
+def last_values():
+    """The last value of every key of the known flight."""
+    found = {}
+    for entry in Recording(FLIGHT).entries(lambda facts: facts.kind is Kind.SAMPLE):
+        found[entry.suffix] = typed_value(
+            entry.encoding.rpartition(";mk.")[2], read_payload(entry.encoding, entry.payload)
+        )
+    return found
+
+
+def colours(page) -> np.ndarray:
+    """The pixels of the scene (n, 3), red first."""
+    picture = cv2.imdecode(np.frombuffer(page.locator("#scene").screenshot(), np.uint8), cv2.IMREAD_COLOR)
+    return picture.reshape(-1, 3)[:, ::-1].astype(int)
+
+
+def numbers(text: str) -> list[float]:
+    return [float(one) for one in re.findall(r"[-+]?\d+\.?\d*", text)]
+
+
+def place_of(page) -> list[float]:
+    return numbers(said(page, "position"))[:3]
+
+
+def test_a_recorded_flight_is_shown_as_it_was(browser):
+    words = ("view", str(FLIGHT), "--no-browser", "--port", "0", "--json", "--paused")
+    with program(MKCTL, *words) as (address, _), opened(browser, address) as (page, wrong):
+        page.wait_for_selector("#play:visible")
+        assert page.locator("#kind").inner_text().lower() == "recording"
+        page.select_option("#speed", "4")
+        wait_until(page, lambda: page.locator("#speed").input_value() == "4", "the speed did not change")
+        page.click("#pause")
+        wait_until(page, lambda: "ended" in page.locator("#place").inner_text(), "it was not played to its end")
+        known = last_values()
+        estimate, battery, attitude = known["control/estimate"], known["state/battery"], known["state/attitude"]
+        assert place_of(page) == pytest.approx(estimate.position, abs=0.0051)
+        assert numbers(said(page, "attitude"))[:2] == pytest.approx(
+            [math.degrees(attitude.roll), math.degrees(attitude.pitch)], abs=0.051
+        )
+        assert numbers(said(page, "battery"))[0] == pytest.approx(battery.voltage, abs=0.051)
+        error = known["control/error"]
+        assert numbers(said(page, "error"))[0] == pytest.approx(100 * math.hypot(*error.error_pad[:2]), abs=0.51)
+        assert known["control/status"].hands in said(page, "hands")
+        assert said(page, "gps") == "not known"
+        assert page.locator("#events li").count() >= 4
+        assert page.locator("#abort").is_disabled() and page.locator("#release").is_disabled()
+        assert page.locator("[data-plot=height] [data-curve=seen]").inner_text() == f"seen {estimate.position[2]:.2f}"
+        front = np.abs(colours(page) - [210, 48, 44]).max(axis=1) < 60
+        assert front.sum() > 20, "the aircraft's nose is not in the scene"
+        assert wrong == []
+
+
+def test_buttons_command_the_aircraft_that_flies(browser, tmp_path):
+    words = ("demo", "--view", "--headless", "--fps", "10", "--wind", "none", "--picture", str(tmp_path / "a.svg"))
+    with program(MKDAEMON, *words) as (address, process), opened(browser, address) as (page, wrong):
+        wait_until(
+            page,
+            lambda: "over pad" in (said(page, "position") if page.locator("#lines tr").count() else ""),
+            "it never flew",
+        )
+        wait_until(page, lambda: place_of(page)[2] > 1.0, "it did not climb")
+        assert page.locator("#kind").inner_text().lower() == "live"
+        assert page.locator(".camera").get_attribute("data-outlines") != "0"
+        press(page, "abort", "No, go back")
+        assert said(page, "authority").startswith("demo flies")
+        press(page, "abort", "Abort now")
+        wait_until(page, lambda: page.locator("#verdict").inner_text().startswith("Aborted"), "abort did nothing")
+        held = place_of(page)
+        page.wait_for_timeout(1500)
+        assert math.dist(held, place_of(page)) < 0.5
+        press(page, "release", "Release now")
+        wait_until(page, lambda: page.locator("#answer").inner_text().startswith("release: released"), "no answer")
+        wait_until(page, lambda: said(page, "authority").startswith("nobody holds the lease"), "it was not released")
+        assert "mkctl view" in said(page, "authority")
+        assert wrong == []
+        output, _ = process.communicate(timeout=120)
+    assert process.returncode == 1 and "mkctl view" in output
+
+
+def press(page, button: str, answer: str) -> None:
+    """Press a button, and answer its question."""
+    page.click(f"#{button}:enabled")
+    page.wait_for_selector("#confirm[open]")
+    page.get_by_role("button", name=answer).click()
+    page.wait_for_selector("#confirm:not([open])", state="attached")
+
+
+def test_a_page_without_a_server_says_so(browser):
+    words = ("view", str(FLIGHT), "--no-browser", "--port", "0", "--json")
+    with program(MKCTL, *words) as (address, process), opened(browser, address) as (page, _):
+        page.wait_for_selector("#lines tr")
+        process.terminate()
+        wait_until(
+            page, lambda: "does not answer" in page.locator("#verdict").inner_text(), "the page did not notice the end"
+        )
+        assert page.locator("body.gone").count() == 1
+    assert json.dumps(process.returncode) == "0"

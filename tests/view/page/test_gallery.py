@@ -1,0 +1,95 @@
+"""Who is there, what is kept of each, and a recording that is paused from the page."""
+
+from __future__ import annotations
+
+import time
+from functools import partial
+
+import pytest
+
+from lab.rigs.waiting import wait_until
+from mkdaemon.bus.codec import encode, encoding_of
+from mkdaemon.client import Vehicle
+from mkdaemon.client.fleet import Fleet, Sighting
+from mkdaemon.client.player import Pace, Player, open_player_session
+from mkdaemon.client.playselection import Selection
+from mkdaemon.errors import CommandRejectedError, MkError
+from mkdaemon.record.entry import Kind
+from mkdaemon.record.reader import Recording
+from mkdaemon.telemetry.play import PlayAction, PlayState
+from mkdaemon.view.page.gallery import Gallery
+from tests.places import DATA
+from tests.view.page import flights
+
+STICKS = DATA / "recordings" / "fc_sticks.mcap"
+
+
+def samples():
+    return Recording(STICKS).entries(lambda facts: facts.kind is Kind.SAMPLE)
+
+
+async def test_vehicles_come_and_go_and_publish():
+    async with open_player_session(connect=(), listen=None, alone=True) as session:
+        gallery = Gallery(Fleet(Vehicle(session, "two", "here")), "two")
+        async with gallery.open():
+            assert gallery.choose("") is None
+            with session.liveliness().declare_token("mk/one/alive"):
+                with session.liveliness().declare_token("mk/two/alive"):
+                    await wait_until(lambda: set(gallery.pictures) == {"one", "two"})
+                    first = gallery.choose("")
+                    assert first is not None and first.name == "two"
+                    value = flights.attitude(1000.0)
+                    put = partial(
+                        session.put, "mk/two/state/attitude", encode(value), encoding=encoding_of(type(value))
+                    )
+
+                    def is_shown() -> bool:
+                        put()
+                        lines = first.show(time.monotonic())["lines"]
+                        return "roll +5.7°" in next(line["text"] for line in lines if line["id"] == "attitude")
+
+                    await wait_until(is_shown)
+                    with pytest.raises(MkError):
+                        await gallery.play("two", PlayAction.PAUSE, None)
+                await wait_until(lambda: not first.is_here)
+                remaining = gallery.choose("")
+                assert remaining is not None and remaining.name == "one"
+                with pytest.raises(MkError, match="no daemon speaks for two"):
+                    await gallery.release("two")
+
+
+async def test_a_recording_is_paused_and_takes_no_commands():
+    async with open_player_session(connect=(), listen=None, alone=True) as session:
+        selection = Selection.of(samples, None)
+        (name,) = selection.names
+        player = Player(session, selection, Pace(1.0, selection.first, time.monotonic()), "fc_sticks.mcap")
+        gallery = Gallery(Fleet(Vehicle(session, name, "here")), name)
+        with player.answering():
+            async with gallery.open():
+                word = f"replay/{name}"
+                await wait_until(lambda: word in gallery.pictures)
+                assert gallery.pictures[word].is_played
+                assert await gallery.play(word, PlayAction.PAUSE, None) == "paused, 1 times"
+                assert player.pace.is_paused
+                assert await gallery.play(word, PlayAction.PAUSE, None) == "paused, 1 times"
+                assert await gallery.play(word, PlayAction.SPEED, 4.0) == "paused, 4 times"
+                assert (await gallery.play(word, PlayAction.GO_ON, None)).endswith("4 times")
+                assert not player.pace.is_paused
+                assert (await gallery.play(word, PlayAction.STEP, None)).startswith(PlayState.PAUSED)
+                with pytest.raises(MkError, match="speed"):
+                    await gallery.play(word, PlayAction.SPEED, 1e9)
+                for button in (gallery.abort, gallery.release):
+                    with pytest.raises(MkError, match="takes no commands"):
+                        await button(word)
+
+
+async def test_a_player_is_seen_under_the_name_it_has():
+    async with open_player_session(connect=(), listen=None, alone=True) as session:
+        player = Player(session, selection := Selection.of(samples, "show"), Pace(1.0, selection.first, 0.0), "a.mcap")
+        fleet = Fleet(Vehicle(session, "show", "here"))
+        async with fleet.watch(lambda: None, lambda name, status: None):
+            with player.answering():
+                await wait_until(lambda: fleet.here == {Sighting("show", "mk", True)})
+                with pytest.raises(CommandRejectedError):
+                    await fleet.client(Sighting("show", "mk", True)).release("stop")
+            await wait_until(lambda: not fleet.here)

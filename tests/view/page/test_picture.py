@@ -1,0 +1,258 @@
+"""What is shown of a known flight: true values, their age, and what is not known."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from mkdaemon.frames import rotation_from_euler
+from mkdaemon.telemetry.control import Phase
+from mkdaemon.telemetry.link import LinkCondition
+from mkdaemon.telemetry.play import PlayState, PlayStatus
+from mkdaemon.telemetry.state import Position
+from mkdaemon.view.page.picture import Picture, Reader
+from tests.view.page import flights
+
+NOW = 50.0
+"""Our own clock when the daemon's shows 1000."""
+
+
+def picture_of(values, at: float = 1000.0) -> Picture:
+    picture = Picture("mk1")
+    for suffix, value in values:
+        picture.take(suffix, value, NOW + value.stamp.monotonic - at)
+    return picture
+
+
+def line(shown, word):
+    return next(one for one in shown["lines"] if one["id"] == word)
+
+
+def test_a_hovering_aircraft_is_shown_as_it_is():
+    shown = picture_of(flights.hovering(1000.0)).show(NOW)
+    assert shown["verdict"] == {"text": "Anna flies: position", "tone": "ok"}
+    said = {one["id"]: one["text"] for one in shown["lines"]}
+    assert said["position"] == "x +0.12  y -0.05  z 2.01 m over pad, ± 2.0 cm"
+    assert said["error"] == "5 cm level, +1 cm height"
+    assert said["battery"] == "14.8 V, 3.70 V a cell, 12.5 A, 430 mAh used"
+    assert said["attitude"] == "roll +5.7°  pitch -2.9°  heading 90°"
+    assert said["latency"] == "p50 20 ms, p99 44 ms, 2.0 % lost"
+    assert said["flight"] == "motors run, in the air or not: not known"
+    assert said["hands"] == "the pilot keeps his thumbs on centred sticks"
+    aircraft = shown["scene"]["aircraft"]
+    assert (aircraft["position"], aircraft["source"], aircraft["frame"]) == ([0.12, -0.05, 2.01], "estimate", "pad")
+    np.testing.assert_allclose(aircraft["rotation"], rotation_from_euler(0.1, -0.05, 0.5), atol=1e-4)
+    assert aircraft["spread"] == [[0.06, 0.0, 0.0], [0.0, 0.06, 0.0], [0.0, 0.0, 0.03]]
+    assert shown["scene"]["goal"] == [0.15, -0.09, 2.0]
+    assert shown["scene"]["fence"] == {"radius": 5.0, "height": 6.0, "floor": 0.3}
+    assert shown["can"] == {"release": True, "abort": True}
+    json.dumps(shown, allow_nan=False)
+
+
+def test_what_nobody_has_said_is_not_known():
+    shown = Picture("mk1").show(NOW)
+    assert {one["text"] for one in shown["lines"]} == {"not known"}
+    assert {one["tone"] for one in shown["lines"]} == {"unknown"}
+    assert shown["scene"] == {"aircraft": None, "goal": None, "fence": None}
+    assert shown["verdict"]["text"] == "Nothing fresh from the daemon"
+
+
+def test_values_grow_old_while_nothing_comes():
+    picture = picture_of(flights.hovering(1000.0))
+    shown = picture.show(NOW + 10.0)
+    assert line(shown, "attitude")["age"] == pytest.approx(10.0)
+    assert [one["id"] for one in shown["lines"] if not one["is_stale"] and one["text"] != "not known"] == ["link"]
+    assert shown["scene"]["aircraft"]["is_stale"] and shown["scene"]["aircraft"]["age"] == pytest.approx(10.0)
+    assert shown["scene"]["goal"] is None
+    assert shown["can"] == {"release": True, "abort": True}
+    assert shown["verdict"] == {"text": "Nothing fresh from the daemon", "tone": "bad"}
+
+
+def test_a_last_value_has_the_age_it_had_when_it_was_asked_for():
+    picture = Picture("mk1")
+    picture.take("state/attitude", flights.attitude(900.0), NOW, age=100.0)
+    assert line(picture.show(NOW), "attitude")["age"] == pytest.approx(100.0)
+    assert line(picture.show(NOW), "attitude")["is_stale"]
+
+
+def test_a_value_that_is_older_than_the_known_one_changes_nothing():
+    picture = picture_of([("state/attitude", flights.attitude(1000.0))])
+    picture.take("state/attitude", flights.attitude(999.0, roll=1.0), NOW)
+    assert line(picture.show(NOW), "attitude")["text"].startswith("roll +5.7°")
+
+
+@pytest.mark.parametrize(
+    ("phase", "words", "tone"),
+    [
+        (Phase.STALE, "Anna is silent: neutral sticks", "bad"),
+        (Phase.ABORTED, "Aborted: it holds or flies level", "warn"),
+        (Phase.LANDING, "Battery low: it lands by itself", "warn"),
+        (Phase.RELEASING, "Released: the pilot has it", "warn"),
+    ],
+)
+def test_every_phase_is_one_sentence(phase, words, tone):
+    picture = picture_of([("control/status", flights.status(1000.0, phase=phase))])
+    assert picture.show(NOW)["verdict"] == {"text": words, "tone": tone}
+
+
+def test_a_throttle_that_caps_ours_comes_before_everything_else():
+    values = flights.hovering(1000.0)
+    capped = flights.status(1000.0, pilots_throttle=-20.0, hands="must raise his throttle")
+    shown = picture_of([*values, ("control/status", capped)]).show(NOW)
+    assert shown["verdict"] == {"text": "The pilot must raise his throttle", "tone": "bad"}
+    assert line(shown, "hands")["tone"] == "bad"
+
+
+@pytest.mark.parametrize("condition", list(LinkCondition))
+def test_every_condition_of_the_link_has_words(condition):
+    free = flights.status(1000.0, phase=Phase.FREE, lease=None, manoeuvre=None)
+    picture = picture_of([("control/status", free), ("link/state", flights.link_state(1000.0, condition))])
+    shown = picture.show(NOW)
+    assert (shown["verdict"]["tone"] == "ok") is condition.is_usable
+    assert line(shown, "link")["tone"] == {True: "ok" if condition is LinkCondition.UP else "warn"}.get(
+        condition.hears_board, "bad"
+    )
+
+
+def test_a_daemon_that_is_gone_leaves_no_button():
+    picture = picture_of(flights.hovering(1000.0))
+    picture.is_here = False
+    shown = picture.show(NOW)
+    assert shown["verdict"] == {"text": "No daemon: nothing is known of now", "tone": "bad"}
+    assert shown["can"] == {"release": False, "abort": False}
+
+
+def test_on_the_ground_the_aircraft_is_where_a_camera_saw_it():
+    picture = picture_of([*flights.hovering(990.0), ("vision/down/pose", flights.pose(1000.0))])
+    aircraft = picture.show(NOW)["scene"]["aircraft"]
+    assert (aircraft["source"], aircraft["position"], aircraft["age"]) == ("pose", [0.0, 0.0, 2.0], 0.0)
+    assert sorted(np.linalg.norm(np.array(aircraft["spread"]), axis=0)) == pytest.approx([0.03, 0.03, 0.06])
+
+
+def test_without_a_target_it_is_where_the_receiver_says():
+    position = Position(
+        stamp=flights.stamp(1000.0),
+        source="nc",
+        latitude_deg=49.0,
+        longitude_deg=8.0,
+        altitude=100.0,
+        altitude_above_start=10.0,
+        position_enu=(3.0, 4.0, 10.0),
+        home_latitude_deg=49.0,
+        home_longitude_deg=8.0,
+        home_distance=5.0,
+    )
+    picture = picture_of([("state/attitude", flights.attitude(1000.0)), ("state/position", position)])
+    aircraft = picture.show(NOW)["scene"]["aircraft"]
+    assert (aircraft["source"], aircraft["frame"], aircraft["position"]) == ("gps", "home", [3.0, 4.0, 10.0])
+
+
+def test_the_frustum_of_a_camera_that_looks_down_lies_below_the_aircraft():
+    picture = picture_of([("vision/down/setup", flights.setup(1000.0)), ("vision/down/pose", flights.pose(1000.0))])
+    (camera,) = picture.show(NOW)["cameras"]
+    frustum = camera["frustum"]
+    assert frustum["apex"] == [0.0, 0.0, 2.0]
+    # 640 x 480 px at f = 400 px: 0.8 and 0.6 m to the sides for each metre; the top left looks forward and left.
+    np.testing.assert_allclose(frustum["ground"][0], [1.2, 1.6, 0.0], atol=5e-3)
+    np.testing.assert_allclose(frustum["image"][0], [0.36, 0.48, 1.4], atol=5e-3)
+    assert len(frustum["ground"]) % 4 == 0 and len(frustum["image"]) == 4
+
+
+def test_a_camera_without_calibration_has_no_frustum():
+    values = [("vision/down/setup", flights.setup(1000.0, lens=None)), ("vision/down/pose", flights.pose(1000.0))]
+    (camera,) = picture_of(values).show(NOW)["cameras"]
+    assert camera["frustum"] is None and camera["outlines"] == []
+
+
+def test_tags_are_outlined_in_the_image_in_which_they_were_found():
+    values = [
+        ("vision/down/setup", flights.setup(999.0)),
+        ("vision/down/tags", flights.tags(999.5, sequence=7)),
+        ("vision/down/pose", flights.pose(999.6, sequence=8)),
+        ("vision/down/image", flights.image(999.5, sequence=7)),
+    ]
+    picture = picture_of(values)
+    (camera,) = picture.show(NOW)["cameras"]
+    (outline,) = camera["outlines"]
+    assert (outline["id"], outline["how"], outline["corners"][0]) == (48, "decoded", (200.0, 100.0))
+    assert camera["image"] == {"sequence": 7, "age": pytest.approx(0.5)}
+    picture.take("vision/down/image", flights.image(999.6, sequence=8), NOW)
+    (camera,) = picture.show(NOW)["cameras"]
+    (outline,) = camera["outlines"]
+    assert (outline["id"], outline["how"]) == (None, "tracked")
+    # The print of 0.3 m at 2 m: 30 px to each side of the middle; x of the target is x of the image.
+    np.testing.assert_allclose(outline["corners"][0], [289.5, 209.5], atol=1e-3)
+
+
+def test_refusals_are_told_with_their_remedy():
+    reader = Reader(picture_of([("event/command", flights.refusal(1000.0))]))
+    (event,) = reader.read(NOW)["events"]
+    assert event["text"] == "setpoint/takeoff denied: no target is in sight."
+    assert (event["fix"], event["tone"]) == ("Put the print below the camera.", "bad")
+    assert reader.read(NOW)["events"] == []
+
+
+def test_a_page_is_sent_what_it_does_not_have_yet():
+    picture = picture_of(flights.hovering(1000.0))
+    reader = Reader(picture)
+    first = reader.read(NOW)
+    assert first["series"]["trail"] == [(1000.0, 0.12, -0.05, 2.01)]
+    assert first["series"]["sticks"] == [(1000.0, 10, -5, 0, 3, 30.0, -5.0, 0.0, 3.0, 1.0)]
+    assert first["series"]["error"] == [(1000.0, 5.0, 1.0)]
+    assert first["series"]["latency"] == [(1000.0, 21.0, 20.0, 44.0)]
+    assert first["shapes"]["tags"] == [{"id": 48, "corners": flights.SQUARE, "cells": ("##", "#.")}]
+    assert first["is_anew"]
+    second = reader.read(NOW)
+    assert second["series"] == {} and "shapes" not in second and not second["is_anew"]
+    picture.take("control/estimate", flights.estimate(1000.5, (0.2, 0.0, 2.0)), NOW + 0.5)
+    assert reader.read(NOW + 0.5)["series"] == {"trail": [(1000.5, 0.2, 0.0, 2.0)], "height": [(1000.5, 2.0)]}
+    assert Reader(picture).read(NOW + 0.5)["series"]["trail"] == [(1000.0, 0.12, -0.05, 2.01), (1000.5, 0.2, 0.0, 2.0)]
+
+
+def playing(place: float, state: PlayState = PlayState.PLAYING, speed: float = 1.0) -> PlayStatus:
+    return PlayStatus(file="a.mcap", state=state, speed=speed, place=place, length=60.0, sent=1, values=2)
+
+
+def test_ages_stand_still_while_a_recording_is_paused():
+    picture = picture_of(flights.hovering(1000.0))
+    picture.is_played = True
+    picture.take_play(playing(5.0, PlayState.PAUSED), NOW)
+    shown = picture.show(NOW + 100.0)
+    assert line(shown, "attitude")["age"] == pytest.approx(0.0)
+    assert shown["play"]["state"] == "paused"
+    assert shown["can"] == {"release": False, "abort": False}
+
+
+def test_ages_run_as_fast_as_a_recording_is_played():
+    picture = picture_of(flights.hovering(1000.0))
+    picture.take_play(playing(5.0, speed=4.0), NOW)
+    assert line(picture.show(NOW + 1.0), "attitude")["age"] == pytest.approx(4.0)
+
+
+def test_a_recording_that_begins_again_is_drawn_anew():
+    picture = picture_of(flights.hovering(1000.0))
+    reader = Reader(picture)
+    reader.read(NOW)
+    picture.take_play(playing(50.0), NOW)
+    picture.take_play(playing(0.0), NOW + 1.0)
+    picture.take("control/estimate", flights.estimate(960.0), NOW + 1.0)
+    shown = reader.read(NOW + 1.0)
+    assert shown["is_anew"] and shown["series"]["trail"] == [(960.0, 0.12, -0.05, 2.01)]
+    assert line(shown, "battery")["text"] == "not known"
+    assert line(shown, "position")["age"] == pytest.approx(0.0)
+
+
+def test_another_boot_of_the_machine_begins_anew():
+    picture = picture_of(flights.hovering(1000.0))
+    later = flights.attitude(3.0)
+    picture.take("state/attitude", later.model_copy(update={"stamp": flights.stamp(3.0, boot="b")}), NOW + 60.0)
+    shown = picture.show(NOW + 60.0)
+    assert line(shown, "attitude")["age"] == pytest.approx(0.0)
+    assert line(shown, "battery")["text"] == "not known"
+
+
+def test_what_is_known_not_to_fly_is_not_aborted():
+    free = flights.status(1000.0, phase=Phase.FREE, lease=None, manoeuvre=None)
+    assert picture_of([("control/status", free)]).show(NOW)["can"] == {"release": True, "abort": False}
