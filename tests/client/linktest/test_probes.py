@@ -94,6 +94,7 @@ def test_stick_frames_count_where_the_board_confirms_any(line):
         line.steer(number, at)
     line.ask(1, 1.0)
     assert line.trips(ProbeKind.CONTROL) == []
+    assert line.ledger.stick_frames == 3
     line.confirm(3, 1.01)  # late, and still no proof that it is lost in the air
     assert line.trips(ProbeKind.CONTROL) == []
     line.steer(4, 1.1)

@@ -19,7 +19,7 @@ def line(drawn):
 def test_level_flight_has_the_line_in_the_middle():
     drawn = horizon(0.0, 0.0, COLUMNS, ROWS)
     assert [len(row) for row in drawn] == [COLUMNS] * ROWS
-    assert drawn[4] == "-" * 13 + "--o--" + "-" * 13
+    assert drawn[4] == "-" * 13 + "==o==" + "-" * 13
     assert set("".join(drawn[:4])) == {" "}
     assert set("".join(drawn[5:])) == {":"}
 

@@ -43,7 +43,7 @@ def test_every_value_of_a_known_state_is_shown():
         "ann flies; the pilot holds hover",
         "FAILSAFE release: the client died",
         "WARNING heights contradict",
-        "--o--",
+        "==o==",
     ):
         assert words in text, words
     assert "STALE 0" not in text

@@ -60,7 +60,7 @@ async def linktest(
     Args:
         load: `light` is OSD twice a second; `full` OSD at 100 ms, debug at 200 ms, attitude at 50 ms.
         stream: A stream of your own choice in place of these, for example `osd=100ms`; may be given again.
-        control: Stick frames a second beside full or chosen load [Hz]: neutral, throttle at its lowest, under a lease.
+        control: Stick setpoints a second beside full or chosen load [Hz]: neutral, lowest throttle, under a lease.
         seconds: Length of each load [s].
         tests: Link tests a second beside the daemon's own (`link.echo_hz`) [Hz].
         label: Whose line: the radio, the cable, the place. The vehicle's name by default.

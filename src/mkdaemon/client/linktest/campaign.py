@@ -51,7 +51,8 @@ class Load:
     Attributes:
         name: `light`, `full` or `chosen`.
         streams: interval of each stream [s]; all others are off.
-        control_hz: stick frames a second [Hz]; 0 for none. They are neutral, at the lowest throttle.
+        control_hz: stick setpoints a second [Hz]; 0 for none. They are neutral, at the lowest throttle; the daemon
+            repeats them at its own rate where that is higher.
     """
 
     name: str
@@ -67,7 +68,7 @@ class LinkTestPlan:
         label: whose line, for tables and pictures.
         loads: names of loads, or one of chosen streams.
         streams: of the load `chosen` [s].
-        control_hz: stick frames a second under full or chosen load [Hz].
+        control_hz: stick setpoints a second under full or chosen load [Hz]; see `Load`.
         seconds: of each load [s].
         tests_hz: link tests beside the daemon's own [Hz].
         motors_off: somebody has looked: nothing has to say that the motors stand still.
@@ -314,12 +315,13 @@ async def _measure(
             if line.motors_run:
                 raise MkError("motors run: the measurement has ended, and sticks are the pilot's")
         ledger.end()
+        control_hz = round(ledger.stick_frames / max(ledger.elapsed, LOOKING), 1)
         await asyncio.sleep(TIMEOUT + 0.1)
         report(plan.seconds, ledger)
     return LoadRun(
         plan.label,
         load.name,
-        load.control_hz,
+        control_hz,
         tuple(ledger.probes()),
         line_share=line.share,
         damaged=line.damaged,

@@ -21,7 +21,7 @@ class LoadRun:
     Attributes:
         label: whose line: name of the radio, the cable, the place.
         load: `light`, `full`, `chosen`.
-        control_hz: stick frames a second [Hz]; 0 for none.
+        control_hz: stick frames a second that left [Hz]; 0 for none.
         probes: every probe whose fate is known, in the order in which they were sent.
         line_share: largest share of the line that was used in either direction, over a second [0..1]; None where it is
             not known.

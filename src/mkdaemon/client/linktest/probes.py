@@ -20,14 +20,15 @@ TIMEOUT: Final = 0.25
 RADIO_TRIP: Final = 0.025
 """A shorter median round trip is a wire's [s]; a radio's shortest way there and back takes 26 ms."""
 PATTERNS: Final = (
-    "tx/nc/echo_request",
     "rx/nc/echo",
-    "tx/fc/version_request",
     "rx/fc/version",
-    "tx/*/extern_control",
     "rx/*/control_confirm",
+    "tx/nc/echo_request",
+    "tx/fc/version_request",
+    "tx/*/extern_control",
 )
-"""Keys of the frames that are followed."""
+"""Keys of the frames that are followed; they are subscribed one after the other, answers first: a question whose answer
+came before anybody listened would seem lost."""
 
 
 class ProbeKind(StrEnum):
@@ -68,11 +69,12 @@ class Ledger:
 
     Attributes:
         late: answers that came after the time-out.
+        stick_frames: sent, whether the board confirms any or not.
     """
 
     def __init__(self) -> None:
         """Begin; times are counted from the first frame that is seen."""
-        self.late = 0
+        self.late = self.stick_frames = 0
         self._began: float | None = None
         self._latest = 0.0
         self._is_open = True
@@ -155,6 +157,7 @@ class Ledger:
     def _sent(self, kind: ProbeKind, token: Hashable, now: float) -> None:
         if not self._is_open:
             return
+        self.stick_frames += kind is ProbeKind.CONTROL
         probe = _Open(kind, now)
         self._all.append(probe)
         self._waiting[kind, token] = probe

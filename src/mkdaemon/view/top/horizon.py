@@ -24,7 +24,7 @@ def horizon(roll: float, pitch: float, columns: int, rows: int) -> list[str]:
         rows: height, odd.
 
     Returns:
-        Rows from the top; `--o--` in the middle is the aircraft.
+        Rows from the top; `==o==` in the middle is the aircraft.
     """
     edge = "-" if abs(math.remainder(roll, math.pi)) < FLAT else "/" if math.tan(roll) > 0 else "\\"
     found = []
@@ -37,5 +37,5 @@ def horizon(roll: float, pitch: float, columns: int, rows: int) -> list[str]:
             letters.append(edge if abs(over) <= 0.5 else SKY if over > 0 else GROUND)
         found.append("".join(letters))
     middle, place = rows // 2, columns // 2 - 2
-    found[middle] = f"{found[middle][:place]}--o--{found[middle][place + 5 :]}"
+    found[middle] = f"{found[middle][:place]}==o=={found[middle][place + 5 :]}"
     return found
