@@ -168,7 +168,9 @@ def test_motion_is_remembered_by_its_size_with_both_filters_for_four_seconds(fre
     found = swung(size, gain=gain, frequencies=frequencies)
     for k, model in enumerate((MODEL, MODEL.with_other_filter())):
         swings = [size * abs(believed(model, frequency)) for frequency in frequencies]
-        assert found._squares[k, AS_BELIEVED] == pytest.approx(MEMORY * sum(swing**2 / 2.0 for swing in swings), rel=0.08)
+        assert found._squares[k, AS_BELIEVED] == pytest.approx(
+            MEMORY * sum(swing**2 / 2.0 for swing in swings), rel=0.08
+        )
     assert found._products[0, AS_BELIEVED] == pytest.approx(gain * found._squares[0, AS_BELIEVED], rel=0.02)
     assert found._reported == pytest.approx(gain**2 * found._squares[0, AS_BELIEVED], rel=0.02)
     assert found.measured == pytest.approx(gain, rel=0.02)
@@ -217,8 +219,8 @@ def test_a_stick_acts_from_its_moment_and_what_it_does_is_what_the_model_says():
     found = StickResponse(MODEL, 0.0)
     found.sent(0.1, np.array([0.1, -0.2]))
     found.attitude_received(0.505, np.zeros(2))
-    at, (with_filter, without) = found._expected[-1]
-    assert at == pytest.approx(0.5)
+    with_filter, without = found._expected[-1]
+    assert found._time == pytest.approx(0.5)
     assert with_filter == pytest.approx([held_for(0.4), -2.0 * held_for(0.4)], rel=0.01)
     assert without[0] > with_filter[0] + 0.005
 
@@ -233,11 +235,22 @@ def test_of_a_long_silence_one_second_is_computed():
     assert found._expected[-1][0][0] == pytest.approx(held_for(1.9), rel=0.01)
 
 
-def test_responses_are_kept_for_as_long_as_an_attitude_may_come_late():
+@pytest.mark.parametrize(("after", "is_compared"), [(0.028, False), (0.032, True), (0.3, True), (0.35, False)])
+def test_a_report_is_compared_with_all_delays_once_the_sticks_are_known_and_while_it_may_be_late(after, is_compared):
+    """The line may be 30 ms faster than it is believed to be, and 60 ms slower: as late are the hypotheses."""
+    at = 0.404
     found = StickResponse(MODEL, 0.0)
-    for k in range(1, 101):
-        found.attitude_received(0.02 * k, np.zeros(2))
-    assert found._expected[0][0] == pytest.approx(2.0 - 0.3, abs=0.015)
+    found.sent(0.0, np.array([0.1, -0.2]))
+    found.attitude_received(at, np.array([0.03, -0.04]))
+    assert found._slow is None
+    found.attitude_received(at + after, np.zeros(2))
+    assert (found._slow is not None) is is_compared
+    if is_compared:
+        for k, lag in enumerate(np.linspace(-0.03, 0.06, 10)):
+            tilt, near = held_for(at - lag), 0.002 if k else 0.01  # of the earliest, the last step may not be over
+            assert found._slow[k] == pytest.approx([tilt, -2.0 * tilt], rel=near)
+        assert found._slow[-1] == pytest.approx([0.03, -0.04])
+        assert len(found._slow) == 2 * 10 + 1
 
 
 @pytest.mark.parametrize("lag", [-0.02, 0.0, 0.02, 0.03])

@@ -200,14 +200,15 @@ LIMITS = ReferenceLimits(speed=1.2, acceleration=1.0)
 @pytest.mark.parametrize(
     ("distance", "speed"),
     [
-        # What half the acceleration still brakes: the root of the distance, linear below 0.12 m and one step's braking.
+        # What 0.65 of the acceleration still brakes: the square of the speed is 1.3 times the distance; linear below
+        # 0.12 m and one step's braking, 0.133 m. The largest speed, 1.2 m/s, takes 1.108 m.
         (0.0, 0.0),
-        (0.05, 0.05 / math.sqrt(0.13)),
-        (0.125, 0.125 / math.sqrt(0.13)),
-        (0.135, math.sqrt(0.135)),
-        (0.5, math.sqrt(0.5)),
-        (1.43, math.sqrt(1.43)),
-        (1.45, 1.2),
+        (0.05, 0.05 * math.sqrt(1.3 / 0.133)),
+        (0.131, 0.131 * math.sqrt(1.3 / 0.133)),
+        (0.135, math.sqrt(1.3 * 0.135)),
+        (0.5, math.sqrt(1.3 * 0.5)),
+        (1.10, math.sqrt(1.3 * 1.10)),
+        (1.115, 1.2),
         (9.0, 1.2),
     ],
 )
