@@ -9,7 +9,7 @@ import pytest
 from lab.control.corerig import CoreRig, stamp
 from lab.control.flights import Flight
 from mkdaemon.control.actions import PublishStatus, SendSticks, Warn
-from mkdaemon.control.answers import SURE, AnswerWatch
+from mkdaemon.control.answers import FORGIVEN, AnswerWatch
 from mkdaemon.control.estimator.model import AircraftModel
 from mkdaemon.control.events import AbortAsked, StateValue
 from mkdaemon.telemetry.command import AbortRequest
@@ -86,7 +86,7 @@ def silent():
 def test_a_shut_gate_is_noticed_told_and_nothing_winds_up(silent):
     assert silent.record.lost == ""
     noticed = silent.phases()[Phase.UNANSWERED]
-    assert SHUT < noticed < SHUT + 2.2
+    assert SHUT < noticed < SHUT + 2.5
     # Once it is noticed sticks are level until the gate is opened, and the flight begins anew with small ones.
     assert silent.sticks(noticed + 0.3, noticed + 1.0) == 0
     warnings = [action.text for _, action in silent.actions if isinstance(action, Warn)]
@@ -128,15 +128,25 @@ def test_an_aborted_flight_stays_aborted_over_a_shut_gate():
 def test_a_tilt_that_follows_the_sticks_is_an_answer_with_half_or_twice_the_models_gain():
     for share in (0.5, 1.0, 2.0):
         watch = follow(lambda asked, share=share: share * asked)
-        assert watch.evidence == -SURE
+        assert watch.evidence == -FORGIVEN
         assert watch.is_sure
 
 
 def test_sticks_that_tilt_nothing_are_unanswered():
-    watch = follow(lambda asked: 0.0)
+    watch = follow(lambda asked: 0.1)
     assert watch.is_missing
     watch.forget()
     assert not watch.is_missing
+
+
+def test_under_level_sticks_an_aircraft_that_is_level_answers_again_and_one_that_leans_does_not():
+    for lean, is_missing in ((0.0, False), (0.1, True)):
+        watch = follow(lambda asked: 0.1)
+        for k in range(100):
+            now = 3.0 + 0.02 * k
+            watch.sent(0.0, 0.0, now)
+            watch.attitude_received(now, lean, 0.0, says_something=True)
+        assert watch.is_missing is is_missing
 
 
 def test_without_meaning_or_with_sparse_attitudes_nothing_is_found():

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from mkdaemon.config.autopilot import AutopilotConfig
-from mkdaemon.control.estimator.model import AircraftModel, D, T
+from mkdaemon.control.estimator.model import NO_FILTER, AircraftModel, D, T
 from mkdaemon.control.estimator.values import GAS_CENTRE, OURS, TargetView, ViewFault
 from mkdaemon.control.limiter import StickCounts
 from mkdaemon.control.sight import (
@@ -214,7 +214,7 @@ def test_an_attitude_is_of_before_it_arrived_and_a_flightctrls_angles_are_larger
     heard = []
     sight.estimator.attitude_received = lambda *told: heard.append(told)
     sight.attitude_received(told(10.5, pitch=0.1, roll=-0.2, scale=scale))
-    assert heard == [pytest.approx((10.5 - 0.024, 0.1 / shown_as, -0.2 / shown_as, 0.4))]
+    assert heard == [pytest.approx((10.5 - sight.model.attitude_age, 0.1 / shown_as, -0.2 / shown_as, 0.4))]
     assert sight.attitude.yaw == 0.4
 
 
@@ -284,7 +284,7 @@ def test_what_is_told_of_an_estimate_is_the_estimators(sight):
     estimator.innovation, estimator.is_nominal, estimator.model = 2.5, True, AircraftModel().with_other_filter()
     shown = sight.estimate(10.1)
     assert (shown.innovation, shown.is_nominal) == (2.5, True)
-    assert (shown.stick_gain, shown.stick_filter) == (1.0, 0.004)
+    assert (shown.stick_gain, shown.stick_filter) == (1.0, NO_FILTER)
     assert shown.contradicting == sight.contradicting == ()
 
 
