@@ -3,6 +3,8 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+import pytest
+
 from mkdaemon.bus.keys import KEYS
 from mkdaemon.cli.program import run
 from mkdaemon.protocol.sources import Source
@@ -12,6 +14,11 @@ from tools.coverage_table import coverage, shown_releases
 from tools.docs import GENERATED, app, make_page, stale_pages
 
 PARTS = ("src", "lab", "tools", "tests")
+HOW_TO = (
+    *("quickstart", "first-flight", "troubles", "flying", "hardware", "teleop", "cameras", "settings", "waypoints"),
+    *("recording", "replay", "security", "operations", "simulator"),
+)
+"""Pages that tell how something is done."""
 
 
 def test_generated_pages_are_up_to_date():
@@ -27,6 +34,20 @@ def test_pages_are_written_and_then_agree(capsys, tmp_path):
     page = tmp_path / "docs" / "protocol.md"
     page.write_text(page.read_text(encoding="utf-8") + "edited", encoding="utf-8")
     assert stale_pages(tmp_path) == ["docs/protocol.md"]
+
+
+@pytest.mark.parametrize("page", HOW_TO)
+def test_a_how_to_page_shows_a_picture_with_words_for_it(page):
+    text = (ROOT / "docs" / f"{page}.md").read_text(encoding="utf-8")
+    shown = re.findall(r"^!\[(.+)\]\((figures/[^)]+)\)$", text, re.MULTILINE)
+    assert shown
+    assert all((ROOT / "docs" / picture).stat().st_size > 0 for _, picture in shown)
+
+
+def test_every_drawn_picture_is_shown_on_a_page():
+    pages = "".join(page.read_text(encoding="utf-8") for page in (ROOT / "docs").glob("*.md"))
+    drawn = [name.removeprefix("docs/") for name in GENERATED if name.endswith(".svg")]
+    assert [name for name in drawn if f"({name})" not in pages] == []
 
 
 def test_a_tree_without_docs_is_refused(capsys, tmp_path):
