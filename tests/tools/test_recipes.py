@@ -101,7 +101,7 @@ def tree(tmp_path_factory):
     for name in COPIED:
         source = ROOT / name
         if source.is_dir():
-            ignored = shutil.ignore_patterns("__pycache__", "*.mcap", "*.png", "*.jpg")
+            ignored = shutil.ignore_patterns("__pycache__", "*.png", "*.jpg")
             shutil.copytree(source, tree / name, ignore=ignored)
         elif source.is_file():
             shutil.copy(source, tree / name)
