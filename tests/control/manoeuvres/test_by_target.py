@@ -153,9 +153,10 @@ def test_reference_goes_no_faster_than_configured(settled):
         ahead = goto(aircraft, (4.5, 0.0, 6.0))
         aircraft.fly(ahead, 3.0)
         x, y, z = where_it_rests(aircraft, ahead)
-        # Up to speed with constant acceleration, the rest at speed, and half a second more in which it comes to rest.
+        # Up to speed with constant acceleration, the rest at speed, a third of a second more until it comes to rest.
         gone = [
-            v * (3.0 - v / a / 2.0) + 0.5 * v for v, a in ((cfg.max_speed, cfg.max_acceleration), (cfg.max_climb, 0.8))
+            v * (3.0 - v / a / 2.0) + 0.335 * v
+            for v, a in ((cfg.max_speed, cfg.max_acceleration), (cfg.max_climb, 0.8))
         ]
         assert (x, y) == pytest.approx((gone[0], 0.0), abs=0.12)
         assert z - 2.0 == pytest.approx(gone[1], abs=0.08)

@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import pytest
 
+from lab.rigs.browsing import chromium
 from mkdaemon.view.report.make import make_page
-from tests.view.page.browsing import chromium
 from tests.view.report.known import write_known
 from tests.view.report.test_page import HOSTILE
 

@@ -30,9 +30,10 @@ def camera(now: Situation) -> Verdict:
     unfit = [f"{stats.camera}: {why}" for stats in now.eyes if (why := _unfit(stats, now.now))]
     if len(unfit) < len(now.eyes):
         return passed(f"{len(now.eyes) - len(unfit)} of {len(now.eyes)} see, calibrated")
-    is_opening = any(stats.state is EyeState.OPENING for stats in now.eyes)
-    token = Token.CAMERA_OPENING if is_opening else Token.CAMERA_UNFIT
-    return stands(refuse(token, detail="; ".join(unfit)))
+    detail = "; ".join(unfit)
+    if any(stats.state is EyeState.OPENING for stats in now.eyes):
+        return stands(refuse(Token.CAMERA_OPENING, detail=detail))
+    return stands(refuse(Token.CAMERA_UNFIT, detail=detail))
 
 
 def _unfit(stats: VisionStats, now: float) -> str:

@@ -36,6 +36,10 @@ ALONG: Final = 25
 """Places along a side where its edge is measured."""
 SKIPPED: Final = 0.06
 """Part of a side beside each corner that is left out [1]: two edges meet there."""
+EDGE_SHARE: Final = 0.4
+"""Of the usual step from black to white, below which a place of a side shows no edge."""
+EDGE_GREY: Final = 10.0
+"""Nor does a smaller step [grey]."""
 SCALE_PERCENT: Final = 1.0
 """A size that is off by more is wrong [%]; a printer that fits to the page is off by 3 to 6."""
 BOW_PERCENT: Final = 0.4
@@ -221,7 +225,7 @@ def _edge(image: npt.NDArray[np.float32], start: Array, end: Array, reach: float
     rise = profile[:, -3:].mean(axis=1) - profile[:, :3].mean(axis=1)
     weight = np.maximum(slope * np.sign(np.median(rise)), 0.0) ** 2
     total = weight.sum(axis=1)
-    good = (np.abs(rise) > 0.4 * np.median(np.abs(rise))) & (total > 0.0) & (np.abs(rise) > 10.0)
+    good = (np.abs(rise) > EDGE_SHARE * np.median(np.abs(rise))) & (total > 0.0) & (np.abs(rise) > EDGE_GREY)
     if good.sum() < ALONG // 2:
         return None
     weight = weight[good] / total[good, None]
@@ -292,7 +296,9 @@ def _relative(target: Target, measured: Sequence[_Measured]) -> PrintFinding:
         loose = 100 * math.hypot(_corner_sd(one) / one.side, _corner_sd(base) / base.side)
         percent = 100 * (size / one.tag.size - 1.0)
         limit = max(SCALE_PERCENT, 3 * loose)
-        is_off = 100 * off / base.tag.size > max(SCALE_PERCENT, 3 * 100 * _corner_sd(base) / base.side)
+        displaced = 100 * off / base.tag.size
+        allowed = max(SCALE_PERCENT, 300 * _corner_sd(base) / base.side)
+        is_off = displaced > allowed
         if abs(percent) > limit or is_off:
             state = PrintState.BAD
         worst.append(
@@ -448,7 +454,8 @@ def _rim(pixels: Grey, one: _Measured) -> tuple[float, float, float] | None:
     inside = _ring(half - 0.5 * tag.module, ahead)
     light, dark = _sample(pixels, rim), _sample(pixels, inside)
     white, black = float(np.percentile(light, 75)), float(np.percentile(dark, 25))
-    return black, white, float((light > 0.5 * (white + black)).mean())
+    middle = 0.5 * (white + black)
+    return black, white, float((light > middle).mean())
 
 
 def _ring(half: float, ahead: Array) -> Array:
