@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import asyncio
 import io
+import os
 import tempfile
 from collections.abc import Iterator
-from contextlib import chdir, contextmanager, redirect_stdout
+from contextlib import chdir, contextmanager, redirect_stderr, redirect_stdout
 from pathlib import Path
 from typing import Any, Final
+from unittest.mock import patch
 
 from rich.text import Span, Text
 
@@ -91,7 +93,8 @@ def _typed(command: str) -> Iterator[list[Text]]:
     """What was typed, and then what is printed meanwhile; filled in at the end."""
     lines = [Text(f"$ {command}", spans=[Span(0, len(command) + 2, "bold")])]
     printed = io.StringIO()
-    with redirect_stdout(printed):
+    with patch.dict(os.environ), redirect_stdout(printed), redirect_stderr(io.StringIO()):
+        os.environ.pop("FORCE_COLOR", None)  # rich would take the text for a terminal's
         yield lines
     lines += [Text(line.rstrip()) for line in printed.getvalue().splitlines()]
 
