@@ -101,6 +101,7 @@ async def test_settings_are_saved_changed_compared_and_restored(tmp_path):
 
 
 @pytest.mark.flight
+@pytest.mark.alone
 @pytest.mark.real_time(tolerance=0.1)
 async def test_a_square_a_controller_of_ones_own_and_a_landing_are_flown_over_a_target():
     async with hovering(Setting(fps=10.0)) as hover:
