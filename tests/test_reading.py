@@ -6,7 +6,6 @@ import io
 import json
 import os
 import struct
-import time
 import tomllib
 import zlib
 
@@ -42,6 +41,7 @@ from mkdaemon.vision.camera.files import list_pictures
 from mkdaemon.vision.camera.imagecodec import decode_picture, picture_size, read_picture
 from mkdaemon.vision.camera.shot import PictureError
 from mkdaemon.vision.tags.tagmap import load as load_targets
+from tests.effort import calls_of
 
 DIGITS = "7" * 5000
 CONTENTS = {
@@ -114,14 +114,12 @@ READERS = {
 
 def read(name, path):
     """What a reader made of a file: it may only fail as ours, or as the system does."""
-    began = time.monotonic()
     try:
         READERS[name](path)
     except (MkError, VisionError):
         pass
     except OSError as error:
         assert error.strerror
-    assert time.monotonic() - began < 10.0
 
 
 @pytest.mark.parametrize("name", READERS)
@@ -173,21 +171,18 @@ def test_a_command_that_takes_a_file_ends_with_a_short_word(tmp_path, capfd, com
     else:
         os.mkfifo(path) if kind == "fifo" else path.mkdir()
     words = [word.replace("FILE", str(path)).replace("OUT", str(tmp_path / "out")) for word in arguments]
-    began = time.monotonic()
     code = run({"mkdaemon": mkdaemon, "mkctl": mkctl}[program], words)
     told = capfd.readouterr().err
     assert code in {0, 1, 2}
     assert "Traceback" not in told
     assert len(told) < 3000
-    assert time.monotonic() - began < 10.0
 
 
-def test_a_huge_picture_is_refused_by_its_header():
-    began = time.monotonic()
+def test_a_huge_picture_is_refused_by_its_header(monkeypatch):
+    assert decode_picture(png(32, 1)).shape == (1, 32)
+    monkeypatch.setattr(cv2, "imdecode", lambda *_: pytest.fail("decoded"))
     with pytest.raises(PictureError, match="no picture that can be read"):
         decode_picture(png(32_000, 32_000))
-    assert time.monotonic() - began < 0.1
-    assert decode_picture(png(32, 1)).shape == (1, 32)
 
 
 @pytest.mark.parametrize("suffix", [".png", ".jpg", ".bmp", ".pgm", ".webp", ".tif"])
@@ -229,10 +224,12 @@ def test_nesting_has_a_limit(parse, error, opening, closing):
 @pytest.mark.parametrize("part", ["a", '"a b"', "'a'"])
 def test_a_dotted_key_nests_as_deep_as_it_has_parts(text, part):
     assert parse_toml(text.format(" . ".join([part] * 20)))
-    began = time.process_time()
-    with pytest.raises(tomllib.TOMLDecodeError, match="nests deeper"):
-        parse_toml(text.format(".".join([part] * 50_000)))
-    assert time.process_time() - began < 1.0
+
+    def read() -> None:
+        with pytest.raises(tomllib.TOMLDecodeError, match="nests deeper"):
+            parse_toml(text.format(".".join([part] * 50_000)))
+
+    assert calls_of(read) < 1000
 
 
 def test_dots_in_numbers_and_texts_make_no_key():
@@ -264,10 +261,12 @@ def test_a_file_may_not_be_longer_than_allowed(tmp_path):
 def test_a_file_of_settings_has_a_length_of_its_own(tmp_path, read):
     path = tmp_path / "long.toml"
     path.write_text("".join(f"k{number} = 1\n" for number in range(100_000)))
-    began = time.process_time()
-    with pytest.raises(ConfigError, match=r"larger than 0.5 MB"):
-        read(path)
-    assert time.process_time() - began < 0.1
+
+    def refused() -> None:
+        with pytest.raises(ConfigError, match=r"larger than 0.5 MB"):
+            read(path)
+
+    assert calls_of(refused) < 1000
 
 
 @pytest.mark.parametrize(
@@ -282,22 +281,26 @@ def test_a_file_of_settings_has_a_length_of_its_own(tmp_path, read):
     ],
     ids=["csv", "gpx", "kml points", "kml path", "plan", "wpl"],
 )
-def test_a_mission_of_too_many_points_is_refused_before_they_are_read(tmp_path, suffix, head, point, tail):
+def test_a_mission_of_too_many_points_is_refused_for_no_more_than_its_length(tmp_path, suffix, head, point, tail):
     path = tmp_path / f"long{suffix}"
-    path.write_text(head + point * 30_000 + tail)
-    began = time.process_time()
-    with pytest.raises(ConfigError, match="more than 2000 points"):
-        read_mission(path)
-    assert time.process_time() - began < 1.0
+
+    def refused() -> None:
+        with pytest.raises(ConfigError, match="more than 2000 points"):
+            read_mission(path)
+
+    calls = []
+    for points in (2500, 25_000):
+        path.write_text(head + point * points + tail)
+        calls.append(calls_of(refused))
+    assert calls[1] < 11 * calls[0] < 11 * 200_000
 
 
 def test_a_board_of_hundreds_of_tags_is_read_soon(tmp_path):
     path = tmp_path / "board.toml"
     board = "family = 'tag36h11'\nfirst_id = 0\ncolumns = 24\nrows = 24\nsize = 0.1\nspacing = 0.05\n"
     path.write_text(f"[[targets]]\nname = 'board'\n[targets.board]\n{board}")
-    began = time.process_time()
     assert len(load_targets([path]).targets[0].tags) == 576
-    assert time.process_time() - began < 1.0
+    assert calls_of(lambda: load_targets([path])) < 1000 * 576
 
 
 @pytest.mark.parametrize("encoding", ["utf-7", "idna", "zlib_codec", "utf-16", "latin-1", "nothing", ""])
@@ -315,18 +318,22 @@ def test_what_a_document_says_of_its_encoding_counts_for_nothing(tmp_path, encod
 def test_text_in_very_many_pieces_takes_no_longer(tmp_path):
     path = tmp_path / "route.gpx"
     path.write_text(f"<gpx><rte><name>{'a<!---->' * 400_000}</name></rte></gpx>", encoding="utf-8")
-    began = time.process_time()
-    with pytest.raises(ConfigError, match="neither a route"):
-        read_mission(path)
-    assert time.process_time() - began < 2.0
+
+    def refused() -> None:
+        with pytest.raises(ConfigError, match="neither a route"):
+            read_mission(path)
+
+    assert calls_of(refused) < 5000
 
 
 @pytest.mark.parametrize("blank", [b"\r", b"\n", b" ", b"\xef\xbb\xbf"])
 def test_a_capture_of_blanks_is_read_soon(blank):
-    began = time.process_time()
-    raw = b"".join(chunk.raw for chunk in read_chunks(io.BytesIO(blank * 500_000 + b"#"), "blanks"))
-    assert raw == blank * 500_000 + b"#"
-    assert time.process_time() - began < 1.0
+    content = blank * 500_000 + b"#"
+    raw: list[bytes] = []
+    assert calls_of(lambda: raw.extend(chunk.raw for chunk in read_chunks(io.BytesIO(content), "blanks"))) < len(
+        content
+    )
+    assert b"".join(raw) == content
 
 
 def test_a_line_of_beginnings_of_frames_is_few_losses():
@@ -342,11 +349,13 @@ def test_holes_of_a_recording_are_stepped_over(tmp_path):
     with path.open("wb") as file:
         file.write(b"\x89MCAP0\r\n")
         file.truncate(1 << 40)
-    began = time.process_time()
-    recording = Recording(path)
-    assert list(recording.entries()) == []
-    assert [one.length for one in recording.report.damages] == [(1 << 40) - 8]
-    assert time.process_time() - began < 1.0
+
+    def stepped_over() -> None:
+        recording = Recording(path)
+        assert list(recording.entries()) == []
+        assert [one.length for one in recording.report.damages] == [(1 << 40) - 8]
+
+    assert calls_of(stepped_over) < 1000
 
 
 @pytest.mark.parametrize("codes", ["0-99999999999", "1" * 5000, "\u00b2", "0-\u0663", "3-"])
