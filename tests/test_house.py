@@ -6,6 +6,7 @@ import ast
 import re
 import subprocess
 import tomllib
+from functools import cache
 from importlib import metadata
 
 import pytest
@@ -17,6 +18,14 @@ from tools.shape import PRODUCT, count_lines, find_circles, find_long_files, fin
 
 PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md")])
 SOURCES = sorted((ROOT / "src").rglob("*.py"))
+
+
+@cache
+def tree_of(source):
+    """The syntax tree of a file."""
+    return ast.parse(source.read_text(encoding="utf-8"))
+
+
 FIRMWARE_WORDS = re.compile(r"\b(nick|gier|gas_?stick|hoehe|luftdruck|drehzahl)\b", re.IGNORECASE)
 
 
@@ -104,7 +113,7 @@ PUBLISHED = {"heard_age"}
 
 def names_in(source):
     """Every name a file gives to a class, function, argument, variable or attribute."""
-    for node in ast.walk(ast.parse(source.read_text(encoding="utf-8"))):
+    for node in ast.walk(tree_of(source)):
         if isinstance(node, ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
             yield node.name
         elif isinstance(node, ast.arg):
@@ -165,7 +174,7 @@ def test_public_functions_say_what_they_raise():
 
 def _silent_in(source):
     """Public functions of a file, each with an exception that it raises and does not name."""
-    for function in ast.parse(source.read_text(encoding="utf-8")).body:
+    for function in tree_of(source).body:
         if not isinstance(function, ast.FunctionDef | ast.AsyncFunctionDef) or function.name.startswith("_"):
             continue
         words = ast.get_docstring(function) or ""

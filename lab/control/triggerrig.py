@@ -23,8 +23,6 @@ from mkdaemon.telemetry.setpoint import Setpoint, StickSetpoint
 from mkdaemon.telemetry.signature import sign
 from mkdaemon.telemetry.vision import VisionPose
 
-TICK: Final = 0.001
-"""How often bytes are carried [s]."""
 LOOK: Final = 0.004
 """Between two looks whether something has happened [s]."""
 STREAM: Final = 0.02

@@ -16,7 +16,7 @@ from multiprocessing import get_context
 from typing import Any, Final
 
 from lab.control.batterystories import battery_lands, battery_released
-from lab.control.triggerrig import CLIENT, TICK, Client, Scene
+from lab.control.triggerrig import CLIENT, Client, Scene
 from lab.control.triggerstories import (
     Story,
     aborted,
@@ -47,6 +47,7 @@ from lab.control.triggerstories import (
     throttle_capped,
     unplugged,
 )
+from lab.rigs.boardport import TICK_TIME
 from lab.rigs.cockpit import Boards, cockpit
 from lab.rigs.cockpitclient import PublishedValues
 from lab.rigs.virtualguard import VirtualGuard
@@ -195,16 +196,16 @@ class Fired:
         return abs(self.at - self.wanted) <= SHARE * self.wanted + self.slack
 
 
-def fire(trigger: Trigger, boards: Boards, seed: int) -> Fired:
-    """Let one trigger fire once."""
-    took = run_virtually(_fire(trigger, boards, seed))
+def fire(trigger: Trigger, boards: Boards, seed: int, tick: float = TICK_TIME) -> Fired:
+    """Let one trigger fire once; bytes are carried every `tick` [s]."""
+    took = run_virtually(_fire(trigger, boards, seed, tick))
     return Fired(trigger.name, boards.name, took, trigger.time(boards), trigger.slack)
 
 
-async def _fire(trigger: Trigger, boards: Boards, seed: int) -> float:
+async def _fire(trigger: Trigger, boards: Boards, seed: int, tick: float) -> float:
     guard, published = VirtualGuard(), PublishedValues()
     rates: dict[str, Any] = {"rates": {"osd": 200}} if boards.nc else {}
-    async with cockpit(boards, seed, tick=TICK, guard=guard, outlet=published, **rates) as flown:
+    async with cockpit(boards, seed, tick=tick, guard=guard, outlet=published, **rates) as flown:
         client = Client(flown)
         await asyncio.sleep(random.Random(f"{seed} {trigger.name}").uniform(0.0, 0.5))
         await flown.take(CLIENT)

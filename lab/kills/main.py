@@ -23,6 +23,7 @@ from typing import Annotated, Final
 from cyclopts import Parameter
 
 from lab.kills.record import RESTORED, Contents, Cut, Kill, summarise
+from lab.rigs.boardport import ADAPTER_TIME
 from lab.rigs.processes import VEHICLE, DaemonProcess, ObservedSimulation, connected, daemon_process
 from lab.rigs.waiting import PATIENCE
 from mkdaemon.cli.arguments import AsJson
@@ -45,7 +46,7 @@ class Bench:
     def __init__(self, seed: int, folder: Path) -> None:
         config = {"board": "fc", "fc": "2.12a", "pilot_plan": PilotPlan.NOTHING, "calibrated": True, "seed": seed}
         self.simulation = ObservedSimulation(SimConfig.model_validate(config), keeps=False)
-        self.runtime = Runtime(self.simulation)
+        self.runtime = Runtime(self.simulation, tick=ADAPTER_TIME)
         self.port = f"pty:{self.runtime.port}"
         self.folder = folder
         self._rng = random.Random(f"{seed} sets")

@@ -17,7 +17,7 @@ from typing import Any, Final, NamedTuple, cast
 
 from pydantic import BaseModel
 
-from lab.rigs.boardport import TICK_TIME, Socket
+from lab.rigs.boardport import ADAPTER_TIME, Socket
 from lab.rigs.grounded import GroundedAircraft
 from mkdaemon.clock import Clock
 from mkdaemon.config.link import LinkConfig
@@ -251,7 +251,7 @@ async def cockpit(
     link_class: type[Link] = Link,
     sim: dict[str, Any] | None = None,
     socket: Socket | None = None,
-    tick: float = TICK_TIME,
+    tick: float = ADAPTER_TIME,
     guard: LineGuard | None = None,
     outlet: Outlet | None = None,
     **link: Any,

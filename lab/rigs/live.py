@@ -11,6 +11,7 @@ from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from typing import Any, Final, TypeVar
 
+from lab.rigs.boardport import ADAPTER_TIME
 from lab.rigs.processes import connected
 from lab.rigs.waiting import PATIENCE, wait_for
 from mkdaemon.bus.endpoint import reserved_endpoint
@@ -104,7 +105,7 @@ async def live_daemon(*, commands: CommandsConfig | None = None, **sim: Any) -> 
     settings = {"board": "fc", "pilot_plan": PilotPlan.NOTHING, "calibrated": True} | sim
     with reserved_endpoint() as endpoint, reserved_endpoint() as port:
         where = port.removeprefix("tcp/")
-        async with Runtime(Simulation(SimConfig(**settings)), listen=where).serve() as runtime:
+        async with Runtime(Simulation(SimConfig(**settings)), listen=where, tick=ADAPTER_TIME).serve() as runtime:
             cfg = Config(
                 vehicle=VehicleConfig(name=VEHICLE),
                 link=LinkConfig(port=f"tcp:{where}"),

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Final
 
-from lab.rigs.boardport import LineFault
+from lab.rigs.boardport import TICK_TIME, LineFault
 from lab.rigs.cockpit import Boards, Cockpit, Held, cockpit
 from mkdaemon.bus.codec import encode_map
 from mkdaemon.errors import CommandRejectedError
@@ -86,15 +86,20 @@ def first_words(written: bytes) -> str:
     return "nothing"
 
 
-def pull_cable(boards: Boards, seed: int, *, cycles: int, cuts: Sequence[Cut] | None = None) -> list[Cycle]:
-    """Interrupt one session again and again; in every way that its boards know, if none is given."""
+def pull_cable(
+    boards: Boards, seed: int, *, cycles: int, cuts: Sequence[Cut] | None = None, tick: float = TICK_TIME
+) -> list[Cycle]:
+    """Interrupt one session again and again; in every way that its boards know, if none is given.
+
+    Bytes are carried every `tick` [s].
+    """
     ways = tuple(Cut) if boards.nc is None else (Cut.UNPLUGGED, Cut.WHILE_WRITING)
-    return run_virtually(_pull_cable(boards, seed, cycles, cuts or ways))
+    return run_virtually(_pull_cable(boards, seed, cycles, cuts or ways, tick))
 
 
-async def _pull_cable(boards: Boards, seed: int, cycles: int, cuts: Sequence[Cut]) -> list[Cycle]:
+async def _pull_cable(boards: Boards, seed: int, cycles: int, cuts: Sequence[Cut], tick: float) -> list[Cycle]:
     found = []
-    async with cockpit(boards, seed) as flown:
+    async with cockpit(boards, seed, tick=tick) as flown:
         for number in range(cycles):
             rng = random.Random(f"{seed} cable {number}")
             cut = cuts[number % len(cuts)]

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Final
 
-from lab.rigs.boardport import LineFault
+from lab.rigs.boardport import TICK_TIME, LineFault
 from lab.rigs.cockpit import Boards, Cockpit, cockpit
 from mkdaemon.telemetry.link import LinkCondition
 from mkdaemon.virtualtime import run_virtually
@@ -90,13 +90,13 @@ class Verdicts:
         return not self.wrong
 
 
-def judge_fault(boards: Boards, fault: LineFault, seeds: range) -> Verdicts:
-    """Inject a fault once per seed, at a random moment, and take the times."""
+def judge_fault(boards: Boards, fault: LineFault, seeds: range, tick: float = TICK_TIME) -> Verdicts:
+    """Inject a fault once per seed, at a random moment, and take the times; bytes are carried every `tick` [s]."""
     late: list[int] = []
     verdicts: list[float] = [0.0]
     backs: list[float] = [0.0]
     for seed in seeds:
-        verdict, back = run_virtually(_suffer(boards, fault, seed))
+        verdict, back = run_virtually(_suffer(boards, fault, seed, tick))
         if verdict is None or back is None or verdict > VERDICT:
             late.append(seed)
         verdicts.append(verdict or 0.0)
@@ -112,10 +112,10 @@ def judge_fault(boards: Boards, fault: LineFault, seeds: range) -> Verdicts:
     )
 
 
-async def _suffer(boards: Boards, fault: LineFault, seed: int) -> tuple[float | None, float | None]:
+async def _suffer(boards: Boards, fault: LineFault, seed: int, tick: float) -> tuple[float | None, float | None]:
     """Times until the right word, and until the link is up again after the fault [s]; None for never."""
     rng = random.Random(f"{seed} {fault.value}")
-    async with cockpit(boards, seed) as flown:
+    async with cockpit(boards, seed, tick=tick) as flown:
         await asyncio.sleep(rng.uniform(1.0, 2.5))
         await flown.until(lambda: _word(flown) is LinkCondition.UP)
         expected = FAULTS[fault]

@@ -11,7 +11,7 @@ import random
 from dataclasses import dataclass
 from typing import Final
 
-from lab.rigs.boardport import Socket
+from lab.rigs.boardport import TICK_TIME, Socket
 from lab.rigs.cockpit import Boards, Cockpit, cockpit
 from lab.stories.standstills import Streamer, is_tilted
 from mkdaemon.errors import CommandRejectedError
@@ -51,13 +51,13 @@ class Restart:
         return is_late or self.steered > 0 or self.token != Token.REMEMBERED_ONLY or not self.layout
 
 
-def restart(boards: Boards, seed: int, *, count: int) -> list[Restart]:
-    """Kill and start the daemon of one flight again and again."""
-    return run_virtually(_restart(boards, seed, count))
+def restart(boards: Boards, seed: int, *, count: int, tick: float = TICK_TIME) -> list[Restart]:
+    """Kill and start the daemon of one flight again and again; bytes are carried every `tick` [s]."""
+    return run_virtually(_restart(boards, seed, count, tick))
 
 
-async def _restart(boards: Boards, seed: int, count: int) -> list[Restart]:
-    async with cockpit(boards, seed, rates={"osd": 200}) as flown:
+async def _restart(boards: Boards, seed: int, count: int, tick: float) -> list[Restart]:
+    async with cockpit(boards, seed, tick=tick, rates={"osd": 200}) as flown:
         await asyncio.sleep(1.0)
         flown.aircraft.world.pilot.gas = IN_FLIGHT_GAS
         flown.aircraft.flight.core.start()

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Final
 
+from lab.rigs.boardport import TICK_TIME
 from lab.rigs.cockpit import Boards, Cockpit, cockpit
 from mkdaemon.bus.codec import encode_map
 from mkdaemon.errors import CommandRejectedError
@@ -88,14 +89,18 @@ class Streamer:
             self._flown.stream(setpoint, secret=self._secret)
 
 
-def stand_still(boards: Boards, who: Stopped, seconds: float, *, seed: int, count: int) -> list[Standstill]:
-    """Stop one session again and again for so long [s]."""
-    return run_virtually(_stand_still(boards, who, seconds, seed, count))
+def stand_still(
+    boards: Boards, who: Stopped, seconds: float, *, seed: int, count: int, tick: float = TICK_TIME
+) -> list[Standstill]:
+    """Stop one session again and again for so long [s]; bytes are carried every `tick` [s]."""
+    return run_virtually(_stand_still(boards, who, seconds, seed, count, tick))
 
 
-async def _stand_still(boards: Boards, who: Stopped, seconds: float, seed: int, count: int) -> list[Standstill]:
+async def _stand_still(
+    boards: Boards, who: Stopped, seconds: float, seed: int, count: int, tick: float
+) -> list[Standstill]:
     found = []
-    async with cockpit(boards, seed, rates={"osd": 200} if boards.nc else "off") as flown:
+    async with cockpit(boards, seed, tick=tick, rates={"osd": 200} if boards.nc else "off") as flown:
         for number in range(count):
             rng = random.Random(f"{seed} {who} {seconds} {number}")
             client = Streamer(flown, f"client{number}")

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Final
 
+from lab.rigs.boardport import TICK_TIME
 from lab.rigs.cockpit import Boards, Cockpit, cockpit
 from lab.rigs.cockpitclient import CockpitClient, PublishedValues
 from lab.rigs.handpad import HandKeyboard, HandPad
@@ -170,15 +171,18 @@ class _Operator:
         await asyncio.gather(self.task, return_exceptions=True)
 
 
-def lose_hands(boards: Boards, seed: int, way: Way, losses: int) -> list[HandsLost]:
-    """Discover the boards once, then lose one operator after another in the same way."""
-    return run_virtually(_lose_hands(boards, seed, way, losses))
+def lose_hands(boards: Boards, seed: int, way: Way, losses: int, tick: float = TICK_TIME) -> list[HandsLost]:
+    """Discover the boards once, then lose one operator after another in the same way.
+
+    Bytes are carried every `tick` [s].
+    """
+    return run_virtually(_lose_hands(boards, seed, way, losses, tick))
 
 
-async def _lose_hands(boards: Boards, seed: int, way: Way, losses: int) -> list[HandsLost]:
+async def _lose_hands(boards: Boards, seed: int, way: Way, losses: int, tick: float) -> list[HandsLost]:
     published = PublishedValues()
     found = []
-    async with cockpit(boards, seed, outlet=published) as flown:
+    async with cockpit(boards, seed, tick=tick, outlet=published) as flown:
         for number in range(losses):
             rng = random.Random(f"{seed} {way} {number}")
             operator = _Operator(flown, published, f"operator{number}", rng)

@@ -14,28 +14,36 @@ _Parameters = ParamSpec("_Parameters")
 
 
 class _JumpingSelector(selectors.SelectSelector):
-    """Never waits for a file: time passes instead."""
+    """Never waits for a file: time passes instead.
+
+    Attributes:
+        now: virtual time [s].
+        is_woken: somebody wants the loop to look again, whatever the time.
+    """
 
     def __init__(self, pace: float, start: float) -> None:
         super().__init__()
         self.now = self._start = start
+        self.is_woken = False
         self._pace = pace
         self._began = time.monotonic()
 
     def select(self, timeout: float | None = None) -> list[tuple[selectors.SelectorKey, int]]:
         if timeout is not None and timeout <= 0.0:
             return []  # something is to be done now: files, of which there are none but the loop's own, can wait
-        ready = super().select(0)
-        if not ready and timeout is None:
+        ready = super().select(0) if len(self.get_map()) > 1 else []  # one is the loop's own
+        if ready or self.is_woken:
+            self.is_woken = False
+            return ready
+        if timeout is None:
             raise RuntimeError("everything waits, and no timer is set: this would wait for ever")
-        if not ready and timeout is not None:
-            self.now += timeout
-            if self._pace > 0.0:
-                ahead = (self.now - self._start) / self._pace - (time.monotonic() - self._began)
-                if ahead > 0.0:
-                    time.sleep(ahead)
-                else:
-                    self._began -= ahead  # a computer that is too slow makes the flight longer, not different
+        self.now += timeout
+        if self._pace > 0.0:
+            ahead = (self.now - self._start) / self._pace - (time.monotonic() - self._began)
+            if ahead > 0.0:
+                time.sleep(ahead)
+            else:
+                self._began -= ahead  # a computer that is too slow makes the flight longer, not different
         return ready
 
 
@@ -55,6 +63,10 @@ class VirtualLoop(asyncio.SelectorEventLoop):
     def time(self) -> float:
         """Virtual time [s]."""
         return self._jumping.now
+
+    def _write_to_self(self) -> None:
+        """Wake the loop; asyncio writes a byte to a socket for that, and reads it: two calls of the system."""
+        self._jumping.is_woken = True
 
     def let_pass(self, seconds: float) -> None:
         """Let time pass in which nothing of this loop runs, as while a process is stopped or works on something."""

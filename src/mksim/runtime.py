@@ -1,7 +1,8 @@
 """Real time for the simulation: a pseudo terminal (and, if wanted, a TCP port) whose far end is the simulated board.
 
-Every millisecond the simulation is brought up to the wall clock; a byte comes out at the first such moment after its
-wire time, never before. A host that does not read loses what does not fit, as on a line without flow control.
+Every tick, a millisecond unless told otherwise, the simulation is brought up to the wall clock; a byte comes out at the
+first such moment after its wire time, never before. A host that does not read loses what does not fit, as on a line
+without flow control.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from mkdaemon.errors import LinkError
 from mksim.simulation import Simulation
 
 TICK_TIME: Final = 1e-3
+"""How often bytes are carried [s]."""
 _BLOCK: Final = 4096
 _HANG_UP: Final = 1.0
 _SLIP: Final = 0.5
@@ -84,7 +86,12 @@ class Runtime:
     """
 
     def __init__(
-        self, simulation: Simulation, *, listen: str | None = None, clock: Callable[[], float] = time.monotonic
+        self,
+        simulation: Simulation,
+        *,
+        listen: str | None = None,
+        clock: Callable[[], float] = time.monotonic,
+        tick: float = TICK_TIME,
     ) -> None:
         """Open the port.
 
@@ -92,12 +99,13 @@ class Runtime:
             simulation: to be driven.
             listen: `host:port` of the TCP port; None offers none.
             clock: monotonic time [s].
+            tick: how often bytes are carried [s].
 
         Raises:
             LinkError: no pseudo terminal can be opened.
         """
         self.simulation = simulation
-        self._clock = clock
+        self._clock, self._tick = clock, tick
         self._terminal = PseudoTerminal()
         self._listen = listen
         self._client: asyncio.StreamWriter | None = None
@@ -154,7 +162,7 @@ class Runtime:
         try:
             while True:
                 self._step()
-                wake = max(wake + TICK_TIME, self._clock())
+                wake = max(wake + self._tick, self._clock())
                 await asyncio.sleep(wake - self._clock())
         finally:
             self.ended.set()

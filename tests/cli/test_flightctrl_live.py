@@ -53,13 +53,13 @@ def test_settings_are_backed_up_changed_and_restored(at: list[str], ctl: Ctl, tm
     changes = ("gyro_p=85", "throttle_max=5")
     out = ctl(at, "settings", "write", *changes, "--slot", "1", "--dry-run")[1]
     assert "set 1: would change gyro_p from 90 to 85" in out
-    assert ctl(at, "settings", "compare", str(folder))[::2] == (EXIT_OK, "")
+    assert ctl(at, "settings", "compare", str(folder / "set1.toml"))[::2] == (EXIT_OK, "")
     out = ctl(at, "settings", "write", *changes, "--slot", "1")[1]
     assert "the FC changed throttle_max from 5 to 100" in out
-    assert ctl(at, "settings", "compare", str(folder))[0] == EXIT_FAILURE
+    assert ctl(at, "settings", "compare", str(folder / "set1.toml"))[0] == EXIT_FAILURE
 
     assert ctl(at, "settings", "restore", str(folder / "set1.toml"))[::2] == (EXIT_OK, "")
-    assert ctl(at, "settings", "compare", str(folder))[::2] == (EXIT_OK, "")
+    assert ctl(at, "settings", "compare", str(folder / "set1.toml"))[::2] == (EXIT_OK, "")
     out = ctl(at, "settings", "list", "--json")[1]
     assert [row["slot"] for row in json.loads(out) if row["active"]] == [3]
     code, _, err = ctl(at, "settings", "backup", str(folder))

@@ -89,10 +89,8 @@ with asyncio.Runner(loop_factory=program._fast_loop()) as runner:
     ("number", "guarded", "kind"),
     [
         (signal.SIGINT, "guarded", "ignores its end"),
-        (signal.SIGTERM, "alone", "ignores its end"),
         (signal.SIGINT, "alone", "thinks for ever"),
         (signal.SIGTERM, "guarded", "thinks for ever"),
-        (signal.SIGINT, "guarded", "sleeps in the loop"),
         (signal.SIGTERM, "alone", "sleeps in the loop"),
     ],
 )

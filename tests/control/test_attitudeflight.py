@@ -64,17 +64,23 @@ def turned(rig, seconds):
 
 
 @cache
-def drift():
-    """How a level attitude drifts within 2 s: accelerometers are mounted with an error."""
+def level():
+    """A flight that stays level; nobody changes it."""
     rig = Leans(CALM, sees=False)
-    rig.fly()
-    return turned(rig, 2.0)
+    assert rig.fly().lost == ""
+    return rig
+
+
+def drift(seconds):
+    """How a level attitude drifts: accelerometers are mounted with an error."""
+    return turned(level(), seconds)
 
 
 @pytest.mark.parametrize("sees", [True, False])
 def test_a_level_attitude_begins_a_flight_after_a_second_with_and_without_a_target(sees):
-    rig = Leans(CALM, sees=sees)
-    assert rig.fly().lost == ""
+    rig = Leans(CALM) if sees else level()
+    if sees:
+        assert rig.fly().lost == ""
     assert rig.began() == pytest.approx(rig.cfg.lease.engage_after, abs=0.1)
     status = [action for _, action in rig.actions if isinstance(action, PublishStatus)][-1]
     assert (status.phase, status.manoeuvre) == (Phase.FLYING, "attitude")
@@ -88,7 +94,7 @@ def test_a_level_attitude_begins_a_flight_after_a_second_with_and_without_a_targ
 def test_an_attitude_leans_the_aircraft_the_way_it_says(lean, axis, sign):
     rig = Leans(CALM, sees=False, **lean)
     assert rig.fly().lost == ""
-    way = np.subtract(turned(rig, 2.0), drift())
+    way = np.subtract(turned(rig, 2.0), drift(2.0))
     assert 0.8 < sign * way[axis] < 3.0, "6 degrees are 1 m/s2, and more with the leak"
     assert abs(way[1 - axis]) < 0.35 * abs(way[axis])
     asked = math.degrees(LEAN) / math.degrees(rig.core._sight.model.rad_per_count)
@@ -97,11 +103,9 @@ def test_an_attitude_leans_the_aircraft_the_way_it_says(lean, axis, sign):
 
 
 def test_thrust_is_a_share_of_the_weight_and_a_yaw_rate_turns():
-    rig = Leans(CALM, thrust=1.08)
+    rig = Leans(CALM, sees=False, thrust=1.08)
     assert rig.fly().lost == ""
-    level = Leans(CALM)
-    level.fly()
-    assert turned(rig, 1.5)[2] - turned(level, 1.5)[2] > 0.3
+    assert turned(rig, 1.5)[2] - drift(1.5)[2] > 0.3
     turns = Leans(replace(CALM, start=6.0), yaw_rate=0.3)
     turns.fly()
     assert 0.3 < turns.estimates[-1].yaw - next(e.yaw for e in turns.estimates) < 1.2

@@ -100,7 +100,7 @@ def test_a_low_battery_of_an_earlier_flight_does_not_end_the_next_one():
 class RunsEmpty(CoreRig):
     """The simulated battery loses voltage in flight; the board's alarm is at 12.8 V."""
 
-    drop_at = 8.0
+    drop_at = 3.0
 
     def __init__(self, flight):
         super().__init__(flight)
@@ -112,6 +112,9 @@ class RunsEmpty(CoreRig):
         self._at(at + 0.2, self._tell)
         voltage = self._world.sensors.battery_voltage
         self.core.feed(StateValue(battery(voltage, is_low=voltage < 12.8, at=at)), at)
+
+    def _is_over(self, at):
+        return super()._is_over(at) or bool(self.of(Release))
 
     def of(self, kind):
         return [(at, action) for at, action in self.actions if isinstance(action, kind)]
@@ -136,8 +139,8 @@ def test_over_its_target_it_lands_there_whatever_is_streamed():
 
 
 def test_who_aborts_that_landing_holds_and_is_not_landed_again():
-    rig = RunsEmpty(replace(CALM, seconds=17.0))
-    rig._at(12.0, lambda at: rig.core.feed(AbortAsked(AbortRequest(reason="not here")), 0.0))
+    rig = RunsEmpty(replace(CALM, seconds=10.0))
+    rig._at(7.0, lambda at: rig.core.feed(AbortAsked(AbortRequest(reason="not here")), 0.0))
     rig.fly()
     assert rig.core.phase is Phase.ABORTED
     assert not rig.of(Release)

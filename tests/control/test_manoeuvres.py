@@ -32,7 +32,7 @@ from tests.control.flying import Flying
 
 BASE = {"epoch": 1, "sequence": 1, "ttl": 0.3}
 GROUND = Flight(seed=4, wind=WindClass.INDOOR, seconds=9.2, start=0.0, place=(0.05, -0.04))
-CALM = Flight(seed=4, wind=WindClass.INDOOR, seconds=9.0)
+CALM = Flight(seed=4, wind=WindClass.INDOOR, seconds=7.0)
 
 
 class Plan(CoreRig):
@@ -143,12 +143,12 @@ def test_a_take_off_waits_while_the_pilots_throttle_may_carry_the_aircraft(throt
 
 def test_hold_stays_where_the_aircraft_is_and_says_so():
     rig = Plan(
-        CALM, (0.0, PositionSetpoint, {"position": (0.4, 0.0, 2.0), "frame": SetpointFrame.PAD}), (6.0, *hold()[1:])
+        CALM, (0.0, PositionSetpoint, {"position": (0.4, 0.0, 2.0), "frame": SetpointFrame.PAD}), (4.5, *hold()[1:])
     )
     record = rig.fly()
     assert record.lost == ""
     assert rig.statuses()[-1][0] == "hold"
-    held = [a.value for at, a in rig.actions if isinstance(a, PublishError) and at > 6.1]
+    held = [a.value for at, a in rig.actions if isinstance(a, PublishError) and at > 4.6]
     assert len({error.goal for error in held}) == 1
     assert np.linalg.norm(held[-1].error_pad) < 0.2
     assert np.linalg.norm(held[-1].error_body) == pytest.approx(np.linalg.norm(held[-1].error_pad))
@@ -169,11 +169,11 @@ def place(record, at):
 
 def test_a_hold_after_flying_by_stick_is_where_the_aircraft_is_then():
     rig = Plan(
-        replace(CALM, seconds=9.0), hold(), (5.0, *stick(pitch=6.0)), (5.8, *stick(pitch=-5.0)), (6.6, *hold()[1:])
+        replace(CALM, seconds=7.6), hold(), (5.0, *stick(pitch=6.0)), (5.8, *stick(pitch=-5.0)), (6.6, *hold()[1:])
     )
     record = rig.fly()
     assert record.lost == ""
-    first, second = goals(rig, 4.5, 5.0)[-1], goals(rig, 6.8, 9.0)
+    first, second = goals(rig, 4.5, 5.0)[-1], goals(rig, 6.8, 7.6)
     moved = np.linalg.norm(place(record, 6.7)[:2] - first[:2])
     assert moved > 0.25, "the sticks moved it"
     assert max(np.linalg.norm(goal - second[0]) for goal in second) < 1e-9
@@ -182,19 +182,19 @@ def test_a_hold_after_flying_by_stick_is_where_the_aircraft_is_then():
 
 def test_an_aborted_landing_holds_where_the_aircraft_is_then():
     over = (0.0, PositionSetpoint, {"position": (0.5, 0.3, 2.0), "frame": SetpointFrame.PAD})
-    rig = Plan(replace(CALM, seconds=12.0), over, (4.5, *hold()[1:]), (6.0, LandSetpoint, {}), abort_at=9.0)
+    rig = Plan(replace(CALM, seconds=9.0), over, (4.0, *hold()[1:]), (4.5, LandSetpoint, {}), abort_at=7.5)
     record = rig.fly()
     assert record.lost == ""
     assert rig.core.phase is Phase.ABORTED
-    held, before = goals(rig, 5.5, 6.0)[-1], place(record, 9.0)
-    after = goals(rig, 9.2, 12.0)
+    held, before = goals(rig, 4.2, 4.5)[-1], place(record, 7.5)
+    after = goals(rig, 7.7, 9.0)
     assert np.linalg.norm(before - held) > 0.4, "it had come nearer to the target"
     assert max(np.linalg.norm(goal - before) for goal in after) < 0.35
 
 
 def test_a_place_from_the_aircrafts_own_is_flown_to_once():
     ahead = {"position": (0.4, 0.0, 0.0), "frame": SetpointFrame.BODY, "yaw": 0.0}
-    rig = Plan(replace(CALM, seconds=10.0), hold(), (5.0, PositionSetpoint, ahead))
+    rig = Plan(replace(CALM, seconds=8.7), hold(), (5.0, PositionSetpoint, ahead))
     record = rig.fly()
     start = record.positions[next(k for k, at in enumerate(record.times) if at > 5.0)]
     x, y, _ = record.positions[-1] - start
@@ -206,7 +206,7 @@ def test_a_place_from_the_aircrafts_own_is_flown_to_once():
 def test_an_abort_holds_the_place_and_keeps_the_lease():
     away = {"position": (-0.6, 0.4, 2.0), "frame": SetpointFrame.PAD}
     over = {"position": (0.0, 0.0, 2.0), "frame": SetpointFrame.PAD}
-    rig = Plan(CALM, (0.0, PositionSetpoint, over), (4.0, PositionSetpoint, away), abort_at=4.4)
+    rig = Plan(CALM, (0.0, PositionSetpoint, over), (3.0, PositionSetpoint, away), abort_at=3.4)
     record = rig.fly()
     assert record.lost == ""
     assert rig.core.phase is Phase.ABORTED
@@ -229,7 +229,7 @@ def test_with_nothing_flown_there_is_nothing_to_abort():
 
 
 def test_a_landing_below_its_last_decision_is_not_aborted():
-    rig = Plan(replace(CALM, seconds=14.0, land_at=3.0), hold(), (3.0, LandSetpoint, {}))
+    rig = Plan(replace(CALM, seconds=14.0, land_at=2.5), hold(), (2.5, LandSetpoint, {}))
 
     def is_committed():
         landing = getattr(rig.core._flown.current, "landing", None)
@@ -243,6 +243,7 @@ def test_a_landing_below_its_last_decision_is_not_aborted():
         flown(at)
 
     rig._control = control
+    rig._is_over = lambda at: any(isinstance(action, Release) for _, action in rig.actions[-9:])
     record = rig.fly()
     assert rig.release_reason() == "landed on pad"
     assert record.touch_error < 0.2
@@ -251,15 +252,17 @@ def test_a_landing_below_its_last_decision_is_not_aborted():
 ASIDE = {"position": (0.4, 0.0, 2.0), "frame": SetpointFrame.PAD}
 
 
-@pytest.mark.parametrize(("number", "phase"), [(1, Phase.FLYING), (2, Phase.ABORTED), (0, Phase.ABORTED)])
-def test_an_abort_is_ended_by_setpoints_that_name_it_and_by_no_others(number, phase):
-    resumed = (PositionSetpoint, ASIDE | {"after_abort": number})
-    rig = Plan(replace(CALM, seconds=3.5), hold(), (3.0, *resumed), abort_at=2.5)
+def test_an_abort_is_ended_by_setpoints_that_name_it_and_by_no_others():
+    named = [(at, PositionSetpoint, ASIDE | {"after_abort": number}) for at, number in ((2.8, 2), (3.1, 0), (3.4, 1))]
+    rig = Plan(replace(CALM, seconds=3.8), hold(), *named, abort_at=2.5)
     rig.fly()
-    shown = [action for _, action in rig.actions if isinstance(action, PublishStatus)]
-    assert rig.core.phase is phase
-    assert shown[-1].aborts == 1
-    assert (shown[-1].manoeuvre == "position") is (phase is Phase.FLYING)
+    shown = [(at, action) for at, action in rig.actions if isinstance(action, PublishStatus)]
+    aborted = next(at for at, action in shown if action.phase is Phase.ABORTED)
+    resumed = next(at for at, action in shown if action.phase is Phase.FLYING and at > aborted)
+    assert (aborted, resumed) == pytest.approx((2.5, 3.4), abs=0.03)
+    assert "position" not in {action.manoeuvre for at, action in shown if at < resumed}
+    last = shown[-1][1]
+    assert (last.phase, last.manoeuvre, last.aborts) == (Phase.FLYING, "position", 1)
 
 
 def test_a_second_abort_is_not_ended_by_the_number_of_the_first():

@@ -13,7 +13,7 @@ ON_THE_WIRE = 0.005
 
 def test_neutral_sticks_leave_when_the_setpoint_grows_too_old():
     cfg = ControlConfig()
-    for loss in fly_session(Boards("2.12a"), seed=7, deaths=3, ways=SILENT):
+    for loss in fly_session(Boards("2.12a"), seed=7, deaths=3, watched=1.5, ways=SILENT):
         assert loss.wire is not None
         assert cfg.limiter.setpoint_ttl < loss.wire < cfg.limiter.setpoint_ttl + ON_THE_WIRE
         assert loss.released is not None

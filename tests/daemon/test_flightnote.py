@@ -123,7 +123,7 @@ def test_a_note_of_another_port_or_an_old_one_is_none(written, tmp_path):
     assert notes_with(tmp_path, raw, later=-5.0).read() is None
 
 
-@settings(max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=16, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.data())
 def test_a_wrong_file_is_no_note(written, tmp_path_factory, data):
     folder, raw = tmp_path_factory.getbasetemp(), bytearray(written[0])

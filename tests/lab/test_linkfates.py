@@ -40,7 +40,7 @@ def test_the_bound_is_that_of_clopper_and_pearson(hits, trials, expected):
 
 
 def test_by_radio_every_loss_of_a_short_run_is_the_radios():
-    proof = prove(CASES["radio_15"], 25.0)["proof"]
-    assert proof["control"]["sent"] == 375
-    assert proof["echo"]["sent"] > 230
+    proof = prove(CASES["radio_15"], 12.0)["proof"]
+    assert proof["control"]["sent"] == 180
+    assert proof["echo"]["sent"] > 110
     assert proof["echo"]["by_us"] == proof["control"]["by_us"] == 0

@@ -32,14 +32,14 @@ from mksim.boards.generations import FC_GENERATIONS
 NAMED = {"verified", "RequestTimeoutError", "not_verified", "not_cleared", "point_refused"}
 
 
-@pytest.mark.parametrize("seed", range(30))
+@pytest.mark.parametrize("seed", range(10))
 def test_no_upload_over_a_bad_line_claims_what_is_not_so(seed: int) -> None:
     run = run_upload(seed, NOISE, UPLOAD_PATIENCE)
     assert not run.is_wrong
     assert run.end in NAMED
 
 
-@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("seed", range(8))
 def test_no_backup_claims_what_is_not_so_or_leaves_another_live_set(seed: int) -> None:
     for run in (run_backup(seed, FAIR, SHORT_PATIENCE), run_hasty_backup(seed), run_impatient_backup(seed)):
         assert not run.is_wrong

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import pytest
 
+from lab.rigs.boardport import ADAPTER_TIME
 from lab.rigs.cockpit import Boards
 from lab.teleop.losses import HandsLost, Way, lose_hands
 from lab.teleop.main import loss_row
@@ -9,7 +10,7 @@ from lab.teleop.main import loss_row
 
 @pytest.mark.parametrize("way", list(Way))
 def test_lost_hands_are_neutral_and_released_in_time(way: Way) -> None:
-    row = loss_row("FC 2.12a", way, lose_hands(Boards("2.12a"), 3, way, 1))
+    row = loss_row("FC 2.12a", way, lose_hands(Boards("2.12a"), 3, way, 1, ADAPTER_TIME))
     assert row.holds, row.figure
 
 

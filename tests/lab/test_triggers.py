@@ -8,6 +8,7 @@ import math
 import pytest
 
 from lab.control.triggers import ELSEWHERE, TRIGGERS, Fired, Shown, Trigger, aborted, dead_man, fire
+from lab.rigs.boardport import ADAPTER_TIME
 from lab.rigs.cockpit import Boards
 from tests.places import DOCS
 
@@ -15,7 +16,7 @@ from tests.places import DOCS
 @pytest.mark.parametrize("number", range(len(TRIGGERS)), ids=[trigger.name for trigger in TRIGGERS])
 def test_a_trigger_fires_at_its_time(number):
     trigger = TRIGGERS[number]
-    fired = fire(trigger, trigger.boards[number % len(trigger.boards)], seed=number)
+    fired = fire(trigger, trigger.boards[number % len(trigger.boards)], seed=number, tick=ADAPTER_TIME)
     assert fired.is_right, fired
 
 

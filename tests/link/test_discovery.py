@@ -93,7 +93,7 @@ async def test_a_redirection_that_the_line_lost_is_no_look_and_soon_made_again()
         assert (len(lost), took < 6.0) == (3, True)
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 @virtually
 async def test_a_line_with_one_damaged_byte_in_a_hundred_does_not_ask_the_boards_anew(seed):
     async with rig(navi_ctrl(seed=seed), seed=seed) as r:
@@ -101,7 +101,7 @@ async def test_a_line_with_one_damaged_byte_in_a_hundred_does_not_ask_the_boards
         r.socket.port.fault, r.socket.port.amount = LineFault.BIT_FLIPS, 0.01
         await r.until(lambda: r.link.dialect.extern_control is ExternControlV2, 20)
         loop = asyncio.get_running_loop()
-        end = loop.time() + 60.0
+        end = loop.time() + 30.0
         while loop.time() < end:
             await asyncio.sleep(0.05)
             assert r.link.dialect.read_only_reason is None
@@ -116,7 +116,7 @@ async def test_an_aircraft_that_flew_at_first_is_known_once_its_motors_stop():
         await r.until(lambda: r.link.motors_running() is True, 20)
         boards.write = passed_on
         took_off = loop.time()
-        await asyncio.sleep(20)
+        await asyncio.sleep(sum(LOOK_AGAIN[:2]) + 2.0)  # when two looks would have come
         assert r.link.lacks_flightctrl
         assert not await wait_for_discovery(r.link)
         assert all(s.message.spec.id != "u" for s in r.log.tx if s.message and s.at > took_off)

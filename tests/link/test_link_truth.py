@@ -39,23 +39,22 @@ FAULTS = [
 
 
 @pytest.mark.parametrize(("fault", "words", "amount"), FAULTS, ids=lambda value: getattr(value, "value", ""))
-@pytest.mark.parametrize("make", [navi_ctrl(), flight_ctrl()], ids=["nc", "fc"])
+@pytest.mark.parametrize(("make", "phase"), [(navi_ctrl(), 0.013), (flight_ctrl(), 0.117)], ids=["nc", "fc"])
 @virtually
-async def test_the_right_word_within_half_a_second_and_back_again(make, fault, words, amount):
-    for seed, phase in ((1, 0.013), (2, 0.117)):
-        async with rig(make, seed=seed) as r:
-            await r.until_up()
-            await asyncio.sleep(1 + phase)
-            r.socket.port.inject(fault, amount)
-            assert await r.until(lambda r=r: r.condition in words, 0.5) <= 0.5
-            told = [s.condition.value for s in r.log.states]
-            assert set(told[-1:]) <= words
-            await asyncio.sleep(2.2)
-            r.socket.is_present = True
-            if r.socket.port.fault is not LineFault.NONE and not r.socket.port.is_closed:
-                r.socket.port.inject(LineFault.NONE)
-            await r.until(lambda r=r: r.condition in ("up", "degraded") and r.log.kinds(r.log.tx[-1].at) != {}, 3)
-            await r.until_up(11 if fault in (LineFault.BYTE_LOSS, LineFault.BIT_FLIPS) else 4)
+async def test_the_right_word_within_half_a_second_and_back_again(make, phase, fault, words, amount):
+    async with rig(make) as r:
+        await r.until_up()
+        await asyncio.sleep(1 + phase)
+        r.socket.port.inject(fault, amount)
+        assert await r.until(lambda: r.condition in words, 0.5) <= 0.5
+        told = [s.condition.value for s in r.log.states]
+        assert set(told[-1:]) <= words
+        await asyncio.sleep(2.2)
+        r.socket.is_present = True
+        if r.socket.port.fault is not LineFault.NONE and not r.socket.port.is_closed:
+            r.socket.port.inject(LineFault.NONE)
+        await r.until(lambda: r.condition in ("up", "degraded") and r.log.kinds(r.log.tx[-1].at) != {}, 3)
+        await r.until_up(11 if fault in (LineFault.BYTE_LOSS, LineFault.BIT_FLIPS) else 4)
 
 
 @virtually
@@ -73,8 +72,8 @@ async def test_health_is_published_at_five_hertz_and_at_once_on_change():
     async with rig(navi_ctrl()) as r:
         await r.until_up()
         before = len(r.log.healths)
-        await asyncio.sleep(10)
-        assert 45 <= len(r.log.healths) - before <= 55
+        await asyncio.sleep(4)
+        assert 18 <= len(r.log.healths) - before <= 22
         r.socket.unplug()
         await asyncio.sleep(0.01)
         assert r.log.healths[-1].state.condition is LinkCondition.DOWN
@@ -82,12 +81,12 @@ async def test_health_is_published_at_five_hertz_and_at_once_on_change():
 
 
 @virtually
-async def test_twenty_replugs_come_back_within_three_seconds_and_begin_with_a_release():
+async def test_replugs_come_back_within_three_seconds_and_begin_with_a_release():
     async with rig(navi_ctrl()) as r:
         await r.until_up()
-        for cycle in range(20):
+        for cycle in range(7):
             r.socket.unplug()
-            await asyncio.sleep(0.2 + cycle * 0.07)
+            await asyncio.sleep(0.2 + cycle * 0.2)
             written = len(r.socket.wire)
             if cycle % 3 == 0:
                 r.socket.power_cycle()
@@ -96,7 +95,7 @@ async def test_twenty_replugs_come_back_within_three_seconds_and_begin_with_a_re
             assert r.socket.wire[written][1].startswith(b"\r\r#bb")
             began = asyncio.get_running_loop().time()
             await r.until(lambda began=began: "O" in r.log.kinds(began), 1)
-        assert r.link.health().state.openings == 21
+        assert r.link.health().state.openings == 8
 
 
 @virtually

@@ -116,7 +116,7 @@ LIBM = ("sin", "cos", "tan", "atan2", "asin", "acos", "exp", "log", "hypot")
 """What IEEE 754 does not round for every machine alike."""
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", [1, 2])
 def test_a_recording_verifies_with_the_libm_of_another_processor(monkeypatch, seed):
     monkeypatch.chdir(ROOT)
     import_module("mkdaemon.vision.pipeline")  # whatever a replay imports later keeps its own names

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from lab.rigs.boardport import LineFault
+from lab.rigs.boardport import ADAPTER_TIME, LineFault
 from lab.rigs.cockpit import Boards
 from lab.stories.cable import BACK, CLEARED, Cut, Cycle, first_words, pull_cable
 from lab.stories.faults import FAULTS, VERDICT, judge_fault
@@ -19,7 +19,7 @@ FREE = ExternControlV2(pitch=0, roll=0, yaw=0, throttle=0, frame=4).to_frame()
 
 @pytest.mark.parametrize("fc", ["early", "2.08", "2.12a"])
 def test_after_every_cut_nobody_steers_and_telemetry_comes_back(fc):
-    cycles = pull_cable(Boards(fc), seed=2, cycles=3)
+    cycles = pull_cable(Boards(fc), seed=2, cycles=3, tick=ADAPTER_TIME)
     assert {cycle.cut for cycle in cycles} == set(Cut)
     for cycle in cycles:
         assert (cycle.first, cycle.steered, cycle.is_held) == ("release", 0, False), cycle
@@ -61,6 +61,6 @@ def test_first_and_last_words_of_other_bytes():
 
 def test_every_named_fault_has_its_word():
     assert set(FAULTS) == set(LineFault) - {LineFault.NONE}
-    found = judge_fault(Boards("2.12a"), LineFault.ONE_WAY, range(2))
+    found = judge_fault(Boards("2.12a"), LineFault.ONE_WAY, range(1), ADAPTER_TIME)
     assert found.holds, found
     assert 0 < found.verdict_max_ms <= 1000 * VERDICT

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import pytest
 
+from lab.rigs.boardport import ADAPTER_TIME
 from lab.rigs.cockpit import Boards
 from lab.stories.cable import Cut, Cycle
 from lab.stories.interruptions import reboot_row, restart_row, standstill_row, swap_row
@@ -16,12 +17,12 @@ from lab.stories.swaps import Swap, Swapped, swap_aircraft
 
 @pytest.mark.parametrize("who", Stopped)
 def test_after_a_standstill_nobody_tilts_and_control_is_cleared(who):
-    found = stand_still(Boards("2.12a"), who, 3.0, seed=1, count=1)
+    found = stand_still(Boards("2.12a"), who, 3.0, seed=1, count=1, tick=ADAPTER_TIME)
     assert standstill_row("FC 2.12a", str(who), found).holds, found
 
 
 def test_a_restart_in_flight_clears_the_old_command_and_waits_for_the_confirmation():
-    found = restart(Boards("2.12a", "0.24"), 1, count=1)
+    found = restart(Boards("2.12a", "0.24"), 1, count=1, tick=ADAPTER_TIME)
     assert restart_row("FC 2.12a behind NC 0.24", found).holds, found
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import string
+from functools import cache
 
 import pytest
 
@@ -20,12 +21,16 @@ def words_of(token: Token) -> set[str]:
     return {name for _, name, _, _ in string.Formatter().parse(text) if name}
 
 
+@cache
+def all_calls():
+    """Every call of a named function in the sources, with its file."""
+    nodes = ((source, node) for source in SOURCES for node in ast.walk(ast.parse(source.read_text(encoding="utf-8"))))
+    return [(source, node) for source, node in nodes if isinstance(node, ast.Call) and isinstance(node.func, ast.Name)]
+
+
 def calls(name: str):
     """Every call of a function of this name in the sources, with its file."""
-    for source in SOURCES:
-        for node in ast.walk(ast.parse(source.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == name:
-                yield source, node
+    return [(source, node) for source, node in all_calls() if node.func.id == name]
 
 
 @pytest.mark.parametrize("token", list(Token))

@@ -10,6 +10,7 @@ from mkdaemon.cli.program import run
 from mkdaemon.protocol.sources import Source
 from mkdaemon.protocol.wire import MESSAGES, Board
 from tests.places import CAPTURES, ROOT
+from tools import docs
 from tools.coverage_table import coverage, shown_releases
 from tools.docs import GENERATED, app, make_page, stale_pages
 
@@ -25,10 +26,12 @@ def test_generated_pages_are_up_to_date():
     assert stale_pages(ROOT) == []
 
 
-def test_pages_are_written_and_then_agree(capsys, tmp_path):
+def test_pages_are_written_and_then_agree(capsys, monkeypatch, tmp_path):
+    some = {name: GENERATED[name] for name in ("docs/protocol.md", "docs/keys.md")}
+    monkeypatch.setattr(docs, "GENERATED", some)
     (tmp_path / "docs").mkdir()
     assert run(app, ["--check", "--root", str(tmp_path)]) == 1
-    assert f"not up to date: {', '.join(GENERATED)}" in capsys.readouterr().err
+    assert f"not up to date: {', '.join(some)}" in capsys.readouterr().err
     assert run(app, ["--root", str(tmp_path)]) == 0
     assert run(app, ["--check", "--root", str(tmp_path)]) == 0
     page = tmp_path / "docs" / "protocol.md"

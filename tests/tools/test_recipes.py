@@ -90,6 +90,8 @@ def run(command: str, tree: Path) -> subprocess.CompletedProcess[str]:
         **os.environ,
         "PYTHONPATH": f"{tree / 'src'}{os.pathsep}{tree}",
         "PYTEST_ADDOPTS": "-p no:cacheprovider",
+        # Hypothesis parses every source of the tree for constants to try, and keeps them by content: once is enough.
+        "HYPOTHESIS_STORAGE_DIRECTORY": str(ROOT / ".hypothesis"),
     }
     return subprocess.run(words, cwd=tree, env=environment, capture_output=True, text=True, check=False, timeout=600)
 

@@ -68,6 +68,7 @@ class Sight:
         self._is_answer_judged = self._is_others = False
         self._trusted_gas: float | None = None
         self._added: float | None = None
+        self._by_line = self.model
         self._cfg = cfg
         self._last_view: TargetView | None = None
         self._sent: deque[StickCommand] = deque(maxlen=SENT_KEPT)
@@ -78,13 +79,19 @@ class Sight:
         if model != self.model:
             self.model, self.estimator = model, None
             self.answer = AnswerWatch(model)
+            self._weigh_line()
 
     def link_measured(self, health: LinkHealth) -> None:
         """Take round trips of the line: half of what they are longer than a cable's is added to each way."""
         for trips, by_cable in ((health.confirm, CONFIRMED_BY_CABLE), (health.echo, ECHOED_BY_CABLE)):
             if trips.p50_ms is not None:
                 self._added = max(0.0, trips.p50_ms / 1000.0 - by_cable) / 2.0
+                self._weigh_line()
                 return
+
+    def _weigh_line(self) -> None:
+        """Make the model at the end of the line anew."""
+        self._by_line = self.model if self._added is None else self.model.by_line(self._added)
 
     @property
     def attitude_age(self) -> float:
@@ -93,9 +100,7 @@ class Sight:
 
     def _known_model(self) -> AircraftModel:
         """The model that is flown by, or would be."""
-        if self.estimator is not None:
-            return self.estimator.model
-        return self.model if self._added is None else self.model.by_line(self._added)
+        return self._by_line if self.estimator is None else self.estimator.model
 
     def stand(self, *, is_standing: bool) -> None:
         """Take what the flown manoeuvre knows: the estimate ends on the ground, and begins anew in the air."""

@@ -239,8 +239,8 @@ def _brightness(shape: tuple[int, ...], conditions: Conditions) -> Image32:
     fall = 1.0 - conditions.vignetting * ((x * x + y * y) / corner2)
     c, s = np.cos(conditions.gradient_angle), np.sin(conditions.gradient_angle)
     span = abs(c) * width + abs(s) * height
-    ramp = conditions.gradient ** ((x * c + y * s) / span)
-    return np.asarray(FULL_LIGHT * conditions.exposure * fall * ramp, dtype=np.float32)
+    along, across = conditions.gradient ** (x * c / span), conditions.gradient ** (y * s / span)
+    return np.asarray(FULL_LIGHT * conditions.exposure * fall * along * across, dtype=np.float32)
 
 
 def through_jpeg(pixels: npt.NDArray[np.uint8], quality: int) -> npt.NDArray[np.uint8]:

@@ -28,7 +28,7 @@ def test_circle_is_flown_on_every_generation(word: str) -> None:
     world, board = airborne(word)
     assert isinstance(world.pilot.program, CircleFlight)
     assert world.pilot.program.phase is Phase.FLY
-    for until in np.arange(18.5, 30.0, 0.5):
+    for until in np.arange(18.5, 25.0, 0.5):
         board.advance(float(until))
         assert world.truth.airborne
         assert math.degrees(world.truth.tilt) < 15.0
@@ -36,7 +36,7 @@ def test_circle_is_flown_on_every_generation(word: str) -> None:
         assert world.truth.position_enu[2] == pytest.approx(2.1, abs=0.3)
     program = world.pilot.program
     program.land()
-    board.advance(44.0)
+    board.advance(39.0)
     assert program.phase is Phase.DONE
     assert not board.core.running
     assert world.truth.on_ground

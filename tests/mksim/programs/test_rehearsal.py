@@ -25,7 +25,7 @@ def test_the_aircraft_lifts_off_seen_by_the_real_eyes_and_over_the_real_link():
             if status is not None and status.stage == "climbs" and heights[-1] > 0.6:
                 flies.set()
 
-        rehearsal = demonstration(simulated_aircraft(1, "indoor", 10.0), watch)
+        rehearsal = demonstration(simulated_aircraft(1, "indoor", 6.0), watch)
         flight = asyncio.create_task(rehearsal.fly())
         await asyncio.wait_for(flies.wait(), 20.0)
         flight.cancel()

@@ -19,7 +19,7 @@ and the vertical axis, with `q` the squared ratio of throttle to hover throttle,
 from __future__ import annotations
 
 import math
-from dataclasses import astuple, dataclass, replace
+from dataclasses import dataclass, replace
 from enum import Enum, auto
 from typing import Final
 
@@ -133,7 +133,7 @@ class AircraftModel:
     line_sd: float = UNMEASURED
 
     def __post_init__(self) -> None:
-        if not all(math.isfinite(number) and number > 0.0 for number in astuple(self)):
+        if not all(0.0 < getattr(self, name) < math.inf for name in self.__slots__):
             msg = f"every constant of a model is a positive number: {self}"
             raise ValueError(msg)
 

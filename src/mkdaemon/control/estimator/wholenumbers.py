@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-
-import numpy as np
+from typing import Final
 
 from mkdaemon.control.linear import Array
+
+_ROOT_2: Final = math.sqrt(2.0)
+_ROOT_TAU: Final = math.sqrt(math.tau)
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,15 +30,27 @@ class WholeNumbers:
     effect: Array
     blur: float
 
-    def linearised(self, states: Array, covariances: Array) -> tuple[Array, Array]:
+    def deviations(self, covariances: Array) -> list[float]:
+        """Return the standard deviation of what is counted (k,) for covariances (k, n, n) [count]."""
+        spreads = covariances.dot(self.row).dot(self.row).tolist()
+        return [math.sqrt(self.blur**2 + max(spread, 0.0)) for spread in spreads]
+
+    def counts(self, states: Array, deviations: list[float]) -> list[float]:
+        """Return the mean count (k,) for states (k, n) and deviations (k,) of what is counted."""
+        means = states.dot(self.row).tolist()
+        return [_linearised(*each)[0] for each in zip(means, deviations, strict=True)]
+
+    def linearised(self, states: Array, covariances: Array) -> tuple[list[float], list[float]]:
         """Return mean count (k,) and its slope (k,) for states (k, n) with covariances (k, n, n)."""
-        counts, slopes = np.empty(len(states)), np.empty(len(states))
-        spread = (covariances @ self.row) @ self.row
-        for axis, mean in enumerate((states @ self.row).tolist()):
-            deviation = math.sqrt(self.blur**2 + max(float(spread[axis]), 0.0))
-            steps = math.exp(-2.0 * (math.pi * deviation) ** 2)
-            counts[axis] = mean - 0.5 * math.erf(mean / (deviation * math.sqrt(2.0)))
-            counts[axis] += steps * math.sin(math.tau * mean) / math.pi
-            slopes[axis] = 1.0 - math.exp(-0.5 * (mean / deviation) ** 2) / (deviation * math.sqrt(math.tau))
-            slopes[axis] += 2.0 * steps * math.cos(math.tau * mean)
-        return counts, slopes
+        means = states.dot(self.row).tolist()
+        axes = [_linearised(*each) for each in zip(means, self.deviations(covariances), strict=True)]
+        return [count for count, _ in axes], [slope for _, slope in axes]
+
+
+def _linearised(mean: float, deviation: float) -> tuple[float, float]:
+    """Mean count and its slope for a normal input."""
+    off = mean / deviation
+    steps = math.exp(-2.0 * (math.pi * deviation) ** 2)
+    count = mean - 0.5 * math.erf(off / _ROOT_2) + steps * math.sin(math.tau * mean) / math.pi
+    slope = 1.0 - math.exp(-0.5 * off * off) / (deviation * _ROOT_TAU) + 2.0 * steps * math.cos(math.tau * mean)
+    return count, slope

@@ -151,14 +151,48 @@ class Arrivals:
         )
 
 
+class _Sizes:
+    """Sizes of the moving window, and their sum: it is asked for with every look at the line.
+
+    Attributes:
+        total: of what is in the window [bytes].
+        entries: when, how many bytes, and why they were no frame; None for a right one.
+    """
+
+    def __init__(self, window: float, most: int) -> None:
+        self.total = 0
+        self.entries: deque[tuple[float, int, DropReason | None]] = deque()
+        self._window, self._most = window, most
+
+    def add(self, now: float, size: int, reason: DropReason | None = None) -> None:
+        """Take an entry; the oldest goes where there are too many."""
+        self.entries.append((now, size, reason))
+        self.total += size
+        if len(self.entries) > self._most:
+            self._drop_oldest()
+
+    def clear(self) -> None:
+        """Forget all."""
+        self.entries.clear()
+        self.total = 0
+
+    def forget(self, now: float) -> None:
+        """Forget what has left the window."""
+        while self.entries and self.entries[0][0] < now - self._window:
+            self._drop_oldest()
+
+    def _drop_oldest(self) -> None:
+        self.total -= self.entries.popleft()[1]
+
+
 class ReceivedBytes:
     """Bytes of the moving window, right and damaged."""
 
     def __init__(self, window: float) -> None:
         """Start empty; figures are over `window` [s]."""
         self._window = window
-        self._damage: deque[tuple[float, int, DropReason]] = deque(maxlen=1024)
-        self._decoded: deque[tuple[float, int]] = deque(maxlen=4096)
+        self._damage = _Sizes(window, 1024)
+        self._decoded = _Sizes(window, 4096)
         self._raw: deque[tuple[float, int]] = deque(maxlen=256)
         self._text = ""
 
@@ -177,7 +211,7 @@ class ReceivedBytes:
 
     def frame(self, size: int, now: float) -> None:
         """So many bytes were a right frame."""
-        self._decoded.append((now, size))
+        self._decoded.add(now, size)
 
     def damaged(self, reason: DropReason, raw: bytes, now: float, *, keep_text: bool) -> None:
         """Bytes were no frame.
@@ -188,21 +222,21 @@ class ReceivedBytes:
             now: [s; monotonic].
             keep_text: text replaces the text known so far.
         """
-        self._damage.append((now, len(raw), reason))
-        self._decoded.append((now, len(raw)))
+        self._damage.add(now, len(raw), reason)
+        self._decoded.add(now, len(raw))
         if reason is DropReason.TEXT and keep_text:
             self._text = raw.decode("latin-1")
 
     def rates(self, now: float) -> tuple[float, float]:
         """Undecodable bytes and wrong checksums a second over the window [1/s]."""
         self._forget(now)
-        checksums = sum(1 for _, _, reason in self._damage if reason is DropReason.CHECKSUM)
-        return sum(size for _, size, _ in self._damage) / self._window, checksums / self._window
+        checksums = sum(1 for _, _, reason in self._damage.entries if reason is DropReason.CHECKSUM)
+        return self._damage.total / self._window, checksums / self._window
 
     def share(self, now: float) -> tuple[int, int]:
         """Damaged and all bytes of the window."""
         self._forget(now)
-        return sum(size for _, size, _ in self._damage), sum(size for _, size in self._decoded)
+        return self._damage.total, self._decoded.total
 
     def arrived_since(self, since: float) -> int:
         """Bytes that arrived after a moment [s], whatever they are."""
@@ -210,18 +244,17 @@ class ReceivedBytes:
 
     def damaged_since(self, since: float) -> int:
         """Bytes that arrived after a moment [s] and were no frame."""
-        return sum(size for at, size, _ in self._damage if at > since)
+        return sum(size for at, size, _ in self._damage.entries if at > since)
 
     def text_since(self, since: float) -> str | None:
         """The text, where everything that was no frame after a moment [s] is text; None otherwise."""
-        recent = [reason for at, _, reason in self._damage if at > since]
+        recent = [reason for at, _, reason in self._damage.entries if at > since]
         is_text = recent and all(reason is DropReason.TEXT for reason in recent) and _is_readable(self._text)
         return self._text if is_text else None
 
     def _forget(self, now: float) -> None:
-        for events in (self._damage, self._decoded):
-            while events and events[0][0] < now - self._window:
-                events.popleft()
+        self._damage.forget(now)
+        self._decoded.forget(now)
 
 
 def _is_readable(sample: str) -> bool:
