@@ -253,3 +253,8 @@ def test_only_a_gate_that_is_opened_lets_begin_anew():
     watch.gate_reported(1.3, is_open=True)
     assert not watch.is_missing
     assert watch.missing_words(1.3) == ""
+
+
+def test_what_was_expected_long_ago_is_forgotten():
+    watch, _, _ = swinging(lambda asked, now: asked, seconds=2.0)
+    assert len(watch._expected) < 50
