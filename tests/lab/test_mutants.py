@@ -288,6 +288,17 @@ def test_a_timeout_counts_as_killed():
     assert (summary["killed"], summary["timeouts"], summary["share"]) == (1, 1, 1.0)
 
 
+def test_what_a_verdict_was_at_first_is_kept_until_the_code_changes(tmp_path):
+    survived, killed = (Verdict(MUTANT.id, how, "tests/test_b.py::x", 0.1) for how in ("survived", "killed"))
+    for prints, verdict in ((PRINTS, survived), (PRINTS | {"tests/test_b.py": "new"}, killed)):
+        Store(tmp_path / "kept", prints).add(verdict, ["tests/test_a.py"])
+    later = Store(tmp_path / "kept", PRINTS | {"tests/test_b.py": "new"})
+    assert (later.verdicts, later.first) == ({MUTANT.id: killed}, {MUTANT.id: survived})
+    counts = sum_up([MUTANT], later.verdicts, [], first=later.first)
+    assert (counts["killed"], counts["killed_first"], counts["share_first"]) == (1, 0, 0.0)
+    assert Store(tmp_path / "kept", PRINTS | {"src/a.py": "new"}).first == {}
+
+
 def test_a_reason_with_an_unknown_word_is_refused(tmp_path):
     (tmp_path / "reasons.toml").write_text("[[survivor]]\nfile = 'x'\n", encoding="utf-8")
     with pytest.raises(ConfigError, match=r"reasons\.toml"):
