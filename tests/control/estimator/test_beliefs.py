@@ -519,3 +519,11 @@ def test_sticks_ask_for_as_much_more_tilt_as_the_aircraft_was_found_to_give():
     count = MODEL.rad_per_count
     assert estimator._commands.at(0.1).tilt == pytest.approx((1.5 * 20.0 * count, 1.5 * 10.0 * count))
     assert estimator._response._commands[-1][1] == pytest.approx([20.0 * count, -10.0 * count]), "it finds the factor"
+
+
+def test_another_filter_is_changed_to_once():
+    estimator = watched()
+    estimator._response.has_other_filter = True
+    for k in range(1, 4):
+        estimator.attitude_received(0.02 * k, 0.0, 0.0, 0.0)
+        assert estimator.model.stick_filter == MODEL.with_other_filter().stick_filter
