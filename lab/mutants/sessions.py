@@ -181,6 +181,52 @@ class _Limits:
         signal.setitimer(signal.ITIMER_PROF, cpu)
 
 
+class _SharedFixtures:
+    """Plugin: what fixtures cost and run that are made once for many tests.
+
+    A mutant is judged in a process of its own, where each test makes them anew: they are a part of it.
+
+    Args:
+        seen: lines of each file that have run, as they are noted.
+    """
+
+    def __init__(self, seen: Mapping[str, set[int]]) -> None:
+        self._seen = seen
+        self._made: dict[tuple[str, str], Coverage] = {}  # by name and by where it is declared
+        self._made_now: set[tuple[str, str]] = set()
+
+    @pytest.hookimpl(wrapper=True)
+    def pytest_fixture_setup(self, fixturedef: pytest.FixtureDef[Any]) -> Generator[None, object, object]:
+        if fixturedef.scope == "function":
+            return (yield)
+        before = {path: set(lines) for path, lines in self._seen.items()}
+        for lines in self._seen.values():
+            lines.clear()
+        cpu_start, start = time.process_time(), fair_clock()
+        try:
+            return (yield)
+        finally:
+            key = fixturedef.argname, fixturedef.baseid
+            made = self._made[key] = Coverage()
+            made.seconds[""] = time.process_time() - cpu_start
+            made.taken[""] = fair_clock() - start
+            made.lines[""] = {path: sorted(lines) for path, lines in self._seen.items() if lines}
+            self._made_now.add(key)
+            for path, lines in self._seen.items():
+                lines |= before[path]
+
+    def add_to(self, item: pytest.Item, measured: Coverage) -> None:
+        """Add to what was measured of a test, which has just run, the fixtures that an earlier one made for it."""
+        name, used = item.nodeid, getattr(item, "fixturenames", ())
+        for (fixture, place), made in self._made.items():
+            if fixture in used and name.startswith(place) and (fixture, place) not in self._made_now:
+                measured.seconds[name] += made.seconds[""]
+                measured.taken[name] += made.taken[""]
+                for path, lines in made.lines[""].items():
+                    measured.lines[name][path] = sorted({*measured.lines[name].get(path, ()), *lines})
+        self._made_now.clear()
+
+
 class Server:
     """Plugin of the warm session: in place of running the tests it measures them, then judges mutants.
 
@@ -285,7 +331,8 @@ class Server:
     def _measure(self, functions: LiveFunctions, items: Sequence[pytest.Item]) -> dict[str, Any]:
         """In a child: run tests with probes in the files."""
         seen = {path: functions.add_probes(self._file(path), module.original) for path, module in self._modules.items()}
-        coverage = Coverage()
+        coverage, shared = Coverage(), _SharedFixtures(seen)
+        items[0].config.pluginmanager.register(shared, "shared-fixtures")
         for item, following in zip(items, [*items[1:], None], strict=True):
             for lines in seen.values():
                 lines.clear()
@@ -299,6 +346,7 @@ class Server:
             coverage.seconds[item.nodeid] = time.process_time() - cpu_start
             coverage.taken[item.nodeid] = fair_clock() - start
             coverage.lines[item.nodeid] = {path: sorted(lines) for path, lines in seen.items() if lines}
+            shared.add_to(item, coverage)
         return {"coverage": asdict(coverage)}
 
 

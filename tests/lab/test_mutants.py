@@ -51,8 +51,15 @@ TESTS = """
 import pytest
 from tiny.levels import clip, is_high, note
 
-def test_clip():
-    assert (clip(1), clip(3), clip(5, most=4)) == (1, 2, 4)
+@pytest.fixture(scope="module")
+def clipped():
+    return clip(1), clip(3), clip(5, most=4)
+
+def test_how_many_are_clipped(clipped):
+    assert len(clipped) == 3
+
+def test_clip(clipped):
+    assert clipped == (1, 2, 4)
 
 def test_is_high():
     assert is_high(1.6) and not is_high(1.4) and not is_high(1.0)
