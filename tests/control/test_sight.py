@@ -378,3 +378,13 @@ def test_throttle_that_carried_while_sticks_acted_is_what_the_pilot_leaves():
 def test_how_sure_it_is_published_to_be_is_of_the_moment(sight):
     early, late = (np.trace(sight.estimate(at).covariance) for at in (10.0, 10.3))
     assert late > 1.5 * early
+
+
+def test_how_sure_it_is_published_to_be_is_told_of_each_axis():
+    sight = Sight(CFG, HOVER)
+    for k in range(5):
+        seen = view(10.0 + 0.04 * k)
+        see(sight, replace(seen, covariance=np.diag([1e-4, 9e-4, 4e-4, 1e-4, 1e-4, 1e-4])))
+    east, north, up = sight.estimate(10.2).covariance
+    assert len({east, north, up}) == 3
+    assert np.array([east, north, up]) == pytest.approx(sight.estimator.motion_covariance)
