@@ -34,7 +34,8 @@ WAITING_LIMIT: Final = 20.0
 """Time that a test with a mutant may take [s], and `WAITING_FACTOR` times its own: it may wait for what never comes."""
 WAITING_FACTOR: Final = 5.0
 PATIENT: Final = 4.0
-"""A mutant is tried again, with this many times that limit, before it counts as killed by a test that waits."""
+"""A mutant is tried again, with this many times its limits, before it counts as killed by time or by a test that waits:
+what is computed once in a process, a test that ran before may have paid for when its time was measured."""
 WAITS: Final = 0.1
 """A test that takes so much longer than it computes waits for something, and a loaded machine can make it fail [s]."""
 COLLECTING_LIMIT: Final = 60.0
@@ -139,7 +140,8 @@ class _StrictJudge(_Judge):
     def pytest_runtest_protocol(self, item: pytest.Item) -> Generator[None, object, object]:
         cpu = self._known.seconds.get(item.nodeid, CPU_LIMIT)
         taken = self._known.taken.get(item.nodeid, WAITING_LIMIT)
-        self._limits.set(CPU_LIMIT + CPU_FACTOR * cpu, self._patience * (WAITING_LIMIT + WAITING_FACTOR * taken))
+        patience = self._patience
+        self._limits.set(patience * (CPU_LIMIT + CPU_FACTOR * cpu), patience * (WAITING_LIMIT + WAITING_FACTOR * taken))
         return (yield)
 
 
@@ -351,8 +353,8 @@ class Server:
 
 
 def is_doubtful(result: Mapping[str, Any], coverage: Coverage) -> bool:
-    """Whether a loaded machine may be what killed a mutant: it waited for too long, or the test that failed waits."""
-    return result.get(DIED) == signal.SIGKILL or (bool(result.get("by")) and coverage.waits(result["by"]))
+    """Whether something else than the mutant may be what killed it: it took too long, or the test that failed waits."""
+    return result.get(DIED) in _LIMITING or (bool(result.get("by")) and coverage.waits(result["by"]))
 
 
 def judge(mutant: str, result: Mapping[str, Any]) -> Verdict:

@@ -278,13 +278,13 @@ def test_a_survivor_has_to_outlive_only_tests_that_are_new(tmp_path):
         ({"by": ""}, False, "survived"),
         ({"by": "computes"}, False, "killed"),
         ({"by": "waits"}, True, "killed"),
-        ({DIED: signal.SIGPROF}, False, "timeout"),
+        ({DIED: signal.SIGPROF}, True, "timeout"),
         ({DIED: signal.SIGKILL}, True, "timeout"),
         ({DIED: signal.SIGSEGV}, False, "killed"),
         ({"unreached": "no line"}, False, "unreached"),
     ],
 )
-def test_what_a_loaded_machine_may_have_killed_is_tried_again(result, doubtful, outcome):
+def test_what_time_or_a_loaded_machine_may_have_killed_is_tried_again(result, doubtful, outcome):
     known = Coverage(seconds={"computes": 1.0, "waits": 1.0}, taken={"computes": 1.05, "waits": 1.2})
     assert is_doubtful(result, known) is doubtful
     assert judge(MUTANT.id, result | {SECONDS: 0.1}).outcome == outcome
