@@ -216,13 +216,3 @@ def test_a_procedure_that_could_be_done_in_flight_says_how():
     assert "motors are running" in running.reason
     assert "nobody knows" in unknown.reason
     assert refusal(wanted, replace(GOOD, motors_running=False)) is None
-
-
-@pytest.mark.parametrize("concern", [Concern.HOLD, Concern.POSITION, Concern.VELOCITY, Concern.LAND, Concern.TAKE_OFF])
-def test_without_an_answer_to_the_sticks_a_flight_by_the_target_waits_and_is_not_refused(concern):
-    shut = replace(STANDING, unanswered="the board reports the gate shut")
-    assert waits_for(NewManoeuvre(concern), shut) == (
-        "waiting for an answer to the sticks: the board reports the gate shut"
-    )
-    for flown in (None, Concern.HOLD):
-        assert refusal(NewManoeuvre(concern), replace(shut, flown=flown)) is None
