@@ -40,6 +40,7 @@ def mutants_page(root: Path) -> str:
         root: root of the source tree.
     """
     found: dict[str, Any] = json.loads((root / RESULTS).read_text(encoding="utf-8").splitlines()[-1])
+    planned = sum(min(found["sample"] or count, count) for count in found["of"].values())
     drawn = f"Of each subject {found['sample']} were drawn with seed {found['seed']}" if found["sample"] else "All"
     sizes = ", ".join(f"`{name.removeprefix('src/mkdaemon/')}` has {count}" for name, count in found["of"].items())
     total = (
@@ -48,6 +49,8 @@ def mutants_page(root: Path) -> str:
         f"survivors of this sample, {found['killed_first']} were killed ({100 * found['share_first']:.1f} %). "
         f"The last verdicts took {found['seconds'] / 60:.0f} minutes of computing time."
     )
+    if found["mutants"] < planned:
+        total += f" The run was stopped before it came to the other {planned - found['mutants']} of its sample."
     if found["budget"]:
         total += f" Tests of one mutant took {found['budget']:g} s at most."
     if found["tests"]:
