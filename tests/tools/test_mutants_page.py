@@ -40,7 +40,7 @@ def test_the_page_has_the_share_of_each_subject_and_each_survivor_with_its_reaso
     assert "Only 1 files and folders of tests judged" in page
     assert "the same: never equal" in page
     assert "no test yet" in page
-    assert "stopped" not in page
+    assert "before it came" not in page
     [control] = [line for line in page.splitlines() if line.startswith("| control ")]
     assert [cell.strip() for cell in control.split("|")[-3:-1]] == ["0.0 %", "50.0 %"]
 
