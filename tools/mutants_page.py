@@ -27,7 +27,7 @@ stopped goes on, and after new tests a survivor has to outlive only those.
 
 ```sh
 python -m lab mutants src/mkdaemon/control/sight.py                         # one file, all its mutants
-python -m lab mutants --sample 600 --budget 30 --jobs 2 --json > docs/results/mutants.json
+python -m lab mutants --sample 400 --budget 25 --jobs 2 --json > docs/results/mutants.json
 python -m tools.docs                                                        # makes this page of it
 ```
 """
@@ -40,13 +40,17 @@ def mutants_page(root: Path) -> str:
         root: root of the source tree.
     """
     found: dict[str, Any] = json.loads((root / RESULTS).read_text(encoding="utf-8").splitlines()[-1])
+    planned = sum(min(found["sample"] or count, count) for count in found["of"].values())
     drawn = f"Of each subject {found['sample']} were drawn with seed {found['seed']}" if found["sample"] else "All"
     sizes = ", ".join(f"`{name.removeprefix('src/mkdaemon/')}` has {count}" for name, count in found["of"].items())
     total = (
         f"{drawn} ({sizes}): {found['killed']} of {found['mutants']} killed, {found['timeouts']} of these by time; "
-        f"{found['equivalent']} do the same as the code. It took "
-        f"{found['seconds'] / 60:.0f} minutes of computing time."
+        f"{found['equivalent']} do the same as the code. At first verdict, before tests were written for the "
+        f"survivors of this sample, {found['killed_first']} were killed ({100 * found['share_first']:.1f} %). "
+        f"The last verdicts took {found['seconds'] / 60:.0f} minutes of computing time."
     )
+    if found["mutants"] < planned:
+        total += f" The run was stopped before it came to the other {planned - found['mutants']} of its sample."
     if found["budget"]:
         total += f" Tests of one mutant took {found['budget']:g} s at most."
     if found["tests"]:
@@ -74,11 +78,12 @@ def _counts(name: str, counts: dict[str, dict[str, Any]]) -> Iterator[str]:
         (
             key.removeprefix("src/mkdaemon/"),
             *(str(count[word]) for word in ("mutants", "killed", "equivalent", "survived")),
+            f"{100 * count['share_first']:.1f} %",
             f"{100 * count['share']:.1f} %",
         )
         for key, count in counts.items()
     )
-    return table((name, "mutants", "killed", "the same", "survived", "share"), rows)
+    return table((name, "mutants", "killed", "the same", "survived", "share at first", "share"), rows)
 
 
 def _code(text: str) -> str:

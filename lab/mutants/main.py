@@ -79,14 +79,14 @@ def main(
     for path, module in tree.modules.items():
         by_subject.setdefault(_subject_of(path), []).extend(module.mutants.values())
     mutants = [mutant for every in by_subject.values() for mutant in draw(every, sample, seed)]
-    verdicts = judge_all(tree, mutants, jobs, budget=budget, anew=anew)
+    verdicts, first = judge_all(tree, mutants, jobs, budget=budget, anew=anew)
     summary = {
         "seed": seed,
         "sample": sample,
         "budget": budget,
         "tests": sorted(path.as_posix() for path in tests or ()),
         "of": {name: len(every) for name, every in by_subject.items()},
-        **sum_up(mutants, verdicts, read_reasons(root / REASONS), _subject_of),
+        **sum_up(mutants, verdicts, read_reasons(root / REASONS), _subject_of, first),
     }
     unexplained = [survivor for survivor in summary["survivors"] if not survivor["reason"]]
     if as_json:
@@ -150,7 +150,7 @@ def draw(mutants: Sequence[Mutant], sample: int, seed: int) -> list[Mutant]:
 
 def judge_all(
     tree: Tree, mutants: Sequence[Mutant], jobs: int, *, budget: float = 0.0, anew: bool = False
-) -> dict[str, Verdict]:
+) -> tuple[dict[str, Verdict], dict[str, Verdict]]:
     """Judge every mutant that has no verdict yet.
 
     Args:
@@ -161,7 +161,7 @@ def judge_all(
         anew: forget what earlier runs found.
 
     Returns:
-        Verdicts by the mutants' ids.
+        Verdicts by the mutants' ids: those that hold, and those that were found first.
 
     Raises:
         MkError: the tests cannot be run, or one fails without a mutant.
@@ -198,7 +198,8 @@ def judge_all(
         ):
             store.add(verdict, files)
             progress.add(verdict)
-    return {mutant.id: store.verdicts[mutant.id] for mutant in mutants}
+    ids = [mutant.id for mutant in mutants]
+    return {name: store.verdicts[name] for name in ids}, {name: store.first[name] for name in ids}
 
 
 class _KeptCoverage:

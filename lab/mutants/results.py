@@ -75,6 +75,8 @@ class Store:
 
     Attributes:
         verdicts: those that hold, by the mutants' ids.
+        first: verdicts that were found first, while the file of the mutant was as it is now, by id; tests that were
+            written later change none.
     """
 
     def __init__(self, file: Path, fingerprint_of: Mapping[str, str]) -> None:
@@ -83,6 +85,7 @@ class Store:
         self._all = fingerprint("".join(sorted(fingerprint_of.values())))
         self._outlived: dict[str, set[str]] = {}
         self.verdicts: dict[str, Verdict] = {}
+        self.first: dict[str, Verdict] = {}
         for line in file.read_text(encoding="utf-8").splitlines() if file.is_file() else ():
             self._read(json.loads(line))
 
@@ -91,6 +94,7 @@ class Store:
         self.verdicts.pop(verdict.mutant, None)
         if kept["source"] != self._source(verdict):
             return
+        self.first.setdefault(verdict.mutant, verdict)
         same = {file for file, print_ in kept["files"].items() if self._fingerprint_of.get(file) == print_}
         if kept["all"] == self._all or (verdict.by.partition("::")[0] in same):
             self.verdicts[verdict.mutant] = verdict
@@ -109,13 +113,14 @@ class Store:
         return Counter((v.mutant.partition(":")[0], v.by) for v in self.verdicts.values() if v.outcome == "killed")
 
     def forget(self) -> None:
-        """Let no verdict hold."""
+        """Let no verdict hold; those that were first stay so."""
         self.verdicts.clear()
         self._outlived.clear()
 
     def add(self, verdict: Verdict, files: Iterable[str]) -> None:
         """Keep one more, and the files of the tests that were run."""
         self.verdicts[verdict.mutant] = verdict
+        self.first.setdefault(verdict.mutant, verdict)
         judges = [verdict.by.partition("::")[0]] if verdict.outcome == "killed" else files
         prints = {file: self._fingerprint_of[file] for file in judges if file in self._fingerprint_of}
         kept = {"verdict": asdict(verdict), "source": self._source(verdict), "files": prints, "all": self._all}
@@ -134,6 +139,7 @@ def sum_up(
     verdicts: Mapping[str, Verdict],
     reasons: Sequence[Reason],
     subject_of: Callable[[str], str] = str,
+    first: Mapping[str, Verdict] | None = None,
 ) -> dict[str, Any]:
     """Count.
 
@@ -142,11 +148,13 @@ def sum_up(
         verdicts: of all of them, by id.
         reasons: of those that may survive.
         subject_of: what a file belongs to.
+        first: verdicts before tests were written for survivors; None where they are the same.
 
     Returns:
         Counts in all, by subject, by file and by operator; each survivor with its reason, empty where nobody wrote
-        one. The share killed leaves out the equivalent ones, and only those.
+        one. The shares killed, at last and at first, leave out the equivalent ones, and only those.
     """
+    at_first = verdicts if first is None else first
     survivors: list[dict[str, Any]] = []
     for mutant in mutants:
         if verdicts[mutant.id].outcome not in KILLED:
@@ -162,24 +170,27 @@ def sum_up(
                 }
             )
     equivalent = {survivor["id"] for survivor in survivors if survivor["equivalent"]}
-    files = sorted({mutant.path for mutant in mutants})
-    operators = sorted({mutant.operator for mutant in mutants})
-    subjects = sorted({subject_of(file) for file in files})
+
+    def count(key: Callable[[Mutant], str]) -> dict[str, dict[str, Any]]:
+        return {
+            name: _count([mutant for mutant in mutants if key(mutant) == name], verdicts, at_first, equivalent)
+            for name in sorted({key(mutant) for mutant in mutants})
+        }
+
     return {
-        **_count(mutants, verdicts, equivalent),
-        "subjects": {
-            name: _count((m for m in mutants if subject_of(m.path) == name), verdicts, equivalent) for name in subjects
-        },
-        "files": {file: _count((m for m in mutants if m.path == file), verdicts, equivalent) for file in files},
-        "operators": {
-            name: _count((m for m in mutants if m.operator == name), verdicts, equivalent) for name in operators
-        },
+        **_count(mutants, verdicts, at_first, equivalent),
+        "subjects": count(lambda mutant: subject_of(mutant.path)),
+        "files": count(lambda mutant: mutant.path),
+        "operators": count(lambda mutant: mutant.operator),
         "survivors": survivors,
     }
 
 
-def _count(mutants: Iterable[Mutant], verdicts: Mapping[str, Verdict], equivalent: set[str]) -> dict[str, Any]:
+def _count(
+    mutants: Iterable[Mutant], verdicts: Mapping[str, Verdict], first: Mapping[str, Verdict], equivalent: set[str]
+) -> dict[str, Any]:
     outcomes = [(mutant.id, verdicts[mutant.id].outcome) for mutant in mutants]
+    killed_first = sum(first[name].outcome in KILLED for name, _ in outcomes)
     killed = sum(outcome in KILLED for _, outcome in outcomes)
     same = sum(name in equivalent for name, _ in outcomes)
     return {
@@ -189,5 +200,7 @@ def _count(mutants: Iterable[Mutant], verdicts: Mapping[str, Verdict], equivalen
         "equivalent": same,
         "survived": len(outcomes) - killed - same,
         "share": round(killed / max(len(outcomes) - same, 1), 4),
+        "killed_first": killed_first,
+        "share_first": round(killed_first / max(len(outcomes) - same, 1), 4),
         "seconds": round(sum(verdicts[name].seconds for name, _ in outcomes), 1),
     }

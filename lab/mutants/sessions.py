@@ -34,7 +34,8 @@ WAITING_LIMIT: Final = 20.0
 """Time that a test with a mutant may take [s], and `WAITING_FACTOR` times its own: it may wait for what never comes."""
 WAITING_FACTOR: Final = 5.0
 PATIENT: Final = 4.0
-"""A mutant is tried again, with this many times that limit, before it counts as killed by a test that waits."""
+"""A mutant is tried again, with this many times its limits, before it counts as killed by time or by a test that waits:
+what is computed once in a process, a test that ran before may have paid for when its time was measured."""
 WAITS: Final = 0.1
 """A test that takes so much longer than it computes waits for something, and a loaded machine can make it fail [s]."""
 COLLECTING_LIMIT: Final = 60.0
@@ -139,7 +140,8 @@ class _StrictJudge(_Judge):
     def pytest_runtest_protocol(self, item: pytest.Item) -> Generator[None, object, object]:
         cpu = self._known.seconds.get(item.nodeid, CPU_LIMIT)
         taken = self._known.taken.get(item.nodeid, WAITING_LIMIT)
-        self._limits.set(CPU_LIMIT + CPU_FACTOR * cpu, self._patience * (WAITING_LIMIT + WAITING_FACTOR * taken))
+        patience = self._patience
+        self._limits.set(patience * (CPU_LIMIT + CPU_FACTOR * cpu), patience * (WAITING_LIMIT + WAITING_FACTOR * taken))
         return (yield)
 
 
@@ -179,6 +181,52 @@ class _Limits:
         """Allow so much computing time from now, and so much of its own time [s]."""
         self._watchdog.deadline = fair_clock() + taken
         signal.setitimer(signal.ITIMER_PROF, cpu)
+
+
+class _SharedFixtures:
+    """Plugin: what fixtures cost and run that are made once for many tests.
+
+    A mutant is judged in a process of its own, where each test makes them anew: they are a part of it.
+
+    Args:
+        seen: lines of each file that have run, as they are noted.
+    """
+
+    def __init__(self, seen: Mapping[str, set[int]]) -> None:
+        self._seen = seen
+        self._made: dict[tuple[str, str], Coverage] = {}  # by name and by where it is declared
+        self._made_now: set[tuple[str, str]] = set()
+
+    @pytest.hookimpl(wrapper=True)
+    def pytest_fixture_setup(self, fixturedef: pytest.FixtureDef[Any]) -> Generator[None, object, object]:
+        if fixturedef.scope == "function":
+            return (yield)
+        before = {path: set(lines) for path, lines in self._seen.items()}
+        for lines in self._seen.values():
+            lines.clear()
+        cpu_start, start = time.process_time(), fair_clock()
+        try:
+            return (yield)
+        finally:
+            key = fixturedef.argname, fixturedef.baseid
+            made = self._made[key] = Coverage()
+            made.seconds[""] = time.process_time() - cpu_start
+            made.taken[""] = fair_clock() - start
+            made.lines[""] = {path: sorted(lines) for path, lines in self._seen.items() if lines}
+            self._made_now.add(key)
+            for path, lines in self._seen.items():
+                lines |= before[path]
+
+    def add_to(self, item: pytest.Item, measured: Coverage) -> None:
+        """Add to what was measured of a test, which has just run, the fixtures that an earlier one made for it."""
+        name, used = item.nodeid, getattr(item, "fixturenames", ())
+        for (fixture, place), made in self._made.items():
+            if fixture in used and name.startswith(place) and (fixture, place) not in self._made_now:
+                measured.seconds[name] += made.seconds[""]
+                measured.taken[name] += made.taken[""]
+                for path, lines in made.lines[""].items():
+                    measured.lines[name][path] = sorted({*measured.lines[name].get(path, ()), *lines})
+        self._made_now.clear()
 
 
 class Server:
@@ -285,7 +333,8 @@ class Server:
     def _measure(self, functions: LiveFunctions, items: Sequence[pytest.Item]) -> dict[str, Any]:
         """In a child: run tests with probes in the files."""
         seen = {path: functions.add_probes(self._file(path), module.original) for path, module in self._modules.items()}
-        coverage = Coverage()
+        coverage, shared = Coverage(), _SharedFixtures(seen)
+        items[0].config.pluginmanager.register(shared, "shared-fixtures")
         for item, following in zip(items, [*items[1:], None], strict=True):
             for lines in seen.values():
                 lines.clear()
@@ -299,12 +348,13 @@ class Server:
             coverage.seconds[item.nodeid] = time.process_time() - cpu_start
             coverage.taken[item.nodeid] = fair_clock() - start
             coverage.lines[item.nodeid] = {path: sorted(lines) for path, lines in seen.items() if lines}
+            shared.add_to(item, coverage)
         return {"coverage": asdict(coverage)}
 
 
 def is_doubtful(result: Mapping[str, Any], coverage: Coverage) -> bool:
-    """Whether a loaded machine may be what killed a mutant: it waited for too long, or the test that failed waits."""
-    return result.get(DIED) == signal.SIGKILL or (bool(result.get("by")) and coverage.waits(result["by"]))
+    """Whether something else than the mutant may be what killed it: it took too long, or the test that failed waits."""
+    return result.get(DIED) in _LIMITING or (bool(result.get("by")) and coverage.waits(result["by"]))
 
 
 def judge(mutant: str, result: Mapping[str, Any]) -> Verdict:

@@ -159,3 +159,8 @@ def test_figures_that_docs_safety_tells():
 @pytest.mark.parametrize(("voltage", "is_low"), [(12.79, True), (12.81, True), (13.05, True), (13.06, False)])
 def test_a_battery_that_was_low_is_so_until_it_is_two_percent_above_the_limit(voltage, is_low):
     assert (watched((12.7, 0.0), (voltage, 1.0)).warning is not None) is is_low
+
+
+def test_the_voltage_of_the_set_itself_is_not_low():
+    assert watched((12.8, 0.0)).warning is None
+    assert watched((12.799, 0.0)).warning is not None

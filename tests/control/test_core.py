@@ -385,6 +385,18 @@ def test_a_line_that_releases_by_itself_ends_the_lease(drive, obstacle):
     assert release.reason == refuse(Token(obstacle.value)).reason
 
 
+@pytest.mark.parametrize(
+    "line",
+    [ControlLine("v2", Obstacle.RELEASING), ControlLine("v2", Obstacle.UNCONFIRMED), ControlLine(None, None, "gone")],
+)
+def test_what_ends_with_the_line_is_released_at_once(drive, line):
+    drive.fly()
+    drive.core.feed(LineChanged(line), drive.now)
+    drive.now += 0.03
+    drive.tick()
+    assert drive.core.next_time() <= drive.now
+
+
 def test_frames_the_line_does_not_take_are_reported_once_a_second_and_keep_the_lease(drive):
     drive.fly()
     drive.core.feed(LineChanged(ControlLine("v2", Obstacle.LINK_DOWN, "unplugged")), drive.now)

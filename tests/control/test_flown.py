@@ -11,12 +11,12 @@ from mkdaemon.control.manoeuvres.by_target import ByTarget
 from mkdaemon.control.manoeuvres.hold import Hold
 from mkdaemon.control.manoeuvres.land import Land
 from mkdaemon.control.manoeuvres.level import Level
-from mkdaemon.control.manoeuvres.manoeuvre import Step
+from mkdaemon.control.manoeuvres.manoeuvre import Step, level_at
 from mkdaemon.control.manoeuvres.table import MANOEUVRES
 from mkdaemon.control.manoeuvres.take_off import TakeOffPhase
 from mkdaemon.control.sight import Sight
 from mkdaemon.errors import CommandRejectedError
-from mkdaemon.telemetry.control import Phase
+from mkdaemon.telemetry.control import Outcome, Phase
 from mkdaemon.telemetry.refusals import Token, refuse
 from mkdaemon.telemetry.setpoint import (
     HoldSetpoint,
@@ -195,3 +195,51 @@ def test_error_shown_is_that_of_the_last_step_and_none_where_there_is_no_goal():
     assert flying.flown.error.goal == pytest.approx((0.0, 0.0, 2.0), abs=0.05)
     flying.step(STICK, 1.04, is_flying=True)
     assert flying.flown.error is None
+
+
+def unanswered(*, seen_at=0.0, setpoint=HOLD):
+    """A flight by its target, whose last image is of `seen_at`; None for none."""
+    flying = Flying()
+    if seen_at is not None:
+        flying.see(pose(seen_at), seen_at)
+    flying.step(setpoint, 0.0)
+    flying.step(setpoint, 0.02, is_flying=True)
+    return flying
+
+
+def test_without_an_answer_a_flight_by_its_target_ends_when_no_image_came_for_long():
+    flying = unanswered()
+    limit = flying.cfg.autopilot.exit_after
+    assert flying.step(HOLD, limit, is_flying=True, phase=Phase.UNANSWERED).end is None
+    end = flying.step(HOLD, limit + 0.1, is_flying=True, phase=Phase.UNANSWERED).end
+    assert (end.outcome, end.words) == (Outcome.SIGHT_LOST, f"no image of pad for {limit + 0.1:.1f} s")
+    never = unanswered(seen_at=None).step(HOLD, 0.1, is_flying=True, phase=Phase.UNANSWERED)
+    assert never.end.outcome is Outcome.SIGHT_LOST
+    by_hand = unanswered(setpoint=STICK).step(STICK, limit + 9.0, is_flying=True, phase=Phase.UNANSWERED)
+    assert by_hand.end is None
+
+
+@pytest.mark.parametrize("setpoint", [HOLD, LAND, TAKE_OFF, STICK])
+def test_without_an_answer_sticks_are_level_at_the_throttle_that_carries_it(setpoint):
+    flying = unanswered(setpoint=setpoint)
+    step = flying.step(setpoint, 0.1, is_flying=True, phase=Phase.UNANSWERED)
+    assert step.sticks == level_at(flying.sight.hover_gas)
+    assert (step.is_unanswered, step.is_done, step.stands) == (True, False, False)
+
+
+@pytest.mark.parametrize(
+    ("phase", "setpoint", "becomes"),
+    [
+        (Phase.UNANSWERED, LAND, Land),
+        (Phase.UNANSWERED, HOLD, Hold),
+        (Phase.LANDING, HOLD, Land),
+        (Phase.ABORTED, LAND, Hold),
+    ],
+)
+def test_what_is_flown_when_it_answers_again_is_what_phase_and_setpoint_ask_for(phase, setpoint, becomes):
+    flying = unanswered(setpoint=setpoint)
+    flying.sight.answer.gate_reported(0.1, is_open=False)
+    flying.step(setpoint, 0.12, is_flying=True, phase=phase)
+    flying.sight.answer.gate_reported(0.14, is_open=True)
+    flying.step(setpoint, 0.14, is_flying=True, phase=phase if phase is not Phase.UNANSWERED else Phase.FLYING)
+    assert type(flying.flown.current) is becomes

@@ -12,6 +12,8 @@ from mkdaemon.control.actions import PublishStatus
 from mkdaemon.control.activeset import ActiveSet, Gate, GateKind
 from mkdaemon.control.estimator.model import AircraftModel, Gap, ModelUnknown
 from mkdaemon.control.events import AbortAsked, ActiveSetRead, ModelKnown, PoseSeen, StateValue
+from mkdaemon.control.motionmatch import Match, MotionMatch
+from mkdaemon.control.vehicle import VehicleMemory
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.command import AbortRequest
 from mkdaemon.telemetry.control import Phase
@@ -144,3 +146,11 @@ def test_in_flight_nothing_is_computed_that_would_hold_up_the_loop(drive, monkey
     assert to_position(drive).token == "loop_unknown"
     with pytest.raises(CommandRejectedError, match="busy"):
         drive.core.gains()
+
+
+def test_stamps_are_compared_at_once_and_again_after_half_a_second(monkeypatch):
+    monkeypatch.setattr(MotionMatch, "match", lambda motion, now, target: Match(now, 1.0))
+    before = preflight.Preflight(ControlConfig(), VehicleMemory())
+    known = {"lease": None, "flown": None, "entry": None, "unanswered": "", "hover_gas": 125.0, "target_age": None}
+    lags = [before.situation(at, phase=Phase.FREE, **known).stamps.lag for at in (5.0, 5.4, 5.5, 5.9, 6.0)]
+    assert lags == [5.0, 5.0, 5.5, 5.5, 6.0]

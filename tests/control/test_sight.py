@@ -337,3 +337,54 @@ def test_tilt_and_disturbance_are_told_along_their_own_axes(sight):
     shown = sight.estimate(10.0)
     assert shown.disturbance == pytest.approx((0.3, -0.2), abs=0.02)
     assert shown.tilt == pytest.approx((0.1, -0.05), abs=0.02)
+
+
+def tilt_by_sticks(sight, now):
+    """Tilt that is believed a third of a second after full sticks [rad]."""
+    for k in range(10):
+        sight.sticks_made(StickCounts(60, 0, 0, 0), OURS, now + 0.03 * k)
+    return sight.estimate(now + 0.33).tilt[0]
+
+
+def test_while_the_pilot_flies_sticks_that_are_sent_do_not_act(sight):
+    sight.leave_to_pilot(is_his=True)
+    assert sight.estimator is None
+    see(sight, view(10.1))
+    met = sight.estimator
+    sight.leave_to_pilot(is_his=True)
+    assert sight.estimator is met, "forgotten once"
+    assert abs(tilt_by_sticks(sight, 10.1)) < 0.01
+    sight.leave_to_pilot(is_his=False)
+    assert sight.estimator is met
+    see(sight, view(10.5))
+    assert tilt_by_sticks(sight, 10.5) > 0.1
+
+
+def test_throttle_that_carried_while_sticks_acted_is_what_the_pilot_leaves():
+    sight = Sight(CFG, HOVER)
+    see(sight, view(10.0))
+    sight.estimator.hover_gas = 140.0
+    sight.leave_to_pilot(is_his=True)
+    assert sight.hover_gas == HOVER + GAS_CENTRE, "nobody knows whether they acted"
+    sight.leave_to_pilot(is_his=False)
+    see(sight, view(10.1))
+    sight.estimator.hover_gas = 140.0
+    sight.answer._evidence -= 2.0
+    sight.attitude_received(told(10.15))
+    sight.leave_to_pilot(is_his=True)
+    assert sight.hover_gas == 140.0
+
+
+def test_how_sure_it_is_published_to_be_is_of_the_moment(sight):
+    early, late = (np.trace(sight.estimate(at).covariance) for at in (10.0, 10.3))
+    assert late > 1.5 * early
+
+
+def test_how_sure_it_is_published_to_be_is_told_of_each_axis():
+    sight = Sight(CFG, HOVER)
+    for k in range(5):
+        seen = view(10.0 + 0.04 * k)
+        see(sight, replace(seen, covariance=np.diag([1e-4, 9e-4, 4e-4, 1e-4, 1e-4, 1e-4])))
+    east, north, up = sight.estimate(10.2).covariance
+    assert len({east, north, up}) == 3
+    assert np.array([east, north, up]) == pytest.approx(sight.estimator.motion_covariance)

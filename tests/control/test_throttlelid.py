@@ -318,3 +318,11 @@ def test_without_a_voltage_the_largest_share_of_this_flight_counts():
     assert lid.pilots_throttle == pytest.approx(0.5 * 137.0 - 127.0), "what is shown is as it was told"
     lid.frame_made(10.0, ThrottleReport(60.0, 2.25), 2.25)
     assert lid._scale == 1.0, "no share is more than all"
+
+
+def test_a_throttle_that_the_motors_least_hides_does_not_tell_what_is_reported():
+    """A stick of 8 counts is flown as 20, the least of the motors; at 125 counts four fifths are reported, as said."""
+    lid = ThrottleLid()
+    now = told(lid, 8.0 - GAS_CENTRE, ThrottleReport(20.0 - GAS_CENTRE, 0.0, 0.8), 1.0)
+    told(lid, 125.0 - GAS_CENTRE, ThrottleReport(100.0 - GAS_CENTRE, 0.0, 0.8), 1.5, start=now)
+    assert lid.use == OURS

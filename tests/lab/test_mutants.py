@@ -51,8 +51,15 @@ TESTS = """
 import pytest
 from tiny.levels import clip, is_high, note
 
-def test_clip():
-    assert (clip(1), clip(3), clip(5, most=4)) == (1, 2, 4)
+@pytest.fixture(scope="module")
+def clipped():
+    return clip(1), clip(3), clip(5, most=4)
+
+def test_how_many_are_clipped(clipped):
+    assert len(clipped) == 3
+
+def test_clip(clipped):
+    assert clipped == (1, 2, 4)
 
 def test_is_high():
     assert is_high(1.6) and not is_high(1.4) and not is_high(1.0)
@@ -271,13 +278,13 @@ def test_a_survivor_has_to_outlive_only_tests_that_are_new(tmp_path):
         ({"by": ""}, False, "survived"),
         ({"by": "computes"}, False, "killed"),
         ({"by": "waits"}, True, "killed"),
-        ({DIED: signal.SIGPROF}, False, "timeout"),
+        ({DIED: signal.SIGPROF}, True, "timeout"),
         ({DIED: signal.SIGKILL}, True, "timeout"),
         ({DIED: signal.SIGSEGV}, False, "killed"),
         ({"unreached": "no line"}, False, "unreached"),
     ],
 )
-def test_what_a_loaded_machine_may_have_killed_is_tried_again(result, doubtful, outcome):
+def test_what_time_or_a_loaded_machine_may_have_killed_is_tried_again(result, doubtful, outcome):
     known = Coverage(seconds={"computes": 1.0, "waits": 1.0}, taken={"computes": 1.05, "waits": 1.2})
     assert is_doubtful(result, known) is doubtful
     assert judge(MUTANT.id, result | {SECONDS: 0.1}).outcome == outcome
@@ -286,6 +293,17 @@ def test_what_a_loaded_machine_may_have_killed_is_tried_again(result, doubtful, 
 def test_a_timeout_counts_as_killed():
     summary = sum_up([MUTANT], {MUTANT.id: Verdict(MUTANT.id, "timeout", "", 9.0)}, [])
     assert (summary["killed"], summary["timeouts"], summary["share"]) == (1, 1, 1.0)
+
+
+def test_what_a_verdict_was_at_first_is_kept_until_the_code_changes(tmp_path):
+    survived, killed = (Verdict(MUTANT.id, how, "tests/test_b.py::x", 0.1) for how in ("survived", "killed"))
+    for prints, verdict in ((PRINTS, survived), (PRINTS | {"tests/test_b.py": "new"}, killed)):
+        Store(tmp_path / "kept", prints).add(verdict, ["tests/test_a.py"])
+    later = Store(tmp_path / "kept", PRINTS | {"tests/test_b.py": "new"})
+    assert (later.verdicts, later.first) == ({MUTANT.id: killed}, {MUTANT.id: survived})
+    counts = sum_up([MUTANT], later.verdicts, [], first=later.first)
+    assert (counts["killed"], counts["killed_first"], counts["share_first"]) == (1, 0, 0.0)
+    assert Store(tmp_path / "kept", PRINTS | {"src/a.py": "new"}).first == {}
 
 
 def test_a_reason_with_an_unknown_word_is_refused(tmp_path):

@@ -8,7 +8,17 @@ import pytest
 
 from mkdaemon.config.control import ControlConfig, LeaseConfig
 from mkdaemon.control.activeset import UNREAD, Gate, GateKind
-from mkdaemon.control.admission import ROWS, Concern, NewManoeuvre, TakeLease, findings, is_ready, refusals, waits_for
+from mkdaemon.control.admission import (
+    ROWS,
+    Concern,
+    NewManoeuvre,
+    TakeLease,
+    findings,
+    is_ready,
+    refusal,
+    refusals,
+    waits_for,
+)
 from mkdaemon.control.admission.flightrows import FLIGHT_ROWS, LEASE_ROWS
 from mkdaemon.control.estimator.model import Gap, ModelUnknown
 from mkdaemon.control.motionmatch import Match
@@ -189,3 +199,13 @@ def test_only_the_way_to_the_client_is_asked_before_anything_is_read():
 def test_what_is_beyond_its_limit_is_told_with_both_numbers(name, change, words):
     reason = finding(replace(GOOD, **change), name).reason
     assert all(word in reason for word in words), reason
+
+
+@pytest.mark.parametrize("concern", [Concern.HOLD, Concern.POSITION, Concern.VELOCITY, Concern.LAND, Concern.TAKE_OFF])
+def test_without_an_answer_to_the_sticks_a_flight_by_the_target_waits_and_is_not_refused(concern):
+    shut = replace(GOOD, entry=replace(GOOD.entry, height=0.1), unanswered="the board reports the gate shut")
+    assert waits_for(NewManoeuvre(concern), shut) == (
+        "waiting for an answer to the sticks: the board reports the gate shut"
+    )
+    for flown in (None, Concern.HOLD):
+        assert refusal(NewManoeuvre(concern), replace(shut, flown=flown)) is None

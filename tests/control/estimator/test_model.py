@@ -133,3 +133,9 @@ def test_an_aircraft_has_the_other_filter_twice():
 def test_every_constant_is_a_positive_number(number):
     with pytest.raises(ValueError, match="positive"):
         AircraftModel(drag=number)
+
+
+def test_every_place_of_a_horizontal_axis_is_named():
+    places = [P, V, T, TH, Z, W, US, D, B]
+    assert sorted(places) == list(range(LEVEL_STATES))
+    assert MODEL.horizontal(TINY)[0].shape == (len(places), len(places))

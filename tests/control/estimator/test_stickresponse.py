@@ -269,3 +269,24 @@ def test_sticks_that_were_lost_are_no_smaller_gain():
     found, lost = flown(1.0, seconds=2.5, lost=(0.5, 0.8)), flown(0.6, seconds=2.5)
     assert found.gain == 1.0
     assert lost.gain == pytest.approx(0.6, abs=0.05)
+
+
+def mean_lag(likelihood):
+    """Mean of the delays that are thought of, each by its likelihood [s]."""
+    lags = np.linspace(-0.03, 0.06, 10)
+    weights = likelihood(lags)
+    return weights @ lags / weights.sum()
+
+
+def test_before_motion_delays_are_as_likely_as_what_was_measured_of_the_line_says():
+    found = flown(1.0, size=0.0, model=replace(MODEL, line_sd=0.04), late=0.06, stamped=0.06)
+    assert found.lag == pytest.approx(mean_lag(lambda lags: np.exp(-0.5 * (lags / 0.04) ** 2)), abs=2e-4)
+
+
+def test_a_delay_is_as_likely_as_its_share_of_what_the_best_leaves_over():
+    """A swing of frequency w leaves over sin2(w lag) of its mean square, and each delay 0.15 degrees; 20 residuals."""
+    frequency, mean_square, least = 3.0, math.radians(0.15) ** 2, math.radians(0.15) ** 2
+    size = math.sqrt(mean_square) / abs(believed(MODEL, frequency))
+    found = swung(size, model=replace(MODEL, line_sd=9.0), frequencies=(frequency, frequency))
+    expected = mean_lag(lambda lags: (1.0 + mean_square * np.sin(frequency * lags) ** 2 / least) ** -20.0)
+    assert found.lag == pytest.approx(expected, abs=5e-4)

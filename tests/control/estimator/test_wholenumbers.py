@@ -70,3 +70,11 @@ def test_the_leak_of_an_aircraft_near_balance_is_nothing():
     leak, state = AircraftModel().counted(STEP)[2], np.zeros((1, LEVEL_STATES))
     state[0, TH] = np.radians(0.1)
     assert leak.linearised(state, np.zeros((1, LEVEL_STATES, LEVEL_STATES)))[0][0] == pytest.approx(0.0, abs=0.05)
+
+
+@pytest.mark.parametrize("mean", [0.25, 0.75, 1.25, 2.5])
+def test_the_least_noise_that_blurs_leaves_steps_of_their_true_height(mean):
+    draws = np.random.default_rng(1).normal(0.0, 1.0, 400_000)
+    truth = np.trunc(mean + 0.2 * draws).mean()
+    counts, _ = WholeNumbers(ROW, EFFECT, 0.2).linearised(np.array([[mean / 2.0, 7.0]]), np.zeros((1, 2, 2)))
+    assert counts[0] == pytest.approx(truth, abs=0.02)

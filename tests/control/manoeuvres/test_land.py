@@ -74,6 +74,7 @@ def test_standing_needs_no_estimate(landed):
     assert aircraft.sight.estimator is None
     [step] = aircraft.fly(land, STEP)
     assert (step.sticks, step.end.outcome) == (OFF, Outcome.LANDED)
+    assert (step.stage, step.is_done, step.stands, step.may_touch) == ("down", True, True, True)
     assert land.stepped_at == aircraft.now
 
 
@@ -184,3 +185,9 @@ def test_without_a_target_it_does_not_land():
     step = land.step(1.0, is_flying=True)
     assert step.end.outcome is Outcome.NO_TARGET
     assert land.landing is None
+
+
+def test_heights_of_a_landing_are_those_over_the_configured_feet():
+    """With its feet 0.4 m below the camera it is 0.1 m above the target; with 0.1 m it would still go down."""
+    aircraft, land = landing_of((0.0, 0.0, 0.5), cfg=AutopilotConfig(stand_height=0.4))
+    assert aircraft.fly(land, 0.4)[-1].stage == "commit"

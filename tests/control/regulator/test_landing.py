@@ -115,6 +115,9 @@ def phase_after(height, *, east=0.0, speed=0.0, age=0.1, sd=0.01):
         ({"height": 1.0, "east": -0.195}, False),
         ({"height": 2.0, "east": 0.305}, True),
         ({"height": 2.0, "east": 0.315}, False),
+        ({"height": 0.3, "east": 0.1}, True),
+        ({"height": 0.3, "east": 0.112}, False),
+        ({"height": -0.2, "east": 0.068, "sd": 0.06}, True),
         # Its speed, and the oldest image.
         ({"height": 1.0, "speed": 0.34}, True),
         ({"height": 1.0, "speed": 0.36}, False),

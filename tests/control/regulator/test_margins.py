@@ -78,3 +78,11 @@ def test_the_daemon_does_not_start_with_a_value_that_makes_the_loop_unsafe():
     require_safe_loop(ControlConfig(rate=40.0))
     with pytest.raises(ConfigError, match=r"control\.limiter\.slew = 50.*set it to 600"):
         require_safe_loop(ControlConfig.model_validate({"limiter": {"slew": 50}}))
+
+
+def test_the_daemon_does_not_start_with_an_unsafe_loop_when_no_value_is_the_default():
+    limits = {"max_pitch": 6, "max_roll": 50, "min_throttle": -90, "max_throttle": 70, "slew": 500}
+    limits |= {"throttle_slew": 200, "hover_throttle": 0}
+    options = {"rate": 40, "limiter": limits, "autopilot": {"max_tilt": 0.3, "max_climb": 0.5}}
+    with pytest.raises(ConfigError, match=r"control\.limiter\.max_pitch = 6"):
+        require_safe_loop(ControlConfig.model_validate(options))

@@ -39,6 +39,7 @@ def below(value):
         ({"A": 0.0}, {"A": -MOVED}, "-A"),
         ({}, {"A": 0.6}, "A"),  # nobody had asked for it yet: it rests in the middle
         ({}, {"A": -0.6}, "-A"),
+        ({}, {"A": 0.7, "B": -0.6}, "A"),
         ({}, {}, None),
     ],
 )

@@ -1,0 +1,260 @@
+"""What one report says of an answer, and when it says nothing: the numbers of docs/control.md, worked out anew."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from mkdaemon.control.answers import AnswerWatch
+from mkdaemon.control.estimator.model import AircraftModel
+from mkdaemon.control.estimator.stickresponse import STEP
+from mkdaemon.control.linear import discretise
+
+UPLINK = 0.05
+MODEL = replace(AircraftModel(), uplink=UPLINK)
+SHARES = np.array([0.5, 1.0, 2.0])
+ROUGH = math.radians(1.0)
+
+
+def believed(seconds, stick, first):
+    """Believed tilt after a stick was held so long, of an aircraft that flew by the stick `first` [rad]."""
+    k = 1.0 / MODEL.rate_lag
+    a = np.array(
+        [
+            [-1.0 / MODEL.leak, 0.0, 1.0, 0.0],
+            [1.0, 0.0, 0.0, -1.0],
+            [-k * MODEL.a1, -k * MODEL.a2, -k, k * MODEL.a1],
+            [0.0, 0.0, 0.0, -1.0 / MODEL.stick_filter],
+        ]
+    )
+    f, g = discretise(a, np.array([[0.0], [0.0], [0.0], [1.0 / MODEL.stick_filter]]), seconds)
+    return (f @ np.array([first, 0.0, 0.0, first]) + g[:, 0] * stick)[0]
+
+
+def swinging(reported, *, seconds=9.0, size=10.0, says_something=True):
+    """A watch of sticks that swing, `size` counts wide, and what `reported(expected, now)` makes of it.
+
+    It ends with the report at which nothing answers any more.
+
+    Returns:
+        The watch; of each report what was expected and what was reported (n, 2), (n, 2) [rad].
+    """
+    watch, expected, seen = AnswerWatch(MODEL), [], []
+    for k in range(round(seconds / STEP)):
+        now = k * STEP
+        asked = size * np.array([math.sin(6.0 * now), math.cos(4.0 * now)])
+        watch.sent(*asked, now)
+        if k and k % 2 == 0:
+            watch._advance(now)
+            expected.append(watch.expected)
+            seen.append(reported(watch.expected, now))
+            watch.attitude_received(now, *seen[-1], says_something=says_something)
+            if watch.is_missing:
+                break
+    return watch, np.array(expected), np.array(seen)
+
+
+def unanswered():
+    """A watch that has just found that nothing answers, and when [s]."""
+    watch, _, seen = swinging(lambda asked, now: 0.0 * asked, size=30.0)
+    assert watch.is_missing
+    return watch, 0.02 * len(seen)
+
+
+def evidence_of(expected, seen, step=0.02):
+    """Log-likelihood that a share of what is expected is not in what was reported against that it is (3,) [nat]."""
+    slow_of_expected, slow_of_seen, found = expected[0], seen[0], np.zeros(3)
+    keep = math.exp(-step / 1.5)
+    for asked, tilt in zip(expected, seen, strict=True):
+        slow_of_expected = keep * slow_of_expected + (1.0 - keep) * asked
+        slow_of_seen = keep * slow_of_seen + (1.0 - keep) * tilt
+        for k, share in enumerate(SHARES):
+            acts, left = share * (asked - slow_of_expected), tilt - slow_of_seen
+            deviation = np.hypot(ROUGH, 0.25 * acts)
+            without, with_it = -0.5 * (left / deviation) ** 2, -0.5 * ((left - acts) / deviation) ** 2
+            found[k] += 5.0 * step * float((without - with_it).sum())
+        found = found.clip(-2.0, 4.0)
+    return found
+
+
+def test_a_flight_begins_with_the_tilt_that_was_reported():
+    watch = AnswerWatch(MODEL)
+    watch.attitude_received(4.9, 0.1, -0.2, says_something=True)
+    watch.sent(20.0, -10.0, 5.0)
+    watch.attitude_received(5.05, 0.0, 0.0, says_something=True)
+    assert watch.expected == pytest.approx([believed(0.05, 0.1, 0.1), believed(0.05, -0.2, -0.2)])
+
+
+@pytest.mark.parametrize("later", [0.2, 0.6])
+def test_sticks_act_after_the_line_and_until_the_next(later):
+    watch = AnswerWatch(MODEL)
+    watch.sent(20.0, -10.0, 5.0)
+    watch.sent(20.0, -10.0, 5.25)
+    watch.sent(20.0, -10.0, 5.5)
+    watch.attitude_received(5.05 + later, 0.0, 0.0, says_something=True)
+    tilt = believed(later, 20.0 * MODEL.rad_per_count, 0.0)
+    assert watch.expected == pytest.approx([tilt, -0.5 * tilt], rel=1e-5)
+    watch.sent(0.0, 0.0, 5.75)
+    watch.sent(10.0, 0.0, 5.76)
+    watch.attitude_received(5.85, 0.0, 0.0, says_something=True)
+    parts = (believed(length, 1.0, 0.0) for length in (0.8, 0.05, 0.04))
+    whole, level, half = (float(part) * 20.0 * MODEL.rad_per_count for part in parts)
+    assert watch.expected[0] == pytest.approx(whole - level + 0.5 * half, rel=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("reported", "size"),
+    [
+        (lambda asked, now: 0.0 * asked, 2.0),  # shut, before it is decided
+        (lambda asked, now: 0.0 * asked, 30.0),
+        (lambda asked, now: 0.24 * asked, 30.0),  # undecided
+        (lambda asked, now: 0.26 * asked + 0.05, 30.0),
+        (lambda asked, now: np.array([0.5 * asked[0], 0.0]), 10.0),
+        (lambda asked, now: asked + 0.02 * np.array([math.sin(9.0 * now), 0.3]), 10.0),
+    ],
+)
+def test_evidence_is_the_log_likelihood_of_the_fast_part(reported, size):
+    """As soon as no share explains what is reported, nothing answers."""
+    for seconds in (0.1, 0.3, 0.6, 1.2):
+        watch, expected, seen = swinging(reported, seconds=seconds, size=size)
+        least = evidence_of(expected, seen).min()
+        if least >= 4.0:
+            assert watch.is_missing
+            return
+        assert watch.evidence == pytest.approx(least, abs=1e-9)
+        assert not watch.is_missing
+
+
+def test_what_answers_is_sure_at_a_likelihood_of_2_and_no_more_of_it_is_kept():
+    watch, _, _ = swinging(lambda asked, now: asked, seconds=0.1)
+    assert -2.0 < watch.evidence < 0.0
+    assert not watch.is_sure
+    watch, _, _ = swinging(lambda asked, now: asked, seconds=2.0)
+    assert watch.evidence == -2.0
+    assert watch.is_sure
+
+
+def test_what_does_not_answer_is_never_sure():
+    watch, _ = unanswered()
+    assert watch.evidence == 4.0
+    assert not watch.is_sure
+
+
+@pytest.mark.parametrize(
+    ("lean_deg", "reports"), [((0.0, 0.0), 6), ((0.5, 0.0), 7), ((0.0, -0.7), 8), ((1.0, 0.0), 13), ((1.4, 0.0), None)]
+)
+def test_under_level_sticks_each_report_weighs_a_level_aircraft_against_one_flown_by_hand(lean_deg, reports):
+    """Worked by hand: 4 nat, less ln(3 / 0.5) - s2 (1 / 0.5^2 - 1 / 3^2) / 2 of each axis in 0.1 s."""
+    watch, begin = unanswered()
+    lean = np.radians(lean_deg)
+    found = None
+    for k in range(1, 31):
+        now = begin + 0.02 * k
+        watch.sent(0.0, 0.0, now)
+        watch.attitude_received(now, *lean, says_something=True)
+        if not watch.is_missing:
+            assert watch.evidence == 0.0
+            found = k
+            break
+    assert found == reports
+
+
+def test_an_aircraft_that_leans_for_long_is_no_more_sure_to_be_unanswered():
+    watch, begin = unanswered()
+    for k in range(1, 51):
+        now = begin + 0.02 * k
+        watch.sent(0.0, 0.0, now)
+        watch.attitude_received(now, 0.2, 0.2, says_something=True)
+    assert watch.evidence == 4.0
+
+
+@pytest.mark.parametrize(("pause", "begins_anew"), [(0.29, False), (0.3, False), (0.32, True)])
+def test_after_a_pause_of_the_sticks_everything_begins_anew(pause, begins_anew):
+    watch = AnswerWatch(MODEL)
+    watch.sent(20.0, 0.0, 0.0)
+    watch.attitude_received(0.2, 0.0, 0.0, says_something=True)
+    assert watch.expected[0] > 0.01
+    watch.sent(20.0, 0.0, pause)
+    assert bool(watch.expected[0] == 0.0) is begins_anew
+
+
+def test_a_flight_that_begins_anew_forgets_that_nothing_answered():
+    watch, begin = unanswered()
+    watch.sent(0.0, 0.0, begin + 0.4)
+    assert not watch.is_missing
+    assert watch.evidence == 0.0
+
+
+@pytest.mark.parametrize(("after", "counts"), [(0.3, True), (0.32, False)])
+def test_reports_after_the_last_stick_count_for_three_tenths_of_a_second(after, counts):
+    watch = AnswerWatch(MODEL)
+    for k in range(16):
+        watch.sent(30.0, 0.0, -0.02 * (15 - k))
+    watch.attitude_received(0.1, 0.0, 0.0, says_something=True)
+    watch.attitude_received(0.2, 0.0, 0.0, says_something=True)
+    before = watch.evidence
+    watch.attitude_received(after, 0.0, 0.0, says_something=True)
+    assert (watch.evidence != before) is counts
+
+
+@pytest.mark.parametrize(("apart", "counts"), [(0.14, True), (0.15, True), (0.16, False)])
+def test_reports_that_are_farther_apart_than_150_ms_say_nothing(apart, counts):
+    watch = AnswerWatch(MODEL)
+    for at in (0.0, 0.25):
+        watch.sent(30.0, 0.0, at)
+    watch.attitude_received(0.15, 0.0, 0.0, says_something=True)
+    watch.attitude_received(0.15 + apart, 0.0, 0.0, says_something=True)
+    assert (watch.evidence != 0.0) is counts
+
+
+def test_a_report_that_an_older_one_follows_is_counted_once():
+    once, twice = AnswerWatch(MODEL), AnswerWatch(MODEL)
+    for k in range(20):
+        now = 0.02 * k
+        for watch in (once, twice):
+            watch.sent(30.0, 0.0, now)
+            watch.attitude_received(now, 0.0, 0.0, says_something=True)
+        twice.attitude_received(now - 0.05, 0.0, 0.0, says_something=True)
+    assert once.evidence > 0.0
+    assert twice.evidence == once.evidence
+
+
+def test_what_says_nothing_leaves_no_trace():
+    watch, _, _ = swinging(lambda asked, now: 0.0 * asked, seconds=1.0, size=30.0, says_something=False)
+    assert watch.evidence == 0.0
+    assert watch._slow is None
+
+
+def test_a_gate_that_was_shut_counts_for_two_seconds_and_says_why():
+    watch = AnswerWatch(MODEL)
+    assert not watch.is_gate_shut(0.0)
+    assert watch.missing_words(0.0) == ""
+    watch.gate_reported(1.0, is_open=False)
+    assert watch.is_gate_shut(3.0)
+    assert watch.missing_words(3.0) == "the board reports the gate shut"
+    assert not watch.is_gate_shut(3.01)
+    assert watch.missing_words(3.01) == ""
+    watch.gate_reported(4.0, is_open=True)
+    assert not watch.is_gate_shut(4.0)
+
+
+def test_only_a_gate_that_is_opened_lets_begin_anew():
+    watch, _ = unanswered()
+    watch.gate_reported(1.0, is_open=True)
+    assert watch.is_missing
+    assert watch.missing_words(1.0) == "its tilt does not follow them"
+    watch.gate_reported(1.1, is_open=False)
+    assert watch.is_missing
+    watch.gate_reported(1.2, is_open=False)
+    assert watch.is_missing
+    watch.gate_reported(1.3, is_open=True)
+    assert not watch.is_missing
+    assert watch.missing_words(1.3) == ""
+
+
+def test_what_was_expected_long_ago_is_forgotten():
+    watch, _, _ = swinging(lambda asked, now: asked, seconds=2.0)
+    assert len(watch._expected) < 50
