@@ -83,7 +83,7 @@ class GenuineWorld(World):
         self.inbox: deque[tuple[float, int]] = deque()
         self.has_compass = has_compass
         self._voltage = voltage
-        self._control = control_of(chip.firmware)
+        self._layout = control_of(chip.firmware)
         self._rotors = [0.0, 0.0, 0.0, 0.0]
         self._lag = airframe.motor_lag
         self._thrust_per_count2 = airframe.mass * GRAVITY / (4.0 * airframe.hover_count**2)
@@ -113,7 +113,7 @@ class GenuineWorld(World):
     @property
     def held(self) -> tuple[int, int, int, int, bool]:
         """External control as the firmware holds it: pitch, roll, yaw, throttle, whether it is valid."""
-        peek, control = self.chip.peek, self._control
+        peek, control = self.chip.peek, self._layout
         pitch, roll, yaw = (peek(control.symbol, "<b", control.pitch + place) for place in range(3))
         throttle = peek(control.symbol, control.throttle, control.pitch + 3)
         return pitch, roll, yaw, throttle, bool(peek(control.symbol, "<B", control.config) & 1)
