@@ -43,6 +43,12 @@ OWN_LID: Final = re.compile(rb"^(\s*)ChannelGas = ExternalControl\.Gas;", re.MUL
 STOCK_LID: Final = rb"\1if(ExternalControl.Gas < ChannelGas) ChannelGas = ExternalControl.Gas;"
 """A public fork takes our throttle as it is; stock firmware takes the smaller of the pilot's and ours."""
 
+NO_RECEIVER: Final = re.compile(rb"(void LIBFC_ReceiverInit\(unsigned char \w+\)\s*\{)\s*\}")
+"""The library that reads receivers was never public; a fork of 0.84 has an empty one in its place."""
+PULSE_TRAIN: Final = rb"\1 TCCR1A = 0; TCCR1B = (1 << ICNC1) | (1 << ICES1) | 3; TIMSK1 |= (1 << ICIE1); }"
+"""What the library does for a pulse train: timer 1 counts clocks by 64 and captures rising edges (ATmega644 data sheet,
+chapter 13). The firmware's own interrupt measures the pulses."""
+
 
 @dataclass(frozen=True, slots=True)
 class Firmware:
@@ -208,6 +214,9 @@ def _compile(sources: Path, name: str, mcu: str, frequency: int, *, lid: bytes |
     if lid is not None:
         main = work / "fc.c"
         main.write_bytes(OWN_LID.sub(lid, main.read_bytes()))
+    library = work / "libfc.c"
+    if library.exists():
+        library.write_bytes(b"#include <avr/io.h>\n" + NO_RECEIVER.sub(PULSE_TRAIN, library.read_bytes()))
     _run(["make", "-C", str(work)], f"firmware {name}", check=False)
     elf = next(iter(sorted(work.glob("*.elf"))), None)
     if elf is None:

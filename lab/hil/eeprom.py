@@ -22,8 +22,8 @@ STEP: Final = 0.005
 SETTINGS: Final = {"receiver": 0, "external_control": poti_reference(1)}
 """Changed in every set: the pulse train of one cable, the gate."""
 NEUTRAL: Final = (512).to_bytes(2, "little")
-ACCELEROMETER: Final = {"V2.12": 4}
-"""Where a firmware keeps the two lateral neutral values of its accelerometer, by the start of its version: that is
+ACCELEROMETER: Final = 4
+"""Where every generation from 0.84 to 2.12 keeps the two lateral neutral values of its accelerometer: that is
 calibrated once in the life of a board, on a level table."""
 
 
@@ -60,9 +60,7 @@ def _make(firmware: Firmware) -> bytes:
         changed = ParameterSet.from_payload(bytes(stored[start : start + layout.size])).replaced(SETTINGS)
         stored[start : start + layout.size] = changed.raw
         stored[start + layout.size] = _checksum(changed.raw)
-    for version, place in ACCELEROMETER.items():
-        if version.encode() in said:
-            stored[place : place + 4] = NEUTRAL + NEUTRAL
+    stored[ACCELEROMETER : ACCELEROMETER + 4] = NEUTRAL + NEUTRAL
     return bytes(stored)
 
 
@@ -73,5 +71,5 @@ def _checksum(raw: bytes) -> int:
 def _is_set(stored: bytearray, start: int, layout: Layout) -> bool:
     """Whether a parameter set of this layout begins here; its checksum follows it."""
     raw = stored[start : start + layout.size]
-    is_named = raw[-12:].rstrip(b"\0").isalnum()
+    is_named = raw[-12:].split(b"\0")[0].isalnum()
     return raw[0] == layout.revision and is_named and stored[start + layout.size] == _checksum(bytes(raw))

@@ -11,6 +11,7 @@ from collections import deque
 from typing import Final
 
 from lab.hil.chip import Chip
+from lab.hil.memory import control_of
 from mksim.config import FlightConfig
 from mksim.physics.airframe import GRAVITY, Ground
 from mksim.physics.motors import HOVER_CELL_V, MAX_COUNT
@@ -82,6 +83,7 @@ class GenuineWorld(World):
         self.inbox: deque[tuple[float, int]] = deque()
         self.has_compass = has_compass
         self._voltage = voltage
+        self._layout = control_of(chip.firmware)
         self._rotors = [0.0, 0.0, 0.0, 0.0]
         self._lag = airframe.motor_lag
         self._thrust_per_count2 = airframe.mass * GRAVITY / (4.0 * airframe.hover_count**2)
@@ -106,15 +108,15 @@ class GenuineWorld(World):
     @property
     def is_controlled(self) -> bool:
         """Whether the firmware follows external control: it is valid, and the gate is open."""
-        asks = self.chip.peek("ExternalControl", "<B", 5) & 1
-        return bool(asks) and self.chip.peek("Parameter_ExternalControl", "<B") > GATE_OPEN
+        return self.held[-1] and self.chip.peek("Parameter_ExternalControl", "<B") > GATE_OPEN
 
     @property
     def held(self) -> tuple[int, int, int, int, bool]:
         """External control as the firmware holds it: pitch, roll, yaw, throttle, whether it is valid."""
-        peek = self.chip.peek
-        pitch, roll, yaw, throttle = (peek("ExternalControl", "<b", place) for place in range(4))
-        return pitch, roll, yaw, throttle, bool(peek("ExternalControl", "<B", 5) & 1)
+        peek, control = self.chip.peek, self._layout
+        pitch, roll, yaw = (peek(control.symbol, "<b", control.pitch + place) for place in range(3))
+        throttle = peek(control.symbol, control.throttle, control.pitch + 3)
+        return pitch, roll, yaw, throttle, bool(peek(control.symbol, "<B", control.config) & 1)
 
     def _fly(self, sticks: StickInput) -> None:
         """Let the firmware fly one step; the sticks it flies by are in its own memory."""
