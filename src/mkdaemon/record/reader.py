@@ -11,6 +11,7 @@ import os
 import re
 import struct
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
@@ -22,7 +23,7 @@ from mkdaemon.errors import MkError
 from mkdaemon.reading import open_regular
 from mkdaemon.record.entry import SEQUENCES, Entry, Kind, TimeBase
 from mkdaemon.record.layout import SESSION, VIEW, ChannelFacts, Session
-from mkdaemon.record.scan import Chunk, Damage, Record, Scanner, read_channel, read_metadata, records_in
+from mkdaemon.record.scan import Chunk, Damage, Record, Scanner, places_in, read_channel, read_metadata
 
 _MESSAGE: Final = struct.Struct("<HIQQ")
 FREE_RECORDS: Final = 100_000
@@ -136,29 +137,34 @@ class Recording:
         """All channels in the file, wherever they are."""
         report = ReadReport()
         for record in self._records(report):
-            inside = self.inside(record, report) if isinstance(record, Chunk) else iter((record,))
-            yield from (one for one in inside if one.opcode == Opcode.CHANNEL)
+            if isinstance(record, Chunk):
+                content = record.content()
+                for opcode, begin, end in self.inside(record, report):
+                    if opcode == Opcode.CHANNEL:
+                        yield Record(opcode, content[begin:end])
+            elif record.opcode == Opcode.CHANNEL:
+                yield record
 
-    def inside(self, chunk: Chunk, report: ReadReport) -> Iterator[Record]:
+    def inside(self, chunk: Chunk, report: ReadReport) -> Iterator[tuple[int, int, int]]:
         """The records of a chunk, as far as they are whole, and no more than a file can hold that is so long.
 
         Args:
             chunk: of this file, just read.
             report: counts them.
+
+        Yields:
+            Opcode, and where the record's content begins and ends in that of the chunk.
         """
         most = FREE_RECORDS + self.position
-        try:
-            for record in records_in(chunk.content()):
+        with suppress(ValueError):
+            for place in places_in(chunk.content()):
                 report.records += 1
                 if report.records > most:
                     if report.records == most + 1:
-                        report.damages.append(
-                            Damage(self.position, 0, "more records than a file of this size can hold")
-                        )
+                        reason = "more records than a file of this size can hold"
+                        report.damages.append(Damage(self.position, 0, reason))
                     return
-                yield record
-        except ValueError:
-            return
+                yield place
 
     def _records(self, report: ReadReport) -> Iterator[Record | Chunk]:
         try:
@@ -182,70 +188,30 @@ class Recording:
                 self.session = Session.from_metadata(found[1]) or self.session
 
 
-class _Reading:
-    """One pass through a file."""
+@dataclass(slots=True)
+class _Count:
+    """Sequence numbers of one kind, key and clock.
 
-    def __init__(self, recording: Recording, report: ReadReport, wanted: Wanted) -> None:
-        self._recording = recording
-        self._report = report
-        self._wanted = wanted
-        self._channels: dict[int, ChannelFacts | _Other] = {}
-        self._is_complete = False
-        self._next: dict[tuple[Kind, str, TimeBase], int] = {}
+    Attributes:
+        due: the next one; None before the first.
+    """
 
-    def define(self, record: Record) -> None:
-        if record.opcode == Opcode.CHANNEL and (channel := read_channel(record.content)) is not None:
-            facts = ChannelFacts.from_metadata(channel.metadata)
-            other = _Other(is_view=VIEW in channel.metadata)
-            self._channels[channel.number] = other if facts is None else facts
+    due: int | None = None
 
-    def entries_of(self, chunk: Chunk, low: int, high: int) -> Iterator[Entry]:
-        for record in self._recording.inside(chunk, self._report):
-            self.define(record)
-            if record.opcode == Opcode.MESSAGE and len(record.content) >= _MESSAGE.size:
-                entry = self._entry(record.content, low, high)
-                if entry is not None:
-                    self._report.entries += 1
-                    yield entry
 
-    def _entry(self, content: bytes, low: int, high: int) -> Entry | None:
-        number, sequence, log_time, publish_time = _MESSAGE.unpack_from(content)
-        facts = self._facts(number)
-        report = self._report
-        if facts is None:
-            report.orphans += 1
-            return None
-        if isinstance(facts, _Other):
-            report.views += facts.is_view
-            report.foreign += not facts.is_view
-            return None
-        if not low <= log_time <= high or not self._wanted(facts):
-            return None
-        self._count(facts, sequence)
-        try:
-            return facts.unpack(content[_MESSAGE.size :], sequence, log_time, publish_time)
-        except ValueError:
-            report.unreadable += 1
-            return None
+@dataclass(frozen=True, slots=True)
+class _Ours:
+    """A channel with entries of ours.
 
-    def _facts(self, number: int) -> ChannelFacts | _Other | None:
-        """What is known of a channel; the whole file is searched once for one that should have come before."""
-        if number not in self._channels and not self._is_complete:
-            self._is_complete = True
-            known = dict(self._channels)
-            for record in self._recording.definitions():
-                self.define(record)
-            self._channels.update(known)
-        return self._channels.get(number)
+    Attributes:
+        facts: what is the same for all of them.
+        is_wanted: whether they are.
+        count: of their sequence numbers.
+    """
 
-    def _count(self, facts: ChannelFacts, sequence: int) -> None:
-        place = (facts.kind, facts.key, facts.base)
-        missing = (sequence - self._next.get(place, sequence)) % SEQUENCES
-        if missing < SEQUENCES // 2:  # else it comes late: two files that overlap were joined
-            self._next[place] = (sequence + 1) % SEQUENCES
-            if missing:
-                gaps = self._report.gaps
-                gaps[facts.kind, facts.key] = gaps.get((facts.kind, facts.key), 0) + missing
+    facts: ChannelFacts
+    is_wanted: bool
+    count: _Count
 
 
 @dataclass(frozen=True, slots=True)
@@ -253,6 +219,81 @@ class _Other:
     """A channel without entries of ours."""
 
     is_view: bool
+
+
+class _Reading:
+    """One pass through a file."""
+
+    def __init__(self, recording: Recording, report: ReadReport, wanted: Wanted) -> None:
+        self._recording = recording
+        self._report = report
+        self._wanted = wanted
+        self._channels: dict[int, _Ours | _Other] = {}
+        self._is_complete = False
+        self._counts: dict[tuple[Kind, str, TimeBase], _Count] = {}
+
+    def define(self, record: Record) -> None:
+        if record.opcode == Opcode.CHANNEL and (channel := read_channel(record.content)) is not None:
+            facts = ChannelFacts.from_metadata(channel.metadata)
+            if facts is None:
+                self._channels[channel.number] = _Other(is_view=VIEW in channel.metadata)
+                return
+            count = self._counts.setdefault((facts.kind, facts.key, facts.base), _Count())
+            self._channels[channel.number] = _Ours(facts, self._wanted(facts), count)
+
+    def messages_of(self, chunk: Chunk, low: int, high: int) -> Iterator[tuple[ChannelFacts, int, int, int, int, int]]:
+        """The messages that are wanted: channel, sequence, both times [ns], begin and end of the data in the chunk."""
+        content, report, channels = chunk.content(), self._report, self._channels
+        for opcode, begin, end in self._recording.inside(chunk, report):
+            if opcode != Opcode.MESSAGE:
+                if opcode == Opcode.CHANNEL:
+                    self.define(Record(opcode, content[begin:end]))
+                continue
+            if end - begin < _MESSAGE.size:
+                continue
+            number, sequence, log_time, publish_time = _MESSAGE.unpack_from(content, begin)
+            channel = channels.get(number) or self._found_later(number)
+            if isinstance(channel, _Ours):
+                if channel.is_wanted and low <= log_time <= high:
+                    self._count(channel, sequence)
+                    yield channel.facts, sequence, log_time, publish_time, begin + _MESSAGE.size, end
+            elif channel is None:
+                report.orphans += 1
+            else:
+                report.views += channel.is_view
+                report.foreign += not channel.is_view
+
+    def entries_of(self, chunk: Chunk, low: int, high: int) -> Iterator[Entry]:
+        content, report = chunk.content(), self._report
+        for facts, sequence, log_time, publish_time, begin, end in self.messages_of(chunk, low, high):
+            try:
+                entry = facts.unpack(content[begin:end], sequence, log_time, publish_time)
+            except ValueError:
+                report.unreadable += 1
+                continue
+            report.entries += 1
+            yield entry
+
+    def _found_later(self, number: int) -> _Ours | _Other | None:
+        """A channel that should have come before; the whole file is searched once."""
+        if not self._is_complete:
+            self._is_complete = True
+            known = dict(self._channels)
+            for record in self._recording.definitions():
+                self.define(record)
+            self._channels.update(known)
+        return self._channels.get(number)
+
+    def _count(self, channel: _Ours, sequence: int) -> None:
+        count = channel.count
+        if sequence == count.due or count.due is None:
+            count.due = (sequence + 1) % SEQUENCES
+            return
+        missing = (sequence - count.due) % SEQUENCES
+        if missing < SEQUENCES // 2:  # else it comes late: two files that overlap were joined
+            count.due = (sequence + 1) % SEQUENCES
+            gaps, place = self._report.gaps, (channel.facts.kind, channel.facts.key)
+            gaps[place] = gaps.get(place, 0) + missing
 
 
 def matches_any(key: str, patterns: Sequence[str]) -> bool:
