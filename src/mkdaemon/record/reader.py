@@ -10,12 +10,13 @@ from __future__ import annotations
 import os
 import re
 import struct
-from collections.abc import Callable, Iterator, Sequence
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
-from typing import Final
+from typing import BinaryIO, Final
 
 from mcap.opcode import Opcode
 
@@ -30,6 +31,27 @@ FREE_RECORDS: Final = 100_000
 """The chunks of a file may have one record for each of its bytes, and these beside; the index of ours takes 16 each."""
 Wanted = Callable[[ChannelFacts], bool]
 """Chooses channels."""
+_END: Final = 1 << 64
+"""Behind every time of a file [ns]."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Place:
+    """A chunk that was read.
+
+    Attributes:
+        offset: where its record begins [bytes].
+        end: where it ends [bytes].
+        first: earliest time in it [ns].
+        last: latest time in it [ns].
+        channels: numbers of those with messages in it.
+    """
+
+    offset: int
+    end: int
+    first: int
+    last: int
+    channels: frozenset[int]
 
 
 @dataclass
@@ -87,6 +109,8 @@ class Recording:
         self.session: Session | None = None
         self.report = ReadReport()
         self.position = 0
+        self._places: list[_Place] = []
+        self._definitions: dict[int, Record] = {}
 
     def read_session(self) -> Session | None:
         """What the file says about itself; None where it says nothing.
@@ -113,16 +137,81 @@ class Recording:
         Raises:
             MkError: the file cannot be opened.
         """
-        self.report = ReadReport()
-        reading = _Reading(self, self.report, wanted)
-        low = 0 if first is None else first
-        high = (1 << 64) if last is None else last
-        for record in self._records(self.report):
+        low, high = 0 if first is None else first, _END if last is None else last
+        reading = _Reading(self, wanted)
+        for chunk in self._chunks(reading, low, high):
+            yield from reading.entries_of(chunk, low, high)
+
+    def times(self, wanted: Wanted = lambda facts: True) -> Iterator[tuple[ChannelFacts, int]]:
+        """Channel and time [ns; times of the file] of every entry, in order: what can be told without unpacking it.
+
+        Args:
+            wanted: chooses channels.
+
+        Raises:
+            MkError: the file cannot be opened.
+        """
+        reading = _Reading(self, wanted)
+        for chunk in self._chunks(reading, 0, _END):
+            for channel, _, log_time, *_ in reading.messages_of(chunk, 0, _END):
+                yield channel.facts, log_time
+
+    def latest(self, wanted: Wanted, before: int) -> list[Entry]:
+        """The last entry of each key before a time, in order of their times; quick once the whole file was read.
+
+        Args:
+            wanted: chooses channels.
+            before: [ns; times of the file].
+
+        Raises:
+            MkError: the file cannot be opened.
+        """
+        if not self._places:
+            deque(self.times(), maxlen=0)
+        reading = _Reading(self, wanted)
+        missing, found = reading.wanted, list[Entry]()
+        with self._opened() as file:
+            for place in reversed(self._places):
+                if place.first < before and not missing.keys().isdisjoint(place.channels):
+                    newest = {entry.key: entry for entry in reading.entries_of(self._at(file, place), 0, before - 1)}
+                    found += (entry for key, entry in newest.items() if key in missing.values())
+                    missing = {number: key for number, key in missing.items() if key not in newest}
+        return sorted(found, key=lambda entry: entry.received)
+
+    def again(self) -> Recording:
+        """The same file for another thread; it knows what this one knows."""
+        other = Recording(self.path)
+        other.session, other._places, other._definitions = self.session, self._places, self._definitions
+        return other
+
+    def _chunks(self, reading: _Reading, low: int, high: int) -> Iterator[Chunk]:
+        """The chunks with times of a range [ns]; those that cannot be wanted are left out where the file is known."""
+        if self._places and (low, high) != (0, _END):
+            wanted = reading.wanted.keys()
+            with self._opened() as file:
+                for place in self._places:
+                    if place.last >= low and place.first <= high and not wanted.isdisjoint(place.channels):
+                        yield self._at(file, place)
+            return
+        places = list[_Place]()
+        for record in self._records(reading.report):
             if isinstance(record, Record):
                 reading.define(record)
                 self._take_metadata(record)
             elif record.last >= low and record.first <= high:
-                yield from reading.entries_of(record, low, high)
+                yield record
+                places.append(_Place(record.offset, self.position, record.first, record.last, frozenset(reading.seen)))
+                reading.seen.clear()
+        if (low, high) == (0, _END):
+            self._places, self._definitions = places, reading.definitions
+
+    def _at(self, file: BinaryIO, place: _Place) -> Chunk:
+        """A chunk that was found before."""
+        found = next(Scanner(file, place.end).records(place.offset), None)
+        self.position = file.tell()
+        if not isinstance(found, Chunk):
+            raise MkError(f"{self.path}: was changed while it was read")
+        return found
 
     def span(self) -> tuple[int, int]:
         """Times of the earliest and of the latest entry [ns; times of the file]; zeros where there is none.
@@ -145,6 +234,10 @@ class Recording:
             elif record.opcode == Opcode.CHANNEL:
                 yield record
 
+    def known_channels(self) -> Iterable[Record]:
+        """Definitions of all channels, once the whole file was read."""
+        return self._definitions.values()
+
     def inside(self, chunk: Chunk, report: ReadReport) -> Iterator[tuple[int, int, int]]:
         """The records of a chunk, as far as they are whole, and no more than a file can hold that is so long.
 
@@ -166,13 +259,15 @@ class Recording:
                     return
                 yield place
 
-    def _records(self, report: ReadReport) -> Iterator[Record | Chunk]:
+    def _opened(self) -> BinaryIO:
         try:
-            file = open_regular(self.path)
+            return open_regular(self.path)
         except OSError as error:
             msg = f"{self.path}: cannot be opened ({error.strerror}); `mkctl log list` shows recordings"
             raise MkError(msg) from error
-        with file:
+
+    def _records(self, report: ReadReport) -> Iterator[Record | Chunk]:
+        with self._opened() as file:
             report.size = os.fstat(file.fileno()).st_size
             scanner = Scanner(file, report.size)
             report.damages = scanner.damages
@@ -222,18 +317,35 @@ class _Other:
 
 
 class _Reading:
-    """One pass through a file."""
+    """One pass through a file.
 
-    def __init__(self, recording: Recording, report: ReadReport, wanted: Wanted) -> None:
+    Attributes:
+        report: what it finds.
+        definitions: of the channels it met, by their numbers.
+        seen: numbers of the channels that had messages since this was last cleared.
+    """
+
+    def __init__(self, recording: Recording, wanted: Wanted) -> None:
+        self.report = recording.report = ReadReport()
+        self.definitions: dict[int, Record] = {}
+        self.seen: set[int] = set()
         self._recording = recording
-        self._report = report
         self._wanted = wanted
         self._channels: dict[int, _Ours | _Other] = {}
         self._is_complete = False
         self._counts: dict[tuple[Kind, str, TimeBase], _Count] = {}
+        for record in recording.known_channels():
+            self.define(record)
+
+    @property
+    def wanted(self) -> dict[int, str]:
+        """Keys of the known channels that are wanted, by their numbers."""
+        ours = ((number, one) for number, one in self._channels.items() if isinstance(one, _Ours))
+        return {number: one.facts.key for number, one in ours if one.is_wanted}
 
     def define(self, record: Record) -> None:
         if record.opcode == Opcode.CHANNEL and (channel := read_channel(record.content)) is not None:
+            self.definitions[channel.number] = record
             facts = ChannelFacts.from_metadata(channel.metadata)
             if facts is None:
                 self._channels[channel.number] = _Other(is_view=VIEW in channel.metadata)
@@ -241,9 +353,9 @@ class _Reading:
             count = self._counts.setdefault((facts.kind, facts.key, facts.base), _Count())
             self._channels[channel.number] = _Ours(facts, self._wanted(facts), count)
 
-    def messages_of(self, chunk: Chunk, low: int, high: int) -> Iterator[tuple[ChannelFacts, int, int, int, int, int]]:
+    def messages_of(self, chunk: Chunk, low: int, high: int) -> Iterator[tuple[_Ours, int, int, int, int, int]]:
         """The messages that are wanted: channel, sequence, both times [ns], begin and end of the data in the chunk."""
-        content, report, channels = chunk.content(), self._report, self._channels
+        content, report, channels, seen = chunk.content(), self.report, self._channels, self.seen
         for opcode, begin, end in self._recording.inside(chunk, report):
             if opcode != Opcode.MESSAGE:
                 if opcode == Opcode.CHANNEL:
@@ -253,10 +365,11 @@ class _Reading:
                 continue
             number, sequence, log_time, publish_time = _MESSAGE.unpack_from(content, begin)
             channel = channels.get(number) or self._found_later(number)
+            seen.add(number)
             if isinstance(channel, _Ours):
                 if channel.is_wanted and low <= log_time <= high:
                     self._count(channel, sequence)
-                    yield channel.facts, sequence, log_time, publish_time, begin + _MESSAGE.size, end
+                    yield channel, sequence, log_time, publish_time, begin + _MESSAGE.size, end
             elif channel is None:
                 report.orphans += 1
             else:
@@ -264,10 +377,10 @@ class _Reading:
                 report.foreign += not channel.is_view
 
     def entries_of(self, chunk: Chunk, low: int, high: int) -> Iterator[Entry]:
-        content, report = chunk.content(), self._report
-        for facts, sequence, log_time, publish_time, begin, end in self.messages_of(chunk, low, high):
+        content, report = chunk.content(), self.report
+        for channel, sequence, log_time, publish_time, begin, end in self.messages_of(chunk, low, high):
             try:
-                entry = facts.unpack(content[begin:end], sequence, log_time, publish_time)
+                entry = channel.facts.unpack(content[begin:end], sequence, log_time, publish_time)
             except ValueError:
                 report.unreadable += 1
                 continue
@@ -292,7 +405,7 @@ class _Reading:
         missing = (sequence - count.due) % SEQUENCES
         if missing < SEQUENCES // 2:  # else it comes late: two files that overlap were joined
             count.due = (sequence + 1) % SEQUENCES
-            gaps, place = self._report.gaps, (channel.facts.kind, channel.facts.key)
+            gaps, place = self.report.gaps, (channel.facts.kind, channel.facts.key)
             gaps[place] = gaps.get(place, 0) + missing
 
 

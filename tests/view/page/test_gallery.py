@@ -13,19 +13,14 @@ from mkdaemon.client import Vehicle
 from mkdaemon.client.fleet import Fleet, Sighting
 from mkdaemon.client.player import Pace, Player, open_player_session
 from mkdaemon.client.playselection import Selection
+from mkdaemon.client.playsource import RecordedSamples
 from mkdaemon.errors import CommandRejectedError, MkError
-from mkdaemon.record.entry import Kind
-from mkdaemon.record.reader import Recording
 from mkdaemon.telemetry.play import PlayAction, PlayState
 from mkdaemon.view.page.gallery import Gallery
 from tests.places import DATA
 from tests.view.page import flights
 
 STICKS = DATA / "recordings" / "fc_sticks.mcap"
-
-
-def samples():
-    return Recording(STICKS).entries(lambda facts: facts.kind is Kind.SAMPLE)
 
 
 async def test_vehicles_come_and_go_and_publish():
@@ -50,7 +45,7 @@ async def test_vehicles_come_and_go_and_publish():
 
                     await wait_until(is_shown)
                     with pytest.raises(MkError):
-                        await gallery.play("two", PlayAction.PAUSE, None)
+                        await gallery.play("two", PlayAction.PAUSE)
                 await wait_until(lambda: not first.is_here)
                 remaining = gallery.choose("")
                 assert remaining is not None and remaining.name == "one"
@@ -60,7 +55,7 @@ async def test_vehicles_come_and_go_and_publish():
 
 async def test_a_recording_is_paused_and_takes_no_commands():
     async with open_player_session(connect=(), listen=None, alone=True) as session:
-        selection = Selection.of(samples, None)
+        selection = Selection.of(RecordedSamples(STICKS), None)
         (name,) = selection.names
         player = Player(session, selection, Pace(1.0, selection.first, time.monotonic()), "fc_sticks.mcap")
         gallery = Gallery(Fleet(Vehicle(session, name, "here")), name)
@@ -69,15 +64,15 @@ async def test_a_recording_is_paused_and_takes_no_commands():
                 word = f"replay/{name}"
                 await wait_until(lambda: word in gallery.pictures)
                 assert gallery.pictures[word].is_played
-                assert await gallery.play(word, PlayAction.PAUSE, None) == "paused, 1 times"
+                assert await gallery.play(word, PlayAction.PAUSE) == "paused, 1 times"
                 assert player.pace.is_paused
-                assert await gallery.play(word, PlayAction.PAUSE, None) == "paused, 1 times"
-                assert await gallery.play(word, PlayAction.SPEED, 4.0) == "paused, 4 times"
-                assert (await gallery.play(word, PlayAction.GO_ON, None)).endswith("4 times")
+                assert await gallery.play(word, PlayAction.PAUSE) == "paused, 1 times"
+                assert await gallery.play(word, PlayAction.SPEED, speed=4.0) == "paused, 4 times"
+                assert (await gallery.play(word, PlayAction.GO_ON)).endswith("4 times")
                 assert not player.pace.is_paused
-                assert (await gallery.play(word, PlayAction.STEP, None)).startswith(PlayState.PAUSED)
+                assert (await gallery.play(word, PlayAction.STEP)).startswith(PlayState.PAUSED)
                 with pytest.raises(MkError, match="speed"):
-                    await gallery.play(word, PlayAction.SPEED, 1e9)
+                    await gallery.play(word, PlayAction.SPEED, speed=1e9)
                 for button in (gallery.abort, gallery.release):
                     with pytest.raises(MkError, match="takes no commands"):
                         await button(word)
@@ -85,7 +80,8 @@ async def test_a_recording_is_paused_and_takes_no_commands():
 
 async def test_a_player_is_seen_under_the_name_it_has():
     async with open_player_session(connect=(), listen=None, alone=True) as session:
-        player = Player(session, selection := Selection.of(samples, "show"), Pace(1.0, selection.first, 0.0), "a.mcap")
+        selection = Selection.of(RecordedSamples(STICKS), "show")
+        player = Player(session, selection, Pace(1.0, selection.first, 0.0), "a.mcap")
         fleet = Fleet(Vehicle(session, "show", "here"))
         async with fleet.watch(lambda: None, lambda name, status: None):
             with player.answering():
