@@ -172,14 +172,6 @@ class Flight:
     began: float = 0.0
     ended: float = 0.0
 
-    def add(self, name: str, at: float, value: float) -> None:
-        """Add a value of a time [s] to a series."""
-        series = self.series.get(name)
-        if series is None:
-            series = self.series[name] = Series()
-        series.times.append(at)
-        series.values.append(value)
-
     def has(self, name: str) -> bool:
         """Whether there is such a series."""
         return name in self.series
@@ -220,7 +212,7 @@ class FlightReader:
             return self._images(flight, camera or "?")
         use = _take_lost_line if entry.kind is Kind.PORT_LOST else _USES.get((entry.kind, pattern))
         if use is None and entry.kind is Kind.SAMPLE and (pattern in COLUMNS or pattern in LAST):
-            use = _Numbers(entry.suffix).take
+            use = _Numbers(flight, entry.suffix).take
         return None if use is None else self._values(flight, entry.suffix, use)
 
     def count(self, summary: Summary) -> None:
@@ -261,31 +253,47 @@ def _pattern_of(suffix: str) -> tuple[str, str]:
 
 
 class _Numbers:
-    """Keeps the numbers of one key; their names are made once."""
+    """Keeps the numbers of one key in series of a flight, which are looked up once: there are tens of thousands."""
 
-    def __init__(self, suffix: str) -> None:
+    def __init__(self, flight: Flight, suffix: str) -> None:
         pattern, camera = _pattern_of(suffix)
         before = f"{camera} " if camera else ""
         self._is_last = pattern in LAST
-        self._columns = [
-            (column.path, 1, [before + column.name], column.factor)
-            if isinstance(column, Column)
-            else (column.path, 3, [f"{before}{column.name}.{axis}" for axis in "xyz"], 1.0)
-            for column in COLUMNS.get(pattern, ())
-        ]
+        self._single, self._threefold = list[tuple[str, _Lazy, float]](), list[tuple[str, list[_Lazy]]]()
+        for column in COLUMNS.get(pattern, ()):
+            name = before + column.name
+            if isinstance(column, Column):
+                self._single.append((column.path, _Lazy(flight, name), column.factor))
+            else:
+                self._threefold.append((column.path, [_Lazy(flight, f"{name}.{axis}") for axis in "xyz"]))
 
     def take(self, flight: Flight, at: float, suffix: str, fields: Mapping[str, Any]) -> None:
         """Take a value."""
         if self._is_last:
             flight.last[suffix] = fields
-        for path, count, names, factor in self._columns:
-            if count == 1:
-                number = number_of(fields, path)
-                if number is not None:
-                    flight.add(names[0], at, number * factor)
-            elif (numbers := numbers_of(fields, path, count)) is not None:
-                for name, number in zip(names, numbers, strict=True):
-                    flight.add(name, at, number)
+        for path, series, factor in self._single:
+            number = number_of(fields, path)
+            if number is not None:
+                series.add(at, number * factor)
+        for path, axes in self._threefold:
+            numbers = numbers_of(fields, path, 3)
+            if numbers is not None:
+                for series, number in zip(axes, numbers, strict=True):
+                    series.add(at, number)
+
+
+class _Lazy:
+    """A series that the flight has from its first number on."""
+
+    def __init__(self, flight: Flight, name: str) -> None:
+        self._flight, self._name = flight, name
+        self._series: Series | None = None
+
+    def add(self, at: float, value: float) -> None:
+        if self._series is None:
+            self._series = self._flight.series.setdefault(self._name, Series())
+        self._series.times.append(at)
+        self._series.values.append(value)
 
 
 def _take_status(flight: Flight, at: float, suffix: str, fields: Mapping[str, Any]) -> None:
