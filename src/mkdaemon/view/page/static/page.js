@@ -270,11 +270,10 @@ async function seek(place) {
   if (sought.isAsked) return;
   sought.isAsked = true;
   while (sought.wanted !== null) {
-    const said = await ask("play", {action: "seek", place: sought.wanted});
+    const asked = sought.wanted, said = await ask("play", {action: "seek", place: asked});
     if (!said.is_done) tell("seek", said);
-    const before = sought.wanted;
     await new Promise((done) => setTimeout(done, SEEK));
-    if (sought.wanted === before) sought.wanted = null;
+    if (sought.wanted === asked) sought.wanted = null;
   }
   sought.isAsked = false;
 }
