@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import asyncio
 import time
+from fnmatch import fnmatchcase
 from functools import partial
 
 import pytest
@@ -14,9 +16,11 @@ from mkdaemon.client.fleet import Fleet, Sighting
 from mkdaemon.client.player import Pace, Player, open_player_session
 from mkdaemon.client.playselection import Selection
 from mkdaemon.client.playsource import RecordedSamples
+from mkdaemon.client.samples import Sample, read_payload
 from mkdaemon.errors import CommandRejectedError, MkError
 from mkdaemon.telemetry.play import PlayAction, PlayState
-from mkdaemon.view.page.gallery import Gallery
+from mkdaemon.view.page.gallery import WATCHED, Gallery
+from mkdaemon.view.page.picture import Picture
 from tests.places import DATA
 from tests.view.page import flights
 
@@ -76,6 +80,51 @@ async def test_a_recording_is_paused_and_takes_no_commands():
                 for button in (gallery.abort, gallery.release):
                     with pytest.raises(MkError, match="takes no commands"):
                         await button(word)
+
+
+async def test_at_another_place_a_picture_is_as_if_it_had_been_looked_at_all_the_time():
+    async with open_player_session(connect=(), listen=None, alone=True) as session:
+        selection = Selection.of(RecordedSamples(STICKS), None)
+        (name,) = selection.names
+        pace = Pace(1.0, selection.first, time.monotonic(), is_paused=True)
+        player = Player(session, selection, pace, "fc_sticks.mcap")
+        gallery = Gallery(Fleet(Vehicle(session, name, "here")), name)
+        playing = asyncio.create_task(player.play(stays=True))
+        with player.answering():
+            async with gallery.open():
+                word, length = f"replay/{name}", selection.last - selection.first
+                await wait_until(lambda: word in gallery.pictures and gallery.pictures[word].flight is not None)
+                picture = gallery.pictures[word]
+                for place in (0.9 * length, 0.4 * length):
+                    assert (await gallery.play(word, PlayAction.SEEK, place=place)).startswith("paused")
+                    looked = watched_until(selection, selection.first + place)
+                    await wait_until(
+                        lambda looked=looked: curves(picture) == curves(looked) and any(curves(looked).values())
+                    )
+                    shown, wanted = (
+                        {line["id"]: line["text"] for line in one.show(time.monotonic())["lines"]}
+                        for one in (picture, looked)
+                    )
+                    assert shown == wanted
+                    assert {line.text for line in picture.events} == {line.text for line in looked.events}
+                flight = picture.flight
+                assert flight is not None and flight.marks
+        player.stop()
+        await playing
+
+
+def watched_until(selection: Selection, end: float) -> Picture:
+    """The picture of a recording that was looked at from its beginning to a time [s; Unix time]."""
+    picture = Picture("looked", is_played=True)
+    for at, key, entry in selection.played(selection.first):
+        suffix = key.whole.split("/", 2)[2]
+        if at < end and any(fnmatchcase(suffix, pattern) for pattern in WATCHED):
+            picture.take(suffix, Sample(suffix, read_payload(entry.encoding, entry.payload), entry.encoding).value, at)
+    return picture
+
+
+def curves(picture: Picture) -> dict[str, list[tuple[float | None, ...]]]:
+    return {word: series.since(0) for word, series in picture.series.items()}
 
 
 async def test_a_player_is_seen_under_the_name_it_has():
