@@ -76,13 +76,12 @@ async def play(
 
     require_length(speed, "--speed")
     check_name(name)
-    first, last = moment_of(start, file, "--from"), moment_of(end, file, "--to")
+    part = RecordedSamples(file, key, moment_of(start, file, "--from"), moment_of(end, file, "--to"))
     with reading_progress([file]) as progress:
-        selection = Selection.of(RecordedSamples(file, key, first, last), name, progress)
+        selection = Selection.of(part, name, progress)
     where = [connection.connect] if listen is None else []
     async with open_player_session(connect=where, listen=listen, zenoh_file=connection.zenoh_file) as session:
-        pace = Pace(speed, selection.first, time.monotonic(), is_paused=step)
-        player = Player(session, selection, pace, file.name)
+        player = Player(session, selection, Pace(speed, selection.first, time.monotonic(), is_paused=step), file.name)
         await player.refuse_live_daemons()
         favour_threads()
         with player.answering():

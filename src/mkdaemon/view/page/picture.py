@@ -161,6 +161,9 @@ class Picture:
         self._play = status
         moves = status.state is PlayState.PLAYING
         self._time.play_at(status.speed if moves else 0.0, now)
+        if status.state in {PlayState.PAUSED, PlayState.ENDED}:  # what it says may be late, and time went on until then
+            self._time.restart()
+            self._time.take(status.zero + status.place, now)
         return is_new
 
     def restart(self) -> None:
