@@ -50,6 +50,8 @@ READERS: Final = (
     *_mkctl(Kind.SCRIPT, "fly --check {file}"),
     *_mkctl(Kind.GAMEPAD, f"teleop --mapping {{file}} --joy a {_NOBODY}"),
     *_mkctl(Kind.PAD_SESSION, f"teleop --replay {{file}} {_NOBODY}"),
+    *_mkctl(Kind.PROBES, f"linktest --compare {{file}} {_NOBODY}"),
+    *(one for kind in (Kind.PICTURE, Kind.JPEG) for one in _mkctl(kind, "target check {file}")),
     *_mkctl(Kind.ZENOH, f"status --zenoh-file {{file}} {_NOBODY}"),
     *_mkctl(
         Kind.RECORDING,
@@ -64,6 +66,7 @@ READERS: Final = (
         "export {file} -f gpx -o {folder}/out.gpx",
         "export {file} -f kml -o {folder}/out.kml",
         "export {file} -f ros -o {folder}/out",
+        "report {file} -o {folder}/out.html",
         "play {file} --wait 0 --speed 1000 --listen unixsock-stream/{folder}/play",
     ),
     *_mkdaemon(Kind.RECORDING, "replay --verify {file}"),

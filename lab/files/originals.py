@@ -15,6 +15,9 @@ import numpy as np
 import numpy.typing as npt
 
 from lab.places import CAPTURES, CONFIGS, ROOT
+from mkdaemon.client.linktest.measures import LoadRun
+from mkdaemon.client.linktest.probefile import to_csv
+from mkdaemon.client.linktest.probes import Probe, ProbeKind
 from mkdaemon.missions.format import FORMATS
 from mkdaemon.protocol.settings import ParameterSet, layout_of
 from mkdaemon.protocol.settings_file import SettingsFile
@@ -56,6 +59,7 @@ class Kind(StrEnum):
     JPEG = ".jpg"
     CLIP = ".avi"
     RECORDING = ".mcap"
+    PROBES = ".probes.csv"
 
 
 MISSION: Final = Mission(
@@ -120,6 +124,9 @@ def originals(kind: Kind) -> Sequence[bytes]:
             return [_picture(".jpg")]
         case Kind.CLIP:
             return [_clip()]
+        case Kind.PROBES:
+            probes = (Probe(ProbeKind.ECHO, 0.1 * number, 0.02 if number % 9 else None) for number in range(40))
+            return [to_csv([LoadRun("wire", "light", 0.0, tuple(probes))]).encode()]
         case Kind.RECORDING:
             return [_recording(name) for name in ("fc_sticks.mcap", "nc_lost_client.mcap", "fc_over_target.mcap")]
 

@@ -56,7 +56,7 @@ class Still:
         """Nothing flies here; see `abort`."""
         return await self.abort(word)
 
-    async def play(self, word: str, action: PlayAction, speed: float | None) -> str:
+    async def play(self, word: str, action: PlayAction, **fields: float) -> str:
         """Nothing is played here; see `abort`."""
         return await self.abort(word)
 

@@ -11,27 +11,20 @@ import json
 import os
 import signal
 import statistics
-import sys
 import tempfile
 import time
-from asyncio.subprocess import DEVNULL, PIPE, Process
 from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager, suppress
-from itertools import count
+from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Annotated, Any, Final
 
 from cyclopts import Parameter
 
-from lab.places import ROOT
-from lab.rigs.processes import START, VEHICLE, DaemonProcess, connected, cpu_of, daemon_process, wait_for_control
+from lab.rigs.processes import DaemonProcess, connected, daemon_process, wait_for_control
 from lab.view.figure import draw
+from lab.view.opening import open_recordings, viewer_process
 from mkdaemon.cli.arguments import AsJson
 from mkdaemon.client import Vehicle
-from mkdaemon.record.entry import Entry, Kind
-from mkdaemon.record.layout import Session
-from mkdaemon.record.reader import Recording
-from mkdaemon.record.writer import RecordingWriter
 from mksim.config import PilotPlan, SimConfig
 from mksim.runtime import Runtime
 from mksim.simulation import Simulation
@@ -40,16 +33,15 @@ SETTLING: Final = 3.0
 """After a viewer has come or gone, before anything is counted [s]."""
 ASKED: Final = 200
 """Questions whose answers are timed in each part."""
-ENTRIES: Final = 100_000
-"""Of the recording that is opened."""
-FLIGHT: Final = ROOT / "tests" / "data" / "recordings" / "fc_over_target.mcap"
-MKCTL: Final = (sys.executable, "-m", "mkdaemon.cli.mkctl.app")
 
 
 def main(
     *,
     seconds: Annotated[float, Parameter(help="Counted of each part of the alternation.")] = 10.0,
     rounds: Annotated[int, Parameter(help="Parts without and with a viewer.")] = 4,
+    flight: Annotated[
+        Path | None, Parameter(help="Recording of the demonstration; without it the demonstration is flown first.")
+    ] = None,
     figure: Annotated[
         Path | None, Parameter(help="Draw the page's picture into this PNG, and do nothing else.")
     ] = None,
@@ -65,7 +57,7 @@ def main(
         return
     with tempfile.TemporaryDirectory() as folder:
         found = asyncio.run(_measure(Path(folder), seconds, rounds))
-        found["open_100k_s"], found["open_100k_cpu_s"] = asyncio.run(_open_recording(Path(folder)))
+        found |= asyncio.run(open_recordings(Path(folder), flight))
     if as_json:
         print(json.dumps(found))
     else:
@@ -97,7 +89,7 @@ async def _costs(daemon: DaemonProcess, seconds: float, rounds: int) -> dict[str
     used: dict[bool, list[float]] = {False: [], True: []}
     for _ in range(rounds):
         used[False].append(await _cpu(daemon, seconds))
-        async with _viewer(daemon.endpoint) as (_, address), _page(address):
+        async with viewer_process("--connect", daemon.endpoint) as (_, address), _page(address):
             used[True].append(await _cpu(daemon, seconds))
     alone, viewed = (100 * statistics.mean(used[is_viewed]) for is_viewed in (False, True))
     return {
@@ -112,7 +104,7 @@ async def _costs(daemon: DaemonProcess, seconds: float, rounds: int) -> dict[str
 async def _hanging(daemon: DaemonProcess, asker: Vehicle) -> dict[str, dict[str, float]]:
     """How soon the daemon answers: alone, beside a page that reads nothing, beside a viewer that was stopped."""
     found = {"alone": await _answers(asker)}
-    async with _viewer(daemon.endpoint) as (viewer, address), _page(address, reads=False):
+    async with viewer_process("--connect", daemon.endpoint) as (viewer, address), _page(address, reads=False):
         await asyncio.sleep(SETTLING)
         found["page reads nothing"] = await _answers(asker)
         os.kill(viewer.pid, signal.SIGSTOP)
@@ -150,23 +142,6 @@ async def _answers(asker: Vehicle) -> dict[str, float]:
 
 
 @asynccontextmanager
-async def _viewer(endpoint: str, *words: str) -> AsyncIterator[tuple[Process, str]]:
-    """`mkctl view` as a process, and the address of its page."""
-    where = ("--vehicle", VEHICLE, "--connect", endpoint) if endpoint else ()
-    command = (*MKCTL, "view", *words, "--no-browser", "--port", "0", "--json", *where)
-    process = await asyncio.create_subprocess_exec(*command, stdin=DEVNULL, stdout=PIPE, stderr=DEVNULL)
-    try:
-        assert process.stdout is not None
-        async with asyncio.timeout(START):
-            line = await process.stdout.readline()
-        yield process, json.loads(line)["address"]
-    finally:
-        with suppress(ProcessLookupError):
-            process.kill()
-        await process.wait()
-
-
-@asynccontextmanager
 async def _page(address: str, *, reads: bool = True) -> AsyncIterator[None]:
     """What a browser does: it follows the stream; or opens it and reads nothing."""
     host = address.removeprefix("http://").strip("/")
@@ -187,46 +162,3 @@ async def _page(address: str, *, reads: bool = True) -> AsyncIterator[None]:
         reading.cancel()
         await asyncio.gather(reading, return_exceptions=True)
         writer.transport.abort()
-
-
-async def _open_recording(folder: Path) -> tuple[float, float]:
-    """Time from the start of `mkctl view FILE` until its page shows the aircraft's attitude, and processor time [s]."""
-    file = folder / "long.mcap"
-    _write_long(file)
-    began = time.monotonic()
-    async with _viewer("", str(file)) as (viewer, address):
-        host = address.removeprefix("http://").strip("/")
-        name, _, port = host.partition(":")
-        reader, writer = await asyncio.open_connection(name, int(port), limit=1 << 22)
-        writer.write(f"GET /stream HTTP/1.1\r\nHost: {host}\r\n\r\n".encode())
-        await reader.readuntil(b"\r\n\r\n")
-        async with asyncio.timeout(START):
-            while True:
-                shown = json.loads((await reader.readuntil(b"\n\n"))[6:])
-                lines = {line["id"]: line["text"] for line in shown.get("lines", ())}
-                if lines.get("attitude", "not known") != "not known":
-                    break
-        took, used = time.monotonic() - began, cpu_of(viewer.pid)
-        writer.transport.abort()
-    return round(took, 2), round(used, 2)
-
-
-def _write_long(file: Path) -> None:
-    """A recording of `ENTRIES` published values: the known flight again and again."""
-    flight = list(Recording(FLIGHT).entries(lambda facts: facts.kind is Kind.SAMPLE))
-    length = flight[-1].received - flight[0].received + 1.0
-    sequences = count()
-    with file.open("wb") as output:
-        writer = RecordingWriter(output, Session.begin("lab", "long", flight[0].base, vehicle=flight[0].vehicle))
-        for number in range(ENTRIES):
-            turn, place = divmod(number, len(flight))
-            entry: Entry = flight[place]
-            shift = turn * length
-            writer.add(
-                entry._replace(
-                    received=entry.received + shift, published=entry.published + shift, sequence=next(sequences)
-                )
-            )
-            if number % 1000 == 0:
-                writer.flush()
-        writer.finish()

@@ -15,8 +15,10 @@ from mkdaemon.bus.keys import KEYS, Use
 from mkdaemon.client import connect
 from mkdaemon.client.player import FASTEST, Pace, Player, open_player_session
 from mkdaemon.client.playselection import Lateness, PlayKey, Selection, check_name, play_key
+from mkdaemon.client.playsource import RecordedSamples
 from mkdaemon.errors import CommandRejectedError, ConfigError, MkError
 from mkdaemon.record.entry import Kind
+from mkdaemon.record.layout import ChannelFacts
 from mkdaemon.record.reader import Recording
 from mkdaemon.telemetry.play import PlayState
 from mkdaemon.telemetry.refusals import Token
@@ -29,6 +31,22 @@ STICKS = DATA / "recordings" / "fc_sticks.mcap"
 
 def samples():
     return Recording(STICKS).entries(lambda facts: facts.kind is Kind.SAMPLE)
+
+
+class Listed:
+    """Entries of any kind, as a recording of them would give them."""
+
+    def __init__(self, entries):
+        self._entries = entries
+
+    def times(self, progress):
+        return ((ChannelFacts.of(entry), entry.base.file_time(entry.received)) for entry in self._entries())
+
+    def entries(self, first, last=None, choice=None):
+        return self._entries()
+
+    def latest(self, before):
+        return []
 
 
 def everything():
@@ -139,7 +157,7 @@ class Listener:
 async def played(name=None, alive=None, speed=1000.0):
     endpoint = free_endpoint()
     async with open_player_session(connect=[], listen=endpoint) as session:
-        selection = Selection.of(everything, name)
+        selection = Selection.of(Listed(everything), name)
         player = Player(session, selection, Pace(speed, selection.first, 0.0), "fc_sticks.mcap")
         with client(endpoint) as watcher:
             token = None if alive is None else watcher.liveliness().declare_token(f"mk/{alive}/alive")
@@ -170,7 +188,7 @@ async def test_a_name_that_a_live_daemon_has_is_refused():
 async def test_what_was_not_put_is_counted():
     endpoint = free_endpoint()
     async with open_player_session(connect=[], listen=endpoint) as session:
-        selection = Selection.of(samples, None)
+        selection = Selection.of(RecordedSamples(STICKS), None)
         player = Player(session, selection, Pace(1.0, selection.first, 0.0, is_paused=True), "fc_sticks.mcap")
         player.adjust(lambda pace, now: pace.step(now))
         task = asyncio.create_task(player.play())
@@ -185,7 +203,7 @@ async def test_what_was_not_put_is_counted():
 async def test_a_player_that_is_cancelled_ends_at_once():
     endpoint = free_endpoint()
     async with open_player_session(connect=[], listen=endpoint) as session:
-        selection = Selection.of(samples, None)
+        selection = Selection.of(RecordedSamples(STICKS), None)
         player = Player(session, selection, Pace(1e-3, selection.first, time.monotonic()), "fc_sticks.mcap")
         task = asyncio.create_task(player.play())
         await wait_until(lambda: player.sent.total > 0, 5.0)
@@ -198,7 +216,7 @@ async def test_a_player_that_is_cancelled_ends_at_once():
 async def test_a_daemon_that_comes_up_under_the_name_ends_playing():
     endpoint = free_endpoint()
     async with open_player_session(connect=[], listen=endpoint) as session:
-        selection = Selection.of(samples, "show")
+        selection = Selection.of(RecordedSamples(STICKS), "show")
         player = Player(session, selection, Pace(1e-3, selection.first, time.monotonic()), "fc_sticks.mcap")
         with client(endpoint) as other:
             task = asyncio.create_task(player.play())
@@ -209,7 +227,7 @@ async def test_a_daemon_that_comes_up_under_the_name_ends_playing():
 
 async def halfway(endpoint, session, name="show"):
     """A player that has put half of a recording under a name, and pauses."""
-    selection = Selection.of(samples, name)
+    selection = Selection.of(RecordedSamples(STICKS), name)
     player = Player(session, selection, Pace(1.0, selection.first, 0.0, is_paused=True), "fc_sticks.mcap")
     playing = asyncio.create_task(player.play())
     for _ in range(selection.total // 2):
@@ -243,19 +261,66 @@ async def test_a_recording_that_plays_answers_as_the_vehicle_did():
 
 
 async def test_what_was_recorded_before_the_beginning_is_known():
-    def later():
-        return list(samples())[-3:]
-
+    recorded = list(samples())
+    third = recorded[-3].base.file_time(recorded[-3].received)
     endpoint = free_endpoint()
     async with open_player_session(connect=[], listen=endpoint) as session:
-        selection = Selection.of(later, "show", lambda: list(samples())[:-3])
+        selection = Selection.of(RecordedSamples(STICKS, first=third), "show")
         player = Player(session, selection, Pace(1.0, selection.first, 0.0, is_paused=True), "fc_sticks.mcap")
         playing = asyncio.create_task(player.play())
         player.adjust(lambda pace, now: pace.step(now))
         await wait_until(lambda: player.sent.total == 1)
         with player.answering():
             async with connect("show", endpoint) as uav:
-                assert set(await uav.get_all("**")) >= {entry.suffix for entry in list(samples())[:-2]}
+                assert set(await uav.get_all("**")) >= {entry.suffix for entry in recorded[:-2]}
+        player.stop()
+        await playing
+
+
+async def test_another_place_is_known_as_if_it_had_been_played_up_to_there():
+    recorded, endpoint = list(samples()), free_endpoint()
+    async with open_player_session(connect=[], listen=endpoint) as session:
+        selection = Selection.of(RecordedSamples(STICKS), "show")
+        player = Player(session, selection, Pace(1.0, selection.first, 0.0, is_paused=True), "fc_sticks.mcap")
+        playing = asyncio.create_task(player.play(stays=True))
+        with player.answering():
+            async with connect("show", endpoint) as uav:
+                await wait_until(lambda: player.status().starts == 1)
+                for starts, share in ((2, 0.6), (3, 0.2), (4, 1.0)):
+                    place = share * player.status().length
+                    player.seek(place)
+                    await wait_until(lambda starts=starts: player.status().starts == starts)
+                    status, now = player.status(), selection.first + place
+                    assert (status.state, status.place) == (PlayState.PAUSED, pytest.approx(place))
+                    times = {entry: entry.base.file_time(entry.received) / 1e9 for entry in recorded}
+                    before = {entry.suffix: entry for entry in recorded if times[entry] < now - 2e-6}
+                    known = await uav.get_all("**")
+                    assert known.keys() - {"schema"} >= before.keys()
+                    for suffix, entry in before.items():
+                        assert known[suffix].fields["stamp"] == msgpack.unpackb(entry.payload)["stamp"], suffix
+                    past = await uav.get_past("state/attitude", 2.0)
+                    wanted = [one for one in recorded if one.suffix == "state/attitude"]
+                    wanted = [one for one in wanted if now - 2.0 - 2e-6 <= times[one] <= now + 2e-6]
+                    assert [sample.fields["stamp"] for sample in past] == [
+                        msgpack.unpackb(one.payload)["stamp"] for one in wanted or [before["state/attitude"]]
+                    ]
+                whole = await uav.get_past("state/attitude", 1e9, 1e9)
+                assert len(whole) == sum(one.suffix == "state/attitude" for one in recorded)
+        player.stop()
+        await playing
+    assert player.was_sought
+
+
+async def test_at_the_end_a_viewer_can_go_back():
+    async with open_player_session(connect=[], listen=free_endpoint()) as session:
+        selection = Selection.of(RecordedSamples(STICKS), "show")
+        player = Player(session, selection, Pace(1000.0, selection.first, 0.0), "fc_sticks.mcap")
+        playing = asyncio.create_task(player.play(stays=True))
+        await wait_until(lambda: player.status().state is PlayState.ENDED)
+        assert (player.sent.total, player.missing) == (selection.total, {})
+        player.seek(player.status().length - 1e-3)
+        await wait_until(lambda: player.status().starts == 2 and player.status().state is PlayState.ENDED)
+        assert selection.total < player.sent.total < 1.1 * selection.total
         player.stop()
         await playing
 
@@ -263,7 +328,7 @@ async def test_what_was_recorded_before_the_beginning_is_known():
 async def test_who_asks_is_an_audience_too():
     endpoint = free_endpoint()
     async with open_player_session(connect=[], listen=endpoint) as session:
-        selection = Selection.of(samples, "show")
+        selection = Selection.of(RecordedSamples(STICKS), "show")
         player = Player(session, selection, Pace(1.0, selection.first, 0.0), "fc_sticks.mcap")
         with player.answering():
             waiting = asyncio.create_task(player.wait_for_subscribers())
@@ -276,7 +341,7 @@ async def test_who_asks_is_an_audience_too():
 
 async def test_a_player_that_waits_can_be_stopped():
     async with open_player_session(connect=[], listen=free_endpoint()) as session:
-        selection = Selection.of(samples, "show")
+        selection = Selection.of(RecordedSamples(STICKS), "show")
         player = Player(session, selection, Pace(1.0, selection.first, 0.0), "fc_sticks.mcap")
         waiting = asyncio.create_task(player.wait_for_subscribers())
         await asyncio.sleep(0)
@@ -296,7 +361,7 @@ async def test_what_fails_while_it_reads_ends_playing():
             raise OSError(5, "Input/output error")
 
     async with open_player_session(connect=[], listen=free_endpoint()) as session:
-        selection = Selection.of(broken, None)
+        selection = Selection.of(Listed(broken), None)
         player = Player(session, selection, Pace(1000.0, selection.first, 0.0), "fc_sticks.mcap")
         with pytest.raises(OSError, match="Input/output error"):
             await player.play()
@@ -313,7 +378,7 @@ def test_lateness_is_counted_in_steps():
 
 def test_a_recording_without_values_is_nothing_to_play():
     with pytest.raises(MkError, match="nothing to play"):
-        Selection.of(lambda: Recording(STICKS).entries(lambda facts: facts.kind is Kind.PORT_READ), None)
+        Selection.of(RecordedSamples(STICKS, keys=("no/such",)), None)
 
 
 def test_days_of_silence_are_told_and_not_waited_for():
@@ -325,4 +390,4 @@ def test_days_of_silence_are_told_and_not_waited_for():
     with pytest.raises(
         MkError, match=r"nothing was recorded for 216 hours .* --to 2025-10-09T\S+Z, .* --from 2025-10-18T"
     ):
-        Selection.of(entries, None)
+        Selection.of(Listed(entries), None)

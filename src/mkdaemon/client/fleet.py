@@ -91,13 +91,18 @@ class Fleet:
         """A client of somebody who is there."""
         return Vehicle(self._session, sighting.name, self._through.endpoint, root=sighting.root)
 
-    async def control(self, name: str, action: PlayAction, speed: float | None = None) -> PlayStatus:
-        """Ask the player of a vehicle to pause, go on, step, or play at a speed.
+    async def control(self, name: str, action: PlayAction, **fields: float) -> PlayStatus:
+        """Ask the player of a vehicle to do something.
+
+        Args:
+            name: of the vehicle.
+            action: what to do.
+            fields: others of a `PlayControl`.
 
         Raises:
             MkError: it does not answer, or refuses.
         """
-        asked = {"action": action.value} | ({} if speed is None else {"speed": speed})
+        asked = {"action": action.value, **fields}
         get = self._session.get
         replies = await asyncio.to_thread(
             lambda: list(get(control_key(name), payload=msgpack.packb(asked), timeout=ANSWER))

@@ -21,6 +21,12 @@ from mkdaemon.telemetry.refusals import Token, refuse
 
 PLAYING: Final = "playing"
 """Liveliness token below everything that is played. Not `alive`: a daemon that comes up beside it must be seen."""
+PAST: Final = "past"
+"""Parameter of a question: all values of so long before the place that is played [s]; without it the last ones."""
+AHEAD: Final = "ahead"
+"""Likewise, and those of so long behind it."""
+LONGEST: Final = 1e9
+"""Of both [s]."""
 _COMMANDS: Final = frozenset({"do", "cmd"})
 _QUERIES: Final = 64
 """Questions that may wait for an answer; a quarter of them of one key."""
@@ -34,16 +40,16 @@ class PlayedValues:
 
         Args:
             session: where they are asked for.
-            selection: what is played; what was recorded before it is known from the beginning.
+            selection: what is played.
             place: how far the recording has come [s; Unix time].
         """
         self._session, self._selection, self._place = session, selection, place
         self._last: dict[str, Played] = {}
         self._roots = sorted({"/".join(key.split("/")[:2]) for key in selection.counts})
 
-    def restart(self) -> None:
-        """Know what was recorded before the beginning, and nothing else."""
-        self._last = {played.key.whole: played for played in self._selection.earlier()}
+    def restart(self, at: float) -> None:
+        """Know what was recorded before a time [s; Unix time], and nothing else."""
+        self._last = {played.key.whole: played for played in self._selection.before(at)}
 
     def take(self, played: Played) -> None:
         """Know one more; on the thread that plays."""
@@ -79,14 +85,31 @@ class PlayedValues:
             query.reply(asked, encode(refused(refuse(Token.RECORDING))), encoding=encoding_of(CommandResult))
             return
         place = self._place()
-        for whole, (at, _, entry) in list(self._last.items()):
-            if query.key_expr.intersects(whole):
-                stamp = entry.stamp
-                # As old as it was when it was put, and what has passed in the recording since then.
-                delay = entry.received - stamp.monotonic if stamp.boot == entry.base.boot else 0.0
-                query.reply(whole, with_age(entry.payload, delay + place - at), encoding=entry.encoding)
+        told = self._span(query, place)
+        last = {whole: one for whole, one in list(self._last.items()) if query.key_expr.intersects(whole)}
+        for at, key, entry in [*(last[whole] for whole in last.keys() - {one.key.whole for one in told}), *told]:
+            stamp = entry.stamp
+            # As old as it was when it was put, and what has passed in the recording since then.
+            delay = entry.received - stamp.monotonic if stamp.boot == entry.base.boot else 0.0
+            query.reply(key.whole, with_age(entry.payload, delay + place - at), encoding=entry.encoding)
         for name in schema_names():
             for here in self._roots:
                 whole = f"{here}/schema/{name}"
                 if query.key_expr.intersects(whole) and (schema := schema_json(name)) is not None:
                     query.reply(whole, schema, encoding="application/schema+json")
+
+    def _span(self, query: zenoh.Query, place: float) -> list[Played]:
+        """The values around the place that are asked for: `past` before it, and `ahead` behind it [s]."""
+        past, ahead = (_seconds(query.parameters.get(name)) for name in (PAST, AHEAD))
+        if past + ahead <= 0.0:
+            return []
+        return self._selection.between(place - past, place + ahead, lambda whole: query.key_expr.intersects(whole))
+
+
+def _seconds(text: str | None) -> float:
+    """A length [s] as it is asked for; 0 for none."""
+    try:
+        found = float(text or 0.0)
+    except ValueError:
+        return 0.0
+    return min(max(found, 0.0), LONGEST) if found == found else 0.0

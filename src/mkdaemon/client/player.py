@@ -12,6 +12,7 @@ import threading
 import time
 from collections.abc import AsyncIterator, Callable, Iterator, Sequence
 from contextlib import ExitStack, asynccontextmanager, closing, contextmanager, suppress
+from functools import partial
 from pathlib import Path
 from typing import Final
 
@@ -146,6 +147,7 @@ class Player:
         pace: speed and pause; changed by `adjust` only.
         sent: what was put so far, in this round.
         rounds: how often the end was reached.
+        was_sought: somebody asked for another place, so what was put is no whole recording.
     """
 
     def __init__(self, session: zenoh.Session, selection: Selection, pace: Pace, title: str) -> None:
@@ -153,11 +155,14 @@ class Player:
         self.pace = pace
         self.sent = Sent()
         self.rounds = 0
+        self.was_sought = False
         self._session, self._selection, self._title = session, selection, title
         self._publishers: dict[PlayKey, zenoh.Publisher] = {}
         self._values = PlayedValues(session, selection, self._place)
-        self._turn = threading.Condition()
-        self._is_stopped = self._is_waiting = False
+        self._turn = threading.Condition(threading.RLock())
+        self._is_stopped = self._is_waiting = self._is_over = False
+        self._sought: float | None = None
+        self._starts = 0
         self._watched = asyncio.Event()
         self._loop = asyncio.get_running_loop()
         self._found: set[str] = set()
@@ -199,6 +204,8 @@ class Player:
                 self.adjust(lambda pace, now: pace.step(now))
             case PlayAction.SPEED:
                 self.adjust(lambda pace, now: pace.play_at(control.speed, now))
+            case PlayAction.SEEK:
+                self.seek(control.place)
             case _:
                 is_wanted = control.action is PlayAction.PAUSE
                 self.adjust(lambda pace, now: pace.toggle(now) if pace.is_paused is not is_wanted else None)
@@ -230,20 +237,24 @@ class Player:
 
     # -- playing --------------------------------------------------------------------------------------------------
 
-    async def play(self, *, loops: bool = False) -> None:
+    async def play(self, *, loops: bool = False, stays: bool = False) -> None:
         """Put everything, once or for ever; `stop` ends it.
+
+        Args:
+            loops: begin again at the end.
+            stays: wait at the end for another place that is asked for.
 
         Raises:
             MkError: a daemon came up under a name that is played under; or the recording cannot be read any more.
         """
-        for key in self._selection.keys:
+        for key in set(self._selection.keys.values()):
             # A player may wait for a slow subscriber; what it must not do is to leave something out.
             block = zenoh.CongestionControl.BLOCK
             self._publishers[key] = self._session.declare_publisher(key.whole, congestion_control=block)
         async with self._watching_daemons(), self._reporting():
             while not self._is_stopped:
                 self.sent = Sent()
-                await self._put_in_thread()
+                await self._put_in_thread(stays and not loops)
                 self._refuse(self._found)
                 self.rounds += not self._is_stopped
                 if not loops:
@@ -273,9 +284,21 @@ class Player:
         wanted, sent = self._selection.counts, self.sent.counts
         return {key: wanted[key] - sent[key] for key in wanted.keys() | sent.keys() if wanted[key] != sent[key]}
 
-    async def _put_in_thread(self) -> None:
+    def seek(self, place: float) -> None:
+        """Go on at another place, paused or not; the newest wish counts.
+
+        Args:
+            place: since the beginning of what is played [s].
+        """
+        first, last = self._selection.first, self._selection.last
+        with self._turn:
+            self._sought = min(max(first + place, first), last)
+            self.was_sought = True
+            self._turn.notify()
+
+    async def _put_in_thread(self, stays: bool) -> None:
         """Put everything once; ends with the thread, also where this task is cancelled."""
-        putting = asyncio.ensure_future(asyncio.to_thread(self._put_all))
+        putting = asyncio.ensure_future(asyncio.to_thread(self._put_all, stays))
         try:
             await asyncio.shield(putting)
         except asyncio.CancelledError:
@@ -283,21 +306,45 @@ class Player:
             await putting
             raise
 
-    def _put_all(self) -> None:
-        with closing(ReadAhead(self._selection.entries)) as ahead:
+    def _put_all(self, stays: bool) -> None:
+        at: float | None = self._selection.first
+        while at is not None:
+            self._put_from(at)
+            at = self._next_place(stays)
+
+    def _put_from(self, at: float) -> None:
+        """Put everything from a time on [s; Unix time], until another place is asked for."""
+        with closing(ReadAhead(partial(self._selection.played, at))) as ahead:
             ahead.wait()
-            self._values.restart()
-            self.adjust(lambda pace, now: pace.restart(self._selection.first, now))
+            self._values.restart(at)
+            with self._turn:
+                self._starts += 1
+                self.pace.restart(at, time.monotonic())
+                self._show_status()
             for played in ahead:
                 if not self._wait_until_due(played.at):
                     return
                 self._put(played)
 
+    def _next_place(self, stays: bool) -> float | None:
+        """The place that is asked for [s; Unix time], which is waited for at the end if it `stays`; None to end."""
+        with self._turn:
+            if stays and self._sought is None and not self._is_stopped:
+                self._is_over = True
+                self._show_status()
+                self._turn.wait_for(lambda: self._sought is not None or self._is_stopped or self._found)
+                self._is_over = False
+            if self._is_stopped or self._found or self._sought is None:
+                return None
+            place, self._sought = self._sought, None
+            self.pace.restart(place, time.monotonic())
+            return place
+
     def _wait_until_due(self, at: float) -> bool:
-        """Wait for the time of a value; false when playing was stopped."""
+        """Wait for the time of a value; false when playing was stopped, or another place is asked for."""
         while True:
             with self._turn:
-                if self._is_stopped or self._found:
+                if self._is_stopped or self._found or self._sought is not None:
                     return False
                 left = self.pace.wait(at, time.monotonic())
                 if left is not None and left <= 0:
@@ -320,26 +367,29 @@ class Player:
         """What the player does; whether it waits, plays or pauses, if no state is given."""
         first, last = self._selection.first, self._selection.last
         with self._turn:
-            is_paused, speed = self.pace.is_paused, self.pace.speed
-        moving = PlayState.WAITING if self._is_waiting else PlayState.PLAYING
+            is_paused, speed, starts = self.pace.is_paused, self.pace.speed, self._starts
+        moving = PlayState.WAITING if self._is_waiting else PlayState.ENDED if self._is_over else PlayState.PLAYING
         return PlayStatus(
             file=self._title,
-            state=state or (PlayState.PAUSED if is_paused else moving),
+            state=state or (PlayState.PAUSED if is_paused and not self._is_over else moving),
             speed=speed,
             place=0.0 if self._is_waiting else self._place() - first,
             length=last - first,
             sent=self.sent.total,
             values=self._selection.total,
+            zero=self._selection.zero,
+            starts=starts,
         )
 
     def _place(self) -> float:
         """How far the recording has come [s; Unix time]."""
         with self._turn:
-            place = self.pace.place(time.monotonic())
+            place = self._sought or self.pace.place(time.monotonic())
         return min(max(place, self._selection.first), self._selection.last)
 
     def _show_status(self, state: PlayState | None = None) -> None:
-        self._status.put(encode(self.status(state)), encoding=encoding_of(PlayStatus))
+        with self._turn:  # so that an older one is never put after a newer one
+            self._status.put(encode(self.status(state)), encoding=encoding_of(PlayStatus))
 
     @asynccontextmanager
     async def _reporting(self) -> AsyncIterator[None]:

@@ -10,17 +10,18 @@ from __future__ import annotations
 import queue
 import re
 import threading
-from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
+from collections import Counter, deque
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from typing import Final, NamedTuple, Self
 
 from mkdaemon.bus.keys import Use, find
 from mkdaemon.bus.names import REPLAY, ROOT
+from mkdaemon.client.playsource import Choice, Progress, Source
 from mkdaemon.config.names import VEHICLE_NAME
 from mkdaemon.errors import ConfigError, MkError
-from mkdaemon.record.entry import Entry
+from mkdaemon.record.entry import NANOSECONDS, Entry, nanoseconds
 
 _SHOWN: Final = frozenset({Use.PUBLISHED, Use.CLIENT})
 _HANDS: Final = "joy/"
@@ -94,6 +95,23 @@ STEP: Final = 1e-5
 """Lateness is counted in steps of this [s]."""
 
 
+MOST_BETWEEN: Final = 20_000
+"""Values that are told at once."""
+_NEVER: Final = 1 << 64
+_ROUNDED: Final = 1000
+"""A time in seconds is as exact as this [ns]."""
+
+
+def _time(entry: Entry) -> float:
+    """When an entry was recorded [s; Unix time]."""
+    return entry.base.file_time(entry.received) / NANOSECONDS
+
+
+def _floor(at: float) -> int:
+    """A time [s] in a file [ns], not after it."""
+    return nanoseconds(at) - _ROUNDED
+
+
 def _moment(at: float) -> str:
     """A time [s; Unix time] as `--from` takes it."""
     return datetime.fromtimestamp(at, UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
@@ -154,67 +172,85 @@ class Played(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Selection:
-    """Which part of a recording is played.
+    """Which part of a recording is played, and as what.
 
     Attributes:
-        entries: gives all of it, in order, every time it is called.
         counts: values by key, as played.
-        keys: to put them to.
-        earlier: gives what was recorded before it, in order.
+        keys: to put them to, by the key as recorded.
         first: time of its beginning [s; Unix time].
         last: of its end [s; Unix time].
+        zero: the same as `first`, of the daemon's monotonic clock [s].
+        name: vehicle to play as; None for `replay/<vehicle>/...`.
     """
 
-    entries: Callable[[], Iterator[Played]]
     counts: Counter[str]
-    keys: frozenset[PlayKey]
-    earlier: Callable[[], Iterator[Played]]
+    keys: dict[str, PlayKey]
     first: float
     last: float
+    zero: float
+    name: str | None
+    _source: Source
 
     @classmethod
-    def of(
-        cls,
-        entries: Callable[[], Iterable[Entry]],
-        name: str | None,
-        earlier: Callable[[], Iterable[Entry]] = lambda: (),
-    ) -> Selection:
+    def of(cls, source: Source, name: str | None, progress: Progress = lambda position: None) -> Selection:
         """Look through a recording once.
 
         Args:
-            entries: gives the entries, every time it is called.
+            source: gives the values.
             name: vehicle to play as; None for `replay/<vehicle>/...`.
-            earlier: gives the entries before them, which are not played but known.
+            progress: hears how many bytes of the file have been read.
 
         Raises:
             MkError: there is nothing to play, or days between two values.
         """
         known: dict[str, PlayKey | None] = {}
-
-        def played(wanted: Callable[[], Iterable[Entry]] = entries) -> Iterator[Played]:
-            for entry in wanted():
-                if entry.key not in known:
-                    known[entry.key] = play_key(entry.key, name)
-                key = known[entry.key]
-                if key is not None:
-                    yield Played(entry.base.file_time(entry.received) / 1e9, key, entry)
-
         counts: Counter[str] = Counter()
-        first, last = float("inf"), float("-inf")
-        for at, key, _ in played():
-            if last + LONGEST_SILENCE < at and counts:
+        first, last, zero = _NEVER, 0, 0.0
+        for facts, at in source.times(progress):
+            if facts.key not in known:
+                known[facts.key] = play_key(facts.key, name)
+            if known[facts.key] is None:
+                continue
+            if at - last > LONGEST_SILENCE * NANOSECONDS and counts:
+                before, behind = last / NANOSECONDS, at / NANOSECONDS
                 msg = (
-                    f"nothing was recorded for {(at - last) / 3600:.0f} hours after {_moment(last)}: play what is "
-                    f"before it, with --to {_moment(last + 1)}, or behind it, with --from {_moment(at)}"
+                    f"nothing was recorded for {(behind - before) / 3600:.0f} hours after {_moment(before)}: play what "
+                    f"is before it, with --to {_moment(before + 1)}, or behind it, with --from {_moment(behind)}"
                 )
                 raise MkError(msg)
-            counts[key.whole] += 1
-            first, last = min(first, at), max(last, at)
+            counts[facts.key] += 1
+            last = max(last, at)
+            if at < first:
+                first, zero = at, facts.base.monotonic(at)
         if not counts:
             msg = "nothing to play: no published value in this part of the recording; `mkctl log info` shows its keys"
             raise MkError(msg)
-        keys = frozenset(key for key in known.values() if key)
-        return cls(played, counts, keys, lambda: played(earlier), first, last)
+        keys = {recorded: key for recorded, key in known.items() if key}
+        named = Counter[str]()
+        for recorded, count in counts.items():
+            named[keys[recorded].whole] += count
+        return cls(named, keys, first / NANOSECONDS, last / NANOSECONDS, zero, name, source)
+
+    def played(self, at: float) -> Iterator[Played]:
+        """All values from a time on [s; Unix time], in order."""
+        for entry in self._source.entries(_floor(at)):
+            if entry.key in self.keys:
+                yield self._played(entry)
+
+    def before(self, at: float) -> list[Played]:
+        """The last value of each key before a time [s; Unix time], also from before the part that is played."""
+        found = ((entry, play_key(entry.key, self.name)) for entry in self._source.latest(_floor(at)))
+        return [Played(_time(entry), key, entry) for entry, key in found if key is not None]
+
+    def between(self, begin: float, end: float, choice: Choice) -> list[Played]:
+        """The values of some keys, as played, from one time to another [s; Unix time]; the newest `MOST_BETWEEN`."""
+        wanted = {recorded for recorded, key in self.keys.items() if choice(key.whole)}
+        first, last = (_floor(min(max(one, self.first), self.last)) for one in (begin, end))
+        found = deque(self._source.entries(first, last + 1, wanted.__contains__), maxlen=MOST_BETWEEN)
+        return [self._played(entry) for entry in found]
+
+    def _played(self, entry: Entry) -> Played:
+        return Played(_time(entry), self.keys[entry.key], entry)
 
     @property
     def vehicles(self) -> set[str]:

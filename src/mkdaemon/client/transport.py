@@ -8,6 +8,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import AsyncIterator, Mapping
 from contextlib import asynccontextmanager, suppress
+from types import MappingProxyType
 from typing import Any, Final
 
 import msgpack
@@ -82,6 +83,23 @@ class Transport:
         """
         replies = await self._query(pattern, b"", patience)
         return {sample.suffix: sample for sample in replies}
+
+    async def get_past(self, pattern: str, past: float, ahead: float = 0.0) -> list[Sample]:
+        """Ask for the last values of all keys that match and, where a recording is played, for those around its place.
+
+        Args:
+            pattern: key without `mk/<vehicle>/`; may hold `*` and `**`.
+            past: all values of so long before the place [s]; a daemon has only the last ones.
+            ahead: and of so long behind it [s].
+
+        Returns:
+            The samples, those of one key in order, each with its `age`.
+
+        Raises:
+            MkError: the pattern is no key expression.
+            CommandRejectedError: the daemon has too many queries to answer.
+        """
+        return await self._query(pattern, b"", PATIENCE, {"past": str(past), "ahead": str(ahead)})
 
     async def get(self, suffix: str, *, patience: float = 3.0) -> Sample | None:
         """Ask for the last value of a key, with its `age`; None where nothing was published yet.
@@ -205,7 +223,9 @@ class Transport:
             msg = f"{pattern!r} is no key: {why}"
             raise MkError(msg) from error
 
-    async def _query(self, suffix: str, payload: bytes, patience: float) -> list[Sample]:
+    async def _query(
+        self, suffix: str, payload: bytes, patience: float, parameters: Mapping[str, str] = MappingProxyType({})
+    ) -> list[Sample]:
         done: asyncio.Future[None] = self._loop.create_future()
         replies: list[zenoh.Sample] = []
         loop = self._loop
@@ -229,7 +249,7 @@ class Transport:
         handler = zenoh.handlers.Callback(on_reply, on_end, indirect=False)
         # Every answer, also a second one of the same key: a router would keep only one of two daemons' answers.
         self._session.get(
-            self._expression(suffix),
+            zenoh.Selector(self._expression(suffix), dict(parameters)),
             handler,
             payload=payload or None,
             timeout=patience,

@@ -187,13 +187,16 @@ class Entry(NamedTuple):
             return None
 
 
+_ONLY_TEXT: Final = frozenset({str})
+
+
 def unpacked(payload: bytes) -> dict[str, Any]:
     """What a payload says, whoever wrote it; nothing where it is no map with names."""
     try:
         found = msgpack.unpackb(payload, strict_map_key=False)
     except (ValueError, TypeError, RecursionError, msgpack.exceptions.UnpackException):
         return {}
-    return found if isinstance(found, dict) and all(isinstance(name, str) for name in found) else {}
+    return found if isinstance(found, dict) and _ONLY_TEXT.issuperset(map(type, found)) else {}
 
 
 NOTICES: Final = "notice/"

@@ -10,11 +10,13 @@ from __future__ import annotations
 import os
 import re
 import struct
-from collections.abc import Callable, Iterator, Sequence
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
-from typing import Final
+from typing import BinaryIO, Final
 
 from mcap.opcode import Opcode
 
@@ -22,13 +24,34 @@ from mkdaemon.errors import MkError
 from mkdaemon.reading import open_regular
 from mkdaemon.record.entry import SEQUENCES, Entry, Kind, TimeBase
 from mkdaemon.record.layout import SESSION, VIEW, ChannelFacts, Session
-from mkdaemon.record.scan import Chunk, Damage, Record, Scanner, read_channel, read_metadata, records_in
+from mkdaemon.record.scan import Chunk, Damage, Record, Scanner, places_in, read_channel, read_metadata
 
 _MESSAGE: Final = struct.Struct("<HIQQ")
 FREE_RECORDS: Final = 100_000
 """The chunks of a file may have one record for each of its bytes, and these beside; the index of ours takes 16 each."""
 Wanted = Callable[[ChannelFacts], bool]
 """Chooses channels."""
+_END: Final = 1 << 64
+"""Behind every time of a file [ns]."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Place:
+    """A chunk that was read.
+
+    Attributes:
+        offset: where its record begins [bytes].
+        end: where it ends [bytes].
+        first: earliest time in it [ns].
+        last: latest time in it [ns].
+        channels: numbers of those with messages in it.
+    """
+
+    offset: int
+    end: int
+    first: int
+    last: int
+    channels: frozenset[int]
 
 
 @dataclass
@@ -86,6 +109,8 @@ class Recording:
         self.session: Session | None = None
         self.report = ReadReport()
         self.position = 0
+        self._places: list[_Place] = []
+        self._definitions: dict[int, Record] = {}
 
     def read_session(self) -> Session | None:
         """What the file says about itself; None where it says nothing.
@@ -112,16 +137,81 @@ class Recording:
         Raises:
             MkError: the file cannot be opened.
         """
-        self.report = ReadReport()
-        reading = _Reading(self, self.report, wanted)
-        low = 0 if first is None else first
-        high = (1 << 64) if last is None else last
-        for record in self._records(self.report):
+        low, high = 0 if first is None else first, _END if last is None else last
+        reading = _Reading(self, wanted)
+        for chunk in self._chunks(reading, low, high):
+            yield from reading.entries_of(chunk, low, high)
+
+    def times(self, wanted: Wanted = lambda facts: True) -> Iterator[tuple[ChannelFacts, int]]:
+        """Channel and time [ns; times of the file] of every entry, in order: what can be told without unpacking it.
+
+        Args:
+            wanted: chooses channels.
+
+        Raises:
+            MkError: the file cannot be opened.
+        """
+        reading = _Reading(self, wanted)
+        for chunk in self._chunks(reading, 0, _END):
+            for channel, _, log_time, *_ in reading.messages_of(chunk, 0, _END):
+                yield channel.facts, log_time
+
+    def latest(self, wanted: Wanted, before: int) -> list[Entry]:
+        """The last entry of each key before a time, in order of their times; quick once the whole file was read.
+
+        Args:
+            wanted: chooses channels.
+            before: [ns; times of the file].
+
+        Raises:
+            MkError: the file cannot be opened.
+        """
+        if not self._places:
+            deque(self.times(), maxlen=0)
+        reading = _Reading(self, wanted)
+        missing, found = reading.wanted, list[Entry]()
+        with self._opened() as file:
+            for place in reversed(self._places):
+                if place.first < before and not missing.keys().isdisjoint(place.channels):
+                    newest = {entry.key: entry for entry in reading.entries_of(self._at(file, place), 0, before - 1)}
+                    found += (entry for key, entry in newest.items() if key in missing.values())
+                    missing = {number: key for number, key in missing.items() if key not in newest}
+        return sorted(found, key=lambda entry: entry.received)
+
+    def again(self) -> Recording:
+        """The same file for another thread; it knows what this one knows."""
+        other = Recording(self.path)
+        other.session, other._places, other._definitions = self.session, self._places, self._definitions
+        return other
+
+    def _chunks(self, reading: _Reading, low: int, high: int) -> Iterator[Chunk]:
+        """The chunks with times of a range [ns]; those that cannot be wanted are left out where the file is known."""
+        if self._places and (low, high) != (0, _END):
+            wanted = reading.wanted.keys()
+            with self._opened() as file:
+                for place in self._places:
+                    if place.last >= low and place.first <= high and not wanted.isdisjoint(place.channels):
+                        yield self._at(file, place)
+            return
+        places = list[_Place]()
+        for record in self._records(reading.report):
             if isinstance(record, Record):
                 reading.define(record)
                 self._take_metadata(record)
             elif record.last >= low and record.first <= high:
-                yield from reading.entries_of(record, low, high)
+                yield record
+                places.append(_Place(record.offset, self.position, record.first, record.last, frozenset(reading.seen)))
+                reading.seen.clear()
+        if (low, high) == (0, _END):
+            self._places, self._definitions = places, reading.definitions
+
+    def _at(self, file: BinaryIO, place: _Place) -> Chunk:
+        """A chunk that was found before."""
+        found = next(Scanner(file, place.end).records(place.offset), None)
+        self.position = file.tell()
+        if not isinstance(found, Chunk):
+            raise MkError(f"{self.path}: was changed while it was read")
+        return found
 
     def span(self) -> tuple[int, int]:
         """Times of the earliest and of the latest entry [ns; times of the file]; zeros where there is none.
@@ -136,37 +226,48 @@ class Recording:
         """All channels in the file, wherever they are."""
         report = ReadReport()
         for record in self._records(report):
-            inside = self.inside(record, report) if isinstance(record, Chunk) else iter((record,))
-            yield from (one for one in inside if one.opcode == Opcode.CHANNEL)
+            if isinstance(record, Chunk):
+                content = record.content()
+                for opcode, begin, end in self.inside(record, report):
+                    if opcode == Opcode.CHANNEL:
+                        yield Record(opcode, content[begin:end])
+            elif record.opcode == Opcode.CHANNEL:
+                yield record
 
-    def inside(self, chunk: Chunk, report: ReadReport) -> Iterator[Record]:
+    def known_channels(self) -> Iterable[Record]:
+        """Definitions of all channels, once the whole file was read."""
+        return self._definitions.values()
+
+    def inside(self, chunk: Chunk, report: ReadReport) -> Iterator[tuple[int, int, int]]:
         """The records of a chunk, as far as they are whole, and no more than a file can hold that is so long.
 
         Args:
             chunk: of this file, just read.
             report: counts them.
+
+        Yields:
+            Opcode, and where the record's content begins and ends in that of the chunk.
         """
         most = FREE_RECORDS + self.position
-        try:
-            for record in records_in(chunk.content()):
+        with suppress(ValueError):
+            for place in places_in(chunk.content()):
                 report.records += 1
                 if report.records > most:
                     if report.records == most + 1:
-                        report.damages.append(
-                            Damage(self.position, 0, "more records than a file of this size can hold")
-                        )
+                        reason = "more records than a file of this size can hold"
+                        report.damages.append(Damage(self.position, 0, reason))
                     return
-                yield record
-        except ValueError:
-            return
+                yield place
 
-    def _records(self, report: ReadReport) -> Iterator[Record | Chunk]:
+    def _opened(self) -> BinaryIO:
         try:
-            file = open_regular(self.path)
+            return open_regular(self.path)
         except OSError as error:
             msg = f"{self.path}: cannot be opened ({error.strerror}); `mkctl log list` shows recordings"
             raise MkError(msg) from error
-        with file:
+
+    def _records(self, report: ReadReport) -> Iterator[Record | Chunk]:
+        with self._opened() as file:
             report.size = os.fstat(file.fileno()).st_size
             scanner = Scanner(file, report.size)
             report.damages = scanner.damages
@@ -182,70 +283,30 @@ class Recording:
                 self.session = Session.from_metadata(found[1]) or self.session
 
 
-class _Reading:
-    """One pass through a file."""
+@dataclass(slots=True)
+class _Count:
+    """Sequence numbers of one kind, key and clock.
 
-    def __init__(self, recording: Recording, report: ReadReport, wanted: Wanted) -> None:
-        self._recording = recording
-        self._report = report
-        self._wanted = wanted
-        self._channels: dict[int, ChannelFacts | _Other] = {}
-        self._is_complete = False
-        self._next: dict[tuple[Kind, str, TimeBase], int] = {}
+    Attributes:
+        due: the next one; None before the first.
+    """
 
-    def define(self, record: Record) -> None:
-        if record.opcode == Opcode.CHANNEL and (channel := read_channel(record.content)) is not None:
-            facts = ChannelFacts.from_metadata(channel.metadata)
-            other = _Other(is_view=VIEW in channel.metadata)
-            self._channels[channel.number] = other if facts is None else facts
+    due: int | None = None
 
-    def entries_of(self, chunk: Chunk, low: int, high: int) -> Iterator[Entry]:
-        for record in self._recording.inside(chunk, self._report):
-            self.define(record)
-            if record.opcode == Opcode.MESSAGE and len(record.content) >= _MESSAGE.size:
-                entry = self._entry(record.content, low, high)
-                if entry is not None:
-                    self._report.entries += 1
-                    yield entry
 
-    def _entry(self, content: bytes, low: int, high: int) -> Entry | None:
-        number, sequence, log_time, publish_time = _MESSAGE.unpack_from(content)
-        facts = self._facts(number)
-        report = self._report
-        if facts is None:
-            report.orphans += 1
-            return None
-        if isinstance(facts, _Other):
-            report.views += facts.is_view
-            report.foreign += not facts.is_view
-            return None
-        if not low <= log_time <= high or not self._wanted(facts):
-            return None
-        self._count(facts, sequence)
-        try:
-            return facts.unpack(content[_MESSAGE.size :], sequence, log_time, publish_time)
-        except ValueError:
-            report.unreadable += 1
-            return None
+@dataclass(frozen=True, slots=True)
+class _Ours:
+    """A channel with entries of ours.
 
-    def _facts(self, number: int) -> ChannelFacts | _Other | None:
-        """What is known of a channel; the whole file is searched once for one that should have come before."""
-        if number not in self._channels and not self._is_complete:
-            self._is_complete = True
-            known = dict(self._channels)
-            for record in self._recording.definitions():
-                self.define(record)
-            self._channels.update(known)
-        return self._channels.get(number)
+    Attributes:
+        facts: what is the same for all of them.
+        is_wanted: whether they are.
+        count: of their sequence numbers.
+    """
 
-    def _count(self, facts: ChannelFacts, sequence: int) -> None:
-        place = (facts.kind, facts.key, facts.base)
-        missing = (sequence - self._next.get(place, sequence)) % SEQUENCES
-        if missing < SEQUENCES // 2:  # else it comes late: two files that overlap were joined
-            self._next[place] = (sequence + 1) % SEQUENCES
-            if missing:
-                gaps = self._report.gaps
-                gaps[facts.kind, facts.key] = gaps.get((facts.kind, facts.key), 0) + missing
+    facts: ChannelFacts
+    is_wanted: bool
+    count: _Count
 
 
 @dataclass(frozen=True, slots=True)
@@ -253,6 +314,99 @@ class _Other:
     """A channel without entries of ours."""
 
     is_view: bool
+
+
+class _Reading:
+    """One pass through a file.
+
+    Attributes:
+        report: what it finds.
+        definitions: of the channels it met, by their numbers.
+        seen: numbers of the channels that had messages since this was last cleared.
+    """
+
+    def __init__(self, recording: Recording, wanted: Wanted) -> None:
+        self.report = recording.report = ReadReport()
+        self.definitions: dict[int, Record] = {}
+        self.seen: set[int] = set()
+        self._recording = recording
+        self._wanted = wanted
+        self._channels: dict[int, _Ours | _Other] = {}
+        self._is_complete = False
+        self._counts: dict[tuple[Kind, str, TimeBase], _Count] = {}
+        for record in recording.known_channels():
+            self.define(record)
+
+    @property
+    def wanted(self) -> dict[int, str]:
+        """Keys of the known channels that are wanted, by their numbers."""
+        ours = ((number, one) for number, one in self._channels.items() if isinstance(one, _Ours))
+        return {number: one.facts.key for number, one in ours if one.is_wanted}
+
+    def define(self, record: Record) -> None:
+        if record.opcode == Opcode.CHANNEL and (channel := read_channel(record.content)) is not None:
+            self.definitions[channel.number] = record
+            facts = ChannelFacts.from_metadata(channel.metadata)
+            if facts is None:
+                self._channels[channel.number] = _Other(is_view=VIEW in channel.metadata)
+                return
+            count = self._counts.setdefault((facts.kind, facts.key, facts.base), _Count())
+            self._channels[channel.number] = _Ours(facts, self._wanted(facts), count)
+
+    def messages_of(self, chunk: Chunk, low: int, high: int) -> Iterator[tuple[_Ours, int, int, int, int, int]]:
+        """The messages that are wanted: channel, sequence, both times [ns], begin and end of the data in the chunk."""
+        content, report, channels, seen = chunk.content(), self.report, self._channels, self.seen
+        for opcode, begin, end in self._recording.inside(chunk, report):
+            if opcode != Opcode.MESSAGE:
+                if opcode == Opcode.CHANNEL:
+                    self.define(Record(opcode, content[begin:end]))
+                continue
+            if end - begin < _MESSAGE.size:
+                continue
+            number, sequence, log_time, publish_time = _MESSAGE.unpack_from(content, begin)
+            channel = channels.get(number) or self._found_later(number)
+            seen.add(number)
+            if isinstance(channel, _Ours):
+                if channel.is_wanted and low <= log_time <= high:
+                    self._count(channel, sequence)
+                    yield channel, sequence, log_time, publish_time, begin + _MESSAGE.size, end
+            elif channel is None:
+                report.orphans += 1
+            else:
+                report.views += channel.is_view
+                report.foreign += not channel.is_view
+
+    def entries_of(self, chunk: Chunk, low: int, high: int) -> Iterator[Entry]:
+        content, report = chunk.content(), self.report
+        for channel, sequence, log_time, publish_time, begin, end in self.messages_of(chunk, low, high):
+            try:
+                entry = channel.facts.unpack(content[begin:end], sequence, log_time, publish_time)
+            except ValueError:
+                report.unreadable += 1
+                continue
+            report.entries += 1
+            yield entry
+
+    def _found_later(self, number: int) -> _Ours | _Other | None:
+        """A channel that should have come before; the whole file is searched once."""
+        if not self._is_complete:
+            self._is_complete = True
+            known = dict(self._channels)
+            for record in self._recording.definitions():
+                self.define(record)
+            self._channels.update(known)
+        return self._channels.get(number)
+
+    def _count(self, channel: _Ours, sequence: int) -> None:
+        count = channel.count
+        if sequence == count.due or count.due is None:
+            count.due = (sequence + 1) % SEQUENCES
+            return
+        missing = (sequence - count.due) % SEQUENCES
+        if missing < SEQUENCES // 2:  # else it comes late: two files that overlap were joined
+            count.due = (sequence + 1) % SEQUENCES
+            gaps, place = self.report.gaps, (channel.facts.kind, channel.facts.key)
+            gaps[place] = gaps.get(place, 0) + missing
 
 
 def matches_any(key: str, patterns: Sequence[str]) -> bool:

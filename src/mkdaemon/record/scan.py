@@ -13,6 +13,7 @@ import struct
 import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from typing import BinaryIO, Final
 
 import zstandard
@@ -125,11 +126,12 @@ class Damage:
     reason: str
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Chunk:
     """A chunk that is right.
 
     Attributes:
+        offset: where its record begins in the file [bytes].
         first: earliest time in it [ns].
         last: latest time in it [ns].
         stored: its records, compressed or not.
@@ -138,6 +140,7 @@ class Chunk:
         checksum: of its records; 0 where there is none.
     """
 
+    offset: int
     first: int
     last: int
     stored: bytes
@@ -159,6 +162,10 @@ class Chunk:
         Raises:
             ValueError: it is damaged, or compressed in an unknown way.
         """
+        return self._content
+
+    @cached_property
+    def _content(self) -> bytes:
         match self.compression:
             case "":
                 content = self.stored
@@ -211,11 +218,15 @@ class Scanner:
         self._expanded = 0
         self._tried = 0
 
-    def records(self) -> Iterator[Record | Chunk]:
-        """All records and chunks that are right, in order."""
+    def records(self, start: int = 0) -> Iterator[Record | Chunk]:
+        """All records and chunks that are right, in order.
+
+        Args:
+            start: offset of a chunk to begin at, which was found right before; 0 for the beginning.
+        """
         # From `unproven` on a chunk is looked for when no record begins where one should.
-        at = unproven = len(MAGIC)
-        if self._read(0, len(MAGIC)) != MAGIC:
+        at = unproven = start or len(MAGIC)
+        if not start and self._read(0, len(MAGIC)) != MAGIC:
             at = unproven = self._resume(0, 0, "its beginning is damaged, or it is no MCAP file")
         while at < self._size:
             record = self._record_at(at)
@@ -224,7 +235,7 @@ class Scanner:
                 continue
             end = at + _HEAD.size + len(record.content)
             if record.opcode == Opcode.CHUNK:
-                chunk = read_chunk(record.content)
+                chunk = read_chunk(record.content, at)
                 fault = "it is too short, or too long" if chunk is None else self._fault(chunk, end)
                 if chunk is None or fault:
                     self.damages.append(Damage(at, end - at, f"a chunk is damaged: {fault}"))
@@ -320,8 +331,8 @@ class Scanner:
         return self._file.read(max(min(length, self._size - at), 0))
 
 
-def read_chunk(content: bytes) -> Chunk | None:
-    """A chunk from a record's content; None where it is none."""
+def read_chunk(content: bytes, offset: int = 0) -> Chunk | None:
+    """A chunk from the content of its record, which begins at an offset of the file; None where it is none."""
     try:
         first, last, size, checksum, name = _CHUNK.unpack_from(content)
         at = _CHUNK.size
@@ -332,7 +343,7 @@ def read_chunk(content: bytes) -> Chunk | None:
     stored = content[at + name + 8 :]
     if len(stored) != length or size > MOST_CHUNK_BYTES:
         return None
-    return Chunk(first, last, stored, compression, size, checksum)
+    return Chunk(offset, first, last, stored, compression, size, checksum)
 
 
 def records_in(content: bytes) -> Iterator[Record]:
@@ -341,17 +352,26 @@ def records_in(content: bytes) -> Iterator[Record]:
     Raises:
         ValueError: it ends inside a record.
     """
-    at = 0
-    while at < len(content):
-        if at + _HEAD.size > len(content):
+    for opcode, begin, end in places_in(content):
+        yield Record(opcode, content[begin:end])
+
+
+def places_in(content: bytes) -> Iterator[tuple[int, int, int]]:
+    """The records of a chunk: opcode, and where the content begins and ends. Nothing is copied.
+
+    Raises:
+        ValueError: it ends inside a record.
+    """
+    at, size, head, unpack = 0, len(content), _HEAD.size, _HEAD.unpack_from
+    while at < size:
+        begin = at + head
+        if begin <= size:
+            opcode, length = unpack(content, at)
+            at = begin + length
+        if begin > size or at > size:
             msg = "it ends inside a record"
             raise ValueError(msg)
-        opcode, length = _HEAD.unpack_from(content, at)
-        at += _HEAD.size + length
-        if at > len(content):
-            msg = "it ends inside a record"
-            raise ValueError(msg)
-        yield Record(opcode, content[at - length : at])
+        yield opcode, begin, at
 
 
 def _is_plausible(record: Record) -> bool:

@@ -9,7 +9,7 @@ from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, BinaryIO, Final
+from typing import Any, BinaryIO, Final, NamedTuple
 
 from mcap.opcode import Opcode
 
@@ -51,6 +51,10 @@ class Sender:
     setpoints_late: int = 0
     requests: int = 0
     requests_refused: int = 0
+
+
+SENT: Final = frozenset({Kind.SETPOINT, Kind.QUERY, Kind.REPLY, Kind.NOTICE})
+"""Kinds of entries that tell of them."""
 
 
 class Senders:
@@ -150,7 +154,7 @@ class KeySummary:
         size: of their payloads together [bytes].
         first: time of the earliest [ns; times of the file].
         last: time of the latest [ns].
-        longest_gap: longest time between two of them [s].
+        longest_gap_ns: longest time between two of them [ns].
         lost: missing by their sequence numbers.
         activity: how many came when.
     """
@@ -163,8 +167,13 @@ class KeySummary:
     size: int = 0
     first: int = 0
     last: int = 0
-    longest_gap: float = 0.0
+    longest_gap_ns: int = 0
     lost: int = 0
+
+    @property
+    def longest_gap(self) -> float:
+        """Longest time between two of them [s]."""
+        return self.longest_gap_ns / NANOSECONDS
 
     @property
     def rate(self) -> float:
@@ -174,11 +183,15 @@ class KeySummary:
 
     def take(self, entry: Entry, at: int) -> None:
         """Count an entry."""
-        if self.count:
-            self.longest_gap = max(self.longest_gap, (at - self.last) / NANOSECONDS)
-        self.encoding, self.count, self.size = entry.encoding, self.count + 1, self.size + len(entry.payload)
-        self.first = min(self.first, at) if self.first else at
-        self.last = max(self.last, at)
+        if self.count and at > self.last + self.longest_gap_ns:
+            self.longest_gap_ns = at - self.last
+        self.encoding = entry.encoding
+        self.count += 1
+        self.size += len(entry.payload)
+        if at < self.first or not self.first:
+            self.first = at
+        if at > self.last:
+            self.last = at
         self.activity.take(at)
 
 
@@ -241,15 +254,21 @@ class Summary:
         return sorted({part[1] for part in parts if part[0] in ROOTS and len(part) > 2})
 
 
+Taker = Callable[[Entry, int], None]
+"""Takes an entry, and its time [ns; times of the file]."""
+
+
 def summarise(
-    path: Path, progress: Progress = lambda position: None, also: Callable[[Entry], None] = lambda entry: None
+    path: Path,
+    progress: Progress = lambda position: None,
+    taker_of: Callable[[Entry], Taker | None] = lambda entry: None,
 ) -> Summary:
     """Read a whole file.
 
     Args:
         path: the file.
         progress: hears how far it is, now and then.
-        also: is given every entry as well, in order.
+        taker_of: says by the first entry of each kind and key who is given all of them as well, in order.
 
     Raises:
         MkError: it cannot be opened.
@@ -257,20 +276,25 @@ def summarise(
     recording = Recording(path)
     summary = Summary(path, None, recording.report)
     checks: dict[str, CountCheck] = {}
+    routes: dict[tuple[Kind, str], _Route] = {}
     origin = 0
     for number, entry in enumerate(recording.entries()):
         at = entry.base.file_time(entry.received)
         origin = origin or at
         place = (entry.kind, entry.key)
-        found = summary.keys.get(place)
-        if found is None:
+        route = routes.get(place)
+        if route is None:
             found = summary.keys[place] = KeySummary(*place, Activity(origin))
-        found.take(entry, at)
-        summary.senders.take(entry)
-        also(entry)
-        if entry.kind is Kind.SAMPLE:
-            checks.setdefault(entry.vehicle, CountCheck()).take(entry.suffix, entry.payload)
-            if entry.suffix == MARK:
+            check = checks.setdefault(entry.vehicle, CountCheck()) if entry.kind is Kind.SAMPLE else None
+            route = routes[place] = _Route(found, check, entry.suffix, entry.kind in SENT, taker_of(entry))
+        route.found.take(entry, at)
+        if route.is_sent:
+            summary.senders.take(entry)
+        if route.taker is not None:
+            route.taker(entry, at)
+        if route.check is not None:
+            route.check.take(route.suffix, entry.payload)
+            if route.suffix == MARK:
                 summary.marks.append(Mark(at, entry.vehicle, _text_of(entry)))
         if number % 1000 == 0:
             progress(recording.position)
@@ -283,6 +307,24 @@ def summarise(
     for place, lost in recording.report.gaps.items():
         summary.keys[place].lost = lost
     return summary
+
+
+class _Route(NamedTuple):
+    """What is counted of the entries of one kind and key.
+
+    Attributes:
+        found: their figures.
+        check: of the daemon's counts; None for what is no published value.
+        suffix: of the key.
+        is_sent: they tell of senders.
+        taker: is given them as well.
+    """
+
+    found: KeySummary
+    check: CountCheck | None
+    suffix: str
+    is_sent: bool
+    taker: Taker | None
 
 
 def _text_of(entry: Entry) -> str:

@@ -17,7 +17,7 @@ class PlayState(StrEnum):
     PLAYING = "playing"
     PAUSED = "paused"
     ENDED = "ended"
-    """Everything was put."""
+    """Everything was put; it can still go back where a viewer plays it."""
     STOPPED = "stopped"
     """It was told to end before."""
 
@@ -39,6 +39,10 @@ class PlayStatus(Telemetry):
     """Values put in this round."""
     values: int
     """Values in the file to be put."""
+    zero: float = 0.0
+    """Place 0 on the daemon's monotonic clock [s]."""
+    starts: int = 0
+    """How often it began: at first, at every place that was asked for, and again after the end."""
 
 
 class PlayAction(StrEnum):
@@ -50,6 +54,8 @@ class PlayAction(StrEnum):
     """Play one value and pause."""
     SPEED = "speed"
     """Play at `speed`."""
+    SEEK = "seek"
+    """Go on at `place`."""
 
 
 class PlayControl(Command):
@@ -59,3 +65,5 @@ class PlayControl(Command):
     """What to do."""
     speed: float = Field(default=1.0, ge=1 / 64, le=1024.0)
     """Seconds of the recording a second, for `speed`."""
+    place: float = Field(default=0.0, ge=0.0, le=1e9)
+    """Since the beginning of what is played [s], for `seek`."""

@@ -37,6 +37,14 @@ def last_values():
     return found
 
 
+def estimates():
+    """Where the aircraft was believed to be, and when it was recorded [s since the beginning]."""
+    entries = list(Recording(FLIGHT).entries(lambda facts: facts.kind is Kind.SAMPLE))
+    begin = min(entry.received for entry in entries)
+    found = ((entry.received - begin, entry) for entry in entries if entry.suffix == "control/estimate")
+    return [(at, read_payload(entry.encoding, entry.payload)["position"]) for at, entry in found]
+
+
 def colours(page) -> np.ndarray:
     """The pixels of the scene (n, 3), red first."""
     picture = cv2.imdecode(np.frombuffer(page.locator("#scene").screenshot(), np.uint8), cv2.IMREAD_COLOR)
@@ -76,6 +84,17 @@ def test_a_recorded_flight_is_shown_as_it_was(browser):
         assert page.locator("[data-plot=height] [data-curve=seen]").inner_text() == f"seen {estimate.position[2]:.2f}"
         front = np.abs(colours(page) - [210, 48, 44]).max(axis=1) < 60
         assert front.sum() > 20, "the aircraft's nose is not in the scene"
+        page.select_option("#speed", "0.25")
+        page.locator("#speed").blur()
+        page.keyboard.press("ArrowLeft")
+        wait_until(page, lambda: "ended" not in page.locator("#place").inner_text(), "it did not go back")
+        page.keyboard.press(" ")
+        wait_until(page, lambda: "paused" in page.locator("#place").inner_text(), "it was not paused")
+        wait_until(page, lambda: said(page, "position") != "not known", "nothing is known there")
+        place = numbers(page.locator("#place").inner_text())[0]
+        near = [position for at, position in estimates() if abs(at - place) < 0.3]
+        assert min(math.dist(place_of(page), position) for position in near) < 0.02
+        assert page.locator("#parts b").count() >= 1 and page.locator("#marks i").count() >= 4
         assert wrong == []
 
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import asyncio
 import time
+from fnmatch import fnmatchcase
 from functools import partial
 
 import pytest
@@ -13,19 +15,16 @@ from mkdaemon.client import Vehicle
 from mkdaemon.client.fleet import Fleet, Sighting
 from mkdaemon.client.player import Pace, Player, open_player_session
 from mkdaemon.client.playselection import Selection
+from mkdaemon.client.playsource import RecordedSamples
+from mkdaemon.client.samples import Sample, read_payload
 from mkdaemon.errors import CommandRejectedError, MkError
-from mkdaemon.record.entry import Kind
-from mkdaemon.record.reader import Recording
 from mkdaemon.telemetry.play import PlayAction, PlayState
-from mkdaemon.view.page.gallery import Gallery
+from mkdaemon.view.page.gallery import WATCHED, Gallery
+from mkdaemon.view.page.picture import Picture
 from tests.places import DATA
 from tests.view.page import flights
 
 STICKS = DATA / "recordings" / "fc_sticks.mcap"
-
-
-def samples():
-    return Recording(STICKS).entries(lambda facts: facts.kind is Kind.SAMPLE)
 
 
 async def test_vehicles_come_and_go_and_publish():
@@ -50,7 +49,7 @@ async def test_vehicles_come_and_go_and_publish():
 
                     await wait_until(is_shown)
                     with pytest.raises(MkError):
-                        await gallery.play("two", PlayAction.PAUSE, None)
+                        await gallery.play("two", PlayAction.PAUSE)
                 await wait_until(lambda: not first.is_here)
                 remaining = gallery.choose("")
                 assert remaining is not None and remaining.name == "one"
@@ -60,7 +59,7 @@ async def test_vehicles_come_and_go_and_publish():
 
 async def test_a_recording_is_paused_and_takes_no_commands():
     async with open_player_session(connect=(), listen=None, alone=True) as session:
-        selection = Selection.of(samples, None)
+        selection = Selection.of(RecordedSamples(STICKS), None)
         (name,) = selection.names
         player = Player(session, selection, Pace(1.0, selection.first, time.monotonic()), "fc_sticks.mcap")
         gallery = Gallery(Fleet(Vehicle(session, name, "here")), name)
@@ -69,23 +68,69 @@ async def test_a_recording_is_paused_and_takes_no_commands():
                 word = f"replay/{name}"
                 await wait_until(lambda: word in gallery.pictures)
                 assert gallery.pictures[word].is_played
-                assert await gallery.play(word, PlayAction.PAUSE, None) == "paused, 1 times"
+                assert await gallery.play(word, PlayAction.PAUSE) == "paused, 1 times"
                 assert player.pace.is_paused
-                assert await gallery.play(word, PlayAction.PAUSE, None) == "paused, 1 times"
-                assert await gallery.play(word, PlayAction.SPEED, 4.0) == "paused, 4 times"
-                assert (await gallery.play(word, PlayAction.GO_ON, None)).endswith("4 times")
+                assert await gallery.play(word, PlayAction.PAUSE) == "paused, 1 times"
+                assert await gallery.play(word, PlayAction.SPEED, speed=4.0) == "paused, 4 times"
+                assert (await gallery.play(word, PlayAction.GO_ON)).endswith("4 times")
                 assert not player.pace.is_paused
-                assert (await gallery.play(word, PlayAction.STEP, None)).startswith(PlayState.PAUSED)
+                assert (await gallery.play(word, PlayAction.STEP)).startswith(PlayState.PAUSED)
                 with pytest.raises(MkError, match="speed"):
-                    await gallery.play(word, PlayAction.SPEED, 1e9)
+                    await gallery.play(word, PlayAction.SPEED, speed=1e9)
                 for button in (gallery.abort, gallery.release):
                     with pytest.raises(MkError, match="takes no commands"):
                         await button(word)
 
 
+async def test_at_another_place_a_picture_is_as_if_it_had_been_looked_at_all_the_time():
+    async with open_player_session(connect=(), listen=None, alone=True) as session:
+        selection = Selection.of(RecordedSamples(STICKS), None)
+        (name,) = selection.names
+        pace = Pace(1.0, selection.first, time.monotonic(), is_paused=True)
+        player = Player(session, selection, pace, "fc_sticks.mcap")
+        gallery = Gallery(Fleet(Vehicle(session, name, "here")), name)
+        playing = asyncio.create_task(player.play(stays=True))
+        with player.answering():
+            async with gallery.open():
+                word, length = f"replay/{name}", selection.last - selection.first
+                await wait_until(lambda: word in gallery.pictures and gallery.pictures[word].flight is not None)
+                picture = gallery.pictures[word]
+                for place in (0.9 * length, 0.4 * length):
+                    assert (await gallery.play(word, PlayAction.SEEK, place=place)).startswith("paused")
+                    looked = watched_until(selection, selection.first + place)
+                    await wait_until(
+                        lambda looked=looked: curves(picture) == curves(looked) and any(curves(looked).values())
+                    )
+                    shown, wanted = (
+                        {line["id"]: line["text"] for line in one.show(time.monotonic())["lines"]}
+                        for one in (picture, looked)
+                    )
+                    assert shown == wanted
+                    assert {line.text for line in picture.events} == {line.text for line in looked.events}
+                flight = picture.flight
+                assert flight is not None and flight.marks
+        player.stop()
+        await playing
+
+
+def watched_until(selection: Selection, end: float) -> Picture:
+    """The picture of a recording that was looked at from its beginning to a time [s; Unix time]."""
+    picture = Picture("looked", is_played=True)
+    for at, key, entry in selection.played(selection.first):
+        suffix = key.whole.split("/", 2)[2]
+        if at < end and any(fnmatchcase(suffix, pattern) for pattern in WATCHED):
+            picture.take(suffix, Sample(suffix, read_payload(entry.encoding, entry.payload), entry.encoding).value, at)
+    return picture
+
+
+def curves(picture: Picture) -> dict[str, list[tuple[float | None, ...]]]:
+    return {word: series.since(0) for word, series in picture.series.items()}
+
+
 async def test_a_player_is_seen_under_the_name_it_has():
     async with open_player_session(connect=(), listen=None, alone=True) as session:
-        player = Player(session, selection := Selection.of(samples, "show"), Pace(1.0, selection.first, 0.0), "a.mcap")
+        selection = Selection.of(RecordedSamples(STICKS), "show")
+        player = Player(session, selection, Pace(1.0, selection.first, 0.0), "a.mcap")
         fleet = Fleet(Vehicle(session, "show", "here"))
         async with fleet.watch(lambda: None, lambda name, status: None):
             with player.answering():

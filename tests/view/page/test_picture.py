@@ -211,8 +211,10 @@ def test_a_page_is_sent_what_it_does_not_have_yet():
     assert Reader(picture).read(NOW + 0.5)["series"]["trail"] == [(1000.0, 0.12, -0.05, 2.01), (1000.5, 0.2, 0.0, 2.0)]
 
 
-def playing(place: float, state: PlayState = PlayState.PLAYING, speed: float = 1.0) -> PlayStatus:
-    return PlayStatus(file="a.mcap", state=state, speed=speed, place=place, length=60.0, sent=1, values=2)
+def playing(place: float, state: PlayState = PlayState.PLAYING, speed: float = 1.0, starts: int = 1) -> PlayStatus:
+    return PlayStatus(
+        file="a.mcap", state=state, speed=speed, place=place, length=60.0, sent=1, values=2, starts=starts
+    )
 
 
 def test_ages_stand_still_while_a_recording_is_paused():
@@ -235,8 +237,8 @@ def test_a_recording_that_begins_again_is_drawn_anew():
     picture = picture_of(flights.hovering(1000.0))
     reader = Reader(picture)
     reader.read(NOW)
-    picture.take_play(playing(50.0), NOW)
-    picture.take_play(playing(0.0), NOW + 1.0)
+    assert not picture.take_play(playing(50.0), NOW)
+    assert picture.take_play(playing(0.0, starts=2), NOW + 1.0)
     picture.take("control/estimate", flights.estimate(960.0), NOW + 1.0)
     shown = reader.read(NOW + 1.0)
     assert shown["is_anew"] and shown["series"]["trail"] == [(960.0, 0.12, -0.05, 2.01)]

@@ -40,8 +40,8 @@ class Stand:
         self.asked.append(("release", word))
         return "released"
 
-    async def play(self, word: str, action: PlayAction, speed: float | None) -> str:
-        self.asked.append((word, action, speed))
+    async def play(self, word: str, action: PlayAction, **fields: float) -> str:
+        self.asked.append((word, action, fields))
         raise MkError("nobody plays")
 
 
@@ -104,7 +104,7 @@ async def test_buttons_do_what_they_say_and_tell_what_came_of_it():
         asked = '{"vehicle":"mk1","action":"speed","speed":2}'
         _, failed = await ask(port, "/play", "POST", asked, X_Page=word)
         assert json.loads(failed)["text"] == "nobody plays"
-        assert stand.asked == [("release", "mk1"), ("abort", "mk1"), ("mk1", PlayAction.SPEED, 2.0)]
+        assert stand.asked == [("release", "mk1"), ("abort", "mk1"), ("mk1", PlayAction.SPEED, {"speed": 2.0})]
 
 
 @pytest.mark.parametrize(
@@ -112,7 +112,8 @@ async def test_buttons_do_what_they_say_and_tell_what_came_of_it():
     [
         ("/release", "[1]", 400),
         ("/release", "{", 400),
-        ("/play", '{"action":"seek"}', 400),
+        ("/play", '{"action":"leap"}', 400),
+        ("/play", '{"action":"seek","place":"there"}', 400),
         ("/play", '{"action":"speed","speed":"fast"}', 400),
         ("/arm", "{}", 404),
         ("/release", '{"vehicle":"' + "x" * 5000 + '"}', 413),

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
 import pytest
 
+from mkdaemon.record.summary import summarise
 from mkdaemon.view.report.flight import FlightReader
 from mkdaemon.view.report.inwords import flown_time, sentences
 from mkdaemon.view.report.pieces import Errors, pieces_of
@@ -12,8 +16,9 @@ from tests.view.report.known import Tape, known_flight
 
 def read(tape):
     reader = FlightReader()
-    for entry in sorted(tape.entries, key=lambda entry: entry.received):
-        reader.take(entry)
+    with TemporaryDirectory() as folder:
+        summary = summarise(tape.write(Path(folder) / "a.mcap"), taker_of=reader.taker)
+    reader.count(summary)
     return reader.flights[tape.vehicle]
 
 

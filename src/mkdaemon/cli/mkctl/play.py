@@ -10,7 +10,6 @@ import time
 import tty
 from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import asynccontextmanager, contextmanager
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final
 
@@ -18,6 +17,7 @@ from cyclopts import Parameter
 
 from mkdaemon.cli.arguments import require_length
 from mkdaemon.cli.mkctl.connection import HERE, Connection
+from mkdaemon.cli.mkctl.log import reading_progress
 from mkdaemon.cli.mkctl.logtime import moment_of
 from mkdaemon.cli.printing import json_line
 from mkdaemon.cli.program import EXIT_FAILURE, EXIT_OK
@@ -28,7 +28,6 @@ from mkdaemon.telemetry.play import PlayState
 
 if TYPE_CHECKING:
     from mkdaemon.client.player import Player
-    from mkdaemon.record.entry import Entry
 
 
 async def play(
@@ -52,7 +51,7 @@ async def play(
     `mkctl --vehicle <name>` with status, health, get and watch shows the vehicle as it was at that moment, and every
     command is refused. Setpoints and requests are never played, and a name that a live daemon has is refused. What was
     put is counted and compared with the file; exit code 1 when it is not the same. Keys: space pauses, n plays one
-    value, + and - change the speed, q ends.
+    value, + and - change the speed, the arrows go 5 s back and on, q ends.
 
     Args:
         file: The recording.
@@ -73,16 +72,16 @@ async def play(
     """
     from mkdaemon.client.player import Pace, Player, open_player_session
     from mkdaemon.client.playselection import Selection, check_name
+    from mkdaemon.client.playsource import RecordedSamples
 
     require_length(speed, "--speed")
     check_name(name)
-    first, last = moment_of(start, file, "--from"), moment_of(end, file, "--to")
-    earlier = partial(recorded_samples, file, key, None, first) if first is not None else tuple
-    selection = Selection.of(partial(recorded_samples, file, key, first, last), name, earlier)
+    part = RecordedSamples(file, key, moment_of(start, file, "--from"), moment_of(end, file, "--to"))
+    with reading_progress([file]) as progress:
+        selection = Selection.of(part, name, progress)
     where = [connection.connect] if listen is None else []
     async with open_player_session(connect=where, listen=listen, zenoh_file=connection.zenoh_file) as session:
-        pace = Pace(speed, selection.first, time.monotonic(), is_paused=step)
-        player = Player(session, selection, pace, file.name)
+        player = Player(session, selection, Pace(speed, selection.first, time.monotonic(), is_paused=step), file.name)
         await player.refuse_live_daemons()
         favour_threads()
         with player.answering():
@@ -91,23 +90,6 @@ async def play(
                     await _wait(player, wait)
                 await player.play(loops=loop)
     return _print_result(player, as_json=connection.json)
-
-
-def recorded_samples(file: Path, keys: tuple[str, ...], first: int | None, last: int | None) -> Iterator[Entry]:
-    """The published values of a recording.
-
-    Args:
-        file: the recording.
-        keys: patterns of the keys that are wanted; none for all.
-        first: time in the file of the first entry; None for the beginning.
-        last: of the last one; None for the end.
-    """
-    from mkdaemon.record.entry import Kind
-    from mkdaemon.record.reader import Recording, matches_any
-
-    yield from Recording(file).entries(
-        lambda facts: facts.kind is Kind.SAMPLE and matches_any(facts.key, keys), first=first, last=last
-    )
 
 
 async def _wait(player: Player, seconds: float) -> None:
@@ -127,12 +109,15 @@ async def _wait(player: Player, seconds: float) -> None:
 
 def _print_result(player: Player, *, as_json: bool) -> int:
     """Say what was put, beside what is in the file."""
-    missing, sent = player.missing, player.sent.total
+    missing, sent = {} if player.was_sought else player.missing, player.sent.total
     late = player.sent.late.quantile(0.99)
     if as_json:
-        print(json_line({"sent": sent, "missing": missing, "rounds": player.rounds, "late_p99_s": late}))
+        found = {"sent": sent, "missing": missing, "rounds": player.rounds, "late_p99_s": late}
+        print(json_line(found | {"was_sought": player.was_sought}))
     else:
         verdict = "as many as in the file" if not missing else f"{sum(missing.values())} of the file were not put"
+        if player.was_sought:
+            verdict = "not compared with the file, as it was moved to other places"
         print(f"{sent} values of {len(player.sent.counts)} keys put: {verdict}")
         if late is not None:
             print(f"late p99: {late * 1e3:.2f} ms")
@@ -143,7 +128,11 @@ DRAW: Final = 0.1
 """Time between two pictures of the bar [s]."""
 FACTOR: Final = 2.0
 """Of the speed, with one key."""
-LEGEND: Final = "space pause, n step, + faster, - slower, q end"
+LEGEND: Final = "space pause, n step, ←→ 5 s, + faster, - slower, q end"
+LEAP: Final = 5.0
+"""With an arrow key [s]."""
+_ARROWS: Final = {"\x1b[D": "<", "\x1bOD": "<", "\x1b[C": ">", "\x1bOC": ">"}
+"""What a terminal sends for the arrow keys, and the keys that mean the same."""
 
 
 def key_pressed(player: Player, key: str) -> None:
@@ -162,6 +151,8 @@ def key_pressed(player: Player, key: str) -> None:
             player.adjust(lambda pace, now: pace.change_speed(FACTOR, now))
         case "-":
             player.adjust(lambda pace, now: pace.change_speed(1 / FACTOR, now))
+        case "<" | ">":
+            player.seek(player.status().place + (LEAP if key == ">" else -LEAP))
         case "q":
             player.stop()
         case _:
@@ -206,7 +197,10 @@ def _keys(player: Player, is_shown: bool) -> Iterator[None]:
     before = termios.tcgetattr(terminal)
 
     def read() -> None:
-        for key in os.read(terminal, 32).decode("latin-1") or "q":
+        keys = os.read(terminal, 32).decode("latin-1")
+        for arrow, key in _ARROWS.items():
+            keys = keys.replace(arrow, key)
+        for key in keys or "q":
             key_pressed(player, key)
 
     try:

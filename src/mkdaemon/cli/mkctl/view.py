@@ -9,7 +9,6 @@ import time
 import webbrowser
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
-from functools import partial
 from pathlib import Path
 from typing import Annotated, Final
 
@@ -17,7 +16,7 @@ from cyclopts import Parameter
 
 from mkdaemon.cli.arguments import require_length
 from mkdaemon.cli.mkctl.connection import HERE, Connection
-from mkdaemon.cli.mkctl.play import recorded_samples
+from mkdaemon.cli.mkctl.log import reading_progress
 from mkdaemon.cli.printing import json_line
 from mkdaemon.cli.promptness import favour_threads
 from mkdaemon.client import Vehicle
@@ -90,14 +89,16 @@ async def _played(file: Path, speed: float, *, is_paused: bool, loops: bool) -> 
     """Play a recording in this process, on a bus of its own; a client of what is played."""
     from mkdaemon.client.player import Pace, Player, open_player_session
     from mkdaemon.client.playselection import Selection
+    from mkdaemon.client.playsource import RecordedSamples
 
-    selection = await asyncio.to_thread(Selection.of, partial(recorded_samples, file, (), None, None), None)
+    with reading_progress([file]) as progress:
+        selection = await asyncio.to_thread(Selection.of, RecordedSamples(file), None, progress)
     async with open_player_session(connect=(), listen=None, alone=True) as session:
         player = Player(
             session, selection, Pace(speed, selection.first, time.monotonic(), is_paused=is_paused), file.name
         )
         with player.answering():
-            playing = asyncio.create_task(player.play(loops=loops), name="player")
+            playing = asyncio.create_task(player.play(loops=loops, stays=True), name="player")
             try:
                 yield Vehicle(session, min(selection.names), "this recording")
             finally:

@@ -6,22 +6,35 @@ import asyncio
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 from mkdaemon.client import Sample, Vehicle
 from mkdaemon.client.fleet import Fleet, Sighting
 from mkdaemon.errors import MkError, ProtocolError
 from mkdaemon.telemetry.control import ReleaseOutcome
 from mkdaemon.telemetry.play import PlayAction, PlayStatus
+from mkdaemon.view.page.overview import overview_of
 from mkdaemon.view.page.picture import Picture
 
-WATCHED: Final = (
-    *("state/*", "link/state", "link/health", "control/*", "vision/*/*"),
-    *("event/*", "health", "record/status"),
-)
-"""What is looked at: nothing of the line's frames, which are most of what is published."""
+CURVES: Final = 30.0
+"""Of what is drawn over time [s]."""
+TRAIL: Final = 150.0
+"""Of the trail [s]."""
+EVER: Final = 1e9
+"""Longer than any recording [s]."""
+WATCHED: Final = {
+    **dict.fromkeys(("state/*", "link/health", "control/error", "control/output"), CURVES),
+    **dict.fromkeys(("control/estimate", "vision/*/pose"), TRAIL),
+    "event/*": EVER,
+    **dict.fromkeys(("link/state", "control/status", "control/fence", "health", "record/status"), 0.0),
+    **{f"vision/*/{what}": 0.0 for what in ("image", "setup", "stats", "tags")},
+}
+"""What is looked at, nothing of the line's frames, which are most of what is published; and how much of what came
+before is wanted where a recording is played [s], for a picture like that of someone who looked all the time."""
 BACKLOG: Final = 4096
 """Values that may wait while this program is busy."""
+AT_ONCE: Final = 200
+"""Values that are taken before anything else is done."""
 REASON: Final = "asked for in mkctl view"
 _RELEASED: Final = {
     ReleaseOutcome.CONFIRMED: "released, and the FlightCtrl confirmed it",
@@ -104,8 +117,13 @@ class Gallery:
         report = await self._live(word).release(REASON)
         return _RELEASED[report.status]
 
-    async def play(self, word: str, action: PlayAction, speed: float | None) -> str:
-        """Pause a recording, or play it at another speed; what to tell.
+    async def play(self, word: str, action: PlayAction, **fields: float) -> str:
+        """Pause a recording, play it at another speed or go on at another place; what to tell.
+
+        Args:
+            word: name of the picture.
+            action: what to do.
+            fields: others of a `PlayControl`.
 
         Raises:
             MkError: nobody plays it.
@@ -113,8 +131,8 @@ class Gallery:
         exhibit = self._exhibits.get(word)
         if exhibit is None or not exhibit.picture.is_played:
             raise MkError(f"{word} is no recording that is played")
-        status = await self._fleet.control(exhibit.client.vehicle, action, speed)
-        exhibit.picture.take_play(status, self._loop.time())
+        status = await self._fleet.control(exhibit.client.vehicle, action, **fields)
+        self._take_play(exhibit, status)
         return f"{status.state}, {status.speed:g} times"
 
     def _live(self, word: str) -> Vehicle:
@@ -134,39 +152,77 @@ class Gallery:
                 picture = Picture(word, is_played=sighting.is_played)
                 exhibit = self._exhibits[word] = _Exhibit(picture, self._fleet.client(sighting), set())
             exhibit.sightings.add(sighting)
-        for word, exhibit in self._exhibits.items():
+        for exhibit in self._exhibits.values():
             exhibit.sightings &= self._fleet.here
             picture = exhibit.picture
             was_here, picture.is_here = picture.is_here and exhibit.task is not None, bool(exhibit.sightings)
             if picture.is_here:
                 picture.is_played = all(sighting.is_played for sighting in exhibit.sightings)
             if picture.is_here and not was_here:
-                if exhibit.task is not None:
-                    self._ended.append(exhibit.task)
-                    exhibit.task.cancel()
-                exhibit.task = self._loop.create_task(self._follow(exhibit), name=f"picture of {word}")
+                picture.flight = None
+                self._begin(exhibit)
 
     def _played(self, name: str, status: PlayStatus) -> None:
         """A player says how far it is."""
         for exhibit in self._exhibits.values():
             if exhibit.client.vehicle == name and exhibit.picture.is_played:
-                exhibit.picture.take_play(status, self._loop.time())
+                self._take_play(exhibit, status)
+
+    def _take_play(self, exhibit: _Exhibit, status: PlayStatus) -> None:
+        """A recording that goes on at another place is looked at anew."""
+        if exhibit.picture.take_play(status, self._loop.time()):
+            self._begin(exhibit)
+
+    def _begin(self, exhibit: _Exhibit) -> None:
+        """Follow a vehicle, from the beginning where it is followed already."""
+        if exhibit.task is not None:
+            self._ended = [task for task in self._ended if not task.done()] + [exhibit.task]
+            exhibit.task.cancel()
+        exhibit.task = self._loop.create_task(self._follow(exhibit), name=f"picture of {exhibit.picture.name}")
 
     async def _follow(self, exhibit: _Exhibit) -> None:
         """Keep one picture true."""
         client, picture = exhibit.client, exhibit.picture
-        async with client.watch(*WATCHED, backlog=BACKLOG, are_known=True) as samples:
+        async with client.watch(*WATCHED, backlog=BACKLOG, are_known=True) as samples, asyncio.TaskGroup() as beside:
             last: list[Sample] = []
-            for pattern in WATCHED:
+            for pattern, past in WATCHED.items():
                 with suppress(MkError):  # a daemon that is busy: what it publishes comes all the same
-                    last += (await client.get_all(pattern)).values()
-            last.sort(key=lambda sample: sample.fields.get("stamp", {}).get("monotonic", 0.0))
-            for sample in last:
+                    last += await client.get_past(pattern, past)
+            newest: dict[str, tuple[str, float]] = {}
+            for number, sample in enumerate(sorted(last, key=lambda sample: _moment(sample)[1])):
+                newest[sample.suffix] = _moment(sample)
                 self._take(picture, sample)
+                if number % AT_ONCE == 0:
+                    await asyncio.sleep(0)
+            if picture.is_played and picture.flight is None:
+                beside.create_task(self._overlook(exhibit), name="overview")
             async for sample in samples:
-                self._take(picture, sample)
+                boot, at = _moment(sample)
+                known_boot, known = newest.get(sample.suffix, ("", 0.0))
+                if boot != known_boot or at > known:  # else it came while the others were asked for
+                    self._take(picture, sample)
+
+    async def _overlook(self, exhibit: _Exhibit) -> None:
+        """Learn what happens in the whole recording."""
+        found: list[Sample] = []
+        for pattern in ("control/status", "event/*"):
+            with suppress(MkError):
+                found += await exhibit.client.get_past(pattern, EVER, EVER)
+        exhibit.picture.flight = overview_of(value for sample in found if (value := _value(sample)) is not None)
 
     def _take(self, picture: Picture, sample: Sample) -> None:
-        # What another version publishes differently stays unknown here, as it is.
-        with suppress(ProtocolError):
-            picture.take(sample.suffix, sample.value, self._loop.time(), sample.age)
+        if (value := _value(sample)) is not None:
+            picture.take(sample.suffix, value, self._loop.time(), sample.age)
+
+
+def _value(sample: Sample) -> Any:
+    """The value of a sample; None where another version publishes it differently."""
+    with suppress(ProtocolError):
+        return sample.value
+    return None
+
+
+def _moment(sample: Sample) -> tuple[str, float]:
+    """Name of the clock and time of a stamp [s]."""
+    stamp = sample.fields.get("stamp", {})
+    return stamp.get("boot", ""), stamp.get("monotonic", 0.0)

@@ -32,6 +32,7 @@ from mkdaemon.view.page.daemontime import DaemonTime
 from mkdaemon.view.page.eventlines import EventLine, line_of
 from mkdaemon.view.page.known import Knowledge, Known
 from mkdaemon.view.page.optics import frustum, project, shape_of
+from mkdaemon.view.page.overview import Overview
 from mkdaemon.view.page.series import Series
 from mkdaemon.view.page.words import lines_of, verdict_of
 
@@ -100,6 +101,7 @@ class Picture:
         is_here: its daemon, or its player, is alive.
         series: what is drawn over time.
         events: lines of the log, and how many there were ever.
+        flight: the whole recording at a glance; None while that is not known.
     """
 
     def __init__(self, name: str, *, is_played: bool = False) -> None:
@@ -114,6 +116,7 @@ class Picture:
         }
         self.events: deque[EventLine] = deque(maxlen=EVENTS)
         self.event_count = 0
+        self.flight: Overview | None = None
         self._time = DaemonTime()
         self._known = Knowledge()
         self._looks: dict[str, Look] = {}
@@ -147,16 +150,21 @@ class Picture:
         if line is not None:
             self.events.append(line)
             self.event_count += 1
-        if age is None or age < OLD:
+        if self.is_played or age is None or age < OLD:
             self._draw(value, stamp.monotonic)
 
-    def take_play(self, status: PlayStatus, now: float) -> None:
-        """Take what the player of the recording says; a recording that begins again is drawn anew."""
-        if self._play is not None and status.place < self._play.place - OLD:
+    def take_play(self, status: PlayStatus, now: float) -> bool:
+        """Take what the player of the recording says; whether it has begun at another place, and all is drawn anew."""
+        is_new = self._play is not None and status.starts != self._play.starts
+        if is_new:
             self.restart()
         self._play = status
         moves = status.state is PlayState.PLAYING
         self._time.play_at(status.speed if moves else 0.0, now)
+        if status.state in {PlayState.PAUSED, PlayState.ENDED}:  # what it says may be late, and time went on until then
+            self._time.restart()
+            self._time.take(status.zero + status.place, now)
+        return is_new
 
     def restart(self) -> None:
         """Forget everything: another boot of the machine, or a recording that is played again."""
@@ -372,6 +380,7 @@ class Reader:
         self._places = dict.fromkeys(picture.series, 0)
         self._events = 0
         self._shapes: dict[str, Any] | None = None
+        self._flight: Overview | None = None
         self._restarts = -1
 
     def read(self, now: float) -> dict[str, Any]:
@@ -393,4 +402,7 @@ class Reader:
         shapes = picture.shapes()
         if shapes != self._shapes:
             self._shapes = shown["shapes"] = shapes
+        if picture.flight is not self._flight and shown["play"] is not None:
+            self._flight = picture.flight
+            shown["flight"] = None if self._flight is None else self._flight.as_map(shown["play"]["zero"])
         return shown

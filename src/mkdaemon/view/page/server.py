@@ -55,8 +55,8 @@ class Pictures(Protocol):
     async def release(self, word: str) -> str:
         """Let go of a vehicle; see `Gallery.release`."""
 
-    async def play(self, word: str, action: PlayAction, speed: float | None) -> str:
-        """Pause a recording, or change its speed; see `Gallery.play`."""
+    async def play(self, word: str, action: PlayAction, **fields: float) -> str:
+        """Pause a recording, change its speed or its place; see `Gallery.play`."""
 
 
 class PageServer:
@@ -195,7 +195,7 @@ class PageServer:
         buttons: dict[str, Callable[[], Awaitable[str]]] = {
             "/abort": lambda: gallery.abort(vehicle),
             "/release": lambda: gallery.release(vehicle),
-            "/play": lambda: gallery.play(vehicle, *_play_fields(fields)),
+            "/play": lambda: gallery.play(vehicle, _play_action(fields), **_play_numbers(fields)),
         }
         if request.path not in buttons:
             raise BadRequestError(HTTPStatus.NOT_FOUND, "there is no such button")
@@ -212,16 +212,27 @@ def _label(word: str, picture: Picture) -> dict[str, Any]:
     return {"id": word, "is_here": picture.is_here, "is_played": picture.is_played}
 
 
-def _play_fields(fields: dict[str, Any]) -> tuple[PlayAction, float | None]:
+def _play_action(fields: dict[str, Any]) -> PlayAction:
     """What a page asks of a player.
 
     Raises:
         BadRequestError: it is nothing that a player does.
     """
-    speed = fields.get("speed")
-    if fields.get("action") not in set(PlayAction) or not isinstance(speed, int | float | None):
-        raise BadRequestError(HTTPStatus.BAD_REQUEST, "pause, go_on, step, or speed with a number")
-    return PlayAction(fields["action"]), None if speed is None else float(speed)
+    if fields.get("action") not in set(PlayAction):
+        raise BadRequestError(HTTPStatus.BAD_REQUEST, f"action: {', '.join(PlayAction)}")
+    return PlayAction(fields["action"])
+
+
+def _play_numbers(fields: dict[str, Any]) -> dict[str, float]:
+    """Speed and place that a page asks for.
+
+    Raises:
+        BadRequestError: one is no number.
+    """
+    found = {name: fields[name] for name in ("speed", "place") if name in fields}
+    if not all(isinstance(number, int | float) for number in found.values()):
+        raise BadRequestError(HTTPStatus.BAD_REQUEST, "speed and place are numbers")
+    return {name: float(number) for name, number in found.items()}
 
 
 def _viewable(image: CameraFrame) -> tuple[bytes, str]:

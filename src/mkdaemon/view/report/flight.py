@@ -11,6 +11,7 @@ from math import degrees
 from typing import Any, Final, NamedTuple
 
 from mkdaemon.record.entry import NANOSECONDS, Entry, Kind, unpacked
+from mkdaemon.record.summary import Summary, Taker
 from mkdaemon.view.report.happenings import MAKERS, MOST, Happening, Sort
 from mkdaemon.view.report.said import number_of, numbers_of, part_of, text_of
 from mkdaemon.view.report.timeseries import Series
@@ -171,14 +172,6 @@ class Flight:
     began: float = 0.0
     ended: float = 0.0
 
-    def add(self, name: str, at: float, value: float) -> None:
-        """Add a value of a time [s] to a series."""
-        series = self.series.get(name)
-        if series is None:
-            series = self.series[name] = Series()
-        series.times.append(at)
-        series.values.append(value)
-
     def has(self, name: str) -> bool:
         """Whether there is such a series."""
         return name in self.series
@@ -202,65 +195,52 @@ class FlightReader:
 
     Attributes:
         flights: by vehicle.
-        origin: time of the first entry of all [ns; times of the file]; 0 before it.
     """
 
     def __init__(self) -> None:
         self.flights: dict[str, Flight] = {}
-        self.origin = 0
-        self._routes: dict[tuple[Kind, str], _Route] = {}
+        self._origin = 0
+        self._owners: dict[tuple[Kind, str], str] = {}
 
-    def take(self, entry: Entry) -> None:
-        """Take an entry, in the order of the recording."""
-        received = entry.base.file_time(entry.received)
-        self.origin = self.origin or received
-        taken = (received - self.origin) / NANOSECONDS
-        route = self._routes.get((entry.kind, entry.key))
-        if route is None:
-            route = self._routes[entry.kind, entry.key] = self._route_of(entry, taken)
-        flight, suffix, camera, use = route
-        flight.entries += 1
-        if taken > flight.ended:
-            flight.ended = taken
-        elif taken < flight.began:
-            flight.began = taken
-        if camera:
+    def taker(self, entry: Entry) -> Taker | None:
+        """Who takes the entries of the kind and key of this one, the first; None where they are only counted."""
+        self._origin = self._origin or entry.base.file_time(entry.received)
+        self._owners[entry.kind, entry.key] = entry.vehicle
+        flight = self.flights.setdefault(entry.vehicle, Flight(entry.vehicle))
+        pattern, camera = _pattern_of(entry.suffix)
+        if entry.kind is Kind.IMAGE or (entry.kind is Kind.SAMPLE and pattern == "vision/*/image"):
+            return self._images(flight, camera or "?")
+        use = _take_lost_line if entry.kind is Kind.PORT_LOST else _USES.get((entry.kind, pattern))
+        if use is None and entry.kind is Kind.SAMPLE and (pattern in COLUMNS or pattern in LAST):
+            use = _Numbers(flight, entry.suffix).take
+        return None if use is None else self._values(flight, entry.suffix, use)
+
+    def count(self, summary: Summary) -> None:
+        """Take what was counted, when everything has been read."""
+        for vehicle, flight in self.flights.items():
+            found = [summary.keys[place] for place, owner in self._owners.items() if owner == vehicle]
+            flight.entries = sum(one.count for one in found)
+            flight.began = min(0, *(one.first - self._origin for one in found)) / NANOSECONDS
+            flight.ended = max(0, *(one.last - self._origin for one in found)) / NANOSECONDS
+
+    def _images(self, flight: Flight, camera: str) -> Taker:
+        def take(entry: Entry, at: int) -> None:
+            taken = (at - self._origin) / NANOSECONDS
             flight.images.append(ImagePlace(taken, entry.kind, entry.key, entry.sequence, camera))
-        elif use is not None:
-            fields = unpacked(entry.payload)
-            at = taken
+
+        return take
+
+    def _values(self, flight: Flight, suffix: str, use: _Use) -> Taker:
+        def take(entry: Entry, at: int) -> None:
+            fields, moment = unpacked(entry.payload), (at - self._origin) / NANOSECONDS
             stamp = fields.get("stamp")
             if isinstance(stamp, dict) and stamp.get("boot") == entry.base.boot:
                 stamped = number_of(stamp, "monotonic")
                 if stamped is not None and abs(stamped - entry.received) < NEAR:
-                    at = taken + stamped - entry.received
-            use(flight, at, suffix, fields)
+                    moment += stamped - entry.received
+            use(flight, moment, suffix, fields)
 
-    def _route_of(self, entry: Entry, at: float) -> _Route:
-        """What becomes of entries like this one, the first of its kind and key [s]."""
-        flight = self.flights.setdefault(entry.vehicle, Flight(entry.vehicle, began=at, ended=at))
-        pattern, camera = _pattern_of(entry.suffix)
-        is_image = entry.kind is Kind.IMAGE or (entry.kind is Kind.SAMPLE and pattern == "vision/*/image")
-        if is_image:
-            return _Route(flight, entry.suffix, camera or "?", None)
-        use = _take_lost_line if entry.kind is Kind.PORT_LOST else _USES.get((entry.kind, pattern))
-        return _Route(flight, entry.suffix, "", use)
-
-
-class _Route(NamedTuple):
-    """What becomes of the entries of one kind and key.
-
-    Attributes:
-        flight: that they belong to.
-        suffix: of the key.
-        camera: of images; empty for anything else.
-        use: takes their values; None where they are only counted.
-    """
-
-    flight: Flight
-    suffix: str
-    camera: str
-    use: _Use | None
+        return take
 
 
 def _pattern_of(suffix: str) -> tuple[str, str]:
@@ -272,19 +252,48 @@ def _pattern_of(suffix: str) -> tuple[str, str]:
     return f"vision/*/{what}", camera
 
 
-def _take_numbers(flight: Flight, at: float, suffix: str, fields: Mapping[str, Any]) -> None:
-    pattern, camera = _pattern_of(suffix)
-    before = f"{camera} " if camera else ""
-    if pattern in LAST:
-        flight.last[suffix] = fields
-    for column in COLUMNS.get(pattern, ()):
-        if isinstance(column, Column):
-            number = number_of(fields, column.path)
+class _Numbers:
+    """Keeps the numbers of one key in series of a flight, which are looked up once: there are tens of thousands."""
+
+    def __init__(self, flight: Flight, suffix: str) -> None:
+        pattern, camera = _pattern_of(suffix)
+        before = f"{camera} " if camera else ""
+        self._is_last = pattern in LAST
+        self._single, self._threefold = list[tuple[str, _Lazy, float]](), list[tuple[str, list[_Lazy]]]()
+        for column in COLUMNS.get(pattern, ()):
+            name = before + column.name
+            if isinstance(column, Column):
+                self._single.append((column.path, _Lazy(flight, name), column.factor))
+            else:
+                self._threefold.append((column.path, [_Lazy(flight, f"{name}.{axis}") for axis in "xyz"]))
+
+    def take(self, flight: Flight, at: float, suffix: str, fields: Mapping[str, Any]) -> None:
+        """Take a value."""
+        if self._is_last:
+            flight.last[suffix] = fields
+        for path, series, factor in self._single:
+            number = number_of(fields, path)
             if number is not None:
-                flight.add(before + column.name, at, number * column.factor)
-        elif (numbers := numbers_of(fields, column.path, 3)) is not None:
-            for axis, number in zip("xyz", numbers, strict=True):
-                flight.add(f"{before}{column.name}.{axis}", at, number)
+                series.add(at, number * factor)
+        for path, axes in self._threefold:
+            numbers = numbers_of(fields, path, 3)
+            if numbers is not None:
+                for series, number in zip(axes, numbers, strict=True):
+                    series.add(at, number)
+
+
+class _Lazy:
+    """A series that the flight has from its first number on."""
+
+    def __init__(self, flight: Flight, name: str) -> None:
+        self._flight, self._name = flight, name
+        self._series: Series | None = None
+
+    def add(self, at: float, value: float) -> None:
+        if self._series is None:
+            self._series = self._flight.series.setdefault(self._name, Series())
+        self._series.times.append(at)
+        self._series.values.append(value)
 
 
 def _take_status(flight: Flight, at: float, suffix: str, fields: Mapping[str, Any]) -> None:
@@ -330,11 +339,10 @@ def _take_model(flight: Flight, at: float, suffix: str, fields: Mapping[str, Any
 
 _Use = Callable[[Flight, float, str, Mapping[str, Any]], None]
 _USES: Final[dict[tuple[Kind, str], _Use]] = {
-    **{(Kind.SAMPLE, suffix): _take_numbers for suffix in {*COLUMNS, *LAST}},
     **{(Kind.SAMPLE, suffix): _take_happening for suffix in MAKERS},
     (Kind.SAMPLE, STATUS): _take_status,
     (Kind.SAMPLE, "link/state"): _take_link,
     (Kind.SAMPLE, "rx/fc/settings"): _take_settings,
     (Kind.EVENT, "core/ModelKnown"): _take_model,
 }
-"""What becomes of the entries of a kind and key; all others are only counted."""
+"""What becomes of the entries of a kind and key; `COLUMNS` and `LAST` are kept, all others only counted."""

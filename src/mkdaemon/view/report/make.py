@@ -45,7 +45,8 @@ def report_of(path: Path, vehicle: str | None, progress: Progress = lambda posit
         MkError: the file cannot be opened, or has nothing in it.
     """
     reader = FlightReader()
-    summary = summarise(path, progress, reader.take)
+    summary = summarise(path, progress, reader.taker)
+    reader.count(summary)
     flight = _chosen(path, reader, vehicle)
     pieces = pieces_of(flight)
     happenings = sorted(flight.happenings, key=lambda one: one.at)

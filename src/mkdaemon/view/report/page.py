@@ -115,7 +115,7 @@ def render(report: Report, library: str) -> bytes:
     script, style = _asset("page.js"), _asset("page.css")
     hashes = " ".join(f"'sha256-{_hash(text)}'" for text in (script, library))
     policy = f"default-src 'none'; script-src {hashes}; style-src 'unsafe-inline'; img-src data: blob:"
-    packed = base64.b64encode(gzip.compress(library.encode(), 6, mtime=0)).decode()
+    packed = base64.b64encode(gzip.compress(library.encode(), 4, mtime=0)).decode()
     figures = _script_json([plot.as_json() for plot in report.plots])
     title = escape(f"{report.vehicle}: {report.file}")
     parts = [

@@ -7,13 +7,15 @@ from typing import Any, Final
 
 LARGEST: Final = 1e12
 """A number beyond it is none of ours."""
+_NUMBERS: Final = frozenset({float, int})
+"""Types of numbers, as a payload has them; what is not a number is in no range."""
 LONGEST: Final = 400
 """Of a text that is shown [characters]; ours have up to 250."""
 
 
 def part_of(fields: Any, path: str) -> Any:
     """A part of a value, `echo.p50_ms` or `position.0`; None where it has none."""
-    for name in _names(path):
+    for name in _names(path) if "." in path else (path,):
         if isinstance(fields, dict):
             fields = fields.get(name)
         elif isinstance(fields, list) and name.isdigit() and int(name) < len(fields):
@@ -30,21 +32,16 @@ def _names(path: str) -> list[str]:
 
 def number_of(fields: Any, path: str) -> float | None:
     """A part that is a finite number of a likely size; else None."""
-    return _number(part_of(fields, path))
-
-
-def _number(found: Any) -> float | None:
-    if isinstance(found, bool) or not isinstance(found, (float, int)):
-        return None
-    return float(found) if -LARGEST < found < LARGEST else None  # not a number is in no range
+    found = part_of(fields, path)
+    return float(found) if type(found) in _NUMBERS and -LARGEST < found < LARGEST else None
 
 
 def numbers_of(fields: Any, path: str, count: int) -> list[float] | None:
     """A part that is a list of so many numbers or more, the first of them; else None."""
     found = part_of(fields, path)
-    if not isinstance(found, list):
+    if not isinstance(found, list) or len(found) < count:
         return None
-    numbers = [number for number in map(_number, found[:count]) if number is not None]
+    numbers = [float(one) for one in found[:count] if type(one) in _NUMBERS and -LARGEST < one < LARGEST]
     return numbers if len(numbers) == count else None
 
 

@@ -10,6 +10,8 @@ const ANSWER = 6000; // an answer is shown so long [ms]
 const GONE = 2000; // without a word from the server for so long the page says so [ms]
 const OLD_IMAGE = 3; // an image that is older looks stale [s]
 const TRAIL = 1500; // points drawn
+const SEEK = 250; // between two places that are asked for [ms]
+const LEAP = 5, LONG_LEAP = 30; // with an arrow key [s]
 const QUESTIONS = {
   abort: ["Abort what is flown?", "It stops the manoeuvre: the aircraft holds its place, or is level without a target.", "Abort now"],
   release: ["Release the aircraft?", "The pilot's sticks alone fly it, at once. His hands must be on them.", "Release now"],
@@ -71,7 +73,8 @@ function take(shown) {
   document.title = `${shown.vehicle}: ${shown.verdict.text}`;
   for (const name of ["abort", "release"]) get(name).disabled = !shown.can[name];
   showLines(shown.lines);
-  showPlay(shown.play);
+  if ("flight" in shown) showFlight(shown.flight, shown.play.length);
+  showPlay(shown.play, shown.now);
   for (const event of shown.events) showEvent(event);
   for (const camera of shown.cameras) showCamera(camera);
   redraw();
@@ -218,21 +221,61 @@ function drawCamera(known, camera) {
 
 // -- a recording --------------------------------------------------------------------------------------------------------
 
-function showPlay(play) {
-  get("play").hidden = play === null;
+function showPlay(play, now) {
+  get("play").hidden = get("timeline").hidden = play === null;
   if (play === null) return;
-  const isPaused = play.state === "paused", isOver = ["ended", "stopped"].includes(play.state);
-  say(get("pause"), isPaused ? "go on" : "pause", "");
-  for (const id of ["pause", "step", "speed"]) get(id).disabled = isOver;
-  get("progress").max = play.length || 1;
-  get("progress").value = play.place;
-  get("place").textContent = `${play.place.toFixed(1)} of ${play.length.toFixed(1)} s${play.state === "playing" ? "" : `, ${play.state}`}`;
+  const isOver = play.state === "stopped", word = {paused: "go on", ended: "again"}[play.state] ?? "pause";
+  say(get("pause"), word, "");
+  for (const id of ["pause", "step", "speed", "seek"]) get(id).disabled = isOver;
+  const place = play.state === "playing" ? Math.min(Math.max(now - play.zero, 0), play.length) : play.place;
+  get("seek").max = play.length || 1;
+  if (!sought.isAsked && sought.wanted === null) get("seek").value = place;
+  get("place").textContent = `${(sought.wanted ?? place).toFixed(1)} of ${play.length.toFixed(1)} s${play.state === "playing" ? "" : `, ${play.state}`}`;
   get("place").title = play.file;
   const chooser = get("speed");
   if (document.activeElement === chooser) return;
   const speeds = [...new Set([...SPEEDS, play.speed])].sort((a, b) => a - b);
   if (chooser.options.length !== speeds.length) chooser.replaceChildren(...speeds.map((one) => new Option(`× ${one}`, one)));
   chooser.value = play.speed;
+}
+
+// What was flown and what happened, over the slider.
+function showFlight(flight, length) {
+  const share = (at) => `${(100 * Math.min(Math.max(at / (length || 1), 0), 1)).toFixed(3)}%`;
+  const parts = flight ? flight.parts : [], marks = flight ? flight.marks : [];
+  get("parts").replaceChildren(...parts.filter((part) => part.text).map((part) => {
+    const end = parts[parts.indexOf(part) + 1]?.begin ?? length;
+    const box = Object.assign(document.createElement("b"), {textContent: part.text, title: part.text});
+    box.style.left = share(part.begin);
+    box.style.width = share(end - part.begin);
+    return box;
+  }));
+  get("marks").replaceChildren(...marks.map((mark) => {
+    const tick = Object.assign(document.createElement("i"), {title: `${mark.at.toFixed(1)} s: ${mark.text}`});
+    tick.dataset.tone = mark.tone;
+    tick.style.left = share(mark.at);
+    tick.addEventListener("click", () => seek(mark.at));
+    return tick;
+  }));
+}
+
+const sought = {wanted: null, isAsked: false};
+
+// Go to a place; while it is asked for, only the newest wish is kept.
+async function seek(place) {
+  const play = kept.shown?.play;
+  if (!play) return;
+  sought.wanted = Math.min(Math.max(place, 0), play.length);
+  get("seek").value = sought.wanted;
+  if (sought.isAsked) return;
+  sought.isAsked = true;
+  while (sought.wanted !== null) {
+    const asked = sought.wanted, said = await ask("play", {action: "seek", place: asked});
+    if (!said.is_done) tell("seek", said);
+    await new Promise((done) => setTimeout(done, SEEK));
+    if (sought.wanted === asked) sought.wanted = null;
+  }
+  sought.isAsked = false;
 }
 
 // -- what the page asks for ---------------------------------------------------------------------------------------------
@@ -265,10 +308,24 @@ for (const name of ["abort", "release"]) {
     dialog.showModal();
   });
 }
-get("pause").addEventListener("click", async () => {
-  const isPaused = kept.shown.play.state === "paused";
-  const said = await ask("play", {action: isPaused ? "go_on" : "pause"});
+async function pause() {
+  const state = kept.shown.play.state;
+  if (state === "ended") { seek(0); return; }
+  const said = await ask("play", {action: state === "paused" ? "go_on" : "pause"});
   if (!said.is_done) tell("pause", said);
+}
+get("pause").addEventListener("click", pause);
+get("seek").addEventListener("input", (event) => seek(Number(event.target.value)));
+document.addEventListener("keydown", (event) => {
+  const place = Number(get("seek").value), leap = event.shiftKey ? LONG_LEAP : LEAP;
+  const keys = {
+    " ": pause, n: () => ask("play", {action: "step"}), ArrowLeft: () => seek(place - leap), ArrowRight: () => seek(place + leap),
+    Home: () => seek(0), End: () => seek(Number(get("seek").max)),
+  };
+  const isElsewhere = event.ctrlKey || event.altKey || event.metaKey || event.target.closest("select, button, dialog[open]");
+  if (isElsewhere || get("timeline").hidden || !(event.key in keys)) return;
+  event.preventDefault();
+  keys[event.key]();
 });
 get("step").addEventListener("click", () => ask("play", {action: "step"}));
 get("speed").addEventListener("change", async (event) => {
