@@ -50,7 +50,10 @@ def mutants_page(root: Path) -> str:
         f"The last verdicts took {found['seconds'] / 60:.0f} minutes of computing time."
     )
     if found["mutants"] < planned:
-        total += f" The run was stopped before it came to the other {planned - found['mutants']} of its sample."
+        total += (
+            f" The run was stopped before it came to the other {planned - found['mutants']} of its sample; "
+            "what runs at import (tables, constants) comes last."
+        )
     if found["budget"]:
         total += f" Tests of one mutant took {found['budget']:g} s at most."
     if found["tests"]:

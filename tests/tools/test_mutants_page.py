@@ -45,4 +45,4 @@ def test_the_page_has_the_share_of_each_subject_and_each_survivor_with_its_reaso
     assert [cell.strip() for cell in control.split("|")[-3:-1]] == ["0.0 %", "50.0 %"]
 
     (tmp_path / RESULTS).write_text(json.dumps(summary | {"sample": 3}), encoding="utf-8")
-    assert "The run was stopped before it came to the other 1 of its sample." in mutants_page(tmp_path)
+    assert "The run was stopped before it came to the other 1 of its sample" in mutants_page(tmp_path)
