@@ -7,7 +7,8 @@ the kernel groups programs by session, and that ends a flight as a mute line mus
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Callable
+from collections import defaultdict
+from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import asynccontextmanager
 from typing import Any, Final, TypeVar
 
@@ -29,6 +30,8 @@ from mksim.runtime import Runtime
 from mksim.simulation import Simulation
 
 VEHICLE: Final = "cockpit"
+LOOK: Final = 0.01
+"""Between two looks at what was received [s]."""
 
 _Found = TypeVar("_Found")
 
@@ -46,6 +49,7 @@ class LiveDaemon:
         self.runtime = runtime
         self.endpoint = endpoint
         self.samples: list[Sample] = []
+        self._by_suffix: defaultdict[str, list[dict[str, Any]]] = defaultdict(list)
         self._stop = stop
         self._task = task
 
@@ -55,9 +59,14 @@ class LiveDaemon:
         async with connect(VEHICLE, self.endpoint) as client:
             yield client
 
-    def values(self, suffix: str) -> list[dict[str, Any]]:
+    def keep(self, sample: Sample) -> None:
+        """Take what was received."""
+        self.samples.append(sample)
+        self._by_suffix[sample.suffix].append(sample.fields)
+
+    def values(self, suffix: str) -> Sequence[dict[str, Any]]:
         """Everything received under a key so far."""
-        return [sample.fields for sample in self.samples if sample.suffix == suffix]
+        return self._by_suffix[suffix]
 
     async def until(self, find: Callable[[], _Found]) -> _Found:
         """Wait until a look at what was received finds something, and return it.
@@ -65,7 +74,7 @@ class LiveDaemon:
         Raises:
             TimeoutError: it found nothing.
         """
-        return await wait_for(find)
+        return await wait_for(find, step=LOOK)
 
     async def until_phase(self, phase: str) -> dict[str, Any]:
         """Wait until control is in a phase, and return its status.
@@ -124,7 +133,7 @@ async def live_daemon(*, commands: CommandsConfig | None = None, **sim: Any) -> 
                     await live.end()
 
 
-def _is_controllable(states: list[dict[str, Any]]) -> bool:
+def _is_controllable(states: Sequence[dict[str, Any]]) -> bool:
     """Whether a lease would be granted now."""
     is_known = any(state["external_control"] for state in states)
     return is_known and states[-1]["condition"] in {"up", "degraded"}
@@ -136,10 +145,11 @@ async def _observer(live: LiveDaemon) -> AsyncIterator[None]:
 
         async def listen() -> None:
             async for sample in samples:
-                live.samples.append(sample)
+                live.keep(sample)
 
         # What was published before the subscription stands in front of what comes after it; nothing lies between.
-        live.samples += (await client.get_all("link/state")).values()
+        for sample in (await client.get_all("link/state")).values():
+            live.keep(sample)
         listening = asyncio.create_task(listen(), name="observer")
         try:
             yield

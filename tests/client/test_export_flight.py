@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from lab.rigs.blackbox import RecordedDaemon
+from lab.rigs.boardport import ADAPTER_TIME
 from mkdaemon.cli.mkctl.export import export
 from mkdaemon.config.root import Config
 from mkdaemon.frames import enu_from_geodetic
@@ -41,7 +42,7 @@ def flown(folder):
     cfg = Config.model_validate({"vehicle": vehicle, "link": link, "bus": {"listen": ()}})
 
     async def story():
-        daemon = RecordedDaemon(cfg, lambda: Simulation(sim), seed=1)
+        daemon = RecordedDaemon(cfg, lambda: Simulation(sim), seed=1, tick=ADAPTER_TIME)
         tasks, truth = daemon.start(), []
         end = asyncio.get_running_loop().time() + LENGTH
         while (now := asyncio.get_running_loop().time()) < end:

@@ -91,7 +91,7 @@ async def test_the_questions_are_answered():
 async def test_a_square_is_flown_by_sticks_in_the_simulator():
     async with live_daemon(board="nc", pilot_plan=PilotPlan.SUPERVISE, pilot_wait=PATIENCE) as flown:
         flown.runtime.simulation.start_pilot()
-        await wait_for(lambda: hovers(flown), PATIENCE)
+        await wait_for(lambda: hovers(flown), PATIENCE, 0.1)
         lines = await output_of("Fly by sticks", env=environment(flown))
         assert [line.split()[0] for line in lines] == ["north", "east", "south", "west"]
         corners = [tuple(map(float, re.findall(r"-?\d+\.\d+", line)[:2])) for line in lines]

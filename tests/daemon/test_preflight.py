@@ -8,6 +8,7 @@ import shutil
 import pytest
 
 from lab.rigs.blackbox import RecordedDaemon
+from lab.rigs.boardport import ADAPTER_TIME
 from lab.rigs.cockpit import Boards, cockpit
 from mkdaemon.bus.codec import encode_map
 from mkdaemon.config.root import Config
@@ -57,7 +58,7 @@ def test_the_disk_is_that_of_the_recordings(tmp_path, monkeypatch):
 
     async def story():
         cfg = Config.model_validate({"link": {"port": "/dev/virtual"}, "bus": {"listen": ()}, **sections})
-        daemon = RecordedDaemon(cfg, Boards("2.12a").make(1), seed=1)
+        daemon = RecordedDaemon(cfg, Boards("2.12a").make(1), seed=1, tick=ADAPTER_TIME)
         tasks = daemon.start()
         await daemon.until(lambda: daemon.can_fly)
         report = await daemon.wiring.flight.preflight()

@@ -13,7 +13,7 @@ from mkdaemon.telemetry.control import Phase
 
 @pytest.mark.flight
 def test_the_core_holds_over_a_target_that_the_eyes_see():
-    rig = RenderedRig(Flight(seed=5, seconds=12.5, camera=CameraModel(rate=10.0)))
+    rig = RenderedRig(Flight(seed=5, seconds=12.5, camera=CameraModel(rate=7.0)))
     record = rig.fly()
     assert not record.lost
     assert rig.core.phase is Phase.FLYING

@@ -94,6 +94,17 @@ def test_rates_and_share_are_over_the_window():
     assert received.rates(12.5) == (0.0, 0.0)
 
 
+def test_the_share_is_of_what_is_remembered():
+    """A window holds the newest 4096 frames and the newest 1024 damages, whatever came in it."""
+    received = ReceivedBytes(window=10.0)
+    for _ in range(5000):
+        received.frame(2, 1.0)
+    assert received.share(1.0) == (0, 2 * 4096)
+    for _ in range(2000):
+        received.damaged(DropReason.LENGTH, bytes(3), 1.0, keep_text=False)
+    assert received.share(1.0) == (3 * 1024, 3 * 2000 + 2 * (4096 - 2000))
+
+
 def test_what_arrived_is_counted_whether_it_is_a_frame_or_not():
     received = ReceivedBytes(window=10.0)
     received.arrived(5, 1.0)

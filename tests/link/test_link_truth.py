@@ -6,7 +6,7 @@ import asyncio
 
 import pytest
 
-from lab.rigs.boardport import LineFault, Socket
+from lab.rigs.boardport import ADAPTER_TIME, LineFault, Socket
 from lab.rigs.linkrig import Log, flight_ctrl, navi_ctrl, rig, virtually
 from mkdaemon.clock import Clock
 from mkdaemon.config.link import LinkConfig
@@ -133,7 +133,7 @@ async def test_the_search_can_be_switched_off():
 @virtually
 async def test_a_port_missing_at_the_start_ends_the_run_or_is_waited_for():
     for wait in (False, True):
-        log, socket = Log(), Socket(navi_ctrl(), seed=1)
+        log, socket = Log(), Socket(navi_ctrl(), seed=1, tick=ADAPTER_TIME)
         socket.is_present = False
         cfg = LinkConfig(port="/dev/rig", wait_for_port=wait)
         link = Link(cfg, log, opener=socket.open, clock=Clock(monotonic=asyncio.get_running_loop().time))

@@ -9,7 +9,7 @@ import random
 import numpy as np
 import pytest
 
-from lab.rigs.boardport import Socket
+from lab.rigs.boardport import ADAPTER_TIME, Socket
 from lab.rigs.cockpit import Boards, cockpit
 from lab.rigs.cockpitclient import CockpitClient, PublishedValues
 from lab.rigs.handpad import HandPad
@@ -29,7 +29,7 @@ PULSES = {"ABS_Y": (-0.5, 0.25), "ABS_RY": (-0.6, 0.6), "ABS_RX": (-0.6, 0.6), "
 async def fly_each_stick() -> dict[str, tuple[float, float]]:
     """Fly one pulse of each stick in turn; returns the change of what it should move, for + and for -."""
     config = SimConfig(board="fc", pilot_plan=PilotPlan.SUPERVISE, pilot_wait=0.5, calibrated=True, seed=4)
-    socket = Socket(lambda: Simulation(config), seed=4)
+    socket = Socket(lambda: Simulation(config), seed=4, tick=ADAPTER_TIME)
     published = PublishedValues()
     found: dict[str, list[float]] = {axis: [] for axis in PULSES}
     async with cockpit(Boards("2.12a"), 4, socket=socket, outlet=published) as flown:
