@@ -174,6 +174,7 @@ class Sight:
         """Take note of a stick frame that goes out now [s], and of what becomes of its throttle."""
         command = StickCommand(now, counts.pitch, counts.roll, counts.yaw, counts.throttle + GAS_CENTRE, use)
         self._sent.append(command)
+        self.answer.model_found(self._known_model())
         self.answer.sent(counts.pitch, counts.roll, now)
         if self.estimator is not None and not self._is_others:
             self.estimator.sent(command)
