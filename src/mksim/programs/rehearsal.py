@@ -318,6 +318,8 @@ class Rehearsal:
                 await self.bus.take_lease("demo")
                 await self._wait(lambda: self._is_leased, 1.0)
                 await self._fly_parts()
+                status = self._value("control/status", ControlStatus)
+                self.record.outcome = "" if status is None else status.reason
                 self._begin("after")
                 await self._wait(lambda: self._wiring.facts.motors_running(self._loop.time()) is False, 10.0)
             self.record.motors_stand = self._wiring.facts.motors_running(self._loop.time()) is False
@@ -332,7 +334,11 @@ class Rehearsal:
     # -- the parts of the flight ----------------------------------------------------------------------------------
 
     async def _fly_parts(self) -> None:
-        for part in self._parts:
+        await self._follow(self._parts)
+
+    async def _follow(self, parts: Sequence[FlightPart]) -> bool:
+        """Fly one part after the other; whether the flight goes on after the last."""
+        for part in parts:
             self._begin(part.name)
             if part.wind is not None:
                 self._world.change_wind(part.wind)
@@ -340,9 +346,8 @@ class Rehearsal:
             if part.until is not None:
                 seconds = max(0.0, part.until - self._loop.time())
             if not await self._stream(part.kind, part.fields, seconds):
-                break
-        status = self._value("control/status", ControlStatus)
-        self.record.outcome = "" if status is None else status.reason
+                return False
+        return True
 
     async def _stream(self, kind: type[Setpoint], fields: Mapping[str, Any], seconds: float | None) -> bool:
         """Stream a setpoint for some time, or until it is done; whether the flight goes on."""
