@@ -11,6 +11,7 @@ import math
 import random
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any, Final
 
 import numpy as np
@@ -20,6 +21,7 @@ from pydantic import BaseModel
 from lab.hil.aircraft import GenuineAircraft
 from lab.hil.build import built
 from lab.hil.copies import in_a_copy
+from lab.vision.lens import drawn_lens
 from mkdaemon.control.estimator.model import STICK_FILTER
 from mkdaemon.telemetry.control import ControlEstimate, ControlStatus
 from mkdaemon.telemetry.event import LogEvent
@@ -109,7 +111,7 @@ class Flown:
     """What happened.
 
     Attributes:
-        truth: time [s], true position from the middle of the target (3) [m], vertical speed [m/s], 1 on the ground.
+        truth: time [s], true position in the frame of the target (3) [m], vertical speed [m/s], 1 on the ground.
         estimates: of every estimate: time [s], position (3) [m], standard deviations (3) [m], stick filter [s].
         warnings: of the daemon, with their times [s].
         parts: begin of each [s].
@@ -157,6 +159,8 @@ async def _fly(setting: Setting) -> dict[str, Any]:
 class SceneFlight(Rehearsal):
     """Flies legs, and lets copies fly what would change the flight.
 
+    The calibration of the camera is wrong, as far as its published floor says: that is a part of the estimate's doubt.
+
     Attributes:
         flown: what happened.
         found: its figures, and those of the copies.
@@ -170,7 +174,10 @@ class SceneFlight(Rehearsal):
             aircraft: boards and world, at the end of the daemon's cable.
             legs: what is flown.
         """
-        super().__init__(config, aircraft, _unwatched, moved=self._watch_truth)
+        rng = np.random.default_rng(config.seed)
+        super().__init__(
+            config, aircraft, _unwatched, moved=self._watch_truth, calibrated=lambda lens: drawn_lens(lens, rng)
+        )
         self.flown, self.found = Flown(), dict[str, Any](lost=["no flight began"], warnings=[])
         self._legs, self._truth, self._kept = legs, aircraft.world.truth, -math.inf
         self.bus.followers.append(self._hear)
@@ -180,7 +187,7 @@ class SceneFlight(Rehearsal):
         for leg in self._legs:
             goes_on = goes_on and await self._follow(leg.parts)
             for name, parts in leg.copies.items() if goes_on else ():
-                copies[name] = await in_a_copy(lambda parts=parts: self._told(parts)) or {"lost": ["the copy died"]}
+                copies[name] = await in_a_copy(partial(self._told, parts)) or {"lost": ["the copy died"]}
         self.found = self._figures(goes_on=goes_on)
         for name, told in copies.items():
             self.found["lost"] += [f"{name}: {why}" for why in told.pop("lost")]
@@ -206,7 +213,8 @@ class SceneFlight(Rehearsal):
         if now - self._kept < TRUTH_PERIOD - 1e-9:
             return
         self._kept, flown, truth = now, self.flown, self._truth
-        x, y, z = (float(part) for part in truth.position_enu - self._scene.platform.pose_at(now).position_enu)
+        pad = self._scene.platform.pose_at(now)
+        x, y, z = (float(part) for part in pad.enu_from_body.T @ (truth.position_enu - pad.position_enu))
         flown.truth.append((now, x, y, z, float(truth.velocity_enu[2]), float(truth.on_ground)))
         flown.unanswered = max(flown.unanswered, self._wiring.core.answer.evidence)
 

@@ -7,7 +7,7 @@ import logging
 import math
 import multiprocessing
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from itertools import product
 from pathlib import Path
@@ -21,7 +21,7 @@ from lab.hil.build import built, names
 from lab.hil.flights import fly
 from lab.hil.results import Results, Row
 from lab.hil.scenes import FIGURES, FIRST_SEED, LINES, SIMULATED, setting_of, summary
-from lab.hil.triggers import STORIES, story_figures, tell
+from lab.hil.triggers import by_story, story_figures, tell
 from mkdaemon.cli.arguments import AsJson
 from mkdaemon.cli.console import Console
 from mkdaemon.errors import ConfigError
@@ -152,7 +152,7 @@ def _cell(figure: Mapping[str, float] | None, digits: int) -> str:
 def _show_triggers(firmware: str, rows: Sequence[Row], *, as_json: bool) -> int:
     table = Table("what happens", "figure", "least / median / most", "goal", "right", title=f"triggers on {firmware}")
     holds = True
-    for name, found in _by_story(rows):
+    for name, found in by_story(rows):
         right = sum(not each["missed"] for each in found)
         holds &= right == len(found)
         if as_json:
@@ -162,10 +162,3 @@ def _show_triggers(firmware: str, rows: Sequence[Row], *, as_json: bool) -> int:
     if not as_json:
         Console().print(table)
     return 0 if holds else 1
-
-
-def _by_story(rows: Sequence[Row]) -> Iterator[tuple[str, list[dict[str, Any]]]]:
-    for name in STORIES:
-        found = [row["stories"][name] for row in rows if name in row["stories"]]
-        if found:
-            yield name, found

@@ -12,6 +12,7 @@ import os
 import random
 from collections.abc import Awaitable, Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from statistics import median
 from typing import Any, Final
@@ -369,7 +370,7 @@ async def _tell(firmware: str, seed: int, names: tuple[str, ...]) -> dict[str, d
     found = {}
     for name in names:
         if not STORIES[name].needs_lid or firmware.endswith("stock-lid"):
-            told = await in_a_copy(lambda name=name: _happen(flight, name, seed))
+            told = await in_a_copy(partial(_happen, flight, name, seed))
             found[name] = told or {"missed": ["the story ended without a word"]}
     return found
 
@@ -381,6 +382,14 @@ async def _happen(flight: Flight, name: str, seed: int) -> dict[str, Any]:
     await flight.until(lambda: max(abs(part) for part in flight.world.held[:2]) >= TILTED, 3.0)
     figures = await STORIES[name].happens(flight)
     return figures | {"missed": missed(name, figures)}
+
+
+def by_story(rows: Sequence[Mapping[str, Any]]) -> Iterator[tuple[str, list[Mapping[str, Any]]]]:
+    """Every story that was told, with its figures in every flight."""
+    for name in STORIES:
+        found = [row["stories"][name] for row in rows if name in row["stories"]]
+        if found:
+            yield name, found
 
 
 def story_figures(name: str, found: Sequence[Mapping[str, Any]]) -> Iterator[tuple[str, str, str]]:

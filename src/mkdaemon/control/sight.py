@@ -266,6 +266,7 @@ def view_of(pose: VisionPose) -> TargetView:
         rotation_from_quaternion(pose.quaternion_target_from_flu),
         np.array(pose.covariance).reshape(6, 6),
         pose.camera,
+        pose.calibration_sd,
     )
 
 

@@ -37,6 +37,7 @@ class Measurement:
         values: measured, one for each axis (k,).
         variance: of the values, one for all or one for each axis (k,).
         gate: largest believable innovation [standard deviations].
+        bias: variance of an error that lasts: it widens the gate, and weighs nothing.
     """
 
     at: float
@@ -44,6 +45,7 @@ class Measurement:
     values: Array
     variance: float | Array
     gate: float = GATE
+    bias: float | Array = 0.0
 
     @property
     def is_sound(self) -> bool:
@@ -269,7 +271,7 @@ class RollbackFilter:
         gain = slot.covariance @ row
         spread = gain @ row + measurement.variance
         innovation = measurement.values - self._state_of(slot) @ row
-        ratio: Array = innovation / np.sqrt(spread)
+        ratio: Array = innovation / np.sqrt(spread + measurement.bias)
         weight = np.where(np.abs(ratio) <= measurement.gate, 1.0, 0.0)
         step = gain * (weight / spread)[:, None]
         slot.state = slot.state + step * innovation[:, None]
