@@ -192,6 +192,7 @@ class SceneFlight(Rehearsal):
         for name, told in copies.items():
             self.found["lost"] += [f"{name}: {why}" for why in told.pop("lost")]
             self.found["warnings"] += told.pop("warnings", [])
+            told["unanswered_nat"] = max(self.found["unanswered_nat"], told.get("unanswered_nat", -math.inf))
             self.found |= told
 
     async def _told(self, parts: Sequence[FlightPart]) -> dict[str, Any]:

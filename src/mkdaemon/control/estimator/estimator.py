@@ -96,7 +96,7 @@ class Cameras:
         """Note an image of a camera taken at a moment [s]; returns how many cameras see the target then."""
         record = self._records.setdefault(camera, _Record(at))
         record.at = max(record.at, at)
-        return sum(abs(at - each.at) <= AT_ONCE for each in self._records.values())
+        return sum(each is record or abs(at - each.at) <= AT_ONCE for each in self._records.values())
 
     def judged(self, camera: str, *, is_refused: bool) -> None:
         """Note what became of an image of a camera that was seen."""
