@@ -101,7 +101,7 @@ def _fly_one(work: Work) -> Row:
         "heading_deg": round(math.degrees(setting.yaw)),
         "compass": setting.has_compass,
     }
-    return _key(work) | about | found | {"false_warnings": len(found["warnings"])}
+    return _key(work) | about | found
 
 
 def _tell_one(work: Work) -> Row:
