@@ -6,6 +6,7 @@ The prose of both pages is written by hand; a table stands between `<!-- table N
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
@@ -97,12 +98,18 @@ def _flights(rows: Mapping[str, Sequence[Row]]) -> Iterator[str]:
                 f"{row['voltage']} V",
                 "yes" if row["compass"] else "no",
                 *("" if row.get(f.key) is None else f"{row[f.key]:.{f.digits}f}" for f in shown),
-                "; ".join([*row["lost"], *row["warnings"]]),
+                "; ".join([*row["lost"], *_counted(row["warnings"])]),
             )
             for row in rows["scenes"]
             if row["board"] != SIMULATED
         ),
     )
+
+
+def _counted(warnings: Sequence[str]) -> Iterator[str]:
+    """Every warning once, with how often it came."""
+    for text, count in Counter(warnings).items():
+        yield text if count == 1 else f"{count} times: {text}"
 
 
 def _triggers(rows: Mapping[str, Sequence[Row]]) -> Iterator[str]:

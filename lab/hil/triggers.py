@@ -285,6 +285,16 @@ async def gate_shut(flight: Flight) -> Figures:
     }
 
 
+async def gate_shut_untold(flight: Flight) -> Figures:
+    """The same, where the board tells nothing of its gate: only a tilt that does not follow the sticks shows it."""
+    flight.wiring.core.answer.gate_reported = _unheard  # type: ignore[method-assign]
+    return await gate_shut(flight)
+
+
+def _unheard(now: float, *, is_open: bool) -> None:
+    """Nobody listens."""
+
+
 async def lid(flight: Flight) -> Figures:
     """The pilot's throttle is lower than ours; only with the rule of stock firmware."""
     since = flight.loop.time()
@@ -335,6 +345,16 @@ STORIES: Final[dict[str, Story]] = {
     "camera_dead": Story(camera_dead, {"level": (1.3, 1.8), "released": (2.8, 3.4)}),
     "gate_shut": Story(
         gate_shut,
+        {
+            "ignored": (0.0, 0.2),
+            "unanswered": (0.0, 3.0),
+            "sticks_at_opening": (0.0, 30.0),
+            "flies_again": (0.0, 3.0),
+            "flies": (1.0, 1.0),
+        },
+    ),
+    "gate_shut_untold": Story(
+        gate_shut_untold,
         {
             "ignored": (0.0, 0.2),
             "unanswered": (0.0, 3.0),
