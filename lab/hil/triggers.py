@@ -24,6 +24,7 @@ from lab.hil.aircraft import GenuineAircraft
 from lab.hil.build import built
 from lab.hil.copies import in_a_copy
 from lab.hil.flights import Setting, config_of
+from lab.hil.world import GenuineWorld
 from lab.rigs.virtualguard import VirtualGuard
 from mkdaemon.clock import Clock
 from mkdaemon.config.link import LinkConfig
@@ -260,11 +261,27 @@ async def camera_dead(flight: Flight) -> Figures:
     return {"level": flight.level_after(since), "released": flight.released_after(since)}
 
 
+class SteadyHand(HandFlight):
+    """A pilot who leans against the wind: he aims as far beyond his place as he is off it."""
+
+    def __init__(self, world: GenuineWorld) -> None:
+        """Begin where the aircraft is."""
+        super().__init__(height=HEIGHT, flying=True)
+        self._world = world
+        self._place = world.truth.position_enu[:2].copy()
+
+    def path(self, t: float) -> tuple[tuple[float, float], tuple[float, float]]:
+        """Where he aims, from his place [m], and how fast that moves [m/s]."""
+        del t
+        east, north = self._place - self._world.truth.position_enu[:2]
+        return (float(east), float(north)), (0.0, 0.0)
+
+
 async def gate_shut(flight: Flight) -> Figures:
     """The pilot shuts the gate, flies by hand for 5 s, and opens it again."""
     pilot, since = flight.world.pilot, flight.loop.time()
     program = pilot.program
-    pilot.program, pilot.gate = HandFlight(height=HEIGHT, flying=True), 0
+    pilot.program, pilot.gate = SteadyHand(flight.world), 0
     ignored = await flight.until(lambda: not flight.world.is_controlled, 2.0)
     await asyncio.sleep(5.0)
     largest = max(abs(part) for _, held in flight.held[-1:] for part in held[:2])
@@ -357,7 +374,7 @@ STORIES: Final[dict[str, Story]] = {
         gate_shut_untold,
         {
             "ignored": (0.0, 0.2),
-            "unanswered": (0.0, 3.0),
+            "unanswered": (0.0, 5.0),
             "sticks_at_opening": (0.0, 30.0),
             "flies_again": (0.0, 3.0),
             "flies": (1.0, 1.0),
