@@ -249,17 +249,17 @@ def config_of(setting: Setting) -> SimConfig:
             "board": "fc",
             "pilot_plan": PilotPlan.START,
             "pilot_wait": BOOTED,
-            "flight": FlightConfig(wind=WindClass.INDOOR, battery=BatteryConfig(charge=charge_of(setting.voltage))),
+            "flight": FlightConfig(wind=WindClass.INDOOR, battery=battery_of(setting.voltage)),
             "radio": {"to_board": line, "to_host": line | {"usb_timer": 0.001}},
             "scene": scene | {"light": {"noise_sd": 2.0}},
         }
     )
 
 
-def charge_of(voltage: float) -> float:
-    """State of charge of a pack of four cells that hovers at about a voltage [V]."""
+def battery_of(voltage: float) -> BatteryConfig:
+    """A pack of four cells that hovers at about a voltage [V], and is so large that no flight empties it."""
     charges, volts = zip(*OPEN_CIRCUIT_V, strict=True)
-    return max(0.01, float(np.interp(voltage / 4 + 0.1, volts, charges)))
+    return BatteryConfig(capacity_mah=1e6, charge=max(0.01, float(np.interp(voltage / 4 + 0.1, volts, charges))))
 
 
 # -- figures ----------------------------------------------------------------------------------------------------------

@@ -21,8 +21,8 @@ LINES: Final = ("cable", "radio")
 """How the boards are reached."""
 DEGRADED: Final = ": degraded: "
 """In a warning about the line: attitudes that a radio's burst of lost frames has eaten are overdue indeed."""
-VOLTAGES: Final = (12.8, 13.6, 14.8, 15.6, 16.4, 16.8)
-"""Of the battery, one for each seed [V]."""
+VOLTAGES: Final = (13.4, 13.6, 14.8, 15.6, 16.4, 16.8)
+"""Of the battery, one for each seed [V]; with less the low battery ends every flight."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -91,7 +91,6 @@ def test_an_image_that_comes_late_is_one_cameras_and_another_makes_two():
     assert cameras.seen("forward", 1.95) == 2
 
 
-
 def command(at, tilt=0.1):
     return Command(at, (tilt, 0.0), 0.0)
 
