@@ -22,8 +22,9 @@ def tree(tmp_path):
     late = "/dev/x: degraded: fc attitude is overdue"
     results.add("scenes", about | {"board": "fork", "hold_cm": 2.0, "light_cm": 9.0, "warnings": [late, late]})
     results.add("scenes", about | {"board": "simulated", "hold_cm": 3.0, "lost": ["fell"], "warnings": []})
-    for level, missed in ((0.3, []), (float("inf"), ["level"])):
-        results.add("triggers", {"board": "fork", "stories": {"client_frozen": {"level": level, "missed": missed}}})
+    for level in (0.3, float("inf")):
+        found = {"level": level, "released": 1.0, "missed": []}
+        results.add("triggers", {"board": "fork", "stories": {"client_frozen": found}})
     return tmp_path
 
 
