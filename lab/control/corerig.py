@@ -198,6 +198,7 @@ def pose_of(view: TargetView) -> VisionPose:
         position_flu=(a, b, c),
         quaternion_flu_from_target=quaternion_from_rotation(rotation.T),
         covariance=tuple(float(part) for part in view.covariance.reshape(-1)),
+        calibration_sd=view.calibration_sd,
         position_cam=(0.0, 0.0, 0.0),
         quaternion_cam_from_target=(1.0, 0.0, 0.0, 0.0),
         source="edges",

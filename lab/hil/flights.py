@@ -1,11 +1,17 @@
-"""One flight of the proving ground: the same scene on simulated boards or on genuine firmware, and its figures."""
+"""One flight of the proving ground, on simulated boards or on genuine firmware: every scene of the table, its figures.
+
+What would change the flight for the scenes after it (a step, another wind, a landing) is flown by a copy of everything,
+firmware, air and daemon, as they are at that moment; see `lab.hil.copies`.
+"""
 
 from __future__ import annotations
 
+import asyncio
 import math
 import random
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any, Final
 
 import numpy as np
@@ -14,6 +20,8 @@ from pydantic import BaseModel
 
 from lab.hil.aircraft import GenuineAircraft
 from lab.hil.build import built
+from lab.hil.copies import in_a_copy
+from lab.vision.lens import drawn_lens
 from mkdaemon.control.estimator.model import STICK_FILTER
 from mkdaemon.telemetry.control import ControlEstimate, ControlStatus
 from mkdaemon.telemetry.event import LogEvent
@@ -33,35 +41,46 @@ BOOTED: Final = 8.0
 """When the pilot touches his sticks [s]: genuine boards need seven seconds to start."""
 SETTLED: Final = 5.0
 """Figures of a hold are taken after this [s]."""
-PAD_STARTS: Final = 40.0
-"""A pad that moves stands until then [s]."""
+HOLD_ENDS: Final = 34.0
+"""Then light wind begins [s]; step and moderate wind are flown by copies."""
+LIGHT_FORKS: Final = 45.0
+"""A copy lands then [s]."""
+PAD_STARTS: Final = 58.0
+"""The pad stands until then [s]."""
+PAD_SPEED: Final = 0.5
+"""Of the pad, once it moves [m/s]."""
 TRUTH_PERIOD: Final = 0.01
 """[s]."""
 STEP: Final = 1.0
 """Length of the step [m]."""
 
-WHOLE: Final = (
-    take_off(),
-    over_pad("hold", 0.0, 25.0),
-    over_pad("aside", -STEP / 2),
-    over_pad("aside", -STEP / 2, 3.0),
-    over_pad("step", STEP / 2, 8.0),
-    over_pad("back", 0.0),
-    over_pad("light", 0.0, 20.0, wind=WindClass.LIGHT),
-    over_pad("moderate", 0.0, 20.0, wind=WindClass.MODERATE),
-    over_pad("calms", 0.0, 4.0, wind=WindClass.LIGHT),
-    land(),
+
+@dataclass(frozen=True, slots=True)
+class Leg:
+    """A piece of the flight.
+
+    Attributes:
+        parts: of it.
+        copies: what copies fly after them, by name.
+    """
+
+    parts: tuple[FlightPart, ...]
+    copies: Mapping[str, tuple[FlightPart, ...]] = field(default_factory=dict)
+
+
+EVERYTHING: Final = (
+    Leg(
+        (take_off(), over_pad("hold", 0.0, until=HOLD_ENDS)),
+        {
+            "step": (over_pad("aside", -STEP / 2), over_pad("wait", -STEP / 2, 2.0), over_pad("step", STEP / 2, 6.0)),
+            "moderate": (over_pad("moderate", 0.0, 15.0, wind=WindClass.MODERATE),),
+        },
+    ),
+    Leg((over_pad("light", 0.0, until=LIGHT_FORKS, wind=WindClass.LIGHT),), {"land": (land(),)}),
+    Leg((over_pad("goes on", 0.0, until=PAD_STARTS + 1.0), over_pad("follow", 0.0, 7.0), land())),
 )
-"""Take-off, hold in three winds, a step of 1 m, landing in light wind."""
-SHORT: Final = (take_off(), over_pad("hold", 0.0, 20.0), land())
-FOLLOWING: Final = (
-    take_off(),
-    over_pad("hold", 0.0, 5.0),
-    over_pad("light", 0.0, until=PAD_STARTS + 1.0, wind=WindClass.LIGHT),
-    over_pad("follow", 0.0, 8.0),
-    land(),
-)
-"""The pad moves, and the landing is on it."""
+"""Take-off and hold indoors, with a step of 1 m and moderate wind; light wind, with a landing; a pad that starts to
+move, and a landing on it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,24 +89,20 @@ class Setting:
 
     Attributes:
         firmware: name of a firmware that `make hil` built; None flies the simulator's boards.
-        parts: of the flight.
         seed: of everything random.
         is_radio: a radio instead of a cable.
         voltage: of the battery [V]; held by genuine boards, the simulator begins with it.
         has_compass: the board hears of the heading.
         yaw: at the start [rad; ENU].
-        pad_speed: of the target, once it moves [m/s].
         fps: images a second.
     """
 
     firmware: str | None
-    parts: Sequence[FlightPart]
     seed: int
     is_radio: bool = False
     voltage: float = 14.8
     has_compass: bool = True
     yaw: float = math.pi / 2
-    pad_speed: float = 0.0
     fps: float = 30.0
 
 
@@ -96,11 +111,12 @@ class Flown:
     """What happened.
 
     Attributes:
-        truth: time [s], true position from the middle of the target (3) [m], vertical speed [m/s], 1 on the ground.
+        truth: time [s], true position in the frame of the target (3) [m], vertical speed [m/s], 1 on the ground.
         estimates: of every estimate: time [s], position (3) [m], standard deviations (3) [m], stick filter [s].
         warnings: of the daemon, with their times [s].
         parts: begin of each [s].
-        outcome: why the flight ended.
+        unanswered: largest evidence that the aircraft does not answer its sticks [nat].
+        end: why the flight ended.
         crashed: why the aircraft broke; empty while whole.
     """
 
@@ -108,16 +124,17 @@ class Flown:
     estimates: list[tuple[float, ...]] = field(default_factory=list)
     warnings: list[tuple[float, str]] = field(default_factory=list)
     parts: dict[str, float] = field(default_factory=dict)
-    outcome: str = ""
+    unanswered: float = -math.inf
+    end: str = ""
     crashed: str = ""
 
 
 def fly(setting: Setting) -> dict[str, Any]:
     """Fly once in virtual time, and return the figures; see `figures`."""
-    return figures(run_virtually(_fly(setting)))
+    return run_virtually(_fly(setting))
 
 
-async def _fly(setting: Setting) -> Flown:
+async def _fly(setting: Setting) -> dict[str, Any]:
     config = config_of(setting)
     platform = platform_of(config.scene.platform)
     deck = MovingDeck(lambda time: platform.pose_at(time).position_enu, radius=DECK_RADIUS_M)
@@ -134,28 +151,81 @@ async def _fly(setting: Setting) -> Flown:
             voltage=setting.voltage,
             has_compass=setting.has_compass,
         )
-    flown, truth, kept = Flown(), aircraft.world.truth, -math.inf
+    flight = SceneFlight(config, aircraft, EVERYTHING)
+    await flight.fly()
+    return flight.found
 
-    def watch_truth(now: float) -> None:
-        nonlocal kept
-        if now - kept >= TRUTH_PERIOD - 1e-9:
-            kept = now
-            x, y, z = (float(part) for part in truth.position_enu - platform.pose_at(now).position_enu)
-            flown.truth.append((now, x, y, z, float(truth.velocity_enu[2]), float(truth.on_ground)))
 
-    def hear(suffix: str, value: BaseModel) -> None:
+class SceneFlight(Rehearsal):
+    """Flies legs, and lets copies fly what would change the flight.
+
+    The calibration of the camera is wrong, as far as its published floor says: that is a part of the estimate's doubt.
+
+    Attributes:
+        flown: what happened.
+        found: its figures, and those of the copies.
+    """
+
+    def __init__(self, config: SimConfig, aircraft: FlyingAircraft, legs: Sequence[Leg]) -> None:
+        """Set everything up; needs a running loop.
+
+        Args:
+            config: what is simulated.
+            aircraft: boards and world, at the end of the daemon's cable.
+            legs: what is flown.
+        """
+        rng = np.random.default_rng(config.seed)
+        super().__init__(
+            config, aircraft, _unwatched, moved=self._watch_truth, calibrated=lambda lens: drawn_lens(lens, rng)
+        )
+        self.flown, self.found = Flown(), dict[str, Any](lost=["no flight began"], warnings=[])
+        self._legs, self._truth, self._kept = legs, aircraft.world.truth, -math.inf
+        self.bus.followers.append(self._hear)
+
+    async def _fly_parts(self) -> None:
+        goes_on, copies = True, dict[str, dict[str, Any]]()
+        for leg in self._legs:
+            goes_on = goes_on and await self._follow(leg.parts)
+            for name, parts in leg.copies.items() if goes_on else ():
+                copies[name] = await in_a_copy(partial(self._told, parts)) or {"lost": ["the copy died"]}
+        self.found = self._figures(goes_on=goes_on)
+        for name, told in copies.items():
+            self.found["lost"] += [f"{name}: {why}" for why in told.pop("lost")]
+            self.found["warnings"] += told.pop("warnings", [])
+            told["unanswered_nat"] = max(self.found["unanswered_nat"], told.get("unanswered_nat", -math.inf))
+            self.found |= told
+
+    async def _told(self, parts: Sequence[FlightPart]) -> dict[str, Any]:
+        """What a copy tells of parts of its own."""
+        self.flown = Flown()
+        return self._figures(goes_on=await self._follow(parts))
+
+    def _figures(self, *, goes_on: bool) -> dict[str, Any]:
+        status, flown = self._value("control/status", ControlStatus), self.flown
+        flown.end = "" if goes_on or status is None else status.reason
+        flown.crashed = self._truth.crash_reason
+        return figures(flown)
+
+    def _begin(self, part: str) -> None:
+        super()._begin(part)
+        self.flown.parts[part] = asyncio.get_running_loop().time()
+
+    def _watch_truth(self, now: float) -> None:
+        if now - self._kept < TRUTH_PERIOD - 1e-9:
+            return
+        self._kept, flown, truth = now, self.flown, self._truth
+        pad = self._scene.platform.pose_at(now)
+        x, y, z = (float(part) for part in pad.enu_from_body.T @ (truth.position_enu - pad.position_enu))
+        flown.truth.append((now, x, y, z, float(truth.velocity_enu[2]), float(truth.on_ground)))
+        flown.unanswered = max(flown.unanswered, self._wiring.core.answer.evidence)
+
+    def _hear(self, suffix: str, value: BaseModel) -> None:
         if isinstance(value, ControlEstimate):
-            flown.estimates.append(
-                (value.stamp.monotonic, *value.position, *value.position_sd, value.stick_filter, value.hover_throttle)
+            self.flown.estimates.append(
+                (value.stamp.monotonic, *value.position, *value.position_sd, value.stick_filter)
             )
         elif isinstance(value, LogEvent) and value.level != "info":
-            flown.warnings.append((value.stamp.monotonic, value.text))
-
-    rehearsal = Rehearsal(config, aircraft, _unwatched, setting.parts, moved=watch_truth)
-    rehearsal.bus.followers.append(hear)
-    record = await rehearsal.fly()
-    flown.parts, flown.outcome, flown.crashed = record.parts, record.outcome, record.crashed
-    return flown
+            self.flown.warnings.append((value.stamp.monotonic, value.text))
 
 
 def _unwatched(moment: Moment, status: ControlStatus | None) -> None:
@@ -164,16 +234,13 @@ def _unwatched(moment: Moment, status: ControlStatus | None) -> None:
 
 def config_of(setting: Setting) -> SimConfig:
     """What the simulator is told of a setting."""
-    pad: dict[str, Any] = {"kind": "still"}
-    if setting.pad_speed:
-        heading = random.Random(f"{setting.seed} pad").uniform(0.0, 360.0)
-        pad = {
-            "kind": "ramp",
-            "speed": setting.pad_speed,
-            "acceleration": 0.25,
-            "delay": PAD_STARTS,
-            "heading_deg": heading,
-        }
+    pad = {
+        "kind": "ramp",
+        "speed": PAD_SPEED,
+        "acceleration": 0.25,
+        "delay": PAD_STARTS,
+        "heading_deg": random.Random(f"{setting.seed} pad").uniform(0.0, 360.0),
+    }
     line = {"kind": "xbee"} if setting.is_radio else {"kind": "wired"}
     scene: dict[str, Any] = {"enabled": True, "fps": setting.fps, "exposure_ms": 6.0, "platform": pad}
     return SimConfig.model_validate(
@@ -182,44 +249,53 @@ def config_of(setting: Setting) -> SimConfig:
             "board": "fc",
             "pilot_plan": PilotPlan.START,
             "pilot_wait": BOOTED,
-            "flight": FlightConfig(wind=WindClass.INDOOR, battery=BatteryConfig(charge=charge_of(setting.voltage))),
+            "flight": FlightConfig(wind=WindClass.INDOOR, battery=battery_of(setting.voltage)),
             "radio": {"to_board": line, "to_host": line | {"usb_timer": 0.001}},
             "scene": scene | {"light": {"noise_sd": 2.0}},
         }
     )
 
 
-def charge_of(voltage: float) -> float:
-    """State of charge of a pack of four cells that hovers at about a voltage [V]."""
+def battery_of(voltage: float) -> BatteryConfig:
+    """A pack of four cells that hovers at about a voltage [V], and is so large that no flight empties it."""
     charges, volts = zip(*OPEN_CIRCUIT_V, strict=True)
-    return max(0.01, float(np.interp(voltage / 4 + 0.1, volts, charges)))
+    return BatteryConfig(capacity_mah=1e6, charge=max(0.01, float(np.interp(voltage / 4 + 0.1, volts, charges))))
 
 
 # -- figures ----------------------------------------------------------------------------------------------------------
 
 
 def figures(flown: Flown) -> dict[str, Any]:
-    """What the flight was worth: errors [cm], times [s], the estimate's honesty, false warnings."""
-    truth = np.array(flown.truth)
-    found: dict[str, Any] = {"outcome": flown.outcome, "crashed": flown.crashed}
-    found["lost"] = bool(flown.crashed) or not flown.outcome.startswith("landed on")
-    ends = dict(zip(flown.parts, [*list(flown.parts.values())[1:], math.inf], strict=True))
-    for part in ("hold", "light", "moderate", "follow"):
-        if part in flown.parts:
-            rows = _between(truth, flown.parts[part] + SETTLED, ends[part])
-            if len(rows):
-                found[f"{part}_cm"] = 100 * math.sqrt(float((rows[:, 1:3] ** 2).sum(axis=1).mean()))
-    if "take-off" in flown.parts:
-        rows = _between(truth, flown.parts["take-off"], ends["take-off"])
+    """What a flight, or a copy of one, was worth: errors [cm], times [s], the estimate's honesty, what it warned of.
+
+    A part that was not flown has no figures. `lost` says why an aircraft was lost, or did not do what it was to do.
+    """
+    truth, parts = np.array(flown.truth).reshape(-1, 6), flown.parts
+    found: dict[str, Any] = {"lost": _lost(flown), "unanswered_nat": round(flown.unanswered, 3)}
+    found["warnings"] = [text for at, text in flown.warnings if at > parts.get("hold", 0.0) and "moderate" not in parts]
+    if "take-off" in parts:
+        rows = _between(truth, parts["take-off"], parts.get("hold", math.inf))
         found["take_off_far_cm"] = 100 * float(np.hypot(rows[:, 1], rows[:, 2]).max(initial=0.0))
-    if "step" in flown.parts:
-        found |= _step(_between(truth, flown.parts["step"], ends["step"]), flown.parts["step"])
-    if "land" in flown.parts:
-        found |= _landing(_between(truth, flown.parts["land"], math.inf))
-    found |= _honesty(truth, np.array(flown.estimates), flown.parts)
-    flies = flown.parts.get("hold", math.inf)
-    found["false_lid"] = sum("caps ours" in text for at, text in flown.warnings if flies < at < ends.get("hold", 0.0))
+    for part, end in (("hold", "light"), ("light", "follow"), ("moderate", ""), ("follow", "land")):
+        rows = _between(truth, parts.get(part, math.inf) + SETTLED, parts.get(end, math.inf))
+        if len(rows):
+            found[f"{part}_cm"] = 100 * math.sqrt(float((rows[:, 1:3] ** 2).sum(axis=1).mean()))
+    if "step" in parts:
+        found |= _step(_between(truth, parts["step"], math.inf), parts["step"])
+    if "land" in parts:
+        on = "moving_" if "follow" in parts else ""
+        found |= {on + key: value for key, value in _landing(_between(truth, parts["land"], math.inf)).items()}
+    if "hold" in parts:
+        found |= _honesty(truth, np.array(flown.estimates), parts)
     return found
+
+
+def _lost(flown: Flown) -> list[str]:
+    if flown.crashed:
+        return [flown.crashed]
+    is_landing = list(flown.parts)[-1:] == ["land"]
+    is_right = flown.end.startswith("landed on") if is_landing else not flown.end
+    return [] if is_right else [flown.end or "it did not land"]
 
 
 def _between(rows: Array, begin: float, end: float) -> Array:
@@ -229,16 +305,14 @@ def _between(rows: Array, begin: float, end: float) -> Array:
 def _step(rows: Array, began: float) -> dict[str, Any]:
     east = rows[:, 1] + STEP / 2
     reached = np.flatnonzero(east > 0.9 * STEP)
-    return {
-        "step_t90": float(rows[reached[0], 0] - began) if len(reached) else math.nan,
-        "step_over_percent": 100 * max(0.0, float(east.max(initial=0.0)) / STEP - 1.0),
-    }
+    found = {"step_over_percent": 100 * max(0.0, float(east.max(initial=0.0)) / STEP - 1.0)}
+    return found | ({"step_t90": float(rows[reached[0], 0] - began)} if len(reached) else {})
 
 
 def _landing(rows: Array) -> dict[str, Any]:
     stands = np.flatnonzero(rows[:, 5] > 0)
     if not len(stands):
-        return {"touch_cm": math.nan, "sink": math.nan}
+        return {}
     k = int(stands[0])
     return {
         "touch_cm": 100 * float(np.hypot(rows[k, 1], rows[k, 2])),
@@ -246,11 +320,9 @@ def _landing(rows: Array) -> dict[str, Any]:
     }
 
 
-def _honesty(truth: Array, estimates: Array, parts: dict[str, float]) -> dict[str, Any]:
+def _honesty(truth: Array, estimates: Array, parts: Mapping[str, float]) -> dict[str, Any]:
     """Normalised squared error of the estimated place, per axis, and what it says of the stick filter."""
-    if not len(estimates):
-        return {}
-    flies = _between(estimates, parts.get("hold", math.inf), parts.get("land", math.inf))
+    flies = _between(estimates.reshape(-1, 8), parts["hold"], parts.get("land", math.inf))
     if not len(flies):
         return {}
     true = np.stack([np.interp(flies[:, 0], truth[:, 0], truth[:, 1 + axis]) for axis in range(3)], axis=1)

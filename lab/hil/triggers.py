@@ -7,14 +7,14 @@ What counts is the external control that the FlightCtrl holds in its RAM: from w
 from __future__ import annotations
 
 import asyncio
-import asyncio.events
-import json
 import math
 import os
 import random
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
+from statistics import median
 from typing import Any, Final
 
 import numpy as np
@@ -22,7 +22,9 @@ import numpy as np
 from lab.control.corerig import pose_of
 from lab.hil.aircraft import GenuineAircraft
 from lab.hil.build import built
+from lab.hil.copies import in_a_copy
 from lab.hil.flights import Setting, config_of
+from lab.hil.world import GenuineWorld
 from lab.rigs.virtualguard import VirtualGuard
 from mkdaemon.clock import Clock
 from mkdaemon.config.link import LinkConfig
@@ -92,7 +94,7 @@ class Flight:
 
     def __init__(self, firmware: str, seed: int) -> None:
         loop = self.loop = asyncio.get_running_loop()
-        setting = Setting(firmware, (), seed)
+        setting = Setting(firmware, seed)
         self.aircraft = GenuineAircraft(built(firmware), config_of(setting), voltage=setting.voltage)
         self.world, self.cable = self.aircraft.world, CutCable(self.aircraft)
         self.bus, self._rng = LocalBus(), random.Random(f"{seed} poses")
@@ -259,11 +261,27 @@ async def camera_dead(flight: Flight) -> Figures:
     return {"level": flight.level_after(since), "released": flight.released_after(since)}
 
 
+class SteadyHand(HandFlight):
+    """A pilot who leans against the wind: he aims as far beyond his place as he is off it."""
+
+    def __init__(self, world: GenuineWorld) -> None:
+        """Begin where the aircraft is."""
+        super().__init__(height=HEIGHT, flying=True)
+        self._world = world
+        self._place = world.truth.position_enu[:2].copy()
+
+    def path(self, t: float) -> tuple[tuple[float, float], tuple[float, float]]:
+        """Where he aims, from his place [m], and how fast that moves [m/s]."""
+        del t
+        east, north = self._place - self._world.truth.position_enu[:2]
+        return (float(east), float(north)), (0.0, 0.0)
+
+
 async def gate_shut(flight: Flight) -> Figures:
     """The pilot shuts the gate, flies by hand for 5 s, and opens it again."""
     pilot, since = flight.world.pilot, flight.loop.time()
-    program, gas = pilot.program, pilot.gas
-    pilot.program, pilot.gate = HandFlight(height=HEIGHT, flying=True), 0
+    program = pilot.program
+    pilot.program, pilot.gate = SteadyHand(flight.world), 0
     ignored = await flight.until(lambda: not flight.world.is_controlled, 2.0)
     await asyncio.sleep(5.0)
     largest = max(abs(part) for _, held in flight.held[-1:] for part in held[:2])
@@ -271,7 +289,6 @@ async def gate_shut(flight: Flight) -> Figures:
     opened = flight.loop.time()
     pilot.program, pilot.gate = program, 255
     pilot.pitch = pilot.roll = pilot.yaw = 0
-    pilot.gas = gas
     await asyncio.sleep(4.0)
     x, y = flight.world.truth.position_enu[:2]
     flies = flight.status is not None and flight.status.phase is Phase.FLYING
@@ -285,9 +302,20 @@ async def gate_shut(flight: Flight) -> Figures:
     }
 
 
+async def gate_shut_untold(flight: Flight) -> Figures:
+    """The same, where the board tells nothing of its gate: only a tilt that does not follow the sticks shows it."""
+    flight.wiring.core.answer.gate_reported = _unheard  # type: ignore[method-assign]
+    return await gate_shut(flight)
+
+
+def _unheard(now: float, *, is_open: bool) -> None:
+    """Nobody listens."""
+
+
 async def lid(flight: Flight) -> Figures:
     """The pilot's throttle is lower than ours; only with the rule of stock firmware."""
     since = flight.loop.time()
+    flight.world.pilot.program = None
     flight.world.pilot.gas = CAPPING
     told = await flight.until(lambda: flight.status is not None and flight.status.pilots_throttle is not None, 3.0)
     return {"told": math.inf if told is None else flight.loop.time() - since}
@@ -342,6 +370,9 @@ STORIES: Final[dict[str, Story]] = {
             "flies": (1.0, 1.0),
         },
     ),
+    "gate_shut_untold": Story(
+        gate_shut_untold, {"ignored": (0.0, 0.2), "sticks_at_opening": (0.0, 30.0), "flies": (1.0, 1.0)}
+    ),
     "lid": Story(lid, {"told": (0.4, 1.4)}, needs_lid=True),
     "receiver_lost": Story(receiver_lost, {"released": (0.0, 1.0)}),
     "line_cut": Story(line_cut, {"released": (1.9, 2.2)}),
@@ -369,41 +400,43 @@ async def _tell(firmware: str, seed: int, names: tuple[str, ...]) -> dict[str, d
     found = {}
     for name in names:
         if not STORIES[name].needs_lid or firmware.endswith("stock-lid"):
-            found[name] = await _fork(flight, name, seed)
+            told = await in_a_copy(partial(_happen, flight, name, seed))
+            found[name] = told or {"missed": ["the story ended without a word"]}
     return found
 
 
-async def _fork(flight: Flight, name: str, seed: int) -> dict[str, Any]:
-    """Let a story happen to a copy of everything; what the copy found."""
-    reading, writing = os.pipe()
-    child = os.fork()
-    if child:
-        os.close(writing)
-        return _told(reading, child)
-    try:
-        asyncio.events._set_running_loop(flight.loop)  # noqa: SLF001  # it was that of the process before the fork
-        # At another moment of the flight in every story and for every seed, with a tilt to be lost.
-        await asyncio.sleep(random.Random(f"{seed} {name}").uniform(0.1, 1.0))
-        await flight.until(lambda: max(abs(part) for part in flight.world.held[:2]) >= TILTED, 3.0)
-        figures = await STORIES[name].happens(flight)
-        with os.fdopen(writing, "wb") as pipe:
-            pipe.write(json.dumps(figures | {"missed": missed(name, figures)}).encode())
-    finally:
-        os._exit(0)
+async def _happen(flight: Flight, name: str, seed: int) -> dict[str, Any]:
+    """Let a story happen, and judge it."""
+    # At another moment of the flight in every story and for every seed, with a tilt to be lost.
+    await asyncio.sleep(random.Random(f"{seed} {name}").uniform(0.1, 1.0))
+    await flight.until(lambda: max(abs(part) for part in flight.world.held[:2]) >= TILTED, 3.0)
+    figures = await STORIES[name].happens(flight)
+    return figures | {"missed": missed(name, figures)}
 
 
-def _told(reading: int, child: int) -> dict[str, Any]:
-    """What a copy writes before it ends."""
-    with os.fdopen(reading, "rb") as pipe:
-        said = pipe.read()
-    os.waitpid(child, 0)
-    return dict(json.loads(said)) if said else {"missed": ["the story ended without a word"]}
+def by_story(rows: Sequence[Mapping[str, Any]]) -> Iterator[tuple[str, list[Mapping[str, Any]]]]:
+    """Every story that was told, with its figures in every flight."""
+    for name in STORIES:
+        found = [row["stories"][name] for row in rows if name in row["stories"]]
+        if found:
+            yield name, [{**each, "missed": missed(name, each)} for each in found]
 
 
-def missed(name: str, figures: Figures) -> list[str]:
-    """Goals of a story that its figures miss."""
+def story_figures(name: str, found: Sequence[Mapping[str, Any]]) -> Iterator[tuple[str, str, str]]:
+    """The figures of a story over all flights: name, least / median / most, goal; a figure that never came counts."""
+    for figure in dict.fromkeys(key for each in found for key in each if key != "missed"):
+        values = sorted(math.inf if each[figure] is None else each[figure] for each in found if figure in each)
+        shown = " / ".join("never" if math.isinf(v) else f"{v:.2f}" for v in (values[0], median(values), values[-1]))
+        goal = STORIES[name].goals.get(figure)
+        yield figure, shown, "" if goal is None else f"{goal[0]:g} to {goal[1]:g}"
+
+
+def missed(name: str, figures: Mapping[str, Any]) -> list[str]:
+    """Goals of a story that its figures miss; one that never came is none, or infinite, and misses."""
+    found = {figure: figures.get(figure) for figure in STORIES[name].goals}
+    shown = {figure: math.inf if value is None else float(value) for figure, value in found.items()}
     return [
-        f"{figure} {figures[figure]:.2f} is not in {least:g} to {most:g}"
+        f"{figure} {shown[figure]:.2f} is not in {least:g} to {most:g}"
         for figure, (least, most) in STORIES[name].goals.items()
-        if not least <= figures[figure] <= most
+        if not least <= shown[figure] <= most
     ]

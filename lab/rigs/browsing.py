@@ -12,7 +12,7 @@ from typing import Any
 
 from playwright.sync_api import Browser, Page, sync_playwright
 
-PATIENCE = 600.0
+PATIENCE = 180.0
 """Longest wait for anything [s]: a loaded machine is slow, not wrong."""
 FLAGS = ("--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist")
 """CI is root, and has no graphics."""

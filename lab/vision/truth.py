@@ -15,10 +15,11 @@ import numpy.typing as npt
 from lab.campaign import Case, Part, in_parts
 from lab.places import REFERENCE
 from lab.vision.flight import VGA
+from lab.vision.lens import drawn_lens
 from lab.vision.stills import SeedSet, Studio, error_of, look_once, target_named
 from mkdaemon.vision.camera.intrinsics import Intrinsics
 from mkdaemon.vision.pose.fitting import TargetFitter
-from mkdaemon.vision.pose.pose import FLOOR_ANGLE, FLOOR_LATERAL, FLOOR_RANGE, Pose
+from mkdaemon.vision.pose.pose import Pose
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.still import StillEye
 from mkdaemon.vision.tags.detection import Detection
@@ -50,7 +51,7 @@ def _nees(_name: str, target_name: str, perturbed: bool, count: int, seed: int, 
     values = []
     for _ in range(count):
         rng = studio.rng
-        lens = _drawn_lens(rng) if perturbed else None
+        lens = drawn_lens(VGA, rng) if perturbed else None
         still = studio.shoot(float(rng.uniform(0.6, 8.0)), float(rng.uniform(0, 0.9)), lens=lens)
         found = look_once(still, target, VGA, with_attitude=False).pose_of(target.name)
         if found is None:
@@ -80,21 +81,6 @@ def _sum_up_nees(quick: bool, parts: Sequence[Part], found: Sequence[list[tuple[
 
 CONSISTENCY: Final = Case(_plan_nees, _sum_up_nees)
 """NEES per degree of freedom: of the measurement with an exact lens, of the published one with a drawn lens."""
-
-
-def _drawn_lens(rng: np.random.Generator) -> Intrinsics:
-    """A lens that differs from its calibration as the floor allows: focal length .3 %, centre .2 % of the range."""
-    scale = 1.0 + FLOOR_RANGE * float(rng.standard_normal())
-    shift = FLOOR_LATERAL * VGA.fx * rng.standard_normal(2)
-    return VGA.model_copy(
-        update={
-            "fx": VGA.fx * scale,
-            "fy": VGA.fy * scale,
-            "cx": VGA.cx + float(shift[0]),
-            "cy": VGA.cy + float(shift[1]),
-            "k1": float(FLOOR_ANGLE * rng.standard_normal()),
-        }
-    )
 
 
 def _photographs() -> dict[str, Any]:

@@ -8,12 +8,17 @@ import pytest
 
 from lab.control.corerig import CoreRig, stamp
 from lab.control.flights import Flight
+from mkdaemon.config.autopilot import AutopilotConfig
 from mkdaemon.control.actions import PublishStatus, SendSticks, Warn
 from mkdaemon.control.answers import FORGIVEN, AnswerWatch
 from mkdaemon.control.estimator.model import AircraftModel
+from mkdaemon.control.estimator.values import OURS
 from mkdaemon.control.events import AbortAsked, StateValue
+from mkdaemon.control.limiter import StickCounts
+from mkdaemon.control.sight import CONFIRMED_BY_CABLE, Sight
 from mkdaemon.telemetry.command import AbortRequest
 from mkdaemon.telemetry.control import Phase
+from mkdaemon.telemetry.link import LinkHealth, RoundTripStats
 from mkdaemon.telemetry.setpoint import HoldSetpoint
 from mkdaemon.telemetry.state import Pilot
 from mksim.config import WindClass
@@ -175,3 +180,26 @@ def follow(answer, *, says_something=True, period=0.02):
         if k % round(period / 0.02) == 0:
             watch.attitude_received(now, answer(reference.expected[0]), 0.0, says_something=says_something)
     return watch
+
+
+def test_the_watch_goes_by_the_line_that_was_measured():
+    sight = Sight(AutopilotConfig(), -2.0)
+    confirm = RoundTripStats(p50_ms=1000.0 * CONFIRMED_BY_CABLE + 200.0)  # 100 ms more each way than a cable
+    sight.link_measured(LinkHealth.model_construct(echo=RoundTripStats(), confirm=confirm))
+    for k in range(10):
+        sight.sticks_made(StickCounts(20, 0, 0, 0), OURS, 1.0 + 0.02 * k)
+    for at, has_tilted in ((1.10, False), (1.19, True)):
+        sight.answer.attitude_received(at, 0.0, 0.0, says_something=False)
+        assert bool(sight.answer.expected[0] > 0.0) is has_tilted
+
+
+def test_the_watch_goes_by_the_stick_filter_that_was_found():
+    expected = []
+    for model in (AircraftModel(), AircraftModel().with_other_filter()):
+        watch = AnswerWatch(AircraftModel())
+        watch.model_found(model)
+        for k in range(10):
+            watch.sent(20.0, 0.0, 1.0 + 0.02 * k)
+        watch.attitude_received(1.2, 0.0, 0.0, says_something=False)
+        expected.append(watch.expected[0])
+    assert expected[1] > 1.5 * expected[0] > 0.0

@@ -5,18 +5,22 @@ The firmware and simavr are the user's (docs/lab/genuine.md), so nothing here ru
 
 from __future__ import annotations
 
+import asyncio
 import math
 
 import pytest
 
 from lab.hil import build as building
+from lab.hil.copies import in_a_copy
 from lab.hil.eeprom import SETTINGS, _checksum, _is_set
-from lab.hil.flights import PAD_STARTS, SHORT, Flown, Setting, figures
-from lab.hil.main import main, summary
-from lab.hil.scenes import SCENES
-from lab.hil.triggers import Flight, missed
+from lab.hil.flights import Flown, Setting, figures
+from lab.hil.main import main
+from lab.hil.results import Results
+from lab.hil.scenes import VOLTAGES, setting_of, summary
+from lab.hil.triggers import Flight, missed, story_figures
 from mkdaemon.errors import ConfigError
 from mkdaemon.protocol.settings import ParameterSet, layout_of
+from mkdaemon.virtualtime import run_virtually
 from mksim.boards.parameters import factory_set
 
 REPAIRED = """
@@ -89,54 +93,112 @@ def test_parameter_sets_are_found_in_an_eeprom_and_set_up_for_this_transmitter()
 
 
 def flown(**more):
-    """A flight that holds 3 cm beside its goal, and lands 2 cm from the middle."""
+    """A flight that holds 3 cm beside its goal, and lands on the pad that moves, 2 cm from the middle."""
     truth = [(t / 100, 0.03, 0.0, 2.0, 0.0, 0.0) for t in range(2000)]
     truth += [(20 + t / 100, 0.02, 0.0, 0.1, -0.4, float(t > 50)) for t in range(100)]
-    estimates = [(t / 50, 0.05, 0.0, 2.0, 0.02, 0.02, 0.02, 0.078, 0.0) for t in range(50, 1000)]
-    return Flown(truth, estimates, [], {"take-off": 0.0, "hold": 1.0, "land": 20.0}, "landed on pad", "", **more)
+    estimates = [(t / 50, 0.05, 0.0, 2.0, 0.02, 0.02, 0.02, 0.078) for t in range(50, 1000)]
+    parts = {"take-off": 0.0, "hold": 1.0, "light": 8.0, "follow": 14.0, "land": 20.0}
+    return Flown(truth, estimates, [], parts, 0.01, "landed on pad", "", **more)
 
 
 def test_figures_of_a_flight():
     found = figures(flown())
-    assert not found["lost"]
-    assert found["hold_cm"] == pytest.approx(3.0)
-    assert (found["touch_cm"], found["sink"]) == (pytest.approx(2.0), pytest.approx(0.4))
+    assert found["lost"] == []
+    assert found["hold_cm"] == found["light_cm"] == found["follow_cm"] == pytest.approx(3.0)
+    assert (found["moving_touch_cm"], found["moving_sink"]) == (pytest.approx(2.0), pytest.approx(0.4))
     assert found["nees_level"] == pytest.approx(0.5)
     assert found["filter_off_ms"] == pytest.approx(0.0, abs=0.01)
-    assert found["false_lid"] == 0
+    assert (found["warnings"], found["unanswered_nat"]) == ([], 0.01)
+    assert "step_t90" not in found
 
 
-def test_a_warning_of_a_lid_that_is_none_counts():
+def test_figures_of_copies():
+    rows = [(t / 100, min(-0.5 + t / 200, 0.55), 0.0, 2.0, 0.0, 0.0) for t in range(600)]
+    found = figures(Flown(rows, parts={"step": 0.0}))
+    assert found["step_t90"] == pytest.approx(1.81)
+    assert found["step_over_percent"] == pytest.approx(5.0)
+    assert found["lost"] == []
+    assert figures(Flown(rows, parts={"land": 0.0}))["lost"] == ["it did not land"]
+    assert figures(Flown(rows, parts={"moderate": 0.0}, end="sight lost"))["lost"] == ["sight lost"]
+    assert figures(Flown(rows, parts={"moderate": 0.0}, crashed="hit the ground"))["lost"] == ["hit the ground"]
+
+
+def test_warnings_in_flight_count_and_those_of_moderate_wind_do_not():
     record = flown()
-    record.warnings.append((5.0, "the pilot's throttle (-40) caps ours: ..."))
-    assert figures(record)["false_lid"] == 1
+    record.warnings += [(0.5, "on the ground"), (5.0, "the pilot's throttle (-40) caps ours: ...")]
+    assert figures(record)["warnings"] == ["the pilot's throttle (-40) caps ours: ..."]
+    assert figures(Flown(record.truth, warnings=record.warnings, parts={"moderate": 0.0}))["warnings"] == []
 
 
 @pytest.mark.parametrize(
-    ("change", "missed"),
+    ("line", "change", "missed"),
     [
-        ({}, []),
-        ({"hold_cm": 4.0}, ["hold_cm: median at most 3.2"]),
-        ({"false_lid": 1}, ["false_lid: worst at most 0"]),
-        ({"touch_cm": math.nan}, ["touch_cm: p90 at most 6"]),
+        ("cable", {}, []),
+        ("cable", {"hold_cm": 4.0}, ["hold_cm: median 3.2"]),
+        ("radio", {"hold_cm": 4.0}, []),
+        ("cable", {"warnings": ["the pilot's throttle (-40) caps ours"]}, ["false_warnings: worst 0"]),
+        ("radio", {"warnings": ["/dev/ttyUSB0: degraded: fc attitude is overdue: asked every 0.03 s"]}, []),
+        ("radio", {"nees_height": 0.2}, ["nees_height: mean 0.7 to 1.5"]),
     ],
 )
-def test_goals_are_judged_by_what_they_name(change, missed):
-    whole = figures(flown()) | {"light_cm": 5.0, "moderate_cm": 9.0, "step_t90": 1.5, "step_over_percent": 4.0}
-    summed = summary(SCENES["cable"], [whole | change | {"seed": 1}])
+def test_goals_are_judged_by_what_they_name(line, change, missed):
+    whole = figures(flown()) | {"nees_level": 1.0, "nees_height": 1.0, "seed": 1}
+    assert summary(line, [whole])["missed"] == []
+    summed = summary(line, [whole | change])
     assert summed["missed"] == missed
-    assert summed["holds"] is not missed
-    assert summed["holds"] == (missed == [])
+    assert summary(line, [whole | {"lost": ["fell"]}])["lost"] == [{"seed": 1, "why": "fell"}]
 
 
-def test_every_scene_makes_a_setting_of_any_seed():
-    for scene in SCENES.values():
-        for seed in range(20):
-            setting = scene.setting(None, seed)
-            assert setting.seed == seed
-            assert 12.0 < setting.voltage < 17.0
-    assert Setting(None, SHORT, 1).pad_speed == 0.0
-    assert PAD_STARTS > 20.0
+def test_every_seed_makes_another_setting():
+    settings = [setting_of("simulated", "radio", seed) for seed in range(40)]
+    assert {setting.voltage for setting in settings} == set(VOLTAGES)
+    assert {setting.has_compass for setting in settings} == {True, False}
+    assert all(setting.firmware is None and setting.is_radio for setting in settings)
+    assert len({setting.yaw for setting in settings}) == 40
+    assert setting_of("genuine", "cable", 3) == Setting(
+        "genuine", 3, False, *_varied(setting_of("simulated", "cable", 3))
+    )
+
+
+def _varied(setting):
+    return setting.voltage, setting.has_compass, setting.yaw
+
+
+def test_flights_are_kept_as_they_end_and_a_run_goes_on(tmp_path):
+    path = tmp_path / "genuine.json"
+    key = {"board": "simulated", "line": "cable", "seed": 7}
+    Results(path).add("scenes", {**key, "hold_cm": 2.123456, "told": math.inf, "lost": []})
+    kept = Results(path)
+    assert kept.has("scenes", key)
+    assert not kept.has("triggers", key)
+    assert not kept.has("scenes", key | {"seed": 8})
+    assert kept.rows["scenes"][0]["hold_cm"] == 2.1235
+    assert kept.rows["scenes"][0]["told"] is None
+    kept.add("triggers", key)
+    assert Results(path).has("triggers", key)
+    path.write_text("[]")
+    with pytest.raises(ConfigError, match="no results of lab hil"):
+        Results(path)
+
+
+def test_a_copy_goes_on_and_changes_nothing_here(capfd):
+    told = run_virtually(_copied())
+    assert told == [{"at": 2.0}, None, 1.0]
+    assert "ZeroDivisionError" in capfd.readouterr().err
+
+
+async def _copied():
+    loop = asyncio.get_running_loop()
+    await asyncio.sleep(1.0 - loop.time())
+
+    async def work():
+        await asyncio.sleep(1.0)
+        return {"at": loop.time()}
+
+    async def fail():
+        return {"never": 1 / 0}
+
+    return [await in_a_copy(work), await in_a_copy(fail), loop.time()]
 
 
 def test_a_story_is_judged_by_what_the_firmware_held():
@@ -151,3 +213,8 @@ def test_a_story_is_judged_by_what_the_firmware_held():
         "level 0.60 is not in 0.25 to 0.45",
         "released inf is not in 0.9 to 1.35",
     ]
+
+
+def test_figures_of_a_story_over_all_flights():
+    found = [{"level": 0.3, "missed": []}, {"level": None, "missed": ["level"]}, {"level": 0.4, "missed": []}]
+    assert list(story_figures("client_frozen", found)) == [("level", "0.30 / 0.40 / never", "0.25 to 0.45")]

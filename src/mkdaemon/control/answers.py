@@ -20,11 +20,10 @@ from typing import Final
 
 import numpy as np
 
-from mkdaemon.control.estimator.model import TH, US, AircraftModel, W, Z
+from mkdaemon.control.estimator.model import AircraftModel
+from mkdaemon.control.estimator.stickresponse import STEP, tilt_response
 from mkdaemon.control.linear import Array
 
-STEP: Final = 0.010
-"""Grid of the response [s]."""
 SHARES: Final = np.array([0.5, 1.0, 2.0])
 """Of the model's angle, with which the sticks may act."""
 SLOW: Final = 1.5
@@ -53,7 +52,6 @@ GATE_FRESH: Final = 2.0
 """What a board said of the gate longer ago counts no more [s]."""
 REACH: Final = 0.3
 """How late an attitude may come [s]."""
-_LOOP: Final = [TH, Z, W, US]
 
 
 class AnswerWatch:
@@ -65,9 +63,8 @@ class AnswerWatch:
 
     def __init__(self, model: AircraftModel) -> None:
         """Begin with an aircraft that nobody flies."""
-        f, g = model.horizontal(STEP)
-        self._f, self._g, self._uplink = f[np.ix_(_LOOP, _LOOP)], g[_LOOP], model.uplink
-        self._rad_per_count = model.rad_per_count
+        self._model = model
+        self._f, self._g = tilt_response(model)
         self._sent_at = -math.inf
         self._seen = np.zeros(2)
         self._gate: tuple[bool, float] | None = None
@@ -82,7 +79,7 @@ class AnswerWatch:
     def _begin(self, now: float) -> None:
         """Begin a flight with the tilt that was reported last, which somebody else's sticks ask for."""
         self.forget()
-        self._state = np.zeros((2, len(_LOOP)))
+        self._state = np.zeros((2, len(self._g)))
         self._state[:, 0] = self._state[:, 3] = self._seen
         self._time = self._judged_at = now
         self._commands: deque[tuple[float, Array]] = deque([(-math.inf, self._seen)])
@@ -103,12 +100,19 @@ class AnswerWatch:
         """Whether it is decided that the sticks act."""
         return not self.is_missing and self.evidence <= -FORGIVEN
 
+    def model_found(self, model: AircraftModel) -> None:
+        """Go on with what is known by now of this aircraft and its line: the delays, the stick filter."""
+        if model.stick_filter != self._model.stick_filter:
+            self._f, self._g = tilt_response(model)
+        self._model = model
+
     def sent(self, pitch: float, roll: float, now: float) -> None:
         """Take the sticks of a frame that goes out now [stick; s]."""
         if now - self._sent_at > PAUSE:
             self._begin(now)
         self._sent_at = now
-        self._commands.append((now + self._uplink, np.array([pitch, roll]) * self._rad_per_count))
+        acts_at = max(now + self._model.uplink, self._commands[-1][0])
+        self._commands.append((acts_at, np.array([pitch, roll]) * self._model.rad_per_count))
 
     def attitude_received(self, at: float, pitch: float, roll: float, *, says_something: bool) -> None:
         """Take what the boards reported of a moment.

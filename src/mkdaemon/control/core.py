@@ -23,6 +23,7 @@ from mkdaemon.control.admission import (
     refusals,
     waits_for,
 )
+from mkdaemon.control.answers import AnswerWatch
 from mkdaemon.control.authority import Authority, Fly, ReleaseOrder
 from mkdaemon.control.estimator.values import ViewFault
 from mkdaemon.control.events import (
@@ -332,6 +333,11 @@ class FlightCore:
             self._preflight.compute_loop()
         found = findings(self.situation(now))
         return PreflightReport(is_ready=is_ready(found), findings=found)
+
+    @property
+    def answer(self) -> AnswerWatch:
+        """Of the aircraft to its sticks."""
+        return self._sight.answer
 
     def situation(self, now: float) -> Situation:
         """All that admission looks at, at a time [s]; who runs procedures adds the work that keeps the boards busy."""

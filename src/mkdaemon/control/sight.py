@@ -179,6 +179,7 @@ class Sight:
         """Take note of a stick frame that goes out now [s], and of what becomes of its throttle."""
         command = StickCommand(now, counts.pitch, counts.roll, counts.yaw, counts.throttle + GAS_CENTRE, use)
         self._sent.append(command)
+        self.answer.model_found(self._known_model())
         self.answer.sent(counts.pitch, counts.roll, now)
         if self.estimator is not None and not self._is_others:
             self.estimator.sent(command)
@@ -270,6 +271,7 @@ def view_of(pose: VisionPose) -> TargetView:
         rotation_from_quaternion(pose.quaternion_target_from_flu),
         np.array(pose.covariance).reshape(6, 6),
         pose.camera,
+        pose.calibration_sd,
     )
 
 

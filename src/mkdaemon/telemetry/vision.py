@@ -69,6 +69,9 @@ class VisionPose(Seen):
     covariance: tuple[float, ...]
     """Of the vehicle's pose, `(6, 6)` by rows over position [m] and rotation vector [rad], target axes; what a
     calibration cannot know is included."""
+    calibration_sd: Vector3 = (0.0, 0.0, 0.0)
+    """What all images of this camera have in common of that, because its calibration does not know it: standard
+    deviations along the line of sight [m], across it [m], and of the angle [rad]."""
     position_cam: Vector3
     """Target's origin as the camera measured it [m; RDF]."""
     quaternion_cam_from_target: Quaternion

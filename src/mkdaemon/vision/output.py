@@ -24,6 +24,7 @@ from mkdaemon.telemetry.vision import (
 from mkdaemon.vision.camera.exposure import ExposureControl
 from mkdaemon.vision.camera.image import CameraImage
 from mkdaemon.vision.camera.intrinsics import Intrinsics
+from mkdaemon.vision.pose.pose import calibration_sd
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.tags.detection import Detection
 from mkdaemon.vision.tags.tagmap import Tag, TagMap
@@ -105,6 +106,7 @@ def pose_of(found: TargetPose, image: CameraImage, stamp: Stamp, mounting: Mount
         position_flu=_vector(-target_from_flu.T @ vehicle_target),
         quaternion_flu_from_target=quaternion_from_rotation(target_from_flu.T),
         covariance=tuple(float(v) for v in body_covariance.ravel()),
+        calibration_sd=calibration_sd(found.pose),
         position_cam=_vector(found.pose.position),
         quaternion_cam_from_target=quaternion_from_rotation(found.pose.rotation),
         source=found.pose.source,

@@ -41,6 +41,7 @@ from mkdaemon.telemetry.vision import VisionPose
 from mkdaemon.virtualtime import AtOnce
 from mkdaemon.vision.camera.calibration_file import mount_rotation
 from mkdaemon.vision.camera.image import CameraImage
+from mkdaemon.vision.camera.intrinsics import Intrinsics
 from mkdaemon.vision.output import values_of
 from mkdaemon.vision.tags.nested import nested_map
 from mkdaemon.vision.track.attitude import AttitudeHistory, AttitudeSample, Mounting
@@ -111,7 +112,9 @@ class RehearsedEyes(Eyes):
         is_watched: somebody looks at what the camera sees.
     """
 
-    def __init__(self, scene: SceneCamera, world: World, feed: Feed, clock: Clock, seed: int, show: Show) -> None:
+    def __init__(
+        self, scene: SceneCamera, world: World, feed: Feed, clock: Clock, seed: int, show: Show, lens: Intrinsics
+    ) -> None:
         super().__init__(None)
         self.images = self.posed = 0
         self.is_watched = False
@@ -123,10 +126,10 @@ class RehearsedEyes(Eyes):
         self._mounting = Mounting(mount_rotation(mount), scene.arm_flu)
         vision = VisionSection()
         tags = nested_map()
-        self._watched = WatchedEyes(CAMERA, scene.camera.intrinsics, self._mounting, tags)
+        self._watched = WatchedEyes(CAMERA, lens, self._mounting, tags)
         self._tracker = Tracker(
             tags,
-            scene.camera.intrinsics,
+            lens,
             self._mounting,
             vision.tracker,
             vision.detector,
@@ -261,6 +264,7 @@ class Rehearsal:
         parts: Sequence[FlightPart] = DEMONSTRATION,
         *,
         moved: Callable[[float], None] = lambda now: None,
+        calibrated: Callable[[Intrinsics], Intrinsics] = lambda lens: lens,
     ) -> None:
         """Set everything up; needs a running loop.
 
@@ -270,6 +274,7 @@ class Rehearsal:
             watcher: sees the flight.
             parts: what is flown.
             moved: called after every step of the world with the time [s].
+            calibrated: what the eyes believe of the lens through which images are rendered.
         """
         loop = asyncio.get_running_loop()
         world, seed = aircraft.world, config.seed
@@ -283,7 +288,8 @@ class Rehearsal:
         eyes: list[RehearsedEyes] = []
 
         def make_eyes(feed: Feed) -> RehearsedEyes:
-            eyes.append(RehearsedEyes(self._scene, world, feed, clock, seed, self.bus.publish))
+            lens = calibrated(self._scene.camera.intrinsics)
+            eyes.append(RehearsedEyes(self._scene, world, feed, clock, seed, self.bus.publish, lens))
             return eyes[0]
 
         self._wiring = Wiring(
@@ -318,6 +324,8 @@ class Rehearsal:
                 await self.bus.take_lease("demo")
                 await self._wait(lambda: self._is_leased, 1.0)
                 await self._fly_parts()
+                status = self._value("control/status", ControlStatus)
+                self.record.outcome = "" if status is None else status.reason
                 self._begin("after")
                 await self._wait(lambda: self._wiring.facts.motors_running(self._loop.time()) is False, 10.0)
             self.record.motors_stand = self._wiring.facts.motors_running(self._loop.time()) is False
@@ -332,7 +340,11 @@ class Rehearsal:
     # -- the parts of the flight ----------------------------------------------------------------------------------
 
     async def _fly_parts(self) -> None:
-        for part in self._parts:
+        await self._follow(self._parts)
+
+    async def _follow(self, parts: Sequence[FlightPart]) -> bool:
+        """Fly one part after the other; whether the flight goes on after the last."""
+        for part in parts:
             self._begin(part.name)
             if part.wind is not None:
                 self._world.change_wind(part.wind)
@@ -340,9 +352,8 @@ class Rehearsal:
             if part.until is not None:
                 seconds = max(0.0, part.until - self._loop.time())
             if not await self._stream(part.kind, part.fields, seconds):
-                break
-        status = self._value("control/status", ControlStatus)
-        self.record.outcome = "" if status is None else status.reason
+                return False
+        return True
 
     async def _stream(self, kind: type[Setpoint], fields: Mapping[str, Any], seconds: float | None) -> bool:
         """Stream a setpoint for some time, or until it is done; whether the flight goes on."""

@@ -91,16 +91,17 @@ def at_once(views, tuning, velocity):
         squares = []
         for k, axis in enumerate(axes):
             # The place is seen as if the aircraft were level: off by its tilt times the distance.
-            variance = 1.2**2 * spread[k, k] + 0.003**2 + (0.004 * fastest) ** 2
+            variance = 1.2**2 * spread[k, k] + 0.001**2 + (0.004 * fastest) ** 2
             row = np.eye(LEVEL_STATES)[P] + seen[2] * np.eye(LEVEL_STATES)[T]
             squares.append((-seen[k] - row @ axis.mean) ** 2 / (row @ axis.covariance @ row + variance))
             axis.add(row, -seen[k], variance)
-            tilt = 1.2**2 * (view.covariance[3, 3] + view.covariance[4, 4]) / 2.0 + 0.01**2
+            tilt = 1.2**2 * (view.covariance[3, 3] + view.covariance[4, 4]) / 2.0 + 0.003**2
             axis.add(np.eye(LEVEL_STATES)[T], up[k] / up[2], tilt)
         innovation += 0.02 * (sum(squares) / 2.0 - innovation)
         normal = np.array([-axes[0].mean[T], -axes[1].mean[T], 1.0])
         normal /= np.linalg.norm(normal)
-        upright.add(np.eye(4)[H], -normal @ seen, 1.2**2 * normal @ spread @ normal + 0.01**2)
+        leaning = sum(seen[k] ** 2 * axes[k].covariance[T, T] for k in (0, 1))
+        upright.add(np.eye(4)[H], -normal @ seen, 1.2**2 * normal @ spread @ normal + 0.002**2 + leaning)
     return axes, upright, innovation
 
 
@@ -113,8 +114,8 @@ def test_views_of_one_moment_count_as_least_squares_say(size, yaw):
     velocity = np.array([1.5, -0.4, 0.3])
     views = [
         leaning_view((0.05, -0.08, yaw), PLACE, seed=1, size=size),
-        leaning_view((0.02, -0.05, yaw), (0.51, -0.79, 2.02), seed=2, size=size),
-        leaning_view((0.06, -0.1, yaw), (0.48, -0.8, 1.98), seed=3, size=size),
+        leaning_view((0.02, -0.05, yaw), (0.51, -0.79, 2.01), seed=2, size=size),
+        leaning_view((0.06, -0.1, yaw), (0.49, -0.8, 1.99), seed=3, size=size),
     ]
     estimator = Estimator(MODEL, views[0], HOVER, compass=0.3, velocity=velocity, robust=STILL)
     for view in views[1:]:
@@ -197,13 +198,13 @@ def test_a_filter_that_doubts_itself_is_as_unsure_of_place_and_wind_as_half_a_me
 
 
 def test_noise_grows_with_the_root_of_time_and_each_state_has_its_own():
-    for tuning, rates in (
-        (NOMINAL, [0.0, 0.03, 0.001, 0.003, 0.001, 0.15, 0.02, 0.09, 0.0005]),
-        (ROBUST, [0.0, 0.05, 0.01, 0.015, 0.001, 1.0, 0.05, 0.3, 0.0005]),
+    for tuning, rates, upright in (
+        (NOMINAL, [0.0, 0.03, 0.001, 0.003, 0.001, 0.15, 0.02, 0.12, 0.0005], [0.0, 0.006, 0.004, 0.05]),
+        (ROBUST, [0.0, 0.05, 0.01, 0.015, 0.001, 1.0, 0.05, 0.3, 0.0005], [0.0, 0.01, 0.004, 0.08]),
     ):
         assert np.sqrt(np.diag(tuning.level_noise(0.04))) == pytest.approx(0.2 * np.array(rates))
         assert np.count_nonzero(tuning.level_noise(0.04)) == LEVEL_STATES - 1
-        assert np.sqrt(np.diag(tuning.upright_noise(0.04))) == pytest.approx([0.0, 0.01, 0.004, 0.08])
+        assert np.sqrt(np.diag(tuning.upright_noise(0.04))) == pytest.approx(upright)
 
 
 # -- how much the model counts -------------------------------------------------------------------------------------
@@ -519,3 +520,41 @@ def test_sticks_ask_for_as_much_more_tilt_as_the_aircraft_was_found_to_give():
     count = MODEL.rad_per_count
     assert estimator._commands.at(0.1).tilt == pytest.approx((1.5 * 20.0 * count, 1.5 * 10.0 * count))
     assert estimator._response._commands[-1][1] == pytest.approx([20.0 * count, -10.0 * count]), "it finds the factor"
+
+
+# -- what all images have in common ---------------------------------------------------------------------------------
+
+
+def calibrated(view, sds):
+    """The view by a camera whose calibration is so unsure, its covariance grown by that."""
+    along, across, angle = sds
+    grown = np.diag([across**2, across**2, along**2, angle**2, angle**2, angle**2])
+    return replace(view, covariance=view.covariance + grown, calibration_sd=sds)
+
+
+def test_what_a_calibration_does_not_know_does_not_average_out():
+    """A hundred images of one camera know the place no better than its calibration, and do not weigh less for it."""
+    sds, level = (0.006, 0.004, 0.0), (0.0, 0.0, 0.0)
+    seen = [replace(leaning_view(level, (0.0, 0.0, 2.0)), at=0.03 * k, covariance=1e-6 * np.eye(6)) for k in range(100)]
+    unsure, exact = (Estimator(MODEL, first, HOVER) for first in (calibrated(seen[0], sds), seen[0]))
+    for view in seen[1:]:
+        for estimator, shown in ((unsure, calibrated(view, sds)), (exact, view)):
+            estimator.advance(view.at)
+            estimator.target_seen(shown, view.at)
+    assert unsure.estimate(3.0).axes == pytest.approx(exact.estimate(3.0).axes, abs=1e-9)
+    added = unsure.estimate(3.0).position_sd ** 2 - exact.estimate(3.0).position_sd ** 2
+    assert np.sqrt(added) == pytest.approx([0.004, 0.004, 0.006], rel=1e-3)
+    assert unsure.motion_covariance[:, 0] == pytest.approx(unsure.estimate(3.0).position_sd ** 2)
+
+
+def test_cameras_whose_calibrations_differ_as_they_may_are_both_believed():
+    sds = (0.006, 0.004, 0.0)
+    first = calibrated(replace(leaning_view((0.0, 0.0, 0.0), (0.0, 0.0, 2.0)), covariance=1e-6 * np.eye(6)), sds)
+    other = replace(leaning_view((0.0, 0.0, 0.0), (0.0, 0.0, 2.03)), covariance=1e-6 * np.eye(6), camera="forward")
+    for shown, refused in ((calibrated(other, sds), 0), (other, 1)):
+        estimator = Estimator(MODEL, first, HOVER)
+        for k in range(1, 100):
+            estimator.advance(0.03 * k)
+            estimator.target_seen(replace(first, at=0.03 * k), 0.03 * k)
+        estimator.target_seen(replace(shown, at=2.97), 2.97)
+        assert min(estimator.rejected, 1) == refused

@@ -88,6 +88,9 @@ def test_a_recorded_flight_is_shown_as_it_was(browser):
         page.locator("#speed").blur()
         page.keyboard.press("ArrowLeft")
         wait_until(page, lambda: "ended" not in page.locator("#place").inner_text(), "it did not go back")
+        assert said(page, "position") == "not known", "nothing is estimated on the ground"
+        page.locator("#seek").fill("5.8")
+        page.locator("#pause").focus()
         page.keyboard.press(" ")
         wait_until(page, lambda: "paused" in page.locator("#place").inner_text(), "it was not paused")
         wait_until(page, lambda: said(page, "position") != "not known", "nothing is known there")

@@ -96,7 +96,7 @@ class Cameras:
         """Note an image of a camera taken at a moment [s]; returns how many cameras see the target then."""
         record = self._records.setdefault(camera, _Record(at))
         record.at = max(record.at, at)
-        return sum(abs(at - each.at) <= AT_ONCE for each in self._records.values())
+        return sum(each is record or abs(at - each.at) <= AT_ONCE for each in self._records.values())
 
     def judged(self, camera: str, *, is_refused: bool) -> None:
         """Note what became of an image of a camera that was seen."""
@@ -214,6 +214,7 @@ class Estimator:
         self._yaw_offset = view.heading - compass
         self._headings: deque[tuple[float, float]] = deque([(view.at, compass)])
         self._seen_at = view.at
+        self._calibration = np.zeros(3)  # variances of what all images have in common, by axis [m2]
         self._commands = CommandHistory()
         self.line = model
         self._lag = 0.0
@@ -248,7 +249,9 @@ class Estimator:
         """Of x, y, z (3, 3): variance of position [m2], covariance with velocity [m2/s], variance of that [m2/s2]."""
         upright = self._vertical.covariances[0]
         rows = [(each[P, P], each[P, V], each[V, V]) for each in self._level.covariances]
-        return np.array([*rows, (upright[H, H], upright[H, S], upright[S, S])])
+        found = np.array([*rows, (upright[H, H], upright[H, S], upright[S, S])])
+        found[:, 0] += self._calibration
+        return found
 
     @property
     def velocity_sd(self) -> float:
@@ -333,22 +336,27 @@ class Estimator:
             self._seen_at = max(self._seen_at, min(view.at, now))
         turn = self._turn_matrix(view.at)
         seen, spread = turn @ view.position_flu, turn @ view.sight_covariance @ turn.T
-        self._see_place(view, seen, spread, is_trusted=is_trusted)
+        common = turn @ view.calibration_covariance @ turn.T
+        if is_trusted:
+            self._calibration = np.diag(common) / shared_by
+        # What all images of one camera have in common is no noise, and where there is another, it has its own.
+        spread, bias = spread - common, np.diag(common) * (0.0 if shared_by == 1 else 2.0)
+        self._see_place(view, seen, spread, bias, is_trusted=is_trusted)
         if is_trusted:
             self._see_tilt(view, shared_by)
-        self._see_height(view, seen, spread, is_trusted=is_trusted)
+        self._see_height(view, seen, spread, bias, is_trusted=is_trusted)
 
-    def _see_place(self, view: TargetView, seen: Array, spread: Array, *, is_trusted: bool) -> None:
-        """Take the horizontal place (3,) of the target, as if level [m], with its covariance (3, 3)."""
+    def _see_place(self, view: TargetView, seen: Array, spread: Array, bias: Array, *, is_trusted: bool) -> None:
+        """Take the horizontal place (3,) of the target, as if level [m], its covariance (3, 3), its bias' (3,)."""
         tuning = self._tuning
         speed = float(np.abs(self._level.states[:, V]).max())
         timing = (speed * tuning.stamp_sd) ** 2
         row = np.zeros(LEVEL_STATES)
         row[P], row[T] = 1.0, seen[2]
-        variance = tuning.view_inflation**2 * np.diag(spread)[:2] + tuning.view_floor**2 + timing
+        variance = tuning.view_inflation**2 * np.diag(spread)[:2].clip(min=0.0) + tuning.view_floor**2 + timing
         doubt = tuning.doubt if self._cameras.doubts(view.camera, view.at) else None
         gate = GATE if is_trusted or doubt is not None else 0.0  # who contradicts the others is asked, not believed
-        ratio = self._level.measure(Measurement(view.at, row, -seen[:2], variance, gate), doubt)
+        ratio = self._level.measure(Measurement(view.at, row, -seen[:2], variance, gate, bias[:2]), doubt)
         if ratio is not None:
             is_refused = bool((np.abs(ratio) > GATE).any()) and doubt is None
             self._cameras.judged(view.camera, is_refused=is_refused)
@@ -368,16 +376,21 @@ class Estimator:
             row[T] = 1.0
             self._level.measure(Measurement(view.at, row, up[:2] / up[2], shared_by * variance))
 
-    def _see_height(self, view: TargetView, seen: Array, spread: Array, *, is_trusted: bool) -> None:
+    def _see_height(self, view: TargetView, seen: Array, spread: Array, bias: Array, *, is_trusted: bool) -> None:
         """Take the height: the place (3,) of the target, as if level [m], along the normal of the believed tilt."""
         tuning, tilt = self._tuning, self._level.states_at(view.at)[:, T]
         normal = np.array([-tilt[0], -tilt[1], 1.0]) / math.sqrt(1.0 + float(tilt @ tilt))
         row = np.zeros(4)
         row[H] = 1.0
-        variance = tuning.view_inflation**2 * float(normal @ spread @ normal) + tuning.height_floor**2
+        leaning = float(seen[:2] ** 2 @ self._level.covariances[:, T, T])  # a wrong tilt turns the far target upright
+        variance = (
+            tuning.view_inflation**2 * max(0.0, float(normal @ spread @ normal)) + tuning.height_floor**2 + leaning
+        )
         doubt = tuning.upright_doubt if self._heights.doubts(view.camera, view.at) else None
         gate = GATE if is_trusted or doubt is not None else 0.0
-        ratio = self._vertical.measure(Measurement(view.at, row, -normal @ seen[:, None], variance, gate), doubt)
+        ratio = self._vertical.measure(
+            Measurement(view.at, row, -normal @ seen[:, None], variance, gate, bias[2:]), doubt
+        )
         if ratio is not None:
             is_refused = bool((np.abs(ratio) > GATE).any()) and doubt is None
             self._heights.judged(view.camera, is_refused=is_refused)
@@ -408,7 +421,7 @@ class Estimator:
         acting = [self._commands.at(self._level.time + (k + 0.5) * STEP) for k in range(steps)]
         axes = self._level.ahead(np.array([command.tilt for command in acting]).reshape(-1, 2))
         upright = self._vertical.ahead(np.array([[command.thrust] for command in acting]).reshape(-1, 1))[0]
-        level_sd = np.sqrt(self._level.covariances[:, P, P])
+        variances = np.array([*self._level.covariances[:, P, P], self._vertical.covariances[0, H, H]])
         return Estimate(
             at=at,
             position=np.array([axes[0, P], axes[1, P], upright[H]]),
@@ -419,7 +432,7 @@ class Estimator:
             hover_gas=self.hover_gas,
             axes=axes,
             vertical=upright,
-            position_sd=np.array([*level_sd, math.sqrt(self._vertical.covariances[0, H, H])]),
+            position_sd=np.sqrt(variances + self._calibration),
             age=at - self._seen_at,
         )
 

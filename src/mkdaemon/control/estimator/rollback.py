@@ -41,6 +41,7 @@ class Measurement:
         values: measured, one for each axis (k,).
         variance: of the values, one for all or one for each axis (k,).
         gate: largest believable innovation [standard deviations].
+        bias: variance of an error that lasts: it widens the gate, and weighs nothing.
     """
 
     at: float
@@ -48,6 +49,7 @@ class Measurement:
     values: Array
     variance: float | Array
     gate: float = GATE
+    bias: float | Array = 0.0
 
     @property
     def is_sound(self) -> bool:
@@ -285,7 +287,7 @@ class RollbackFilter:
         gain = slot.covariance.dot(row)
         spread = gain.dot(row) + measurement.variance
         innovation = measurement.values - self._state_of(slot).dot(row)
-        ratio: Array = innovation / np.sqrt(spread)
+        ratio: Array = innovation / np.sqrt(spread + measurement.bias)
         is_believed = np.abs(ratio) <= measurement.gate
         step = gain * (is_believed / spread)[:, None]
         slot.state = slot.state + step * innovation[:, None]

@@ -74,7 +74,7 @@ class StickResponse:
 
     def __init__(self, model: AircraftModel, now: float) -> None:
         """Begin at a moment [s; monotonic], level."""
-        responses = [_response(candidate) for candidate in (model, model.with_other_filter())]
+        responses = [tilt_response(candidate) for candidate in (model, model.with_other_filter())]
         self._f = np.array([f.T for f, _ in responses])
         self._g = np.array([g for _, g in responses])[:, None, :]
         self._state = np.zeros((2, 2, 4))  # filter, axis, state
@@ -185,7 +185,7 @@ class StickResponse:
             self._expected[-1] = self._state[:, :, 0]
 
 
-def _response(model: AircraftModel) -> tuple[Array, Array]:
+def tilt_response(model: AircraftModel) -> tuple[Array, Array]:
     """Transition (4, 4) and input (4,) over `STEP` of believed tilt, its integral, its rate and the filtered stick."""
     a, b = np.zeros((4, 4)), np.zeros((4, 1))
     a[0, 0], a[0, 2] = -1.0 / model.leak, 1.0

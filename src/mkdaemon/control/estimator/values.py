@@ -84,6 +84,8 @@ class TargetView:
         target_from_flu: attitude of the vehicle in the target frame (3, 3).
         covariance: of the vehicle's pose in the target frame (6, 6): position [m] and rotation vector [rad].
         camera: whose image it was.
+        calibration_sd: what of that covariance all images of this camera have in common: standard deviations along the
+            line of sight [m], across it [m], of the angle [rad].
     """
 
     at: float
@@ -91,6 +93,7 @@ class TargetView:
     target_from_flu: Array
     covariance: Array
     camera: str = ""
+    calibration_sd: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     @property
     def position(self) -> Array:
@@ -116,6 +119,15 @@ class TargetView:
         covariance: Array = jacobian @ self.covariance @ jacobian.T
         return covariance
 
+    @property
+    def calibration_covariance(self) -> Array:
+        """Share (3, 3) of `sight_covariance` that all images of this camera have in common [m2]."""
+        along_sd, across_sd, _ = self.calibration_sd
+        sight = self.position_flu / max(float(np.linalg.norm(self.position_flu)), 1e-9)
+        along = np.outer(sight, sight)
+        covariance: Array = along_sd**2 * along + across_sd**2 * (np.eye(3) - along)
+        return covariance
+
 
 class ViewFault(Enum):
     """Why a view of a target is none; the value is what is shown."""
@@ -131,7 +143,7 @@ class ViewFault(Enum):
 def fault_of(view: TargetView, now: float) -> ViewFault | None:
     """Return why nobody may use a view that arrives now [s; monotonic]; None where it is sound."""
     rotation, covariance = view.target_from_flu, view.covariance
-    numbers = (view.at, *view.position_flu, *rotation.flat, *covariance.flat)
+    numbers = (view.at, *view.position_flu, *rotation.flat, *covariance.flat, *view.calibration_sd)
     if not all(math.isfinite(number) for number in numbers):
         return ViewFault.NOT_FINITE
     if np.abs(view.position_flu).max() > FARTHEST or np.abs(covariance).max() > FARTHEST**2:

@@ -137,14 +137,20 @@ def turn(rotation: Array, by: Array) -> Array:
     return orthonormal
 
 
+def calibration_sd(pose: Pose) -> tuple[float, float, float]:
+    """What a calibration does not know, the same in all images: sd along the sight [m], across it [m], angle [rad]."""
+    distance = pose.range_m
+    return FLOOR_RANGE * distance, FLOOR_LATERAL * distance, float(FLOOR_ANGLE)
+
+
 def with_floor(pose: Pose) -> Array:
     """Covariance `(6, 6)` including calibration: range .3 %, lateral .2 %, angle .1 deg (standard deviations)."""
-    distance = pose.range_m
-    sight = pose.position / max(distance, 1e-9)
+    along_sd, across_sd, angle_sd = calibration_sd(pose)
+    sight = pose.position / max(pose.range_m, 1e-9)
     along = np.outer(sight, sight)
     floor = np.zeros((6, 6))
-    floor[:3, :3] = distance**2 * (FLOOR_RANGE**2 * along + FLOOR_LATERAL**2 * (np.eye(3) - along))
-    floor[3:, 3:] = FLOOR_ANGLE**2 * np.eye(3)
+    floor[:3, :3] = along_sd**2 * along + across_sd**2 * (np.eye(3) - along)
+    floor[3:, 3:] = angle_sd**2 * np.eye(3)
     return pose.covariance + floor
 
 

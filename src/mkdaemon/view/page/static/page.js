@@ -322,7 +322,9 @@ document.addEventListener("keydown", (event) => {
     " ": pause, n: () => ask("play", {action: "step"}), ArrowLeft: () => seek(place - leap), ArrowRight: () => seek(place + leap),
     Home: () => seek(0), End: () => seek(Number(get("seek").max)),
   };
-  const isElsewhere = event.ctrlKey || event.altKey || event.metaKey || event.target.closest("select, button, dialog[open]");
+  const isModified = event.ctrlKey || event.altKey || event.metaKey;
+  // A button that was clicked keeps the focus: it has the space bar, and leaves us the rest.
+  const isElsewhere = isModified || event.target.closest(event.key === " " ? "select, button, dialog[open]" : "select, dialog[open]");
   if (isElsewhere || get("timeline").hidden || !(event.key in keys)) return;
   event.preventDefault();
   keys[event.key]();

@@ -1,0 +1,47 @@
+"""The tables of the proving ground's pages, of what it flew."""
+
+from __future__ import annotations
+
+import pytest
+
+from lab.hil.results import Results
+from tools.genuine_tables import PLACE, RESULTS, genuine_page, triggers_page
+
+
+@pytest.fixture
+def tree(tmp_path):
+    """A tree with both pages, one flight of genuine firmware and one of simulated boards, and two with triggers."""
+    (tmp_path / RESULTS).parent.mkdir(parents=True)
+    (tmp_path / "docs/lab").mkdir()
+    (tmp_path / "docs/lab/genuine.md").write_text(
+        "By hand.\n<!-- table scenes -->\nwas here\n<!-- end -->\n<!-- table flights -->\n<!-- end -->\n"
+    )
+    (tmp_path / "docs/lab/genuine-triggers.md").write_text("<!-- table triggers -->\n<!-- end -->\n")
+    results = Results(tmp_path / RESULTS)
+    about = {"line": "cable", "seed": 7, "voltage": 14.8, "compass": True, "lost": []}
+    late = "/dev/x: degraded: fc attitude is overdue"
+    results.add("scenes", about | {"board": "fork", "hold_cm": 2.0, "light_cm": 9.0, "warnings": [late, late]})
+    results.add("scenes", about | {"board": "simulated", "hold_cm": 3.0, "lost": ["fell"], "warnings": []})
+    for level in (0.3, float("inf")):
+        found = {"level": level, "released": 1.0, "missed": []}
+        results.add("triggers", {"board": "fork", "stories": {"client_frozen": found}})
+    return tmp_path
+
+
+def test_genuine_and_simulated_boards_stand_side_by_side_and_misses_are_bold(tree):
+    page = genuine_page(tree)
+    assert page.startswith("By hand.\n")
+    assert "was here" not in page
+    assert "| median / p90 / worst | genuine by cable | simulated by cable | goal by cable | goal by radio |" in page
+    assert "| hold, indoor air [cm] | 2.0 / 2.0 / 2.0 | 3.0 / 3.0 / 3.0 | median 3.2; worst 4.5 | median 4.5 |" in page
+    assert "| hold, light wind [cm] | **9.0 / 9.0 / 9.0** |  | median 8 | median 8 |" in page
+    assert "| lost, or scene not flown | 0 | **1** | 0 | 0 |" in page
+    assert "| false warnings | 0 / 0 / 0 | 0 / 0 / 0 |" in page
+    assert "| 7 | cable | 14.8 V | yes | 2.0 | 9.0 |" in page
+    assert "2 times: /dev/x: degraded" in page
+    assert page == PLACE.sub(lambda place: place.group(), page)
+
+
+def test_a_story_that_is_right_in_some_flights_only_is_bold(tree):
+    page = triggers_page(tree)
+    assert "| client frozen | level | 0.30 / never / never | 0.25 to 0.45 | **1 of 2** |" in page

@@ -1,0 +1,136 @@
+"""The tables of docs/lab/genuine.md and genuine-triggers.md, of what `lab hil --results` flew.
+
+The prose of both pages is written by hand; a table stands between `<!-- table NAME -->` and `<!-- end -->`.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Final
+
+from lab.hil.results import Results, Row
+from lab.hil.scenes import FIGURES, LINES, SIMULATED, Figure, summary
+from lab.hil.triggers import by_story, story_figures
+from tools.markdown import table
+
+PLACE: Final = re.compile(r"(?P<begin><!-- table (?P<name>\w+) -->\n).*?(?P<end><!-- end -->)", re.DOTALL)
+RESULTS: Final = Path("docs/results/genuine.json")
+EACH: Final = ("hold_cm", "light_cm", "moderate_cm", "step_t90", "step_over_percent", "touch_cm", "moving_touch_cm")
+"""Figures that are shown of every flight."""
+
+
+def genuine_page(root: Path) -> str:
+    """Return docs/lab/genuine.md with its tables made anew."""
+    return _filled(root, "docs/lab/genuine.md")
+
+
+def triggers_page(root: Path) -> str:
+    """Return docs/lab/genuine-triggers.md with its table made anew."""
+    return _filled(root, "docs/lab/genuine-triggers.md")
+
+
+def _filled(root: Path, page: str) -> str:
+    rows = Results(root / RESULTS).rows
+    return PLACE.sub(
+        lambda place: place["begin"] + "\n".join(TABLES[place["name"]](rows)) + "\n" + place["end"],
+        (root / page).read_text(encoding="utf-8"),
+    )
+
+
+def _scenes(rows: Mapping[str, Sequence[Row]]) -> Iterator[str]:
+    """Genuine and simulated boards side by side, by each line; a figure that misses a goal is bold."""
+    flown = rows["scenes"]
+    boards = sorted({row["board"] for row in flown}, key=lambda board: board == SIMULATED)
+    columns = [
+        (board, line, summary(line, [row for row in flown if (row["board"], row["line"]) == (board, line)]))
+        for line in LINES
+        for board in boards
+    ]
+    columns = [column for column in columns if column[2]["flights"]]
+    head = [f"{_board(board)} by {line}" for board, line, _ in columns]
+    yield from table(
+        ("median / p90 / worst", *head, *(f"goal by {line}" for line in LINES)),
+        [
+            ("flights", *(str(part["flights"]) for _, _, part in columns), "10", "10"),
+            *(
+                (
+                    figure.about,
+                    *(_cell(figure, part) for _, _, part in columns),
+                    *(figure.goal_words(line) for line in LINES),
+                )
+                for figure in FIGURES
+            ),
+            ("lost, or scene not flown", *(_lost(part) for _, _, part in columns), "0", "0"),
+        ],
+    )
+
+
+def _board(board: str) -> str:
+    return SIMULATED if board == SIMULATED else "genuine"
+
+
+def _cell(figure: Figure, part: Mapping[str, Any]) -> str:
+    found = part["figures"].get(figure.key)
+    if found is None:
+        return ""
+    shown = " / ".join(f"{found[of]:.{figure.digits}f}" for of in ("median", "p90", "worst"))
+    if any(goal.of == "mean" for goal in figure.goals):
+        shown += f", mean {found['mean']:.{figure.digits}f}"
+    return f"**{shown}**" if any(words.startswith(f"{figure.key}:") for words in part["missed"]) else shown
+
+
+def _lost(part: Mapping[str, Any]) -> str:
+    return f"**{len(part['lost'])}**" if part["lost"] else "0"
+
+
+def _flights(rows: Mapping[str, Sequence[Row]]) -> Iterator[str]:
+    """Every flight of genuine firmware."""
+    shown = [figure for figure in FIGURES if figure.key in EACH]
+    yield from table(
+        ("seed", "line", "battery", "compass", *(figure.about for figure in shown), "what went wrong"),
+        (
+            (
+                str(row["seed"]),
+                row["line"],
+                f"{row['voltage']} V",
+                "yes" if row["compass"] else "no",
+                *("" if row.get(f.key) is None else f"{row[f.key]:.{f.digits}f}" for f in shown),
+                "; ".join([*row["lost"], *_counted(row["warnings"])]),
+            )
+            for row in rows["scenes"]
+            if row["board"] != SIMULATED
+        ),
+    )
+
+
+def _counted(warnings: Sequence[str]) -> Iterator[str]:
+    """Every warning once, with how often it came."""
+    for text, count in Counter(warnings).items():
+        yield text if count == 1 else f"{count} times: {text}"
+
+
+def _triggers(rows: Mapping[str, Sequence[Row]]) -> Iterator[str]:
+    """Every story: what the firmware held, over all flights."""
+    yield from table(
+        ("story", "figure", "least / median / most", "goal", "right"),
+        (
+            (name.replace("_", " "), figure.replace("_", " "), shown, goal, _right(found))
+            for name, found in by_story(rows["triggers"])
+            for figure, shown, goal in story_figures(name, found)
+        ),
+    )
+
+
+def _right(found: Sequence[Mapping[str, Any]]) -> str:
+    right = sum(not each["missed"] for each in found)
+    return f"{right} of {len(found)}" if right == len(found) else f"**{right} of {len(found)}**"
+
+
+TABLES: Final[Mapping[str, Callable[[Mapping[str, Sequence[Row]]], Iterator[str]]]] = {
+    "scenes": _scenes,
+    "flights": _flights,
+    "triggers": _triggers,
+}
