@@ -212,19 +212,22 @@ async def daemon_process(
 
 @asynccontextmanager
 async def connected(endpoint: str, vehicle: str = VEHICLE, *, patience: float = PATIENCE) -> AsyncIterator[Vehicle]:
-    """A client of its own session, as soon as the daemon listens.
+    """A client of its own session, as soon as the daemon answers.
 
     Raises:
-        TimeoutError: nobody listened.
+        TimeoutError: nobody answered.
     """
     async with asyncio.timeout(patience):
         while True:
             opening = connect(vehicle, endpoint)
             try:
                 client = await opening.__aenter__()
-                break
             except MkError:
                 await asyncio.sleep(0.05)
+                continue
+            if vehicle in await client.vehicles():
+                break
+            await opening.__aexit__(None, None, None)
     try:
         yield client
     finally:

@@ -65,6 +65,7 @@ async def guarded(certificates, tmp_path):
 
     cfg = bus_config(endpoint, zenoh_file=sample("daemon-tls.json5", certificates, tmp_path))
     async with Bus.open(cfg, "t1") as bus:
+        bus.announce()
         bus.serve("do", handler)
         bus.receive("setpoint/stick", lambda stamp, raw, proof: commanded.append(raw))
         bus.publish("event/log", HELLO)

@@ -418,12 +418,21 @@ async def test_clients_are_seen_coming_and_going(bus):
     assert await asyncio.wait_for(seen.get(), PATIENCE) == ("alice", False)
 
 
-async def test_the_liveliness_token_lives_as_long_as_the_daemon():
+async def test_the_liveliness_token_comes_when_all_is_served_and_lives_as_long_as_the_daemon():
     endpoint = free_endpoint()
-    async with Bus.open(bus_config(endpoint), "t4"):
+
+    async def tokens(session) -> list[str]:
+        found = await asyncio.to_thread(lambda: list(session.liveliness().get("mk/*/alive", timeout=PATIENCE)))
+        return [str(token.ok.key_expr) for token in found]
+
+    async with Bus.open(bus_config(endpoint), "t4") as opened:
         with client(endpoint) as session:
-            tokens = await asyncio.to_thread(lambda: list(session.liveliness().get("mk/*/alive", timeout=PATIENCE)))
-    assert [str(token.ok.key_expr) for token in tokens] == ["mk/t4/alive"]
+            assert await tokens(session) == []
+            opened.announce()
+            async with asyncio.timeout(PATIENCE):
+                while not (found := await tokens(session)):
+                    pass
+    assert found == ["mk/t4/alive"]
 
 
 async def test_a_second_daemon_on_the_same_endpoint_is_told_so(bus):

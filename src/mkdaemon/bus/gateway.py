@@ -62,6 +62,7 @@ class Bus:
         self.setpoint_root = root
         self._session = session
         self._cfg = cfg
+        self._token = ExitStack()
         self._loop = asyncio.get_running_loop()
         self._recorder = recorder
         self._clock = clock
@@ -84,7 +85,7 @@ class Bus:
         private_images: Mapping[str, str] = MappingProxyType({}),
         clock: Callable[[], float] = time.monotonic,
     ) -> AsyncIterator[Self]:
-        """Open a session, show the liveliness token, answer last-value and schema queries; close all on leaving.
+        """Open a session, answer last-value and schema queries; close all on leaving. `announce` makes it known.
 
         Args:
             cfg: the session.
@@ -115,12 +116,11 @@ class Bus:
         try:
             bus = cls(session, cfg, vehicle, recorder or NoRecorder(), clock, root)
             bus.open_endpoints = reachable
-            with ExitStack() as token:
+            with bus._token:
                 try:
                     for root in roots(Use.PUBLISHED):
                         bus._declare_lookup(f"{root}/**", bus._published.answer_last)
                     bus._declare_lookup("schema/**", bus._answer_schema)
-                    token.enter_context(session.liveliness().declare_token(key(vehicle, "alive")))
                     yield bus
                 finally:
                     await bus._commands.close()
@@ -132,6 +132,10 @@ class Bus:
     def session(self) -> zenoh.Session:
         """The session itself, for what subscribes on its own: cameras that take their images from the bus."""
         return self._session
+
+    def announce(self) -> None:
+        """Show the liveliness token until the bus is closed: who sees it gets answers, so all is served before."""
+        self._token.enter_context(self._session.liveliness().declare_token(key(self.vehicle, "alive")))
 
     def publish(self, suffix: str, value: BaseModel, *, schema: type[BaseModel] | None = None) -> None:
         """Put a value and remember it as the key's last; never waits, drops where a subscriber is too slow.

@@ -85,9 +85,9 @@ class PlayedValues:
             query.reply(asked, encode(refused(refuse(Token.RECORDING))), encoding=encoding_of(CommandResult))
             return
         place = self._place()
-        told = self._span(query, place)
+        around = self._span(query, place)
         last = {whole: one for whole, one in list(self._last.items()) if query.key_expr.intersects(whole)}
-        for at, key, entry in [*(last[whole] for whole in last.keys() - {one.key.whole for one in told}), *told]:
+        for at, key, entry in [*(last[whole] for whole in last.keys() - {one.key.whole for one in around}), *around]:
             stamp = entry.stamp
             # As old as it was when it was put, and what has passed in the recording since then.
             delay = entry.received - stamp.monotonic if stamp.boot == entry.base.boot else 0.0

@@ -21,7 +21,7 @@ class SendSticks:
         epoch: lease it stands on.
         sequence: number of the setpoint it came from.
         age: age of that setpoint [s].
-        is_limited: the limiter changed what was asked for.
+        is_limited: the limiter changed what was asked for, in whole counts.
         wanted: what was asked for [stick; FLU]; None where nobody says.
     """
 

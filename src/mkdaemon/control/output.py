@@ -7,7 +7,7 @@ from typing import Final
 from mkdaemon.config.control import ControlConfig
 from mkdaemon.control.actions import SendSticks
 from mkdaemon.control.authority import Fly
-from mkdaemon.control.limiter import Sticks, count, limit
+from mkdaemon.control.limiter import StickCounts, Sticks, count, limit
 from mkdaemon.control.throttlelid import ThrottleLid
 from mkdaemon.control.vehicle import VehicleFacts
 from mkdaemon.telemetry.control import ControlLine
@@ -101,8 +101,9 @@ class StickOutput:
         self.handed_over += 1
         self._is_waiting = True
         life = min(ttl - order.age, LONGEST_QUEUE) if order.age <= ttl else LONGEST_QUEUE
-        is_limited = sticks != order.sticks
-        return SendSticks(count(sticks), now + life, order.epoch, order.sequence, order.age, is_limited, order.sticks)
+        counts = count(sticks)
+        is_limited = _differs(counts, order.sticks)
+        return SendSticks(counts, now + life, order.epoch, order.sequence, order.age, is_limited, order.sticks)
 
     def frame_sent(self, number: int) -> None:
         """Note that a frame was written to the port, under a number that comes again after 255 frames."""
@@ -127,3 +128,14 @@ class StickOutput:
             caps.append(self._last.throttle)
         known = [cap for cap in caps if cap is not None]
         return min(known) if known else None
+
+
+def _differs(counts: StickCounts, asked: Sticks) -> bool:
+    """Whether what is sent is more than rounding away from what was asked for, or that is no number."""
+    axes = (
+        (counts.pitch, asked.pitch),
+        (counts.roll, asked.roll),
+        (counts.yaw, asked.yaw),
+        (counts.throttle, asked.throttle),
+    )
+    return not all(abs(sent - wanted) <= 0.5 for sent, wanted in axes)

@@ -71,6 +71,7 @@ async def run(cfg: Config, stop: asyncio.Event, clock: Clock | None = None, last
     )
     async with black_box.run(), opening as bus:
         daemon = Daemon(cfg, bus, clock, black_box, last_word)
+        bus.announce()
         spare_collector()
         try:
             await daemon.serve(stop, notifier)
