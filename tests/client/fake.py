@@ -189,6 +189,7 @@ async def fake_daemon(**more):
                 lambda raw, proof, kind=kind: KEY.epoch_signed(Signature(kind.suffix, raw, proof)),
             )
         bus.watch_clients(daemon.client_changed)
+        bus.announce()
         yield daemon
 
 

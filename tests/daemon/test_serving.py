@@ -57,6 +57,9 @@ class Bus:
         shed, self.shed = self.shed, {}
         return shed
 
+    def announce(self):
+        pass
+
     def watch_clients(self, watcher):
         pass
 
