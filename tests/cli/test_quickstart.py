@@ -85,6 +85,8 @@ class Terminal:
         require_no_standstill(ended.stderr)
         if ended.stderr.startswith("mkctl: discovering: "):  # it was known before, and in flight no board is asked
             raise InconclusiveError("the daemon stood still for so long that the aircraft may be another one")
+        if "nothing arrives any more" in ended.stderr:  # nothing else silences a pseudo terminal
+            raise InconclusiveError("the simulator stood still")
         assert ended.returncode == 0, (line, ended.stdout, ended.stderr)
         return ended.stdout
 
