@@ -18,6 +18,9 @@ COMMANDS: Final = (
     CommandEntry(
         "doctor", "mkdaemon.cli.mkdaemon.doctor:doctor", "Check this machine: port, permissions, bus, camera.", "Fly"
     ),
+    CommandEntry(
+        "gateway", "mkdaemon.cli.mkdaemon.gateway:app", "MAVLink, ROS 2 or Foxglove beside the daemon.", "Fly"
+    ),
     CommandEntry("calibrate", "mkdaemon.cli.mkdaemon.calibrate:app", "Calibrate a camera.", "Camera"),
     CommandEntry(
         "target", "mkdaemon.cli.mkdaemon.target:target", "Print tags, targets and calibration boards.", "Camera"

@@ -1,0 +1,21 @@
+"""`mkdaemon gateway`: MAVLink, ROS 2 and Foxglove meet a MikroKopter, each by a process of its own."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from cyclopts import App
+
+from mkdaemon.cli.program import CommandEntry
+
+GATEWAYS: Final[tuple[CommandEntry, ...]] = ()
+"""Every gateway; a further one is one line here and its module."""
+
+app = App(
+    name="gateway",
+    help="""A gateway to another system: a process of its own, and a client of the daemon as any other.
+
+    It takes the lease only while somebody flies through it, and loses it as any client does.""",
+)
+for _entry in GATEWAYS:
+    app.command(_entry.target, name=_entry.name, help=_entry.help)
