@@ -41,7 +41,7 @@ WAITS: Final = 0.1
 COLLECTING_LIMIT: Final = 60.0
 """Computing time of importing and collecting with a mutant [s]."""
 OPTIONS: Final = (
-    *("-q", "-p", "no:cacheprovider", "-p", "no:xdist", "-o", "timeout=0"),
+    *("-q", "-p", "no:cacheprovider", "-o", "timeout=0"),
     *("-W", "ignore::pytest.PytestAssertRewriteWarning", "-m", "not flight and not real_time"),
 )
 """Of pytest. What runs in real time says nothing on a loaded machine."""
