@@ -41,13 +41,21 @@ class BackgroundDaemon:
         """
         wait_blocking(lambda: all(self._live.values(suffix) for suffix in suffixes))
 
+    def wait_for_value(self, suffix: str, claim: Callable[[dict[str, Any]], bool]) -> None:
+        """Return when a claim holds of what was published last under a key.
+
+        Raises:
+            TimeoutError: it never did.
+        """
+        wait_blocking(lambda: any(claim(value) for value in self._live.values(suffix)[-1:]))
+
     def wait_for_phase(self, phase: str) -> None:
         """Return when control is in a phase.
 
         Raises:
             TimeoutError: it never was.
         """
-        wait_blocking(lambda: [status["phase"] for status in self._live.values("control/status")][-1:] == [phase])
+        self.wait_for_value("control/status", lambda status: bool(status["phase"] == phase))
 
     @contextmanager
     def other_client(self, work: Callable[[Vehicle], AbstractAsyncContextManager[_Value]]) -> Iterator[_Value]:

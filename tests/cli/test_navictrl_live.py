@@ -10,7 +10,6 @@ import pytest
 
 from lab.rigs.background import background_daemon
 from lab.rigs.live import VEHICLE
-from lab.rigs.waiting import wait_blocking
 from mkdaemon.cli.program import EXIT_CONFIG, EXIT_FAILURE, EXIT_OK
 from mkdaemon.missions import write_mission
 from mkdaemon.telemetry.mission import Mission, MissionPoint
@@ -42,7 +41,7 @@ def test_in_flight_an_upload_needs_its_flag(ctl: Ctl, tmp_path: Path) -> None:
     with background_daemon(board="nc", pilot_plan=PilotPlan.HOVER, pilot_wait=600.0) as daemon:
         at = ["--vehicle", VEHICLE, "--connect", daemon.endpoint]
         daemon.start_pilot()
-        wait_blocking(lambda: json.loads(ctl(at, "get", "state/flight", "--json")[1] or "{}").get("motors_running"))
+        daemon.wait_for_value("state/flight", lambda flight: flight["motors_running"])
         code, _, err = ctl(at, "waypoints", "upload", str(file))
         assert code == EXIT_FAILURE
         assert "in_flight_needed: motors are running, and do/waypoints_upload takes effect at once" in err

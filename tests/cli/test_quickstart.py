@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import math
 import os
@@ -10,13 +11,15 @@ import shlex
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from lab.places import ROOT
+from lab.rigs.processes import connected
 from lab.rigs.waiting import PATIENCE, wait_blocking
 from tests.bus.support import free_endpoint
 from tests.places import CONFIGS
@@ -25,6 +28,7 @@ from tests.repeats import InconclusiveError, require_no_standstill
 pytestmark = [pytest.mark.flight, pytest.mark.real_time(tolerance=0.1)]
 
 PROGRAMS = ("mkdaemon", "mkctl")
+VEHICLE = "mk1"
 PORT = "/dev/pts/N"
 """What stands on the page for the port that the simulator prints."""
 
@@ -41,7 +45,7 @@ class Terminal:
     it goes before the other programs of a busy machine."""
 
     def __init__(self, folder: Path) -> None:
-        endpoint = free_endpoint()
+        self.endpoint = endpoint = free_endpoint()
         sample = (CONFIGS / "sim.toml").read_text(encoding="utf-8")
         (folder / "configs").mkdir()
         sample = sample.replace("tcp/127.0.0.1:7447", endpoint).replace("[control]", "[control]\nreal_time = true")
@@ -70,6 +74,10 @@ class Terminal:
             process.kill()
             process.communicate()
 
+    def value(self, suffix: str, claim: Callable[[dict[str, Any]], bool] = bool) -> dict[str, Any]:
+        """What another client gets under a key, as soon as a claim holds of it: no command is run again and again."""
+        return asyncio.run(value_at(self.endpoint, suffix, claim))
+
     def run(self, line: str) -> str:
         """What a command printed; it must end well."""
         ended = subprocess.run(
@@ -91,9 +99,12 @@ class Terminal:
         return ended.stdout
 
 
-def place(terminal: Terminal) -> tuple[float, ...]:
-    """Where the aircraft is [m; ENU]."""
-    return tuple(json.loads(terminal.run(".venv/bin/mkctl get sim/truth --json"))["position_enu"])
+async def value_at(endpoint: str, suffix: str, claim: Callable[[dict[str, Any]], bool]) -> dict[str, Any]:
+    """The last value under a key, as soon as a claim holds of it."""
+    async with asyncio.timeout(PATIENCE), connected(endpoint, VEHICLE) as client:
+        while not (value := await client.get(suffix)) or not claim(value.fields):
+            await asyncio.sleep(0.2)
+    return value.fields
 
 
 def test_the_page_ends_with_sticks_that_fly(tmp_path: Path) -> None:
@@ -102,28 +113,21 @@ def test_the_page_ends_with_sticks_that_fly(tmp_path: Path) -> None:
     with terminal.started(simulate) as simulator:
         port = json.loads(simulator.stdout.readline())["port"]
         with terminal.started(run.replace(PORT, port)):
-            wait_blocking(lambda: is_controllable(terminal, status), step=0.5)
+            terminal.value("link/state", lambda state: state["external_control"] == "v2")
+            wait_blocking(lambda: "external control v2" in terminal.run(status), step=0.5)
             with terminal.started(watch) as watcher:
                 assert watcher.stdout.readline().startswith("state/")
             assert terminal.run(get_osd).startswith("rx/nc/osd")
             terminal.run(start)
-            wait_blocking(lambda: height(terminal, get_position) > 1.7, step=2.0)
+            terminal.value("state/position", lambda place: place["altitude_above_start"] > 1.7)
+            assert height(terminal.run(get_position)) > 1.5
             assert "nobody holds the lease" in terminal.run(show)
-            before = place(terminal)
+            before = terminal.value("sim/truth")["position_enu"]
             assert "setpoints; last stick frame: pitch 8," in terminal.run(stick)
-            assert math.dist(place(terminal)[:2], before[:2]) > 0.5
+            assert math.dist(terminal.value("sim/truth")["position_enu"][:2], before[:2]) > 0.5
             assert "crashed=False" in terminal.run(get_truth)
 
 
-def is_controllable(terminal: Terminal, status: str) -> bool:
-    """Whether the status says that a lease would be granted."""
-    try:
-        return "external control v2" in terminal.run(status)
-    except AssertionError:
-        return False
-
-
-def height(terminal: Terminal, get_position: str) -> float:
-    """What the command for the position shows as height above the start [m]."""
-    shown = re.search(r"altitude_above_start\W+([-0-9.]+)", terminal.run(get_position))
-    return float(shown[1])
+def height(shown: str) -> float:
+    """Height above the start in what the command for the position shows [m]."""
+    return float(re.search(r"altitude_above_start\W+([-0-9.]+)", shown)[1])

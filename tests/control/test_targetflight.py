@@ -51,7 +51,7 @@ from tests.control.flying import Flying
 
 CFG = AutopilotConfig()
 BASE = {"epoch": 1, "sequence": 1, "ttl": 0.3}
-CALM = Flight(seed=4, wind=WindClass.INDOOR, seconds=8.0)
+CALM = Flight(seed=4, wind=WindClass.INDOOR, seconds=7.0)
 
 
 def position(frame=SetpointFrame.PAD, **fields):
@@ -152,10 +152,10 @@ def test_a_target_out_of_sight_is_dead_reckoned_then_level_then_released():
 
 
 def test_a_short_loss_of_sight_ends_nothing():
-    rig = CoreRig(replace(CALM, camera=CameraModel(gone=((4.0, 5.0),)), seconds=8.0))
+    rig = CoreRig(replace(CALM, camera=CameraModel(gone=((3.0, 4.0),)), seconds=6.5))
     record = rig.fly()
     assert rig.core.phase is Phase.FLYING
-    after = np.array(record.errors)[np.array(record.times) > 7.0]
+    after = np.array(record.errors)[np.array(record.times) > 5.8]
     assert np.hypot(after[:, 0], after[:, 1]).max() < 0.3
 
 
@@ -187,10 +187,15 @@ class Lands(UntilReleased):
             self.stood = self._world.truth.on_ground
 
 
-@pytest.mark.parametrize("pad", [(0.0, 0.0), (0.3, 0.2)])
-def test_a_landing_ends_on_the_target_with_a_release_that_is_no_failsafe(pad):
-    rig = Lands(replace(CALM, land_at=LANDS, pad=pad, pad_starts=3.0, seconds=21.0))
-    record = rig.fly()
+@pytest.fixture(scope="module")
+def landed():
+    """A landing on a target that moves; nobody changes it."""
+    rig = Lands(replace(CALM, land_at=LANDS, pad=(0.3, 0.2), pad_starts=3.0, seconds=21.0))
+    return rig, rig.fly()
+
+
+def test_a_landing_ends_on_the_target_with_a_release_that_is_no_failsafe(landed):
+    rig, record = landed
     released_at, released = next((at, action) for at, action in rig.actions if isinstance(action, Release))
     assert record.touch_error < 0.12
     assert record.touch_sink < 0.6
@@ -200,10 +205,15 @@ def test_a_landing_ends_on_the_target_with_a_release_that_is_no_failsafe(pad):
     assert released_at >= record.touched + 0.3
     last = [action.counts.throttle for at, action in rig.actions if isinstance(action, SendSticks)][-1]
     assert last <= -90
-    rig.core.feed(Released(None), released_at)
-    assert not any(isinstance(action, ReportFailsafe) for at, action in rig.actions)
     refused = [at for at, action in rig.actions if isinstance(action, ReportCommand) and action.result.token]
     assert not [at for at in refused if LANDS < at < released_at]
+    rig.core.feed(Released(None), released_at)
+    assert not any(isinstance(action, ReportFailsafe) for at, action in [*rig.actions, *told(rig.core, released_at)])
+
+
+def told(core, at):
+    """What the core says next, with its time."""
+    return [(at, action) for action in core.tick(at)]
 
 
 def land_in_wind(gone):
@@ -219,9 +229,9 @@ def blind_at_its_end():
     return land_in_wind(9.95)
 
 
-@pytest.mark.parametrize("is_blind", [False, True], ids=["seen", "out of sight"])
-def test_the_estimate_ends_where_the_feet_stand(is_blind, blind_at_its_end):
-    rig, record = blind_at_its_end if is_blind else land_in_wind(math.inf)
+@pytest.mark.parametrize("flight", ["landed", "blind_at_its_end"])
+def test_the_estimate_ends_where_the_feet_stand(flight, request):
+    rig, record = request.getfixturevalue(flight)
     assert record.touch_error < 0.2
     released_at = next(at for at, action in rig.actions if isinstance(action, Release))
     last_at, last = [(at, action.value) for at, action in rig.actions if isinstance(action, PublishEstimate)][-1]
@@ -230,13 +240,6 @@ def test_the_estimate_ends_where_the_feet_stand(is_blind, blind_at_its_end):
     assert errors_until <= last_at
     assert min(value.position[2] for value in rig.estimates) > 0.0
     assert last.velocity[2] > -1.0
-
-
-def test_a_landing_whose_target_vanishes_high_up_ends_level_then_released():
-    rig = Lands(replace(CALM, camera=CameraModel(gone=((LANDS + 0.5, 99.0),)), seconds=12.0))
-    rig.fly()
-    reason = next(action.reason for at, action in rig.actions if isinstance(action, Release))
-    assert "no image of pad" in reason
 
 
 def test_a_landing_without_images_at_its_end_is_not_called_down_in_the_air(blind_at_its_end):
@@ -258,42 +261,27 @@ def test_a_descent_without_images_before_the_commit_is_level_then_released_and_n
     assert min(counts.throttle for counts in level) > -30
 
 
-class Forward(CoreRig):
-    """From 4 s on the client asks for 0.3 m/s forward."""
+class ByVelocity(CoreRig):
+    """From 4 s on the client asks for 0.3 m/s forward, from 6 s on to turn left on the spot."""
 
     def _setpoint(self, goal, at):
         if at < 4.0:
             return super()._setpoint(goal, at)
         velocity = {"velocity": (0.3, 0.0, 0.0), "frame": SetpointFrame.BODY}
-        return VelocitySetpoint(epoch=self._epoch, sequence=self._sequence, ttl=0.3, **velocity)
+        turn = {"velocity": (0.0, 0.0, 0.0), "frame": SetpointFrame.PAD, "yaw_rate": 0.15}
+        return VelocitySetpoint(epoch=self._epoch, sequence=self._sequence, ttl=0.3, **(velocity if at < 6.0 else turn))
 
 
-def test_a_velocity_is_flown_in_its_frame():
-    rig = Forward(replace(CALM, seconds=6.0))
+def test_a_velocity_is_flown_in_its_frame_and_then_turns():
+    rig = ByVelocity(replace(CALM, seconds=8.0))
     record = rig.fly()
-    start = record.positions[next(k for k, at in enumerate(record.times) if at > 4.0)]
-    x, y, z = record.positions[-1] - start
+    start, end = (next(k for k, time in enumerate(record.times) if time > at) for at in (4.0, 6.0))
+    x, y, z = record.positions[end] - record.positions[start]
     assert math.hypot(x, y) == pytest.approx(0.5, abs=0.15)
     assert math.atan2(y, x) == pytest.approx(0.3, abs=0.25), "the nose points there"
     assert z == pytest.approx(0.0, abs=0.1)
-
-
-class Turning(Forward):
-    """From 4 s on the client asks to turn left on the spot."""
-
-    def _setpoint(self, goal, at):
-        if at < 4.0:
-            return super()._setpoint(goal, at)
-        turn = {"velocity": (0.0, 0.0, 0.0), "frame": SetpointFrame.PAD, "yaw_rate": 0.15}
-        return VelocitySetpoint(epoch=self._epoch, sequence=self._sequence, ttl=0.3, **turn)
-
-
-def test_a_velocity_setpoint_turns():
-    rig = Turning(replace(CALM, seconds=6.0))
-    record = rig.fly()
-    before = next(estimate.yaw for estimate in reversed(rig.estimates[:-100]))
-    assert rig.estimates[-1].yaw - before == pytest.approx(0.15 * 2.0, abs=0.12)
-    assert math.hypot(*record.errors[-1][:2]) < 0.2
+    assert rig.estimates[-1].yaw - rig.estimates[-101].yaw == pytest.approx(0.15 * 2.0, abs=0.12)
+    assert math.hypot(*(record.positions[-1] - record.positions[end])[:2]) < 0.35, "on the spot"
 
 
 @pytest.mark.parametrize("gain", [0.67, 1.49])
