@@ -102,7 +102,7 @@ class Terminal:
 async def value_at(endpoint: str, suffix: str, claim: Callable[[dict[str, Any]], bool]) -> dict[str, Any]:
     """The last value under a key, as soon as a claim holds of it."""
     async with asyncio.timeout(PATIENCE), connected(endpoint, VEHICLE) as client:
-        while not (value := await client.get(suffix)) or not claim(value.fields):
+        while not (value := await client.get(suffix)) or not claim(value.fields):  # noqa: ASYNC110 - asked again
             await asyncio.sleep(0.2)
     return value.fields
 
