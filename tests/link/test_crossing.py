@@ -252,7 +252,7 @@ def assert_cancelled(session: Session, turn: int) -> None:
 @pytest.mark.parametrize("may_open", [True, False], ids=["", "gone"])
 def test_a_cancellation_ends_the_link_whatever_port_error_comes_with_it(board, lose, may_open):
     """The port is lost three turns before, or in the same turn as the cancellation, or after it."""
-    step = {(Session.lose_port, True): 2, (Session.fail_writes, True): 4}.get((lose, may_open), 8)
+    step = {(Session.lose_port, True): 7, (Session.fail_writes, True): 11}.get((lose, may_open), 19)
     first = 4 if board is Board.FC else 5  # what both boards wait for is met before every turn
     for turn in range(first, turns_of(board), step):
         for after in (0,) if turn % 4 else (0, OTHER_TURNS[turn // 4 % 6]):
@@ -269,7 +269,7 @@ def test_a_cancellation_ends_the_link_whatever_port_error_comes_with_it(board, l
 
 @BOARDS
 def test_a_port_error_right_after_a_cancellation_changes_nothing(board):
-    for turn in range(4, turns_of(board), 8):
+    for turn in range(4, turns_of(board), 17):
         session = Session(board)
         session.loop.plan[turn] = [session.cancel, session.lose_port]
         assert_cancelled(session, turn)
@@ -278,7 +278,7 @@ def test_a_port_error_right_after_a_cancellation_changes_nothing(board):
 @BOARDS
 @pytest.mark.parametrize("later", [1, 20])
 def test_a_second_cancellation_ends_an_exit_that_takes_its_time(board, later):
-    for turn in range(4, turns_of(board), 12):
+    for turn in range(4, turns_of(board), 29):
         session = Session(board)
         session.loop.plan[turn] = session.loop.plan[turn + later] = [session.cancel]
         assert_cancelled(session, turn)
@@ -287,7 +287,7 @@ def test_a_second_cancellation_ends_an_exit_that_takes_its_time(board, later):
 @BOARDS
 @pytest.mark.parametrize("lose", LOSSES)
 def test_a_port_error_alone_ends_nothing_and_the_next_port_begins_with_a_release(board, lose):
-    for turn in range(4, turns_of(board), 12):
+    for turn in range(4, turns_of(board), 29):
         session = Session(board)
         session.loop.plan[turn] = [partial(lose, session)]
         assert not session.run(SESSION + 0.5), turn
@@ -301,7 +301,7 @@ def test_a_port_error_alone_ends_nothing_and_the_next_port_begins_with_a_release
 @pytest.mark.parametrize("happen", [*LOSSES, Session.release, Session.stand_still, Session.cancel])
 def test_handing_in_a_frame_never_raises_whatever_the_line_is_doing(board, happen):
     """The refusal of a frame is a value: nothing of it may end the loop that flies."""
-    for turn in range(4, turns_of(board), 12):
+    for turn in range(4, turns_of(board), 29):
         session = Session(board)
         for later in range(6):
             session.loop.plan[turn + later] = [session.steer]
