@@ -94,4 +94,4 @@ class Race(RuleBasedStateMachine):
 
 
 TestRace = Race.TestCase
-TestRace.settings = settings(max_examples=40, stateful_step_count=30, deadline=None)
+TestRace.settings = settings(stateful_step_count=30, deadline=None)

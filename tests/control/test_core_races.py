@@ -104,4 +104,4 @@ class Race(RuleBasedStateMachine):
 
 
 TestRace = Race.TestCase
-TestRace.settings = settings(max_examples=60, stateful_step_count=30, deadline=None)
+TestRace.settings = settings(stateful_step_count=30, deadline=None)

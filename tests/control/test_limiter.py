@@ -236,7 +236,7 @@ def sticks_within(draw, cfg):
 AXES = ("pitch", "roll", "yaw")
 
 
-@settings(max_examples=400)
+@settings(max_examples=max(100, settings.default.max_examples))
 @given(data=st.data())
 def test_nothing_outside_the_bounds_leaves_whatever_comes(data):
     cfg = data.draw(configurations())
@@ -272,7 +272,7 @@ def test_nothing_outside_the_bounds_leaves_whatever_comes(data):
     assert abs(result.yaw - last.yaw) <= step or abs(result.yaw) <= GESTURE_YAW
 
 
-@settings(max_examples=200)
+@settings(max_examples=max(100, settings.default.max_examples))
 @given(data=st.data())
 def test_repeating_a_command_converges_on_the_nearest_allowed_one(data):
     cfg = data.draw(configurations())

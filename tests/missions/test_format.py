@@ -3,7 +3,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 
 from mkdaemon.errors import ConfigError
 from mkdaemon.missions import FORMATS, AltitudeReference, read_mission, write_mission
@@ -13,7 +13,6 @@ from .missions import ROUND, missions
 
 
 @pytest.mark.parametrize("suffix", [".gpx", ".kml", ".csv"])
-@settings(max_examples=40)
 @given(mission=missions())
 def test_complete_formats_keep_every_field(suffix: str, mission: Mission) -> None:
     form = FORMATS[suffix]
@@ -22,7 +21,6 @@ def test_complete_formats_keep_every_field(suffix: str, mission: Mission) -> Non
     assert draft.mission.points == mission.points
 
 
-@settings(max_examples=40)
 @given(mission=missions(whole_metres=True))
 def test_wpl_keeps_whole_metres(mission: Mission) -> None:
     form = FORMATS[".wpl"]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 
 from mkdaemon.errors import ConfigError
 from mkdaemon.missions import FORMATS, write_mission
@@ -27,20 +27,17 @@ def fields_of(found: tuple[str, ...]) -> set[str]:
 
 
 @pytest.mark.parametrize("suffix", [".gpx", ".kml", ".csv"])
-@settings(max_examples=40)
 @given(mission=missions())
 def test_complete_formats_lose_nothing(suffix: str, mission: Mission) -> None:
     assert lost(mission, back(mission, suffix)) == ()
 
 
-@settings(max_examples=40)
 @given(mission=missions())
 def test_a_wpl_loses_parts_of_metres_and_says_so(mission: Mission) -> None:
     uneven = any(not point.altitude.is_integer() for point in mission.points if point.kind is not PointKind.POI)
     assert fields_of(lost(mission, back(mission, ".wpl"))) == ({"altitude"} if uneven else set())
 
 
-@settings(max_examples=80)
 @given(mission=missions(max_size=4))
 def test_a_plan_flies_the_same_and_names_the_rest(mission: Mission) -> None:
     """A speed of 0 after another one is the vehicle's own again, not the one before."""

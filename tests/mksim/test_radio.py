@@ -160,7 +160,6 @@ def test_directions_are_independent() -> None:
     assert down.bytes_out == 300 * len(FRAME)
 
 
-@settings(max_examples=60, deadline=None)
 @given(
     sends=st.lists(st.tuples(st.floats(0.0, 0.05), st.binary(min_size=1, max_size=150)), max_size=20),
     kind=st.sampled_from(list(RadioKind)),

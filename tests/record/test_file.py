@@ -9,7 +9,7 @@ from itertools import pairwise
 from pathlib import Path
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from mcap.exceptions import EndOfFile
 from mcap.reader import make_reader
@@ -141,7 +141,6 @@ WHOLE = write([sample(number, f"mk/mk1/state/{number % 5}") for number in range(
 
 
 @given(st.lists(st.tuples(st.integers(0, len(WHOLE) - 1), st.integers(1, 255)), min_size=1, max_size=4), st.data())
-@settings(max_examples=120, deadline=None)
 def test_changed_bytes_cost_the_chunks_they_are_in_and_nothing_else(
     tmp_path_factory: pytest.TempPathFactory, changes: list[tuple[int, int]], data: st.DataObject
 ) -> None:

@@ -6,7 +6,7 @@ import math
 from dataclasses import astuple, replace
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from mkdaemon.control.estimator.model import (
@@ -90,7 +90,6 @@ def test_a_set_that_says_too_little_is_unread():
 GAINS = st.fixed_dictionaries({name: st.integers(0, 255) for name in EASY})
 
 
-@settings(max_examples=300, deadline=None)
 @given(GAINS, st.booleans(), st.booleans())
 def test_every_set_gives_a_model_or_says_which_parameter_prevents_it(gains, has_filter, has_slow_leak):
     found = model(has_filter=has_filter, has_slow_leak=has_slow_leak, **gains)

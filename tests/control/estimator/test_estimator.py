@@ -495,7 +495,6 @@ EVENTS = st.lists(
 )
 
 
-@settings(max_examples=40, deadline=None)
 @given(EVENTS)
 def test_whatever_arrives_the_estimate_is_numbers_and_the_newest_image_neither_ages_nor_lies_ahead(events):
     estimator, now = Estimator(MODEL, view(0.0, np.zeros((2, LEVEL_STATES)), 2.0, 0.0), HOVER), 0.0

@@ -6,7 +6,7 @@ import random
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from mkdaemon.control.estimator.rollback import MEMORY, STEP, Measurement, RollbackFilter
@@ -192,7 +192,6 @@ def after(readings, order):
     return filter_
 
 
-@settings(max_examples=60, deadline=None)
 @given(READINGS, st.randoms(use_true_random=False))
 def test_the_order_in_which_late_measurements_arrive_does_not_matter(readings, rng):
     order = list(range(len(readings)))
@@ -215,7 +214,6 @@ DEEDS = st.lists(
 )
 
 
-@settings(max_examples=60, deadline=None)
 @given(DEEDS)
 def test_states_stay_numbers_and_covariances_symmetric_and_positive(deeds):
     filter_ = make()

@@ -9,7 +9,7 @@ import struct
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from mkdaemon.telemetry.sim_faults import FAULTS
@@ -263,7 +263,6 @@ def test_truth_is_a_proper_rotation() -> None:
     assert math.acos(rotation[2, 2]) == pytest.approx(world.truth.tilt, abs=1e-9)
 
 
-@settings(max_examples=40, deadline=None)
 @given(
     seed=st.integers(0, 10_000),
     height=st.sampled_from([0.0, 0.05, 1.0, 30.0]),

@@ -46,7 +46,7 @@ def test_no_wrong_fit_is_borne_out():
     fit, evidence = EdgeFit(target, PROJECTION), EdgeEvidence(target, PROJECTION)
     rng = np.random.default_rng(5)
     wrong = 0
-    for k in range(60):
+    for k in range(30):
         cover = strip(target.tags[0].size, float(rng.uniform(0.03, 0.3)), float(rng.uniform(0.05, 0.85)))
         view = View(
             target, place(float(rng.uniform(0.8, 4.0)), float(rng.uniform(0, 0.7)), around=k, roll=k / 2), cover
@@ -59,7 +59,7 @@ def test_no_wrong_fit_is_borne_out():
         wrong += 1
         found = evidence.measure(view.pixels, fitted)
         assert found is None or not found.supports(LIMITS.evidence), (k, found)
-    assert wrong >= 10
+    assert wrong >= 5
 
 
 def test_nothing_is_borne_out_where_there_is_no_target():

@@ -154,7 +154,7 @@ def test_far_poses_behind_a_tone_curve_are_believed() -> None:
     """Slopes tell a pose, not even paper: mean NEES 0.47 by the noise of all pixels, 0.62 by that of slopes."""
     target, toned = shipped("nested"), Conditions(processing=Processing(gamma=2.2))
     fit, rng, found = PhotoFit(target, Projection(VGA)), np.random.default_rng(3), []
-    for _ in range(40):
+    for _ in range(20):
         far = place(rng.uniform(5.0, 8.0), rng.uniform(0.1, 0.4), rng.uniform(0.0, 6.0), rng.uniform(-0.5, 0.5))
         view = View(target, far, toned)
         start = Pose(view.rotation, 1.002 * view.position, 1e-6 * np.eye(6), "corners", 4, 0.1)

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from mkdaemon.vision.camera.intrinsics import Intrinsics
@@ -31,7 +31,6 @@ def cold(view, target):
     return solve([(tagmap.owners[item.family, item.tag_id][1], item) for item in found], PROJECTION)
 
 
-@settings(max_examples=60, deadline=None)
 @given(
     x=st.floats(-0.5, 0.5), y=st.floats(-0.4, 0.4), z=st.floats(0.3, 8.0), dx=st.integers(0, 2), dw=st.integers(0, 2)
 )
@@ -268,11 +267,11 @@ def test_floor_and_inverse():
 
 
 def test_covariance_is_honest():
-    """NEES per degree of freedom of 24 views; the campaign of `python -m lab vision` draws hundreds."""
+    """NEES per degree of freedom of 12 views; the campaign of `python -m lab vision` draws hundreds."""
     target = shipped("single")
     fit = EdgeFit(target, PROJECTION)
     values = []
-    for k in range(24):
+    for k in range(0, 24, 2):
         view = View(
             target, place(1.0 + 0.12 * k, 0.1 + 0.02 * k, around=0.9 * k, roll=0.7 * k), Conditions(noise_sd=2.0)
         )

@@ -71,7 +71,7 @@ def test_a_print_with_one_side_in_a_highlight_is_found(at: tuple[float, float], 
     assert np.abs(found.corners - corners).max() < 100.0 * max(stretch, 1.0) / 24
 
 
-@pytest.mark.parametrize("tag_id", [0, 47, 100])
+@pytest.mark.parametrize("tag_id", [0, 100])
 def test_another_print_with_one_side_in_a_highlight_is_none(tag_id: int) -> None:
     detector = Detector(TAGS.whitelist, covered=covered_cells(TAGS))
     for at in ((4.0, -1.0), (4.0, 9.0), (-1.0, 4.0), (9.0, 4.0)):

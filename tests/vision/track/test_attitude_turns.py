@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache
 
 import numpy as np
 
@@ -23,19 +24,33 @@ IMAGES, NEAR, LIES = 30, 12, 16
 """Of a flight, from which the tag is larger than the image and covered, and from which the attitude is wrong."""
 
 
-def lost(report: Callable[[int, AttitudeSample], AttitudeSample]) -> list[int]:
-    """Images without a pose, of a descent that turns by 4 degrees an image; every pose that is published is right."""
-    tracker = Tracker(TagMap((TARGET,)), VGA, LOOKING_DOWN)
-    without, samples = [], []
-    for k in range(IMAGES):
-        view = View(
+@cache
+def views() -> tuple[View, ...]:
+    """What the camera sees of a descent that turns by 4 degrees an image."""
+    return tuple(
+        View(
             TARGET,
             place(max(0.38, 0.7 - 0.32 * k / NEAR), 0.12, roll=0.07 * k),
             Conditions(covers=(BAND,)) if k >= NEAR else None,
         )
+        for k in range(IMAGES)
+    )
+
+
+@cache
+def pixels_of(number: int) -> np.ndarray:
+    """One of its images, rendered once."""
+    return views()[number].pixels
+
+
+def lost(report: Callable[[int, AttitudeSample], AttitudeSample]) -> list[int]:
+    """Images without a pose of that descent; every pose that is published is right."""
+    tracker = Tracker(TagMap((TARGET,)), VGA, LOOKING_DOWN)
+    without, samples = [], []
+    for k, view in enumerate(views()):
         rpy = euler_from_rotation(view.view.enu_from_cam @ LOOKING_DOWN.flu_from_cam.T)
         samples.append(report(k, AttitudeSample(k * STEP, *rpy)))
-        image = CameraImage(view.pixels, k * STEP, k * STEP, k, "down")
+        image = CameraImage(pixels_of(k), k * STEP, k * STEP, k, "down")
         found = tracker.update(image, AttitudeHistory(samples)).pose_of(TARGET.name)
         if found is None:
             without.append(k)

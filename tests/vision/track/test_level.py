@@ -200,7 +200,7 @@ def test_a_target_on_a_tilted_deck_gets_true_poses_from_far_to_near() -> None:
     tracker = Tracker(TagMap((replace(target, level=True),)), VGA, LOOKING_DOWN)
     history = AttitudeHistory(AttitudeSample(k / 50, 0.0, 0.0, 0.0) for k in range(60))
     posed = 0
-    for k, height in enumerate(np.linspace(2.5, 0.5, 20)):
+    for k, height in enumerate(np.linspace(2.5, 0.5, 12)):
         at = np.array([0.05, -0.04, height])
         view = CameraView(VGA, LOOKING_DOWN.flu_from_cam, at, np.zeros(3), np.zeros(3), 0.004, k / 30)
         rotation, position = cam_from_target(placed, view)
@@ -210,7 +210,7 @@ def test_a_target_on_a_tilted_deck_gets_true_poses_from_far_to_near() -> None:
             posed += 1
             assert np.linalg.norm(found.pose.position - position) < 0.01 * height
             assert angle_deg(found.pose.rotation, rotation) < 1.5
-    assert posed >= 18
+    assert posed >= 10
 
 
 def test_the_turning_comes_from_the_attitudes_around_an_image() -> None:

@@ -121,9 +121,9 @@ def test_a_level_target_far_from_level_contradicts_the_attitude_however_slowly_i
     target = shipped("nested")
     tracker = Tracker(TagMap((target,)), VGA, LOOKING_DOWN)
     left_out = []
+    view = View(target, place(2.0, 0.3))
+    right = euler_from_rotation(view.view.enu_from_cam @ LOOKING_DOWN.flu_from_cam.T)
     for k in range(60):
-        view = View(target, place(2.0, 0.3))
-        right = euler_from_rotation(view.view.enu_from_cam @ LOOKING_DOWN.flu_from_cam.T)
         time = k * STEP
         noisy = np.roll(view.pixels, k % 2, axis=1)
         off = radians(15.0) * k / 60
