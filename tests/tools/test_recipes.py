@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import shlex
 import shutil
 import subprocess
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -79,13 +81,25 @@ def contents(tree: Path) -> dict[str, bytes]:
     return {path.relative_to(tree).as_posix(): path.read_bytes() for path in files}
 
 
-def run(command: str, tree: Path) -> subprocess.CompletedProcess[str]:
-    words = shlex.split(command)
-    if " -k " in command:  # an expression, of several words
-        before, _, after = command.partition(" -k ")
-        words = [*shlex.split(before), "-k", after]
-    if words[0] == "python":
-        words[0] = sys.executable
+PROOFS = """
+import contextlib, io, json, sys
+import pytest
+
+for words in json.loads(sys.argv[1]):
+    with contextlib.redirect_stdout(io.StringIO()) as out:
+        code = int(pytest.main(words))
+    print(json.dumps([code, out.getvalue()]), flush=True)
+"""
+
+
+def words_of(command: str) -> list[str]:
+    """The words of a command, of which an expression behind -k is one."""
+    before, is_chosen, expression = command.partition(" -k ")
+    return [*shlex.split(before), *(["-k", expression] if is_chosen else [])]
+
+
+def run(words: Sequence[str], tree: Path) -> subprocess.CompletedProcess[str]:
+    """Run a command in the tree."""
     environment = {
         **os.environ,
         "PYTHONPATH": f"{tree / 'src'}{os.pathsep}{tree}",
@@ -93,7 +107,10 @@ def run(command: str, tree: Path) -> subprocess.CompletedProcess[str]:
         # Hypothesis parses every source of the tree for constants to try, and keeps them by content: once is enough.
         "HYPOTHESIS_STORAGE_DIRECTORY": str(ROOT / ".hypothesis"),
     }
-    return subprocess.run(words, cwd=tree, env=environment, capture_output=True, text=True, check=False, timeout=600)
+    program = sys.executable if words[0] == "python" else words[0]
+    return subprocess.run(
+        [program, *words[1:]], cwd=tree, env=environment, capture_output=True, text=True, check=False, timeout=600
+    )
 
 
 @pytest.fixture(scope="module")
@@ -125,8 +142,19 @@ def is_own(command: str) -> bool:
 
 
 def assert_done(command: str, tree: Path) -> None:
-    done = run(command, tree)
+    done = run(words_of(command), tree)
     assert done.returncode == 0, f"{command}\n{done.stdout}\n{done.stderr}"
+
+
+@pytest.fixture(scope="module")
+def proofs(tree):
+    """Exit code and output of every recipe's own proof, by the command; one process, which imports the tree once."""
+    commands = [command for recipe in RECIPES for command in recipe.commands if is_own(command)]
+    beginnings = [words_of(command)[:3] for command in commands]
+    assert beginnings == [["python", "-m", "pytest"]] * len(commands)
+    done = run(["python", "-c", PROOFS, json.dumps([words_of(command)[3:] for command in commands])], tree)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return dict(zip(commands, map(json.loads, done.stdout.splitlines()), strict=True))
 
 
 def test_the_page_has_a_recipe_for_everything_that_is_often_added():
@@ -146,8 +174,10 @@ def test_no_file_is_edited_by_two_recipes_so_that_all_can_be_carried_out_on_one_
 
 
 @pytest.mark.parametrize("recipe", RECIPES, ids=lambda recipe: recipe.name.replace(" ", "_"))
-def test_a_recipe_does_what_it_promises_and_names_every_file(recipe, tree):
+def test_a_recipe_does_what_it_promises_and_names_every_file(recipe, proofs):
     own = [command for command in recipe.commands if is_own(command)]
     assert own
     for command in own:
-        assert_done(command, tree)
+        code, output = proofs[command]
+        assert code == 0, f"{command}\n{output}"
+        assert re.search(r"\d passed", output), f"{command}\n{output}"
