@@ -34,7 +34,7 @@ class Flying:
 
     def _situation(self, flown, now):
         sight = self.sight
-        found = {"entry": sight.entry(now), "hover_gas": sight.hover_gas, "target_age": sight.pose_age(now)}
+        found = {"seen": lambda: sight.entry(now), "hover_gas": sight.hover_gas, "target_age": sight.pose_age(now)}
         found["unanswered"] = sight.answer.missing_words(now)
         return self._preflight.situation(now, phase=Phase.LEASED, lease=None, flown=flown, **found)
 

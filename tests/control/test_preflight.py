@@ -151,6 +151,13 @@ def test_in_flight_nothing_is_computed_that_would_hold_up_the_loop(drive, monkey
 def test_stamps_are_compared_at_once_and_again_after_half_a_second(monkeypatch):
     monkeypatch.setattr(MotionMatch, "match", lambda motion, now, target: Match(now, 1.0))
     before = preflight.Preflight(ControlConfig(), VehicleMemory())
-    known = {"lease": None, "flown": None, "entry": None, "unanswered": "", "hover_gas": 125.0, "target_age": None}
+    known = {
+        "lease": None,
+        "flown": None,
+        "seen": lambda: None,
+        "unanswered": "",
+        "hover_gas": 125.0,
+        "target_age": None,
+    }
     lags = [before.situation(at, phase=Phase.FREE, **known).stamps.lag for at in (5.0, 5.4, 5.5, 5.9, 6.0)]
     assert lags == [5.0, 5.0, 5.5, 5.5, 6.0]

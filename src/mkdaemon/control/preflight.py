@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import lru_cache
 from typing import Final, NamedTuple
 
@@ -88,7 +89,7 @@ class Preflight:
         phase: Phase,
         lease: LeaseState | None,
         flown: Concern | None,
-        entry: Entry | None,
+        seen: Callable[[], Entry | None],
         unanswered: str,
         hover_gas: float,
         target_age: float | None,
@@ -100,7 +101,7 @@ class Preflight:
             phase: where authority stands.
             lease: the present one; None for nobody.
             flown: the manoeuvre whose sticks are being sent; None while no stick frames are sent.
-            entry: what the estimate says; None where there is no estimate.
+            seen: computes what the estimate says; None where there is no estimate.
             unanswered: why the sticks do not act; empty where they may.
             hover_gas: throttle that carries the aircraft [count of 254].
             target_age: time since the newest image of the target [s]; None where there was none.
@@ -132,7 +133,7 @@ class Preflight:
             eyes=facts.eyes,
             contradicting=self._contradicting,
             target_age=target_age,
-            entry=entry,
+            seen=seen,
             unanswered=unanswered,
             stamps=self._stamps(now),
             free_disk=facts.free_disk,

@@ -77,13 +77,22 @@ GOOD = Situation(
     eyes=(eyes(),),
     contradicting=(),
     target_age=0.1,
-    entry=ENTRY,
+    seen=lambda: ENTRY,
     stamps=Match(0.01, 0.95),
     free_disk=5e9,
     model=None,
     loop=None,
     is_loop_known=True,
 )
+
+
+BLIND = {"seen": lambda: None}
+"""What changes where there is no estimate."""
+
+
+def sees(**change):
+    """What changes where the estimate says something else."""
+    return {"seen": lambda: replace(ENTRY, **change)}
 
 
 def situation_of(facts, now, phase=Phase.FREE):

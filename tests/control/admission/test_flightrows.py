@@ -28,7 +28,7 @@ from mkdaemon.telemetry.preflight import Blocks, CheckState
 from mkdaemon.telemetry.refusals import Token, refuse
 from mkdaemon.telemetry.state import GpsMode
 from mkdaemon.telemetry.vision import Alarm, EyeState
-from tests.control.admission.situations import GOOD, SET, SHARED, battery, eyes, flags, health, heights, reception
+from tests.control.admission.situations import GOOD, SET, SHARED, battery, eyes, flags, health, heights, reception, sees
 from tests.control.events import link_state
 
 STANDS = [
@@ -168,8 +168,8 @@ def test_a_battery_without_a_known_cell_voltage_has_only_the_boards_alarm():
 )
 def test_an_entry_condition_holds_up_to_its_limit_and_not_beyond(part, limit):
     edge = getattr(GOOD.cfg.autopilot, limit) * (GOOD.entry.height if part == "offset" else 1.0)
-    at_edge = replace(GOOD, entry=replace(GOOD.entry, **{part: edge}))
-    beyond = replace(GOOD, entry=replace(GOOD.entry, **{part: edge + 1e-6}))
+    at_edge = replace(GOOD, **sees(**{part: edge}))
+    beyond = replace(GOOD, **sees(**{part: edge + 1e-6}))
     assert waits_for(NewManoeuvre(Concern.HOLD), at_edge) == ""
     assert waits_for(NewManoeuvre(Concern.HOLD), beyond) != ""
 
@@ -203,7 +203,7 @@ def test_what_is_beyond_its_limit_is_told_with_both_numbers(name, change, words)
 
 @pytest.mark.parametrize("concern", [Concern.HOLD, Concern.POSITION, Concern.VELOCITY, Concern.LAND, Concern.TAKE_OFF])
 def test_without_an_answer_to_the_sticks_a_flight_by_the_target_waits_and_is_not_refused(concern):
-    shut = replace(GOOD, entry=replace(GOOD.entry, height=0.1), unanswered="the board reports the gate shut")
+    shut = replace(GOOD, **sees(height=0.1), unanswered="the board reports the gate shut")
     assert waits_for(NewManoeuvre(concern), shut) == (
         "waiting for an answer to the sticks: the board reports the gate shut"
     )

@@ -21,7 +21,7 @@ from mkdaemon.control.motionmatch import Match
 from mkdaemon.telemetry.control import Phase
 from mkdaemon.telemetry.danger import Danger
 from mkdaemon.telemetry.preflight import CheckState
-from tests.control.admission.situations import ENTRY, GOOD, SET, battery, eyes, flags, health, reception
+from tests.control.admission.situations import BLIND, GOOD, SET, battery, eyes, flags, health, reception, sees
 from tests.control.events import link_state
 
 PASSED, STANDS, UNKNOWN = CheckState.PASSED, CheckState.STANDS, CheckState.UNKNOWN
@@ -124,21 +124,21 @@ def test_what_is_wrong_is_told_with_its_number(name, change, words):
 # -- what the stream waits for -------------------------------------------------------------------------------------
 
 CFG = GOOD.cfg.autopilot
-STANDING = replace(GOOD, entry=replace(ENTRY, height=CFG.stand_height))
+STANDING = replace(GOOD, **sees(height=CFG.stand_height))
 
 
 @pytest.mark.parametrize(
     ("concern", "change", "waits"),
     [
-        (Concern.HOLD, {"entry": replace(ENTRY, age=CFG.entry_age)}, False),
-        (Concern.HOLD, {"entry": replace(ENTRY, age=CFG.entry_age + 1e-6)}, True),
-        (Concern.HOLD, {"entry": replace(ENTRY, clean=CFG.entry_clean)}, False),
-        (Concern.HOLD, {"entry": replace(ENTRY, clean=CFG.entry_clean - 1e-6)}, True),
-        (Concern.TAKE_OFF, {"entry": replace(ENTRY, height=CFG.stand_height + 0.149)}, False),
-        (Concern.TAKE_OFF, {"entry": replace(ENTRY, height=CFG.stand_height + 0.151)}, True),
-        (Concern.TAKE_OFF, {"entry": replace(ENTRY, height=2.0, age=CFG.entry_age)}, True),
-        (Concern.TAKE_OFF, {"entry": replace(ENTRY, height=2.0, age=CFG.entry_age + 1e-6)}, False),
-        (Concern.TAKE_OFF, {"entry": None}, False),
+        (Concern.HOLD, sees(age=CFG.entry_age), False),
+        (Concern.HOLD, sees(age=CFG.entry_age + 1e-6), True),
+        (Concern.HOLD, sees(clean=CFG.entry_clean), False),
+        (Concern.HOLD, sees(clean=CFG.entry_clean - 1e-6), True),
+        (Concern.TAKE_OFF, sees(height=CFG.stand_height + 0.149), False),
+        (Concern.TAKE_OFF, sees(height=CFG.stand_height + 0.151), True),
+        (Concern.TAKE_OFF, sees(height=2.0, age=CFG.entry_age), True),
+        (Concern.TAKE_OFF, sees(height=2.0, age=CFG.entry_age + 1e-6), False),
+        (Concern.TAKE_OFF, BLIND, False),
         (Concern.TAKE_OFF, {"gas_in_use": 75.0}, False),
         (Concern.TAKE_OFF, {"gas_in_use": 75.1}, True),
         (Concern.TAKE_OFF, {"motors_running": None}, False),
@@ -149,7 +149,7 @@ def test_a_stream_waits_up_to_a_limit_and_not_beyond(concern, change, waits):
 
 
 def test_what_a_take_off_waits_for_is_told_with_its_number():
-    high = replace(STANDING, entry=replace(ENTRY, height=CFG.stand_height + 0.4))
+    high = replace(GOOD, **sees(height=CFG.stand_height + 0.4))
     assert "its feet are 0.4 m above" in waits_for(NewManoeuvre(Concern.TAKE_OFF), high)
     strong = replace(STANDING, gas_in_use=130.0)
     assert "it is at +3" in waits_for(NewManoeuvre(Concern.TAKE_OFF), strong)

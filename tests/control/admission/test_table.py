@@ -44,7 +44,7 @@ from mkdaemon.telemetry.refusals import Token, refuse
 from mkdaemon.telemetry.setpoint import PositionSetpoint, SetpointFrame
 from mkdaemon.telemetry.state import GpsMode
 from mkdaemon.telemetry.vision import EyeState
-from tests.control.admission.situations import ENTRY, GOOD, SET, battery, eyes, flags, health, reception
+from tests.control.admission.situations import BLIND, GOOD, SET, battery, eyes, flags, health, reception, sees
 from tests.control.events import STAMP, link_state
 
 RUNNING = ProcedureProgress(
@@ -124,7 +124,7 @@ CASES = [
     ("no route under way", "route_active", StartRoute(), {"flight": flags(is_flying=True, waypoint_index=2)}),
     ("switch at home", "switch_at_home", NaviGoto(2.0), {"flight": flags(is_flying=True, gps_mode=GpsMode.COME_HOME)}),
     ("position by GPS", "position_poor", NaviGoto(2.0), {"flight": FLYING}),
-    ("estimate", "no_estimate", NewManoeuvre(Concern.HOLD), {"entry": None}),
+    ("estimate", "no_estimate", NewManoeuvre(Concern.HOLD), BLIND),
     ("frame", "no_frame", NewManoeuvre(Concern.POSITION, SetpointFrame.HOME), {}),
     ("take-off from the ground", "not_on_ground", NewManoeuvre(Concern.TAKE_OFF), {"flown": Concern.STICK}),
 ]
@@ -138,16 +138,16 @@ WAITING = [
         "to listen",
     ),
     ("answer to the sticks", Concern.HOLD, {"unanswered": "the board reports the gate shut"}, "reports the gate shut"),
-    ("fresh image", Concern.HOLD, {"entry": replace(ENTRY, age=0.26)}, "0.26 s old"),
-    ("speed", Concern.POSITION, {"entry": replace(ENTRY, speed=0.5)}, "0.5 m/s"),
-    ("offset", Concern.LAND, {"entry": replace(ENTRY, offset=0.7)}, "0.7 m beside"),
-    ("certainty", Concern.VELOCITY, {"entry": replace(ENTRY, sd=0.16)}, "16 cm"),
-    ("clean images", Concern.HOLD, {"entry": replace(ENTRY, clean=1.9)}, "for 2 s"),
+    ("fresh image", Concern.HOLD, sees(age=0.26), "0.26 s old"),
+    ("speed", Concern.POSITION, sees(speed=0.5), "0.5 m/s"),
+    ("offset", Concern.LAND, sees(offset=0.7), "0.7 m beside"),
+    ("certainty", Concern.VELOCITY, sees(sd=0.16), "16 cm"),
+    ("clean images", Concern.HOLD, sees(clean=1.9), "for 2 s"),
     ("running motors", Concern.TAKE_OFF, {"motors_running": False}, "running motors"),
-    ("feet on the ground", Concern.TAKE_OFF, {"entry": replace(ENTRY, height=0.26)}, "0.2 m above"),
+    ("feet on the ground", Concern.TAKE_OFF, sees(height=0.26), "0.2 m above"),
     ("throttle at its lowest", Concern.TAKE_OFF, {"gas_in_use": 76.0}, "may carry"),
 ]
-STANDING = replace(GOOD, motors_running=True, entry=replace(ENTRY, height=0.1))
+STANDING = replace(GOOD, **sees(height=0.1), motors_running=True)
 """An aircraft on the ground, from which everything may begin but what flies at a height."""
 
 
@@ -233,9 +233,9 @@ CHANGES = {
     "turned": {"stamps": Match(0.0, -0.9)},
     "switch": {"flight": flags(gps_mode=GpsMode.HOLD)},
     "height control": {"flight": flags(altitude_control=True)},
-    "speed": {"entry": replace(ENTRY, speed=2.0)},
-    "aside": {"entry": replace(ENTRY, offset=3.0)},
-    "no estimate": {"entry": None},
+    "speed": sees(speed=2.0),
+    "aside": sees(offset=3.0),
+    "no estimate": BLIND,
     "guard": {"has_guard": False},
     "deaf": {"line": ControlLine("v2", Obstacle.DEAF, "x")},
     "motors": {"motors_running": False},

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from mkdaemon.config.control import ControlConfig
@@ -106,7 +107,7 @@ class Situation:
         eyes: what each camera last said of itself.
         contradicting: cameras whose poses contradict those of the others.
         target_age: time since the newest image of a target [s]; None where there was none.
-        entry: what the estimate says; None where there is no estimate.
+        seen: computes `entry`: most conditions do not ask for it, and it costs a prediction of the estimate.
         unanswered: why the sticks of a flight by the target do not act, in words; empty where they may.
         stamps: do camera and boards tell of the same motion; None where nothing moved.
         free_disk: where the recorder writes [bytes]; None where nobody looked.
@@ -140,13 +141,18 @@ class Situation:
     eyes: tuple[VisionStats, ...]
     contradicting: tuple[str, ...]
     target_age: float | None
-    entry: Entry | None
+    seen: Callable[[], Entry | None]
     unanswered: str
     stamps: Match | None
     free_disk: float | None
     model: ModelUnknown | None
     loop: CommandRejectedError | None
     is_loop_known: bool
+
+    @property
+    def entry(self) -> Entry | None:
+        """What the estimate says; None where there is no estimate."""
+        return self.seen()
 
     @property
     def is_free(self) -> bool:
