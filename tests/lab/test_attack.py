@@ -176,7 +176,7 @@ async def test_the_guard_releases_in_virtual_time_too(silence, limit):
 
 def test_the_guard_is_quiet_in_a_flight_with_faults(monkeypatch):
     silence_log()
-    monkeypatch.setattr(quiet, "FLIGHT", 12.0)
+    monkeypatch.setattr(quiet, "FLIGHT", 8.0)
     found = quiet.fly_quietly(Boards("2.08"), range(1, 2))
     assert found.written == []
     assert found.leases >= 1

@@ -137,11 +137,11 @@ def test_wind_and_crooked_accelerometers_are_told_apart():
 
 def test_without_images_the_estimate_goes_on_and_grows_uncertain():
     plant = Plant(wind=(0.3, 0.0))
-    estimator = run(plant, 9.0, sight=lambda t: t < 8.0)
+    estimator = run(plant, 6.0, sight=lambda t: t < 5.0)
     estimate = estimator.estimate(plant.now)
     assert estimate.age == pytest.approx(1.0, abs=0.1)
     assert estimate.position[:2] == pytest.approx(plant.axes[:, P], abs=0.25)
-    before = run(Plant(wind=(0.3, 0.0)), 8.0).estimate(8.0)
+    before = run(Plant(wind=(0.3, 0.0)), 5.0).estimate(5.0)
     assert estimate.position_sd[0] > 2 * before.position_sd[0]
 
 

