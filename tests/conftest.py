@@ -60,7 +60,6 @@ def pytest_collectstart() -> None:
 
 def pytest_collection_finish() -> None:
     """What was collected stays to the end: the garbage collector need not look through it again and again."""
-    gc.collect()
     gc.freeze()
     gc.enable()
 

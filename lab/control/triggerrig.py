@@ -111,7 +111,8 @@ class Scene:
         return math.inf if waited is None else self.loop.time()
 
     async def lean(self) -> None:
-        """Fly by sticks, tilted."""
+        """Fly by sticks, tilted; nobody looks at a target then."""
+        self.client.is_seeing = False
         await self.until(lambda: self.flown.flight.phase is Phase.FLYING)
         self.client.setpoint = (StickSetpoint, LEANING)
         await self.until(lambda: self.flown.aircraft.held[-1:] != [] and not self.flown.aircraft.held[-1].is_neutral)

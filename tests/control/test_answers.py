@@ -76,8 +76,8 @@ class Gated(CoreRig):
         return [a.phase for at, a in self.actions if isinstance(a, PublishStatus) and at <= when][-1]
 
 
-def flight(**more):
-    return Flight(seed=1, wind=WindClass.INDOOR, seconds=9.0, **more)
+def flight(seconds=9.0):
+    return Flight(seed=1, wind=WindClass.INDOOR, seconds=seconds)
 
 
 @pytest.fixture(scope="module")
@@ -113,7 +113,7 @@ def test_an_opened_gate_is_flown_through_again_where_the_aircraft_is(silent):
 
 
 def test_a_board_that_reports_its_gate_is_believed_at_once():
-    rig = Gated(flight())
+    rig = Gated(flight(OPENED + 0.6))
     rig.tells = True
     assert rig.fly().lost == ""
     assert rig.phases()[Phase.UNANSWERED] == pytest.approx(SHUT, abs=0.05)
@@ -123,11 +123,11 @@ def test_a_board_that_reports_its_gate_is_believed_at_once():
 
 
 def test_an_aborted_flight_stays_aborted_over_a_shut_gate():
-    rig = Gated(flight())
+    rig = Gated(flight(OPENED + 1.0))
     rig.tells, rig.abort_at = True, SHUT - 0.5
     assert rig.fly().lost == ""
     assert rig.sticks(SHUT + 0.3, OPENED) == 0
-    assert rig.phase_at(9.0) is Phase.ABORTED
+    assert rig.phase_at(OPENED + 1.0) is Phase.ABORTED
 
 
 def test_a_tilt_that_follows_the_sticks_is_an_answer_with_half_or_twice_the_models_gain():

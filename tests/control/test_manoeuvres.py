@@ -32,7 +32,7 @@ from tests.control.flying import Flying
 
 BASE = {"epoch": 1, "sequence": 1, "ttl": 0.3}
 GROUND = Flight(seed=4, wind=WindClass.INDOOR, seconds=9.2, start=0.0, place=(0.05, -0.04))
-CALM = Flight(seed=4, wind=WindClass.INDOOR, seconds=7.0)
+CALM = Flight(seed=4, wind=WindClass.INDOOR, seconds=6.0)
 
 
 class Plan(CoreRig):

@@ -178,8 +178,9 @@ class Pinned(Capped):
         ]
 
 
-@pytest.mark.parametrize(("scale", "known_to"), [(1.0, 1.0), (0.87, 0.1 * GAS_CENTRE)])
-def test_no_throttle_winds_up_under_a_lid_and_none_leaps_when_the_pilot_raises_it(scale, known_to):
+def test_no_throttle_winds_up_under_a_lid_and_none_leaps_when_the_pilot_raises_it():
+    """Nor where the FlightCtrl reports less than it flies with, and the lid is known to a tenth only."""
+    scale, known_to = 0.87, 0.1 * GAS_CENTRE
     rig = Pinned(Flight(seed=4, wind=WindClass.INDOOR, seconds=15.0, goal=lambda t: at_origin(2.0 if t < 3.0 else 3.0)))
     rig.scale = scale
     record = rig.fly()
