@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import asyncio
 import itertools
 import os
+import select
 import signal
 import subprocess
 import sys
@@ -13,12 +13,12 @@ from pathlib import Path
 
 import pytest
 
+from lab.rigs.waiting import wait_blocking
 from mkdaemon.cli.mkdaemon.run import vehicle_name
 from mkdaemon.daemon.guard import LAST_FRAMES, LastWord
 from mkdaemon.guard import RESYNC
 
 NEUTRAL, OLD, NEW = b"#neutral\r", b"#old\r", b"#new\r"
-PATIENCE = 60.0  # of a process that imports the daemon, on a busy machine
 
 
 @pytest.mark.parametrize(
@@ -44,7 +44,7 @@ def line():
 
 def arrived(far):
     """What came out of the line so far."""
-    got = b""
+    got = bytearray()
     try:
         while chunk := os.read(far, 4096):
             got += chunk
@@ -54,35 +54,60 @@ def arrived(far):
 
 
 HANGING = """
-import asyncio, sys, time
+import asyncio, os, sys, time
 from mkdaemon.cli.mkdaemon import run as program
 from mkdaemon.config.root import Config
 from mkdaemon.daemon.guard import GuardProcess
-near, kind, is_guarded = int(sys.argv[1]), sys.argv[2], sys.argv[3] == "guarded"
-async def fly(cfg, stop, last_word):
-    if is_guarded:
-        last_word.guard = GuardProcess()
-        last_word.guard.start()
-        await last_word.guard.wait_for_start()
-    last_word.port_opened(near)
-    last_word.frames_changed([b"#old\\r", b"#new\\r"])
-    last_word.frame_written(b"#neutral\\r")
-    print("flies", flush=True)
-    while kind == "thinks for ever":
-        pass
-    if kind == "sleeps in the loop":
-        time.sleep(1000.0)
-    await stop.wait()
-    print("was told to end", flush=True)
-    while True:
-        try:
-            await asyncio.Event().wait()
-        except asyncio.CancelledError:
+
+def hang(near, guarded, kind):
+    async def fly(cfg, stop, last_word):
+        if guarded == "guarded":
+            last_word.guard = GuardProcess()
+            last_word.guard.start()
+            await last_word.guard.wait_for_start()
+        last_word.port_opened(near)
+        last_word.frames_changed([b"#old\\r", b"#new\\r"])
+        last_word.frame_written(b"#neutral\\r")
+        print("flies", os.getpid(), flush=True)
+        while kind == "thinks for ever":
             pass
-program.run_daemon = fly
-with asyncio.Runner(loop_factory=program._fast_loop()) as runner:
-    runner.run(program._until_signalled(Config()))
+        if kind == "sleeps in the loop":
+            time.sleep(1000.0)
+        await stop.wait()
+        print("was told to end", flush=True)
+        while True:
+            try:
+                await asyncio.Event().wait()
+            except asyncio.CancelledError:
+                pass
+
+    program.run_daemon = fly
+    with asyncio.Runner(loop_factory=program._fast_loop()) as runner:
+        runner.run(program._until_signalled(Config()))
+
+for line in sys.stdin:
+    path, guarded, kind = line.strip().split(" ", 2)
+    near = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+    process = os.fork()
+    if process == 0:
+        hang(near, guarded, kind)
+    os.close(near)
+    print("ended", os.waitstatus_to_exitcode(os.waitpid(process, 0)[1]), flush=True)
 """
+
+
+@pytest.fixture(scope="module")
+def hanging():
+    """A process that has imported the daemon, and forks one that hangs for every line that it reads."""
+    pipe = subprocess.PIPE
+    process = subprocess.Popen(
+        [sys.executable, "-c", HANGING], stdin=pipe, stdout=pipe, text=True, bufsize=1, start_new_session=True
+    )
+    with process:
+        try:
+            yield process
+        finally:
+            os.killpg(process.pid, signal.SIGKILL)
 
 
 @pytest.mark.parametrize(
@@ -94,24 +119,19 @@ with asyncio.Runner(loop_factory=program._fast_loop()) as runner:
         (signal.SIGTERM, "alone", "sleeps in the loop"),
     ],
 )
-async def test_a_second_signal_releases_and_ends_whatever_hangs(line, kind, guarded, number):
+def test_a_second_signal_releases_and_ends_whatever_hangs(line, hanging, kind, guarded, number):
     far, near = line
-    daemon = await asyncio.create_subprocess_exec(
-        *(sys.executable, "-c", HANGING, str(near), kind, guarded), pass_fds=[near], stdout=subprocess.PIPE
-    )
-    async with asyncio.timeout(PATIENCE):
-        assert await daemon.stdout.readline() == b"flies\n"
-        daemon.send_signal(number)
-        if kind == "ignores its end":
-            assert await daemon.stdout.readline() == b"was told to end\n"
-        while daemon.returncode is None:
-            daemon.send_signal(number)  # one that comes with another before it is one signal
-            await asyncio.sleep(0.2)
-        assert daemon.returncode == -number
-        got = arrived(far)
-        while NEW not in got:
-            await asyncio.sleep(0.01)
-            got += arrived(far)
+    hanging.stdin.write(f"{os.ttyname(near)} {guarded} {kind}\n")
+    word, process = hanging.stdout.readline().split()
+    assert word == "flies"
+    os.kill(int(process), number)
+    if kind == "ignores its end":
+        assert hanging.stdout.readline() == "was told to end\n"
+    while not select.select([hanging.stdout], [], [], 0.2)[0]:
+        os.kill(int(process), number)  # one that comes with another before it is one signal
+    assert hanging.stdout.readline() == f"ended {-number}\n"
+    got = arrived(far)
+    wait_blocking(lambda: NEW in got or got.extend(arrived(far)))
     assert got.startswith(RESYNC + NEUTRAL)
     assert got.index(NEUTRAL) < got.index(OLD)
 
