@@ -13,11 +13,12 @@ from mkdaemon.telemetry.control import Phase
 
 @pytest.mark.flight
 def test_the_core_holds_over_a_target_that_the_eyes_see():
-    rig = RenderedRig(Flight(seed=5, seconds=12.5, camera=CameraModel(rate=7.0)))
+    rig = RenderedRig(Flight(seed=5, seconds=9.5, camera=CameraModel(rate=7.0)))
+    rig.handover = 3.0
     record = rig.fly()
     assert not record.lost
     assert rig.core.phase is Phase.FLYING
     assert rig.posed >= 0.95 * rig.images
-    errors = np.array(record.errors)[np.array(record.times) > 10.0]
+    errors = np.array(record.errors)[np.array(record.times) > 7.0]
     assert len(errors) > 100
     assert np.abs(errors).max() < 0.15
