@@ -32,7 +32,8 @@ from tests.control.flying import Flying
 
 BASE = {"epoch": 1, "sequence": 1, "ttl": 0.3}
 GROUND = Flight(seed=4, wind=WindClass.INDOOR, seconds=9.2, start=0.0, place=(0.05, -0.04))
-CALM = Flight(seed=4, wind=WindClass.INDOOR, seconds=6.0)
+CALM = Flight(seed=4, wind=WindClass.INDOOR, seconds=7.0)
+SHORT = replace(CALM, seconds=6.0)
 
 
 class Plan(CoreRig):
@@ -143,7 +144,7 @@ def test_a_take_off_waits_while_the_pilots_throttle_may_carry_the_aircraft(throt
 
 def test_hold_stays_where_the_aircraft_is_and_says_so():
     rig = Plan(
-        CALM, (0.0, PositionSetpoint, {"position": (0.4, 0.0, 2.0), "frame": SetpointFrame.PAD}), (4.5, *hold()[1:])
+        SHORT, (0.0, PositionSetpoint, {"position": (0.4, 0.0, 2.0), "frame": SetpointFrame.PAD}), (4.5, *hold()[1:])
     )
     record = rig.fly()
     assert record.lost == ""
@@ -206,7 +207,7 @@ def test_a_place_from_the_aircrafts_own_is_flown_to_once():
 def test_an_abort_holds_the_place_and_keeps_the_lease():
     away = {"position": (-0.6, 0.4, 2.0), "frame": SetpointFrame.PAD}
     over = {"position": (0.0, 0.0, 2.0), "frame": SetpointFrame.PAD}
-    rig = Plan(CALM, (0.0, PositionSetpoint, over), (3.0, PositionSetpoint, away), abort_at=3.4)
+    rig = Plan(SHORT, (0.0, PositionSetpoint, over), (3.0, PositionSetpoint, away), abort_at=3.4)
     record = rig.fly()
     assert record.lost == ""
     assert rig.core.phase is Phase.ABORTED
