@@ -125,7 +125,7 @@ class Viewer:
         """Read for ever."""
         async for message in self.socket:
             if isinstance(message, str):
-                self._told(json.loads(message))
+                self._control(json.loads(message))
             elif message[0] == MESSAGE:
                 number, log_time = struct.unpack_from("<IQ", message, 1)
                 topic, cls = self._subscriptions[number]
@@ -136,7 +136,7 @@ class Viewer:
             elif message[0] == TIME:
                 self.times += struct.unpack_from("<Q", message, 1)
 
-    def _told(self, message: dict[str, Any]) -> None:
+    def _control(self, message: dict[str, Any]) -> None:
         match message["op"]:
             case "serverInfo":
                 self.info = message

@@ -57,8 +57,8 @@ def _vehicle(value: VehicleHealth) -> Status:
 
 def _link(value: LinkHealth) -> Status:
     condition = value.state.condition
-    heard = Level.WARN if condition.hears_board else Level.ERROR
-    level = Level.OK if condition is LinkCondition.UP else heard
+    half = Level.WARN if condition.hears_board else Level.ERROR
+    level = Level.OK if condition is LinkCondition.UP else half
     return Status("link", level, f"{condition}: {value.state.reason}", _values(value))
 
 

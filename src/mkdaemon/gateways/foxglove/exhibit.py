@@ -138,14 +138,19 @@ class Exhibit:
         self.lines[channel].clients.discard(client)
         self._want()
 
-    def follow(self, client: Vehicle | None) -> None:
-        """Go on with another client of the vehicle; None while nobody speaks for it."""
+    def follow(self, client: Vehicle, *, is_played: bool = False) -> None:
+        """Show the vehicle by this client from now on.
+
+        Args:
+            client: of the daemon, or of the player, that speaks for it.
+            is_played: a recording, which is not asked for anything before somebody looks: then it would begin.
+        """
         self._client = client
         self._begin_anew()
         self._feed.follow(client)
         if self._looking is not None:
             self._looking.cancel()
-        self._looking = None if client is None else self._start(self._look(client), "look for keys")
+        self._looking = self._start(self._look(client, is_played=is_played), "look for keys")
         for line in self.lines.values():
             for viewer in line.clients:
                 self._start(self._show_last(line, viewer, is_first=True), f"last values of {line.channel.topic()}")
@@ -175,8 +180,10 @@ class Exhibit:
         task.add_done_callback(self._tasks.discard)
         return task
 
-    async def _look(self, client: Vehicle) -> None:
+    async def _look(self, client: Vehicle, *, is_played: bool) -> None:
         """Look for keys that not every vehicle has: once, and again while somebody is subscribed to anything."""
+        if is_played:
+            await self._is_watched.wait()
         while True:
             for pattern in FOUND:
                 with suppress(MkError):  # a daemon that is busy is asked again

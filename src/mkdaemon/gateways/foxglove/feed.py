@@ -28,15 +28,15 @@ class Feed:
         self._tasks: dict[str, asyncio.Task[None]] = {}
         self._ended: set[asyncio.Task[None]] = set()
 
-    def follow(self, client: Vehicle | None) -> None:
-        """Go on with another client of the vehicle; None while nobody speaks for it."""
+    def follow(self, client: Vehicle) -> None:
+        """Go on with another client of the vehicle."""
         wanted = set(self._tasks)
         self.want(set())
         self._client = client
         self.want(wanted)
 
     def want(self, patterns: set[str]) -> None:
-        """Be subscribed to these patterns and no others; they wait where nobody speaks for the vehicle."""
+        """Be subscribed to these patterns and no others; they wait until somebody speaks for the vehicle."""
         for pattern in self._tasks.keys() - patterns:
             task = self._tasks.pop(pattern)
             task.cancel()

@@ -41,7 +41,7 @@ class Gateway:
         self._fleet = Fleet(through)
         self._server: WebSocketServer | None = None
         self._now = 0
-        self._shown: dict[str, Sighting] = {}
+        self._shown: dict[str, Sighting | None] = {}
         is_one = len(vehicles) == 1
         self._exhibits = {
             name: Exhibit(self.context, Names(name, "" if is_one else f"{name}/"), self._clock_of(name, vehicles[0]))
@@ -55,7 +55,8 @@ class Gateway:
             async with self._fleet.watch(self._changed, lambda *_: None):
                 yield
         finally:
-            for exhibit in self._exhibits.values():
+            exhibits, self._exhibits = self._exhibits, {}  # what is said of viewers and vehicles from now on is late
+            for exhibit in exhibits.values():
                 await exhibit.close()
 
     def serve(self, host: str, port: int) -> WebSocketServer:
@@ -74,8 +75,9 @@ class Gateway:
                 context=self.context,
                 message_backlog_size=BACKLOG,
             )
-        except (OSError, RuntimeError, ValueError) as error:
-            msg = f"--host {host} --port {port}: {error}; end what uses it, or give another one (--port 0: any)"
+        except RuntimeError as error:  # the SDK's own error is one
+            why = str(error).rpartition(": ")[2].partition(" (")[0]
+            msg = f"--host {host} --port {port}: {why}; end what uses it, or give another one (--port 0: any)"
             raise ConfigError(msg) from error
         return self._server
 
@@ -86,18 +88,16 @@ class Gateway:
                 (exhibit.subscribed if is_there else exhibit.unsubscribed)(channel, client)
 
     def _changed(self) -> None:
-        """Somebody came or went; a live vehicle is shown before one that is played."""
+        """Somebody came or went; a live vehicle is shown before one that is played.
+
+        One that goes is followed on: its last values may come later than the word that it is gone.
+        """
         for name, exhibit in self._exhibits.items():
             found = [sighting for sighting in self._fleet.here if sighting.name == name]
             best = min(found, key=lambda one: (one.is_played, one.root), default=None)
-            if best == self._shown.get(name):
-                continue
-            if best is None:
-                del self._shown[name]
-                exhibit.follow(None)
-            else:
-                self._shown[name] = best
-                exhibit.follow(self._fleet.client(best))
+            if best is not None and best != self._shown.get(name):
+                exhibit.follow(self._fleet.client(best), is_played=best.is_played)
+            self._shown[name] = best
 
     def _clock_of(self, name: str, first: str) -> Callable[[int], None]:
         """Tells the viewers the time: that of the first vehicle, as two machines or a recording have two times."""
@@ -118,13 +118,13 @@ class _Listener(ServerListener):
 
     def on_subscribe(self, client: Client, channel: ChannelView) -> None:
         """See `ServerListener`."""
-        self._told(channel.id, client.id, is_there=True)
+        self._pass_on(channel.id, client.id, is_there=True)
 
     def on_unsubscribe(self, client: Client, channel: ChannelView) -> None:
         """See `ServerListener`."""
-        self._told(channel.id, client.id, is_there=False)
+        self._pass_on(channel.id, client.id, is_there=False)
 
-    def _told(self, channel: int, client: int, *, is_there: bool) -> None:
+    def _pass_on(self, channel: int, client: int, *, is_there: bool) -> None:
         with suppress(RuntimeError):  # the loop may be closing
             self._loop.call_soon_threadsafe(self._looks, channel, client, is_there)
 
