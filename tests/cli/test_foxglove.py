@@ -10,12 +10,12 @@ from mkdaemon.cli.mkdaemon.gateway import foxglove as command
 from mkdaemon.errors import ConfigError
 
 
-async def test_without_the_sdk_one_line_names_the_extra(monkeypatch):
+def test_without_the_sdk_one_line_names_the_extra(monkeypatch):
     for name in [name for name in sys.modules if name.startswith(("foxglove", "mkdaemon.gateways.foxglove."))]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "foxglove", None)
     with pytest.raises(ConfigError, match=r"needs foxglove-sdk: pip install 'mkdaemon\[foxglove\]'"):
-        await command.foxglove()
+        command.foxglove()
 
 
 @pytest.mark.parametrize(
@@ -25,6 +25,6 @@ async def test_without_the_sdk_one_line_names_the_extra(monkeypatch):
         ({"vehicle": ("mk1", "Über")}, "--vehicle 'Über': a name has lower-case letters"),
     ],
 )
-async def test_a_number_or_a_name_that_cannot_be_is_named(options, words):
+def test_a_number_or_a_name_that_cannot_be_is_named(options, words):
     with pytest.raises(ConfigError, match=words):
-        await command.foxglove(**options)
+        command.foxglove(**options)

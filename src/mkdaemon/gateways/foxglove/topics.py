@@ -137,6 +137,9 @@ def json_schema(name: str | None) -> Schema:
     return Schema(name=f"mk.{name}", encoding="jsonschema", data=data)
 
 
+_JSON: Final = json.JSONEncoder(allow_nan=False, separators=(",", ":"), check_circular=False)
+
+
 def json_message(fields: dict[str, Any]) -> bytes | None:
     """The map of a value as JSON; None where it has a number that JSON has not.
 
@@ -145,6 +148,6 @@ def json_message(fields: dict[str, Any]) -> bytes | None:
     """
     shown = {name: part for name, part in fields.items() if name != "age"}
     try:
-        return json.dumps(json_value(shown), allow_nan=False).encode()
+        return _JSON.encode(json_value(shown)).encode()
     except ValueError:
         return None

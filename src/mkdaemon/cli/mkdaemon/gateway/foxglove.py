@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import asyncio
 import re
 import sys
+from collections.abc import Sequence
+from importlib import import_module
 from pathlib import Path
 from typing import Annotated
 
@@ -11,14 +14,14 @@ from cyclopts import Parameter
 
 from mkdaemon.cli.interrupts import until_asked_to_end
 from mkdaemon.cli.printing import json_line
-from mkdaemon.cli.promptness import favour_threads
+from mkdaemon.cli.promptness import fast_loop, favour_threads
 from mkdaemon.client import connect as connect_client
 from mkdaemon.client.connection import DEFAULT_ENDPOINT, DEFAULT_VEHICLE
 from mkdaemon.config.names import VEHICLE_NAME
 from mkdaemon.errors import ConfigError
 
 
-async def foxglove(
+def foxglove(
     *,
     vehicle: Annotated[tuple[str, ...], Parameter(env_var="MK_VEHICLE", negative=())] = (DEFAULT_VEHICLE,),
     connect: Annotated[str, Parameter(env_var="MK_CONNECT")] = DEFAULT_ENDPOINT,
@@ -46,7 +49,7 @@ async def foxglove(
         ConfigError: foxglove-sdk is not installed, the address cannot be used, or a name is none.
     """
     try:
-        from mkdaemon.gateways.foxglove.server import serving
+        import_module("mkdaemon.gateways.foxglove.server")
     except ModuleNotFoundError as error:
         if (error.name or "").partition(".")[0] != "foxglove":
             raise
@@ -56,12 +59,21 @@ async def foxglove(
     for name in vehicle:
         if re.fullmatch(VEHICLE_NAME, name) is None:
             raise ConfigError(f"--vehicle {name!r}: a name has lower-case letters, digits, - and _")
-    vehicles = tuple(dict.fromkeys(vehicle))
     favour_threads()
+    with asyncio.Runner(loop_factory=fast_loop()) as runner:
+        runner.run(_serve(tuple(dict.fromkeys(vehicle)), connect, zenoh_file, (host, port), as_json=json))
+
+
+async def _serve(
+    vehicles: Sequence[str], endpoint: str, zenoh_file: Path | None, address: tuple[str, int], *, as_json: bool
+) -> None:
+    """Serve viewers until it is asked to end."""
+    from mkdaemon.gateways.foxglove.server import serving
+
     async with (
-        connect_client(vehicles[0], connect, zenoh_file=zenoh_file) as uav,
-        serving(uav, vehicles, host, port) as address,
+        connect_client(vehicles[0], endpoint, zenoh_file=zenoh_file) as uav,
+        serving(uav, vehicles, *address) as where,
     ):
-        print(json_line({"address": address}) if json else f"viewers connect to {address}; Ctrl-C ends it")
+        print(json_line({"address": where}) if as_json else f"viewers connect to {where}; Ctrl-C ends it")
         sys.stdout.flush()
         await until_asked_to_end()
