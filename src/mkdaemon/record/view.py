@@ -136,12 +136,20 @@ def _name_of(encoding: str) -> str | None:
     return name if mark and head == "application/msgpack" else None
 
 
+_SCALARS: Final = frozenset({bool, int, float, str})
+
+
 def json_value(value: Any) -> Any:
     """A value of msgpack as JSON has it: bytes become base64, fields that are null are left out."""
+    # Most parts are plain: a call for each of them would be most of the time.
     if isinstance(value, dict):
-        return {str(name): json_value(part) for name, part in value.items() if part is not None}
+        return {
+            str(name): part if type(part) in _SCALARS else json_value(part)
+            for name, part in value.items()
+            if part is not None
+        }
     if isinstance(value, list):
-        return [json_value(part) for part in value]
+        return [part if type(part) in _SCALARS else json_value(part) for part in value]
     return base64.b64encode(value).decode() if isinstance(value, bytes) else value
 
 

@@ -21,7 +21,7 @@ PORT: Final = 8765
 """Where Foxglove and Lichtblick look first."""
 BACKLOG: Final = 256
 """Messages that wait for a viewer; the oldest is dropped when one more comes."""
-TICK_NS: Final = 10_000_000
+TICK_NS: Final = 20_000_000
 """Between two times that viewers are told [ns]."""
 BACK_NS: Final = 5_000_000_000
 """A time that goes back by less is a value that came late; by more, a recording goes on at another place [ns]."""
@@ -101,9 +101,9 @@ class Gateway:
 
     def _clock_of(self, name: str, first: str) -> Callable[[int], None]:
         """Tells the viewers the time: that of the first vehicle, as two machines or a recording have two times."""
-        return self._tell if name == first else lambda now: None
+        return self._broadcast if name == first else lambda now: None
 
-    def _tell(self, now: int) -> None:
+    def _broadcast(self, now: int) -> None:
         if self._server is not None and (now >= self._now + TICK_NS or now < self._now - BACK_NS):
             self._now = now
             self._server.broadcast_time(now)

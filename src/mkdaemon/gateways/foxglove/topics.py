@@ -146,7 +146,7 @@ def json_message(fields: dict[str, Any]) -> bytes | None:
     Args:
         fields: as it came; `age`, which answers have and values have not, is left out.
     """
-    shown = {name: part for name, part in fields.items() if name != "age"}
+    shown = {name: part for name, part in fields.items() if name != "age"} if "age" in fields else fields
     try:
         return _JSON.encode(json_value(shown)).encode()
     except ValueError:
