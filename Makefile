@@ -14,7 +14,7 @@ demo: venv
 
 # Three processes on two cores: what runs in real time mostly waits; beside four it came too late.
 test: venv
-	$(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder -m "not browser and not alone" -p tools.branches --branches build/branches.json
+	$(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder -m "not browser and not alone and not gateways" -p tools.branches --branches build/branches.json
 	$(BIN)/python -m pytest -m alone tests/examples
 	$(BIN)/python -m tools.floor
 

@@ -80,7 +80,7 @@ async def fly(cfg, stop, last_word):
         except asyncio.CancelledError:
             pass
 program.run_daemon = fly
-with asyncio.Runner(loop_factory=program._fast_loop()) as runner:
+with asyncio.Runner(loop_factory=program.fast_loop()) as runner:
     runner.run(program._until_signalled(Config()))
 """
 
