@@ -82,7 +82,7 @@ def hang(near, guarded, kind):
                 pass
 
     program.run_daemon = fly
-    with asyncio.Runner(loop_factory=program._fast_loop()) as runner:
+    with asyncio.Runner(loop_factory=program.fast_loop()) as runner:
         runner.run(program._until_signalled(Config()))
 
 for line in sys.stdin:

@@ -31,9 +31,10 @@ def test_discretise_a_lag_and_an_integrator():
 def test_regulator_gain_of_a_double_integrator_is_stable_and_optimal():
     f, g = np.array([[1.0, 0.1], [0.0, 1.0]]), np.array([[0.005], [0.1]])
     q, r = np.diag([1.0, 0.1]), np.array([[0.5]])
-    gain = regulator_gain(f, g, q, r)
+    gain, to_go = regulator_gain(f, g, q, r)
     assert spectral_radius(f - g @ gain) < 1.0
     cost = _cost(f, g, q, r, gain)
+    assert to_go[0, 0] == pytest.approx(cost)
     for change in (0.97, 1.03):
         assert _cost(f, g, q, r, gain * change) > cost
 
@@ -75,9 +76,11 @@ def test_a_regulator_of_two_inputs_solves_the_equation_of_riccati():
     for _ in range(3000):
         gain = np.linalg.solve(r + g.T @ to_go @ g, g.T @ to_go @ f)
         to_go = q + f.T @ to_go @ (f - g @ gain)
-    assert np.allclose(regulator_gain(f, g, q, r), gain, rtol=1e-9)
+    found, cost = regulator_gain(f, g, q, r)
+    assert np.allclose(found, gain, rtol=1e-9)
+    assert np.allclose(cost, to_go, rtol=1e-9)
     assert spectral_radius(np.diag([0.5, -2.0, 1.0])) == 2.0
 
 
 def test_what_is_stable_and_costs_nothing_needs_no_gain():
-    assert np.allclose(regulator_gain(np.diag([0.5, 0.2]), np.eye(2), np.zeros((2, 2)), np.eye(2)), 0.0)
+    assert np.allclose(regulator_gain(np.diag([0.5, 0.2]), np.eye(2), np.zeros((2, 2)), np.eye(2))[0], 0.0)

@@ -28,6 +28,8 @@ def assert_readable(schema):
     for part in schema.get("properties", {}).values():
         assert_readable(part)
     if schema["type"] == "array":
+        assert schema["items"]["type"] != "array"
+        assert "contentEncoding" not in schema["items"]
         assert_readable(schema["items"])
 
 
@@ -54,6 +56,9 @@ def test_alternatives_enums_and_constants_get_a_type():
     assert flatten_schema({"type": ["null", "integer"]}) == {"type": "integer"}
     assert flatten_schema({"type": "array", "prefixItems": [{"type": "number"}]})["items"] == {"type": "number"}
     assert flatten_schema({"type": "array"})["items"] == {"type": "object"}
+    nested = {"type": "array", "items": {"type": "array", "items": {"type": "number"}}}
+    assert flatten_schema(nested)["items"] == {"type": "object"}
+    assert flatten_schema({"type": "null"}) == {"type": "object"}
 
 
 def test_bytes_become_base64_and_nulls_are_left_out():

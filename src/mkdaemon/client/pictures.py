@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import struct
+import zlib
+
 from mkdaemon.errors import ConfigError, MkError
+from mkdaemon.telemetry.image import CameraFrame
 
 
 def small_jpeg(payload: bytes, width: int, quality: int = 75) -> bytes | None:
@@ -26,3 +30,17 @@ def small_jpeg(payload: bytes, width: int, quality: int = 75) -> bytes | None:
         return encode_jpeg(pixels, quality, width)[0]
     except MkError:
         return None
+
+
+def viewable(image: CameraFrame) -> tuple[bytes, str]:
+    """An image as every program reads it, without OpenCV: its bytes, and `jpeg` or `png`."""
+    if image.coding != "gray8":
+        return image.pixels, image.coding
+    rows = range(0, image.width * image.height, image.width)
+    scan = b"".join(b"\0" + image.pixels[row : row + image.width] for row in rows)
+    head = struct.pack(">IIBBBBB", image.width, image.height, 8, 0, 0, 0, 0)
+    chunks = ((b"IHDR", head), (b"IDAT", zlib.compress(scan, 1)), (b"IEND", b""))
+    png = b"".join(
+        struct.pack(">I", len(data)) + name + data + struct.pack(">I", zlib.crc32(name + data)) for name, data in chunks
+    )
+    return b"\x89PNG\r\n\x1a\n" + png, "png"

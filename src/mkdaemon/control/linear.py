@@ -54,8 +54,10 @@ def discretise(a: Array, b: Array, step: float) -> tuple[Array, Array]:
     return whole[:n, :n].copy(), whole[:n, n:].copy()
 
 
-def regulator_gain(f: Array, g: Array, state_cost: Array, input_cost: Array) -> Array:
-    """Return the gain K (m, n) of the regulator u = -K x that minimises the sum of x'Qx + u'Ru.
+def regulator_gain(f: Array, g: Array, state_cost: Array, input_cost: Array) -> tuple[Array, Array]:
+    """Return the gain K (m, n) of the regulator u = -K x that minimises the sum of x'Qx + u'Ru, and that sum.
+
+    The sum from a state x on is x'Px; P (n, n) is the second that is returned.
 
     Args:
         f: (n, n) transition.
@@ -79,7 +81,7 @@ def regulator_gain(f: Array, g: Array, state_cost: Array, input_cost: Array) -> 
         if np.abs(step).max() <= 1e-12 * np.abs(q).max():
             gain = np.asarray(np.linalg.solve(input_cost + g.T @ q @ g, g.T @ q @ f), dtype=np.float64)
             if spectral_radius(f - g @ gain) < 1.0 - ROUNDED:
-                return gain
+                return gain, q
             break
     msg = "no gain stabilises this system"
     raise ValueError(msg)

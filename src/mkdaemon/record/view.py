@@ -23,7 +23,10 @@ _TYPES: Final = {bool: "boolean", int: "integer", float: "number", str: "string"
 
 
 def flatten_schema(schema: Mapping[str, Any]) -> dict[str, Any]:
-    """A schema without references, alternatives, nulls and limits."""
+    """A schema without references, alternatives, nulls, limits, and arrays in arrays.
+
+    Viewers refuse these: https://github.com/lichtblick-suite/lichtblick, packages/mcap-support/src/parseJsonSchema.ts.
+    """
     return _flatten(schema, schema.get("$defs", {}), 0)
 
 
@@ -46,7 +49,9 @@ def _flatten(part: Mapping[str, Any], definitions: Mapping[str, Any], depth: int
         flat["properties"] = {name: _flatten(one, definitions, depth + 1) for name, one in properties}
     if flat["type"] == "array":
         first: object = part.get("items") or next(iter(part.get("prefixItems", ())), None)
-        flat["items"] = _flatten(first if isinstance(first, Mapping) else {}, definitions, depth + 1)
+        item = _flatten(first if isinstance(first, Mapping) else {}, definitions, depth + 1)
+        # An object without fields stands for any value: here for an array, or for bytes.
+        flat["items"] = dict(_NO_TYPE) if item["type"] == "array" or "contentEncoding" in item else item
     if part.get("format") == "binary":
         flat["contentEncoding"] = "base64"
     return flat
@@ -56,7 +61,7 @@ def _type_of(part: Mapping[str, Any]) -> str:
     given = part.get("type")
     if isinstance(given, list):
         given = next((one for one in given if one != "null"), None)
-    if isinstance(given, str):
+    if isinstance(given, str) and given != "null":
         return given
     values = [*part.get("enum", ()), *([part["const"]] if "const" in part else [])]
     return _TYPES.get(type(values[0]), "string") if values else "object"
@@ -119,7 +124,7 @@ class JsonView:
         try:
             value = msgpack.unpackb(entry.payload)
             known = _WELL_KNOWN.get(_name_of(entry.encoding) or "")
-            shown = _plain(value) if known is None else known[2](entry, value)
+            shown = json_value(value) if known is None else known[2](entry, value)
             return None if shown is None else json.dumps(shown, allow_nan=False).encode()
         except (ValueError, TypeError, KeyError, RecursionError, msgpack.exceptions.UnpackException):
             return None
@@ -131,11 +136,20 @@ def _name_of(encoding: str) -> str | None:
     return name if mark and head == "application/msgpack" else None
 
 
-def _plain(value: Any) -> Any:
+_SCALARS: Final = frozenset({bool, int, float, str})
+
+
+def json_value(value: Any) -> Any:
+    """A value of msgpack as JSON has it: bytes become base64, fields that are null are left out."""
+    # Most parts are plain: a call for each of them would be most of the time.
     if isinstance(value, dict):
-        return {str(name): _plain(part) for name, part in value.items() if part is not None}
+        return {
+            str(name): part if type(part) in _SCALARS else json_value(part)
+            for name, part in value.items()
+            if part is not None
+        }
     if isinstance(value, list):
-        return [_plain(part) for part in value]
+        return [part if type(part) in _SCALARS else json_value(part) for part in value]
     return base64.b64encode(value).decode() if isinstance(value, bytes) else value
 
 

@@ -71,6 +71,13 @@ class LeastSquares:
         return np.linalg.inv(self.information)
 
 
+def upright_of(tilt):
+    """Rotation (3, 3) of an aircraft that leans by these tangents (2,), without turning."""
+    angle, (x, y) = math.atan(np.hypot(*tilt)), tilt / max(np.hypot(*tilt), 1e-12)
+    cross = np.array([[0.0, 0.0, x], [0.0, 0.0, y], [-x, -y, 0.0]])
+    return np.eye(3) + math.sin(angle) * cross + (1.0 - math.cos(angle)) * cross @ cross
+
+
 def at_once(views, tuning, velocity):
     """Both horizontal axes, the vertical one and the mean of the innovations after views of one moment.
 
@@ -88,13 +95,14 @@ def at_once(views, tuning, velocity):
         seen, spread = turn @ view.position_flu, turn @ view.sight_covariance @ turn.T
         fastest = max(abs(axis.mean[V]) for axis in axes)
         up = view.target_from_flu[:, 2]
-        squares = []
+        squares, leant = [], np.array([axis.mean[T] for axis in axes])
+        measured = leant * seen[2] - (upright_of(leant) @ seen)[:2]
         for k, axis in enumerate(axes):
             # The place is seen as if the aircraft were level: off by its tilt times the distance.
             variance = 1.2**2 * spread[k, k] + 0.001**2 + (0.004 * fastest) ** 2
             row = np.eye(LEVEL_STATES)[P] + seen[2] * np.eye(LEVEL_STATES)[T]
-            squares.append((-seen[k] - row @ axis.mean) ** 2 / (row @ axis.covariance @ row + variance))
-            axis.add(row, -seen[k], variance)
+            squares.append((measured[k] - row @ axis.mean) ** 2 / (row @ axis.covariance @ row + variance))
+            axis.add(row, measured[k], variance)
             tilt = 1.2**2 * (view.covariance[3, 3] + view.covariance[4, 4]) / 2.0 + 0.003**2
             axis.add(np.eye(LEVEL_STATES)[T], up[k] / up[2], tilt)
         innovation += 0.02 * (sum(squares) / 2.0 - innovation)

@@ -10,10 +10,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mkdaemon.control.estimator.model import LEVEL_STATES, TH, US, AircraftModel, B, D, P, T, V
+from mkdaemon.control.estimator.model import GRAVITY, LEVEL_STATES, TH, US, AircraftModel, B, D, P, T, V, W
 from mkdaemon.control.estimator.values import Estimate
 from mkdaemon.control.regulator.autopilot import YAW_LEAST, YAW_MOST, CountShaper, yaw_stick
-from mkdaemon.control.regulator.horizontal import HorizontalCosts, HorizontalRegulator
+from mkdaemon.control.regulator.horizontal import PREVIEW, STEP, HorizontalCosts, HorizontalRegulator
 from mkdaemon.control.regulator.reference import Reference, ReferenceLimits
 from mkdaemon.control.regulator.vertical import VerticalGains, gas
 
@@ -239,13 +239,46 @@ def test_a_reference_takes_up_its_speed_within_its_acceleration(velocity, step, 
     assert reference.position[0] == pytest.approx(velocity * step + acceleration * step**2 / 2.0)
 
 
-def test_a_reference_that_follows_a_goal_moves_with_it():
-    reference, goal = Reference(np.zeros(2)), np.array([0.5, 0.0])
-    for _ in range(300):
-        reference.move(goal, LIMITS, 0.02, goal_velocity=np.array([0.0, 0.4]))
-        goal = goal + 0.02 * np.array([0.0, 0.4])
-    assert reference.velocity == pytest.approx([0.0, 0.4], abs=0.01)
-    assert reference.position == pytest.approx(goal, abs=0.02)
+def test_what_lies_ahead_of_a_reference_is_what_it_does_then():
+    reference, goal = Reference(np.zeros(2)), np.array([0.9, -0.3])
+    for _ in range(30):
+        reference.move(goal, LIMITS, 0.02)
+    told, before, done = reference.jumps_ahead(goal, LIMITS, 0.02, 60), reference.acceleration, []
+    for _ in range(60):
+        reference.move(goal, LIMITS, 0.02)
+        done.append(reference.acceleration - before)
+        before = reference.acceleration
+    assert np.abs(done).max() > 0.2, "it begins to brake"
+    assert told == pytest.approx(np.array(done), abs=1e-9)
+
+
+@pytest.mark.parametrize(("place", "speed", "rests"), [(0.0, 0.0, True), (0.002, 0.0, False), (0.0, 0.002, False)])
+def test_nothing_lies_ahead_of_a_reference_that_rests_on_its_goal(place, speed, rests):
+    reference = Reference(np.array([place, 1.0]), np.array([0.0, speed]))
+    assert (reference.jumps_ahead(np.array([0.0, 1.0]), LIMITS, 0.02, 3) is None) is rests
+
+
+def test_a_brake_that_lies_ahead_is_begun_before_at_the_least_cost():
+    """With the costs that made it: more of the preview is worse, and so is less, and none much more so."""
+    costs = HorizontalCosts()
+    regulator, (f, g) = HorizontalRegulator(MODEL, costs), MODEL.horizontal(STEP)
+    weights = np.zeros(7)
+    weights[[P, V, W]] = costs.position, costs.velocity, costs.rate
+    at, jump = 20, -1.0
+
+    def cost(share):
+        error, total = np.zeros(7), 0.0
+        for step in range(400):
+            seen = regulator.preview[at - 1 - step] * jump if 0 <= at - 1 - step < PREVIEW else 0.0
+            stick = share * seen - regulator.gain @ error
+            total += error @ (weights * error) + costs.stick * stick**2
+            error = f[:7, :7] @ error + g[:7] * stick
+            if step == at - 1:
+                error[T] -= jump / GRAVITY
+        return total
+
+    assert cost(1.0) < min(cost(0.97), cost(1.03))
+    assert cost(1.0) < 0.7 * cost(0.0)
 
 
 def test_a_reference_keeps_numbers_of_its_own():

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import signal
 import sys
 import time
 import webbrowser
@@ -15,6 +14,7 @@ from typing import Annotated, Final
 from cyclopts import Parameter
 
 from mkdaemon.cli.arguments import require_length
+from mkdaemon.cli.interrupts import until_asked_to_end
 from mkdaemon.cli.mkctl.connection import HERE, Connection
 from mkdaemon.cli.mkctl.log import reading_progress
 from mkdaemon.cli.printing import json_line
@@ -68,20 +68,7 @@ async def view(
         sys.stdout.flush()
         if not no_browser:
             await asyncio.to_thread(webbrowser.open, address)
-        await _until_asked_to_end()
-
-
-async def _until_asked_to_end() -> None:
-    """Wait for Ctrl-C or SIGTERM: looking is ended in order, with exit code 0."""
-    stop, loop = asyncio.Event(), asyncio.get_running_loop()
-    ends = (signal.SIGINT, signal.SIGTERM)
-    for name in ends:
-        loop.add_signal_handler(name, stop.set)
-    try:
-        await stop.wait()
-    finally:
-        for name in ends:
-            loop.remove_signal_handler(name)
+        await until_asked_to_end()
 
 
 @asynccontextmanager

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import os
 import signal
-from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -14,6 +13,7 @@ from cyclopts import Parameter
 
 from mkdaemon.cli.mkdaemon.logs import Level, configure
 from mkdaemon.cli.program import let_signals_kill
+from mkdaemon.cli.promptness import fast_loop
 from mkdaemon.config.reader import load
 from mkdaemon.config.root import Config
 from mkdaemon.daemon import run as run_daemon
@@ -67,22 +67,13 @@ def run(
     if no_record:
         overrides["record.enabled"] = False
     cfg = load(config, overrides)
-    with asyncio.Runner(loop_factory=_fast_loop()) as runner:
+    with asyncio.Runner(loop_factory=fast_loop()) as runner:
         runner.run(_until_signalled(cfg))
 
 
 def vehicle_name(config: Path | None, given: str | None) -> str | None:
     """Return the name that goes before the file's; the environment's is the clients' and names no file's aircraft."""
     return given or (os.environ.get("MK_VEHICLE") if config is None else None)
-
-
-def _fast_loop() -> Callable[[], asyncio.AbstractEventLoop] | None:
-    """The loop that brings a setpoint from Zenoh's thread in two thirds of the time, where it is installed (Linux)."""
-    try:
-        import uvloop
-    except ImportError:
-        return None
-    return uvloop.new_event_loop
 
 
 async def _until_signalled(cfg: Config) -> None:

@@ -136,6 +136,7 @@ class ViewFault(Enum):
     TOO_FAR = "it shows the target farther away, or knows it worse, than any camera does"
     NO_ROTATION = "its attitude is no rotation"
     NO_COVARIANCE = "its covariance is not symmetric and positive definite"
+    CALIBRATION = "its calibration is less certain than the pose that it is a part of"
     FUTURE = "it was taken in the future"
     TOO_OLD = "it is older than the estimate remembers"
 
@@ -152,6 +153,8 @@ def fault_of(view: TargetView, now: float) -> ViewFault | None:
         return ViewFault.NO_ROTATION
     if np.abs(covariance - covariance.T).max() > SKEWED * np.abs(covariance).max() or not _is_positive(covariance):
         return ViewFault.NO_COVARIANCE
+    if np.trace(view.calibration_covariance) > (1.0 + SKEWED) * np.trace(view.sight_covariance):
+        return ViewFault.CALIBRATION
     if view.at > now + FUTURE:
         return ViewFault.FUTURE
     return ViewFault.TOO_OLD if view.at < now - OLDEST else None

@@ -17,7 +17,7 @@ import numpy as np
 from mkdaemon.control.estimator.estimator import Estimator
 from mkdaemon.control.estimator.values import GAS_CENTRE, Estimate
 from mkdaemon.control.linear import Array
-from mkdaemon.control.regulator.horizontal import STEP, HorizontalCosts, HorizontalRegulator
+from mkdaemon.control.regulator.horizontal import PREVIEW, STEP, HorizontalCosts, HorizontalRegulator
 from mkdaemon.control.regulator.reference import Reference, ReferenceLimits
 from mkdaemon.control.regulator.vertical import VerticalGains, gas
 
@@ -149,7 +149,8 @@ class Autopilot:
         else:
             self.height.move(goal.position[2:], self._height_limits, step)
         rad_per_count = estimator.model.rad_per_count * estimator.stick_gain
-        tilt = self._regulators[estimator.model.stick_filter].tilt(estimate, self.reference) / rad_per_count
+        jumps = self.reference.jumps_ahead(goal.position[:2], limits, STEP, PREVIEW) if self._is_speed_known else None
+        tilt = self._regulators[estimator.model.stick_filter].tilt(estimate, self.reference, jumps) / rad_per_count
         c, s = math.cos(estimate.yaw), math.sin(estimate.yaw)
         return AutopilotSticks(
             pitch=self._pitch.count(float(tilt[0] * c + tilt[1] * s)),

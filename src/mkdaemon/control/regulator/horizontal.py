@@ -2,7 +2,11 @@
 
 The feed-forward is the state in which the aircraft rests on the reference: with disturbance d, drag c and a reference
 moving at v with acceleration a, the true tilt is (a + c v - d) / g and the tilt that the FlightCtrl believes, which its
-stick must hold against the leak, is (c v - d) / g + b. Source: docs/control.md, "Regulator".
+stick must hold against the leak, is (c v - d) / g + b. A reference that is going to brake asks for its tilt before:
+the jumps of its acceleration ahead are defects of that state, which the same regulator meets in advance.
+
+Sources: docs/control.md, "Regulator"; M. Tomizuka, "Optimal continuous finite preview problem", IEEE Trans. Automatic
+Control 20 (1975).
 """
 
 from __future__ import annotations
@@ -43,16 +47,30 @@ class HorizontalCosts:
     steepest: float = 0.35
 
 
+PREVIEW: Final = 30
+"""Steps of the reference that are seen ahead: after 0.6 s a jump of its acceleration asks for nothing yet."""
+
+
 @lru_cache(maxsize=16)
-def _solve(model: AircraftModel, costs: HorizontalCosts) -> tuple[Array, float]:
-    """Gain (7,) and spectral radius; an autopilot is made at every tick until a flight begins, on the same aircraft."""
+def _solve(model: AircraftModel, costs: HorizontalCosts) -> tuple[Array, Array, float]:
+    """Gain (7,), preview (PREVIEW,) and spectral radius.
+
+    An autopilot is made at every tick until a flight begins, on the same aircraft.
+    """
     f, g = model.horizontal(STEP)
     f, g = f[:7, :7], g[:7, None]
     weights = np.zeros(7)
     weights[[P, V, W]] = costs.position, costs.velocity, costs.rate
-    gain = regulator_gain(f, g, np.diag(weights + 1e-9) * STEP, np.array([[costs.stick * STEP]]))
-    gain.flags.writeable = False
-    return gain[0], spectral_radius(f - g @ gain)
+    stick_cost = np.array([[costs.stick * STEP]])
+    gain, to_go = regulator_gain(f, g, np.diag(weights + 1e-9) * STEP, stick_cost)
+    closed = f - g @ gain
+    row, ahead = np.linalg.solve(stick_cost + g.T @ to_go @ g, g.T)[0], []
+    for _ in range(PREVIEW):
+        ahead.append(float(row @ to_go[:, T]) / GRAVITY)
+        row = row @ closed.T
+    preview = np.array(ahead)
+    gain.flags.writeable = preview.flags.writeable = False
+    return gain[0], preview, spectral_radius(closed)
 
 
 class HorizontalRegulator:
@@ -60,6 +78,8 @@ class HorizontalRegulator:
 
     Attributes:
         gain: (7,) of position, velocity, true tilt, believed tilt, integral, rate, filtered stick.
+        preview: (PREVIEW,) tilt to ask for now for a jump of the reference's acceleration at each of the next steps
+            [rad s2/m].
         radius: spectral radius of the closed loop over `STEP`; below 1 is stable.
     """
 
@@ -71,14 +91,15 @@ class HorizontalRegulator:
         """
         self._model = model
         self._costs = costs
-        self.gain, self.radius = _solve(model.by_line(0.0), costs)
+        self.gain, self.preview, self.radius = _solve(model.by_line(0.0), costs)
 
-    def tilt(self, estimate: Estimate, reference: Reference) -> Array:
+    def tilt(self, estimate: Estimate, reference: Reference, jumps: Array | None = None) -> Array:
         """Return the tilt to ask for, towards x and y of the local frame (2,) [rad].
 
         Args:
             estimate: at the moment when the stick will act.
             reference: position, velocity and acceleration wanted, x and y.
+            jumps: of that acceleration at each of the next `PREVIEW` steps (PREVIEW, 2) [m/s2]; None where it rests.
         """
         costs, drag = self._costs, self._model.drag
         error = estimate.axes[:, :7].copy()
@@ -91,5 +112,7 @@ class HorizontalRegulator:
         error[:, TH] -= held
         error[:, US] -= held
         wanted = held - error @ self.gain
+        if jumps is not None:
+            wanted = wanted + self.preview @ jumps
         size = float(np.hypot(*wanted))
         return wanted if size <= costs.steepest else wanted * (costs.steepest / size)

@@ -7,6 +7,7 @@ overshoot is that of the regulator, not of the step.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -15,8 +16,12 @@ import numpy as np
 from mkdaemon.control.linear import Array
 
 BRAKING: Final = 0.65
-"""Share of the acceleration that braking plans with: the reference of a step of 1 m is at nine tenths after 1.7 s, and
-passes its goal by less than 2 %."""
+"""Share of the acceleration that braking plans with: a reference passes its goal by less than 2 % of a step of 1 m."""
+NEAR: Final = 0.12
+"""Closer to its goal than this the speed falls off linearly [m]; the same number of seconds is the least in which a
+wanted speed is reached."""
+RESTS: Final = 1e-3
+"""A reference so near its goal, and so slow, moves no more [m; m/s]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,6 +35,26 @@ class ReferenceLimits:
 
     speed: float
     acceleration: float
+
+    def towards(self, away: Sequence[float], velocity: Sequence[float], step: float) -> list[float]:
+        """Acceleration (n,) for the next step [m/s2].
+
+        The speed towards the goal is what can still be braked away with `BRAKING` of the acceleration, and falls off
+        linearly close to it.
+
+        Args:
+            away: from here to the goal (n,) [m].
+            velocity: (n,) [m/s].
+            step: [s].
+        """
+        distance = math.hypot(*away)
+        braking = self.acceleration * BRAKING
+        near = NEAR + braking * step
+        speed = math.sqrt(2.0 * braking * max(distance, near)) * min(1.0, distance / near)
+        share, rate = min(speed, self.speed) / max(distance, 1e-9), 1.0 / max(step, NEAR)
+        change = [(part * share - now) * rate for part, now in zip(away, velocity, strict=True)]
+        size = math.hypot(*change)
+        return change if size <= self.acceleration else [part * self.acceleration / size for part in change]
 
 
 class Reference:
@@ -46,29 +71,35 @@ class Reference:
         self.velocity = np.zeros_like(self.position) if velocity is None else np.array(velocity, dtype=np.float64)
         self.acceleration = np.zeros_like(self.position)
 
-    def move(self, goal: Array, limits: ReferenceLimits, step: float, *, goal_velocity: Array | float = 0.0) -> None:
+    def move(self, goal: Array, limits: ReferenceLimits, step: float) -> None:
         """Go on towards a goal for a time.
-
-        The speed towards the goal is what can still be braked away with `BRAKING` of the acceleration, and falls off
-        linearly close to it.
 
         Args:
             goal: (n,) [m].
             limits: bounds.
             step: [s].
-            goal_velocity: of the goal itself (n,) [m/s].
         """
-        away = goal - self.position
-        distance = float(np.linalg.norm(away))
-        braking = limits.acceleration * BRAKING
-        near = 0.12 + braking * step
-        slope = math.sqrt(2.0 * braking * near) / near
-        speed = distance * slope if distance < near else math.sqrt(2.0 * braking * distance)
-        wanted = away * (min(speed, limits.speed) / max(distance, 1e-9)) + goal_velocity
-        change = (wanted - self.velocity) / max(step, 0.12)
-        size = float(np.linalg.norm(change))
-        if size > limits.acceleration:
-            change *= limits.acceleration / size
-        self.acceleration = change
-        self.position = self.position + self.velocity * step + 0.5 * change * step * step
-        self.velocity = self.velocity + change * step
+        self.acceleration = np.array(limits.towards((goal - self.position).tolist(), self.velocity.tolist(), step))
+        self.position = self.position + self.velocity * step + 0.5 * self.acceleration * step * step
+        self.velocity = self.velocity + self.acceleration * step
+
+    def jumps_ahead(self, goal: Array, limits: ReferenceLimits, step: float, count: int) -> Array | None:
+        """Changes of the acceleration at each of the next steps (count, n) [m/s2]; None where it rests on its goal.
+
+        Args:
+            goal: (n,) [m].
+            limits: bounds.
+            step: [s].
+            count: of steps.
+        """
+        away, velocity, before = (goal - self.position).tolist(), self.velocity.tolist(), self.acceleration.tolist()
+        if max(map(abs, (*away, *velocity))) < RESTS:
+            return None
+        jumps = []
+        for _ in range(count):
+            after = limits.towards(away, velocity, step)
+            jumps.append([new - old for new, old in zip(after, before, strict=True)])
+            away = [s - (v + 0.5 * a * step) * step for s, v, a in zip(away, velocity, after, strict=True)]
+            velocity = [v + a * step for v, a in zip(velocity, after, strict=True)]
+            before = after
+        return np.array(jumps)

@@ -6,8 +6,8 @@ from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from typing import Any, Final
 
+from mkdaemon.client.eventlines import EventLine, line_of
 from mkdaemon.telemetry.control import ControlStatus, Phase
-from mkdaemon.view.page.eventlines import EventLine, line_of
 
 MOST: Final = 500
 """Parts, and marks; the first are kept."""

@@ -13,7 +13,8 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from mkdaemon.frames import rotation_from_euler, rotation_from_quaternion
+from mkdaemon.client.eventlines import EventLine, line_of
+from mkdaemon.client.place import HOME, Place, place_of_estimate, place_of_gps, place_of_pose
 from mkdaemon.telemetry.base import Stamped
 from mkdaemon.telemetry.control import (
     ControlError,
@@ -29,8 +30,7 @@ from mkdaemon.telemetry.play import PlayState, PlayStatus
 from mkdaemon.telemetry.state import Altitude, Attitude, Position
 from mkdaemon.telemetry.vision import CameraSetup, Tags, VisionPose, VisionStats
 from mkdaemon.view.page.daemontime import DaemonTime
-from mkdaemon.view.page.eventlines import EventLine, line_of
-from mkdaemon.view.page.known import Knowledge, Known
+from mkdaemon.view.page.known import Knowledge
 from mkdaemon.view.page.optics import frustum, project, shape_of
 from mkdaemon.view.page.overview import Overview
 from mkdaemon.view.page.series import Series
@@ -38,8 +38,6 @@ from mkdaemon.view.page.words import lines_of, verdict_of
 
 Array = npt.NDArray[np.float64]
 
-SIGMAS: Final = 3.0
-"""The ellipsoid holds the aircraft with 97 % where the estimate is right about itself."""
 TRAIL_STEP: Final = 0.1
 """Between two points of the trail [s]."""
 PLOT_STEP: Final = 0.04
@@ -69,27 +67,6 @@ class Look:
     image: CameraFrame | None = None
     tags: OrderedDict[int, Tags] = field(default_factory=OrderedDict)
     poses: OrderedDict[int, dict[str, VisionPose]] = field(default_factory=OrderedDict)
-
-
-@dataclass(frozen=True, slots=True)
-class Place:
-    """Where the aircraft is drawn.
-
-    Attributes:
-        position: in the frame (3,) [m].
-        rotation: frame from body (3, 3).
-        frame: name of the target, or `home`.
-        source: `estimate`, `pose` or `gps`.
-        spread: ellipsoid at `SIGMAS`: the unit sphere is turned and stretched by it (3, 3) [m]; None where not known.
-        at: when it was so [s; the daemon's monotonic].
-    """
-
-    position: Array
-    rotation: Array
-    frame: str
-    source: str
-    spread: Array | None
-    at: float
 
 
 class Picture:
@@ -250,7 +227,7 @@ class Picture:
         """The tags of the target that is shown: what rarely changes."""
         frame = (place := self._place()) and place.frame
         targets = [target for setup in self._setups() for target in setup.targets]
-        name = frame if frame not in (None, "home") else next((target.name for target in targets), "")
+        name = frame if frame not in (None, HOME) else next((target.name for target in targets), "")
         return {"target": name, "tags": shape_of(targets, name or "")}
 
     def _setups(self) -> list[CameraSetup]:
@@ -268,24 +245,18 @@ class Picture:
         """Where the aircraft is: as the flight core believes, else as a camera saw it, else by GPS; however old."""
         known, found = self._known, []
         attitude = known.last("state/attitude", Attitude)
-        level = (0.0, 0.0) if attitude is None else (attitude.value.roll, attitude.value.pitch)
         estimate = known.last("control/estimate", ControlEstimate)
         if estimate is not None:
-            value = estimate.value
-            variances = [axis[0] for axis in value.covariance] if value.covariance else np.square(value.position_sd)
-            spread = np.diag(SIGMAS * np.sqrt(variances))
-            turn = rotation_from_euler(*level, value.yaw)
-            found.append(Place(np.array(value.position), turn, value.target, "estimate", spread, estimate.at))
+            found.append(place_of_estimate(estimate.value, None if attitude is None else attitude.value))
         for camera in known.cameras():
             pose = known.last(f"vision/{camera}/pose", VisionPose)
             if pose is not None:
-                found.append(_posed(pose))
+                found.append(place_of_pose(pose.value))
         if not found:
             position = known.last("state/position", Position)
-            if position is not None and position.value.position_enu is not None and attitude is not None:
-                turn = rotation_from_euler(*level, attitude.value.yaw)
-                where = np.array(position.value.position_enu)
-                found.append(Place(where, turn, "home", "gps", None, position.at))
+            if position is not None and attitude is not None:
+                by_gps = place_of_gps(position.value, attitude.value)
+                found += [] if by_gps is None else [by_gps]
         # A camera's pose is newer than the estimate of the same moment only by chance.
         return max(found, key=lambda place: place.at + OLD * (place.source == "estimate"), default=None)
 
@@ -318,7 +289,7 @@ class Picture:
         setup = known.last(f"vision/{name}/setup", CameraSetup)
         stats = known.last(f"vision/{name}/stats", VisionStats)
         shown: dict[str, Any] = {"name": name, "frustum": None, "image": None, "outlines": [], "seen_age": None}
-        if setup is not None and place is not None and place.frame != "home":
+        if setup is not None and place is not None and place.frame != HOME:
             depth = max(SHALLOW, IMAGE_DEPTH * float(place.position[2]))  # above the ground, also where it stands
             shown["frustum"] = frustum(setup.value, place.position, place.rotation, depth)
         pose = known.last(f"vision/{name}/pose", VisionPose)
@@ -347,20 +318,6 @@ class Picture:
             for pose in look.poses.get(sequence, {}).values()
             for corners in project(setup, pose)
         ]
-
-
-def _posed(known: Known[VisionPose]) -> Place:
-    """A place as a camera saw it."""
-    pose = known.value
-    variances, axes = np.linalg.eigh(np.array(pose.covariance).reshape(6, 6)[:3, :3])
-    return Place(
-        np.array(pose.position_target),
-        rotation_from_quaternion(pose.quaternion_target_from_flu),
-        pose.target,
-        "pose",
-        axes * (SIGMAS * np.sqrt(np.maximum(variances, 0.0))),
-        known.at,
-    )
 
 
 def _rounded(numbers: Array) -> Any:

@@ -8,16 +8,14 @@ from __future__ import annotations
 
 import asyncio
 import secrets
-import struct
-import zlib
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager, suppress
 from http import HTTPStatus
 from importlib.resources import files
 from typing import Any, Final, Protocol
 
+from mkdaemon.client.pictures import viewable
 from mkdaemon.errors import CommandRejectedError, ConfigError, MkError
-from mkdaemon.telemetry.image import CameraFrame
 from mkdaemon.telemetry.play import PlayAction
 from mkdaemon.view.page.http import LONGEST_HEAD, BadRequestError, Request, answer, event, read_request, stream_head
 from mkdaemon.view.page.picture import Picture, Reader
@@ -163,7 +161,8 @@ class PageServer:
             picture = self._gallery.pictures.get(request.query.get("vehicle", ""))
             image = None if picture is None else picture.image(request.query.get("camera", ""))
             if image is not None:
-                return answer(*_viewable(image))
+                pixels, coding = viewable(image)
+                return answer(pixels, f"image/{coding}")
         raise BadRequestError(HTTPStatus.NOT_FOUND, "there is nothing here")
 
     async def _stream(self, request: Request, writer: asyncio.StreamWriter) -> None:
@@ -233,17 +232,3 @@ def _play_numbers(fields: dict[str, Any]) -> dict[str, float]:
     if not all(isinstance(number, int | float) for number in found.values()):
         raise BadRequestError(HTTPStatus.BAD_REQUEST, "speed and place are numbers")
     return {name: float(number) for name, number in found.items()}
-
-
-def _viewable(image: CameraFrame) -> tuple[bytes, str]:
-    """An image as a browser reads it, and its MIME type."""
-    if image.coding != "gray8":
-        return image.pixels, f"image/{image.coding}"
-    rows = range(0, image.width * image.height, image.width)
-    scan = b"".join(b"\0" + image.pixels[row : row + image.width] for row in rows)
-    head = struct.pack(">IIBBBBB", image.width, image.height, 8, 0, 0, 0, 0)
-    chunks = ((b"IHDR", head), (b"IDAT", zlib.compress(scan, 1)), (b"IEND", b""))
-    png = b"".join(
-        struct.pack(">I", len(data)) + name + data + struct.pack(">I", zlib.crc32(name + data)) for name, data in chunks
-    )
-    return b"\x89PNG\r\n\x1a\n" + png, "image/png"

@@ -8,7 +8,12 @@ from cyclopts import App
 
 from mkdaemon.cli.program import CommandEntry
 
-GATEWAYS: Final[tuple[CommandEntry, ...]] = ()
+GATEWAYS: Final[tuple[CommandEntry, ...]] = (
+    CommandEntry(
+        *("foxglove", "mkdaemon.cli.mkdaemon.gateway.foxglove:foxglove"),
+        "Show vehicles to Foxglove and Lichtblick, live or played.",
+    ),
+)
 """Every gateway; a further one is one line here and its module."""
 
 app = App(

@@ -1,0 +1,79 @@
+"""`mkdaemon gateway foxglove`: Foxglove and Lichtblick look at a vehicle, live or played."""
+
+from __future__ import annotations
+
+import asyncio
+import re
+import sys
+from collections.abc import Sequence
+from importlib import import_module
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from mkdaemon.cli.interrupts import until_asked_to_end
+from mkdaemon.cli.printing import json_line
+from mkdaemon.cli.promptness import fast_loop, favour_threads
+from mkdaemon.client import connect as connect_client
+from mkdaemon.client.connection import DEFAULT_ENDPOINT, DEFAULT_VEHICLE
+from mkdaemon.config.names import VEHICLE_NAME
+from mkdaemon.errors import ConfigError
+
+
+def foxglove(
+    *,
+    vehicle: Annotated[tuple[str, ...], Parameter(env_var="MK_VEHICLE", negative=())] = (DEFAULT_VEHICLE,),
+    connect: Annotated[str, Parameter(env_var="MK_CONNECT")] = DEFAULT_ENDPOINT,
+    zenoh_file: Annotated[Path | None, Parameter(env_var="MK_ZENOH_FILE")] = None,
+    host: str = "127.0.0.1",
+    port: int = 8765,
+    json: Annotated[bool, Parameter(negative=())] = False,
+) -> None:
+    """Show vehicles to Foxglove and Lichtblick: a WebSocket server with the schemas they know, and every key as JSON.
+
+    It only reads. A vehicle is shown live, or as `mkctl play` plays it; it may come later than its viewers. Nothing is
+    subscribed on the bus that no viewer looks at. Layouts are in configs/foxglove. Ctrl-C ends it. Needs the extra
+    `foxglove`: pip install 'mkdaemon[foxglove]'.
+
+    Args:
+        vehicle: Name of a vehicle; of several, once for each: then topics and frames begin with it.
+        connect: Zenoh endpoint of the daemon or of a router.
+        zenoh_file: Zenoh configuration of this client, for TLS: configs/zenoh/.
+        host: Address to listen at; everybody who reaches another one than 127.0.0.1 can look.
+        port: To listen at; 0 for any that is free.
+        json: Print JSON, one object a line, in place of text.
+
+    Raises:
+        MkError: nobody listens at the endpoint.
+        ConfigError: foxglove-sdk is not installed, the address cannot be used, or a name is none.
+    """
+    try:
+        import_module("mkdaemon.gateways.foxglove.server")
+    except ModuleNotFoundError as error:
+        if (error.name or "").partition(".")[0] != "foxglove":
+            raise
+        raise ConfigError("mkdaemon gateway foxglove needs foxglove-sdk: pip install 'mkdaemon[foxglove]'") from None
+    if not 0 <= port <= 65535:
+        raise ConfigError(f"--port {port}: give one from 1 to 65535, or 0 for any that is free")
+    for name in vehicle:
+        if re.fullmatch(VEHICLE_NAME, name) is None:
+            raise ConfigError(f"--vehicle {name!r}: a name has lower-case letters, digits, - and _")
+    favour_threads()
+    with asyncio.Runner(loop_factory=fast_loop()) as runner:
+        runner.run(_serve(tuple(dict.fromkeys(vehicle)), connect, zenoh_file, (host, port), as_json=json))
+
+
+async def _serve(
+    vehicles: Sequence[str], endpoint: str, zenoh_file: Path | None, address: tuple[str, int], *, as_json: bool
+) -> None:
+    """Serve viewers until it is asked to end."""
+    from mkdaemon.gateways.foxglove.server import serving
+
+    async with (
+        connect_client(vehicles[0], endpoint, zenoh_file=zenoh_file) as uav,
+        serving(uav, vehicles, *address) as where,
+    ):
+        print(json_line({"address": where}) if as_json else f"viewers connect to {where}; Ctrl-C ends it")
+        sys.stdout.flush()
+        await until_asked_to_end()

@@ -1,0 +1,271 @@
+"""One vehicle before its viewers: its channels, who looks at them, and what they are given.
+
+A channel costs nothing until somebody subscribes to it. Then its keys are subscribed on the bus; who subscribes is
+given the last values at once, and nobody else is given them again.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+import structlog
+from foxglove import Channel, Context
+
+from mkdaemon.client import Sample, Vehicle
+from mkdaemon.errors import MkError, ProtocolError
+from mkdaemon.gateways.foxglove.feed import Feed
+from mkdaemon.gateways.foxglove.names import LATEST, Names
+from mkdaemon.gateways.foxglove.topics import (
+    CAMERA,
+    TOPICS,
+    Conversion,
+    Topic,
+    json_keys,
+    json_message,
+    json_schema,
+)
+from mkdaemon.record.entry import nanoseconds
+from mkdaemon.telemetry.base import Stamped
+
+LOOK_PERIOD: Final = 2.0
+"""Between two looks for new keys, while somebody is subscribed to anything [s]."""
+FOUND: Final = ("vision/*/setup", "vision/*/stats", "rx/*/*", "tx/*/*")
+"""Where keys are looked for that not every vehicle has."""
+LEAP: Final = 1.0
+"""A key's stamp that goes back by more is of a recording that goes on at another place, or of another boot [s]."""
+
+_log = structlog.get_logger(__name__)
+
+
+@dataclass(slots=True)
+class Line:
+    """One channel.
+
+    Attributes:
+        channel: as it is advertised.
+        topic: what it is made of; None for a key that is shown as JSON.
+        keys: patterns of the keys it is made of.
+        convert: makes its messages; None for JSON.
+        clients: who is subscribed.
+        given: time of the last value of each key that they were given [s].
+    """
+
+    channel: Channel
+    topic: Topic | None
+    keys: tuple[str, ...]
+    convert: Conversion | None
+    clients: set[int] = field(default_factory=set)
+    given: dict[str, float] = field(default_factory=dict)
+
+
+class Exhibit:
+    """One vehicle.
+
+    Attributes:
+        lines: every channel, by its id.
+    """
+
+    def __init__(self, context: Context, names: Names, clock: Callable[[int], None]) -> None:
+        """Advertise what every vehicle has.
+
+        Args:
+            context: where channels are made.
+            names: of the vehicle.
+            clock: told the time of every value that comes [ns; Unix time].
+        """
+        self.lines: dict[int, Line] = {}
+        self._context, self._names, self._clock = context, names, clock
+        self._client: Vehicle | None = None
+        self._listeners: dict[str, list[Line]] = {}
+        self._feed = Feed(self._take)
+        self._known: set[str] = set()
+        self._cameras: set[str] = set()
+        self._newest: dict[str, tuple[str, float]] = {}
+        self._is_watched = asyncio.Event()
+        self._looking: asyncio.Task[None] | None = None
+        self._tasks: set[asyncio.Task[None]] = set()
+        for topic in TOPICS:
+            if not topic.is_of_a_camera:
+                self._add_topic(topic)
+        for key, schema in json_keys():
+            if CAMERA not in key:
+                self._add_key(key, schema)
+
+    # -- channels -------------------------------------------------------------------------------------------------
+
+    def _add_topic(self, topic: Topic) -> None:
+        self._add(topic.name, topic.encoding, topic.schema(), topic, topic.keys)
+
+    def _add_key(self, key: str, schema: str | None) -> None:
+        if key not in self._known:
+            self._known.add(key)
+            self._add(f"/{key}", "json", json_schema(schema), None, (key,))
+
+    def _add(self, name: str, encoding: str, schema: Any, topic: Topic | None, keys: tuple[str, ...]) -> None:
+        channel = Channel(self._names.topic(name), message_encoding=encoding, schema=schema, context=self._context)
+        convert = None if topic is None else topic.convert(self._names)
+        self.lines[channel.id()] = Line(channel, topic, keys, convert)
+
+    def _add_camera(self, camera: str) -> None:
+        if camera in self._cameras:
+            return
+        self._cameras.add(camera)
+        for topic in TOPICS:
+            if topic.is_of_a_camera:
+                self._add_topic(topic.of(camera))
+        for key, schema in json_keys():
+            if CAMERA in key:
+                self._add_key(key.replace(CAMERA, camera), schema)
+
+    # -- who looks ------------------------------------------------------------------------------------------------
+
+    def subscribed(self, channel: int, client: int) -> None:
+        """A viewer looks at a channel."""
+        line = self.lines[channel]
+        is_first = not line.clients
+        line.clients.add(client)
+        if is_first:
+            self._forget(line)
+        self._want()
+        self._start(self._show_last(line, client, is_first=is_first), f"last values of {line.channel.topic()}")
+
+    def unsubscribed(self, channel: int, client: int) -> None:
+        """A viewer looks at a channel no more."""
+        self.lines[channel].clients.discard(client)
+        self._want()
+
+    def follow(self, client: Vehicle, *, is_played: bool = False) -> None:
+        """Show the vehicle by this client from now on.
+
+        Args:
+            client: of the daemon, or of the player, that speaks for it.
+            is_played: a recording, which is not asked for anything before somebody looks: then it would begin.
+        """
+        self._client = client
+        self._begin_anew()
+        self._feed.follow(client)
+        if self._looking is not None:
+            self._looking.cancel()
+        self._looking = self._start(self._look(client, is_played=is_played), "look for keys")
+        for line in self.lines.values():
+            for viewer in line.clients:
+                self._start(self._show_last(line, viewer, is_first=True), f"last values of {line.channel.topic()}")
+
+    async def close(self) -> None:
+        """End everything."""
+        await self._feed.close()
+        for task in self._tasks:
+            task.cancel()
+        await asyncio.gather(*self._tasks, return_exceptions=True)
+        for line in self.lines.values():
+            line.channel.close()
+
+    def _want(self) -> None:
+        """Subscribe on the bus to what somebody looks at."""
+        self._listeners = {}
+        for line in self.lines.values():
+            if line.clients:
+                for key in line.keys:
+                    self._listeners.setdefault(key, []).append(line)
+        self._feed.want(set(self._listeners))
+        (self._is_watched.set if self._listeners else self._is_watched.clear)()
+
+    def _start(self, work: Any, name: str) -> asyncio.Task[None]:
+        task: asyncio.Task[None] = asyncio.create_task(work, name=name)
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
+        return task
+
+    async def _look(self, client: Vehicle, *, is_played: bool) -> None:
+        """Look for keys that not every vehicle has: once, and again while somebody is subscribed to anything."""
+        if is_played:
+            await self._is_watched.wait()
+        while True:
+            for pattern in FOUND:
+                with suppress(MkError):  # a daemon that is busy is asked again
+                    for suffix, sample in (await client.get_all(pattern)).items():
+                        head, name, *_ = suffix.split("/")
+                        if head == "vision":
+                            self._add_camera(name)
+                        else:
+                            self._add_key(suffix, sample.schema)
+            await asyncio.sleep(LOOK_PERIOD)
+            await self._is_watched.wait()
+
+    # -- what they are given --------------------------------------------------------------------------------------
+
+    def _take(self, pattern: str, sample: Sample) -> None:
+        """A value comes."""
+        boot, at, wall = _moment(sample)
+        known_boot, known = self._newest.get(sample.suffix, (boot, at))
+        if boot != known_boot or at < known - LEAP:
+            self._begin_anew()
+        self._newest[sample.suffix] = (boot, at)
+        self._clock(wall)
+        for line in self._listeners.get(pattern, ()):
+            line.given[sample.suffix] = at
+            message = _message(line.convert, sample)
+            if message is not None:
+                line.channel.log(message, log_time=wall)
+
+    def _begin_anew(self) -> None:
+        """A recording goes on at another place, or somebody else speaks for the vehicle: what was known is not true."""
+        self._newest.clear()
+        for line in self.lines.values():
+            self._forget(line)
+
+    def _forget(self, line: Line) -> None:
+        """Nobody was given anything."""
+        line.given.clear()
+        if line.topic is not None:
+            line.convert = line.topic.convert(self._names)
+
+    async def _show_last(self, line: Line, client: int, *, is_first: bool) -> None:
+        """Give the last values to one viewer, from the oldest on.
+
+        Args:
+            line: the channel.
+            client: the viewer.
+            is_first: nobody else looks at the channel, so its conversion learns from them too.
+        """
+        bus, samples = self._client, []
+        if bus is None:
+            return
+        for key in line.keys:
+            with suppress(MkError):  # a daemon that is busy: what it publishes comes all the same
+                samples += list((await bus.get_all(key)).values())
+        convert = line.convert
+        if line.topic is not None and not is_first:  # others have been given what came before
+            convert = line.topic.convert(self._names)
+        for sample in sorted(samples, key=lambda one: _moment(one)[1]):
+            _, at, wall = _moment(sample)
+            if is_first and at <= line.given.get(sample.suffix, float("-inf")):
+                continue  # it came while the others were asked for
+            message = _message(convert, sample)
+            if message is not None and client in line.clients:
+                line.channel.log(message, log_time=wall, sink_id=client)
+
+
+def _moment(sample: Sample) -> tuple[str, float, int]:
+    """Name of the clock, time [s], and wall time [ns] of a stamp; zeros where there is none."""
+    stamp = sample.fields.get("stamp")
+    if not isinstance(stamp, dict):
+        return "", 0.0, 0
+    wall = min(max(nanoseconds(float(stamp.get("wall", 0.0))), 0), LATEST)
+    return str(stamp.get("boot", "")), float(stamp.get("monotonic", 0.0)), wall
+
+
+def _message(convert: Conversion | None, sample: Sample) -> bytes | None:
+    """The message that a sample makes; None for none, and where another version publishes it differently."""
+    if convert is None:
+        return json_message(sample.fields)
+    try:
+        value = sample.value
+    except ProtocolError as error:
+        _log.debug("left out", key=sample.suffix, why=str(error))
+        return None
+    return convert(sample.suffix, value) if isinstance(value, Stamped) else None

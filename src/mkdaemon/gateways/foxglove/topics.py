@@ -1,0 +1,153 @@
+"""The table of topics: which keys make which topic, with which schema, by which conversion.
+
+A further topic is one row. Every other key is shown as JSON, under its own name.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any, Final, Protocol
+
+import foxglove.messages as fg
+from foxglove import Schema
+
+from mkdaemon.bus.codec import schema_name
+from mkdaemon.bus.keys import KEYS, Use
+from mkdaemon.bus.schema import schema_json
+from mkdaemon.gateways.foxglove import diagnostics, messages
+from mkdaemon.gateways.foxglove.names import Names
+from mkdaemon.gateways.foxglove.scene import Scene
+from mkdaemon.gateways.foxglove.whereabouts import PLACE_KEYS, Frames, Poses
+from mkdaemon.record.view import flatten_schema, json_value
+from mkdaemon.telemetry.base import Stamped
+
+CAMERA: Final = "<camera>"
+"""Stands for the name of a camera, in keys and topics; such a topic is there once for each camera."""
+
+Conversion = Callable[[str, Stamped], bytes | None]
+"""Makes the message of a key and its value; None where the value makes none. It may know what came before."""
+
+
+class _Encodable(Protocol):
+    def encode(self) -> bytes: ...
+
+
+@dataclass(frozen=True, slots=True)
+class Topic:
+    """One topic.
+
+    Attributes:
+        name: with a slash before it.
+        keys: patterns of keys that it is made of, without `mk/<vehicle>/`.
+        encoding: of its messages: `protobuf` or `json`.
+        schema: makes their schema.
+        convert: makes the conversion for one vehicle.
+    """
+
+    name: str
+    keys: tuple[str, ...]
+    encoding: str
+    schema: Callable[[], Schema]
+    convert: Callable[[Names], Conversion]
+
+    @property
+    def is_of_a_camera(self) -> bool:
+        """It is there once for each camera."""
+        return CAMERA in self.name
+
+    def of(self, camera: str) -> Topic:
+        """The topic of one camera."""
+        keys = tuple(key.replace(CAMERA, camera) for key in self.keys)
+        return replace(self, name=self.name.replace(CAMERA, camera), keys=keys)
+
+
+def _each(convert: Callable[[Names, Any], _Encodable | None]) -> Callable[[Names], Conversion]:
+    """A conversion that makes each message of one value alone."""
+
+    def of(names: Names) -> Conversion:
+        def one(suffix: str, value: Stamped) -> bytes | None:
+            message = convert(names, value)
+            return None if message is None else message.encode()
+
+        return one
+
+    return of
+
+
+def _typed(name: str, keys: tuple[str, ...], message: Any, convert: Callable[[Names], Conversion]) -> Topic:
+    """A topic with one of Foxglove's own schemas."""
+    return Topic(name, keys, "protobuf", message.get_schema, convert)
+
+
+_SETUP: Final = "vision/*/setup"
+
+TOPICS: Final[tuple[Topic, ...]] = (
+    _typed("/scene", (*PLACE_KEYS, _SETUP, "control/error", "control/fence"), fg.SceneUpdate, Scene),
+    _typed("/tf", (*PLACE_KEYS, _SETUP), fg.FrameTransforms, Frames),
+    _typed("/pose", PLACE_KEYS, fg.PoseInFrame, Poses),
+    _typed("/fix", ("state/position",), fg.LocationFix, _each(messages.location_fix)),
+    _typed("/home", ("state/position",), fg.LocationFix, _each(messages.home_fix)),
+    _typed("/log", ("event/*",), fg.Log, _each(messages.log_line)),
+    Topic(
+        *("/diagnostics", diagnostics.KEYS, "json", diagnostics.schema),
+        lambda names: partial(diagnostics.diagnostics, names),
+    ),
+    *(
+        _typed(f"/camera/{CAMERA}/{word}", (f"vision/{CAMERA}/{key}",), message, _each(convert))
+        for word, key, message, convert in (
+            ("image", "image", fg.CompressedImage, messages.compressed_image),
+            ("calibration", "setup", fg.CameraCalibration, messages.camera_calibration),
+            ("annotations", "tags", fg.ImageAnnotations, messages.tag_annotations),
+            ("pose", "pose", fg.PoseInFrame, messages.seen_pose),
+        )
+    ),
+)
+"""Every topic with a schema that viewers know."""
+
+SHOWN_OTHERWISE: Final = frozenset({"tf", "vision/<camera>/image"})
+"""Keys that are no topic of JSON: /tf and /camera/<camera>/image show them."""
+_SHOWN_USES: Final = frozenset({Use.PUBLISHED, Use.CLIENT, Use.SETPOINT})
+
+
+def json_keys() -> Iterator[tuple[str, str]]:
+    """Every key that is shown as JSON, with the name of its schema; names of cameras as `<camera>`.
+
+    Keys with another open part are left out: frames are found as they come, and what other programs put under names of
+    their own (`joy/<pad>`, `sim/camera/<name>`) is not looked for.
+    """
+    for spec in KEYS:
+        is_open = "<" in spec.suffix.replace(CAMERA, "")
+        if spec.use in _SHOWN_USES and spec.carries is not None and not is_open and spec.suffix not in SHOWN_OTHERWISE:
+            yield spec.suffix, schema_name(spec.carries)
+
+
+def json_schema(name: str | None) -> Schema:
+    """The schema of a key as viewers can read it; one without fields where it is not known here.
+
+    Args:
+        name: name and version, for example `Attitude.v1`.
+    """
+    found = schema_json(name or "")
+    if found is None:
+        return Schema(name="mk.unknown", encoding="jsonschema", data=b'{"type": "object"}')
+    data = json.dumps(flatten_schema(json.loads(found))).encode()
+    return Schema(name=f"mk.{name}", encoding="jsonschema", data=data)
+
+
+_JSON: Final = json.JSONEncoder(allow_nan=False, separators=(",", ":"), check_circular=False)
+
+
+def json_message(fields: dict[str, Any]) -> bytes | None:
+    """The map of a value as JSON; None where it has a number that JSON has not.
+
+    Args:
+        fields: as it came; `age`, which answers have and values have not, is left out.
+    """
+    shown = {name: part for name, part in fields.items() if name != "age"} if "age" in fields else fields
+    try:
+        return _JSON.encode(json_value(shown)).encode()
+    except ValueError:
+        return None

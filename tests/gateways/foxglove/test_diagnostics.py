@@ -1,0 +1,96 @@
+"""What is well and what is not."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from mkdaemon.gateways.foxglove.diagnostics import Level, diagnostics, schema
+from mkdaemon.gateways.foxglove.names import Names
+from mkdaemon.telemetry.control import Phase
+from mkdaemon.telemetry.link import LinkCondition
+from mkdaemon.telemetry.preflight import Blocks, CheckState, ControlPreflight, Finding
+from mkdaemon.telemetry.record import RecorderState, RecordStatus
+from mkdaemon.telemetry.state import Battery
+from tests.gateways.foxglove.viewer import complaints
+from tests.view.page import flights
+
+NAMES = Names("mk1")
+
+
+def link(condition):
+    health = flights.link_health(1.0)
+    return health.model_copy(update={"state": flights.link_state(1.0, condition)})
+
+
+def battery(*, is_low):
+    return Battery(stamp=flights.stamp(1.0), source="fc", **(flights.BATTERY | {"is_low": is_low}))
+
+
+def recorder(state, lost=0):
+    numbers = dict.fromkeys(("file_bytes", "total_bytes", "entries", "queue_bytes", "queue_limit_bytes"), 1)
+    return RecordStatus(
+        stamp=flights.stamp(1.0), state=state, reason="", file="a.mcap", free_bytes=None, lost=lost, **numbers
+    )
+
+
+ROWS = [
+    (flights.alive(1.0), "vehicle", Level.OK),
+    (flights.alive(1.0, is_alive=False, reason="silent"), "vehicle", Level.ERROR),
+    (flights.alive(1.0, error="no GPS"), "vehicle", Level.ERROR),
+    (link(LinkCondition.UP), "link", Level.OK),
+    (link(LinkCondition.DEGRADED), "link", Level.WARN),
+    (link(LinkCondition.ABSENT), "link", Level.ERROR),
+    (flights.status(1.0), "control", Level.OK),
+    (flights.status(1.0, phase=Phase.STALE), "control", Level.ERROR),
+    (flights.status(1.0, phase=Phase.LANDING), "control", Level.WARN),
+    (battery(is_low=False), "battery", Level.OK),
+    (battery(is_low=True), "battery", Level.ERROR),
+    (recorder(RecorderState.RECORDING), "recorder", Level.OK),
+    (recorder(RecorderState.RECORDING, lost=3), "recorder", Level.WARN),
+    (recorder(RecorderState.FULL), "recorder", Level.ERROR),
+]
+
+
+def shown(value):
+    return json.loads(diagnostics(NAMES, "", value))
+
+
+@pytest.mark.parametrize(("value", "name", "level"), ROWS)
+def test_each_part_says_how_it_is(value, name, level):
+    (status,) = shown(value)["status"]
+    assert (status["name"], status["level"], status["hardware_id"]) == (name, level, "mk1")
+    assert all(isinstance(one["value"], str) for one in status["values"])
+    assert not [one["key"] for one in status["values"] if "stamp" in one["key"] or "since" in one["key"]]
+
+
+def test_what_it_stands_on_is_there():
+    (status,) = shown(flights.link_health(1.0))["status"]
+    assert {"key": "echo.p99_ms", "value": "44"} in status["values"]
+    assert {"key": "state.condition", "value": "up"} in status["values"]
+
+
+def test_every_check_before_a_flight_is_a_line():
+    def found(name, state, blocks, token=None):
+        return Finding(name=name, state=state, blocks=blocks, token=token, reason="why.", fix="do.")
+
+    findings = (
+        found("gate", CheckState.STANDS, Blocks.LEASE, "gate_shut"),
+        found("advice", CheckState.STANDS, Blocks.NOTHING),
+        found("disk", CheckState.PASSED, Blocks.AUTONOMY),
+        found("eye", CheckState.UNKNOWN, Blocks.AUTONOMY),
+    )
+    report = shown(ControlPreflight(stamp=flights.stamp(1.0), is_ready=False, findings=findings))
+    assert [one["level"] for one in report["status"]] == [Level.ERROR, Level.WARN, Level.OK, Level.WARN]
+    assert report["status"][0]["message"] == "why. do."
+
+
+def test_the_time_is_the_values_and_other_values_say_nothing():
+    assert shown(flights.status(1.5))["header"]["stamp"] == {"sec": 1700000001, "nsec": 500000000}
+    assert diagnostics(NAMES, "", flights.attitude(1.0)) is None
+
+
+def test_the_schema_has_the_name_that_panels_look_for_and_viewers_can_read_it():
+    assert (schema().name, schema().encoding) == ("diagnostic_msgs/DiagnosticArray", "jsonschema")
+    assert list(complaints(json.loads(schema().data))) == []

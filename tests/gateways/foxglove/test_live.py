@@ -1,0 +1,99 @@
+"""The gateway as a process of its own, before a whole daemon and before `mkctl play`, read by a viewer of its own."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import socket
+import sys
+from asyncio.subprocess import DEVNULL, PIPE
+from collections import Counter
+from contextlib import asynccontextmanager, suppress
+
+import pytest
+
+from lab.rigs.live import VEHICLE, live_daemon
+from lab.rigs.processes import PROGRAM, START
+from lab.rigs.waiting import wait_for_blocking, wait_until
+from mkdaemon.record.entry import Kind, nanoseconds
+from mkdaemon.record.reader import Recording
+from mkdaemon.record.view import json_value
+from tests.bus.support import free_endpoint
+from tests.gateways.foxglove.viewer import viewing
+from tests.places import DATA
+
+pytestmark = [pytest.mark.gateways, pytest.mark.flight, pytest.mark.real_time(tolerance=0.1)]
+
+TARGET = DATA / "recordings" / "fc_over_target.mcap"
+
+
+@asynccontextmanager
+async def program(*words, line=True):
+    """A program as long as the context lasts, and the first line it prints."""
+    process = await asyncio.create_subprocess_exec(sys.executable, *words, stdin=DEVNULL, stdout=PIPE)
+    try:
+        async with asyncio.timeout(START):
+            yield process, await process.stdout.readline() if line else b""
+    finally:
+        with suppress(ProcessLookupError):
+            process.terminate()
+        assert await process.wait() == 0
+
+
+def gateway(vehicle, endpoint):
+    return program(
+        *(*PROGRAM, "gateway", "foxglove", "--vehicle", vehicle, "--connect", endpoint, "--port", "0", "--json")
+    )
+
+
+LOOKED_AT = ("/state/attitude", "/tf", "/log", "/diagnostics", "/rx/fc/attitude")
+
+
+async def test_a_live_flight_is_shown_as_it_is_on_the_bus():
+    async with (
+        live_daemon() as live,
+        gateway(VEHICLE, live.endpoint) as (_, said),
+        live.client() as uav,
+        viewing(json.loads(said)["address"]) as viewer,
+    ):
+        await viewer.subscribe(*LOOKED_AT)
+        async with uav.lease(holder="me"):
+            await viewer.first("/log")
+        await viewer.first(*LOOKED_AT)
+        await wait_until(lambda: any("me holds the lease" in one["message"] for one in viewer.of("/log")))
+        parts = {status["name"] for one in viewer.of("/diagnostics") for status in one["status"]}
+        assert {"vehicle", "link", "control"} <= parts
+        # What the daemon put, by another client, and what the viewer saw.
+        shown = {one.log_time: one.value for one in viewer.seen if one.topic == "/state/attitude"}
+        told = {nanoseconds(one["stamp"]["wall"]): json_value(one) for one in live.values("state/attitude")}
+        assert len(shown) >= 5
+        assert {at: told.get(at) for at in shown} == shown
+
+
+async def test_a_recording_that_mkctl_plays_is_shown_value_by_value():
+    endpoint = free_endpoint()
+    wanted = Counter(
+        entry.key.split("/", 2)[2] for entry in Recording(TARGET).entries(lambda facts: facts.kind is Kind.SAMPLE)
+    )
+    play = ("-m", "mkdaemon.cli.mkctl.app", "play", str(TARGET), "--listen", endpoint, "--as", "show", "--speed", "4")
+    async with program(*play, "--wait", "120", "--json", line=False) as (player, _):
+        await wait_for_blocking(lambda: _answers(endpoint), START)
+        async with gateway("show", endpoint) as (_, said), viewing(json.loads(said)["address"]) as viewer:
+            await viewer.subscribe("/state/attitude", "/control/estimate", "/scene", "/tf")
+            result = json.loads(await player.stdout.readline())
+            assert result["missing"] == {}
+            for suffix in ("state/attitude", "control/estimate"):
+                await wait_until(lambda suffix=suffix: len(viewer.of(f"/{suffix}")) >= wanted[suffix])
+                assert len(viewer.of(f"/{suffix}")) == wanted[suffix]
+            names = {entity["id"] for update in viewer.of("/scene") for entity in update["entities"]}
+            assert {"vehicle", "path", "ellipse", "goal"} <= names
+
+
+def _answers(endpoint):
+    """Whether somebody listens at a TCP endpoint."""
+    host, _, port = endpoint.removeprefix("tcp/").rpartition(":")
+    try:
+        socket.create_connection((host, int(port)), timeout=5.0).close()
+    except OSError:
+        return False
+    return True

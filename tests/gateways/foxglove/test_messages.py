@@ -1,0 +1,131 @@
+"""Values as Foxglove's messages, read back by the schemas they are sent with."""
+
+from __future__ import annotations
+
+import base64
+import math
+
+import foxglove.messages as fg
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from mkdaemon.gateways.foxglove import messages
+from mkdaemon.gateways.foxglove.names import LATEST, Names, pose, time_ns, timestamp
+from mkdaemon.stamp import Stamp
+from mkdaemon.telemetry.event import FailsafeEvent, LogEvent, ModeEvent
+from mkdaemon.telemetry.state import Position
+from tests.gateways.foxglove.viewer import read
+from tests.view.page import flights
+
+ONE, MANY = Names("mk1"), Names("mk1", "mk1/")
+PLACE = {"latitude_deg": 48.1, "longitude_deg": 11.5, "altitude": 520.0, "position_enu": (1.0, 2.0, 3.0)}
+HOME = {"home_latitude_deg": 48.0, "home_longitude_deg": 11.4, "home_distance": 2.2, "board_home_distance": 2.0}
+
+
+def position(**change):
+    fields = {"stamp": flights.stamp(5.0), "source": "nc/osd", "altitude_above_start": 3.0}
+    return Position(**fields, **(PLACE | HOME | change))
+
+
+def shown(convert, value, names=ONE):
+    message = convert(names, value)
+    return read(type(message).get_schema(), message.encode())
+
+
+def test_topics_and_frames_of_several_vehicles_begin_with_their_names():
+    assert (ONE.topic("/tf"), ONE.map, ONE.body, ONE.camera("down")) == ("/tf", "map", "base_link", "camera/down")
+    assert (MANY.topic("/tf"), MANY.map, MANY.home) == ("/mk1/tf", "mk1/map", "mk1/home")
+    assert MANY.camera("down") == "mk1/camera/down"
+
+
+@settings(max_examples=30)
+@given(st.floats(allow_nan=False, allow_infinity=False))
+def test_every_wall_time_becomes_one_that_can_be_said(wall):
+    stamp = Stamp(monotonic=0.0, wall=wall)
+    nanoseconds, said = time_ns(stamp), timestamp(stamp)
+    assert 0 <= nanoseconds <= LATEST
+    assert said.sec * 10**9 + said.nsec == nanoseconds
+    if 0 <= wall < 2**32:
+        assert abs(nanoseconds / 1e9 - wall) < 1e-6
+
+
+@settings(max_examples=30)
+@given(st.tuples(*[st.floats(-math.pi, math.pi)] * 3))
+def test_a_rotation_survives(angles):
+    from mkdaemon.frames import rotation_from_euler, rotation_from_quaternion
+
+    turn = rotation_from_euler(*angles)
+    found = read(fg.Pose.get_schema(), pose((1.0, 2.0, 3.0), turn).encode())
+    assert found["position"] == {"x": 1.0, "y": 2.0, "z": 3.0}
+    back = rotation_from_quaternion(tuple(found["orientation"][axis] for axis in "wxyz"))
+    assert abs(back - turn).max() < 1e-9
+
+
+def test_a_position_is_a_fix_and_home_another():
+    fix, home = shown(messages.location_fix, position()), shown(messages.home_fix, position())
+    assert (fix["latitude"], fix["longitude"], fix["altitude"]) == (48.1, 11.5, 520.0)
+    assert (fix["frame_id"], fix["position_covariance_type"]) == ("base_link", "UNKNOWN")
+    assert fix["timestamp"] == "2023-11-14T22:13:25Z"
+    assert (home["latitude"], home["longitude"], home["altitude"]) == (48.0, 11.4, "NaN")
+    assert shown(messages.location_fix, position(altitude=None))["altitude"] == "NaN"
+    assert messages.home_fix(ONE, position(home_latitude_deg=None)) is None
+
+
+def test_an_image_is_sent_as_it_came_and_grey_pixels_as_png():
+    grey = shown(messages.compressed_image, flights.image(5.0, 1), MANY)
+    assert (grey["format"], grey["frame_id"]) == ("png", "mk1/camera/down")
+    assert base64.b64decode(grey["data"]).startswith(b"\x89PNG\r\n")
+    jpeg = flights.image(5.0, 1).model_copy(update={"coding": "jpeg", "pixels": b"\xff\xd8"})
+    assert shown(messages.compressed_image, jpeg)["data"] == base64.b64encode(b"\xff\xd8").decode()
+
+
+@pytest.mark.parametrize(
+    ("model", "theirs", "distortion"),
+    [("pinhole", "plumb_bob", (0.1, 0.2, 0.3, 0.4, 0.5)), ("fisheye", "kannala_brandt", (0.1, 0.2, 0.3, 0.4))],
+)
+def test_a_lens_is_a_calibration(model, theirs, distortion):
+    lens = flights.LENS.model_copy(update={"model": model, "distortion": distortion})
+    found = shown(messages.camera_calibration, flights.setup(5.0, lens=lens))
+    assert (found["width"], found["height"], found["distortion_model"]) == (640, 480, theirs)
+    assert found["D"] == list(distortion)
+    assert found["K"] == [400.0, 0.0, 319.5, 0.0, 400.0, 239.5, 0.0, 0.0, 1.0]
+    assert found["P"] == [400.0, 0.0, 319.5, 0.0, 0.0, 400.0, 239.5, 0.0, 0.0, 0.0, 1.0, 0.0]
+    assert messages.camera_calibration(ONE, flights.setup(5.0, lens=None)) is None
+
+
+def test_tags_are_outlined_where_they_are_in_the_image():
+    found = shown(messages.tag_annotations, flights.tags(5.0, 1))
+    ((outline,), (number,)) = found["points"], found["texts"]
+    assert outline["type"] == "LINE_LOOP"
+    assert outline["points"][0] == {"x": 200.5, "y": 100.5}  # pixel centres are at integers here, at halves there
+    assert len(outline["points"]) == 4
+    assert (number["text"], number["position"]) == ("48", {"x": 200.5, "y": 100.5})
+
+
+def test_a_camera_saw_the_vehicle_in_the_frame_of_the_target():
+    found = shown(messages.seen_pose, flights.pose(5.0), MANY)
+    assert found["frame_id"] == "pad"
+    assert found["pose"]["position"] == {"x": 0.0, "y": 0.0, "z": 2.0}
+
+
+STAMP = flights.stamp(5.0)
+EVENTS = [
+    (flights.refusal(5.0), "ERROR", "setpoint/takeoff denied: no target is in sight. Put the print below the camera."),
+    (ModeEvent(stamp=STAMP, before="free", after="leased", reason="anna took it"), "INFO", "free → leased"),
+    (FailsafeEvent(stamp=STAMP, action="release", reason="silence", released=True), "FATAL", "let go by itself"),
+    (LogEvent(stamp=STAMP, level="warning", text="the disk is slow"), "WARNING", "the disk is slow"),
+    (LogEvent(stamp=STAMP, level="error", text="the disk is gone"), "ERROR", "the disk is gone"),
+    (LogEvent(stamp=STAMP, level="info", text="hello"), "INFO", "hello"),
+]
+
+
+@pytest.mark.parametrize(("event", "level", "words"), EVENTS, ids=lambda one: str(one)[:20])
+def test_events_and_refusals_are_lines_of_a_log(event, level, words):
+    found = shown(messages.log_line, event)
+    assert (found["level"], found["name"]) == (level, "mk1")
+    assert words in found["message"]
+
+
+def test_what_is_no_event_is_no_line():
+    assert messages.log_line(ONE, flights.attitude(1.0)) is None

@@ -1,0 +1,118 @@
+"""What is in the scene, and what goes when another target is followed."""
+
+from __future__ import annotations
+
+import foxglove.messages as fg
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from mkdaemon.client.place import SIGMAS
+from mkdaemon.frames import rotation_from_quaternion
+from mkdaemon.gateways.foxglove.names import Names
+from mkdaemon.gateways.foxglove.scene import PATH, Scene, ellipsoid, print_of
+from mkdaemon.telemetry.control import ControlFence
+from tests.gateways.foxglove.test_whereabouts import position
+from tests.gateways.foxglove.viewer import read
+from tests.view.page import flights
+
+FENCE = ControlFence(stamp=flights.stamp(1.0), radius=5.0, height=6.0, floor=0.3)
+
+
+def update(scene, value):
+    message = scene("", value)
+    return {"entities": [], "deletions": []} if message is None else read(fg.SceneUpdate.get_schema(), message)
+
+
+def entities(scene, value):
+    return {one["id"]: one for one in update(scene, value)["entities"]}
+
+
+@pytest.fixture
+def scene():
+    return Scene(Names("mk1"))
+
+
+def test_the_target_lies_where_its_file_says(scene):
+    target = entities(scene, flights.setup(1.0))["target"]
+    assert (target["frame_id"], target["frame_locked"]) == ("pad", True)
+    paper, black = (np.array([[p[axis] for axis in "xyz"] for p in part["points"]]) for part in target["triangles"])
+    assert len(black) == 3 * 6  # three black cells of four, two triangles each
+    assert black.min(0)[:2] == pytest.approx([-0.15, -0.15])
+    assert black.max(0)[:2] == pytest.approx([0.15, 0.15])
+    assert np.ptp(paper, axis=0)[0] == pytest.approx(0.6)  # a border of one cell
+    assert black[:, 2].min() > paper[:, 2].max()
+    # The white cell is the last of the last row: right and low on the print.
+    centres = black.reshape(-1, 6, 3).mean(1)
+    assert not any(x > 0 and y < 0 for x, y, _ in centres)
+
+
+def test_vehicle_path_and_ellipsoid_come_with_the_places(scene):
+    scene("", flights.setup(0.9))
+    first = entities(scene, flights.estimate(1.0))
+    assert set(first) == {"vehicle", "ellipse"}
+    assert (first["vehicle"]["frame_id"], first["ellipse"]["frame_id"]) == ("base_link", "map")
+    ball = first["ellipse"]["spheres"][0]
+    assert ball["size"] == pytest.approx({"x": 2 * SIGMAS * 0.02, "y": 2 * SIGMAS * 0.02, "z": 2 * SIGMAS * 0.01})
+    assert ball["pose"]["position"] == pytest.approx({"x": 0.12, "y": -0.05, "z": 2.01})
+    assert entities(scene, flights.estimate(1.02)) == {}
+    second = entities(scene, flights.estimate(1.5, position=(1.0, 0.0, 2.0)))
+    assert set(second) == {"path", "ellipse"}
+    assert [point["x"] for point in second["path"]["lines"][0]["points"]] == [0.12, 1.0]
+
+
+def test_the_path_does_not_grow_for_ever(scene):
+    for place in range(PATH + 10):
+        scene("", flights.estimate(0.25 * place))
+    last = entities(scene, flights.estimate(0.25 * PATH + 100.0))
+    assert len(last["path"]["lines"][0]["points"]) == PATH
+
+
+def test_a_goal_is_shown_for_as_long_as_it_is_told(scene):
+    goal = entities(scene, flights.error(1.0))["goal"]
+    assert goal["lifetime"] == "1s"
+    assert goal["spheres"][0]["pose"]["position"] == {"x": 0.15, "y": -0.09, "z": 2.0}
+    here, there = goal["lines"][0]["points"]
+    assert here == pytest.approx({"x": 0.12, "y": -0.05, "z": 2.01})  # the estimate: goal and error
+    assert there == {"x": 0.15, "y": -0.09, "z": 2.0}
+
+
+def test_the_fence_is_as_wide_and_high_as_it_is(scene):
+    below, above, edges = entities(scene, FENCE)["fence"]["lines"]
+    assert {point["z"] for point in below["points"]} == {0.3}
+    assert {point["z"] for point in above["points"]} == {6.0}
+    assert {round(np.hypot(point["x"], point["y"]), 9) for point in above["points"]} == {5.0}
+    assert (below["type"], edges["type"]) == ("LINE_LOOP", "LINE_LIST")
+
+
+def test_where_no_target_is_seen_any_more_nothing_of_it_stays(scene):
+    scene("", flights.setup(0.9))
+    scene("", flights.attitude(1.0))
+    scene("", flights.estimate(1.0))
+    gone = update(scene, position(7.0))
+    assert {one["id"] for one in gone["deletions"]} == {"target", "path", "ellipse", "goal"}
+    assert gone["entities"] == []
+    back = update(scene, flights.estimate(8.0))
+    assert {one["id"] for one in back["deletions"]} == {"target", "path", "ellipse", "goal"}
+    assert {one["id"] for one in back["entities"]} == {"target", "ellipse"}
+
+
+@settings(max_examples=40)
+@given(arrays(np.float64, (3, 3), elements=st.floats(-2.0, 2.0)))
+def test_an_ellipsoid_is_turned_and_stretched_as_its_covariance(values):
+    covariance = values @ values.T
+    variances, axes = np.linalg.eigh(covariance)
+    spread = axes * np.sqrt(np.maximum(variances, 0.0))
+    ball = read(fg.SpherePrimitive.get_schema(), ellipsoid(np.zeros(3), spread).encode())
+    radii = np.array([ball["size"][axis] / 2 for axis in "xyz"])
+    turn = rotation_from_quaternion(tuple(ball["pose"]["orientation"][axis] for axis in "wxyz"))
+    assert turn @ np.diag(radii**2) @ turn.T == pytest.approx(covariance, abs=1e-7)
+
+
+def test_a_later_tag_lies_on_top(scene):
+    (shape,) = flights.setup(1.0).targets
+    low, high = print_of(shape.tags[0], 0.0), print_of(shape.tags[0], 0.001)
+    heights = [{point["z"] for point in read(type(part).get_schema(), part.encode())["points"]} for part in low + high]
+    assert max(heights[1]) < min(heights[2])

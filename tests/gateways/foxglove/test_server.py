@@ -1,0 +1,233 @@
+"""The server before viewers of its own: what is subscribed, who is given what, and viewers that hang."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import time
+from contextlib import ExitStack, asynccontextmanager
+from pathlib import Path
+
+import pytest
+import websockets
+import zenoh
+
+from lab.rigs.waiting import wait_until
+from mkdaemon.bus.codec import encode, encoding_of, with_age
+from mkdaemon.client import Vehicle
+from mkdaemon.client.player import Pace, Player, open_player_session
+from mkdaemon.client.playselection import Selection
+from mkdaemon.client.playsource import RecordedSamples
+from mkdaemon.errors import ConfigError
+from mkdaemon.gateways.foxglove.server import BACKLOG, serving
+from mkdaemon.record.entry import Kind, nanoseconds
+from mkdaemon.record.reader import Recording
+from mkdaemon.telemetry.event import LogEvent
+from tests.gateways.foxglove.viewer import SUBPROTOCOL, complaints, viewing
+from tests.places import DATA
+from tests.view.page import flights
+
+TARGET = DATA / "recordings" / "fc_over_target.mcap"
+
+
+class Aircraft:
+    """What the bus has of a daemon: its token, values, and the last ones for who asks."""
+
+    def __init__(self, session, name):
+        self.session, self.name = session, name
+        self.last = {}
+
+    def put(self, suffix, value):
+        self.last[suffix] = value
+        self.session.put(f"mk/{self.name}/{suffix}", encode(value), encoding=encoding_of(type(value)))
+
+    def answer(self, query):
+        for suffix, value in self.last.items():
+            whole = f"mk/{self.name}/{suffix}"
+            if query.key_expr.intersects(whole):
+                query.reply(whole, with_age(encode(value), 1.0), encoding=encoding_of(type(value)))
+
+    def is_watched(self, suffix):
+        publisher = self.session.declare_publisher(f"mk/{self.name}/{suffix}")
+        found = publisher.matching_status.matching
+        publisher.undeclare()
+        return found
+
+
+@asynccontextmanager
+async def flying(*names):
+    """Aircraft on a bus of their own, and the address of a gateway that shows them."""
+    async with open_player_session(connect=(), listen=None, alone=True) as session:
+        with ExitStack() as stack:
+            fleet = [Aircraft(session, name) for name in names]
+            for one in fleet:
+                handler = zenoh.handlers.Callback(one.answer, indirect=False)
+                stack.enter_context(session.declare_queryable(f"mk/{one.name}/**", handler))
+                stack.enter_context(session.liveliness().declare_token(f"mk/{one.name}/alive"))
+            async with serving(Vehicle(session, names[0], "here"), names, port=0) as address:
+                yield address, *fleet
+
+
+async def test_what_is_advertised_can_be_read_and_says_what_it_is():
+    async with flying("mk1") as (address, uav):
+        uav.put("vision/down/setup", flights.setup(1.0))
+        async with viewing(address) as viewer:
+            await wait_until(lambda: "/camera/down/image" in viewer.channels)
+            assert viewer.info["name"] == "mkdaemon"
+            assert viewer.info["capabilities"] == ["time"]
+            assert {"/scene", "/tf", "/fix", "/log", "/state/attitude", "/vision/down/pose"} <= viewer.channels.keys()
+            assert viewer.channels["/scene"]["schemaName"] == "foxglove.SceneUpdate"
+            assert viewer.channels["/state/attitude"]["schemaName"] == "mk.Attitude.v1"
+            for topic, channel in viewer.channels.items():
+                if channel["encoding"] == "json":
+                    assert list(complaints(json.loads(channel["schema"]))) == [], topic
+
+
+async def test_only_what_somebody_looks_at_is_subscribed_on_the_bus():
+    async with flying("mk1") as (address, uav):
+        assert not uav.is_watched("**")
+        async with viewing(address) as viewer:
+            await viewer.subscribe("/state/attitude", "/tf")
+            await wait_until(lambda: uav.is_watched("state/attitude") and uav.is_watched("vision/down/pose"))
+            assert not uav.is_watched("raw/rx")
+            await viewer.unsubscribe()
+            await wait_until(lambda: not uav.is_watched("**"))
+            await viewer.subscribe("/link/health")
+            await wait_until(lambda: uav.is_watched("link/health"))
+        await wait_until(lambda: not uav.is_watched("**"))  # its connection is gone
+
+
+async def test_who_comes_is_given_the_last_values_and_nobody_else():
+    async with flying("mk1") as (address, uav), viewing(address) as one, viewing(address) as other:
+        uav.put("event/log", LogEvent(stamp=flights.stamp(1.0), level="info", text="hello"))
+        uav.put("vision/down/setup", flights.setup(1.0))
+        uav.put("control/estimate", flights.estimate(2.0))
+        await one.subscribe("/log", "/scene", "/control/estimate")
+        await one.first("/log", "/scene", "/control/estimate")
+        assert [line["message"] for line in one.of("/log")] == ["hello"]
+        assert "age" not in one.of("/control/estimate")[0]
+        await other.subscribe("/log", "/scene")
+        await other.first("/log")
+        await wait_until(lambda: {"target", "vehicle"} <= {e["id"] for u in other.of("/scene") for e in u["entities"]})
+        uav.put("event/log", LogEvent(stamp=flights.stamp(3.0), level="info", text="again"))
+        await wait_until(lambda: len(one.of("/log")) == len(other.of("/log")) == 2)
+        assert [line["message"] for line in one.of("/log")] == ["hello", "again"]
+
+
+async def test_values_that_go_back_in_time_begin_anew():
+    async with flying("mk1") as (address, uav), viewing(address) as viewer:
+        await viewer.subscribe("/pose")
+        await wait_until(lambda: uav.is_watched("control/estimate"))
+        heights = (1.0, 2.0, 3.0)
+        for at, height in zip((100.0, 50.0, 50.1), heights, strict=True):
+            uav.put("control/estimate", flights.estimate(at, position=(0.0, 0.0, height)))
+        await wait_until(lambda: len(viewer.of("/pose")) == len(heights))
+        assert [one["pose"]["position"]["z"] for one in viewer.of("/pose")] == list(heights)
+        assert viewer.times == [nanoseconds(1.7e9 + at) for at in (100.0, 50.0, 50.1)]
+
+
+async def test_vehicles_have_topics_and_frames_of_their_own_and_may_come_later():
+    async with flying("one", "two") as (address, one, two), viewing(address) as viewer:
+        await viewer.subscribe("/one/tf", "/two/state/attitude", "/two/tf")
+        await wait_until(lambda: one.is_watched("tf") or one.is_watched("control/estimate"))
+        await wait_until(lambda: two.is_watched("state/attitude"))
+        one.put("control/estimate", flights.estimate(1.0))
+        two.put("state/attitude", flights.attitude(9.0))
+        await viewer.first("/one/tf", "/two/state/attitude", "/two/tf")
+        assert {edge["child_frame_id"] for edge in viewer.of("/one/tf")[0]["transforms"]} == {
+            "one/map",
+            "one/base_link",
+        }
+        assert viewer.of("/two/tf")[0]["transforms"][0]["parent_frame_id"] == "two/map"
+        assert viewer.times == [nanoseconds(1.7e9 + 1.0)]  # the first one's time
+
+
+async def test_a_vehicle_that_is_not_there_yet_is_shown_when_it_comes():
+    async with open_player_session(connect=(), listen=None, alone=True) as session:
+        uav = Aircraft(session, "mk1")
+        async with serving(Vehicle(session, "mk1", "here"), ["mk1"], port=0) as address, viewing(address) as viewer:
+            await viewer.subscribe("/state/attitude")
+            with session.liveliness().declare_token("mk/mk1/alive"):
+                await wait_until(lambda: uav.is_watched("state/attitude"))
+                uav.put("state/attitude", flights.attitude(1.0))
+                await viewer.first("/state/attitude")
+            uav.put("state/attitude", flights.attitude(2.0))  # the word that it is gone may come before its last values
+            await wait_until(lambda: viewer.of("/state/attitude")[-1]["stamp"]["monotonic"] == 2.0)
+
+
+async def test_a_recording_that_is_played_is_shown_value_by_value():
+    async with open_player_session(connect=(), listen=None, alone=True) as session:
+        selection = Selection.of(RecordedSamples(TARGET), None)
+        (name,) = selection.names
+        player = Player(session, selection, Pace(8.0, selection.first, time.monotonic()), TARGET.name)
+        with player.answering():
+            async with serving(Vehicle(session, name, "here"), [name], port=0) as address, viewing(address) as viewer:
+                await viewer.subscribe("/state/attitude", "/raw/rx", "/control/estimate", "/tf", "/log", "/diagnostics")
+                await player.wait_for_subscribers()
+                await player.play()
+                wanted = {
+                    suffix: [
+                        nanoseconds(entry.stamp.wall)
+                        for entry in Recording(TARGET).entries(lambda facts: facts.kind is Kind.SAMPLE)
+                        if entry.key == f"mk/{name}/{suffix}"
+                    ]
+                    for suffix in ("state/attitude", "raw/rx", "control/estimate")
+                }
+
+                def came(suffix):
+                    return [one.log_time for one in viewer.seen if one.topic == f"/{suffix}"]
+
+                await wait_until(lambda: all(len(came(suffix)) >= len(times) for suffix, times in wanted.items()))
+        assert {suffix: came(suffix) for suffix in wanted} == wanted
+        assert viewer.times == sorted(viewer.times)
+        assert {edge["parent_frame_id"] for tree in viewer.of("/tf") for edge in tree["transforms"]} >= {"pad", "map"}
+        assert viewer.of("/log")
+
+
+def _resident():
+    """Memory of this process [bytes]."""
+    return int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1]) * os.sysconf("SC_PAGE_SIZE")
+
+
+async def test_a_viewer_that_hangs_costs_a_bounded_queue_and_the_others_nothing():
+    size, count = 40_000, 1500
+    async with flying("mk1") as (address, uav), viewing(address) as viewer:
+        async with websockets.connect(address, subprotocols=[SUBPROTOCOL], max_queue=1) as hung:
+            await viewer.subscribe("/event/log")
+            number = viewer.channels["/event/log"]["id"]
+            await hung.send(json.dumps({"op": "subscribe", "subscriptions": [{"id": 1, "channelId": number}]}))
+            await wait_until(lambda: uav.is_watched("event/log"))
+            text, before = "x" * size, _resident()
+            for place in range(count):
+                uav.put("event/log", LogEvent(stamp=flights.stamp(place), level="info", text=f"{place} {text}"))
+                if place % 25 == 0:
+                    await wait_until(lambda place=place: len(viewer.seen) > place)
+                    for one in viewer.seen:
+                        one.value["text"] = one.value["text"][:10]
+            await wait_until(lambda: len(viewer.seen) == count)
+            assert count * size > 5 * BACKLOG * size
+            assert _resident() - before < 2 * BACKLOG * size + 20e6
+            hung.transport.abort()  # it never reads, so it never answers that it closes
+        assert [int(one["text"].split()[0]) for one in viewer.of("/event/log")] == list(range(count))
+
+
+async def test_an_address_that_is_in_use_is_one_line():
+    async with flying("mk1") as (address, uav):
+        port = int(address.rpartition(":")[2])
+        with pytest.raises(ConfigError, match=rf"--port {port}: Address already in use; end what uses it"):
+            async with serving(Vehicle(uav.session, "mk1", "here"), ["mk1"], port=port):
+                pytest.fail("in use")
+        with pytest.raises(ConfigError, match="--host nonsense"):
+            async with serving(Vehicle(uav.session, "mk1", "here"), ["mk1"], host="nonsense", port=0):
+                pytest.fail("no such host")
+
+
+def test_nothing_is_left_when_it_ends():
+    async def once():
+        async with flying("mk1") as (address, _), viewing(address) as viewer:
+            await viewer.subscribe("/scene")
+            await asyncio.sleep(0)
+
+    for _ in range(3):
+        asyncio.run(once())

@@ -1,0 +1,68 @@
+"""The table of topics: schemas that viewers can read, keys that exist, and no key without a topic."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+import zenoh
+
+from mkdaemon.bus.keys import KEYS, Use
+from mkdaemon.client.patterns import is_known
+from mkdaemon.gateways.foxglove.topics import (
+    CAMERA,
+    SHOWN_OTHERWISE,
+    TOPICS,
+    json_keys,
+    json_message,
+    json_schema,
+)
+from tests.gateways.foxglove.viewer import complaints, message_class
+
+
+@pytest.mark.parametrize("topic", TOPICS, ids=lambda one: one.name)
+def test_every_topic_has_a_schema_that_can_be_read_and_keys_that_exist(topic):
+    schema = topic.schema()
+    if topic.encoding == "protobuf":
+        assert schema.encoding == "protobuf"
+        assert message_class(schema.name, schema.data).DESCRIPTOR.full_name == schema.name
+    else:
+        assert list(complaints(json.loads(schema.data))) == []
+    for key in topic.of("down").keys:
+        assert is_known(key)
+        assert CAMERA not in key
+
+
+@pytest.mark.parametrize("name", [*(name for _, name in json_keys()), "OsdData5.v1", "DebugDataFc.v1"])
+def test_every_schema_passes_the_parser_of_the_viewers(name):  # tests/record/test_view.py looks at all of them
+    schema = json_schema(name)
+    assert (schema.name, schema.encoding) == (f"mk.{name}", "jsonschema")
+    assert list(complaints(json.loads(schema.data))) == []
+
+
+def test_a_schema_that_is_not_known_here_has_no_fields():
+    assert json.loads(json_schema("Newer.v9").data) == {"type": "object"}
+    assert json_schema(None).name == "mk.unknown"
+
+
+def test_every_key_that_is_published_is_shown_in_some_way():
+    shown = {key for key, _ in json_keys()}
+    typed = [zenoh.KeyExpr(key) for topic in TOPICS for key in topic.of("x").keys]
+    for spec in KEYS:
+        if spec.use is Use.PUBLISHED and spec.suffix.partition("/")[0] not in {"rx", "tx"}:
+            is_typed = any(key.intersects(zenoh.KeyExpr(spec.pattern)) for key in typed)
+            assert spec.suffix in shown or (spec.suffix in SHOWN_OTHERWISE and (is_typed or spec.suffix == "tf"))
+    assert not {key for key in shown if key.split("/")[0] in {"do", "cmd", "schema", "alive", "client"}}
+
+
+def test_names_are_one_each():
+    names = [topic.name for topic in TOPICS] + [f"/{key}" for key, _ in json_keys()]
+    assert len(names) == len(set(names))
+
+
+def test_values_are_sent_without_what_is_not_known():
+    assert json.loads(json_message({"a": None, "b": b"\x00", "age": 1.0, "c": [1, {"d": None}]})) == {
+        "b": "AA==",
+        "c": [1, {}],
+    }
+    assert json_message({"a": float("nan")}) is None
