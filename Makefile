@@ -12,9 +12,10 @@ unexport PYTHONDONTWRITEBYTECODE
 demo: venv
 	$(BIN)/mkdaemon demo
 
-# Three workers on two cores: what runs in real time mostly waits; beside four it came too late.
+# Three processes on two cores: what runs in real time mostly waits; beside four it came too late.
 test: venv
-	$(BIN)/python -m pytest -p tools.workers --workers 3 -p tools.branches --branches build/branches.json
+	$(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder -m "not browser and not alone and not gateways" -p tools.branches --branches build/branches.json
+	$(BIN)/python -m pytest -m alone tests/examples
 	$(BIN)/python -m tools.floor
 
 check: venv

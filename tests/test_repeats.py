@@ -94,8 +94,8 @@ def test_a_second_failure_stands(make_run):
 
 @pytest.mark.parametrize(
     ("options", "count", "code"),
-    [((), 3, PASSED), ((), 4, FAILED), (("-p", "tools.workers", "--workers", "2"), 4, FAILED)],
-    ids=["three", "four", "four in two workers"],
+    [((), 3, PASSED), ((), 4, FAILED), (("-n", "2"), 4, FAILED)],
+    ids=["three", "four", "four in two processes"],
 )
 def test_more_than_three_repeats_fail_a_run_whose_tests_all_passed(make_run, options, count, code):
     done = make_run(*options, tolerance=HELD_UP, count=count)

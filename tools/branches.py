@@ -32,6 +32,8 @@ PACKAGES: Final = ("bus", "control", "daemon", "link", "protocol", "replay", "tr
 PROBES: Final = "__branches_taken__"
 """Global of a module with a byte for every branch, 1 once it was taken."""
 _SOURCE: Final = Path(mkdaemon.__file__).parent
+_HANDED_OVER: Final = "branches"
+"""Under which a worker process hands over what it saw."""
 
 Branch = tuple[int, int]
 """Line that decides, and line to which it goes."""
@@ -172,21 +174,19 @@ class Measurement:
         self.finder = finder
 
     @pytest.hookimpl(optionalhook=True)
-    def pytest_worker_result(self) -> dict[str, bytes]:
-        """Return what this worker took; see `tools.workers`."""
-        return {path: bytes(seen) for path, seen in self.finder.taken.items()}
-
-    @pytest.hookimpl(optionalhook=True)
-    def pytest_worker_ended(self, result: Mapping[str, bytes]) -> None:
-        """Add what a worker took."""
-        for path, seen in result.items():
-            known = self.finder.taken.setdefault(path, bytearray())
-            known.extend(bytes(len(seen) - len(known)))
+    def pytest_testnodedown(self, node: Any, error: object) -> None:
+        """Add what a worker process took."""
+        for path, text in getattr(node, "workeroutput", {}).get(_HANDED_OVER, {}).items():
+            seen = bytes.fromhex(text)
+            known = self.finder.taken.setdefault(path, bytearray(len(seen)))
             known[:] = bytes(a | b for a, b in zip(known, seen, strict=True))
 
     def pytest_sessionfinish(self, session: pytest.Session) -> None:
-        """Write the report."""
-        if report := session.config.getoption("branches"):
+        """Hand over, or write the report."""
+        output = getattr(session.config, "workeroutput", None)
+        if output is not None:
+            output[_HANDED_OVER] = {path: seen.hex() for path, seen in self.finder.taken.items()}
+        elif report := session.config.getoption("branches"):
             files = (path for package in PACKAGES for path in (_SOURCE / package).rglob("*.py"))
             report.parent.mkdir(parents=True, exist_ok=True)
             report.write_text(json.dumps(build_report(self.finder.taken, files), indent=1), encoding="utf-8")

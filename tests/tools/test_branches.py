@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import importlib
+import json
 import sys
+from types import SimpleNamespace
 
 import pytest
 
@@ -105,6 +107,8 @@ def test_what_worker_processes_took_is_added(finder, tmp_path):
     here = Measurement(Finder(["flying"]))
     for number in (1, -1):
         module.sign(number)
-        here.pytest_worker_ended(Measurement(finder).pytest_worker_result())
+        worker = SimpleNamespace(workeroutput={})
+        Measurement(finder).pytest_sessionfinish(SimpleNamespace(config=worker))
+        here.pytest_testnodedown(SimpleNamespace(workeroutput=json.loads(json.dumps(worker.workeroutput))), None)
         finder.taken[str(path)][:] = bytes(13)
     assert missing(here.finder, path)[1][0] == (14, 0)
