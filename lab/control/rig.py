@@ -166,7 +166,7 @@ class Rig:
                 estimator,
                 costs=flight.costs,
                 gains=flight.vertical,
-                level_limits=ReferenceLimits(1.2, 1.3),
+                level_limits=ReferenceLimits(1.2, 1.4),
                 height_limits=ReferenceLimits(0.6, 0.8),
                 now=at,
             )

@@ -14,7 +14,7 @@ class AutopilotConfig(Section):
     """Largest tilt asked of the attitude loop [rad]; the true tilt stays near three quarters of it."""
     max_speed: float = Field(default=1.2, gt=0, le=5)
     """Largest horizontal speed of the reference [m/s]."""
-    max_acceleration: float = Field(default=1.3, gt=0, le=3)
+    max_acceleration: float = Field(default=1.4, gt=0, le=3)
     """Largest horizontal acceleration of the reference [m/s2]."""
     max_climb: float = Field(default=0.6, gt=0, le=2)
     """Largest vertical speed [m/s]."""

@@ -17,9 +17,10 @@ from mkdaemon.control.linear import Array
 
 BRAKING: Final = 0.65
 """Share of the acceleration that braking plans with: a reference passes its goal by less than 2 % of a step of 1 m."""
-NEAR: Final = 0.12
-"""Closer to its goal than this the speed falls off linearly [m]; the same number of seconds is the least in which a
-wanted speed is reached."""
+NEARING: Final = 2.5
+"""Speed over distance close to the goal [1/s]: from where braking would slow down by more, it does not."""
+TAKEN_UP: Final = 0.12
+"""Least time in which a wanted speed is reached [s]."""
 RESTS: Final = 1e-3
 """A reference so near its goal, and so slow, moves no more [m; m/s]."""
 
@@ -40,18 +41,17 @@ class ReferenceLimits:
         """Acceleration (n,) for the next step [m/s2].
 
         The speed towards the goal is what can still be braked away with `BRAKING` of the acceleration, and falls off
-        linearly close to it.
+        linearly close to it, so that braking never jumps.
 
         Args:
             away: from here to the goal (n,) [m].
             velocity: (n,) [m/s].
             step: [s].
         """
-        distance = math.hypot(*away)
-        braking = self.acceleration * BRAKING
-        near = NEAR + braking * step
-        speed = math.sqrt(2.0 * braking * max(distance, near)) * min(1.0, distance / near)
-        share, rate = min(speed, self.speed) / max(distance, 1e-9), 1.0 / max(step, NEAR)
+        distance, braking = math.hypot(*away), self.acceleration * BRAKING
+        near = braking / NEARING**2
+        speed = distance * NEARING if distance < near else math.sqrt(2.0 * braking * (distance - near / 2.0))
+        share, rate = min(speed, self.speed) / max(distance, 1e-9), 1.0 / max(step, TAKEN_UP)
         change = [(part * share - now) * rate for part, now in zip(away, velocity, strict=True)]
         size = math.hypot(*change)
         return change if size <= self.acceleration else [part * self.acceleration / size for part in change]
