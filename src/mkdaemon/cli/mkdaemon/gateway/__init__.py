@@ -8,7 +8,9 @@ from cyclopts import App
 
 from mkdaemon.cli.program import CommandEntry
 
-GATEWAYS: Final[tuple[CommandEntry, ...]] = ()
+GATEWAYS: Final[tuple[CommandEntry, ...]] = (
+    CommandEntry("ros2", "mkdaemon.cli.mkdaemon.gateway.ros2:ros2", "Topics, services and setpoints for ROS 2."),
+)
 """Every gateway; a further one is one line here and its module."""
 
 app = App(
