@@ -106,8 +106,10 @@ def name_part(name: str) -> str:
 
 def time(types: Types, stamp: Stamp) -> Any:
     """The measured time of a value; a moment ROS cannot have becomes the nearest it can."""
-    nanoseconds = min(max(round(stamp.wall * NANOSECONDS), 0), (LAST_SECOND + 1) * NANOSECONDS - 1)
-    whole, rest = divmod(nanoseconds, NANOSECONDS)
+    seconds = min(max(stamp.wall, 0.0), float(LAST_SECOND))
+    whole = math.floor(seconds)
+    # Apart: a product of both has no room for nanoseconds in a double.
+    rest = min(round((seconds - whole) * NANOSECONDS), NANOSECONDS - 1)
     return types.new("builtin_interfaces/msg/Time", sec=whole, nanosec=rest)
 
 
