@@ -223,7 +223,7 @@ class Deck:
         Raises:
             MkError: it was refused, or ended on the way; where the aircraft is still flown it holds.
         """
-        await self._fly("land", Lease.land)
+        await self._fly("land", lambda lease: lease.land())
         self._let_go("landed")
         return "landed, and released: the pilot stops the motors"
 
