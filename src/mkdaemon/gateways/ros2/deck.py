@@ -145,9 +145,9 @@ class Deck:
     async def _stop_motors(self) -> None:
         try:
             await self._uav.stop()
-            self._say("motors: asked to stop; only telemetry tells whether they stand")
+            self._write_note("motors: asked to stop; only telemetry tells whether they stand")
         except MkError as error:
-            self._say(str(error))
+            self._write_note(str(error))
 
     # -- streams ----------------------------------------------------------------------------------------------------
 
@@ -162,7 +162,7 @@ class Deck:
         if not stream.arrived(self._loop.time()):
             return
         if self.flown not in {"", HOLD, stream.name}:
-            self._say(f"{stream.name} is left out: {self.flown} flies")
+            self._write_note(f"{stream.name} is left out: {self.flown} flies")
             return
         if self.flown == HOLD:
             self._end_verb(f"{stream.name} takes over")
@@ -173,14 +173,14 @@ class Deck:
 
     def refused(self, reason: str) -> None:
         """Take note of a message that cannot be flown."""
-        self._say(reason)
+        self._write_note(reason)
 
     def _put(self, kind: str, fields: Mapping[str, Any]) -> bool:
         """Put a setpoint; whether the lease is still ours, or on its way."""
         try:
             self._keeper.stream(kind, fields)
         except CommandRejectedError as error:
-            self._say(str(error))
+            self._write_note(str(error))
         except MkError as error:
             self._let_go(str(error))
             return False
@@ -189,7 +189,7 @@ class Deck:
     def _take_refusal(self) -> bool:
         refusal = self._keeper.take_refusal()
         if refusal is not None:
-            self._say(refusal)
+            self._write_note(refusal)
         return refusal is not None
 
     def _shut_streams(self) -> None:
@@ -258,7 +258,7 @@ class Deck:
             raise MkError(f"{name} was interrupted: {self.note}") from None
         except MkError as error:
             if self._verb is task:
-                self._say(str(error))
+                self._write_note(str(error))
                 if self._keeper.is_engaged:
                     self._begin_hold()
                 else:
@@ -277,7 +277,7 @@ class Deck:
         try:
             lease = await self._keeper.take()
             await lease.hold(seconds=self._habits.hold_for)
-            self._say("nothing was flown while it held: it lands")
+            self._write_note("nothing was flown while it held: it lands")
             await lease.land()
             self._let_go("landed")
         except MkError as error:
@@ -286,19 +286,19 @@ class Deck:
     def _end_verb(self, reason: str) -> None:
         task, self._verb = self._verb, None
         if task is not None and not task.done() and task is not asyncio.current_task():
-            self._say(reason)
+            self._write_note(reason)
             task.cancel()
 
     def _let_go(self, reason: str) -> None:
         """End whatever is flown and give the lease back; commands that still come must fall silent first."""
-        self._say(reason)
+        self._write_note(reason)
         self._end_verb(reason)
         self._shut_streams()
         self._teleop.ended(reason)
         self.flown = ""
         self._keeper.give_back()
 
-    def _say(self, words: str) -> None:
+    def _write_note(self, words: str) -> None:
         if words != self.note:
             self.note = words
             _log.info("note", words=words)

@@ -136,11 +136,11 @@ class RosNode:
         except rclpy.exceptions.ParameterException as error:
             raise ConfigError(f"ROS does not take this: {error}") from error
 
-        def told(news: Sequence[Any]) -> None:
+        def parameters_changed(news: Sequence[Any]) -> None:
             for parameter in news:
                 changed(parameter.name, parameter.value)
 
-        self._node.add_post_set_parameters_callback(told)
+        self._node.add_post_set_parameters_callback(parameters_changed)
         return {row.name: self._node.get_parameter(row.name).value for row in table}
 
     def publisher(self, name: str, kind: str, quality: Quality) -> Any:
