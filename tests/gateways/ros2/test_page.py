@@ -10,7 +10,9 @@ from mkdaemon.gateways.ros2.topics import TOPICS
 from tests.places import DOCS
 
 PAGE = (DOCS / "ros.md").read_text(encoding="utf-8")
-ROWS = {found[1]: found[2] for found in re.finditer(r"^\| `([^`]+)` \| ([a-z0-9_]+/[A-Za-z0-9]+) \|", PAGE, re.MULTILINE)}
+ROWS = {
+    found[1]: found[2] for found in re.finditer(r"^\| `([^`]+)` \| ([a-z0-9_]+/[A-Za-z0-9]+) \|", PAGE, re.MULTILINE)
+}
 
 
 def test_every_topic_stands_there_with_its_type():
