@@ -17,10 +17,14 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
 from rclpy.serialization import serialize_message
 
 from lab.rigs.waiting import wait_for
+from mkdaemon.gateways.ros2.commands import AXES, BUTTONS
 from mkdaemon.gateways.ros2.rclnode import type_of
+from mkdaemon.gateways.ros2.topics import DIAGNOSTICS, TOPICS, Quality
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 GATEWAY = ("-m", "mkdaemon.cli.mkdaemon.app", "gateway", "ros2")
+PERIOD = 0.05
+"""Between two messages that fly [s]."""
 PATIENCE = 60.0
 """Longest wait for an answer, or for discovery [s]; a loaded machine is slow, not wrong."""
 
@@ -132,3 +136,51 @@ async def gateway(endpoint, vehicle, *arguments):
             process.kill()
             raise
         await reading
+
+
+def topic_names(vehicle, camera="down"):
+    """Every topic whose type is installed, with type and quality."""
+    found = {}
+    for row in TOPICS:
+        if type_of(row.type) is not None:
+            name = row.name.format(camera=camera)
+            found[name if name.startswith("/") else f"/{vehicle}/{name}"] = (row.type, row.quality)
+    return found
+
+
+def listen_to_all(node, vehicle):
+    for name, (kind, quality) in topic_names(vehicle).items():
+        node.listen(name, kind, LATCHED) if quality is Quality.LATCHED else node.listen(name, kind)
+    node.listen(DIAGNOSTICS, "diagnostic_msgs/msg/DiagnosticArray")
+
+
+async def stream(publisher, make, seconds):
+    """Publish twenty times a second."""
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        publisher.publish(make())
+        await asyncio.sleep(PERIOD)
+
+
+async def stream_until(publisher, make, condition, patience=60.0):
+    """Publish twenty times a second until something is so."""
+    end = time.monotonic() + patience
+    while not condition():
+        assert time.monotonic() < end, "it never was"
+        publisher.publish(make())
+        await asyncio.sleep(PERIOD)
+
+
+def joy(node, axes=None, buttons=()):
+    """The state of the pad: axes by the kernel's name as a pad's driver gives them, turned round as joy_node does."""
+    message = type_of("sensor_msgs/msg/Joy")()
+    message.header.stamp = node.get_clock().now().to_msg()
+    message.axes = [-float((axes or {}).get(name, 0.0)) for name in AXES]
+    message.buttons = [int(name in buttons) for name in BUTTONS]
+    return message
+
+
+def gateway_words(node):
+    """What the gateway last reported of itself in /diagnostics."""
+    newest = node.newest(DIAGNOSTICS)
+    return "" if newest is None else newest.status[-1].message
