@@ -74,6 +74,7 @@ def domain():
     before = dict(os.environ)
     os.environ |= {"ROS_DOMAIN_ID": str(random.SystemRandom().randint(100, 200)), "ROS_LOG_DIR": os.environ["HOME"]}
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+    os.environ["FASTDDS_BUILTIN_TRANSPORTS"] = "UDPv4"  # shared memory of a process that was killed holds others up
     try:
         yield
     finally:

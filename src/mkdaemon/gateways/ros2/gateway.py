@@ -14,6 +14,7 @@ from typing import Any, Final, Protocol
 import structlog
 
 from mkdaemon.client import Sample, Vehicle
+from mkdaemon.client.setpoints import load_models
 from mkdaemon.clock import Clock
 from mkdaemon.errors import MkError, ProtocolError
 from mkdaemon.gateways.ros2 import topics
@@ -157,6 +158,7 @@ class Gateway:
     """
 
     def __init__(self, uav: Vehicle, node: Node, types: Types) -> None:
+        load_models()  # seconds on a slow machine, in which no pad would be heard
         self._loop = asyncio.get_running_loop()
         self._uav, self._node = uav, node
         self._pace = Pace({})
