@@ -14,10 +14,10 @@ from lab.rigs.cockpit import Boards, cockpit
 from lab.rigs.cockpitclient import CockpitClient, PublishedValues
 from lab.rigs.handpad import HandPad
 from lab.stories.losses import silence_log
-from mkdaemon.cli.mkctl.teleop.leasekeeper import LeaseKeeper
 from mkdaemon.cli.mkctl.teleop.screen import COLUMNS, screen_lines
 from mkdaemon.cli.mkctl.teleop.session import Session
 from mkdaemon.cli.mkctl.teleop.watcher import Watcher
+from mkdaemon.client.leasekeeper import LeaseKeeper
 from mkdaemon.config.gamepad import Gamepad
 from mkdaemon.config.reader import load_section
 from mkdaemon.control.teleop.shaping import MODES

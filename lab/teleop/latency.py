@@ -23,9 +23,9 @@ from lab.rigs.processes import ObservedSimulation, connected, daemon_process, wa
 from lab.rigs.waiting import wait_until
 from lab.stories.losses import percentile
 from mkdaemon.cli.mkctl.teleop.evdevpad import EvdevPad
-from mkdaemon.cli.mkctl.teleop.leasekeeper import LeaseKeeper
 from mkdaemon.cli.mkctl.teleop.mappings import find_mapping, load_mappings
 from mkdaemon.cli.mkctl.teleop.session import Session
+from mkdaemon.client.leasekeeper import LeaseKeeper
 from mkdaemon.protocol.framing import Frame, FrameDecoder
 from mkdaemon.protocol.messages import ExternControlV2
 from mksim.config import PilotPlan, SimConfig

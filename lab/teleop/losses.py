@@ -18,8 +18,8 @@ from lab.rigs.cockpit import Boards, Cockpit, cockpit
 from lab.rigs.cockpitclient import CockpitClient, PublishedValues
 from lab.rigs.handpad import HandKeyboard, HandPad
 from lab.stories.deaths import measure_loss
-from mkdaemon.cli.mkctl.teleop.leasekeeper import LeaseKeeper
 from mkdaemon.cli.mkctl.teleop.session import Session
+from mkdaemon.client.leasekeeper import LeaseKeeper
 from mkdaemon.link.session.traffic import Purpose
 from mkdaemon.telemetry.control import Phase
 from mkdaemon.virtualtime import run_virtually

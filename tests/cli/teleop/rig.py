@@ -6,8 +6,8 @@ from collections.abc import AsyncIterator, Mapping
 from contextlib import asynccontextmanager
 from typing import Any
 
-from mkdaemon.cli.mkctl.teleop.leasekeeper import LeaseKeeper
 from mkdaemon.cli.mkctl.teleop.session import Session
+from mkdaemon.client.leasekeeper import LeaseKeeper
 from mkdaemon.errors import CommandRejectedError, LeaseLostError
 
 

@@ -13,8 +13,8 @@ from lab.rigs.boardport import ADAPTER_TIME, Socket
 from lab.rigs.cockpit import Boards, cockpit
 from lab.rigs.cockpitclient import CockpitClient, PublishedValues
 from lab.rigs.handpad import HandPad
-from mkdaemon.cli.mkctl.teleop.leasekeeper import LeaseKeeper
 from mkdaemon.cli.mkctl.teleop.session import Session
+from mkdaemon.client.leasekeeper import LeaseKeeper
 from mkdaemon.telemetry.control import Phase
 from mkdaemon.virtualtime import run_virtually
 from mksim.config import PilotPlan, SimConfig

@@ -20,8 +20,7 @@ from mkdaemon.cli.mkctl.connection import HERE, Connection
 from mkdaemon.cli.mkctl.teleop.evdevpad import load_evdev, new_paths
 from mkdaemon.cli.mkctl.teleop.joypad import look_for_joy, publish_pad
 from mkdaemon.cli.mkctl.teleop.keyboard import Keyboard, raw_terminal
-from mkdaemon.cli.mkctl.teleop.leasekeeper import LeaseKeeper
-from mkdaemon.cli.mkctl.teleop.mappings import Learner, load_mappings, own_folder, save_mapping
+from mkdaemon.cli.mkctl.teleop.mappings import Learner, load_mappings, save_mapping
 from mkdaemon.cli.mkctl.teleop.padrecording import Recorder, read_recording
 from mkdaemon.cli.mkctl.teleop.padreplay import feed, require_simulator, watch_simulator
 from mkdaemon.cli.mkctl.teleop.padsearch import Mappings, describe, look_for_pads, only_pad
@@ -32,7 +31,9 @@ from mkdaemon.cli.printing import json_line
 from mkdaemon.cli.terminal import drawing_stream
 from mkdaemon.client import Vehicle
 from mkdaemon.client.joy import JoySender
+from mkdaemon.client.leasekeeper import LeaseKeeper
 from mkdaemon.config.gamepad import Gamepad
+from mkdaemon.config.gamepadfiles import own_folder
 from mkdaemon.config.reader import load_section
 from mkdaemon.control.teleop.keys import KEYBOARD
 from mkdaemon.errors import ConfigError, MkError

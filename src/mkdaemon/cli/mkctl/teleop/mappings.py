@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import os
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -11,7 +10,8 @@ from typing import Final
 
 from mkdaemon.cli.mkctl.teleop.devices import Device
 from mkdaemon.config.gamepad import Gamepad
-from mkdaemon.config.reader import load_section, samples_folder
+from mkdaemon.config.gamepadfiles import own_folder, shipped_folder
+from mkdaemon.config.reader import load_section
 from mkdaemon.control.teleop.learning import (
     BUTTONS,
     STICKS,
@@ -25,18 +25,6 @@ from mkdaemon.errors import ConfigError, MkError
 from mkdaemon.files import save
 
 LEARN: Final = "`mkctl teleop --learn` writes one by asking for each stick, `--mapping FILE` uses one"
-
-
-def own_folder() -> Path:
-    """Where the mappings are that were learned on this machine; they go before those of mkdaemon."""
-    base = os.environ.get("XDG_CONFIG_HOME") or str(Path.home() / ".config")
-    return Path(base) / "mkdaemon" / "gamepads"
-
-
-def shipped_folder() -> Path:
-    """Where the mappings are that come with mkdaemon; see `samples_folder`."""
-    installed = samples_folder() / "gamepads"
-    return installed if installed.is_dir() else Path("configs") / "gamepads"
 
 
 def load_mappings() -> list[tuple[Path, Gamepad]]:

@@ -8,8 +8,8 @@ from contextlib import suppress
 from typing import Final
 
 from mkdaemon.cli.mkctl.teleop.devices import Device, DeviceLostError
-from mkdaemon.cli.mkctl.teleop.leasekeeper import LeaseKeeper
 from mkdaemon.cli.mkctl.teleop.padrecording import Recorder
+from mkdaemon.client.leasekeeper import LeaseKeeper
 from mkdaemon.config.gamepad import Gamepad
 from mkdaemon.control.teleop.teleop import Output, Teleop
 from mkdaemon.errors import MkError
@@ -137,7 +137,7 @@ class Session:
         if output.setpoint is None:
             return
         try:
-            self.keeper.stream(output.setpoint)
+            self.keeper.stream(output.setpoint.kind, output.setpoint.fields)
         except MkError as error:
             self.keeper.give_back()
             self.teleop.ended(str(error))

@@ -9,10 +9,8 @@ from cyclopts import App
 from mkdaemon.cli.program import CommandEntry
 
 GATEWAYS: Final[tuple[CommandEntry, ...]] = (
-    CommandEntry(
-        *("foxglove", "mkdaemon.cli.mkdaemon.gateway.foxglove:foxglove"),
-        "Show vehicles to Foxglove and Lichtblick, live or played.",
-    ),
+    CommandEntry("foxglove", "mkdaemon.cli.mkdaemon.gateway.foxglove:foxglove", "Foxglove and Lichtblick look at it."),
+    CommandEntry("ros2", "mkdaemon.cli.mkdaemon.gateway.ros2:ros2", "Topics, services and setpoints for ROS 2."),
 )
 """Every gateway; a further one is one line here and its module."""
 

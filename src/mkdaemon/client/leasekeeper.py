@@ -1,14 +1,13 @@
-"""The lease of an operator: taken when an enable button is pressed, given back when it is let go of."""
+"""The lease of a program that flies now and then: taken with the first setpoint, given back when nothing is flown."""
 
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import AbstractAsyncContextManager
-from typing import Final
+from typing import Any, Final
 
 from mkdaemon.client.lease import Lease
-from mkdaemon.control.teleop.teleop import Wanted
 from mkdaemon.errors import CommandRejectedError, MkError
 
 BUSY: Final = "busy"
@@ -17,6 +16,8 @@ BUSY_TRIES: Final = 20
 """How often a lease is asked for that is refused as busy; a release takes up to 1.5 s."""
 BUSY_PAUSE: Final = 0.1
 """Between two of these [s]."""
+LOOKING: Final = 0.01
+"""Between two looks whether a lease that was asked for is held [s]."""
 
 
 class LeaseKeeper:
@@ -45,11 +46,11 @@ class LeaseKeeper:
             return self.lease.reason
         return "the lease is asked for" if self._task is not None and not self._end.is_set() else ""
 
-    def stream(self, wanted: Wanted) -> None:
-        """Stream a setpoint; the lease is asked for where it is not held.
+    def ask(self) -> None:
+        """Ask for the lease where it is not held and not asked for yet.
 
         Raises:
-            MkError: the lease was refused or has ended; says why.
+            MkError: the lease was refused; says why.
         """
         if self._failure is not None:
             reason, self._failure = self._failure, None
@@ -59,9 +60,34 @@ class LeaseKeeper:
             ended.result()
         if self._task is None:
             self._end.clear()
-            self._task = asyncio.create_task(self._hold(), name="teleop lease")
+            self._task = asyncio.create_task(self._hold(), name="lease on demand")
+
+    def stream(self, kind: str, fields: Mapping[str, Any]) -> None:
+        """Put a setpoint; the lease is asked for where it is not held, and until then nothing is put.
+
+        Args:
+            kind: last word of a key `setpoint/<kind>`.
+            fields: of the setpoint.
+
+        Raises:
+            CommandRejectedError: `bad_field`: the setpoint is none.
+            MkError: the lease was refused or has ended; says why.
+        """
+        self.ask()
         if self.lease is not None:
-            self.lease.put(wanted.kind, wanted.fields)
+            self.lease.put(kind, fields)
+
+    async def take(self) -> Lease:
+        """Ask for the lease and wait until it is held.
+
+        Raises:
+            MkError: the lease was refused; says why.
+        """
+        while True:
+            self.ask()
+            if self.lease is not None:
+                return self.lease
+            await asyncio.sleep(LOOKING)
 
     def take_refusal(self) -> str | None:
         """The newest refusal of what was streamed, once; None where nothing was refused."""

@@ -1,0 +1,38 @@
+"""Where the mapping files of gamepads are."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from mkdaemon.config.gamepad import Gamepad
+from mkdaemon.config.reader import load_section, samples_folder
+from mkdaemon.errors import ConfigError
+
+
+def own_folder() -> Path:
+    """Where the mappings are that were learned on this machine; they go before those of mkdaemon."""
+    base = os.environ.get("XDG_CONFIG_HOME") or str(Path.home() / ".config")
+    return Path(base) / "mkdaemon" / "gamepads"
+
+
+def shipped_folder() -> Path:
+    """Where the mappings are that come with mkdaemon; see `samples_folder`."""
+    installed = samples_folder() / "gamepads"
+    return installed if installed.is_dir() else Path("configs") / "gamepads"
+
+
+def load_mapping(name: str) -> Gamepad:
+    """Read the mapping of a name, for example `xbox`, or of a path that ends in `.toml`.
+
+    Raises:
+        ConfigError: there is none, or it is wrong; says what there is.
+    """
+    if name.endswith(".toml"):
+        return load_section(Gamepad, Path(name))
+    folders = [folder for folder in (own_folder(), shipped_folder()) if folder.is_dir()]
+    for folder in folders:
+        if (folder / f"{name}.toml").is_file():
+            return load_section(Gamepad, folder / f"{name}.toml")
+    known = sorted({path.stem for folder in folders for path in folder.glob("*.toml")})
+    raise ConfigError(f"no mapping of a gamepad is called {name!r}; there is {', '.join(known) or 'none'}")

@@ -1,0 +1,1 @@
+"""The ROS 2 gateway: values as topics, verbs as services, sticks and setpoints in; docs/ros.md."""

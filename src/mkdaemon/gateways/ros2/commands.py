@@ -1,0 +1,197 @@
+"""What ROS sends to fly: messages of `joy`, `cmd_vel` and `setpoint_pose` as sticks and setpoints; pure."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+from mkdaemon.control.teleop.inputs import AxisRange, PadFacts
+from mkdaemon.errors import ConfigError, MkError
+from mkdaemon.gateways.ros2.conversions import yaw_of
+from mkdaemon.gateways.ros2.messages import NANOSECONDS, TARGET, Frames
+
+AXES: Final = ("ABS_X", "ABS_Y", "ABS_Z", "ABS_RX", "ABS_RY", "ABS_RZ", "ABS_HAT0X", "ABS_HAT0Y")
+"""The kernel's names of the axes of a Joy, in its order, as `joy` has an Xbox pad: ascending codes, then the hat."""
+BUTTONS: Final = (
+    "BTN_A",
+    "BTN_B",
+    "BTN_X",
+    "BTN_Y",
+    "BTN_TL",
+    "BTN_TR",
+    "BTN_SELECT",
+    "BTN_START",
+    "BTN_MODE",
+    "BTN_THUMBL",
+    "BTN_THUMBR",
+)
+"""The same for its buttons."""
+SILENCE: Final = 1.0
+"""A topic whose commands have ended must be silent for so long before it counts again [s]."""
+GONE: Final = 0.9
+"""A topic that says nothing for so long is not flown any more [s]; docs/safety.md, as a gamepad."""
+
+
+def pad_facts(axes: Sequence[str], buttons: Sequence[str]) -> PadFacts:
+    """A pad behind the topic `joy`.
+
+    Args:
+        axes: the kernel's names, in the order of the message.
+        buttons: the same.
+    """
+    ranges = dict.fromkeys(axes, AxisRange(-1.0, 1.0))
+    return PadFacts("the pad of joy", ranges, frozenset(buttons), speaker="the publisher of joy")
+
+
+def pad_state(joy: Any, axes: Sequence[str], buttons: Sequence[str]) -> dict[str, float]:
+    """Values by control, as the kernel would say them: ROS counts left and up as positive, the kernel right and down.
+
+    Args:
+        joy: a `sensor_msgs/Joy`.
+        axes: the kernel's names, in its order.
+        buttons: the same.
+
+    Raises:
+        MkError: it has fewer axes or buttons than names, or a number is none.
+    """
+    if len(joy.axes) < len(axes) or len(joy.buttons) < len(buttons):
+        raise MkError(
+            f"joy has {len(joy.axes)} axes and {len(joy.buttons)} buttons, and joy.axes and joy.buttons name "
+            f"{len(axes)} and {len(buttons)}: another pad?"
+        )
+    values = {name: -float(value) for name, value in zip(axes, joy.axes, strict=False)}
+    values |= {name: float(value) for name, value in zip(buttons, joy.buttons, strict=False)}
+    if not all(map(math.isfinite, values.values())):
+        raise MkError("joy holds a number that is none")
+    return values
+
+
+def age_of(stamp: Any, wall: float) -> float:
+    """How old a message was when it arrived, by its stamp [s]; 0 for one without a stamp, or from the future.
+
+    Args:
+        stamp: a `builtin_interfaces/Time`.
+        wall: Unix time of its arrival [s].
+    """
+    if not stamp.sec and not stamp.nanosec:
+        return 0.0
+    sent = float(stamp.sec) + float(stamp.nanosec) / NANOSECONDS
+    return max(wall - sent, 0.0)
+
+
+def velocity_fields(twist: Any, frame: str) -> dict[str, Any]:
+    """Fields of a velocity setpoint: linear [m/s] in the axes of `frame`, and the turn about up [rad/s].
+
+    Args:
+        twist: a `geometry_msgs/Twist`.
+        frame: `body` or `pad`.
+
+    Raises:
+        MkError: a number is none.
+    """
+    linear = (float(twist.linear.x), float(twist.linear.y), float(twist.linear.z))
+    turn = float(twist.angular.z)
+    if not all(map(math.isfinite, (*linear, turn))):
+        raise MkError("cmd_vel holds a number that is none")
+    return {"velocity": linear, "frame": frame, "yaw_rate": turn}
+
+
+def position_fields(pose: Any, frame: str) -> dict[str, Any]:
+    """Fields of a position setpoint: place [m] and heading in the axes of `frame`; all zeros keep the heading.
+
+    Args:
+        pose: a `geometry_msgs/Pose`.
+        frame: `body` or `pad`.
+
+    Raises:
+        MkError: a number is none.
+    """
+    place = (float(pose.position.x), float(pose.position.y), float(pose.position.z))
+    turned = pose.orientation
+    if not all(map(math.isfinite, (*place, turned.x, turned.y, turned.z, turned.w))):
+        raise MkError("setpoint_pose holds a number that is none")
+    return {"position": place, "frame": frame, "yaw": yaw_of(turned)}
+
+
+def setpoint_frame(frame_id: str, frames: Frames, default: str) -> str:
+    """The daemon's word for the frame of a header.
+
+    Args:
+        frame_id: as the header has it; empty for the default.
+        frames: names of frames.
+        default: `body` or `pad`.
+
+    Raises:
+        MkError: nothing is flown in this frame; says in which.
+    """
+    if not frame_id:
+        return default
+    if frame_id == frames.body:
+        return "body"
+    if frame_id.startswith(f"{frames.prefix}{TARGET}"):
+        return "pad"
+    raise MkError(
+        f"nothing is flown in frame {frame_id!r}: give it in {frames.body} or {frames.target('NAME')} (docs/frames.md)"
+    )
+
+
+def frame_word(word: str, parameter: str) -> str:
+    """Check a parameter that names a frame.
+
+    Raises:
+        ConfigError: it is neither `body` nor `pad`.
+    """
+    if word not in {"body", "pad"}:
+        raise ConfigError(f"{parameter} is body or pad, not {word!r}")
+    return word
+
+
+@dataclass(slots=True)
+class CommandStream:
+    """The dead-man rules of one topic that streams setpoints.
+
+    Attributes:
+        name: of the topic.
+        arrived_at: when its newest message arrived [s; monotonic]; None before the first.
+        is_shut: its commands have ended, so it must be silent first.
+    """
+
+    name: str
+    arrived_at: float | None = None
+    is_shut: bool = False
+
+    def arrived(self, now: float) -> bool:
+        """Take note of a message; whether it counts."""
+        silence = math.inf if self.arrived_at is None else now - self.arrived_at
+        self.arrived_at = now
+        if self.is_shut and silence < SILENCE:
+            return False
+        self.is_shut = False
+        return True
+
+    def ended(self) -> None:
+        """Take note that what it streamed has ended: the lease was lost or refused, or somebody let go."""
+        self.is_shut = True
+
+    def is_gone(self, now: float) -> bool:
+        """Whether nothing has come for too long."""
+        return self.arrived_at is None or now - self.arrived_at >= GONE
+
+
+def newer(stamp: Any, last: Any) -> bool:
+    """Whether a stamp is another than the last one; stamps of zero always count."""
+    return last is None or not (stamp.sec or stamp.nanosec) or (stamp.sec, stamp.nanosec) != last
+
+
+def names_from(given: Sequence[str], known: Mapping[str, object], what: str) -> list[str]:
+    """Check names against what there is; no name stands for all.
+
+    Raises:
+        ConfigError: one is not known; says which there are.
+    """
+    unknown = [name for name in given if name not in known]
+    if unknown:
+        raise ConfigError(f"{what} does not know {', '.join(unknown)}; there is {', '.join(known)}")
+    return list(given) or list(known)

@@ -1,0 +1,328 @@
+"""The gateway put together: the daemon's values to topics, messages of ROS to the deck, services to verbs."""
+
+from __future__ import annotations
+
+import asyncio
+import signal
+import time
+from collections.abc import Coroutine, Sequence
+from concurrent.futures import CancelledError as CallCancelledError
+from contextlib import suppress
+from functools import partial
+from typing import Any, Final, Protocol
+
+import structlog
+
+from mkdaemon.client import Sample, Vehicle
+from mkdaemon.client.setpoints import load_models
+from mkdaemon.clock import Clock
+from mkdaemon.errors import MkError, ProtocolError
+from mkdaemon.gateways.ros2 import topics
+from mkdaemon.gateways.ros2.commands import (
+    age_of,
+    newer,
+    pad_state,
+    position_fields,
+    setpoint_frame,
+    velocity_fields,
+)
+from mkdaemon.gateways.ros2.deck import Deck
+from mkdaemon.gateways.ros2.diagnostics import Diagnosis, Level, report
+from mkdaemon.gateways.ros2.messages import Scene, Types, name_part
+from mkdaemon.gateways.ros2.parameters import PARAMETERS, RATES, Pace, Settings, settings_of
+from mkdaemon.gateways.ros2.services import SERVICES, Desk, Service, answer, refused
+from mkdaemon.gateways.ros2.topics import TOPICS, Newest, Quality, Topic
+
+STALE: Final = 0.3
+"""A setpoint whose stamp was older when it came is not flown [s]; docs/safety.md."""
+REPORTING: Final = 1.0
+"""Between two reports of diagnostics [s]."""
+MOST_CALLS: Final = 8
+"""Services that may be under way at once; a further call is refused."""
+BACKLOG: Final = 256
+"""Values that may wait; the oldest are dropped."""
+_ENDS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+_log = structlog.get_logger("gateway.ros2")
+
+
+class Node(Protocol):
+    """What the gateway needs of ROS; see `rclnode.RosNode`."""
+
+    def parameters(self, table: Any, changed: Any) -> dict[str, Any]:
+        """Declare parameters and return their values."""
+
+    def publisher(self, name: str, kind: str, quality: Quality) -> Any:
+        """Make a publisher; None where the type is not installed."""
+
+    def subscribe(self, name: str, kind: str, arrived: Any) -> None:
+        """Subscribe to the newest message of a topic."""
+
+    def serve(self, name: str, kind: str, answer: Any) -> None:
+        """Offer a service."""
+
+
+class Outlet:
+    """Where the messages of one row and key go.
+
+    Attributes:
+        topic: the row.
+        name: of the topic.
+        publisher: None where the type's package is not installed.
+    """
+
+    def __init__(self, topic: Topic, name: str, publisher: Any) -> None:
+        self.topic, self.name, self.publisher = topic, name, publisher
+
+    @property
+    def is_wanted(self) -> bool:
+        """Whether a message has to be made: somebody reads it, or will get it later."""
+        if self.publisher is None:
+            return False
+        return self.topic.quality is Quality.LATCHED or self.publisher.get_subscription_count() > 0
+
+    def publish(self, value: Any, scene: Scene) -> None:
+        """Convert a value and publish what it makes."""
+        made = self.topic.convert(value, scene)
+        for message in made if isinstance(made, list) else () if made is None else (made,):
+            self.publisher.publish(message)
+
+
+class Publishing:
+    """The daemon's values to topics.
+
+    Attributes:
+        newest: newest values that conversions look at.
+        missing: types whose packages are not installed.
+    """
+
+    def __init__(self, node: Node, rows: Sequence[Topic], scene: Scene, newest: Newest, pace: Pace) -> None:
+        self.newest, self.missing = newest, set[str]()
+        self._node, self._rows, self._scene, self._pace = node, rows, scene, pace
+        self._publishers: dict[str, Any] = {}
+        self._outlets: dict[str, list[Outlet]] = {}
+        for row in rows:
+            if "*" not in row.key:
+                self._publisher(row, row.name)
+
+    def take(self, sample: Sample, *, is_last: bool = False) -> None:
+        """Publish a value where somebody reads it.
+
+        Args:
+            sample: as it came.
+            is_last: a last value from before the start: only who gets one late anyway gets it.
+        """
+        outlets = self._outlets_of(sample.suffix)
+        wanted = [outlet for outlet in outlets if outlet.is_wanted]
+        if is_last:
+            wanted = [outlet for outlet in wanted if outlet.topic.quality is Quality.LATCHED]
+        keeps = self.newest.keeps(sample.suffix)
+        if not wanted and not keeps:
+            return
+        try:
+            value = sample.value
+        except ProtocolError as error:
+            _log.warning("not_understood", key=sample.suffix, words=str(error))
+            return
+        for outlet in wanted:
+            if self._pace.lets_through(outlet.topic.word, outlet.name, value.stamp.monotonic):
+                outlet.publish(value, self._scene)
+        if keeps:
+            self.newest.keep(sample.suffix, value)
+
+    def _outlets_of(self, suffix: str) -> list[Outlet]:
+        outlets = self._outlets.get(suffix)
+        if outlets is None:
+            rows = [row for row in self._rows if topics.matches(row.key, suffix)]
+            names = [row.name_for(suffix) for row in rows]
+            outlets = self._outlets[suffix] = [
+                Outlet(row, name, self._publisher(row, name)) for row, name in zip(rows, names, strict=True)
+            ]
+        return outlets
+
+    def _publisher(self, row: Topic, name: str) -> Any:
+        if name not in self._publishers:
+            self._publishers[name] = self._node.publisher(name, row.type, row.quality)
+            if self._publishers[name] is None and row.type not in self.missing:
+                self.missing.add(row.type)
+                package = row.type.partition("/")[0].replace("_", "-")
+                _log.warning("left_out", topic=name, words=f"{row.type} is not installed: ros-DISTRO-{package}")
+        return self._publishers[name]
+
+
+class Gateway:
+    """One vehicle in ROS.
+
+    Attributes:
+        deck: who flies through it.
+        publishing: what is published.
+    """
+
+    def __init__(self, uav: Vehicle, node: Node, types: Types) -> None:
+        load_models()  # seconds on a slow machine, in which no pad would be heard
+        self._loop = asyncio.get_running_loop()
+        self._uav, self._node = uav, node
+        self._pace = Pace({})
+        given = node.parameters(PARAMETERS, self._changed)
+        self._settings: Settings = settings_of(given)
+        self._pace.rates |= {key.removeprefix(RATES): float(given[key]) for key in given if key.startswith(RATES)}
+        newest = Newest()
+        self._scene = Scene(types, self._settings.frames, newest.values, uav.vehicle)
+        rows = [row for row in TOPICS if row.word in self._settings.topics]
+        self.publishing = Publishing(node, rows, self._scene, newest, self._pace)
+        self.deck = Deck(uav, self._settings.habits, newest.values)
+        self._keys = topics.keys_of(rows)
+        self._clock = Clock()
+        self._calls = 0
+        self._diagnostics = node.publisher(topics.DIAGNOSTICS, "diagnostic_msgs/msg/DiagnosticArray", Quality.RELIABLE)
+        self._pad_stamp: Any = None
+        self._offer()
+
+    def _changed(self, name: str, value: Any) -> None:
+        if name.startswith(RATES):
+            self._pace.rates[name.removeprefix(RATES)] = float(value)
+
+    def _offer(self) -> None:
+        """Subscribe to what flies, and offer services."""
+        desk = Desk(self._uav, self.deck, self._scene)
+        if self._settings.commands:
+            for name, kind, take in (
+                ("joy", "sensor_msgs/msg/Joy", self._joy),
+                ("cmd_vel", "geometry_msgs/msg/Twist", self._twist),
+                ("cmd_vel_stamped", "geometry_msgs/msg/TwistStamped", self._twist_stamped),
+                ("setpoint_pose", "geometry_msgs/msg/PoseStamped", self._pose),
+            ):
+                self._node.subscribe(name, kind, partial(self._hand_over, take))
+        for service in SERVICES:
+            if self._settings.commands or not service.flies:
+                self._node.serve(service.name, service.type, partial(self._serve, service, desk))
+
+    # -- on threads of rclpy ----------------------------------------------------------------------------------------
+
+    def _hand_over(self, take: Any, message: Any) -> None:
+        with suppress(RuntimeError):  # the loop may be closing
+            self._loop.call_soon_threadsafe(take, message)
+
+    def _serve(self, service: Service, desk: Desk, request: Any) -> dict[str, Any]:
+        if self._calls >= MOST_CALLS:
+            return refused(service, self._scene, f"{MOST_CALLS} calls are under way: wait for their answers")
+        self._calls += 1
+        try:
+            return asyncio.run_coroutine_threadsafe(answer(service, desk, request), self._loop).result()
+        except (CallCancelledError, RuntimeError):
+            return refused(service, self._scene, "the gateway ends")
+        finally:
+            self._calls -= 1
+
+    # -- on the loop ------------------------------------------------------------------------------------------------
+
+    def _joy(self, message: Any) -> None:
+        stamp = message.header.stamp
+        if not newer(stamp, self._pad_stamp):
+            return
+        self._pad_stamp = (stamp.sec, stamp.nanosec)
+        with self._refusing():
+            state = pad_state(message, self._settings.axes, self._settings.buttons)
+            self.deck.pad_arrived(state, age_of(stamp, time.time()))
+
+    def _twist(self, message: Any) -> None:
+        with self._refusing():
+            fields = velocity_fields(message, self._settings.velocity_frame)
+            self.deck.command_arrived(self.deck.velocity, "velocity", fields)
+
+    def _twist_stamped(self, message: Any) -> None:
+        with self._refusing():
+            frame = self._frame(message, "cmd_vel_stamped", self._settings.velocity_frame)
+            self.deck.command_arrived(self.deck.velocity, "velocity", velocity_fields(message.twist, frame))
+
+    def _pose(self, message: Any) -> None:
+        with self._refusing():
+            frame = self._frame(message, "setpoint_pose", self._settings.pose_frame)
+            self.deck.command_arrived(self.deck.pose, "position", position_fields(message.pose, frame))
+
+    def _frame(self, message: Any, name: str, default: str) -> str:
+        """The frame of a stamped setpoint.
+
+        Raises:
+            MkError: it is too old, or in a frame that nothing is flown in.
+        """
+        age = age_of(message.header.stamp, time.time())
+        if age > STALE:
+            raise MkError(f"{name} was {age:.1f} s old when it came: look at the clocks, or at the way it took")
+        return setpoint_frame(message.header.frame_id, self._settings.frames, default)
+
+    def _refusing(self) -> Any:
+        return _Refusing(self.deck)
+
+    async def run(self) -> None:
+        """Work until it is cancelled; then the lease is given back."""
+        jobs: list[Coroutine[Any, Any, None]] = [self.deck.run(), self._publish(), self._report()]
+        async with asyncio.TaskGroup() as tasks:
+            for job in jobs:
+                tasks.create_task(job, name="gateway ros2")
+
+    async def _publish(self) -> None:
+        async with self._uav.watch(*self._keys, backlog=BACKLOG, are_known=True) as samples:
+            for key in sorted(topics.KEPT):
+                for sample in (await self._uav.get_all(key)).values():
+                    self.publishing.take(sample, is_last=True)
+            async for sample in samples:
+                self.publishing.take(sample)
+
+    async def _report(self) -> None:
+        while True:
+            await asyncio.sleep(REPORTING)
+            missing = ", ".join(sorted(self.publishing.missing))
+            values = {"flown": self.deck.flown, "not_installed": missing}
+            mine = Diagnosis(Level.WARN if missing else Level.OK, self.deck.words, values)
+            self._diagnostics.publish(report(self._scene, self._clock.stamp(), mine))
+
+
+class _Refusing:
+    """Tells the deck what cannot be flown."""
+
+    def __init__(self, deck: Deck) -> None:
+        self._deck = deck
+
+    def __enter__(self) -> None:
+        return
+
+    def __exit__(self, _: object, error: BaseException | None, __: object) -> bool:
+        if isinstance(error, MkError):
+            self._deck.refused(str(error))
+            return True
+        return False
+
+
+async def run(uav: Vehicle, arguments: Sequence[str], namespace: str | None = None) -> None:
+    """Be the gateway of a vehicle until a signal comes.
+
+    Args:
+        uav: the daemon's client.
+        arguments: of ROS.
+        namespace: of its topics; the vehicle's name unless given.
+
+    Raises:
+        ConfigError: ROS does not take the arguments, or a parameter cannot be.
+        ModuleNotFoundError: rclpy, or a type that is always needed, is not installed.
+    """
+    from mkdaemon.gateways.ros2.rclnode import RosNode, RosTypes, localhost_only
+
+    localhost_only()
+    stop = asyncio.Event()
+    loop = asyncio.get_running_loop()
+    for number in _ENDS:
+        loop.add_signal_handler(number, stop.set)
+    node = RosNode(f"/{name_part(namespace or uav.vehicle)}", arguments)
+    try:
+        gateway = Gateway(uav, node, RosTypes())
+        node.start()
+        _log.info("started", namespace=node.namespace, vehicle=uav.vehicle, endpoint=uav.endpoint)
+        working = asyncio.create_task(gateway.run(), name="gateway ros2")
+        stopping = asyncio.create_task(stop.wait(), name="stop")
+        await asyncio.wait({working, stopping}, return_when=asyncio.FIRST_COMPLETED)
+        working.cancel()
+        stopping.cancel()
+        with suppress(asyncio.CancelledError):
+            await working
+    finally:
+        await asyncio.to_thread(node.close)

@@ -1,0 +1,136 @@
+"""The table of parameters, and what they mean."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Final
+
+from mkdaemon.config.gamepadfiles import load_mapping
+from mkdaemon.errors import ConfigError
+from mkdaemon.gateways.ros2.commands import AXES, BUTTONS, frame_word, names_from, pad_facts
+from mkdaemon.gateways.ros2.deck import Habits
+from mkdaemon.gateways.ros2.messages import Frames
+from mkdaemon.gateways.ros2.topics import words
+
+ALL: Final = "all"
+RATES: Final = "rates."
+"""Prefix of the parameters that limit how often a topic is published."""
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """One row.
+
+    Attributes:
+        name: of the parameter.
+        default: its value unless given.
+        about: what it does.
+        is_fixed: it counts at the start alone.
+    """
+
+    name: str
+    default: Any
+    about: str
+    is_fixed: bool = True
+
+
+PARAMETERS: Final = (
+    Parameter("topics", [ALL], "Names of the topics that are published, as in rates; all for every one."),
+    Parameter("frame_prefix", "", "Before every frame, for several aircraft in one tree: mk1/."),
+    Parameter("commands", True, "Whether joy, cmd_vel, setpoint_pose and the verbs that fly are there."),
+    Parameter("cmd_vel.frame", "body", "Axes of cmd_vel: body, forward and left, or pad, those of the target."),
+    Parameter("setpoint_pose.frame", "pad", "Frame of a setpoint_pose whose header names none: pad or body."),
+    Parameter("take_off.height", 1.5, "Height of the service take_off above the target [m]."),
+    Parameter("hold.seconds", 60.0, "How long it holds a place while nothing else is flown, before it lands [s]."),
+    Parameter("joy.mapping", "xbox", "Mapping of the pad: a name of configs/gamepads, or a file."),
+    Parameter("joy.axes", list(AXES), "The kernel's names of the axes of joy, in its order."),
+    Parameter("joy.buttons", list(BUTTONS), "The kernel's names of the buttons of joy, in its order."),
+    *(
+        Parameter(f"{RATES}{word}", 0.0, f"Most messages of {word} a second [Hz]; 0 for all.", is_fixed=False)
+        for word in words()
+    ),
+)
+"""Every parameter; a further one is one row."""
+
+
+@dataclass(frozen=True, slots=True)
+class Settings:
+    """What the parameters say at the start.
+
+    Attributes:
+        topics: words of the topics that are published.
+        frames: names of frames.
+        commands: whether the gateway flies.
+        velocity_frame: of `cmd_vel`.
+        pose_frame: of `setpoint_pose` without a frame.
+        axes: the kernel's names, in the order of `joy`.
+        buttons: the same.
+        habits: how it flies.
+    """
+
+    topics: frozenset[str]
+    frames: Frames
+    commands: bool
+    velocity_frame: str
+    pose_frame: str
+    axes: tuple[str, ...]
+    buttons: tuple[str, ...]
+    habits: Habits
+
+
+def settings_of(given: Mapping[str, Any]) -> Settings:
+    """Read parameters.
+
+    Args:
+        given: every one of the table.
+
+    Raises:
+        ConfigError: one of them cannot be; says which.
+    """
+    chosen = [] if ALL in given["topics"] else list(given["topics"])
+    axes, buttons = tuple(given["joy.axes"]), tuple(given["joy.buttons"])
+    height, seconds = float(given["take_off.height"]), float(given["hold.seconds"])
+    if not 0.5 <= height <= 10.0:
+        raise ConfigError(f"take_off.height is 0.5 to 10 m, not {height:g}")
+    if not 0.0 <= seconds < float("inf"):
+        raise ConfigError(f"hold.seconds is a time [s], not {seconds:g}")
+    return Settings(
+        topics=frozenset(names_from(chosen, dict.fromkeys(words()), "topics")),
+        frames=Frames(str(given["frame_prefix"])),
+        commands=bool(given["commands"]),
+        velocity_frame=frame_word(given["cmd_vel.frame"], "cmd_vel.frame"),
+        pose_frame=frame_word(given["setpoint_pose.frame"], "setpoint_pose.frame"),
+        axes=axes,
+        buttons=buttons,
+        habits=Habits(load_mapping(given["joy.mapping"]), pad_facts(axes, buttons), seconds, height),
+    )
+
+
+class Pace:
+    """Lets so many values of each topic through that its rate is kept; by their stamps, so nothing waits.
+
+    Attributes:
+        rates: by the topic's word [Hz]; 0 for all.
+    """
+
+    def __init__(self, rates: Mapping[str, float]) -> None:
+        self.rates = dict(rates)
+        self._last: dict[str, float] = {}
+
+    def lets_through(self, word: str, name: str, at: float) -> bool:
+        """Whether a value is published.
+
+        Args:
+            word: of the topic.
+            name: of the topic, with its camera.
+            at: its stamp [s; monotonic].
+        """
+        rate = self.rates.get(word, 0.0)
+        if not rate > 0.0:
+            return True
+        last = self._last.get(name)
+        if last is not None and 0.0 <= at - last < 0.95 / rate:
+            return False
+        self._last[name] = at
+        return True

@@ -1,0 +1,163 @@
+"""The table of services: a name, its type, and the verb of the daemon behind it."""
+
+from __future__ import annotations
+
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass
+from typing import Any, Final
+
+from mkdaemon.client import Vehicle
+from mkdaemon.errors import MkError
+from mkdaemon.gateways.ros2.deck import Deck
+from mkdaemon.gateways.ros2.diagnostics import Diagnosis, Level, status_of
+from mkdaemon.gateways.ros2.messages import Scene
+from mkdaemon.telemetry.preflight import Blocks, CheckState, Finding, PreflightReport
+
+TRIGGER: Final = "std_srvs/srv/Trigger"
+SET_BOOL: Final = "std_srvs/srv/SetBool"
+SELF_TEST: Final = "diagnostic_msgs/srv/SelfTest"
+
+
+@dataclass(frozen=True, slots=True)
+class Desk:
+    """What verbs act on.
+
+    Attributes:
+        uav: the daemon's client.
+        deck: who flies through the gateway.
+        scene: makes messages.
+    """
+
+    uav: Vehicle
+    deck: Deck
+    scene: Scene
+
+
+Fields = dict[str, Any]
+Serve = Callable[[Desk, Any], Awaitable[Fields]]
+"""Takes a request, returns the fields of its response."""
+
+
+@dataclass(frozen=True, slots=True)
+class Service:
+    """One row.
+
+    Attributes:
+        name: below the vehicle's namespace.
+        type: of the service.
+        serve: does it.
+        flies: it takes the lease; not offered where the parameter `commands` is off.
+        about: what it does, in a few words.
+    """
+
+    name: str
+    type: str
+    serve: Serve
+    about: str
+    flies: bool = False
+
+
+def _worded(act: Callable[[Desk], Awaitable[str]]) -> Serve:
+    """A Trigger whose message is what the verb says."""
+
+    async def serve(desk: Desk, _: Any) -> Fields:
+        return {"success": True, "message": await act(desk)}
+
+    return serve
+
+
+async def _abort(desk: Desk) -> str:
+    await desk.uav.abort("asked for in ROS")
+    return "aborted: the aircraft holds its place, or is level without a target"
+
+
+async def _cancel(desk: Desk) -> str:
+    ended = await desk.uav.cancel()
+    return f"{ended.verb} was ended"
+
+
+async def _mark(desk: Desk) -> str:
+    await desk.uav.records.mark("marked in ROS")
+    return "marked"
+
+
+async def _stop(desk: Desk) -> str:
+    await desk.uav.stop()
+    return "asked to stop; only telemetry tells whether the motors stand"
+
+
+async def _preflight(desk: Desk, _: Any) -> Fields:
+    report = await desk.uav.preflight()
+    return {"success": report.is_ready, "message": preflight_words(report)}
+
+
+async def _self_test(desk: Desk, _: Any) -> Fields:
+    report = await desk.uav.preflight()
+    status = [status_of(desk.scene, finding.name, of_finding(finding)) for finding in report.findings]
+    passed = desk.scene.types.octet(int(report.is_ready))
+    return {"id": desk.scene.vehicle, "passed": passed, "status": status}
+
+
+async def _route_start(desk: Desk, request: Any) -> Fields:
+    started = await desk.uav.route.start(confirm=bool(request.data))
+    return {"success": True, "message": f"{started.count} points; {started.switch}"}
+
+
+async def _route_end(desk: Desk, request: Any) -> Fields:
+    await desk.uav.route.end(confirm=bool(request.data))
+    return {"success": True, "message": "the list is empty"}
+
+
+SERVICES: Final = (
+    Service("take_off", TRIGGER, _worded(lambda desk: desk.deck.take_off()), "take off, then hold", flies=True),
+    Service("hold", TRIGGER, _worded(lambda desk: desk.deck.hold()), "hold the place", flies=True),
+    Service("land", TRIGGER, _worded(lambda desk: desk.deck.land()), "land on the target in sight", flies=True),
+    Service("release", TRIGGER, _worded(lambda desk: desk.deck.release()), "let go of the aircraft, whoever flies"),
+    Service("abort", TRIGGER, _worded(_abort), "stop the manoeuvre, hold; whoever flies"),
+    Service("stop", TRIGGER, _worded(_stop), "stop the motors on the ground; a public fork of the firmware alone"),
+    Service("preflight", TRIGGER, _preflight, "every check before a flight, in words"),
+    Service("self_test", SELF_TEST, _self_test, "every check before a flight, one status each"),
+    Service("route_start", SET_BOOL, _route_start, "make the stored list ready; data: confirm"),
+    Service("route_end", SET_BOOL, _route_end, "empty the list, in flight too; data: confirm"),
+    Service("mark", TRIGGER, _worded(_mark), "mark this moment in all recordings"),
+    Service("cancel", TRIGGER, _worded(_cancel), "end the procedure that runs"),
+)
+"""Every service; a further one is one row."""
+
+
+async def answer(service: Service, desk: Desk, request: Any) -> Fields:
+    """Do what a service is for; a refusal becomes its response.
+
+    Args:
+        service: which.
+        desk: what it acts on.
+        request: as it came.
+    """
+    try:
+        return await service.serve(desk, request)
+    except MkError as error:
+        return refused(service, desk.scene, str(error))
+
+
+def refused(service: Service, scene: Scene, reason: str) -> Fields:
+    """Fields of the response of a service that was refused."""
+    if service.type == SELF_TEST:
+        status = status_of(scene, service.name, Diagnosis(Level.ERROR, reason, {}))
+        return {"id": scene.vehicle, "passed": scene.types.octet(0), "status": [status]}
+    return {"success": False, "message": reason}
+
+
+def of_finding(finding: Finding) -> Diagnosis:
+    """What a check before a flight found, as a diagnosis."""
+    level = {CheckState.PASSED: Level.OK, CheckState.UNKNOWN: Level.WARN}.get(finding.state, Level.ERROR)
+    if finding.state is CheckState.STANDS and finding.blocks is Blocks.NOTHING:
+        level = Level.WARN
+    words = " ".join(part for part in (finding.reason, finding.fix) if part)
+    return Diagnosis(level, words, {"token": finding.token, "blocks": finding.blocks.value})
+
+
+def preflight_words(report: PreflightReport) -> str:
+    """What is in the way, a line each; one line where nothing is."""
+    standing = [finding for finding in report.findings if finding.state is CheckState.STANDS]
+    lines = [f"{finding.name}: {finding.reason} {finding.fix}".strip() for finding in standing]
+    return "\n".join(lines) or "nothing is in the way"

@@ -1,0 +1,139 @@
+"""The table of what is published: a key of the daemon, a topic, its type, the conversion, the quality of service."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from enum import Enum
+from typing import Any, Final
+
+from mkdaemon.gateways.ros2 import cameras, conversions, diagnostics
+from mkdaemon.gateways.ros2.messages import Scene, name_part
+
+
+class Quality(Enum):
+    """Qualities of service, by what ROS expects of such a topic."""
+
+    SENSOR = "sensor"
+    """Best effort, the newest five: streams (`SensorDataQoS`)."""
+    RELIABLE = "reliable"
+    """Reliable, the newest ten."""
+    LATCHED = "latched"
+    """Reliable and transient local: who comes late gets the last one."""
+    TREE = "tree"
+    """Of `/tf`: reliable, the newest hundred."""
+
+
+Convert = Callable[[Any, Scene], Any]
+"""Makes a message, a list of them, or None."""
+
+
+@dataclass(frozen=True, slots=True)
+class Topic:
+    """One row.
+
+    Attributes:
+        name: below the vehicle's namespace; absolute where ROS has one place for it. `{camera}` is the camera's.
+        key: of the daemon; a `*` stands for a camera.
+        type: of the message.
+        convert: makes it.
+        quality: of service.
+    """
+
+    name: str
+    key: str
+    type: str
+    convert: Convert
+    quality: Quality = Quality.SENSOR
+
+    def name_for(self, suffix: str) -> str:
+        """Its name for one key that its own stands for."""
+        found = re.fullmatch(re.escape(self.key).replace(r"\*", "([^/]+)"), suffix)
+        camera = found[1] if found is not None and found.groups() else ""
+        return self.name.format(camera=name_part(camera))
+
+    @property
+    def word(self) -> str:
+        """How the parameters name it: without `{camera}/`, with `.` for `/`."""
+        return self.name.removeprefix("{camera}/").strip("/").replace("/", ".")
+
+
+_IMAGE: Final = "vision/*/image"
+_TAGS: Final = "vision/*/tags"
+_TF: Final = "tf2_msgs/msg/TFMessage"
+_LOG: Final = "rcl_interfaces/msg/Log"
+
+TOPICS: Final = (
+    Topic("fix", "state/position", "sensor_msgs/msg/NavSatFix", conversions.fix),
+    Topic("fix", "state/gps", "sensor_msgs/msg/NavSatFix", conversions.no_fix),
+    Topic("velocity", "state/velocity", "geometry_msgs/msg/TwistStamped", conversions.velocity),
+    Topic("imu", "state/attitude", "sensor_msgs/msg/Imu", conversions.imu),
+    Topic("battery_state", "state/battery", "sensor_msgs/msg/BatteryState", conversions.battery_state),
+    Topic("odom", "control/estimate", "nav_msgs/msg/Odometry", conversions.odometry),
+    Topic("pose", "vision/*/pose", "geometry_msgs/msg/PoseWithCovarianceStamped", conversions.vision_pose),
+    Topic("/tf", "tf", _TF, conversions.edge, Quality.TREE),
+    Topic("/tf", "state/position", _TF, conversions.place, Quality.TREE),
+    Topic("/tf_static", "tf", _TF, conversions.mount, Quality.LATCHED),
+    Topic("{camera}/image", _IMAGE, "sensor_msgs/msg/Image", cameras.image),
+    Topic("{camera}/image/compressed", _IMAGE, "sensor_msgs/msg/CompressedImage", cameras.compressed),
+    Topic("{camera}/camera_info", "vision/*/setup", "sensor_msgs/msg/CameraInfo", cameras.info, Quality.LATCHED),
+    Topic("{camera}/camera_info", _IMAGE, "sensor_msgs/msg/CameraInfo", cameras.info_of_image, Quality.LATCHED),
+    Topic("{camera}/tags", _TAGS, "apriltag_msgs/msg/AprilTagDetectionArray", cameras.detections),
+    Topic("{camera}/tag_markers", _TAGS, "visualization_msgs/msg/ImageMarker", cameras.markers),
+    Topic("sticks", "control/output", "sensor_msgs/msg/Joy", conversions.sticks),
+    Topic("pilot", "state/pilot", "sensor_msgs/msg/Joy", conversions.pilot),
+    Topic(
+        "status",
+        "control/status",
+        "diagnostic_msgs/msg/DiagnosticStatus",
+        diagnostics.lease_status,
+        Quality.LATCHED,
+    ),
+    Topic("events", "event/log", _LOG, conversions.log_event, Quality.RELIABLE),
+    Topic("events", "event/failsafe", _LOG, conversions.failsafe_event, Quality.RELIABLE),
+    Topic("events", "event/mode", _LOG, conversions.mode_event, Quality.RELIABLE),
+    Topic("raw/rx", "raw/rx", "std_msgs/msg/UInt8MultiArray", conversions.raw_frame),
+    Topic("raw/tx", "raw/tx", "std_msgs/msg/UInt8MultiArray", conversions.raw_frame),
+)
+"""Everything that is published with a value; a further topic is one row here, and its conversion."""
+
+DIAGNOSTICS: Final = "/diagnostics"
+"""Once a second, of the newest values: `diagnostics.report`."""
+KEPT: Final = frozenset({"state/attitude", "health", "vision/*/setup", "tf", *(look.key for look in diagnostics.LOOKS)})
+"""Keys whose newest value a conversion or a diagnosis looks at."""
+
+
+def words() -> list[str]:
+    """How the parameters name the topics, each once."""
+    return list(dict.fromkeys(topic.word for topic in TOPICS))
+
+
+def matches(pattern: str, suffix: str) -> bool:
+    """Whether a key is one that a pattern with `*` stands for."""
+    wanted, found = pattern.split("/"), suffix.split("/")
+    return len(wanted) == len(found) and all(a in {"*", b} for a, b in zip(wanted, found, strict=True))
+
+
+def keys_of(topics: Iterable[Topic]) -> list[str]:
+    """Every key that must be subscribed."""
+    return sorted({topic.key for topic in topics} | KEPT)
+
+
+class Newest:
+    """The newest value of every key that something looks at, by suffix; mounts of cameras under `mounts`."""
+
+    def __init__(self) -> None:
+        self.values: dict[str, Any] = {"mounts": ()}
+
+    def keeps(self, suffix: str) -> bool:
+        """Whether it wants this key."""
+        return any(matches(pattern, suffix) for pattern in KEPT)
+
+    def keep(self, suffix: str, value: Any) -> None:
+        """Take a value."""
+        if suffix != "tf":
+            self.values[suffix] = value
+        elif value.static:
+            others = tuple(mount for mount in self.values["mounts"] if mount.child != value.child)
+            self.values["mounts"] = (*others, value)

@@ -1,0 +1,115 @@
+"""What ROS sends to fly."""
+
+from __future__ import annotations
+
+import math
+from types import SimpleNamespace
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from mkdaemon.errors import ConfigError, MkError
+from mkdaemon.frames import quaternion_from_rotation, rotation_from_euler
+from mkdaemon.gateways.ros2 import commands
+from mkdaemon.gateways.ros2.commands import AXES, BUTTONS, GONE, SILENCE, CommandStream
+from mkdaemon.gateways.ros2.messages import Frames, pose, vector
+from tests.gateways.ros2.bagtypes import BagTypes
+
+TYPES = BagTypes()
+finite = st.floats(-20, 20)
+
+
+def joy(axes=(0.0,) * 8, buttons=(0,) * 11):
+    return SimpleNamespace(axes=list(axes), buttons=list(buttons))
+
+
+def twist(linear=(0.0, 0.0, 0.0), turn=0.0):
+    return TYPES.new("geometry_msgs/msg/Twist", linear=vector(TYPES, linear), angular=vector(TYPES, (0.0, 0.0, turn)))
+
+
+def test_left_and_up_of_ros_are_right_and_down_of_the_kernel_turned_round():
+    state = commands.pad_state(
+        joy(axes=(1.0, 0.5, 0, 0, 0, 0, 0, -1.0), buttons=(0, 0, 0, 0, 1, *(0,) * 6)), AXES, BUTTONS
+    )
+    assert (state["ABS_X"], state["ABS_Y"], state["ABS_HAT0Y"]) == (-1.0, -0.5, 1.0)
+    assert [name for name, value in state.items() if name in BUTTONS and value] == ["BTN_TL"]
+
+
+@pytest.mark.parametrize("wrong", [joy(axes=(0.0,) * 4), joy(buttons=(0,) * 4), joy(axes=(math.nan,) * 8)])
+def test_another_pad_is_refused(wrong):
+    with pytest.raises(MkError):
+        commands.pad_state(wrong, AXES, BUTTONS)
+
+
+def test_age_is_by_the_stamp_and_never_negative():
+    def stamp(sec, nanosec=0):
+        return SimpleNamespace(sec=sec, nanosec=nanosec)
+
+    assert commands.age_of(stamp(100, 500_000_000), 101.0) == pytest.approx(0.5)
+    assert commands.age_of(stamp(102), 101.0) == 0.0
+    assert commands.age_of(stamp(0), 101.0) == 0.0
+    assert commands.newer(stamp(0), (0, 0))
+    assert commands.newer(stamp(1), (0, 0))
+    assert not commands.newer(stamp(1, 2), (1, 2))
+
+
+@given(st.tuples(finite, finite, finite), finite)
+def test_a_twist_is_a_velocity_in_its_frame(linear, turn):
+    fields = commands.velocity_fields(twist(linear, turn), "body")
+    assert fields == {"velocity": linear, "frame": "body", "yaw_rate": turn}
+
+
+@given(st.tuples(finite, finite, finite), st.floats(-3.1, 3.1))
+def test_a_pose_is_a_place_and_a_heading(place, yaw):
+    turned = quaternion_from_rotation(rotation_from_euler(0.0, 0.0, yaw))
+    fields = commands.position_fields(pose(TYPES, place, turned), "pad")
+    assert (fields["position"], fields["frame"]) == (place, "pad")
+    assert fields["yaw"] == pytest.approx(yaw, abs=1e-9)
+
+
+def test_an_orientation_of_zeros_keeps_the_heading():
+    assert commands.position_fields(pose(TYPES, (0, 0, 2), (0, 0, 0, 0)), "pad")["yaw"] is None
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf])
+def test_what_is_no_number_is_refused(bad):
+    with pytest.raises(MkError):
+        commands.velocity_fields(twist((0.0, bad, 0.0)), "body")
+    with pytest.raises(MkError):
+        commands.position_fields(pose(TYPES, (0, 0, 2), (1, 0, 0, bad)), "pad")
+
+
+@pytest.mark.parametrize(
+    ("frame_id", "word"),
+    [("", "body"), ("mk1/base_link", "body"), ("mk1/target/pad", "pad")],
+)
+def test_frames_that_are_flown(frame_id, word):
+    assert commands.setpoint_frame(frame_id, Frames("mk1/"), "body") == word
+
+
+@pytest.mark.parametrize("frame_id", ["map", "odom", "base_link", "target/pad"])
+def test_another_frame_is_refused_with_those_there_are(frame_id):
+    with pytest.raises(MkError, match="mk1/base_link or mk1/target/NAME"):
+        commands.setpoint_frame(frame_id, Frames("mk1/"), "body")
+
+
+def test_what_has_ended_must_be_silent_before_it_counts_again():
+    stream = CommandStream("cmd_vel")
+    assert stream.is_gone(0.0)
+    assert stream.arrived(0.0)
+    assert not stream.is_gone(GONE - 0.01)
+    assert stream.is_gone(GONE)
+    stream.ended()
+    for tick in range(1, 50):
+        assert not stream.arrived(tick * 0.1), "it streams on, and stays shut"
+    assert stream.arrived(4.9 + SILENCE)
+    assert stream.arrived(5.0 + SILENCE)
+
+
+def test_names_are_checked():
+    assert commands.names_from([], {"a": 1, "b": 2}, "topics") == ["a", "b"]
+    with pytest.raises(ConfigError, match="topics does not know c; there is a, b"):
+        commands.names_from(["c"], {"a": 1, "b": 2}, "topics")
+    with pytest.raises(ConfigError, match=r"cmd_vel\.frame is body or pad"):
+        commands.frame_word("home", "cmd_vel.frame")

@@ -1,0 +1,224 @@
+"""The aircraft's values as ROS messages: frames, signs, units, covariances, stamps."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from mkdaemon.frames import rotation_from_euler, rotation_from_quaternion
+from mkdaemon.gateways.ros2 import conversions
+from mkdaemon.gateways.ros2.messages import Frames, name_part, time
+from mkdaemon.stamp import Stamp
+from mkdaemon.telemetry.event import FailsafeEvent, LogEvent, ModeEvent
+from mkdaemon.telemetry.state import GpsFix
+from tests.gateways.ros2 import samples
+from tests.gateways.ros2.bagtypes import BagTypes, scene, through_cdr
+
+angles = st.floats(-3.1, 3.1)
+tilts = st.floats(-0.5, 0.5)
+
+
+def rotation_of(orientation):
+    return rotation_from_quaternion(conversions.attitude_of(orientation))
+
+
+def test_a_fix_has_the_measured_time_the_position_and_no_covariance():
+    made = through_cdr(conversions.fix(samples.position(), scene()), "sensor_msgs/msg/NavSatFix")
+    assert (made.header.stamp.sec, made.header.stamp.nanosec) == (1_600_000_000, 250_000_000)
+    assert (made.latitude, made.longitude, made.altitude) == (53.25, -7.5, 12.5)
+    assert (made.status.status, made.position_covariance_type) == (0, 0)
+
+
+def test_no_position_is_told_while_the_board_has_none_and_not_else():
+    made = through_cdr(conversions.no_fix(samples.gps(), scene()), "sensor_msgs/msg/NavSatFix")
+    assert made.status.status == -1
+    assert math.isnan(made.latitude)
+    assert math.isnan(made.longitude)
+    assert conversions.no_fix(samples.gps(GpsFix.VALID), scene()) is None
+
+
+@given(roll=tilts, pitch=tilts, yaw=angles)
+def test_an_imu_turns_as_the_aircraft_enu_from_flu(roll, pitch, yaw):
+    made = through_cdr(conversions.imu(samples.attitude(roll, pitch, yaw), scene()), "sensor_msgs/msg/Imu")
+    assert np.allclose(rotation_of(made.orientation), rotation_from_euler(roll, pitch, yaw), atol=1e-9)
+    assert made.orientation_covariance[0] == 0.0, "unknown, not certain: sensor_msgs/Imu"
+    assert made.angular_velocity_covariance[0] == made.linear_acceleration_covariance[0] == -1.0
+
+
+def test_velocity_is_enu():
+    made = through_cdr(conversions.velocity(samples.velocity(), scene()), "geometry_msgs/msg/TwistStamped")
+    assert made.header.frame_id == "map"
+    assert (made.twist.linear.x, made.twist.linear.y, made.twist.linear.z) == (1.0, -2.0, 0.5)
+
+
+def test_a_battery_discharges_with_a_negative_current():
+    counted = scene({"health": samples.health(cells=4)})
+    made = through_cdr(conversions.battery_state(samples.battery(), counted), "sensor_msgs/msg/BatteryState")
+    assert (made.voltage, made.current) == (15.5, -12.5)
+    assert len(made.cell_voltage) == 4
+    assert np.isnan(made.cell_voltage).all()
+    assert math.isnan(made.percentage)
+    unmeasured = through_cdr(conversions.battery_state(samples.battery(None), scene()), "sensor_msgs/msg/BatteryState")
+    assert math.isnan(unmeasured.current)
+    assert len(unmeasured.cell_voltage) == 0
+
+
+@given(yaw=angles, x=tilts, y=tilts)
+def test_odometry_is_of_the_body_in_the_frame_of_the_target(yaw, x, y):
+    value = samples.estimate(yaw=yaw, tilt=(x, y))
+    made = through_cdr(conversions.odometry(value, scene()), "nav_msgs/msg/Odometry")
+    assert (made.header.frame_id, made.child_frame_id) == ("target/pad", "base_link")
+    rotation = rotation_of(made.pose.pose.orientation)
+    # The thrust leans the way it accelerates, and the twist is the velocity seen from the body.
+    assert np.allclose(rotation[:2, 2] / rotation[2, 2], [math.tan(x), math.tan(y)], atol=1e-9)
+    linear = made.twist.twist.linear
+    assert np.allclose(rotation @ [linear.x, linear.y, linear.z], value.velocity, atol=1e-9)
+    assert np.allclose(made.pose.covariance.reshape(6, 6)[:3, :3], np.diag([0.01, 0.04, 0.09]))
+    turned = rotation @ made.twist.covariance.reshape(6, 6)[:3, :3] @ rotation.T
+    assert np.allclose(turned, np.diag([0.02, 0.05, 0.08]))
+    assert (np.diag(made.pose.covariance.reshape(6, 6))[3:] == conversions.UNKNOWN_VARIANCE).all()
+
+
+@given(yaw=angles)
+def test_a_level_estimate_has_its_heading(yaw):
+    made = conversions.odometry(samples.estimate(yaw=yaw), scene())
+    assert conversions.yaw_of(made.pose.pose.orientation) == pytest.approx(yaw, abs=1e-9)
+
+
+def test_an_estimate_without_covariance_has_its_deviations():
+    made = conversions.odometry(samples.estimate(covariance=None), scene())
+    assert np.allclose(np.diag(made.pose.covariance.reshape(6, 6))[:3], [0.01, 0.04, 0.09])
+
+
+def test_a_pose_keeps_the_order_of_its_covariance():
+    made = through_cdr(
+        conversions.vision_pose(samples.vision_pose(), scene()), "geometry_msgs/msg/PoseWithCovarianceStamped"
+    )
+    assert made.header.frame_id == "target/pad"
+    assert list(made.pose.covariance) == list(range(36))
+    assert (made.pose.pose.position.x, made.pose.pose.position.y, made.pose.pose.position.z) == (0.5, -0.25, 2.0)
+
+
+TREE = "tf2_msgs/msg/TFMessage"
+
+
+def edges_of(message):
+    made = through_cdr(message, TREE)
+    return {(one.header.frame_id, one.child_frame_id): one.transform for one in made.transforms}
+
+
+def test_a_target_hangs_under_its_camera():
+    found = edges_of(conversions.edge(samples.edge("camera/down", "pad", static=False), scene()))
+    moved = found["down_optical_frame", "target/pad"]
+    assert (moved.translation.x, moved.translation.z, moved.rotation.x, moved.rotation.w) == (0.1, -0.05, 1.0, 0.0)
+    assert conversions.edge(samples.edge(), scene()) is None, "a mount is static"
+
+
+def test_what_never_moves_is_sent_whole_every_time():
+    other = samples.edge(child="camera/front")
+    found = edges_of(conversions.mount(samples.edge(), scene({"mounts": (other,)})))
+    assert set(found) == {
+        ("map", "odom"),
+        ("base_link", "down_optical_frame"),
+        ("base_link", "front_optical_frame"),
+    }
+    assert conversions.mount(samples.edge("camera/down", "pad", static=False), scene()) is None
+
+
+def test_frames_of_several_aircraft_have_their_prefix():
+    named = scene(frames=Frames("mk1/"))
+    assert set(edges_of(conversions.mount(samples.edge(), named))) == {
+        ("mk1/map", "mk1/odom"),
+        ("mk1/base_link", "mk1/down_optical_frame"),
+    }
+
+
+def test_the_body_is_where_position_and_attitude_of_one_moment_say():
+    known = scene({"state/attitude": samples.attitude(yaw=1.0, stamp=samples.at(0.1))})
+    moved = edges_of(conversions.place(samples.position(), known))["odom", "base_link"]
+    assert (moved.translation.x, moved.translation.y, moved.translation.z) == (1.0, 2.0, 3.0)
+    assert conversions.yaw_of(moved.rotation) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize(
+    ("position", "latest"),
+    [
+        (samples.position(enu=None), {"state/attitude": samples.attitude()}),
+        (samples.position(), {}),
+        (samples.position(), {"state/attitude": samples.attitude(stamp=samples.at(-0.6))}),
+    ],
+    ids=["home unknown", "no attitude", "an old attitude"],
+)
+def test_the_body_is_nowhere_where_something_is_missing(position, latest):
+    assert conversions.place(position, scene(latest)) is None
+
+
+def test_sticks_are_shares_of_the_way_with_flu_signs():
+    made = through_cdr(
+        conversions.sticks(samples.output(127, -127, 0, 64, limited=True), scene()), "sensor_msgs/msg/Joy"
+    )
+    assert np.allclose(made.axes, [1.0, -1.0, 0.0, 64 / 127])
+    assert list(made.buttons) == [1]
+    assert np.allclose(conversions.pilot(samples.pilot((0.0, 127.0, -63.5)), scene()).axes, [0.0, 1.0, -0.5, 0.0])
+    assert conversions.pilot(samples.pilot(None), scene()) is None
+
+
+def test_a_raw_frame_has_its_bytes_its_time_and_why_it_is_none():
+    lost = samples.raw(b"#\x00\xff", dropped="checksum")
+    made = through_cdr(conversions.raw_frame(lost, scene()), "std_msgs/msg/UInt8MultiArray")
+    assert bytes(made.data) == b"#\x00\xff"
+    assert {one.label: one.size for one in made.layout.dim} == {
+        "bytes": 3,
+        "stamp.sec": 1_600_000_000,
+        "stamp.nanosec": 250_000_000,
+        "sequence": 7,
+        "dropped=checksum": 1,
+        "purpose=": 0,
+    }
+
+
+@pytest.mark.parametrize(
+    ("event", "convert", "level", "words"),
+    [
+        (LogEvent(stamp=samples.STAMP, level="warning", text="look"), conversions.log_event, 30, "look"),
+        (
+            FailsafeEvent(stamp=samples.STAMP, action="release", reason="the link is down"),
+            conversions.failsafe_event,
+            40,
+            "failsafe: release: the link is down",
+        ),
+        (
+            ModeEvent(stamp=samples.STAMP, before="free", after="leased", reason="me"),
+            conversions.mode_event,
+            20,
+            "free -> leased: me",
+        ),
+    ],
+    ids=["log", "failsafe", "mode"],
+)
+def test_events_are_lines_of_a_log(event, convert, level, words):
+    made = through_cdr(convert(event, scene()), "rcl_interfaces/msg/Log")
+    assert (made.level, made.name, made.msg) == (level, "mk1", words)
+
+
+@given(st.floats(-1e12, 1e12))
+def test_any_moment_has_a_stamp_that_ros_can_have(wall):
+    made = time(BagTypes(), Stamp(monotonic=0.0, wall=wall))
+    assert 0 <= made.sec <= (1 << 31) - 1
+    assert 0 <= made.nanosec < 1_000_000_000
+    if 0.0 <= wall < 2e9:
+        assert made.sec + made.nanosec * 1e-9 == pytest.approx(wall, abs=1e-6)
+
+
+@pytest.mark.parametrize(("name", "part"), [("cyberquad-2", "cyberquad_2"), ("2nd", "mk_2nd"), ("down", "down")])
+def test_names_become_names_that_ros_takes(name, part):
+    assert name_part(name) == part
+
+
+def test_an_orientation_of_zeros_has_no_heading():
+    made = BagTypes().new("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=0.0, w=0.0)
+    assert conversions.yaw_of(made) is None

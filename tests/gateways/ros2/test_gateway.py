@@ -1,0 +1,193 @@
+"""The whole gateway without rclpy: values of a bus to publishers, messages and calls to the daemon."""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+from contextlib import asynccontextmanager
+from types import SimpleNamespace
+
+import pytest
+
+from lab.rigs.waiting import wait_for
+from mkdaemon.gateways.ros2.gateway import MOST_CALLS, Gateway
+from mkdaemon.gateways.ros2.messages import pose, vector
+from mkdaemon.gateways.ros2.parameters import RATES
+from mkdaemon.gateways.ros2.topics import Quality
+from tests.client.fake import connected
+from tests.gateways.ros2 import samples
+from tests.gateways.ros2.bagtypes import BagTypes, store
+
+TYPES = BagTypes()
+
+
+class Publisher:
+    def __init__(self):
+        self.messages, self.readers = [], 1
+
+    def publish(self, message):
+        self.messages.append(message)
+
+    def get_subscription_count(self):
+        return self.readers
+
+
+class Node:
+    """Keeps what is published, and lets a test be the other side."""
+
+    def __init__(self, **given):
+        self.given, self.publishers, self.subscribed, self.services = given, {}, {}, {}
+        self.changed = None
+
+    def parameters(self, table, changed):
+        self.changed = changed
+        return {row.name: row.default for row in table} | self.given
+
+    def publisher(self, name, kind, quality):
+        if kind not in store().types or kind.startswith("apriltag_msgs"):
+            return None
+        self.publishers[name] = Publisher()
+        self.publishers[name].quality = quality
+        return self.publishers[name]
+
+    def subscribe(self, name, kind, arrived):
+        self.subscribed[name] = arrived
+
+    def serve(self, name, kind, answer):
+        self.services[name] = answer
+
+    def sent(self, name):
+        return self.publishers[name].messages if name in self.publishers else []
+
+
+@asynccontextmanager
+async def running(node, before=lambda daemon: None):
+    """A gateway before a daemon without boards."""
+    async with connected() as (daemon, uav):
+        before(daemon)
+        gateway = Gateway(uav, node, TYPES)
+        task = asyncio.create_task(gateway.run())
+        try:
+            await asyncio.sleep(0.2)
+            yield SimpleNamespace(daemon=daemon, gateway=gateway, task=task)
+        finally:
+            task.cancel()
+            await asyncio.gather(task, return_exceptions=True)
+
+
+async def called(node, name):
+    """Call a service as rclpy does, from a thread."""
+    return await asyncio.to_thread(node.services[name], SimpleNamespace(data=False))
+
+
+async def test_values_become_messages_and_last_values_go_only_to_who_gets_them_late_anyway():
+    node = Node()
+
+    def before(daemon):
+        daemon.bus.publish("tf", samples.edge())
+        daemon.bus.publish("state/attitude", samples.attitude())
+
+    async with running(node, before) as run:
+        await wait_for(lambda: node.sent("/tf_static"))
+        assert node.sent("imu") == [], "an old value is not published as a new one"
+        publish = run.daemon.bus.publish
+        publish("state/position", samples.position())
+        publish("vision/down/setup", samples.setup())
+        publish("vision/down/image", samples.frame())
+        publish("vision/down/tags", samples.tags(((0, 0), (1, 0), (1, 1), (0, 1))))
+        publish("state/battery", samples.battery())
+        await wait_for(lambda: node.sent("battery_state"))
+        assert len(node.sent("fix")) == len(node.sent("/tf")) == len(node.sent("down/image")) == 1
+        assert len(node.sent("down/camera_info")) == 2
+        assert len(node.sent("down/tag_markers")) == 1
+        assert run.gateway.publishing.missing == {"apriltag_msgs/msg/AprilTagDetectionArray"}
+        await wait_for(lambda: node.sent("/diagnostics"))
+        (gateway,) = (s for s in node.sent("/diagnostics")[-1].status if s.name.endswith("gateway"))
+        assert "apriltag_msgs" in {value.key: value.value for value in gateway.values}["not_installed"]
+        assert node.publishers["down/camera_info"].quality is Quality.LATCHED
+
+
+async def test_nothing_is_made_that_nobody_reads_and_rates_are_kept_from_the_next_value_on():
+    node = Node(topics=["imu", "raw.rx"], **{f"{RATES}imu": 10.0})
+    async with running(node) as run:
+        node.publishers["raw/rx"].readers = 0
+        assert "fix" not in node.publishers
+        for n in range(20):
+            run.daemon.bus.publish("state/attitude", samples.attitude(stamp=samples.at(n * 0.02)))
+            run.daemon.bus.publish("raw/rx", samples.raw())
+        await wait_for(lambda: len(node.sent("imu")) == 4)
+        node.changed("rates.imu", 0.0)
+        for n in range(20, 30):
+            run.daemon.bus.publish("state/attitude", samples.attitude(stamp=samples.at(n * 0.02)))
+        await wait_for(lambda: len(node.sent("imu")) == 14)
+        assert node.sent("raw/rx") == []
+
+
+async def test_a_stream_flies_under_a_lease_of_its_own_and_its_end_gives_it_back():
+    node = Node()
+    turn = TYPES.new("geometry_msgs/msg/Twist", linear=vector(TYPES, (0.5, 0, 0)), angular=vector(TYPES, (0, 0, 0.1)))
+    async with running(node) as run:
+        deck = run.gateway.deck
+        for _ in range(30):
+            await asyncio.to_thread(node.subscribed["cmd_vel"], turn)
+            await asyncio.sleep(0.05)
+        await wait_for(lambda: run.daemon.setpoints)
+        newest = run.daemon.setpoints[-1]
+        assert (list(newest["velocity"]), newest["frame"]) == ([0.5, 0.0, 0.0], "body")
+        await wait_for(lambda: not deck.flown)
+        await wait_for(lambda: run.daemon.holder is None)
+
+
+async def test_what_cannot_be_flown_is_told():
+    node = Node()
+    header = TYPES.new(
+        "std_msgs/msg/Header", stamp=TYPES.new("builtin_interfaces/msg/Time", sec=5, nanosec=0), frame_id=""
+    )
+    old = TYPES.new("geometry_msgs/msg/PoseStamped", header=header, pose=pose(TYPES, (0, 0, 2), (1, 0, 0, 0)))
+    async with running(node) as run:
+        node.subscribed["setpoint_pose"](old)
+        await wait_for(lambda: "setpoint_pose was" in run.gateway.deck.note)
+        node.subscribed["joy"](SimpleNamespace(header=header, axes=[0.0], buttons=[]))
+        await wait_for(lambda: "another pad?" in run.gateway.deck.note)
+        assert run.daemon.holder is None
+
+
+async def test_services_answer_and_too_many_at_once_are_refused():
+    node = Node()
+    async with running(node) as run:
+        assert (await called(node, "preflight"))["success"]
+        assert (await called(node, "release"))["message"].startswith("confirmed: 5 of 5")
+        assert not (await called(node, "mark"))["success"]
+        run.gateway._calls = MOST_CALLS
+        assert "under way" in (await called(node, "abort"))["message"]
+
+
+async def test_a_gateway_that_only_shows_offers_nothing_that_flies():
+    node = Node(commands=False)
+    async with running(node):
+        assert node.subscribed == {}
+        assert "take_off" not in node.services
+        assert "release" in node.services
+
+
+async def test_a_call_under_way_is_answered_when_the_gateway_ends():
+    node, replies = Node(), []
+    async with running(node) as run:
+        run.daemon.engages = None
+        thread = threading.Thread(target=lambda: replies.append(node.services["hold"](None)), daemon=True)
+        thread.start()
+        await wait_for(lambda: run.gateway.deck.flown)
+        run.task.cancel()
+        await asyncio.gather(run.task, return_exceptions=True)
+        await asyncio.to_thread(thread.join, 5.0)
+    assert [reply["success"] for reply in replies] == [False]
+
+
+def test_the_command_says_what_to_install(monkeypatch):
+    from mkdaemon.cli.mkdaemon.gateway import ros2
+    from mkdaemon.errors import ConfigError
+
+    monkeypatch.setattr(ros2, "configure", lambda level: None)
+    monkeypatch.setitem(__import__("sys").modules, "rclpy", None)
+    with pytest.raises(ConfigError, match=r"needs rclpy.*pip install 'mkdaemon\[ros2\]'"):
+        asyncio.run(ros2.ros2())

@@ -1,0 +1,33 @@
+"""docs/ros.md names every topic, service and parameter of the tables."""
+
+from __future__ import annotations
+
+import re
+
+from mkdaemon.gateways.ros2.parameters import PARAMETERS, RATES
+from mkdaemon.gateways.ros2.services import SERVICES
+from mkdaemon.gateways.ros2.topics import TOPICS
+from tests.places import DOCS
+
+PAGE = (DOCS / "ros.md").read_text(encoding="utf-8")
+ROWS = {
+    found[1]: found[2] for found in re.finditer(r"^\| `([^`]+)` \| ([a-z0-9_]+/[A-Za-z0-9]+) \|", PAGE, re.MULTILINE)
+}
+
+
+def test_every_topic_stands_there_with_its_type():
+    wanted = {row.name.replace("{camera}", "<camera>"): re.sub("/msg", "", row.type) for row in TOPICS}
+    assert {name: ROWS.get(name) for name in wanted} == wanted
+
+
+def test_every_service_stands_there_with_its_type():
+    wanted = {service.name: re.sub("/srv", "", service.type) for service in SERVICES}
+    assert {name: ROWS.get(name) for name in wanted} == wanted
+
+
+def test_every_parameter_stands_there_with_its_default():
+    for row in PARAMETERS:
+        if row.name.startswith(RATES) or row.name in {"joy.axes", "joy.buttons", "topics"}:
+            continue
+        words = str(row.default).lower() if isinstance(row.default, bool) else str(row.default)
+        assert re.search(rf"^\| `{re.escape(row.name)}` \| `?{re.escape(words)}`? \|", PAGE, re.MULTILINE), row.name

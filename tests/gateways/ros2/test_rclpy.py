@@ -1,0 +1,187 @@
+"""The gateway before real rclpy, and a daemon without boards: every topic, every service, what flies, and a bag."""
+
+from __future__ import annotations
+
+import asyncio
+
+import pytest
+
+pytest.importorskip("rclpy", reason="`make check-gateways` installs it")
+
+from rosbags.rosbag2 import Reader, StoragePlugin, Writer
+
+from lab.rigs.waiting import wait_for
+from mkdaemon.clock import Clock
+from mkdaemon.gateways.ros2.rclnode import type_of
+from mkdaemon.gateways.ros2.services import SERVICES
+from mkdaemon.gateways.ros2.topics import DIAGNOSTICS
+from mkdaemon.telemetry.event import LogEvent
+from tests.client.fake import VEHICLE, fake_daemon
+from tests.gateways.ros2 import samples
+from tests.gateways.ros2.bagtypes import store
+from tests.gateways.ros2.rosworld import (
+    domain,
+    gateway,
+    gateway_words,
+    joy,
+    listen_to_all,
+    stream_until,
+    topic_names,
+    tutorial,
+)
+
+pytestmark = [
+    pytest.mark.gateways,
+    pytest.mark.filterwarnings("ignore::DeprecationWarning"),  # of what rclpy imports
+]
+
+SQUARE = ((10.0, 10.0), (30.0, 10.0), (30.0, 30.0), (10.0, 30.0))
+VALUES = {
+    "tf": samples.edge(),
+    "state/position": samples.position(),
+    "state/gps": samples.gps(),
+    "state/velocity": samples.velocity(),
+    "state/attitude": samples.attitude(yaw=1.0),
+    "state/battery": samples.battery(),
+    "state/pilot": samples.pilot(),
+    "control/estimate": samples.estimate(),
+    "control/output": samples.output(roll=30),
+    "control/status": samples.status(),
+    "vision/down/setup": samples.setup(),
+    "vision/down/pose": samples.vision_pose(),
+    "vision/down/image": samples.frame(),
+    "vision/down/tags": samples.tags(SQUARE),
+    "event/log": LogEvent(stamp=samples.STAMP, level="info", text="look"),
+    "raw/rx": samples.raw(),
+    "raw/tx": samples.raw(purpose="echo"),
+}
+"""One value of every key that has a topic."""
+CHOSEN = ("--", "--ros-args", "-p", "topics:=[imu]")
+CODED = samples.frame("png", b"as it came")
+
+
+def publish_all(daemon):
+    """Every value of the aircraft, measured now."""
+    clock = Clock()
+    for suffix, value in VALUES.items():
+        daemon.bus.publish(suffix, value.model_copy(update={"stamp": clock.stamp()}))
+    daemon.bus.publish("vision/down/image", CODED)
+
+
+async def test_a_node_as_in_a_tutorial_receives_every_topic_and_rosbags_reads_a_bag_of_them(tmp_path):
+    with domain(), tutorial() as node:
+        async with fake_daemon() as daemon, gateway(daemon.endpoint, VEHICLE):
+            listen_to_all(node, VEHICLE)
+            expected = {*topic_names(VEHICLE), DIAGNOSTICS}
+            for _ in range(100):
+                publish_all(daemon)
+                await asyncio.sleep(0.2)
+                if all(node.messages[name] for name in expected):
+                    break
+            assert {name for name in expected if not node.messages[name]} == set()
+            await measured_and_not_arrival(daemon, node)
+    with Writer(tmp_path / "bag", version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        into = {name: writer.add_connection(name, kind, typestore=store()) for name, kind in node.types.items()}
+        for name, at, content in list(node.recorded):
+            writer.write(into[name], at, content)
+    with Reader(tmp_path / "bag") as reader:
+        read = [(c.topic, store().deserialize_cdr(content, c.msgtype)) for c, _, content in reader.messages()]
+    assert len(read) == len(node.recorded)
+    assert {name for name, _ in read} == expected
+    turned = next(message for name, message in read if name == f"/{VEHICLE}/imu").orientation
+    assert (turned.z, turned.w) == pytest.approx((0.479425538604203, 0.8775825618903728))
+
+
+async def measured_and_not_arrival(daemon, node):
+    """A value that was measured long ago keeps its time."""
+    name = f"/{VEHICLE}/imu"
+    daemon.bus.publish("state/attitude", samples.attitude())
+    measured = (1_600_000_000, 250_000_000)
+    await wait_for(lambda: any((m.header.stamp.sec, m.header.stamp.nanosec) == measured for m in node.messages[name]))
+
+
+async def test_every_service_answers():
+    with domain(), tutorial() as node:
+        async with fake_daemon() as daemon, gateway(daemon.endpoint, VEHICLE):
+            daemon.replies["do/abort"] = dict
+            daemon.replies["do/mark"] = dict
+            answers = {
+                service.name: await node.call(f"/{VEHICLE}/{service.name}", service.type)
+                for service in SERVICES
+                if service.name not in {"take_off", "land"}
+            }
+            for name in ("hold", "release", "abort", "mark", "preflight"):
+                assert answers[name].success, (name, answers[name].message)
+            assert answers["self_test"].passed == b"\x01"
+            for name in ("stop", "route_start", "route_end", "cancel"):
+                assert not answers[name].success
+                assert ":" in answers[name].message, "token, reason and remedy"
+            landing = asyncio.create_task(node.call(f"/{VEHICLE}/land", "std_srvs/srv/Trigger"))
+            await wait_for(lambda: any("yaw" in fields and "height" not in fields for fields in daemon.setpoints))
+            assert (await node.call(f"/{VEHICLE}/release", "std_srvs/srv/Trigger")).success
+            assert "land was interrupted" in (await landing).message
+
+
+async def test_joy_and_cmd_vel_fly_and_a_publisher_that_falls_silent_ends_it():
+    with domain(), tutorial() as node:
+        async with fake_daemon() as daemon, gateway(daemon.endpoint, VEHICLE):
+            pad = node.say(f"/{VEHICLE}/joy", "sensor_msgs/msg/Joy")
+            await wait_for(pad.get_subscription_count)
+            node.listen(DIAGNOSTICS, "diagnostic_msgs/msg/DiagnosticArray")
+            await stream_until(pad, lambda: joy(node, {"ABS_Y": 1.0}), lambda: "hold BTN_TL" in gateway_words(node))
+            assert daemon.holder is None, "nothing without the enable button"
+            await stream_until(
+                pad,
+                lambda: joy(node, {"ABS_RX": 1.0}, ("BTN_TL",)),
+                lambda: any(fields.get("roll") == 30.0 for fields in daemon.setpoints),
+            )
+            await wait_for(lambda: daemon.holder is None)
+            assert daemon.setpoints[-1]["roll"] == 0.0
+            twist = type_of("geometry_msgs/msg/TwistStamped")()
+            twist.header.frame_id = "target/pad"
+            twist.twist.linear.x = 0.25
+            velocity = node.say(f"/{VEHICLE}/cmd_vel_stamped", "geometry_msgs/msg/TwistStamped")
+            await wait_for(velocity.get_subscription_count)
+            await stream_until(velocity, lambda: twist, lambda: "velocity" in daemon.setpoints[-1])
+            newest = daemon.setpoints[-1]
+            assert (list(newest["velocity"]), newest["frame"]) == ([0.25, 0.0, 0.0], "pad")
+            await wait_for(lambda: daemon.holder is None)
+
+
+async def test_rates_may_be_set_while_it_runs():
+    with domain(), tutorial() as node:
+        async with (
+            fake_daemon() as daemon,
+            gateway(daemon.endpoint, VEHICLE, "--", "--ros-args", "-p", "topics:=[imu]"),
+        ):
+            from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
+
+            node.listen(f"/{VEHICLE}/imu", "sensor_msgs/msg/Imu")
+            await wait_for(lambda: node.count_publishers(f"/{VEHICLE}/imu"))
+            assert not node.count_publishers(f"/{VEHICLE}/fix")
+            value = ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=10.0)
+            limit = Parameter(name="rates.imu", value=value)
+            answer = await node.call(
+                f"/{VEHICLE}/mkdaemon/set_parameters", "rcl_interfaces/srv/SetParameters", parameters=[limit]
+            )
+            assert answer.results[0].successful
+            for n in range(50):
+                daemon.bus.publish("state/attitude", samples.attitude(stamp=samples.at(n * 0.02)))
+                await asyncio.sleep(0.005)
+            await wait_for(lambda: len(node.messages[f"/{VEHICLE}/imu"]) >= 9)
+            await asyncio.sleep(0.2)
+            assert len(node.messages[f"/{VEHICLE}/imu"]) <= 10
+
+
+async def test_a_mistake_in_the_arguments_is_one_line():
+    with domain():
+        async with fake_daemon() as daemon:
+            for arguments, words in (
+                (("-p", "hold.seconds:=soon"), "hold.seconds"),
+                (("-p", "topics:=[imus]"), "topics does not know imus"),
+                (("-r", "this is no rule"), "ROS does not take this"),
+            ):
+                with pytest.raises(AssertionError, match=words) as failed:
+                    async with gateway(daemon.endpoint, VEHICLE, "--", "--ros-args", *arguments):
+                        pytest.fail("it started")
+                assert "Traceback" not in str(failed.value)

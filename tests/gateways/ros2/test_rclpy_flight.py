@@ -1,0 +1,124 @@
+"""Real rclpy flies the simulated aircraft through the gateway: whole daemon, rendered camera, real time."""
+
+from __future__ import annotations
+
+import math
+import time
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy", reason="`make check-gateways` installs it")
+
+from lab.rigs.live import VEHICLE, live_daemon
+from lab.rigs.overtarget import VEHICLE as FLOWN
+from lab.rigs.overtarget import Setting, hovering
+from lab.rigs.waiting import wait_for
+from mkdaemon.gateways.ros2.rclnode import type_of
+from mkdaemon.gateways.ros2.services import SERVICES
+from mkdaemon.gateways.ros2.topics import DIAGNOSTICS
+from tests.gateways.ros2.rosworld import (
+    LATCHED,
+    domain,
+    gateway,
+    gateway_words,
+    joy,
+    listen_to_all,
+    stream,
+    stream_until,
+    topic_names,
+    tutorial,
+)
+
+pytestmark = [
+    pytest.mark.gateways,
+    pytest.mark.flight,
+    pytest.mark.real_time(tolerance=0.1),
+    pytest.mark.filterwarnings("ignore::DeprecationWarning"),  # of what rclpy imports
+]
+
+
+async def test_a_pad_flies_by_joy_and_a_silent_one_is_levelled_and_released():
+    with domain(), tutorial() as node:
+        async with live_daemon() as live, gateway(live.endpoint, VEHICLE):
+            node.listen(f"/{VEHICLE}/sticks", "sensor_msgs/msg/Joy")
+            node.listen(f"/{VEHICLE}/status", "diagnostic_msgs/msg/DiagnosticStatus", LATCHED)
+            pad = node.say(f"/{VEHICLE}/joy", "sensor_msgs/msg/Joy")
+            await wait_for(lambda: pad.get_subscription_count() and node.newest(f"/{VEHICLE}/status"))
+            node.listen(DIAGNOSTICS, "diagnostic_msgs/msg/DiagnosticArray")
+            await stream_until(pad, lambda: joy(node, {"ABS_Y": 1.0}), lambda: "hold BTN_TL" in gateway_words(node))
+            assert live.values("control/status")[-1]["phase"] == "free", "nothing without the enable button"
+            await stream_until(
+                pad,
+                lambda: joy(node, buttons=("BTN_TL",)),
+                lambda: live.values("control/status")[-1]["phase"] == "flying",
+            )
+            await stream_until(
+                pad,
+                lambda: joy(node, {"ABS_RX": 1.0}, ("BTN_TL",)),
+                lambda: live.values("control/output") and live.values("control/output")[-1]["roll"] > 20,
+            )
+            silent = time.monotonic()
+            await wait_for(lambda: live.values("control/output")[-1]["roll"] == 0)
+            assert live.values("control/output")[-1]["stamp"]["monotonic"] - silent < 0.5
+            await wait_for(lambda: live.values("control/status")[-1]["phase"] == "free")
+            assert live.values("control/status")[-1]["stamp"]["monotonic"] - silent < 1.3
+            assert max(message.axes[1] for message in node.messages[f"/{VEHICLE}/sticks"]) == pytest.approx(30 / 127)
+
+
+async def test_a_node_as_in_a_tutorial_receives_calls_and_flies():
+    with domain(), tutorial() as node:
+        async with hovering(Setting(fps=10.0)) as hover, gateway(hover.endpoint, FLOWN):
+            listen_to_all(node, FLOWN)
+            quiet = {f"/{FLOWN}/{name}" for name in ("odom", "sticks", "events", "raw/tx")}
+            expected = set(topic_names(FLOWN)) - quiet | {DIAGNOSTICS}
+            await wait_for(lambda: all(node.messages[name] for name in expected), 60.0, 0.1)
+            await call_every_service(node, hover)
+            await fly_by_velocity(node, hover)
+            await hold_and_land(node, hover)
+            assert all(node.messages[name] for name in set(topic_names(FLOWN)) - {f"/{FLOWN}/events"})
+
+
+async def call_every_service(node, hover):
+    """Those that fly are called by what follows."""
+    answers = {
+        service.name: await node.call(f"/{FLOWN}/{service.name}", service.type)
+        for service in SERVICES
+        if not service.flies
+    }
+    assert answers["mark"].success
+    assert answers["release"].success
+    assert answers["self_test"].id == FLOWN
+    assert len(answers["self_test"].status) > 10
+    assert answers["preflight"].message
+    assert "not_confirmed" in answers["route_start"].message
+    assert not answers["route_end"].success
+    assert not answers["cancel"].success
+    assert "flying_stop" in answers["stop"].message
+
+
+async def fly_by_velocity(node, hover):
+    """Forward at 0.2 m/s for two seconds; the topic falls silent, and the aircraft is released in time."""
+    twist = type_of("geometry_msgs/msg/Twist")()
+    twist.linear.x = 0.2
+    publisher = node.say(f"/{FLOWN}/cmd_vel", "geometry_msgs/msg/Twist")
+    await stream_until(publisher, lambda: twist, lambda: hover.seen.is_flying)
+    start = np.array(hover.seen.truths[-1][1] if hover.seen.truths else hover.seen.last["sim/truth"]["position_enu"])
+    yaw = (await hover.client.state.attitude.latest()).value.yaw
+    await stream(publisher, lambda: twist, 2.5)
+    moved = np.array(hover.seen.truths[-1][1]) - start
+    silent = time.monotonic()
+    assert moved[:2] @ [math.cos(yaw), math.sin(yaw)] > 0.2
+    await wait_for(lambda: hover.seen.phases[-1].startswith("free"), 10.0)
+    assert time.monotonic() - silent < 2.0
+    assert any(phase.startswith("stale") for phase in hover.seen.phases)
+
+
+async def hold_and_land(node, hover):
+    """The pilot hovers again; it is held by a verb and lands by another."""
+    await wait_for(hover.seen.is_hovering, 60.0, 0.1)
+    held = await node.call(f"/{FLOWN}/hold", "std_srvs/srv/Trigger")
+    assert held.success, held.message
+    assert hover.seen.is_flying
+    landed = await node.call(f"/{FLOWN}/land", "std_srvs/srv/Trigger")
+    assert landed.success, landed.message
