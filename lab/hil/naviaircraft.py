@@ -17,7 +17,7 @@ from mksim.config import SimConfig
 from mksim.physics.world import World
 from mksim.radio import Channel
 
-SLICE: Final = 0.5e-3
+SLICE: Final = 1e-3
 """The two boards run in turn, so long each [s]."""
 
 

@@ -95,7 +95,9 @@ def build_navictrl(sources: Path) -> str:
     objects = [_compile(work, path, release, *FLAGS) for path in files_of(sources)]
     objects.append(_compile(work, ROOT / "lab" / "hil" / "navictrl.c", release, "-O2", "-fPIC", "-Wall"))
     linked = [str(path) for path in objects]
-    run_tool(["gcc", "-shared", "-Wl,-Bsymbolic", "-o", str(folder / "navictrl.so"), *linked, "-lm"], f"NaviCtrl {name}")
+    run_tool(
+        ["gcc", "-shared", "-Wl,-Bsymbolic", "-o", str(folder / "navictrl.so"), *linked, "-lm"], f"NaviCtrl {name}"
+    )
     (folder / "navictrl.json").write_text(json.dumps({"release": release}))
     return name
 
@@ -113,7 +115,9 @@ def release_of(sources: Path) -> str:
     if len(numbers) < len(parts) or not (sources / "spi_slave.c").exists():
         raise ConfigError(f"{sources}: no sources of a NaviCtrl; fetch for example {NAVICTRL_URL}")
     if not (sources / LIBRARY_HEADER).exists():
-        raise ConfigError(f"{sources}: {LIBRARY_HEADER} is missing: the sources need their copy of the processor's library")
+        raise ConfigError(
+            f"{sources}: {LIBRARY_HEADER} is missing: the sources need their copy of the processor's library"
+        )
     return f"{numbers['MAJOR']}.{numbers['MINOR']:02d}{chr(ord('a') + numbers['PATCH'])}"
 
 

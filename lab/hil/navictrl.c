@@ -17,7 +17,7 @@
 
 #include "91x_lib.h"
 
-enum { UARTS = 3, FIFO = 16, SPI_FIFO = 8, SPI_LEVEL = 4, LINES = 32, TIMERS = 2, QUEUE = 1 << 16 };
+enum { UARTS = 3, FIFO = 16, SPI_FIFO = 8, SPI_LEVEL = 4, LINES = 32, TIMERS = 2, QUEUE = 1 << 16, MAIN_LOOP = 64 };
 
 static const uint64_t NEVER = UINT64_MAX;
 static const uint64_t BLOCK_NS = 250;           /* a basic block: twelve cycles, an estimate; the idle main loop takes 26 us */
@@ -165,8 +165,10 @@ static void interrupt(void) {
     touched();
 }
 
-/* In place of the assembly with which a handler lets others interrupt it, and stops that again. */
+/* In place of the assembly with which a handler lets others interrupt it, and stops that again. A fork has it in a
+   function of its main loop too, where it means nothing. */
 void board_assembly(const char *text) {
+    if (board.priority == MAIN_LOOP) return;
     if (strstr(text, "#0x1F")) board.may_nest = 1, touched();
     if (strstr(text, "#0x92")) board.may_nest = 0;
 }
@@ -591,7 +593,7 @@ int navi_new(void) {
     if (!has_registers((uintptr_t)TIM1) || !has_registers((uintptr_t)TIM2) || !has_registers((uintptr_t)SSP0)) return 1;
     sigaction(SIGFPE, &action, NULL);
     memset(&board, 0, sizeof board);
-    board.priority = 2 * LINES;
+    board.priority = MAIN_LOOP;
     board.may_nest = 1;
     board.converted = board.i2c.due = NEVER;
     board.timer[0].registers = TIM1;

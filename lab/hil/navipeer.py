@@ -22,6 +22,8 @@ PERIOD: Final = 0.02
 """Between two packets [s]."""
 BYTE_TIME: Final = 0.3e-3
 """Between two bytes of a packet [s]: the FlightCtrl sends them from its main loop."""
+FIRST_REPORT: Final = 5.0
+"""Of the GPS receiver, which takes longer to start than both boards [s]."""
 LARGEST_VALUE: Final = 247
 """Of a parameter; larger ones name a potentiometer."""
 
@@ -42,7 +44,7 @@ class Surroundings:
         board.lines.field[:] = [round(float(part)) for part in (forward, -left, -up)]
         board.lines.has_compass = 1
         fix = self._world.sensors.gps
-        if fix.sequence == self._sequence:
+        if fix.sequence == self._sequence or now < FIRST_REPORT:
             return
         self._sequence = fix.sequence
         begin = max(now, self._free_at)

@@ -89,6 +89,11 @@ def point(index: int, *, kind: int = 0, status: int = 1, north: int = 0) -> byte
     return made.encode()
 
 
+def _once(name: str, letter: str, pilot: Callable[[World], None] = lambda world: None) -> Item:
+    """One frame of a stream, half a second after what the pilot does."""
+    return Item(name, ((0.5, frame(letter, (100,))), (0.7, frame(letter, (0,)))), 1.0, pilot)
+
+
 def _write(name: str, *points: bytes, lasts: float = 0.5) -> Item:
     return Item(name, tuple((0.1 * k, frame("w", raw)) for k, raw in enumerate(points)), 0.1 * len(points) + lasts)
 
@@ -116,9 +121,12 @@ GROUND: Final = (
     _one("debug data every 100 ms, to the time-out", "d", (10,), 5.0),
     _one("3D data every 50 ms, to the time-out", "c", (5,), 5.0),
     _one("OSD data, interval 0", "o", (0,)),
-    Item("three streams", tuple((0.0, frame(letter, (10,))) for letter in "odc"), 2.0),
-    Item("saturated line", tuple((0.02 * k, frame(x, (2,))) for k, x in enumerate("odc")), 1.5),
-    Item("version on a saturated line", ((0.0, frame("o", (1,))), (0.05, frame("v"))), 4.6),
+    Item(
+        "three streams, begun and ended",
+        tuple((at, frame(x, (n,))) for at, n in ((0.0, 10), (1.9, 0)) for x in "odc"),
+        2.3,
+    ),
+    Item("version on a saturated line", ((0.0, frame("o", (1,))), (0.05, frame("v"))), 5.0),
     _one("display, page 0", "h", (0xFF, 0)),
     _one("display, next page", "h", (0xFD, 0)),
     _one("display, page before", "h", (0xFE, 0)),
@@ -138,8 +146,7 @@ GROUND: Final = (
     _one("point 4 of 3", "x", (4,)),
     _one("point 0", "x", (0,)),
     _write("a point of interest", point(4, kind=1, north=5)),
-    _one("OSD data with points", "o", (0,)),
-    _one("OSD data once", "o", (100,), 0.6),
+    _once("OSD data with points", "o"),
     _write("a point out of the list", point(32)),
     _write("point 2 withdrawn", point(2, kind=255)),
     _one("point 2, withdrawn", "x", (2,)),
@@ -153,31 +160,37 @@ GROUND: Final = (
     Item("external control, 20 Hz", tuple((0.05 * k, _control(k + 1)) for k in range(40)), 2.1),
     Item("external control, 100 Hz", tuple((0.01 * k, _control(k + 1)) for k in range(100)), 1.1),
     Item("serial channels", ((0.0, frame("y", range(12), board=FC)),)),
-    Item("passed to the FlightCtrl and back", ((0.0, frame("u", (0,))), (0.3, frame("v", board=FC)), (0.6, ESCAPE)), 1.0),
+    Item(
+        "passed to the FlightCtrl and back", ((0.0, frame("u", (0,))), (0.3, frame("v", board=FC)), (0.6, ESCAPE)), 1.0
+    ),
     Item("passed to the compass and back", ((0.0, frame("u", (1,))), (0.3, frame("v", board=ANY)), (0.6, ESCAPE)), 1.0),
     Item("passed to the GPS and back", ((0.0, frame("u", (2,))), (0.6, ESCAPE)), 1.0),
-    Item("passed on while a stream runs", ((0.0, frame("o", (10,))), (0.52, frame("u", (0,))), (0.8, ESCAPE)), 1.2),
+    Item(
+        "passed on while a stream runs",
+        ((0.0, frame("o", (10,))), (0.52, frame("u", (0,))), (0.8, ESCAPE), (1.0, frame("o", (0,)))),
+        1.5,
+    ),
     Item("three escapes, and the sequence", ((0.0, frame("u", (0,))), (0.3, b"\x1b" + ESCAPE), (0.6, ESCAPE)), 1.0),
     _one("version after it", "v"),
     Item("only echoes for 9 s", tuple((0.5 * k, frame("z", (k, 1))) for k in range(18)), 9.2),
-    _one("flags after it", "o", (100,), 1.5),
-    _one("flags a second later", "o", (100,), 0.6),
+    Item("flags after it", ((0.0, frame("o", (100,))), (0.2, frame("o", (0,)))), 1.3),
+    _once("flags a second later", "o"),
 )
 """With the motors at rest."""
 FLIGHT: Final = (
-    _one("OSD data in flight", "o", (100,), 0.6),
-    _one("debug data in flight", "d", (100,), 0.6),
-    _one("3D data in flight", "c", (100,), 0.6),
+    _once("OSD data in flight", "o"),
+    _once("debug data in flight", "d"),
+    _once("3D data in flight", "c"),
     _one("passed to the compass in flight", "u", (1,)),
     _write("a point in flight", point(1, north=10)),
-    _one("OSD data with it", "o", (100,), 0.6),
-    Item("switch to coming home", ((0.5, frame("o", (100,))),), 1.2, _switch("home")),
-    Item("switch to hold", ((0.5, frame("o", (100,))),), 1.2, _switch("hold")),
+    _once("OSD data with it", "o"),
+    _once("switch to coming home", "o", _switch("home")),
+    _once("switch to hold", "o", _switch("hold")),
     _write("clear in flight", point(0, status=0)),
-    Item("switch to coming home, no list", ((0.5, frame("o", (100,))),), 1.2, _switch("home")),
-    Item("switch to free", ((0.5, frame("o", (100,))),), 1.2, _switch("free")),
+    _once("switch to coming home, no list", "o", _switch("home")),
+    _once("switch to free", "o", _switch("free")),
     _one("target in flight", "s", point(1, north=10)),
-    _one("OSD data with a target", "o", (100,), 0.6),
+    _once("OSD data with a target", "o"),
 )
 """Hovering by hand."""
 LAST: Final = (Item("boot loader", ((0.0, frame("R")), (0.5, frame("v"))), 1.0),)
@@ -205,14 +218,16 @@ def listen(aircraft: Aircraft, item: Item, world: World, held: Callable[[], str]
 
 TOLERANCE: Final = {
     "altitude_setpoint": 400,
-    "position_longitude": 40,
-    "position_latitude": 40,
+    "position_longitude": 200,
+    "position_latitude": 200,
     "position_altitude": 3000,
-    "home_longitude": 40,
-    "home_latitude": 40,
-    "target_longitude": 40,
-    "target_latitude": 40,
-    "home_distance": 15,
+    "home_altitude": 3000,
+    "target_altitude": 3000,
+    "home_longitude": 250,
+    "home_latitude": 250,
+    "target_longitude": 250,
+    "target_latitude": 250,
+    "home_distance": 25,
     "target_distance": 15,
     "altimeter": 30,
     "variometer": 6,
@@ -229,6 +244,8 @@ TOLERANCE: Final = {
     "satellites": 1,
 }
 """How far two noisy boards may be apart before a field counts as different; what is not here must be equal."""
+ANALOG: Final = {0: 40, 1: 40, 2: 80, 3: 80, 9: 40, 10: 360, 13: 8, 15: 400, 21: 80, 22: 80, 27: 300, 28: 300}
+"""The same of the channels of debug data."""
 TURNS: Final = {"heading": (360, 8), "course": (360, 360), "home_bearing": (360, 360), "target_bearing": (360, 360)}
 """Angles: a whole turn, and how far they may be apart; a course of an aircraft at rest is anything."""
 OWN_WORDS: Final = {"text"}
@@ -249,8 +266,10 @@ def differences(item: Item, genuine: Heard, simulated: Heard) -> Iterator[str]:
         if abs(late) > SOONER:
             yield f"first reply after {genuine.frames[0][0] * 1e3:.1f} ms, simulated {simulated.frames[0][0] * 1e3:.1f}"
     for letter in sorted(ours.keys() & theirs.keys()):
-        last = [next(frame for _, frame in reversed(heard.frames) if f"{'.fnm'[frame.address]}{frame.id}" == letter)
-                for heard in (genuine, simulated)]
+        last = [
+            next(frame for _, frame in reversed(heard.frames) if f"{'.fnm'[frame.address]}{frame.id}" == letter)
+            for heard in (genuine, simulated)
+        ]
         yield from (f"{letter}.{words}" for words in _fields(*last))
     if bool(genuine.text) != bool(simulated.text):
         yield f"text {_shown(genuine.text)}, simulated {_shown(simulated.text)}"
@@ -275,7 +294,10 @@ def _fields(genuine: Frame, simulated: Frame) -> Iterator[str]:
         if name in OWN_WORDS or one == other or _is_near(name, one, other):
             continue
         if isinstance(one, tuple):
-            places = [k for k, pair in enumerate(zip(one, other, strict=True)) if pair[0] != pair[1]]
+            pairs = enumerate(zip(one, other, strict=True))
+            places = [k for k, (a, b) in pairs if abs(a - b) > (ANALOG.get(k, 0) if name == "analog" else 0)]
+            if not places:
+                continue
             yield f"{name}{places} {[one[k] for k in places]}, simulated {[other[k] for k in places]}"
         else:
             yield f"{name} {one!s}, simulated {other!s}"

@@ -152,4 +152,3 @@ class Replies:
             return None
         answer, pitch, roll, yaw, heading, x, y, z, _, beep, data = _REPLY.unpack(whole[2:-1])
         return Reply(answer, pitch, roll, yaw, heading, (x, y, z), beep, data)
-
