@@ -14,7 +14,7 @@ from typing import Any, Final, Literal
 
 from rich.table import Table
 
-from lab.hil import navicase
+from lab.hil import generations, navicase, navipairs
 from lab.hil.build import built, names
 from lab.hil.flights import fly
 from lab.hil.quiet import be_quiet
@@ -34,7 +34,7 @@ RUNS: Final = 10
 def main(
     *,
     firmware: str = "",
-    case: Literal["scenes", "triggers", "navictrl"] = "scenes",
+    case: Literal["scenes", "triggers", "control", "navictrl", "pair"] = "scenes",
     line: Literal["both", "cable", "radio"] = "both",
     boards: Literal["both", "genuine", "simulated"] = "both",
     runs: int = RUNS,
@@ -50,8 +50,9 @@ def main(
 
     Args:
         firmware: Name of one that was built; the first by default.
-        case: The scenes; what happens when something fails, judged by the firmware's memory; or a genuine NaviCtrl and
-            the simulator's, side by side (`make hil NAVICTRL=<folder>`).
+        case: The scenes; what happens when something fails, judged by the firmware's memory; how long it holds stick
+            frames; a genuine NaviCtrl and the simulator's, side by side (`make hil NAVICTRL=<folder>`); or a genuine
+            pair of both boards.
         line: To the boards.
         boards: Genuine, simulated, or both side by side.
         runs: Flights of each board by each line.
@@ -65,6 +66,10 @@ def main(
             return navicase.show(first_seed, jobs, as_json=as_json)
         genuine = built(firmware or next(iter(names()), "FlightCtrl")).name
         kept = Results(results)
+        if case == "pair":
+            return navipairs.show(genuine, first_seed, as_json=as_json)
+        if case == "control":
+            return generations.show([genuine] if firmware else names(), runs, as_json=as_json)
     except ConfigError as error:
         print(f"lab hil: {error}", file=sys.stderr)
         return 2

@@ -204,8 +204,7 @@ class DaemonAtNavi:
 
     async def _control(self) -> None:
         """External control, forwarded to the FlightCtrl, and its dead-man."""
-        self.aircraft.world.pilot.program = HandFlight()
-        await asyncio.sleep(FLYING)
+        await self._hover()
         facts = self.wiring.facts
         self._note("motors known to run", str(facts.motors_running(self.loop.time())))
         try:
@@ -221,6 +220,11 @@ class DaemonAtNavi:
         self._note("sticks reach the FlightCtrl", "yes" if held else "no", held[0][0] - began if held else None)
         self._note("commands it held", "most" if len(held) > COMMANDS / 2 else "some" if held else "none", len(held))
         await self._dead_man()
+
+    async def _hover(self) -> None:
+        """The pilot takes off and hovers by hand."""
+        self.aircraft.world.pilot.program = HandFlight()
+        await asyncio.sleep(FLYING)
 
     async def _stream(self, count: int, pitch: Callable[[int], float]) -> None:
         """Stream setpoints of sticks."""
