@@ -1,4 +1,4 @@
-"""`python -m lab hil --case pair`: a genuine FlightCtrl behind a genuine NaviCtrl, the daemon at the NaviCtrl's port."""
+"""`python -m lab hil --case pair`: a genuine FlightCtrl behind a genuine NaviCtrl, the daemon in front of both."""
 
 from __future__ import annotations
 
