@@ -5,7 +5,8 @@ from __future__ import annotations
 import asyncio
 import json
 import math
-from collections.abc import Sequence
+import sys
+from collections.abc import Mapping, Sequence
 from statistics import median
 from typing import Any, Final
 
@@ -19,10 +20,11 @@ from lab.hil.quiet import be_quiet
 from mkdaemon.cli.console import Console
 from mkdaemon.virtualtime import run_virtually
 from mksim.config import FlightConfig, PilotPlan, SimConfig, WindClass
+from mksim.physics.truth import Truth
 
 BOOTED: Final = 10.0
 """Both boards need so long to find each other, compass and GPS receiver [s]."""
-LOOK: Final = 4.0
+LOOK: Final = 2.0
 SAMPLE: Final = 0.05
 VOLTAGE: Final = 15.6
 
@@ -30,28 +32,56 @@ VOLTAGE: Final = 15.6
 class PairDaemon(DaemonAtNavi):
     """A daemon at a genuine pair, whose telemetry is compared with what is true."""
 
+    def _note(self, name: str, ended: str, figure: float | None = None) -> None:
+        super()._note(name, ended, figure)
+        print(f"{self.loop.time():.1f} s: {name}: {ended} {figure}", file=sys.stderr, flush=True)
+
+    async def _ask(self) -> None:
+        """Nothing: `--case navictrl` does that."""
+
+    async def _store(self) -> None:
+        """Nothing: `--case navictrl` does that."""
+
     async def _hover(self) -> None:
         await super()._hover()
-        world = self.aircraft.world
-        errors: dict[str, list[float]] = {}
+        world, errors = self.aircraft.world, dict[str, list[float]]()
         for _ in range(round(LOOK / SAMPLE)):
             await asyncio.sleep(SAMPLE)
-            values, truth = self.bus.values, world.truth
-            attitude, pilot, height = (values.get(f"state/{name}") for name in ("attitude", "pilot", "altitude"))
-            place = values.get("state/position")
-            if attitude is not None and attitude.tilt is not None:
-                errors.setdefault("tilt [deg]", []).append(abs(math.degrees(attitude.tilt - truth.tilt)))
-            if pilot is not None and pilot.throttle_in_use is not None:
-                errors.setdefault("throttle [count]", []).append(abs(pilot.throttle_in_use - world.pilot.gas))
-            if height is not None:
-                errors.setdefault("height [m]", []).append(abs(height.above_start - truth.position_enu[2]))
-            if place is not None and place.position_enu is not None:
-                east, north = place.position_enu[0], place.position_enu[1]
-                off = math.hypot(east - truth.position_enu[0], north - truth.position_enu[1])
-                errors.setdefault("place by GPS [m]", []).append(off)
+            for name, value in errors_of(self.bus.values, world.truth, world.pilot.gas).items():
+                errors.setdefault(name, []).append(value)
         for name, found in errors.items():
             self._note(f"{name}, off by", "told", median(found))
-        self._note("flies", "yes" if not truth.on_ground and not truth.crashed else "no", truth.position_enu[2])
+        truth = world.truth
+        flies = not truth.on_ground and not truth.crashed
+        self._note("flies at [m]", "yes" if flies else "no", float(truth.position_enu[2]))
+
+
+def errors_of(values: Mapping[str, Any], truth: Truth, throttle: int) -> dict[str, float]:
+    """How far telemetry is off the truth.
+
+    Args:
+        values: newest of every key.
+        truth: of the aircraft.
+        throttle: the pilot's [stick].
+    """
+    found = {}
+    attitude, pilot, height, place = (
+        values.get(f"state/{key}") for key in ("attitude", "pilot", "altitude", "position")
+    )
+    if attitude is not None:
+        off = max(abs(attitude.pitch - truth.pitch), abs(attitude.roll - truth.roll))
+        found["pitch and roll [deg]"] = math.degrees(off)
+        found["heading [deg]"] = abs(math.degrees(math.remainder(attitude.yaw - truth.yaw, math.tau)))
+    if pilot is not None and pilot.throttle_in_use is not None:
+        found["throttle [count]"] = abs(pilot.throttle_in_use - throttle)
+    if height is not None:
+        found["height by the barometer [m]"] = abs(height.above_start - float(truth.position_enu[2]))
+    if place is not None and place.position_enu is not None:
+        east, north = (
+            float(here - there) for here, there in zip(place.position_enu[:2], truth.position_enu, strict=False)
+        )
+        found["place by GPS [m]"] = math.hypot(east, north)
+    return found
 
 
 def measure(flight: str, seed: int) -> tuple[str, list[Step]]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from types import SimpleNamespace
 
 import pytest
 
@@ -55,3 +56,24 @@ def test_a_pair_whose_sticks_do_not_arrive_fails(monkeypatch, capsys):
     steps[1] = Step("sticks reach the FlightCtrl", "yes", 0.04)
     assert navipairs.show("some", 1, as_json=False) == 0
     assert "behind NaviCtrl 0.24b" in capsys.readouterr().out
+
+
+def test_telemetry_of_a_pair_is_compared_with_the_truth():
+    truth = SimpleNamespace(pitch=0.1, roll=0.0, yaw=3.1, position_enu=(1.0, 2.0, 3.0))
+    values = {
+        "state/attitude": SimpleNamespace(pitch=0.1, roll=0.02, yaw=-3.1),
+        "state/pilot": SimpleNamespace(throttle_in_use=-10.0),
+        "state/altitude": SimpleNamespace(above_start=2.5),
+        "state/position": SimpleNamespace(position_enu=(4.0, 6.0, 0.0)),
+    }
+    assert navipairs.errors_of(values, truth, -12) == pytest.approx(
+        {
+            "pitch and roll [deg]": 1.146,
+            "heading [deg]": 4.766,
+            "throttle [count]": 2.0,
+            "height by the barometer [m]": 0.5,
+            "place by GPS [m]": 5.0,
+        },
+        abs=1e-3,
+    )
+    assert navipairs.errors_of({}, truth, 0) == {}
