@@ -28,6 +28,8 @@ from mksim.boards.line import HOST_CHAR
 
 BOOTED: Final = 8.0
 STEP: Final = 1e-3
+CYCLE: Final = 1e-6
+"""Less than that does not move the processor on [s]."""
 POLLING: Final = 0.5
 """Between two requests of one kind [s]."""
 LONGEST: Final = 7.0
@@ -101,7 +103,7 @@ class Bench:
     def run(self, seconds: float) -> list[tuple[float, Frame]]:
         """Run on; the frames that came, with the times of their last characters [s]."""
         end, heard = self.chip.now + seconds, []
-        while self.chip.now < end:
+        while end - self.chip.now > CYCLE:
             until = min(end, self.chip.now + STEP)
             while self._left and self._left[0][0] <= until:
                 at, byte = self._left.pop(0)
