@@ -1,1 +1,1 @@
-"""The proving ground: the user's genuine FlightCtrl firmware flies in virtual time; see docs/lab/genuine.md."""
+"""The proving ground: the user's genuine firmware runs in virtual time; see docs/lab/genuine*.md."""

@@ -13,6 +13,7 @@
 #include "avr_adc.h"
 #include "avr_eeprom.h"
 #include "avr_ioport.h"
+#include "avr_spi.h"
 #include "avr_twi.h"
 #include "avr_uart.h"
 #include "sim_avr.h"
@@ -67,6 +68,9 @@ struct board {
     avr_irq_t *i2c_in;
     struct motor motor[MOTORS];
     int chosen, is_read;
+    /* SPI */
+    avr_irq_t *spi_in;
+    uint8_t (*exchange)(double at, uint8_t value);
     /* receiver */
     avr_irq_t *capture;
     int pulse, is_high;
@@ -194,6 +198,17 @@ static void update_motors(struct board *b) {
     }
 }
 
+/* -- SPI: the firmware is master; without a NaviCtrl it reads zeros --------------------------------------------- */
+
+static void on_spi(struct avr_irq_t *irq, uint32_t value, void *param) {
+    struct board *b = param;
+    (void)irq;
+    if (b->exchange) avr_raise_irq(b->spi_in, b->exchange(b->avr->cycle / (double)b->avr->frequency, value));
+}
+
+/* Connect a board that answers each byte, whose last bit crosses at a time [s], with one of its own. */
+void board_connect(struct board *b, uint8_t (*exchange)(double at, uint8_t value)) { b->exchange = exchange; }
+
 /* -- analog channels: sampled when a conversion begins ------------------------------------------------------------ */
 
 static void on_conversion(struct avr_irq_t *irq, uint32_t value, void *param) {
@@ -290,6 +305,8 @@ struct board *board_new(const char *elf, const char *mcu, uint32_t frequency, ui
     avr_irq_register_notify(avr_io_getirq(avr, AVR_IOCTL_UART_GETIRQ('0'), UART_IRQ_OUTPUT), byte_written, b);
     avr_irq_register_notify(avr_io_getirq(avr, AVR_IOCTL_TWI_GETIRQ(0), TWI_IRQ_OUTPUT), on_i2c, b);
     avr_irq_register_notify(avr_io_getirq(avr, AVR_IOCTL_ADC_GETIRQ, ADC_IRQ_OUT_TRIGGER), on_conversion, b);
+    avr_irq_register_notify(avr_io_getirq(avr, AVR_IOCTL_SPI_GETIRQ(0), SPI_IRQ_OUTPUT), on_spi, b);
+    b->spi_in = avr_io_getirq(avr, AVR_IOCTL_SPI_GETIRQ(0), SPI_IRQ_INPUT);
     b->i2c_in = avr_io_getirq(avr, AVR_IOCTL_TWI_GETIRQ(0), TWI_IRQ_INPUT);
     b->serial_in = avr_io_getirq(avr, AVR_IOCTL_UART_GETIRQ('0'), UART_IRQ_INPUT);
     b->capture = avr_io_getirq(avr, AVR_IOCTL_IOPORT_GETIRQ('D'), 6);

@@ -1,4 +1,4 @@
-"""Builds what the proving ground flies, from the user's own checkouts: `make hil FIRMWARE=DIR SIMAVR=DIR`.
+"""Builds a FlightCtrl for the proving ground, from the user's own checkouts; see `lab.hil.make`.
 
 Neither firmware nor simavr is part of this project (their licences); nothing is copied out of `build/hil`, which git
 does not see. simavr needs two repairs for this firmware, made in the copies that are compiled:
@@ -13,7 +13,6 @@ import json
 import re
 import shutil
 import subprocess
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -130,7 +129,7 @@ def _build_library(simavr: Path) -> None:
     command = ["gcc", "-O3", "-march=native", "-fPIC", "-shared", "-w", "-fno-semantic-interposition", "-flto=auto"]
     command += [f"-I{folder}" for folder in folders] + ["-include", str(work / "sim_core_config.h")]
     command += [str(path) for path in sources if path.exists()]
-    _run([*command, "-o", str(LIBRARY), "-lelf", "-lm"], "the board's library (is libelf-dev installed?)")
+    run_tool([*command, "-o", str(LIBRARY), "-lelf", "-lm"], "the board's library (is libelf-dev installed?)")
 
 
 def _configure(work: Path) -> None:
@@ -217,7 +216,7 @@ def _compile(sources: Path, name: str, mcu: str, frequency: int, *, lid: bytes |
     library = work / "libfc.c"
     if library.exists():
         library.write_bytes(b"#include <avr/io.h>\n" + NO_RECEIVER.sub(PULSE_TRAIN, library.read_bytes()))
-    _run(["make", "-C", str(work)], f"firmware {name}", check=False)
+    run_tool(["make", "-C", str(work)], f"firmware {name}", check=False)
     elf = next(iter(sorted(work.glob("*.elf"))), None)
     if elf is None:
         raise ConfigError(f"firmware {name} does not compile; run to see why: make -C {work}")
@@ -230,7 +229,7 @@ def _compile(sources: Path, name: str, mcu: str, frequency: int, *, lid: bytes |
 def _symbols(elf: Path) -> dict[str, int]:
     """Addresses of variables; RAM begins at 0x800000 in the ELF of an AVR."""
     found = {}
-    for line in _run(["avr-nm", str(elf)], "the firmware's symbols").splitlines():
+    for line in run_tool(["avr-nm", str(elf)], "the firmware's symbols").splitlines():
         address, kind, symbol = line.split()[-3:] if len(line.split()) == 3 else ("", "", "")
         if kind in {"B", "b", "D", "d"} and "." not in symbol:
             found[symbol] = int(address, 16) & 0xFFFF
@@ -242,29 +241,13 @@ def _variable(text: str, name: str, default: str) -> str:
     return found.group(1) if found else default
 
 
-def _run(command: list[str], what: str, *, check: bool = True) -> str:
+def run_tool(command: list[str], what: str, *, check: bool = True) -> str:
+    """What a tool printed.
+
+    Raises:
+        ConfigError: it failed, and `check` is set.
+    """
     done = subprocess.run(command, capture_output=True, encoding="latin1", check=False)
     if check and done.returncode:
         raise ConfigError(f"{what} cannot be built:\n{done.stderr[-2000:]}")
     return done.stdout
-
-
-def main() -> None:
-    """Build from two folders given on the command line."""
-    if len(sys.argv) != 3 or not sys.argv[1]:
-        print(
-            "make hil FIRMWARE=<folder of a FlightCtrl's sources> SIMAVR=<folder of simavr>\n"
-            f"  sources, for example: {FIRMWARE_URL}\n  simavr: {SIMAVR_URL}",
-            file=sys.stderr,
-        )
-        sys.exit(2)
-    try:
-        names = build(Path(sys.argv[1]), Path(sys.argv[2]))
-    except ConfigError as error:
-        print(f"error: {error}", file=sys.stderr)
-        sys.exit(1)
-    print(f"built: {', '.join(names)}. Fly it: python -m lab hil --firmware {names[0]}")
-
-
-if __name__ == "__main__":
-    main()

@@ -94,6 +94,10 @@ class Chip:
         raw = self._bytes.raw
         return [(self._times[i], raw[i]) for i in range(count)]
 
+    def connect(self, exchange: int) -> None:
+        """Connect a board to its SPI bus: the address of a function that answers a byte at a time [s] with another."""
+        self._library.board_connect(self._board, exchange)
+
     def reset(self) -> None:
         """Start the processor anew, as a dip of its supply does."""
         self._library.board_reset(self._board)
@@ -132,6 +136,7 @@ def _load() -> ctypes.CDLL:
     library.board_receive.argtypes = [board, ctypes.c_uint8]
     library.board_read.argtypes = [board, text, ctypes.c_void_p, ctypes.c_int]
     library.board_peek.argtypes = library.board_poke.argtypes = [board, ctypes.c_int, text, ctypes.c_int]
+    library.board_connect.argtypes = [board, ctypes.c_void_p]
     library.board_eeprom.argtypes = [board, text, ctypes.c_int]
     for name in ("board_lines", "board_time", "board_reset"):
         getattr(library, name).argtypes = [board]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import logging
 import math
 import multiprocessing
 import sys
@@ -13,12 +12,12 @@ from itertools import product
 from pathlib import Path
 from typing import Any, Final, Literal
 
-import cv2
-import structlog
 from rich.table import Table
 
+from lab.hil import generations, navicase, navipairs
 from lab.hil.build import built, names
 from lab.hil.flights import fly
+from lab.hil.quiet import be_quiet
 from lab.hil.results import Results, Row
 from lab.hil.scenes import FIGURES, FIRST_SEED, LINES, SIMULATED, setting_of, summary
 from lab.hil.triggers import by_story, story_figures, tell
@@ -35,7 +34,7 @@ RUNS: Final = 10
 def main(
     *,
     firmware: str = "",
-    case: Literal["scenes", "triggers"] = "scenes",
+    case: Literal["scenes", "triggers", "control", "navictrl", "pair"] = "scenes",
     line: Literal["both", "cable", "radio"] = "both",
     boards: Literal["both", "genuine", "simulated"] = "both",
     runs: int = RUNS,
@@ -51,7 +50,9 @@ def main(
 
     Args:
         firmware: Name of one that was built; the first by default.
-        case: The scenes, or what happens when something fails, judged by the firmware's memory.
+        case: The scenes; what happens when something fails, judged by the firmware's memory; how long it holds stick
+            frames; a genuine NaviCtrl and the simulator's, side by side (`make hil NAVICTRL=<folder>`); or a genuine
+            pair of both boards.
         line: To the boards.
         boards: Genuine, simulated, or both side by side.
         runs: Flights of each board by each line.
@@ -61,8 +62,14 @@ def main(
         as_json: Print JSON, one object a line, in place of a table.
     """
     try:
+        if case == "navictrl":
+            return navicase.show(first_seed, jobs, as_json=as_json)
         genuine = built(firmware or next(iter(names()), "FlightCtrl")).name
         kept = Results(results)
+        if case == "pair":
+            return navipairs.show(genuine, first_seed, as_json=as_json)
+        if case == "control":
+            return generations.show([genuine] if firmware else names(), runs, as_json=as_json)
     except ConfigError as error:
         print(f"lab hil: {error}", file=sys.stderr)
         return 2
@@ -87,13 +94,8 @@ def _flown(kind: str, flight: Callable[[Work], Row], work: Sequence[Work], kept:
     return [row for row in kept.rows[kind] if any(key.items() <= row.items() for key in keys)]
 
 
-def _quiet() -> None:
-    structlog.configure(wrapper_class=structlog.make_filtering_bound_logger(logging.CRITICAL))
-    cv2.setNumThreads(1)  # a copy of the process would wait for threads that it has not got
-
-
 def _fly_one(work: Work) -> Row:
-    _quiet()
+    be_quiet()
     setting = setting_of(*work)
     found = fly(setting)
     about = {
@@ -105,7 +107,7 @@ def _fly_one(work: Work) -> Row:
 
 
 def _tell_one(work: Work) -> Row:
-    _quiet()
+    be_quiet()
     return _key(work) | {"stories": tell(work[0], work[2])}
 
 

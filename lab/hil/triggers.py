@@ -41,7 +41,7 @@ from mkdaemon.telemetry.setpoint import PositionSetpoint, Setpoint, SetpointFram
 from mkdaemon.virtualtime import AtOnce, run_virtually
 from mksim.config import WindClass
 from mksim.physics.hand_flight import HandFlight
-from mksim.programs.virtualports import Cable, LocalBus
+from mksim.programs.virtualports import Aircraft, Cable, LocalBus
 
 CLIENT: Final = "lab"
 HEIGHT: Final = 1.5
@@ -66,7 +66,7 @@ Held = tuple[int, int, int, int, bool]
 class CutCable:
     """The aircraft behind a cable whose daemon may fall silent."""
 
-    def __init__(self, aircraft: GenuineAircraft) -> None:
+    def __init__(self, aircraft: Aircraft) -> None:
         self.aircraft, self.now = aircraft, aircraft.now
         self.is_cut = self.is_deaf = False
 

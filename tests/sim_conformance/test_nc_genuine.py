@@ -9,13 +9,13 @@ import pytest
 from mkdaemon.protocol.errorcodes import ErrorCode
 from mkdaemon.protocol.flags import FlightStatus, NaviStatus, PointType, PositionStatus
 from mkdaemon.protocol.framing import encode_frame
-from mkdaemon.protocol.messages import OsdData5, WriteWaypoint024
+from mkdaemon.protocol.messages import DebugDataNc, OsdData5, Waypoint024, WriteWaypoint024
 from mksim.boards.flightctrl import FlightCtrl
 from mksim.boards.generations import FC_GENERATIONS, NC_GENERATIONS
 from mksim.boards.navictrl import NaviCtrl
 from mksim.boards.navictrl_state import ESCAPE
 from mksim.config import GasLaw
-from tests.sim_conformance.bench import FIX, Bench, StillAircraft, nc_bench
+from tests.sim_conformance.bench import FIX, Bench, StillAircraft, fc_bench, median, nc_bench
 
 HOME = (74591000, 532301000)
 CLEAR = (0, PositionStatus.INVALID, PointType.INVALID)
@@ -242,3 +242,71 @@ def test_a_restarted_navictrl_has_lost_its_list():
     bench.run(4.0)
     assert b"Navi-Ctrl" in b"".join(byte for _, byte in bench.raw)
     assert osd(bench).waypoint_count == 0
+
+
+def test_home_is_where_the_first_fix_was_and_then_where_the_motors_were_started():
+    bench = nc_bench()
+    shown = osd(bench)
+    assert (shown.home_longitude, shown.home_latitude, shown.home_altitude) == (*HOME, 12_000)
+    assert shown.home_status is PositionStatus.NEW
+    place(bench, north=500)
+    assert osd(bench).home_distance > 0, "standing still on the ground"
+    start(bench)
+    assert osd(bench).home_latitude == HOME[1] + 500
+    assert osd(nc_bench("2.14")).home_status is PositionStatus.INVALID
+
+
+def test_the_throttle_is_the_stick_with_the_compensation_of_the_voltage_taken_back():
+    bench = nc_bench()
+    start(bench)
+    bench.aircraft.sensors.battery_voltage = 16.4
+    bench.run(bench.board.now + 0.5)
+    core = bench.board.flight.core
+    assert core.reported_gas(bench.board.flight.live) == 74, "what the FlightCtrl hands over, at three cells"
+    assert osd(bench).throttle == pytest.approx(core.mixed.throttle + 127, abs=2)
+
+
+def test_a_point_withdrawn_is_not_counted_and_still_read_and_an_empty_place_has_no_heading():
+    bench = nc_bench()
+    for index in (1, 3):
+        write(bench, index, north=index)
+    write(bench, 1, what=PointType.INVALID, north=1)
+    assert bench.board.navigator.points.count == 1
+    withdrawn = bench.ask(encode_frame(2, "x", b"\x01"), bench.board.now + 0.01, 0.05)
+    point = Waypoint024.decode(withdrawn.frame.payload)
+    assert (point.count, point.type, point.latitude) == (1, PointType.INVALID, HOME[1] + 1)
+    write(bench, 5)
+    empty = bench.ask(encode_frame(2, "x", b"\x02"), bench.board.now + 0.01, 0.05)
+    point = Waypoint024.decode(empty.frame.payload)
+    assert (point.heading, point.type, point.status) == (361, PointType.INVALID, PositionStatus.INVALID)
+
+
+def test_the_operating_radius_is_that_of_the_flightctrls_set():
+    assert osd(nc_bench(fc="early")).operating_radius == 245
+    assert osd(nc_bench()).operating_radius == 100, "a set without one"
+
+
+def test_a_line_passed_through_hands_characters_over_by_the_fifo_both_ways():
+    bench = nc_bench(fc="early")
+    bench.send(encode_frame(2, "u", b"\x00"), 2.0)
+    bench.run(2.3)
+    asked = bench.send(encode_frame(1, "v", b""), 2.3)
+    (answer,) = [heard for heard in bench.run(2.5) if heard.frame.id == "V"]
+    board, direct = fc_bench("early"), []
+    for k in range(20):
+        at = board.send(encode_frame(1, "v", b""), 2.0 + 0.1 * k)
+        direct += [heard.last - at for heard in board.run(2.1 + 0.1 * k) if heard.frame.id == "V"]
+    assert 1.5e-3 < answer.last - asked - median(direct) < 5e-3, "time-outs of the last characters, both ways"
+
+
+def test_debug_data_count_gps_reports_and_compass_transfers_and_tell_the_deviation_in_centimetres():
+    bench = nc_bench()
+    start(bench)
+    switch_to(bench, 127)
+    place(bench, north=100)
+    bench.run(bench.board.now + 0.2)
+    answer = bench.ask(encode_frame(2, "d", b"\x64"), bench.board.now + 0.01, 0.05)
+    analog = DebugDataNc.decode(answer.frame.payload).analog
+    assert analog[9] == FIX.sequence
+    assert analog[15] == 2 * analog[13]
+    assert (analog[27], analog[28]) == (pytest.approx(111, abs=2), 0)

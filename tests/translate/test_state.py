@@ -299,10 +299,10 @@ def test_recorded_frames_make_a_consistent_aircraft():
     assert all(10 < battery.voltage < 20 for battery in found["state/battery"])
 
 
-def test_the_throttle_comes_with_the_voltage_that_is_in_it_and_a_fork_tells_its_stick():
-    osd = blank(OsdData5, throttle=108, battery=148, fc_flags=FlightStatus.MOTORS_RUNNING, rc_quality=190)
+def test_the_throttle_comes_with_the_voltage_that_is_in_it_and_a_navictrl_and_a_fork_tell_the_stick():
+    osd = blank(OsdData5, throttle=125, battery=148, fc_flags=FlightStatus.MOTORS_RUNNING, rc_quality=190)
     told = states(osd)["state/pilot"]
-    assert (told.throttle_in_use, told.compensated_at) == pytest.approx((-19.0, 14.8))
+    assert (told.throttle_in_use, told.compensated_at) == (-2.0, None)
     channels = [0] * 32
     channels[7], channels[9], channels[12] = 4 * 108, 148, 100
     told = states(blank(DebugDataFc, analog=tuple(channels)), "fc")["state/pilot"]

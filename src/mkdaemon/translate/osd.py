@@ -84,9 +84,8 @@ def from_osd(osd: OsdData4 | OsdData5, origin: Origin, receiver: ReceiverWatch) 
     if not is_fc_lost(osd.error_code):
         states.append(("state/battery", _battery(osd, origin)))
         gas = float(osd.throttle) if osd.fc_flags & FlightStatus.MOTORS_RUNNING else None
-        reported = pilot(
-            origin, float(osd.rc_quality), sticks=None, throttle=None, gas=gas, compensated_at=osd.si("battery")
-        )
+        # The NaviCtrl takes the compensation of the battery's voltage back: this is the stick (docs/firmware-notes).
+        reported = pilot(origin, float(osd.rc_quality), sticks=None, throttle=None, gas=gas)
         states.append(("state/pilot", reported))
         states.append(("state/altitude", Altitude(**origin._asdict(), above_start=osd.si("altimeter"))))
     if is_valid:

@@ -214,12 +214,12 @@ class FlightCore:
 
     def _chain(self, parameters: Parameters) -> GasChain:
         return GasChain(
-            reference=self._low_voltage(parameters),
+            reference=self.low_voltage(parameters),
             least=parameters["throttle_min"] + _IDLE_MARGIN,
             most=parameters["throttle_max"] - _MIXER_MARGIN,
         )
 
-    def _low_voltage(self, parameters: Parameters) -> float:
+    def low_voltage(self, parameters: Parameters) -> float:
         """Voltage of the low-battery warning, the reference of the compensation too [V]."""
         level = parameters["low_voltage_warning"]
         return 0.1 * (level * self.cells if level < _VOLTS_OF_PACK else level)
@@ -247,7 +247,7 @@ class FlightCore:
 
     def battery_is_low(self, parameters: Parameters) -> bool:
         """Whether the voltage is under the warning level."""
-        return self._aircraft.sensors.battery_voltage < self._low_voltage(parameters)
+        return self._aircraft.sensors.battery_voltage < self.low_voltage(parameters)
 
     def status(self, parameters: Parameters) -> FlightStatus:
         """FCStatusFlags; the pulses stay until `take_pulses`."""

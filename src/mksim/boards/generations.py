@@ -127,6 +127,7 @@ class NcGeneration:
         no_fix_error: error code without a GPS fix after there was one.
         reports_gps_ok: sets the flag GPS_OK.
         distance_wraps: distances are computed in whole centimetres of 16 bits.
+        home_at_first_fix: home is where the first fix was, until the motors are started.
     """
 
     word: NcWord
@@ -144,6 +145,7 @@ class NcGeneration:
     no_fix_error: ErrorCode
     reports_gps_ok: bool
     distance_wraps: bool
+    home_at_first_fix: bool
 
 
 _EARLY: Final = FcGeneration(
@@ -218,6 +220,7 @@ NC_GENERATIONS: Final[dict[NcWord, NcGeneration]] = {
             no_fix_error=ErrorCode.NO_GPS,
             reports_gps_ok=False,
             distance_wraps=True,
+            home_at_first_fix=True,
         ),
         NcGeneration(
             word="2.14",
@@ -235,6 +238,7 @@ NC_GENERATIONS: Final[dict[NcWord, NcGeneration]] = {
             no_fix_error=ErrorCode.GPS_LOST,
             reports_gps_ok=True,
             distance_wraps=False,
+            home_at_first_fix=False,
         ),
     )
 }

@@ -217,7 +217,8 @@ class NaviCtrl(NcBoard):
         """Run both boards to `to` [s]."""
         while True:
             arrival = self._line.next_at
-            timeout = self.rx.timeout_at
+            receiver = self.redirection if self.redirection.is_on else self.rx
+            timeout = receiver.timeout_at
             chosen = self._next_pass()
             first = min(arrival if arrival is not None else NEVER, timeout if timeout is not None else NEVER, chosen)
             if first > to:
@@ -226,7 +227,7 @@ class NaviCtrl(NcBoard):
                 for at, byte in self._line.take(arrival):
                     self._take(byte, at)
             elif first == timeout:
-                self.rx.settle(first)
+                receiver.settle(first)
             else:
                 self._pass(first)
         self.flight.advance(to)

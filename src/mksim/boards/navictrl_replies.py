@@ -194,7 +194,7 @@ def _home(board: NcBoard, head: _Head) -> WireMessage:
         **head,
         home_longitude=board.navigator.home[0],
         home_latitude=board.navigator.home[1],
-        home_altitude=0,
+        home_altitude=board.navigator.home_altitude,
         operating_radius=board.navigator.operating_radius,
         cell_count=board.flight.core.cells,
         descend_range=0,
@@ -235,7 +235,7 @@ def _waypoint(board: NcBoard, head: _Head) -> WireMessage:
 
 
 def _volatile(board: NcBoard, head: _Head) -> WireMessage:
-    core, sensors = board.flight.core, board.flight.aircraft.sensors
+    sensors = board.flight.aircraft.sensors
     east, north, up = board.navigator.fix.velocity_enu
     return OsdVolatile(
         **head,
@@ -245,7 +245,7 @@ def _volatile(board: NcBoard, head: _Head) -> WireMessage:
         variometer=bounded(up * 10.0, 8),
         course=round(math.degrees(math.atan2(east, north)) % 360.0 / 2.0) % 180,
         heading=round(sensors.compass_deg / 2.0) % 180,
-        throttle=core.reported_gas(board.flight.live),
+        throttle=_throttle(board),
         shutter_count=0,
         altitude_setpoint=head["altimeter"],
     )
@@ -362,8 +362,8 @@ def _debug(board: NcBoard, value: int) -> WireMessage:
     flight = board.flight
     sensors = flight.aircraft.sensors
     gps = board.navigator.fix
-    here = (gps.longitude_1e7, gps.latitude_1e7)
-    away, bearing = distance_and_bearing(board.navigator.home, here) if board.navigator.home != (0, 0) else (0.0, 0.0)
+    north, east = board.navigator.deviation
+    exchanges = int(board.now / _SPI_PERIOD)
     analog = [0] * 32
     analog[0] = bounded(math.degrees(sensors.fc_angle_pitch) * 10.0)
     analog[1] = bounded(-math.degrees(sensors.fc_angle_roll) * 10.0)
@@ -372,13 +372,15 @@ def _debug(board: NcBoard, value: int) -> WireMessage:
     analog[4] = board.navigator.operating_radius
     analog[5] = int(board.navigator.flight_status())
     analog[6] = int(board.navigator.flags())
+    analog[9] = gps.sequence & 0x7FFF
     analog[10] = round(sensors.compass_deg) % 360
     analog[11] = round(sensors.heading_deg) % 360
-    analog[13] = int(board.now / _SPI_PERIOD) & 0x7FFF
+    analog[13] = exchanges & 0x7FFF
+    analog[15] = 2 * exchanges & 0x7FFF
     analog[21] = bounded(gps.velocity_enu[1] * 100.0)
     analog[22] = bounded(gps.velocity_enu[0] * 100.0)
-    analog[27] = bounded(away * 10.0 * math.cos(math.radians(bearing)))
-    analog[28] = bounded(away * 10.0 * math.sin(math.radians(bearing)))
+    analog[27] = bounded(north * 100.0)
+    analog[28] = bounded(east * 100.0)
     analog[31] = gps.satellites
     green = BoardStatus.FC | BoardStatus.BL | BoardStatus.NC | BoardStatus.COMPASS
     return DebugDataNc(status_green=green, status_red=BoardStatus(0), analog=tuple(analog))
@@ -411,7 +413,7 @@ def _osd(board: NcBoard, value: int) -> WireMessage | None:
         target_bearing=round(to_target[1]),
         home_longitude=navigator.home[0],
         home_latitude=navigator.home[1],
-        home_altitude=0,
+        home_altitude=navigator.home_altitude,
         home_status=board.generation.fix_status if has_home else PositionStatus.INVALID,
         home_distance=navigator.decimetres(to_home[0]),
         home_bearing=round(to_home[1]),
@@ -436,10 +438,21 @@ def _osd(board: NcBoard, value: int) -> WireMessage | None:
         target_hold_time=round(navigator.points.hold_left(board.now)),
         fc_flags_2=navigator.flight_status_2(),
         altitude_setpoint=bounded(sensors.baro_height * 20.0),
-        throttle=core.reported_gas(flight.live),
+        throttle=_throttle(board),
         current=max(0, min(0xFFFF, round(sensors.battery_current * 10.0))),
         used_capacity=max(0, min(0xFFFF, round(sensors.battery_used_mah))),
     )
+
+
+def _throttle(board: NcBoard) -> int:
+    """The FlightCtrl's throttle with its compensation of the battery's voltage taken back, in whole tenths of a volt.
+
+    Source: docs/lab/genuine-navictrl.md.
+    """
+    flight = board.flight
+    voltage = round(flight.aircraft.sensors.battery_voltage * 10.0)
+    reference = round(flight.core.low_voltage(flight.live) * 10.0)
+    return voltage * flight.core.reported_gas(flight.live) // reference & 0xFF if reference else 0
 
 
 def _battery_field(board: NcBoard) -> int:

@@ -16,7 +16,7 @@ from mksim.boards.flightctrl import FlightCtrl
 from mksim.boards.generations import NcGeneration
 from mksim.boards.line import HOST_CHAR, BoardPort, Outbound
 from mksim.boards.navigator import Navigator
-from mksim.boards.reception import NcReceiver
+from mksim.boards.reception import HardwareFifo, NcReceiver
 
 ESCAPE: Final = b"\x1b\x1b\x55\xaa\x00"
 TO_FLIGHTCTRL: Final = 0
@@ -47,7 +47,13 @@ class Redirection:
         self._out = out
         self._matched = 0
         self._tail = b""
+        self._begin()
         self.target: int | None = None
+
+    def _begin(self) -> None:
+        """Both ways pass through a FIFO and a UART's transmitter."""
+        self._out_fifo, self._back_fifo = HardwareFifo(), HardwareFifo()
+        self._free_at = 0.0
 
     @property
     def is_on(self) -> bool:
@@ -59,6 +65,7 @@ class Redirection:
         self._tail = self._out.cut(now)
         self._matched = 0
         self._flight.poll()
+        self._begin()
         self.target = target
         self._out.send(_TEXT[target], now)
 
@@ -66,8 +73,7 @@ class Redirection:
         """Pass one character on; return whether the escape sequence is complete."""
         # a mismatch starts over without looking back: three ESC in a row break the match, as on the board
         self._matched = self._matched + 1 if byte == ESCAPE[self._matched] else 0
-        if self.target == TO_FLIGHTCTRL:
-            self._flight.receive_byte(byte, at + HOST_CHAR)
+        self._pass_on(self._out_fifo.take(at, byte))
         if self._matched < len(ESCAPE):
             return False
         self.carry(at)
@@ -76,11 +82,31 @@ class Redirection:
         self._out.send(self._tail, at)
         return True
 
+    @property
+    def timeout_at(self) -> float | None:
+        """When what came from the host last is passed on although too little followed [s]."""
+        return self._out_fifo.timeout_at if self.is_on else None
+
+    def settle(self, now: float) -> None:
+        """Let that time-out act."""
+        self._pass_on(self._out_fifo.settle(now))
+
+    def _pass_on(self, handed: list[tuple[float, int]]) -> None:
+        for at, byte in handed if self.target == TO_FLIGHTCTRL else ():
+            self._free_at = max(self._free_at, at) + HOST_CHAR
+            self._flight.receive_byte(byte, self._free_at)
+
     def carry(self, until: float) -> None:
         """Bring what the FlightCtrl said to the host, or throw it away."""
         for at, data in self._flight.poll():
             if self.target == TO_FLIGHTCTRL and at <= until:
-                self._out.send(data, at)
+                for byte in data:
+                    self._send_back(self._back_fifo.take(at, byte))
+        self._send_back(self._back_fifo.settle(until))
+
+    def _send_back(self, handed: list[tuple[float, int]]) -> None:
+        for at, byte in handed:
+            self._out.send(bytes((byte,)), at)
 
 
 LOOP: Final = 0.1e-3

@@ -29,6 +29,8 @@ _STICKS_CENTRED: Final = 8
 _MODE_HOLD: Final = 50
 _MODE_HOME: Final = 180
 _FIRST_POTI_CHANNEL: Final = 5
+_USUAL_RADIUS: Final = 100
+"""Around home where the FlightCtrl's set has another limit [m]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,9 +47,10 @@ class Navigator:
     Attributes:
         flight: the FlightCtrl behind it.
         points: the waypoint list.
-        home: longitude, latitude [1e-7 deg] where the motors were started.
+        home: longitude, latitude [1e-7 deg] where the motors were started, or the first fix was.
+        home_altitude: by GPS there [mm].
         target: where it flies to in the mode coming home; stays when that ends, also when the list is cleared.
-        operating_radius: around home [m].
+        deviation: north and east of where it was to be when it last held or flew to a place [m].
         camera_servos_on: the timer of the camera servos runs.
         is_overridden: the pilot moves pitch or roll.
     """
@@ -58,8 +61,9 @@ class Navigator:
         self._generation = generation
         self.points = PointList(generation.list_size, ends_at_home=generation.ends_at_home)
         self.home = (0, 0)
+        self.home_altitude = 0
         self.target: Target | None = None
-        self.operating_radius = 100
+        self.deviation = (0.0, 0.0)
         self.camera_servos_on = True
         self.is_overridden = False
         self._held: tuple[int, int] | None = None
@@ -102,8 +106,10 @@ class Navigator:
         flight, core, place = self.flight, self.flight.core, self._place
         flight.forced_heading = None
         if core.running and not self._was_running:
-            self.home = place
+            self._set_home(place)
             self._flew = 0.0
+        elif self._generation.home_at_first_fix and self.fix.has_fix and self.home == (0, 0):
+            self._set_home(place)
         self._was_running = core.running
         if core.flying:
             self._flew += CONTROL_PERIOD
@@ -117,6 +123,9 @@ class Navigator:
         self._steer(place)
         self._fc_flags, self._fc_flags_2 = core.status(flight.live), core.status_2()
         core.take_pulses()
+
+    def _set_home(self, place: tuple[int, int]) -> None:
+        self.home, self.home_altitude = place, round(self.fix.altitude * 1000.0)
 
     def _enter_mode(self, mode: NaviStatus) -> None:
         """The pilot's switch: what becomes of the route."""
@@ -144,6 +153,7 @@ class Navigator:
         wanted = self.target.place if is_coming and self.target is not None else self._held
         away, bearing = distance_and_bearing(place, wanted)
         toward = math.radians(bearing)
+        self.deviation = (-away * math.cos(toward), -away * math.sin(toward))
         self.flight.aircraft.steer(None if self.is_overridden else (away * math.sin(toward), away * math.cos(toward)))
 
     def _aim(self) -> None:
@@ -152,7 +162,7 @@ class Navigator:
         if point is not None:
             self.target = Target((point.longitude, point.latitude), point.altitude)
         elif self.home != (0, 0):
-            self.target = Target(self.home, 0)
+            self.target = Target(self.home, self.home_altitude)
 
     @property
     def _place(self) -> tuple[int, int]:
@@ -181,6 +191,13 @@ class Navigator:
         if value > _MODE_HOME:
             return NaviStatus.COMING_HOME
         return NaviStatus.POSITION_HOLD if value > _MODE_HOLD else NaviStatus.FREE
+
+    @property
+    def operating_radius(self) -> int:
+        """Around home, by the FlightCtrl's set [m]."""
+        live = self.flight.live
+        has_it = "gps_operating_radius" in live
+        return live.evaluate("gps_operating_radius", self.flight.core.potis) if has_it else _USUAL_RADIUS
 
     def start_route(self) -> None:
         """`s`, and a list written while it is flown, restart the route; `s` flies it where the switch asks for it."""

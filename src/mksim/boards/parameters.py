@@ -55,6 +55,9 @@ _BOUNDS: Final = {
 _ABSENT: Final = {"gyro_stability": 6}
 """Values an older firmware has built in; others it lacks are 0."""
 
+_NEVER_MEASURED: Final = {"gps_operating_radius": 245}
+"""Parameters that the measured revision has not; FlightCtrl 0.84a."""
+
 
 @cache
 def _layout(revision: int) -> Layout:
@@ -80,8 +83,8 @@ def factory_set(revision: int, number: int) -> bytes:
         if known is not None:
             length = min(place.length, known.length)
             raw[place.offset : place.offset + length] = _EASY[known.offset : known.offset + length]
-        if key in changes:
-            raw[place.offset] = changes[key]
+        if key in changes or key in _NEVER_MEASURED:
+            raw[place.offset] = changes.get(key, _NEVER_MEASURED.get(key, 0))
     place = layout.places["name"]
     raw[place.offset : place.offset + place.length] = name.encode("latin-1").ljust(place.length, b"\0")
     raw[0] = revision

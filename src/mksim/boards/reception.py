@@ -123,6 +123,40 @@ class FcReceiver:
         self.has_frame = False
 
 
+class HardwareFifo:
+    """Characters of a NaviCtrl's UART, handed over when there are enough of them, or none follows for a while."""
+
+    __slots__ = ("_held", "_last_at")
+
+    def __init__(self) -> None:
+        self._held: list[int] = []
+        self._last_at = 0.0
+
+    def take(self, at: float, byte: int) -> list[tuple[float, int]]:
+        """Take a character; those handed over until then, each with the time of that [s]."""
+        handed = self.settle(at)
+        self._held.append(byte)
+        self._last_at = at
+        if len(self._held) < NC_FIFO_LEVEL:
+            return handed
+        return handed + self._hand_over(at)
+
+    @property
+    def timeout_at(self) -> float | None:
+        """When its time-out will hand over what it holds [s]; None while it is empty."""
+        return self._last_at + NC_FIFO_TIMEOUT if self._held else None
+
+    def settle(self, now: float) -> list[tuple[float, int]]:
+        """Let the time-out act up to `now` [s]; what it hands over."""
+        at = self.timeout_at
+        return [] if at is None or at > now else self._hand_over(at)
+
+    def _hand_over(self, at: float) -> list[tuple[float, int]]:
+        handed = [(at, byte) for byte in self._held]
+        self._held.clear()
+        return handed
+
+
 class NcReceiver:
     """The NaviCtrl's FIFO, ring and frame collector.
 
@@ -132,42 +166,37 @@ class NcReceiver:
         handed_at: when the FIFO last gave characters to the ring [s].
     """
 
-    __slots__ = ("_at", "_fifo", "_last_at", "_ring", "buffer", "handed_at", "has_frame", "overflowed")
+    __slots__ = ("_at", "_fifo", "_ring", "buffer", "handed_at", "has_frame", "overflowed")
 
     def __init__(self) -> None:
         self.buffer = FrameBuffer(NC_BUFFER)
         self.has_frame = False
         self.overflowed = 0
         self.handed_at = 0.0
-        self._fifo: list[int] = []
-        self._last_at = 0.0
+        self._fifo = HardwareFifo()
         self._ring: deque[int] = deque()
         self._at = 0
 
     def take(self, at: float, byte: int) -> None:
         """Take one character from the line; hand the FIFO over when it reaches its level."""
-        self.settle(at)
-        self._fifo.append(byte)
-        self._last_at = at
-        if len(self._fifo) >= NC_FIFO_LEVEL:
-            self._hand_over(at)
+        self._keep(self._fifo.take(at, byte))
 
     @property
     def timeout_at(self) -> float | None:
         """When the FIFO's time-out will hand over what it holds [s]; None while it is empty."""
-        return self._last_at + NC_FIFO_TIMEOUT if self._fifo else None
+        return self._fifo.timeout_at
 
     def settle(self, now: float) -> None:
         """Let the FIFO's time-out act up to `now`."""
-        if self._fifo and self._last_at + NC_FIFO_TIMEOUT <= now:
-            self._hand_over(self._last_at + NC_FIFO_TIMEOUT)
+        self._keep(self._fifo.settle(now))
 
-    def _hand_over(self, at: float) -> None:
-        self.handed_at = at
-        room = NC_RING - len(self._ring)
-        self._ring.extend(self._fifo[:room])
-        self.overflowed += max(0, len(self._fifo) - room)
-        self._fifo.clear()
+    def _keep(self, handed: list[tuple[float, int]]) -> None:
+        for at, byte in handed:
+            self.handed_at = at
+            if len(self._ring) < NC_RING:
+                self._ring.append(byte)
+            else:
+                self.overflowed += 1
 
     @property
     def has_work(self) -> bool:

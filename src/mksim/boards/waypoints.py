@@ -13,6 +13,14 @@ from mkdaemon.protocol.messages import WriteWaypoint024
 
 POINT_SIZE: Final = 30
 _EARTH_RADIUS: Final = 6_371_000.0
+_NO_WAYPOINTS: Final = (PointType.POINT_OF_INTEREST, PointType.INVALID)
+_NO_HEADING: Final = 361
+_EMPTY: Final = (
+    WriteWaypoint024.decode(bytes(POINT_SIZE))
+    .model_copy(update={"heading": _NO_HEADING, "type": PointType.INVALID})
+    .encode()
+)
+"""A place of the list that nothing was written to since it was cleared."""
 
 
 def distance_and_bearing(origin: tuple[int, int], place: tuple[int, int]) -> tuple[float, float]:
@@ -43,13 +51,13 @@ class PointList:
 
     @property
     def count(self) -> int:
-        """Points stored, POIs included."""
-        return len(self._points)
+        """Points stored, POIs included; a place withdrawn with the type INVALID keeps what was written there."""
+        return sum(self._type(raw) is not PointType.INVALID for raw in self._points.values())
 
     @property
     def waypoints(self) -> int:
         """Points stored, POIs not included."""
-        return sum(self._type(raw) is not PointType.POINT_OF_INTEREST for raw in self._points.values())
+        return sum(self._type(raw) not in _NO_WAYPOINTS for raw in self._points.values())
 
     @staticmethod
     def _type(raw: bytes) -> PointType:
@@ -63,10 +71,7 @@ class PointList:
             return 0
         if not 1 <= point.index <= self._size:
             return 0
-        if point.type is PointType.INVALID:
-            self._points.pop(point.index, None)
-        else:
-            self._points[point.index] = raw
+        self._points[point.index] = raw
         return point.index
 
     def clear(self) -> None:
@@ -80,7 +85,7 @@ class PointList:
             return None
         if index > self.count:
             return bytes([self.count])
-        raw = self._points.get(index, bytes(POINT_SIZE))
+        raw = self._points.get(index, _EMPTY)
         return bytes([self.count, index]) + raw
 
     def activate(self) -> None:
@@ -106,9 +111,7 @@ class PointList:
 
     def _next_after(self, index: int) -> int:
         later = sorted(
-            number
-            for number, raw in self._points.items()
-            if number > index and self._type(raw) is not PointType.POINT_OF_INTEREST
+            number for number, raw in self._points.items() if number > index and self._type(raw) not in _NO_WAYPOINTS
         )
         return later[0] if later else 0
 

@@ -1,0 +1,186 @@
+"""`python -m lab hil --case navictrl`: a genuine NaviCtrl and the simulator's, side by side; what differs, and why.
+
+Four pieces of work, each in a process of its own: the script of bytes and the daemon's own code, on either board.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import multiprocessing
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from typing import Any, Final, Protocol
+
+from rich.table import Table
+
+from lab.hil.naviaircraft import NaviAircraft
+from lab.hil.navibuild import built_navictrl
+from lab.hil.navidaemon import DaemonAtNavi, Step
+from lab.hil.naviscript import FLIGHT, GROUND, LAST, Heard, Item, differences, listen
+from lab.hil.quiet import be_quiet
+from mkdaemon.cli.console import Console
+from mkdaemon.virtualtime import run_virtually
+from mksim.boards.flightctrl import FlightCtrl
+from mksim.config import GasLaw, PilotPlan, SimConfig
+from mksim.physics.hand_flight import HandFlight
+from mksim.physics.world import World
+from mksim.programs.virtualports import Aircraft
+from mksim.simulation import Simulation
+
+BOOTED: Final = 8.0
+"""Genuine boards need so long to start [s]; the simulator's wait as long."""
+HOVERING: Final = 15.0
+"""From the pilot's start to a steady hover [s]."""
+STEP: Final = 0.01
+KNOWN: Final[Mapping[str, str]] = {
+    "nD.analog[4]": "the fork's own GPS code leaves the channel OperatingRadius alone",
+    "text '\\n Timer2 deinit...": "the simulator's GPS receiver has no UART: nothing comes through to the host",
+}
+"""Beginnings of differences that are no fault, and why."""
+CLOSE: Final = 0.06
+"""Times of the daemon's steps may differ so much [s], or by a quarter: the boards' clocks are not in phase."""
+
+
+class Boards(Aircraft, Protocol):
+    """What both kinds of aircraft have."""
+
+    @property
+    def world(self) -> World:
+        """What flies."""
+
+    @property
+    def flight(self) -> FlightCtrl:
+        """The simulated FlightCtrl."""
+
+
+def show(seed: int, jobs: int, *, as_json: bool) -> int:
+    """Compare, and show what differs; exit code 1 where something differs that is not known.
+
+    Args:
+        seed: of everything random.
+        jobs: processes.
+        as_json: print JSON, one object a line, in place of tables.
+
+    Raises:
+        ConfigError: no NaviCtrl is built.
+    """
+    release = built_navictrl().release
+    work = [(kind, is_genuine, seed) for kind in ("bytes", "daemon") for is_genuine in (True, False)]
+    with ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn"), max_tasks_per_child=1) as pool:
+        genuine, simulated, steps, simulated_steps = pool.map(_do, work)
+    rows = [(item, list(differences(item, *pair))) for item, *pair in zip(SCRIPT, genuine, simulated, strict=True)]
+    pairs = list(zip(steps, simulated_steps, strict=False))
+    right = all(not unknown(found) for _, found in rows) and len(steps) == len(simulated_steps)
+    right &= all(agree(*pair) for pair in pairs)
+    if as_json:
+        _print_json(release, rows, pairs)
+    else:
+        _print_tables(release, rows, pairs)
+    return 0 if right else 1
+
+
+SCRIPT: Final = (*GROUND, *FLIGHT, *LAST)
+"""Everything the host does."""
+
+
+def unknown(found: Sequence[str]) -> list[str]:
+    """Differences that are not known."""
+    return [words for words in found if not any(words.startswith(known) for known in KNOWN)]
+
+
+def agree(genuine: Step, simulated: Step) -> bool:
+    """Whether a step of the daemon ended alike, and took about as long."""
+    if (genuine.name, genuine.ended) != (simulated.name, simulated.ended):
+        return False
+    if genuine.figure is None or simulated.figure is None:
+        return genuine.figure == simulated.figure
+    return abs(genuine.figure - simulated.figure) <= max(CLOSE, 0.25 * abs(genuine.figure))
+
+
+def _do(work: tuple[str, bool, int]) -> list[Any]:
+    be_quiet()
+    kind, is_genuine, seed = work
+    config = SimConfig(seed=seed, pilot_plan=PilotPlan.NOTHING, fc="early", gas_law=GasLaw.FORK)
+
+    def boards() -> Boards:
+        return NaviAircraft(built_navictrl(), config) if is_genuine else Simulation(config)
+
+    return _listen(boards()) if kind == "bytes" else run_virtually(_run_daemon(boards))
+
+
+def _listen(boards: Boards) -> list[Heard]:
+    """What the boards say to the script."""
+    heard: list[Heard] = []
+
+    def held() -> str:
+        return str(boards.flight.external.held)
+
+    def wait(seconds: float) -> None:
+        until = boards.now + seconds
+        while boards.now < until:
+            boards.advance(boards.now + STEP)
+
+    def say(items: Sequence[Item]) -> None:
+        heard.extend(listen(boards, item, boards.world, held) for item in items)
+
+    wait(BOOTED)
+    say(GROUND)
+    boards.world.pilot.program = HandFlight()
+    wait(HOVERING)
+    say(FLIGHT)
+    say(LAST)
+    return heard
+
+
+async def _run_daemon(make: Callable[[], Boards]) -> list[Step]:
+    boards = make()
+    await asyncio.sleep(BOOTED)
+    boards.advance(BOOTED)
+    external = boards.flight.external
+
+    def held() -> tuple[int, int, int, int, bool]:
+        now = external.held
+        return now.pitch, now.roll, now.yaw, now.throttle, external.is_valid
+
+    return await DaemonAtNavi(boards, held).run()
+
+
+# -- what is shown ----------------------------------------------------------------------------------------------------
+
+
+def _print_json(release: str, rows: Sequence[tuple[Item, list[str]]], pairs: Sequence[tuple[Step, Step]]) -> None:
+    for item, found in rows:
+        print(json.dumps({"release": release, "item": item.name, "differs": found, "unknown": unknown(found)}))
+    for genuine, simulated in pairs:
+        print(
+            json.dumps(
+                {
+                    "release": release,
+                    "step": genuine.name,
+                    "genuine": [genuine.ended, genuine.figure],
+                    "simulated": [simulated.ended, simulated.figure],
+                    "agree": agree(genuine, simulated),
+                }
+            )
+        )
+
+
+def _print_tables(release: str, rows: Sequence[tuple[Item, list[str]]], pairs: Sequence[tuple[Step, Step]]) -> None:
+    table = Table("the host does", "what differs", "why", title=f"NaviCtrl {release}, genuine and simulated")
+    for item, found in rows:
+        for words in found:
+            why = next((why for known, why in KNOWN.items() if words.startswith(known)), "NOT KNOWN")
+            table.add_row(item.name, words[:120], why)
+    Console().print(table)
+    alike = sum(not found for _, found in rows)
+    print(f"{alike} of {len(rows)} items are answered alike")
+    steps = Table("the daemon", "genuine", "simulated", "agree", title="the daemon's own code on both")
+    for genuine, simulated in pairs:
+        alike_words = "yes" if agree(genuine, simulated) else "NO"
+        steps.add_row(genuine.name, _shown(genuine), _shown(simulated), alike_words)
+    Console().print(steps)
+
+
+def _shown(step: Step) -> str:
+    return step.ended if step.figure is None else f"{step.ended} ({step.figure:.3g})"

@@ -1,0 +1,132 @@
+"""`python -m lab hil --case pair`: a genuine FlightCtrl behind a genuine NaviCtrl, the daemon in front of both."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import math
+import sys
+from collections.abc import Mapping, Sequence
+from statistics import median
+from typing import Any, Final
+
+from rich.table import Table
+
+from lab.hil.build import built
+from lab.hil.navibuild import built_navictrl
+from lab.hil.navidaemon import DaemonAtNavi, Step
+from lab.hil.navipair import NaviPair
+from lab.hil.quiet import be_quiet
+from mkdaemon.cli.console import Console
+from mkdaemon.virtualtime import run_virtually
+from mksim.config import FlightConfig, PilotPlan, SimConfig, WindClass
+from mksim.physics.truth import Truth
+
+BOOTED: Final = 10.0
+"""Both boards need so long to find each other, compass and GPS receiver [s]."""
+LOOK: Final = 2.0
+SAMPLE: Final = 0.05
+VOLTAGE: Final = 15.6
+
+
+class PairDaemon(DaemonAtNavi):
+    """A daemon at a genuine pair, whose telemetry is compared with what is true."""
+
+    def _note(self, name: str, ended: str, figure: float | None = None) -> None:
+        super()._note(name, ended, figure)
+        print(f"{self.loop.time():.1f} s: {name}: {ended} {figure}", file=sys.stderr, flush=True)
+
+    async def _ask(self) -> None:
+        """Nothing: `--case navictrl` does that."""
+
+    async def _store(self) -> None:
+        """Nothing: `--case navictrl` does that."""
+
+    async def _hover(self) -> None:
+        await super()._hover()
+        world, errors = self.aircraft.world, dict[str, list[float]]()
+        for _ in range(round(LOOK / SAMPLE)):
+            await asyncio.sleep(SAMPLE)
+            for name, value in errors_of(self.bus.values, world.truth, world.pilot.gas).items():
+                errors.setdefault(name, []).append(value)
+        for name, found in errors.items():
+            self._note(f"{name}, off by", "told", median(found))
+        truth = world.truth
+        flies = not truth.on_ground and not truth.crashed
+        self._note("flies at [m]", "yes" if flies else "no", float(truth.position_enu[2]))
+
+
+def errors_of(values: Mapping[str, Any], truth: Truth, throttle: int) -> dict[str, float]:
+    """How far telemetry is off the truth.
+
+    Args:
+        values: newest of every key.
+        truth: of the aircraft.
+        throttle: the pilot's [stick].
+    """
+    found = {}
+    attitude, pilot, height, place = (
+        values.get(f"state/{key}") for key in ("attitude", "pilot", "altitude", "position")
+    )
+    if attitude is not None:
+        off = max(abs(attitude.pitch - truth.pitch), abs(attitude.roll - truth.roll))
+        found["pitch and roll [deg]"] = math.degrees(off)
+        found["heading [deg]"] = abs(math.degrees(math.remainder(attitude.yaw - truth.yaw, math.tau)))
+    if pilot is not None and pilot.throttle_in_use is not None:
+        found["throttle [count]"] = abs(pilot.throttle_in_use - throttle)
+    if height is not None:
+        found["height by the barometer [m]"] = abs(height.above_start - float(truth.position_enu[2]))
+    if place is not None and place.position_enu is not None:
+        east, north = (
+            float(here - there) for here, there in zip(place.position_enu[:2], truth.position_enu, strict=False)
+        )
+        found["place by GPS [m]"] = math.hypot(east, north)
+    return found
+
+
+def measure(flight: str, seed: int) -> tuple[str, list[Step]]:
+    """Let the daemon do everything at a pair; the NaviCtrl's release, and what became of each step.
+
+    Args:
+        flight: name of a FlightCtrl that was built.
+        seed: of everything random.
+
+    Raises:
+        ConfigError: something is not built.
+    """
+    be_quiet()
+    navi = built_navictrl()
+    wind = FlightConfig(wind=WindClass.INDOOR)
+    config = SimConfig(seed=seed, pilot_plan=PilotPlan.NOTHING, flight=wind)
+
+    async def run() -> list[Step]:
+        pair = NaviPair(built(flight), navi, config, voltage=VOLTAGE)
+        await asyncio.sleep(BOOTED)
+        pair.advance(BOOTED)
+        return await PairDaemon(pair, lambda: pair.world.held).run()
+
+    return navi.release, run_virtually(run())
+
+
+def show(flight: str, seed: int, *, as_json: bool) -> int:
+    """Measure a pair, and show it; exit code 1 where sticks do not reach the FlightCtrl.
+
+    Args:
+        flight: name of a FlightCtrl that was built.
+        seed: of everything random.
+        as_json: print JSON in place of a table.
+    """
+    release, steps = measure(flight, seed)
+    if as_json:
+        print(json.dumps(row_of(flight, release, steps)))
+    else:
+        table = Table("step", "ended", "figure", title=f"{flight} behind NaviCtrl {release}")
+        for step in steps:
+            table.add_row(step.name, step.ended, "" if step.figure is None else f"{step.figure:.3g}")
+        Console().print(table)
+    return 0 if any(step.name == "sticks reach the FlightCtrl" and step.ended == "yes" for step in steps) else 1
+
+
+def row_of(flight: str, release: str, steps: Sequence[Step]) -> dict[str, Any]:
+    """A pair's row as JSON has it."""
+    return {"flight": flight, "navi": release, "steps": {step.name: [step.ended, step.figure] for step in steps}}

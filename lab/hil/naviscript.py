@@ -1,0 +1,313 @@
+"""The bytes that a genuine and a simulated NaviCtrl get, and what each makes of them.
+
+One script, the same characters at the same times to both; behind both flies the simulator's FlightCtrl, in the same
+world. What they say is compared item by item: which replies, how many, how soon, and every field.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import Final
+
+from mkdaemon.protocol.decoder import MessageDecoder, Unknown
+from mkdaemon.protocol.flags import PositionStatus
+from mkdaemon.protocol.framing import Frame, FrameDecoder, encode_frame
+from mkdaemon.protocol.messages import WriteWaypoint024
+from mksim.physics.pilot import GPS_SWITCH, GPS_SWITCH_VALUES
+from mksim.physics.world import World
+from mksim.programs.virtualports import Aircraft
+
+STEP: Final = 1e-3
+"""[s]."""
+FC, NC, ANY = 1, 2, 0
+ESCAPE: Final = b"\x1b\x1b\x55\xaa\x00"
+PLACE: Final = (89_000_000, 489_000_000)
+
+
+@dataclass(frozen=True, slots=True)
+class Item:
+    """Something the host does, and how long it listens.
+
+    Attributes:
+        name: of it.
+        sent: bytes, each with the time from the beginning [s].
+        lasts: how long it listens [s].
+        pilot: what the pilot does first.
+    """
+
+    name: str
+    sent: tuple[tuple[float, bytes], ...]
+    lasts: float = 0.5
+    pilot: Callable[[World], None] = lambda world: None
+
+
+@dataclass(slots=True)
+class Heard:
+    """What a board said.
+
+    Attributes:
+        frames: with the times their last characters arrived, from the beginning of the item [s].
+        text: outside frames.
+        held: external control as the FlightCtrl behind holds it at the end.
+    """
+
+    frames: list[tuple[float, Frame]] = field(default_factory=list)
+    text: bytes = b""
+    held: str = ""
+
+    @property
+    def letters(self) -> Counter[str]:
+        """How many frames of each kind."""
+        return Counter(f"{'.fnm'[frame.address]}{frame.id}" for _, frame in self.frames)
+
+
+def frame(letter: str, payload: Sequence[int] | bytes = b"", board: int = NC) -> bytes:
+    """A frame with its payload."""
+    return encode_frame(board, letter, bytes(payload))
+
+
+def _one(name: str, letter: str, payload: Sequence[int] = (), lasts: float = 0.5, board: int = NC) -> Item:
+    return Item(name, ((0.0, frame(letter, payload, board)),), lasts)
+
+
+def point(index: int, *, kind: int = 0, status: int = 1, north: int = 0) -> bytes:
+    """A waypoint's payload, `north` metres north of home."""
+    longitude, latitude = PLACE
+    made = WriteWaypoint024.decode(bytes(30)).model_copy(
+        update={
+            "longitude": longitude,
+            "latitude": latitude + north * 90,
+            "status": PositionStatus(status),
+            "index": index,
+            "type": kind,
+            "tolerance_radius": 5,
+            "hold_time": 2,
+        }
+    )
+    return made.encode()
+
+
+def _once(name: str, letter: str, pilot: Callable[[World], None] = lambda world: None) -> Item:
+    """One frame of a stream, half a second after what the pilot does."""
+    return Item(name, ((0.5, frame(letter, (100,))), (0.7, frame(letter, (0,)))), 1.0, pilot)
+
+
+def _write(name: str, *points: bytes, lasts: float = 0.5) -> Item:
+    return Item(name, tuple((0.1 * k, frame("w", raw)) for k, raw in enumerate(points)), 0.1 * len(points) + lasts)
+
+
+def _switch(mode: str) -> Callable[[World], None]:
+    def turn(world: World) -> None:
+        world.pilot.switches[GPS_SWITCH] = GPS_SWITCH_VALUES[mode]
+
+    return turn
+
+
+def _control(number: int) -> bytes:
+    return frame("b", (10, 0xF6, 5, 0x9C, number, 1, 0), board=FC)
+
+
+GROUND: Final = (
+    _one("version", "v"),
+    _one("version, any board", "v", board=ANY),
+    _one("version of the FlightCtrl", "v", board=FC),
+    _one("error text", "e"),
+    _one("label 0", "a", (0,)),
+    _one("label 31", "a", (31,)),
+    _one("label 40", "a", (40,)),
+    _one("OSD data every 100 ms, to the time-out", "o", (10,), 5.0),
+    _one("debug data every 100 ms, to the time-out", "d", (10,), 5.0),
+    _one("3D data every 50 ms, to the time-out", "c", (5,), 5.0),
+    _one("OSD data, interval 0", "o", (0,)),
+    Item(
+        "three streams, begun and ended",
+        tuple((at, frame(x, (n,))) for at, n in ((0.0, 10), (1.9, 0)) for x in "odc"),
+        2.3,
+    ),
+    Item("version on a saturated line", ((0.0, frame("o", (1,))), (0.05, frame("v"))), 5.0),
+    _one("display, page 0", "h", (0xFF, 0)),
+    _one("display, next page", "h", (0xFD, 0)),
+    _one("display, page before", "h", (0xFE, 0)),
+    _one("display every 200 ms", "h", (0xFF, 20), 1.0),
+    _one("display in the obsolete format", "h", (0x7F, 0)),
+    _one("menu page 3", "l", (3,)),
+    _one("menu page 99", "l", (99,)),
+    Item("echo, 20 times", tuple((0.05 * k, frame("z", (k, 7))) for k in range(20)), 1.2),
+    Item("two echoes at once", ((0.0, frame("z", (1, 2)) + frame("z", (3, 4))),)),
+    _one("parameter 4, ask", "j", (0, 4, 0, 0)),
+    _one("parameter 4, set", "j", (1, 4, 200, 1)),
+    _one("parameter 4, ask again", "j", (0, 4, 0, 0)),
+    _one("point 1, empty list", "x", (1,)),
+    _write("clear", point(0, status=0)),
+    _write("three points", point(1, north=10), point(2, north=20), point(3, north=30)),
+    _one("point 2", "x", (2,)),
+    _one("point 4 of 3", "x", (4,)),
+    _one("point 0", "x", (0,)),
+    _write("a point of interest", point(4, kind=1, north=5)),
+    _once("OSD data with points", "o"),
+    _write("a point out of the list", point(32)),
+    _write("point 2 withdrawn", point(2, kind=255)),
+    _one("point 2, withdrawn", "x", (2,)),
+    _one("point 3, behind it", "x", (3,)),
+    _one("target on the ground", "s", point(1, north=15)),
+    _write("clear again", point(0, status=0)),
+    Item("an unknown letter", ((0.0, frame("?")), (0.1, frame("v"))), 0.4),
+    Item("a wrong sum", ((0.0, b"#cv==?\r"), (0.1, frame("v"))), 0.4),
+    Item("a frame cut short", ((0.0, b"#co"), (0.1, frame("v"))), 0.4),
+    Item("a frame too long", ((0.0, b"#c" + b"=" * 200 + b"\r"), (0.3, frame("v"))), 0.6),
+    Item("external control, 20 Hz", tuple((0.05 * k, _control(k + 1)) for k in range(40)), 2.1),
+    Item("external control, 100 Hz", tuple((0.01 * k, _control(k + 1)) for k in range(100)), 1.1),
+    Item("serial channels", ((0.0, frame("y", range(12), board=FC)),)),
+    Item(
+        "passed to the FlightCtrl and back", ((0.0, frame("u", (0,))), (0.3, frame("v", board=FC)), (0.6, ESCAPE)), 1.0
+    ),
+    Item("passed to the compass and back", ((0.0, frame("u", (1,))), (0.3, frame("v", board=ANY)), (0.6, ESCAPE)), 1.0),
+    Item("passed to the GPS and back", ((0.0, frame("u", (2,))), (0.6, ESCAPE)), 1.0),
+    Item(
+        "passed on while a stream runs",
+        ((0.0, frame("o", (10,))), (0.52, frame("u", (0,))), (0.8, ESCAPE), (1.0, frame("o", (0,)))),
+        1.5,
+    ),
+    Item("three escapes, and the sequence", ((0.0, frame("u", (0,))), (0.3, b"\x1b" + ESCAPE), (0.6, ESCAPE)), 1.0),
+    _one("version after it", "v"),
+    Item("only echoes for 9 s", tuple((0.5 * k, frame("z", (k, 1))) for k in range(18)), 9.2),
+    Item("flags after it", ((0.0, frame("o", (100,))), (0.2, frame("o", (0,)))), 1.3),
+    _once("flags a second later", "o"),
+)
+"""With the motors at rest."""
+FLIGHT: Final = (
+    _once("OSD data in flight", "o"),
+    _once("debug data in flight", "d"),
+    _once("3D data in flight", "c"),
+    _one("passed to the compass in flight", "u", (1,)),
+    _write("a point in flight", point(1, north=10)),
+    _once("OSD data with it", "o"),
+    _once("switch to coming home", "o", _switch("home")),
+    _once("switch to hold", "o", _switch("hold")),
+    _write("clear in flight", point(0, status=0)),
+    _once("switch to coming home, no list", "o", _switch("home")),
+    _once("switch to free", "o", _switch("free")),
+    _one("target in flight", "s", point(1, north=10)),
+    _once("OSD data with a target", "o"),
+)
+"""Hovering by hand."""
+LAST: Final = (Item("boot loader", ((0.0, frame("R")), (0.5, frame("v"))), 1.0),)
+
+
+def listen(aircraft: Aircraft, item: Item, world: World, held: Callable[[], str]) -> Heard:
+    """Let the host do something, and hear what the board says."""
+    item.pilot(world)
+    began, heard, decoder = aircraft.now, Heard(), FrameDecoder()
+    left = list(item.sent)
+    while aircraft.now < began + item.lasts:
+        while left and left[0][0] <= aircraft.now - began + 1e-9:
+            aircraft.write(left.pop(0)[1], aircraft.now)
+        for at, data in aircraft.advance(aircraft.now + STEP):
+            for found in decoder.feed(data):
+                if isinstance(found, Frame):
+                    heard.frames.append((at - began, found))
+                else:
+                    heard.text += found.raw
+    heard.held = held()
+    return heard
+
+
+# -- comparison -------------------------------------------------------------------------------------------------------
+
+TOLERANCE: Final = {
+    "altitude_setpoint": 400,
+    "position_longitude": 200,
+    "position_latitude": 200,
+    "position_altitude": 3000,
+    "home_altitude": 3000,
+    "target_altitude": 3000,
+    "home_longitude": 250,
+    "home_latitude": 250,
+    "target_longitude": 250,
+    "target_latitude": 250,
+    "home_distance": 25,
+    "target_distance": 15,
+    "altimeter": 30,
+    "variometer": 6,
+    "flying_time": 1,
+    "battery": 1,
+    "ground_speed": 60,
+    "pitch": 4,
+    "roll": 4,
+    "vertical_speed": 60,
+    "throttle": 12,
+    "current": 25,
+    "used_capacity": 5,
+    "target_hold_time": 1,
+    "satellites": 1,
+}
+"""How far two noisy boards may be apart before a field counts as different; what is not here must be equal."""
+ANALOG: Final = {0: 40, 1: 40, 2: 80, 3: 80, 9: 40, 10: 360, 13: 8, 15: 400, 21: 80, 22: 80, 27: 300, 28: 300}
+"""The same of the channels of debug data."""
+TURNS: Final = {"heading": (360, 8), "course": (360, 360), "home_bearing": (360, 360), "target_bearing": (360, 360)}
+"""Angles: a whole turn, and how far they may be apart; a course of an aircraft at rest is anything."""
+OWN_WORDS: Final = {"text"}
+"""Labels, menus and error texts of the simulator are its own."""
+SOONER: Final = 2.5e-3
+"""First replies further apart than this are told [s]."""
+
+
+def differences(item: Item, genuine: Heard, simulated: Heard) -> Iterator[str]:
+    """What the simulated board does otherwise, in words."""
+    ours, theirs = simulated.letters, genuine.letters
+    for letter in sorted(ours.keys() | theirs.keys()):
+        allowed = 1 if theirs[letter] > 5 else 0
+        if abs(ours[letter] - theirs[letter]) > allowed:
+            yield f"{letter}: {theirs[letter]} frames, simulated {ours[letter]}"
+    if genuine.frames and simulated.frames:
+        late = simulated.frames[0][0] - genuine.frames[0][0]
+        if abs(late) > SOONER:
+            yield f"first reply after {genuine.frames[0][0] * 1e3:.1f} ms, simulated {simulated.frames[0][0] * 1e3:.1f}"
+    for letter in sorted(ours.keys() & theirs.keys()):
+        last = [
+            next(frame for _, frame in reversed(heard.frames) if f"{'.fnm'[frame.address]}{frame.id}" == letter)
+            for heard in (genuine, simulated)
+        ]
+        yield from (f"{letter}.{words}" for words in _fields(*last))
+    if bool(genuine.text) != bool(simulated.text):
+        yield f"text {_shown(genuine.text)}, simulated {_shown(simulated.text)}"
+    if genuine.held != simulated.held:
+        yield f"the FlightCtrl holds {genuine.held}, simulated {simulated.held}"
+
+
+def _shown(text: bytes) -> str:
+    return repr(text.decode("latin-1")) if text else "none"
+
+
+def _fields(genuine: Frame, simulated: Frame) -> Iterator[str]:
+    """Fields of two frames of one kind that differ."""
+    decoder = MessageDecoder()
+    left, right = decoder.decode(genuine), decoder.decode(simulated)
+    if isinstance(left, Unknown) or isinstance(right, Unknown) or type(left) is not type(right):
+        if genuine.payload != simulated.payload:
+            yield f"payload {genuine.payload.hex()}, simulated {simulated.payload.hex()}"
+        return
+    for name in type(left).model_fields:
+        one, other = getattr(left, name), getattr(right, name)
+        if name in OWN_WORDS or one == other or _is_near(name, one, other):
+            continue
+        if isinstance(one, tuple):
+            pairs = enumerate(zip(one, other, strict=True))
+            places = [k for k, (a, b) in pairs if abs(a - b) > (ANALOG.get(k, 0) if name == "analog" else 0)]
+            if not places:
+                continue
+            yield f"{name}{places} {[one[k] for k in places]}, simulated {[other[k] for k in places]}"
+        else:
+            yield f"{name} {one!s}, simulated {other!s}"
+
+
+def _is_near(name: str, one: object, other: object) -> bool:
+    if not isinstance(one, int) or not isinstance(other, int):
+        return False
+    if name in TURNS:
+        turn, allowed = TURNS[name]
+        away = abs(one - other) % turn
+        return min(away, turn - away) <= allowed
+    return abs(one - other) <= TOLERANCE.get(name, 0)

@@ -1,0 +1,158 @@
+"""A genuine NaviCtrl in the proving ground, without its firmware: frames, sources, comparison, what it says.
+
+The firmware is the user's (docs/lab/genuine-navictrl.md), so nothing here runs one.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from lab.hil import navibuild
+from lab.hil.gpsreceiver import report
+from lab.hil.main import main
+from lab.hil.make import main as make
+from lab.hil.navibuild import files_of, narrowed, release_of
+from lab.hil.navicase import agree, unknown
+from lab.hil.navidaemon import Step
+from lab.hil.navigation import NaviLines
+from lab.hil.naviscript import Heard, Item, differences, frame, point
+from lab.hil.spi import FROM_NAVICTRL, PACKET, Motion, Replies, Word, closed, packet
+from mkdaemon.errors import ConfigError
+from mkdaemon.protocol.framing import FrameDecoder
+from mkdaemon.protocol.messages import WriteWaypoint024
+from mksim.physics.sensors import GpsFix
+
+STUB = Path(navibuild.__file__).with_name("navictrl.c")
+
+
+def test_without_a_navictrl_it_says_what_to_fetch_and_to_run(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(navibuild, "NAVICTRL", tmp_path)
+    assert main(case="navictrl") == 2
+    said = capsys.readouterr().err
+    assert "make hil NAVICTRL=" in said
+    assert "zakwiggy/navictrl" in said
+
+
+def test_make_says_how_it_is_called_and_names_a_folder_without_sources(tmp_path, capsys):
+    assert make(["", "", ""]) == make(["fc", "", ""]) == 2
+    assert "make hil NAVICTRL=<folder" in capsys.readouterr().err
+    assert make(["", "", str(tmp_path)]) == 1
+    assert capsys.readouterr().err.startswith(f"error: {tmp_path}: no sources of a NaviCtrl")
+
+
+@pytest.fixture
+def sources(tmp_path):
+    (tmp_path / "main.h").write_text("#define VERSION_MAJOR\t2\n#define VERSION_MINOR 4\n#define VERSION_PATCH 2\n")
+    (tmp_path / "spi_slave.c").touch()
+    header = tmp_path / navibuild.LIBRARY_HEADER
+    header.parent.mkdir(parents=True)
+    header.touch()
+    return tmp_path
+
+
+def test_a_release_is_read_from_the_sources_and_what_they_lack_is_named(sources):
+    assert release_of(sources) == "2.04c"
+    (sources / navibuild.LIBRARY_HEADER).unlink()
+    with pytest.raises(ConfigError, match=r"91x_lib\.h is missing"):
+        release_of(sources)
+    (sources / "main.h").write_text("#define VERSION_MAJOR 2\n")
+    with pytest.raises(ConfigError, match="no sources of a NaviCtrl"):
+        release_of(sources)
+
+
+def test_what_does_not_compile_is_named_with_the_release_that_does(sources, monkeypatch):
+    monkeypatch.setattr(navibuild, "NAVICTRL", sources / "build")
+    (sources / "spi_slave.c").write_text("#error of another time\n")
+    with pytest.raises(ConfigError, match=r"spi_slave\.c \(it is 2\.04c; 0\.24b is the release that is known") as told:
+        navibuild.build_navictrl(sources)
+    assert "of another time" in str(told.value)
+
+
+def test_files_are_those_of_the_makefile_without_what_only_the_processor_needs(sources):
+    assert files_of(sources) == ["spi_slave.c"]
+    (sources / "makefile").write_text(
+        "SRCARM = ./lib/src/x.c\nSRCARM += main.c\nSRCARM += ramfunc.c\nSRCARM += gps.c\n"
+    )
+    assert files_of(sources) == ["main.c", "gps.c"]
+
+
+def test_long_has_32_bits_as_on_the_board():
+    assert narrowed(b"unsigned long a; signed long *b;") == b"unsigned int a; signed int *b;"
+    assert narrowed(b"typedef long long u64; long belongs; along") == b"typedef long long u64; int belongs; along"
+
+
+def test_the_stub_and_python_lay_the_boards_edge_out_alike():
+    found = re.search(r"struct lines \{(.*?)\};", STUB.read_text(), re.DOTALL)
+    assert re.findall(r"int16_t (\w+)", found.group(1)) == [name for name, _ in NaviLines._fields_]
+
+
+def test_a_packet_of_the_flightctrl():
+    made = packet(Word.STICK, Motion(-15, 20, -14, 21, 3599), (-127, 1, 2, 3))
+    assert (len(made), made[:3]) == (PACKET, bytes((0xAA, 0x83, 11)))
+    assert made[3:7] == bytes.fromhex("f1ff1400")
+    assert made[21:25] == bytes((0x81, 1, 2, 3))
+    assert made[-1] == sum(made[:-1]) & 0xFF
+
+
+def test_packets_of_the_navictrl_are_found_between_other_bytes_and_wrong_sums_are_refused():
+    said = closed(FROM_NAVICTRL + bytes((103, 5, 0, 0xFB, 0xFF, 0, 0, 90, 0)) + bytes(10) + bytes(range(12)))
+    assert len(said) == PACKET
+    replies = Replies()
+    found = [reply for byte in b"\x00\x81\x00" + said + said[:-1] + b"\x00" + said if (reply := replies.take(byte))]
+    assert len(found) == 2
+    assert replies.refused == 1
+    assert (found[0].answer, found[0].pitch, found[0].roll, found[0].heading) == (103, 5, -5, 90)
+    assert found[0].data == bytes(range(12))
+
+
+def test_a_report_of_the_gps_receiver():
+    fix = GpsFix(532301089, -74590625, 42.5, (1.0, -2.0, 0.5), 9, True, 0.2, 3)
+    said = report(fix)
+    lengths = []
+    while said:
+        assert said[:3] == b"\xb5\x62\x01"
+        size = int.from_bytes(said[4:6], "little")
+        first = second = 0
+        for byte in said[2 : 6 + size]:
+            first = (first + byte) & 0xFF
+            second = (second + first) & 0xFF
+        assert tuple(said[6 + size : 8 + size]) == (first, second)
+        lengths.append((said[3], size))
+        if said[3] == 0x02:
+            assert int.from_bytes(said[10:14], "little", signed=True) == -74590625
+        said = said[8 + size :]
+    assert lengths == [(0x06, 52), (0x02, 28), (0x12, 36)]
+
+
+def heard(*frames, text=b"", held=""):
+    decoder = FrameDecoder()
+    return Heard([(at, found) for at, raw in frames for found in decoder.feed(raw)], text, held)
+
+
+def test_what_two_boards_do_otherwise_is_told():
+    item = Item("something", ())
+    read = frame("X", bytes((3, 2)) + point(2, north=20))
+    other = frame("X", bytes((3, 2)) + point(2, north=20, kind=255))
+    assert list(differences(item, heard((0.01, read)), heard((0.012, read)))) == []
+    assert list(differences(item, heard((0.01, read)), heard((0.02, other), text=b"init"))) == [
+        "first reply after 10.0 ms, simulated 20.0",
+        "nX.type 0, simulated 255",
+        "text none, simulated 'init'",
+    ]
+    assert list(differences(item, heard(held="a"), heard((0.1, read), held="b"))) == [
+        "nX: 0 frames, simulated 1",
+        "the FlightCtrl holds a, simulated b",
+    ]
+    assert WriteWaypoint024.decode(point(2, kind=255)).index == 2
+
+
+def test_known_differences_are_no_faults_and_steps_agree_by_their_end_and_time():
+    assert unknown(["nD.analog[4] [0], simulated [245]", "nX.type 1, simulated 0"]) == ["nX.type 1, simulated 0"]
+    step = Step("dead-man", "yes", 2.0)
+    assert agree(step, Step("dead-man", "yes", 2.4))
+    assert not agree(step, Step("dead-man", "yes", 2.6))
+    assert not agree(step, Step("dead-man", "never", 2.0))
+    assert not agree(step, Step("dead-man", "yes"))
