@@ -6,7 +6,7 @@ STAMP := .venv/.prepared
 # Where it is set, each of the hundred programs that the tests start compiles every module anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test check check-view bench figures hil docs venv install clean
+.PHONY: demo test check check-view check-gateways bench figures hil docs venv install clean
 .DEFAULT_GOAL := demo
 
 demo: venv
@@ -14,7 +14,7 @@ demo: venv
 
 # Three processes on two cores: what runs in real time mostly waits; beside four it came too late.
 test: venv
-	$(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder -m "not browser and not alone" -p tools.branches --branches build/branches.json
+	$(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder -m "not browser and not alone and not gateways" -p tools.branches --branches build/branches.json
 	$(BIN)/python -m pytest -m alone tests/examples
 	$(BIN)/python -m tools.floor
 
@@ -29,6 +29,12 @@ check: venv
 # The page of `mkctl view` in a real browser; names the package to install where there is none.
 check-view: venv
 	$(BIN)/python -m pytest -q -m browser tests/view
+
+# Gateways before the real programs they are for. tests/gateways/*/clients.txt names those that are no part of `.venv`;
+# without what they need for their windows and maps, for it would replace OpenCV.
+check-gateways: venv
+	$(BIN)/pip install --quiet --disable-pip-version-check --no-deps $(addprefix --requirement ,$(wildcard tests/gateways/*/clients.txt))
+	$(BIN)/python -m pytest -q -m gateways tests/gateways
 
 bench: venv
 	$(BIN)/python -m lab protocol --json
