@@ -8,7 +8,13 @@ from cyclopts import App
 
 from mkdaemon.cli.program import CommandEntry
 
-GATEWAYS: Final[tuple[CommandEntry, ...]] = ()
+GATEWAYS: Final[tuple[CommandEntry, ...]] = (
+    CommandEntry(
+        "mavlink",
+        "mkdaemon.cli.mkdaemon.gateway.mavlink:mavlink",
+        "MAVLink 2: QGroundControl, MAVSDK, MAVProxy.",
+    ),
+)
 """Every gateway; a further one is one line here and its module."""
 
 app = App(
