@@ -13,7 +13,7 @@ from typing import Final
 
 from mkdaemon.client import Vehicle
 from mkdaemon.errors import MkError
-from mkdaemon.gateways.mavlink.commands import Answered, Asked, Handler, accepted, denied
+from mkdaemon.gateways.mavlink.commands import LOCAL_FRAMES, Answered, Asked, Handler, accepted, denied
 from mkdaemon.gateways.mavlink.dialect import mavlink
 from mkdaemon.gateways.mavlink.frames import compass_from_yaw, ned_from_enu, offset_enu, wrapped
 from mkdaemon.gateways.mavlink.handcontrol import HandControl
@@ -29,7 +29,6 @@ TAKE_OFF_HEIGHT: Final = 2.0
 """Height above the target where a take-off names none [m]."""
 _FORCE: Final = 21_196
 """Second parameter of a disarm that stops the motors of a flying aircraft."""
-_LOCAL_FRAMES: Final = frozenset({mavlink.MAV_FRAME_LOCAL_NED, mavlink.MAV_FRAME_LOCAL_FRD})
 _ABOVE_SEA: Final = frozenset({mavlink.MAV_FRAME_GLOBAL, mavlink.MAV_FRAME_GLOBAL_INT})
 _ABOVE_HOME: Final = frozenset({mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT, mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT})
 _PILOTS: Final = "the pilot turns his GPS switch to coming home: nothing on the serial line flies it"
@@ -80,7 +79,7 @@ class Actions:
         """NAV_TAKEOFF: by the daemon over the target, when the pilot has started the motors."""
         height = asked.number(7) or TAKE_OFF_HEIGHT
         if asked.frame in _ABOVE_SEA:
-            ground = self._ground_above_sea()
+            ground = self._picture.ground
             if ground is None:
                 return denied("the height of the ground above the sea is not known: give the height above home")
             height -= ground
@@ -107,7 +106,7 @@ class Actions:
 
     async def reposition(self, asked: Asked) -> Answered:
         """DO_REPOSITION: in a local frame by the daemon, on the globe by the NaviCtrl."""
-        if asked.frame in _LOCAL_FRAMES:
+        if asked.frame in LOCAL_FRAMES:
             north, east, down = (asked.number(index) for index in (5, 6, 7))
             if north is None or east is None or down is None:
                 return denied("a place in a local frame needs x, y and z")
@@ -144,14 +143,8 @@ class Actions:
             return here.altitude_above_start
         if asked.frame in _ABOVE_HOME:
             return height
-        ground = self._ground_above_sea()
+        ground = self._picture.ground
         return None if ground is None else height - ground
-
-    def _ground_above_sea(self) -> float | None:
-        here = self._picture.get(Position)
-        if here is None or here.altitude is None or here.altitude_above_start is None:
-            return None
-        return here.altitude - here.altitude_above_start
 
     async def return_home(self, _: Asked) -> Answered:
         """NAV_RETURN_TO_LAUNCH: the list is emptied, so that the pilot's switch flies home."""
@@ -236,7 +229,7 @@ class Actions:
 
     async def look_at(self, asked: Asked) -> Answered:
         """DO_SET_ROI_LOCATION: turn to a place of the local frame and hold; on the globe only in a mission."""
-        if asked.frame not in _LOCAL_FRAMES:
+        if asked.frame not in LOCAL_FRAMES:
             return denied("a region of interest on the globe is flown in a mission only: upload it with the waypoints")
         estimate = self._picture.get(ControlEstimate)
         north, east = asked.number(5), asked.number(6)

@@ -25,6 +25,12 @@ PROGRESS: Final = 0.5
 _REMEMBERED: Final = 64
 """Answers kept for a command that is repeated because its answer was lost."""
 _MOST_RUNNING: Final = 16
+LOCAL_FRAMES: Final = frozenset({mavlink.MAV_FRAME_LOCAL_NED, mavlink.MAV_FRAME_LOCAL_FRD})
+"""Frames of a command whose place is the daemon's to fly."""
+_LOCAL_SCALE: Final = 1e4
+_GLOBAL_SCALE: Final = 1e7
+_NOT_GIVEN: Final = 0x7FFF_FFFF
+"""Fifth and sixth number of a COMMAND_INT that are not given."""
 _LATER: Final = frozenset(
     {
         *(Token.FLYING, Token.LEASE_HELD, Token.NOT_READY, Token.LINK_DOWN, Token.SLOW_PATH),
@@ -99,7 +105,11 @@ def denied(words: str) -> Answered:
 def asked_from(station: Station, message: Message) -> Asked:
     """Read a COMMAND_LONG or COMMAND_INT."""
     is_int = message.get_type() == "COMMAND_INT"
-    last = (message.x, message.y, message.z) if is_int else (message.param5, message.param6, message.param7)
+    if is_int:
+        scale = _LOCAL_SCALE if message.frame in LOCAL_FRAMES else _GLOBAL_SCALE
+        last = (_place(message.x, scale), _place(message.y, scale), message.z)
+    else:
+        last = (message.param5, message.param6, message.param7)
     return Asked(
         station,
         Program(message.get_srcSystem(), message.get_srcComponent()),
@@ -109,6 +119,10 @@ def asked_from(station: Station, message: Message) -> Asked:
         0 if is_int else message.confirmation,
         Program(message.target_system, message.target_component),
     )
+
+
+def _place(number: int, scale: float) -> float:
+    return math.nan if number == _NOT_GIVEN else number / scale
 
 
 Handler = Callable[[Asked], Awaitable[Answered] | Answered]

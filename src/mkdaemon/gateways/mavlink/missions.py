@@ -238,14 +238,8 @@ class MissionServer:
             return Item(16, 0, (0.0, 0.0, 0.0, 0.0), 0, 0, 0.0)
         return Item(
             16, 0, (0.0, 0.0, 0.0, 0.0), degrees_e7(here.home_latitude_deg), degrees_e7(here.home_longitude_deg),
-            self._ground() or 0.0,
+            self._picture.ground or 0.0,
         )  # fmt: skip
-
-    def _ground(self) -> float | None:
-        here = self._picture.get(Position)
-        if here is None or here.altitude is None or here.altitude_above_start is None:
-            return None
-        return here.altitude - here.altitude_above_start
 
     def _begin(self, station: Station, program: Program, count: int) -> None:
         upload = self._upload
@@ -313,7 +307,7 @@ class MissionServer:
         items = upload.items[skipped:]
         mission: Mission | None = None
         if items:
-            found = mission_of(items, self._ground(), skipped)
+            found = mission_of(items, self._picture.ground, skipped)
             if isinstance(found, Refused):
                 self._say(upload.station, found.reason)
                 return found.result

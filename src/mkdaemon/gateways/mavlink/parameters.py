@@ -169,7 +169,8 @@ class ParameterServer:
             raise MkError("the settings have not been read")
         if not self._is_saved:
             stamp = datetime.datetime.now(tz=datetime.UTC).strftime("%Y%m%dT%H%M%S")
-            await asyncio.to_thread(write_backup, self._backups / f"before-{stamp}.toml", found, (found.active,))
+            # A small file, once, with the motors off: nothing is flown that would wait for it.
+            write_backup(self._backups / f"before-{stamp}.toml", found, (found.active,))
             self._is_saved = True
         values = {
             name: list(whole) if isinstance(whole, tuple) else whole

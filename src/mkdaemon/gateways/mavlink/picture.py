@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any, Final, TypeVar
 
+from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.control import ControlEstimate, ControlStatus
 from mkdaemon.telemetry.link import LinkHealth, LinkState
 from mkdaemon.telemetry.navi import ControlNavi
@@ -71,10 +73,15 @@ class Picture:
 
     Attributes:
         now: of the moment that is looked at [s].
+        ground: height of home above the sea [m]; None while it is not known. It is that of the first moment after home
+            was set: GPS and barometer drift against each other, and home does not move.
     """
 
     def __init__(self) -> None:
         self.now = 0.0
+        self.ground: float | None = None
+        self._boot, self._ahead = "", -math.inf
+        self._home: tuple[float | None, float | None] = (None, None)
         self._seen: dict[type[Any], Seen] = {}
 
     def take(self, value: Any, at: float, age: float = 0.0) -> None:
@@ -86,8 +93,32 @@ class Picture:
             age: how old it was then [s].
         """
         self.now = max(self.now, at)
+        stamp = getattr(value, "stamp", None)
+        if stamp is not None and age == 0.0:
+            self._compare_clocks(stamp, at)
         if type(value) in LIMITS:
             self._seen[type(value)] = Seen(value, at - age)
+        if isinstance(value, Position):
+            self._take_home(value)
+
+    @property
+    def boot_time(self) -> float:
+        """The daemon's monotonic clock, which all times since boot are of; ours while nothing came from it [s]."""
+        return self.now + (self._ahead if math.isfinite(self._ahead) else 0.0)
+
+    def _compare_clocks(self, stamp: Stamp, at: float) -> None:
+        """Learn how far the daemon's clock is ahead of ours: a value that came quickly shows it best."""
+        if stamp.boot != self._boot:
+            self._boot, self._ahead = stamp.boot, -math.inf
+        self._ahead = max(self._ahead, stamp.monotonic - at)
+
+    def _take_home(self, here: Position) -> None:
+        home = (here.home_latitude_deg, here.home_longitude_deg)
+        if home != self._home:
+            self._home, self.ground = home, None
+        if self.ground is None and None not in (*home, here.altitude, here.altitude_above_start):
+            assert here.altitude is not None and here.altitude_above_start is not None
+            self.ground = here.altitude - here.altitude_above_start
 
     def get(self, kind: type[_Value], limit: float | None = None) -> _Value | None:
         """The newest value of a kind; None where there is none, or it is too old.

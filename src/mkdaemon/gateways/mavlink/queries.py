@@ -103,10 +103,10 @@ class Queries:
 
     def set_interval(self, asked: Asked) -> Answered:
         """SET_MESSAGE_INTERVAL: microseconds; -1 for never, 0 for as it was."""
-        name, wish = IDS.get(int(asked.number(1) or 0)), asked.number(2)
+        number, wish = int(asked.number(1) or 0), asked.number(2)
+        name = IDS.get(number)
         if name is None:
-            known = int(asked.number(1) or -1) == _HEARTBEAT
-            return denied("a heartbeat comes once a second") if known else UNSUPPORTED
+            return denied("a heartbeat comes once a second") if number == _HEARTBEAT else UNSUPPORTED
         if wish is None or wish < -1:
             return denied("an interval is microseconds, -1 for never, 0 for as it was")
         if wish == 0:
@@ -131,7 +131,7 @@ class Queries:
         """Answer a message that is no command."""
         match message.get_type():
             case "TIMESYNC" if message.tc1 == 0:
-                now = int(self._picture.now * 1e9)
+                now = int(self._picture.boot_time * 1e9)
                 station.send(mavlink.MAVLink_timesync_message(now, message.ts1))
             case "PING" if message.target_system == 0:  # else it is an answer
                 program = Program(message.get_srcSystem(), message.get_srcComponent())

@@ -210,12 +210,12 @@ def home_position(picture: Picture) -> Message | None:
     now = picture.get(Position)
     if now is None or now.home_latitude_deg is None or now.home_longitude_deg is None:
         return None
-    if now.altitude is None or now.altitude_above_start is None:
+    if picture.ground is None:
         return None
     return mavlink.MAVLink_home_position_message(
         degrees_e7(now.home_latitude_deg),
         degrees_e7(now.home_longitude_deg),
-        round(1000 * (now.altitude - now.altitude_above_start)),
+        round(1000 * picture.ground),
         *(NAN, NAN, NAN),
         [NAN] * 4,
         *(NAN, NAN, NAN),
@@ -410,7 +410,7 @@ def _sensors(picture: Picture) -> tuple[int, int]:
         (
             mavlink.MAV_SYS_STATUS_SENSOR_BATTERY,
             picture.get(Battery, ever) is not None,
-            flight is not None and not flight.battery_low,
+            picture.get(Battery) is not None and flight is not None and not flight.battery_low,
         ),
         (mavlink.MAV_SYS_STATUS_PREARM_CHECK, True, can_fly and link is not None and link.condition.is_usable),
     )
