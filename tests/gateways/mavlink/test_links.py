@@ -34,7 +34,7 @@ async def linked(*addresses):
     came = []
 
     def take(station, message):
-        station.heard(Program(message.get_srcSystem(), 1), time.monotonic(), is_heartbeat=True)
+        station.note_message(Program(message.get_srcSystem(), 1), time.monotonic(), is_heartbeat=True)
         came.append((station, message.get_type()))
 
     links = Links(1, None, take, time.monotonic, time.time)
@@ -61,13 +61,13 @@ async def test_a_program_that_listens_is_found_and_missed():
         loop = asyncio.get_running_loop()
         async with linked(Address(Kind.UDP_OUT, "127.0.0.1", program.getsockname()[1])) as (links, came):
             (station,) = links.stations
-            assert not station.is_heard(time.monotonic())
+            assert not station.is_present(time.monotonic())
             station.send(BEAT)
             data, sender = await loop.sock_recvfrom(program, 300)
             assert data[0] == 0xFD
             program.sendto(bytes_of(BEAT), sender)
             await wait_for(lambda: came)
-            assert station.is_heard(time.monotonic()) and station.is_alive(Program(255, 1), time.monotonic())
+            assert station.is_present(time.monotonic()) and station.is_alive(Program(255, 1), time.monotonic())
             program.close()  # killed: the machine says at once that nobody listens
             await wait_for(lambda: station.send(BEAT) or not station.is_alive(Program(255, 1), time.monotonic()))
 

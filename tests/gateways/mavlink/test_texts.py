@@ -35,7 +35,7 @@ def test_the_same_is_said_again_only_later_or_to_another():
     assert texts.pieces(INFO, "same", 1.0, to="another") and texts.pieces(INFO, "same", 3.1)
     for number in range(1000):
         texts.pieces(INFO, f"{number}", 5.0)
-    assert len(texts._said) == 64
+    assert len(texts._sent) == 64
 
 
 @pytest.mark.parametrize(

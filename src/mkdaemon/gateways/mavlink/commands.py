@@ -127,22 +127,22 @@ def _place(number: int, scale: float) -> float:
 
 Handler = Callable[[Asked], Awaitable[Answered] | Answered]
 """Does a command; raises an `MkError` for a refusal."""
-Say = Callable[[Station, str], None]
+Notify = Callable[[Station, str], None]
 """Tells one ground station why."""
 
 
 class CommandDesk:
     """Answers commands; the same one asked again while it runs, or because its answer was lost, is done once."""
 
-    def __init__(self, handlers: dict[int, Handler], say: Say, now: Callable[[], float]) -> None:
+    def __init__(self, handlers: dict[int, Handler], notify: Notify, now: Callable[[], float]) -> None:
         """Answer commands.
 
         Args:
             handlers: by the number of the command; others are unsupported.
-            say: tells a ground station why.
+            notify: tells a ground station why.
             now: the clock [s].
         """
-        self._handlers, self._say, self._now = handlers, say, now
+        self._handlers, self._notify, self._now = handlers, notify, now
         self._running: dict[tuple[Any, ...], asyncio.Task[None]] = {}
         self._answered: OrderedDict[tuple[Any, ...], Answered] = OrderedDict()
 
@@ -204,7 +204,7 @@ class CommandDesk:
         while len(self._answered) > _REMEMBERED:
             self._answered.popitem(last=False)
         if answer.words:
-            self._say(asked.station, answer.words)
+            self._notify(asked.station, answer.words)
         _acknowledge(asked, answer.result)
 
 

@@ -79,13 +79,13 @@ class Gateway:
         self._uav, self._options, self._now = uav, options, now
         self.picture = Picture()
         self.links = Links(options.system, options.signing, self.message_arrived, now, wall)
-        self.steering = Steering(uav, self.say, now)
-        self._hands = HandControl(self.steering, self.picture, self.tell, now)
-        self._missions = MissionServer(uav, self.picture, self.tell, now)
-        self._parameters = ParameterServer(uav, options.backups, self.tell, now)
+        self.steering = Steering(uav, self.announce, now)
+        self._hands = HandControl(self.steering, self.picture, self.notify, now)
+        self._missions = MissionServer(uav, self.picture, self.notify, now)
+        self._parameters = ParameterServer(uav, options.backups, self.notify, now)
         self._queries = Queries(self.picture, self._mode, self._missions.current)
         actions = Actions(uav, self.picture, self.steering, self._hands, self._missions.forget)
-        self._desk = CommandDesk(actions.table() | self._queries.table(), self.tell, now)
+        self._desk = CommandDesk(actions.table() | self._queries.table(), self.notify, now)
         self._texts = Texts()
         self._work: set[asyncio.Task[None]] = set()
         self._tasks: asyncio.TaskGroup | None = None
@@ -133,29 +133,29 @@ class Gateway:
         self.picture.take(value, now)
         if isinstance(value, ControlStatus):
             self.steering.status_arrived(value)
-            self._tell_hands(value)
+            self._announce_hands(value)
         elif isinstance(value, MissionEvent):
             self._missions.event_arrived(value)
         elif isinstance(value, ProcedureProgress) and value.verb in _SETTINGS:
             self._parameters.forget()
         if (text := text_of(value)) is not None:
-            self.say(*text)
+            self.announce(*text)
         kind = type(value)
         for name, row in TABLE.items():
             if row.source is kind:
                 self._send(name, now)
 
-    def _tell_hands(self, status: ControlStatus) -> None:
+    def _announce_hands(self, status: ControlStatus) -> None:
         """What the pilot's hands do changes with the phase, and his operator reads it out."""
         if status.hands and status.hands != self._hands_words and status.lease is not None:
-            self.say(texts.NOTICE, f"pilot: {status.hands}")
+            self.announce(texts.NOTICE, f"pilot: {status.hands}")
         self._hands_words = status.hands
 
     def _send(self, name: str, now: float) -> None:
         """Send a message to everybody to whom it is due."""
         made: Message | None = None
         for station in self.links.stations:
-            if station.is_heard(now) and station.is_due(name, now):
+            if station.is_present(now) and station.is_due(name, now):
                 made = made or TABLE[name].make(self.picture)
                 if made is None:
                     return
@@ -179,7 +179,7 @@ class Gateway:
         mode, reached = self._mode(), self._missions.reached()
         for station in self.links.stations:
             station.send(heartbeat(self.picture, mode, station.numbering))
-            if station.is_heard(now):
+            if station.is_present(now):
                 station.send(self._missions.current())
                 if reached is not None:
                     station.send(reached)
@@ -187,14 +187,14 @@ class Gateway:
     def _mode(self) -> Mode:
         return mode_now(self.picture, self.steering.shown_mode)
 
-    def say(self, severity: int, text: str) -> None:
+    def announce(self, severity: int, text: str) -> None:
         """Tell all ground stations."""
         for message in self._texts.pieces(severity, text, self._now()):
             for station in self.links.stations:
-                if station.is_heard(self._now()):
+                if station.is_present(self._now()):
                     station.send(message)
 
-    def tell(self, station: Station, text: str) -> None:
+    def notify(self, station: Station, text: str) -> None:
         """Tell one ground station why something is not done."""
         for message in self._texts.pieces(texts.WARNING, text, self._now(), to=station.name):
             station.send(message)
@@ -205,7 +205,7 @@ class Gateway:
         program = Program(message.get_srcSystem(), message.get_srcComponent())
         if program.system in (EVERYBODY, self._options.system):  # ourselves, or nobody
             return
-        station.heard(program, now, is_heartbeat=name == "HEARTBEAT")
+        station.note_message(program, now, is_heartbeat=name == "HEARTBEAT")
         if name in ("COMMAND_LONG", "COMMAND_INT"):
             if message.target_system in (EVERYBODY, self._options.system):
                 self._desk.take(asked_from(station, message))

@@ -32,23 +32,23 @@ _MOST: Final = 64
 """Streams that are remembered."""
 _BY_MODE: Final = {Mode.STABILIZED: sticks, Mode.POSITION: speeds}
 
-Say = Callable[[Station, str], None]
+Notify = Callable[[Station, str], None]
 _Value = TypeVar("_Value")
 
 
 class HandControl:
     """Takes what ground stations stream."""
 
-    def __init__(self, steering: Steering, picture: Picture, say: Say, now: Callable[[], float]) -> None:
+    def __init__(self, steering: Steering, picture: Picture, notify: Notify, now: Callable[[], float]) -> None:
         """Watch streams.
 
         Args:
             steering: flies.
             picture: what is known.
-            say: tells a ground station why its setpoint is not flown.
+            notify: tells a ground station why its setpoint is not flown.
             now: the clock [s].
         """
-        self._steering, self._picture, self._say, self._now = steering, picture, say, now
+        self._steering, self._picture, self._notify, self._now = steering, picture, notify, now
         self._axes: dict[By, tuple[float, Axes]] = {}
         self._wanted: dict[By, tuple[float, Wanted]] = {}
 
@@ -65,7 +65,7 @@ class HandControl:
         else:
             found = local_target(message, self._picture.get(ControlEstimate))
         if isinstance(found, Unusable):
-            self._say(by.station, found.reason)
+            self._notify(by.station, found.reason)
             return
         _remember(self._wanted, by, (self._now(), found))
         order = self._steering.order
@@ -83,7 +83,7 @@ class HandControl:
         try:
             self._steering.stream(by, wanted.kind, wanted.fields)
         except CommandRejectedError as refusal:
-            self._say(by.station, f"{refusal.reason} {refusal.fix}")
+            self._notify(by.station, f"{refusal.reason} {refusal.fix}")
 
     def streamed(self, by: By, mode: Mode) -> str | None:
         """What a program streams that a mode would fly, as the last word of a key; None where it streams nothing.

@@ -129,7 +129,7 @@ class Links:
 
     def is_silent(self, station: Station) -> bool:
         """Whether a station may make room for another one."""
-        return not station.is_heard(self._now())
+        return not station.is_present(self._now())
 
     async def _keep_serial(self, address: Address) -> None:
         import serial_asyncio
@@ -157,14 +157,14 @@ class _Datagrams(asyncio.DatagramProtocol):
     def connection_made(self, transport: Any) -> None:
         self._transport = transport
         if self._address.kind is Kind.UDP_OUT:
-            self._meet(None)
+            self._add(None)
 
     def datagram_received(self, data: bytes, addr: Any) -> None:
         messages = self._links.read(self._decoder, data, is_datagram=True)
         if not messages:
             return
         key = None if self._address.kind is Kind.UDP_OUT else addr
-        station = self._stations.get(key) or self._meet(key)
+        station = self._stations.get(key) or self._add(key)
         if station is not None:
             self._links.received(station, messages)
 
@@ -174,7 +174,7 @@ class _Datagrams(asyncio.DatagramProtocol):
         if station is not None and isinstance(exc, ConnectionRefusedError):
             station.forget()
 
-    def _meet(self, key: Any) -> Station | None:
+    def _add(self, key: Any) -> Station | None:
         for old, silent in list(self._stations.items()):
             if key is not None and self._links.is_silent(silent):
                 self._links.remove(silent)

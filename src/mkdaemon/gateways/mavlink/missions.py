@@ -41,7 +41,7 @@ MOST_ITEMS: Final = 1000
 """Items of an upload; no NaviCtrl holds more than 254 points."""
 _FLOWN: Final = frozenset({NaviStage.ROUTE, NaviStage.AT_POINT})
 
-Say = Callable[[Station, str], None]
+Notify = Callable[[Station, str], None]
 
 
 @dataclass(slots=True)
@@ -74,16 +74,16 @@ class Upload:
 class MissionServer:
     """Answers the mission protocol."""
 
-    def __init__(self, uav: Vehicle, picture: Picture, say: Say, now: Callable[[], float]) -> None:
+    def __init__(self, uav: Vehicle, picture: Picture, notify: Notify, now: Callable[[], float]) -> None:
         """Serve missions.
 
         Args:
             uav: the vehicle.
             picture: what is known of it.
-            say: tells a ground station why.
+            notify: tells a ground station why.
             now: the clock [s].
         """
-        self._uav, self._picture, self._say, self._now = uav, picture, say, now
+        self._uav, self._picture, self._notify, self._now = uav, picture, notify, now
         self._held: Held | None = None
         self._on_board: str | None = None
         self._upload: Upload | None = None
@@ -124,7 +124,7 @@ class MissionServer:
                 if upload is not None and upload.is_from(station, program) and upload.storing is None:
                     self._upload = None
             case "MISSION_SET_CURRENT":
-                self._say(station, "the NaviCtrl flies its list from the first point")
+                self._notify(station, "the NaviCtrl flies its list from the first point")
 
     @staticmethod
     def _take_other(station: Station, program: Program, message: Message) -> None:
@@ -207,7 +207,7 @@ class MissionServer:
         try:
             held = await self._known()
         except (MkError, ConfigError) as error:
-            self._say(station, f"the mission cannot be read: {_words(error)}")
+            self._notify(station, f"the mission cannot be read: {_words(error)}")
             self._acknowledge(station, program, mavlink.MAV_MISSION_ERROR)
             return
         count = len(held.items)
@@ -219,7 +219,7 @@ class MissionServer:
         try:
             held = await self._known()
         except MkError as error:
-            self._say(station, f"the mission cannot be read: {_words(error)}")
+            self._notify(station, f"the mission cannot be read: {_words(error)}")
             self._acknowledge(station, program, mavlink.MAV_MISSION_ERROR)
             return
         items = held.items
@@ -245,11 +245,11 @@ class MissionServer:
         upload = self._upload
         if upload is not None and (upload.storing is not None or not upload.is_from(station, program)):
             if not upload.is_from(station, program):
-                self._say(station, "another ground station uploads a mission")
+                self._notify(station, "another ground station uploads a mission")
                 self._acknowledge(station, program, mavlink.MAV_MISSION_DENIED)
             return
         if count > MOST_ITEMS:
-            self._say(station, f"{count} items: no NaviCtrl holds more than 254 points")
+            self._notify(station, f"{count} items: no NaviCtrl holds more than 254 points")
             self._acknowledge(station, program, mavlink.MAV_MISSION_NO_SPACE)
             return
         self._upload = upload = Upload(station, program, count, self._now())
@@ -289,7 +289,7 @@ class MissionServer:
         try:
             result = await self._replace(upload)
         except (MkError, ConfigError) as error:
-            self._say(station, f"the mission is not stored: {_words(error)}")
+            self._notify(station, f"the mission is not stored: {_words(error)}")
             result = int(
                 mavlink.MAV_MISSION_DENIED if isinstance(error, CommandRejectedError) else mavlink.MAV_MISSION_ERROR
             )
@@ -309,7 +309,7 @@ class MissionServer:
         if items:
             found = mission_of(items, self._picture.ground, skipped)
             if isinstance(found, Refused):
-                self._say(upload.station, found.reason)
+                self._notify(upload.station, found.reason)
                 return found.result
             mission = found
         self._require_not_flown()
@@ -342,7 +342,7 @@ class MissionServer:
                 self._held = Held((), cleared.digest, ())
                 self._on_board = cleared.digest
         except MkError as error:
-            self._say(station, f"the mission is not cleared: {_words(error)}")
+            self._notify(station, f"the mission is not cleared: {_words(error)}")
             self._acknowledge(station, program, mavlink.MAV_MISSION_DENIED)
             return
         self._acknowledge(station, program, mavlink.MAV_MISSION_ACCEPTED)

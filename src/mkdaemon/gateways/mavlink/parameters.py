@@ -34,22 +34,22 @@ PACE: Final = 0.005
 _TINY: Final = 1e-30
 """A float below this is a whole number whose bits were put there (`MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_BYTEWISE`)."""
 
-Say = Callable[[Station, str], None]
+Notify = Callable[[Station, str], None]
 
 
 class ParameterServer:
     """Answers the parameter protocol."""
 
-    def __init__(self, uav: Vehicle, backups: Path, say: Say, now: Callable[[], float]) -> None:
+    def __init__(self, uav: Vehicle, backups: Path, notify: Notify, now: Callable[[], float]) -> None:
         """Serve parameters.
 
         Args:
             uav: the vehicle.
             backups: folder in which the set is saved before it is first changed.
-            say: tells a ground station why.
+            notify: tells a ground station why.
             now: the clock [s].
         """
-        self._uav, self._backups, self._say, self._now = uav, backups, say, now
+        self._uav, self._backups, self._notify, self._now = uav, backups, notify, now
         self._found: SettingsBackup | None = None
         self._read_at = -math.inf
         self._reading: asyncio.Task[None] | None = None
@@ -92,7 +92,7 @@ class ParameterServer:
             await asyncio.shield(self._reading)
         except MkError as error:
             what = "the settings are those read before" if self._found else "no settings yet"
-            self._say(station, f"{what}: {_words(error)}")
+            self._notify(station, f"{what}: {_words(error)}")
 
     async def _read_now(self) -> None:
         async with self._lock:
@@ -147,14 +147,14 @@ class ParameterServer:
         if index == 0 or value is None:
             error = mavlink.MAV_PARAM_ERROR_READ_ONLY if index == 0 else mavlink.MAV_PARAM_ERROR_VALUE_OUT_OF_RANGE
             why = "the pilot chooses the active set" if index == 0 else "a setting is a whole number of 0 to 255"
-            self._say(station, f"{rows[index].id}: {why}")
+            self._notify(station, f"{rows[index].id}: {why}")
             _refuse(station, program, message, error)
         else:
             try:
                 async with self._lock:
                     await self._write(rows[index], value)
             except MkError as refusal:
-                self._say(station, f"{rows[index].id} is not written: {_words(refusal)}")
+                self._notify(station, f"{rows[index].id} is not written: {_words(refusal)}")
                 _refuse(station, program, message, mavlink.MAV_PARAM_ERROR_PERMISSION_DENIED)
         self._send(station, index, rows)
 

@@ -59,7 +59,7 @@ class Station:
         self.dropped = 0
         self.wish_for: dict[str, float] = {}
         self._encoder, self._put, self._wall = encoder, put, wall
-        self._heard: dict[Program, float] = {}
+        self._received: dict[Program, float] = {}
         self._due: dict[str, float] = {}
         self._beaten: dict[Program, float] = {}
 
@@ -68,26 +68,26 @@ class Station:
         if self.is_open and not self._put(self._encoder.encode(message, self._wall())):
             self.dropped += 1
 
-    def heard(self, program: Program, now: float, *, is_heartbeat: bool) -> None:
+    def note_message(self, program: Program, now: float, *, is_heartbeat: bool) -> None:
         """Note that something came from a program there."""
-        for known in (self._heard, self._beaten) if is_heartbeat else (self._heard,):
+        for known in (self._received, self._beaten) if is_heartbeat else (self._received,):
             if program not in known and len(known) >= _MOST_PROGRAMS:
                 del known[min(known, key=lambda one: known[one])]
             known[program] = now
 
     def forget(self) -> None:
         """Nobody is there any more; the next message begins anew."""
-        self._heard.clear()
+        self._received.clear()
         self._beaten.clear()
         self.wish_for.clear()
 
-    def is_heard(self, now: float) -> bool:
+    def is_present(self, now: float) -> bool:
         """Whether anybody is there, so that streams are sent."""
-        return self.is_open and any(now - at < FORGOTTEN for at in self._heard.values())
+        return self.is_open and any(now - at < FORGOTTEN for at in self._received.values())
 
     def is_alive(self, program: Program, now: float) -> bool:
         """Whether a program there is still beating; one that never did counts by what else it sends."""
-        at = self._beaten.get(program, self._heard.get(program))
+        at = self._beaten.get(program, self._received.get(program))
         return self.is_open and at is not None and now - at < SILENCE
 
     def interval(self, name: str) -> float:

@@ -39,7 +39,7 @@ _SETTLING: Final = 2.0
 _STOPPING: Final = frozenset({"hold", "land"})
 """Manoeuvres that another ground station than the one that flies may order too: they end what is flown."""
 
-Say = Callable[[int, str], None]
+Announce = Callable[[int, str], None]
 """Tells everybody: severity and words."""
 
 
@@ -94,16 +94,16 @@ class Steering:
         order: what is flown, or wanted; None for nothing.
     """
 
-    def __init__(self, uav: Vehicle, say: Say, now: Callable[[], float]) -> None:
+    def __init__(self, uav: Vehicle, announce: Announce, now: Callable[[], float]) -> None:
         """Fly nothing.
 
         Args:
             uav: the vehicle.
-            say: tells all ground stations.
+            announce: tells all ground stations.
             now: the clock [s].
         """
         self.order: Order | None = None
-        self._uav, self._say, self._now = uav, say, now
+        self._uav, self._announce, self._now = uav, announce, now
         self._lease: Lease | None = None
         self._status: ControlStatus | None = None
         self._granted_at = 0.0
@@ -144,13 +144,13 @@ class Steering:
         if self._holding is None or self._holding.done():
             self._holding = asyncio.create_task(self._hold(), name="lease of ground stations")
         try:
-            await self._begun(order)
+            await self._wait_for_engagement(order)
         except (NotEngagedError, CommandRejectedError):
             if self.order is order:  # what was flown goes on; else nobody flies
                 self.order = before if self.is_flying else None
             raise
 
-    async def _begun(self, order: Order) -> None:
+    async def _wait_for_engagement(self, order: Order) -> None:
         start = self._now()
         patience = SIGHTING if order.needs_target else ENGAGING
         while True:
@@ -226,17 +226,17 @@ class Steering:
         due = self._now()
         while (order := self.order) is not None:
             if self._is_lost(lease):
-                self._tell_end(lease)
+                self._announce_end(lease)
                 return
             if not order.is_streamed:
                 if not order.by.is_alive(self._now()):
-                    self._say(WARNING, f"{order.by} is silent: the aircraft is given back to the pilot")
+                    self._announce(WARNING, f"{order.by} is silent: the aircraft is given back to the pilot")
                     self._end(LeaseLostError(f"{order.by} is silent"))
                     return
                 try:
                     lease.put(order.kind, order.fields)
                 except LeaseLostError:
-                    self._tell_end(lease)
+                    self._announce_end(lease)
                     return
             due = max(due + PERIOD, self._now())
             await asyncio.sleep(max(due - self._now(), 0.0))
@@ -248,13 +248,13 @@ class Steering:
             return False
         return self._was_ours or self._now() - self._granted_at > _SETTLING
 
-    def _tell_end(self, lease: Lease) -> None:
+    def _announce_end(self, lease: Lease) -> None:
         """The daemon has ended the lease: after a landing that is well, else it says why."""
         status = self._status
         outcome = lease.outcome or (None if status is None else status.outcome)
         reason = lease.reason if status is None or status.phase is Phase.FLYING else status.reason
         if outcome is Outcome.LANDED:
-            self._say(INFO, "landed; the pilot pulls the throttle down and stops the motors")
+            self._announce(INFO, "landed; the pilot pulls the throttle down and stops the motors")
         else:
-            self._say(WARNING, f"the aircraft is the pilot's: {reason}")
+            self._announce(WARNING, f"the aircraft is the pilot's: {reason}")
         self._end(LeaseLostError(f"the lease ended: {reason}"))

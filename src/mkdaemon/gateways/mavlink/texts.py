@@ -33,7 +33,7 @@ class Texts:
 
     def __init__(self) -> None:
         self._number = 0
-        self._said: OrderedDict[tuple[str, str], float] = OrderedDict()
+        self._sent: OrderedDict[tuple[str, str], float] = OrderedDict()
 
     def pieces(self, severity: int, text: str, now: float, to: str = "") -> list[Message]:
         """The messages of a text; none where the same was just said there.
@@ -44,13 +44,13 @@ class Texts:
             now: the time [s].
             to: whom it is said to; empty for everybody.
         """
-        last = self._said.get((to, text))
+        last = self._sent.get((to, text))
         if last is not None and now - last < AGAIN:
             return []
-        self._said[to, text] = now
-        self._said.move_to_end((to, text))
-        while len(self._said) > _REMEMBERED:
-            self._said.popitem(last=False)
+        self._sent[to, text] = now
+        self._sent.move_to_end((to, text))
+        while len(self._sent) > _REMEMBERED:
+            self._sent.popitem(last=False)
         raw = " ".join(text.split()).encode("ascii", "replace")
         if len(raw) > _LONGEST:
             raw = raw[: _LONGEST - 3] + b"..."

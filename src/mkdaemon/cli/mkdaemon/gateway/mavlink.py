@@ -56,8 +56,8 @@ def mavlink(
         loop = asyncio.get_running_loop()
         for number in (signal.SIGINT, signal.SIGTERM):
             loop.add_signal_handler(number, stop.set)
-        met = ", ".join(str(address) for address in options.addresses)
-        words = f"vehicle {connection.vehicle} as system {options.system} at {met}"
+        places = ", ".join(str(address) for address in options.addresses)
+        words = f"vehicle {connection.vehicle} as system {options.system} at {places}"
         await serve(connection.open, options, stop, lambda: print(words, file=sys.stderr, flush=True))
 
     let_signals_kill()

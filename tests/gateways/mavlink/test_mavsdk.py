@@ -1,0 +1,110 @@
+"""MAVSDK before the simulated aircraft, everything in processes of its own: `make check-gateways`."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import signal
+import sys
+import time
+from contextlib import asynccontextmanager
+
+import pytest
+
+from lab.places import ROOT
+from lab.rigs.gatewayprocess import gateway_process
+from lab.rigs.overtarget import VEHICLE, Setting, favour, hovering, over_target
+from lab.rigs.waiting import wait_for
+from tests.gateways.mavlink.test_links import free_port
+
+pytestmark = [pytest.mark.gateways, pytest.mark.flight]
+RELEASED = 1.1
+"""From the last setpoint to the release [s]; docs/safety.md says 1.0."""
+
+
+class Program:
+    """A MAVSDK program that runs, and what it has printed."""
+
+    def __init__(self, process):
+        self.process, self.lines = process, []
+        self._reading = asyncio.create_task(self._read())
+
+    async def _read(self):
+        while line := await self.process.stdout.readline():
+            if line.startswith(b"{"):
+                self.lines.append(json.loads(line))
+
+    def found(self, step):
+        """What was printed of a step."""
+        return next((line for line in self.lines if line["step"] == step), None)
+
+    async def done(self, step, within):
+        """Wait for a step, and fail where it did."""
+        await wait_for(lambda: self.found(step) or self.process.returncode is not None, within, 0.02)
+        found = self.found(step)
+        assert found is not None and "error" not in found, self.lines
+        return found
+
+    async def end(self):
+        await asyncio.gather(self.process.wait(), self._reading)
+
+
+@asynccontextmanager
+async def mavsdk(port, *steps):
+    """Run a program through some steps."""
+    process = await asyncio.create_subprocess_exec(
+        *(sys.executable, "-m", "tests.gateways.mavlink.mavsdkprogram", f"tcpout://127.0.0.1:{port}", *steps),
+        stdout=asyncio.subprocess.PIPE,
+        cwd=ROOT,
+        start_new_session=True,
+    )
+    favour(process.pid)
+    program = Program(process)
+    try:
+        yield program
+    finally:
+        if process.returncode is None:
+            process.kill()
+        await program.end()
+
+
+@asynccontextmanager
+async def flown(rig):
+    """A gateway beside a daemon; the port at which it is reached."""
+    port = free_port()
+    async with gateway_process("mavlink", rig.endpoint, VEHICLE, "--link", f"tcpin:127.0.0.1:{port}"):
+        yield port
+
+
+@pytest.mark.timeout(600)
+async def test_it_subscribes_stores_a_mission_flies_a_stream_and_is_killed():
+    async with hovering(Setting(fps=12.0, wind="none", is_tapped=True)) as rig, flown(rig) as port:
+        steps = ("subscribe", "mission", "offboard", "north=0.4", "wait=600")
+        async with mavsdk(port, *steps) as program:
+            assert (await program.done("connected", 60.0))["autopilot"] == 3
+            seen = await program.done("subscribe", 90.0)
+            assert seen["flight_mode"] and "nan" not in seen["position"]
+            assert await program.done("mission", 60.0) | {"same": True, "count": 4} == program.found("mission")
+            await program.done("offboard", 60.0)
+            await program.done("north=0.4", 60.0)
+            killed = time.monotonic()
+            program.process.send_signal(signal.SIGKILL)
+            await wait_for(lambda: rig.seen.phases[-1].startswith("free"), 10.0, 0.01)
+        await asyncio.sleep(0.5)
+    releases = [at for at, frame in rig.tap.sticks() if at > killed and not frame.config]
+    assert releases and releases[0] - killed <= RELEASED
+
+
+@pytest.mark.timeout(600)
+async def test_it_takes_off_goes_to_a_point_and_lands_on_the_pad():
+    async with over_target(Setting(fps=12.0, wind="none", pilot="start")) as rig, flown(rig) as port:
+        flight = await rig.client.state.flight.until(lambda now: bool(now.motors_running), patience=120.0)
+        assert flight.is_flying is not None
+        steps = ("arm", "takeoff", "height=1.8", "offboard", "north=0.4", "north=0.0", "land", "ground")
+        async with mavsdk(port, *steps) as program:
+            for step, within in zip(steps, (90.0, 60.0, 60.0, 30.0, 40.0, 40.0, 30.0, 90.0), strict=True):
+                await program.done(step, within)
+            await program.end()
+        assert rig.seen.last["control/status"]["outcome"] == "landed"
+        east, north, _ = rig.seen.last["sim/truth"]["position_enu"]
+        assert abs(east) < 0.15 and abs(north) < 0.15
