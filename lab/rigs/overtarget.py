@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 from lab.places import ROOT
-from lab.rigs.processes import PROGRAM, DaemonProcess, connected, wait_for_control
+from lab.rigs.processes import PROGRAM, START, DaemonProcess, connected, wait_for_control
 from lab.rigs.waiting import wait_for
 from lab.rigs.wiretap import WireTap, tapped
 from mkdaemon.bus.endpoint import reserved_endpoint
@@ -223,7 +223,7 @@ async def over_target(setting: Setting) -> AsyncIterator[Hover]:
         tap = await stack.enter_async_context(tapped(where)) if setting.is_tapped else None
         _name_port(config, f"tcp:{where}" if tap is None else tap.port)
         daemon = await stack.enter_async_context(_daemon(config, endpoint, setting.program))
-        client = await stack.enter_async_context(connected(endpoint, VEHICLE))
+        client = await stack.enter_async_context(connected(endpoint, VEHICLE, patience=START))
         await stack.enter_async_context(_observing(client, seen))
         await wait_for_control(client)
         await wait_for(lambda: "sim/truth" in seen.last)

@@ -21,10 +21,12 @@ SUBSCRIBED = (
 )  # fmt: skip
 ITEMS = [
     mission_raw.MissionItem(0, 6, 16, 1, 1, 2.0, 5.0, 0.0, float("nan"), LATITUDE, LONGITUDE, 10.25, 0),
-    mission_raw.MissionItem(1, 2, 178, 0, 1, 1.0, 3.0, -1.0, 0.0, 0, 0, 0.0, 0),
-    mission_raw.MissionItem(2, 6, 16, 0, 1, 0.0, 3.0, 0.0, 90.0, LATITUDE + 900, LONGITUDE - 700, 12.0, 0),
+    mission_raw.MissionItem(1, 6, 195, 0, 1, 0.0, 0.0, 0.0, 0.0, LATITUDE, LONGITUDE + 900, 0.0, 0),
+    mission_raw.MissionItem(2, 6, 16, 0, 1, 0.0, 3.0, 0.0, float("nan"), LATITUDE + 900, LONGITUDE - 700, 12.0, 0),
     mission_raw.MissionItem(3, 6, 19, 0, 1, 7.0, 0.0, 0.0, float("nan"), LATITUDE + 500, LONGITUDE, 11.0, 0),
 ]
+SPEED = mission_raw.MissionItem(1, 2, 178, 0, 1, 1.0, 3.0, -1.0, 0.0, 0, 0, 0.0, 0)
+"""A NaviCtrl 0.24 has no speeds."""
 
 
 def tell(step, **found):
@@ -45,11 +47,20 @@ async def subscribe(system):
 
 
 async def mission(system):
-    """Upload a mission and download it."""
+    """Upload a mission and download it; before it one that this NaviCtrl cannot fly."""
     source = mission_raw.MissionRawAsync(system)
+    try:
+        await source.upload_mission([ITEMS[0], SPEED, ITEMS[2]])
+        refused = ""
+    except MavsdkError as error:
+        refused = str(error).partition(";")[0]
     await source.upload_mission(ITEMS)
     found = await source.download_mission()
-    return {"same": [str(item) for item in found] == [str(item) for item in ITEMS], "count": len(found)}
+    return {
+        "same": [str(item) for item in found] == [str(item) for item in ITEMS],
+        "count": len(found),
+        "refused": refused,
+    }
 
 
 async def north(system, metres):

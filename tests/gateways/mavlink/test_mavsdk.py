@@ -71,6 +71,7 @@ async def mavsdk(port, *steps):
 @asynccontextmanager
 async def flown(rig):
     """A gateway beside a daemon; the port at which it is reached."""
+    favour(rig.daemon.pid)  # what is looked at is the gateway: a busy machine says nothing of it
     port = free_port()
     async with gateway_process("mavlink", rig.endpoint, VEHICLE, "--link", f"tcpin:127.0.0.1:{port}"):
         yield port
@@ -84,7 +85,9 @@ async def test_it_subscribes_stores_a_mission_flies_a_stream_and_is_killed():
             assert (await program.done("connected", 60.0))["autopilot"] == 3
             seen = await program.done("subscribe", 90.0)
             assert seen["flight_mode"] and "nan" not in seen["position"]
-            assert await program.done("mission", 60.0) | {"same": True, "count": 4} == program.found("mission")
+            stored = await program.done("mission", 60.0)
+            assert (stored["same"], stored["count"], stored["refused"]) == (True, 4, "UNSUPPORTED")
+            assert any("carry no speed" in line.get("text", "") for line in program.lines)
             await program.done("offboard", 60.0)
             await program.done("north=0.4", 60.0)
             killed = time.monotonic()

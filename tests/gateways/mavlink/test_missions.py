@@ -179,7 +179,13 @@ async def test_heights_above_the_sea_are_heights_above_home():
 
 
 @pytest.mark.parametrize(
-    ("refusal", "result"), [(refuse(Token.POINT_UNUSUAL, detail="far"), DENIED), (MkError("line"), ERROR)]
+    ("refusal", "result"),
+    [
+        (refuse(Token.POINT_UNUSUAL, detail="far"), DENIED),
+        (refuse(Token.POINT_NOT_EXPRESSIBLE, number=2, detail="speed"), UNSUPPORTED),
+        (refuse(Token.TOO_MANY_POINTS, detail="many", count=99, limit=31), NO_SPACE),
+        (MkError("line"), ERROR),
+    ],
 )
 @virtually
 async def test_a_refusal_of_the_daemon_is_told(refusal, result):

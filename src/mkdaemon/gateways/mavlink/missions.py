@@ -22,6 +22,7 @@ from mkdaemon.gateways.mavlink.picture import Picture
 from mkdaemon.gateways.mavlink.stations import Program, Station
 from mkdaemon.telemetry.mission import Mission, MissionEvent
 from mkdaemon.telemetry.navi import ControlNavi, NaviStage
+from mkdaemon.telemetry.refusals import Token
 from mkdaemon.telemetry.state import Flight, Position
 from mkdaemon.telemetry.vehicle import VehicleHealth
 
@@ -40,6 +41,10 @@ ATTEMPTS: Final = 5
 MOST_ITEMS: Final = 1000
 """Items of an upload; no NaviCtrl holds more than 254 points."""
 _FLOWN: Final = frozenset({NaviStage.ROUTE, NaviStage.AT_POINT})
+_RESULTS: Final[dict[str, int]] = {
+    Token.POINT_NOT_EXPRESSIBLE: mavlink.MAV_MISSION_UNSUPPORTED,
+    Token.TOO_MANY_POINTS: mavlink.MAV_MISSION_NO_SPACE,
+}
 
 Notify = Callable[[Station, str], None]
 
@@ -290,9 +295,7 @@ class MissionServer:
             result = await self._replace(upload)
         except (MkError, ConfigError) as error:
             self._notify(station, f"the mission is not stored: {_words(error)}")
-            result = int(
-                mavlink.MAV_MISSION_DENIED if isinstance(error, CommandRejectedError) else mavlink.MAV_MISSION_ERROR
-            )
+            result = _result_of(error)
         finally:
             self._upload = None
         self._acknowledge(station, program, result)
@@ -358,6 +361,13 @@ def _old(message: Message) -> Message:
         message.autocontinue, message.param1, message.param2, message.param3, message.param4, message.x / 1e7,
         message.y / 1e7, message.z,
     )  # fmt: skip
+
+
+def _result_of(error: MkError) -> int:
+    """The `MAV_MISSION_RESULT` of a refusal."""
+    if not isinstance(error, CommandRejectedError):
+        return int(mavlink.MAV_MISSION_ERROR)
+    return int(_RESULTS.get(error.token, mavlink.MAV_MISSION_DENIED))
 
 
 def _words(error: MkError) -> str:
