@@ -100,7 +100,7 @@ async def test_it_subscribes_stores_a_mission_flies_a_stream_and_is_killed():
 
 @pytest.mark.timeout(600)
 async def test_it_takes_off_goes_to_a_point_and_lands_on_the_pad():
-    async with over_target(Setting(fps=12.0, wind="none", pilot="start")) as rig, flown(rig) as port:
+    async with over_target(Setting(fps=10.0, wind="none", pilot="start")) as rig, flown(rig) as port:
         flight = await rig.client.state.flight.until(lambda now: bool(now.motors_running), patience=120.0)
         assert flight.is_flying is not None
         steps = ("arm", "takeoff", "height=1.8", "offboard", "north=0.4", "north=0.0", "land", "ground")

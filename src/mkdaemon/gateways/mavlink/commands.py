@@ -16,6 +16,7 @@ from typing import Any, Final
 from mkdaemon.errors import CommandRejectedError, ManoeuvreError, MkError, NotEngagedError
 from mkdaemon.gateways.mavlink.dialect import Message, mavlink
 from mkdaemon.gateways.mavlink.stations import Program, Station
+from mkdaemon.gateways.mavlink.texts import INFO, WARNING, Notify
 from mkdaemon.telemetry.refusals import Status, Token
 
 AT_ONCE: Final = 0.25
@@ -127,8 +128,6 @@ def _place(number: int, scale: float) -> float:
 
 Handler = Callable[[Asked], Awaitable[Answered] | Answered]
 """Does a command; raises an `MkError` for a refusal."""
-Notify = Callable[[Station, str], None]
-"""Tells one ground station why."""
 
 
 class CommandDesk:
@@ -204,7 +203,8 @@ class CommandDesk:
         while len(self._answered) > _REMEMBERED:
             self._answered.popitem(last=False)
         if answer.words:
-            self._notify(asked.station, answer.words)
+            is_done = answer.result == mavlink.MAV_RESULT_ACCEPTED
+            self._notify(asked.station, answer.words, INFO if is_done else WARNING)
         _acknowledge(asked, answer.result)
 
 

@@ -194,9 +194,9 @@ class Gateway:
                 if station.is_present(self._now()):
                     station.send(message)
 
-    def notify(self, station: Station, text: str) -> None:
-        """Tell one ground station why something is not done."""
-        for message in self._texts.pieces(texts.WARNING, text, self._now(), to=station.name):
+    def notify(self, station: Station, text: str, severity: int = texts.WARNING) -> None:
+        """Tell one ground station what becomes of its request."""
+        for message in self._texts.pieces(severity, text, self._now(), to=station.name):
             station.send(message)
 
     def message_arrived(self, station: Station, message: Message) -> None:

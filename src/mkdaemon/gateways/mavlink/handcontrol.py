@@ -20,8 +20,8 @@ from mkdaemon.gateways.mavlink.setpoints import (
     speeds,
     sticks,
 )
-from mkdaemon.gateways.mavlink.stations import Station
 from mkdaemon.gateways.mavlink.steering import STREAMED, By, Steering
+from mkdaemon.gateways.mavlink.texts import Notify
 from mkdaemon.telemetry.control import ControlEstimate
 
 MESSAGES: Final = frozenset(
@@ -32,7 +32,6 @@ _MOST: Final = 64
 """Streams that are remembered."""
 _BY_MODE: Final = {Mode.STABILIZED: sticks, Mode.POSITION: speeds}
 
-Notify = Callable[[Station, str], None]
 _Value = TypeVar("_Value")
 
 

@@ -20,6 +20,7 @@ from mkdaemon.gateways.mavlink.missionitems import Held, Item, Refused, held_fro
 from mkdaemon.gateways.mavlink.modes import Numbering
 from mkdaemon.gateways.mavlink.picture import Picture
 from mkdaemon.gateways.mavlink.stations import Program, Station
+from mkdaemon.gateways.mavlink.texts import Notify
 from mkdaemon.telemetry.mission import Mission, MissionEvent
 from mkdaemon.telemetry.navi import ControlNavi, NaviStage
 from mkdaemon.telemetry.refusals import Token
@@ -45,8 +46,6 @@ _RESULTS: Final[dict[str, int]] = {
     Token.POINT_NOT_EXPRESSIBLE: mavlink.MAV_MISSION_UNSUPPORTED,
     Token.TOO_MANY_POINTS: mavlink.MAV_MISSION_NO_SPACE,
 }
-
-Notify = Callable[[Station, str], None]
 
 
 @dataclass(slots=True)

@@ -21,6 +21,7 @@ from mkdaemon.gateways.mavlink.dialect import Message, mavlink
 from mkdaemon.gateways.mavlink.framing import float_bits
 from mkdaemon.gateways.mavlink.parameterids import ParameterId, change_to, ids_of, value_of
 from mkdaemon.gateways.mavlink.stations import Program, Station
+from mkdaemon.gateways.mavlink.texts import Notify
 from mkdaemon.protocol.settings import ParameterSet
 from mkdaemon.telemetry.settings import SettingsBackup
 
@@ -33,8 +34,6 @@ PACE: Final = 0.005
 """Between two values of a list [s]: a hundred at once would be lost by a radio."""
 _TINY: Final = 1e-30
 """A float below this is a whole number whose bits were put there (`MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_BYTEWISE`)."""
-
-Notify = Callable[[Station, str], None]
 
 
 class ParameterServer:

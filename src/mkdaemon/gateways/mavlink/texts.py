@@ -6,9 +6,10 @@ Source: https://mavlink.io/en/messages/common.html#STATUSTEXT (pieces of 50 byte
 from __future__ import annotations
 
 from collections import OrderedDict
-from typing import Any, Final
+from typing import Any, Final, Protocol
 
 from mkdaemon.gateways.mavlink.dialect import Message, mavlink
+from mkdaemon.gateways.mavlink.stations import Station
 from mkdaemon.telemetry.event import FailsafeEvent, LogEvent, ModeEvent
 from mkdaemon.telemetry.mission import MissionEvent
 
@@ -26,6 +27,13 @@ WARNING: Final = int(mavlink.MAV_SEVERITY_WARNING)
 NOTICE: Final = int(mavlink.MAV_SEVERITY_NOTICE)
 INFO: Final = int(mavlink.MAV_SEVERITY_INFO)
 _LEVELS: Final = {"error": ERROR, "warning": WARNING}
+
+
+class Notify(Protocol):
+    """Tells one ground station."""
+
+    def __call__(self, station: Station, text: str, severity: int = WARNING) -> None:
+        """Send it a text."""
 
 
 class Texts:
