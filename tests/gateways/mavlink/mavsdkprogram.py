@@ -63,10 +63,10 @@ async def mission(system):
     }
 
 
-async def north(system, metres):
+async def north(system, fly, metres):
     """Stream a place and wait until the aircraft is there."""
     source = telemetry.TelemetryAsync(system)
-    await offboard.OffboardAsync(system).set_position_ned(offboard.PositionNedYaw(metres, 0.0, -2.0, 0.0))
+    await fly.set_position_ned(offboard.PositionNedYaw(metres, 0.0, -2.0, 0.0))
     async with asyncio.timeout(40.0):
         async for value in source.subscribe_position_velocity_ned():
             if abs(value.position.north_m - metres) < 0.15:
@@ -74,10 +74,9 @@ async def north(system, metres):
     return {}
 
 
-async def step(system, word):
-    """Do one step; what is printed of it."""
+async def step(system, fly, word):
+    """Do one step; what is printed of it. The plug-in that streams lives as long as the program."""
     name, _, number = word.partition("=")
-    fly = offboard.OffboardAsync(system)
     match name:
         case "subscribe":
             return await subscribe(system)
@@ -87,7 +86,7 @@ async def step(system, word):
             await fly.set_position_ned(offboard.PositionNedYaw(0.0, 0.0, -2.0, 0.0))
             await fly.start()
         case "north":
-            return await north(system, float(number))
+            return await north(system, fly, float(number))
         case "stop":
             await fly.stop()
         case "param":
@@ -116,10 +115,10 @@ async def main(url, *words):
         await mavsdk.add_any_connection(url)
         system = await mavsdk.first_autopilot(timeout_s=60.0)
         tell("connected", autopilot=int(await system.autopilot_type()))
-        texts = asyncio.create_task(listen(system))
+        texts, fly = asyncio.create_task(listen(system)), offboard.OffboardAsync(system)
         for word in words:
             try:
-                tell(word, **await step(system, word))
+                tell(word, **await step(system, fly, word))
             except (MavsdkError, TimeoutError) as error:
                 tell(word, error=str(error))
                 break
