@@ -98,6 +98,7 @@ async def measure(name: str, case: Case, seconds: float, rounds: int) -> dict[st
                 async with gateway_process(name, hover.endpoint, VEHICLE, *case.options(port)) as gateway:
                     async with case.peer(port) as arrivals, _seen(hover.client) as seen:
                         await asyncio.sleep(SETTLING)
+                        seen.clear()
                         before, count, start = gateway.cpu_s(), arrivals.count, time.monotonic()
                         shares["with"].append(await _share(hover.daemon.cpu_s, seconds))
                         passed = time.monotonic() - start
