@@ -98,16 +98,27 @@ async def test_it_subscribes_stores_a_mission_flies_a_stream_and_is_killed():
     assert releases and releases[0] - killed <= RELEASED
 
 
+async def fly(rig, port, steps):
+    """Let a program fly some steps, each with its longest time, the last of which is a landing on the pad."""
+    async with mavsdk(port, *steps, "land", "ground") as program:
+        for step, within in (steps | {"land": 30.0, "ground": 90.0}).items():
+            await program.done(step, within)
+        await program.end()
+    await wait_for(lambda: rig.seen.phases[-1].startswith("free"), 10.0, 0.05)
+    assert rig.seen.last["control/status"]["outcome"] == "landed"
+    east, north, _ = rig.seen.last["sim/truth"]["position_enu"]
+    assert abs(east) < 0.15 and abs(north) < 0.15
+
+
 @pytest.mark.timeout(600)
-async def test_it_takes_off_goes_to_a_point_and_lands_on_the_pad():
+async def test_it_goes_to_a_point_and_lands_on_the_pad():
+    async with hovering(Setting(fps=12.0, wind="none")) as rig, flown(rig) as port:
+        await fly(rig, port, {"offboard": 60.0, "north=0.4": 40.0, "north=0.0": 40.0, "stop": 30.0})
+
+
+@pytest.mark.timeout(600)
+async def test_it_takes_off_and_lands_on_the_pad():
+    """A take-off that no image shows within 1.2 s is ended by the daemon: it needs a machine that has time."""
     async with over_target(Setting(fps=10.0, wind="none", pilot="start")) as rig, flown(rig) as port:
-        flight = await rig.client.state.flight.until(lambda now: bool(now.motors_running), patience=120.0)
-        assert flight.is_flying is not None
-        steps = ("arm", "takeoff", "height=1.8", "offboard", "north=0.4", "north=0.0", "land", "ground")
-        async with mavsdk(port, *steps) as program:
-            for step, within in zip(steps, (90.0, 60.0, 60.0, 30.0, 40.0, 40.0, 30.0, 90.0), strict=True):
-                await program.done(step, within)
-            await program.end()
-        assert rig.seen.last["control/status"]["outcome"] == "landed"
-        east, north, _ = rig.seen.last["sim/truth"]["position_enu"]
-        assert abs(east) < 0.15 and abs(north) < 0.15
+        await rig.client.state.flight.until(lambda now: bool(now.motors_running), patience=120.0)
+        await fly(rig, port, {"arm": 90.0, "takeoff": 60.0, "height=1.8": 60.0})
