@@ -25,6 +25,7 @@ CAMPAIGNS: Final = (
     CommandEntry("hil", "lab.hil.main:main", "Genuine firmware flies the same scenes as the simulated boards."),
     CommandEntry("flight", "lab.flight:main", "The simulated flight against the plant's figures."),
     CommandEntry("record", "lab.record.main:main", "Recording: what it costs, kills, disks that fail."),
+    CommandEntry("gateways", "lab.gateways:main", "Gateways: what they add in time, and what they cost."),
     CommandEntry("view", "lab.view.main:main", "The page of `mkctl view`: what it costs the daemon; its picture."),
     CommandEntry("mutants", "lab.mutants.main:main", "Whether a test notices when the code that decides is changed."),
     CommandEntry("figures", "lab.figures:main", "Every plot of docs/figures."),

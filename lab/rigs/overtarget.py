@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 from lab.places import ROOT
-from lab.rigs.processes import PROGRAM, DaemonProcess, connected, wait_for_control
+from lab.rigs.processes import PROGRAM, START, DaemonProcess, connected, wait_for_control
 from lab.rigs.waiting import wait_for
 from lab.rigs.wiretap import WireTap, tapped
 from mkdaemon.bus.endpoint import reserved_endpoint
@@ -141,6 +141,7 @@ class Setting:
         jitter_ms: standard deviation of that [ms].
         program: what Python runs in place of the daemon's own program.
         is_tapped: what the daemon writes is noted with its times.
+        pilot: what he does when he is asked to begin: `supervise` hovers by hand, `start` starts the motors alone.
         board: whose port it is, `nc` or `fc`; behind a NaviCtrl 0.24 there are 40 stick frames a second at most.
     """
 
@@ -152,6 +153,7 @@ class Setting:
     program: Sequence[str] = PROGRAM
     is_tapped: bool = False
     board: str = "nc"
+    pilot: str = "supervise"
 
 
 @dataclass(frozen=True, slots=True)
@@ -194,10 +196,22 @@ class Hover:
 
 @asynccontextmanager
 async def hovering(setting: Setting = Setting()) -> AsyncIterator[Hover]:
-    """Simulator and daemon as processes, for as long as the context lasts.
+    """Simulator and daemon as processes, for as long as the context lasts; the pilot hovers over the target.
 
     Raises:
         TimeoutError: the pilot did not come to hover with the target in sight.
+    """
+    async with over_target(setting) as hover:
+        await wait_for(hover.seen.is_hovering, TAKE_OFF, 0.1)
+        yield hover
+
+
+@asynccontextmanager
+async def over_target(setting: Setting) -> AsyncIterator[Hover]:
+    """Simulator and daemon as processes, for as long as the context lasts; the pilot has been asked to begin.
+
+    Raises:
+        TimeoutError: the daemon cannot control the aircraft, or the simulator does not answer.
     """
     seen = Seen()
     async with AsyncExitStack() as stack:
@@ -209,19 +223,18 @@ async def hovering(setting: Setting = Setting()) -> AsyncIterator[Hover]:
         tap = await stack.enter_async_context(tapped(where)) if setting.is_tapped else None
         _name_port(config, f"tcp:{where}" if tap is None else tap.port)
         daemon = await stack.enter_async_context(_daemon(config, endpoint, setting.program))
-        client = await stack.enter_async_context(connected(endpoint, VEHICLE))
+        client = await stack.enter_async_context(connected(endpoint, VEHICLE, patience=START))
         await stack.enter_async_context(_observing(client, seen))
         await wait_for_control(client)
         await wait_for(lambda: "sim/truth" in seen.last)
         await client.command("sim", "start")
-        await wait_for(seen.is_hovering, TAKE_OFF, 0.1)
         yield Hover(endpoint, daemon, client, seen, simulator, tap)
 
 
 def _config(folder: Path, setting: Setting, endpoint: str) -> Path:
     """Write the configuration of both programs; returns the file."""
     text = SHIPPED.read_text(encoding="utf-8")
-    pilot = f'pilot_plan = "supervise"\npilot_wait = {TAKE_OFF}\nseed = {setting.seed}\nconnect = ["{endpoint}"]'
+    pilot = f'pilot_plan = "{setting.pilot}"\npilot_wait = {TAKE_OFF}\nseed = {setting.seed}\nconnect = ["{endpoint}"]'
     for old, new in (
         ('"configs/', f'"{ROOT}/configs/'),
         ("fps = 30", f"fps = {setting.fps:g}"),

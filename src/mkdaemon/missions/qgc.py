@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 import re
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -21,6 +22,13 @@ _WAYPOINT, _LOITER_TIME, _LAND = 16, 19, 21
 _CHANGE_SPEED, _ROI_LOCATION, _ROI_NONE, _ROI = 178, 195, 197, 201
 _MOUNT_CONTROL, _CAMERA_DISTANCE = 205, 206
 _NAMES = {17: "loiter", 18: "loiter turns", 20: "return to launch", 22: "take-off", 93: "delay", 177: "jump"}
+COMMANDS = frozenset(
+    {
+        *(_WAYPOINT, _LOITER_TIME, _LAND, _CHANGE_SPEED, _ROI_LOCATION, _ROI_NONE, _ROI),
+        *(_MOUNT_CONTROL, _CAMERA_DISTANCE),
+    }
+)
+"""Commands that are read."""
 _FRAMES = {0: AltitudeReference.SEA_LEVEL, 3: AltitudeReference.START}
 _RELATIVE_FRAME, _NO_FRAME = 3, 2
 _SAME_SPEED, _DEFAULT_SPEED = -1, -2
@@ -58,12 +66,27 @@ def read(text: str, name: str) -> MissionDraft:
     if not isinstance(items, list):
         raise Place(name, 1).wrong("the plan holds no mission", "add waypoints and save it again")
     require_few(name, len(items))
+    return draft_of(items, (Place(name, line) for line in _lines(text, len(items))))
+
+
+def draft_of(items: Sequence[Any], places: Iterable[Place]) -> MissionDraft:
+    """Read mission items, each a map as a plan has it.
+
+    Args:
+        items: `type`, `command`, `frame` and seven `params`, of which None is one that is not given.
+        places: of the items, for messages.
+
+    Raises:
+        ConfigError: no item, one that a MikroKopter cannot fly, or a wrong value; names its place and the fix.
+    """
     reading = _Reading()
-    for line, item in zip(_lines(text, len(items)), items, strict=True):
-        _take(Place(name, line), item, reading)
+    first = Place("mission", 1)
+    for number, (place, item) in enumerate(zip(places, items, strict=True)):
+        first = place if number == 0 else first
+        _take(place, item, reading)
     if len(reading.references) > 1:
-        raise Place(name, 1).wrong("altitudes are partly relative, partly above sea level", "choose relative for all")
-    return MissionDraft(assemble(name, reading.points), *reading.references)
+        raise first.wrong("altitudes are partly relative, partly above sea level", "choose relative for all")
+    return MissionDraft(assemble(first.name, reading.points), *reading.references)
 
 
 def write(mission: Mission) -> str:
@@ -72,29 +95,7 @@ def write(mission: Mission) -> str:
     Raises:
         ConfigError: a fail-safe point, which a plan would fly to.
     """
-    items: list[dict[str, Any]] = []
-    speed, poi, photo, tilt = 0.0, None, 0, 0
-    for number, point in enumerate(mission.points, 1):
-        if point.kind is PointKind.POI:
-            continue
-        if point.kind is PointKind.FAILSAFE:
-            msg = f"point {number} is a fail-safe point, which a plan would fly to; choose .gpx, .kml, .csv or .wpl"
-            raise ConfigError(msg)
-        if point.speed != speed:
-            items.append(_item(items, _CHANGE_SPEED, [1, point.speed or _DEFAULT_SPEED, -1, 0, 0, 0, 0], _NO_FRAME))
-        if point.poi != poi:
-            items.append(_roi(items, mission.points[point.poi - 1] if point.poi else None))
-        if point.photo_distance != photo:
-            items.append(_item(items, _CAMERA_DISTANCE, [point.photo_distance, 0, 0, 0, 0, 0, 0], _NO_FRAME))
-        if point.camera_angle_deg not in (tilt, AUTOMATIC_CAMERA):
-            items.append(_item(items, _MOUNT_CONTROL, [-point.camera_angle_deg, 0, 0, 0, 0, 0, 2], _NO_FRAME))
-        speed, poi, photo, tilt = point.speed, point.poi, point.photo_distance, point.camera_angle_deg
-        place = [point.latitude_deg, point.longitude_deg, point.altitude]
-        if point.kind is PointKind.LAND:
-            items.append(_item(items, _LAND, [0, 0, 0, point.heading_deg, *place], _RELATIVE_FRAME))
-        else:
-            values = [point.hold, point.radius, 0, point.heading_deg, *place]
-            items.append(_item(items, _WAYPOINT, values, _RELATIVE_FRAME))
+    items = [item for item, _ in items_of(mission)]
     first = mission.points[0]
     plan = {
         "fileType": "Plan",
@@ -113,6 +114,43 @@ def write(mission: Mission) -> str:
         },
     }
     return json.dumps(plan, indent=2) + "\n"
+
+
+def items_of(mission: Mission) -> list[tuple[dict[str, Any], int | None]]:
+    """The mission as items of a plan, each with the number of the point that it flies to, from 1; None for none.
+
+    Args:
+        mission: the points.
+
+    Raises:
+        ConfigError: a fail-safe point, which a plan would fly to.
+    """
+    items: list[dict[str, Any]] = []
+    flown: dict[int, int] = {}
+    speed, poi, photo, tilt = 0.0, None, 0, 0
+    for number, point in enumerate(mission.points, 1):
+        if point.kind is PointKind.POI:
+            continue
+        if point.kind is PointKind.FAILSAFE:
+            msg = f"point {number} is a fail-safe point, which a plan would fly to; choose .gpx, .kml, .csv or .wpl"
+            raise ConfigError(msg)
+        if point.speed != speed:
+            items.append(_item(items, _CHANGE_SPEED, [1, point.speed or _DEFAULT_SPEED, -1, 0, 0, 0, 0], _NO_FRAME))
+        if point.poi != poi:
+            items.append(_roi(items, mission.points[point.poi - 1] if point.poi else None))
+        if point.photo_distance != photo:
+            items.append(_item(items, _CAMERA_DISTANCE, [point.photo_distance, 0, 0, 0, 0, 0, 0], _NO_FRAME))
+        if point.camera_angle_deg not in (tilt, AUTOMATIC_CAMERA):
+            items.append(_item(items, _MOUNT_CONTROL, [-point.camera_angle_deg, 0, 0, 0, 0, 0, 2], _NO_FRAME))
+        speed, poi, photo, tilt = point.speed, point.poi, point.photo_distance, point.camera_angle_deg
+        place = [point.latitude_deg, point.longitude_deg, point.altitude]
+        flown[len(items)] = number
+        if point.kind is PointKind.LAND:
+            items.append(_item(items, _LAND, [0, 0, 0, point.heading_deg, *place], _RELATIVE_FRAME))
+        else:
+            values = [point.hold, point.radius, 0, point.heading_deg, *place]
+            items.append(_item(items, _WAYPOINT, values, _RELATIVE_FRAME))
+    return [(item, flown.get(index)) for index, item in enumerate(items)]
 
 
 def _item(items: list[dict[str, Any]], command: int, params: list[Any], frame: int) -> dict[str, Any]:

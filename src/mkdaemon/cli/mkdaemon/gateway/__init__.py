@@ -11,6 +11,11 @@ from mkdaemon.cli.program import CommandEntry
 GATEWAYS: Final[tuple[CommandEntry, ...]] = (
     CommandEntry("foxglove", "mkdaemon.cli.mkdaemon.gateway.foxglove:foxglove", "Foxglove and Lichtblick look at it."),
     CommandEntry("ros2", "mkdaemon.cli.mkdaemon.gateway.ros2:ros2", "Topics, services and setpoints for ROS 2."),
+    CommandEntry(
+        "mavlink",
+        "mkdaemon.cli.mkdaemon.gateway.mavlink:mavlink",
+        "MAVLink 2: QGroundControl, MAVSDK, MAVProxy.",
+    ),
 )
 """Every gateway; a further one is one line here and its module."""
 

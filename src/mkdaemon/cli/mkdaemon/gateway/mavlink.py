@@ -1,0 +1,74 @@
+"""`mkdaemon gateway mavlink`: QGroundControl, MAVSDK and MAVProxy meet a MikroKopter."""
+
+from __future__ import annotations
+
+import asyncio
+import signal
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from mkdaemon.cli.mkctl.connection import HERE, Connection
+from mkdaemon.cli.program import let_signals_kill
+from mkdaemon.errors import ConfigError
+
+
+def mavlink(
+    *,
+    link: Annotated[tuple[str, ...], Parameter(consume_multiple=False)] = (),
+    system: int = 1,
+    signing_key: Path | None = None,
+    allow_open: Annotated[bool, Parameter(negative=())] = False,
+    backups: Path | None = None,
+    connection: Connection = HERE,
+) -> None:
+    """Show a vehicle to ground stations in MAVLink 2, and fly it for them: docs/mavlink.md says what maps.
+
+    It takes the lease only when a ground station asks to fly, and gives it back when none flies any more. Needs the
+    extra `mavlink`: pip install 'mkdaemon[mavlink]'.
+
+    Args:
+        link: Where ground stations are met: `udpout:HOST:PORT`, `udpin:HOST:PORT`, `tcpin:HOST:PORT` or
+            `serial:DEVICE:BAUD`; with `,ardupilot` behind it for MAVProxy, whose modes have ArduPilot's numbers. Give
+            it once for each. Without it `udpout:127.0.0.1:14550` and `tcpin:127.0.0.1:5760`.
+        system: Number of the aircraft on the MAVLink network.
+        signing_key: File of the key that signs messages: 64 hexadecimal digits, or a passphrase. What is not signed
+            with it is dropped.
+        allow_open: Be met by everybody in a network without a key; each of them can fly.
+        backups: Folder in which the settings are saved before a ground station first changes one.
+
+    Raises:
+        ConfigError: pymavlink is not installed, or an option cannot be used.
+    """
+    try:
+        from mkdaemon.gateways.mavlink.program import options_from, serve
+    except ModuleNotFoundError as error:
+        if not (error.name or "").startswith("pymavlink"):
+            raise
+        raise ConfigError("mkdaemon gateway mavlink needs pymavlink: pip install 'mkdaemon[mavlink]'") from None
+    options = options_from(link, system, signing_key, backups, allow_open=allow_open)
+
+    async def run() -> None:
+        stop = asyncio.Event()
+        loop = asyncio.get_running_loop()
+        for number in (signal.SIGINT, signal.SIGTERM):
+            loop.add_signal_handler(number, stop.set)
+        places = ", ".join(str(address) for address in options.addresses)
+        words = f"vehicle {connection.vehicle} as system {options.system} at {places}"
+        await serve(connection.open, options, stop, lambda: print(words, file=sys.stderr, flush=True))
+
+    let_signals_kill()
+    with asyncio.Runner(loop_factory=_fast_loop()) as runner:
+        runner.run(run())
+
+
+def _fast_loop() -> Callable[[], asyncio.AbstractEventLoop] | None:
+    """The faster loop, where it is installed (Linux)."""
+    try:
+        import uvloop
+    except ImportError:
+        return None
+    return uvloop.new_event_loop

@@ -1,0 +1,273 @@
+"""What each command does to a MikroKopter: the table of handlers.
+
+The daemon flies against the target in sight, the NaviCtrl by GPS when the pilot turns his switch: a place in a local
+frame is the daemon's, a place on the globe is the NaviCtrl's. Motors are started and stopped by the pilot's sticks, on
+stock firmware by nothing else.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Final
+
+from mkdaemon.client import Vehicle
+from mkdaemon.errors import MkError
+from mkdaemon.gateways.mavlink.commands import LOCAL_FRAMES, Answered, Asked, Handler, accepted, denied
+from mkdaemon.gateways.mavlink.dialect import mavlink
+from mkdaemon.gateways.mavlink.frames import compass_from_yaw, ned_from_enu, offset_enu, wrapped
+from mkdaemon.gateways.mavlink.handcontrol import HandControl
+from mkdaemon.gateways.mavlink.modes import Mode, is_armed, mode_of_custom, mode_of_numbers, mode_of_standard
+from mkdaemon.gateways.mavlink.picture import Picture
+from mkdaemon.gateways.mavlink.steering import By, Order, Steering
+from mkdaemon.protocol import Board
+from mkdaemon.protocol.messages import ArmMotors
+from mkdaemon.telemetry.control import ControlEstimate
+from mkdaemon.telemetry.state import Flight, Position
+
+TAKE_OFF_HEIGHT: Final = 2.0
+"""Height above the target where a take-off names none [m]."""
+_FORCE: Final = 21_196
+"""Second parameter of a disarm that stops the motors of a flying aircraft."""
+_ABOVE_SEA: Final = frozenset({mavlink.MAV_FRAME_GLOBAL, mavlink.MAV_FRAME_GLOBAL_INT})
+_ABOVE_HOME: Final = frozenset({mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT, mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT})
+_PILOTS: Final = "the pilot turns his GPS switch to coming home: nothing on the serial line flies it"
+
+
+class Actions:
+    """Commands that fly, or look as if they would."""
+
+    def __init__(
+        self, uav: Vehicle, picture: Picture, steering: Steering, hands: HandControl, clear_route: Callable[[], None]
+    ) -> None:
+        """Act for ground stations.
+
+        Args:
+            uav: the vehicle.
+            picture: what is known of it.
+            steering: flies.
+            hands: the setpoints that ground stations stream.
+            clear_route: told when the NaviCtrl's list was emptied from here.
+        """
+        self._uav, self._picture, self._steering, self._hands = uav, picture, steering, hands
+        self._clear_route = clear_route
+
+    def table(self) -> dict[int, Handler]:
+        """Handlers by the number of the command."""
+        refusals = {number: self._refuse(words) for number, words in _REFUSED.items()}
+        return refusals | {
+            mavlink.MAV_CMD_NAV_TAKEOFF: self.take_off,
+            mavlink.MAV_CMD_NAV_LAND: self.land,
+            mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH: self.return_home,
+            mavlink.MAV_CMD_NAV_LOITER_UNLIM: self.hold,
+            mavlink.MAV_CMD_DO_REPOSITION: self.reposition,
+            mavlink.MAV_CMD_DO_PAUSE_CONTINUE: self.pause,
+            mavlink.MAV_CMD_DO_SET_MODE: self.set_mode,
+            mavlink.MAV_CMD_DO_SET_STANDARD_MODE: self.set_standard_mode,
+            mavlink.MAV_CMD_COMPONENT_ARM_DISARM: self.arm,
+            mavlink.MAV_CMD_MISSION_START: self.start_mission,
+            mavlink.MAV_CMD_DO_SET_ROI_LOCATION: self.look_at,
+            mavlink.MAV_CMD_DO_SET_ROI: self.look_at,
+            mavlink.MAV_CMD_DO_SET_ROI_NONE: self.hold_heading,
+        }
+
+    @staticmethod
+    def _refuse(words: str) -> Handler:
+        return lambda _: denied(words)
+
+    async def take_off(self, asked: Asked) -> Answered:
+        """NAV_TAKEOFF: by the daemon over the target, when the pilot has started the motors."""
+        height = asked.number(7) or TAKE_OFF_HEIGHT
+        if asked.frame in _ABOVE_SEA:
+            ground = self._picture.ground
+            if ground is None:
+                return denied("the height of the ground above the sea is not known: give the height above home")
+            height -= ground
+        if not is_armed(self._picture):
+            return denied(_START_MOTORS)
+        return await self._fly(asked, "takeoff", {"height": height}, "takes off")
+
+    async def land(self, asked: Asked) -> Answered:
+        """NAV_LAND: by the daemon on the target in sight, wherever the command says."""
+        return await self._fly(asked, "land", {"yaw": None}, "lands on the target in sight")
+
+    async def hold(self, asked: Asked) -> Answered:
+        """NAV_LOITER_UNLIM: the daemon holds the place over the target."""
+        return await self._fly(asked, "hold", {}, "")
+
+    async def pause(self, asked: Asked) -> Answered:
+        """DO_PAUSE_CONTINUE: pausing holds the place; a list of the NaviCtrl is paused by the pilot's switch."""
+        if asked.number(1) != 0:
+            return denied(f"only the NaviCtrl goes on with something: {_PILOTS}")
+        if self._steering.order is None:
+            await self._uav.abort("asked for by a ground station")
+            return accepted()
+        return await self.hold(asked)
+
+    async def reposition(self, asked: Asked) -> Answered:
+        """DO_REPOSITION: in a local frame by the daemon, on the globe by the NaviCtrl."""
+        if asked.frame in LOCAL_FRAMES:
+            north, east, down = (asked.number(index) for index in (5, 6, 7))
+            if north is None or east is None or down is None:
+                return denied("a place in a local frame needs x, y and z")
+            place = ned_from_enu((north, east, down))
+            heading = asked.number(4)
+            yaw = None if heading is None else compass_from_yaw(heading)
+            return await self._fly(asked, "position", {"position": place, "frame": "pad", "yaw": yaw}, "")
+        return await self._reposition_on_globe(asked)
+
+    async def _reposition_on_globe(self, asked: Asked) -> Answered:
+        if self._steering.order is not None:
+            return denied(
+                "the aircraft is flown by the target in sight, and a place on the globe is the NaviCtrl's: give a "
+                "place in LOCAL_NED, or give the aircraft back (mode Stabilized)"
+            )
+        here = self._picture.get(Position)
+        if here is None or here.home_latitude_deg is None or here.home_longitude_deg is None:
+            return denied("no GPS position, or no home position: start the motors with a fix, for that sets home")
+        latitude, longitude, height = asked.number(5), asked.number(6), asked.number(7)
+        if latitude is None or longitude is None:
+            return denied("a place on the globe needs latitude and longitude")
+        up = self._height_above_home(asked, height, here)
+        if up is None:
+            return denied("the height of home above the sea is not known: give the height above home")
+        east, north, _ = offset_enu(latitude, longitude, here.home_latitude_deg, here.home_longitude_deg)
+        turn = asked.number(4)
+        heading = None if turn is None else round(math.degrees(turn)) % 360 or 360
+        target = await self._uav.navi.target((east, north, up), confirm=True, heading_deg=heading)
+        return accepted(f"the NaviCtrl has the target: {target.switch}")
+
+    def _height_above_home(self, asked: Asked, height: float | None, here: Position) -> float | None:
+        """Height above home of a place; that of now where none is given; None where it cannot be told [m]."""
+        if height is None:
+            return here.altitude_above_start
+        if asked.frame in _ABOVE_HOME:
+            return height
+        ground = self._picture.ground
+        return None if ground is None else height - ground
+
+    async def return_home(self, _: Asked) -> Answered:
+        """NAV_RETURN_TO_LAUNCH: the list is emptied, so that the pilot's switch flies home."""
+        if self._steering.order is not None:
+            self._steering.give_back()
+            return accepted(f"the aircraft is given back to the pilot; {_PILOTS}, home")
+        await self._uav.route.end(confirm=True)
+        self._clear_route()
+        return accepted(f"the list is empty; {_PILOTS}, home")
+
+    async def start_mission(self, _: Asked) -> Answered:
+        """MISSION_START: the list is made ready for the pilot's switch."""
+        if self._steering.order is not None:
+            return denied("the aircraft is flown by the target in sight: give it back first (mode Stabilized)")
+        started = await self._uav.route.start(confirm=True)
+        return accepted(started.switch)
+
+    async def arm(self, asked: Asked) -> Answered:
+        """COMPONENT_ARM_DISARM: what is so already is accepted; else only a public fork of the firmware can do it."""
+        wants = asked.number(1) == 1
+        if wants is is_armed(self._picture) and self._picture.get(Flight) is not None:
+            return accepted()
+        if not wants:
+            await self._uav.stop(in_flight=asked.number(2) == _FORCE)
+            return accepted()
+        try:
+            await self._uav.request(Board.FC, ArmMotors(), confirm=True)
+        except MkError as refusal:
+            return denied(f"{_START_MOTORS} ({refusal})")
+        return accepted()
+
+    async def set_mode(self, asked: Asked) -> Answered:
+        """DO_SET_MODE, in the numbers of the link; without a custom mode by the flags of the base mode."""
+        base, main, sub = int(asked.number(1) or 0), int(asked.number(2) or 0), int(asked.number(3) or 0)
+        numbering = asked.station.numbering
+        if not base & mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED:
+            return await self.enter(asked, _mode_of_flags(base))
+        mode = mode_of_custom(numbering, main) if main > 0xFF else mode_of_numbers(numbering, main, sub)
+        return await self.enter(asked, mode)
+
+    async def set_standard_mode(self, asked: Asked) -> Answered:
+        """DO_SET_STANDARD_MODE."""
+        return await self.enter(asked, mode_of_standard(int(asked.number(1) or 0)))
+
+    async def enter(self, asked: Asked, mode: Mode | None) -> Answered:
+        """Enter a mode; see `modes.Mode` for what each is."""
+        match mode:
+            case None:
+                return denied("a MikroKopter has no such mode; AVAILABLE_MODES lists them")
+            case Mode.ALTITUDE:
+                return denied("height control is a switch of the pilot's transmitter")
+            case Mode.STABILIZED | Mode.POSITION | Mode.OFFBOARD:
+                return await self._enter_streamed(asked, mode)
+            case Mode.MISSION:
+                return await self.start_mission(asked)
+            case Mode.RETURN:
+                return await self.return_home(asked)
+            case Mode.TAKEOFF:
+                if not is_armed(self._picture):
+                    return denied(_START_MOTORS)
+                return await self._fly(asked, "takeoff", {"height": TAKE_OFF_HEIGHT}, "takes off")
+            case Mode.LAND:
+                return await self.land(asked)
+            case Mode.HOLD:
+                return await self.hold(asked)
+
+    async def _enter_streamed(self, asked: Asked, mode: Mode) -> Answered:
+        """Fly what the ground station streams; its sticks in Stabilized and Position, its setpoints in Offboard."""
+        by = By(asked.station, asked.program)
+        kind = self._hands.streamed(by, mode)
+        if kind is not None:
+            await self._steering.fly(Order(by, kind, is_streamed=True, mode=mode))
+            return accepted()
+        if mode is Mode.STABILIZED:
+            if self._steering.order is not None:
+                self._steering.give_back()
+                return accepted("the aircraft is given back to the pilot")
+            return accepted()
+        if mode is Mode.OFFBOARD:
+            return denied("Offboard flies a stream of setpoints: begin it, then set the mode")
+        return denied("the pilot's GPS switch holds the place; with MANUAL_CONTROL streamed, Position flies velocities")
+
+    async def look_at(self, asked: Asked) -> Answered:
+        """DO_SET_ROI_LOCATION: turn to a place of the local frame and hold; on the globe only in a mission."""
+        if asked.frame not in LOCAL_FRAMES:
+            return denied("a region of interest on the globe is flown in a mission only: upload it with the waypoints")
+        estimate = self._picture.get(ControlEstimate)
+        north, east = asked.number(5), asked.number(6)
+        if estimate is None or north is None or east is None:
+            return denied("turning to a place needs a flight by the target in sight, and x and y")
+        x, y, z = estimate.position
+        yaw = math.atan2(north - y, east - x)
+        fields = {"position": (x, y, z), "frame": "pad", "yaw": wrapped(yaw)}
+        return await self._fly(asked, "position", fields, "")
+
+    async def hold_heading(self, asked: Asked) -> Answered:
+        """DO_SET_ROI_NONE: keep the heading; nothing to do where nobody flies."""
+        return accepted() if self._steering.order is None else await self.hold(asked)
+
+    async def _fly(self, asked: Asked, kind: str, fields: dict[str, object], words: str) -> Answered:
+        await self._steering.fly(Order(By(asked.station, asked.program), kind, fields))
+        return accepted(words)
+
+
+_START_MOTORS: Final = "the pilot starts and stops the motors with his sticks"
+_REFUSED: Final = {
+    mavlink.MAV_CMD_DO_SET_HOME: "home is where the motors were started with a GPS fix",
+    mavlink.MAV_CMD_DO_CHANGE_SPEED: "a speed is part of a waypoint: upload it with the mission",
+    mavlink.MAV_CMD_DO_SET_MISSION_CURRENT: "the NaviCtrl flies its list from the first point",
+    mavlink.MAV_CMD_PREFLIGHT_CALIBRATION: "sensors are calibrated by the pilot's sticks, motors off",
+    mavlink.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN: "boards are reset by `mkctl send`, motors off",
+    mavlink.MAV_CMD_DO_FLIGHTTERMINATION: "the pilot ends a flight: gate shut, throttle down",
+    mavlink.MAV_CMD_DO_MOTOR_TEST: "motors are tested by `mkctl motors test`, propellers off",
+}
+"""Commands that are known and refused, each with what is done instead."""
+
+
+def _mode_of_flags(base: int) -> Mode | None:
+    """The mode that a base mode without a number asks for; what a ground station of a GENERIC autopilot sends."""
+    if base & mavlink.MAV_MODE_FLAG_AUTO_ENABLED:
+        return Mode.MISSION
+    if base & mavlink.MAV_MODE_FLAG_GUIDED_ENABLED:
+        return Mode.HOLD
+    if base & (mavlink.MAV_MODE_FLAG_STABILIZE_ENABLED | mavlink.MAV_MODE_FLAG_MANUAL_INPUT_ENABLED):
+        return Mode.STABILIZED
+    return None

@@ -1,0 +1,229 @@
+"""MAVLink commands: what each does to a MikroKopter, and what is answered.
+
+Every COMMAND_LONG and COMMAND_INT is answered at once, or with IN_PROGRESS at once and every half second until it is
+decided; a refusal's words follow as STATUSTEXT. Source: https://mavlink.io/en/services/command.html
+"""
+
+from __future__ import annotations
+
+import asyncio
+import math
+from collections import OrderedDict
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass
+from typing import Any, Final
+
+from mkdaemon.errors import CommandRejectedError, ManoeuvreError, MkError, NotEngagedError
+from mkdaemon.gateways.mavlink.dialect import Message, mavlink
+from mkdaemon.gateways.mavlink.stations import Program, Station
+from mkdaemon.gateways.mavlink.texts import INFO, WARNING, Notify
+from mkdaemon.telemetry.refusals import Status, Token
+
+AT_ONCE: Final = 0.25
+"""A command that is not decided within this is in progress [s]."""
+PROGRESS: Final = 0.5
+"""Between two IN_PROGRESS [s]; MAVSDK waits half a second for an answer."""
+_REMEMBERED: Final = 64
+"""Answers kept for a command that is repeated because its answer was lost."""
+_MOST_RUNNING: Final = 16
+LOCAL_FRAMES: Final = frozenset({mavlink.MAV_FRAME_LOCAL_NED, mavlink.MAV_FRAME_LOCAL_FRD})
+"""Frames of a command whose place is the daemon's to fly."""
+_LOCAL_SCALE: Final = 1e4
+_GLOBAL_SCALE: Final = 1e7
+_NOT_GIVEN: Final = 0x7FFF_FFFF
+"""Fifth and sixth number of a COMMAND_INT that are not given."""
+_LATER: Final = frozenset(
+    {
+        *(Token.FLYING, Token.LEASE_HELD, Token.NOT_READY, Token.LINK_DOWN, Token.SLOW_PATH),
+        *(Token.DISCOVERING, Token.CAMERA_OPENING, Token.MOTORS_UNKNOWN),
+    }
+)
+"""Refusals that may pass by themselves."""
+
+
+_BY_STATUS: Final = {
+    Status.BUSY: mavlink.MAV_RESULT_TEMPORARILY_REJECTED,
+    Status.UNSUPPORTED: mavlink.MAV_RESULT_UNSUPPORTED,
+    Status.TIMEOUT: mavlink.MAV_RESULT_FAILED,
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Asked:
+    """A command as both messages carry it.
+
+    Attributes:
+        station: where it came from.
+        program: who sent it.
+        command: of `MAV_CMD`.
+        params: seven numbers; of a COMMAND_INT the fifth and sixth are scaled as its frame says, and are so here.
+        frame: of `MAV_FRAME`; None for a COMMAND_LONG.
+        confirmation: how often it was repeated.
+        target: system and component it is meant for.
+    """
+
+    station: Station
+    program: Program
+    command: int
+    params: tuple[float, ...]
+    frame: int | None
+    confirmation: int
+    target: Program
+
+    def number(self, index: int) -> float | None:
+        """A parameter, counted from 1; None where it is NaN, the mark of one that is not given."""
+        value = self.params[index - 1]
+        return value if math.isfinite(value) else None
+
+
+@dataclass(frozen=True, slots=True)
+class Answered:
+    """What becomes of a command.
+
+    Attributes:
+        result: of `MAV_RESULT`.
+        words: told to who asked; empty for none.
+    """
+
+    result: int
+    words: str = ""
+
+
+ACCEPTED: Final = Answered(int(mavlink.MAV_RESULT_ACCEPTED))
+UNSUPPORTED: Final = Answered(int(mavlink.MAV_RESULT_UNSUPPORTED))
+
+
+def accepted(words: str = "") -> Answered:
+    """It is done, or begun."""
+    return Answered(int(mavlink.MAV_RESULT_ACCEPTED), words)
+
+
+def denied(words: str) -> Answered:
+    """It cannot be done."""
+    return Answered(int(mavlink.MAV_RESULT_DENIED), words)
+
+
+def asked_from(station: Station, message: Message) -> Asked:
+    """Read a COMMAND_LONG or COMMAND_INT."""
+    is_int = message.get_type() == "COMMAND_INT"
+    if is_int:
+        scale = _LOCAL_SCALE if message.frame in LOCAL_FRAMES else _GLOBAL_SCALE
+        last = (_place(message.x, scale), _place(message.y, scale), message.z)
+    else:
+        last = (message.param5, message.param6, message.param7)
+    return Asked(
+        station,
+        Program(message.get_srcSystem(), message.get_srcComponent()),
+        message.command,
+        (message.param1, message.param2, message.param3, message.param4, *last),
+        message.frame if is_int else None,
+        0 if is_int else message.confirmation,
+        Program(message.target_system, message.target_component),
+    )
+
+
+def _place(number: int, scale: float) -> float:
+    return math.nan if number == _NOT_GIVEN else number / scale
+
+
+Handler = Callable[[Asked], Awaitable[Answered] | Answered]
+"""Does a command; raises an `MkError` for a refusal."""
+
+
+class CommandDesk:
+    """Answers commands; the same one asked again while it runs, or because its answer was lost, is done once."""
+
+    def __init__(self, handlers: dict[int, Handler], notify: Notify, now: Callable[[], float]) -> None:
+        """Answer commands.
+
+        Args:
+            handlers: by the number of the command; others are unsupported.
+            notify: tells a ground station why.
+            now: the clock [s].
+        """
+        self._handlers, self._notify, self._now = handlers, notify, now
+        self._running: dict[tuple[Any, ...], asyncio.Task[None]] = {}
+        self._answered: OrderedDict[tuple[Any, ...], Answered] = OrderedDict()
+
+    def take(self, asked: Asked) -> None:
+        """Do a command and answer it."""
+        key = (id(asked.station), asked.program, asked.command)
+        if key in self._running:
+            _acknowledge(asked, int(mavlink.MAV_RESULT_IN_PROGRESS))
+            return
+        done = self._answered.get((*key, asked.params))
+        if asked.confirmation > 0 and done is not None:
+            _acknowledge(asked, done.result)
+            return
+        handler = self._handlers.get(asked.command)
+        if handler is None:
+            self._answer(asked, key, UNSUPPORTED)
+            return
+        if len(self._running) >= _MOST_RUNNING:
+            self._answer(
+                asked, key, Answered(int(mavlink.MAV_RESULT_TEMPORARILY_REJECTED), "too many commands at once")
+            )
+            return
+        try:
+            made = handler(asked)
+        except MkError as error:
+            self._answer(asked, key, answer_of(error))
+            return
+        if isinstance(made, Answered):
+            self._answer(asked, key, made)
+            return
+        self._running[key] = asyncio.create_task(self._run(asked, key, made), name=f"command {asked.command}")
+
+    async def close(self) -> None:
+        """End what runs."""
+        for task in self._running.values():
+            task.cancel()
+        await asyncio.gather(*self._running.values(), return_exceptions=True)
+
+    async def _run(self, asked: Asked, key: tuple[Any, ...], work: Awaitable[Answered]) -> None:
+        doing = asyncio.ensure_future(work)
+        try:
+            patience = AT_ONCE
+            while not (await asyncio.wait({doing}, timeout=patience))[0]:
+                _acknowledge(asked, int(mavlink.MAV_RESULT_IN_PROGRESS))
+                patience = PROGRESS
+            error = doing.exception()
+            if error is None:
+                self._answer(asked, key, doing.result())
+            elif isinstance(error, MkError):
+                self._answer(asked, key, answer_of(error))
+            else:
+                raise error
+        finally:
+            doing.cancel()
+            self._running.pop(key, None)
+
+    def _answer(self, asked: Asked, key: tuple[Any, ...], answer: Answered) -> None:
+        self._answered[(*key, asked.params)] = answer
+        while len(self._answered) > _REMEMBERED:
+            self._answered.popitem(last=False)
+        if answer.words:
+            is_done = answer.result == mavlink.MAV_RESULT_ACCEPTED
+            self._notify(asked.station, answer.words, INFO if is_done else WARNING)
+        _acknowledge(asked, answer.result)
+
+
+def answer_of(error: MkError) -> Answered:
+    """The answer that an error means: denied, or for the moment, or tried and not done."""
+    if isinstance(error, CommandRejectedError):
+        status = error.token.status if isinstance(error.token, Token) else Status.DENIED
+        result = _BY_STATUS.get(status, mavlink.MAV_RESULT_DENIED)
+        if error.token in _LATER:
+            result = mavlink.MAV_RESULT_TEMPORARILY_REJECTED
+        return Answered(int(result), f"{error.reason} {error.fix}".strip())
+    if isinstance(error, NotEngagedError | ManoeuvreError):
+        return Answered(int(mavlink.MAV_RESULT_TEMPORARILY_REJECTED), str(error))
+    return Answered(int(mavlink.MAV_RESULT_FAILED), str(error))
+
+
+def _acknowledge(asked: Asked, result: int) -> None:
+    asked.station.send(
+        mavlink.MAVLink_command_ack_message(
+            asked.command, result, 255, 0, asked.program.system, asked.program.component
+        )
+    )

@@ -1,0 +1,240 @@
+"""The gateway put together: what comes from ground stations, what comes from the daemon, and the clock."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Coroutine
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from mkdaemon.client import Vehicle
+from mkdaemon.errors import ProtocolError
+from mkdaemon.gateways.mavlink import handcontrol, missions, parameters, picture, queries, texts
+from mkdaemon.gateways.mavlink.actions import Actions
+from mkdaemon.gateways.mavlink.addresses import Address
+from mkdaemon.gateways.mavlink.commands import Asked, CommandDesk, asked_from
+from mkdaemon.gateways.mavlink.dialect import COMPONENT, EVERYBODY, Message, mavlink
+from mkdaemon.gateways.mavlink.framing import Signing
+from mkdaemon.gateways.mavlink.handcontrol import HandControl
+from mkdaemon.gateways.mavlink.links import Links
+from mkdaemon.gateways.mavlink.missions import MissionServer
+from mkdaemon.gateways.mavlink.modes import Mode, heartbeat, mode_now
+from mkdaemon.gateways.mavlink.parameters import ParameterServer
+from mkdaemon.gateways.mavlink.picture import Picture
+from mkdaemon.gateways.mavlink.queries import Queries
+from mkdaemon.gateways.mavlink.stations import Program, Station, is_for
+from mkdaemon.gateways.mavlink.steering import By, Steering
+from mkdaemon.gateways.mavlink.telemetry import TABLE
+from mkdaemon.gateways.mavlink.texts import Texts, text_of
+from mkdaemon.telemetry.control import ControlStatus
+from mkdaemon.telemetry.mission import MissionEvent
+from mkdaemon.telemetry.procedure import ProcedureProgress
+
+TICK: Final = 0.05
+"""How often the clock is looked at [s]."""
+BEAT: Final = 1.0
+"""Between two heartbeats [s]."""
+_MOST_WORK: Final = 32
+"""Answers that are worked on at once; further requests are dropped, and come again."""
+_SETTINGS: Final = frozenset({"settings_write", "settings_restore"})
+
+
+@dataclass(frozen=True, slots=True)
+class Options:
+    """How the gateway runs.
+
+    Attributes:
+        addresses: where ground stations are met.
+        system: number of the aircraft on the network.
+        signing: signs and checks messages; None without a key.
+        backups: folder of the settings that were found before they are first changed.
+    """
+
+    addresses: tuple[Address, ...]
+    system: int
+    signing: Signing | None
+    backups: Path
+
+
+class Gateway:
+    """A vehicle, shown to ground stations and flown for them.
+
+    Attributes:
+        links: where they are.
+        picture: what is known of the vehicle.
+        steering: what is flown for them.
+    """
+
+    def __init__(self, uav: Vehicle, options: Options, now: Callable[[], float], wall: Callable[[], float]) -> None:
+        """Put it together.
+
+        Args:
+            uav: the vehicle.
+            options: see there.
+            now: the monotonic clock [s].
+            wall: the system clock [s].
+        """
+        self._uav, self._options, self._now = uav, options, now
+        self.picture = Picture()
+        self.links = Links(options.system, options.signing, self.message_arrived, now, wall)
+        self.steering = Steering(uav, self.announce, now)
+        self._hands = HandControl(self.steering, self.picture, self.notify, now)
+        self._missions = MissionServer(uav, self.picture, self.notify, now)
+        self._parameters = ParameterServer(uav, options.backups, self.notify, now)
+        self._queries = Queries(self.picture, self._mode, self._missions.current)
+        actions = Actions(uav, self.picture, self.steering, self._hands, self._missions.forget)
+        self._desk = CommandDesk(actions.table() | self._queries.table(), self.notify, now)
+        self._texts = Texts()
+        self._work: set[asyncio.Task[None]] = set()
+        self._tasks: asyncio.TaskGroup | None = None
+        self._beat_at = 0.0
+        self._hands_words = ""
+
+    async def run(self, on_ready: Callable[[], None]) -> None:
+        """Serve until cancelled; the lease is given back then.
+
+        Args:
+            on_ready: called when all links are open.
+
+        Raises:
+            MkError: a link cannot be opened.
+        """
+        patterns = (*picture.READ, *texts.READ, "event/progress")
+        async with self._uav.watch(*patterns, backlog=512) as samples, asyncio.TaskGroup() as tasks:
+            self._tasks = tasks
+            try:
+                for address in self._options.addresses:
+                    await self.links.open(address, tasks)
+                await self._take_last()
+                on_ready()
+                tasks.create_task(self._clock(), name="clock")
+                async for sample in samples:
+                    with suppress(ProtocolError):  # of a newer daemon; what is known goes on
+                        self.value_arrived(sample.value)
+            finally:
+                self._tasks = None
+                await self._desk.close()
+                await self.steering.close()
+                self.links.close()
+
+    async def _take_last(self) -> None:
+        """What was published before: values that come seldom are known at once, each as old as it is."""
+        for pattern in picture.READ:
+            for sample in (await self._uav.get_all(pattern)).values():
+                with suppress(ProtocolError):
+                    self.picture.take(sample.value, self._now(), sample.age or 0.0)
+
+    def value_arrived(self, value: Any) -> None:
+        """Take a value of the daemon, and send what it is the source of."""
+        now = self._now()
+        self.picture.now = now
+        self.picture.take(value, now)
+        if isinstance(value, ControlStatus):
+            self.steering.status_arrived(value)
+            self._announce_hands(value)
+        elif isinstance(value, MissionEvent):
+            self._missions.event_arrived(value)
+        elif isinstance(value, ProcedureProgress) and value.verb in _SETTINGS:
+            self._parameters.forget()
+        if (text := text_of(value)) is not None:
+            self.announce(*text)
+        kind = type(value)
+        for name, row in TABLE.items():
+            if row.source is kind:
+                self._send(name, now)
+
+    def _announce_hands(self, status: ControlStatus) -> None:
+        """What the pilot's hands do changes with the phase, and his operator reads it out."""
+        if status.hands and status.hands != self._hands_words and status.lease is not None:
+            self.announce(texts.NOTICE, f"pilot: {status.hands}")
+        self._hands_words = status.hands
+
+    def _send(self, name: str, now: float) -> None:
+        """Send a message to everybody to whom it is due."""
+        made: Message | None = None
+        for station in self.links.stations:
+            if station.is_present(now) and station.is_due(name, now):
+                made = made or TABLE[name].make(self.picture)
+                if made is None:
+                    return
+                station.send(made)
+
+    async def _clock(self) -> None:
+        while True:
+            self.tick()
+            await self._missions.tick()
+            await asyncio.sleep(TICK)
+
+    def tick(self) -> None:
+        """Send what the clock sends."""
+        now = self.picture.now = self._now()
+        for name, row in TABLE.items():
+            if row.source is None:
+                self._send(name, now)
+        if now - self._beat_at < BEAT:
+            return
+        self._beat_at = now
+        mode, reached = self._mode(), self._missions.reached()
+        for station in self.links.stations:
+            station.send(heartbeat(self.picture, mode, station.numbering))
+            if station.is_present(now):
+                station.send(self._missions.current())
+                if reached is not None:
+                    station.send(reached)
+
+    def _mode(self) -> Mode:
+        return mode_now(self.picture, self.steering.shown_mode)
+
+    def announce(self, severity: int, text: str) -> None:
+        """Tell all ground stations."""
+        for message in self._texts.pieces(severity, text, self._now()):
+            for station in self.links.stations:
+                if station.is_present(self._now()):
+                    station.send(message)
+
+    def notify(self, station: Station, text: str, severity: int = texts.WARNING) -> None:
+        """Tell one ground station what becomes of its request."""
+        for message in self._texts.pieces(severity, text, self._now(), to=station.name):
+            station.send(message)
+
+    def message_arrived(self, station: Station, message: Message) -> None:
+        """Take a message of a ground station."""
+        now, name = self._now(), message.get_type()
+        program = Program(message.get_srcSystem(), message.get_srcComponent())
+        if program.system in (EVERYBODY, self._options.system):  # ourselves, or nobody
+            return
+        station.note_message(program, now, is_heartbeat=name == "HEARTBEAT")
+        if name in ("COMMAND_LONG", "COMMAND_INT"):
+            if message.target_system in (EVERYBODY, self._options.system):
+                self._desk.take(asked_from(station, message))
+            return
+        if not is_for(message, self._options.system, COMPONENT):
+            return
+        if name in handcontrol.MESSAGES:
+            if getattr(message, "target", self._options.system) == self._options.system:
+                self._hands.take(By(station, program), message)
+        elif name in parameters.MESSAGES:
+            self._start(self._parameters.take(station, message))
+        elif name in missions.MESSAGES:
+            self._start(self._missions.take(station, message))
+        elif name in queries.MESSAGES:
+            self._queries.take(station, message)
+        elif name == "SET_MODE":
+            self._set_mode(station, program, message.custom_mode)
+
+    def _set_mode(self, station: Station, program: Program, custom: int) -> None:
+        """SET_MODE, which is older than its command: answered as that."""
+        params = (float(mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED), float(custom), *[0.0] * 5)
+        target = Program(self._options.system, COMPONENT)
+        self._desk.take(Asked(station, program, int(mavlink.MAV_CMD_DO_SET_MODE), params, None, 0, target))
+
+    def _start(self, work: Coroutine[Any, Any, None]) -> None:
+        """Work on an answer beside everything else; what is too much is dropped and comes again."""
+        if self._tasks is None or len(self._work) >= _MOST_WORK:
+            work.close()
+            return
+        task = self._tasks.create_task(work, name="answer")
+        self._work.add(task)
+        task.add_done_callback(self._work.discard)

@@ -1,0 +1,228 @@
+"""The links: UDP, TCP and serial; bytes in and out, each address a station.
+
+A station that does not read holds nobody up: what its connection cannot take is dropped. Nothing that comes raises.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from contextlib import suppress
+from typing import Any, Final
+
+from mkdaemon.errors import MkError
+from mkdaemon.gateways.mavlink.addresses import Address, Kind
+from mkdaemon.gateways.mavlink.dialect import Message
+from mkdaemon.gateways.mavlink.framing import Counts, Decoder, Encoder, Signing
+from mkdaemon.gateways.mavlink.stations import Station
+
+MOST_STATIONS: Final = 8
+"""Stations of one link."""
+_MOST_WAITING: Final = 65_536
+"""Bytes that may wait for a slow station."""
+_RETRY: Final = 1.0
+"""Time between two attempts to open a serial line [s]."""
+
+OnMessage = Callable[[Station, Message], None]
+"""Takes a message and whose it is."""
+Clock = Callable[[], float]
+
+
+class Links:
+    """All links of the gateway.
+
+    Attributes:
+        counts: what came, over all links.
+    """
+
+    def __init__(self, system: int, signing: Signing | None, on_message: OnMessage, now: Clock, wall: Clock) -> None:
+        """Prepare the links.
+
+        Args:
+            system: number of the aircraft.
+            signing: signs and checks, where there is a key.
+            on_message: takes what comes.
+            now: the monotonic clock [s].
+            wall: the system clock [s].
+        """
+        self.counts = Counts()
+        self._system, self._signing, self._on_message = system, signing, on_message
+        self._now, self._wall = now, wall
+        self._stations: list[Station] = []
+        self._closing: list[Callable[[], None]] = []
+        self._link_ids = 0
+
+    @property
+    def stations(self) -> tuple[Station, ...]:
+        """Those whose connection stands."""
+        return tuple(self._stations)
+
+    async def open(self, address: Address, tasks: asyncio.TaskGroup) -> None:
+        """Open a link.
+
+        Args:
+            address: where.
+            tasks: runs what a serial line needs.
+
+        Raises:
+            MkError: it cannot be opened; says which and why.
+        """
+        loop = asyncio.get_running_loop()
+        try:
+            match address.kind:
+                case Kind.UDP_OUT:
+                    remote = (address.host, address.port)
+                    made: Any = await loop.create_datagram_endpoint(
+                        lambda: _Datagrams(self, address), remote_addr=remote
+                    )
+                    self._closing.append(made[0].close)
+                case Kind.UDP_IN:
+                    local = (address.host, address.port)
+                    made = await loop.create_datagram_endpoint(lambda: _Datagrams(self, address), local_addr=local)
+                    self._closing.append(made[0].close)
+                case Kind.TCP_IN:
+                    server = await loop.create_server(lambda: _Stream(self, address), address.host, address.port)
+                    self._closing.append(server.close)
+                case Kind.SERIAL:
+                    tasks.create_task(self._keep_serial(address), name=f"line {address.host}")
+        except OSError as error:
+            raise MkError(f"--link {address} cannot be opened: {error.strerror or error}") from error
+
+    def close(self) -> None:
+        """Close everything."""
+        for close in self._closing:
+            close()
+        for station in self._stations:
+            station.is_open = False
+        self._stations.clear()
+
+    def add(self, name: str, address: Address, put: Callable[[bytes], bool]) -> Station | None:
+        """Meet a station; None where there are too many of its link."""
+        same = [one for one in self._stations if one.name.startswith(str(address))]
+        if len(same) >= MOST_STATIONS:
+            return None
+        self._link_ids = (self._link_ids + 1) % 256
+        encoder = Encoder(self._system, self._signing, self._link_ids)
+        station = Station(f"{address} {name}".strip(), address.numbering, encoder, put, self._wall)
+        self._stations.append(station)
+        return station
+
+    def remove(self, station: Station) -> None:
+        """Forget a station."""
+        station.is_open = False
+        with suppress(ValueError):
+            self._stations.remove(station)
+
+    def received(self, station: Station, messages: list[Message]) -> None:
+        """Hand on what came."""
+        for message in messages:
+            self._on_message(station, message)
+
+    def decoder(self) -> Decoder:
+        """A decoder for one stream of bytes."""
+        return Decoder(self.counts, self._signing)
+
+    def read(self, decoder: Decoder, data: bytes, *, is_datagram: bool) -> list[Message]:
+        """The messages of some bytes."""
+        wall = self._wall()
+        return decoder.datagram(data, wall) if is_datagram else list(decoder.feed(data, wall))
+
+    def is_silent(self, station: Station) -> bool:
+        """Whether a station may make room for another one."""
+        return not station.is_present(self._now())
+
+    async def _keep_serial(self, address: Address) -> None:
+        import serial_asyncio
+
+        loop = asyncio.get_running_loop()
+        while True:
+            with suppress(OSError, ValueError):  # SerialException is an OSError
+                lost: asyncio.Future[None] = loop.create_future()
+                await serial_asyncio.create_serial_connection(
+                    loop, lambda lost=lost: _Stream(self, address, lost), address.host, baudrate=address.port
+                )
+                await lost
+            await asyncio.sleep(_RETRY)
+
+
+class _Datagrams(asyncio.DatagramProtocol):
+    """A UDP socket: each address that sends is a station; one that is connected has a single one."""
+
+    def __init__(self, links: Links, address: Address) -> None:
+        self._links, self._address = links, address
+        self._decoder = links.decoder()
+        self._stations: dict[Any, Station] = {}
+        self._transport: Any = None
+
+    def connection_made(self, transport: Any) -> None:
+        self._transport = transport
+        if self._address.kind is Kind.UDP_OUT:
+            self._add(None)
+
+    def datagram_received(self, data: bytes, addr: Any) -> None:
+        messages = self._links.read(self._decoder, data, is_datagram=True)
+        if not messages:
+            return
+        key = None if self._address.kind is Kind.UDP_OUT else addr
+        station = self._stations.get(key) or self._add(key)
+        if station is not None:
+            self._links.received(station, messages)
+
+    def error_received(self, exc: Exception) -> None:
+        """Nobody listens at the port, which the machine there says at once: a program that was met there has ended."""
+        station = self._stations.get(None)
+        if station is not None and isinstance(exc, ConnectionRefusedError):
+            station.forget()
+
+    def _add(self, key: Any) -> Station | None:
+        for old, silent in list(self._stations.items()):
+            if key is not None and self._links.is_silent(silent):
+                self._links.remove(silent)
+                del self._stations[old]
+        name = "" if key is None else f"from {key[0]}:{key[1]}"
+        station = self._links.add(name, self._address, lambda data: self._put(data, key))
+        if station is not None:
+            self._stations[key] = station
+        return station
+
+    def _put(self, data: bytes, key: Any) -> bool:
+        transport = self._transport
+        if transport is None or transport.is_closing() or transport.get_write_buffer_size() > _MOST_WAITING:
+            return False
+        transport.sendto(data, key)
+        return True
+
+
+class _Stream(asyncio.Protocol):
+    """A TCP connection or a serial line."""
+
+    def __init__(self, links: Links, address: Address, lost: asyncio.Future[None] | None = None) -> None:
+        self._links, self._address, self._lost = links, address, lost
+        self._decoder = links.decoder()
+        self._station: Station | None = None
+        self._transport: Any = None
+
+    def connection_made(self, transport: Any) -> None:
+        self._transport = transport
+        peer = transport.get_extra_info("peername")
+        name = f"from {peer[0]}:{peer[1]}" if peer else ""
+        self._station = self._links.add(name, self._address, self._put)
+        if self._station is None:
+            transport.close()
+
+    def data_received(self, data: bytes) -> None:
+        if self._station is not None:
+            self._links.received(self._station, self._links.read(self._decoder, data, is_datagram=False))
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        if self._station is not None:
+            self._links.remove(self._station)
+        if self._lost is not None and not self._lost.done():
+            self._lost.set_result(None)
+
+    def _put(self, data: bytes) -> bool:
+        transport = self._transport
+        if transport.is_closing() or transport.get_write_buffer_size() > _MOST_WAITING:
+            return False
+        transport.write(data)
+        return True

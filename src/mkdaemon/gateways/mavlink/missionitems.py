@@ -1,0 +1,195 @@
+"""Mission items of MAVLink and points of a NaviCtrl: what an item cannot say of a point, and a point not of an item.
+
+The conversion is that of QGroundControl's plans (`missions.qgc`), which hold the same items.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+from mkdaemon.errors import ConfigError
+from mkdaemon.gateways.mavlink.dialect import NAN, Message, mavlink
+from mkdaemon.missions import qgc
+from mkdaemon.missions.source import Place
+from mkdaemon.telemetry.mission import Mission, MissionPoint
+
+_PLAIN: Final = {
+    int(mavlink.MAV_FRAME_GLOBAL_INT): int(mavlink.MAV_FRAME_GLOBAL),
+    int(mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT): int(mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT),
+}
+"""Frames that mean the same as one of a plan."""
+_GLOBAL: Final = frozenset({int(mavlink.MAV_FRAME_GLOBAL), int(mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT)})
+_PLACED: Final = frozenset({16, 19, 21, 195, 201})
+"""Commands that have a place."""
+_E7: Final = 1e7
+
+
+@dataclass(frozen=True, slots=True)
+class Item:
+    """A mission item as it crosses the link.
+
+    Attributes:
+        command: of `MAV_CMD`.
+        frame: of `MAV_FRAME`.
+        params: four numbers, NaN for one that is not given.
+        x: latitude [1e-7 deg].
+        y: longitude [1e-7 deg].
+        z: height [m].
+        current: whether it is the next one.
+        autocontinue: whether the mission goes on by itself.
+    """
+
+    command: int
+    frame: int
+    params: tuple[float, float, float, float]
+    x: int
+    y: int
+    z: float
+    current: int = 0
+    autocontinue: int = 1
+
+    def message(self, system: int, component: int, seq: int) -> Message:
+        """MISSION_ITEM_INT to a program."""
+        return mavlink.MAVLink_mission_item_int_message(
+            system, component, seq, self.frame, self.command, self.current, self.autocontinue, *self.params,
+            self.x, self.y, self.z,
+        )  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class Refused:
+    """A mission that no MikroKopter can fly.
+
+    Attributes:
+        result: of `MAV_MISSION_RESULT`.
+        reason: which item, why, and what to do.
+    """
+
+    result: int
+    reason: str
+
+
+def item_from(message: Message) -> Item:
+    """Read a MISSION_ITEM_INT or a MISSION_ITEM."""
+    x, y = message.x, message.y
+    if message.get_type() == "MISSION_ITEM":
+        x, y = _scaled(x), _scaled(y)
+    params = (message.param1, message.param2, message.param3, message.param4)
+    return Item(message.command, message.frame, params, x, y, message.z, message.current, message.autocontinue)
+
+
+def _scaled(degrees: float) -> int:
+    return round(degrees * _E7) if math.isfinite(degrees) and abs(degrees) <= 180.0 else 0x7FFF_FFFF
+
+
+def mission_of(items: Sequence[Item], ground: float | None, first: int = 0) -> Mission | Refused:
+    """The mission of some items.
+
+    Args:
+        items: as they came.
+        ground: height of home above the sea; None where it is not known [m].
+        first: number of the first of them, for messages.
+
+    Returns:
+        The mission, heights above home, or why there is none.
+    """
+    for number, item in enumerate(items, first):
+        if item.command not in qgc.COMMANDS:
+            result, what = mavlink.MAV_MISSION_UNSUPPORTED, _unsupported(item, number)
+            return Refused(int(result), what)
+        if item.command in _PLACED and _PLAIN.get(item.frame, item.frame) not in _GLOBAL:
+            what = f"item {number}: frame {item.frame} cannot be flown; set heights relative to home"
+            return Refused(int(mavlink.MAV_MISSION_UNSUPPORTED_FRAME), what)
+    try:
+        draft = qgc.draft_of([_plan_item(item) for item in items], _places(len(items), first))
+        return draft.settled("mission", start_elevation=ground)
+    except ConfigError as error:
+        return Refused(int(mavlink.MAV_MISSION_INVALID), str(error).replace("item:", "item "))
+
+
+def _unsupported(item: Item, number: int) -> str:
+    try:
+        qgc.draft_of([_plan_item(item)], [Place("item", number)])
+    except ConfigError as error:
+        return str(error).replace("item:", "item ")
+    return f"item {number}: command {item.command} cannot be flown"
+
+
+def _places(count: int, first: int) -> Iterable[Place]:
+    return (Place("item", number) for number in range(first, first + count))
+
+
+def _plan_item(item: Item) -> dict[str, Any]:
+    numbers = (*item.params, item.x / _E7, item.y / _E7, item.z)
+    return {
+        "type": "SimpleItem",
+        "command": item.command,
+        "frame": _PLAIN.get(item.frame, item.frame),
+        "params": [number if math.isfinite(number) else None for number in numbers],
+    }
+
+
+@dataclass(frozen=True, slots=True)
+class Held:
+    """The mission that the NaviCtrl holds.
+
+    Attributes:
+        items: as they are sent.
+        digest: of the list on the board.
+        flown: for each item the point it flies to, from 1; None for none.
+    """
+
+    items: tuple[Item, ...]
+    digest: str
+    flown: tuple[int | None, ...]
+
+    def seq_of(self, point: int) -> int | None:
+        """Number of the item that flies to a point; None where none does."""
+        return self.flown.index(point) if point in self.flown else None
+
+
+def held_from(points: Sequence[MissionPoint], digest: str, items: Sequence[Item] | None = None) -> Held:
+    """What is sent of a list.
+
+    Args:
+        points: of the list.
+        digest: of the list.
+        items: those it was uploaded as; None to make them of the points.
+
+    Raises:
+        ConfigError: a point that no item says, as a fail-safe point.
+    """
+    if not points:
+        return Held((), digest, ())
+    made = qgc.items_of(Mission(points=tuple(points)))
+    flown = tuple(point for _, point in made)
+    if items is None:
+        return Held(tuple(_item_of(item, index == 0) for index, (item, _) in enumerate(made)), digest, flown)
+    return Held(tuple(items), digest, tuple(_flown(items, points)))
+
+
+def _flown(items: Sequence[Item], points: Sequence[MissionPoint]) -> Iterable[int | None]:
+    """The points that uploaded items fly to: points follow the items that have a place, in order."""
+    number = 0
+    for item in items:
+        if item.command not in _PLACED:
+            yield None
+            continue
+        number += 1
+        yield number if number <= len(points) and item.command in {16, 19, 21} else None
+
+
+def _item_of(item: dict[str, Any], is_first: bool) -> Item:
+    numbers = [NAN if value is None else float(value) for value in item["params"]]
+    return Item(
+        item["command"],
+        {plain: full for full, plain in _PLAIN.items()}.get(item["frame"], item["frame"]),
+        (numbers[0], numbers[1], numbers[2], numbers[3]),
+        round(numbers[4] * _E7),
+        round(numbers[5] * _E7),
+        numbers[6],
+        int(is_first),
+    )

@@ -1,0 +1,373 @@
+"""The mission protocol: the list of the NaviCtrl, read and replaced whole.
+
+An upload is accepted once the daemon has written it and read it back; what a MikroKopter cannot do is refused with a
+reason. A mission that was uploaded from here is sent back as it came, for as long as the board holds the list it
+became. Fences and rally points are none of a MikroKopter's. Source: https://mavlink.io/en/services/mission.html
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Final
+
+from mkdaemon.client import Vehicle
+from mkdaemon.errors import CommandRejectedError, ConfigError, ManoeuvreError, MkError
+from mkdaemon.gateways.mavlink.dialect import UINT16_UNKNOWN, Message, mavlink
+from mkdaemon.gateways.mavlink.frames import degrees_e7
+from mkdaemon.gateways.mavlink.missionitems import Held, Item, Refused, held_from, item_from, mission_of
+from mkdaemon.gateways.mavlink.modes import Numbering
+from mkdaemon.gateways.mavlink.picture import Picture
+from mkdaemon.gateways.mavlink.stations import Program, Station
+from mkdaemon.gateways.mavlink.texts import Notify
+from mkdaemon.telemetry.mission import Mission, MissionEvent
+from mkdaemon.telemetry.navi import ControlNavi, NaviStage
+from mkdaemon.telemetry.refusals import Token
+from mkdaemon.telemetry.state import Flight, Position
+from mkdaemon.telemetry.vehicle import VehicleHealth
+
+MESSAGES: Final = frozenset(
+    {
+        *("MISSION_REQUEST_LIST", "MISSION_REQUEST_INT", "MISSION_REQUEST", "MISSION_COUNT", "MISSION_ITEM_INT"),
+        *("MISSION_ITEM", "MISSION_CLEAR_ALL", "MISSION_ACK", "MISSION_SET_CURRENT"),
+    }
+)
+AGAIN: Final = 0.7
+"""An item that does not come is asked for again after so long [s]."""
+STORING: Final = 1.2
+"""The last item is asked for again so often while the board stores the list [s], so that its sender goes on waiting."""
+ATTEMPTS: Final = 5
+"""An item is asked for so often."""
+MOST_ITEMS: Final = 1000
+"""Items of an upload; no NaviCtrl holds more than 254 points."""
+_FLOWN: Final = frozenset({NaviStage.ROUTE, NaviStage.AT_POINT})
+_RESULTS: Final[dict[str, int]] = {
+    Token.POINT_NOT_EXPRESSIBLE: mavlink.MAV_MISSION_UNSUPPORTED,
+    Token.TOO_MANY_POINTS: mavlink.MAV_MISSION_NO_SPACE,
+}
+
+
+@dataclass(slots=True)
+class Upload:
+    """An upload under way.
+
+    Attributes:
+        station: where it comes from.
+        program: which program there.
+        count: items that are to come.
+        items: those that came.
+        asked_at: when the next was last asked for [s].
+        attempts: how often.
+        storing: the procedure that stores them; None while they come.
+    """
+
+    station: Station
+    program: Program
+    count: int
+    asked_at: float
+    items: list[Item] = field(default_factory=list)
+    attempts: int = 0
+    storing: asyncio.Task[None] | None = None
+
+    def is_from(self, station: Station, program: Program) -> bool:
+        """Whether a message belongs to it."""
+        return self.station is station and self.program == program
+
+
+class MissionServer:
+    """Answers the mission protocol."""
+
+    def __init__(self, uav: Vehicle, picture: Picture, notify: Notify, now: Callable[[], float]) -> None:
+        """Serve missions.
+
+        Args:
+            uav: the vehicle.
+            picture: what is known of it.
+            notify: tells a ground station why.
+            now: the clock [s].
+        """
+        self._uav, self._picture, self._notify, self._now = uav, picture, notify, now
+        self._held: Held | None = None
+        self._on_board: str | None = None
+        self._upload: Upload | None = None
+        self._lock = asyncio.Lock()
+        self._reached = 0
+
+    def event_arrived(self, event: MissionEvent) -> None:
+        """Somebody has changed the list; from here or not, its digest tells."""
+        self._on_board = event.digest or None
+        if self._held is not None and event.action != "started" and self._held.digest != event.digest:
+            self._held = None
+
+    def forget(self) -> None:
+        """The list was emptied from here."""
+        self._held = None
+
+    async def take(self, station: Station, message: Message) -> None:
+        """Answer a message of the protocol."""
+        program = Program(message.get_srcSystem(), message.get_srcComponent())
+        kind = getattr(message, "mission_type", 0)
+        name = message.get_type()
+        if kind not in (mavlink.MAV_MISSION_TYPE_MISSION, mavlink.MAV_MISSION_TYPE_ALL):
+            self._take_other(station, program, message)
+            return
+        match name:
+            case "MISSION_REQUEST_LIST":
+                await self._send_count(station, program)
+            case "MISSION_REQUEST_INT" | "MISSION_REQUEST":
+                await self._send_item(station, program, message.seq, is_old=name == "MISSION_REQUEST")
+            case "MISSION_COUNT":
+                self._begin(station, program, message.count)
+            case "MISSION_ITEM_INT" | "MISSION_ITEM":
+                await self._take_item(station, program, message)
+            case "MISSION_CLEAR_ALL":
+                await self._clear(station, program)
+            case "MISSION_ACK":
+                upload = self._upload
+                if upload is not None and upload.is_from(station, program) and upload.storing is None:
+                    self._upload = None
+            case "MISSION_SET_CURRENT":
+                self._notify(station, "the NaviCtrl flies its list from the first point")
+
+    @staticmethod
+    def _take_other(station: Station, program: Program, message: Message) -> None:
+        """Fences and rally points: there are none, and none can be stored."""
+        name, kind = message.get_type(), message.mission_type
+        if name == "MISSION_REQUEST_LIST":
+            station.send(mavlink.MAVLink_mission_count_message(*program, 0, kind))
+        elif name in ("MISSION_COUNT", "MISSION_CLEAR_ALL"):
+            is_nothing = name == "MISSION_CLEAR_ALL" or message.count == 0
+            result = mavlink.MAV_MISSION_ACCEPTED if is_nothing else mavlink.MAV_MISSION_UNSUPPORTED
+            station.send(mavlink.MAVLink_mission_ack_message(*program, result, kind))
+
+    async def tick(self) -> None:
+        """Ask again for what does not come, and end an upload that has stopped."""
+        upload = self._upload
+        if upload is None:
+            return
+        now = self._now()
+        if upload.storing is not None:
+            if now - upload.asked_at >= STORING:
+                self._ask(upload, upload.count - 1)
+            return
+        if now - upload.asked_at < AGAIN:
+            return
+        if upload.attempts >= ATTEMPTS:
+            self._upload = None
+            self._acknowledge(upload.station, upload.program, mavlink.MAV_MISSION_OPERATION_CANCELLED)
+            return
+        self._ask(upload, len(upload.items))
+
+    def current(self) -> Message:
+        """MISSION_CURRENT: where the NaviCtrl is in its list."""
+        navi, flight, held = self._picture.get(ControlNavi), self._picture.get(Flight), self._held
+        seq, state, mode = 0, mavlink.MISSION_STATE_UNKNOWN, 0
+        total = UINT16_UNKNOWN if held is None or not held.items else max(len(held.items) - 1, 0)
+        if held is not None and not held.items:
+            state = mavlink.MISSION_STATE_NO_MISSION
+        elif navi is not None and flight is not None:
+            is_flown = navi.stage in _FLOWN
+            mode = 1 if is_flown else 2
+            seq = (held.seq_of(navi.waypoint) if held is not None and navi.waypoint else 0) or 0
+            state = mavlink.MISSION_STATE_NOT_STARTED
+            if navi.is_route_done:
+                state = mavlink.MISSION_STATE_COMPLETE
+            elif navi.waypoint:
+                state = mavlink.MISSION_STATE_ACTIVE if is_flown else mavlink.MISSION_STATE_PAUSED
+        return mavlink.MAVLink_mission_current_message(seq, total, state, mode)
+
+    def reached(self) -> Message | None:
+        """MISSION_ITEM_REACHED, once for each point that was reached."""
+        navi, held = self._picture.get(ControlNavi), self._held
+        if navi is None or held is None or navi.stage is not NaviStage.AT_POINT:
+            self._reached = 0
+            return None
+        seq = held.seq_of(navi.waypoint)
+        if navi.waypoint == self._reached or seq is None:
+            return None
+        self._reached = navi.waypoint
+        return mavlink.MAVLink_mission_item_reached_message(seq)
+
+    async def _known(self) -> Held:
+        """The list, read where it is not known.
+
+        Raises:
+            MkError: it cannot be read.
+        """
+        async with self._lock:
+            held = self._held
+            if held is not None and self._on_board in (None, held.digest):
+                return held
+            health = self._picture.get(VehicleHealth)
+            if health is not None and health.boards and "nc" not in health.boards:
+                return Held((), "", ())
+            found = await self._uav.waypoints.read()
+            self._held = held_from(found.points, found.digest)
+            self._on_board = found.digest
+            return self._held
+
+    async def _send_count(self, station: Station, program: Program) -> None:
+        try:
+            held = await self._known()
+        except (MkError, ConfigError) as error:
+            self._notify(station, f"the mission cannot be read: {_words(error)}")
+            self._acknowledge(station, program, mavlink.MAV_MISSION_ERROR)
+            return
+        count = len(held.items)
+        if count and station.numbering is Numbering.ARDUPILOT:
+            count += 1
+        station.send(mavlink.MAVLink_mission_count_message(*program, count, mavlink.MAV_MISSION_TYPE_MISSION))
+
+    async def _send_item(self, station: Station, program: Program, seq: int, *, is_old: bool) -> None:
+        try:
+            held = await self._known()
+        except MkError as error:
+            self._notify(station, f"the mission cannot be read: {_words(error)}")
+            self._acknowledge(station, program, mavlink.MAV_MISSION_ERROR)
+            return
+        items = held.items
+        if items and station.numbering is Numbering.ARDUPILOT:
+            items = (self._home(), *items)
+        if seq >= len(items):
+            self._acknowledge(station, program, mavlink.MAV_MISSION_INVALID_SEQUENCE)
+            return
+        message = items[seq].message(*program, seq)
+        station.send(_old(message) if is_old else message)
+
+    def _home(self) -> Item:
+        """Item 0 as ArduPilot has it; zeros while home is not known."""
+        here = self._picture.get(Position)
+        if here is None or here.home_latitude_deg is None or here.home_longitude_deg is None:
+            return Item(16, 0, (0.0, 0.0, 0.0, 0.0), 0, 0, 0.0)
+        return Item(
+            16, 0, (0.0, 0.0, 0.0, 0.0), degrees_e7(here.home_latitude_deg), degrees_e7(here.home_longitude_deg),
+            self._picture.ground or 0.0,
+        )  # fmt: skip
+
+    def _begin(self, station: Station, program: Program, count: int) -> None:
+        upload = self._upload
+        if upload is not None and (upload.storing is not None or not upload.is_from(station, program)):
+            if not upload.is_from(station, program):
+                self._notify(station, "another ground station uploads a mission")
+                self._acknowledge(station, program, mavlink.MAV_MISSION_DENIED)
+            return
+        if count > MOST_ITEMS:
+            self._notify(station, f"{count} items: no NaviCtrl holds more than 254 points")
+            self._acknowledge(station, program, mavlink.MAV_MISSION_NO_SPACE)
+            return
+        self._upload = upload = Upload(station, program, count, self._now())
+        if count == 0:
+            self._store(upload)
+        else:
+            self._ask(upload, 0)
+
+    def _ask(self, upload: Upload, seq: int) -> None:
+        upload.asked_at, upload.attempts = self._now(), upload.attempts + 1
+        upload.station.send(mavlink.MAVLink_mission_request_int_message(*upload.program, seq, 0))
+
+    async def _take_item(self, station: Station, program: Program, message: Message) -> None:
+        upload = self._upload
+        if upload is None or not upload.is_from(station, program):
+            self._acknowledge(station, program, mavlink.MAV_MISSION_INVALID_SEQUENCE)
+            return
+        if upload.storing is not None or message.seq < len(upload.items):  # sent twice
+            return
+        if message.seq > len(upload.items):
+            if self._now() - upload.asked_at > AGAIN / 2:
+                self._ask(upload, len(upload.items))
+            return
+        upload.items.append(item_from(message))
+        upload.attempts = 0
+        if len(upload.items) < upload.count:
+            self._ask(upload, len(upload.items))
+        else:
+            self._store(upload)
+
+    def _store(self, upload: Upload) -> None:
+        upload.asked_at = self._now()
+        upload.storing = asyncio.create_task(self._store_now(upload), name="mission upload")
+
+    async def _store_now(self, upload: Upload) -> None:
+        station, program = upload.station, upload.program
+        try:
+            result = await self._replace(upload)
+        except (MkError, ConfigError) as error:
+            self._notify(station, f"the mission is not stored: {_words(error)}")
+            result = _result_of(error)
+        finally:
+            self._upload = None
+        self._acknowledge(station, program, result)
+
+    async def _replace(self, upload: Upload) -> int:
+        """Store the items; the result of it.
+
+        Raises:
+            MkError: the daemon refuses, or it is not proven.
+        """
+        skipped = int(upload.station.numbering is Numbering.ARDUPILOT)
+        items = upload.items[skipped:]
+        mission: Mission | None = None
+        if items:
+            found = mission_of(items, self._picture.ground, skipped)
+            if isinstance(found, Refused):
+                self._notify(upload.station, found.reason)
+                return found.result
+            mission = found
+        self._require_not_flown()
+        async with self._lock:
+            if mission is None:
+                cleared = await self._uav.waypoints.clear(in_flight=True)
+                self._held = Held((), cleared.digest, ())
+                self._on_board = cleared.digest
+                return int(mavlink.MAV_MISSION_ACCEPTED)
+            stored = await self._uav.waypoints.upload(mission.points, in_flight=True, source="MAVLink")
+            self._held = held_from(mission.points, stored.digest, items)
+            self._on_board = stored.digest
+        return int(mavlink.MAV_MISSION_ACCEPTED)
+
+    def _require_not_flown(self) -> None:
+        """A list that is flown is not replaced: the aircraft would fly home until the switch is turned away and back.
+
+        Raises:
+            ManoeuvreError: it is flown.
+        """
+        navi = self._picture.get(ControlNavi)
+        if navi is not None and navi.stage in _FLOWN:
+            raise ManoeuvreError("the list is being flown: the pilot turns the GPS switch to hold or free first")
+
+    async def _clear(self, station: Station, program: Program) -> None:
+        try:
+            self._require_not_flown()
+            async with self._lock:
+                cleared = await self._uav.waypoints.clear(in_flight=True)
+                self._held = Held((), cleared.digest, ())
+                self._on_board = cleared.digest
+        except MkError as error:
+            self._notify(station, f"the mission is not cleared: {_words(error)}")
+            self._acknowledge(station, program, mavlink.MAV_MISSION_DENIED)
+            return
+        self._acknowledge(station, program, mavlink.MAV_MISSION_ACCEPTED)
+
+    def _acknowledge(self, station: Station, program: Program, result: int) -> None:
+        station.send(mavlink.MAVLink_mission_ack_message(*program, result, mavlink.MAV_MISSION_TYPE_MISSION))
+
+
+def _old(message: Message) -> Message:
+    """MISSION_ITEM in place of MISSION_ITEM_INT, for a program that asks in the old way."""
+    return mavlink.MAVLink_mission_item_message(
+        message.target_system, message.target_component, message.seq, message.frame, message.command, message.current,
+        message.autocontinue, message.param1, message.param2, message.param3, message.param4, message.x / 1e7,
+        message.y / 1e7, message.z,
+    )  # fmt: skip
+
+
+def _result_of(error: MkError) -> int:
+    """The `MAV_MISSION_RESULT` of a refusal."""
+    if not isinstance(error, CommandRejectedError):
+        return int(mavlink.MAV_MISSION_ERROR)
+    return int(_RESULTS.get(error.token, mavlink.MAV_MISSION_DENIED))
+
+
+def _words(error: MkError) -> str:
+    return f"{error.reason} {error.fix}" if isinstance(error, CommandRejectedError) else str(error)

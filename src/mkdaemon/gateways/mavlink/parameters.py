@@ -1,0 +1,212 @@
+"""The parameter protocol: the active set of the FlightCtrl, read whole, written one by one.
+
+A value is a byte and is sent as REAL32, the one type that every program decodes alike, whatever autopilot it takes this
+one for. Sets are read while the motors stand; a write goes the way of `mkctl settings write` (backup first, then write,
+read back and compare, by the daemon) and is refused in flight. Source: https://mavlink.io/en/services/parameter.html
+"""
+
+from __future__ import annotations
+
+import asyncio
+import datetime
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Final
+
+from mkdaemon.client import Vehicle
+from mkdaemon.client.settings_files import write_backup
+from mkdaemon.errors import CommandRejectedError, MkError
+from mkdaemon.gateways.mavlink.dialect import Message, mavlink
+from mkdaemon.gateways.mavlink.framing import float_bits
+from mkdaemon.gateways.mavlink.parameterids import ParameterId, change_to, ids_of, value_of
+from mkdaemon.gateways.mavlink.stations import Program, Station
+from mkdaemon.gateways.mavlink.texts import Notify
+from mkdaemon.protocol.settings import ParameterSet
+from mkdaemon.telemetry.settings import SettingsBackup
+
+ACTIVE: Final = "MK_ACTIVE_SET"
+"""Number of the active set, the one parameter that is always there; 0 while the sets have not been read."""
+MESSAGES: Final = frozenset({"PARAM_REQUEST_LIST", "PARAM_REQUEST_READ", "PARAM_SET"})
+FRESH: Final = 10.0
+"""A set that was read longer ago is read anew for a list [s]: the pilot may have chosen another one."""
+PACE: Final = 0.005
+"""Between two values of a list [s]: a hundred at once would be lost by a radio."""
+_TINY: Final = 1e-30
+"""A float below this is a whole number whose bits were put there (`MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_BYTEWISE`)."""
+
+
+class ParameterServer:
+    """Answers the parameter protocol."""
+
+    def __init__(self, uav: Vehicle, backups: Path, notify: Notify, now: Callable[[], float]) -> None:
+        """Serve parameters.
+
+        Args:
+            uav: the vehicle.
+            backups: folder in which the set is saved before it is first changed.
+            notify: tells a ground station why.
+            now: the clock [s].
+        """
+        self._uav, self._backups, self._notify, self._now = uav, backups, notify, now
+        self._found: SettingsBackup | None = None
+        self._read_at = -math.inf
+        self._reading: asyncio.Task[None] | None = None
+        self._is_saved = False
+        self._lock = asyncio.Lock()
+
+    def forget(self) -> None:
+        """Somebody else has changed the sets: they are read anew for the next list."""
+        self._read_at = -math.inf
+
+    @property
+    def active(self) -> ParameterSet | None:
+        """The active set as it was last read; None before that, and where its layout is unknown."""
+        found = self._found
+        raw = None if found is None else next((one.raw for one in found.sets if one.slot == found.active), None)
+        stored = None if raw is None else ParameterSet.from_payload(raw)
+        return stored if stored is not None and stored.layout is not None else None
+
+    async def take(self, station: Station, message: Message) -> None:
+        """Answer a message of the protocol."""
+        program = Program(message.get_srcSystem(), message.get_srcComponent())
+        match message.get_type():
+            case "PARAM_REQUEST_LIST":
+                await self._read(station)
+                await self._send_all(station)
+            case "PARAM_REQUEST_READ":
+                if self._found is None and message.param_index < 0 and _name(message) != ACTIVE:
+                    await self._read(station)
+                self._send_one(station, program, message)
+            case "PARAM_SET":
+                await self._set(station, program, message)
+
+    async def _read(self, station: Station) -> None:
+        """Read the active set where that was long ago; several that ask meanwhile wait for the same reading."""
+        if self._now() - self._read_at < FRESH:
+            return
+        if self._reading is None or self._reading.done():
+            self._reading = asyncio.create_task(self._read_now(), name="reading of settings")
+        try:
+            await asyncio.shield(self._reading)
+        except MkError as error:
+            what = "the settings are those read before" if self._found else "no settings yet"
+            self._notify(station, f"{what}: {_words(error)}")
+
+    async def _read_now(self) -> None:
+        async with self._lock:
+            self._found = await self._uav.settings.backup(())
+            self._read_at = self._now()
+
+    def _rows(self) -> tuple[ParameterId, ...]:
+        stored = self.active
+        return (ParameterId(ACTIVE, "", None), *(() if stored is None else ids_of(stored.revision)))
+
+    async def _send_all(self, station: Station) -> None:
+        rows = self._rows()
+        for index in range(len(rows)):
+            self._send(station, index, rows)
+            await asyncio.sleep(PACE)
+
+    def _send(self, station: Station, index: int, rows: tuple[ParameterId, ...]) -> None:
+        station.send(
+            mavlink.MAVLink_param_value_message(
+                rows[index].id.encode(),
+                float(self._value(rows[index])),
+                mavlink.MAV_PARAM_TYPE_REAL32,
+                len(rows),
+                index,
+            )
+        )
+
+    def _value(self, row: ParameterId) -> int:
+        stored = self.active
+        if row.id == ACTIVE or stored is None:
+            return 0 if self._found is None else self._found.active
+        return value_of(stored, row)
+
+    def _send_one(self, station: Station, program: Program, message: Message) -> None:
+        rows = self._rows()
+        index = message.param_index if message.param_index >= 0 else _index(rows, _name(message))
+        if index is None or index >= len(rows):
+            _refuse(station, program, message, mavlink.MAV_PARAM_ERROR_DOES_NOT_EXIST)
+            return
+        self._send(station, index, rows)
+
+    async def _set(self, station: Station, program: Program, message: Message) -> None:
+        """Write a parameter; what it is then is sent in any case, and the words of a refusal with it."""
+        if self._found is None:
+            await self._read(station)
+        rows = self._rows()
+        index = _index(rows, _name(message))
+        if index is None:
+            _refuse(station, program, message, mavlink.MAV_PARAM_ERROR_DOES_NOT_EXIST)
+            return
+        value = _whole(message)
+        if index == 0 or value is None:
+            error = mavlink.MAV_PARAM_ERROR_READ_ONLY if index == 0 else mavlink.MAV_PARAM_ERROR_VALUE_OUT_OF_RANGE
+            why = "the pilot chooses the active set" if index == 0 else "a setting is a whole number of 0 to 255"
+            self._notify(station, f"{rows[index].id}: {why}")
+            _refuse(station, program, message, error)
+        else:
+            try:
+                async with self._lock:
+                    await self._write(rows[index], value)
+            except MkError as refusal:
+                self._notify(station, f"{rows[index].id} is not written: {_words(refusal)}")
+                _refuse(station, program, message, mavlink.MAV_PARAM_ERROR_PERMISSION_DENIED)
+        self._send(station, index, rows)
+
+    async def _write(self, row: ParameterId, value: int) -> None:
+        """Write a setting and keep what was read back.
+
+        Raises:
+            MkError: the backup cannot be saved, or the daemon refuses.
+        """
+        stored, found = self.active, self._found
+        if stored is None or found is None:
+            raise MkError("the settings have not been read")
+        if not self._is_saved:
+            stamp = datetime.datetime.now(tz=datetime.UTC).strftime("%Y%m%dT%H%M%S")
+            # A small file, once, with the motors off: nothing is flown that would wait for it.
+            write_backup(self._backups / f"before-{stamp}.toml", found, (found.active,))
+            self._is_saved = True
+        values = {
+            name: list(whole) if isinstance(whole, tuple) else whole
+            for name, whole in change_to(stored, row, value).items()
+        }
+        made = await self._uav.settings.write(values, confirm=True, slot=found.active)
+        written = {one.slot: one for one in made.stored}
+        self._found = found.model_copy(
+            update={"active": made.active, "sets": tuple(written.get(one.slot, one) for one in found.sets)}
+        )
+        self._read_at = self._now()
+
+
+def _name(message: Message) -> str:
+    name = message.param_id
+    return (name.decode("ascii", "replace") if isinstance(name, bytes) else str(name)).partition("\0")[0]
+
+
+def _index(rows: tuple[ParameterId, ...], name: str) -> int | None:
+    return next((index for index, row in enumerate(rows) if row.id == name), None)
+
+
+def _whole(message: Message) -> int | None:
+    """The byte that a PARAM_SET asks for, whichever way its program encodes whole numbers; None for none."""
+    value = message.param_value
+    if not math.isfinite(value):
+        return None
+    if message.param_type != mavlink.MAV_PARAM_TYPE_REAL32 and 0.0 < abs(value) < _TINY:
+        value = float(float_bits(value))
+    return int(value) if value == int(value) and 0 <= value <= 255 else None
+
+
+def _refuse(station: Station, program: Program, message: Message, error: int) -> None:
+    index = getattr(message, "param_index", -1)
+    name = _name(message).encode("ascii", "replace")[:16]
+    station.send(mavlink.MAVLink_param_error_message(program.system, program.component, name, index, error))
+
+
+def _words(error: MkError) -> str:
+    return f"{error.reason} {error.fix}" if isinstance(error, CommandRejectedError) else str(error)

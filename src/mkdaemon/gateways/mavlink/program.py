@@ -1,0 +1,92 @@
+"""`mkdaemon gateway mavlink` as a program: keys, folders, signals, and a daemon that comes and goes."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import time
+from collections.abc import Callable
+from contextlib import AbstractAsyncContextManager
+from pathlib import Path
+from typing import Final
+
+from mkdaemon.client import Vehicle
+from mkdaemon.errors import ConfigError
+from mkdaemon.gateways.mavlink.addresses import DEFAULTS, check_addresses, read_address
+from mkdaemon.gateways.mavlink.framing import Signing, key_from
+from mkdaemon.gateways.mavlink.gateway import Gateway, Options
+from mkdaemon.reading import read_text
+
+_LONGEST_KEY: Final = 1000
+
+
+def options_from(
+    links: tuple[str, ...], system: int, signing_key: Path | None, backups: Path | None, *, allow_open: bool
+) -> Options:
+    """The options of the gateway from what a user gave.
+
+    Args:
+        links: addresses; none for the usual ones.
+        system: number of the aircraft.
+        signing_key: file of the key; None for none.
+        backups: folder of settings; None for the usual one.
+        allow_open: whoever is in a network may fly.
+
+    Raises:
+        ConfigError: an address or the key cannot be used; says what to do.
+    """
+    addresses = tuple(read_address(text) for text in links or DEFAULTS)
+    if not 1 <= system <= 250:
+        raise ConfigError(f"--system {system}: an aircraft has a number of 1 to 250")
+    signing = None if signing_key is None else Signing(_read_key(signing_key))
+    check_addresses(addresses, has_key=signing is not None, allow_open=allow_open)
+    return Options(addresses, system, signing, backups or backups_folder())
+
+
+def _read_key(path: Path) -> bytes:
+    try:
+        text = read_text(path, limit=_LONGEST_KEY)
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError(f"--signing-key {path}: cannot be read ({error}); `openssl rand -hex 32 > {path}`") from error
+    if not text.strip():
+        raise ConfigError(f"--signing-key {path}: is empty; `openssl rand -hex 32 > {path}`")
+    return key_from(text)
+
+
+def backups_folder() -> Path:
+    """Where settings are saved before they are first changed: systemd's state directory, else the user's."""
+    given = os.environ.get("STATE_DIRECTORY")
+    if given:
+        return Path(given.partition(":")[0])
+    state = os.environ.get("XDG_STATE_HOME")
+    return (Path(state) if state else Path.home() / ".local" / "state") / "mkdaemon" / "gateway-mavlink"
+
+
+async def serve(
+    open_vehicle: Callable[[], AbstractAsyncContextManager[Vehicle]],
+    options: Options,
+    stop: asyncio.Event,
+    on_ready: Callable[[], None],
+) -> None:
+    """Serve ground stations until `stop` is set.
+
+    Args:
+        open_vehicle: connects to the daemon.
+        options: see there.
+        stop: ends it.
+        on_ready: called when all links are open.
+
+    Raises:
+        MkError: the daemon cannot be reached, or a link cannot be opened.
+    """
+    async with open_vehicle() as uav:
+        gateway = Gateway(uav, options, time.monotonic, time.time)
+        serving = asyncio.create_task(gateway.run(on_ready), name="gateway")
+        stopping = asyncio.create_task(stop.wait(), name="stop")
+        await asyncio.wait({serving, stopping}, return_when=asyncio.FIRST_COMPLETED)
+        stopping.cancel()
+        serving.cancel()
+        try:
+            await serving
+        except asyncio.CancelledError:
+            return

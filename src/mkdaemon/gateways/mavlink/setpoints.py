@@ -1,0 +1,224 @@
+"""What a ground station streams to fly, as setpoints of the daemon: sticks, velocities, positions, attitudes.
+
+Local frames are those of the target in sight (`frames`); `BODY` frames are forward, right, down of the aircraft, turned
+level. Nothing here knows a lease.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, Final
+
+from mkdaemon.gateways.mavlink.dialect import UINT16_UNKNOWN, Message, mavlink
+from mkdaemon.gateways.mavlink.frames import compass_from_yaw, frd_from_flu, ned_from_enu, wrapped
+from mkdaemon.gateways.mavlink.telemetry import STICK_US
+from mkdaemon.telemetry.control import ControlEstimate
+
+FULL: Final = 1000.0
+"""Full deflection of an axis of MANUAL_CONTROL."""
+TILT: Final = 60.0
+"""Pitch, roll and yaw of a full deflection [stick]: the largest that the daemon's limiter passes as configured."""
+THROTTLE: Final = 127.0
+"""Throttle of a full deflection [stick from the centre]."""
+SPEED: Final = 1.0
+"""Velocity of a full deflection in Position mode [m/s]; the autopilot's own limits apply as well."""
+CLIMB: Final = 0.5
+"""The same up and down [m/s]."""
+TURN: Final = 1.0
+"""Yaw rate of a full deflection [rad/s]."""
+_YAW_GAIN: Final = 1.0
+"""Yaw rate per radian of heading error, where a velocity comes with a heading [1/s]."""
+_YAW_LIMIT: Final = 0.5
+"""Largest of those rates [rad/s]."""
+
+_POSITION: Final = (
+    mavlink.POSITION_TARGET_TYPEMASK_X_IGNORE
+    | mavlink.POSITION_TARGET_TYPEMASK_Y_IGNORE
+    | mavlink.POSITION_TARGET_TYPEMASK_Z_IGNORE
+)
+_VELOCITY: Final = (
+    mavlink.POSITION_TARGET_TYPEMASK_VX_IGNORE
+    | mavlink.POSITION_TARGET_TYPEMASK_VY_IGNORE
+    | mavlink.POSITION_TARGET_TYPEMASK_VZ_IGNORE
+)
+_YAW: Final = mavlink.POSITION_TARGET_TYPEMASK_YAW_IGNORE
+_YAW_RATE: Final = mavlink.POSITION_TARGET_TYPEMASK_YAW_RATE_IGNORE
+_LOCAL: Final = frozenset({mavlink.MAV_FRAME_LOCAL_NED, mavlink.MAV_FRAME_LOCAL_FRD})
+_OFFSET: Final = frozenset({mavlink.MAV_FRAME_LOCAL_OFFSET_NED})
+_BODY: Final = frozenset({mavlink.MAV_FRAME_BODY_NED, mavlink.MAV_FRAME_BODY_OFFSET_NED, mavlink.MAV_FRAME_BODY_FRD})
+
+
+@dataclass(frozen=True, slots=True)
+class Wanted:
+    """A setpoint of the daemon.
+
+    Attributes:
+        kind: last word of its key.
+        fields: without epoch and sequence.
+    """
+
+    kind: str
+    fields: dict[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class Unusable:
+    """A setpoint that cannot be flown.
+
+    Attributes:
+        reason: why, and what can.
+    """
+
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class Axes:
+    """The four axes of a hand controller, each -1 to 1.
+
+    Attributes:
+        forward: stick forward positive.
+        right: stick right positive.
+        up: more thrust positive; -1 is none.
+        clockwise: stick right positive.
+    """
+
+    forward: float
+    right: float
+    up: float
+    clockwise: float
+
+
+def axes_of_manual(message: Message) -> Axes | None:
+    """The axes of MANUAL_CONTROL; None where one of them is not used.
+
+    Thrust is 0 to 1000, as PX4 and ArduPilot read it, and r is positive to the right, as every ground station sends it,
+    though the description of the message says the opposite.
+    """
+    parts = (message.x, message.y, message.z, message.r)
+    if any(not -FULL <= part <= FULL for part in parts):
+        return None
+    x, y, z, r = (part / FULL for part in parts)
+    return Axes(x, y, min(max(2.0 * z - 1.0, -1.0), 1.0), r)
+
+
+def axes_of_override(message: Message) -> Axes | None:
+    """The axes of RC_CHANNELS_OVERRIDE in the order roll, pitch, throttle, yaw; None without a throttle.
+
+    A channel that is not overridden is in its middle: the pilot's own stick is added by the FlightCtrl.
+    """
+    channels = (message.chan1_raw, message.chan2_raw, message.chan3_raw, message.chan4_raw)
+    if channels[2] in (0, UINT16_UNKNOWN):
+        return None
+    if any(raw not in (0, UINT16_UNKNOWN) and not 800 <= raw <= 2200 for raw in channels):
+        return None
+    sides = [0.0 if raw in (0, UINT16_UNKNOWN) else (raw - 1500) / STICK_US / THROTTLE for raw in channels]
+    roll, pitch, throttle, yaw = (min(max(side, -1.0), 1.0) for side in sides)
+    return Axes(-pitch, roll, throttle, yaw)
+
+
+def sticks(axes: Axes) -> Wanted:
+    """The axes as stick offsets."""
+    return Wanted(
+        "stick",
+        {
+            "pitch": TILT * axes.forward,
+            "roll": TILT * axes.right,
+            "yaw": -TILT * axes.clockwise,
+            "throttle": THROTTLE * axes.up,
+        },
+    )
+
+
+def speeds(axes: Axes) -> Wanted:
+    """The axes as a velocity against the target in sight."""
+    velocity = (SPEED * axes.forward, -SPEED * axes.right, CLIMB * axes.up)
+    return Wanted("velocity", {"velocity": velocity, "frame": "body", "yaw_rate": -TURN * axes.clockwise})
+
+
+def local_target(message: Message, estimate: ControlEstimate | None) -> Wanted | Unusable:
+    """A SET_POSITION_TARGET_LOCAL_NED; of one with position and velocity the position is flown.
+
+    Args:
+        message: as it came.
+        estimate: where the aircraft is believed; None while it is not flown.
+    """
+    mask, frame = message.type_mask, message.coordinate_frame
+    if mask & mavlink.POSITION_TARGET_TYPEMASK_FORCE_SET:
+        return Unusable("forces cannot be flown: send positions or velocities")
+    has_position, has_velocity = not mask & _POSITION, not mask & _VELOCITY
+    used = []
+    if has_position:
+        used += [message.x, message.y, message.z]
+    elif has_velocity:
+        used += [message.vx, message.vy, message.vz]
+    else:
+        return Unusable("accelerations alone cannot be flown: send positions or velocities, all three axes")
+    yaw = None if mask & _YAW else message.yaw
+    rate = None if mask & _YAW_RATE else message.yaw_rate
+    if not all(math.isfinite(value) for value in (*used, yaw or 0.0, rate or 0.0)):
+        return Unusable("a setpoint has NaN where the mask says that it counts")
+    place = (used[0], used[1], used[2])
+    if has_position:
+        return _position(frame, place, yaw, estimate)
+    return _velocity(frame, place, yaw, rate, estimate)
+
+
+def _position(
+    frame: int, place: tuple[float, float, float], yaw: float | None, estimate: ControlEstimate | None
+) -> Wanted | Unusable:
+    heading = None if yaw is None else compass_from_yaw(yaw)
+    if frame in _LOCAL:
+        return Wanted("position", {"position": ned_from_enu(place), "frame": "pad", "yaw": heading})
+    if frame in _OFFSET:
+        if estimate is None:
+            return Unusable("an offset needs a flight by the target first: send LOCAL_NED")
+        east, north, up = (a + b for a, b in zip(estimate.position, ned_from_enu(place), strict=True))
+        return Wanted("position", {"position": (east, north, up), "frame": "pad", "yaw": heading})
+    if frame in _BODY:
+        turned = None if yaw is None else wrapped(-yaw)
+        return Wanted("position", {"position": frd_from_flu(place), "frame": "body", "yaw": turned})
+    return Unusable(f"frame {frame} cannot be flown: LOCAL_NED, LOCAL_OFFSET_NED, LOCAL_FRD and BODY_FRD can")
+
+
+def _velocity(
+    frame: int,
+    speed: tuple[float, float, float],
+    yaw: float | None,
+    rate: float | None,
+    estimate: ControlEstimate | None,
+) -> Wanted | Unusable:
+    turn = 0.0 if rate is None else -rate
+    if frame in _LOCAL | _OFFSET:
+        if rate is None and yaw is not None and estimate is not None:
+            error = wrapped(compass_from_yaw(yaw) - estimate.yaw)
+            turn = min(max(_YAW_GAIN * error, -_YAW_LIMIT), _YAW_LIMIT)
+        return Wanted("velocity", {"velocity": ned_from_enu(speed), "frame": "pad", "yaw_rate": _turn(turn)})
+    if frame in _BODY:
+        return Wanted("velocity", {"velocity": frd_from_flu(speed), "frame": "body", "yaw_rate": _turn(turn)})
+    return Unusable(f"frame {frame} cannot be flown: LOCAL_NED, LOCAL_OFFSET_NED, LOCAL_FRD and BODY_FRD can")
+
+
+def _turn(rate: float) -> float:
+    return min(max(rate, -math.pi), math.pi)
+
+
+def attitude_target(message: Message) -> Wanted | Unusable:
+    """A SET_ATTITUDE_TARGET: roll, pitch, yaw rate and thrust, of which a half carries the aircraft.
+
+    The heading of its quaternion is not flown: no setpoint of the daemon has one.
+    """
+    mask = message.type_mask
+    if mask & (mavlink.ATTITUDE_TARGET_TYPEMASK_ATTITUDE_IGNORE | mavlink.ATTITUDE_TARGET_TYPEMASK_THROTTLE_IGNORE):
+        return Unusable("an attitude target needs attitude and thrust: rates alone cannot be flown")
+    w, x, y, z = message.q
+    rate = 0.0 if mask & mavlink.ATTITUDE_TARGET_TYPEMASK_BODY_YAW_RATE_IGNORE else message.body_yaw_rate
+    norm = math.sqrt(w * w + x * x + y * y + z * z)
+    if not (math.isfinite(norm) and norm > 0.1 and math.isfinite(rate) and 0.0 <= message.thrust <= 1.0):
+        return Unusable("an attitude target has no quaternion, or a thrust outside 0 to 1")
+    w, x, y, z = w / norm, x / norm, y / norm, z / norm
+    roll = math.atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
+    pitch = math.asin(min(max(2 * (w * y - z * x), -1.0), 1.0))
+    fields = {"roll": roll, "pitch": -pitch, "yaw_rate": _turn(-rate), "thrust": 2.0 * message.thrust}
+    return Wanted("attitude", fields)

@@ -1,0 +1,126 @@
+"""A ground station as the gateway meets it: what it hears, how often, and whether it is still there."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Final, NamedTuple
+
+from mkdaemon.gateways.mavlink.dialect import EVERYBODY, Message
+from mkdaemon.gateways.mavlink.framing import Encoder
+from mkdaemon.gateways.mavlink.modes import Numbering
+from mkdaemon.gateways.mavlink.telemetry import TABLE
+
+SILENCE: Final = 2.5
+"""A station whose heartbeat has been missing for so long is gone [s]; it sends one a second."""
+FORGOTTEN: Final = 30.0
+"""A station that has been silent for so long is not sent streams any more [s]."""
+_MOST_PROGRAMS: Final = 16
+"""Programs, by system and component, that are told apart behind one address."""
+_EARLY: Final = 0.2
+"""A value that comes by this share of the period before it is due is sent: sources are not that regular."""
+
+
+class Program(NamedTuple):
+    """Who sent a message."""
+
+    system: int
+    component: int
+
+
+class Station:
+    """An address where a ground station is, or several behind a router.
+
+    Attributes:
+        numbering: whose numbers the modes have.
+        name: for people.
+        is_open: whether its connection stands.
+        dropped: messages that it was too slow to take.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        numbering: Numbering,
+        encoder: Encoder,
+        put: Callable[[bytes], bool],
+        wall: Callable[[], float],
+    ) -> None:
+        """Describe a station.
+
+        Args:
+            name: for people.
+            numbering: of its modes.
+            encoder: numbers and signs what is sent.
+            put: hands bytes over; says whether they were taken.
+            wall: the system clock [s].
+        """
+        self.name, self.numbering = name, numbering
+        self.is_open = True
+        self.dropped = 0
+        self.wish_for: dict[str, float] = {}
+        self._encoder, self._put, self._wall = encoder, put, wall
+        self._received: dict[Program, float] = {}
+        self._due: dict[str, float] = {}
+        self._beaten: dict[Program, float] = {}
+
+    def send(self, message: Message) -> None:
+        """Send a message; a station that is too slow loses it."""
+        if self.is_open and not self._put(self._encoder.encode(message, self._wall())):
+            self.dropped += 1
+
+    def note_message(self, program: Program, now: float, *, is_heartbeat: bool) -> None:
+        """Note that something came from a program there."""
+        for known in (self._received, self._beaten) if is_heartbeat else (self._received,):
+            if program not in known and len(known) >= _MOST_PROGRAMS:
+                del known[min(known, key=lambda one: known[one])]
+            known[program] = now
+
+    def forget(self) -> None:
+        """Nobody is there any more; the next message begins anew."""
+        self._received.clear()
+        self._beaten.clear()
+        self.wish_for.clear()
+
+    def is_present(self, now: float) -> bool:
+        """Whether anybody is there, so that streams are sent."""
+        return self.is_open and any(now - at < FORGOTTEN for at in self._received.values())
+
+    def is_alive(self, program: Program, now: float) -> bool:
+        """Whether a program there is still beating; one that never did counts by what else it sends."""
+        at = self._beaten.get(program, self._received.get(program))
+        return self.is_open and at is not None and now - at < SILENCE
+
+    def interval(self, name: str) -> float:
+        """Period with which a message is sent here [s]; 0 for never."""
+        wish = self.wish_for.get(name)
+        if wish is not None:
+            return wish
+        rate = TABLE[name].rate
+        return 1.0 / rate if rate else 0.0
+
+    def is_due(self, name: str, now: float) -> bool:
+        """Whether a message is to be sent here now, and count that it is."""
+        interval = self.interval(name)
+        due = self._due.get(name, 0.0)
+        if interval <= 0.0 or now < due - _EARLY * interval:
+            return False
+        self._due[name] = max(due + interval, now)
+        return True
+
+    def ask(self, name: str, interval: float) -> None:
+        """Send a message with another period from now on [s]; 0 for never."""
+        self.wish_for[name] = interval
+        self._due.pop(name, None)
+
+
+def is_for(message: Message, system: int, component: int) -> bool:
+    """Whether a message is for us, or for everybody; one without a target is for everybody.
+
+    Args:
+        message: as it came.
+        system: ours.
+        component: ours.
+    """
+    target = getattr(message, "target_system", EVERYBODY)
+    part = getattr(message, "target_component", EVERYBODY)
+    return target in (EVERYBODY, system) and part in (EVERYBODY, component)

@@ -1,0 +1,87 @@
+"""STATUSTEXT: what the daemon says, to everybody; the words of a refusal, to who asked.
+
+Source: https://mavlink.io/en/messages/common.html#STATUSTEXT (pieces of 50 bytes).
+"""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from typing import Any, Final, Protocol
+
+from mkdaemon.gateways.mavlink.dialect import Message, mavlink
+from mkdaemon.gateways.mavlink.stations import Station
+from mkdaemon.telemetry.event import FailsafeEvent, LogEvent, ModeEvent
+from mkdaemon.telemetry.mission import MissionEvent
+
+PIECE: Final = 50
+_LONGEST: Final = 400
+"""Bytes of a text; what is longer ends in dots."""
+AGAIN: Final = 3.0
+"""The same text is not said again for so long [s]."""
+_REMEMBERED: Final = 64
+READ: Final = ("event/failsafe", "event/mode", "event/log", "event/mission")
+"""Keys of the events that are told."""
+CRITICAL: Final = int(mavlink.MAV_SEVERITY_CRITICAL)
+ERROR: Final = int(mavlink.MAV_SEVERITY_ERROR)
+WARNING: Final = int(mavlink.MAV_SEVERITY_WARNING)
+NOTICE: Final = int(mavlink.MAV_SEVERITY_NOTICE)
+INFO: Final = int(mavlink.MAV_SEVERITY_INFO)
+_LEVELS: Final = {"error": ERROR, "warning": WARNING}
+
+
+class Notify(Protocol):
+    """Tells one ground station."""
+
+    def __call__(self, station: Station, text: str, severity: int = WARNING) -> None:
+        """Send it a text."""
+
+
+class Texts:
+    """Makes STATUSTEXT messages, and does not repeat itself."""
+
+    def __init__(self) -> None:
+        self._number = 0
+        self._sent: OrderedDict[tuple[str, str], float] = OrderedDict()
+
+    def pieces(self, severity: int, text: str, now: float, to: str = "") -> list[Message]:
+        """The messages of a text; none where the same was just said there.
+
+        Args:
+            severity: of `MAV_SEVERITY`.
+            text: what is said; other letters than ASCII become question marks.
+            now: the time [s].
+            to: whom it is said to; empty for everybody.
+        """
+        last = self._sent.get((to, text))
+        if last is not None and now - last < AGAIN:
+            return []
+        self._sent[to, text] = now
+        self._sent.move_to_end((to, text))
+        while len(self._sent) > _REMEMBERED:
+            self._sent.popitem(last=False)
+        raw = " ".join(text.split()).encode("ascii", "replace")
+        if len(raw) > _LONGEST:
+            raw = raw[: _LONGEST - 3] + b"..."
+        if len(raw) <= PIECE:
+            return [mavlink.MAVLink_statustext_message(severity, raw)]
+        self._number = self._number % 0xFFFF + 1
+        parts = [raw[at : at + PIECE] for at in range(0, len(raw), PIECE)]
+        if len(parts[-1]) == PIECE:  # a full last piece would not say that it is the last
+            parts.append(b"")
+        return [
+            mavlink.MAVLink_statustext_message(severity, part, self._number, index) for index, part in enumerate(parts)
+        ]
+
+
+def text_of(event: Any) -> tuple[int, str] | None:
+    """Severity and words of an event; None for one that is not told."""
+    match event:
+        case FailsafeEvent():
+            return CRITICAL, f"{event.action}: {event.reason}"
+        case ModeEvent():
+            return NOTICE, f"{event.after}: {event.reason}" if event.reason else event.after
+        case LogEvent():
+            return _LEVELS.get(event.level, INFO), event.text
+        case MissionEvent():
+            return NOTICE, f"mission {event.action}: {event.count} points"
+    return None

@@ -1,0 +1,385 @@
+"""A gateway without a network: a vehicle that is told what to answer, and a ground station that keeps what it hears."""
+
+from __future__ import annotations
+
+import asyncio
+import inspect
+from contextlib import asynccontextmanager
+from pathlib import Path
+
+from pymavlink.dialects.v20 import all as mavlink
+
+from mkdaemon.errors import LeaseLostError
+from mkdaemon.gateways.mavlink.framing import Encoder
+from mkdaemon.gateways.mavlink.gateway import Gateway, Options
+from mkdaemon.gateways.mavlink.modes import Numbering
+from mkdaemon.gateways.mavlink.stations import Station
+from mkdaemon.protocol.settings import ParameterSet
+from mkdaemon.stamp import Stamp
+from mkdaemon.telemetry.control import ControlEstimate, ControlStatus, LeaseState, Phase
+from mkdaemon.telemetry.link import LinkCondition, LinkHealth, LinkState
+from mkdaemon.telemetry.mission import WaypointList, WaypointsStored
+from mkdaemon.telemetry.navi import ControlNavi, NaviStage
+from mkdaemon.telemetry.settings import SettingsBackup, SettingsRestoration, StoredSet
+from mkdaemon.telemetry.state import Altitude, Attitude, Battery, Flight, Gps, GpsMode, Pilot, Position, Velocity
+from mkdaemon.telemetry.vehicle import VehicleHealth
+from mkdaemon.telemetry.vision import VisionPose
+from mkdaemon.virtualtime import run_virtually
+
+EPOCH = 7
+STAMP = Stamp(monotonic=100.5, wall=1_700_000_000.25)
+AT = {"stamp": STAMP, "source": "nc/osd"}
+GROUND_STATION = (255, 190)
+WALL = 1_700_000_000.0
+
+ATTITUDE = Attitude(**AT, quaternion=(1.0, 0.0, 0.0, 0.0), roll=0.1, pitch=0.2, yaw=0.5)
+POSITION = Position(
+    **AT,
+    latitude_deg=53.2301184,
+    longitude_deg=7.4590749,
+    altitude=12.5,
+    altitude_above_start=3.0,
+    position_enu=(1.0, 2.0, 3.0),
+    home_latitude_deg=53.23,
+    home_longitude_deg=7.459,
+    home_distance=2.2,
+)
+VELOCITY = Velocity(**AT, velocity_enu=(1.0, 2.0, -0.5), ground_speed=2.24, course=0.4, climb_rate=-0.5)
+ALTITUDE = Altitude(**AT, above_start=3.0)
+BATTERY = Battery(**AT, voltage=15.2, current=12.5, used_mah=430.0, is_low=False)
+GPS = Gps(**AT, satellites=9, fix="valid", is_usable=True, is_home_set=True)
+PILOT = Pilot(**AT, rc_quality=0.9, has_signal=True, throttle=12.0, sticks=(10.0, 20.0, 30.0))
+HEALTH = VehicleHealth(
+    stamp=STAMP,
+    is_alive=True,
+    reason="heard",
+    boards=("fc", "nc"),
+    firmware={"fc": "2.12a", "nc": "2.12a"},
+    read_only=None,
+    link="up",
+    motors_running=True,
+    error=None,
+    note="",
+)
+ESTIMATE = ControlEstimate(
+    stamp=STAMP,
+    target="pad",
+    position=(0.3, -0.2, 2.0),
+    velocity=(0.1, 0.2, -0.3),
+    tilt=(0.0, 0.0),
+    disturbance=(0.0, 0.0),
+    yaw=0.25,
+    hover_throttle=-2.0,
+    position_sd=(0.01, 0.01, 0.01),
+    image_age=0.05,
+    innovation=0.5,
+    is_nominal=True,
+)
+POSE = VisionPose(
+    stamp=STAMP,
+    camera="down",
+    sequence=1,
+    stamped_by="header",
+    target="pad",
+    position_target=(0.3, -0.2, 2.0),
+    quaternion_target_from_flu=(1.0, 0.0, 0.0, 0.0),
+    position_flu=(-0.3, 0.2, -2.0),
+    quaternion_flu_from_target=(1.0, 0.0, 0.0, 0.0),
+    covariance=tuple(float(row + 1) if row == column else 0.0 for row in range(6) for column in range(6)),
+    position_cam=(0.2, 0.1, 2.0),
+    quaternion_cam_from_target=(1.0, 0.0, 0.0, 0.0),
+    source="edges",
+    mode="flow",
+    points=8,
+    rms_px=0.1,
+    ambiguity=None,
+    decided_by="",
+    decode_age=0.0,
+    delivered=0.03,
+    latency=0.05,
+)
+
+
+def flight(**changes):
+    """What the boards say of a flight; in the air, steered by the pilot."""
+    flags = {
+        "motors_running": True,
+        "is_flying": True,
+        "is_calibrating": False,
+        "is_starting": False,
+        "emergency_landing": False,
+        "battery_low": False,
+        "care_free": False,
+        "altitude_control": False,
+        "rc_failsafe": False,
+        "waiting_for_takeoff": False,
+        "auto_starting": False,
+        "auto_landing": False,
+        "gps_mode": GpsMode.FREE,
+        "manual_control": False,
+        "range_limit": False,
+        "target_reached": False,
+        "serial_link_lost": False,
+        "error_code": 0,
+        "error": "",
+        "flying_time": 20.0,
+        "waypoint_index": 0,
+        "waypoint_count": 0,
+        "target_distance": None,
+        "altitude_setpoint": None,
+    }
+    return Flight(**AT, **flags | changes)
+
+
+def status(phase=Phase.FREE, *, epoch=None, **changes):
+    """What the daemon says of its authority."""
+    lease = None if epoch is None else LeaseState(holder="gateway", epoch=epoch, ttl=5.0, left=5.0)
+    fields = {"reason": "because", "setpoint_age": None, "refused": 0, "external_control": "v2"}
+    return ControlStatus(stamp=STAMP, phase=phase, lease=lease, **fields | changes)
+
+
+def navi(stage=NaviStage.FREE, **changes):
+    """What the NaviCtrl flies."""
+    fields = {
+        "hands": "flies",
+        "waypoint": 0,
+        "waypoints": 0,
+        "target_distance": None,
+        "home_distance": None,
+        "height": None,
+        "is_route_done": False,
+        "is_home": False,
+    }
+    return ControlNavi(stamp=STAMP, stage=stage, **fields | changes)
+
+
+def line(condition=LinkCondition.UP):
+    """What is said of the line."""
+    state = LinkState(
+        condition=condition, reason="well", since=STAMP, stamp=STAMP, port="p", baud=57600, hears_board=True,
+        board_hears_us=True,
+    )  # fmt: skip
+    return LinkHealth(stamp=STAMP, state=state, echo={"loss_percent": 1.5}, confirm={})
+
+
+EVERYTHING = (
+    *(ATTITUDE, POSITION, VELOCITY, ALTITUDE, BATTERY, GPS, PILOT, HEALTH, ESTIMATE, POSE),
+    *(flight(), status(), navi(), line()),
+)
+"""A value of every kind."""
+
+
+class FakeLease:
+    """A lease that engages after some setpoints."""
+
+    epoch = EPOCH
+
+    def __init__(self, vehicle):
+        self.vehicle = vehicle
+        self.is_engaged = False
+        self.status = None
+        self.outcome = None
+        self.reason = "waits for a live stream"
+        self.refusal = None
+        self.is_lost = False
+
+    def put(self, kind, fields):
+        if self.is_lost:
+            raise LeaseLostError("the lease was lost: no setpoint for 1.0 s")
+        self.vehicle.setpoints.append((asyncio.get_running_loop().time(), kind, dict(fields)))
+        self.refusal = self.vehicle.refuses
+        if len(self.vehicle.setpoints) >= self.vehicle.engages and self.refusal is None:
+            self.is_engaged = True
+            self.status = status(Phase.FLYING, epoch=EPOCH, manoeuvre=kind)
+
+    def take_refusal(self):
+        refusal, self.refusal = self.refusal, None
+        return refusal
+
+
+class FakeVehicle:
+    """What a gateway asks of a vehicle, and what it was asked.
+
+    Attributes:
+        calls: every call, by name and arguments.
+        setpoints: every setpoint with its time.
+        points: the list of the NaviCtrl.
+        raw: the active set.
+        refusals: what a call raises, by its name.
+        engages: setpoints after which the daemon flies.
+        refuses: why setpoints are refused.
+        slow: time that every call takes [s].
+    """
+
+    def __init__(self, raw=bytes([85]) + bytes(range(1, 120))):
+        self.calls, self.setpoints, self.points, self.refusals = [], [], (), {}
+        self.raw = raw
+        self.engages, self.refuses, self.slow = 3, None, 0.0
+        self.lease_now = None
+        self.settings = self.waypoints = self.route = self.navi = _Calls(self)
+
+    async def call(self, name, *arguments, **options):
+        """Answer one call."""
+        self.calls.append((name, arguments, options))
+        await asyncio.sleep(self.slow)
+        if (refusal := self.refusals.get(name)) is not None:
+            raise refusal
+        digest = f"{hash(self.points) & 0xFFFF:x}"
+        match name:
+            case "backup":
+                return SettingsBackup(firmware="2.12a", active=3, sets=(StoredSet(slot=3, raw=self.raw),))
+            case "write":
+                before = StoredSet(slot=3, raw=self.raw)
+                self.raw = ParameterSet(self.raw).replaced(_plain(arguments[0])).raw
+                stored = (StoredSet(slot=3, raw=self.raw),)
+                return SettingsRestoration(firmware="2.12a", active=3, before=(before,), stored=stored, written=(3,))
+            case "upload":
+                self.points = tuple(arguments[0])
+                digest = f"{hash(self.points) & 0xFFFF:x}"
+                return WaypointsStored(count=len(self.points), digest=digest)
+            case "clear" | "end":
+                self.points = ()
+                return WaypointsStored(count=0, digest="none")
+            case "read":
+                return WaypointList(points=self.points, digest=digest if self.points else "none")
+        return _Said(switch="turned to coming home it flies")
+
+    @asynccontextmanager
+    async def lease(self, **options):
+        self.calls.append(("lease", (), options))
+        if (refusal := self.refusals.get("lease")) is not None:
+            raise refusal
+        self.lease_now = FakeLease(self)
+        try:
+            yield self.lease_now
+        finally:
+            self.calls.append(("give back", (), {}))
+            self.lease_now = None
+
+    async def abort(self, reason):
+        await self.call("abort", reason)
+
+    async def stop(self, **options):
+        await self.call("stop", **options)
+
+    async def request(self, board, message, **options):
+        await self.call("request", message, **options)
+
+    def watch(self, *_, **__):
+        return _Silence()
+
+    async def get_all(self, _):
+        return {}
+
+
+class _Said:
+    def __init__(self, **fields):
+        self.__dict__.update(fields)
+
+
+class _Calls:
+    def __init__(self, vehicle):
+        self._vehicle = vehicle
+
+    def __getattr__(self, name):
+        return lambda *arguments, **options: self._vehicle.call(name, *arguments, **options)
+
+
+class _Silence:
+    async def __aenter__(self):
+        return self
+
+    async def __aexit__(self, *_):
+        return None
+
+    def __aiter__(self):
+        return self
+
+    async def __anext__(self):
+        await asyncio.Event().wait()
+
+
+def _plain(values):
+    return {name: tuple(value) if isinstance(value, list) else value for name, value in values.items()}
+
+
+class Ears:
+    """A ground station: hears with pymavlink's own parser, speaks with its own packer."""
+
+    def __init__(self, gateway, numbering=Numbering.PX4, program=GROUND_STATION):
+        self.heard = []
+        self.gateway, self.program = gateway, program
+        self._parser = mavlink.MAVLink(None)
+        self.station = Station("test", numbering, Encoder(1, None), self._take, lambda: WALL)
+        gateway.links._stations.append(self.station)
+        self.say(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3))
+
+    def _take(self, data):
+        self.heard += self._parser.parse_buffer(data) or []
+        return True
+
+    def say(self, message):
+        """Send the gateway a message, over the bytes."""
+        packer = mavlink.MAVLink(None, *self.program)
+        decoded = mavlink.MAVLink(None).decode(bytearray(message.pack(packer)))
+        self.gateway.message_arrived(self.station, decoded)
+
+    def command(self, number, *params, frame=None, confirmation=0, target=(1, 1)):
+        """Send a command; COMMAND_INT where there is a frame."""
+        numbers = [*params, *[0] * (7 - len(params))]
+        if frame is None:
+            self.say(mavlink.MAVLink_command_long_message(*target, number, confirmation, *numbers))
+            return
+        self.say(mavlink.MAVLink_command_int_message(*target, frame, number, 0, 0, *numbers))
+
+    def named(self, name):
+        """What was heard of a message."""
+        return [message for message in self.heard if message.get_type() == name]
+
+    @property
+    def acks(self):
+        """Command and result of every COMMAND_ACK."""
+        return [(message.command, message.result) for message in self.named("COMMAND_ACK")]
+
+    @property
+    def words(self):
+        """All texts, in one line."""
+        return "".join(message.text for message in self.named("STATUSTEXT"))
+
+
+@asynccontextmanager
+async def serving(vehicle=None, *, folder=Path("/nonexistent"), values=EVERYTHING):
+    """A gateway that runs on the loop's clock; what is given is known to it."""
+    loop = asyncio.get_running_loop()
+    gateway = Gateway(vehicle or FakeVehicle(), Options((), 1, None, folder), loop.time, lambda: WALL)
+    ready = asyncio.Event()
+    task = asyncio.create_task(gateway.run(ready.set))
+    await ready.wait()
+    for value in values:
+        gateway.value_arrived(value)
+    try:
+        yield gateway
+    finally:
+        task.cancel()
+        await asyncio.gather(task, return_exceptions=True)
+
+
+def virtually(story):
+    """Run a test in virtual time."""
+
+    def run(*arguments, **options):
+        run_virtually(story(*arguments, **options))
+
+    run.__name__, run.__doc__ = story.__name__, story.__doc__
+    run.__signature__ = inspect.signature(story)
+    run.pytestmark = getattr(story, "pytestmark", [])
+    return run
+
+
+async def beat(ears, seconds, also=lambda: None):
+    """Let time pass, with a heartbeat a second."""
+    for step in range(round(seconds * 20)):
+        if step % 20 == 0:
+            ears.say(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3))
+        also()
+        await asyncio.sleep(0.05)

@@ -1,0 +1,107 @@
+"""Bytes to messages: nothing raises, nothing grows, signatures count once."""
+
+from __future__ import annotations
+
+import hashlib
+import random
+
+import pytest
+from pymavlink.dialects.v20 import all as mavlink
+
+from mkdaemon.gateways.mavlink.framing import Counts, Decoder, Encoder, Signing, key_from, signing_time
+
+WALL = 1_700_000_000.0
+KEY = bytes(range(32))
+PING = mavlink.MAVLink_ping_message(5, 6, 0, 0)
+
+
+def feed(data, *, signing=None, cuts=None):
+    counts = Counts()
+    decoder = Decoder(counts, signing)
+    step = cuts or len(data)
+    found = [m for at in range(0, len(data), step) for m in decoder.feed(data[at : at + step], WALL)]
+    return found, counts, decoder
+
+
+@pytest.mark.parametrize("cuts", [1, 3, 7, None])
+def test_messages_are_found_between_garbage(cuts):
+    encoder = Encoder(9, None)
+    data = b"\xfe\x00noise" + encoder.encode(PING, WALL) + b"\xfd" + encoder.encode(PING, WALL) + bytes(300)
+    found, counts, _ = feed(data, cuts=cuts)
+    assert [(m.get_type(), m.get_srcSystem(), m.get_seq()) for m in found] == [("PING", 9, 0), ("PING", 9, 1)]
+    assert counts.messages == 2 and counts.garbage > 0
+
+
+def test_a_broken_frame_hides_no_right_one():
+    encoder = Encoder(9, None)
+    broken = bytearray(encoder.encode(PING, WALL))
+    broken[12] ^= 1
+    found, counts, _ = feed(bytes(broken) + encoder.encode(PING, WALL))
+    assert len(found) == 1 and counts.bad >= 1
+
+
+def test_mavlink_1_is_understood():
+    data = bytes(PING.pack(mavlink.MAVLink(None, 3, 4), force_mavlink1=True))
+    assert [m.get_srcSystem() for m in feed(data)[0]] == [3]
+
+
+def test_a_datagram_does_not_go_on_in_the_next_one():
+    whole = Encoder(9, None).encode(PING, WALL)
+    decoder = Decoder(Counts(), None)
+    assert decoder.datagram(whole[:9], WALL) == []
+    assert decoder.datagram(whole[9:], WALL) == []
+    assert len(decoder.datagram(whole, WALL)) == 1
+
+
+def test_signed_messages_are_taken_once():
+    signed = Encoder(9, Signing(KEY), 1).encode(PING, WALL)
+    decoder = Decoder(Counts(), Signing(KEY))
+    assert len(list(decoder.feed(signed, WALL))) == 1
+    assert list(decoder.feed(signed, WALL)) == []
+    assert decoder.counts.unsigned == 1
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        Encoder(9, None).encode(PING, WALL),
+        Encoder(9, Signing(bytes(32)), 1).encode(PING, WALL),
+        Encoder(9, Signing(KEY), 1).encode(PING, WALL - 120.0),
+    ],
+    ids=["unsigned", "another key", "two minutes old"],
+)
+def test_what_is_not_rightly_signed_is_dropped(data):
+    found, counts, _ = feed(data, signing=Signing(KEY))
+    assert found == [] and counts.unsigned == 1
+
+
+def test_pymavlink_takes_our_signatures_and_we_take_its():
+    theirs = mavlink.MAVLink(None, 255, 190)
+    theirs.signing.secret_key, theirs.signing.sign_outgoing = KEY, True
+    theirs.signing.timestamp = signing_time(WALL)
+    assert len(feed(bytes(PING.pack(theirs)), signing=Signing(KEY))[0]) == 1
+    assert theirs.parse_buffer(Encoder(9, Signing(KEY), 1).encode(PING, WALL))[0].get_signed()
+
+
+def test_signed_streams_are_not_remembered_without_end():
+    signing = Signing(KEY)
+    decoder = Decoder(Counts(), signing)
+    for system in range(1, 101):
+        list(decoder.feed(Encoder(system, Signing(KEY), 1).encode(PING, WALL), WALL))
+    assert decoder.counts.messages == len(signing._newest) == 64
+
+
+@pytest.mark.parametrize(
+    ("text", "key"),
+    [(KEY.hex(), KEY), (f" {KEY.hex()}\n", KEY), ("secret", hashlib.sha256(b"secret").digest())],
+)
+def test_keys(text, key):
+    assert key_from(text) == key
+
+
+def test_random_bytes_do_nothing_and_nothing_grows():
+    source = random.Random(31)
+    decoder = Decoder(Counts(), None)
+    for _ in range(200):
+        assert list(decoder.feed(source.randbytes(500), WALL)) == []
+        assert len(decoder._rest) <= 280

@@ -1,0 +1,157 @@
+"""Hostile ground stations: random bytes, and right messages of every kind with random fields; nothing happens."""
+
+from __future__ import annotations
+
+import asyncio
+import random
+import struct
+import tracemalloc
+
+import pytest
+from pymavlink.dialects.v20 import all as mavlink
+
+from mkdaemon.gateways.mavlink.framing import Decoder, Encoder
+from tests.gateways.mavlink.rig import WALL, Ears, FakeVehicle, serving, virtually
+
+KINDS = tuple(sorted(mavlink.mavlink_map))
+GROWTH = 2_000_000
+"""Memory that may be held more at the end than in the middle [bytes]."""
+CALLS = {
+    "lease",
+    "give back",
+    "abort",
+    "stop",
+    "request",
+    "end",
+    "start",
+    "target",
+    "backup",
+    "write",
+    "read",
+    "upload",
+    "clear",
+}
+
+
+def random_message(source, kind):
+    """A message of a kind as bytes: right checksum, random payload; often meant for us."""
+    made = mavlink.mavlink_map[kind]
+    payload = bytearray(source.randbytes(made.unpacker.size))
+    names = made.fieldnames
+    if "target_system" in names and source.random() < 0.8:
+        _put(made, payload, "target_system", 1)
+        if "target_component" in names:
+            _put(made, payload, "target_component", 1)
+    if "command" in names and source.random() < 0.8:
+        _put(made, payload, "command", source.choice(COMMANDS))
+    return bytes(payload)
+
+
+COMMANDS = tuple(sorted(number for number in mavlink.enums["MAV_CMD"] if number < 65_536))
+
+
+def _put(made, payload, name, value):
+    """Put a number where a field stands: fields are in wire order."""
+    at = 0
+    for field, letter, count in zip(made.ordered_fieldnames, _letters(made), made.array_lengths, strict=True):
+        size = struct.calcsize(f"<{letter}")
+        if field == name:
+            struct.pack_into(f"<{letter}", payload, at, value)
+        at += size * max(count, 1)
+
+
+def _letters(made):
+    return (
+        [_LETTERS[kind] for kind in made.fieldtypes_ordered] if hasattr(made, "fieldtypes_ordered") else _in_order(made)
+    )
+
+
+_LETTERS = {
+    "uint8_t": "B", "int8_t": "b", "uint16_t": "H", "int16_t": "h", "uint32_t": "I", "int32_t": "i", "uint64_t": "Q",
+    "int64_t": "q", "float": "f", "double": "d", "char": "c",
+}  # fmt: skip
+
+
+def _in_order(made):
+    kinds = dict(zip(made.fieldnames, made.fieldtypes, strict=True))
+    return [_LETTERS[kinds[name]] for name in made.ordered_fieldnames]
+
+
+def framed(kind, payload, seq):
+    """A frame of MAVLink 2 with a right checksum."""
+    made = mavlink.mavlink_map[kind]
+    while len(payload) > 1 and payload[-1] == 0:
+        payload = payload[:-1]
+    head = struct.pack("<BBBBBBB", 0xFD, len(payload), 0, 0, seq % 256, 255, 190) + kind.to_bytes(3, "little")
+    crc = mavlink.x25crc(head[1:] + payload + bytes([made.crc_extra]))
+    return head + payload + struct.pack("<H", crc.crc)
+
+
+async def storm(count, seed):
+    """Send messages of every kind in turn; what was called, and how memory grew from the middle on [bytes]."""
+    source = random.Random(seed)
+    vehicle = FakeVehicle()
+    async with serving(vehicle) as gateway:
+        ears = Ears(gateway)
+        decoder = gateway.links.decoder()
+        middle = 0
+        tracemalloc.start()
+        try:
+            for number in range(count):
+                kind = KINDS[number % len(KINDS)]
+                data = framed(kind, random_message(source, kind), number)
+                found = decoder.datagram(data, WALL)
+                assert len(found) == 1, kind
+                gateway.message_arrived(ears.station, found[0])
+                if number % 50 == 0:
+                    await asyncio.sleep(0.05)
+                    ears.heard.clear()
+                    vehicle.calls, called = [], vehicle.calls
+                    vehicle.setpoints.clear()
+                    assert {name for name, *_ in called} <= CALLS
+                if number == count // 2:
+                    middle = tracemalloc.get_traced_memory()[0]
+            return tracemalloc.get_traced_memory()[0] - middle
+        finally:
+            tracemalloc.stop()
+
+
+def garbage(count, seed):
+    """Feed random bytes, right frames cut and changed among them; no more than a frame is kept."""
+    source = random.Random(seed)
+    from mkdaemon.gateways.mavlink.framing import Counts
+
+    decoder = Decoder(Counts(), None)
+    encoder = Encoder(255, None)
+    fed = 0
+    while fed < count:
+        data = source.randbytes(source.randrange(1, 400))
+        if source.random() < 0.3:
+            frame = bytearray(encoder.encode(mavlink.MAVLink_ping_message(1, 2, 3, 4), WALL))
+            frame[source.randrange(len(frame))] ^= 1 << source.randrange(8)
+            data = data[:50] + bytes(frame[: source.randrange(1, len(frame))]) + data[50:]
+        for _ in decoder.feed(data, WALL):
+            pass
+        fed += len(data)
+        assert len(decoder._rest) <= 280
+    return decoder.counts
+
+
+@virtually
+async def test_a_thousand_messages_of_every_kind():
+    assert await storm(1000, 1) < GROWTH
+
+
+def test_ten_thousand_random_bytes():
+    assert garbage(10_000, 2).messages == 0
+
+
+@pytest.mark.gateways
+@virtually
+async def test_a_hundred_thousand_messages_of_every_kind():
+    assert await storm(100_000, 3) < GROWTH
+
+
+@pytest.mark.gateways
+def test_a_million_random_bytes():
+    assert garbage(1_000_000, 4).messages <= 2  # a checksum of 16 bits fits by chance

@@ -1,0 +1,156 @@
+"""UDP, TCP and serial on this machine, with pymavlink's own connections at the other end."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import socket
+import time
+from contextlib import asynccontextmanager
+
+import pytest
+from pymavlink.dialects.v20 import all as mavlink
+
+from lab.rigs.waiting import wait_for
+from mkdaemon.errors import MkError
+from mkdaemon.gateways.mavlink.addresses import Address, Kind
+from mkdaemon.gateways.mavlink.framing import Encoder
+from mkdaemon.gateways.mavlink.links import MOST_STATIONS, Links
+from mkdaemon.gateways.mavlink.stations import Program
+
+BEAT = mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3)
+PING = mavlink.MAVLink_ping_message(1, 2, 0, 0)
+
+
+def free_port(kind=socket.SOCK_STREAM):
+    with socket.socket(socket.AF_INET, kind) as one:
+        one.bind(("127.0.0.1", 0))
+        return one.getsockname()[1]
+
+
+@asynccontextmanager
+async def linked(*addresses):
+    """Links that are open, and what came over them."""
+    came = []
+
+    def take(station, message):
+        station.note_message(Program(message.get_srcSystem(), 1), time.monotonic(), is_heartbeat=True)
+        came.append((station, message.get_type()))
+
+    links = Links(1, None, take, time.monotonic, time.time)
+    async with asyncio.TaskGroup() as tasks:
+        try:
+            for address in addresses:
+                await links.open(address, tasks)
+            yield links, came
+        finally:
+            links.close()
+            for task in asyncio.all_tasks() - {asyncio.current_task()}:
+                if task.get_name().startswith("line "):
+                    task.cancel()
+
+
+def bytes_of(message, system=255):
+    return Encoder(system, None).encode(message, time.time())
+
+
+async def test_a_program_that_listens_is_found_and_missed():
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as program:
+        program.bind(("127.0.0.1", 0))
+        program.setblocking(False)
+        loop = asyncio.get_running_loop()
+        async with linked(Address(Kind.UDP_OUT, "127.0.0.1", program.getsockname()[1])) as (links, came):
+            (station,) = links.stations
+            assert not station.is_present(time.monotonic())
+            station.send(BEAT)
+            data, sender = await loop.sock_recvfrom(program, 300)
+            assert data[0] == 0xFD
+            program.sendto(bytes_of(BEAT), sender)
+            await wait_for(lambda: came)
+            assert station.is_present(time.monotonic()) and station.is_alive(Program(255, 1), time.monotonic())
+            program.close()  # killed: the machine says at once that nobody listens
+            await wait_for(lambda: station.send(BEAT) or not station.is_alive(Program(255, 1), time.monotonic()))
+
+
+async def test_each_address_that_sends_is_a_station():
+    port = free_port(socket.SOCK_DGRAM)
+    async with linked(Address(Kind.UDP_IN, "127.0.0.1", port)) as (links, came):
+        programs = [socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(MOST_STATIONS + 1)]
+        loop = asyncio.get_running_loop()
+        for program in programs:
+            program.setblocking(False)
+            program.sendto(b"\xfd nonsense", ("127.0.0.1", port))
+            program.sendto(bytes_of(BEAT), ("127.0.0.1", port))
+        await wait_for(lambda: len(came) == MOST_STATIONS)
+        assert len(links.stations) == MOST_STATIONS
+        for station in links.stations:
+            station.send(PING)
+        assert (await loop.sock_recv(programs[0], 300))[7] == mavlink.MAVLINK_MSG_ID_PING
+        for station in links.stations:
+            station.forget()  # silent: they make room
+        programs[-1].sendto(bytes_of(BEAT), ("127.0.0.1", port))
+        await wait_for(lambda: len(came) == MOST_STATIONS + 1)
+        for program in programs:
+            program.close()
+
+
+async def test_connections_are_stations_while_they_stand():
+    port = free_port()
+    async with linked(Address(Kind.TCP_IN, "127.0.0.1", port)) as (links, came):
+        ends = [await asyncio.open_connection("127.0.0.1", port) for _ in range(MOST_STATIONS)]
+        await wait_for(lambda: len(links.stations) == MOST_STATIONS)
+        reader, writer = await asyncio.open_connection("127.0.0.1", port)
+        assert await reader.read() == b""  # one too many
+        writer.close()
+        reader, writer = ends[0]
+        whole = bytes_of(BEAT)
+        writer.write(whole[:5])
+        await writer.drain()
+        await asyncio.sleep(0)
+        writer.write(whole[5:])
+        await wait_for(lambda: came)
+        came[0][0].send(PING)
+        assert (await reader.readexactly(10))[7] == mavlink.MAVLINK_MSG_ID_PING
+        for _, one in ends:
+            one.close()
+        await wait_for(lambda: not links.stations)
+        assert not came[0][0].is_open
+
+
+async def test_a_station_that_does_not_read_loses_messages_and_holds_nobody_up():
+    port = free_port()
+    async with linked(Address(Kind.TCP_IN, "127.0.0.1", port)) as (links, _):
+        _, writer = await asyncio.open_connection("127.0.0.1", port, limit=1)
+        await wait_for(lambda: links.stations)
+        (station,) = links.stations
+        text = mavlink.MAVLink_file_transfer_protocol_message(0, 1, 1, [7] * 251)
+        for _ in range(60_000):
+            station.send(text)
+            if station.dropped:
+                break
+        assert station.dropped
+        writer.close()
+
+
+async def test_a_serial_line_is_opened_again():
+    first, second = os.openpty()
+    async with linked(Address(Kind.SERIAL, os.ttyname(second), 57_600)) as (links, came):
+        await wait_for(lambda: links.stations)
+        os.write(first, bytes_of(BEAT))
+        await wait_for(lambda: came)
+        links.stations[0].send(PING)
+        data = await asyncio.get_running_loop().run_in_executor(None, os.read, first, 300)
+        assert data[7] == mavlink.MAVLINK_MSG_ID_PING
+    os.close(first)
+    os.close(second)
+
+
+async def test_an_address_in_use_is_one_line():
+    port = free_port()
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", port))
+        taken.listen()
+        links = Links(1, None, lambda *_: None, time.monotonic, time.time)
+        async with asyncio.TaskGroup() as tasks:
+            with pytest.raises(MkError, match=rf"--link tcpin:127.0.0.1:{port} cannot be opened"):
+                await links.open(Address(Kind.TCP_IN, "127.0.0.1", port), tasks)

@@ -1,0 +1,186 @@
+"""The parameter protocol against a vehicle that is told what to answer."""
+
+from __future__ import annotations
+
+import struct
+
+import pytest
+from pymavlink.dialects.v20 import all as mavlink
+
+from mkdaemon.errors import MkError
+from mkdaemon.gateways.mavlink.parameterids import ids_of, short, value_of
+from mkdaemon.protocol.settings import ParameterSet, known_revisions, layout_of
+from mkdaemon.telemetry.refusals import Token, refuse
+from tests.gateways.mavlink.rig import Ears, FakeVehicle, beat, serving, virtually
+
+REVISION = 106
+RAW = bytes([REVISION]) + bytes(number % 200 for number in range(1, layout_of(REVISION).size))
+IDS = ids_of(REVISION)
+DENIED, NOT_THERE, OUT_OF_RANGE, READ_ONLY = 3, 1, 2, 5
+
+
+def vehicle():
+    return FakeVehicle(RAW)
+
+
+def ask_all(ears):
+    ears.say(mavlink.MAVLink_param_request_list_message(1, 1))
+
+
+def write(ears, name, value, kind=mavlink.MAV_PARAM_TYPE_REAL32):
+    ears.say(mavlink.MAVLink_param_set_message(1, 1, name.encode(), value, kind))
+
+
+@pytest.mark.parametrize("revision", known_revisions())
+def test_ids_are_short_and_one_each(revision):
+    ids = [parameter.id for parameter in ids_of(revision)]
+    assert ids and len(set(ids)) == len(ids) and max(map(len, ids)) <= 16
+    assert all(name.isascii() and name.upper() == name for name in ids)
+
+
+def test_ids_never_change():
+    """Files of parameters of ground stations have these names: a new one is added, none of these is renamed."""
+    known = {parameter.id for revision in known_revisions() for parameter in ids_of(revision)}
+    assert {"GYRO_P", "EXTERNAL_CONTROL", "EMER_THR", "EMER_THR_TIME", "CHANNELS_12", "GPS_MIN_SATS"} <= known
+    assert {"ALT_MIN_THR", "SRV_PIT_CTRL", "OUT_1_WARN_PAT", "GMBL_OUT_2_CH", "MOTOR_SAFETY_SW"} <= known
+    assert short("servo_failsafe_positions", 4) == "SRV_FS_POS_5" and len(known) == 148
+    assert ids_of(1) == ()
+
+
+@virtually
+async def test_all_are_read():
+    async with serving(vehicle()) as gateway:
+        ears = Ears(gateway)
+        ask_all(ears)
+        await beat(ears, 2.0)
+        found = {message.param_id: message for message in ears.named("PARAM_VALUE")}
+        assert len(found) == len(IDS) + 1 == found["GYRO_P"].param_count
+        stored = ParameterSet(RAW)
+        assert {row.id: found[row.id].param_value for row in IDS} == {row.id: value_of(stored, row) for row in IDS}
+        assert [message.param_index for message in found.values()] == list(range(len(found)))
+        assert found["MK_ACTIVE_SET"].param_value == 3
+        assert {message.param_type for message in found.values()} == {mavlink.MAV_PARAM_TYPE_REAL32}
+
+
+@virtually
+async def test_two_that_ask_at_once_are_read_for_once_and_again_later():
+    fake = vehicle()
+    async with serving(fake) as gateway:
+        ears, other = Ears(gateway), Ears(gateway)
+        for one in (ears, other, ears):
+            ask_all(one)
+        await beat(ears, 2.0)
+        assert [name for name, *_ in fake.calls] == ["backup"]
+        await beat(ears, 10.0)
+        ask_all(ears)
+        await beat(ears, 1.0)
+        assert [name for name, *_ in fake.calls] == ["backup", "backup"]
+
+
+@virtually
+async def test_in_flight_there_is_an_answer_too():
+    fake = vehicle()
+    fake.refusals["backup"] = refuse(Token.MOTORS_NOT_KNOWN_OFF, name="settings_backup")
+    async with serving(fake) as gateway:
+        ears = Ears(gateway)
+        ask_all(ears)
+        await beat(ears, 0.2)
+        assert [(m.param_id, m.param_count) for m in ears.named("PARAM_VALUE")] == [("MK_ACTIVE_SET", 1)]
+        assert "no settings yet" in ears.words
+
+
+@virtually
+async def test_one_is_read_by_name_and_by_number():
+    async with serving(vehicle()) as gateway:
+        ears = Ears(gateway)
+        ears.say(mavlink.MAVLink_param_request_read_message(1, 1, b"GYRO_P", -1))
+        await beat(ears, 0.2)
+        first = ears.named("PARAM_VALUE")[0]
+        ears.say(mavlink.MAVLink_param_request_read_message(1, 1, b"", first.param_index))
+        for name, index in ((b"NOBODY", -1), (b"", 999)):
+            ears.say(mavlink.MAVLink_param_request_read_message(1, 1, name, index))
+        await beat(ears, 0.2)
+        assert [m.param_id for m in ears.named("PARAM_VALUE")] == ["GYRO_P", "GYRO_P"]
+        assert [(m.param_id, m.error) for m in ears.named("PARAM_ERROR")] == [("NOBODY", NOT_THERE), ("", NOT_THERE)]
+
+
+def bits(number):
+    """A whole number as its bits in a float, as programs of PX4 send it."""
+    return struct.unpack("<f", struct.pack("<i", number))[0]
+
+
+@pytest.mark.parametrize(
+    ("value", "kind"),
+    [(81.0, mavlink.MAV_PARAM_TYPE_REAL32), (81.0, mavlink.MAV_PARAM_TYPE_UINT8),
+     (bits(81), mavlink.MAV_PARAM_TYPE_INT32)],
+)  # fmt: skip
+@virtually
+async def test_a_write_is_saved_before_and_read_back(tmp_path, value, kind):
+    fake = vehicle()
+    async with serving(fake, folder=tmp_path / "backups") as gateway:
+        ears = Ears(gateway)
+        write(ears, "GYRO_P", value, kind)
+        await beat(ears, 0.5)
+        (saved,) = (tmp_path / "backups").iterdir()
+        assert f"gyro_p = {ParameterSet(RAW)['gyro_p']}" in saved.read_text()
+        name, (values,), options = fake.calls[-1]
+        assert (name, values, options) == ("write", {"gyro_p": 81}, {"confirm": True, "slot": 3})
+        assert [m.param_value for m in ears.named("PARAM_VALUE")] == [81.0]
+        write(ears, "CHANNELS_2", 9.0)
+        await beat(ears, 0.5)
+        assert fake.calls[-1][1][0] == {"channels": [*RAW[1:2], 9, *RAW[3:13]]}
+        assert len(list((tmp_path / "backups").iterdir())) == 1
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "error"),
+    [("GYRO_P", 256.0, OUT_OF_RANGE), ("GYRO_P", -1.0, OUT_OF_RANGE), ("GYRO_P", 1.5, OUT_OF_RANGE),
+     ("GYRO_P", float("nan"), OUT_OF_RANGE), ("GYRO_P", float("inf"), OUT_OF_RANGE),
+     ("MK_ACTIVE_SET", 1.0, READ_ONLY), ("NOBODY", 1.0, NOT_THERE)],
+)  # fmt: skip
+@virtually
+async def test_a_wrong_write_is_refused_and_what_it_is_told(name, value, error):
+    fake = vehicle()
+    async with serving(fake) as gateway:
+        ears = Ears(gateway)
+        write(ears, name, value)
+        await beat(ears, 0.3)
+        assert [m.error for m in ears.named("PARAM_ERROR")] == [error]
+        assert [m.param_id for m in ears.named("PARAM_VALUE")] == ([] if error == NOT_THERE else [name])
+        assert "write" not in [call for call, *_ in fake.calls]
+
+
+@pytest.mark.parametrize("refusal", [refuse(Token.FLYING, holder="x"), MkError("the line is down")])
+@virtually
+async def test_in_flight_a_write_is_refused_in_the_daemons_words(tmp_path, refusal):
+    fake = vehicle()
+    fake.refusals["write"] = refusal
+    async with serving(fake, folder=tmp_path) as gateway:
+        ears = Ears(gateway)
+        write(ears, "GYRO_P", 81.0)
+        await beat(ears, 0.3)
+        assert [m.error for m in ears.named("PARAM_ERROR")] == [DENIED]
+        assert [m.param_value for m in ears.named("PARAM_VALUE")] == [ParameterSet(RAW)["gyro_p"]]
+        assert "GYRO_P is not written" in ears.words
+
+
+@virtually
+async def test_without_a_backup_nothing_is_written(tmp_path):
+    blocked = tmp_path / "file"
+    blocked.write_text("in the way")
+    fake = vehicle()
+    async with serving(fake, folder=blocked / "backups") as gateway:
+        ears = Ears(gateway)
+        write(ears, "GYRO_P", 81.0)
+        await beat(ears, 0.3)
+        assert [call for call, *_ in fake.calls] == ["backup"] and "cannot be made" in ears.words
+
+
+@virtually
+async def test_sets_that_nobody_knows_by_name_are_not_shown():
+    async with serving(FakeVehicle(bytes([250, 1, 2]))) as gateway:
+        ears = Ears(gateway)
+        ask_all(ears)
+        write(ears, "GYRO_P", 1.0)
+        await beat(ears, 0.3)
+        assert [m.param_id for m in ears.named("PARAM_VALUE")] == ["MK_ACTIVE_SET"]

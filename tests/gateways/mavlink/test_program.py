@@ -1,0 +1,87 @@
+"""The program: options a user gives, its key, and its mistakes in one line."""
+
+from __future__ import annotations
+
+import asyncio
+import builtins
+import sys
+from contextlib import asynccontextmanager
+from pathlib import Path
+
+import pytest
+
+from mkdaemon.cli.mkdaemon.gateway.mavlink import mavlink as command
+from mkdaemon.errors import ConfigError
+from mkdaemon.gateways.mavlink.addresses import DEFAULTS
+from mkdaemon.gateways.mavlink.program import backups_folder, options_from, serve
+from tests.gateways.mavlink.rig import FakeVehicle
+from tests.gateways.mavlink.test_links import free_port
+
+
+def options(*links, system=1, key=None, allow_open=False):
+    return options_from(links, system, key, None, allow_open=allow_open)
+
+
+def test_without_links_the_usual_ones_of_this_machine():
+    assert tuple(map(str, options().addresses)) == DEFAULTS
+    assert options().signing is None
+
+
+@pytest.mark.parametrize("system", [0, 251, -1])
+def test_the_number_of_an_aircraft(system):
+    with pytest.raises(ConfigError, match=f"--system {system}"):
+        options(system=system)
+
+
+def test_a_key_opens_a_network(tmp_path):
+    key = tmp_path / "key"
+    key.write_text("ab" * 32)
+    assert options("udpin:0.0.0.0:14550", key=key).signing.key == bytes([0xAB]) * 32
+    with pytest.raises(ConfigError, match="whoever is in that network"):
+        options("udpin:0.0.0.0:14550")
+    assert options("udpin:0.0.0.0:14550", allow_open=True).addresses
+
+
+@pytest.mark.parametrize("content", [None, "", " \n", b"\xff\xfe"])
+def test_a_key_that_cannot_be_used_is_one_line(tmp_path, content):
+    key = tmp_path / "key"
+    if content is not None:
+        key.write_bytes(content if isinstance(content, bytes) else content.encode())
+    with pytest.raises(ConfigError, match=r"--signing-key .*openssl rand"):
+        options(key=key)
+
+
+def test_where_settings_are_saved(monkeypatch):
+    monkeypatch.setenv("STATE_DIRECTORY", "/var/lib/one:/var/lib/two")
+    assert backups_folder() == Path("/var/lib/one")
+    monkeypatch.delenv("STATE_DIRECTORY")
+    monkeypatch.setenv("XDG_STATE_HOME", "/home/somebody/state")
+    assert backups_folder() == Path("/home/somebody/state/mkdaemon/gateway-mavlink")
+
+
+def test_without_pymavlink_it_names_the_extra(monkeypatch):
+    genuine = builtins.__import__
+
+    def refuse(name, *rest, **options):
+        if name.startswith("mkdaemon.gateways.mavlink"):
+            raise ModuleNotFoundError("no", name="pymavlink.dialects")
+        return genuine(name, *rest, **options)
+
+    monkeypatch.delitem(sys.modules, "mkdaemon.gateways.mavlink.program")
+    monkeypatch.setattr(builtins, "__import__", refuse)
+    with pytest.raises(ConfigError, match=r"pip install 'mkdaemon\[mavlink\]'"):
+        command()
+
+
+async def test_it_serves_until_it_is_stopped():
+    stop, ready = asyncio.Event(), asyncio.Event()
+
+    @asynccontextmanager
+    async def open_vehicle():
+        yield FakeVehicle()
+
+    serving = asyncio.create_task(serve(open_vehicle, options(f"tcpin:127.0.0.1:{free_port()}"), stop, ready.set))
+    async with asyncio.timeout(20.0):
+        await ready.wait()
+        stop.set()
+        await serving

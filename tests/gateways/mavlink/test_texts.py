@@ -1,0 +1,54 @@
+"""STATUSTEXT: pieces, what is not said twice, and that nothing grows."""
+
+from __future__ import annotations
+
+import pytest
+
+from mkdaemon.gateways.mavlink.texts import CRITICAL, ERROR, INFO, NOTICE, WARNING, Texts, text_of
+from mkdaemon.telemetry.event import FailsafeEvent, LogEvent, ModeEvent
+from mkdaemon.telemetry.mission import MissionEvent
+from tests.gateways.mavlink.rig import ATTITUDE, STAMP
+
+
+@pytest.mark.parametrize("length", [0, 1, 49, 50, 51, 99, 100, 101, 399, 400])
+def test_pieces_come_together_again(length):
+    text = "abcdefghij" * 40
+    pieces = Texts().pieces(WARNING, text[:length], 0.0)
+    assert "".join(piece.text for piece in pieces) == text[:length]
+    assert {piece.severity for piece in pieces} == {WARNING}
+    if length > 50:
+        assert len({piece.id for piece in pieces}) == 1 and pieces[0].id > 0
+        assert [piece.chunk_seq for piece in pieces] == list(range(len(pieces)))
+        assert len(pieces[-1].text) < 50  # the last one says that it is
+    else:
+        assert [piece.id for piece in pieces] == [0]
+
+
+def test_a_longer_one_ends_in_dots():
+    words = "".join(piece.text for piece in Texts().pieces(INFO, "x" * 1000, 0.0))
+    assert len(words) == 400 and words.endswith("x...")
+
+
+def test_the_same_is_said_again_only_later_or_to_another():
+    texts = Texts()
+    assert texts.pieces(INFO, "same", 0.0) and not texts.pieces(INFO, "same", 2.9)
+    assert texts.pieces(INFO, "same", 1.0, to="another") and texts.pieces(INFO, "same", 3.1)
+    for number in range(1000):
+        texts.pieces(INFO, f"{number}", 5.0)
+    assert len(texts._sent) == 64
+
+
+@pytest.mark.parametrize(
+    ("event", "told"),
+    [
+        (FailsafeEvent(stamp=STAMP, action="neutral", reason="old"), (CRITICAL, "neutral: old")),
+        (ModeEvent(stamp=STAMP, before="free", after="leased", reason="why"), (NOTICE, "leased: why")),
+        (LogEvent(stamp=STAMP, level="error", text="broken"), (ERROR, "broken")),
+        (LogEvent(stamp=STAMP, level="info", text="well"), (INFO, "well")),
+        (MissionEvent(stamp=STAMP, action="uploaded", count=3, digest="", source=""),
+         (NOTICE, "mission uploaded: 3 points")),
+        (ATTITUDE, None),
+    ],
+)  # fmt: skip
+def test_events(event, told):
+    assert text_of(event) == told
