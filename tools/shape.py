@@ -35,8 +35,8 @@ PRODUCT: Final = ("mkdaemon", "mksim")
 """What is installed."""
 WHOLE: Final = ("mksim",)
 """Packages that are not cut into rooms of their own: names are unique in all of them."""
-PROGRAMS: Final = "mkdaemon.cli"
-"""Each package in it is a program of its own."""
+PROGRAMS: Final = ("mkdaemon.cli", "mkdaemon.gateways")
+"""Each package in them is a program of its own."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,7 +117,7 @@ def find_same_names(paths: Iterable[str]) -> list[str]:
         package = package_of(path)
         if package.partition(".")[0] in WHOLE:
             package = package.partition(".")[0]
-        elif package == PROGRAMS and len(parts) > 4:
+        elif package in PROGRAMS and len(parts) > 4:
             package = f"{package}.{parts[3]}"
         places.setdefault((package, parts[-1]), []).append(path)
     return [

@@ -76,6 +76,7 @@ def test_a_function_above_the_limit_is_named(tmp_path):
         (["src/mksim/boards/x.py", "src/mksim/physics/x.py"], 1),
         (["src/mkdaemon/cli/mkctl/x.py", "src/mkdaemon/cli/mkdaemon/x.py", "src/mkdaemon/cli/x.py"], 0),
         (["src/mkdaemon/cli/mkctl/x.py", "src/mkdaemon/cli/mkctl/teleop/x.py"], 1),
+        (["src/mkdaemon/gateways/ros2/x.py", "src/mkdaemon/gateways/mavlink/x.py"], 0),
         (["lab/a/main.py", "lab/b/main.py"], 0),
     ],
 )

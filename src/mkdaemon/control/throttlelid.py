@@ -5,10 +5,10 @@ pilot's stick. Source: docs/flying.md, "Who holds what: the throttle"; docs/prot
 FlightCtrl" and the field `throttle` of the NaviCtrl's OSD data.
 
 It reports the throttle after the compensation of the battery's voltage: at 14.8 V a hover reads 19 counts less than
-its stick. A NaviCtrl takes that back again. By the voltage of the same message that share is known (`ThrottleReport.share`), unless more than it is seen:
-then the board reports the stick itself. Where no voltage is known, what is shown compares the numbers as they are, and
-flight goes by the largest share of ours that was ever reported in this flight: nobody's stick falls and rises with
-ours, and only less than that share is the pilot's.
+its stick. A NaviCtrl takes that back again. By the voltage of the same message that share is known
+(`ThrottleReport.share`), unless more than it is seen: then the board reports the stick itself. Where no voltage is
+known, what is shown compares the numbers as they are, and flight goes by the largest share of ours that was ever
+reported in this flight: nobody's stick falls and rises with ours, and only less than that share is the pilot's.
 """
 
 from __future__ import annotations
