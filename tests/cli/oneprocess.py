@@ -1,4 +1,7 @@
-"""Commands of `mkdaemon` one after another in a process of its own, in which something is missing."""
+"""Commands of `mkdaemon` one after another in a process of its own, in which something is missing.
+
+Not those that keep a log: a thread of theirs prints, when it comes to it, and whatever is standard error by then.
+"""
 
 from __future__ import annotations
 
@@ -48,3 +51,12 @@ def run_commands(commands: Iterable[Sequence[str]], *, missing: Sequence[str], i
     done = subprocess.run([sys.executable, "-c", PROGRAM, task], capture_output=True, text=True, timeout=120)
     assert (done.returncode, done.stderr) == (0, "")
     return [Ended(*json.loads(line)) for line in done.stdout.splitlines()]
+
+
+def run_alone(words: Sequence[str], *, missing: Sequence[str]) -> Ended:
+    """What one command comes to where some modules are missing, in a process that ends with it."""
+    program = "import json, sys; sys.modules |= dict.fromkeys(json.loads(sys.argv.pop(1)))\n"
+    program += "from mkdaemon.cli.mkdaemon.app import main; main()"
+    call = [sys.executable, "-c", program, json.dumps(missing), *words]
+    done = subprocess.run(call, capture_output=True, text=True, timeout=120)
+    return Ended(done.returncode, done.stdout, done.stderr)

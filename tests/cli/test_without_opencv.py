@@ -8,11 +8,12 @@ import pytest
 
 from mkdaemon.cli.mkdaemon.doctor import Machine, Verdict, examine
 from tests.bus.support import free_endpoint
-from tests.cli.oneprocess import run_commands
+from tests.cli.oneprocess import run_alone, run_commands
 from tests.places import CONFIGS
 
 FIX = "cameras and tags need OpenCV, which is not installed: pip install 'mkdaemon[vision]'"
 SIMULATOR_FIX = "the simulated camera needs OpenCV, which is not installed: pip install 'mkdaemon[sim]'"
+MISSING = ("cv2", "pyapriltags")
 OF_CAMERAS = (
     ("detect", "picture.png"),
     ("target", "x.svg", "--tag", "7:0.16"),
@@ -32,10 +33,11 @@ def ended(tmp_path_factory):
     link = '[link]\nport = "tcp:localhost:9"\nwait_for_port = true\n'
     config.write_text(link + '[[cameras]]\nsource = "/dev/video0"\n', encoding="utf-8")
     run = ("run", "--config", str(config), "--listen", free_endpoint(), "--log", "error")
-    commands = (run, *OF_CAMERAS, *OF_SIMULATED_CAMERAS)
     imported = ["mkdaemon.daemon", "mkdaemon.client", "mksim.simulation", "mksim.runtime", "mkdaemon.cli.mkctl.app"]
-    answers = run_commands(commands, missing=["cv2", "pyapriltags"], imported=[*imported, "mkdaemon.missions"])
-    return dict(zip(("run", *commands[1:]), answers, strict=True))
+    together = (*OF_CAMERAS, OF_SIMULATED_CAMERAS[0])
+    answers = run_commands(together, missing=MISSING, imported=[*imported, "mkdaemon.missions"])
+    alone = {words: run_alone(words, missing=MISSING) for words in OF_SIMULATED_CAMERAS[1:]}
+    return {"run": run_alone(run, missing=MISSING)} | alone | dict(zip(together, answers, strict=True))
 
 
 def test_daemon_simulator_and_client_need_no_opencv(ended):
