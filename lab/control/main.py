@@ -44,7 +44,7 @@ def main(
     jobs: Annotated[int, Parameter(help="Processes.")] = 2,
     as_json: AsJson = False,
 ) -> int:
-    """Fly the cases; the last line of `--json` is one object. All of them take about 20 minutes of one core.
+    """Fly the cases; the last line of `--json` is one object. All of them take about 80 minutes of one core.
 
     Every figure comes with median, 90th percentile, worst, count and the number of aircraft lost.
 
