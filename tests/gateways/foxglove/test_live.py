@@ -63,10 +63,10 @@ async def test_a_live_flight_is_shown_as_it_is_on_the_bus():
         await wait_until(lambda: any("me holds the lease" in one["message"] for one in viewer.of("/log")))
         parts = {status["name"] for one in viewer.of("/diagnostics") for status in one["status"]}
         assert {"vehicle", "link", "control"} <= parts
+        await wait_until(lambda: len(viewer.of("/state/attitude")) >= 5)
         # What the daemon put, by another client, and what the viewer saw.
         shown = {one.log_time: one.value for one in viewer.seen if one.topic == "/state/attitude"}
         told = {nanoseconds(one["stamp"]["wall"]): json_value(one) for one in live.values("state/attitude")}
-        assert len(shown) >= 5
         assert {at: told.get(at) for at in shown} == shown
 
 

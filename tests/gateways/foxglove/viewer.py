@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import base64
 import json
+import os
 import struct
 from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager
@@ -13,6 +14,9 @@ from functools import cache
 from typing import Any
 
 import websockets
+
+# Classes that come from a schema of the wire: the implementation in C has ended a whole run with a segmentation fault.
+os.environ["PROTOCOL_BUFFERS_PYTHON_IMPLEMENTATION"] = "python"
 from google.protobuf import descriptor_pb2, descriptor_pool, json_format, message_factory
 
 from lab.rigs.waiting import wait_until
