@@ -10,25 +10,24 @@ from __future__ import annotations
 import asyncio
 import json
 import socket
-import threading
 import time
 from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from dataclasses import dataclass, field
+from importlib import import_module
 from typing import Any, Final
 
 import numpy as np
 
 from lab.rigs.gatewayprocess import gateway_process
 from lab.rigs.overtarget import VEHICLE, Setting, hovering
+from lab.rigs.sleeper import Sleeper
 from mkdaemon.cli.arguments import AsJson
 from mkdaemon.client import Vehicle
 from mkdaemon.errors import ConfigError
 
 SETTLING: Final = 2.0
 """After a peer has come or gone, before anything is counted [s]."""
-LOOK: Final = 0.002
-"""A thread that only sleeps sleeps so long [s]."""
 WHOLE_BOOT: Final = 1 << 32
 """`time_boot_ms` begins again after so many."""
 
@@ -64,20 +63,25 @@ class Case:
 
 
 def main(*, case: str = "mavlink", seconds: float = 10.0, rounds: int = 3, as_json: AsJson = False) -> int:
-    """Measure a gateway; a minute and a half. The goals: p99 <= 5 ms, <= 15 % of a core, the daemon <= 1.1 times.
+    """Measure a gateway; a minute or two. The goals: p99 <= 5 ms, <= 15 % of a core, the daemon <= 1.1 times.
 
     Args:
-        case: which gateway: mavlink.
+        case: which gateway: mavlink, foxglove or ros2.
         seconds: counted of each part.
-        rounds: parts without and with a peer.
+        rounds: parts without and with a peer; ros2 has one.
 
     Raises:
         ConfigError: there is no such gateway.
     """
-    chosen = CASES.get(case)
-    if chosen is None:
-        raise ConfigError(f"--case {case}: there is {', '.join(CASES)}")
-    figures = asyncio.run(measure(case, chosen, seconds, rounds))
+    match case:
+        case "foxglove":
+            figures = import_module("lab.gateways_foxglove").measure(seconds, rounds)
+        case "ros2":
+            figures = import_module("lab.gateways_ros2").measure(seconds)
+        case _ if case in CASES:
+            figures = asyncio.run(measure(case, CASES[case], seconds, rounds))
+        case _:
+            raise ConfigError(f"--case {case}: there is {', '.join((*CASES, 'foxglove', 'ros2'))}")
     if as_json:
         print(json.dumps(figures))
     else:
@@ -91,7 +95,7 @@ async def measure(name: str, case: Case, seconds: float, rounds: int) -> dict[st
     latencies: list[float] = []
     shares: dict[str, list[float]] = {"alone": [], "with": [], "gateway": [], "rate": []}
     port = _free_port()
-    with _Sleeper() as sleeper:
+    with Sleeper() as sleeper:
         async with hovering(Setting(fps=15.0, wind="none")) as hover:
             for _ in range(rounds):
                 shares["alone"].append(await _share(hover.daemon.cpu_s, seconds))
@@ -146,33 +150,6 @@ async def _seen(client: Vehicle) -> AsyncIterator[dict[int, float]]:
         await asyncio.gather(listening, return_exceptions=True)
 
 
-class _Sleeper:
-    """A thread that only sleeps, and how late it was woken."""
-
-    def __init__(self) -> None:
-        self._late: list[float] = []
-        self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="sleeper", daemon=True)
-
-    def __enter__(self) -> _Sleeper:
-        self._thread.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._stop.set()
-        self._thread.join()
-
-    def _run(self) -> None:
-        while not self._stop.is_set():
-            start = time.monotonic()
-            time.sleep(LOOK)
-            self._late.append(time.monotonic() - start - LOOK)
-
-    def percentile(self, part: float) -> float:
-        """How late it was woken [ms]."""
-        return round(1000 * float(np.percentile(self._late, part)), 2)
-
-
 def _free_port() -> int:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as one:
         one.bind(("127.0.0.1", 0))
@@ -223,4 +200,4 @@ async def _ground_station(port: int) -> AsyncIterator[Arrivals]:
 CASES: Final = {
     "mavlink": Case(lambda port: ("--link", f"udpin:127.0.0.1:{port}"), _ground_station),
 }
-"""Every gateway that can be measured; a further one is one line here and its peer."""
+"""Gateways that are measured over the hovering aircraft; a further one is one line here and its peer."""

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from pymavlink.dialects.v20 import all as mavlink
 
+from lab.control.boardfaults import NORMAL
 from mkdaemon.errors import LeaseLostError
 from mkdaemon.gateways.mavlink.framing import Encoder
 from mkdaemon.gateways.mavlink.gateway import Gateway, Options
@@ -21,7 +22,7 @@ from mkdaemon.telemetry.link import LinkCondition, LinkHealth, LinkState
 from mkdaemon.telemetry.mission import WaypointList, WaypointsStored
 from mkdaemon.telemetry.navi import ControlNavi, NaviStage
 from mkdaemon.telemetry.settings import SettingsBackup, SettingsRestoration, StoredSet
-from mkdaemon.telemetry.state import Altitude, Attitude, Battery, Flight, Gps, GpsMode, Pilot, Position, Velocity
+from mkdaemon.telemetry.state import Altitude, Attitude, Battery, Flight, Gps, Pilot, Position, Velocity
 from mkdaemon.telemetry.vehicle import VehicleHealth
 from mkdaemon.telemetry.vision import VisionPose
 from mkdaemon.virtualtime import run_virtually
@@ -102,33 +103,8 @@ POSE = VisionPose(
 
 def flight(**changes):
     """What the boards say of a flight; in the air, steered by the pilot."""
-    flags = {
-        "motors_running": True,
-        "is_flying": True,
-        "is_calibrating": False,
-        "is_starting": False,
-        "emergency_landing": False,
-        "battery_low": False,
-        "care_free": False,
-        "altitude_control": False,
-        "rc_failsafe": False,
-        "waiting_for_takeoff": False,
-        "auto_starting": False,
-        "auto_landing": False,
-        "gps_mode": GpsMode.FREE,
-        "manual_control": False,
-        "range_limit": False,
-        "target_reached": False,
-        "serial_link_lost": False,
-        "error_code": 0,
-        "error": "",
-        "flying_time": 20.0,
-        "waypoint_index": 0,
-        "waypoint_count": 0,
-        "target_distance": None,
-        "altitude_setpoint": None,
-    }
-    return Flight(**AT, **flags | changes)
+    flags = NORMAL | AT | {"error": "", "flying_time": 20.0}
+    return Flight(**flags | changes)
 
 
 def status(phase=Phase.FREE, *, epoch=None, **changes):
