@@ -63,3 +63,23 @@ async def test_a_whole_key_is_understood_and_a_wrong_one_refused_at_once():
             uav.watch("mk/fake/state/atitude")
         with pytest.raises(MkError, match="'a//b' is no key: empty chunks are forbidden"):
             uav.watch("a//b")
+
+
+async def test_what_comes_together_wakes_the_loop_once_and_stays_in_order():
+    loop = asyncio.get_running_loop()
+    calls = []
+
+    class Counting:
+        def call_soon_threadsafe(self, call):
+            calls.append(call)
+            loop.call_soon(call)
+
+    handover, taken = watch_module.Handover(Counting()), []
+    for number in range(5):
+        handover.arrived(taken.append, number)
+    assert len(calls) == 1
+    await asyncio.sleep(0)
+    handover.arrived(taken.append, 5)
+    await asyncio.sleep(0)
+    assert taken == [0, 1, 2, 3, 4, 5]
+    assert len(calls) == 2

@@ -18,7 +18,7 @@ from mkdaemon.bus.names import ROOT, key, suffix_of
 from mkdaemon.client.answers import Answer
 from mkdaemon.client.patterns import require_known
 from mkdaemon.client.samples import Sample, read_payload
-from mkdaemon.client.watch import Watch
+from mkdaemon.client.watch import Handover, Watch
 from mkdaemon.errors import CommandRejectedError, MkError
 from mkdaemon.telemetry.refusals import Status
 
@@ -61,6 +61,7 @@ class Transport:
         self._session = session
         self.endpoint = endpoint
         self._loop = asyncio.get_running_loop()
+        self._handover = Handover(self._loop)
 
     @property
     def session(self) -> zenoh.Session:
@@ -179,7 +180,7 @@ class Transport:
         if not are_known:
             for pattern in patterns:
                 require_known(self._suffix(pattern))
-        return Watch(self._session, expressions, self._sample, backlog)
+        return Watch(self._session, expressions, self._sample, self._handover, backlog)
 
     @asynccontextmanager
     async def token(self, name: str) -> AsyncIterator[None]:

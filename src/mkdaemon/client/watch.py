@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from collections import deque
 from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import suppress
 from typing import Final
@@ -13,6 +14,33 @@ from mkdaemon.client.samples import Sample
 
 BACKLOG: Final = 4096
 """Samples a watcher may lag behind before the oldest are dropped."""
+
+
+class Handover:
+    """Hands samples from Zenoh's threads to the loop, and wakes it once for all that come together.
+
+    What a frame of the boards makes comes as a burst of several keys; a wake-up of the loop costs more than a sample.
+    """
+
+    def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
+        self._loop = loop
+        self._waiting: deque[tuple[Callable[[zenoh.Sample], None], zenoh.Sample]] = deque()
+        self._is_called = False
+
+    def arrived(self, take: Callable[[zenoh.Sample], None], sample: zenoh.Sample) -> None:
+        """Have `take` called on the loop with a sample; from any thread, in order."""
+        self._waiting.append((take, sample))
+        # Two threads that both find it false call twice, and the second call finds nothing.
+        if not self._is_called:
+            self._is_called = True
+            with suppress(RuntimeError):  # the loop may be closing
+                self._loop.call_soon_threadsafe(self._drain)
+
+    def _drain(self) -> None:
+        self._is_called = False  # first: what comes from now on calls again
+        for _ in range(len(self._waiting)):
+            take, sample = self._waiting.popleft()
+            take(sample)
 
 
 class Watch:
@@ -28,16 +56,18 @@ class Watch:
         session: zenoh.Session,
         expressions: Sequence[zenoh.KeyExpr],
         read: Callable[[zenoh.Sample], Sample],
+        handover: Handover,
         backlog: int | None = None,
     ) -> None:
         self._session = session
+        self._handover = handover
         self._expressions = expressions
         self._read = read
         self._queue: asyncio.Queue[zenoh.Sample] = asyncio.Queue(BACKLOG if backlog is None else backlog)
         self._subscribers: list[zenoh.Subscriber[None]] = []
 
     async def __aenter__(self) -> AsyncIterator[Sample]:
-        loop, queue = asyncio.get_running_loop(), self._queue
+        queue, handover = self._queue, self._handover
 
         def put(sample: zenoh.Sample) -> None:
             if queue.full():
@@ -45,8 +75,7 @@ class Watch:
             queue.put_nowait(sample)
 
         def on_sample(sample: zenoh.Sample) -> None:
-            with suppress(RuntimeError):  # the loop may be closing
-                loop.call_soon_threadsafe(put, sample)
+            handover.arrived(put, sample)
 
         handler = zenoh.handlers.Callback(on_sample, indirect=False)
         self._subscribers = [self._session.declare_subscriber(one, handler) for one in self._expressions]

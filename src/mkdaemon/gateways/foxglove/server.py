@@ -21,7 +21,7 @@ PORT: Final = 8765
 """Where Foxglove and Lichtblick look first."""
 BACKLOG: Final = 256
 """Messages that wait for a viewer; the oldest is dropped when one more comes."""
-TICK_NS: Final = 20_000_000
+TICK_NS: Final = 50_000_000
 """Between two times that viewers are told [ns]."""
 BACK_NS: Final = 5_000_000_000
 """A time that goes back by less is a value that came late; by more, a recording goes on at another place [ns]."""
