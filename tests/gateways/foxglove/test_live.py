@@ -12,8 +12,9 @@ from contextlib import asynccontextmanager, suppress
 
 import pytest
 
+from lab.rigs.gatewayprocess import gateway_process
 from lab.rigs.live import VEHICLE, live_daemon
-from lab.rigs.processes import PROGRAM, START
+from lab.rigs.processes import START
 from lab.rigs.waiting import wait_for_blocking, wait_until
 from mkdaemon.record.entry import Kind, nanoseconds
 from mkdaemon.record.reader import Recording
@@ -28,12 +29,11 @@ TARGET = DATA / "recordings" / "fc_over_target.mcap"
 
 
 @asynccontextmanager
-async def program(*words, line=True):
-    """A program as long as the context lasts, and the first line it prints."""
+async def program(*words):
+    """A program as long as the context lasts."""
     process = await asyncio.create_subprocess_exec(sys.executable, *words, stdin=DEVNULL, stdout=PIPE)
     try:
-        async with asyncio.timeout(START):
-            yield process, await process.stdout.readline() if line else b""
+        yield process
     finally:
         with suppress(ProcessLookupError):
             process.terminate()
@@ -41,9 +41,7 @@ async def program(*words, line=True):
 
 
 def gateway(vehicle, endpoint):
-    return program(
-        *(*PROGRAM, "gateway", "foxglove", "--vehicle", vehicle, "--connect", endpoint, "--port", "0", "--json")
-    )
+    return gateway_process("foxglove", endpoint, vehicle, "--port", "0")
 
 
 LOOKED_AT = ("/state/attitude", "/tf", "/log", "/diagnostics", "/rx/fc/attitude")
@@ -52,9 +50,9 @@ LOOKED_AT = ("/state/attitude", "/tf", "/log", "/diagnostics", "/rx/fc/attitude"
 async def test_a_live_flight_is_shown_as_it_is_on_the_bus():
     async with (
         live_daemon() as live,
-        gateway(VEHICLE, live.endpoint) as (_, said),
+        gateway(VEHICLE, live.endpoint) as shown_at,
         live.client() as uav,
-        viewing(json.loads(said)["address"]) as viewer,
+        viewing(shown_at.where) as viewer,
     ):
         await viewer.subscribe(*LOOKED_AT)
         async with uav.lease(holder="me"):
@@ -76,9 +74,9 @@ async def test_a_recording_that_mkctl_plays_is_shown_value_by_value():
         entry.key.split("/", 2)[2] for entry in Recording(TARGET).entries(lambda facts: facts.kind is Kind.SAMPLE)
     )
     play = ("-m", "mkdaemon.cli.mkctl.app", "play", str(TARGET), "--listen", endpoint, "--as", "show", "--speed", "4")
-    async with program(*play, "--wait", "120", "--json", line=False) as (player, _):
+    async with program(*play, "--wait", "120", "--json") as player:
         await wait_for_blocking(lambda: _answers(endpoint), START)
-        async with gateway("show", endpoint) as (_, said), viewing(json.loads(said)["address"]) as viewer:
+        async with gateway("show", endpoint) as shown_at, viewing(shown_at.where) as viewer:
             await viewer.subscribe("/state/attitude", "/control/estimate", "/scene", "/tf")
             result = json.loads(await player.stdout.readline())
             assert result["missing"] == {}

@@ -5,10 +5,9 @@ from __future__ import annotations
 import asyncio
 import os
 import random
-import sys
 import threading
 import time
-from contextlib import asynccontextmanager, contextmanager
+from contextlib import contextmanager
 
 import rclpy
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
@@ -16,13 +15,13 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
 from rclpy.serialization import serialize_message
 
+from lab.rigs.gatewayprocess import gateway_process
 from lab.rigs.waiting import wait_for
 from mkdaemon.gateways.ros2.commands import AXES, BUTTONS
 from mkdaemon.gateways.ros2.rclnode import type_of
 from mkdaemon.gateways.ros2.topics import DIAGNOSTICS, TOPICS, Quality
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-GATEWAY = ("-m", "mkdaemon.cli.mkdaemon.app", "gateway", "ros2")
 PERIOD = 0.05
 """Between two messages that fly [s]."""
 PATIENCE = 60.0
@@ -107,36 +106,9 @@ def tutorial():
         rclpy.try_shutdown(context=context)
 
 
-@asynccontextmanager
-async def gateway(endpoint, vehicle, *arguments):
+def gateway(endpoint, vehicle, *arguments):
     """`mkdaemon gateway ros2` as a process of its own, until it says that it has started; ends by SIGTERM."""
-    options = ("--connect", endpoint, "--vehicle", vehicle)
-    process = await asyncio.create_subprocess_exec(
-        sys.executable, *GATEWAY, *options, *arguments, stderr=asyncio.subprocess.PIPE
-    )
-    lines = []
-
-    async def read():
-        while line := await process.stderr.readline():
-            lines.append(line.decode())
-
-    reading = asyncio.create_task(read())
-    try:
-        async with asyncio.timeout(PATIENCE):
-            while not any('"started"' in line for line in lines):
-                assert process.returncode is None, "".join(lines)
-                await asyncio.sleep(0.05)
-        yield process
-    finally:
-        if process.returncode is None:
-            process.terminate()
-        try:
-            async with asyncio.timeout(30):
-                await process.wait()
-        except TimeoutError:
-            process.kill()
-            raise
-        await reading
+    return gateway_process("ros2", endpoint, vehicle, *arguments)
 
 
 def topic_names(vehicle, camera="down"):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import signal
 import time
-from collections.abc import Coroutine, Sequence
+from collections.abc import Callable, Coroutine, Sequence
 from concurrent.futures import CancelledError as CallCancelledError
 from contextlib import suppress
 from functools import partial
@@ -293,13 +293,14 @@ class _Refusing:
         return False
 
 
-async def run(uav: Vehicle, arguments: Sequence[str], namespace: str | None = None) -> None:
+async def run(uav: Vehicle, arguments: Sequence[str], namespace: str | None, on_ready: Callable[[str], None]) -> None:
     """Be the gateway of a vehicle until a signal comes.
 
     Args:
         uav: the daemon's client.
         arguments: of ROS.
         namespace: of its topics; the vehicle's name unless given.
+        on_ready: told the namespace once everything is offered.
 
     Raises:
         ConfigError: ROS does not take the arguments, or a parameter cannot be.
@@ -316,7 +317,7 @@ async def run(uav: Vehicle, arguments: Sequence[str], namespace: str | None = No
     try:
         gateway = Gateway(uav, node, RosTypes())
         node.start()
-        _log.info("started", namespace=node.namespace, vehicle=uav.vehicle, endpoint=uav.endpoint)
+        on_ready(node.namespace)
         working = asyncio.create_task(gateway.run(), name="gateway ros2")
         stopping = asyncio.create_task(stop.wait(), name="stop")
         await asyncio.wait({working, stopping}, return_when=asyncio.FIRST_COMPLETED)

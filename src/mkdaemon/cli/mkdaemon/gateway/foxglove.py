@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import re
-import sys
 from collections.abc import Sequence
 from importlib import import_module
 from pathlib import Path
@@ -13,7 +12,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from mkdaemon.cli.interrupts import until_asked_to_end
-from mkdaemon.cli.printing import json_line
+from mkdaemon.cli.mkdaemon.gateway.greeting import say_serving
 from mkdaemon.cli.promptness import fast_loop, favour_threads
 from mkdaemon.client import connect as connect_client
 from mkdaemon.client.connection import DEFAULT_ENDPOINT, DEFAULT_VEHICLE
@@ -74,6 +73,5 @@ async def _serve(
         connect_client(vehicles[0], endpoint, zenoh_file=zenoh_file) as uav,
         serving(uav, vehicles, *address) as where,
     ):
-        print(json_line({"address": where}) if as_json else f"viewers connect to {where}; Ctrl-C ends it")
-        sys.stdout.flush()
+        say_serving("foxglove", vehicles, where, as_json=as_json)
         await until_asked_to_end()

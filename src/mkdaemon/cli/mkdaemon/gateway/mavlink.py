@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import asyncio
 import signal
-import sys
-from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
 
 from mkdaemon.cli.mkctl.connection import HERE, Connection
+from mkdaemon.cli.mkdaemon.gateway.greeting import say_serving
 from mkdaemon.cli.program import let_signals_kill
+from mkdaemon.cli.promptness import fast_loop
 from mkdaemon.errors import ConfigError
 
 
@@ -57,18 +57,13 @@ def mavlink(
         for number in (signal.SIGINT, signal.SIGTERM):
             loop.add_signal_handler(number, stop.set)
         places = ", ".join(str(address) for address in options.addresses)
-        words = f"vehicle {connection.vehicle} as system {options.system} at {places}"
-        await serve(connection.open, options, stop, lambda: print(words, file=sys.stderr, flush=True))
+
+        def serving() -> None:
+            where = f"{places} as system {options.system}"
+            say_serving("mavlink", (connection.vehicle,), where, as_json=connection.json)
+
+        await serve(connection.open, options, stop, serving)
 
     let_signals_kill()
-    with asyncio.Runner(loop_factory=_fast_loop()) as runner:
+    with asyncio.Runner(loop_factory=fast_loop()) as runner:
         runner.run(run())
-
-
-def _fast_loop() -> Callable[[], asyncio.AbstractEventLoop] | None:
-    """The faster loop, where it is installed (Linux)."""
-    try:
-        import uvloop
-    except ImportError:
-        return None
-    return uvloop.new_event_loop

@@ -7,6 +7,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from mkdaemon.cli.mkctl.connection import HERE, Connection
+from mkdaemon.cli.mkdaemon.gateway.greeting import say_serving
 from mkdaemon.cli.mkdaemon.logs import Level, configure
 from mkdaemon.errors import ConfigError
 
@@ -44,4 +45,9 @@ async def ros2(
     from mkdaemon.gateways.ros2.gateway import run
 
     async with connection.open() as uav:
-        await run(uav, ros_arguments, namespace)
+        await run(
+            uav,
+            ros_arguments,
+            namespace,
+            lambda where: say_serving("ros2", (connection.vehicle,), where, as_json=connection.json),
+        )
