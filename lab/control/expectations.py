@@ -19,7 +19,8 @@ class Expectation:
     """What may follow from a fault.
 
     Attributes:
-        reasons: what the reason of a release may begin with or contain.
+        reasons: what the reason of a release may begin with or contain; of a client whose setpoints are refused and
+            which has none left, what the refusal may contain.
         within: it must come so soon after the fault [s]; infinite where it need not.
     """
 
@@ -28,8 +29,8 @@ class Expectation:
 
 
 NOTHING: Final = Expectation()
-LOST_SIGHT: Final = ("no image of",)
-"""Images that are gone for too long end a flight."""
+LOST_SIGHT: Final = ("no image of", "it needs a fresh image of")
+"""Images that are gone for too long end a flight, and what needs one cannot begin while they come late."""
 
 Fault = Callable[[FaultRig, float, random.Random], Expectation]
 """Prepares a fault that begins at a time [s]; its numbers are drawn."""

@@ -126,7 +126,9 @@ def judge(rig: FaultRig, drawn: tuple[Drawn, ...]) -> tuple[End, str]:
         return End.LANDED, reason
     if math.isfinite(released):
         known = [text for fault in drawn if fault.at <= released for text in fault.expected.reasons]
-        is_known = any(text in reason for text in known) or reason.startswith("came down")
+        # A client whose new manoeuvre is refused has nothing left that flies.
+        words = f"{reason}; {outcome.refused}" if reason.startswith("no setpoint from") else reason
+        is_known = any(text in words for text in known) or reason.startswith("came down")
         return (End.RELEASED, reason) if is_known else (End.WRONG, f"no fault explains: {reason}")
     return (End.LOST, record.lost) if record.lost else (End.HELD, rig.core.phase.value)
 

@@ -56,6 +56,7 @@ class Outcome:
         engaged: the core flew.
         released: when it let go [s]; infinite for never.
         reason: why.
+        refused: why the client's newest setpoint before that was refused; empty where it was not.
         phases: it went through.
         violations: rules that were broken, by name.
         frames: handed to the line.
@@ -64,6 +65,7 @@ class Outcome:
     engaged: bool = False
     released: float = math.inf
     reason: str = ""
+    refused: str = ""
     phases: list[Phase] = field(default_factory=list)
     violations: Counter[str] = field(default_factory=Counter)
     frames: int = 0
@@ -166,8 +168,11 @@ class FaultRig(CoreRig):
         return PositionSetpoint(**stream, position=place, frame=SetpointFrame.PAD)
 
     def _offer(self, setpoint: Setpoint, at: float) -> None:
-        if self.core.feed(SetpointAccepted(setpoint, self._epoch), at).refusal is None:
+        refusal = self.core.feed(SetpointAccepted(setpoint, self._epoch), at).refusal
+        if refusal is None:
             self._newest = at
+        if math.isinf(self.outcome.released):
+            self.outcome.refused = "" if refusal is None else str(refusal)
 
     def _run_core(self, at: float) -> None:
         """The core's own loop: it ticks when it wants to."""

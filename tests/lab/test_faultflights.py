@@ -45,6 +45,15 @@ def test_a_release_must_be_explained_and_in_time(rig):
     assert judge(rig, ())[0] is End.LANDED
 
 
+def test_a_client_without_setpoints_is_explained_by_why_they_were_refused(rig):
+    rig.outcome.engaged, rig.outcome.released, rig.outcome.reason = True, 6.5, "no setpoint from lab for 1.00 s"
+    assert judge(rig, drawn("a fresh image of"))[0] is End.WRONG
+    rig.outcome.refused = "land cannot begin now; it needs a fresh image of pad: the last is 0.27 s old"
+    assert judge(rig, drawn("a fresh image of"))[0] is End.RELEASED
+    rig.outcome.reason = "the link is down"
+    assert judge(rig, drawn("a fresh image of"))[0] is End.WRONG
+
+
 def test_an_aircraft_that_is_lost_under_control_is_lost(rig):
     rig.outcome.engaged, rig.record.lost = True, "crashed"
     assert judge(rig, ()) == (End.LOST, "crashed")
