@@ -79,7 +79,7 @@ $(STAMP): pyproject.toml constraints.txt
 	touch $@
 
 install:
-	$(PYTHON) -m venv .venv
+	$(PYTHON) -m venv $(VENV)
 	$(BIN)/pip install --quiet --disable-pip-version-check --only-binary :all: --require-hashes --requirement requirements-aircraft.txt
 	$(BIN)/pip install --quiet --disable-pip-version-check --no-index --no-deps --no-build-isolation .
 
