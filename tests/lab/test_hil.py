@@ -224,5 +224,5 @@ def test_figures_of_a_story_over_all_flights():
 
 def test_a_library_of_older_sources_says_to_build_it_anew(monkeypatch):
     monkeypatch.setattr(chip, "LIBRARY", ctypes.util.find_library("c"))
-    with pytest.raises(ConfigError, match="older sources .*make hil .* once more"):
+    with pytest.raises(ConfigError, match=r"older sources .*make hil .* once more"):
         chip._load()
