@@ -23,6 +23,7 @@ GENERATED: Final[Mapping[str, str]] = {
     "src/mkdaemon/client/setpointcalls.py": "tools.client_sources:setpoint_calls",
     "src/mkdaemon/client/verbcalls.py": "tools.client_sources:verb_calls",
     "docs/configuration.md": "tools.configuration_page:configuration_page",
+    "docs/doctor.md": "tools.doctor_page:doctor_page",
     "docs/figures/first_flight.svg": "tools.page_screens:status_picture",
     "docs/figures/flying.svg": "tools.page_drawings:flying_picture",
     "docs/figures/hardware.svg": "tools.page_drawings:hardware_picture",
