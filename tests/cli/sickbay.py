@@ -9,9 +9,9 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from mkdaemon.cli.mkdaemon.doctor.daemonreport import NOBODY, DaemonReport
 from mkdaemon.cli.mkdaemon.doctor.machine import Answered, Machine, installed_version
 from mkdaemon.cli.mkdaemon.doctor.table import Examined, examine
-from mkdaemon.cli.mkdaemon.doctor.told import NOBODY, Told
 from tests.places import CONFIGS
 
 NOW = 1_780_000_000.0
@@ -51,7 +51,7 @@ class Tree:
         self.commands: dict[str, Answered] = {}
         self.typed: list[tuple[str, ...]] = []
         self.forbidden: set[str] = set()
-        self.told = NOBODY
+        self.report = NOBODY
         self.machine = Machine(
             root=root,
             run=self._run,
@@ -62,7 +62,7 @@ class Tree:
             installed_at=NOW - 1e6,
             installed_version=_VERSION,
             user="pilot",
-            ask=lambda cfg, endpoints: self.told,
+            ask=lambda cfg, endpoints: self.report,
         )
         self._plug_in()
         self._boot()
@@ -124,12 +124,12 @@ class Tree:
 
     def tell(self, key: str, value: dict[str, Any]) -> None:
         """Let a daemon run here that tells a value."""
-        self.told = self.told._replace(endpoint="tcp/127.0.0.1:7447", values={**self.told.values, key: value})
+        self.report = self.report._replace(endpoint="tcp/127.0.0.1:7447", values={**self.report.values, key: value})
 
     def judge(self, token: str, name: str, reason: str, fix: str) -> None:
         """Let the preflight of the daemon find something."""
         self.tell("health", {"stamp": {"wall": NOW}, "age": 0.0})
-        self.told = self.told._replace(standing={token: (name, reason, fix)})
+        self.report = self.report._replace(standing={token: (name, reason, fix)})
 
     def answers(self, **given: Any) -> None:
         """Give the machine other answers of the system."""
@@ -137,7 +137,7 @@ class Tree:
 
     def examined(self) -> Examined:
         """What the doctor sees."""
-        if self.told is not NOBODY:
+        if self.report is not NOBODY:
             self.listen(7447)
         return examine(self.machine, self.config)
 
@@ -185,6 +185,6 @@ class Tree:
         self.start(301, "systemd-journal")
 
 
-def told(**given: Any) -> Told:
+def report(**given: Any) -> DaemonReport:
     """What a daemon at the usual endpoint tells."""
-    return Told(endpoint="tcp/127.0.0.1:7447", **given)
+    return DaemonReport(endpoint="tcp/127.0.0.1:7447", **given)

@@ -11,10 +11,10 @@ import pytest
 
 from mkdaemon.cli.mkdaemon.doctor.check import Needs, Severity
 from mkdaemon.cli.mkdaemon.doctor.command import run_doctor
+from mkdaemon.cli.mkdaemon.doctor.daemonreport import client_endpoint
 from mkdaemon.cli.mkdaemon.doctor.machine import Answered, Machine, installed_version, may_use, run_command
 from mkdaemon.cli.mkdaemon.doctor.table import CHECKS
-from mkdaemon.cli.mkdaemon.doctor.told import client_endpoint
-from tests.cli.sickbay import CALIBRATION, NOW, PORT, Tree, told
+from tests.cli.sickbay import CALIBRATION, NOW, PORT, Tree, report
 
 ADAPTER = "/sys/devices/pci0/usb1/1-1"
 V4L2 = "v4l2-ctl --device /dev/video0 --list-formats-ext"
@@ -279,19 +279,19 @@ FAULTS = {
     "a second daemon": ("second-daemon", run_two_daemons, "processes 901 and 902", "kill 902"),
     "a vehicle of the same name": (
         "vehicle-twice",
-        lambda t: setattr(t, "told", told(daemons=2, values={"health": HEALTH})),
+        lambda t: setattr(t, "report", report(daemons=2, values={"health": HEALTH})),
         "2 daemons at tcp/127.0.0.1:7447 speak for mk1",
         "explain vehicle.name",
     ),
     "Zenoh that does not answer": (
         "bus",
-        lambda t: setattr(t, "told", told(failure="a program listens but does not answer")),
+        lambda t: setattr(t, "report", report(failure="a program listens but does not answer")),
         "a program listens but does not answer",
         "mkctl status --connect tcp/127.0.0.1:7447",
     ),
     "Zenoh of another version": (
         "zenoh-version",
-        lambda t: setattr(t, "told", told(routers=("v0.11.0",), values={"health": HEALTH})),
+        lambda t: setattr(t, "report", report(routers=("v0.11.0",), values={"health": HEALTH})),
         "router is v0.11.0",
         "eclipse-zenoh==",
     ),
@@ -446,7 +446,7 @@ def test_a_healthy_machine_with_a_running_daemon_is_quiet(tree):
     tree.start(901, "mkdaemon", "python3", *words, "--config", "a.toml", files=["/dev/ttyUSB0", "socket:[77]"])
     tree.start(902, "mkdaemon", "python3", *words, "--config", "b.toml")
     tree.start(903, "mkdaemon.guard", "python3", "-m", "mkdaemon.guard", files=["/dev/ttyUSB0"])
-    tree.told = tree.told._replace(daemons=1, routers=(f"v{Machine().installed_version('eclipse-zenoh')}-g1",))
+    tree.report = tree.report._replace(daemons=1, routers=(f"v{Machine().installed_version('eclipse-zenoh')}-g1",))
     seen = tree.examined()
     assert (seen.findings, seen.unseen) == ((), {})
 

@@ -19,6 +19,9 @@ COMMANDS: Final = (
         "doctor", "mkdaemon.cli.mkdaemon.doctor:doctor", "Check this machine: port, permissions, bus, camera.", "Fly"
     ),
     CommandEntry(
+        "config", "mkdaemon.cli.mkdaemon.configfile:app", "Check, show, explain and begin a configuration file.", "Fly"
+    ),
+    CommandEntry(
         "gateway", "mkdaemon.cli.mkdaemon.gateway:app", "MAVLink, ROS 2 or Foxglove beside the daemon.", "Fly"
     ),
     CommandEntry("calibrate", "mkdaemon.cli.mkdaemon.calibrate:app", "Calibrate a camera.", "Camera"),

@@ -13,20 +13,20 @@ HEIGHT: Final = "height_control"
 
 
 def _garbage(patient: Patient) -> Iterator[Values]:
-    line = patient.told.values.get("link/state")
+    line = patient.report.values.get("link/state")
     if line is not None and line["condition"] == LinkCondition.GARBAGE:
         yield {"port": line["port"], "baud": line["baud"], "reason": line["reason"]}
 
 
 def _down(patient: Patient) -> Iterator[Values]:
-    line = patient.told.values.get("link/state")
+    line = patient.report.values.get("link/state")
     fine = (LinkCondition.UP, LinkCondition.GARBAGE)
     if line is not None and line["condition"] not in fine:
         yield {"condition": line["condition"], "reason": line["reason"], "port": line["port"]}
 
 
 def _other_baud(patient: Patient) -> Iterator[Values]:
-    line = patient.told.values.get("link/state")
+    line = patient.report.values.get("link/state")
     if line is not None and patient.file is not None and line["baud"] != patient.cfg.link.baud:
         edit = f"s/^baud *= *{patient.cfg.link.baud}/baud = {line['baud']}/"
         yield {"used": line["baud"], "configured": patient.cfg.link.baud, "edit": edit, "file": patient.file}
@@ -34,8 +34,8 @@ def _other_baud(patient: Patient) -> Iterator[Values]:
 
 def _standing(patient: Patient, tokens: tuple[str, ...]) -> Iterator[Values]:
     for token in tokens:
-        if token in patient.told.standing:
-            name, reason, fix = patient.told.standing[token]
+        if token in patient.report.standing:
+            name, reason, fix = patient.report.standing[token]
             yield {"name": name, "reason": reason, "fix": fix}
 
 
@@ -49,11 +49,11 @@ def _height(patient: Patient) -> Iterator[Values]:
 
 def _others(patient: Patient) -> Iterator[Values]:
     named = {*GATE, HEIGHT}
-    return _standing(patient, tuple(token for token in patient.told.standing if token not in named))
+    return _standing(patient, tuple(token for token in patient.report.standing if token not in named))
 
 
 def _not_recording(patient: Patient) -> Iterator[Values]:
-    status = patient.told.values.get("record/status")
+    status = patient.report.values.get("record/status")
     if status is not None and status["state"] not in ("recording", "off"):
         yield {"state": status["state"], "reason": status["reason"]}
 

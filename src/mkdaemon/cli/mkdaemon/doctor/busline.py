@@ -72,19 +72,19 @@ def _second(patient: Patient) -> Iterator[Values]:
 
 
 def _twice(patient: Patient) -> Iterator[Values]:
-    told = patient.told
-    if told.daemons > 1:
-        yield {"count": told.daemons, "vehicle": patient.cfg.vehicle.name, "endpoint": told.endpoint}
+    report = patient.report
+    if report.daemons > 1:
+        yield {"count": report.daemons, "vehicle": patient.cfg.vehicle.name, "endpoint": report.endpoint}
 
 
 def _silent(patient: Patient) -> Iterator[Values]:
-    if patient.told.failure:
-        yield {"endpoint": patient.told.endpoint, "failure": patient.told.failure}
+    if patient.report.failure:
+        yield {"endpoint": patient.report.endpoint, "failure": patient.report.failure}
 
 
 def _versions(patient: Patient) -> Iterator[Values]:
     ours = patient.machine.installed_version("eclipse-zenoh") or ""
-    for version in patient.told.routers:
+    for version in patient.report.routers:
         if release_of(version.lstrip("v"))[:2] != release_of(ours)[:2]:
             yield {"router": version, "ours": ours}
 
@@ -120,9 +120,9 @@ def _certificates(patient: Patient) -> Iterator[Values]:
         if not path.is_file():
             yield {"file": path, "found": "is not there"}
             continue
-        said = _DATE.search(machine.run(["openssl", "x509", "-enddate", "-noout", "-in", str(path)]).out)
-        if said is not None:
-            end = datetime.strptime(said[1].strip(), "%b %d %H:%M:%S %Y %Z").replace(tzinfo=UTC).timestamp()
+        output = _DATE.search(machine.run(["openssl", "x509", "-enddate", "-noout", "-in", str(path)]).out)
+        if output is not None:
+            end = datetime.strptime(output[1].strip(), "%b %d %H:%M:%S %Y %Z").replace(tzinfo=UTC).timestamp()
             days = (end - machine.wall()) / 86400
             if days < WARNED:
                 yield {"file": path, "found": "has expired" if days < 0 else f"expires in {days:.0f} days"}

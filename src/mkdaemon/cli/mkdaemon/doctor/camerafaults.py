@@ -75,8 +75,8 @@ def _rate(patient: Patient) -> Iterator[Values]:
     for camera, device in _present(patient):
         if camera.fps is None:
             continue
-        said = machine.run(["v4l2-ctl", "--device", machine.shown(device), "--list-formats-ext"]).out
-        rates = [float(rate) for rate in _RATE.findall(_of_size(said, camera))]
+        output = machine.run(["v4l2-ctl", "--device", machine.shown(device), "--list-formats-ext"]).out
+        rates = [float(rate) for rate in _RATE.findall(_of_size(output, camera))]
         if rates and max(rates) < SLOW * camera.fps:
             yield {
                 "camera": camera.name,
@@ -86,23 +86,23 @@ def _rate(patient: Patient) -> Iterator[Values]:
             }
 
 
-def _of_size(said: str, camera: CameraSection) -> str:
+def _of_size(output: str, camera: CameraSection) -> str:
     """What v4l2-ctl says of the wanted size; of all sizes where none is wanted, or it is not among them."""
     size = f"{camera.width}x{camera.height}"
-    parts = [part for part in re.split(r"Size: ", said) if part.startswith(f"Discrete {size}\n")]
-    return "".join(parts) or said
+    parts = [part for part in re.split(r"Size: ", output) if part.startswith(f"Discrete {size}\n")]
+    return "".join(parts) or output
 
 
 def _slow(patient: Patient) -> Iterator[Values]:
     wanted = {camera.name: camera.fps for camera in patient.cfg.cameras if camera.fps is not None}
-    for stats in patient.told.under("vision/"):
+    for stats in patient.report.under("vision/"):
         rate = wanted.get(stats["camera"])
         if rate is not None and stats["state"] == "ok" and stats["fps"] < SLOW * rate:
             yield {"camera": stats["camera"], "fps": f"{stats['fps']:.0f}", "wanted": f"{rate:g}"}
 
 
 def _unfit(patient: Patient) -> Iterator[Values]:
-    for stats in patient.told.under("vision/"):
+    for stats in patient.report.under("vision/"):
         if stats["state"] != "ok":
             yield {"camera": stats["camera"], "state": stats["state"], "reason": stats["reason"]}
 

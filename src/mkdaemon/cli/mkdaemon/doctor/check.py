@@ -9,8 +9,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import NamedTuple
 
+from mkdaemon.cli.mkdaemon.doctor.daemonreport import DaemonReport
 from mkdaemon.cli.mkdaemon.doctor.machine import Machine
-from mkdaemon.cli.mkdaemon.doctor.told import Told
 from mkdaemon.client.connection import DEFAULT_VEHICLE
 from mkdaemon.config.root import Config
 
@@ -57,13 +57,13 @@ class Patient:
     """
 
     def __init__(
-        self, machine: Machine, file: Path | None, cfg: Config, mistake: str, listen: Callable[[Patient], Told]
+        self, machine: Machine, file: Path | None, cfg: Config, mistake: str, listen: Callable[[Patient], DaemonReport]
     ) -> None:
         self.machine, self.file, self.cfg, self.mistake = machine, file, cfg, mistake
         self._listen = listen
 
     @cached_property
-    def told(self) -> Told:
+    def report(self) -> DaemonReport:
         """What a running daemon says of itself and of the aircraft."""
         return self._listen(self)
 

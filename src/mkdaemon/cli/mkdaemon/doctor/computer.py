@@ -171,7 +171,7 @@ def _clock_behind(patient: Patient) -> Iterator[Values]:
 
 
 def _skew(patient: Patient) -> Iterator[Values]:
-    health = patient.told.values.get("health")
+    health = patient.report.values.get("health")
     if health is not None:
         skew = health["stamp"]["wall"] + health["age"] - patient.machine.wall()
         if abs(skew) > SKEW:

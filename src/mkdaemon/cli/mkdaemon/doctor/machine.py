@@ -19,7 +19,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Final, NamedTuple
 
-from mkdaemon.cli.mkdaemon.doctor.told import Told, ask_daemon
+from mkdaemon.cli.mkdaemon.doctor.daemonreport import DaemonReport, ask_daemon
 from mkdaemon.clock import kernel_synchronised
 from mkdaemon.config.root import Config
 
@@ -154,7 +154,7 @@ class Machine:
     installed_at: float = field(default_factory=lambda: Path(__file__).stat().st_mtime)
     installed_version: Callable[[str], str | None] = installed_version
     user: str = field(default_factory=user_name)
-    ask: Callable[[Config, Sequence[str]], Told] = ask_daemon
+    ask: Callable[[Config, Sequence[str]], DaemonReport] = ask_daemon
 
     def at(self, path: str) -> Path:
         """Where an absolute path of the system lies; a relative one is the user's own."""

@@ -11,10 +11,10 @@ from mkdaemon.cli.mkdaemon.doctor.busline import BUS, listener_at, owner_of
 from mkdaemon.cli.mkdaemon.doctor.camerafaults import CAMERAS
 from mkdaemon.cli.mkdaemon.doctor.check import Check, Finding, Needs, Patient, Severity, Values
 from mkdaemon.cli.mkdaemon.doctor.computer import COMPUTER
+from mkdaemon.cli.mkdaemon.doctor.daemonreport import NOBODY, DaemonReport
 from mkdaemon.cli.mkdaemon.doctor.machine import Machine
 from mkdaemon.cli.mkdaemon.doctor.serialline import SERIAL_LINE
-from mkdaemon.cli.mkdaemon.doctor.told import NOBODY, Told
-from mkdaemon.config.reader import load
+from mkdaemon.cli.mkdaemon.runoptions import NONE_GIVEN, load_configuration
 from mkdaemon.config.root import Config
 from mkdaemon.daemon.runnable import mistakes
 from mkdaemon.errors import ConfigError
@@ -22,10 +22,9 @@ from mkdaemon.errors import ConfigError
 
 def _mistakes(patient: Patient) -> Iterator[Values]:
     """What `mkdaemon run` would refuse, in its words."""
-    if patient.file is None:
-        return
     if patient.mistake:
-        yield {"mistake": patient.mistake, "file": patient.file}
+        yield {"mistake": patient.mistake, "file": patient.file or "the environment"}
+    if patient.mistake or patient.file is None:
         return
     cfg = patient.cfg
     if not cfg.link.port:  # told by the next row
@@ -92,16 +91,15 @@ def examine(machine: Machine, file: Path | None, *, connect: Sequence[str] = ())
         connect: endpoints at which to ask for a daemon before those of the configuration.
     """
     cfg, mistake = Config(), ""
-    if file is not None:
-        try:
-            cfg = load(file)
-        except ConfigError as error:
-            mistake = str(error)
+    try:
+        cfg = load_configuration(file, NONE_GIVEN).cfg
+    except ConfigError as error:
+        mistake = str(error)
     patient = Patient(machine, file, cfg, mistake, lambda patient: _listen(patient, connect))
     findings = tuple(finding for check in CHECKS for finding in check.examine(patient))
     missing = {
         Needs.CONFIG: file is None or bool(mistake),
-        Needs.DAEMON: not patient.told.values,
+        Needs.DAEMON: not patient.report.values,
     }
     unseen = {
         need: tuple(check.name for check in CHECKS if check.needs is need)
@@ -111,7 +109,7 @@ def examine(machine: Machine, file: Path | None, *, connect: Sequence[str] = ())
     return Examined(findings, unseen)
 
 
-def _listen(patient: Patient, connect: Sequence[str]) -> Told:
+def _listen(patient: Patient, connect: Sequence[str]) -> DaemonReport:
     """Ask the daemon that listens here, or that a router leads to; nobody is asked where nobody listens."""
     bus = patient.cfg.bus
     here = []

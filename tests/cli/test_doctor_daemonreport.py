@@ -10,7 +10,7 @@ import zenoh
 
 from mkdaemon.bus.gateway import Bus
 from mkdaemon.bus.session import session_config
-from mkdaemon.cli.mkdaemon.doctor.told import ask_daemon
+from mkdaemon.cli.mkdaemon.doctor.daemonreport import ask_daemon
 from mkdaemon.config.reader import load
 from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.command import CommandResult
@@ -63,15 +63,15 @@ async def endpoint():
 
 async def test_a_daemon_and_a_router_are_asked(endpoint):
     cfg = load(None, {"vehicle.name": "t1"})
-    told = await asyncio.to_thread(ask_daemon, cfg, [endpoint])
-    assert (told.failure, told.daemons) == ("", 1)
-    assert told.values["health"]["boards"] == ["fc"]
-    assert told.standing == {"gate_constant": ("gate", "gate is so", "mend it")}
-    assert told.routers
-    assert all(version.lstrip("v")[0].isdigit() for version in told.routers), json.dumps(told.routers)
+    report = await asyncio.to_thread(ask_daemon, cfg, [endpoint])
+    assert (report.failure, report.daemons) == ("", 1)
+    assert report.values["health"]["boards"] == ["fc"]
+    assert report.standing == {"gate_constant": ("gate", "gate is so", "mend it")}
+    assert report.routers
+    assert all(version.lstrip("v")[0].isdigit() for version in report.routers), json.dumps(report.routers)
 
 
 async def test_nobody_there_is_told_with_the_reason():
-    told = await asyncio.to_thread(ask_daemon, load(None), ["tcp/127.0.0.1:1"])
-    assert "nobody answers at tcp/127.0.0.1:1" in told.failure
-    assert not told.values
+    report = await asyncio.to_thread(ask_daemon, load(None), ["tcp/127.0.0.1:1"])
+    assert "nobody answers at tcp/127.0.0.1:1" in report.failure
+    assert not report.values

@@ -25,7 +25,7 @@ PATIENCE: Final = 2.0
 """Longest wait for an answer [s]."""
 
 
-class Told(NamedTuple):
+class DaemonReport(NamedTuple):
     """What was told.
 
     Attributes:
@@ -49,7 +49,7 @@ class Told(NamedTuple):
         return [value for key, value in sorted(self.values.items()) if key.startswith(prefix)]
 
 
-NOBODY: Final = Told()
+NOBODY: Final = DaemonReport()
 
 
 def client_endpoint(endpoint: str) -> str:
@@ -59,22 +59,22 @@ def client_endpoint(endpoint: str) -> str:
     return endpoint
 
 
-def ask_daemon(cfg: Config, endpoints: Sequence[str]) -> Told:
+def ask_daemon(cfg: Config, endpoints: Sequence[str]) -> DaemonReport:
     """Ask the daemon of a vehicle about itself.
 
     Args:
         cfg: names the vehicle.
         endpoints: where to ask, in this order; the first that answers counts.
     """
-    told = NOBODY
+    report = NOBODY
     for endpoint in endpoints:
-        told = asyncio.run(_ask(cfg, client_endpoint(endpoint)))
-        if not told.failure:
+        report = asyncio.run(_ask(cfg, client_endpoint(endpoint)))
+        if not report.failure:
             break
-    return told
+    return report
 
 
-async def _ask(cfg: Config, endpoint: str) -> Told:
+async def _ask(cfg: Config, endpoint: str) -> DaemonReport:
     given = os.environ.get("MK_ZENOH_FILE")
     try:
         async with AsyncExitStack() as stack:
@@ -86,9 +86,9 @@ async def _ask(cfg: Config, endpoint: str) -> Told:
             daemons = sum(sample.suffix == "health" for sample in samples)
             standing = await _standing(uav) if values else {}
             routers = await asyncio.to_thread(_routers, uav.session)
-            return Told(endpoint, "", values, standing, daemons, routers)
+            return DaemonReport(endpoint, "", values, standing, daemons, routers)
     except MkError as error:
-        return Told(endpoint, str(error))
+        return DaemonReport(endpoint, str(error))
 
 
 async def _standing(uav: Vehicle) -> dict[str, tuple[str, str, str]]:
