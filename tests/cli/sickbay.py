@@ -10,8 +10,9 @@ from pathlib import Path
 from typing import Any
 
 from mkdaemon.cli.mkdaemon.doctor.daemonreport import NOBODY, DaemonReport
-from mkdaemon.cli.mkdaemon.doctor.machine import Answered, Machine, installed_version
+from mkdaemon.cli.mkdaemon.doctor.machine import Machine, installed_version
 from mkdaemon.cli.mkdaemon.doctor.table import Examined, examine
+from mkdaemon.cli.systemcommands import Answered
 from tests.places import CONFIGS
 
 NOW = 1_780_000_000.0

@@ -12,8 +12,10 @@ import pytest
 from mkdaemon.cli.mkdaemon.doctor.check import Needs, Severity
 from mkdaemon.cli.mkdaemon.doctor.command import run_doctor
 from mkdaemon.cli.mkdaemon.doctor.daemonreport import client_endpoint
-from mkdaemon.cli.mkdaemon.doctor.machine import Answered, Machine, installed_version, may_use, run_command
+from mkdaemon.cli.mkdaemon.doctor.machine import Machine, installed_version, may_use
 from mkdaemon.cli.mkdaemon.doctor.table import CHECKS
+from mkdaemon.cli.mkdaemon.service.units import UNITS, unit_text
+from mkdaemon.cli.systemcommands import Answered, run_command
 from tests.cli.sickbay import CALIBRATION, NOW, PORT, Tree, report
 
 ADAPTER = "/sys/devices/pci0/usb1/1-1"
@@ -106,8 +108,15 @@ def hear_line(tree, **changes):
 
 
 def fail_service(tree):
-    tree.write("/etc/systemd/system/mkdaemon.service")
-    tree.commands["systemctl is-failed mkdaemon"] = Answered(0, "failed\n")
+    tree.write("/etc/systemd/system/mkdaemon@.service")
+    words = "systemctl list-units --failed --plain --no-legend mkdaemon*"
+    tree.commands[words] = Answered(0, "mkdaemon@mk1.service loaded failed failed MikroKopter daemon of mk1\n")
+
+
+def install_units(tree, options=""):
+    for unit in UNITS:
+        text = unit_text(unit, Path("/opt/mkdaemon/.venv/bin"))
+        tree.write(f"/etc/systemd/system/{unit.name}", text.replace("run --config", f"run{options} --config"))
 
 
 def no_service(tree):
@@ -269,7 +278,18 @@ FAULTS = {
         "7.5 s behind",
         "set-ntp true",
     ),
-    "a service that failed": ("service-failed", fail_service, "has failed", "journalctl -u mkdaemon"),
+    "a service that failed": (
+        "service-failed",
+        fail_service,
+        "mkdaemon@mk1.service has failed",
+        "journalctl -u mkdaemon@mk1",
+    ),
+    "a service of another release": (
+        "service-old",
+        lambda t: (install_units(t, " --gone"), t.remove("/etc/systemd/system/mkdaemon@.service")),
+        "/etc/systemd/system/mkdaemon.service is of another release",
+        "sudo /opt/mkdaemon/.venv/bin/mkdaemon install-service --write",
+    ),
     "another program at the endpoint": (
         "endpoint",
         lambda t: listen_by(t, "nginx"),
@@ -432,6 +452,7 @@ ALSO = {
 
 
 def test_a_healthy_machine_is_quiet(tree):
+    install_units(tree)
     seen = tree.examined()
     assert seen.findings == ()
     assert seen.unseen.keys() == {Needs.DAEMON}
@@ -445,7 +466,8 @@ def test_a_healthy_machine_with_a_running_daemon_is_quiet(tree):
     words = ("/opt/mkdaemon/bin/mkdaemon", "run")
     tree.start(901, "mkdaemon", "python3", *words, "--config", "a.toml", files=["/dev/ttyUSB0", "socket:[77]"])
     tree.start(902, "mkdaemon", "python3", *words, "--config", "b.toml")
-    tree.start(903, "mkdaemon.guard", "python3", "-m", "mkdaemon.guard", files=["/dev/ttyUSB0"])
+    guard = "/opt/mkdaemon/lib/mkdaemon/guard.py"
+    tree.start(903, "python3", "python3", "-I", "-S", guard, "7", files=["/dev/ttyUSB0"])
     tree.report = tree.report._replace(daemons=1, routers=(f"v{Machine().installed_version('eclipse-zenoh')}-g1",))
     seen = tree.examined()
     assert (seen.findings, seen.unseen) == ((), {})
@@ -477,7 +499,7 @@ def run_and_read(tree, capsys, **options):
 
 
 def test_the_exit_code_tells_the_severity(tree, capsys):
-    assert run_and_read(tree, capsys) == (0, "nothing found by 59 checks; 13 see nothing without a running daemon\n")
+    assert run_and_read(tree, capsys) == (0, "nothing found by 60 checks; 13 see nothing without a running daemon\n")
     set_kernel(tree, "sched_autogroup_enabled", "1")
     assert run_and_read(tree, capsys)[0] == 0
     tree.write("/proc/loadavg", "9 9 9 1/9 9\n")

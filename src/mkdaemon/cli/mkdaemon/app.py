@@ -22,6 +22,12 @@ COMMANDS: Final = (
         "config", "mkdaemon.cli.mkdaemon.configfile:app", "Check, show, explain and begin a configuration file.", "Fly"
     ),
     CommandEntry(
+        "install-service",
+        "mkdaemon.cli.mkdaemon.service:install_service",
+        "Let systemd start daemon, recorder, gateways.",
+        "Fly",
+    ),
+    CommandEntry(
         "gateway", "mkdaemon.cli.mkdaemon.gateway:app", "MAVLink, ROS 2 or Foxglove beside the daemon.", "Fly"
     ),
     CommandEntry("calibrate", "mkdaemon.cli.mkdaemon.calibrate:app", "Calibrate a camera.", "Camera"),

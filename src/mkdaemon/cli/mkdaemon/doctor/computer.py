@@ -10,6 +10,8 @@ from pathlib import Path
 from typing import Final
 
 from mkdaemon.cli.mkdaemon.doctor.check import Check, Needs, Patient, Severity, Typed, Values
+from mkdaemon.cli.mkdaemon.service.units import MARK, unit_text
+from mkdaemon.cli.mkdaemon.service.units import UNITS as SERVICE_UNITS
 from mkdaemon.control.admission.flightrows import LEAST_DISK
 from mkdaemon.daemon.priority import CORES
 from mkdaemon.daemon.procedures import state_folder
@@ -35,7 +37,8 @@ LIMITS: Final = "/etc/security/limits.d/60-mkdaemon.conf"
 """Where a user is granted real-time rights; limits.conf(5)."""
 SYSCTL: Final = "/etc/sysctl.d/60-mkdaemon.conf"
 """Where the kernel is told at every start; sysctl.d(5)."""
-UNIT: Final = "etc/systemd/system/mkdaemon.service"
+UNITS: Final = "etc/systemd/system/mkdaemon*.service"
+_STARTS: Final = re.compile(r"(?m)^ExecStart=(\S+)/mk(?:daemon|ctl) ")
 _KERNEL: Final = "/proc/sys/kernel"
 
 
@@ -75,7 +78,7 @@ def _ordinary_priority(patient: Patient) -> Iterator[Values]:
     machine = patient.machine
     rights = re.search(r"(?m)^CapEff:\s*([0-9a-f]+)", machine.read("/proc/self/status"))
     limit = re.search(r"(?m)^Max realtime priority\s+(\d+|unlimited)", machine.read("/proc/self/limits"))
-    is_service = machine.at(f"/{UNIT}").exists()
+    is_service = bool(machine.find(UNITS))
     if limit is not None and limit[1] == "0" and not (rights and int(rights[1], 16) & NICE_RIGHT) and not is_service:
         lines = rf"{machine.user} - rtprio 2\n{machine.user} - nice -10\n"
         yield {"user": machine.user, "lines": lines}
@@ -145,7 +148,7 @@ def _unwritable(patient: Patient) -> Iterator[Values]:
     machine = patient.machine
     for folder in _folders(patient):
         place = _existing(folder.absolute())
-        if not machine.may_use(place) and not machine.at(f"/{UNIT}").exists():
+        if not machine.may_use(place) and not machine.find(UNITS):
             yield {"folder": machine.shown(folder), "user": machine.user}
 
 
@@ -207,8 +210,22 @@ def release_of(version: str) -> tuple[int, ...]:
 
 def _failed_service(patient: Patient) -> Iterator[Values]:
     machine = patient.machine
-    if machine.at(f"/{UNIT}").exists() and machine.run(["systemctl", "is-failed", "mkdaemon"]).code == 0:
-        yield {}
+    if not machine.find(UNITS):
+        return
+    listed = machine.run(["systemctl", "list-units", "--failed", "--plain", "--no-legend", "mkdaemon*"]).out
+    for line in filter(None, listed.splitlines()):
+        yield {"service": line.split()[0]}
+
+
+def _old_units(patient: Patient) -> Iterator[Values]:
+    known = {unit.name: unit for unit in SERVICE_UNITS}
+    for place in patient.machine.find(UNITS):
+        text = patient.machine.read(place)
+        started = _STARTS.search(text)
+        if place.name in known and started is not None:
+            wanted = unit_text(known[place.name], Path(started[1]))
+            if text != wanted.strip() and text.startswith(MARK):
+                yield {"file": patient.machine.shown(place), "programs": started[1]}
 
 
 COMPUTER: Final = (
@@ -375,11 +392,20 @@ COMPUTER: Final = (
     Check(
         "service-failed",
         Severity.ERROR,
-        what="the service mkdaemon has failed",
+        what="the service {service} has failed",
         why="Nobody looks after the aircraft.",
         fix="Its last words say why.",
-        command="journalctl -u mkdaemon -n 20 --no-pager",
+        command="journalctl -u {service} -n 20 --no-pager",
         look=_failed_service,
+    ),
+    Check(
+        "service-old",
+        Severity.WARNING,
+        what="{file} is of another release than this program",
+        why="It may start with options that are gone, or without rights that are needed.",
+        fix="Write it anew, then restart the service, on the ground.",
+        command="sudo {programs}/mkdaemon install-service --write",
+        look=_old_units,
     ),
 )
 """Checks of the computer."""

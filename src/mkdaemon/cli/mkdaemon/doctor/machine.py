@@ -8,8 +8,6 @@ from __future__ import annotations
 import getpass
 import grp
 import os
-import shutil
-import subprocess
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
@@ -20,27 +18,16 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 from mkdaemon.cli.mkdaemon.doctor.daemonreport import DaemonReport, ask_daemon
+from mkdaemon.cli.systemcommands import Answered, run_command
 from mkdaemon.clock import kernel_synchronised
 from mkdaemon.config.root import Config
 
-PATIENCE: Final = 10.0
-"""Longest wait for a command [s]."""
+GUARD: Final = ("mkdaemon", "guard.py")
+"""Last parts of the program that the guard runs."""
 _LISTENS: Final = "0A"
 """State of a listening socket; proc(5), /proc/net/tcp."""
 _LONGEST: Final = 1_000_000
 """Of a file of the kernel that is read [bytes]."""
-
-
-class Answered(NamedTuple):
-    """What a command said.
-
-    Attributes:
-        code: exit code; 127 where there is no such command, 124 where it did not end.
-        out: standard output.
-    """
-
-    code: int
-    out: str
 
 
 class Process(NamedTuple):
@@ -66,7 +53,7 @@ class Process(NamedTuple):
     @property
     def is_ours(self) -> bool:
         """It is the daemon, or its guard."""
-        return self.is_daemon or any(word.startswith("mkdaemon.guard") for word in self.words)
+        return self.is_daemon or any(Path(word).parts[-2:] == GUARD for word in self.words)
 
     def __str__(self) -> str:
         """Name and number, as a user looks for it."""
@@ -83,19 +70,6 @@ class Listener(NamedTuple):
 
     port: int
     inode: str
-
-
-def run_command(words: Sequence[str]) -> Answered:
-    """Run a command of the system and return what it says; what hangs is ended."""
-    if shutil.which(words[0]) is None:
-        return Answered(127, "")
-    try:
-        done = subprocess.run(
-            list(words), capture_output=True, text=True, errors="replace", check=False, timeout=PATIENCE
-        )
-    except (OSError, subprocess.TimeoutExpired):
-        return Answered(124, "")
-    return Answered(done.returncode, done.stdout)
 
 
 def may_use(path: Path) -> bool:
