@@ -91,8 +91,3 @@ def test_udev_rules_are_matches_and_assignments():
     term = r'[A-Z]+(\{\w+\})?(==|=|\+=)"[^"]*"'
     for rule in rules:
         assert re.fullmatch(rf"{term}(, {term})*", rule), rule
-
-
-def test_the_certificate_script_is_a_shell_script():
-    script = CONFIGS / "zenoh" / "certificates.sh"
-    assert subprocess.run(["sh", "-n", str(script)], check=False).returncode == 0

@@ -26,6 +26,8 @@ GENERATED: Final[Mapping[str, str]] = {
     "src/mkdaemon/client/keytree.py": "tools.client_sources:key_tree",
     "src/mkdaemon/client/setpointcalls.py": "tools.client_sources:setpoint_calls",
     "src/mkdaemon/client/verbcalls.py": "tools.client_sources:verb_calls",
+    "configs/zenoh/client-tls.json5": "tools.zenoh_samples:client",
+    "configs/zenoh/daemon-tls.json5": "tools.zenoh_samples:daemon",
     "docs/configuration.md": "tools.configuration_page:configuration_page",
     "docs/doctor.md": "tools.doctor_page:doctor_page",
     "docs/figures/first_flight.svg": "tools.page_screens:status_picture",

@@ -21,7 +21,8 @@ _HEAD: Final = """# The doctor
 
 `mkdaemon doctor` looks at this machine, and says of each fault what it is, why it matters and what to type. It sends
 nothing to any device. With `--config FILE` it also looks at what that file names, and asks the daemon that runs here;
-`--connect ENDPOINT` asks one elsewhere.
+`--connect ENDPOINT` asks one elsewhere. Over TLS it needs a client's file in `MK_ZENOH_FILE`
+([security.md](security.md)).
 
 ```sh
 mkdaemon doctor --config /etc/mkdaemon/vehicle.toml

@@ -125,7 +125,8 @@ class Tree:
 
     def tell(self, key: str, value: dict[str, Any]) -> None:
         """Let a daemon run here that tells a value."""
-        self.report = self.report._replace(endpoint="tcp/127.0.0.1:7447", values={**self.report.values, key: value})
+        values = {**self.report.values, key: value}
+        self.report = report(values=values, standing=self.report.standing)
 
     def judge(self, token: str, name: str, reason: str, fix: str) -> None:
         """Let the preflight of the daemon find something."""
@@ -188,4 +189,4 @@ class Tree:
 
 def report(**given: Any) -> DaemonReport:
     """What a daemon at the usual endpoint tells."""
-    return DaemonReport(endpoint="tcp/127.0.0.1:7447", **given)
+    return DaemonReport(endpoint="tcp/127.0.0.1:7447", between=(NOW - 1.0, NOW), **given)

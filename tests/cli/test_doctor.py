@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 from collections import Counter
+from datetime import UTC, datetime
 from pathlib import Path
 
 import pytest
@@ -14,6 +15,8 @@ from mkdaemon.cli.mkdaemon.doctor.command import run_doctor
 from mkdaemon.cli.mkdaemon.doctor.daemonreport import client_endpoint
 from mkdaemon.cli.mkdaemon.doctor.machine import Machine, installed_version, may_use
 from mkdaemon.cli.mkdaemon.doctor.table import CHECKS
+from mkdaemon.cli.mkdaemon.security import certificates
+from mkdaemon.cli.mkdaemon.security.roles import zenoh_file
 from mkdaemon.cli.mkdaemon.service.units import UNITS, unit_text
 from mkdaemon.cli.systemcommands import Answered, run_command
 from tests.cli.sickbay import CALIBRATION, NOW, PORT, Tree, report
@@ -82,6 +85,17 @@ def keep_certificate(tree, date):
         end = date if name == "daemon.pem" else "Jun  1 12:00:00 2030 GMT"
         words = f"openssl x509 -enddate -noout -in {folder / name}"
         tree.commands[words] = Answered(0, f"notAfter={end}\n")
+
+
+def certify(tree, days, mode=0o600):
+    now = datetime.fromtimestamp(NOW, UTC)
+    authority = certificates.make_authority(now)
+    pair = certificates.issue_certificate(authority, "pilot", "alice", now=now, days=days)
+    fields = certificates.tls_fields(authority.certificate, pair, "pilot")
+    file = tree.config.with_name("pilot.json5")
+    file.write_text(zenoh_file("pilot", fields, "alice"), encoding="utf-8")
+    file.chmod(mode)
+    tree.configure(bus=f'zenoh_file = "{file}"')
 
 
 def open_key(tree):
@@ -275,7 +289,13 @@ FAULTS = {
     "clock skew": (
         "clock-skew",
         lambda t: t.tell("health", {"stamp": {"wall": NOW - 8.0}, "age": 0.5}),
-        "7.5 s behind",
+        "6.5 s behind",
+        "set-ntp true",
+    ),
+    "a clock that is ahead": (
+        "clock-skew",
+        lambda t: t.tell("health", {"stamp": {"wall": NOW + 3.0}, "age": 0.0}),
+        "3.0 s ahead of",
         "set-ntp true",
     ),
     "a service that failed": (
@@ -332,6 +352,18 @@ FAULTS = {
         lambda t: keep_certificate(t, "Jun  1 12:00:00 2025 GMT"),
         "has expired",
         "mkdaemon security show",
+    ),
+    "a file of mkdaemon security whose certificate ends": (
+        "certificate",
+        lambda t: certify(t, days=12),
+        "pilot.json5 expires in 12 days",
+        "mkdaemon security show",
+    ),
+    "a file of mkdaemon security that everybody may read": (
+        "private-key",
+        lambda t: certify(t, days=300, mode=0o644),
+        "may read the private key",
+        "chmod o-rwx",
     ),
     "a key that everybody may read": ("private-key", open_key, "everybody on this machine", "chmod o-rwx"),
     "no camera": ("camera-missing", lambda t: t.remove("/dev/video0"), "/dev/video0 does not exist", "v4l2-ctl"),

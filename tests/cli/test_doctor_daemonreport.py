@@ -10,7 +10,7 @@ import zenoh
 
 from mkdaemon.bus.gateway import Bus
 from mkdaemon.bus.session import session_config
-from mkdaemon.cli.mkdaemon.doctor.daemonreport import ask_daemon
+from mkdaemon.cli.mkdaemon.doctor.daemonreport import NOBODY, ask_daemon
 from mkdaemon.config.reader import load
 from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.command import CommandResult
@@ -69,6 +69,11 @@ async def test_a_daemon_and_a_router_are_asked(endpoint):
     assert report.standing == {"gate_constant": ("gate", "gate is so", "mend it")}
     assert report.routers
     assert all(version.lstrip("v")[0].isdigit() for version in report.routers), json.dumps(report.routers)
+
+
+async def test_nobody_is_asked_without_the_certificate_that_is_needed(monkeypatch):
+    monkeypatch.delenv("MK_ZENOH_FILE", raising=False)
+    assert await asyncio.to_thread(ask_daemon, load(None), ["tls/127.0.0.1:1"]) == NOBODY
 
 
 async def test_nobody_there_is_told_with_the_reason():

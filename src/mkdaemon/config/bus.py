@@ -13,8 +13,8 @@ class BusConfig(Section):
     """Where the daemon meets its clients."""
 
     listen: tuple[str, ...] = ("tcp/127.0.0.1:7447",)
-    """Zenoh endpoints to listen on. What the network reaches and asks for no client certificate (configs/zenoh/) and no
-    password is refused.
+    """Zenoh endpoints to listen on. What the network reaches and asks for no client certificate (docs/security.md) and
+    no password is refused.
 
     An endpoint in use ends the daemon at its start. Without one, clients meet it over a router of `connect` alone."""
     allow_open: bool = False

@@ -28,6 +28,12 @@ COMMANDS: Final = (
         "Fly",
     ),
     CommandEntry(
+        "security",
+        "mkdaemon.cli.mkdaemon.security.securing:app",
+        "Certificates: who may look, fly and record from another machine.",
+        "Fly",
+    ),
+    CommandEntry(
         "gateway", "mkdaemon.cli.mkdaemon.gateway:app", "MAVLink, ROS 2 or Foxglove beside the daemon.", "Fly"
     ),
     CommandEntry("calibrate", "mkdaemon.cli.mkdaemon.calibrate:app", "Calibrate a camera.", "Camera"),

@@ -10,6 +10,7 @@ from mkdaemon.telemetry.link import LinkCondition
 
 GATE: Final = ("gate_constant", "gate_shut", "gate_switches_altitude")
 HEIGHT: Final = "height_control"
+LINK: Final = "link_down"
 
 
 def _garbage(patient: Patient) -> Iterator[Values]:
@@ -48,7 +49,7 @@ def _height(patient: Patient) -> Iterator[Values]:
 
 
 def _others(patient: Patient) -> Iterator[Values]:
-    named = {*GATE, HEIGHT}
+    named = {*GATE, HEIGHT, LINK}  # each has a row of its own
     return _standing(patient, tuple(token for token in patient.report.standing if token not in named))
 
 

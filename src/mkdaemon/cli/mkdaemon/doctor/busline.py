@@ -114,8 +114,28 @@ def _named_files(patient: Patient, names: tuple[str, ...]) -> Iterator[Path]:
     yield from sorted(map(Path, found))
 
 
+def _embedded_certificate(patient: Patient) -> float | None:
+    """When the certificate in a file of `mkdaemon security` ends [s; Unix time]; None where there is none."""
+    file = patient.cfg.bus.zenoh_file
+    with suppress(ConfigError):  # it cannot be read, or the extra `security` is not installed
+        from mkdaemon.cli.mkdaemon.security.certificates import read_certificate
+
+        certificate = None if file is None else read_certificate(file)
+        return None if certificate is None else certificate.not_valid_after_utc.timestamp()
+    return None
+
+
+def _expiry(end: float, now: float) -> str:
+    """That a certificate ends soon, or has; empty where there is time."""
+    days = (end - now) / 86400
+    return "" if days >= WARNED else "has expired" if days < 0 else f"expires in {days:.0f} days"
+
+
 def _certificates(patient: Patient) -> Iterator[Values]:
     machine = patient.machine
+    embedded = _embedded_certificate(patient)
+    if embedded is not None and (found := _expiry(embedded, machine.wall())):
+        yield {"file": patient.cfg.bus.zenoh_file, "found": found}
     for path in _named_files(patient, _CERTIFICATES):
         if not path.is_file():
             yield {"file": path, "found": "is not there"}
@@ -123,13 +143,13 @@ def _certificates(patient: Patient) -> Iterator[Values]:
         output = _DATE.search(machine.run(["openssl", "x509", "-enddate", "-noout", "-in", str(path)]).out)
         if output is not None:
             end = datetime.strptime(output[1].strip(), "%b %d %H:%M:%S %Y %Z").replace(tzinfo=UTC).timestamp()
-            days = (end - machine.wall()) / 86400
-            if days < WARNED:
-                yield {"file": path, "found": "has expired" if days < 0 else f"expires in {days:.0f} days"}
+            if found := _expiry(end, machine.wall()):
+                yield {"file": path, "found": found}
 
 
 def _readable_keys(patient: Patient) -> Iterator[Values]:
-    for path in _named_files(patient, _KEYS):
+    embedding = [patient.cfg.bus.zenoh_file] if _embedded_certificate(patient) is not None else []
+    for path in filter(None, (*embedding, *_named_files(patient, _KEYS))):
         if path.is_file() and path.stat().st_mode & 0o004:
             yield {"file": path}
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import os
+import time
 from collections.abc import Mapping, Sequence
 from contextlib import AsyncExitStack, suppress
 from pathlib import Path
@@ -21,6 +22,7 @@ ASKED: Final = ("health", "link/state", "record/status", "vision/*/stats")
 """Keys that the checks look at."""
 ROUTERS: Final = "@/*/router"
 """Where Zenoh routers describe themselves, their version among it."""
+_CERTIFIED: Final = ("tls/", "quic/")
 PATIENCE: Final = 2.0
 """Longest wait for an answer [s]."""
 
@@ -35,6 +37,7 @@ class DaemonReport(NamedTuple):
         standing: findings of its preflight that stand, by token: name, reason and fix.
         daemons: how many speak for this vehicle.
         routers: Zenoh versions of the routers.
+        between: when it was asked and had answered, by this machine's clock [s; Unix time].
     """
 
     endpoint: str = ""
@@ -43,6 +46,7 @@ class DaemonReport(NamedTuple):
     standing: Mapping[str, tuple[str, str, str]] = {}
     daemons: int = 0
     routers: tuple[str, ...] = ()
+    between: tuple[float, float] = (0.0, 0.0)
 
     def under(self, prefix: str) -> list[Mapping[str, Any]]:
         """Values of the keys that begin so."""
@@ -64,29 +68,34 @@ def ask_daemon(cfg: Config, endpoints: Sequence[str]) -> DaemonReport:
 
     Args:
         cfg: names the vehicle.
-        endpoints: where to ask, in this order; the first that answers counts.
+        endpoints: where to ask, in this order; the first that answers counts. Where a certificate is needed, nobody is
+            asked without one (`MK_ZENOH_FILE`).
     """
     report = NOBODY
+    file = os.environ.get("MK_ZENOH_FILE")
     for endpoint in endpoints:
-        report = asyncio.run(_ask(cfg, client_endpoint(endpoint)))
+        if endpoint.startswith(_CERTIFIED) and not file:
+            continue
+        report = asyncio.run(_ask(cfg, client_endpoint(endpoint), Path(file) if file else None))
         if not report.failure:
             break
     return report
 
 
-async def _ask(cfg: Config, endpoint: str) -> DaemonReport:
-    given = os.environ.get("MK_ZENOH_FILE")
+async def _ask(cfg: Config, endpoint: str, file: Path | None) -> DaemonReport:
     try:
         async with AsyncExitStack() as stack:
-            opening = connect(cfg.vehicle.name, endpoint, zenoh_file=Path(given) if given else None)
+            opening = connect(cfg.vehicle.name, endpoint, zenoh_file=file)
             uav = await stack.enter_async_context(opening)
+            asked_at = time.time()
             found = await asyncio.gather(*(uav.get_past(key, 0.0) for key in ASKED))
+            between = asked_at, time.time()
             samples = [sample for answers in found for sample in answers]
             values = {sample.suffix: sample.fields for sample in samples}
             daemons = sum(sample.suffix == "health" for sample in samples)
             standing = await _standing(uav) if values else {}
             routers = await asyncio.to_thread(_routers, uav.session)
-            return DaemonReport(endpoint, "", values, standing, daemons, routers)
+            return DaemonReport(endpoint, "", values, standing, daemons, routers, between)
     except MkError as error:
         return DaemonReport(endpoint, str(error))
 
