@@ -123,15 +123,10 @@ class Tree:
             encoding="utf-8",
         )
 
-    def tell(self, key: str, value: dict[str, Any]) -> None:
-        """Let a daemon run here that tells a value."""
-        values = {**self.report.values, key: value}
-        self.report = report(values=values, standing=self.report.standing)
-
-    def judge(self, token: str, name: str, reason: str, fix: str) -> None:
-        """Let the preflight of the daemon find something."""
-        self.tell("health", {"stamp": {"wall": NOW}, "age": 0.0})
-        self.report = self.report._replace(standing={token: (name, reason, fix)})
+    def tell(self, **values: Any) -> None:
+        """Let a daemon run here that tells something."""
+        before = {} if self.report is NOBODY else self.report._asdict()
+        self.report = report(**{**before, **values})
 
     def answers(self, **given: Any) -> None:
         """Give the machine other answers of the system."""
@@ -188,5 +183,6 @@ class Tree:
 
 
 def report(**given: Any) -> DaemonReport:
-    """What a daemon at the usual endpoint tells."""
-    return DaemonReport(endpoint="tcp/127.0.0.1:7447", between=(NOW - 1.0, NOW), **given)
+    """What a daemon at the usual endpoint tells; all is well where nothing else is given."""
+    usual = {"endpoint": "tcp/127.0.0.1:7447", "daemons": 1, "clock": NOW, "between": (NOW - 1.0, NOW)}
+    return DaemonReport(**{**usual, **given})

@@ -19,13 +19,30 @@ from mkdaemon.cli.mkdaemon.security import certificates
 from mkdaemon.cli.mkdaemon.security.roles import zenoh_file
 from mkdaemon.cli.mkdaemon.service.units import UNITS, unit_text
 from mkdaemon.cli.systemcommands import Answered, run_command
-from tests.cli.sickbay import CALIBRATION, NOW, PORT, Tree, report
+from mkdaemon.telemetry.link import LinkCondition, LinkState
+from mkdaemon.telemetry.record import RecorderState, RecordStatus
+from mkdaemon.telemetry.vision import EyeState, VisionStats
+from tests.cli.sickbay import CALIBRATION, NOW, PORT, Tree
 
 ADAPTER = "/sys/devices/pci0/usb1/1-1"
 V4L2 = "v4l2-ctl --device /dev/video0 --list-formats-ext"
-HEALTH = {"stamp": {"wall": NOW}, "age": 0.0}
-LINE = {"condition": "up", "reason": "both directions proven", "port": PORT, "baud": 57600}
-EYES = {"camera": "down", "state": "ok", "reason": "", "fps": 29.8}
+
+
+def line_of(**changes):
+    usual = {"condition": LinkCondition.UP, "reason": "both directions proven", "port": PORT, "baud": 57600}
+    return LinkState.model_construct(**{**usual, **changes})
+
+
+def eye_of(**changes):
+    return VisionStats.model_construct(**{"camera": "down", "state": EyeState.OK, "reason": "", "fps": 29.8, **changes})
+
+
+def recorder_of(state, reason=""):
+    return RecordStatus.model_construct(state=state, reason=reason)
+
+
+def stand(tree, token, *words):
+    tree.tell(standing={token: words})
 
 
 @pytest.fixture
@@ -106,19 +123,6 @@ def open_key(tree):
 def calibrate(tree, old, new):
     assert old in CALIBRATION
     tree.config.with_name("camera.toml").write_text(CALIBRATION.replace(old, new), encoding="utf-8")
-
-
-def tell(tree, key, value):
-    tree.tell("health", HEALTH)
-    tree.tell(key, value)
-
-
-def look_at(tree, **changes):
-    tell(tree, "vision/down/stats", EYES | changes)
-
-
-def hear_line(tree, **changes):
-    tell(tree, "link/state", LINE | changes)
 
 
 def fail_service(tree):
@@ -288,13 +292,13 @@ FAULTS = {
     "a clock in the past": ("clock-unset", lambda t: t.answers(wall=lambda: 5.0), "days before", "set-ntp true"),
     "clock skew": (
         "clock-skew",
-        lambda t: t.tell("health", {"stamp": {"wall": NOW - 8.0}, "age": 0.5}),
+        lambda t: t.tell(clock=NOW - 7.5),
         "6.5 s behind",
         "set-ntp true",
     ),
     "a clock that is ahead": (
         "clock-skew",
-        lambda t: t.tell("health", {"stamp": {"wall": NOW + 3.0}, "age": 0.0}),
+        lambda t: t.tell(clock=NOW + 3.0),
         "3.0 s ahead of",
         "set-ntp true",
     ),
@@ -319,19 +323,19 @@ FAULTS = {
     "a second daemon": ("second-daemon", run_two_daemons, "processes 901 and 902", "kill 902"),
     "a vehicle of the same name": (
         "vehicle-twice",
-        lambda t: setattr(t, "report", report(daemons=2, values={"health": HEALTH})),
+        lambda t: t.tell(daemons=2),
         "2 daemons at tcp/127.0.0.1:7447 speak for mk1",
         "explain vehicle.name",
     ),
     "Zenoh that does not answer": (
         "bus",
-        lambda t: setattr(t, "report", report(failure="a program listens but does not answer")),
+        lambda t: t.tell(failure="a program listens but does not answer", daemons=0, clock=None),
         "a program listens but does not answer",
         "mkctl status --connect tcp/127.0.0.1:7447",
     ),
     "Zenoh of another version": (
         "zenoh-version",
-        lambda t: setattr(t, "report", report(routers=("v0.11.0",), values={"health": HEALTH})),
+        lambda t: t.tell(routers=("v0.11.0",)),
         "router is v0.11.0",
         "eclipse-zenoh==",
     ),
@@ -393,13 +397,13 @@ FAULTS = {
     ),
     "a frame rate it does not reach": (
         "camera-slow",
-        lambda t: look_at(t, fps=7.4),
+        lambda t: t.tell(eyes=(eye_of(fps=7.4),)),
         "gives 7 images a second, and 30",
         "mkctl watch 'vision/*/stats'",
     ),
     "a camera that is silent": (
         "camera-state",
-        lambda t: look_at(t, state="silent", reason="No image for 1 s: check its cable."),
+        lambda t: t.tell(eyes=(eye_of(state=EyeState.SILENT, reason="No image for 1 s: check its cable."),)),
         "camera down is silent",
         "mkctl watch",
     ),
@@ -437,38 +441,38 @@ FAULTS = {
     "camera and line on one bus": ("usb-shared", share_bus, "share USB bus 1 of 480 Mbit/s", "lsusb -t"),
     "garbage on the line": (
         "line-rate",
-        lambda t: hear_line(t, condition="garbage", reason="bytes come, none of them a frame"),
+        lambda t: t.tell(line=line_of(condition=LinkCondition.GARBAGE, reason="bytes come, none of them a frame")),
         "none of them is a frame",
         "mkctl health",
     ),
     "a line that is down": (
         "line",
-        lambda t: hear_line(t, condition="mute", reason="nothing arrives"),
+        lambda t: t.tell(line=line_of(condition=LinkCondition.MUTE, reason="nothing arrives")),
         "is mute",
         "mkctl health",
     ),
-    "a line at another rate": ("line-baud", lambda t: hear_line(t, baud=38400), "at 38400 baud", "sed -i"),
+    "a line at another rate": ("line-baud", lambda t: t.tell(line=line_of(baud=38400)), "at 38400 baud", "sed -i"),
     "a constant gate": (
         "gate",
-        lambda t: t.judge("gate_constant", "gate", "ExternalControl is 200, a constant.", "Put it on a switch."),
+        lambda t: stand(t, "gate_constant", "gate", "ExternalControl is 200, a constant.", "Put it on a switch."),
         "ExternalControl is 200, a constant",
         "mkctl settings write external_control=poti1",
     ),
     "height control": (
         "height-control",
-        lambda t: t.judge("height_control", "height control", "bit 0 of GlobalConfig allows it", "Clear it."),
+        lambda t: stand(t, "height_control", "height control", "bit 0 of GlobalConfig allows it", "Clear it."),
         "bit 0 of GlobalConfig",
         "mkctl settings show global_config",
     ),
     "what else the preflight finds": (
         "preflight",
-        lambda t: t.judge("battery_low", "battery", "the battery is low: 10.8 V.", "Land, and change it."),
+        lambda t: stand(t, "battery_low", "battery", "the battery is low: 10.8 V.", "Land, and change it."),
         "the battery is low",
         "mkctl preflight",
     ),
     "a recorder that is full": (
         "recorder",
-        lambda t: tell(t, "record/status", {"state": "full", "reason": "0 MB are free"}),
+        lambda t: t.tell(recorder=recorder_of(RecorderState.FULL, "0 MB are free")),
         "does not record (full)",
         "mkctl status",
     ),
@@ -492,15 +496,14 @@ def test_a_healthy_machine_is_quiet(tree):
 
 
 def test_a_healthy_machine_with_a_running_daemon_is_quiet(tree):
-    for key, value in (("link/state", LINE), ("record/status", {"state": "recording", "reason": ""})):
-        tell(tree, key, value)
-    look_at(tree)
+    routers = (f"v{installed_version('eclipse-zenoh')}-g1",)
+    recorder = recorder_of(RecorderState.RECORDING)
+    tree.tell(line=line_of(), recorder=recorder, eyes=(eye_of(),), routers=routers, clock=NOW - 0.5)
     words = ("/opt/mkdaemon/bin/mkdaemon", "run")
     tree.start(901, "mkdaemon", "python3", *words, "--config", "a.toml", files=["/dev/ttyUSB0", "socket:[77]"])
     tree.start(902, "mkdaemon", "python3", *words, "--config", "b.toml")
     guard = "/opt/mkdaemon/lib/mkdaemon/guard.py"
     tree.start(903, "python3", "python3", "-I", "-S", guard, "7", files=["/dev/ttyUSB0"])
-    tree.report = tree.report._replace(daemons=1, routers=(f"v{Machine().installed_version('eclipse-zenoh')}-g1",))
     seen = tree.examined()
     assert (seen.findings, seen.unseen) == ((), {})
 
@@ -591,7 +594,7 @@ def test_safe_commands_end_no_program_and_write_no_configuration():
 
 
 def test_a_command_of_a_client_names_the_vehicle(tree):
-    hear_line(tree, condition="mute", reason="nothing arrives")
+    tree.tell(line=line_of(condition=LinkCondition.MUTE, reason="nothing arrives"))
     tree.configure('[vehicle]\nname = "mk7"')
     (finding,) = tree.examined().findings
     assert finding.command == "mkctl health --vehicle mk7"

@@ -14,6 +14,7 @@ from mkdaemon.cli.mkdaemon.doctor.daemonreport import NOBODY, ask_daemon
 from mkdaemon.config.reader import load
 from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.command import CommandResult
+from mkdaemon.telemetry.link import LinkCondition, LinkState
 from mkdaemon.telemetry.preflight import Blocks, CheckState, Finding, PreflightReport
 from mkdaemon.telemetry.refusals import Status
 from mkdaemon.telemetry.vehicle import VehicleHealth
@@ -31,6 +32,18 @@ HEALTH = VehicleHealth(
     motors_running=False,
     error=None,
     note="",
+)
+
+
+LINE = LinkState(
+    stamp=STAMP,
+    condition=LinkCondition.UP,
+    reason="",
+    since=STAMP,
+    port="x",
+    baud=57600,
+    hears_board=True,
+    board_hears_us=True,
 )
 
 
@@ -56,6 +69,8 @@ async def endpoint():
     async with Bus.open(bus_config(free_endpoint(), connect=(where,)), "t1") as bus:
         bus.serve("do", preflight)
         bus.publish("health", HEALTH)
+        bus.publish("link/state", LINE)
+        bus.publish("vision/down/stats", LINE)  # of no kind that this release knows
         bus.announce()
         yield where
     await asyncio.to_thread(router.close)
@@ -65,7 +80,9 @@ async def test_a_daemon_and_a_router_are_asked(endpoint):
     cfg = load(None, {"vehicle.name": "t1"})
     report = await asyncio.to_thread(ask_daemon, cfg, [endpoint])
     assert (report.failure, report.daemons) == ("", 1)
-    assert report.values["health"]["boards"] == ["fc"]
+    assert report.clock is not None
+    assert report.line == LINE
+    assert report.eyes == ()
     assert report.standing == {"gate_constant": ("gate", "gate is so", "mend it")}
     assert report.routers
     assert all(version.lstrip("v")[0].isdigit() for version in report.routers), json.dumps(report.routers)
@@ -79,4 +96,4 @@ async def test_nobody_is_asked_without_the_certificate_that_is_needed(monkeypatc
 async def test_nobody_there_is_told_with_the_reason():
     report = await asyncio.to_thread(ask_daemon, load(None), ["tcp/127.0.0.1:1"])
     assert "nobody answers at tcp/127.0.0.1:1" in report.failure
-    assert not report.values
+    assert report.daemons == 0

@@ -7,6 +7,7 @@ from typing import Final
 
 from mkdaemon.cli.mkdaemon.doctor.check import Check, Needs, Patient, Severity, Values
 from mkdaemon.telemetry.link import LinkCondition
+from mkdaemon.telemetry.record import RecorderState
 
 GATE: Final = ("gate_constant", "gate_shut", "gate_switches_altitude")
 HEIGHT: Final = "height_control"
@@ -14,23 +15,23 @@ LINK: Final = "link_down"
 
 
 def _garbage(patient: Patient) -> Iterator[Values]:
-    line = patient.report.values.get("link/state")
-    if line is not None and line["condition"] == LinkCondition.GARBAGE:
-        yield {"port": line["port"], "baud": line["baud"], "reason": line["reason"]}
+    line = patient.report.line
+    if line is not None and line.condition is LinkCondition.GARBAGE:
+        yield {"port": line.port, "baud": line.baud, "reason": line.reason}
 
 
 def _down(patient: Patient) -> Iterator[Values]:
-    line = patient.report.values.get("link/state")
+    line = patient.report.line
     fine = (LinkCondition.UP, LinkCondition.GARBAGE)
-    if line is not None and line["condition"] not in fine:
-        yield {"condition": line["condition"], "reason": line["reason"], "port": line["port"]}
+    if line is not None and line.condition not in fine:
+        yield {"condition": line.condition, "reason": line.reason, "port": line.port}
 
 
 def _other_baud(patient: Patient) -> Iterator[Values]:
-    line = patient.report.values.get("link/state")
-    if line is not None and patient.file is not None and line["baud"] != patient.cfg.link.baud:
-        edit = f"s/^baud *= *{patient.cfg.link.baud}/baud = {line['baud']}/"
-        yield {"used": line["baud"], "configured": patient.cfg.link.baud, "edit": edit, "file": patient.file}
+    line = patient.report.line
+    if line is not None and patient.file is not None and line.baud != patient.cfg.link.baud:
+        edit = f"s/^baud *= *{patient.cfg.link.baud}/baud = {line.baud}/"
+        yield {"used": line.baud, "configured": patient.cfg.link.baud, "edit": edit, "file": patient.file}
 
 
 def _standing(patient: Patient, tokens: tuple[str, ...]) -> Iterator[Values]:
@@ -54,9 +55,9 @@ def _others(patient: Patient) -> Iterator[Values]:
 
 
 def _not_recording(patient: Patient) -> Iterator[Values]:
-    status = patient.report.values.get("record/status")
-    if status is not None and status["state"] not in ("recording", "off"):
-        yield {"state": status["state"], "reason": status["reason"]}
+    recorder = patient.report.recorder
+    if recorder is not None and recorder.state in (RecorderState.FULL, RecorderState.FAULT):
+        yield {"state": recorder.state, "reason": recorder.reason}
 
 
 AIRCRAFT: Final = (

@@ -13,6 +13,7 @@ from mkdaemon.cli.mkdaemon.doctor.check import Check, Needs, Patient, Severity, 
 from mkdaemon.cli.mkdaemon.doctor.serialline import examined_ports, usb_device
 from mkdaemon.config.camera import CameraSection
 from mkdaemon.errors import ConfigError
+from mkdaemon.telemetry.vision import EyeState
 
 OLD: Final = 365
 """After this time a lens may sit otherwise, for heat, knocks and a touched focus [days]."""
@@ -95,16 +96,16 @@ def _of_size(output: str, camera: CameraSection) -> str:
 
 def _slow(patient: Patient) -> Iterator[Values]:
     wanted = {camera.name: camera.fps for camera in patient.cfg.cameras if camera.fps is not None}
-    for stats in patient.report.under("vision/"):
-        rate = wanted.get(stats["camera"])
-        if rate is not None and stats["state"] == "ok" and stats["fps"] < SLOW * rate:
-            yield {"camera": stats["camera"], "fps": f"{stats['fps']:.0f}", "wanted": f"{rate:g}"}
+    for eye in patient.report.eyes:
+        rate = wanted.get(eye.camera)
+        if rate is not None and eye.state is EyeState.OK and eye.fps < SLOW * rate:
+            yield {"camera": eye.camera, "fps": f"{eye.fps:.0f}", "wanted": f"{rate:g}"}
 
 
 def _unfit(patient: Patient) -> Iterator[Values]:
-    for stats in patient.report.under("vision/"):
-        if stats["state"] != "ok":
-            yield {"camera": stats["camera"], "state": stats["state"], "reason": stats["reason"]}
+    for eye in patient.report.eyes:
+        if eye.state is not EyeState.OK:
+            yield {"camera": eye.camera, "state": eye.state, "reason": eye.reason}
 
 
 def _uncalibrated(patient: Patient) -> Iterator[Values]:

@@ -17,11 +17,9 @@ from mkdaemon.cli.mkdaemon.doctor.check import Finding, Needs, Severity
 from mkdaemon.cli.mkdaemon.doctor.machine import Machine
 from mkdaemon.cli.mkdaemon.doctor.table import CHECKS, Examined, examine
 from mkdaemon.cli.printing import json_line
-from mkdaemon.cli.program import EXIT_FAILURE, EXIT_OK
+from mkdaemon.cli.program import EXIT_FAILURE, EXIT_OK, EXIT_WARNING
 from mkdaemon.cli.terminal import on_one_line
 
-EXIT_WARNING: Final = 3
-"""There are warnings, and no error."""
 _COLOURS: Final = {Severity.ERROR: "red", Severity.WARNING: "yellow", Severity.ADVICE: "cyan"}
 _UNSEEN: Final = {Needs.CONFIG: "without --config", Needs.DAEMON: "without a running daemon"}
 

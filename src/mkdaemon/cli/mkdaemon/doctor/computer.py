@@ -174,10 +174,9 @@ def _clock_behind(patient: Patient) -> Iterator[Values]:
 
 
 def _skew(patient: Patient) -> Iterator[Values]:
-    health = patient.report.values.get("health")
-    if health is not None:
-        asked, answered = patient.report.between
-        clock = health["stamp"]["wall"] + health["age"]  # the daemon's, when it answered: between the two
+    clock = patient.report.clock
+    if clock is not None:
+        asked, answered = patient.report.between  # it answered between the two
         skew = max(clock - answered, 0.0) + min(clock - asked, 0.0)
         if abs(skew) > SKEW:
             yield {"skew": f"{abs(skew):.1f}", "way": "ahead of" if skew > 0 else "behind"}

@@ -9,14 +9,23 @@ import time
 from collections.abc import Mapping, Sequence
 from contextlib import AsyncExitStack, suppress
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple, TypeVar
 
 import zenoh
+from pydantic import ValidationError
 
 from mkdaemon.client import Vehicle, connect
+from mkdaemon.client.samples import Sample
 from mkdaemon.config.root import Config
 from mkdaemon.errors import MkError
+from mkdaemon.telemetry.base import Telemetry
+from mkdaemon.telemetry.link import LinkState
 from mkdaemon.telemetry.preflight import Blocks
+from mkdaemon.telemetry.record import RecordStatus
+from mkdaemon.telemetry.vehicle import VehicleHealth
+from mkdaemon.telemetry.vision import VisionStats
+
+_Value = TypeVar("_Value", bound=Telemetry)
 
 ASKED: Final = ("health", "link/state", "record/status", "vision/*/stats")
 """Keys that the checks look at."""
@@ -28,29 +37,31 @@ PATIENCE: Final = 2.0
 
 
 class DaemonReport(NamedTuple):
-    """What was told.
+    """What a daemon told; what it did not tell, or told in a way that this release does not know, is left out.
 
     Attributes:
         endpoint: where somebody was asked; empty where nobody could be.
         failure: why nobody answered there; empty where somebody did.
-        values: last values of the daemon by key.
+        clock: its clock when it answered [s; Unix time].
+        between: when it was asked and had answered, by this machine's clock [s; Unix time].
+        line: state of the serial line.
+        recorder: what its recorder does.
+        eyes: of each camera.
         standing: findings of its preflight that stand, by token: name, reason and fix.
         daemons: how many speak for this vehicle.
         routers: Zenoh versions of the routers.
-        between: when it was asked and had answered, by this machine's clock [s; Unix time].
     """
 
     endpoint: str = ""
     failure: str = ""
-    values: Mapping[str, Mapping[str, Any]] = {}
+    clock: float | None = None
+    between: tuple[float, float] = (0.0, 0.0)
+    line: LinkState | None = None
+    recorder: RecordStatus | None = None
+    eyes: tuple[VisionStats, ...] = ()
     standing: Mapping[str, tuple[str, str, str]] = {}
     daemons: int = 0
     routers: tuple[str, ...] = ()
-    between: tuple[float, float] = (0.0, 0.0)
-
-    def under(self, prefix: str) -> list[Mapping[str, Any]]:
-        """Values of the keys that begin so."""
-        return [value for key, value in sorted(self.values.items()) if key.startswith(prefix)]
 
 
 NOBODY: Final = DaemonReport()
@@ -85,19 +96,45 @@ def ask_daemon(cfg: Config, endpoints: Sequence[str]) -> DaemonReport:
 async def _ask(cfg: Config, endpoint: str, file: Path | None) -> DaemonReport:
     try:
         async with AsyncExitStack() as stack:
-            opening = connect(cfg.vehicle.name, endpoint, zenoh_file=file)
-            uav = await stack.enter_async_context(opening)
+            uav = await stack.enter_async_context(connect(cfg.vehicle.name, endpoint, zenoh_file=file))
             asked_at = time.time()
             found = await asyncio.gather(*(uav.get_past(key, 0.0) for key in ASKED))
             between = asked_at, time.time()
-            samples = [sample for answers in found for sample in answers]
-            values = {sample.suffix: sample.fields for sample in samples}
-            daemons = sum(sample.suffix == "health" for sample in samples)
-            standing = await _standing(uav) if values else {}
+            report = _read([sample for samples in found for sample in samples])
+            standing = await _standing(uav) if report.daemons else {}
             routers = await asyncio.to_thread(_routers, uav.session)
-            return DaemonReport(endpoint, "", values, standing, daemons, routers, between)
+            return report._replace(endpoint=endpoint, between=between, standing=standing, routers=routers)
     except MkError as error:
         return DaemonReport(endpoint, str(error))
+
+
+def _read(samples: Sequence[Sample]) -> DaemonReport:
+    """What the last values of a daemon say."""
+    healths = [sample for sample in samples if sample.suffix == "health"]
+    clocks = [
+        health.stamp.wall + age
+        for sample in healths
+        if (health := _value_of(VehicleHealth, sample)) is not None
+        and isinstance(age := sample.fields.get("age"), float | int)
+    ]
+    lines = [_value_of(LinkState, sample) for sample in samples if sample.suffix == "link/state"]
+    recorders = [_value_of(RecordStatus, sample) for sample in samples if sample.suffix == "record/status"]
+    eyes = [_value_of(VisionStats, sample) for sample in samples if sample.suffix.startswith("vision/")]
+    return DaemonReport(
+        clock=next(iter(clocks), None),
+        line=next(filter(None, lines), None),
+        recorder=next(filter(None, recorders), None),
+        eyes=tuple(filter(None, eyes)),
+        daemons=len(healths),
+    )
+
+
+def _value_of(kind: type[_Value], sample: Sample) -> _Value | None:
+    """A value of the bus; None where it is none of this kind."""
+    fields = {name: value for name, value in sample.fields.items() if name in kind.model_fields}
+    with suppress(ValidationError):
+        return kind.model_validate(fields)
+    return None
 
 
 async def _standing(uav: Vehicle) -> dict[str, tuple[str, str, str]]:

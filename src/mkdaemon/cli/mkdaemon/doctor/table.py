@@ -99,7 +99,7 @@ def examine(machine: Machine, file: Path | None, *, connect: Sequence[str] = ())
     findings = tuple(finding for check in CHECKS for finding in check.examine(patient))
     missing = {
         Needs.CONFIG: file is None or bool(mistake),
-        Needs.DAEMON: not patient.report.values,
+        Needs.DAEMON: not patient.report.daemons,
     }
     unseen = {
         need: tuple(check.name for check in CHECKS if check.needs is need)

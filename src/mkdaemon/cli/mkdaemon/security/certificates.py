@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import json
 from collections.abc import Sequence
 from datetime import UTC, datetime, timedelta
 from ipaddress import ip_address
@@ -12,7 +11,7 @@ from typing import Final, NamedTuple
 
 from mkdaemon.cli.mkdaemon.security.roles import DAEMON
 from mkdaemon.errors import ConfigError
-from mkdaemon.reading import LONGEST_SETTINGS, read_text
+from mkdaemon.reading import LONGEST_SETTINGS, parse_json, read_text
 
 NO_CRYPTOGRAPHY: Final = "certificates need cryptography, which is not installed: pip install 'mkdaemon[security]'"
 
@@ -173,7 +172,7 @@ def read_certificate(path: Path) -> x509.Certificate | None:
         if "-----BEGIN CERTIFICATE" in text:
             return x509.load_pem_x509_certificate(text.encode())
         lines = [line for line in text.splitlines() if not line.startswith("//")]
-        tls = json.loads("\n".join(lines))["transport"]["link"]["tls"]
+        tls = parse_json("\n".join(lines))["transport"]["link"]["tls"]
         return x509.load_pem_x509_certificate(base64.b64decode(tls[TLS_FIELD.format("connect", "certificate")]))
     except (ValueError, KeyError, TypeError):
         return None
