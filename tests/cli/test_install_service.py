@@ -31,6 +31,10 @@ def host(tmp_path):
     return host
 
 
+def words_of(steps):
+    return [step.words for step in steps]
+
+
 def units_of(host):
     return sorted(path.name for path in (host.root / FOLDER).glob("*.service"))
 
@@ -47,7 +51,7 @@ def test_a_preview_shows_all_and_writes_nothing(host):
 
 def test_units_are_written_shown_as_there_and_removed(host):
     chosen = plan(("daemon",), None, "")
-    lines = list(write_units(host, chosen, PROGRAMS))
+    lines = words_of(write_units(host, chosen, PROGRAMS))
     assert lines == [
         "wrote /etc/systemd/system/mkdaemon.service",
         "wrote /etc/udev/rules.d/60-mkdaemon.rules",
@@ -62,11 +66,11 @@ def test_units_are_written_shown_as_there_and_removed(host):
     assert unit.stat().st_mode & 0o777 == 0o644
     assert "# /etc/systemd/system/mkdaemon.service (there already)" in list(preview(host, chosen, PROGRAMS))
     assert "# /etc/systemd/system/mkdaemon.service (changes)" in list(preview(host, chosen, Path("/other/bin")))
-    lines = list(remove_units(host, chosen))
+    lines = words_of(remove_units(host, chosen))
     assert lines[0] == "typed systemctl disable --now mkdaemon"
     assert units_of(host) == []
     assert not (host.root / "etc/udev/rules.d/60-mkdaemon.rules").exists()
-    first, *_ = remove_units(host, chosen)
+    first, *_ = words_of(remove_units(host, chosen))
     assert first == "/etc/systemd/system/mkdaemon.service is not there"
 
 
@@ -75,19 +79,17 @@ def test_many_aircraft_share_a_template_that_the_last_one_takes_away(host):
     for chosen in (first, second):
         (settings := host.at(chosen[0].settings)).parent.mkdir(parents=True, exist_ok=True)
         settings.write_text("", encoding="utf-8")
-        assert (
-            list(write_units(host, chosen, PROGRAMS))[-1] == f"next: sudo systemctl enable --now {chosen[0].instance}"
-        )
+        *_, last = words_of(write_units(host, chosen, PROGRAMS))
+        assert last == f"next: sudo systemctl enable --now {chosen[0].instance}"
     wanted = host.root / FOLDER / "multi-user.target.wants"
     wanted.mkdir()
     for name in ("mkdaemon@mk1.service", "mkdaemon@mk2.service", "mkdaemon-gateway@ros2.service"):
         (wanted / name).symlink_to("../mkdaemon@.service")
     assert units_of(host) == ["mkdaemon@.service"]
-    assert "/etc/systemd/system/mkdaemon@.service stays: mkdaemon@mk2.service is enabled" in list(
-        remove_units(host, first)
-    )
+    kept = "/etc/systemd/system/mkdaemon@.service stays: mkdaemon@mk2.service is enabled"
+    assert kept in words_of(remove_units(host, first))
     (wanted / "mkdaemon@mk1.service").unlink()
-    assert "removed /etc/systemd/system/mkdaemon@.service" in list(remove_units(host, second))
+    assert "removed /etc/systemd/system/mkdaemon@.service" in words_of(remove_units(host, second))
     assert units_of(host) == []
 
 
@@ -97,23 +99,33 @@ def test_a_unit_written_by_hand_is_left_alone(host):
     unit.write_text("[Unit]\n", encoding="utf-8")
     chosen = plan(("daemon", "recorder"), None, "")
     with pytest.raises(ConfigError, match="written by hand"):
-        list(write_units(host, chosen, PROGRAMS))
+        words_of(write_units(host, chosen, PROGRAMS))
     assert units_of(host) == ["mkdaemon.service"]
     assert "written by hand: needs --force" in "\n".join(preview(host, chosen, PROGRAMS))
-    list(write_units(host, chosen, PROGRAMS, force=True))
+    words_of(write_units(host, chosen, PROGRAMS, force=True))
     assert unit.read_text(encoding="utf-8").startswith(MARK)
 
 
 def test_what_cannot_be_written_names_sudo(host):
     (host.root / "etc").write_text("", encoding="utf-8")
     with pytest.raises(MkError, match=r"mkdaemon\.service: Not a directory: run it with sudo"):
-        list(write_units(host, plan(("daemon",), None, ""), PROGRAMS))
+        words_of(write_units(host, plan(("daemon",), None, ""), PROGRAMS))
+
+
+def test_a_command_that_failed_is_told_by_the_exit_code(host, monkeypatch, capsys):
+    module = "mkdaemon.cli.mkdaemon.service.installing.Host"
+    words = ["install-service", "recorder", "--programs", "/opt/x/bin", "--write"]
+    monkeypatch.setattr(module, lambda: host)
+    assert run(app, words) == 0
+    monkeypatch.setattr(module, lambda: Host(host.root, lambda words: Answered(1, "")))
+    assert run(app, words) == 1
+    assert "FAILED: systemctl daemon-reload (exit code 1)" in capsys.readouterr().out
 
 
 def test_a_machine_without_systemd_is_told_so(host):
     bare = Host(host.root, lambda words: Answered(127, ""))
-    lines = list(write_units(bare, plan(("recorder",), None, ""), PROGRAMS))
-    assert "FAILED: systemctl daemon-reload (exit code 127)" in lines
+    lines = words_of(write_units(bare, plan(("recorder",), None, ""), PROGRAMS))
+    assert "FAILED: systemctl daemon-reload (not installed)" in lines
 
 
 def test_the_link_to_the_current_installation_goes_before_its_folder(host, monkeypatch):
@@ -139,6 +151,11 @@ def test_the_daemons_are_started_with_options_that_exist():
 
 
 def test_the_command_shows_by_default(capsys):
-    assert run(app, ["install-service", "recorder"]) == 0
-    assert "mkctl record" in capsys.readouterr().out
+    assert run(app, ["install-service", "recorder", "--programs", "/opt/x/bin"]) == 0
+    assert "ExecStart=/opt/x/bin/mkctl record" in capsys.readouterr().out
+    assert run(app, ["install-service", "--programs", "/home/me/bin"]) == 2
+    assert "may look below /home" in capsys.readouterr().err
+    assert run(app, ["install-service", "--vehicle", "../x"]) == 2
+    assert run(app, ["install-service", "gateway", "--gateway", "smtp"]) == 2
+    assert "there is foxglove, ros2, mavlink" in capsys.readouterr().err
     assert run(app, ["install-service", "--write", "--remove"]) == 2

@@ -11,6 +11,10 @@ PATIENCE: Final = 10.0
 """Longest wait for a command [s]."""
 
 
+NOT_FOUND: Final = 127
+"""Exit code where there is no such command, as a shell has it."""
+
+
 class Answered(NamedTuple):
     """What a command said.
 
@@ -26,7 +30,7 @@ class Answered(NamedTuple):
 def run_command(words: Sequence[str]) -> Answered:
     """Run a command of the system and return what it says; what hangs is ended."""
     if shutil.which(words[0]) is None:
-        return Answered(127, "")
+        return Answered(NOT_FOUND, "")
     try:
         done = subprocess.run(
             list(words), capture_output=True, text=True, errors="replace", check=False, timeout=PATIENCE

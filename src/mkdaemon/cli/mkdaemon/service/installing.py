@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import re
 import sysconfig
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Final, Literal
+from typing import Annotated, Final, Literal, NamedTuple
 
 from cyclopts import Parameter
 
+from mkdaemon.cli.mkdaemon.gateway import GATEWAYS
 from mkdaemon.cli.mkdaemon.service.units import MARK, SETTINGS, UNITS, Unit, unit_text
-from mkdaemon.cli.systemcommands import Answered, run_command
+from mkdaemon.cli.program import EXIT_FAILURE, EXIT_OK
+from mkdaemon.cli.systemcommands import NOT_FOUND, Answered, run_command
 from mkdaemon.cli.terminal import on_one_line
+from mkdaemon.config.names import VEHICLE_NAME
 from mkdaemon.config.reader import samples_folder
 from mkdaemon.errors import ConfigError, MkError
 from mkdaemon.files import write_whole
@@ -21,6 +25,22 @@ Part = Literal["daemon", "recorder", "gateway"]
 CURRENT: Final = Path("/opt/mkdaemon")
 """Link to the installation that is in use: what is started through it survives an upgrade."""
 RULES: Final = "60-mkdaemon.rules"
+
+
+HIDDEN: Final = (Path("/home"), Path("/root"), Path("/run/user"))
+"""What `ProtectHome=yes` hides from a service."""
+
+
+class Step(NamedTuple):
+    """One thing that was done.
+
+    Attributes:
+        words: what.
+        is_done: False where a command of the system failed.
+    """
+
+    words: str
+    is_done: bool = True
 
 
 @dataclass(frozen=True)
@@ -48,11 +68,13 @@ def install_service(
     write: Annotated[bool, Parameter(negative=())] = False,
     remove: Annotated[bool, Parameter(negative=())] = False,
     force: Annotated[bool, Parameter(negative=())] = False,
-) -> None:
+) -> int:
     """Let systemd start the daemon, the ground recorder or a gateway; without --write it only shows what it would do.
 
     The daemon's guard is started by the daemon. With --vehicle the unit is a template, and each aircraft of this
     machine has its own configuration, /etc/mkdaemon/NAME.toml, its own user and its own folders.
+
+    Exit code 1 where a command of the system failed.
 
     Examples: mkdaemon install-service; sudo mkdaemon install-service --write; sudo mkdaemon install-service --remove
 
@@ -74,14 +96,21 @@ def install_service(
         raise ConfigError(msg)
     host = Host()
     chosen = plan(parts or ("daemon",), vehicle, gateway)
+    folder = programs or programs_folder(host)
+    if not remove and (hidden := next((place for place in HIDDEN if folder.is_relative_to(place)), None)):
+        msg = f"{folder}: no service may look below {hidden}; install into /opt (docs/operations.md) or give --programs"
+        raise ConfigError(msg)
     if remove:
-        lines = remove_units(host, chosen)
+        steps = remove_units(host, chosen)
     elif write:
-        lines = write_units(host, chosen, programs or programs_folder(host), force=force)
+        steps = write_units(host, chosen, folder, force=force)
     else:
-        lines = preview(host, chosen, programs or programs_folder(host))
-    for line in lines:
-        print(on_one_line(line))
+        steps = map(Step, preview(host, chosen, folder))
+    code = EXIT_OK
+    for step in steps:
+        print(on_one_line(step.words))
+        code = code if step.is_done else EXIT_FAILURE
+    return code
 
 
 @dataclass(frozen=True)
@@ -105,7 +134,18 @@ class Planned:
 
 
 def plan(parts: Sequence[Part], vehicle: str | None, gateway: str) -> list[Planned]:
-    """The units of some parts, and what their instances are called."""
+    """The units of some parts, and what their instances are called.
+
+    Raises:
+        ConfigError: no vehicle, or no gateway, can be called so.
+    """
+    if vehicle is not None and re.fullmatch(VEHICLE_NAME, vehicle) is None:
+        msg = f"--vehicle {vehicle!r}: a name has lower-case letters, digits, - and _"
+        raise ConfigError(msg)
+    names = [entry.name for entry in GATEWAYS]
+    if "gateway" in parts and gateway not in names:
+        msg = f"--gateway {gateway!r}: there is {', '.join(names)}"
+        raise ConfigError(msg)
     units = {unit.name: unit for unit in UNITS}
     found = []
     for part in dict.fromkeys(parts):
@@ -138,10 +178,10 @@ def preview(host: Host, chosen: Sequence[Planned], programs: Path) -> Iterator[s
         yield from unit_text(planned.unit, programs).splitlines()
     if _needs_rules(chosen):
         yield f"# /etc/udev/rules.d/{RULES} ({_state(host.at(_rules_path()), _rules_text())})"
-    yield "# nothing was written: `sudo mkdaemon install-service --write` does"
+    yield f"# nothing was written: sudo {programs}/mkdaemon install-service ... --write does"
 
 
-def write_units(host: Host, chosen: Sequence[Planned], programs: Path, *, force: bool = False) -> Iterator[str]:
+def write_units(host: Host, chosen: Sequence[Planned], programs: Path, *, force: bool = False) -> Iterator[Step]:
     """Write units and rules, and tell systemd and udev.
 
     Raises:
@@ -155,19 +195,19 @@ def write_units(host: Host, chosen: Sequence[Planned], programs: Path, *, force:
             raise ConfigError(msg)
     for planned in chosen:
         _write(host.at(planned.path), unit_text(planned.unit, programs))
-        yield f"wrote {planned.path}"
+        yield Step(f"wrote {planned.path}")
     if _needs_rules(chosen):
         _write(host.at(_rules_path()), _rules_text())
-        yield f"wrote {_rules_path()}"
+        yield Step(f"wrote {_rules_path()}")
         yield from _typed(host, "udevadm", "control", "--reload")
     yield from _typed(host, "systemctl", "daemon-reload")
     for planned in chosen:
         if planned.unit.flies and not host.at(planned.settings).exists():
-            yield f"next: sudo install -d {SETTINGS} && sudo {programs}/mkdaemon config new {planned.settings}"
-        yield f"next: sudo systemctl enable --now {planned.instance}"
+            yield Step(f"next: sudo install -d {SETTINGS} && sudo {programs}/mkdaemon config new {planned.settings}")
+        yield Step(f"next: sudo systemctl enable --now {planned.instance}")
 
 
-def remove_units(host: Host, chosen: Sequence[Planned]) -> Iterator[str]:
+def remove_units(host: Host, chosen: Sequence[Planned]) -> Iterator[Step]:
     """Stop what the units start, and remove them; a template stays while another instance is enabled.
 
     Raises:
@@ -176,7 +216,7 @@ def remove_units(host: Host, chosen: Sequence[Planned]) -> Iterator[str]:
     for planned in chosen:
         place = host.at(planned.path)
         if not place.exists():
-            yield f"{planned.path} is not there"
+            yield Step(f"{planned.path} is not there")
             continue
         yield from _typed(host, "systemctl", "disable", "--now", planned.instance)
         others = [
@@ -187,17 +227,17 @@ def remove_units(host: Host, chosen: Sequence[Planned]) -> Iterator[str]:
             and link.name != f"{planned.instance}.service"
         ]
         if others:
-            yield f"{planned.path} stays: {', '.join(others)} is enabled"
+            yield Step(f"{planned.path} stays: {', '.join(others)} is enabled")
             continue
         _remove(place)
-        yield f"removed {planned.path}"
+        yield Step(f"removed {planned.path}")
     rules = host.at(_rules_path())
     if _needs_rules(chosen) and not any(host.at(planned.path).exists() for planned in chosen) and rules.exists():
         _remove(rules)
-        yield f"removed {_rules_path()}"
+        yield Step(f"removed {_rules_path()}")
         yield from _typed(host, "udevadm", "control", "--reload")
     yield from _typed(host, "systemctl", "daemon-reload")
-    yield f"kept: {SETTINGS}, /var/lib/mkdaemon (configuration, recordings, notes)"
+    yield Step(f"kept: {SETTINGS}, /var/lib/mkdaemon (configuration, recordings, notes)")
 
 
 def _needs_rules(chosen: Sequence[Planned]) -> bool:
@@ -244,8 +284,10 @@ def _refusal(place: Path, error: OSError) -> MkError:
     return MkError(f"{place}: {error.strerror}: run it with sudo")
 
 
-def _typed(host: Host, *words: str) -> Iterator[str]:
+def _typed(host: Host, *words: str) -> Iterator[Step]:
     """Run a command of the system; a machine without systemd or udev has none, and is told so."""
     answer = host.run(words)
     line = " ".join(words)
-    yield f"typed {line}" if answer.code == 0 else f"FAILED: {line} (exit code {answer.code})"
+    is_done = answer.code == 0
+    reason = "not installed" if answer.code == NOT_FOUND else f"exit code {answer.code}"
+    yield Step(f"typed {line}" if is_done else f"FAILED: {line} ({reason})", is_done)
