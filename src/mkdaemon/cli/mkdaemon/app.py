@@ -19,22 +19,25 @@ COMMANDS: Final = (
         "doctor", "mkdaemon.cli.mkdaemon.doctor:doctor", "Check this machine: port, permissions, bus, camera.", "Fly"
     ),
     CommandEntry(
-        "config", "mkdaemon.cli.mkdaemon.configfile:app", "Check, show, explain and begin a configuration file.", "Fly"
+        "gateway", "mkdaemon.cli.mkdaemon.gateway:app", "MAVLink, ROS 2 or Foxglove beside the daemon.", "Fly"
+    ),
+    CommandEntry(
+        "config",
+        "mkdaemon.cli.mkdaemon.configfile:app",
+        "Check, show, explain and begin a configuration file.",
+        "Set up",
     ),
     CommandEntry(
         "install-service",
         "mkdaemon.cli.mkdaemon.service:install_service",
         "Let systemd start daemon, recorder, gateways.",
-        "Fly",
+        "Set up",
     ),
     CommandEntry(
         "security",
         "mkdaemon.cli.mkdaemon.security.securing:app",
-        "Certificates: who may look, fly and record from another machine.",
-        "Fly",
-    ),
-    CommandEntry(
-        "gateway", "mkdaemon.cli.mkdaemon.gateway:app", "MAVLink, ROS 2 or Foxglove beside the daemon.", "Fly"
+        "Certificates: who may look, fly and record.",
+        "Set up",
     ),
     CommandEntry("calibrate", "mkdaemon.cli.mkdaemon.calibrate:app", "Calibrate a camera.", "Camera"),
     CommandEntry(
