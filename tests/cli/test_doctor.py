@@ -522,6 +522,17 @@ def test_a_fault_is_found_with_what_why_and_the_command(tree, check, seed, words
     assert others <= ALSO.get(check, set())
 
 
+def test_the_simulator_at_the_other_end_of_a_pseudo_terminal_is_no_other_program(tree):
+    tree.write("/dev/pts/4")
+    tree.configure(port='"pty:/dev/pts/4"')
+    tree.start(700, "mkdaemon", "python3", "/bin/mkdaemon", "sim", files=["/dev/pts/ptmx", "/dev/pts/4"])
+    assert tree.examined().findings == ()
+    tree.start(701, "python3.11", "/bin/python3.11", "-u", "/home/me/terminal.py", files=["/dev/pts/4"])
+    tree.answers()  # processes are looked at once for a machine
+    (finding,) = tree.examined().findings
+    assert "in use by terminal.py (process 701)" in finding.what
+
+
 def test_every_check_has_a_seeded_fault_and_a_name_of_its_own():
     assert {check for check, *_ in FAULTS.values()} == {check.name for check in CHECKS}
     assert max(Counter(check.name for check in CHECKS).values()) == 1

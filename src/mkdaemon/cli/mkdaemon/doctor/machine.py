@@ -22,6 +22,8 @@ from mkdaemon.cli.systemcommands import Answered, run_command
 from mkdaemon.clock import kernel_synchronised
 from mkdaemon.config.root import Config
 
+PTY_MAKER: Final = frozenset({"/dev/ptmx", "/dev/pts/ptmx"})
+"""What a program has open that made a pseudo terminal; it may keep both ends."""
 GUARD: Final = ("mkdaemon", "guard.py")
 """Last parts of the program that the guard runs."""
 _LISTENS: Final = "0A"
@@ -56,8 +58,11 @@ class Process(NamedTuple):
         return self.is_daemon or any(Path(word).parts[-2:] == GUARD for word in self.words)
 
     def __str__(self) -> str:
-        """Name and number, as a user looks for it."""
-        return f"{Path(self.words[0]).name if self.words else self.name} (process {self.number})"
+        """Name and number, as a user looks for it; of a script the script's name."""
+        words = [word for word in self.words if not word.startswith("-")]
+        is_script = len(words) > 1 and Path(words[0]).name.startswith("python")
+        name = Path(words[is_script]).name if words else self.name
+        return f"{name} (process {self.number})"
 
 
 class Listener(NamedTuple):
@@ -174,9 +179,11 @@ class Machine:
         return next((process for process in self.processes if process.name in names), None)
 
     def holders(self, path: Path) -> list[Process]:
-        """Programs that have a device open, or have locked it."""
+        """Programs that have a device open, or have locked it; whoever made a pseudo terminal is its other end."""
         shown, locked = self.shown(path.resolve()), self._locked_by(path)
-        return [process for process in self.processes if shown in process.files or process.number in locked]
+        others = PTY_MAKER if shown.startswith("/dev/pts/") else frozenset()
+        found = [process for process in self.processes if shown in process.files or process.number in locked]
+        return [process for process in found if not process.files & others]
 
     @cached_property
     def listeners(self) -> tuple[Listener, ...]:
