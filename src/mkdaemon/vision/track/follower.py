@@ -289,17 +289,13 @@ class Follower:
         Returns:
             Whether the attitude is left out from this image on, and was not before.
         """
-        level, limits = self._checks.level, self._limits.judge
         published = next((found.pose for found in frame.poses if found.target == self.name), None)
         pose = published or frame.contradicting.get(self.name)
-        tilt = level.tilt(reported, pose) if pose is not None else None
-        if pose is None or tilt is None:
+        turned = self._checks.level.turned(reported, pose) if pose is not None else None
+        if pose is None or turned is None or reported.enu_from_flu is None:
             return False
-        off, gate = tilt, level.gate(reported, pose)
-        lean = level.lean(reported, pose)
-        if lean > limits.most_lean:
-            off, gate = max(lean, tilt), limits.most_lean
-        return witness.image_seen(reported.time, off, gate, is_whole=self._checks.is_whole(pose))
+        is_whole = self._checks.is_whole(pose)
+        return witness.image_seen(reported.time, turned[0], reported.enu_from_flu, turned[1], is_whole=is_whole)
 
     def start_alone(self, frame: Frame) -> None:
         """Start from an image whose attitude was left out after it had refused what the image shows."""
