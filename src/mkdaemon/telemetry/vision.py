@@ -151,6 +151,8 @@ class Alarm(StrEnum):
     """A size or the focal length contradicts other evidence."""
     LENS = "lens"
     """Principal point or distortion contradict the images."""
+    LINE_TIME = "line_time"
+    """The camera file does not say whether the shutter rolls, and how fast: poses are less certain for that."""
     MOUNTING = "mounting"
     """The camera does not sit as its file says, or the vehicle's attitude is off."""
     ATTITUDE_CONTRADICTS = "attitude_contradicts"

@@ -92,6 +92,8 @@ ALARM_ADVICE = {
     Alarm.DARK: "the images are dark: lens cap, light or exposure",
     Alarm.BLOWN: "the images are over-exposed: shorten the exposure or lower the gain",
     Alarm.BLURRED: "edges are wide: clean and focus the lens, shorten the exposure",
+    Alarm.LINE_TIME: "the camera file has no `line_time`: run mkdaemon calibrate shutter --store, or write 0 for a"
+    " global shutter; until then poses are less certain",
     Alarm.RESIDUAL_DRIFT: "tag edges no longer fit the calibration: calibrate again, check that the print is flat",
 }
 """What to do about an alarm."""
@@ -213,8 +215,8 @@ class CameraPipeline:
         return values
 
     def _check_calibration(self, image: CameraImage, result: VisionResult, attitude: AttitudeHistory | None) -> None:
-        """Ask the image whether camera file and target files are right."""
-        if result.poses:
+        """Ask the image whether the files are right; rows whose time is unknown would look like another lens."""
+        if result.poses and Alarm.LINE_TIME not in result.alarms:
             known = attitude.at(image.captured_at, self._max_attitude_age) if attitude is not None else None
             poses = {found.target: found.pose for found in result.poses}
             heights = {found.target: height_over(found, self.mounting) for found in result.poses}
@@ -284,6 +286,8 @@ class CameraPipeline:
         state, reason = self.state(stream)
         damaged = (Alarm.DAMAGED,) if stream.damage else ()
         advice = ALARM_ADVICE | self._selfcheck.alarms | self._attitude.alarms
+        if Alarm.LINE_TIME in self.alarms and self.tracker.shutter is not None:
+            advice[Alarm.LINE_TIME] += f"; it is {self.tracker.shutter.words}"
         if damaged:
             advice[Alarm.DAMAGED] += f" ({stream.damage})"
         detect, latency = ([getattr(timing, name) for timing in self._timings] for name in ("detect", "latency"))

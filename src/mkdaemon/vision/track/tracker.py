@@ -13,6 +13,7 @@ from mkdaemon.vision.camera.image import CameraImage
 from mkdaemon.vision.camera.intrinsics import Intrinsics
 from mkdaemon.vision.camera.tone import in_light
 from mkdaemon.vision.limits import LIMITS, Limits
+from mkdaemon.vision.pose.linetime import Shutter
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.tags.cover import covered_cells
 from mkdaemon.vision.tags.detection import Detection
@@ -37,6 +38,7 @@ class Tracker:
         detector: searches the images.
         followers: one for each target; empty without intrinsics.
         witness: whether the images believe the vehicle's attitude.
+        shutter: what is known of the line time; none without intrinsics.
     """
 
     def __init__(
@@ -56,8 +58,10 @@ class Tracker:
         self._health = ImageHealth(*((intrinsics.width, intrinsics.height) if intrinsics is not None else (None, None)))
         self.witness = AttitudeWitness()
         self.followers: tuple[Follower, ...] = ()
+        self.shutter: Shutter | None = None
         if intrinsics is not None:
-            projection = Projection(intrinsics)
+            self.shutter = Shutter(intrinsics.line_time, intrinsics.height / 2 * intrinsics.fx)
+            projection = Projection(intrinsics, self.shutter)
             self.followers = tuple(
                 Follower(target, projection, self.detector, self._health, mounting, self._cfg, limits)
                 for target in tagmap.targets
@@ -78,6 +82,8 @@ class Tracker:
         if Alarm.WRONG_SIZE in alarms or Alarm.FROZEN in alarms:
             self.reset()
             return VisionResult(image.camera, image.sequence, image.captured_at, (), (), tuple(alarms))
+        if self.shutter is not None and self.shutter.is_open:
+            alarms.append(Alarm.LINE_TIME)
         reported = self._sight(image, attitude)
         self.witness.time_passed(image.captured_at)
         frame = Frame(image, reported.without_attitude() if self.witness.contradicts else reported)
