@@ -139,6 +139,8 @@ class Alarm(StrEnum):
     """What is wrong with a camera's images, its calibration or its target's file."""
 
     WRONG_SIZE = "wrong_size"
+    WRONG_KIND = "wrong_kind"
+    """Images that are no grey values of 8 bits."""
     UNCALIBRATED = "uncalibrated"
     FROZEN = "frozen"
     DAMAGED = "damaged"
@@ -180,6 +182,7 @@ class EyeState(StrEnum):
     BLOWN = "blown"
     FROZEN = "frozen"
     WRONG_SIZE = "wrong_size"
+    WRONG_KIND = "wrong_kind"
     UNCALIBRATED = "uncalibrated"
     TARGET_MISMATCH = "target_mismatch"
     FAILING = "failing"

@@ -85,6 +85,7 @@ class AttitudeUse:
 
 ALARM_ADVICE = {
     Alarm.WRONG_SIZE: "images and calibration differ in size: set width and height, or calibrate at this size",
+    Alarm.WRONG_KIND: "the images are no grey values of 8 bits: read the camera in another format",
     Alarm.UNCALIBRATED: "no calibration: tags only, no poses; run mkdaemon calibrate camera and set `calibration`",
     Alarm.FROZEN: "equal images in a row: the camera is frozen, unplug it or restart its driver",
     Alarm.TARGET_MISMATCH: "the tags of a target contradict its file: check sizes and positions, measure the print",
@@ -97,7 +98,7 @@ ALARM_ADVICE = {
     Alarm.RESIDUAL_DRIFT: "tag edges no longer fit the calibration: calibrate again, check that the print is flat",
 }
 """What to do about an alarm."""
-NEVER_POSED = (Alarm.WRONG_SIZE, Alarm.UNCALIBRATED, Alarm.FROZEN)
+NEVER_POSED = (Alarm.WRONG_SIZE, Alarm.WRONG_KIND, Alarm.UNCALIBRATED, Alarm.FROZEN)
 """Alarms under which no pose is published, the first one first."""
 MAYBE_POSED = (Alarm.DARK, Alarm.BLOWN, Alarm.TARGET_MISMATCH)
 """Alarms that explain why there is no pose, while there is none."""

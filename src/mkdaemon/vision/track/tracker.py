@@ -7,6 +7,8 @@ everything else is a refusal with its reason.
 
 from __future__ import annotations
 
+from typing import Final
+
 from mkdaemon.config.vision import DetectorSection, TrackerSection
 from mkdaemon.telemetry.vision import Alarm
 from mkdaemon.vision.camera.image import CameraImage
@@ -27,6 +29,9 @@ from mkdaemon.vision.track.frame import Frame
 from mkdaemon.vision.track.level import Sight
 from mkdaemon.vision.track.result import VisionResult
 from mkdaemon.vision.track.witness import AttitudeWitness
+
+UNUSABLE: Final = frozenset({Alarm.WRONG_SIZE, Alarm.WRONG_KIND, Alarm.FROZEN})
+"""Alarms of images that nothing is looked for in."""
 
 
 class Tracker:
@@ -79,7 +84,7 @@ class Tracker:
             Tags, poses, alarms and refusals; never raises on account of an image.
         """
         alarms = self._health.check(image.pixels)
-        if Alarm.WRONG_SIZE in alarms or Alarm.FROZEN in alarms:
+        if not UNUSABLE.isdisjoint(alarms):
             self.reset()
             return VisionResult(image.camera, image.sequence, image.captured_at, (), (), tuple(alarms))
         if self.shutter is not None and self.shutter.is_open:
