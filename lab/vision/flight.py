@@ -23,7 +23,7 @@ from mksim.scene.view import CameraView
 
 Array = npt.NDArray[np.float64]
 
-VGA = Intrinsics(width=640, height=480, fx=600.0, fy=600.0, cx=319.5, cy=239.5)
+VGA = Intrinsics(width=640, height=480, fx=600.0, fy=600.0, cx=319.5, cy=239.5, line_time=0.0)
 """The camera of every measurement unless said: 56 x 44 degrees."""
 SHAKE_DEG = 0.7
 """Change of each attitude axis between two images at 30 fps, standard deviation [deg]."""

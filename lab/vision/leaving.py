@@ -138,7 +138,7 @@ def _ways_out(name: str, camera: str, count: int, seed: int, part: int) -> Itera
                 place,
                 rate_cam=TURNING_SD * rng.standard_normal(3),
                 exposure_time=EXPOSURE,
-                line_time=intrinsics.line_time,
+                line_time=intrinsics.line_time or 0.0,
             )
             rotation, position = cam_from_target(placed, view)
             noise = np.radians(0.5) * np.array([*rng.standard_normal(2), 0.0])

@@ -31,7 +31,7 @@ from mksim.scene.view import CameraView
 Array = npt.NDArray[np.float64]
 Grey = npt.NDArray[np.uint8]
 
-HD: Final = Intrinsics(width=1280, height=720, fx=1200.0, fy=1200.0, cx=639.5, cy=359.5)
+HD: Final = Intrinsics(width=1280, height=720, fx=1200.0, fy=1200.0, cx=639.5, cy=359.5, line_time=0.0)
 """The larger camera: 56 degrees wide as well."""
 WRONG_M: Final = 0.05
 WRONG_DEG: Final = 5.0

@@ -30,7 +30,7 @@ Array = npt.NDArray[np.float64]
 
 PHOTOGRAPHS: Final = REFERENCE / "images"
 """Photographs of real tags beside the checkout; they have their own licences and stay there."""
-ROTATION_CAMERA: Final = Intrinsics(width=1056, height=792, fx=329.873, fy=332.946, cx=528.0, cy=396.0)
+ROTATION_CAMERA: Final = Intrinsics(width=1056, height=792, fx=329.873, fy=332.946, cx=528.0, cy=396.0, line_time=0.0)
 """Of the rotation series, as published with it."""
 ROTATION_TAG_M: Final = 0.065
 

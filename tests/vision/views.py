@@ -19,7 +19,7 @@ from mksim.scene.scene import Scene, SceneTarget, cam_from_target, true_corners
 from mksim.scene.view import CameraView
 from tests.places import CONFIGS
 
-VGA = Intrinsics(width=640, height=480, fx=600.0, fy=600.0, cx=319.5, cy=239.5)
+VGA = Intrinsics(width=640, height=480, fx=600.0, fy=600.0, cx=319.5, cy=239.5, line_time=0.0)
 
 
 @lru_cache(maxsize=4)

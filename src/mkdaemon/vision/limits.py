@@ -115,8 +115,6 @@ class BranchLimits:
     silent: float = of(3.0, "nats", "of one image that may be blur or light rather than tilt", BLIND)
     trusted_share: float = of(0.3, "share", "of the odds beyond: neighbouring images share faults", BLIND)
     max_image: float = of(6.0, "nats", "the most one image adds", BLIND)
-    jump: float = of(10.0, "nats", "a jump off the course costs at most", BLIND)
-    miss: float = of(6.0, "nats", "for taking all candidates of an image for wrong", BLIND)
     certain: float = of(25.0, "nats", "odds do not grow beyond: a wrong branch can be left", BLIND)
     decided: float = of(8.0, "nats", "from which the better branch is believed", "derived: one in 3,000")
     min_images: int = of(5, "images", "needed besides: two smeared ones may agree on nonsense", BLIND)

@@ -85,6 +85,7 @@ class AttitudeUse:
 
 ALARM_ADVICE = {
     Alarm.WRONG_SIZE: "images and calibration differ in size: set width and height, or calibrate at this size",
+    Alarm.WRONG_KIND: "the images are no grey values of 8 bits: read the camera in another format",
     Alarm.UNCALIBRATED: "no calibration: tags only, no poses; run mkdaemon calibrate camera and set `calibration`",
     Alarm.FROZEN: "equal images in a row: the camera is frozen, unplug it or restart its driver",
     Alarm.TARGET_MISMATCH: "the tags of a target contradict its file: check sizes and positions, measure the print",
@@ -92,10 +93,12 @@ ALARM_ADVICE = {
     Alarm.DARK: "the images are dark: lens cap, light or exposure",
     Alarm.BLOWN: "the images are over-exposed: shorten the exposure or lower the gain",
     Alarm.BLURRED: "edges are wide: clean and focus the lens, shorten the exposure",
+    Alarm.LINE_TIME: "the camera file has no `line_time`: run mkdaemon calibrate shutter --store, or write 0 for a"
+    " global shutter; until then poses are less certain",
     Alarm.RESIDUAL_DRIFT: "tag edges no longer fit the calibration: calibrate again, check that the print is flat",
 }
 """What to do about an alarm."""
-NEVER_POSED = (Alarm.WRONG_SIZE, Alarm.UNCALIBRATED, Alarm.FROZEN)
+NEVER_POSED = (Alarm.WRONG_SIZE, Alarm.WRONG_KIND, Alarm.UNCALIBRATED, Alarm.FROZEN)
 """Alarms under which no pose is published, the first one first."""
 MAYBE_POSED = (Alarm.DARK, Alarm.BLOWN, Alarm.TARGET_MISMATCH)
 """Alarms that explain why there is no pose, while there is none."""
@@ -213,8 +216,8 @@ class CameraPipeline:
         return values
 
     def _check_calibration(self, image: CameraImage, result: VisionResult, attitude: AttitudeHistory | None) -> None:
-        """Ask the image whether camera file and target files are right."""
-        if result.poses:
+        """Ask the image whether the files are right; rows whose time is unknown would look like another lens."""
+        if result.poses and Alarm.LINE_TIME not in result.alarms:
             known = attitude.at(image.captured_at, self._max_attitude_age) if attitude is not None else None
             poses = {found.target: found.pose for found in result.poses}
             heights = {found.target: height_over(found, self.mounting) for found in result.poses}
@@ -284,6 +287,8 @@ class CameraPipeline:
         state, reason = self.state(stream)
         damaged = (Alarm.DAMAGED,) if stream.damage else ()
         advice = ALARM_ADVICE | self._selfcheck.alarms | self._attitude.alarms
+        if Alarm.LINE_TIME in self.alarms and self.tracker.shutter is not None:
+            advice[Alarm.LINE_TIME] += f"; it is {self.tracker.shutter.words}"
         if damaged:
             advice[Alarm.DAMAGED] += f" ({stream.damage})"
         detect, latency = ([getattr(timing, name) for timing in self._timings] for name in ("detect", "latency"))

@@ -28,7 +28,9 @@ Grey = npt.NDArray[np.uint8]
 
 BUILT_IN = Camera(
     name="simulated camera",
-    intrinsics=Intrinsics(width=640, height=480, fx=425.0, fy=425.0, cx=319.5, cy=239.5, k1=-0.12, k2=0.02),
+    intrinsics=Intrinsics(
+        width=640, height=480, fx=425.0, fy=425.0, cx=319.5, cy=239.5, k1=-0.12, k2=0.02, line_time=0.0
+    ),
 )
 """74 x 59 deg with light barrel distortion; the same figures as configs/cameras/sim.toml."""
 SHADOW_PERIOD = 60.0

@@ -31,6 +31,7 @@ FISHEYE = Intrinsics(
     k2=0.005,
     k3=-0.002,
     k4=3e-4,
+    line_time=0.0,
 )
 """128 degrees wide."""
 BARREL = Intrinsics(width=640, height=480, fx=500.0, fy=505.0, cx=320.0, cy=240.0, k1=-0.2, k2=0.05, p1=1e-3, p2=-5e-4)

@@ -13,11 +13,12 @@ from mkdaemon.vision.camera.intrinsics import Intrinsics
 from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.edgefind import Samples
 from mkdaemon.vision.pose.edgefit import EdgeFit, Level
+from mkdaemon.vision.pose.linetime import KnownMotion
 from mkdaemon.vision.pose.nuisance import with_motion
 from mkdaemon.vision.pose.photofit import PhotoFit
 from mkdaemon.vision.pose.pose import Pose, turn
 from mkdaemon.vision.pose.projection import Projection
-from mkdaemon.vision.pose.rolling import KnownMotion, at_rest, before_motion, exposed, motion_jacobian, motion_of
+from mkdaemon.vision.pose.rolling import at_rest, before_motion, exposed, motion_jacobian, motion_of
 from mksim.scene.light import CLEAN, Conditions
 from mksim.scene.motion import Platform
 from mksim.scene.scene import Scene, SceneTarget, cam_from_target
@@ -122,7 +123,7 @@ def test_what_a_turn_at_an_even_rate_leaves_moves_the_image_as_the_fit_says() ->
     place = np.array([0.1, -0.2, 1.7])
     start = Pose(np.eye(3), place, np.eye(6), "corners", 4, 0.1)
     prior = (np.eye(6), np.zeros(6))
-    grown, (weight, _) = with_motion(samples, prior, start, np.zeros(4), place, 0.1, LIMITS.edges)
+    grown, (weight, _) = with_motion(samples, prior, start, np.zeros(4), place, 0.1, LIMITS.edges, projection.shutter)
     assert grown.jacobian.shape == (2, 15)
     np.testing.assert_allclose(np.diag(weight)[10:13], (0.1 / LIMITS.edges.acceleration_sd) ** 2)
 

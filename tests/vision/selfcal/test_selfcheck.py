@@ -136,6 +136,28 @@ def test_an_inner_tag_of_another_size_is_named() -> None:
     assert "tag 1 of pad: 49.0 mm in its file, 48.1 +- 0.1 mm against tag 48" in check.alarms[Alarm.SCALE]
 
 
+@cache
+def single_shots() -> tuple[Shot, ...]:
+    """A single tag at a slant, from 0.7 to 1.3 m."""
+    views = [place(0.7 + 0.02 * k, 0.5, around=2.4 * k, roll=0.9 * k) for k in range(VIEWS)]
+    shown = [View(shipped("single"), view) for view in views]
+    turned = [view.enu_from_cam @ LOOKING_DOWN.flu_from_cam.T for view in views]
+    return tuple(Shot(v.pixels, v.rotation, v.position, turn) for v, turn in zip(shown, turned, strict=True))
+
+
+@pytest.mark.parametrize(("fx", "scale", "named"), [(600.0, 1.0, False), (612.0, 1.0, True), (600.0, 1.02, False)])
+def test_one_tag_from_several_ranges_tells_a_focal_length_and_not_its_own_size(fx, scale, named) -> None:
+    """No attitude and no barometer; a print of another size is at another range, and looks the same."""
+    target = shipped("single")
+    (tag,) = target.tags
+    target = replace(target, tags=(replace(tag, size=scale * tag.size),))
+    camera = lens(fx=fx, fy=fx)
+    shown = tuple(replace(shot, position=scale * shot.position) for shot in single_shots())
+    check = watched(camera, target, attitude=False, seen=lambda: shown)
+    assert (Alarm.SCALE in check.alarms) == named
+    assert check.reports()[0].focal_percent == pytest.approx(100 * np.log(600.0 / fx), abs=0.5)
+
+
 def test_a_principal_point_and_a_distortion_are_named() -> None:
     check = watched(lens(cx=VGA.cx + 10.0, k1=-0.06))
     assert Alarm.LENS in check.alarms

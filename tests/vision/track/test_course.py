@@ -10,7 +10,7 @@ import pytest
 from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.ambiguity import log_odds
 from mkdaemon.vision.pose.pose import Pose, turn
-from mkdaemon.vision.track.branches import Branches
+from mkdaemon.vision.track.branches import KEPT, Branch, Branches
 from mkdaemon.vision.track.course import CAUTION, MOVING_PSD, Course, lasting_doubt
 from tests.vision.views import angle_deg
 
@@ -242,3 +242,43 @@ def test_what_hides_points_of_images_in_a_row_is_doubted(inliers, lasting):
 
 def test_a_pose_that_is_partly_hidden_teaches_less():
     assert lasting_doubt(seen((0.0, 0.0, 2.0), inliers=0.8)) == pytest.approx(CAUTION * 0.8**-4)
+
+
+def drifting(around: float, weight: float) -> Branch:
+    """A history that was missed, and leaves the target at 1.5 m/s."""
+    out = np.array([np.cos(around), np.sin(around), 0.0])
+    state = np.concatenate([np.array([0.0, 0.0, 0.4]) + 0.1 * out, 1.5 * out])
+    course = Course(0.0, state, np.diag([1e-5] * 3 + [1e-2] * 3))
+    return Branch(course, course, seen(state[:3]), weight, missed=True)
+
+
+def test_histories_that_drift_apart_leave_room_for_one_that_joins():
+    """Each of them is another answer, and misses for less than a leap costs: no fit was joined for 14 images."""
+    missed = tuple(drifting(2 * np.pi * k / KEPT, -0.5 * k) for k in range(KEPT))
+    branches = Branches(missed, LIMITS.branches.min_images)
+    for k in range(1, 4):
+        branches = branches.after(k * STEP, [seen([0.02, 0.0, 0.4], sd_deg=0.02)])
+        assert any(not branch.missed for branch in branches.ranked)
+    assert not branches.best.missed
+    assert branches.is_decided
+    assert np.linalg.norm(branches.best.course.centre - [0.02, 0.0, 0.4]) < 0.002
+
+
+def test_a_fit_that_many_points_disagree_with_is_rather_missed_than_followed():
+    course = fly(branches_of(0.01, 0.01, decided=True), [(0.010, 0.0101)] * 6)
+    aside = [0.78 + 0.8, 0.0, 4.0]
+    clean, hidden = (course.after(7 * STEP, [seen(aside, inliers=share)]) for share in (1.0, 0.7))
+    odds = [
+        max(b.weight for b in after.ranked if b.missed) - max(b.weight for b in after.ranked if not b.missed)
+        for after in (clean, hidden)
+    ]
+    assert odds[1] > odds[0] + 2.0
+
+
+def test_a_course_that_knows_less_expects_a_place_less():
+    """Of two courses that a pose lies in the middle of, the one that said so more exactly is likelier."""
+    course, _ = flown(20, 0.3)
+    later = replace(course.predict_at(course.time + 0.5), time=course.time)
+    aimed = seen(later.centre, sd_deg=0.3)
+    assert later.mahalanobis2(aimed) < 1e-9
+    assert course.log_density(seen(course.centre)) > later.log_density(aimed) + 3.0

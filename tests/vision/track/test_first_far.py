@@ -21,7 +21,7 @@ from mkdaemon.vision.track.track import Track
 from mkdaemon.vision.track.tracker import Tracker
 from tests.vision.views import VGA, View, angle_deg, place, shipped
 
-HD = Intrinsics(width=1280, height=720, fx=1200.0, fy=1200.0, cx=639.5, cy=359.5)
+HD = Intrinsics(width=1280, height=720, fx=1200.0, fy=1200.0, cx=639.5, cy=359.5, line_time=0.0)
 
 
 @pytest.mark.parametrize(

@@ -73,7 +73,7 @@ def test_a_range_that_few_edges_agree_with_tells_no_climb(inliers: float, knows:
     first = Pose(np.diag([1.0, -1.0, -1.0]), np.array([0.0, 0.0, 1.0]), 1e-6 * np.eye(6), "edges", 300, 0.05)
     track.accept(0.0, first, np.eye(3), np.zeros((4, 4), dtype=np.uint8))
     found = replace(first, position=1.1 * first.position, inliers=inliers)
-    fitter = SimpleNamespace(rolls=True, refine=lambda *_: found)
+    fitter = SimpleNamespace(shutter=SimpleNamespace(rolls=True), refine=lambda *_: found)
     starts = Starts(fitter, None, track, LOOKING_DOWN, LIMITS)  # type: ignore[arg-type]
     start = starts.with_climb(Sight(np.zeros((4, 4), np.uint8), 1 / 30, np.eye(3)), first)
     assert (start.known_motion is not None) is knows

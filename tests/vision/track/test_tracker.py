@@ -10,7 +10,7 @@ import pytest
 
 from lab.vision.flight import VGA, fly
 from mkdaemon.frames import euler_from_rotation, rotation_from_euler
-from mkdaemon.telemetry.vision import PoseRefusal
+from mkdaemon.telemetry.vision import Alarm, PoseRefusal
 from mkdaemon.vision.camera.image import CameraImage
 from mkdaemon.vision.pose.fitting import TargetFitter
 from mkdaemon.vision.pose.gates import certainty_refusal
@@ -117,11 +117,23 @@ def test_attitude_is_ignored_for_walls_and_without_a_mounting(tmp_path):
     assert Tracker(TagMap((shipped("nested"),)), VGA, None).update(view.image(), wrong).poses
 
 
-@pytest.mark.parametrize("pixels", [np.zeros((720, 1280), np.uint8), np.zeros((0, 640), np.uint8)])
-def test_wrong_size_gives_an_alarm_and_no_pose(pixels):
-    result = tracker().update(CameraImage(pixels, 0.0, 0.0, 0, "test"))
-    assert result.alarms == ("wrong_size",)
-    assert result.poses == ()
+SHAPES = [(480, 640), (720, 1280), (480, 640, 3), (640,), (), (0, 640), (1, 1), (2, 640), (480, 3)]
+
+
+@pytest.mark.parametrize("dtype", ["u1", "?", "i1", "u2", ">u2", "i4", "f2", "f4", "f8", "c8", "O", "S1"])
+@pytest.mark.parametrize("calibrated", [True, False])
+def test_an_image_of_any_kind_and_size_is_named_and_raises_nothing(dtype, calibrated):
+    eyes = tracker() if calibrated else Tracker(TagMap((shipped("nested"),)), None)
+    for number, shape in enumerate(SHAPES):
+        pixels = np.zeros(shape, dtype)
+        result = eyes.update(CameraImage(pixels, 0.1 * number, 0.0, number, "test"))
+        assert result.poses == ()
+        if dtype != "u1":
+            assert result.alarms == (Alarm.WRONG_KIND,)
+        elif len(shape) != 2 or 0 in shape or (calibrated and shape != (480, 640)):
+            assert result.alarms == (Alarm.WRONG_SIZE,)
+        else:
+            assert Alarm.DARK in result.alarms
 
 
 def test_black_white_and_frozen_images():

@@ -5,9 +5,10 @@ from __future__ import annotations
 from math import radians
 
 import numpy as np
+import pytest
 
 from lab.vision.flight import VGA
-from mkdaemon.frames import euler_from_rotation
+from mkdaemon.frames import euler_from_rotation, rotation_from_euler
 from mkdaemon.vision.camera.image import CameraImage
 from mkdaemon.vision.tags.tagmap import TagMap
 from mkdaemon.vision.track.attitude import LOOKING_DOWN, AttitudeHistory, AttitudeSample
@@ -21,10 +22,15 @@ PARTS, WHOLES = AGAINST // PARTLY, AGAINST // WHOLE
 """Images that leave it out."""
 
 
+def tell(witness: AttitudeWitness, time: float, off: float, gate: float = GATE, *, is_whole: bool = False) -> bool:
+    """An image in which the attitude's roll is off by so much; the vehicle's nose points east."""
+    return witness.image_seen(time, np.array([off, 0.0, 0.0]), np.eye(3), gate, is_whole=is_whole)
+
+
 def shown(witness: AttitudeWitness, offs: list[float], start: float = 0.0) -> float:
     """Show images in which the attitude is off by so much; returns the time of the next one."""
     for k, off in enumerate(offs):
-        witness.image_seen(start + k * STEP, off, GATE)
+        tell(witness, start + k * STEP, off)
     return start + len(offs) * STEP
 
 
@@ -41,13 +47,13 @@ def test_single_contradictions_leave_the_attitude_in_use() -> None:
 def test_contradictions_far_apart_leave_the_attitude_in_use() -> None:
     witness = AttitudeWitness()
     for k in range(PARTS + 1):
-        witness.image_seen(1.5 * k, WRONG, GATE)
+        tell(witness, 1.5 * k, WRONG)
     assert not witness.contradicts
 
 
 def test_a_lasting_contradiction_is_told_once_with_its_angle() -> None:
     witness = AttitudeWitness()
-    told = [witness.image_seen(k * STEP, WRONG, GATE) for k in range(LOOKS)]
+    told = [tell(witness, k * STEP, WRONG) for k in range(LOOKS)]
     assert told == [k == PARTS - 1 for k in range(LOOKS)]
     assert witness.contradicts
     assert round(witness.off_deg) == 12
@@ -55,15 +61,35 @@ def test_a_lasting_contradiction_is_told_once_with_its_angle() -> None:
 
 def test_images_in_which_nearly_all_edges_agree_leave_it_out_sooner() -> None:
     witness = AttitudeWitness()
-    told = [witness.image_seen(k * STEP, WRONG, GATE, is_whole=True) for k in range(LOOKS)]
+    told = [tell(witness, k * STEP, WRONG, is_whole=True) for k in range(LOOKS)]
     assert told == [k == WHOLES - 1 for k in range(LOOKS)]
     assert WHOLES < PARTS
 
 
 def test_a_deck_that_is_tilted_a_little_too_much_needs_more_images() -> None:
     witness = AttitudeWitness()
-    told = [witness.image_seen(k * STEP, 1.1 * GATE, GATE, is_whole=True) for k in range(LOOKS)]
+    told = [tell(witness, k * STEP, 1.1 * GATE, is_whole=True) for k in range(LOOKS)]
     assert told == [k == PARTS - 1 for k in range(LOOKS)]
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_contradictions_that_do_not_agree_accuse_nobody(seed: int) -> None:
+    """A vibration behind a rolling shutter turns the normal another way in every image."""
+    rng, witness = np.random.default_rng([seed, 0x517]), AttitudeWitness()
+    wobble = np.pad(rng.normal(0.0, WRONG / 2, (75, 2)), ((0, 0), (0, 1)))
+    assert np.count_nonzero(np.linalg.norm(wobble, axis=1) > GATE) > 2 * AGAINST
+    assert not any(witness.image_seen(k * STEP, off, np.eye(3), GATE, is_whole=True) for k, off in enumerate(wobble))
+
+
+@pytest.mark.parametrize("of_vehicle", [False, True])
+def test_contradictions_that_agree_in_the_world_or_on_the_vehicle_leave_it_out(of_vehicle: bool) -> None:
+    """A deck stays while the vehicle yaws by half a turn, a mounting turns with it."""
+    witness = AttitudeWitness()
+    for k in range(LOOKS):
+        enu_from_flu = rotation_from_euler(0.0, 0.0, np.pi * k / LOOKS)
+        off = np.array([WRONG, 0.0, 0.0])
+        witness.image_seen(k * STEP, enu_from_flu @ off if of_vehicle else off, enu_from_flu, GATE)
+    assert witness.contradicts
 
 
 def test_the_attitude_is_taken_up_again_after_it_agreed_and_later_each_time() -> None:

@@ -53,8 +53,6 @@ def shutter(
     if as_json:
         print(json_line({"before": k.line_time, "line_time": line_time, "sd": sd, "stored": store}))
         return
-    before = 1e6 * k.line_time
-    print(
-        f"line time {1e6 * line_time:.2f} +- {1e6 * sd:.2f} us, readout {readout_ms:.1f} ms; the file has {before:.2f}"
-    )
+    before = "none" if k.line_time is None else f"{1e6 * k.line_time:.2f}"
+    print(f"line time {1e6 * line_time:.2f} +- {1e6 * sd:.2f} us, readout {readout_ms:.1f} ms; the file has {before}")
     print(f"stored in {file}" if store else f"nothing written; --store writes it into {file}")

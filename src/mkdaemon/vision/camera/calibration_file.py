@@ -148,7 +148,7 @@ def save_camera(camera: Camera, path: Path, *, overwrite: bool = False) -> None:
         ("calibration", camera.calibration),
     ):
         lines += ["", f"[{title}]"]
-        lines += [f"{key} = {_toml(value)}" for key, value in section]
+        lines += [f"{key} = {_toml(value)}" for key, value in section if value is not None]
     save(path, "\n".join(lines) + "\n", overwrite=overwrite)
 
 

@@ -47,8 +47,9 @@ class Intrinsics(Section):
     """Radial distortion of a fisheye, eighth order."""
     gamma: float = Field(default=1.0, ge=0.5, le=4.0)
     """Tone curve: grey is light to the power 1 / gamma; 1 is a camera that gives light as it is."""
-    line_time: float = Field(default=0.0, ge=0, le=1e-3)
-    """Between the exposures of neighbouring rows, from the top [s]; 0 is a global shutter."""
+    line_time: float | None = Field(default=None, ge=0, le=1e-3)
+    """Between the exposures of neighbouring rows, from the top [s]; 0 is a global shutter. Absent, it is unknown: 0 to
+    60 us, in the uncertainty of every pose until images show it."""
 
     @model_validator(mode="after")
     def _right_coefficients(self) -> Self:

@@ -35,20 +35,20 @@ from mkdaemon.vision.pose.blown import EdgeSides
 from mkdaemon.vision.pose.edgefind import FoundEdges, Samples, find_edges, without_glare
 from mkdaemon.vision.pose.edgemodel import EdgeModel, rows_of, seen_across, spread_evenly
 from mkdaemon.vision.pose.edgestep import EdgeStep
-from mkdaemon.vision.pose.nuisance import Prior, with_bend, with_blown, with_motion, with_shift, with_stretch
+from mkdaemon.vision.pose.linetime import MOTIONS, SeenMotion
+from mkdaemon.vision.pose.nuisance import (
+    Prior,
+    motion_known,
+    with_bend,
+    with_blown,
+    with_motion,
+    with_shift,
+    with_stretch,
+)
 from mkdaemon.vision.pose.pose import Pose, median, turn
 from mkdaemon.vision.pose.prints import sheet_of
 from mkdaemon.vision.pose.projection import NEAR_M, Projection
-from mkdaemon.vision.pose.rolling import (
-    MOTIONS,
-    at_rest,
-    before_motion,
-    cross,
-    exposed,
-    motion_at_rest,
-    motion_jacobian,
-    skew,
-)
+from mkdaemon.vision.pose.rolling import at_rest, before_motion, cross, exposed, motion_at_rest, motion_jacobian, skew
 from mkdaemon.vision.tags.tagmap import Target
 
 Array = npt.NDArray[np.float64]
@@ -332,7 +332,7 @@ class EdgeFit:
         self._bends = np.zeros((0, 0)) if self._sheet is None else self._sheet.terms(self._points)
         self._projection = projection
         self._limits = limits
-        self._line_time = projection.intrinsics.line_time
+        self._shutter = projection.shutter
         self._max_samples = limits.edges.max_samples if max_samples is None else max_samples
 
     def fit(
@@ -353,10 +353,9 @@ class EdgeFit:
         limits = self._limits.edges
         last: EdgeStep | None = None
         edge_px = weighed_px = limits.located_px
-        moved, to_go = np.inf, np.zeros(6)
+        moved, to_go, carried = np.inf, np.zeros(6), 6
         light: UnevenLight | None = None
-        rolls = self._line_time > 0.0 and stretch_sd == 0.0
-        state = self._start(start, rolls=rolls, bends=stretch_sd == 0.0)
+        state = self._start(start, rolls=self._shutter.rolls and stretch_sd == 0.0, bends=stretch_sd == 0.0)
         is_blown = int(pixels.max()) >= self._limits.read.saturated
         for k in range(iterations):
             is_near = k >= len(limits.reach_px) - 2
@@ -390,10 +389,19 @@ class EdgeFit:
         if last is None:
             return None
         fitted = last.pose(state.rotation, state.position, self.model.square, self._limits, state.bent, weighed_px)
-        known, stretch = start.known_motion if rolls else None, state.stretch if stretch_sd > 0.0 else None
         # It has not arrived: how far it would go on is an error, too.
-        covariance = fitted.covariance + np.outer(to_go, to_go)
-        return replace(fitted, covariance=covariance, motion=state.motion, known_motion=known, stretch=stretch)
+        fitted = replace(fitted, covariance=fitted.covariance + np.outer(to_go, to_go))
+        if state.motion is None:
+            return replace(fitted, stretch=state.stretch if stretch_sd > 0.0 else None)
+        seen = self._seen_motion(last, state, start, slice(carried - MOTIONS, carried), edge_px)
+        return replace(fitted, motion=state.motion, known_motion=start.known_motion, seen_motion=seen)
+
+    def _seen_motion(self, last: EdgeStep, at: _State, start: Pose, block: slice, edge_px: float) -> SeenMotion | None:
+        """What the image alone says about the motion, where that tells a line time."""
+        if at.motion is None or self._shutter.is_told:
+            return None
+        asked = motion_known(start, self._limits.edges, self._shutter)
+        return last.seen_motion(self.model.square, self._limits.edges, block, at.motion, asked, edge_px)
 
     def _reach(self, k: int, last: EdgeStep | None) -> float:
         """How far from their place edges are looked for in a step [px]; within less a wide edge has no middle."""
@@ -441,7 +449,7 @@ class EdgeFit:
         carried = samples.jacobian.shape[1]
         if state.motion is not None:
             samples, prior = with_motion(
-                samples, prior, system.start, state.motion, state.position, system.edge_px, limits
+                samples, prior, system.start, state.motion, state.position, system.edge_px, limits, self._shutter
             )
         if edges.blown is not None:
             samples, prior = with_blown(samples, prior, edges.blown, system.edge_px)
@@ -507,7 +515,7 @@ class EdgeFit:
         moved = rest if motion is None else seen[index]
         point, along = projection.jacobian(moved), normals
         if motion is not None:
-            along = at_rest(normals, point, moved, motion, self._line_time)
+            along = at_rest(normals, point, moved, motion, self._shutter.line_time)
         by_point = by_rest = along[:, :1] * point[:, 0] + along[:, 1:] * point[:, 1]
         columns = []
         if motion is not None:

@@ -10,6 +10,7 @@ import numpy.typing as npt
 from mkdaemon.vision.limits import EdgeLimits, Limits
 from mkdaemon.vision.pose.bend import BENT, Bend, BentPrint
 from mkdaemon.vision.pose.edgefind import LEAST_OF_A_KIND, FoundEdges, Samples
+from mkdaemon.vision.pose.linetime import KnownMotion, SeenMotion
 from mkdaemon.vision.pose.nuisance import Prior
 from mkdaemon.vision.pose.pose import Pose, median
 
@@ -179,8 +180,7 @@ class EdgeStep:
         inverse = np.asarray(np.linalg.inv(damped(self.normal)), np.float64)
         # C = (v b + s^2) (J^T W J)^-1: b is what neighbours share by their residuals (blur makes v larger, not b); s is
         # what interpolation leaves and no number of samples averages out.
-        shared = max(self.shared(square[self.samples.index], inverse), 1.0)
-        noise = shared * self.influence_variance + limits.systematic_px**2
+        noise = self._noise(square, inverse, limits)
         bend = None
         if bent is not None:
             # What is known of the bend is no better for edges that are worse than they look.
@@ -215,6 +215,40 @@ class EdgeStep:
             bend=bend,
             known_bend=None if bent is None else bent.known,
         )
+
+    def _noise(self, square: npt.NDArray[np.intp], inverse: Array, limits: EdgeLimits) -> float:
+        """Variance of an edge that a covariance is told with [px^2]."""
+        shared = max(self.shared(square[self.samples.index], inverse), 1.0)
+        return shared * self.influence_variance + limits.systematic_px**2
+
+    def seen_motion(
+        self,
+        square: npt.NDArray[np.intp],
+        limits: EdgeLimits,
+        block: slice,
+        motion: Array,
+        asked: KnownMotion,
+        edge_px: float,
+    ) -> SeenMotion:
+        """What the image alone says about the motion: what the fit was told is taken out of what it found.
+
+        With A the inverse normal matrix of the motion and W its prior: Lambda = A^-1 - W, pull = A^-1 m - W m0.
+
+        Args:
+            square: of the print each sample of the model is in `(m,)`.
+            limits: thresholds.
+            block: where the motion is among the unknowns.
+            motion: found `(4,)`.
+            asked: what the fit was told.
+            edge_px: deviation of a located edge that this was weighed with [px].
+        """
+        inverse = np.asarray(np.linalg.inv(damped(self.normal)), np.float64)
+        found = np.linalg.inv(inverse[block, block])
+        told = (edge_px / asked.spread) ** 2
+        values, axes = np.linalg.eigh(found - np.diag(told))
+        noise = self._noise(square, inverse, limits)
+        information = (axes * np.maximum(values, 0.0)) @ axes.T / noise
+        return SeenMotion(information, (found @ motion - told * asked.expected) / noise)
 
     def _loss(self, size: Array, limits: EdgeLimits) -> float:
         """Loss for rivals: geometric mean of min(r, missed)^2 + least^2.

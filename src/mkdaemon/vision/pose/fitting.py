@@ -30,12 +30,12 @@ from mkdaemon.vision.pose.edgefit import EdgeFit, Level
 from mkdaemon.vision.pose.edgemodel import EdgeModel
 from mkdaemon.vision.pose.edgestep import MAD
 from mkdaemon.vision.pose.gates import BitModel, CellEvidence
+from mkdaemon.vision.pose.linetime import KnownMotion
 from mkdaemon.vision.pose.photofit import PhotoFit
 from mkdaemon.vision.pose.pose import Pose, correlation, median, solve
 from mkdaemon.vision.pose.printmodel import SQUARE, PrintModel
 from mkdaemon.vision.pose.prints import Prints
 from mkdaemon.vision.pose.projection import NEAR_M, Projection
-from mkdaemon.vision.pose.rolling import KnownMotion
 from mkdaemon.vision.tags.cellread import sample
 from mkdaemon.vision.tags.detection import Detection
 from mkdaemon.vision.tags.tagmap import Tag, Target
@@ -218,11 +218,17 @@ DECODED_CELL_PX = 3
 
 
 class TargetFitter:
-    """Measures one target."""
+    """Measures one target.
+
+    Attributes:
+        target: that is measured.
+        shutter: what is known of the camera's line time.
+        bend_known: what is known about the bend of the print.
+    """
 
     def __init__(self, target: Target, projection: Projection, limits: Limits = LIMITS) -> None:
         self.target = target
-        self.rolls = projection.intrinsics.line_time > 0.0
+        self.shutter = projection.shutter
         self._projection = projection
         self._limits = limits
         self._edges = EdgeFit(target, projection, limits=limits)

@@ -16,9 +16,10 @@ from mkdaemon.vision.limits import EdgeLimits
 from mkdaemon.vision.pose.bend import BentPrint
 from mkdaemon.vision.pose.blown import Blown
 from mkdaemon.vision.pose.edgefind import Samples
+from mkdaemon.vision.pose.linetime import MOTIONS, KnownMotion, Shutter
 from mkdaemon.vision.pose.pose import Pose
 from mkdaemon.vision.pose.projection import Projection
-from mkdaemon.vision.pose.rolling import MOTIONS, motion_at_rest, skew
+from mkdaemon.vision.pose.rolling import motion_at_rest, skew
 
 Array = npt.NDArray[np.float64]
 Prior = tuple[Array, Array]
@@ -94,6 +95,7 @@ def with_motion(
     position: Array,
     edge_px: float,
     limits: EdgeLimits,
+    shutter: Shutter,
 ) -> tuple[Samples, Prior]:
     """The motion m under a rolling shutter, whose columns J has, and the angular acceleration a meanwhile.
 
@@ -110,11 +112,12 @@ def with_motion(
         position: of the target `(3,)` [m; RDF].
         edge_px: deviation of a located edge [px].
         limits: how far a motion is known.
+        shutter: what is known of the line time.
     """
-    expected, spread = motion_known(start, limits)
-    weight = (edge_px / np.concatenate([spread, beyond_sd(limits)])) ** 2
+    known = motion_known(start, limits, shutter)
+    weight = (edge_px / np.concatenate([known.spread, beyond_sd(limits, shutter)])) ** 2
     beyond = beyond_motion(samples.jacobian[:, -MOTIONS:], samples.jacobian, samples.times, position)
-    grown = _grown(prior, weight, weight * np.concatenate([expected - motion, np.zeros(BEYOND)]))
+    grown = _grown(prior, weight, weight * np.concatenate([known.expected - motion, np.zeros(BEYOND)]))
     return replace(samples, jacobian=np.hstack([samples.jacobian, beyond])), grown
 
 
@@ -134,17 +137,18 @@ def beyond_motion(by_motion: Array, by_place: Array, times: Array, position: Arr
     return np.hstack([rates * (times[:, None] / 2), slide])
 
 
-def beyond_sd(limits: EdgeLimits) -> Array:
-    """How far that is known `(5,)`."""
-    return np.array([limits.acceleration_sd] * 3 + [limits.unknown_speed] * 2)
+def beyond_sd(limits: EdgeLimits, shutter: Shutter) -> Array:
+    """How far that is known `(5,)`, times the line time over the nominal one; of an acceleration twice."""
+    scale = shutter.scale
+    return np.array([limits.acceleration_sd * scale**2] * 3 + [limits.unknown_speed * scale] * 2)
 
 
-def motion_known(start: Pose, limits: EdgeLimits) -> tuple[Array, Array]:
-    """The motion expected and its deviation, `(4,)` each, before a fit looks at the image."""
+def motion_known(start: Pose, limits: EdgeLimits, shutter: Shutter) -> KnownMotion:
+    """What is known of the motion before a fit looks at the image."""
     known = start.known_motion
     if known is None:
-        return motion_at_rest(), np.array([limits.turning_sd] * 3 + [limits.climbing_sd])
-    return known.expected, known.spread
+        known = KnownMotion(motion_at_rest(), np.array([limits.turning_sd] * 3 + [limits.climbing_sd]))
+    return shutter.motion(known)
 
 
 def _grown(prior: Prior, weight: Array, pull: Array) -> Prior:

@@ -66,7 +66,7 @@ class PhotoFit:
         self._limits = limits
         self.prints = Prints(target, projection, limits)
         self._stepper = PhotoStepper(projection, limits)
-        self._rolls = projection.intrinsics.line_time > 0.0
+        self._shutter = projection.shutter
 
     def fit(
         self,
@@ -90,7 +90,7 @@ class PhotoFit:
             for this method, or does not resemble the image where the fit starts.
         """
         motion = None
-        if self._rolls:
+        if self._shutter.rolls:
             motion = start.motion if start.motion is not None else motion_at_rest()
         at = PhotoState(start.rotation, start.position, blur_px**2 * np.eye(2), motion, self.prints.rise_of(start))
         seen = self.prints.seen(at.rotation, at.position, pixels.shape)
@@ -205,7 +205,7 @@ class PhotoFit:
         """
         limits, whole = self._limits, self._limits.agreement.whole
         cell_px = self.prints.cell_px(pose)
-        if self._rolls or pose.source != "edges" or cell_px > limits.cells.small_px or pose.inliers < whole:
+        if self._shutter.rolls or pose.source != "edges" or cell_px > limits.cells.small_px or pose.inliers < whole:
             return pose
         grey = self.fit(pixels, pose)
         if grey is None or not self.explains(grey):

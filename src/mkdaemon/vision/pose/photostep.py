@@ -25,13 +25,14 @@ from mkdaemon.vision.limits import Limits, ReadLimits
 from mkdaemon.vision.pose.bend import RISES, Bend
 from mkdaemon.vision.pose.edgefit import Level
 from mkdaemon.vision.pose.edgestep import MAD, damped
+from mkdaemon.vision.pose.linetime import MOTIONS
 from mkdaemon.vision.pose.nuisance import BEYOND, beyond_motion, beyond_sd, motion_known
 from mkdaemon.vision.pose.pointspread import BOX
 from mkdaemon.vision.pose.pose import Pose, correlation, median
 from mkdaemon.vision.pose.printimage import PrintSamples
 from mkdaemon.vision.pose.printmodel import PrintModel
 from mkdaemon.vision.pose.projection import Projection
-from mkdaemon.vision.pose.rolling import MOTIONS, at_rest, at_times, before_motion, cross, motion_jacobian
+from mkdaemon.vision.pose.rolling import at_rest, at_times, before_motion, cross, motion_jacobian
 
 Array = npt.NDArray[np.float64]
 Grey = npt.NDArray[np.uint8]
@@ -365,7 +366,7 @@ class PhotoStepper:
 
     def __init__(self, projection: Projection, limits: Limits) -> None:
         self._projection, self._limits = projection, limits
-        self._line_time = projection.intrinsics.line_time
+        self._shutter = projection.shutter
 
     def step(
         self,
@@ -432,7 +433,7 @@ class PhotoStepper:
         if state.motion is None:
             return residual, np.zeros(0)
         rows = jacobian[np.r_[BENDS, LIGHT, BENDS.stop : rises.start]]
-        spread = np.concatenate([beyond_sd(self._limits.edges), np.full(len(rows) - BEYOND, np.inf)])
+        spread = np.concatenate([beyond_sd(self._limits.edges, self._shutter), np.full(len(rows) - BEYOND, np.inf)])
         anew = asked_anew(residual, rows, spread, self._limits.photo.outlier)
         residual -= anew @ rows
         return residual, anew[:BEYOND]
@@ -503,12 +504,12 @@ class PhotoStepper:
         arm = (rotation @ axes[:, :2] @ place + (rotation @ model.origin)[:, None]).T
         seen, times = arm + state.position, np.zeros(len(arm))
         if motion is not None:
-            times = (at.row - (self._projection.intrinsics.height - 1) / 2) * self._line_time
+            times = (at.row - (self._projection.intrinsics.height - 1) / 2) * self._shutter.line_time
             seen = at_times(seen, motion, times)
         point = self._projection.jacobian(seen)
         along = np.stack([at.dx, at.dy]).T
         if motion is not None:
-            along = at_rest(along, point, seen, motion, self._line_time)
+            along = at_rest(along, point, seen, motion, self._shutter.line_time)
         # Pose: a print that moves by d shows at a pixel what was d before it, dI = -dI/dm grad(m) . du; a turn w moves
         # a point at `arm` by w x arm.
         slope = -lit.contrast[:, None] * (along[:, :1] * point[:, 0] + along[:, 1:] * point[:, 1])
@@ -539,10 +540,10 @@ class PhotoStepper:
             tilt = np.cross(state.rotation[:, 2], level.up)
             surprise += float(tilt @ tilt) / level.spread**2
         if state.motion is not None:
-            expected, spread = motion_known(start, self._limits.edges)
+            known = motion_known(start, self._limits.edges, self._shutter)
             # Of what the motion lacks the residual holds no more than is beside `bends`.
-            spread = np.concatenate([spread, beyond_sd(self._limits.edges)])
-            off = np.concatenate([expected - state.motion, -bends])
+            spread = np.concatenate([known.spread, beyond_sd(self._limits.edges, self._shutter)])
+            off = np.concatenate([known.expected - state.motion, -bends])
             unknown = slice(MOTION.start, BENDS.stop)
             weight = noise / spread**2
             prior[unknown, unknown] = np.diag(weight)

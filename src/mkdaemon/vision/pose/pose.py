@@ -16,8 +16,9 @@ import numpy as np
 import numpy.typing as npt
 
 from mkdaemon.vision.pose.bend import Bend
+from mkdaemon.vision.pose.linetime import KnownMotion, SeenMotion
 from mkdaemon.vision.pose.projection import NEAR_M, Projection
-from mkdaemon.vision.pose.rolling import KnownMotion, skew
+from mkdaemon.vision.pose.rolling import skew
 from mkdaemon.vision.tags.detection import Detection
 from mkdaemon.vision.tags.tagmap import SAME_HEIGHT_M, Tag
 
@@ -62,6 +63,7 @@ class Pose:
         blown: share of the edges whose bright side is blown.
         motion: of the camera while its rows were read `(4,)`, where the fit asked; see `rolling`.
         known_motion: what was known about it before the fit.
+        seen_motion: what the image alone says about it, where the line time is not told.
         bend: of the print, where the fit asked.
         known_bend: what was known about it before the fit.
         stretch: logarithm of the ratio of the focal lengths over the calibrated one, where the fit was free to ask.
@@ -88,6 +90,7 @@ class Pose:
     blown: float = 0.0
     motion: Array | None = None
     known_motion: KnownMotion | None = None
+    seen_motion: SeenMotion | None = None
     bend: Bend | None = None
     known_bend: Bend | None = None
     stretch: float | None = None

@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from mkdaemon.vision.camera.intrinsics import Intrinsics
+from mkdaemon.vision.pose.linetime import Shutter
 
 Array = npt.NDArray[np.float64]
 
@@ -172,13 +173,26 @@ NEAR_M = 0.02
 
 
 class Projection:
-    """A camera: its lens, then focal lengths and principal point. Source: OpenCV camera model."""
+    """A camera: its lens, then focal lengths and principal point. Source: OpenCV camera model.
 
-    def __init__(self, intrinsics: Intrinsics) -> None:
+    Args:
+        intrinsics: its calibration.
+        shutter: that learns; what the calibration says where absent, a global one where that says nothing: stills.
+
+    Attributes:
+        intrinsics: its calibration.
+        focal: focal lengths `(2,)` [px].
+        centre: principal point `(2,)` [px].
+        is_distorted: whether the lens bends directions.
+        shutter: what is known of its line time.
+    """
+
+    def __init__(self, intrinsics: Intrinsics, shutter: Shutter | None = None) -> None:
         self.intrinsics = intrinsics
         self.focal = np.array([intrinsics.fx, intrinsics.fy])
         self.centre = np.array([intrinsics.cx, intrinsics.cy])
         self.is_distorted = intrinsics.model == "fisheye" or bool(np.any(intrinsics.distortion != 0.0))
+        self.shutter = shutter or Shutter(intrinsics.line_time or 0.0)
         self._lens = lens_of(intrinsics)
         self._r2_limit = self._lens.r2_limit if self.is_distorted else np.inf
 

@@ -7,33 +7,18 @@ turn and is part of w; motion along it looks like a tilt, which an image alone h
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
+from mkdaemon.vision.pose.linetime import MOTIONS
 from mkdaemon.vision.pose.projection import Projection
 
 Array = npt.NDArray[np.float64]
 
-MOTIONS: Final = 4
-"""Unknowns: w [rad/s], then s [m/s]."""
 ROUNDS: Final = 2
 """A point's row says when it is exposed, and that where it is: so often."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class KnownMotion:
-    """What is known about the motion before the image is looked at.
-
-    Attributes:
-        expected: angular rate [rad/s] and speed along the axis [m/s] `(4,)`.
-        spread: standard deviation of each `(4,)`.
-    """
-
-    expected: Array
-    spread: Array
 
 
 def motion_of(place: Array, speed: Array, turning: Array) -> Array:
@@ -69,7 +54,7 @@ def exposed(points: Array, motion: Array, projection: Projection) -> tuple[Array
     times = np.zeros(len(points))
     for _ in range(ROUNDS):
         pixels, _ = projection.project(moved)
-        times = (np.clip(pixels[:, 1], 0.0, intrinsics.height - 1.0) - middle) * intrinsics.line_time
+        times = (np.clip(pixels[:, 1], 0.0, intrinsics.height - 1.0) - middle) * projection.shutter.line_time
         moved = at_times(points, motion, times)
     return moved, times
 

@@ -88,7 +88,7 @@ class EvidenceMaker:
         apart = np.linalg.norm(centres - centres[0], axis=1).max()
         self.is_spread = bool(apart > APART * target.tags[0].size)
         self.sheet = sheet_of(target)
-        self._rolls = projection.intrinsics.line_time > 0.0
+        self._shutter = projection.shutter
 
     @property
     def unknown_sizes(self) -> int:
@@ -109,7 +109,7 @@ class EvidenceMaker:
         offsets = edges.offsets if pose.bend is None else edges.offsets + edges.by_rise @ pose.bend.mean
         crossed = np.abs(edges.normals).min(axis=1) * self._size[edges.index] * self._px_per_m(pose)
         shared = ALIGNED_PX**2 / (1.0 + crossed**2) + (SHIFTED * pose.shift_px) ** 2
-        if self._rolls:
+        if self._shutter.rolls:
             shared += ROLLING_PX**2
         weights = _weights(np.column_stack([shifted, columns]), offsets, edges, shared)
         weighted = shifted * weights[:, None]

@@ -2,6 +2,12 @@
 
 Lens, sizes, mounting, deck and scale of the attitude, estimated together from what images and attitude say.
 
+What tells a wrong print or focal length where there is no barometer, 2 % of it in flights of docs/accuracy.md: two tags
+whose ratio the file knows tell the size of one against the other to 0.2 %, in every descent; the foreshortening of a
+tag that is seen at a slant, against itself from several ranges, the focal length to 0.5 %, in 17 descents of 22, to
+1.4 % behind a webcam. A print whose sizes are all wrong by one factor looks like one that is farther away, from every
+range: nothing in the images tells it.
+
 The unknowns: the turn of the mounting about body forward, left, up [rad], the horizontal part of the target's normal,
 east and north, the share by which the vehicle reports too much tilt; then those of the images (`ImageEvidence`).
 A mounting turns with the vehicle, a deck does not: without yaw only their sum is seen, and the deviations say so. What

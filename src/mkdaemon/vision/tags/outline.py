@@ -1,12 +1,12 @@
 """A search for tags with things lying on them: four lines of a broken outline, and the cells that can still be read.
 
 libapriltag wants an unbroken quad. Here a dark blob's outline is cut into straight pieces, pieces of one line are put
-together, and every four lines that could bound a black square are tried; in a highlight, where one side may be gone,
-three too. What can be read of their cells has to agree with a code beyond chance (`coderead.py`).
+together, and every four lines that could bound a black square are tried; where no four are whole, three
+too. What can be read of their cells has to agree with a code beyond chance (`coderead.py`).
 
-Three sides of a black square that a highlight opens: two whole corners and the ways of three sides leave one unknown,
-how far away the fourth side is. The lines between the cells tell it, whatever the code is: at the right distance they
-lie where the image has steps, and none lie amid cells.
+Three sides of a black square whose fourth a highlight opens, or a hand, foot or shoe lies over: two whole corners and
+the ways of three sides leave one unknown, how far away the fourth side is. The lines between the cells tell it,
+whatever the code is: at the right distance they lie where the image has steps, and none lie amid cells.
 """
 
 from __future__ import annotations
@@ -169,9 +169,9 @@ class OutlineSearch:
         side, rise = OUTLINE.highlight_box_px, OUTLINE.min_contrast
         even = cv2.adaptiveThreshold(pixels, 255, cv2.ADAPTIVE_THRESH_MEAN_C, cv2.THRESH_BINARY_INV, side, -rise)
         dark = np.where(pixels < LIMITS.read.saturated, even, 0)
-        return self._read(pixels, np.asarray(dark, dtype=np.uint8), stage, is_open=True)
+        return self._read(pixels, np.asarray(dark, dtype=np.uint8), stage)
 
-    def _read(self, pixels: Grey, dark: Grey, stage: Stage, *, is_open: bool = False) -> list[Detection]:
+    def _read(self, pixels: Grey, dark: Grey, stage: Stage) -> list[Detection]:
         """The codes inside of dark outlines; of quads around the same tag the sharpest."""
         outlines, _ = cv2.findContours(dark, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
         least = 3 * OUTLINE.min_side_px  # three sides
@@ -180,7 +180,7 @@ class OutlineSearch:
         large = sorted(hulls, key=lambda pair: -pair[0])[:MAX_BLOBS]
         found: dict[tuple[str, int], Detection] = {}
         for around, outline in large:
-            for quad in self._quads_of(pixels, outline, around, is_open=is_open):
+            for quad in self._quads_of(pixels, outline, around):
                 read = self._reader.read(pixels, quad, stage)
                 if read is None:
                     continue
@@ -190,7 +190,7 @@ class OutlineSearch:
                 break
         return list(found.values())
 
-    def _quads_of(self, pixels: Grey, outline: Ints, around: float, *, is_open: bool) -> Iterator[Array]:
+    def _quads_of(self, pixels: Grey, outline: Ints, around: float) -> Iterator[Array]:
         """Quads that an outline may belong to, the likeliest first; `around` is the length of its hull [px]."""
         lines = lines_of(outline)
         if sum(line.length for line in lines) < OUTLINE.min_support * HULL_SHARE * around:
@@ -198,7 +198,7 @@ class OutlineSearch:
         sides = facing(lines)
         rated = _quads(lines, sides)
         yield from (quad for _, quad in rated)
-        if is_open and not (rated and rated[0][0] >= OUTLINE.whole_support):
+        if not (rated and rated[0][0] >= OUTLINE.whole_support):
             yield from open_quads(pixels, lines, sides, self._reader.sizes)
 
 

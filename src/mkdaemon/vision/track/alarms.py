@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from statistics import median
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -31,8 +32,10 @@ class ImageHealth:
         self._residuals: deque[float] = deque(maxlen=DRIFT_FITS)
         self._blur: deque[float] = deque(maxlen=BLUR_FITS)
 
-    def check(self, pixels: Grey) -> list[Alarm]:
-        """Alarms of one image `(h, w)` uint8."""
+    def check(self, pixels: npt.NDArray[Any]) -> list[Alarm]:
+        """Alarms of one image, which ought to be `(h, w)` uint8; of another kind or size, that alone."""
+        if pixels.dtype != np.uint8:
+            return [Alarm.WRONG_KIND]
         if pixels.ndim != 2 or pixels.size == 0 or (self._shape is not None and pixels.shape != self._shape):
             return [Alarm.WRONG_SIZE]
         limits = LIMITS.health

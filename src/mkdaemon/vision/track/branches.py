@@ -4,6 +4,14 @@ A pose and its mirror image explain one image of a small tag nearly as well. Eac
 every image adds what its residuals say for or against, in odds, and what inertia says about which of the new candidates
 is the old one. A branch that has won stays chosen without asking every image anew.
 
+All three things that may become of a branch are densities of the place z from which a candidate sees the target, so
+that they compare whatever the range and however long nothing was seen:
+
+* it is joined: N(z; course, S), S the covariance of both;
+* it is missed, because the fit is wrong: the share of its points that disagrees, at least `LEAST_WRONG`, times a
+  density that is even over what a fit misses by;
+* the target has left the course, which begins anew: `LEAVES` times the same density.
+
 Source: multiple hypothesis tracking, Reid, IEEE TAC 24(6), 1979.
 """
 
@@ -11,6 +19,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from math import log
 
 import numpy as np
 import numpy.typing as npt
@@ -26,6 +35,12 @@ Array = npt.NDArray[np.float64]
 BRANCHES = LIMITS.branches
 KEPT = 6
 """Branches that are followed: a pose, its mirror image and neither, each seen in the newest image or missed in it."""
+SCATTER = 0.1
+"""Deviation of a place that a wrong fit gives, of the range: six degrees of tilt."""
+LEAST_WRONG = 0.01
+"""Probability that a fit is wrong though all its points agree: a smeared view, a saddle between both readings."""
+LEAVES = 0.001
+"""Probability that a target leaves its course from one image to the next, once in half a minute."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,18 +68,19 @@ class Branch:
     def next(self, time: float, candidates: Sequence[Pose], together: Sequence[float]) -> list[Branch]:
         """Everything that may have become of this branch in a new image; `together` of every candidate."""
         prior = self.course.predict_at(time)
-        costs = [prior.mahalanobis2(pose) / 2 for pose in candidates]
         likeliest = min(candidates, key=lambda pose: pose.loss)
         found = []
-        for pose, cost, against_it in zip(candidates, costs, together, strict=True):
-            leaps = cost > BRANCHES.jump
-            course = Course.begin(time, pose, prior.psd) if leaps else prior.correct(pose)
+        for pose, against_it in zip(candidates, together, strict=True):
+            anywhere = -3.0 * log(SCATTER * pose.range_m)
+            joins, leaps = prior.log_density(pose), log(LEAVES) + anywhere
+            course = prior.correct(pose) if joins > leaps else Course.begin(time, pose, prior.psd)
             against = _evidence(likeliest, pose)
-            weight = self.weight - against - min(cost, BRANCHES.jump)
+            weight = self.weight - against + max(joins, leaps)
             found.append(Branch(course, prior, pose, weight, against=against, together=against_it))
-        k = int(np.argmin(costs))
-        weight = self.weight - BRANCHES.miss
-        return [*found, Branch(prior, prior, candidates[k], weight, missed=True, together=together[k])]
+        k = max(range(len(candidates)), key=lambda j: prior.log_density(candidates[j]))
+        nearest = candidates[k]
+        misses = log(max(1.0 - nearest.inliers, LEAST_WRONG)) - 3.0 * log(SCATTER * nearest.range_m)
+        return [*found, Branch(prior, prior, nearest, self.weight + misses, missed=True, together=together[k])]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -171,13 +187,15 @@ def _prune(found: list[Branch]) -> tuple[Branch, ...]:
     """The likeliest few that differ, their weights against the best; other answers come before more of the same.
 
     Histories of one answer may be more than are kept. What they crowd out would count as impossible: a branch would be
-    believed because nobody followed its rival, or a target that leapt off every course would never be joined again.
+    believed because nobody followed its rival, or a target that leapt off every course would never be joined again. So
+    answers that the newest image gave come before those that missed it: histories that drift apart are answers each,
+    and six of them that miss image after image would leave no place for one that joins.
     """
     top = max(branch.weight for branch in found)
     lost = top - BRANCHES.certain
     order = sorted((b for b in found if b.weight > lost or not b.missed), key=lambda branch: -branch.weight)
     answers: list[Branch] = []
-    for branch in order:
+    for branch in sorted(order, key=lambda branch: branch.missed):
         if all(_apart(branch, other) > BRANCHES.same_direction for other in answers):
             answers.append(branch)
     kept = answers[:KEPT]

@@ -97,6 +97,13 @@ class Course:
         error = centre - self.centre
         return float(error @ np.linalg.solve(self.covariance[:3, :3] + spread, error))
 
+    def log_density(self, pose: Pose) -> float:
+        """Logarithm of the density of a pose's place by this course [1/m^3], without the constant 3 / 2 ln(2 pi)."""
+        centre, spread = _lens_place(pose)
+        error, both = centre - self.centre, self.covariance[:3, :3] + spread
+        distance2 = float(error @ np.linalg.solve(both, error))
+        return -(distance2 + float(np.linalg.slogdet(both)[1])) / 2.0
+
     def correct(self, pose: Pose) -> Course:
         """The course after a pose: a Kalman update, K = P H^T (H P H^T + R)^-1, H taking the position."""
         centre, spread = _lens_place(pose)

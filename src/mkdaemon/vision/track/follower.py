@@ -6,12 +6,14 @@ tilt, so what near ones showed is carried on and forgotten slowly.
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from itertools import chain, tee
 from math import exp
 from typing import Final
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -22,8 +24,10 @@ from mkdaemon.vision.pose.ambiguity import Choice, prefers
 from mkdaemon.vision.pose.bend import Bend
 from mkdaemon.vision.pose.carry import Carrier
 from mkdaemon.vision.pose.fitting import TargetFitter
+from mkdaemon.vision.pose.linetime import MOTIONS, KnownMotion, Shutter
 from mkdaemon.vision.pose.pose import Pose
 from mkdaemon.vision.pose.projection import Projection
+from mkdaemon.vision.pose.rolling import motion_of
 from mkdaemon.vision.tags.detection import Detection
 from mkdaemon.vision.tags.detector import Detector
 from mkdaemon.vision.tags.tagmap import Tag, Target
@@ -118,6 +122,41 @@ class LearnedBend:
         self._last, self._time = self._prior if is_moved else pose.bend, time
 
 
+RATE_SD: Final = 0.1
+"""Deviation of the motion in an image from its mean between the images beside it, each axis [rad/s] and [m/s]."""
+BESIDE: Final = 0.05
+"""Farthest that images beside another one are from it [s]."""
+
+
+class RowsWatch:
+    """Tells a shutter how the camera moved while it read an image, from where the images beside it see the target.
+
+    Args:
+        shutter: of the camera.
+    """
+
+    def __init__(self, shutter: Shutter) -> None:
+        self._shutter = shutter
+        self._found: deque[tuple[float, Pose]] = deque(maxlen=3)
+
+    def pose_found(self, time: float, pose: Pose) -> None:
+        """Take in a published pose; the one before lies between two others then."""
+        if not self._shutter.is_open:
+            return
+        self._found.append((time, pose))
+        if len(self._found) < 3:
+            return
+        (start, before), (middle, between), (end, after) = self._found
+        if not (0.0 < middle - start < BESIDE and 0.0 < end - middle < BESIDE) or between.seen_motion is None:
+            return
+        # P' = -w x P + s e for the target's place P: what is seen of both is one. The turn about the sight is apart.
+        turned = -np.asarray(cv2.Rodrigues(after.rotation @ before.rotation.T)[0], dtype=np.float64).ravel()
+        sight = between.position / between.range_m
+        turning, speed = (turned @ sight) * sight / (end - start), (after.position - before.position) / (end - start)
+        known = KnownMotion(motion_of(between.position, speed, turning), np.full(MOTIONS, RATE_SD))
+        self._shutter.learn(known, between.seen_motion)
+
+
 Way = tuple[FoundBy, Pose]
 Start = tuple[FoundBy, Pose, Iterator[Pose]]
 """How it was found, where a fit begins, and the starts that are left to it where few edges agree."""
@@ -174,7 +213,7 @@ class Starts:
         Under a rolling shutter a climb looks like a tilt, and does not change the range half way through the image. A
         fit that few edges agree with may have taken them for their neighbours, and its range says nothing.
         """
-        if not self._fitter.rolls or self._track.has_velocity:
+        if not self._fitter.shutter.rolls or self._track.has_velocity:
             return start
         found = self._fitter.refine(seen.pixels, start)
         if found is None or found.inliers < self._limits.agreement.blind:
@@ -214,6 +253,7 @@ class Follower:
         self._cfg, self._limits = cfg, limits
         self._fitter = TargetFitter(target, projection, limits)
         self._bend = LearnedBend(self._fitter.bend_known)
+        self._rows = RowsWatch(self._fitter.shutter)
         self._starts = Starts(self._fitter, Carrier(target, projection, limits), self.track, mounting, limits)
         self._checks = Checks(self._fitter, self.track, cfg, mounting, limits)
         self.judge = Judge(self._checks)
@@ -289,17 +329,13 @@ class Follower:
         Returns:
             Whether the attitude is left out from this image on, and was not before.
         """
-        level, limits = self._checks.level, self._limits.judge
         published = next((found.pose for found in frame.poses if found.target == self.name), None)
         pose = published or frame.contradicting.get(self.name)
-        tilt = level.tilt(reported, pose) if pose is not None else None
-        if pose is None or tilt is None:
+        turned = self._checks.level.turned(reported, pose) if pose is not None else None
+        if pose is None or turned is None or reported.enu_from_flu is None:
             return False
-        off, gate = tilt, level.gate(reported, pose)
-        lean = level.lean(reported, pose)
-        if lean > limits.most_lean:
-            off, gate = max(lean, tilt), limits.most_lean
-        return witness.image_seen(reported.time, off, gate, is_whole=self._checks.is_whole(pose))
+        is_whole = self._checks.is_whole(pose)
+        return witness.image_seen(reported.time, turned[0], reported.enu_from_flu, turned[1], is_whole=is_whole)
 
     def start_alone(self, frame: Frame) -> None:
         """Start from an image whose attitude was left out after it had refused what the image shows."""
@@ -434,6 +470,7 @@ class Follower:
     def _publish(self, frame: Frame, choice: Choice, mode: FoundBy) -> None:
         self._accept(frame, choice.pose)
         self._bend.learn(frame.sight.time, choice.pose)
+        self._rows.pose_found(frame.sight.time, choice.pose)
         frame.refused.pop(self.name, None)
         frame.contradicting.pop(self.name, None)
         self._health.note(choice.pose, self._fitter.side_px(choice.pose))

@@ -227,11 +227,21 @@ class LevelKnowledge:
         expected = self._expected(seen)
         return None if expected is None else _between(pose.rotation[:, 2], expected)
 
-    def lean(self, seen: Sight, pose: Pose) -> float:
-        """Angle between the normal of a pose and the vertical, whatever was learned [rad]; 0 where nothing is known."""
+    def turned(self, seen: Sight, pose: Pose) -> tuple[Array, float] | None:
+        """How the normal of a pose is turned from the one expected, and how far that is believed.
+
+        From the vertical where the pose leans farther than a level target does, whatever was learned of its deck.
+
+        Returns:
+            Rotation vector `(3,)` [rad; ENU] and the largest angle that is believed [rad]; none where nothing is known.
+        """
         if seen.enu_from_flu is None or self._mounting is None:
-            return 0.0
-        return _between(pose.rotation[:, 2], (seen.enu_from_flu @ self._mounting.flu_from_cam)[2])
+            return None
+        normal = seen.enu_from_flu @ self._mounting.flu_from_cam @ pose.rotation[:, 2]
+        turned, leaning = (_turn(known, normal) for known in (self._deck.normal(seen.enu_from_flu), UP))
+        if float(np.linalg.norm(leaning)) > self._limits.most_lean:
+            return max(leaning, turned, key=np.linalg.norm), self._limits.most_lean
+        return turned, self.gate(seen, pose)
 
     def log_odds(self, seen: Sight, first: Pose, second: Pose) -> float:
         """How much likelier the attitude makes one pose than another [nats]; 0 where nothing is known."""
@@ -309,6 +319,17 @@ class LevelKnowledge:
     def _deck_sd(self, seen: Sight) -> float:
         """Deviation of how the target lies by the attitude of an image [rad]; the prior's without one."""
         return self._deck.sd(seen.time, seen.enu_from_flu) if seen.enu_from_flu is not None else PRIOR_SD
+
+
+UP: Final = np.array([0.0, 0.0, 1.0])
+
+
+def _turn(start: Array, end: Array) -> Array:
+    """Rotation vector from one direction to another `(3,)` [rad]."""
+    axis = skew(start) @ end
+    sine = float(np.linalg.norm(axis))
+    turned: Array = axis * (_between(start, end) / sine) if sine > 0.0 else axis
+    return turned
 
 
 def _between(a: Array, b: Array) -> float:

@@ -8,8 +8,9 @@ import numpy as np
 import numpy.typing as npt
 
 from mkdaemon.vision.limits import LIMITS
+from mkdaemon.vision.pose.linetime import KnownMotion
 from mkdaemon.vision.pose.pose import Pose, angle_between
-from mkdaemon.vision.pose.rolling import KnownMotion, motion_of
+from mkdaemon.vision.pose.rolling import motion_of
 from mkdaemon.vision.track.attitude import Mounting, Turning
 from mkdaemon.vision.track.branches import Branches
 

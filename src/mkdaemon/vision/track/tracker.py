@@ -7,12 +7,15 @@ everything else is a refusal with its reason.
 
 from __future__ import annotations
 
+from typing import Final
+
 from mkdaemon.config.vision import DetectorSection, TrackerSection
 from mkdaemon.telemetry.vision import Alarm
 from mkdaemon.vision.camera.image import CameraImage
 from mkdaemon.vision.camera.intrinsics import Intrinsics
 from mkdaemon.vision.camera.tone import in_light
 from mkdaemon.vision.limits import LIMITS, Limits
+from mkdaemon.vision.pose.linetime import Shutter
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.tags.cover import covered_cells
 from mkdaemon.vision.tags.detection import Detection
@@ -27,6 +30,9 @@ from mkdaemon.vision.track.level import Sight
 from mkdaemon.vision.track.result import VisionResult
 from mkdaemon.vision.track.witness import AttitudeWitness
 
+UNUSABLE: Final = frozenset({Alarm.WRONG_SIZE, Alarm.WRONG_KIND, Alarm.FROZEN})
+"""Alarms of images that nothing is looked for in."""
+
 
 class Tracker:
     """Finds and follows the targets of one camera.
@@ -37,6 +43,7 @@ class Tracker:
         detector: searches the images.
         followers: one for each target; empty without intrinsics.
         witness: whether the images believe the vehicle's attitude.
+        shutter: what is known of the line time; none without intrinsics.
     """
 
     def __init__(
@@ -56,8 +63,10 @@ class Tracker:
         self._health = ImageHealth(*((intrinsics.width, intrinsics.height) if intrinsics is not None else (None, None)))
         self.witness = AttitudeWitness()
         self.followers: tuple[Follower, ...] = ()
+        self.shutter: Shutter | None = None
         if intrinsics is not None:
-            projection = Projection(intrinsics)
+            self.shutter = Shutter(intrinsics.line_time, intrinsics.height / 2 * intrinsics.fx)
+            projection = Projection(intrinsics, self.shutter)
             self.followers = tuple(
                 Follower(target, projection, self.detector, self._health, mounting, self._cfg, limits)
                 for target in tagmap.targets
@@ -75,9 +84,11 @@ class Tracker:
             Tags, poses, alarms and refusals; never raises on account of an image.
         """
         alarms = self._health.check(image.pixels)
-        if Alarm.WRONG_SIZE in alarms or Alarm.FROZEN in alarms:
+        if not UNUSABLE.isdisjoint(alarms):
             self.reset()
             return VisionResult(image.camera, image.sequence, image.captured_at, (), (), tuple(alarms))
+        if self.shutter is not None and self.shutter.is_open:
+            alarms.append(Alarm.LINE_TIME)
         reported = self._sight(image, attitude)
         self.witness.time_passed(image.captured_at)
         frame = Frame(image, reported.without_attitude() if self.witness.contradicts else reported)
