@@ -12,6 +12,7 @@ import signal
 import sys
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
+from functools import cache
 from typing import Final, NamedTuple, NoReturn
 
 from cyclopts import App, CycloptsError, Group, MissingArgumentError, Parameter, UnusedCliTokensError
@@ -70,10 +71,10 @@ def build(name: str, about: str, table: Iterable[CommandEntry], *, chosen: str =
         group_commands=Group("Help"),
         default_parameter=Parameter(negative=()),  # no `--no-json` beside every `--json`
     )
-    groups: dict[str, Group] = {}
+    headings = list(dict.fromkeys(entry.group for entry in table))
     for number, entry in enumerate(table):
         if importlib.util.find_spec(entry.target.partition(":")[0]) is not None:
-            group = groups.setdefault(entry.group, Group(entry.group, sort_key=number))
+            group = _group(entry.group, headings.index(entry.group))
             line = None if entry.name == chosen else _flowing(entry.help) if is_list else entry.help
             app.command(entry.target, name=entry.name, help=line, group=group, sort_key=number)
     if chosen == COMPLETION:
@@ -83,6 +84,12 @@ def build(name: str, about: str, table: Iterable[CommandEntry], *, chosen: str =
     for flag in (*app.help_flags, *app.version_flags):
         app[flag].show = False  # whoever reads the help has found them
     return app
+
+
+@cache
+def _group(heading: str, place: int) -> Group:
+    """One object a heading: a program that is made twice shares the commands that have been imported, and theirs."""
+    return Group(heading, sort_key=place)
 
 
 def _flowing(text: str) -> str:
