@@ -7,8 +7,8 @@ import tomllib
 import pytest
 
 from mkdaemon.cli.mkdaemon import extraprograms
-from mkdaemon.cli.mkdaemon.app import COMMANDS, app
-from mkdaemon.cli.program import run
+from mkdaemon.cli.mkdaemon.app import COMMANDS
+from mkdaemon.cli.program import build, run
 from tests.cli.oneprocess import run_commands
 from tests.places import ROOT
 
@@ -60,7 +60,7 @@ def test_the_doctor_needs_no_simulator(ended):
 
 def test_no_entry_point_at_all_is_the_same_as_no_package(monkeypatch, capsys):
     monkeypatch.setattr("importlib.metadata.entry_points", lambda **_: ())
-    assert run(app, ["sim"]) == 2
+    assert run(build("mkdaemon", "", COMMANDS), ["sim"]) == 2  # one of its own: who ran a command has imported it
     assert "pip install 'mkdaemon[sim]'" in capsys.readouterr().err
 
 
