@@ -6,17 +6,24 @@ STAMP := .venv/.prepared
 # Where it is set, each of the hundred programs that the tests start compiles every module anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test check check-view check-gateways bench figures hil docs venv install clean
+.PHONY: demo test check check-lab check-view check-gateways bench figures hil docs venv install clean
 .DEFAULT_GOAL := demo
 
 demo: venv
 	$(BIN)/mkdaemon demo
 
 # Three processes on two cores: what runs in real time mostly waits; beside four it came too late.
+PYTEST := $(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder -m "not browser and not alone and not gateways"
+# What the product is measured and rehearsed with proves itself apart: the lab, the tools, the simulator.
+LAB_TESTS := tests/lab tests/tools tests/mksim tests/sim_conformance
+
 test: venv
-	$(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder -m "not browser and not alone and not gateways" -p tools.branches --branches build/branches.json
+	$(PYTEST) $(addprefix --ignore ,$(LAB_TESTS)) -p tools.branches --branches build/branches.json
 	$(BIN)/python -m pytest -m alone tests/examples
 	$(BIN)/python -m tools.floor
+
+check-lab: venv
+	$(PYTEST) $(LAB_TESTS)
 
 check: venv
 	$(BIN)/ruff check src lab tools tests examples

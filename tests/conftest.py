@@ -58,7 +58,9 @@ def pytest_collection(session: pytest.Session) -> None:
     if worker["workercount"] == 1 or not all(folder.is_dir() for folder in folders):
         return
     gc.disable()
+    left_out = [Path(folder).resolve() for folder in session.config.getoption("ignore") or ()]
     files = sorted(path.resolve() for folder in folders for path in folder.rglob("test_*.py"))
+    files = [path for path in files if not any(path.is_relative_to(folder) for folder in left_out)]
     for path in files[int(worker["workerid"].removeprefix("gw")) :: worker["workercount"]]:
         with suppress(Exception, pytest.skip.Exception):  # whoever collects the file reports it
             import_module(".".join(path.relative_to(ROOT).with_suffix("").parts))

@@ -145,7 +145,7 @@ Every command takes, before it or behind it, `--vehicle NAME` (default mk1, or M
 (default tcp/127.0.0.1:7447, or MK_CONNECT) and `--json` for one JSON object a line. A refusal names its token, the
 reason and the fix.
 
-First steps: `mkctl status`, `mkctl watch 'state/**'`, `mkctl health`.
+First steps: `mkctl status`, `mkctl watch 'state/**'`, `mkctl health`. Completion by Tab: `mkctl --install-completion`.
 """
 
 app = _build("mkctl", ABOUT, COMMANDS)

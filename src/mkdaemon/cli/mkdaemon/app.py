@@ -45,7 +45,8 @@ ABOUT: Final = """Ground and companion software for MikroKopter aircraft.
 `mkdaemon run --port /dev/ttyUSB0` shows every frame on the line as a typed Zenoh key under `mk/mk1/`; look at it with
 `mkctl status`. No aircraft at hand: `mkdaemon demo`.
 
-Exit codes: 0 as asked, 1 failed while running, 2 wrong configuration or usage.
+Exit codes: 0 as asked, 1 failed while running, 2 wrong configuration or usage. Completion by Tab:
+`mkdaemon --install-completion`.
 """
 
 app = _build("mkdaemon", ABOUT, COMMANDS)
