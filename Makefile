@@ -6,7 +6,7 @@ STAMP := .venv/.prepared
 # Where it is set, each of the hundred programs that the tests start compiles every module anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test check check-lab check-view check-gateways bench figures hil docs venv install clean
+.PHONY: demo test check check-lab check-view check-gateways bench figures hil docs site venv install clean
 .DEFAULT_GOAL := demo
 
 demo: venv
@@ -58,6 +58,11 @@ hil: venv
 
 docs: venv
 	$(BIN)/python -m tools.docs
+
+# The documentation as a site, in build/site; what builds it is no part of `.venv` before.
+site: venv
+	$(BIN)/pip install --quiet --disable-pip-version-check --no-deps --requirement requirements-docs.txt
+	$(BIN)/python -m tools.site
 
 venv: $(STAMP)
 
