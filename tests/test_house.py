@@ -60,6 +60,31 @@ def test_every_anchor_of_a_link_exists():
     ] == []
 
 
+CITING = sorted(
+    path
+    for part in ("src", "lab", "tools", "tests", "examples", "configs")
+    for kind in ("*.py", "*.toml")
+    for path in (ROOT / part).rglob(kind)
+)
+CITATION = re.compile(r'docs/((?:lab/)?[\w-]+\.md)((?:(?:,| and) "[^"]+")*)')
+
+
+def test_every_page_and_section_that_is_cited_exists():
+    lost = []
+    for path in CITING:
+        for name, sections in CITATION.findall(" ".join(path.read_text(encoding="utf-8").split())):
+            page = DOCS / name
+            titles = (
+                re.findall(r"^#+ (?:\d+\. )?(.+)$", page.read_text(encoding="utf-8"), re.MULTILINE)
+                if page.is_file()
+                else ()
+            )
+            wanted = re.findall(r'"([^"]+)"', sections)
+            if not titles or [title for title in wanted if not any(found.startswith(title) for found in titles)]:
+                lost.append(f"{path.relative_to(ROOT)}: docs/{name}{sections}")
+    assert lost == []
+
+
 def test_no_work_is_left_for_later():
     left = re.compile(r"\b(TODO|FIXME|XXX)\b")
     assert SOURCES
