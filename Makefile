@@ -32,6 +32,7 @@ check: venv
 	$(BIN)/lint-imports
 	$(BIN)/python -m tools.shape
 	$(BIN)/python -m tools.docs --check
+	$(BIN)/python -m tools.words
 
 # The page of `mkctl view` in a real browser; names the package to install where there is none.
 check-view: venv
