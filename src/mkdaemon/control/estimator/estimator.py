@@ -1,8 +1,8 @@
 """The estimate of the aircraft against a target, from pictures, the attitude the boards report, and what was sent.
 
 The local frame is the target's: origin in its middle, z up, x to the right of its print. Everything is relative to it,
-so a target that moves needs nothing special: its motion is the disturbance `d`. Equations and the sources of all
-numbers: docs/lab/control.md, "Estimator".
+so a target that moves needs nothing special: its motion is the disturbance `d`. Equations: docs/control.md,
+"Estimator"; sources of the numbers: docs/lab/control.md, "Estimator".
 """
 
 from __future__ import annotations

@@ -16,7 +16,7 @@ GAS_CENTRE: Final = 127.0
 OLDEST: Final = 0.8
 """Older measurements are used no more [s]: three times the oldest image that is flown by; docs/lab/control.md."""
 FUTURE: Final = 0.02
-"""A view may be so far ahead of our clock [s]: an error of the stamps that flights bear; docs/lab/control.md."""
+"""A view may be so far ahead of our clock [s]: an error of the stamps that flights bear; docs/control.md."""
 FARTHEST: Final = 1000.0
 """No camera sees a target from farther away, or knows it worse than to this [m; rad]."""
 SKEWED: Final = 1e-3
