@@ -1,12 +1,15 @@
 # Two commands matter: `make demo` flies the built-in aircraft, `make test` proves the code. Both prepare .venv themselves.
 PYTHON ?= $(shell command -v python3.11 || command -v python3)
-BIN := .venv/bin
-STAMP := .venv/.prepared
+VENV ?= .venv
+BIN := $(VENV)/bin
+STAMP := $(VENV)/.prepared
+# Every Python that the product is for; those that are not installed are named and left out.
+PYTHONS ?= 3.11 3.12 3.13
 
 # Where it is set, each of the hundred programs that the tests start compiles every module anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test check check-lab check-view check-gateways bench figures hil docs site venv install clean
+.PHONY: demo test check check-lab check-pythons check-view check-gateways bench figures hil docs site venv install clean
 .DEFAULT_GOAL := demo
 
 demo: venv
@@ -21,6 +24,13 @@ test: venv
 	$(PYTEST) $(addprefix --ignore ,$(LAB_TESTS)) -p tools.branches --branches build/branches.json
 	$(BIN)/python -m pytest -m alone tests/examples
 	$(BIN)/python -m tools.floor
+
+check-pythons:
+	@for version in $(PYTHONS); do \
+	  if ! python$$version -c '' 2>/dev/null; then echo "Python $$version is not installed: left out"; continue; fi; \
+	  echo "Python $$version"; \
+	  $(MAKE) test check-lab VENV=build/python-$$version PYTHON=python$$version || exit 1; \
+	done
 
 check-lab: venv
 	$(PYTEST) $(LAB_TESTS)
@@ -68,14 +78,14 @@ site: venv
 venv: $(STAMP)
 
 $(STAMP): pyproject.toml constraints.txt
-	@echo "preparing .venv: a minute or two the first time"
+	@echo "preparing $(VENV): a minute or two the first time"
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "Python 3.11 or later is needed, for example: make PYTHON=/usr/bin/python3.11"; exit 1; }
-	$(PYTHON) -m venv .venv
+	$(PYTHON) -m venv $(VENV)
 	$(BIN)/pip install --quiet --disable-pip-version-check --retries 10 --timeout 60 --constraint constraints.txt --editable '.[dev]'
 	touch $@
 
 install:
-	$(PYTHON) -m venv .venv
+	$(PYTHON) -m venv $(VENV)
 	$(BIN)/pip install --quiet --disable-pip-version-check --only-binary :all: --require-hashes --requirement requirements-aircraft.txt
 	$(BIN)/pip install --quiet --disable-pip-version-check --no-index --no-deps --no-build-isolation .
 

@@ -11,7 +11,7 @@ import re
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path, PurePosixPath
 from typing import Annotated, Final
 
@@ -30,7 +30,7 @@ OUTSIDE: Final = ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")
 """Pages outside docs/ that the site has too."""
 EXAMPLES: Final = "examples.md"
 """The page made of the programs in examples/."""
-LINK: Final = re.compile(r"(?P<head>\]\()(?P<target>[^)\s#]+)(?P<anchor>#[^)\s]*)?(?P<tail>\))")
+LINK: Final = re.compile(r"(?P<head>(?:\[(?P<words>[^\]\n]*))?\]\()(?P<target>[^)\s#]+)(?P<anchor>#[^)\s]*)?\)")
 _ENTRY: Final = re.compile(r"^ +- (?:[^:\n]+: )?(?P<page>[\w/-]+\.md)$", re.MULTILINE)
 _ABROAD: Final = re.compile(r"^[a-z]+:")
 
@@ -51,12 +51,13 @@ def place_in_site(path: str) -> str:
     return FRONT.get(path) or path.removeprefix("docs/")
 
 
-def moved(text: str, page: str) -> str:
+def moved(text: str, page: str, titles: Mapping[str, str]) -> str:
     """Return the text of a page with its relative links as they must be in the site.
 
     Args:
         text: as it stands in the tree.
         page: its path relative to the root, with slashes.
+        titles: of the pages, by their paths: a link whose words are the name of a file shows the page's title.
     """
     here = posixpath.dirname(place_in_site(page))
 
@@ -67,7 +68,9 @@ def moved(text: str, page: str) -> str:
         anchor = found["anchor"] or ""
         if path.startswith("examples/"):
             anchor = f"#{PurePosixPath(path).stem}"
-        return f"{found['head']}{posixpath.relpath(place_in_site(path), here or '.')}{anchor}{found['tail']}"
+        words = found["words"]
+        head = f"[{titles[path]}](" if words and words.endswith(".md") and path in titles else found["head"]
+        return f"{head}{posixpath.relpath(place_in_site(path), here or '.')}{anchor})"
 
     return LINK.sub(link, text)
 
@@ -75,6 +78,12 @@ def moved(text: str, page: str) -> str:
 def pages_of(root: Path) -> list[str]:
     """Return the pages of the tree that the site has, relative to the root, with slashes."""
     return [*OUTSIDE, *(path.relative_to(root).as_posix() for path in sorted((root / "docs").rglob("*.md")))]
+
+
+def titles_of(root: Path) -> dict[str, str]:
+    """Return the title of each page, by its path relative to the root."""
+    texts = {page: (root / page).read_text(encoding="utf-8") for page in pages_of(root)}
+    return {page: text.partition("\n")[0].removeprefix("# ") for page, text in texts.items()}
 
 
 def examples_page(root: Path) -> str:
@@ -90,8 +99,9 @@ def lay_out(root: Path) -> Path:
     """Write the pages as the site has them, and return their folder."""
     stage = root / STAGE
     shutil.rmtree(stage, ignore_errors=True)
-    for page in pages_of(root):
-        _write(stage / place_in_site(page), moved((root / page).read_text(encoding="utf-8"), page))
+    titles = titles_of(root)
+    for page in titles:
+        _write(stage / place_in_site(page), moved((root / page).read_text(encoding="utf-8"), page, titles))
     _write(stage / EXAMPLES, examples_page(root))
     shutil.copytree(root / "docs" / "figures", stage / "figures")
     return stage

@@ -77,7 +77,10 @@ def stranger(rig: FaultRig, at: float, rng: random.Random) -> Expectation:
 
 
 def other_kinds(rig: FaultRig, at: float, rng: random.Random) -> Expectation:
-    """The holder changes to sticks, attitudes or velocities and back, from one setpoint to the next."""
+    """The holder changes to sticks, attitudes or velocities and back, from one setpoint to the next.
+
+    A landing from where that leaves the aircraft may be refused: it moves too fast for one.
+    """
     end, wild = at + rng.uniform(0.2, 1.0), random.Random(rng.random())
 
     def wanted(now: float) -> Setpoint | None:
@@ -94,7 +97,7 @@ def other_kinds(rig: FaultRig, at: float, rng: random.Random) -> Expectation:
         return VelocitySetpoint(**stream, velocity=speed, frame=SetpointFrame.BODY)
 
     rig.at(at, lambda now: setattr(rig, "stream", wanted))
-    return Expectation(LOST_SIGHT)
+    return Expectation((*LOST_SIGHT, "land cannot begin from sticks or attitude"))
 
 
 def taken_over(rig: FaultRig, at: float, rng: random.Random) -> Expectation:

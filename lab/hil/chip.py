@@ -126,7 +126,21 @@ class Chip:
 
 
 def _load() -> ctypes.CDLL:
+    """The library, with the types of its functions.
+
+    Raises:
+        ConfigError: it was built from other sources than these.
+    """
     library = ctypes.CDLL(str(LIBRARY))
+    try:
+        _describe(library)
+    except AttributeError as error:
+        msg = f"{LIBRARY} was built from older sources ({error}): make hil FIRMWARE=<folder> SIMAVR=<folder> once more"
+        raise ConfigError(msg) from None
+    return library
+
+
+def _describe(library: ctypes.CDLL) -> None:
     board, text = ctypes.c_void_p, ctypes.c_char_p
     library.board_new.restype = board
     library.board_new.argtypes = [text, text, ctypes.c_uint32, text, ctypes.c_int, ctypes.c_uint64]
@@ -140,4 +154,3 @@ def _load() -> ctypes.CDLL:
     library.board_eeprom.argtypes = [board, text, ctypes.c_int]
     for name in ("board_lines", "board_time", "board_reset"):
         getattr(library, name).argtypes = [board]
-    return library

@@ -6,11 +6,13 @@ The firmware and simavr are the user's (docs/lab/genuine.md), so nothing here ru
 from __future__ import annotations
 
 import asyncio
+import ctypes.util
 import math
 
 import pytest
 
 from lab.hil import build as building
+from lab.hil import chip
 from lab.hil.copies import in_a_copy
 from lab.hil.eeprom import SETTINGS, _checksum, _is_set
 from lab.hil.flights import Flown, Setting, figures
@@ -218,3 +220,9 @@ def test_a_story_is_judged_by_what_the_firmware_held():
 def test_figures_of_a_story_over_all_flights():
     found = [{"level": 0.3, "missed": []}, {"level": None, "missed": ["level"]}, {"level": 0.4, "missed": []}]
     assert list(story_figures("client_frozen", found)) == [("level", "0.30 / 0.40 / never", "0.25 to 0.45")]
+
+
+def test_a_library_of_older_sources_says_to_build_it_anew(monkeypatch):
+    monkeypatch.setattr(chip, "LIBRARY", ctypes.util.find_library("c"))
+    with pytest.raises(ConfigError, match=r"older sources .*make hil .* once more"):
+        chip._load()

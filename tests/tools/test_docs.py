@@ -16,7 +16,19 @@ from tools.docs import GENERATED, app, make_page, stale_pages
 
 PARTS = ("src", "lab", "tools", "tests")
 HOW_TO = (
-    *("quickstart", "first-flight", "troubles", "flying", "hardware", "teleop", "cameras", "settings", "waypoints"),
+    *(
+        "quickstart",
+        "first-flight",
+        "first-aircraft",
+        "record-and-look",
+        "troubles",
+        "flying",
+        "hardware",
+        "teleop",
+        "cameras",
+        "settings",
+        "waypoints",
+    ),
     *("recording", "replay", "security", "operations", "simulator"),
 )
 """Pages that tell how something is done."""

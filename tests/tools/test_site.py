@@ -14,7 +14,17 @@ from mkdaemon.cli.program import run
 from mkdaemon.errors import MkError
 from tests.places import DOCS, ROOT
 from tools import site
-from tools.site import EXAMPLES, app, build, examples_page, moved, pages_in_navigation, pages_of, place_in_site
+from tools.site import (
+    EXAMPLES,
+    app,
+    build,
+    examples_page,
+    moved,
+    pages_in_navigation,
+    pages_of,
+    place_in_site,
+    titles_of,
+)
 
 PLACES = [*(place_in_site(page) for page in pages_of(ROOT)), EXAMPLES]
 
@@ -30,7 +40,7 @@ def test_every_link_leads_to_a_page_or_a_picture():
     there = {*PLACES, *(path.relative_to(DOCS).as_posix() for path in (DOCS / "figures").iterdir())}
     lost = []
     for page in pages_of(ROOT):
-        text, here = moved((ROOT / page).read_text(encoding="utf-8"), page), posixpath.dirname(place_in_site(page))
+        text, here = moved((ROOT / page).read_text(encoding="utf-8"), page, {}), posixpath.dirname(place_in_site(page))
         targets = re.findall(r"\]\((?![a-z]+:|#)([^)#\s]+)", text)
         lost += [f"{page}: {to}" for to in targets if posixpath.normpath(posixpath.join(here, to)) not in there]
     assert lost == []
@@ -51,7 +61,26 @@ def test_every_link_leads_to_a_page_or_a_picture():
     ],
 )
 def test_a_link_is_moved_with_its_page(page, link, expected):
-    assert moved(link, page) == expected
+    assert moved(link, page, {}) == expected
+
+
+@pytest.mark.parametrize(
+    ("link", "expected"),
+    [
+        ("see [safety.md](safety.md)", "see [Safety](safety.md)"),
+        ("see [lab/control.md](lab/control.md#landing)", "see [Control: figures](lab/control.md#landing)"),
+        ("see [the ladder](safety.md), [other.md](other.md)", "see [the ladder](safety.md), [other.md](other.md)"),
+    ],
+)
+def test_a_link_named_as_a_file_shows_the_title_of_its_page(link, expected):
+    titles = {"docs/safety.md": "Safety", "docs/lab/control.md": "Control: figures"}
+    assert moved(link, "docs/flying.md", titles) == expected
+
+
+def test_every_page_begins_with_its_title():
+    titles = titles_of(ROOT)
+    assert [page for page, title in titles.items() if not title or title.startswith(("#", "<"))] == []
+    assert titles["docs/safety.md"] == "Safety"
 
 
 def test_every_example_has_its_heading():

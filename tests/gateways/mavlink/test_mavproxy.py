@@ -100,4 +100,10 @@ async def test_its_commands_do_what_they_do_on_ardupilot(tmp_path):
         await terminal.type("arm throttle", r"the pilot starts and stops the motors")
         await terminal.type("status", r"BATTERY_STATUS", r"GPS_RAW_INT", r"SYS_STATUS")
         await terminal.type("rc 3 1200")
+        await terminal.type("mode STABILIZE")
+        await wait_for(lambda: rig.seen.is_flying, 60.0, 0.05)
+        sent = (await rig.client.get("control/output")).fields
+        assert (sent["pitch"], sent["roll"], sent["yaw"]) == (0, 0, 0)
+        await terminal.type("rc all 0")
+        await wait_for(lambda: not rig.seen.is_flying, 60.0, 0.05)
         assert terminal.process.returncode is None

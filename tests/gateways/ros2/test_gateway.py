@@ -161,7 +161,7 @@ async def test_services_answer_and_too_many_at_once_are_refused():
         assert (await called(node, "preflight"))["success"]
         assert (await called(node, "release"))["message"].startswith("confirmed: 5 of 5")
         assert not (await called(node, "mark"))["success"]
-        run.gateway._calls = MOST_CALLS
+        run.gateway._calls = set(range(MOST_CALLS))
         assert "under way" in (await called(node, "abort"))["message"]
 
 
@@ -184,6 +184,23 @@ async def test_a_call_under_way_is_answered_when_the_gateway_ends():
         await asyncio.gather(run.task, return_exceptions=True)
         await asyncio.to_thread(thread.join, 5.0)
     assert [reply["success"] for reply in replies] == [False]
+
+
+async def test_what_waits_for_a_board_is_answered_at_once_when_the_gateway_ends(monkeypatch):
+    asked = asyncio.Event()
+
+    async def never(service, desk, request):
+        asked.set()
+        await asyncio.Event().wait()
+
+    monkeypatch.setattr("mkdaemon.gateways.ros2.gateway.answer", never)
+    node = Node()
+    async with running(node) as run:
+        waiting = asyncio.create_task(called(node, "preflight"))
+        await asked.wait()
+        run.gateway.end_calls()
+        assert (await waiting)["message"] == "the gateway ends"
+        assert (await called(node, "preflight"))["message"] == "the gateway ends"
 
 
 def test_the_command_says_what_to_install(monkeypatch):

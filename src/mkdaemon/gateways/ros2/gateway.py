@@ -7,6 +7,7 @@ import signal
 import time
 from collections.abc import Callable, Coroutine, Sequence
 from concurrent.futures import CancelledError as CallCancelledError
+from concurrent.futures import Future
 from contextlib import suppress
 from functools import partial
 from typing import Any, Final, Protocol
@@ -172,7 +173,8 @@ class Gateway:
         self.deck = Deck(uav, self._settings.habits, newest.values)
         self._keys = topics.keys_of(rows)
         self._clock = Clock()
-        self._calls = 0
+        self._calls: set[Future[dict[str, Any]]] = set()
+        self._is_ending = False
         self._diagnostics = node.publisher(topics.DIAGNOSTICS, "diagnostic_msgs/msg/DiagnosticArray", Quality.RELIABLE)
         self._pad_stamp: Any = None
         self._offer()
@@ -203,15 +205,20 @@ class Gateway:
             self._loop.call_soon_threadsafe(take, message)
 
     def _serve(self, service: Service, desk: Desk, request: Any) -> dict[str, Any]:
-        if self._calls >= MOST_CALLS:
+        if len(self._calls) >= MOST_CALLS:
             return refused(service, self._scene, f"{MOST_CALLS} calls are under way: wait for their answers")
-        self._calls += 1
+        call: Future[dict[str, Any]] | None = None
         try:
-            return asyncio.run_coroutine_threadsafe(answer(service, desk, request), self._loop).result()
+            call = asyncio.run_coroutine_threadsafe(answer(service, desk, request), self._loop)
+            self._calls.add(call)
+            if self._is_ending:
+                call.cancel()
+            return call.result()
         except (CallCancelledError, RuntimeError):
             return refused(service, self._scene, "the gateway ends")
         finally:
-            self._calls -= 1
+            if call is not None:
+                self._calls.discard(call)
 
     # -- on the loop ------------------------------------------------------------------------------------------------
 
@@ -252,6 +259,12 @@ class Gateway:
 
     def _refusing(self) -> Any:
         return _Refusing(self.deck)
+
+    def end_calls(self) -> None:
+        """Answer every service that is under way, and every one from now on, that the gateway ends."""
+        self._is_ending = True
+        for call in tuple(self._calls):
+            call.cancel()
 
     async def run(self) -> None:
         """Work until it is cancelled; then the lease is given back."""
@@ -323,6 +336,7 @@ async def run(uav: Vehicle, arguments: Sequence[str], namespace: str | None, on_
         await asyncio.wait({working, stopping}, return_when=asyncio.FIRST_COMPLETED)
         working.cancel()
         stopping.cancel()
+        gateway.end_calls()  # the node waits for them when it is closed
         with suppress(asyncio.CancelledError):
             await working
     finally:

@@ -12,7 +12,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from mkdaemon.cli.interrupts import until_asked_to_end
-from mkdaemon.cli.mkdaemon.gateway.greeting import say_serving
+from mkdaemon.cli.mkdaemon.gateway.greeting import announce_serving
 from mkdaemon.cli.promptness import fast_loop, favour_threads
 from mkdaemon.client import connect as connect_client
 from mkdaemon.client.connection import DEFAULT_ENDPOINT, DEFAULT_VEHICLE
@@ -73,5 +73,5 @@ async def _serve(
         connect_client(vehicles[0], endpoint, zenoh_file=zenoh_file) as uav,
         serving(uav, vehicles, *address) as where,
     ):
-        say_serving("foxglove", vehicles, where, as_json=as_json)
+        announce_serving("foxglove", vehicles, where, as_json=as_json)
         await until_asked_to_end()

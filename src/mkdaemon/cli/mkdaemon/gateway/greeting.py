@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from mkdaemon.cli.printing import json_line
 
 
-def say_serving(gateway: str, vehicles: Sequence[str], where: str, *, as_json: bool) -> None:
+def announce_serving(gateway: str, vehicles: Sequence[str], where: str, *, as_json: bool) -> None:
     """Print the one line that a gateway writes to standard output, when others can connect.
 
     Args:

@@ -10,7 +10,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from mkdaemon.cli.mkctl.connection import HERE, Connection
-from mkdaemon.cli.mkdaemon.gateway.greeting import say_serving
+from mkdaemon.cli.mkdaemon.gateway.greeting import announce_serving
 from mkdaemon.cli.program import let_signals_kill
 from mkdaemon.cli.promptness import fast_loop
 from mkdaemon.errors import ConfigError
@@ -60,7 +60,7 @@ def mavlink(
 
         def serving() -> None:
             where = f"{places} as system {options.system}"
-            say_serving("mavlink", (connection.vehicle,), where, as_json=connection.json)
+            announce_serving("mavlink", (connection.vehicle,), where, as_json=connection.json)
 
         await serve(connection.open, options, stop, serving)
 

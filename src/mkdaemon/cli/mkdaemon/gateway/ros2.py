@@ -7,7 +7,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from mkdaemon.cli.mkctl.connection import HERE, Connection
-from mkdaemon.cli.mkdaemon.gateway.greeting import say_serving
+from mkdaemon.cli.mkdaemon.gateway.greeting import announce_serving
 from mkdaemon.cli.mkdaemon.logs import Level, configure
 from mkdaemon.errors import ConfigError
 
@@ -49,5 +49,5 @@ async def ros2(
             uav,
             ros_arguments,
             namespace,
-            lambda where: say_serving("ros2", (connection.vehicle,), where, as_json=connection.json),
+            lambda where: announce_serving("ros2", (connection.vehicle,), where, as_json=connection.json),
         )
