@@ -31,13 +31,13 @@ def test_what_is_to_be_written_is_not_refused_itself():
 
 
 def test_a_page_with_another_word_is_named_with_its_line(capsys, tmp_path):
-    (tmp_path / "docs").mkdir()
-    (tmp_path / "docs" / "a.md").write_text("# A\n\nThe drone.\n", encoding="utf-8")
+    page = tmp_path / "README.md"
+    page.write_text("# A\n\nThe drone.\n", encoding="utf-8")
     assert run(app, ["--root", str(tmp_path)]) == 1
     out, err = capsys.readouterr()
-    assert out == "docs/a.md:3: `drone`: write aircraft\n"
+    assert out == "README.md:3: `drone`: write aircraft\n"
     assert "pages do not use: 1;" in err
-    (tmp_path / "docs" / "a.md").write_text("# A\n\nThe aircraft.\n", encoding="utf-8")
+    page.write_text("# A\n\nThe aircraft.\n", encoding="utf-8")
     assert run(app, ["--root", str(tmp_path)]) == 0
 
 
