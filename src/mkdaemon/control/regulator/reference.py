@@ -17,7 +17,7 @@ from mkdaemon.control.linear import Array
 
 BRAKING: Final = 0.65
 """Share of the acceleration that braking plans with: a reference passes its goal by less than 2 % of a step of 1 m."""
-NEARING: Final = 2.5
+NEARING: Final = 2.0
 """Speed over distance close to the goal [1/s]: from where braking would slow down by more, it does not."""
 TAKEN_UP: Final = 0.12
 """Least time in which a wanted speed is reached [s]."""
