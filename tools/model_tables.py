@@ -10,11 +10,10 @@ from typing import Any, Literal, Union, get_args, get_origin
 from pydantic import BaseModel
 
 from mkdaemon.bus.codec import schema_name
+from mkdaemon.config.keys import limits_of
 from mkdaemon.described import meanings_of
 from mkdaemon.telemetry.base import Command
 from tools.markdown import escape
-
-_LIMITS = {"minimum": ">=", "exclusiveMinimum": ">", "maximum": "<=", "exclusiveMaximum": "<", "maxLength": "length <="}
 
 
 def with_parts(models: Iterable[type[BaseModel]]) -> list[type[BaseModel]]:
@@ -92,16 +91,6 @@ def _need(name: str, schema: dict[str, Any]) -> str:
     field = schema["properties"][name]
     needed = "required" if name in schema.get("required", ()) else f"default {_plain(field.get('default'))}"
     return ", ".join(filter(None, (needed, limits_of(field))))
-
-
-def limits_of(field: dict[str, Any]) -> str:
-    """What values a field of a JSON schema may have, in words; empty where any."""
-    words = []
-    for part in (field, *field.get("anyOf", ())):
-        words += [f"{sign} {part[limit]:g}" for limit, sign in _LIMITS.items() if limit in part]
-        if "pattern" in part:
-            words.append(f"matches `{part['pattern']}`")
-    return ", ".join(words)
 
 
 def _plain(value: object) -> str:

@@ -1,7 +1,7 @@
 """Floods and clients that vanish: the pilot flies on, and whoever wants to release can.
 
 The boards hang on a TCP port: what a pseudo terminal carries waits for a worker of the kernel, for 0.35 s beside a
-flood on two cores, and that would be measured in the place of the daemon (docs/security.md).
+flood on two cores, and that would be measured in the place of the daemon (docs/lab/attacks.md).
 """
 
 from __future__ import annotations

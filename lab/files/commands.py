@@ -70,7 +70,14 @@ READERS: Final = (
         "play {file} --wait 0 --speed 1000 --listen unixsock-stream/{folder}/play",
     ),
     *_mkdaemon(Kind.RECORDING, "replay --verify {file}"),
-    *_mkdaemon(Kind.CONFIG, "doctor --config {file}", "run --config {file} --port /dev/ttyABSENT --no-record"),
+    *_mkdaemon(
+        Kind.CONFIG,
+        "doctor --config {file}",
+        "config check {file}",
+        "config show {file}",
+        "run --config {file} --port /dev/ttyABSENT --no-record",
+    ),
+    *_mkdaemon(Kind.ZENOH, "security show {file}"),
     *_mkdaemon(
         Kind.CAPTURE,
         "decode {file}",

@@ -22,8 +22,9 @@ from lab.files.mutations import LONG, REPEATED, SPECIAL, spoil
 from lab.files.originals import Kind, originals
 from lab.files.running import MOST_CPU, MOST_MEMORY, PATIENCE, Ended, prepare, run_forked
 from mkdaemon.cli.arguments import AsJson, require_count
+from mkdaemon.cli.program import EXIT_CONFIG, EXIT_FAILURE, EXIT_OK, EXIT_WARNING
 
-_CODES: Final = frozenset({0, 1, 2})
+_CODES: Final = frozenset({EXIT_OK, EXIT_FAILURE, EXIT_CONFIG, EXIT_WARNING})
 _LONGEST_WORD: Final = 4000
 """Of what a command says of a file [characters]."""
 _CONTROLS: Final = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028\u2029\u202a-\u202e\u2066-\u2069]")

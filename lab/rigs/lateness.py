@@ -1,7 +1,7 @@
 """How late the machine is: the running loop, and the kernel that carries the bytes of a pseudo terminal.
 
 Such bytes wait for a worker of the kernel, an ordinary program to the scheduler: beside a load of 6 to 8 on two cores
-it was late by 0.35 s (docs/security.md). What is measured through a pseudo terminal is late by as much.
+it was late by 0.35 s (docs/lab/attacks.md). What is measured through a pseudo terminal is late by as much.
 """
 
 from __future__ import annotations

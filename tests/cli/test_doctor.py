@@ -1,156 +1,631 @@
-"""What the doctor finds on machines made for the purpose."""
+"""What the doctor finds on machines made for the purpose: a healthy one, and one for each fault."""
 
 from __future__ import annotations
 
 import json
 import os
-import pty
-import socket
+from collections import Counter
+from datetime import UTC, datetime
+from pathlib import Path
 
 import pytest
 
-from mkdaemon.cli.mkdaemon.doctor import Machine, Verdict, doctor, examine
-from tests.places import CONFIGS
+from mkdaemon.cli.mkdaemon.doctor.check import Needs, Severity
+from mkdaemon.cli.mkdaemon.doctor.command import run_doctor
+from mkdaemon.cli.mkdaemon.doctor.daemonreport import client_endpoint
+from mkdaemon.cli.mkdaemon.doctor.machine import Machine, installed_version, may_use
+from mkdaemon.cli.mkdaemon.doctor.table import CHECKS
+from mkdaemon.cli.mkdaemon.security import certificates
+from mkdaemon.cli.mkdaemon.security.roles import zenoh_file
+from mkdaemon.cli.mkdaemon.service.units import UNITS, unit_text
+from mkdaemon.cli.systemcommands import Answered, run_command
+from mkdaemon.telemetry.link import LinkCondition, LinkState
+from mkdaemon.telemetry.record import RecorderState, RecordStatus
+from mkdaemon.telemetry.vision import EyeState, VisionStats
+from tests.cli.sickbay import CALIBRATION, NOW, PORT, Tree
+
+ADAPTER = "/sys/devices/pci0/usb1/1-1"
+V4L2 = "v4l2-ctl --device /dev/video0 --list-formats-ext"
+
+
+def line_of(**changes):
+    usual = {"condition": LinkCondition.UP, "reason": "both directions proven", "port": PORT, "baud": 57600}
+    return LinkState.model_construct(**{**usual, **changes})
+
+
+def eye_of(**changes):
+    return VisionStats.model_construct(**{"camera": "down", "state": EyeState.OK, "reason": "", "fps": 29.8, **changes})
+
+
+def recorder_of(state, reason=""):
+    return RecordStatus.model_construct(state=state, reason=reason)
+
+
+def stand(tree, token, *words):
+    tree.tell(standing={token: words})
 
 
 @pytest.fixture
-def machine(tmp_path):
-    for name in ("dev", "sys", "run", "proc"):
-        (tmp_path / name).mkdir()
-    return Machine(tmp_path / "dev", tmp_path / "sys", tmp_path / "run", tmp_path / "proc")
+def tree(tmp_path, monkeypatch):
+    monkeypatch.delenv("STATE_DIRECTORY", raising=False)
+    monkeypatch.setenv("XDG_STATE_HOME", "/var/lib")
+    return Tree(tmp_path / "root", tmp_path / "aircraft.toml")
 
 
-def findings(machine, config=None):
-    return {(finding.what, finding.verdict): finding for finding in examine(machine, config)}
+def run_minicom(tree):
+    tree.start(812, "minicom", "minicom", "-D", "/dev/ttyUSB0", files=["/dev/ttyUSB0"])
 
 
-def plug_in(machine, name="ttyUSB0", timer=None):
-    """A serial adapter, which is a pseudo terminal here; returns its far end's name."""
-    near, far = pty.openpty()
-    (machine.dev / name).symlink_to(os.ttyname(far))
-    if timer is not None:
-        folder = machine.sys / "class" / "tty" / name / "device"
-        folder.mkdir(parents=True)
-        (folder / "latency_timer").write_text(f"{timer}\n", encoding="ascii")
-    return near, far
+def lock_port(tree):
+    state = (tree.root / "dev/ttyUSB0").stat()
+    place = f"{os.major(state.st_dev):02x}:{os.minor(state.st_dev):02x}:{state.st_ino}"
+    tree.start(813, "gpsd")
+    tree.write("/proc/locks", f"1: FLOCK  ADVISORY  WRITE 813 {place} 0 EOF\n")
 
 
-def test_an_empty_machine_is_told_what_to_plug_in(machine):
-    found = findings(machine)[("serial ports", Verdict.NOTE)]
-    assert "no USB serial adapter" in found.found
-    assert "mkdaemon demo" in found.fix
+def write_lock_file(tree):
+    tree.start(814, "picocom")
+    tree.write("/run/lock/LCK..ttyUSB0", "       814\n")
 
 
-def test_a_good_adapter(machine):
-    ends = plug_in(machine, timer=1)
-    found = findings(machine)
-    assert ("serial port", Verdict.GOOD) in found
-    assert ("FTDI latency timer", Verdict.GOOD) in found
-    for descriptor in ends:
-        os.close(descriptor)
+def plug_in_without_driver(tree):
+    tree.write("/sys/devices/pci0/usb1/1-2/idVendor", "1a86\n")
+    tree.write("/sys/devices/pci0/usb1/1-2/product", "USB Serial\n")
+    tree.link("/sys/bus/usb/devices/1-2", "/sys/devices/pci0/usb1/1-2")
 
 
-def test_a_slow_latency_timer_is_noted_with_the_command_that_helps(machine):
-    ends = plug_in(machine, timer=16)
-    found = findings(machine)[("FTDI latency timer", Verdict.NOTE)]
-    assert "16 ms" in found.found
-    assert "tee" in found.fix
-    for descriptor in ends:
-        os.close(descriptor)
+def share_bus(tree):
+    tree.write("/sys/devices/pci0/usb2/2-1/busnum", "1\n")
 
 
-def test_a_port_another_program_locked_is_bad(machine):
-    import fcntl
-
-    near, far = plug_in(machine)
-    fcntl.flock(far, fcntl.LOCK_EX)
-    assert "in use" in findings(machine)[("serial port", Verdict.BAD)].found
-    for descriptor in (near, far):
-        os.close(descriptor)
+def listen_by(tree, name, *words):
+    tree.listen(7447)
+    tree.start(900, name, *words, files=["socket:[77]"])
 
 
-def test_a_port_without_permission_names_the_group(machine, monkeypatch):
-    ends = plug_in(machine)
-    monkeypatch.setattr(os, "access", lambda *_: False)
-    found = findings(machine)[("serial port", Verdict.BAD)]
-    assert "may not be opened" in found.found
-    assert "usermod -aG" in found.fix
-    for descriptor in ends:
-        os.close(descriptor)
+def run_two_daemons(tree):
+    for number in (901, 902):
+        tree.start(number, "mkdaemon", "/usr/bin/python3", "/opt/mkdaemon/bin/mkdaemon", "run", "--config", "a.toml")
 
 
-def test_configuration_endpoint_and_device_are_checked(machine, tmp_path):
-    path = tmp_path / "x.toml"
-    with socket.socket() as taken:
-        taken.bind(("127.0.0.1", 0))
-        taken.listen()
-        port = taken.getsockname()[1]
-        path.write_text(
-            f'[link]\nport = "/dev/no-such-port"\n'
-            f'[bus]\nlisten = ["tcp/127.0.0.1:{port}", "tcp/0.0.0.0:0"]\nallow_open = true\n'
-            f'[[cameras]]\nsource = "/dev/video9"\ntargets = ["{CONFIGS}/targets/nested.toml"]\n',
-            encoding="utf-8",
-        )
-        found = list(examine(machine, path))
-    text = "\n".join(f"{finding.verdict} {finding.found}" for finding in found)
-    assert "good " + str(path) in text
-    assert "bad /dev/no-such-port does not exist" in text
-    assert f"note tcp/127.0.0.1:{port} cannot be listened on" in text
-    assert "note tcp/0.0.0.0:0 lets the whole network fly the aircraft" in text
-    assert "has no calibration" in text
+def keep_certificate(tree, date):
+    folder = tree.config.parent
+    for name in ("ca.pem", "daemon.pem", "daemon.key"):
+        (folder / name).write_text("", encoding="utf-8")
+        (folder / name).chmod(0o600)
+    file = folder / "tls.json5"
+    tls = {"root_ca_certificate": "ca.pem", "listen_certificate": "daemon.pem", "listen_private_key": "daemon.key"}
+    paths = {key: str(folder / value) for key, value in tls.items()}
+    file.write_text(json.dumps({"transport": {"link": {"tls": paths}}}), encoding="utf-8")
+    tree.configure(bus=f'zenoh_file = "{file}"')
+    for name in ("ca.pem", "daemon.pem"):
+        end = date if name == "daemon.pem" else "Jun  1 12:00:00 2030 GMT"
+        words = f"openssl x509 -enddate -noout -in {folder / name}"
+        tree.commands[words] = Answered(0, f"notAfter={end}\n")
 
 
-def test_a_wrong_configuration_is_bad(machine, tmp_path):
-    path = tmp_path / "x.toml"
-    path.write_text("[lnk]\n", encoding="utf-8")
-    assert 'did you mean "link"' in findings(machine, path)[("configuration", Verdict.BAD)].found
+def certify(tree, days, mode=0o600):
+    now = datetime.fromtimestamp(NOW, UTC)
+    authority = certificates.make_authority(now)
+    pair = certificates.issue_certificate(authority, "pilot", "alice", now=now, days=days)
+    fields = certificates.tls_fields(authority.certificate, pair, "pilot")
+    file = tree.config.with_name("pilot.json5")
+    file.write_text(zenoh_file("pilot", fields, "alice"), encoding="utf-8")
+    file.chmod(mode)
+    tree.configure(bus=f'zenoh_file = "{file}"')
 
 
-def test_the_report_of_this_machine_is_readable_and_its_exit_code_says_so(capsys):
-    code = doctor(as_json=True)
-    lines = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
-    assert code == int(any(line["verdict"] == "bad" for line in lines))
-    doctor()
-    assert "bus" in capsys.readouterr().out
+def open_key(tree):
+    keep_certificate(tree, "Jun  1 12:00:00 2030 GMT")
+    (tree.config.parent / "daemon.key").chmod(0o644)
 
 
-@pytest.mark.parametrize(
-    ("synchronised", "verdict", "words"),
-    [(True, Verdict.GOOD, "follows a time server"), (False, Verdict.NOTE, "cannot be compared"), (None, None, "")],
-)
-def test_the_clock_is_judged_as_every_stamp_judges_it(machine, monkeypatch, synchronised, verdict, words):
-    monkeypatch.setattr("mkdaemon.cli.mkdaemon.doctor.kernel_synchronised", lambda: synchronised)
-    found = [finding for finding in examine(machine, None) if finding.what == "clock"]
-    assert [finding.verdict for finding in found] == ([] if verdict is None else [verdict])
-    assert all(words in finding.found for finding in found)
+def calibrate(tree, old, new):
+    assert old in CALIBRATION
+    tree.config.with_name("camera.toml").write_text(CALIBRATION.replace(old, new), encoding="utf-8")
 
 
-@pytest.mark.parametrize(
-    ("load", "verdict", "words"),
-    [("0.10 0.2 0.3 1/99 7", Verdict.GOOD, "2 cores"), ("3.50 1.0 0.5 4/99 7", Verdict.NOTE, "load 3.5 on 2 cores")],
-)
-def test_a_busy_machine_is_told_before_it_keeps_the_daemon_waiting(machine, monkeypatch, load, verdict, words):
-    monkeypatch.setattr(os, "sched_getaffinity", lambda process: {0, 1})
-    (machine.proc / "loadavg").write_text(f"{load}\n", encoding="ascii")
-    assert words in findings(machine)[("processor", verdict)].found
+def fail_service(tree):
+    tree.write("/etc/systemd/system/mkdaemon@.service")
+    words = "systemctl list-units --failed --plain --no-legend mkdaemon*"
+    tree.commands[words] = Answered(0, "mkdaemon@mk1.service loaded failed failed MikroKopter daemon of mk1\n")
 
 
-def test_missing_rights_and_autogroup_come_with_the_command_that_mends(machine, monkeypatch):
-    monkeypatch.setattr("mkdaemon.cli.mkdaemon.doctor.may_be_real_time", lambda: False)
-    (machine.proc / "sys" / "kernel").mkdir(parents=True)
-    (machine.proc / "sys" / "kernel" / "sched_autogroup_enabled").write_text("1\n", encoding="ascii")
-    found = findings(machine)
-    assert "- rtprio 2" in found[("real time", Verdict.NOTE)].fix
-    assert "sudo sysctl -p" in found[("autogroup", Verdict.NOTE)].fix
-    monkeypatch.setattr("mkdaemon.cli.mkdaemon.doctor.may_be_real_time", lambda: True)
-    (machine.proc / "sys" / "kernel" / "sched_autogroup_enabled").write_text("0\n", encoding="ascii")
-    found = findings(machine)
-    assert ("real time", Verdict.GOOD) in found
-    assert not any(what == "autogroup" for what, _ in found)
+def install_units(tree, options=""):
+    for unit in UNITS:
+        text = unit_text(unit, Path("/opt/mkdaemon/.venv/bin"))
+        tree.write(f"/etc/systemd/system/{unit.name}", text.replace("run --config", f"run{options} --config"))
 
 
-def test_one_core_is_too_few_for_a_camera(machine, monkeypatch, tmp_path):
-    monkeypatch.setattr(os, "sched_getaffinity", lambda process: {0})
-    path = tmp_path / "x.toml"
-    path.write_text('[[cameras]]\nsource = "/dev/video9"\n', encoding="utf-8")
-    assert "holds up the control loop" in findings(machine, path)[("processor", Verdict.NOTE)].found
+def no_service(tree):
+    tree.answers(follows_server=lambda: False)
+    for name in ("comm", "cmdline"):
+        tree.write(f"/proc/300/{name}", "agetty" if name == "comm" else "")
+
+
+def set_kernel(tree, name, value):
+    tree.write(f"/proc/sys/kernel/{name}", value)
+
+
+FAULTS = {
+    "a key that is none": ("configuration", lambda t: t.configure("nap = 1"), "unknown key", "config check"),
+    "a calibration that is none": (
+        "configuration",
+        lambda t: t.configure(calibration='calibration = "none.toml"'),
+        "camera file none.toml",
+        "config check",
+    ),
+    "no port in the file": ("port-unset", lambda t: t.configure(port='""'), "names no port", "explain link.port"),
+    "no adapter": (
+        "no-adapter",
+        lambda t: (t.configure(port='""'), t.remove("/dev/ttyUSB0")),
+        "no USB serial adapter",
+        "mkdaemon demo",
+    ),
+    "another port": ("port-missing", lambda t: t.configure(port='"/dev/ttyUSB7"'), "/dev/ttyUSB7 does not", "ls -l"),
+    "a pty without rights": (
+        "port-forbidden",
+        lambda t: (t.write("/dev/pts/4"), t.forbidden.add("/dev/pts/4"), t.configure(port='"pty:/dev/pts/4"')),
+        "/dev/pts/4 may not be opened by pilot",
+        "sudo usermod -aG ",
+    ),
+    "a terminal program": ("port-busy", run_minicom, "in use by minicom (process 812)", "kill 812"),
+    "a lock": ("port-busy", lock_port, "in use by gpsd (process 813)", "kill 813"),
+    "a lock file": ("port-busy", write_lock_file, "in use by picocom (process 814)", "kill 814"),
+    "a console of the kernel": (
+        "port-console",
+        lambda t: t.write("/proc/cmdline", "console=ttyUSB0,115200 quiet\n"),
+        "the kernel writes",
+        "disable --now serial-getty@ttyUSB0",
+    ),
+    "a login": (
+        "port-console",
+        lambda t: t.start(700, "agetty", "/sbin/agetty", "-L", "ttyUSB0"),
+        "a login waits",
+        "serial-getty@ttyUSB0",
+    ),
+    "a name that changes": (
+        "port-name",
+        lambda t: t.configure(port='"/dev/ttyUSB0"'),
+        "/dev/ttyUSB0 is a name that changes",
+        f"sed -i 's|/dev/ttyUSB0|{PORT}|'",
+    ),
+    "a slow FTDI timer": (
+        "ftdi-latency",
+        lambda t: t.write(f"{ADAPTER}/1-1:1.0/ttyUSB0/latency_timer", "16\n"),
+        "for 16 ms",
+        "echo 1 | sudo tee",
+    ),
+    "a USB device that may sleep": (
+        "usb-sleep",
+        lambda t: t.write(f"{ADAPTER}/power/control", "auto\n"),
+        "put to sleep",
+        "echo on | sudo tee",
+    ),
+    "a chip without driver": ("adapter-driver", plug_in_without_driver, "USB Serial is plugged in", "modprobe ch341"),
+    "brltty": ("brltty", lambda t: t.start(600, "brltty"), "brltty (process 600)", "remove brltty"),
+    "rules of brltty": (
+        "brltty",
+        lambda t: t.write("/usr/lib/udev/rules.d/85-brltty.rules"),
+        "85-brltty.rules starts it",
+        "remove brltty",
+    ),
+    "ModemManager": ("modem-manager", lambda t: t.start(601, "ModemManager"), "ModemManager runs", "60-mkdaemon.rules"),
+    "a wrong baud rate": (
+        "baud",
+        lambda t: t.configure(baud="115200"),
+        "link.baud is 115200",
+        "sed -i 's/^baud *= *115200/baud = 57600/'",
+    ),
+    "a package that is too old": (
+        "packages",
+        lambda t: t.answers(
+            installed_version=lambda name: "1.6.9" if name == "eclipse-zenoh" else installed_version(name)
+        ),
+        "eclipse-zenoh is 1.6.9",
+        "pip install 'eclipse-zenoh",
+    ),
+    "load": ("load", lambda t: t.write("/proc/loadavg", "3.50 1.0 0.5 4/99 7\n"), "3.50 on 2 cores", "top"),
+    "one core": (
+        "one-core",
+        lambda t: t.write("/proc/self/status", "CapEff:\t0\nCpus_allowed_list:\t3\n"),
+        "one core",
+        "",
+    ),
+    "a governor that saves power": (
+        "governor",
+        lambda t: t.write("/sys/devices/system/cpu/cpu1/cpufreq/scaling_governor", "powersave\n"),
+        "under the governor powersave: cpu1",
+        "echo performance | sudo tee",
+    ),
+    "no right to a real-time priority": (
+        "real-time",
+        lambda t: t.write("/proc/self/limits", "Max realtime priority     0                    0\n"),
+        "pilot may not go before",
+        r"printf 'pilot - rtprio 2\npilot - nice -10\n' | sudo tee /etc/security",
+    ),
+    "grouping by session": (
+        "autogroup",
+        lambda t: set_kernel(t, "sched_autogroup_enabled", "1"),
+        "by session",
+        "sudo sysctl -w kernel.sched_autogroup_enabled=0",
+    ),
+    "unbounded real time": (
+        "real-time-bound",
+        lambda t: set_kernel(t, "sched_rt_runtime_us", "-1"),
+        "nothing bounds",
+        "sudo sysctl -w kernel.sched_rt_runtime_us=950000",
+    ),
+    "no memory": ("memory", lambda t: t.write("/proc/meminfo", "MemAvailable:    90000 kB\n"), "90 MB", "ps -e"),
+    "heat": (
+        "heat",
+        lambda t: t.write("/sys/class/thermal/thermal_zone0/temp", "84500\n"),
+        "cpu-thermal has 84 degrees",
+        "thermal_zone0/temp",
+    ),
+    "a weak supply": (
+        "voltage",
+        lambda t: t.write("/sys/class/hwmon/hwmon1/in0_lcrit_alarm", "1\n"),
+        "supply is too low",
+        "cat /sys/class/hwmon/hwmon1",
+    ),
+    "a full disk": ("disk-full", lambda t: t.answers(free_bytes=lambda path: 9_000_000), "9 MB are free", "du -xh"),
+    "a nearly full disk": (
+        "disk-short",
+        lambda t: t.answers(free_bytes=lambda path: 700_000_000),
+        "record.free_mb leaves 1000",
+        "du -xh /var/lib/records",
+    ),
+    "a folder of somebody else": (
+        "folder",
+        lambda t: t.forbidden.add("/var/lib/records"),
+        "may not write in /var/lib/records",
+        "sudo install -d -o pilot /var/lib/records",
+    ),
+    "no NTP": ("no-time-service", no_service, "no program looks after it", "sudo timedatectl set-ntp true"),
+    "NTP without a server": (
+        "clock-free",
+        lambda t: t.answers(follows_server=lambda: False),
+        "does not follow a time server yet",
+        "timedatectl timesync-status",
+    ),
+    "a clock in the past": ("clock-unset", lambda t: t.answers(wall=lambda: 5.0), "days before", "set-ntp true"),
+    "clock skew": (
+        "clock-skew",
+        lambda t: t.tell(clock=NOW - 7.5),
+        "6.5 s behind",
+        "set-ntp true",
+    ),
+    "a clock that is ahead": (
+        "clock-skew",
+        lambda t: t.tell(clock=NOW + 3.0),
+        "3.0 s ahead of",
+        "set-ntp true",
+    ),
+    "a service that failed": (
+        "service-failed",
+        fail_service,
+        "mkdaemon@mk1.service has failed",
+        "journalctl -u mkdaemon@mk1",
+    ),
+    "a service of another release": (
+        "service-old",
+        lambda t: (install_units(t, " --gone"), t.remove("/etc/systemd/system/mkdaemon@.service")),
+        "/etc/systemd/system/mkdaemon.service is of another release",
+        "sudo /opt/mkdaemon/.venv/bin/mkdaemon install-service --write",
+    ),
+    "another program at the endpoint": (
+        "endpoint",
+        lambda t: listen_by(t, "nginx"),
+        "taken by nginx (process 900)",
+        "kill 900",
+    ),
+    "a second daemon": ("second-daemon", run_two_daemons, "processes 901 and 902", "kill 902"),
+    "a vehicle of the same name": (
+        "vehicle-twice",
+        lambda t: t.tell(daemons=2),
+        "2 daemons at tcp/127.0.0.1:7447 speak for mk1",
+        "explain vehicle.name",
+    ),
+    "Zenoh that does not answer": (
+        "bus",
+        lambda t: t.tell(failure="a program listens but does not answer", daemons=0, clock=None),
+        "a program listens but does not answer",
+        "mkctl status --connect tcp/127.0.0.1:7447",
+    ),
+    "Zenoh of another version": (
+        "zenoh-version",
+        lambda t: t.tell(routers=("v0.11.0",)),
+        "router is v0.11.0",
+        "eclipse-zenoh==",
+    ),
+    "an open bus": (
+        "open-bus",
+        lambda t: t.configure(bus='listen = ["tcp/0.0.0.0:7447"]\nallow_open = true'),
+        "tcp/0.0.0.0:7447 lets everybody",
+        "mkdaemon security",
+    ),
+    "a certificate that ends": (
+        "certificate",
+        lambda t: keep_certificate(t, "Jun  1 12:00:00 2026 GMT"),
+        "daemon.pem expires in 4 days",
+        "mkdaemon security show",
+    ),
+    "a certificate that has ended": (
+        "certificate",
+        lambda t: keep_certificate(t, "Jun  1 12:00:00 2025 GMT"),
+        "has expired",
+        "mkdaemon security show",
+    ),
+    "a file of mkdaemon security whose certificate ends": (
+        "certificate",
+        lambda t: certify(t, days=12),
+        "pilot.json5 expires in 12 days",
+        "mkdaemon security show",
+    ),
+    "a file of mkdaemon security that everybody may read": (
+        "private-key",
+        lambda t: certify(t, days=300, mode=0o644),
+        "may read the private key",
+        "chmod o-rwx",
+    ),
+    "a key that everybody may read": ("private-key", open_key, "everybody on this machine", "chmod o-rwx"),
+    "no camera": ("camera-missing", lambda t: t.remove("/dev/video0"), "/dev/video0 does not exist", "v4l2-ctl"),
+    "a camera without rights": (
+        "camera-forbidden",
+        lambda t: t.forbidden.add("/dev/video0"),
+        "/dev/video0 may not be opened by pilot",
+        "sudo usermod -aG",
+    ),
+    "a camera in use": (
+        "camera-busy",
+        lambda t: t.start(820, "cheese", files=["/dev/video0"]),
+        "in use by cheese",
+        "kill 820",
+    ),
+    "a device without images": (
+        "camera-node",
+        lambda t: t.write("/sys/class/video4linux/video0/index", "1\n"),
+        "/dev/video0 gives no images",
+        "v4l2-ctl --list-devices",
+    ),
+    "a frame rate it has not": (
+        "camera-rate",
+        lambda t: t.commands.update({V4L2: Answered(0, "Size: Discrete 1280x720\n Interval: 0.1s (10.000 fps)\n")}),
+        "asked for 30 images a second, and gives 10",
+        V4L2,
+    ),
+    "a frame rate it does not reach": (
+        "camera-slow",
+        lambda t: t.tell(eyes=(eye_of(fps=7.4),)),
+        "gives 7 images a second, and 30",
+        "mkctl watch 'vision/*/stats'",
+    ),
+    "a camera that is silent": (
+        "camera-state",
+        lambda t: t.tell(eyes=(eye_of(state=EyeState.SILENT, reason="No image for 1 s: check its cable."),)),
+        "camera down is silent",
+        "mkctl watch",
+    ),
+    "no calibration": ("calibration-none", lambda t: t.configure(calibration=""), "has no calibration", "calibrate"),
+    "a bad calibration": (
+        "calibration-poor",
+        lambda t: calibrate(t, "rms_px = 0.3", "rms_px = 2.5"),
+        "its error is 2.5 px",
+        "calibrate",
+    ),
+    "an uncertain calibration": (
+        "calibration-poor",
+        lambda t: calibrate(t, "focal_sd_percent = 0.1", "focal_sd_percent = 4.0"),
+        "known to 4 %",
+        "calibrate",
+    ),
+    "a calibration stored by force": (
+        "calibration-poor",
+        lambda t: calibrate(t, "views = 30", "views = 3\nforced = true"),
+        "stored although it is poor",
+        "calibrate",
+    ),
+    "an old calibration": (
+        "calibration-old",
+        lambda t: calibrate(t, "2026-05-01", "2023-05-01"),
+        "is 1124 days old",
+        "calibrate",
+    ),
+    "a calibration of another shape": (
+        "calibration-size",
+        lambda t: t.configure(width="640", height="480"),
+        "asked for 640x480, and",
+        "calibrate",
+    ),
+    "camera and line on one bus": ("usb-shared", share_bus, "share USB bus 1 of 480 Mbit/s", "lsusb -t"),
+    "garbage on the line": (
+        "line-rate",
+        lambda t: t.tell(line=line_of(condition=LinkCondition.GARBAGE, reason="bytes come, none of them a frame")),
+        "none of them is a frame",
+        "mkctl health",
+    ),
+    "a line that is down": (
+        "line",
+        lambda t: t.tell(line=line_of(condition=LinkCondition.MUTE, reason="nothing arrives")),
+        "is mute",
+        "mkctl health",
+    ),
+    "a line at another rate": ("line-baud", lambda t: t.tell(line=line_of(baud=38400)), "at 38400 baud", "sed -i"),
+    "a constant gate": (
+        "gate",
+        lambda t: stand(t, "gate_constant", "gate", "ExternalControl is 200, a constant.", "Put it on a switch."),
+        "ExternalControl is 200, a constant",
+        "mkctl settings write external_control=poti1",
+    ),
+    "height control": (
+        "height-control",
+        lambda t: stand(t, "height_control", "height control", "bit 0 of GlobalConfig allows it", "Clear it."),
+        "bit 0 of GlobalConfig",
+        "mkctl settings show global_config",
+    ),
+    "what else the preflight finds": (
+        "preflight",
+        lambda t: stand(t, "battery_low", "battery", "the battery is low: 10.8 V.", "Land, and change it."),
+        "the battery is low",
+        "mkctl preflight",
+    ),
+    "a recorder that is full": (
+        "recorder",
+        lambda t: t.tell(recorder=recorder_of(RecorderState.FULL, "0 MB are free")),
+        "does not record (full)",
+        "mkctl status",
+    ),
+}
+
+
+ALSO = {
+    "configuration": {"adapter-driver"},
+    "no-adapter": {"port-unset", "port-missing"},
+    "certificate": {"configuration"},
+}
+"""What a fault brings with it."""
+
+
+def test_a_healthy_machine_is_quiet(tree):
+    install_units(tree)
+    seen = tree.examined()
+    assert seen.findings == ()
+    assert seen.unseen.keys() == {Needs.DAEMON}
+    assert seen.worst() is None
+
+
+def test_a_healthy_machine_with_a_running_daemon_is_quiet(tree):
+    routers = (f"v{installed_version('eclipse-zenoh')}-g1",)
+    recorder = recorder_of(RecorderState.RECORDING)
+    tree.tell(line=line_of(), recorder=recorder, eyes=(eye_of(),), routers=routers, clock=NOW - 0.5)
+    words = ("/opt/mkdaemon/bin/mkdaemon", "run")
+    tree.start(901, "mkdaemon", "python3", *words, "--config", "a.toml", files=["/dev/ttyUSB0", "socket:[77]"])
+    tree.start(902, "mkdaemon", "python3", *words, "--config", "b.toml")
+    guard = "/opt/mkdaemon/lib/mkdaemon/guard.py"
+    tree.start(903, "python3", "python3", "-I", "-S", guard, "7", files=["/dev/ttyUSB0"])
+    seen = tree.examined()
+    assert (seen.findings, seen.unseen) == ((), {})
+
+
+@pytest.mark.parametrize(("check", "seed", "words", "command"), FAULTS.values(), ids=FAULTS)
+def test_a_fault_is_found_with_what_why_and_the_command(tree, check, seed, words, command):
+    seed(tree)
+    found = tree.examined().findings
+    (finding,) = [finding for finding in found if finding.check == check]
+    assert words in finding.what
+    assert finding.why
+    assert finding.fix
+    assert command in finding.command
+    assert "{" not in finding.what + finding.why + finding.fix + finding.command
+    others = {finding.check for finding in found} - {check}
+    assert others <= ALSO.get(check, set())
+
+
+def test_the_simulator_at_the_other_end_of_a_pseudo_terminal_is_no_other_program(tree):
+    tree.write("/dev/pts/4")
+    tree.configure(port='"pty:/dev/pts/4"')
+    tree.start(700, "mkdaemon", "python3", "/bin/mkdaemon", "sim", files=["/dev/pts/ptmx", "/dev/pts/4"])
+    assert tree.examined().findings == ()
+    tree.start(701, "python3.11", "/bin/python3.11", "-u", "/home/me/terminal.py", files=["/dev/pts/4"])
+    tree.answers()  # processes are looked at once for a machine
+    (finding,) = tree.examined().findings
+    assert "in use by terminal.py (process 701)" in finding.what
+
+
+def test_every_check_has_a_seeded_fault_and_a_name_of_its_own():
+    assert {check for check, *_ in FAULTS.values()} == {check.name for check in CHECKS}
+    assert max(Counter(check.name for check in CHECKS).values()) == 1
+    assert len(FAULTS) >= 30
+
+
+def run_and_read(tree, capsys, **options):
+    code = run_doctor(tree.machine, tree.config, must_fix=options.get("fix", False), as_json=options.get("json", False))
+    return code, capsys.readouterr().out
+
+
+def test_the_exit_code_tells_the_severity(tree, capsys):
+    assert run_and_read(tree, capsys) == (0, "nothing found by 60 checks; 13 see nothing without a running daemon\n")
+    set_kernel(tree, "sched_autogroup_enabled", "1")
+    assert run_and_read(tree, capsys)[0] == 0
+    tree.write("/proc/loadavg", "9 9 9 1/9 9\n")
+    assert run_and_read(tree, capsys)[0] == 3
+    tree.remove("/dev/video0")
+    code, out = run_and_read(tree, capsys)
+    assert code == 1
+    assert out.splitlines()[0].startswith("error   camera-missing: camera down: /dev/video0 does not exist")
+    assert "\n1 error, 1 warning, 1 advice by " in out
+
+
+def test_json_has_one_finding_a_line(tree, capsys):
+    run_minicom(tree)
+    code, out = run_and_read(tree, capsys, json=True)
+    (line,) = map(json.loads, out.splitlines())
+    assert (code, line["check"], line["severity"], line["command"]) == (1, "port-busy", "error", "kill 812")
+
+
+def test_fix_types_what_is_safe_and_nothing_else(tree, capsys):
+    timer = tree.write(f"{ADAPTER}/1-1:1.0/ttyUSB0/latency_timer", "16\n")
+    run_minicom(tree)
+    typed = []
+
+    def run(words):
+        if words[0] == "sh":
+            typed.append(words[2])
+            return run_command(["sh", "-c", words[2].replace("sudo ", "")])
+        return Answered(127, "")
+
+    tree.answers(run=run)
+    code, out = run_and_read(tree, capsys, fix=True)
+    assert [words.replace("sudo ", "") for words in typed] == [
+        f"echo 1 | tee {tree.root}/sys/class/tty/ttyUSB0/device/latency_timer"
+    ]
+    assert timer.read_text(encoding="utf-8") == "1\n"
+    assert code == 1
+    assert out.startswith("typed: echo 1 | ")
+    assert "ftdi-latency" not in out.partition("\n")[2]
+    assert "port-busy" in out
+
+
+def test_what_cannot_be_mended_is_told(tree, capsys):
+    set_kernel(tree, "sched_rt_runtime_us", "-1")
+    code, out = run_and_read(tree, capsys, fix=True)
+    assert code == 3
+    assert out.startswith("FAILED: ")
+    _, out = run_and_read(tree, capsys, fix=True, json=True)
+    assert json.loads(out.splitlines()[0])["is_done"] is False
+
+
+def test_safe_commands_end_no_program_and_write_no_configuration():
+    for check in CHECKS:
+        if check.is_safe:
+            assert not any(word in check.command for word in ("kill", "sed -i", "install", "rm ", "apt", "usermod"))
+    assert any(check.is_safe for check in CHECKS)
+    assert {check.severity for check in CHECKS} == set(Severity)
+
+
+def test_a_command_of_a_client_names_the_vehicle(tree):
+    tree.tell(line=line_of(condition=LinkCondition.MUTE, reason="nothing arrives"))
+    tree.configure('[vehicle]\nname = "mk7"')
+    (finding,) = tree.examined().findings
+    assert finding.command == "mkctl health --vehicle mk7"
+
+
+def test_this_machine_can_be_looked_at():
+    """Its processes, sockets and files as they are; what is wrong with it is its own affair."""
+    machine = Machine()
+    me = Path("/proc/self/cmdline")
+    if not me.exists():
+        pytest.skip("no /proc here: nothing to look at")
+    assert all(process.number != os.getpid() for process in machine.processes)
+    assert machine.listeners is machine.listeners
+    assert machine.holders(Path("/dev/null")) is not None
+    assert may_use(Path("/dev/null"))
+    assert run_command(["no-such-command"]) == Answered(127, "")
+    assert run_command(["sh", "-c", "echo x; exit 4"]) == Answered(4, "x\n")
+
+
+def test_a_client_of_this_machine_meets_who_listens_everywhere():
+    assert client_endpoint("tls/0.0.0.0:7447") == "tls/localhost:7447"
+    assert client_endpoint("tcp/[::]:7447") == "tcp/localhost:7447"
+    assert client_endpoint("tcp/127.0.0.1:7447") == "tcp/127.0.0.1:7447"

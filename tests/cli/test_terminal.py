@@ -167,6 +167,9 @@ def test_what_a_recording_says(printed, recording):
     ("app", "words", "suffix", "content"),
     [
         (mkdaemon, ("doctor", "--config"), ".toml", '"{}" = 1'),
+        (mkdaemon, ("config", "check"), ".toml", '"{}" = 1'),
+        (mkdaemon, ("config", "show"), ".toml", 'vehicle.note = "{}"'),
+        (mkdaemon, ("security", "show"), ".pem", "{}"),
         (mkctl, ("fly", "--check"), ".toml", '[[step]]\n"{}" = 1\ndo = "land"'),
         (mkctl, ("teleop", "--mapping"), ".toml", '"{}" = 1'),
         (mkctl, ("mixer", "write"), ".toml", 'name = "{}"\n[motors]\n1 = [1, 2, 3, 4]'),

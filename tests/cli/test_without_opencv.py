@@ -6,7 +6,9 @@ import sys
 
 import pytest
 
-from mkdaemon.cli.mkdaemon.doctor import Machine, Verdict, examine
+from mkdaemon.cli.mkdaemon.doctor.check import Severity
+from mkdaemon.cli.mkdaemon.doctor.machine import Machine
+from mkdaemon.cli.mkdaemon.doctor.table import examine
 from tests.bus.support import free_endpoint
 from tests.cli.oneprocess import run_alone, run_commands
 from tests.places import CONFIGS
@@ -60,10 +62,10 @@ def test_a_program_with_the_simulated_camera_names_the_extra_of_the_simulator(wo
 
 def test_the_doctor_finds_it(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "cv2", None)
-    machine = Machine(tmp_path, tmp_path, tmp_path)
+    machine = Machine(tmp_path)
     config = tmp_path / "camera.toml"
     config.write_text('[[cameras]]\nsource = "/dev/video0"\n', encoding="utf-8")
     monkeypatch.delitem(sys.modules, "mkdaemon.vision.worker", raising=False)
     monkeypatch.delitem(sys.modules, "mkdaemon.vision", raising=False)
-    found = [finding for finding in examine(machine, config) if finding.what == "configuration"]
-    assert (found[0].verdict, found[0].found) == (Verdict.BAD, FIX)
+    found = [finding for finding in examine(machine, config).findings if finding.check == "configuration"]
+    assert (found[0].severity, found[0].what) == (Severity.ERROR, FIX)

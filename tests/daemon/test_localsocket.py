@@ -226,3 +226,13 @@ async def test_requests_that_are_worked_on_shut_out_no_release(path):
         gate.set()
         answers = await asyncio.gather(*cancels)
         assert sum(one.is_accepted for one in answers) == WORKED_ON
+
+
+def test_the_socket_of_one_service_of_many_is_found_in_its_own_folder(tmp_path, monkeypatch):
+    monkeypatch.setattr("mkdaemon.client.localsocket.SERVICE_FOLDER", tmp_path)
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path / "user"))
+    (tmp_path / "mk7").mkdir()
+    path = tmp_path / "mk7" / socket_name("mk7", "tcp/127.0.0.1:7447")
+    path.touch()
+    assert find_socket("mk7", "tcp/127.0.0.1:7447") == path
+    assert find_socket("mk8", "tcp/127.0.0.1:7447") is None

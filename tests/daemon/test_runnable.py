@@ -8,7 +8,10 @@ import io
 import pytest
 from rich.console import Console
 
-from mkdaemon.cli.mkdaemon.doctor import Machine, Verdict, examine, show
+from mkdaemon.cli.mkdaemon.doctor.check import Severity
+from mkdaemon.cli.mkdaemon.doctor.command import show
+from mkdaemon.cli.mkdaemon.doctor.machine import Machine
+from mkdaemon.cli.mkdaemon.doctor.table import examine
 from mkdaemon.config.reader import load
 from mkdaemon.daemon.program import run
 from mkdaemon.errors import ConfigError
@@ -36,8 +39,8 @@ WRONG = {
 
 @pytest.fixture
 def machine(tmp_path):
-    (tmp_path / "dev").mkdir()
-    return Machine(tmp_path / "dev", tmp_path, tmp_path, tmp_path)
+    (tmp_path / "root").mkdir()
+    return Machine(tmp_path / "root")
 
 
 @pytest.mark.parametrize(("text", "words"), WRONG.values(), ids=WRONG)
@@ -53,27 +56,29 @@ async def test_what_run_refuses_the_doctor_calls_bad_in_the_same_words(text, wor
             await run(cfg, asyncio.Event())
         refusal = str(refused.value)
     assert words in refusal
-    found = [finding for finding in examine(machine, path) if finding.what == "configuration"]
-    assert (found[0].verdict, found[0].found) == (Verdict.BAD, refusal)
+    found = [finding for finding in examine(machine, path).findings if finding.check == "configuration"]
+    assert (found[0].severity, found[0].what) == (Severity.ERROR, refusal)
 
 
-def test_the_doctor_names_every_mistake_and_calls_nothing_valid_beside_one(tmp_path, machine):
+def test_the_doctor_names_every_mistake(tmp_path, machine):
     path = tmp_path / "aircraft.toml"
     path.write_text('[link]\nport = "ttyUSB0"\nrates = { osf = 100 }\n', encoding="utf-8")
-    found = [finding for finding in examine(machine, path) if finding.what == "configuration"]
-    assert [finding.verdict for finding in found] == [Verdict.BAD, Verdict.BAD]
+    found = [finding for finding in examine(machine, path).findings if finding.check == "configuration"]
+    assert [finding.severity for finding in found] == [Severity.ERROR, Severity.ERROR]
 
 
 @pytest.mark.parametrize("name", ["cyberquad.toml", "sim.toml", "sim-vision.toml"])
 def test_the_samples_are_valid(name, machine, monkeypatch):
     monkeypatch.chdir(CONFIGS.parent)
-    found = [finding for finding in examine(machine, CONFIGS / name) if finding.what == "configuration"]
-    assert [finding.verdict for finding in found] == [Verdict.GOOD]
+    seen = examine(machine, CONFIGS / name)
+    assert "configuration" not in {finding.check for finding in seen.findings}
 
 
 def test_brackets_of_a_finding_are_shown_as_they_are(tmp_path, machine):
     path = tmp_path / "aircraft.toml"
     path.write_text("[link]\nport = 7\n[[cameras]]\n[cameras.mount]\nlooks = '[red]'\n", encoding="utf-8")
     console = Console(width=400, record=True, file=io.StringIO())
-    show([finding._replace(found="[link] [red]no[/red] [nothing") for finding in examine(machine, path)], console)
+    seen = examine(machine, path)
+    said = tuple(finding._replace(what="[link] [red]no[/red] [nothing") for finding in seen.findings)
+    show(seen._replace(findings=said), console)
     assert "[link] [red]no[/red] [nothing" in console.export_text()

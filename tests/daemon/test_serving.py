@@ -247,7 +247,7 @@ def with_daemon(monkeypatch, error):
     """Let `run` serve something that ends with an error."""
 
     class Failing:
-        def __init__(self, cfg, bus, clock, black_box, last_word):
+        def __init__(self, cfg, bus, clock, black_box, last_word, reloading):
             pass
 
         async def serve(self, stop, notifier):

@@ -8,11 +8,13 @@ import tomllib
 import pytest
 from pydantic import BaseModel
 
+from mkdaemon.config.keys import keys_of
+from mkdaemon.config.root import DaemonSections
 from mkdaemon.config.vision import TargetFile
 from mkdaemon.vision.camera.calibration_file import Camera
 from mksim.config import SimulatorFile
 from tests.places import CONFIGS
-from tools.configuration_page import configuration_page, keys_of
+from tools.configuration_page import configuration_page
 
 FILES = [SimulatorFile, TargetFile, Camera]
 
@@ -44,15 +46,21 @@ def test_every_key_has_type_default_and_meaning(keys):
     assert keys
     for key in keys:
         name = f"{key.section}.{key.name}"
-        kind, _, default, _, meaning = key.cells
-        assert kind, name
-        assert default, name
-        assert len(meaning) > 3, name
-        assert not meaning.startswith("."), name
+        assert key.kind, name
+        assert key.default, name
+        assert len(key.meaning) > 3, name
+        assert not key.meaning.startswith("."), name
+
+
+def test_every_key_of_the_aircraft_says_what_a_wrong_value_does():
+    keys = list(keys_of(DaemonSections))
+    assert keys
+    assert [key.dotted for key in keys if len(key.consequence) < 10] == []
+    assert [key.dotted for key in keys if not key.consequence.endswith(".")] == []
 
 
 def test_units_ranges_and_defaults_are_told(keys):
-    cells = {f"{key.section}.{key.name}": key.cells for key in keys}
+    cells = {key.dotted: (key.kind, key.unit, key.default, key.limits) for key in keys}
     assert cells["link.gap_ms"][:4] == ("number", "ms", "`5.0`", ">= 2.25, <= 100")
     assert cells["control.rate"][1:3] == ("Hz", "`50.0`")
     assert cells["sim.pilot_plan"][0].startswith("`circle`, `hover`")

@@ -57,7 +57,7 @@ def check_exposure(config: zenoh.Config, *, allow_open: bool) -> tuple[str, ...]
     if found and not allow_open:
         msg = (
             f"bus.listen {', '.join(found)}: everybody in the network could fly the aircraft. Listen on 127.0.0.1, set "
-            "up client certificates (configs/zenoh/), or set bus.allow_open = true in a network where everybody may"
+            "up client certificates (mkdaemon security), or set bus.allow_open = true in a network where everybody may"
         )
         raise ConfigError(msg)
     return found

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import base64
+import errno
 import json
 import re
 import socket
 import ssl
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Final
 
 import zenoh
@@ -13,7 +17,9 @@ import zenoh
 PATIENCE: Final = 2.0
 """Longest time for the handshake, and for the daemon to refuse a certificate after it [s]."""
 _ENDPOINT: Final = re.compile(r"tls/(?P<host>\[[^\]]+\]|[^:/]+):(?P<port>\d+)")
-_FIX: Final = "show a certificate of the daemon's own authority (configs/zenoh/README.md)"
+_FIX: Final = "show a certificate of the daemon's own authority (docs/security.md)"
+_EMBEDDED: Final = ("root_ca_certificate", "connect_certificate", "connect_private_key")
+"""May stand in the file itself, in base64."""
 
 
 def explain_tls_failure(config: zenoh.Config) -> str | None:
@@ -34,15 +40,51 @@ def explain_tls_failure(config: zenoh.Config) -> str | None:
 
 def _settings(config: zenoh.Config) -> dict[str, str | bool | None]:
     settings: dict[str, str | bool | None] = json.loads(config.get_json("transport/link/tls"))
+    for name in _EMBEDDED:  # Zenoh shows them one by one alone: they may be secrets
+        content: str | None = json.loads(config.get_json(f"transport/link/tls/{name}_base64"))
+        if content:
+            settings[f"{name}_base64"] = content
     return settings
+
+
+def _context(settings: dict[str, str | bool | None]) -> ssl.SSLContext:
+    """What this client trusts, and what it shows.
+
+    Raises:
+        OSError: a certificate or a key cannot be used.
+    """
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
+    context.check_hostname = settings["verify_name_on_connect"] is not False
+    with TemporaryDirectory() as folder:  # the module takes certificates and keys out of files alone
+        files = {name: _file_of(settings, name, Path(folder)) for name in _EMBEDDED}
+        if files["root_ca_certificate"]:
+            context.load_verify_locations(files["root_ca_certificate"])
+        if files["connect_certificate"]:
+            context.load_cert_chain(files["connect_certificate"], files["connect_private_key"])
+    return context
+
+
+def _file_of(settings: dict[str, str | bool | None], name: str, folder: Path) -> str | None:
+    """The file of a certificate or a key; one for this user alone where it stands in the configuration itself.
+
+    Raises:
+        OSError: it is no base64.
+    """
+    content = settings.get(f"{name}_base64")
+    if not content:
+        return str(settings[name]) if settings[name] else None
+    path = folder / name
+    path.touch(mode=0o600)
+    try:
+        path.write_bytes(base64.b64decode(str(content), validate=True))
+    except ValueError as error:
+        raise OSError(errno.EINVAL, f"{name}_base64 is no base64") from error
+    return str(path)
 
 
 def _try(host: str, port: int, settings: dict[str, str | bool | None]) -> str | None:
     try:
-        context = ssl.create_default_context(cafile=str(settings["root_ca_certificate"]))
-        context.check_hostname = settings["verify_name_on_connect"] is not False
-        if settings["connect_certificate"]:
-            context.load_cert_chain(str(settings["connect_certificate"]), str(settings["connect_private_key"]))
+        context = _context(settings)
     except OSError as error:
         return f"the certificates of this client cannot be used: {error.strerror or error}"
     try:

@@ -23,6 +23,8 @@ from mkdaemon.errors import ConfigError, MkError
 EXIT_OK: Final = 0
 EXIT_FAILURE: Final = 1
 EXIT_CONFIG: Final = 2
+EXIT_WARNING: Final = 3
+"""Of `mkdaemon doctor`: there are warnings, and no error."""
 EXIT_INTERRUPTED: Final = 130
 COMPLETION: Final = "--install-completion"
 """A command of every program that is no row of its table."""

@@ -25,14 +25,15 @@ def find_socket(vehicle: str, endpoint: str) -> Path | None:
     """The socket of the daemon that listens at an endpoint; None where it is on another machine or has none."""
     if not is_here(endpoint):
         return None
-    paths = (folder / socket_name(vehicle, endpoint) for folder in socket_folders() if _is_trusted(folder))
+    folders = (*socket_folders(), SERVICE_FOLDER / vehicle)  # the last is that of one service of many
+    paths = (folder / socket_name(vehicle, endpoint) for folder in folders if _is_trusted(folder))
     return next((path for path in paths if path.exists()), None)
 
 
 def _is_trusted(folder: Path) -> bool:
     """Whether no other ordinary user could have put a socket there; systemd makes its own folder."""
     try:
-        return folder == SERVICE_FOLDER or folder.stat().st_uid in {os.getuid(), 0}
+        return SERVICE_FOLDER in (folder, folder.parent) or folder.stat().st_uid in {os.getuid(), 0}
     except OSError:
         return False
 

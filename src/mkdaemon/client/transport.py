@@ -155,7 +155,7 @@ class Transport:
         if self.endpoint.startswith(_SECURED) and await self._is_denied():
             return (
                 f"access denied: the daemon at {self.endpoint} answers this client, but not {suffix}: this "
-                "certificate may look and not command; use a pilot's (configs/zenoh/README.md)"
+                "certificate may look and not command; use a pilot's (docs/security.md)"
             )
         return f"the daemon gives no answer to {suffix}: is it older than this client?"
 

@@ -11,49 +11,95 @@ class AutopilotConfig(Section):
     """Limits of autonomous flight, and what must be true before and during it; docs/flying.md."""
 
     max_tilt: float = Field(default=0.35, gt=0, le=0.6)
-    """Largest tilt asked of the attitude loop [rad]; the true tilt stays near three quarters of it."""
+    """Largest tilt asked of the attitude loop [rad]; the true tilt stays near three quarters of it.
+
+    Higher flies faster and farther off before it brakes; lower cannot hold against wind."""
     max_speed: float = Field(default=1.2, gt=0, le=5)
-    """Largest horizontal speed of the reference [m/s]."""
+    """Largest horizontal speed of the reference [m/s].
+
+    Higher needs more room to stop, and the target leaves the image."""
     max_acceleration: float = Field(default=1.4, gt=0, le=3)
-    """Largest horizontal acceleration of the reference [m/s2]."""
+    """Largest horizontal acceleration of the reference [m/s2].
+
+    Higher tilts the camera away from the target; lower brakes over a longer way."""
     max_climb: float = Field(default=0.6, gt=0, le=2)
-    """Largest vertical speed [m/s]."""
+    """Largest vertical speed [m/s].
+
+    Higher overshoots; lower takes longer."""
     fence_radius: float = Field(default=5.0, gt=0, le=100)
-    """Setpoints farther from the target are moved back to this distance [m]."""
+    """Setpoints farther from the target are moved back to this distance [m].
+
+    Wider lets a wrong setpoint fly away; narrower moves right ones back."""
     fence_height: float = Field(default=6.0, gt=0, le=100)
-    """Setpoints higher above the target are lowered to this height [m]."""
+    """Setpoints higher above the target are lowered to this height [m].
+
+    Higher than the camera can see the target from ends flights in sight loss."""
     fence_floor: float = Field(default=0.3, ge=0, le=10)
-    """Setpoints lower above the target are raised to this height [m]; landing is a thing of its own."""
+    """Setpoints lower above the target are raised to this height [m]; landing is a thing of its own.
+
+    Lower lets a setpoint touch the ground without landing."""
     velocity_lead: float = Field(default=1.5, gt=0, le=5)
-    """A velocity setpoint aims at the point the aircraft would reach in this time [s]."""
+    """A velocity setpoint aims at the point the aircraft would reach in this time [s].
+
+    Longer makes velocity flight soft; shorter makes it jerk."""
     entry_sd: float = Field(default=0.15, gt=0, le=1)
-    """Position must be known to this standard deviation before a flight begins [m]."""
+    """Position must be known to this standard deviation before a flight begins [m].
+
+    Higher begins flights on a position that is not known; lower waits for ever in bad light."""
     entry_age: float = Field(default=0.25, gt=0, le=1)
-    """The newest image must be younger than this before a flight begins [s]."""
+    """The newest image must be younger than this before a flight begins [s].
+
+    Higher begins flights on old images."""
     entry_speed: float = Field(default=0.4, gt=0, le=5)
-    """The aircraft must be slower than this against the target before a flight begins [m/s]."""
+    """The aircraft must be slower than this against the target before a flight begins [m/s].
+
+    Higher begins flights that overshoot."""
     entry_offset: float = Field(default=0.3, gt=0, le=10)
     """The aircraft must be nearer to the middle of the target than this share of its height before a flight begins: who
-    leans against the wind beside it loses sight of it."""
+    leans against the wind beside it loses sight of it.
+
+    Higher begins flights that lose sight at the first tilt."""
     entry_clean: float = Field(default=2.0, ge=0, le=20)
-    """Images must have agreed with the model for this long before a flight begins [s]."""
+    """Images must have agreed with the model for this long before a flight begins [s].
+
+    Shorter begins flights on images that happened to agree."""
     clean_innovation: float = Field(default=4.0, gt=0)
-    """Mean squared innovation up to which images agree with the model [variances]."""
+    """Mean squared innovation up to which images agree with the model [variances].
+
+    Higher accepts images that contradict the model."""
     freeze_after: float = Field(default=0.2, gt=0, le=2)
-    """Without an image for this long the reference stands still [s]."""
+    """Without an image for this long the reference stands still [s].
+
+    Longer follows a reference that nobody sees; shorter stands still at every lost image."""
     level_after: float = Field(default=1.5, gt=0, le=5)
-    """Without an image for this long the aircraft is held level at hover throttle [s]."""
+    """Without an image for this long the aircraft is held level at hover throttle [s].
+
+    Longer flies by a dead reckoning that drifts by decimetres a second."""
     exit_after: float = Field(default=3.0, gt=0, le=10)
-    """Without an image for this long the aircraft is released [s]."""
+    """Without an image for this long the aircraft is released [s].
+
+    Longer drifts level with the wind before the pilot has it back."""
     stand_height: float = Field(default=0.10, ge=0, le=1)
-    """Height of the body's origin above the target when the feet stand on it [m]."""
+    """Height of the body's origin above the target when the feet stand on it [m].
+
+    Too high ends a landing in the air; too low pushes on the ground before it ends."""
     stand_time: float = Field(default=1.0, ge=0, le=5)
-    """After a landing the throttle stays at its lowest for this long before the aircraft is released [s]."""
+    """After a landing the throttle stays at its lowest for this long before the aircraft is released [s].
+
+    Shorter releases while it may still bounce."""
     arrived_within: float = Field(default=0.15, gt=0, le=2)
-    """A position is reached when the aircraft has been so close to it for `arrived_for` [m]."""
+    """A position is reached when the aircraft has been so close to it for `arrived_for` [m].
+
+    Narrower than the aircraft holds is never reached."""
     arrived_for: float = Field(default=1.0, gt=0, le=10)
-    """See `arrived_within` [s]."""
+    """See `arrived_within` [s].
+
+    Longer waits in every place."""
     takeoff_ready: float = Field(default=3.0, ge=0, le=30)
-    """A take-off begins with the lowest throttle for this long, in which the pilot raises his [s]."""
+    """A take-off begins with the lowest throttle for this long, in which the pilot raises his [s].
+
+    Shorter leaves the pilot no time, and his throttle caps ours."""
     neutral_band: float = Field(default=4.0, ge=0, le=20)
-    """Attitude setpoints within this many counts of level begin a flight [stick]."""
+    """Attitude setpoints within this many counts of level begin a flight [stick].
+
+    Wider lets a flight begin with a step."""

@@ -13,18 +13,33 @@ class BusConfig(Section):
     """Where the daemon meets its clients."""
 
     listen: tuple[str, ...] = ("tcp/127.0.0.1:7447",)
-    """Zenoh endpoints to listen on. What the network reaches and asks for no client certificate (configs/zenoh/) and no
-    password is refused."""
+    """Zenoh endpoints to listen on. What the network reaches and asks for no client certificate (docs/security.md) and
+    no password is refused.
+
+    An endpoint in use ends the daemon at its start. Without one, clients meet it over a router of `connect` alone."""
     allow_open: bool = False
-    """Listen all the same where everybody in the network could fly; `mkctl status` and the log then say so."""
+    """Listen all the same where everybody in the network could fly; `mkctl status` and the log then say so.
+
+    True lets everybody in the network take the lease and fly."""
     connect: tuple[str, ...] = ()
-    """Zenoh endpoints to connect to, for example a router that joins several machines."""
+    """Zenoh endpoints to connect to, for example a router that joins several machines.
+
+    A router that is not there is tried again and again; clients behind it see no daemon."""
     zenoh_file: Path | None = None
-    """A Zenoh configuration file (JSON5), for TLS and access control; `listen` and `connect` are added to it."""
+    """A Zenoh configuration file (JSON5), for TLS and access control; `listen` and `connect` are added to it.
+
+    A wrong file ends the daemon at its start; without one nothing is encrypted and nobody is asked who he is."""
     lease: float = Field(default=2.0, ge=0.5, le=30.0)
-    """A client whose session is silent for this long counts as gone [s]."""
+    """A client whose session is silent for this long counts as gone [s].
+
+    Longer notices a dead client later; shorter takes a client on a bad radio link for dead, and releases its
+    aircraft."""
     max_queries: int = Field(default=64, ge=1, le=1024)
-    """Queries worked on at a time; further ones are answered `busy`."""
+    """Queries worked on at a time; further ones are answered `busy`.
+
+    Lower refuses questions of a busy ground station; higher lets a flood take memory."""
     local_group: str | None = None
     """Group whose members may use the Unix socket for `mkctl release` beside the daemon's own user; unset: nobody else.
-    The daemon's user must be in it."""
+    The daemon's user must be in it.
+
+    Members may release the aircraft at any moment, and nothing else."""

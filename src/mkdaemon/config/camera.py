@@ -39,62 +39,112 @@ class MountSection(Section):
     """How a camera sits on the vehicle."""
 
     position_flu: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """Optical centre in the body frame: forward, left, up [m]."""
+    """Optical centre in the body frame: forward, left, up [m].
+
+    Wrong by a centimetre is a centimetre in every position."""
     looks: Literal["down", "forward", "back", "left", "right", "up"] = "down"
-    """Direction of view before `rpy_deg`. Top of the image: to the nose for `down`, to the tail for `up`, else up."""
+    """Direction of view before `rpy_deg`. Top of the image: to the nose for `down`, to the tail for `up`, else up.
+
+    The wrong one flies the wrong way: `mkctl preflight` finds it by a tilt in the hand."""
     rpy_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """Small turn from that direction about body forward, left, up, in the order yaw, pitch, roll [deg]."""
+    """Small turn from that direction about body forward, left, up, in the order yaw, pitch, roll [deg].
+
+    Wrong by a degree is 3.5 cm at 2 m."""
 
 
 class CameraSection(Section):
     """One camera of the vehicle: `[[cameras]]`."""
 
     name: CameraName = "down"
-    """Name on the bus, `vision/<name>/...`."""
+    """Name on the bus, `vision/<name>/...`.
+
+    Two cameras of one name are refused."""
     source: str = Field(min_length=1)
-    """`/dev/video0` or `v4l2:PATH`, `rtsp://...`, `gstreamer:PIPELINE`, `file:CLIP`, `folder:DIR`, `zenoh:KEY`."""
+    """`/dev/video0` or `v4l2:PATH`, `rtsp://...`, `gstreamer:PIPELINE`, `file:CLIP`, `folder:DIR`, `zenoh:KEY`.
+
+    One that is not there is opened again and again, and no flight by the target begins."""
     secret_file: Path | None = None
     """File with the secret that the sender of a `zenoh:` source signs its images with, 16 characters or more; unset
-    takes images from whoever puts them."""
+    takes images from whoever puts them.
+
+    Unset flies by whatever anybody on the bus puts there."""
     calibration: Path | None = None
-    """Camera file of `mkdaemon calibrate camera`; without one tags are published, poses never."""
+    """Camera file of `mkdaemon calibrate camera`; without one tags are published, poses never.
+
+    That of another camera or focus makes every height wrong by the share of the focal length."""
     targets: tuple[Path, ...] = ()
-    """Target files this camera looks for."""
+    """Target files this camera looks for.
+
+    A size that is wrong in the file makes every distance wrong by the same share."""
     mount: MountSection | None = None
-    """How it sits on the vehicle; unset takes the mount of the camera file."""
+    """How it sits on the vehicle; unset takes the mount of the camera file.
+
+    See its keys."""
     width: int | None = Field(default=None, gt=0, le=8192)
-    """Wanted width [px]; unset takes the calibration's, or the driver's choice."""
+    """Wanted width [px]; unset takes the calibration's, or the driver's choice.
+
+    Wider sees smaller tags and takes longer for each image; another shape than the calibration's is refused."""
     height: int | None = Field(default=None, gt=0, le=8192)
-    """Wanted height [px]."""
+    """Wanted height [px].
+
+    See `width`."""
     fps: float | None = Field(default=None, gt=0, le=1000)
-    """Wanted rate [Hz]."""
+    """Wanted rate [Hz].
+
+    Higher needs light and a USB bus that carries it; lower holds less steadily."""
     exposure_ms: Literal["auto", "target"] | Annotated[float, Field(gt=0, le=1000)] | None = None
-    """Shutter time [ms]; `auto` lets the camera choose, `target` us by what the tags need; unset leaves the driver."""
+    """Shutter time [ms]; `auto` lets the camera choose, `target` us by what the tags need; unset leaves the driver.
+
+    Longer blurs in motion; shorter is dark."""
     exposure_longest_ms: float = Field(default=15.0, gt=0, le=1000)
-    """Longest shutter time that `target` may choose [ms]; motion during it blurs."""
+    """Longest shutter time that `target` may choose [ms]; motion during it blurs.
+
+    Longer blurs in motion; shorter is dark at dusk."""
     gain: float | None = Field(default=None, ge=0)
-    """Gain in the driver's own unit; unset leaves it."""
+    """Gain in the driver's own unit; unset leaves it.
+
+    Higher adds noise; lower is dark."""
     latency_ms: float = Field(default=0.0, ge=0, le=2000)
-    """From the middle of the exposure to the stamp, subtracted from every stamp [ms]; measure it once."""
+    """From the middle of the exposure to the stamp, subtracted from every stamp [ms]; measure it once.
+
+    Wrong by 20 ms weakens the loop; `mkctl preflight` (time stamps) shows how much it is."""
     loop: bool = False
-    """Play a file or folder again and again."""
+    """Play a file or folder again and again.
+
+    A flight by a clip that begins again jumps."""
     paced: bool = True
-    """Play a file or folder at its own rate; otherwise as fast as images are taken."""
+    """Play a file or folder at its own rate; otherwise as fast as images are taken.
+
+    False is for measuring alone."""
     silent_after: float = Field(default=1.0, gt=0, le=60)
-    """Without an image for this long the camera counts as silent [s]."""
+    """Without an image for this long the camera counts as silent [s].
+
+    Longer says later that a camera has died."""
     reopen_min: float = Field(default=0.2, gt=0, le=10)
-    """First delay before a lost camera is opened again [s]."""
+    """First delay before a lost camera is opened again [s].
+
+    Higher makes a short loss longer."""
     reopen_max: float = Field(default=5.0, gt=0, le=60)
-    """Longest delay between two attempts, and longest wait for a network stream [s]."""
+    """Longest delay between two attempts, and longest wait for a network stream [s].
+
+    Higher leaves a camera that is back unused for longer."""
     watch_size: bool = True
     """Read an H.264 or H.265 stream a second time, undecoded, to see when it changes the size of its pictures, which
-    OpenCV scales in silence; a network camera has two clients then."""
+    OpenCV scales in silence; a network camera has two clients then.
+
+    False measures wrong distances where a stream changes its size."""
     jpeg_hz: float = Field(default=0.0, ge=0, le=60)
-    """Images published on the bus a second, at most; 0 publishes none."""
+    """Images published on the bus a second, at most; 0 publishes none.
+
+    Higher takes processor time and network from the flight."""
     jpeg_quality: int = Field(default=60, ge=1, le=100)
-    """Quality of published images."""
+    """Quality of published images.
+
+    Higher takes more network, and the flight does not see these images."""
     jpeg_width: int = Field(default=640, gt=0, le=8192)
-    """Published images are scaled down to this width [px]."""
+    """Published images are scaled down to this width [px].
+
+    Wider takes more processor time and network."""
 
     def image_secret(self) -> str | None:
         """Read the secret; see `read_image_secret`."""

@@ -64,7 +64,7 @@ class Mistake(NamedTuple):
 
 
 def explain(
-    error: ValidationError, path: Path | None, text: str, given: Mapping[str, Any], root: type[BaseModel] = Config
+    error: ValidationError, path: Path | None, text: str, given: Mapping[str, str], root: type[BaseModel] = Config
 ) -> str:
     """One line for the first mistake, unknown keys first, and how many more there are.
 
@@ -72,7 +72,7 @@ def explain(
         error: what validation found.
         path: file that was read; None for none.
         text: what stands in it.
-        given: values of the command line, by dotted key.
+        given: where values that go before the file come from, by dotted key: `command line`.
         root: what the whole file stands for.
     """
     mistakes = [_mistake(details) for details in error.errors(include_url=False)]
@@ -83,12 +83,13 @@ def explain(
     branches = [mistake for mistake in branches if len(mistake.place) == deepest]
     place = branches[0].place
     key = ".".join(str(part) for part in place)
-    if any(key == option or key.startswith(f"{option}.") for option in given):
-        where = "command line"
+    other = next((given[option] for option in given if key == option or key.startswith(f"{option}.")), None)
+    if other is not None:
+        where = other
     elif path is None:
         where = "configuration"
     else:
-        line = _line_of(text, place)
+        line = line_of(text, place)
         where = f"{path}:{line}" if line else str(path)
     others = len({mistake.section for mistake in mistakes}) - 1
     more = f" (and {others} more)" if others else ""
@@ -141,7 +142,7 @@ def _meaning(place: Place, root: type[BaseModel]) -> str:
         return ""
     for model in _models_at(place[:-1], root):
         if (meaning := meanings_of(model).get(str(place[-1]))) is not None:
-            return meaning
+            return meaning.partition("\n\n")[0]
     return ""
 
 
@@ -207,7 +208,7 @@ _HEADER: Final = re.compile(r"^\s*(\[\[?)\s*([^\]]+?)\s*\]\]?")
 _ASSIGNMENT: Final = re.compile(r"^\s*([A-Za-z0-9_\-\".]+)\s*=")
 
 
-def _line_of(text: str, place: Place) -> int | None:
+def line_of(text: str, place: Place) -> int | None:
     """Find the line of a key by reading headers and assignments only.
 
     Where the key itself does not stand in the text: the nearest section above it, or the first line below it.

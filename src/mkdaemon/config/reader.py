@@ -8,7 +8,7 @@ import sysconfig
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Final, TypeVar
 
 from pydantic import ValidationError
 
@@ -19,6 +19,7 @@ from mkdaemon.errors import ConfigError
 from mkdaemon.reading import LONGEST_SETTINGS, parse_toml, read_text
 
 _Section = TypeVar("_Section", bound=Section)
+COMMAND_LINE: Final = "command line"
 
 
 def load(path: Path | None, overrides: Mapping[str, Any] | None = None) -> Config:
@@ -46,10 +47,25 @@ def load_section(kind: type[_Section], path: Path | None, overrides: Mapping[str
     Raises:
         ConfigError: see `load`.
     """
-    return _load(kind, path, "" if path is None else _read(path), dict(overrides or {}))
+    given = dict(overrides or {})
+    return validated(kind, path, "" if path is None else read_file(path), given, dict.fromkeys(given, COMMAND_LINE))
 
 
-def _load(kind: type[_Section], path: Path | None, text: str, given: Mapping[str, Any]) -> _Section:
+def validated(
+    kind: type[_Section], path: Path | None, text: str, given: Mapping[str, Any], origins: Mapping[str, str]
+) -> _Section:
+    """Make the models of a text and of what goes before it.
+
+    Args:
+        kind: what the file holds.
+        path: the file, for what is told of a mistake.
+        text: what stands in it.
+        given: values that go before it, by dotted key.
+        origins: where each of these comes from.
+
+    Raises:
+        ConfigError: see `load`.
+    """
     try:
         tree = parse_toml(text)
     except tomllib.TOMLDecodeError as error:
@@ -63,7 +79,7 @@ def _load(kind: type[_Section], path: Path | None, text: str, given: Mapping[str
         # takes.
         return kind.model_validate_json(json.dumps(tree, default=lambda date: [str(date)]), strict=True)
     except ValidationError as error:
-        raise ConfigError(explain(error, path, text, given, kind)) from error
+        raise ConfigError(explain(error, path, text, origins, kind)) from error
 
 
 def samples_folder() -> Path:
@@ -72,7 +88,12 @@ def samples_folder() -> Path:
     return installed if installed.is_dir() else Path("configs")
 
 
-def _read(path: Path) -> str:
+def read_file(path: Path) -> str:
+    """Read a configuration file.
+
+    Raises:
+        ConfigError: it is missing or unreadable; says what is like it.
+    """
     try:
         return read_text(path, limit=LONGEST_SETTINGS)
     except FileNotFoundError as error:

@@ -95,42 +95,74 @@ class DetectorSection(Section):
     """When a quad counts as a tag."""
 
     max_hamming: int = Field(default=2, ge=0, le=3)
-    """Bits corrected at most."""
+    """Bits corrected at most.
+
+    Higher reads damaged tags, and reads tags where there are none."""
     max_false_rate: float = Field(default=1e-7, gt=0)
-    """Chance that a random quad reads as a whitelisted code; long whitelists correct fewer bits to keep it."""
+    """Chance that a random quad reads as a whitelisted code; long whitelists correct fewer bits to keep it.
+
+    Higher reads tags where there are none."""
     min_decision_margin: float = Field(default=12.0, ge=0)
-    """Smallest mean contrast between bits and threshold [grey levels]."""
+    """Smallest mean contrast between bits and threshold [grey levels].
+
+    Lower reads tags in noise; higher misses them in the dark."""
     margin_px: float = Field(default=3.0, ge=0)
-    """A quad nearer to the image edge is refused: its corners may be cut [px]."""
+    """A quad nearer to the image edge is refused: its corners may be cut [px].
+
+    Smaller measures corners that are cut off."""
     quiet_zone: bool = True
-    """Whether the white surround is checked on all four sides."""
+    """Whether the white surround is checked on all four sides.
+
+    False takes squares of other things for tags."""
 
 
 class TrackerSection(Section):
     """Gates of the tracker; see docs/accuracy.md for the measurements behind the figures."""
 
     min_inlier_fraction: float = Field(default=0.35, gt=0, le=1)
-    """Share of edge points that must agree."""
+    """Share of edge points that must agree.
+
+    Lower publishes poses of half-hidden targets that are wrong."""
     min_points: int = Field(default=30, ge=12)
-    """Edge points that must agree."""
+    """Edge points that must agree.
+
+    Lower publishes poses of far targets that are uncertain."""
     max_rms_px: float = Field(default=1.0, gt=0)
-    """Residual of the edge fit [px]."""
+    """Residual of the edge fit [px].
+
+    Higher publishes poses that do not fit the image."""
     max_step: float = Field(default=0.02, gt=0)
-    """Last step of the edge fit against the range."""
+    """Last step of the edge fit against the range.
+
+    Higher publishes fits that have not come to rest."""
     min_bit_correlation: float = Field(default=0.6, gt=0, le=1)
-    """Correlation between the known bits and the image."""
+    """Correlation between the known bits and the image.
+
+    Lower follows what is no longer the target."""
     min_ambiguity_ratio: float = Field(default=2.0, ge=1)
-    """Second over first reprojection error below which a single view decides nothing."""
+    """Second over first reprojection error below which a single view decides nothing.
+
+    Lower takes mirrored poses; higher waits for more views."""
     redetect_period: float = Field(default=1.0, gt=0)
-    """Longest time without a decoded tag [s]."""
+    """Longest time without a decoded tag [s].
+
+    Longer follows a wrong track for longer; shorter takes processor time."""
     coast: float = Field(default=0.6, gt=0, le=2.0)
-    """Time without a pose over which a track is still looked for where it should be [s]."""
+    """Time without a pose over which a track is still looked for where it should be [s].
+
+    Longer looks in the wrong place; shorter searches the whole image after each hidden one."""
     attitude_gate_deg: float = Field(default=3.0, gt=0)
-    """Largest disagreement of roll and pitch with the vehicle's attitude, over a level target [deg]."""
+    """Largest disagreement of roll and pitch with the vehicle's attitude, over a level target [deg].
+
+    Narrower refuses right poses where the boards' attitude is off; wider takes mirrored ones."""
     attitude_sd_deg: float = Field(default=1.0, gt=0)
-    """How well the vehicle knows its roll and pitch and the target lies level, standard deviation each [deg]."""
+    """How well the vehicle knows its roll and pitch and the target lies level, standard deviation each [deg].
+
+    Smaller trusts a tilted pad to lie level."""
     max_attitude_age: float = Field(default=0.25, gt=0)
-    """Attitude samples farther from the capture time are not used [s]."""
+    """Attitude samples farther from the capture time are not used [s].
+
+    Longer uses a tilt that is over."""
 
 
 class VisionSection(Section):

@@ -17,7 +17,7 @@ from mkdaemon.bus.codec import encode, encoding_of
 from mkdaemon.bus.gateway import Bus
 from mkdaemon.bus.recording import BusRecorder, NoRecorder
 from mkdaemon.clock import Clock
-from mkdaemon.config.record import RecordedImages
+from mkdaemon.config.record import RecordConfig, RecordedImages
 from mkdaemon.config.root import Config
 from mkdaemon.daemon.audit import Audit
 from mkdaemon.daemon.eyes import RecordImage
@@ -32,6 +32,7 @@ from mkdaemon.telemetry.image import CameraFrame
 from mkdaemon.telemetry.record import BusCounts, RecorderState, RecordStatus
 
 if TYPE_CHECKING:
+    from mkdaemon.record.folder import Limits, RecordingFolder
     from mkdaemon.record.recorder import RecorderThread
     from mkdaemon.vision.camera.image import CameraImage
     from mkdaemon.vision.track.attitude import AttitudeHistory
@@ -52,8 +53,16 @@ class BlackBox:
         tap: takes what passes; None where nothing is recorded.
     """
 
-    def __init__(self, clock: Clock, thread: RecorderThread | None = None, tap: Tap | None = None) -> None:
+    def __init__(
+        self,
+        clock: Clock,
+        thread: RecorderThread | None = None,
+        tap: Tap | None = None,
+        folder: RecordingFolder | None = None,
+    ) -> None:
         """Take what was prepared; see `open_black_box`. Without a thread and a tap nothing is recorded."""
+        self._folder = folder
+        self._images: ImageRecorder | None = None
         self.tap = tap
         self._thread = thread
         self._clock = clock
@@ -84,7 +93,17 @@ class BlackBox:
 
     def image_recorder(self, cfg: RecordedImages) -> RecordImage:
         """What takes the images of the cameras."""
-        return (lambda image, attitude: None) if self.tap is None else ImageRecorder(cfg, self.tap, self._clock).record
+        if self.tap is None:
+            return lambda image, attitude: None
+        self._images = ImageRecorder(cfg, self.tap, self._clock)
+        return self._images.record
+
+    def reconfigure(self, cfg: RecordConfig) -> None:
+        """Take up how much room there is, and which images are recorded."""
+        if self._folder is not None:
+            self._folder.limits = limits_of(cfg)
+        if self._images is not None:
+            self._images.reconfigure(cfg.images)
 
     def recorded(self, answer: Answer) -> Answer:
         """What answers requests of the Unix socket, and records them."""
@@ -161,7 +180,7 @@ def open_black_box(cfg: Config, clock: Clock, *, is_recording: bool) -> BlackBox
         return BlackBox(clock)
     from mkdaemon.bus.schema import schema_json
     from mkdaemon.record.entry import TimeBase
-    from mkdaemon.record.folder import Limits, RecordingFolder, recording_name
+    from mkdaemon.record.folder import RecordingFolder, recording_name
     from mkdaemon.record.layout import Session
     from mkdaemon.record.recorder import Recorder, RecorderThread
     from mkdaemon.record.view import JsonView
@@ -169,23 +188,30 @@ def open_black_box(cfg: Config, clock: Clock, *, is_recording: bool) -> BlackBox
     stamp, vehicle = clock.stamp(), cfg.vehicle.name
     base = TimeBase.of(stamp)
     queue = EntryQueue(wanted.queue_mb * MEGA)
-    limits = Limits(
-        file_bytes=wanted.file_mb * MEGA,
-        file_time=wanted.file_minutes * 60,
-        total_bytes=wanted.total_mb * MEGA,
-        free_bytes=wanted.free_mb * MEGA,
-        may_delete=wanted.delete_oldest,
-    )
+    room = RecordingFolder(folder, vehicle, limits_of(wanted))
     name = recording_name(vehicle, stamp.wall)
     session = Session.begin("blackbox", name, base, vehicle=vehicle, config=cfg.model_dump_json())
     recorder = Recorder(
         queue,
-        RecordingFolder(folder, vehicle, limits),
+        room,
         session,
         view=JsonView(schema_json) if wanted.json_for_viewers else None,
         sync_period=wanted.sync_s,
     )
-    return BlackBox(clock, RecorderThread(recorder), Tap(queue, clock, vehicle, base))
+    return BlackBox(clock, RecorderThread(recorder), Tap(queue, clock, vehicle, base), room)
+
+
+def limits_of(cfg: RecordConfig) -> Limits:
+    """How much room recordings may take."""
+    from mkdaemon.record.folder import Limits
+
+    return Limits(
+        file_bytes=cfg.file_mb * MEGA,
+        file_time=cfg.file_minutes * 60,
+        total_bytes=cfg.total_mb * MEGA,
+        free_bytes=cfg.free_mb * MEGA,
+        may_delete=cfg.delete_oldest,
+    )
 
 
 def recording_folder(cfg: Config) -> Path | None:
@@ -207,6 +233,10 @@ class ImageRecorder:
         self._tap = tap
         self._clock = clock
         self._next: dict[str, float] = {}
+
+    def reconfigure(self, cfg: RecordedImages) -> None:
+        """Record other images from the next one on."""
+        self._cfg = cfg
 
     def record(self, image: CameraImage, attitude: AttitudeHistory) -> None:
         """Record an image if one is due, and how much was known of the attitude by then."""

@@ -25,6 +25,7 @@ from mkdaemon.daemon.guard import GuardProcess, LastWord, take_report
 from mkdaemon.daemon.localsocket import LocalSocket
 from mkdaemon.daemon.priority import spare_collector
 from mkdaemon.daemon.procedures import state_folder
+from mkdaemon.daemon.reloading import Reloading
 from mkdaemon.daemon.runnable import require_runnable
 from mkdaemon.daemon.vitals import status_line
 from mkdaemon.daemon.watchdog import Notifier, feed_watchdog
@@ -44,7 +45,13 @@ SETTLE: Final = 0.3
 """After the first subscriber has come: time for its other subscriptions, and for the last samples to leave [s]."""
 
 
-async def run(cfg: Config, stop: asyncio.Event, clock: Clock | None = None, last_word: LastWord | None = None) -> None:
+async def run(
+    cfg: Config,
+    stop: asyncio.Event,
+    clock: Clock | None = None,
+    last_word: LastWord | None = None,
+    reloading: Reloading | None = None,
+) -> None:
     """Fly until `stop` is set, or until a recording has ended.
 
     Args:
@@ -52,6 +59,7 @@ async def run(cfg: Config, stop: asyncio.Event, clock: Clock | None = None, last
         stop: ends the flight.
         clock: the machine's if none is given.
         last_word: learns what to say to the aircraft where the program has to end at once.
+        reloading: reads the configuration again when it is asked to; None for never.
 
     Raises:
         ConfigError: the configuration cannot work.
@@ -70,7 +78,7 @@ async def run(cfg: Config, stop: asyncio.Event, clock: Clock | None = None, last
         private_images=private_images(cfg.cameras),
     )
     async with black_box.run(), opening as bus:
-        daemon = Daemon(cfg, bus, clock, black_box, last_word)
+        daemon = Daemon(cfg, bus, clock, black_box, last_word, reloading)
         bus.announce()
         spare_collector()
         try:
@@ -105,6 +113,7 @@ class Daemon:
         clock: Clock,
         black_box: BlackBox | None = None,
         last_word: LastWord | None = None,
+        reloading: Reloading | None = None,
     ) -> None:
         """Build and wire; nothing runs yet.
 
@@ -114,6 +123,7 @@ class Daemon:
         self._cfg = cfg
         self._bus = bus
         self._clock = clock
+        self._reloading = reloading
         self._report = state_folder(cfg.vehicle) / "guard.json"
         needs_guard = cfg.control.guard and not cfg.link.port.startswith(RECORDING)
         self._guard = GuardProcess(self._report, clock=clock.now) if needs_guard else None
@@ -165,6 +175,9 @@ class Daemon:
                     ),
                     (stopped := above.create_task(stop.wait(), name="stop")),
                 ]
+                if self._reloading is not None:
+                    following = self._reloading.follow(cfg, self._reconfigure, self._audit)
+                    tasks.append(above.create_task(following, name="reload"))
                 if not is_recording:
                     tasks.append(above.create_task(self._notes.follow(self._link, self._audit), name="flight note"))
                 await asyncio.wait({stopped, link}, return_when=asyncio.FIRST_COMPLETED)
@@ -232,6 +245,11 @@ class Daemon:
             async with asyncio.timeout(None if self._cfg.link.wait_for_port else AUDIENCE_WAIT):
                 await self._bus.wait_until_watched()
             await asyncio.sleep(SETTLE)
+
+    def _reconfigure(self, cfg: Config) -> None:
+        """Take up the keys that a running daemon can."""
+        self._wiring.reconfigure(cfg)
+        self._black_box.reconfigure(cfg.record)
 
     def _status(self) -> str:
         """One line for the service manager."""

@@ -71,6 +71,10 @@ class BoardRequests:
         self._audit = audit
         self._clock = clock
 
+    def reconfigure(self, cfg: CommandsConfig) -> None:
+        """Take up what is enabled from now on."""
+        self._cfg = cfg
+
     async def answer(self, suffix: str, payload: Payload) -> CommandResult:
         """Answer one query; every one is mirrored under `event/command`, whatever becomes of it."""
 

@@ -138,6 +138,11 @@ class Wiring:
         self.guard_acted, self.guard_changed = flight.guard_acted, flight.guard_changed
         self._serve()
 
+    def reconfigure(self, cfg: Config) -> None:
+        """Take up the keys that a running daemon can; see `mkdaemon.config.reload`."""
+        self._cfg = cfg
+        self.requests.reconfigure(cfg.commands)
+
     def _serve(self) -> None:
         """Be there for the bus: requests, setpoints, clients."""
         bus, deck = self._bus, self._deck

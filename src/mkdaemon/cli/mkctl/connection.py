@@ -23,7 +23,7 @@ class Connection:
     connect: Annotated[str, Parameter(env_var="MK_CONNECT")] = DEFAULT_ENDPOINT
     """Zenoh endpoint of the daemon or of a router."""
     zenoh_file: Annotated[Path | None, Parameter(env_var="MK_ZENOH_FILE")] = None
-    """Zenoh configuration of this client, for TLS: configs/zenoh/."""
+    """Zenoh configuration of this client, for TLS: docs/security.md."""
     json: Annotated[bool, Parameter(negative=())] = False
     """Print JSON, one object a line, in place of text."""
 

@@ -21,6 +21,24 @@ COMMANDS: Final = (
     CommandEntry(
         "gateway", "mkdaemon.cli.mkdaemon.gateway:app", "MAVLink, ROS 2 or Foxglove beside the daemon.", "Fly"
     ),
+    CommandEntry(
+        "config",
+        "mkdaemon.cli.mkdaemon.configfile:app",
+        "Check, show, explain and begin a configuration file.",
+        "Set up",
+    ),
+    CommandEntry(
+        "install-service",
+        "mkdaemon.cli.mkdaemon.service:install_service",
+        "Let systemd start daemon, recorder, gateways.",
+        "Set up",
+    ),
+    CommandEntry(
+        "security",
+        "mkdaemon.cli.mkdaemon.security.securing:app",
+        "Certificates: who may look, fly and record.",
+        "Set up",
+    ),
     CommandEntry("calibrate", "mkdaemon.cli.mkdaemon.calibrate:app", "Calibrate a camera.", "Camera"),
     CommandEntry(
         "target", "mkdaemon.cli.mkdaemon.target:target", "Print tags, targets and calibration boards.", "Camera"

@@ -5,31 +5,28 @@ from __future__ import annotations
 import asyncio
 import os
 import signal
+from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import structlog
 from cyclopts import Parameter
 
 from mkdaemon.cli.mkdaemon.logs import Level, configure
+from mkdaemon.cli.mkdaemon.runoptions import NONE_GIVEN, RunOptions, load_configuration
 from mkdaemon.cli.program import let_signals_kill
 from mkdaemon.cli.promptness import fast_loop
-from mkdaemon.config.reader import load
 from mkdaemon.config.root import Config
 from mkdaemon.daemon import run as run_daemon
 from mkdaemon.daemon.guard import LastWord
 from mkdaemon.daemon.priority import favour_loop, is_favoured, keep_threads_favoured
+from mkdaemon.daemon.reloading import Reloading
 
 
 def run(
     *,
     config: Annotated[Path | None, Parameter(name=["--config", "-c"])] = None,
-    port: Annotated[str | None, Parameter(name=["--port", "-p"])] = None,
-    vehicle: str | None = None,
-    listen: str | None = None,
-    wait: Annotated[bool, Parameter(negative=())] = False,
-    real_time: Annotated[bool, Parameter(negative=())] = False,
-    no_record: Annotated[bool, Parameter(negative=())] = False,
+    options: RunOptions = NONE_GIVEN,
     log: Level = "info",
 ) -> None:
     """Run the daemon: show every frame on the line as a Zenoh key, answer requests, fly under a lease.
@@ -38,50 +35,27 @@ def run(
     bus closes. A second Ctrl-C or SIGTERM ends it at once, whatever hangs, and the guard releases the aircraft. Exit
     codes: 0 as asked, 1 failed while running, 2 wrong configuration.
 
+    SIGUSR1 makes it read its configuration again: what can be taken up is, and the log names the rest.
+
     Args:
         config: TOML file; `configs/` has commented samples. Without it every default holds.
-        port: `/dev/ttyUSB0`, `/dev/serial/by-id/...`, `pty:/dev/pts/N`, `tcp:HOST:PORT` or `replay:FILE?speed=20`; goes
-            before the file's `link.port`.
-        vehicle: Name in every key, `mk/<vehicle>/...`; goes before the file's `vehicle.name`. Without both a file and
-            this option the environment's `MK_VEHICLE` counts, which names the vehicle that clients talk to.
-        listen: Zenoh endpoint for clients, for example `tcp/127.0.0.1:7448`; goes before the file's `bus.listen`.
-        wait: Wait for the port if it is missing at the start, in place of ending; a recording waits for a subscriber.
-        real_time: Go before other programs, as a service does by itself; docs/operations.md says what that can starve.
-        no_record: Make no recording of this run; goes before the file's `record.enabled`.
         log: Least severity written to stderr.
     """
     let_signals_kill()
     configure(log)
-    overrides: dict[str, Any] = {}
-    if port is not None:
-        overrides["link.port"] = port
-    name = vehicle_name(config, vehicle)
-    if name:
-        overrides["vehicle.name"] = name
-    if listen is not None:
-        overrides["bus.listen"] = [listen]
-    if wait:
-        overrides["link.wait_for_port"] = True
-    if real_time:
-        overrides["control.real_time"] = True
-    if no_record:
-        overrides["record.enabled"] = False
-    cfg = load(config, overrides)
+    cfg = load_configuration(config, options).cfg
     with asyncio.Runner(loop_factory=fast_loop()) as runner:
-        runner.run(_until_signalled(cfg))
+        runner.run(_until_signalled(cfg, lambda: load_configuration(config, options).cfg))
 
 
-def vehicle_name(config: Path | None, given: str | None) -> str | None:
-    """Return the name that goes before the file's; the environment's is the clients' and names no file's aircraft."""
-    return given or (os.environ.get("MK_VEHICLE") if config is None else None)
-
-
-async def _until_signalled(cfg: Config) -> None:
+async def _until_signalled(cfg: Config, read: Callable[[], Config]) -> None:
     tasks = [asyncio.create_task(keep_threads_favoured(), name="priority")] if _go_first(cfg) else []
-    stop, last_word = asyncio.Event(), LastWord()
+    stop, last_word, reloading = asyncio.Event(), LastWord(), Reloading(read)
     _end_on_signals(stop, last_word)
+    # Not SIGHUP: a daemon whose terminal is closed must end in order and not go on unseen.
+    asyncio.get_running_loop().add_signal_handler(signal.SIGUSR1, reloading.ask)
     try:
-        await run_daemon(cfg, stop, last_word=last_word)
+        await run_daemon(cfg, stop, last_word=last_word, reloading=reloading)
     finally:
         let_signals_kill()
         for task in tasks:

@@ -1,0 +1,238 @@
+"""Checks of the bus: where daemons listen, whether they answer, who can reach them, certificates, versions of Zenoh."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterator
+from contextlib import suppress
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Final
+
+import zenoh
+
+from mkdaemon.bus.exposure import open_endpoints
+from mkdaemon.bus.session import session_config
+from mkdaemon.cli.mkdaemon.doctor.check import Check, Needs, Patient, Severity, Values
+from mkdaemon.cli.mkdaemon.doctor.computer import release_of
+from mkdaemon.cli.mkdaemon.doctor.machine import Listener, Process
+from mkdaemon.errors import ConfigError
+
+WARNED: Final = 30
+"""A certificate that ends within this time has to be replaced [days]."""
+_DATE: Final = re.compile(r"notAfter=(.+)")
+_TLS: Final = "transport/link/tls/{}"
+_CERTIFICATES: Final = ("root_ca_certificate", "listen_certificate", "connect_certificate")
+_KEYS: Final = ("listen_private_key", "connect_private_key")
+_NAMING: Final = ("--config", "-c", "--vehicle", "--port", "-p")
+
+
+def port_of(endpoint: str) -> int | None:
+    """The TCP port of an endpoint; None where it has none."""
+    number = re.split(r"[?#]", endpoint)[0].rpartition(":")[2]
+    return int(number) if number.isdigit() and not endpoint.startswith("udp/") else None
+
+
+def listener_at(patient: Patient, endpoint: str) -> Listener | None:
+    """Who listens at an endpoint of this machine; None where nobody does."""
+    port = port_of(endpoint)
+    return next((found for found in patient.machine.listeners if port and found.port == port), None)
+
+
+def owner_of(patient: Patient, listener: Listener) -> Process | None:
+    """The program that listens; None where this user may not see it."""
+    name = f"socket:[{listener.inode}]"
+    return next((process for process in patient.machine.processes if name in process.files), None)
+
+
+def _taken(patient: Patient) -> Iterator[Values]:
+    for endpoint in patient.cfg.bus.listen:
+        listener = listener_at(patient, endpoint)
+        owner = None if listener is None else owner_of(patient, listener)
+        if owner is not None and not owner.is_ours:
+            yield {"endpoint": endpoint, "holder": owner, "number": owner.number}
+
+
+def _naming(process: Process) -> tuple[str, ...]:
+    """What a daemon was given that tells it from others."""
+    words = process.words[process.words.index("run") + 1 :]
+    return tuple(f"{word} {words[place + 1]}" for place, word in enumerate(words[:-1]) if word in _NAMING) + tuple(
+        word for word in words if word.partition("=")[0] in _NAMING and "=" in word
+    )
+
+
+def _second(patient: Patient) -> Iterator[Values]:
+    seen: dict[tuple[str, ...], Process] = {}
+    for process in patient.machine.processes:
+        if process.is_daemon:
+            first = seen.setdefault(_naming(process), process)
+            if first is not process:
+                yield {"first": first.number, "second": process.number}
+
+
+def _twice(patient: Patient) -> Iterator[Values]:
+    report = patient.report
+    if report.daemons > 1:
+        yield {"count": report.daemons, "vehicle": patient.cfg.vehicle.name, "endpoint": report.endpoint}
+
+
+def _silent(patient: Patient) -> Iterator[Values]:
+    if patient.report.failure:
+        yield {"endpoint": patient.report.endpoint, "failure": patient.report.failure}
+
+
+def _versions(patient: Patient) -> Iterator[Values]:
+    ours = patient.machine.installed_version("eclipse-zenoh") or ""
+    for version in patient.report.routers:
+        if release_of(version.lstrip("v"))[:2] != release_of(ours)[:2]:
+            yield {"router": version, "ours": ours}
+
+
+def _zenoh_config(patient: Patient) -> zenoh.Config | None:
+    """Configuration of the session; None where it is a mistake, which is told as one."""
+    bus = patient.cfg.bus
+    with suppress(ConfigError):
+        return session_config("peer", listen=bus.listen, connect=bus.connect, zenoh_file=bus.zenoh_file)
+    return None
+
+
+def _open(patient: Patient) -> Iterator[Values]:
+    config = _zenoh_config(patient) if patient.cfg.bus.allow_open else None
+    if config is not None and (reachable := open_endpoints(config)):
+        yield {"endpoints": ", ".join(reachable)}
+
+
+def _named_files(patient: Patient, names: tuple[str, ...]) -> Iterator[Path]:
+    """Files of TLS that the configuration of Zenoh names, each once."""
+    config = _zenoh_config(patient) if patient.cfg.bus.zenoh_file is not None else None
+    found = set()
+    for name in names if config is not None else ():
+        with suppress(zenoh.ZError):
+            value = json.loads(config.get_json(_TLS.format(name)) if config is not None else "null")
+            found |= {value} if isinstance(value, str) else set()
+    yield from sorted(map(Path, found))
+
+
+def _embedded_certificate(patient: Patient) -> float | None:
+    """When the certificate in a file of `mkdaemon security` ends [s; Unix time]; None where there is none."""
+    file = patient.cfg.bus.zenoh_file
+    with suppress(ConfigError):  # it cannot be read, or the extra `security` is not installed
+        from mkdaemon.cli.mkdaemon.security.certificates import read_certificate
+
+        certificate = None if file is None else read_certificate(file)
+        return None if certificate is None else certificate.not_valid_after_utc.timestamp()
+    return None
+
+
+def _expiry(end: float, now: float) -> str:
+    """That a certificate ends soon, or has; empty where there is time."""
+    days = (end - now) / 86400
+    return "" if days >= WARNED else "has expired" if days < 0 else f"expires in {days:.0f} days"
+
+
+def _certificates(patient: Patient) -> Iterator[Values]:
+    machine = patient.machine
+    embedded = _embedded_certificate(patient)
+    if embedded is not None and (found := _expiry(embedded, machine.wall())):
+        yield {"file": patient.cfg.bus.zenoh_file, "found": found}
+    for path in _named_files(patient, _CERTIFICATES):
+        if not path.is_file():
+            yield {"file": path, "found": "is not there"}
+            continue
+        output = _DATE.search(machine.run(["openssl", "x509", "-enddate", "-noout", "-in", str(path)]).out)
+        if output is not None:
+            end = datetime.strptime(output[1].strip(), "%b %d %H:%M:%S %Y %Z").replace(tzinfo=UTC).timestamp()
+            if found := _expiry(end, machine.wall()):
+                yield {"file": path, "found": found}
+
+
+def _readable_keys(patient: Patient) -> Iterator[Values]:
+    embedding = [patient.cfg.bus.zenoh_file] if _embedded_certificate(patient) is not None else []
+    for path in filter(None, (*embedding, *_named_files(patient, _KEYS))):
+        if path.is_file() and path.stat().st_mode & 0o004:
+            yield {"file": path}
+
+
+BUS: Final = (
+    Check(
+        "endpoint",
+        Severity.ERROR,
+        what="bus.listen {endpoint} is taken by {holder}",
+        why="The daemon cannot listen there, and ends.",
+        fix="End that program, or choose another endpoint in bus.listen.",
+        command="kill {number}",
+        look=_taken,
+    ),
+    Check(
+        "second-daemon",
+        Severity.ERROR,
+        what="two daemons of one configuration run: processes {first} and {second}",
+        why="Both answer for one vehicle, and only one has the line.",
+        fix="End the second one.",
+        command="kill {second}",
+        look=_second,
+    ),
+    Check(
+        "vehicle-twice",
+        Severity.ERROR,
+        what="{count} daemons at {endpoint} speak for {vehicle}",
+        why="Each command reaches all of them: two aircraft take off.",
+        fix="Give each aircraft a vehicle.name of its own.",
+        command="mkdaemon config explain vehicle.name",
+        look=_twice,
+        needs=Needs.DAEMON,
+    ),
+    Check(
+        "bus",
+        Severity.ERROR,
+        what="no answer over the bus at {endpoint}: {failure}",
+        why="No client reaches the aircraft there.",
+        fix="Start what should answer there; over TLS set MK_ZENOH_FILE to a client's file; correct bus.connect.",
+        command="mkctl status --connect {endpoint}",
+        look=_silent,
+        needs=Needs.DAEMON,
+    ),
+    Check(
+        "zenoh-version",
+        Severity.WARNING,
+        what="the Zenoh router is {router}, and the library here {ours}",
+        why="Releases of Zenoh are tested with themselves; others may lose messages, or not connect.",
+        fix="Install the router of this release on its machine.",
+        command="pip install --upgrade eclipse-zenoh=={ours}",
+        look=_versions,
+        needs=Needs.DAEMON,
+    ),
+    Check(
+        "open-bus",
+        Severity.WARNING,
+        what="{endpoints} lets everybody in the network fly the aircraft",
+        why="bus.allow_open says so.",
+        fix="Listen on 127.0.0.1, or give each client a certificate.",
+        command="mkdaemon security new-ca --help",
+        look=_open,
+        needs=Needs.CONFIG,
+    ),
+    Check(
+        "certificate",
+        Severity.WARNING,
+        what="the certificate {file} {found}",
+        why="From then on nobody connects; a flight goes on, and no client comes back.",
+        fix="Issue it again.",
+        command="mkdaemon security show",
+        look=_certificates,
+        needs=Needs.CONFIG,
+    ),
+    Check(
+        "private-key",
+        Severity.WARNING,
+        what="everybody on this machine may read the private key {file}",
+        why="Who has read it is who it belongs to.",
+        fix="Keep it to its owner.",
+        command="chmod o-rwx {file}",
+        look=_readable_keys,
+        is_safe=True,
+        needs=Needs.CONFIG,
+    ),
+)
+"""Checks of the bus."""

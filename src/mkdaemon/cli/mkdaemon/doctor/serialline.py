@@ -1,0 +1,276 @@
+"""Checks of the serial line: adapters, who may open them, who else has them open, and what delays their bytes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+from typing import Final
+
+from mkdaemon.cli.mkdaemon.doctor.check import Check, Needs, Patient, Severity, Values
+from mkdaemon.config.reader import samples_folder
+from mkdaemon.errors import ConfigError
+from mkdaemon.link.ports.port import DEFAULT_BAUD, parse_address
+
+FTDI_DELAY_MS: Final = 2
+"""Longest latency timer that is good enough [ms]; the chip's default of 16 delays every frame by up to that."""
+ADAPTERS: Final = ("dev/ttyUSB*", "dev/ttyACM*")
+DRIVERS: Final = {"0403": "ftdi_sio", "10c4": "cp210x", "1a86": "ch341", "067b": "pl2303"}
+"""Kernel modules by the vendor of the adapter's chip; linux/drivers/usb/serial."""
+RULES: Final = "60-mkdaemon.rules"
+_RULE_FOLDERS: Final = ("etc/udev/rules.d", "run/udev/rules.d", "usr/local/lib/udev/rules.d", "usr/lib/udev/rules.d")
+
+
+def wanted_port(patient: Patient) -> Path | None:
+    """The device that the configuration names; None where it names none."""
+    with suppress(ConfigError):
+        address = parse_address(patient.cfg.link.port)
+        return patient.machine.at(address.target) if address.scheme in ("serial", "pty") else None
+    return None
+
+
+def adapters(patient: Patient) -> list[Path]:
+    """USB adapters that are plugged in."""
+    return [port for pattern in ADAPTERS for port in patient.machine.find(pattern)]
+
+
+def examined_ports(patient: Patient) -> list[Path]:
+    """The device of the configuration, else every adapter; only what is there."""
+    wanted = wanted_port(patient)
+    return adapters(patient) if wanted is None else [wanted] * wanted.exists()
+
+
+def _stable_names(patient: Patient) -> dict[Path, str]:
+    """Names that survive replugging, by device."""
+    links = patient.machine.find("dev/serial/by-id/*")
+    return {link.resolve(): patient.machine.shown(link) for link in links}
+
+
+def _without_adapter(patient: Patient) -> Iterator[Values]:
+    if not patient.cfg.link.port and not adapters(patient):
+        yield {}
+
+
+def _missing(patient: Patient) -> Iterator[Values]:
+    wanted = wanted_port(patient)
+    if wanted is not None and not wanted.exists():
+        near = [*_stable_names(patient).values()] or [patient.machine.shown(port) for port in adapters(patient)]
+        yield {"port": patient.machine.shown(wanted), "near": ", ".join(near) or "nothing"}
+
+
+def _forbidden(patient: Patient) -> Iterator[Values]:
+    machine = patient.machine
+    for port in examined_ports(patient):
+        if not machine.may_use(port):
+            yield {"port": machine.shown(port), "user": machine.user, "group": machine.group_of(port)}
+
+
+def _busy(patient: Patient) -> Iterator[Values]:
+    machine = patient.machine
+    for port in examined_ports(patient):
+        for holder in machine.holders(port):
+            if not holder.is_ours:
+                yield {"port": machine.shown(port), "holder": holder, "number": holder.number}
+
+
+def _console(patient: Patient) -> Iterator[Values]:
+    machine = patient.machine
+    kernel = machine.read("/proc/cmdline").split()
+    for port in examined_ports(patient):
+        tty = port.resolve().name
+        by_kernel = any(word.partition(",")[0] == f"console={tty}" for word in kernel)
+        login = any(tty in process.words[1:] for process in machine.processes if "getty" in process.name)
+        if by_kernel or login:
+            found = "the kernel writes its messages to it" if by_kernel else "a login waits on it"
+            yield {"port": machine.shown(port), "tty": tty, "found": found}
+
+
+def _unstable(patient: Patient) -> Iterator[Values]:
+    wanted = wanted_port(patient)
+    stable = None if wanted is None else _stable_names(patient).get(wanted)
+    if wanted is not None and stable is not None and patient.file is not None:
+        yield {
+            "port": patient.machine.shown(wanted),
+            "edit": f"s|{patient.machine.shown(wanted)}|{stable}|",
+            "file": patient.file,
+        }
+
+
+def _slow_timer(patient: Patient) -> Iterator[Values]:
+    machine = patient.machine
+    for port in examined_ports(patient):
+        timer = machine.at(f"/sys/class/tty/{port.resolve().name}/device/latency_timer")
+        text = machine.read(timer)
+        if text.isdigit() and int(text) > FTDI_DELAY_MS:
+            yield {"port": machine.shown(port), "delay": text, "timer": timer}
+
+
+def _asleep(patient: Patient) -> Iterator[Values]:
+    machine = patient.machine
+    for port in examined_ports(patient):
+        device = usb_device(machine.at(f"/sys/class/tty/{port.resolve().name}/device"))
+        if device is not None and machine.read(device / "power" / "control") == "auto":
+            yield {"port": machine.shown(port), "control": device / "power" / "control"}
+
+
+def _without_driver(patient: Patient) -> Iterator[Values]:
+    machine = patient.machine
+    for vendor in machine.find("sys/bus/usb/devices/*/idVendor"):
+        driver = DRIVERS.get(machine.read(vendor))
+        device = vendor.parent
+        if driver is not None and not [*device.glob("*/ttyUSB*"), *device.glob("*/tty/ttyACM*")]:
+            called = machine.read(device / "product") or f"USB device {device.name}"
+            yield {"adapter": called, "driver": driver}
+
+
+def _brltty(patient: Patient) -> Iterator[Values]:
+    machine = patient.machine
+    process = machine.running("brltty")
+    if process is not None:
+        yield {"found": f"{process} runs"}
+    elif rules := [rule for folder in _RULE_FOLDERS for rule in machine.find(f"{folder}/*brltty*.rules")]:
+        yield {"found": f"{machine.shown(rules[0])} starts it"}
+
+
+def _modem_manager(patient: Patient) -> Iterator[Values]:
+    machine = patient.machine
+    has_rules = any(machine.at(f"/{folder}/{RULES}").exists() for folder in _RULE_FOLDERS)
+    if machine.running("ModemManager") is not None and not has_rules:
+        yield {"rules": samples_folder().resolve() / "udev" / RULES}
+
+
+def _baud(patient: Patient) -> Iterator[Values]:
+    baud = patient.cfg.link.baud
+    if baud != DEFAULT_BAUD and wanted_port(patient) is not None and patient.file is not None:
+        edit = f"s/^baud *= *{baud}/baud = {DEFAULT_BAUD}/"
+        yield {"baud": baud, "edit": edit, "file": patient.file}
+
+
+def usb_device(device: Path) -> Path | None:
+    """The USB device that a part of it in sysfs belongs to; None where it is no USB device."""
+    place = device.resolve()
+    return next((folder for folder in (place, *place.parents) if (folder / "idVendor").is_file()), None)
+
+
+_UDEV: Final = (
+    "sudo install -m 644 {rules} /etc/udev/rules.d/ && sudo udevadm control --reload && "
+    "sudo udevadm trigger --action=add --subsystem-match=tty"
+)
+
+SERIAL_LINE: Final = (
+    Check(
+        "no-adapter",
+        Severity.WARNING,
+        what="no USB serial adapter is plugged in, and no port is configured",
+        why="The daemon reaches an aircraft over one; the simulator needs none.",
+        fix="Plug in the radio or the cable, or fly the simulator.",
+        command="mkdaemon demo",
+        look=_without_adapter,
+    ),
+    Check(
+        "port-missing",
+        Severity.ERROR,
+        what="link.port {port} does not exist",
+        why="The daemon ends at its start, or waits for ever.",
+        fix="Plug it in, or set link.port to what is there: {near}.",
+        command="ls -l /dev/serial/by-id/",
+        look=_missing,
+        needs=Needs.CONFIG,
+    ),
+    Check(
+        "port-forbidden",
+        Severity.ERROR,
+        what="{port} may not be opened by {user}",
+        why="Only members of its group may open a serial port.",
+        fix="Join the group, then log in again.",
+        command="sudo usermod -aG {group} {user}",
+        look=_forbidden,
+    ),
+    Check(
+        "port-busy",
+        Severity.ERROR,
+        what="{port} is in use by {holder}",
+        why="Two programs on one line take each other's bytes.",
+        fix="End that program.",
+        command="kill {number}",
+        look=_busy,
+    ),
+    Check(
+        "port-console",
+        Severity.ERROR,
+        what="{port} is the system's console: {found}",
+        why="The aircraft hears the system, and a login answers the aircraft.",
+        fix="Remove console= from the kernel's command line and the login from the port, then restart; "
+        "docs/operations.md, UARTs.",
+        command="sudo systemctl disable --now serial-getty@{tty}",
+        look=_console,
+    ),
+    Check(
+        "port-name",
+        Severity.ADVICE,
+        what="link.port {port} is a name that changes",
+        why="With a second adapter, or after replugging, it is another device.",
+        fix="Use the name below /dev/serial/by-id.",
+        command="sed -i {edit} {file}",
+        look=_unstable,
+        needs=Needs.CONFIG,
+    ),
+    Check(
+        "ftdi-latency",
+        Severity.WARNING,
+        what="{port} holds received bytes back for {delay} ms (FTDI latency timer)",
+        why="Every answer of the board is late by up to that.",
+        fix="Set 1 ms; configs/udev/60-mkdaemon.rules does so whenever it is plugged in.",
+        command="echo 1 | sudo tee {timer}",
+        look=_slow_timer,
+        is_safe=True,
+    ),
+    Check(
+        "usb-sleep",
+        Severity.WARNING,
+        what="the adapter of {port} may be put to sleep to save power",
+        why="It loses what arrives while it wakes up.",
+        fix="Keep it awake; take it out of the settings of TLP or powertop.",
+        command="echo on | sudo tee {control}",
+        look=_asleep,
+        is_safe=True,
+    ),
+    Check(
+        "adapter-driver",
+        Severity.ERROR,
+        what="{adapter} is plugged in and no driver made a serial port of it",
+        why="The kernel has no driver for its chip, or another program has taken it.",
+        fix="Load the driver; if nothing changes, look at brltty below, and at the end of `sudo dmesg`.",
+        command="sudo modprobe {driver}",
+        look=_without_driver,
+    ),
+    Check(
+        "brltty",
+        Severity.ERROR,
+        what="brltty takes serial adapters for braille displays: {found}",
+        why="A braille terminal takes the adapter away, and /dev/ttyUSB0 disappears when it is plugged in.",
+        fix="Remove it where nobody needs braille.",
+        command="sudo apt-get remove brltty",
+        look=_brltty,
+    ),
+    Check(
+        "modem-manager",
+        Severity.WARNING,
+        what="ModemManager runs, and nothing keeps it off serial adapters",
+        why="It sends AT commands to every new port: the aircraft hears them.",
+        fix="Install the udev rules.",
+        command=_UDEV,
+        look=_modem_manager,
+    ),
+    Check(
+        "baud",
+        Severity.WARNING,
+        what="link.baud is {baud}",
+        why=f"MikroKopter boards speak {DEFAULT_BAUD} baud; only a radio with another rate at this end needs another.",
+        fix=f"Set it to {DEFAULT_BAUD}.",
+        command="sed -i {edit} {file}",
+        look=_baud,
+        needs=Needs.CONFIG,
+    ),
+)
+"""Checks of the serial line."""

@@ -1,0 +1,122 @@
+"""The table of all checks, and the walk through it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Final, NamedTuple
+
+from mkdaemon.cli.mkdaemon.doctor.aircraft import AIRCRAFT
+from mkdaemon.cli.mkdaemon.doctor.busline import BUS, listener_at, owner_of
+from mkdaemon.cli.mkdaemon.doctor.camerafaults import CAMERAS
+from mkdaemon.cli.mkdaemon.doctor.check import Check, Finding, Needs, Patient, Severity, Values
+from mkdaemon.cli.mkdaemon.doctor.computer import COMPUTER
+from mkdaemon.cli.mkdaemon.doctor.daemonreport import NOBODY, DaemonReport
+from mkdaemon.cli.mkdaemon.doctor.machine import Machine
+from mkdaemon.cli.mkdaemon.doctor.serialline import SERIAL_LINE
+from mkdaemon.cli.mkdaemon.runoptions import NONE_GIVEN, load_configuration
+from mkdaemon.config.root import Config
+from mkdaemon.daemon.runnable import mistakes
+from mkdaemon.errors import ConfigError
+
+
+def _mistakes(patient: Patient) -> Iterator[Values]:
+    """What `mkdaemon run` would refuse, in its words."""
+    if patient.mistake:
+        yield {"mistake": patient.mistake, "file": patient.file or "the environment"}
+    if patient.mistake or patient.file is None:
+        return
+    cfg = patient.cfg
+    if not cfg.link.port:  # told by the next row
+        cfg = cfg.model_copy(update={"link": cfg.link.model_copy(update={"port": "/dev/null"})})
+    for mistake in mistakes(cfg):
+        yield {"mistake": mistake, "file": patient.file}
+
+
+def _no_port(patient: Patient) -> Iterator[Values]:
+    if patient.file is not None and not patient.mistake and not patient.cfg.link.port:
+        yield {"file": patient.file}
+
+
+CONFIGURATION: Final = (
+    Check(
+        "configuration",
+        Severity.ERROR,
+        what="{mistake}",
+        why="`mkdaemon run` refuses it.",
+        fix="Correct {file}.",
+        command="mkdaemon config check {file}",
+        look=_mistakes,
+        needs=Needs.CONFIG,
+    ),
+    Check(
+        "port-unset",
+        Severity.ADVICE,
+        what="{file} names no port",
+        why="The daemon starts with --port alone.",
+        fix="Set link.port.",
+        command="mkdaemon config explain link.port",
+        look=_no_port,
+        needs=Needs.CONFIG,
+    ),
+)
+"""Checks of the configuration file."""
+
+CHECKS: Final = (*CONFIGURATION, *SERIAL_LINE, *COMPUTER, *BUS, *CAMERAS, *AIRCRAFT)
+"""Every check, in the order in which things go wrong; a further one is one row and its function."""
+
+
+class Examined(NamedTuple):
+    """What the doctor saw.
+
+    Attributes:
+        findings: every fault.
+        unseen: checks that could see nothing, by what they need.
+    """
+
+    findings: tuple[Finding, ...]
+    unseen: dict[Needs, tuple[str, ...]]
+
+    def worst(self) -> Severity | None:
+        """Of the findings; None without any."""
+        return min((finding.severity for finding in self.findings), key=list(Severity).index, default=None)
+
+
+def examine(machine: Machine, file: Path | None, *, connect: Sequence[str] = ()) -> Examined:
+    """Make every check.
+
+    Args:
+        machine: where to look.
+        file: the configuration; None for none.
+        connect: endpoints at which to ask for a daemon before those of the configuration.
+    """
+    cfg, mistake = Config(), ""
+    try:
+        cfg = load_configuration(file, NONE_GIVEN).cfg
+    except ConfigError as error:
+        mistake = str(error)
+    patient = Patient(machine, file, cfg, mistake, lambda patient: _listen(patient, connect))
+    findings = tuple(finding for check in CHECKS for finding in check.examine(patient))
+    missing = {
+        Needs.CONFIG: file is None or bool(mistake),
+        Needs.DAEMON: not patient.report.daemons,
+    }
+    unseen = {
+        need: tuple(check.name for check in CHECKS if check.needs is need)
+        for need, is_missing in missing.items()
+        if is_missing
+    }
+    return Examined(findings, unseen)
+
+
+def _listen(patient: Patient, connect: Sequence[str]) -> DaemonReport:
+    """Ask the daemon that listens here, or that a router leads to; nobody is asked where nobody listens."""
+    bus = patient.cfg.bus
+    here = []
+    for endpoint in bus.listen:
+        listener = listener_at(patient, endpoint)
+        owner = None if listener is None else owner_of(patient, listener)
+        if listener is not None and (owner is None or owner.is_ours):
+            here.append(endpoint)
+    endpoints = (*connect, *here, *bus.connect)
+    return patient.machine.ask(patient.cfg, endpoints) if endpoints else NOBODY

@@ -1,0 +1,1 @@
+"""`mkdaemon security`: certificates and access rules for daemons and clients of other machines."""
