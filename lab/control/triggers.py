@@ -63,7 +63,7 @@ GENERATIONS: Final = (
     Boards("2.12a", "2.14"),
 )
 """The boards that fly."""
-DEAD_MAN: Final = {"early": 0.5, "2.08": 5.1, "2.12a": 2.05, "2.14": 2.05}
+DEAD_MAN: Final = {"early": 0.5, "2.08": 5.25, "2.12a": 2.05, "2.14": 2.05}
 """After the last stick frame the FlightCtrl holds the sticks for so long [s]; docs/safety.md."""
 SHARE: Final = 0.2
 """A trigger fires at its time, give or take this share."""

@@ -55,7 +55,7 @@ def main(
             pair of both boards.
         line: To the boards.
         boards: Genuine, simulated, or both side by side.
-        runs: Flights of each board by each line.
+        runs: Flights of each board by each line; of a pair; silences of `control`.
         first_seed: Seeds count up from here.
         jobs: Processes.
         results: File in which every flight is kept as it ends; flights that are in it are not flown again.
@@ -67,7 +67,7 @@ def main(
         genuine = built(firmware or next(iter(names()), "FlightCtrl")).name
         kept = Results(results)
         if case == "pair":
-            return navipairs.show(genuine, first_seed, as_json=as_json)
+            return navipairs.show(genuine, range(first_seed, first_seed + runs), jobs, as_json=as_json)
         if case == "control":
             return generations.show([genuine] if firmware else names(), runs, as_json=as_json)
     except ConfigError as error:

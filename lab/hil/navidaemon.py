@@ -87,6 +87,7 @@ class DaemonAtNavi:
         self.bus = LocalBus()
         self.steps: list[Step] = []
         self.holdings: list[tuple[float, tuple[int, int, int, int, bool]]] = []
+        self._streamed_at = 0.0
         clock = Clock(
             monotonic=loop.time, wall=lambda: WALL + loop.time(), synchronised=lambda: True, suspended=lambda: 0.0
         )
@@ -231,6 +232,7 @@ class DaemonAtNavi:
         for number in range(count):
             fields = {"pitch": pitch(number), "roll": 0.0, "yaw": 0.0, "throttle": 0.0}
             self.bus.deliver(StickSetpoint, self.loop.time(), *self.bus.sign_next(StickSetpoint, fields))
+            self._streamed_at = self.loop.time()
             await asyncio.sleep(STREAM)
 
     async def _dead_man(self) -> None:

@@ -14,9 +14,12 @@ from lab.hil.navigation import NaviBoard, Socket
 from lab.hil.navipeer import Surroundings
 from lab.hil.world import GenuineWorld
 from mksim.boards.line import HOST_CHAR
-from mksim.config import SimConfig
-from mksim.physics.world import DT, MOTORS_OFF, StickInput
+from mksim.config import PilotPlan, SimConfig
+from mksim.physics.airframe import Ground
+from mksim.physics.pilot import DelayedProgram
+from mksim.physics.world import DT, MOTORS_OFF, StartState, StickInput
 from mksim.radio import Channel
+from mksim.supervision import Supervision
 
 ARMED = StickInput(0.0, 0.0, 0.0, 0.0, motors_running=True)
 """Tells the world only that the motors turn: the firmware has the sticks."""
@@ -55,14 +58,25 @@ class NaviPair:
         board: the NaviCtrl.
     """
 
-    def __init__(self, flight: Firmware, navi: NaviFirmware, config: SimConfig, *, voltage: float) -> None:
+    def __init__(
+        self,
+        flight: Firmware,
+        navi: NaviFirmware,
+        config: SimConfig,
+        *,
+        voltage: float,
+        start: StartState | None = None,
+        ground: Ground | None = None,
+    ) -> None:
         """Set everything up; both boards are switched on at time zero.
 
         Args:
             flight: firmware of the FlightCtrl.
             navi: firmware of the NaviCtrl.
-            config: world and line; what it says of boards does not count.
+            config: world, line and pilot; what it says of boards does not count.
             voltage: of the battery, held [V].
+            start: where it stands; default the origin, nose north.
+            ground: what is below; default flat.
 
         Raises:
             ConfigError: this process has run a NaviCtrl already.
@@ -70,7 +84,15 @@ class NaviPair:
         self.now = 0.0
         self.board = NaviBoard(navi)
         chip = Chip(flight, eeprom.content(flight), seed=config.seed)
-        self.world = PairWorld(config.flight, chip, seed=config.seed, voltage=voltage, has_compass=False)
+        self.world = PairWorld(
+            config.flight, chip, seed=config.seed, start=start, ground=ground, voltage=voltage, has_compass=False
+        )
+        plan = Supervision(
+            lambda: self.world.is_controlled,
+            take_off=config.pilot_plan is PilotPlan.SUPERVISE,
+            start_motors=config.pilot_plan is PilotPlan.START,
+        )
+        self.world.pilot.program = DelayedProgram(plan, config.pilot_wait)
         self.world.join(self.board)
         self._to_board = Channel(config.radio.to_board, f"{config.seed} to board")
         self._to_host = Channel(config.radio.to_host, f"{config.seed} to host")

@@ -6,7 +6,7 @@ import asyncio
 import json
 import math
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from statistics import median
 from typing import Any, Final
 
@@ -14,7 +14,8 @@ from rich.table import Table
 
 from lab.hil.build import built
 from lab.hil.navibuild import built_navictrl
-from lab.hil.navidaemon import DaemonAtNavi, Step
+from lab.hil.navidaemon import NEUTRAL, DaemonAtNavi, Step
+from lab.hil.naviflight import BOOTED, VOLTAGE, fly_all
 from lab.hil.navipair import NaviPair
 from lab.hil.quiet import be_quiet
 from mkdaemon.cli.console import Console
@@ -22,11 +23,23 @@ from mkdaemon.virtualtime import run_virtually
 from mksim.config import FlightConfig, PilotPlan, SimConfig, WindClass
 from mksim.physics.truth import Truth
 
-BOOTED: Final = 10.0
-"""Both boards need so long to find each other, compass and GPS receiver [s]."""
 LOOK: Final = 2.0
 SAMPLE: Final = 0.05
-VOLTAGE: Final = 15.6
+TRIES: Final = 3
+"""Times that the cable is cut, and that the client falls silent."""
+TILTS: Final = 20
+"""Setpoints with a tilt before each."""
+TILT: Final = 5.0
+"""[count]."""
+FIGURES: Final = {
+    "take_off_far_cm": "take-off, farthest from the middle [cm]",
+    "hold_cm": "hold, indoor air [cm]",
+    "touch_cm": "landing, from the middle [cm]",
+    "sink": "its sink [m/s]",
+    "nees_level": "NEES of the place",
+}
+SLOWEST: Final = 8.0
+"""Longest that sticks are waited for to be dropped [s]."""
 
 
 class PairDaemon(DaemonAtNavi):
@@ -51,9 +64,44 @@ class PairDaemon(DaemonAtNavi):
                 errors.setdefault(name, []).append(value)
         for name, found in errors.items():
             self._note(f"{name}, off by", "told", median(found))
-        truth = world.truth
+        self._look(world.truth)
+
+    def _look(self, truth: Truth) -> None:
         flies = not truth.on_ground and not truth.crashed
         self._note("flies at [m]", "yes" if flies else "no", float(truth.position_enu[2]))
+
+    async def _dead_man(self) -> None:
+        """The cable is cut, and the client falls silent, in turn, while a tilt is held."""
+        for number in range(1, TRIES + 1):
+            self._cut(cut=True)
+            await self._time(f"cable cut, held for ({number})", lambda: not self._held()[4])
+            self._cut(cut=False)
+            await self._steer_again(number)
+            await self._time(f"client silent, level after ({number})", lambda: self._held()[0] == 0)
+            await self._time(f"client silent, let go after ({number})", lambda: not self._held()[4])
+            if number < TRIES:
+                await self._steer_again(number)
+        self._look(self.aircraft.world.truth)
+
+    def _cut(self, *, cut: bool) -> None:
+        self._line.is_cut = self._line.is_deaf = cut
+
+    async def _time(self, name: str, claim: Callable[[], bool]) -> None:
+        began = self._streamed_at
+        took = await self._until(claim, SLOWEST)
+        self._note(name, "never" if took is None else "yes", None if took is None else self.loop.time() - began)
+
+    async def _steer_again(self, number: int) -> None:
+        """Take the lease once the aircraft is known again, and ask for a tilt."""
+        link = self.wiring.link
+        took = await self._until(lambda: link.is_up and link.dialect.extern_control is not None, SLOWEST)
+        if took is None:
+            self._note(f"known again ({number})", "never")
+            return
+        await asyncio.sleep(LOOK)
+        await self.bus.take_lease("lab")
+        await self._stream(NEUTRAL, lambda count: 0.0)
+        await self._stream(TILTS, lambda count: TILT)
 
 
 def errors_of(values: Mapping[str, Any], truth: Truth, throttle: int) -> dict[str, float]:
@@ -108,23 +156,31 @@ def measure(flight: str, seed: int) -> tuple[str, list[Step]]:
     return navi.release, run_virtually(run())
 
 
-def show(flight: str, seed: int, *, as_json: bool) -> int:
-    """Measure a pair, and show it; exit code 1 where sticks do not reach the FlightCtrl.
+def show(flight: str, seeds: Sequence[int], jobs: int, *, as_json: bool) -> int:
+    """Measure a pair, fly it, and show both; exit code 1 where sticks do not reach the FlightCtrl, or a flight is lost.
 
     Args:
         flight: name of a FlightCtrl that was built.
-        seed: of everything random.
-        as_json: print JSON in place of a table.
+        seeds: one flight over the target with each; everything else is done with the first.
+        jobs: processes that fly.
+        as_json: print JSON in place of tables.
     """
-    release, steps = measure(flight, seed)
+    release, steps = measure(flight, seeds[0])
+    flights = fly_all(flight, seeds, jobs)
     if as_json:
-        print(json.dumps(row_of(flight, release, steps)))
+        print(json.dumps(row_of(flight, release, steps) | {"flights": flights}))
     else:
         table = Table("step", "ended", "figure", title=f"{flight} behind NaviCtrl {release}")
         for step in steps:
             table.add_row(step.name, step.ended, "" if step.figure is None else f"{step.figure:.3g}")
         Console().print(table)
-    return 0 if any(step.name == "sticks reach the FlightCtrl" and step.ended == "yes" for step in steps) else 1
+        flown = Table("seed", *FIGURES.values(), "lost", title="over the target, sticks through the NaviCtrl")
+        for row in flights:
+            cells = (f"{row[key]:.2f}" if key in row else "" for key in FIGURES)
+            flown.add_row(str(row["seed"]), *cells, "; ".join(row["lost"]))
+        Console().print(flown)
+    reached = any(step.name == "sticks reach the FlightCtrl" and step.ended == "yes" for step in steps)
+    return 0 if reached and not any(row["lost"] for row in flights) else 1
 
 
 def row_of(flight: str, release: str, steps: Sequence[Step]) -> dict[str, Any]:

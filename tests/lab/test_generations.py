@@ -51,11 +51,18 @@ def test_what_was_found_is_shown_and_a_firmware_that_takes_no_stick_frame_fails(
 def test_a_pair_whose_sticks_do_not_arrive_fails(monkeypatch, capsys):
     steps = [Step("link up", "yes", 0.1), Step("sticks reach the FlightCtrl", "no")]
     monkeypatch.setattr(navipairs, "measure", lambda flight, seed: ("0.24b", steps))
-    assert navipairs.show("some", 1, as_json=True) == 1
-    assert json.loads(capsys.readouterr().out)["steps"]["link up"] == ["yes", 0.1]
+    flown = [{"seed": 7, "hold_cm": 3.5, "lost": []}]
+    monkeypatch.setattr(navipairs, "fly_all", lambda flight, seeds, jobs: flown)
+    assert navipairs.show("some", [1], 1, as_json=True) == 1
+    told = json.loads(capsys.readouterr().out)
+    assert told["steps"]["link up"] == ["yes", 0.1]
+    assert told["flights"] == flown
     steps[1] = Step("sticks reach the FlightCtrl", "yes", 0.04)
-    assert navipairs.show("some", 1, as_json=False) == 0
+    assert navipairs.show("some", [1], 1, as_json=False) == 0
     assert "behind NaviCtrl 0.24b" in capsys.readouterr().out
+    flown[0]["lost"] = ["it did not land"]
+    assert navipairs.show("some", [1], 1, as_json=False) == 1
+    assert "it did not land" in capsys.readouterr().out
 
 
 def test_telemetry_of_a_pair_is_compared_with_the_truth():

@@ -25,7 +25,7 @@ def test_a_trigger_that_is_late_early_or_never_is_wrong():
     assert not Fired("x", "y", 0.37, 0.3, 0.0).is_right
     assert not Fired("x", "y", 0.23, 0.3, 0.0).is_right
     assert not Fired("x", "y", math.inf, 0.3, 0.0).is_right
-    assert Trigger("x", dead_man, None).time(Boards("2.08")) == 5.1
+    assert Trigger("x", dead_man, None).time(Boards("2.08")) == 5.25
     assert Trigger("x", aborted, 0.0).time(Boards("2.08")) == 0.0
 
 

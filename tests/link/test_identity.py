@@ -8,7 +8,7 @@ import pytest
 
 from lab.rigs.linkrig import Rig, flight_ctrl, navi_ctrl, rig, virtually
 from lab.rigs.sticks import build_sticks
-from mkdaemon.link.session.identity import is_printed
+from mkdaemon.link.session.identity import is_of_boot, is_printed
 from mkdaemon.protocol.messages import ExternControlV1, ExternControlV2, ExternControlV3
 from mksim.simulation import Simulation
 
@@ -102,3 +102,43 @@ async def test_the_first_frames_of_a_program_that_restarts_in_flight_clear_the_c
 )
 def test_text_a_board_prints_is_told_from_the_rest_of_a_broken_frame(raw, printed):
     assert is_printed(raw) is printed
+
+
+@virtually
+async def test_what_a_navictrl_prints_of_its_camera_servos_ends_no_flight():
+    loop = asyncio.get_running_loop()
+    async with rig(navi_ctrl("0.24", "early", **SIM)) as r:
+        boards = r.socket.aircraft
+        await r.until(lambda: r.link.dialect.extern_control is ExternControlV1, 5)
+        await asyncio.sleep(1.0)
+        await stream(r, 0.5)
+        began = loop.time()
+        for _ in range(2):  # a silent SPI bus stops the servos, and 50 exchanges start them again
+            boards.world.faults.start("spi_lost", duration=0.1)
+            await stream(r, 1.37)
+            assert is_held(boards)
+            assert r.link.dialect.extern_control is ExternControlV1
+        printed = b"".join(loss.raw for loss in r.log.lost if loss.at > began)
+        assert printed.count(b"Timer2 deinit...ok") == printed.count(b"Timer2 init...ok") == 2
+        sent = [s.message for s in r.log.tx if s.at > began and s.message is not None and s.message.spec.id == "b"]
+        assert len(sent) > 80
+        assert all(int(message.config) & 1 for message in sent), "no release among them"
+        assert r.condition == "up"
+
+
+@pytest.mark.parametrize(
+    ("raw", "boots"),
+    [
+        (b"\n Timer2 deinit...ok", False),
+        (b"\n Timer2 init...ok=@y|mM=|LzZ=G@|======a=oR", False),
+        (b"\n I2C deinit...ok", False),
+        (b"\n FAT16 init...No Card in Slot.SD-Card could not be initialized.", False),
+        (b"\nOpening kml-file:log0001.kml", False),
+        (b"\n UART1 init...ok", True),
+        (b"\n Looking for FlightControl. FC V0.84a HW:2.0", True),
+        (b"\n\nFlight-Ctrl HW:2.2 SW:2.12a", True),
+        (b"ok 12", False),
+    ],
+)
+def test_text_of_a_boot_is_told_from_what_a_navictrl_prints_while_it_works(raw, boots):
+    assert is_of_boot(raw) is boots

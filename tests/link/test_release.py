@@ -281,4 +281,4 @@ def test_figures_of_a_release_that_are_told_elsewhere():
     """docs/safety.md, "Release"; docs/firmware-notes.md."""
     assert (REPEATS, REPEATS_EITHER) == (5, 11)
     assert (CONFIRM_WAIT, SPACING, GIVE_UP, REMIND) == (0.06, 0.025, 1.5, 0.5)
-    assert QUIET_TIME == 6.0 > 5.1 * 1.024
+    assert QUIET_TIME == 6.0 > 1.1 * 5.3

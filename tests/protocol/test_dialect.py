@@ -70,13 +70,13 @@ def fc(major: int, minor: int, patch: int = 0, *more: WireMessage) -> Dialect:
     [
         ((0, 71), ExternControlV1, "v1", DeadMan.ANY_COMMAND_0S5, False, "fc_old"),
         ((0, 76), ExternControlV1, "v1", DeadMan.ANY_COMMAND_0S5, False, "fc_old"),
-        ((0, 78), ExternControlV1, "v1", DeadMan.POLLING_5S1, False, "fc_old"),
-        ((0, 84), ExternControlV1, "v1", DeadMan.POLLING_5S1, False, "fc_old"),
-        ((0, 90), ExternControlV1, "v1", DeadMan.POLLING_5S1, False, "fc_old"),
-        ((0, 91), ExternControlV1, "v1", DeadMan.POLLING_5S1, False, "fc_old"),
-        ((2, 0), ExternControlV1, "v1", DeadMan.POLLING_5S1, False, "fc_old"),
-        ((2, 6), ExternControlV1, "v1", DeadMan.POLLING_5S1, False, "fc_old"),
-        ((2, 8), ExternControlV1, "v1", DeadMan.POLLING_5S1, False, "fc_old"),
+        ((0, 78), ExternControlV1, "v1", DeadMan.POLLING_5S3, False, "fc_old"),
+        ((0, 84), ExternControlV1, "v1", DeadMan.POLLING_5S3, False, "fc_old"),
+        ((0, 90), ExternControlV1, "v1", DeadMan.POLLING_5S3, False, "fc_old"),
+        ((0, 91), ExternControlV1, "v1", DeadMan.POLLING_5S3, False, "fc_old"),
+        ((2, 0), ExternControlV1, "v1", DeadMan.POLLING_5S3, False, "fc_old"),
+        ((2, 6), ExternControlV1, "v1", DeadMan.POLLING_5S3, False, "fc_old"),
+        ((2, 8), ExternControlV1, "v1", DeadMan.POLLING_5S3, False, "fc_old"),
         ((2, 10), ExternControlV2, "v2", DeadMan.UNKNOWN, True, "fc210"),
         ((2, 11), ExternControlV2, "v2", DeadMan.UNKNOWN, True, "fc210"),
         ((2, 12), ExternControlV2, "v2", DeadMan.CONTROL_2S, True, "fc210"),
@@ -109,7 +109,7 @@ def test_a_release_in_no_table_is_read_only(release):
 
 @pytest.mark.parametrize(
     ("read_back", "layout", "dead_man", "stick_filter"),
-    [(ControlStateV1, "v1", DeadMan.POLLING_5S1, False), (ControlStateV2, "v2", DeadMan.UNKNOWN, True)],
+    [(ControlStateV1, "v1", DeadMan.POLLING_5S3, False), (ControlStateV2, "v2", DeadMan.UNKNOWN, True)],
 )
 def test_2_09_may_be_either_until_read_back(read_back, layout, dead_man, stick_filter):
     before = fc(2, 9)
@@ -312,9 +312,9 @@ def test_a_message_nobody_has():
     ("dead_man", "hold", "refreshing", "harmless"),
     [
         (DeadMan.ANY_COMMAND_0S5, 0.5, "bvz", ""),
-        (DeadMan.POLLING_5S1, 5.1, "abdhlpt", "vgcq"),
+        (DeadMan.POLLING_5S3, 5.3, "abdhlpt", "vgcq"),
         (DeadMan.CONTROL_2S, 2.05, "b", "adhlptv"),
-        (DeadMan.UNKNOWN, 5.1, "bvz", ""),
+        (DeadMan.UNKNOWN, 5.3, "bvz", ""),
     ],
 )
 def test_dead_man_generations(dead_man, hold, refreshing, harmless):

@@ -115,7 +115,7 @@ def test_gas_laws(law, word, pilot, value, config, mixed):
 DEAD_MAN = [
     # generation, hold [s], letters that keep the sticks, letters that do not
     ("early", 0.5, "abcdghlvt", ""),
-    ("2.08", 5.1, "abdhlpt", "cvgnuq"),
+    ("2.08", 5.25, "abdhlpt", "cvgnuq"),
     ("2.12a", 2.05, "b", "acdhlvgnpt"),
     ("2.14", 2.05, "b", "acdhlvgnpt"),
 ]

@@ -130,6 +130,23 @@ def test_what_brings_the_camera_servos_back(fault, length, run):
     assert bench.board.navigator.camera_servos_on is run
 
 
+def test_a_silent_spi_bus_stops_the_camera_servos_for_50_exchanges_and_both_are_printed_amid_a_frame():
+    bench = nc_bench()
+    bench.send(encode_frame(2, "d", b"\x02"), 2.0)
+    bench.run(2.5)
+    bench.aircraft.faults.start("spi_lost", duration=0.2)
+    bench.run(2.65)
+    assert not bench.board.navigator.camera_servos_on
+    bench.send(encode_frame(2, "d", b"\x00"), 3.9)
+    bench.run(4.0)
+    assert bench.board.navigator.camera_servos_on
+    assert osd(bench).error_code is ErrorCode.NONE
+    text = b"".join(byte for _, byte in bench.raw)
+    stopped, started = text.index(b"Timer2 deinit...ok"), text.index(b"Timer2 init...ok")
+    assert b"\r#" not in text[stopped : text.index(b"\r", stopped) + 1]
+    assert bench.raw[started][0] - bench.raw[stopped][0] == pytest.approx(1.0 + 0.2 - 0.08, abs=0.05)
+
+
 def test_a_point_written_in_flight_activates_the_list_and_does_not_fly_it():
     bench = nc_bench()
     start(bench)

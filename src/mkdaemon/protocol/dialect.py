@@ -161,7 +161,7 @@ def _read_only_reason(
 
 def _dead_man(fc: FcGeneration | None, control: ControlLayout | None) -> DeadMan:
     if fc is not None and fc.control is None and control == "v1":
-        return DeadMan.POLLING_5S1
+        return DeadMan.POLLING_5S3
     return fc.dead_man if fc else DeadMan.UNKNOWN
 
 

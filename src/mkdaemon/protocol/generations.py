@@ -33,8 +33,8 @@ class DeadMan(Enum):
 
     ANY_COMMAND_0S5 = "any_command_0s5"
     """Oldest: about 0.5 s after the last serial command of any kind."""
-    POLLING_5S1 = "polling_5s1"
-    """Up to 2.08: 5.1 s (255 ticks of 20 ms) after the last of a b d h l p t."""
+    POLLING_5S3 = "polling_5s3"
+    """Up to 2.08: 5.3 s (255 ticks of nominally 20 ms; 0.84a run) after the last of a b d h l p t."""
     CONTROL_2S = "control_2s"
     """2.12a: 2.0 s (100 ticks of 20 ms) after the last b."""
     UNKNOWN = "unknown"
@@ -53,13 +53,13 @@ class DeadMan(Enum):
 
 _HOLD: Final = {
     DeadMan.ANY_COMMAND_0S5: 0.5,
-    DeadMan.POLLING_5S1: 5.1,
+    DeadMan.POLLING_5S3: 5.3,
     DeadMan.CONTROL_2S: 2.05,
-    DeadMan.UNKNOWN: 5.1,
+    DeadMan.UNKNOWN: 5.3,
 }
 _REFRESHERS: Final[dict[DeadMan, frozenset[str] | None]] = {
     DeadMan.ANY_COMMAND_0S5: None,
-    DeadMan.POLLING_5S1: frozenset("abdhlpt"),
+    DeadMan.POLLING_5S3: frozenset("abdhlpt"),
     DeadMan.CONTROL_2S: frozenset("b"),
     DeadMan.UNKNOWN: None,
 }
@@ -118,16 +118,16 @@ def _fc(
 # same release: neutral, Config 0, and silence towards the FlightCtrl.
 FC_GENERATIONS: Final = (
     _fc((0, 71), (0, 76), range(73, 81), "v1", "071", "fc_old", DeadMan.ANY_COMMAND_0S5),
-    _fc((0, 77), (0, 79), range(81, 83), "v1", "077", "fc_old", DeadMan.POLLING_5S1),
-    _fc((0, 80), (0, 85), range(84, 88), "v1", "077", "fc_old", DeadMan.POLLING_5S1),
-    _fc((0, 86), (0, 87), range(88, 90), "v1", "077", "fc_old", DeadMan.POLLING_5S1),
-    _fc((0, 88), (0, 89), range(90, 92), "v1", "077", "fc_old", DeadMan.POLLING_5S1),
-    _fc((0, 90), (0, 90), range(92, 94), "v1", "077", "fc_old", DeadMan.POLLING_5S1),
-    _fc((0, 91), (0, 91), range(94, 97), "v1", "200", "fc_old", DeadMan.POLLING_5S1),
-    _fc((2, 0), (2, 1), range(94, 97), "v1", "200", "fc_old", DeadMan.POLLING_5S1),
-    _fc((2, 2), (2, 4), range(97, 99), "v1", "200", "fc_old", DeadMan.POLLING_5S1),
-    _fc((2, 5), (2, 6), range(100, 103), "v1", "200", "fc_old", DeadMan.POLLING_5S1),
-    _fc((2, 7), (2, 8), range(103, 104), "v1", "200", "fc_old", DeadMan.POLLING_5S1),
+    _fc((0, 77), (0, 79), range(81, 83), "v1", "077", "fc_old", DeadMan.POLLING_5S3),
+    _fc((0, 80), (0, 85), range(84, 88), "v1", "077", "fc_old", DeadMan.POLLING_5S3),
+    _fc((0, 86), (0, 87), range(88, 90), "v1", "077", "fc_old", DeadMan.POLLING_5S3),
+    _fc((0, 88), (0, 89), range(90, 92), "v1", "077", "fc_old", DeadMan.POLLING_5S3),
+    _fc((0, 90), (0, 90), range(92, 94), "v1", "077", "fc_old", DeadMan.POLLING_5S3),
+    _fc((0, 91), (0, 91), range(94, 97), "v1", "200", "fc_old", DeadMan.POLLING_5S3),
+    _fc((2, 0), (2, 1), range(94, 97), "v1", "200", "fc_old", DeadMan.POLLING_5S3),
+    _fc((2, 2), (2, 4), range(97, 99), "v1", "200", "fc_old", DeadMan.POLLING_5S3),
+    _fc((2, 5), (2, 6), range(100, 103), "v1", "200", "fc_old", DeadMan.POLLING_5S3),
+    _fc((2, 7), (2, 8), range(103, 104), "v1", "200", "fc_old", DeadMan.POLLING_5S3),
     _fc((2, 9), (2, 9), range(104, 106), None, "200", "fc210", DeadMan.UNKNOWN),
     _fc((2, 10), (2, 10), range(104, 106), "v2", "200", "fc210", DeadMan.UNKNOWN),
     _fc((2, 11), (2, 11), range(106, 107), "v2", "200", "fc210", DeadMan.UNKNOWN),

@@ -276,6 +276,7 @@ class NaviCtrl(NcBoard):
         if now >= self.next_control:
             self.next_control = now + CONTROL_PERIOD
             self.navigator.navigate(now)
+            self._print(now)
             if self.pending_control is not None and self.navigator.has_flight and self.navigator.fits_flight:
                 self.flight.external.refresh("b")
                 self.flight.external.take(self.pending_control)
@@ -285,6 +286,15 @@ class NaviCtrl(NcBoard):
             self.rx.release()
         if not self.redirection.is_on and now >= self._tx_free_at:
             self._start_next_frame(now)
+
+    def _print(self, now: float) -> None:
+        """Print what there is to say, in the middle of the frame that is being sent: the board waits for nothing."""
+        navigator = self.navigator
+        if navigator.prints and not self.redirection.is_on:
+            tail = self._out.cut(now + TX_FIFO * HOST_CHAR)
+            self._out.send(navigator.prints, now)
+            self._tx_free_at = max(now, self._out.send(tail, now) - TX_FIFO * HOST_CHAR)
+        navigator.prints = b""
 
     def _reboot(self, now: float) -> None:
         """Reset: waypoints, streams and parameters are lost; text, then silence until it is up again."""

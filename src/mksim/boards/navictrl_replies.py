@@ -374,7 +374,7 @@ def _debug(board: NcBoard, value: int) -> WireMessage:
     analog[6] = int(board.navigator.flags())
     analog[9] = gps.sequence & 0x7FFF
     analog[10] = round(sensors.compass_deg) % 360
-    analog[11] = round(sensors.heading_deg) % 360
+    analog[11] = round(sensors.heading_deg * 10.0) % 3600 // 10
     analog[13] = exchanges & 0x7FFF
     analog[15] = 2 * exchanges & 0x7FFF
     analog[21] = bounded(gps.velocity_enu[1] * 100.0)

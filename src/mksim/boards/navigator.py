@@ -22,8 +22,15 @@ CONTROL_PERIOD: Final = 0.02
 LINK_LOST: Final = 5.5
 """Silence after which the next check reports NO_SERIAL_LINK; echo, b and y do not count."""
 LINK_CHECK_PERIOD: Final = 1.0
-SERVO_RESTART: Final = 0.08
-"""Silence on the SPI bus after which the timer of the camera servos is set up again."""
+SERVO_STOP: Final = 0.08
+"""Silence on the SPI bus after which the timer of the camera servos stops [s]."""
+SERVO_EXCHANGES: Final = 50
+"""Exchanges with the FlightCtrl after which it starts again."""
+SERVOS_STOP: Final = b"\r\r\n Timer2 deinit...ok"
+SERVOS_START: Final = b"\r\r\n Timer2 init...ok"
+"""What the board prints then, in the middle of a frame too. Source: NaviCtrl 0.24, spi_slave.c `SPI0_UpdateBuffer`."""
+FC_SILENT: Final = 0.5
+"""Silence on the SPI bus that is error 3 [s]; the board looks once a second, which is not simulated."""
 _STICKS_CENTRED: Final = 8
 """Pitch or roll beyond this override the position control [stick]; assumed."""
 _MODE_HOLD: Final = 50
@@ -52,6 +59,7 @@ class Navigator:
         target: where it flies to in the mode coming home; stays when that ends, also when the list is cleared.
         deviation: north and east of where it was to be when it last held or flew to a place [m].
         camera_servos_on: the timer of the camera servos runs.
+        prints: plain text for the host that is not out yet.
         is_overridden: the pilot moves pitch or roll.
     """
 
@@ -65,12 +73,14 @@ class Navigator:
         self.target: Target | None = None
         self.deviation = (0.0, 0.0)
         self.camera_servos_on = True
+        self.prints = b""
         self.is_overridden = False
         self._held: tuple[int, int] | None = None
         self._link_at = now
         self._link_lost = False
         self._next_link_check = now + LINK_CHECK_PERIOD
-        self._spi_at = now
+        self._now = self._spi_at = now
+        self._servos_wait = 0
         self._fix: GpsFix | None = None
         self._fc_flags = FlightStatus(0)
         self._fc_flags_2 = FlightStatus2(0)
@@ -93,13 +103,30 @@ class Navigator:
         if now >= self._next_link_check:
             self._next_link_check += LINK_CHECK_PERIOD
             self._link_lost = now - self._link_at > LINK_LOST
-        flight.companion_error = int(self.error_code)
+        self._now = now
         if self.has_flight:
             self._spi_at = now
             self._exchange(now)
-        elif now - self._spi_at > SERVO_RESTART:
-            self.camera_servos_on = True
+            self._start_servos()
+        elif now - self._spi_at > SERVO_STOP:
+            self._stop_servos()
             flight.aircraft.steer(None)
+        flight.companion_error = int(self.error_code)
+
+    def _stop_servos(self) -> None:
+        """The bus has been silent: the camera servos wait until exchanges are regular again."""
+        if not self._servos_wait:
+            self._servos_wait = SERVO_EXCHANGES
+            self.camera_servos_on = False
+            self.prints += SERVOS_STOP
+
+    def _start_servos(self) -> None:
+        """One exchange more since the bus was silent."""
+        if self._servos_wait:
+            self._servos_wait -= 1
+            if not self._servos_wait:
+                self.camera_servos_on = True
+                self.prints += SERVOS_START
 
     def _exchange(self, now: float) -> None:
         """One exchange with the FlightCtrl over the SPI bus."""
@@ -233,7 +260,7 @@ class Navigator:
     def error_code(self) -> ErrorCode:
         """What is wrong, the gravest first."""
         flight = self.flight
-        if not self.has_flight:
+        if self._now - self._spi_at > FC_SILENT:
             return ErrorCode.NO_FC
         if not self.fits_flight:
             return ErrorCode.FC_INCOMPATIBLE

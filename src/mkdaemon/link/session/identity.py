@@ -8,6 +8,7 @@ stick frame it receives meanwhile and obeys it afterwards. Source: docs/firmware
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import dataclass
 from typing import Final
 
@@ -72,6 +73,10 @@ _SHARE: Final = 0.1
 """Part of the characters that no frame has: boot text has spaces, digits and line breaks, and noise few [characters
 each]; tuned on the text of genuine boards and on frames with 5 % of their bytes damaged or lost."""
 _PAYLOAD: Final = frozenset(range(0x3D, 0x7D))
+_OF_WORK: Final = re.compile(rb"(Timer2|I2C|FAT16|SDC|SSC) (de)?init|(kml|gpx)-file")
+"""What a NaviCtrl prints while it works, in flight too: its camera servos stop and start with every hiccup of its SPI
+bus, a silent compass, its card. One that boots prints other lines as well, "UART1 init...ok" first. Source: NaviCtrl
+0.24, every call of `UART1_PutString` from the main loop; docs/firmware-notes, "A NaviCtrl 0.24 in flight"."""
 
 
 def is_printed(raw: bytes) -> bool:
@@ -80,6 +85,11 @@ def is_printed(raw: bytes) -> bool:
     foreign = sum(1 for code in words if code not in _PAYLOAD)
     readable = all(0x20 <= code < 0x7F or code in b"\r\n\t" for code in words)
     return len(words) >= _SHORTEST and readable and foreign >= max(_FEWEST, _SHARE * len(words))
+
+
+def is_of_boot(raw: bytes) -> bool:
+    """Whether a board printed bytes outside any frame because it boots."""
+    return is_printed(raw) and _OF_WORK.search(raw) is None
 
 
 class RebootWatch:
@@ -91,7 +101,7 @@ class RebootWatch:
 
     def text_received(self, raw: bytes, now: float) -> bool:
         """Note text between frames; returns whether a board prints it by itself."""
-        return is_printed(raw) and self._peers.redirected is None and not self._peers.caused_silence(now, now)
+        return is_of_boot(raw) and self._peers.redirected is None and not self._peers.caused_silence(now, now)
 
     def begins(self, now: float) -> bool:
         """Note a sign; returns whether it is the first one of a boot."""

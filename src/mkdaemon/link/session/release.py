@@ -1,6 +1,6 @@
 """The active release: how external control is ended for certain. Pure; driven with `now`.
 
-"Stop sending" is no release: old FlightCtrls hold the last sticks for 0.5 s (oldest) or 5.1 s (up to 2.08), and any
+"Stop sending" is no release: old FlightCtrls hold the last sticks for 0.5 s (oldest) or 5.3 s (up to 2.08), and any
 polling keeps them held for ever; 2.12a holds them for 2.0 s. So: neutral sticks, then Config = 0 at least five times,
 each confirmed by its `B` where a `B` can come (never through a NaviCtrl 0.24). Where a confirmation should come and
 does not, the release is repeated for a while, and every request that would refresh the dead-man is silenced for 6 s,
@@ -43,7 +43,7 @@ SPACING: Final = 0.025
 GIVE_UP: Final = 1.5
 """After this long without the confirmations the release counts as unconfirmed [s]."""
 QUIET_TIME: Final = 6.0
-"""Longer than the longest dead-man (5.1 s, counted by a clock 2.4 % slow) [s]."""
+"""Longer than the longest dead-man (5.3 s) [s]."""
 REMIND: Final = 0.5
 """After giving up, while everything else is quiet: one more frame this often [s]. One that arrives clears the control
 and can be confirmed, one that does not arrive keeps nothing alive."""

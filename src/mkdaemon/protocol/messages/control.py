@@ -120,7 +120,7 @@ class ExternControlV3(_ControlV3):
     is_forwarded=True,
 )
 class ExternControlV1(_ControlV1):
-    """Offsets the FlightCtrl adds to its receiver's commands; held 5.1 s, refreshed by any polling."""
+    """Offsets the FlightCtrl adds to its receiver's commands; held 5.3 s, refreshed by any polling."""
 
 
 @answer(
