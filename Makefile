@@ -9,7 +9,7 @@ PYTHONS ?= 3.11 3.12 3.13
 # Where it is set, each of the hundred programs that the tests start compiles every module anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test check check-lab check-pythons check-view check-gateways bench figures hil docs venv install clean
+.PHONY: demo test check check-lab check-pythons check-view check-gateways bench figures hil docs site venv install clean
 .DEFAULT_GOAL := demo
 
 demo: venv
@@ -42,6 +42,7 @@ check: venv
 	$(BIN)/lint-imports
 	$(BIN)/python -m tools.shape
 	$(BIN)/python -m tools.docs --check
+	$(BIN)/python -m tools.words
 
 # The page of `mkctl view` in a real browser; names the package to install where there is none.
 check-view: venv
@@ -68,6 +69,11 @@ hil: venv
 
 docs: venv
 	$(BIN)/python -m tools.docs
+
+# The documentation as a site, in build/site; what builds it is no part of `.venv` before.
+site: venv
+	$(BIN)/pip install --quiet --disable-pip-version-check --no-deps --requirement requirements-docs.txt
+	$(BIN)/python -m tools.site
 
 venv: $(STAMP)
 

@@ -38,6 +38,53 @@ def test_every_relative_link_resolves():
     assert missing == []
 
 
+def anchors_of(page):
+    """What a link may point at in a page: its headings, as GitHub names them, and the anchors it sets itself."""
+    lines = re.sub(r"^ *```.*?^ *```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL | re.MULTILINE)
+    titles = re.findall(r"^#+ (.+)$", lines, re.MULTILINE)
+    plain = (re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", title) for title in titles)
+    slugs = {re.sub(r"[^\w\- ]", "", title.lower()).strip().replace(" ", "-") for title in plain}
+    return slugs | set(re.findall(r'<a id="([^"]+)"></a>', lines))
+
+
+def test_every_anchor_of_a_link_exists():
+    links = [
+        (page, (page.parent / target).resolve() if target else page, anchor)
+        for page in PAGES
+        for target, anchor in re.findall(r"\]\((?!https?://)([^)#\s]*)#([^)\s]+)\)", page.read_text(encoding="utf-8"))
+    ]
+    anchors = {target: anchors_of(target) for _, target, _ in links}
+    assert links
+    assert [
+        f"{page.name}: {target.name}#{anchor}" for page, target, anchor in links if anchor not in anchors[target]
+    ] == []
+
+
+CITING = sorted(
+    path
+    for part in ("src", "lab", "tools", "tests", "examples", "configs")
+    for kind in ("*.py", "*.toml")
+    for path in (ROOT / part).rglob(kind)
+)
+CITATION = re.compile(r'docs/((?:lab/)?[\w-]+\.md)((?:(?:,| and) "[^"]+")*)')
+
+
+def test_every_page_and_section_that_is_cited_exists():
+    lost = []
+    for path in CITING:
+        for name, sections in CITATION.findall(" ".join(path.read_text(encoding="utf-8").split())):
+            page = DOCS / name
+            titles = (
+                re.findall(r"^#+ (?:\d+\. )?(.+)$", page.read_text(encoding="utf-8"), re.MULTILINE)
+                if page.is_file()
+                else ()
+            )
+            wanted = re.findall(r'"([^"]+)"', sections)
+            if not titles or [title for title in wanted if not any(found.startswith(title) for found in titles)]:
+                lost.append(f"{path.relative_to(ROOT)}: docs/{name}{sections}")
+    assert lost == []
+
+
 def test_no_work_is_left_for_later():
     left = re.compile(r"\b(TODO|FIXME|XXX)\b")
     assert SOURCES
@@ -166,6 +213,15 @@ def test_everything_that_gets_installed_is_pinned():
     pins = {canonicalize_name(name): version for name, version in pinned.items()}
     assert {name: metadata.version(name) for name in names} == {name: pins.get(name) for name in names}
     assert set(pins) - names == set(), "pinned, but nothing needs it"
+
+
+def test_what_builds_the_site_is_pinned_and_leaves_the_other_pins_alone():
+    pins = dict(line.split("==") for line in (ROOT / "requirements-docs.txt").read_text(encoding="utf-8").split())
+    for line in PROJECT["optional-dependencies"]["docs"]:
+        wanted = Requirement(line)
+        assert wanted.specifier.contains(pins[wanted.name])
+    others = dict(line.split("==") for line in (ROOT / "constraints.txt").read_text(encoding="utf-8").split())
+    assert {canonicalize_name(name) for name in pins} & {canonicalize_name(name) for name in others} == set()
 
 
 def test_public_functions_say_what_they_raise():

@@ -1,4 +1,4 @@
-"""The table of goals at the head of docs/accuracy.md: whether one is met is worked out from the results."""
+"""The table of goals at the head of docs/lab/accuracy.md: whether one is met is worked out from the results."""
 
 from __future__ import annotations
 

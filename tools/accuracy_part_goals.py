@@ -1,4 +1,4 @@
-"""The goals of each part of docs/accuracy.md beside what its campaign has measured."""
+"""The goals of each part of docs/lab/accuracy.md beside what its campaign has measured."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The tables of docs/accuracy.md, made from what `python -m lab vision --into docs/results/vision.json` has measured.
+"""The tables of docs/lab/accuracy.md, made from what `python -m lab vision --into docs/results/vision.json` measured.
 
 The prose of the page is written by hand; a table stands between `<!-- table NAME -->` and `<!-- end -->`.
 """
@@ -18,6 +18,7 @@ from tools.accuracy_part_goals import camera_goals, deck_goals, hardship_goals, 
 from tools.accuracy_words import CAMERAS, FAR, LEAVING, LIES, NEAR, SKIES, TROUBLES, WITH, WITHOUT, Results
 from tools.markdown import table
 
+PAGE: Final = "docs/lab/accuracy.md"
 PLACE: Final = re.compile(r"(?P<begin><!-- table (?P<name>\w+) -->\n).*?(?P<end><!-- end -->)", re.DOTALL)
 FEET: Final = {0.6096: "2 ft (0.61 m)", 1.2192: "4 ft (1.22 m)", 1.8288: "6 ft (1.83 m)", 4.572: "15 ft (4.57 m)"}
 """Distances that 2010 measured."""
@@ -25,7 +26,7 @@ ATTITUDES: Final = {"with_attitude": "yes", "without_attitude": "no"}
 
 
 def accuracy_page(root: Path) -> str:
-    """Return docs/accuracy.md with its tables made anew.
+    """Return docs/lab/accuracy.md with its tables made anew.
 
     Raises:
         MkError: a table that is not known, or that has no results.
@@ -35,16 +36,16 @@ def accuracy_page(root: Path) -> str:
     def made(place: re.Match[str]) -> str:
         name = place["name"]
         if name not in TABLES:
-            msg = f"docs/accuracy.md: no table '{name}'; known are {', '.join(TABLES)}"
+            msg = f"{PAGE}: no table '{name}'; known are {', '.join(TABLES)}"
             raise MkError(msg)
         try:
             lines = list(TABLES[name](results))
         except KeyError as missing:
-            msg = f"docs/accuracy.md, table '{name}': no {missing} in docs/results/vision.json; measure it with --into"
+            msg = f"{PAGE}, table '{name}': no {missing} in docs/results/vision.json; measure it with --into"
             raise MkError(msg) from None
         return place["begin"] + "\n".join(lines) + "\n" + place["end"]
 
-    return PLACE.sub(made, (root / "docs/accuracy.md").read_text(encoding="utf-8"))
+    return PLACE.sub(made, (root / PAGE).read_text(encoding="utf-8"))
 
 
 def _share(value: float) -> str:

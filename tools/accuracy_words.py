@@ -1,4 +1,4 @@
-"""What the rows of docs/accuracy.md are called: campaigns of the lab name them by their keys."""
+"""What the rows of docs/lab/accuracy.md are called: campaigns of the lab name them by their keys."""
 
 from __future__ import annotations
 

@@ -54,7 +54,7 @@ GENERATED: Final[Mapping[str, str]] = {
 
 
 FILLED: Final[Mapping[str, str]] = {
-    "docs/accuracy.md": "tools.accuracy_tables:accuracy_page",
+    "docs/lab/accuracy.md": "tools.accuracy_tables:accuracy_page",
     "docs/flying.md": "tools.admission_tables:flying_page",
     "docs/lab/genuine-triggers.md": "tools.genuine_tables:triggers_page",
     "docs/lab/genuine.md": "tools.genuine_tables:genuine_page",

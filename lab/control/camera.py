@@ -1,4 +1,4 @@
-"""A camera that looks down, and the eyes behind it, as a noise model fitted to docs/accuracy.md."""
+"""A camera that looks down, and the eyes behind it, as a noise model fitted to docs/lab/accuracy.md."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from mkdaemon.control.estimator.values import TargetView
 from mkdaemon.control.linear import Array
 
 LEAST_SIZE = 22.0
-"""Smaller tags are not decoded [px]; docs/accuracy.md."""
+"""Smaller tags are not decoded [px]; docs/lab/accuracy.md."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,7 +1,7 @@
 """The law of 2010: a PI on the offset of the tag in the newest image, at 15 Hz, straight to stick counts.
 
 It knows nothing of delay, nor that the aircraft takes a tilt rate in the band of a position loop. It must lose the
-aircraft: if it flies, the simulator lies. Source: docs/control.md, "The law of 2010".
+aircraft: if it flies, the simulator lies. Source: docs/lab/control.md, "The law of 2010".
 """
 
 from __future__ import annotations

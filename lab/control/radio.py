@@ -15,7 +15,7 @@ RECOVERY = 0.25
 
 @dataclass(frozen=True, slots=True)
 class RadioModel:
-    """Latency and loss; source: docs/control.md, "Simulator".
+    """Latency and loss; source: docs/lab/control.md, "Simulator".
 
     Attributes:
         fastest: [s].

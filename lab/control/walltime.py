@@ -99,7 +99,7 @@ class Load:
 
 
 class Way(NamedTuple):
-    """The way of one image to the wire; see `docs/control.md`.
+    """The way of one image to the wire; see `docs/lab/control.md`.
 
     Attributes:
         camera: from the middle of the exposure until the daemon has the image [s].

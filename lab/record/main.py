@@ -82,7 +82,7 @@ async def _repeat(name: str, kill: Callable[[int], Awaitable[kills.Left]], runs:
 
 
 def is_right(figures: dict[str, Any]) -> bool:
-    """Whether the figures keep what docs/recording.md promises."""
+    """Whether the figures keep what docs/lab/recording.md promises."""
     ends = figures.get("kills", {}).values()
     played = figures.get("playing")
     is_same = played is None or (

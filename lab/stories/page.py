@@ -1,4 +1,4 @@
-"""docs/stories.md: the table of stories, rewritten case by case from what was measured."""
+"""docs/lab/stories.md: the table of stories, rewritten case by case from what was measured."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any, Final
 HEAD: Final = """# Stories and their evidence
 
 What happens when something dies while a client flies, measured against the simulated boards. Every row is written by
-`python -m lab stories --page docs/stories.md` (`--case NAME` for one group); nothing here is typed by hand. Times
+`python -m lab stories --page docs/lab/stories.md` (`--case NAME` for one group); nothing here is typed by hand. Times
 count from the last setpoint the daemon could use, as far as nothing else is said; seeds make every run in virtual time
 repeatable. `deaths`, `unreleased`, `cable`, `swap`, `reboot`, `freeze`, `restart` and `faults` run in virtual time, the
 others with real processes, Zenoh sessions and pseudo terminals, so their times include whatever else the machine did.

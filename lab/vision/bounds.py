@@ -26,7 +26,7 @@ DELAY_SD: Final = 0.1
 PERIOD, LOOKS = 0.2, 0.1
 """Between readings of a barometer, and between images [s]."""
 TILT_SD: Final = radians(0.012)
-"""Of a target's tilt by one image from 1 m; it grows with the distance to the power 1.5 (docs/accuracy.md) [rad]."""
+"""Of a target's tilt by one image from 1 m [rad]; it grows with the distance to the power 1.5, docs/lab/accuracy.md."""
 LEVER_SD: Final = 0.02
 """Of the lens' height over the point about which a vehicle turns [m]."""
 FREE: Final = 1e-4

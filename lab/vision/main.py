@@ -1,7 +1,7 @@
 """`python -m lab vision`: the 2010 experiments and what has been asked for since, on rendered images.
 
 Every figure is drawn from a seed set. `development` seeds were looked at while the code was tuned; `reporting` seeds,
-the default and what docs/accuracy.md quotes, were not.
+the default and what docs/lab/accuracy.md quotes, were not.
 """
 
 from __future__ import annotations

@@ -50,7 +50,7 @@ class SeedSet(StrEnum):
     def base(self) -> int:
         """First seed; the sets are millions apart and no campaign uses that many.
 
-        Seeds from 3,000,000 extend the development set; docs/accuracy.md names the sets that were reported and then
+        Seeds from 3,000,000 extend the development set; docs/lab/accuracy.md names the sets that were reported and then
         looked at.
         """
         return {SeedSet.DEVELOPMENT: 0, SeedSet.REPORTING: 59_000_000, SeedSet.ABLATION: 23_000_000}[self]

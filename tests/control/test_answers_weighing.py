@@ -1,4 +1,4 @@
-"""What one report says of an answer, and when it says nothing: the numbers of docs/control.md, worked out anew."""
+"""What one report says of an answer, and when it says nothing: the numbers of docs/lab/control.md, worked out anew."""
 
 from __future__ import annotations
 

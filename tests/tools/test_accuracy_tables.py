@@ -1,4 +1,4 @@
-"""The tables of docs/accuracy.md are those of the results."""
+"""The tables of docs/lab/accuracy.md are those of the results."""
 
 from __future__ import annotations
 
@@ -23,13 +23,14 @@ RESULTS = ROOT / "docs/results/vision.json"
 
 def page_of(tmp_path, text, results):
     (tmp_path / "docs" / "results").mkdir(parents=True)
-    (tmp_path / "docs" / "accuracy.md").write_text(text, encoding="utf-8")
+    (tmp_path / "docs" / "lab").mkdir()
+    (tmp_path / "docs" / "lab" / "accuracy.md").write_text(text, encoding="utf-8")
     (tmp_path / "docs" / "results" / "vision.json").write_text(json.dumps(results), encoding="utf-8")
     return accuracy_page(tmp_path)
 
 
 def test_every_table_stands_in_the_page():
-    text = (ROOT / "docs/accuracy.md").read_text(encoding="utf-8")
+    text = (ROOT / "docs/lab/accuracy.md").read_text(encoding="utf-8")
     assert [name for name in TABLES if f"<!-- table {name} -->" not in text] == []
 
 

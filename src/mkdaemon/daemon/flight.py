@@ -107,7 +107,7 @@ class FlightControl:
     async def _read_active_set(self) -> ActiveSet:
         """Read the active set, and how much can be recorded; the flight core learns the aircraft's model from it."""
         parameters, dialect = await read_active_set(self._link), self._link.dialect
-        # Flown with the slow leak of a NaviCtrl 2.x, an aircraft is lost once that stops to correct: docs/control.md.
+        # With the slow leak of a NaviCtrl 2.x an aircraft is lost once that stops to correct: docs/lab/control.md.
         found, now = aircraft_model(parameters, dialect, has_slow_leak=False), self._clock.now()
         known = ModelKnown(assumed_model(dialect), found) if isinstance(found, ModelUnknown) else ModelKnown(found)
         self._deck.feed(known, now)

@@ -1,7 +1,7 @@
 """Every threshold of the eyes: value, unit, meaning, and where the figure comes from.
 
 Those a user may set stand in `mkdaemon.config.vision`. "Tuned" is chosen by hand on development scenes of
-`python -m lab vision` (docs/accuracy.md); what gates and parts earn is measured with `--ablate` (docs/vision.md).
+`python -m lab vision` (docs/lab/accuracy.md); what gates and parts earn is measured with `--ablate` (docs/vision.md).
 Shares are 0 to 1, deviations are standard deviations, widths of edges are half widths. Constants of a numeric method
 (steps, damping, convergence, process noise) stand beside the method. First stands what finding and fitting ask, then
 what is asked of a measured pose (gates, tracks, rivals, health), then the self-calibration.
@@ -142,7 +142,7 @@ class HealthLimits:
     same_tag: float = of(0.5, "sides", "centres closer are one tag (stills)", "derived")
 
 
-MEASURED: Final = "measured, docs/accuracy.md"
+MEASURED: Final = "measured, docs/lab/accuracy.md"
 
 
 @dataclass(frozen=True, slots=True)
@@ -155,11 +155,11 @@ class SelfCalLimits:
     settled: float = of(0.0065, "share", "deviation of a focal length that little more will move", MEASURED)
     settled_certain: float = of(3.0, "deviations", "from which such a focal length is told", MEASURED)
     least_looks: int = of(20, "images", "before anything is told", "derived: two seconds")
-    focal: float = of(0.01, "share", "of the focal length; less is what a calibration leaves", "docs/accuracy.md")
+    focal: float = of(0.01, "share", "of the focal length; less is what a calibration leaves", "docs/lab/accuracy.md")
     centre_px: float = of(4.0, "px", "of the principal point", "1.5 cm at 4 m")
     k1: float = of(0.02, "", "of the radial distortion", "0.5 cm at 2 m")
     mounting: float = of(radians(1.0), "rad", "of the mounting; less is the attitude's own bias", "sim: 0.5-1.5 deg")
-    size: float = of(0.01, "share", "of a tag's size against the largest tag's", "docs/accuracy.md")
+    size: float = of(0.01, "share", "of a tag's size against the largest tag's", "docs/lab/accuracy.md")
     height: float = of(0.015, "share", "that calibration and print leave of a way down or up", MEASURED)
     least_way: float = of(0.5, "m", "between the heights that are compared", "steps of a barometer: 5 cm")
     mounting_floor: float = of(radians(0.2), "rad", "deviation of the mounting: slow attitude errors", MEASURED)

@@ -42,7 +42,7 @@ _GRAVITY: Final = 9.81
 _ACC_Z_UNIT: Final = 140.0
 """Raw accelerometer counts a g that this simulation reports."""
 _SHOWN: Final = 1.13
-"""Data3D over the FlightCtrl's own angle scale. Source: docs/simulator.md, attitude loop."""
+"""Data3D over the FlightCtrl's own angle scale. Source: docs/lab/simulator.md, attitude loop."""
 
 
 def bounded(value: float, bits: int = 16) -> int:

@@ -1,6 +1,6 @@
 """The FlightCtrl's attitude loop: what stick counts make the aircraft do.
 
-Per axis, with `u` the stick in radians of wanted tilt (docs/simulator.md, attitude loop; FlightCtrl 2.12a)::
+Per axis, with `u` the stick in radians of wanted tilt (docs/lab/simulator.md, attitude loop; FlightCtrl 2.12a)::
 
     us  = (3 us + u) / 4                   stick low-pass, with every receiver frame, FC >= 2.10 only
     w   -> -a1 (th - us) - a2 z            through the lag of the rate loop;   z' = th - us
@@ -47,7 +47,7 @@ YAW_GAIN: Final = 18.0
 """Yaw acceleration per rate error [1/s]."""
 YAW_INTEGRAL_GAIN: Final = 56.0
 """Yaw acceleration per integrated rate error [1/s2]. Fitted to the genuine step: t63 .08 s, overshoot 40 %, settled in
-.35 s (docs/simulator.md, attitude loop)."""
+.35 s (docs/lab/simulator.md, attitude loop)."""
 _YAW_INTEGRAL_LIMIT: Final = math.radians(30.0)
 """Bound of the integrated rate error [rad]."""
 _INTEGRAL_LIMIT: Final = math.radians(60.0)
@@ -107,7 +107,7 @@ class AttitudeGains:
             ta: leak time constant [s], `LEAK_FAST` or `LEAK_SLOW`.
             compass: the compass bit of GlobalConfig.
 
-        Source: docs/simulator.md, attitude loop.
+        Source: docs/lab/simulator.md, attitude loop.
         """
         gyro_i = max(1, gyro_i)
         a1 = gyro_i * 64.0 / ((gyro_p + 10) * _ANGLE_SCALE * LOOP_PERIOD)

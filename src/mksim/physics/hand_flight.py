@@ -1,8 +1,8 @@
 """Flying by hand: the programs of the simulated pilot.
 
 A person who knows his aircraft tilts it, feels the tilt and corrects; the law below is that skill: a cascade of
-position, speed and tilt that asks the attitude loop for a tilt rate (docs/simulator.md, attitude loop). It reads the
-truth because the pilot stands beside the aircraft; nothing that flies for the daemon can.
+position, speed and tilt that asks the attitude loop for a tilt rate (docs/lab/simulator.md, attitude loop). It reads
+the truth because the pilot stands beside the aircraft; nothing that flies for the daemon can.
 """
 
 from __future__ import annotations

@@ -81,7 +81,7 @@ def upright_of(tilt):
 def at_once(views, tuning, velocity):
     """Both horizontal axes, the vertical one and the mean of the innovations after views of one moment.
 
-    By docs/control.md, "Estimator".
+    By docs/lab/control.md, "Estimator".
     """
     yaw = views[0].heading
     turn = turned((0.0, 0.0, yaw))

@@ -134,7 +134,7 @@ def test_the_last_stick_acts_until_the_next():
 AS_BELIEVED = 3
 """Place of the hypothesis that the line is as late as it is believed to be."""
 MEMORY, SLOW = 4.0, 0.7
-"""What is older counts less than a third; what changes more slowly is left out: docs/control.md, "Estimator" [s]."""
+"""What is older counts less than a third, what is slower is left out: docs/lab/control.md, "Estimator" [s]."""
 
 
 def believed(model, frequency):

@@ -73,7 +73,7 @@ def test_what_is_told_of_a_loop_is_of_the_model_and_of_what_it_must_bear():
     for name in ("a1", "a2", "leak", "stick_filter", "uplink"):
         assert getattr(told, name) == getattr(MODEL, name)
     assert list(told.gains.values()) == pytest.approx(HorizontalRegulator(MODEL, HorizontalCosts()).gain)
-    # The wrong models and the wrong stamps of docs/control.md, and a tenth of a metre.
+    # The wrong models and the wrong stamps of docs/lab/control.md, and a tenth of a metre.
     assert (told.needed_gain, told.needed_delay, told.farthest_rest) == ((0.67, 1.33), 0.02, 0.1)
 
 

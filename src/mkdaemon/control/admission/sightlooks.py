@@ -14,7 +14,7 @@ from mkdaemon.telemetry.vision import Alarm, EyeState, VisionStats
 
 STAMP_LIMIT: Final = 0.045
 """Largest error of the images' stamps, as it is measured [s]: 20 ms are survived, 80 ms crash, and the measurement is
-off by up to 20 ms; docs/control.md, "Time stamps"."""
+off by up to 20 ms; docs/lab/control.md, "Estimator"."""
 EYES_FRESH: Final = 3.0
 """What a camera said of itself longer ago counts no more [s]; it says so once a second."""
 LATEST_IMAGES: Final = 500.0

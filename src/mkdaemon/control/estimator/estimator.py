@@ -1,8 +1,8 @@
 """The estimate of the aircraft against a target, from pictures, the attitude the boards report, and what was sent.
 
 The local frame is the target's: origin in its middle, z up, x to the right of its print. Everything is relative to it,
-so a target that moves needs nothing special: its motion is the disturbance `d`. Equations and the sources of all
-numbers: docs/control.md, "Estimator".
+so a target that moves needs nothing special: its motion is the disturbance `d`. Equations: docs/control.md,
+"Estimator"; sources of the numbers: docs/lab/control.md, "Estimator".
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ LOST_FOR: Final = 0.1
 LOST: Final = 0.06
 """Variance of the sticks that act over the square of their change within that time: a radio that loses 1 % in such
 bursts lets the old ones act on. Without it one burst at the beginning of a step of 1 m had ten measurements refused in
-a quarter of a second, and an overshoot of 122 %; docs/control.md, "Estimator"."""
+a quarter of a second, and an overshoot of 122 %; docs/lab/control.md, "Estimator"."""
 LEAST_LAG: Final = 0.001
 """A delay of the line that differs less from the one flown by is that one [s]."""
 HOVER_LOWEST: Final = LOWEST_HOVER + GAS_CENTRE

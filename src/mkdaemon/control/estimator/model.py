@@ -37,7 +37,7 @@ STICK_FILTER: Final = 0.078
 NO_FILTER: Final = 0.0113
 """Without it sticks wait for half a receiver frame [s]; FlightCtrl up to 2.08."""
 LEAK_FAST: Final = 0.885
-"""Leak without a NaviCtrl or with 0.24 [s]; docs/simulator.md."""
+"""Leak without a NaviCtrl or with 0.24 [s]; docs/lab/simulator.md."""
 LEAK_SLOW: Final = 7.1
 """Leak with a newer NaviCtrl [s]."""
 LEAK_COUNT: Final = math.radians(1.0 / 1220.0) / FC_PERIOD
@@ -203,7 +203,7 @@ class AircraftModel:
     def yaw_stick(self, rate: float) -> float:
         """Return the stick that turns at a rate [rad/s], the inverse of the firmware's parabola; 0 below the dead band.
 
-        Source: docs/simulator.md, "Yaw".
+        Source: docs/lab/simulator.md, "Yaw".
         """
         size = abs(rate)
         if size < self.yaw_linear:

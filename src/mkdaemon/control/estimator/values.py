@@ -14,7 +14,7 @@ from mkdaemon.control.linear import Array
 GAS_CENTRE: Final = 127.0
 """Throttle of a centred stick [count of 254]; docs/protocol.md, "ExternalControl"."""
 OLDEST: Final = 0.8
-"""Older measurements are used no more [s]: three times the oldest image that is flown by; docs/control.md."""
+"""Older measurements are used no more [s]: three times the oldest image that is flown by; docs/lab/control.md."""
 FUTURE: Final = 0.02
 """A view may be so far ahead of our clock [s]: an error of the stamps that flights bear; docs/control.md."""
 FARTHEST: Final = 1000.0

@@ -2,8 +2,8 @@
 
 Near the ground the rotors' cushion carries the aircraft away sideways, so below `commit_height` the decision is final:
 throttle falls below hover and stays there until the feet stand. That they stand needs evidence: a fresh image, or a
-fall that cannot have been shorter (`Fall`). Source: docs/control.md, "Landing"; without the final push a third to two
-thirds of the landings miss.
+fall that cannot have been shorter (`Fall`). Source: docs/lab/control.md, "Landing"; without the final push a third to
+two thirds of the landings miss.
 
 How far a sinking aircraft must have come down at least, from its thrust alone.
 

@@ -32,9 +32,9 @@ FACTORS: Final = tuple(float(factor) for factor in np.geomspace(0.05, 20.0, 241)
 MOST_STEPS: Final = 25
 """Longest extra delay that is tried [control periods]."""
 LEAST_GAIN: Final = (0.67, 1.33)
-"""Stick gains over the model's that a loop has to bear: the wrong models of docs/control.md."""
+"""Stick gains over the model's that a loop has to bear: the wrong models of docs/lab/control.md."""
 LEAST_DELAY: Final = 0.02
-"""Extra delay that a loop has to bear [s]: the wrong stamps of docs/control.md."""
+"""Extra delay that a loop has to bear [s]: the wrong stamps of docs/lab/control.md."""
 FARTHEST_REST: Final = 0.10
 """Largest distance from its goal at which the model may end its flight, see `fly_model` [m]."""
 FLIGHT: Final = 12.0
@@ -44,7 +44,7 @@ FLIGHT_END: Final = 3.0
 FLIGHT_FROM: Final = 0.5
 """Where it begins, from its goal [m]."""
 FLIGHT_WIND: Final = 2.0
-"""That it has to bear: the light wind of docs/control.md [m/s]."""
+"""That it has to bear: the light wind of docs/lab/control.md [m/s]."""
 HOVER_DOUBT: Final = 0.1
 """Thrust it must make up for, either way: an aircraft heavier or lighter than believed [share of the weight]."""
 _NOWHERE: Final = np.zeros(3)

@@ -77,7 +77,7 @@ def solve_fisheye(views: Sequence[BoardPoints], width: int, height: int) -> tupl
 MAX_RMS_PX = 0.3
 MAX_FOCAL_SD_PERCENT = 0.3
 MAX_CENTRE_SD_PX = 1.0
-"""Limits of a usable calibration: focal +0.3 % alone is 0.6 cm at 2 m. Source: docs/accuracy.md."""
+"""Limits of a usable calibration: focal +0.3 % alone is 0.6 cm at 2 m. Source: docs/lab/accuracy.md."""
 MIN_VIEWS = 6
 MIN_TILT_DEG = 20.0
 """Views from the front alone gave a focal length twice too long and claimed to know it to 0.01 %."""

@@ -47,7 +47,7 @@ of 1 to 6 edges were off by 1.7 times as much, those dimmed to a half by grass o
 flights); of 0.03 to 1, angles were best at 0.15-0.5 in the sun's shadow and at 1 under grass and leaves."""
 MELTING = 6
 """Power with which the variance of an edge grows by its width in cells. With 4 edges 0.7 of a cell wide, which
-neighbours pull by 0.4 px, were taken for half as exact as they are (docs/vision-fits.md, room)."""
+neighbours pull by 0.4 px, were taken for half as exact as they are (docs/lab/vision-fits.md, room)."""
 FIRST_SKIRT = 0.25
 """The same for the first of two centres of a wide edge."""
 

@@ -28,7 +28,7 @@ LENS: Final = ("focal", "cx", "cy", "k1")
 """What may be wrong with a lens: logarithm of the focal lengths, principal point [px], radial distortion."""
 ALIGNED_PX: Final = 0.08
 """Error that the edges of a tag's side share where it runs along a row of pixels [px]: all lie between the same two. It
-falls with the rows that a side crosses. Measured: errors over deviations, docs/accuracy.md."""
+falls with the rows that a side crosses. Measured: errors over deviations, docs/lab/accuracy.md."""
 SHIFTED: Final = 0.15
 """The same for each pixel all edges are shifted by: a tone curve or sharpening bends them too."""
 ROLLING_PX: Final = 0.3

@@ -1,0 +1,122 @@
+"""`python -m tools.words`: the pages say one thing by one word, and spell it in British English.
+
+What stands in code, in links and in quotations of other programs (`between backticks`) is not looked at. To refuse a
+word, give it a line in `REFUSED`; what a thing is called is in docs/glossary.md.
+"""
+
+from __future__ import annotations
+
+import re
+import sys
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Annotated, Final, NamedTuple
+
+from cyclopts import App, Parameter
+
+from mkdaemon.cli.program import run
+from mkdaemon.errors import MkError
+
+PAGES: Final = ("README.md", "CONTRIBUTING.md", "CHANGELOG.md", "docs/**/*.md")
+REFUSED: Final[Mapping[str, str]] = {
+    # One term for one thing: docs/glossary.md.
+    r"baud ?rates?": "baud",
+    r"deadman": "dead-man",
+    r"drones?|quadcopters?|multicopters?": "aircraft",
+    r"fiducials?": "tag",
+    r"game pads?": "gamepad",
+    r"kill switch(es)?": "gate",
+    r"logfiles?": "recording, or log",
+    r"set-points?": "setpoint (of a client), set point (of a motor)",
+    r"time-stamps?": "time stamp",
+    r"way points?": "waypoint",
+    # Plain words.
+    r"e\.g\.": "for example",
+    r"etc\.": "and so on, or the whole list",
+    r"i\.e\.": "that is",
+    r"leverag(e|es|ed|ing)|utili[sz](e|es|ed|ing)": "use",
+    r"obviously|simply|please|needless to say": "nothing: leave it out",
+    r"via": "by, through or over",
+    r"whilst": "while",
+    # Spelling.
+    r"behaviors?|behavioral": "behaviour",
+    r"can not": "cannot",
+    r"centers?|centered|centering": "centre",
+    r"colors?|colored|coloring": "colour",
+    r"gray": "grey",
+    r"licenses?": "licence",
+    r"meters?": "metre",
+    r"(initial|normal|synchron|optim|recogn|quant|real|minim|maxim|summar)iz(e|es|ed|ing|ation)": "-ise, -isation",
+    r"(label|model|travel|cancel|signal)(ed|ing)": "-lled, -lling",
+    r"acheiv(e|es|ed|ing)": "achieve",
+    r"acomodat(e|es|ed|ing)|accomodat(e|es|ed|ing)": "accommodate",
+    r"adress(es|ed)?": "address",
+    r"dependant|independant": "dependent, independent",
+    r"existant": "existent",
+    r"heigths?|hights?": "height",
+    r"lenghts?|lenths?": "length",
+    r"maintainance": "maintenance",
+    r"measurments?": "measurement",
+    r"neccessary|necesary": "necessary",
+    r"occured|occurence|ocurr(ed|ence)": "occurred, occurrence",
+    r"preceed(s|ed|ing)?": "precede",
+    r"recie(ve|ves|ved|ver|vers)": "receive, receiver",
+    r"refered|refering": "referred, referring",
+    r"seperat(e|es|ed|ely|ion)": "separate",
+    r"succesful|sucessful|succesfully": "successful",
+    r"teh|thier|wich|untill": "the, their, which, until",
+    r"widhts?": "width",
+}
+"""What no page says (a regular expression of whole words), and what it says instead."""
+_ALL: Final = re.compile("|".join(rf"(?P<w{n}>\b(?:{word})(?!\w))" for n, word in enumerate(REFUSED)), re.IGNORECASE)
+_INSTEAD: Final = tuple(REFUSED.values())
+_UNREAD: Final = re.compile(
+    r"^ *```.*?^ *```|`[^`\n]*`|\]\([^)\n]*\)|<[^>\n]*>|https?://\S+|\"[^\"\n]*\"", re.DOTALL | re.MULTILINE
+)
+
+
+class Found(NamedTuple):
+    """A word that is refused.
+
+    Attributes:
+        line: number of its line, from 1.
+        word: as it stands there.
+        instead: what to write.
+    """
+
+    line: int
+    word: str
+    instead: str
+
+
+def refused_words(text: str) -> Iterator[Found]:
+    """Find what a page must not say, in its order."""
+    prose = _UNREAD.sub(lambda part: re.sub(r"[^\n]", " ", part[0]), text)
+    for found in _ALL.finditer(prose):
+        number = int((found.lastgroup or "w0")[1:])
+        yield Found(prose.count("\n", 0, found.start()) + 1, found[0], _INSTEAD[number])
+
+
+def words(*, root: Annotated[Path, Parameter(help="Root of the source tree.")] = Path()) -> None:
+    """Check the words of the pages.
+
+    Raises:
+        MkError: a page says or spells something in another way than the others.
+    """
+    pages = [page for pattern in PAGES for page in sorted(root.glob(pattern))]
+    told = [
+        f"{page.relative_to(root)}:{found.line}: `{found.word}`: write {found.instead}"
+        for page in pages
+        for found in refused_words(page.read_text(encoding="utf-8"))
+    ]
+    if told:
+        print("\n".join(told))
+        msg = f"words that the pages do not use: {len(told)}; tools/words.py has the list"
+        raise MkError(msg)
+    print(f"{len(pages)} pages use the words of the list")
+
+
+app = App(name="words", default_command=words, default_parameter=Parameter(negative=()))
+
+if __name__ == "__main__":
+    sys.exit(run(app))
