@@ -14,6 +14,8 @@ from typing import Final
 
 import zenoh
 
+from mkdaemon.files import save
+
 PATIENCE: Final = 2.0
 """Longest time for the handshake, and for the daemon to refuse a certificate after it [s]."""
 _ENDPOINT: Final = re.compile(r"tls/(?P<host>\[[^\]]+\]|[^:/]+):(?P<port>\d+)")
@@ -65,7 +67,7 @@ def _context(settings: dict[str, str | bool | None]) -> ssl.SSLContext:
 
 
 def _file_of(settings: dict[str, str | bool | None], name: str, folder: Path) -> str | None:
-    """The file of a certificate or a key; one for this user alone where it stands in the configuration itself.
+    """The file of a certificate or a key; where it stands in the configuration itself, one in a folder of this user.
 
     Raises:
         OSError: it is no base64.
@@ -73,12 +75,12 @@ def _file_of(settings: dict[str, str | bool | None], name: str, folder: Path) ->
     content = settings.get(f"{name}_base64")
     if not content:
         return str(settings[name]) if settings[name] else None
-    path = folder / name
-    path.touch(mode=0o600)
     try:
-        path.write_bytes(base64.b64decode(str(content), validate=True))
+        raw = base64.b64decode(str(content), validate=True)
     except ValueError as error:
         raise OSError(errno.EINVAL, f"{name}_base64 is no base64") from error
+    path = folder / name
+    save(path, raw)
     return str(path)
 
 

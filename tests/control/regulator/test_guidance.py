@@ -200,15 +200,15 @@ LIMITS = ReferenceLimits(speed=1.2, acceleration=1.0)
 @pytest.mark.parametrize(
     ("distance", "speed"),
     [
-        # 2.5 a second of what is left, up to 0.104 m, where that slows down by 0.65 of the acceleration; beyond, what
-        # this still brakes to the same line. The largest speed, 1.2 m/s, takes 1.160 m.
+        # 2 a second of what is left, up to 0.1625 m, where that slows down by 0.65 of the acceleration; beyond, what
+        # this still brakes to the same line. The largest speed, 1.2 m/s, takes 1.189 m.
         (0.0, 0.0),
-        (0.05, 0.125),
-        (0.103, 0.2575),
-        (0.105, math.sqrt(1.3 * (0.105 - 0.052))),
-        (0.5, math.sqrt(1.3 * (0.5 - 0.052))),
-        (1.15, math.sqrt(1.3 * (1.15 - 0.052))),
-        (1.165, 1.2),
+        (0.05, 0.1),
+        (0.162, 0.324),
+        (0.165, math.sqrt(1.3 * (0.165 - 0.08125))),
+        (0.5, math.sqrt(1.3 * (0.5 - 0.08125))),
+        (1.15, math.sqrt(1.3 * (1.15 - 0.08125))),
+        (1.195, 1.2),
         (9.0, 1.2),
     ],
 )

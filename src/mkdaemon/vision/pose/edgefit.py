@@ -398,7 +398,7 @@ class EdgeFit:
 
     def _seen_motion(self, last: EdgeStep, at: _State, start: Pose, block: slice, edge_px: float) -> SeenMotion | None:
         """What the image alone says about the motion, where that tells a line time."""
-        if at.motion is None or self._shutter.is_told:
+        if at.motion is None or self._shutter.is_given:
             return None
         asked = motion_known(start, self._limits.edges, self._shutter)
         return last.seen_motion(self.model.square, self._limits.edges, block, at.motion, asked, edge_px)

@@ -244,11 +244,11 @@ class EdgeStep:
         """
         inverse = np.asarray(np.linalg.inv(damped(self.normal)), np.float64)
         found = np.linalg.inv(inverse[block, block])
-        told = (edge_px / asked.spread) ** 2
-        values, axes = np.linalg.eigh(found - np.diag(told))
+        given = (edge_px / asked.spread) ** 2
+        values, axes = np.linalg.eigh(found - np.diag(given))
         noise = self._noise(square, inverse, limits)
         information = (axes * np.maximum(values, 0.0)) @ axes.T / noise
-        return SeenMotion(information, (found @ motion - told * asked.expected) / noise)
+        return SeenMotion(information, (found @ motion - given * asked.expected) / noise)
 
     def _loss(self, size: Array, limits: EdgeLimits) -> float:
         """Loss for rivals: geometric mean of min(r, missed)^2 + least^2.

@@ -73,18 +73,18 @@ class Shutter:
         reach_px: half of its rows times its focal length: what a turn by 1 rad/s moves in a line time of 1 s [px].
 
     Attributes:
-        is_told: whether the camera's file has it.
+        is_given: whether the camera's file has it.
         line_time: that fits reckon with [s]; 0 for a global shutter.
     """
 
     def __init__(self, line_time: float | None, reach_px: float = 0.0) -> None:
-        self.is_told = line_time is not None
+        self.is_given = line_time is not None
         self.line_time = NOMINAL if line_time is None else line_time
         self._reach_px = reach_px
         self._images = 0
         # Sums over images, in units of the nominal line time: information, and its product with the line time.
-        self._known, self._told = 0.0, 0.0
-        self._mean, self._variance = 1.0, 0.0 if self.is_told else 1.0 / PRIOR
+        self._known, self._agreed = 0.0, 0.0
+        self._mean, self._variance = 1.0, 0.0 if self.is_given else 1.0 / PRIOR
 
     @property
     def rolls(self) -> bool:
@@ -94,7 +94,7 @@ class Shutter:
     @property
     def is_open(self) -> bool:
         """Whether images may still tell the line time."""
-        return self.rolls and not self.is_told
+        return self.rolls and not self.is_given
 
     @property
     def estimate(self) -> tuple[float, float]:
@@ -116,7 +116,7 @@ class Shutter:
 
     def motion(self, known: KnownMotion) -> KnownMotion:
         """What is known of the motion times the line time over the nominal one."""
-        if self.is_told:
+        if self.is_given:
             return known
         spread = np.sqrt((self.scale * known.spread) ** 2 + self._variance * known.expected**2)
         return KnownMotion(self._mean * known.expected, spread)
@@ -137,8 +137,8 @@ class Shutter:
         weight /= max(1.0, float(surprise @ weight @ surprise) / MOTIONS)
         self._images += 1
         self._known += float(known.expected @ weight @ known.expected)
-        self._told += float(known.expected @ weight @ motion)
-        self._mean = max((PRIOR + self._told) / (PRIOR + self._known), 0.0)
+        self._agreed += float(known.expected @ weight @ motion)
+        self._mean = max((PRIOR + self._agreed) / (PRIOR + self._known), 0.0)
         self._variance = 1.0 / (PRIOR + self._known) + (HIDDEN * self._mean) ** 2
         most = (self._mean + 2.0 * sqrt(self._variance)) * self.line_time * self._reach_px * LIMITS.edges.turning_sd
         if self._images >= FEWEST and most < LIMITS.edges.located_px:
