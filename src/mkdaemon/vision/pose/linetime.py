@@ -30,7 +30,7 @@ NOMINAL: Final = LONGEST / 2.0
 MOVING2: Final = 25.0
 """Squared deviations from rest from which a motion is one: at rest it is passed in one image of 20,000."""
 HIDDEN: Final = 0.1
-"""Share of the line time that an estimate is off by, however many images told it; chosen on three development flights."""
+"""Share of the line time that an estimate is off by, however many images told it; chosen on three flights."""
 PRIOR: Final = 3.0
 """Information before any image: an even chance from 0 to twice the nominal line time has the variance 1 / 3."""
 RIDGE: Final = 1e-6
