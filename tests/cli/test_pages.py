@@ -6,6 +6,8 @@ import re
 import shlex
 import shutil
 
+import pytest
+
 from lab.rigs.walk import is_answer, steps_of
 from mkdaemon.cli.mkctl.app import COMMANDS, move_behind_command
 from mkdaemon.cli.mkctl.app import app as mkctl
@@ -43,6 +45,35 @@ def test_every_command_of_a_page_exists_with_its_options():
             except Exception as error:  # noqa: BLE001  # whatever is wrong with it is told with its page
                 wrong.append(f"{page.name}: {program} {shlex.join(words)}: {error}")
     assert count > 100
+    assert wrong == []
+
+
+def leaves(program, words=()):
+    """Every command that can be typed: its words, and what its help says."""
+    below = [name for name in program if not name.startswith("-")]
+    if program.default_command is not None:
+        yield words, program.default_command.__doc__
+    for name in below:
+        yield from leaves(program[name], (*words, name))
+
+
+@pytest.mark.parametrize("name", PROGRAMS)
+def test_the_help_of_every_command_has_an_example_that_can_be_typed(name):
+    wrong = []
+    commands = dict(leaves(PROGRAMS[name]))
+    for words, about in commands.items():
+        example = re.search(r"^ *Examples?:\s+(mk(?:ctl|daemon) .*)", about, re.MULTILINE)
+        if example is None:
+            wrong.append(f"{name} {' '.join(words)}: no example")
+            continue
+        program, *typed = shlex.split(example[1].strip("`"))
+        try:
+            PROGRAMS[program].parse_args(typed, exit_on_error=False, print_error=False)
+        except Exception as error:  # noqa: BLE001  # whatever is wrong with it is told with its command
+            wrong.append(f"{example[1]}: {error}")
+        if (program, *typed[: len(words)]) != (name, *words):
+            wrong.append(f"{name} {' '.join(words)}: shows {example[1]}")
+    assert len(commands) > 20
     assert wrong == []
 
 

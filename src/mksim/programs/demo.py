@@ -68,6 +68,8 @@ def demo(
     Needs no hardware, no network and no terminal. Exit code 0 only when it landed on the target and the motors stand
     still.
 
+    Example: mkdaemon demo --wind moderate --view
+
     Raises:
         ConfigError: a number cannot be, or the picture cannot be written.
         MkError: with `--telemetry`: a process did not start, or ended while it flew.

@@ -52,6 +52,8 @@ def sim(
     With `--scene-only` another program flies, and publishes where its aircraft is; the first line is then
     `{"camera": KEY, "truth": KEY}`, and images come under the first key (docs/simulator.md).
 
+    Example: mkdaemon sim --config configs/sim-vision.toml --pilot start
+
     Raises:
         ConfigError: an option, a file or an endpoint is wrong.
         LinkError: no port can be opened.

@@ -45,6 +45,8 @@ async def camera(
 
     The picture needs `jpeg_hz` in the camera's section. `mkctl view` shows it in the browser.
 
+    Example: mkctl camera down --picture found.png
+
     Args:
         name: Of the camera; not needed where there is one.
         once: Print what is known now and end; this is also what happens without a terminal.

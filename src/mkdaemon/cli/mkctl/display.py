@@ -62,6 +62,8 @@ async def display(
     """Show a board's menu and press its keys.
 
     Without a terminal, or with --once, one picture is printed.
+
+    Example: mkctl display fc --once
     """
     async with connection.open() as client:
         asked = Board[board.upper()] if board else await _board_here(client)

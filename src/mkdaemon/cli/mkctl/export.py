@@ -28,6 +28,8 @@ def export(
     csv and parquet: a folder with one file a key, units in the names of the columns. gpx and kml: the track of
     `state/position`. ros: a ROS 2 bag (MCAP, CDR). Files appear whole or not at all; docs/replay.md has the details.
 
+    Example: mkctl export flight.mcap --format csv
+
     Args:
         file: The recording.
         to: csv, parquet, gpx, kml or ros.

@@ -22,6 +22,8 @@ async def gains(*, connection: Connection = HERE) -> None:
     rate and limits. A configuration that is not safe on the model is refused when the daemon starts, and by `mkctl
     preflight` where only this aircraft's own set shows it.
 
+    Example: mkctl gains
+
     Raises:
         MkError: no daemon.
     """

@@ -31,6 +31,8 @@ BARS: Final = 16
 async def health(*, once: bool = False, seconds: float | None = None, connection: Connection = HERE) -> None:
     """Show the link as it is: state and reason, round trips, losses, every stream against what was asked.
 
+    Example: mkctl health --once
+
     Args:
         once: Print what is known now and end; this is also what happens without a terminal.
         seconds: End after so many seconds.

@@ -31,6 +31,8 @@ async def take(
 
     It ends by itself when none follow.
 
+    Example: mkctl lease take --ttl 2
+
     Args:
         holder: Name others see; default: user, machine and process.
     """
@@ -43,6 +45,8 @@ async def take(
 async def release(epoch: int, secret: str, *, connection: Connection = HERE) -> None:
     """Give the lease back; the aircraft is released.
 
+    Example: mkctl lease release 3 0123456789abcdef
+
     Args:
         epoch: As `take` printed it.
         secret: As `take` printed it.
@@ -54,7 +58,10 @@ async def release(epoch: int, secret: str, *, connection: Connection = HERE) -> 
 
 @app.command
 async def show(*, connection: Connection = HERE) -> None:
-    """Show who holds the lease."""
+    """Show who holds the lease.
+
+    Example: mkctl lease show
+    """
     async with connection.open() as uav:
         found = await uav.lease.show()
     _show(found, connection)

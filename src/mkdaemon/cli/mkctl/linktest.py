@@ -57,6 +57,8 @@ async def linktest(
     On the ground, motors off; refused while they run. Streams are changed meanwhile and put back at the end, also
     after Ctrl-C, which ends the measurement and still shows what was found. Exit code 1 for a poor line.
 
+    Example: mkctl linktest --label "XBee A" --csv a.csv --picture a.svg
+
     Args:
         load: `light` is OSD twice a second; `full` OSD at 100 ms, debug at 200 ms, attitude at 50 ms.
         stream: A stream of your own choice in place of these, for example `osd=100ms`; may be given again.

@@ -41,6 +41,8 @@ app: Final = App(
 async def mark(text: str, *, connection: Connection = HERE) -> None:
     """Mark this moment in all recordings of a vehicle: the daemon's own, and those on the ground. Needs no lease.
 
+    Example: mkctl log mark "here it swings"
+
     Args:
         text: What happened, up to 200 characters.
     """
@@ -52,6 +54,8 @@ async def mark(text: str, *, connection: Connection = HERE) -> None:
 @app.command(name="list")
 def list_(folder: Path | None = None, *, as_json: AsJson = False) -> None:
     """List recordings, the newest last.
+
+    Example: mkctl log list
 
     Args:
         folder: Where to look; by default where daemons and recorders of this machine write.
@@ -73,6 +77,8 @@ def list_(folder: Path | None = None, *, as_json: AsJson = False) -> None:
 def info(*files: Path, as_json: AsJson = False) -> None:
     """Show what recordings hold: keys, counts, rates, gaps, losses, marks.
 
+    Example: mkctl log info flight.mcap
+
     Args:
         files: Recordings, whole or damaged.
     """
@@ -90,6 +96,8 @@ def info(*files: Path, as_json: AsJson = False) -> None:
 @app.command
 def check(*files: Path, as_json: AsJson = False) -> int:
     """Check that recordings are whole. Exit code 0 only if nothing is damaged, lost or unfinished.
+
+    Example: mkctl log check flight.mcap
 
     Args:
         files: Recordings.
@@ -116,6 +124,8 @@ def recover(
 ) -> None:
     """Write everything that is whole in a recording into a new one with an index. The old one stays as it is.
 
+    Example: mkctl log recover torn.mcap whole.mcap
+
     Args:
         file: A recording that was cut off or damaged.
         output: The new one; by default NAME-recovered.mcap beside it.
@@ -141,6 +151,8 @@ def cut(
     as_json: AsJson = False,
 ) -> None:
     """Write a part of a recording into a new one: a time, some keys, or both.
+
+    Example: mkctl log cut flight.mcap landing.mcap --from 60 --to 90
 
     Args:
         file: A recording.
@@ -172,6 +184,8 @@ def merge(
     as_json: AsJson = False,
 ) -> None:
     """Join recordings by time: parts of one, or those of several vehicles.
+
+    Example: mkctl log merge part1.mcap part2.mcap --output whole.mcap
 
     Args:
         files: Recordings.

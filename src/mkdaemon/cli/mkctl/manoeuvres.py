@@ -53,6 +53,8 @@ async def goto(
     In frame `home`: east, north and up of home, flown by the NaviCtrl when the pilot turns the GPS switch to coming
     home: `mkctl navi goto`; takes --yaw (from east) and --confirm.
 
+    Example: mkctl goto 0 0.5 2 --within 0.1
+
     Args:
         x: Metres from the middle of the target.
         y: Metres from the middle of the target.
@@ -87,6 +89,8 @@ async def hold(
 ) -> int:
     """Hold the place where the aircraft is when the daemon engages, then release.
 
+    Example: mkctl hold --height 2 --seconds 30
+
     Raises:
         ConfigError: a number cannot be.
         MkError: the daemon refused, did not engage, or let go on the way.
@@ -116,6 +120,8 @@ async def velocity(
 ) -> None:
     """Fly at a velocity against the target in sight, then release.
 
+    Example: mkctl velocity 0.2 0 0 --seconds 3
+
     Args:
         x: Metres per second along the first axis.
         y: Metres per second along the second.
@@ -143,6 +149,8 @@ async def land(
 
     The motors still turn then: the pilot stops them.
 
+    Example: mkctl land --yaw 90
+
     Raises:
         ConfigError: a number cannot be.
         MkError: the daemon refused, did not engage, or let go before the feet stood.
@@ -167,6 +175,8 @@ async def take_off(
 
     The pilot has started the motors and opened the gate, throttle at its lowest. For three seconds ours stays at its
     lowest too: in that time he raises his above hover. Ctrl-C releases at once; docs/flying.md.
+
+    Example: mkctl take-off 2 --seconds 30
 
     Args:
         height: Metres above the target.
@@ -195,6 +205,8 @@ async def attitude(
 ) -> None:
     """Fly by attitude and thrust for some seconds, then release; nothing holds a place.
 
+    Example: mkctl attitude --pitch 5 --seconds 1
+
     Raises:
         ConfigError: a number cannot be.
         MkError: the daemon refused, did not engage, or let go on the way.
@@ -222,6 +234,8 @@ async def abort(reason: str = "asked for by mkctl", *, connection: Connection = 
     his program, which ends the abort. A landing below 13 cm goes on; a take-off that has not left the ground is
     released. `mkctl release` lets go at once.
 
+    Example: mkctl abort
+
     Args:
         reason: Published with the change of phase.
 
@@ -239,6 +253,8 @@ async def stop(
     connection: Connection = HERE,
 ) -> None:
     """Stop the motors. Only a public fork of the FlightCtrl can be asked to; on any other the pilot's sticks do it.
+
+    Example: mkctl stop
 
     Raises:
         MkError: refused: an aircraft that flies, stock firmware, or `commands.fork_arming` is not set.
@@ -268,6 +284,8 @@ async def stick(
 
     Counts as on the receiver, full deflection about 125; every frame passes the limiter. Ctrl-C releases at once.
     Exit code 1 when they did not fly to the end.
+
+    Example: mkctl stick --pitch 8 --throttle 0 --seconds 2
 
     Args:
         pitch: Nose down positive.

@@ -32,6 +32,8 @@ async def read(
 ) -> None:
     """Show or save the mixer.
 
+    Example: mkctl mixer read quadro.toml
+
     Raises:
         ConfigError: the file is there already.
         MkError: the FlightCtrl did not answer, or the file cannot be written.
@@ -58,6 +60,8 @@ async def write(
     connection: Connection = HERE,
 ) -> None:
     """Store a mixer, read it back and compare. The FlightCtrl uses it at once, in flight too.
+
+    Example: mkctl mixer write quadro.toml --confirm
 
     Raises:
         ConfigError: the file is no mixer, or it was not confirmed.

@@ -23,7 +23,10 @@ Byte = validators.Number(gte=0, lte=255)
 
 @app.command
 async def read(motor: Motor, /, *, connection: Connection = HERE) -> None:
-    """Show a motor controller's configuration."""
+    """Show a motor controller's configuration.
+
+    Example: mkctl motor-controllers read 1
+    """
     async with connection.open() as uav:
         [found] = (await uav.motor_controllers.read([motor])).controllers
     _show(connection, found)
@@ -46,6 +49,8 @@ async def write(
     connection: Connection = HERE,
 ) -> None:
     """Change some items of a motor controller, read them back and compare. All others stay as they are.
+
+    Example: mkctl motor-controllers write 1 --current-limit 20 --confirm --save
 
     Raises:
         ConfigError: nothing to change, or it was not confirmed.

@@ -50,6 +50,8 @@ async def test(
 
     Values sent while motors run would take effect right after they stop, so it is refused then.
 
+    Example: mkctl motors test 1 2 --setpoint 25 --seconds 3
+
     Raises:
         ConfigError: no motor was named, or the question about propellers was not answered with yes.
         MkError: motors run, or the daemon refused it.

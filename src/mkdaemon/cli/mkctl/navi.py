@@ -31,6 +31,8 @@ Patience = Annotated[float, Parameter(name=["--patience"], help="Longest time fo
 async def status(*, connection: Connection = HERE) -> None:
     """Say what the NaviCtrl flies by itself, and what the pilot's hands do.
 
+    Example: mkctl navi status
+
     Raises:
         MkError: no daemon.
     """
@@ -60,6 +62,8 @@ async def goto(
     In flight, GPS switch at free or hold. The daemon stores the place and reads it back; then the pilot turns the
     switch to coming home. GPS is good for 2 to 3 m. Ctrl-C ends the waiting, not the flight: the switch does.
 
+    Example: mkctl navi goto 20 -5 10 --hold 30 --confirm
+
     Args:
         east: Metres east of home.
         north: Metres north of home.
@@ -87,6 +91,8 @@ async def route(
 
     In flight, GPS switch at free or hold; then the pilot turns it to coming home.
 
+    Example: mkctl navi route survey.plan --confirm
+
     Raises:
         ConfigError: the file or a number cannot be, or `--confirm` is missing.
         MkError: the daemon refused, or the end was not reached; says why and where it stood.
@@ -104,6 +110,8 @@ async def home(*, confirm: Confirm = False, patience: Patience = PATIENCE, conne
     """Empty the NaviCtrl's list and follow the way home; exit code 0 when it is there.
 
     The pilot turns the GPS switch to coming home; where it stands there already the aircraft flies home at once.
+
+    Example: mkctl navi home --confirm
 
     Raises:
         ConfigError: a number cannot be, or `--confirm` is missing.

@@ -31,7 +31,10 @@ Name = Annotated[str, Parameter(help=f"One of {_WORDS}. Units: {_UNITS}.")]
 
 @app.command
 async def get(name: Name, /, *, connection: Connection = HERE) -> None:
-    """Show a parameter. One that was never set answers garbage: the NaviCtrl does not say so."""
+    """Show a parameter. One that was never set answers garbage: the NaviCtrl does not say so.
+
+    Example: mkctl nc-param get heading_setpoint
+    """
     answer = await _ask(connection, NaviParameterRequest(id=_read(name)))
     _show(connection, answer)
 
@@ -52,6 +55,8 @@ async def set_value(
     connection: Connection = HERE,
 ) -> None:
     """Set a parameter and compare the answer.
+
+    Example: mkctl nc-param set heading_setpoint 50
 
     Raises:
         MkError: the NaviCtrl did not answer, or answers another value.

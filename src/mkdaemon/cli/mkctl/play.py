@@ -49,9 +49,10 @@ async def play(
 
     They stand under `replay/<vehicle>/...`, or with --as under `mk/<name>/...`, as from a daemon of that name: then
     `mkctl --vehicle <name>` with status, health, get and watch shows the vehicle as it was at that moment, and every
-    command is refused. Setpoints and requests are never played, and a name that a live daemon has is refused. What was
-    put is counted and compared with the file; exit code 1 when it is not the same. Keys: space pauses, n plays one
-    value, + and - change the speed, the arrows go 5 s back and on, q ends.
+    command is refused. Setpoints and requests are never played, nor under the name of a live daemon. Exit code 1 when
+    not all was put. Keys: space pauses, n plays one value, + and - change the speed, the arrows go 5 s, q ends.
+
+    Example: mkctl play flight.mcap --from 60 --speed 4
 
     Args:
         file: The recording.
@@ -61,10 +62,9 @@ async def play(
         loop: Begin again at the end.
         step: Begin paused; n plays one value.
         key: Only these keys, for example `-k 'state/*'`.
-        name: Vehicle to play as, `mk/<name>/...`.
+        name: Vehicle to play as.
         listen: Zenoh endpoint for clients, for example tcp/127.0.0.1:7448; without it they meet at that of --connect.
         wait: Longest wait for somebody who subscribes or asks [s]; 0 for none.
-        connection: Where to play.
 
     Raises:
         MkError: the recording cannot be read, nothing of it is left to play, or a daemon has this name.

@@ -24,6 +24,8 @@ async def preflight(*, connection: Connection = HERE) -> int:
     refuses while one stands. What nobody can tell from here is "unknown": look yourself. Exit code 0 when nothing
     prevents a flight against a target, else 1.
 
+    Example: mkctl preflight
+
     Raises:
         MkError: no daemon.
     """

@@ -52,6 +52,8 @@ async def record(
 
     Exit code 0 only if everything that was seen is in the file. Loss on the way is counted by the daemon's own counts.
 
+    Example: mkctl record --folder recordings --seconds 600
+
     Args:
         folder: Where files go; by default `ground/recordings` in the user's state folder.
         key: Key expressions that are recorded: default `mk/**`, every vehicle. What begins with `@` is matched by no

@@ -26,6 +26,8 @@ async def release(reason: str = "asked for by mkctl", *, connection: Connection 
     This does not stop motors. Where the bus is too busy and the daemon runs on this machine, it is asked over its Unix
     socket. Exit code 0 when it was confirmed or cannot be, 1 otherwise.
 
+    Example: mkctl release
+
     Args:
         reason: Published with the event.
     """

@@ -25,6 +25,8 @@ def report(
     The page is one HTML file that needs no network; the browser prints it, or saves it as PDF. A damaged recording is
     reported as far as it can be read, and the page says what is missing.
 
+    Example: mkctl report flight.mcap
+
     Args:
         file: A recording, whole or damaged.
         output: The page; by default the recording's name with `.html`, here.

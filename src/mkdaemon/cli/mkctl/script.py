@@ -41,6 +41,8 @@ async def fly(
     The whole file is checked before anything flies. A step that fails ends the flight with a release. Ctrl-C releases
     at once. The pilot's part is that of `mkctl take-off`, `goto` and `land`: docs/flying.md.
 
+    Example: mkctl fly flight.toml --check
+
     Args:
         script: The file; docs/flying.md shows one.
 

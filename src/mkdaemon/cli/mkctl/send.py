@@ -64,6 +64,19 @@ class FieldForm:
         limits += "".join(f" (layout {layout}: {o.minimum}..{o.maximum})" for layout, o in self.others)
         return f"{wire.count} numbers {limits}." if wire.is_array else f"{limits}."
 
+    @property
+    def example(self) -> str:
+        """A value as it is typed; `HEX` where the bytes are the user's own."""
+        wire = self.wire
+        if wire.enum is not None:
+            return next(member.name.lower() for member in wire.enum if member.name)
+        if wire.is_bytes:
+            return "HEX"
+        if wire.is_text:
+            return "TEXT"
+        number = str(min(wire.only) if wire.only else min(max(1, wire.minimum), wire.maximum))
+        return ",".join([number] * wire.count) if wire.is_array else number
+
     def read(self, text: str) -> Any:
         """Turn what was typed into the field's value.
 
@@ -136,6 +149,12 @@ class RequestForm:
     def command(self) -> str:
         """Its name on the command line."""
         return self.key.replace("_", "-")
+
+    @property
+    def example(self) -> str:
+        """The shortest call that is one."""
+        given = (f"--{field.name.replace('_', '-')} {field.example}" for field in self.fields if field.is_required)
+        return " ".join(["mkctl send", self.command, *given, *["--confirm"][: bool(self.danger)]])
 
     def read(self, given: Mapping[str, str | None]) -> dict[str, Any]:
         """Turn what was typed into the request's fields.
@@ -273,7 +292,7 @@ def _command(form: RequestForm) -> Callable[..., Awaitable[None]]:
     )
     run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
     run.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
-    run.__doc__ = f"{form.about}\n\nFirmware: {form.firmware}."
+    run.__doc__ = f"{form.about}\n\nFirmware: {form.firmware}.\n\nExample: {form.example}"
     return run
 
 

@@ -36,7 +36,10 @@ Force = Annotated[bool, Parameter(negative=(), help="Overwrite files that are th
 
 @app.command(name="list")
 async def list_sets(*, connection: Connection = HERE) -> None:
-    """Show number, name and revision of all five sets, and which one is active."""
+    """Show number, name and revision of all five sets, and which one is active.
+
+    Example: mkctl settings list
+    """
     backup = await _read(connection, ALL_SLOTS)
     rows = [
         {"slot": slot, "name": found.name, "revision": found.revision, "active": slot == backup.active}
@@ -51,7 +54,10 @@ async def list_sets(*, connection: Connection = HERE) -> None:
 
 @app.command
 async def show(*names: Names, slot: Slot = None, connection: Connection = HERE) -> None:
-    """Show a set's parameters by name: value, unit, meaning."""
+    """Show a set's parameters by name: value, unit, meaning.
+
+    Example: mkctl settings show gyro_p external_control
+    """
     backup = await _read(connection, (slot,) if slot else ())
     number = slot or backup.active
     found = _sets(backup.sets)[number]
@@ -72,7 +78,10 @@ async def show(*names: Names, slot: Slot = None, connection: Connection = HERE) 
 
 @app.command
 async def backup(target: Target, /, *, slot: Slot = None, force: Force = False, connection: Connection = HERE) -> None:
-    """Save sets to files; the live set is byte-identical afterwards, proven by reading it again."""
+    """Save sets to files; the live set is byte-identical afterwards, proven by reading it again.
+
+    Example: mkctl settings backup before/
+    """
     slots = check_target(target, (slot,) if slot else ALL_SLOTS, overwrite=force)
     found = await _read(connection, slots)
     paths = write_backup(target, found, slots or (found.active,), overwrite=force)
@@ -84,7 +93,10 @@ async def backup(target: Target, /, *, slot: Slot = None, force: Force = False, 
 
 @app.command
 async def compare(first: Saved, second: Other = None, /, *, connection: Connection = HERE) -> int:
-    """Show what differs between two backups, or between a backup and the board. Exit code 1 where they differ."""
+    """Show what differs between two backups, or between a backup and the board. Exit code 1 where they differ.
+
+    Example: mkctl settings compare before/ after/
+    """
     before = read_sets(first)
     if second is not None:
         after = {slot: source.parameters for slot, source in read_sets(second).items()}
@@ -105,6 +117,8 @@ async def restore(
     """Write sets from files and read them back; the set that is active stays active.
 
     Refused with motors running, for another revision or length, and for revisions this version does not know.
+
+    Example: mkctl settings restore before/ --dry-run
 
     Raises:
         ConfigError: the files hold no sets, or several where `--slot` moves one.
@@ -128,6 +142,8 @@ async def restore(
 @app.command
 async def write(*changes: Changes, slot: Slot = None, dry_run: DryRun = False, connection: Connection = HERE) -> None:
     """Change parameters of one set by name, for example `write gyro_p=85 external_control=poti1`.
+
+    Example: mkctl settings write external_control=poti1 --dry-run
 
     Raises:
         ConfigError: nothing to change, or no such parameter or value.
@@ -160,6 +176,8 @@ async def recover(
     connection: Connection = HERE,
 ) -> int:
     """Show live sets that a procedure left unproven; the daemon restores them when it can. Exit code 1 if any is owed.
+
+    Example: mkctl settings recover --retry
 
     Raises:
         ConfigError: both at once.

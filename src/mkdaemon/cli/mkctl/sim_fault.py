@@ -21,6 +21,8 @@ async def start(connection: Connection = HERE) -> None:
     """Ask the simulated pilot to begin now instead of after his waiting time, or once more after a landing.
 
     Says what he does, or waits for; `mkctl get sim/truth` shows it later.
+
+    Example: mkctl sim start
     """
     async with connection.open() as client:
         reply = (await client.command("sim", "start", {})).require()
@@ -36,7 +38,9 @@ async def fault(
     stop: Annotated[bool, Parameter(negative=(), help="Stop it instead.")] = False,
     connection: Connection = HERE,
 ) -> None:
-    """Start a fault, for example `mkctl sim fault motor_weak motor=2 share=0.7 --seconds 5`; `clear` stops all.
+    """Start a fault; `clear` stops all.
+
+    Example: mkctl sim fault motor_weak motor=2 share=0.7 --seconds 5
 
     Args:
         name: Which fault.
@@ -58,7 +62,10 @@ async def fault(
 
 @app.command
 def faults(*, as_json: AsJson = False) -> None:
-    """List every fault there is, what it does and what it takes."""
+    """List every fault there is, what it does and what it takes.
+
+    Example: mkctl sim faults
+    """
     for name, spec in FAULTS.items():
         if as_json:
             print(json_line({"name": name, **asdict(spec)}))

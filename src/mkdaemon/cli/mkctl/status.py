@@ -24,6 +24,8 @@ async def status(*, connection: Connection = HERE) -> int:
     """Show the aircraft, the link and who flies.
 
     Exit code 0 while the vehicle is alive, 1 while it is not.
+
+    Example: mkctl status --vehicle mk2
     """
     async with connection.open() as client:
         found = await client.status()

@@ -38,6 +38,8 @@ async def rates(stream: str | None = None, interval: str | None = None, *, conne
 
     The line carries 5.5 kB/s; what does not fit is refused with the arithmetic.
 
+    Example: mkctl rates osd 100ms
+
     Args:
         stream: Key of the message: `osd`, `attitude`, `debug`, `display`, ...
         interval: `100ms` (a bare number is ms), `0.1s`, `10Hz`, or `off`.
@@ -65,7 +67,10 @@ async def labels(
     *,
     connection: Connection = HERE,
 ) -> None:
-    """Read all 32 labels; the daemon keeps them by firmware, and by their checksum where the board tells one."""
+    """Read all 32 labels; the daemon keeps them by firmware, and by their checksum where the board tells one.
+
+    Example: mkctl labels nc
+    """
     async with connection.open() as uav:
         names = (await uav.labels(board)).names
     if connection.json:

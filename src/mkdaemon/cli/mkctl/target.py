@@ -30,6 +30,8 @@ def check(
     One photograph cannot tell sizes that are all wrong by one factor, unless it is of a calibrated camera and you give
     the distance by tape; nor a bend that the camera looks along. Exit code 1 where something is bad.
 
+    Example: mkctl target check print.jpg --target configs/targets/nested.toml --distance 1.5
+
     Raises:
         ConfigError: a file cannot be used, or the picture is of another size than the camera.
         MkError: the picture cannot be read.

@@ -18,6 +18,8 @@ async def top(*, connection: Connection = HERE) -> None:
     Keys: `r` releases, `l` lands on the target in sight, both after a question; `v` chooses another vehicle, `q` ends.
     What is stale says so, with its age. Needs the extra `top`: pip install 'mkdaemon[top]'.
 
+    Example: mkctl top --vehicle mk2
+
     Raises:
         ConfigError: there is no terminal, or textual is not installed.
     """

@@ -27,6 +27,8 @@ async def get(*patterns: str, connection: Connection = HERE) -> None:
 
     Exit code 1 when none of the keys has a value yet.
 
+    Example: mkctl get rx/nc/osd state/battery
+
     Args:
         patterns: Keys without `mk/<vehicle>/`; `*` stands for one chunk, `**` for any: `state/attitude`, `rx/nc/osd`,
             `state/*`, `schema/Attitude.v1`. Schemas are printed only where a key begins
@@ -73,6 +75,8 @@ async def watch(
     connection: Connection = HERE,
 ) -> None:
     """Print values as they come, until Ctrl-C.
+
+    Example: mkctl watch state/attitude --table --hz 2
 
     Args:
         patterns: Keys without `mk/<vehicle>/`: `state/**`, `event/*`, `rx/nc/osd`. Quote them, or the shell expands

@@ -69,7 +69,22 @@ def _takes_words(annotation: Any) -> bool:
     return annotation is str or str in get_args(annotation)
 
 
-def _command(verb: Verb) -> Callable[..., Awaitable[None]]:
+def _example(verb: Verb, group: str, method: str) -> str:
+    """The shortest call that is one."""
+    needed = ((name, field) for name, field in verb.request.model_fields.items() if field.is_required())
+    given = [f"--{name.replace('_', '-')} {_example_value(field)}" for name, field in needed if name != _HOLDER]
+    return " ".join(["mkctl", group, method.replace("_", "-"), *given])
+
+
+def _example_value(field: FieldInfo) -> str:
+    """A value as it is typed; `TEXT` or `JSON` where it is the user's own."""
+    words = get_args(field.annotation) if get_origin(field.annotation) is Literal else ()
+    if words:
+        return str(words[0])
+    return "TEXT" if _takes_words(field.annotation) else "1" if field.annotation in (int, float) else "JSON"
+
+
+def _command(verb: Verb, group: str, method: str) -> Callable[..., Awaitable[None]]:
     """Make the function of one verb, with a parameter for each field of its request."""
 
     async def run(**given: Any) -> None:
@@ -84,7 +99,7 @@ def _command(verb: Verb) -> Callable[..., Awaitable[None]]:
     )
     run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
     run.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
-    run.__doc__ = verb.about
+    run.__doc__ = f"{verb.about}\n\nExample: {_example(verb, group, method)}"
     return run
 
 
@@ -98,6 +113,6 @@ def _parameter(name: str, field: FieldInfo, meaning: str) -> inspect.Parameter:
 
 
 for _verb in VERBS:
-    app.command(_command(_verb), name=_verb.name.replace("_", "-"))
+    app.command(_command(_verb, app.name[0], _verb.name), name=_verb.name.replace("_", "-"))
     if _verb.service == route.name[0]:
-        route.command(_command(_verb), name=_verb.method)
+        route.command(_command(_verb, route.name[0], _verb.method), name=_verb.method)

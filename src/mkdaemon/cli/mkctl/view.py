@@ -42,6 +42,8 @@ async def view(
     at the daemon's endpoint. Given a file, it shows that recording, and needs no daemon. Ctrl-C ends it. Two buttons
     command, each after a question: abort and release.
 
+    Example: mkctl view flight.mcap --speed 2
+
     Args:
         file: A recording to show.
         port: Of the page; 0 for any that is free.

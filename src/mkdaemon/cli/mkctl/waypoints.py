@@ -43,7 +43,10 @@ async def upload(
     altitude: Height = None,
     connection: Connection = HERE,
 ) -> None:
-    """Replace the NaviCtrl's list by a mission, read it back and compare every byte."""
+    """Replace the NaviCtrl's list by a mission, read it back and compare every byte.
+
+    Example: mkctl waypoints upload survey.plan --altitude 10
+    """
     mission = read_mission(file, start_elevation=start_elevation, altitude=altitude)
     async with connection.open() as uav, showing_progress(uav, "upload", quiet=connection.json) as report:
         done = await uav.waypoints.upload(
@@ -56,6 +59,8 @@ async def upload(
 @app.command
 async def read(file: MissionFile, /, *, force: Force = False, connection: Connection = HERE) -> None:
     """Read the NaviCtrl's list into a file.
+
+    Example: mkctl waypoints read aboard.toml
 
     Raises:
         ConfigError: the file is there already.
@@ -81,7 +86,10 @@ async def verify(
     altitude: Height = None,
     connection: Connection = HERE,
 ) -> int:
-    """Compare the NaviCtrl's list with a mission; changes nothing. Exit code 1 where they differ."""
+    """Compare the NaviCtrl's list with a mission; changes nothing. Exit code 1 where they differ.
+
+    Example: mkctl waypoints verify survey.plan --altitude 10
+    """
     mission = read_mission(file, start_elevation=start_elevation, altitude=altitude)
     async with connection.open() as uav, showing_progress(uav, "verify", quiet=connection.json) as report:
         found = await uav.waypoints.verify(mission.points, on_progress=report)
@@ -94,7 +102,10 @@ async def verify(
 
 @app.command
 async def clear(*, in_flight: InFlight = False, connection: Connection = HERE) -> None:
-    """Empty the NaviCtrl's list and see that it is empty."""
+    """Empty the NaviCtrl's list and see that it is empty.
+
+    Example: mkctl waypoints clear
+    """
     async with connection.open() as uav:
         await uav.waypoints.clear(in_flight=in_flight)
     _print_result(connection, "the list is empty", count=0)
@@ -111,7 +122,10 @@ def convert(
     force: Force = False,
     connection: Connection = HERE,
 ) -> None:
-    """Convert a mission file to another format; needs no aircraft. What the format cannot keep is named."""
+    """Convert a mission file to another format; needs no aircraft. What the format cannot keep is named.
+
+    Example: mkctl waypoints convert survey.plan survey.toml
+    """
     mission = read_mission(source, start_elevation=start_elevation, altitude=altitude)
     lost = write_mission(mission, target, overwrite=force)
     _warn(target, lost)

@@ -74,22 +74,21 @@ def camera(
         0.0,
         0.0,
     ),
-    fisheye: Annotated[
-        bool, Parameter(negative=(), help="A fisheye: wider than about 100 deg, straight lines are bent.")
-    ] = False,
+    fisheye: Annotated[bool, Parameter(negative=(), help="A fisheye: wider than about 100 deg.")] = False,
     accept_poor: Annotated[bool, Parameter(negative=(), help="Store a poor calibration all the same.")] = False,
     force: Annotated[bool, Parameter(negative=(), help="Overwrite files that are there.")] = False,
     as_json: Annotated[bool, Parameter(name="--json", negative=(), help="Answer as one JSON object.")] = False,
 ) -> None:
     """Calibrate a camera and write its camera file.
 
-    Print a board (`mkdaemon target board.pdf --charuco 9x6 --square 0.03`), glue it to something flat, take 15 to 30
-    sharp pictures: in every part of the picture, near and far, tilted to every side by 30 deg. Live, the guidance
-    says what is missing.
+    Glue a board (`mkdaemon target board.pdf --charuco 9x6 --square 0.03`) to something flat, take 15 to 30 sharp
+    pictures: in every part, near and far, tilted to every side by 30 deg. Live, the guidance says what is missing.
+
+    Example: mkdaemon calibrate camera 'photos/*.jpg' --output camera.toml
 
     Raises:
         ConfigError: the board, the pictures or the source cannot be used.
-        VisionError: too few pictures, or the calibration is poor and `--accept-poor` was not given.
+        VisionError: too few pictures, or it is poor and `--accept-poor` was not given.
         MkError: a file cannot be written.
     """
     if (images is None) == (source is None):

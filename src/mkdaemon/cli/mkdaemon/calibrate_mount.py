@@ -37,6 +37,8 @@ async def mount(
     Fly for ten seconds over a level target and turn (yaw) by 60 degrees to both sides: without turning, a camera that
     sits askew and a target that lies askew look the same. The daemon reads the file when it starts.
 
+    Example: mkdaemon calibrate mount flight.mcap --camera down --store
+
     Raises:
         ConfigError: the camera file cannot be used, or is not the one the daemon flies with.
         MkError: no daemon, no such camera, or the flight does not say it yet.

@@ -32,6 +32,8 @@ def shutter(
     Hold the camera still before a plain wall under a lamp that flickers (fluorescent, cheap LED), exposure below 5 ms,
     and keep ten or more pictures at the size of the calibration. A global shutter shows no bands.
 
+    Example: mkdaemon calibrate shutter camera.toml pictures/ --mains 50
+
     Raises:
         ConfigError: the camera file cannot be used, or the pictures are of another size.
         VisionError: too few pictures, or no bands in them.

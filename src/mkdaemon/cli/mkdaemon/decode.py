@@ -74,6 +74,8 @@ def decode(
 
     Prints one JSON object a frame and one for everything dropped, and a summary on standard error.
 
+    Example: mkdaemon decode bytes.bin
+
     Raises:
         MkError: the recording is missing, unreadable, empty, or a line of it is damaged.
     """

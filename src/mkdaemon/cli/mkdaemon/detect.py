@@ -67,11 +67,11 @@ def detect(
     """Find tags and their poses.
 
     Corners are in pixels whose centres are whole numbers, in the order top-left, top-right, bottom-right, bottom-left
-    of the official print. A pose is the target in the camera (x right, y down, z forward): translation [m],
-    quaternion (w, x, y, z), covariance over translation and rotation vector, and the residual of the mirrored pose
-    over this one as `ambiguity` (null where there is none).
+    of the print. A pose is the target in the camera (x right, y down, z forward): translation [m], quaternion (w, x, y,
+    z), their covariance, and the residual of the mirrored pose over this one as `ambiguity` (null where there is none).
+    Without a calibration there are no poses. Exit code 1 when an image could not be read.
 
-    Without a calibration there are tags and no poses. Exit code 1 when an image could not be read.
+    Example: mkdaemon detect photo.jpg --camera camera.toml --target configs/targets/nested.toml
 
     Raises:
         ConfigError: options that exclude each other, a camera or target file that cannot be used, or a picture that

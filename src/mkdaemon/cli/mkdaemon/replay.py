@@ -31,6 +31,8 @@ def replay(
     published value is compared with the recorded one; what may differ, by how much and why, `--tolerances` shows.
     Exit codes: 0 no difference, 1 differences, 2 the recording cannot be replayed.
 
+    Example: mkdaemon replay flight.mcap --verify
+
     Args:
         files: Recording of the daemon's black box, all parts from the first on.
         verify: Compare, and report every key that differs.

@@ -37,6 +37,8 @@ def run(
 
     SIGUSR1 makes it read its configuration again: what can be taken up is, and the log names the rest.
 
+    Example: mkdaemon run --config vehicle.toml
+
     Args:
         config: TOML file; `configs/` has commented samples. Without it every default holds.
         log: Least severity written to stderr.

@@ -50,7 +50,10 @@ def schema(
     *,
     wire: Annotated[bool, Parameter(help="The message table: boards, ids, layouts, fields, offsets, units.")] = False,
 ) -> None:
-    """Print the messages as JSON: the table with --wire, otherwise the JSON Schema of each message by class name."""
+    """Print the messages as JSON: the table with --wire, otherwise the JSON Schema of each message by class name.
+
+    Example: mkdaemon schema --wire
+    """
     if wire:
         content: Any = [describe_message(board, cls) for (board, _, _), cls in MESSAGES.items()]
     else:

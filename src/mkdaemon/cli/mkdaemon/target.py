@@ -38,8 +38,10 @@ def target(
 ) -> None:
     """Write a target or calibration board as SVG or PDF in true size, with a ruler to check the print.
 
-    Examples: `mkdaemon target pad.pdf --target configs/targets/nested.toml`, `mkdaemon target tag.svg --tag 7:0.16`,
-    `mkdaemon target board.pdf --charuco 9x6 --square 0.028`.
+    Examples:
+        mkdaemon target pad.pdf --target configs/targets/nested.toml
+        mkdaemon target tag.svg --tag 7:0.16
+        mkdaemon target board.pdf --charuco 9x6 --square 0.028
 
     Raises:
         ConfigError: not one target was given, it cannot be drawn, or a file is there already.

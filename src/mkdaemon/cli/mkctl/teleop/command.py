@@ -78,6 +78,8 @@ async def teleop(
     Pull the thrust stick to its lowest once, then hold the enable button. Letting go of it levels the aircraft at once
     and releases it after 0.9 s; a pad that is unplugged, or a terminal that is gone, releases it too. Ctrl-C ends it.
 
+    Example: mkctl teleop --keyboard
+
     Raises:
         ConfigError: a mapping or a recording is wrong, options do not go together, or a pad has no mapping.
         MkError: no daemon, no library for gamepads, no pad, or no simulator for a recording.

@@ -35,6 +35,8 @@ def foxglove(
     subscribed on the bus that no viewer looks at. Layouts are in configs/foxglove. Ctrl-C ends it. Needs the extra
     `foxglove`: pip install 'mkdaemon[foxglove]'.
 
+    Example: mkdaemon gateway foxglove --vehicle mk1 --vehicle mk2
+
     Args:
         vehicle: Name of a vehicle; of several, once for each: then topics and frames begin with it.
         connect: Zenoh endpoint of the daemon or of a router.

@@ -30,6 +30,8 @@ def mavlink(
     It takes the lease only when a ground station asks to fly, and gives it back when none flies any more. Needs the
     extra `mavlink`: pip install 'mkdaemon[mavlink]'.
 
+    Example: mkdaemon gateway mavlink --link udpout:127.0.0.1:14550
+
     Args:
         link: Where ground stations are met: `udpout:HOST:PORT`, `udpin:HOST:PORT`, `tcpin:HOST:PORT` or
             `serial:DEVICE:BAUD`; with `,ardupilot` behind it for MAVProxy, whose modes have ArduPilot's numbers. Give

@@ -20,9 +20,11 @@ async def ros2(
 ) -> None:
     """Show the vehicle in ROS 2: values as topics, verbs as services, `joy`, `cmd_vel` and `setpoint_pose` fly.
 
-    Parameters of the node come behind `--`: `mkdaemon gateway ros2 -- --ros-args -p rates.imu:=10.0`. docs/ros.md
-    lists topics, services and parameters. It stays on this machine unless ROS_AUTOMATIC_DISCOVERY_RANGE says else.
-    Needs rclpy: the user's own ROS 2 (source its setup file), or pip install 'mkdaemon[ros2]'.
+    docs/ros.md lists topics, services and parameters; parameters of the node come behind `--`. It stays on this machine
+    unless ROS_AUTOMATIC_DISCOVERY_RANGE says else. Needs rclpy: the user's own ROS 2 (source its setup file), or
+    pip install 'mkdaemon[ros2]'.
+
+    Example: mkdaemon gateway ros2 -- --ros-args -p rates.imu:=10.0
 
     Args:
         ros_arguments: Arguments of ROS, behind `--`.

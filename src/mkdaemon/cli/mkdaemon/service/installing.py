@@ -76,7 +76,7 @@ def install_service(
 
     Exit code 1 where a command of the system failed.
 
-    Examples: mkdaemon install-service; sudo mkdaemon install-service --write; sudo mkdaemon install-service --remove
+    Example: mkdaemon install-service --write
 
     Args:
         parts: What to install; the daemon without any.
