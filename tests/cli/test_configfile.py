@@ -55,6 +55,14 @@ def test_a_new_file_with_all_keys_is_right_when_every_comment_is_taken_away(conf
     assert cfg.cameras[0].fps is None
 
 
+def test_the_section_of_the_simulator_is_checked_by_the_simulator(config, path):
+    path.write_text("[sim]\nbaord = 'fc'\n", encoding="utf-8")
+    code, out, _ = config("check", path)
+    assert (code, "sim.baord" in out, "board" in out) == (2, True, True)
+    path.write_text("[sim]\nseed = 3\n", encoding="utf-8")
+    assert config("check", path)[0] == 0
+
+
 def test_every_mistake_is_told(config, path):
     path.write_text('[link]\nport = "ttyUSB0"\nrates = { osf = 100 }\n', encoding="utf-8")
     code, out, _ = config("check", path)

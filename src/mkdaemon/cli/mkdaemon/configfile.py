@@ -12,6 +12,7 @@ from typing import Annotated, Final
 from cyclopts import App, Parameter
 
 from mkdaemon.cli.arguments import AsJson
+from mkdaemon.cli.mkdaemon.extraprograms import check_section
 from mkdaemon.cli.mkdaemon.runoptions import NONE_GIVEN, RunOptions, load_configuration
 from mkdaemon.cli.printing import json_line
 from mkdaemon.cli.program import EXIT_CONFIG, EXIT_OK
@@ -70,6 +71,8 @@ def check(file: Path, *, options: RunOptions = NONE_GIVEN, as_json: AsJson = Fal
         layered = load_configuration(file, options)
         found = [str(mistake) for mistake in mistakes(layered.cfg)]
         count = len(layered.origins)
+        if layered.cfg.sim:
+            check_section("sim", file)
     except ConfigError as error:
         found = [str(error)]
     if as_json:

@@ -1,4 +1,4 @@
-"""Commands of `mkdaemon` that come with an extra of the installation: entry points, which other packages offer.
+"""Commands and sections that come with an extra of the installation: entry points, which other packages offer.
 
 The command table names them as attributes of this module, so that nothing is looked for before one is used.
 """
@@ -7,12 +7,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from importlib.util import find_spec
+from pathlib import Path
 from typing import Any, Final
 
 from mkdaemon.errors import ConfigError
 
 GROUP: Final = "mkdaemon.programs"
 """Entry points of this group are commands; each names a function as the command table does."""
+SECTIONS: Final = "mkdaemon.sections"
+"""Entry points of this group read a file whose section has their name, and raise ConfigError at a mistake."""
 EXTRAS: Final[Mapping[str, str]] = {"sim": "sim", "demo": "sim"}
 """Commands, and the extra that brings each."""
 
@@ -33,9 +36,32 @@ def load_program(name: str) -> Any:
     Raises:
         ConfigError: no installed package offers it; says what to install.
     """
+    program = _offered(GROUP, name)
+    if program is None:
+        raise ConfigError(f"`mkdaemon {name}` is not installed here: pip install 'mkdaemon[{EXTRAS[name]}]'")
+    return program
+
+
+def check_section(name: str, file: Path) -> None:
+    """Let the package that a section of the configuration belongs to read it; without that package nobody can.
+
+    Args:
+        name: of the section.
+        file: TOML file that has it.
+
+    Raises:
+        ConfigError: a key or value of it is wrong.
+    """
+    read = _offered(SECTIONS, name)
+    if read is not None:
+        read(file)
+
+
+def _offered(group: str, name: str) -> Any:
+    """What an installed package offers under a name; None where none does."""
     from importlib.metadata import entry_points  # takes longer than everything else here
 
-    for point in entry_points(group=GROUP, name=name):
+    for point in entry_points(group=group, name=name):
         if find_spec(point.module.partition(".")[0]) is not None:
             return point.load()
-    raise ConfigError(f"`mkdaemon {name}` is not installed here: pip install 'mkdaemon[{EXTRAS[name]}]'")
+    return None
