@@ -59,7 +59,7 @@ def test_the_section_of_the_simulator_is_checked_by_the_simulator(config, path):
     path.write_text("[sim]\nbaord = 'fc'\n", encoding="utf-8")
     code, out, _ = config("check", path)
     assert (code, "sim.baord" in out, "board" in out) == (2, True, True)
-    path.write_text("[sim]\nseed = 3\n", encoding="utf-8")
+    path.write_text('[link]\nport = "tcp:host:1"\n[sim]\nseed = 3\n', encoding="utf-8")
     assert config("check", path)[0] == 0
 
 
