@@ -165,6 +165,8 @@ def test_a_refused_setpoint_does_not_bring_the_next_tick_forward(drive):
         SetpointUnreadable("setpoint/stick", {"bytes": 3}, refuse(Token.MALFORMED, detail="x"), is_by_holder=False)
     )
     assert drive.core.next_time() == before
+    drive.run(1.1)
+    assert drive.of(PublishStatus)[-1].refused == 2  # what nobody could read is counted too
 
 
 def test_a_kind_without_guidance_is_refused_and_the_stream_goes_on():

@@ -173,7 +173,6 @@ class Authority:
     Attributes:
         phase: where authority stands.
         reason: why, one sentence.
-        refused: setpoints refused since the start.
         aborts: asked for and done since the start.
         progress: what is flown, and how far it is; None while no setpoint's sticks are sent.
         outcome: how the last manoeuvre of the newest lease ended by itself; None while it has not.
@@ -195,7 +194,7 @@ class Authority:
         self._pending: ReleaseOrder | None = None
         self.phase = Phase.FREE
         self.reason = "nobody has taken the lease"
-        self.refused = self.aborts = 0
+        self.aborts = 0
         self.progress: Progress | None = None
         self.outcome: Outcome | None = None
 
@@ -293,7 +292,6 @@ class Authority:
 
     def refuse_setpoint(self, setpoint: Setpoint, now: float, *, goes_on: bool) -> None:
         """Take note that a setpoint of the holder was refused; see `Lease.refuse_setpoint`."""
-        self.refused += 1
         if self._lease is not None and self._lease.epoch == setpoint.epoch:
             self._lease.refuse_setpoint(setpoint, now, goes_on=goes_on)
 
@@ -312,7 +310,6 @@ class Authority:
 
     def refuse_unsigned(self, setpoint: Setpoint) -> CommandRejectedError:
         """Why a setpoint is refused that the holder did not sign: `not_leased`, `wrong_epoch`, `not_holder`."""
-        self.refused += 1
         try:
             return self._check(setpoint.epoch).not_holder()
         except CommandRejectedError as error:
@@ -328,14 +325,10 @@ class Authority:
         Raises:
             CommandRejectedError: `not_leased`, `wrong_epoch`, `not_holder`, `stale_sequence`, `sequence_jump`.
         """
-        try:
-            lease = self._check(setpoint.epoch)
-            if signed_for != lease.epoch:
-                raise lease.not_holder()
-            lease.check_setpoint(setpoint)
-        except CommandRejectedError:
-            self.refused += 1
-            raise
+        lease = self._check(setpoint.epoch)
+        if signed_for != lease.epoch:
+            raise lease.not_holder()
+        lease.check_setpoint(setpoint)
         return lease
 
     # -- what happens ---------------------------------------------------------------------------------------------

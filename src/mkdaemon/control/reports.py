@@ -65,7 +65,8 @@ class Reports:
         self._status: tuple[object, ...] | None = None
         self._status_at = self._unsent_at = float("-inf")
         self._refusal_at = {True: float("-inf"), False: float("-inf")}
-        self._poses_refused, self._pose_at = 0, float("-inf")
+        self._refused = self._poses_refused = 0
+        self._pose_at = float("-inf")
         self._waiting: list[Action] = []
         self._is_capped = self._is_battery_low = self._are_heights_wrong = False
         self._believed: EstimateValue | None = None
@@ -85,9 +86,9 @@ class Reports:
     def setpoint_refused(
         self, key: str, fields: dict[str, Any], error: CommandRejectedError, now: float, *, is_by_holder: bool
     ) -> None:
-        """Report a setpoint that was refused or could not be read, but not too often.
+        """Count a setpoint that was refused or could not be read, and report it, but not too often.
 
-        The holder's are counted apart: a stranger's must not hide what the one who flies got wrong.
+        The holder's are reported apart: a stranger's must not hide what the one who flies got wrong.
 
         Args:
             key: where it came, without `mk/<vehicle>/`.
@@ -96,6 +97,7 @@ class Reports:
             now: [s].
             is_by_holder: who holds the lease signed it.
         """
+        self._refused += 1
         if now - self._refusal_at[is_by_holder] >= REPORT_PERIOD:
             self._refusal_at[is_by_holder] = now
             self._waiting.append(ReportCommand(key, fields, refused(error)))
@@ -205,7 +207,7 @@ class Reports:
                 reason=authority.reason,
                 lease=lease,
                 setpoint_age=authority.setpoint_age(now),
-                refused=authority.refused,
+                refused=self._refused,
                 aborts=authority.aborts,
                 external_control=layout,
                 frames_handed_over=self._output.handed_over,

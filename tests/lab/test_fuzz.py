@@ -1,0 +1,60 @@
+"""The fuzzer: what it draws, and that it sees what goes wrong."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import msgpack
+import pytest
+
+from lab.fuzz import REQUESTS, Findings, Nonsense, fuzz
+from mkdaemon.telemetry.verbs import VERBS
+
+
+def test_the_same_seed_draws_the_same_and_every_request_is_drawn():
+    first, second = Nonsense(3), Nonsense(3)
+    drawn = [first.request() for _ in range(4000)]
+    assert drawn == [second.request() for _ in range(4000)]
+    assert {suffix for suffix, _ in REQUESTS} <= {suffix for suffix, _ in drawn}
+    assert {f"do/{verb.name}" for verb in VERBS} <= {suffix for suffix, _ in drawn}
+    assert len({payload for _, payload in drawn}) > 2000
+
+
+def test_some_of_its_requests_have_the_names_of_their_fields():
+    names = ("action", "holder")
+    maps = 0
+    nonsense = Nonsense(4)
+    for _ in range(200):
+        try:
+            found = msgpack.unpackb(nonsense.payload(names), strict_map_key=False)
+        except (ValueError, msgpack.UnpackException):
+            continue
+        maps += isinstance(found, dict) and bool(found.keys() & set(names))
+    assert maps > 40
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"unnamed": ["do/lease: x"]},
+        {"unanswered": ["do/lease"]},
+        {"uncounted": 1},
+        {"unread": 1},
+        {"silences": 1},
+        {"growth_mb": 9.0},
+        {"more_descriptors": 4},
+        {"tracebacks": 1},
+        {"exit_code": -9},
+    ],
+)
+def test_whatever_goes_wrong_is_no_success(wrong):
+    assert Findings(1.0).holds
+    assert not Findings(1.0, **wrong).holds
+
+
+async def test_a_daemon_bears_three_seconds_of_it():
+    findings = await fuzz(3.0, 7)
+    assert min(findings.asked[kind] for kind in ("queries", "setpoints", "files")) > 0
+    assert findings.refused.total() > 10
+    findings.growth_mb = 0.0  # it has just begun, and still imports
+    assert findings.holds, Counter(findings.refused)
