@@ -121,8 +121,8 @@ def test_a_shut_gate_is_noticed_told_and_nothing_winds_up(silent):
     assert silent.record.lost == ""
     noticed = silent.phases()[Phase.UNANSWERED]
     assert SHUT < noticed < SHUT + 2.5
-    # Then sticks are level. In still air an aircraft that a pilot holds level looks as if it answered: the flight goes on
-    # with small ones.
+    # Then sticks are level. In still air an aircraft that a pilot holds level looks as if it answered: then the flight
+    # goes on with small ones.
     assert silent.sticks(noticed + 0.3, noticed + 0.8) == 0
     assert silent.sticks(OPENED - 0.1, OPENED) <= 30
     warnings = [action.text for _, action in silent.actions if isinstance(action, Warn)]
