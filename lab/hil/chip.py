@@ -7,6 +7,7 @@ import struct
 from typing import Final
 
 from lab.hil.build import LIBRARY, Firmware
+from lab.hil.quiet import aside
 from mkdaemon.errors import ConfigError
 
 ANALOG: Final = 8
@@ -56,9 +57,10 @@ class Chip:
         self.firmware = firmware
         self._library = _load()
         content = ctypes.create_string_buffer(eeprom, len(eeprom))
-        self._board = self._library.board_new(
-            str(firmware.elf).encode(), firmware.mcu.encode(), firmware.frequency, content, len(eeprom), seed
-        )
+        with aside():  # simavr tells what it loads
+            self._board = self._library.board_new(
+                str(firmware.elf).encode(), firmware.mcu.encode(), firmware.frequency, content, len(eeprom), seed
+            )
         if not self._board:
             raise ConfigError(f"{firmware.elf}: not a program of an {firmware.mcu}")
         self._content = content

@@ -144,21 +144,43 @@ def test_what_does_not_answer_is_never_sure():
 
 
 @pytest.mark.parametrize(
-    ("lean_deg", "reports"), [((0.0, 0.0), 6), ((0.5, 0.0), 7), ((0.0, -0.7), 8), ((1.0, 0.0), 13), ((1.4, 0.0), None)]
+    ("lean_deg", "reports"),
+    [((0.0, 0.0), 23), ((0.5, 0.0), 26), ((0.0, -0.7), 31), ((1.0, 0.0), 49), ((1.4, 0.0), None)],
 )
 def test_under_level_sticks_each_report_weighs_a_level_aircraft_against_one_flown_by_hand(lean_deg, reports):
-    """Worked by hand: 4 nat, less ln(3 / 0.5) - s2 (1 / 0.5^2 - 1 / 3^2) / 2 of each axis in 0.1 s."""
+    """Worked by hand: from 4 to -4 nat, by ln(3 / 0.5) - s2 (1 / 0.5^2 - 1 / 3^2) / 2 of each axis in 0.2 s."""
     watch, begin = unanswered()
-    lean = np.radians(lean_deg)
-    found = None
-    for k in range(1, 31):
+    assert reports_until_back(watch, begin, np.radians(lean_deg)) == reports
+
+
+def reports_until_back(watch, begin, lean=(0.0, 0.0)):
+    """Reports of a lean under level sticks until the answer is believed to be back; None for more than 2 s of them."""
+    for k in range(1, 101):
         now = begin + 0.02 * k
         watch.sent(0.0, 0.0, now)
         watch.attitude_received(now, *lean, says_something=True)
         if not watch.is_missing:
             assert watch.evidence == 0.0
-            found = k
-            break
+            return k
+    return None
+
+
+@pytest.mark.parametrize(("answers_for", "reports"), [(0.0, [23, 34, 56]), (6.0, [23, 34, 23])])
+def test_each_answer_that_came_back_and_was_none_asks_for_twice_as_much(answers_for, reports):
+    """Worked by hand: 8, 12 and 20 nat of 3.58 in 0.2 s; 8 again where it has answered for more than 5 s."""
+    watch, now = unanswered()
+    found = []
+    for pause in (0.0, answers_for, 0.0):
+        found.append(reports_until_back(watch, now))
+        now += 0.02 * found[-1]
+        for k in range(1, 1000):
+            at = now + 0.02 * k
+            watch.sent(20.0 * math.sin(6.0 * at), 0.0, at)
+            watch._advance(at)
+            watch.attitude_received(at, watch.expected[0] if k * 0.02 <= pause else 0.0, 0.0, says_something=True)
+            if watch.is_missing:
+                break
+        now = at
     assert found == reports
 
 

@@ -6,6 +6,7 @@ The firmware and simavr are the user's (docs/lab/genuine.md), so nothing here ru
 from __future__ import annotations
 
 import asyncio
+import ctypes
 import ctypes.util
 import math
 
@@ -17,6 +18,7 @@ from lab.hil.copies import in_a_copy
 from lab.hil.eeprom import SETTINGS, _checksum, _is_set
 from lab.hil.flights import Flown, Setting, figures
 from lab.hil.main import main
+from lab.hil.quiet import aside
 from lab.hil.results import Results
 from lab.hil.scenes import VOLTAGES, setting_of, summary
 from lab.hil.triggers import Flight, missed, story_figures
@@ -226,3 +228,14 @@ def test_a_library_of_older_sources_says_to_build_it_anew(monkeypatch):
     monkeypatch.setattr(chip, "LIBRARY", ctypes.util.find_library("c"))
     with pytest.raises(ConfigError, match=r"older sources .*make hil .* once more"):
         chip._load()
+
+
+def test_what_a_library_prints_while_a_firmware_is_loaded_does_not_come_between_json(capfd):
+    c = ctypes.CDLL(None)
+    print("before")
+    with aside():
+        c.puts(b"Loaded 100 .text at address 0x0")
+    print("after", flush=True)
+    said = capfd.readouterr()
+    assert said.out == "before\nafter\n"
+    assert "Loaded" in said.err

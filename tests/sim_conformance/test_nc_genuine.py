@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import pytest
@@ -9,7 +10,7 @@ import pytest
 from mkdaemon.protocol.errorcodes import ErrorCode
 from mkdaemon.protocol.flags import FlightStatus, NaviStatus, PointType, PositionStatus
 from mkdaemon.protocol.framing import encode_frame
-from mkdaemon.protocol.messages import DebugDataNc, OsdData5, Waypoint024, WriteWaypoint024
+from mkdaemon.protocol.messages import AttitudeDataNc, DebugDataNc, OsdData5, Waypoint024, WriteWaypoint024
 from mksim.boards.flightctrl import FlightCtrl
 from mksim.boards.generations import FC_GENERATIONS, NC_GENERATIONS
 from mksim.boards.navictrl import NaviCtrl
@@ -327,3 +328,28 @@ def test_debug_data_count_gps_reports_and_compass_transfers_and_tell_the_deviati
     assert analog[9] == FIX.sequence
     assert analog[15] == 2 * analog[13]
     assert (analog[27], analog[28]) == (pytest.approx(111, abs=2), 0)
+
+
+RATE_DEG = 20.0
+
+
+class Turning(StillAircraft):
+    """It pitches at 20 degrees a second."""
+
+    def step(self, sticks):
+        super().step(sticks)
+        self.sensors.fc_angle_pitch = math.radians(RATE_DEG * self.now)
+
+
+@pytest.mark.parametrize(("fc", "age", "distinct"), [("early", 0.080, 16), ("2.08", 0.080, 16), ("2.12a", 0.009, 50)])
+def test_attitudes_of_an_old_flightctrl_come_by_packets_of_the_bus(fc, age, distinct):
+    """Genuine 0.84a behind 0.24b: 80 ms old, 16 new ones a second; of later ones no NaviCtrl's sources are public."""
+    aircraft = Turning()
+    flight = FlightCtrl(FC_GENERATIONS[fc], aircraft, seed=1, gate_parameter=255, calibrated=True)
+    bench = Bench(NaviCtrl(NC_GENERATIONS["0.24"], flight, seed=1), aircraft)
+    bench.send(encode_frame(2, "c", bytes([2])), 2.0)
+    came = [each for each in bench.run(5.0) if each.frame.id == "C" and each.last > 3.0]
+    told = [AttitudeDataNc.decode(each.frame.payload).pitch / 10.0 for each in came]
+    ages = [each.last - pitch / RATE_DEG for each, pitch in zip(came, told, strict=True)]
+    assert sum(ages) / len(ages) == pytest.approx(age, abs=0.006)
+    assert len(set(told)) == pytest.approx(2.0 * distinct, abs=3)

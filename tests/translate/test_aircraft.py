@@ -19,6 +19,7 @@ from mkdaemon.control.estimator.model import (
     ModelUnknown,
 )
 from mkdaemon.protocol.dialect import Dialect
+from mkdaemon.protocol.generations import Release
 from mkdaemon.protocol.settings import ParameterSet, layout_of
 from mkdaemon.protocol.settings_fields import Kind
 from mkdaemon.translate import aircraft_model, assumed_model
@@ -34,6 +35,23 @@ def parameters(revision=106, **changes):
 def model(*, has_filter=True, has_slow_leak=False, **changes):
     dialect = replace(Dialect(), stick_filter=has_filter)
     return aircraft_model(parameters(**changes), dialect, has_slow_leak=has_slow_leak)
+
+
+@pytest.mark.parametrize(
+    ("release", "via_navictrl", "has_filter", "age"),
+    [
+        (Release(0, 84), True, False, 0.080),
+        (Release(2, 8), True, False, 0.080),
+        (Release(0, 84), False, False, 0.030),
+        (Release(2, 12), True, True, 0.030),
+        (None, True, False, 0.030),
+    ],
+)
+def test_attitudes_of_an_old_flightctrl_behind_a_navictrl_are_older(release, via_navictrl, has_filter, age):
+    dialect = replace(Dialect(), fc_release=release, via_navictrl=via_navictrl, stick_filter=has_filter)
+    for found in (assumed_model(dialect), aircraft_model(parameters(), dialect, has_slow_leak=False)):
+        assert found.attitude_age == pytest.approx(age + 0.009)
+        assert found.by_line(0.02).attitude_age == pytest.approx(age + 0.02)
 
 
 def test_the_easy_set_gives_the_documented_constants():

@@ -6,7 +6,8 @@ reported is the response to our sticks, with a factor of 0.5 to 2, or it has not
 slowly is left out: wind moves the reported tilt too. The hypotheses differ only where tilt is asked for, and most where
 a regulator winds up.
 
-Level sticks ask for nothing. Whether the aircraft answers again is then told by how level it is: a pilot tilts it.
+Level sticks ask for nothing. Whether the aircraft answers again is then told by how level it is: a pilot tilts it. In
+still air he may hold it level for a while: each time that was no answer, it must be level for twice as long.
 
 Where a board reports the gate itself, that decides. Source of the weighing: cumulative sums of log-likelihoods, E. S.
 Page, "Continuous inspection schemes" (1954); they find a change within the time in which it shows.
@@ -38,12 +39,16 @@ LEVEL: Final = math.radians(0.5)
 """Tilt of an aircraft whose sticks are level [rad]: gusts, neutral points."""
 BY_HAND: Final = math.radians(3.0)
 """Tilt by which a pilot hovers [rad]."""
-TOGETHER: Final = 0.1
+TOGETHER: Final = 0.2
 """What is reported within this time says the same thing [s]."""
 SURE: Final = 4.0
 """Evidence that decides [nat]; 32 flights in all winds, with a wrong model and without, reached 0.05 at most."""
 FORGIVEN: Final = 2.0
 """As much evidence of an answer is kept, at most [nat]: one that ends is seen at once."""
+SOON: Final = 5.0
+"""An answer that is missing again within this time was none [s]: a pilot held the aircraft level."""
+MOST_OWED: Final = 64.0
+"""Largest evidence that is asked for of an answer that came back [nat]: 4 s of an aircraft that is level."""
 SPARSE: Final = 0.15
 """Attitudes farther apart say nothing [s]: nobody knows how old they are."""
 PAUSE: Final = 0.3
@@ -68,6 +73,7 @@ class AnswerWatch:
         self._sent_at = -math.inf
         self._seen = np.zeros(2)
         self._gate: tuple[bool, float] | None = None
+        self._owed, self._back_at = SURE, -math.inf
         self._begin(0.0)
 
     def forget(self) -> None:
@@ -87,7 +93,7 @@ class AnswerWatch:
 
     @property
     def evidence(self) -> float:
-        """That it does not answer, against the share with which it would answer best: -`FORGIVEN` to `SURE` [nat]."""
+        """That it does not answer, against the share with which it would answer best: `SURE` at most [nat]."""
         return float(self._evidence.min())
 
     @property
@@ -163,12 +169,16 @@ class AnswerWatch:
         gained = ((acts - seen) ** 2 - seen**2) / (2.0 * variance)
         self._evidence = np.clip(self._evidence + INDEPENDENT * passed * gained.sum(axis=1), -FORGIVEN, SURE)
         self.is_missing = self.evidence >= SURE
+        if self.is_missing:
+            is_again = self._judged_at - self._back_at <= SOON
+            self._owed = min(2.0 * self._owed, MOST_OWED) if is_again else SURE
 
     def _weigh_level(self, weight: float) -> None:
         """Add what one report says under level sticks: how likely it is for an aircraft that is level, or flown."""
         level, by_hand = (-(self._seen**2) / (2.0 * sd**2) - math.log(sd) for sd in (LEVEL, BY_HAND))
         self._evidence = np.minimum(self._evidence + weight * float((by_hand - level).sum()), SURE)
-        if self.evidence <= 0.0:
+        if self.evidence <= -self._owed:
+            self._back_at = self._judged_at
             self.forget()
 
     def _advance(self, until: float) -> None:

@@ -119,7 +119,7 @@ class Flown:
         return self.is_by_target and not self._may_touch and bool(self._sight.answer.missing_words(now))
 
     def _wait(self, setpoint: Setpoint, phase: Phase, now: float) -> Step:
-        """Level, and ready to begin anew where the aircraft is, under the conditions of a hand-over in the air.
+        """Level, and ready to go on where the aircraft is as soon as it answers and is seen.
 
         Nothing that was learnt from sticks that did not act is kept.
         """
@@ -130,6 +130,8 @@ class Flown:
         wanted = NewManoeuvre.by(setpoint)
         if (after.is_by_target and phase is not Phase.UNANSWERED) or wanted.concern is Concern.TAKE_OFF:
             wanted = NewManoeuvre(Concern.HOLD)
+        goes_on = after.is_by_target and self._left is not None and self._left.is_by_target
+        wanted = replace(wanted, is_resumed=goes_on)
         entered = after.enter(self._left if after.is_by_target else None, now)
         obstacle = self._waits_for(wanted, now) or entered
         self.current, step = after, after.step(now, is_flying=False)

@@ -156,7 +156,7 @@ class Sight:
             return ""
         if self.is_standing and lifted_by is None:
             self.target = target
-        elif known is None or is_forgotten or lifted_by is not None:
+        elif known is None or is_forgotten or lifted_by is not None or self._is_astray:
             # What was believed of an aircraft that stood on the ground says nothing about its throttle.
             compass = 0.0 if self.attitude is None else self.attitude.yaw
             velocity = None if is_other else velocity_between(self._last_view, view)
@@ -183,6 +183,12 @@ class Sight:
         self.answer.sent(counts.pitch, counts.roll, now)
         if self.estimator is not None and not self._is_others:
             self.estimator.sent(command)
+
+    @property
+    def _is_astray(self) -> bool:
+        """Whether somebody else's sticks have led the estimate away from what images show: nothing else corrects it."""
+        known = self.estimator
+        return self._is_others and known is not None and not known.innovation <= self._cfg.clean_innovation
 
     # -- questions, which change nothing --------------------------------------------------------------------------
 

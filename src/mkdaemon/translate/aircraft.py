@@ -18,7 +18,7 @@ def assumed_model(dialect: Dialect) -> AircraftModel:
     Args:
         dialect: how the FlightCtrl speaks, which tells whether it filters its sticks.
     """
-    return AircraftModel(stick_filter=STICK_FILTER if dialect.stick_filter else NO_FILTER)
+    return _at_its_board(AircraftModel(stick_filter=STICK_FILTER if dialect.stick_filter else NO_FILTER), dialect)
 
 
 def aircraft_model(
@@ -45,4 +45,11 @@ def aircraft_model(
         if poti is not None:
             return ModelUnknown(Gap.ON_POTENTIOMETER, name, value, poti)
         numbers[name] = value
-    return AircraftModel.from_parameters(**numbers, has_stick_filter=dialect.stick_filter, has_slow_leak=has_slow_leak)
+    found = AircraftModel.from_parameters(**numbers, has_stick_filter=dialect.stick_filter, has_slow_leak=has_slow_leak)
+    return found if isinstance(found, ModelUnknown) else _at_its_board(found, dialect)
+
+
+def _at_its_board(model: AircraftModel, dialect: Dialect) -> AircraftModel:
+    """The aircraft as the board at the end of the line tells of it."""
+    is_old = dialect.fc_release is not None and not dialect.stick_filter
+    return model.by_packets() if is_old and dialect.via_navictrl else model

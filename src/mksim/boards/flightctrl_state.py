@@ -178,6 +178,7 @@ class FcBoard(BoardPort):
         rx: the receive interrupt.
         requests: replies asked for, and streams.
         collected: pitch and roll as `C` tells them [rad]; it tells those of the cycle before.
+        packed: pitch and roll of its packets to a NaviCtrl [rad]: one under way, and before it the newest that arrived.
         serial_channels: what `y` brought.
         has_companion: a NaviCtrl is on its SPI bus.
         companion_release: the NaviCtrl's release.
@@ -235,6 +236,8 @@ class FcBoard(BoardPort):
         self.rx = FcReceiver(self.generation.buffer)
         self.requests = FcRequests(compass_at=self.now)
         self.collected = self._collecting = (0.0, 0.0)
+        self.packed = [(0.0, 0.0)] * 2
+        self._packet_tick = 0
         self.serial_channels = [-127] * 12
         self.forced_heading: int | None = None
         self.bridged = False
@@ -248,6 +251,26 @@ class FcBoard(BoardPort):
         """
         sensors = self.aircraft.sensors
         self.collected, self._collecting = self._collecting, (sensors.fc_angle_pitch, sensors.fc_angle_roll)
+        self._pack()
+
+    def _pack(self) -> None:
+        """A packet begins every so many ticks, and the NaviCtrl has it a tick before the next one begins.
+
+        Source: docs/lab/genuine-navictrl.md, "The bus is slower than its 20 ms".
+        """
+        ticks = self.generation.packet_ticks
+        if self._packet_tick == ticks - 1:
+            self.packed[0] = self.packed[1]
+        elif self._packet_tick == 0:
+            self.packed[1] = self._collecting
+        self._packet_tick = (self._packet_tick + 1) % max(1, ticks)
+
+    @property
+    def told_angles(self) -> tuple[float, float]:
+        """Pitch and roll as a NaviCtrl knows them now [rad]; the newest where nothing is known of the bus."""
+        sensors = self.aircraft.sensors
+        at_once = sensors.fc_angle_pitch, sensors.fc_angle_roll
+        return self.packed[0] if self.generation.packet_ticks else at_once
 
     def cut(self, at: float) -> None:
         """Give up the frame being sent, but for the character on the line."""

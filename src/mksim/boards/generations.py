@@ -79,6 +79,7 @@ class FcGeneration:
         deaf_when_running: commands without any answer while motors run.
         feeds_compass: sends its attitude to an MK3Mag unasked, also when there is none.
         reset_gated: `R` is ignored while motors run.
+        packet_ticks: slow ticks between two of its packets to a NaviCtrl in flight; 0 where no genuine one was run.
     """
 
     word: FcWord
@@ -98,6 +99,7 @@ class FcGeneration:
     deaf_when_running: str
     feeds_compass: bool
     reset_gated: bool
+    packet_ticks: int
 
     @property
     def label(self) -> str:
@@ -166,6 +168,7 @@ _EARLY: Final = FcGeneration(
     deaf_when_running="q",
     feeds_compass=True,
     reset_gated=False,
+    packet_ticks=3,
 )
 _2_08: Final = replace(
     _EARLY,
@@ -194,6 +197,7 @@ _2_12A: Final = replace(
     dead_man=DeadMan(100, frozenset("b")),
     gestures_mixed=True,
     stick_filter=True,
+    packet_ticks=0,
     deaf_when_running="f",
 )
 _2_14: Final = replace(_2_12A, word="2.14", release=(2, 14, 0), revision=108, control=ControlStateV3, buffer=320)

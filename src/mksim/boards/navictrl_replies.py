@@ -205,7 +205,7 @@ def _home(board: NcBoard, head: _Head) -> WireMessage:
 
 
 def _deviation(board: NcBoard, head: _Head) -> WireMessage:
-    sensors, navigator = board.flight.aircraft.sensors, board.navigator
+    navigator, (pitch, roll) = board.navigator, _angles(board)
     here, target = (navigator.fix.longitude_1e7, navigator.fix.latitude_1e7), navigator.target
     to_home = distance_and_bearing(here, navigator.home) if navigator.home != (0, 0) else (0.0, 0.0)
     to_target = distance_and_bearing(here, target.place) if target else (0.0, 0.0)
@@ -216,8 +216,8 @@ def _deviation(board: NcBoard, head: _Head) -> WireMessage:
         home_bearing=round(to_home[1] / 2.0) % 180,
         target_distance=navigator.decimetres(to_target[0]),
         target_bearing=round(to_target[1] / 2.0) % 180,
-        pitch=bounded(math.degrees(sensors.fc_angle_pitch), 8),
-        roll=bounded(-math.degrees(sensors.fc_angle_roll), 8),
+        pitch=bounded(math.degrees(pitch), 8),
+        roll=bounded(math.degrees(roll), 8),
         satellites=navigator.fix.satellites,
     )
 
@@ -338,10 +338,15 @@ def _menu(board: NcBoard, value: int) -> WireMessage:
     return menu(board, value)
 
 
+def _angles(board: NcBoard) -> tuple[float, float]:
+    """Pitch and roll of the FlightCtrl as the board knows them, with the signs of the wire [rad]."""
+    pitch, roll = board.flight.told_angles
+    return pitch, -roll
+
+
 def _attitude(board: NcBoard, value: int) -> WireMessage:
     sensors = board.flight.aircraft.sensors
-    pitch = bounded(math.degrees(sensors.fc_angle_pitch) * 10.0)
-    roll = bounded(-math.degrees(sensors.fc_angle_roll) * 10.0)
+    pitch, roll = (bounded(math.degrees(angle) * 10.0) for angle in _angles(board))
     heading = round(sensors.heading_deg * 10.0) % 3600
     if board.generation.attitude is AttitudeDataNc:
         return AttitudeDataNc(pitch=pitch, roll=roll, heading=heading, reserved=(0,) * 8)
@@ -365,8 +370,7 @@ def _debug(board: NcBoard, value: int) -> WireMessage:
     north, east = board.navigator.deviation
     exchanges = int(board.now / _SPI_PERIOD)
     analog = [0] * 32
-    analog[0] = bounded(math.degrees(sensors.fc_angle_pitch) * 10.0)
-    analog[1] = bounded(-math.degrees(sensors.fc_angle_roll) * 10.0)
+    analog[0], analog[1] = (bounded(math.degrees(angle) * 10.0) for angle in _angles(board))
     analog[2] = bounded(-math.degrees(math.atan2(sensors.acc_x, 9.81)) * 10.0)
     analog[3] = bounded(-math.degrees(math.atan2(sensors.acc_y, 9.81)) * 10.0)
     analog[4] = board.navigator.operating_radius
@@ -399,6 +403,7 @@ def _osd(board: NcBoard, value: int) -> WireMessage | None:
     has_home = navigator.home != (0, 0)
     to_home = distance_and_bearing(here, navigator.home) if has_home else (0.0, 0.0)
     east, north, up = gps.velocity_enu
+    pitch, roll = _angles(board)
     return OsdData5(
         version=_OSD_VERSION,
         position_longitude=here[0],
@@ -427,8 +432,8 @@ def _osd(board: NcBoard, value: int) -> WireMessage | None:
         ground_speed=min(0xFFFF, round(math.hypot(east, north) * 100.0)),
         course=round(math.degrees(math.atan2(east, north))) % 360,
         heading=round(sensors.compass_deg) % 360,
-        pitch=bounded(math.degrees(sensors.fc_angle_pitch), 8),
-        roll=bounded(-math.degrees(sensors.fc_angle_roll), 8),
+        pitch=bounded(math.degrees(pitch), 8),
+        roll=bounded(math.degrees(roll), 8),
         rc_quality=core.quality,
         fc_flags=navigator.flight_status(),
         nc_flags=navigator.flags(),

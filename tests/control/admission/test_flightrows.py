@@ -209,3 +209,25 @@ def test_without_an_answer_to_the_sticks_a_flight_by_the_target_waits_and_is_not
     )
     for flown in (None, Concern.HOLD):
         assert refusal(NewManoeuvre(concern), replace(shut, flown=flown)) is None
+
+
+@pytest.mark.parametrize(
+    ("change", "is_asked_again"),
+    [
+        (sees(speed=2.0), False),
+        (sees(offset=1.5), False),
+        (sees(clean=0.0), False),
+        ({"stamps": Match(0.062, 0.9)}, False),
+        (sees(age=0.3), True),
+        (sees(sd=0.2), True),
+        ({"unanswered": "the board reports the gate shut"}, True),
+        ({"battery": battery(12.7)}, True),
+        ({"flight": flags(gps_mode=GpsMode.HOLD)}, True),
+    ],
+)
+def test_a_flight_that_goes_on_when_the_aircraft_answers_again_waits_for_less_than_one_that_begins(
+    change, is_asked_again
+):
+    now = replace(GOOD, **change)
+    assert waits_for(NewManoeuvre(Concern.POSITION), now)
+    assert bool(waits_for(NewManoeuvre(Concern.POSITION, is_resumed=True), now)) is is_asked_again

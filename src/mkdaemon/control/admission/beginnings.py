@@ -75,10 +75,12 @@ class NewManoeuvre:
     Attributes:
         concern: what begins; one of `MANOEUVRES`.
         frame: in which it is given; None for a kind that has none.
+        is_resumed: a flight by the target goes on with it, in the air, when the aircraft answers its sticks again.
     """
 
     concern: Concern
     frame: SetpointFrame | None = None
+    is_resumed: bool = False
 
     @property
     def is_early(self) -> bool:

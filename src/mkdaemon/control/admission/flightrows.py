@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Final
 
 from mkdaemon.control.activeset import OPEN_ABOVE, GateKind
@@ -330,6 +331,14 @@ def _entry(name: str, stands: str, look: Look, *, rule: Rule = Rule.ENTRY, conce
     return Row(name=name, concerns=concerns, stands=stands, tokens=(Token.NOT_READY,), look=look, rule=rule)
 
 
+def _once(row: Row) -> Row:
+    """A row that nobody asks when a flight goes on whose sticks had no answer.
+
+    Where a pilot flew meanwhile the aircraft is as he left it, and what is compared with sticks says nothing.
+    """
+    return replace(row, is_asked_again=False)
+
+
 _LEASE: Final = (Concern.LEASE,)
 _NOT_LANDING: Final = tuple(kind for kind in BY_TARGET if kind is not Concern.LAND)
 _IN_SIGHT: Final = tuple(kind for kind in BY_TARGET if kind is not Concern.TAKE_OFF)
@@ -494,13 +503,15 @@ FLIGHT_ROWS: Final = (
         Token.IMAGES_LATE,
     ),
     _check("target", BY_TARGET, "never; it says when the target was last in sight", target),
-    _check(
-        "time stamps",
-        BY_TARGET,
-        f"camera and boards move more than {1000 * STAMP_LIMIT:g} ms apart, or against each other",
-        stamps,
-        Token.CAMERA_TURNED,
-        Token.STAMPS_OFF,
+    _once(
+        _check(
+            "time stamps",
+            BY_TARGET,
+            f"camera and boards move more than {1000 * STAMP_LIMIT:g} ms apart, or against each other",
+            stamps,
+            Token.CAMERA_TURNED,
+            Token.STAMPS_OFF,
+        )
     ),
     _check(
         "disk",
@@ -532,10 +543,19 @@ FLIGHT_ROWS: Final = (
         rule=Rule.WAITS,
     ),
     _entry("fresh image", "the newest image is older than `entry_age`", _fresh_image, concerns=_IN_SIGHT),
-    _entry("speed", "it moves faster than `entry_speed` against the target", _slow, concerns=_IN_SIGHT),
-    _entry("offset", "it is more than `entry_offset` of its height beside the target", _near, concerns=_IN_SIGHT),
+    _once(_entry("speed", "it moves faster than `entry_speed` against the target", _slow, concerns=_IN_SIGHT)),
+    _once(
+        _entry("offset", "it is more than `entry_offset` of its height beside the target", _near, concerns=_IN_SIGHT)
+    ),
     _entry("certainty", "the standard deviation of its position is above `entry_sd`", _certain, concerns=_IN_SIGHT),
-    _entry("clean images", "images have agreed with the model for less than `entry_clean`", _clean, concerns=_IN_SIGHT),
+    _once(
+        _entry(
+            "clean images",
+            "images have agreed with the model for less than `entry_clean`",
+            _clean,
+            concerns=_IN_SIGHT,
+        )
+    ),
     _entry("running motors", "motors stand still", _motors_run, rule=Rule.WAITS, concerns=_TAKE_OFF),
     _entry(
         "feet on the ground",

@@ -76,7 +76,8 @@ class Rule(StrEnum):
     ENTRY = (
         "waits, then refuses",
         "Before the flight the stream waits for it. From sticks or attitude to a manoeuvre by the target it refuses; "
-        "between manoeuvres by the target nobody asks.",
+        "between manoeuvres by the target nobody asks. A flight by the target that goes on when the aircraft answers "
+        "its sticks again waits for a fresh image and a certain place alone: wind carries away who stays level.",
     )
     WAITS = ("waits", "Before the flight the stream waits for it; in flight nobody asks.")
     ADVICE = ("advises", "It is shown and refuses nothing.")
@@ -99,6 +100,7 @@ class Row:
         rule: when it refuses.
         is_early: what it looks at is known before anything is read for the beginning.
         is_shown: it is a check before a flight, shown by `mkctl preflight`.
+        is_asked_again: of a flight, too, that goes on when the aircraft answers its sticks again.
     """
 
     name: str
@@ -109,6 +111,7 @@ class Row:
     rule: Rule = Rule.BEGINNING
     is_early: bool = False
     is_shown: bool = False
+    is_asked_again: bool = True
 
     @property
     def blocks(self) -> Blocks:

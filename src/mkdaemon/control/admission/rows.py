@@ -60,7 +60,7 @@ def waits_for(beginning: NewManoeuvre, situation: Situation) -> str:
     if refused is not None:
         return f"no flight begins: {refused.reason}"
     for row in ROWS:
-        if row.rule in {Rule.ENTRY, Rule.WAITS} and beginning.concern in row.concerns:
+        if row.rule in {Rule.ENTRY, Rule.WAITS} and _concerns(row, beginning):
             found = row.look(situation, beginning)
             if found.state is CheckState.STANDS:
                 return f"waiting for {found.words}"
@@ -79,7 +79,7 @@ def is_ready(found: tuple[Finding, ...]) -> bool:
 
 def _refuses(row: Row, beginning: Beginning, situation: Situation) -> bool:
     """Whether a row is asked about a beginning, where it would refuse."""
-    if beginning.concern not in row.concerns or (beginning.is_early and not row.is_early):
+    if not _concerns(row, beginning) or (beginning.is_early and not row.is_early):
         return False
     flown = situation.flown if isinstance(beginning, NewManoeuvre) else None
     match row.rule:
@@ -91,6 +91,12 @@ def _refuses(row: Row, beginning: Beginning, situation: Situation) -> bool:
             return flown is not None and not flown.is_by_target
         case Rule.WAITS | Rule.ADVICE:
             return False
+
+
+def _concerns(row: Row, beginning: Beginning) -> bool:
+    """Whether a row is about a beginning; some are not about a flight that goes on."""
+    is_resumed = isinstance(beginning, NewManoeuvre) and beginning.is_resumed
+    return beginning.concern in row.concerns and (row.is_asked_again or not is_resumed)
 
 
 def _goes_on(wanted: Concern, flown: Concern | None) -> bool:

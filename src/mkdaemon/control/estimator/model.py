@@ -51,6 +51,8 @@ CABLE_UPLINK: Final = 0.0045
 CABLE_AGE: Final = 0.030
 """By cable an attitude is so old when it arrives [s]: the boards collect it every 20 ms, for their SPI bus;
 docs/lab/genuine.md."""
+PACKED_AGE: Final = 0.080
+"""The same behind a NaviCtrl whose FlightCtrl is older than 2.10, by packets of 61 ms; docs/lab/genuine-navictrl.md."""
 UNMEASURED: Final = 0.009
 """What a line adds to each where nobody measured it [s]: half of a radio's, so both cables and radios are near."""
 LEAST_LINE_SD: Final = 0.004
@@ -113,6 +115,7 @@ class AircraftModel:
             receiver frame there is a part of `stick_filter`.
         attitude_age: of a reported attitude when it arrives [s].
         line_sd: how well the sum of the last two is known before a flight, as a standard deviation [s].
+        cable_age: `attitude_age` by a cable [s].
 
     Raises:
         ValueError: a constant is not a positive number.
@@ -131,6 +134,7 @@ class AircraftModel:
     uplink: float = CABLE_UPLINK + UNMEASURED
     attitude_age: float = CABLE_AGE + UNMEASURED
     line_sd: float = UNMEASURED
+    cable_age: float = CABLE_AGE
 
     def __post_init__(self) -> None:
         if not all(0.0 < getattr(self, name) < math.inf for name in self.__slots__):
@@ -186,12 +190,16 @@ class AircraftModel:
         """Return the same aircraft without its stick filter, or with one where it has none."""
         return replace(self, stick_filter=STICK_FILTER if self.stick_filter <= NO_FILTER else NO_FILTER)
 
+    def by_packets(self) -> AircraftModel:
+        """Return the same aircraft with attitudes that an old FlightCtrl sends by packets and a NaviCtrl hands on."""
+        return replace(self, cable_age=PACKED_AGE, attitude_age=PACKED_AGE + UNMEASURED)
+
     def by_line(self, added: float) -> AircraftModel:
         """Return the same aircraft at the end of a line that adds so much to a cable's delay, each way [s]."""
         return replace(
             self,
             uplink=CABLE_UPLINK + added,
-            attitude_age=CABLE_AGE + added,
+            attitude_age=self.cable_age + added,
             line_sd=max(LEAST_LINE_SD, added / 3.0),
         )
 
