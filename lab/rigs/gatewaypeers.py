@@ -108,11 +108,18 @@ def _view(where: socket.socket, port: int, arrivals: Arrivals) -> None:
     subprotocol = websockets.Subprotocol("foxglove.sdk.v1")
     protocol = ClientProtocol(parse_uri(f"ws://127.0.0.1:{port}"), subprotocols=[subprotocol], max_size=None)
     protocol.send_request(protocol.connect())
-    topics = dict[int, str]()
+    where.settimeout(LOOK)
+    topics, asked, advertised = dict[int, str](), list[dict[str, int]](), 0.0
     while True:
+        if asked and time.monotonic() - advertised > LOOK:  # at once is too soon for the SDK, which knows it later
+            protocol.send_text(json.dumps({"op": "subscribe", "subscriptions": asked}).encode())
+            asked = []
         for piece in protocol.data_to_send():
             where.sendall(piece)
-        data, at = receive(where)
+        try:
+            data, at = receive(where)
+        except TimeoutError:
+            continue
         if not data:
             return
         protocol.receive_data(data)
@@ -125,8 +132,8 @@ def _view(where: socket.socket, port: int, arrivals: Arrivals) -> None:
                 arrivals.came(at, round(log_time / SHARPNESS) if is_attitude else None)
             elif event.opcode is Opcode.TEXT and (said := json.loads(bytes(event.data)))["op"] == "advertise":
                 topics.update((channel["id"], channel["topic"]) for channel in said["channels"])
-                asked = [{"id": channel["id"], "channelId": channel["id"]} for channel in said["channels"]]
-                protocol.send_text(json.dumps({"op": "subscribe", "subscriptions": asked}).encode())
+                asked += [{"id": channel["id"], "channelId": channel["id"]} for channel in said["channels"]]
+                advertised = time.monotonic()
 
 
 def _node(_: int, vehicle: str, arrivals: Arrivals) -> None:
