@@ -13,6 +13,8 @@ from lab.rigs.stamped import NS, Arrivals, receive, stamp_arrivals
 
 START = 1_700_000_000 * NS
 MS = 1_000_000
+TRIES = 40
+"""The kernel begins to stamp a little after it is first asked to; until then it is the time of reading."""
 
 
 def udp():
@@ -33,14 +35,18 @@ def test_what_waits_for_its_reader_keeps_the_time_at_which_it_came(pair):
     ours, theirs = pair()
     with ours, theirs:
         stamp_arrivals(ours)
-        before = time.time_ns()
-        theirs.sendall(b"value")
-        sent = time.time_ns()
-        while time.time_ns() < sent + 50 * MS:
-            time.sleep(0.01)
-        data, at = receive(ours)
-        assert data == b"value"
-        assert before <= at < sent + 50 * MS
+        for _ in range(TRIES):
+            before = time.time_ns()
+            theirs.sendall(b"value")
+            sent = time.time_ns()
+            while time.time_ns() < sent + 50 * MS:
+                time.sleep(0.01)
+            data, at = receive(ours)
+            assert data == b"value"
+            assert before <= at
+            if at < sent + 50 * MS:
+                return
+    pytest.fail("no stamp of the kernel")
 
 
 def values(count):
