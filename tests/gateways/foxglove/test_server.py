@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import os
+import socket
 import time
 from contextlib import ExitStack, asynccontextmanager
 from pathlib import Path
@@ -20,7 +21,7 @@ from mkdaemon.client.player import Pace, Player, open_player_session
 from mkdaemon.client.playselection import Selection
 from mkdaemon.client.playsource import RecordedSamples
 from mkdaemon.errors import ConfigError
-from mkdaemon.gateways.foxglove.server import BACKLOG, serving
+from mkdaemon.gateways.foxglove.server import BACKLOG, _send_at_once, serving
 from mkdaemon.record.entry import Kind, nanoseconds
 from mkdaemon.record.reader import Recording
 from mkdaemon.telemetry.event import LogEvent
@@ -210,6 +211,34 @@ async def test_a_viewer_that_hangs_costs_a_bounded_queue_and_the_others_nothing(
             assert _resident() - before < 2 * BACKLOG * size + 20e6
             hung.transport.abort()  # it never reads, so it never answers that it closes
         assert [int(one["text"].split()[0]) for one in viewer.of("/event/log")] == list(range(count))
+
+
+def _connections(port):
+    """The sockets of this process that are bound to a port."""
+    for file in Path("/proc/self/fd").iterdir():
+        if file.is_socket():
+            with socket.socket(fileno=os.dup(int(file.name))) as one:
+                if one.family == socket.AF_INET and one.getsockname()[1] == port:
+                    yield one
+
+
+async def test_a_message_does_not_wait_for_the_viewers_word_of_the_one_before():
+    async with flying("mk1") as (address, _), viewing(address):
+        port = int(address.rpartition(":")[2])
+        is_quick = [one.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY) for one in _connections(port)]
+    assert len(is_quick) == 2, "the socket that listens, and the viewer's connection"
+    assert all(is_quick)
+
+
+def test_only_its_port_is_changed_and_nothing_is_left_open():
+    with socket.create_server(("127.0.0.1", 0)) as other:
+        port = other.getsockname()[1]
+        opened = sorted(file.name for file in Path("/proc/self/fd").iterdir())
+        _send_at_once(port + 1)
+        assert not other.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY)
+        _send_at_once(port)
+        assert other.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY)
+        assert sorted(file.name for file in Path("/proc/self/fd").iterdir()) == opened
 
 
 async def test_an_address_that_is_in_use_is_one_line():

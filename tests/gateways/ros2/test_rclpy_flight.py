@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+import asyncio
 import math
+import signal
+import sys
 import time
-from contextlib import suppress
+from contextlib import asynccontextmanager, suppress
 
 import numpy as np
 import pytest
 
 pytest.importorskip("rclpy", reason="`make check-gateways` installs it")
 
+from lab.places import ROOT
 from lab.rigs.live import VEHICLE, live_daemon
 from lab.rigs.overtarget import VEHICLE as FLOWN
-from lab.rigs.overtarget import Setting, hovering
+from lab.rigs.overtarget import Setting, favour, hovering
 from lab.rigs.waiting import wait_for
 from mkdaemon.gateways.ros2.rclnode import type_of
 from mkdaemon.gateways.ros2.services import SERVICES
@@ -37,6 +41,11 @@ pytestmark = [
     pytest.mark.real_time(tolerance=0.1),
     pytest.mark.filterwarnings("ignore::DeprecationWarning"),  # of what rclpy imports
 ]
+
+LEVELLED = 0.6
+"""From the last message of a pad to level sticks on the line [s]; docs/ros.md says 0.3."""
+RELEASED = 1.1
+"""From there to the release [s]; docs/ros.md says 0.9."""
 
 
 async def test_a_pad_flies_by_joy_and_a_silent_one_is_levelled_and_released():
@@ -65,6 +74,43 @@ async def test_a_pad_flies_by_joy_and_a_silent_one_is_levelled_and_released():
             await wait_for(lambda: live.values("control/status")[-1]["phase"] == "free")
             assert live.values("control/status")[-1]["stamp"]["monotonic"] - silent < 1.3
             assert max(message.axes[1] for message in node.messages[f"/{VEHICLE}/sticks"]) == pytest.approx(30 / 127)
+
+
+@asynccontextmanager
+async def pad_program():
+    """A pad's node as a process of its own."""
+    process = await asyncio.create_subprocess_exec(
+        *(sys.executable, "-m", "tests.gateways.ros2.padprogram", FLOWN), cwd=ROOT, start_new_session=True
+    )
+    favour(process.pid)
+    try:
+        yield process
+    finally:
+        if process.returncode is None:
+            process.kill()
+        await process.wait()
+
+
+async def test_a_pad_that_is_killed_while_it_flies_is_levelled_and_released_on_the_wire():
+    with domain():
+        async with (
+            hovering(Setting(fps=5.0, wind="none", is_tapped=True)) as hover,
+            gateway(hover.endpoint, FLOWN),
+            pad_program() as pad,
+        ):
+            favour(hover.daemon.pid)  # what is looked at is the gateway: a busy machine says nothing of it
+            await wait_for(lambda: hover.seen.is_flying and hover.seen.last["control/output"]["roll"], 60.0)
+            assert pad.returncode is None
+            killed = time.monotonic()
+            pad.send_signal(signal.SIGKILL)
+            await wait_for(lambda: hover.seen.phases[-1].startswith("free"), 10.0, 0.01)
+            await asyncio.sleep(0.5)
+        after = [(at - killed, frame) for at, frame in hover.tap.sticks() if at > killed]
+    levelled = [at for at, frame in after if frame.config and frame.roll == 0]
+    released = [at for at, frame in after if not frame.config]
+    assert levelled and levelled[0] < LEVELLED
+    assert released and released[0] <= RELEASED
+    assert not [at for at, frame in after if frame.config and at > released[0]], "and stays released"
 
 
 async def test_a_node_as_in_a_tutorial_receives_calls_and_flies():

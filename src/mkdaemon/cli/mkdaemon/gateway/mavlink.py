@@ -12,7 +12,7 @@ from cyclopts import Parameter
 from mkdaemon.cli.mkctl.connection import HERE, Connection
 from mkdaemon.cli.mkdaemon.gateway.greeting import announce_serving
 from mkdaemon.cli.program import let_signals_kill
-from mkdaemon.cli.promptness import fast_loop
+from mkdaemon.cli.promptness import fast_loop, favour_threads
 from mkdaemon.errors import ConfigError
 
 
@@ -61,6 +61,7 @@ def mavlink(
         places = ", ".join(str(address) for address in options.addresses)
 
         def serving() -> None:
+            favour_threads()
             where = f"{places} as system {options.system}"
             announce_serving("mavlink", (connection.vehicle,), where, as_json=connection.json)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from typing import Annotated
 
 from cyclopts import Parameter
@@ -9,10 +10,11 @@ from cyclopts import Parameter
 from mkdaemon.cli.mkctl.connection import HERE, Connection
 from mkdaemon.cli.mkdaemon.gateway.greeting import announce_serving
 from mkdaemon.cli.mkdaemon.logs import Level, configure
+from mkdaemon.cli.promptness import fast_loop, favour_threads
 from mkdaemon.errors import ConfigError
 
 
-async def ros2(
+def ros2(
     *ros_arguments: Annotated[str, Parameter(allow_leading_hyphen=True)],
     namespace: str | None = None,
     log: Level = "info",
@@ -46,10 +48,13 @@ async def ros2(
         ) from None
     from mkdaemon.gateways.ros2.gateway import run
 
-    async with connection.open() as uav:
-        await run(
-            uav,
-            ros_arguments,
-            namespace,
-            lambda where: announce_serving("ros2", (connection.vehicle,), where, as_json=connection.json),
-        )
+    def serving(where: str) -> None:
+        favour_threads()
+        announce_serving("ros2", (connection.vehicle,), where, as_json=connection.json)
+
+    async def serve() -> None:
+        async with connection.open() as uav:
+            await run(uav, ros_arguments, namespace, serving)
+
+    with asyncio.Runner(loop_factory=fast_loop()) as runner:
+        runner.run(serve())
