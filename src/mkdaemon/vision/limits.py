@@ -175,11 +175,11 @@ class SelfCalLimits:
 SELFCAL: Final = SelfCalLimits()
 
 
-Stage = Literal["decimate2", "decimate1", "log", "halflog", "linear", "equalised", "outline", "bright", "thorough"]
+Stage = Literal["decimate2", "decimate1", "log", "halflog", "linear", "outline", "bright", "highlight", "thorough"]
 """A way to search an image for tags."""
 
-LADDER: Final[tuple[Stage, ...]] = ("decimate2", "linear", "halflog", "log", "decimate1", "equalised", "outline")
-NEARBY: Final[tuple[tuple[Stage, ...], ...]] = (("decimate1",), ("linear", "log", "equalised"))
+LADDER: Final[tuple[Stage, ...]] = ("decimate2", "linear", "halflog", "log", "decimate1", "outline")
+NEARBY: Final[tuple[tuple[Stage, ...], ...]] = (("decimate1",), ("linear", "log"))
 
 
 @dataclass(frozen=True, slots=True)
@@ -190,7 +190,6 @@ class SearchLimits:
     nearby: tuple[tuple[Stage, ...], ...] = of(NEARBY, "", "around a prediction, in turn by images missed", EARNED)
     max_pixels: int = of(500_000, "px", "searched at once; more are shrunk", "cost: 9 ms on VGA, 1080p 33 % of that")
     thorough_every: int = of(2, "images", "between the searches beside the first one", "cost: 20 ms on VGA")
-    tile_px: float = of(70.0, "px", "neighbourhood in which `equalised` spreads grey values", STILLS)
     tone: float = of(1.8, "power", "of grey that `linear` takes for light", "decodes at gamma 1 to 2.2, 6-8 m")
     highlight: float = of(12.0, "power", "of grey that leaves ink in a highlight dark", "ink of 230: 65 posed; 8: 32")
     highlight_px: int = of(400, "px", "blown pixels that may be a print in a highlight", "derived: 16 cells of 5 px")
