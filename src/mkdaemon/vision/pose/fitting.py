@@ -211,6 +211,8 @@ WHOLE_ROOM_PX = 6.0
 MIXED_STEPS = 10
 """Of the fit to grey values after one to edges, as the width of the edges gives it a start: a streak of 30 px takes six
 to grow (351 development images with motion blur; eight explained 5 images less)."""
+GREY_EFFORT = 4
+"""A fit to grey values takes so many times as long as one to edges: 4 to 20 ms, on VGA."""
 CONFIRMED_BY = 3
 """Prints that fix a plane."""
 DECODED_CELL_PX = 3
@@ -224,10 +226,14 @@ class TargetFitter:
         target: that is measured.
         shutter: what is known of the camera's line time.
         bend_known: what is known about the bend of the print.
+        effort: spent on the newest image, in fits to edges; one to grey values takes as long as `GREY_EFFORT`.
     """
 
     def __init__(self, target: Target, projection: Projection, limits: Limits = LIMITS) -> None:
         self.target = target
+        self.effort = 0
+        self._image: Grey | None = None
+        self._mirrored: list[tuple[Pose, Pose | None]] = []
         self.shutter = projection.shutter
         self._projection = projection
         self._limits = limits
@@ -243,6 +249,12 @@ class TargetFitter:
         self._outline = np.concatenate(
             [tag.place(square * half) for tag, half in zip(target.tags, papers, strict=True)]
         )
+
+    def begin(self, pixels: Grey) -> None:
+        """Begin with another image: nothing is spent on it, and nothing known of it."""
+        self.effort = 0
+        self._image = pixels
+        self._mirrored = []
 
     def cold(
         self,
@@ -356,12 +368,15 @@ class TargetFitter:
 
     def _fit_from(self, pixels: Grey, start: Pose, blur_px: float, level: Level | None = None) -> Pose | None:
         """Fit grey values from a point spread that is known nearly."""
+        self.effort += GREY_EFFORT
         fitted = self._photo.fit(pixels, start, MIXED_STEPS, level, blur_px)
         return fitted if fitted is not None and np.isfinite(fitted.rms_px) else None
 
     def _fit(self, pixels: Grey, start: Pose, *, photometric: bool, level: Level | None = None) -> Pose | None:
         if not photometric:
+            self.effort += 1
             return self._edges.fit(pixels, start, level=level)
+        self.effort += GREY_EFFORT
         fitted = self._photo.fit(pixels, start, level=level)
         return fitted if fitted is not None and np.isfinite(fitted.rms_px) else None
 
@@ -395,11 +410,20 @@ class TargetFitter:
         return evidence is not None and evidence.agreeing >= self._limits.evidence.agreeing_beside
 
     def fit_mirrored(self, pixels: Grey, pose: Pose) -> Pose | None:
-        """Fit the rival of a pose: the same place, the normal mirrored about the line of sight.
+        """Fit the rival of a pose: the same place, the normal mirrored about the line of sight; once an image.
 
         Returns:
             The rival, which may be `pose` again; none when it fits nothing.
         """
+        if pixels is not self._image:
+            return self._fit_mirrored(pixels, pose)
+        for known, rival in self._mirrored:
+            if known is pose:
+                return rival
+        self._mirrored.append((pose, self._fit_mirrored(pixels, pose)))
+        return self._mirrored[-1][1]
+
+    def _fit_mirrored(self, pixels: Grey, pose: Pose) -> Pose | None:
         origin, toward, tilt = self._photo.prints.looked_at(pose)
         axis = np.cross(pose.rotation[:, 2], toward)
         turned = np.asarray(cv2.Rodrigues(axis / max(float(np.linalg.norm(axis)), 1e-9) * 2 * tilt)[0]) @ pose.rotation
