@@ -351,8 +351,7 @@ class Follower:
         turned = self._checks.level.turned(reported, pose) if pose is not None else None
         if pose is None or turned is None or reported.enu_from_flu is None:
             return False
-        is_whole = self._checks.is_whole(pose)
-        return witness.image_seen(reported.time, turned[0], reported.enu_from_flu, turned[1], is_whole=is_whole)
+        return witness.image_seen(reported.time, turned[0], reported.enu_from_flu, turned[1])
 
     def start_alone(self, frame: Frame) -> None:
         """Start from an image whose attitude was left out after it had refused what the image shows."""
