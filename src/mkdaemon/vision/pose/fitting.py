@@ -23,7 +23,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from mkdaemon.vision.limits import LIMITS, EvidenceLimits, Limits
+from mkdaemon.vision.limits import APART2, LIMITS, Limits
 from mkdaemon.vision.pose.bend import Bend
 from mkdaemon.vision.pose.edgefind import HALF_WIDTH
 from mkdaemon.vision.pose.edgefit import EdgeFit, Level
@@ -132,10 +132,10 @@ class Evidence:
     agreeing: float
     leverage: float
 
-    def supports(self, limits: EvidenceLimits) -> bool:
+    def supports(self, limits: Limits) -> bool:
         """Whether the pose can be believed with parts of the target hidden."""
-        agrees = self.seen >= limits.min_seen and self.agreeing >= limits.min_agreeing
-        return agrees and self.leverage <= limits.max_leverage
+        agrees = self.seen >= limits.evidence.min_seen and self.agreeing >= limits.agreement.whole
+        return agrees and self.leverage <= limits.evidence.max_leverage
 
 
 class EdgeEvidence:
@@ -353,7 +353,7 @@ class TargetFitter:
         wide the edges are, but not all of them agree.
         """
         limits, cell_px = self._limits, self._photo.prints.cell_px(pose)
-        if pose.widest_px is None or pose.ragged_px is None or pose.ragged_px < limits.edges.clean_px:
+        if pose.widest_px is None or pose.ragged_px is None or pose.ragged_px < limits.health.drift_px:
             return False
         is_torn = pose.inliers < limits.agreement.whole and cell_px < limits.cells.small_px
         return is_torn or cell_px < limits.cells.melted_widths * pose.widest_px
@@ -363,7 +363,7 @@ class TargetFitter:
         turned = np.asarray(cv2.Rodrigues(other.rotation @ pose.rotation.T)[0], dtype=np.float64).ravel()
         apart = np.concatenate([other.position - pose.position, turned])
         distance2 = float(apart @ np.linalg.solve(pose.covariance + other.covariance, apart))
-        doubt = distance2 if distance2 > self._limits.photo.same_mahalanobis2 else 1.0
+        doubt = distance2 if distance2 > APART2 else 1.0
         return replace(pose, covariance=doubt * pose.covariance)
 
     def _fit_from(self, pixels: Grey, start: Pose, blur_px: float, level: Level | None = None) -> Pose | None:
@@ -402,7 +402,7 @@ class TargetFitter:
     def is_supported(self, pixels: Grey, pose: Pose) -> bool:
         """Whether the edges that are seen support a pose with parts of the target hidden."""
         evidence = self._evidence.measure(pixels, pose)
-        return evidence is not None and evidence.supports(self._limits.evidence)
+        return evidence is not None and evidence.supports(self._limits)
 
     def explains_seen_edges(self, pixels: Grey, pose: Pose) -> bool:
         """Whether the edges that are seen lie where a pose puts them, however many are hidden."""
