@@ -24,7 +24,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lab.vision import tagfree
-from lab.vision.ablationscenes import LOOKS, Setting, views
+from lab.vision.ablationscenes import Setting, views
 from lab.vision.decks import LIES
 from lab.vision.flight import GROUNDS, VGA
 from lab.vision.leaving import CAMERAS, ways_out
@@ -47,7 +47,7 @@ COLD_M: Final = (0.15, 0.5, 1.0, 2.0, 4.57, 6.0, 8.0, 10.0, 12.0)
 HIDDEN: Final = ("side_cut_10", "patches_10", "patches_20", "shadow_4_to_1", "glare_0.2", "exposure_6", "noise_sd_40")
 EACH, LEFT, FREE = 6, 80, 24
 """Stills of a kind, images of a kind of leaving target, images of a ground without a target."""
-FIRST_LOOKS: Final = 3 * LOOKS
+FIRST_LOOKS: Final = 24
 """At a first image, until it is posed."""
 SHARE_M: Final = 0.01
 
