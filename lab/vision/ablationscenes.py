@@ -29,8 +29,8 @@ FLIGHT_SECONDS: Final = 4.0
 SHORT_SECONDS: Final = 1.5
 MET_EVERY: Final = 15
 """Images of a flight from one that is shown as a first one to the next."""
-LOOKS: Final = 8
-"""At a first image, so that every search has its turn: four of them share every second look."""
+LOOKS: Final = 6
+"""At a first image, so that every search has its turn: three of them share every second look."""
 
 FLOWN: Final = ("flights", "far", "cameras", "hardships", "decks")
 """Scenes in which a target is followed."""

@@ -95,7 +95,7 @@ def _leave(name: str, camera: str, count: int, seed: int, part: int) -> Tally:
     """So many images of a target leaving, every second sequence without an attitude."""
     target, tally = target_named(name), Tally()
     tracker = Tracker(TagMap((target,)), CAMERAS[camera], LOOKING_DOWN)
-    for k, (way, still) in enumerate(_ways_out(name, camera, count, seed, part)):
+    for k, (way, still) in enumerate(ways_out(name, camera, count, seed, part)):
         has_attitude = k // len(WAY_OUT) % 2 == 0
         tally.images[way] += 1
         try:
@@ -112,7 +112,7 @@ def _leave(name: str, camera: str, count: int, seed: int, part: int) -> Tally:
     return tally
 
 
-def _ways_out(name: str, camera: str, count: int, seed: int, part: int) -> Iterator[tuple[float, Still]]:
+def ways_out(name: str, camera: str, count: int, seed: int, part: int) -> Iterator[tuple[float, Still]]:
     """Images of sequences, each with its share of the way out."""
     rng = np.random.default_rng([seed, 0x1EA7E, part])
     intrinsics, placed = CAMERAS[camera], SceneTarget.of(target_named(name), Platform())

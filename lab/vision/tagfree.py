@@ -48,7 +48,7 @@ def _tag_free(seed: int, part: int, count: int) -> dict[str, Counter[str]]:
         if photographs and k % PHOTOGRAPH_EVERY == 0:
             pixels, name = _cutting(rng, photographs), "photograph"
         else:
-            pixels, name = scene.render(_view(rng), _conditions(rng)), kind
+            pixels, name = scene.render(view(rng), conditions(rng)), kind
         found["images"][name] += 1
         for stage in detector.stages:
             found["false"][stage] += len(detector.search(pixels, stage))
@@ -56,7 +56,7 @@ def _tag_free(seed: int, part: int, count: int) -> dict[str, Counter[str]]:
     return found
 
 
-def _view(rng: np.random.Generator) -> CameraView:
+def view(rng: np.random.Generator) -> CameraView:
     """From 0.5 to 12 m over the ground, tilted, sometimes moving."""
     tilt = cv2.Rodrigues(rng.uniform(-0.5, 0.5, 3) + np.array([0, 0, float(rng.uniform(0, 6.28))]))[0]
     position = np.array([*rng.uniform(-4, 4, 2), float(rng.uniform(0.5, 12.0))])
@@ -71,7 +71,7 @@ def _view(rng: np.random.Generator) -> CameraView:
     )
 
 
-def _conditions(rng: np.random.Generator) -> Conditions:
+def conditions(rng: np.random.Generator) -> Conditions:
     """Light, lens and sensor of a bad day; shadow and glare fall on the ground near the middle."""
     where = rng.uniform(-1.0, 1.0, (2, 2))
     shaded, shines, blurs, graded, coded = rng.uniform(size=5) < (0.35, 0.25, 0.1, 0.15, 0.15)

@@ -66,7 +66,6 @@ VARIANTS: Final[tuple[Variant, ...]] = (
     Variant("search decimate1", "search", "full resolution", without_search("decimate1")),
     Variant("search log", "search", "logarithm of the grey values", without_search("log")),
     Variant("search halflog", "search", "logarithm at half the resolution", without_search("halflog")),
-    Variant("search equalised", "search", "local contrast", without_search("equalised")),
     Variant("search linear", "search", "light from grey values", without_search("linear")),
     Variant("search outline", "search", "broken outlines", without_search("outline")),
     Variant("search nearby", "search", "around a prediction", limits(search={"nearby": ((),)})),

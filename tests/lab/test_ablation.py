@@ -16,7 +16,6 @@ from lab.vision.weather import SKIES
 from mkdaemon.errors import ConfigError
 from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.tags.detector import Detector
-from mkdaemon.vision.tags.searchplan import first_of
 
 
 def score(posed: str, wrong: int = 0) -> Score:
@@ -82,8 +81,8 @@ def test_a_setting_has_its_lens_and_its_attitude(which):
 def test_first_images_are_far_apart_and_every_search_has_its_turn():
     first, second = views(Setting("met", "nested", "leaf_shadows", 23_000_001, 0, 2))
     assert second.image.captured_at - first.image.captured_at == pytest.approx(0.5)
-    stages = Detector({"tag36h11": frozenset({1})}).stages
-    assert first.looks == second.looks == LIMITS.search.thorough_every * (len(stages) - len(first_of(stages)))
+    looks = Detector({"tag36h11": frozenset({1})}).looks(np.zeros((480, 640), np.uint8))
+    assert first.looks == second.looks == LIMITS.search.thorough_every * len(looks)
 
 
 def test_parts_are_chosen_by_name():

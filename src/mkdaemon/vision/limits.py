@@ -18,6 +18,10 @@ STILLS: Final = "tuned on development stills"
 BLIND: Final = "tuned on development flights without attitude"
 NOISE: Final = "derived from read noise of 1.5 grey"
 EARNED: Final = "measured, docs/vision.md"
+APART2: Final = 22.5
+"""Squared distance of two poses in their deviations that no noise makes: chi-square(6), one in 1000."""
+NOISE_GREY: Final = 2.0
+"""Differences below say nothing: derived from read noise of 1.5 grey [grey]."""
 
 
 def of(value: Any, unit: str, meaning: str, source: str) -> Any:
@@ -133,7 +137,7 @@ class HealthLimits:
     blown_share: float = of(0.5, "share", "of blown pixels in an over-exposed image", STILLS)
     frozen_images: int = of(3, "images", "identical in a row: a sensor's noise never repeats", "derived")
     large_tag_px: float = of(60.0, "px", "smaller tags say nothing about focus and calibration", FLIGHTS)
-    drift_px: float = of(0.15, "px", "edge residual a right calibration does not leave", "0.03-0.1 in sharp images")
+    drift_px: float = of(0.15, "px", "residual of edges that nothing unmodelled leaves", "0.03-0.1 in sharp images")
     misfit_share: float = of(0.02, "share", "of its side a tag may be off where its file puts it", STILLS)
     misfit_px: float = of(1.0, "px", "the same at least: corners are loose, lenses bend edges", STILLS)
     misfit_reach: float = of(3.0, "sides", "a tag farther from the largest one is not judged", STILLS)
@@ -175,11 +179,11 @@ class SelfCalLimits:
 SELFCAL: Final = SelfCalLimits()
 
 
-Stage = Literal["decimate2", "decimate1", "log", "halflog", "linear", "equalised", "outline", "bright", "thorough"]
+Stage = Literal["decimate2", "decimate1", "log", "halflog", "linear", "outline", "bright", "highlight", "thorough"]
 """A way to search an image for tags."""
 
-LADDER: Final[tuple[Stage, ...]] = ("decimate2", "linear", "halflog", "log", "decimate1", "equalised", "outline")
-NEARBY: Final[tuple[tuple[Stage, ...], ...]] = (("decimate1",), ("linear", "log", "equalised"))
+LADDER: Final[tuple[Stage, ...]] = ("decimate2", "linear", "halflog", "log", "decimate1", "outline")
+NEARBY: Final[tuple[tuple[Stage, ...], ...]] = (("decimate1",), ("linear", "log"))
 
 
 @dataclass(frozen=True, slots=True)
@@ -190,7 +194,6 @@ class SearchLimits:
     nearby: tuple[tuple[Stage, ...], ...] = of(NEARBY, "", "around a prediction, in turn by images missed", EARNED)
     max_pixels: int = of(500_000, "px", "searched at once; more are shrunk", "cost: 9 ms on VGA, 1080p 33 % of that")
     thorough_every: int = of(2, "images", "between the searches beside the first one", "cost: 20 ms on VGA")
-    tile_px: float = of(70.0, "px", "neighbourhood in which `equalised` spreads grey values", STILLS)
     tone: float = of(1.8, "power", "of grey that `linear` takes for light", "decodes at gamma 1 to 2.2, 6-8 m")
     highlight: float = of(12.0, "power", "of grey that leaves ink in a highlight dark", "ink of 230: 65 posed; 8: 32")
     highlight_px: int = of(400, "px", "blown pixels that may be a print in a highlight", "derived: 16 cells of 5 px")
@@ -216,7 +219,6 @@ class ReadLimits:
     paper_share: float = of(0.2, "share", "unsaturated white cells that make saturated ones a highlight", STILLS)
     start_match: float = of(0.4, "correlation", "of cells from where a fit finds its place", "97 % above, 41 % below")
     rise: float = of(0.1, "share", "of the mean rise between neighbours from which a rise counts", STILLS)
-    rise_grey: float = of(2.0, "grey", "the same at least", NOISE)
 
 
 @dataclass(frozen=True, slots=True)
@@ -261,7 +263,7 @@ class Agreement:
     """Share of a fit's measurements that agree with it; `TrackerSection.min_inlier_fraction` is the least."""
 
     blind: float = of(0.6, "share", "without an attitude that could contradict", BLIND)
-    whole: float = of(0.9, "share", "where nothing lies over the target; a faked border leaves fewer", EARNED)
+    whole: float = of(0.9, "share", "of a target, or its seen edges, without a cover; a faked border: fewer", EARNED)
     power: int = of(
         4, "", "variance over share**power in what images in a row teach: they share it", "a wrong pose, set 17 million"
     )
@@ -289,7 +291,6 @@ class EdgeLimits:
     max_move: float = of(0.2, "share", "of the range; a fit that moves farther ran away", FLIGHTS)
     max_move_m: float = of(0.02, "m", "and so much more (edges only)", FLIGHTS)
     settled_px: float = of(0.08, "px", "a step that moves samples less ends the fit", "below a located edge's error")
-    on_its_way2: float = of(22.5, "", "squared length of a step no jagged pixels ask for", "chi-square(6), 1 in 1000")
     tukey: float = of(4.685, "deviations", "outlier bound", "95 % efficiency; Holland and Welsch 1977")
     counted: float = of(0.1, "weight", "from which a sample agrees", "derived: 83 % of the outlier bound")
     first_scale_px: float = of(0.15, "px", "least deviation believed in the first iteration", FLIGHTS)
@@ -317,7 +318,6 @@ class EdgeLimits:
     unknown_speed: float = of(1.0, "m/s", "across the line of sight, where no track knows it", FLIGHTS)
     attitude_noise: float = of(radians(0.1), "rad", "of one reported attitude, each axis", "its last digit is .1 deg")
     known_climbing_sd: float = of(0.1, "m/s", "along the optical axis, where a track knows it", FLIGHTS)
-    clean_px: float = of(0.15, "px", "residual one way below which edges have not melted", "0 of 49 smeared were off")
     noisy_px: float = of(0.25, "px", "residual from which noise hides edges that all pixels show", "dusk: 0.4-0.9 px")
     systematic_px: float = of(0.01, "px", "interpolation error that does not average out", "noise-free stills")
 
@@ -330,13 +330,11 @@ class PhotoLimits:
     max_window_px: int = of(160, "px", "larger prints have edges, and pixels that cost time", STILLS)
     outlier: float = of(4.0, "deviations", "from which a pixel loses weight", STILLS)
     counted: float = of(0.5, "weight", "from which a pixel agrees", "derived: 5.7 deviations")
-    quiet_grey: float = of(2.0, "grey", "residuals below are equally good when rivals compare", NOISE)
     lost_grey: float = of(60.0, "grey", "residuals above are equally bad", BLIND)
     margin_cells: float = of(0.3, "cells", "rim of the quiet zone that is left out", STILLS)
     start_match: float = of(0.3, "correlation", "of a start that leads to its place", "0.34 and more, development")
     found_match: float = of(0.7, "correlation", "of one of several prints that is found as a whole", STILLS)
     polish_match: float = of(0.95, "correlation", "of model and image where the model holds", STILLS)
-    same_mahalanobis2: float = of(22.5, "", "farther apart two fits contradict each other", "chi-square(6), 1 in 1000")
 
 
 @dataclass(frozen=True, slots=True)
@@ -346,7 +344,6 @@ class EvidenceLimits:
     seen_contrast: float = of(0.5, "share", "of the clear edges' contrast from which one is seen", STILLS)
     least_scale_px: float = of(0.1, "px", "located edges scatter at least so much", STILLS)
     outlier: float = of(4.0, "deviations", "from which an edge disagrees", STILLS)
-    min_agreeing: float = of(0.9, "share", "of seen edges that a right pose explains", "0.94 and more, development")
     agreeing_beside: float = of(0.75, "share", "the same of a pose with few edges", "0.81 and more; beside it 0.4-0.71")
     min_seen: float = of(0.4, "share", "of the edges in view that is seen", STILLS)
     max_leverage: float = of(radians(0.4), "rad", "turn by one line of edges", "right < 0.3, wrong > 0.48 deg")

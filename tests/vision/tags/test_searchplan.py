@@ -6,17 +6,18 @@ import cv2
 import numpy as np
 import pytest
 
-from mkdaemon.vision.limits import LIMITS
+from mkdaemon.vision.limits import LIMITS, Stage
 from mkdaemon.vision.tags.detector import ARUCO_LADDER, Detector
 from mkdaemon.vision.tags.searchplan import (
+    IN_HIGHLIGHTS,
     SMALL_TAG_STAGES,
     TILE,
     Look,
-    every_second,
     first_of,
     looks_of,
     shrink,
     shrinking,
+    with_highlights,
 )
 from mkdaemon.vision.tags.tagfamily import cells
 from tests.vision.tags.test_detector import printed
@@ -37,20 +38,20 @@ def test_a_detector_with_other_searches_has_its_own_first_ones() -> None:
     assert looks_of(640, 480, ARUCO_LADDER) == (Look("outline"),)
 
 
-def test_a_search_that_has_every_second_turn_takes_none_from_the_others() -> None:
-    looks = looks_of(1280, 720, STAGES)
-    often = every_second(looks, "outline")
-    assert [look.stage for look in often[::2]] == ["outline"] * len(often[1::2])
-    assert often[1::2] == tuple(look for look in looks if look.stage != "outline")
-    assert every_second(looks_of(640, 480, ARUCO_LADDER), "outline") == (Look("outline"),)
+@pytest.mark.parametrize("stages", [STAGES, ARUCO_LADDER])
+def test_highlights_have_every_second_turn_and_take_none_from_the_others(stages: tuple[Stage, ...]) -> None:
+    looks = looks_of(1280, 720, stages)
+    often = with_highlights(looks, IN_HIGHLIGHTS)
+    assert {look.stage for look in often[::2]} == set(IN_HIGHLIGHTS)
+    assert often[1 : 2 * len(looks) : 2] == looks
 
 
-def test_blown_pixels_give_the_search_in_highlights_every_second_turn() -> None:
+def test_blown_pixels_bring_the_searches_in_highlights() -> None:
     detector = Detector({"tag36h11": frozenset({1})})
     ground = np.full((480, 640), 100, np.uint8)
     blown = ground.copy()
     blown[:40, :40] = 255
-    assert [sum(look.stage == "outline" for look in detector.looks(image)) for image in (ground, blown)] == [1, 3]
+    assert [sum(look.stage in IN_HIGHLIGHTS for look in detector.looks(image)) for image in (ground, blown)] == [0, 6]
 
 
 @pytest.mark.parametrize("size", SIZES)

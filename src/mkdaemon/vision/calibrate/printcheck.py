@@ -30,7 +30,7 @@ from mkdaemon.vision.tags.tagmap import Tag, TagMap, Target
 Array = npt.NDArray[np.float64]
 Grey = npt.NDArray[np.uint8]
 
-STAGES: Final[tuple[Stage, ...]] = ("decimate1", "log", "decimate2", "equalised", "linear")
+STAGES: Final[tuple[Stage, ...]] = ("decimate1", "log", "decimate2", "linear")
 """Searches for whole tags, thorough first."""
 ALONG: Final = 25
 """Places along a side where its edge is measured."""

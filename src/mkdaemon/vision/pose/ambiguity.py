@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final, Literal
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -17,9 +17,6 @@ from mkdaemon.vision.limits import LIMITS, Limits
 from mkdaemon.vision.pose.pose import Pose, angle_between
 
 Array = npt.NDArray[np.float64]
-EXPLAINED_PX: Final = 0.15
-"""What neighbours share of the residual of a grey-value fit, as a shift of edges, that leaves nothing unmodelled: then
-nothing takes sides [px]."""
 Decision = Literal["unique", "image", "attitude", "track"]
 
 
@@ -128,7 +125,7 @@ def prefers(first: Pose, second: Pose, limits: Limits) -> bool:
 def _is_explained(first: Pose, second: Pose, limits: Limits) -> bool:
     """Whether a fit to grey values leaves no more than noise: then nothing unmodelled takes sides."""
     grey = first.source == "photometric" and second.source == "photometric"
-    quiet = first.unexplained_px <= EXPLAINED_PX
+    quiet = first.unexplained_px <= limits.health.drift_px
     return grey and quiet and first.inliers >= limits.agreement.whole
 
 

@@ -29,7 +29,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from mkdaemon.vision.limits import LIMITS, EdgeLimits, Limits
+from mkdaemon.vision.limits import APART2, LIMITS, EdgeLimits, Limits
 from mkdaemon.vision.pose.bend import BENT, RISES, BentPrint
 from mkdaemon.vision.pose.blown import EdgeSides
 from mkdaemon.vision.pose.edgefind import FoundEdges, Samples, find_edges, without_glare
@@ -373,7 +373,7 @@ class EdgeFit:
             is_cut = edges.widest > CUT * reach
             to_go = step[:6]
             is_longer = last is not None and k > len(limits.reach_px) - 1 and moved > before and not is_cut
-            if is_longer and now.length2 < limits.on_its_way2:
+            if is_longer and now.length2 < APART2:
                 # Edges of jagged pixels answer more than a move asks: the step before was nearer.
                 break
             last, weighed_px = now, system.bend_px

@@ -23,7 +23,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from mkdaemon.vision.limits import LIMITS, EvidenceLimits, Limits
+from mkdaemon.vision.limits import APART2, LIMITS, Limits
 from mkdaemon.vision.pose.bend import Bend
 from mkdaemon.vision.pose.edgefind import HALF_WIDTH
 from mkdaemon.vision.pose.edgefit import EdgeFit, Level
@@ -132,10 +132,10 @@ class Evidence:
     agreeing: float
     leverage: float
 
-    def supports(self, limits: EvidenceLimits) -> bool:
+    def supports(self, limits: Limits) -> bool:
         """Whether the pose can be believed with parts of the target hidden."""
-        agrees = self.seen >= limits.min_seen and self.agreeing >= limits.min_agreeing
-        return agrees and self.leverage <= limits.max_leverage
+        agrees = self.seen >= limits.evidence.min_seen and self.agreeing >= limits.agreement.whole
+        return agrees and self.leverage <= limits.evidence.max_leverage
 
 
 class EdgeEvidence:
@@ -211,6 +211,8 @@ WHOLE_ROOM_PX = 6.0
 MIXED_STEPS = 10
 """Of the fit to grey values after one to edges, as the width of the edges gives it a start: a streak of 30 px takes six
 to grow (351 development images with motion blur; eight explained 5 images less)."""
+GREY_EFFORT = 4
+"""A fit to grey values takes so many times as long as one to edges: 4 to 20 ms, on VGA."""
 CONFIRMED_BY = 3
 """Prints that fix a plane."""
 DECODED_CELL_PX = 3
@@ -224,10 +226,14 @@ class TargetFitter:
         target: that is measured.
         shutter: what is known of the camera's line time.
         bend_known: what is known about the bend of the print.
+        effort: spent on the newest image, in fits to edges; one to grey values takes as long as `GREY_EFFORT`.
     """
 
     def __init__(self, target: Target, projection: Projection, limits: Limits = LIMITS) -> None:
         self.target = target
+        self.effort = 0
+        self._image: Grey | None = None
+        self._mirrored: list[tuple[Pose, Pose | None]] = []
         self.shutter = projection.shutter
         self._projection = projection
         self._limits = limits
@@ -243,6 +249,12 @@ class TargetFitter:
         self._outline = np.concatenate(
             [tag.place(square * half) for tag, half in zip(target.tags, papers, strict=True)]
         )
+
+    def begin(self, pixels: Grey) -> None:
+        """Begin with another image: nothing is spent on it, and nothing known of it."""
+        self.effort = 0
+        self._image = pixels
+        self._mirrored = []
 
     def cold(
         self,
@@ -341,7 +353,7 @@ class TargetFitter:
         wide the edges are, but not all of them agree.
         """
         limits, cell_px = self._limits, self._photo.prints.cell_px(pose)
-        if pose.widest_px is None or pose.ragged_px is None or pose.ragged_px < limits.edges.clean_px:
+        if pose.widest_px is None or pose.ragged_px is None or pose.ragged_px < limits.health.drift_px:
             return False
         is_torn = pose.inliers < limits.agreement.whole and cell_px < limits.cells.small_px
         return is_torn or cell_px < limits.cells.melted_widths * pose.widest_px
@@ -351,17 +363,20 @@ class TargetFitter:
         turned = np.asarray(cv2.Rodrigues(other.rotation @ pose.rotation.T)[0], dtype=np.float64).ravel()
         apart = np.concatenate([other.position - pose.position, turned])
         distance2 = float(apart @ np.linalg.solve(pose.covariance + other.covariance, apart))
-        doubt = distance2 if distance2 > self._limits.photo.same_mahalanobis2 else 1.0
+        doubt = distance2 if distance2 > APART2 else 1.0
         return replace(pose, covariance=doubt * pose.covariance)
 
     def _fit_from(self, pixels: Grey, start: Pose, blur_px: float, level: Level | None = None) -> Pose | None:
         """Fit grey values from a point spread that is known nearly."""
+        self.effort += GREY_EFFORT
         fitted = self._photo.fit(pixels, start, MIXED_STEPS, level, blur_px)
         return fitted if fitted is not None and np.isfinite(fitted.rms_px) else None
 
     def _fit(self, pixels: Grey, start: Pose, *, photometric: bool, level: Level | None = None) -> Pose | None:
         if not photometric:
+            self.effort += 1
             return self._edges.fit(pixels, start, level=level)
+        self.effort += GREY_EFFORT
         fitted = self._photo.fit(pixels, start, level=level)
         return fitted if fitted is not None and np.isfinite(fitted.rms_px) else None
 
@@ -387,7 +402,7 @@ class TargetFitter:
     def is_supported(self, pixels: Grey, pose: Pose) -> bool:
         """Whether the edges that are seen support a pose with parts of the target hidden."""
         evidence = self._evidence.measure(pixels, pose)
-        return evidence is not None and evidence.supports(self._limits.evidence)
+        return evidence is not None and evidence.supports(self._limits)
 
     def explains_seen_edges(self, pixels: Grey, pose: Pose) -> bool:
         """Whether the edges that are seen lie where a pose puts them, however many are hidden."""
@@ -395,11 +410,20 @@ class TargetFitter:
         return evidence is not None and evidence.agreeing >= self._limits.evidence.agreeing_beside
 
     def fit_mirrored(self, pixels: Grey, pose: Pose) -> Pose | None:
-        """Fit the rival of a pose: the same place, the normal mirrored about the line of sight.
+        """Fit the rival of a pose: the same place, the normal mirrored about the line of sight; once an image.
 
         Returns:
             The rival, which may be `pose` again; none when it fits nothing.
         """
+        if pixels is not self._image:
+            return self._fit_mirrored(pixels, pose)
+        for known, rival in self._mirrored:
+            if known is pose:
+                return rival
+        self._mirrored.append((pose, self._fit_mirrored(pixels, pose)))
+        return self._mirrored[-1][1]
+
+    def _fit_mirrored(self, pixels: Grey, pose: Pose) -> Pose | None:
         origin, toward, tilt = self._photo.prints.looked_at(pose)
         axis = np.cross(pose.rotation[:, 2], toward)
         turned = np.asarray(cv2.Rodrigues(axis / max(float(np.linalg.norm(axis)), 1e-9) * 2 * tilt)[0]) @ pose.rotation

@@ -23,7 +23,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from mkdaemon.vision.limits import LIMITS, Limits
+from mkdaemon.vision.limits import APART2, LIMITS, Limits
 from mkdaemon.vision.pose.bend import RISES
 from mkdaemon.vision.pose.edgefit import Level
 from mkdaemon.vision.pose.photostep import MOTION, SPREAD, PhotoState, PhotoStepper
@@ -214,7 +214,7 @@ class PhotoFit:
             return pose
         turned = np.asarray(cv2.Rodrigues(grey.rotation @ pose.rotation.T)[0], dtype=np.float64).ravel()
         apart = np.concatenate([grey.position - pose.position, turned])
-        objects = float(apart @ np.linalg.solve(pose.covariance, apart)) > limits.photo.same_mahalanobis2
+        objects = float(apart @ np.linalg.solve(pose.covariance, apart)) > APART2
         if objects and cell_px >= limits.cells.mixed_px:
             return pose
         return replace(pose, rotation=grey.rotation, position=grey.position, covariance=grey.covariance, bend=grey.bend)

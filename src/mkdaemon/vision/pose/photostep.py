@@ -21,7 +21,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from mkdaemon.vision.limits import Limits, ReadLimits
+from mkdaemon.vision.limits import NOISE_GREY, Limits, ReadLimits
 from mkdaemon.vision.pose.bend import RISES, Bend
 from mkdaemon.vision.pose.edgefit import Level
 from mkdaemon.vision.pose.edgestep import MAD, damped
@@ -457,7 +457,7 @@ class PhotoStepper:
         steepness = sqrt(sum(part.steepness**2 * part.residual.size for part in parts) / size.size)
         # Clarity of mean logarithm zero: a cost by which two states compare, each with a clarity of its own.
         comparable = cost * float(np.exp(-2.0 * np.mean(np.log(weighed.clear)))) * (1.0 + surprise / size.size)
-        squared = np.minimum(size, limits.lost_grey) ** 2 + limits.quiet_grey**2
+        squared = np.minimum(size, limits.lost_grey) ** 2 + NOISE_GREY**2
         is_positive = all(part.brightness > 0.0 for part in parts)
         return Pose(
             state.rotation,

@@ -7,9 +7,8 @@ The image as a search sees it: other tones for shadows, tone curves and highligh
 
 from __future__ import annotations
 
-import itertools
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Literal
 
@@ -25,7 +24,16 @@ from mkdaemon.vision.tags.cellread import quiet_sides, read_code
 from mkdaemon.vision.tags.coderead import Covered
 from mkdaemon.vision.tags.detection import Detection, Search
 from mkdaemon.vision.tags.outline import OutlineSearch
-from mkdaemon.vision.tags.searchplan import FIRST, Look, every_second, first_of, looks_of, shrink, shrinking
+from mkdaemon.vision.tags.searchplan import (
+    FIRST,
+    IN_HIGHLIGHTS,
+    Look,
+    first_of,
+    looks_of,
+    shrink,
+    shrinking,
+    with_highlights,
+)
 from mkdaemon.vision.tags.tagfamily import FAMILIES, find_family
 
 if TYPE_CHECKING:
@@ -98,12 +106,11 @@ def prepare(pixels: Grey, stage: Stage) -> npt.NDArray[np.generic]:
         return cv2.LUT(pixels, _LIGHT_LUT)
     if stage == "bright":
         return cv2.LUT(pixels, _BRIGHT_LUT)
-    if stage == "equalised":
-        tiles = [max(round(length / LIMITS.search.tile_px), 2) for length in (pixels.shape[1], pixels.shape[0])]
-        return cv2.createCLAHE(4.0, (tiles[0], tiles[1])).apply(pixels)
     return pixels
 
 
+BROKEN: tuple[Stage, ...] = ("outline", "highlight")
+"""Searches for broken outlines."""
 SIDES = 4
 """Of a tag; all of them have to be quiet."""
 AROUND = 0.3
@@ -130,7 +137,7 @@ class AprilTagSearch:
     def find(self, pixels: Grey, stage: Stage) -> list[Detection]:
         """All codes libapriltag sees, in our corner order and pixel convention."""
         image = np.asarray(prepare(pixels, stage), dtype=np.uint8, order="C")
-        decimate = 2.0 if stage in (*FIRST, "equalised") else 1.0
+        decimate = 2.0 if stage in FIRST else 1.0
         found = self._read(apriltaglib.detector(self._families, decimate, refine=True), image, stage)
         return self._merge(found, image) if stage == "thorough" else found
 
@@ -213,9 +220,11 @@ class Detector:
         classic = {name: ids for name, ids in self._whitelist.items() if not find_family(name).is_inverted}
         self._outline = OutlineSearch(classic, covered or {})
         self.stages: tuple[Stage, ...] = limits.search.ladder if backend == "apriltag" else ARUCO_LADDER
+        self._in_highlights = IN_HIGHLIGHTS
         if not classic:
-            # It starts from the outline of something black, and an inverted tag has data there.
-            self.stages = tuple(stage for stage in self.stages if stage != "outline")
+            # They start from the outline of something black, and an inverted tag has data there.
+            self.stages = tuple(stage for stage in self.stages if stage not in BROKEN)
+            self._in_highlights = tuple(stage for stage in IN_HIGHLIGHTS if stage not in BROKEN)
 
     def search(self, pixels: Grey, stage: Stage, roi: tuple[int, int, int, int] | None = None) -> list[Detection]:
         """Run one search.
@@ -232,14 +241,11 @@ class Detector:
         x0, y0, x1, y1 = frame = roi or (0, 0, width, height)
         part = pixels[y0:y1, x0:x1]
         best: dict[tuple[str, int], Detection] = {}
-        for ways in self._find(part, stage):
-            for found in ways:
-                moved = replace(found, corners=found.corners + np.array([x0, y0]))
-                key = (moved.family, moved.tag_id)
-                if (key not in best or _rank(moved) > _rank(best[key])) and self._accepts(pixels, moved, frame):
-                    best[key] = moved
-            if best:
-                break
+        for found in self._find(part, stage):
+            moved = replace(found, corners=found.corners + np.array([x0, y0]))
+            key = (moved.family, moved.tag_id)
+            if (key not in best or _rank(moved) > _rank(best[key])) and self._accepts(pixels, moved, frame):
+                best[key] = moved
         return list(best.values())
 
     def search_shrunk(
@@ -271,8 +277,7 @@ class Detector:
     def search_all(self, pixels: Grey, stage: Stage = "thorough") -> list[Detection]:
         """Every accepted tag of one search, also several with the same code."""
         frame = (0, 0, pixels.shape[1], pixels.shape[0])
-        found = itertools.chain.from_iterable(self._find(pixels, stage))
-        return [tag for tag in found if self._accepts(pixels, tag, frame)]
+        return [tag for tag in self._find(pixels, stage) if self._accepts(pixels, tag, frame)]
 
     def search_ladder(self, pixels: Grey) -> list[Detection]:
         """Search from cheap to thorough until something is found."""
@@ -283,27 +288,22 @@ class Detector:
         return []
 
     def looks(self, pixels: Grey) -> tuple[Look, ...]:
-        """The searches of an image that take turns beside the first ones; where much is blown, one sees highlights."""
+        """The searches of an image that take turns beside the first ones, those in highlights where much is blown."""
         height, width = pixels.shape
         looks = looks_of(width, height, self.stages)
         if np.count_nonzero(pixels >= LIMITS.read.saturated) < LIMITS.search.highlight_px:
             return looks
-        return every_second(looks, "outline")
+        return with_highlights(looks, self._in_highlights)
 
-    def _find(self, pixels: Grey, stage: Stage) -> Iterator[list[Detection]]:
-        """The ways of one search, each where the ones before led to nothing.
-
-        A part has to be large enough for a tag: libapriltag crashes on images of a few rows.
-        """
+    def _find(self, pixels: Grey, stage: Stage) -> list[Detection]:
+        """What one search sees; nothing in a few rows, on which libapriltag crashes."""
         if min(pixels.shape) < LIMITS.search.min_window_px:
-            return
-        if stage != "outline":
-            yield self._search.find(pixels, stage)
-            return
-        yield self._outline.find(pixels, stage)
-        if int(pixels.max()) >= LIMITS.read.saturated:
-            yield self._search.find(pixels, "bright")
-            yield self._outline.find_in_highlight(pixels, stage)
+            return []
+        if stage == "outline":
+            return self._outline.find(pixels, stage)
+        if stage == "highlight":
+            return self._outline.find_in_highlight(pixels, stage)
+        return self._search.find(pixels, stage)
 
     def _allowed_hamming(self, name: str, ids: int) -> int:
         """Most corrected bits that keep the chance of a random quad within bounds (four rotations, all codes)."""
@@ -324,7 +324,7 @@ class Detector:
         if found.tag_id not in self._whitelist.get(found.family, frozenset()):
             return False
         # A broken outline was judged by the chance of its code: wrong cells may be covered ones, as may the quiet zone.
-        broken = found.stage == "outline"
+        broken = found.stage in BROKEN
         if found.hamming > self._max_hamming[found.family] * (2 if broken else 1):
             return False
         # Other images than the camera's have contrast on their own scale; hamming and quiet zone judge the bits there.

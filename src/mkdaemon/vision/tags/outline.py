@@ -132,6 +132,8 @@ def _combs(pixels: Grey, quads: Sequence[Array], n: int) -> Array:
 
 Ints = npt.NDArray[np.int32]
 
+SPECK_PX = 3
+"""Side of the window whose median a pixel of dark and light is."""
 MAX_BLOBS = 12
 """Blobs with the longest hulls that are tried."""
 POINTS_OF_LEAST = 0.7
@@ -158,7 +160,8 @@ class OutlineSearch:
     def find(self, pixels: Grey, stage: Stage) -> list[Detection]:
         """All codes whose readable cells agree beyond chance, in an image of dark and light."""
         _, dark = cv2.threshold(pixels, 0, 255, cv2.THRESH_BINARY_INV | cv2.THRESH_OTSU)
-        return self._read(pixels, np.asarray(dark, dtype=np.uint8), stage)
+        # Specks have outlines too, thousands in noise or on a lawn.
+        return self._read(pixels, np.asarray(cv2.medianBlur(dark, SPECK_PX), dtype=np.uint8), stage)
 
     def find_in_highlight(self, pixels: Grey, stage: Stage) -> list[Detection]:
         """The same where a highlight makes ink brighter than paper is elsewhere.
@@ -173,6 +176,7 @@ class OutlineSearch:
 
     def _read(self, pixels: Grey, dark: Grey, stage: Stage) -> list[Detection]:
         """The codes inside of dark outlines; of quads around the same tag the sharpest."""
+        # Holes too: where something dark over a side joins a tag to dark ground, its sides bound the paper around it.
         outlines, _ = cv2.findContours(dark, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
         least = 3 * OUTLINE.min_side_px  # three sides
         long = [np.asarray(outline, dtype=np.int32) for outline in outlines if len(outline) > least * POINTS_OF_LEAST]
@@ -192,9 +196,7 @@ class OutlineSearch:
 
     def _quads_of(self, pixels: Grey, outline: Ints, around: float) -> Iterator[Array]:
         """Quads that an outline may belong to, the likeliest first; `around` is the length of its hull [px]."""
-        lines = lines_of(outline)
-        if sum(line.length for line in lines) < OUTLINE.min_support * HULL_SHARE * around:
-            return
+        lines = lines_of(outline, OUTLINE.min_support * HULL_SHARE * around)
         sides = facing(lines)
         rated = _quads(lines, sides)
         yield from (quad for _, quad in rated)

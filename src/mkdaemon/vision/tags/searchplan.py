@@ -1,5 +1,8 @@
 """Searching the whole image at a bounded cost: what is searched in each image until every search has had its turn.
 
+There are four ways to find a tag: grey values and logarithms, at half and at full resolution, light at half, and broken
+outlines. Where pixels are blown there are two more: the brightest grey values, and broken outlines in them.
+
 A search takes time in proportion to the pixels. The first search of every image therefore sees it shrunk to at most
 `max_pixels`, and one other search joins it in every image of `thorough_every`: the other stages on the shrunk image,
 and, in turn with them, those for small tags on tiles of less shrunk levels. A tag that is too small on one level fits
@@ -38,6 +41,8 @@ FINER: Final = 3
 """Ratio of neighbouring levels, at most."""
 SMALL_TAG_STAGES: Final[tuple[Stage, ...]] = ("decimate1", "log")
 """Searches for small tags; the others need tags that are large on the coarsest level too."""
+IN_HIGHLIGHTS: Final[tuple[Stage, ...]] = ("bright", "highlight")
+"""Searches of images with blown pixels, in turn with the others."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,10 +85,11 @@ def looks_of(width: int, height: int, stages: Sequence[Stage]) -> tuple[Look, ..
     return tuple(look for tile in tiles for look in (next(turns), tile))
 
 
-def every_second(looks: Sequence[Look], stage: Stage) -> tuple[Look, ...]:
-    """The same searches with one stage before each of the others: it has every second turn."""
-    favoured = [look for look in looks if look.stage == stage][:1]
-    return tuple(turn for look in looks if look.stage != stage for turn in (*favoured, look)) or tuple(looks)
+def with_highlights(looks: Sequence[Look], stages: Sequence[Stage]) -> tuple[Look, ...]:
+    """The same searches with one of an image with highlights before each of them."""
+    every = [*looks, *looks] if len(looks) % len(stages) else looks
+    turns = itertools.cycle(Look(stage) for stage in stages)
+    return tuple(turn for look in every for turn in (next(turns), look))
 
 
 def first_of(stages: Sequence[Stage]) -> Sequence[Stage]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
-from itertools import chain, tee
+from itertools import chain, islice, tee
 from math import exp
 from typing import Final
 
@@ -30,6 +30,7 @@ from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.pose.rolling import motion_of
 from mkdaemon.vision.tags.detection import Detection
 from mkdaemon.vision.tags.detector import Detector
+from mkdaemon.vision.tags.searchplan import FIRST
 from mkdaemon.vision.tags.tagmap import Tag, Target
 from mkdaemon.vision.track.alarms import ImageHealth
 from mkdaemon.vision.track.attitude import Mounting
@@ -47,7 +48,11 @@ Grey = npt.NDArray[np.uint8]
 Window = tuple[int, int, int, int]
 """`(x0, y0, x1, y1)` [px], end exclusive."""
 REDECODED: Final[tuple[Stage, ...]] = ("decimate1", "linear", "log")
-"""How a followed target is decoded again."""
+"""How a small followed target is decoded again, in turn."""
+LARGE_PX: Final = 160
+"""Side of a window from which half the resolution reads a target: 4 px a cell where its tag fills the window."""
+MOST_EFFORT: Final = 12
+"""Spent on an image from which no other start is fitted, in fits to edges: 40 ms."""
 
 
 class OwnSearch:
@@ -61,14 +66,15 @@ class OwnSearch:
 
     def __init__(self, target: Target, detector: Detector, limits: Limits) -> None:
         self._target, self._detector, self._limits = target, detector, limits
+        self._turn = 0
 
     def again(self, pixels: Grey, window: Window) -> list[Detection]:
-        """Tags of a part of the image, searched as it is and in light."""
-        for stage in REDECODED:
-            found = self._detector.search_shrunk(pixels, stage, window)
-            if self.own(found):
-                return found
-        return []
+        """Tags of a part of the image; a search that finds none of the target's leaves the turn to another one."""
+        x0, y0, x1, y1 = window
+        ways = FIRST if min(x1 - x0, y1 - y0) >= LARGE_PX else REDECODED
+        found = self._detector.search_shrunk(pixels, ways[self._turn % len(ways)], window)
+        self._turn += not self.own(found)
+        return found
 
     def nearby(self, pixels: Grey, window: Window, misses: int) -> list[Detection]:
         """Tags of a part of the image, searched in another way after every miss."""
@@ -261,24 +267,35 @@ class Follower:
 
     def follow(self, frame: Frame) -> None:
         """Try to find the target where it should be."""
+        self._fitter.begin(frame.sight.pixels)
         track, now = self.track, frame.sight.time
         if track.is_live and not 0.0 < now - track.last_time < self._limits.track.max_gap:
             track.lose()
         if not track.is_live:
             return
         predicted = self._predicted(frame.sight)
-        if self._measured(frame, predicted.pose, self._starts.of(frame.sight.pixels, predicted)):
-            return
-        # An attitude that jumps, or has a swapped sign, turns a prediction away from a target that is where it was.
+        ways = [frame.sight]
         if predicted.has_attitude:
-            alone = self._predicted(frame.sight.without_attitude())
-            if self._measured(frame, alone.pose, self._starts.of(frame.sight.pixels, alone)):
+            # An attitude that jumps, or has a swapped sign, turns a prediction away from a target that is where it was.
+            ways.append(frame.sight.without_attitude())
+        for seen in ways:
+            expected = self._predicted(seen)
+            if self._measured(frame, expected.pose, self._affordable(self._starts.of(frame.sight.pixels, expected))):
                 return
         window = self._fitter.window(predicted.pose, frame.sight.pixels.shape)
         if window is not None:
             found = self._search.nearby(frame.sight.pixels, window, track.misses)
             frame.detections.extend(found)
             self.start(frame, found, "roi", None if track.in_doubt else predicted.pose)
+
+    def _affordable(self, starts: Iterator[Start]) -> Iterator[Start]:
+        """The likeliest start, and others until as much as an image may take is spent on it."""
+        yield from islice(starts, 1)
+        while self._fitter.effort < MOST_EFFORT:
+            start = next(starts, None)
+            if start is None:
+                return
+            yield start
 
     def _measured(self, frame: Frame, predicted: Pose, starts: Iterable[Start]) -> bool:
         """Whether the target is found from one of several starts; it is followed then, and published if believed."""
@@ -334,8 +351,7 @@ class Follower:
         turned = self._checks.level.turned(reported, pose) if pose is not None else None
         if pose is None or turned is None or reported.enu_from_flu is None:
             return False
-        is_whole = self._checks.is_whole(pose)
-        return witness.image_seen(reported.time, turned[0], reported.enu_from_flu, turned[1], is_whole=is_whole)
+        return witness.image_seen(reported.time, turned[0], reported.enu_from_flu, turned[1])
 
     def start_alone(self, frame: Frame) -> None:
         """Start from an image whose attitude was left out after it had refused what the image shows."""
@@ -373,6 +389,7 @@ class Follower:
         tags = self._search.own(found)
         if not tags:
             return
+        frame.started.add(self.name)
         seen, mounting = frame.sight, self._mounting
         candidates = self._fitter.cold(
             seen.pixels,

@@ -23,6 +23,7 @@ class Frame:
         poses: that are published.
         refused: why a target has none.
         contradicting: poses that the attitude alone refused; the image would have published them.
+        started: targets whose decoded tags were judged.
     """
 
     image: CameraImage
@@ -31,6 +32,7 @@ class Frame:
     poses: list[TargetPose] = field(default_factory=list)
     refused: dict[str, PoseRefusal] = field(default_factory=dict)
     contradicting: dict[str, Pose] = field(default_factory=dict)
+    started: set[str] = field(default_factory=set)
     _followed: set[str] = field(default_factory=set)
 
     def follow(self, name: str, refused: PoseRefusal) -> None:

@@ -63,6 +63,7 @@ class Judge:
         if pose is not None and checks.has_few_edges(pose):
             # Where the start was half a cell off, another one fits better.
             pose = self._refit(seen, pose, others, held)
+        is_held, fitted = held is not None and start.rotation is predicted.rotation, pose
         alone = without_normal(pose, held.up, held.spread) if pose is not None and held is not None else None
         if alone is not None:
             pose, held = alone, None
@@ -82,7 +83,9 @@ class Judge:
         if vertical is not None and contradicting is None:
             # A free fit may follow something lying over the target, and agrees with the image no better then: hold the
             # tilt and try again.
-            leaning = self._fitter.refine(seen.pixels, replace(start, rotation=predicted.rotation), vertical)
+            leaning = fitted
+            if not is_held:
+                leaning = self._fitter.refine(seen.pixels, replace(start, rotation=predicted.rotation), vertical)
             leans = leaning is not None and checks.refusal(seen, leaning, predicted) is None
             off = pose if refused is PoseRefusal.ATTITUDE else None
             if leaning is not None and leans and (off is None or not prefers(off, leaning, self._limits)):

@@ -138,7 +138,8 @@ class Tracker:
 
     def _search_missing(self, frame: Frame) -> None:
         """Look for what is still missing in the whole image."""
-        missing = [follower for follower in self.followers if not frame.has(follower.name)]
+        known = frame.started
+        missing = [one for one in self.followers if not frame.has(one.name) and one.name not in known]
         if not missing or (frame.poses and self._count % self._limits.track.search_every):
             return
         # Right after a miss the prediction is still good; the whole image comes when the neighbourhood gave nothing.

@@ -22,21 +22,15 @@ Array = npt.NDArray[np.float64]
 
 LOOKS: Final = 10
 """Newest images that tell whether the attitude is right."""
-AGAINST: Final = 6
-"""Weight of those that contradict which leaves it out: an image that something lies over misleads for a moment.
+FEWEST: Final = 3
+"""Of them that contradict which leave it out: what lies over a target misleads neighbouring images alike.
 
 A right attitude was contradicted in none of 2,500 images (development flights, half of them with something wrong).
 """
-FEWEST: Final = 2
-"""Turns that may agree with each other."""
 LEAST_SCATTER: Final = 1e-12
 """Of turns, squared [rad^2]."""
 CHANCE: Final = 1e-4
 """Probability that turns which have nothing in common have so large a mean; of all beginnings one in a thousand."""
-PARTLY, WHOLE = 2, 3
-"""Weight of an image: three leave the attitude out, two where nearly all edges agree and it is far off."""
-FAR: Final = 2.0
-"""Angle over the largest one that is believed, from which it is: a deck tilted a little more than expected is not."""
 RECENT: Final = 3.0
 """Images older than this tell nothing about now [s]."""
 BACK_LOOKS: Final = 15
@@ -49,10 +43,10 @@ FORGET: Final = 10.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Look:
-    """What one image says: when, how heavily against the attitude, how the normal is turned in both frames `(2, 2)`."""
+    """What one image says: when, whether against the attitude, how the normal is turned in both frames `(2, 2)`."""
 
     time: float
-    weight: int
+    contradicts: bool
     turned: Array
 
 
@@ -76,9 +70,7 @@ class AttitudeWitness:
         """By how much the attitude was off in images that contradicted it, median [deg]; 0 without any."""
         return degrees(float(np.median(self._off))) if self._off else 0.0
 
-    def image_seen(
-        self, time: float, turned_enu: Array, enu_from_flu: Array, gate: float, *, is_whole: bool = False
-    ) -> bool:
+    def image_seen(self, time: float, turned_enu: Array, enu_from_flu: Array, gate: float) -> bool:
         """Take in an image that tells.
 
         Args:
@@ -86,7 +78,6 @@ class AttitudeWitness:
             turned_enu: rotation vector from the target's normal by the attitude to that by the image `(3,)` [rad; ENU].
             enu_from_flu: the attitude then `(3, 3)`.
             gate: largest angle that is believed [rad].
-            is_whole: whether nearly all edges of the target agree.
 
         Returns:
             Whether the attitude is left out from this image on, and was not before.
@@ -99,9 +90,8 @@ class AttitudeWitness:
         if self.contradicts:
             self._weigh_return(time, agrees)
             return False
-        weight = WHOLE if is_whole and off > FAR * gate else PARTLY
         turned = np.stack([turned_enu[:2], (enu_from_flu.T @ turned_enu)[:2]])
-        self._looks.append(_Look(time, 0 if agrees else weight, turned))
+        self._looks.append(_Look(time, not agrees, turned))
         recent = [look for look in self._looks if time - look.time < RECENT]
         # However long it was right before: the newest images alone may tell.
         self.contradicts = any(_agree(recent[k:]) for k in range(len(recent)))
@@ -139,7 +129,7 @@ def _agree(looks: list[_Look]) -> bool:
     probability (1 + F / (n - 1))^-(n - 1).
     """
     n = len(looks)
-    if n < FEWEST or sum(look.weight for look in looks) < AGAINST:
+    if sum(look.contradicts for look in looks) < FEWEST:
         return False
     turned = np.array([look.turned for look in looks])
     mean = turned.mean(axis=0)

@@ -1,0 +1,59 @@
+"""What following a target may take of an image's time."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from mkdaemon.vision.camera.image import CameraImage
+from mkdaemon.vision.limits import LIMITS
+from mkdaemon.vision.tags.detection import Detection
+from mkdaemon.vision.tags.searchplan import FIRST
+from mkdaemon.vision.tags.tagmap import TagMap
+from mkdaemon.vision.track.attitude import LOOKING_DOWN
+from mkdaemon.vision.track.follower import LARGE_PX, MOST_EFFORT, REDECODED, OwnSearch
+from mkdaemon.vision.track.tracker import Tracker
+from tests.vision.views import VGA, View, place, shipped
+
+
+class Blind:
+    """A detector that finds nothing until it is told to, and remembers what was asked."""
+
+    def __init__(self) -> None:
+        self.stages: list[str] = []
+        self.found: list[Detection] = []
+
+    def search_shrunk(self, _pixels, stage, _window):
+        self.stages.append(stage)
+        return self.found
+
+
+@pytest.mark.parametrize(("side", "ways"), [(LARGE_PX - 1, REDECODED), (LARGE_PX, FIRST)])
+def test_a_target_is_decoded_again_one_way_at_a_time_and_large_ones_at_half_the_resolution(side, ways):
+    target, blind = shipped("single"), Blind()
+    search = OwnSearch(target, blind, LIMITS)
+    for _ in range(len(ways)):
+        search.again(np.zeros((480, 640), np.uint8), (0, 0, side, 400))
+    assert blind.stages == list(ways)
+    (tag,) = target.tags
+    blind.found = [Detection(tag.family.name, tag.tag_id, 0, 50.0, np.zeros((4, 2)), ways[0])]
+    for _ in range(2):
+        search.again(np.zeros((480, 640), np.uint8), (0, 0, side, 400))
+    assert blind.stages[len(ways) :] == [ways[0]] * 2, "what finds it stays"
+
+
+def test_a_target_that_is_gone_costs_an_image_a_bounded_number_of_fits():
+    target = shipped("single")
+    view = View(target, place(3.0, 0.2))
+    tracker = Tracker(TagMap((target,)), VGA, LOOKING_DOWN)
+    (follower,) = tracker.followers
+    for k in range(2):
+        pixels = view.pixels.copy()
+        pixels[0, 0] ^= k
+        assert tracker.update(CameraImage(pixels, k / 30, k / 30, k, "down")).poses
+    gone = np.roll(view.pixels, 60, axis=1)[::-1].copy()
+    for k in range(2, 5):
+        gone[0, 0] ^= 1
+        assert not tracker.update(CameraImage(gone, k / 30, k / 30, k, "down")).poses
+        # of the start that spends the last of it every fit is made
+        assert follower._fitter.effort <= 2 * MOST_EFFORT
