@@ -88,6 +88,11 @@ class Fleet:
             stack.enter_context(self._session.declare_subscriber(status_key("*"), statuses))
             yield
 
+    @property
+    def vehicles(self) -> set[str]:
+        """Names of those who are there under `mk`: daemons, and recordings that are played as one."""
+        return {one.name for one in self.here if one.root == ROOT}
+
     def values(self, *suffixes: str) -> Watch:
         """What all vehicles publish under some keys, as it comes; `suffix` of a sample begins with the vehicle's name.
 

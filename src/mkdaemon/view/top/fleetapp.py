@@ -14,7 +14,6 @@ from textual.binding import Binding, BindingType
 from textual.containers import VerticalScroll
 from textual.widgets import Static
 
-from mkdaemon.bus.names import ROOT
 from mkdaemon.client.fleet import Fleet
 from mkdaemon.errors import MkError
 from mkdaemon.view.top.fleetboard import KEYS, FleetBoard
@@ -73,7 +72,7 @@ async def watch_everybody(client: Vehicle, board: FleetBoard) -> None:
     fleet = Fleet(client)
 
     def changed() -> None:
-        board.look({one.name for one in fleet.here if one.root == ROOT}, time.monotonic())
+        board.look(fleet.vehicles, time.monotonic())
 
     async with fleet.watch(changed, lambda *_: None), fleet.values(*KEYS) as samples:
         async for sample in samples:
