@@ -62,6 +62,9 @@ def _bandwidth(results: Results) -> Iterator[str]:
 
 
 def _cut(results: Results) -> Iterator[str]:
+    if "cut" not in results:
+        yield "No run of it is kept here."
+        return
     found = results["cut"]
     others = ", ".join(found["others"])
     rows = [

@@ -151,19 +151,25 @@ async def cut(folder: Path, seconds: float, air: Air, seed: int) -> CutFindings:
         watcher = Watcher(client)
         watching = asyncio.create_task(watcher.run(), name="watcher")
         say("the router and three aircraft are started")
-        await wait_until(lambda: all(watcher.state(name) == "here" for name in NAMES), START)
-        await _wait_for_control(client)
         radio = places[CUT].radio
         assert radio is not None
-        begin, end = await _through_the_cut(client, watcher, radio, places, findings)
-        say("ending")
-        watching.cancel()
-        await asyncio.gather(watching, return_exceptions=True)
-        await recorder.end(signal.SIGINT)
+        try:
+            await wait_until(lambda: all(watcher.state(name) == "here" for name in NAMES), START)
+            await _wait_for_control(client)
+            begin, end = await _through_the_cut(client, watcher, radio, places, findings)
+        finally:
+            say("ending")
+            await _ended(watching)
+            await recorder.end(signal.SIGINT)
         findings.exit_codes = [await one.end() for one in aircraft.values()]
     _read_black_box(aircraft[CUT].recordings, begin, end, findings)
     await _read_ground(sorted((folder / "ground").glob("*.mcap")), findings)
     return findings
+
+
+async def _ended(task: asyncio.Task[Any]) -> None:
+    task.cancel()
+    await asyncio.gather(task, return_exceptions=True)
 
 
 async def _wait_for_control(client: Vehicle) -> None:
@@ -188,8 +194,12 @@ async def _through_the_cut(
         findings.bytes_per_s[name] = (round(up), round(down))
     engaged = asyncio.Event()
     flying = asyncio.create_task(_fly(client, engaged), name="pilot")
-    async with asyncio.timeout(START):
-        await engaged.wait()
+    try:
+        async with asyncio.timeout(START):
+            await engaged.wait()
+    except TimeoutError:
+        await _ended(flying)
+        raise
     say(f"a client flies {CUT}")
     await asyncio.sleep(FLOWN)
     radio.cut()

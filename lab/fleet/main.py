@@ -17,7 +17,7 @@ from lab.fleet.network import enter_ground
 from lab.fleet.radio import Air
 from lab.fleet.scale import scale
 from mkdaemon.cli.arguments import AsJson, require_length
-from mkdaemon.errors import ConfigError
+from mkdaemon.errors import ConfigError, MkError
 
 CASES: Final = ("cut", "scale")
 MOST: Final = 200
@@ -42,6 +42,7 @@ def main(
 
     Raises:
         ConfigError: there is no such case; namespaces are not permitted here; a number is wrong.
+        MkError: the machine is too busy for it.
     """
     require_length(seconds, "--seconds")
     if case not in CASES:
@@ -52,7 +53,12 @@ def main(
     with tempfile.TemporaryDirectory() if folder is None else nullcontext(str(folder.resolve())) as name:
         if case == "cut":
             enter_ground()
-            findings = asyncio.run(cut(Path(name), seconds, Air(loss / 100, delay_ms / 2000), seed))
+            try:
+                findings = asyncio.run(cut(Path(name), seconds, Air(loss / 100, delay_ms / 2000), seed))
+            except TimeoutError:
+                raise MkError(
+                    "the aircraft did not come up, or were not flown, in time: this machine is busy"
+                ) from None
             row, holds = findings.row(), findings.holds
             shown = [row, {claim: "yes" if so else "NO" for claim, so in findings.claims().items()}]
         else:
