@@ -59,6 +59,7 @@ FILLED: Final[Mapping[str, str]] = {
     "docs/lab/genuine-triggers.md": "tools.genuine_tables:triggers_page",
     "docs/lab/genuine.md": "tools.genuine_tables:genuine_page",
     "docs/lab/mutants.md": "tools.mutants_page:mutants_page",
+    "docs/lab/scale.md": "tools.fleet_tables:scale_page",
     "docs/safety.md": "tools.admission_tables:safety_page",
 }
 """Pages written by hand in which only tables are made; a tree without the page needs none."""

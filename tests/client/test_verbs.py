@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from mkdaemon.bus.session import close_session, open_session, session_config
 from mkdaemon.client import connect
 from mkdaemon.errors import CommandRejectedError, ConfigError, MkError, ProtocolError
 from mkdaemon.protocol import Board
@@ -68,6 +69,19 @@ async def test_a_missing_daemon_is_named_beside_those_that_are_there():
     with pytest.raises(MkError, match="nobody answers at"):
         async with connect(VEHICLE, free_endpoint()):
             pytest.fail("there is nobody")
+
+
+async def test_a_router_that_does_not_reach_a_vehicle_says_so():
+    """Its link is cut, or it does not run: `mkdaemon run` on the ground would be the wrong advice."""
+    endpoint = free_endpoint()
+    router = await open_session(session_config("router", listen=[endpoint]))
+    try:
+        async with connect("mk2", endpoint) as uav:
+            for ask in (uav.status(), uav.preflight()):
+                with pytest.raises(MkError, match=r"the router at tcp/.* does not reach vehicle mk2: its link is cut"):
+                    await ask
+    finally:
+        await close_session(router)
 
 
 async def test_name_and_endpoint_come_from_the_environment_unless_given(monkeypatch):

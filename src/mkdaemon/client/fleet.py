@@ -13,8 +13,9 @@ import zenoh
 
 from mkdaemon.bus.names import REPLAY, ROOT
 from mkdaemon.client.playcontrol import control_key, status_key
-from mkdaemon.client.samples import read_payload
+from mkdaemon.client.samples import Sample, read_payload
 from mkdaemon.client.vehicle import Vehicle
+from mkdaemon.client.watch import Handover, Watch
 from mkdaemon.errors import MkError
 from mkdaemon.telemetry.play import PlayAction, PlayStatus
 
@@ -86,6 +87,26 @@ class Fleet:
             statuses = zenoh.handlers.Callback(on_status, indirect=False)
             stack.enter_context(self._session.declare_subscriber(status_key("*"), statuses))
             yield
+
+    @property
+    def vehicles(self) -> set[str]:
+        """Names of those who are there under `mk`: daemons, and recordings that are played as one."""
+        return {one.name for one in self.here if one.root == ROOT}
+
+    def values(self, *suffixes: str) -> Watch:
+        """What all vehicles publish under some keys, as it comes; `suffix` of a sample begins with the vehicle's name.
+
+        Args:
+            suffixes: keys without `mk/<vehicle>/`.
+        """
+        expressions = [zenoh.KeyExpr(f"{ROOT}/*/{suffix}") for suffix in suffixes]
+
+        def read(sample: zenoh.Sample) -> Sample:
+            encoding = str(sample.encoding)
+            fields = read_payload(encoding, sample.payload.to_bytes())
+            return Sample(str(sample.key_expr).removeprefix(f"{ROOT}/"), fields, encoding)
+
+        return Watch(self._session, expressions, read, Handover(self._loop))
 
     def client(self, sighting: Sighting) -> Vehicle:
         """A client of somebody who is there."""

@@ -271,6 +271,12 @@ class Transport:
         others = await self.vehicles()
         if self.vehicle in others:
             return None
+        if self._session.info.routers_zid():
+            there = f"; there is {', '.join(others)}: use --vehicle" if others else ""
+            return (
+                f"the router at {self.endpoint} does not reach vehicle {self.vehicle}: its link is cut, or no daemon "
+                f"runs there (`systemctl status mkdaemon` on the aircraft){there}"
+            )
         if others:
             return (
                 f"no daemon for vehicle {self.vehicle} at {self.endpoint}; there is {', '.join(others)}: use --vehicle"

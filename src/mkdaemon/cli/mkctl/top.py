@@ -1,10 +1,13 @@
-"""`mkctl top`: a vehicle on one screen of a terminal, live."""
+"""`mkctl top`: a vehicle, or all of them, on one screen of a terminal, live."""
 
 from __future__ import annotations
 
 import sys
 from contextlib import AbstractAsyncContextManager
 from dataclasses import replace
+from typing import Annotated
+
+from cyclopts import Parameter
 
 from mkdaemon.cli.mkctl.connection import HERE, Connection
 from mkdaemon.cli.mkctl.release import release_somehow, words_of_release
@@ -12,10 +15,17 @@ from mkdaemon.client import Vehicle
 from mkdaemon.errors import ConfigError
 
 
-async def top(*, connection: Connection = HERE) -> None:
+async def top(
+    *,
+    fleet: Annotated[
+        bool, Parameter(name="--all", negative=(), help="A row for each vehicle of this endpoint.")
+    ] = False,
+    connection: Connection = HERE,
+) -> None:
     """Show a vehicle on one screen of 80 x 24, also over ssh: health, attitude, battery, link, eyes, who flies, events.
 
     Keys: `r` releases, `l` lands on the target in sight, both after a question; `v` chooses another vehicle, `q` ends.
+    With `--all`, all vehicles: who flies, link, battery, place; who has gone stays, with since when.
     What is stale says so, with its age. Needs the extra `top`: pip install 'mkdaemon[top]'.
 
     Example: mkctl top --vehicle mk2
@@ -26,11 +36,16 @@ async def top(*, connection: Connection = HERE) -> None:
     if not (sys.stdin.isatty() and sys.stdout.isatty()):
         raise ConfigError("mkctl top needs a terminal; `mkctl status` prints once")
     try:
+        from mkdaemon.view.top.fleetapp import FleetApp
         from mkdaemon.view.top.terminalapp import TopApp
     except ModuleNotFoundError as error:
         if not (error.name or "").startswith("textual"):
             raise
         raise ConfigError("mkctl top needs textual: pip install 'mkdaemon[top]'") from None
+
+    if fleet:
+        await FleetApp(connection.open).run_async()
+        return
 
     def of(vehicle: str) -> Connection:
         return replace(connection, vehicle=vehicle)

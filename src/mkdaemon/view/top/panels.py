@@ -143,7 +143,7 @@ class Board:
         if value is None:
             state: Row = [("not heard yet", Tone.WARN)]
         elif (silence := now - (self._received_at or now)) > STALE:
-            state = [(f"NOTHING HEARD FOR {_age(silence)}", Tone.BAD)]
+            state = [(f"NOTHING HEARD FOR {age_words(silence)}", Tone.BAD)]
         else:
             fields = value.fields
             motors = {True: "motors RUN", False: "motors off", None: "motors unknown"}[fields["motors_running"]]
@@ -222,7 +222,7 @@ class Board:
         x, y, z = pose.fields["position_target"]
         name = on_one_line(pose.fields["target"])
         if now - pose.at > SEEN:
-            return f"{name} NOT SEEN for {_age(now - pose.at)}"
+            return f"{name} NOT SEEN for {age_words(now - pose.at)}"
         return f"{name} x {x:+.2f} y {y:+.2f} z {z:.2f} m"
 
     def _authority(self, now: float) -> Iterator[Row]:
@@ -243,7 +243,7 @@ class Board:
 
     def _shown_events(self, now: float) -> Iterator[Row]:
         for at, words, tone in self._events:
-            yield [(f"{_age(now - at):>7}  ", Tone.DIM), (words, tone)]
+            yield [(f"{age_words(now - at):>7}  ", Tone.DIM), (words, tone)]
 
     def _foot(self, now: float) -> Row:
         keys = " q quit   r release   l land   v vehicle"
@@ -259,7 +259,7 @@ class Board:
         value = self._known.get(key)
         if value is None or now - value.at <= STALE_AFTER.get(key, STALE):
             return ""
-        return f"STALE {_age(now - value.at)}"
+        return f"STALE {age_words(now - value.at)}"
 
 
 def clipped(row: Row, columns: int) -> Row:
@@ -283,7 +283,8 @@ def _filled(rows: Iterator[Row], count: int) -> list[Row]:
     return found + [[]] * (count - len(found))
 
 
-def _age(seconds: float) -> str:
+def age_words(seconds: float) -> str:
+    """A length of time, short [s]."""
     return (
         f"{seconds:.0f} s"
         if seconds < 100

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Sequence
 from contextlib import AbstractAsyncContextManager
 from typing import TYPE_CHECKING, ClassVar, Final
 
@@ -125,8 +125,7 @@ class TopApp(App[None]):
 
     def draw(self) -> None:
         """Draw what is known now."""
-        picture = Text("\n").join(_text(row) for row in self.board.rows(time.monotonic()))
-        self.screen_stack[0].query_one("#all", Static).update(picture)
+        self.screen_stack[0].query_one("#all", Static).update(letters(self.board.rows(time.monotonic())))
 
     @work(exclusive=True, group="watch")
     async def watch_vehicle(self) -> None:
@@ -221,5 +220,7 @@ async def _look_for_others(uav: Vehicle, board: Board) -> None:
         await asyncio.sleep(FLEET_EVERY)
 
 
-def _text(row: Row) -> Text:
-    return Text.assemble(*((text, str(tone)) for text, tone in row), no_wrap=True)
+def letters(rows: Sequence[Row]) -> Text:
+    """Rows as textual shows them."""
+    lines = (Text.assemble(*((text, str(tone)) for text, tone in row), no_wrap=True) for row in rows)
+    return Text("\n").join(lines)
