@@ -370,7 +370,7 @@ STORIES: Final[dict[str, Story]] = {
             "flies": (1.0, 1.0),
         },
     ),
-    "gate_shut_untold": Story(  # nothing bounds how late it is noticed: docs/safety.md, "What the daemon sees"
+    "gate_shut_untold": Story(  # nothing bounds how late it is noticed: docs/safety.md
         gate_shut_untold,
         {"ignored": (0.0, 0.2), "sticks_at_opening": (0.0, 30.0), "flies": (1.0, 1.0), "off_cm": (0.0, 60.0)},
     ),

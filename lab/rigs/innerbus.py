@@ -135,11 +135,20 @@ class _Liveliness:
         return [InnerReply(InnerSample(one, Bytes(), "")) for one in found]
 
 
+class _Info:
+    """What a session knows of the network: there is none."""
+
+    def routers_zid(self) -> list[str]:
+        """Ids of the routers that it is connected to."""
+        return []
+
+
 class InnerSession:
     """A session of a client; see `zenoh.Session`."""
 
     def __init__(self, bus: InnerBus) -> None:
         self.id = "0"
+        self.info = _Info()
         self._bus = bus
         self._declared: list[_Declared] = []
 

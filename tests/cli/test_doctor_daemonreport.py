@@ -8,6 +8,7 @@ import json
 import pytest
 import zenoh
 
+from lab.rigs.processes import connected
 from mkdaemon.bus.gateway import Bus
 from mkdaemon.bus.session import session_config
 from mkdaemon.cli.mkdaemon.doctor.daemonreport import NOBODY, ask_daemon
@@ -72,6 +73,8 @@ async def endpoint():
         bus.publish("link/state", LINE)
         bus.publish("vision/down/stats", LINE)  # of no kind that this release knows
         bus.announce()
+        async with connected(where, "t1"):
+            pass  # the router has heard of the daemon
         yield where
     await asyncio.to_thread(router.close)
 

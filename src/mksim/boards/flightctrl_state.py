@@ -256,7 +256,7 @@ class FcBoard(BoardPort):
     def _pack(self) -> None:
         """A packet begins every so many ticks, and the NaviCtrl has it a tick before the next one begins.
 
-        Source: docs/lab/genuine-navictrl.md, "The bus is slower than its 20 ms".
+        Source: docs/lab/genuine-navictrl.md.
         """
         ticks = self.generation.packet_ticks
         if self._packet_tick == ticks - 1:
@@ -266,7 +266,7 @@ class FcBoard(BoardPort):
         self._packet_tick = (self._packet_tick + 1) % max(1, ticks)
 
     @property
-    def told_angles(self) -> tuple[float, float]:
+    def reported_angles(self) -> tuple[float, float]:
         """Pitch and roll as a NaviCtrl knows them now [rad]; the newest where nothing is known of the bus."""
         sensors = self.aircraft.sensors
         at_once = sensors.fc_angle_pitch, sensors.fc_angle_roll

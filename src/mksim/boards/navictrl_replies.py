@@ -340,7 +340,7 @@ def _menu(board: NcBoard, value: int) -> WireMessage:
 
 def _angles(board: NcBoard) -> tuple[float, float]:
     """Pitch and roll of the FlightCtrl as the board knows them, with the signs of the wire [rad]."""
-    pitch, roll = board.flight.told_angles
+    pitch, roll = board.flight.reported_angles
     return pitch, -roll
 
 

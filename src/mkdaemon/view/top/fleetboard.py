@@ -26,7 +26,7 @@ class _Vehicle:
     """One vehicle: its last values, when it was heard, and since when it has been gone."""
 
     known: dict[str, Value] = field(default_factory=dict)
-    heard_at: float | None = None
+    received_at: float | None = None
     gone_at: float | None = None
 
 
@@ -67,7 +67,7 @@ class FleetBoard:
         vehicle = self._vehicles.get(name)
         if vehicle is not None and vehicle.gone_at is None:
             vehicle.known[suffix] = Value(fields, now)
-            vehicle.heard_at = now
+            vehicle.received_at = now
 
     def state(self, name: str, now: float) -> str:
         """Whether a vehicle is `unknown`, `gone`, `silent`, `stale` or `here`."""
@@ -76,9 +76,9 @@ class FleetBoard:
             return "unknown"
         if vehicle.gone_at is not None:
             return "gone"
-        if vehicle.heard_at is None:
+        if vehicle.received_at is None:
             return "silent"
-        return "stale" if now - vehicle.heard_at > STALE else "here"
+        return "stale" if now - vehicle.received_at > STALE else "here"
 
     def rows(self, now: float, wall: float) -> list[Row]:
         """The screen: a title, a head, a row for each vehicle in order of their names, a foot.
@@ -105,12 +105,12 @@ class FleetBoard:
             words = f"GONE for {age_words(now - vehicle.gone_at)}, since {since:%H:%M:%S} UTC"
             last = [text for column in (_who, _battery) if (text := column(vehicle.known, now)[0]) != UNKNOWN[0]]
             return [shown, (words, Tone.BAD), (f"; last: {', '.join(last)}" if last else "", Tone.DIM)]
-        if vehicle.heard_at is None:
+        if vehicle.received_at is None:
             return [shown, ("not heard yet", Tone.WARN)]
-        age = now - vehicle.heard_at
+        age = now - vehicle.received_at
         is_stale = age > STALE
-        heard: Part = (f"STALE {age_words(age)}", Tone.BAD) if is_stale else (age_words(age), Tone.PLAIN)
-        return [shown, *self._cells(vehicle.known, now, is_stale=is_stale), heard]
+        received: Part = (f"STALE {age_words(age)}", Tone.BAD) if is_stale else (age_words(age), Tone.PLAIN)
+        return [shown, *self._cells(vehicle.known, now, is_stale=is_stale), received]
 
     def _cells(self, known: dict[str, Value], now: float, *, is_stale: bool) -> Iterator[Part]:
         columns: tuple[tuple[str, Column], ...] = (
