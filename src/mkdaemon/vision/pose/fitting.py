@@ -211,7 +211,7 @@ WHOLE_ROOM_PX = 6.0
 MIXED_STEPS = 10
 """Of the fit to grey values after one to edges, as the width of the edges gives it a start: a streak of 30 px takes six
 to grow (351 development images with motion blur; eight explained 5 images less)."""
-GREY_EFFORT = 4
+GREY_EFFORT: Final = 4
 """A fit to grey values takes so many times as long as one to edges: 4 to 20 ms, on VGA."""
 CONFIRMED_BY = 3
 """Prints that fix a plane."""
