@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import signal
 import time
 from contextlib import suppress
 from dataclasses import dataclass
@@ -13,6 +12,7 @@ from typing import Final
 from lab.attack.flightlog import FlightLog, Gaps
 from lab.attack.programs import HOLD
 from lab.rigs.processes import DaemonProcess
+from lab.rigs.troubled import TROUBLE
 from lab.rigs.waiting import wait_until
 from mkdaemon.client import Vehicle
 
@@ -42,7 +42,7 @@ async def fly_on_blocked(daemon: DaemonProcess, client: Vehicle, log: FlightLog)
         TimeoutError: nothing waits to be written.
     """
     log.forget()
-    daemon.send_signal(signal.SIGUSR1)
+    daemon.send_signal(TROUBLE)
     # Its refusal is a line of the log, at the level `info`; more of them would be a flood.
     await client.command("do", "nothing", {})
     await wait_until(lambda: _waits_to_write(daemon.pid), step=LOOK)

@@ -38,6 +38,7 @@ from lab.rigs.processes import (
     daemon_process,
     wait_for_control,
 )
+from lab.rigs.troubled import TROUBLE
 from lab.rigs.waiting import wait_until
 from lab.stories.kill import steering
 from mkdaemon.bus.endpoint import reserved_endpoint
@@ -73,7 +74,7 @@ _SIGNALS: Final = {
     Death.KILLED: signal.SIGKILL,
     Death.ABORTED: signal.SIGABRT,
     Death.FROZEN: signal.SIGSTOP,
-    Death.HELD: signal.SIGUSR1,
+    Death.HELD: TROUBLE,
 }
 _PROGRAMS: Final = {Death.HELD: ("-c", HELD_DAEMON), Death.BLOCKED: ("-c", BLOCKED_DAEMON)}
 GREED: Final = 900_000

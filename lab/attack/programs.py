@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Final
 
+from lab.rigs.troubled import TROUBLE
+
 HOLD: Final = 3.0
 """How long the C call takes [s]."""
 _RUN: Final = """
@@ -25,15 +27,15 @@ def block():
 HELD_DAEMON: Final = f"""
 import ctypes, signal
 libc = ctypes.PyDLL(None)  # keeps the interpreter, as a C library that does not let go of it
-signal.signal(signal.SIGUSR1, lambda number, frame: libc.usleep({int(HOLD * 1e6)}))
+signal.signal({int(TROUBLE)}, lambda number, frame: libc.usleep({int(HOLD * 1e6)}))
 {_RUN}"""
-"""A daemon that SIGUSR1 holds up in a C call."""
+"""A daemon that `TROUBLE` holds up in a C call."""
 BLOCKED_DAEMON: Final = f"""
 import signal
 {_BLOCK}
-signal.signal(signal.SIGUSR1, lambda number, frame: block())
+signal.signal({int(TROUBLE)}, lambda number, frame: block())
 {_RUN}"""
-"""A daemon whose standard error nobody reads from SIGUSR1 on, as after Ctrl-S."""
+"""A daemon whose standard error nobody reads from `TROUBLE` on, as after Ctrl-S."""
 DEAF_DAEMON: Final = f"""{_BLOCK}
 block()
 {_RUN}"""

@@ -19,7 +19,7 @@ from typing import Any, Final
 
 from lab.rigs.overtarget import Hover, Setting, favour, hovering
 from lab.rigs.processes import PROGRAM
-from lab.rigs.troubled import DETECTOR, DISK, Trouble
+from lab.rigs.troubled import DETECTOR, DISK, TROUBLE, Trouble
 from lab.rigs.waiting import wait_until
 from lab.rigs.wiretap import Sticks
 
@@ -134,21 +134,21 @@ async def camera_dead(hover: Hover, operator: asyncio.subprocess.Process) -> flo
 async def detector_stalled(hover: Hover, operator: asyncio.subprocess.Process) -> float:
     """The thread of the eyes stands still for 2 s: level after 1.5 s, then the flight goes on."""
     at = hover.seen.captures[-1]
-    hover.daemon.send_signal(signal.SIGUSR1)
+    hover.daemon.send_signal(TROUBLE)
     await asyncio.sleep(DETECTOR + 1.0)
     return at
 
 
 async def interpreter_stalled(hover: Hover, operator: asyncio.subprocess.Process) -> float:
     """A C call keeps the interpreter for 2 s, so nothing of the daemon runs: its guard levels and releases."""
-    hover.daemon.send_signal(signal.SIGUSR1)
+    hover.daemon.send_signal(TROUBLE)
     return await _released_after(hover)
 
 
 async def disk_stuck(hover: Hover, operator: asyncio.subprocess.Process) -> float:
     """A write of the recorder does not come back for 6 s: the flight goes on."""
     at = time.monotonic()
-    hover.daemon.send_signal(signal.SIGUSR1)
+    hover.daemon.send_signal(TROUBLE)
     await asyncio.sleep(DISK + 0.5)
     return at
 

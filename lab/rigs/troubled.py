@@ -1,6 +1,6 @@
 """`mkdaemon` with a thread that stands still when it is told to: `python -m lab.rigs.troubled WHICH run ...`.
 
-SIGUSR1 makes it happen. Everything else is the daemon's own program.
+`TROUBLE` makes it happen. Everything else is the daemon's own program.
 """
 
 from __future__ import annotations
@@ -16,6 +16,8 @@ from typing import Any, Final
 
 from mkdaemon.cli.mkdaemon.app import main
 
+TROUBLE: Final = signal.SIGUSR2
+"""What the lab tells a daemon by; SIGUSR1 is the daemon's own (see `mkdaemon.cli.mkdaemon.run.RELOAD`)."""
 DETECTOR: Final = 2.0
 """The thread of the eyes stands still for so long [s]."""
 DISK: Final = 6.0
@@ -47,7 +49,7 @@ def stand_still(which: Trouble) -> tuple[type, str, Callable[[], None]]:
 
 
 def wait_for_signal(which: Trouble) -> None:
-    """Let it happen once, in the next call after each SIGUSR1."""
+    """Let it happen once, in the next call after each `TROUBLE`."""
     owner, name, act = stand_still(which)
     wanted, method = threading.Event(), getattr(owner, name)
 
@@ -58,7 +60,7 @@ def wait_for_signal(which: Trouble) -> None:
         return method(*args, **fields)
 
     setattr(owner, name, troubled)
-    signal.signal(signal.SIGUSR1, lambda number, frame: wanted.set())
+    signal.signal(TROUBLE, lambda number, frame: wanted.set())
 
 
 if __name__ == "__main__":

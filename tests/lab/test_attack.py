@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import signal
 import threading
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
@@ -18,14 +19,23 @@ from lab.attack.flights import Flights, Plan, fly_all
 from lab.attack.floods import Ride
 from lab.attack.guardless import GuardDeath
 from lab.attack.main import Scope, death_row, flood_row, guard_row
+from lab.attack.programs import HELD_DAEMON
 from lab.attack.virtual import Silence, fly_virtually
 from lab.rigs.cockpit import Boards
 from lab.rigs.processes import Sticks
+from lab.rigs.troubled import TROUBLE
 from lab.stories.losses import silence_log
+from mkdaemon.cli.mkdaemon.run import RELOAD
 from mkdaemon.client import Sample
 from mkdaemon.protocol.framing import encode_frame
 
 RIDE = Ride("setpoints", ("1000", "1000"), 0.02, 0.03, 0.04, True, None, 0.1, 100.0, 90.0, 1.0)
+
+
+def test_what_the_lab_tells_a_daemon_by_is_no_signal_that_the_daemon_takes_for_itself():
+    assert TROUBLE not in {RELOAD, signal.SIGINT, signal.SIGTERM}
+    compile(HELD_DAEMON, "held", "exec")
+    assert f"signal.signal({int(TROUBLE)}," in HELD_DAEMON
 
 
 def test_a_row_names_the_deaths_that_break_a_limit():

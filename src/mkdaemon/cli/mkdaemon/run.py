@@ -7,7 +7,7 @@ import os
 import signal
 from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Final
 
 import structlog
 from cyclopts import Parameter
@@ -21,6 +21,9 @@ from mkdaemon.daemon import run as run_daemon
 from mkdaemon.daemon.guard import LastWord
 from mkdaemon.daemon.priority import favour_loop, is_favoured, keep_threads_favoured
 from mkdaemon.daemon.reloading import Reloading
+
+RELOAD: Final = signal.SIGUSR1
+"""Not SIGHUP: a daemon whose terminal is closed must end in order and not go on unseen."""
 
 
 def run(
@@ -54,8 +57,7 @@ async def _until_signalled(cfg: Config, read: Callable[[], Config]) -> None:
     tasks = [asyncio.create_task(keep_threads_favoured(), name="priority")] if _go_first(cfg) else []
     stop, last_word, reloading = asyncio.Event(), LastWord(), Reloading(read)
     _end_on_signals(stop, last_word)
-    # Not SIGHUP: a daemon whose terminal is closed must end in order and not go on unseen.
-    asyncio.get_running_loop().add_signal_handler(signal.SIGUSR1, reloading.ask)
+    asyncio.get_running_loop().add_signal_handler(RELOAD, reloading.ask)
     try:
         await run_daemon(cfg, stop, last_word=last_word, reloading=reloading)
     finally:
