@@ -252,7 +252,7 @@ def estimate_value(target: str, estimator: Estimator, now: float) -> EstimateVal
         covariance=(triple(spread[0]), triple(spread[1]), triple(spread[2])),
         image_age=found.age,
         innovation=estimator.innovation,
-        is_nominal=estimator.is_nominal,
+        caution=estimator.caution,
         stick_gain=estimator.stick_gain,
         stick_filter=estimator.model.stick_filter,
         uplink=estimator.model.uplink,

@@ -231,9 +231,10 @@ class EstimateValue(Telemetry):
     image_age: float
     """Time since the newest image that was used [s]."""
     innovation: float
-    """Mean squared surprise of the images over what was expected; at most 1 when all is well."""
-    is_nominal: bool
-    """The images agree with the model of the aircraft, so the model counts for more."""
+    """Mean squared surprise of the images over what was expected; about 1 when all is well."""
+    caution: float = 0.0
+    """How little the model of the aircraft counts against the images: 1 at first, 0 once their surprises are as small
+    as it lets expect."""
     stick_gain: float = 1.0
     """Tilt that a stick count asks for, over the model's; found in flight, 1 while it may be the model's."""
     stick_filter: float = 0.0

@@ -185,7 +185,8 @@ class Estimator:
         hover_gas: throttle that carries the aircraft, estimated [count of 254].
         innovation: mean square of the recent innovations over their expected size; at most 1 when all is well.
         refused: measurements that are none, since the start, by what is wrong with them.
-        is_nominal: the innovations agree with the model, so the model counts for more.
+        caution: how little the model counts: 1 at the start; 0 once the innovations are as small as it lets expect, and
+            between where they ask for it.
     """
 
     def __init__(
@@ -207,8 +208,8 @@ class Estimator:
             hover_gas: first guess [count of 254].
             compass: yaw that the boards reported last [rad].
             velocity: against the target (3,) [m/s]; at rest if none is given.
-            nominal: beliefs while the innovations agree with the model.
-            robust: beliefs before that.
+            nominal: beliefs at caution 0.
+            robust: beliefs at caution 1.
 
         Raises:
             ValueError: the view is none, see `fault_of`.
@@ -220,10 +221,9 @@ class Estimator:
         self.model = model
         self.hover_gas = min(max(hover_gas, HOVER_LOWEST), HOVER_HIGHEST)
         self.innovation = 1.0
-        self.is_nominal = False
+        self.caution = 1.0
         self.refused: Counter[ViewFault] = Counter()
         self._nominal, self._tuning, self._robust = nominal, robust, robust
-        self._agrees_since, self._agreement = view.at, robust.agreement
         self._cameras, self._heights = Cameras(robust.patience), Cameras(robust.patience)
         self._yaw_offset = view.heading - compass
         self._headings: deque[tuple[float, float]] = deque([(view.at, compass)])
@@ -376,7 +376,7 @@ class Estimator:
             is_refused = bool((np.abs(ratio) > GATE).any()) and doubt is None
             self._cameras.judged(view.camera, is_refused=is_refused)
             if is_trusted:
-                self._judge(float(np.mean(ratio**2)), view.at, is_refused=is_refused)
+                self._judge(float(np.mean(ratio**2)))
 
     def _see_tilt(self, view: TargetView, shared_by: int) -> None:
         """Take the tilt that an image shows, where it is upright and certain enough.
@@ -420,8 +420,7 @@ class Estimator:
         if forgotten > 0:
             self._level.coast(forgotten, UNKNOWN_TILT**2)
             self._vertical.coast(forgotten, UNKNOWN_THRUST**2)
-            self._agrees_since = now
-            self._believe(is_nominal=False)
+            self._believe(1.0)
         while self._level.time + STEP <= now:
             middle = self._level.time + STEP / 2.0
             acting, before = self._commands.at(middle), self._commands.at(middle - LOST_FOR)
@@ -515,21 +514,19 @@ class Estimator:
         self._level.set_dynamics(*self.model.counted(STEP))
         self._cameras.expect_change()
 
-    def _judge(self, size: float, at: float, *, is_refused: bool) -> None:
-        """Let the innovations of images decide how much the model counts."""
-        tuning = self._tuning
-        self.innovation += tuning.innovation_rate * (min(size, tuning.innovation_cap) - self.innovation)
-        if self.innovation > tuning.innovation_limit or is_refused:
-            self._agrees_since = at
-        agrees = at - self._agrees_since >= self._agreement
-        if agrees != self.is_nominal and (agrees or self.innovation > tuning.innovation_limit):
-            if not agrees:
-                self._agreement *= 2.0
-            self._believe(is_nominal=agrees)
+    def _judge(self, size: float) -> None:
+        """Let the squared innovation of an image, over what was expected, decide how much the model counts.
 
-    def _believe(self, *, is_nominal: bool) -> None:
-        """Go on with the beliefs of a model that agrees with the innovations, or of one that may not."""
-        self.is_nominal = is_nominal
-        self._tuning = self._nominal if is_nominal else self._robust
+        An integral regulator of the noise: expected innovations have a mean square of one (Bar-Shalom 2001, chapter 5.4).
+        """
+        tuning = self._tuning
+        size = min(size, tuning.innovation_cap)
+        self.innovation += tuning.innovation_rate * (size - self.innovation)
+        self._believe(min(max(self.caution + tuning.caution_rate * (size - 1.0), 0.0), 1.0))
+
+    def _believe(self, caution: float) -> None:
+        """Go on with the beliefs of a caution."""
+        self.caution = caution
+        self._tuning = self._nominal.towards(self._robust, caution)
         self._level.set_noise(self._tuning.level_noise(STEP))
         self._vertical.set_noise(self._tuning.upright_noise(STEP))

@@ -5,7 +5,7 @@ Chosen by `python -m lab control --tune` on seeds that no reported figure uses; 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from typing import Final
 
 import numpy as np
@@ -42,8 +42,7 @@ class Tuning:
         yaw_gain: share of a certain image's heading that is taken.
         innovation_rate: of the running mean of the innovations, a measurement.
         innovation_cap: largest squared innovation that counts.
-        innovation_limit: largest running mean with which the model is believed.
-        agreement: how long that must last [s].
+        caution_rate: change of the caution by an image whose squared innovation is one more than expected.
         patience: images refused one after the other before the filter doubts itself.
     """
 
@@ -59,19 +58,23 @@ class Tuning:
     thrust: float = 0.02
     vertical: float = 0.25
     attitude_sd: float = 0.004
-    view_inflation: float = 1.2
-    view_floor: float = 0.001
+    view_inflation: float = 1.0
+    view_floor: float = 0.0003
     height_floor: float = 0.002
-    tilt_floor: float = 0.003
+    tilt_floor: float = 0.001
     tilt_worst: float = 0.25
     stamp_sd: float = 0.004
     yaw_floor: float = 0.02
     yaw_gain: float = 0.2
     innovation_rate: float = 0.02
     innovation_cap: float = 25.0
-    innovation_limit: float = 1.5
-    agreement: float = 5.0
+    caution_rate: float = 0.005
     patience: int = 3
+
+    def towards(self, other: Tuning, share: float) -> Tuning:
+        """Beliefs between these (share 0) and others (1): every noise goes by its ratio."""
+        ours = {each.name: (getattr(self, each.name), getattr(other, each.name)) for each in fields(self)}
+        return replace(self, **{name: a * (b / a) ** share for name, (a, b) in ours.items() if a != b})
 
     @property
     def first_covariance(self) -> Array:
@@ -111,8 +114,8 @@ class Tuning:
 
 
 NOMINAL: Final = Tuning()
-"""The parameter set is known and the innovations agree with it."""
+"""Caution 0: the parameter set is known, and the innovations are as it lets expect."""
 ROBUST: Final = Tuning(
     velocity=0.05, tilt=0.01, believed=0.015, rate=1.0, filtered=0.05, disturbance=0.3, climb=0.05, vertical=0.4
 )
-"""Before that: images count for more, the model for less."""
+"""Caution 1: nothing is known of the model yet; images count for more."""
