@@ -68,7 +68,7 @@ def publish_estimate(daemon, position, image_age=0.05):
         position_sd=(0.01, 0.01, 0.01),
         image_age=image_age,
         innovation=1.0,
-        is_nominal=True,
+        caution=0.25,
     )
     daemon.bus.publish("control/estimate", value)
 

@@ -281,9 +281,9 @@ def test_another_target_is_met_without_the_speed_against_the_one_before():
 
 def test_what_is_told_of_an_estimate_is_the_estimators(sight):
     estimator = sight.estimator
-    estimator.innovation, estimator.is_nominal, estimator.model = 2.5, True, AircraftModel().with_other_filter()
+    estimator.innovation, estimator.caution, estimator.model = 2.5, 0.25, AircraftModel().with_other_filter()
     shown = sight.estimate(10.1)
-    assert (shown.innovation, shown.is_nominal) == (2.5, True)
+    assert (shown.innovation, shown.caution) == (2.5, 0.25)
     assert (shown.stick_gain, shown.stick_filter) == (1.0, NO_FILTER)
     assert shown.contradicting == sight.contradicting == ()
 

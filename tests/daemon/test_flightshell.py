@@ -41,7 +41,7 @@ ESTIMATE = EstimateValue(
     position_sd=(0.1, 0.1, 0.1),
     image_age=0.05,
     innovation=0.5,
-    is_nominal=True,
+    caution=0.25,
 )
 
 
@@ -148,7 +148,7 @@ async def test_an_estimate_is_published_with_its_stamp():
         shell.core.wanted = [PublishEstimate(ESTIMATE)]
         await asyncio.sleep(1.0)
         [estimate] = shell.bus.values("control/estimate")
-        assert (estimate.target, estimate.position, estimate.is_nominal) == ("pad", (0.0, 0.0, 2.0), True)
+        assert (estimate.target, estimate.position, estimate.caution) == ("pad", (0.0, 0.0, 2.0), 0.25)
         assert 0.0 <= estimate.stamp.monotonic <= 1.0
 
 

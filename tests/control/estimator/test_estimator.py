@@ -333,12 +333,12 @@ def test_a_silence_within_the_memory_is_caught_up_step_by_step(steps):
 @pytest.mark.parametrize("seconds", [5.0, 60.0, 600.0])
 def test_after_a_silence_the_estimate_is_as_uncertain_as_it_is_old(seconds):
     estimator, now = silent(seconds)
-    estimator.is_nominal = True
+    estimator.caution = 0.0
     estimator.advance(now)
     found = estimator.estimate(now)
     assert np.isfinite(found.axes).all()
     assert found.position_sd.min() > min(1.0 * seconds, 50.0), "anybody may have flown it anywhere"
-    assert not estimator.is_nominal
+    assert estimator.caution == 1.0
     assert found.age == pytest.approx(seconds, abs=0.2)
     for covariances in (estimator._level.covariances, estimator._vertical.covariances):
         assert np.linalg.eigvalsh(covariances).min() > 0.0
@@ -458,14 +458,13 @@ def test_after_a_silence_somebody_else_may_have_tilted_it_the_more_the_longer():
 def test_after_a_silence_the_model_must_agree_anew_before_it_counts():
     plant = Plant()
     estimator, now = silent(10.0)
-    estimator._believe(is_nominal=True)
-    estimator._agrees_since = 0.0
+    estimator.caution = 0.0
     for k in range(50):
         at = now + 0.02 * k
         estimator.advance(at)
         estimator.attitude_received(at, 0.0, 0.0, 0.4)
         estimator.target_seen(view(at, plant.axes, 2.0, 0.0), at)
-    assert not estimator.is_nominal
+    assert 0.7 < estimator.caution < 0.9
 
 
 def test_a_camera_is_doubted_after_images_that_were_refused_one_after_the_other_and_by_most_cameras():

@@ -74,7 +74,7 @@ ESTIMATE = ControlEstimate(
     position_sd=(0.01, 0.01, 0.01),
     image_age=0.05,
     innovation=0.5,
-    is_nominal=True,
+    caution=0.0,
 )
 POSE = VisionPose(
     stamp=STAMP,

@@ -78,7 +78,7 @@ def estimate(**changed):
         "covariance": ((0.01, 0.0, 0.02), (0.04, 0.0, 0.05), (0.09, 0.0, 0.08)),
         "image_age": 0.1,
         "innovation": 0.5,
-        "is_nominal": True,
+        "caution": 0.0,
     }
     return ControlEstimate(stamp=STAMP, **fields | changed)
 

@@ -59,7 +59,7 @@ def estimate(at: float, position: tuple[float, float, float] = (0.12, -0.05, 2.0
         "covariance": ((0.0004, 0.0, 0.0), (0.0004, 0.0, 0.0), (0.0001, 0.0, 0.0)),
         "image_age": 0.05,
         "innovation": 0.5,
-        "is_nominal": True,
+        "caution": 0.0,
     }
     return ControlEstimate(stamp=stamp(at), position=position, **(fields | change))
 

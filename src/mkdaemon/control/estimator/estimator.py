@@ -342,6 +342,7 @@ class Estimator:
         if fault is not None:
             self.refused[fault] += 1
             return
+        self._believe()
         shared_by = self._cameras.seen(view.camera, view.at)
         self._heights.seen(view.camera, view.at)
         is_trusted = view.camera not in self.contradicting
@@ -367,7 +368,7 @@ class Estimator:
         timing = (speed * tuning.stamp_sd) ** 2
         row = np.zeros(LEVEL_STATES)
         row[P], row[T] = 1.0, seen[2]
-        variance = tuning.view_inflation**2 * np.diag(spread)[:2].clip(min=0.0) + tuning.view_floor**2 + timing
+        variance = np.diag(spread)[:2].clip(min=0.0) + tuning.view_floor**2 + timing
         doubt = tuning.doubt if self._cameras.doubts(view.camera, view.at) else None
         gate = GATE if is_trusted or doubt is not None else 0.0  # who contradicts the others is asked, not believed
         place = _leant(self._level.states_at(view.at)[:, T], seen) - seen[:2]
@@ -384,7 +385,7 @@ class Estimator:
         The same attitude of the boards, and how the target lies, is in every camera's tilt: it counts once.
         """
         tuning, up = self._tuning, view.target_from_flu[:, 2]
-        variance = tuning.view_inflation**2 * float(view.covariance[3, 3] + view.covariance[4, 4]) / 2.0
+        variance = float(view.covariance[3, 3] + view.covariance[4, 4]) / 2.0
         variance += tuning.tilt_floor**2
         if up[2] > UPRIGHT and variance < tuning.tilt_worst**2:
             row = np.zeros(LEVEL_STATES)
@@ -398,9 +399,7 @@ class Estimator:
         row = np.zeros(4)
         row[H] = 1.0
         leaning = float(seen[:2] ** 2 @ self._level.covariances[:, T, T])  # a wrong tilt turns the far target upright
-        variance = (
-            tuning.view_inflation**2 * max(0.0, float(normal @ spread @ normal)) + tuning.height_floor**2 + leaning
-        )
+        variance = max(0.0, float(normal @ spread @ normal)) + tuning.height_floor**2 + leaning
         doubt = tuning.upright_doubt if self._heights.doubts(view.camera, view.at) else None
         gate = GATE if is_trusted or doubt is not None else 0.0
         ratio = self._vertical.measure(
@@ -420,7 +419,8 @@ class Estimator:
         if forgotten > 0:
             self._level.coast(forgotten, UNKNOWN_TILT**2)
             self._vertical.coast(forgotten, UNKNOWN_THRUST**2)
-            self._believe(1.0)
+            self.caution = 1.0
+            self._believe()
         while self._level.time + STEP <= now:
             middle = self._level.time + STEP / 2.0
             acting, before = self._commands.at(middle), self._commands.at(middle - LOST_FOR)
@@ -517,16 +517,19 @@ class Estimator:
     def _judge(self, size: float) -> None:
         """Let the squared innovation of an image, over what was expected, decide how much the model counts.
 
-        An integral regulator of the noise: expected innovations have a mean square of one (Bar-Shalom 2001, chapter 5.4).
+        An integral regulator of the noise: innovations that are as expected have a mean square of one (Bar-Shalom et
+        al., "Estimation with Applications to Tracking and Navigation", 2001, chapter 5.4).
         """
         tuning = self._tuning
         size = min(size, tuning.innovation_cap)
         self.innovation += tuning.innovation_rate * (size - self.innovation)
-        self._believe(min(max(self.caution + tuning.caution_rate * (size - 1.0), 0.0), 1.0))
+        self.caution = min(max(self.caution + tuning.caution_rate * (size - 1.0), 0.0), 1.0)
 
-    def _believe(self, caution: float) -> None:
-        """Go on with the beliefs of a caution."""
-        self.caution = caution
-        self._tuning = self._nominal.towards(self._robust, caution)
+    def _believe(self) -> None:
+        """Go on with the beliefs of the caution.
+
+        Once an image and before it: nothing is late then, so nothing has to come forward for it.
+        """
+        self._tuning = self._nominal.towards(self._robust, self.caution)
         self._level.set_noise(self._tuning.level_noise(STEP))
         self._vertical.set_noise(self._tuning.upright_noise(STEP))

@@ -160,7 +160,8 @@ class RollbackFilter:
         self._fed_back = None if counted is None else np.multiply.outer(counted.effect, counted.row)
 
     def set_noise(self, noise: Array) -> None:
-        """Go on with another process noise (n, n) over `STEP`; what comes forward again has it, too."""
+        """Go on with another process noise (n, n) over `STEP`."""
+        self._come_forward(len(self._slots) - 1)
         self._noise = noise
 
     def shift(self, place: int, amounts: Array) -> None:

@@ -32,7 +32,6 @@ class Tuning:
         thrust: of the thrust [share per root s].
         vertical: random walk of the unexplained vertical acceleration [m/s2 per root s].
         attitude_sd: of the attitude the boards report [rad].
-        view_inflation: factor on the standard deviations the images claim: their errors last for several images.
         view_floor: of the lateral position an image gives [m]; what all images have in common is no noise of any.
         height_floor: of the height an image gives [m].
         tilt_floor: of the tilt an image gives [rad].
@@ -58,7 +57,6 @@ class Tuning:
     thrust: float = 0.02
     vertical: float = 0.25
     attitude_sd: float = 0.004
-    view_inflation: float = 1.0
     view_floor: float = 0.0003
     height_floor: float = 0.002
     tilt_floor: float = 0.001
