@@ -206,7 +206,7 @@ def test_a_filter_that_doubts_itself_is_as_unsure_of_place_and_wind_as_half_a_me
 
 def test_noise_grows_with_the_root_of_time_and_each_state_has_its_own():
     for tuning, rates, upright in (
-        (NOMINAL, [0.0, 0.03, 0.001, 0.003, 0.001, 0.15, 0.02, 0.12, 0.0005], [0.0, 0.006, 0.004, 0.05]),
+        (NOMINAL, [0.0, 0.023, 0.0003, 0.0013, 0.001, 0.058, 0.0127, 0.076, 0.0005], [0.0, 0.0046, 0.004, 0.04]),
         (ROBUST, [0.0, 0.05, 0.01, 0.015, 0.001, 1.0, 0.05, 0.3, 0.0005], [0.0, 0.01, 0.004, 0.08]),
     ):
         assert np.sqrt(np.diag(tuning.level_noise(0.04))) == pytest.approx(0.2 * np.array(rates))
@@ -244,26 +244,26 @@ def test_the_mean_of_the_innovations_follows_an_image_by_a_fiftieth_and_none_cou
     assert estimator.innovation == pytest.approx(0.98 * before + 0.02 * 25.0)
 
 
-def test_an_image_as_expected_leaves_the_caution_and_one_without_surprise_lowers_it_by_a_two_hundredth():
+def test_an_image_as_expected_leaves_the_caution_and_one_without_surprise_lowers_it_by_a_three_hundredth():
     estimator = watched()
     before = estimator.caution
     see_many(estimator, 0.0, 40)
-    assert estimator.caution == pytest.approx(before - 0.2, abs=1e-6)
+    assert estimator.caution == pytest.approx(before - 40 * 0.0033, abs=1e-6)
     estimator._judge(1.0)
-    assert estimator.caution == pytest.approx(before - 0.2, abs=1e-6)
+    assert estimator.caution == pytest.approx(before - 40 * 0.0033, abs=1e-6)
 
 
-def test_an_image_of_five_deviations_and_more_raises_it_by_an_eighth_of_the_way():
+def test_an_image_of_five_deviations_and_more_raises_it_by_a_twelfth_of_the_way():
     estimator = watched()
     estimator.caution = 0.5
     see(estimator, 0.125, off=9.0)
-    assert estimator.caution == pytest.approx(0.5 + 0.005 * 24.0)
+    assert estimator.caution == pytest.approx(0.5 + 0.0033 * 24.0)
 
 
 @pytest.mark.parametrize(("size", "end"), [(0.0, 0.0), (25.0, 1.0)])
 def test_caution_stays_between_the_tuned_model_and_none(size, end):
     estimator = watched()
-    for _ in range(250):
+    for _ in range(310):
         estimator._judge(size)
     assert estimator.caution == end
 

@@ -464,7 +464,7 @@ def test_after_a_silence_the_model_must_agree_anew_before_it_counts():
         estimator.advance(at)
         estimator.attitude_received(at, 0.0, 0.0, 0.4)
         estimator.target_seen(view(at, plant.axes, 2.0, 0.0), at)
-    assert 0.7 < estimator.caution < 0.9
+    assert 0.8 < estimator.caution < 0.95
 
 
 def test_a_camera_is_doubted_after_images_that_were_refused_one_after_the_other_and_by_most_cameras():

@@ -45,17 +45,17 @@ class Tuning:
         patience: images refused one after the other before the filter doubts itself.
     """
 
-    velocity: float = 0.03
-    tilt: float = 0.001
-    believed: float = 0.003
+    velocity: float = 0.023
+    tilt: float = 0.0003
+    believed: float = 0.0013
     integral: float = 0.001
-    rate: float = 0.15
-    filtered: float = 0.02
-    disturbance: float = 0.12
+    rate: float = 0.058
+    filtered: float = 0.0127
+    disturbance: float = 0.076
     level: float = 0.0005
-    climb: float = 0.03
+    climb: float = 0.023
     thrust: float = 0.02
-    vertical: float = 0.25
+    vertical: float = 0.2
     attitude_sd: float = 0.004
     view_floor: float = 0.0003
     height_floor: float = 0.002
@@ -66,7 +66,7 @@ class Tuning:
     yaw_gain: float = 0.2
     innovation_rate: float = 0.02
     innovation_cap: float = 25.0
-    caution_rate: float = 0.005
+    caution_rate: float = 0.0033
     patience: int = 3
 
     def towards(self, other: Tuning, share: float) -> Tuning:
@@ -112,7 +112,7 @@ class Tuning:
 
 
 NOMINAL: Final = Tuning()
-"""Caution 0: the parameter set is known, and the innovations are as it lets expect."""
+"""Caution 0: the parameter set is known, and the air is calm; a third of the way to `ROBUST` is tuned for light wind."""
 ROBUST: Final = Tuning(
     velocity=0.05, tilt=0.01, believed=0.015, rate=1.0, filtered=0.05, disturbance=0.3, climb=0.05, vertical=0.4
 )
