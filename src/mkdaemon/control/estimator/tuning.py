@@ -1,6 +1,6 @@
 """How much the estimator believes of what: process noise and the spread of measurements.
 
-Chosen by `python -m lab control --tune` on seeds that no reported figure uses; docs/lab/control.md, "Estimator".
+Chosen on flights that no reported figure uses, of the simulator and of genuine firmware; docs/lab/control.md, "Estimator".
 """
 
 from __future__ import annotations
