@@ -1,6 +1,6 @@
 """How much the estimator believes of what: process noise and the spread of measurements.
 
-Chosen on flights that no reported figure uses, of the simulator and of genuine firmware; docs/lab/control.md, "Estimator".
+Chosen on flights that no reported figure uses, of the simulator and of genuine firmware: docs/lab/control.md.
 """
 
 from __future__ import annotations
@@ -112,7 +112,7 @@ class Tuning:
 
 
 NOMINAL: Final = Tuning()
-"""Caution 0: the parameter set is known, and the air is calm; a third of the way to `ROBUST` is tuned for light wind."""
+"""Caution 0: the parameter set is known, and the air is calm; a third of the way to `ROBUST` is light wind."""
 ROBUST: Final = Tuning(
     velocity=0.05, tilt=0.01, believed=0.015, rate=1.0, filtered=0.05, disturbance=0.3, climb=0.05, vertical=0.4
 )
