@@ -47,6 +47,15 @@ def test_less_than_every_frame_asked_for_is_the_pilots_throttle_once_it_lasts():
     assert lid.pilots_throttle is None
 
 
+@pytest.mark.parametrize(("throttle", "is_told"), [(-67.0, True), (-68.0, False), (-100.0, False)])
+def test_under_a_throttle_that_carries_no_aircraft_nothing_is_told(throttle, is_told):
+    """Genuine numbers after a touch: 27 counts asked for, 18 flown, as the pilot's stick is at its lowest."""
+    lid = ThrottleLid()
+    now = told(lid, throttle, throttle, 1.0)
+    told(lid, throttle, throttle - 9.0, 1.0, start=now)
+    assert (lid.pilots_throttle is not None) is is_told
+
+
 def test_a_throttle_that_rises_is_not_taken_for_a_lid():
     lid = ThrottleLid()
     now = told(lid, -30.0, -30.0, 1.0)

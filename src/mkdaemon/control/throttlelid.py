@@ -17,6 +17,7 @@ import math
 from collections import deque
 from typing import Final
 
+from mkdaemon.config.control import LOWEST_HOVER
 from mkdaemon.control.estimator.values import GAS_CENTRE, OURS, ThrottleUse
 from mkdaemon.control.vehicle import FRESH, ThrottleReport
 
@@ -96,7 +97,8 @@ class ThrottleLid:
         self._scale = 1.0 if self._is_stick else share
 
     def _show(self, at: float, flown: float, lowest: float, scale: float) -> None:
-        if flown >= scale * lowest - MARGIN:
+        # What carries no aircraft is capped by nothing worth a word: after a touch both sticks are at their lowest.
+        if flown >= scale * lowest - MARGIN or lowest < LOWEST_HOVER + GAS_CENTRE:
             self._lower_since = self.pilots_throttle = None
             return
         if self._lower_since is None:
