@@ -58,6 +58,7 @@ STANDS = [
     ("battery", "battery_low", {"flight": flags(battery_low=True)}),
     ("camera", "camera_unfit", {"eyes": (eyes(EyeState.GONE, reason="unplugged"),)}),
     ("camera", "camera_opening", {"eyes": (eyes(EyeState.OPENING, reason="not opened yet"),)}),
+    ("camera", "camera_opening", {"eyes": (eyes(EyeState.OPENING, reason="not yet"), eyes(EyeState.GONE, reason="?"))}),
     ("camera", "camera_unfit", {"eyes": (eyes(EyeState.SILENT, reason="no image for 4.0 s", processed=0),)}),
     ("camera", "camera_unfit", {"eyes": (eyes(alarms={Alarm.UNCALIBRATED: "no calibration"}),)}),
     ("agreement of cameras", "cameras_contradict", {"contradicting": ("forward",)}),
