@@ -18,7 +18,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor
-from contextlib import AsyncExitStack, ExitStack, contextmanager
+from contextlib import AsyncExitStack, ExitStack, chdir, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeVar, cast
 from unittest.mock import patch
@@ -58,8 +58,10 @@ if TYPE_CHECKING:
 
     from mkdaemon.bus.gateway import Bus
 VEHICLE: Final = "mk1"
-FOLDER: Final = "/var/lib/mkdaemon/mk1"
+FOLDER: Final = "~/.local/state/mkdaemon/mk1"
 """What stands for the daemon's folder in what is typed and printed."""
+HOLDER: Final = "alice-ground-4711"
+"""What a client names itself: user, machine, process."""
 ENDPOINT: Final = "tcp/127.0.0.1:7447"
 """What stands for its endpoint."""
 FREE_PORT: Final = "127.0.0.1:7448"
@@ -74,8 +76,6 @@ LATENCY: Final = 0.08
 """From the exposure to the pose [s]."""
 TRUTHS: Final = 10.0
 """How often the true state is published [Hz]."""
-SIGHTING: Final = 3.0
-"""Longest wait of a client until the daemon engages, a quarter of the product's [s]."""
 NOTICED: Final = 3.0
 """Longest wait for the recorder to notice what happened to the disk [s]."""
 READY: Final = 30.0
@@ -296,7 +296,7 @@ class Desk:
 
         Args:
             line: a command of `mkctl` or `mkdaemon`, with `&` behind it if it is to run in the background; `wait` for
-                that one; `sleep SECONDS`; or, behind `#`, something that happens.
+                that one; `sleep SECONDS`; `cd FOLDER`; or, behind `#`, something that happens.
         """
         if line in self._happenings:
             self._happenings[line]()
@@ -306,6 +306,8 @@ class Desk:
             match name:
                 case "sleep":
                     self.loop.run_until_complete(asyncio.sleep(float(words[0])))
+                case "cd":
+                    self._stack.enter_context(chdir(words[0]))
                 case "wait":
                     return self._there(self._wait())
                 case "mkctl" if words[-1] == "&":
@@ -323,7 +325,7 @@ class Desk:
         return line.replace(FOLDER, str(self.folder)).replace(ENDPOINT, self.endpoint).replace(FREE_PORT, "127.0.0.1:0")
 
     def _there(self, text: str) -> str:
-        """What was printed, as on a machine whose daemon is a service."""
+        """What was printed, as on the machine of the page."""
         return text.replace(str(self.folder), FOLDER).replace(self.endpoint, ENDPOINT)
 
     def _end_daemon(self) -> None:
@@ -394,13 +396,11 @@ def desk(folder: Path, **sim: Any) -> Iterator[Desk]:
         for place, instead in (
             ("mkdaemon.client.connection.open_session", open_session),
             ("mkdaemon.client.connection.close_session", close_session),
-            ("mkdaemon.client.lease.SIGHTING", SIGHTING),
-            ("mkdaemon.client.setpoints.SIGHTING", SIGHTING),
             ("mkdaemon.record.recorder.LOOK", 0.02),
             ("mkdaemon.cli.mkdaemon.run.configure", lambda level: None),  # logs would take the screen
             ("mkdaemon.daemon.flight.free_disk", lambda folder: float(made.free_space(folder))),
-            ("mkdaemon.client.asking.client_name", lambda: "alice"),
-            ("mkdaemon.client.lease.client_name", lambda: "alice"),
+            ("mkdaemon.client.asking.client_name", lambda: HOLDER),
+            ("mkdaemon.client.lease.client_name", lambda: HOLDER),
             ("zenoh.SourceInfo", lambda *_: None),  # who asks is one and the same
             ("asyncio.run", loop.run_until_complete),
             ("sys.stdout", screen),
