@@ -60,12 +60,10 @@ def session_config(
         msg = f"{zenoh_file}: no usable Zenoh configuration: {_plain_words(error)}"
         raise ConfigError(msg) from error
     settings = _measured_settings(mode, lease, patience)
-    # An own file keeps its own endpoints unless ours are given.
-    keep = zenoh_file is not None
-    if connect or not keep:
-        settings["connect/endpoints"] = list(connect)
-    if listen or not keep:
-        settings["listen/endpoints"] = list(listen)
+    # An own file keeps its own endpoints unless ours are given; where it has none, Zenoh would listen to everybody.
+    for place, endpoints in (("connect/endpoints", connect), ("listen/endpoints", listen)):
+        if endpoints or config.get_json(place) == zenoh.Config().get_json(place):
+            settings[place] = list(endpoints)
     for endpoint in listen:
         check_endpoint(endpoint, "bus.listen")
     for endpoint in connect:
