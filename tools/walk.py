@@ -8,6 +8,7 @@ After the first command, which downloads, everything runs without a network, whe
 from __future__ import annotations
 
 import re
+import signal
 import socket
 import subprocess
 import sys
@@ -360,6 +361,8 @@ def walk(
     Raises:
         MkError: an answer is another one than on its page.
     """
+    # Whoever starts it in the background leaves Ctrl-C ignored, and everything it starts would be deaf to it.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     if folder is not None:
         folder.mkdir(parents=True, exist_ok=True)
         report(follow(root, folder.resolve(), pages))

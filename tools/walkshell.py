@@ -33,7 +33,7 @@ _CLONE_NEWNET: Final = 0x40000000
 """Of unshare(2)."""
 _ADOPTED: Final = ("export ", ". ", "cd ")
 """Lines that change the terminal itself."""
-_ENDED: Final = (0, 128 + signal.SIGINT)
+_ENDED: Final = (0, 128 + signal.SIGINT, -signal.SIGINT)
 
 
 @dataclass(frozen=True)
@@ -124,11 +124,13 @@ class Program:
         except subprocess.TimeoutExpired:
             self.kill()
             return self._printed(f"did not end within {within:g} s")
+        self._close_input()
         return self._printed()
 
     def interrupt(self) -> Printed:
         """Press Ctrl-C, and wait for its end."""
         if self._process.poll() is not None:
+            self._close_input()
             return self._printed(f"had ended by itself, with exit code {self._process.returncode}")
         self._process.send_signal(signal.SIGINT)
         return self._ended_well(self.wait_for_end(ENDING), "Ctrl-C")
@@ -145,6 +147,11 @@ class Program:
         if self._process.poll() is None:
             os.killpg(self._process.pid, signal.SIGKILL)
             self._process.wait()
+        self._close_input()
+
+    def _close_input(self) -> None:
+        assert self._process.stdin is not None
+        self._process.stdin.close()
 
     def _ended_well(self, printed: Printed, key: str) -> Printed:
         if printed.wrong or printed.code in _ENDED:
@@ -178,8 +185,12 @@ class Terminals:
         match manner.kind:
             case Kind.STAYS:
                 program = self._started(f"exec {line}")
-                self._running[line] = program
-                return program.wait_until_shown(manner)
+                seen = program.wait_until_shown(manner)
+                if seen.code is None:
+                    self._running[line] = program
+                else:
+                    program.kill()
+                return seen
             case Kind.INTERRUPTED | Kind.ENTERED:
                 program = self._started(f"exec {line}")
                 seen = program.wait_until_shown(manner)
