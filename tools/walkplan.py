@@ -137,7 +137,7 @@ TUTORIALS: Final = (
         manners=(
             Manner("mkdaemon sim", Kind.STAYS, SIMULATOR),
             Manner("mkdaemon run", Kind.STAYS, DAEMON),
-            Manner("watch_attitude", Kind.INTERRUPTED, r"roll [+-](.|\n)* V .* link up"),
+            Manner("watch_attitude", Kind.INTERRUPTED, r"roll [+-](.|\n)* V .* link \w"),
             Manner("Fly a square over a target", shows=r"(?m)^south [+-]"),
             Manner("SIDES", shows=r"(?m)^west "),
             Manner("uav.rates", shows="active parameter set"),
