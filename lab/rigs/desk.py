@@ -80,6 +80,8 @@ NOTICED: Final = 3.0
 """Longest wait for the recorder to notice what happened to the disk [s]."""
 READY: Final = 30.0
 """Longest wait for the boards to be known [s]."""
+SETTLED: Final = 5.0
+"""From then until somebody types the first command [s]."""
 WAITS: Final = 600.0
 """The pilot waits so long, unless he is asked [s]."""
 CAMERA: Final = ROOT / "configs" / "cameras" / "sim.toml"
@@ -279,6 +281,7 @@ class Desk:
         async with asyncio.timeout(READY):
             while not (wiring.link.is_up and wiring.link.dialect.extern_control is not None):  # noqa: ASYNC110
                 await asyncio.sleep(0.05)
+        await asyncio.sleep(SETTLED)
 
     async def stop(self) -> None:
         """Switch everything off in order."""
@@ -307,7 +310,7 @@ class Desk:
                 case "sleep":
                     self.loop.run_until_complete(asyncio.sleep(float(words[0])))
                 case "cd":
-                    self._stack.enter_context(chdir(words[0]))
+                    os.chdir(words[0])
                 case "wait":
                     return self._there(self._wait())
                 case "mkctl" if words[-1] == "&":
@@ -389,6 +392,7 @@ def desk(folder: Path, **sim: Any) -> Iterator[Desk]:
         session.close()
 
     with ExitStack() as stack:
+        stack.enter_context(chdir(Path.cwd()))  # whatever `cd` is typed on it
         made.endpoint = stack.enter_context(reserved_endpoint())
         host, _, port = made.endpoint.removeprefix("tcp/").partition(":")
         occupied = stack.enter_context(socket.create_server((host, int(port)), reuse_port=True))
