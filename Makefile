@@ -9,7 +9,7 @@ PYTHONS ?= 3.11 3.12 3.13
 # Where it is set, each of the hundred programs that the tests start compiles every module anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test check check-lab check-pythons check-view check-gateways bench figures hil docs site venv install clean
+.PHONY: demo test check check-lab check-pythons check-view check-gateways bench figures hil docs site walk venv install clean
 .DEFAULT_GOAL := demo
 
 demo: venv
@@ -74,6 +74,10 @@ docs: venv
 site: venv
 	$(BIN)/pip install --quiet --disable-pip-version-check --no-deps --requirement requirements-docs.txt
 	$(BIN)/python -m tools.site
+
+# A newcomer's first day in a new clone with a new home: README's two commands, then every tutorial, line by line.
+walk: venv
+	$(BIN)/python -m tools.walk
 
 venv: $(STAMP)
 

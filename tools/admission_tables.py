@@ -6,7 +6,7 @@ The prose of both pages is written by hand; a table stands between `<!-- admissi
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Final
 
@@ -75,19 +75,23 @@ def _rules() -> Iterator[str]:
     return table(("rule", "meaning"), ((rule.value, rule.meaning) for rule in Rule))
 
 
-def _lines(rows: Iterator[Row]) -> Iterator[str]:
-    head = ("row", "concerns", "stands when", "then it", "refusal and remedy")
-    return table(head, ((row.name, _concerns(row), row.stands, row.rule.value, _remedies(row)) for row in rows))
+def _lines(rows: Iterable[Row]) -> Iterator[str]:
+    """A table of rows, and below it what to do about each refusal; in one table the lines were 400 characters long."""
+    rows = tuple(rows)
+    head = ("row", "concerns", "stands when", "then it", "refusal")
+    yield from table(head, ((row.name, _concerns(row), row.stands, row.rule.value, _refusals(row)) for row in rows))
+    tokens = dict.fromkeys(token for row in rows for token in row.tokens if row.rule is not Rule.WAITS)
+    if tokens:
+        yield ""
+        yield from table(("refusal", "what to do"), ((f"`{token.value}`", token.fix) for token in tokens))
 
 
 def _concerns(row: Row) -> str:
     return _TOGETHER.get(row.concerns) or ", ".join(concern.value for concern in row.concerns)
 
 
-def _remedies(row: Row) -> str:
-    if row.rule is Rule.WAITS:
-        return ""
-    return "<br/>".join(f"`{token.value}`: {token.fix}" for token in row.tokens)
+def _refusals(row: Row) -> str:
+    return "" if row.rule is Rule.WAITS else ", ".join(f"`{token.value}`" for token in row.tokens)
 
 
 TABLES: Final[Mapping[str, Callable[[], Iterator[str]]]] = {

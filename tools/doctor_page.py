@@ -13,7 +13,6 @@ from mkdaemon.cli.mkdaemon.doctor.check import Check, Needs
 from mkdaemon.cli.mkdaemon.doctor.computer import COMPUTER
 from mkdaemon.cli.mkdaemon.doctor.serialline import SERIAL_LINE
 from mkdaemon.cli.mkdaemon.doctor.table import CHECKS, CONFIGURATION
-from tools.markdown import table
 
 _HEAD: Final = """# The doctor
 
@@ -38,7 +37,8 @@ mkdaemon doctor --json                                         # one fault a lin
 | 1 | an error: no flight, or none that is safe, while it stands |
 | 3 | warnings, and no error |
 
-A word in capital letters stands for what was found. What needs a file or a running daemon says so.
+Each check has its severity, what is found, why it matters and what to do. A word in capital letters stands for what
+was found. What needs a file or a running daemon says so.
 """
 _PARTS: Final = (
     ("The configuration", CONFIGURATION),
@@ -48,7 +48,6 @@ _PARTS: Final = (
     ("Cameras", CAMERAS),
     ("The aircraft", AIRCRAFT),
 )
-_COLUMNS: Final = ("check", "severity", "what is found", "why it matters", "what to do", "what to type")
 _NEEDS: Final = {Needs.MACHINE: "", Needs.CONFIG: ", with a file", Needs.DAEMON: ", with a daemon"}
 
 
@@ -62,12 +61,16 @@ def _lines() -> Iterator[str]:
     yield _HEAD
     for title, checks in _PARTS:
         yield f"## {title}\n"
-        yield from table(_COLUMNS, map(_row, checks))
+        for check in checks:
+            yield from _entry(check)
         yield ""
 
 
-def _row(check: Check) -> tuple[str, ...]:
+def _entry(check: Check) -> Iterator[str]:
     shown = check.described()
-    severity = f"{check.severity}{_NEEDS[check.needs]}"
-    typed = f"`{shown.command}`{' (safe)' if check.is_safe else ''}" if shown.command else ""
-    return f"`{check.name}`", severity, shown.what, shown.why, shown.fix, typed
+    yield f"* **`{check.name}`** ({check.severity}{_NEEDS[check.needs]}): {shown.what}<br/>"
+    yield f"  {shown.why}<br/>" if shown.fix or shown.command else f"  {shown.why}"
+    if shown.fix:
+        yield f"  {shown.fix}" + "<br/>" * bool(shown.command)
+    if shown.command:
+        yield f"  `{shown.command}`{' (safe)' if check.is_safe else ''}"

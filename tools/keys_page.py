@@ -75,11 +75,11 @@ _FLYING: Final = """## Flying by sticks
    aircraft.
 2. Query `do/lease` with `{action: "take", holder: ...}`; the reply has the `epoch`, which everybody may know, and the
    `secret` and the `setpoint_root`, which nobody else is told.
-3. Stream setpoints to `<setpoint_root>/stick` (`setpoint/@<number>/stick`) with that epoch, a rising `sequence` and a
-   `ttl`, with neutral pitch, roll and yaw, until `control/status` says `flying`. The attachment of each sample is its
-   signature, 32 bytes: HMAC-SHA256 with the secret (UTF-8) as its key, over `setpoint/stick`, a zero byte and the
-   payload. The daemon puts what it took once more to `setpoint/stick`: others can read setpoints there, but not make
-   one. What somebody else puts there is refused.
+3. Stream setpoints to `<setpoint_root>/stick` (`setpoint/@<number>/stick`; behind a router with certificates it has no
+   `@`) with that epoch, a rising `sequence` and a `ttl`, with neutral pitch, roll and yaw, until `control/status` says
+   `flying`. The attachment of each sample is its signature, 32 bytes: HMAC-SHA256 with the secret (UTF-8) as its key,
+   over `setpoint/stick`, a zero byte and the payload. The daemon puts what it took once more to `setpoint/stick`:
+   others can read setpoints there, but not make one. What somebody else puts there is refused.
 4. Fly. A setpoint older than its `ttl` (0.3 s at most) is replaced by neutral sticks; after 1 s of silence the
    aircraft is released and the lease is gone.
 5. Query `do/lease` with `{action: "release", epoch: ..., secret: ...}`. Anyone may query `do/release` at any time.

@@ -1,24 +1,32 @@
-"""`python -m lab.fleet.router ENDPOINT...`: a Zenoh router, as `zenohd` is one, until SIGTERM."""
+"""`python -m lab.fleet.router [--config FILE] ENDPOINT...`: a Zenoh router, as `zenohd` is one, until SIGTERM."""
 
 from __future__ import annotations
 
 import asyncio
 import signal
 import sys
+from pathlib import Path
 
 from mkdaemon.bus.session import close_session, open_session, session_config
 
 
-async def serve(endpoints: list[str]) -> None:
-    """Route until SIGTERM; the first line on standard output says that it listens."""
+async def serve(endpoints: list[str], zenoh_file: Path | None = None) -> None:
+    """Route until SIGTERM; the first line on standard output says that it listens.
+
+    Args:
+        endpoints: where it listens.
+        zenoh_file: its certificates and access rules.
+    """
     stop = asyncio.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
         asyncio.get_running_loop().add_signal_handler(number, stop.set)
-    session = await open_session(session_config("router", listen=endpoints), listen=endpoints)
+    session = await open_session(session_config("router", listen=endpoints, zenoh_file=zenoh_file), listen=endpoints)
     print("listens", flush=True)
     await stop.wait()
     await close_session(session)
 
 
 if __name__ == "__main__":
-    asyncio.run(serve(sys.argv[1:]))
+    words = sys.argv[1:]
+    file = Path(words[1]) if words[:1] == ["--config"] else None
+    asyncio.run(serve(words[2:] if file else words, file))

@@ -18,7 +18,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor
-from contextlib import AsyncExitStack, ExitStack, contextmanager
+from contextlib import AsyncExitStack, ExitStack, chdir, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeVar, cast
 from unittest.mock import patch
@@ -58,8 +58,10 @@ if TYPE_CHECKING:
 
     from mkdaemon.bus.gateway import Bus
 VEHICLE: Final = "mk1"
-FOLDER: Final = "/var/lib/mkdaemon/mk1"
+FOLDER: Final = "~/.local/state/mkdaemon/mk1"
 """What stands for the daemon's folder in what is typed and printed."""
+HOLDER: Final = "alice-ground-4711"
+"""What a client names itself: user, machine, process."""
 ENDPOINT: Final = "tcp/127.0.0.1:7447"
 """What stands for its endpoint."""
 FREE_PORT: Final = "127.0.0.1:7448"
@@ -74,12 +76,12 @@ LATENCY: Final = 0.08
 """From the exposure to the pose [s]."""
 TRUTHS: Final = 10.0
 """How often the true state is published [Hz]."""
-SIGHTING: Final = 3.0
-"""Longest wait of a client until the daemon engages, a quarter of the product's [s]."""
 NOTICED: Final = 3.0
 """Longest wait for the recorder to notice what happened to the disk [s]."""
 READY: Final = 30.0
 """Longest wait for the boards to be known [s]."""
+SETTLED: Final = 5.0
+"""From then until somebody types the first command [s]."""
 WAITS: Final = 600.0
 """The pilot waits so long, unless he is asked [s]."""
 CAMERA: Final = ROOT / "configs" / "cameras" / "sim.toml"
@@ -279,6 +281,7 @@ class Desk:
         async with asyncio.timeout(READY):
             while not (wiring.link.is_up and wiring.link.dialect.extern_control is not None):  # noqa: ASYNC110
                 await asyncio.sleep(0.05)
+        await asyncio.sleep(SETTLED)
 
     async def stop(self) -> None:
         """Switch everything off in order."""
@@ -296,7 +299,7 @@ class Desk:
 
         Args:
             line: a command of `mkctl` or `mkdaemon`, with `&` behind it if it is to run in the background; `wait` for
-                that one; `sleep SECONDS`; or, behind `#`, something that happens.
+                that one; `sleep SECONDS`; `cd FOLDER`; or, behind `#`, something that happens.
         """
         if line in self._happenings:
             self._happenings[line]()
@@ -306,6 +309,8 @@ class Desk:
             match name:
                 case "sleep":
                     self.loop.run_until_complete(asyncio.sleep(float(words[0])))
+                case "cd":
+                    os.chdir(words[0])
                 case "wait":
                     return self._there(self._wait())
                 case "mkctl" if words[-1] == "&":
@@ -323,7 +328,7 @@ class Desk:
         return line.replace(FOLDER, str(self.folder)).replace(ENDPOINT, self.endpoint).replace(FREE_PORT, "127.0.0.1:0")
 
     def _there(self, text: str) -> str:
-        """What was printed, as on a machine whose daemon is a service."""
+        """What was printed, as on the machine of the page."""
         return text.replace(str(self.folder), FOLDER).replace(self.endpoint, ENDPOINT)
 
     def _end_daemon(self) -> None:
@@ -387,6 +392,7 @@ def desk(folder: Path, **sim: Any) -> Iterator[Desk]:
         session.close()
 
     with ExitStack() as stack:
+        stack.enter_context(chdir(Path.cwd()))  # whatever `cd` is typed on it
         made.endpoint = stack.enter_context(reserved_endpoint())
         host, _, port = made.endpoint.removeprefix("tcp/").partition(":")
         occupied = stack.enter_context(socket.create_server((host, int(port)), reuse_port=True))
@@ -394,13 +400,11 @@ def desk(folder: Path, **sim: Any) -> Iterator[Desk]:
         for place, instead in (
             ("mkdaemon.client.connection.open_session", open_session),
             ("mkdaemon.client.connection.close_session", close_session),
-            ("mkdaemon.client.lease.SIGHTING", SIGHTING),
-            ("mkdaemon.client.setpoints.SIGHTING", SIGHTING),
             ("mkdaemon.record.recorder.LOOK", 0.02),
             ("mkdaemon.cli.mkdaemon.run.configure", lambda level: None),  # logs would take the screen
             ("mkdaemon.daemon.flight.free_disk", lambda folder: float(made.free_space(folder))),
-            ("mkdaemon.client.asking.client_name", lambda: "alice"),
-            ("mkdaemon.client.lease.client_name", lambda: "alice"),
+            ("mkdaemon.client.asking.client_name", lambda: HOLDER),
+            ("mkdaemon.client.lease.client_name", lambda: HOLDER),
             ("zenoh.SourceInfo", lambda *_: None),  # who asks is one and the same
             ("asyncio.run", loop.run_until_complete),
             ("sys.stdout", screen),

@@ -101,11 +101,14 @@ class LiveDaemon:
 
 
 @asynccontextmanager
-async def live_daemon(*, commands: CommandsConfig | None = None, **sim: Any) -> AsyncIterator[LiveDaemon]:
+async def live_daemon(
+    *, commands: CommandsConfig | None = None, bus: BusConfig | None = None, **sim: Any
+) -> AsyncIterator[LiveDaemon]:
     """A daemon that runs as long as the context lasts, as soon as external control is possible.
 
     Args:
         commands: which dangerous commands are enabled.
+        bus: a router that the daemon connects to, at which it is reached then; it listens itself by default.
         sim: settings of the simulator.
 
     Raises:
@@ -118,13 +121,15 @@ async def live_daemon(*, commands: CommandsConfig | None = None, **sim: Any) -> 
             cfg = Config(
                 vehicle=VehicleConfig(name=VEHICLE),
                 link=LinkConfig(port=f"tcp:{where}"),
-                bus=BusConfig(listen=(endpoint,), lease=30.0),
+                bus=bus or BusConfig(listen=(endpoint,), lease=30.0),
                 control=ControlConfig(lease=LeaseConfig(ttl=60.0)),
                 commands=commands or CommandsConfig(),
                 record=RecordConfig(enabled=False),
             )
             stop = asyncio.Event()
-            live = LiveDaemon(runtime, endpoint, stop, asyncio.create_task(run(cfg, stop), name="daemon"))
+            live = LiveDaemon(
+                runtime, bus.connect[0] if bus else endpoint, stop, asyncio.create_task(run(cfg, stop), name="daemon")
+            )
             async with _observer(live):
                 await live.until(lambda: _is_controllable(live.values("link/state")))
                 try:

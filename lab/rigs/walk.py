@@ -9,9 +9,23 @@ from typing import Final, NamedTuple
 
 from lab.rigs.desk import Desk
 
-_BLOCK: Final = re.compile(r"^```console\n(.*?)^```", re.DOTALL | re.MULTILINE)
+_BLOCK: Final = re.compile(r"^```(?P<language>\w*)\n(?P<text>.*?)^```", re.DOTALL | re.MULTILINE)
 _NUMBER: Final = re.compile(r"\d+(?:\.\d+)?")
 _ANYTHING: Final = "..."
+
+
+class Block(NamedTuple):
+    """What stands between two fences of a page.
+
+    Attributes:
+        language: behind the first fence: `sh` is typed, `console` is typed and answered; empty for none.
+        text: all of it.
+        line: number of its first line in the page, from 1.
+    """
+
+    language: str
+    text: str
+    line: int
 
 
 class Step(NamedTuple):
@@ -20,25 +34,40 @@ class Step(NamedTuple):
     Attributes:
         typed: what is typed, or what happens.
         answer: the lines below it.
+        line: number of its line in the page, from 1.
     """
 
     typed: str
     answer: list[str]
+    line: int
+
+
+def blocks_of(page: Path) -> Iterator[Block]:
+    """The blocks of a page."""
+    text = page.read_text(encoding="utf-8")
+    for found in _BLOCK.finditer(text):
+        yield Block(found["language"], found["text"], text.count("\n", 0, found.start("text")) + 1)
 
 
 def steps_of(page: Path) -> Iterator[Step]:
-    """The commands of a page, with their answers."""
-    for block in _BLOCK.findall(page.read_text(encoding="utf-8")):
-        step: Step | None = None
-        for line in block.splitlines():
-            if line.startswith(("$ ", "# ")):
-                if step is not None:
-                    yield step
-                step = Step(line.removeprefix("$ "), [])
-            elif line.strip() and step is not None:
-                step.answer.append(line)
-        if step is not None:
-            yield step
+    """The commands of a page that have answers."""
+    for block in blocks_of(page):
+        if block.language == "console":
+            yield from answered_steps(block)
+
+
+def answered_steps(block: Block) -> Iterator[Step]:
+    """The commands of one block, with their answers."""
+    step: Step | None = None
+    for number, line in enumerate(block.text.splitlines(), block.line):
+        if line.startswith(("$ ", "# ")):
+            if step is not None:
+                yield step
+            step = Step(line.removeprefix("$ "), [], number)
+        elif line.strip() and step is not None:
+            step.answer.append(line)
+    if step is not None:
+        yield step
 
 
 def walk(page: Path, desk: Desk) -> Iterator[str]:

@@ -55,6 +55,11 @@ def test_a_wrong_endpoint_is_named_with_its_place_and_a_sample(endpoint):
         assert str(caught.value) == f"{place}: {endpoint!r} is no Zenoh endpoint; write it like tcp/127.0.0.1:7447"
 
 
+async def test_a_host_that_nobody_knows_is_named():
+    with pytest.raises(MkError, match=r"^no machine is known by the name nobody\.invalid: correct it"):
+        await open_session(session_config("client", connect=["tcp/nobody.invalid:7447"], patience=0.1))
+
+
 async def test_an_unknown_protocol_is_a_configuration_error():
     with pytest.raises(ConfigError, match="tpc"):
         await open_session(session_config("peer", listen=["tpc/127.0.0.1:7447"]))

@@ -107,7 +107,7 @@ def test_a_certificate_that_has_ended_is_shown(folder, security):
     ("words", "mistake"),
     [
         (("issue", "bob", "--ca", "none"), "no authority is in none"),
-        (("issue", "bob", "--host", "x", "--ca", "{keys}"), "only a daemon is reached at a host"),
+        (("issue", "bob", "--host", "x", "--ca", "{keys}"), "only a daemon or a router is reached at a host"),
         (("issue", "a/b", "--ca", "{keys}"), "a name has letters"),
         (("issue", "pilot", "--ca", "{keys}"), "exists already"),
         (("issue", "x" * 65, "--ca", "{keys}"), "at most 64"),

@@ -19,6 +19,7 @@ from tests.client.fake import CLOCK, EPOCH, SECRET, connected
 RELEASE = ("do/lease", {"action": "release", "epoch": EPOCH, "secret": SECRET})
 
 
+@pytest.mark.real_time(tolerance=0.1)
 async def test_neutral_sticks_are_streamed_until_the_daemon_engages_then_the_wanted_ones():
     async with connected(engages=10) as (daemon, uav):
         async with uav.lease() as lease:

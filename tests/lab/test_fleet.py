@@ -151,8 +151,8 @@ def test_the_files_on_the_page_about_fleets_are_right_configurations():
     page = (ROOT / "docs" / "fleet.md").read_text(encoding="utf-8")
     files = [tomllib.loads(text) for text in re.findall(r"```toml\n(.*?)```", page, re.DOTALL)]
     read = [Config.model_validate(file) for file in files]
-    assert [cfg.vehicle.name for cfg in read] == ["mk2", "mk3"]
-    assert {cfg.bus.connect for cfg in read} == {("tcp/10.77.0.1:7447",)}
+    assert [cfg.vehicle.name for cfg in read] == ["mk2", "mk3", "mk2"]
+    assert [cfg.bus.connect for cfg in read] == 2 * [("tcp/10.77.0.1:7447",)] + [("tls/10.77.0.1:7447",)]
     for endpoint in (one for cfg in read for one in (*cfg.bus.connect, *cfg.bus.listen)):
         check_endpoint(endpoint, "docs/fleet.md")
 

@@ -99,7 +99,7 @@ class Bus:
             ConfigError: an endpoint or the Zenoh file is wrong, or everybody in the network could fly.
             MkError: the endpoint is in use.
         """
-        root = new_setpoint_root()
+        root = new_setpoint_root(cfg.connect)
         plain = tuple(spec.suffix for spec in of_use(Use.SETPOINT))
         kinds = (*plain, *(below(root, suffix) for suffix in plain))
         config = session_config(

@@ -7,7 +7,7 @@ import contextlib
 import json
 import re
 import socket
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 from typing import Final, Literal
@@ -60,12 +60,10 @@ def session_config(
         msg = f"{zenoh_file}: no usable Zenoh configuration: {_plain_words(error)}"
         raise ConfigError(msg) from error
     settings = _measured_settings(mode, lease, patience)
-    # An own file keeps its own endpoints unless ours are given.
-    keep = zenoh_file is not None
-    if connect or not keep:
-        settings["connect/endpoints"] = list(connect)
-    if listen or not keep:
-        settings["listen/endpoints"] = list(listen)
+    # An own file keeps its own endpoints unless ours are given; where it has none, Zenoh would listen to everybody.
+    for place, endpoints in (("connect/endpoints", connect), ("listen/endpoints", listen)):
+        if endpoints or config.get_json(place) == zenoh.Config().get_json(place):
+            settings[place] = list(endpoints)
     for endpoint in listen:
         check_endpoint(endpoint, "bus.listen")
     for endpoint in connect:
@@ -166,10 +164,13 @@ async def open_session(config: zenoh.Config, *, listen: Sequence[str] = ()) -> z
                 raise MkError(refusal) from error
             endpoints = json.loads(config.get_json("connect/endpoints"))
             where = ", ".join(endpoints)
+            if unknown := await asyncio.to_thread(_unknown_hosts, endpoints):
+                msg = f"no machine is known by the name {', '.join(unknown)}: correct it, or give its address"
+                raise MkError(msg) from error
             if await asyncio.to_thread(_is_taken, endpoints):
                 msg = (
                     f"a program listens at {where} but does not answer: that machine or this one is busy, so ask again;"
-                    " or it is no mkdaemon"
+                    " or one side asks for a certificate, the other has none (docs/security.md); or it is no mkdaemon"
                 )
                 raise MkError(msg) from error
             msg = f"nobody answers at {where}: is mkdaemon running there? (`mkdaemon run` here, or --connect elsewhere)"
@@ -178,14 +179,31 @@ async def open_session(config: zenoh.Config, *, listen: Sequence[str] = ()) -> z
         raise ConfigError(msg) from error
 
 
-def _is_taken(endpoints: Sequence[str]) -> bool:
-    """Whether a program listens at one of these: its kernel takes a connection even where it has no time itself."""
+def _places(endpoints: Sequence[str]) -> Iterator[tuple[str, int]]:
+    """Hosts and ports of those that are reached over TCP."""
     for endpoint in endpoints:
         protocol, _, address = endpoint.partition("/")
         host, _, port = re.split("[?#]", address)[0].rpartition(":")
         if protocol in {"tcp", "tls"} and port.isdigit():
-            with contextlib.suppress(OSError), socket.create_connection((host.strip("[]"), int(port)), 1.0):
-                return True
+            yield host.strip("[]"), int(port)
+
+
+def _unknown_hosts(endpoints: Sequence[str]) -> list[str]:
+    """Hosts that have no address."""
+    unknown = []
+    for host, port in _places(endpoints):
+        try:
+            socket.getaddrinfo(host, port)
+        except OSError:
+            unknown.append(host)
+    return unknown
+
+
+def _is_taken(endpoints: Sequence[str]) -> bool:
+    """Whether a program listens at one of these: its kernel takes a connection even where it has no time itself."""
+    for place in _places(endpoints):
+        with contextlib.suppress(OSError), socket.create_connection(place, 1.0):
+            return True
     return False
 
 

@@ -7,12 +7,15 @@ receives from every connection. Two strangers that put 300,000 setpoints a secon
 The root's second chunk is a number that nobody guesses. It begins with `@`: such a chunk is matched by no wildcard, so
 that neither a put to `mk/**` arrives there, nor a subscriber of `mk/**` hears what does. What arrives is put once more
 to the plain key (`setpoint/stick`) by the daemon, for everybody to see.
+
+A router's access rules stand in a file, and no pattern in a file can speak of such a chunk. So behind a router with
+rules the number stands without `@`: what rules say of `setpoint/**` holds for it, and only a pilot may put there.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from secrets import token_hex
 from typing import Any, Final
 
@@ -24,12 +27,19 @@ PLAIN_ROOT: Final = "setpoint"
 NEIGHBOURS: Final = {"south": [{"filters": [{"modes": ["client", "peer"]}]}]}
 """Zenoh's `gateway` for the daemon: a peer hears of a subscriber only where it asks for that key, as a client does. By
 Zenoh's default it hears of every one, the secret root's too. A router still does, because routes need it."""
+SECURED: Final = ("tls/", "quic/")
+"""Endpoints that ask for certificates, and so may have access rules."""
 _CHUNK_BYTES: Final = 16
 
 
-def new_setpoint_root() -> str:
-    """A root that nobody guesses: `setpoint/@<number>`."""
-    return f"{PLAIN_ROOT}/@{token_hex(_CHUNK_BYTES)}"
+def new_setpoint_root(connect: Sequence[str] = ()) -> str:
+    """A root that nobody guesses: `setpoint/@<number>`, or `setpoint/<number>` behind a router with access rules.
+
+    Args:
+        connect: endpoints of the routers of the daemon.
+    """
+    mark = "" if any(endpoint.startswith(SECURED) for endpoint in connect) else "@"
+    return f"{PLAIN_ROOT}/{mark}{token_hex(_CHUNK_BYTES)}"
 
 
 def below(root: str, suffix: str) -> str:

@@ -120,12 +120,17 @@ def _fly(
         print(json_line({**figures, **files}))
     else:
         console.print(summary_table(figures))
-        console.print(f"picture of the flight: {picture}")
-        console.print(f"its recording: {recording}")
-        console.print(f"its report, for a browser: {report}" if report else f"no report: {reason}")
+        print_files(console, picture, recording, report, reason)
         words = "landed on the target, motors stand" if record.has_landed else f"NOT landed: {figures['outcome']}"
         console.print(Text(words, style="bold green" if record.has_landed else "bold red"))
     return EXIT_OK if record.has_landed else EXIT_FAILURE
+
+
+def print_files(console: Console, picture: Path, recording: Path, report: Path | None, reason: str) -> None:
+    """Say where the flight was written, and why there is no report; brackets are brackets, of an extra for example."""
+    last = f"its report, for a browser: {report}" if report else f"no report: {reason}"
+    for line in (f"picture of the flight: {picture}", f"its recording: {recording}", last):
+        console.print(line, markup=False)
 
 
 def _write_report(recording: Path) -> tuple[Path | None, str]:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import io
 import json
+from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
@@ -73,3 +75,10 @@ def test_a_flight_that_never_began_has_a_picture_too(tmp_path):
     record.moments = record.moments[:1]
     write_picture(record, tmp_path / "a.svg")
     assert (tmp_path / "a.svg").read_text().startswith("<svg")
+
+
+def test_what_a_report_needs_is_told_with_its_extra():
+    page = io.StringIO()
+    reason = 'a report needs plotly: pip install "mkdaemon[report]"'
+    demo.print_files(Console(file=page, width=200), Path("demo.svg"), Path("demo.mcap"), None, reason)
+    assert page.getvalue().splitlines()[-1] == f"no report: {reason}"

@@ -9,7 +9,7 @@ from ipaddress import ip_address
 from pathlib import Path
 from typing import Final, NamedTuple
 
-from mkdaemon.cli.mkdaemon.security.roles import DAEMON
+from mkdaemon.cli.mkdaemon.security.roles import SERVERS
 from mkdaemon.errors import ConfigError
 from mkdaemon.reading import LONGEST_SETTINGS, parse_json, read_text
 
@@ -59,7 +59,7 @@ class Certified(NamedTuple):
     Attributes:
         role: daemon, pilot, observer, recorder; of an authority its name.
         name: whose it is.
-        hosts: names and addresses that a daemon is reached at.
+        hosts: names and addresses that a daemon or a router is reached at.
         until: when it ends.
         fingerprint: SHA-256 of the certificate, in hexadecimal digits.
     """
@@ -98,7 +98,7 @@ def issue_certificate(
         name: whose it is.
         now: from when on it counts.
         days: how long it counts.
-        hosts: names and addresses of a daemon; a client's certificate is good for no host.
+        hosts: names and addresses of a daemon or a router; a client's certificate is good for no host.
 
     Raises:
         ConfigError: nobody can be called so.
@@ -113,7 +113,7 @@ def issue_certificate(
         msg = f"{name}, {', '.join(hosts) or 'no host'}: no certificate can be made out to that: {error}"
         raise ConfigError(msg) from error
     # A daemon also connects, to a router for example.
-    uses = [ExtendedKeyUsageOID.CLIENT_AUTH] + [ExtendedKeyUsageOID.SERVER_AUTH] * (role == DAEMON)
+    uses = [ExtendedKeyUsageOID.CLIENT_AUTH] + [ExtendedKeyUsageOID.SERVER_AUTH] * (role in SERVERS)
     builder = (
         _builder(subject, authority.certificate.subject, key, now, days)
         .add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)
@@ -151,7 +151,7 @@ def tls_fields(authority: x509.Certificate, pair: Pair, role: str) -> dict[str, 
     """What a Zenoh configuration says of certificates: all of it in the file itself, so that one file is enough."""
     ca = authority.public_bytes(serialization.Encoding.PEM)
     fields = {"root_ca_certificate_base64": ca}
-    for way in ("connect", "listen") if role == DAEMON else ("connect",):
+    for way in ("connect", "listen") if role in SERVERS else ("connect",):
         fields[TLS_FIELD.format(way, "certificate")] = pair.certificate_pem
         fields[TLS_FIELD.format(way, "private_key")] = pair.key_pem
     return {name: base64.b64encode(content).decode() for name, content in fields.items()}

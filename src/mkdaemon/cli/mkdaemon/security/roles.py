@@ -14,7 +14,11 @@ from typing import Any, Final, NamedTuple
 from mkdaemon.bus.keys import Use, roots
 
 DAEMON: Final = "daemon"
-"""The role of a daemon, which is under no rule."""
+"""The role of a daemon; a router lets it do everything."""
+ROUTER: Final = "router"
+"""The role of a router: a daemon lets through it what it lets a pilot do, for the router has looked at who asks."""
+SERVERS: Final = (DAEMON, ROUTER)
+"""Those that clients connect to."""
 
 
 class Rule(NamedTuple):
@@ -55,6 +59,18 @@ SUBSCRIBE: Final = Rule("subscribe", _BOTH, ("declare_subscriber", "declare_live
 """What may be put decides what a subscriber hears, so everybody may subscribe to everything."""
 SERVE: Final = Rule("serve", ("egress",), ("declare_queryable",), ("mk/**",))
 """Only the daemon answers queries: nobody else may claim to."""
+BE_DAEMON: Final = Rule(
+    "be-daemon",
+    _BOTH,
+    (
+        *("put", "delete", "query", "reply", "liveliness_token", "liveliness_query"),
+        *("declare_subscriber", "declare_liveliness_subscriber", "declare_queryable"),
+    ),
+    ("mk/**",),
+)
+"""Of a router alone: what is flown behind it."""
+HIDE: Final = Rule("hide", ("egress",), ("put",), ("mk/*/setpoint/*/*",))
+"""Of a router alone, and denied: below the secret number of a daemon nobody listens but that daemon."""
 
 
 class Role(NamedTuple):
@@ -83,38 +99,54 @@ ROLES: Final = (
 """Every role of a client."""
 
 
-def access_control() -> dict[str, Any]:
-    """The access rules of a daemon, as Zenoh reads them."""
-    rules = {rule.id: rule for role in ROLES for rule in role.rules}
+_PILOT: Final = ROLES[0]
+NEIGHBOURS: Final = {
+    DAEMON: (*ROLES, Role(ROUTER, "hand on what clients ask", _PILOT.rules)),
+    ROUTER: (
+        *(Role(role.name, role.may, (*role.rules, HIDE)) for role in ROLES),
+        Role(DAEMON, "be flown", (BE_DAEMON,)),
+    ),
+}
+"""Who is on the other side of a link, by the role of this side."""
+
+
+def access_control(role: str) -> dict[str, Any]:
+    """The access rules of a daemon or of a router, as Zenoh reads them.
+
+    Args:
+        role: one of `SERVERS`.
+    """
+    neighbours = NEIGHBOURS[role]
+    rules = {rule.id: rule for neighbour in neighbours for rule in neighbour.rules}
     return {
         "enabled": True,
         "default_permission": "deny",
         "rules": [
             {
                 "id": rule.id,
-                "permission": "allow",
+                "permission": "deny" if rule is HIDE else "allow",
                 "flows": list(rule.flows),
                 "messages": list(rule.messages),
                 "key_exprs": list(rule.keys),
             }
             for rule in rules.values()
         ],
-        "subjects": [{"id": role.name, "cert_common_names": [role.name]} for role in ROLES],
-        "policies": [{"rules": [rule.id for rule in role.rules], "subjects": [role.name]} for role in ROLES],
+        "subjects": [{"id": one.name, "cert_common_names": [one.name]} for one in neighbours],
+        "policies": [{"rules": [rule.id for rule in one.rules], "subjects": [one.name]} for one in neighbours],
     }
 
 
 def zenoh_file(role: str, tls: Mapping[str, str], about: str) -> str:
-    """The Zenoh configuration of a daemon or a client.
+    """The Zenoh configuration of a daemon, a router or a client.
 
     Args:
-        role: `daemon`, or that of a client.
+        role: `daemon`, `router`, or that of a client.
         tls: certificates and keys, as Zenoh calls them.
         about: comment at the top; each line of it becomes one.
     """
     settings = {**tls, "enable_mtls": True, "verify_name_on_connect": True}
     content: dict[str, Any] = {"transport": {"link": {"tls": settings}}}
-    if role == DAEMON:
-        content["access_control"] = access_control()
+    if role in SERVERS:
+        content["access_control"] = access_control(role)
     head = "".join(f"// {line}\n" for line in about.splitlines())
     return f"{head}{json.dumps(content, indent=2)}\n"

@@ -22,18 +22,20 @@ from mkdaemon.cli.mkdaemon.security.certificates import (
     read_certificate,
     tls_fields,
 )
-from mkdaemon.cli.mkdaemon.security.roles import DAEMON, ROLES, zenoh_file
+from mkdaemon.cli.mkdaemon.security.roles import DAEMON, ROLES, ROUTER, SERVERS, zenoh_file
 from mkdaemon.cli.printing import json_line
 from mkdaemon.cli.program import EXIT_FAILURE, EXIT_OK
 from mkdaemon.cli.terminal import on_one_line
 from mkdaemon.errors import ConfigError, MkError
 from mkdaemon.files import refuse_existing, save
 
-RoleName = Literal["pilot", "observer", "recorder", "daemon"]
+RoleName = Literal["pilot", "observer", "recorder", "daemon", "router"]
 DAYS: Final = 825
 """How long a certificate counts [days]."""
 HERE: Final = ("localhost", "127.0.0.1")
-"""A daemon is always reached at these."""
+"""A daemon and a router are always reached at these."""
+MAY: Final = {DAEMON: "listen, and be commanded", ROUTER: "join daemons and clients, and look at who asks what"}
+"""What those may that clients connect to."""
 
 _NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
 
@@ -101,26 +103,26 @@ def issue(
 
     Args:
         name: Whose it is, for `show`; what its holder may do is said by the role.
-        role: What its holder may do; `daemon` is for one more aircraft.
+        role: What its holder may do; `daemon` is for one more aircraft, `router` for what joins several.
         ca: Folder of the authority.
-        host: Name or address at which a daemon is reached; may be given again.
+        host: Name or address at which a daemon or a router is reached; may be given again.
         output: File to write; NAME.json5 beside the authority by default.
         days: How long it counts.
         force: Overwrite the file.
 
     Raises:
-        ConfigError: there is no authority, the file is there already, or --host belongs to no daemon.
+        ConfigError: there is no authority, the file is there already, or --host belongs to a client.
         MkError: the file cannot be written.
     """
     require_count(days, "--days")
-    if host and role != DAEMON:
-        msg = f"--host: only a daemon is reached at a host, and the role is {role}"
+    if host and role not in SERVERS:
+        msg = f"--host: only a daemon or a router is reached at a host, and the role is {role}"
         raise ConfigError(msg)
     if _NAME.fullmatch(name) is None:
         msg = f"{name!r}: a name has letters, digits, `.`, `_` and `-`, at most 64"
         raise ConfigError(msg)
     authority = load_authority(ca)
-    hosts = (*HERE, *host) if role == DAEMON else ()
+    hosts = (*HERE, *host) if role in SERVERS else ()
     pair = issue_certificate(authority, role, name, now=datetime.now(UTC), days=days, hosts=hosts)
     path = output or ca / f"{name}.json5"
     _write_file(path, authority, pair, role, name, force=force)
@@ -172,8 +174,8 @@ def _files(paths: Sequence[Path]) -> Iterator[Path]:
 
 def _write_file(path: Path, authority: Pair, pair: Pair, role: str, name: str, *, force: bool) -> None:
     """Write the Zenoh configuration of a daemon or a client."""
-    may = {each.name: each.may for each in ROLES}.get(role, "listen, and be commanded")
-    use = "bus.zenoh_file" if role == DAEMON else "MK_ZENOH_FILE"
+    may = {each.name: each.may for each in ROLES}.get(role, MAY.get(role, ""))
+    use = {DAEMON: "bus.zenoh_file", ROUTER: "zenohd --config"}.get(role, "MK_ZENOH_FILE")
     about = f"{name}, {role}: may {may}.\nUse: {use}. It holds a private key: keep it secret."
     fields = tls_fields(authority.certificate, pair, role)
     _save(path, zenoh_file(role, fields, about).encode(), force=force)
