@@ -40,11 +40,10 @@ TARGETS: Final = CONFIGS / "targets"
 
 
 class SeedSet(StrEnum):
-    """Which scenes: those the code was tuned on, those it has never seen, and those that decide which parts stay."""
+    """Which scenes: those the code was tuned on, and those it has never seen."""
 
     DEVELOPMENT = "development"
     REPORTING = "reporting"
-    ABLATION = "ablation"
 
     @property
     def base(self) -> int:
@@ -53,7 +52,7 @@ class SeedSet(StrEnum):
         Seeds from 3,000,000 extend the development set; docs/lab/accuracy.md names the sets that were reported and then
         looked at.
         """
-        return {SeedSet.DEVELOPMENT: 0, SeedSet.REPORTING: 59_000_000, SeedSet.ABLATION: 23_000_000}[self]
+        return {SeedSet.DEVELOPMENT: 0, SeedSet.REPORTING: 59_000_000}[self]
 
 
 @lru_cache(maxsize=4)

@@ -1,7 +1,7 @@
 """Every threshold of the eyes: value, unit, meaning, and where the figure comes from.
 
 Those a user may set stand in `mkdaemon.config.vision`. "Tuned" is chosen by hand on development scenes of
-`python -m lab vision` (docs/lab/accuracy.md); what gates and parts earn is measured with `--ablate` (docs/vision.md).
+`python -m lab vision` (docs/lab/accuracy.md).
 Shares are 0 to 1, deviations are standard deviations, widths of edges are half widths. Constants of a numeric method
 (steps, damping, convergence, process noise) stand beside the method. First stands what finding and fitting ask, then
 what is asked of a measured pose (gates, tracks, rivals, health), then the self-calibration.
@@ -351,7 +351,7 @@ class EvidenceLimits:
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """All of them; the ablation campaign hands others to the tracker."""
+    """All of them."""
 
     search: SearchLimits = field(default_factory=SearchLimits)
     read: ReadLimits = field(default_factory=ReadLimits)

@@ -12,7 +12,6 @@ import pytest
 from lab.vision.flight import VGA, fly
 from lab.vision.real import DEVICES
 from lab.vision.stills import error_of, target_named
-from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.pose import Pose
 from mkdaemon.vision.tags.tagmap import TagMap
 from mkdaemon.vision.track.attitude import LOOKING_DOWN
@@ -74,6 +73,6 @@ def test_a_range_that_few_edges_agree_with_tells_no_climb(inliers: float, knows:
     track.accept(0.0, first, np.eye(3), np.zeros((4, 4), dtype=np.uint8))
     found = replace(first, position=1.1 * first.position, inliers=inliers)
     fitter = SimpleNamespace(shutter=SimpleNamespace(rolls=True), refine=lambda *_: found)
-    starts = Starts(fitter, None, track, LOOKING_DOWN, LIMITS)  # type: ignore[arg-type]
+    starts = Starts(fitter, None, track, LOOKING_DOWN)  # type: ignore[arg-type]
     start = starts.with_climb(Sight(np.zeros((4, 4), np.uint8), 1 / 30, np.eye(3)), first)
     assert (start.known_motion is not None) is knows

@@ -20,7 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from mkdaemon.vision.camera.image import BRIGHTEST
-from mkdaemon.vision.limits import Limits
+from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.pose import median, quantile
 
 Array = npt.NDArray[np.float64]
@@ -101,17 +101,16 @@ class EdgeSides:
     reach: Array
 
 
-def blown_edges(sides: EdgeSides, found: Bools, upright: Bools, limits: Limits) -> Blown | None:
+def blown_edges(sides: EdgeSides, found: Bools, upright: Bools) -> Blown | None:
     """What clipping does to edges; none where no bright side is blown.
 
     Args:
         sides: what lies beside the edges.
         found: which of them were found `(n,)`.
         upright: which of them run one way `(n,)`.
-        limits: all thresholds.
     """
-    edges = limits.edges
-    cut = found & (sides.bright >= limits.read.saturated)
+    edges = LIMITS.edges
+    cut = found & (sides.bright >= LIMITS.read.saturated)
     if not bool(cut.any()):
         return None
     whole = found & ~cut
@@ -131,7 +130,7 @@ def blown_edges(sides: EdgeSides, found: Bools, upright: Bools, limits: Limits) 
     of_contrast = edges.contrast_share if sees_both else edges.unseen_contrast_share
     spread = np.array([edges.blur_share, edges.blur_share, of_contrast])
     clear = 1.0 / (1.0 + (moved / edges.blown_px) ** 2)
-    shown = light < limits.read.saturated - limits.read.nearly_blown
+    shown = light < LIMITS.read.saturated - LIMITS.read.nearly_blown
     return Blown(moved, np.column_stack([*(kinds * moved), by_contrast]), spread, clear, shown)
 
 

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from mkdaemon.vision.limits import LIMITS, Limits
+from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.pose import Pose
 from mkdaemon.vision.pose.projection import NEAR_M, Projection
 from mkdaemon.vision.tags.cover import covered
@@ -29,10 +29,10 @@ BORDER = 3
 class Carrier:
     """Finds a target again that was seen a moment ago."""
 
-    def __init__(self, target: Target, projection: Projection, limits: Limits = LIMITS) -> None:
+    def __init__(self, target: Target, projection: Projection) -> None:
         self._projection = projection
-        self._limits, self._readable_px = limits.track, limits.cells.readable_px
-        self._smallest_px = limits.search.min_window_px
+        self._readable_px = LIMITS.cells.readable_px
+        self._smallest_px = LIMITS.search.min_window_px
         self._corners, self._cells = _cell_corners(target)
 
     def starts(self, before: Grey, now: Grey, last: Pose, predicted: Pose) -> Iterator[Pose]:
@@ -55,12 +55,12 @@ class Carrier:
         """Carry the last pose over by the optical flow of the corners of its cells; none when too few are found."""
         seen, visible = self._projection.project(self._corners @ last.rotation.T + last.position)
         height, width = now.shape
-        edge = self._limits.edge_px
+        edge = LIMITS.track.edge_px
         visible &= (seen > edge).all(axis=1) & (seen < (width - 1 - edge, height - 1 - edge)).all(axis=1)
         # Corners of smaller cells have nothing for optical flow to hold on to.
         visible &= self._cells * float(self._projection.focal[0]) > self._readable_px * float(last.position[2])
         index = np.flatnonzero(visible)
-        if len(index) < self._limits.flow_min_points:
+        if len(index) < LIMITS.track.flow_min_points:
             return None
         if len(index) > FLOW_POINTS:
             index = index[np.linspace(0, len(index) - 1, FLOW_POINTS).astype(np.intp)]
@@ -76,10 +76,10 @@ class Carrier:
             maxLevel=3,
             criteria=(cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 12, 0.03),
             flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
-            minEigThreshold=self._limits.flow_contrast,
+            minEigThreshold=LIMITS.track.flow_contrast,
         )
         good = np.asarray(status).ravel() > 0
-        if int(good.sum()) < self._limits.flow_min_points:
+        if int(good.sum()) < LIMITS.track.flow_min_points:
             return None
         rays = self._projection.undistort(np.asarray(moved, dtype=np.float64).reshape(-1, 2)[good])
         start_r = cv2.Rodrigues(predicted.rotation)[0]
@@ -95,7 +95,7 @@ class Carrier:
             reprojectionError=3.0 / float(self._projection.focal[0]),
             flags=cv2.SOLVEPNP_ITERATIVE,
         )
-        if not found or inliers is None or len(inliers) < self._limits.flow_min_points:
+        if not found or inliers is None or len(inliers) < LIMITS.track.flow_min_points:
             return None
         rotation = np.asarray(cv2.Rodrigues(rvec)[0], dtype=np.float64)
         position = np.asarray(tvec, dtype=np.float64).ravel()
@@ -108,7 +108,7 @@ class Carrier:
 
         The camera is taken to have turned; none when the image is not found.
         """
-        reach = int(self._limits.shake * float(self._projection.focal[0]))
+        reach = int(LIMITS.track.shake * float(self._projection.focal[0]))
         height, width = now.shape
         seen, visible = self._projection.project(self._corners @ last.rotation.T + last.position)
         centre, ahead = self._projection.project(last.position[None, :])
@@ -122,7 +122,7 @@ class Carrier:
         patch = _shrink(before[y0:y1, x0:x1], coarse)
         area = _shrink(now[y0 - reach : y1 + reach, x0 - reach : x1 + reach], coarse)
         _, likeness, _, place = cv2.minMaxLoc(cv2.matchTemplate(area, patch, cv2.TM_CCOEFF_NORMED))
-        if likeness < self._limits.alike:
+        if likeness < LIMITS.track.alike:
             return None
         rays = self._projection.undistort(np.vstack([centre, centre + np.array(place) / coarse - reach]))
         old, new = (np.append(ray, 1.0) / np.hypot(1.0, np.linalg.norm(ray)) for ray in rays)

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from mkdaemon.vision.limits import Limits
+from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.blown import SLOPE_WIDTH, Blown, EdgeSides, blown_edges, blur_of
 from mkdaemon.vision.pose.pose import median, quantile
 
@@ -113,30 +113,28 @@ class FoundEdges:
         return float(self.widths.max())
 
 
-def without_glare(pixels: Grey, samples: Samples, limits: Limits) -> Samples:
+def without_glare(pixels: Grey, samples: Samples) -> Samples:
     """Leave out what lies wholly in a highlight: nothing is seen there, for a pose or against it.
 
     Where the paper itself is blown everything stays: a missing edge speaks against a pose then as ever.
     """
-    near = np.minimum(samples.reach, limits.edges.glare_px)[:, None] * samples.normals
+    near = np.minimum(samples.reach, LIMITS.edges.glare_px)[:, None] * samples.normals
     columns, rows = np.rint(np.stack([samples.pixels - near, samples.pixels, samples.pixels + near])).astype(np.intp).T
-    grey = pixels[rows, columns] >= limits.read.saturated
+    grey = pixels[rows, columns] >= LIMITS.read.saturated
     hidden = grey.all(axis=1)
-    if not bool(hidden.any()) or bool(hidden.all()) or float(grey[~hidden, 2].mean()) > limits.edges.blown_share:
+    if not bool(hidden.any()) or bool(hidden.all()) or float(grey[~hidden, 2].mean()) > LIMITS.edges.blown_share:
         return samples
     return Samples(*(getattr(samples, part.name)[~hidden] for part in fields(samples)))
 
 
-def find_edges(
-    pixels: Grey, samples: Samples, limits: Limits, *, is_blown: bool = False, is_near: bool = True
-) -> FoundEdges:
+def find_edges(pixels: Grey, samples: Samples, *, is_blown: bool = False, is_near: bool = True) -> FoundEdges:
     """Find each edge along its normal.
 
     The grey values along a normal are g(s), their slope g'(s) > 0 towards the bright side. The edge lies at the centre
     of gravity of the slope around its peak, s0 = sum(s w) / sum(w) with w = max(g'(s) - skirt * peak, 0): unbiased for
     every symmetric blur. Source: moment-based edge location, Lyvers et al., PAMI 11(12), 1989, in one dimension.
     """
-    edges, blur = limits.edges, limits.blur
+    edges, blur = LIMITS.edges, LIMITS.blur
     profile, along, spacing = _profiles(pixels, samples)
     # g'(s) by central differences, nothing beyond the reach and half a step more.
     place = along[1:-1].astype(np.float32)
@@ -170,19 +168,19 @@ def find_edges(
         either *= (beside > widths) & (away <= samples.reach + STEP_PX)
         trust = _trust(either.max(axis=0), peak, found)
         sides = _sides(profile, along, samples, area)
-        room = 1.0 / (1.0 + (limits.cells.melted_widths * widths / samples.cell_px) ** MELTING)
+        room = 1.0 / (1.0 + (LIMITS.cells.melted_widths * widths / samples.cell_px) ** MELTING)
         room /= float(room.max())
     located = offsets.astype(np.float64)
     blown: Blown | None = None
     if is_blown:
-        blown = blown_edges(sides or _sides(profile, along, samples, area), found, samples.upright, limits)
+        blown = blown_edges(sides or _sides(profile, along, samples, area), found, samples.upright)
     if is_near:
         clarity = _clarity(area * peak, found)
         # What is cut off is not dim: `clear` doubts it.
         trust *= clarity if blown is None else np.where(blown.clear < 1.0, 1.0, clarity)
     if blown is not None:
         located -= blown.moved
-        if is_near and float(blown.shown.mean()) > limits.evidence.min_seen:
+        if is_near and float(blown.shown.mean()) > LIMITS.evidence.min_seen:
             # A flooded edge is no missing one, as long as enough others are left to be missed.
             found &= blown.shown
             room *= blown.shown

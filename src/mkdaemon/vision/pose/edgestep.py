@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from mkdaemon.vision.limits import EdgeLimits, Limits
+from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.bend import BENT, Bend, BentPrint
 from mkdaemon.vision.pose.edgefind import LEAST_OF_A_KIND, FoundEdges, Samples
 from mkdaemon.vision.pose.linetime import KnownMotion, SeenMotion
@@ -162,7 +162,6 @@ class EdgeStep:
         rotation: Array,
         position: Array,
         square: npt.NDArray[np.intp],
-        all_limits: Limits,
         bent: BentPrint | None = None,
         edge_px: float = 1.0,
     ) -> Pose:
@@ -172,15 +171,14 @@ class EdgeStep:
             rotation: camera from target `(3, 3)`.
             position: of the target `(3,)` [m; RDF].
             square: of the print each sample of the model is in `(m,)`.
-            all_limits: thresholds.
             bent: the bend of the print, where it is an unknown.
             edge_px: deviation of a located edge that the bend was weighed with [px].
         """
-        limits, variance = all_limits.edges, self.variance
+        limits, variance = LIMITS.edges, self.variance
         inverse = np.asarray(np.linalg.inv(damped(self.normal)), np.float64)
         # C = (v b + s^2) (J^T W J)^-1: b is what neighbours share by their residuals (blur makes v larger, not b); s is
         # what interpolation leaves and no number of samples averages out.
-        noise = self._noise(square, inverse, limits)
+        noise = self._noise(square, inverse)
         bend = None
         if bent is not None:
             # What is known of the bend is no better for edges that are worse than they look.
@@ -206,7 +204,7 @@ class EdgeStep:
             float(np.sqrt(variance)),
             float(self.edges.room[counted].sum() / self.edges.room.sum()),
             float(np.linalg.norm(self.change[:3])) / max(float(np.linalg.norm(position)), 1e-9),
-            loss=self._loss(size, limits),
+            loss=self._loss(size),
             blur_px=self.edges.width,
             widest_px=self.edges.widest,
             ragged_px=MAD * max(median(size[kind]) for kind in _kinds(self.edges.found, self.samples.upright)),
@@ -216,15 +214,14 @@ class EdgeStep:
             known_bend=None if bent is None else bent.known,
         )
 
-    def _noise(self, square: npt.NDArray[np.intp], inverse: Array, limits: EdgeLimits) -> float:
+    def _noise(self, square: npt.NDArray[np.intp], inverse: Array) -> float:
         """Variance of an edge that a covariance is told with [px^2]."""
         shared = max(self.shared(square[self.samples.index], inverse), 1.0)
-        return shared * self.influence_variance + limits.systematic_px**2
+        return shared * self.influence_variance + LIMITS.edges.systematic_px**2
 
     def seen_motion(
         self,
         square: npt.NDArray[np.intp],
-        limits: EdgeLimits,
         block: slice,
         motion: Array,
         asked: KnownMotion,
@@ -236,7 +233,6 @@ class EdgeStep:
 
         Args:
             square: of the print each sample of the model is in `(m,)`.
-            limits: thresholds.
             block: where the motion is among the unknowns.
             motion: found `(4,)`.
             asked: what the fit was told.
@@ -246,17 +242,17 @@ class EdgeStep:
         found = np.linalg.inv(inverse[block, block])
         given = (edge_px / asked.spread) ** 2
         values, axes = np.linalg.eigh(found - np.diag(given))
-        noise = self._noise(square, inverse, limits)
+        noise = self._noise(square, inverse)
         information = (axes * np.maximum(values, 0.0)) @ axes.T / noise
         return SeenMotion(information, (found @ motion - given * asked.expected) / noise)
 
-    def _loss(self, size: Array, limits: EdgeLimits) -> float:
+    def _loss(self, size: Array) -> float:
         """Loss for rivals: geometric mean of min(r, missed)^2 + least^2.
 
         Log odds of two fits are then n / 2 times the log of their ratio, and a hidden sample costs both the same.
         """
-        missed = np.where(self.agreeing > 0.0, size, limits.missed_px)
-        squared = np.minimum(missed, limits.missed_px) ** 2 + limits.least_scale_px**2
+        missed = np.where(self.agreeing > 0.0, size, LIMITS.edges.missed_px)
+        squared = np.minimum(missed, LIMITS.edges.missed_px) ** 2 + LIMITS.edges.least_scale_px**2
         return float(np.exp(np.mean(np.log(squared))))
 
 

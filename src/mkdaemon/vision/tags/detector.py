@@ -18,7 +18,7 @@ import numpy.typing as npt
 
 from mkdaemon.config.vision import DetectorSection
 from mkdaemon.errors import VisionError
-from mkdaemon.vision.limits import LIMITS, Limits, Stage
+from mkdaemon.vision.limits import LIMITS, Stage
 from mkdaemon.vision.tags import apriltaglib
 from mkdaemon.vision.tags.cellread import quiet_sides, read_code
 from mkdaemon.vision.tags.coderead import Covered
@@ -193,7 +193,6 @@ class Detector:
         cfg: DetectorSection | None = None,
         *,
         backend: Literal["auto", "apriltag", "aruco"] = "auto",
-        limits: Limits = LIMITS,
         covered: Covered | None = None,
     ) -> None:
         """Prepare the searches.
@@ -202,7 +201,6 @@ class Detector:
             whitelist: ids by family.
             cfg: settings.
             backend: which library; `auto` takes the best that is installed.
-            limits: which searches there are.
             covered: cells that another tag lies on (`cover.covered_cells`); a broken outline is read without them.
 
         Raises:
@@ -219,7 +217,7 @@ class Detector:
         self._search: Search = AprilTagSearch(families) if backend == "apriltag" else ArucoSearch(families)
         classic = {name: ids for name, ids in self._whitelist.items() if not find_family(name).is_inverted}
         self._outline = OutlineSearch(classic, covered or {})
-        self.stages: tuple[Stage, ...] = limits.search.ladder if backend == "apriltag" else ARUCO_LADDER
+        self.stages: tuple[Stage, ...] = LIMITS.search.ladder if backend == "apriltag" else ARUCO_LADDER
         self._in_highlights = IN_HIGHLIGHTS
         if not classic:
             # They start from the outline of something black, and an inverted tag has data there.

@@ -19,7 +19,7 @@ import numpy.typing as npt
 
 from mkdaemon.config.vision import TrackerSection
 from mkdaemon.telemetry.vision import PoseRefusal
-from mkdaemon.vision.limits import LIMITS, Limits, Stage
+from mkdaemon.vision.limits import LIMITS, Stage
 from mkdaemon.vision.pose.ambiguity import Choice, prefers
 from mkdaemon.vision.pose.bend import Bend
 from mkdaemon.vision.pose.carry import Carrier
@@ -61,11 +61,10 @@ class OwnSearch:
     Args:
         target: whose tags.
         detector: that decodes.
-        limits: all thresholds.
     """
 
-    def __init__(self, target: Target, detector: Detector, limits: Limits) -> None:
-        self._target, self._detector, self._limits = target, detector, limits
+    def __init__(self, target: Target, detector: Detector) -> None:
+        self._target, self._detector = target, detector
         self._turn = 0
 
     def again(self, pixels: Grey, window: Window) -> list[Detection]:
@@ -78,7 +77,7 @@ class OwnSearch:
 
     def nearby(self, pixels: Grey, window: Window, misses: int) -> list[Detection]:
         """Tags of a part of the image, searched in another way after every miss."""
-        ways: tuple[tuple[Stage, ...], ...] = self._limits.search.nearby
+        ways: tuple[tuple[Stage, ...], ...] = LIMITS.search.nearby
         found: list[Detection] = []
         for stage in ways[misses % len(ways)]:
             found = found or self._detector.search_shrunk(pixels, stage, window)
@@ -176,14 +175,11 @@ class Starts:
         carrier: of its last pose.
         track: its memory.
         mounting: of the camera.
-        limits: all thresholds.
     """
 
-    def __init__(
-        self, fitter: TargetFitter, carrier: Carrier, track: Track, mounting: Mounting | None, limits: Limits
-    ) -> None:
+    def __init__(self, fitter: TargetFitter, carrier: Carrier, track: Track, mounting: Mounting | None) -> None:
         self._fitter, self._carrier = fitter, carrier
-        self._track, self._mounting, self._limits = track, mounting, limits
+        self._track, self._mounting = track, mounting
 
     def of(self, pixels: Grey, predicted: Prediction) -> Iterator[Start]:
         """Where to begin in an image `(h, w)`, the likeliest first, with the starts that are left to the first one.
@@ -201,7 +197,7 @@ class Starts:
 
     def _ways(self, pixels: Grey, predicted: Prediction) -> Iterator[Way]:
         """The prediction, and the last pose carried over: before it where the image does not show what it expects."""
-        track, through = self._track, self._limits.judge.flow_through
+        track, through = self._track, LIMITS.judge.flow_through
         carried: Iterator[Way] = iter(())
         if track.misses < through and track.image is not None:
             starts = self._carrier.starts(track.image, pixels, track.last, predicted.pose)
@@ -222,7 +218,7 @@ class Starts:
         if not self._fitter.shutter.rolls or self._track.has_velocity:
             return start
         found = self._fitter.refine(seen.pixels, start)
-        if found is None or found.inliers < self._limits.agreement.blind:
+        if found is None or found.inliers < LIMITS.agreement.blind:
             return start
         known = self._track.motion_with(seen.time, found, seen.enu_from_flu, self._mounting, seen.turning_flu)
         return start if known is None else replace(start, known_motion=known)
@@ -249,19 +245,18 @@ class Follower:
         health: ImageHealth,
         mounting: Mounting | None,
         cfg: TrackerSection,
-        limits: Limits = LIMITS,
     ) -> None:
         self.name = target.name
         self.track = Track()
         self._target = target
-        self._search, self._health = OwnSearch(target, detector, limits), health
+        self._search, self._health = OwnSearch(target, detector), health
         self._mounting = mounting
-        self._cfg, self._limits = cfg, limits
-        self._fitter = TargetFitter(target, projection, limits)
+        self._cfg = cfg
+        self._fitter = TargetFitter(target, projection)
         self._bend = LearnedBend(self._fitter.bend_known)
         self._rows = RowsWatch(self._fitter.shutter)
-        self._starts = Starts(self._fitter, Carrier(target, projection, limits), self.track, mounting, limits)
-        self._checks = Checks(self._fitter, self.track, cfg, mounting, limits)
+        self._starts = Starts(self._fitter, Carrier(target, projection), self.track, mounting)
+        self._checks = Checks(self._fitter, self.track, cfg, mounting)
         self.judge = Judge(self._checks)
         self._first = FirstJudge(self._checks)
 
@@ -269,7 +264,7 @@ class Follower:
         """Try to find the target where it should be."""
         self._fitter.begin(frame.sight.pixels)
         track, now = self.track, frame.sight.time
-        if track.is_live and not 0.0 < now - track.last_time < self._limits.track.max_gap:
+        if track.is_live and not 0.0 < now - track.last_time < LIMITS.track.max_gap:
             track.lose()
         if not track.is_live:
             return
@@ -305,12 +300,12 @@ class Follower:
             verdict = self.judge.measure(frame.sight, start, predicted, others)
             rival, against = frame.contradicting.get(self.name), verdict.contradicting
             if against is not None:
-                if rival is None or prefers(against, rival, self._limits):
+                if rival is None or prefers(against, rival):
                     frame.contradicting[self.name] = against
                 if verdict.pose is not None:
                     refused = refused or verdict
             elif verdict.pose is not None:
-                if rival is None or not prefers(rival, verdict.pose, self._limits):
+                if rival is None or not prefers(rival, verdict.pose):
                     self._found(frame, verdict, verdict.pose, mode)
                     return True
                 # It agrees with the attitude; the image prefers what the attitude refused.
@@ -415,26 +410,26 @@ class Follower:
 
     def _decode_again(self, frame: Frame, pose: Pose) -> bool:
         """Decode the followed target once a period; false ends the track."""
-        track, limits, pixels = self.track, self._limits.track, frame.sight.pixels
+        track, pixels = self.track, frame.sight.pixels
         now = frame.sight.time
         overdue = now - track.decoded_at - self._cfg.redetect_period
         if overdue < 0.0:
             return True
-        if now - track.tried_at >= limits.retry_decode:
+        if now - track.tried_at >= LIMITS.track.retry_decode:
             track.tried_at = now
             window = self._fitter.window(pose, pixels.shape)
             found = self._search.again(pixels, window) if window is not None else []
             tags = self._search.own(found)
             frame.detections.extend(found)
             if tags:
-                if self._fitter.disagreement(pose, tags) < limits.decode_agrees:
+                if self._fitter.disagreement(pose, tags) < LIMITS.track.decode_agrees:
                     track.decoded_at = now
                     return True
                 frame.refused[self.name] = PoseRefusal.DECODED_ELSEWHERE
                 track.lose()
                 self.start(frame, found, "roi", None)
                 return False
-        if overdue < limits.undecoded_grace or self._is_vouched_for(frame, pose, overdue):
+        if overdue < LIMITS.track.undecoded_grace or self._is_vouched_for(frame, pose, overdue):
             return True
         frame.refused[self.name] = PoseRefusal.NOT_DECODED
         track.lose()
@@ -444,13 +439,13 @@ class Follower:
         """Whether clear cells and a second witness stand in for a tag that could not be decoded."""
         pixels = frame.sight.pixels
         bits = self._fitter.match(pixels, pose)
-        if bits is None or bits < self._limits.judge.clear_bits:
+        if bits is None or bits < LIMITS.judge.clear_bits:
             return False
         if self._checks.level.knows(frame.sight):
             return True
         # Where no tag is whole in the image, decoding cannot succeed and its failure says nothing.
         is_cut = not self._fitter.shows_whole_tag(pose, pixels.shape)
-        return (is_cut or self.judge.is_backed) and overdue < self._limits.track.blind_grace
+        return (is_cut or self.judge.is_backed) and overdue < LIMITS.track.blind_grace
 
     def _start_ambiguous(self, frame: Frame, candidates: Sequence[Pose], mode: FoundBy) -> None:
         """Let the track decide between a pose and its mirror image, or start one that waits until it can."""
@@ -466,7 +461,7 @@ class Follower:
             self._publish(frame, Choice(verdict.pose, float("inf"), "track"), mode)
             return
         if verdict.pose is None:
-            if track.is_live and not track.in_doubt and track.misses <= self._limits.judge.flow_through:
+            if track.is_live and not track.in_doubt and track.misses <= LIMITS.judge.flow_through:
                 return
             track.lose()
             track.branches = judge.start_branches(frame.sight, rivals, decided=False)

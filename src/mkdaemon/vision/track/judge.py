@@ -6,6 +6,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 from mkdaemon.telemetry.vision import PoseRefusal
+from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.ambiguity import choose, log_odds, prefers
 from mkdaemon.vision.pose.edgefit import Level
 from mkdaemon.vision.pose.gates import certainty_refusal
@@ -43,7 +44,6 @@ class Judge:
     def __init__(self, checks: Checks) -> None:
         self._checks = checks
         self._fitter, self._track = checks.fitter, checks.track
-        self._limits = checks.limits
         self.is_backed = False
 
     def measure(self, seen: Sight, start: Pose, predicted: Pose, others: Iterable[Pose] = ()) -> Verdict:
@@ -88,7 +88,7 @@ class Judge:
                 leaning = self._fitter.refine(seen.pixels, replace(start, rotation=predicted.rotation), vertical)
             leans = leaning is not None and checks.refusal(seen, leaning, predicted) is None
             off = pose if refused is PoseRefusal.ATTITUDE else None
-            if leaning is not None and leans and (off is None or not prefers(off, leaning, self._limits)):
+            if leaning is not None and leans and (off is None or not prefers(off, leaning)):
                 return self.add_inertia(seen, leaning)
             if off is not None and (leans or self._is_plainly_there(seen, off)):
                 contradicting = off
@@ -102,7 +102,7 @@ class Judge:
         start is nearer to. Where both may be right, the doubt is in its covariance.
         """
         checks, level = self._checks, self._checks.level
-        if level.surprise2(seen, pose) < self._limits.judge.asks_mirror2:
+        if level.surprise2(seen, pose) < LIMITS.judge.asks_mirror2:
             return pose
         # Where the fit ended beside its reading the first is that reading, asked for once more.
         again, *rivals = checks.candidates(seen, pose)
@@ -110,7 +110,7 @@ class Judge:
             pose = again
         for rival in rivals:
             if checks.refusal(seen, rival, predicted) is None:
-                odds = log_odds(pose, rival, self._limits) + level.log_odds(seen, pose, rival)
+                odds = log_odds(pose, rival) + level.log_odds(seen, pose, rival)
                 return with_rival(pose, rival, odds) if odds > 0.0 else with_rival(rival, pose, -odds)
         return pose
 
@@ -118,7 +118,7 @@ class Judge:
         """Whether a large target whose cells are read clearly lies as a pose says, for all but the attitude."""
         if not self._checks.is_plain(seen, pose):
             return False
-        return certainty_refusal(pose, has_attitude=False, is_plain=True, limits=self._limits) is None
+        return certainty_refusal(pose, has_attitude=False, is_plain=True) is None
 
     def _is_contradicted(self, pose: Pose | None, refused: PoseRefusal | None) -> bool:
         """Whether the attitude refuses a fit that nearly all edges agree with: nothing lies over such a target.
@@ -170,15 +170,15 @@ class Judge:
             seen: the image.
             pose: measured in it.
         """
-        limits = self._limits
-        refused, before = certainty_refusal(pose, has_attitude=True, limits=limits), self._track.branches
+        limits = LIMITS
+        refused, before = certainty_refusal(pose, has_attitude=True), self._track.branches
         if refused is None or before is None or not before.is_decided or not limits.judge.fuses_course:
             return Verdict(pose, refused)
         prior = before.best.course.predict_at(seen.time)
         if prior.angle_sd > limits.judge.backing_sd or prior.mahalanobis2(pose, 1.0) > limits.judge.expected:
             return Verdict(pose, refused)
         fused = prior.fuse(pose)
-        return Verdict(fused, certainty_refusal(fused, has_attitude=True, limits=limits))
+        return Verdict(fused, certainty_refusal(fused, has_attitude=True))
 
     def _judge_with_attitude(self, seen: Sight, pose: Pose) -> Verdict:
         """Judge a fit that agrees with the attitude, and carry the course on with it."""
@@ -200,7 +200,7 @@ class Judge:
 
     def _judge_branches(self, seen: Sight, branches: Branches) -> Verdict:
         """Take over the branches of an image and judge their best pose."""
-        limits = self._limits
+        limits = LIMITS
         self._track.branches = branches
         self.is_backed = False
         chosen, prior = branches.best.pose, branches.best.prior
@@ -217,9 +217,7 @@ class Judge:
         is_plain = self.is_backed or self._checks.is_plain(seen, fused)
         if not is_plain and chosen.source == "edges" and chosen.inliers < limits.agreement.whole:
             return Verdict(fused, PoseRefusal.INLIERS)
-        refused = certainty_refusal(
-            fused, has_attitude=False, is_plain=is_plain, is_backed=self.is_backed, limits=limits
-        )
+        refused = certainty_refusal(fused, has_attitude=False, is_plain=is_plain, is_backed=self.is_backed)
         return Verdict(fused, refused)
 
     def _advance_branches(self, seen: Sight, candidates: Sequence[Pose], predicted: Pose) -> Branches:
@@ -231,7 +229,7 @@ class Judge:
             return self.start_branches(seen, candidates, decided=True)
         expected = None if self._track.in_doubt else predicted.rotation
         min_ratio = self._checks.cfg.min_ambiguity_ratio
-        choice = choose(candidates, min_ratio=min_ratio, predicted=expected, limits=self._limits)
+        choice = choose(candidates, min_ratio=min_ratio, predicted=expected)
         best = choice.pose if choice is not None else min(candidates, key=lambda candidate: candidate.loss)
         order = [best, *(other for other in candidates if other is not best)]
         return self.start_branches(seen, order, decided=choice is not None)
