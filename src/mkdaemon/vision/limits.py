@@ -63,19 +63,15 @@ class AmbiguityLimits:
     same_pose: float = of(radians(1.0), "rad", "candidates closer are one pose", "below the published deviation")
     samples_per_fact: float = of(4.0, "", "neighbouring samples share pixels", "derived: blur over sample spacing")
     min_log_odds: float = of(12.0, "nats", "from which the image decides", "derived: one in 160,000")
-    max_odds_against: float = of(2.0, "nats", "of the image against what the track chooses", BLIND)
     track_near: float = of(radians(5.0), "rad", "farthest from its prediction that a track chooses", BLIND)
-    track_far: float = of(radians(2.0), "rad", "the rival must be twice as far and so much more", BLIND)
     harmless: float = of(radians(2.0), "rad", "closer rivals are published with the doubt in the covariance", BLIND)
     small_tilt: float = of(radians(0.3), "rad", "below, the mirrored pose is the pose", "a saddle at 1.5 deg, 5.5 off")
-    asks_mirror: bool = of(True, "", "a first pose without a rival is asked for its mirror image", "0 flips in 8643")
 
 
 @dataclass(frozen=True, slots=True)
 class JudgeLimits:
     """What a track asks of a pose."""
 
-    flow_through: int = of(5, "images", "missed, over which a prediction holds and optical flow finds its way", FLIGHTS)
     clear_bits: float = of(0.8, "correlation", "of cells that vouch for a late, hidden or undecoded pose", FLIGHTS)
     surprising: float = of(16.0, "", "squared distance from the course, not published", "chi-square(3), one in 900")
     asks_mirror2: float = of(4.0, "", "squared surprise of the attitude from which the mirror image is asked", BLIND)
@@ -85,17 +81,13 @@ class JudgeLimits:
     most_lean: float = of(
         radians(10.0), "rad", "of a level target by the attitude", "derived: 4 of the deck's deviations"
     )
-    holds_tilt: bool = of(True, "", "a fit that fails is tried again with its tilt held level", EARNED)
-    fuses_course: bool = of(True, "", "a pose takes in what inertia knew before it", EARNED)
 
 
 @dataclass(frozen=True, slots=True)
 class TrackLimits:
     """The memory of one target, and carrying its pose over by what moved in the image."""
 
-    flow_min_points: int = of(8, "", "fewer fix no pose", "derived: four are needed, half may be wrong")
-    flow_contrast: float = of(1e-7, "", "least eigenvalue of a window", "OpenCV's 1e-4 drops all at 6 % of the light")
-    edge_px: float = of(4.0, "px", "corners nearer to the image edge are not followed", FLIGHTS)
+    through: int = of(5, "images", "missed, over which a prediction holds and the target is found again", FLIGHTS)
     shake: float = of(0.08, "rad", "turn between two images within which it is looked for", FLIGHTS)
     alike: float = of(0.5, "correlation", "from which its image counts as found again", FLIGHTS)
     max_speed: float = of(8.0, "m/s", "camera against target; faster is a wrong pose", FLIGHTS)

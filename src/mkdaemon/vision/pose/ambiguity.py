@@ -1,7 +1,7 @@
 """Choosing between a pose and its mirror image, or refusing to.
 
 Four points in a plane are explained nearly as well by a pose mirrored about the line of sight. The evidence is taken in
-the order of its strength: the vehicle's attitude over a level target, the track, the image itself.
+the order of its strength: the vehicle's attitude over a level target, then the image itself.
 """
 
 from __future__ import annotations
@@ -45,7 +45,6 @@ def choose(
     min_ratio: float,
     tilt_errors: Sequence[float] | None = None,
     tilt_gate: float = 0.0,
-    predicted: Array | None = None,
 ) -> Choice | None:
     """Pick the true candidate.
 
@@ -54,7 +53,6 @@ def choose(
         min_ratio: residual ratio from which the image alone decides.
         tilt_errors: disagreement of each candidate with the vehicle's attitude [rad]; none when unknown.
         tilt_gate: largest believable disagreement [rad].
-        predicted: rotation the track expects `(3, 3)`.
 
     Returns:
         The choice; none when nothing decides or the attitude contradicts every candidate.
@@ -82,15 +80,6 @@ def choose(
     second = candidates[distinct[1]]
     if log_odds(first, second) >= decides.min_log_odds and (ratio >= min_ratio or _is_explained(first, second)):
         return Choice(first, ratio, "image")
-    if predicted is not None:
-        by_track = sorted(distinct, key=lambda k: angle_between(candidates[k].rotation, predicted))
-        near, far = (angle_between(candidates[k].rotation, predicted) for k in by_track[:2])
-        chosen = candidates[by_track[0]]
-        # The track may break a tie; it may not overrule what the image says.
-        against = log_odds(first, chosen) if chosen is not first else 0.0
-        is_near = near < decides.track_near and far > 2.0 * near + decides.track_far
-        if is_near and against < decides.max_odds_against:
-            return Choice(chosen, ratio, "track")
     return None
 
 

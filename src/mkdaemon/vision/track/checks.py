@@ -53,14 +53,12 @@ class Checks:
         refused = fit_refusal(pose, self.cfg)
         if refused is not None:
             return refused
-        limits = LIMITS.judge
-        is_late = predicted is not None and self.track.misses > limits.flow_through
         bits = self.fitter.match(seen.pixels, pose)
-        if bits is not None and bits < (limits.clear_bits if is_late else self.cfg.min_bit_correlation):
+        if bits is not None and bits < self.cfg.min_bit_correlation:
             return PoseRefusal.BITS
         if self.is_partial(pose):
             evidence = self.fitter.cell_evidence(seen.pixels, pose)
-            is_unread = evidence.here <= 0.0 and bits is not None and bits < limits.clear_bits
+            is_unread = evidence.here <= 0.0 and bits is not None and bits < LIMITS.judge.clear_bits
             if (is_unread and self.has_few_edges(pose)) or evidence.beside > LIMITS.read.beside_nats:
                 return PoseRefusal.BITS
             # What lies over a target hides edges; one that is beside its place has other edges in view.

@@ -48,13 +48,12 @@ class FirstJudge:
         self._checks = checks
         self._fitter = checks.fitter
 
-    def choose(self, seen: Sight, candidates: Sequence[Pose], expected: Array | None) -> FirstVerdict:
+    def choose(self, seen: Sight, candidates: Sequence[Pose]) -> FirstVerdict:
         """Decide about poses from decoded tags.
 
         Args:
             seen: the image.
             candidates: fitted poses.
-            expected: rotation a track expects; none without one.
         """
         checks, level = self._checks, self._checks.level
         refusals = [checks.refusal(seen, pose, None) for pose in candidates]
@@ -73,7 +72,6 @@ class FirstJudge:
             min_ratio=checks.cfg.min_ambiguity_ratio,
             tilt_errors=known or None,
             tilt_gate=max(level.gate(seen, pose) for pose in believable),
-            predicted=expected,
         )
         if choice is None and known:
             return self._fit_level(seen, min(believable, key=lambda pose: pose.loss))
@@ -90,15 +88,13 @@ class FirstJudge:
                 return _refused(PoseRefusal.INLIERS)
         if not known and choice.pose.source == "edges" and checks.is_smeared(choice.pose):
             return _refused(PoseRefusal.BLURRED)
-        if choice.decided_by in ("unique", "image") and LIMITS.ambiguity.asks_mirror:
+        if choice.decided_by in ("unique", "image"):
             # Both starts may have run into one minimum, or one of them into none: the mirrored pose of a small tag is
             # asked for by name.
             decided = self._decide_mirror(seen, choice.pose)
             if decided is None:
                 return _refused(PoseRefusal.AMBIGUOUS)
             choice = replace(choice, pose=decided)
-        elif choice.decided_by == "attitude":
-            choice = replace(choice, pose=self._fitted_best(seen, believable, choice.pose))
         fused = level.fuse(seen, choice.pose)
         refused = checks.refusal(seen, choice.pose, None) or certainty_refusal(
             fused, has_attitude=bool(known), is_plain=is_supported
@@ -125,7 +121,7 @@ class FirstJudge:
         is_overruled = verdict.choice is not None and verdict.choice.decided_by == "attitude"
         if not is_overruled and verdict.refusal not in OVERRULED:
             return None
-        alone = self.choose(seen.without_attitude(), candidates, None).choice
+        alone = self.choose(seen.without_attitude(), candidates).choice
         if alone is None:
             return None
         if verdict.choice is None:
@@ -153,20 +149,6 @@ class FirstJudge:
         if between > limits.ambiguity.harmless:
             return None
         return with_angle_variance(min(rivals, key=lambda rival: rival.loss), (between / 2) ** 2)
-
-    def _fitted_best(self, seen: Sight, candidates: Sequence[Pose], chosen: Pose) -> Pose:
-        """The pose that the attitude chose, or the mirror image of a better fit where that is better yet.
-
-        Between both readings of a small tag lies a saddle on which a fit may have ended: off by 4.3 degrees, 0.9
-        claimed, one of 180 first images at 12 m.
-        """
-        best = min(candidates, key=lambda pose: pose.loss)
-        level = self._checks.level
-        for rival in self._checks.candidates(seen, best) if best is not chosen else ():
-            tilt = level.tilt(seen, rival)
-            if rival.loss < chosen.loss and tilt is not None and tilt <= level.gate(seen, rival):
-                return rival
-        return chosen
 
     def _choose_by_all_pixels(self, seen: Sight, rivals: Sequence[Pose]) -> Choice | None:
         """Choose between edge fits of a small target by all its pixels; none where nothing decides."""

@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
-from itertools import chain, islice, tee
 from math import exp
 from typing import Final
 
@@ -162,68 +161,6 @@ class RowsWatch:
         self._shutter.learn(known, between.seen_motion)
 
 
-Way = tuple[FoundBy, Pose]
-Start = tuple[FoundBy, Pose, Iterator[Pose]]
-"""How it was found, where a fit begins, and the starts that are left to it where few edges agree."""
-
-
-class Starts:
-    """Orders the starts of one target.
-
-    Args:
-        fitter: that will begin there.
-        carrier: of its last pose.
-        track: its memory.
-        mounting: of the camera.
-    """
-
-    def __init__(self, fitter: TargetFitter, carrier: Carrier, track: Track, mounting: Mounting | None) -> None:
-        self._fitter, self._carrier = fitter, carrier
-        self._track, self._mounting = track, mounting
-
-    def of(self, pixels: Grey, predicted: Prediction) -> Iterator[Start]:
-        """Where to begin in an image `(h, w)`, the likeliest first, with the starts that are left to the first one.
-
-        Later ones are computed only when they are asked for.
-        """
-        ways = self._ways(pixels, predicted)
-        first = next(ways, None)
-        if first is None:
-            return
-        left, rest = tee(ways)
-        yield *first, (start for _, start in left)
-        for way in rest:
-            yield *way, iter(())
-
-    def _ways(self, pixels: Grey, predicted: Prediction) -> Iterator[Way]:
-        """The prediction, and the last pose carried over: before it where the image does not show what it expects."""
-        track, through = self._track, LIMITS.judge.flow_through
-        carried: Iterator[Way] = iter(())
-        if track.misses < through and track.image is not None:
-            starts = self._carrier.starts(track.image, pixels, track.last, predicted.pose)
-            carried = (("flow", start) for start in starts)
-        if track.misses < through and (predicted.has_attitude or track.has_velocity):
-            expected: list[Way] = [("predicted", predicted.pose)]
-            is_seen = self._fitter.shows(pixels, predicted.pose)
-            yield from chain(expected, carried) if is_seen else chain(carried, expected)
-        else:
-            yield from carried
-
-    def with_climb(self, seen: Sight, start: Pose) -> Pose:
-        """The start of a track's second image with the speed that both ranges tell.
-
-        Under a rolling shutter a climb looks like a tilt, and does not change the range half way through the image. A
-        fit that few edges agree with may have taken them for their neighbours, and its range says nothing.
-        """
-        if not self._fitter.shutter.rolls or self._track.has_velocity:
-            return start
-        found = self._fitter.refine(seen.pixels, start)
-        if found is None or found.inliers < LIMITS.agreement.blind:
-            return start
-        known = self._track.motion_with(seen.time, found, seen.enu_from_flu, self._mounting, seen.turning_flu)
-        return start if known is None else replace(start, known_motion=known)
-
-
 UNDECIDED: Final = (PoseRefusal.AMBIGUOUS, PoseRefusal.ANGLE_UNCERTAIN)
 """Why a first pose is followed without being published: the next images may decide, or know how the camera climbs."""
 
@@ -255,7 +192,7 @@ class Follower:
         self._fitter = TargetFitter(target, projection)
         self._bend = LearnedBend(self._fitter.bend_known)
         self._rows = RowsWatch(self._fitter.shutter)
-        self._starts = Starts(self._fitter, Carrier(target, projection), self.track, mounting)
+        self._carrier = Carrier(target, projection)
         self._checks = Checks(self._fitter, self.track, cfg, mounting)
         self.judge = Judge(self._checks)
         self._first = FirstJudge(self._checks)
@@ -275,29 +212,39 @@ class Follower:
             ways.append(frame.sight.without_attitude())
         for seen in ways:
             expected = self._predicted(seen)
-            if self._measured(frame, expected.pose, self._affordable(self._starts.of(frame.sight.pixels, expected))):
+            if self._measured(frame, expected.pose, self._starts(frame.sight.pixels, expected)):
                 return
         window = self._fitter.window(predicted.pose, frame.sight.pixels.shape)
         if window is not None:
             found = self._search.nearby(frame.sight.pixels, window, track.misses)
             frame.detections.extend(found)
-            self.start(frame, found, "roi", None if track.in_doubt else predicted.pose)
+            self.start(frame, found, "roi")
 
-    def _affordable(self, starts: Iterator[Start]) -> Iterator[Start]:
-        """The likeliest start, and others until as much as an image may take is spent on it."""
-        yield from islice(starts, 1)
-        while self._fitter.effort < MOST_EFFORT:
-            start = next(starts, None)
-            if start is None:
+    def _starts(self, pixels: Grey, predicted: Prediction) -> Iterator[tuple[FoundBy, Pose]]:
+        """The prediction, and the last pose carried over: before it where the image does not show what it expects.
+
+        The likeliest start, and the other until as much as an image may take is spent on it.
+        """
+        track = self.track
+        if track.misses >= LIMITS.track.through:
+            return
+        is_expected = predicted.has_attitude or track.has_velocity
+        if is_expected and self._fitter.shows(pixels, predicted.pose):
+            yield "predicted", predicted.pose
+            is_expected = False
+            if self._fitter.effort >= MOST_EFFORT:
                 return
-            yield start
+        carried = None if track.image is None else self._carrier.shift(track.image, pixels, track.last)
+        if carried is not None:
+            yield "flow", replace(predicted.pose, rotation=carried.rotation, position=carried.position)
+        if is_expected and (carried is None or self._fitter.effort < MOST_EFFORT):
+            yield "predicted", predicted.pose
 
-    def _measured(self, frame: Frame, predicted: Pose, starts: Iterable[Start]) -> bool:
+    def _measured(self, frame: Frame, predicted: Pose, starts: Iterable[tuple[FoundBy, Pose]]) -> bool:
         """Whether the target is found from one of several starts; it is followed then, and published if believed."""
         refused: Verdict | None = None
-        for mode, start, others in starts:
-            start = self._starts.with_climb(frame.sight, start)
-            verdict = self.judge.measure(frame.sight, start, predicted, others)
+        for mode, start in starts:
+            verdict = self.judge.measure(frame.sight, start, predicted)
             rival, against = frame.contradicting.get(self.name), verdict.contradicting
             if against is not None:
                 if rival is None or prefers(against, rival):
@@ -353,9 +300,9 @@ class Follower:
         seen = frame.contradicting.get(self.name)
         if seen is None:
             return
-        self.start(frame, frame.detections, "search", None)
+        self.start(frame, frame.detections, "search")
         if self.track.is_live and all(found.target != self.name for found in frame.poses):
-            self._measured(frame, self._predicted(frame.sight).pose, [("predicted", seen, iter(()))])
+            self._measured(frame, self._predicted(frame.sight).pose, [("predicted", seen)])
 
     def forget_deck(self) -> None:
         """Forget how the target lies."""
@@ -372,14 +319,13 @@ class Follower:
         if self.track.is_live and frame.sight.time - self.track.last_time > self._cfg.coast:
             self.track.lose()
 
-    def start(self, frame: Frame, found: Sequence[Detection], mode: FoundBy, predicted: Pose | None) -> None:
+    def start(self, frame: Frame, found: Sequence[Detection], mode: FoundBy) -> None:
         """Start or restart the track from decoded tags.
 
         Args:
             frame: the image.
             found: tags of any target.
             mode: how they were found.
-            predicted: by the track; none when it has no say.
         """
         tags = self._search.own(found)
         if not tags:
@@ -392,7 +338,7 @@ class Follower:
             lambda place: known_motion(place, None, seen.turning_flu, mounting),
             self._bend.at(seen.time),
         )
-        verdict = self._first.choose(seen, candidates, predicted.rotation if predicted is not None else None)
+        verdict = self._first.choose(seen, candidates)
         contradicting = self._first.contradicting(seen, candidates, verdict, frame.contradicting.pop(self.name, None))
         if contradicting is not None:
             frame.contradicting[self.name] = contradicting
@@ -427,7 +373,7 @@ class Follower:
                     return True
                 frame.refused[self.name] = PoseRefusal.DECODED_ELSEWHERE
                 track.lose()
-                self.start(frame, found, "roi", None)
+                self.start(frame, found, "roi")
                 return False
         if overdue < LIMITS.track.undecoded_grace or self._is_vouched_for(frame, pose, overdue):
             return True
@@ -461,7 +407,7 @@ class Follower:
             self._publish(frame, Choice(verdict.pose, float("inf"), "track"), mode)
             return
         if verdict.pose is None:
-            if track.is_live and not track.in_doubt and track.misses <= LIMITS.judge.flow_through:
+            if track.is_live and not track.in_doubt and track.misses <= LIMITS.track.through:
                 return
             track.lose()
             track.branches = judge.start_branches(frame.sight, rivals, decided=False)

@@ -264,7 +264,7 @@ class LevelKnowledge:
     def vertical(self, seen: Sight) -> Level | None:
         """The normal expected in camera axes, to hold a fit with; none where nothing is known."""
         expected = self._expected(seen)
-        return None if expected is None or not LIMITS.judge.holds_tilt else Level(expected, self._sd(seen))
+        return None if expected is None else Level(expected, self._sd(seen))
 
     def fuse(self, seen: Sight, pose: Pose) -> Pose:
         """The pose with what the attitude knows about its tilt."""

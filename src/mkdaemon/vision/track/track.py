@@ -145,30 +145,6 @@ class Track:
         turned_on = turned @ now.pose.rotation
         return Prediction(replace(now.pose, rotation=turned_on, position=turned @ position, known_motion=known), True)
 
-    def motion_with(
-        self,
-        time: float,
-        pose: Pose,
-        enu_from_flu: Array | None,
-        mounting: Mounting | None,
-        turning_flu: Turning | None = None,
-    ) -> KnownMotion | None:
-        """What is known about the motion in an image from where its own fit puts the target.
-
-        None where the track has a velocity, or the image before is too old to tell one.
-
-        Args:
-            time: of the image [s].
-            pose: fitted in it.
-            enu_from_flu: the vehicle's attitude then.
-            mounting: of the camera.
-            turning_flu: how the vehicle turns then.
-        """
-        if self.has_velocity or not 0.0 < time - self.last_time < TRACK.forget_velocity:
-            return None
-        later = replace(self, _moments=[*self._moments, _Moment(time, pose, enu_from_flu)])
-        return later.predict(time, enu_from_flu, mounting, turning_flu).pose.known_motion
-
 
 def known_motion(
     place: Array, speed: Array | None, turning_flu: Turning | None, mounting: Mounting | None, speed_sd: float = 0.0

@@ -146,7 +146,7 @@ class Tracker:
         found = self._search(frame)
         frame.detections.extend(found)
         for follower in missing:
-            follower.start(frame, found, "search", None)
+            follower.start(frame, found, "search")
 
     def _search(self, frame: Frame) -> list[Detection]:
         """One of the first searches of the whole image; in every second image that shows nothing another one too."""
