@@ -55,7 +55,7 @@ class Carrier:
         patch = _shrink(before[y0:y1, x0:x1], coarse)
         area = _shrink(now[y0 - reach : y1 + reach, x0 - reach : x1 + reach], coarse)
         _, likeness, _, place = cv2.minMaxLoc(cv2.matchTemplate(area, patch, cv2.TM_CCOEFF_NORMED))
-        if likeness < LIMITS.track.alike:
+        if likeness < LIMITS.likeness.alike:
             return None
         rays = self._projection.undistort(np.vstack([centre, centre + np.array(place) / coarse - reach]))
         old, new = (np.append(ray, 1.0) / np.hypot(1.0, np.linalg.norm(ray)) for ray in rays)

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from mkdaemon.vision.limits import LIMITS
-from mkdaemon.vision.pose.blown import SLOPE_WIDTH, Blown, EdgeSides, blown_edges, blur_of
+from mkdaemon.vision.pose.edgelight import SLOPE_WIDTH, Blown, EdgeSides, blown_edges, blur_of
 from mkdaemon.vision.pose.pose import median, quantile
 
 Array = npt.NDArray[np.float64]
@@ -48,8 +48,6 @@ flights); of 0.03 to 1, angles were best at 0.15-0.5 in the sun's shadow and at 
 MELTING = 6
 """Power with which the variance of an edge grows by its width in cells. With 4 edges 0.7 of a cell wide, which
 neighbours pull by 0.4 px, were taken for half as exact as they are (docs/lab/vision-fits.md, room)."""
-FIRST_SKIRT = 0.25
-"""The same for the first of two centres of a wide edge."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -150,10 +148,10 @@ def find_edges(pixels: Grey, samples: Samples, *, is_blown: bool = False, is_nea
     width = min(max(WIDTH_FACTOR * median(area), blur.sharp_px), WIDEST_PX)
     areas = _areas(area, samples)
     widths = np.maximum(WIDTH_FACTOR * areas, width).astype(np.float32)
-    if width > blur.sharp_px:
+    for _ in range(2 if width > blur.sharp_px else 1):
         # The peak of a wide edge is noise: a first centre of gravity puts the window where the edge is.
-        centre = _centre(slope, place, centre, peak, widths, FIRST_SKIRT)
-    offsets = _centre(slope, place, centre, peak, widths, SKIRT)
+        centre = _centre(slope, place, centre, peak, widths)
+    offsets = centre
     # An edge is as steep as the steep ones of the image, up to a share, and steeper than noise.
     tenth = max(len(peak) // 10, 1)
     enough = max(edges.min_slope, edges.min_peak * float(np.partition(peak, -tenth)[-tenth]))
@@ -262,10 +260,9 @@ def _centre(
     around: npt.NDArray[np.float32],
     peak: npt.NDArray[np.float32],
     widths: Array32,
-    skirt: float,
 ) -> npt.NDArray[np.float32]:
     """Centre of gravity of each slope, a column, within its width of a place `(n,)` [px]."""
-    body = slope - skirt * peak
+    body = slope - SKIRT * peak
     np.maximum(body, 0.0, out=body)
     body *= np.abs(place[:, None] - around) <= widths
     moment, mass = np.stack([place, np.ones_like(place)]) @ body

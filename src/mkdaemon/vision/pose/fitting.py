@@ -23,7 +23,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from mkdaemon.vision.limits import APART2, LIMITS
+from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.bend import Bend
 from mkdaemon.vision.pose.edgefind import HALF_WIDTH
 from mkdaemon.vision.pose.edgefit import EdgeFit, Level
@@ -95,7 +95,7 @@ class PrintGatherer:
         here = pixels[top : top + height, left : left + width].astype(np.float32)
         if int(mask.sum()) < LIMITS.photo.min_window_px**2:
             return None
-        if correlation(here[mask].astype(np.float64), template[mask].astype(np.float64)) >= LIMITS.photo.found_match:
+        if correlation(here[mask].astype(np.float64), template[mask].astype(np.float64)) >= LIMITS.likeness.clear:
             return np.zeros(2)
         reach = int(np.ceil(REACH * max(width, height)))
         x0, y0 = max(left - reach, 0), max(top - reach, 0)
@@ -104,7 +104,7 @@ class PrintGatherer:
         score = cv2.matchTemplate(around, template, cv2.TM_CCOEFF_NORMED, mask=mask.astype(np.float32))
         score = np.where(np.isfinite(score), score, -1.0)
         row, column = np.unravel_index(int(np.argmax(score)), score.shape)
-        if score[row, column] < LIMITS.photo.found_match:
+        if score[row, column] < LIMITS.likeness.clear:
             return None
         return np.array([float(column + x0 - left), float(row + y0 - top)])
 
@@ -164,7 +164,7 @@ class EdgeEvidence:
         seen = contrast > LIMITS.evidence.seen_contrast * clear
         size = np.abs(located.offsets)
         scatter = max(MAD * median(size[located.found]), LIMITS.evidence.least_scale_px)
-        agrees = located.found & (size < LIMITS.evidence.outlier * scatter)
+        agrees = located.found & (size < LIMITS.photo.outlier * scatter)
         return Evidence(
             float(seen.mean()),
             float((agrees & seen).sum()) / max(int(seen.sum()), 1),
@@ -204,8 +204,6 @@ def _leverage(jacobian: Array, offsets: Array, line: npt.NDArray[np.intp]) -> fl
 
 ROOM, ROOM_PX = 0.2, 14.0
 """Room around a target in a window: share of its size, and so much more [px]."""
-WHOLE_ROOM_PX = 6.0
-"""Room around a tag that is wholly in the image [px]: a search wants its quiet zone."""
 MIXED_STEPS = 10
 """Of the fit to grey values after one to edges, as the width of the edges gives it a start: a streak of 30 px takes six
 to grow (351 development images with motion blur; eight explained 5 images less)."""
@@ -213,8 +211,6 @@ GREY_EFFORT: Final = 4
 """A fit to grey values takes so many times as long as one to edges: 4 to 20 ms, on VGA."""
 CONFIRMED_BY = 3
 """Prints that fix a plane."""
-DECODED_CELL_PX = 3
-"""Cells from this size on are decoded in most images [px]."""
 
 
 class TargetFitter:
@@ -326,11 +322,8 @@ class TargetFitter:
             return edges
         if self._photo.explains(grey) and grey.unexplained_px <= most:
             return grey
-        if not is_melted or (edges.rms_px < LIMITS.edges.located_px and not self._photo.resembles(grey)):
-            # Something lies over the print.
-            return edges
-        # A streak that is not the same all over the print, or a fit that has not got there: neither is sure.
-        return self._with_contradiction(edges, grey)
+        # Something lies over the print, or a streak is not the same all over it.
+        return edges
 
     def is_small(self, pose: Pose) -> bool:
         """Whether cells are so small that grey values measure the target, alone or after edges."""
@@ -354,14 +347,6 @@ class TargetFitter:
             return False
         is_torn = pose.inliers < limits.agreement.whole and cell_px < limits.cells.small_px
         return is_torn or cell_px < limits.cells.melted_widths * pose.widest_px
-
-    def _with_contradiction(self, pose: Pose, other: Pose) -> Pose:
-        """The pose, as uncertain as another measurement of the same image that contradicts it is far away."""
-        turned = np.asarray(cv2.Rodrigues(other.rotation @ pose.rotation.T)[0], dtype=np.float64).ravel()
-        apart = np.concatenate([other.position - pose.position, turned])
-        distance2 = float(apart @ np.linalg.solve(pose.covariance + other.covariance, apart))
-        doubt = distance2 if distance2 > APART2 else 1.0
-        return replace(pose, covariance=doubt * pose.covariance)
 
     def _fit_from(self, pixels: Grey, start: Pose, blur_px: float, level: Level | None = None) -> Pose | None:
         """Fit grey values from a point spread that is known nearly."""
@@ -390,7 +375,7 @@ class TargetFitter:
         What cannot be told counts as shown: nothing speaks against the start.
         """
         read = self._bits.correlation(pixels, start)
-        return read is None or read >= LIMITS.read.start_match
+        return read is None or read >= LIMITS.likeness.alike
 
     def cell_evidence(self, pixels: Grey, pose: Pose) -> CellEvidence:
         """What the cells say about where a pose puts the target, and about places some whole cells beside."""
@@ -463,13 +448,3 @@ class TargetFitter:
             distance = float(np.linalg.norm(seen - found.corners, axis=1).mean())
             worst = max(worst, distance / max(found.side_px / tag.family.size_cells, 1.0))
         return worst
-
-    def shows_whole_tag(self, pose: Pose, shape: tuple[int, ...]) -> bool:
-        """Whether any tag lies in the image with all its corners, large enough to be decoded."""
-        for tag in self.target.tags:
-            seen, visible = self._projection.project(tag.corners @ pose.rotation.T + pose.position)
-            inside = (seen > WHOLE_ROOM_PX) & (seen < np.array([shape[1], shape[0]]) - 1 - WHOLE_ROOM_PX)
-            least = DECODED_CELL_PX * len(tag.bitmap)
-            if bool(visible.all()) and bool(inside.all()) and float(np.ptp(seen, axis=0).min()) > least:
-                return True
-        return False

@@ -222,7 +222,7 @@ def certainty_refusal(
     if not np.isfinite(variance) or variance > (certain.angle_sd if has_attitude else certain.blind_angle_sd) ** 2:
         return PoseRefusal.ANGLE_UNCERTAIN
     spread = float(np.sqrt(largest_variance(pose.covariance[:3, :3])))
-    if spread > max(certain.position_sd_m, certain.position_share * pose.range_m):
+    if spread > max(certain.wrong_m, certain.wrong_share * pose.range_m) / certain.deviations:
         return PoseRefusal.POSITION_UNCERTAIN
     return None
 
@@ -247,8 +247,8 @@ def innovation_refusal(
     speed = allowed.range_speed if has_velocity else allowed.first_range_speed
     if abs(pose.range_m - predicted.range_m) > allowed.range_share * predicted.range_m + speed * age:
         return PoseRefusal.RANGE_JUMP
+    # Seen from the target a turn that is believed swings the lens by so much of the range.
     moved = float(np.linalg.norm(pose.rotation.T @ pose.position - predicted.rotation.T @ predicted.position))
-    reach = allowed.place_share * predicted.range_m + allowed.place_speed * age
-    if moved > reach + allowed.place_angle * angle * predicted.range_m:
+    if moved > angle * predicted.range_m + speed * age:
         return PoseRefusal.POSITION_JUMP
     return None

@@ -14,8 +14,8 @@ import numpy.typing as npt
 
 from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.bend import BentPrint
-from mkdaemon.vision.pose.blown import Blown
 from mkdaemon.vision.pose.edgefind import Samples
+from mkdaemon.vision.pose.edgelight import Blown
 from mkdaemon.vision.pose.linetime import MOTIONS, KnownMotion, Shutter
 from mkdaemon.vision.pose.pose import Pose
 from mkdaemon.vision.pose.projection import Projection

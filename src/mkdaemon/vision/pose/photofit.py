@@ -93,12 +93,12 @@ class PhotoFit:
             motion = start.motion if start.motion is not None else motion_at_rest()
         at = PhotoState(start.rotation, start.position, blur_px**2 * np.eye(2), motion, self.prints.rise_of(start))
         seen = self.prints.seen(at.rotation, at.position, pixels.shape)
-        near = seen if len(seen) == 1 else self._alike(pixels, seen, at, LIMITS.photo.start_match) or seen
+        near = seen if len(seen) == 1 else self._alike(pixels, seen, at, LIMITS.likeness.alike) or seen
         found = self._fit(pixels, near, at, start, iterations, level)
         if found is None or len(self.prints.all) == 1:
             return None if found is None else found[1]
         seen = self.prints.seen(found[0].rotation, found[0].position, pixels.shape)
-        shown = self._alike(pixels, seen, found[0], LIMITS.photo.found_match)
+        shown = self._alike(pixels, seen, found[0], LIMITS.likeness.clear)
         if shown and set(shown) != set(near):
             found = self._fit(pixels, shown, found[0], start, iterations, level)
         return None if found is None or not shown else self._with_missing(found[1], seen, shown)
@@ -108,7 +108,7 @@ class PhotoFit:
         blur_px = pose.blur_px or START_BLUR_PX
         at = PhotoState(pose.rotation, pose.position, blur_px**2 * np.eye(2), pose.motion, self.prints.rise_of(pose))
         seen = self.prints.seen(pose.rotation, pose.position, pixels.shape)
-        return tuple(model for model in seen if self._stepper.match(pixels, model, at) >= LIMITS.photo.found_match)
+        return tuple(model for model in seen if self._stepper.match(pixels, model, at) >= LIMITS.likeness.clear)
 
     def _with_missing(self, pose: Pose, seen: Sequence[PrintModel], near: Sequence[PrintModel]) -> Pose:
         """The pose with what speaks against it: prints that should be in the image and are not there."""
@@ -136,7 +136,7 @@ class PhotoFit:
             if count >= iterations and left < UNSETTLED:
                 break
             step = self._stepper.step(pixels, prints, at, start, level, damping)
-            if step is None or (best is None and (step.pose.match or 0.0) < LIMITS.photo.start_match):
+            if step is None or (best is None and (step.pose.match or 0.0) < LIMITS.likeness.alike):
                 return None
             # Pixels that come and go at the rim change the cost, too, and a valley that bends lies beyond a rise: then
             # the shorter step is nearer.
@@ -179,7 +179,7 @@ class PhotoFit:
 
     def resembles(self, grey: Pose) -> bool:
         """Whether the model of a fit to grey values looks like the image."""
-        return grey.likeness is not None and grey.likeness >= LIMITS.photo.polish_match
+        return grey.likeness is not None and grey.likeness >= LIMITS.likeness.explained
 
     def explains(self, grey: Pose) -> bool:
         """Whether the model holds for a fit to grey values: nothing lies over the print or shines on it."""

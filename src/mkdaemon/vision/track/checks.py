@@ -58,7 +58,7 @@ class Checks:
             return PoseRefusal.BITS
         if self.is_partial(pose):
             evidence = self.fitter.cell_evidence(seen.pixels, pose)
-            is_unread = evidence.here <= 0.0 and bits is not None and bits < LIMITS.judge.clear_bits
+            is_unread = evidence.here <= 0.0 and bits is not None and bits < LIMITS.likeness.clear
             if (is_unread and self.has_few_edges(pose)) or evidence.beside > LIMITS.read.beside_nats:
                 return PoseRefusal.BITS
             # What lies over a target hides edges; one that is beside its place has other edges in view.
@@ -140,10 +140,12 @@ class Checks:
 
     def is_plain(self, seen: Sight, pose: Pose) -> bool:
         """Whether the target is large and its cells are read clearly: hidden parts then mislead nobody."""
-        if self.cell_px(pose) <= LIMITS.cells.perspective_px:
-            return False
+        return self.cell_px(pose) > LIMITS.cells.perspective_px and self.are_cells_clear(seen, pose)
+
+    def are_cells_clear(self, seen: Sight, pose: Pose) -> bool:
+        """Whether the cells are read clearly."""
         bits = self.fitter.match(seen.pixels, pose)
-        return bits is not None and bits >= LIMITS.judge.clear_bits
+        return bits is not None and bits >= LIMITS.likeness.clear
 
 
 def with_angle_variance(pose: Pose, variance: float) -> Pose:

@@ -127,7 +127,7 @@ class FirstJudge:
         if verdict.choice is None:
             return alone.pose
         apart = angle_between(alone.pose.rotation, verdict.choice.pose.rotation)
-        return alone.pose if apart > LIMITS.ambiguity.track_near else None
+        return alone.pose if apart > LIMITS.certainty.wrong_angle else None
 
     def _is_preferred(self, followed: Pose, verdict: FirstVerdict) -> bool:
         """Whether the image prefers the pose that a track led to; fits of two kinds do not compare."""

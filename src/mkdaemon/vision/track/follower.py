@@ -201,7 +201,7 @@ class Follower:
         """Try to find the target where it should be."""
         self._fitter.begin(frame.sight.pixels)
         track, now = self.track, frame.sight.time
-        if track.is_live and not 0.0 < now - track.last_time < LIMITS.track.max_gap:
+        if track.is_live and not 0.0 < now - track.last_time < LIMITS.track.grace:
             track.lose()
         if not track.is_live:
             return
@@ -240,11 +240,25 @@ class Follower:
         if is_expected and (carried is None or self._fitter.effort < MOST_EFFORT):
             yield "predicted", predicted.pose
 
+    def _with_climb(self, seen: Sight, start: Pose) -> Pose:
+        """The start of a track's second image with the speed that both ranges tell.
+
+        Under a rolling shutter a climb looks like a tilt, and does not change the range half way through the image. A
+        fit that few edges agree with may have taken them for their neighbours, and its range says nothing.
+        """
+        if not self._fitter.shutter.rolls or self.track.has_velocity:
+            return start
+        found = self._fitter.refine(seen.pixels, start)
+        if found is None or found.inliers < LIMITS.agreement.blind:
+            return start
+        known = self.track.motion_with(seen.time, found, seen.enu_from_flu, self._mounting, seen.turning_flu)
+        return start if known is None else replace(start, known_motion=known)
+
     def _measured(self, frame: Frame, predicted: Pose, starts: Iterable[tuple[FoundBy, Pose]]) -> bool:
         """Whether the target is found from one of several starts; it is followed then, and published if believed."""
         refused: Verdict | None = None
         for mode, start in starts:
-            verdict = self.judge.measure(frame.sight, start, predicted)
+            verdict = self.judge.measure(frame.sight, self._with_climb(frame.sight, start), predicted)
             rival, against = frame.contradicting.get(self.name), verdict.contradicting
             if against is not None:
                 if rival is None or prefers(against, rival):
@@ -375,23 +389,12 @@ class Follower:
                 track.lose()
                 self.start(frame, found, "roi")
                 return False
-        if overdue < LIMITS.track.undecoded_grace or self._is_vouched_for(frame, pose, overdue):
+        # Clear cells stand in for a tag that cannot be decoded: one that leaves the image, or is partly hidden.
+        if overdue < LIMITS.track.grace or self._checks.are_cells_clear(frame.sight, pose):
             return True
         frame.refused[self.name] = PoseRefusal.NOT_DECODED
         track.lose()
         return False
-
-    def _is_vouched_for(self, frame: Frame, pose: Pose, overdue: float) -> bool:
-        """Whether clear cells and a second witness stand in for a tag that could not be decoded."""
-        pixels = frame.sight.pixels
-        bits = self._fitter.match(pixels, pose)
-        if bits is None or bits < LIMITS.judge.clear_bits:
-            return False
-        if self._checks.level.knows(frame.sight):
-            return True
-        # Where no tag is whole in the image, decoding cannot succeed and its failure says nothing.
-        is_cut = not self._fitter.shows_whole_tag(pose, pixels.shape)
-        return (is_cut or self.judge.is_backed) and overdue < LIMITS.track.blind_grace
 
     def _start_ambiguous(self, frame: Frame, candidates: Sequence[Pose], mode: FoundBy) -> None:
         """Let the track decide between a pose and its mirror image, or start one that waits until it can."""

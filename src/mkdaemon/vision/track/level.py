@@ -51,6 +51,8 @@ MOVED: Final = 9.0
 """Squared distance of a measured normal from which the deck has moved: chi-square(2), one in 90."""
 LEAST_WEIGHT: Final = 1e-12
 """Of a kind that the images contradict."""
+MOST_LEAN: Final = 4.0 * PRIOR_SD
+"""Of a level target by the attitude [rad]."""
 LONGEST: Final = 10.0
 """Time without a measurement after which only the prior is known [s]."""
 
@@ -237,20 +239,14 @@ class LevelKnowledge:
             return None
         normal = seen.enu_from_flu @ self._mounting.flu_from_cam @ pose.rotation[:, 2]
         turned, leaning = (_turn(known, normal) for known in (self._deck.normal(seen.enu_from_flu), UP))
-        if float(np.linalg.norm(leaning)) > LIMITS.judge.most_lean:
-            return max(leaning, turned, key=np.linalg.norm), LIMITS.judge.most_lean
+        if float(np.linalg.norm(leaning)) > MOST_LEAN:
+            return max(leaning, turned, key=np.linalg.norm), MOST_LEAN
         return turned, self.gate(seen, pose)
 
     def log_odds(self, seen: Sight, first: Pose, second: Pose) -> float:
         """How much likelier the attitude makes one pose than another [nats]; 0 where nothing is known."""
         near, far = self.tilt(seen, first), self.tilt(seen, second)
         return 0.0 if near is None or far is None else (far**2 - near**2) / (2.0 * self._sd(seen) ** 2)
-
-    def surprise2(self, seen: Sight, pose: Pose) -> float:
-        """Squared angle between both normals, over what pose and attitude leave; 0 where nothing is known."""
-        tilt = self.tilt(seen, pose)
-        spread = self._sd(seen) ** 2 + largest_variance(pose.covariance[3:, 3:])
-        return 0.0 if tilt is None else tilt**2 / spread
 
     def gate(self, seen: Sight, pose: Pose) -> float:
         """Largest disagreement that is believed of a pose [rad]."""
@@ -259,7 +255,7 @@ class LevelKnowledge:
     def hidden_gate(self, pose: Pose) -> float:
         """The same for a partly hidden first pose, which cannot tell a tilted deck from a border that is covered."""
         spread = float(np.sqrt(largest_variance(pose.covariance[3:, 3:])))
-        return self._gate + min(spread, LIMITS.judge.tilt_spread)
+        return self._gate + min(spread, LIMITS.certainty.angle_sd)
 
     def vertical(self, seen: Sight) -> Level | None:
         """The normal expected in camera axes, to hold a fit with; none where nothing is known."""
