@@ -17,7 +17,7 @@ FLIGHTS: Final = "tuned on development flights"
 STILLS: Final = "tuned on development stills"
 BLIND: Final = "tuned on development flights without attitude"
 NOISE: Final = "derived from read noise of 1.5 grey"
-EARNED: Final = "measured, docs/vision.md"
+EARNED: Final = "measured, docs/lab/vision-cases.md"
 APART2: Final = 22.5
 """Squared distance of two poses in their deviations that no noise makes: chi-square(6), one in 1000."""
 NOISE_GREY: Final = 2.0
