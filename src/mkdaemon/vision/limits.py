@@ -79,6 +79,7 @@ class AmbiguityLimits:
 class JudgeLimits:
     """What a track asks of a pose."""
 
+    asks_mirror2: float = of(4.0, "", "squared surprise of the attitude from which the mirror image is asked", BLIND)
     surprising: float = of(16.0, "", "squared distance from the course, not published", "chi-square(3), one in 900")
     expected: float = of(9.0, "", "the same, inertia speaks for the pose", "chi-square(3), one in 34")
 

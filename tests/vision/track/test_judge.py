@@ -193,6 +193,30 @@ def test_far_away_the_attitude_is_in_the_fit_and_not_told_a_second_time():
     np.testing.assert_allclose(verdict.pose.covariance, held.covariance)
 
 
+VAGUE = np.diag([1e-6, 1e-6, 1e-4, 2.5e-4, 2.5e-4, 1e-5])
+
+
+@pytest.mark.parametrize(
+    ("tilt_deg", "mirror_loss", "is_mirror"), [(5.9, 0.01, True), (5.9, 0.014, False), (1.5, 0.005, False)]
+)
+def test_a_far_pose_that_surprises_the_attitude_is_held_against_its_mirror_image(tilt_deg, mirror_loss, is_mirror):
+    pose = fitted(8.0, tilt_deg, covariance=VAGUE)
+    mirror = fitted(8.0, -0.5, covariance=VAGUE, loss=mirror_loss)
+    verdict = Judge(checks(GivenFits(pose, mirror=mirror), followed())).measure(sight(), fitted(8.0), fitted(8.0))
+    near = angle_deg(verdict.pose.rotation, mirror.rotation) < angle_deg(verdict.pose.rotation, pose.rotation)
+    assert near is is_mirror
+
+
+def test_a_surprising_pose_that_is_asked_for_once_more_is_weighed_as_it_was_found_then():
+    """The fit ended beside its reading: what it lacked speaks against nobody."""
+    poor, again = fitted(8.0, 5.9, covariance=VAGUE, loss=0.02), fitted(8.0, 3.5, covariance=VAGUE, loss=0.01)
+    mirror = fitted(8.0, -3.0, covariance=VAGUE, loss=0.0105)
+    fits = GivenFits(poor)
+    fits.fit_mirrored = lambda pixels, pose: again if pose is mirror else mirror
+    verdict = Judge(checks(fits, followed())).measure(sight(), fitted(8.0), fitted(8.0))
+    assert angle_deg(verdict.pose.rotation, again.rotation) < angle_deg(verdict.pose.rotation, mirror.rotation) - 1.0
+
+
 def test_an_image_counts_once_beside_what_the_images_before_told_of_the_deck():
     pose = fitted(tilt_deg=2.0, covariance=np.diag([1e-7, 1e-7, 1e-6, 1e-4, 1e-4, 1e-7]))
     asked = checks(GivenFits(pose), followed())
