@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from lab.campaign import Case, Part
 from lab.vision.flight import VGA, share_in_view
-from lab.vision.stills import HD, SeedSet, Still, Studio, error_of, look_once, target_named
+from lab.vision.stills import HD, SeedSet, Still, Studio, error_of, look_once, search_in_turn, target_named
 from lab.vision.troubles import band, patches, shadow
 from lab.vision.weather import FLIGHT_IMAGES, SKIES, fly_conditions, sum_up_flights
 from mkdaemon.vision.camera.intrinsics import Intrinsics
@@ -77,7 +77,7 @@ class _Share:
     def add(self, still: Still, intrinsics: Intrinsics = VGA, *, blind: bool = True) -> None:
         """Look at one image, with attitude and, unless told otherwise, without."""
         self.images += 1
-        self.decoded += bool(self._detector.search_ladder(still.image.pixels))
+        self.decoded += bool(search_in_turn(self._detector, still.image.pixels))
         for with_attitude in (True, False) if blind else (True,):
             found = look_once(still, self._target, intrinsics, with_attitude=with_attitude).pose_of(self._target.name)
             if found is None:

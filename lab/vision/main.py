@@ -18,7 +18,6 @@ import cv2
 from cyclopts import Parameter
 
 from lab.campaign import Case, Part, run_parts
-from lab.vision import ablation
 from lab.vision.barometer import BAROMETER
 from lab.vision.cases import ACCURACY, COLD, CONDITIONS, VIEW_ANGLE
 from lab.vision.decks import DECKS
@@ -34,7 +33,6 @@ from lab.vision.stages import stages
 from lab.vision.stills import SeedSet
 from lab.vision.tagfree import FALSE_POSITIVES
 from lab.vision.truth import CONSISTENCY, PHOTOGRAPH_CASE
-from lab.vision.variants import variants_named
 from mkdaemon.cli.arguments import AsJson
 from mkdaemon.errors import ConfigError
 from mkdaemon.files import write_whole
@@ -128,12 +126,6 @@ def main(
     case: Annotated[str | None, Parameter(help="One campaign instead of all.")] = None,
     quick: Annotated[bool, Parameter(negative=(), help="A fraction of the images.")] = False,
     seeds: Annotated[SeedSet | None, Parameter(help="Which scenes; `reporting` unless said.")] = None,
-    ablate: Annotated[
-        bool, Parameter(negative=(), help="Switch every gate, fit and search off, one at a time.")
-    ] = False,
-    only: Annotated[
-        list[str] | None, Parameter(negative=(), help="Ablate these parts, named as in the table; all unless said.")
-    ] = None,
     jobs: Annotated[int | None, Parameter(help="Processes; as many as cores unless said.")] = None,
     into: Annotated[
         Path | None,
@@ -149,35 +141,22 @@ def main(
     Args:
         case: one campaign instead of all.
         quick: a fraction of the images.
-        seeds: `reporting` scenes were never looked at during development; `ablation` ones, the default of `--ablate`,
-            decide which parts stay.
-        ablate: what every part earns, in place of the campaigns: 35 minutes with two processes, 8 with `--quick`.
-        only: the parts to ablate; each costs as much as the whole tracker does once.
+        seeds: `reporting` scenes were never looked at during development.
         jobs: processes that share the images; the figures do not depend on it.
         into: JSON of whole campaigns on `reporting` seeds; what it has of other campaigns stays.
         as_json: print one JSON object, on the last line.
 
     Raises:
-        ConfigError: no such case or part, no job at all, or `into` with less than whole campaigns on reporting seeds.
+        ConfigError: no such case, no job at all, or `into` with less than whole campaigns on reporting seeds.
     """
     if jobs is not None and jobs < 1:
         msg = f"--jobs {jobs}: give 1 or more"
         raise ConfigError(msg)
-    if only and not ablate:
-        msg = "--only names parts that --ablate switches off: give both, or --case for one campaign"
-        raise ConfigError(msg)
-    seeds = seeds or (SeedSet.ABLATION if ablate else SeedSet.REPORTING)
-    if into is not None and (quick or ablate or seeds is not SeedSet.REPORTING):
-        msg = f"--into {into}: it holds whole campaigns on reporting seeds; leave out --quick, --ablate and --seeds"
+    seeds = seeds or SeedSet.REPORTING
+    if into is not None and (quick or seeds is not SeedSet.REPORTING):
+        msg = f"--into {into}: it holds whole campaigns on reporting seeds; leave out --quick and --seeds"
         raise ConfigError(msg)
     cv2.setNumThreads(1)
-    if ablate:
-        start = time.perf_counter()
-        measured = ablation.run(quick, seeds, jobs or os.cpu_count() or 1, variants_named(only))
-        figures = {"seeds": seeds.value, "quick": quick, **measured}
-        figures["seconds"] = round(time.perf_counter() - start, 1)
-        print(json.dumps(figures) if as_json else ablation.table(figures))
-        return
     results = _measure([case] if case is not None else list(CASES), quick, seeds, jobs, into)
     print(json.dumps(results) if as_json else json.dumps(results, indent=2))
 

@@ -24,10 +24,10 @@ import numpy as np
 import numpy.typing as npt
 
 from lab.vision import tagfree
-from lab.vision.ablationscenes import Setting, views
 from lab.vision.decks import LIES
 from lab.vision.flight import GROUNDS, VGA
 from lab.vision.leaving import CAMERAS, ways_out
+from lab.vision.pairedscenes import Setting, views
 from lab.vision.real import DEVICES
 from lab.vision.stills import WRONG_DEG, WRONG_M, error_of, target_named
 from lab.vision.weather import SKIES

@@ -22,12 +22,12 @@ BOXES: Final = {
     "camera": Box(0, 4, "camera", "grey image, middle of\nits exposure [s]"),
     "health": Box(0, 2, "health", "dark, blown, blurred,\nfrozen, wrong size", ("health",)),
     "predict": Box(3.4, 4, "prediction", "attitude change and\nconstant velocity", ("prediction",)),
-    "carry": Box(3.4, 2, "carry", "optical flow, or the whole\ntarget found again", ("carry",)),
+    "carry": Box(3.4, 2, "carry", "the image of the target\nfound again as a whole", ("carry",)),
     "search": Box(3.4, 0, "search", "window, then whole image:\nfour ways and outlines", ("search",)),
     "fit": Box(6.8, 4, "fit", "edges; grey values of\nsmall or steep tags", ("edge fit", "grey-value fit")),
     "first": Box(6.8, 0, "first pose", "both solutions, mirror\nimage, evidence", ("evidence",)),
-    "gates": Box(6.8, 2, "gates", "fit, cells, attitude,\ninnovation", ("cells",)),
-    "branches": Box(10.2, 2, "inertia", "course, rival readings,\nmirror image", ("branches",)),
+    "gates": Box(6.8, 2, "checks", "fit, cells, attitude,\nprediction", ("cells",)),
+    "branches": Box(10.2, 2, "hypotheses", "course, rival readings,\nmirror image", ("branches",)),
     "publish": Box(10.2, 4, "publish", "pose, covariance, or a\nrefusal with its reason", ()),
 }
 ARROWS: Final = (

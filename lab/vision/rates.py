@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from lab.vision.flight import VGA, FlightFrame, fly
 from lab.vision.lag import loop_lag
-from lab.vision.stills import SeedSet, target_named
+from lab.vision.stills import SeedSet, search_in_turn, target_named
 from mkdaemon.vision.tags.detector import Detector
 from mkdaemon.vision.tags.tagmap import TagMap
 from mkdaemon.vision.track.attitude import LOOKING_DOWN
@@ -27,7 +27,7 @@ def rates(quick: bool, seeds: SeedSet) -> dict[str, Any]:
     frames = list(fly(target, seeds.base + 800, seconds=2.0 if quick else 8.0, troubled=False))
     images = [frame.image.pixels for frame in frames]
     detector = Detector(TagMap((target,)).whitelist)
-    search = _times(images, lambda pixels: detector.search_ladder(pixels))
+    search = _times(images, lambda pixels: search_in_turn(detector, pixels))
     plain = Detector(TagMap((target,)).whitelist)
     april = _times(images, lambda pixels: plain.search(pixels, "decimate1"))
     opencv = _times(images, opencv_search())

@@ -31,7 +31,7 @@ STAGES: Final[dict[str, tuple[Callable[..., Any], ...]]] = {
     "cells": (BitModel.correlation,),
     "evidence": (EdgeEvidence.measure,),
     "branches": (Branches.after,),
-    "carry": (Carrier.flow, Carrier.shift),
+    "carry": (Carrier.shift,),
     "search": (Detector.search,),
 }
 """Functions of each stage; none of them calls another one of the table."""

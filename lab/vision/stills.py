@@ -18,6 +18,9 @@ from mkdaemon.vision.camera.image import CameraImage
 from mkdaemon.vision.camera.intrinsics import Intrinsics
 from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.pose import angle_between
+from mkdaemon.vision.tags.detection import Detection
+from mkdaemon.vision.tags.detector import Detector
+from mkdaemon.vision.tags.searchplan import Look, first_of
 from mkdaemon.vision.tags.tagmap import TagMap, Target, load
 from mkdaemon.vision.track.attitude import LOOKING_DOWN, AttitudeHistory, AttitudeSample
 from mkdaemon.vision.track.result import VisionResult
@@ -40,11 +43,10 @@ TARGETS: Final = CONFIGS / "targets"
 
 
 class SeedSet(StrEnum):
-    """Which scenes: those the code was tuned on, those it has never seen, and those that decide which parts stay."""
+    """Which scenes: those the code was tuned on, and those it has never seen."""
 
     DEVELOPMENT = "development"
     REPORTING = "reporting"
-    ABLATION = "ablation"
 
     @property
     def base(self) -> int:
@@ -53,7 +55,16 @@ class SeedSet(StrEnum):
         Seeds from 3,000,000 extend the development set; docs/lab/accuracy.md names the sets that were reported and then
         looked at.
         """
-        return {SeedSet.DEVELOPMENT: 0, SeedSet.REPORTING: 59_000_000, SeedSet.ABLATION: 23_000_000}[self]
+        return {SeedSet.DEVELOPMENT: 0, SeedSet.REPORTING: 59_000_000}[self]
+
+
+def search_in_turn(detector: Detector, pixels: npt.NDArray[np.uint8]) -> list[Detection]:
+    """Every search of an image, one after the other, until one finds something."""
+    for look in dict.fromkeys((*(Look(stage) for stage in first_of(detector.stages)), *detector.looks(pixels))):
+        found = detector.search_shrunk(pixels, look.stage, look.part)
+        if found:
+            return found
+    return []
 
 
 @lru_cache(maxsize=4)

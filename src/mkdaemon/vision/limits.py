@@ -1,7 +1,7 @@
 """Every threshold of the eyes: value, unit, meaning, and where the figure comes from.
 
 Those a user may set stand in `mkdaemon.config.vision`. "Tuned" is chosen by hand on development scenes of
-`python -m lab vision` (docs/lab/accuracy.md); what gates and parts earn is measured with `--ablate` (docs/vision.md).
+`python -m lab vision` (docs/lab/accuracy.md).
 Shares are 0 to 1, deviations are standard deviations, widths of edges are half widths. Constants of a numeric method
 (steps, damping, convergence, process noise) stand beside the method. First stands what finding and fitting ask, then
 what is asked of a measured pose (gates, tracks, rivals, health), then the self-calibration.
@@ -17,7 +17,7 @@ FLIGHTS: Final = "tuned on development flights"
 STILLS: Final = "tuned on development stills"
 BLIND: Final = "tuned on development flights without attitude"
 NOISE: Final = "derived from read noise of 1.5 grey"
-EARNED: Final = "measured, docs/vision.md"
+EARNED: Final = "measured, docs/lab/vision-cases.md"
 APART2: Final = 22.5
 """Squared distance of two poses in their deviations that no noise makes: chi-square(6), one in 1000."""
 NOISE_GREY: Final = 2.0
@@ -33,12 +33,23 @@ def of(value: Any, unit: str, meaning: str, source: str) -> Any:
 class CertaintyLimits:
     """How uncertain a published pose may be."""
 
-    angle_sd: float = of(radians(1.25), "rad", "beside an attitude", "derived: 4 deviations are 5 degrees")
-    blind_angle_sd: float = of(radians(0.9), "rad", "without", BLIND)
-    position_sd_m: float = of(0.0125, "m", "of the position", "derived: 4 deviations are 5 cm")
-    position_share: float = of(0.0025, "share", "of the range, where that is more", "derived: 4 are 1 %")
+    deviations: float = of(4.0, "deviations", "of a published pose beside an attitude are not wrong", "one in 16,000")
+    blind_deviations: float = of(5.5, "deviations", "without: 0.9 degrees", BLIND)
+    wrong_angle: float = of(radians(5.0), "rad", "from which a pose is wrong", "a landing over a deck")
+    wrong_m: float = of(0.05, "m", "the same of its place", "a landing gear")
+    wrong_share: float = of(0.01, "share", "of the range, where that is more", "what a calibration leaves, three times")
     blind_rms_px: float = of(0.5, "px", "residual of an edge fit without attitude", BLIND)
     blind_grey_rms_px: float = of(0.4, "px", "of a grey-value fit, as shift of edges: 0.2-0.3 behind webcams", BLIND)
+
+    @property
+    def angle_sd(self) -> float:
+        """Largest deviation of an angle beside an attitude [rad]."""
+        return self.wrong_angle / self.deviations
+
+    @property
+    def blind_angle_sd(self) -> float:
+        """The same without, and of a direction that inertia knows well enough to speak for a pose [rad]."""
+        return self.wrong_angle / self.blind_deviations
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,9 +62,6 @@ class InnovationLimits:
     range_share: float = of(0.01, "share", "of the range, for the range", FLIGHTS)
     range_speed: float = of(1.0, "m/s", "and more by time", "derived: 30 m/s^2 between two images")
     first_range_speed: float = of(6.0, "m/s", "the same before the velocity is known", FLIGHTS)
-    place_share: float = of(0.05, "share", "of the range, for the lens in the target's frame", FLIGHTS)
-    place_speed: float = of(4.0, "m/s", "and more by time", FLIGHTS)
-    place_angle: float = of(0.35, "share", "and of the angle allowed times the range", FLIGHTS)
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,50 +71,29 @@ class AmbiguityLimits:
     same_pose: float = of(radians(1.0), "rad", "candidates closer are one pose", "below the published deviation")
     samples_per_fact: float = of(4.0, "", "neighbouring samples share pixels", "derived: blur over sample spacing")
     min_log_odds: float = of(12.0, "nats", "from which the image decides", "derived: one in 160,000")
-    max_odds_against: float = of(2.0, "nats", "of the image against what the track chooses", BLIND)
-    track_near: float = of(radians(5.0), "rad", "farthest from its prediction that a track chooses", BLIND)
-    track_far: float = of(radians(2.0), "rad", "the rival must be twice as far and so much more", BLIND)
     harmless: float = of(radians(2.0), "rad", "closer rivals are published with the doubt in the covariance", BLIND)
     small_tilt: float = of(radians(0.3), "rad", "below, the mirrored pose is the pose", "a saddle at 1.5 deg, 5.5 off")
-    asks_mirror: bool = of(True, "", "a first pose without a rival is asked for its mirror image", "0 flips in 8643")
 
 
 @dataclass(frozen=True, slots=True)
 class JudgeLimits:
     """What a track asks of a pose."""
 
-    flow_through: int = of(5, "images", "missed, over which a prediction holds and optical flow finds its way", FLIGHTS)
-    clear_bits: float = of(0.8, "correlation", "of cells that vouch for a late, hidden or undecoded pose", FLIGHTS)
-    surprising: float = of(16.0, "", "squared distance from the course, not published", "chi-square(3), one in 900")
     asks_mirror2: float = of(4.0, "", "squared surprise of the attitude from which the mirror image is asked", BLIND)
+    surprising: float = of(16.0, "", "squared distance from the course, not published", "chi-square(3), one in 900")
     expected: float = of(9.0, "", "the same, inertia speaks for the pose", "chi-square(3), one in 34")
-    backing_sd: float = of(radians(1.0), "rad", "of the predicted direction, for inertia to speak", BLIND)
-    tilt_spread: float = of(radians(1.0), "rad", "of a pose that widens the attitude gate, at most", FLIGHTS)
-    most_lean: float = of(
-        radians(10.0), "rad", "of a level target by the attitude", "derived: 4 of the deck's deviations"
-    )
-    holds_tilt: bool = of(True, "", "a fit that fails is tried again with its tilt held level", EARNED)
-    fuses_course: bool = of(True, "", "a pose takes in what inertia knew before it", EARNED)
 
 
 @dataclass(frozen=True, slots=True)
 class TrackLimits:
     """The memory of one target, and carrying its pose over by what moved in the image."""
 
-    flow_min_points: int = of(8, "", "fewer fix no pose", "derived: four are needed, half may be wrong")
-    flow_contrast: float = of(1e-7, "", "least eigenvalue of a window", "OpenCV's 1e-4 drops all at 6 % of the light")
-    edge_px: float = of(4.0, "px", "corners nearer to the image edge are not followed", FLIGHTS)
+    through: int = of(5, "images", "missed, over which a prediction holds and the target is found again", FLIGHTS)
     shake: float = of(0.08, "rad", "turn between two images within which it is looked for", FLIGHTS)
-    alike: float = of(0.5, "correlation", "from which its image counts as found again", FLIGHTS)
     max_speed: float = of(8.0, "m/s", "camera against target; faster is a wrong pose", FLIGHTS)
-    max_turn: float = of(radians(25.0), "rad", "between two images, that is continued", FLIGHTS)
-    max_ahead: float = of(6.0, "steps", "over which a velocity is carried on", FLIGHTS)
     turn_ahead: float = of(1.5, "steps", "over which a turn is carried on: shaking turns back", FLIGHTS)
     forget_velocity: float = of(0.3, "s", "between poses that make no velocity", FLIGHTS)
-    forget_misses: int = of(2, "images", "missed, after which a velocity is forgotten", FLIGHTS)
-    max_gap: float = of(1.0, "s", "without an image, that ends a track", FLIGHTS)
-    undecoded_grace: float = of(1.0, "s", "without a decoded tag beyond the re-detection period", FLIGHTS)
-    blind_grace: float = of(5.0, "s", "the same with no whole tag in view, or backed by inertia", BLIND)
+    grace: float = of(1.0, "s", "without an image, or a decoded tag beyond the re-detection period", FLIGHTS)
     retry_decode: float = of(0.1, "s", "between attempts to decode", "3 ms each: 3 % of a core")
     search_every: int = of(5, "images", "between searches for others while one is tracked", "cost: a search over five")
     decode_agrees: float = of(0.5, "cells", "between decoded corners and pose", "derived: half way to the next edge")
@@ -124,9 +111,9 @@ class BranchLimits:
     min_images: int = of(5, "images", "needed besides: two smeared ones may agree on nonsense", BLIND)
     overruled: float = of(0.5, "nats", "of the newest image against, that stop a publication", BLIND)
     remembered: float = of(0.9, "share", "of what images said against a branch, an image later", "a third of a second")
-    same_direction: float = of(radians(3.5), "rad", "branches that see the target so are one answer", BLIND)
     differ_place: float = of(0.01, "share", "of the range, between places of branches that differ", BLIND)
     differ_speed: float = of(0.2, "1/s", "or of the range a second, between velocities", BLIND)
+    same_direction: float = of(radians(3.5), "rad", "branches that see the target so are one answer", BLIND)
 
 
 @dataclass(frozen=True, slots=True)
@@ -179,7 +166,7 @@ class SelfCalLimits:
 SELFCAL: Final = SelfCalLimits()
 
 
-Stage = Literal["decimate2", "decimate1", "log", "halflog", "linear", "outline", "bright", "highlight", "thorough"]
+Stage = Literal["decimate2", "decimate1", "log", "halflog", "linear", "outline", "bright", "highlight"]
 """A way to search an image for tags."""
 
 LADDER: Final[tuple[Stage, ...]] = ("decimate2", "linear", "halflog", "log", "decimate1", "outline")
@@ -197,8 +184,6 @@ class SearchLimits:
     tone: float = of(1.8, "power", "of grey that `linear` takes for light", "decodes at gamma 1 to 2.2, 6-8 m")
     highlight: float = of(12.0, "power", "of grey that leaves ink in a highlight dark", "ink of 230: 65 posed; 8: 32")
     highlight_px: int = of(400, "px", "blown pixels that may be a print in a highlight", "derived: 16 cells of 5 px")
-    small_tag_px: float = of(46.0, "px", "side below which two corner sets are averaged", "rms .12 for .15 px, stills")
-    twin_px: float = of(4.0, "px", "detections closer than this are one tag", "derived: half of a small tag's side")
     min_window_px: int = of(16, "px", "smaller parts of an image are not searched", "derived: 2 px a cell")
     full_contrast: float = of(60.0, "grey", "range from which the decision margin counts in full", STILLS)
 
@@ -211,13 +196,11 @@ class ReadLimits:
     nearly_blown: float = of(6.0, "grey", "so far below, noise decides which pixels are", "two deviations, bright ink")
     quiet_share: float = of(0.5, "share", "samples of a side that must be white outside, black inside", STILLS)
     quiet_contrast: float = of(0.15, "share", "of the usual contrast, for such a sample", STILLS)
-    quiet_grey: float = of(3.0, "grey", "the same at least", NOISE)
     min_cells: int = of(16, "", "fewer cells tell nothing", "derived: one in 65,000 by chance")
     misread: float = of(0.05, "share", "of neighbouring cells in view, where the print is", STILLS)
     beside_nats: float = of(4.0, "nats", "for another place, against a pose", "1,287 right ones, edges hidden: none")
     beside_cells: int = of(3, "cells", "that a fit may lie beside its place", "nested targets; farther fails the bits")
     paper_share: float = of(0.2, "share", "unsaturated white cells that make saturated ones a highlight", STILLS)
-    start_match: float = of(0.4, "correlation", "of cells from where a fit finds its place", "97 % above, 41 % below")
     rise: float = of(0.1, "share", "of the mean rise between neighbours from which a rise counts", STILLS)
 
 
@@ -268,6 +251,15 @@ class Agreement:
         4, "", "variance over share**power in what images in a row teach: they share it", "a wrong pose, set 17 million"
     )
     floor: float = of(0.3, "share", "smaller ones count as this in the power", "below the least that passes")
+
+
+@dataclass(frozen=True, slots=True)
+class Likeness:
+    """Correlation of a print, its cells or its image with what an image shows."""
+
+    alike: float = of(0.35, "correlation", "of a start that leads to its place", "0.34 and more, development")
+    clear: float = of(0.75, "correlation", "of cells or a print that vouch for a pose", FLIGHTS)
+    explained: float = of(0.95, "correlation", "of model and image where the model holds", STILLS)
 
 
 @dataclass(frozen=True, slots=True)
@@ -332,9 +324,6 @@ class PhotoLimits:
     counted: float = of(0.5, "weight", "from which a pixel agrees", "derived: 5.7 deviations")
     lost_grey: float = of(60.0, "grey", "residuals above are equally bad", BLIND)
     margin_cells: float = of(0.3, "cells", "rim of the quiet zone that is left out", STILLS)
-    start_match: float = of(0.3, "correlation", "of a start that leads to its place", "0.34 and more, development")
-    found_match: float = of(0.7, "correlation", "of one of several prints that is found as a whole", STILLS)
-    polish_match: float = of(0.95, "correlation", "of model and image where the model holds", STILLS)
 
 
 @dataclass(frozen=True, slots=True)
@@ -343,7 +332,6 @@ class EvidenceLimits:
 
     seen_contrast: float = of(0.5, "share", "of the clear edges' contrast from which one is seen", STILLS)
     least_scale_px: float = of(0.1, "px", "located edges scatter at least so much", STILLS)
-    outlier: float = of(4.0, "deviations", "from which an edge disagrees", STILLS)
     agreeing_beside: float = of(0.75, "share", "the same of a pose with few edges", "0.81 and more; beside it 0.4-0.71")
     min_seen: float = of(0.4, "share", "of the edges in view that is seen", STILLS)
     max_leverage: float = of(radians(0.4), "rad", "turn by one line of edges", "right < 0.3, wrong > 0.48 deg")
@@ -351,12 +339,13 @@ class EvidenceLimits:
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """All of them; the ablation campaign hands others to the tracker."""
+    """All of them."""
 
     search: SearchLimits = field(default_factory=SearchLimits)
     read: ReadLimits = field(default_factory=ReadLimits)
     outline: OutlineLimits = field(default_factory=OutlineLimits)
     cells: CellSizes = field(default_factory=CellSizes)
+    likeness: Likeness = field(default_factory=Likeness)
     agreement: Agreement = field(default_factory=Agreement)
     blur: BlurWidths = field(default_factory=BlurWidths)
     edges: EdgeLimits = field(default_factory=EdgeLimits)

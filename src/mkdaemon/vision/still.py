@@ -133,7 +133,7 @@ class StillEye:
         return StillResult(tags, tuple(tag.pose for tag in tags if tag.pose is not None))
 
     def _search(self, pixels: Grey) -> list[Detection]:
-        """The searches for unbroken quads, thorough first; each adds what the ones before did not see.
+        """The searches for unbroken quads, the finest first; each adds what the ones before did not see.
 
         Largest tag first.
         """

@@ -14,9 +14,10 @@ from mkdaemon.config.camera import MountSection
 from mkdaemon.config.vision import BoardSection, TargetSection
 from mkdaemon.errors import ConfigError, VisionError
 from mkdaemon.vision.calibrate.board import BoardPoints, CharucoBoard, TagBoard
-from mkdaemon.vision.calibrate.calibration import CalibrationResult, calibrate, hold_out_rms, rounded
+from mkdaemon.vision.calibrate.calibration import CalibrationResult, calibrate, rounded
 from mkdaemon.vision.calibrate.coverage import Coverage
 from mkdaemon.vision.camera.calibration_file import CalibrationRecord, Camera, load_camera, mount_rotation, save_camera
+from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.tags.tagmap import build
 from mksim.scene.flights import FLU_FROM_CAM_DOWN
 from mksim.scene.layers import board_layer, sheet_layer, tag_layer
@@ -31,6 +32,17 @@ TAGS = build(
     [TargetSection(name="board", board=BoardSection(first_id=100, rows=4, columns=6, size=0.036, spacing=0.009))],
     origin="test",
 ).targets[0]
+
+
+def hold_out_rms(result: CalibrationResult, view: BoardPoints) -> float:
+    """Error of a view that was not used [px]: pose fitted, intrinsics fixed."""
+    projection = Projection(result.intrinsics)
+    rays = projection.undistort(view.image)
+    good, rvec, tvec = cv2.solvePnP(view.board, rays, np.eye(3), None, flags=cv2.SOLVEPNP_ITERATIVE)
+    if not good:
+        return float("inf")
+    seen = view.board @ np.asarray(cv2.Rodrigues(rvec)[0]).T + tvec.ravel()
+    return float(np.sqrt(((projection.project(seen)[0] - view.image) ** 2).sum(axis=1).mean()))
 
 
 @cache

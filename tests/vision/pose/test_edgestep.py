@@ -56,7 +56,7 @@ def covariances(errors: np.ndarray, jacobian: np.ndarray, square: np.ndarray, wi
     """The position's covariance by the pose of a step, over its true one, for draws of errors `(m, n)`."""
     fitted = [step(jacobian, error, width=width) for error in errors]
     true = np.cov(np.array([one.change[:3] for one in fitted]).T)
-    claimed = [one.pose(np.eye(3), np.array([0.0, 0.0, 1.0]), square, LIMITS).covariance[:3, :3] for one in fitted]
+    claimed = [one.pose(np.eye(3), np.array([0.0, 0.0, 1.0]), square).covariance[:3, :3] for one in fitted]
     return np.trace(np.linalg.solve(true, np.mean(claimed, axis=0))) / 3
 
 
@@ -110,7 +110,7 @@ def test_an_edge_with_a_rim_of_light_beside_it_is_trusted_less() -> None:
     rim = 80.0 / (1.0 + np.exp(-5.0 * (column - 35.0)))
     pixels = np.vstack([np.tile(edge, (50, 1)), np.tile(edge + rim, (14, 1))]).astype(np.uint8)
     rows, samples = upright_edges()
-    edges = find_edges(pixels, samples, LIMITS)
+    edges = find_edges(pixels, samples)
     assert edges.found.all()
     assert edges.trust[rows < 48].min() > 0.9
     assert edges.trust[rows > 52].max() < 0.5
@@ -122,7 +122,7 @@ def test_an_edge_in_the_shade_is_trusted_less() -> None:
     lower = np.repeat([0.0, 1.0], 32)[:, None]
     rows, samples = upright_edges()
     half, dark, blown = (
-        find_edges(np.minimum(grey, 255.0).astype(np.uint8), samples, LIMITS, is_blown=bool(grey.max() > 255.0))
+        find_edges(np.minimum(grey, 255.0).astype(np.uint8), samples, is_blown=bool(grey.max() > 255.0))
         for grey in (edge * (1.0 - 5.0 / 6.0 * lower), edge / 6.0, edge + 150.0 * lower)
     )
     assert half.found.all()

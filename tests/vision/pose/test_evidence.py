@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.edgefit import EdgeFit
 from mkdaemon.vision.pose.fitting import EdgeEvidence
 from mkdaemon.vision.pose.pose import Pose, turn
@@ -38,7 +37,7 @@ def test_a_right_pose_is_borne_out_behind_a_cover(name, reflectance, share):
     assert angle_deg(fitted.rotation, view.rotation) < 0.5
     evidence = EdgeEvidence(target, PROJECTION).measure(view.pixels, fitted)
     assert evidence is not None
-    assert evidence.supports(LIMITS), evidence
+    assert evidence.supports(), evidence
 
 
 def test_no_wrong_fit_is_borne_out():
@@ -58,7 +57,7 @@ def test_no_wrong_fit_is_borne_out():
             continue
         wrong += 1
         found = evidence.measure(view.pixels, fitted)
-        assert found is None or not found.supports(LIMITS), (k, found)
+        assert found is None or not found.supports(), (k, found)
     assert wrong >= 5
 
 
@@ -70,7 +69,7 @@ def test_nothing_is_borne_out_where_there_is_no_target():
     assert evidence.measure(np.full((480, 640), 90, np.uint8), pose) is None
     noise = np.random.default_rng(1).integers(0, 255, (480, 640)).astype(np.uint8)
     found = evidence.measure(noise, pose)
-    assert found is None or not found.supports(LIMITS)
+    assert found is None or not found.supports()
     assert evidence.measure(view.pixels, replace(pose, position=np.array([9.0, 0.0, 1.0]))) is None
 
 

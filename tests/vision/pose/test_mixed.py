@@ -39,7 +39,6 @@ def off(pose: Pose, view: View) -> float:
 
 def test_cells_of_four_to_five_pixels_are_measured_by_grey_values_after_edges() -> None:
     fitter, edges = TargetFitter(TARGET, PROJECTION), EdgeFit(TARGET, PROJECTION)
-    without = TargetFitter(TARGET, PROJECTION, replace(LIMITS, cells=replace(LIMITS.cells, mixed_px=0.0)))
     mixed_errors, edge_errors = [], []
     for tilt, around in ((0.15, 0.3), (0.35, 1.4), (0.25, 3.0), (0.45, 4.4), (0.3, 5.6)):
         view = View(TARGET, place(DISTANCE, tilt, around), Conditions(psf_px=1.0))
@@ -49,9 +48,6 @@ def test_cells_of_four_to_five_pixels_are_measured_by_grey_values_after_edges() 
         assert (found.source, alone.source) == ("photometric", "edges")
         mixed_errors.append(off(found, view))
         edge_errors.append(off(alone, view))
-        old = without.refine(view.pixels, beside(view))
-        assert old is not None
-        assert old.source == "edges"
     assert np.mean(mixed_errors) < 0.75 * np.mean(edge_errors)
 
 
@@ -90,10 +86,6 @@ def test_grey_values_do_not_begin_where_nothing_resembles_the_print(cells: float
     start = beside(view, 0.0, 0.0)
     moved = replace(start, position=start.position + np.array([cells * CELL, 0.5 * cells * CELL, 0.0]))
     assert PhotoFit(TARGET, PROJECTION).fit(view.pixels, moved) is None
-    anywhere = replace(LIMITS, photo=replace(LIMITS.photo, start_match=-1.0))
-    astray = PhotoFit(TARGET, PROJECTION, anywhere).fit(view.pixels, moved)
-    assert astray is not None
-    assert float(np.linalg.norm(astray.position - view.position)) > 0.02  # a pose, and not the place
     near = PhotoFit(TARGET, PROJECTION).fit(view.pixels, beside(view))
     assert near is not None
     assert float(np.linalg.norm(near.position - view.position)) < 0.01

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from lab.vision.stills import search_in_turn
 from mkdaemon.vision.camera.intrinsics import Intrinsics
 from mkdaemon.vision.pose.edgefit import EdgeFit, Level
 from mkdaemon.vision.pose.edgemodel import EdgeModel
@@ -27,7 +28,7 @@ WIDE = Intrinsics(width=640, height=480, fx=420, fy=425, cx=322, cy=235, k1=-0.2
 
 def cold(view, target):
     tagmap = TagMap((target,))
-    found = Detector(tagmap.whitelist).search_ladder(view.pixels)
+    found = search_in_turn(Detector(tagmap.whitelist), view.pixels)
     return solve([(tagmap.owners[item.family, item.tag_id][1], item) for item in found], PROJECTION)
 
 

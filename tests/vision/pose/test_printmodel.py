@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from mkdaemon.vision.camera.calibration_file import load_camera
-from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.fitting import TargetFitter
 from mkdaemon.vision.pose.pose import Pose, turn
 from mkdaemon.vision.pose.prints import Prints
@@ -30,7 +29,7 @@ ALONG_ROWS = [(10.6, 0.0), (10.6, 0.6), (8.3, 0.3), (6.1, 0.5)]
 def white_of(target: Target, distance: float) -> float:
     """White in the image of a print, seen from above [m^2]."""
     projection = Projection(CAMERA.intrinsics)
-    model = Prints(target, projection, LIMITS).all[0]
+    model = Prints(target, projection).all[0]
     rendered = model.render((480, 640), ABOVE, np.array([0.01, 0.02, distance]), 0.2 * np.eye(2))
     assert rendered is not None
     value = rendered.samples(np.zeros((480, 640), dtype=np.uint8)).value
@@ -71,7 +70,7 @@ def drawn(target: Target, rotation: np.ndarray, position: np.ndarray) -> np.ndar
 def test_an_edge_along_a_row_of_pixels_is_drawn_in_its_place(distance: float, tilt: float) -> None:
     target = load([CONFIGS / "targets" / "single.toml"]).targets[0]
     rotation, position = turn(ABOVE, np.array([tilt, 0.0, 0.0])), np.array([0.013, 0.021, distance])
-    model = Prints(target, Projection(STRAIGHT), LIMITS).all[0]
+    model = Prints(target, Projection(STRAIGHT)).all[0]
     rendered = model.render((480, 640), rotation, position, BLUR_PX**2 * np.eye(2))
     assert rendered is not None
     seen, used, left, top = rendered.template()

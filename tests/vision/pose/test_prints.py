@@ -114,7 +114,7 @@ def test_a_hidden_tag_leads_no_fit_astray(hidden: int) -> None:
 
 def test_a_tag_in_the_image_decides_how_a_map_is_measured_not_its_origin() -> None:
     floor = laid_out((6.0, 0.0), (6.6, 0.0))
-    prints = Prints(floor, PROJECTION, LIMITS)
+    prints = Prints(floor, PROJECTION)
     rotation = np.diag([1.0, -1.0, -1.0])
     pose = Pose(rotation, -rotation @ np.array([6.3, 0.0, 1.3]), np.eye(6), "edges", 100, 0.1)
     assert pose.tilt > LIMITS.cells.edges_up_to
@@ -123,7 +123,7 @@ def test_a_tag_in_the_image_decides_how_a_map_is_measured_not_its_origin() -> No
     beside = Pose(rotation, -rotation @ np.array([9.0, 0.0, 1.3]), np.eye(6), "edges", 100, 0.1)
     assert prints.seen(beside.rotation, beside.position) == ()
     assert prints.looked_at(beside)[2] == beside.tilt
-    many = Prints(laid_out(*((0.2 * x, 0.2 * y) for x in range(5) for y in range(4))), PROJECTION, LIMITS)
+    many = Prints(laid_out(*((0.2 * x, 0.2 * y) for x in range(5) for y in range(4))), PROJECTION)
     assert len(many.seen(rotation, -rotation @ np.array([0.4, 0.3, 2.0]))) == MOST
 
 
@@ -140,10 +140,10 @@ def test_a_start_from_one_far_tag_ends_where_all_of_them_are() -> None:
 @pytest.mark.parametrize("shown", [(0,), ()])
 def test_prints_that_are_not_in_the_image_move_no_start(shown: tuple[int, ...]) -> None:
     pixels, rotation, position = shoot(2.5, 0.2, 0.7)
-    prints = Prints(DECK, PROJECTION, LIMITS)
+    prints = Prints(DECK, PROJECTION)
     for k, tag in enumerate(DECK.tags):
         middle = PROJECTION.project((tag.position @ rotation.T + position)[None])[0][0].astype(int)
         if k not in shown:
             cv2.circle(pixels, tuple(int(each) for each in middle), 32, (90,), -1)
     beside = Pose(turn(rotation, np.full(3, 0.03)), position, np.eye(6), "corners", 4, 0.1)
-    assert PrintGatherer(prints, PROJECTION, LIMITS).gathered(pixels, beside) is beside
+    assert PrintGatherer(prints, PROJECTION).gathered(pixels, beside) is beside

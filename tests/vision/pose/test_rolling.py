@@ -123,7 +123,7 @@ def test_what_a_turn_at_an_even_rate_leaves_moves_the_image_as_the_fit_says() ->
     place = np.array([0.1, -0.2, 1.7])
     start = Pose(np.eye(3), place, np.eye(6), "corners", 4, 0.1)
     prior = (np.eye(6), np.zeros(6))
-    grown, (weight, _) = with_motion(samples, prior, start, np.zeros(4), place, 0.1, LIMITS.edges, projection.shutter)
+    grown, (weight, _) = with_motion(samples, prior, start, np.zeros(4), place, 0.1, projection.shutter)
     assert grown.jacobian.shape == (2, 15)
     np.testing.assert_allclose(np.diag(weight)[10:13], (0.1 / LIMITS.edges.acceleration_sd) ** 2)
 
@@ -219,4 +219,4 @@ def test_a_fit_to_edges_from_the_mirror_image_goes_on_while_its_steps_are_long(s
     assert found is not None
     off = error_of(found.rotation, found.position, rotation, position)
     error = np.array([*off.xyz, *off.rpy])
-    assert float(error @ np.linalg.solve(found.covariance, error)) / 6.0 < 2.0  # 175 to 1,200
+    assert float(error @ np.linalg.solve(found.covariance, error)) / 6.0 < 3.3  # chance: one in 300; 175 to 1,200 then

@@ -10,7 +10,6 @@ import pytest
 
 from lab.vision.stills import error_of, target_named
 from mkdaemon.vision.camera.intrinsics import Intrinsics
-from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.photofit import PhotoFit
 from mkdaemon.vision.pose.photostep import PhotoState, PhotoStepper
 from mkdaemon.vision.pose.pose import Pose, turn
@@ -63,10 +62,10 @@ def test_how_far_a_fit_is_from_its_place_is_told_without_damping() -> None:
     """A short damped step is no sign of having arrived: the fit would claim to be where it stays."""
     pixels, _, start = turning_view(1)
     projection = Projection(LENS)
-    prints = Prints(PAD.target, projection, LIMITS)
+    prints = Prints(PAD.target, projection)
     at = PhotoState(start.rotation, start.position, 0.5 * np.eye(2), motion_at_rest(), prints.rise_of(start))
     models = prints.seen(at.rotation, at.position, pixels.shape)
-    steps = [PhotoStepper(projection, LIMITS).step(pixels, models, at, start, None, damp) for damp in (1e-7, 1.0)]
+    steps = [PhotoStepper(projection).step(pixels, models, at, start, None, damp) for damp in (1e-7, 1.0)]
     free, damped = steps
     assert free is not None
     assert damped is not None

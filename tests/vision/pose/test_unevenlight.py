@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.edgefind import Samples
 from mkdaemon.vision.pose.edgefit import EdgeFit
 from mkdaemon.vision.pose.nuisance import with_shift
@@ -69,6 +68,6 @@ def test_what_is_known_of_shifts_is_weighed_by_the_edges_of_the_image() -> None:
     )
     smaller = np.array([[True], [True], [False], [False]])
     prior = np.zeros((6, 6)), np.zeros(6)
-    grown, (matrix, _) = with_shift(samples, prior, np.ones(4), smaller, 0.05, LIMITS.edges)
+    grown, (matrix, _) = with_shift(samples, prior, np.ones(4), smaller, 0.05)
     assert grown.jacobian.shape == (4, 8)
     assert np.diag(matrix)[6:] == pytest.approx([0.25, 0.0625])

@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
+from lab.vision.stills import search_in_turn
 from mkdaemon.config.vision import DetectorSection
 from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.tags.cellread import quiet_sides
@@ -45,7 +46,7 @@ def test_an_image_of_a_few_rows_holds_no_tag(stage, shape):
 @pytest.mark.parametrize("turns", [0, 1, 2, 3])
 def test_corners_follow_a_turned_print(turns):
     image = np.ascontiguousarray(np.rot90(printed(cells("tag36h11", 17), PX, MARGIN), turns))
-    found = Detector({"tag36h11": frozenset({17})}).search_ladder(image)
+    found = search_in_turn(Detector({"tag36h11": frozenset({17})}), image)
     # A print turned counter-clockwise by quarters has its top-left where the next corner was.
     assert np.abs(found[0].corners - np.roll(UPRIGHT, turns, axis=0)).max() < 0.15
 
@@ -53,7 +54,7 @@ def test_corners_follow_a_turned_print(turns):
 def test_tag_drawn_by_opencv_is_seen_upside_down():
     dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
     drawn = cv2.aruco.generateImageMarker(dictionary, 17, 8)
-    found = Detector({"tag36h11": frozenset({17})}).search_ladder(printed(drawn, PX, MARGIN))
+    found = search_in_turn(Detector({"tag36h11": frozenset({17})}), printed(drawn, PX, MARGIN))
     assert np.abs(found[0].corners - np.roll(UPRIGHT, 2, axis=0)).max() < 0.15
 
 
@@ -63,8 +64,8 @@ def test_opencv_fallback_agrees_about_the_corners(family):
     image = printed(cells(family, 5), PX, MARGIN)
     high = PX * (MARGIN + n) - 0.5
     expected = np.array([[LOW, LOW], [high, LOW], [high, high], [LOW, high]])
-    with_lib = Detector({family: frozenset({5})}).search_ladder(image)
-    without = Detector({family: frozenset({5})}, backend="aruco").search_ladder(image)
+    with_lib = search_in_turn(Detector({family: frozenset({5})}), image)
+    without = search_in_turn(Detector({family: frozenset({5})}, backend="aruco"), image)
     assert np.abs(with_lib[0].corners - expected).max() < 0.15
     assert np.abs(without[0].corners - expected).max() < 1.0
     assert without[0].hamming == 0
@@ -82,38 +83,38 @@ def test_fallback_says_what_is_lost():
 def test_rendered_corners_are_where_projection_puts_them(distance):
     target = shipped("single")
     view = View(target, place(distance, 0.4, roll=0.7))
-    found = Detector({"tag36h11": frozenset({0})}).search_ladder(view.pixels)
+    found = search_in_turn(Detector({"tag36h11": frozenset({0})}), view.pixels)
     assert np.abs(found[0].corners - view.corners["tag36h11", 0]).max() < (0.1 if distance < 5 else 0.4)
 
 
 def test_both_tags_of_a_nested_target():
     view = View(shipped("nested"), place(0.9, 0.2))
-    found = Detector({"tag36h11": frozenset({1, 48})}).search_ladder(view.pixels)
+    found = search_in_turn(Detector({"tag36h11": frozenset({1, 48})}), view.pixels)
     assert {item.tag_id for item in found} == {1, 48}
 
 
 @pytest.mark.parametrize("distance", [0.2, 0.6, 1.5, 3.0, 6.0, 10.0])
 def test_landing_target_is_decoded_at_every_height(distance):
     view = View(shipped("landing"), place(distance, 0.15))
-    found = Detector({"tag36h11": frozenset({46, 487, 373})}).search_ladder(view.pixels)
+    found = search_in_turn(Detector({"tag36h11": frozenset({46, 487, 373})}), view.pixels)
     assert found
 
 
 def test_whitelist_hamming_and_margin():
     image = printed(cells("tag36h11", 17), PX, MARGIN)
-    assert Detector({"tag36h11": frozenset({18})}).search_ladder(image) == []
+    assert search_in_turn(Detector({"tag36h11": frozenset({18})}), image) == []
     wrong = cells("tag36h11", 17).copy()
     for k in range(3):
-        assert bool(Detector({"tag36h11": frozenset({17})}).search_ladder(printed(wrong, PX, MARGIN))) == (k <= 2)
+        assert bool(search_in_turn(Detector({"tag36h11": frozenset({17})}), printed(wrong, PX, MARGIN))) == (k <= 2)
         wrong[2, 2 + k] ^= 255
     many = frozenset(range(587))
     one_wrong = cells("tag36h11", 17).copy()
     one_wrong[2, 2] ^= 255
     # With every id allowed a corrected bit is no evidence any more.
-    assert Detector({"tag36h11": many}).search_ladder(printed(one_wrong, PX, MARGIN)) == []
+    assert search_in_turn(Detector({"tag36h11": many}), printed(one_wrong, PX, MARGIN)) == []
     # The edge of the tag two pixels from the edge of the image.
     cut = image[:, int(LOW) - 1 :]
-    assert Detector({"tag36h11": frozenset({17})}).search_ladder(np.ascontiguousarray(cut)) == []
+    assert search_in_turn(Detector({"tag36h11": frozenset({17})}), np.ascontiguousarray(cut)) == []
 
 
 def test_quiet_zone_on_four_sides():
@@ -124,7 +125,7 @@ def test_quiet_zone_on_four_sides():
         dark[side] = 0
         assert quiet_sides(dark, UPRIGHT, 8) == 3, k
     loose = Detector({"tag36h11": frozenset({17})}, DetectorSection(quiet_zone=False))
-    assert loose.search_ladder(image)
+    assert search_in_turn(loose, image)
 
 
 def test_roi_gives_image_coordinates():
@@ -143,7 +144,7 @@ def test_shadow_edge_is_found_by_the_log_search():
     view = View(target, place(2.0, 0.2), condition)
     detector = Detector({"tag36h11": frozenset({0})})
     assert detector.search(view.pixels, "log")
-    assert detector.search_ladder(view.pixels)
+    assert search_in_turn(detector, view.pixels)
 
 
 def test_a_far_nested_tag_behind_a_tone_curve_is_found_in_light():
@@ -218,7 +219,7 @@ def test_a_covered_border_is_not_taken_for_that_of_what_covers_it():
     half = 0.3048 / 2
     strip = Cover(((-0.3, half - 0.05), (0.3, half - 0.05), (0.3, 0.3), (-0.3, 0.3)), 0.3)
     view = View(shipped("single"), place(1.5, 0.1), replace(Conditions(), covers=(strip,)))
-    (found,) = Detector({"tag36h11": frozenset({0})}).search_ladder(view.pixels)
+    (found,) = search_in_turn(Detector({"tag36h11": frozenset({0})}), view.pixels)
     cell_px = found.side_px / 8
     assert (
         np.linalg.norm(found.corners - view.corners["tag36h11", 0], axis=1).max() < 0.6 * cell_px

@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
+from lab.vision.stills import search_in_turn
 from mkdaemon.vision.limits import LIMITS, Stage
 from mkdaemon.vision.tags.detector import ARUCO_LADDER, Detector
 from mkdaemon.vision.tags.searchplan import (
@@ -104,5 +105,5 @@ def test_a_small_tag_in_a_large_image_is_found_in_its_turn() -> None:
     image[700:742, 1333:1375] = tag
     detector = Detector({"tag36h11": frozenset({17})})
     assert detector.search_shrunk(image, detector.stages[0]) == []
-    (found,) = detector.search_ladder(image)
+    (found,) = search_in_turn(detector, image)
     assert np.abs(found.corners.mean(axis=0) - [1353.5, 720.5]).max() < 0.5

@@ -104,39 +104,6 @@ def followed(pose: Pose | None = None, misses: int = 0) -> Track:
     return track
 
 
-@dataclass
-class FitsByStart(GivenFits):
-    """A fitter that finds another pose from another start."""
-
-    by_start: dict[float, Pose] = field(default_factory=dict)
-
-    def refine(self, pixels, start, level=None):
-        return self.by_start.get(start.range_m)
-
-
-def test_where_few_edges_agree_another_start_is_tried_and_the_better_fit_taken() -> None:
-    beside, right = fitted(inliers=0.45, loss=0.1), fitted(loss=0.002)
-    track = followed()
-    judge = Judge(checks(FitsByStart(by_start={3.0: beside, 2.9: right}), track))
-    verdict = judge.measure(sight(), fitted(3.0), fitted(), iter([fitted(2.9)]))
-    assert verdict.pose is not None
-    assert verdict.pose.inliers == right.inliers
-    untouched = iter([fitted(2.9)])
-    judge = Judge(checks(FitsByStart(by_start={3.0: right}), followed()))
-    judge.measure(sight(), fitted(3.0), fitted(), untouched)
-    assert next(untouched, None) is not None, "a good fit asks for no other start"
-
-
-def test_grey_values_that_explain_the_image_outweigh_few_edges_whatever_their_loss() -> None:
-    beside, grey = fitted(inliers=0.45, loss=0.1), fitted(source="photometric", loss=7.0)
-    left = iter([fitted(2.9), fitted(2.8)])
-    judge = Judge(checks(FitsByStart(by_start={3.0: beside, 2.9: grey}), followed()))
-    verdict = judge.measure(sight(), fitted(3.0), fitted(), left)
-    assert verdict.pose is not None
-    assert verdict.pose.source == "photometric"
-    assert next(left, None) is not None, "what is found asks for no other start"
-
-
 WITH_ATTITUDE = [
     (fitted(), None, True),
     (None, PoseRefusal.NO_FIT, False),
@@ -148,7 +115,7 @@ WITH_ATTITUDE = [
     (fitted(tilt_deg=7.0), PoseRefusal.ATTITUDE, False),
     (fitted(rotation=turn(LEVEL, np.radians([0.0, 0.0, 20.0]))), PoseRefusal.ROTATION_JUMP, False),
     (fitted(3.5), PoseRefusal.RANGE_JUMP, False),
-    (fitted(position=np.array([0.6, 0.0, 2.95])), PoseRefusal.POSITION_JUMP, False),
+    (fitted(position=np.array([0.75, 0.0, 2.9])), PoseRefusal.POSITION_JUMP, False),
     (fitted(covariance=SHARP + np.diag([0, 0, 0, 0, 0, 1e-3])), PoseRefusal.ANGLE_UNCERTAIN, True),
     (fitted(covariance=SHARP + np.diag([4e-4, 0, 0, 0, 0, 0])), PoseRefusal.POSITION_UNCERTAIN, True),
     (fitted(covariance=SHARP + np.diag([1e-4, 0, 0, 0, 0, 0])), None, True),
@@ -193,11 +160,9 @@ def test_where_few_edges_agree_those_that_are_seen_are_asked(inliers, refusal) -
         (0.5, 0, PoseRefusal.BITS),
         (0.7, 0, None),
         (0.7, 5, None),
-        (0.7, 6, PoseRefusal.BITS),
-        (0.85, 6, None),
     ],
 )
-def test_cells_have_to_be_clearer_when_a_track_comes_back_late(bits, misses, refusal):
+def test_cells_have_to_be_read_where_they_can_be(bits, misses, refusal):
     judge = Judge(checks(GivenFits(fitted(), bits=bits), followed(misses=misses)))
     assert judge.measure(sight(), fitted(), fitted()).refusal is refusal
 
@@ -395,7 +360,7 @@ FIRST = [
 
 @pytest.mark.parametrize(("given", "candidates", "attitude", "refusal"), FIRST)
 def test_a_first_pose(given, candidates, attitude, refusal):
-    verdict = FirstJudge(checks(GivenFits(**given))).choose(sight(attitude=attitude), candidates, None)
+    verdict = FirstJudge(checks(GivenFits(**given))).choose(sight(attitude=attitude), candidates)
     assert verdict.refusal is refusal
     assert (verdict.choice is None) == (refusal is not None)
 
@@ -407,13 +372,13 @@ def test_all_pixels_decide_between_first_poses_whose_edges_do_not():
     ]
     for cell_px, refusal in ((6.0, None), (12.0, PoseRefusal.AMBIGUOUS)):
         fits = GivenFits(mirror=mirrored(TILTED), grey=grey, cell_px=cell_px)
-        verdict = FirstJudge(checks(fits)).choose(sight(attitude=False), [TILTED], None)
+        verdict = FirstJudge(checks(fits)).choose(sight(attitude=False), [TILTED])
         assert verdict.refusal is refusal
 
 
 def test_of_two_first_poses_the_attitude_chooses_the_level_one():
     level, tilted = fitted(loss=0.02), fitted(tilt_deg=20.0, loss=0.01)
-    verdict = FirstJudge(checks(GivenFits())).choose(sight(), [tilted, level], None)
+    verdict = FirstJudge(checks(GivenFits())).choose(sight(), [tilted, level])
     assert verdict.choice is not None
     assert verdict.choice.decided_by == "attitude"
     assert angle_deg(verdict.choice.pose.rotation, level.rotation) < 0.1
@@ -425,7 +390,7 @@ def test_what_a_track_led_to_and_the_image_prefers_contradicts_an_attitude_that_
 ):
     level, tilted = fitted(loss=0.01), fitted(tilt_deg=8.0, loss=loss)
     first = FirstJudge(checks(GivenFits(mirror=level)))
-    verdict = first.choose(sight(), [tilted, level], None)
+    verdict = first.choose(sight(), [tilted, level])
     assert verdict.choice is not None
     assert (first.contradicting(sight(), [tilted, level], verdict, tilted) is tilted) == contradicts
 
@@ -464,7 +429,7 @@ class GivenVerdicts:
 
     verdicts: list[Verdict]
 
-    def measure(self, seen, start, predicted, others=()):
+    def measure(self, seen, start, predicted):
         return self.verdicts.pop(0) if self.verdicts else Verdict(None, PoseRefusal.ATTITUDE)
 
 
@@ -516,7 +481,7 @@ def test_a_large_residual_is_no_word_against_the_attitude_where_edges_are_hidden
 def test_rivals_that_are_nearly_one_pose_are_published_with_the_doubt_in_their_covariance():
     tilted = fitted(tilt_deg=1.6)
     rival = replace(tilted, rotation=turn(tilted.rotation, np.radians([1.5, 0.0, 0.0])))
-    verdict = FirstJudge(checks(GivenFits(mirror=rival))).choose(sight(attitude=False), [tilted], None)
+    verdict = FirstJudge(checks(GivenFits(mirror=rival))).choose(sight(attitude=False), [tilted])
     assert verdict.choice is not None
     assert verdict.choice.pose.covariance[3, 3] > 10 * tilted.covariance[3, 3]
 
@@ -533,7 +498,7 @@ def test_a_lone_first_pose_far_away_is_held_against_its_mirror_image_beside_an_a
     tilt_deg, mirror_deg, refusal, published_deg
 ):
     found, rival = fitted(tilt_deg=tilt_deg), fitted(tilt_deg=mirror_deg)
-    verdict = FirstJudge(checks(GivenFits(mirror=rival))).choose(sight(), [found], None)
+    verdict = FirstJudge(checks(GivenFits(mirror=rival))).choose(sight(), [found])
     assert verdict.refusal is refusal
     if verdict.choice is not None:
         assert angle_deg(verdict.choice.pose.rotation, fitted(tilt_deg=published_deg).rotation) < 0.2
@@ -547,16 +512,3 @@ def test_a_first_pose_without_rival_is_followed_beside_its_mirror_image():
     assert [p.loss for p in alone] == [0.009, 0.01, 0.02], "the best first"
     both = checks(GivenFits(mirror=fitted(5.0))).with_mirror(sight(attitude=False), [pose, rival])
     assert both == [rival, pose], "a rival that is there is not asked for"
-
-
-@pytest.mark.parametrize(("loss", "expected_deg"), [(0.009, 4.0), (0.03, 2.0)])
-def test_what_the_attitude_chose_gives_way_to_the_mirror_image_of_a_better_fit(
-    loss: float, expected_deg: float
-) -> None:
-    """A fit may end on the saddle between both readings; the other one's mirror image is the pose that it missed."""
-    stuck, other = fitted(tilt_deg=2.0, loss=0.02), fitted(tilt_deg=-12.0, loss=0.01)
-    fits = GivenFits(mirror=fitted(tilt_deg=4.0, loss=loss))
-    choice = FirstJudge(checks(fits)).choose(sight(), [stuck, other], None).choice
-    assert choice is not None
-    assert choice.decided_by == "attitude"
-    assert angle_deg(choice.pose.rotation, fitted(tilt_deg=expected_deg).rotation) < 0.1

@@ -11,7 +11,6 @@ from lab.vision.flight import VGA
 from mkdaemon.config.vision import TrackerSection
 from mkdaemon.frames import rotation_from_euler
 from mkdaemon.vision.camera.image import CameraImage
-from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.edgefit import Level
 from mkdaemon.vision.pose.pose import Pose, turn
 from mkdaemon.vision.tags.tagmap import TagMap
@@ -40,7 +39,7 @@ def pose_of(rotation: np.ndarray, angle_variance: float = 1e-6) -> Pose:
 
 
 def knowledge() -> LevelKnowledge:
-    return LevelKnowledge(True, LOOKING_DOWN, TrackerSection(), LIMITS.judge)
+    return LevelKnowledge(True, LOOKING_DOWN, TrackerSection())
 
 
 def seen(roll: float = 0.0, pitch: float = 0.0, yaw: float = 0.0, time: float = 0.0) -> Sight:
@@ -59,7 +58,7 @@ def test_a_camera_that_hangs_with_the_vehicle_sees_a_level_target_tilted_by_as_m
 
 def test_without_attitude_or_level_target_nothing_is_said() -> None:
     blind = Sight(np.zeros((2, 2), np.uint8), 0.0, None)
-    slanted = LevelKnowledge(False, LOOKING_DOWN, TrackerSection(), LIMITS.judge)
+    slanted = LevelKnowledge(False, LOOKING_DOWN, TrackerSection())
     for level, sight in ((knowledge(), blind), (slanted, seen())):
         level.learn(sight, pose_of(DOWN))
         assert not level.knows(sight)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -12,11 +11,9 @@ import pytest
 from lab.vision.flight import VGA, fly
 from lab.vision.real import DEVICES
 from lab.vision.stills import error_of, target_named
-from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.pose import Pose
 from mkdaemon.vision.tags.tagmap import TagMap
 from mkdaemon.vision.track.attitude import LOOKING_DOWN
-from mkdaemon.vision.track.follower import Starts
 from mkdaemon.vision.track.level import Sight
 from mkdaemon.vision.track.track import Track
 from mkdaemon.vision.track.tracker import Tracker
@@ -73,7 +70,9 @@ def test_a_range_that_few_edges_agree_with_tells_no_climb(inliers: float, knows:
     first = Pose(np.diag([1.0, -1.0, -1.0]), np.array([0.0, 0.0, 1.0]), 1e-6 * np.eye(6), "edges", 300, 0.05)
     track.accept(0.0, first, np.eye(3), np.zeros((4, 4), dtype=np.uint8))
     found = replace(first, position=1.1 * first.position, inliers=inliers)
-    fitter = SimpleNamespace(shutter=SimpleNamespace(rolls=True), refine=lambda *_: found)
-    starts = Starts(fitter, None, track, LOOKING_DOWN, LIMITS)  # type: ignore[arg-type]
-    start = starts.with_climb(Sight(np.zeros((4, 4), np.uint8), 1 / 30, np.eye(3)), first)
+    lens = VGA.model_copy(update={"line_time": DEVICES["rolling"].line_time})
+    follower = Tracker(TagMap((target_named("nested"),)), lens, LOOKING_DOWN).followers[0]
+    follower.track = track
+    follower._fitter.refine = lambda *_: found  # type: ignore[method-assign]
+    start = follower._with_climb(Sight(np.zeros((4, 4), np.uint8), 1 / 30, np.eye(3)), first)
     assert (start.known_motion is not None) is knows

@@ -16,7 +16,6 @@ import numpy.typing as npt
 from mkdaemon.errors import VisionError
 from mkdaemon.vision.calibrate.board import BoardPoints, board_normal
 from mkdaemon.vision.camera.intrinsics import Intrinsics
-from mkdaemon.vision.pose.projection import Projection
 
 Array = npt.NDArray[np.float64]
 
@@ -239,17 +238,6 @@ def _tilt_deg(views: Sequence[BoardPoints], width: int, height: int) -> float:
     """Largest angle between the directions the board faced [deg]."""
     normals = np.array([n for view in views if (n := board_normal(view, width, height)) is not None])
     return float(np.degrees(np.arccos(np.clip(normals @ normals.T, -1.0, 1.0).min()))) if len(normals) else 0.0
-
-
-def hold_out_rms(result: CalibrationResult, view: BoardPoints) -> float:
-    """Error of a view that was not used [px]: pose fitted, intrinsics fixed."""
-    projection = Projection(result.intrinsics)
-    rays = projection.undistort(view.image)
-    good, rvec, tvec = cv2.solvePnP(view.board, rays, np.eye(3), None, flags=cv2.SOLVEPNP_ITERATIVE)
-    if not good:
-        return float("inf")
-    seen = view.board @ np.asarray(cv2.Rodrigues(rvec)[0]).T + tvec.ravel()
-    return float(np.sqrt(((projection.project(seen)[0] - view.image) ** 2).sum(axis=1).mean()))
 
 
 def rounded(intrinsics: Intrinsics) -> Intrinsics:

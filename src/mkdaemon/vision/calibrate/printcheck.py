@@ -31,7 +31,7 @@ Array = npt.NDArray[np.float64]
 Grey = npt.NDArray[np.uint8]
 
 STAGES: Final[tuple[Stage, ...]] = ("decimate1", "log", "decimate2", "linear")
-"""Searches for whole tags, thorough first."""
+"""Searches for whole tags, the finest first."""
 ALONG: Final = 25
 """Places along a side where its edge is measured."""
 SKIPPED: Final = 0.06

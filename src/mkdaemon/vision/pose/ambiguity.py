@@ -1,7 +1,7 @@
 """Choosing between a pose and its mirror image, or refusing to.
 
 Four points in a plane are explained nearly as well by a pose mirrored about the line of sight. The evidence is taken in
-the order of its strength: the vehicle's attitude over a level target, the track, the image itself.
+the order of its strength: the vehicle's attitude over a level target, then the image itself.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from mkdaemon.vision.limits import LIMITS, Limits
+from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.pose import Pose, angle_between
 
 Array = npt.NDArray[np.float64]
@@ -45,8 +45,6 @@ def choose(
     min_ratio: float,
     tilt_errors: Sequence[float] | None = None,
     tilt_gate: float = 0.0,
-    predicted: Array | None = None,
-    limits: Limits = LIMITS,
 ) -> Choice | None:
     """Pick the true candidate.
 
@@ -55,13 +53,11 @@ def choose(
         min_ratio: residual ratio from which the image alone decides.
         tilt_errors: disagreement of each candidate with the vehicle's attitude [rad]; none when unknown.
         tilt_gate: largest believable disagreement [rad].
-        predicted: rotation the track expects `(3, 3)`.
-        limits: what decides.
 
     Returns:
         The choice; none when nothing decides or the attitude contradicts every candidate.
     """
-    decides = limits.ambiguity
+    decides = LIMITS.ambiguity
     order = sorted(range(len(candidates)), key=lambda k: candidates[k].loss)
     distinct: list[int] = []
     for k in order:
@@ -82,23 +78,12 @@ def choose(
     if len(distinct) == 1:
         return Choice(first, ratio, "unique")
     second = candidates[distinct[1]]
-    if log_odds(first, second, limits) >= decides.min_log_odds and (
-        ratio >= min_ratio or _is_explained(first, second, limits)
-    ):
+    if log_odds(first, second) >= decides.min_log_odds and (ratio >= min_ratio or _is_explained(first, second)):
         return Choice(first, ratio, "image")
-    if predicted is not None:
-        by_track = sorted(distinct, key=lambda k: angle_between(candidates[k].rotation, predicted))
-        near, far = (angle_between(candidates[k].rotation, predicted) for k in by_track[:2])
-        chosen = candidates[by_track[0]]
-        # The track may break a tie; it may not overrule what the image says.
-        against = log_odds(first, chosen, limits) if chosen is not first else 0.0
-        is_near = near < decides.track_near and far > 2.0 * near + decides.track_far
-        if is_near and against < decides.max_odds_against:
-            return Choice(chosen, ratio, "track")
     return None
 
 
-def log_odds(first: Pose, second: Pose, limits: Limits = LIMITS) -> float:
+def log_odds(first: Pose, second: Pose) -> float:
     """Log likelihood ratio of two fits of equal Gaussian residuals with unknown variance.
 
     n / 2 ln(s2^2 / s1^2) with n independent residuals; neighbouring samples share pixels and are not, and those of grey
@@ -108,25 +93,25 @@ def log_odds(first: Pose, second: Pose, limits: Limits = LIMITS) -> float:
     share is why it is wrong, and a reading that wants a bend or a motion nobody expects pays for it. Elsewhere
     something may take sides, and the loss, which what is hidden hardly moves, is asked.
     """
-    least = limits.ambiguity.samples_per_fact
+    least = LIMITS.ambiguity.samples_per_fact
     points = 0.5 * min(first.points, second.points)
-    if first.cost is not None and second.cost is not None and _is_explained(first, second, limits):
+    if first.cost is not None and second.cost is not None and _is_explained(first, second):
         facts: float = points / max(least, first.shared**FIELD)
         return facts * float(np.log(max(second.cost, 1e-12) / max(first.cost, 1e-12)))
     facts = points / max(least, max(first.shared, second.shared) ** FIELD)
     return facts * float(np.log(max(second.loss, 1e-12) / max(first.loss, 1e-12)))
 
 
-def prefers(first: Pose, second: Pose, limits: Limits) -> bool:
+def prefers(first: Pose, second: Pose) -> bool:
     """Whether the image prefers one fit to another of its kind, by more than blur or light do."""
-    return first.source == second.source and log_odds(first, second, limits) > limits.branches.silent
+    return first.source == second.source and log_odds(first, second) > LIMITS.branches.silent
 
 
-def _is_explained(first: Pose, second: Pose, limits: Limits) -> bool:
+def _is_explained(first: Pose, second: Pose) -> bool:
     """Whether a fit to grey values leaves no more than noise: then nothing unmodelled takes sides."""
     grey = first.source == "photometric" and second.source == "photometric"
-    quiet = first.unexplained_px <= limits.health.drift_px
-    return grey and quiet and first.inliers >= limits.agreement.whole
+    quiet = first.unexplained_px <= LIMITS.health.drift_px
+    return grey and quiet and first.inliers >= LIMITS.agreement.whole
 
 
 def _ratio(candidates: Sequence[Pose], distinct: Sequence[int]) -> float:

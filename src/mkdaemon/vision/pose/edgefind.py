@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from mkdaemon.vision.limits import Limits
-from mkdaemon.vision.pose.blown import SLOPE_WIDTH, Blown, EdgeSides, blown_edges, blur_of
+from mkdaemon.vision.limits import LIMITS
+from mkdaemon.vision.pose.edgelight import SLOPE_WIDTH, Blown, EdgeSides, blown_edges, blur_of
 from mkdaemon.vision.pose.pose import median, quantile
 
 Array = npt.NDArray[np.float64]
@@ -48,8 +48,6 @@ flights); of 0.03 to 1, angles were best at 0.15-0.5 in the sun's shadow and at 
 MELTING = 6
 """Power with which the variance of an edge grows by its width in cells. With 4 edges 0.7 of a cell wide, which
 neighbours pull by 0.4 px, were taken for half as exact as they are (docs/lab/vision-fits.md, room)."""
-FIRST_SKIRT = 0.25
-"""The same for the first of two centres of a wide edge."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -113,30 +111,28 @@ class FoundEdges:
         return float(self.widths.max())
 
 
-def without_glare(pixels: Grey, samples: Samples, limits: Limits) -> Samples:
+def without_glare(pixels: Grey, samples: Samples) -> Samples:
     """Leave out what lies wholly in a highlight: nothing is seen there, for a pose or against it.
 
     Where the paper itself is blown everything stays: a missing edge speaks against a pose then as ever.
     """
-    near = np.minimum(samples.reach, limits.edges.glare_px)[:, None] * samples.normals
+    near = np.minimum(samples.reach, LIMITS.edges.glare_px)[:, None] * samples.normals
     columns, rows = np.rint(np.stack([samples.pixels - near, samples.pixels, samples.pixels + near])).astype(np.intp).T
-    grey = pixels[rows, columns] >= limits.read.saturated
+    grey = pixels[rows, columns] >= LIMITS.read.saturated
     hidden = grey.all(axis=1)
-    if not bool(hidden.any()) or bool(hidden.all()) or float(grey[~hidden, 2].mean()) > limits.edges.blown_share:
+    if not bool(hidden.any()) or bool(hidden.all()) or float(grey[~hidden, 2].mean()) > LIMITS.edges.blown_share:
         return samples
     return Samples(*(getattr(samples, part.name)[~hidden] for part in fields(samples)))
 
 
-def find_edges(
-    pixels: Grey, samples: Samples, limits: Limits, *, is_blown: bool = False, is_near: bool = True
-) -> FoundEdges:
+def find_edges(pixels: Grey, samples: Samples, *, is_blown: bool = False, is_near: bool = True) -> FoundEdges:
     """Find each edge along its normal.
 
     The grey values along a normal are g(s), their slope g'(s) > 0 towards the bright side. The edge lies at the centre
     of gravity of the slope around its peak, s0 = sum(s w) / sum(w) with w = max(g'(s) - skirt * peak, 0): unbiased for
     every symmetric blur. Source: moment-based edge location, Lyvers et al., PAMI 11(12), 1989, in one dimension.
     """
-    edges, blur = limits.edges, limits.blur
+    edges, blur = LIMITS.edges, LIMITS.blur
     profile, along, spacing = _profiles(pixels, samples)
     # g'(s) by central differences, nothing beyond the reach and half a step more.
     place = along[1:-1].astype(np.float32)
@@ -152,10 +148,10 @@ def find_edges(
     width = min(max(WIDTH_FACTOR * median(area), blur.sharp_px), WIDEST_PX)
     areas = _areas(area, samples)
     widths = np.maximum(WIDTH_FACTOR * areas, width).astype(np.float32)
-    if width > blur.sharp_px:
+    for _ in range(2 if width > blur.sharp_px else 1):
         # The peak of a wide edge is noise: a first centre of gravity puts the window where the edge is.
-        centre = _centre(slope, place, centre, peak, widths, FIRST_SKIRT)
-    offsets = _centre(slope, place, centre, peak, widths, SKIRT)
+        centre = _centre(slope, place, centre, peak, widths)
+    offsets = centre
     # An edge is as steep as the steep ones of the image, up to a share, and steeper than noise.
     tenth = max(len(peak) // 10, 1)
     enough = max(edges.min_slope, edges.min_peak * float(np.partition(peak, -tenth)[-tenth]))
@@ -170,19 +166,19 @@ def find_edges(
         either *= (beside > widths) & (away <= samples.reach + STEP_PX)
         trust = _trust(either.max(axis=0), peak, found)
         sides = _sides(profile, along, samples, area)
-        room = 1.0 / (1.0 + (limits.cells.melted_widths * widths / samples.cell_px) ** MELTING)
+        room = 1.0 / (1.0 + (LIMITS.cells.melted_widths * widths / samples.cell_px) ** MELTING)
         room /= float(room.max())
     located = offsets.astype(np.float64)
     blown: Blown | None = None
     if is_blown:
-        blown = blown_edges(sides or _sides(profile, along, samples, area), found, samples.upright, limits)
+        blown = blown_edges(sides or _sides(profile, along, samples, area), found, samples.upright)
     if is_near:
         clarity = _clarity(area * peak, found)
         # What is cut off is not dim: `clear` doubts it.
         trust *= clarity if blown is None else np.where(blown.clear < 1.0, 1.0, clarity)
     if blown is not None:
         located -= blown.moved
-        if is_near and float(blown.shown.mean()) > limits.evidence.min_seen:
+        if is_near and float(blown.shown.mean()) > LIMITS.evidence.min_seen:
             # A flooded edge is no missing one, as long as enough others are left to be missed.
             found &= blown.shown
             room *= blown.shown
@@ -264,10 +260,9 @@ def _centre(
     around: npt.NDArray[np.float32],
     peak: npt.NDArray[np.float32],
     widths: Array32,
-    skirt: float,
 ) -> npt.NDArray[np.float32]:
     """Centre of gravity of each slope, a column, within its width of a place `(n,)` [px]."""
-    body = slope - skirt * peak
+    body = slope - SKIRT * peak
     np.maximum(body, 0.0, out=body)
     body *= np.abs(place[:, None] - around) <= widths
     moment, mass = np.stack([place, np.ones_like(place)]) @ body

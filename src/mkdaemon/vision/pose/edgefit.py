@@ -10,29 +10,20 @@ edges: a tone curve lifts the middle of a blurred edge and so spreads white over
 Without s a tag would be taken for a nearer or farther one; edges of both senses tell s from its size.
 
 Source: model-edge tracking, Drummond and Cipolla, PAMI 24(7), 2002; Tukey weights, Holland and Welsch 1977.
-
-Edges in light that grows or falls over the print: how far it moves them.
-
-Behind dirt on the lens, in the soft rim of a shadow or near the corner of an image the contrast of an edge grows along
-its normal by a share c for each pixel, its bright side slopes, and the centre of gravity of the slope moves by c w^2
-times a factor, with w the half width of the window it is taken in. An even growth moves the print; one that differs
-over the print turns it. Grey values on both sides of all edges are a quadratic in the image each; edges these do not
-explain, as across a hard shadow, are left alone.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from math import sqrt
-from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
-from mkdaemon.vision.limits import APART2, LIMITS, EdgeLimits, Limits
+from mkdaemon.vision.limits import APART2, LIMITS
 from mkdaemon.vision.pose.bend import BENT, RISES, BentPrint
-from mkdaemon.vision.pose.blown import EdgeSides
 from mkdaemon.vision.pose.edgefind import FoundEdges, Samples, find_edges, without_glare
+from mkdaemon.vision.pose.edgelight import UnevenLight
 from mkdaemon.vision.pose.edgemodel import EdgeModel, rows_of, seen_across, spread_evenly
 from mkdaemon.vision.pose.edgestep import EdgeStep
 from mkdaemon.vision.pose.linetime import MOTIONS, SeenMotion
@@ -45,7 +36,7 @@ from mkdaemon.vision.pose.nuisance import (
     with_shift,
     with_stretch,
 )
-from mkdaemon.vision.pose.pose import Pose, median, turn
+from mkdaemon.vision.pose.pose import Pose, turn
 from mkdaemon.vision.pose.prints import sheet_of
 from mkdaemon.vision.pose.projection import NEAR_M, Projection
 from mkdaemon.vision.pose.rolling import at_rest, before_motion, cross, exposed, motion_at_rest, motion_jacobian, skew
@@ -55,136 +46,6 @@ Array = npt.NDArray[np.float64]
 Grey = npt.NDArray[np.uint8]
 
 Bools = npt.NDArray[np.bool_]
-
-MOVED: Final = 0.38
-"""Share of w^2 c that an edge moves: edges drawn with a point spread of 0.5 to 1.5 px, 0.33 to 0.41."""
-ROUNDS: Final = 2
-"""Of weights and light."""
-UNSURE: Final = 0.5
-"""Share of what the light moves that is unsure, and by which it may move edges another way, as marks of dirt are
-smaller than a quadratic over the print: NEES 1.2-1.4 behind dirt and 0.8-1.0 under a shadow's rim."""
-EVEN_PX: Final = 0.003
-"""What the light may move edges against each other without being asked [px]: below a third of `systematic_px`."""
-ENOUGH: Final = 60
-"""Edges that show how the light changes."""
-WHOLE_REACH: Final = 0.99
-"""Share of the longest reach from which both sides of an edge are seen at their plain grey values."""
-RIDGE: Final = 1e-6
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Light:
-    """Grey values as a quadratic in the image.
-
-    Attributes:
-        middle: of where they were seen `(2,)` [px].
-        size: of that part of the image [px].
-        terms: of the quadratic: 1, x, y, x^2, x y, y^2 `(6,)` [grey].
-        scatter: around it [grey].
-    """
-
-    middle: Array
-    size: float
-    terms: Array
-    scatter: float
-
-    @classmethod
-    def of(cls, at: Array, grey: Array) -> Light:
-        """From grey values `(n,)` at places `(n, 2)`."""
-        middle = at.mean(axis=0)
-        size = max(float(np.abs(at - middle).max()), 1.0)
-        powers = _powers((at - middle) / size)
-        weights = np.ones(len(grey))
-        terms, scatter = np.zeros(len(powers)), 1.0
-        for _ in range(ROUNDS):
-            weighted = powers * weights
-            terms[:] = np.linalg.solve(weighted @ powers.T + RIDGE * np.eye(len(powers)), weighted @ grey)
-            residual = np.abs(grey - terms @ powers)
-            scatter = max(median(residual), 1.0)
-            weights = 1.0 / (1.0 + (residual / scatter) ** 2)
-        return cls(middle, size, terms, scatter)
-
-    @property
-    def growth(self) -> float:
-        """By how much the slope differs within that part of the image, at most [grey/px]."""
-        return 2.0 * float(np.abs(self.terms[3:]).sum()) / self.size
-
-    def place(self, pixels: Array) -> Array:
-        """Places `(n, 2)` [px] in that part of the image, -1 to 1."""
-        return np.asarray((pixels - self.middle) / self.size)
-
-    def at(self, places: Array, normals: Array) -> tuple[Array, Array]:
-        """Grey value and slope along normals at places, `(n,)` each [grey], [grey/px]."""
-        place = self.place(places)
-        x, y = place.T
-        _, by_x, by_y, xx, xy, yy = self.terms
-        along_x, along_y = by_x + 2.0 * xx * x + xy * y, by_y + xy * x + 2.0 * yy * y
-        return self.terms @ _powers(place), (normals[:, 0] * along_x + normals[:, 1] * along_y) / self.size
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class UnevenLight:
-    """Light on both sides of the edges of a print."""
-
-    bright: Light
-    dark: Light
-
-    @classmethod
-    def of(cls, sides: EdgeSides, found: Bools) -> UnevenLight | None:
-        """From what lies on both sides of edges; none where too few are seen whole."""
-        use = found & (sides.reach > WHOLE_REACH * float(sides.reach.max()))
-        if int(use.sum()) < ENOUGH:
-            return None
-        at, out = sides.pixels[use], sides.reach[use, None] * sides.normals[use]
-        return cls(Light.of(at + out, sides.bright[use]), Light.of(at - out, sides.dark[use]))
-
-    def without(self, edges: FoundEdges, limits: EdgeLimits) -> FoundEdges:
-        """Edges without what the light moves, and with what of that is unsure."""
-        if edges.sides is None or self.is_even(edges.width):
-            return edges
-        moved = self.moved(edges.sides, edges.widths, limits)
-        return replace(edges, offsets=edges.offsets - moved, unsure=self._unsure(moved, edges.sides))
-
-    def _unsure(self, moved: Array, sides: EdgeSides) -> Array:
-        """Errors of all edges that what the light moves `(n,)` leaves, deviations with their signs `(7, n)` [px].
-
-        A share of it, and shifts in proportion that grow evenly over the print: e = n . (a + B x), each of the six
-        coefficients an unknown.
-        """
-        x, y = self.bright.place(sides.pixels).T
-        across, down = sides.normals.T
-        size = UNSURE * float(np.sqrt(np.mean(moved**2)))
-        even = size * np.stack([across, down, across * x, across * y, down * x, down * y])
-        return np.vstack([UNSURE * moved, even])
-
-    def is_even(self, width: float) -> bool:
-        """Whether the light moves no edge of a half width by as much as could turn the print."""
-        growth = self.bright.growth + self.dark.growth
-        return MOVED * width**2 * growth < EVEN_PX * max(float(self.bright.terms[0] - self.dark.terms[0]), 1.0)
-
-    def moved(self, sides: EdgeSides, widths: Array, limits: EdgeLimits) -> Array:
-        """How far edges are moved towards their bright side `(n,)` [px].
-
-        Args:
-            sides: of the edges.
-            widths: half widths of the windows in which their centres are taken `(n,)` [px].
-            limits: how far the light may be from a quadratic.
-        """
-        out = sides.reach[:, None] * sides.normals
-        bright, bright_grows = self.bright.at(sides.pixels + out, sides.normals)
-        dark, dark_grows = self.dark.at(sides.pixels - out, sides.normals)
-        scatter = max(self.bright.scatter, self.dark.scatter)
-        contrast = np.maximum(bright - dark, scatter)
-        beside = np.maximum(np.abs(sides.bright - bright), np.abs(sides.dark - dark))
-        explained = 1.0 / (1.0 + (np.maximum(beside, scatter) / (limits.smooth_light * contrast)) ** 4)
-        return np.asarray(MOVED * widths**2 * explained * (bright_grows - dark_grows) / contrast)
-
-
-def _powers(place: Array) -> Array:
-    """Terms of a quadratic `(6, n)`."""
-    x, y = place.T
-    return np.stack([np.ones_like(x), x, y, x * x, x * y, y * y])
-
 
 CUT = 1.05
 """Width of edges over their reach from which a fit has not settled: the next reach is longer."""
@@ -280,12 +141,12 @@ class _State:
         if self.motion is not None:
             self.motion = self.motion + step[carried - MOTIONS : carried]
 
-    def ran_away(self, start: Pose, limits: EdgeLimits) -> bool:
+    def ran_away(self, start: Pose) -> bool:
         """Whether it left what a camera sees, or the neighbourhood of where it began."""
         if not np.isfinite(self.position).all() or self.position[2] < NEAR_M:
             return True
         away = float(np.linalg.norm(self.position - start.position))
-        return away > limits.max_move * start.range_m + limits.max_move_m
+        return away > LIMITS.edges.max_move * start.range_m + LIMITS.edges.max_move_m
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -323,17 +184,14 @@ class _System:
 class EdgeFit:
     """Fits the pose of one target."""
 
-    def __init__(
-        self, target: Target, projection: Projection, max_samples: int | None = None, limits: Limits = LIMITS
-    ) -> None:
+    def __init__(self, target: Target, projection: Projection, max_samples: int | None = None) -> None:
         model = self.model = EdgeModel.of(target)
         self._points = model.stepped
         self._sheet = sheet_of(target)
         self._bends = np.zeros((0, 0)) if self._sheet is None else self._sheet.terms(self._points)
         self._projection = projection
-        self._limits = limits
         self._shutter = projection.shutter
-        self._max_samples = limits.edges.max_samples if max_samples is None else max_samples
+        self._max_samples = LIMITS.edges.max_samples if max_samples is None else max_samples
 
     def fit(
         self, pixels: Grey, start: Pose, iterations: int = 12, level: Level | None = None, stretch_sd: float = 0.0
@@ -350,13 +208,13 @@ class EdgeFit:
         Returns:
             The pose, or none when too few edges were seen or the fit ran away.
         """
-        limits = self._limits.edges
+        limits = LIMITS.edges
         last: EdgeStep | None = None
         edge_px = weighed_px = limits.located_px
         moved, to_go, carried = np.inf, np.zeros(6), 6
         light: UnevenLight | None = None
         state = self._start(start, rolls=self._shutter.rolls and stretch_sd == 0.0, bends=stretch_sd == 0.0)
-        is_blown = int(pixels.max()) >= self._limits.read.saturated
+        is_blown = int(pixels.max()) >= LIMITS.read.saturated
         for k in range(iterations):
             is_near = k >= len(limits.reach_px) - 2
             reach = self._reach(k, last)
@@ -378,7 +236,7 @@ class EdgeFit:
                 break
             last, weighed_px = now, system.bend_px
             state.move(step, carried)
-            if state.ran_away(start, limits):
+            if state.ran_away(start):
                 return None
             if moved < limits.settled_px and is_near and not is_cut:
                 to_go = np.zeros(6)
@@ -388,7 +246,7 @@ class EdgeFit:
                 state.projection = self._projection.stretch(state.stretch)
         if last is None:
             return None
-        fitted = last.pose(state.rotation, state.position, self.model.square, self._limits, state.bent, weighed_px)
+        fitted = last.pose(state.rotation, state.position, self.model.square, state.bent, weighed_px)
         # It has not arrived: how far it would go on is an error, too.
         fitted = replace(fitted, covariance=fitted.covariance + np.outer(to_go, to_go))
         if state.motion is None:
@@ -400,12 +258,12 @@ class EdgeFit:
         """What the image alone says about the motion, where that tells a line time."""
         if at.motion is None or self._shutter.is_given:
             return None
-        asked = motion_known(start, self._limits.edges, self._shutter)
-        return last.seen_motion(self.model.square, self._limits.edges, block, at.motion, asked, edge_px)
+        asked = motion_known(start, self._shutter)
+        return last.seen_motion(self.model.square, block, at.motion, asked, edge_px)
 
     def _reach(self, k: int, last: EdgeStep | None) -> float:
         """How far from their place edges are looked for in a step [px]; within less a wide edge has no middle."""
-        reach_px = self._limits.edges.reach_px
+        reach_px = LIMITS.edges.reach_px
         return max(reach_px[min(k, len(reach_px) - 1)], last.edges.widest if last is not None else 0.0)
 
     def _start(self, start: Pose, *, rolls: bool, bends: bool) -> _State:
@@ -418,26 +276,28 @@ class EdgeFit:
         self, pixels: Grey, state: _State, reach: float, light: UnevenLight | None, *, is_blown: bool, is_near: bool
     ) -> tuple[Samples, FoundEdges, UnevenLight | None] | None:
         """Find edges, without what uneven light moves them; none when they are too few, or too few are in view."""
-        limits = self._limits.edges
+        limits = LIMITS.edges
         samples = self._project(
             pixels.shape, state.rotation, state.position, reach, state.projection, state.motion, state.bent
         )
         if samples is None:
             return None
         if is_blown:
-            samples = without_glare(pixels, samples, self._limits)
-        edges = find_edges(pixels, samples, self._limits, is_blown=is_blown, is_near=is_near)
+            samples = without_glare(pixels, samples)
+        edges = find_edges(pixels, samples, is_blown=is_blown, is_near=is_near)
         if int(edges.found.sum()) < limits.min_samples:
             return None
         if edges.sides is not None and edges.blown is None:
             light = light or UnevenLight.of(edges.sides, edges.found)
-            if light is not None:
-                edges = light.without(edges, limits)
+            if light is not None and not light.is_even(edges.width):
+                moved = light.moved(edges.sides, edges.widths)
+                unsure = light.unsure(moved, edges.sides)
+                edges = replace(edges, offsets=edges.offsets - moved, unsure=unsure)
         return samples, edges, light
 
     def _solve(self, system: _System) -> tuple[EdgeStep, int]:
         """Solve for the step, with how many unknowns move the edges themselves: pose, bend and lens."""
-        limits, state, samples, edges = self._limits.edges, system.state, system.samples, system.edges
+        limits, state, samples, edges = LIMITS.edges, system.state, system.samples, system.edges
         weighed = system.edge_px if system.is_near else limits.located_px
         level = system.level
         prior: Prior = (np.zeros((6, 6)), np.zeros(6)) if level is None else level.pull(state.rotation, weighed)
@@ -449,24 +309,24 @@ class EdgeFit:
         carried = samples.jacobian.shape[1]
         if state.motion is not None:
             samples, prior = with_motion(
-                samples, prior, system.start, state.motion, state.position, system.edge_px, limits, self._shutter
+                samples, prior, system.start, state.motion, state.position, system.edge_px, self._shutter
             )
         if edges.blown is not None:
             samples, prior = with_blown(samples, prior, edges.blown, system.edge_px)
         smaller = self.model.smaller[samples.index] if system.is_near else None
-        samples, prior = with_shift(samples, prior, edges.toned, smaller, weighed, limits)
+        samples, prior = with_shift(samples, prior, edges.toned, smaller, weighed)
         scale = limits.first_scale_px if system.is_first else limits.least_scale_px
         return EdgeStep.solve(samples, edges, scale, limits.tukey, prior, is_near=system.is_near), carried
 
     def locate(self, pixels: Grey, pose: Pose) -> LocatedEdges | None:
         """Find the edges around a fitted pose; none when too few are in view."""
-        reach = self._limits.edges.reach_px[-1]
+        reach = LIMITS.edges.reach_px[-1]
         samples = self._project(
             pixels.shape, pose.rotation, pose.position, reach, self._projection, pose.motion, self._bent_at(pose)
         )
         if samples is None:
             return None
-        edges = find_edges(pixels, samples, self._limits, is_blown=int(pixels.max()) >= self._limits.read.saturated)
+        edges = find_edges(pixels, samples, is_blown=int(pixels.max()) >= LIMITS.read.saturated)
         jacobian, by_rise = samples.jacobian[:, :6], samples.jacobian[:, BENT if self._sheet is not None else slice(0)]
         offsets = edges.offsets - pose.shift_px * edges.toned
         seen = edges.found, edges.trust * edges.room
@@ -491,7 +351,7 @@ class EdgeFit:
         bent: BentPrint | None,
     ) -> Samples | None:
         """Samples in view with u = project(R p + t) and J = n . du/dx; none when they are too few."""
-        limits, count = self._limits, len(self.model.points)
+        limits, count = LIMITS, len(self.model.points)
         still = seen = (rotation @ (self._points if bent is None else bent.points).T + position[:, None]).T
         times = np.zeros(len(still))
         if motion is not None:

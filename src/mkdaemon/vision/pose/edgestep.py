@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
-from mkdaemon.vision.limits import EdgeLimits, Limits
+from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.bend import BENT, Bend, BentPrint
 from mkdaemon.vision.pose.edgefind import LEAST_OF_A_KIND, FoundEdges, Samples
 from mkdaemon.vision.pose.linetime import KnownMotion, SeenMotion
@@ -72,8 +73,8 @@ class EdgeStep:
         """Rounds of weighted least squares.
 
         x = (J^T W J + P)^-1 (J^T W d + p) with Tukey's w = t (1 - (r / c sigma)^2)^2 inside c sigma, zero outside; t is
-        the trust in an edge, times the clarity of a blown one, r holds its root; sigma from the median of |r|, larger
-        for wide edges, whose t is divided by its square; P and p are the `prior`.
+        the trust in an edge, times the clarity of a blown one, r holds its root; sigma from the median of |r|; P
+        and p are the `prior`.
 
         Args:
             samples: of the edge model.
@@ -91,24 +92,22 @@ class EdgeStep:
         clear = np.sqrt(edges.room if edges.blown is None else edges.room * edges.blown.clear)
         sure = edges.trust * clear**2
         residual, normal, inside = offsets, prior[0], weights
-        bound: Array | float = np.inf
-        precision = weights
-        usual, root = _Spread.among(edges, samples.upright, is_near=is_near), np.sqrt(sure)
+        # Doubt of edges without room makes their residuals small: they would make those outliers that have it.
+        roomy = found & (edges.room > ROOMY)
+        telling = roomy if np.count_nonzero(roomy) >= LEAST_OF_A_KIND else found
+        groups = (np.flatnonzero(telling),) if is_near else _kinds(telling, samples.upright)
         for _ in range(ROUNDS):
-            size = np.abs(residual) * root
-            scale = usual.of(size, least_scale)
-            bound = tukey * scale
-            inside = np.maximum(1.0 - (size / bound) ** 2, 0.0) * found
-            precision = sure if isinstance(scale, float) else (float(scale.min()) / scale) ** 2 * sure
-            weights = inside**2 * precision
+            size = np.abs(residual) * np.sqrt(sure)
+            inside = np.maximum(1.0 - (size / (tukey * _usual(size, groups, least_scale))) ** 2, 0.0) * found
+            weights = inside**2 * sure
             weighted = (jacobian * weights[:, None]).T
             normal = weighted @ jacobian + prior[0]
             change[:] = np.linalg.solve(damped(normal), weighted @ offsets + prior[1])
             residual = offsets - jacobian @ change
         # d(r (1 - u)^2) / dr with u = (r / bound)^2 is (1 - u) (1 - 5 u).
-        slope = inside * (5.0 * inside - 4.0) * precision
+        slope = inside * (5.0 * inside - 4.0) * sure
         size = np.abs(residual) * clear
-        agreeing = np.maximum(1.0 - (size / (tukey * usual.of(size, least_scale))) ** 2, 0.0) ** 2 * found
+        agreeing = np.maximum(1.0 - (size / (tukey * _usual(size, groups, least_scale))) ** 2, 0.0) ** 2 * found
         return cls(samples, edges, change, weights, normal, residual, agreeing, slope)
 
     @property
@@ -162,7 +161,6 @@ class EdgeStep:
         rotation: Array,
         position: Array,
         square: npt.NDArray[np.intp],
-        all_limits: Limits,
         bent: BentPrint | None = None,
         edge_px: float = 1.0,
     ) -> Pose:
@@ -172,15 +170,14 @@ class EdgeStep:
             rotation: camera from target `(3, 3)`.
             position: of the target `(3,)` [m; RDF].
             square: of the print each sample of the model is in `(m,)`.
-            all_limits: thresholds.
             bent: the bend of the print, where it is an unknown.
             edge_px: deviation of a located edge that the bend was weighed with [px].
         """
-        limits, variance = all_limits.edges, self.variance
+        limits, variance = LIMITS.edges, self.variance
         inverse = np.asarray(np.linalg.inv(damped(self.normal)), np.float64)
         # C = (v b + s^2) (J^T W J)^-1: b is what neighbours share by their residuals (blur makes v larger, not b); s is
         # what interpolation leaves and no number of samples averages out.
-        noise = self._noise(square, inverse, limits)
+        noise = self._noise(square, inverse)
         bend = None
         if bent is not None:
             # What is known of the bend is no better for edges that are worse than they look.
@@ -206,7 +203,7 @@ class EdgeStep:
             float(np.sqrt(variance)),
             float(self.edges.room[counted].sum() / self.edges.room.sum()),
             float(np.linalg.norm(self.change[:3])) / max(float(np.linalg.norm(position)), 1e-9),
-            loss=self._loss(size, limits),
+            loss=self._loss(size),
             blur_px=self.edges.width,
             widest_px=self.edges.widest,
             ragged_px=MAD * max(median(size[kind]) for kind in _kinds(self.edges.found, self.samples.upright)),
@@ -216,15 +213,14 @@ class EdgeStep:
             known_bend=None if bent is None else bent.known,
         )
 
-    def _noise(self, square: npt.NDArray[np.intp], inverse: Array, limits: EdgeLimits) -> float:
+    def _noise(self, square: npt.NDArray[np.intp], inverse: Array) -> float:
         """Variance of an edge that a covariance is told with [px^2]."""
         shared = max(self.shared(square[self.samples.index], inverse), 1.0)
-        return shared * self.influence_variance + limits.systematic_px**2
+        return shared * self.influence_variance + LIMITS.edges.systematic_px**2
 
     def seen_motion(
         self,
         square: npt.NDArray[np.intp],
-        limits: EdgeLimits,
         block: slice,
         motion: Array,
         asked: KnownMotion,
@@ -236,7 +232,6 @@ class EdgeStep:
 
         Args:
             square: of the print each sample of the model is in `(m,)`.
-            limits: thresholds.
             block: where the motion is among the unknowns.
             motion: found `(4,)`.
             asked: what the fit was told.
@@ -246,61 +241,23 @@ class EdgeStep:
         found = np.linalg.inv(inverse[block, block])
         given = (edge_px / asked.spread) ** 2
         values, axes = np.linalg.eigh(found - np.diag(given))
-        noise = self._noise(square, inverse, limits)
+        noise = self._noise(square, inverse)
         information = (axes * np.maximum(values, 0.0)) @ axes.T / noise
         return SeenMotion(information, (found @ motion - given * asked.expected) / noise)
 
-    def _loss(self, size: Array, limits: EdgeLimits) -> float:
+    def _loss(self, size: Array) -> float:
         """Loss for rivals: geometric mean of min(r, missed)^2 + least^2.
 
         Log odds of two fits are then n / 2 times the log of their ratio, and a hidden sample costs both the same.
         """
-        missed = np.where(self.agreeing > 0.0, size, limits.missed_px)
-        squared = np.minimum(missed, limits.missed_px) ** 2 + limits.least_scale_px**2
+        missed = np.where(self.agreeing > 0.0, size, LIMITS.edges.missed_px)
+        squared = np.minimum(missed, LIMITS.edges.missed_px) ** 2 + LIMITS.edges.least_scale_px**2
         return float(np.exp(np.mean(np.log(squared))))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Spread:
-    """The usual size of residuals, by medians.
-
-    Near the place all edges have one, unless motion made those of one way wider: these are less exact, by the square of
-    their widths at most.
-
-    Attributes:
-        telling: numbers of the residuals that are asked.
-        kinds: of those of either way that edges run; the same twice where one has too few.
-        is_near: whether the fit is about in its place.
-        most: of the usual size, by the widths `(n,)`; none where all edges are equally wide.
-        upright: which edges run one way `(n,)`.
-    """
-
-    telling: Numbers
-    kinds: tuple[Numbers, Numbers]
-    is_near: bool
-    most: Array | None
-    upright: Bools
-
-    @classmethod
-    def among(cls, edges: FoundEdges, upright: Bools, *, is_near: bool) -> _Spread:
-        """Of the residuals of some edges."""
-        # Doubt of edges without room makes their residuals small: they would make those outliers that have it.
-        roomy = edges.found & (edges.room > ROOMY)
-        telling = roomy if np.count_nonzero(roomy) >= LEAST_OF_A_KIND else edges.found
-        least, widest = float(edges.widths.min()), float(edges.widths.max())
-        most = (edges.widths / least) ** 2 if is_near and widest > least else None
-        return cls(np.flatnonzero(telling), _kinds(telling, upright), is_near, most, upright)
-
-    def of(self, size: Array, least: float) -> Array | float:
-        """The deviation of each `(n,)`, or one of all, by the sizes of residuals `(n,)` [px]."""
-        if self.is_near and self.most is None:
-            return max(MAD * median(size[self.telling]), least)
-        each = [median(size[kind]) for kind in self.kinds]
-        if self.most is None:
-            return max(MAD * max(each), least)
-        usual = median(size[self.telling])
-        own = np.minimum(np.maximum(np.where(self.upright, *each), usual), usual * self.most)
-        return np.maximum(MAD * own, least)
+def _usual(size: Array, groups: Sequence[Numbers], least: float) -> float:
+    """The usual size of residuals by the sizes of all `(n,)` [px]: the larger median of groups, `least` at least."""
+    return max(MAD * max(median(size[group]) for group in groups), least)
 
 
 def _kinds(found: Bools, upright: Bools) -> tuple[Numbers, Numbers]:

@@ -23,7 +23,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from mkdaemon.vision.limits import APART2, LIMITS, Limits
+from mkdaemon.vision.limits import APART2, LIMITS
 from mkdaemon.vision.pose.bend import Bend
 from mkdaemon.vision.pose.edgefind import HALF_WIDTH
 from mkdaemon.vision.pose.edgefit import EdgeFit, Level
@@ -55,11 +55,10 @@ class PrintGatherer:
     Args:
         prints: of the target.
         projection: of the lens.
-        limits: all thresholds.
     """
 
-    def __init__(self, prints: Prints, projection: Projection, limits: Limits) -> None:
-        self._prints, self._projection, self._limits = prints, projection, limits.photo
+    def __init__(self, prints: Prints, projection: Projection) -> None:
+        self._prints, self._projection = prints, projection
 
     def gathered(self, pixels: Grey, start: Pose) -> Pose:
         """The start, moved to where the prints are found; as it is where all are in their place, or one is found alone.
@@ -94,9 +93,9 @@ class PrintGatherer:
         template, mask, left, top = rendered.template()
         height, width = template.shape
         here = pixels[top : top + height, left : left + width].astype(np.float32)
-        if int(mask.sum()) < self._limits.min_window_px**2:
+        if int(mask.sum()) < LIMITS.photo.min_window_px**2:
             return None
-        if correlation(here[mask].astype(np.float64), template[mask].astype(np.float64)) >= self._limits.found_match:
+        if correlation(here[mask].astype(np.float64), template[mask].astype(np.float64)) >= LIMITS.likeness.clear:
             return np.zeros(2)
         reach = int(np.ceil(REACH * max(width, height)))
         x0, y0 = max(left - reach, 0), max(top - reach, 0)
@@ -105,7 +104,7 @@ class PrintGatherer:
         score = cv2.matchTemplate(around, template, cv2.TM_CCOEFF_NORMED, mask=mask.astype(np.float32))
         score = np.where(np.isfinite(score), score, -1.0)
         row, column = np.unravel_index(int(np.argmax(score)), score.shape)
-        if score[row, column] < self._limits.found_match:
+        if score[row, column] < LIMITS.likeness.clear:
             return None
         return np.array([float(column + x0 - left), float(row + y0 - top)])
 
@@ -132,19 +131,18 @@ class Evidence:
     agreeing: float
     leverage: float
 
-    def supports(self, limits: Limits) -> bool:
+    def supports(self) -> bool:
         """Whether the pose can be believed with parts of the target hidden."""
-        agrees = self.seen >= limits.evidence.min_seen and self.agreeing >= limits.agreement.whole
-        return agrees and self.leverage <= limits.evidence.max_leverage
+        agrees = self.seen >= LIMITS.evidence.min_seen and self.agreeing >= LIMITS.agreement.whole
+        return agrees and self.leverage <= LIMITS.evidence.max_leverage
 
 
 class EdgeEvidence:
     """Asks the edges of one target."""
 
-    def __init__(self, target: Target, projection: Projection, limits: Limits = LIMITS) -> None:
+    def __init__(self, target: Target, projection: Projection) -> None:
         self._projection = projection
-        self._limits = limits.evidence
-        self._fit = EdgeFit(target, projection, ALL_SAMPLES, limits)
+        self._fit = EdgeFit(target, projection, ALL_SAMPLES)
         model = self._fit.model
         reach = 0.5 * model.cell[:, None] * model.normals
         self._dark, self._bright = model.points - reach, model.points + reach
@@ -163,10 +161,10 @@ class EdgeEvidence:
         index = located.index
         contrast = self._grey(pixels, self._bright[index], pose) - self._grey(pixels, self._dark[index], pose)
         clear = max(float(np.percentile(contrast, CLEAR_PERCENT)), 1.0)
-        seen = contrast > self._limits.seen_contrast * clear
+        seen = contrast > LIMITS.evidence.seen_contrast * clear
         size = np.abs(located.offsets)
-        scatter = max(MAD * median(size[located.found]), self._limits.least_scale_px)
-        agrees = located.found & (size < self._limits.outlier * scatter)
+        scatter = max(MAD * median(size[located.found]), LIMITS.evidence.least_scale_px)
+        agrees = located.found & (size < LIMITS.photo.outlier * scatter)
         return Evidence(
             float(seen.mean()),
             float((agrees & seen).sum()) / max(int(seen.sum()), 1),
@@ -206,8 +204,6 @@ def _leverage(jacobian: Array, offsets: Array, line: npt.NDArray[np.intp]) -> fl
 
 ROOM, ROOM_PX = 0.2, 14.0
 """Room around a target in a window: share of its size, and so much more [px]."""
-WHOLE_ROOM_PX = 6.0
-"""Room around a tag that is wholly in the image [px]: a search wants its quiet zone."""
 MIXED_STEPS = 10
 """Of the fit to grey values after one to edges, as the width of the edges gives it a start: a streak of 30 px takes six
 to grow (351 development images with motion blur; eight explained 5 images less)."""
@@ -215,8 +211,6 @@ GREY_EFFORT: Final = 4
 """A fit to grey values takes so many times as long as one to edges: 4 to 20 ms, on VGA."""
 CONFIRMED_BY = 3
 """Prints that fix a plane."""
-DECODED_CELL_PX = 3
-"""Cells from this size on are decoded in most images [px]."""
 
 
 class TargetFitter:
@@ -229,21 +223,20 @@ class TargetFitter:
         effort: spent on the newest image, in fits to edges; one to grey values takes as long as `GREY_EFFORT`.
     """
 
-    def __init__(self, target: Target, projection: Projection, limits: Limits = LIMITS) -> None:
+    def __init__(self, target: Target, projection: Projection) -> None:
         self.target = target
         self.effort = 0
         self._image: Grey | None = None
         self._mirrored: list[tuple[Pose, Pose | None]] = []
         self.shutter = projection.shutter
         self._projection = projection
-        self._limits = limits
-        self._edges = EdgeFit(target, projection, limits=limits)
-        self._photo = PhotoFit(target, projection, limits)
+        self._edges = EdgeFit(target, projection)
+        self._photo = PhotoFit(target, projection)
         sheet = self._photo.prints.sheet
         self.bend_known = None if sheet is None else sheet.prior
-        self._gatherer = PrintGatherer(self._photo.prints, projection, limits)
-        self._bits = BitModel(target, projection, limits)
-        self._evidence = EdgeEvidence(target, projection, limits)
+        self._gatherer = PrintGatherer(self._photo.prints, projection)
+        self._bits = BitModel(target, projection)
+        self._evidence = EdgeEvidence(target, projection)
         papers = [tag.paper / 2 for tag in target.tags]
         square = np.array([[-1.0, 1.0], [1.0, 1.0], [1.0, -1.0], [-1.0, -1.0]])
         self._outline = np.concatenate(
@@ -272,7 +265,7 @@ class TargetFitter:
             bend: what is known about that of the print.
         """
         candidates = solve(tags, self._projection)
-        if len(tags) > 1 and (not candidates or candidates[0].rms_px > self._limits.health.agreement_px):
+        if len(tags) > 1 and (not candidates or candidates[0].rms_px > LIMITS.health.agreement_px):
             # A border faked by something lying over the tag: let every tag speak for itself.
             candidates = [pose for pair in tags for pose in solve([pair], self._projection)]
         candidates = [replace(pose, known_bend=bend) for pose in candidates]
@@ -303,7 +296,7 @@ class TargetFitter:
     def refine(self, pixels: Grey, start: Pose, level: Level | None = None) -> Pose | None:
         """Improve a pose by the method its size, tilt and blur ask for, with a level its tilt held near it."""
         start = self._gatherer.gathered(pixels, start)
-        most = self._limits.certainty.blind_grey_rms_px
+        most = LIMITS.certainty.blind_grey_rms_px
         if self._wants_photometric(start):
             grey = self._fit(pixels, start, photometric=True, level=level)
             if grey is not None and (grey.unexplained_px <= most or self._has_small_cells(start)):
@@ -316,10 +309,10 @@ class TargetFitter:
         if edges is None:
             return None
         is_melted = self._are_melted(edges)
-        is_noisy = edges.rms_px > self._limits.edges.noisy_px
-        cells = self._limits.cells
+        is_noisy = edges.rms_px > LIMITS.edges.noisy_px
+        cells = LIMITS.cells
         # The dimmer corners of small white cells are clipped less than their middle, which moves edges differently.
-        is_blown = edges.blown > self._limits.edges.blown_share
+        is_blown = edges.blown > LIMITS.edges.blown_share
         edges_from = cells.blown_px if is_blown else cells.mixed_px
         if not is_melted and not is_noisy and self._photo.prints.cell_px(edges) >= edges_from:
             return edges
@@ -329,7 +322,7 @@ class TargetFitter:
             return edges
         if self._photo.explains(grey) and grey.unexplained_px <= most:
             return grey
-        if not is_melted or (edges.rms_px < self._limits.edges.located_px and not self._photo.resembles(grey)):
+        if not is_melted or (edges.rms_px < LIMITS.edges.located_px and not self._photo.resembles(grey)):
             # Something lies over the print.
             return edges
         # A streak that is not the same all over the print, or a fit that has not got there: neither is sure.
@@ -337,14 +330,14 @@ class TargetFitter:
 
     def is_small(self, pose: Pose) -> bool:
         """Whether cells are so small that grey values measure the target, alone or after edges."""
-        return self._photo.prints.cell_px(pose) < self._limits.cells.mixed_px
+        return self._photo.prints.cell_px(pose) < LIMITS.cells.mixed_px
 
     def _wants_photometric(self, start: Pose) -> bool:
-        is_steep = self._photo.prints.looked_at(start)[2] > self._limits.cells.edges_up_to
+        is_steep = self._photo.prints.looked_at(start)[2] > LIMITS.cells.edges_up_to
         return is_steep or self._has_small_cells(start)
 
     def _has_small_cells(self, start: Pose) -> bool:
-        return self._photo.prints.cell_px(start) < self._limits.cells.photometric_px
+        return self._photo.prints.cell_px(start) < LIMITS.cells.photometric_px
 
     def _are_melted(self, pose: Pose) -> bool:
         """Whether the edges of a fit have run into their neighbours, which shifts them and makes others.
@@ -352,7 +345,7 @@ class TargetFitter:
         They leave a residual then that a sharp image does not leave. A streak that is longer than the cells hides how
         wide the edges are, but not all of them agree.
         """
-        limits, cell_px = self._limits, self._photo.prints.cell_px(pose)
+        limits, cell_px = LIMITS, self._photo.prints.cell_px(pose)
         if pose.widest_px is None or pose.ragged_px is None or pose.ragged_px < limits.health.drift_px:
             return False
         is_torn = pose.inliers < limits.agreement.whole and cell_px < limits.cells.small_px
@@ -393,7 +386,7 @@ class TargetFitter:
         What cannot be told counts as shown: nothing speaks against the start.
         """
         read = self._bits.correlation(pixels, start)
-        return read is None or read >= self._limits.read.start_match
+        return read is None or read >= LIMITS.likeness.alike
 
     def cell_evidence(self, pixels: Grey, pose: Pose) -> CellEvidence:
         """What the cells say about where a pose puts the target, and about places some whole cells beside."""
@@ -402,12 +395,12 @@ class TargetFitter:
     def is_supported(self, pixels: Grey, pose: Pose) -> bool:
         """Whether the edges that are seen support a pose with parts of the target hidden."""
         evidence = self._evidence.measure(pixels, pose)
-        return evidence is not None and evidence.supports(self._limits)
+        return evidence is not None and evidence.supports()
 
     def explains_seen_edges(self, pixels: Grey, pose: Pose) -> bool:
         """Whether the edges that are seen lie where a pose puts them, however many are hidden."""
         evidence = self._evidence.measure(pixels, pose)
-        return evidence is not None and evidence.agreeing >= self._limits.evidence.agreeing_beside
+        return evidence is not None and evidence.agreeing >= LIMITS.evidence.agreeing_beside
 
     def fit_mirrored(self, pixels: Grey, pose: Pose) -> Pose | None:
         """Fit the rival of a pose: the same place, the normal mirrored about the line of sight; once an image.
@@ -450,9 +443,7 @@ class TargetFitter:
         x1, y1 = np.minimum(high + room + 1, [shape[1], shape[0]]).astype(int)
         if not bool(visible.all()):
             return 0, 0, shape[1], shape[0]
-        return (
-            (int(x0), int(y0), int(x1), int(y1)) if min(x1 - x0, y1 - y0) >= self._limits.search.min_window_px else None
-        )
+        return (int(x0), int(y0), int(x1), int(y1)) if min(x1 - x0, y1 - y0) >= LIMITS.search.min_window_px else None
 
     def side_px(self, pose: Pose) -> float:
         """Side of the largest tag in the image [px]."""
@@ -468,13 +459,3 @@ class TargetFitter:
             distance = float(np.linalg.norm(seen - found.corners, axis=1).mean())
             worst = max(worst, distance / max(found.side_px / tag.family.size_cells, 1.0))
         return worst
-
-    def shows_whole_tag(self, pose: Pose, shape: tuple[int, ...]) -> bool:
-        """Whether any tag lies in the image with all its corners, large enough to be decoded."""
-        for tag in self.target.tags:
-            seen, visible = self._projection.project(tag.corners @ pose.rotation.T + pose.position)
-            inside = (seen > WHOLE_ROOM_PX) & (seen < np.array([shape[1], shape[0]]) - 1 - WHOLE_ROOM_PX)
-            least = DECODED_CELL_PX * len(tag.bitmap)
-            if bool(visible.all()) and bool(inside.all()) and float(np.ptp(seen, axis=0).min()) > least:
-                return True
-        return False

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from mkdaemon.config.vision import TrackerSection
 from mkdaemon.telemetry.vision import PoseRefusal
-from mkdaemon.vision.limits import LIMITS, NOISE_GREY, Limits
+from mkdaemon.vision.limits import LIMITS, NOISE_GREY
 from mkdaemon.vision.pose.pose import Pose, angle_between, correlation, largest_variance
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.pose.rolling import exposed
@@ -55,10 +55,10 @@ class CellEvidence:
 class BitModel:
     """The cells of a target, to be compared with an image."""
 
-    def __init__(self, target: Target, projection: Projection, limits: Limits = LIMITS) -> None:
+    def __init__(self, target: Target, projection: Projection) -> None:
         self._projection = projection
-        self._read, self._readable_px = limits.read, limits.cells.readable_px
-        cells = range(-limits.read.beside_cells, limits.read.beside_cells + 1)
+        self._readable_px = LIMITS.cells.readable_px
+        cells = range(-LIMITS.read.beside_cells, LIMITS.read.beside_cells + 1)
         steps = np.array([(0.0, 0.0), *(step for step in product(cells, repeat=2) if any(step))])
         self._grids: list[_Grid] = []
         points: list[Array] = []
@@ -115,16 +115,16 @@ class BitModel:
         grey, visible = self._look(pixels, pose, self._points, self._size)
         if not bool(visible.any()):
             return None
-        white, unblown = visible & self._is_white, grey < self._read.saturated
+        white, unblown = visible & self._is_white, grey < LIMITS.read.saturated
         count = np.count_nonzero(white)
-        if np.count_nonzero(white & unblown) > self._read.paper_share * count:
+        if np.count_nonzero(white & unblown) > LIMITS.read.paper_share * count:
             # The paper is not blown: what is, lies in a highlight and says nothing about the cells below it.
             visible, white = visible & unblown, white & unblown
             count = np.count_nonzero(white)
         # Where a highlight floods both cells of a pair, it says nothing.
         pairs = self._pairs[unblown[self._pairs].any(axis=1)]
         seen, design = np.count_nonzero(visible), self._design
-        if seen < self._read.min_cells or count in (0, seen):
+        if seen < LIMITS.read.min_cells or count in (0, seen):
             return None
         shown = grey
         if seen < len(grey):
@@ -132,10 +132,10 @@ class BitModel:
         normal = design.T @ design
         fitted = np.linalg.solve(normal + 1e-9 * seen * np.eye(len(normal)), design.T @ shown)
         even = correlation(shown - design[:, :-1] @ fitted[:-1], design[:, -1])
-        if len(pairs) < self._read.min_cells:
+        if len(pairs) < LIMITS.read.min_cells:
             return even
         rise = grey[pairs[:, 1]] - grey[pairs[:, 0]]
-        enough = max(NOISE_GREY, self._read.rise * float(np.abs(rise).mean()))
+        enough = max(NOISE_GREY, LIMITS.read.rise * float(np.abs(rise).mean()))
         return max(even, 2.0 * np.count_nonzero(rise > enough) / len(rise) - 1.0)
 
     def evidence(self, pixels: Grey, pose: Pose) -> CellEvidence:
@@ -146,7 +146,7 @@ class BitModel:
         ln 2 e when it is not: odds against a pair that is read by chance, with e misread in the right place. A tag that
         is hidden is read nowhere.
         """
-        right, wrong = np.log(2.0 * (1.0 - self._read.misread)), np.log(2.0 * self._read.misread)
+        right, wrong = np.log(2.0 * (1.0 - LIMITS.read.misread)), np.log(2.0 * LIMITS.read.misread)
         here, beside = -np.inf, 0.0
         for grid in self._grids:
             points = (grid.points + grid.steps[:, None]).reshape(-1, 3)
@@ -156,7 +156,7 @@ class BitModel:
             if not bool(both.any()):
                 continue
             rise = grey[:, grid.pairs[:, 1]] - grey[:, grid.pairs[:, 0]]
-            enough = max(NOISE_GREY, self._read.rise * float(np.abs(rise[both]).mean()))
+            enough = max(NOISE_GREY, LIMITS.read.rise * float(np.abs(rise[both]).mean()))
             evidence = np.where(both, np.where(rise > enough, right, wrong), 0.0).sum(axis=1)
             here = max(here, float(evidence[0]))
             beside = max(beside, float(evidence.max() - max(evidence[0], 0.0)))
@@ -199,7 +199,7 @@ def fit_refusal(pose: Pose, cfg: TrackerSection) -> PoseRefusal | None:
 
 
 def certainty_refusal(
-    pose: Pose, *, has_attitude: bool, is_plain: bool = False, is_backed: bool = False, limits: Limits = LIMITS
+    pose: Pose, *, has_attitude: bool, is_plain: bool = False, is_backed: bool = False
 ) -> PoseRefusal | None:
     """Refuse poses whose own covariance or residual says they may be wrong; none when certain enough.
 
@@ -208,28 +208,27 @@ def certainty_refusal(
         has_attitude: whether an attitude stands against it.
         is_plain: the target is large in the image and its cells are read clearly; hidden parts then mislead nobody.
         is_backed: the images before and inertia say the same; noise alone then may make the residual large.
-        limits: what is certain enough.
     """
-    certain = limits.certainty
+    certain = LIMITS.certainty
     if not has_attitude:
         # In a dark image the residual is large and yet nearly all points agree.
-        noisy = is_backed and pose.source == "edges" and pose.inliers > limits.agreement.whole
+        noisy = is_backed and pose.source == "edges" and pose.inliers > LIMITS.agreement.whole
         most = certain.blind_rms_px if pose.source == "edges" else certain.blind_grey_rms_px
         if not noisy and pose.unexplained_px > most:
             return PoseRefusal.RESIDUAL
-        if pose.inliers < limits.agreement.blind and not is_plain:
+        if pose.inliers < LIMITS.agreement.blind and not is_plain:
             return PoseRefusal.INLIERS
     variance = largest_variance(pose.covariance[3:, 3:])
     if not np.isfinite(variance) or variance > (certain.angle_sd if has_attitude else certain.blind_angle_sd) ** 2:
         return PoseRefusal.ANGLE_UNCERTAIN
     spread = float(np.sqrt(largest_variance(pose.covariance[:3, :3])))
-    if spread > max(certain.position_sd_m, certain.position_share * pose.range_m):
+    if spread > max(certain.wrong_m, certain.wrong_share * pose.range_m) / certain.deviations:
         return PoseRefusal.POSITION_UNCERTAIN
     return None
 
 
 def innovation_refusal(
-    pose: Pose, predicted: Pose, age: float, *, has_attitude: bool, has_velocity: bool, limits: Limits = LIMITS
+    pose: Pose, predicted: Pose, age: float, *, has_attitude: bool, has_velocity: bool
 ) -> PoseRefusal | None:
     """Compare a pose with the track's prediction; none when it may have got there.
 
@@ -239,9 +238,8 @@ def innovation_refusal(
         age: time since the track's last pose [s].
         has_attitude: whether the prediction used the vehicle's attitude.
         has_velocity: whether it used a velocity.
-        limits: how far is too far.
     """
-    allowed = limits.innovation
+    allowed = LIMITS.innovation
     angle = (allowed.angle if has_attitude else allowed.blind_angle) + allowed.angle_rate * age
     if angle_between(pose.rotation, predicted.rotation) > angle:
         return PoseRefusal.ROTATION_JUMP
@@ -249,8 +247,8 @@ def innovation_refusal(
     speed = allowed.range_speed if has_velocity else allowed.first_range_speed
     if abs(pose.range_m - predicted.range_m) > allowed.range_share * predicted.range_m + speed * age:
         return PoseRefusal.RANGE_JUMP
+    # Seen from the target a turn that is believed swings the lens by so much of the range.
     moved = float(np.linalg.norm(pose.rotation.T @ pose.position - predicted.rotation.T @ predicted.position))
-    reach = allowed.place_share * predicted.range_m + allowed.place_speed * age
-    if moved > reach + allowed.place_angle * angle * predicted.range_m:
+    if moved > angle * predicted.range_m + speed * age:
         return PoseRefusal.POSITION_JUMP
     return None

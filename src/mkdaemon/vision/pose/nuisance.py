@@ -12,10 +12,10 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from mkdaemon.vision.limits import EdgeLimits
+from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.bend import BentPrint
-from mkdaemon.vision.pose.blown import Blown
 from mkdaemon.vision.pose.edgefind import Samples
+from mkdaemon.vision.pose.edgelight import Blown
 from mkdaemon.vision.pose.linetime import MOTIONS, KnownMotion, Shutter
 from mkdaemon.vision.pose.pose import Pose
 from mkdaemon.vision.pose.projection import Projection
@@ -34,7 +34,6 @@ def with_shift(
     toned: Array,
     smaller: npt.NDArray[np.bool_] | None,
     edge_px: float,
-    limits: EdgeLimits,
 ) -> tuple[Samples, Prior]:
     """A common shift s of all edges in proportion to their blur, the last unknown, and that of smaller tags.
 
@@ -48,13 +47,12 @@ def with_shift(
         toned: shift of each over that of all `(n,)`.
         smaller: which of them are on tags of each smaller size `(n, k)`; none while the place is not nearly known.
         edge_px: deviation of a located edge [px].
-        limits: how far these are known.
     """
     if smaller is None:
         smaller = np.zeros((len(samples.index), 0), dtype=bool)
     seen = smaller[:, smaller.any(axis=0) & ~smaller.all(axis=0)]
     count = seen.shape[1]
-    spread = np.array([*[limits.own_shift_sd_px] * count, limits.shift_sd_px])
+    spread = np.array([*[LIMITS.edges.own_shift_sd_px] * count, LIMITS.edges.shift_sd_px])
     jacobian = np.column_stack([samples.jacobian, *(seen.T * toned), toned])
     return replace(samples, jacobian=jacobian), _grown(prior, (edge_px / spread) ** 2, np.zeros(count + 1))
 
@@ -94,7 +92,6 @@ def with_motion(
     motion: Array,
     position: Array,
     edge_px: float,
-    limits: EdgeLimits,
     shutter: Shutter,
 ) -> tuple[Samples, Prior]:
     """The motion m under a rolling shutter, whose columns J has, and the angular acceleration a meanwhile.
@@ -111,11 +108,10 @@ def with_motion(
         motion: that the samples were projected with `(4,)`.
         position: of the target `(3,)` [m; RDF].
         edge_px: deviation of a located edge [px].
-        limits: how far a motion is known.
         shutter: what is known of the line time.
     """
-    known = motion_known(start, limits, shutter)
-    weight = (edge_px / np.concatenate([known.spread, beyond_sd(limits, shutter)])) ** 2
+    known = motion_known(start, shutter)
+    weight = (edge_px / np.concatenate([known.spread, beyond_sd(shutter)])) ** 2
     beyond = beyond_motion(samples.jacobian[:, -MOTIONS:], samples.jacobian, samples.times, position)
     grown = _grown(prior, weight, weight * np.concatenate([known.expected - motion, np.zeros(BEYOND)]))
     return replace(samples, jacobian=np.hstack([samples.jacobian, beyond])), grown
@@ -137,17 +133,17 @@ def beyond_motion(by_motion: Array, by_place: Array, times: Array, position: Arr
     return np.hstack([rates * (times[:, None] / 2), slide])
 
 
-def beyond_sd(limits: EdgeLimits, shutter: Shutter) -> Array:
+def beyond_sd(shutter: Shutter) -> Array:
     """How far that is known `(5,)`, times the line time over the nominal one; of an acceleration twice."""
     scale = shutter.scale
-    return np.array([limits.acceleration_sd * scale**2] * 3 + [limits.unknown_speed * scale] * 2)
+    return np.array([LIMITS.edges.acceleration_sd * scale**2] * 3 + [LIMITS.edges.unknown_speed * scale] * 2)
 
 
-def motion_known(start: Pose, limits: EdgeLimits, shutter: Shutter) -> KnownMotion:
+def motion_known(start: Pose, shutter: Shutter) -> KnownMotion:
     """What is known of the motion before a fit looks at the image."""
     known = start.known_motion
     if known is None:
-        known = KnownMotion(motion_at_rest(), np.array([limits.turning_sd] * 3 + [limits.climbing_sd]))
+        known = KnownMotion(motion_at_rest(), np.array([LIMITS.edges.turning_sd] * 3 + [LIMITS.edges.climbing_sd]))
     return shutter.motion(known)
 
 

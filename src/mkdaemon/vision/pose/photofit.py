@@ -23,7 +23,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from mkdaemon.vision.limits import APART2, LIMITS, Limits
+from mkdaemon.vision.limits import APART2, LIMITS
 from mkdaemon.vision.pose.bend import RISES
 from mkdaemon.vision.pose.edgefit import Level
 from mkdaemon.vision.pose.photostep import MOTION, SPREAD, PhotoState, PhotoStepper
@@ -62,10 +62,9 @@ SETTLED, SETTLED_BLUR = 0.06, 0.05
 class PhotoFit:
     """Fits the pose of one target to the grey values of all its prints in the image."""
 
-    def __init__(self, target: Target, projection: Projection, limits: Limits = LIMITS) -> None:
-        self._limits = limits
-        self.prints = Prints(target, projection, limits)
-        self._stepper = PhotoStepper(projection, limits)
+    def __init__(self, target: Target, projection: Projection) -> None:
+        self.prints = Prints(target, projection)
+        self._stepper = PhotoStepper(projection)
         self._shutter = projection.shutter
 
     def fit(
@@ -94,12 +93,12 @@ class PhotoFit:
             motion = start.motion if start.motion is not None else motion_at_rest()
         at = PhotoState(start.rotation, start.position, blur_px**2 * np.eye(2), motion, self.prints.rise_of(start))
         seen = self.prints.seen(at.rotation, at.position, pixels.shape)
-        near = seen if len(seen) == 1 else self._alike(pixels, seen, at, self._limits.photo.start_match) or seen
+        near = seen if len(seen) == 1 else self._alike(pixels, seen, at, LIMITS.likeness.alike) or seen
         found = self._fit(pixels, near, at, start, iterations, level)
         if found is None or len(self.prints.all) == 1:
             return None if found is None else found[1]
         seen = self.prints.seen(found[0].rotation, found[0].position, pixels.shape)
-        shown = self._alike(pixels, seen, found[0], self._limits.photo.found_match)
+        shown = self._alike(pixels, seen, found[0], LIMITS.likeness.clear)
         if shown and set(shown) != set(near):
             found = self._fit(pixels, shown, found[0], start, iterations, level)
         return None if found is None or not shown else self._with_missing(found[1], seen, shown)
@@ -109,15 +108,13 @@ class PhotoFit:
         blur_px = pose.blur_px or START_BLUR_PX
         at = PhotoState(pose.rotation, pose.position, blur_px**2 * np.eye(2), pose.motion, self.prints.rise_of(pose))
         seen = self.prints.seen(pose.rotation, pose.position, pixels.shape)
-        return tuple(
-            model for model in seen if self._stepper.match(pixels, model, at) >= self._limits.photo.found_match
-        )
+        return tuple(model for model in seen if self._stepper.match(pixels, model, at) >= LIMITS.likeness.clear)
 
     def _with_missing(self, pose: Pose, seen: Sequence[PrintModel], near: Sequence[PrintModel]) -> Pose:
         """The pose with what speaks against it: prints that should be in the image and are not there."""
         size = {model: (model.half / model.depth(pose.rotation, pose.position)) ** 2 for model in {*seen, *near}}
         share = sum(size[model] for model in near) / sum(size.values())
-        lost = float(np.log(self._limits.photo.lost_grey**2))
+        lost = float(np.log(LIMITS.photo.lost_grey**2))
         loss = float(np.exp(share * np.log(max(pose.loss, 1e-9)) + (1.0 - share) * lost))
         return replace(pose, inliers=share * pose.inliers, loss=loss)
 
@@ -139,7 +136,7 @@ class PhotoFit:
             if count >= iterations and left < UNSETTLED:
                 break
             step = self._stepper.step(pixels, prints, at, start, level, damping)
-            if step is None or (best is None and (step.pose.match or 0.0) < self._limits.photo.start_match):
+            if step is None or (best is None and (step.pose.match or 0.0) < LIMITS.likeness.alike):
                 return None
             # Pixels that come and go at the rim change the cost, too, and a valley that bends lies beyond a rise: then
             # the shorter step is nearer.
@@ -165,7 +162,7 @@ class PhotoFit:
                 break
             if not np.isfinite(at.position).all() or at.position[2] < NEAR_M:
                 return None
-            if np.linalg.norm(at.position - start.position) > self._limits.edges.max_move * start.range_m:
+            if np.linalg.norm(at.position - start.position) > LIMITS.edges.max_move * start.range_m:
                 return None
         if best is None or fitted is None:
             return None
@@ -182,11 +179,11 @@ class PhotoFit:
 
     def resembles(self, grey: Pose) -> bool:
         """Whether the model of a fit to grey values looks like the image."""
-        return grey.likeness is not None and grey.likeness >= self._limits.photo.polish_match
+        return grey.likeness is not None and grey.likeness >= LIMITS.likeness.explained
 
     def explains(self, grey: Pose) -> bool:
         """Whether the model holds for a fit to grey values: nothing lies over the print or shines on it."""
-        return self.resembles(grey) and grey.inliers >= self._limits.agreement.whole
+        return self.resembles(grey) and grey.inliers >= LIMITS.agreement.whole
 
     def polish(self, pixels: Grey, pose: Pose) -> Pose:
         """Measure a pose from edges once more by the grey values, where these know more and do not object.
@@ -203,7 +200,7 @@ class PhotoFit:
         Returns:
             The better pose, or `pose` itself.
         """
-        limits, whole = self._limits, self._limits.agreement.whole
+        limits, whole = LIMITS, LIMITS.agreement.whole
         cell_px = self.prints.cell_px(pose)
         if self._shutter.rolls or pose.source != "edges" or cell_px > limits.cells.small_px or pose.inliers < whole:
             return pose

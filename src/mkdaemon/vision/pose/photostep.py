@@ -21,7 +21,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from mkdaemon.vision.limits import NOISE_GREY, Limits, ReadLimits
+from mkdaemon.vision.limits import LIMITS, NOISE_GREY
 from mkdaemon.vision.pose.bend import RISES, Bend
 from mkdaemon.vision.pose.edgefit import Level
 from mkdaemon.vision.pose.edgestep import MAD, damped
@@ -206,7 +206,7 @@ class Lit:
         return cls(columns, gain, contrast + gain[6] * (TOE_GAIN / (TOE + at.value) - 1.0))
 
 
-def lit_print(at: PrintSamples, half: float, limits: ReadLimits) -> tuple[PrintSamples, Lit]:
+def lit_print(at: PrintSamples, half: float) -> tuple[PrintSamples, Lit]:
     """The light on a print, and its pixels without those that should be blown: they may have been anything.
 
     What should be blown is told by the light on the other pixels. Under a highlight that is more than black and white:
@@ -219,15 +219,15 @@ def lit_print(at: PrintSamples, half: float, limits: ReadLimits) -> tuple[PrintS
     Args:
         at: all pixels of a print.
         half: half the side of its paper [m].
-        limits: from where a pixel is blown, or nearly.
     """
-    keep = at.grey < limits.saturated
+    keep = at.grey < LIMITS.read.saturated
     if bool(keep.all()):
         return at, Lit.of(at, _columns(at, half, is_highlit=False))
-    columns, dark = _columns(at, half, is_highlit=True), at.grey < limits.saturated - 2.0 * limits.nearly_blown
+    columns = _columns(at, half, is_highlit=True)
+    dark = at.grey < LIMITS.read.saturated - 2.0 * LIMITS.read.nearly_blown
     for _ in range(ROUNDS):
         shown = _gain(columns[:, keep], at.grey[keep]) @ columns
-        keep = dark | (shown < limits.saturated - limits.nearly_blown)
+        keep = dark | (shown < LIMITS.read.saturated - LIMITS.read.nearly_blown)
     used = at.used.copy()
     used[at.used] = keep
     kept = PrintSamples(
@@ -361,11 +361,10 @@ class PhotoStepper:
 
     Args:
         projection: of the lens.
-        limits: all thresholds.
     """
 
-    def __init__(self, projection: Projection, limits: Limits) -> None:
-        self._projection, self._limits = projection, limits
+    def __init__(self, projection: Projection) -> None:
+        self._projection = projection
         self._shutter = projection.shutter
 
     def step(
@@ -384,7 +383,7 @@ class PhotoStepper:
         parts = [part for part in (self._part(pixels, model, state) for model in prints) if part is not None]
         if not parts:
             return None
-        limits, rotation = self._limits.photo, state.rotation
+        limits, rotation = LIMITS.photo, state.rotation
         jacobian, unit = _joined(parts)
         rises = slice(len(unit) - RISES if state.rise is not None else len(unit), len(unit))
         residual, bends = self._residual(parts, jacobian, rises, state)
@@ -433,8 +432,8 @@ class PhotoStepper:
         if state.motion is None:
             return residual, np.zeros(0)
         rows = jacobian[np.r_[BENDS, LIGHT, BENDS.stop : rises.start]]
-        spread = np.concatenate([beyond_sd(self._limits.edges, self._shutter), np.full(len(rows) - BEYOND, np.inf)])
-        anew = asked_anew(residual, rows, spread, self._limits.photo.outlier)
+        spread = np.concatenate([beyond_sd(self._shutter), np.full(len(rows) - BEYOND, np.inf)])
+        anew = asked_anew(residual, rows, spread, LIMITS.photo.outlier)
         residual -= anew @ rows
         return residual, anew[:BEYOND]
 
@@ -450,7 +449,7 @@ class PhotoStepper:
         surprise: float,
     ) -> Pose:
         """The pose the step starts from; `surprise` is the squared distance of the state from what is known of it."""
-        limits, position = self._limits.photo, state.position
+        limits, position = LIMITS.photo, state.position
         grey = np.concatenate([part.at.grey for part in parts])
         cost, size, agreeing = weighed.cost, weighed.size, weighed.agreeing
         # Residual as a shift of edges: rms over the rms slope of the lit prints [grey / (grey/px)].
@@ -489,8 +488,8 @@ class PhotoStepper:
         rendered = model.render(pixels.shape, state.rotation, state.position, state.spread, state.motion)
         if rendered is None:
             return None
-        at, lit = lit_print(rendered.samples(pixels), model.half, self._limits.read)
-        if at.value.size < self._limits.photo.min_window_px**2:
+        at, lit = lit_print(rendered.samples(pixels), model.half)
+        if at.value.size < LIMITS.photo.min_window_px**2:
             return None
         rows, unit = self._jacobian(at, lit, model, state)
         steepness = float(np.sqrt(np.mean(at.steep))) * abs(float(lit.gain[0]))
@@ -540,9 +539,9 @@ class PhotoStepper:
             tilt = np.cross(state.rotation[:, 2], level.up)
             surprise += float(tilt @ tilt) / level.spread**2
         if state.motion is not None:
-            known = motion_known(start, self._limits.edges, self._shutter)
+            known = motion_known(start, self._shutter)
             # Of what the motion lacks the residual holds no more than is beside `bends`.
-            spread = np.concatenate([known.spread, beyond_sd(self._limits.edges, self._shutter)])
+            spread = np.concatenate([known.spread, beyond_sd(self._shutter)])
             off = np.concatenate([known.expected - state.motion, -bends])
             unknown = slice(MOTION.start, BENDS.stop)
             weight = noise / spread**2

@@ -18,7 +18,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from mkdaemon.vision.limits import Limits
+from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.bend import Sheet
 from mkdaemon.vision.pose.pointspread import PointSpread
 from mkdaemon.vision.pose.printimage import FINE, RenderedPrint, Window
@@ -91,7 +91,6 @@ class PrintModel:
         target: with all its tags.
         first: the largest tag of the print.
         projection: of the lens.
-        limits: all thresholds.
         sheet: that it is printed on; none where it does not bend.
 
     Attributes:
@@ -101,12 +100,9 @@ class PrintModel:
         cell: side of its cells [m].
     """
 
-    def __init__(
-        self, target: Target, first: Tag, projection: Projection, limits: Limits, sheet: Sheet | None = None
-    ) -> None:
+    def __init__(self, target: Target, first: Tag, projection: Projection, sheet: Sheet | None = None) -> None:
         self.sheet = sheet
         self._projection = projection
-        self._limits = limits.photo
         self.origin, self.axes = first.position, first.rotation
         tags = [
             tag
@@ -167,7 +163,7 @@ class PrintModel:
             spread: covariance of the point spread `(2, 2)` [px^2]; what is longer one way is motion blur.
             motion: of the camera under a rolling shutter `(4,)`; see `rolling`.
         """
-        half = self.half - self._limits.margin_cells * self.cell
+        half = self.half - LIMITS.photo.margin_cells * self.cell
         corners = self._in_camera(SQUARE * half, rotation, position)
         if motion is not None:
             corners, _ = exposed(corners, motion, self._projection)
@@ -179,7 +175,7 @@ class PrintModel:
         x0, y0 = np.maximum(np.floor(uv.min(axis=0)).astype(int), pad)
         x1, y1 = np.minimum(np.ceil(uv.max(axis=0)).astype(int) + 1, [shape[1] - pad, shape[0] - pad])
         width, height = int(x1 - x0), int(y1 - y0)
-        low, high = self._limits.min_window_px, self._limits.max_window_px
+        low, high = LIMITS.photo.min_window_px, LIMITS.photo.max_window_px
         if not (low <= width <= high and low <= height <= high):
             return None
         window = Window(int(x0) - pad, int(y0) - pad, width + 2 * pad, height + 2 * pad)

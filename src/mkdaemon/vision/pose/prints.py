@@ -8,7 +8,6 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from mkdaemon.vision.limits import Limits
 from mkdaemon.vision.pose.bend import Sheet
 from mkdaemon.vision.pose.pose import Pose
 from mkdaemon.vision.pose.printmodel import SQUARE, PrintModel
@@ -57,11 +56,11 @@ class Prints:
         sheet: of a target's only print; none where it does not bend.
     """
 
-    def __init__(self, target: Target, projection: Projection, limits: Limits) -> None:
+    def __init__(self, target: Target, projection: Projection) -> None:
         self._projection = projection
         self.roots = roots(target)
         self.sheet = sheet_of(target)
-        self.all = tuple(PrintModel(target, tag, projection, limits, self.sheet) for tag in self.roots)
+        self.all = tuple(PrintModel(target, tag, projection, self.sheet) for tag in self.roots)
 
     def seen(self, rotation: Array, position: Array, shape: tuple[int, ...] | None = None) -> tuple[PrintModel, ...]:
         """Prints of which a pose puts enough into the image, the largest there first.

@@ -45,7 +45,7 @@ SHIFT_SD_PX: Final = 0.5
 """How far all edges may be shifted together [px]."""
 MELTS: Final = 5
 """Small cells look smaller by a share that falls with this power of their side: neighbours pull their edges. Measured:
-docs/vision.md."""
+docs/lab/vision-cases.md."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

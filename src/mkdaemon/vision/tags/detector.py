@@ -18,7 +18,7 @@ import numpy.typing as npt
 
 from mkdaemon.config.vision import DetectorSection
 from mkdaemon.errors import VisionError
-from mkdaemon.vision.limits import LIMITS, Limits, Stage
+from mkdaemon.vision.limits import LIMITS, Stage
 from mkdaemon.vision.tags import apriltaglib
 from mkdaemon.vision.tags.cellread import quiet_sides, read_code
 from mkdaemon.vision.tags.coderead import Covered
@@ -28,7 +28,6 @@ from mkdaemon.vision.tags.searchplan import (
     FIRST,
     IN_HIGHLIGHTS,
     Look,
-    first_of,
     looks_of,
     shrink,
     shrinking,
@@ -138,30 +137,7 @@ class AprilTagSearch:
         """All codes libapriltag sees, in our corner order and pixel convention."""
         image = np.asarray(prepare(pixels, stage), dtype=np.uint8, order="C")
         decimate = 2.0 if stage in FIRST else 1.0
-        found = self._read(apriltaglib.detector(self._families, decimate, refine=True), image, stage)
-        return self._merge(found, image) if stage == "thorough" else found
-
-    def _merge(self, refined: list[Detection], image: Grey) -> list[Detection]:
-        """Search again without `refine_edges`, which drags some tiny quads off their tag.
-
-        Up to 46 px a side the mean of both corner sets is nearer to the truth than either: rms 0.12 instead of 0.15 and
-        0.18 px on 18 px tags of rendered images.
-        """
-        merged = list(refined)
-        for found in self._read(apriltaglib.detector(self._families, 1.0, refine=False), image, "thorough"):
-            middle = found.corners.mean(axis=0)
-            twins = [
-                k
-                for k, other in enumerate(merged)
-                if other.tag_id == found.tag_id
-                and np.abs(other.corners.mean(axis=0) - middle).max() < LIMITS.search.twin_px
-            ]
-            if not twins:
-                merged.append(found)
-            elif found.side_px < LIMITS.search.small_tag_px:
-                twin = merged[twins[0]]
-                merged[twins[0]] = replace(twin, corners=(twin.corners + found.corners) / 2)
-        return merged
+        return self._read(apriltaglib.detector(self._families, decimate, refine=True), image, stage)
 
     @staticmethod
     def _read(lib: LibDetector, image: Grey, stage: Stage) -> list[Detection]:
@@ -193,7 +169,6 @@ class Detector:
         cfg: DetectorSection | None = None,
         *,
         backend: Literal["auto", "apriltag", "aruco"] = "auto",
-        limits: Limits = LIMITS,
         covered: Covered | None = None,
     ) -> None:
         """Prepare the searches.
@@ -202,7 +177,6 @@ class Detector:
             whitelist: ids by family.
             cfg: settings.
             backend: which library; `auto` takes the best that is installed.
-            limits: which searches there are.
             covered: cells that another tag lies on (`cover.covered_cells`); a broken outline is read without them.
 
         Raises:
@@ -219,7 +193,7 @@ class Detector:
         self._search: Search = AprilTagSearch(families) if backend == "apriltag" else ArucoSearch(families)
         classic = {name: ids for name, ids in self._whitelist.items() if not find_family(name).is_inverted}
         self._outline = OutlineSearch(classic, covered or {})
-        self.stages: tuple[Stage, ...] = limits.search.ladder if backend == "apriltag" else ARUCO_LADDER
+        self.stages: tuple[Stage, ...] = LIMITS.search.ladder if backend == "apriltag" else ARUCO_LADDER
         self._in_highlights = IN_HIGHLIGHTS
         if not classic:
             # They start from the outline of something black, and an inverted tag has data there.
@@ -274,18 +248,10 @@ class Detector:
         sharper = self.search_shrunk(pixels, tag.stage, (x0, y0, x1, y1))
         return next((found for found in sharper if (found.family, found.tag_id) == (tag.family, tag.tag_id)), tag)
 
-    def search_all(self, pixels: Grey, stage: Stage = "thorough") -> list[Detection]:
+    def search_all(self, pixels: Grey, stage: Stage = "decimate1") -> list[Detection]:
         """Every accepted tag of one search, also several with the same code."""
         frame = (0, 0, pixels.shape[1], pixels.shape[0])
         return [tag for tag in self._find(pixels, stage) if self._accepts(pixels, tag, frame)]
-
-    def search_ladder(self, pixels: Grey) -> list[Detection]:
-        """Search from cheap to thorough until something is found."""
-        for look in dict.fromkeys((*(Look(stage) for stage in first_of(self.stages)), *self.looks(pixels))):
-            found = self.search_shrunk(pixels, look.stage, look.part)
-            if found:
-                return found
-        return []
 
     def looks(self, pixels: Grey) -> tuple[Look, ...]:
         """The searches of an image that take turns beside the first ones, those in highlights where much is blown."""
@@ -329,7 +295,7 @@ class Detector:
             return False
         # Other images than the camera's have contrast on their own scale; hamming and quiet zone judge the bits there.
         margin = cfg.min_decision_margin * _contrast_share(pixels, found)
-        if found.stage in ("decimate1", "decimate2", "thorough") and found.decision_margin < margin:
+        if found.stage in ("decimate1", "decimate2") and found.decision_margin < margin:
             return False
         low, high = found.corners.min(axis=0), found.corners.max(axis=0)
         x0, y0, x1, y1 = frame

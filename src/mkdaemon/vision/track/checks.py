@@ -10,7 +10,7 @@ import numpy as np
 
 from mkdaemon.config.vision import TrackerSection
 from mkdaemon.telemetry.vision import PoseRefusal
-from mkdaemon.vision.limits import LIMITS, Limits
+from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.ambiguity import prefers
 from mkdaemon.vision.pose.fitting import TargetFitter
 from mkdaemon.vision.pose.gates import fit_refusal, innovation_refusal
@@ -27,7 +27,6 @@ class Checks:
         fitter: measures the target.
         track: its memory.
         cfg: settings of the tracker.
-        limits: all thresholds.
         level: what the attitude says.
     """
 
@@ -37,13 +36,11 @@ class Checks:
         track: Track,
         cfg: TrackerSection,
         mounting: Mounting | None,
-        limits: Limits = LIMITS,
     ) -> None:
         self.fitter = fitter
         self.track = track
         self.cfg = cfg
-        self.limits = limits
-        self.level = LevelKnowledge(fitter.target.level, mounting, cfg, limits.judge)
+        self.level = LevelKnowledge(fitter.target.level, mounting, cfg)
 
     def refusal(self, seen: Sight, pose: Pose, predicted: Pose | None) -> PoseRefusal | None:
         """The first sign that a pose is wrong; none without any.
@@ -56,15 +53,13 @@ class Checks:
         refused = fit_refusal(pose, self.cfg)
         if refused is not None:
             return refused
-        limits = self.limits.judge
-        is_late = predicted is not None and self.track.misses > limits.flow_through
         bits = self.fitter.match(seen.pixels, pose)
-        if bits is not None and bits < (limits.clear_bits if is_late else self.cfg.min_bit_correlation):
+        if bits is not None and bits < self.cfg.min_bit_correlation:
             return PoseRefusal.BITS
         if self.is_partial(pose):
             evidence = self.fitter.cell_evidence(seen.pixels, pose)
-            is_unread = evidence.here <= 0.0 and bits is not None and bits < limits.clear_bits
-            if (is_unread and self.has_few_edges(pose)) or evidence.beside > self.limits.read.beside_nats:
+            is_unread = evidence.here <= 0.0 and bits is not None and bits < LIMITS.likeness.clear
+            if (is_unread and self.has_few_edges(pose)) or evidence.beside > LIMITS.read.beside_nats:
                 return PoseRefusal.BITS
             # What lies over a target hides edges; one that is beside its place has other edges in view.
             if self.has_few_edges(pose) and not self.fitter.explains_seen_edges(seen.pixels, pose):
@@ -80,7 +75,6 @@ class Checks:
             seen.time - self.track.last_time,
             has_attitude=seen.enu_from_flu is not None,
             has_velocity=self.track.has_velocity,
-            limits=self.limits,
         )
 
     def is_partial(self, pose: Pose) -> bool:
@@ -89,7 +83,7 @@ class Checks:
 
     def has_few_edges(self, pose: Pose) -> bool:
         """Whether so few edges agree that something lies over the target, or edges were taken for their neighbours."""
-        return pose.source == "edges" and pose.inliers < self.limits.agreement.blind
+        return pose.source == "edges" and pose.inliers < LIMITS.agreement.blind
 
     def candidates(self, seen: Sight, pose: Pose) -> list[Pose]:
         """A fit and, where perspective does not rule it out, its mirror image.
@@ -97,16 +91,16 @@ class Checks:
         Where the image prefers that, the fit may have ended beside its reading: it is asked for once more from the
         mirror image. Both readings have to be fits, or what a poor one lacks speaks against a reading nobody fitted.
         """
-        limits = self.limits.ambiguity
+        limits = LIMITS.ambiguity
         if self.shows_perspective(pose) or pose.tilt < limits.small_tilt:
             return [pose]
         rival = self.fitter.fit_mirrored(seen.pixels, pose)
         if rival is None or angle_between(pose.rotation, rival.rotation) < limits.same_pose:
             return [pose]
-        if prefers(rival, pose, self.limits):
+        if prefers(rival, pose):
             again = self.fitter.fit_mirrored(seen.pixels, rival)
             is_other = again is not None and angle_between(again.rotation, rival.rotation) >= limits.same_pose
-            if again is not None and is_other and prefers(again, pose, self.limits):
+            if again is not None and is_other and prefers(again, pose):
                 return [again, rival]
         return [pose, rival]
 
@@ -116,7 +110,7 @@ class Checks:
         The starts of both may have run into one minimum; a branch without its rival would be believed unchallenged.
         """
         best = min(poses, key=lambda pose: pose.loss)
-        alone = all(angle_between(best.rotation, pose.rotation) < self.limits.ambiguity.same_pose for pose in poses)
+        alone = all(angle_between(best.rotation, pose.rotation) < LIMITS.ambiguity.same_pose for pose in poses)
         others = [pose for pose in poses if pose is not best]
         return sorted([*others, *(self.candidates(seen, best) if alone else [best])], key=lambda pose: pose.loss)
 
@@ -126,15 +120,15 @@ class Checks:
 
     def is_blurred(self, pose: Pose) -> bool:
         """Whether the image is too blurred to show perspective."""
-        return pose.blur_px is not None and pose.blur_px > self.limits.blur.smeared_px
+        return pose.blur_px is not None and pose.blur_px > LIMITS.blur.smeared_px
 
     def shows_perspective(self, pose: Pose) -> bool:
         """Whether the image alone tells a pose from its mirror image."""
-        return self.cell_px(pose) > self.limits.cells.perspective_px and not self.is_blurred(pose)
+        return self.cell_px(pose) > LIMITS.cells.perspective_px and not self.is_blurred(pose)
 
     def is_smeared(self, pose: Pose) -> bool:
         """Whether blur hides what perspective there is: both candidates then run into one pose that may be neither."""
-        return self.is_blurred(pose) and self.cell_px(pose) < self.limits.cells.perspective_px
+        return self.is_blurred(pose) and self.cell_px(pose) < LIMITS.cells.perspective_px
 
     def is_conclusive(self, seen: Sight, pose: Pose) -> bool:
         """Whether the image alone decides the tilt: a large, sharp target in full view."""
@@ -142,14 +136,16 @@ class Checks:
 
     def is_whole(self, pose: Pose) -> bool:
         """Whether nearly all edges of the target are seen and agree."""
-        return pose.source == "edges" and pose.inliers >= self.limits.agreement.whole
+        return pose.source == "edges" and pose.inliers >= LIMITS.agreement.whole
 
     def is_plain(self, seen: Sight, pose: Pose) -> bool:
         """Whether the target is large and its cells are read clearly: hidden parts then mislead nobody."""
-        if self.cell_px(pose) <= self.limits.cells.perspective_px:
-            return False
+        return self.cell_px(pose) > LIMITS.cells.perspective_px and self.are_cells_clear(seen, pose)
+
+    def are_cells_clear(self, seen: Sight, pose: Pose) -> bool:
+        """Whether the cells are read clearly."""
         bits = self.fitter.match(seen.pixels, pose)
-        return bits is not None and bits >= self.limits.judge.clear_bits
+        return bits is not None and bits >= LIMITS.likeness.clear
 
 
 def with_angle_variance(pose: Pose, variance: float) -> Pose:

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from mkdaemon.telemetry.vision import PoseRefusal
+from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.ambiguity import Choice, choose, prefers
 from mkdaemon.vision.pose.gates import certainty_refusal
 from mkdaemon.vision.pose.pose import Pose, angle_between
@@ -46,15 +47,13 @@ class FirstJudge:
     def __init__(self, checks: Checks) -> None:
         self._checks = checks
         self._fitter = checks.fitter
-        self._limits = checks.limits
 
-    def choose(self, seen: Sight, candidates: Sequence[Pose], expected: Array | None) -> FirstVerdict:
+    def choose(self, seen: Sight, candidates: Sequence[Pose]) -> FirstVerdict:
         """Decide about poses from decoded tags.
 
         Args:
             seen: the image.
             candidates: fitted poses.
-            expected: rotation a track expects; none without one.
         """
         checks, level = self._checks, self._checks.level
         refusals = [checks.refusal(seen, pose, None) for pose in candidates]
@@ -73,8 +72,6 @@ class FirstJudge:
             min_ratio=checks.cfg.min_ambiguity_ratio,
             tilt_errors=known or None,
             tilt_gate=max(level.gate(seen, pose) for pose in believable),
-            predicted=expected,
-            limits=self._limits,
         )
         if choice is None and known:
             return self._fit_level(seen, min(believable, key=lambda pose: pose.loss))
@@ -82,7 +79,7 @@ class FirstJudge:
         if choice is None:
             return _refused(PoseRefusal.AMBIGUOUS)
         is_supported = False
-        if choice.pose.source == "edges" and choice.pose.inliers < self._limits.agreement.whole:
+        if choice.pose.source == "edges" and choice.pose.inliers < LIMITS.agreement.whole:
             # Hidden parts, or a border faked by what hides them: a held tilt tells these apart, or the edges seen.
             if known:
                 return self._fit_level(seen, choice.pose)
@@ -91,18 +88,16 @@ class FirstJudge:
                 return _refused(PoseRefusal.INLIERS)
         if not known and choice.pose.source == "edges" and checks.is_smeared(choice.pose):
             return _refused(PoseRefusal.BLURRED)
-        if choice.decided_by in ("unique", "image") and self._limits.ambiguity.asks_mirror:
+        if choice.decided_by in ("unique", "image"):
             # Both starts may have run into one minimum, or one of them into none: the mirrored pose of a small tag is
             # asked for by name.
             decided = self._decide_mirror(seen, choice.pose)
             if decided is None:
                 return _refused(PoseRefusal.AMBIGUOUS)
             choice = replace(choice, pose=decided)
-        elif choice.decided_by == "attitude":
-            choice = replace(choice, pose=self._fitted_best(seen, believable, choice.pose))
         fused = level.fuse(seen, choice.pose)
         refused = checks.refusal(seen, choice.pose, None) or certainty_refusal(
-            fused, has_attitude=bool(known), is_plain=is_supported, limits=self._limits
+            fused, has_attitude=bool(known), is_plain=is_supported
         )
         return _refused(refused) if refused is not None else FirstVerdict(replace(choice, pose=fused), None)
 
@@ -126,25 +121,25 @@ class FirstJudge:
         is_overruled = verdict.choice is not None and verdict.choice.decided_by == "attitude"
         if not is_overruled and verdict.refusal not in OVERRULED:
             return None
-        alone = self.choose(seen.without_attitude(), candidates, None).choice
+        alone = self.choose(seen.without_attitude(), candidates).choice
         if alone is None:
             return None
         if verdict.choice is None:
             return alone.pose
         apart = angle_between(alone.pose.rotation, verdict.choice.pose.rotation)
-        return alone.pose if apart > self._limits.ambiguity.track_near else None
+        return alone.pose if apart > LIMITS.certainty.wrong_angle else None
 
     def _is_preferred(self, followed: Pose, verdict: FirstVerdict) -> bool:
         """Whether the image prefers the pose that a track led to; fits of two kinds do not compare."""
         if verdict.choice is None:
             return verdict.refusal in OVERRULED
-        return prefers(followed, verdict.choice.pose, self._limits)
+        return prefers(followed, verdict.choice.pose)
 
     def _decide_mirror(self, seen: Sight, pose: Pose) -> Pose | None:
         """Compare a first pose that has no rival with its mirror image; none when nothing decides."""
-        limits = self._limits
+        limits = LIMITS
         rivals = self._checks.candidates(seen, pose)
-        choice = choose(rivals, min_ratio=self._checks.cfg.min_ambiguity_ratio, limits=limits)
+        choice = choose(rivals, min_ratio=self._checks.cfg.min_ambiguity_ratio)
         choice = choice or self._choose_by_all_pixels(seen, rivals)
         if choice is not None:
             return choice.pose
@@ -155,27 +150,13 @@ class FirstJudge:
             return None
         return with_angle_variance(min(rivals, key=lambda rival: rival.loss), (between / 2) ** 2)
 
-    def _fitted_best(self, seen: Sight, candidates: Sequence[Pose], chosen: Pose) -> Pose:
-        """The pose that the attitude chose, or the mirror image of a better fit where that is better yet.
-
-        Between both readings of a small tag lies a saddle on which a fit may have ended: off by 4.3 degrees, 0.9
-        claimed, one of 180 first images at 12 m.
-        """
-        best = min(candidates, key=lambda pose: pose.loss)
-        level = self._checks.level
-        for rival in self._checks.candidates(seen, best) if best is not chosen else ():
-            tilt = level.tilt(seen, rival)
-            if rival.loss < chosen.loss and tilt is not None and tilt <= level.gate(seen, rival):
-                return rival
-        return chosen
-
     def _choose_by_all_pixels(self, seen: Sight, rivals: Sequence[Pose]) -> Choice | None:
         """Choose between edge fits of a small target by all its pixels; none where nothing decides."""
-        small = self._limits.cells.small_px
+        small = LIMITS.cells.small_px
         if any(rival.source != "edges" or self._checks.cell_px(rival) >= small for rival in rivals):
             return None
         grey = self._fitter.fit_grey_values(seen.pixels, rivals)
-        return choose(grey, min_ratio=self._checks.cfg.min_ambiguity_ratio, limits=self._limits) if grey else None
+        return choose(grey, min_ratio=self._checks.cfg.min_ambiguity_ratio) if grey else None
 
     def _nearer_to_level(self, seen: Sight, rivals: Sequence[Pose]) -> Pose:
         """The rival that agrees better with the attitude; where both might, with the doubt in its covariance."""
@@ -196,7 +177,7 @@ class FirstJudge:
         tilt = self._checks.level.tilt(seen, held)
         if tilt is not None and tilt > self._checks.level.hidden_gate(held):
             return _refused(PoseRefusal.ATTITUDE)
-        refused = certainty_refusal(held, has_attitude=True, limits=self._limits)
+        refused = certainty_refusal(held, has_attitude=True)
         return _refused(refused) if refused is not None else FirstVerdict(Choice(held, float("inf"), "attitude"), None)
 
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
-from itertools import chain, islice, tee
 from math import exp
 from typing import Final
 
@@ -19,7 +18,7 @@ import numpy.typing as npt
 
 from mkdaemon.config.vision import TrackerSection
 from mkdaemon.telemetry.vision import PoseRefusal
-from mkdaemon.vision.limits import LIMITS, Limits, Stage
+from mkdaemon.vision.limits import LIMITS, Stage
 from mkdaemon.vision.pose.ambiguity import Choice, prefers
 from mkdaemon.vision.pose.bend import Bend
 from mkdaemon.vision.pose.carry import Carrier
@@ -61,11 +60,10 @@ class OwnSearch:
     Args:
         target: whose tags.
         detector: that decodes.
-        limits: all thresholds.
     """
 
-    def __init__(self, target: Target, detector: Detector, limits: Limits) -> None:
-        self._target, self._detector, self._limits = target, detector, limits
+    def __init__(self, target: Target, detector: Detector) -> None:
+        self._target, self._detector = target, detector
         self._turn = 0
 
     def again(self, pixels: Grey, window: Window) -> list[Detection]:
@@ -78,7 +76,7 @@ class OwnSearch:
 
     def nearby(self, pixels: Grey, window: Window, misses: int) -> list[Detection]:
         """Tags of a part of the image, searched in another way after every miss."""
-        ways: tuple[tuple[Stage, ...], ...] = self._limits.search.nearby
+        ways: tuple[tuple[Stage, ...], ...] = LIMITS.search.nearby
         found: list[Detection] = []
         for stage in ways[misses % len(ways)]:
             found = found or self._detector.search_shrunk(pixels, stage, window)
@@ -163,71 +161,6 @@ class RowsWatch:
         self._shutter.learn(known, between.seen_motion)
 
 
-Way = tuple[FoundBy, Pose]
-Start = tuple[FoundBy, Pose, Iterator[Pose]]
-"""How it was found, where a fit begins, and the starts that are left to it where few edges agree."""
-
-
-class Starts:
-    """Orders the starts of one target.
-
-    Args:
-        fitter: that will begin there.
-        carrier: of its last pose.
-        track: its memory.
-        mounting: of the camera.
-        limits: all thresholds.
-    """
-
-    def __init__(
-        self, fitter: TargetFitter, carrier: Carrier, track: Track, mounting: Mounting | None, limits: Limits
-    ) -> None:
-        self._fitter, self._carrier = fitter, carrier
-        self._track, self._mounting, self._limits = track, mounting, limits
-
-    def of(self, pixels: Grey, predicted: Prediction) -> Iterator[Start]:
-        """Where to begin in an image `(h, w)`, the likeliest first, with the starts that are left to the first one.
-
-        Later ones are computed only when they are asked for.
-        """
-        ways = self._ways(pixels, predicted)
-        first = next(ways, None)
-        if first is None:
-            return
-        left, rest = tee(ways)
-        yield *first, (start for _, start in left)
-        for way in rest:
-            yield *way, iter(())
-
-    def _ways(self, pixels: Grey, predicted: Prediction) -> Iterator[Way]:
-        """The prediction, and the last pose carried over: before it where the image does not show what it expects."""
-        track, through = self._track, self._limits.judge.flow_through
-        carried: Iterator[Way] = iter(())
-        if track.misses < through and track.image is not None:
-            starts = self._carrier.starts(track.image, pixels, track.last, predicted.pose)
-            carried = (("flow", start) for start in starts)
-        if track.misses < through and (predicted.has_attitude or track.has_velocity):
-            expected: list[Way] = [("predicted", predicted.pose)]
-            is_seen = self._fitter.shows(pixels, predicted.pose)
-            yield from chain(expected, carried) if is_seen else chain(carried, expected)
-        else:
-            yield from carried
-
-    def with_climb(self, seen: Sight, start: Pose) -> Pose:
-        """The start of a track's second image with the speed that both ranges tell.
-
-        Under a rolling shutter a climb looks like a tilt, and does not change the range half way through the image. A
-        fit that few edges agree with may have taken them for their neighbours, and its range says nothing.
-        """
-        if not self._fitter.shutter.rolls or self._track.has_velocity:
-            return start
-        found = self._fitter.refine(seen.pixels, start)
-        if found is None or found.inliers < self._limits.agreement.blind:
-            return start
-        known = self._track.motion_with(seen.time, found, seen.enu_from_flu, self._mounting, seen.turning_flu)
-        return start if known is None else replace(start, known_motion=known)
-
-
 UNDECIDED: Final = (PoseRefusal.AMBIGUOUS, PoseRefusal.ANGLE_UNCERTAIN)
 """Why a first pose is followed without being published: the next images may decide, or know how the camera climbs."""
 
@@ -249,19 +182,18 @@ class Follower:
         health: ImageHealth,
         mounting: Mounting | None,
         cfg: TrackerSection,
-        limits: Limits = LIMITS,
     ) -> None:
         self.name = target.name
         self.track = Track()
         self._target = target
-        self._search, self._health = OwnSearch(target, detector, limits), health
+        self._search, self._health = OwnSearch(target, detector), health
         self._mounting = mounting
-        self._cfg, self._limits = cfg, limits
-        self._fitter = TargetFitter(target, projection, limits)
+        self._cfg = cfg
+        self._fitter = TargetFitter(target, projection)
         self._bend = LearnedBend(self._fitter.bend_known)
         self._rows = RowsWatch(self._fitter.shutter)
-        self._starts = Starts(self._fitter, Carrier(target, projection, limits), self.track, mounting, limits)
-        self._checks = Checks(self._fitter, self.track, cfg, mounting, limits)
+        self._carrier = Carrier(target, projection)
+        self._checks = Checks(self._fitter, self.track, cfg, mounting)
         self.judge = Judge(self._checks)
         self._first = FirstJudge(self._checks)
 
@@ -269,7 +201,7 @@ class Follower:
         """Try to find the target where it should be."""
         self._fitter.begin(frame.sight.pixels)
         track, now = self.track, frame.sight.time
-        if track.is_live and not 0.0 < now - track.last_time < self._limits.track.max_gap:
+        if track.is_live and not 0.0 < now - track.last_time < LIMITS.track.grace:
             track.lose()
         if not track.is_live:
             return
@@ -280,37 +212,61 @@ class Follower:
             ways.append(frame.sight.without_attitude())
         for seen in ways:
             expected = self._predicted(seen)
-            if self._measured(frame, expected.pose, self._affordable(self._starts.of(frame.sight.pixels, expected))):
+            if self._measured(frame, expected.pose, self._starts(frame.sight.pixels, expected)):
                 return
         window = self._fitter.window(predicted.pose, frame.sight.pixels.shape)
         if window is not None:
             found = self._search.nearby(frame.sight.pixels, window, track.misses)
             frame.detections.extend(found)
-            self.start(frame, found, "roi", None if track.in_doubt else predicted.pose)
+            self.start(frame, found, "roi")
 
-    def _affordable(self, starts: Iterator[Start]) -> Iterator[Start]:
-        """The likeliest start, and others until as much as an image may take is spent on it."""
-        yield from islice(starts, 1)
-        while self._fitter.effort < MOST_EFFORT:
-            start = next(starts, None)
-            if start is None:
+    def _starts(self, pixels: Grey, predicted: Prediction) -> Iterator[tuple[FoundBy, Pose]]:
+        """The prediction, and the last pose carried over: before it where the image does not show what it expects.
+
+        The likeliest start, and the other until as much as an image may take is spent on it.
+        """
+        track = self.track
+        if track.misses >= LIMITS.track.through:
+            return
+        is_expected = predicted.has_attitude or track.has_velocity
+        if is_expected and self._fitter.shows(pixels, predicted.pose):
+            yield "predicted", predicted.pose
+            is_expected = False
+            if self._fitter.effort >= MOST_EFFORT:
                 return
-            yield start
+        carried = None if track.image is None else self._carrier.shift(track.image, pixels, track.last)
+        if carried is not None:
+            yield "flow", replace(predicted.pose, rotation=carried.rotation, position=carried.position)
+        if is_expected and (carried is None or self._fitter.effort < MOST_EFFORT):
+            yield "predicted", predicted.pose
 
-    def _measured(self, frame: Frame, predicted: Pose, starts: Iterable[Start]) -> bool:
+    def _with_climb(self, seen: Sight, start: Pose) -> Pose:
+        """The start of a track's second image with the speed that both ranges tell.
+
+        Under a rolling shutter a climb looks like a tilt, and does not change the range half way through the image. A
+        fit that few edges agree with may have taken them for their neighbours, and its range says nothing.
+        """
+        if not self._fitter.shutter.rolls or self.track.has_velocity:
+            return start
+        found = self._fitter.refine(seen.pixels, start)
+        if found is None or found.inliers < LIMITS.agreement.blind:
+            return start
+        known = self.track.motion_with(seen.time, found, seen.enu_from_flu, self._mounting, seen.turning_flu)
+        return start if known is None else replace(start, known_motion=known)
+
+    def _measured(self, frame: Frame, predicted: Pose, starts: Iterable[tuple[FoundBy, Pose]]) -> bool:
         """Whether the target is found from one of several starts; it is followed then, and published if believed."""
         refused: Verdict | None = None
-        for mode, start, others in starts:
-            start = self._starts.with_climb(frame.sight, start)
-            verdict = self.judge.measure(frame.sight, start, predicted, others)
+        for mode, start in starts:
+            verdict = self.judge.measure(frame.sight, self._with_climb(frame.sight, start), predicted)
             rival, against = frame.contradicting.get(self.name), verdict.contradicting
             if against is not None:
-                if rival is None or prefers(against, rival, self._limits):
+                if rival is None or prefers(against, rival):
                     frame.contradicting[self.name] = against
                 if verdict.pose is not None:
                     refused = refused or verdict
             elif verdict.pose is not None:
-                if rival is None or not prefers(rival, verdict.pose, self._limits):
+                if rival is None or not prefers(rival, verdict.pose):
                     self._found(frame, verdict, verdict.pose, mode)
                     return True
                 # It agrees with the attitude; the image prefers what the attitude refused.
@@ -358,9 +314,9 @@ class Follower:
         seen = frame.contradicting.get(self.name)
         if seen is None:
             return
-        self.start(frame, frame.detections, "search", None)
+        self.start(frame, frame.detections, "search")
         if self.track.is_live and all(found.target != self.name for found in frame.poses):
-            self._measured(frame, self._predicted(frame.sight).pose, [("predicted", seen, iter(()))])
+            self._measured(frame, self._predicted(frame.sight).pose, [("predicted", seen)])
 
     def forget_deck(self) -> None:
         """Forget how the target lies."""
@@ -377,14 +333,13 @@ class Follower:
         if self.track.is_live and frame.sight.time - self.track.last_time > self._cfg.coast:
             self.track.lose()
 
-    def start(self, frame: Frame, found: Sequence[Detection], mode: FoundBy, predicted: Pose | None) -> None:
+    def start(self, frame: Frame, found: Sequence[Detection], mode: FoundBy) -> None:
         """Start or restart the track from decoded tags.
 
         Args:
             frame: the image.
             found: tags of any target.
             mode: how they were found.
-            predicted: by the track; none when it has no say.
         """
         tags = self._search.own(found)
         if not tags:
@@ -397,7 +352,7 @@ class Follower:
             lambda place: known_motion(place, None, seen.turning_flu, mounting),
             self._bend.at(seen.time),
         )
-        verdict = self._first.choose(seen, candidates, predicted.rotation if predicted is not None else None)
+        verdict = self._first.choose(seen, candidates)
         contradicting = self._first.contradicting(seen, candidates, verdict, frame.contradicting.pop(self.name, None))
         if contradicting is not None:
             frame.contradicting[self.name] = contradicting
@@ -415,42 +370,31 @@ class Follower:
 
     def _decode_again(self, frame: Frame, pose: Pose) -> bool:
         """Decode the followed target once a period; false ends the track."""
-        track, limits, pixels = self.track, self._limits.track, frame.sight.pixels
+        track, pixels = self.track, frame.sight.pixels
         now = frame.sight.time
         overdue = now - track.decoded_at - self._cfg.redetect_period
         if overdue < 0.0:
             return True
-        if now - track.tried_at >= limits.retry_decode:
+        if now - track.tried_at >= LIMITS.track.retry_decode:
             track.tried_at = now
             window = self._fitter.window(pose, pixels.shape)
             found = self._search.again(pixels, window) if window is not None else []
             tags = self._search.own(found)
             frame.detections.extend(found)
             if tags:
-                if self._fitter.disagreement(pose, tags) < limits.decode_agrees:
+                if self._fitter.disagreement(pose, tags) < LIMITS.track.decode_agrees:
                     track.decoded_at = now
                     return True
                 frame.refused[self.name] = PoseRefusal.DECODED_ELSEWHERE
                 track.lose()
-                self.start(frame, found, "roi", None)
+                self.start(frame, found, "roi")
                 return False
-        if overdue < limits.undecoded_grace or self._is_vouched_for(frame, pose, overdue):
+        # Clear cells stand in for a tag that cannot be decoded: one that leaves the image, or is partly hidden.
+        if overdue < LIMITS.track.grace or self._checks.are_cells_clear(frame.sight, pose):
             return True
         frame.refused[self.name] = PoseRefusal.NOT_DECODED
         track.lose()
         return False
-
-    def _is_vouched_for(self, frame: Frame, pose: Pose, overdue: float) -> bool:
-        """Whether clear cells and a second witness stand in for a tag that could not be decoded."""
-        pixels = frame.sight.pixels
-        bits = self._fitter.match(pixels, pose)
-        if bits is None or bits < self._limits.judge.clear_bits:
-            return False
-        if self._checks.level.knows(frame.sight):
-            return True
-        # Where no tag is whole in the image, decoding cannot succeed and its failure says nothing.
-        is_cut = not self._fitter.shows_whole_tag(pose, pixels.shape)
-        return (is_cut or self.judge.is_backed) and overdue < self._limits.track.blind_grace
 
     def _start_ambiguous(self, frame: Frame, candidates: Sequence[Pose], mode: FoundBy) -> None:
         """Let the track decide between a pose and its mirror image, or start one that waits until it can."""
@@ -466,7 +410,7 @@ class Follower:
             self._publish(frame, Choice(verdict.pose, float("inf"), "track"), mode)
             return
         if verdict.pose is None:
-            if track.is_live and not track.in_doubt and track.misses <= self._limits.judge.flow_through:
+            if track.is_live and not track.in_doubt and track.misses <= LIMITS.track.through:
                 return
             track.lose()
             track.branches = judge.start_branches(frame.sight, rivals, decided=False)

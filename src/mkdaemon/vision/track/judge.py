@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from mkdaemon.telemetry.vision import PoseRefusal
+from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.ambiguity import choose, log_odds, prefers
-from mkdaemon.vision.pose.edgefit import Level
 from mkdaemon.vision.pose.gates import certainty_refusal
 from mkdaemon.vision.pose.pose import Pose
 from mkdaemon.vision.track.attitude import without_normal
@@ -43,26 +43,21 @@ class Judge:
     def __init__(self, checks: Checks) -> None:
         self._checks = checks
         self._fitter, self._track = checks.fitter, checks.track
-        self._limits = checks.limits
         self.is_backed = False
 
-    def measure(self, seen: Sight, start: Pose, predicted: Pose, others: Iterable[Pose] = ()) -> Verdict:
+    def measure(self, seen: Sight, start: Pose, predicted: Pose) -> Verdict:
         """Fit from one start and judge the fit.
 
         Args:
             seen: the image.
             start: where the fit begins.
             predicted: what the track expects.
-            others: starts that are tried where few edges agree; asked for only then.
         """
         checks = self._checks
         # Far away a tilt hardly shows: what the attitude knows of it belongs into the fit, which is not linear there.
         vertical = checks.level.vertical(seen)
         held = vertical if self._fitter.is_small(start) else None
         pose = self._fitter.refine(seen.pixels, start, held)
-        if pose is not None and checks.has_few_edges(pose):
-            # Where the start was half a cell off, another one fits better.
-            pose = self._refit(seen, pose, others, held)
         is_held, fitted = held is not None and start.rotation is predicted.rotation, pose
         alone = without_normal(pose, held.up, held.spread) if pose is not None and held is not None else None
         if alone is not None:
@@ -88,7 +83,7 @@ class Judge:
                 leaning = self._fitter.refine(seen.pixels, replace(start, rotation=predicted.rotation), vertical)
             leans = leaning is not None and checks.refusal(seen, leaning, predicted) is None
             off = pose if refused is PoseRefusal.ATTITUDE else None
-            if leaning is not None and leans and (off is None or not prefers(off, leaning, self._limits)):
+            if leaning is not None and leans and (off is None or not prefers(off, leaning)):
                 return self.add_inertia(seen, leaning)
             if off is not None and (leans or self._is_plainly_there(seen, off)):
                 contradicting = off
@@ -102,7 +97,7 @@ class Judge:
         start is nearer to. Where both may be right, the doubt is in its covariance.
         """
         checks, level = self._checks, self._checks.level
-        if level.surprise2(seen, pose) < self._limits.judge.asks_mirror2:
+        if level.surprise2(seen, pose) < LIMITS.judge.asks_mirror2:
             return pose
         # Where the fit ended beside its reading the first is that reading, asked for once more.
         again, *rivals = checks.candidates(seen, pose)
@@ -110,7 +105,7 @@ class Judge:
             pose = again
         for rival in rivals:
             if checks.refusal(seen, rival, predicted) is None:
-                odds = log_odds(pose, rival, self._limits) + level.log_odds(seen, pose, rival)
+                odds = log_odds(pose, rival) + level.log_odds(seen, pose, rival)
                 return with_rival(pose, rival, odds) if odds > 0.0 else with_rival(rival, pose, -odds)
         return pose
 
@@ -118,7 +113,7 @@ class Judge:
         """Whether a large target whose cells are read clearly lies as a pose says, for all but the attitude."""
         if not self._checks.is_plain(seen, pose):
             return False
-        return certainty_refusal(pose, has_attitude=False, is_plain=True, limits=self._limits) is None
+        return certainty_refusal(pose, has_attitude=False, is_plain=True) is None
 
     def _is_contradicted(self, pose: Pose | None, refused: PoseRefusal | None) -> bool:
         """Whether the attitude refuses a fit that nearly all edges agree with: nothing lies over such a target.
@@ -126,21 +121,6 @@ class Judge:
         A tilt that is held agrees with the attitude whatever the image says, and nobody would hear of it.
         """
         return pose is not None and refused is PoseRefusal.ATTITUDE and self._checks.is_whole(pose)
-
-    def _refit(self, seen: Sight, pose: Pose, others: Iterable[Pose], held: Level | None) -> Pose:
-        """The best fit from other starts, up to the first that most edges or all grey values agree with."""
-        for other in others:
-            refit = self._fitter.refine(seen.pixels, other, held)
-            if refit is None:
-                continue
-            # Losses compare only between fits of one kind; grey values that explain the image outweigh few edges.
-            if refit.source != pose.source:
-                return refit
-            if refit.loss < pose.loss:
-                pose = refit
-            if not self._checks.has_few_edges(refit):
-                break
-        return pose
 
     def rejoin(self, seen: Sight, candidates: Sequence[Pose], predicted: Pose) -> Verdict:
         """Let a track that lost its target for some images choose between poses that were found anew."""
@@ -170,15 +150,15 @@ class Judge:
             seen: the image.
             pose: measured in it.
         """
-        limits = self._limits
-        refused, before = certainty_refusal(pose, has_attitude=True, limits=limits), self._track.branches
-        if refused is None or before is None or not before.is_decided or not limits.judge.fuses_course:
+        limits = LIMITS
+        refused, before = certainty_refusal(pose, has_attitude=True), self._track.branches
+        if refused is None or before is None or not before.is_decided:
             return Verdict(pose, refused)
         prior = before.best.course.predict_at(seen.time)
-        if prior.angle_sd > limits.judge.backing_sd or prior.mahalanobis2(pose, 1.0) > limits.judge.expected:
+        if prior.angle_sd > limits.certainty.blind_angle_sd or prior.mahalanobis2(pose, 1.0) > limits.judge.expected:
             return Verdict(pose, refused)
         fused = prior.fuse(pose)
-        return Verdict(fused, certainty_refusal(fused, has_attitude=True, limits=limits))
+        return Verdict(fused, certainty_refusal(fused, has_attitude=True))
 
     def _judge_with_attitude(self, seen: Sight, pose: Pose) -> Verdict:
         """Judge a fit that agrees with the attitude, and carry the course on with it."""
@@ -193,45 +173,41 @@ class Judge:
     def _judge_without_attitude(self, seen: Sight, pose: Pose, predicted: Pose) -> Verdict:
         """Judge a fit by its mirror image, the images before and the vehicle's inertia."""
         candidates = self._checks.candidates(seen, pose)
-        branches = self._advance_branches(seen, candidates, predicted)
+        branches = self._advance_branches(seen, candidates)
         chosen = branches.best.pose
         refused = None if chosen is pose else self._checks.refusal(seen, chosen, self._believed(predicted))
         return Verdict(None, refused) if refused is not None else self._judge_branches(seen, branches)
 
     def _judge_branches(self, seen: Sight, branches: Branches) -> Verdict:
         """Take over the branches of an image and judge their best pose."""
-        limits = self._limits
+        limits = LIMITS
         self._track.branches = branches
         self.is_backed = False
         chosen, prior = branches.best.pose, branches.best.prior
         if not branches.is_decided or branches.is_spoken_against:
             return Verdict(chosen, PoseRefusal.AMBIGUOUS)
-        fused = prior.fuse(chosen) if prior is not None and limits.judge.fuses_course else chosen
+        fused = prior.fuse(chosen) if prior is not None else chosen
         fused = with_angle_variance(fused, branches.doubt)
         # The branches allow for errors that last; to be published a pose has to fit by its own covariance.
         distance2 = prior.mahalanobis2(chosen, 1.0) if prior is not None else 0.0
         if branches.best.missed or distance2 > limits.judge.surprising:
             return Verdict(fused, PoseRefusal.OFF_COURSE)
-        is_known = prior is not None and prior.angle_sd < limits.judge.backing_sd
+        is_known = prior is not None and prior.angle_sd < limits.certainty.blind_angle_sd
         self.is_backed = is_known and distance2 < limits.judge.expected
         is_plain = self.is_backed or self._checks.is_plain(seen, fused)
         if not is_plain and chosen.source == "edges" and chosen.inliers < limits.agreement.whole:
             return Verdict(fused, PoseRefusal.INLIERS)
-        refused = certainty_refusal(
-            fused, has_attitude=False, is_plain=is_plain, is_backed=self.is_backed, limits=limits
-        )
+        refused = certainty_refusal(fused, has_attitude=False, is_plain=is_plain, is_backed=self.is_backed)
         return Verdict(fused, refused)
 
-    def _advance_branches(self, seen: Sight, candidates: Sequence[Pose], predicted: Pose) -> Branches:
+    def _advance_branches(self, seen: Sight, candidates: Sequence[Pose]) -> Branches:
         """The branches of the track with the candidates of this image."""
         before, first = self._track.branches, candidates[0]
         if before is not None:
             return before.after(seen.time, candidates)
         if self._checks.shows_perspective(first):
             return self.start_branches(seen, candidates, decided=True)
-        expected = None if self._track.in_doubt else predicted.rotation
-        min_ratio = self._checks.cfg.min_ambiguity_ratio
-        choice = choose(candidates, min_ratio=min_ratio, predicted=expected, limits=self._limits)
+        choice = choose(candidates, min_ratio=self._checks.cfg.min_ambiguity_ratio)
         best = choice.pose if choice is not None else min(candidates, key=lambda candidate: candidate.loss)
         order = [best, *(other for other in candidates if other is not best)]
         return self.start_branches(seen, order, decided=choice is not None)

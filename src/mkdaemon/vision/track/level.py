@@ -24,7 +24,7 @@ import numpy as np
 import numpy.typing as npt
 
 from mkdaemon.config.vision import TrackerSection
-from mkdaemon.vision.limits import JudgeLimits
+from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.edgefit import Level
 from mkdaemon.vision.pose.pose import Pose, largest_variance, turn
 from mkdaemon.vision.pose.rolling import skew
@@ -51,6 +51,8 @@ MOVED: Final = 9.0
 """Squared distance of a measured normal from which the deck has moved: chi-square(2), one in 90."""
 LEAST_WEIGHT: Final = 1e-12
 """Of a kind that the images contradict."""
+MOST_LEAN: Final = 4.0 * PRIOR_SD
+"""Of a level target by the attitude [rad]."""
 LONGEST: Final = 10.0
 """Time without a measurement after which only the prior is known [s]."""
 
@@ -208,14 +210,12 @@ class LevelKnowledge:
         is_level: whether the target lies level; the attitude says nothing about others.
         mounting: of the camera; none when unknown, and then the attitude says nothing.
         cfg: how well the attitude is known.
-        limits: of the judge.
     """
 
-    def __init__(self, is_level: bool, mounting: Mounting | None, cfg: TrackerSection, limits: JudgeLimits) -> None:
+    def __init__(self, is_level: bool, mounting: Mounting | None, cfg: TrackerSection) -> None:
         self._mounting = mounting if is_level else None
         self._spread = float(np.radians(cfg.attitude_sd_deg))
         self._gate = float(np.radians(cfg.attitude_gate_deg))
-        self._limits = limits
         self._deck = Deck()
 
     def knows(self, seen: Sight) -> bool:
@@ -239,8 +239,8 @@ class LevelKnowledge:
             return None
         normal = seen.enu_from_flu @ self._mounting.flu_from_cam @ pose.rotation[:, 2]
         turned, leaning = (_turn(known, normal) for known in (self._deck.normal(seen.enu_from_flu), UP))
-        if float(np.linalg.norm(leaning)) > self._limits.most_lean:
-            return max(leaning, turned, key=np.linalg.norm), self._limits.most_lean
+        if float(np.linalg.norm(leaning)) > MOST_LEAN:
+            return max(leaning, turned, key=np.linalg.norm), MOST_LEAN
         return turned, self.gate(seen, pose)
 
     def log_odds(self, seen: Sight, first: Pose, second: Pose) -> float:
@@ -261,12 +261,12 @@ class LevelKnowledge:
     def hidden_gate(self, pose: Pose) -> float:
         """The same for a partly hidden first pose, which cannot tell a tilted deck from a border that is covered."""
         spread = float(np.sqrt(largest_variance(pose.covariance[3:, 3:])))
-        return self._gate + min(spread, self._limits.tilt_spread)
+        return self._gate + min(spread, LIMITS.certainty.angle_sd)
 
     def vertical(self, seen: Sight) -> Level | None:
         """The normal expected in camera axes, to hold a fit with; none where nothing is known."""
         expected = self._expected(seen)
-        return None if expected is None or not self._limits.holds_tilt else Level(expected, self._sd(seen))
+        return None if expected is None else Level(expected, self._sd(seen))
 
     def fuse(self, seen: Sight, pose: Pose) -> Pose:
         """The pose with what the attitude knows about its tilt."""

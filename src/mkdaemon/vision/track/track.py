@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.linetime import KnownMotion
-from mkdaemon.vision.pose.pose import Pose, angle_between
+from mkdaemon.vision.pose.pose import Pose
 from mkdaemon.vision.pose.rolling import motion_of
 from mkdaemon.vision.track.attitude import Mounting, Turning
 from mkdaemon.vision.track.branches import Branches
@@ -86,7 +86,7 @@ class Track:
         if self._moments and self._moments[-1].time == time:
             self._moments.pop()
         gap = time - self._moments[-1].time if self._moments else 0.0
-        if self.misses > TRACK.forget_misses or (self._moments and not 0 < gap < TRACK.forget_velocity):
+        if self._moments and not 0 < gap < TRACK.forget_velocity:
             self._moments.clear()
         self._moments = [*self._moments[-1:], _Moment(time, pose, enu_from_flu)]
         self.misses = 0
@@ -126,11 +126,10 @@ class Track:
                 step = position - earlier @ before.pose.position
             else:
                 step = position - before.pose.position
-                turned_by = angle_between(now.pose.rotation, before.pose.rotation)
-                if ahead < TRACK.turn_ahead and turned_by < TRACK.max_turn:
+                if ahead < TRACK.turn_ahead:
                     rotation = now.pose.rotation @ before.pose.rotation.T @ now.pose.rotation
             if float(np.linalg.norm(step)) < TRACK.max_speed * (now.time - before.time):
-                position = position + min(ahead, TRACK.max_ahead) * step
+                position = position + ahead * step
                 speed = step / (now.time - before.time)
                 if turned is None or earlier is None:
                     # Whatever the camera turned is in the step, and does not change the range: where it leads, too.

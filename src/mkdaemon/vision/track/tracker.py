@@ -14,7 +14,7 @@ from mkdaemon.telemetry.vision import Alarm
 from mkdaemon.vision.camera.image import CameraImage
 from mkdaemon.vision.camera.intrinsics import Intrinsics
 from mkdaemon.vision.camera.tone import in_light
-from mkdaemon.vision.limits import LIMITS, Limits
+from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.linetime import Shutter
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.tags.cover import covered_cells
@@ -53,13 +53,11 @@ class Tracker:
         mounting: Mounting | None = None,
         cfg: TrackerSection | None = None,
         detector: DetectorSection | None = None,
-        limits: Limits = LIMITS,
     ) -> None:
         self._cfg = cfg or TrackerSection()
-        self._limits = limits
         self._mounting = mounting
         self._gamma = intrinsics.gamma if intrinsics is not None else 1.0
-        self.detector = Detector(tagmap.whitelist, detector, limits=limits, covered=covered_cells(tagmap))
+        self.detector = Detector(tagmap.whitelist, detector, covered=covered_cells(tagmap))
         self._health = ImageHealth(*((intrinsics.width, intrinsics.height) if intrinsics is not None else (None, None)))
         self.witness = AttitudeWitness()
         self.followers: tuple[Follower, ...] = ()
@@ -68,7 +66,7 @@ class Tracker:
             self.shutter = Shutter(intrinsics.line_time, intrinsics.height / 2 * intrinsics.fx)
             projection = Projection(intrinsics, self.shutter)
             self.followers = tuple(
-                Follower(target, projection, self.detector, self._health, mounting, self._cfg, limits)
+                Follower(target, projection, self.detector, self._health, mounting, self._cfg)
                 for target in tagmap.targets
             )
         self._count = self._searches = 0
@@ -140,7 +138,7 @@ class Tracker:
         """Look for what is still missing in the whole image."""
         known = frame.started
         missing = [one for one in self.followers if not frame.has(one.name) and one.name not in known]
-        if not missing or (frame.poses and self._count % self._limits.track.search_every):
+        if not missing or (frame.poses and self._count % LIMITS.track.search_every):
             return
         # Right after a miss the prediction is still good; the whole image comes when the neighbourhood gave nothing.
         if all(follower.track.is_live and follower.track.misses < 1 for follower in missing):
@@ -148,14 +146,14 @@ class Tracker:
         found = self._search(frame)
         frame.detections.extend(found)
         for follower in missing:
-            follower.start(frame, found, "search", None)
+            follower.start(frame, found, "search")
 
     def _search(self, frame: Frame) -> list[Detection]:
         """One of the first searches of the whole image; in every second image that shows nothing another one too."""
         pixels = frame.sight.pixels
         first = first_of(self.detector.stages)
         found = self.detector.search_shrunk(pixels, first[self._searches % len(first)])
-        turn, not_now = divmod(self._searches, self._limits.search.thorough_every)
+        turn, not_now = divmod(self._searches, LIMITS.search.thorough_every)
         self._searches += 1
         if found or not_now:
             return found

@@ -48,7 +48,7 @@ def edge(seen: float, growing: float = 0.0) -> FoundEdges:
         np.full(COUNT, 30.0),
         np.ones(COUNT, dtype=bool),
     )
-    return find_edges(np.clip(np.rint(rows), 0, 255).astype(np.uint8), samples, LIMITS, is_blown=True)
+    return find_edges(np.clip(np.rint(rows), 0, 255).astype(np.uint8), samples, is_blown=True)
 
 
 @pytest.mark.parametrize("seen", [0.9, 0.7, 0.5, 0.35])
