@@ -207,7 +207,7 @@ def test_a_filter_that_doubts_itself_is_as_unsure_of_place_and_wind_as_half_a_me
 def test_noise_grows_with_the_root_of_time_and_each_state_has_its_own():
     for tuning, rates, upright in (
         (NOMINAL, [0.0, 0.023, 0.0003, 0.0013, 0.001, 0.058, 0.0127, 0.076, 0.0005], [0.0, 0.0046, 0.004, 0.04]),
-        (ROBUST, [0.0, 0.05, 0.01, 0.015, 0.001, 1.0, 0.05, 0.3, 0.0005], [0.0, 0.01, 0.004, 0.08]),
+        (ROBUST, [0.0, 0.05, 0.03, 0.015, 0.001, 1.0, 0.05, 0.3, 0.0005], [0.0, 0.01, 0.004, 0.08]),
     ):
         assert np.sqrt(np.diag(tuning.level_noise(0.04))) == pytest.approx(0.2 * np.array(rates))
         assert np.count_nonzero(tuning.level_noise(0.04)) == LEVEL_STATES - 1

@@ -13,6 +13,7 @@ import pytest
 from mkdaemon.control.estimator.estimator import Estimator
 from mkdaemon.control.estimator.model import P, T
 from mkdaemon.control.estimator.rollback import STEP
+from mkdaemon.control.estimator.tuning import ROBUST
 from mkdaemon.control.estimator.values import TargetView
 from tests.control.estimator.test_estimator import HOVER, MODEL, Plant, view
 
@@ -204,7 +205,7 @@ def test_the_attitude_in_two_poses_of_one_moment_counts_once() -> None:
                 continue
             for name in names:
                 seen = replace(view(plant.now, plant.axes, 2.0, plant.yaw), camera=name)
-                estimator = estimator or Estimator(MODEL, seen, HOVER)
+                estimator = estimator or Estimator(MODEL, seen, HOVER, nominal=ROBUST)  # caution changes nothing
                 estimator.advance(plant.now)
                 vague = np.diag([100.0] * 3 + [1e-4] * 3)  # nothing but the tilt
                 estimator.target_seen(replace(seen, covariance=vague), plant.now)

@@ -247,7 +247,8 @@ def test_the_speed_is_known_to_a_quarter_of_a_metre_a_second_before_the_referenc
 
 def test_until_the_speed_is_known_the_height_asked_for_is_that_of_the_estimate_too():
     def rising(at):
-        return replace(look(at, 0.0), position_flu=np.array([0.0, 0.0, -2.0 - 0.6 * at]))
+        vague = np.diag([2e-2] * 6) ** 2
+        return replace(look(at, 0.0), position_flu=np.array([0.0, 0.0, -2.0 - 0.6 * at]), covariance=vague)
 
     autopilot, at = begin(rising(0.0)), 0.0
     while True:

@@ -114,6 +114,6 @@ class Tuning:
 NOMINAL: Final = Tuning()
 """Caution 0: the parameter set is known, and the air is calm; a third of the way to `ROBUST` is light wind."""
 ROBUST: Final = Tuning(
-    velocity=0.05, tilt=0.01, believed=0.015, rate=1.0, filtered=0.05, disturbance=0.3, climb=0.05, vertical=0.4
+    velocity=0.05, tilt=0.03, believed=0.015, rate=1.0, filtered=0.05, disturbance=0.3, climb=0.05, vertical=0.4
 )
-"""Caution 1: nothing is known of the model yet; images count for more."""
+"""Caution 1: nothing is known of the model yet, and a pilot may fly; images count for more."""
