@@ -36,6 +36,10 @@ START_LIMIT: Final = 5.0
 """Longest wait for the first answer of a guard that was started [s]; on an idle machine it takes 0.05."""
 
 
+_LEFT: Final[list[subprocess.Popen[bytes]]] = []
+"""Guards that outlive their daemon, because they still have a release to write or have only just begun."""
+
+
 class GuardProcess:
     """The guard of one daemon.
 
@@ -148,6 +152,8 @@ class GuardProcess:
         latest = loop.time() + STOP_LIMIT
         while process.poll() is None and loop.time() < latest:  # noqa: ASYNC110 - a child's end is no event of this loop
             await asyncio.sleep(0.01)
+        if process.returncode is None:
+            _LEFT.append(process)
 
     def _send(self, packet: bytes, ancillary: Sequence[tuple[int, int, bytes]] = ()) -> None:
         if self._channel is None:
