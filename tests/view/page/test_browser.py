@@ -89,8 +89,10 @@ def test_a_recorded_flight_is_shown_as_it_was(browser):
         assert front.sum() > 20, "the aircraft's nose is not in the scene"
         page.select_option("#speed", "0.25")
         page.locator("#speed").blur()
-        page.keyboard.press("ArrowLeft")
-        wait_until(page, lambda: "ended" not in page.locator("#place").inner_text(), "it did not go back")
+        for _ in range(2):  # far enough before the first estimate for a machine that is slow to look
+            place = page.locator("#place").inner_text()
+            page.keyboard.press("ArrowLeft")
+            wait_until(page, lambda place=place: page.locator("#place").inner_text() != place, "it did not go back")
         assert said(page, "position") == "not known", "nothing is estimated on the ground"
         page.locator("#seek").fill("5.8")
         page.locator("#pause").focus()
