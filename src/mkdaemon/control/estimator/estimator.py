@@ -183,7 +183,7 @@ class Estimator:
         model: the plant believed in.
         line: the same with the delays that were believed of the line when the estimate began.
         hover_gas: throttle that carries the aircraft, estimated [count of 254].
-        innovation: mean square of the recent innovations over their expected size; at most 1 when all is well.
+        innovation: mean square of the recent innovations over their expected size; about 1 when all is well.
         refused: measurements that are none, since the start, by what is wrong with them.
         caution: how little the model counts: 1 at the start; 0 once the innovations are as small as it lets expect, and
             between where they ask for it.

@@ -15,7 +15,8 @@ from mkdaemon.vision.tags.detection import Detection
 
 Array = npt.NDArray[np.float64]
 FoundBy = Literal["predicted", "flow", "roi", "search"]
-"""How a pose was found: from a prediction, by optical flow, in a window around it, in the whole image."""
+"""How a pose was found: from a prediction, where the image of the target is found again, in a window, in the whole
+image."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

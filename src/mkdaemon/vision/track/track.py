@@ -49,7 +49,7 @@ class Track:
         tried_at: when decoding was last tried [s].
         in_doubt: the poses remembered may be mirrored; they are good for following, not for deciding.
         branches: the readings of the images so far, while no attitude tells them apart; none before the first.
-        image: pixels of the last accepted pose, for optical flow.
+        image: pixels of the last accepted pose, for finding the target again.
     """
 
     misses: int = 0
