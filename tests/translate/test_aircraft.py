@@ -23,6 +23,7 @@ from mkdaemon.protocol.generations import Release
 from mkdaemon.protocol.settings import ParameterSet, layout_of
 from mkdaemon.protocol.settings_fields import Kind
 from mkdaemon.translate import aircraft_model, assumed_model
+from mksim.boards.parameters import factory_set
 
 EASY = {"stick_p": 6, "gyro_p": 100, "gyro_i": 120, "integral_factor": 16, "gyro_stability": 6, "stick_yaw_p": 4}
 """The factory's first set; its angle a count and its gains are those of docs/control.md."""
@@ -70,6 +71,19 @@ def test_firmware_and_navictrl_decide_filter_and_leak():
 def test_an_aircraft_whose_set_cannot_be_read_is_taken_for_easy_on_its_own_firmware():
     assert assumed_model(replace(Dialect(), stick_filter=True)) == AircraftModel()
     assert assumed_model(Dialect()) == replace(AircraftModel(), stick_filter=NO_FILTER)
+
+
+@pytest.mark.parametrize(
+    ("release", "revision", "angle"),
+    [(Release(0, 84), 85, 0.601), (Release(0, 90), 92, 0.451), (Release(2, 8), 103, 0.451), (Release(2, 12), 106, 0.451)],
+)
+def test_a_set_that_cannot_be_read_is_taken_for_the_one_that_a_release_is_shipped_with(release, revision, angle):
+    dialect = replace(Dialect(), fc_release=release)
+    assumed = assumed_model(dialect)
+    shipped = aircraft_model(ParameterSet.from_payload(factory_set(revision, 3)), dialect, has_slow_leak=False)
+    assert math.degrees(assumed.rad_per_count) == pytest.approx(angle, abs=0.001)
+    for name in ("rad_per_count", "a1", "a2", "yaw_linear", "yaw_square"):
+        assert getattr(assumed, name) == pytest.approx(getattr(shipped, name), rel=0.01), name
 
 
 @pytest.mark.parametrize("name", ["gyro_i", "gyro_stability", "stick_p", "stick_yaw_p"])

@@ -79,6 +79,9 @@ class FcGeneration:
         dead_man: see `DeadMan`.
         stick_filter: external control passes the receiver's stick filter (a low-pass of about 78 ms).
         resets_in_flight: a reset is obeyed with motors running.
+        stick_p: of set 3 as it leaves the factory, which is the active one. The sets of 0.84a (8) and of revision 92
+            (6) and 106 (6) were read.
+        stick_yaw_p: of the same set: 6, 4 and 4.
     """
 
     since: tuple[int, int]
@@ -90,6 +93,8 @@ class FcGeneration:
     dead_man: DeadMan
     stick_filter: bool
     resets_in_flight: bool
+    stick_p: int
+    stick_yaw_p: int
 
 
 def _fc(
@@ -111,6 +116,8 @@ def _fc(
         dead_man,
         stick_filter=since >= (2, 9),
         resets_in_flight=since < (2, 2),
+        stick_p=8 if since < (0, 90) else 6,
+        stick_yaw_p=6 if since < (0, 90) else 4,
     )
 
 

@@ -2,23 +2,40 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Final, cast
 
 from mkdaemon.control.estimator.model import NO_FILTER, STICK_FILTER, AircraftModel, Gap, ModelUnknown
 from mkdaemon.protocol.dialect import Dialect
+from mkdaemon.protocol.generations import fc_generation
 from mkdaemon.protocol.settings import ParameterSet, poti_number
 from mkdaemon.protocol.settings_fields import Kind
 
 _NAMES: Final = ("stick_p", "gyro_p", "gyro_i", "integral_factor", "gyro_stability", "stick_yaw_p")
 
 
+_EASY: Final = {"stick_p": 6, "stick_yaw_p": 4}
+"""What `AircraftModel` has by default: the set Easy."""
+
+
 def assumed_model(dialect: Dialect) -> AircraftModel:
-    """Return the model of an aircraft whose own is not known: the set Easy on its own firmware.
+    """Return the model of an aircraft whose own is not known: the factory's active set on its own firmware.
 
     Args:
-        dialect: how the FlightCtrl speaks, which tells whether it filters its sticks.
+        dialect: how the FlightCtrl speaks, which tells its release, and whether it filters its sticks.
     """
-    return _at_its_board(AircraftModel(stick_filter=STICK_FILTER if dialect.stick_filter else NO_FILTER), dialect)
+    easy = AircraftModel(stick_filter=STICK_FILTER if dialect.stick_filter else NO_FILTER)
+    generation = fc_generation(dialect.fc_release) if dialect.fc_release else None
+    if generation is None:
+        return _at_its_board(easy, dialect)
+    tilt, yaw = generation.stick_p / _EASY["stick_p"], generation.stick_yaw_p / _EASY["stick_yaw_p"]
+    model = replace(
+        easy,
+        rad_per_count=tilt * easy.rad_per_count,
+        yaw_linear=yaw * easy.yaw_linear,
+        yaw_square=yaw * easy.yaw_square,
+    )
+    return _at_its_board(model, dialect)
 
 
 def aircraft_model(

@@ -43,6 +43,28 @@ _VARIANTS: Final[dict[int, tuple[str, dict[str, int]]]] = {
     3: ("Easy", {}),
 }
 """What differs from Easy; sets 4 and 5 are Easy again."""
+_OLD_VARIANTS: Final[dict[int, tuple[str, dict[str, int]]]] = {
+    1: (
+        "Sport",
+        {
+            "stick_p": 14,
+            "stick_d": 16,
+            "stick_yaw_p": 12,
+            "gyro_p": 80,
+            "gyro_i": 150,
+            "gyro_yaw_p": 80,
+            "gyro_yaw_i": 150,
+            "integral_factor": 32,
+            "coupling_yaw_correction": 1,
+            "gyro_accelerometer_fusion": 16,
+            "dynamic_stability": 100,
+        },
+    ),
+    2: ("Normal", _VARIANTS[1][1]),
+    3: ("Beginner", _VARIANTS[2][1]),
+}
+"""The same before revision `_EASY_SINCE`: FlightCtrl 0.84a."""
+_EASY_SINCE: Final = 92
 
 _BOUNDS: Final = {
     "throttle_max": (100, 247),
@@ -75,7 +97,7 @@ def parameter_size(revision: int) -> int:
 
 def factory_set(revision: int, number: int) -> bytes:
     """Return a factory set; other revisions carry the measured values wherever they have the parameter."""
-    name, changes = _VARIANTS[min(number, FACTORY_ACTIVE)]
+    name, changes = (_VARIANTS if revision >= _EASY_SINCE else _OLD_VARIANTS)[min(number, FACTORY_ACTIVE)]
     layout, measured = _layout(revision), _layout(_MEASURED_REVISION)
     raw = bytearray(layout.size)
     for key, place in layout.places.items():

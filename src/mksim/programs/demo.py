@@ -210,7 +210,7 @@ def summary_table(figures: Mapping[str, Any]) -> Table:
     table.add_column("value", justify="right")
     for name, words in SHOWN.items():
         if figures.get(name) is not None:
-            table.add_row(words, f"{figures[name]:g}")
+            table.add_row(words, str(figures[name]))
     return table
 
 

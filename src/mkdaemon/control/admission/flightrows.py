@@ -155,7 +155,7 @@ def _model(now: Situation) -> Verdict:
         case Gap.NO_AIRCRAFT:
             return stands(refuse(Token.GAIN_ZERO, parameter=model.parameter, value=model.value))
         case Gap.UNREAD:
-            return unknown("its set cannot be read from here: it is flown as one with the set Easy")
+            return unknown("its set cannot be read from here: it is flown as one with set 3 as the factory ships it")
 
 
 def _loop(now: Situation) -> Verdict:
