@@ -286,6 +286,12 @@ def test_renewal_does_not_replace_setpoints_in_flight(cockpit):
     assert len(cockpit.releases) == 1
 
 
+def test_where_nothing_was_aborted_no_setpoint_ends_an_abort(cockpit):
+    plain = setpoint(100, 1)
+    assert plain.after_abort == cockpit.authority.aborts == 0
+    assert not cockpit.authority.is_resumed_by(plain)
+
+
 def test_a_setpoints_own_shorter_life_is_honoured(cockpit):
     epoch = cockpit.fly()
     cockpit.stream(TICK, epoch, ttl=0.05)
