@@ -216,7 +216,9 @@ class Walk:
         if printed.wrong:
             yield printed.wrong
             return
-        if "Traceback (most recent call last)" in printed.text:
+        # Python itself says so when Ctrl-C ends a program.
+        is_python_told = task.is_python and printed.text.rstrip().endswith("KeyboardInterrupt")
+        if "Traceback (most recent call last)" in printed.text and not is_python_told:
             yield "no traceback"
         if task.answer is not None and not _HAPPENS.fullmatch(task.whole):
             lines = [line for line in self._there(printed.text).splitlines() if line.strip()]

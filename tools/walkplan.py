@@ -108,6 +108,8 @@ TUTORIALS: Final = (
         manners=(
             Manner("mkdaemon sim", Kind.STAYS, SIMULATOR),
             Manner("mkdaemon run", Kind.STAYS, DAEMON),
+            Manner("mkctl status --vehicle mk2", codes=(1, 2)),
+            Manner("mkctl status", Kind.REPEATED, r"target .* away|NOT SEEN"),
         ),
     ),
     Page(

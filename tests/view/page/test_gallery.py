@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import time
+from contextlib import asynccontextmanager
 from fnmatch import fnmatchcase
 from functools import partial
 
@@ -80,6 +81,29 @@ async def test_a_recording_is_paused_and_takes_no_commands():
                 for button in (gallery.abort, gallery.release):
                     with pytest.raises(MkError, match="takes no commands"):
                         await button(word)
+
+
+class Heard:
+    """A fleet of one, of which something is still on its way when nobody listens any more."""
+
+    here = frozenset({Sighting("one", "mk", is_played=False)})
+
+    def client(self, sighting):
+        return Vehicle(self.session, sighting.name, "here")
+
+    @asynccontextmanager
+    async def watch(self, changed, played):
+        self.changed = changed
+        yield
+
+
+async def test_what_is_heard_after_the_end_begins_nothing():
+    fleet = Heard()
+    async with open_player_session(connect=(), listen=None, alone=True) as fleet.session:
+        async with Gallery(fleet, "one").open():
+            pass
+        fleet.changed()
+        assert not [task for task in asyncio.all_tasks() if task.get_name().startswith("picture of")]
 
 
 async def test_at_another_place_a_picture_is_as_if_it_had_been_looked_at_all_the_time():

@@ -19,6 +19,8 @@ PROGRESS_PERIOD: Final = 0.2
 """Between two lines of progress on a terminal [s]."""
 LOG_PERIOD: Final = 1.0
 """The same where nobody looks, and with `--json` [s]."""
+SHOWN_AFTER: Final = 0.3
+"""How long the daemon has to show a lease that it has granted, before a line says that it has not [s]."""
 
 CLEAR: Final = "\r\x1b[K"
 """Clears the line of progress on a terminal."""
@@ -128,6 +130,8 @@ async def showing(
     async def show() -> None:
         last = ""
         while True:
+            if lease.status is None:  # it was granted a moment ago
+                await asyncio.sleep(SHOWN_AFTER)
             line = _line(lease, shown.position, goal() or shown.goal)
             if is_terminal:
                 _put(f"{CLEAR}{on_one_line(line)}")

@@ -73,14 +73,17 @@ class Gallery:
         self._exhibits: dict[str, _Exhibit] = {}
         self._loop = asyncio.get_running_loop()
         self._ended: list[asyncio.Task[None]] = []
+        self._is_open = False
 
     @asynccontextmanager
     async def open(self) -> AsyncIterator[None]:
         """Follow everybody while the context lasts."""
+        self._is_open = True
         try:
             async with self._fleet.watch(self._changed, self._played):
                 yield
         finally:
+            self._is_open = False  # what was heard just before may still be on its way through the loop
             tasks = [exhibit.task for exhibit in self._exhibits.values() if exhibit.task is not None]
             for task in tasks:
                 task.cancel()
@@ -175,6 +178,8 @@ class Gallery:
 
     def _begin(self, exhibit: _Exhibit) -> None:
         """Follow a vehicle, from the beginning where it is followed already."""
+        if not self._is_open:
+            return
         if exhibit.task is not None:
             self._ended = [task for task in self._ended if not task.done()] + [exhibit.task]
             exhibit.task.cancel()
