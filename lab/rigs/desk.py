@@ -110,6 +110,10 @@ class DeskLoop(VirtualLoop):
         return future
 
 
+LOWEST_VIEW: Final = 0.12
+"""Height below which the camera of the simulator, 5 cm ahead of the middle, has half of the inner tag in its image [m]."""
+
+
 class SeeingEyes(Eyes):
     """A camera that knows where the target is, while it is in its view and nothing covers it."""
 
@@ -126,9 +130,10 @@ class SeeingEyes(Eyes):
             is_open = not faults.is_active("camera_off")
             if is_open:
                 self._seen += 1
-                if not (faults.is_active("tag_covered") or faults.is_active("light_off")):
+                truth = self._simulation().world.truth
+                is_hidden = faults.is_active("tag_covered") or faults.is_active("light_off")
+                if not is_hidden and truth.position_enu[2] >= LOWEST_VIEW:
                     self._posed += 1
-                    truth = self._simulation().world.truth
                     loop.call_later(LATENCY, self._see, self._clock.now(), truth.position_enu, truth.enu_from_flu)
             if number % int(IMAGES) == 0:
                 self._sink.publish("vision/down/stats", self._stats(is_open=is_open))
