@@ -111,7 +111,7 @@ class DeskLoop(VirtualLoop):
 
 
 LOWEST_VIEW: Final = 0.12
-"""Height below which the camera of the simulator, 5 cm ahead of the middle, has half of the inner tag in its image [m]."""
+"""Below it the camera, 5 cm ahead of the middle, has only half of the inner tag in its image [m]."""
 
 
 class SeeingEyes(Eyes):

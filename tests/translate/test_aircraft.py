@@ -75,7 +75,12 @@ def test_an_aircraft_whose_set_cannot_be_read_is_taken_for_easy_on_its_own_firmw
 
 @pytest.mark.parametrize(
     ("release", "revision", "angle"),
-    [(Release(0, 84), 85, 0.601), (Release(0, 90), 92, 0.451), (Release(2, 8), 103, 0.451), (Release(2, 12), 106, 0.451)],
+    [
+        (Release(0, 84), 85, 0.601),
+        (Release(0, 90), 92, 0.451),
+        (Release(2, 8), 103, 0.451),
+        (Release(2, 12), 106, 0.451),
+    ],
 )
 def test_a_set_that_cannot_be_read_is_taken_for_the_one_that_a_release_is_shipped_with(release, revision, angle):
     dialect = replace(Dialect(), fc_release=release)
