@@ -6,6 +6,8 @@ import os
 import sys
 from typing import Final
 
+import structlog
+
 from mkdaemon.cli.program import CommandEntry, build, run
 
 CAMPAIGNS: Final = (
@@ -39,6 +41,9 @@ ABOUT: Final = """Measure this machine. With `--json` the last line is one JSON 
 """
 
 app = build("lab", ABOUT, CAMPAIGNS)
+
+if __name__ in {"__main__", "__mp_main__"}:  # and in processes that a campaign starts: stdout may be JSON
+    structlog.configure(logger_factory=structlog.PrintLoggerFactory(sys.stderr))
 
 if __name__ == "__main__":
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as in the daemon
