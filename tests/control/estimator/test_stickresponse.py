@@ -16,10 +16,11 @@ MODEL = AircraftModel()
 
 
 def flown(gain, *, size=0.08, seconds=5.0, late=0.024, hold=0.0, model=MODEL, aircraft=MODEL, wind=0.0, start=0.0,
-          stamped=None, lost=(9.0, 9.0)):  # fmt: skip
+          stamped=None, lost=(9.0, 9.0), weak=(9.0, 9.0), rest=0.0):  # fmt: skip
     """What is found of an aircraft whose sticks ask for so much more tilt than the model's.
 
     Its reports come `late`, and are taken to be of the time `stamped` before; sticks of the time `lost` do not act.
+    They are at rest at first, and in the time `weak` ask for half of what they should.
     """
     a, b = np.zeros((4, 4)), np.zeros((4, 1))
     a[0, 0], a[0, 2] = -1.0 / aircraft.leak, 1.0
@@ -31,10 +32,10 @@ def flown(gain, *, size=0.08, seconds=5.0, late=0.024, hold=0.0, model=MODEL, ai
     reports, acting = [], np.zeros(2)
     for k in range(round(seconds / STEP)):
         now = k * STEP
-        asked = size * np.array([math.sin(2.0 * now), math.cos(3.0 * now)])
+        asked = size * np.array([math.sin(2.0 * now), math.cos(3.0 * now)]) * (now >= rest)
         found.sent(start + now, asked)
         acting = acting if lost[0] <= now < lost[1] else asked
-        state = state @ f.T + gain * acting[:, None] * g[:, 0]
+        state = state @ f.T + gain * (0.5 if weak[0] <= now < weak[1] else 1.0) * acting[:, None] * g[:, 0]
         reports.append((start + now + STEP, state[:, 0] + wind))
         if k % 2 == 0 and now > late + hold:
             at, tilt = reports[-1 - round(late / STEP)]
@@ -42,11 +43,18 @@ def flown(gain, *, size=0.08, seconds=5.0, late=0.024, hold=0.0, model=MODEL, ai
     return found
 
 
-@pytest.mark.parametrize("gain", [0.67, 0.75, 1.33, 1.5])
-def test_a_gain_that_differs_is_found_soon_after_two_seconds(gain):
-    found = flown(gain, seconds=2.2)
+@pytest.mark.parametrize(("gain", "seconds"), [(0.67, 2.5), (0.75, 2.5), (1.33, 2.2), (1.5, 2.2)])
+def test_a_gain_that_differs_is_found_soon_after_two_seconds(gain, seconds):
+    found = flown(gain, seconds=seconds)
     assert found.measured == pytest.approx(gain, abs=0.04)
     assert found.gain == found.measured
+
+
+@pytest.mark.parametrize("seconds", [6.6, 6.8, 7.0, 7.2, 8.0])
+def test_an_answer_that_is_weak_for_a_moment_is_no_smaller_gain(seconds):
+    found = flown(1.0, size=0.2, seconds=seconds, rest=6.0, weak=(6.0, 6.4))
+    assert found.measured < 0.95
+    assert found.gain == 1.0
 
 
 @pytest.mark.parametrize("start", [0.0, 500.0])
