@@ -236,7 +236,7 @@ async def _fly(client: Vehicle, engaged: asyncio.Event) -> tuple[float, str]:
     """Fly by sticks until the lease is lost; returns when, and why. A flight that does not begin is tried again."""
     while True:
         try:
-            async with client.lease() as lease:
+            async with client.lease("pilot") as lease:
                 await lease.stick(throttle=-1.0, seconds=0.5)
                 engaged.set()
                 await lease.stick(pitch=0.1, throttle=-1.0, seconds=600.0)
@@ -327,4 +327,4 @@ async def _read_ground(files: list[Path], findings: CutFindings) -> None:
         _, said = await (await Program.start([*CLIENT, "log", "info", str(path)])).output()
         findings.info = next((line.strip() for line in said.splitlines() if f" {key} " in line), "")
         _, said = await (await Program.start([*CLIENT, "log", "check", str(path)])).output()
-        findings.check = "; ".join(line.strip() for line in said.splitlines()[:CHECKED])
+        findings.check = "; ".join(line.strip() for line in said.replace(str(path), path.name).splitlines()[:CHECKED])

@@ -395,7 +395,7 @@ async def test_draining_waits_for_a_tcp_connection_that_takes_its_time():
     while not port.backlog:
         port.write(bytes(100_000))
         size += 100_000
-        await asyncio.sleep(0)
+        await asyncio.sleep(0.01)  # what is still on its way to the receiver's kernel is no backlog
     draining = asyncio.create_task(port.drain())
     await asyncio.sleep(0.01)
     assert not draining.done()
