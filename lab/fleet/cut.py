@@ -236,7 +236,7 @@ async def _fly(client: Vehicle, engaged: asyncio.Event) -> tuple[float, str]:
     """Fly by sticks until the lease is lost; returns when, and why. A flight that does not begin is tried again."""
     while True:
         try:
-            async with client.lease("pilot") as lease:
+            async with client.lease() as lease:
                 await lease.stick(throttle=-1.0, seconds=0.5)
                 engaged.set()
                 await lease.stick(pitch=0.1, throttle=-1.0, seconds=600.0)
