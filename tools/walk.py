@@ -8,6 +8,7 @@ After the first command, which downloads, everything runs without a network, whe
 from __future__ import annotations
 
 import re
+import shutil
 import signal
 import socket
 import subprocess
@@ -275,6 +276,7 @@ def clone(root: Path, folder: Path) -> Path:
         _git(folder, "clone", "--quiet", str(root.resolve()), str(tree))
     _git(tree, "fetch", "--quiet", str(root.resolve()), head)
     _git(tree, "checkout", "--quiet", "--detach", head)
+    _git(tree, "clean", "--force", "-d", "-x", "--quiet", "--exclude", ".venv")  # what an earlier walk wrote
     _tell(f"{tree}: {_git(tree, 'log', '-1', '--format=%h %s')}")
     if changed := _git(root, "status", "--porcelain"):
         _tell(f"not in it, for they are not committed: {len(changed.splitlines())} files")
@@ -317,7 +319,8 @@ def follow(root: Path, folder: Path, wanted: Sequence[str]) -> Walk:
         msg = f"no page {unknown[0]}: there are {', '.join(pages)}"
         raise MkError(msg)
     tree, home = clone(root, folder), folder / "home"
-    home.mkdir(exist_ok=True)
+    shutil.rmtree(home, ignore_errors=True)
+    home.mkdir()
     outputs = Path(tempfile.mkdtemp(prefix="printed-", dir=folder))
     walk = Walk(tree, home, outputs, root.resolve())
     if wanted and README.path not in [pages[name].path for name in wanted]:
