@@ -9,7 +9,7 @@ import pytest
 from mkdaemon.errors import ConfigError
 from mkdaemon.protocol.framing import encode_frame
 from mksim.boards.eeprom import Eeprom, bl_checksum
-from mksim.physics.attitude_loop import AttitudeGains
+from mksim.physics.attitude_loop import AGILE, EASY, AttitudeGains
 from tests.sim_conformance.bench import fc_bench
 
 GENERATIONS = ["early", "2.08", "2.12a", "2.14"]
@@ -37,11 +37,18 @@ def test_reading_another_set_loads_it_into_ram_and_255_brings_the_active_one_bac
     assert bench.aircraft.gains == gains
 
 
-@pytest.mark.parametrize(("word", "filtered"), [("early", False), ("2.08", False), ("2.12a", True), ("2.14", True)])
-def test_gains_come_from_the_set_in_ram(word, filtered):
+@pytest.mark.parametrize(
+    ("word", "shipped", "filtered"),
+    [
+        ("early", AGILE | {"stick_yaw_p": 6}, False),  # its set 3 is Beginner: what is Agile later
+        ("2.08", EASY | {"stick_yaw_p": 4}, False),
+        ("2.12a", EASY | {"stick_yaw_p": 4}, True),
+        ("2.14", EASY | {"stick_yaw_p": 4}, True),
+    ],
+)
+def test_gains_come_from_the_set_in_ram(word, shipped, filtered):
     bench = fc_bench(word)
-    expected = AttitudeGains.from_parameters(stick_yaw_p=4, stick_filter=filtered)
-    assert bench.aircraft.gains == expected
+    assert bench.aircraft.gains == AttitudeGains.from_parameters(**shipped, stick_filter=filtered)
 
 
 @pytest.mark.parametrize(("asked", "given"), [(0, 1), (1, 1), (5, 5), (6, 5), (9, 5), (30, 5), (254, 5)])
