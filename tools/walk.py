@@ -8,7 +8,6 @@ After the first command, which downloads, everything runs without a network, whe
 from __future__ import annotations
 
 import re
-import shutil
 import signal
 import socket
 import subprocess
@@ -268,12 +267,17 @@ def clone(root: Path, folder: Path) -> Path:
     """Clone a tree, as far as it is committed, or bring the clone that is there up to date; returns the clone.
 
     Raises:
-        MkError: it cannot be cloned.
+        MkError: it cannot be cloned, or what is there was not made by a walk.
     """
     tree = folder / "mkdaemon"
+    mark = tree / ".git" / "walked"
     head = _git(root, "rev-parse", "HEAD")
     if not tree.exists():
         _git(folder, "clone", "--quiet", str(root.resolve()), str(tree))
+        mark.touch()
+    elif not mark.exists():
+        msg = f"{tree} was not made by a walk, which deletes what is not committed: give another --folder"
+        raise MkError(msg)
     _git(tree, "fetch", "--quiet", str(root.resolve()), head)
     _git(tree, "checkout", "--quiet", "--detach", head)
     _git(tree, "clean", "--force", "-d", "-x", "--quiet", "--exclude", ".venv")  # what an earlier walk wrote
@@ -318,9 +322,7 @@ def follow(root: Path, folder: Path, wanted: Sequence[str]) -> Walk:
     if unknown := [name for name in wanted if name not in pages]:
         msg = f"no page {unknown[0]}: there are {', '.join(pages)}"
         raise MkError(msg)
-    tree, home = clone(root, folder), folder / "home"
-    shutil.rmtree(home, ignore_errors=True)
-    home.mkdir()
+    tree, home = clone(root, folder), Path(tempfile.mkdtemp(prefix="home-", dir=folder))
     outputs = Path(tempfile.mkdtemp(prefix="printed-", dir=folder))
     walk = Walk(tree, home, outputs, root.resolve())
     if wanted and README.path not in [pages[name].path for name in wanted]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import subprocess
 
 import pytest
 
@@ -11,7 +12,7 @@ from mkdaemon.errors import MkError
 from tests.places import ROOT
 from tools import walkshell
 from tools.site import pages_in_navigation
-from tools.walk import Walk, report, require_plan_fits, tasks_of
+from tools.walk import Walk, clone, report, require_plan_fits, tasks_of
 from tools.walkplan import README, TUTORIALS, Kind, Manner, Page
 from tools.walkshell import Terminals, clean_environment
 
@@ -141,3 +142,20 @@ def test_a_newcomer_has_nothing_of_the_developer(tmp_path, monkeypatch):
     assert found["HOME"] == str(tmp_path)
     assert found["https_proxy"] == "http://proxy:1"
     assert not {"PYTHONPATH", "MK_CONNECT", "VIRTUAL_ENV"} & found.keys()
+
+
+def test_a_walk_deletes_what_an_earlier_one_wrote_and_nothing_of_others(tmp_path):
+    root, folder = tmp_path / "root", tmp_path / "folder"
+    git = ["git", "-C", str(root), "-c", "user.name=a", "-c", "user.email=a@b"]
+    subprocess.run(["git", "init", "--quiet", str(root)], check=True)
+    subprocess.run([*git, "commit", "--quiet", "--allow-empty", "--message", "first"], check=True)
+    folder.mkdir()
+    left = clone(root, folder) / "flight.gpx"
+    left.touch()
+    clone(root, folder)
+    assert not left.exists()
+    (folder / "mkdaemon" / ".git" / "walked").unlink()
+    left.touch()
+    with pytest.raises(MkError, match="not made by a walk"):
+        clone(root, folder)
+    assert left.exists()

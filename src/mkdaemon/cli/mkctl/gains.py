@@ -17,10 +17,10 @@ if TYPE_CHECKING:
 async def gains(*, connection: Connection = HERE) -> None:
     """Show model, gains and margins of the control loop.
 
-    The model is that of the set Easy until somebody has taken the lease: then the daemon reads the active parameter
-    set, on a cable to the FlightCtrl. The margins are those of a loop that knows the true state, with the configured
-    rate and limits. A configuration that is not safe on the model is refused when the daemon starts, and by `mkctl
-    preflight` where only this aircraft's own set shows it.
+    The model is that of set 3 as the factory ships it until somebody has taken the lease: then the daemon reads the
+    active parameter set, on a cable to the FlightCtrl. The margins are those of a loop that knows the true state, with
+    the configured rate and limits. A configuration that is not safe on the model is refused when the daemon starts, and
+    by `mkctl preflight` where only this aircraft's own set shows it.
 
     Example: mkctl gains
 
