@@ -73,7 +73,8 @@ def _showing(session: zenoh.Session, bus: LocalBus, clock: Clock) -> Iterator[Sh
         async def ask() -> None:
             # `PATIENCE` counts on the loop's own clock, which is the flight's.
             with suppress(TimeoutError):
-                result = await asyncio.wait_for(bus.ask(suffix, **asked), PATIENCE)
+                async with asyncio.timeout(PATIENCE):
+                    result = await bus.ask(suffix, **asked)
                 query.reply(whole + suffix, encode(result), encoding=encoding_of(CommandResult))
             query.drop()  # type: ignore[no-untyped-call]
 

@@ -235,7 +235,8 @@ async def _child(*arguments: str) -> AsyncIterator[Process]:
         if process.returncode is None:
             process.terminate()
         try:
-            await asyncio.wait_for(process.communicate(), ENDING)
+            async with asyncio.timeout(ENDING):
+                await process.communicate()
         except TimeoutError:
             process.kill()
             await process.communicate()

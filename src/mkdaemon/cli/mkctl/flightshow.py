@@ -106,7 +106,8 @@ async def leased(uav: Vehicle, connection: Connection, *, force: bool) -> AsyncI
             yield lease
     finally:
         with suppress(TimeoutError):
-            await asyncio.wait_for(released.wait(), LAST_WORD)
+            async with asyncio.timeout(LAST_WORD):
+                await released.wait()
         showing_hands.cancel()
         await asyncio.gather(showing_hands, return_exceptions=True)
 

@@ -129,7 +129,8 @@ class PageServer:
         except BadRequestError as error:
             body = answer(f"{error}\n".encode(), "text/plain; charset=utf-8", error.status)
         writer.write(body)
-        await asyncio.wait_for(writer.drain(), STUCK)
+        async with asyncio.timeout(STUCK):
+            await writer.drain()
 
     def _check(self, request: Request) -> None:
         """Refuse who is not our page.
@@ -179,7 +180,8 @@ class PageServer:
             shown: dict[str, Any] = {} if reader is None else reader.read(self._now())
             shown["vehicles"] = [_label(word, found) for word, found in sorted(gallery.pictures.items())]
             writer.write(event(shown))
-            await asyncio.wait_for(writer.drain(), STUCK)
+            async with asyncio.timeout(STUCK):
+                await writer.drain()
             due = max(due + PERIOD, loop.time())
             await asyncio.sleep(due - loop.time())
 
