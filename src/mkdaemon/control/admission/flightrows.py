@@ -201,7 +201,7 @@ def _disk(now: Situation) -> Verdict:
 
 def _estimate(now: Situation, wanted: NewManoeuvre) -> Verdict:
     """Who lands has no estimate once he stands, and goes on landing."""
-    if now.entry is not None or now.flown is wanted.concern:
+    if now.flown is wanted.concern or now.entry is not None:
         return passed()
     return stands(refuse(Token.NO_ESTIMATE, name=f"setpoint/{wanted.concern}"))
 

@@ -26,6 +26,7 @@ ROWS: Final[tuple[Row, ...]] = (
     *NAVI_ROWS,
 )
 """Every row, in the order in which the first one that stands is named."""
+_ROWS_ABOUT: Final = {concern: tuple(row for row in ROWS if concern in row.concerns) for concern in Concern}
 
 
 def refusal(beginning: Beginning, situation: Situation) -> CommandRejectedError | None:
@@ -40,7 +41,7 @@ def refusal(beginning: Beginning, situation: Situation) -> CommandRejectedError 
 
 def refusals(beginning: Beginning, situation: Situation) -> Iterator[CommandRejectedError]:
     """Every reason why something must not begin now."""
-    for row in ROWS:
+    for row in _ROWS_ABOUT[beginning.concern]:
         if _refuses(row, beginning, situation) and (found := row.look(situation, beginning).refusal) is not None:
             yield found
 
@@ -59,8 +60,8 @@ def waits_for(beginning: NewManoeuvre, situation: Situation) -> str:
     refused = refusal(beginning, situation)
     if refused is not None:
         return f"no flight begins: {refused.reason}"
-    for row in ROWS:
-        if row.rule in {Rule.ENTRY, Rule.WAITS} and _concerns(row, beginning):
+    for row in _ROWS_ABOUT[beginning.concern]:
+        if row.rule in {Rule.ENTRY, Rule.WAITS} and _is_asked(row, beginning):
             found = row.look(situation, beginning)
             if found.state is CheckState.STANDS:
                 return f"waiting for {found.words}"
@@ -78,8 +79,8 @@ def is_ready(found: tuple[Finding, ...]) -> bool:
 
 
 def _refuses(row: Row, beginning: Beginning, situation: Situation) -> bool:
-    """Whether a row is asked about a beginning, where it would refuse."""
-    if not _concerns(row, beginning) or (beginning.is_early and not row.is_early):
+    """Whether a row about a beginning would refuse it."""
+    if not _is_asked(row, beginning) or (beginning.is_early and not row.is_early):
         return False
     flown = situation.flown if isinstance(beginning, NewManoeuvre) else None
     match row.rule:
@@ -93,10 +94,9 @@ def _refuses(row: Row, beginning: Beginning, situation: Situation) -> bool:
             return False
 
 
-def _concerns(row: Row, beginning: Beginning) -> bool:
-    """Whether a row is about a beginning; some are not about a flight that goes on."""
-    is_resumed = isinstance(beginning, NewManoeuvre) and beginning.is_resumed
-    return beginning.concern in row.concerns and (row.is_asked_again or not is_resumed)
+def _is_asked(row: Row, beginning: Beginning) -> bool:
+    """Whether a row about a beginning is asked; some are not about a flight that goes on."""
+    return row.is_asked_again or not (isinstance(beginning, NewManoeuvre) and beginning.is_resumed)
 
 
 def _goes_on(wanted: Concern, flown: Concern | None) -> bool:
