@@ -123,6 +123,20 @@ def test_exit_codes_of_commands_pass_through():
 
 
 @pytest.mark.parametrize(
+    ("error", "says"), [(TimeoutError("not within 3 s"), "not within 3 s"), (TimeoutError(), "it took too long")]
+)
+def test_a_wait_that_ended_is_no_fault_of_the_output(error, says, capsys):
+    app = App(name="prog")
+
+    @app.default
+    def wait() -> None:
+        raise error
+
+    assert run(app, []) == 1
+    assert capsys.readouterr().err == f"prog: {says}\n"
+
+
+@pytest.mark.parametrize(
     ("tokens", "says", "points_to"),
     [
         (["rnu"], 'Unknown command "rnu". Did you mean "run"?', "mkdaemon --help"),
@@ -130,6 +144,11 @@ def test_exit_codes_of_commands_pass_through():
         (["run", "--log", "loud"], '"loud" for --log', "mkdaemon run --help"),
         (["decode"], "`mkdaemon decode` needs FILE.", "mkdaemon decode --help"),
         (["run", "--port"], "--port needs a value.", "mkdaemon run --help"),
+        (
+            ["config", "--json"],
+            "`mkdaemon config` needs check, show, explain or new before --json.",
+            "mkdaemon config --help",
+        ),
         (["schema", "a", "b"], "`mkdaemon schema` does not take 'a b'.", "mkdaemon schema --help"),
     ],
 )

@@ -180,6 +180,20 @@ def test_a_second_signal_releases_and_ends_whatever_hangs(line, hanging, kind, g
     assert got.index(NEUTRAL) < got.index(OLD)
 
 
+def test_a_third_signal_does_not_cut_the_release_short(line, hanging):
+    far, near = line
+    hanging.stdin.write(f"{os.ttyname(near)} alone thinks for ever\n")
+    process = int(hanging.stdout.readline().split()[1])
+    os.kill(process, signal.SIGINT)
+    while not select.select([far], [], [], 0.2)[0]:
+        os.kill(process, signal.SIGINT)
+    os.kill(process, signal.SIGINT)
+    os.kill(process, signal.SIGTERM)
+    assert hanging.stdout.readline() == f"ended {-signal.SIGINT}\n"
+    got = arrived(far)
+    assert got.count(OLD) + got.count(NEW) == LAST_FRAMES
+
+
 def test_the_last_word_is_said_where_something_is_owed_and_only_there(line):
     far, near = line
     word = LastWord()

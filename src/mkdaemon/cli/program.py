@@ -15,7 +15,15 @@ from contextlib import suppress
 from functools import cache
 from typing import Final, NamedTuple, NoReturn
 
-from cyclopts import App, CycloptsError, Group, MissingArgumentError, Parameter, UnusedCliTokensError
+from cyclopts import (
+    App,
+    CycloptsError,
+    Group,
+    MissingArgumentError,
+    Parameter,
+    UnknownCommandError,
+    UnusedCliTokensError,
+)
 from cyclopts.argument import Argument
 
 from mkdaemon.cli.terminal import guarded_streams, print_whatever_the_encoding
@@ -226,6 +234,8 @@ def report_mistakes(app: App, tokens: Sequence[str], work: Callable[[], object])
         _mute()
         return EXIT_OK  # whoever read our output has seen enough
     except OSError as error:
+        if error.errno is None:  # a wait of ours, not the system's
+            return _complain(app, str(error) or "it took too long", EXIT_FAILURE)
         if error.filename is None:
             _mute()
         return _complain(app, f"{error.filename or 'standard output'}: {error.strerror or error}", EXIT_FAILURE)
@@ -240,6 +250,9 @@ def _words_of(error: CycloptsError, app: App, command: str, tokens: Sequence[str
         case MissingArgumentError(argument=Argument() as missing):
             name = missing.name if missing.index is None else missing.name.lstrip("-").upper()
             return f"{name} needs a value." if missing.name in tokens else f"`{command}` needs {name}."
+        case UnknownCommandError(unused_tokens=[str() as first, *_], app=App() as group) if first.startswith("-"):
+            names = [name for name in group if not name.startswith("-")]
+            return f"`{command}` needs {', '.join(names[:-1])} or {names[-1]} before {first}."
         case UnusedCliTokensError():
             return f"`{command}` does not take {' '.join(error.unused_tokens or ())!r}."
     return str(error)

@@ -76,8 +76,10 @@ def _end_on_signals(stop: asyncio.Event, last_word: LastWord) -> None:
     ends = (signal.SIGINT, signal.SIGTERM)
 
     def end_at_once(number: int, _: object) -> None:
-        let_signals_kill()
+        for name in ends:
+            signal.signal(name, signal.SIG_IGN)  # a third one would cut the release short
         last_word.speak()
+        signal.signal(number, signal.SIG_DFL)
         signal.raise_signal(number)
 
     def end_in_order(_: int, __: object) -> None:
