@@ -1,7 +1,7 @@
 """Every picture of docs/figures, drawn again from the results kept in docs/results.
 
 A result is what a benchmark printed: `python -m lab link --json > docs/results/link.json`. Pictures that need no
-measurement, like the scene in twenty conditions, are rendered.
+measurement, like the scene in 25 conditions, are rendered.
 """
 
 from __future__ import annotations

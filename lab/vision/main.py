@@ -18,6 +18,7 @@ import cv2
 from cyclopts import Parameter
 
 from lab.campaign import Case, Part, run_parts
+from lab.vision.adverse import ADVERSE
 from lab.vision.barometer import BAROMETER
 from lab.vision.cases import ACCURACY, COLD, CONDITIONS, VIEW_ANGLE
 from lab.vision.decks import DECKS
@@ -52,6 +53,7 @@ CASES: Final[dict[str, Case]] = {
     "decks": DECKS,
     "real": REAL,
     "night": NIGHT,
+    "adverse": ADVERSE,
     "published": PUBLISHED,
     "leaving": LEAVING,
     "layouts": LAYOUTS,

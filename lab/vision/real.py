@@ -5,7 +5,7 @@ The same images go through the tracker with and without attitude, through plain 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from math import radians
 from typing import Any, Final
@@ -16,6 +16,7 @@ import numpy.typing as npt
 from lab.campaign import Case, Part
 from lab.vision.flight import VGA, Device, FlightFrame, fly
 from lab.vision.stills import SeedSet, error_of, target_named
+from mkdaemon.vision.camera.intrinsics import Intrinsics
 from mkdaemon.vision.pose.pose import Pose, solve, with_floor
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.tags.detection import Detection
@@ -85,7 +86,20 @@ def _plan(quick: bool, seeds: SeedSet) -> list[Part]:
 
 def _fly(name: str, seed: int) -> dict[str, list[Look]]:
     """One flight through all programs."""
-    device, target, eyes = DEVICES[name], target_named("nested"), _eyes(name)
+    device, target = DEVICES[name], target_named("nested")
+    frames = fly(target, seed, seconds=SECONDS, near=NEAR_M, far=FAR_M, troubled=False, device=device)
+    return look_at(frames, target, VGA.model_copy(update={"line_time": device.line_time}))
+
+
+def look_at(frames: Iterable[FlightFrame], target: Target, lens: Intrinsics) -> dict[str, list[Look]]:
+    """What the eyes with and without attitude, AprilTag and OpenCV make of the images that show a whole target.
+
+    Args:
+        frames: of one flight.
+        target: what is seen.
+        lens: what all of them believe it to be.
+    """
+    eyes, projection = _eyes(target, lens), Projection(lens)
     families = tuple({tag.family.name for tag in target.tags})
     april, opencv = AprilTagSearch(families), ArucoSearch(families)
     plain: dict[str, Callable[[Grey], list[Detection]]] = {
@@ -93,7 +107,7 @@ def _fly(name: str, seed: int) -> dict[str, list[Look]]:
         "opencv": lambda pixels: opencv.find(pixels, "decimate1"),
     }
     looks: dict[str, list[Look]] = {program: [] for program in (*eyes, *plain)}
-    for frame in fly(target, seed, seconds=SECONDS, near=NEAR_M, far=FAR_M, troubled=False, device=device):
+    for frame in frames:
         posed = {
             program: tracker.update(frame.image, frame.attitude).pose_of(target.name)
             for program, tracker in eyes.items()
@@ -103,13 +117,13 @@ def _fly(name: str, seed: int) -> dict[str, list[Look]]:
         for program, found in posed.items():
             looks[program].append(_eyes_look(frame, found))
         for program, search in plain.items():
-            looks[program].append(_plain_look(frame, target, search(frame.image.pixels)))
+            looks[program].append(_plain_look(frame, target, search(frame.image.pixels), projection))
     return looks
 
 
-def _eyes(name: str) -> dict[str, Tracker]:
-    """Trackers behind a camera, with attitude and without."""
-    tags, lens = TagMap((target_named("nested"),)), VGA.model_copy(update={"line_time": DEVICES[name].line_time})
+def _eyes(target: Target, lens: Intrinsics) -> dict[str, Tracker]:
+    """Trackers behind a lens, with attitude and without."""
+    tags = TagMap((target,))
     return {"eyes_with_attitude": Tracker(tags, lens, LOOKING_DOWN), "eyes_without": Tracker(tags, lens)}
 
 
@@ -119,11 +133,11 @@ def _eyes_look(frame: FlightFrame, found: TargetPose | None) -> Look:
     return _look(frame, found.pose.rotation, found.pose.position, found.pose)
 
 
-def _plain_look(frame: FlightFrame, target: Target, found: Sequence[Detection]) -> Look:
+def _plain_look(frame: FlightFrame, target: Target, found: Sequence[Detection], projection: Projection) -> Look:
     """The better of both solutions of the corners, as a program without a track takes it."""
     own = {(tag.family.name, tag.tag_id): tag for tag in target.tags}
     pairs = [(own[tag.family, tag.tag_id], tag) for tag in found if (tag.family, tag.tag_id) in own]
-    poses = solve(pairs, Projection(VGA)) if pairs else []
+    poses = solve(pairs, projection) if pairs else []
     if not poses:
         return Look(float(np.linalg.norm(frame.position)))
     return _look(frame, poses[0].rotation, poses[0].position, None)
@@ -181,7 +195,8 @@ def _plan_published(quick: bool, seeds: SeedSet) -> list[Part]:
 
 def _publish(name: str, seed: int) -> dict[str, list[Look]]:
     """All that is published in one flight, tags that are cut by the image's edge included."""
-    eyes, target = _eyes(name), target_named("nested")
+    target = target_named("nested")
+    eyes = _eyes(target, VGA.model_copy(update={"line_time": DEVICES[name].line_time}))
     looks: dict[str, list[Look]] = {program: [] for program in eyes}
     for frame in fly(target, seed, seconds=SECONDS, near=NEAR_M, far=FAR_M, troubled=False, device=DEVICES[name]):
         for program, tracker in eyes.items():

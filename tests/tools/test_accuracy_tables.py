@@ -6,6 +6,7 @@ import json
 
 import pytest
 
+from lab.vision.adverse import TRIALS as MET
 from lab.vision.decks import LIES as DECKS
 from lab.vision.leaving import CAMERAS as SHUTTERS
 from lab.vision.main import put_into
@@ -15,7 +16,7 @@ from lab.vision.weather import SKIES as WEATHERS
 from mkdaemon.errors import ConfigError, MkError
 from tests.places import ROOT
 from tools.accuracy_tables import TABLES, accuracy_page
-from tools.accuracy_words import CAMERAS, LEAVING, LIES, SKIES
+from tools.accuracy_words import CAMERAS, LEAVING, LIES, SKIES, TRIALS
 from tools.accuracy_words import TROUBLES as WORDS
 
 RESULTS = ROOT / "docs/results/vision.json"
@@ -36,6 +37,7 @@ def test_every_table_stands_in_the_page():
 
 def test_every_camera_hardship_deck_and_trouble_has_a_row():
     assert (set(CAMERAS), set(SKIES), set(LIES)) == (set(DEVICES), set(WEATHERS), set(DECKS))
+    assert set(TRIALS) == set(MET)
     assert set(WORDS) == {"none", *TROUBLES}
     assert set(LEAVING) == {
         "whole",

@@ -283,8 +283,7 @@ class Authority:
 
     def battery_low(self, cause: str, *, can_land: bool) -> None:
         """End the flight because the battery is low: with a landing where a target is in sight, else with a release."""
-        conditions = Conditions(is_held=self._lease is not None, can_land=can_land)
-        row = find_row(self.phase, Trigger.BATTERY_LOW, conditions)
+        row = find_row(self.phase, Trigger.BATTERY_LOW, Conditions(can_land=can_land))
         if row is not None and row.reaction is Reaction.RELEASE:
             self._pending = self._release_order(row, cause=cause)
         elif row is not None:

@@ -9,8 +9,10 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from mksim.scene.analogvideo import AnalogVideo, through_air
 from mksim.scene.curl import Curl
 from mksim.scene.gloss import Gloss
+from mksim.scene.hindrances import Drops, Flicker, Fog, Propellers
 from mksim.scene.lensfaults import Dirt
 from mksim.scene.processing import NO_PROCESSING, Processing
 from mksim.scene.shadows import LeafShadow, VehicleShadow
@@ -88,10 +90,15 @@ class Conditions:
         curl: how the print is bent.
         covers: occluders.
         dirt: on the lens.
+        fog: between camera and scene.
+        drops: of rain on the lens.
+        propellers: that reach into the image.
+        flicker: of the light.
         fringe_px: distance of red and blue in the corner of the image [px].
         noise_sd: read noise [grey].
         shot_gain: photon noise, variance per grey value [grey]; 0.0255 is a full well of 10,000 electrons.
         processing: what the camera's processor makes of the light.
+        analog: the image comes over an analog link, as two fields; none is a digital camera.
         jpeg_quality: recompress at this quality, 1-100; none leaves the image as the sensor gave it.
         target_in_view: false takes every target away.
     """
@@ -110,10 +117,15 @@ class Conditions:
     curl: Curl | None = None
     covers: tuple[Cover, ...] = ()
     dirt: Dirt | None = None
+    fog: Fog | None = None
+    drops: Drops | None = None
+    propellers: Propellers | None = None
+    flicker: Flicker | None = None
     fringe_px: float = 0.0
     noise_sd: float = 1.5
     shot_gain: float = 0.0255
     processing: Processing = NO_PROCESSING
+    analog: AnalogVideo | None = None
     jpeg_quality: int | None = None
     target_in_view: bool = True
 
@@ -208,6 +220,8 @@ class Sensor:
             start = int(self._rng.integers(0, NOISE_POOL - grey.size))
             grey += self._pool[start : start + grey.size].reshape(grey.shape) * spread
         grey = conditions.processing.apply(grey)
+        if conditions.analog is not None:
+            grey = through_air(grey, conditions.analog, self._rng)
         pixels = np.clip(np.rint(grey, out=grey), 0.0, 255.0, out=grey).astype(np.uint8)
         return pixels if conditions.jpeg_quality is None else through_jpeg(pixels, conditions.jpeg_quality)
 

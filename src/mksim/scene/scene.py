@@ -10,7 +10,7 @@ camera sees it, and the standing camera sees that point along another ray: exact
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import cv2
@@ -19,9 +19,11 @@ import numpy.typing as npt
 
 from mkdaemon.vision.camera.intrinsics import Intrinsics
 from mkdaemon.vision.tags.tagmap import Target
+from mksim.scene.analogvideo import FIELD_TIME, weave
 from mksim.scene.curl import bend
 from mksim.scene.gloss import add_gloss
 from mksim.scene.ground import Ground, GroundKind
+from mksim.scene.hindrances import add_drops, add_fog, add_propellers, flickered
 from mksim.scene.layers import PAD, PAPER, Layer, print_target
 from mksim.scene.lensfaults import add_dirt, add_fringe
 from mksim.scene.light import Conditions, Cover, Sensor, add_glare, lens_blur, shade, streak
@@ -303,6 +305,16 @@ class Scene:
             `(height, width)` uint8 of `view.intrinsics`.
         """
         conditions = conditions or Conditions()
+        if conditions.analog is None:
+            return self._sensor.expose(self._light(view, conditions), conditions)
+        first, second = (
+            self._light(replace(view.moved(along * FIELD_TIME), exposure_time=view.exposure_time), conditions)
+            for along in (-0.5, 0.5)
+        )
+        return self._sensor.expose(weave(first, second), conditions)
+
+    def _light(self, view: CameraView, conditions: Conditions) -> Image32:
+        """Light on the sensor, 1 is a perfect reflector in full light."""
         rays = self._rays.get(view.intrinsics)
         if rays is None:
             rays = self._rays.setdefault(view.intrinsics, RayGrid(view.intrinsics))
@@ -313,9 +325,17 @@ class Scene:
         light = lens_blur(self._exposed(view, conditions, rays), conditions)
         if conditions.fringe_px > 0.0:
             light = add_fringe(light, conditions.fringe_px)
+        if conditions.fog is not None and self.targets:
+            light = add_fog(light, conditions.fog, view, rays, self.targets[0].motion.pose_at(view.time))
+        if conditions.flicker is not None:
+            light = flickered(light, conditions.flicker, view)
+        if conditions.propellers is not None:
+            light = add_propellers(light, conditions.propellers, view)
+        if conditions.drops is not None:
+            light = add_drops(light, conditions.drops)
         if conditions.dirt is not None:
             light = add_dirt(light, conditions.dirt)
-        return self._sensor.expose(light, conditions)
+        return light
 
     def _exposed(self, view: CameraView, conditions: Conditions, rays: RayGrid) -> Image32:
         """Light on the sensor over the exposure.

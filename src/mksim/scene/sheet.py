@@ -12,18 +12,22 @@ import numpy.typing as npt
 from mkdaemon.files import write_whole
 from mkdaemon.vision.camera.intrinsics import Intrinsics
 from mkdaemon.vision.tags.tagmap import Target
+from mksim.scene.analogvideo import AnalogVideo
 from mksim.scene.flights import patches, side_cut
+from mksim.scene.hindrances import Drops, Flicker, Fog, Propellers
 from mksim.scene.light import Conditions, Glare, Shadow
 from mksim.scene.motion import Platform
 from mksim.scene.scene import Scene, SceneTarget
 from mksim.scene.view import CameraView, view_towards
 
 COLUMNS = 5
+ROLLING = 0.025 / 480
+"""Line time of a rolling shutter [s]."""
 CAMERA = Intrinsics(width=640, height=480, fx=600, fy=600, cx=319.5, cy=239.5, k1=-0.2, k2=0.05)
 
 
 def contact_sheet(target: Target, path: Path, *, seed: int = 1) -> None:
-    """Render `target` in twenty conditions and write the labelled sheet as PNG to `path`."""
+    """Render `target` in each condition and write the labelled sheet as PNG to `path`."""
     pictures = [_labelled(image, text) for text, image in _pictures(target, seed)]
     rows = [np.hstack(pictures[first : first + COLUMNS]) for first in range(0, len(pictures), COLUMNS)]
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -47,6 +51,9 @@ def _pictures(target: Target, seed: int) -> list[tuple[str, npt.NDArray[np.uint8
         return view_towards(CAMERA, np.array([east, north, up]), np.zeros(3))
 
     fair = Conditions()
+    blades = Propellers(85.0, (0.5, 1.4))
+    rolling = replace(near, line_time=ROLLING, exposure_time=0.001)
+    moving = replace(near, rate_cam=np.array([0.3, 0.6, 0.0]), exposure_time=0.004)
     rng = np.random.default_rng(seed)
     return [
         ("fair, 0.9 m", shot()),
@@ -69,6 +76,14 @@ def _pictures(target: Target, seed: int) -> list[tuple[str, npt.NDArray[np.uint8
         ("motion 10 px", shot(replace(near, rate_cam=np.array([0.5, 1.0, 0.0]), exposure_time=0.015))),
         ("turning 3 rad/s", shot(replace(near, rate_cam=np.array([0.0, 0.0, 3.0]), exposure_time=0.015))),
         ("out of view", shot(ground="clutter", conditions=replace(fair, target_in_view=False))),
+        ("fog, 2 m of visibility", shot(conditions=replace(fair, fog=Fog(2.0)))),
+        ("drops on the lens", shot(conditions=replace(fair, drops=Drops(seed)))),
+        (
+            "propellers, rolling shutter",
+            shot(rolling, conditions=replace(fair, propellers=blades)),
+        ),
+        ("lamps, rolling shutter", shot(rolling, conditions=replace(fair, flicker=Flicker(200.0, 0.8)))),
+        ("analog video", shot(moving, conditions=replace(fair, analog=AnalogVideo(10.0, 1.0)))),
     ]
 
 

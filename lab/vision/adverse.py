@@ -1,0 +1,212 @@
+"""What a camera meets outdoors and indoors beside light: fog, rain, propellers, lamps, an analog link, hands and feet.
+
+A lens of 120 degrees and a rolling shutter on a shaking frame, told and untold, are flown with them. The same images go
+through plain AprilTag and OpenCV.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from math import pi, radians
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from lab.campaign import Case, Part
+from lab.vision.flight import VGA, Device, fly
+from lab.vision.real import RESPONSE, Look, look_at
+from lab.vision.stills import SeedSet, target_named
+from lab.vision.weather import Change
+from mkdaemon.vision.camera.intrinsics import Intrinsics
+from mksim.scene.analogvideo import AnalogVideo
+from mksim.scene.hindrances import Drops, Flicker, Fog, Propellers
+from mksim.scene.light import Conditions, Cover
+from mksim.scene.view import CameraView
+
+Array = npt.NDArray[np.float64]
+
+SECONDS: Final = 4.0
+FLIGHT_IMAGES: Final = int(30 * SECONDS)
+FLIGHTS: Final = 6
+READOUT: Final = 0.025
+LINE_TIME: Final = READOUT / VGA.height
+FRAME_HZ: Final = 85.0
+"""Of the vibration of a quadrotor's frame: motors at 5100 revolutions a minute."""
+SHAKEN: Final = radians(1.0) * 2.0 * pi
+"""Its angular rate, deviation of each axis [rad/s]: 0.7 degrees to and fro."""
+WIDE: Final = Intrinsics(
+    width=640, height=480, fx=305.6, fy=305.6, cx=319.5, cy=239.5, model="fisheye", k1=-0.02, k2=0.004, line_time=0.0
+)
+"""120 degrees from side to side."""
+UNTOLD: Final = VGA.model_copy(update={"line_time": None})
+ROLLING: Final = VGA.model_copy(update={"line_time": LINE_TIME})
+PLAIN: Final = Device(response=RESPONSE)
+ROLLS: Final = Device(exposure_time=0.001, line_time=LINE_TIME, response=RESPONSE)
+"""In the sun: the shutter is open for a millisecond."""
+LIT_BY_LAMPS: Final = Device(exposure_time=0.002, line_time=LINE_TIME, response=RESPONSE)
+SHAKES: Final = Device(line_time=LINE_TIME, vibration=SHAKEN, response=RESPONSE)
+SKIN, LEATHER = 0.45, 0.07
+"""Reflectance of a hand and of a shoe."""
+
+
+@dataclass(frozen=True, slots=True)
+class Trial:
+    """What is met, and the camera that meets it.
+
+    Attributes:
+        change: draws it.
+        device: the camera.
+        lens: what the programs believe of it; in truth its shutter is that of `device`.
+    """
+
+    change: Change
+    device: Device = PLAIN
+    lens: Intrinsics = VGA
+
+
+def _fog(rng: np.random.Generator, _side: float) -> Callable[[CameraView, Conditions], Conditions]:
+    """6 to 12 m of visibility: at 4.5 m 5 to 23 % of the contrast are left."""
+    fog = Fog(float(rng.uniform(6.0, 12.0)))
+    return lambda _view, fair: replace(fair, fog=fog)
+
+
+def _rain(rng: np.random.Generator, _side: float) -> Callable[[CameraView, Conditions], Conditions]:
+    drops = Drops(int(rng.integers(1 << 30)))
+    return lambda _view, fair: replace(fair, drops=drops)
+
+
+def _propellers(rng: np.random.Generator, _side: float) -> Callable[[CameraView, Conditions], Conditions]:
+    rate, first, second = rng.uniform(70.0, 100.0), rng.uniform(0.0, pi), rng.uniform(0.0, pi)
+    blades = Propellers(float(rate), (float(first), float(second)))
+    return lambda _view, fair: replace(fair, propellers=blades)
+
+
+def _lamps(rng: np.random.Generator, _side: float) -> Callable[[CameraView, Conditions], Conditions]:
+    """Lamps that are dimmed by switching them, 150 to 300 times a second."""
+    flicker = Flicker(float(rng.uniform(150.0, 300.0)), 0.8, float(rng.uniform(0.0, 2 * pi)))
+    return lambda _view, fair: replace(fair, flicker=flicker)
+
+
+def _analog(noise: float, disturbed: float) -> Change:
+    video = AnalogVideo(noise, disturbed)
+    return lambda _rng, _side: lambda _view, fair: replace(fair, analog=video)
+
+
+def _over_a_side(
+    rng: np.random.Generator, outlines: Sequence[Array], shade: float, side: float
+) -> Callable[[CameraView, Conditions], Conditions]:
+    """Something that lies over one side of the target and goes to and fro by a tenth of it.
+
+    Args:
+        rng: draws which side, where on it and when it moves.
+        outlines: of it, rooted at (0, 0) and pointing along y, each `(n, 2)` [m].
+        shade: its reflectance.
+        side: of the largest tag [m]; it lies over a fifth to a half of it.
+    """
+    quarter, along, phase = int(rng.integers(4)) * pi / 2, rng.uniform(-0.25, 0.25) * side, rng.uniform(0.0, 2 * pi)
+    lean, reach = rng.normal(0.0, 0.2), rng.uniform(0.2, 0.5)
+    turn, leaning = (np.array([[np.cos(a), -np.sin(a)], [np.sin(a), np.cos(a)]]) for a in (quarter, lean))
+
+    def change(view: CameraView, fair: Conditions) -> Conditions:
+        tip = -side * (0.5 - reach - 0.05 * np.sin(2 * pi * 0.4 * view.time + phase))
+        placed = [(outline @ leaning.T + (along, tip)) @ turn.T for outline in outlines]
+        covers = tuple(Cover(tuple((float(x), float(y)) for x, y in outline), shade) for outline in placed)
+        return replace(fair, covers=covers)
+
+    return change
+
+
+def _ellipse(middle: tuple[float, float], half: tuple[float, float]) -> Array:
+    angles = np.linspace(0.0, 2 * pi, 24, endpoint=False)
+    return np.column_stack([np.cos(angles), np.sin(angles)]) * half + middle
+
+
+def _hand(rng: np.random.Generator, side: float) -> Callable[[CameraView, Conditions], Conditions]:
+    """Four fingers, thumb and palm; their tips lie at the origin."""
+    tips = ((-0.03, -0.01), (-0.01, 0.0), (0.01, -0.003), (0.03, -0.02))
+    fingers = [_ellipse((x, y - 0.045), (0.009, 0.045)) for x, y in tips]
+    hand = [*fingers, _ellipse((0.0, -0.13), (0.045, 0.055)), _ellipse((0.05, -0.11), (0.012, 0.04))]
+    return _over_a_side(rng, hand, SKIN, side)
+
+
+def _foot(rng: np.random.Generator, side: float) -> Callable[[CameraView, Conditions], Conditions]:
+    """A shoe of 0.29 m; its toe lies at the origin."""
+    shoe = [_ellipse((0.0, -0.07), (0.05, 0.07)), _ellipse((0.0, -0.2), (0.042, 0.09))]
+    return _over_a_side(rng, shoe, LEATHER, side)
+
+
+def _nothing(_rng: np.random.Generator, _side: float) -> Callable[[CameraView, Conditions], Conditions]:
+    return lambda _view, fair: fair
+
+
+TRIALS: Final = {
+    "fog": Trial(_fog),
+    "rain": Trial(_rain),
+    "propellers": Trial(_propellers, ROLLS, ROLLING),
+    "lamps": Trial(_lamps, LIT_BY_LAMPS, ROLLING),
+    "analog": Trial(_analog(6.0, 0.1)),
+    "analog_bad": Trial(_analog(14.0, 0.5)),
+    "hand": Trial(_hand),
+    "foot": Trial(_foot),
+    "wide_lens": Trial(_nothing, PLAIN, WIDE),
+    "rolling_told": Trial(_nothing, SHAKES, ROLLING),
+    "rolling_untold": Trial(_nothing, SHAKES, UNTOLD),
+}
+"""By name."""
+
+
+class _Met:
+    """One flight's trial, as `lab.vision.flight.Weather` wants it."""
+
+    def __init__(self, trial: Trial, seed: int, side: float) -> None:
+        self._change = trial.change(np.random.default_rng([seed, 0xAD5E]), side)
+
+    def exposed(self, view: CameraView) -> CameraView:
+        """The view on a frame that shakes at its own rate."""
+        return replace(view, vibration_hz=FRAME_HZ)
+
+    def conditions(self, view: CameraView, fair: Conditions) -> Conditions:
+        """Of the image of `view`."""
+        return self._change(view, fair)
+
+    def image_seen(self, pixels: npt.NDArray[np.uint8]) -> None:
+        """Nothing in the camera is automatic."""
+
+
+def _plan(quick: bool, seeds: SeedSet) -> list[Part]:
+    flights = 1 if quick else FLIGHTS
+    return [Part(_fly, (name, seeds.base + 1500 + k), FLIGHT_IMAGES) for name in TRIALS for k in range(flights)]
+
+
+def _fly(name: str, seed: int) -> dict[str, list[Look]]:
+    """One flight through all programs."""
+    trial, target = TRIALS[name], target_named("nested")
+    lens = WIDE if trial.lens is WIDE else VGA
+    frames = fly(
+        target,
+        seed,
+        seconds=SECONDS,
+        troubled=False,
+        intrinsics=lens,
+        device=trial.device,
+        weather=_Met(trial, seed, target.tags[0].size),
+    )
+    return look_at(frames, target, trial.lens)
+
+
+def _sum_up(_quick: bool, parts: Sequence[Part], found: Sequence[dict[str, list[Look]]]) -> dict[str, Any]:
+    """Counts by trial and program."""
+    rows: dict[str, Any] = {}
+    for part, flight in zip(parts, found, strict=True):
+        for program, looks in flight.items():
+            row = rows.setdefault(part.args[0], {}).setdefault(program, {"images": 0, "posed": 0, "wrong": 0})
+            row["images"] += len(looks)
+            row["posed"] += sum(look.posed for look in looks)
+            row["wrong"] += sum(look.wrong for look in looks)
+    return rows
+
+
+ADVERSE: Final = Case(_plan, _sum_up)
+"""Posed and wrong of four programs under each."""
