@@ -233,7 +233,7 @@ class RadioConfig(Section):
     """Aircraft to host."""
 
 
-KindName = Literal["ideal", "c270", "c920", "pi_v2", "pi_gs", "elp", "ov9281"]
+KindName = Literal["ideal", "c270", "c920", "pi_v2", "pi_gs", "elp", "ov9281", "analog"]
 """What a simulated camera can be; the table is `mksim/scene/kinds.py`."""
 
 
@@ -285,6 +285,14 @@ class LightConfig(Section):
     """Blades of grass over the rim of the target."""
     dirt: float = Field(default=0.0, ge=0.0, le=1.0)
     """Share of the light that marks on the lens scatter; 0 a clean lens."""
+    visibility: float = Field(default=0.0, ge=0.0, le=10_000.0)
+    """Distance over which fog leaves 2 % of a contrast [m]; 0 for clear air."""
+    drops: int = Field(default=0, ge=0, le=1000)
+    """Drops of rain on the lens."""
+    propellers: bool = False
+    """Two propellers reach into the upper corners of the image; a rolling shutter bends them."""
+    flicker: float = Field(default=0.0, ge=0.0, le=10_000.0)
+    """Rate at which lamps are dimmed to a fifth and back [Hz]; a rolling shutter makes bands of it; 0 for daylight."""
     jpeg_quality: int | None = Field(default=None, ge=1, le=100)
     """Images are compressed and decompressed at this quality; unset leaves them."""
 

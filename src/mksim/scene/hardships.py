@@ -12,6 +12,7 @@ import numpy.typing as npt
 from mksim.config import LightConfig
 from mksim.scene.curl import Curl
 from mksim.scene.gloss import Gloss
+from mksim.scene.hindrances import Drops, Flicker, Fog, Propellers
 from mksim.scene.lensfaults import Dirt
 from mksim.scene.light import Conditions, Cover
 from mksim.scene.shadows import LeafShadow, VehicleShadow
@@ -58,6 +59,11 @@ chosen."""
 SHEET_SIDES: Final = 1.4
 """Width of the sheet over the largest tag on it; chosen, a margin of a fifth of the tag all around."""
 
+PROPELLERS: Final = Propellers(85.0, (0.5, 1.4))
+"""5100 revolutions a minute: about what carries a quadrotor of 1.25 kg; chosen."""
+DIMMED: Final = 2.0 / 3.0
+"""Swing of a lamp that is dimmed to a fifth of its brightest; chosen."""
+
 
 def fair_conditions(light: LightConfig, camera: Conditions, side: float, seed: int) -> Conditions:
     """Conditions of a camera in the configured light.
@@ -82,6 +88,10 @@ def fair_conditions(light: LightConfig, camera: Conditions, side: float, seed: i
         curl=curl,
         covers=blades(np.random.default_rng([seed, 0x67A5]), side, light.grass),
         dirt=Dirt(seed, light.dirt) if light.dirt > 0.0 else None,
+        fog=Fog(light.visibility) if light.visibility > 0.0 else None,
+        drops=Drops(seed, light.drops) if light.drops > 0 else None,
+        propellers=PROPELLERS if light.propellers else None,
+        flicker=Flicker(light.flicker, DIMMED) if light.flicker > 0.0 else None,
         jpeg_quality=light.jpeg_quality if light.jpeg_quality is not None else camera.jpeg_quality,
     )
 

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from mksim.config import KindName
+from mksim.scene.analogvideo import AnalogVideo
 from mksim.scene.autoexposure import AutoSettings
 from mksim.scene.light import Conditions
 from mksim.scene.processing import Processing
@@ -113,5 +114,16 @@ CAMERA_KINDS: Final[dict[KindName, CameraKind]] = {
     # OV9281: 1280 x 800, monochrome, pixels of 3 um (OmniVision's data sheet, version 1.22, 2017, first page), global
     # shutter (docs.luxonis.com, OV9282: the same but for the angle of its rays, ovti,ov9282.yaml); raw.
     "ov9281": CameraKind(Conditions(noise_sd=1.5, shot_gain=_noise(6500), fringe_px=0.5)),
+    # What flew in 2010: a board camera, an analog 5.8 GHz link and a frame grabber; all chosen, see `analogvideo`.
+    "analog": CameraKind(
+        Conditions(
+            vignetting=0.25,
+            noise_sd=2.0,
+            shot_gain=_noise(10000),
+            processing=Processing(gamma=2.2),
+            analog=AnalogVideo(noise=6.0, disturbed=0.1),
+        ),
+        auto=AutoSettings(),
+    ),
 }
 """Kinds by name, from the ideal one to the cheapest."""

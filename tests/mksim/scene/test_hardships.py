@@ -16,6 +16,7 @@ from mksim.scene.autoexposure import AutoExposure, AutoSettings
 from mksim.scene.curl import Curl, bend
 from mksim.scene.gloss import Gloss
 from mksim.scene.hardships import blades, fair_conditions, shadow_of_vehicle
+from mksim.scene.hindrances import Fog
 from mksim.scene.kinds import CAMERA_KINDS
 from mksim.scene.lensfaults import Dirt, add_dirt, add_fringe, grey_scale
 from mksim.scene.light import CLEAN, Conditions
@@ -144,12 +145,26 @@ def test_an_ideal_camera_in_fair_light_has_a_good_day() -> None:
 
 
 def test_configured_light_and_print_come_on_top_of_the_camera() -> None:
-    light = LightConfig(leaves_height=3.0, gloss=0.1, curl=0.01, grass=5, dirt=0.3)
+    light = LightConfig(
+        leaves_height=3.0,
+        gloss=0.1,
+        curl=0.01,
+        grass=5,
+        dirt=0.3,
+        visibility=9.0,
+        drops=5,
+        propellers=True,
+        flicker=200.0,
+    )
     found = fair_conditions(light, CAMERA_KINDS["c270"].conditions, SIDE, 1)
     assert found.processing == CAMERA_KINDS["c270"].conditions.processing
     assert found.curl is not None
     assert found.curl.height(np.array([0.0, 0.5 * SIDE])) @ [1, -1] == pytest.approx(0.01 * SIDE, rel=0.02)
     assert (found.leaves is not None, found.gloss is not None, found.dirt is not None) == (True, True, True)
+    assert (found.fog, found.drops.count, found.flicker.rate) == (Fog(9.0), 5, 200.0)
+    assert found.propellers is not None
+    clear = fair_conditions(LightConfig(), Conditions(), 0.3, 1)
+    assert (clear.fog, clear.drops, clear.propellers, clear.flicker) == (None, None, None, None)
     assert len(found.covers) == 5
 
 
