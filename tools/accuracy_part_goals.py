@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import Final
+from collections.abc import Iterator, Mapping
+from typing import Any, Final
 
 from tools import accuracy_counts as counts
 from tools.accuracy_verdicts import honest_verdict, percent, percents, span, verdict
-from tools.accuracy_words import CAMERAS, FAR, NEAR, SKIES, WITH, WITHOUT, Results
+from tools.accuracy_words import CAMERAS, FAR, NEAR, SKIES, TRIALS, WITH, WITHOUT, Results
 from tools.markdown import table
 
 HEAD: Final = ("goal", "measured", "")
@@ -73,6 +73,26 @@ def hardship_goals(results: Results) -> Iterator[str]:
         values = [found[sky][eyes]["nees_measured_mean"] for sky in SKIES]
         rows.append((f"wrong poses {words}: 0", str(count), verdict(count.wrong == 0)))
         rows.append((f"NEES 0.7-1.5 {words}", span(values), honest_verdict(values)))
+    yield from table(HEAD, rows)
+
+
+def adverse_goals(results: Results) -> Iterator[str]:
+    """Goals where the air, the lens or the link is bad, case `adverse`."""
+    found = [results["adverse"][name] for name in TRIALS]
+
+    def share(row: Mapping[str, Any], program: str) -> float:
+        return float(row[program]["posed"] / row[program]["images"])
+
+    usual = [share(row, "eyes_with_attitude") for row in found if share(row, "apriltag") >= 0.5]
+    wrong = {program: sum(row[program]["wrong"] for row in found) for program in found[0]}
+    posed = {program: sum(row[program]["posed"] for row in found) for program in found[0]}
+    eyes = [program for program in found[0] if program.startswith("eyes")]
+    count = f"{sum(wrong[each] for each in eyes)} of {sum(posed[each] for each in eyes):,}"
+    plain = f"AprilTag {wrong['apriltag']:,} of {posed['apriltag']:,}"
+    rows = [
+        (">= 80 % posed with attitude where AprilTag poses 50 %", percents(usual), verdict(min(usual) >= 0.8)),
+        ("wrong poses: 0", f"{count} ({plain})", verdict(not any(wrong[each] for each in eyes))),
+    ]
     yield from table(HEAD, rows)
 
 

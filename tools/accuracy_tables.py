@@ -14,8 +14,8 @@ from typing import Any, Final
 
 from mkdaemon.errors import MkError
 from tools.accuracy_goals import goals
-from tools.accuracy_part_goals import camera_goals, deck_goals, hardship_goals, leaving_goals
-from tools.accuracy_words import CAMERAS, FAR, LEAVING, LIES, NEAR, SKIES, TROUBLES, WITH, WITHOUT, Results
+from tools.accuracy_part_goals import adverse_goals, camera_goals, deck_goals, hardship_goals, leaving_goals
+from tools.accuracy_words import CAMERAS, FAR, LEAVING, LIES, NEAR, SKIES, TRIALS, TROUBLES, WITH, WITHOUT, Results
 from tools.markdown import table
 
 PAGE: Final = "docs/lab/accuracy.md"
@@ -201,6 +201,16 @@ def _hardships(results: Results) -> Iterator[str]:
     yield from table(("hardship", "with attitude", "errors", "NEES", "without", "errors", "NEES"), rows)
 
 
+def _adverse(results: Results) -> Iterator[str]:
+    programs = ("eyes_with_attitude", "eyes_without", "apriltag", "opencv")
+    rows = []
+    for name, words in TRIALS.items():
+        found = [results["adverse"][name][program] for program in programs]
+        counted = (f"{_tenth(row['posed'], row['images'])}, {row['wrong']}" for row in found)
+        rows.append((words, str(found[0]["images"]), *counted))
+    yield from table(("posed, wrong", "images", "with attitude", "without", "AprilTag", "OpenCV"), rows)
+
+
 def _decks(results: Results) -> Iterator[str]:
     rows = []
     for name, words in LIES.items():
@@ -274,6 +284,8 @@ TABLES: Final[Mapping[str, Callable[[Results], Iterator[str]]]] = {
     "published": _published,
     "hardships": _hardships,
     "hardship_goals": hardship_goals,
+    "adverse": _adverse,
+    "adverse_goals": adverse_goals,
     "decks": _decks,
     "deck_goals": deck_goals,
     "leaving": _leaving,

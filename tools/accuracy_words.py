@@ -35,6 +35,19 @@ SKIES: Final = {
     "curl": "bent print",
     "auto_exposure": "camera's own exposure under clouds, gamma 2.2",
 }
+TRIALS: Final = {
+    "fog": "fog, 6 to 12 m of visibility",
+    "rain": "drops on the lens",
+    "propellers": "propellers, bent by the shutter",
+    "lamps": "bands of dimmed lamps",
+    "analog": "analog video",
+    "analog_bad": "analog video, bad",
+    "hand": "a hand over a side",
+    "foot": "a foot over a side",
+    "wide_lens": "lens of 120 degrees",
+    "rolling_told": "rolling shutter that shakes, line time told",
+    "rolling_untold": "the same, untold",
+}
 LIES: Final = {
     "level": "right, the deck level",
     "tilted": "right, the deck tilted by 4 and 3 degrees",

@@ -135,8 +135,8 @@ def _drops(drops: Drops, width: int, height: int) -> tuple[Image32, Image32, Ima
 def row_times(view: CameraView) -> Array:
     """When the middle of each row's exposure is `(h,)` [s]."""
     height = view.intrinsics.height
-    times: Array = view.time + (np.arange(height) - (height - 1) / 2) * view.line_time
-    return times
+    rows = np.arange(height, dtype=np.float64) - (height - 1) / 2
+    return np.asarray(view.time + rows * view.line_time, dtype=np.float64)
 
 
 def add_propellers(light: Image32, propellers: Propellers, view: CameraView) -> Image32:
@@ -156,11 +156,11 @@ def add_propellers(light: Image32, propellers: Propellers, view: CameraView) -> 
         hub = ((width - 1) / 2 + side * (width / 2 + propellers.hub * width), -propellers.hub * width)
         angle = np.arctan2(v - hub[1], u - hub[0]) - side * turns - phase
         away = (angle + part / 2) % part - part / 2
-        share = np.zeros_like(away)
+        share: Array = np.zeros(away.shape)
         for other in range(-around, around + 1):
             covered = ((wide + narrow) / 2 - np.abs(away + other * part)) / max(narrow, 1e-6)
-            share += np.clip(covered, 0.0, 1.0) * (propellers.width / wide)
-        share *= np.hypot(u - hub[0], v - hub[1]) < propellers.reach * width
+            share = share + np.clip(covered, 0.0, 1.0) * (propellers.width / wide)
+        share = share * (np.hypot(u - hub[0], v - hub[1]) < propellers.reach * width)
         light = np.asarray(light + share.astype(np.float32) * (np.float32(BLADE_SHADE) - light), dtype=np.float32)
     return light
 
