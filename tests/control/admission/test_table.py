@@ -168,6 +168,12 @@ def test_a_row_refuses_in_its_situation_with_thing_and_remedy(name, token, begin
     assert row(name).look(replace(GOOD, **change), beginning).refusal is not None, "it is this row that refuses"
 
 
+def test_a_board_that_does_not_listen_delays_a_beginning_and_no_change_in_flight():
+    deaf = replace(GOOD, line=ControlLine("v2", Obstacle.DEAF, "fc to listen again"))
+    assert waits_for(NewManoeuvre(Concern.HOLD), deaf)
+    assert refusal(NewManoeuvre(Concern.HOLD), replace(deaf, flown=Concern.STICK)) is None
+
+
 @pytest.mark.parametrize(("name", "concern", "change", "words"), WAITING)
 def test_before_the_flight_the_stream_waits_and_in_flight_only_a_change_from_hand_is_refused(
     name, concern, change, words

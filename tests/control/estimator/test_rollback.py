@@ -50,6 +50,16 @@ def test_punctual_and_late_measurements_give_the_same_estimate():
     assert np.allclose(punctual.covariances, late.covariances, atol=1e-12)
 
 
+def test_who_asks_for_the_covariances_alone_gets_those_after_a_late_measurement():
+    alone, stated = make(), make()
+    for filter_ in (alone, stated):
+        for _ in range(20):
+            filter_.advance(np.zeros(2))
+        filter_.measure(Measurement(0.05, POSITION, np.array([0.1, 1.9]), 4e-4))
+    assert len(stated.states) == 2
+    assert np.array_equal(alone.covariances, stated.covariances)
+
+
 def test_who_looks_after_every_measurement_sees_what_who_looks_at_the_end_sees():
     rng = random.Random(3)
     looked, unlooked = make(), make()
