@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
 
-from tools.accuracy_words import CAMERAS, FAR, LIES, NEAR, SKIES, WITH, WITHOUT, Results
+from tools.accuracy_words import CAMERAS, FAR, LIES, NEAR, SKIES, TRIALS, WITH, WITHOUT, Results
 
 
 class Count(NamedTuple):
@@ -69,6 +69,12 @@ def real(results: Results) -> Count:
     rows = (
         results["real"][camera][eyes][part] for camera in CAMERAS for eyes in (WITH, WITHOUT) for part in (NEAR, FAR)
     )
+    return total(Count(row["posed"], row["wrong"]) for row in rows)
+
+
+def adverse(results: Results, *programs: str) -> Count:
+    """Whole targets where air, lens or link are bad; `programs` are `WITH`, `WITHOUT`, `apriltag` or several."""
+    rows = (results["adverse"][trial][program] for trial in TRIALS for program in programs)
     return total(Count(row["posed"], row["wrong"]) for row in rows)
 
 

@@ -138,6 +138,7 @@ def _wrong(results: Results) -> Iterator[Goal]:
         ("behind [six cameras](#cameras-as-they-are)", counts.published(results, WITH, WITHOUT)),
         ("under [hardships](#hardships)", counts.hardships(results, "with_attitude", "without")),
         ("over [decks](#attitudes-that-are-wrong)", counts.decks(results)),
+        ("where [air, lens or link](#air-lens-and-link) are bad", counts.adverse(results, WITH, WITHOUT)),
         ("in `real`", counts.real(results)),
         ("of [targets that leave the image](#targets-that-leave-the-image)", counts.leaving(results)),
     ]

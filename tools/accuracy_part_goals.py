@@ -83,16 +83,14 @@ def adverse_goals(results: Results) -> Iterator[str]:
     def share(row: Mapping[str, Any], program: str) -> float:
         return float(row[program]["posed"] / row[program]["images"])
 
-    usual = [share(row, "eyes_with_attitude") for row in found if share(row, "apriltag") >= 0.5]
-    wrong = {program: sum(row[program]["wrong"] for row in found) for program in found[0]}
-    posed = {program: sum(row[program]["posed"] for row in found) for program in found[0]}
-    eyes = [program for program in found[0] if program.startswith("eyes")]
-    count = f"{sum(wrong[each] for each in eyes)} of {sum(posed[each] for each in eyes):,}"
-    plain = f"AprilTag {wrong['apriltag']:,} of {posed['apriltag']:,}"
+    usual = [share(row, WITH) for row in found if share(row, "apriltag") >= 0.5]
     rows = [
         (">= 80 % posed with attitude where AprilTag poses 50 %", percents(usual), verdict(min(usual) >= 0.8)),
-        ("wrong poses: 0", f"{count} ({plain})", verdict(not any(wrong[each] for each in eyes))),
     ]
+    plain = counts.adverse(results, "apriltag")
+    for program, words in ((WITH, "with attitude"), (WITHOUT, "without")):
+        count = counts.adverse(results, program)
+        rows.append((f"wrong poses {words}: 0", f"{count}; AprilTag {plain}", verdict(count.wrong == 0)))
     yield from table(HEAD, rows)
 
 
