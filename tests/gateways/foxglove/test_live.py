@@ -85,6 +85,8 @@ async def test_a_recording_that_mkctl_plays_is_shown_value_by_value():
                 assert len(viewer.of(f"/{suffix}")) == wanted[suffix]
             names = {entity["id"] for update in viewer.of("/scene") for entity in update["entities"]}
             assert {"vehicle", "path", "ellipse", "goal"} <= names
+        # It ends by itself: a signal in its last moments would kill it.
+        await player.wait()
 
 
 def _answers(endpoint):
