@@ -7,7 +7,7 @@ through plain AprilTag and OpenCV.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from math import pi, radians
 from typing import Any, Final
 
@@ -16,9 +16,9 @@ import numpy.typing as npt
 
 from lab.campaign import Case, Part
 from lab.vision.flight import VGA, Device, fly
-from lab.vision.real import RESPONSE, Look, look_at
+from lab.vision.real import RESPONSE, Look, look_at, tally
 from lab.vision.stills import SeedSet, target_named
-from lab.vision.weather import Change
+from lab.vision.weather import SKIES, Change, Sky
 from mkdaemon.vision.camera.intrinsics import Intrinsics
 from mksim.scene.analogvideo import AnalogVideo
 from mksim.scene.hindrances import Drops, Flicker, Fog, Propellers
@@ -35,35 +35,19 @@ LINE_TIME: Final = READOUT / VGA.height
 FRAME_HZ: Final = 85.0
 """Of the vibration of a quadrotor's frame: motors at 5100 revolutions a minute."""
 SHAKEN: Final = radians(1.0) * 2.0 * pi
-"""Its angular rate, deviation of each axis [rad/s]: 0.7 degrees to and fro."""
+"""Its angular rate, deviation of each axis [rad/s]; chosen."""
 WIDE: Final = Intrinsics(
     width=640, height=480, fx=305.6, fy=305.6, cx=319.5, cy=239.5, model="fisheye", k1=-0.02, k2=0.004, line_time=0.0
 )
 """120 degrees from side to side."""
 UNTOLD: Final = VGA.model_copy(update={"line_time": None})
 ROLLING: Final = VGA.model_copy(update={"line_time": LINE_TIME})
-PLAIN: Final = Device(response=RESPONSE)
 ROLLS: Final = Device(exposure_time=0.001, line_time=LINE_TIME, response=RESPONSE)
 """In the sun: the shutter is open for a millisecond."""
 LIT_BY_LAMPS: Final = Device(exposure_time=0.002, line_time=LINE_TIME, response=RESPONSE)
 SHAKES: Final = Device(line_time=LINE_TIME, vibration=SHAKEN, response=RESPONSE)
 SKIN, LEATHER = 0.45, 0.07
 """Reflectance of a hand and of a shoe."""
-
-
-@dataclass(frozen=True, slots=True)
-class Trial:
-    """What is met, and the camera that meets it.
-
-    Attributes:
-        change: draws it.
-        device: the camera.
-        lens: what the programs believe of it; in truth its shutter is that of `device`.
-    """
-
-    change: Change
-    device: Device = PLAIN
-    lens: Intrinsics = VGA
 
 
 def _fog(rng: np.random.Generator, _side: float) -> Callable[[CameraView, Conditions], Conditions]:
@@ -137,22 +121,18 @@ def _foot(rng: np.random.Generator, side: float) -> Callable[[CameraView, Condit
     return _over_a_side(rng, shoe, LEATHER, side)
 
 
-def _nothing(_rng: np.random.Generator, _side: float) -> Callable[[CameraView, Conditions], Conditions]:
-    return lambda _view, fair: fair
-
-
 TRIALS: Final = {
-    "fog": Trial(_fog),
-    "rain": Trial(_rain),
-    "propellers": Trial(_propellers, ROLLS, ROLLING),
-    "lamps": Trial(_lamps, LIT_BY_LAMPS, ROLLING),
-    "analog": Trial(_analog(6.0, 0.1)),
-    "analog_bad": Trial(_analog(14.0, 0.5)),
-    "hand": Trial(_hand),
-    "foot": Trial(_foot),
-    "wide_lens": Trial(_nothing, PLAIN, WIDE),
-    "rolling_told": Trial(_nothing, SHAKES, ROLLING),
-    "rolling_untold": Trial(_nothing, SHAKES, UNTOLD),
+    "fog": Sky(_fog),
+    "rain": Sky(_rain),
+    "propellers": Sky(_propellers, ROLLS, lens=ROLLING),
+    "lamps": Sky(_lamps, LIT_BY_LAMPS, lens=ROLLING),
+    "analog": Sky(_analog(6.0, 0.1)),
+    "analog_bad": Sky(_analog(14.0, 0.5)),
+    "hand": Sky(_hand),
+    "foot": Sky(_foot),
+    "wide_lens": Sky(SKIES["fair"].change, lens=WIDE),
+    "rolling_told": Sky(SKIES["fair"].change, SHAKES, lens=ROLLING),
+    "rolling_untold": Sky(SKIES["fair"].change, SHAKES, lens=UNTOLD),
 }
 """By name."""
 
@@ -160,7 +140,7 @@ TRIALS: Final = {
 class _Met:
     """One flight's trial, as `lab.vision.flight.Weather` wants it."""
 
-    def __init__(self, trial: Trial, seed: int, side: float) -> None:
+    def __init__(self, trial: Sky, seed: int, side: float) -> None:
         self._change = trial.change(np.random.default_rng([seed, 0xAD5E]), side)
 
     def exposed(self, view: CameraView) -> CameraView:
@@ -197,15 +177,7 @@ def _fly(name: str, seed: int) -> dict[str, list[Look]]:
 
 
 def _sum_up(_quick: bool, parts: Sequence[Part], found: Sequence[dict[str, list[Look]]]) -> dict[str, Any]:
-    """Counts by trial and program."""
-    rows: dict[str, Any] = {}
-    for part, flight in zip(parts, found, strict=True):
-        for program, looks in flight.items():
-            row = rows.setdefault(part.args[0], {}).setdefault(program, {"images": 0, "posed": 0, "wrong": 0})
-            row["images"] += len(looks)
-            row["posed"] += sum(look.posed for look in looks)
-            row["wrong"] += sum(look.wrong for look in looks)
-    return rows
+    return tally(parts, found, "posed")
 
 
 ADVERSE: Final = Case(_plan, _sum_up)

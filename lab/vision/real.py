@@ -186,6 +186,18 @@ def _figures(looks: list[Look]) -> Iterator[tuple[str, Any]]:
         yield title, row
 
 
+def tally(parts: Sequence[Part], found: Sequence[dict[str, list[Look]]], word: str) -> dict[str, Any]:
+    """Images, poses (under `word`) and wrong ones by the first argument of the parts, and by program."""
+    rows: dict[str, Any] = {}
+    for part, flight in zip(parts, found, strict=True):
+        for program, looks in flight.items():
+            row = rows.setdefault(part.args[0], {}).setdefault(program, {"images": 0, word: 0, "wrong": 0})
+            row["images"] += len(looks)
+            row[word] += sum(look.posed for look in looks)
+            row["wrong"] += sum(look.wrong for look in looks)
+    return rows
+
+
 def _plan_published(quick: bool, seeds: SeedSet) -> list[Part]:
     flights = 1 if quick else 15
     return [
@@ -206,14 +218,10 @@ def _publish(name: str, seed: int) -> dict[str, list[Look]]:
 
 
 def _sum_up_published(_quick: bool, parts: Sequence[Part], found: Sequence[dict[str, list[Look]]]) -> dict[str, Any]:
-    rows: dict[str, Any] = {}
+    rows = tally(parts, found, "published")
     for part, flight in zip(parts, found, strict=True):
         for program, looks in flight.items():
-            row = rows.setdefault(part.args[0], {}).setdefault(program, {"images": 0, "published": 0, "wrong": 0})
-            row["images"] += len(looks)
-            row["published"] += sum(look.posed for look in looks)
-            row["wrong"] += sum(look.wrong for look in looks)
-            wrong_in = row.setdefault("wrong_flights", [])
+            wrong_in = rows[part.args[0]][program].setdefault("wrong_flights", [])
             wrong_in += [part.args[1]] if any(look.wrong for look in looks) else []
     every = [row for programs in rows.values() for row in programs.values()]
     return {

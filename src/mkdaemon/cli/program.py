@@ -252,7 +252,8 @@ def _words_of(error: CycloptsError, app: App, command: str, tokens: Sequence[str
             return f"{name} needs a value." if missing.name in tokens else f"`{command}` needs {name}."
         case UnknownCommandError(unused_tokens=[str() as first, *_], app=App() as group) if first.startswith("-"):
             names = [name for name in group if not name.startswith("-")]
-            return f"`{command}` needs {', '.join(names[:-1])} or {names[-1]} before {first}."
+            words = " or ".join(part for part in (", ".join(names[:-1]), names[-1]) if part)
+            return f"`{command}` needs {words} before {first}."
         case UnusedCliTokensError():
             return f"`{command}` does not take {' '.join(error.unused_tokens or ())!r}."
     return str(error)

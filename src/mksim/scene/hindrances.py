@@ -28,7 +28,7 @@ DROP_PX: Final = (5.0, 20.0)
 DROP_RIM: Final = 0.15
 """Out of focus: share of its radius over which a drop begins."""
 DROP_BLUR: Final = 0.6
-"""Deviation of the blur in a drop, over its radius."""
+"""Deviation of the blur in drops, over the radius of the largest."""
 BLADES: Final = 2
 BLADE_SHADE: Final = 0.04
 """Reflectance of a black propeller seen against the light."""

@@ -14,7 +14,8 @@ from mkdaemon.vision.camera.intrinsics import Intrinsics
 from mkdaemon.vision.tags.tagmap import Target
 from mksim.scene.analogvideo import AnalogVideo
 from mksim.scene.flights import patches, side_cut
-from mksim.scene.hindrances import Drops, Flicker, Fog, Propellers
+from mksim.scene.hardships import PROPELLERS
+from mksim.scene.hindrances import Drops, Flicker, Fog
 from mksim.scene.light import Conditions, Glare, Shadow
 from mksim.scene.motion import Platform
 from mksim.scene.scene import Scene, SceneTarget
@@ -51,7 +52,6 @@ def _pictures(target: Target, seed: int) -> list[tuple[str, npt.NDArray[np.uint8
         return view_towards(CAMERA, np.array([east, north, up]), np.zeros(3))
 
     fair = Conditions()
-    blades = Propellers(85.0, (0.5, 1.4))
     rolling = replace(near, line_time=ROLLING, exposure_time=0.001)
     moving = replace(near, rate_cam=np.array([0.3, 0.6, 0.0]), exposure_time=0.004)
     rng = np.random.default_rng(seed)
@@ -78,10 +78,7 @@ def _pictures(target: Target, seed: int) -> list[tuple[str, npt.NDArray[np.uint8
         ("out of view", shot(ground="clutter", conditions=replace(fair, target_in_view=False))),
         ("fog, 2 m of visibility", shot(conditions=replace(fair, fog=Fog(2.0)))),
         ("drops on the lens", shot(conditions=replace(fair, drops=Drops(seed)))),
-        (
-            "propellers, rolling shutter",
-            shot(rolling, conditions=replace(fair, propellers=blades)),
-        ),
+        ("propellers, rolling shutter", shot(rolling, conditions=replace(fair, propellers=PROPELLERS))),
         ("lamps, rolling shutter", shot(rolling, conditions=replace(fair, flicker=Flicker(200.0, 0.8)))),
         ("analog video", shot(moving, conditions=replace(fair, analog=AnalogVideo(10.0, 1.0)))),
     ]
