@@ -53,25 +53,12 @@ class CertaintyLimits:
 
 
 @dataclass(frozen=True, slots=True)
-class InnovationLimits:
-    """How far a pose may be from its prediction."""
-
-    angle: float = of(radians(6.0), "rad", "turn beside an attitude: the gyro's error is left", FLIGHTS)
-    blind_angle: float = of(radians(8.0), "rad", "without: shaking turns a camera by degrees", BLIND)
-    angle_rate: float = of(radians(60.0), "rad/s", "and more by time since the last pose", FLIGHTS)
-    range_share: float = of(0.01, "share", "of the range, for the range", FLIGHTS)
-    range_speed: float = of(1.0, "m/s", "and more by time", "derived: 30 m/s^2 between two images")
-    first_range_speed: float = of(6.0, "m/s", "the same before the velocity is known", FLIGHTS)
-
-
-@dataclass(frozen=True, slots=True)
 class AmbiguityLimits:
     """The choice between a pose and its mirror image."""
 
     same_pose: float = of(radians(1.0), "rad", "candidates closer are one pose", "below the published deviation")
     samples_per_fact: float = of(4.0, "", "neighbouring samples share pixels", "derived: blur over sample spacing")
     min_log_odds: float = of(12.0, "nats", "from which the image decides", "derived: one in 160,000")
-    harmless: float = of(radians(2.0), "rad", "closer rivals are published with the doubt in the covariance", BLIND)
     small_tilt: float = of(radians(0.3), "rad", "below, the mirrored pose is the pose", "a saddle at 1.5 deg, 5.5 off")
 
 
@@ -90,8 +77,6 @@ class TrackLimits:
 
     through: int = of(5, "images", "missed, over which a prediction holds and the target is found again", FLIGHTS)
     shake: float = of(0.08, "rad", "turn between two images within which it is looked for", FLIGHTS)
-    max_speed: float = of(8.0, "m/s", "camera against target; faster is a wrong pose", FLIGHTS)
-    turn_ahead: float = of(1.5, "steps", "over which a turn is carried on: shaking turns back", FLIGHTS)
     forget_velocity: float = of(0.3, "s", "between poses that make no velocity", FLIGHTS)
     grace: float = of(1.0, "s", "without an image, or a decoded tag beyond the re-detection period", FLIGHTS)
     retry_decode: float = of(0.1, "s", "between attempts to decode", "3 ms each: 3 % of a core")
@@ -103,12 +88,10 @@ class TrackLimits:
 class BranchLimits:
     """Rival readings of a far target."""
 
-    silent: float = of(3.0, "nats", "of one image that may be blur or light rather than tilt", BLIND)
     trusted_share: float = of(0.3, "share", "of the odds beyond: neighbouring images share faults", BLIND)
     max_image: float = of(6.0, "nats", "the most one image adds", BLIND)
     certain: float = of(25.0, "nats", "odds do not grow beyond: a wrong branch can be left", BLIND)
     decided: float = of(8.0, "nats", "from which the better branch is believed", "derived: one in 3,000")
-    min_images: int = of(5, "images", "needed besides: two smeared ones may agree on nonsense", BLIND)
     overruled: float = of(0.5, "nats", "of the newest image against, that stop a publication", BLIND)
     remembered: float = of(0.9, "share", "of what images said against a branch, an image later", "a third of a second")
     differ_place: float = of(0.01, "share", "of the range, between places of branches that differ", BLIND)
@@ -352,7 +335,6 @@ class Limits:
     photo: PhotoLimits = field(default_factory=PhotoLimits)
     evidence: EvidenceLimits = field(default_factory=EvidenceLimits)
     certainty: CertaintyLimits = field(default_factory=CertaintyLimits)
-    innovation: InnovationLimits = field(default_factory=InnovationLimits)
     ambiguity: AmbiguityLimits = field(default_factory=AmbiguityLimits)
     judge: JudgeLimits = field(default_factory=JudgeLimits)
     track: TrackLimits = field(default_factory=TrackLimits)

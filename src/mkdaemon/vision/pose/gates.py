@@ -11,7 +11,7 @@ import numpy.typing as npt
 from mkdaemon.config.vision import TrackerSection
 from mkdaemon.telemetry.vision import PoseRefusal
 from mkdaemon.vision.limits import LIMITS, NOISE_GREY
-from mkdaemon.vision.pose.pose import Pose, angle_between, correlation, largest_variance
+from mkdaemon.vision.pose.pose import Pose, correlation, largest_variance
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.pose.rolling import exposed
 from mkdaemon.vision.tags.cellread import sample
@@ -224,31 +224,4 @@ def certainty_refusal(
     spread = float(np.sqrt(largest_variance(pose.covariance[:3, :3])))
     if spread > max(certain.wrong_m, certain.wrong_share * pose.range_m) / certain.deviations:
         return PoseRefusal.POSITION_UNCERTAIN
-    return None
-
-
-def innovation_refusal(
-    pose: Pose, predicted: Pose, age: float, *, has_attitude: bool, has_velocity: bool
-) -> PoseRefusal | None:
-    """Compare a pose with the track's prediction; none when it may have got there.
-
-    Args:
-        pose: measured.
-        predicted: by the track.
-        age: time since the track's last pose [s].
-        has_attitude: whether the prediction used the vehicle's attitude.
-        has_velocity: whether it used a velocity.
-    """
-    allowed = LIMITS.innovation
-    angle = (allowed.angle if has_attitude else allowed.blind_angle) + allowed.angle_rate * age
-    if angle_between(pose.rotation, predicted.rotation) > angle:
-        return PoseRefusal.ROTATION_JUMP
-    # Shaking does not change the range.
-    speed = allowed.range_speed if has_velocity else allowed.first_range_speed
-    if abs(pose.range_m - predicted.range_m) > allowed.range_share * predicted.range_m + speed * age:
-        return PoseRefusal.RANGE_JUMP
-    # Seen from the target a turn that is believed swings the lens by so much of the range.
-    moved = float(np.linalg.norm(pose.rotation.T @ pose.position - predicted.rotation.T @ predicted.position))
-    if moved > angle * predicted.range_m + speed * age:
-        return PoseRefusal.POSITION_JUMP
     return None

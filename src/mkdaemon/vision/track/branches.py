@@ -89,11 +89,9 @@ class Branches:
 
     Attributes:
         ranked: the likeliest first; at least one.
-        images: that went into them; a start that was decided by itself counts as many.
     """
 
     ranked: tuple[Branch, ...]
-    images: int
 
     @classmethod
     def begin(cls, time: float, candidates: Sequence[Pose], *, decided: bool, moving: bool = False) -> Branches:
@@ -110,7 +108,7 @@ class Branches:
         for other in candidates[1:]:
             weight = -BRANCHES.certain if decided else -_evidence(first, other)
             found.append(Branch(Course.begin(time, other, psd), None, other, weight))
-        return cls(_prune(found), BRANCHES.min_images if decided else 1)
+        return cls(_prune(found))
 
     @property
     def best(self) -> Branch:
@@ -126,7 +124,7 @@ class Branches:
     @property
     def is_decided(self) -> bool:
         """Whether the likeliest branch is believed."""
-        return self.lead >= BRANCHES.decided and self.images >= BRANCHES.min_images
+        return self.lead >= BRANCHES.decided
 
     @property
     def is_spoken_against(self) -> bool:
@@ -150,7 +148,7 @@ class Branches:
         """Go on with the candidates of a new image."""
         together = [self._sum_against(pose, candidates) for pose in candidates]
         found = [grown for branch in self.ranked for grown in branch.next(time, candidates, together)]
-        return Branches(_prune(found), self.images + 1)
+        return Branches(_prune(found))
 
     def _sum_against(self, pose: Pose, candidates: Sequence[Pose]) -> float:
         """What images together say against the reading that a candidate belongs to, its own image included [nats].
@@ -170,8 +168,7 @@ def _evidence(better: Pose, worse: Pose) -> float:
     """What one image adds to the log odds of the better of two fits, zero or more."""
     if better is worse:
         return 0.0
-    trusted = BRANCHES.trusted_share * (log_odds(better, worse) - BRANCHES.silent)
-    return float(np.clip(trusted, 0.0, BRANCHES.max_image))
+    return float(np.clip(BRANCHES.trusted_share * log_odds(better, worse), 0.0, BRANCHES.max_image))
 
 
 def _apart(a: Branch, b: Branch) -> float:

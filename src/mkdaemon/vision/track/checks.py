@@ -13,7 +13,7 @@ from mkdaemon.telemetry.vision import PoseRefusal
 from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.ambiguity import prefers
 from mkdaemon.vision.pose.fitting import TargetFitter
-from mkdaemon.vision.pose.gates import fit_refusal, innovation_refusal
+from mkdaemon.vision.pose.gates import fit_refusal
 from mkdaemon.vision.pose.pose import Pose, angle_between
 from mkdaemon.vision.track.attitude import Mounting
 from mkdaemon.vision.track.level import LevelKnowledge, Sight
@@ -42,13 +42,12 @@ class Checks:
         self.cfg = cfg
         self.level = LevelKnowledge(fitter.target.level, mounting, cfg)
 
-    def refusal(self, seen: Sight, pose: Pose, predicted: Pose | None) -> PoseRefusal | None:
+    def refusal(self, seen: Sight, pose: Pose) -> PoseRefusal | None:
         """The first sign that a pose is wrong; none without any.
 
         Args:
             seen: the image.
             pose: measured in it.
-            predicted: by the track; none for a first pose.
         """
         refused = fit_refusal(pose, self.cfg)
         if refused is not None:
@@ -67,15 +66,7 @@ class Checks:
         tilt = self.level.tilt(seen, pose)
         if tilt is not None and tilt > self.level.gate(seen, pose) and not self.is_conclusive(seen, pose):
             return PoseRefusal.ATTITUDE
-        if predicted is None:
-            return None
-        return innovation_refusal(
-            pose,
-            predicted,
-            seen.time - self.track.last_time,
-            has_attitude=seen.enu_from_flu is not None,
-            has_velocity=self.track.has_velocity,
-        )
+        return None
 
     def is_partial(self, pose: Pose) -> bool:
         """Whether some edges do not agree: something lies over the target, or the pose is beside it."""
@@ -118,17 +109,10 @@ class Checks:
         """Side of a cell of the largest tag in the image [px]."""
         return self.fitter.side_px(pose) / self.fitter.target.tags[0].family.size_cells
 
-    def is_blurred(self, pose: Pose) -> bool:
-        """Whether the image is too blurred to show perspective."""
-        return pose.blur_px is not None and pose.blur_px > LIMITS.blur.smeared_px
-
     def shows_perspective(self, pose: Pose) -> bool:
-        """Whether the image alone tells a pose from its mirror image."""
-        return self.cell_px(pose) > LIMITS.cells.perspective_px and not self.is_blurred(pose)
-
-    def is_smeared(self, pose: Pose) -> bool:
-        """Whether blur hides what perspective there is: both candidates then run into one pose that may be neither."""
-        return self.is_blurred(pose) and self.cell_px(pose) < LIMITS.cells.perspective_px
+        """Whether the image alone tells a pose from its mirror image: it is near, and not too blurred."""
+        is_blurred = pose.blur_px is not None and pose.blur_px > LIMITS.blur.smeared_px
+        return self.cell_px(pose) > LIMITS.cells.perspective_px and not is_blurred
 
     def is_conclusive(self, seen: Sight, pose: Pose) -> bool:
         """Whether the image alone decides the tilt: a large, sharp target in full view."""

@@ -14,7 +14,7 @@ from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.ambiguity import Choice, choose, prefers
 from mkdaemon.vision.pose.gates import certainty_refusal
 from mkdaemon.vision.pose.pose import Pose, angle_between
-from mkdaemon.vision.track.checks import Checks, with_angle_variance, with_rival
+from mkdaemon.vision.track.checks import Checks, with_rival
 from mkdaemon.vision.track.level import Sight
 
 Array = npt.NDArray[np.float64]
@@ -56,7 +56,7 @@ class FirstJudge:
             candidates: fitted poses.
         """
         checks, level = self._checks, self._checks.level
-        refusals = [checks.refusal(seen, pose, None) for pose in candidates]
+        refusals = [checks.refusal(seen, pose) for pose in candidates]
         believable = [
             pose for pose, why in zip(candidates, refusals, strict=True) if why in (None, PoseRefusal.ATTITUDE)
         ]
@@ -86,8 +86,6 @@ class FirstJudge:
             is_supported = self._fitter.is_supported(seen.pixels, choice.pose)
             if not is_supported:
                 return _refused(PoseRefusal.INLIERS)
-        if not known and choice.pose.source == "edges" and checks.is_smeared(choice.pose):
-            return _refused(PoseRefusal.BLURRED)
         if choice.decided_by in ("unique", "image"):
             # Both starts may have run into one minimum, or one of them into none: the mirrored pose of a small tag is
             # asked for by name.
@@ -96,7 +94,7 @@ class FirstJudge:
                 return _refused(PoseRefusal.AMBIGUOUS)
             choice = replace(choice, pose=decided)
         fused = level.fuse(seen, choice.pose)
-        refused = checks.refusal(seen, choice.pose, None) or certainty_refusal(
+        refused = checks.refusal(seen, choice.pose) or certainty_refusal(
             fused, has_attitude=bool(known), is_plain=is_supported
         )
         return _refused(refused) if refused is not None else FirstVerdict(replace(choice, pose=fused), None)
@@ -137,18 +135,12 @@ class FirstJudge:
 
     def _decide_mirror(self, seen: Sight, pose: Pose) -> Pose | None:
         """Compare a first pose that has no rival with its mirror image; none when nothing decides."""
-        limits = LIMITS
         rivals = self._checks.candidates(seen, pose)
         choice = choose(rivals, min_ratio=self._checks.cfg.min_ambiguity_ratio)
         choice = choice or self._choose_by_all_pixels(seen, rivals)
         if choice is not None:
             return choice.pose
-        between = angle_between(rivals[0].rotation, rivals[1].rotation)
-        if self._checks.level.knows(seen):
-            return self._nearer_to_level(seen, rivals)
-        if between > limits.ambiguity.harmless:
-            return None
-        return with_angle_variance(min(rivals, key=lambda rival: rival.loss), (between / 2) ** 2)
+        return self._nearer_to_level(seen, rivals) if self._checks.level.knows(seen) else None
 
     def _choose_by_all_pixels(self, seen: Sight, rivals: Sequence[Pose]) -> Choice | None:
         """Choose between edge fits of a small target by all its pixels; none where nothing decides."""
@@ -172,7 +164,7 @@ class FirstJudge:
         if vertical is None:
             return _refused(PoseRefusal.ATTITUDE)
         held = self._fitter.refine(seen.pixels, self._checks.level.replace_tilt(seen, pose), vertical)
-        if held is None or self._checks.refusal(seen, held, None) is not None:
+        if held is None or self._checks.refusal(seen, held) is not None:
             return _refused(PoseRefusal.ATTITUDE)
         tilt = self._checks.level.tilt(seen, held)
         if tilt is not None and tilt > self._checks.level.hidden_gate(held):

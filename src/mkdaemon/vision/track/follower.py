@@ -402,8 +402,7 @@ class Follower:
         track, judge, now = self.track, self.judge, frame.sight.time
         verdict = Verdict(None, PoseRefusal.AMBIGUOUS)
         if track.is_live:
-            predicted = self._predicted(frame.sight)
-            verdict = judge.rejoin(frame.sight, rivals, predicted.pose)
+            verdict = judge.rejoin(frame.sight, rivals)
         if verdict.pose is not None and verdict.refusal is None:
             track.decoded_at = track.tried_at = now
             track.in_doubt = False

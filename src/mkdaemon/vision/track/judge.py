@@ -62,18 +62,18 @@ class Judge:
         alone = without_normal(pose, held.up, held.spread) if pose is not None and held is not None else None
         if alone is not None:
             pose, held = alone, None
-        refused = checks.refusal(seen, pose, predicted) if pose is not None else PoseRefusal.NO_FIT
+        refused = checks.refusal(seen, pose) if pose is not None else PoseRefusal.NO_FIT
         if pose is not None and refused is None:
             if held is not None:
                 checks.level.learn(seen, pose, held)
                 return self._judge_with_attitude(seen, pose)
             if checks.level.knows(seen):
-                pose = self._or_mirror(seen, pose, predicted)
+                pose = self._or_mirror(seen, pose)
                 # What the images before told of the deck; with this one in it the image would count twice.
                 fused = checks.level.fuse(seen, pose)
                 checks.level.learn(seen, pose)
                 return self._judge_with_attitude(seen, fused)
-            return self._judge_without_attitude(seen, pose, predicted)
+            return self._judge_without_attitude(seen, pose)
         contradicting = pose if self._is_contradicted(pose, refused) else None
         if vertical is not None and contradicting is None:
             # A free fit may follow something lying over the target, and agrees with the image no better then: hold the
@@ -81,7 +81,7 @@ class Judge:
             leaning = fitted
             if not is_held:
                 leaning = self._fitter.refine(seen.pixels, replace(start, rotation=predicted.rotation), vertical)
-            leans = leaning is not None and checks.refusal(seen, leaning, predicted) is None
+            leans = leaning is not None and checks.refusal(seen, leaning) is None
             off = pose if refused is PoseRefusal.ATTITUDE else None
             if leaning is not None and leans and (off is None or not prefers(off, leaning)):
                 return self.add_inertia(seen, leaning)
@@ -90,7 +90,7 @@ class Judge:
         is_there = contradicting is not None and self._is_plainly_there(seen, contradicting)
         return Verdict(contradicting if is_there else None, refused, contradicting)
 
-    def _or_mirror(self, seen: Sight, pose: Pose, predicted: Pose) -> Pose:
+    def _or_mirror(self, seen: Sight, pose: Pose) -> Pose:
         """A pose that surprises the attitude, or its mirror image where image and attitude together prefer that.
 
         A target seen nearly head on looks alike tilted some degrees either way, and a fit ends in the reading that its
@@ -101,10 +101,10 @@ class Judge:
             return pose
         # Where the fit ended beside its reading the first is that reading, asked for once more.
         again, *rivals = checks.candidates(seen, pose)
-        if again is not pose and checks.refusal(seen, again, predicted) is None:
+        if again is not pose and checks.refusal(seen, again) is None:
             pose = again
         for rival in rivals:
-            if checks.refusal(seen, rival, predicted) is None:
+            if checks.refusal(seen, rival) is None:
                 odds = log_odds(pose, rival) + level.log_odds(seen, pose, rival)
                 return with_rival(pose, rival, odds) if odds > 0.0 else with_rival(rival, pose, -odds)
         return pose
@@ -122,22 +122,12 @@ class Judge:
         """
         return pose is not None and refused is PoseRefusal.ATTITUDE and self._checks.is_whole(pose)
 
-    def rejoin(self, seen: Sight, candidates: Sequence[Pose], predicted: Pose) -> Verdict:
+    def rejoin(self, seen: Sight, candidates: Sequence[Pose]) -> Verdict:
         """Let a track that lost its target for some images choose between poses that were found anew."""
-        believed = self._believed(predicted)
-        rivals = [pose for pose in candidates if self._checks.refusal(seen, pose, believed) is None]
+        rivals = [pose for pose in candidates if self._checks.refusal(seen, pose) is None]
         if self._track.branches is None or not rivals:
             return Verdict(None, PoseRefusal.AMBIGUOUS)
         return self._judge_branches(seen, self._track.branches.after(seen.time, rivals))
-
-    def _believed(self, predicted: Pose) -> Pose | None:
-        """What a rival is held against: the prediction, unless the track itself does not know which reading it follows.
-
-        It would refuse the other one then, image after image, whatever the images say.
-        """
-        branches = self._track.branches
-        is_open = self._track.in_doubt or (branches is not None and not branches.is_decided)
-        return None if is_open else predicted
 
     def start_branches(self, seen: Sight, candidates: Sequence[Pose], *, decided: bool) -> Branches:
         """Branches that start in this image, the best candidate first."""
@@ -170,12 +160,12 @@ class Judge:
         self._track.branches = branches
         return verdict
 
-    def _judge_without_attitude(self, seen: Sight, pose: Pose, predicted: Pose) -> Verdict:
+    def _judge_without_attitude(self, seen: Sight, pose: Pose) -> Verdict:
         """Judge a fit by its mirror image, the images before and the vehicle's inertia."""
         candidates = self._checks.candidates(seen, pose)
         branches = self._advance_branches(seen, candidates)
         chosen = branches.best.pose
-        refused = None if chosen is pose else self._checks.refusal(seen, chosen, self._believed(predicted))
+        refused = None if chosen is pose else self._checks.refusal(seen, chosen)
         return Verdict(None, refused) if refused is not None else self._judge_branches(seen, branches)
 
     def _judge_branches(self, seen: Sight, branches: Branches) -> Verdict:

@@ -126,18 +126,16 @@ class Track:
                 step = position - earlier @ before.pose.position
             else:
                 step = position - before.pose.position
-                if ahead < TRACK.turn_ahead:
-                    rotation = now.pose.rotation @ before.pose.rotation.T @ now.pose.rotation
-            if float(np.linalg.norm(step)) < TRACK.max_speed * (now.time - before.time):
-                position = position + ahead * step
-                speed = step / (now.time - before.time)
-                if turned is None or earlier is None:
-                    # Whatever the camera turned is in the step, and does not change the range: where it leads, too.
-                    sight = position / float(np.linalg.norm(position))
-                    nearing = (now.pose.range_m - before.pose.range_m) / (now.time - before.time)
-                    speed = speed + (nearing - float(speed @ sight)) * sight
-                variance = float(now.pose.covariance[2, 2] + before.pose.covariance[2, 2])
-                speed_sd = float(np.sqrt(variance)) / (now.time - before.time)
+                rotation = now.pose.rotation @ before.pose.rotation.T @ now.pose.rotation
+            position = position + ahead * step
+            speed = step / (now.time - before.time)
+            if turned is None or earlier is None:
+                # Whatever the camera turned is in the step, and does not change the range: where it leads, too.
+                sight = position / float(np.linalg.norm(position))
+                nearing = (now.pose.range_m - before.pose.range_m) / (now.time - before.time)
+                speed = speed + (nearing - float(speed @ sight)) * sight
+            variance = float(now.pose.covariance[2, 2] + before.pose.covariance[2, 2])
+            speed_sd = float(np.sqrt(variance)) / (now.time - before.time)
         known = known_motion(position, speed, turning_flu, mounting, speed_sd)
         if turned is None:
             return Prediction(replace(now.pose, rotation=rotation, position=position, known_motion=known), False)
