@@ -66,7 +66,6 @@ class AmbiguityLimits:
 class JudgeLimits:
     """What a track asks of a pose."""
 
-    asks_mirror2: float = of(4.0, "", "squared surprise of the attitude from which the mirror image is asked", BLIND)
     surprising: float = of(16.0, "", "squared distance from the course, not published", "chi-square(3), one in 900")
     expected: float = of(9.0, "", "the same, inertia speaks for the pose", "chi-square(3), one in 34")
 
@@ -88,6 +87,7 @@ class TrackLimits:
 class BranchLimits:
     """Rival readings of a far target."""
 
+    silent: float = of(3.0, "nats", "of one image that may be blur or light rather than tilt", BLIND)
     trusted_share: float = of(0.3, "share", "of the odds beyond: neighbouring images share faults", BLIND)
     max_image: float = of(6.0, "nats", "the most one image adds", BLIND)
     certain: float = of(25.0, "nats", "odds do not grow beyond: a wrong branch can be left", BLIND)

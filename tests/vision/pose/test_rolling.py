@@ -13,12 +13,14 @@ from mkdaemon.vision.camera.intrinsics import Intrinsics
 from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.edgefind import Samples
 from mkdaemon.vision.pose.edgefit import EdgeFit, Level
+from mkdaemon.vision.pose.fitting import TargetFitter
 from mkdaemon.vision.pose.linetime import KnownMotion
 from mkdaemon.vision.pose.nuisance import with_motion
 from mkdaemon.vision.pose.photofit import PhotoFit
 from mkdaemon.vision.pose.pose import Pose, turn
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.pose.rolling import at_rest, before_motion, exposed, motion_jacobian, motion_of
+from mkdaemon.vision.tags.detection import Detection
 from mksim.scene.light import CLEAN, Conditions
 from mksim.scene.motion import Platform
 from mksim.scene.scene import Scene, SceneTarget, cam_from_target
@@ -220,3 +222,21 @@ def test_a_fit_to_edges_from_the_mirror_image_goes_on_while_its_steps_are_long(s
     off = error_of(found.rotation, found.position, rotation, position)
     error = np.array([*off.xyz, *off.rpy])
     assert float(error @ np.linalg.solve(found.covariance, error)) / 6.0 < 3.3  # chance: one in 300; 175 to 1,200 then
+
+
+@pytest.mark.parametrize("turning", [0.4, -0.4])
+def test_decoded_corners_are_compared_with_where_their_rows_saw_them(turning: float) -> None:
+    """Far from the middle row a corner lies more than half a cell from where it is at rest: tracks were given up."""
+    target = target_named("single")
+    projection = Projection(LENS)
+    fitter = TargetFitter(target, projection)
+    motion = np.array([turning, 0.0, 0.0, 0.0])
+    pose = Pose(
+        np.diag([1.0, -1.0, -1.0]), np.array([0.0, 2.4, 7.0]), np.eye(6), "photometric", 400, 0.1, motion=motion
+    )
+    (tag,) = target.tags
+    seen = exposed(tag.corners @ pose.rotation.T + pose.position, motion, projection)[0]
+    corners = projection.project(seen)[0]
+    decoded = [(tag, Detection(tag.family.name, tag.tag_id, 0, 60.0, corners, "decimate1"))]
+    assert fitter.disagreement(pose, decoded) < 0.02
+    assert fitter.disagreement(replace(pose, motion=None), decoded) > LIMITS.track.decode_agrees

@@ -58,7 +58,7 @@ def test_a_pose_two_cells_of_the_inner_tag_beside_its_place_is_refused(name, dis
     assert bits > CFG.min_bit_correlation, "all cells together do not tell"
     assert fitter.cell_evidence(view.pixels, pose).beside > LIMITS.read.beside_nats
     doubted = replace(pose, inliers=0.5)  # as of a fit that stays there
-    assert Checks(fitter, Track(), CFG, LOOKING_DOWN).refusal(seen, doubted, None) is PoseRefusal.BITS
+    assert Checks(fitter, Track(), CFG, LOOKING_DOWN).refusal(seen, doubted) is PoseRefusal.BITS
 
 
 @pytest.mark.parametrize(("name", "distance", "cells"), CELLS_BESIDE)
@@ -83,7 +83,7 @@ def test_a_right_pose_with_the_inner_tag_hidden_stays(texture):
     assert pose is not None
     assert off(pose, view) < 1e-3
     assert fitter.cell_evidence(pixels, pose).beside == 0.0
-    assert Checks(fitter, Track(), CFG, LOOKING_DOWN).refusal(sight(view, pixels), pose, None) is None
+    assert Checks(fitter, Track(), CFG, LOOKING_DOWN).refusal(sight(view, pixels), pose) is None
 
 
 def test_cells_outside_the_image_or_too_small_tell_nothing():
@@ -116,9 +116,9 @@ def test_a_fit_beside_the_place_of_a_target_that_leaves_the_image_is_refused(dis
     start = replace(truth(view), position=view.position + view.rotation @ step)
     beside, right = fitter.refine(view.pixels, start), fitter.refine(view.pixels, truth(view))
     assert off(beside, view) > 0.05, "two cells on, edges agree with their neighbours'"
-    assert checks.refusal(seen, beside, None) is PoseRefusal.BITS
+    assert checks.refusal(seen, beside) is PoseRefusal.BITS
     assert off(right, view) < 1e-3
-    assert checks.refusal(seen, right, None) is None
+    assert checks.refusal(seen, right) is None
 
 
 @pytest.mark.parametrize(
@@ -134,9 +134,9 @@ def test_where_few_edges_agree_those_that_are_seen_have_to(distance, toward, ste
     beside, right = fitter.refine(view.pixels, start), fitter.refine(view.pixels, truth(view))
     assert off(beside, view) > 0.01
     assert beside.inliers < LIMITS.agreement.blind
-    assert checks.refusal(seen, beside, None) is PoseRefusal.INLIERS
+    assert checks.refusal(seen, beside) is PoseRefusal.INLIERS
     assert off(right, view) < 1e-3
-    assert checks.refusal(seen, right, None) is None
+    assert checks.refusal(seen, right) is None
 
 
 def test_a_target_that_is_covered_by_half_shows_the_other_edges_where_they_are():

@@ -167,7 +167,7 @@ def test_where_two_readings_are_nearly_one_nothing_gathers_against_either(aside,
 def test_a_lead_has_to_outweigh_what_images_say_together(lead, together, is_against):
     """A poor fit threw the true course aside: its mirror image led by one jump, and was published 25 degrees off."""
     best, other = branches_of(0.010, 0.010).ranked
-    branches = Branches((replace(best, together=together), replace(other, weight=-lead)), LIMITS.branches.min_images)
+    branches = Branches((replace(best, together=together), replace(other, weight=-lead)))
     assert branches.is_decided
     assert branches.is_spoken_against is is_against
 
@@ -255,7 +255,7 @@ def drifting(around: float, weight: float) -> Branch:
 def test_histories_that_drift_apart_leave_room_for_one_that_joins():
     """Each of them is another answer, and misses for less than a leap costs: no fit was joined for 14 images."""
     missed = tuple(drifting(2 * np.pi * k / KEPT, -0.5 * k) for k in range(KEPT))
-    branches = Branches(missed, LIMITS.branches.min_images)
+    branches = Branches(missed)
     for k in range(1, 4):
         branches = branches.after(k * STEP, [seen([0.02, 0.0, 0.4], sd_deg=0.02)])
         assert any(not branch.missed for branch in branches.ranked)

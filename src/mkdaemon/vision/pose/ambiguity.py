@@ -103,8 +103,8 @@ def log_odds(first: Pose, second: Pose) -> float:
 
 
 def prefers(first: Pose, second: Pose) -> bool:
-    """Whether the image prefers one fit to another of its kind."""
-    return first.source == second.source and log_odds(first, second) > 0.0
+    """Whether the image prefers one fit to another of its kind, by more than blur or light do."""
+    return first.source == second.source and log_odds(first, second) > LIMITS.branches.silent
 
 
 def _is_explained(first: Pose, second: Pose) -> bool:

@@ -23,7 +23,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from mkdaemon.vision.limits import APART2, LIMITS
+from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.bend import Bend
 from mkdaemon.vision.pose.edgefind import HALF_WIDTH
 from mkdaemon.vision.pose.edgefit import EdgeFit, Level
@@ -36,6 +36,7 @@ from mkdaemon.vision.pose.pose import Pose, correlation, median, solve
 from mkdaemon.vision.pose.printmodel import SQUARE, PrintModel
 from mkdaemon.vision.pose.prints import Prints
 from mkdaemon.vision.pose.projection import NEAR_M, Projection
+from mkdaemon.vision.pose.rolling import exposed
 from mkdaemon.vision.tags.cellread import sample
 from mkdaemon.vision.tags.detection import Detection
 from mkdaemon.vision.tags.tagmap import Tag, Target
@@ -172,8 +173,13 @@ class EdgeEvidence:
         )
 
     def _grey(self, pixels: Grey, points: Array, pose: Pose) -> Array:
-        seen, _ = self._projection.project(points @ pose.rotation.T + pose.position)
-        return sample(pixels, seen)
+        return sample(pixels, pixels_of(points, pose, self._projection)[0])
+
+
+def pixels_of(points: Array, pose: Pose, projection: Projection) -> tuple[Array, npt.NDArray[np.bool_]]:
+    """Pixels `(n, 2)` of points of a target `(n, 3)` [m] as their rows see them, and which are visible `(n,)`."""
+    seen = points @ pose.rotation.T + pose.position
+    return projection.project(seen if pose.motion is None else exposed(seen, pose.motion, projection)[0])
 
 
 def _lines(target: Target, model: EdgeModel) -> npt.NDArray[np.intp]:
@@ -318,15 +324,8 @@ class TargetFitter:
             return edges
         # Edges that melted lie; others have found the place, from which a few steps are left.
         grey = self._fit_from(pixels, start if is_melted else edges, (edges.blur_px or 0.0) / HALF_WIDTH, level)
-        if grey is None:
-            return edges
-        if self._photo.explains(grey) and grey.unexplained_px <= most:
-            return grey
-        if not is_melted or (edges.rms_px < LIMITS.edges.located_px and not self._photo.resembles(grey)):
-            # Something lies over the print.
-            return edges
-        # A streak that is not the same all over the print, or a fit that has not got there: neither is sure.
-        return self._with_contradiction(edges, grey)
+        is_better = grey is not None and self._photo.explains(grey) and grey.unexplained_px <= most
+        return grey if is_better else edges
 
     def is_small(self, pose: Pose) -> bool:
         """Whether cells are so small that grey values measure the target, alone or after edges."""
@@ -350,14 +349,6 @@ class TargetFitter:
             return False
         is_torn = pose.inliers < limits.agreement.whole and cell_px < limits.cells.small_px
         return is_torn or cell_px < limits.cells.melted_widths * pose.widest_px
-
-    def _with_contradiction(self, pose: Pose, other: Pose) -> Pose:
-        """The pose, as uncertain as another measurement of the same image that contradicts it is far away."""
-        turned = np.asarray(cv2.Rodrigues(other.rotation @ pose.rotation.T)[0], dtype=np.float64).ravel()
-        apart = np.concatenate([other.position - pose.position, turned])
-        distance2 = float(apart @ np.linalg.solve(pose.covariance + other.covariance, apart))
-        doubt = distance2 if distance2 > APART2 else 1.0
-        return replace(pose, covariance=doubt * pose.covariance)
 
     def _fit_from(self, pixels: Grey, start: Pose, blur_px: float, level: Level | None = None) -> Pose | None:
         """Fit grey values from a point spread that is known nearly."""
@@ -453,7 +444,7 @@ class TargetFitter:
         """Largest mean corner distance between decoded tags and where the pose puts them [cells of the tag]."""
         worst = 0.0
         for tag, found in tags:
-            seen, visible = self._projection.project(tag.corners @ pose.rotation.T + pose.position)
+            seen, visible = pixels_of(tag.corners, pose, self._projection)
             if not bool(visible.all()):
                 return float("inf")
             distance = float(np.linalg.norm(seen - found.corners, axis=1).mean())

@@ -136,14 +136,6 @@ class Branches:
         spare = min(self.lead - BRANCHES.decided, BRANCHES.decided)
         return self.best.against > BRANCHES.overruled or self.best.together > spare
 
-    @property
-    def doubt(self) -> float:
-        """Variance of the direction from what is left of other branches close to the likeliest [rad^2]."""
-        odds = np.exp([b.weight for b in self.ranked])
-        apart = np.array([_apart(self.best, b) for b in self.ranked])
-        close = apart <= BRANCHES.same_direction
-        return float((odds * apart**2)[close].sum() / odds[close].sum())
-
     def after(self, time: float, candidates: Sequence[Pose]) -> Branches:
         """Go on with the candidates of a new image."""
         together = [self._sum_against(pose, candidates) for pose in candidates]
@@ -168,7 +160,8 @@ def _evidence(better: Pose, worse: Pose) -> float:
     """What one image adds to the log odds of the better of two fits, zero or more."""
     if better is worse:
         return 0.0
-    return float(np.clip(BRANCHES.trusted_share * log_odds(better, worse), 0.0, BRANCHES.max_image))
+    trusted = BRANCHES.trusted_share * (log_odds(better, worse) - BRANCHES.silent)
+    return float(np.clip(trusted, 0.0, BRANCHES.max_image))
 
 
 def _apart(a: Branch, b: Branch) -> float:

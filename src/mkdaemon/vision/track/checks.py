@@ -11,7 +11,6 @@ import numpy as np
 from mkdaemon.config.vision import TrackerSection
 from mkdaemon.telemetry.vision import PoseRefusal
 from mkdaemon.vision.limits import LIMITS
-from mkdaemon.vision.pose.ambiguity import prefers
 from mkdaemon.vision.pose.fitting import TargetFitter
 from mkdaemon.vision.pose.gates import fit_refusal
 from mkdaemon.vision.pose.pose import Pose, angle_between
@@ -77,23 +76,13 @@ class Checks:
         return pose.source == "edges" and pose.inliers < LIMITS.agreement.blind
 
     def candidates(self, seen: Sight, pose: Pose) -> list[Pose]:
-        """A fit and, where perspective does not rule it out, its mirror image.
-
-        Where the image prefers that, the fit may have ended beside its reading: it is asked for once more from the
-        mirror image. Both readings have to be fits, or what a poor one lacks speaks against a reading nobody fitted.
-        """
+        """A fit and, where perspective does not rule it out, its mirror image."""
         limits = LIMITS.ambiguity
         if self.shows_perspective(pose) or pose.tilt < limits.small_tilt:
             return [pose]
         rival = self.fitter.fit_mirrored(seen.pixels, pose)
-        if rival is None or angle_between(pose.rotation, rival.rotation) < limits.same_pose:
-            return [pose]
-        if prefers(rival, pose):
-            again = self.fitter.fit_mirrored(seen.pixels, rival)
-            is_other = again is not None and angle_between(again.rotation, rival.rotation) >= limits.same_pose
-            if again is not None and is_other and prefers(again, pose):
-                return [again, rival]
-        return [pose, rival]
+        is_other = rival is not None and angle_between(pose.rotation, rival.rotation) >= limits.same_pose
+        return [pose, rival] if rival is not None and is_other else [pose]
 
     def with_mirror(self, seen: Sight, poses: Sequence[Pose]) -> list[Pose]:
         """First poses of an image, the best first, with the best one's mirror image where none is among them.

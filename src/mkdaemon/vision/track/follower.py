@@ -361,7 +361,7 @@ class Follower:
         if verdict.choice is None:
             frame.refused[self.name] = verdict.refusal or PoseRefusal.NO_FIT
             if verdict.refusal in UNDECIDED:
-                self._start_ambiguous(frame, candidates, mode)
+                self._start_ambiguous(frame, candidates)
             return
         self.track.decoded_at = self.track.tried_at = frame.sight.time
         self.track.in_doubt = False
@@ -396,28 +396,18 @@ class Follower:
         track.lose()
         return False
 
-    def _start_ambiguous(self, frame: Frame, candidates: Sequence[Pose], mode: FoundBy) -> None:
-        """Let the track decide between a pose and its mirror image, or start one that waits until it can."""
-        rivals = self._checks.with_mirror(frame.sight, candidates)
-        track, judge, now = self.track, self.judge, frame.sight.time
-        verdict = Verdict(None, PoseRefusal.AMBIGUOUS)
-        if track.is_live:
-            verdict = judge.rejoin(frame.sight, rivals)
-        if verdict.pose is not None and verdict.refusal is None:
-            track.decoded_at = track.tried_at = now
-            track.in_doubt = False
-            self._publish(frame, Choice(verdict.pose, float("inf"), "track"), mode)
+    def _start_ambiguous(self, frame: Frame, candidates: Sequence[Pose]) -> None:
+        """Start a track that waits until it can decide between a pose and its mirror image."""
+        track = self.track
+        if track.is_live and not track.in_doubt and track.misses <= LIMITS.track.through:
             return
-        if verdict.pose is None:
-            if track.is_live and not track.in_doubt and track.misses <= LIMITS.track.through:
-                return
-            track.lose()
-            track.branches = judge.start_branches(frame.sight, rivals, decided=False)
-            verdict = Verdict(rivals[0], PoseRefusal.AMBIGUOUS)
-        track.decoded_at = track.tried_at = now
-        self._accept(frame, verdict.pose or rivals[0])
+        rivals = self._checks.with_mirror(frame.sight, candidates)
+        track.lose()
+        track.branches = self.judge.start_branches(frame.sight, rivals, decided=False)
+        track.decoded_at = track.tried_at = frame.sight.time
         track.in_doubt = True
-        frame.follow(self.name, verdict.refusal or PoseRefusal.AMBIGUOUS)
+        self._accept(frame, rivals[0])
+        frame.follow(self.name, PoseRefusal.AMBIGUOUS)
 
     def _predicted(self, seen: Sight) -> Prediction:
         """What the track expects in an image, with what is known of the print's bend."""

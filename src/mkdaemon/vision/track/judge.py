@@ -7,12 +7,12 @@ from dataclasses import dataclass, replace
 
 from mkdaemon.telemetry.vision import PoseRefusal
 from mkdaemon.vision.limits import LIMITS
-from mkdaemon.vision.pose.ambiguity import choose, log_odds, prefers
+from mkdaemon.vision.pose.ambiguity import choose, prefers
 from mkdaemon.vision.pose.gates import certainty_refusal
 from mkdaemon.vision.pose.pose import Pose
 from mkdaemon.vision.track.attitude import without_normal
 from mkdaemon.vision.track.branches import Branches
-from mkdaemon.vision.track.checks import Checks, with_angle_variance, with_rival
+from mkdaemon.vision.track.checks import Checks
 from mkdaemon.vision.track.level import Sight
 
 
@@ -68,7 +68,6 @@ class Judge:
                 checks.level.learn(seen, pose, held)
                 return self._judge_with_attitude(seen, pose)
             if checks.level.knows(seen):
-                pose = self._or_mirror(seen, pose)
                 # What the images before told of the deck; with this one in it the image would count twice.
                 fused = checks.level.fuse(seen, pose)
                 checks.level.learn(seen, pose)
@@ -90,25 +89,6 @@ class Judge:
         is_there = contradicting is not None and self._is_plainly_there(seen, contradicting)
         return Verdict(contradicting if is_there else None, refused, contradicting)
 
-    def _or_mirror(self, seen: Sight, pose: Pose) -> Pose:
-        """A pose that surprises the attitude, or its mirror image where image and attitude together prefer that.
-
-        A target seen nearly head on looks alike tilted some degrees either way, and a fit ends in the reading that its
-        start is nearer to. Where both may be right, the doubt is in its covariance.
-        """
-        checks, level = self._checks, self._checks.level
-        if level.surprise2(seen, pose) < LIMITS.judge.asks_mirror2:
-            return pose
-        # Where the fit ended beside its reading the first is that reading, asked for once more.
-        again, *rivals = checks.candidates(seen, pose)
-        if again is not pose and checks.refusal(seen, again) is None:
-            pose = again
-        for rival in rivals:
-            if checks.refusal(seen, rival) is None:
-                odds = log_odds(pose, rival) + level.log_odds(seen, pose, rival)
-                return with_rival(pose, rival, odds) if odds > 0.0 else with_rival(rival, pose, -odds)
-        return pose
-
     def _is_plainly_there(self, seen: Sight, pose: Pose) -> bool:
         """Whether a large target whose cells are read clearly lies as a pose says, for all but the attitude."""
         if not self._checks.is_plain(seen, pose):
@@ -121,13 +101,6 @@ class Judge:
         A tilt that is held agrees with the attitude whatever the image says, and nobody would hear of it.
         """
         return pose is not None and refused is PoseRefusal.ATTITUDE and self._checks.is_whole(pose)
-
-    def rejoin(self, seen: Sight, candidates: Sequence[Pose]) -> Verdict:
-        """Let a track that lost its target for some images choose between poses that were found anew."""
-        rivals = [pose for pose in candidates if self._checks.refusal(seen, pose) is None]
-        if self._track.branches is None or not rivals:
-            return Verdict(None, PoseRefusal.AMBIGUOUS)
-        return self._judge_branches(seen, self._track.branches.after(seen.time, rivals))
 
     def start_branches(self, seen: Sight, candidates: Sequence[Pose], *, decided: bool) -> Branches:
         """Branches that start in this image, the best candidate first."""
@@ -177,7 +150,6 @@ class Judge:
         if not branches.is_decided or branches.is_spoken_against:
             return Verdict(chosen, PoseRefusal.AMBIGUOUS)
         fused = prior.fuse(chosen) if prior is not None else chosen
-        fused = with_angle_variance(fused, branches.doubt)
         # The branches allow for errors that last; to be published a pose has to fit by its own covariance.
         distance2 = prior.mahalanobis2(chosen, 1.0) if prior is not None else 0.0
         if branches.best.missed or distance2 > limits.judge.surprising:

@@ -248,12 +248,6 @@ class LevelKnowledge:
         near, far = self.tilt(seen, first), self.tilt(seen, second)
         return 0.0 if near is None or far is None else (far**2 - near**2) / (2.0 * self._sd(seen) ** 2)
 
-    def surprise2(self, seen: Sight, pose: Pose) -> float:
-        """Squared angle between both normals, over what pose and attitude leave; 0 where nothing is known."""
-        tilt = self.tilt(seen, pose)
-        spread = self._sd(seen) ** 2 + largest_variance(pose.covariance[3:, 3:])
-        return 0.0 if tilt is None else tilt**2 / spread
-
     def gate(self, seen: Sight, pose: Pose) -> float:
         """Largest disagreement that is believed of a pose [rad]."""
         return self.hidden_gate(pose) + self._deck_sd(seen)
