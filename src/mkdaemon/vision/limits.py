@@ -250,8 +250,7 @@ class BlurWidths:
     """Half width of edges in the image."""
 
     sharp_px: float = of(1.75, "px", "no edge is taken for narrower", "1.9-2.1 in focus at rest, 1.75 cut by clipping")
-    wide_px: float = of(3.0, "px", "from here the shape of the blur moves edges", "NEES beyond 3 m")
-    smeared_px: float = of(3.5, "px", "from here perspective drowns in blur; at 3.0 1 % fewer poses", BLIND)
+    smeared_px: float = of(3.5, "px", "from here the shape of the blur moves edges, perspective drowns in it", BLIND)
     alarm_px: float = of(5.0, "px", "from here motion or focus is at fault", STILLS)
 
 
@@ -264,7 +263,6 @@ class EdgeLimits:
     min_samples: int = of(12, "", "fewer edges fix no pose", "derived: twice the unknowns")
     max_samples: int = of(320, "", "more cost time without improving the pose", STILLS)
     max_move: float = of(0.2, "share", "of the range; a fit that moves farther ran away", FLIGHTS)
-    max_move_m: float = of(0.02, "m", "and so much more (edges only)", FLIGHTS)
     settled_px: float = of(0.08, "px", "a step that moves samples less ends the fit", "below a located edge's error")
     tukey: float = of(4.685, "deviations", "outlier bound", "95 % efficiency; Holland and Welsch 1977")
     counted: float = of(0.1, "weight", "from which a sample agrees", "derived: 83 % of the outlier bound")
@@ -289,8 +287,7 @@ class EdgeLimits:
     )
     turning_sd: float = of(1.0, "rad/s", "of the camera while a rolling shutter reads", "shaking is 0.4 rad/s")
     acceleration_sd: float = of(15.0, "rad/s^2", "of the camera's turning then", "0.4 rad/s that change in 30 ms")
-    climbing_sd: float = of(2.0, "m/s", "along the optical axis, where no track knows it", "as of a first velocity")
-    unknown_speed: float = of(1.0, "m/s", "across the line of sight, where no track knows it", FLIGHTS)
+    speed_sd: float = of(2.0, "m/s", "of a camera whose velocity no track knows, each way", FLIGHTS)
     attitude_noise: float = of(radians(0.1), "rad", "of one reported attitude, each axis", "its last digit is .1 deg")
     known_climbing_sd: float = of(0.1, "m/s", "along the optical axis, where a track knows it", FLIGHTS)
     noisy_px: float = of(0.25, "px", "residual from which noise hides edges that all pixels show", "dusk: 0.4-0.9 px")

@@ -190,30 +190,6 @@ def test_far_away_the_attitude_is_in_the_fit_and_not_told_a_second_time():
     np.testing.assert_allclose(verdict.pose.covariance, held.covariance)
 
 
-VAGUE = np.diag([1e-6, 1e-6, 1e-4, 2.5e-4, 2.5e-4, 1e-5])
-
-
-@pytest.mark.parametrize(
-    ("tilt_deg", "mirror_loss", "is_mirror"), [(5.9, 0.01, True), (5.9, 0.014, False), (1.5, 0.005, False)]
-)
-def test_a_far_pose_that_surprises_the_attitude_is_held_against_its_mirror_image(tilt_deg, mirror_loss, is_mirror):
-    pose = fitted(8.0, tilt_deg, covariance=VAGUE)
-    mirror = fitted(8.0, -0.5, covariance=VAGUE, loss=mirror_loss)
-    verdict = Judge(checks(GivenFits(pose, mirror=mirror), followed())).measure(sight(), fitted(8.0), fitted(8.0))
-    near = angle_deg(verdict.pose.rotation, mirror.rotation) < angle_deg(verdict.pose.rotation, pose.rotation)
-    assert near is is_mirror
-
-
-def test_a_surprising_pose_that_is_asked_for_once_more_is_weighed_as_it_was_found_then():
-    """The fit ended beside its reading: what it lacked speaks against nobody."""
-    poor, again = fitted(8.0, 5.9, covariance=VAGUE, loss=0.02), fitted(8.0, 3.5, covariance=VAGUE, loss=0.01)
-    mirror = fitted(8.0, -3.0, covariance=VAGUE, loss=0.0105)
-    fits = GivenFits(poor)
-    fits.fit_mirrored = lambda pixels, pose: again if pose is mirror else mirror
-    verdict = Judge(checks(fits, followed())).measure(sight(), fitted(8.0), fitted(8.0))
-    assert angle_deg(verdict.pose.rotation, again.rotation) < angle_deg(verdict.pose.rotation, mirror.rotation) - 1.0
-
-
 def test_an_image_counts_once_beside_what_the_images_before_told_of_the_deck():
     pose = fitted(tilt_deg=2.0, covariance=np.diag([1e-7, 1e-7, 1e-6, 1e-4, 1e-4, 1e-7]))
     asked = checks(GivenFits(pose), followed())
@@ -257,8 +233,7 @@ def test_a_fit_without_attitude(given, pose, refusal):
     assert track.branches.is_decided == (refusal is not PoseRefusal.AMBIGUOUS)
 
 
-@pytest.mark.parametrize("anew", [False, True])
-def test_a_track_in_doubt_goes_over_to_the_reading_that_the_images_speak_for(anew):
+def test_a_track_in_doubt_goes_over_to_the_reading_that_the_images_speak_for():
     """It followed the wrong one; the other is a jump from there, and what the images say counts all the same."""
     wrong, right = fitted(tilt_deg=15.0, loss=0.016), mirrored(fitted(tilt_deg=15.0), loss=0.01)
     track = followed(wrong)
@@ -269,7 +244,7 @@ def test_a_track_in_doubt_goes_over_to_the_reading_that_the_images_speak_for(ane
         if track.branches is None:
             track.branches = judge.start_branches(sight(0.0), [wrong, right], decided=False)
         seen = sight(k * STEP, attitude=False)
-        verdict = judge.rejoin(seen, [wrong, right]) if anew else judge.measure(seen, wrong, wrong)
+        verdict = judge.measure(seen, wrong, wrong)
     assert verdict is not None
     assert verdict.refusal is None
     assert verdict.pose is not None
@@ -304,29 +279,6 @@ def test_a_reading_that_images_keep_speaking_against_is_not_published(loss, refu
         verdict = judge.measure(sight(k * STEP, attitude=False), followed_one, followed_one)
     assert verdict is not None
     assert verdict.refusal is refusal
-
-
-@pytest.mark.parametrize(("again_loss", "asked"), [(0.01, True), (0.019, False)])
-def test_a_fit_beside_its_reading_is_asked_for_once_more_from_its_mirror_image(again_loss, asked):
-    """What a poor fit lacks would speak against a reading that nobody fitted."""
-    poor, other = (
-        replace(TILTED, rotation=turn(TILTED.rotation, np.radians([8.0, 0.0, 0.0])), loss=0.02),
-        mirrored(TILTED),
-    )
-    again = replace(TILTED, loss=again_loss)
-    fits = GivenFits(mirror=other, cell_px=4.5)
-    fits.fit_mirrored = lambda pixels, pose: again if pose is other else other
-    asking = checks(fits, followed(TILTED))
-    found = asking.candidates(sight(attitude=False), poor)
-    assert [id(pose) for pose in found] == [id(again if asked else poor), id(other)]
-    first = asking.with_mirror(sight(attitude=False), [poor])
-    assert {id(pose) for pose in first} == {id(again if asked else poor), id(other)}
-
-
-def test_a_track_without_branches_cannot_choose_between_poses_found_anew():
-    judge = Judge(checks(GivenFits(), followed(TILTED)))
-    verdict = judge.rejoin(sight(attitude=False), [TILTED, mirrored(TILTED)])
-    assert (verdict.pose, verdict.refusal) == (None, PoseRefusal.AMBIGUOUS)
 
 
 FIRST = [

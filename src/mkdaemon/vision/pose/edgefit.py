@@ -146,7 +146,7 @@ class _State:
         if not np.isfinite(self.position).all() or self.position[2] < NEAR_M:
             return True
         away = float(np.linalg.norm(self.position - start.position))
-        return away > LIMITS.edges.max_move * start.range_m + LIMITS.edges.max_move_m
+        return away > LIMITS.edges.max_move * start.range_m
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -23,7 +23,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from mkdaemon.vision.limits import LIMITS
+from mkdaemon.vision.limits import APART2, LIMITS
 from mkdaemon.vision.pose.bend import Bend
 from mkdaemon.vision.pose.edgefind import HALF_WIDTH
 from mkdaemon.vision.pose.edgefit import EdgeFit, Level
@@ -324,8 +324,15 @@ class TargetFitter:
             return edges
         # Edges that melted lie; others have found the place, from which a few steps are left.
         grey = self._fit_from(pixels, start if is_melted else edges, (edges.blur_px or 0.0) / HALF_WIDTH, level)
-        is_better = grey is not None and self._photo.explains(grey) and grey.unexplained_px <= most
-        return grey if is_better else edges
+        if grey is None:
+            return edges
+        if self._photo.explains(grey) and grey.unexplained_px <= most:
+            return grey
+        if not is_melted or (edges.rms_px < LIMITS.edges.located_px and not self._photo.resembles(grey)):
+            # Something lies over the print.
+            return edges
+        # A streak that is not the same all over the print, or a fit that has not got there: neither is sure.
+        return self._with_contradiction(edges, grey)
 
     def is_small(self, pose: Pose) -> bool:
         """Whether cells are so small that grey values measure the target, alone or after edges."""
@@ -349,6 +356,14 @@ class TargetFitter:
             return False
         is_torn = pose.inliers < limits.agreement.whole and cell_px < limits.cells.small_px
         return is_torn or cell_px < limits.cells.melted_widths * pose.widest_px
+
+    def _with_contradiction(self, pose: Pose, other: Pose) -> Pose:
+        """The pose, as uncertain as another measurement of the same image that contradicts it is far away."""
+        turned = np.asarray(cv2.Rodrigues(other.rotation @ pose.rotation.T)[0], dtype=np.float64).ravel()
+        apart = np.concatenate([other.position - pose.position, turned])
+        distance2 = float(apart @ np.linalg.solve(pose.covariance + other.covariance, apart))
+        doubt = distance2 if distance2 > APART2 else 1.0
+        return replace(pose, covariance=doubt * pose.covariance)
 
     def _fit_from(self, pixels: Grey, start: Pose, blur_px: float, level: Level | None = None) -> Pose | None:
         """Fit grey values from a point spread that is known nearly."""

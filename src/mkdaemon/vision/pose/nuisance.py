@@ -136,14 +136,14 @@ def beyond_motion(by_motion: Array, by_place: Array, times: Array, position: Arr
 def beyond_sd(shutter: Shutter) -> Array:
     """How far that is known `(5,)`, times the line time over the nominal one; of an acceleration twice."""
     scale = shutter.scale
-    return np.array([LIMITS.edges.acceleration_sd * scale**2] * 3 + [LIMITS.edges.unknown_speed * scale] * 2)
+    return np.array([LIMITS.edges.acceleration_sd * scale**2] * 3 + [LIMITS.edges.speed_sd * scale] * 2)
 
 
 def motion_known(start: Pose, shutter: Shutter) -> KnownMotion:
     """What is known of the motion before a fit looks at the image."""
     known = start.known_motion
     if known is None:
-        known = KnownMotion(motion_at_rest(), np.array([LIMITS.edges.turning_sd] * 3 + [LIMITS.edges.climbing_sd]))
+        known = KnownMotion(motion_at_rest(), np.array([LIMITS.edges.turning_sd] * 3 + [LIMITS.edges.speed_sd]))
     return shutter.motion(known)
 
 

@@ -177,10 +177,13 @@ class PhotoFit:
         """Of several prints those that the image shows at a state: hidden and missed ones would lead a fit astray."""
         return tuple(model for model in prints if self._stepper.match(pixels, model, at) >= least)
 
+    def resembles(self, grey: Pose) -> bool:
+        """Whether the model of a fit to grey values looks like the image."""
+        return grey.likeness is not None and grey.likeness >= LIMITS.likeness.explained
+
     def explains(self, grey: Pose) -> bool:
         """Whether the model holds for a fit to grey values: nothing lies over the print or shines on it."""
-        is_like = grey.likeness is not None and grey.likeness >= LIMITS.likeness.explained
-        return is_like and grey.inliers >= LIMITS.agreement.whole
+        return self.resembles(grey) and grey.inliers >= LIMITS.agreement.whole
 
     def polish(self, pixels: Grey, pose: Pose) -> Pose:
         """Measure a pose from edges once more by the grey values, where these know more and do not object.

@@ -60,7 +60,7 @@ class ImageHealth:
         is_of_edges = pose.source == "edges"
         if pose.blur_px is not None:
             self._blur.append(pose.blur_px if is_of_edges else pose.blur_px * HALF_WIDTH)
-        if is_of_edges and (pose.blur_px is None or pose.blur_px < LIMITS.blur.wide_px):
+        if is_of_edges and (pose.blur_px is None or pose.blur_px < LIMITS.blur.smeared_px):
             self._residuals.append(pose.rms_px)
 
     def _is_frozen(self, thin: Grey) -> bool:

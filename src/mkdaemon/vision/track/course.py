@@ -25,8 +25,6 @@ ACCELERATION_PSD = 1.0
 """Of a vehicle over a target at rest: 1.3 m/s^2 that last for 0.3 s [m^2/s^3]."""
 MOVING_PSD = 25.0
 """The same where the target moves by itself, as a deck or another vehicle does [m^2/s^3]."""
-FIRST_SPEED = 2.0
-"""Deviation of the velocity before the second pose [m/s]."""
 CAUTION = 4.0
 """Factor on the variance of a pose: its errors last for several images where light, blur or cover cause them."""
 FLOOR = 0.002
@@ -58,7 +56,7 @@ class Course:
         centre, spread = _lens_place(pose)
         covariance = np.zeros((6, 6))
         covariance[:3, :3] = spread
-        covariance[3:, 3:] = FIRST_SPEED**2 * np.eye(3)
+        covariance[3:, 3:] = LIMITS.edges.speed_sd**2 * np.eye(3)
         return cls(time, np.concatenate([centre, np.zeros(3)]), covariance, psd)
 
     @property

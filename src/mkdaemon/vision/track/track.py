@@ -184,8 +184,8 @@ def known_motion(
     if turning_flu is not None and mounting is not None:
         turning, spread = mounting.flu_from_cam.T @ turning_flu.rate, turning_flu.sd
         if speed is None:
-            spread += limits.unknown_speed / float(np.linalg.norm(place))
-    along = limits.climbing_sd if speed is None else float(np.hypot(limits.known_climbing_sd, speed_sd))
+            spread += limits.speed_sd / float(np.linalg.norm(place))
+    along = limits.speed_sd if speed is None else float(np.hypot(limits.known_climbing_sd, speed_sd))
     expected = motion_of(place, np.zeros(3) if speed is None else speed, turning)
     return KnownMotion(expected, np.array([spread] * 3 + [along]))
 
