@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import asyncio
 import json
-import math
 from collections.abc import Callable, Iterator
 from dataclasses import asdict
 from pathlib import Path
@@ -26,7 +25,7 @@ from lab.stories.deaths import NEUTRAL_TIME, RELEASE_TIME, SilentRelease
 from lab.stories.faults import FAULTS, VERDICT, Verdicts, judge_fault
 from lab.stories.interruptions import run_reboots, run_restarts, run_standstills, run_swaps
 from lab.stories.kill import END_TIME, SIGNALS, End, end_daemon
-from lab.stories.losses import Losses, campaign, silence_log
+from lab.stories.losses import Losses, campaign, sessions, silence_log
 from lab.stories.page import Row, write_page
 from lab.stories.plug import Replugs, replug
 from lab.stories.race import Race, race
@@ -115,8 +114,8 @@ def client_row(boards: str, name: str, found: list[Lost]) -> Row:
 def run_cable_cuts(runs: int | None, jobs: int) -> Iterator[Row]:
     """The line is interrupted while a client flies."""
     for boards in (*DIRECT, BEHIND[2]):
-        sessions = math.ceil((runs or 200) / CYCLES)
-        found = [cycle for seed in range(sessions) for cycle in pull_cable(boards, seed, cycles=CYCLES)][: runs or 200]
+        parts = enumerate(sessions(runs or 200, CYCLES))
+        found = [cycle for seed, cycles in parts for cycle in pull_cable(boards, seed, cycles=cycles)]
         back = [cycle.back for cycle in found if cycle.back is not None]
         wrong = [(number // CYCLES, cycle.number) for number, cycle in enumerate(found) if cycle.is_wrong]
         figure = (
