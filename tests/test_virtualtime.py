@@ -56,3 +56,22 @@ def test_waiting_for_what_never_comes_is_an_error():
 
     with pytest.raises(RuntimeError, match="everything waits"):
         run_virtually(main())
+
+
+def test_what_still_runs_at_the_end_has_the_time_to_leave():
+    left = []
+
+    async def leave_slowly():
+        try:
+            await asyncio.sleep(3600.0)
+        finally:
+            await asyncio.sleep(1.0)
+            left.append(asyncio.get_running_loop().time())
+
+    async def main():
+        task = asyncio.create_task(leave_slowly())
+        await asyncio.sleep(5.0)
+        return task
+
+    assert run_virtually(main()).done()
+    assert left == [6.0]

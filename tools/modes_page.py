@@ -7,9 +7,10 @@ import inspect
 from collections.abc import Iterator
 from enum import StrEnum
 from pathlib import Path
+from textwrap import fill
 from typing import Final
 
-from mkdaemon.control.modes import ALWAYS, ROWS, Reaction, Row, Trigger
+from mkdaemon.control.modes import ALWAYS, IN_FLIGHT, ROWS, Reaction, Row, Trigger
 from mkdaemon.control.pilots_hands import CAPPED, HANDS, Hands
 from mkdaemon.telemetry.control import Phase
 
@@ -22,6 +23,8 @@ present one under `control/status`; a release nobody asked for is also an `event
 [safety.md](safety.md).
 """
 
+_END: Final = "end of the flight"
+"""In the diagram: what releases from every phase in flight."""
 _TABLE: Final = """## Transitions
 
 Of the rows of one phase and event, the first whose guard holds is taken; without a row nothing changes. A release
@@ -61,16 +64,24 @@ def _hands(row: Hands) -> str:
 
 
 def _diagram() -> str:
-    """The table as a state diagram; rows that differ only in event and guard share an arrow."""
+    """The table as a state diagram; rows that differ only in event and guard share an arrow.
+
+    What releases from every phase in flight is one label, with its meaning below.
+    """
     arrows: dict[tuple[str, str], list[str]] = {}
     for row in ROWS:
         for source in row.sources:
             if source is not row.target:
                 label = row.event.value if row.guard is ALWAYS else f"{row.event.value}, {row.guard.meaning}"
                 arrows.setdefault((source.value, row.target.value), []).append(label)
+    of_flight = [arrows[phase.value, Phase.RELEASING.value] for phase in IN_FLIGHT]
+    shared = [label for label in of_flight[0] if all(label in labels for labels in of_flight)]
+    for labels in of_flight:
+        labels[:] = [_END, *(label for label in labels if label not in shared)]
     lines = [f"    [*] --> {Phase.FREE.value}"]
     lines += [f"    {source} --> {target}: {_label(labels)}" for (source, target), labels in arrows.items()]
-    return "```mermaid\nstateDiagram-v2\n" + "\n".join(lines) + "\n```\n"
+    meaning = fill(f"*{_END}* is each of: {', '.join(f'`{label}`' for label in shared)}.", 120, break_on_hyphens=False)
+    return "```mermaid\nstateDiagram-v2\n" + "\n".join(lines) + f"\n```\n\n{meaning}\n"
 
 
 def _label(labels: list[str]) -> str:

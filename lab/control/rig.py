@@ -168,7 +168,7 @@ class Rig:
                 gains=flight.vertical,
                 level_limits=ReferenceLimits(1.2, 1.4),
                 height_limits=ReferenceLimits(0.6, 0.8),
-                now=at,
+                estimate=estimator.estimate(at),
             )
         self._autopilot.estimator.advance(at)
         self._autopilot.estimator.target_seen(view, at)

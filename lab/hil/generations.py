@@ -117,10 +117,7 @@ class Bench:
     @property
     def held(self) -> tuple[int, int, int, int, bool]:
         """External control as its memory holds it."""
-        peek, control = self.chip.peek, self._layout
-        pitch, roll, yaw = (peek(control.symbol, "<b", control.pitch + place) for place in range(3))
-        throttle = peek(control.symbol, control.throttle, control.pitch + 3)
-        return pitch, roll, yaw, throttle, bool(peek(control.symbol, "<B", control.config) & 1)
+        return self._layout.held(self.chip)
 
     def until_dropped(self, meanwhile: Callable[[float], None], longest: float) -> float | None:
         """How long sticks are held from now on [s]; None for longer."""

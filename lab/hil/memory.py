@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from lab.hil.build import Firmware
+from lab.hil.chip import Chip
 from mkdaemon.errors import ConfigError
 
 
@@ -24,6 +25,12 @@ class Control:
     pitch: int
     config: int
     throttle: str
+
+    def held(self, chip: Chip) -> tuple[int, int, int, int, bool]:
+        """What the firmware holds: pitch, roll, yaw, throttle, whether it is valid."""
+        pitch, roll, yaw = (chip.peek(self.symbol, "<b", self.pitch + place) for place in range(3))
+        throttle = chip.peek(self.symbol, self.throttle, self.pitch + 3)
+        return pitch, roll, yaw, throttle, bool(chip.peek(self.symbol, "<B", self.config) & 1)
 
 
 GENERATIONS: Final = (

@@ -113,10 +113,7 @@ class GenuineWorld(World):
     @property
     def held(self) -> tuple[int, int, int, int, bool]:
         """External control as the firmware holds it: pitch, roll, yaw, throttle, whether it is valid."""
-        peek, control = self.chip.peek, self._layout
-        pitch, roll, yaw = (peek(control.symbol, "<b", control.pitch + place) for place in range(3))
-        throttle = peek(control.symbol, control.throttle, control.pitch + 3)
-        return pitch, roll, yaw, throttle, bool(peek(control.symbol, "<B", control.config) & 1)
+        return self._layout.held(self.chip)
 
     def _fly(self, sticks: StickInput) -> None:
         """Let the firmware fly one step; the sticks it flies by are in its own memory."""

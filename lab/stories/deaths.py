@@ -36,7 +36,7 @@ WATCH: Final = 2.5
 TOKEN_LEASE: Final = 2.0
 """After this the bus takes a frozen client for gone [s]; `BusConfig.lease`."""
 SESSION: Final = 20
-"""Deaths a session."""
+"""Deaths a session, the last of a campaign may have fewer."""
 
 
 class Death(StrEnum):
@@ -189,8 +189,8 @@ class _Client:
 def fly_session(
     boards: Boards,
     seed: int,
-    *,
     deaths: int = SESSION,
+    *,
     link_class: type[Link] = Link,
     watched: float = WATCH,
     ways: tuple[Death, ...] = tuple(Death),
@@ -214,7 +214,7 @@ async def _fly_session(
         polling = asyncio.create_task(_poll(flown, random.Random(f"{seed} poll")), name="poll")
         for number in range(deaths):
             rng = random.Random(f"{seed} {number}")
-            death = ways[(seed * deaths + number) % len(ways)]
+            death = ways[(seed * SESSION + number) % len(ways)]
             client = _Client(flown, rng, f"client{number}")
             await _take_turn(flown, client.fly)
             await client.die(death, watched)

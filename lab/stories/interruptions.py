@@ -91,9 +91,9 @@ def restart_row(boards: str, found: list[Restart]) -> Row:
     cleared = [one.cleared for one in found if one.cleared is not None]
     layouts = sorted({one.layout for one in found})
     figure = (
-        f"external control cleared {max(cleared, default=0.0):.3f} s after the first bytes at the latest, never in "
-        f"{len(found) - len(cleared)}; {sum(one.steered for one in found)} frames with the valid bit before the "
-        f"confirmation; flown after it in {', '.join(layouts)}"
+        f"control cleared within {max(cleared, default=0.0):.3f} s of the first bytes, never in "
+        f"{len(found) - len(cleared)}; {sum(one.steered for one in found)} valid frames before the confirmation; "
+        f"flown after it in {', '.join(layouts)}"
     )
     wrong = [one for one in found if one.is_wrong]
     return Row("restart", "daemon killed and started in flight", boards, len(found), figure,

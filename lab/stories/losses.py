@@ -69,9 +69,13 @@ def campaign(
 ) -> Losses:
     """Lose so many clients, in sessions of `SESSION`, and sum up."""
     fly = partial(fly_session, boards, link_class=link_class, watched=watched)
-    sessions = math.ceil(runs / SESSION)
-    found = [loss for losses in _each(fly, range(first_seed, first_seed + sessions), jobs) for loss in losses][:runs]
+    found = [loss for losses in _each(fly, first_seed, sessions(runs, SESSION), jobs) for loss in losses]
     return summed_up(boards.name, found)
+
+
+def sessions(runs: int, size: int) -> list[int]:
+    """Runs of each session: `size`, and in the last one what is left."""
+    return [min(size, runs - done) for done in range(0, runs, size)]
 
 
 def summed_up(name: str, found: list[Loss]) -> Losses:
@@ -107,12 +111,14 @@ def _ms(seconds: float | None) -> float | None:
     return None if seconds is None else round(1000 * seconds, 1)
 
 
-def _each(fly: Callable[[int], list[Loss]], seeds: range, jobs: int) -> Iterator[list[Loss]]:
+def _each(fly: Callable[[int, int], list[Loss]], seed: int, deaths: list[int], jobs: int) -> Iterator[list[Loss]]:
+    """Fly sessions of so many deaths, the first with this seed."""
+    seeds = range(seed, seed + len(deaths))
     if jobs == 1:
-        yield from map(fly, seeds)
+        yield from map(fly, seeds, deaths)
         return
     with ProcessPoolExecutor(jobs, initializer=silence_log) as pool:
-        yield from pool.map(fly, seeds)
+        yield from pool.map(fly, seeds, deaths)
 
 
 def silence_log() -> None:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import asyncio
 import json
-import math
 from collections.abc import Callable, Iterator
 from dataclasses import asdict
 from pathlib import Path
@@ -22,11 +21,11 @@ from lab.rigs.cockpit import Boards
 from lab.stories.cable import BACK, CLEARED, pull_cable
 from lab.stories.clients import Loss as Lost
 from lab.stories.clients import lose_clients
-from lab.stories.deaths import NEUTRAL_TIME, RELEASE_TIME, SilentRelease
+from lab.stories.deaths import NEUTRAL_TIME, RELEASE_TIME, Death, SilentRelease
 from lab.stories.faults import FAULTS, VERDICT, Verdicts, judge_fault
 from lab.stories.interruptions import run_reboots, run_restarts, run_standstills, run_swaps
 from lab.stories.kill import END_TIME, SIGNALS, End, end_daemon
-from lab.stories.losses import Losses, campaign, silence_log
+from lab.stories.losses import Losses, campaign, sessions, silence_log
 from lab.stories.page import Row, write_page
 from lab.stories.plug import Replugs, replug
 from lab.stories.race import Race, race
@@ -63,7 +62,7 @@ def loss_row(losses: Losses) -> Row:
         f"longest {_ms(losses.released_max_ms)}; {losses.relapses} stale stick frames after"
     )
     limit = f"{1000 * NEUTRAL_TIME:g} ms; {1000 * RELEASE_TIME:g} ms; 0"
-    story = "client dies (" + ", ".join(losses.ways) + ")"
+    story = f"client dies ({'every way' if len(losses.ways) == len(Death) else ', '.join(losses.ways)})"
     return Row("deaths", story, losses.boards, losses.runs, figure, limit, losses.holds, asdict(losses))
 
 
@@ -115,8 +114,8 @@ def client_row(boards: str, name: str, found: list[Lost]) -> Row:
 def run_cable_cuts(runs: int | None, jobs: int) -> Iterator[Row]:
     """The line is interrupted while a client flies."""
     for boards in (*DIRECT, BEHIND[2]):
-        sessions = math.ceil((runs or 200) / CYCLES)
-        found = [cycle for seed in range(sessions) for cycle in pull_cable(boards, seed, cycles=CYCLES)][: runs or 200]
+        parts = enumerate(sessions(runs or 200, CYCLES))
+        found = [cycle for seed, cycles in parts for cycle in pull_cable(boards, seed, cycles=cycles)]
         back = [cycle.back for cycle in found if cycle.back is not None]
         wrong = [(number // CYCLES, cycle.number) for number, cycle in enumerate(found) if cycle.is_wrong]
         figure = (
@@ -144,7 +143,7 @@ def plug_row(cycles: Replugs) -> Row:
         f"{cycles.memory_mb[0]:.1f} -> {cycles.memory_mb[1]:.1f} MiB"
     )
     limit = f"{BACK:g} s; 0; flat; flat"
-    return Row("plug", "unplug and plug in, process on a pseudo terminal", "FC 2.12a behind NC 0.24", cycles.cycles,
+    return Row("plug", "unplugged and plugged in, on a pseudo terminal", "FC 2.12a behind NC 0.24", cycles.cycles,
                figure, limit, cycles.holds, asdict(cycles))  # fmt: skip
 
 
@@ -159,13 +158,13 @@ def run_daemon_ends(runs: int | None, jobs: int) -> Iterator[Row]:
 def end_row(ends: list[End]) -> Row:
     """One line of ends by the same signal on the same boards."""
     name, fc = ends[0].signal, ends[0].fc
-    held = f"FC held the last command longest {max(end.held for end in ends):.2f} s"
+    held = f"last command held longest {max(end.held for end in ends):.2f} s"
     steered = sum(end.steered for end in ends)
     if name == "SIGKILL":
         releases = max(end.released or 0.0 for end in ends)
         figure = (
-            f"first bytes of the next start a release in {sum(end.first == 'release' for end in ends)}; Config cleared "
-            f"{1000 * releases:.0f} ms after them at the latest; {steered} stick frames after; {held}"
+            f"the next start begins with a release in {sum(end.first == 'release' for end in ends)}; Config cleared "
+            f"{1000 * releases:.0f} ms after it at the latest; {steered} stick frames after; {held}"
         )
         limit = f"{len(ends)}; -; 0; dead-man or next start"
     else:
@@ -219,13 +218,12 @@ def run_soak(seconds: float) -> Iterator[Row]:
 def soak_row(found: Soak) -> Row:
     """The line of the soak."""
     figure = (
-        f"board sent {found.board_sent}, daemon received {found.daemon_received}; daemon sent {found.daemon_sent}, "
-        f"board received {found.board_received}, of them {found.sticks} stick frames; {found.tracebacks} tracebacks; "
-        f"memory {found.memory_mb[0]:.1f} -> "
-        f"{found.memory_mb[1]:.1f} MiB; descriptors {found.descriptors[0]} -> {found.descriptors[1]}; CPU "
-        f"{found.cpu_percent:g} %"
+        f"received {found.daemon_received} of {found.board_sent}, by the board {found.board_received} of "
+        f"{found.daemon_sent} ({found.sticks} sticks); {found.tracebacks} tracebacks; memory "
+        f"{found.memory_mb[0]:.1f} -> {found.memory_mb[1]:.1f} MiB; descriptors {found.descriptors[0]} -> "
+        f"{found.descriptors[1]}; CPU {found.cpu_percent:g} %"
     )
-    story = f"soak of {found.seconds:g} s: O 100, D 200, C 50 ms, echo 10 Hz, sticks 40 Hz"
+    story = f"soak of {found.seconds:g} s"
     detail = asdict(found) | {"faults": found.faults()}
     return Row("soak", story, "FC 2.12a behind NC 0.24", 1, figure, "equal; equal; 0; flat; flat; 25 %",
                not found.faults() and found.cpu_percent <= 25.0, detail)  # fmt: skip

@@ -6,13 +6,19 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
-HEAD: Final = """# Stories and their evidence
+from lab.stories.deaths import Death
+
+HEAD: Final = f"""# Stories and their evidence
 
 What happens when something dies while a client flies, measured against the simulated boards. Every row is written by
 `python -m lab stories --page docs/lab/stories.md` (`--case NAME` for one group); nothing here is typed by hand. Times
 count from the last setpoint the daemon could use, as far as nothing else is said; seeds make every run in virtual time
 repeatable. `deaths`, `unreleased`, `cable`, `swap`, `reboot`, `freeze`, `restart` and `faults` run in virtual time, the
 others with real processes, Zenoh sessions and pseudo terminals, so their times include whatever else the machine did.
+
+Every way in which a client dies: {", ".join(Death)}
+(`lab/stories/deaths.py` says what each is). A valid frame has the valid bit of external control set. The soak streams O
+every 100 ms, D every 200 and C every 50, with ten link tests and 40 stick frames a second.
 
 | case | story | boards | runs | measured | limit | holds |
 |---|---|---|---|---|---|---|

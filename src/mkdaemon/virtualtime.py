@@ -98,9 +98,13 @@ def run_virtually(main: Coroutine[Any, Any, _Result], pace: float = 0.0) -> _Res
 
 
 def end_loop(loop: asyncio.AbstractEventLoop) -> None:
-    """End what still runs in a loop, and close it."""
-    for task in asyncio.all_tasks(loop):
-        task.cancel()
-    loop.run_until_complete(asyncio.sleep(0))
+    """End what still runs in a loop, which may take its time to leave, and close it."""
+    loop.run_until_complete(_end(asyncio.all_tasks(loop)))
     loop.run_until_complete(loop.shutdown_asyncgens())
     loop.close()
+
+
+async def _end(tasks: set[asyncio.Task[Any]]) -> None:
+    for task in tasks:
+        task.cancel()
+    await asyncio.gather(*tasks, return_exceptions=True)

@@ -14,8 +14,8 @@ import os
 import termios
 import time
 import tty
-from collections.abc import AsyncIterator, Callable
-from typing import Final
+from collections.abc import AsyncIterator, Callable, Coroutine
+from typing import Any, Final
 
 from mkdaemon.errors import LinkError
 from mksim.simulation import Simulation
@@ -26,6 +26,18 @@ _BLOCK: Final = 4096
 _HANG_UP: Final = 1.0
 _SLIP: Final = 0.5
 """Behind the wall clock by more than this (a suspended machine), the simulation skips the gap instead of racing."""
+
+
+@contextlib.asynccontextmanager
+async def running(work: Coroutine[Any, Any, None], name: str) -> AsyncIterator[None]:
+    """Let work run in a task of this name while the context lasts; an error that ended it is raised on leaving."""
+    job = asyncio.create_task(work, name=name)
+    try:
+        yield
+    finally:
+        job.cancel()
+        with contextlib.suppress(asyncio.CancelledError):
+            await job
 
 
 class PseudoTerminal:
@@ -131,13 +143,8 @@ class Runtime:
             loop.add_reader(self._terminal.fileno(), self._take_terminal)
             stack.callback(loop.remove_reader, self._terminal.fileno())
             self._zero = self._clock() - self.simulation.now
-            job = asyncio.create_task(self._run(), name="simulation")
-            try:
+            async with running(self._run(), "simulation"):
                 yield self
-            finally:
-                job.cancel()
-                with contextlib.suppress(asyncio.CancelledError):
-                    await job
 
     @contextlib.asynccontextmanager
     async def _tcp(self, listen: str) -> AsyncIterator[None]:

@@ -377,6 +377,30 @@ def test_an_aircraft_that_takes_no_control_any_more_is_released(drive):
     assert drive.sticks == []
 
 
+def reasons_without_a_lease(drive):
+    """What clients are told from when nobody holds the lease any more."""
+    return [each.reason for each in drive.of(PublishStatus) if each.lease is None]
+
+
+def test_whoever_loses_the_lease_within_a_tick_is_told_why_and_not_that_he_flies(drive):
+    drive.fly()
+    drive.core.feed(LineChanged(ControlLine(None, Obstacle.READ_ONLY, "another release")), drive.now)
+    drive.stream(0.1)
+    assert set(reasons_without_a_lease(drive)) == {"external control is not possible: another release"}
+
+
+def test_whoever_loses_the_lease_during_a_release_is_told_why_and_not_why_the_one_before_lost_it(drive):
+    drive.fly("alice")
+    drive.request(holder="bob", force=True)
+    drive.tick()
+    assert drive.of(PublishStatus)[-1].reason == "bob took the lease from alice"
+    drive.core.feed(ClientGone("bob"), drive.now)
+    drive.tick()
+    drive.release_ends()
+    drive.tick()
+    assert set(reasons_without_a_lease(drive)) == {"client bob is gone"}
+
+
 @pytest.mark.parametrize("obstacle", [Obstacle.RELEASING, Obstacle.UNCONFIRMED])
 def test_a_line_that_releases_by_itself_ends_the_lease(drive, obstacle):
     drive.fly()

@@ -10,7 +10,8 @@ import pytest
 from lab.rigs.boardport import ADAPTER_TIME
 from lab.rigs.cockpit import Boards
 from lab.stories import deaths as campaign
-from lab.stories.deaths import NEUTRAL_TIME, RELEASE_TIME, Death, Loss, SilentRelease
+from lab.stories.deaths import NEUTRAL_TIME, RELEASE_TIME, SESSION, Death, Loss, SilentRelease
+from lab.stories.losses import campaign as lose_all
 from lab.stories.losses import percentile, summed_up
 
 LONGEST_DEAD_MAN = 5.2
@@ -70,6 +71,24 @@ def test_without_the_active_release_2_12a_lets_go_by_itself_but_late():
 
 def test_the_same_seed_dies_the_same_deaths():
     assert fly_session(Boards("2.12a"), seed=5, deaths=1) == fly_session(Boards("2.12a"), seed=5, deaths=1)
+
+
+def test_a_campaign_flies_no_death_that_nobody_asked_for(monkeypatch):
+    flown = []
+
+    def fly(boards, seed, deaths=SESSION, **_):
+        flown.append((seed, deaths))
+        return [replace(GOOD, seed=seed, number=number) for number in range(deaths)]
+
+    monkeypatch.setattr("lab.stories.losses.fly_session", fly)
+    assert lose_all(Boards("2.12a"), 2).runs == 2
+    assert lose_all(Boards("2.12a"), 2 * SESSION + 3).runs == 2 * SESSION + 3
+    assert flown == [(1, 2), (1, SESSION), (2, SESSION), (3, 3)]
+
+
+def test_a_short_session_begins_like_a_long_one():
+    short, longer = (fly_session(Boards("2.12a"), seed=5, deaths=deaths) for deaths in (1, 2))
+    assert short == longer[:1]
 
 
 GOOD = Loss(1, 0, Death.KILLED, wire=0.02, neutral=0.03, applied=0.04, released=0.05, relapses=0)

@@ -16,6 +16,10 @@ if TYPE_CHECKING:
     from mkdaemon.telemetry.vehicle import VehicleHealth
 
 _Value = TypeVar("_Value")
+SEEN: Final = 1.0
+"""A target that was seen longer ago is not in sight [s]; the slowest camera in use delivers five images meanwhile."""
+WEAK_CELL: Final = 3.5
+"""A lithium cell below this has less than a tenth left, less under load [V]."""
 PATTERNS: Final = (
     "health",
     "link/state",

@@ -404,10 +404,11 @@ class Authority:
         return row
 
     def _release_order(self, row: Row, **words: str) -> ReleaseOrder:
-        reason = self._reason(row, **words)
+        """End the lease; from now on its reason is told, though the phase changes with the next tick."""
+        self.reason = self._reason(row, **words)
         holder = self._lease.holder if self._lease is not None else ""
         self._lease = None
-        return ReleaseOrder(reason, holder, row.is_asked)
+        return ReleaseOrder(self.reason, holder, row.is_asked)
 
     def _reason(self, row: Row, **words: str) -> str:
         holder = self._lease.holder if self._lease is not None else ""

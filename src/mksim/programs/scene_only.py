@@ -22,6 +22,7 @@ from mkdaemon.telemetry.sim import ScenePose
 from mksim.config import SimConfig
 from mksim.programs.sim_camera import CameraPublisher
 from mksim.programs.simsession import check_endpoints, stay_connected
+from mksim.runtime import running
 
 if TYPE_CHECKING:
     from mksim.scene.feed import SceneFeed
@@ -152,13 +153,10 @@ async def film_poses(config: SimConfig, vehicle: str, expression: str) -> AsyncI
             await asyncio.Event().wait()
 
     feed.start()
-    job = asyncio.create_task(stay_connected(config.connect, serve), name="scene on the bus")
     try:
-        yield stream
+        async with running(stay_connected(config.connect, serve), "scene on the bus"):
+            yield stream
     finally:
-        job.cancel()
-        with contextlib.suppress(asyncio.CancelledError):
-            await job
         await asyncio.shield(asyncio.to_thread(feed.stop))
 
 

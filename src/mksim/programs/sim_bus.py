@@ -26,6 +26,7 @@ from mkdaemon.telemetry.sim import FaultAction, FaultRequest, RunningFault, SimF
 from mksim.config import SimConfig
 from mksim.programs.sim_camera import CameraPublisher
 from mksim.programs.simsession import check_endpoints, stay_connected
+from mksim.runtime import running
 from mksim.simulation import Simulation
 
 _log = structlog.get_logger(__name__)
@@ -197,10 +198,5 @@ async def sim_on_bus(
         with publisher.open(session) if publisher is not None else contextlib.nullcontext():
             await SimBus(session, simulation, vehicle, port).publish(config.truth_rate_hz)
 
-    job = asyncio.create_task(stay_connected(config.connect, serve), name="simulator on the bus")
-    try:
+    async with running(stay_connected(config.connect, serve), "simulator on the bus"):
         yield
-    finally:
-        job.cancel()
-        with contextlib.suppress(asyncio.CancelledError):
-            await job

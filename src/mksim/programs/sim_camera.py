@@ -16,6 +16,7 @@ from mkdaemon.config.camera import read_image_secret
 from mkdaemon.telemetry.image import CameraFrame
 from mkdaemon.telemetry.signature import private_key, sign
 from mksim.config import SimConfig
+from mksim.runtime import running
 from mksim.simulation import Simulation
 
 if TYPE_CHECKING:
@@ -116,13 +117,10 @@ async def run_camera(
                 feed.tick(simulation.now, simulation.world.truth, simulation.world.faults)
             await asyncio.sleep(CAMERA_TICK_TIME)
 
-    job = asyncio.create_task(expose(), name="simulated camera")
     try:
-        yield
+        async with running(expose(), "simulated camera"):
+            yield
     finally:
-        job.cancel()
-        with contextlib.suppress(asyncio.CancelledError):
-            await job
         await asyncio.shield(asyncio.to_thread(feed.stop))
 
 

@@ -159,7 +159,7 @@ def test_no_flight_leans_further_than_its_configuration_says(steepest):
     here = (-3.0, 0.0, 2.0)
     estimator = Estimator(AircraftModel(), level_view(place=here), HOVER)
     cfg = AutopilotConfig(max_tilt=steepest, max_speed=2.0, max_acceleration=2.0)
-    autopilot = new_autopilot(cfg, estimator, 0.0)
+    autopilot = new_autopilot(cfg, estimator, estimator.estimate(0.0))
     most = 0.0
     for k in range(1, 100):
         estimator.advance(0.02 * k)

@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mkdaemon.config.autopilot import AutopilotConfig
+from mkdaemon.control.estimator.estimator import Estimator
 from mkdaemon.control.limiter import Sticks
 from mkdaemon.control.manoeuvres.by_target import TURNED, Arrival, error_value
 from mkdaemon.control.manoeuvres.goto import Goto
@@ -145,6 +146,16 @@ def test_before_the_flight_the_reference_begins_anew_at_every_step(settled):
     ahead = goto(aircraft, (4.0, 0.0, 2.0))
     aircraft.fly(ahead, 2.0, is_flying=False)
     assert where_it_rests(aircraft, ahead) == pytest.approx(ABOVE, abs=0.05)
+
+
+@pytest.mark.parametrize("is_flying", [False, True])
+def test_a_step_asks_the_estimator_once_for_now_and_once_for_when_its_sticks_act(settled, monkeypatch, is_flying):
+    aircraft, asked = settled(), []
+    hold, estimate = aircraft.begin(Hold(aircraft.sight, aircraft.cfg)), Estimator.estimate
+    aircraft.fly(hold, STEP, is_flying=is_flying)  # a flight that begins has a step of its own
+    monkeypatch.setattr(Estimator, "estimate", lambda self, at: asked.append(at) or estimate(self, at))
+    aircraft.fly(hold, STEP, is_flying=is_flying)
+    assert asked == [aircraft.now, aircraft.now + aircraft.sight.estimator.model.uplink]
 
 
 def test_reference_goes_no_faster_than_configured(settled):

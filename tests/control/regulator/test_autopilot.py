@@ -36,7 +36,7 @@ def begin(view):
         gains=VerticalGains(),
         level_limits=limits[0],
         height_limits=limits[1],
-        now=view.at,
+        estimate=estimator.estimate(view.at),
     )
 
 
@@ -180,7 +180,12 @@ def asked_far(axis, sign, **model):
     estimator = Estimator(replace(MODEL, **model), look(0.0, 0.0), HOVER)
     limits = ReferenceLimits(5.0, 3.0)
     autopilot = Autopilot(
-        estimator, costs=HorizontalCosts(), gains=VerticalGains(), level_limits=limits, height_limits=limits, now=0.0
+        estimator,
+        costs=HorizontalCosts(),
+        gains=VerticalGains(),
+        level_limits=limits,
+        height_limits=limits,
+        estimate=estimator.estimate(0.0),
     )
     sticks = []
     for k in range(1, 60):

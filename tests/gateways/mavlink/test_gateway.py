@@ -237,6 +237,20 @@ async def test_a_landing_ends_well():
         assert ears.acks == [(LAND, ACCEPTED)] and "landed" in ears.words and gateway.steering.order is None
 
 
+@pytest.mark.parametrize("phase", [Phase.FLYING, Phase.STALE])
+@virtually
+async def test_who_flew_is_told_why_the_lease_is_lost_and_not_how_the_flight_was_before(phase):
+    vehicle = FakeVehicle()
+    async with serving(vehicle) as gateway:
+        ears = Ears(gateway)
+        ears.command(LAND)
+        await beat(ears, 0.5)
+        gateway.value_arrived(rig.status(phase, epoch=rig.EPOCH, reason="as it was before"))
+        vehicle.lease_now.reason, vehicle.lease_now.is_lost = "no setpoint for 1.0 s", True
+        await beat(ears, 0.2)
+        assert ears.words.endswith("the aircraft is the pilot's: no setpoint for 1.0 s")
+
+
 @virtually
 async def test_the_same_command_is_done_once():
     vehicle = FakeVehicle()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from typing import Any, Final
+from typing import Any
 
 from rich.table import Table
 
@@ -12,12 +12,9 @@ from mkdaemon.cli.console import Console
 from mkdaemon.cli.mkctl.connection import HERE, Connection
 from mkdaemon.cli.printing import age_of, json_line
 from mkdaemon.cli.program import EXIT_FAILURE
+from mkdaemon.client.summary import SEEN, WEAK_CELL
 
 Fields = Mapping[str, Any]
-SEEN: Final = 1.0
-"""A target that was seen longer ago is not in sight [s]; the slowest camera in use delivers five images meanwhile."""
-WEAK_CELL: Final = 3.5
-"""A lithium cell below this has less than a tenth left, less under load [V]."""
 
 
 async def status(*, connection: Connection = HERE) -> int:

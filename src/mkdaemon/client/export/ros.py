@@ -1,8 +1,6 @@
 """A ROS 2 bag (MCAP with CDR) by the `rosbags` library.
 
-Our axes are those of REP-103: ENU world, FLU body, radians, metres, so nothing is turned; quaternions go from
-(w, x, y, z) to ROS's fields by name. Frames are named as REP-105 has it where it has a name: `base_link` is our `body`.
-Stamps are the publish wall times. Covariances that a board does not tell are marked as unknown, as each type says.
+Frames are named as REP-105 has it where it has a name: `base_link` is our `body`. Stamps are the publish wall times.
 """
 
 from __future__ import annotations
@@ -15,14 +13,21 @@ from pathlib import Path
 from typing import Any, Final
 
 from mkdaemon.client.export.values import Value
+from mkdaemon.client.rosmessages import (
+    LAST_SECOND,
+    battery_state,
+    fix,
+    imu,
+    joy,
+    pose,
+    stamped_pose_with_covariance,
+    transform,
+    tree,
+)
 from mkdaemon.errors import ConfigError, MkError
 from mkdaemon.record.entry import NANOSECONDS, nanoseconds
 
 BODY: Final = "base_link"
-FULL_STICK: Final = 127.0
-"""Count of a stick at its end; axes of a Joy go from -1 to 1."""
-LAST_SECOND: Final = (1 << 31) - 1
-"""Of a stamp in ROS [s; Unix time]."""
 VERSION: Final = 9
 """Of the bag's metadata: ROS 2 Jazzy and later; older readers take it too."""
 _Message = tuple[str, str, Any]
@@ -116,76 +121,24 @@ class RosExport:
     # -- messages -------------------------------------------------------------------------------------------------
 
     def _fix(self, value: Value) -> list[_Message]:
-        import numpy as np
-
-        status = self._new("sensor_msgs/msg/NavSatStatus", status=0, service=1)
-        altitude = value.number_or_none("altitude")
-        message = self._new(
-            "sensor_msgs/msg/NavSatFix",
-            header=self._header(value, BODY),
-            status=status,
-            latitude=value.number("latitude_deg"),
-            longitude=value.number("longitude_deg"),
-            altitude=math.nan if altitude is None else altitude,
-            position_covariance=np.zeros(9),
-            position_covariance_type=0,
-        )
-        return [("fix", "sensor_msgs/msg/NavSatFix", message)]
+        place = (value.number("latitude_deg"), value.number("longitude_deg"), value.number_or_none("altitude"))
+        return [("fix", "sensor_msgs/msg/NavSatFix", fix(self, self._header(value, BODY), 0, *place))]
 
     def _imu(self, value: Value) -> list[_Message]:
-        import numpy as np
-
-        unknown = np.zeros(9)
-        missing = np.array([-1.0] + [0.0] * 8)
-        zero = self._vector(0.0, 0.0, 0.0)
-        message = self._new(
-            "sensor_msgs/msg/Imu",
-            header=self._header(value, BODY),
-            orientation=self._quaternion(value.numbers("quaternion", 4)),
-            orientation_covariance=unknown,
-            angular_velocity=zero,
-            angular_velocity_covariance=missing,
-            linear_acceleration=zero,
-            linear_acceleration_covariance=missing,
-        )
+        message = imu(self, self._header(value, BODY), value.numbers("quaternion", 4))
         return [("imu", "sensor_msgs/msg/Imu", message)]
 
     def _battery(self, value: Value) -> list[_Message]:
-        import numpy as np
-
-        current = value.number_or_none("current")
-        message = self._new(
-            "sensor_msgs/msg/BatteryState",
-            header=self._header(value, BODY),
-            voltage=value.number("voltage"),
-            temperature=math.nan,
-            current=math.nan if current is None else -current,
-            charge=math.nan,
-            capacity=math.nan,
-            design_capacity=math.nan,
-            percentage=math.nan,
-            power_supply_status=2,
-            power_supply_health=0,
-            power_supply_technology=3,
-            present=True,
-            cell_voltage=np.zeros(0, dtype=np.float32),
-            cell_temperature=np.zeros(0, dtype=np.float32),
-            location="",
-            serial_number="",
-        )
+        electric = value.number("voltage"), value.number_or_none("current")
+        message = battery_state(self, self._header(value, BODY), *electric)
         return [("battery", "sensor_msgs/msg/BatteryState", message)]
 
     def _pose(self, value: Value) -> list[_Message]:
-        import numpy as np
-
         topic = value.suffix
         header = self._header(value, f"target/{value.text('target')}")
-        pose = self._posed(value.numbers("position_target", 3), value.numbers("quaternion_target_from_flu", 4))
-        certain = self._new("geometry_msgs/msg/PoseStamped", header=header, pose=pose)
-        spread = self._new(
-            "geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=np.array(value.numbers("covariance", 36))
-        )
-        whole = self._new("geometry_msgs/msg/PoseWithCovarianceStamped", header=header, pose=spread)
+        place = pose(self, value.numbers("position_target", 3), value.numbers("quaternion_target_from_flu", 4))
+        certain = self.new("geometry_msgs/msg/PoseStamped", header=header, pose=place)
+        whole = stamped_pose_with_covariance(self, header, place, value.numbers("covariance", 36))
         return [
             (topic, "geometry_msgs/msg/PoseStamped", certain),
             (f"{topic}_with_covariance", "geometry_msgs/msg/PoseWithCovarianceStamped", whole),
@@ -193,43 +146,27 @@ class RosExport:
 
     def _estimate(self, value: Value) -> list[_Message]:
         yaw = value.number("yaw")
-        quaternion = [math.cos(yaw / 2), 0.0, 0.0, math.sin(yaw / 2)]
+        upright = [math.cos(yaw / 2), 0.0, 0.0, math.sin(yaw / 2)]
         header = self._header(value, f"target/{value.text('target')}")
-        pose = self._posed(value.numbers("position", 3), quaternion)
-        message = self._new("geometry_msgs/msg/PoseStamped", header=header, pose=pose)
+        place = pose(self, value.numbers("position", 3), upright)
+        message = self.new("geometry_msgs/msg/PoseStamped", header=header, pose=place)
         return [("control/estimate", "geometry_msgs/msg/PoseStamped", message)]
 
     def _sticks(self, value: Value) -> list[_Message]:
-        import numpy as np
-
-        axes = [value.number(name) / FULL_STICK for name in ("pitch", "roll", "yaw", "throttle")]
-        message = self._new(
-            "sensor_msgs/msg/Joy",
-            header=self._header(value, BODY),
-            axes=np.array(axes, dtype=np.float32),
-            buttons=np.array([int(bool(value.fields.get("limited")))], dtype=np.int32),
-        )
+        counts = [value.number(name) for name in ("pitch", "roll", "yaw", "throttle")]
+        message = joy(self, self._header(value, BODY), counts, button=bool(value.fields.get("limited")))
         return [("control/sticks", "sensor_msgs/msg/Joy", message)]
 
     def _transform(self, value: Value) -> list[_Message]:
-        x, y, z = value.numbers("translation", 3)
-        transform = self._new(
-            "geometry_msgs/msg/Transform",
-            translation=self._vector(x, y, z),
-            rotation=self._quaternion(value.numbers("quaternion", 4)),
-        )
-        stamped = self._new(
-            "geometry_msgs/msg/TransformStamped",
-            header=self._header(value, _frame(value.text("parent"))),
-            child_frame_id=_frame(value.text("child")),
-            transform=transform,
-        )
-        message = self._new("tf2_msgs/msg/TFMessage", transforms=[stamped])
-        return [("/tf_static" if value.fields.get("static") else "/tf", "tf2_msgs/msg/TFMessage", message)]
+        moved = value.numbers("translation", 3), value.numbers("quaternion", 4)
+        edge = transform(self, self._header(value, _frame(value.text("parent"))), _frame(value.text("child")), *moved)
+        topic = "/tf_static" if value.fields.get("static") else "/tf"
+        return [(topic, "tf2_msgs/msg/TFMessage", tree(self, edge))]
 
     # -- parts ----------------------------------------------------------------------------------------------------
 
-    def _new(self, kind: str, **fields: Any) -> Any:
+    def new(self, kind: str, **fields: Any) -> Any:
+        """Make a message of the types of the bag."""
         return self.types.types[kind](**fields)
 
     def _header(self, value: Value, frame: str) -> Any:
@@ -239,20 +176,8 @@ class RosExport:
                 f"{value.suffix} of {value.vehicle} is of a time after 2038, which ROS cannot have; `mkctl log cut` it"
             )
             raise MkError(msg)
-        stamp = self._new("builtin_interfaces/msg/Time", sec=whole, nanosec=rest)
-        return self._new("std_msgs/msg/Header", stamp=stamp, frame_id=frame)
-
-    def _vector(self, x: float, y: float, z: float) -> Any:
-        return self._new("geometry_msgs/msg/Vector3", x=x, y=y, z=z)
-
-    def _quaternion(self, wxyz: Iterable[float]) -> Any:
-        w, x, y, z = wxyz
-        return self._new("geometry_msgs/msg/Quaternion", x=x, y=y, z=z, w=w)
-
-    def _posed(self, position: Iterable[float], wxyz: Iterable[float]) -> Any:
-        x, y, z = position
-        point = self._new("geometry_msgs/msg/Point", x=x, y=y, z=z)
-        return self._new("geometry_msgs/msg/Pose", position=point, orientation=self._quaternion(wxyz))
+        stamp = self.new("builtin_interfaces/msg/Time", sec=whole, nanosec=rest)
+        return self.new("std_msgs/msg/Header", stamp=stamp, frame_id=frame)
 
     @staticmethod
     def _latched() -> tuple[Any, ...]:

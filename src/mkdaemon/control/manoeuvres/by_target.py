@@ -82,7 +82,7 @@ class ByTarget(ABC):
         estimator.advance(now)
         estimate, autopilot = estimator.estimate(now), self._autopilot
         if autopilot is None or autopilot.estimator is not estimator or not is_flying:
-            autopilot = self._autopilot = new_autopilot(self._cfg, estimator, now)
+            autopilot = self._autopilot = new_autopilot(self._cfg, estimator, estimate)
         if estimate.age > self._cfg.level_after and not self._flies_blind():
             return self._level(estimate.hover_gas, self._lost_sight(estimate))
         return self._fly(estimate, autopilot, now, step, is_flying=is_flying)
@@ -151,15 +151,15 @@ class Arrival:
         return now - self._away_at >= self._settled
 
 
-def new_autopilot(cfg: AutopilotConfig, estimator: Estimator, now: float) -> Autopilot:
-    """Begin a flight where the aircraft is."""
+def new_autopilot(cfg: AutopilotConfig, estimator: Estimator, estimate: Estimate) -> Autopilot:
+    """Begin a flight where the aircraft is by an estimate."""
     return Autopilot(
         estimator,
         costs=HorizontalCosts(steepest=cfg.max_tilt),
         gains=VerticalGains(fastest=cfg.max_climb),
         level_limits=ReferenceLimits(cfg.max_speed, cfg.max_acceleration),
         height_limits=ReferenceLimits(cfg.max_climb, 0.8),
-        now=now,
+        estimate=estimate,
     )
 
 

@@ -101,9 +101,9 @@ class Autopilot:
         gains: VerticalGains,
         level_limits: ReferenceLimits,
         height_limits: ReferenceLimits,
-        now: float,
+        estimate: Estimate,
     ) -> None:
-        """Begin where the aircraft is, climbing as it climbs.
+        """Begin where an estimate has the aircraft, climbing as it climbs.
 
         Raises:
             ValueError: the costs stabilise nothing on this model.
@@ -119,10 +119,10 @@ class Autopilot:
         self._pitch, self._roll = CountShaper(-127, 127), CountShaper(-127, 127)
         self._throttle = CountShaper(-127, 127)
         self._asked = 0
-        self.estimate = estimator.estimate(now)
+        self.estimate = estimate
         self._is_speed_known = False
-        self.reference = Reference(self.estimate.position[:2], self.estimate.velocity[:2])
-        self.height = Reference(self.estimate.position[2:], self.estimate.velocity[2:])
+        self.reference = Reference(estimate.position[:2], estimate.velocity[:2])
+        self.height = Reference(estimate.position[2:], estimate.velocity[2:])
 
     def sticks(self, goal: Goal, now: float, step: float = STEP) -> AutopilotSticks:
         """Return the sticks to send now.

@@ -19,7 +19,7 @@ from mkdaemon.errors import CommandRejectedError, LeaseLostError, ManoeuvreError
 from mkdaemon.gateways.mavlink.modes import Mode
 from mkdaemon.gateways.mavlink.stations import Program, Station
 from mkdaemon.gateways.mavlink.texts import INFO, WARNING
-from mkdaemon.telemetry.control import ControlStatus, Outcome, Phase
+from mkdaemon.telemetry.control import ControlStatus, Outcome
 
 if TYPE_CHECKING:
     from mkdaemon.client.lease import Lease
@@ -225,8 +225,8 @@ class Steering:
         """Stream what is ordered until nobody flies any more."""
         due = self._now()
         while (order := self.order) is not None:
-            if self._is_lost(lease):
-                self._announce_end(lease)
+            if (status := self._end_of(lease)) is not None:
+                self._announce_end(status.outcome, status.reason)
                 return
             if not order.is_streamed:
                 if not order.by.is_alive(self._now()):
@@ -236,23 +236,20 @@ class Steering:
                 try:
                     lease.put(order.kind, order.fields)
                 except LeaseLostError:
-                    self._announce_end(lease)
+                    self._announce_end(lease.outcome, lease.reason)
                     return
             due = max(due + PERIOD, self._now())
             await asyncio.sleep(max(due - self._now(), 0.0))
 
-    def _is_lost(self, lease: Lease) -> bool:
-        """Whether the daemon has said that this lease is over."""
+    def _end_of(self, lease: Lease) -> ControlStatus | None:
+        """What the daemon says of the end of this lease; None while it has not said that it is over."""
         status = self._status
         if status is None or (status.lease is not None and status.lease.epoch == lease.epoch):
-            return False
-        return self._was_ours or self._now() - self._granted_at > _SETTLING
+            return None
+        return status if self._was_ours or self._now() - self._granted_at > _SETTLING else None
 
-    def _announce_end(self, lease: Lease) -> None:
+    def _announce_end(self, outcome: Outcome | None, reason: str) -> None:
         """The daemon has ended the lease: after a landing that is well, else it says why."""
-        status = self._status
-        outcome = lease.outcome or (None if status is None else status.outcome)
-        reason = lease.reason if status is None or status.phase is Phase.FLYING else status.reason
         if outcome is Outcome.LANDED:
             self._announce(INFO, "landed; the pilot pulls the throttle down and stops the motors")
         else:

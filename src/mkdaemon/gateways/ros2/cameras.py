@@ -6,7 +6,8 @@ from typing import Any, Final
 
 import numpy as np
 
-from mkdaemon.gateways.ros2.messages import Doubles, Scene, header, point
+from mkdaemon.client.rosmessages import Doubles, point
+from mkdaemon.gateways.ros2.messages import Scene, header
 from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.image import CameraFrame
 from mkdaemon.telemetry.vision import CameraSetup, Tags, TagSighting

@@ -10,28 +10,23 @@ from typing import Any, Final
 
 import numpy as np
 
-from mkdaemon.frames import quaternion_from_rotation, rotation_from_euler, rotation_from_quaternion
-from mkdaemon.gateways.ros2.messages import (
+from mkdaemon.client import rosmessages
+from mkdaemon.client.rosmessages import (
     Doubles,
-    Scene,
-    header,
-    missing,
-    name_part,
-    or_nan,
     pose,
-    quaternion,
-    stamped_transform,
-    time,
+    pose_with_covariance,
+    stamped_pose_with_covariance,
+    tree,
     vector,
 )
+from mkdaemon.frames import quaternion_from_rotation, rotation_from_euler, rotation_from_quaternion
+from mkdaemon.gateways.ros2.messages import Scene, header, name_part, stamped_transform, time
 from mkdaemon.telemetry.control import ControlEstimate, ControlOutput
 from mkdaemon.telemetry.event import FailsafeEvent, LogEvent, ModeEvent
 from mkdaemon.telemetry.state import Attitude, Battery, Gps, GpsFix, Pilot, Position, Velocity
 from mkdaemon.telemetry.traffic import RawFrame
 from mkdaemon.telemetry.vision import Transform, VisionPose
 
-FULL_STICK: Final = 127.0
-"""Count of a stick at its end; axes of a Joy go from -1 to 1."""
 UNKNOWN_VARIANCE: Final = 1e6
 """Variance of what an odometry does not know [rad2, (rad/s)2]: there is no mark for it, and zero would mean certain."""
 TOGETHER: Final = 0.5
@@ -42,44 +37,21 @@ LEVELS: Final = {"info": 20, "warning": 30, "error": 40}
 
 def fix(value: Position, scene: Scene) -> Any:
     """NavSatFix of a valid position; its covariance is not told by the boards."""
-    return _fix(value, scene, 0, value.latitude_deg, value.longitude_deg, or_nan(value.altitude))
+    at = header(scene.types, value.stamp, scene.frames.body)
+    return rosmessages.fix(scene.types, at, 0, value.latitude_deg, value.longitude_deg, value.altitude)
 
 
 def no_fix(value: Gps, scene: Scene) -> Any | None:
     """NavSatFix that says that there is no position; None while there is one."""
     if value.fix is GpsFix.VALID:
         return None
-    return _fix(value, scene, -1, math.nan, math.nan, math.nan)
-
-
-def _fix(value: Position | Gps, scene: Scene, status: int, latitude: float, longitude: float, altitude: float) -> Any:
-    types = scene.types
-    return types.new(
-        "sensor_msgs/msg/NavSatFix",
-        header=header(types, value.stamp, scene.frames.body),
-        status=types.new("sensor_msgs/msg/NavSatStatus", status=status, service=1),
-        latitude=latitude,
-        longitude=longitude,
-        altitude=altitude,
-        position_covariance=np.zeros(9),
-        position_covariance_type=0,
-    )
+    at = header(scene.types, value.stamp, scene.frames.body)
+    return rosmessages.fix(scene.types, at, -1, math.nan, math.nan, None)
 
 
 def imu(value: Attitude, scene: Scene) -> Any:
     """Imu with the boards' orientation, ENU from FLU; they send neither rates nor accelerations."""
-    types = scene.types
-    nothing = vector(types, (0.0, 0.0, 0.0))
-    return types.new(
-        "sensor_msgs/msg/Imu",
-        header=header(types, value.stamp, scene.frames.body),
-        orientation=quaternion(types, value.quaternion),
-        orientation_covariance=np.zeros(9),
-        angular_velocity=nothing,
-        angular_velocity_covariance=missing(9),
-        linear_acceleration=nothing,
-        linear_acceleration_covariance=missing(9),
-    )
+    return rosmessages.imu(scene.types, header(scene.types, value.stamp, scene.frames.body), value.quaternion)
 
 
 def velocity(value: Velocity, scene: Scene) -> Any:
@@ -94,27 +66,9 @@ def velocity(value: Velocity, scene: Scene) -> Any:
 
 def battery_state(value: Battery, scene: Scene) -> Any:
     """BatteryState: current is negative when discharging; what the boards do not know is NaN."""
-    types = scene.types
     cells = getattr(scene.latest.get("health"), "battery_cells", None) or 0
-    return types.new(
-        "sensor_msgs/msg/BatteryState",
-        header=header(types, value.stamp, scene.frames.body),
-        voltage=value.voltage,
-        temperature=math.nan,
-        current=math.nan if value.current is None else -value.current,
-        charge=math.nan,
-        capacity=math.nan,
-        design_capacity=math.nan,
-        percentage=math.nan,
-        power_supply_status=2,
-        power_supply_health=0,
-        power_supply_technology=3,
-        present=True,
-        cell_voltage=np.full(cells, np.nan, dtype=np.float32),
-        cell_temperature=np.zeros(0, dtype=np.float32),
-        location="",
-        serial_number="",
-    )
+    at = header(scene.types, value.stamp, scene.frames.body)
+    return rosmessages.battery_state(scene.types, at, value.voltage, value.current, cells)
 
 
 def target_from_flu(value: ControlEstimate) -> Doubles:
@@ -143,10 +97,8 @@ def odometry(value: ControlEstimate, scene: Scene) -> Any:
         "nav_msgs/msg/Odometry",
         header=header(types, value.stamp, scene.frames.target(value.target)),
         child_frame_id=scene.frames.body,
-        pose=types.new(
-            "geometry_msgs/msg/PoseWithCovariance",
-            pose=pose(types, value.position, quaternion_from_rotation(rotation)),
-            covariance=spread.ravel(),
+        pose=pose_with_covariance(
+            types, pose(types, value.position, quaternion_from_rotation(rotation)), spread.ravel()
         ),
         twist=types.new(
             "geometry_msgs/msg/TwistWithCovariance",
@@ -163,18 +115,14 @@ def odometry(value: ControlEstimate, scene: Scene) -> Any:
 def vision_pose(value: VisionPose, scene: Scene) -> Any:
     """PoseWithCovarianceStamped of the vehicle in the frame of a target; rows and axes are ROS's already."""
     types = scene.types
-    spread = types.new(
-        "geometry_msgs/msg/PoseWithCovariance",
-        pose=pose(types, value.position_target, value.quaternion_target_from_flu),
-        covariance=np.array(value.covariance, dtype=np.float64),
-    )
-    stamp = header(types, value.stamp, scene.frames.target(value.target))
-    return types.new("geometry_msgs/msg/PoseWithCovarianceStamped", header=stamp, pose=spread)
+    at = header(types, value.stamp, scene.frames.target(value.target))
+    place = pose(types, value.position_target, value.quaternion_target_from_flu)
+    return stamped_pose_with_covariance(types, at, place, value.covariance)
 
 
 def edge(value: Transform, scene: Scene) -> Any | None:
     """TFMessage of an edge that moves: a target before a camera."""
-    return None if value.static else _tree(scene, _edge(value, scene))
+    return None if value.static else tree(scene.types, _edge(value, scene))
 
 
 def mount(value: Transform, scene: Scene) -> Any | None:
@@ -184,7 +132,7 @@ def mount(value: Transform, scene: Scene) -> Any | None:
     mounts = {known.child: known for known in scene.latest.get("mounts", ())} | {value.child: value}
     frames = scene.frames
     fixed = stamped_transform(scene, value.stamp, frames.map, frames.odom, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0))
-    return _tree(scene, fixed, *(_edge(known, scene) for known in mounts.values()))
+    return tree(scene.types, fixed, *(_edge(known, scene) for known in mounts.values()))
 
 
 def place(value: Position, scene: Scene) -> Any | None:
@@ -195,8 +143,8 @@ def place(value: Position, scene: Scene) -> Any | None:
     if abs(attitude.stamp.monotonic - value.stamp.monotonic) > TOGETHER:
         return None
     frames = scene.frames
-    return _tree(
-        scene,
+    return tree(
+        scene.types,
         stamped_transform(scene, value.stamp, frames.odom, frames.body, value.position_enu, attitude.quaternion),
     )
 
@@ -206,30 +154,22 @@ def _edge(value: Transform, scene: Scene) -> Any:
     return stamped_transform(scene, value.stamp, parent, child, value.translation, value.quaternion)
 
 
-def _tree(scene: Scene, *edges: Any) -> Any:
-    return scene.types.new("tf2_msgs/msg/TFMessage", transforms=list(edges))
-
-
 def sticks(value: ControlOutput, scene: Scene) -> Any:
     """Joy of what is sent: pitch, roll, yaw, throttle as shares of the way, FLU; button 0: limited."""
     counts = (value.pitch, value.roll, value.yaw, value.throttle)
-    return _joy(value, scene, counts, [int(value.limited)])
+    return _joy(value, scene, counts, button=value.limited)
 
 
 def pilot(value: Pilot, scene: Scene) -> Any | None:
     """Joy of the pilot's sticks, the same order; button 0: his receiver has a signal. None where no board reports."""
     if value.sticks is None or value.throttle is None:
         return None
-    return _joy(value, scene, (*value.sticks, value.throttle), [int(value.has_signal)])
+    return _joy(value, scene, (*value.sticks, value.throttle), button=value.has_signal)
 
 
-def _joy(value: ControlOutput | Pilot, scene: Scene, counts: tuple[float, ...], buttons: list[int]) -> Any:
-    return scene.types.new(
-        "sensor_msgs/msg/Joy",
-        header=header(scene.types, value.stamp, scene.frames.body),
-        axes=np.array(counts, dtype=np.float32) / np.float32(FULL_STICK),
-        buttons=np.array(buttons, dtype=np.int32),
-    )
+def _joy(value: ControlOutput | Pilot, scene: Scene, counts: tuple[float, ...], *, button: bool) -> Any:
+    at = header(scene.types, value.stamp, scene.frames.body)
+    return rosmessages.joy(scene.types, at, counts, button=button)
 
 
 def raw_frame(value: RawFrame, scene: Scene) -> Any:

@@ -1,8 +1,4 @@
-"""Parts that every ROS message is made of: stamps, headers, frames; without rclpy.
-
-Our axes are those of REP 103: ENU world, FLU body, RDF cameras, radians, metres, so nothing is turned. Quaternions go
-from (w, x, y, z) to ROS's fields by name.
-"""
+"""Parts of the gateway's messages: stamps, headers, frames; without rclpy."""
 
 from __future__ import annotations
 
@@ -13,25 +9,16 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any, Final, Protocol
 
-import numpy as np
-import numpy.typing as npt
-
+from mkdaemon.client.rosmessages import LAST_SECOND, Maker, transform
 from mkdaemon.stamp import Stamp
 
 NANOSECONDS: Final = 1_000_000_000
-LAST_SECOND: Final = (1 << 31) - 1
-"""Of a stamp in ROS [s; Unix time]."""
 TARGET: Final = "target/"
 """Prefix of the frame of a target."""
 
-Doubles = npt.NDArray[np.float64]
 
-
-class Types(Protocol):
-    """Makes messages: those of rclpy in the gateway, those of rosbags in a bag."""
-
-    def new(self, kind: str, **fields: Any) -> Any:
-        """Make a message, for example of `sensor_msgs/msg/Imu`."""
+class Types(Maker, Protocol):
+    """Makes messages, and fields whose types differ from one maker to the other."""
 
     def octets(self, raw: bytes) -> Any:
         """Make the value of a field `uint8[]`."""
@@ -118,29 +105,6 @@ def header(types: Types, stamp: Stamp, frame: str) -> Any:
     return types.new("std_msgs/msg/Header", stamp=time(types, stamp), frame_id=frame)
 
 
-def vector(types: Types, xyz: Iterable[float]) -> Any:
-    """A `Vector3`."""
-    x, y, z = xyz
-    return types.new("geometry_msgs/msg/Vector3", x=float(x), y=float(y), z=float(z))
-
-
-def point(types: Types, xyz: Iterable[float]) -> Any:
-    """A `Point`."""
-    x, y, z = xyz
-    return types.new("geometry_msgs/msg/Point", x=float(x), y=float(y), z=float(z))
-
-
-def quaternion(types: Types, wxyz: Iterable[float]) -> Any:
-    """A `Quaternion` of (w, x, y, z)."""
-    w, x, y, z = wxyz
-    return types.new("geometry_msgs/msg/Quaternion", x=float(x), y=float(y), z=float(z), w=float(w))
-
-
-def pose(types: Types, xyz: Iterable[float], wxyz: Iterable[float]) -> Any:
-    """A `Pose`."""
-    return types.new("geometry_msgs/msg/Pose", position=point(types, xyz), orientation=quaternion(types, wxyz))
-
-
 def stamped_transform(
     scene: Scene, stamp: Stamp, parent: str, child: str, xyz: Iterable[float], wxyz: Iterable[float]
 ) -> Any:
@@ -154,26 +118,7 @@ def stamped_transform(
         xyz: origin of the child in the parent [m].
         wxyz: rotation parent from child.
     """
-    types = scene.types
-    moved = types.new("geometry_msgs/msg/Transform", translation=vector(types, xyz), rotation=quaternion(types, wxyz))
-    return types.new(
-        "geometry_msgs/msg/TransformStamped",
-        header=header(types, stamp, parent),
-        child_frame_id=child,
-        transform=moved,
-    )
-
-
-def missing(size: int) -> Doubles:
-    """A covariance whose quantity is not measured at all: -1 in its first place, as sensor_msgs says."""
-    covariance = np.zeros(size)
-    covariance[0] = -1.0
-    return covariance
-
-
-def or_nan(value: float | None) -> float:
-    """A number, or NaN where it is not known."""
-    return math.nan if value is None else float(value)
+    return transform(scene.types, header(scene.types, stamp, parent), child, xyz, wxyz)
 
 
 def key_value(types: Types, key: str, value: object) -> Any:

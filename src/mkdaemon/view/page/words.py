@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
 from typing import Any, Final
 
+from mkdaemon.client.summary import WEAK_CELL
 from mkdaemon.telemetry.control import ControlError, ControlEstimate, ControlStatus, Phase
 from mkdaemon.telemetry.link import LinkCondition, LinkHealth, LinkState
 from mkdaemon.telemetry.record import RecorderState, RecordStatus
@@ -19,8 +20,6 @@ from mkdaemon.telemetry.vision import EyeState, VisionStats
 from mkdaemon.view.page.known import Knowledge, Known
 
 UNKNOWN: Final = "not known"
-WEAK_CELL: Final = 3.5
-"""A lithium cell below this has less than a tenth left, less under load [V]."""
 
 
 @dataclass(frozen=True, slots=True)

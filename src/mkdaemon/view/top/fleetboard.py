@@ -11,7 +11,7 @@ from datetime import UTC, datetime
 from typing import Final
 
 from mkdaemon.spelling import on_one_line
-from mkdaemon.view.top.panels import COLUMNS, STALE, WEAK_CELL, Fields, Part, Row, Tone, Value, age_words, clipped
+from mkdaemon.view.top.panels import COLUMNS, STALE, Fields, Part, Row, Tone, Value, age_words, clipped, is_low
 
 KEYS: Final = ("health", "control/status", "state/battery", "state/position")
 """What is watched of every vehicle; each comes once a second or more often."""
@@ -167,10 +167,10 @@ def _battery(known: dict[str, Value], now: float) -> Part:
         return UNKNOWN
     if now - value.at > STALE:
         return f"STALE {age_words(now - value.at)}", Tone.WARN
-    voltage, cells = value.fields["voltage"], health and health.fields.get("battery_cells")
-    is_low = value.fields["is_low"] or (bool(cells) and voltage / cells < WEAK_CELL)
+    voltage, cells = value.fields["voltage"], None if health is None else health.fields.get("battery_cells")
+    low = is_low(value.fields, cells)
     each = f" {voltage / cells:.2f}" if cells else ""
-    return f"{'LOW ' if is_low else ''}{voltage:.1f}V{each}", Tone.BAD if is_low else Tone.PLAIN
+    return f"{'LOW ' if low else ''}{voltage:.1f}V{each}", Tone.BAD if low else Tone.PLAIN
 
 
 def _place(known: dict[str, Value], now: float) -> Part:

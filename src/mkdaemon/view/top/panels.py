@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any, Final
 
+from mkdaemon.client.summary import SEEN, WEAK_CELL
 from mkdaemon.spelling import on_one_line
 from mkdaemon.view.top.horizon import horizon
 
@@ -45,10 +46,6 @@ STALE_AFTER: Final = {"state/attitude": 1.0, "link/health": 1.0}
 """Age from which a value is stale [s]; others after `STALE`."""
 STALE: Final = 3.0
 """The same for values that come once a second [s]."""
-SEEN: Final = 1.0
-"""A target that was seen longer ago is not in sight [s]."""
-WEAK_CELL: Final = 3.5
-"""A lithium cell below this is nearly empty [V]."""
 
 
 class Tone(StrEnum):
@@ -318,17 +315,22 @@ def _height(fields: Fields, _: Fields) -> tuple[str, Tone]:
     return f"{fields['above_start']:.2f} m above start", Tone.PLAIN
 
 
+def is_low(battery: Fields, cells: int | None) -> bool:
+    """Whether a battery of so many cells is low: the board says so, or its cells do."""
+    return battery["is_low"] or (bool(cells) and battery["voltage"] / cells < WEAK_CELL)
+
+
 def _battery(fields: Fields, health: Fields) -> tuple[str, Tone]:
     cells = health.get("battery_cells")
-    is_low = fields["is_low"] or (bool(cells) and fields["voltage"] / cells < WEAK_CELL)
-    words = f"{'LOW ' if is_low else ''}{fields['voltage']:.1f} V"
+    low = is_low(fields, cells)
+    words = f"{'LOW ' if low else ''}{fields['voltage']:.1f} V"
     if cells:
         words += f" ({cells} x {fields['voltage'] / cells:.2f})"
     if fields["current"] is not None:
         words += f", {fields['current']:.1f} A"
     if fields["used_mah"] is not None:
         words += f", {fields['used_mah']:.0f} mAh"
-    return words, Tone.BAD if is_low else Tone.PLAIN
+    return words, Tone.BAD if low else Tone.PLAIN
 
 
 def _flight(fields: Fields, _: Fields) -> tuple[str, Tone]:
