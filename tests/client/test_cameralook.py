@@ -13,7 +13,7 @@ from mkdaemon.cli.mkctl.app import app
 from mkdaemon.cli.program import EXIT_CONFIG, EXIT_FAILURE, EXIT_OK, run
 from mkdaemon.client.cameralook import advise
 from mkdaemon.telemetry.image import CameraFrame
-from mkdaemon.telemetry.vision import Exposure, EyeState, Tags, TagSighting, VisionStats
+from mkdaemon.telemetry.vision import Exposure, EyeState, PoseRefusal, Tags, TagSighting, VisionStats
 from mkdaemon.vision.camera.imagecodec import encode_jpeg
 from tests.client.fake import CLOCK, VEHICLE, fake_daemon, in_background
 from tests.vision.views import View, place, shipped
@@ -152,3 +152,8 @@ def test_a_camera_that_cannot_be_shown_is_named(monkeypatch, tmp_path, capsys):
         assert "no image on the bus: set jpeg_hz" in capsys.readouterr().out
         assert run(app, ["camera", "front", *at, "--picture", str(tmp_path / "x.png")]) == EXIT_FAILURE
         assert "no image on the bus" in capsys.readouterr().err
+
+
+def test_figures_of_another_version_are_read_with_reasons_this_one_does_not_know():
+    recorded = stats().model_dump(mode="json") | {"refused": {"bits": 3, "range_jump": 2}}
+    assert VisionStats.model_validate(recorded).refused == {PoseRefusal.BITS: 3, "range_jump": 2}

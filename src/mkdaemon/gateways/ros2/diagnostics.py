@@ -107,7 +107,7 @@ def of_eyes(value: VisionStats) -> Diagnosis:
         "damaged": value.damaged,
         "latency_p50_ms": value.latency_p50_ms,
         "latency_p99_ms": value.latency_p99_ms,
-    } | {f"refused.{reason.value}": count for reason, count in value.refused.items()}
+    } | {f"refused.{reason}": count for reason, count in value.refused.items()}
     return Diagnosis(level, value.reason or alarms or "poses come when a target is in sight", values)
 
 
