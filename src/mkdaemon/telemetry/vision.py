@@ -240,7 +240,7 @@ class VisionStats(Stamped):
     posed: float
     """Share of the images of the last seconds that gave a pose, 0 to 1."""
     refused: dict[PoseRefusal | str, int]
-    """Measured poses that were not believed, by reason, since the start; recordings of other versions may know others."""
+    """Measured poses that were not believed, by reason, since the start; other versions may know others."""
     attitude_lost: dict[AttitudeLoss, int] = Field(default_factory=dict)
     """How often the vehicle's attitude was not used, by reason, since the start."""
     detect_p50_ms: float
