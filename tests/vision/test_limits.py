@@ -50,6 +50,6 @@ def test_one_quantity_has_one_place():
     """Cell sizes, shares of agreement, likenesses and widths of edges each rise from one use to the next."""
     cells = LIMITS.cells
     assert cells.readable_px < cells.photometric_px < cells.small_px < cells.perspective_px
-    assert LIMITS.agreement.floor < LIMITS.agreement.blind < LIMITS.agreement.whole
+    assert 0.0 < LIMITS.agreement.blind < LIMITS.agreement.whole
     assert LIMITS.likeness.alike < LIMITS.likeness.clear < LIMITS.likeness.explained
     assert LIMITS.blur.sharp_px < LIMITS.blur.smeared_px < LIMITS.blur.alarm_px

@@ -20,6 +20,8 @@ NOISE: Final = "derived from read noise of 1.5 grey"
 EARNED: Final = "measured, docs/lab/vision-cases.md"
 APART2: Final = 22.5
 """Squared distance of two poses in their deviations that no noise makes: chi-square(6), one in 1000."""
+HALF: Final = 0.5
+"""Of many, what the majority does; of a cell, half way to the next edge; of a contrast, neither of both."""
 NOISE_GREY: Final = 2.0
 """Differences below say nothing: derived from read noise of 1.5 grey [grey]."""
 
@@ -80,7 +82,6 @@ class TrackLimits:
     grace: float = of(1.0, "s", "without an image, or a decoded tag beyond the re-detection period", FLIGHTS)
     retry_decode: float = of(0.1, "s", "between attempts to decode", "3 ms each: 3 % of a core")
     search_every: int = of(5, "images", "between searches for others while one is tracked", "cost: a search over five")
-    decode_agrees: float = of(0.5, "cells", "between decoded corners and pose", "derived: half way to the next edge")
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,7 +105,6 @@ class HealthLimits:
     """Alarms of a camera, and doubts about its calibration or its target's file."""
 
     dark_grey: float = of(25.0, "grey", "the brightest percent of a usable image is above", STILLS)
-    blown_share: float = of(0.5, "share", "of blown pixels in an over-exposed image", STILLS)
     frozen_images: int = of(3, "images", "identical in a row: a sensor's noise never repeats", "derived")
     large_tag_px: float = of(60.0, "px", "smaller tags say nothing about focus and calibration", FLIGHTS)
     drift_px: float = of(0.15, "px", "residual of edges that nothing unmodelled leaves", "0.03-0.1 in sharp images")
@@ -113,7 +113,6 @@ class HealthLimits:
     misfit_reach: float = of(3.0, "sides", "a tag farther from the largest one is not judged", STILLS)
     misfit_images: int = of(10, "images", "that contradict a target's file until it is reported", STILLS)
     agreement_px: float = of(1.5, "px", "corner residual above which tags contradict each other", STILLS)
-    same_tag: float = of(0.5, "sides", "centres closer are one tag (stills)", "derived")
 
 
 MEASURED: Final = "measured, docs/lab/accuracy.md"
@@ -168,7 +167,6 @@ class SearchLimits:
     highlight: float = of(12.0, "power", "of grey that leaves ink in a highlight dark", "ink of 230: 65 posed; 8: 32")
     highlight_px: int = of(400, "px", "blown pixels that may be a print in a highlight", "derived: 16 cells of 5 px")
     min_window_px: int = of(16, "px", "smaller parts of an image are not searched", "derived: 2 px a cell")
-    full_contrast: float = of(60.0, "grey", "range from which the decision margin counts in full", STILLS)
 
 
 @dataclass(frozen=True, slots=True)
@@ -177,13 +175,11 @@ class ReadLimits:
 
     saturated: int = of(253, "grey", "a pixel from here up may have been anything", NOISE)
     nearly_blown: float = of(6.0, "grey", "so far below, noise decides which pixels are", "two deviations, bright ink")
-    quiet_share: float = of(0.5, "share", "samples of a side that must be white outside, black inside", STILLS)
     quiet_contrast: float = of(0.15, "share", "of the usual contrast, for such a sample", STILLS)
     min_cells: int = of(16, "", "fewer cells tell nothing", "derived: one in 65,000 by chance")
     misread: float = of(0.05, "share", "of neighbouring cells in view, where the print is", STILLS)
     beside_nats: float = of(4.0, "nats", "for another place, against a pose", "1,287 right ones, edges hidden: none")
     beside_cells: int = of(3, "cells", "that a fit may lie beside its place", "nested targets; farther fails the bits")
-    paper_share: float = of(0.2, "share", "unsaturated white cells that make saturated ones a highlight", STILLS)
     rise: float = of(0.1, "share", "of the mean rise between neighbours from which a rise counts", STILLS)
 
 
@@ -196,15 +192,14 @@ class OutlineLimits:
     min_piece_px: int = of(8, "px", "shorter pieces have no direction", STILLS)
     parallel: float = of(0.98, "cosine", "between pieces that may be one line", STILLS)
     min_support: float = of(0.6, "share", "of a quad's perimeter that is outline", STILLS)
-    min_side_support: float = of(0.3, "share", "the same for each side", STILLS)
-    whole_support: float = of(0.9, "share", "of the perimeter from which a quad has all its sides", STILLS)
     min_open: float = of(0.4, "share", "of a side that is seen of both beside it, of an open quad", STILLS)
-    min_open_support: float = of(0.7, "share", "of what is seen of its sides that is outline", STILLS)
+    min_side_support: float = of(0.3, "share", "the same for each side", STILLS)
+    min_open_support: float = of(0.7, "share", "of what is seen of the sides of an open quad that is outline", STILLS)
+    min_room_share: float = of(0.1, "share", "of the contrast, as `min_room`", "light changes from cell to cell")
     min_sine: float = of(0.2, "sine", "between neighbouring sides", STILLS)
     level: float = of(0.2, "share", "of the contrast within which a cell is black or white", STILLS)
     min_contrast: float = of(20.0, "grey", "between paper and border", STILLS)
     min_room: float = of(8.0, "grey", "from ink to blown that tells a step", "753 quads under gloss read, 20: 736")
-    min_room_share: float = of(0.1, "share", "the same, of the contrast", "light changes from cell to cell")
     max_depth_px: float = of(4.0, "px", "from a line at which its step is sampled", "783 read, anywhere: 753")
     highlight_box_px: int = of(15, "px", "surroundings that ink in a highlight is darker than", STILLS)
     max_chance: float = of(4e-6, "probability", "that a random quad reads so well", "0 false in 10,000 images")
@@ -233,7 +228,6 @@ class Agreement:
     power: int = of(
         4, "", "variance over share**power in what images in a row teach: they share it", "a wrong pose, set 17 million"
     )
-    floor: float = of(0.3, "share", "smaller ones count as this in the power", "below the least that passes")
 
 
 @dataclass(frozen=True, slots=True)
@@ -259,7 +253,6 @@ class EdgeLimits:
     """The fit of a pose to edges."""
 
     reach_px: tuple[float, ...] = of((24.0, 6.0, 3.0, 2.5), "px", "along the normal, by iteration", FLIGHTS)
-    reach_cells: float = of(0.5, "cells", "the same", "derived: half way to the neighbouring edge")
     min_samples: int = of(12, "", "fewer edges fix no pose", "derived: twice the unknowns")
     max_samples: int = of(320, "", "more cost time without improving the pose", STILLS)
     max_move: float = of(0.2, "share", "of the range; a fit that moves farther ran away", FLIGHTS)
@@ -270,9 +263,7 @@ class EdgeLimits:
     least_scale_px: float = of(0.02, "px", "and in later ones", "least residual of rendered edges")
     located_px: float = of(0.3, "px", "edge error in a bad image, to weigh prior knowledge", FLIGHTS)
     min_peak: float = of(0.15, "share", "of the steep edges' slope that an edge needs", STILLS)
-    min_slope: float = of(2.5, "grey", "the same at least, over two samples", NOISE)
     glare_px: float = of(2.0, "px", "reach of a highlight beside an edge that hides it", STILLS)
-    blown_share: float = of(0.5, "share", "of blown bright sides from which the paper is blown", STILLS)
     smooth_light: float = of(0.1, "share", "of their contrast by which edges may differ from a smooth light", STILLS)
     missed_px: float = of(0.6, "px", "cost of a sample without its edge when rivals compare", BLIND)
     blown_px: float = of(
@@ -301,19 +292,14 @@ class PhotoLimits:
     min_window_px: int = of(6, "px", "smaller prints show nothing", STILLS)
     max_window_px: int = of(160, "px", "larger prints have edges, and pixels that cost time", STILLS)
     outlier: float = of(4.0, "deviations", "from which a pixel loses weight", STILLS)
-    counted: float = of(0.5, "weight", "from which a pixel agrees", "derived: 5.7 deviations")
-    lost_grey: float = of(60.0, "grey", "residuals above are equally bad", BLIND)
     margin_cells: float = of(0.3, "cells", "rim of the quiet zone that is left out", STILLS)
+    lost_grey: float = of(60.0, "grey", "residuals above are equally bad", BLIND)
 
 
 @dataclass(frozen=True, slots=True)
 class EvidenceLimits:
     """The edges of a partly hidden pose."""
 
-    seen_contrast: float = of(0.5, "share", "of the clear edges' contrast from which one is seen", STILLS)
-    least_scale_px: float = of(0.1, "px", "located edges scatter at least so much", STILLS)
-    agreeing_beside: float = of(0.75, "share", "the same of a pose with few edges", "0.81 and more; beside it 0.4-0.71")
-    min_seen: float = of(0.4, "share", "of the edges in view that is seen", STILLS)
     max_leverage: float = of(radians(0.4), "rad", "turn by one line of edges", "right < 0.3, wrong > 0.48 deg")
 
 

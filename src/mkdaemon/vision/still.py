@@ -12,7 +12,7 @@ from mkdaemon.config.vision import DetectorSection, TrackerSection
 from mkdaemon.telemetry.vision import PoseRefusal
 from mkdaemon.vision.camera.intrinsics import Intrinsics
 from mkdaemon.vision.camera.tone import in_light
-from mkdaemon.vision.limits import LIMITS
+from mkdaemon.vision.limits import HALF, LIMITS
 from mkdaemon.vision.pose.ambiguity import choose
 from mkdaemon.vision.pose.edgefit import EdgeFit
 from mkdaemon.vision.pose.fitting import TargetFitter
@@ -142,10 +142,7 @@ class StillEye:
             for tag in self._detector.search_all(pixels, stage):
                 middle = tag.corners.mean(axis=0)
                 known = (other for other in found if (other.family, other.tag_id) == (tag.family, tag.tag_id))
-                if all(
-                    np.linalg.norm(middle - k.corners.mean(axis=0)) > LIMITS.health.same_tag * tag.side_px
-                    for k in known
-                ):
+                if all(np.linalg.norm(middle - k.corners.mean(axis=0)) > HALF * tag.side_px for k in known):
                     found.append(tag)
         return sorted(found, key=lambda tag: -tag.side_px)
 

@@ -10,7 +10,7 @@ import pytest
 
 from lab.vision.stills import error_of, target_named
 from mkdaemon.vision.camera.intrinsics import Intrinsics
-from mkdaemon.vision.limits import LIMITS
+from mkdaemon.vision.limits import HALF, LIMITS
 from mkdaemon.vision.pose.edgefind import Samples
 from mkdaemon.vision.pose.edgefit import EdgeFit, Level
 from mkdaemon.vision.pose.fitting import TargetFitter
@@ -239,4 +239,4 @@ def test_decoded_corners_are_compared_with_where_their_rows_saw_them(turning: fl
     corners = projection.project(seen)[0]
     decoded = [(tag, Detection(tag.family.name, tag.tag_id, 0, 60.0, corners, "decimate1"))]
     assert fitter.disagreement(pose, decoded) < 0.02
-    assert fitter.disagreement(replace(pose, motion=None), decoded) > LIMITS.track.decode_agrees
+    assert fitter.disagreement(replace(pose, motion=None), decoded) > HALF

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from mkdaemon.vision.limits import LIMITS
+from mkdaemon.vision.limits import HALF, LIMITS, NOISE_GREY
 from mkdaemon.vision.pose.edgelight import SLOPE_WIDTH, Blown, EdgeSides, blown_edges, blur_of
 from mkdaemon.vision.pose.pose import median, quantile
 
@@ -120,7 +120,7 @@ def without_glare(pixels: Grey, samples: Samples) -> Samples:
     columns, rows = np.rint(np.stack([samples.pixels - near, samples.pixels, samples.pixels + near])).astype(np.intp).T
     grey = pixels[rows, columns] >= LIMITS.read.saturated
     hidden = grey.all(axis=1)
-    if not bool(hidden.any()) or bool(hidden.all()) or float(grey[~hidden, 2].mean()) > LIMITS.edges.blown_share:
+    if not bool(hidden.any()) or bool(hidden.all()) or float(grey[~hidden, 2].mean()) > HALF:
         return samples
     return Samples(*(getattr(samples, part.name)[~hidden] for part in fields(samples)))
 
@@ -154,7 +154,7 @@ def find_edges(pixels: Grey, samples: Samples, *, is_blown: bool = False, is_nea
     offsets = centre
     # An edge is as steep as the steep ones of the image, up to a share, and steeper than noise.
     tenth = max(len(peak) // 10, 1)
-    enough = max(edges.min_slope, edges.min_peak * float(np.partition(peak, -tenth)[-tenth]))
+    enough = max(NOISE_GREY, edges.min_peak * float(np.partition(peak, -tenth)[-tenth]))
     found = (peak > enough) & (np.abs(offsets) < samples.reach)
     trust, toned, room = (np.ones(len(found)) for _ in range(3))
     sides: EdgeSides | None = None
@@ -178,7 +178,7 @@ def find_edges(pixels: Grey, samples: Samples, *, is_blown: bool = False, is_nea
         trust *= clarity if blown is None else np.where(blown.clear < 1.0, 1.0, clarity)
     if blown is not None:
         located -= blown.moved
-        if is_near and float(blown.shown.mean()) > LIMITS.evidence.min_seen:
+        if is_near and float(blown.shown.mean()) > HALF:
             # A flooded edge is no missing one, as long as enough others are left to be missed.
             found &= blown.shown
             room *= blown.shown

@@ -20,7 +20,7 @@ from math import sqrt
 import numpy as np
 import numpy.typing as npt
 
-from mkdaemon.vision.limits import APART2, LIMITS
+from mkdaemon.vision.limits import APART2, HALF, LIMITS
 from mkdaemon.vision.pose.bend import BENT, RISES, BentPrint
 from mkdaemon.vision.pose.edgefind import FoundEdges, Samples, find_edges, without_glare
 from mkdaemon.vision.pose.edgelight import UnevenLight
@@ -359,7 +359,7 @@ class EdgeFit:
         pixels, are_visible = projection.project(seen)
         uv, visible = pixels[:count], are_visible.reshape(3, count).all(axis=0)
         normals, cell_px = seen_across(pixels)
-        edge = np.minimum(reach, limits.edges.reach_cells * cell_px) + 1.0
+        edge = np.minimum(reach, HALF * cell_px) + 1.0
         height, width = shape
         visible &= cell_px > limits.cells.readable_px
         visible &= (
@@ -386,6 +386,6 @@ class EdgeFit:
             columns = [by_height[:, None] * rows_of(bent.terms[:, :RISES], index), *columns]
         # A turn w moves a point at `arm` by w x arm, so that n . du = w . (arm x n du/dP).
         jacobian = np.column_stack([by_rest, cross(rest - position, by_rest), *columns])
-        near = np.minimum(reach, limits.edges.reach_cells * cell_px[index])
+        near = np.minimum(reach, HALF * cell_px[index])
         upright = self.model.upright[index]
         return Samples(index, rows_of(uv, index), normals, near, jacobian, times[index], cell_px[index], upright)

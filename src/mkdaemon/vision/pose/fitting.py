@@ -23,7 +23,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from mkdaemon.vision.limits import APART2, LIMITS
+from mkdaemon.vision.limits import APART2, HALF, LIMITS
 from mkdaemon.vision.pose.bend import Bend
 from mkdaemon.vision.pose.edgefind import HALF_WIDTH
 from mkdaemon.vision.pose.edgefit import EdgeFit, Level
@@ -134,7 +134,7 @@ class Evidence:
 
     def supports(self) -> bool:
         """Whether the pose can be believed with parts of the target hidden."""
-        agrees = self.seen >= LIMITS.evidence.min_seen and self.agreeing >= LIMITS.agreement.whole
+        agrees = self.seen >= HALF and self.agreeing >= LIMITS.agreement.whole
         return agrees and self.leverage <= LIMITS.evidence.max_leverage
 
 
@@ -162,9 +162,9 @@ class EdgeEvidence:
         index = located.index
         contrast = self._grey(pixels, self._bright[index], pose) - self._grey(pixels, self._dark[index], pose)
         clear = max(float(np.percentile(contrast, CLEAR_PERCENT)), 1.0)
-        seen = contrast > LIMITS.evidence.seen_contrast * clear
+        seen = contrast > HALF * clear
         size = np.abs(located.offsets)
-        scatter = max(MAD * median(size[located.found]), LIMITS.evidence.least_scale_px)
+        scatter = max(MAD * median(size[located.found]), LIMITS.edges.first_scale_px)
         agrees = located.found & (size < LIMITS.photo.outlier * scatter)
         return Evidence(
             float(seen.mean()),
@@ -316,10 +316,8 @@ class TargetFitter:
             return None
         is_melted = self._are_melted(edges)
         is_noisy = edges.rms_px > LIMITS.edges.noisy_px
-        cells = LIMITS.cells
         # The dimmer corners of small white cells are clipped less than their middle, which moves edges differently.
-        is_blown = edges.blown > LIMITS.edges.blown_share
-        edges_from = cells.blown_px if is_blown else cells.mixed_px
+        edges_from = LIMITS.cells.blown_px if edges.blown > HALF else LIMITS.cells.mixed_px
         if not is_melted and not is_noisy and self._photo.prints.cell_px(edges) >= edges_from:
             return edges
         # Edges that melted lie; others have found the place, from which a few steps are left.
@@ -406,7 +404,7 @@ class TargetFitter:
     def explains_seen_edges(self, pixels: Grey, pose: Pose) -> bool:
         """Whether the edges that are seen lie where a pose puts them, however many are hidden."""
         evidence = self._evidence.measure(pixels, pose)
-        return evidence is not None and evidence.agreeing >= LIMITS.evidence.agreeing_beside
+        return evidence is not None and evidence.agreeing >= LIMITS.likeness.clear
 
     def fit_mirrored(self, pixels: Grey, pose: Pose) -> Pose | None:
         """Fit the rival of a pose: the same place, the normal mirrored about the line of sight; once an image.

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from mkdaemon.config.vision import TrackerSection
 from mkdaemon.telemetry.vision import PoseRefusal
-from mkdaemon.vision.limits import LIMITS, NOISE_GREY
+from mkdaemon.vision.limits import HALF, LIMITS, NOISE_GREY
 from mkdaemon.vision.pose.pose import Pose, correlation, largest_variance
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.pose.rolling import exposed
@@ -117,7 +117,7 @@ class BitModel:
             return None
         white, unblown = visible & self._is_white, grey < LIMITS.read.saturated
         count = np.count_nonzero(white)
-        if np.count_nonzero(white & unblown) > LIMITS.read.paper_share * count:
+        if np.count_nonzero(white & unblown) > HALF * count:
             # The paper is not blown: what is, lies in a highlight and says nothing about the cells below it.
             visible, white = visible & unblown, white & unblown
             count = np.count_nonzero(white)

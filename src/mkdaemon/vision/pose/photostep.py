@@ -21,7 +21,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from mkdaemon.vision.limits import LIMITS, NOISE_GREY
+from mkdaemon.vision.limits import HALF, LIMITS, NOISE_GREY
 from mkdaemon.vision.pose.bend import RISES, Bend
 from mkdaemon.vision.pose.edgefit import Level
 from mkdaemon.vision.pose.edgestep import MAD, damped
@@ -463,9 +463,9 @@ class PhotoStepper:
             position,
             covariance,
             "photometric",
-            int((agreeing > limits.counted).sum()),
+            int((agreeing > HALF).sum()),
             float(np.sqrt(cost)) / max(steepness, 1e-3) if is_positive else np.inf,
-            float((agreeing > limits.counted).mean()),
+            float((agreeing > HALF).mean()),
             float(np.linalg.norm(change[:3])) / max(float(np.linalg.norm(position)), 1e-9),
             float(np.exp(np.mean(np.log(squared)))),
             correlation(grey, grey - residual) if is_positive else -1.0,

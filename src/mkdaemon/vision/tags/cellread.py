@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from mkdaemon.vision.limits import LIMITS, NOISE_GREY
+from mkdaemon.vision.limits import HALF, LIMITS, NOISE_GREY
 from mkdaemon.vision.tags.tagfamily import cells
 
 Array = npt.NDArray[np.float64]
@@ -108,5 +108,5 @@ def quiet_sides(pixels: Grey, corners: Array, n: int, *, inverted: bool = False)
         white = sample(pixels, carry(homography, _rims(n, depth)[0].reshape(-1, 2))).reshape(4, -1)
         contrast = black - white if inverted else white - black
         floor = max(NOISE_GREY, LIMITS.read.quiet_contrast * float(np.median(np.abs(contrast))))
-        quiet &= (contrast > floor).mean(axis=1) > LIMITS.read.quiet_share
+        quiet &= (contrast > floor).mean(axis=1) > HALF
     return int(quiet.sum())

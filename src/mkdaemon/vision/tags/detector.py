@@ -18,6 +18,7 @@ import numpy.typing as npt
 
 from mkdaemon.config.vision import DetectorSection
 from mkdaemon.errors import VisionError
+from mkdaemon.vision.camera.image import BRIGHTEST
 from mkdaemon.vision.limits import LIMITS, Stage
 from mkdaemon.vision.tags import apriltaglib
 from mkdaemon.vision.tags.cellread import quiet_sides, read_code
@@ -314,10 +315,10 @@ def _rank(found: Detection) -> tuple[int, float]:
 
 
 def _contrast_share(pixels: Grey, found: Detection) -> float:
-    """Scale of the margin in dark images: 1 from a full range of grey values upwards, less below."""
+    """Scale of the margin where a tag has less than all grey values."""
     x0, y0 = np.maximum(found.corners.min(axis=0).astype(int), 0)
     x1, y1 = found.corners.max(axis=0).astype(int) + 1
     part = pixels[y0:y1, x0:x1]
     if part.size == 0:
         return 1.0
-    return min(float(int(part.max()) - int(part.min())) / LIMITS.search.full_contrast, 1.0)
+    return float(int(part.max()) - int(part.min())) / BRIGHTEST

@@ -200,7 +200,7 @@ class OutlineSearch:
         sides = facing(lines)
         rated = _quads(lines, sides)
         yield from (quad for _, quad in rated)
-        if not (rated and rated[0][0] >= OUTLINE.whole_support):
+        if not (rated and rated[0][0] >= LIMITS.agreement.whole):
             yield from open_quads(pixels, lines, sides, self._reader.sizes)
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from mkdaemon.telemetry.vision import Alarm
-from mkdaemon.vision.limits import LIMITS
+from mkdaemon.vision.limits import HALF, LIMITS
 from mkdaemon.vision.pose.edgefind import HALF_WIDTH
 from mkdaemon.vision.pose.pose import Pose
 
@@ -43,7 +43,7 @@ class ImageHealth:
         thin = pixels[::8, ::8]
         if np.count_nonzero(thin < limits.dark_grey) > BRIGHTEST * thin.size:
             alarms.append(Alarm.DARK)
-        if np.count_nonzero(thin >= LIMITS.read.saturated) > limits.blown_share * thin.size:
+        if np.count_nonzero(thin >= LIMITS.read.saturated) > HALF * thin.size:
             alarms.append(Alarm.BLOWN)
         if self._is_frozen(np.ascontiguousarray(pixels[::3, ::5])):
             alarms.append(Alarm.FROZEN)

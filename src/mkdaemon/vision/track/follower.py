@@ -18,7 +18,7 @@ import numpy.typing as npt
 
 from mkdaemon.config.vision import TrackerSection
 from mkdaemon.telemetry.vision import PoseRefusal
-from mkdaemon.vision.limits import LIMITS, Stage
+from mkdaemon.vision.limits import HALF, LIMITS, Stage
 from mkdaemon.vision.pose.ambiguity import Choice, prefers
 from mkdaemon.vision.pose.bend import Bend
 from mkdaemon.vision.pose.carry import Carrier
@@ -382,7 +382,7 @@ class Follower:
             tags = self._search.own(found)
             frame.detections.extend(found)
             if tags:
-                if self._fitter.disagreement(pose, tags) < LIMITS.track.decode_agrees:
+                if self._fitter.disagreement(pose, tags) < HALF:
                     track.decoded_at = now
                     return True
                 frame.refused[self.name] = PoseRefusal.DECODED_ELSEWHERE
