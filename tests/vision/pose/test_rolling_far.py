@@ -41,12 +41,16 @@ def turning_view(seed: int) -> tuple[npt.NDArray[np.uint8], Pose, Pose]:
     return pixels, replace(start, rotation=rotation, position=position, motion=np.array([*rate, 0.0])), start
 
 
+FAR = 20
+"""Steps from a start that is turned by five degrees."""
+
+
 @pytest.mark.parametrize("seed", [3, 7, 28, 46])
 def test_costs_fall_along_the_way_to_the_place(seed: int) -> None:
     """Light and what the motion lacks are told at once: one after the other, costs rose, and fits ended beside it."""
     pixels, truth, start = turning_view(seed)
     fitter = PhotoFit(PAD.target, Projection(LENS))
-    found, best = fitter.fit(pixels, start), fitter.fit(pixels, truth)
+    found, best = fitter.fit(pixels, start, FAR), fitter.fit(pixels, truth)
     assert found is not None
     assert best is not None
     assert found.cost is not None

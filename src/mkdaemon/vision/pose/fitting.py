@@ -210,9 +210,6 @@ def _leverage(jacobian: Array, offsets: Array, line: npt.NDArray[np.intp]) -> fl
 
 ROOM, ROOM_PX = 0.2, 14.0
 """Room around a target in a window: share of its size, and so much more [px]."""
-MIXED_STEPS = 10
-"""Of the fit to grey values after one to edges, as the width of the edges gives it a start: a streak of 30 px takes six
-to grow (351 development images with motion blur; eight explained 5 images less)."""
 GREY_EFFORT: Final = 4
 """A fit to grey values takes so many times as long as one to edges: 4 to 20 ms, on VGA."""
 CONFIRMED_BY = 3
@@ -321,7 +318,8 @@ class TargetFitter:
         if not is_melted and not is_noisy and self._photo.prints.cell_px(edges) >= edges_from:
             return edges
         # Edges that melted lie; others have found the place, from which a few steps are left.
-        grey = self._fit_from(pixels, start if is_melted else edges, (edges.blur_px or 0.0) / HALF_WIDTH, level)
+        blur_px = (edges.blur_px or 0.0) / HALF_WIDTH
+        grey = self._fit(pixels, start if is_melted else edges, photometric=True, level=level, blur_px=blur_px)
         if grey is None:
             return edges
         if self._photo.explains(grey) and grey.unexplained_px <= most:
@@ -363,18 +361,15 @@ class TargetFitter:
         doubt = distance2 if distance2 > APART2 else 1.0
         return replace(pose, covariance=doubt * pose.covariance)
 
-    def _fit_from(self, pixels: Grey, start: Pose, blur_px: float, level: Level | None = None) -> Pose | None:
-        """Fit grey values from a point spread that is known nearly."""
-        self.effort += GREY_EFFORT
-        fitted = self._photo.fit(pixels, start, MIXED_STEPS, level, blur_px)
-        return fitted if fitted is not None and np.isfinite(fitted.rms_px) else None
-
-    def _fit(self, pixels: Grey, start: Pose, *, photometric: bool, level: Level | None = None) -> Pose | None:
+    def _fit(
+        self, pixels: Grey, start: Pose, *, photometric: bool, level: Level | None = None, blur_px: float | None = None
+    ) -> Pose | None:
+        """Fit by one method; `blur_px` is the deviation of the point spread to begin with, where it is known nearly."""
         if not photometric:
             self.effort += 1
             return self._edges.fit(pixels, start, level=level)
         self.effort += GREY_EFFORT
-        fitted = self._photo.fit(pixels, start, level=level)
+        fitted = self._photo.fit(pixels, start, level=level, blur_px=blur_px)
         return fitted if fitted is not None and np.isfinite(fitted.rms_px) else None
 
     def match(self, pixels: Grey, pose: Pose) -> float | None:
@@ -427,8 +422,6 @@ class TargetFitter:
         start = replace(pose, rotation=turned, position=pose.rotation @ origin + pose.position - turned @ origin)
         start = self._gatherer.gathered(pixels, start)
         # Losses compare only between fits of one kind, so the rival gets that of the pose.
-        if pose.source == "photometric" and not self._wants_photometric(pose):
-            return self._fit_from(pixels, start, pose.blur_px or 0.0)
         return self._fit(pixels, start, photometric=pose.source == "photometric")
 
     def fit_grey_values(self, pixels: Grey, rivals: Sequence[Pose]) -> list[Pose]:

@@ -50,8 +50,8 @@ REDECODED: Final[tuple[Stage, ...]] = ("decimate1", "linear", "log")
 """How a small followed target is decoded again, in turn."""
 LARGE_PX: Final = 160
 """Side of a window from which half the resolution reads a target: 4 px a cell where its tag fills the window."""
-MOST_EFFORT: Final = 12
-"""Spent on an image from which no other start is fitted, in fits to edges: 40 ms."""
+MOST_EFFORT: Final = 5
+"""Spent on an image from which no other start is fitted, in fits to edges: one to grey values, and one to edges."""
 
 
 class OwnSearch:
