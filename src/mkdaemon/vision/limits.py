@@ -37,6 +37,7 @@ class CertaintyLimits:
 
     deviations: float = of(4.0, "deviations", "of a published pose beside an attitude are not wrong", "one in 16,000")
     blind_deviations: float = of(5.5, "deviations", "without: 0.9 degrees", BLIND)
+    surprising: float = of(16.0, "", "squared distance from the course, not published", "chi-square(3), one in 900")
     wrong_angle: float = of(radians(5.0), "rad", "from which a pose is wrong", "a landing over a deck")
     wrong_m: float = of(0.05, "m", "the same of its place", "a landing gear")
     wrong_share: float = of(0.01, "share", "of the range, where that is more", "what a calibration leaves, three times")
@@ -65,14 +66,6 @@ class AmbiguityLimits:
 
 
 @dataclass(frozen=True, slots=True)
-class JudgeLimits:
-    """What a track asks of a pose."""
-
-    surprising: float = of(16.0, "", "squared distance from the course, not published", "chi-square(3), one in 900")
-    expected: float = of(9.0, "", "the same, inertia speaks for the pose", "chi-square(3), one in 34")
-
-
-@dataclass(frozen=True, slots=True)
 class TrackLimits:
     """The memory of one target, and carrying its pose over by what moved in the image."""
 
@@ -95,8 +88,6 @@ class BranchLimits:
     decided: float = of(8.0, "nats", "from which the better branch is believed", "derived: one in 3,000")
     overruled: float = of(0.5, "nats", "of the newest image against, that stop a publication", BLIND)
     remembered: float = of(0.9, "share", "of what images said against a branch, an image later", "a third of a second")
-    differ_place: float = of(0.01, "share", "of the range, between places of branches that differ", BLIND)
-    differ_speed: float = of(0.2, "1/s", "or of the range a second, between velocities", BLIND)
     same_direction: float = of(radians(3.5), "rad", "branches that see the target so are one answer", BLIND)
 
 
@@ -273,15 +264,11 @@ class EdgeLimits:
     contrast_share: float = of(0.1, "share", "of their contrast, where other edges show it", FLIGHTS)
     unseen_contrast_share: float = of(0.4, "share", "the same where all are blown", "derived: 1.2 to 1.7 times is seen")
     shift_sd_px: float = of(0.2, "px", "of a common shift of all edges (tone curve, ink)", "0.3-0.4 px, webcams")
-    own_shift_sd_px: float = of(
-        0.1, "px", "of the shift of a smaller tag's edges beside it", "0.19 px times their dark"
-    )
     turning_sd: float = of(1.0, "rad/s", "of the camera while a rolling shutter reads", "shaking is 0.4 rad/s")
     acceleration_sd: float = of(15.0, "rad/s^2", "of the camera's turning then", "0.4 rad/s that change in 30 ms")
     speed_sd: float = of(2.0, "m/s", "of a camera whose velocity no track knows, each way", FLIGHTS)
     attitude_noise: float = of(radians(0.1), "rad", "of one reported attitude, each axis", "its last digit is .1 deg")
     known_climbing_sd: float = of(0.1, "m/s", "along the optical axis, where a track knows it", FLIGHTS)
-    noisy_px: float = of(0.25, "px", "residual from which noise hides edges that all pixels show", "dusk: 0.4-0.9 px")
     systematic_px: float = of(0.01, "px", "interpolation error that does not average out", "noise-free stills")
 
 
@@ -319,7 +306,6 @@ class Limits:
     evidence: EvidenceLimits = field(default_factory=EvidenceLimits)
     certainty: CertaintyLimits = field(default_factory=CertaintyLimits)
     ambiguity: AmbiguityLimits = field(default_factory=AmbiguityLimits)
-    judge: JudgeLimits = field(default_factory=JudgeLimits)
     track: TrackLimits = field(default_factory=TrackLimits)
     branches: BranchLimits = field(default_factory=BranchLimits)
     health: HealthLimits = field(default_factory=HealthLimits)

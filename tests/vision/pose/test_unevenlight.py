@@ -70,4 +70,4 @@ def test_what_is_known_of_shifts_is_weighed_by_the_edges_of_the_image() -> None:
     prior = np.zeros((6, 6)), np.zeros(6)
     grown, (matrix, _) = with_shift(samples, prior, np.ones(4), smaller, 0.05)
     assert grown.jacobian.shape == (4, 8)
-    assert np.diag(matrix)[6:] == pytest.approx([0.25, 0.0625])
+    assert np.diag(matrix)[6:] == pytest.approx([0.0625, 0.0625])

@@ -312,7 +312,7 @@ class TargetFitter:
         if edges is None:
             return None
         is_melted = self._are_melted(edges)
-        is_noisy = edges.rms_px > LIMITS.edges.noisy_px
+        is_noisy = edges.rms_px > LIMITS.edges.located_px
         # The dimmer corners of small white cells are clipped less than their middle, which moves edges differently.
         edges_from = LIMITS.cells.blown_px if edges.blown > HALF else LIMITS.cells.mixed_px
         if not is_melted and not is_noisy and self._photo.prints.cell_px(edges) >= edges_from:

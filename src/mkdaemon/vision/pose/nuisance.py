@@ -52,7 +52,7 @@ def with_shift(
         smaller = np.zeros((len(samples.index), 0), dtype=bool)
     seen = smaller[:, smaller.any(axis=0) & ~smaller.all(axis=0)]
     count = seen.shape[1]
-    spread = np.array([*[LIMITS.edges.own_shift_sd_px] * count, LIMITS.edges.shift_sd_px])
+    spread = np.full(count + 1, LIMITS.edges.shift_sd_px)
     jacobian = np.column_stack([samples.jacobian, *(seen.T * toned), toned])
     return replace(samples, jacobian=jacobian), _grown(prior, (edge_px / spread) ** 2, np.zeros(count + 1))
 

@@ -114,7 +114,7 @@ class EvidenceMaker:
         weights = _weights(np.column_stack([shifted, columns]), offsets, edges, shared)
         weighted = shifted * weights[:, None]
         normal = weighted.T @ shifted
-        shift_sd = np.array([SHIFT_SD_PX, *[LIMITS.edges.own_shift_sd_px] * smaller.shape[1]])
+        shift_sd = np.array([SHIFT_SD_PX, *[LIMITS.edges.shift_sd_px] * smaller.shape[1]])
         normal[6:, 6:] += np.diag(shift_sd**-2)
         normal += RIDGE * np.diag(np.diag(normal))
         right = weighted.T @ offsets

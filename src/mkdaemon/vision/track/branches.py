@@ -189,16 +189,6 @@ def _prune(found: list[Branch]) -> tuple[Branch, ...]:
         if all(_apart(branch, other) > BRANCHES.same_direction for other in answers):
             answers.append(branch)
     kept = answers[:KEPT]
-    for branch in order:
-        if len(kept) < KEPT and all(_differ(branch, other) for other in kept):
-            kept.append(branch)
+    kept += [branch for branch in order if branch not in kept][: KEPT - len(kept)]
     kept.sort(key=lambda branch: -branch.weight)
     return tuple(replace(branch, weight=max(branch.weight - top, -BRANCHES.certain)) for branch in kept)
-
-
-def _differ(a: Branch, b: Branch) -> bool:
-    """Whether two branches will ever predict different images."""
-    distance = max(float(np.linalg.norm(a.course.centre)), 1e-9)
-    step = a.course.state - b.course.state
-    apart, faster = float(np.linalg.norm(step[:3])), float(np.linalg.norm(step[3:]))
-    return apart > BRANCHES.differ_place * distance or faster > BRANCHES.differ_speed * distance

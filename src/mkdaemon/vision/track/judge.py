@@ -113,12 +113,12 @@ class Judge:
             seen: the image.
             pose: measured in it.
         """
-        limits = LIMITS
+        certain = LIMITS.certainty
         refused, before = certainty_refusal(pose, has_attitude=True), self._track.branches
         if refused is None or before is None or not before.is_decided:
             return Verdict(pose, refused)
         prior = before.best.course.predict_at(seen.time)
-        if prior.angle_sd > limits.certainty.blind_angle_sd or prior.mahalanobis2(pose, 1.0) > limits.judge.expected:
+        if prior.angle_sd > certain.blind_angle_sd or prior.mahalanobis2(pose, 1.0) > certain.surprising:
             return Verdict(pose, refused)
         fused = prior.fuse(pose)
         return Verdict(fused, certainty_refusal(fused, has_attitude=True))
@@ -135,29 +135,24 @@ class Judge:
 
     def _judge_without_attitude(self, seen: Sight, pose: Pose) -> Verdict:
         """Judge a fit by its mirror image, the images before and the vehicle's inertia."""
-        candidates = self._checks.candidates(seen, pose)
-        branches = self._advance_branches(seen, candidates)
-        chosen = branches.best.pose
-        refused = None if chosen is pose else self._checks.refusal(seen, chosen)
-        return Verdict(None, refused) if refused is not None else self._judge_branches(seen, branches)
-
-    def _judge_branches(self, seen: Sight, branches: Branches) -> Verdict:
-        """Take over the branches of an image and judge their best pose."""
-        limits = LIMITS
+        checks, certain = self._checks, LIMITS.certainty
+        branches = self._advance_branches(seen, checks.candidates(seen, pose))
+        chosen, prior = branches.best.pose, branches.best.prior
+        refused = None if chosen is pose else checks.refusal(seen, chosen)
+        if refused is not None:
+            return Verdict(None, refused)
         self._track.branches = branches
         self.is_backed = False
-        chosen, prior = branches.best.pose, branches.best.prior
         if not branches.is_decided or branches.is_spoken_against:
             return Verdict(chosen, PoseRefusal.AMBIGUOUS)
         fused = prior.fuse(chosen) if prior is not None else chosen
         # The branches allow for errors that last; to be published a pose has to fit by its own covariance.
-        distance2 = prior.mahalanobis2(chosen, 1.0) if prior is not None else 0.0
-        if branches.best.missed or distance2 > limits.judge.surprising:
+        surprises = prior is not None and prior.mahalanobis2(chosen, 1.0) > certain.surprising
+        if branches.best.missed or surprises:
             return Verdict(fused, PoseRefusal.OFF_COURSE)
-        is_known = prior is not None and prior.angle_sd < limits.certainty.blind_angle_sd
-        self.is_backed = is_known and distance2 < limits.judge.expected
-        is_plain = self.is_backed or self._checks.is_plain(seen, fused)
-        if not is_plain and chosen.source == "edges" and chosen.inliers < limits.agreement.whole:
+        self.is_backed = prior is not None and prior.angle_sd < certain.blind_angle_sd
+        is_plain = self.is_backed or checks.is_plain(seen, fused)
+        if not is_plain and chosen.source == "edges" and chosen.inliers < LIMITS.agreement.whole:
             return Verdict(fused, PoseRefusal.INLIERS)
         refused = certainty_refusal(fused, has_attitude=False, is_plain=is_plain, is_backed=self.is_backed)
         return Verdict(fused, refused)
