@@ -61,7 +61,7 @@ class AmbiguityLimits:
 
     same_pose: float = of(radians(1.0), "rad", "candidates closer are one pose", "below the published deviation")
     samples_per_fact: float = of(4.0, "", "neighbouring samples share pixels", "derived: blur over sample spacing")
-    min_log_odds: float = of(12.0, "nats", "from which the image decides", "derived: one in 160,000")
+    decided: float = of(8.0, "nats", "from which a reading is believed, by images", "derived: one in 3,000")
     small_tilt: float = of(radians(0.3), "rad", "below, the mirrored pose is the pose", "a saddle at 1.5 deg, 5.5 off")
 
 
@@ -85,7 +85,6 @@ class BranchLimits:
     trusted_share: float = of(0.3, "share", "of the odds beyond: neighbouring images share faults", BLIND)
     max_image: float = of(6.0, "nats", "the most one image adds", BLIND)
     certain: float = of(25.0, "nats", "odds do not grow beyond: a wrong branch can be left", BLIND)
-    decided: float = of(8.0, "nats", "from which the better branch is believed", "derived: one in 3,000")
     overruled: float = of(0.5, "nats", "of the newest image against, that stop a publication", BLIND)
     remembered: float = of(0.9, "share", "of what images said against a branch, an image later", "a third of a second")
     same_direction: float = of(radians(3.5), "rad", "branches that see the target so are one answer", BLIND)
@@ -201,8 +200,7 @@ class CellSizes:
     """Side of a cell in the image from which something can be told; smaller is farther."""
 
     readable_px: float = of(2.5, "px", "smaller cells have no edge, corner or grey value of their own", EARNED)
-    photometric_px: float = of(4.0, "px", "smaller cells are fitted by grey values", EARNED)
-    mixed_px: float = of(5.0, "px", "below, grey values measure what edges have found", FLIGHTS)
+    photometric_px: float = of(5.0, "px", "smaller cells are fitted by grey values", EARNED)
     blown_px: float = of(7.0, "px", "the same where most edges are blown", "range NEES 8.5 in edges of 5-6 px, 2 above")
     melted_widths: float = of(3.0, "half widths", "of its edges: smaller cells melt", "5 px where sharp: 1.75 px")
     small_px: float = of(10.0, "px", "below, all pixels of a first pose tell more than its edges", EARNED)

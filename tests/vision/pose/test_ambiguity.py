@@ -59,7 +59,7 @@ def test_choice(candidates, options, expected):
 def test_odds_decide_alone_where_a_fit_leaves_only_noise(rms, inliers, source, decides):
     marks = {"rms_px": rms, "inliers": inliers, "source": source}
     first, second = replace(tilted(10, 9.0, 600), **marks), replace(tilted(-10, 11.0, 600), **marks)
-    assert log_odds(first, second) > LIMITS.ambiguity.min_log_odds
+    assert log_odds(first, second) > LIMITS.ambiguity.decided
     choice = choose([first, second], min_ratio=2.0)
     assert (choice is not None) == decides
     assert choose([first, replace(second, loss=9.5)], min_ratio=2.0) is None
@@ -103,7 +103,7 @@ def test_why_a_reading_is_wrong_does_not_speak_for_it():
     true = grey(10, 3.7)
     odds = log_odds(true, grey(-10, 5.0, shared=5.0, common=0.7, loss=10.0))
     assert odds == log_odds(true, grey(-10, 5.0, loss=10.0))
-    assert odds > LIMITS.ambiguity.min_log_odds
+    assert odds > LIMITS.ambiguity.decided
     assert choose([true, grey(-10, 5.0, shared=5.0, common=0.7, loss=10.0)], min_ratio=2.0) is not None
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 import pytest
@@ -37,7 +38,7 @@ def off(pose: Pose, view: View) -> float:
     return float(np.linalg.norm(error))
 
 
-def test_cells_of_four_to_five_pixels_are_measured_by_grey_values_after_edges() -> None:
+def test_cells_of_four_to_five_pixels_are_measured_by_grey_values() -> None:
     fitter, edges = TargetFitter(TARGET, PROJECTION), EdgeFit(TARGET, PROJECTION)
     mixed_errors, edge_errors = [], []
     for tilt, around in ((0.15, 0.3), (0.35, 1.4), (0.25, 3.0), (0.45, 4.4), (0.3, 5.6)):
@@ -68,16 +69,15 @@ def test_in_dusk_all_pixels_measure_what_noisy_edges_have_found() -> None:
     assert np.mean(errors) < 0.6 * np.mean(edge_errors)
 
 
-def test_edges_stand_where_something_lies_over_the_print() -> None:
+def test_what_lies_over_a_small_print_is_in_the_covariance() -> None:
     half = TARGET.tags[0].size / 2
     corner = ((-half, -half), (-0.35 * half, -half), (-0.35 * half, 0.1 * half), (-half, 0.1 * half))
     view = View(TARGET, place(DISTANCE, 0.3, 1.0), Conditions(covers=(Cover(corner, 0.5),)))
     found = TargetFitter(TARGET, PROJECTION).refine(view.pixels, beside(view))
     assert found is not None
-    assert found.source == "edges"
-    grey = PhotoFit(TARGET, PROJECTION).fit(view.pixels, found)
-    assert grey is not None
-    assert not PhotoFit(TARGET, PROJECTION).explains(grey)
+    turned = np.asarray(cv2.Rodrigues(view.rotation @ found.rotation.T)[0], dtype=np.float64).ravel()
+    error = np.concatenate([view.position - found.position, turned])
+    assert float(error @ np.linalg.solve(found.covariance, error)) / 6 < 2.0
 
 
 @pytest.mark.parametrize("cells", [4.0, 6.0])

@@ -126,7 +126,7 @@ def test_odds_gather_until_they_decide():
     assert not once.is_decided
     few = fly(once, [(0.010, 0.014)] * 2)
     many = fly(once, [(0.010, 0.014)] * 8)
-    assert 0 < few.lead < LIMITS.branches.decided
+    assert 0 < few.lead < LIMITS.ambiguity.decided
     assert many.is_decided
     assert is_true(many)
 
@@ -143,7 +143,7 @@ def test_what_images_said_against_a_reading_stays_with_a_history_that_leaps_to_i
     after = before.after(16 * STEP, [mirrored(true, 0.0106), true])
     against = [branch.together for branch in after.ranked if branch.course.centre[0] < 0]
     assert against
-    assert min(against) > LIMITS.branches.decided
+    assert min(against) > LIMITS.ambiguity.decided
     assert all(branch.together == 0.0 for branch in after.ranked if branch.course.centre[0] > 0)
 
 

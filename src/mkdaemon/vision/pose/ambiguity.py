@@ -78,7 +78,7 @@ def choose(
     if len(distinct) == 1:
         return Choice(first, ratio, "unique")
     second = candidates[distinct[1]]
-    if log_odds(first, second) >= decides.min_log_odds and (ratio >= min_ratio or _is_explained(first, second)):
+    if log_odds(first, second) >= decides.decided and (ratio >= min_ratio or _is_explained(first, second)):
         return Choice(first, ratio, "image")
     return None
 

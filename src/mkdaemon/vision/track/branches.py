@@ -124,7 +124,7 @@ class Branches:
     @property
     def is_decided(self) -> bool:
         """Whether the likeliest branch is believed."""
-        return self.lead >= BRANCHES.decided
+        return self.lead >= LIMITS.ambiguity.decided
 
     @property
     def is_spoken_against(self) -> bool:
@@ -133,7 +133,7 @@ class Branches:
         Together they may say no more than what it leads by beyond `decided`: a course that a poor fit threw aside lets
         its rival lead by one jump, whatever image after image says.
         """
-        spare = min(self.lead - BRANCHES.decided, BRANCHES.decided)
+        spare = min(self.lead - LIMITS.ambiguity.decided, LIMITS.ambiguity.decided)
         return self.best.against > BRANCHES.overruled or self.best.together > spare
 
     def after(self, time: float, candidates: Sequence[Pose]) -> Branches:
