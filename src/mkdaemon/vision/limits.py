@@ -71,8 +71,7 @@ class TrackLimits:
 
     through: int = of(5, "images", "missed, over which a prediction holds and the target is found again", FLIGHTS)
     shake: float = of(0.08, "rad", "turn between two images within which it is looked for", FLIGHTS)
-    forget_velocity: float = of(0.3, "s", "between poses that make no velocity", FLIGHTS)
-    grace: float = of(1.0, "s", "without an image, or a decoded tag beyond the re-detection period", FLIGHTS)
+    grace: float = of(0.5, "s", "without an image, or a decoded tag beyond the re-detection period", FLIGHTS)
     retry_decode: float = of(0.1, "s", "between attempts to decode", "3 ms each: 3 % of a core")
     search_every: int = of(5, "images", "between searches for others while one is tracked", "cost: a search over five")
 
@@ -85,9 +84,7 @@ class BranchLimits:
     trusted_share: float = of(0.3, "share", "of the odds beyond: neighbouring images share faults", BLIND)
     max_image: float = of(6.0, "nats", "the most one image adds", BLIND)
     certain: float = of(25.0, "nats", "odds do not grow beyond: a wrong branch can be left", BLIND)
-    overruled: float = of(0.5, "nats", "of the newest image against, that stop a publication", BLIND)
     remembered: float = of(0.9, "share", "of what images said against a branch, an image later", "a third of a second")
-    same_direction: float = of(radians(3.5), "rad", "branches that see the target so are one answer", BLIND)
 
 
 @dataclass(frozen=True, slots=True)
@@ -248,19 +245,13 @@ class EdgeLimits:
     settled_px: float = of(0.08, "px", "a step that moves samples less ends the fit", "below a located edge's error")
     tukey: float = of(4.685, "deviations", "outlier bound", "95 % efficiency; Holland and Welsch 1977")
     counted: float = of(0.1, "weight", "from which a sample agrees", "derived: 83 % of the outlier bound")
-    first_scale_px: float = of(0.15, "px", "least deviation believed in the first iteration", FLIGHTS)
     least_scale_px: float = of(0.02, "px", "and in later ones", "least residual of rendered edges")
     located_px: float = of(0.3, "px", "edge error in a bad image, to weigh prior knowledge", FLIGHTS)
     min_peak: float = of(0.15, "share", "of the steep edges' slope that an edge needs", STILLS)
     glare_px: float = of(2.0, "px", "reach of a highlight beside an edge that hides it", STILLS)
     smooth_light: float = of(0.1, "share", "of their contrast by which edges may differ from a smooth light", STILLS)
     missed_px: float = of(0.6, "px", "cost of a sample without its edge when rivals compare", BLIND)
-    blown_px: float = of(
-        0.17, "px", "moved by clipping, that doubles an edge's variance", "9,800 blown edges under gloss"
-    )
-    blur_share: float = of(0.3, "share", "deviation of the blur of blown edges", "skirts and tone curves move 0.93-0.8")
-    contrast_share: float = of(0.1, "share", "of their contrast, where other edges show it", FLIGHTS)
-    unseen_contrast_share: float = of(0.4, "share", "the same where all are blown", "derived: 1.2 to 1.7 times is seen")
+    clipped_sd: float = of(0.4, "share", "of blur and contrast of blown edges", "derived: 1.2 to 1.7 of what shows")
     shift_sd_px: float = of(0.2, "px", "of a common shift of all edges (tone curve, ink)", "0.3-0.4 px, webcams")
     turning_sd: float = of(1.0, "rad/s", "of the camera while a rolling shutter reads", "shaking is 0.4 rad/s")
     acceleration_sd: float = of(15.0, "rad/s^2", "of the camera's turning then", "0.4 rad/s that change in 30 ms")

@@ -33,7 +33,7 @@ def step(
     samples = Samples(np.arange(count), flat, flat, ones, jacobian, np.zeros(count), 30.0 * ones, upright)
     sure, free = ones if trust is None else trust, ones if room is None else room
     edges = FoundEdges(offsets, np.ones(count, dtype=bool), width, width * ones, ones, sure, free)
-    return EdgeStep.solve(samples, edges, LIMITS.edges.least_scale_px, LIMITS.edges.tukey, FREE)
+    return EdgeStep.solve(samples, edges, FREE)
 
 
 def upright_edges() -> tuple[np.ndarray, Samples]:

@@ -167,17 +167,6 @@ def test_grey_values_do_not_polish_what_they_contradict():
     assert fit.polish(np.full((480, 640), 90, np.uint8), edges) is edges
 
 
-def test_grey_values_outweigh_edges_that_have_melted_in_a_steep_view():
-    target = shipped("nested")
-    view = View(target, place(5.5, np.radians(56.0), around=0.8, roll=0.4))
-    start = Pose(turn(view.rotation, np.full(3, 0.01)), 1.003 * view.position, np.eye(6), "corners", 4, 0.1)
-    edges = EdgeFit(target, PROJECTION).fit(view.pixels, start)
-    assert edges is not None
-    fine = PhotoFit(target, PROJECTION).polish(view.pixels, edges)
-    assert np.linalg.norm(edges.position - view.position) > 0.03
-    assert np.linalg.norm(fine.position - view.position) < 0.01
-
-
 def test_level_holds_the_tilt():
     target = shipped("single")
     view = View(target, place(3.0, 0.3))

@@ -161,7 +161,6 @@ class _System:
         level: where the normal should point, if anywhere.
         edge_px: deviation of a located edge [px].
         stretch_sd: deviation of the ratio of the focal lengths; zero takes them as exact.
-        is_first: it is the first step.
         is_near: the place is nearly known.
     """
 
@@ -172,7 +171,6 @@ class _System:
     level: Level | None
     edge_px: float
     stretch_sd: float
-    is_first: bool
     is_near: bool
 
     @property
@@ -223,7 +221,7 @@ class EdgeFit:
                 return None
             samples, edges, light = found
             edge_px = edge_px if last is None else max(last.variance**0.5, limits.least_scale_px)
-            system = _System(samples, edges, state, start, level, edge_px, stretch_sd, k == 0, is_near)
+            system = _System(samples, edges, state, start, level, edge_px, stretch_sd, is_near)
             now, carried = self._solve(system)
             step = now.change
             before, moved = moved, _moved(now, carried)
@@ -315,8 +313,7 @@ class EdgeFit:
             samples, prior = with_blown(samples, prior, edges.blown, system.edge_px)
         smaller = self.model.smaller[samples.index] if system.is_near else None
         samples, prior = with_shift(samples, prior, edges.toned, smaller, weighed)
-        scale = limits.first_scale_px if system.is_first else limits.least_scale_px
-        return EdgeStep.solve(samples, edges, scale, limits.tukey, prior, is_near=system.is_near), carried
+        return EdgeStep.solve(samples, edges, prior, is_near=system.is_near), carried
 
     def locate(self, pixels: Grey, pose: Pose) -> LocatedEdges | None:
         """Find the edges around a fitted pose; none when too few are in view."""

@@ -29,7 +29,7 @@ import numpy as np
 import numpy.typing as npt
 
 from mkdaemon.vision.camera.image import BRIGHTEST
-from mkdaemon.vision.limits import LIMITS
+from mkdaemon.vision.limits import HALF, LIMITS
 from mkdaemon.vision.pose.pose import median, quantile
 
 Array = npt.NDArray[np.float64]
@@ -84,14 +84,12 @@ class Blown:
         columns: derivative of the offsets by the blur of the edges that run either way and by the contrast, as shares
             of them `(n, 3)` [px]. Motion blurs edges of one way: with one blur for both, edges across it lay 0.04-0.13
             px beside those along it (over-exposed flights), which looks like a tilt.
-        spread: how well these are known `(3,)`.
         clear: variance of a located edge that is not blown over its own `(n,)`.
         shown: whether the ink beside each is darker than what is blown: a highlight floods the others `(n,)`.
     """
 
     moved: Array
     columns: Array
-    spread: Array
     clear: Array
     shown: Bools
 
@@ -236,7 +234,6 @@ def blown_edges(sides: EdgeSides, found: Bools, upright: Bools) -> Blown | None:
         found: which of them were found `(n,)`.
         upright: which of them run one way `(n,)`.
     """
-    edges = LIMITS.edges
     cut = found & (sides.bright >= LIMITS.read.saturated)
     if not bool(cut.any()):
         return None
@@ -255,11 +252,9 @@ def blown_edges(sides: EdgeSides, found: Bools, upright: Bools) -> Blown | None:
     place = np.interp((BRIGHTEST - dark) / max(usual, 1.0), BELOW, PLACES)
     moved = -blur * np.interp(place, PLACES, MOVED) * cut
     by_contrast = -blur * np.interp(place, PLACES, BY_CONTRAST) * cut
-    of_contrast = edges.contrast_share if sees_both else edges.unseen_contrast_share
-    spread = np.array([edges.blur_share, edges.blur_share, of_contrast])
-    clear = 1.0 / (1.0 + (moved / edges.blown_px) ** 2)
+    clear = 1.0 / (1.0 + (moved / (HALF * LIMITS.edges.located_px)) ** 2)
     shown = light < LIMITS.read.saturated - LIMITS.read.nearly_blown
-    return Blown(moved, np.column_stack([*(kinds * moved), by_contrast]), spread, clear, shown)
+    return Blown(moved, np.column_stack([*(kinds * moved), by_contrast]), clear, shown)
 
 
 def blur_of(width: Array) -> Array:

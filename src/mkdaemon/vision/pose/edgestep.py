@@ -64,8 +64,6 @@ class EdgeStep:
         cls,
         samples: Samples,
         edges: FoundEdges,
-        least_scale: float,
-        tukey: float,
         prior: Prior,
         *,
         is_near: bool = True,
@@ -79,8 +77,6 @@ class EdgeStep:
         Args:
             samples: of the edge model.
             edges: where the image has them.
-            least_scale: sigma at least [px].
-            tukey: c.
             prior: of all unknowns.
             is_near: whether the fit is about in its place. Before, sigma is the larger one of the two ways that edges
                 run: a start that is off along one side of the print leaves half of the edges in their place, which
@@ -98,7 +94,7 @@ class EdgeStep:
         groups = (np.flatnonzero(telling),) if is_near else _kinds(telling, samples.upright)
         for _ in range(ROUNDS):
             size = np.abs(residual) * np.sqrt(sure)
-            inside = np.maximum(1.0 - (size / (tukey * _usual(size, groups, least_scale))) ** 2, 0.0) * found
+            inside = np.maximum(1.0 - (size / (LIMITS.edges.tukey * _usual(size, groups))) ** 2, 0.0) * found
             weights = inside**2 * sure
             weighted = (jacobian * weights[:, None]).T
             normal = weighted @ jacobian + prior[0]
@@ -107,7 +103,7 @@ class EdgeStep:
         # d(r (1 - u)^2) / dr with u = (r / bound)^2 is (1 - u) (1 - 5 u).
         slope = inside * (5.0 * inside - 4.0) * sure
         size = np.abs(residual) * clear
-        agreeing = np.maximum(1.0 - (size / (tukey * _usual(size, groups, least_scale))) ** 2, 0.0) ** 2 * found
+        agreeing = np.maximum(1.0 - (size / (LIMITS.edges.tukey * _usual(size, groups))) ** 2, 0.0) ** 2 * found
         return cls(samples, edges, change, weights, normal, residual, agreeing, slope)
 
     @property
@@ -255,9 +251,9 @@ class EdgeStep:
         return float(np.exp(np.mean(np.log(squared))))
 
 
-def _usual(size: Array, groups: Sequence[Numbers], least: float) -> float:
-    """The usual size of residuals by the sizes of all `(n,)` [px]: the larger median of groups, `least` at least."""
-    return max(MAD * max(median(size[group]) for group in groups), least)
+def _usual(size: Array, groups: Sequence[Numbers]) -> float:
+    """The usual size of residuals by the sizes of all `(n,)` [px]: the larger median of groups."""
+    return max(MAD * max(median(size[group]) for group in groups), LIMITS.edges.least_scale_px)
 
 
 def _kinds(found: Bools, upright: Bools) -> tuple[Numbers, Numbers]:

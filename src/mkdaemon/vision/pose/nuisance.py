@@ -66,7 +66,8 @@ def with_blown(samples: Samples, prior: Prior, blown: Blown, edge_px: float) -> 
         blown: what clipping does to the edges.
         edge_px: deviation of a located edge [px].
     """
-    grown = _grown(prior, (edge_px / blown.spread) ** 2, np.zeros(len(blown.spread)))
+    count = blown.columns.shape[1]
+    grown = _grown(prior, np.full(count, (edge_px / LIMITS.edges.clipped_sd) ** 2), np.zeros(count))
     return replace(samples, jacobian=np.hstack([samples.jacobian, blown.columns])), grown
 
 

@@ -118,7 +118,7 @@ class Branches:
     @property
     def lead(self) -> float:
         """Log odds of the likeliest branch against the next that means another pose."""
-        rivals = [b.weight for b in self.ranked[1:] if _apart(self.best, b) > BRANCHES.same_direction]
+        rivals = [b.weight for b in self.ranked[1:] if _apart(self.best, b) > LIMITS.certainty.wrong_angle]
         return -max(rivals, default=-BRANCHES.certain)
 
     @property
@@ -134,7 +134,7 @@ class Branches:
         its rival lead by one jump, whatever image after image says.
         """
         spare = min(self.lead - LIMITS.ambiguity.decided, LIMITS.ambiguity.decided)
-        return self.best.against > BRANCHES.overruled or self.best.together > spare
+        return self.best.against > BRANCHES.silent or self.best.together > spare
 
     def after(self, time: float, candidates: Sequence[Pose]) -> Branches:
         """Go on with the candidates of a new image."""
@@ -149,7 +149,7 @@ class Branches:
         """
         place = -pose.rotation.T @ pose.position
         apart = [_angle(branch.course.centre, place) for branch in self.ranked]
-        near = max(BRANCHES.same_direction, min(apart))
+        near = max(LIMITS.certainty.wrong_angle, min(apart))
         # Where both readings are nearly one, what was said against one of them says nothing.
         before = min(branch.together for branch, angle in zip(self.ranked, apart, strict=True) if angle <= near)
         odds = min((log_odds(pose, other) for other in candidates if other is not pose), default=0.0)
@@ -186,7 +186,7 @@ def _prune(found: list[Branch]) -> tuple[Branch, ...]:
     order = sorted((b for b in found if b.weight > lost or not b.missed), key=lambda branch: -branch.weight)
     answers: list[Branch] = []
     for branch in sorted(order, key=lambda branch: branch.missed):
-        if all(_apart(branch, other) > BRANCHES.same_direction for other in answers):
+        if all(_apart(branch, other) > LIMITS.certainty.wrong_angle for other in answers):
             answers.append(branch)
     kept = answers[:KEPT]
     kept += [branch for branch in order if branch not in kept][: KEPT - len(kept)]

@@ -86,7 +86,7 @@ class Track:
         if self._moments and self._moments[-1].time == time:
             self._moments.pop()
         gap = time - self._moments[-1].time if self._moments else 0.0
-        if self._moments and not 0 < gap < TRACK.forget_velocity:
+        if self._moments and not 0 < gap < TRACK.grace:
             self._moments.clear()
         self._moments = [*self._moments[-1:], _Moment(time, pose, enu_from_flu)]
         self.misses = 0
@@ -161,7 +161,7 @@ class Track:
             mounting: of the camera.
             turning_flu: how the vehicle turns then.
         """
-        if self.has_velocity or not 0.0 < time - self.last_time < TRACK.forget_velocity:
+        if self.has_velocity or not 0.0 < time - self.last_time < TRACK.grace:
             return None
         later = replace(self, _moments=[*self._moments, _Moment(time, pose, enu_from_flu)])
         return later.predict(time, enu_from_flu, mounting, turning_flu).pose.known_motion
