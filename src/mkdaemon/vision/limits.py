@@ -162,12 +162,12 @@ class ReadLimits:
 
     saturated: int = of(253, "grey", "a pixel from here up may have been anything", NOISE)
     nearly_blown: float = of(6.0, "grey", "so far below, noise decides which pixels are", "two deviations, bright ink")
-    quiet_contrast: float = of(0.15, "share", "of the usual contrast, for such a sample", STILLS)
+    least_contrast: float = of(0.15, "share", "of the usual contrast, or slope, of an edge", STILLS)
     min_cells: int = of(16, "", "fewer cells tell nothing", "derived: one in 65,000 by chance")
     misread: float = of(0.05, "share", "of neighbouring cells in view, where the print is", STILLS)
     beside_nats: float = of(4.0, "nats", "for another place, against a pose", "1,287 right ones, edges hidden: none")
     beside_cells: int = of(3, "cells", "that a fit may lie beside its place", "nested targets; farther fails the bits")
-    rise: float = of(0.1, "share", "of the mean rise between neighbours from which a rise counts", STILLS)
+    faint: float = of(0.1, "share", "of a contrast, by which light may change from cell to cell", STILLS)
 
 
 @dataclass(frozen=True, slots=True)
@@ -182,7 +182,6 @@ class OutlineLimits:
     min_open: float = of(0.4, "share", "of a side that is seen of both beside it, of an open quad", STILLS)
     min_side_support: float = of(0.3, "share", "the same for each side", STILLS)
     min_open_support: float = of(0.7, "share", "of what is seen of the sides of an open quad that is outline", STILLS)
-    min_room_share: float = of(0.1, "share", "of the contrast, as `min_room`", "light changes from cell to cell")
     min_sine: float = of(0.2, "sine", "between neighbouring sides", STILLS)
     level: float = of(0.2, "share", "of the contrast within which a cell is black or white", STILLS)
     min_contrast: float = of(20.0, "grey", "between paper and border", STILLS)
@@ -247,9 +246,8 @@ class EdgeLimits:
     counted: float = of(0.1, "weight", "from which a sample agrees", "derived: 83 % of the outlier bound")
     least_scale_px: float = of(0.02, "px", "and in later ones", "least residual of rendered edges")
     located_px: float = of(0.3, "px", "edge error in a bad image, to weigh prior knowledge", FLIGHTS)
-    min_peak: float = of(0.15, "share", "of the steep edges' slope that an edge needs", STILLS)
     glare_px: float = of(2.0, "px", "reach of a highlight beside an edge that hides it", STILLS)
-    smooth_light: float = of(0.1, "share", "of their contrast by which edges may differ from a smooth light", STILLS)
+    max_leverage: float = of(radians(0.4), "rad", "turn by one line of edges", "right < 0.3, wrong > 0.48 deg")
     missed_px: float = of(0.6, "px", "cost of a sample without its edge when rivals compare", BLIND)
     clipped_sd: float = of(0.4, "share", "of blur and contrast of blown edges", "derived: 1.2 to 1.7 of what shows")
     shift_sd_px: float = of(0.2, "px", "of a common shift of all edges (tone curve, ink)", "0.3-0.4 px, webcams")
@@ -273,13 +271,6 @@ class PhotoLimits:
 
 
 @dataclass(frozen=True, slots=True)
-class EvidenceLimits:
-    """The edges of a partly hidden pose."""
-
-    max_leverage: float = of(radians(0.4), "rad", "turn by one line of edges", "right < 0.3, wrong > 0.48 deg")
-
-
-@dataclass(frozen=True, slots=True)
 class Limits:
     """All of them."""
 
@@ -292,7 +283,6 @@ class Limits:
     blur: BlurWidths = field(default_factory=BlurWidths)
     edges: EdgeLimits = field(default_factory=EdgeLimits)
     photo: PhotoLimits = field(default_factory=PhotoLimits)
-    evidence: EvidenceLimits = field(default_factory=EvidenceLimits)
     certainty: CertaintyLimits = field(default_factory=CertaintyLimits)
     ambiguity: AmbiguityLimits = field(default_factory=AmbiguityLimits)
     track: TrackLimits = field(default_factory=TrackLimits)

@@ -132,7 +132,7 @@ def find_edges(pixels: Grey, samples: Samples, *, is_blown: bool = False, is_nea
     of gravity of the slope around its peak, s0 = sum(s w) / sum(w) with w = max(g'(s) - skirt * peak, 0): unbiased for
     every symmetric blur. Source: moment-based edge location, Lyvers et al., PAMI 11(12), 1989, in one dimension.
     """
-    edges, blur = LIMITS.edges, LIMITS.blur
+    blur = LIMITS.blur
     profile, along, spacing = _profiles(pixels, samples)
     # g'(s) by central differences, nothing beyond the reach and half a step more.
     place = along[1:-1].astype(np.float32)
@@ -154,7 +154,7 @@ def find_edges(pixels: Grey, samples: Samples, *, is_blown: bool = False, is_nea
     offsets = centre
     # An edge is as steep as the steep ones of the image, up to a share, and steeper than noise.
     tenth = max(len(peak) // 10, 1)
-    enough = max(NOISE_GREY, edges.min_peak * float(np.partition(peak, -tenth)[-tenth]))
+    enough = max(NOISE_GREY, LIMITS.read.least_contrast * float(np.partition(peak, -tenth)[-tenth]))
     found = (peak > enough) & (np.abs(offsets) < samples.reach)
     trust, toned, room = (np.ones(len(found)) for _ in range(3))
     sides: EdgeSides | None = None

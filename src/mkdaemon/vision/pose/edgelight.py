@@ -216,7 +216,7 @@ class UnevenLight:
         scatter = max(self.bright.scatter, self.dark.scatter)
         contrast = np.maximum(bright - dark, scatter)
         beside = np.maximum(np.abs(sides.bright - bright), np.abs(sides.dark - dark))
-        explained = 1.0 / (1.0 + (np.maximum(beside, scatter) / (LIMITS.edges.smooth_light * contrast)) ** 4)
+        explained = 1.0 / (1.0 + (np.maximum(beside, scatter) / (LIMITS.read.faint * contrast)) ** 4)
         return np.asarray(GROWTH_MOVES * widths**2 * explained * (bright_grows - dark_grows) / contrast)
 
 

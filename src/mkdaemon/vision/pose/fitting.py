@@ -135,7 +135,7 @@ class Evidence:
     def supports(self) -> bool:
         """Whether the pose can be believed with parts of the target hidden."""
         agrees = self.seen >= HALF and self.agreeing >= LIMITS.agreement.whole
-        return agrees and self.leverage <= LIMITS.evidence.max_leverage
+        return agrees and self.leverage <= LIMITS.edges.max_leverage
 
 
 class EdgeEvidence:

@@ -135,7 +135,7 @@ class BitModel:
         if len(pairs) < LIMITS.read.min_cells:
             return even
         rise = grey[pairs[:, 1]] - grey[pairs[:, 0]]
-        enough = max(NOISE_GREY, LIMITS.read.rise * float(np.abs(rise).mean()))
+        enough = max(NOISE_GREY, LIMITS.read.faint * float(np.abs(rise).mean()))
         return max(even, 2.0 * np.count_nonzero(rise > enough) / len(rise) - 1.0)
 
     def evidence(self, pixels: Grey, pose: Pose) -> CellEvidence:
@@ -156,7 +156,7 @@ class BitModel:
             if not bool(both.any()):
                 continue
             rise = grey[:, grid.pairs[:, 1]] - grey[:, grid.pairs[:, 0]]
-            enough = max(NOISE_GREY, LIMITS.read.rise * float(np.abs(rise[both]).mean()))
+            enough = max(NOISE_GREY, LIMITS.read.faint * float(np.abs(rise[both]).mean()))
             evidence = np.where(both, np.where(rise > enough, right, wrong), 0.0).sum(axis=1)
             here = max(here, float(evidence[0]))
             beside = max(beside, float(evidence.max() - max(evidence[0], 0.0)))

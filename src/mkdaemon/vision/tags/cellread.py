@@ -107,6 +107,6 @@ def quiet_sides(pixels: Grey, corners: Array, n: int, *, inverted: bool = False)
     for depth in QUIET_DEPTHS:
         white = sample(pixels, carry(homography, _rims(n, depth)[0].reshape(-1, 2))).reshape(4, -1)
         contrast = black - white if inverted else white - black
-        floor = max(NOISE_GREY, LIMITS.read.quiet_contrast * float(np.median(np.abs(contrast))))
+        floor = max(NOISE_GREY, LIMITS.read.least_contrast * float(np.median(np.abs(contrast))))
         quiet &= (contrast > floor).mean(axis=1) > HALF
     return int(quiet.sum())

@@ -175,7 +175,7 @@ def _steps(pixels: Grey, homography: Array, n: int, codes: _Codes) -> Array | No
     if contrast < OUTLINE.min_contrast:
         return None
     here, there = sample(pixels, carry(homography, sides.points)).reshape(2, -1, len(ALONG)).mean(axis=2)
-    least = max(OUTLINE.min_room, OUTLINE.min_room_share * contrast)
+    least = max(OUTLINE.min_room, LIMITS.read.faint * contrast)
     room = np.minimum(there + contrast, BRIGHTEST) - there
     by_black = np.where(room < least, 0.0, (here - there) / np.maximum(room, 1.0) - 0.5)
     by_white = 0.5 + (here - there) / contrast
