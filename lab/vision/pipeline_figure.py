@@ -19,28 +19,23 @@ class Box(NamedTuple):
 WIDTH: Final = 2.55
 HEIGHT: Final = 1.25
 BOXES: Final = {
-    "camera": Box(0, 4, "camera", "grey image, middle of\nits exposure [s]"),
-    "health": Box(0, 2, "health", "dark, blown, blurred,\nfrozen, wrong size", ("health",)),
-    "predict": Box(3.4, 4, "prediction", "attitude change and\nconstant velocity", ("prediction",)),
-    "carry": Box(3.4, 2, "carry", "the image of the target\nfound again as a whole", ("carry",)),
-    "search": Box(3.4, 0, "search", "window, then whole image:\nfour ways and outlines", ("search",)),
-    "fit": Box(6.8, 4, "fit", "edges; grey values of\nsmall or steep tags", ("edge fit", "grey-value fit")),
-    "first": Box(6.8, 0, "first pose", "both solutions, mirror\nimage, evidence", ("evidence",)),
-    "gates": Box(6.8, 2, "checks", "fit, cells, attitude,\nprediction", ("cells",)),
-    "branches": Box(10.2, 2, "hypotheses", "course, rival readings,\nmirror image", ("branches",)),
-    "publish": Box(10.2, 4, "publish", "pose, covariance, or a\nrefusal with its reason", ()),
+    "camera": Box(0, 2, "1 camera", "grey image, middle of\nits exposure [s]"),
+    "health": Box(0, 0, "2 health", "dark, blown, blurred,\nfrozen, wrong size", ("health",)),
+    "predict": Box(3.4, 2, "3 prediction", "attitude change and\nconstant velocity", ("prediction",)),
+    "start": Box(3.4, 0, "4 start", "target found again\nas a whole, or decoded", ("carry", "search")),
+    "fit": Box(6.8, 2, "5 fit", "edges; grey values of\nsmall or steep tags", ("edge fit", "grey-value fit")),
+    "checks": Box(6.8, 0, "6 checks", "fit, cells, attitude,\nhidden edges", ("cells", "evidence")),
+    "branches": Box(10.2, 0, "7 hypotheses", "course, rival readings,\nmirror image", ("branches",)),
+    "publish": Box(10.2, 2, "8 publish", "pose, covariance, or a\nrefusal with its reason"),
 }
 ARROWS: Final = (
     ("camera", "health", ""),
     ("camera", "predict", "image"),
     ("predict", "fit", "start"),
-    ("carry", "fit", ""),
-    ("search", "first", "decoded tags"),
-    ("predict", "carry", "missed"),
-    ("carry", "search", "missed"),
-    ("first", "gates", "poses"),
-    ("fit", "gates", "pose, residuals"),
-    ("gates", "branches", "pose"),
+    ("predict", "start", "missed"),
+    ("start", "fit", "start"),
+    ("fit", "checks", "pose, residuals"),
+    ("checks", "branches", "pose"),
     ("branches", "publish", ""),
 )
 
@@ -55,8 +50,8 @@ def draw(times: dict[str, Any], path: Path) -> None:
     import matplotlib.pyplot as plt
     from matplotlib.patches import Rectangle
 
-    figure, axes = plt.subplots(figsize=(11.0, 5.0), dpi=100)
-    axes.set(xlim=(-0.2, 13.0), ylim=(-0.35, 5.5))
+    figure, axes = plt.subplots(figsize=(11.0, 3.2), dpi=100)
+    axes.set(xlim=(-0.2, 13.0), ylim=(-0.8, 3.4))
     axes.axis("off")
     for start, end, words in ARROWS:
         _arrow(axes, BOXES[start], BOXES[end], words)
@@ -71,7 +66,7 @@ def draw(times: dict[str, Any], path: Path) -> None:
             shares = (_share(times[words], box.stages) for words in ("with_attitude", "without_attitude"))
             label = " / ".join(f"{share:.0f} %" for share in shares)
             axes.text(box.x + WIDTH - 0.06, box.y - 0.05, label, ha="right", va="top", fontsize=8, color="#a03020")
-    axes.text(10.2, 0.75, "red: share of the time of an\nimage, with / without attitude", fontsize=8, color="#a03020")
+    axes.text(0.0, -0.6, "red: share of the time of an image, with / without attitude", fontsize=8, color="#a03020")
     figure.tight_layout(pad=0.4)
     figure.savefig(path)
     plt.close(figure)

@@ -82,7 +82,6 @@ class BranchLimits:
 
     silent: float = of(3.0, "nats", "of one image that may be blur or light rather than tilt", BLIND)
     trusted_share: float = of(0.3, "share", "of the odds beyond: neighbouring images share faults", BLIND)
-    max_image: float = of(6.0, "nats", "the most one image adds", BLIND)
     certain: float = of(25.0, "nats", "odds do not grow beyond: a wrong branch can be left", BLIND)
     remembered: float = of(0.9, "share", "of what images said against a branch, an image later", "a third of a second")
 
@@ -197,7 +196,6 @@ class CellSizes:
 
     readable_px: float = of(2.5, "px", "smaller cells have no edge, corner or grey value of their own", EARNED)
     photometric_px: float = of(5.0, "px", "smaller cells are fitted by grey values", EARNED)
-    blown_px: float = of(7.0, "px", "the same where most edges are blown", "range NEES 8.5 in edges of 5-6 px, 2 above")
     melted_widths: float = of(3.0, "half widths", "of its edges: smaller cells melt", "5 px where sharp: 1.75 px")
     small_px: float = of(10.0, "px", "below, all pixels of a first pose tell more than its edges", EARNED)
     perspective_px: float = of(24.0, "px", "from here perspective tells a pose from its mirror image", BLIND)

@@ -314,7 +314,7 @@ class TargetFitter:
         is_melted = self._are_melted(edges)
         is_noisy = edges.rms_px > LIMITS.edges.located_px
         # The dimmer corners of small white cells are clipped less than their middle, which moves edges differently.
-        is_blown = edges.blown > HALF and self._photo.prints.cell_px(edges) < LIMITS.cells.blown_px
+        is_blown = edges.blown > HALF and self._photo.prints.cell_px(edges) < LIMITS.cells.small_px
         if not (is_melted or is_noisy or is_blown):
             return edges
         # Edges that melted lie; others have found the place, from which a few steps are left.

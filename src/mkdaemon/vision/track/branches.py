@@ -161,7 +161,7 @@ def _evidence(better: Pose, worse: Pose) -> float:
     if better is worse:
         return 0.0
     trusted = BRANCHES.trusted_share * (log_odds(better, worse) - BRANCHES.silent)
-    return float(np.clip(trusted, 0.0, BRANCHES.max_image))
+    return float(np.clip(trusted, 0.0, LIMITS.ambiguity.decided))
 
 
 def _apart(a: Branch, b: Branch) -> float:
