@@ -245,6 +245,7 @@ class EdgeLimits:
     least_scale_px: float = of(0.02, "px", "and in later ones", "least residual of rendered edges")
     located_px: float = of(0.3, "px", "edge error in a bad image, to weigh prior knowledge", FLIGHTS)
     glare_px: float = of(2.0, "px", "reach of a highlight beside an edge that hides it", STILLS)
+    scatter_px: float = of(0.1, "px", "that edges scatter at least, where hidden ones are told", STILLS)
     max_leverage: float = of(radians(0.4), "rad", "turn by one line of edges", "right < 0.3, wrong > 0.48 deg")
     missed_px: float = of(0.6, "px", "cost of a sample without its edge when rivals compare", BLIND)
     clipped_sd: float = of(0.4, "share", "of blur and contrast of blown edges", "derived: 1.2 to 1.7 of what shows")

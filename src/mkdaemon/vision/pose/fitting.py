@@ -164,7 +164,7 @@ class EdgeEvidence:
         clear = max(float(np.percentile(contrast, CLEAR_PERCENT)), 1.0)
         seen = contrast > HALF * clear
         size = np.abs(located.offsets)
-        scatter = max(MAD * median(size[located.found]), HALF * LIMITS.edges.located_px)
+        scatter = max(MAD * median(size[located.found]), LIMITS.edges.scatter_px)
         agrees = located.found & (size < LIMITS.photo.outlier * scatter)
         return Evidence(
             float(seen.mean()),
