@@ -55,5 +55,5 @@ def captured_pixels(image: npt.NDArray[np.generic], *, coded: bool) -> Grey:
         msg = f"no picture: {image.dtype} {image.shape}"
         raise PictureError(msg)
     code = TO_GREY[channels]
-    grey = pixels if code is None else cv2.cvtColor(pixels, code)
+    grey = pixels if code is None else cv2.cvtColor(np.asarray(pixels, dtype=np.uint8), code)
     return np.ascontiguousarray(grey.reshape(grey.shape[:2]), dtype=np.uint8)

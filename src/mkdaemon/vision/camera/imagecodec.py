@@ -199,4 +199,3 @@ def encode_png(pixels: Grey) -> bytes:
     """Compress without loss."""
     _, coded = cv2.imencode(".png", pixels, [cv2.IMWRITE_PNG_COMPRESSION, 1])
     return coded.tobytes()
-
