@@ -96,7 +96,6 @@ def test_a_view_that_moved_is_left_out() -> None:
     views[3] = replace(views[3], image=sheared)
     result = calibrate(views, 640, 480)
     assert 3 not in result.used
-    assert np.isnan(result.view_rms_px[3])
     assert_lens(result)
 
 
