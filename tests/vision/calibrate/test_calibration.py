@@ -15,7 +15,7 @@ from mkdaemon.config.vision import BoardSection, TargetSection
 from mkdaemon.errors import ConfigError, VisionError
 from mkdaemon.vision.calibrate.board import BoardPoints, CharucoBoard, TagBoard
 from mkdaemon.vision.calibrate.calibration import CalibrationResult, calibrate, rounded
-from mkdaemon.vision.calibrate.coverage import Coverage
+from mkdaemon.vision.calibrate.views import Coverage
 from mkdaemon.vision.camera.calibration_file import CalibrationRecord, Camera, load_camera, mount_rotation, save_camera
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.tags.tagmap import build
