@@ -10,10 +10,9 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from mkdaemon.config.vision import DetectorSection
 from mkdaemon.errors import ConfigError
 from mkdaemon.vision.tags.detector import Detector
-from mkdaemon.vision.tags.tagmap import Target
+from mkdaemon.vision.tags.tagmap import TagMap, Target
 
 Array = npt.NDArray[np.float64]
 Grey = npt.NDArray[np.uint8]
@@ -123,8 +122,7 @@ class CharucoBoard:
         index = np.asarray(ids, dtype=np.int64).ravel()
         known = np.asarray(self._cv.getChessboardCorners(), dtype=np.float64)
         image = np.asarray(corners, dtype=np.float64).reshape(-1, 2)
-        spread = known[index][:, :2].max(axis=0) - known[index][:, :2].min(axis=0)
-        if min(spread) < ON_A_LINE * self.square:
+        if np.ptp(known[index][:, :2], axis=0).min() < ON_A_LINE * self.square:
             return None  # all on one line
         return BoardPoints(index, known[index], image)
 
@@ -150,10 +148,7 @@ class TagBoard:
             msg = f"target '{target.name}' is not flat: calibrate with a board"
             raise ConfigError(msg)
         self._target = target
-        ids: dict[str, frozenset[int]] = {}
-        for tag in target.tags:
-            ids[tag.family.name] = ids.get(tag.family.name, frozenset()) | {tag.tag_id}
-        self._detector = Detector(ids, DetectorSection())
+        self._detector = Detector(TagMap((target,)).whitelist)
         self._place = {(tag.family.name, tag.tag_id): k for k, tag in enumerate(target.tags)}
 
     @property
