@@ -269,10 +269,9 @@ class CameraStream:
         captured_at, stamped_by = self._clock.stamp(shot.stamp, shot.arrived)
         if stamped_by == "driver" and isinstance(self._source, ZenohSource):
             stamped_by = "header"
-        step, lost = 1, 0
+        step = 1
         if shot.sequence is not None and self._last_sequence is not None and shot.sequence > self._last_sequence:
             step = shot.sequence - self._last_sequence
-            lost = step - 1
         self._last_sequence = shot.sequence
         self._sequence += step
         self._arrivals.append(shot.arrived)
@@ -282,7 +281,7 @@ class CameraStream:
         self._status = replace(
             self._status,
             images=self._status.images + 1,
-            lost=self._status.lost + lost,
+            lost=self._status.lost + step - 1,
             fps=(len(self._arrivals) - 1) / spent if spent > 0.0 else 0.0,
             width=width,
             height=height,
