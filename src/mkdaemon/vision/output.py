@@ -26,6 +26,7 @@ from mkdaemon.vision.camera.image import CameraImage
 from mkdaemon.vision.camera.intrinsics import Intrinsics
 from mkdaemon.vision.pose.pose import calibration_sd
 from mkdaemon.vision.pose.projection import Projection
+from mkdaemon.vision.pose.rolling import skew
 from mkdaemon.vision.tags.detection import Detection
 from mkdaemon.vision.tags.tagmap import Tag, TagMap
 from mkdaemon.vision.track.attitude import Mounting
@@ -54,24 +55,12 @@ def values_of(
         ready_at: when the result was there [s; monotonic].
     """
     if result.detections:
-        yield f"vision/{image.camera}/tags", tags_of(result, image, stamp)
+        tags = tuple(map(sighting, result.detections))
+        yield f"vision/{image.camera}/tags", Tags(**_seen(image, stamp), tags=tags)
     for found in result.poses:
         yield f"vision/{image.camera}/pose", pose_of(found, image, stamp, mounting, ready_at)
-        yield (
-            "tf",
-            transform(
-                camera_frame(image.camera),
-                found.frame,
-                found.pose.rotation,
-                found.pose.position,
-                stamp,
-            ),
-        )
-
-
-def tags_of(result: VisionResult, image: CameraImage, stamp: Stamp) -> Tags:
-    """All decoded tags of one image."""
-    return Tags(**_seen(image, stamp), tags=tuple(sighting(found) for found in result.detections))
+        child = found.pose
+        yield "tf", transform(camera_frame(image.camera), found.frame, child.rotation, child.position, stamp)
 
 
 def sighting(found: Detection) -> TagSighting:
@@ -96,7 +85,7 @@ def pose_of(found: TargetPose, image: CameraImage, stamp: Stamp, mounting: Mount
     vehicle_target = camera_target + arm
     # A small turn w (target axes) moves the body by w x arm.
     carry = np.eye(6)
-    carry[:3, 3:] = -np.array([[0.0, -arm[2], arm[1]], [arm[2], 0.0, -arm[0]], [-arm[1], arm[0], 0.0]])
+    carry[:3, 3:] = -skew(arm)
     body_covariance = carry @ covariance @ carry.T
     return VisionPose(
         **_seen(image, stamp),
@@ -129,11 +118,12 @@ def height_over(found: TargetPose, mounting: Mounting) -> float:
 
 def mount_transform(camera: str, mounting: Mounting, stamp: Stamp) -> Transform:
     """The camera in the body, from the configuration."""
-    edge = transform(BODY, camera_frame(camera), mounting.flu_from_cam, mounting.position_flu, stamp)
-    return edge.model_copy(update={"static": True})
+    return transform(BODY, camera_frame(camera), mounting.flu_from_cam, mounting.position_flu, stamp, static=True)
 
 
-def transform(parent: str, child: str, parent_from_child: Array, position: Array, stamp: Stamp) -> Transform:
+def transform(
+    parent: str, child: str, parent_from_child: Array, position: Array, stamp: Stamp, *, static: bool = False
+) -> Transform:
     """One edge of the tree of frames."""
     return Transform(
         parent=parent,
@@ -141,17 +131,12 @@ def transform(parent: str, child: str, parent_from_child: Array, position: Array
         stamp=stamp,
         translation=_vector(position),
         quaternion=quaternion_from_rotation(parent_from_child),
-        static=False,
+        static=static,
     )
 
 
 def _seen(image: CameraImage, stamp: Stamp) -> dict[str, object]:
-    return {
-        "camera": image.camera,
-        "sequence": image.sequence,
-        "stamp": stamp,
-        "stamped_by": image.stamped_by,
-    }
+    return {"camera": image.camera, "sequence": image.sequence, "stamp": stamp, "stamped_by": image.stamped_by}
 
 
 def _vector(values: Array) -> tuple[float, float, float]:

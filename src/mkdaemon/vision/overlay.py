@@ -33,13 +33,10 @@ def draw(pixels: npt.NDArray[np.uint8], result: StillResult, intrinsics: Intrins
     Returns:
         `(h, w, 3)` uint8, blue-green-red.
     """
-    picture = np.asarray(cv2.cvtColor(pixels, cv2.COLOR_GRAY2BGR), dtype=np.uint8)
-    scale = max(pixels.shape[1] / 1000.0, 0.5)
-    for tag in result.tags:
-        _tag(picture, tag.found.corners, f"{tag.found.tag_id}", scale)
+    picture = draw_tags(pixels, ((str(tag.found.tag_id), tag.found.corners) for tag in result.tags))
     if intrinsics is not None:
         for pose in result.poses:
-            _axes(picture, pose, intrinsics, scale)
+            _axes(picture, pose, intrinsics, _scale(pixels))
     return picture
 
 
@@ -57,8 +54,13 @@ def draw_tags(
     """
     picture = np.asarray(cv2.cvtColor(pixels, cv2.COLOR_GRAY2BGR), dtype=np.uint8)
     for label, corners in tags:
-        _tag(picture, corners, label, max(pixels.shape[1] / 1000.0, 0.5))
+        _tag(picture, corners, label, _scale(pixels))
     return picture
+
+
+def _scale(pixels: npt.NDArray[np.uint8]) -> float:
+    """Of lines and letters, by the width of an image."""
+    return float(max(pixels.shape[1] / 1000.0, 0.5))
 
 
 def write_picture(path: Path, pixels: npt.NDArray[np.uint8], *, overwrite: bool = False) -> None:

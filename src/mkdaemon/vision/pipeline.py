@@ -20,7 +20,7 @@ from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.base import Telemetry
 from mkdaemon.telemetry.image import CameraFrame
 from mkdaemon.telemetry.vision import Alarm, AttitudeLoss, CameraSetup, EyeState, PoseRefusal, Transform, VisionStats
-from mkdaemon.vision.camera.calibration_file import Camera, load_camera, mount_rotation
+from mkdaemon.vision.camera.calibration_file import load_camera, mount_rotation
 from mkdaemon.vision.camera.camera import StreamState, StreamStatus
 from mkdaemon.vision.camera.image import CameraImage
 from mkdaemon.vision.camera.imagecodec import encode_jpeg
@@ -104,6 +104,8 @@ MAYBE_POSED = (Alarm.DARK, Alarm.BLOWN, Alarm.TARGET_MISMATCH)
 """Alarms that explain why there is no pose, while there is none."""
 FAILING_FROM = 3
 """Failures of the detector in a row from which the camera delivers nothing."""
+AT_BODY = Mounting(np.eye(3), np.zeros(3))
+"""How a camera is taken to sit of which nobody said it: its axes are those of the body."""
 WINDOW = 150
 """Images the figures look back on: five seconds at 30 Hz."""
 
@@ -125,30 +127,26 @@ class CameraPipeline:
     def __init__(self, cfg: CameraSection, vision: VisionSection, clock: Clock) -> None:
         self.cfg = cfg
         self._clock = clock
-        self.camera: Camera | None = load_camera(cfg.calibration) if cfg.calibration is not None else None
+        camera = load_camera(cfg.calibration) if cfg.calibration is not None else None
         if not cfg.targets:
             msg = f'camera {cfg.name}: no targets; set `targets`, for example ["configs/targets/nested.toml"]'
             raise ConfigError(msg)
-        mount = cfg.mount or (self.camera.mount if self.camera is not None else None)
-        self._has_mount = mount is not None
-        self.mounting = (
-            Mounting(mount_rotation(mount), np.array(mount.position_flu))
-            if mount is not None
-            else Mounting(np.eye(3), np.zeros(3))
-        )
-        intrinsics = self.camera.intrinsics if self.camera is not None else None
+        mount = cfg.mount or (camera.mount if camera is not None else None)
+        self._mounting = Mounting(mount_rotation(mount), np.array(mount.position_flu)) if mount is not None else None
+        self._intrinsics = camera.intrinsics if camera is not None else None
+        self._projection = Projection(self._intrinsics) if self._intrinsics is not None else None
+        self.gamma = self._intrinsics.gamma if self._intrinsics is not None else 1.0
+        self._tagmap = load(cfg.targets)
         # Without a known mounting the attitude says nothing about the camera: no gate, no prediction from it.
-        mounting = self.mounting if self._has_mount else None
-        tagmap = load(cfg.targets)
-        self.tracker = Tracker(tagmap, intrinsics, mounting, vision.tracker, vision.detector)
-        self._check = TargetCheck(tagmap, Projection(intrinsics) if intrinsics is not None else None)
+        self.tracker = Tracker(self._tagmap, self._intrinsics, self._mounting, vision.tracker, vision.detector)
+        self._check = TargetCheck(self._tagmap, self._projection)
         self._max_attitude_age = vision.tracker.max_attitude_age
         self._attitude = AttitudeUse(self._max_attitude_age)
         self._selfcheck = SelfCheck(
-            tagmap,
-            self.camera.model_copy(update={"mount": mount}) if self.camera is not None else None,
+            self._tagmap,
+            camera.model_copy(update={"mount": mount}) if camera is not None else None,
             math.radians(vision.tracker.attitude_sd_deg),
-            has_mount=self._has_mount,
+            has_mount=mount is not None,
         )
         self._timings: deque[_Timing] = deque(maxlen=WINDOW)
         self._refused: Counter[PoseRefusal] = Counter()
@@ -156,9 +154,6 @@ class CameraPipeline:
         self._failure = ""
         self._seen_alarms: tuple[Alarm, ...] = ()
         self._unchecked: tuple[CameraImage, VisionResult, AttitudeHistory | None] | None = None
-        self.gamma = intrinsics.gamma if intrinsics is not None else 1.0
-        self._tagmap = tagmap
-        self._projection = Projection(intrinsics) if intrinsics is not None else None
         self._result: VisionResult | None = None
         self._next_jpeg = -np.inf
 
@@ -196,8 +191,7 @@ class CameraPipeline:
             self._check.look(result.detections)
             self._check_calibration(image, result, attitude)
         except Exception as error:  # noqa: BLE001  # no image may end the thread that looks
-            self._faults += 1
-            self._failure = f"{type(error).__name__}: {error}"
+            self._note(error)
 
     def _look(self, image: CameraImage, attitude: AttitudeHistory | None) -> list[tuple[str, Telemetry]]:
         if not math.isfinite(image.captured_at):
@@ -207,9 +201,9 @@ class CameraPipeline:
         result = self.tracker.update(image, attitude)
         ready = self._clock.now()
         self._result = result
-        values = list(values_of(result, image, self._clock.stamp(image.captured_at), self.mounting, ready))
+        values = list(values_of(result, image, self._clock.stamp(image.captured_at), self._mounting or AT_BODY, ready))
         self._unchecked, self._seen_alarms = (image, result, attitude), result.alarms
-        if self._has_mount:
+        if self._mounting is not None:
             self._attitude.image_seen(image.captured_at, attitude, self.tracker.witness)
         self._refused.update(reason for _, reason in result.refused)
         self._timings.append(_Timing(ready - started, ready - image.captured_at, bool(result.poses)))
@@ -220,9 +214,8 @@ class CameraPipeline:
         if result.poses and Alarm.LINE_TIME not in result.alarms:
             known = attitude.at(image.captured_at, self._max_attitude_age) if attitude is not None else None
             poses = {found.target: found.pose for found in result.poses}
-            heights = {found.target: height_over(found, self.mounting) for found in result.poses}
-            gamma = self.camera.intrinsics.gamma if self.camera is not None else 1.0
-            self._selfcheck.image_seen(in_light(image.pixels, gamma), poses, heights, image.captured_at, known)
+            heights = {found.target: height_over(found, self._mounting or AT_BODY) for found in result.poses}
+            self._selfcheck.image_seen(in_light(image.pixels, self.gamma), poses, heights, image.captured_at, known)
 
     def outlines(self) -> list[npt.NDArray[np.float64]]:
         """Corners `(4, 2)` [px] of the tags in the newest image, decoded or where a pose puts them."""
@@ -238,11 +231,14 @@ class CameraPipeline:
         Args:
             error: what it raised.
         """
-        self._faults += 1
+        self._note(error)
         self._failing += 1
-        self._failure = f"{type(error).__name__}: {error}"
         self._timings.clear()
         self.tracker.reset()
+
+    def _note(self, error: BaseException) -> None:
+        self._faults += 1
+        self._failure = f"{type(error).__name__}: {error}"
 
     def picture(self, image: CameraImage) -> tuple[str, Telemetry] | None:
         """The image as JPEG, when one is due."""
@@ -264,13 +260,11 @@ class CameraPipeline:
 
     def mount(self, stamp: Stamp) -> Transform | None:
         """The camera in the body; None where nobody said how it sits."""
-        return mount_transform(self.cfg.name, self.mounting, stamp) if self._has_mount else None
+        return mount_transform(self.cfg.name, self._mounting, stamp) if self._mounting is not None else None
 
     def setup(self, stamp: Stamp) -> CameraSetup:
         """What the camera is and looks for, from its files."""
-        mounting = self.mounting if self._has_mount else None
-        intrinsics = self.camera.intrinsics if self.camera is not None else None
-        return setup_of(self.cfg.name, intrinsics, mounting, self._tagmap, stamp)
+        return setup_of(self.cfg.name, self._intrinsics, self._mounting, self._tagmap, stamp)
 
     def stats(
         self, stream: StreamStatus, dropped: int, restarts: int, stamp: Stamp, not_numbers: int = 0
@@ -330,15 +324,14 @@ class CameraPipeline:
         posed = bool(self._timings) and self._timings[-1].posed
         for name in NEVER_POSED if posed else (*NEVER_POSED, *MAYBE_POSED):
             if name in self.alarms:
-                return EyeState(name.value), self._size_words(stream) if name is Alarm.WRONG_SIZE else ALARM_ADVICE[
-                    name
-                ]
+                words = self._size_words(stream) if name is Alarm.WRONG_SIZE else ALARM_ADVICE[name]
+                return EyeState(name.value), words
         return EyeState.OK, ""
 
     def _size_words(self, stream: StreamStatus) -> str:
-        if self.camera is None:
+        k = self._intrinsics
+        if k is None:
             return ALARM_ADVICE[Alarm.WRONG_SIZE]
-        k = self.camera.intrinsics
         return (
             f"the camera gives {stream.width}x{stream.height}, its calibration is for {k.width}x{k.height}:"
             " set width and height, or calibrate at this size"

@@ -213,22 +213,16 @@ class VisionWorker:
                 attitude = AttitudeHistory(tuple(self._attitudes))
                 self._record(image, attitude)
                 eye = self._eyes[image.camera]
-                seen = eye.pipeline.process(image, attitude)
-                if seen and not self._hand_over(seen):
-                    return
+                self._hand_over(eye.pipeline.process(image, attitude))
                 values += eye.look_again(image)
             for eye in self._eyes.values():
                 values += eye.report(self._clock.stamp(), self._restarts, self._not_numbers)
-            if values and not self._hand_over(values):
-                return
+            self._hand_over(values)
 
-    def _hand_over(self, values: list[tuple[str, Telemetry]]) -> bool:
-        """Give values to the loop; false when it is closed, which ends the worker."""
-        try:
+    def _hand_over(self, values: list[tuple[str, Telemetry]]) -> None:
+        """Give values to the loop; where it is closed this raises, which ends the worker."""
+        if values:
             self._loop.call_soon_threadsafe(self._publish, values)
-        except RuntimeError:
-            return False
-        return True
 
     def _publish(self, values: list[tuple[str, Telemetry]]) -> None:
         for suffix, value in values:

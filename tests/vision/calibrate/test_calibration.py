@@ -15,7 +15,7 @@ from mkdaemon.config.vision import BoardSection, TargetSection
 from mkdaemon.errors import ConfigError, VisionError
 from mkdaemon.vision.calibrate.board import BoardPoints, CharucoBoard, TagBoard
 from mkdaemon.vision.calibrate.calibration import CalibrationResult, calibrate, rounded
-from mkdaemon.vision.calibrate.coverage import Coverage
+from mkdaemon.vision.calibrate.views import Coverage
 from mkdaemon.vision.camera.calibration_file import CalibrationRecord, Camera, load_camera, mount_rotation, save_camera
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.tags.tagmap import build
@@ -96,7 +96,6 @@ def test_a_view_that_moved_is_left_out() -> None:
     views[3] = replace(views[3], image=sheared)
     result = calibrate(views, 640, 480)
     assert 3 not in result.used
-    assert np.isnan(result.view_rms_px[3])
     assert_lens(result)
 
 

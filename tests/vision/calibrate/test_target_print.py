@@ -14,8 +14,16 @@ import pytest
 from mkdaemon.config.vision import TagPlacement, TargetSection
 from mkdaemon.errors import ConfigError
 from mkdaemon.vision.calibrate.board import CharucoBoard
-from mkdaemon.vision.calibrate.target_print import PAPERS_MM, pdf, svg, write_page
-from mkdaemon.vision.calibrate.target_shapes import Page, board_page, outlines, target_page
+from mkdaemon.vision.calibrate.target_print import (
+    PAPERS_MM,
+    Page,
+    board_page,
+    outlines,
+    pdf,
+    svg,
+    target_page,
+    write_page,
+)
 from mkdaemon.vision.tags.tagmap import Target, build, load, single
 from tests.places import CONFIGS
 

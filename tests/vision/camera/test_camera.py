@@ -481,3 +481,16 @@ def test_motion_jpeg_of_a_device_is_taken_undecoded(tmp_path: Path, monkeypatch:
     shot = source.read(1.0)
     assert shot is not None
     np.testing.assert_array_equal(shot.pixels, picture(10))
+
+
+def test_a_clip_that_loops_begins_again(tmp_path: Path) -> None:
+    path = tmp_path / "clip.avi"
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 50.0, (64, 48), isColor=False)
+    for k in range(3):
+        writer.write(picture(40 * k))
+    writer.release()
+    source = source_of(CameraSection(source=f"file:{path}", loop=True, paced=False))
+    source.open()
+    shots = [shot for _ in range(7) if (shot := source.read(1.0)) is not None]
+    source.close()
+    assert [round(int(shot.pixels.mean()) / 40) for shot in shots] == [0, 1, 2, 0, 1, 2, 0]

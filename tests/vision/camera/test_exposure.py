@@ -11,8 +11,8 @@ import pytest
 from mkdaemon.config.camera import CameraSection
 from mkdaemon.vision.camera.camera import CameraStream
 from mkdaemon.vision.camera.exposure import (
+    EXPOSURE,
     ExposureControl,
-    ExposureLimits,
     Levels,
     Reach,
     Setting,
@@ -34,8 +34,7 @@ from mksim.scene.light import Conditions
 from tests.places import CONFIGS
 
 REACH = Reach(100e-6, 15e-3, 16.0)
-CFG = ExposureLimits()
-WELL = Levels(10.0, CFG.white, (CFG.white - 10.0) / CFG.contrast)
+WELL = Levels(10.0, EXPOSURE.white, (EXPOSURE.white - 10.0) / EXPOSURE.contrast)
 
 
 @pytest.mark.parametrize(
@@ -63,7 +62,7 @@ def test_every_setting_is_within_reach_and_near_the_last_one(seed: int) -> None:
     found = next_setting(now, Levels(float(black), float(white), float(rng.uniform(0.5, 60))), REACH)
     assert REACH.shortest <= found.exposure <= REACH.longest
     assert 1.0 <= found.gain <= REACH.greatest_gain
-    assert found.gain / now.gain <= CFG.step + 1e-9
+    assert found.gain / now.gain <= EXPOSURE.step + 1e-9
 
 
 def board(grey: float, noise: float, rng: np.random.Generator) -> np.ndarray:
@@ -109,13 +108,13 @@ def test_from_the_sun_to_the_night_exposure_settles_short_and_readable(
 ) -> None:
     sensor, rng = PhotonSensor(), np.random.default_rng(3)
     control = ExposureControl(REACH, first_setting(REACH))
-    for _ in range(12 * CFG.images):
+    for _ in range(12 * EXPOSURE.images):
         control.image_seen(expose(sensor, lux, control.setting, rng), [CORNERS])
     assert control.setting.exposure <= shorter_than
     assert control.levels is not None
     assert control.levels.contrast >= contrast
     settled = control.setting
-    for _ in range(4 * CFG.images):
+    for _ in range(4 * EXPOSURE.images):
         control.image_seen(expose(sensor, lux, control.setting, rng), [CORNERS])
     assert control.setting.exposure == pytest.approx(settled.exposure, rel=0.35)
 
@@ -165,7 +164,7 @@ def test_the_thread_of_the_camera_tells_it() -> None:
 def test_what_a_camera_is_told_is_in_its_stats() -> None:
     control = ExposureControl(REACH, Setting(4e-3, 2.0))
     assert exposure_of(control).white is None
-    for _ in range(CFG.images):
+    for _ in range(EXPOSURE.images):
         control.image_seen(board(180.0, 2.0, np.random.default_rng(1)), [CORNERS])
     told = exposure_of(control)
     assert told.exposure_ms == pytest.approx(1000 * control.setting.exposure)

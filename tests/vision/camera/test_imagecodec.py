@@ -14,7 +14,8 @@ from hypothesis import strategies as st
 
 from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.image import CameraFrame
-from mkdaemon.vision.camera.imagecodec import decode_picture, encode_jpeg, pack, to_grey, unpack
+from mkdaemon.vision.camera.captured import captured_pixels
+from mkdaemon.vision.camera.imagecodec import decode_picture, encode_jpeg, pack, unpack
 from mkdaemon.vision.camera.shot import PictureError
 
 PIXELS = np.arange(12 * 16, dtype=np.uint8).reshape(12, 16)
@@ -127,9 +128,12 @@ def test_published_pictures_keep_their_shape() -> None:
         (np.zeros((0, 6), np.uint8), None),
     ],
 )
-def test_any_capture_becomes_grey_or_nothing(image: np.ndarray, shape: tuple[int, int] | None) -> None:
-    grey = to_grey(image)
-    assert (None if grey is None else grey.shape) == shape
+def test_any_capture_becomes_grey_or_is_refused(image: np.ndarray, shape: tuple[int, int] | None) -> None:
+    if shape is None:
+        with pytest.raises(PictureError, match="no picture"):
+            captured_pixels(image, coded=False)
+        return
+    grey = captured_pixels(image, coded=False)
+    assert grey.shape == shape
     if image.dtype == np.uint16:
-        assert grey is not None
         assert grey[0, 0] == 200

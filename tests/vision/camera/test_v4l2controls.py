@@ -10,6 +10,7 @@ from __future__ import annotations
 import errno
 import os
 import struct
+from collections.abc import Callable
 from pathlib import Path
 
 import cv2
@@ -95,9 +96,23 @@ def device(tmp_path: Path) -> Path:
     return path
 
 
-def test_a_webcam_is_told_ticks_and_its_own_gain(device: Path) -> None:
+Plug = Callable[[Kernel], V4l2Controls]
+
+
+@pytest.fixture
+def plug(device: Path, monkeypatch: pytest.MonkeyPatch) -> Plug:
+    """Opens the device of a kernel."""
+
+    def opened(kernel: Kernel) -> V4l2Controls:
+        monkeypatch.setattr("fcntl.ioctl", kernel)
+        return V4l2Controls(device)
+
+    return opened
+
+
+def test_a_webcam_is_told_ticks_and_its_own_gain(plug: Plug) -> None:
     kernel = Kernel()
-    camera = V4l2Controls(device, kernel)
+    camera = plug(kernel)
     assert isinstance(camera, Adjustable)
     assert kernel.values() == [(EXPOSURE_AUTO, 1), (EXPOSURE_AUTO_PRIORITY, 0)]
     assert camera.refused == ()
@@ -109,31 +124,31 @@ def test_a_webcam_is_told_ticks_and_its_own_gain(device: Path) -> None:
 
 
 @pytest.mark.parametrize("flag", [DISABLED, READ_ONLY])
-def test_a_control_that_cannot_be_set_counts_as_missing(device: Path, flag: int) -> None:
+def test_a_control_that_cannot_be_set_counts_as_missing(plug: Plug, flag: int) -> None:
     kernel = Kernel()
     kernel.answers[GAIN][FLAGS_AT] |= flag
-    camera = V4l2Controls(device, kernel)
+    camera = plug(kernel)
     assert camera.reach is not None
     assert camera.reach.greatest_gain == 1.0
     camera.close()
     kernel.answers[EXPOSURE_ABSOLUTE][FLAGS_AT] |= flag
-    camera = V4l2Controls(device, kernel)
+    camera = plug(kernel)
     assert camera.reach is None
     assert camera.adjust(SETTING) == ()
     camera.close()
 
 
-def test_a_camera_without_exposure_control_takes_nothing(device: Path) -> None:
+def test_a_camera_without_exposure_control_takes_nothing(plug: Plug) -> None:
     kernel = Kernel({GAIN: WEBCAM[GAIN]})
-    camera = V4l2Controls(device, kernel)
+    camera = plug(kernel)
     assert camera.reach is None
     assert kernel.told == []
     camera.close()
 
 
-def test_a_camera_that_keeps_its_automatic_exposure_is_left_to_it(device: Path) -> None:
+def test_a_camera_that_keeps_its_automatic_exposure_is_left_to_it(plug: Plug) -> None:
     kernel = Kernel(errors={EXPOSURE_AUTO: errno.EINVAL})  # a menu without manual
-    camera = V4l2Controls(device, kernel)
+    camera = plug(kernel)
     assert camera.refused == ("exposure_auto=1: the driver says Invalid argument",)
     assert camera.reach is None
     assert camera.adjust(SETTING) == ()
@@ -141,9 +156,9 @@ def test_a_camera_that_keeps_its_automatic_exposure_is_left_to_it(device: Path) 
     camera.close()
 
 
-def test_a_camera_that_keeps_its_automatic_gain_is_told_exposures_only(device: Path) -> None:
+def test_a_camera_that_keeps_its_automatic_gain_is_told_exposures_only(plug: Plug) -> None:
     kernel = Kernel(WEBCAM | {AUTOGAIN: WEBCAM[EXPOSURE_AUTO_PRIORITY]}, {AUTOGAIN: errno.EACCES})
-    camera = V4l2Controls(device, kernel)
+    camera = plug(kernel)
     assert camera.refused == ("autogain=0: the driver says Permission denied",)
     assert camera.reach is not None
     assert camera.reach.greatest_gain == 1.0
@@ -153,9 +168,9 @@ def test_a_camera_that_keeps_its_automatic_gain_is_told_exposures_only(device: P
 
 
 @pytest.mark.parametrize("fault", [errno.EBUSY, errno.EACCES, errno.EINVAL, errno.ERANGE, errno.EIO])
-def test_a_control_that_refuses_is_named_and_asked_again(device: Path, fault: int) -> None:
+def test_a_control_that_refuses_is_named_and_asked_again(plug: Plug, fault: int) -> None:
     kernel = Kernel(errors={EXPOSURE_ABSOLUTE: fault})
-    camera = V4l2Controls(device, kernel)
+    camera = plug(kernel)
     assert camera.adjust(SETTING) == (f"exposure_absolute=40: the driver says {os.strerror(fault)}",)
     assert kernel.values()[-1] == (GAIN, 255)
     kernel.errors.clear()
@@ -168,19 +183,19 @@ def open_files() -> int:
     return len(list(Path("/proc/self/fd").iterdir()))
 
 
-def test_a_device_that_is_gone_is_told_and_let_go_of(device: Path) -> None:
+def test_a_device_that_is_gone_is_told_and_let_go_of(device: Path, plug: Plug) -> None:
     kernel = Kernel()
-    camera = V4l2Controls(device, kernel)
+    camera = plug(kernel)
     kernel.is_there = False
     with pytest.raises(VisionError, match=r"video0 is gone \(No such device\)"):
         camera.adjust(SETTING)
     camera.close()
     before = open_files()
     with pytest.raises(VisionError, match="is gone"):
-        V4l2Controls(device, kernel)
+        plug(kernel)
     assert open_files() == before
     with pytest.raises(VisionError, match="cannot be opened a second time"):
-        V4l2Controls(device.parent / "video1", kernel)
+        V4l2Controls(device.parent / "video1")
 
 
 class Webcam:

@@ -9,8 +9,7 @@ import pytest
 from lab.vision.stills import error_of
 from mkdaemon.config.vision import TagPlacement, TargetSection
 from mkdaemon.errors import ConfigError, VisionError
-from mkdaemon.vision.calibrate.target_print import svg
-from mkdaemon.vision.calibrate.target_shapes import target_page
+from mkdaemon.vision.calibrate.target_print import svg, target_page
 from mkdaemon.vision.camera.image import CameraImage
 from mkdaemon.vision.pose.fitting import TargetFitter
 from mkdaemon.vision.pose.projection import Projection

@@ -27,9 +27,8 @@ from mkdaemon.errors import ConfigError, MkError, VisionError
 from mkdaemon.files import refuse_existing
 from mkdaemon.vision.calibrate.board import CalibrationBoard, CharucoBoard, TagBoard
 from mkdaemon.vision.calibrate.calibration import CalibrationResult, calibrate, rounded
-from mkdaemon.vision.calibrate.coverage import Coverage
 from mkdaemon.vision.calibrate.tone_curve import curve_to_store
-from mkdaemon.vision.calibrate.views import LiveViews, ViewReport, views_of_folder
+from mkdaemon.vision.calibrate.views import Coverage, LiveViews, ViewReport, views_of_folder
 from mkdaemon.vision.camera.calibration_file import CalibrationRecord, Camera, save_camera
 from mkdaemon.vision.camera.camera import CameraStream, StreamState
 from mkdaemon.vision.camera.image import CameraImage

@@ -12,8 +12,7 @@ from mkdaemon.config.vision import TagPlacement, TargetSection
 from mkdaemon.errors import ConfigError
 from mkdaemon.files import refuse_existing, save
 from mkdaemon.vision.calibrate.board import CharucoBoard
-from mkdaemon.vision.calibrate.target_print import write_page
-from mkdaemon.vision.calibrate.target_shapes import Page, board_page, target_page
+from mkdaemon.vision.calibrate.target_print import Page, board_page, target_page, write_page
 from mkdaemon.vision.tags.tagmap import Target, build, load
 
 

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
-from mkdaemon.config.vision import DetectorSection
 from mkdaemon.errors import ConfigError
 from mkdaemon.vision.tags.detector import Detector
-from mkdaemon.vision.tags.tagmap import Target
+from mkdaemon.vision.tags.tagmap import TagMap, Target
 
 Array = npt.NDArray[np.float64]
 Grey = npt.NDArray[np.uint8]
@@ -46,24 +44,6 @@ class BoardPoints:
     image: Array
 
 
-class CalibrationBoard(Protocol):
-    """Something flat with known points."""
-
-    @property
-    def title(self) -> str:
-        """What it is, with its sizes."""
-
-    @property
-    def corners(self) -> Array:
-        """Its outline `(4, 3)` [m; board]."""
-
-    def find(self, pixels: Grey) -> BoardPoints | None:
-        """Find it in `(h, w)` uint8; None when too little of it is seen."""
-
-    def edges(self, view: BoardPoints) -> tuple[Array, Array]:
-        """Ends of straight edges between black and white `(n, 2)` each [px]; none where no point is exact enough."""
-
-
 @dataclass(frozen=True)
 class CharucoBoard:
     """A chess board with a marker in each white square.
@@ -93,12 +73,6 @@ class CharucoBoard:
         """For example `charuco 8x6, square 0.03 m`."""
         return f"charuco {self.columns}x{self.rows}, square {self.square:g} m"
 
-    @property
-    def corners(self) -> Array:
-        """Outline `(4, 3)` [m]; the origin is the top-left corner, y to the bottom, as OpenCV has it."""
-        w, h = self.columns * self.square, self.rows * self.square
-        return np.array([[0.0, 0.0, 0.0], [w, 0.0, 0.0], [w, h, 0.0], [0.0, h, 0.0]])
-
     @cached_property
     def _cv(self) -> cv2.aruco.CharucoBoard:
         marker = self.square * MARKER_CELLS / CELLS_PER_SQUARE
@@ -116,20 +90,22 @@ class CharucoBoard:
         return np.asarray(self._cv.generateImage(size, marginSize=0), dtype=np.uint8)
 
     def find(self, pixels: Grey) -> BoardPoints | None:
-        """Inner chess corners next to decoded markers, refined to their saddle points."""
+        """Inner chess corners next to decoded markers in `(h, w)` uint8, refined to their saddle points.
+
+        The origin of the board is its top-left corner, y to the bottom, as OpenCV has it; None when too little is seen.
+        """
         corners, ids, _, _ = self._detector.detectBoard(pixels)
         if ids is None or corners is None or len(ids) < MIN_POINTS:
             return None
         index = np.asarray(ids, dtype=np.int64).ravel()
         known = np.asarray(self._cv.getChessboardCorners(), dtype=np.float64)
         image = np.asarray(corners, dtype=np.float64).reshape(-1, 2)
-        spread = known[index][:, :2].max(axis=0) - known[index][:, :2].min(axis=0)
-        if min(spread) < ON_A_LINE * self.square:
+        if np.ptp(known[index][:, :2], axis=0).min() < ON_A_LINE * self.square:
             return None  # all on one line
         return BoardPoints(index, known[index], image)
 
     def edges(self, view: BoardPoints) -> tuple[Array, Array]:
-        """Sides of squares between neighbouring corners."""
+        """Ends of the sides of squares between neighbouring corners, `(n, 2)` each [px]."""
         place = {int(number): k for k, number in enumerate(view.ids)}
         across = self.columns - 1
         pairs = [
@@ -150,10 +126,7 @@ class TagBoard:
             msg = f"target '{target.name}' is not flat: calibrate with a board"
             raise ConfigError(msg)
         self._target = target
-        ids: dict[str, frozenset[int]] = {}
-        for tag in target.tags:
-            ids[tag.family.name] = ids.get(tag.family.name, frozenset()) | {tag.tag_id}
-        self._detector = Detector(ids, DetectorSection())
+        self._detector = Detector(TagMap((target,)).whitelist)
         self._place = {(tag.family.name, tag.tag_id): k for k, tag in enumerate(target.tags)}
 
     @property
@@ -161,15 +134,8 @@ class TagBoard:
         """For example `target board: 24 tags of 0.06 m`."""
         return f"target {self._target.name}: {len(self._target.tags)} tags of {self._target.tags[0].size:g} m"
 
-    @property
-    def corners(self) -> Array:
-        """Outline `(4, 3)` [m; target]."""
-        points = np.concatenate([tag.corners for tag in self._target.tags])
-        (x0, y0, z), (x1, y1, _) = points.min(axis=0), points.max(axis=0)
-        return np.array([[x0, y1, z], [x1, y1, z], [x1, y0, z], [x0, y0, z]])
-
     def find(self, pixels: Grey) -> BoardPoints | None:
-        """Corners of all decoded tags."""
+        """Corners of all decoded tags in `(h, w)` uint8; None when too little is seen."""
         ids, board, image = [], [], []
         for found in self._detector.search(pixels, "decimate1"):
             place = self._place[found.family, found.tag_id]
@@ -183,6 +149,10 @@ class TagBoard:
     def edges(self, view: BoardPoints) -> tuple[Array, Array]:
         """None: a tone curve moves the corners of tags."""
         return np.empty((0, 2)), np.empty((0, 2))
+
+
+CalibrationBoard = CharucoBoard | TagBoard
+"""Something flat with known points."""
 
 
 def board_normal(view: BoardPoints, width: int, height: int) -> Array | None:

@@ -21,6 +21,7 @@ import numpy.typing as npt
 from mkdaemon.vision.camera.intrinsics import Intrinsics
 from mkdaemon.vision.limits import Stage
 from mkdaemon.vision.pose.projection import Projection
+from mkdaemon.vision.tags.cellread import carry, sample
 from mkdaemon.vision.tags.cover import covered_cells
 from mkdaemon.vision.tags.detection import Detection
 from mkdaemon.vision.tags.detector import Detector
@@ -117,6 +118,23 @@ class _Measured:
         """Whether its cells stand apart, so that its edges are where they seem."""
         return self.blur <= BLUR_CELLS * self.cell
 
+    @property
+    def corner_sd(self) -> float:
+        """Deviation of a corner [px]: a side is known better than its points, never better than a fiftieth."""
+        return max(3.0 * self.noise / math.sqrt(ALONG), 0.05)
+
+    @property
+    def bow(self) -> tuple[float, float]:
+        """How far its most bent side leaves its chord, and the deviation of that [% of its length]."""
+        loose = max(3.0 * self.noise / math.sqrt(ALONG), LEAST_BOW) / self.side
+        return 100 * float(np.abs(self.bows).max()), 100 * loose
+
+    @property
+    def bend(self) -> float:
+        """The same as a share of what may be [1]."""
+        percent, loose = self.bow
+        return percent / max(BOW_PERCENT, 3 * loose)
+
 
 def check_print(
     pixels: Grey, target: Target, intrinsics: Intrinsics | None = None, distance: float | None = None
@@ -159,14 +177,8 @@ def softness(pixels: Grey, corners: Array, cells: int) -> float | None:
         corners: of the tag `(4, 2)` [px].
         cells: on its side.
     """
-    image, reaches = pixels.astype(np.float32), 0.6 * _depths(corners) / cells
-    edges = [
-        _edge(image, corners[number], corners[(number + 1) % 4], max(float(reaches[number]), 1.5))
-        for number in range(4)
-    ]
-    found = [edge[1] for edge in edges if edge is not None]
-    side = float(np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1).mean())
-    return float(np.median(found)) / (side / cells) if found else None
+    found = [spread for _, spread in _edges(pixels, corners, cells)]
+    return float(np.median(found)) / (_side(corners) / cells) if found else None
 
 
 def _find(pixels: Grey, target: Target) -> list[tuple[Tag, Detection]]:
@@ -183,24 +195,28 @@ def _find(pixels: Grey, target: Target) -> list[tuple[Tag, Detection]]:
 
 def _measure(pixels: Grey, tag: Tag, seen: Detection, projection: Projection | None) -> _Measured | None:
     """Measure the four sides of a tag; None where an edge is not there."""
+    edges = _edges(pixels, seen.corners, tag.family.size_cells)
+    if len(edges) < len(seen.corners):
+        return None
+    sides, blurs = zip(*edges, strict=True)
+    straight = [points if projection is None else projection.undistort(points) for points in sides]
+    bows, noises = zip(*map(_bow, straight), strict=True)
+    corners, raw = _quad(straight), _quad(sides)
+    noise = float(np.mean(noises)) * _side(raw) / _side(corners)
+    return _Measured(tag, corners, raw, np.array(bows), noise, float(np.median(blurs)), _side(raw))
+
+
+def _side(corners: Array) -> float:
+    """Mean length of the sides of a quad."""
+    return float(np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1).mean())
+
+
+def _edges(pixels: Grey, corners: Array, cells: int) -> list[tuple[Array, float]]:
+    """Places of the edges along the sides of a tag, and how soft they are; see `_edge`. Those that show."""
     image = pixels.astype(np.float32)
-    reaches = 0.6 * _depths(seen.corners) / tag.family.size_cells
-    sides, blurs = [], []
-    for number in range(4):
-        edge = _edge(image, seen.corners[number], seen.corners[(number + 1) % 4], max(float(reaches[number]), 1.5))
-        if edge is None:
-            return None
-        sides.append(edge[0])
-        blurs.append(edge[1])
-    raw_lines = [_line(points) for points in sides]
-    bent = [points if projection is None else projection.undistort(points) for points in sides]
-    lines = [_line(points) for points in bent]
-    bows, noises = zip(*(_bow(points, line) for points, line in zip(bent, lines, strict=True)), strict=True)
-    corners = np.array([_intersection(lines[number - 1], lines[number]) for number in range(4)])
-    raw = np.array([_intersection(raw_lines[number - 1], raw_lines[number]) for number in range(4)])
-    side = float(np.linalg.norm(raw - np.roll(raw, 1, axis=0), axis=1).mean())
-    unit = side / float(np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1).mean())
-    return _Measured(tag, corners, raw, np.array(bows), unit * float(np.mean(noises)), float(np.median(blurs)), side)
+    reaches = np.maximum(0.6 * _depths(corners) / cells, 1.5).tolist()
+    edges = [_edge(image, *ends) for ends in zip(corners, np.roll(corners, -1, axis=0), reaches, strict=True)]
+    return [edge for edge in edges if edge is not None]
 
 
 def _depths(corners: Array) -> Array:
@@ -235,25 +251,26 @@ def _edge(image: npt.NDArray[np.float32], start: Array, end: Array, reach: float
     return base[good] + middle[:, None] * normal, float(np.median(spread))
 
 
-Line = tuple[Array, Array]
-"""A point and a direction."""
-
-
-def _line(points: Array) -> Line:
+def _line(points: Array) -> tuple[Array, Array]:
+    """A point and the direction of the line through points."""
     middle = points.mean(axis=0)
     direction = np.linalg.svd(points - middle)[2][0]
     return middle, np.asarray(direction if direction @ (points[-1] - points[0]) > 0 else -direction, np.float64)
 
 
-def _intersection(one: Line, other: Line) -> Array:
-    """Where two lines meet."""
-    (a, u), (b, v) = one, other
-    return np.asarray(a + u * np.linalg.solve(np.column_stack([u, -v]), b - a)[0], np.float64)
+def _quad(sides: Sequence[Array]) -> Array:
+    """Where neighbouring sides meet `(4, 2)`, by points along each."""
+    corners = []
+    lines = [_line(points) for points in sides]
+    for number in range(4):
+        (a, u), (b, v) = lines[number - 1], lines[number]
+        corners.append(a + u * np.linalg.solve(np.column_stack([u, -v]), b - a)[0])
+    return np.array(corners)
 
 
-def _bow(points: Array, line: Line) -> tuple[float, float]:
+def _bow(points: Array) -> tuple[float, float]:
     """How far the middle of a side leaves its chord, as a share of its length, and the scatter about that."""
-    middle, direction = line
+    middle, direction = _line(points)
     place = (points - middle) @ direction
     off = (points - middle) @ np.array([-direction[1], direction[0]])
     half = 0.5 * float(np.ptp(place))
@@ -287,17 +304,16 @@ def _relative(target: Target, measured: Sequence[_Measured]) -> PrintFinding:
     if not others or not target.is_planar:
         words = "one tag in view: nothing to compare it with" if target.is_planar else "its tags are not in one plane"
         return PrintFinding(name, PrintState.UNKNOWN, words, "Measure the tag with a ruler.")
-    back = _homography(base.corners, _flat(base.tag, base.tag))
+    back = np.asarray(np.linalg.inv(_axes(base.corners, base.tag)), np.float64)
     worst, state = [], PrintState.GOOD
     for one in others:
-        placed = cv2.perspectiveTransform(one.corners[:, None, :], back)[:, 0]
-        size = float(np.linalg.norm(placed - np.roll(placed, 1, axis=0), axis=1).mean())
+        placed = carry(back, one.corners)
         off = float(np.linalg.norm(placed.mean(axis=0) - _flat(one.tag, base.tag).mean(axis=0)))
-        loose = 100 * math.hypot(_corner_sd(one) / one.side, _corner_sd(base) / base.side)
-        percent = 100 * (size / one.tag.size - 1.0)
+        loose = 100 * math.hypot(one.corner_sd / one.side, base.corner_sd / base.side)
+        percent = 100 * (_side(placed) / one.tag.size - 1.0)
         limit = max(SCALE_PERCENT, 3 * loose)
         displaced = 100 * off / base.tag.size
-        allowed = max(SCALE_PERCENT, 300 * _corner_sd(base) / base.side)
+        allowed = max(SCALE_PERCENT, 300 * base.corner_sd / base.side)
         is_off = displaced > allowed
         if abs(percent) > limit or is_off:
             state = PrintState.BAD
@@ -312,19 +328,9 @@ def _relative(target: Target, measured: Sequence[_Measured]) -> PrintFinding:
     return PrintFinding(name, state, f"against tag {base.tag.tag_id}: {'; '.join(worst)}", fix)
 
 
-def _corner_sd(one: _Measured) -> float:
-    """Deviation of a corner [px]: a side is known better than its points, never better than a fiftieth."""
-    return max(3.0 * one.noise / math.sqrt(ALONG), 0.05)
-
-
-def _homography(source: Array, goal: Array) -> Array:
-    found, _ = cv2.findHomography(source, goal)
-    return np.asarray(found, np.float64)
-
-
 def _axes(corners: Array, tag: Tag) -> Array:
     """Image of the plane's unit axes and origin at unit depth, up to one factor `(3, 3)`."""
-    return _homography(_flat(tag, tag), corners)
+    return np.asarray(cv2.findHomography(_flat(tag, tag), corners)[0], np.float64)
 
 
 def _aspect(base: _Measured, focal: float, *, is_calibrated: bool) -> PrintFinding:
@@ -338,13 +344,12 @@ def _aspect(base: _Measured, focal: float, *, is_calibrated: bool) -> PrintFindi
         axes = _axes(corners, base.tag)
         return float(np.linalg.norm(axes[:, 0]) / np.linalg.norm(axes[:, 1]))
 
-    here, step = ratio(base.corners), _corner_sd(base) / focal
+    here, step = ratio(base.corners), base.corner_sd / focal
     slopes = []
-    for corner in range(4):
-        for axis in range(2):
-            moved = base.corners.copy()
-            moved[corner, axis] += step
-            slopes.append(ratio(moved) - here)
+    for place in np.ndindex(base.corners.shape):
+        moved = base.corners.copy()
+        moved[place] += step
+        slopes.append(ratio(moved) - here)
     percent, loose = 100 * (here - 1.0), 100 * float(np.linalg.norm(slopes))
     words = f"{percent:+.2f} +- {loose:.2f} % by tag {base.tag.tag_id}"
     if loose > 2 * SCALE_PERCENT:
@@ -366,23 +371,11 @@ def _absolute(base: _Measured, distance: float | None, *, is_calibrated: bool) -
     axes = _axes(base.corners, base.tag)
     depth = float(np.linalg.norm(axes[:, 2])) / (0.5 * float(np.linalg.norm(axes[:, 0]) + np.linalg.norm(axes[:, 1])))
     percent = 100 * (distance / depth - 1.0)
-    loose = 100 * math.hypot(TAPE, _corner_sd(base) / base.side)
+    loose = 100 * math.hypot(TAPE, base.corner_sd / base.side)
     words = f"{percent:+.2f} +- {loose:.2f} %: the image says {depth:.3f} m, the tape {distance:.3f} m"
     if abs(percent) > max(SCALE_PERCENT, 2 * loose):
         return PrintFinding(name, PrintState.BAD, words, ruler)
     return PrintFinding(name, PrintState.GOOD, words)
-
-
-def _bowed(one: _Measured) -> tuple[float, float]:
-    """How far the most bent side of a tag leaves its chord, and the deviation of that [% of its length]."""
-    loose = max(3.0 * one.noise / math.sqrt(ALONG), LEAST_BOW) / one.side
-    return 100 * float(np.abs(one.bows).max()), 100 * loose
-
-
-def _bend(one: _Measured) -> float:
-    """The same as a share of what may be [1]."""
-    percent, loose = _bowed(one)
-    return percent / max(BOW_PERCENT, 3 * loose)
 
 
 def _flatness(measured: Sequence[_Measured], *, is_calibrated: bool) -> PrintFinding:
@@ -392,11 +385,12 @@ def _flatness(measured: Sequence[_Measured], *, is_calibrated: bool) -> PrintFin
     if not sharp:
         words = "the edges are too blurred to see a bend"
         return PrintFinding(name, PrintState.UNKNOWN, words, "Take a sharp photograph, nearer.")
-    _, percent, loose, one = max(((_bend(one), *_bowed(one), one) for one in sharp), key=lambda found: found[0])
+    one = max(sharp, key=lambda one: one.bend)
+    percent, loose = one.bow
     words = (
         f"the most bent side of tag {one.tag.tag_id} leaves its chord by {percent:.2f} +- {loose:.2f} % of its length"
     )
-    if _bend(one) <= 1.0:
+    if one.bend <= 1.0:
         words += "; a bend that the camera looks along stays hidden"
         return PrintFinding(name, PrintState.GOOD, words, "A second photograph from another side tells.")
     if not is_calibrated:
@@ -416,18 +410,12 @@ def _sharpness(measured: Sequence[_Measured]) -> PrintFinding:
 
 
 def _light_and_rim(pixels: Grey, measured: Sequence[_Measured]) -> Iterator[PrintFinding]:
-    blacks, whites, rims = [], [], []
-    for one in measured:
-        levels = _rim(pixels, one)
-        if levels is not None:
-            blacks.append(levels[0])
-            whites.append(levels[1])
-            rims.append((levels[2], one))
+    rims = [(levels, one) for one in measured if (levels := _rim(pixels, one)) is not None]
     if not rims:
         fix = "Show more of the paper around the tags."
         yield PrintFinding("white rim", PrintState.UNKNOWN, "the rim is not in the photograph", fix)
         return
-    black, white = float(np.median(blacks)), float(np.median(whites))
+    black, white, _ = np.median([levels for levels, _ in rims], axis=0)
     words = f"black is {black:.0f}, white {white:.0f} of 255"
     if white - black < CONTRAST:
         yield PrintFinding("light", PrintState.BAD, words, "More light, or a darker print.")
@@ -435,7 +423,7 @@ def _light_and_rim(pixels: Grey, measured: Sequence[_Measured]) -> Iterator[Prin
         yield PrintFinding("light", PrintState.BAD, words, "Expose less: blown white moves every edge.")
     else:
         yield PrintFinding("light", PrintState.GOOD, words)
-    share, one = min(rims, key=lambda pair: pair[0])
+    share, one = min(((levels[2], one) for levels, one in rims), key=lambda pair: pair[0])
     words = f"{100 * share:.0f} % of one cell around tag {one.tag.tag_id} is white"
     state = PrintState.GOOD if share >= WHITE_SHARE else PrintState.BAD
     fix = "Leave one cell of white around everything black; remove what lies on it." if state is PrintState.BAD else ""
@@ -445,14 +433,14 @@ def _light_and_rim(pixels: Grey, measured: Sequence[_Measured]) -> Iterator[Prin
 def _rim(pixels: Grey, one: _Measured) -> tuple[float, float, float] | None:
     """Black, white, and how much of the white rim is white; None where the rim leaves the image."""
     tag = one.tag
-    ahead = _homography(_flat(tag, tag), one.raw)
+    ahead = _axes(one.raw, tag)
     half = 0.5 * tag.module * tag.family.black_cells
     rim = _ring(half + 0.5 * QUIET_ZONE_CELLS * tag.module, ahead)
     height, width = pixels.shape
     if (rim < 0.0).any() or (rim[:, 0] > width - 1).any() or (rim[:, 1] > height - 1).any():
         return None
     inside = _ring(half - 0.5 * tag.module, ahead)
-    light, dark = _sample(pixels, rim), _sample(pixels, inside)
+    light, dark = sample(pixels, rim), sample(pixels, inside)
     white, black = float(np.percentile(light, 75)), float(np.percentile(dark, 25))
     middle = 0.5 * (white + black)
     return black, white, float((light > middle).mean())
@@ -465,9 +453,4 @@ def _ring(half: float, ahead: Array) -> Array:
     square = np.vstack(
         [np.column_stack(pair) for pair in ((along, side), (side, along), (along, -side), (-side, along))]
     )
-    return np.asarray(cv2.perspectiveTransform(square[:, None, :], ahead)[:, 0], np.float64)
-
-
-def _sample(pixels: Grey, places: Array) -> Array:
-    xy = places.astype(np.float32)
-    return np.asarray(cv2.remap(pixels, xy[None, :, 0], xy[None, :, 1], cv2.INTER_LINEAR)[0], np.float64)
+    return carry(ahead, square)

@@ -1,28 +1,128 @@
-"""Collecting views of a board: from a folder, or live with guidance."""
+"""Collecting views of a board, from a folder or live, and which are still missing, in words a person can follow."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 
 from mkdaemon.errors import VisionError
 from mkdaemon.files import save
-from mkdaemon.vision.calibrate.board import BoardPoints, CalibrationBoard
-from mkdaemon.vision.calibrate.coverage import Coverage
+from mkdaemon.vision.calibrate.board import BoardPoints, CalibrationBoard, board_normal
 from mkdaemon.vision.calibrate.tone_curve import edge_levels
 from mkdaemon.vision.camera.files import list_pictures
-from mkdaemon.vision.camera.imagecodec import read_picture
+from mkdaemon.vision.camera.imagecodec import encode_png, read_picture
 from mkdaemon.vision.camera.shot import PictureError
 
+Array = npt.NDArray[np.float64]
 Grey = npt.NDArray[np.uint8]
+
+CELLS = (4, 3)
+"""Columns and rows the picture is divided into."""
+POINTS_PER_CELL = 6
+TILT_DEG = 18.0
+NEAR_SHARE, FAR_SHARE = 0.6, 0.4
+"""Width of the seen part of the board over the width of the picture: near from, far up to."""
+MIN_VIEWS = 12
+NOVEL_SHARE = 0.025
+"""A view is new when its points moved by this share of the picture's width."""
+
+_COLUMNS = ("left", "centre left", "centre right", "right")
+_ROWS = ("top", "middle", "bottom")
+_TILTS = {
+    "left": "turn the board so that its left side comes towards the camera",
+    "right": "turn the board so that its right side comes towards the camera",
+    "top": "lean the board so that its top comes towards the camera",
+    "bottom": "lean the board so that its bottom comes towards the camera",
+}
 
 STILL_PX = 1.5
 """Mean motion of the board between two images up to which it counts as held still: blur stays below a pixel."""
+
+
+class Coverage:
+    """Collects views of one camera.
+
+    Attributes:
+        views: taken so far.
+        levels: of each, black, middle and white of edges `(n, 3)`; see `tone_curve.edge_levels`.
+
+    Args:
+        width: of the pictures [px].
+        height: of the pictures [px].
+    """
+
+    def __init__(self, width: int, height: int) -> None:
+        self.views: list[BoardPoints] = []
+        self.levels: list[Array] = []
+        self.size = (width, height)
+        self._cells = np.zeros((CELLS[1], CELLS[0]), dtype=np.int64)
+        self._tilts: set[str] = set()
+        self._near = self._far = False
+
+    def add(self, view: BoardPoints) -> None:
+        """Count a view."""
+        self.views.append(view)
+        width, height = self.size
+        columns = np.clip(view.image[:, 0] * CELLS[0] / width, 0, CELLS[0] - 1).astype(int)
+        rows = np.clip(view.image[:, 1] * CELLS[1] / height, 0, CELLS[1] - 1).astype(int)
+        np.add.at(self._cells, (rows, columns), 1)
+        self._tilts |= self._tilt(view)
+        share = float(np.ptp(view.image[:, 0])) / width
+        self._near |= share >= NEAR_SHARE or float(np.ptp(view.image[:, 1])) / height >= NEAR_SHARE
+        self._far |= share <= FAR_SHARE
+
+    def is_novel(self, view: BoardPoints) -> bool:
+        """Whether a view differs from all before by more than a shake of the hand."""
+        limit = NOVEL_SHARE * self.size[0]
+        return not any(len(moves) >= 4 and moves.mean() < limit for moves in (_moves(old, view) for old in self.views))
+
+    def missing(self) -> list[str]:
+        """What to show next, most useful first; empty when the views will do."""
+        wanted = []
+        empty = np.argwhere(self._cells < POINTS_PER_CELL)
+        middle = (np.array(self._cells.shape) - 1) / 2
+        for row, column in sorted(empty.tolist(), key=lambda cell: -math.dist(cell, middle)):
+            wanted.append(f"show the board in the {_ROWS[row]} {_COLUMNS[column]} of the picture")
+        wanted += [words for side, words in _TILTS.items() if side not in self._tilts]
+        if not self._near:
+            wanted.append("come closer: let the board fill more than half of the picture")
+        if not self._far:
+            wanted.append("go back: let the board fill a third of the picture")
+        if len(self.views) < MIN_VIEWS:
+            wanted.append(f"{MIN_VIEWS - len(self.views)} more views from anywhere")
+        return wanted
+
+    def share(self) -> float:
+        """How much of what is wanted has been seen, 0 to 1."""
+        total = self._cells.size + len(_TILTS) + 2 + 1
+        return 1.0 - len(self.missing()) / total
+
+    def picture(self) -> list[str]:
+        """What has been seen, as rows of letters: parts of the picture, tilts, distances."""
+        line = "+" + "------+" * CELLS[0]
+        rows = [line]
+        for counts in self._cells:
+            rows += ["|" + "".join("  ok  |" if count >= POINTS_PER_CELL else "      |" for count in counts), line]
+        tilts = ", ".join(f"{side} {_word(side in self._tilts)}" for side in _TILTS)
+        return [*rows, f"tilted: {tilts}", f"distance: near {_word(self._near)}, far {_word(self._far)}"]
+
+    def _tilt(self, view: BoardPoints) -> set[str]:
+        """Sides of the board that lean towards the camera, seen from the camera."""
+        normal = board_normal(view, *self.size)
+        if normal is None:
+            return set()
+        limit = math.sin(math.radians(TILT_DEG))
+        leans = {"left": normal[0], "right": -normal[0], "top": normal[1], "bottom": -normal[1]}
+        return {side for side, lean in leans.items() if lean > limit}  # facing right: its left side is nearer
+
+
+def _word(is_seen: bool) -> str:
+    return "ok" if is_seen else "MISSING"
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +149,7 @@ def views_of_folder(folder: Path, board: CalibrationBoard) -> Iterator[tuple[Vie
         VisionError: no folder, no pictures, or pictures of different sizes.
     """
     coverage: Coverage | None = None
-    size, first = (0, 0), ""
+    first = ""
     for path in list_pictures(folder):
         try:
             pixels = read_picture(path)
@@ -59,9 +159,10 @@ def views_of_folder(folder: Path, board: CalibrationBoard) -> Iterator[tuple[Vie
             continue
         height, width = pixels.shape
         if coverage is None:
-            coverage, size, first = Coverage(width, height), (width, height), path.name
-        if (width, height) != size:
-            msg = f"{path.name} is {width}x{height}, {first} is {size[0]}x{size[1]}: calibrate one size at a time"
+            coverage, first = Coverage(width, height), path.name
+        if (width, height) != coverage.size:
+            before = "x".join(map(str, coverage.size))
+            msg = f"{path.name} is {width}x{height}, {first} is {before}: calibrate one size at a time"
             raise VisionError(msg)
         view = board.find(pixels)
         if view is None:
@@ -85,7 +186,6 @@ class LiveViews:
         self._keep = keep
         self._last: BoardPoints | None = None
         self._seen = 0
-        self._size = (0, 0)
         self.coverage: Coverage | None = None
         if keep is not None:
             keep.mkdir(parents=True, exist_ok=True)
@@ -100,9 +200,9 @@ class LiveViews:
         name = f"image {self._seen}"
         height, width = pixels.shape
         if self.coverage is None:
-            self.coverage, self._size = Coverage(width, height), (width, height)
-        if (width, height) != self._size:
-            before_size = "x".join(map(str, self._size))
+            self.coverage = Coverage(width, height)
+        if (width, height) != self.coverage.size:
+            before_size = "x".join(map(str, self.coverage.size))
             msg = f"the camera changed from {before_size} to {width}x{height}: set its size and start again"
             raise VisionError(msg)
         view, before = self._board.find(pixels), self._last
@@ -110,21 +210,18 @@ class LiveViews:
         if view is None:
             return ViewReport(name, 0, False, "no board in the picture")
         count = len(view.ids)
-        if before is None or _motion(before, view) > STILL_PX:
+        if before is None or not len(moves := _moves(before, view)) or moves.mean() > STILL_PX:
             return ViewReport(name, count, False, "hold still")
         if not self.coverage.is_novel(view):
             return ViewReport(name, count, False, "move on")
         self.coverage.add(view)
         self.coverage.levels.append(edge_levels(pixels, *self._board.edges(view)))
         if self._keep is not None:
-            _, picture = cv2.imencode(".png", pixels)
-            save(self._keep / f"view{len(self.coverage.views):03d}.png", picture.tobytes(), overwrite=True)
+            save(self._keep / f"view{len(self.coverage.views):03d}.png", encode_png(pixels), overwrite=True)
         return ViewReport(name, count, True)
 
 
-def _motion(before: BoardPoints, now: BoardPoints) -> float:
-    """Mean distance the common points moved [px]; infinite without any."""
+def _moves(before: BoardPoints, now: BoardPoints) -> Array:
+    """How far the common points moved `(n,)` [px]."""
     _, here, there = np.intersect1d(now.ids, before.ids, return_indices=True)
-    if not len(here):
-        return float("inf")
-    return float(np.linalg.norm(now.image[here] - before.image[there], axis=1).mean())
+    return np.asarray(np.linalg.norm(now.image[here] - before.image[there], axis=1), dtype=np.float64)

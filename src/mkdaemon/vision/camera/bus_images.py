@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 import time
 from collections.abc import Callable
 from typing import Any, Final
@@ -14,6 +13,7 @@ from mkdaemon.errors import VisionError
 from mkdaemon.telemetry.signature import Signature, private_key
 from mkdaemon.vision.camera.imagecodec import unpack
 from mkdaemon.vision.camera.shot import PictureError, Shot
+from mkdaemon.vision.camera.slot import NewestSlot
 
 STRANGERS_LOOK: Final = 1.0
 """Time between two looks for images of somebody else [s]."""
@@ -33,13 +33,11 @@ class ZenohSource:
             secret: with which the sender signs them, and without which nobody knows the key they come to; None takes
                 images from whoever puts them.
         """
-        self._key, self._secret = key, secret
-        self._strangers: zenoh.Subscriber[Any] | None = None
-        self._session = session
+        self._key, self._session, self._secret = key, session, secret
         self._clock = Clock()
         self._subscriber: zenoh.Subscriber[None] | None = None
-        self._arrival = threading.Condition()
-        self._newest: tuple[bytes, float] | None = None
+        self._strangers: zenoh.Subscriber[Any] | None = None
+        self._newest: NewestSlot[tuple[bytes, float]] = NewestSlot()
         self._look_at = 0.0
 
     def open(self) -> tuple[str, ...]:
@@ -61,9 +59,7 @@ class ZenohSource:
             signature = Signature(self._key, payload, b"" if proof is None else proof.to_bytes())
             if not signature.is_by(self._secret):
                 return
-        with self._arrival:
-            self._newest = (payload, time.monotonic())
-            self._arrival.notify()
+        self._newest.put((payload, time.monotonic()))
 
     def _require_no_stranger(self) -> None:
         """Make sure that nobody put an image to the plain key since the last look, one a second at most.
@@ -81,9 +77,7 @@ class ZenohSource:
     def read(self, timeout: float) -> Shot | None:
         """Newest image."""
         self._require_no_stranger()
-        with self._arrival:
-            self._arrival.wait_for(lambda: self._newest is not None, timeout)
-            taken, self._newest = self._newest, None
+        taken = self._newest.take(timeout)
         if taken is None:
             return None
         payload, arrived = taken
@@ -92,9 +86,6 @@ class ZenohSource:
 
     def close(self) -> None:
         """End the subscriptions."""
-        if self._strangers is not None:
-            self._strangers.undeclare()  # type: ignore[no-untyped-call]
-            self._strangers = None
-        if self._subscriber is not None:
-            self._subscriber.undeclare()  # type: ignore[no-untyped-call]
-            self._subscriber = None
+        for subscriber in filter(None, (self._strangers, self._subscriber)):
+            subscriber.undeclare()  # type: ignore[no-untyped-call]
+        self._strangers = self._subscriber = None

@@ -14,6 +14,7 @@ from pydantic import Field, ValidationError
 
 from mkdaemon.config.base import Section
 from mkdaemon.config.camera import MountSection
+from mkdaemon.config.keys import toml_value
 from mkdaemon.errors import ConfigError
 from mkdaemon.files import save
 from mkdaemon.frames import FLU_FROM_RDF, rotation_from_euler
@@ -27,20 +28,16 @@ FOCAL_SIDES = (0.15, 60.0)
 MAX_ASPECT = 2.0
 """Ratio of the focal lengths; two with every other line left out."""
 
-_FLU_FROM_CAM: dict[str, Array] = {
-    "forward": FLU_FROM_RDF,
-    "back": rotation_from_euler(0.0, 0.0, math.pi) @ FLU_FROM_RDF,
-    "left": rotation_from_euler(0.0, 0.0, math.pi / 2) @ FLU_FROM_RDF,
-    "right": rotation_from_euler(0.0, 0.0, -math.pi / 2) @ FLU_FROM_RDF,
-    "down": rotation_from_euler(0.0, math.pi / 2, 0.0) @ FLU_FROM_RDF,
-    "up": rotation_from_euler(0.0, -math.pi / 2, 0.0) @ FLU_FROM_RDF,
-}
+_LOOKS_DEG = {"forward": (0, 0), "back": (0, 180), "left": (0, 90), "right": (0, -90), "down": (90, 0), "up": (-90, 0)}
+"""Pitch and yaw that turn a camera that looks forward [deg]."""
 
 
 def mount_rotation(mount: MountSection) -> Array:
     """Body from camera `(3, 3)`, FLU from RDF: the direction of view, turned by the small angles about body axes."""
-    roll, pitch, yaw = (math.radians(angle) for angle in mount.rpy_deg)
-    rotation: Array = rotation_from_euler(roll, pitch, yaw) @ _FLU_FROM_CAM[mount.looks]
+    small, looks = (
+        rotation_from_euler(*map(math.radians, rpy)) for rpy in (mount.rpy_deg, (0, *_LOOKS_DEG[mount.looks]))
+    )
+    rotation: Array = small @ looks @ FLU_FROM_RDF
     return np.round(rotation, 15) + 0.0
 
 
@@ -141,23 +138,8 @@ def save_camera(camera: Camera, path: Path, *, overwrite: bool = False) -> None:
     if slip:
         msg = f"camera file {path} not written: {slip}: take more views, turned to every side"
         raise ConfigError(msg)
-    lines = [f"name = {_toml(camera.name)}"]
-    for title, section in (
-        ("intrinsics", camera.intrinsics),
-        ("mount", camera.mount),
-        ("calibration", camera.calibration),
-    ):
+    lines = [f"name = {toml_value(camera.name)}"]
+    for title in ("intrinsics", "mount", "calibration"):
         lines += ["", f"[{title}]"]
-        lines += [f"{key} = {_toml(value)}" for key, value in section if value is not None]
+        lines += [f"{key} = {toml_value(value)}" for key, value in getattr(camera, title) if value is not None]
     save(path, "\n".join(lines) + "\n", overwrite=overwrite)
-
-
-def _toml(value: object) -> str:
-    """One TOML value; a JSON string is a TOML basic string."""
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, str):
-        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
-    if isinstance(value, tuple):
-        return "[" + ", ".join(_toml(item) for item in value) + "]"
-    return repr(value)

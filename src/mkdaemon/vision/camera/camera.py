@@ -122,7 +122,6 @@ class StreamStatus:
     Attributes:
         state: streaming or why not.
         reason: one sentence for everything but streaming.
-        since: when `state` began [s; monotonic].
         images: taken since the start.
         lost: gaps in the source's own count.
         damaged: images that were refused because they were none or damaged.
@@ -137,7 +136,6 @@ class StreamStatus:
 
     state: StreamState = StreamState.OPENING
     reason: str = "not opened yet"
-    since: float = 0.0
     images: int = 0
     lost: int = 0
     damaged: int = 0
@@ -173,7 +171,7 @@ class CameraStream:
         self._slot = slot
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name=f"camera-{cfg.name}", daemon=True)
-        self._status = StreamStatus(since=time.monotonic())
+        self._status = StreamStatus()
         self._clock = StampClock(cfg.latency_ms / 1000.0)
         self._arrivals: deque[float] = deque(maxlen=RATE_IMAGES)
         self._last_arrival: float | None = None
@@ -182,11 +180,6 @@ class CameraStream:
         self._refused: tuple[str, ...] = ()
         self._last_sequence: int | None = None
         self._sequence = 0
-
-    @property
-    def live(self) -> bool:
-        """Whether images come on their own time."""
-        return self._source.live
 
     @property
     def reach(self) -> Reach | None:
@@ -220,13 +213,8 @@ class CameraStream:
         if status.state is StreamState.STREAMING and last is not None and self._source.live:
             overdue = time.monotonic() - last
             if overdue > self.cfg.silent_after:
-                return replace(
-                    status,
-                    state=StreamState.SILENT,
-                    reason=status.damage or f"no image for {overdue:.1f} s",
-                    since=last + self.cfg.silent_after,
-                    fps=0.0,
-                )
+                reason = status.damage or f"no image for {overdue:.1f} s"
+                return replace(status, state=StreamState.SILENT, reason=reason, fps=0.0)
         return status
 
     def _run(self) -> None:
@@ -236,7 +224,7 @@ class CameraStream:
                 before = self._status.images
                 try:
                     self._refused = self._source.open()
-                    self._become(StreamState.STREAMING, "", refused=self._refused)
+                    self._status = replace(self._status, state=StreamState.STREAMING, reason="", refused=self._refused)
                     self._last_arrival = time.monotonic()
                     self._arrivals.clear()
                     self._read_on()
@@ -246,11 +234,12 @@ class CameraStream:
                         delays = retry_delays(self.cfg.reopen_min, self.cfg.reopen_max)
             except EndOfImages:
                 self._wait_taken()
-                self._become(StreamState.ENDED, "all images were shown")
+                self._status = replace(self._status, state=StreamState.ENDED, reason="all images were shown", fps=0.0)
                 return
             except Exception as error:  # noqa: BLE001  # no driver and no image may end this thread
                 reason = str(error) if isinstance(error, VisionError) else f"{type(error).__name__}: {error}"
-                self._become(StreamState.GONE, reason, reopened=self._status.reopened + 1)
+                reopened = self._status.reopened + 1
+                self._status = replace(self._status, state=StreamState.GONE, reason=reason, fps=0.0, reopened=reopened)
             self._stop.wait(next(delays))
 
     def _read_on(self) -> None:
@@ -280,10 +269,9 @@ class CameraStream:
         captured_at, stamped_by = self._clock.stamp(shot.stamp, shot.arrived)
         if stamped_by == "driver" and isinstance(self._source, ZenohSource):
             stamped_by = "header"
-        step, lost = 1, 0
+        step = 1
         if shot.sequence is not None and self._last_sequence is not None and shot.sequence > self._last_sequence:
             step = shot.sequence - self._last_sequence
-            lost = step - 1
         self._last_sequence = shot.sequence
         self._sequence += step
         self._arrivals.append(shot.arrived)
@@ -293,29 +281,10 @@ class CameraStream:
         self._status = replace(
             self._status,
             images=self._status.images + 1,
-            lost=self._status.lost + lost,
+            lost=self._status.lost + step - 1,
             fps=(len(self._arrivals) - 1) / spent if spent > 0.0 else 0.0,
             width=width,
             height=height,
             stamped_by=stamped_by,
         )
         self._slot.put(CameraImage(shot.pixels, captured_at, shot.arrived, self._sequence, self.cfg.name, stamped_by))
-
-    def _become(
-        self,
-        state: StreamState,
-        reason: str,
-        *,
-        refused: tuple[str, ...] | None = None,
-        reopened: int | None = None,
-    ) -> None:
-        status = self._status
-        self._status = replace(
-            status,
-            state=state,
-            reason=reason,
-            since=status.since if status.state is state else time.monotonic(),
-            fps=status.fps if state is StreamState.STREAMING else 0.0,
-            refused=status.refused if refused is None else refused,
-            reopened=status.reopened if reopened is None else reopened,
-        )

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from mkdaemon.vision.camera.imagecodec import decode_picture, to_grey
+from mkdaemon.vision.camera.imagecodec import decode_picture
 from mkdaemon.vision.camera.shot import PictureError
 
 Grey = npt.NDArray[np.uint8]
@@ -21,6 +21,8 @@ Grey = npt.NDArray[np.uint8]
 MOTION_JPEG: Final = frozenset(cv2.VideoWriter.fourcc(*name) for name in ("MJPG", "mjpg", "JPEG", "jpeg"))
 UNDECODED: Final = {cv2.CAP_V4L2: (cv2.CAP_PROP_CONVERT_RGB, 0), cv2.CAP_FFMPEG: (cv2.CAP_PROP_FORMAT, -1)}
 """The property, and its value, that makes a backend give bytes (OpenCV, videoio flags)."""
+TO_GREY: Final = {(): None, (1,): None, (3,): cv2.COLOR_BGR2GRAY, (4,): cv2.COLOR_BGRA2GRAY}
+"""How OpenCV makes grey of a picture, by its channels."""
 
 
 def take_jpegs(capture: cv2.VideoCapture, backend: int) -> bool:
@@ -39,7 +41,7 @@ def captured_pixels(image: npt.NDArray[np.generic], *, coded: bool) -> Grey:
     """Grey values `(h, w)` uint8 of what a capture has read.
 
     Args:
-        image: pixels, or bytes in one row.
+        image: pixels of 8 or 16 bits, or bytes in one row.
         coded: it is bytes.
 
     Raises:
@@ -47,8 +49,11 @@ def captured_pixels(image: npt.NDArray[np.generic], *, coded: bool) -> Grey:
     """
     if coded:
         return decode_picture(image.tobytes())
-    pixels = to_grey(image)
-    if pixels is None:
+    pixels = (image.astype(np.uint16) >> 8).astype(np.uint8) if image.dtype == np.uint16 else image
+    channels = pixels.shape[2:]
+    if pixels.dtype != np.uint8 or pixels.size == 0 or pixels.ndim < 2 or channels not in TO_GREY:
         msg = f"no picture: {image.dtype} {image.shape}"
         raise PictureError(msg)
-    return pixels
+    code = TO_GREY[channels]
+    grey = pixels if code is None else cv2.cvtColor(np.asarray(pixels, dtype=np.uint8), code)
+    return np.ascontiguousarray(grey.reshape(grey.shape[:2]), dtype=np.uint8)

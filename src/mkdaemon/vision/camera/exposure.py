@@ -8,8 +8,8 @@ shorter one drowns the cells in noise. Pure functions; the driver is in `v4l2con
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
-from typing import Protocol, runtime_checkable
+from dataclasses import dataclass, replace
+from typing import Final, Protocol, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
@@ -33,6 +33,9 @@ class ExposureLimits:
     images: int = of(5, "images", "from one change to the next look", "sensors take settings 2-3 images late")
     least_px: float = of(8.0, "px", "side of a target that speaks for itself", "half of the smallest tag read")
     noise_floor: float = of(0.5, "grey", "noise that eight bits hide", "quantisation: 0.29")
+
+
+EXPOSURE: Final = ExposureLimits()
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,55 +106,49 @@ class Adjustable(Protocol):
         """
 
 
-def levels_of(
-    pixels: Grey, corners: Sequence[Array] = (), gamma: float = 1.0, cfg: ExposureLimits | None = None
-) -> Levels:
+def levels_of(pixels: Grey, corners: Sequence[Array] = (), gamma: float = 1.0) -> Levels:
     """Levels of an image in light: of its largest tag, or of all of it where no tag is seen.
 
     Args:
         pixels: `(h, w)` uint8.
         corners: of tags `(4, 2)` [px].
         gamma: of the camera's tone curve.
-        cfg: the limits.
     """
-    cfg = cfg or ExposureLimits()
     height, width = pixels.shape
     part, low, high = pixels[::2, ::2], 2.0, 98.0
     sides = [float(np.ptp(quad, axis=0).max()) for quad in corners]
-    if sides and max(sides) > cfg.least_px:
+    if sides and max(sides) > EXPOSURE.least_px:
         quad = corners[int(np.argmax(sides))]
         x0, y0 = np.clip(quad.min(axis=0), 0, (width - 1, height - 1)).astype(int)
         x1, y1 = np.clip(quad.max(axis=0), 0, (width - 1, height - 1)).astype(int)
-        if min(x1 - x0, y1 - y0) > cfg.least_px:
+        if min(x1 - x0, y1 - y0) > EXPOSURE.least_px:
             part, low, high = pixels[y0 : y1 + 1, x0 : x1 + 1], 15.0, 90.0
     grey = 255.0 * (part.astype(np.float64) / 255.0) ** gamma
     black, white = np.percentile(grey, (low, high))
     # Half of the differences between neighbours cross no edge; their deviation is that of the median of them all.
     steps = np.abs(np.diff(grey, axis=1))
     noise = float(np.percentile(steps, 30)) / 0.545
-    return Levels(float(black), float(white), max(noise, cfg.noise_floor))
+    return Levels(float(black), float(white), max(noise, EXPOSURE.noise_floor))
 
 
-def next_setting(now: Setting, seen: Levels, reach: Reach, cfg: ExposureLimits | None = None) -> Setting:
+def next_setting(now: Setting, seen: Levels, reach: Reach) -> Setting:
     """The setting for the coming images; `now` where a change would not be worth it.
 
     Args:
         now: setting of the image that was seen.
         seen: its levels, in light.
         reach: of the camera.
-        cfg: the limits.
     """
-    cfg = cfg or ExposureLimits()
-    brighter = 1.0 / cfg.step if seen.white > cfg.saturated else cfg.white / max(seen.white, 1.0)
+    brighter = 1.0 / EXPOSURE.step if seen.white > EXPOSURE.saturated else EXPOSURE.white / max(seen.white, 1.0)
     brightness = now.exposure * now.gain * brighter
-    wanted = now.exposure * (cfg.contrast / max(seen.contrast, 1e-3)) ** 2
-    exposure = _within(wanted, now.exposure / cfg.step, now.exposure * cfg.step)
+    wanted = now.exposure * (EXPOSURE.contrast / max(seen.contrast, 1e-3)) ** 2
+    exposure = _within(wanted, now.exposure / EXPOSURE.step, now.exposure * EXPOSURE.step)
     # Too bright at the least gain: shorter. Too dim at the greatest: longer, as far as motion allows.
-    exposure = _within(exposure, cfg.dim * brightness / reach.greatest_gain, brightness)
+    exposure = _within(exposure, EXPOSURE.dim * brightness / reach.greatest_gain, brightness)
     exposure = _within(exposure, reach.shortest, reach.longest)
-    gain = _within(brightness / exposure, now.gain / cfg.step, now.gain * cfg.step)
+    gain = _within(brightness / exposure, now.gain / EXPOSURE.step, now.gain * EXPOSURE.step)
     gain = _within(gain, 1.0, reach.greatest_gain)
-    if abs(exposure / now.exposure - 1.0) < cfg.same and abs(gain / now.gain - 1.0) < cfg.same:
+    if abs(exposure / now.exposure - 1.0) < EXPOSURE.same and abs(gain / now.gain - 1.0) < EXPOSURE.same:
         return now
     return Setting(exposure, gain)
 
@@ -178,18 +175,17 @@ class ExposureControl:
     reach: Reach
     setting: Setting
     gamma: float = 1.0
-    cfg: ExposureLimits = field(default_factory=ExposureLimits)
     levels: Levels | None = None
     _waited: int = 0
 
     def image_seen(self, pixels: Grey, corners: Sequence[Array]) -> Setting | None:
         """Take an image and the corners of its tags; the new setting when there is one."""
         self._waited += 1
-        if self._waited < self.cfg.images:
+        if self._waited < EXPOSURE.images:
             return None
         self._waited = 0
-        self.levels = levels_of(pixels, corners, self.gamma, self.cfg)
-        setting = next_setting(self.setting, self.levels, self.reach, self.cfg)
+        self.levels = levels_of(pixels, corners, self.gamma)
+        setting = next_setting(self.setting, self.levels, self.reach)
         if setting is self.setting:
             return None
         self.setting = setting

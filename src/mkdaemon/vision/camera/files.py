@@ -56,7 +56,8 @@ class ClipSource:
             raise VisionError(unread)
         self._capture, self._started = capture, None
         self._coded = take_jpegs(capture, cv2.CAP_FFMPEG)
-        self._watch = self._new_watch(capture)
+        if self._cfg.watch_size and may_change_size(capture):
+            self._watch = ClipWatch(str(self._path), opened_size(capture))
         return ()
 
     def read(self, timeout: float) -> Shot | None:
@@ -65,7 +66,8 @@ class ClipSource:
             raise EndOfImages
         good, image = self._capture.read()
         if not good and self._cfg.loop:
-            self._begin_again()
+            self.close()
+            self.open()
             good, image = self._capture.read()
         if not good:
             raise EndOfImages
@@ -79,18 +81,6 @@ class ClipSource:
             if self._watch.change:
                 raise PictureError(self._watch.change)
         return Shot(captured_pixels(image, coded=self._coded), time.monotonic())
-
-    def _begin_again(self) -> None:
-        self._started = None
-        if self._capture is not None:
-            self._capture.set(cv2.CAP_PROP_POS_FRAMES, 0)
-            if self._watch is not None:
-                self._watch.close()
-                self._watch = self._new_watch(self._capture)
-
-    def _new_watch(self, capture: cv2.VideoCapture) -> ClipWatch | None:
-        watched = self._cfg.watch_size and may_change_size(capture)
-        return ClipWatch(str(self._path), opened_size(capture)) if watched else None
 
     def close(self) -> None:
         """Release the file."""

@@ -13,15 +13,14 @@ Sources: ITU-T H.264, sections 7.3.1, 7.3.2.1 and Annex B; ITU-T H.265, sections
 from __future__ import annotations
 
 import os
-import re
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Final
 
 import cv2
 import structlog
 
-START: Final = re.compile(b"\x00\x00\x01")
+START: Final = b"\x00\x00\x01"
 """Begins every unit of a byte stream."""
 H264_KIND, H264_SEQUENCE = 0x9F, 7
 """Bits of a unit's first byte that tell its type, and what they are in a sequence parameter set."""
@@ -75,7 +74,7 @@ def coded_sizes(packet: bytes) -> tuple[Size, ...]:
         packet: units of H.264 or H.265 behind start codes (Annex B of both).
     """
     sizes: list[Size] = []
-    for unit in _units(packet):
+    for unit in packet.split(START)[1:]:
         try:
             if unit[0] & H264_KIND == H264_SEQUENCE:
                 sizes.append(_h264(_Bits(unit[1:])))
@@ -84,12 +83,6 @@ def coded_sizes(packet: bytes) -> tuple[Size, ...]:
         except (ValueError, IndexError):
             continue
     return tuple(sizes)
-
-
-def _units(packet: bytes) -> Iterator[bytes]:
-    starts = [found.end() for found in START.finditer(packet)]
-    for start, end in zip(starts, [*starts[1:], len(packet) + 3], strict=True):
-        yield packet[start : end - 3]
 
 
 def _h264(bits: _Bits) -> Size:
@@ -217,11 +210,12 @@ class SizeWatch:
             " set the camera to one fixed resolution"
         )
 
-    def packet_seen(self, packet: bytes) -> None:
-        """Take the next packet of the stream."""
-        sizes = coded_sizes(packet)
-        if sizes:
-            self._now = sizes[0]
+    def read_packet(self, packets: cv2.VideoCapture) -> bool:
+        """Take the next packet of the stream; false when there is none."""
+        good, packet = packets.read()
+        if good:
+            self._now = next(iter(coded_sizes(packet.tobytes())), self._now)
+        return good
 
 
 class ClipWatch(SizeWatch):
@@ -241,9 +235,7 @@ class ClipWatch(SizeWatch):
 
     def step(self) -> None:
         """A picture was shown."""
-        good, packet = self._packets.read()
-        if good:
-            self.packet_seen(packet.tobytes())
+        self.read_packet(self._packets)
 
     def close(self) -> None:
         """Let go of the file."""
@@ -275,16 +267,9 @@ class StreamWatch(SizeWatch):
     def _run(self) -> None:
         while not self._stop.is_set():
             packets = open_quietly(lambda: cv2.VideoCapture(self._address, cv2.CAP_FFMPEG, [*self._options, *RAW]))
-            if packets.isOpened():
-                self._read(packets)
-            else:
+            if not packets.isOpened():
                 _log.warning("camera takes no second client: a change of its picture's size stays unseen")
+            while not self._stop.is_set() and self.read_packet(packets):
+                continue
             packets.release()
             self._stop.wait(self._pause)
-
-    def _read(self, packets: cv2.VideoCapture) -> None:
-        while not self._stop.is_set():
-            good, packet = packets.read()
-            if not good:
-                return
-            self.packet_seen(packet.tobytes())

@@ -46,8 +46,8 @@ NAMES: Final = {
     AUTOGAIN: "autogain",
     GAIN: "gain",
 }
-MANUAL: Final = 1
-"""Of V4L2_CID_EXPOSURE_AUTO."""
+MANUAL, AUTO = 1, 3
+"""Of V4L2_CID_EXPOSURE_AUTO: manual and aperture priority."""
 QUERIED: Final = "=II32siiiiIII"
 """struct v4l2_queryctrl: id, type, name, minimum, maximum, step, default_value, flags, reserved[2]."""
 UNSETTABLE: Final = 0x0001 | 0x0004
@@ -58,12 +58,6 @@ control's: images go on."""
 TICK: Final = 100e-6
 GREATEST_GAIN: Final = 16.0
 """Analogue gain of the OV9281, registers 0x10 to 0xff (Linux, drivers/media/i2c/ov9282.c)."""
-
-Call = Callable[[int, int, bytearray], int]
-
-
-def _call(descriptor: int, request: int, content: bytearray) -> int:
-    return int(fcntl.ioctl(descriptor, request, content))
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,7 +73,6 @@ class V4l2Controls:
 
     Args:
         device: `/dev/video0`.
-        call: the kernel's ioctl.
 
     Attributes:
         refused: what the driver did not let us take over from it.
@@ -88,8 +81,8 @@ class V4l2Controls:
         VisionError: the device is gone, or cannot be opened.
     """
 
-    def __init__(self, device: Path, call: Call = _call) -> None:
-        self._device, self._call = device, call
+    def __init__(self, device: Path) -> None:
+        self._device = device
         try:
             self._descriptor = os.open(device, os.O_RDWR | os.O_NONBLOCK)
         except OSError as error:
@@ -149,7 +142,7 @@ class V4l2Controls:
         """Range of a control that can be set; a busy or inactive one counts, as it may become free."""
         content = bytearray(struct.pack(QUERIED, control, 0, b"", 0, 0, 0, 0, 0, 0, 0))
         try:
-            self._call(self._descriptor, QUERY, content)
+            fcntl.ioctl(self._descriptor, QUERY, content)
         except OSError as error:
             self._raise_if_gone(error)
             return None
@@ -159,7 +152,7 @@ class V4l2Controls:
     def _set(self, control: int, value: int) -> tuple[str, ...]:
         """Set a control; what and why, where the driver refuses."""
         try:
-            self._call(self._descriptor, SET, bytearray(struct.pack("=Ii", control, value)))
+            fcntl.ioctl(self._descriptor, SET, bytearray(struct.pack("=Ii", control, value)))
         except OSError as error:
             self._raise_if_gone(error)
             return (f"{NAMES[control]}={value}: the driver says {error.strerror}",)
@@ -169,10 +162,6 @@ class V4l2Controls:
         if error.errno in GONE:
             msg = f"{self._device} is gone ({error.strerror}): plug it in"
             raise VisionError(msg) from None
-
-
-V4L2_MANUAL, V4L2_AUTO = 1, 3
-"""Values of V4L2_CID_EXPOSURE_AUTO (linux/v4l2-controls.h): manual and aperture priority."""
 
 
 TAKEN = 0.01
@@ -331,12 +320,12 @@ def _set_controls(capture: cv2.VideoCapture, cfg: CameraSection, backend: int) -
     if cfg.fps is not None:
         wanted.append((cv2.CAP_PROP_FPS, cfg.fps, "fps"))
     if cfg.exposure_ms == "auto":
-        wanted.append((cv2.CAP_PROP_AUTO_EXPOSURE, V4L2_AUTO, "exposure_ms"))
+        wanted.append((cv2.CAP_PROP_AUTO_EXPOSURE, AUTO, "exposure_ms"))
     elif isinstance(cfg.exposure_ms, float):
         # V4L2_CID_EXPOSURE_ABSOLUTE counts 100 us (linux/v4l2-controls.h).
         ticks = round(cfg.exposure_ms * 10) if backend == cv2.CAP_V4L2 else cfg.exposure_ms
         wanted += [
-            (cv2.CAP_PROP_AUTO_EXPOSURE, V4L2_MANUAL, "exposure_ms"),
+            (cv2.CAP_PROP_AUTO_EXPOSURE, MANUAL, "exposure_ms"),
             (cv2.CAP_PROP_EXPOSURE, ticks, "exposure_ms"),
         ]
     if cfg.gain is not None:

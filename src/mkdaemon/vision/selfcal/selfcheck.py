@@ -48,7 +48,7 @@ from mkdaemon.vision.pose.pose import Pose
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.pose.rolling import skew
 from mkdaemon.vision.selfcal.evidence import LENS, EvidenceMaker, ImageEvidence
-from mkdaemon.vision.tags.tagmap import TagMap, Target
+from mkdaemon.vision.tags.tagmap import Tag, TagMap, Target
 
 Array = npt.NDArray[np.float64]
 Grey = npt.NDArray[np.uint8]
@@ -173,11 +173,16 @@ class CameraFilter:
         observe[:, TILT_SCALE] = enu_from_flu[:2, 2]
         shared = max(ALIKE_TIME / max(spent, SOONEST), 1.0)
         noise = moved_cam @ evidence.covariance @ moved_cam.T + self._attitude_sd**2 * shared * np.eye(2)
-        surprise = (enu_from_cam @ normal_cam)[:2] - observe @ self.mean
-        gain = self.covariance @ observe.T @ np.linalg.inv(observe @ self.covariance @ observe.T + noise)
-        self.mean = self.mean + gain @ surprise
-        kept = self.covariance - gain @ observe @ self.covariance
-        self.covariance = (kept + kept.T) / 2
+        self.mean, self.covariance = _measured(
+            self.mean, self.covariance, (enu_from_cam @ normal_cam)[:2], observe, noise
+        )
+
+
+def _measured(mean: Array, covariance: Array, value: Array, observe: Array, noise: Array) -> tuple[Array, Array]:
+    """Mean and covariance of a Kalman filter after a value `(m,)`, seen by `observe` `(m, n)` with `noise` `(m, m)`."""
+    gain = covariance @ observe.T @ np.linalg.inv(observe @ covariance @ observe.T + noise)
+    kept = covariance - gain @ observe @ covariance
+    return mean + gain @ (value - observe @ mean), (kept + kept.T) / 2
 
 
 SCALE_SD: Final = 0.5
@@ -275,13 +280,9 @@ class HeightFilter:
         self._covariance[0, 0] += WANDER**2 * spent
         self._low, self._high = min(self._low, height), max(self._high, height)
         self._read_low, self._read_high = min(self._read_low, barometer), max(self._read_high, barometer)
-        observe = np.array([1.0, -height, -speed])
-        surprise = barometer - height - float(observe @ self._mean)
-        seen = self._covariance @ observe
-        gain = seen / (float(observe @ seen) + READING_SD**2)
-        self._mean = self._mean + gain * surprise
-        kept = self._covariance - np.outer(gain, seen)
-        self._covariance = (kept + kept.T) / 2
+        value, noise = np.array([barometer - height]), np.array([[READING_SD**2]])
+        observe = np.array([[1.0, -height, -speed]])
+        self._mean, self._covariance = _measured(self._mean, self._covariance, value, observe, noise)
 
 
 def turned_rpy_deg(mount: MountSection, turn: Array) -> tuple[float, float, float]:
@@ -338,7 +339,7 @@ class TargetWatch:
                 " the images: calibrate again"
             )
         largest = self.target.tags[0]
-        for n, tag in enumerate(self.target.tags[1 : 1 + self._maker.sizes], start=SIZES_AT):
+        for n, tag in self._sized_tags():
             share, sd = self._known(n, SELFCAL.size_floor)
             if self._tells(share, sd, SELFCAL.size):
                 yield (
@@ -390,8 +391,6 @@ class TargetWatch:
         mean, sd = self._filter.mean, self._filter.sd
         known = np.where(sd[MOUNTING] < SELFCAL.mounting, mean[MOUNTING], 0.0)
         height, height_sd = self.heights.scale
-        own = slice(SIZES_AT, SIZES_AT + self._maker.sizes)
-        sizes = [(float(m), float(s)) for m, s in zip(mean[own], sd[own], strict=True)]
         return SelfCalibration(
             target=self.target.name,
             looks=self._filter.looks,
@@ -406,14 +405,20 @@ class TargetWatch:
             k1=float(mean[LENS_AT + 3]),
             k1_sd=float(sd[LENS_AT + 3]),
             sizes=tuple(
-                TagSizeError(tag_id=tag.tag_id, size_percent=100.0 * size, size_sd_percent=100.0 * size_sd)
-                for tag, (size, size_sd) in zip(self.target.tags[1:], sizes, strict=False)
+                TagSizeError(
+                    tag_id=tag.tag_id, size_percent=100.0 * float(mean[n]), size_sd_percent=100.0 * float(sd[n])
+                )
+                for n, tag in self._sized_tags()
             ),
             height_percent=100.0 * height,
             height_sd_percent=100.0 * height_sd,
             height_covered=self.heights.covered,
             height_odds=self.heights.odds,
         )
+
+    def _sized_tags(self) -> Iterator[tuple[int, Tag]]:
+        """Tags whose size is an unknown, and where it stands."""
+        return enumerate(self.target.tags[1 : 1 + self._maker.sizes], start=SIZES_AT)
 
     def _known(self, n: int, floor: float = 0.0) -> tuple[float, float]:
         """An unknown and its deviation, with what no image shows."""
@@ -432,22 +437,18 @@ class SelfCheck:
         camera: its file, with the mount believed.
         has_mount: whether anybody said how it sits.
         attitude_sd: how well the vehicle knows its attitude at one moment [rad].
+
+    Attributes:
+        alarms: what contradicts the camera file or a target file, with both numbers.
     """
 
     def __init__(self, tagmap: TagMap, camera: Camera | None, attitude_sd: float, *, has_mount: bool) -> None:
         self._camera = camera
-        targets = tagmap.targets if camera is not None else ()
-        self._watches = {
-            target.name: TargetWatch(target, camera, attitude_sd, has_mount=has_mount)
-            for target in targets
-            if camera is not None
-        }
-        self._alarms: dict[Alarm, str] = {}
-
-    @property
-    def alarms(self) -> dict[Alarm, str]:
-        """What contradicts the camera file or a target file, with both numbers."""
-        return self._alarms
+        self._watches: dict[str, TargetWatch] = {}
+        if camera is not None:
+            for target in tagmap.targets:
+                self._watches[target.name] = TargetWatch(target, camera, attitude_sd, has_mount=has_mount)
+        self.alarms: dict[Alarm, str] = {}
 
     def image_seen(
         self,
@@ -471,7 +472,7 @@ class SelfCheck:
             watch.image_seen(pixels, pose, time, enu_from_flu)
             if not watch.target.moving and watch.target.level:
                 watch.heights.pose_seen(time, heights[name])
-        self._alarms = dict(self._judge())
+        self.alarms = dict(self._judge())
 
     def barometer_received(self, time: float, height: float) -> None:
         """Take the barometer's height [m] at a time [s]."""
