@@ -196,7 +196,7 @@ def _solve_fisheye(views: Sequence[BoardPoints], size: tuple[int, int]) -> _Lens
     for points, pixels, turn, place in zip(board, image, turns, places, strict=True):
         seen, jacobian = cv2.fisheye.projectPoints(points, turn, place, matrix, bend)
         residual = (pixels - seen).reshape(-1)
-        lens, pose = jacobian[:, :unknowns], jacobian[:, unknowns : unknowns + 6]
+        lens, pose = np.split(np.asarray(jacobian, np.float64)[:, : unknowns + 6], [unknowns], axis=1)
         both, own = pose.T @ lens, pose.T @ pose
         # what is left of a view once its own pose is free: the Schur complement
         information += lens.T @ lens - both.T @ np.linalg.solve(damped(own), both)
