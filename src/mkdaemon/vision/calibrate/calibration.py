@@ -13,6 +13,7 @@ import numpy.typing as npt
 from mkdaemon.errors import VisionError
 from mkdaemon.vision.calibrate.board import BoardPoints, board_normal
 from mkdaemon.vision.camera.intrinsics import Intrinsics
+from mkdaemon.vision.pose.edgestep import damped
 
 Array = npt.NDArray[np.float64]
 Figures = npt.NDArray[np.integer[Any] | np.floating[Any]]
@@ -23,8 +24,6 @@ FISHEYE: Final = ("fx", "fy", "cx", "cy", "k1", "k2", "k3", "k4")
 """Unknowns, in the order of the deviations and derivatives that OpenCV gives."""
 FLAGS: Final = cv2.fisheye.CALIB_RECOMPUTE_EXTRINSIC | cv2.fisheye.CALIB_FIX_SKEW
 STEPS: Final = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-9)
-RIDGE: Final = 1e-9
-"""Share of the diagonal added before a normal matrix is inverted."""
 
 
 MAX_RMS_PX = 0.3
@@ -197,14 +196,14 @@ def _solve_fisheye(views: Sequence[BoardPoints], size: tuple[int, int]) -> _Lens
     for points, pixels, turn, place in zip(board, image, turns, places, strict=True):
         seen, jacobian = cv2.fisheye.projectPoints(points, turn, place, matrix, bend)
         residual = (pixels - seen).reshape(-1)
-        lens, pose = jacobian[:, :unknowns], jacobian[:, unknowns : unknowns + 6]
+        lens, pose = np.split(np.asarray(jacobian, np.float64)[:, : unknowns + 6], [unknowns], axis=1)
         both, own = pose.T @ lens, pose.T @ pose
         # what is left of a view once its own pose is free: the Schur complement
-        information += lens.T @ lens - both.T @ np.linalg.solve(own + RIDGE * np.diag(np.diag(own)), both)
+        information += lens.T @ lens - both.T @ np.linalg.solve(damped(own), both)
         squares += float(residual @ residual)
         errors.append(float(np.sqrt(2.0 * np.mean(residual**2))))
     freedom = max(2 * sum(len(points) for points in board) - unknowns - 6 * len(board), 1)
-    covariance = squares / freedom * np.linalg.inv(information + RIDGE * np.diag(np.diag(information)))
+    covariance = squares / freedom * np.linalg.inv(damped(information))
     return _lens_of(FISHEYE, values, np.sqrt(np.diag(covariance)), np.array(errors), views)
 
 

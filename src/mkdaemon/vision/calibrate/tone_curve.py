@@ -69,8 +69,7 @@ def gamma_of(levels: Array) -> tuple[float, float]:
         raise VisionError(msg)
     black, middle, white = levels.T
     gammas = np.arange(GAMMAS[0], GAMMAS[1] + STEP, STEP)
-    costs = np.array([float(np.abs(_off(black, middle, white, g)).sum()) for g in gammas])
-    best = int(costs.argmin())
+    best = int(np.abs(_off(black, middle, white, gammas[:, None])).sum(axis=1).argmin())
     if best in (0, len(gammas) - 1):
         msg = "the edges of the board show no tone curve: sharpen the focus, even the light"
         raise VisionError(msg)
@@ -92,8 +91,8 @@ def curve_to_store(levels: Array) -> tuple[float, str]:
     return (1.0, f"{words}: as good as none") if abs(gamma - 1.0) < NONE else (gamma, words)
 
 
-def _off(black: Array, middle: Array, white: Array, gamma: float) -> Array:
-    """How far the middles are from where a curve has them `(n,)` [grey]."""
+def _off(black: Array, middle: Array, white: Array, gamma: float | Array) -> Array:
+    """How far the middles are from where a curve has them `(n,)`, or several `(m, 1)` have them `(m, n)` [grey]."""
     expected: Array = ((black**gamma + white**gamma) / 2) ** (1 / gamma)
     return middle - expected
 

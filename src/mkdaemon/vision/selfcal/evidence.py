@@ -16,6 +16,7 @@ import numpy.typing as npt
 
 from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.edgefit import EdgeFit, LocatedEdges
+from mkdaemon.vision.pose.edgestep import MAD, damped
 from mkdaemon.vision.pose.pose import Pose, median, turn
 from mkdaemon.vision.pose.prints import sheet_of
 from mkdaemon.vision.pose.projection import Projection
@@ -33,12 +34,8 @@ SHIFTED: Final = 0.15
 """The same for each pixel all edges are shifted by: a tone curve or sharpening bends them too."""
 ROLLING_PX: Final = 0.3
 """The same under a rolling shutter, whose motion is part of the error [px]."""
-MAD: Final = 1.4826
-"""Deviation of Gaussian residuals over their median absolute value."""
 APART: Final = 0.5
 """Distance between centres from which tags are beside each other, sides of the largest one."""
-RIDGE: Final = 1e-9
-"""Share of the diagonal that is added before normal matrices are inverted."""
 MOST_SIZES: Final = 8
 """Targets of more tags share one unknown size."""
 SHIFT_SD_PX: Final = 0.5
@@ -116,7 +113,7 @@ class EvidenceMaker:
         normal = weighted.T @ shifted
         shift_sd = np.array([SHIFT_SD_PX, *[LIMITS.edges.shift_sd_px] * smaller.shape[1]])
         normal[6:, 6:] += np.diag(shift_sd**-2)
-        normal += RIDGE * np.diag(np.diag(normal))
+        normal = damped(normal)
         right = weighted.T @ offsets
         both = weighted.T @ columns
         follows: Array = np.asarray(np.linalg.solve(normal, both), dtype=np.float64)
@@ -167,13 +164,10 @@ def _weights(jacobian: Array, offsets: Array, edges: LocatedEdges, shared: Array
     residual = offsets
     for _ in range(3):
         weighted = jacobian * weights[:, None]
-        normal = weighted.T @ jacobian
-        normal += RIDGE * np.diag(np.diag(normal)) + 1e-12 * np.eye(len(normal))
-        residual = offsets - jacobian @ np.linalg.solve(normal, weighted.T @ offsets)
+        residual = offsets - jacobian @ np.linalg.solve(damped(weighted.T @ jacobian), weighted.T @ offsets)
         spread = max(MAD * median(np.abs(residual[found])), LIMITS.edges.least_scale_px)
         reach = LIMITS.edges.tukey * spread
-        inside = found & (np.abs(residual) < reach)
-        weights = np.where(inside, (1.0 - (residual / reach) ** 2) ** 2, 0.0)
+        weights = np.maximum(1.0 - (residual / reach) ** 2, 0.0) ** 2 * found
     # Doubt makes residuals small: by as much less they say how large residuals are.
     weights = edges.trust * weights
     variance = float((weights * residual**2).sum()) / max(float(weights.sum()) - jacobian.shape[1], 1.0)
