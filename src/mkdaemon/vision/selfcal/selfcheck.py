@@ -42,9 +42,9 @@ from mkdaemon.frames import euler_from_rotation, rotation_from_euler
 from mkdaemon.telemetry.selfcal import HEIGHTS_LIKELY, SelfCalibration, TagSizeError
 from mkdaemon.telemetry.vision import Alarm
 from mkdaemon.vision.camera.calibration_file import Camera, mount_rotation
-from mkdaemon.vision.limits import SELFCAL
+from mkdaemon.vision.limits import LIMITS, SELFCAL
 from mkdaemon.vision.pose.bend import Bend
-from mkdaemon.vision.pose.pose import Pose
+from mkdaemon.vision.pose.pose import FLOOR_RANGE, Pose
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.pose.rolling import skew
 from mkdaemon.vision.selfcal.evidence import LENS, EvidenceMaker, ImageEvidence
@@ -331,9 +331,9 @@ class TargetWatch:
     def scale_words(self) -> Iterator[str]:
         """What contradicts a size or the focal length, each with both numbers."""
         k = self._camera.intrinsics
-        share, sd = self._known(LENS_AT, SELFCAL.focal_floor)
-        certain = SELFCAL.settled_certain if sd <= SELFCAL.settled else SELFCAL.certain
-        if self._tells(share, sd, SELFCAL.focal, certain):
+        share, sd = self._known(LENS_AT, FLOOR_RANGE)
+        certain = SELFCAL.settled_certain if sd <= SELFCAL.settled else LIMITS.certainty.deviations
+        if self._tells(share, sd, SELFCAL.share, certain):
             yield (
                 f"focal length {k.fx:.1f} px in the camera file, {k.fx * exp(share):.1f} +- {k.fx * sd:.1f} px by"
                 " the images: calibrate again"
@@ -341,14 +341,14 @@ class TargetWatch:
         largest = self.target.tags[0]
         for n, tag in self._sized_tags():
             share, sd = self._known(n, SELFCAL.size_floor)
-            if self._tells(share, sd, SELFCAL.size):
+            if self._tells(share, sd, SELFCAL.share):
                 yield (
                     f"tag {tag.tag_id} of {self.target.name}: {1000 * tag.size:.1f} mm in its file,"
                     f" {1000 * tag.size * exp(share):.1f} +- {1000 * tag.size * sd:.1f} mm against tag"
                     f" {largest.tag_id}: measure the print"
                 )
         share, sd = self._known(SIZES_AT + self._maker.sizes, SELFCAL.size_floor)
-        if self._maker.is_spread and self._tells(share, sd, SELFCAL.size):
+        if self._maker.is_spread and self._tells(share, sd, SELFCAL.share):
             yield (
                 f"tag {largest.tag_id} of {self.target.name}: {1000 * largest.size:.1f} mm in its file,"
                 f" {1000 * largest.size * exp(share):.1f} mm against the distances between tags: measure the print"
@@ -424,7 +424,7 @@ class TargetWatch:
         """An unknown and its deviation, with what no image shows."""
         return float(self._filter.mean[n]), hypot(float(self._filter.sd[n]), floor)
 
-    def _tells(self, value: float, sd: float, least: float, certain: float = SELFCAL.certain) -> bool:
+    def _tells(self, value: float, sd: float, least: float, certain: float = LIMITS.certainty.deviations) -> bool:
         """Whether a difference is told: large enough to matter, and no accident."""
         return self._filter.looks >= SELFCAL.least_looks and abs(value) > max(least, certain * sd)
 
