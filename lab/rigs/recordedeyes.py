@@ -74,14 +74,14 @@ class RecordedEyes(Eyes):
         """Expose for ever, from a time on [s]."""
         await asyncio.sleep(dark)
         loop = asyncio.get_running_loop()
-        due = report = since = self._clock.now()
+        due = report = self._clock.now()
         while True:
             truth, at = self._socket.aircraft.world.truth, self._clock.now()
             state = BodyState(at, truth.position_enu, truth.velocity_enu, truth.enu_from_flu, truth.rates)
             loop.call_later(LATENCY, self._look, self._scene.expose(state), at)
             if at >= report:
                 report += STATS
-                self._report(since)
+                self._report()
             due += 1.0 / self._scene.cfg.fps
             await asyncio.sleep(max(due - self._clock.now(), 0.0))
 
@@ -97,10 +97,9 @@ class RecordedEyes(Eyes):
         for suffix, value in values:
             self._sink.publish(suffix, value)
 
-    def _report(self, since: float) -> None:
+    def _report(self) -> None:
         k, stamp = self._scene.camera.intrinsics, self._clock.stamp()
         status = StreamStatus(
-            since=since,
             state=StreamState.STREAMING,
             images=self._images,
             fps=self._scene.cfg.fps,
