@@ -239,8 +239,8 @@ class VisionStats(Stamped):
     """How often the thread that looks had to be started again."""
     posed: float
     """Share of the images of the last seconds that gave a pose, 0 to 1."""
-    refused: dict[PoseRefusal | str, int]
-    """Measured poses that were not believed, by reason, since the start; other versions may know others."""
+    refused: dict[str, int]
+    """Measured poses that were not believed, by reason, since the start; the reasons are in docs/vision.md."""
     attitude_lost: dict[AttitudeLoss, int] = Field(default_factory=dict)
     """How often the vehicle's attitude was not used, by reason, since the start."""
     detect_p50_ms: float

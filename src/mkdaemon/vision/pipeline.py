@@ -304,7 +304,7 @@ class CameraPipeline:
             faults=self._faults,
             restarts=restarts,
             posed=float(np.mean([timing.posed for timing in self._timings])) if self._timings else 0.0,
-            refused=dict(self._refused),
+            refused={reason.value: count for reason, count in self._refused.items()},
             attitude_lost=dict(self._attitude.lost) | ({AttitudeLoss.NOT_A_NUMBER: not_numbers} if not_numbers else {}),
             detect_p50_ms=_percentile_ms(detect, 50),
             detect_p99_ms=_percentile_ms(detect, 99),
