@@ -136,6 +136,14 @@ class Branches:
         spare = min(self.lead - LIMITS.ambiguity.decided, LIMITS.ambiguity.decided)
         return self.best.against > BRANCHES.silent or self.best.together > spare
 
+    @property
+    def doubt(self) -> float:
+        """Variance of the direction from what is left of other branches close to the likeliest [rad^2]."""
+        odds = np.exp([b.weight for b in self.ranked])
+        apart = np.array([_apart(self.best, b) for b in self.ranked])
+        close = apart <= LIMITS.certainty.wrong_angle
+        return float((odds * apart**2)[close].sum() / odds[close].sum())
+
     def after(self, time: float, candidates: Sequence[Pose]) -> Branches:
         """Go on with the candidates of a new image."""
         together = [self._sum_against(pose, candidates) for pose in candidates]

@@ -12,7 +12,7 @@ from mkdaemon.vision.pose.gates import certainty_refusal
 from mkdaemon.vision.pose.pose import Pose
 from mkdaemon.vision.track.attitude import without_normal
 from mkdaemon.vision.track.branches import Branches
-from mkdaemon.vision.track.checks import Checks
+from mkdaemon.vision.track.checks import Checks, with_angle_variance
 from mkdaemon.vision.track.level import Sight
 
 
@@ -145,7 +145,7 @@ class Judge:
         self.is_backed = False
         if not branches.is_decided or branches.is_spoken_against:
             return Verdict(chosen, PoseRefusal.AMBIGUOUS)
-        fused = prior.fuse(chosen) if prior is not None else chosen
+        fused = with_angle_variance(prior.fuse(chosen) if prior is not None else chosen, branches.doubt)
         # The branches allow for errors that last; to be published a pose has to fit by its own covariance.
         surprises = prior is not None and prior.mahalanobis2(chosen, 1.0) > certain.surprising
         if branches.best.missed or surprises:
