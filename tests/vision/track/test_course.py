@@ -172,6 +172,18 @@ def test_a_lead_has_to_outweigh_what_images_say_together(lead, together, is_agai
     assert branches.is_spoken_against is is_against
 
 
+def test_what_is_left_of_readings_close_by_is_told():
+    """A fit that drifted over to the other reading was published 6 degrees off: its rivals lay in between."""
+    best, other = branches_of(0.010, 0.010).ranked
+    aside = replace(best.course, state=best.course.state + 0.3 * np.array([0.0, 1.0, 0.0, 0.0, 0.0, 0.0]))
+    near = replace(best, course=aside, weight=-1.0)
+    assert Branches((best,)).doubt == 0.0
+    assert Branches((best, other)).doubt == 0.0  # far away it is a rival, and leads or not
+    apart = np.arctan(0.3 / np.linalg.norm(best.course.centre))
+    share = np.exp(-1.0) / (1.0 + np.exp(-1.0))
+    assert Branches((best, near)).doubt == pytest.approx(share * apart**2, rel=0.05)
+
+
 def test_a_decided_branch_stays_through_images_that_say_nothing():
     kept = fly(branches_of(0.010, 0.010, decided=True), [(0.0101, 0.0100)] * 20)
     assert kept.is_decided
