@@ -64,7 +64,7 @@ class GivenFits:
         return self.free if level is None else self.held
 
     def is_small(self, pose):
-        return self.cell_px < LIMITS.cells.photometric_px
+        return self.cell_px < LIMITS.cells.mixed_px
 
     def fit_mirrored(self, pixels, pose):
         return self.mirror

@@ -302,7 +302,7 @@ class TargetFitter:
         most = LIMITS.certainty.blind_grey_rms_px
         if self._wants_photometric(start):
             grey = self._fit(pixels, start, photometric=True, level=level)
-            if grey is not None and (grey.unexplained_px <= most or self.is_small(start)):
+            if grey is not None and (grey.unexplained_px <= most or self._has_small_cells(start)):
                 return grey
             # Large cells in a steep view, of a print cut by the border: grey values may stay on the way, with a streak.
             edges = self._fit(pixels, start, photometric=False, level=level)
@@ -314,8 +314,8 @@ class TargetFitter:
         is_melted = self._are_melted(edges)
         is_noisy = edges.rms_px > LIMITS.edges.located_px
         # The dimmer corners of small white cells are clipped less than their middle, which moves edges differently.
-        is_blown = edges.blown > HALF and self._photo.prints.cell_px(edges) < LIMITS.cells.small_px
-        if not (is_melted or is_noisy or is_blown):
+        edges_from = LIMITS.cells.small_px if edges.blown > HALF else LIMITS.cells.mixed_px
+        if not is_melted and not is_noisy and self._photo.prints.cell_px(edges) >= edges_from:
             return edges
         # Edges that melted lie; others have found the place, from which a few steps are left.
         blur_px = (edges.blur_px or 0.0) / HALF_WIDTH
@@ -331,12 +331,15 @@ class TargetFitter:
         return self._with_contradiction(edges, grey)
 
     def is_small(self, pose: Pose) -> bool:
-        """Whether cells are so small that grey values measure the target."""
-        return self._photo.prints.cell_px(pose) < LIMITS.cells.photometric_px
+        """Whether cells are so small that grey values measure the target, alone or after edges."""
+        return self._photo.prints.cell_px(pose) < LIMITS.cells.mixed_px
+
+    def _has_small_cells(self, start: Pose) -> bool:
+        return self._photo.prints.cell_px(start) < LIMITS.cells.photometric_px
 
     def _wants_photometric(self, start: Pose) -> bool:
         is_steep = self._photo.prints.looked_at(start)[2] > LIMITS.cells.edges_up_to
-        return is_steep or self.is_small(start)
+        return is_steep or self._has_small_cells(start)
 
     def _are_melted(self, pose: Pose) -> bool:
         """Whether the edges of a fit have run into their neighbours, which shifts them and makes others.

@@ -213,7 +213,8 @@ class PhotoFit:
             return pose
         turned = np.asarray(cv2.Rodrigues(grey.rotation @ pose.rotation.T)[0], dtype=np.float64).ravel()
         apart = np.concatenate([grey.position - pose.position, turned])
-        if float(apart @ np.linalg.solve(pose.covariance, apart)) > APART2:
+        objects = float(apart @ np.linalg.solve(pose.covariance, apart)) > APART2
+        if objects and cell_px >= limits.cells.mixed_px:
             return pose
         return replace(pose, rotation=grey.rotation, position=grey.position, covariance=grey.covariance, bend=grey.bend)
 
