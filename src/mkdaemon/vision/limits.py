@@ -71,7 +71,7 @@ class TrackLimits:
 
     through: int = of(5, "images", "missed, over which a prediction holds and the target is found again", FLIGHTS)
     shake: float = of(0.08, "rad", "turn between two images within which it is looked for", FLIGHTS)
-    grace: float = of(0.5, "s", "without an image, or a decoded tag beyond the re-detection period", FLIGHTS)
+    grace: float = of(0.5, "s", "between images of one track, and beyond the period to decode it again", FLIGHTS)
     retry_decode: float = of(0.1, "s", "between attempts to decode", "3 ms each: 3 % of a core")
     search_every: int = of(5, "images", "between searches for others while one is tracked", "cost: a search over five")
 
@@ -175,8 +175,8 @@ class OutlineLimits:
     min_piece_px: int = of(8, "px", "shorter pieces have no direction", STILLS)
     parallel: float = of(0.98, "cosine", "between pieces that may be one line", STILLS)
     min_support: float = of(0.6, "share", "of a quad's perimeter that is outline", STILLS)
-    min_open: float = of(0.4, "share", "of a side that is seen of both beside it, of an open quad", STILLS)
     min_side_support: float = of(0.3, "share", "the same for each side", STILLS)
+    min_open: float = of(0.4, "share", "of a side that is seen of both beside it, of an open quad", STILLS)
     min_open_support: float = of(0.7, "share", "of what is seen of the sides of an open quad that is outline", STILLS)
     min_sine: float = of(0.2, "sine", "between neighbouring sides", STILLS)
     level: float = of(0.2, "share", "of the contrast within which a cell is black or white", STILLS)
@@ -240,7 +240,9 @@ class EdgeLimits:
     settled_px: float = of(0.08, "px", "a step that moves samples less ends the fit", "below a located edge's error")
     tukey: float = of(4.685, "deviations", "outlier bound", "95 % efficiency; Holland and Welsch 1977")
     counted: float = of(0.1, "weight", "from which a sample agrees", "derived: 83 % of the outlier bound")
-    least_scale_px: float = of(0.02, "px", "and in later ones", "least residual of rendered edges")
+    least_scale_px: float = of(
+        0.02, "px", "least deviation of edges that is believed", "least residual of rendered edges"
+    )
     located_px: float = of(0.3, "px", "edge error in a bad image, to weigh prior knowledge", FLIGHTS)
     glare_px: float = of(2.0, "px", "reach of a highlight beside an edge that hides it", STILLS)
     scatter_px: float = of(0.1, "px", "that edges scatter at least, where hidden ones are told", STILLS)

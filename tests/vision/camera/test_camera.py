@@ -264,13 +264,18 @@ def test_a_folder_is_shown_in_natural_order_to_its_end(tmp_path: Path) -> None:
     stream.stop()
 
 
-def test_a_clip_is_played_at_its_own_rate(tmp_path: Path) -> None:
-    path = tmp_path / "clip.avi"
+def clip_of(folder: Path, pictures: int) -> Path:
+    """A clip of 50 pictures a second, each brighter than the one before by 40."""
+    path = folder / "clip.avi"
     writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 50.0, (64, 48), isColor=False)
-    for k in range(6):
+    for k in range(pictures):
         writer.write(picture(40 * k))
     writer.release()
-    source = source_of(CameraSection(source=f"file:{path}"))
+    return path
+
+
+def test_a_clip_is_played_at_its_own_rate(tmp_path: Path) -> None:
+    source = source_of(CameraSection(source=f"file:{clip_of(tmp_path, 6)}"))
     source.open()
     began = time.monotonic()
     shots = [shot for _ in range(6) if (shot := source.read(1.0)) is not None]
@@ -484,12 +489,7 @@ def test_motion_jpeg_of_a_device_is_taken_undecoded(tmp_path: Path, monkeypatch:
 
 
 def test_a_clip_that_loops_begins_again(tmp_path: Path) -> None:
-    path = tmp_path / "clip.avi"
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 50.0, (64, 48), isColor=False)
-    for k in range(3):
-        writer.write(picture(40 * k))
-    writer.release()
-    source = source_of(CameraSection(source=f"file:{path}", loop=True, paced=False))
+    source = source_of(CameraSection(source=f"file:{clip_of(tmp_path, 3)}", loop=True, paced=False))
     source.open()
     shots = [shot for _ in range(7) if (shot := source.read(1.0)) is not None]
     source.close()

@@ -25,8 +25,8 @@ ACCELERATION_PSD = 1.0
 """Of a vehicle over a target at rest: 1.3 m/s^2 that last for 0.3 s [m^2/s^3]."""
 MOVING_PSD = 25.0
 """The same where the target moves by itself, as a deck or another vehicle does [m^2/s^3]."""
-LEAST_SHARE = 1e-3
-"""Of points that agree; a fit with fewer has no place."""
+LEAST_INLIERS = 1e-3
+"""Share of points that agree; a fit with fewer has no place."""
 CAUTION = 4.0
 """Factor on the variance of a pose: its errors last for several images where light, blur or cover cause them."""
 FLOOR = 0.002
@@ -143,7 +143,7 @@ def shared_doubt(pose: Pose) -> float:
 
     The covariance of one image knows by its residuals what its points share.
     """
-    return 1.0 / max(pose.inliers, LEAST_SHARE) ** AGREEMENT.power
+    return 1.0 / max(pose.inliers, LEAST_INLIERS) ** AGREEMENT.power
 
 
 def lasting_doubt(pose: Pose) -> float:
