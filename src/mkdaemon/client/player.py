@@ -209,6 +209,7 @@ class Player:
             case _:
                 is_wanted = control.action is PlayAction.PAUSE
                 self.adjust(lambda pace, now: pace.toggle(now) if pace.is_paused is not is_wanted else None)
+        self._show_status()
         return self.status()
 
     async def wait_for_subscribers(self) -> None:

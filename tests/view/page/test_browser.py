@@ -99,9 +99,9 @@ def test_a_recorded_flight_is_shown_as_it_was(browser):
         page.keyboard.press(" ")
         wait_until(page, lambda: "paused" in page.locator("#place").inner_text(), "it was not paused")
         wait_until(page, lambda: said(page, "position") != "not known", "nothing is known there")
-        place = numbers(page.locator("#place").inner_text())[0]
+        place, shown = numbers(page.locator("#place").inner_text())[0], place_of(page)
         near = [position for at, position in estimates() if abs(at - place) < 0.3]
-        assert min(math.dist(place_of(page), position) for position in near) < 0.02
+        assert min(math.dist(shown, position) for position in near) < 0.02, (place, shown)
         assert page.locator("#parts b").count() >= 1 and page.locator("#marks i").count() >= 4
         assert wrong == []
 

@@ -135,7 +135,6 @@ class Gallery:
         if exhibit is None or not exhibit.picture.is_played:
             raise MkError(f"{word} is no recording that is played")
         status = await self._fleet.control(exhibit.client.vehicle, action, **fields)
-        self._take_play(exhibit, status)
         return f"{status.state}, {status.speed:g} times"
 
     def _live(self, word: str) -> Vehicle:
@@ -166,15 +165,11 @@ class Gallery:
                 self._begin(exhibit)
 
     def _played(self, name: str, status: PlayStatus) -> None:
-        """A player says how far it is."""
+        """A player says how far it is; a recording that goes on at another place is looked at anew."""
         for exhibit in self._exhibits.values():
             if exhibit.client.vehicle == name and exhibit.picture.is_played:
-                self._take_play(exhibit, status)
-
-    def _take_play(self, exhibit: _Exhibit, status: PlayStatus) -> None:
-        """A recording that goes on at another place is looked at anew."""
-        if exhibit.picture.take_play(status, self._loop.time()):
-            self._begin(exhibit)
+                if exhibit.picture.take_play(status, self._loop.time()):
+                    self._begin(exhibit)
 
     def _begin(self, exhibit: _Exhibit) -> None:
         """Follow a vehicle, from the beginning where it is followed already."""
