@@ -131,7 +131,9 @@ async def test_an_answer_that_overtakes_what_was_published_forgets_nothing():
         async with gallery.open():
             fleet.changed()
             picture = gallery.pictures["replay/one"]
-            begun = PlayStatus(file="a", state=PlayState.PLAYING, speed=1, place=0, length=9, sent=0, values=9, starts=1)
+            begun = PlayStatus(
+                file="a", state=PlayState.PLAYING, speed=1, place=0, length=9, sent=0, values=9, starts=1
+            )
             fleet.answer = begun.model_copy(update={"starts": 2})
             fleet.played("one", begun)
             await gallery.play("replay/one", PlayAction.SEEK, place=5.0)

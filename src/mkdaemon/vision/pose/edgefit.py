@@ -372,7 +372,7 @@ class EdgeFit:
         moved = rest if motion is None else seen[index]
         point, along = projection.jacobian(moved), normals
         if motion is not None:
-            along = at_rest(normals, point, moved, motion, self._shutter.line_time)
+            along = at_rest(normals, point, moved, motion, projection.line_time)
         by_point = by_rest = along[:, :1] * point[:, 0] + along[:, 1:] * point[:, 1]
         columns = []
         if motion is not None:

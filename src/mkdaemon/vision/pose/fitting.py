@@ -299,36 +299,37 @@ class TargetFitter:
     def refine(self, pixels: Grey, start: Pose, level: Level | None = None) -> Pose | None:
         """Improve a pose by the method its size, tilt and blur ask for, with a level its tilt held near it."""
         start = self._gatherer.gathered(pixels, start)
-        most = LIMITS.certainty.blind_grey_rms_px
-        if self._wants_photometric(start):
+        grey: Pose | None = None
+        if self._wants_photometric(start) or self.is_small(start):
             grey = self._fit(pixels, start, photometric=True, level=level)
-            if grey is not None and (grey.unexplained_px <= most or self._has_small_cells(start)):
+            if grey is not None and (self._has_small_cells(start) or self._holds(grey)):
                 return grey
-            # Large cells in a steep view, of a print cut by the border: grey values may stay on the way, with a streak.
-            edges = self._fit(pixels, start, photometric=False, level=level)
-            is_better = grey is None or (edges is not None and edges.rms_px < grey.unexplained_px)
-            return edges if is_better else grey
         edges = self._fit(pixels, start, photometric=False, level=level)
         if edges is None:
-            return None
-        is_melted = self._are_melted(edges)
-        is_noisy = edges.rms_px > LIMITS.edges.located_px
-        # The dimmer corners of small white cells are clipped less than their middle, which moves edges differently.
-        edges_from = LIMITS.cells.small_px if edges.blown > HALF else LIMITS.cells.mixed_px
-        if not is_melted and not is_noisy and self._photo.prints.cell_px(edges) >= edges_from:
-            return edges
-        # Edges that melted lie; others have found the place, from which a few steps are left.
-        blur_px = (edges.blur_px or 0.0) / HALF_WIDTH
-        grey = self._fit(pixels, start if is_melted else edges, photometric=True, level=level, blur_px=blur_px)
-        if grey is None:
-            return edges
-        if self._photo.explains(grey) and grey.unexplained_px <= most:
             return grey
+        is_melted = self._are_melted(edges)
+        if grey is None:
+            is_noisy = edges.rms_px > LIMITS.edges.located_px
+            # The dimmer corners of small white cells are clipped less than their middle, which moves edges differently.
+            is_flooded = edges.blown > HALF and self._photo.prints.cell_px(edges) < LIMITS.cells.small_px
+            if not (is_melted or is_noisy or is_flooded):
+                return edges
+            # Edges that melted lie; others have found the place, from which a few steps are left.
+            blur_px = (edges.blur_px or 0.0) / HALF_WIDTH
+            grey = self._fit(pixels, start if is_melted else edges, photometric=True, level=level, blur_px=blur_px)
+            if grey is None:
+                return edges
+            if self._holds(grey):
+                return grey
         if not is_melted or (edges.rms_px < LIMITS.edges.located_px and not self._photo.resembles(grey)):
             # Something lies over the print.
             return edges
         # A streak that is not the same all over the print, or a fit that has not got there: neither is sure.
         return self._with_contradiction(edges, grey)
+
+    def _holds(self, grey: Pose) -> bool:
+        """Whether a fit to grey values is the whole truth of an image."""
+        return self._photo.explains(grey) and grey.unexplained_px <= LIMITS.certainty.blind_grey_rms_px
 
     def is_small(self, pose: Pose) -> bool:
         """Whether cells are so small that grey values measure the target, alone or after edges."""

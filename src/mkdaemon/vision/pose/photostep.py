@@ -503,12 +503,12 @@ class PhotoStepper:
         arm = (rotation @ axes[:, :2] @ place + (rotation @ model.origin)[:, None]).T
         seen, times = arm + state.position, np.zeros(len(arm))
         if motion is not None:
-            times = (at.row - (self._projection.intrinsics.height - 1) / 2) * self._shutter.line_time
+            times = (at.row - (self._projection.intrinsics.height - 1) / 2) * self._projection.line_time
             seen = at_times(seen, motion, times)
         point = self._projection.jacobian(seen)
         along = np.stack([at.dx, at.dy]).T
         if motion is not None:
-            along = at_rest(along, point, seen, motion, self._shutter.line_time)
+            along = at_rest(along, point, seen, motion, self._projection.line_time)
         # Pose: a print that moves by d shows at a pixel what was d before it, dI = -dI/dm grad(m) . du; a turn w moves
         # a point at `arm` by w x arm.
         slope = -lit.contrast[:, None] * (along[:, :1] * point[:, 0] + along[:, 1:] * point[:, 1])

@@ -263,7 +263,7 @@ class PrintModel:
         if motion is not None:
             intrinsics = self._projection.intrinsics
             shown = np.clip(row + window.y0, 0.0, intrinsics.height - 1.0)
-            times = (shown - (intrinsics.height - 1) / 2) * self._projection.shutter.line_time
+            times = (shown - (intrinsics.height - 1) / 2) * self._projection.line_time
             at_rest = self._cam_from_plane(rotation, position)
             exposed_at = at_rest - times[:, None, None] * (skew(motion[:3]) @ at_rest)
             exposed_at[:, 2, 2] += times * motion[3]

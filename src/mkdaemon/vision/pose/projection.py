@@ -178,6 +178,7 @@ class Projection:
     Args:
         intrinsics: its calibration.
         shutter: that learns; what the calibration says where absent, a global one where that says nothing: stills.
+        rows: of the camera in each of the image.
 
     Attributes:
         intrinsics: its calibration.
@@ -187,14 +188,27 @@ class Projection:
         shutter: what is known of its line time.
     """
 
-    def __init__(self, intrinsics: Intrinsics, shutter: Shutter | None = None) -> None:
+    def __init__(self, intrinsics: Intrinsics, shutter: Shutter | None = None, rows: int = 1) -> None:
         self.intrinsics = intrinsics
         self.focal = np.array([intrinsics.fx, intrinsics.fy])
         self.centre = np.array([intrinsics.cx, intrinsics.cy])
         self.is_distorted = intrinsics.model == "fisheye" or bool(np.any(intrinsics.distortion != 0.0))
         self.shutter = shutter or Shutter(intrinsics.line_time or 0.0)
+        self._rows = rows
         self._lens = lens_of(intrinsics)
         self._r2_limit = self._lens.r2_limit if self.is_distorted else np.inf
+
+    @property
+    def line_time(self) -> float:
+        """From a row of the image to the next [s]."""
+        return self._rows * self.shutter.line_time
+
+    def halved(self) -> Projection:
+        """The same camera with images of half the width and height, each pixel the mean of four."""
+        i = self.intrinsics
+        size = {"width": i.width // 2, "height": i.height // 2, "fx": i.fx / 2, "fy": i.fy / 2}
+        middle = {"cx": (i.cx - 0.5) / 2, "cy": (i.cy - 0.5) / 2}
+        return Projection(i.model_copy(update={**size, **middle}), self.shutter, 2 * self._rows)
 
     def project(self, points_cam: Array) -> tuple[Array, npt.NDArray[np.bool_]]:
         """Project `(n, 3)` [m; RDF].

@@ -54,7 +54,7 @@ def exposed(points: Array, motion: Array, projection: Projection) -> tuple[Array
     times = np.zeros(len(points))
     for _ in range(ROUNDS):
         pixels, _ = projection.project(moved)
-        times = (np.clip(pixels[:, 1], 0.0, intrinsics.height - 1.0) - middle) * projection.shutter.line_time
+        times = (np.clip(pixels[:, 1], 0.0, intrinsics.height - 1.0) - middle) * projection.line_time
         moved = at_times(points, motion, times)
     return moved, times
 
