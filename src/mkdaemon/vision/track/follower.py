@@ -323,8 +323,9 @@ class Follower:
         self._checks.level.forget()
 
     def forget(self) -> None:
-        """Forget the track and how the target lies."""
+        """Forget the track, where the target was, and how it lies."""
         self.track.lose()
+        self.track.published = None
         self._checks.level.forget()
 
     def note_miss(self, frame: Frame) -> None:
@@ -352,6 +353,9 @@ class Follower:
             lambda place: known_motion(place, None, seen.turning_flu, mounting),
             self._bend.at(seen.time),
         )
+        if candidates and not any(self.track.can_be_at(seen.time, pose) for pose in candidates):
+            frame.refused[self.name] = PoseRefusal.OFF_COURSE
+            return
         verdict = self._first.choose(seen, candidates)
         contradicting = self._first.contradicting(seen, candidates, verdict, frame.contradicting.pop(self.name, None))
         if contradicting is not None:
@@ -419,6 +423,7 @@ class Follower:
 
     def _publish(self, frame: Frame, choice: Choice, mode: FoundBy) -> None:
         self._accept(frame, choice.pose)
+        self.track.published = frame.sight.time, choice.pose.range_m
         self._bend.learn(frame.sight.time, choice.pose)
         self._rows.pose_found(frame.sight.time, choice.pose)
         frame.refused.pop(self.name, None)

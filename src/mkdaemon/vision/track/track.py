@@ -50,6 +50,7 @@ class Track:
         in_doubt: the poses remembered may be mirrored; they are good for following, not for deciding.
         branches: the readings of the images so far, while no attitude tells them apart; none before the first.
         image: pixels of the last accepted pose, for finding the target again.
+        published: when the target was published last [s], and its range then [m]; also of a track that was lost.
     """
 
     misses: int = 0
@@ -58,6 +59,7 @@ class Track:
     in_doubt: bool = False
     branches: Branches | None = None
     image: npt.NDArray[np.uint8] | None = None
+    published: tuple[float, float] | None = None
     _moments: list[_Moment] = field(default_factory=list)
 
     @property
@@ -99,6 +101,18 @@ class Track:
         self.branches = None
         self.misses = 0
         self.decoded_at = -np.inf
+
+    def can_be_at(self, time: float, pose: Pose) -> bool:
+        """Whether the target can have moved to a pose since it was published last, by its range.
+
+        A camera turns faster than it moves, and a mirror image has the same range.
+        """
+        if self.published is None:
+            return True
+        then, range_m = self.published
+        certain = LIMITS.certainty
+        moved = certain.deviations * LIMITS.edges.speed_sd * (time - then)
+        return abs(pose.range_m - range_m) <= abs(moved) + max(certain.wrong_m, certain.wrong_share * pose.range_m)
 
     def predict(
         self,
