@@ -16,8 +16,7 @@ from mkdaemon.vision.pose.fitting import TargetFitter
 from mkdaemon.vision.pose.gates import certainty_refusal
 from mkdaemon.vision.pose.pose import FLOOR_ANGLE, FLOOR_RANGE
 from mkdaemon.vision.tags.tagmap import TagMap, load
-from mkdaemon.vision.track.attitude import LOOKING_DOWN, AttitudeHistory, AttitudeSample
-from mkdaemon.vision.track.level import Sight
+from mkdaemon.vision.track.attitude import LOOKING_DOWN, AttitudeHistory, AttitudeSample, Sight
 from mkdaemon.vision.track.tracker import Tracker
 from mksim.scene.light import Conditions
 from mksim.scene.motion import Platform

@@ -331,23 +331,24 @@ class TargetWatch:
     def scale_words(self) -> Iterator[str]:
         """What contradicts a size or the focal length, each with both numbers."""
         k = self._camera.intrinsics
-        share, sd = self._known(LENS_AT, FLOOR_RANGE)
+        share, sd = self._known(LENS_AT)
+        sd = hypot(sd, FLOOR_RANGE)
         certain = SELFCAL.settled_certain if sd <= SELFCAL.settled else LIMITS.certainty.deviations
-        if self._tells(share, sd, SELFCAL.share, certain):
+        if self._filter.looks >= SELFCAL.least_looks and abs(share) > max(SELFCAL.share, certain * sd):
             yield (
                 f"focal length {k.fx:.1f} px in the camera file, {k.fx * exp(share):.1f} +- {k.fx * sd:.1f} px by"
                 " the images: calibrate again"
             )
         largest = self.target.tags[0]
         for n, tag in self._sized_tags():
-            share, sd = self._known(n, SELFCAL.size_floor)
+            share, sd = self._known(n)
             if self._tells(share, sd, SELFCAL.share):
                 yield (
                     f"tag {tag.tag_id} of {self.target.name}: {1000 * tag.size:.1f} mm in its file,"
                     f" {1000 * tag.size * exp(share):.1f} +- {1000 * tag.size * sd:.1f} mm against tag"
                     f" {largest.tag_id}: measure the print"
                 )
-        share, sd = self._known(SIZES_AT + self._maker.sizes, SELFCAL.size_floor)
+        share, sd = self._known(SIZES_AT + self._maker.sizes)
         if self._maker.is_spread and self._tells(share, sd, SELFCAL.share):
             yield (
                 f"tag {largest.tag_id} of {self.target.name}: {1000 * largest.size:.1f} mm in its file,"
@@ -365,11 +366,11 @@ class TargetWatch:
         """What contradicts principal point or distortion."""
         k = self._camera.intrinsics
         for n, (name, believed) in enumerate((("cx", k.cx), ("cy", k.cy)), start=LENS_AT + 1):
-            off, sd = self._known(n, SELFCAL.centre_floor_px)
+            off, sd = self._known(n)
             if self._tells(off, sd, SELFCAL.centre_px):
                 better = f"{believed + off:.1f} +- {sd:.1f}"
                 yield f"{name} {believed:.1f} px in the camera file, {better} px by the images"
-        off, sd = self._known(LENS_AT + 3, SELFCAL.k1_floor)
+        off, sd = self._known(LENS_AT + 3)
         if self._tells(off, sd, SELFCAL.k1):
             yield f"k1 {k.k1:.3f} in the camera file, {k.k1 + off:.3f} +- {sd:.3f} by the images"
 
@@ -378,7 +379,7 @@ class TargetWatch:
         found = [
             f"{word} {np.degrees(turn):+.1f} +- {np.degrees(sd):.1f} deg"
             for n, word in enumerate(("roll", "pitch", "yaw"))
-            for turn, sd in (self._known(n, SELFCAL.mounting_floor),)
+            for turn, sd in (self._known(n),)
             if self._tells(turn, sd, SELFCAL.mounting)
         ]
         if found:
@@ -420,13 +421,14 @@ class TargetWatch:
         """Tags whose size is an unknown, and where it stands."""
         return enumerate(self.target.tags[1 : 1 + self._maker.sizes], start=SIZES_AT)
 
-    def _known(self, n: int, floor: float = 0.0) -> tuple[float, float]:
-        """An unknown and its deviation, with what no image shows."""
-        return float(self._filter.mean[n]), hypot(float(self._filter.sd[n]), floor)
+    def _known(self, n: int) -> tuple[float, float]:
+        """An unknown and its deviation."""
+        return float(self._filter.mean[n]), float(self._filter.sd[n])
 
-    def _tells(self, value: float, sd: float, least: float, certain: float = LIMITS.certainty.deviations) -> bool:
-        """Whether a difference is told: large enough to matter, and no accident."""
-        return self._filter.looks >= SELFCAL.least_looks and abs(value) > max(least, certain * sd)
+    def _tells(self, value: float, sd: float, least: float) -> bool:
+        """Whether a difference is told: more than what is nobody's fault, and no accident."""
+        certain = LIMITS.certainty.deviations * sd
+        return self._filter.looks >= SELFCAL.least_looks and abs(value) > hypot(least, certain)
 
 
 class SelfCheck:
