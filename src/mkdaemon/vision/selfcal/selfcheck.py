@@ -137,28 +137,19 @@ class CameraFilter:
             evidence: what it says.
             enu_from_flu: the vehicle's attitude then `(3, 3)`; none when unknown.
         """
-        spent = self._drift_to(time)
-        self.looks += 1
-        self._edges_seen(evidence)
-        if enu_from_flu is not None and self._flu_from_cam is not None:
-            self._normal_seen(evidence, enu_from_flu, self._flu_from_cam, spent)
-
-    def _drift_to(self, time: float) -> float:
         spent = 0.0 if self._time is None else min(max(time - self._time, 0.0), LONGEST)
         self._time = time
+        self.looks += 1
         drift = np.zeros(len(self.mean))
-        drift[MOUNTING] = MOUNTING_DRIFT
-        drift[DECK] = self._deck_drift
-        self.covariance = self.covariance + spent * np.diag(drift**2)
-        return spent
-
-    def _edges_seen(self, evidence: ImageEvidence) -> None:
-        before = np.linalg.inv(self.covariance)
+        drift[MOUNTING], drift[DECK] = MOUNTING_DRIFT, self._deck_drift
+        before = np.linalg.inv(self.covariance + spent * np.diag(drift**2))
         after, right = before.copy(), before @ self.mean
         after[LENS_AT:, LENS_AT:] += evidence.matrix
         right[LENS_AT:] += evidence.pull
         self.covariance = np.linalg.inv(after)
         self.mean = self.covariance @ right
+        if enu_from_flu is not None and self._flu_from_cam is not None:
+            self._normal_seen(evidence, enu_from_flu, self._flu_from_cam, spent)
 
     def _normal_seen(self, evidence: ImageEvidence, enu_from_flu: Array, flu_from_cam: Array, spent: float) -> None:
         enu_from_cam = enu_from_flu @ flu_from_cam
@@ -208,11 +199,7 @@ KEPT: Final = 50
 
 
 class HeightFilter:
-    """Compares the heights over one target with those of the barometer.
-
-    Attributes:
-        covered: between the lowest and the highest height that was compared [m].
-    """
+    """Compares the heights over one target with those of the barometer."""
 
     def __init__(self) -> None:
         self._mean: Array = np.array([0.0, 0.0, DELAY[0]])

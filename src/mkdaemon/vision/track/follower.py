@@ -304,17 +304,14 @@ class Follower:
         return witness.image_seen(reported.time, turned[0], reported.enu_from_flu, turned[1])
 
     def start_alone(self, frame: Frame) -> None:
-        """Start from an image whose attitude was left out after it had refused what the image shows."""
+        """Forget how the target lies, and start from an image whose attitude was left out as it refused the image."""
+        self._checks.level.forget()
         seen = frame.contradicting.get(self.name)
         if seen is None:
             return
         self.start(frame, frame.detections, "search")
         if self.track.is_live and all(found.target != self.name for found in frame.poses):
             self._measured(frame, self._predicted(frame.sight), [("predicted", seen)])
-
-    def forget_deck(self) -> None:
-        """Forget how the target lies."""
-        self._checks.level.forget()
 
     def forget(self) -> None:
         """Forget the track, where the target was, and how it lies."""

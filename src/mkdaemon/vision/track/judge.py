@@ -158,15 +158,15 @@ OVERRULED: Final = (PoseRefusal.ATTITUDE, PoseRefusal.ANGLE_UNCERTAIN, PoseRefus
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FirstVerdict:
-    """Which of several first poses is published; one of the two is none.
+    """Which of several first poses is published, or why none of them is.
 
     Attributes:
         choice: the pose, with the attitude's knowledge in it.
         refusal: why there is none.
     """
 
-    choice: Choice | None
-    refusal: PoseRefusal | None
+    choice: Choice | None = None
+    refusal: PoseRefusal | None = None
 
 
 class FirstJudge:
@@ -193,7 +193,7 @@ class FirstJudge:
             pose for pose, why in zip(candidates, refusals, strict=True) if why in (None, PoseRefusal.ATTITUDE)
         ]
         if not believable:
-            return _refused(refusals[0] if refusals else PoseRefusal.NO_FIT)
+            return FirstVerdict(refusal=refusals[0] if refusals else PoseRefusal.NO_FIT)
         tilts = [level.tilt(seen, pose) for pose in believable]
         known = [tilt for tilt in tilts if tilt is not None]
         conclusive = [pose for pose in believable if checks.is_conclusive(seen, pose)]
@@ -209,7 +209,7 @@ class FirstJudge:
             return self._fit_level(seen, min(believable, key=lambda pose: pose.loss))
         choice = choice or self._choose_by_all_pixels(seen, believable)
         if choice is None:
-            return _refused(PoseRefusal.AMBIGUOUS)
+            return FirstVerdict(refusal=PoseRefusal.AMBIGUOUS)
         is_supported = False
         if choice.pose.source == "edges" and choice.pose.inliers < LIMITS.agreement.whole:
             # Hidden parts, or a border faked by what hides them: a held tilt tells these apart, or the edges seen.
@@ -217,19 +217,19 @@ class FirstJudge:
                 return self._fit_level(seen, choice.pose)
             is_supported = self._fitter.is_supported(seen.pixels, choice.pose)
             if not is_supported:
-                return _refused(PoseRefusal.INLIERS)
+                return FirstVerdict(refusal=PoseRefusal.INLIERS)
         if choice.decided_by in ("unique", "image"):
             # Both starts may have run into one minimum, or one of them into none: the mirrored pose of a small tag is
             # asked for by name.
             decided = self._decide_mirror(seen, choice.pose)
             if decided is None:
-                return _refused(PoseRefusal.AMBIGUOUS)
+                return FirstVerdict(refusal=PoseRefusal.AMBIGUOUS)
             choice = replace(choice, pose=decided)
         fused = level.fuse(seen, choice.pose)
         refused = checks.refusal(seen, choice.pose) or certainty_refusal(
             fused, has_attitude=bool(known), is_plain=is_supported
         )
-        return _refused(refused) if refused is not None else FirstVerdict(replace(choice, pose=fused), None)
+        return FirstVerdict(replace(choice, pose=fused)) if refused is None else FirstVerdict(refusal=refused)
 
     def contradicting(
         self, seen: Sight, candidates: Sequence[Pose], verdict: FirstVerdict, followed: Pose | None = None
@@ -246,24 +246,20 @@ class FirstJudge:
             verdict: about them.
             followed: what the track led to and the attitude refuses though nearly all edges agree with it.
         """
-        if followed is not None and self._is_preferred(followed, verdict):
-            return followed
+        chosen = verdict.choice.pose if verdict.choice is not None else None
+        if followed is not None:
+            # Fits of two kinds do not compare.
+            wins = prefers(followed, chosen) if chosen is not None else verdict.refusal in OVERRULED
+            if wins:
+                return followed
         is_overruled = verdict.choice is not None and verdict.choice.decided_by == "attitude"
         if not is_overruled and verdict.refusal not in OVERRULED:
             return None
         alone = self.choose(seen.without_attitude(), candidates).choice
-        if alone is None:
-            return None
-        if verdict.choice is None:
-            return alone.pose
-        apart = angle_between(alone.pose.rotation, verdict.choice.pose.rotation)
+        if alone is None or chosen is None:
+            return None if alone is None else alone.pose
+        apart = angle_between(alone.pose.rotation, chosen.rotation)
         return alone.pose if apart > LIMITS.certainty.wrong_angle else None
-
-    def _is_preferred(self, followed: Pose, verdict: FirstVerdict) -> bool:
-        """Whether the image prefers the pose that a track led to; fits of two kinds do not compare."""
-        if verdict.choice is None:
-            return verdict.refusal in OVERRULED
-        return prefers(followed, verdict.choice.pose)
 
     def _decide_mirror(self, seen: Sight, pose: Pose) -> Pose | None:
         """Compare a first pose that has no rival with its mirror image; none when nothing decides."""
@@ -292,18 +288,14 @@ class FirstJudge:
 
     def _fit_level(self, seen: Sight, pose: Pose) -> FirstVerdict:
         """Fit once more with the tilt held: something lying over one side gives a quad that is off by that much."""
-        vertical = self._checks.level.vertical(seen)
-        if vertical is None:
-            return _refused(PoseRefusal.ATTITUDE)
-        held = self._fitter.refine(seen.pixels, self._checks.level.replace_tilt(seen, pose), vertical)
-        if held is None or self._checks.refusal(seen, held) is not None:
-            return _refused(PoseRefusal.ATTITUDE)
-        tilt = self._checks.level.tilt(seen, held)
-        if tilt is not None and tilt > self._checks.level.hidden_gate(held):
-            return _refused(PoseRefusal.ATTITUDE)
+        checks, level = self._checks, self._checks.level
+        vertical = level.vertical(seen)
+        held = self._fitter.refine(seen.pixels, level.replace_tilt(seen, pose), vertical)
+        if held is None or checks.refusal(seen, held) is not None:
+            return FirstVerdict(refusal=PoseRefusal.ATTITUDE)
+        tilt = level.tilt(seen, held)
+        if tilt is None or tilt > level.hidden_gate(held):
+            return FirstVerdict(refusal=PoseRefusal.ATTITUDE)
         refused = certainty_refusal(held, has_attitude=True)
-        return _refused(refused) if refused is not None else FirstVerdict(Choice(held, float("inf"), "attitude"), None)
-
-
-def _refused(why: PoseRefusal | None) -> FirstVerdict:
-    return FirstVerdict(None, why)
+        chosen = Choice(held, float("inf"), "attitude")
+        return FirstVerdict(chosen) if refused is None else FirstVerdict(refusal=refused)

@@ -129,7 +129,6 @@ class Tracker:
             return
         frame.sight = reported.without_attitude()
         for follower in self.followers:
-            follower.forget_deck()
             follower.start_alone(frame)
 
     def _search_missing(self, frame: Frame) -> None:
