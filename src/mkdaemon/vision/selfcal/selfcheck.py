@@ -1,14 +1,12 @@
 """Watches one camera fly: whether images, attitude and barometer agree with its camera file and its target files.
 
-Lens, sizes, mounting, deck and scale of the attitude, estimated together from what images and attitude say.
-
 What tells a wrong print or focal length where there is no barometer, 2 % of it in flights of docs/accuracy.md: two tags
 whose ratio the file knows tell the size of one against the other to 0.2 %, in every descent; the foreshortening of a
 tag that is seen at a slant, against itself from several ranges, the focal length to 0.5 %, in 17 descents of 22, to
 1.4 % behind a webcam. A print whose sizes are all wrong by one factor looks like one that is farther away, from every
 range: nothing in the images tells it.
 
-The unknowns: the turn of the mounting about body forward, left, up [rad], the horizontal part of the target's normal,
+The unknowns, estimated together: the turn of the mounting about body forward, left, up [rad], the horizontal part of the target's normal,
 east and north, the share by which the vehicle reports too much tilt; then those of the images (`ImageEvidence`).
 A mounting turns with the vehicle, a deck does not: without yaw only their sum is seen, and the deviations say so. What
 is constant in the vehicle's own attitude counts as mounting. A lens that is too long turns poses near the rim of the
@@ -23,8 +21,6 @@ Heights over a target, as the eyes see them, against the barometer: on ways down
 With z the height by the eyes, e the share of it that is too much, b the barometer, a its offset and L its delay,
 b = a + z - e z - L dz/dt. The offset wanders, so slow flights say little, and a hover nothing. Two hypotheses are
 compared: e is what a calibration and a measured print leave, or it is anything. Their odds are a Bayes factor.
-
-A mounting turned by what a flight says, as the camera file writes it.
 """
 
 from __future__ import annotations
@@ -57,7 +53,7 @@ LENS_SD: Final = (0.03, 10.0, 10.0, 0.05)
 """How far a calibration may be off, deviations: 3 % of the focal length, 10 px, 0.05."""
 MOUNTING_SD: Final = np.radians(5.0)
 DECK_SD: Final = np.radians(2.5)
-"""As in `track.deck`."""
+"""As `PRIOR_SD` of `track.level`."""
 TILT_SCALE_SD: Final = 0.08
 """Real gyros: attitudes of 0.89 to 1.13 times the truth."""
 MOUNTING_DRIFT: Final = np.radians(0.02)

@@ -63,13 +63,10 @@ class Judge:
             pose, held = alone, None
         refused = checks.refusal(seen, pose) if pose is not None else PoseRefusal.NO_FIT
         if pose is not None and refused is None:
-            if held is not None:
-                checks.level.learn(seen, pose, held)
-                return self._judge_with_attitude(seen, pose)
             if checks.level.knows(seen):
                 # What the images before told of the deck; with this one in it the image would count twice.
-                fused = checks.level.fuse(seen, pose)
-                checks.level.learn(seen, pose)
+                fused = pose if held is not None else checks.level.fuse(seen, pose)
+                checks.level.learn(seen, pose, held)
                 return self._judge_with_attitude(seen, fused)
             return self._judge_without_attitude(seen, pose)
         contradicting, off = None, pose if refused is PoseRefusal.ATTITUDE else None
