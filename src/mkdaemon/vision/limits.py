@@ -62,7 +62,6 @@ class AmbiguityLimits:
     same_pose: float = of(radians(1.0), "rad", "candidates closer are one pose", "below the published deviation")
     samples_per_fact: float = of(4.0, "", "neighbouring samples share pixels", "derived: blur over sample spacing")
     decided: float = of(8.0, "nats", "from which a reading is believed, by images", "derived: one in 3,000")
-    small_tilt: float = of(radians(0.3), "rad", "below, the mirrored pose is the pose", "a saddle at 1.5 deg, 5.5 off")
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,10 +118,6 @@ class SelfCalLimits:
     mounting: float = of(radians(1.0), "rad", "of the mounting; less is the attitude's own bias", "sim: 0.5-1.5 deg")
     height: float = of(0.015, "share", "that calibration and print leave of a way down or up", MEASURED)
     least_way: float = of(0.5, "m", "between the heights that are compared", "steps of a barometer: 5 cm")
-    mounting_floor: float = of(radians(0.2), "rad", "deviation of the mounting: slow attitude errors", MEASURED)
-    centre_floor_px: float = of(0.7, "px", "the same of the principal point", MEASURED)
-    k1_floor: float = of(0.005, "", "the same of `k1`: a webcam's halo", MEASURED)
-    size_floor: float = of(0.002, "share", "the same of a size", MEASURED)
     sheet: float = of(
         0.05, "share", "of the focal length against the data sheet's", "their own tolerance, docs/cameras.md"
     )

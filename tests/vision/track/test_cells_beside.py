@@ -15,9 +15,8 @@ from mkdaemon.vision.pose.fitting import TargetFitter
 from mkdaemon.vision.pose.gates import CellEvidence
 from mkdaemon.vision.pose.pose import Pose
 from mkdaemon.vision.pose.projection import Projection
-from mkdaemon.vision.track.attitude import LOOKING_DOWN
+from mkdaemon.vision.track.attitude import LOOKING_DOWN, Sight
 from mkdaemon.vision.track.checks import Checks
-from mkdaemon.vision.track.level import Sight
 from mkdaemon.vision.track.track import Track
 from tests.vision.views import VGA, View, place, shipped
 

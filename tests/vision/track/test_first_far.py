@@ -14,9 +14,8 @@ from mkdaemon.vision.pose.fitting import TargetFitter
 from mkdaemon.vision.pose.pose import Pose
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.tags.tagmap import TagMap
-from mkdaemon.vision.track.attitude import LOOKING_DOWN
+from mkdaemon.vision.track.attitude import LOOKING_DOWN, Sight
 from mkdaemon.vision.track.checks import Checks
-from mkdaemon.vision.track.level import Sight
 from mkdaemon.vision.track.track import Track
 from mkdaemon.vision.track.tracker import Tracker
 from tests.vision.views import VGA, View, angle_deg, place, shipped

@@ -12,10 +12,9 @@ from mkdaemon.vision.pose.edgefit import EdgeFit, Level
 from mkdaemon.vision.pose.fitting import TargetFitter
 from mkdaemon.vision.pose.pose import Pose, turn
 from mkdaemon.vision.pose.projection import Projection
-from mkdaemon.vision.track.attitude import LOOKING_DOWN, fuse_normal
+from mkdaemon.vision.track.attitude import LOOKING_DOWN, Sight, fuse_normal
 from mkdaemon.vision.track.checks import Checks
 from mkdaemon.vision.track.judge import Judge, Verdict
-from mkdaemon.vision.track.level import Sight
 from mkdaemon.vision.track.track import Track
 from tests.vision.views import VGA, View, angle_deg, nearly, place, shipped
 
@@ -33,7 +32,7 @@ def judged(name: str, off_deg: float) -> Verdict:
         checks.level.learn(Sight(view.pixels, k / 30, right), truth)
     now = KNOWN / 30
     off = right @ rotation_from_euler(np.radians(off_deg), 0.0, 0.0)
-    track.accept(now - 1 / 30, truth, off, view.pixels)
+    track.accept(Sight(view.pixels, now - 1 / 30, off), truth)
     return Judge(checks).measure(Sight(view.pixels, now, off), truth, truth)
 
 

@@ -10,17 +10,14 @@ import pytest
 
 from mkdaemon.config.vision import TrackerSection
 from mkdaemon.telemetry.vision import PoseRefusal
-from mkdaemon.vision.camera.image import CameraImage
 from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.gates import CellEvidence
 from mkdaemon.vision.pose.pose import Pose, turn
 from mkdaemon.vision.tags.tagmap import TagMap, Target
-from mkdaemon.vision.track.attitude import LOOKING_DOWN
+from mkdaemon.vision.track.attitude import LOOKING_DOWN, Sight
 from mkdaemon.vision.track.checks import Checks
-from mkdaemon.vision.track.first import FirstJudge
-from mkdaemon.vision.track.frame import Frame
-from mkdaemon.vision.track.judge import Judge, Verdict
-from mkdaemon.vision.track.level import Sight
+from mkdaemon.vision.track.judge import FirstJudge, Judge, Verdict
+from mkdaemon.vision.track.result import Frame
 from mkdaemon.vision.track.track import Track
 from mkdaemon.vision.track.tracker import Tracker
 from tests.vision.views import VGA, angle_deg, shipped
@@ -99,7 +96,7 @@ def sight(time: float = STEP, attitude: bool = True) -> Sight:
 def followed(pose: Pose | None = None, misses: int = 0) -> Track:
     """A track of one pose a moment ago."""
     track = Track()
-    track.accept(0.0, pose or fitted(), np.eye(3), PIXELS)
+    track.accept(Sight(PIXELS, 0.0, np.eye(3)), pose or fitted())
     track.misses = misses
     return track
 
@@ -214,7 +211,6 @@ WITHOUT_ATTITUDE = [
     ({"mirror": mirrored(TILTED, loss=0.1)}, TILTED, None),
     ({"mirror": None}, TILTED, None),
     ({"mirror": mirrored(TILTED)}, fitted(tilt_deg=1.0), PoseRefusal.AMBIGUOUS),  # on the saddle between two readings
-    ({"mirror": mirrored(TILTED)}, fitted(tilt_deg=0.2), None),
     # without the mirror image nothing contradicts but the fit itself
     ({}, replace(TILTED, inliers=0.8), PoseRefusal.INLIERS),
     ({}, replace(TILTED, rms_px=0.6), PoseRefusal.RESIDUAL),
@@ -224,10 +220,11 @@ WITHOUT_ATTITUDE = [
 
 @pytest.mark.parametrize(("given", "pose", "refusal"), WITHOUT_ATTITUDE)
 def test_a_fit_without_attitude(given, pose, refusal):
-    """The track is in doubt, so that it has no say in which of two rivals is true."""
+    """The track has no say in which of two rivals is true."""
     track = followed(pose)
-    track.in_doubt = True
-    judge = Judge(checks(GivenFits(pose, **given), track))
+    asked = checks(GivenFits(pose, **given), track)
+    judge, began = Judge(asked), sight(-0.1, attitude=False)
+    track.branches = judge.start_branches(began, asked.candidates(began, pose), decided=False)
     assert judge.measure(sight(attitude=False), pose, pose).refusal is refusal
     assert track.branches is not None
     assert track.branches.is_decided == (refusal is not PoseRefusal.AMBIGUOUS)
@@ -237,7 +234,6 @@ def test_a_track_in_doubt_goes_over_to_the_reading_that_the_images_speak_for():
     """It followed the wrong one; the other is a jump from there, and what the images say counts all the same."""
     wrong, right = fitted(tilt_deg=15.0, loss=0.016), mirrored(fitted(tilt_deg=15.0), loss=0.01)
     track = followed(wrong)
-    track.in_doubt = True
     verdict = None
     for k in range(1, 12):
         judge = Judge(checks(GivenFits(wrong, mirror=right, cell_px=4.5), track))
@@ -252,13 +248,14 @@ def test_a_track_in_doubt_goes_over_to_the_reading_that_the_images_speak_for():
 
 
 def test_a_pose_off_the_course_is_followed_and_not_published():
-    track, judge = followed(TILTED), None
+    track = followed(TILTED)
+    track.branches = Judge(checks(GivenFits(), track)).start_branches(sight(0.0), [TILTED], decided=True)
     for k in range(1, 12):
         judge = Judge(checks(GivenFits(TILTED), track))
         assert judge.measure(sight(k * STEP, attitude=False), TILTED, TILTED).refusal is None
-        track.accept(k * STEP, TILTED, None, PIXELS)
-    assert judge is not None
-    assert judge.is_backed
+        track.accept(Sight(PIXELS, k * STEP, None), TILTED)
+    assert track.branches is not None
+    assert track.branches.best.course.angle_sd < LIMITS.certainty.blind_angle_sd
     # Within what a pose this uncertain may be off for several images, and too far for what it says of itself.
     vague = SHARP + np.diag([0.0, 0.0, 0.0, 4e-5, 4e-5, 4e-5])
     aside = replace(TILTED, rotation=turn(TILTED.rotation, np.radians([1.8, 0.0, 0.0])), covariance=vague)
@@ -391,9 +388,9 @@ def test_no_start_leads_to_a_pose_that_the_image_likes_less_than_one_the_attitud
     verdicts = [Verdict(None, PoseRefusal.ATTITUDE, refused), Verdict(held, None)]
     follower.judge = GivenVerdicts(verdicts)  # type: ignore[assignment]
     for time in (-STEP, 0.0):
-        follower.track.accept(time, fitted(), np.eye(3), PIXELS)
+        follower.track.accept(Sight(PIXELS, time, np.eye(3)), fitted())
     follower.track.decoded_at = 0.0
-    frame = Frame(CameraImage(PIXELS, STEP, STEP, 1, "down"), sight())
+    frame = Frame(sight())
     follower.follow(frame)
     assert not verdicts
     assert bool(frame.poses) == is_published
@@ -412,9 +409,9 @@ def test_a_target_that_the_attitude_refuses_is_followed_only_where_no_other_star
         follower = Tracker(TagMap((target,)), VGA, LOOKING_DOWN).followers[0]
         follower.judge = GivenVerdicts(list(verdicts))  # type: ignore[assignment]
         for time in (-STEP, 0.0):
-            follower.track.accept(time, fitted(), np.eye(3), PIXELS)
+            follower.track.accept(Sight(PIXELS, time, np.eye(3)), fitted())
         follower.track.decoded_at = 0.0
-        frame = Frame(CameraImage(PIXELS, STEP, STEP, 1, "down"), sight())
+        frame = Frame(sight())
         follower.follow(frame)
         assert follower.track.last is position
         assert bool(frame.poses) == (position is right)

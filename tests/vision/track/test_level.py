@@ -18,11 +18,12 @@ from mkdaemon.vision.track.attitude import (
     LOOKING_DOWN,
     AttitudeHistory,
     AttitudeSample,
+    Sight,
     fuse_normal,
     normal_beside,
     without_normal,
 )
-from mkdaemon.vision.track.level import LONGEST, PRIOR_SD, Deck, LevelKnowledge, Sight
+from mkdaemon.vision.track.level import LONGEST, PRIOR_SD, Deck, LevelKnowledge
 from mkdaemon.vision.track.tracker import Tracker
 from mksim.scene.motion import Platform
 from mksim.scene.scene import Scene, SceneTarget, cam_from_target

@@ -13,10 +13,11 @@ from lab.vision.real import DEVICES
 from lab.vision.stills import error_of, target_named
 from mkdaemon.vision.pose.pose import Pose
 from mkdaemon.vision.tags.tagmap import TagMap
-from mkdaemon.vision.track.attitude import LOOKING_DOWN
-from mkdaemon.vision.track.level import Sight
+from mkdaemon.vision.track.attitude import LOOKING_DOWN, Sight
 from mkdaemon.vision.track.track import Track
 from mkdaemon.vision.track.tracker import Tracker
+
+PIXELS = np.zeros((4, 4), np.uint8)
 
 
 def test_images_of_an_unknown_climb_are_followed_until_they_tell_it() -> None:
@@ -42,8 +43,8 @@ def test_a_camera_that_turns_without_an_attitude_does_not_climb(rate: float, kno
     for k in range(2):
         turned = np.asarray(cv2.Rodrigues(k / 30 * rate * np.array([1.0, -1.0, 0.0]))[0], dtype=np.float64)
         pose = Pose(turned, turned @ place, 1e-6 * np.eye(6), "edges", 300, 0.05)
-        track.accept(k / 30, pose, np.eye(3) if known else None, np.zeros((4, 4), dtype=np.uint8))
-    motion = track.predict(2 / 30, None, LOOKING_DOWN).pose.known_motion
+        track.accept(Sight(PIXELS, k / 30, np.eye(3) if known else None), pose)
+    motion = track.predict(Sight(PIXELS, 2 / 30, None), LOOKING_DOWN).known_motion
     assert motion is not None
     assert abs(motion.expected[3]) < 0.05  # 0.4 m/s and more where the turn was taken for a climb
 
@@ -68,11 +69,11 @@ def test_a_range_that_few_edges_agree_with_tells_no_climb(inliers: float, knows:
     """Such a fit, 10 cm too far, made a climb of 3.2 m/s of nothing: 3 degrees off at 1 m, NEES 39."""
     track = Track()
     first = Pose(np.diag([1.0, -1.0, -1.0]), np.array([0.0, 0.0, 1.0]), 1e-6 * np.eye(6), "edges", 300, 0.05)
-    track.accept(0.0, first, np.eye(3), np.zeros((4, 4), dtype=np.uint8))
+    track.accept(Sight(PIXELS, 0.0, np.eye(3)), first)
     found = replace(first, position=1.1 * first.position, inliers=inliers)
     lens = VGA.model_copy(update={"line_time": DEVICES["rolling"].line_time})
     follower = Tracker(TagMap((target_named("nested"),)), lens, LOOKING_DOWN).followers[0]
     follower.track = track
     follower._fitter.refine = lambda *_: found  # type: ignore[method-assign]
-    start = follower._with_climb(Sight(np.zeros((4, 4), np.uint8), 1 / 30, np.eye(3)), first)
+    start = follower._with_climb(Sight(PIXELS, 1 / 30, np.eye(3)), first)
     assert (start.known_motion is not None) is knows

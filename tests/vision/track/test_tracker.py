@@ -16,8 +16,7 @@ from mkdaemon.vision.pose.fitting import TargetFitter
 from mkdaemon.vision.pose.gates import certainty_refusal
 from mkdaemon.vision.pose.pose import FLOOR_ANGLE, FLOOR_RANGE
 from mkdaemon.vision.tags.tagmap import TagMap, load
-from mkdaemon.vision.track.attitude import LOOKING_DOWN, AttitudeHistory, AttitudeSample
-from mkdaemon.vision.track.level import Sight
+from mkdaemon.vision.track.attitude import LOOKING_DOWN, AttitudeHistory, AttitudeSample, Sight
 from mkdaemon.vision.track.tracker import Tracker
 from mksim.scene.light import Conditions
 from mksim.scene.motion import Platform
@@ -259,3 +258,32 @@ def test_with_attitude_inertia_helps_an_uncertain_pose_that_agrees_with_it():
     refused = judge.add_inertia(seen, elsewhere)
     assert refused.pose is elsewhere
     assert refused.refusal is PoseRefusal.POSITION_UNCERTAIN
+
+
+@pytest.mark.parametrize(("passed", "is_posed"), [(1 / 30, False), (0.3, True), (2.0, True)])
+def test_a_target_begins_anew_only_where_it_can_have_moved_to(passed, is_posed):
+    """A drop on the lens shows a small second target, whose code is read and whose cells agree: 11 m away at 0.7 m."""
+    follower = tracker()
+    near, far = View(shipped("nested"), place(1.2, 0.2)), View(shipped("nested"), place(3.2, 0.2, around=np.pi))
+    for k in range(3):
+        assert follower.update(near.image(k / 30, k)).poses
+    result = follower.update(far.image(2 / 30 + passed, 3))
+    assert bool(result.poses) is is_posed
+    if not is_posed:
+        assert result.refused == (("pad", PoseRefusal.OFF_COURSE),)
+        assert follower.update(near.image(3 / 30 + passed, 4)).poses, "what is in its place is found again"
+
+
+def test_a_small_second_target_is_not_posed_when_the_track_is_lost_and_found_again():
+    """However many images show it alone, until the target can have moved that far."""
+    follower = tracker()
+    near, far = View(shipped("nested"), place(0.8, 0.2)), View(shipped("nested"), place(7.8, 0.2, around=np.pi))
+    for k in range(3):
+        assert follower.update(near.image(k / 30, k)).poses
+    posed = []
+    for k in range(3, 50):
+        image = far.image(k / 30, k)
+        image.pixels[0, 0] ^= k & 1  # equal images would be those of a frozen camera
+        posed.append(bool(follower.update(image).poses))
+    assert not any(posed[:24])
+    assert posed[-1]

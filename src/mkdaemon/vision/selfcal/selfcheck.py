@@ -1,14 +1,12 @@
 """Watches one camera fly: whether images, attitude and barometer agree with its camera file and its target files.
 
-Lens, sizes, mounting, deck and scale of the attitude, estimated together from what images and attitude say.
-
 What tells a wrong print or focal length where there is no barometer, 2 % of it in flights of docs/accuracy.md: two tags
 whose ratio the file knows tell the size of one against the other to 0.2 %, in every descent; the foreshortening of a
 tag that is seen at a slant, against itself from several ranges, the focal length to 0.5 %, in 17 descents of 22, to
 1.4 % behind a webcam. A print whose sizes are all wrong by one factor looks like one that is farther away, from every
 range: nothing in the images tells it.
 
-The unknowns: the turn of the mounting about body forward, left, up [rad], the horizontal part of the target's normal,
+The unknowns, estimated together: the turn of the mounting about body forward, left, up [rad], the horizontal part of the target's normal,
 east and north, the share by which the vehicle reports too much tilt; then those of the images (`ImageEvidence`).
 A mounting turns with the vehicle, a deck does not: without yaw only their sum is seen, and the deviations say so. What
 is constant in the vehicle's own attitude counts as mounting. A lens that is too long turns poses near the rim of the
@@ -23,8 +21,6 @@ Heights over a target, as the eyes see them, against the barometer: on ways down
 With z the height by the eyes, e the share of it that is too much, b the barometer, a its offset and L its delay,
 b = a + z - e z - L dz/dt. The offset wanders, so slow flights say little, and a hover nothing. Two hypotheses are
 compared: e is what a calibration and a measured print leave, or it is anything. Their odds are a Bayes factor.
-
-A mounting turned by what a flight says, as the camera file writes it.
 """
 
 from __future__ import annotations
@@ -57,7 +53,7 @@ LENS_SD: Final = (0.03, 10.0, 10.0, 0.05)
 """How far a calibration may be off, deviations: 3 % of the focal length, 10 px, 0.05."""
 MOUNTING_SD: Final = np.radians(5.0)
 DECK_SD: Final = np.radians(2.5)
-"""As in `track.deck`."""
+"""As `PRIOR_SD` of `track.level`."""
 TILT_SCALE_SD: Final = 0.08
 """Real gyros: attitudes of 0.89 to 1.13 times the truth."""
 MOUNTING_DRIFT: Final = np.radians(0.02)
@@ -137,28 +133,19 @@ class CameraFilter:
             evidence: what it says.
             enu_from_flu: the vehicle's attitude then `(3, 3)`; none when unknown.
         """
-        spent = self._drift_to(time)
-        self.looks += 1
-        self._edges_seen(evidence)
-        if enu_from_flu is not None and self._flu_from_cam is not None:
-            self._normal_seen(evidence, enu_from_flu, self._flu_from_cam, spent)
-
-    def _drift_to(self, time: float) -> float:
         spent = 0.0 if self._time is None else min(max(time - self._time, 0.0), LONGEST)
         self._time = time
+        self.looks += 1
         drift = np.zeros(len(self.mean))
-        drift[MOUNTING] = MOUNTING_DRIFT
-        drift[DECK] = self._deck_drift
-        self.covariance = self.covariance + spent * np.diag(drift**2)
-        return spent
-
-    def _edges_seen(self, evidence: ImageEvidence) -> None:
-        before = np.linalg.inv(self.covariance)
+        drift[MOUNTING], drift[DECK] = MOUNTING_DRIFT, self._deck_drift
+        before = np.linalg.inv(self.covariance + spent * np.diag(drift**2))
         after, right = before.copy(), before @ self.mean
         after[LENS_AT:, LENS_AT:] += evidence.matrix
         right[LENS_AT:] += evidence.pull
         self.covariance = np.linalg.inv(after)
         self.mean = self.covariance @ right
+        if enu_from_flu is not None and self._flu_from_cam is not None:
+            self._normal_seen(evidence, enu_from_flu, self._flu_from_cam, spent)
 
     def _normal_seen(self, evidence: ImageEvidence, enu_from_flu: Array, flu_from_cam: Array, spent: float) -> None:
         enu_from_cam = enu_from_flu @ flu_from_cam
@@ -208,11 +195,7 @@ KEPT: Final = 50
 
 
 class HeightFilter:
-    """Compares the heights over one target with those of the barometer.
-
-    Attributes:
-        covered: between the lowest and the highest height that was compared [m].
-    """
+    """Compares the heights over one target with those of the barometer."""
 
     def __init__(self) -> None:
         self._mean: Array = np.array([0.0, 0.0, DELAY[0]])
@@ -331,23 +314,24 @@ class TargetWatch:
     def scale_words(self) -> Iterator[str]:
         """What contradicts a size or the focal length, each with both numbers."""
         k = self._camera.intrinsics
-        share, sd = self._known(LENS_AT, FLOOR_RANGE)
+        share, sd = self._known(LENS_AT)
+        sd = hypot(sd, FLOOR_RANGE)
         certain = SELFCAL.settled_certain if sd <= SELFCAL.settled else LIMITS.certainty.deviations
-        if self._tells(share, sd, SELFCAL.share, certain):
+        if self._filter.looks >= SELFCAL.least_looks and abs(share) > max(SELFCAL.share, certain * sd):
             yield (
                 f"focal length {k.fx:.1f} px in the camera file, {k.fx * exp(share):.1f} +- {k.fx * sd:.1f} px by"
                 " the images: calibrate again"
             )
         largest = self.target.tags[0]
         for n, tag in self._sized_tags():
-            share, sd = self._known(n, SELFCAL.size_floor)
+            share, sd = self._known(n)
             if self._tells(share, sd, SELFCAL.share):
                 yield (
                     f"tag {tag.tag_id} of {self.target.name}: {1000 * tag.size:.1f} mm in its file,"
                     f" {1000 * tag.size * exp(share):.1f} +- {1000 * tag.size * sd:.1f} mm against tag"
                     f" {largest.tag_id}: measure the print"
                 )
-        share, sd = self._known(SIZES_AT + self._maker.sizes, SELFCAL.size_floor)
+        share, sd = self._known(SIZES_AT + self._maker.sizes)
         if self._maker.is_spread and self._tells(share, sd, SELFCAL.share):
             yield (
                 f"tag {largest.tag_id} of {self.target.name}: {1000 * largest.size:.1f} mm in its file,"
@@ -365,11 +349,11 @@ class TargetWatch:
         """What contradicts principal point or distortion."""
         k = self._camera.intrinsics
         for n, (name, believed) in enumerate((("cx", k.cx), ("cy", k.cy)), start=LENS_AT + 1):
-            off, sd = self._known(n, SELFCAL.centre_floor_px)
+            off, sd = self._known(n)
             if self._tells(off, sd, SELFCAL.centre_px):
                 better = f"{believed + off:.1f} +- {sd:.1f}"
                 yield f"{name} {believed:.1f} px in the camera file, {better} px by the images"
-        off, sd = self._known(LENS_AT + 3, SELFCAL.k1_floor)
+        off, sd = self._known(LENS_AT + 3)
         if self._tells(off, sd, SELFCAL.k1):
             yield f"k1 {k.k1:.3f} in the camera file, {k.k1 + off:.3f} +- {sd:.3f} by the images"
 
@@ -378,7 +362,7 @@ class TargetWatch:
         found = [
             f"{word} {np.degrees(turn):+.1f} +- {np.degrees(sd):.1f} deg"
             for n, word in enumerate(("roll", "pitch", "yaw"))
-            for turn, sd in (self._known(n, SELFCAL.mounting_floor),)
+            for turn, sd in (self._known(n),)
             if self._tells(turn, sd, SELFCAL.mounting)
         ]
         if found:
@@ -420,13 +404,14 @@ class TargetWatch:
         """Tags whose size is an unknown, and where it stands."""
         return enumerate(self.target.tags[1 : 1 + self._maker.sizes], start=SIZES_AT)
 
-    def _known(self, n: int, floor: float = 0.0) -> tuple[float, float]:
-        """An unknown and its deviation, with what no image shows."""
-        return float(self._filter.mean[n]), hypot(float(self._filter.sd[n]), floor)
+    def _known(self, n: int) -> tuple[float, float]:
+        """An unknown and its deviation."""
+        return float(self._filter.mean[n]), float(self._filter.sd[n])
 
-    def _tells(self, value: float, sd: float, least: float, certain: float = LIMITS.certainty.deviations) -> bool:
-        """Whether a difference is told: large enough to matter, and no accident."""
-        return self._filter.looks >= SELFCAL.least_looks and abs(value) > max(least, certain * sd)
+    def _tells(self, value: float, sd: float, least: float) -> bool:
+        """Whether a difference is told: more than what is nobody's fault, and no accident."""
+        certain = LIMITS.certainty.deviations * sd
+        return self._filter.looks >= SELFCAL.least_looks and abs(value) > hypot(least, certain)
 
 
 class SelfCheck:

@@ -17,6 +17,7 @@ from mkdaemon.vision.pose.pose import Pose, turn
 from mkdaemon.vision.pose.rolling import skew
 
 Array = npt.NDArray[np.float64]
+Grey = npt.NDArray[np.uint8]
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,6 +66,27 @@ class Turning:
 
     rate: Array
     sd: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sight:
+    """One image with what is known about its moment.
+
+    Attributes:
+        pixels: `(h, w)` uint8.
+        time: middle of the exposure [s].
+        enu_from_flu: the vehicle's attitude then `(3, 3)`; none when unknown.
+        turning_flu: how it turns then; none when unknown.
+    """
+
+    pixels: Grey
+    time: float
+    enu_from_flu: Array | None
+    turning_flu: Turning | None = None
+
+    def without_attitude(self) -> Sight:
+        """The image as a vehicle without attitude sees it."""
+        return replace(self, enu_from_flu=None, turning_flu=None)
 
 
 LEAST_SINE = 1e-12
@@ -158,12 +180,22 @@ def fuse_normal(pose: Pose, expected: Array, spread: float) -> Pose:
     Returns:
         The pose with its covariance.
     """
-    error, across = _apart(pose.rotation[:, 2], expected)
-    observe = np.zeros((2, 6))
-    observe[:, 3:] = across
+    error, across = _apart(pose, expected)
+    return updated(pose, _tilting(across), across @ error, spread**2 * np.eye(2))
+
+
+def updated(pose: Pose, observe: Array, surprise: Array, noise: Array) -> Pose:
+    """A Kalman update of a pose: K = P H^T (H P H^T + R)^-1.
+
+    Args:
+        pose: with the covariance P.
+        observe: H, how what is observed moves with place and rotation vector `(n, 6)`.
+        surprise: what was observed over what the pose says `(n,)`.
+        noise: R, of the observation `(n, n)`.
+    """
     prior = pose.covariance
-    gain = prior @ observe.T @ np.linalg.inv(observe @ prior @ observe.T + spread**2 * np.eye(2))
-    step = gain @ (across @ error)
+    gain = prior @ observe.T @ np.linalg.inv(observe @ prior @ observe.T + noise)
+    step = gain @ surprise
     posterior = prior - gain @ observe @ prior
     return replace(
         pose,
@@ -173,16 +205,31 @@ def fuse_normal(pose: Pose, expected: Array, spread: float) -> Pose:
     )
 
 
-def _apart(normal: Array, expected: Array) -> tuple[Array, Array]:
-    """The turn from a normal to the one expected `(3,)` [rad], and two axes across the normal `(2, 3)`.
+def angle_of(a: Array, b: Array) -> float:
+    """Angle between two directions `(3,)` [rad]."""
+    return float(np.arctan2(np.linalg.norm(skew(a) @ b), a @ b))
+
+
+def turn_between(start: Array, end: Array) -> Array:
+    """Rotation vector from one direction to another, both of length 1 `(3,)` [rad]."""
+    axis = skew(start) @ end
+    sine = float(np.linalg.norm(axis))
+    turned: Array = axis / sine * float(np.arctan2(sine, start @ end)) if sine > LEAST_SINE else axis
+    return turned
+
+
+def _apart(pose: Pose, expected: Array) -> tuple[Array, Array]:
+    """The turn from a pose's normal to the one expected `(3,)` [rad], and two axes across the normal `(2, 3)`.
 
     Rotation vectors across the normal tilt it; the one along it is yaw, which the attitude says nothing about.
     """
-    error = skew(normal) @ expected
-    sine = float(np.linalg.norm(error))
-    if sine > LEAST_SINE:
-        error = error / sine * float(np.arctan2(sine, normal @ expected))
-    return error, np.linalg.svd(normal.reshape(1, 3))[2][1:]
+    normal = pose.rotation[:, 2]
+    return turn_between(normal, expected), np.linalg.svd(normal.reshape(1, 3))[2][1:]
+
+
+def _tilting(across: Array) -> Array:
+    """How two angles across the normal move with a pose `(2, 6)`."""
+    return np.hstack([np.zeros((2, 3)), across])
 
 
 def normal_beside(pose: Pose, expected: Array, spread: float) -> tuple[Array, Array]:
@@ -199,7 +246,7 @@ def normal_beside(pose: Pose, expected: Array, spread: float) -> tuple[Array, Ar
     Returns:
         The turn from the pose's normal to the image's own `(3,)` [rad], and its covariance `(3, 3)`.
     """
-    error, across = _apart(pose.rotation[:, 2], expected)
+    error, across = _apart(pose, expected)
     known = 1.0 / spread**2
     values, axes = np.linalg.eigh(np.linalg.inv(across @ pose.covariance[3:, 3:] @ across.T) - known * np.eye(2))
     axes = axes.T @ across
@@ -223,18 +270,7 @@ def without_normal(pose: Pose, expected: Array, spread: float) -> Pose | None:
         The pose with its covariance; none where the image says less about the tilt than the fit was told: it is not
         linear then, and the pose without would be anywhere.
     """
-    error, across = _apart(pose.rotation[:, 2], expected)
-    observe = np.zeros((2, 6))
-    observe[:, 3:] = across
-    known = observe @ pose.covariance @ observe.T
-    if float(np.linalg.eigvalsh(known)[-1]) > spread**2 / 2.0:
+    error, across = _apart(pose, expected)
+    if float(np.linalg.eigvalsh(across @ pose.covariance[3:, 3:] @ across.T)[-1]) > spread**2 / 2.0:
         return None
-    gain = pose.covariance @ observe.T @ np.linalg.inv(known - spread**2 * np.eye(2))
-    step = gain @ (across @ error)
-    before = pose.covariance - gain @ observe @ pose.covariance
-    return replace(
-        pose,
-        rotation=turn(pose.rotation, step[3:]),
-        position=pose.position + step[:3],
-        covariance=(before + before.T) / 2,
-    )
+    return updated(pose, _tilting(across), across @ error, -(spread**2) * np.eye(2))

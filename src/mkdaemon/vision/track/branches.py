@@ -27,7 +27,7 @@ import numpy.typing as npt
 from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.ambiguity import log_odds
 from mkdaemon.vision.pose.pose import Pose
-from mkdaemon.vision.pose.rolling import skew
+from mkdaemon.vision.track.attitude import angle_of
 from mkdaemon.vision.track.course import ACCELERATION_PSD, MOVING_PSD, Course
 
 Array = npt.NDArray[np.float64]
@@ -49,20 +49,18 @@ class Branch:
 
     Attributes:
         course: after the newest image.
-        prior: the same before it was seen; none in the first image.
+        prior: the same before it was seen.
         pose: the candidate of the newest image that belongs to it.
         weight: log odds against the best branch, zero or less.
         missed: whether no candidate belongs to it; `pose` is the nearest.
-        against: what the newest image says for another candidate than `pose`, in log odds.
         together: what the newest images together say against this reading, however little each of them says [nats].
     """
 
     course: Course
-    prior: Course | None
+    prior: Course
     pose: Pose
     weight: float
     missed: bool = False
-    against: float = 0.0
     together: float = 0.0
 
     def next(self, time: float, candidates: Sequence[Pose], together: Sequence[float]) -> list[Branch]:
@@ -74,9 +72,8 @@ class Branch:
             anywhere = -3.0 * log(SCATTER * pose.range_m)
             joins, leaps = prior.log_density(pose), log(LEAVES) + anywhere
             course = prior.correct(pose) if joins > leaps else Course.begin(time, pose, prior.psd)
-            against = _evidence(likeliest, pose)
-            weight = self.weight - against + max(joins, leaps)
-            found.append(Branch(course, prior, pose, weight, against=against, together=against_it))
+            weight = self.weight - _evidence(likeliest, pose) + max(joins, leaps)
+            found.append(Branch(course, prior, pose, weight, together=against_it))
         k = max(range(len(candidates)), key=lambda j: prior.log_density(candidates[j]))
         nearest = candidates[k]
         misses = log(max(1.0 - nearest.inliers, LEAST_WRONG)) - 3.0 * log(SCATTER * nearest.range_m)
@@ -103,11 +100,12 @@ class Branches:
             decided: whether the first is already known to be true.
             moving: whether the target moves by itself.
         """
-        first, psd = candidates[0], MOVING_PSD if moving else ACCELERATION_PSD
-        found = [Branch(Course.begin(time, first, psd), None, first, 0.0)]
-        for other in candidates[1:]:
-            weight = -BRANCHES.certain if decided else -_evidence(first, other)
-            found.append(Branch(Course.begin(time, other, psd), None, other, weight))
+        psd = MOVING_PSD if moving else ACCELERATION_PSD
+        found: list[Branch] = []
+        for pose in candidates:
+            against = BRANCHES.certain if decided and found else _evidence(candidates[0], pose)
+            course = Course.begin(time, pose, psd)
+            found.append(Branch(course, course, pose, -against))
         return cls(_prune(found))
 
     @property
@@ -128,13 +126,13 @@ class Branches:
 
     @property
     def is_spoken_against(self) -> bool:
-        """Whether images speak against the likeliest branch: the newest by itself, or several together.
+        """Whether images speak against the likeliest branch, the newest by itself or several together.
 
         Together they may say no more than what it leads by beyond `decided`: a course that a poor fit threw aside lets
         its rival lead by one jump, whatever image after image says.
         """
         spare = min(self.lead - LIMITS.ambiguity.decided, LIMITS.ambiguity.decided)
-        return self.best.against > BRANCHES.silent or self.best.together > spare
+        return self.best.together > spare
 
     @property
     def doubt(self) -> float:
@@ -156,7 +154,7 @@ class Branches:
         A reading is where the target is seen from, not one history of it: that may begin with a leap from the other.
         """
         place = -pose.rotation.T @ pose.position
-        apart = [_angle(branch.course.centre, place) for branch in self.ranked]
+        apart = [angle_of(branch.course.centre, place) for branch in self.ranked]
         near = max(LIMITS.certainty.wrong_angle, min(apart))
         # Where both readings are nearly one, what was said against one of them says nothing.
         before = min(branch.together for branch, angle in zip(self.ranked, apart, strict=True) if angle <= near)
@@ -174,11 +172,7 @@ def _evidence(better: Pose, worse: Pose) -> float:
 
 def _apart(a: Branch, b: Branch) -> float:
     """Angle between the directions from which two branches see the target [rad]."""
-    return _angle(a.course.centre, b.course.centre)
-
-
-def _angle(p: Array, q: Array) -> float:
-    return float(np.arctan2(np.linalg.norm(skew(p) @ q), p @ q))
+    return angle_of(a.course.centre, b.course.centre)
 
 
 def _prune(found: list[Branch]) -> tuple[Branch, ...]:

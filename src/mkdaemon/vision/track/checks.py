@@ -14,8 +14,8 @@ from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.fitting import TargetFitter
 from mkdaemon.vision.pose.gates import fit_refusal
 from mkdaemon.vision.pose.pose import Pose, angle_between
-from mkdaemon.vision.track.attitude import Mounting
-from mkdaemon.vision.track.level import LevelKnowledge, Sight
+from mkdaemon.vision.track.attitude import Mounting, Sight
+from mkdaemon.vision.track.level import LevelKnowledge
 from mkdaemon.vision.track.track import Track
 
 
@@ -77,22 +77,21 @@ class Checks:
 
     def candidates(self, seen: Sight, pose: Pose) -> list[Pose]:
         """A fit and, where perspective does not rule it out, its mirror image."""
-        limits = LIMITS.ambiguity
-        if self.shows_perspective(pose) or pose.tilt < limits.small_tilt:
+        rival = None if self.shows_perspective(pose) else self.fitter.fit_mirrored(seen.pixels, pose)
+        if rival is None or angle_between(pose.rotation, rival.rotation) < LIMITS.ambiguity.same_pose:
             return [pose]
-        rival = self.fitter.fit_mirrored(seen.pixels, pose)
-        is_other = rival is not None and angle_between(pose.rotation, rival.rotation) >= limits.same_pose
-        return [pose, rival] if rival is not None and is_other else [pose]
+        return [pose, rival]
 
     def with_mirror(self, seen: Sight, poses: Sequence[Pose]) -> list[Pose]:
         """First poses of an image, the best first, with the best one's mirror image where none is among them.
 
         The starts of both may have run into one minimum; a branch without its rival would be believed unchallenged.
         """
-        best = min(poses, key=lambda pose: pose.loss)
-        alone = all(angle_between(best.rotation, pose.rotation) < LIMITS.ambiguity.same_pose for pose in poses)
-        others = [pose for pose in poses if pose is not best]
-        return sorted([*others, *(self.candidates(seen, best) if alone else [best])], key=lambda pose: pose.loss)
+        found = sorted(poses, key=lambda pose: pose.loss)
+        best = found[0]
+        if all(angle_between(best.rotation, pose.rotation) < LIMITS.ambiguity.same_pose for pose in found):
+            found = sorted([*found, *self.candidates(seen, best)[1:]], key=lambda pose: pose.loss)
+        return found
 
     def cell_px(self, pose: Pose) -> float:
         """Side of a cell of the largest tag in the image [px]."""

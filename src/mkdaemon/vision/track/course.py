@@ -9,14 +9,15 @@ Source: white-noise acceleration model, Bar-Shalom, Li and Kirubarajan, Estimati
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
 from mkdaemon.vision.limits import LIMITS
-from mkdaemon.vision.pose.pose import Pose, inverse, turn
+from mkdaemon.vision.pose.pose import Pose, inverse
 from mkdaemon.vision.pose.rolling import skew
+from mkdaemon.vision.track.attitude import updated
 
 Array = npt.NDArray[np.float64]
 
@@ -126,16 +127,7 @@ class Course:
         known = max(1.0, self.mahalanobis2(pose, 1.0) / 3.0) * self.covariance[:3, :3]
         back = pose.rotation.T
         jacobian = np.hstack([-back, -back @ skew(pose.position)])
-        prior = pose.covariance
-        gain = prior @ jacobian.T @ np.linalg.inv(jacobian @ prior @ jacobian.T + known + 1e-12 * np.eye(3))
-        step = gain @ (self.centre + back @ pose.position)
-        posterior = prior - gain @ jacobian @ prior
-        return replace(
-            pose,
-            rotation=turn(pose.rotation, step[3:]),
-            position=pose.position + step[:3],
-            covariance=(posterior + posterior.T) / 2,
-        )
+        return updated(pose, jacobian, self.centre + back @ pose.position, known + 1e-12 * np.eye(3))
 
 
 def shared_doubt(pose: Pose) -> float:

@@ -32,14 +32,11 @@ from mkdaemon.vision.tags.detector import Detector
 from mkdaemon.vision.tags.searchplan import FIRST
 from mkdaemon.vision.tags.tagmap import Tag, Target
 from mkdaemon.vision.track.alarms import ImageHealth
-from mkdaemon.vision.track.attitude import Mounting
+from mkdaemon.vision.track.attitude import Mounting, Sight
 from mkdaemon.vision.track.checks import Checks
-from mkdaemon.vision.track.first import FirstJudge
-from mkdaemon.vision.track.frame import Frame
-from mkdaemon.vision.track.judge import Judge, Verdict
-from mkdaemon.vision.track.level import Sight
-from mkdaemon.vision.track.result import FoundBy, TargetPose
-from mkdaemon.vision.track.track import Prediction, Track, known_motion
+from mkdaemon.vision.track.judge import FirstJudge, Judge, Verdict
+from mkdaemon.vision.track.result import FoundBy, Frame, TargetPose
+from mkdaemon.vision.track.track import Track, known_motion
 from mkdaemon.vision.track.witness import AttitudeWitness
 
 Grey = npt.NDArray[np.uint8]
@@ -201,26 +198,26 @@ class Follower:
         """Try to find the target where it should be."""
         self._fitter.begin(frame.sight.pixels)
         track, now = self.track, frame.sight.time
-        if track.is_live and not 0.0 < now - track.last_time < LIMITS.track.grace:
+        if track.is_live and not 0.0 < now - track.last_seen.time < LIMITS.track.grace:
             track.lose()
         if not track.is_live:
             return
         predicted = self._predicted(frame.sight)
         ways = [frame.sight]
-        if predicted.has_attitude:
+        if track.knows_turn(frame.sight, self._mounting):
             # An attitude that jumps, or has a swapped sign, turns a prediction away from a target that is where it was.
             ways.append(frame.sight.without_attitude())
         for seen in ways:
             expected = self._predicted(seen)
-            if self._measured(frame, expected.pose, self._starts(frame.sight.pixels, expected)):
+            if self._measured(frame, expected, self._starts(seen, expected)):
                 return
-        window = self._fitter.window(predicted.pose, frame.sight.pixels.shape)
+        window = self._fitter.window(predicted, frame.sight.pixels.shape)
         if window is not None:
             found = self._search.nearby(frame.sight.pixels, window, track.misses)
             frame.detections.extend(found)
             self.start(frame, found, "roi")
 
-    def _starts(self, pixels: Grey, predicted: Prediction) -> Iterator[tuple[FoundBy, Pose]]:
+    def _starts(self, seen: Sight, predicted: Pose) -> Iterator[tuple[FoundBy, Pose]]:
         """The prediction, and the last pose carried over: before it where the image does not show what it expects.
 
         The likeliest start, and the other until as much as an image may take is spent on it.
@@ -228,17 +225,17 @@ class Follower:
         track = self.track
         if track.misses >= LIMITS.track.through:
             return
-        is_expected = predicted.has_attitude or track.has_velocity
-        if is_expected and self._fitter.shows(pixels, predicted.pose):
-            yield "predicted", predicted.pose
+        is_expected = track.has_velocity or track.knows_turn(seen, self._mounting)
+        if is_expected and self._fitter.shows(seen.pixels, predicted):
+            yield "predicted", predicted
             is_expected = False
             if self._fitter.effort >= MOST_EFFORT:
                 return
-        carried = None if track.image is None else self._carrier.shift(track.image, pixels, track.last)
+        carried = self._carrier.shift(track.last_seen.pixels, seen.pixels, track.last)
         if carried is not None:
-            yield "flow", replace(predicted.pose, rotation=carried.rotation, position=carried.position)
+            yield "flow", replace(predicted, rotation=carried.rotation, position=carried.position)
         if is_expected and (carried is None or self._fitter.effort < MOST_EFFORT):
-            yield "predicted", predicted.pose
+            yield "predicted", predicted
 
     def _with_climb(self, seen: Sight, start: Pose) -> Pose:
         """The start of a track's second image with the speed that both ranges tell.
@@ -251,7 +248,7 @@ class Follower:
         found = self._fitter.refine(seen.pixels, start)
         if found is None or found.inliers < LIMITS.agreement.blind:
             return start
-        known = self.track.motion_with(seen.time, found, seen.enu_from_flu, self._mounting, seen.turning_flu)
+        known = self.track.motion_with(seen, found, self._mounting)
         return start if known is None else replace(start, known_motion=known)
 
     def _measured(self, frame: Frame, predicted: Pose, starts: Iterable[tuple[FoundBy, Pose]]) -> bool:
@@ -280,15 +277,12 @@ class Follower:
 
     def _found(self, frame: Frame, verdict: Verdict, pose: Pose, mode: FoundBy) -> None:
         """Follow a target that is found, and publish it if it is believed."""
-        track = self.track
         if not self._decode_again(frame, pose):
             return
         if verdict.refusal is not None:
-            self._accept(frame, pose)
-            track.in_doubt = track.in_doubt or verdict.refusal is PoseRefusal.AMBIGUOUS
+            self.track.accept(frame.sight, pose)
             frame.follow(self.name, verdict.refusal)
             return
-        track.in_doubt = False
         self._publish(frame, Choice(pose, float("inf"), "track"), mode)
 
     def witness_against(self, frame: Frame, reported: Sight, witness: AttitudeWitness) -> bool:
@@ -310,27 +304,25 @@ class Follower:
         return witness.image_seen(reported.time, turned[0], reported.enu_from_flu, turned[1])
 
     def start_alone(self, frame: Frame) -> None:
-        """Start from an image whose attitude was left out after it had refused what the image shows."""
+        """Forget how the target lies, and start from an image whose attitude was left out as it refused the image."""
+        self._checks.level.forget()
         seen = frame.contradicting.get(self.name)
         if seen is None:
             return
         self.start(frame, frame.detections, "search")
         if self.track.is_live and all(found.target != self.name for found in frame.poses):
-            self._measured(frame, self._predicted(frame.sight).pose, [("predicted", seen)])
-
-    def forget_deck(self) -> None:
-        """Forget how the target lies."""
-        self._checks.level.forget()
+            self._measured(frame, self._predicted(frame.sight), [("predicted", seen)])
 
     def forget(self) -> None:
-        """Forget the track and how the target lies."""
+        """Forget the track, where the target was, and how it lies."""
         self.track.lose()
+        self.track.published = None
         self._checks.level.forget()
 
     def note_miss(self, frame: Frame) -> None:
         """Count an image in which the target was not found, and give it up in time."""
         self.track.misses += 1
-        if self.track.is_live and frame.sight.time - self.track.last_time > self._cfg.coast:
+        if self.track.is_live and frame.sight.time - self.track.last_seen.time > self._cfg.coast:
             self.track.lose()
 
     def start(self, frame: Frame, found: Sequence[Detection], mode: FoundBy) -> None:
@@ -352,6 +344,9 @@ class Follower:
             lambda place: known_motion(place, None, seen.turning_flu, mounting),
             self._bend.at(seen.time),
         )
+        if candidates and not any(self.track.can_be_at(seen.time, pose) for pose in candidates):
+            frame.refused[self.name] = PoseRefusal.OFF_COURSE
+            return
         verdict = self._first.choose(seen, candidates)
         contradicting = self._first.contradicting(seen, candidates, verdict, frame.contradicting.pop(self.name, None))
         if contradicting is not None:
@@ -364,7 +359,6 @@ class Follower:
                 self._start_ambiguous(frame, candidates)
             return
         self.track.decoded_at = self.track.tried_at = frame.sight.time
-        self.track.in_doubt = False
         self.track.branches = self.judge.start_branches(frame.sight, [verdict.choice.pose], decided=True)
         self._publish(frame, verdict.choice, mode)
 
@@ -399,26 +393,23 @@ class Follower:
     def _start_ambiguous(self, frame: Frame, candidates: Sequence[Pose]) -> None:
         """Start a track that waits until it can decide between a pose and its mirror image."""
         track = self.track
-        if track.is_live and not track.in_doubt and track.misses <= LIMITS.track.through:
+        if track.branches is not None and track.branches.is_decided:
             return
         rivals = self._checks.with_mirror(frame.sight, candidates)
         track.lose()
         track.branches = self.judge.start_branches(frame.sight, rivals, decided=False)
         track.decoded_at = track.tried_at = frame.sight.time
-        track.in_doubt = True
-        self._accept(frame, rivals[0])
+        self.track.accept(frame.sight, rivals[0])
         frame.follow(self.name, PoseRefusal.AMBIGUOUS)
 
-    def _predicted(self, seen: Sight) -> Prediction:
+    def _predicted(self, seen: Sight) -> Pose:
         """What the track expects in an image, with what is known of the print's bend."""
-        expected = self.track.predict(seen.time, seen.enu_from_flu, self._mounting, seen.turning_flu)
-        return replace(expected, pose=replace(expected.pose, bend=None, known_bend=self._bend.at(seen.time)))
-
-    def _accept(self, frame: Frame, pose: Pose) -> None:
-        self.track.accept(frame.sight.time, pose, frame.sight.enu_from_flu, frame.sight.pixels)
+        expected = self.track.predict(seen, self._mounting)
+        return replace(expected, bend=None, known_bend=self._bend.at(seen.time))
 
     def _publish(self, frame: Frame, choice: Choice, mode: FoundBy) -> None:
-        self._accept(frame, choice.pose)
+        self.track.accept(frame.sight, choice.pose)
+        self.track.published = frame.sight.time, choice.pose.range_m
         self._bend.learn(frame.sight.time, choice.pose)
         self._rows.pose_found(frame.sight.time, choice.pose)
         frame.refused.pop(self.name, None)

@@ -1,19 +1,19 @@
-"""Measuring a followed target from a start and judging what came out: by attitude, track, image and inertia."""
+"""Judging poses of a target, decoded anew or followed: by attitude, image, track and inertia."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Final
 
 from mkdaemon.telemetry.vision import PoseRefusal
 from mkdaemon.vision.limits import LIMITS
-from mkdaemon.vision.pose.ambiguity import choose, prefers
+from mkdaemon.vision.pose.ambiguity import Choice, choose, prefers
 from mkdaemon.vision.pose.gates import certainty_refusal
-from mkdaemon.vision.pose.pose import Pose
-from mkdaemon.vision.track.attitude import without_normal
+from mkdaemon.vision.pose.pose import Pose, angle_between
+from mkdaemon.vision.track.attitude import Sight, without_normal
 from mkdaemon.vision.track.branches import Branches
-from mkdaemon.vision.track.checks import Checks, with_angle_variance
-from mkdaemon.vision.track.level import Sight
+from mkdaemon.vision.track.checks import Checks, with_angle_variance, with_rival
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -36,14 +36,13 @@ class Verdict:
 class Judge:
     """Measures and judges one target that is followed.
 
-    Attributes:
-        is_backed: whether the images before and inertia spoke for the newest pose.
+    Args:
+        checks: the target's gates.
     """
 
     def __init__(self, checks: Checks) -> None:
         self._checks = checks
         self._fitter, self._track = checks.fitter, checks.track
-        self.is_backed = False
 
     def measure(self, seen: Sight, start: Pose, predicted: Pose) -> Verdict:
         """Fit from one start and judge the fit.
@@ -64,24 +63,23 @@ class Judge:
             pose, held = alone, None
         refused = checks.refusal(seen, pose) if pose is not None else PoseRefusal.NO_FIT
         if pose is not None and refused is None:
-            if held is not None:
-                checks.level.learn(seen, pose, held)
-                return self._judge_with_attitude(seen, pose)
             if checks.level.knows(seen):
                 # What the images before told of the deck; with this one in it the image would count twice.
-                fused = checks.level.fuse(seen, pose)
-                checks.level.learn(seen, pose)
+                fused = pose if held is not None else checks.level.fuse(seen, pose)
+                checks.level.learn(seen, pose, held)
                 return self._judge_with_attitude(seen, fused)
             return self._judge_without_attitude(seen, pose)
-        contradicting = pose if self._is_contradicted(pose, refused) else None
-        if vertical is not None and contradicting is None:
+        contradicting, off = None, pose if refused is PoseRefusal.ATTITUDE else None
+        if off is not None and checks.is_whole(off):
+            # Nothing lies over such a target; a held tilt agrees with the attitude whatever the image says.
+            contradicting = off
+        elif vertical is not None:
             # A free fit may follow something lying over the target, and agrees with the image no better then: hold the
             # tilt and try again.
             leaning = fitted
             if not is_held:
                 leaning = self._fitter.refine(seen.pixels, replace(start, rotation=predicted.rotation), vertical)
             leans = leaning is not None and checks.refusal(seen, leaning) is None
-            off = pose if refused is PoseRefusal.ATTITUDE else None
             if leaning is not None and leans and (off is None or not prefers(off, leaning)):
                 return self.add_inertia(seen, leaning)
             if off is not None and (leans or self._is_plainly_there(seen, off)):
@@ -94,13 +92,6 @@ class Judge:
         if not self._checks.is_plain(seen, pose):
             return False
         return certainty_refusal(pose, has_attitude=False, is_plain=True) is None
-
-    def _is_contradicted(self, pose: Pose | None, refused: PoseRefusal | None) -> bool:
-        """Whether the attitude refuses a fit that nearly all edges agree with: nothing lies over such a target.
-
-        A tilt that is held agrees with the attitude whatever the image says, and nobody would hear of it.
-        """
-        return pose is not None and refused is PoseRefusal.ATTITUDE and self._checks.is_whole(pose)
 
     def start_branches(self, seen: Sight, candidates: Sequence[Pose], *, decided: bool) -> Branches:
         """Branches that start in this image, the best candidate first."""
@@ -125,9 +116,8 @@ class Judge:
 
     def _judge_with_attitude(self, seen: Sight, pose: Pose) -> Verdict:
         """Judge a fit that agrees with the attitude, and carry the course on with it."""
-        before = self._track.branches
-        branches = before.after(seen.time, [pose]) if before is not None and before.is_decided else None
-        verdict = self.add_inertia(seen, pose)
+        verdict, branches = self.add_inertia(seen, pose), self._track.branches
+        branches = branches.after(seen.time, [pose]) if branches is not None and branches.is_decided else None
         if branches is None or branches.best.missed:
             branches = self.start_branches(seen, [pose], decided=True)
         self._track.branches = branches
@@ -136,35 +126,173 @@ class Judge:
     def _judge_without_attitude(self, seen: Sight, pose: Pose) -> Verdict:
         """Judge a fit by its mirror image, the images before and the vehicle's inertia."""
         checks, certain = self._checks, LIMITS.certainty
-        branches = self._advance_branches(seen, checks.candidates(seen, pose))
-        chosen, prior = branches.best.pose, branches.best.prior
+        if self._track.branches is None:
+            return Verdict(pose, PoseRefusal.AMBIGUOUS)
+        branches = self._track.branches.after(seen.time, checks.candidates(seen, pose))
+        best = branches.best
+        chosen, prior = best.pose, best.prior
         refused = None if chosen is pose else checks.refusal(seen, chosen)
         if refused is not None:
             return Verdict(None, refused)
         self._track.branches = branches
-        self.is_backed = False
         if not branches.is_decided or branches.is_spoken_against:
             return Verdict(chosen, PoseRefusal.AMBIGUOUS)
-        fused = with_angle_variance(prior.fuse(chosen) if prior is not None else chosen, branches.doubt)
+        fused = with_angle_variance(prior.fuse(chosen), branches.doubt)
         # The branches allow for errors that last; to be published a pose has to fit by its own covariance.
-        surprises = prior is not None and prior.mahalanobis2(chosen, 1.0) > certain.surprising
-        if branches.best.missed or surprises:
+        if best.missed or prior.mahalanobis2(chosen, 1.0) > certain.surprising:
             return Verdict(fused, PoseRefusal.OFF_COURSE)
-        self.is_backed = prior is not None and prior.angle_sd < certain.blind_angle_sd
-        is_plain = self.is_backed or checks.is_plain(seen, fused)
-        if not is_plain and chosen.source == "edges" and chosen.inliers < LIMITS.agreement.whole:
+        is_backed = prior.angle_sd < certain.blind_angle_sd
+        is_plain = is_backed or checks.is_plain(seen, fused)
+        if not is_plain and checks.is_partial(chosen):
             return Verdict(fused, PoseRefusal.INLIERS)
-        refused = certainty_refusal(fused, has_attitude=False, is_plain=is_plain, is_backed=self.is_backed)
+        refused = certainty_refusal(fused, has_attitude=False, is_plain=is_plain, is_backed=is_backed)
         return Verdict(fused, refused)
 
-    def _advance_branches(self, seen: Sight, candidates: Sequence[Pose]) -> Branches:
-        """The branches of the track with the candidates of this image."""
-        before, first = self._track.branches, candidates[0]
-        if before is not None:
-            return before.after(seen.time, candidates)
-        if self._checks.shows_perspective(first):
-            return self.start_branches(seen, candidates, decided=True)
-        choice = choose(candidates, min_ratio=self._checks.cfg.min_ambiguity_ratio)
-        best = choice.pose if choice is not None else min(candidates, key=lambda candidate: candidate.loss)
-        order = [best, *(other for other in candidates if other is not best)]
-        return self.start_branches(seen, order, decided=choice is not None)
+
+OVERRULED: Final = (PoseRefusal.ATTITUDE, PoseRefusal.ANGLE_UNCERTAIN, PoseRefusal.POSITION_UNCERTAIN)
+"""Refusals beside an attitude of what the image alone, by its stricter gates, may publish."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FirstVerdict:
+    """Which of several first poses is published, or why none of them is.
+
+    Attributes:
+        choice: the pose, with the attitude's knowledge in it.
+        refusal: why there is none.
+    """
+
+    choice: Choice | None = None
+    refusal: PoseRefusal | None = None
+
+
+class FirstJudge:
+    """Judges the first poses of one target.
+
+    Args:
+        checks: the target's gates.
+    """
+
+    def __init__(self, checks: Checks) -> None:
+        self._checks = checks
+        self._fitter = checks.fitter
+
+    def choose(self, seen: Sight, candidates: Sequence[Pose]) -> FirstVerdict:
+        """Decide about poses from decoded tags.
+
+        Args:
+            seen: the image.
+            candidates: fitted poses.
+        """
+        checks, level = self._checks, self._checks.level
+        refusals = [checks.refusal(seen, pose) for pose in candidates]
+        believable = [
+            pose for pose, why in zip(candidates, refusals, strict=True) if why in (None, PoseRefusal.ATTITUDE)
+        ]
+        if not believable:
+            return FirstVerdict(refusal=refusals[0] if refusals else PoseRefusal.NO_FIT)
+        tilts = [level.tilt(seen, pose) for pose in believable]
+        known = [tilt for tilt in tilts if tilt is not None]
+        conclusive = [pose for pose in believable if checks.is_conclusive(seen, pose)]
+        if known and conclusive and min(known) > max(level.gate(seen, pose) for pose in believable):
+            known = []  # the deck lies otherwise, and the image alone tells how
+        choice = choose(
+            believable,
+            min_ratio=checks.cfg.min_ambiguity_ratio,
+            tilt_errors=known or None,
+            tilt_gate=max(level.gate(seen, pose) for pose in believable),
+        )
+        if choice is None and known:
+            return self._fit_level(seen, min(believable, key=lambda pose: pose.loss))
+        choice = choice or self._choose_by_all_pixels(seen, believable)
+        if choice is None:
+            return FirstVerdict(refusal=PoseRefusal.AMBIGUOUS)
+        is_supported = False
+        if choice.pose.source == "edges" and choice.pose.inliers < LIMITS.agreement.whole:
+            # Hidden parts, or a border faked by what hides them: a held tilt tells these apart, or the edges seen.
+            if known:
+                return self._fit_level(seen, choice.pose)
+            is_supported = self._fitter.is_supported(seen.pixels, choice.pose)
+            if not is_supported:
+                return FirstVerdict(refusal=PoseRefusal.INLIERS)
+        if choice.decided_by in ("unique", "image"):
+            # Both starts may have run into one minimum, or one of them into none: the mirrored pose of a small tag is
+            # asked for by name.
+            decided = self._decide_mirror(seen, choice.pose)
+            if decided is None:
+                return FirstVerdict(refusal=PoseRefusal.AMBIGUOUS)
+            choice = replace(choice, pose=decided)
+        fused = level.fuse(seen, choice.pose)
+        refused = checks.refusal(seen, choice.pose) or certainty_refusal(
+            fused, has_attitude=bool(known), is_plain=is_supported
+        )
+        return FirstVerdict(replace(choice, pose=fused)) if refused is None else FirstVerdict(refusal=refused)
+
+    def contradicting(
+        self, seen: Sight, candidates: Sequence[Pose], verdict: FirstVerdict, followed: Pose | None = None
+    ) -> Pose | None:
+        """The pose that the image alone would publish, where the attitude refuses it or chose its mirror image.
+
+        An attitude with both signs swapped agrees with the mirror image of a target in the middle of the image, which
+        may be too uncertain to be published. What a track led to, and the image prefers to the mirror image that the
+        attitude chose, contradicts it too.
+
+        Args:
+            seen: the image.
+            candidates: fitted poses.
+            verdict: about them.
+            followed: what the track led to and the attitude refuses though nearly all edges agree with it.
+        """
+        chosen = verdict.choice.pose if verdict.choice is not None else None
+        if followed is not None:
+            # Fits of two kinds do not compare.
+            wins = prefers(followed, chosen) if chosen is not None else verdict.refusal in OVERRULED
+            if wins:
+                return followed
+        is_overruled = verdict.choice is not None and verdict.choice.decided_by == "attitude"
+        if not is_overruled and verdict.refusal not in OVERRULED:
+            return None
+        alone = self.choose(seen.without_attitude(), candidates).choice
+        if alone is None or chosen is None:
+            return None if alone is None else alone.pose
+        apart = angle_between(alone.pose.rotation, chosen.rotation)
+        return alone.pose if apart > LIMITS.certainty.wrong_angle else None
+
+    def _decide_mirror(self, seen: Sight, pose: Pose) -> Pose | None:
+        """Compare a first pose that has no rival with its mirror image; none when nothing decides."""
+        rivals = self._checks.candidates(seen, pose)
+        choice = choose(rivals, min_ratio=self._checks.cfg.min_ambiguity_ratio)
+        choice = choice or self._choose_by_all_pixels(seen, rivals)
+        if choice is not None:
+            return choice.pose
+        return self._nearer_to_level(seen, rivals) if self._checks.level.knows(seen) else None
+
+    def _choose_by_all_pixels(self, seen: Sight, rivals: Sequence[Pose]) -> Choice | None:
+        """Choose between edge fits of a small target by all its pixels; none where nothing decides."""
+        small = LIMITS.cells.small_px
+        if any(rival.source != "edges" or self._checks.cell_px(rival) >= small for rival in rivals):
+            return None
+        grey = self._fitter.fit_grey_values(seen.pixels, rivals)
+        return choose(grey, min_ratio=self._checks.cfg.min_ambiguity_ratio) if grey else None
+
+    def _nearer_to_level(self, seen: Sight, rivals: Sequence[Pose]) -> Pose:
+        """The rival that agrees better with the attitude; where both might, with the doubt in its covariance."""
+        level = self._checks.level
+        best, other = rivals if level.log_odds(seen, *rivals) > 0.0 else reversed(rivals)
+        if (level.tilt(seen, other) or 0.0) > level.gate(seen, other):
+            return best
+        return with_rival(best, other, level.log_odds(seen, best, other))
+
+    def _fit_level(self, seen: Sight, pose: Pose) -> FirstVerdict:
+        """Fit once more with the tilt held: something lying over one side gives a quad that is off by that much."""
+        checks, level = self._checks, self._checks.level
+        vertical = level.vertical(seen)
+        held = self._fitter.refine(seen.pixels, level.replace_tilt(seen, pose), vertical)
+        if held is None or checks.refusal(seen, held) is not None:
+            return FirstVerdict(refusal=PoseRefusal.ATTITUDE)
+        tilt = level.tilt(seen, held)
+        if tilt is None or tilt > level.hidden_gate(held):
+            return FirstVerdict(refusal=PoseRefusal.ATTITUDE)
+        refused = certainty_refusal(held, has_attitude=True)
+        chosen = Choice(held, float("inf"), "attitude")
+        return FirstVerdict(chosen) if refused is None else FirstVerdict(refusal=refused)

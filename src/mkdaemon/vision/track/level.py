@@ -28,11 +28,10 @@ from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.edgefit import Level
 from mkdaemon.vision.pose.pose import Pose, largest_variance, turn
 from mkdaemon.vision.pose.rolling import skew
-from mkdaemon.vision.track.attitude import Mounting, Turning, fuse_normal, normal_beside
+from mkdaemon.vision.track.attitude import Mounting, Sight, angle_of, fuse_normal, normal_beside, turn_between
 from mkdaemon.vision.track.course import lasting_doubt
 
 Array = npt.NDArray[np.float64]
-Grey = npt.NDArray[np.uint8]
 
 PRIOR_SD: Final = radians(2.5)
 """Deviation of the normal from the vertical before an image measured it, each axis [rad]: half of its variance the
@@ -51,6 +50,7 @@ MOVED: Final = 9.0
 """Squared distance of a measured normal from which the deck has moved: chi-square(2), one in 90."""
 LEAST_WEIGHT: Final = 1e-12
 """Of a kind that the images contradict."""
+UP: Final = np.array([0.0, 0.0, 1.0])
 MOST_LEAN: Final = 4.0 * PRIOR_SD
 """Of a level target by the attitude [rad]."""
 LONGEST: Final = 10.0
@@ -182,27 +182,6 @@ EXACT = 1e-3
 """Deviation of an attitude that replaces a tilt altogether [rad]."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Sight:
-    """One image with what is known about its moment.
-
-    Attributes:
-        pixels: `(h, w)` uint8.
-        time: middle of the exposure [s].
-        enu_from_flu: the vehicle's attitude then `(3, 3)`; none when unknown.
-        turning_flu: how it turns then; none when unknown.
-    """
-
-    pixels: Grey
-    time: float
-    enu_from_flu: Array | None
-    turning_flu: Turning | None = None
-
-    def without_attitude(self) -> Sight:
-        """The image as a vehicle without attitude sees it."""
-        return replace(self, enu_from_flu=None, turning_flu=None)
-
-
 class LevelKnowledge:
     """Knows where the normal of one target should point in an image, and learns how the target really lies.
 
@@ -225,7 +204,7 @@ class LevelKnowledge:
     def tilt(self, seen: Sight, pose: Pose) -> float | None:
         """Angle between the normal of a pose and the one expected [rad]; none where nothing is known."""
         expected = self._expected(seen)
-        return None if expected is None else _between(pose.rotation[:, 2], expected)
+        return None if expected is None else angle_of(pose.rotation[:, 2], expected)
 
     def turned(self, seen: Sight, pose: Pose) -> tuple[Array, float] | None:
         """How the normal of a pose is turned from the one expected, and how far that is believed.
@@ -238,7 +217,7 @@ class LevelKnowledge:
         if seen.enu_from_flu is None or self._mounting is None:
             return None
         normal = seen.enu_from_flu @ self._mounting.flu_from_cam @ pose.rotation[:, 2]
-        turned, leaning = (_turn(known, normal) for known in (self._deck.normal(seen.enu_from_flu), UP))
+        turned, leaning = (turn_between(known, normal) for known in (self._deck.normal(seen.enu_from_flu), UP))
         if float(np.linalg.norm(leaning)) > MOST_LEAN:
             return max(leaning, turned, key=np.linalg.norm), MOST_LEAN
         return turned, self.gate(seen, pose)
@@ -313,19 +292,3 @@ class LevelKnowledge:
     def _deck_sd(self, seen: Sight) -> float:
         """Deviation of how the target lies by the attitude of an image [rad]; the prior's without one."""
         return self._deck.sd(seen.time, seen.enu_from_flu) if seen.enu_from_flu is not None else PRIOR_SD
-
-
-UP: Final = np.array([0.0, 0.0, 1.0])
-
-
-def _turn(start: Array, end: Array) -> Array:
-    """Rotation vector from one direction to another `(3,)` [rad]."""
-    axis = skew(start) @ end
-    sine = float(np.linalg.norm(axis))
-    turned: Array = axis * (_between(start, end) / sine) if sine > 0.0 else axis
-    return turned
-
-
-def _between(a: Array, b: Array) -> float:
-    """Angle between two directions [rad]."""
-    return float(np.arctan2(np.linalg.norm(skew(a) @ b), a @ b))

@@ -1,8 +1,8 @@
-"""What one image gave: tags, poses, alarms, refusals."""
+"""One image on its way through the tracker, and what it gave: tags, poses, alarms, refusals."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
@@ -12,6 +12,7 @@ from mkdaemon.telemetry.vision import Alarm, PoseRefusal
 from mkdaemon.vision.pose.ambiguity import Decision
 from mkdaemon.vision.pose.pose import Pose, inverse, with_floor
 from mkdaemon.vision.tags.detection import Detection
+from mkdaemon.vision.track.attitude import Sight
 
 Array = npt.NDArray[np.float64]
 FoundBy = Literal["predicted", "flow", "roi", "search"]
@@ -51,6 +52,37 @@ class TargetPose:
     def camera_in_target(self) -> tuple[Array, Array, Array]:
         """Rotation target from camera, position of the camera [m; target], covariance with floor in target axes."""
         return inverse(self.pose, self.covariance)
+
+
+@dataclass(slots=True)
+class Frame:
+    """One image on its way through the tracker.
+
+    Attributes:
+        sight: the image, with what is known about its moment.
+        detections: tags decoded in it so far.
+        poses: that are published.
+        refused: why a target has none.
+        contradicting: poses that the attitude alone refused; the image would have published them.
+        started: targets whose decoded tags were judged.
+    """
+
+    sight: Sight
+    detections: list[Detection] = field(default_factory=list)
+    poses: list[TargetPose] = field(default_factory=list)
+    refused: dict[str, PoseRefusal] = field(default_factory=dict)
+    contradicting: dict[str, Pose] = field(default_factory=dict)
+    started: set[str] = field(default_factory=set)
+    _followed: set[str] = field(default_factory=set)
+
+    def follow(self, name: str, refused: PoseRefusal) -> None:
+        """A target was found and is followed, but not published."""
+        self.refused[name] = refused
+        self._followed.add(name)
+
+    def has(self, name: str) -> bool:
+        """Whether a target was found."""
+        return name in self._followed or any(found.target == name for found in self.poses)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -11,32 +11,12 @@ from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.linetime import KnownMotion
 from mkdaemon.vision.pose.pose import Pose
 from mkdaemon.vision.pose.rolling import motion_of
-from mkdaemon.vision.track.attitude import Mounting, Turning
+from mkdaemon.vision.track.attitude import Mounting, Sight, Turning
 from mkdaemon.vision.track.branches import Branches
 
 Array = npt.NDArray[np.float64]
 
 TRACK = LIMITS.track
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Moment:
-    time: float
-    pose: Pose
-    enu_from_flu: Array | None
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Prediction:
-    """Where a target should be.
-
-    Attributes:
-        pose: expected.
-        has_attitude: whether the vehicle's attitude went into it.
-    """
-
-    pose: Pose
-    has_attitude: bool
 
 
 @dataclass(slots=True)
@@ -47,124 +27,112 @@ class Track:
         misses: images since the last accepted pose.
         decoded_at: when one of its tags was last decoded [s].
         tried_at: when decoding was last tried [s].
-        in_doubt: the poses remembered may be mirrored; they are good for following, not for deciding.
-        branches: the readings of the images so far, while no attitude tells them apart; none before the first.
-        image: pixels of the last accepted pose, for finding the target again.
+        branches: the readings of the images so far; none before the first.
+        published: when the target was published last [s], and its range then [m]; also of a track that was lost.
     """
 
     misses: int = 0
     decoded_at: float = -np.inf
     tried_at: float = -np.inf
-    in_doubt: bool = False
     branches: Branches | None = None
-    image: npt.NDArray[np.uint8] | None = None
-    _moments: list[_Moment] = field(default_factory=list)
+    published: tuple[float, float] | None = None
+    _found: list[tuple[Sight, Pose]] = field(default_factory=list)
 
     @property
     def is_live(self) -> bool:
         """Whether there is a pose to predict from."""
-        return bool(self._moments)
+        return bool(self._found)
 
     @property
     def has_velocity(self) -> bool:
         """Whether two recent poses exist."""
-        return len(self._moments) > 1
+        return len(self._found) > 1
 
     @property
     def last(self) -> Pose:
         """The newest accepted pose; the track must be live."""
-        return self._moments[-1].pose
+        return self._found[-1][1]
 
     @property
-    def last_time(self) -> float:
-        """When it was measured [s]."""
-        return self._moments[-1].time
+    def last_seen(self) -> Sight:
+        """The image it was measured in."""
+        return self._found[-1][0]
 
-    def accept(self, time: float, pose: Pose, enu_from_flu: Array | None, image: npt.NDArray[np.uint8]) -> None:
+    def accept(self, seen: Sight, pose: Pose) -> None:
         """Remember a pose and the image it came from, in place of another one of that image."""
-        self.image = image
-        if self._moments and self._moments[-1].time == time:
-            self._moments.pop()
-        gap = time - self._moments[-1].time if self._moments else 0.0
-        if self._moments and not 0 < gap < TRACK.grace:
-            self._moments.clear()
-        self._moments = [*self._moments[-1:], _Moment(time, pose, enu_from_flu)]
+        if self._found and self.last_seen.time == seen.time:
+            self._found.pop()
+        is_recent = self.is_live and 0.0 < seen.time - self.last_seen.time < TRACK.grace
+        self._found = [*(self._found[-1:] if is_recent else []), (seen, pose)]
         self.misses = 0
 
     def lose(self) -> None:
-        """Forget everything: a wrong lock must not predict itself."""
-        self._moments.clear()
-        self.image = None
-        self.in_doubt = False
+        """Forget all but where it was published: a wrong lock must not predict itself."""
+        self._found.clear()
         self.branches = None
         self.misses = 0
         self.decoded_at = -np.inf
 
-    def predict(
-        self,
-        time: float,
-        enu_from_flu: Array | None,
-        mounting: Mounting | None,
-        turning_flu: Turning | None = None,
-    ) -> Prediction:
-        """Expected pose at a time.
+    def can_be_at(self, time: float, pose: Pose) -> bool:
+        """Whether the target can have moved to a pose since it was published last, by its range.
+
+        A camera turns faster than it moves, and a mirror image has the same range.
+        """
+        if self.published is None:
+            return True
+        then, range_m = self.published
+        certain = LIMITS.certainty
+        moved = certain.deviations * LIMITS.edges.speed_sd * (time - then)
+        return abs(pose.range_m - range_m) <= abs(moved) + max(certain.wrong_m, certain.wrong_share * pose.range_m)
+
+    def knows_turn(self, seen: Sight, mounting: Mounting | None) -> bool:
+        """Whether attitudes tell how the camera turned from the last pose to an image."""
+        return _camera_turn(seen, self.last_seen, mounting) is not None
+
+    def predict(self, seen: Sight, mounting: Mounting | None) -> Pose:
+        """Expected pose in an image.
 
         Motion is taken in the camera frame, where the position is known to a fraction of a pixel; in the target frame
         every error of tilt would swing it by the range. With the vehicle's attitude the turn of the camera is taken
         out first and put back for the new image; without, image motion and turn simply go on.
         """
-        now = self._moments[-1]
-        before = self._moments[-2] if self.has_velocity else None
-        turned = _camera_turn(enu_from_flu, now.enu_from_flu, mounting)
-        position, rotation = now.pose.position, now.pose.rotation
+        last_seen, last = self._found[-1]
+        turned = _camera_turn(seen, last_seen, mounting)
+        position, rotation = last.position, last.rotation
         speed: Array | None = None
         speed_sd = 0.0
-        if before is not None:
-            ahead = (time - now.time) / (now.time - before.time)
-            earlier = _camera_turn(now.enu_from_flu, before.enu_from_flu, mounting)
-            if turned is not None and earlier is not None:
-                step = position - earlier @ before.pose.position
-            else:
-                step = position - before.pose.position
-                rotation = now.pose.rotation @ before.pose.rotation.T @ now.pose.rotation
-            position = position + ahead * step
-            speed = step / (now.time - before.time)
+        if self.has_velocity:
+            before_seen, before = self._found[-2]
+            passed = last_seen.time - before_seen.time
+            earlier = _camera_turn(last_seen, before_seen, mounting)
+            came_from = before.position if turned is None or earlier is None else earlier @ before.position
+            step = last.position - came_from
+            position = last.position + (seen.time - last_seen.time) / passed * step
+            speed = step / passed
             if turned is None or earlier is None:
+                rotation = last.rotation @ before.rotation.T @ last.rotation
                 # Whatever the camera turned is in the step, and does not change the range: where it leads, too.
                 sight = position / float(np.linalg.norm(position))
-                nearing = (now.pose.range_m - before.pose.range_m) / (now.time - before.time)
-                speed = speed + (nearing - float(speed @ sight)) * sight
-            variance = float(now.pose.covariance[2, 2] + before.pose.covariance[2, 2])
-            speed_sd = float(np.sqrt(variance)) / (now.time - before.time)
-        known = known_motion(position, speed, turning_flu, mounting, speed_sd)
-        if turned is None:
-            return Prediction(replace(now.pose, rotation=rotation, position=position, known_motion=known), False)
-        turned_on = turned @ now.pose.rotation
-        return Prediction(replace(now.pose, rotation=turned_on, position=turned @ position, known_motion=known), True)
+                speed = speed + ((last.range_m - before.range_m) / passed - float(speed @ sight)) * sight
+            speed_sd = float(np.sqrt(last.covariance[2, 2] + before.covariance[2, 2])) / passed
+        known = known_motion(position, speed, seen.turning_flu, mounting, speed_sd)
+        if turned is not None:
+            rotation, position = turned @ last.rotation, turned @ position
+        return replace(last, rotation=rotation, position=position, known_motion=known)
 
-    def motion_with(
-        self,
-        time: float,
-        pose: Pose,
-        enu_from_flu: Array | None,
-        mounting: Mounting | None,
-        turning_flu: Turning | None = None,
-    ) -> KnownMotion | None:
-        """What is known about the motion in an image from where its own fit puts the target.
+    def motion_with(self, seen: Sight, pose: Pose, mounting: Mounting | None) -> KnownMotion | None:
+        """What is known about the motion in the second image of a track from where its own fit puts the target.
 
-        None where the track has a velocity, or the image before is too old to tell one.
+        None where the image before is too old to tell a speed.
 
         Args:
-            time: of the image [s].
+            seen: the image.
             pose: fitted in it.
-            enu_from_flu: the vehicle's attitude then.
             mounting: of the camera.
-            turning_flu: how the vehicle turns then.
         """
-        if self.has_velocity or not 0.0 < time - self.last_time < TRACK.grace:
+        if not 0.0 < seen.time - self.last_seen.time < TRACK.grace:
             return None
-        later = replace(self, _moments=[*self._moments, _Moment(time, pose, enu_from_flu)])
-        return later.predict(time, enu_from_flu, mounting, turning_flu).pose.known_motion
+        return replace(self, _found=[*self._found, (seen, pose)]).predict(seen, mounting).known_motion
 
 
 def known_motion(
@@ -190,10 +158,10 @@ def known_motion(
     return KnownMotion(expected, np.array([spread] * 3 + [along]))
 
 
-def _camera_turn(now: Array | None, then: Array | None, mounting: Mounting | None) -> Array | None:
+def _camera_turn(now: Sight, then: Sight, mounting: Mounting | None) -> Array | None:
     """Camera now from camera then `(3, 3)`, from two attitudes; none when one of them is unknown."""
-    if now is None or then is None or mounting is None:
+    if now.enu_from_flu is None or then.enu_from_flu is None or mounting is None:
         return None
     camera = mounting.flu_from_cam
-    turn: Array = camera.T @ now.T @ then @ camera
+    turn: Array = camera.T @ now.enu_from_flu.T @ then.enu_from_flu @ camera
     return turn

@@ -23,11 +23,9 @@ from mkdaemon.vision.tags.detector import Detector
 from mkdaemon.vision.tags.searchplan import first_of
 from mkdaemon.vision.tags.tagmap import TagMap
 from mkdaemon.vision.track.alarms import ImageHealth
-from mkdaemon.vision.track.attitude import AttitudeHistory, Mounting
+from mkdaemon.vision.track.attitude import AttitudeHistory, Mounting, Sight
 from mkdaemon.vision.track.follower import Follower
-from mkdaemon.vision.track.frame import Frame
-from mkdaemon.vision.track.level import Sight
-from mkdaemon.vision.track.result import VisionResult
+from mkdaemon.vision.track.result import Frame, VisionResult
 from mkdaemon.vision.track.witness import AttitudeWitness
 
 UNUSABLE: Final = frozenset({Alarm.WRONG_SIZE, Alarm.WRONG_KIND, Alarm.FROZEN})
@@ -89,7 +87,7 @@ class Tracker:
             alarms.append(Alarm.LINE_TIME)
         reported = self._sight(image, attitude)
         self.witness.time_passed(image.captured_at)
-        frame = Frame(image, reported.without_attitude() if self.witness.contradicts else reported)
+        frame = Frame(reported.without_attitude() if self.witness.contradicts else reported)
         self._count += 1
         if self.followers:
             for follower in self.followers:
@@ -131,7 +129,6 @@ class Tracker:
             return
         frame.sight = reported.without_attitude()
         for follower in self.followers:
-            follower.forget_deck()
             follower.start_alone(frame)
 
     def _search_missing(self, frame: Frame) -> None:

@@ -88,7 +88,12 @@ class AttitudeWitness:
             self._off.append(off)
         self._newest = time
         if self.contradicts:
-            self._weigh_return(time, agrees)
+            self._agreeing = self._agreeing + 1 if agrees else 0
+            if self._agreeing == 1:
+                self._agrees_since = time
+            if self._agreeing >= BACK_LOOKS and time - self._agrees_since >= self._back_after:
+                self._back_after = min(2.0 * self._back_after, BACK_AFTER[1])
+                self._believe()
             return False
         turned = np.stack([turned_enu[:2], (enu_from_flu.T @ turned_enu)[:2]])
         self._looks.append(_Look(time, not agrees, turned))
@@ -102,17 +107,6 @@ class AttitudeWitness:
     def time_passed(self, time: float) -> None:
         """Try the attitude again at a time [s] when no image has told anything about it for long."""
         if self.contradicts and not 0.0 <= time - self._newest < FORGET:
-            self._believe()
-
-    def _weigh_return(self, time: float, agrees: bool) -> None:
-        if not agrees:
-            self._agreeing = 0
-            return
-        if self._agreeing == 0:
-            self._agrees_since = time
-        self._agreeing += 1
-        if self._agreeing >= BACK_LOOKS and time - self._agrees_since >= self._back_after:
-            self._back_after = min(2.0 * self._back_after, BACK_AFTER[1])
             self._believe()
 
     def _believe(self) -> None:
