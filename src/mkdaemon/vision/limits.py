@@ -131,10 +131,9 @@ class SelfCalLimits:
 SELFCAL: Final = SelfCalLimits()
 
 
-Stage = Literal["decimate2", "decimate1", "log", "halflog", "linear", "outline", "bright", "highlight"]
-"""A way to search an image for tags."""
+Stage = Literal["decimate2", "decimate1", "log", "halflog", "linear", "outline"]
+"""A way to search an image for tags, at half or at full resolution; `tags/searchplan.py` explains them."""
 
-LADDER: Final[tuple[Stage, ...]] = ("decimate2", "linear", "halflog", "log", "decimate1", "outline")
 NEARBY: Final[tuple[tuple[Stage, ...], ...]] = (("decimate1",), ("linear", "log"))
 
 
@@ -142,12 +141,10 @@ NEARBY: Final[tuple[tuple[Stage, ...], ...]] = (("decimate1",), ("linear", "log"
 class SearchLimits:
     """Finding tags in an image."""
 
-    ladder: tuple[Stage, ...] = of(LADDER, "", "searches of the whole image; three in turn, others beside", EARNED)
     nearby: tuple[tuple[Stage, ...], ...] = of(NEARBY, "", "around a prediction, in turn by images missed", EARNED)
     max_pixels: int = of(500_000, "px", "searched at once; more are shrunk", "cost: 9 ms on VGA, 1080p 33 % of that")
     thorough_every: int = of(2, "images", "between the searches beside the first one", "cost: 20 ms on VGA")
     tone: float = of(1.8, "power", "of grey that `linear` takes for light", "decodes at gamma 1 to 2.2, 6-8 m")
-    highlight: float = of(12.0, "power", "of grey that leaves ink in a highlight dark", "ink of 230: 65 posed; 8: 32")
     highlight_px: int = of(400, "px", "blown pixels that may be a print in a highlight", "derived: 16 cells of 5 px")
     min_window_px: int = of(16, "px", "smaller parts of an image are not searched", "derived: 2 px a cell")
 
