@@ -197,7 +197,7 @@ def test_patches_on_the_border_and_the_inner_tag_leave_an_outline(roll):
     covers = (patch(0.14, 0.03, 0.7), patch(0.0, 0.02, 0.4), patch(-0.05, -0.15, 0.3))
     view = View(shipped("nested"), place(1.4, 0.3, roll=roll), replace(Conditions(), covers=covers))
     detector = Detector({"tag36h11": frozenset({1, 48})})
-    assert [found for stage in LADDER[:-1] for found in detector.search(view.pixels, stage)] == []
+    assert [found for stage in LADDER if stage != "outline" for found in detector.search(view.pixels, stage)] == []
     (found,) = detector.search(view.pixels, "outline")
     assert found.tag_id == 48
     assert np.linalg.norm(found.corners - view.corners["tag36h11", 48], axis=1).max() < 1.5

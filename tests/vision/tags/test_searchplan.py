@@ -38,6 +38,15 @@ def test_a_detector_with_other_searches_has_its_own_first_ones() -> None:
     assert looks_of(640, 480, ARUCO_LADDER) == (Look("outline"),)
 
 
+def test_blown_pixels_bring_the_search_for_outlines_first() -> None:
+    detector = Detector({"tag36h11": frozenset({1})})
+    ground = np.full((480, 640), 100, np.uint8)
+    blown = ground.copy()
+    blown[:40, :40] = 255
+    places = [[look.stage for look in detector.looks(image)].index("outline") for image in (ground, blown)]
+    assert places == [2, 0]
+
+
 @pytest.mark.parametrize("size", SIZES)
 def test_no_search_sees_more_pixels_than_allowed(size: tuple[int, int]) -> None:
     for look in looks_of(*size, LADDER):

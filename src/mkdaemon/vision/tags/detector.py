@@ -19,7 +19,7 @@ from mkdaemon.vision.tags import apriltaglib
 from mkdaemon.vision.tags.cellread import quiet_sides, read_code
 from mkdaemon.vision.tags.coderead import Covered
 from mkdaemon.vision.tags.detection import Detection, best_of_codes
-from mkdaemon.vision.tags.outline import OutlineSearch
+from mkdaemon.vision.tags.outline import OutlineSearch, has_highlights
 from mkdaemon.vision.tags.searchplan import ARUCO_LADDER, FIRST, LADDER, Look, Part, looks_of, shrink, shrinking
 from mkdaemon.vision.tags.tagfamily import OPENCV_KNOWS, find_family
 
@@ -151,9 +151,10 @@ class Detector:
         self.stages: tuple[Stage, ...] = tuple(stage for stage in ladder if classic or stage != "outline")
 
     def looks(self, pixels: Grey) -> tuple[Look, ...]:
-        """The searches of an image that take turns beside the first ones."""
+        """The searches of an image that take turns beside the first ones, in highlights that for outlines first."""
         height, width = pixels.shape
-        return looks_of(width, height, self.stages)
+        stages = sorted(self.stages, key=lambda stage: stage != "outline") if has_highlights(pixels) else self.stages
+        return looks_of(width, height, tuple(stages))
 
     def search(self, pixels: Grey, stage: Stage, roi: Part | None = None) -> list[Detection]:
         """Run one search.

@@ -103,21 +103,25 @@ class OutlineSearch:
             yield from _open_quads(pixels, lines, sides, self._reader.sizes)
 
 
+def has_highlights(pixels: Grey) -> bool:
+    """Whether enough of `(h, w)` uint8 is blown to be a print in a highlight."""
+    return np.count_nonzero(pixels >= LIMITS.read.saturated) >= LIMITS.search.highlight_px
+
+
 def _dark(pixels: Grey) -> Grey:
     """What is dark `(h, w)`, not 0, of an image of dark and light.
 
-    Where enough is blown to be a print in a highlight, ink may be brighter than paper is elsewhere. There that is dark
-    which is neither blown nor brighter than its surroundings: every edge has a line of light along its bright side, and
-    what is even and noisy has no outlines.
+    In a highlight ink may be brighter than paper is elsewhere. There that is dark which is neither blown nor brighter
+    than its surroundings: every edge has a line of light along its bright side, and what is even and noisy has no
+    outlines.
     """
-    unblown = pixels < LIMITS.read.saturated
-    if unblown.size - np.count_nonzero(unblown) < LIMITS.search.highlight_px:
+    if not has_highlights(pixels):
         _, dark = cv2.threshold(pixels, 0, 255, cv2.THRESH_BINARY_INV | cv2.THRESH_OTSU)
         # Specks have outlines too, thousands in noise or on a lawn.
         return np.asarray(cv2.medianBlur(dark, SPECK_PX), dtype=np.uint8)
     side, rise = OUTLINE.highlight_box_px, OUTLINE.min_contrast
     even = cv2.adaptiveThreshold(pixels, 255, cv2.ADAPTIVE_THRESH_MEAN_C, cv2.THRESH_BINARY_INV, side, -rise)
-    return np.where(unblown, even, 0).astype(np.uint8)
+    return np.where(pixels < LIMITS.read.saturated, even, 0).astype(np.uint8)
 
 
 def _around(outline: Ints) -> float:

@@ -38,8 +38,6 @@ LADDER: Final[tuple[Stage, ...]] = (*FIRST, *SMALL_TAG_STAGES, "outline")
 """Searches of the whole image."""
 ARUCO_LADDER: Final[tuple[Stage, ...]] = ("decimate1", "log", "outline")
 """The same without libapriltag."""
-FIRST_OF_OTHERS: Final = 2
-"""So many take turns in a detector that has none of `FIRST`."""
 TILE: Final = (640, 480)
 """Size of a tile on its level [px]."""
 OVERLAP: Final = 112
@@ -90,8 +88,8 @@ def looks_of(width: int, height: int, stages: Sequence[Stage]) -> tuple[Look, ..
 
 
 def first_of(stages: Sequence[Stage]) -> Sequence[Stage]:
-    """The stages of a detector of which one sees every image."""
-    return [stage for stage in stages if stage in FIRST] or stages[:FIRST_OF_OTHERS]
+    """The stages of a detector of which one sees every image; without those of libapriltag all for unbroken quads."""
+    return [stage for stage in stages if stage in FIRST] or [stage for stage in stages if stage != "outline"]
 
 
 def shrinking(width: int, height: int) -> int:
