@@ -35,8 +35,6 @@ DEPTHS = (0.3, 0.25, 0.2, 0.15, 0.1)
 no farther than `OutlineLimits.max_depth_px`, before light changes much."""
 ALONG = (-0.3, 0.0, 0.3)
 """The same, along the line."""
-CLEAR_PERCENT = 75
-"""Percentile of the steps around a tag that are not blown."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -139,12 +137,12 @@ def _steps(pixels: Grey, homography: Array, n: int, depth: float, codes: _Codes)
     it is white; beside a white one b - contrast and b. One blown neighbour of a white cell is as good as any; a cell
     that is blown beside one tells nothing. Cells without a line that tells have one half.
     """
-    contrast = float(np.percentile(_rim_steps(pixels, homography, n, depth), CLEAR_PERCENT))
+    contrast = float(np.median(_rim_steps(pixels, homography, n, depth)))
     if contrast < OUTLINE.min_contrast:
         return None
     outer, of_cell, points = _lines(n, depth)
     here, there = sample(pixels, carry(homography, points)).reshape(2, -1, len(ALONG)).mean(axis=2)
-    least = max(OUTLINE.min_room, LIMITS.read.faint * contrast)
+    least = LIMITS.read.faint * contrast
     room = np.minimum(there + contrast, BRIGHTEST) - there
     by_black = np.where(room < least, 0.0, (here - there) / np.maximum(room, 1.0) - 0.5)
     by_white = 0.5 + (here - there) / contrast

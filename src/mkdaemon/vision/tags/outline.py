@@ -49,8 +49,6 @@ CORNER_POINTS = 2
 """Points at each end of a piece that do not lie on its line: corners of a blob are round."""
 BIN_PX = 2.0
 """Part of a side in which a point of its outline shows it [px]: diagonal neighbours are 1.4 px apart."""
-LINE_REACH = 0.01
-"""A line's direction is good to this angle: collinear pieces may be off by so much of their distance [rad]."""
 DEPTHS = np.geomspace(0.6, 1.6, 41)
 """Distances of the fourth side that are tried, over the length of the one before it: a print tilted by 50 degrees is
 so much shorter or longer. Neighbours are a fifth of a cell apart at the far side."""
@@ -163,8 +161,7 @@ def lines_of(outline: Ints, least: float) -> list[Line]:
         parallel = normals[: len(merged)] @ piece.normal > OUTLINE.parallel
         for k in np.flatnonzero(parallel).tolist():
             line = merged[k]
-            reach = OUTLINE.straight_px + LINE_REACH * math.dist(piece.middle, line.middle)
-            if float(np.abs(piece.points @ line.normal - line.offset).max()) < reach:
+            if float(np.abs(piece.points @ line.normal - line.offset).max()) < OUTLINE.straight_px:
                 merged[k] = _line(np.concatenate([line.points, piece.points]), line.normal)
                 normals[k] = merged[k].normal
                 break
@@ -216,10 +213,10 @@ def _facing(lines: Sequence[Line]) -> Bools:
 
 
 def _crossing(first: Line, second: Line) -> Array | None:
-    """Corner of a dark shape between two of its sides `(2,)` [px]; none where they are nearly parallel."""
+    """Corner of a dark shape between two of its sides `(2,)` [px]; none where they are parallel."""
     (a, b), (c, d) = first.normal.tolist(), second.normal.tolist()
     sine = a * d - b * c
-    if abs(sine) < OUTLINE.min_sine:
+    if sine == 0.0:
         return None
     # The outline runs over the blob's own pixels: its edge is half a pixel farther out.
     e, f = first.offset + 0.5, second.offset + 0.5
@@ -319,7 +316,7 @@ def _arms(lines: Sequence[Line], k: int, sides: Bools) -> tuple[list[_Arm], list
         place = (line.points - end) @ way
         reach = float(place.max())
         begins = float(place.min()) > -OVER * reach - OUTLINE.straight_px
-        if begins and _seen_share(place, reach) >= OUTLINE.min_open_support:
+        if begins and _seen_share(place, reach) >= OUTLINE.min_support:
             (after if is_after else before).append(_Arm(j, end, way, reach))
     return before, after
 
@@ -332,7 +329,7 @@ def _are_ends(middle: Line, first: _Arm, second: _Arm) -> bool:
     place = (middle.points - first.end) @ (second.end - first.end) / side
     room = OVER * side + 2 * OUTLINE.straight_px
     is_between = float(place.min()) > -room and float(place.max()) < side + room
-    return is_between and _seen_share(place, side) >= OUTLINE.min_open_support
+    return is_between and _seen_share(place, side) >= OUTLINE.min_support
 
 
 def _closed(pixels: Grey, first: _Arm, second: _Arm, n: int) -> Array | None:
