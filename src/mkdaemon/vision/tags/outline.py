@@ -103,7 +103,7 @@ class OutlineSearch:
 
 def has_highlights(pixels: Grey) -> bool:
     """Whether enough of `(h, w)` uint8 is blown to be a print in a highlight."""
-    return np.count_nonzero(pixels >= LIMITS.read.saturated) >= LIMITS.search.highlight_px
+    return bool(np.count_nonzero(pixels >= LIMITS.read.saturated) >= LIMITS.search.highlight_px)
 
 
 def _dark(pixels: Grey) -> Grey:
