@@ -126,10 +126,9 @@ class SelfCalLimits:
 SELFCAL: Final = SelfCalLimits()
 
 
-Stage = Literal["decimate2", "decimate1", "log", "halflog", "linear", "outline", "bright", "highlight"]
-"""A way to search an image for tags."""
+Stage = Literal["decimate2", "decimate1", "log", "halflog", "linear", "outline"]
+"""A way to search an image for tags, at half or at full resolution; `tags/searchplan.py` explains them."""
 
-LADDER: Final[tuple[Stage, ...]] = ("decimate2", "linear", "halflog", "log", "decimate1", "outline")
 NEARBY: Final[tuple[tuple[Stage, ...], ...]] = (("decimate1",), ("linear", "log"))
 
 
@@ -137,12 +136,10 @@ NEARBY: Final[tuple[tuple[Stage, ...], ...]] = (("decimate1",), ("linear", "log"
 class SearchLimits:
     """Finding tags in an image."""
 
-    ladder: tuple[Stage, ...] = of(LADDER, "", "searches of the whole image; three in turn, others beside", EARNED)
     nearby: tuple[tuple[Stage, ...], ...] = of(NEARBY, "", "around a prediction, in turn by images missed", EARNED)
     max_pixels: int = of(500_000, "px", "searched at once; more are shrunk", "cost: 9 ms on VGA, 1080p 33 % of that")
     thorough_every: int = of(2, "images", "between the searches beside the first one", "cost: 20 ms on VGA")
     tone: float = of(1.8, "power", "of grey that `linear` takes for light", "decodes at gamma 1 to 2.2, 6-8 m")
-    highlight: float = of(12.0, "power", "of grey that leaves ink in a highlight dark", "ink of 230: 65 posed; 8: 32")
     highlight_px: int = of(400, "px", "blown pixels that may be a print in a highlight", "derived: 16 cells of 5 px")
     min_window_px: int = of(16, "px", "smaller parts of an image are not searched", "derived: 2 px a cell")
 
@@ -169,14 +166,11 @@ class OutlineLimits:
     straight_px: float = of(1.6, "px", "deviation of pieces from their line", STILLS)
     min_piece_px: int = of(8, "px", "shorter pieces have no direction", STILLS)
     parallel: float = of(0.98, "cosine", "between pieces that may be one line", STILLS)
-    min_support: float = of(0.6, "share", "of a quad's perimeter that is outline", STILLS)
-    min_side_support: float = of(0.3, "share", "the same for each side", STILLS)
+    min_support: float = of(0.6, "share", "of a quad's sides that is outline, of what is seen of open ones", STILLS)
+    min_side_support: float = of(0.3, "share", "the same for each side of a whole one", STILLS)
     min_open: float = of(0.4, "share", "of a side that is seen of both beside it, of an open quad", STILLS)
-    min_open_support: float = of(0.7, "share", "of what is seen of the sides of an open quad that is outline", STILLS)
-    min_sine: float = of(0.2, "sine", "between neighbouring sides", STILLS)
     level: float = of(0.2, "share", "of the contrast within which a cell is black or white", STILLS)
     min_contrast: float = of(20.0, "grey", "between paper and border", STILLS)
-    min_room: float = of(8.0, "grey", "from ink to blown that tells a step", "753 quads under gloss read, 20: 736")
     max_depth_px: float = of(4.0, "px", "from a line at which its step is sampled", "783 read, anywhere: 753")
     highlight_box_px: int = of(15, "px", "surroundings that ink in a highlight is darker than", STILLS)
     max_chance: float = of(4e-6, "probability", "that a random quad reads so well", "0 false in 10,000 images")

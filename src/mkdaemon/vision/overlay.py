@@ -15,6 +15,8 @@ from mkdaemon.vision.camera.intrinsics import Intrinsics
 from mkdaemon.vision.pose.projection import NEAR_M, Projection
 from mkdaemon.vision.still import StillPose, StillResult
 
+Array = npt.NDArray[np.floating]
+Grey = npt.NDArray[np.uint8]
 Colour = tuple[int, int, int]
 
 SIDES: tuple[Colour, ...] = ((60, 60, 255), (80, 220, 80), (255, 160, 60), (220, 220, 220))
@@ -22,7 +24,7 @@ SIDES: tuple[Colour, ...] = ((60, 60, 255), (80, 220, 80), (255, 160, 60), (220,
 AXES: tuple[Colour, ...] = ((60, 60, 255), (80, 220, 80), (255, 120, 60))
 
 
-def draw(pixels: npt.NDArray[np.uint8], result: StillResult, intrinsics: Intrinsics | None) -> npt.NDArray[np.uint8]:
+def draw(pixels: Grey, result: StillResult, intrinsics: Intrinsics | None) -> Grey:
     """Draw tags with their ids, and the axes of every pose.
 
     Args:
@@ -36,34 +38,33 @@ def draw(pixels: npt.NDArray[np.uint8], result: StillResult, intrinsics: Intrins
     picture = draw_tags(pixels, ((str(tag.found.tag_id), tag.found.corners) for tag in result.tags))
     if intrinsics is not None:
         for pose in result.poses:
-            _axes(picture, pose, intrinsics, _scale(pixels))
+            _axes(picture, pose, intrinsics)
     return picture
 
 
-def draw_tags(
-    pixels: npt.NDArray[np.uint8], tags: Iterable[tuple[str, npt.NDArray[np.float64]]]
-) -> npt.NDArray[np.uint8]:
+def draw_tags(pixels: Grey, tags: Iterable[tuple[str, npt.NDArray[np.float64]]]) -> Grey:
     """Draw outlines of tags.
 
     Args:
         pixels: `(h, w)` uint8.
-        tags: what stands beside each, and its corners `(4, 2)` [px].
+        tags: what stands below each, and its corners `(4, 2)` [px].
 
     Returns:
         `(h, w, 3)` uint8, blue-green-red.
     """
     picture = np.asarray(cv2.cvtColor(pixels, cv2.COLOR_GRAY2BGR), dtype=np.uint8)
+    scale = _scale(picture)
     for label, corners in tags:
-        _tag(picture, corners, label, _scale(pixels))
+        for start, end, colour in zip(corners, np.roll(corners, -1, axis=0), SIDES, strict=True):
+            _line(picture, start, end, colour)
+        x, y = corners[3] + (0.0, 14.0 * scale)
+        at = (round(float(x)), round(float(y)))
+        for colour, width in (((0, 0, 0), 3), ((60, 230, 255), 1)):
+            cv2.putText(picture, label, at, cv2.FONT_HERSHEY_SIMPLEX, 0.6 * scale, colour, width, cv2.LINE_AA)
     return picture
 
 
-def _scale(pixels: npt.NDArray[np.uint8]) -> float:
-    """Of lines and letters, by the width of an image."""
-    return float(max(pixels.shape[1] / 1000.0, 0.5))
-
-
-def write_picture(path: Path, pixels: npt.NDArray[np.uint8], *, overwrite: bool = False) -> None:
+def write_picture(path: Path, pixels: Grey, *, overwrite: bool = False) -> None:
     """Write a picture to a file, whole or not at all; its suffix chooses the format.
 
     Args:
@@ -85,34 +86,21 @@ def write_picture(path: Path, pixels: npt.NDArray[np.uint8], *, overwrite: bool 
     save(path, content.tobytes(), overwrite=overwrite)
 
 
-def _tag(picture: npt.NDArray[np.uint8], corners: npt.NDArray[np.float64], label: str, scale: float) -> None:
-    """The sides of a tag, each in its colour, and a word below."""
-    for k in range(4):
-        _line(picture, corners[k], corners[(k + 1) % 4], SIDES[k], scale)
-    x, y = corners[3] + (0.0, 14.0 * scale)
-    at = (round(float(x)), round(float(y)))
-    cv2.putText(picture, label, at, cv2.FONT_HERSHEY_SIMPLEX, 0.6 * scale, (0, 0, 0), 3, cv2.LINE_AA)
-    cv2.putText(picture, label, at, cv2.FONT_HERSHEY_SIMPLEX, 0.6 * scale, (60, 230, 255), 1, cv2.LINE_AA)
-
-
-def _axes(picture: npt.NDArray[np.uint8], found: StillPose, k: Intrinsics, scale: float) -> None:
-    """Axes as long as a tenth of the distance; dotted down to nothing behind the lens."""
+def _axes(picture: Grey, found: StillPose, k: Intrinsics) -> None:
+    """Axes as long as a tenth of the distance; none that reach behind the lens."""
     length = 0.1 * found.pose.range_m
-    points = np.array([[0, 0, 0], [length, 0, 0], [0, length, 0], [0, 0, length]]) @ found.pose.rotation.T
-    points = points + found.pose.position
-    if float(points[:, 2].min()) <= NEAR_M:
-        return
-    seen, _ = Projection(k).project(points)
-    for end, colour in zip(seen[1:], AXES, strict=True):
-        _line(picture, seen[0], end, colour, scale)
+    points = length * np.vstack([np.zeros(3), np.eye(3)]) @ found.pose.rotation.T + found.pose.position
+    if float(points[:, 2].min()) > NEAR_M:
+        seen, _ = Projection(k).project(points)
+        for end, colour in zip(seen[1:], AXES, strict=True):
+            _line(picture, seen[0], end, colour)
 
 
-def _line(
-    picture: npt.NDArray[np.uint8],
-    start: npt.NDArray[np.floating],
-    end: npt.NDArray[np.floating],
-    colour: Colour,
-    scale: float,
-) -> None:
+def _line(picture: Grey, start: Array, end: Array, colour: Colour) -> None:
     a, b = (tuple(int(v) for v in np.clip(np.rint(point * 16), -(2**20), 2**20)) for point in (start, end))
-    cv2.line(picture, (a[0], a[1]), (b[0], b[1]), colour, max(round(2 * scale), 1), cv2.LINE_AA, shift=4)
+    cv2.line(picture, (a[0], a[1]), (b[0], b[1]), colour, max(round(2 * _scale(picture)), 1), cv2.LINE_AA, shift=4)
+
+
+def _scale(picture: Grey) -> float:
+    """Of lines and letters, by the width of an image."""
+    return float(max(picture.shape[1] / 1000.0, 0.5))

@@ -12,7 +12,7 @@ from mkdaemon.config.vision import DetectorSection, TrackerSection
 from mkdaemon.telemetry.vision import PoseRefusal
 from mkdaemon.vision.camera.intrinsics import Intrinsics
 from mkdaemon.vision.camera.tone import in_light
-from mkdaemon.vision.limits import HALF, LIMITS
+from mkdaemon.vision.limits import HALF, LIMITS, Stage
 from mkdaemon.vision.pose.ambiguity import choose
 from mkdaemon.vision.pose.edgefit import EdgeFit
 from mkdaemon.vision.pose.fitting import TargetFitter
@@ -20,7 +20,7 @@ from mkdaemon.vision.pose.gates import fit_refusal
 from mkdaemon.vision.pose.pose import FLOOR_RANGE, Pose, angle_between, with_floor
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.tags.cover import covered_cells
-from mkdaemon.vision.tags.detection import Detection, Stage
+from mkdaemon.vision.tags.detection import Detection
 from mkdaemon.vision.tags.detector import Detector
 from mkdaemon.vision.tags.tagfamily import find_family
 from mkdaemon.vision.tags.tagmap import Tag, TagMap, Target, single
@@ -106,8 +106,7 @@ class StillEye:
         self._cfg = TrackerSection()
         self._projection = Projection(intrinsics) if intrinsics is not None else None
         self._gamma = intrinsics.gamma if intrinsics is not None else 1.0
-        self._fitters: dict[tuple[str, int] | str, TargetFitter] = {}
-        self._edges: dict[tuple[str, int] | str, EdgeFit] = {}
+        self._fits: dict[str, tuple[TargetFitter, EdgeFit]] = {}
         wanted = None if ids is None else frozenset(ids)
         if tagmap is not None:
             self._detector = Detector(tagmap.whitelist, covered=covered_cells(tagmap))
@@ -128,7 +127,10 @@ class StillEye:
         pixels = in_light(pixels, self._gamma)
         found = self._search(pixels)
         if self._tagmap is not None:
-            return StillResult(tuple(StillTag(tag, None) for tag in found), tuple(self._targets(pixels, found)))
+            targets = (self._pose(pixels, target.name, target, found) for target in self._tagmap.targets)
+            return StillResult(
+                tuple(StillTag(tag, None) for tag in found), tuple(pose for pose in targets if pose is not None)
+            )
         tags = tuple(StillTag(tag, self._alone(pixels, tag)) for tag in found)
         return StillResult(tags, tuple(tag.pose for tag in tags if tag.pose is not None))
 
@@ -141,43 +143,30 @@ class StillEye:
         for stage in (stage for stage in WHOLE_TAGS if stage in self._detector.stages):
             for tag in self._detector.search_all(pixels, stage):
                 middle = tag.corners.mean(axis=0)
-                known = (other for other in found if (other.family, other.tag_id) == (tag.family, tag.tag_id))
-                if all(np.linalg.norm(middle - k.corners.mean(axis=0)) > HALF * tag.side_px for k in known):
+                known = (other.corners.mean(axis=0) for other in found if other.code == tag.code)
+                if all(np.linalg.norm(middle - other) > HALF * tag.side_px for other in known):
                     found.append(tag)
         return sorted(found, key=lambda tag: -tag.side_px)
-
-    def _targets(self, pixels: Grey, found: Sequence[Detection]) -> list[StillPose]:
-        if self._tagmap is None:
-            return []
-        owners = self._tagmap.owners
-        poses = []
-        for target in self._tagmap.targets:
-            tags: dict[int, tuple[Tag, Detection]] = {}
-            for detection in found:
-                owner, tag = owners[detection.family, detection.tag_id]
-                if owner is target:
-                    tags.setdefault(id(tag), (tag, detection))
-            pose = self._measure(pixels, target.name, target, list(tags.values()))
-            if pose is not None:
-                poses.append(pose)
-        return poses
 
     def _alone(self, pixels: Grey, found: Detection) -> StillPose | None:
         if self._tag_size is None:
             return None
         target = single(self._tag_size, found.tag_id, family=found.family)
-        return self._measure(pixels, (found.family, found.tag_id), target, [(target.tags[0], found)])
+        return self._pose(pixels, f"{found.family}:{found.tag_id}", target, [found])
 
-    def _measure(
-        self, pixels: Grey, key: tuple[str, int] | str, target: Target, tags: list[tuple[Tag, Detection]]
-    ) -> StillPose | None:
+    def _pose(self, pixels: Grey, name: str, target: Target, found: Sequence[Detection]) -> StillPose | None:
         """The best candidate of one target, with what speaks against it."""
+        own = {(tag.family.name, tag.tag_id): tag for tag in target.tags}
+        tags: dict[tuple[str, int], tuple[Tag, Detection]] = {}
+        for one in found:
+            if one.code in own:
+                tags.setdefault(one.code, (own[one.code], one))
         if self._projection is None or not tags:
             return None
-        fitter = self._fitters.get(key)
-        if fitter is None:
-            fitter = self._fitters.setdefault(key, TargetFitter(target, self._projection))
-        candidates = self._fit_with_lens_in_doubt(pixels, key, target, fitter.cold(pixels, tags))
+        if name not in self._fits:
+            self._fits[name] = TargetFitter(target, self._projection), EdgeFit(target, self._projection)
+        fitter, edges = self._fits[name]
+        candidates = _with_lens_in_doubt(pixels, edges, fitter.cold(pixels, list(tags.values())))
         candidates.sort(key=lambda pose: pose.loss)
         if not candidates:
             return None
@@ -187,29 +176,17 @@ class StillEye:
             pose for pose in candidates if angle_between(pose.rotation, best.rotation) > LIMITS.ambiguity.same_pose
         ]
         ratio = float(np.sqrt(rivals[0].loss / max(best.loss, 1e-12))) if rivals else float("inf")
-        return StillPose(
-            f"{tags[0][1].family}:{tags[0][1].tag_id}" if isinstance(key, tuple) else target.name,
-            best,
-            ratio,
-            choice is None,
-            fit_refusal(best, self._cfg),
-        )
+        return StillPose(name, best, ratio, choice is None, fit_refusal(best, self._cfg))
 
-    def _fit_with_lens_in_doubt(
-        self, pixels: Grey, key: tuple[str, int] | str, target: Target, candidates: list[Pose]
-    ) -> list[Pose]:
-        """Fit once more with the ratio of the focal lengths free within its calibration, where a residual asks for it.
 
-        A frontal tag cannot tell a wrong ratio from a tilt by its sides, only by its perspective; a fit that takes the
-        ratio as exact trades degrees of tilt for tenths of a pixel.
-        """
-        if self._projection is None or any(pose.source != "edges" for pose in candidates):
-            return candidates
-        if min((pose.rms_px for pose in candidates), default=0.0) < LIMITS.health.drift_px:
-            return candidates
-        fit = self._edges.get(key)
-        if fit is None:
-            fit = self._edges.setdefault(key, EdgeFit(target, self._projection))
-        doubted = [fit.fit(pixels, pose, iterations=STRETCH_ITERATIONS, stretch_sd=FLOOR_RANGE) for pose in candidates]
-        fitted = [pose for pose in doubted if pose is not None]
-        return fitted if len(fitted) == len(candidates) else candidates
+def _with_lens_in_doubt(pixels: Grey, fit: EdgeFit, candidates: list[Pose]) -> list[Pose]:
+    """Fit once more with the ratio of the focal lengths free within its calibration, where a residual asks for it.
+
+    A frontal tag cannot tell a wrong ratio from a tilt by its sides, only by its perspective; a fit that takes the
+    ratio as exact trades degrees of tilt for tenths of a pixel.
+    """
+    if any(pose.source != "edges" or pose.rms_px < LIMITS.health.drift_px for pose in candidates):
+        return candidates
+    doubted = [fit.fit(pixels, pose, iterations=STRETCH_ITERATIONS, stretch_sd=FLOOR_RANGE) for pose in candidates]
+    fitted = [pose for pose in doubted if pose is not None]
+    return fitted if len(fitted) == len(candidates) else candidates

@@ -43,7 +43,6 @@ from mkdaemon.vision.camera.calibration_file import mount_rotation
 from mkdaemon.vision.camera.image import CameraImage
 from mkdaemon.vision.camera.intrinsics import Intrinsics
 from mkdaemon.vision.output import values_of
-from mkdaemon.vision.tags.nested import nested_map
 from mkdaemon.vision.track.attitude import AttitudeHistory, AttitudeSample, Mounting
 from mkdaemon.vision.track.tracker import Tracker
 from mksim.config import PilotPlan, SimConfig, WindClass
@@ -53,6 +52,7 @@ from mksim.programs.flighttape import FlightTape
 from mksim.programs.virtualports import Aircraft, Cable, LocalBus
 from mksim.programs.watchedeyes import WatchedEyes
 from mksim.scene.camera import BodyState, Grey, SceneCamera, landing_world
+from mksim.scene.nested import nested_map
 from mksim.simulation import Simulation
 
 PAD_STARTS: Final = 45.0

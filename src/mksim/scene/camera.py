@@ -10,7 +10,6 @@ import numpy.typing as npt
 
 from mkdaemon.vision.camera.calibration_file import Camera, load_camera, mount_rotation
 from mkdaemon.vision.camera.intrinsics import Intrinsics
-from mkdaemon.vision.tags.nested import nested_map
 from mkdaemon.vision.tags.tagmap import load
 from mksim.config import PlatformConfig, SceneConfig, SimConfig
 from mksim.physics.deck import MovingDeck
@@ -20,6 +19,7 @@ from mksim.scene.hardships import LEAF_PERIOD, LEAF_SWAY_M, fair_conditions, sha
 from mksim.scene.kinds import CAMERA_KINDS
 from mksim.scene.light import Conditions, Cover, Glare, Shadow
 from mksim.scene.motion import Platform
+from mksim.scene.nested import nested_map
 from mksim.scene.scene import Scene, SceneTarget
 from mksim.scene.view import CameraView
 

@@ -42,8 +42,8 @@ def test_a_tag_alone_is_covered_by_nothing() -> None:
 def test_covered_cells_are_not_read() -> None:
     tags = TagMap((shipped("nested"),))
     whole, blind = (OutlineSearch(tags.whitelist, covered) for covered in ({}, covered_cells(tags)))
-    assert whole.find(flooded(20), "outline") == []
-    [found] = blind.find(flooded(20), "outline")
+    assert whole.find(flooded(20)) == []
+    [found] = blind.find(flooded(20))
     assert (found.family, found.tag_id, found.hamming) == (*CODE, 0)
 
 
@@ -58,4 +58,4 @@ def test_a_nested_target_in_a_highlight_is_found(turns: int) -> None:
     image = np.rot90(cv2.GaussianBlur(lit, (0, 0), 0.7), turns).round().astype(np.uint8)
     tags = TagMap((shipped("nested"),))
     detector = Detector(tags.whitelist, covered=covered_cells(tags))
-    assert [found.tag_id for found in detector.search_shrunk(np.ascontiguousarray(image), "highlight")] == [48]
+    assert [found.tag_id for found in detector.search_shrunk(np.ascontiguousarray(image), "outline")] == [48]

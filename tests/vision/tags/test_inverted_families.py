@@ -22,7 +22,7 @@ from mkdaemon.vision.track.tracker import Tracker
 from mksim.scene.motion import Platform
 from mksim.scene.scene import Scene, SceneTarget, cam_from_target, true_corners
 from tests.vision.calibrate.test_target_print import PX_PER_MM, paint_svg
-from tests.vision.views import VGA, place
+from tests.vision.views import VGA, place, printed
 
 INVERTED = [family.name for family in FAMILIES.values() if family.is_inverted]
 WIDTH = 0.3
@@ -82,7 +82,7 @@ def test_a_printed_tag_is_read_back_in_its_true_size(name):
 
 def test_families_are_searched_together_and_each_has_its_own_whitelist():
     side_by_side = [
-        np.pad(np.kron(tagfamily.cells(name, 5, quiet=2), np.ones((12, 12), np.uint8)), 4, constant_values=255)
+        np.pad(printed(tagfamily.cells(name, 5), 12, 2), 4, constant_values=255)
         for name in ("tag36h11", "tagStandard41h12", "tagCircle21h7")
     ]
     height = max(len(one) for one in side_by_side)
@@ -94,7 +94,7 @@ def test_families_are_searched_together_and_each_has_its_own_whitelist():
 
 def test_something_black_right_beside_the_white_square_is_no_ring():
     """The check of the surround asks for black outside and white inside, on all four sides."""
-    image = np.kron(tagfamily.cells("tagStandard41h12", 5, quiet=2), np.ones((16, 16), np.uint8))
+    image = printed(tagfamily.cells("tagStandard41h12", 5), 16, 2)
     assert Detector({"tagStandard41h12": frozenset({5})}).search_all(image)
     first = 2 + 1
     cut = image.copy()
@@ -132,12 +132,12 @@ def test_what_needs_the_wheel_says_so_in_one_line(name, monkeypatch):
     with pytest.raises(ConfigError, match=f"OpenCV cannot draw {name}"):
         build_tags(TagPlacement(family=name, id=0, size=0.1, print="opencv"))
     monkeypatch.setattr(tagfamily, "is_installed", lambda: False)
-    tagfamily._bitmap.cache_clear()
+    tagfamily.cells.cache_clear()
     with pytest.raises(ConfigError, match=r"needs the pyapriltags wheel; install it, or use one of tag36h11"):
         single(0.1, 0, family=name)
 
 
 def test_searches_of_one_thread_share_the_library():
     families = (("tag36h11", 2),)
-    assert apriltaglib.detector(families, 1.0, refine=True) is apriltaglib.detector(families, 1.0, refine=True)
-    assert apriltaglib.detector(families, 1.0, refine=True) is not apriltaglib.detector(families, 2.0, refine=True)
+    assert apriltaglib.detector(families, 1.0) is apriltaglib.detector(families, 1.0)
+    assert apriltaglib.detector(families, 1.0) is not apriltaglib.detector(families, 2.0)

@@ -53,7 +53,7 @@ def square(side: float, degrees: float, stretch: float = 1.0) -> Array:
 def test_an_outline_is_as_long_along_diagonals_as_along_rows(degrees: float) -> None:
     """However a small square is turned: the points of a diagonal are farther apart."""
     corners = square(41.0, degrees)
-    [found] = OutlineSearch(TAGS.whitelist, covered_cells(TAGS)).find(seen(corners), "outline")
+    [found] = OutlineSearch(TAGS.whitelist, covered_cells(TAGS)).find(seen(corners))
     assert found.tag_id == 48
     assert np.abs(found.corners - corners).max() < 1.5
 
@@ -65,7 +65,7 @@ def test_a_print_with_one_side_in_a_highlight_is_found(at: tuple[float, float], 
     corners = square(100.0, degrees, stretch)
     image = seen(corners, at=at, gain=450.0, width=2.0)
     detector = Detector(TAGS.whitelist, covered=covered_cells(TAGS))
-    [found] = detector.search(image, "highlight")
+    [found] = detector.search(image, "outline")
     assert found.tag_id == 48
     # what is blown leaves the far corners to the cells: a third of a cell
     assert np.abs(found.corners - corners).max() < 100.0 * max(stretch, 1.0) / 24
@@ -77,7 +77,7 @@ def test_another_print_with_one_side_in_a_highlight_is_none(tag_id: int) -> None
     for at in ((4.0, -1.0), (4.0, 9.0), (-1.0, 4.0), (9.0, 4.0)):
         for degrees in (0.0, 20.0, 45.0):
             image = seen(square(100.0, degrees), at=at, gain=450.0, width=2.0, tag_id=tag_id)
-            assert detector.search(image, "highlight") == []
+            assert detector.search(image, "outline") == []
 
 
 def test_a_sheet_without_a_print_has_no_open_quads() -> None:

@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 
 from lab.vision.stills import search_in_turn
-from mkdaemon.vision.limits import LIMITS, Stage
-from mkdaemon.vision.tags.detector import ARUCO_LADDER, Detector
+from mkdaemon.vision.limits import LIMITS
+from mkdaemon.vision.tags.detector import Detector
 from mkdaemon.vision.tags.searchplan import (
-    IN_HIGHLIGHTS,
+    ARUCO_LADDER,
+    LADDER,
     SMALL_TAG_STAGES,
     TILE,
     Look,
@@ -18,20 +19,18 @@ from mkdaemon.vision.tags.searchplan import (
     looks_of,
     shrink,
     shrinking,
-    with_highlights,
 )
 from mkdaemon.vision.tags.tagfamily import cells
 from tests.vision.tags.test_detector import printed
 
-STAGES = LIMITS.search.ladder
 SIZES = [(640, 480), (1280, 720), (1920, 1080), (3840, 2160), (5000, 300), (64, 48)]
 
 
 def test_a_small_image_is_searched_as_it_is_in_every_way_but_the_first_ones() -> None:
     assert shrinking(640, 480) == 1
-    first = first_of(STAGES)
-    assert tuple(first) == STAGES[: len(first)]
-    assert looks_of(640, 480, STAGES) == tuple(Look(stage) for stage in STAGES[len(first) :])
+    first = first_of(LADDER)
+    assert tuple(first) == LADDER[: len(first)]
+    assert looks_of(640, 480, LADDER) == tuple(Look(stage) for stage in LADDER[len(first) :])
 
 
 def test_a_detector_with_other_searches_has_its_own_first_ones() -> None:
@@ -39,25 +38,18 @@ def test_a_detector_with_other_searches_has_its_own_first_ones() -> None:
     assert looks_of(640, 480, ARUCO_LADDER) == (Look("outline"),)
 
 
-@pytest.mark.parametrize("stages", [STAGES, ARUCO_LADDER])
-def test_highlights_have_every_second_turn_and_take_none_from_the_others(stages: tuple[Stage, ...]) -> None:
-    looks = looks_of(1280, 720, stages)
-    often = with_highlights(looks, IN_HIGHLIGHTS)
-    assert {look.stage for look in often[::2]} == set(IN_HIGHLIGHTS)
-    assert often[1 : 2 * len(looks) : 2] == looks
-
-
-def test_blown_pixels_bring_the_searches_in_highlights() -> None:
+def test_blown_pixels_bring_the_search_for_outlines_first() -> None:
     detector = Detector({"tag36h11": frozenset({1})})
     ground = np.full((480, 640), 100, np.uint8)
     blown = ground.copy()
     blown[:40, :40] = 255
-    assert [sum(look.stage in IN_HIGHLIGHTS for look in detector.looks(image)) for image in (ground, blown)] == [0, 6]
+    places = [[look.stage for look in detector.looks(image)].index("outline") for image in (ground, blown)]
+    assert places == [2, 0]
 
 
 @pytest.mark.parametrize("size", SIZES)
 def test_no_search_sees_more_pixels_than_allowed(size: tuple[int, int]) -> None:
-    for look in looks_of(*size, STAGES):
+    for look in looks_of(*size, LADDER):
         x0, y0, x1, y1 = look.part or (0, 0, *size)
         scale = shrinking(x1 - x0, y1 - y0)
         assert (x1 - x0) * (y1 - y0) / scale**2 <= LIMITS.search.max_pixels
@@ -67,7 +59,7 @@ def test_no_search_sees_more_pixels_than_allowed(size: tuple[int, int]) -> None:
 @pytest.mark.parametrize("stage", SMALL_TAG_STAGES)
 def test_tiles_cover_every_pixel_unshrunk(size: tuple[int, int], stage: str) -> None:
     seen = np.zeros(size[::-1], bool)
-    for look in looks_of(*size, STAGES):
+    for look in looks_of(*size, LADDER):
         if look.stage == stage and look.part is not None and look.part[2] - look.part[0] <= TILE[0]:
             x0, y0, x1, y1 = look.part
             seen[y0:y1, x0:x1] = True

@@ -9,8 +9,8 @@ import pytest
 
 from mkdaemon.config.vision import TargetFile
 from mkdaemon.errors import ConfigError
-from mkdaemon.vision.tags.nested import NESTED, nested_map
 from mkdaemon.vision.tags.tagmap import load, single
+from mksim.scene.nested import NESTED, nested_map
 from tests.places import CONFIGS
 
 ONE = """

@@ -1,4 +1,4 @@
-"""Reading the cells of a known tag from an image: codes, quiet zones and how well a pose explains them."""
+"""Reading the cells of a tag from an image: grey values, codes and quiet zones."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from mkdaemon.vision.limits import HALF, LIMITS, NOISE_GREY
-from mkdaemon.vision.tags.tagfamily import cells
+from mkdaemon.vision.tags.tagfamily import cells, find_family
 
 Array = npt.NDArray[np.float64]
 Grey = npt.NDArray[np.uint8]
@@ -38,39 +38,43 @@ def carry(homography: Array, points: Array) -> Array:
     return mapped
 
 
-@lru_cache(maxsize=16)
-def _grid(n: int) -> Array:
-    """Centres of all cells row by row `(n * n, 2)`."""
-    row, column = np.divmod(np.arange(n * n), n)
-    return np.column_stack([column + 0.5, row + 0.5])
-
-
-@lru_cache(maxsize=16)
-def _rims(n: int, depth: float = 0.5) -> tuple[Array, Array]:
-    """Samples `depth` cells outside and half a cell inside top, right, bottom, left: `(4, 2 * n, 2)` each."""
+@lru_cache(maxsize=32)
+def _rim(n: int, depth: float) -> Array:
+    """Points `depth` cells outside the black square, inside where it is negative `(8 * n, 2)`: top, right and so on."""
     along = (np.arange(2 * n) + 0.5) / 2
-    half = np.full_like(along, 0.5)
-    away = np.full_like(along, depth)
-    outside = np.stack(
-        [
-            np.column_stack([along, -away]),
-            np.column_stack([n + away, along]),
-            np.column_stack([along, n + away]),
-            np.column_stack([-away, along]),
-        ]
-    )
-    inside = np.stack(
-        [
-            np.column_stack([along, half]),
-            np.column_stack([n - half, along]),
-            np.column_stack([along, n - half]),
-            np.column_stack([half, along]),
-        ]
-    )
-    return outside, inside
+    low, high = np.full_like(along, -depth), np.full_like(along, n + depth)
+    sides = ((along, low), (high, along), (along, high), (low, along))
+    return np.concatenate([np.column_stack(side) for side in sides])
 
 
-def read_code(pixels: Grey, corners: Array, family: str, tag_id: int, n: int) -> tuple[int, float]:
+def rim_values(pixels: Grey, homography: Array, n: int, depth: float) -> Array:
+    """Grey values along top, right, bottom and left of the black square `(4, 2 * n)`.
+
+    Args:
+        pixels: `(h, w)` uint8.
+        homography: see `image_from_cells`.
+        n: cells along the black square.
+        depth: how far outside of it, inside where negative [cells].
+    """
+    return sample(pixels, carry(homography, _rim(n, depth))).reshape(4, -1)
+
+
+def cell_values(pixels: Grey, homography: Array, n: int) -> Array:
+    """Grey values in the middles of all cells, and of those around the black square `(n + 2, n + 2)`."""
+    row, column = np.divmod(np.arange((n + 2) ** 2), n + 2)
+    return sample(pixels, carry(homography, np.column_stack([column, row]) - 0.5)).reshape(n + 2, n + 2)
+
+
+def paper_and_ink(values: Array) -> tuple[float, float]:
+    """Median of the cells around the black square, and of its border, from `cell_values` [grey]."""
+    paper, ink = (
+        float(np.median(np.concatenate([ring[0], ring[-1], ring[1:-1, 0], ring[1:-1, -1]])))
+        for ring in (values, values[1:-1, 1:-1])
+    )
+    return paper, ink
+
+
+def read_code(pixels: Grey, corners: Array, family: str, tag_id: int) -> tuple[int, float]:
     """Compare an image region with a code.
 
     Args:
@@ -78,19 +82,14 @@ def read_code(pixels: Grey, corners: Array, family: str, tag_id: int, n: int) ->
         corners: `(4, 2)` TL, TR, BR, BL [px].
         family: tag family.
         tag_id: expected code.
-        n: cells along the black square.
 
     Returns:
         Wrong data bits and the mean distance of the bits from the threshold [grey].
     """
-    values = sample(pixels, carry(image_from_cells(corners, n), _grid(n))).reshape(n, n)
-    known = cells(family, tag_id) > 0
-    data = values[1:-1, 1:-1]
-    bits = known[1:-1, 1:-1]
-    rim = np.concatenate([values[0], values[-1], values[1:-1, 0], values[1:-1, -1]])
-    outside = sample(pixels, carry(image_from_cells(corners, n), _rims(n)[0].reshape(-1, 2)))
-    threshold = (float(np.median(rim)) + float(np.median(outside))) / 2
-    signed = np.where(bits, data - threshold, threshold - data)
+    n = find_family(family).black_cells
+    values = cell_values(pixels, image_from_cells(corners, n), n)
+    above = values[2:-2, 2:-2] - sum(paper_and_ink(values)) / 2
+    signed = np.where(cells(family, tag_id)[1:-1, 1:-1] > 0, above, -above)
     return int((signed < 0).sum()), float(np.abs(signed).mean())
 
 
@@ -102,10 +101,10 @@ def quiet_sides(pixels: Grey, corners: Array, n: int, *, inverted: bool = False)
     begin right outside the quad: one whose side was cut by the image edge has black left there.
     """
     homography = image_from_cells(corners, n)
-    black = sample(pixels, carry(homography, _rims(n)[1].reshape(-1, 2))).reshape(4, -1)
+    black = rim_values(pixels, homography, n, -HALF)
     quiet = np.ones(4, dtype=bool)
     for depth in QUIET_DEPTHS:
-        white = sample(pixels, carry(homography, _rims(n, depth)[0].reshape(-1, 2))).reshape(4, -1)
+        white = rim_values(pixels, homography, n, depth)
         contrast = black - white if inverted else white - black
         floor = max(NOISE_GREY, LIMITS.read.least_contrast * float(np.median(np.abs(contrast))))
         quiet &= (contrast > floor).mean(axis=1) > HALF

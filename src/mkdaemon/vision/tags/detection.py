@@ -1,9 +1,9 @@
-"""A tag found in an image, and what a search has to offer."""
+"""A tag found in an image."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -11,9 +11,6 @@ import numpy.typing as npt
 from mkdaemon.vision.limits import Stage
 
 Array = npt.NDArray[np.float64]
-Grey = npt.NDArray[np.uint8]
-
-__all__ = ["Detection", "Search", "Stage"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -39,13 +36,25 @@ class Detection:
     shrunk: int = 1
 
     @property
+    def code(self) -> tuple[str, int]:
+        """Family and id."""
+        return self.family, self.tag_id
+
+    @property
     def side_px(self) -> float:
         """Mean side [px]."""
-        return float(np.linalg.norm(self.corners - np.roll(self.corners, 1, axis=0), axis=1).mean())
+        return mean_side(self.corners)
 
 
-class Search(Protocol):
-    """One way of finding quads and codes."""
+def mean_side(corners: Array) -> float:
+    """Mean side of a quad `(4, 2)` [px]."""
+    return float(np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1).mean())
 
-    def find(self, pixels: Grey, stage: Stage) -> list[Detection]:
-        """Find all codes in `(h, w)` uint8, unchecked."""
+
+def best_of_codes(found: Iterable[Detection], rank: Callable[[Detection], tuple[float, ...]]) -> list[Detection]:
+    """Of the detections of each code the one of the highest rank, the first of equal ones."""
+    best: dict[tuple[str, int], Detection] = {}
+    for one in found:
+        if one.code not in best or rank(one) > rank(best[one.code]):
+            best[one.code] = one
+    return list(best.values())

@@ -1,7 +1,9 @@
-"""Searching the whole image at a bounded cost: what is searched in each image until every search has had its turn.
+"""The ways to find a tag, and which of them an image is searched in: all of them have their turn at a bounded cost.
 
-There are four ways to find a tag: grey values and logarithms, at half and at full resolution, light at half, and broken
-outlines. Where pixels are blown there are two more: the brightest grey values, and broken outlines in them.
+There are four. Three have libapriltag look for unbroken quads, each in other tones: the grey values as they are;
+their logarithm, where a shadow's edge or leaves are as large a step as ink on paper; and light, where a tone curve lets
+white cells spread over small black ones. The first two also see the whole resolution, for small tags. The fourth looks
+for broken outlines (`outline.py`), where something lies over the border or a highlight opens it.
 
 A search takes time in proportion to the pixels. The first search of every image therefore sees it shrunk to at most
 `max_pixels`, and one other search joins it in every image of `thorough_every`: the other stages on the shrunk image,
@@ -28,21 +30,21 @@ Grey = npt.NDArray[np.uint8]
 Part = tuple[int, int, int, int]
 """`(x0, y0, x1, y1)` [px], end exclusive."""
 
+FIRST: Final[tuple[Stage, ...]] = ("decimate2", "linear", "halflog")
+"""Stages of which one sees every image, in turn, at half its resolution: 3 to 6 ms on VGA."""
+SMALL_TAG_STAGES: Final[tuple[Stage, ...]] = ("log", "decimate1")
+"""Searches for small tags; the others need tags that are large on the coarsest level too."""
+LADDER: Final[tuple[Stage, ...]] = (*FIRST, *SMALL_TAG_STAGES, "outline")
+"""Searches of the whole image."""
+ARUCO_LADDER: Final[tuple[Stage, ...]] = ("decimate1", "log", "outline")
+"""The same without libapriltag."""
 TILE: Final = (640, 480)
 """Size of a tile on its level [px]."""
 OVERLAP: Final = 112
 """Of neighbouring tiles on their level [px]: a tag of 85 px with its quiet zone, 2.8 px a cell on a level 3 times as
 coarse."""
-FIRST: Final[tuple[Stage, ...]] = ("decimate2", "linear", "halflog")
-"""Stages of which one sees every image, in turn: 3 to 6 ms on VGA."""
-FIRST_OF_OTHERS: Final = 2
-"""So many take turns in a detector that has none of these."""
 FINER: Final = 3
 """Ratio of neighbouring levels, at most."""
-SMALL_TAG_STAGES: Final[tuple[Stage, ...]] = ("decimate1", "log")
-"""Searches for small tags; the others need tags that are large on the coarsest level too."""
-IN_HIGHLIGHTS: Final[tuple[Stage, ...]] = ("bright", "highlight")
-"""Searches of images with blown pixels, in turn with the others."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,16 +87,9 @@ def looks_of(width: int, height: int, stages: Sequence[Stage]) -> tuple[Look, ..
     return tuple(look for tile in tiles for look in (next(turns), tile))
 
 
-def with_highlights(looks: Sequence[Look], stages: Sequence[Stage]) -> tuple[Look, ...]:
-    """The same searches with one of an image with highlights before each of them."""
-    every = [*looks, *looks] if len(looks) % len(stages) else looks
-    turns = itertools.cycle(Look(stage) for stage in stages)
-    return tuple(turn for look in every for turn in (next(turns), look))
-
-
 def first_of(stages: Sequence[Stage]) -> Sequence[Stage]:
-    """The stages of a detector of which one sees every image."""
-    return [stage for stage in stages if stage in FIRST] or stages[:FIRST_OF_OTHERS]
+    """The stages of a detector of which one sees every image; without those of libapriltag all for unbroken quads."""
+    return [stage for stage in stages if stage in FIRST] or [stage for stage in stages if stage != "outline"]
 
 
 def shrinking(width: int, height: int) -> int:

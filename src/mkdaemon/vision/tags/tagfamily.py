@@ -17,20 +17,26 @@ are unknown to OpenCV; libapriltag draws them.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import accumulate
+from typing import Final
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
 from mkdaemon.errors import VisionError
-from mkdaemon.vision.tags.apriltaglib import corrected_bits, draw, is_installed
+from mkdaemon.vision.tags.apriltaglib import draw, is_installed
 
 Cells = npt.NDArray[np.uint8]
 
 QUIET_ZONE_CELLS = 1
 """White cells a print carries around everything black."""
+MOST_ENTRIES: Final = 1_000_000
+"""Codes with flipped bits that libapriltag may list; each takes 48 bytes (apriltag.c, `quick_decode_init`)."""
+MOST_CORRECTED: Final = 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,7 +74,8 @@ class TagFamily:
     @property
     def corrected_bits(self) -> int:
         """Wrong bits libapriltag corrects; few in large families, whose tables would not fit into memory."""
-        return corrected_bits(self.ids, self.bits)
+        entries = accumulate(self.ids * math.comb(self.bits, flipped) for flipped in range(MOST_CORRECTED + 1))
+        return sum(listed <= MOST_ENTRIES for listed in entries) - 1
 
 
 FAMILIES: dict[str, TagFamily] = {
@@ -86,6 +93,8 @@ FAMILIES: dict[str, TagFamily] = {
 }
 """All families pyapriltags has. Sources: Olson, AprilTag, ICRA 2011 (name = tag<bits>h<distance>); Krogius,
 Haggenmiller and Olson, Flexible layouts for fiducial tags, IROS 2019; figures: `apriltag_family_t`."""
+OPENCV_KNOWS: Final = ", ".join(family.name for family in FAMILIES.values() if family.dictionary is not None)
+"""Families that need no wheel."""
 
 
 def find_family(name: str) -> TagFamily:
@@ -107,28 +116,36 @@ def size_words(family: TagFamily) -> str:
 
 
 @lru_cache(maxsize=256)
-def _bitmap(name: str, tag_id: int) -> Cells:
-    family = find_family(name)
-    if not 0 <= tag_id < family.ids:
-        msg = f"{name} has no id {tag_id}: use 0 to {family.ids - 1}"
+def cells(family: str, tag_id: int) -> Cells:
+    """Return the bitmap of an official print, without the white cells around it.
+
+    Args:
+        family: for example `tag36h11`.
+        tag_id: the code.
+
+    Returns:
+        `(n, n)` uint8, 0 black and 255 white, row 0 at the top, `n = black_cells`; read-only.
+
+    Raises:
+        VisionError: unknown family or id, or one that only pyapriltags can draw, without its wheel.
+    """
+    known = find_family(family)
+    if not 0 <= tag_id < known.ids:
+        msg = f"{family} has no id {tag_id}: use 0 to {known.ids - 1}"
         raise VisionError(msg)
-    bitmap = _drawn_by_opencv(family, family.dictionary, tag_id) if family.dictionary is not None else None
-    if bitmap is None:
-        bitmap = _drawn_by_apriltag(family, tag_id)
+    if known.dictionary is not None:
+        codes = cv2.aruco.getPredefinedDictionary(known.dictionary)
+        drawn = cv2.aruco.generateImageMarker(codes, tag_id, known.black_cells)
+        bitmap = np.ascontiguousarray(np.rot90(drawn, 2), dtype=np.uint8)
+    else:
+        bitmap = _drawn_by_apriltag(known, tag_id)
     bitmap.setflags(write=False)
     return bitmap
 
 
-def _drawn_by_opencv(family: TagFamily, dictionary: int, tag_id: int) -> Cells:
-    codes = cv2.aruco.getPredefinedDictionary(dictionary)
-    drawn = cv2.aruco.generateImageMarker(codes, tag_id, family.black_cells)
-    return np.ascontiguousarray(np.rot90(drawn, 2), dtype=np.uint8)
-
-
 def _drawn_by_apriltag(family: TagFamily, tag_id: int) -> Cells:
     if not is_installed():
-        known = ", ".join(one.name for one in FAMILIES.values() if not one.is_inverted)
-        msg = f"tag family {family.name} needs the pyapriltags wheel; install it, or use one of {known}"
+        msg = f"tag family {family.name} needs the pyapriltags wheel; install it, or use one of {OPENCV_KNOWS}"
         raise VisionError(msg)
     bitmap = draw(family.name, tag_id)
     if family.is_round:
@@ -144,24 +161,3 @@ def _corners(family: TagFamily) -> npt.NDArray[np.bool_]:
     ring = (n - family.size_cells) // 2 - 1
     never_white[ring : n - ring, ring : n - ring] = False
     return np.asarray(never_white)
-
-
-def cells(family: str, tag_id: int, quiet: int = 0) -> Cells:
-    """Return the bitmap of an official print.
-
-    Args:
-        family: for example `tag36h11`.
-        tag_id: the code.
-        quiet: white cells to add on every side; a classic print has `QUIET_ZONE_CELLS`.
-
-    Returns:
-        `(n, n)` uint8, 0 black and 255 white, row 0 at the top, `n = black_cells + 2 * quiet`; read-only when `quiet`
-        is 0.
-
-    Raises:
-        VisionError: unknown family or id, or one that only pyapriltags can draw, without its wheel.
-    """
-    bitmap = _bitmap(family, tag_id)
-    if quiet == 0:
-        return bitmap
-    return np.pad(bitmap, quiet, constant_values=255)
