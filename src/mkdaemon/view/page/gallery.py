@@ -167,9 +167,9 @@ class Gallery:
     def _played(self, name: str, status: PlayStatus) -> None:
         """A player says how far it is; a recording that goes on at another place is looked at anew."""
         for exhibit in self._exhibits.values():
-            if exhibit.client.vehicle == name and exhibit.picture.is_played:
-                if exhibit.picture.take_play(status, self._loop.time()):
-                    self._begin(exhibit)
+            is_it = exhibit.client.vehicle == name and exhibit.picture.is_played
+            if is_it and exhibit.picture.take_play(status, self._loop.time()):
+                self._begin(exhibit)
 
     def _begin(self, exhibit: _Exhibit) -> None:
         """Follow a vehicle, from the beginning where it is followed already."""

@@ -95,12 +95,12 @@ class PhotoFit:
         """
         if self._is_coarse(start):
             return self._fit_halved(pixels, start, iterations, level, blur_px)
-        return self._fit_whole(pixels, start, iterations, level, blur_px)
+        return self.fit_whole(pixels, start, iterations, level, blur_px)
 
-    def _fit_whole(
+    def fit_whole(
         self, pixels: Grey, start: Pose, iterations: int, level: Level | None = None, blur_px: float | None = None
     ) -> Pose | None:
-        """The fit on all pixels."""
+        """The same on all pixels, however large the cells are; see `fit`."""
         motion = None
         if self._shutter.rolls:
             motion = start.motion if start.motion is not None else motion_at_rest()
@@ -133,7 +133,7 @@ class PhotoFit:
         whole = pixels[: height // 2 * 2, : width // 2 * 2]
         half = np.asarray(cv2.resize(whole, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA), dtype=np.uint8)
         begin = replace(start, blur_px=None if start.blur_px is None else start.blur_px / 2)
-        found = self._halved._fit_whole(half, begin, iterations, level, None if blur_px is None else blur_px / 2)
+        found = self._halved.fit_whole(half, begin, iterations, level, None if blur_px is None else blur_px / 2)
         if found is None:
             return None
         blur = None if found.blur_px is None else 2.0 * found.blur_px
@@ -238,7 +238,7 @@ class PhotoFit:
         cell_px = self.prints.cell_px(pose)
         if self._shutter.rolls or pose.source != "edges" or cell_px > limits.cells.small_px or pose.inliers < whole:
             return pose
-        grey = self._fit_whole(pixels, pose, STEPS)
+        grey = self.fit_whole(pixels, pose, STEPS)
         if grey is None or not self.explains(grey):
             return pose
         if float(np.linalg.det(grey.covariance)) >= float(np.linalg.det(pose.covariance)):

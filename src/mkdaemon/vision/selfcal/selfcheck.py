@@ -6,8 +6,9 @@ tag that is seen at a slant, against itself from several ranges, the focal lengt
 1.4 % behind a webcam. A print whose sizes are all wrong by one factor looks like one that is farther away, from every
 range: nothing in the images tells it.
 
-The unknowns, estimated together: the turn of the mounting about body forward, left, up [rad], the horizontal part of the target's normal,
-east and north, the share by which the vehicle reports too much tilt; then those of the images (`ImageEvidence`).
+The unknowns, estimated together: the turn of the mounting about body forward, left, up [rad], the horizontal part of
+the target's normal, east and north, the share by which the vehicle reports too much tilt; then those of the images
+(`ImageEvidence`).
 A mounting turns with the vehicle, a deck does not: without yaw only their sum is seen, and the deviations say so. What
 is constant in the vehicle's own attitude counts as mounting. A lens that is too long turns poses near the rim of the
 image, which the attitude contradicts.
