@@ -21,12 +21,17 @@ ASKER = """
 import sys, time, zenoh
 from mkdaemon.bus.session import session_config
 session = zenoh.open(session_config("client", connect=[sys.argv[1]], lease=10.0))
-unread = [session.get(sys.argv[2], handler=zenoh.handlers.FifoChannel(1), timeout=60) for _ in range(100)]
-print("asked", flush=True)
+unread = []
+for _ in range(100):
+    unread.append(session.get(sys.argv[2], handler=zenoh.handlers.FifoChannel(1), timeout=60))
+    print("asked", flush=True)
 sys.stdin.read()
 import os; os._exit(0)
 """
-"""A client that asks and reads no answer: Zenoh stops to read from the line when a channel of one place is full."""
+"""A client that asks and reads no answer: Zenoh stops to read from the line when a channel of one place is full.
+
+Where answers come before all was asked, its own next question waits for that, too, and for ever.
+"""
 
 
 @asynccontextmanager

@@ -182,7 +182,7 @@ class CellSizes:
 
     readable_px: float = of(2.5, "px", "smaller cells have no edge, corner or grey value of their own", EARNED)
     photometric_px: float = of(4.0, "px", "smaller cells are fitted by grey values", EARNED)
-    mixed_px: float = of(5.0, "px", "below, grey values measure what edges have found", FLIGHTS)
+    mixed_px: float = of(5.0, "px", "below, edges are asked where grey values fail", FLIGHTS)
     melted_widths: float = of(3.0, "half widths", "of its edges: smaller cells melt", "5 px where sharp: 1.75 px")
     small_px: float = of(10.0, "px", "below, all pixels of a first pose tell more than its edges", EARNED)
     perspective_px: float = of(24.0, "px", "from here perspective tells a pose from its mirror image", BLIND)
