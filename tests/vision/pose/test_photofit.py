@@ -163,3 +163,25 @@ def test_far_poses_behind_a_tone_curve_are_believed() -> None:
         assert pose is not None
         found.append(nees(view, pose, pose.covariance))
     assert 0.55 < np.mean(found) < 1.5
+
+
+def test_a_halved_camera_sees_the_mean_of_four_pixels_and_rows_twice_as_long():
+    whole = Projection(VGA.model_copy(update={"line_time": 30e-6, "k1": -0.1}))
+    points = np.array([[0.3, -0.2, 1.5], [-0.4, 0.3, 2.0]])
+    half = whole.halved()
+    assert half.project(points)[0] == pytest.approx((whole.project(points)[0] - 0.5) / 2)
+    assert half.line_time == pytest.approx(2 * whole.line_time)
+
+
+def test_large_cells_are_fitted_in_an_image_of_half_the_size():
+    target = shipped("single")
+    view = View(target, place(1.8, 0.4))
+    start = Pose(turn(view.rotation, np.full(3, 0.005)), 1.003 * view.position, np.eye(6), "corners", 4, 0.1)
+    half, whole = (
+        fit(view.pixels, start, 8)
+        for fit in (PhotoFit(target, Projection(VGA)).fit, PhotoFit(target, Projection(VGA)).fit_whole)
+    )
+    assert half is not None and whole is not None
+    assert half.points < whole.points / 3
+    assert nees(view, half, half.covariance) < 3.0
+    assert half.blur_px == pytest.approx(whole.blur_px, rel=0.3)

@@ -56,8 +56,8 @@ monotonicity test of Deuflhard, Newton Methods for Nonlinear Problems, Springer 
 UNSETTLED = 1.0
 """Squared deviations from its place from which a fit that ended has not arrived."""
 STEPS = 8
-"""Of a fit; four are usual, a streak of 20 px takes eight.
-With five 6 of 9,536 images were lost, with 10 to 20 none was won."""
+"""Of a fit; four are usual, a streak of 20 px takes eight. With five 6 of 9,536 images were lost, with 10
+to 20 none was won."""
 SETTLED, SETTLED_BLUR = 0.06, 0.05
 """A step below both is the last: squared length in deviations of the fit, change of the blur's variance [px^2]."""
 

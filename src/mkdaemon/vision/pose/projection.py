@@ -178,7 +178,7 @@ class Projection:
     Args:
         intrinsics: its calibration.
         shutter: that learns; what the calibration says where absent, a global one where that says nothing: stills.
-        rows: of the camera in each of the image.
+        rows: rows of the sensor that make up one of the image.
 
     Attributes:
         intrinsics: its calibration.
