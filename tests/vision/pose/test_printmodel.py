@@ -30,10 +30,10 @@ def white_of(target: Target, distance: float) -> float:
     """White in the image of a print, seen from above [m^2]."""
     projection = Projection(CAMERA.intrinsics)
     model = Prints(target, projection).all[0]
-    rendered = model.render((480, 640), ABOVE, np.array([0.01, 0.02, distance]), 0.2 * np.eye(2))
-    assert rendered is not None
-    value = rendered.samples(np.zeros((480, 640), dtype=np.uint8)).value
-    return float(value.sum()) * (distance / projection.focal[0]) ** 2
+    pixels = np.zeros((480, 640), dtype=np.uint8)
+    seen = model.samples(pixels, ABOVE, np.array([0.01, 0.02, distance]), 0.2 * np.eye(2))
+    assert seen is not None
+    return float(seen.value.sum()) * (distance / projection.focal[0]) ** 2
 
 
 @pytest.mark.parametrize("distance", [5.0, 6.0, 7.0, 8.0])
@@ -71,9 +71,9 @@ def test_an_edge_along_a_row_of_pixels_is_drawn_in_its_place(distance: float, ti
     target = load([CONFIGS / "targets" / "single.toml"]).targets[0]
     rotation, position = turn(ABOVE, np.array([tilt, 0.0, 0.0])), np.array([0.013, 0.021, distance])
     model = Prints(target, Projection(STRAIGHT)).all[0]
-    rendered = model.render((480, 640), rotation, position, BLUR_PX**2 * np.eye(2))
-    assert rendered is not None
-    seen, used, left, top = rendered.template()
+    expected = model.template((480, 640), rotation, position, BLUR_PX**2 * np.eye(2))
+    assert expected is not None
+    seen, used, left, top = expected
     exact = drawn(target, rotation, position)[top : top + seen.shape[0], left : left + seen.shape[1]]
     assert float(np.abs(seen - exact)[used].max()) < 0.016
 

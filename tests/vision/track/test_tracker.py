@@ -227,7 +227,7 @@ def test_without_attitude_a_far_blurred_target_is_refused_until_its_images_decid
     follower = Tracker(TagMap((target,)), VGA, None)
     posed = []
     for k in range(12):
-        view = View(target, place(7.0, 0.06 + 0.002 * k), replace(Conditions(), defocus_px=4.0))
+        view = View(target, place(6.0, 0.06 + 0.002 * k), replace(Conditions(), defocus_px=4.0))
         result = follower.update(view.image(k / 30, k))
         found = result.pose_of("pad")
         posed.append(found is not None)

@@ -88,10 +88,10 @@ class PrintGatherer:
 
     def _shift(self, pixels: Grey, model: PrintModel, start: Pose) -> Array | None:
         """How far a print is beside its place `(2,)` [px]; zero where it is near, none where it is not found."""
-        rendered = model.render(pixels.shape, start.rotation, start.position, SPREAD)
-        if rendered is None:
+        expected = model.template(pixels.shape, start.rotation, start.position, SPREAD)
+        if expected is None:
             return None
-        template, mask, left, top = rendered.template()
+        template, mask, left, top = expected
         height, width = template.shape
         here = pixels[top : top + height, left : left + width].astype(np.float32)
         if int(mask.sum()) < LIMITS.photo.min_window_px**2:

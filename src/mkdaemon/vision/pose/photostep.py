@@ -27,12 +27,10 @@ from mkdaemon.vision.pose.edgefit import Level
 from mkdaemon.vision.pose.edgestep import MAD, damped
 from mkdaemon.vision.pose.linetime import MOTIONS
 from mkdaemon.vision.pose.nuisance import BEYOND, beyond_motion, beyond_sd, motion_known
-from mkdaemon.vision.pose.pointspread import BOX
 from mkdaemon.vision.pose.pose import Pose, correlation, median
-from mkdaemon.vision.pose.printimage import PrintSamples
-from mkdaemon.vision.pose.printmodel import PrintModel
+from mkdaemon.vision.pose.printmodel import BOX, PrintModel, PrintSamples
 from mkdaemon.vision.pose.projection import Projection
-from mkdaemon.vision.pose.rolling import at_rest, at_times, before_motion, cross, motion_jacobian
+from mkdaemon.vision.pose.rolling import at_times, before_motion, cross, motion_jacobian
 
 Array = npt.NDArray[np.float64]
 Grey = npt.NDArray[np.uint8]
@@ -485,10 +483,10 @@ class PhotoStepper:
 
     def _part(self, pixels: Grey, model: PrintModel, state: PhotoState) -> _Part | None:
         """What one print says; none where it is not in full view, or too few of its pixels are."""
-        rendered = model.render(pixels.shape, state.rotation, state.position, state.spread, state.motion)
-        if rendered is None:
+        at = model.samples(pixels, state.rotation, state.position, state.spread, state.motion)
+        if at is None:
             return None
-        at, lit = lit_print(rendered.samples(pixels), model.half)
+        at, lit = lit_print(at, model.half)
         if at.value.size < LIMITS.photo.min_window_px**2:
             return None
         rows, unit = self._jacobian(at, lit, model, state)
@@ -506,12 +504,9 @@ class PhotoStepper:
             times = (at.row - (self._projection.intrinsics.height - 1) / 2) * self._projection.line_time
             seen = at_times(seen, motion, times)
         point = self._projection.jacobian(seen)
-        along = np.stack([at.dx, at.dy]).T
-        if motion is not None:
-            along = at_rest(along, point, seen, motion, self._projection.line_time)
         # Pose: a print that moves by d shows at a pixel what was d before it, dI = -dI/dm grad(m) . du; a turn w moves
         # a point at `arm` by w x arm.
-        slope = -lit.contrast[:, None] * (along[:, :1] * point[:, 0] + along[:, 1:] * point[:, 1])
+        slope = -lit.contrast[:, None] * (at.dx[:, None] * point[:, 0] + at.dy[:, None] * point[:, 1])
         moved = slope if motion is None else before_motion(slope, motion, times)
         # Blur: a Gaussian obeys the heat equation, dm/dB = (m_xx, 2 m_xy, m_yy) / 2.
         blur = lit.contrast * np.stack([0.5 * at.dxx, at.dxy, 0.5 * at.dyy])

@@ -67,7 +67,7 @@ class Pose:
         bend: of the print, where the fit asked.
         known_bend: what was known about it before the fit.
         stretch: logarithm of the ratio of the focal lengths over the calibrated one, where the fit was free to ask.
-        shared: by how much residuals that neighbouring pixels share raise the variance, 1 or more (`greynoise`).
+        shared: by how much residuals that neighbouring pixels share raise the variance, 1 or more (`photostep`).
         common: share of the residuals' variance that neighbouring pixels share: the rest is noise.
         cost: robust mean square of the residuals of a fit to grey values [grey^2], with what its bend and motion cost
             by what was known of them; compares rivals where the model holds.

@@ -1,87 +1,233 @@
-"""What a known print looks like in the image from a pose: its texture warped, blurred, and averaged over pixels.
+"""What a known print looks like in the image from a pose: each pixel looks up where its ray meets the print.
 
-The model lives in the image, so perspective and the round point spread are right at any tilt.
+The print is drawn once and blurred to a row of levels. A pixel sees it through a point spread: that of the lens and of
+the pixel, which a slanted print makes longer one way, and the even streak of a motion. What is round of it is a level,
+what is longer one way are places beside each other that are looked up and added. From the level to the right blur leads
+the heat equation: a blur whose covariance grows by D adds (D_xx m_xx + 2 D_xy m_xy + D_yy m_yy) / 2.
 
-The texture of a print, soft enough for the sub-samples it is looked up at.
-
-A sharp edge that is looked up at points lies where the nearest point is: an edge along a row of pixels was drawn up to
-0.08 px beside its place, the whole of it alike. A blur that belongs to the point spread anyway takes that away.
-
-Source: mip maps, Williams, SIGGRAPH 1983; a Gaussian in place of the box.
+Source: mip maps, Williams, SIGGRAPH 1983, with a Gaussian in place of the box; long footprints by several round ones,
+McCormack et al., "Feline", SIGGRAPH 1999.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import ceil, log2, sqrt
 from typing import Final
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
-from mkdaemon.vision.limits import LIMITS
+from mkdaemon.vision.limits import HALF, LIMITS
 from mkdaemon.vision.pose.bend import Sheet
-from mkdaemon.vision.pose.pointspread import PointSpread
-from mkdaemon.vision.pose.printimage import FINE, RenderedPrint, Window
-from mkdaemon.vision.pose.projection import NEAR_M, Projection
+from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.pose.rolling import exposed, skew
 from mkdaemon.vision.tags.tagmap import ONE_PLANE, Tag, Target
 
 Array = npt.NDArray[np.float64]
 Image32 = npt.NDArray[np.float32]
 Grey = npt.NDArray[np.uint8]
+Bools = npt.NDArray[np.bool_]
 
-SOFT: Final = 0.5
-"""Deviation of the blur [sub-samples]: 1 % is left of what repeats from one to the next."""
-LEVELS_PER_OCTAVE: Final = 2
-SMALLEST: Final = 24
-"""Texels across the coarsest level."""
+TEXELS: Final = 24
+"""Of a cell, each way, of a drawn print."""
+TEXEL_PARTS: Final = 8
+"""Sub-samples of a texel, each way, where cells of a smaller tag end within it."""
+SHARPEST, SOFTEST = 0.05, 2.0
+"""Deviation of the blur of the first level, and of the last [cells]."""
+PER_OCTAVE: Final = 4
+"""Levels from a variance to twice as much: the heat equation is then right to 0.1 % of the contrast."""
+STEP: Final = 0.4
+"""From a texel to the next, of the blur of a level: interpolated to 0.5 % of the contrast."""
+APART: Final = 1.3
+"""From a place that is looked up to the next one, over the blur: together they are even to 0.1 %."""
+WIDE: Final = 2.5
+"""Deviations of what is longer one way that are looked up."""
+ROUND: Final = 0.25
+"""Share of the variance by which a point spread may be longer one way and still be looked up at one place."""
+BOX: Final = 12.0
+"""Square of a box's length over its variance: what motion blur adds is a box, and so is a pixel."""
+LEAST_STREAK_PX: Final = 0.3
+"""Shorter streaks are taken for round [px]."""
+LENS_PATCH: Final = 0.7
+"""Share of the window at whose corners the lens is taken: the error of an affine lens is least in the middle."""
+SQUARE: Final = np.array([[-1.0, 1.0], [1.0, 1.0], [1.0, -1.0], [-1.0, -1.0]])
+"""Corners of a print, in halves of its side."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PrintSamples:
+    """A print's pixels: model and image.
+
+    Attributes:
+        value: of the model, 0 black to 1 white `(n,)`.
+        dx: its slope by the column of the image `(n,)` [1/px]; along a row, whose time under a rolling shutter stays.
+        dy: by the row, as all rows are exposed when this one is.
+        dxx: second derivatives `(n,)` [1/px^2].
+        dxy: of both.
+        dyy: by the row.
+        u: place on the print, along its x axis `(n,)` [m].
+        v: along its y axis.
+        row: of the image `(n,)`.
+        grey: of the image `(n,)`.
+        used: which pixels of the window these are `(rows, columns)`.
+    """
+
+    value: Array
+    dx: Array
+    dy: Array
+    dxx: Array
+    dxy: Array
+    dyy: Array
+    u: Array
+    v: Array
+    row: Array
+    grey: Array
+    used: Bools
+
+    @property
+    def steep(self) -> Array:
+        """Squared slope of the model `(n,)` [1/px^2]."""
+        return self.dx**2 + self.dy**2
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Window:
+    """The part of an image that a print is in.
+
+    Attributes:
+        left: its first column.
+        top: its first row.
+        used: which of its pixels are of the print `(rows, columns)`.
+        u: place on the print of these `(n,)` [m].
+        v: the other way.
+        row: of the image `(n,)`.
+        plane: derivative of the place by the pixel, two rows `(2, 2, n)` [m/px].
+        middle: the same in the middle of the print `(2, 2)` [m/px].
+    """
+
+    left: int
+    top: int
+    used: Bools
+    u: Array
+    v: Array
+    row: npt.NDArray[np.intp]
+    plane: Array
+    middle: Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Footprint:
+    """What a pixel sees of a plane.
+
+    Attributes:
+        narrow: variance of the round part, with the pixel [px^2].
+        spread: covariance of what is looked up at one place `(2, 2)`.
+        places: that are looked up about the pixel's own `(2, k)`.
+        weights: of these `(k,)`, one together.
+    """
+
+    narrow: float
+    spread: Array
+    places: Array
+    weights: Array
+
+    @classmethod
+    def of(cls, spread: Array, plane: Array) -> Footprint:
+        """Of a point spread `(2, 2)` [px^2] through the derivative of the plane by the pixel `(2, 2)`.
+
+        What is longer one way is a streak [px]; the rest, with the pixel, is round until the plane slants it.
+        """
+        values, axes = np.linalg.eigh(spread)
+        streak = sqrt(BOX * float(values[1] - values[0]))
+        if streak < LEAST_STREAK_PX:
+            streak = 0.0
+        narrow = float(values[0] if streak else values.mean()) + 1.0 / BOX
+        sizes, ways = np.linalg.eigh(narrow * plane @ plane.T)
+        least, more = float(sizes[0]), float(sizes[1] - sizes[0])
+        places, weights, round_part = np.zeros((2, 1)), np.ones(1), narrow * plane @ plane.T
+        if more > ROUND * least:
+            at, weights = _along(sqrt(more), sqrt(least))
+            places, round_part = ways[:, 1:] * at, least * np.eye(2)
+        if streak:
+            way = streak * plane @ axes[:, 1]
+            count = max(ceil(float(np.hypot(*way)) / (APART * sqrt(least))), 2)
+            # The middles of even parts, a little farther apart, so that they have the variance of the streak.
+            even = ((np.arange(count) + 0.5) / count - 0.5) / sqrt(1.0 - 1.0 / count**2)
+            places = (places[:, :, None] + way[:, None, None] * even).reshape(2, -1)
+            weights = np.repeat(weights, count) / count
+        return cls(narrow, round_part, places, weights)
+
+
+def _along(deviation: float, blur: float) -> tuple[Array, Array]:
+    """Places of a Gaussian and their weights, `(k,)` each, none farther from the next than blur allows."""
+    reach = ceil(WIDE * deviation / (APART * blur))
+    at = np.arange(-reach, reach + 1) * (WIDE * deviation / reach)
+    weights: Array = np.exp(-0.5 * (at / deviation) ** 2)
+    weights /= weights.sum()
+    return np.asarray(at * (deviation / sqrt(float(weights @ at**2))), np.float64), weights
 
 
 class PrintTexture:
     """A drawn print and its softer levels, each made when it is first asked for.
 
     Args:
-        drawn: `(side, side)`, 0 black to 1 white.
+        drawn: `(side, side)`, 0 black to 1 white, `TEXELS` a cell.
     """
 
     def __init__(self, drawn: Image32) -> None:
         self._drawn = drawn
-        self._levels: dict[int, Image32] = {}
-        self._softest = LEVELS_PER_OCTAVE * int(np.log2(max(len(drawn) // SMALLEST, 1)))
+        self._cells = len(drawn) / TEXELS
+        self._levels: dict[int, tuple[Image32, Image32]] = {}
 
-    def level(self, step: float) -> tuple[Image32, float]:
-        """The level for sub-samples some texels of the drawn print apart, and its blur [texels of the drawn print].
-
-        Levels have at least two texels from one sub-sample to the next, as far as the drawn print has.
-
-        Args:
-            step: between neighbouring sub-samples, along the way in which it is longer [texels].
-        """
-        number = round(LEVELS_PER_OCTAVE * float(np.log2(max(step, 1e-6))))
-        if number < 0:
-            return self._drawn, 0.0
-        number = min(number, self._softest)
-        blur = SOFT * 2.0 ** (number / LEVELS_PER_OCTAVE)
+    def _level(self, number: int) -> tuple[Image32, Image32]:
+        """Value and its slopes, then the second derivatives, `(side, side, 3)` each."""
         found = self._levels.get(number)
         if found is None:
-            soft = cv2.GaussianBlur(self._drawn, (0, 0), blur, borderType=cv2.BORDER_REPLICATE)
-            side = len(soft) // max(2 ** (number // LEVELS_PER_OCTAVE - 1), 1)
-            found = np.asarray(cv2.resize(soft, (side, side), interpolation=cv2.INTER_AREA), dtype=np.float32)
-            self._levels[number] = found
-        return found, blur
+            blur = SHARPEST * 2.0 ** (number / PER_OCTAVE / 2)
+            side = min(ceil(self._cells / (STEP * blur)), len(self._drawn))
+            # Texels that are averaged and interpolated blur, too.
+            step = self._cells / side
+            variance = blur**2 - step**2 / 4.0
+            soft = cv2.GaussianBlur(self._drawn, (0, 0), sqrt(variance) * TEXELS, borderType=cv2.BORDER_REPLICATE)
+            down, right = (slope * TEXELS for slope in np.gradient(soft))
+            cross, along = (slope * TEXELS for slope in np.gradient(right))
+            across = np.gradient(down, axis=0) * TEXELS
+            planes = [soft, right, -down], [along, -cross, across]
+            first, second = (
+                cv2.resize(np.stack(p, axis=-1), (side, side), interpolation=cv2.INTER_AREA) for p in planes
+            )
+            found = self._levels[number] = np.asarray(first, np.float32), np.asarray(second, np.float32)
+        return found
 
+    def at(self, x: Array, y: Array, footprint: Footprint, more: Array) -> Array:
+        """Value, slopes by x and y, second derivatives by xx, xy, yy at places of the print `(6, n)`.
 
-TEXELS_PER_CELL = 24
-TEXEL_PARTS = 8
-"""Sub-samples of a texel, each way, where cells of a smaller tag end within it."""
-SLANTED = 0.5
-"""Cosine of the slant from which a texture gets no softer: it would be longer the other way than a point spread."""
-LENS_PATCH = 0.7
-"""Share of the window at whose corners the lens is taken: the error of an affine lens is least in the middle."""
-
-
-SQUARE = np.array([[-1.0, 1.0], [1.0, 1.0], [1.0, -1.0], [-1.0, -1.0]])
-"""Corners of a print, in halves of its side."""
+        Args:
+            x: `(n,)` [cells from the middle].
+            y: `(n,)`, up.
+            footprint: of all places.
+            more: what the covariance of each has beyond that, by xx, xy, yy `(3, n)` [cells^2].
+        """
+        mean = float(np.trace(footprint.spread)) / 2.0
+        most = 2 * PER_OCTAVE * log2(SOFTEST / SHARPEST)
+        number = round(min(max(PER_OCTAVE * log2(mean / SHARPEST**2), 0.0), most))
+        seen_x, seen_y = (
+            (at + place[:, None]).astype(np.float32) for at, place in zip((x, y), footprint.places, strict=True)
+        )
+        found = np.empty((6, len(x)))
+        for k, image in enumerate(self._level(number)):
+            scale = np.float32(len(image) / self._cells)
+            column = (seen_x + np.float32(self._cells / 2)) * scale - np.float32(0.5)
+            row = (np.float32(self._cells / 2) - seen_y) * scale - np.float32(0.5)
+            seen = cv2.remap(image, column, row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+            found[3 * k : 3 * k + 3] = np.einsum("k,knc->cn", footprint.weights, seen)
+        variance = SHARPEST**2 * 2.0 ** (number / PER_OCTAVE)
+        (xx, xy), (_, yy) = np.clip(footprint.spread - variance * np.eye(2), -HALF * variance, HALF * variance)
+        found[0] += (0.5 * (more[0] + xx)) * found[3] + (more[1] + xy) * found[4] + (0.5 * (more[2] + yy)) * found[5]
+        return found
 
 
 class PrintModel:
@@ -113,32 +259,137 @@ class PrintModel:
         # One quiet zone around the tag is surely white; other tags count where they lie inside it.
         self.half = first.paper / 2
         self.cell = first.module
-        side = (first.family.black_cells + 2) * TEXELS_PER_CELL
-        self._texel = first.paper / side
-        texture = np.ones((side, side), dtype=np.float32)
-        for tag in tags:
-            self._draw(texture, tag, first)
-        self._texture = PrintTexture(texture)
+        self._texture = PrintTexture(_drawn(first, tags))
 
-    def _draw(self, texture: Image32, tag: Tag, first: Tag) -> None:
-        """Draw a tag with its quiet zone over the texture of the print; a texel that several cells share is their mean.
+    def samples(
+        self, pixels: Grey, rotation: Array, position: Array, spread: Array, motion: Array | None = None
+    ) -> PrintSamples | None:
+        """Model and image where a pose puts the print; none where it is not in full view, too small or too large.
 
-        The cells of the first tag are whole texels. Those of the inner tag of `nested.toml` are 1.9 texels wide: drawn
-        by the middles of texels it had 26 % too little white, which shows in every image from afar.
+        Args:
+            pixels: `(h, w)` uint8.
+            rotation: camera from target `(3, 3)`.
+            position: of the target `(3,)` [m; RDF].
+            spread: covariance of the point spread `(2, 2)` [px^2]; what is longer one way is motion blur.
+            motion: of the camera under a rolling shutter `(4,)`; see `rolling`.
         """
+        window = self._window(pixels.shape, rotation, position, motion)
+        if window is None:
+            return None
+        value, by_x, by_y, xx, xy, yy = self._seen(window, spread)
+        (a, b), (c, d) = window.plane / self.cell
+        height, width = window.used.shape
+        grey = pixels[window.top : window.top + height, window.left : window.left + width]
+        return PrintSamples(
+            value,
+            by_x * a + by_y * c,
+            by_x * b + by_y * d,
+            xx * a * a + 2.0 * xy * a * c + yy * c * c,
+            xx * a * b + xy * (a * d + b * c) + yy * c * d,
+            xx * b * b + 2.0 * xy * b * d + yy * d * d,
+            window.u,
+            window.v,
+            window.row.astype(np.float64),
+            grey[window.used].astype(np.float64),
+            window.used,
+        )
+
+    def template(
+        self, shape: tuple[int, ...], rotation: Array, position: Array, spread: Array
+    ) -> tuple[Image32, Bools, int, int] | None:
+        """The print at whole pixels `(h, w)`, which of them are of it, and the column and row where they begin."""
+        window = self._window(shape, rotation, position, None)
+        if window is None:
+            return None
+        image = np.ones(window.used.shape, dtype=np.float32)
+        image[window.used] = self._seen(window, spread)[0]
+        return image, window.used, window.left, window.top
+
+    def depth(self, rotation: Array, position: Array) -> float:
+        """How far the middle of the print is along the optical axis [m]."""
+        return float((rotation @ self.origin + position)[2])
+
+    def _seen(self, window: _Window, spread: Array) -> Array:
+        middle = window.middle / self.cell
+        footprint = Footprint.of(spread, middle)
+        # A slanted print is seen through a larger footprint where it is farther.
+        (a, b), (c, d) = window.plane / self.cell
+        (xx, xy), (_, yy) = middle @ middle.T
+        more = footprint.narrow * np.stack([a * a + b * b - xx, a * c + b * d - xy, c * c + d * d - yy])
+        return self._texture.at(window.u / self.cell, window.v / self.cell, footprint, more)
+
+    def _window(self, shape: tuple[int, ...], rotation: Array, position: Array, motion: Array | None) -> _Window | None:
+        """Where the print is in the image; none where it is not in full view, too small or too large."""
+        half = self.half - LIMITS.photo.margin_cells * self.cell
+        placed = (SQUARE * half @ self.axes[:, :2].T + self.origin) @ rotation.T + position
+        corners = placed if motion is None else exposed(placed, motion, self._projection)[0]
+        uv, visible = self._projection.project(corners)
+        if not bool(visible.all()):
+            return None
+        x0, y0 = np.maximum(np.floor(uv.min(axis=0)).astype(int), 0)
+        x1, y1 = np.minimum(np.ceil(uv.max(axis=0)).astype(int) + 1, [shape[1], shape[0]])
+        width, height = int(x1 - x0), int(y1 - y0)
+        low, high = LIMITS.photo.min_window_px, LIMITS.photo.max_window_px
+        if not (low <= width <= high and low <= height <= high):
+            return None
+        cam_from_plane = np.column_stack([rotation @ self.axes[:, :2], rotation @ self.origin + position])
+        ray_from_pixel = self._ray_from_pixel(int(x0), int(y0), width, height)
+        row = np.arange(height)
+        if motion is None:
+            by_row = (np.linalg.inv(cam_from_plane) @ ray_from_pixel)[:, :, None]
+        else:
+            # A row is exposed at one time t: the plane M is then at A M with A = (I - t [w]) and t s e beside it.
+            middle = (self._projection.intrinsics.height - 1) / 2
+            times = (row + y0 - middle) * self._projection.line_time
+            moved = cam_from_plane - times[:, None, None] * (skew(motion[:3]) @ cam_from_plane)
+            moved[:, 2, 2] += times * motion[3]
+            by_row = np.moveaxis(np.linalg.inv(moved) @ ray_from_pixel, 0, 2)
+        h = by_row[:, :, :, None]
+        column = np.arange(width, dtype=np.float64)
+        u, v, w = h[:, 0] * column + h[:, 1] * row[:, None] + h[:, 2]
+        u, v = u / w, v / w
+        used = (np.abs(u) < half) & (np.abs(v) < half)
+        u, v, rows = u[used], v[used], np.nonzero(used)[0]
+        inverse = 1.0 / w[used]
+        at = by_row[:, :, rows] if motion is not None else by_row
+        plane = np.stack([(at[0, :2] - at[2, :2] * u) * inverse, (at[1, :2] - at[2, :2] * v) * inverse])
+        if not len(u):
+            return None
+        return _Window(int(x0), int(y0), used, u, v, rows + int(y0), plane, plane.mean(axis=2))
+
+    def _ray_from_pixel(self, left: int, top: int, width: int, height: int) -> Array:
+        """Homography from the pixels of a window to rays at unit depth; the lens is taken as locally projective."""
+        if not self._projection.is_distorted:
+            (fx, fy), (cx, cy) = self._projection.focal, self._projection.centre
+            return np.array([[1 / fx, 0.0, (left - cx) / fx], [0.0, 1 / fy, (top - cy) / fy], [0.0, 0.0, 1.0]])
+        size = np.array([width, height]) / 2
+        local = size + LENS_PATCH * size * SQUARE
+        rays = self._projection.undistort(local + np.array([left, top]))
+        return np.asarray(cv2.getPerspectiveTransform(local.astype(np.float32), rays.astype(np.float32)), np.float64)
+
+
+def _drawn(first: Tag, tags: Sequence[Tag]) -> Image32:
+    """Tags with their quiet zones over the print of the first; a texel that several cells share is their mean.
+
+    The cells of the first tag are whole texels. Those of the inner tag of `nested.toml` are 1.9 texels wide: drawn by
+    the middles of texels it had 26 % too little white, which shows in every image from afar.
+    """
+    half, texel = first.paper / 2, first.module / TEXELS
+    drawn = np.ones(((first.family.black_cells + 2) * TEXELS,) * 2, dtype=np.float32)
+    for tag in tags:
         parts = 1 if tag is first else TEXEL_PARTS
         turned = (first.rotation.T @ tag.rotation)[:2, :2]
         place = ((tag.position - first.position) @ first.rotation)[:2]
-        middle = self.half + place * (1.0, -1.0)
+        middle = half + place * (1.0, -1.0)
         reach = np.abs(turned).sum(axis=1) * (tag.paper / 2)
-        left, top = np.clip(np.floor((middle - reach) / self._texel).astype(int), 0, len(texture))
-        right, bottom = np.clip(np.ceil((middle + reach) / self._texel).astype(int), 0, len(texture))
+        left, top = np.clip(np.floor((middle - reach) / texel).astype(int), 0, len(drawn))
+        right, bottom = np.clip(np.ceil((middle + reach) / texel).astype(int), 0, len(drawn))
         if right <= left or bottom <= top:
-            return
-        step = self._texel / parts
+            continue
+        step = texel / parts
         x, y = np.meshgrid(
-            (np.arange(left * parts, right * parts) + 0.5) * step - self.half,
-            self.half - (np.arange(top * parts, bottom * parts) + 0.5) * step,
+            (np.arange(left * parts, right * parts) + 0.5) * step - half,
+            half - (np.arange(top * parts, bottom * parts) + 0.5) * step,
         )
         local = (np.stack([x, y], axis=-1) - place) @ turned
         cells = np.pad(tag.bitmap, 1, constant_values=255)
@@ -146,153 +397,8 @@ class PrintModel:
         column = np.floor(local[..., 0] / tag.module + n / 2).astype(int)
         row = np.floor(n / 2 - local[..., 1] / tag.module).astype(int)
         inside = (row >= 0) & (row < n) & (column >= 0) & (column < n)
-        part = texture[top:bottom, left:right]
+        part = drawn[top:bottom, left:right]
         fine = part.repeat(parts, axis=0).repeat(parts, axis=1)
         fine[inside] = cells[row[inside], column[inside]] / np.float32(255)
         part[...] = fine.reshape(bottom - top, parts, right - left, parts).mean(axis=(1, 3))
-
-    def render(
-        self, shape: tuple[int, ...], rotation: Array, position: Array, spread: Array, motion: Array | None = None
-    ) -> RenderedPrint | None:
-        """What the print looks like from a pose; none where it is not in full view, too small or too large.
-
-        Args:
-            shape: of the image.
-            rotation: camera from target `(3, 3)`.
-            position: of the target `(3,)` [m; RDF].
-            spread: covariance of the point spread `(2, 2)` [px^2]; what is longer one way is motion blur.
-            motion: of the camera under a rolling shutter `(4,)`; see `rolling`.
-        """
-        half = self.half - LIMITS.photo.margin_cells * self.cell
-        corners = self._in_camera(SQUARE * half, rotation, position)
-        if motion is not None:
-            corners, _ = exposed(corners, motion, self._projection)
-        uv, visible = self._projection.project(corners)
-        if not bool(visible.all()):
-            return None
-        point_spread = PointSpread.of(spread)
-        pad = point_spread.pad
-        x0, y0 = np.maximum(np.floor(uv.min(axis=0)).astype(int), pad)
-        x1, y1 = np.minimum(np.ceil(uv.max(axis=0)).astype(int) + 1, [shape[1] - pad, shape[0] - pad])
-        width, height = int(x1 - x0), int(y1 - y0)
-        low, high = LIMITS.photo.min_window_px, LIMITS.photo.max_window_px
-        if not (low <= width <= high and low <= height <= high):
-            return None
-        window = Window(int(x0) - pad, int(y0) - pad, width + 2 * pad, height + 2 * pad)
-        plane_from_pixel = self._plane_from_pixel(window, rotation, position)
-        if plane_from_pixel is None:
-            return None
-        texture, soft_px = self._soft_texture(rotation, position)
-        fine = self._warp(texture, window, plane_from_pixel, rotation, position, motion)
-        if motion is not None:
-            plane_from_pixel = self._rolled(plane_from_pixel, window, rotation, position, motion)
-        fine = point_spread.blurred(fine, soft_px)
-        return RenderedPrint(fine, window, pad, plane_from_pixel, self.half, half)
-
-    def _in_camera(self, plane: Array, rotation: Array, position: Array) -> Array:
-        """Points `(n, 2)` of the print [m] in camera axes `(n, 3)` [m]."""
-        placed: Array = (plane @ self.axes[:, :2].T + self.origin) @ rotation.T + position
-        return placed
-
-    def _rolled(
-        self, plane_from_pixel: Array, window: Window, rotation: Array, position: Array, motion: Array
-    ) -> Array:
-        """About the homography under a rolling shutter, through four points of the print where their rows show them.
-
-        It tells where on the print a pixel is; a camera that turns about its axis bends the print's lines beside it.
-        """
-        plane = SQUARE * self.half * LENS_PATCH
-        seen, _ = exposed(self._in_camera(plane, rotation, position), motion, self._projection)
-        pixels = self._projection.project(seen)[0] - (window.x0, window.y0)
-        at_rest = np.column_stack([plane, np.ones(4)]) @ np.linalg.inv(plane_from_pixel).T
-        before = at_rest[:, :2] / at_rest[:, 2:]
-        moved = cv2.getPerspectiveTransform(pixels.astype(np.float32), before.astype(np.float32))
-        rolled: Array = plane_from_pixel @ np.asarray(moved, dtype=np.float64)
-        return rolled
-
-    def _plane_from_pixel(self, window: Window, rotation: Array, position: Array) -> Array | None:
-        """Homography from window pixels to the print plane; the lens is taken as locally affine.
-
-        A point (u, v, 1) of the print is seen along M (u, v, 1) with M = [R e1, R e2, R o + t], so that
-        H = M^-1 K^-1; with a distorted lens K^-1 is the homography through the true rays of four pixels.
-        """
-        u, v = window.width / 2, window.height / 2
-        local = np.array([[-u, -v], [u, -v], [u, v], [-u, v]]) * LENS_PATCH + np.array([u, v])
-        rays = self._projection.undistort(local + np.array([window.x0, window.y0]))
-        matrix = self._cam_from_plane(rotation, position)
-        if self._projection.is_distorted:
-            ray_from_pixel = np.asarray(
-                cv2.getPerspectiveTransform(local.astype(np.float32), rays.astype(np.float32)), dtype=np.float64
-            )
-        else:
-            focal, centre = self._projection.focal, self._projection.centre
-            ray_from_pixel = np.array(
-                [
-                    [1 / focal[0], 0.0, (window.x0 - centre[0]) / focal[0]],
-                    [0.0, 1 / focal[1], (window.y0 - centre[1]) / focal[1]],
-                    [0.0, 0.0, 1.0],
-                ]
-            )
-        try:
-            found: Array = np.linalg.inv(matrix) @ ray_from_pixel
-        except np.linalg.LinAlgError:
-            return None
-        return found
-
-    def _warp(
-        self,
-        texture: Image32,
-        window: Window,
-        plane_from_pixel: Array,
-        rotation: Array,
-        position: Array,
-        motion: Array | None,
-    ) -> Image32:
-        """The print on the fine grid of the window.
-
-        Under a rolling shutter a row is exposed at one time t and has its own homography: a point M q of the print is
-        then at A q with A = (I - t [w]) M + t s e (0 0 1), see `rolling`, so that q = A^-1 M H p for a pixel p and the
-        homography H at rest.
-        """
-        side = len(texture)
-        scale = side / (2 * self.half)
-        texel_from_plane = np.array([[scale, 0, side / 2 - 0.5], [0, -scale, side / 2 - 0.5], [0, 0, 1.0]])
-        column = (np.arange(window.width * FINE, dtype=np.float32) + 0.5) / FINE - 0.5
-        row = (np.arange(window.height * FINE) + 0.5) / FINE - 0.5
-        by_row = (texel_from_plane @ plane_from_pixel)[None]
-        if motion is not None:
-            intrinsics = self._projection.intrinsics
-            shown = np.clip(row + window.y0, 0.0, intrinsics.height - 1.0)
-            times = (shown - (intrinsics.height - 1) / 2) * self._projection.line_time
-            at_rest = self._cam_from_plane(rotation, position)
-            exposed_at = at_rest - times[:, None, None] * (skew(motion[:3]) @ at_rest)
-            exposed_at[:, 2, 2] += times * motion[3]
-            by_row = texel_from_plane @ np.linalg.solve(exposed_at, at_rest @ plane_from_pixel)
-        right = by_row[:, :, 0].astype(np.float32)[:, :, None]
-        start = (by_row[:, :, 1] * row[:, None] + by_row[:, :, 2]).astype(np.float32)[:, :, None]
-        x, y, w = np.moveaxis(right * column + start, 1, 0)
-        return np.asarray(
-            cv2.remap(texture, x / w, y / w, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=1.0),
-            dtype=np.float32,
-        )
-
-    def _cam_from_plane(self, rotation: Array, position: Array) -> Array:
-        """The matrix M: a point (u, v, 1) of the print is at M (u, v, 1) in the camera [m]."""
-        cam_from_plane = rotation @ self.axes
-        return np.column_stack([cam_from_plane[:, 0], cam_from_plane[:, 1], rotation @ self.origin + position])
-
-    def depth(self, rotation: Array, position: Array) -> float:
-        """How far the middle of the print is along the optical axis [m]."""
-        return float((rotation @ self.origin + position)[2])
-
-    def _soft_texture(self, rotation: Array, position: Array) -> tuple[Image32, float]:
-        """The texture for the sub-samples of a pose, and the deviation of the blur that is in it [px].
-
-        It is one in the print: seen at a slant it is shorter one way; the blur is that of the mean variance.
-        """
-        place = rotation @ self.origin + position
-        texel_px = float(self._projection.focal[0]) * self._texel / max(float(place[2]), NEAR_M)
-        facing = abs(float(rotation @ self.axes[:, 2] @ place)) / max(float(np.linalg.norm(place)), NEAR_M)
-        facing = max(facing, SLANTED)
-        texture, blur = self._texture.level(1.0 / max(texel_px * facing * FINE, 1e-6))
-        return texture, blur * texel_px * float(np.sqrt(facing))
+    return drawn
