@@ -11,6 +11,7 @@ import pytest
 from mkdaemon.vision.camera.calibration_file import load_camera
 from mkdaemon.vision.pose.fitting import TargetFitter
 from mkdaemon.vision.pose.pose import Pose, turn
+from mkdaemon.vision.pose.printmodel import MOST_PLACES, Footprint
 from mkdaemon.vision.pose.prints import Prints
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.tags.tagmap import Target, load
@@ -88,3 +89,15 @@ def test_the_range_of_such_a_tag_is_right(distance: float, tilt: float) -> None:
     assert found is not None
     assert found.source == "photometric"
     assert abs(found.range_m - float(np.linalg.norm(position))) < 0.001 * distance
+
+
+@pytest.mark.parametrize("slant", [1.5, 1.56, 1.5707, 1.57079])
+@pytest.mark.parametrize("spread", [np.diag([0.4, 0.4]), np.diag([100.0, 0.3]), np.array([[40.0, 39.0], [39.0, 40.0]])])
+def test_a_print_seen_from_its_edge_is_looked_up_at_few_places(slant: float, spread: np.ndarray) -> None:
+    for distance in (0.8, 2.0, 5.0):
+        rotation, position = turn(ABOVE, np.array([slant, 0.0, 0.0])), np.array([0.0, 0.3, distance])
+        plane = np.array([[1.0, 0.0], [0.0, 1.0 / np.cos(slant)]]) * distance / STRAIGHT.fx
+        assert Footprint.of(spread, plane).weights.size <= MOST_PLACES**2
+        model = Prints(load([CONFIGS / "targets" / "nested.toml"]).targets[0], Projection(STRAIGHT)).all[0]
+        seen = model.samples(np.zeros((480, 640), dtype=np.uint8), rotation, position, spread)
+        assert seen is None or np.isfinite(seen.value).all()

@@ -45,8 +45,12 @@ APART: Final = 1.3
 """From a place that is looked up to the next one, over the blur: together they are even to 0.1 %."""
 WIDE: Final = 2.5
 """Deviations of what is longer one way that are looked up."""
+MOST_PLACES: Final = 41
+"""That a slant, or a streak, is looked up at: a print seen from its edge has no end of them."""
 ROUND: Final = 0.25
 """Share of the variance by which a point spread may be longer one way and still be looked up at one place."""
+TINY: Final = 1e-9
+"""Least variance of what is seen of a plane [cells^2]."""
 BOX: Final = 12.0
 """Square of a box's length over its variance: what motion blur adds is a box, and so is a pixel."""
 LEAST_STREAK_PX: Final = 0.3
@@ -146,14 +150,14 @@ class Footprint:
             streak = 0.0
         narrow = float(values[0] if streak else values.mean()) + 1.0 / BOX
         sizes, ways = np.linalg.eigh(narrow * plane @ plane.T)
-        least, more = float(sizes[0]), float(sizes[1] - sizes[0])
+        least, more = max(float(sizes[0]), TINY), float(sizes[1] - sizes[0])
         places, weights, round_part = np.zeros((2, 1)), np.ones(1), narrow * plane @ plane.T
         if more > ROUND * least:
             at, weights = _along(sqrt(more), sqrt(least))
             places, round_part = ways[:, 1:] * at, least * np.eye(2)
         if streak:
             way = streak * plane @ axes[:, 1]
-            count = max(ceil(float(np.hypot(*way)) / (APART * sqrt(least))), 2)
+            count = min(max(ceil(float(np.hypot(*way)) / (APART * sqrt(least))), 2), MOST_PLACES)
             # The middles of even parts, a little farther apart, so that they have the variance of the streak.
             even = ((np.arange(count) + 0.5) / count - 0.5) / sqrt(1.0 - 1.0 / count**2)
             places = (places[:, :, None] + way[:, None, None] * even).reshape(2, -1)
@@ -163,7 +167,7 @@ class Footprint:
 
 def _along(deviation: float, blur: float) -> tuple[Array, Array]:
     """Places of a Gaussian and their weights, `(k,)` each, none farther from the next than blur allows."""
-    reach = ceil(WIDE * deviation / (APART * blur))
+    reach = min(ceil(WIDE * deviation / (APART * blur)), MOST_PLACES // 2)
     at = np.arange(-reach, reach + 1) * (WIDE * deviation / reach)
     weights: Array = np.exp(-0.5 * (at / deviation) ** 2)
     weights /= weights.sum()
