@@ -34,7 +34,7 @@ def white_of(target: Target, distance: float) -> float:
     pixels = np.zeros((480, 640), dtype=np.uint8)
     seen = model.samples(pixels, ABOVE, np.array([0.01, 0.02, distance]), 0.2 * np.eye(2))
     assert seen is not None
-    return float(seen.value.sum()) * (distance / projection.focal[0]) ** 2
+    return float(seen.value.sum() * (distance / projection.focal[0]) ** 2)
 
 
 @pytest.mark.parametrize("distance", [5.0, 6.0, 7.0, 8.0])
