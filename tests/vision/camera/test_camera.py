@@ -18,7 +18,7 @@ from mkdaemon.errors import ConfigError, VisionError
 from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.image import CameraFrame
 from mkdaemon.telemetry.signature import private_key, sign
-from mkdaemon.vision.camera import bus_images
+from mkdaemon.vision.camera import sources
 from mkdaemon.vision.camera.camera import CameraStream, StampClock, StreamState, retry_delays
 from mkdaemon.vision.camera.files import list_pictures
 from mkdaemon.vision.camera.image import CameraImage
@@ -357,7 +357,7 @@ SECRET = "known to the camera's machine"
 def test_images_without_the_secret_displace_none_and_are_counted_and_named(
     session: zenoh.Session, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(bus_images, "STRANGERS_LOOK", 0.0)
+    monkeypatch.setattr(sources, "STRANGERS_LOOK", 0.0)
     file, key = tmp_path / "image.key", "test/signed/image"
     file.write_text(f"{SECRET}\n", encoding="utf-8")
     cfg = CameraSection(source=f"zenoh:{key}", secret_file=file)

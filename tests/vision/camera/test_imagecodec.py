@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.image import CameraFrame
-from mkdaemon.vision.camera.captured import captured_pixels
+from mkdaemon.vision.camera.capture import captured_pixels
 from mkdaemon.vision.camera.imagecodec import decode_picture, encode_jpeg, pack, unpack
 from mkdaemon.vision.camera.shot import PictureError
 

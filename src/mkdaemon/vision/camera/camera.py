@@ -15,7 +15,6 @@ from enum import StrEnum
 
 from mkdaemon.config.camera import CameraSection
 from mkdaemon.errors import VisionError
-from mkdaemon.vision.camera.bus_images import ZenohSource
 from mkdaemon.vision.camera.exposure import Adjustable, Reach, Setting
 from mkdaemon.vision.camera.image import CameraImage
 from mkdaemon.vision.camera.shot import EndOfImages, PictureError, Shot, Source
@@ -267,8 +266,8 @@ class CameraStream:
 
     def _hand_over(self, shot: Shot) -> None:
         captured_at, stamped_by = self._clock.stamp(shot.stamp, shot.arrived)
-        if stamped_by == "driver" and isinstance(self._source, ZenohSource):
-            stamped_by = "header"
+        if stamped_by == "driver":
+            stamped_by = shot.stamped_by
         step = 1
         if shot.sequence is not None and self._last_sequence is not None and shot.sequence > self._last_sequence:
             step = shot.sequence - self._last_sequence

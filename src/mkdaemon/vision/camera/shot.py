@@ -21,12 +21,14 @@ class Shot:
         pixels: `(h, w)` uint8.
         arrived: [s; monotonic].
         stamp: the source's own time of capture [s; any clock, monotonic where it is ours], None where it has none.
+        stamped_by: who gave the stamp.
         sequence: the source's own count, None where it has none.
     """
 
     pixels: Grey
     arrived: float
     stamp: float | None = None
+    stamped_by: str = "driver"
     sequence: int | None = None
 
 
