@@ -52,7 +52,7 @@ def open_quietly(
     level = cv2.utils.logging.getLogLevel()
     cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
     try:
-        return cv2.VideoCapture(address, backend, options)
+        return cv2.VideoCapture(address, backend, options)  # type: ignore[arg-type]  # the stubs know no streams
     finally:
         cv2.utils.logging.setLogLevel(level)
 

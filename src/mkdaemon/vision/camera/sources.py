@@ -198,10 +198,10 @@ def source_of(cfg: CameraSection, session: Callable[[], zenoh.Session] | None = 
         scheme = "v4l2" if is_device else "folder" if path.is_dir() else "file" if is_clip else ""
         rest = text
     match scheme:
-        case "zenoh" if session is None:
-            msg = f"camera {cfg.name}: source '{text}' needs the bus; run it in the daemon"
-        case "zenoh":
+        case "zenoh" if session is not None:
             return ZenohSource(rest, session, cfg.image_secret())
+        case "zenoh":
+            msg = f"camera {cfg.name}: source '{text}' needs the bus; run it in the daemon"
         case "folder":
             return FolderSource(Path(rest), cfg)
         case "file":
