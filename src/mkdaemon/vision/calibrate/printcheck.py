@@ -284,8 +284,8 @@ def _relative(target: Target, measured: Sequence[_Measured]) -> PrintFinding:
         off = float(np.linalg.norm(placed.mean(axis=0) - _flat(one.tag, base.tag).mean(axis=0)))
         loose = 100 * math.hypot(one.corner_sd / one.side, base.corner_sd / base.side)
         percent = 100 * (mean_side(placed) / one.tag.size - 1.0)
-        is_bad |= abs(percent) > max(SCALE_PERCENT, 3 * loose)
-        is_bad |= 100 * off / base.tag.size > max(SCALE_PERCENT, 300 * base.corner_sd / base.side)
+        displaced, unsure = 100 * off / base.tag.size, 300 * base.corner_sd / base.side
+        is_bad |= abs(percent) > max(SCALE_PERCENT, 3 * loose) or displaced > max(SCALE_PERCENT, unsure)
         worst.append(
             f"{one.tag.tag_id} is {percent:+.2f} +- {loose:.2f} % of its size, {1000 * off:.1f} mm off its place"
         )
@@ -400,4 +400,5 @@ def _rim(pixels: Grey, one: _Measured) -> tuple[float, float, float] | None:
     values = cell_values(pixels, ahead, n)
     light, dark = np.concatenate([values[[0, -1]].ravel(), values[1:-1, [0, -1]].ravel()]), values[1:-1, 1:-1]
     white, black = float(np.percentile(light, 75)), float(np.percentile(dark, 25))
-    return black, white, float((light > 0.5 * (white + black)).mean())
+    middle = 0.5 * (white + black)
+    return black, white, float((light > middle).mean())
