@@ -173,15 +173,7 @@ def outlines_of(result: VisionResult, tagmap: TagMap, projection: Projection | N
 def setup_of(
     camera: str, intrinsics: Intrinsics | None, mounting: Mounting | None, tagmap: TagMap, stamp: Stamp
 ) -> CameraSetup:
-    """What a camera is and looks for.
-
-    Args:
-        camera: its name.
-        intrinsics: of its calibration; None without one.
-        mounting: how it sits on the vehicle; None where nobody said.
-        tagmap: its targets.
-        stamp: now.
-    """
+    """What a camera is and looks for; no lens without a calibration, no place where nobody said how it sits."""
     lens = None
     if intrinsics is not None:
         shown = intrinsics.model_dump(include={"width", "height", "fx", "fy", "cx", "cy", "model"})

@@ -111,10 +111,7 @@ class VisionWorker:
         record: Callable[[CameraImage, AttitudeHistory], None] = lambda image, attitude: None,
     ) -> None:
         _require_names(cameras)
-        self._sink = sink
-        self._record = record
-        self._loop = loop
-        self._clock = clock
+        self._sink, self._record, self._loop, self._clock = sink, record, loop, clock
         self._slots: NewestSlots[CameraImage] = NewestSlots()
         self._eyes: dict[str, _Eye] = {}
         for cfg in cameras:
@@ -233,9 +230,7 @@ class _Eye:
     """One camera: its pipeline, its stream and when it last reported."""
 
     def __init__(self, pipeline: CameraPipeline, stream: CameraStream, slot: NewestSlot[CameraImage]) -> None:
-        self.pipeline = pipeline
-        self.stream = stream
-        self._slot = slot
+        self.pipeline, self.stream, self._slot = pipeline, stream, slot
         self._reported: tuple[EyeState, tuple[Alarm, ...]] | None = None
         self._due = 0.0
         self._setup_due = float("-inf")
@@ -252,15 +247,13 @@ class _Eye:
 
     def _choose_exposure(self, image: CameraImage) -> None:
         """Have the camera expose the target well, where that is ours to choose."""
-        reach = self.stream.reach
+        reach, control = self.stream.reach, self._exposure
         if reach is None:
             self._exposure = None
-            return
-        if self._exposure is None or self._exposure.reach != reach:
+        elif control is None or control.reach != reach:
             self._exposure = ExposureControl(reach, first_setting(reach), self.pipeline.gamma)
             self.stream.adjust(self._exposure.setting)
-        setting = self._exposure.image_seen(image.pixels, self.pipeline.outlines())
-        if setting is not None:
+        elif (setting := control.image_seen(image.pixels, self.pipeline.outlines())) is not None:
             self.stream.adjust(setting)
 
     def report(self, stamp: Stamp, restarts: int, not_numbers: int) -> list[tuple[str, Telemetry]]:

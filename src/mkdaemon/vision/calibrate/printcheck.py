@@ -66,14 +66,7 @@ class PrintState(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class PrintFinding:
-    """One check.
-
-    Attributes:
-        name: what was looked at.
-        state: what was found.
-        words: the figures, one sentence.
-        fix: what to do; empty where nothing has to be done.
-    """
+    """One check: what was looked at, what was found, the figures in a sentence, and what to do, if anything."""
 
     name: str
     state: PrintState
@@ -165,13 +158,7 @@ def check_print(
 
 
 def softness(pixels: Grey, corners: Array, cells: int) -> float | None:
-    """How soft the edges of a tag are, as a share of a cell [1]; None where they do not show.
-
-    Args:
-        pixels: `(h, w)` uint8.
-        corners: of the tag `(4, 2)` [px].
-        cells: on its side.
-    """
+    """How soft the edges of a tag of `cells` a side are, as a share of a cell [1]; None where they do not show."""
     found = [spread for _, spread in _edges(pixels, corners, cells)]
     return float(np.median(found)) / (mean_side(corners) / cells) if found else None
 

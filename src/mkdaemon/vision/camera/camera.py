@@ -58,11 +58,9 @@ class StampClock:
         self._believed = False
 
     def stamp(self, driver: float | None, arrived: float) -> tuple[float, str]:
-        """Return when the image was taken [s; monotonic] and who knew: `driver` or `arrival`.
+        """Return when an image was taken [s; monotonic] and who knew: `driver` or `arrival`.
 
-        Args:
-            driver: the driver's stamp [s; any clock], None where it has none.
-            arrived: when the image reached us [s; monotonic].
+        From the driver's stamp [s; any clock], where it has one, and the arrival [s; monotonic].
         """
         if driver is None or not math.isfinite(driver) or driver <= 0.0:
             return arrived - self._latency, "arrival"
@@ -156,18 +154,10 @@ def retry_delays(first: float, longest: float) -> Iterator[float]:
 
 
 class CameraStream:
-    """Runs a source in a thread; the newest image waits in `slot`.
-
-    Args:
-        cfg: the camera.
-        source: where its images come from.
-        slot: where they go.
-    """
+    """Runs a source of images in a thread; the newest one waits in `slot`."""
 
     def __init__(self, cfg: CameraSection, source: Source, slot: NewestSlot[CameraImage]) -> None:
-        self.cfg = cfg
-        self._source = source
-        self._slot = slot
+        self.cfg, self._source, self._slot = cfg, source, slot
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name=f"camera-{cfg.name}", daemon=True)
         self._status = StreamStatus()

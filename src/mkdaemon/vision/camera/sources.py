@@ -17,9 +17,8 @@ import re
 import struct
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import cv2
 import zenoh
@@ -62,8 +61,7 @@ GREATEST_GAIN: Final = 16.0
 """Analogue gain of the OV9281, registers 0x10 to 0xff (Linux, drivers/media/i2c/ov9282.c)."""
 
 
-@dataclass(frozen=True, slots=True)
-class Range:
+class Range(NamedTuple):
     """Of one control, in the driver's unit."""
 
     least: int
@@ -71,13 +69,7 @@ class Range:
 
 
 class V4l2Controls:
-    """Exposure and gain of one device.
-
-    Args:
-        device: `/dev/video0`.
-
-    Attributes:
-        refused: what the driver did not let us take over from it.
+    """Exposure and gain of one device; `refused` is what the driver did not let us take over from it.
 
     Raises:
         VisionError: the device is gone, or cannot be opened.
@@ -181,11 +173,7 @@ _WHAT_TO_CHECK = {
 
 
 def source_of(cfg: CameraSection, session: Callable[[], zenoh.Session] | None = None) -> Source:
-    """Choose the source a configuration names.
-
-    Args:
-        cfg: the camera.
-        session: gives the Zenoh session for `zenoh:` sources.
+    """Choose the source a configuration names; `session` gives the Zenoh session for `zenoh:` sources.
 
     Raises:
         ConfigError: nothing is known about such a source.
@@ -219,19 +207,18 @@ def source_of(cfg: CameraSection, session: Callable[[], zenoh.Session] | None = 
 
 
 class ZenohSource:
-    """Images from a key on the bus: another machine's camera, or the simulator's."""
+    """Images from a key on the bus: another machine's camera, or the simulator's.
+
+    Args:
+        key: plain and whole.
+        session: gives an open one.
+        secret: with which the sender signs them, and without which nobody knows the key they come to; None takes
+            images from whoever puts them.
+    """
 
     live = True
 
     def __init__(self, key: str, session: Callable[[], zenoh.Session], secret: str | None = None) -> None:
-        """Prepare.
-
-        Args:
-            key: plain and whole.
-            session: gives an open one.
-            secret: with which the sender signs them, and without which nobody knows the key they come to; None takes
-                images from whoever puts them.
-        """
         self._key, self._session, self._secret = key, session, secret
         self._clock = Clock()
         self._subscriber: zenoh.Subscriber[None] | None = None
@@ -260,22 +247,13 @@ class ZenohSource:
                 return
         self._newest.put((payload, time.monotonic()))
 
-    def _require_no_stranger(self) -> None:
-        """Make sure that nobody put an image to the plain key since the last look, one a second at most.
-
-        Raises:
-            PictureError: somebody did.
-        """
-        if self._strangers is None or time.monotonic() < self._look_at:
-            return
-        self._look_at = time.monotonic() + STRANGERS_LOOK
-        if self._strangers.handler.try_recv() is not None:
-            msg = f"somebody without the secret of this camera puts images to {self._key}: they are not looked at"
-            raise PictureError(msg)
-
     def read(self, timeout: float) -> Shot | None:
-        """Newest image."""
-        self._require_no_stranger()
+        """Newest image; a PictureError, once a second at most, where somebody put one to the plain key."""
+        if self._strangers is not None and time.monotonic() >= self._look_at:
+            self._look_at = time.monotonic() + STRANGERS_LOOK
+            if self._strangers.handler.try_recv() is not None:
+                msg = f"somebody without the secret of this camera puts images to {self._key}: they are not looked at"
+                raise PictureError(msg)
         taken = self._newest.take(timeout)
         if taken is None:
             return None
@@ -296,9 +274,7 @@ class StreamSource:
     live = True
 
     def __init__(self, address: str, backend: int, cfg: CameraSection) -> None:
-        self._address = address
-        self._backend = backend
-        self._cfg = cfg
+        self._address, self._backend, self._cfg = address, backend, cfg
         self._capture: cv2.VideoCapture | None = None
         self._coded = False
         self._controls: V4l2Controls | None = None
@@ -373,15 +349,12 @@ class StreamSource:
 
     def close(self) -> None:
         """Release the device."""
-        if self._watch is not None:
-            self._watch.close()
-            self._watch = None
-        if self._controls is not None:
-            self._controls.close()
-            self._controls = None
+        for held in (self._watch, self._controls):
+            if held is not None:
+                held.close()
         if self._capture is not None:
             self._capture.release()
-            self._capture = None
+        self._watch = self._controls = self._capture = None
 
 
 def _set_controls(capture: cv2.VideoCapture, cfg: CameraSection, backend: int) -> list[str]:

@@ -127,13 +127,7 @@ class CameraFilter:
         return deviations
 
     def image_seen(self, time: float, evidence: ImageEvidence, enu_from_flu: Array | None) -> None:
-        """Take in one image.
-
-        Args:
-            time: middle of its exposure [s].
-            evidence: what it says.
-            enu_from_flu: the vehicle's attitude then `(3, 3)`; none when unknown.
-        """
+        """Take in what an image says, the middle of its exposure [s], and the attitude `(3, 3)` then, if known."""
         spent = 0.0 if self._time is None else min(max(time - self._time, 0.0), LONGEST)
         self._time = time
         self.looks += 1
@@ -276,14 +270,7 @@ def turned_rpy_deg(mount: MountSection, turn: Array) -> tuple[float, float, floa
 
 
 class TargetWatch:
-    """What one target says about a camera.
-
-    Args:
-        target: seen by it.
-        camera: its file, with the mount believed.
-        has_mount: whether anybody said how it sits.
-        attitude_sd: how well the vehicle knows its attitude at one moment [rad].
-    """
+    """What one target says about a camera; see `SelfCheck`."""
 
     def __init__(self, target: Target, camera: Camera, attitude_sd: float, *, has_mount: bool) -> None:
         self.target = target
@@ -370,6 +357,9 @@ class TargetWatch:
     def report(self) -> SelfCalibration:
         """All estimates."""
         mean, sd = self._filter.mean, self._filter.sd
+        (focal, cx, cy, k1), (focal_sd, cx_sd, cy_sd, k1_sd) = (
+            figures[LENS_AT:SIZES_AT].tolist() for figures in (mean, sd)
+        )
         known = np.where(sd[MOUNTING] < SELFCAL.mounting, mean[MOUNTING], 0.0)
         height, height_sd = self.heights.scale
         return SelfCalibration(
@@ -379,12 +369,12 @@ class TargetWatch:
             mounting_sd_deg=_three(np.degrees(sd[MOUNTING])),
             mount_believed_deg=self._camera.mount.rpy_deg,
             mount_rpy_deg=turned_rpy_deg(self._camera.mount, known),
-            focal_percent=100.0 * float(mean[LENS_AT]),
-            focal_sd_percent=100.0 * float(sd[LENS_AT]),
-            centre_px=(float(mean[LENS_AT + 1]), float(mean[LENS_AT + 2])),
-            centre_sd_px=(float(sd[LENS_AT + 1]), float(sd[LENS_AT + 2])),
-            k1=float(mean[LENS_AT + 3]),
-            k1_sd=float(sd[LENS_AT + 3]),
+            focal_percent=100.0 * focal,
+            focal_sd_percent=100.0 * focal_sd,
+            centre_px=(cx, cy),
+            centre_sd_px=(cx_sd, cy_sd),
+            k1=k1,
+            k1_sd=k1_sd,
             sizes=tuple(
                 TagSizeError(
                     tag_id=tag.tag_id, size_percent=100.0 * float(mean[n]), size_sd_percent=100.0 * float(sd[n])
@@ -428,7 +418,8 @@ class SelfCheck:
         self._camera = camera
         self._watches = {
             target.name: TargetWatch(target, camera, attitude_sd, has_mount=has_mount)
-            for target in (tagmap.targets if camera is not None else ())
+            for target in tagmap.targets
+            if camera is not None
         }
         self.alarms: dict[Alarm, str] = {}
 
@@ -440,14 +431,9 @@ class SelfCheck:
         time: float,
         enu_from_flu: Array | None,
     ) -> None:
-        """Take in an image.
+        """Take in an image `(h, w)` uint8, the middle of its exposure [s], and the attitude `(3, 3)` then, if known.
 
-        Args:
-            pixels: `(h, w)` uint8.
-            poses: of targets, by name.
-            heights: of the vehicle over targets [m], by name.
-            time: middle of the exposure [s].
-            enu_from_flu: the vehicle's attitude then `(3, 3)`; none when unknown.
+        Poses of targets, and the heights of the vehicle over them [m], are by name.
         """
         for name, pose in poses.items():
             watch = self._watches[name]
