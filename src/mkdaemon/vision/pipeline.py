@@ -21,9 +21,8 @@ from mkdaemon.telemetry.image import CameraFrame
 from mkdaemon.telemetry.vision import Alarm, AttitudeLoss, CameraSetup, EyeState, PoseRefusal, Transform, VisionStats
 from mkdaemon.vision.camera.calibration_file import load_camera, mount_rotation
 from mkdaemon.vision.camera.camera import StreamState, StreamStatus
-from mkdaemon.vision.camera.image import CameraImage
+from mkdaemon.vision.camera.image import CameraImage, in_light
 from mkdaemon.vision.camera.imagecodec import encode_jpeg
-from mkdaemon.vision.camera.tone import in_light
 from mkdaemon.vision.output import height_over, mount_transform, outlines_of, setup_of, values_of
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.pose.target_check import TargetCheck

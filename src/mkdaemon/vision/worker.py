@@ -23,8 +23,7 @@ from mkdaemon.telemetry.base import Telemetry
 from mkdaemon.telemetry.vision import Alarm, EyeState, VisionStats
 from mkdaemon.vision.camera.camera import CameraStream
 from mkdaemon.vision.camera.exposure import ExposureControl, first_setting
-from mkdaemon.vision.camera.image import CameraImage
-from mkdaemon.vision.camera.shot import Source
+from mkdaemon.vision.camera.image import CameraImage, Source
 from mkdaemon.vision.camera.slot import NewestSlot, NewestSlots
 from mkdaemon.vision.camera.sources import source_of
 from mkdaemon.vision.output import exposure_of

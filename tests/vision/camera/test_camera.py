@@ -21,9 +21,8 @@ from mkdaemon.telemetry.signature import private_key, sign
 from mkdaemon.vision.camera import sources
 from mkdaemon.vision.camera.camera import CameraStream, StampClock, StreamState, retry_delays
 from mkdaemon.vision.camera.files import list_pictures
-from mkdaemon.vision.camera.image import CameraImage
+from mkdaemon.vision.camera.image import CameraImage, EndOfImages, PictureError, Shot
 from mkdaemon.vision.camera.imagecodec import encode_jpeg, pack
-from mkdaemon.vision.camera.shot import EndOfImages, PictureError, Shot
 from mkdaemon.vision.camera.slot import NewestSlot
 from mkdaemon.vision.camera.sources import source_of
 from tests.vision.streams import wait_for_status

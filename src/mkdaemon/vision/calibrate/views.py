@@ -15,8 +15,8 @@ from mkdaemon.files import save
 from mkdaemon.vision.calibrate.board import BoardPoints, CalibrationBoard, board_normal
 from mkdaemon.vision.calibrate.tone_curve import edge_levels
 from mkdaemon.vision.camera.files import list_pictures
+from mkdaemon.vision.camera.image import PictureError
 from mkdaemon.vision.camera.imagecodec import encode_png, read_picture
-from mkdaemon.vision.camera.shot import PictureError
 
 Array = npt.NDArray[np.float64]
 Grey = npt.NDArray[np.uint8]

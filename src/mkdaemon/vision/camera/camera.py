@@ -16,8 +16,7 @@ from enum import StrEnum
 from mkdaemon.config.camera import CameraSection
 from mkdaemon.errors import VisionError
 from mkdaemon.vision.camera.exposure import Adjustable, Reach, Setting
-from mkdaemon.vision.camera.image import CameraImage
-from mkdaemon.vision.camera.shot import EndOfImages, PictureError, Shot, Source
+from mkdaemon.vision.camera.image import CameraImage, EndOfImages, PictureError, Shot, Source
 from mkdaemon.vision.camera.slot import NewestSlot
 
 WINDOW = 300

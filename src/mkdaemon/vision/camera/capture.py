@@ -19,8 +19,8 @@ import numpy as np
 import numpy.typing as npt
 import structlog
 
+from mkdaemon.vision.camera.image import PictureError
 from mkdaemon.vision.camera.imagecodec import decode_picture
-from mkdaemon.vision.camera.shot import PictureError
 
 Grey = npt.NDArray[np.uint8]
 

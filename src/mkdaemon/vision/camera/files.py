@@ -13,8 +13,8 @@ from mkdaemon.config.camera import CameraSection
 from mkdaemon.errors import VisionError
 from mkdaemon.reading import open_regular
 from mkdaemon.vision.camera.capture import SizeWatch, captured_pixels, may_change_size, open_quietly, take_jpegs
+from mkdaemon.vision.camera.image import EndOfImages, PictureError, Shot
 from mkdaemon.vision.camera.imagecodec import read_picture
-from mkdaemon.vision.camera.shot import EndOfImages, PictureError, Shot
 
 PICTURES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm", ".webp"})
 CLIPS = frozenset({".mp4", ".avi", ".mkv", ".mov", ".webm", ".m4v", ".mpg", ".mpeg", ".ts"})

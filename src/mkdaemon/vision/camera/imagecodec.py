@@ -25,7 +25,7 @@ from pydantic import ValidationError
 
 from mkdaemon.reading import LONGEST_PICTURE, read_bytes
 from mkdaemon.telemetry.image import CameraFrame
-from mkdaemon.vision.camera.shot import PictureError
+from mkdaemon.vision.camera.image import PictureError
 
 MAX_PIXELS: Final = 64_000_000
 """Most pixels of a picture."""

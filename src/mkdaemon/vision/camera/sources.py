@@ -30,8 +30,8 @@ from mkdaemon.telemetry.signature import Signature, private_key
 from mkdaemon.vision.camera.capture import LiveSizeWatch, captured_pixels, may_change_size, open_quietly, take_jpegs
 from mkdaemon.vision.camera.exposure import Reach, Setting
 from mkdaemon.vision.camera.files import CLIPS, ClipSource, FolderSource
+from mkdaemon.vision.camera.image import PictureError, Shot, Source
 from mkdaemon.vision.camera.imagecodec import unpack
-from mkdaemon.vision.camera.shot import PictureError, Shot, Source
 from mkdaemon.vision.camera.slot import NewestSlot
 
 QUERY: Final = 0xC0445624
