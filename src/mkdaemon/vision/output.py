@@ -47,12 +47,7 @@ def values_of(
 ) -> Iterator[tuple[str, Telemetry]]:
     """Key suffixes and values of one image.
 
-    Args:
-        result: what the tracker found.
-        image: where it looked.
-        stamp: of the middle of its exposure.
-        mounting: how the camera sits on the vehicle.
-        ready_at: when the result was there [s; monotonic].
+    `stamp` is of the middle of its exposure; the tracker's result was there at `ready_at` [s; monotonic].
     """
     if result.detections:
         tags = tuple(map(sighting, result.detections))

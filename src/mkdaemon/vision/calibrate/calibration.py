@@ -129,14 +129,7 @@ def calibrate(views: Sequence[BoardPoints], width: int, height: int, *, is_fishe
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Lens:
-    """What views say about a lens.
-
-    Attributes:
-        values: of its unknowns, by name.
-        sd: their deviations, by name.
-        errors: of reprojection, of each view `(n,)` [px].
-        rms: of all points [px].
-    """
+    """What views say about a lens: unknowns and their deviations by name, errors of each view `(n,)` and rms [px]."""
 
     values: dict[str, float]
     sd: dict[str, float]

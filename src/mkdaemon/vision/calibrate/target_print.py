@@ -84,15 +84,9 @@ class Page:
 
 
 def outlines(cells: npt.NDArray[np.bool_]) -> list[Array]:
-    """Trace the edge of all set cells.
+    """Closed loops `(n, 2)` of (column, row) corners around the set cells of `(rows, columns)`.
 
     One outline instead of many rectangles leaves no hairlines between neighbours in any viewer or printer driver.
-
-    Args:
-        cells: `(rows, columns)`.
-
-    Returns:
-        Closed loops `(n, 2)` of (column, row) corners, without points on straight lines.
     """
     # Corners and cells are x + iy. A side runs one way with its cell on the right hand, y down.
     inside = [complex(column, row) for row, column in np.argwhere(cells).tolist()]
@@ -204,13 +198,7 @@ def _ruler(x: float, y: float) -> list[tuple[float, float, float, float]]:
 
 
 def write_page(page: Page, path: Path, *, tile: str | None = None, overwrite: bool = False) -> None:
-    """Write a page to `path`, `.svg` or `.pdf`; a PDF may be cut into tiles for a smaller printer.
-
-    Args:
-        page: what to print.
-        path: where; its suffix tells the format.
-        tile: paper to cut the page for, one of `PAPERS_MM`; PDF only.
-        overwrite: replace a file that is there.
+    """Write a page to `path`, `.svg` or `.pdf`; a PDF may be cut into tiles for smaller paper, one of `PAPERS_MM`.
 
     Raises:
         ConfigError: unknown suffix or paper, or the file is there already.

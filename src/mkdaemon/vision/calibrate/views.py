@@ -45,16 +45,11 @@ STILL_PX = 1.5
 
 
 class Coverage:
-    """Collects views of one camera.
+    """Collects views of one camera, whose pictures are `width` x `height` [px], the first one of them by its name.
 
     Attributes:
         views: taken so far.
         levels: of each, black, middle and white of edges `(n, 3)`; see `tone_curve.edge_levels`.
-
-    Args:
-        width: of the pictures [px].
-        height: of the pictures [px].
-        first: name of the first one.
     """
 
     def __init__(self, width: int, height: int, first: str = "") -> None:

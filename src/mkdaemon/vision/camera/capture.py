@@ -65,11 +65,7 @@ def take_jpegs(capture: cv2.VideoCapture, backend: int) -> bool:
 
 
 def captured_pixels(image: npt.NDArray[np.generic], *, coded: bool) -> Grey:
-    """Grey values `(h, w)` uint8 of what a capture has read.
-
-    Args:
-        image: pixels of 8 or 16 bits, or bytes in one row.
-        coded: it is bytes.
+    """Grey values `(h, w)` uint8 of what a capture has read: pixels of 8 or 16 bits, or, `coded`, bytes in one row.
 
     Raises:
         PictureError: no picture, or a damaged one.
