@@ -110,7 +110,10 @@ class VisionWorker:
         record: Callable[[CameraImage, AttitudeHistory], None] = lambda image, attitude: None,
     ) -> None:
         _require_names(cameras)
-        self._sink, self._record, self._loop, self._clock = sink, record, loop, clock
+        self._sink = sink
+        self._record = record
+        self._loop = loop
+        self._clock = clock
         self._slots: NewestSlots[CameraImage] = NewestSlots()
         self._eyes: dict[str, _Eye] = {}
         for cfg in cameras:
@@ -229,7 +232,9 @@ class _Eye:
     """One camera: its pipeline, its stream and when it last reported."""
 
     def __init__(self, pipeline: CameraPipeline, stream: CameraStream, slot: NewestSlot[CameraImage]) -> None:
-        self.pipeline, self.stream, self._slot = pipeline, stream, slot
+        self.pipeline = pipeline
+        self.stream = stream
+        self._slot = slot
         self._reported: tuple[EyeState, tuple[Alarm, ...]] | None = None
         self._due = 0.0
         self._setup_due = float("-inf")

@@ -156,7 +156,9 @@ class CameraStream:
     """Runs a source of images in a thread; the newest one waits in `slot`."""
 
     def __init__(self, cfg: CameraSection, source: Source, slot: NewestSlot[CameraImage]) -> None:
-        self.cfg, self._source, self._slot = cfg, source, slot
+        self.cfg = cfg
+        self._source = source
+        self._slot = slot
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name=f"camera-{cfg.name}", daemon=True)
         self._status = StreamStatus()

@@ -35,7 +35,8 @@ class ClipSource:
     live = False
 
     def __init__(self, path: Path, cfg: CameraSection) -> None:
-        self._path, self._cfg = path, cfg
+        self._path = path
+        self._cfg = cfg
         self._capture: cv2.VideoCapture | None = None
         self._started: float | None = None
         self._coded = False
@@ -105,7 +106,8 @@ class FolderSource:
     live = False
 
     def __init__(self, path: Path, cfg: CameraSection) -> None:
-        self._path, self._cfg = path, cfg
+        self._path = path
+        self._cfg = cfg
         self._files: list[Path] = []
         self._next = 0
         self._due = 0.0

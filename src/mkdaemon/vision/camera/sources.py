@@ -274,7 +274,9 @@ class StreamSource:
     live = True
 
     def __init__(self, address: str, backend: int, cfg: CameraSection) -> None:
-        self._address, self._backend, self._cfg = address, backend, cfg
+        self._address = address
+        self._backend = backend
+        self._cfg = cfg
         self._capture: cv2.VideoCapture | None = None
         self._coded = False
         self._controls: V4l2Controls | None = None
