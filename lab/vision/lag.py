@@ -28,7 +28,7 @@ from mkdaemon.frames import euler_from_rotation
 from mkdaemon.telemetry.base import Telemetry
 from mkdaemon.telemetry.vision import VisionPose, VisionStats
 from mkdaemon.vision.camera.calibration_file import load_camera
-from mkdaemon.vision.camera.shot import Shot
+from mkdaemon.vision.camera.image import Shot
 from mkdaemon.vision.track.attitude import AttitudeSample
 from mkdaemon.vision.worker import STATS_EVERY, VisionWorker
 

@@ -202,7 +202,7 @@ def test_a_check_of_the_files_that_fails_is_counted_and_costs_no_pose(monkeypatc
     def broken(*_: object) -> None:
         raise cv2.error("inside")
 
-    monkeypatch.setattr(pipeline, "_check_calibration", broken)
+    monkeypatch.setattr(pipeline._selfcheck, "image_seen", broken)
     assert len(poses(feed(pipeline, [shot(k) for k in range(3)]))) == 3
     assert stats(pipeline).faults == 3
 

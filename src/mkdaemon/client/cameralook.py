@@ -112,8 +112,8 @@ class CameraLook:
 
         from mkdaemon.telemetry.image import CameraFrame
         from mkdaemon.vision.calibrate.printcheck import softness
+        from mkdaemon.vision.camera.image import PictureError
         from mkdaemon.vision.camera.imagecodec import decode_picture
-        from mkdaemon.vision.camera.shot import PictureError
         from mkdaemon.vision.tags.tagfamily import find_family
 
         frame = CameraFrame.model_validate(fields)

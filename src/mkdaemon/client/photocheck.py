@@ -28,8 +28,8 @@ def check_photo(
     """
     from mkdaemon.vision.calibrate.printcheck import check_print
     from mkdaemon.vision.camera.calibration_file import load_camera
+    from mkdaemon.vision.camera.image import PictureError
     from mkdaemon.vision.camera.imagecodec import read_picture
-    from mkdaemon.vision.camera.shot import PictureError
     from mkdaemon.vision.tags.tagmap import load
 
     targets = load([target]).targets

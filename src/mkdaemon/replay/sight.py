@@ -82,9 +82,8 @@ def look_again(recorded: Recorded, cfg: Config, clock: Clock) -> Iterator[tuple[
 
 def _image(entry: Entry) -> CameraImage | None:
     """An image as it came from the camera; None where it cannot be read."""
-    from mkdaemon.vision.camera.image import CameraImage
+    from mkdaemon.vision.camera.image import CameraImage, PictureError
     from mkdaemon.vision.camera.imagecodec import unpack
-    from mkdaemon.vision.camera.shot import PictureError
 
     try:
         frame, pixels = unpack(entry.payload)

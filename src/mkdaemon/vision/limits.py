@@ -108,16 +108,12 @@ class SelfCalLimits:
     """When an image counts, and when a difference is told."""
 
     period: float = of(0.09, "s", "between images that are looked at", "cost: 1.2 ms each")
-    side_px: float = of(40.0, "px", "side of the largest tag from which its edges count", "as `large_tag_px`, farther")
     settled: float = of(0.0065, "share", "deviation of a focal length that little more will move", MEASURED)
     settled_certain: float = of(3.0, "deviations", "from which such a focal length is told", MEASURED)
-    least_looks: int = of(20, "images", "before anything is told", "derived: two seconds")
     share: float = of(0.01, "share", "of a focal length or a size; less is what a calibration leaves", MEASURED)
     centre_px: float = of(4.0, "px", "of the principal point", "1.5 cm at 4 m")
     k1: float = of(0.02, "", "of the radial distortion", "0.5 cm at 2 m")
     mounting: float = of(radians(1.0), "rad", "of the mounting; less is the attitude's own bias", "sim: 0.5-1.5 deg")
-    height: float = of(0.015, "share", "that calibration and print leave of a way down or up", MEASURED)
-    least_way: float = of(0.5, "m", "between the heights that are compared", "steps of a barometer: 5 cm")
     sheet: float = of(
         0.05, "share", "of the focal length against the data sheet's", "their own tolerance, docs/cameras.md"
     )

@@ -47,12 +47,7 @@ def values_of(
 ) -> Iterator[tuple[str, Telemetry]]:
     """Key suffixes and values of one image.
 
-    Args:
-        result: what the tracker found.
-        image: where it looked.
-        stamp: of the middle of its exposure.
-        mounting: how the camera sits on the vehicle.
-        ready_at: when the result was there [s; monotonic].
+    `stamp` is of the middle of its exposure; the tracker's result was there at `ready_at` [s; monotonic].
     """
     if result.detections:
         tags = tuple(map(sighting, result.detections))
@@ -173,15 +168,7 @@ def outlines_of(result: VisionResult, tagmap: TagMap, projection: Projection | N
 def setup_of(
     camera: str, intrinsics: Intrinsics | None, mounting: Mounting | None, tagmap: TagMap, stamp: Stamp
 ) -> CameraSetup:
-    """What a camera is and looks for.
-
-    Args:
-        camera: its name.
-        intrinsics: of its calibration; None without one.
-        mounting: how it sits on the vehicle; None where nobody said.
-        tagmap: its targets.
-        stamp: now.
-    """
+    """What a camera is and looks for; no lens without a calibration, no place where nobody said how it sits."""
     lens = None
     if intrinsics is not None:
         shown = intrinsics.model_dump(include={"width", "height", "fx", "fy", "cx", "cy", "model"})

@@ -25,12 +25,7 @@ AXES: tuple[Colour, ...] = ((60, 60, 255), (80, 220, 80), (255, 120, 60))
 
 
 def draw(pixels: Grey, result: StillResult, intrinsics: Intrinsics | None) -> Grey:
-    """Draw tags with their ids, and the axes of every pose.
-
-    Args:
-        pixels: `(h, w)` uint8.
-        result: of the same image.
-        intrinsics: of the camera; without it no axes.
+    """Draw tags with their ids, and the axes of every pose where the lens is known, over `(h, w)` uint8.
 
     Returns:
         `(h, w, 3)` uint8, blue-green-red.
@@ -43,11 +38,7 @@ def draw(pixels: Grey, result: StillResult, intrinsics: Intrinsics | None) -> Gr
 
 
 def draw_tags(pixels: Grey, tags: Iterable[tuple[str, npt.NDArray[np.float64]]]) -> Grey:
-    """Draw outlines of tags.
-
-    Args:
-        pixels: `(h, w)` uint8.
-        tags: what stands below each, and its corners `(4, 2)` [px].
+    """Draw outlines of tags over `(h, w)` uint8: what stands below each, and its corners `(4, 2)` [px].
 
     Returns:
         `(h, w, 3)` uint8, blue-green-red.
@@ -65,12 +56,7 @@ def draw_tags(pixels: Grey, tags: Iterable[tuple[str, npt.NDArray[np.float64]]])
 
 
 def write_picture(path: Path, pixels: Grey, *, overwrite: bool = False) -> None:
-    """Write a picture to a file, whole or not at all; its suffix chooses the format.
-
-    Args:
-        path: in a folder that exists.
-        pixels: `(h, w, 3)` uint8, blue-green-red, or `(h, w)` uint8, grey.
-        overwrite: replace a file that is there.
+    """Write a picture, `(h, w, 3)` blue-green-red or `(h, w)` grey, whole or not at all; the suffix is the format.
 
     Raises:
         ConfigError: the file is there already and `overwrite` is off, or no format has this suffix.

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 from collections import Counter, deque
-from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -22,9 +21,8 @@ from mkdaemon.telemetry.image import CameraFrame
 from mkdaemon.telemetry.vision import Alarm, AttitudeLoss, CameraSetup, EyeState, PoseRefusal, Transform, VisionStats
 from mkdaemon.vision.camera.calibration_file import load_camera, mount_rotation
 from mkdaemon.vision.camera.camera import StreamState, StreamStatus
-from mkdaemon.vision.camera.image import CameraImage
+from mkdaemon.vision.camera.image import CameraImage, in_light
 from mkdaemon.vision.camera.imagecodec import encode_jpeg
-from mkdaemon.vision.camera.tone import in_light
 from mkdaemon.vision.output import height_over, mount_transform, outlines_of, setup_of, values_of
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.pose.target_check import TargetCheck
@@ -53,19 +51,19 @@ class AttitudeUse:
         self.alarms: dict[Alarm, str] = {}
 
     def image_seen(self, time: float, attitude: AttitudeHistory | None, witness: AttitudeWitness) -> None:
-        """Count one image.
-
-        Args:
-            time: middle of its exposure [s].
-            attitude: reported for it; none where nobody reports one.
-            witness: what the images think of it.
-        """
+        """Count one image by the middle of its exposure [s], the attitude reported, and what images think of that."""
         self.alarms = {}
         if attitude is None or attitude.is_silent:
             return
         if attitude.at(time, self._max_age) is None:
             self.lost[AttitudeLoss.OUT_OF_REACH] += 1
-            self.alarms[Alarm.ATTITUDE_MISSING] = self._missing_words(time, attitude)
+            found = "none of the vehicle's attitudes is a number"
+            if attitude.samples:
+                away = min(abs(sample.time - time) for sample in attitude.samples)
+                found = f"the nearest attitude of the vehicle is {away:.2f} s away from the image"
+            self.alarms[Alarm.ATTITUDE_MISSING] = (
+                f"{found}: poses come from the images alone; check the link to the boards and the camera's stamps"
+            )
         elif witness.contradicts:
             self.lost[AttitudeLoss.CONTRADICTS] += 1
             self.alarms[Alarm.ATTITUDE_CONTRADICTS] = (
@@ -73,14 +71,6 @@ class AttitudeUse:
                 " target: poses come from the images alone; check the camera's mount, the signs of the attitude, and"
                 " `level` of the target"
             )
-
-    def _missing_words(self, time: float, attitude: AttitudeHistory) -> str:
-        if not attitude.samples:
-            found = "none of the vehicle's attitudes is a number"
-        else:
-            away = min(abs(sample.time - time) for sample in attitude.samples)
-            found = f"the nearest attitude of the vehicle is {away:.2f} s away from the image"
-        return f"{found}: poses come from the images alone; check the link to the boards and the camera's stamps"
 
 
 ALARM_ADVICE = {
@@ -108,13 +98,6 @@ AT_BODY = Mounting(np.eye(3), np.zeros(3))
 """How a camera is taken to sit of which nobody said it: its axes are those of the body."""
 WINDOW = 150
 """Images the figures look back on: five seconds at 30 Hz."""
-
-
-@dataclass(frozen=True, slots=True)
-class _Timing:
-    detect: float
-    latency: float
-    posed: bool
 
 
 class CameraPipeline:
@@ -148,7 +131,8 @@ class CameraPipeline:
             math.radians(vision.tracker.attitude_sd_deg),
             has_mount=mount is not None,
         )
-        self._timings: deque[_Timing] = deque(maxlen=WINDOW)
+        self._timings: deque[tuple[float, float, bool]] = deque(maxlen=WINDOW)
+        """Of each image the time spent [s], its latency [s], and whether there was a pose."""
         self._refused: Counter[PoseRefusal] = Counter()
         self._processed = self._faults = self._failing = 0
         self._failure = ""
@@ -164,13 +148,9 @@ class CameraPipeline:
         return (*self._seen_alarms, *mismatch, *self._selfcheck.alarms, *self._attitude.alarms)
 
     def process(self, image: CameraImage, attitude: AttitudeHistory | None) -> list[tuple[str, Telemetry]]:
-        """Look at one image; an image that makes the detector fail is counted and forgotten.
+        """Look at the newest image, with the attitude around its exposure; one that makes the detector fail is counted.
 
         Whether it contradicts the camera file or a target file is left to `check_files`: a stick frame waits for this.
-
-        Args:
-            image: the newest.
-            attitude: of the vehicle around its exposure.
         """
         self._processed += 1
         try:
@@ -189,7 +169,12 @@ class CameraPipeline:
         image, result, attitude = unchecked
         try:
             self._check.look(result.detections)
-            self._check_calibration(image, result, attitude)
+            # rows whose time is unknown would look like another lens
+            if result.poses and Alarm.LINE_TIME not in result.alarms:
+                known = attitude.at(image.captured_at, self._max_attitude_age) if attitude is not None else None
+                poses = {found.target: found.pose for found in result.poses}
+                heights = {found.target: height_over(found, self._mounting or AT_BODY) for found in result.poses}
+                self._selfcheck.image_seen(in_light(image.pixels, self.gamma), poses, heights, image.captured_at, known)
         except Exception as error:  # noqa: BLE001  # no image may end the thread that looks
             self._note(error)
 
@@ -206,16 +191,8 @@ class CameraPipeline:
         if self._mounting is not None:
             self._attitude.image_seen(image.captured_at, attitude, self.tracker.witness)
         self._refused.update(reason for _, reason in result.refused)
-        self._timings.append(_Timing(ready - started, ready - image.captured_at, bool(result.poses)))
+        self._timings.append((ready - started, ready - image.captured_at, bool(result.poses)))
         return values
-
-    def _check_calibration(self, image: CameraImage, result: VisionResult, attitude: AttitudeHistory | None) -> None:
-        """Ask the image whether the files are right; rows whose time is unknown would look like another lens."""
-        if result.poses and Alarm.LINE_TIME not in result.alarms:
-            known = attitude.at(image.captured_at, self._max_attitude_age) if attitude is not None else None
-            poses = {found.target: found.pose for found in result.poses}
-            heights = {found.target: height_over(found, self._mounting or AT_BODY) for found in result.poses}
-            self._selfcheck.image_seen(in_light(image.pixels, self.gamma), poses, heights, image.captured_at, known)
 
     def outlines(self) -> list[npt.NDArray[np.float64]]:
         """Corners `(4, 2)` [px] of the tags in the newest image, decoded or where a pose puts them."""
@@ -226,11 +203,7 @@ class CameraPipeline:
         self._selfcheck.barometer_received(time, height)
 
     def failed(self, error: BaseException) -> None:
-        """Count a failure of the detector and forget what it followed.
-
-        Args:
-            error: what it raised.
-        """
+        """Count a failure of the detector, by what it raised, and forget what it followed."""
         self._note(error)
         self._failing += 1
         self._timings.clear()
@@ -285,7 +258,8 @@ class CameraPipeline:
             advice[Alarm.LINE_TIME] += f"; it is {self.tracker.shutter.words}"
         if damaged:
             advice[Alarm.DAMAGED] += f" ({stream.damage})"
-        detect, latency = ([getattr(timing, name) for timing in self._timings] for name in ("detect", "latency"))
+        figures = np.array(self._timings or [(0.0, 0.0, False)])
+        (detect_p50, latency_p50), (detect_p99, latency_p99) = 1000.0 * np.percentile(figures[:, :2], (50, 99), axis=0)
         return VisionStats(
             camera=self.cfg.name,
             stamp=stamp,
@@ -303,13 +277,13 @@ class CameraPipeline:
             reopened=stream.reopened,
             faults=self._faults,
             restarts=restarts,
-            posed=float(np.mean([timing.posed for timing in self._timings])) if self._timings else 0.0,
+            posed=float(figures[:, 2].mean()),
             refused={reason.value: count for reason, count in self._refused.items()},
             attitude_lost=dict(self._attitude.lost) | ({AttitudeLoss.NOT_A_NUMBER: not_numbers} if not_numbers else {}),
-            detect_p50_ms=_percentile_ms(detect, 50),
-            detect_p99_ms=_percentile_ms(detect, 99),
-            latency_p50_ms=_percentile_ms(latency, 50),
-            latency_p99_ms=_percentile_ms(latency, 99),
+            detect_p50_ms=float(detect_p50),
+            detect_p99_ms=float(detect_p99),
+            latency_p50_ms=float(latency_p50),
+            latency_p99_ms=float(latency_p99),
             settings_refused=stream.refused,
             detector=self.tracker.detector.warning or self.tracker.detector.backend,
             selfcal=self._selfcheck.reports(),
@@ -321,22 +295,12 @@ class CameraPipeline:
             return EyeState(stream.state.value), stream.reason
         if self._failing >= FAILING_FROM:
             return EyeState.FAILING, f"the detector failed on the last {self._failing} images ({self._failure})"
-        posed = bool(self._timings) and self._timings[-1].posed
+        posed = bool(self._timings) and self._timings[-1][2]
         for name in NEVER_POSED if posed else (*NEVER_POSED, *MAYBE_POSED):
             if name in self.alarms:
-                words = self._size_words(stream) if name is Alarm.WRONG_SIZE else ALARM_ADVICE[name]
+                k, words = self._intrinsics, ALARM_ADVICE[name]
+                if name is Alarm.WRONG_SIZE and k is not None:
+                    sizes = f"{stream.width}x{stream.height}, its calibration is for {k.width}x{k.height}"
+                    words = f"the camera gives {sizes}: set width and height, or calibrate at this size"
                 return EyeState(name.value), words
         return EyeState.OK, ""
-
-    def _size_words(self, stream: StreamStatus) -> str:
-        k = self._intrinsics
-        if k is None:
-            return ALARM_ADVICE[Alarm.WRONG_SIZE]
-        return (
-            f"the camera gives {stream.width}x{stream.height}, its calibration is for {k.width}x{k.height}:"
-            " set width and height, or calibrate at this size"
-        )
-
-
-def _percentile_ms(seconds: list[float], share: float) -> float:
-    return float(np.percentile(seconds, share)) * 1000.0 if seconds else 0.0

@@ -10,8 +10,8 @@ import numpy.typing as npt
 
 from mkdaemon.config.vision import DetectorSection, TrackerSection
 from mkdaemon.telemetry.vision import PoseRefusal
+from mkdaemon.vision.camera.image import in_light
 from mkdaemon.vision.camera.intrinsics import Intrinsics
-from mkdaemon.vision.camera.tone import in_light
 from mkdaemon.vision.limits import HALF, LIMITS, Stage
 from mkdaemon.vision.pose.ambiguity import choose
 from mkdaemon.vision.pose.edgefit import EdgeFit

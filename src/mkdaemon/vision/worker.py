@@ -23,8 +23,7 @@ from mkdaemon.telemetry.base import Telemetry
 from mkdaemon.telemetry.vision import Alarm, EyeState, VisionStats
 from mkdaemon.vision.camera.camera import CameraStream
 from mkdaemon.vision.camera.exposure import ExposureControl, first_setting
-from mkdaemon.vision.camera.image import CameraImage
-from mkdaemon.vision.camera.shot import Source
+from mkdaemon.vision.camera.image import CameraImage, Source
 from mkdaemon.vision.camera.slot import NewestSlot, NewestSlots
 from mkdaemon.vision.camera.sources import source_of
 from mkdaemon.vision.output import exposure_of
@@ -252,15 +251,13 @@ class _Eye:
 
     def _choose_exposure(self, image: CameraImage) -> None:
         """Have the camera expose the target well, where that is ours to choose."""
-        reach = self.stream.reach
+        reach, control = self.stream.reach, self._exposure
         if reach is None:
             self._exposure = None
-            return
-        if self._exposure is None or self._exposure.reach != reach:
+        elif control is None or control.reach != reach:
             self._exposure = ExposureControl(reach, first_setting(reach), self.pipeline.gamma)
             self.stream.adjust(self._exposure.setting)
-        setting = self._exposure.image_seen(image.pixels, self.pipeline.outlines())
-        if setting is not None:
+        elif (setting := control.image_seen(image.pixels, self.pipeline.outlines())) is not None:
             self.stream.adjust(setting)
 
     def report(self, stamp: Stamp, restarts: int, not_numbers: int) -> list[tuple[str, Telemetry]]:

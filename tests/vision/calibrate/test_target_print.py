@@ -51,7 +51,7 @@ def paint_svg(text: str) -> np.ndarray:
     for path in root.findall("{http://www.w3.org/2000/svg}path"):
         parts = path.get("d", "").split("Z")[:-1]
         loops = [np.array([[float(v) for v in point.split()] for point in part[1:].split("L")]) for part in parts]
-        shapes.append((255 if path.get("fill") == "#fff" else 0, loops))
+        shapes.append((int(path.get("fill", "")[-2:], 16), loops))
     return paint(width, height, shapes)
 
 
@@ -164,7 +164,7 @@ def test_the_ruler_is_as_long_as_it_says() -> None:
 
 def test_a_blank_rim_and_a_whole_quiet_zone_remain() -> None:
     page = target_page(single(0.16, 7))
-    ink = [loop for area in page.areas if not area.white for loop in area.loops]
+    ink = [loop for area in page.areas if area.grey == 0.0 for loop in area.loops]
     low = np.concatenate(ink).min(axis=0)
     assert (low >= 3.9).all()
     tag = ink[0]

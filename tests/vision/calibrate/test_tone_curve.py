@@ -8,7 +8,7 @@ import pytest
 from mkdaemon.errors import VisionError
 from mkdaemon.vision.calibrate.board import BoardPoints, CharucoBoard
 from mkdaemon.vision.calibrate.tone_curve import curve_to_store, edge_levels, gamma_of
-from mkdaemon.vision.camera.tone import in_light
+from mkdaemon.vision.camera.image import in_light
 from mksim.scene.layers import board_layer
 from mksim.scene.light import Conditions
 from mksim.scene.processing import Processing

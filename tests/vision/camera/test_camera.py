@@ -18,12 +18,11 @@ from mkdaemon.errors import ConfigError, VisionError
 from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.image import CameraFrame
 from mkdaemon.telemetry.signature import private_key, sign
-from mkdaemon.vision.camera import bus_images
+from mkdaemon.vision.camera import sources
 from mkdaemon.vision.camera.camera import CameraStream, StampClock, StreamState, retry_delays
 from mkdaemon.vision.camera.files import list_pictures
-from mkdaemon.vision.camera.image import CameraImage
+from mkdaemon.vision.camera.image import CameraImage, EndOfImages, PictureError, Shot
 from mkdaemon.vision.camera.imagecodec import encode_jpeg, pack
-from mkdaemon.vision.camera.shot import EndOfImages, PictureError, Shot
 from mkdaemon.vision.camera.slot import NewestSlot
 from mkdaemon.vision.camera.sources import source_of
 from tests.vision.streams import wait_for_status
@@ -357,7 +356,7 @@ SECRET = "known to the camera's machine"
 def test_images_without_the_secret_displace_none_and_are_counted_and_named(
     session: zenoh.Session, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(bus_images, "STRANGERS_LOOK", 0.0)
+    monkeypatch.setattr(sources, "STRANGERS_LOOK", 0.0)
     file, key = tmp_path / "image.key", "test/signed/image"
     file.write_text(f"{SECRET}\n", encoding="utf-8")
     cfg = CameraSection(source=f"zenoh:{key}", secret_file=file)

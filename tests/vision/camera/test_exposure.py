@@ -20,9 +20,8 @@ from mkdaemon.vision.camera.exposure import (
     levels_of,
     next_setting,
 )
-from mkdaemon.vision.camera.image import CameraImage
+from mkdaemon.vision.camera.image import CameraImage, Shot
 from mkdaemon.vision.camera.intrinsics import Intrinsics
-from mkdaemon.vision.camera.shot import Shot
 from mkdaemon.vision.camera.slot import NewestSlot
 from mkdaemon.vision.output import exposure_of, outlines_of
 from mkdaemon.vision.pose.pose import Pose

@@ -14,9 +14,9 @@ from hypothesis import strategies as st
 
 from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.image import CameraFrame
-from mkdaemon.vision.camera.captured import captured_pixels
+from mkdaemon.vision.camera.capture import captured_pixels
+from mkdaemon.vision.camera.image import PictureError
 from mkdaemon.vision.camera.imagecodec import decode_picture, encode_jpeg, pack, unpack
-from mkdaemon.vision.camera.shot import PictureError
 
 PIXELS = np.arange(12 * 16, dtype=np.uint8).reshape(12, 16)
 FRAME = CameraFrame(

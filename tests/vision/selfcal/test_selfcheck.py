@@ -13,7 +13,6 @@ import pytest
 from mkdaemon.config.camera import MountSection
 from mkdaemon.telemetry.vision import Alarm
 from mkdaemon.vision.camera.calibration_file import CalibrationRecord, Camera
-from mkdaemon.vision.limits import SELFCAL
 from mkdaemon.vision.pose.edgefit import EdgeFit
 from mkdaemon.vision.pose.pose import Pose
 from mkdaemon.vision.pose.projection import Projection
@@ -122,7 +121,7 @@ def test_a_focal_length_that_has_settled_is_told_sooner(
     share: float, sd: float, is_named: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     watch = TargetWatch(shipped(NESTED), RIGHT, np.radians(1.0), has_mount=True)
-    known = SimpleNamespace(mean=np.zeros(12), sd=np.ones(12), looks=SELFCAL.least_looks)
+    known = SimpleNamespace(mean=np.zeros(12), sd=np.ones(12))
     known.mean[LENS_AT], known.sd[LENS_AT] = share, sd
     monkeypatch.setattr(watch, "_filter", known)
     assert bool(list(watch.scale_words())) == is_named

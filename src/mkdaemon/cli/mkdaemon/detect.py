@@ -20,9 +20,9 @@ from mkdaemon.errors import ConfigError, VisionError
 from mkdaemon.frames import quaternion_from_rotation
 from mkdaemon.vision.camera.calibration_file import load_camera
 from mkdaemon.vision.camera.files import CLIPS, ClipSource, list_pictures
+from mkdaemon.vision.camera.image import EndOfImages, PictureError
 from mkdaemon.vision.camera.imagecodec import read_picture
 from mkdaemon.vision.camera.intrinsics import Intrinsics
-from mkdaemon.vision.camera.shot import EndOfImages, PictureError
 from mkdaemon.vision.overlay import draw, write_picture
 from mkdaemon.vision.still import StillEye, StillPose, StillResult, StillTag
 from mkdaemon.vision.tags.tagmap import TagMap, load

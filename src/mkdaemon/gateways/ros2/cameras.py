@@ -40,8 +40,8 @@ def image(value: CameraFrame, scene: Scene) -> Any | None:
 def _decoded(coded: bytes) -> bytes | None:
     """Pixels of a JPEG or PNG, rows from the top; None where they are damaged, or OpenCV is not there."""
     try:
+        from mkdaemon.vision.camera.image import PictureError
         from mkdaemon.vision.camera.imagecodec import decode_picture
-        from mkdaemon.vision.camera.shot import PictureError
     except ImportError:
         return None
     try:

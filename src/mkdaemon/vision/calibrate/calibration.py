@@ -70,27 +70,28 @@ class CalibrationResult:
 
     def faults(self) -> list[str]:
         """Why this result should not be used; empty when it is good."""
-        found = []
-        if not self.rms_px < MAX_RMS_PX:
-            found.append(
-                f"rms {self.rms_px:.2f} px, must be below {MAX_RMS_PX}: hold still, focus, and print the board flat"
-            )
-        if not self.focal_sd_percent < MAX_FOCAL_SD_PERCENT:
-            found.append(
+        checks = (
+            (
+                self.rms_px < MAX_RMS_PX,
+                f"rms {self.rms_px:.2f} px, must be below {MAX_RMS_PX}: hold still, focus, and print the board flat",
+            ),
+            (
+                self.focal_sd_percent < MAX_FOCAL_SD_PERCENT,
                 f"focal length known to {self.focal_sd_percent:.2f} %, must be below {MAX_FOCAL_SD_PERCENT}:"
-                " add tilted and near views"
-            )
-        if not self.centre_sd_px < MAX_CENTRE_SD_PX:
-            found.append(
+                " add tilted and near views",
+            ),
+            (
+                self.centre_sd_px < MAX_CENTRE_SD_PX,
                 f"image centre known to {self.centre_sd_px:.1f} px, must be below {MAX_CENTRE_SD_PX:g}:"
-                " add views in the corners and turned board"
-            )
-        if not self.tilt_deg > MIN_TILT_DEG:
-            found.append(
+                " add views in the corners and turned board",
+            ),
+            (
+                self.tilt_deg > MIN_TILT_DEG,
                 f"all views within {self.tilt_deg:.0f} deg of each other: tilt the board by 30 deg to every side,"
-                " views from the front alone do not determine the focal length"
-            )
-        return found
+                " views from the front alone do not determine the focal length",
+            ),
+        )
+        return [words for is_good, words in checks if not is_good]
 
 
 def calibrate(views: Sequence[BoardPoints], width: int, height: int, *, is_fisheye: bool = False) -> CalibrationResult:
@@ -110,32 +111,25 @@ def calibrate(views: Sequence[BoardPoints], width: int, height: int, *, is_fishe
     if len(views) < MIN_VIEWS:
         msg = f"{len(views)} views of the board, at least {MIN_VIEWS} are needed"
         raise VisionError(msg)
-    solve = _solve_fisheye if is_fisheye else _solve_pinhole
     used = list(range(len(views)))
-    lens = solve(views, (width, height))
+    lens = _solve(views, (width, height), is_fisheye=is_fisheye)
     for _ in range(2):
         limit = max(OUTLIER_FACTOR * float(np.median(lens.errors)), MAX_RMS_PX)
         kept = [k for k, error in zip(used, lens.errors, strict=True) if error <= limit]
         if len(kept) == len(used) or len(kept) < MIN_VIEWS:
             break
         used = kept
-        lens = solve([views[k] for k in used], (width, height))
+        lens = _solve([views[k] for k in used], (width, height), is_fisheye=is_fisheye)
     model = "fisheye" if is_fisheye else "pinhole"
     intrinsics = Intrinsics.model_validate({"width": width, "height": height, "model": model, **lens.values})
-    tilt_deg = _tilt_deg([views[k] for k in used], width, height)
+    normals = np.array([n for k in used if (n := board_normal(views[k], width, height)) is not None])
+    tilt_deg = float(np.degrees(np.arccos(np.clip(normals @ normals.T, -1.0, 1.0).min()))) if len(normals) else 0.0
     return CalibrationResult(intrinsics, lens.rms, lens.sd, tuple(used), tilt_deg)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Lens:
-    """What views say about a lens.
-
-    Attributes:
-        values: of its unknowns, by name.
-        sd: their deviations, by name.
-        errors: of reprojection, of each view `(n,)` [px].
-        rms: of all points [px].
-    """
+    """What views say about a lens: unknowns and their deviations by name, errors of each view `(n,)` and rms [px]."""
 
     values: dict[str, float]
     sd: dict[str, float]
@@ -143,34 +137,36 @@ class _Lens:
     rms: float
 
 
+def _solve(views: Sequence[BoardPoints], size: tuple[int, int], *, is_fisheye: bool) -> _Lens:
+    """A fisheye, or a pinhole of two radial coefficients, or three where the third earns its place."""
+    try:
+        if is_fisheye:
+            return _solve_fisheye(views, size)
+        short, full = (_solve_pinhole(views, size, flags) for flags in (cv2.CALIB_FIX_K3, 0))
+    except cv2.error as error:
+        msg = f"the views determine no {'fisheye' if is_fisheye else 'pinhole'}: {error.err}"
+        raise VisionError(msg) from None
+    return full if full.rms < K3_GAIN * short.rms else short
+
+
 def _lens_of(
-    names: Sequence[str], values: Figures, sd: Figures, errors: Figures, views: Sequence[BoardPoints]
+    names: Sequence[str], matrix: Figures, bend: Figures, sd: Figures, errors: Figures, views: Sequence[BoardPoints]
 ) -> _Lens:
+    values = np.array([matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2], *bend.ravel()], dtype=np.float64)
+    if not (np.isfinite(values).all() and np.isfinite(sd).all()) or min(values[:2]) <= 0:
+        raise VisionError("the views determine nothing: show the board tilted, near and at the rim, not only its front")
     rms = float(np.sqrt(np.average(errors**2, weights=[len(view.ids) for view in views])))
     named, deviations = (dict(zip(names, figures.tolist(), strict=True)) for figures in (values, sd))
     return _Lens(named, deviations, errors, rms)
 
 
-def _solve_pinhole(views: Sequence[BoardPoints], size: tuple[int, int]) -> _Lens:
-    """Two radial coefficients, or three where the third earns its place."""
-    short, full = (_solve_radial(views, size, flags) for flags in (cv2.CALIB_FIX_K3, 0))
-    return full if full.rms < K3_GAIN * short.rms else short
-
-
-def _solve_radial(views: Sequence[BoardPoints], size: tuple[int, int], flags: int) -> _Lens:
+def _solve_pinhole(views: Sequence[BoardPoints], size: tuple[int, int], flags: int) -> _Lens:
     board = [view.board.astype(np.float32) for view in views]
     image = [view.image.astype(np.float32) for view in views]
-    try:
-        _, matrix, bend, _, _, sd, _, errors = cv2.calibrateCameraExtended(
-            board, image, size, np.eye(3), np.zeros(5), flags=flags
-        )
-    except cv2.error as error:
-        msg = f"the views determine nothing: {error.err}"
-        raise VisionError(msg) from None
-    values = _values_of(matrix, bend)
-    if not np.isfinite(values).all() or not np.isfinite(sd).all() or min(values[:2]) <= 0:
-        raise VisionError("the views determine nothing: show the board tilted, not only from the front")
-    return _lens_of(PINHOLE, values, sd.ravel()[: len(PINHOLE)], errors.ravel(), views)
+    _, matrix, bend, _, _, sd, _, errors = cv2.calibrateCameraExtended(
+        board, image, size, np.eye(3), np.zeros(5), flags=flags
+    )
+    return _lens_of(PINHOLE, matrix, bend, sd.ravel()[: len(PINHOLE)], errors.ravel(), views)
 
 
 def _solve_fisheye(views: Sequence[BoardPoints], size: tuple[int, int]) -> _Lens:
@@ -180,16 +176,9 @@ def _solve_fisheye(views: Sequence[BoardPoints], size: tuple[int, int]) -> _Lens
     """
     board = [np.ascontiguousarray(view.board).reshape(-1, 1, 3) for view in views]
     image = [np.ascontiguousarray(view.image).reshape(-1, 1, 2) for view in views]
-    try:
-        _, matrix, bend, turns, places = cv2.fisheye.calibrate(
-            board, image, size, np.eye(3), np.zeros(4), flags=FLAGS, criteria=STEPS
-        )
-    except cv2.error as error:
-        msg = f"the views determine no fisheye: {error.err}"
-        raise VisionError(msg) from None
-    values = _values_of(matrix, bend)
-    if not np.isfinite(values).all() or min(values[:2]) <= 0:
-        raise VisionError("the views determine no fisheye: show the board tilted, near, and at the rim")
+    _, matrix, bend, turns, places = cv2.fisheye.calibrate(
+        board, image, size, np.eye(3), np.zeros(4), flags=FLAGS, criteria=STEPS
+    )
     unknowns = len(FISHEYE)
     information = np.zeros((unknowns, unknowns))
     squares, errors = 0.0, []
@@ -204,18 +193,7 @@ def _solve_fisheye(views: Sequence[BoardPoints], size: tuple[int, int]) -> _Lens
         errors.append(float(np.sqrt(2.0 * np.mean(residual**2))))
     freedom = max(2 * sum(len(points) for points in board) - unknowns - 6 * len(board), 1)
     covariance = squares / freedom * np.linalg.inv(damped(information))
-    return _lens_of(FISHEYE, values, np.sqrt(np.diag(covariance)), np.array(errors), views)
-
-
-def _values_of(matrix: Figures, bend: Figures) -> Array:
-    """Focal lengths, principal point and distortion, in one row."""
-    return np.array([matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2], *bend.ravel()], dtype=np.float64)
-
-
-def _tilt_deg(views: Sequence[BoardPoints], width: int, height: int) -> float:
-    """Largest angle between the directions the board faced [deg]."""
-    normals = np.array([n for view in views if (n := board_normal(view, width, height)) is not None])
-    return float(np.degrees(np.arccos(np.clip(normals @ normals.T, -1.0, 1.0).min()))) if len(normals) else 0.0
+    return _lens_of(FISHEYE, matrix, bend, np.sqrt(np.diag(covariance)), np.array(errors), views)
 
 
 def rounded(intrinsics: Intrinsics) -> Intrinsics:

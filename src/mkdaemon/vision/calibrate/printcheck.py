@@ -19,20 +19,15 @@ import numpy as np
 import numpy.typing as npt
 
 from mkdaemon.vision.camera.intrinsics import Intrinsics
-from mkdaemon.vision.limits import Stage
 from mkdaemon.vision.pose.projection import Projection
-from mkdaemon.vision.tags.cellread import carry, sample
-from mkdaemon.vision.tags.cover import covered_cells
-from mkdaemon.vision.tags.detection import Detection
-from mkdaemon.vision.tags.detector import Detector
-from mkdaemon.vision.tags.tagfamily import QUIET_ZONE_CELLS
+from mkdaemon.vision.still import StillEye
+from mkdaemon.vision.tags.cellread import carry, cell_values, image_from_cells
+from mkdaemon.vision.tags.detection import Detection, best_of_codes, mean_side
 from mkdaemon.vision.tags.tagmap import Tag, TagMap, Target
 
 Array = npt.NDArray[np.float64]
 Grey = npt.NDArray[np.uint8]
 
-STAGES: Final[tuple[Stage, ...]] = ("decimate1", "log", "decimate2", "linear")
-"""Searches for whole tags, the finest first."""
 ALONG: Final = 25
 """Places along a side where its edge is measured."""
 SKIPPED: Final = 0.06
@@ -71,14 +66,7 @@ class PrintState(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class PrintFinding:
-    """One check.
-
-    Attributes:
-        name: what was looked at.
-        state: what was found.
-        words: the figures, one sentence.
-        fix: what to do; empty where nothing has to be done.
-    """
+    """One check: what was looked at, what was found, the figures in a sentence, and what to do, if anything."""
 
     name: str
     state: PrintState
@@ -126,8 +114,7 @@ class _Measured:
     @property
     def bow(self) -> tuple[float, float]:
         """How far its most bent side leaves its chord, and the deviation of that [% of its length]."""
-        loose = max(3.0 * self.noise / math.sqrt(ALONG), LEAST_BOW) / self.side
-        return 100 * float(np.abs(self.bows).max()), 100 * loose
+        return 100 * float(np.abs(self.bows).max()), 100 * max(self.corner_sd, LEAST_BOW) / self.side
 
     @property
     def bend(self) -> float:
@@ -151,46 +138,34 @@ def check_print(
         What was found, most important first; only that nothing was found where no tag was decoded.
     """
     projection = None if intrinsics is None else Projection(intrinsics)
-    found = _find(pixels, target)
-    measured = [one for tag, seen in found if (one := _measure(pixels, tag, seen, projection)) is not None]
+    tagmap = TagMap((target,))
+    tags = best_of_codes((tag.found for tag in StillEye(None, tagmap=tagmap).look(pixels).tags), lambda one: ())
+    found = [_measure(pixels, tagmap.owners[seen.code][1], seen, projection) for seen in tags]
+    measured = [one for one in found if one is not None]
     if not measured:
         words = "no tag of the target was found in the photograph"
         fix = "Show the whole print, sharp, filling half of the photograph; check --target."
         return (PrintFinding("tags", PrintState.BAD, words, fix),)
-    focal = 1.0 if intrinsics is None else 0.5 * (intrinsics.fx + intrinsics.fy)
     return (
         _seen(target, measured),
         _relative(target, measured),
-        _aspect(measured[0], focal, is_calibrated=projection is not None),
-        _absolute(measured[0], distance, is_calibrated=projection is not None),
-        _flatness(measured, is_calibrated=projection is not None),
+        _aspect(measured[0], intrinsics),
+        _absolute(measured[0], None if intrinsics is None else distance),
+        _flatness(measured, is_calibrated=intrinsics is not None),
         _sharpness(measured),
         *_light_and_rim(pixels, measured),
     )
 
 
 def softness(pixels: Grey, corners: Array, cells: int) -> float | None:
-    """How soft the edges of a tag are, as a share of a cell [1]; None where they do not show.
-
-    Args:
-        pixels: `(h, w)` uint8.
-        corners: of the tag `(4, 2)` [px].
-        cells: on its side.
-    """
+    """How soft the edges of a tag of `cells` a side are, as a share of a cell [1]; None where they do not show."""
     found = [spread for _, spread in _edges(pixels, corners, cells)]
-    return float(np.median(found)) / (_side(corners) / cells) if found else None
+    return float(np.median(found)) / (mean_side(corners) / cells) if found else None
 
 
-def _find(pixels: Grey, target: Target) -> list[tuple[Tag, Detection]]:
-    """Tags of the target, largest in the image first."""
-    tagmap = TagMap((target,))
-    detector = Detector(tagmap.whitelist, covered=covered_cells(tagmap))
-    found: dict[tuple[str, int], Detection] = {}
-    for stage in (stage for stage in STAGES if stage in detector.stages):
-        for seen in detector.search_all(pixels, stage):
-            found.setdefault((seen.family, seen.tag_id), seen)
-    pairs = [(tagmap.owners[key][1], seen) for key, seen in found.items()]
-    return sorted(pairs, key=lambda pair: -pair[1].side_px)
+def _judged(name: str, words: str, fix: str, *, is_bad: bool) -> PrintFinding:
+    """What figures say; what to do only where they are bad."""
+    return PrintFinding(name, PrintState.BAD, words, fix) if is_bad else PrintFinding(name, PrintState.GOOD, words)
 
 
 def _measure(pixels: Grey, tag: Tag, seen: Detection, projection: Projection | None) -> _Measured | None:
@@ -202,37 +177,27 @@ def _measure(pixels: Grey, tag: Tag, seen: Detection, projection: Projection | N
     straight = [points if projection is None else projection.undistort(points) for points in sides]
     bows, noises = zip(*map(_bow, straight), strict=True)
     corners, raw = _quad(straight), _quad(sides)
-    noise = float(np.mean(noises)) * _side(raw) / _side(corners)
-    return _Measured(tag, corners, raw, np.array(bows), noise, float(np.median(blurs)), _side(raw))
-
-
-def _side(corners: Array) -> float:
-    """Mean length of the sides of a quad."""
-    return float(np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1).mean())
+    side = mean_side(raw)
+    noise = float(np.mean(noises)) * side / mean_side(corners)
+    return _Measured(tag, corners, raw, np.array(bows), noise, float(np.median(blurs)), side)
 
 
 def _edges(pixels: Grey, corners: Array, cells: int) -> list[tuple[Array, float]]:
     """Places of the edges along the sides of a tag, and how soft they are; see `_edge`. Those that show."""
-    image = pixels.astype(np.float32)
-    reaches = np.maximum(0.6 * _depths(corners) / cells, 1.5).tolist()
-    edges = [_edge(image, *ends) for ends in zip(corners, np.roll(corners, -1, axis=0), reaches, strict=True)]
+    image, chords = pixels.astype(np.float32), np.roll(corners, -1, axis=0) - corners
+    normals = np.column_stack([-chords[:, 1], chords[:, 0]]) / np.linalg.norm(chords, axis=1)[:, None]
+    # two corners lie on a side; the nearer one of the others says how far the quad reaches behind it
+    depths = np.sort(np.abs(corners @ normals.T - (normals * corners).sum(axis=1)), axis=0)[2]
+    reaches = np.maximum(0.6 * depths / cells, 1.5).tolist()
+    edges = [_edge(image, *ends) for ends in zip(corners, chords, normals, reaches, strict=True)]
     return [edge for edge in edges if edge is not None]
 
 
-def _depths(corners: Array) -> Array:
-    """How far a quad reaches behind each of its sides, at its nearer end `(4,)` [px]."""
-    sides = np.roll(corners, -1, axis=0) - corners
-    normals = np.column_stack([-sides[:, 1], sides[:, 0]]) / np.linalg.norm(sides, axis=1)[:, None]
-    before = np.abs(((np.roll(corners, 1, axis=0) - corners) * normals).sum(axis=1))
-    after = np.abs(((np.roll(corners, -2, axis=0) - np.roll(corners, -1, axis=0)) * normals).sum(axis=1))
-    return np.asarray(np.minimum(before, after), np.float64)
-
-
-def _edge(image: npt.NDArray[np.float32], start: Array, end: Array, reach: float) -> tuple[Array, float] | None:
+def _edge(
+    image: npt.NDArray[np.float32], start: Array, chord: Array, normal: Array, reach: float
+) -> tuple[Array, float] | None:
     """Places of the edge along a side `(n, 2)` [px], and how soft it is [px]; None where less than half of it shows."""
     along = np.linspace(SKIPPED, 1.0 - SKIPPED, ALONG)
-    chord = end - start
-    normal = np.array([-chord[1], chord[0]]) / np.linalg.norm(chord)
     steps = np.arange(-reach, reach + 0.25, 0.25)
     base = start + along[:, None] * chord
     places = (base[:, None, :] + steps[None, :, None] * normal).astype(np.float32)
@@ -254,18 +219,14 @@ def _edge(image: npt.NDArray[np.float32], start: Array, end: Array, reach: float
 def _line(points: Array) -> tuple[Array, Array]:
     """A point and the direction of the line through points."""
     middle = points.mean(axis=0)
-    direction = np.linalg.svd(points - middle)[2][0]
-    return middle, np.asarray(direction if direction @ (points[-1] - points[0]) > 0 else -direction, np.float64)
+    return middle, np.asarray(np.linalg.svd(points - middle)[2][0], np.float64)
 
 
 def _quad(sides: Sequence[Array]) -> Array:
     """Where neighbouring sides meet `(4, 2)`, by points along each."""
-    corners = []
     lines = [_line(points) for points in sides]
-    for number in range(4):
-        (a, u), (b, v) = lines[number - 1], lines[number]
-        corners.append(a + u * np.linalg.solve(np.column_stack([u, -v]), b - a)[0])
-    return np.array(corners)
+    pairs = zip([lines[-1], *lines], lines, strict=False)
+    return np.array([a + u * np.linalg.solve(np.column_stack([u, -v]), b - a)[0] for (a, u), (b, v) in pairs])
 
 
 def _bow(points: Array) -> tuple[float, float]:
@@ -287,11 +248,10 @@ def _flat(tag: Tag, base: Tag) -> Array:
 def _seen(target: Target, measured: Sequence[_Measured]) -> PrintFinding:
     names = ", ".join(f"{one.tag.tag_id} ({one.cell:.1f} px a cell)" for one in measured)
     words = f"{len(measured)} of {len(target.tags)} measured: {names}"
-    if measured[0].cell < LEAST_CELL:
-        return PrintFinding("tags", PrintState.BAD, words, "Take the photograph nearer: every figure below is loose.")
-    if len(measured) < len(target.tags):
+    is_far = measured[0].cell < LEAST_CELL
+    if len(measured) < len(target.tags) and not is_far:
         return PrintFinding("tags", PrintState.UNKNOWN, words, "Take another photograph that shows the others.")
-    return PrintFinding("tags", PrintState.GOOD, words)
+    return _judged("tags", words, "Take the photograph nearer: every figure below is loose.", is_bad=is_far)
 
 
 def _relative(target: Target, measured: Sequence[_Measured]) -> PrintFinding:
@@ -305,27 +265,19 @@ def _relative(target: Target, measured: Sequence[_Measured]) -> PrintFinding:
         words = "one tag in view: nothing to compare it with" if target.is_planar else "its tags are not in one plane"
         return PrintFinding(name, PrintState.UNKNOWN, words, "Measure the tag with a ruler.")
     back = np.asarray(np.linalg.inv(_axes(base.corners, base.tag)), np.float64)
-    worst, state = [], PrintState.GOOD
+    worst, is_bad = [], False
     for one in others:
         placed = carry(back, one.corners)
         off = float(np.linalg.norm(placed.mean(axis=0) - _flat(one.tag, base.tag).mean(axis=0)))
         loose = 100 * math.hypot(one.corner_sd / one.side, base.corner_sd / base.side)
-        percent = 100 * (_side(placed) / one.tag.size - 1.0)
-        limit = max(SCALE_PERCENT, 3 * loose)
-        displaced = 100 * off / base.tag.size
-        allowed = max(SCALE_PERCENT, 300 * base.corner_sd / base.side)
-        is_off = displaced > allowed
-        if abs(percent) > limit or is_off:
-            state = PrintState.BAD
+        percent = 100 * (mean_side(placed) / one.tag.size - 1.0)
+        displaced, unsure = 100 * off / base.tag.size, 300 * base.corner_sd / base.side
+        is_bad |= abs(percent) > max(SCALE_PERCENT, 3 * loose) or displaced > max(SCALE_PERCENT, unsure)
         worst.append(
             f"{one.tag.tag_id} is {percent:+.2f} +- {loose:.2f} % of its size, {1000 * off:.1f} mm off its place"
         )
-    fix = (
-        "Write the sizes and places that a ruler shows into the target file, or print it anew."
-        if state is PrintState.BAD
-        else ""
-    )
-    return PrintFinding(name, state, f"against tag {base.tag.tag_id}: {'; '.join(worst)}", fix)
+    fix = "Write the sizes and places that a ruler shows into the target file, or print it anew."
+    return _judged(name, f"against tag {base.tag.tag_id}: {'; '.join(worst)}", fix, is_bad=is_bad)
 
 
 def _axes(corners: Array, tag: Tag) -> Array:
@@ -333,10 +285,10 @@ def _axes(corners: Array, tag: Tag) -> Array:
     return np.asarray(cv2.findHomography(_flat(tag, tag), corners)[0], np.float64)
 
 
-def _aspect(base: _Measured, focal: float, *, is_calibrated: bool) -> PrintFinding:
+def _aspect(base: _Measured, intrinsics: Intrinsics | None) -> PrintFinding:
     """Whether a square tag is as wide as it is high."""
     name = "width over height"
-    if not is_calibrated:
+    if intrinsics is None:
         words = "without a camera file a tilt looks like a print that is too narrow"
         return PrintFinding(name, PrintState.UNKNOWN, words, "Give --camera, or measure both sides with a ruler.")
 
@@ -344,7 +296,7 @@ def _aspect(base: _Measured, focal: float, *, is_calibrated: bool) -> PrintFindi
         axes = _axes(corners, base.tag)
         return float(np.linalg.norm(axes[:, 0]) / np.linalg.norm(axes[:, 1]))
 
-    here, step = ratio(base.corners), base.corner_sd / focal
+    here, step = ratio(base.corners), base.corner_sd / (0.5 * (intrinsics.fx + intrinsics.fy))
     slopes = []
     for place in np.ndindex(base.corners.shape):
         moved = base.corners.copy()
@@ -356,16 +308,15 @@ def _aspect(base: _Measured, focal: float, *, is_calibrated: bool) -> PrintFindi
         return PrintFinding(
             name, PrintState.UNKNOWN, words, "Take a photograph that is nearer and more from the front."
         )
-    if abs(percent) > max(SCALE_PERCENT, 3 * loose):
-        return PrintFinding(name, PrintState.BAD, words, "Print it anew at 100 %, without fitting to the page.")
-    return PrintFinding(name, PrintState.GOOD, words)
+    is_bad = abs(percent) > max(SCALE_PERCENT, 3 * loose)
+    return _judged(name, words, "Print it anew at 100 %, without fitting to the page.", is_bad=is_bad)
 
 
-def _absolute(base: _Measured, distance: float | None, *, is_calibrated: bool) -> PrintFinding:
-    """How large the print is, by a distance that somebody measured."""
+def _absolute(base: _Measured, distance: float | None) -> PrintFinding:
+    """How large the print is, by a distance that somebody measured to a camera with a file."""
     name = "size"
     ruler = f"Measure tag {base.tag.tag_id} with a ruler: {1000 * base.tag.size:.1f} mm by its file."
-    if not is_calibrated or distance is None:
+    if distance is None:
         words = "one photograph cannot tell sizes that are all wrong by one factor"
         return PrintFinding(name, PrintState.UNKNOWN, words, f"{ruler} Or give --camera and --distance by tape.")
     axes = _axes(base.corners, base.tag)
@@ -373,9 +324,7 @@ def _absolute(base: _Measured, distance: float | None, *, is_calibrated: bool) -
     percent = 100 * (distance / depth - 1.0)
     loose = 100 * math.hypot(TAPE, base.corner_sd / base.side)
     words = f"{percent:+.2f} +- {loose:.2f} %: the image says {depth:.3f} m, the tape {distance:.3f} m"
-    if abs(percent) > max(SCALE_PERCENT, 2 * loose):
-        return PrintFinding(name, PrintState.BAD, words, ruler)
-    return PrintFinding(name, PrintState.GOOD, words)
+    return _judged(name, words, ruler, is_bad=abs(percent) > max(SCALE_PERCENT, 2 * loose))
 
 
 def _flatness(measured: Sequence[_Measured], *, is_calibrated: bool) -> PrintFinding:
@@ -403,10 +352,8 @@ def _sharpness(measured: Sequence[_Measured]) -> PrintFinding:
     one = max(measured, key=lambda one: one.blur / one.cell)
     cells = one.blur / one.cell
     words = f"edges of tag {one.tag.tag_id} are {one.blur:.2f} px soft, {cells:.2f} of its cells"
-    if cells > BLUR_CELLS:
-        fix = "Focus, hold still, take it nearer; if a sharp photograph says the same, print with a better printer."
-        return PrintFinding("sharp", PrintState.BAD, words, fix)
-    return PrintFinding("sharp", PrintState.GOOD, words)
+    fix = "Focus, hold still, take it nearer; if a sharp photograph says the same, print with a better printer."
+    return _judged("sharp", words, fix, is_bad=cells > BLUR_CELLS)
 
 
 def _light_and_rim(pixels: Grey, measured: Sequence[_Measured]) -> Iterator[PrintFinding]:
@@ -417,40 +364,28 @@ def _light_and_rim(pixels: Grey, measured: Sequence[_Measured]) -> Iterator[Prin
         return
     black, white, _ = np.median([levels for levels, _ in rims], axis=0)
     words = f"black is {black:.0f}, white {white:.0f} of 255"
-    if white - black < CONTRAST:
-        yield PrintFinding("light", PrintState.BAD, words, "More light, or a darker print.")
-    elif white > BLOWN:
-        yield PrintFinding("light", PrintState.BAD, words, "Expose less: blown white moves every edge.")
-    else:
-        yield PrintFinding("light", PrintState.GOOD, words)
+    is_dark = white - black < CONTRAST
+    fix = "More light, or a darker print." if is_dark else "Expose less: blown white moves every edge."
+    yield _judged("light", words, fix, is_bad=is_dark or white > BLOWN)
     share, one = min(((levels[2], one) for levels, one in rims), key=lambda pair: pair[0])
     words = f"{100 * share:.0f} % of one cell around tag {one.tag.tag_id} is white"
-    state = PrintState.GOOD if share >= WHITE_SHARE else PrintState.BAD
-    fix = "Leave one cell of white around everything black; remove what lies on it." if state is PrintState.BAD else ""
-    yield PrintFinding("white rim", state, words, fix)
+    fix = "Leave one cell of white around everything black; remove what lies on it."
+    yield _judged("white rim", words, fix, is_bad=share < WHITE_SHARE)
 
 
 def _rim(pixels: Grey, one: _Measured) -> tuple[float, float, float] | None:
-    """Black, white, and how much of the white rim is white; None where the rim leaves the image."""
-    tag = one.tag
-    ahead = _axes(one.raw, tag)
-    half = 0.5 * tag.module * tag.family.black_cells
-    rim = _ring(half + 0.5 * QUIET_ZONE_CELLS * tag.module, ahead)
+    """Black, white, and how many of the cells around are white; None where they leave the image."""
+    family = one.tag.family
+    n, shift = family.black_cells, (family.size_cells - family.black_cells) / 2
+    ahead = image_from_cells(one.raw, family.size_cells) @ np.array(
+        [[1.0, 0.0, shift], [0.0, 1.0, shift], [0.0, 0.0, 1.0]]
+    )
+    ends = carry(ahead, np.array([[-0.5, -0.5], [n + 0.5, -0.5], [n + 0.5, n + 0.5], [-0.5, n + 0.5]]))
     height, width = pixels.shape
-    if (rim < 0.0).any() or (rim[:, 0] > width - 1).any() or (rim[:, 1] > height - 1).any():
+    if (ends < 0.0).any() or (ends > (width - 1, height - 1)).any():
         return None
-    inside = _ring(half - 0.5 * tag.module, ahead)
-    light, dark = sample(pixels, rim), sample(pixels, inside)
+    values = cell_values(pixels, ahead, n)
+    light, dark = np.concatenate([values[[0, -1]].ravel(), values[1:-1, [0, -1]].ravel()]), values[1:-1, 1:-1]
     white, black = float(np.percentile(light, 75)), float(np.percentile(dark, 25))
     middle = 0.5 * (white + black)
     return black, white, float((light > middle).mean())
-
-
-def _ring(half: float, ahead: Array) -> Array:
-    """Places on a square around the middle of a tag, in the image `(n, 2)` [px]."""
-    along = np.linspace(-half, half, 33)
-    side = np.full_like(along, half)
-    square = np.vstack(
-        [np.column_stack(pair) for pair in ((along, side), (side, along), (along, -side), (-side, along))]
-    )
-    return carry(ahead, square)

@@ -56,16 +56,8 @@ def line_time_of(images: Sequence[Grey], flicker_hz: float) -> tuple[float, floa
     if best in (0, len(tried) - 1) or power[best] < CLEAR * float(np.median(power)):
         msg = f"no bands of a flickering lamp in the images: {EXPOSURE_HELP}"
         raise VisionError(msg)
-    frequency = tried[best] + _peak(power[best - 1 : best + 2]) / (FINER * height)
     halves = [
         tried[int(part.sum(axis=0).argmax())] for part in np.array_split(each, min(len(images) // 2, LEAST_IMAGES))
     ]
     sd = float(np.std(halves)) / np.sqrt(len(halves)) + 0.5 / (FINER * height)
-    return float(frequency) / flicker_hz, sd / flicker_hz
-
-
-def _peak(three: Array) -> float:
-    """Where the top of a parabola through three equidistant values lies, in steps from the middle one."""
-    low, middle, high = (float(value) for value in three)
-    bend = low - 2 * middle + high
-    return 0.5 * (low - high) / bend if bend < 0.0 else 0.0
+    return float(tried[best]) / flicker_hz, sd / flicker_hz

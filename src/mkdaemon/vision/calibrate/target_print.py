@@ -5,6 +5,7 @@ Both formats take outlines as they are, so no library stands between.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -54,11 +55,11 @@ class Area:
     Attributes:
         loops: closed polygons, each `(n, 2)` [mm; page, x right, y down]; what lies in an even number of them is not
             filled.
-        white: filled with white instead of black.
+        grey: of the filling, 0 black to 1 white.
     """
 
     loops: tuple[Array, ...]
-    white: bool = False
+    grey: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,50 +84,32 @@ class Page:
 
 
 def outlines(cells: npt.NDArray[np.bool_]) -> list[Array]:
-    """Trace the edge of all set cells.
+    """Closed loops `(n, 2)` of (column, row) corners around the set cells of `(rows, columns)`.
 
     One outline instead of many rectangles leaves no hairlines between neighbours in any viewer or printer driver.
-
-    Args:
-        cells: `(rows, columns)`.
-
-    Returns:
-        Closed loops `(n, 2)` of (column, row) corners, without points on straight lines.
     """
-    padded = np.pad(cells, 1)
-    steps: dict[tuple[int, int], list[tuple[int, int]]] = {}
-    for row, column in np.argwhere(padded):
-        left, top = int(column) - 1, int(row) - 1
-        sides = (
-            ((row - 1, column), (left, top), (left + 1, top)),
-            ((row, column + 1), (left + 1, top), (left + 1, top + 1)),
-            ((row + 1, column), (left + 1, top + 1), (left, top + 1)),
-            ((row, column - 1), (left, top + 1), (left, top)),
-        )
-        for beyond, start, end in sides:
-            if not padded[beyond]:
-                steps.setdefault(start, []).append(end)
+    # Corners and cells are x + iy. A side runs one way with its cell on the right hand, y down.
+    inside = [complex(column, row) for row, column in np.argwhere(cells).tolist()]
+    filled = frozenset(inside)
+    steps: dict[complex, list[complex]] = {}
+    for cell, way in itertools.product(inside, (1, 1j, -1, -1j)):
+        if cell - 1j * way not in filled:
+            steps.setdefault(cell + 0.5 * (1 + 1j) * (1 - way), []).append(way)
     loops = []
     while steps:
-        first = next(iter(steps))
-        path = [first]
-        while True:
-            here = path[-1]
-            ends = steps[here]
-            following = ends.pop()
-            if not ends:
+        # the first corner in reading order: no line goes on through it
+        here = first = min(steps, key=lambda at: (at.imag, at.real))
+        path: list[complex] = []
+        last = 0j
+        while not path or here != first:
+            way = steps[here].pop()
+            if not steps[here]:
                 del steps[here]
-            if following == first:
-                break
-            path.append(following)
-        loops.append(_corners_only(np.array(path, dtype=np.float64)))
+            if way != last:
+                path.append(here)
+            here, last = here + way, way
+        loops.append(np.array([(at.real, at.imag) for at in path]))
     return loops
-
-
-def _corners_only(path: Array) -> Array:
-    before, after = np.roll(path, 1, axis=0), np.roll(path, -1, axis=0)
-    bends = np.any((path - before) != (after - path), axis=1)
-    return path[bends]
 
 
 def target_page(target: Target) -> Page:
@@ -147,7 +130,7 @@ def target_page(target: Target) -> Page:
     areas = []
     for tag in target.tags:
         quiet = on_page(_paper(tag))
-        areas.append(Area((quiet,), white=True))
+        areas.append(Area((quiet,), grey=1.0))
         ink = outlines(tag.bitmap == 0)
         half = tag.bitmap.shape[0] / 2
         placed = [
@@ -171,41 +154,35 @@ def board_page(board: CharucoBoard) -> Page:
 
 
 def _paper(tag: Tag) -> Array:
-    half = tag.paper / 2
-    corners = np.array([[-half, half], [half, half], [half, -half], [-half, -half]])
-    return tag.place(corners)[:, :2]
+    return tag.place(tag.paper / 2 * np.array([[-1, 1], [1, 1], [1, -1], [-1, -1]]))[:, :2]
 
 
 def _finished(areas: Iterable[Area], width: float, height: float, title: str) -> Page:
     """Add cut marks, both rulers and the texts."""
     page_width = max(width, float(RULER_MM)) + 2 * MARGIN_MM + 6.0
-    page_height = height + 2 * MARGIN_MM + FOOT_MM
     foot = height + 2 * MARGIN_MM
-    extras = [_box(x, y, dx, dy) for x, y, dx, dy in _cut_marks(width, height)]
-    extras += [_box(*mark) for mark in _ruler(MARGIN_MM, foot)]
+    marks = [*_cut_marks(width, height), *_ruler(MARGIN_MM, foot)]
     if height >= RULER_MM:
-        right = page_width - 5.0
-        extras += [_box(right - (y - foot), x, h, w) for x, y, w, h in _ruler(MARGIN_MM, foot)]
+        marks += [(page_width - 5.0 - (y - foot), x, h, w) for x, y, w, h in _ruler(MARGIN_MM, foot)]
     lines = (
         f"This ruler is {RULER_MM} mm. Measure it: a print 1 % too large is a pose 1 % too far.",
         title,
         "Print at 100 %, on matte paper, mounted flat. Measure, then correct the size in the file.",
     )
     words = [Words(MARGIN_MM, foot + 11.0 + 5.0 * k, 2.5, line) for k, line in enumerate(lines)]
-    return Page(page_width, page_height, (*areas, *extras), tuple(words), title)
+    return Page(page_width, foot + FOOT_MM, (*areas, *(_box(*mark) for mark in marks)), tuple(words), title)
 
 
-def _box(x: float, y: float, width: float, height: float) -> Area:
-    return Area((np.array([[x, y], [x + width, y], [x + width, y + height], [x, y + height]]),))
+def _box(x: float, y: float, width: float, height: float, grey: float = 0.0) -> Area:
+    return Area((np.array([[x, y], [x + width, y], [x + width, y + height], [x, y + height]]),), grey)
 
 
 def _cut_marks(width: float, height: float) -> list[tuple[float, float, float, float]]:
     """Short lines outside the corners."""
     marks = []
-    for x, away_x in ((MARGIN_MM, -1), (MARGIN_MM + width, 1)):
-        for y, away_y in ((MARGIN_MM, -1), (MARGIN_MM + height, 1)):
-            marks.append((x + (2 if away_x > 0 else -6), y - 0.1, 4.0, 0.2))
-            marks.append((x - 0.1, y + (2 if away_y > 0 else -6), 0.2, 4.0))
+    for x, y in itertools.product((MARGIN_MM, MARGIN_MM + width), (MARGIN_MM, MARGIN_MM + height)):
+        marks.append((x + (2 if x > MARGIN_MM else -6), y - 0.1, 4.0, 0.2))
+        marks.append((x - 0.1, y + (2 if y > MARGIN_MM else -6), 0.2, 4.0))
     return marks
 
 
@@ -221,13 +198,7 @@ def _ruler(x: float, y: float) -> list[tuple[float, float, float, float]]:
 
 
 def write_page(page: Page, path: Path, *, tile: str | None = None, overwrite: bool = False) -> None:
-    """Write a page to `path`, `.svg` or `.pdf`; a PDF may be cut into tiles for a smaller printer.
-
-    Args:
-        page: what to print.
-        path: where; its suffix tells the format.
-        tile: paper to cut the page for, one of `PAPERS_MM`; PDF only.
-        overwrite: replace a file that is there.
+    """Write a page to `path`, `.svg` or `.pdf`; a PDF may be cut into tiles for smaller paper, one of `PAPERS_MM`.
 
     Raises:
         ConfigError: unknown suffix or paper, or the file is there already.
@@ -257,8 +228,8 @@ def svg(page: Page) -> str:
     ]
     for area in page.areas:
         path = "".join("M" + "L".join(f"{x:.4f} {y:.4f}" for x, y in loop) + "Z" for loop in area.loops)
-        colour = "#fff" if area.white else "#000"
-        lines.append(f'<path fill="{colour}" fill-rule="evenodd" d="{path}"/>')
+        colour = f"{round(255 * area.grey):02x}" * 3
+        lines.append(f'<path fill="#{colour}" fill-rule="evenodd" d="{path}"/>')
     for w in page.words:
         place = f'x="{w.x:.4f}" y="{w.y:.4f}" font-family="sans-serif" font-size="{w.height / 0.7:.3f}"'
         lines.append(f"<text {place}>{escape(w.text)}</text>")
@@ -267,22 +238,19 @@ def svg(page: Page) -> str:
 
 def pdf(page: Page, paper_mm: tuple[float, float] | None = None) -> bytes:
     """A PDF 1.4 of one page in its own size, or of as many sheets of `paper_mm` as it takes."""
-    sheets = _tiles(page, paper_mm) if paper_mm is not None else [(page.width, page.height, 0.0, 0.0, "")]
-    drawing = _drawing(page)
+    sheets = _tiles(page, paper_mm) if paper_mm is not None else [(page.width, page.height, [(page, 0.0, 0.0)])]
     kids = " ".join(f"{4 + 2 * k} 0 R" for k in range(len(sheets)))
     objects = [
         b"<< /Type /Catalog /Pages 2 0 R /ViewerPreferences << /PrintScaling /None >> >>",
         f"<< /Type /Pages /Kids [{kids}] /Count {len(sheets)} >>".encode(),
         b"<< /Type /Font /Subtype /Type1 /BaseFont /Helvetica /Encoding /WinAnsiEncoding >>",
     ]
-    for k, (width, height, left, top, label) in enumerate(sheets):
+    for k, (width, height, drawn) in enumerate(sheets):
         objects.append(
             f"<< /Type /Page /Parent 2 0 R /MediaBox [0 0 {width * POINTS_PER_MM:.4f} {height * POINTS_PER_MM:.4f}]"
             f" /Resources << /Font << /F1 3 0 R >> >> /Contents {5 + 2 * k} 0 R >>".encode()
         )
-        frame = _frame(width, height, left, top)
-        marks = _tile_marks(width, height, label) if label else ""
-        stream = f"q\n{frame}{drawing}Q\n{marks}".encode("cp1252", "replace")
+        stream = "".join(_drawing(one, width, height, x, y) for one, x, y in drawn).encode("cp1252", "replace")
         objects.append(b"<< /Length %d >>\nstream\n" % len(stream) + stream + b"endstream")
     return _assembled(objects)
 
@@ -301,31 +269,27 @@ def _assembled(objects: list[bytes]) -> bytes:
     return bytes(out)
 
 
-def _drawing(page: Page) -> str:
-    """Content in millimetres, y down; `_frame` turns it into PDF's points, y up."""
-    lines = []
+def _drawing(page: Page, width: float, height: float, left: float, top: float) -> str:
+    """A page clipped to a sheet, the page's point (left, top) at the sheet's corner: millimetres, y down."""
+    p = POINTS_PER_MM
+    lines = [
+        f"q\n0 0 {width * p:.4f} {height * p:.4f} re W n",
+        f"{p:.8f} 0 0 {-p:.8f} {-left * p:.4f} {(height + top) * p:.4f} cm",
+    ]
     for area in page.areas:
-        lines.append("1 g" if area.white else "0 g")
+        lines.append(f"{area.grey:g} g")
         for loop in area.loops:
             first, *rest = (f"{x:.4f} {y:.4f}" for x, y in loop)
             lines.append(f"{first} m " + " ".join(f"{point} l" for point in rest) + " h")
         lines.append("f*")
     lines.append("0 g")
-    lines += [
-        f"BT /F1 {w.height / 0.7:.3f} Tf 1 0 0 -1 {w.x:.4f} {w.y:.4f} Tm ({_pdf_text(w.text)}) Tj ET"
-        for w in page.words
-    ]
-    return "\n".join(lines) + "\n"
+    for w in page.words:
+        text = w.text.replace("\\", "\\\\").replace("(", "\\(").replace(")", "\\)")
+        lines.append(f"BT /F1 {w.height / 0.7:.3f} Tf 1 0 0 -1 {w.x:.4f} {w.y:.4f} Tm ({text}) Tj ET")
+    return "\n".join([*lines, "Q", ""])
 
 
-def _frame(width: float, height: float, left: float, top: float) -> str:
-    """Clip to the sheet, millimetres with y down, the page's point (left, top) at the sheet's corner."""
-    p = POINTS_PER_MM
-    clip = f"0 0 {width * p:.4f} {height * p:.4f} re W n\n"
-    return clip + f"{p:.8f} 0 0 {-p:.8f} {-left * p:.4f} {(height + top) * p:.4f} cm\n"
-
-
-def _tiles(page: Page, paper_mm: tuple[float, float]) -> list[tuple[float, float, float, float, str]]:
+def _tiles(page: Page, paper_mm: tuple[float, float]) -> list[tuple[float, float, list[tuple[Page, float, float]]]]:
     """Sheets that cover the page, turned whichever way needs fewer."""
     options = []
     for width, height in (paper_mm, paper_mm[::-1]):
@@ -334,24 +298,17 @@ def _tiles(page: Page, paper_mm: tuple[float, float]) -> list[tuple[float, float
         rows = max(math.ceil((page.height - OVERLAP_MM) / step_y), 1)
         sheets = []
         for row, column in np.ndindex(rows, columns):
-            label = f"row {row + 1} of {rows}, column {column + 1} of {columns}"
-            sheets.append((width, height, column * step_x - EDGE_MM, row * step_y - EDGE_MM, label))
+            marks = _tile_marks(width, height, f"row {row + 1} of {rows}, column {column + 1} of {columns}")
+            drawn = [(page, column * step_x - EDGE_MM, row * step_y - EDGE_MM), (marks, 0.0, 0.0)]
+            sheets.append((width, height, drawn))
         options.append(sheets)
     return min(options, key=len)
 
 
-def _tile_marks(width: float, height: float, label: str) -> str:
+def _tile_marks(width: float, height: float, label: str) -> Page:
     """Crosses in the middle of the shared strips, to lay tiles on each other, and the tile's place."""
-    p = POINTS_PER_MM
-    lines = ["0.5 G 0.3 w"]
-    reach = EDGE_MM + OVERLAP_MM / 2
-    for x in (reach, width - reach):
-        for y in (reach, height - reach):
-            lines.append(f"{(x - 3) * p:.3f} {y * p:.3f} m {(x + 3) * p:.3f} {y * p:.3f} l S")
-            lines.append(f"{x * p:.3f} {(y - 3) * p:.3f} m {x * p:.3f} {(y + 3) * p:.3f} l S")
-    lines.append(f"BT /F1 7 Tf {EDGE_MM * p:.3f} {3 * p:.3f} Td ({_pdf_text(label)}) Tj ET")
-    return "\n".join(lines) + "\n"
-
-
-def _pdf_text(text: str) -> str:
-    return text.replace("\\", "\\\\").replace("(", "\\(").replace(")", "\\)")
+    reach, line = EDGE_MM + OVERLAP_MM / 2, 0.1
+    crosses: list[Area] = []
+    for x, y in itertools.product((reach, width - reach), (reach, height - reach)):
+        crosses += [_box(x - 3, y - line / 2, 6, line, 0.5), _box(x - line / 2, y - 3, line, 6, 0.5)]
+    return Page(width, height, tuple(crosses), (Words(EDGE_MM, height - 3, 1.7, label),), label)

@@ -9,11 +9,11 @@ from __future__ import annotations
 
 from typing import Final
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 
 from mkdaemon.errors import VisionError
+from mkdaemon.vision.tags.cellread import sample
 
 Array = npt.NDArray[np.float64]
 Grey = npt.NDArray[np.uint8]
@@ -47,12 +47,14 @@ def edge_levels(pixels: Grey, starts: Array, ends: Array) -> Array:
     length = np.linalg.norm(along, axis=1, keepdims=True)
     aside = np.column_stack([-along[:, 1], along[:, 0]]) * ASIDE
     places = starts[:, None, :] + np.array(ALONG)[None, :, None] * along[:, None, :]
-    first, middle, second = (_read(pixels, places + side * aside[:, None, :]).mean(axis=1) for side in (-1.0, 0.0, 1.0))
+    first, middle, second = (
+        sample(pixels, (places + side * aside[:, None, :]).reshape(-1, 2)).reshape(len(places), -1).mean(axis=1)
+        for side in (-1.0, 0.0, 1.0)
+    )
     black, white = np.minimum(first, second), np.maximum(first, second)
     good = (length[:, 0] * ASIDE > LEAST_PX) & (white - black > CONTRAST) & (black > RANGE[0]) & (white < RANGE[1])
-    levels: Array = np.column_stack([black, middle, white])
-    kept: Array = levels[good]
-    return kept
+    levels: Array = np.column_stack([black, middle, white])[good]
+    return levels
 
 
 def gamma_of(levels: Array) -> tuple[float, float]:
@@ -85,9 +87,9 @@ def curve_to_store(levels: Array) -> tuple[float, str]:
         gamma, sd = gamma_of(levels)
     except VisionError as error:
         return 1.0, f"not known: {error}"
-    if sd > KNOWN:
-        return 1.0, f"not known: {gamma:.2f} +- {sd:.2f} from {len(levels)} edges"
     words = f"{gamma:.2f} +- {sd:.2f} from {len(levels)} edges"
+    if sd > KNOWN:
+        return 1.0, f"not known: {words}"
     return (1.0, f"{words}: as good as none") if abs(gamma - 1.0) < NONE else (gamma, words)
 
 
@@ -95,9 +97,3 @@ def _off(black: Array, middle: Array, white: Array, gamma: float | Array) -> Arr
     """How far the middles are from where a curve has them `(n,)`, or several `(m, 1)` have them `(m, n)` [grey]."""
     expected: Array = ((black**gamma + white**gamma) / 2) ** (1 / gamma)
     return middle - expected
-
-
-def _read(pixels: Grey, places: Array) -> Array:
-    """Grey values at `(n, m, 2)` [px]."""
-    x, y = places[..., 0].astype(np.float32), places[..., 1].astype(np.float32)
-    return np.asarray(cv2.remap(pixels.astype(np.float32), x, y, cv2.INTER_LINEAR), dtype=np.float64)

@@ -15,8 +15,8 @@ from mkdaemon.files import save
 from mkdaemon.vision.calibrate.board import BoardPoints, CalibrationBoard, board_normal
 from mkdaemon.vision.calibrate.tone_curve import edge_levels
 from mkdaemon.vision.camera.files import list_pictures
+from mkdaemon.vision.camera.image import PictureError
 from mkdaemon.vision.camera.imagecodec import encode_png, read_picture
-from mkdaemon.vision.camera.shot import PictureError
 
 Array = npt.NDArray[np.float64]
 Grey = npt.NDArray[np.uint8]
@@ -45,36 +45,31 @@ STILL_PX = 1.5
 
 
 class Coverage:
-    """Collects views of one camera.
+    """Collects views of one camera, whose pictures are `width` x `height` [px], the first one of them by its name.
 
     Attributes:
         views: taken so far.
         levels: of each, black, middle and white of edges `(n, 3)`; see `tone_curve.edge_levels`.
-
-    Args:
-        width: of the pictures [px].
-        height: of the pictures [px].
     """
 
-    def __init__(self, width: int, height: int) -> None:
+    def __init__(self, width: int, height: int, first: str = "") -> None:
         self.views: list[BoardPoints] = []
         self.levels: list[Array] = []
-        self.size = (width, height)
+        self.size, self.first = (width, height), first
         self._cells = np.zeros((CELLS[1], CELLS[0]), dtype=np.int64)
         self._tilts: set[str] = set()
         self._near = self._far = False
 
-    def add(self, view: BoardPoints) -> None:
-        """Count a view."""
+    def add(self, view: BoardPoints, levels: Array) -> None:
+        """Count a view with the levels of its edges."""
         self.views.append(view)
-        width, height = self.size
-        columns = np.clip(view.image[:, 0] * CELLS[0] / width, 0, CELLS[0] - 1).astype(int)
-        rows = np.clip(view.image[:, 1] * CELLS[1] / height, 0, CELLS[1] - 1).astype(int)
-        np.add.at(self._cells, (rows, columns), 1)
+        self.levels.append(levels)
+        places = np.clip(view.image / self.size * CELLS, 0, np.subtract(CELLS, 1)).astype(int)
+        np.add.at(self._cells, (places[:, 1], places[:, 0]), 1)
         self._tilts |= self._tilt(view)
-        share = float(np.ptp(view.image[:, 0])) / width
-        self._near |= share >= NEAR_SHARE or float(np.ptp(view.image[:, 1])) / height >= NEAR_SHARE
-        self._far |= share <= FAR_SHARE
+        shares = np.ptp(view.image, axis=0) / self.size
+        self._near |= bool(shares.max() >= NEAR_SHARE)
+        self._far |= bool(shares[0] <= FAR_SHARE)
 
     def is_novel(self, view: BoardPoints) -> bool:
         """Whether a view differs from all before by more than a shake of the hand."""
@@ -108,8 +103,11 @@ class Coverage:
         rows = [line]
         for counts in self._cells:
             rows += ["|" + "".join("  ok  |" if count >= POINTS_PER_CELL else "      |" for count in counts), line]
-        tilts = ", ".join(f"{side} {_word(side in self._tilts)}" for side in _TILTS)
-        return [*rows, f"tilted: {tilts}", f"distance: near {_word(self._near)}, far {_word(self._far)}"]
+        tilts, near, far = (
+            ", ".join(f"{name} {'ok' if is_seen else 'MISSING'}" for name, is_seen in seen.items())
+            for seen in ({side: side in self._tilts for side in _TILTS}, {"near": self._near}, {"far": self._far})
+        )
+        return [*rows, f"tilted: {tilts}", f"distance: {near}, {far}"]
 
     def _tilt(self, view: BoardPoints) -> set[str]:
         """Sides of the board that lean towards the camera, seen from the camera."""
@@ -121,10 +119,6 @@ class Coverage:
         return {side for side, lean in leans.items() if lean > limit}  # facing right: its left side is nearer
 
 
-def _word(is_seen: bool) -> str:
-    return "ok" if is_seen else "MISSING"
-
-
 @dataclass(frozen=True, slots=True)
 class ViewReport:
     """What became of one image.
@@ -132,14 +126,17 @@ class ViewReport:
     Attributes:
         name: of the file, or the image's number.
         points: board points found; 0 when the board was not seen.
-        taken: counted as a view.
-        reason: why not, when not.
+        reason: why it is no view; empty when it counts as one.
     """
 
     name: str
     points: int
-    taken: bool
     reason: str = ""
+
+    @property
+    def taken(self) -> bool:
+        """Whether it counts as a view."""
+        return not self.reason
 
 
 def views_of_folder(folder: Path, board: CalibrationBoard) -> Iterator[tuple[ViewReport, Coverage]]:
@@ -149,28 +146,20 @@ def views_of_folder(folder: Path, board: CalibrationBoard) -> Iterator[tuple[Vie
         VisionError: no folder, no pictures, or pictures of different sizes.
     """
     coverage: Coverage | None = None
-    first = ""
     for path in list_pictures(folder):
         try:
             pixels = read_picture(path)
         except PictureError as error:
             if coverage is not None:
-                yield ViewReport(path.name, 0, False, str(error)), coverage
+                yield ViewReport(path.name, 0, str(error)), coverage
             continue
-        height, width = pixels.shape
-        if coverage is None:
-            coverage, first = Coverage(width, height), path.name
-        if (width, height) != coverage.size:
-            before = "x".join(map(str, coverage.size))
-            msg = f"{path.name} is {width}x{height}, {first} is {before}: calibrate one size at a time"
-            raise VisionError(msg)
+        coverage = _sized(coverage, path.name, pixels)
         view = board.find(pixels)
         if view is None:
-            yield ViewReport(path.name, 0, False, "board not found"), coverage
+            yield ViewReport(path.name, 0, "board not found"), coverage
         else:
-            coverage.add(view)
-            coverage.levels.append(edge_levels(pixels, *board.edges(view)))
-            yield ViewReport(path.name, len(view.ids), True), coverage
+            coverage.add(view, edge_levels(pixels, *board.edges(view)))
+            yield ViewReport(path.name, len(view.ids)), coverage
 
 
 class LiveViews:
@@ -198,27 +187,31 @@ class LiveViews:
         """
         self._seen += 1
         name = f"image {self._seen}"
-        height, width = pixels.shape
-        if self.coverage is None:
-            self.coverage = Coverage(width, height)
-        if (width, height) != self.coverage.size:
-            before_size = "x".join(map(str, self.coverage.size))
-            msg = f"the camera changed from {before_size} to {width}x{height}: set its size and start again"
-            raise VisionError(msg)
+        self.coverage = _sized(self.coverage, name, pixels)
         view, before = self._board.find(pixels), self._last
         self._last = view
         if view is None:
-            return ViewReport(name, 0, False, "no board in the picture")
+            return ViewReport(name, 0, "no board in the picture")
         count = len(view.ids)
         if before is None or not len(moves := _moves(before, view)) or moves.mean() > STILL_PX:
-            return ViewReport(name, count, False, "hold still")
+            return ViewReport(name, count, "hold still")
         if not self.coverage.is_novel(view):
-            return ViewReport(name, count, False, "move on")
-        self.coverage.add(view)
-        self.coverage.levels.append(edge_levels(pixels, *self._board.edges(view)))
+            return ViewReport(name, count, "move on")
+        self.coverage.add(view, edge_levels(pixels, *self._board.edges(view)))
         if self._keep is not None:
             save(self._keep / f"view{len(self.coverage.views):03d}.png", encode_png(pixels), overwrite=True)
-        return ViewReport(name, count, True)
+        return ViewReport(name, count)
+
+
+def _sized(coverage: Coverage | None, name: str, pixels: Grey) -> Coverage:
+    """The coverage an image counts in; a VisionError where it has another size than those before."""
+    height, width = pixels.shape
+    coverage = coverage or Coverage(width, height, name)
+    if (width, height) != coverage.size:
+        before = "x".join(map(str, coverage.size))
+        msg = f"{name} is {width}x{height}, {coverage.first} is {before}: calibrate one fixed size at a time"
+        raise VisionError(msg)
+    return coverage
 
 
 def _moves(before: BoardPoints, now: BoardPoints) -> Array:

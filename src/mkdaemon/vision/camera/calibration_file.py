@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import json
 import math
 import tomllib
@@ -15,6 +14,7 @@ from pydantic import Field, ValidationError
 from mkdaemon.config.base import Section
 from mkdaemon.config.camera import MountSection
 from mkdaemon.config.keys import toml_value
+from mkdaemon.config.mistakes import explain
 from mkdaemon.errors import ConfigError
 from mkdaemon.files import save
 from mkdaemon.frames import FLU_FROM_RDF, rotation_from_euler
@@ -99,8 +99,10 @@ def load_camera(path: Path) -> Camera:
     Raises:
         ConfigError: missing, unreadable, or a key or value is wrong; one line names file, place and fix.
     """
+    text = ""
     try:
-        content = parse_toml(read_text(path, limit=LONGEST_SETTINGS))
+        text = read_text(path, limit=LONGEST_SETTINGS)
+        content = parse_toml(text)
         # as JSON and strict: arrays are tuples, whole numbers are numbers, and true is none
         camera = Camera.model_validate_json(json.dumps(content, default=str), strict=True)
         slip = _slip(camera.intrinsics)
@@ -112,19 +114,8 @@ def load_camera(path: Path) -> Camera:
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         msg = f"camera file {path}: not TOML ({error}); see configs/cameras"
     except ValidationError as error:
-        msg = f"camera file {path}: {_describe(error)}; see configs/cameras for every key"
+        msg = f"camera file {explain(error, path, text, {}, Camera)}; see configs/cameras for every key"
     raise ConfigError(msg)
-
-
-def _describe(found: ValidationError) -> str:
-    """The most telling mistake: a misspelt key explains a missing one."""
-    first = min(found.errors(include_url=False), key=lambda item: item["type"] != "extra_forbidden")
-    place = ".".join(str(part) for part in first["loc"])
-    if first["type"] == "extra_forbidden":
-        known = [name for model in (Camera, Intrinsics, MountSection, CalibrationRecord) for name in model.model_fields]
-        near = difflib.get_close_matches(str(first["loc"][-1]), known, n=1)
-        return f"{place}: unknown key{f', did you mean {near[0]}?' if near else ''}"
-    return f"{place}: {first['msg']}"
 
 
 def save_camera(camera: Camera, path: Path, *, overwrite: bool = False) -> None:

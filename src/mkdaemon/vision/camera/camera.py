@@ -15,10 +15,8 @@ from enum import StrEnum
 
 from mkdaemon.config.camera import CameraSection
 from mkdaemon.errors import VisionError
-from mkdaemon.vision.camera.bus_images import ZenohSource
 from mkdaemon.vision.camera.exposure import Adjustable, Reach, Setting
-from mkdaemon.vision.camera.image import CameraImage
-from mkdaemon.vision.camera.shot import EndOfImages, PictureError, Shot, Source
+from mkdaemon.vision.camera.image import CameraImage, EndOfImages, PictureError, Shot, Source
 from mkdaemon.vision.camera.slot import NewestSlot
 
 WINDOW = 300
@@ -59,11 +57,9 @@ class StampClock:
         self._believed = False
 
     def stamp(self, driver: float | None, arrived: float) -> tuple[float, str]:
-        """Return when the image was taken [s; monotonic] and who knew: `driver` or `arrival`.
+        """Return when an image was taken [s; monotonic] and who knew: `driver` or `arrival`.
 
-        Args:
-            driver: the driver's stamp [s; any clock], None where it has none.
-            arrived: when the image reached us [s; monotonic].
+        From the driver's stamp [s; any clock], where it has one, and the arrival [s; monotonic].
         """
         if driver is None or not math.isfinite(driver) or driver <= 0.0:
             return arrived - self._latency, "arrival"
@@ -157,13 +153,7 @@ def retry_delays(first: float, longest: float) -> Iterator[float]:
 
 
 class CameraStream:
-    """Runs a source in a thread; the newest image waits in `slot`.
-
-    Args:
-        cfg: the camera.
-        source: where its images come from.
-        slot: where they go.
-    """
+    """Runs a source of images in a thread; the newest one waits in `slot`."""
 
     def __init__(self, cfg: CameraSection, source: Source, slot: NewestSlot[CameraImage]) -> None:
         self.cfg = cfg
@@ -267,8 +257,8 @@ class CameraStream:
 
     def _hand_over(self, shot: Shot) -> None:
         captured_at, stamped_by = self._clock.stamp(shot.stamp, shot.arrived)
-        if stamped_by == "driver" and isinstance(self._source, ZenohSource):
-            stamped_by = "header"
+        if stamped_by == "driver":
+            stamped_by = shot.stamped_by
         step = 1
         if shot.sequence is not None and self._last_sequence is not None and shot.sequence > self._last_sequence:
             step = shot.sequence - self._last_sequence

@@ -14,7 +14,7 @@ from typing import Final, Protocol, runtime_checkable
 import numpy as np
 import numpy.typing as npt
 
-from mkdaemon.vision.limits import of
+from mkdaemon.vision.limits import HALF, LIMITS, of
 
 Array = npt.NDArray[np.float64]
 Grey = npt.NDArray[np.uint8]
@@ -26,26 +26,19 @@ class ExposureLimits:
 
     contrast: float = of(20.0, "noises", "between black and white cells", "decoded from 5, docs/cameras.md")
     white: float = of(150.0, "grey", "of white cells: room for the sun and for noise", "chosen: half of 300")
-    dim: float = of(0.5, "share", "of that grey which is enough at the greatest gain", "chosen: 75 grey")
-    saturated: float = of(250.0, "grey", "of white cells from which they tell no brightness", "eight bits")
     step: float = of(2.0, "", "greatest change of exposure and of gain at once", "chosen: a tag is read after it")
     same: float = of(0.1, "share", "of a change that is not worth one", "chosen")
     images: int = of(5, "images", "from one change to the next look", "sensors take settings 2-3 images late")
-    least_px: float = of(8.0, "px", "side of a target that speaks for itself", "half of the smallest tag read")
-    noise_floor: float = of(0.5, "grey", "noise that eight bits hide", "quantisation: 0.29")
 
 
 EXPOSURE: Final = ExposureLimits()
+ROUNDING: Final = 12**-0.5
+"""Deviation of what eight bits round off [grey]: no noise is less."""
 
 
 @dataclass(frozen=True, slots=True)
 class Setting:
-    """What a camera is told.
-
-    Attributes:
-        exposure: [s].
-        gain: amplification, 1 is the least.
-    """
+    """What a camera is told: exposure [s] and gain, an amplification of which 1 is the least."""
 
     exposure: float
     gain: float
@@ -53,13 +46,7 @@ class Setting:
 
 @dataclass(frozen=True, slots=True)
 class Reach:
-    """What a camera can be told.
-
-    Attributes:
-        shortest: exposure [s].
-        longest: exposure [s]; what motion allows, if that is less than what the camera can.
-        greatest_gain: over the least.
-    """
+    """What a camera can be told: exposures [s], the longest at most what motion allows, and the gain over the least."""
 
     shortest: float
     longest: float
@@ -72,13 +59,7 @@ class Reach:
 
 @dataclass(frozen=True, slots=True)
 class Levels:
-    """Grey values of a target, or of the whole image.
-
-    Attributes:
-        black: of black cells [grey].
-        white: of white cells [grey].
-        noise: deviation of neighbouring pixels of one cell [grey].
-    """
+    """Of black and white cells of a target, or of the whole image, and the deviation of neighbouring pixels [grey]."""
 
     black: float
     white: float
@@ -116,19 +97,18 @@ def levels_of(pixels: Grey, corners: Sequence[Array] = (), gamma: float = 1.0) -
     """
     height, width = pixels.shape
     part, low, high = pixels[::2, ::2], 2.0, 98.0
-    sides = [float(np.ptp(quad, axis=0).max()) for quad in corners]
-    if sides and max(sides) > EXPOSURE.least_px:
-        quad = corners[int(np.argmax(sides))]
-        x0, y0 = np.clip(quad.min(axis=0), 0, (width - 1, height - 1)).astype(int)
-        x1, y1 = np.clip(quad.max(axis=0), 0, (width - 1, height - 1)).astype(int)
-        if min(x1 - x0, y1 - y0) > EXPOSURE.least_px:
+    quad = max(corners, key=lambda quad: float(np.ptp(quad, axis=0).max()), default=None)
+    if quad is not None:
+        ends = np.clip([quad.min(axis=0), quad.max(axis=0)], 0, (width - 1, height - 1))
+        (x0, y0), (x1, y1) = ends.astype(int).tolist()
+        if min(x1 - x0, y1 - y0) >= LIMITS.search.min_window_px:
             part, low, high = pixels[y0 : y1 + 1, x0 : x1 + 1], 15.0, 90.0
     grey = 255.0 * (part.astype(np.float64) / 255.0) ** gamma
     black, white = np.percentile(grey, (low, high))
     # Half of the differences between neighbours cross no edge; their deviation is that of the median of them all.
     steps = np.abs(np.diff(grey, axis=1))
     noise = float(np.percentile(steps, 30)) / 0.545
-    return Levels(float(black), float(white), max(noise, EXPOSURE.noise_floor))
+    return Levels(float(black), float(white), max(noise, ROUNDING))
 
 
 def next_setting(now: Setting, seen: Levels, reach: Reach) -> Setting:
@@ -139,12 +119,12 @@ def next_setting(now: Setting, seen: Levels, reach: Reach) -> Setting:
         seen: its levels, in light.
         reach: of the camera.
     """
-    brighter = 1.0 / EXPOSURE.step if seen.white > EXPOSURE.saturated else EXPOSURE.white / max(seen.white, 1.0)
+    brighter = 1.0 / EXPOSURE.step if seen.white >= LIMITS.read.saturated else EXPOSURE.white / max(seen.white, 1.0)
     brightness = now.exposure * now.gain * brighter
     wanted = now.exposure * (EXPOSURE.contrast / max(seen.contrast, 1e-3)) ** 2
     exposure = _within(wanted, now.exposure / EXPOSURE.step, now.exposure * EXPOSURE.step)
-    # Too bright at the least gain: shorter. Too dim at the greatest: longer, as far as motion allows.
-    exposure = _within(exposure, EXPOSURE.dim * brightness / reach.greatest_gain, brightness)
+    # Too bright at the least gain: shorter. Below half of white at the greatest: longer, as far as motion allows.
+    exposure = _within(exposure, HALF * brightness / reach.greatest_gain, brightness)
     exposure = _within(exposure, reach.shortest, reach.longest)
     gain = _within(brightness / exposure, now.gain / EXPOSURE.step, now.gain * EXPOSURE.step)
     gain = _within(gain, 1.0, reach.greatest_gain)

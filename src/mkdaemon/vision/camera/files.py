@@ -12,10 +12,9 @@ import cv2
 from mkdaemon.config.camera import CameraSection
 from mkdaemon.errors import VisionError
 from mkdaemon.reading import open_regular
-from mkdaemon.vision.camera.captured import captured_pixels, take_jpegs
+from mkdaemon.vision.camera.capture import SizeWatch, captured_pixels, may_change_size, open_quietly, take_jpegs
+from mkdaemon.vision.camera.image import EndOfImages, PictureError, Shot
 from mkdaemon.vision.camera.imagecodec import read_picture
-from mkdaemon.vision.camera.shot import EndOfImages, PictureError, Shot
-from mkdaemon.vision.camera.sizewatch import ClipWatch, may_change_size, open_quietly, opened_size
 
 PICTURES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm", ".webp"})
 CLIPS = frozenset({".mp4", ".avi", ".mkv", ".mov", ".webm", ".m4v", ".mpg", ".mpeg", ".ts"})
@@ -41,7 +40,7 @@ class ClipSource:
         self._capture: cv2.VideoCapture | None = None
         self._started: float | None = None
         self._coded = False
-        self._watch: ClipWatch | None = None
+        self._watch: SizeWatch | None = None
 
     def open(self) -> tuple[str, ...]:
         """Open the clip."""
@@ -51,13 +50,13 @@ class ClipSource:
         unread = f"camera {self._cfg.name}: {self._path} is no video OpenCV can read"
         if not _is_video(self._path):
             raise VisionError(unread)
-        capture = open_quietly(lambda: cv2.VideoCapture(str(self._path), cv2.CAP_FFMPEG, []))
+        capture = open_quietly(str(self._path))
         if not capture.isOpened():
             raise VisionError(unread)
         self._capture, self._started = capture, None
         self._coded = take_jpegs(capture, cv2.CAP_FFMPEG)
         if self._cfg.watch_size and may_change_size(capture):
-            self._watch = ClipWatch(str(self._path), opened_size(capture))
+            self._watch = SizeWatch(str(self._path), capture)
         return ()
 
     def read(self, timeout: float) -> Shot | None:

@@ -1,15 +1,81 @@
-"""One image with the times that make it usable."""
+"""Images as sources give them, and as they are handed on with the times that make them usable."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, Protocol
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
+from mkdaemon.errors import VisionError
+from mkdaemon.vision.limits import LIMITS
+
+Grey = npt.NDArray[np.uint8]
+
 BRIGHTEST: Final = 255.0
 """The largest grey value, which what is blown has."""
+WHITE: Final = 225.0
+"""Grey value that the brightest pixel of an image gets, so that a dark image keeps its steps.
+
+A percentile would not do: the paper of a far target is less than 0.5 % of the image, and was clipped to white.
+"""
+DARKEST: Final = 30.0
+"""The brightest pixel is taken to be at least this bright [grey]."""
+
+
+@dataclass(frozen=True, slots=True)
+class Shot:
+    """One image as it left the source.
+
+    Attributes:
+        pixels: `(h, w)` uint8.
+        arrived: [s; monotonic].
+        stamp: the source's own time of capture [s; any clock, monotonic where it is ours], None where it has none.
+        stamped_by: who gave the stamp.
+        sequence: the source's own count, None where it has none.
+    """
+
+    pixels: Grey
+    arrived: float
+    stamp: float | None = None
+    stamped_by: str = "driver"
+    sequence: int | None = None
+
+
+class Source(Protocol):
+    """A place images come from; used from one thread."""
+
+    live: bool
+    """Images come on their own time and are lost when nobody takes them."""
+
+    def open(self) -> tuple[str, ...]:
+        """Start; returns what was asked for and refused by the driver.
+
+        Raises:
+            VisionError: not there or unusable, in one sentence.
+        """
+
+    def read(self, timeout: float) -> Shot | None:
+        """Wait up to about `timeout` [s] for an image; None when none came.
+
+        Raises:
+            PictureError: an image came and is none, or is damaged.
+            VisionError: the source is gone.
+            EndOfImages: a file or folder is at its end.
+        """
+
+    def close(self) -> None:
+        """Let go of it; harmless when not open."""
+
+
+class PictureError(VisionError):
+    """Bytes that are no whole picture; says what is wrong with them."""
+
+
+class EndOfImages(Exception):  # noqa: N818 - an end is no error
+    """A file or folder has no more images."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,9 +91,24 @@ class CameraImage:
         stamped_by: who knew `captured_at`: `driver`, `header` or `arrival` (the worst).
     """
 
-    pixels: npt.NDArray[np.uint8]
+    pixels: Grey
     captured_at: float
     received_at: float
     sequence: int
     camera: str
     stamped_by: str = "arrival"
+
+
+def in_light(pixels: Grey, gamma: float) -> Grey:
+    """A camera's tone curve taken back, so that edges blur evenly: grey values `(h, w)` in proportion to light.
+
+    Args:
+        pixels: `(h, w)`, light to the power 1 / gamma. Pixels that are saturated may have been anything, and stay so.
+        gamma: of the camera.
+    """
+    if gamma == 1.0:
+        return pixels
+    bright = max(float(pixels[::4, ::4].max()), DARKEST)
+    table = np.clip(WHITE * (np.arange(256) / bright) ** gamma, 0.0, 255.0).round().astype(np.uint8)
+    table[LIMITS.read.saturated :] = 255
+    return np.asarray(cv2.LUT(pixels, table), dtype=np.uint8)

@@ -25,12 +25,19 @@ from pydantic import ValidationError
 
 from mkdaemon.reading import LONGEST_PICTURE, read_bytes
 from mkdaemon.telemetry.image import CameraFrame
-from mkdaemon.vision.camera.shot import PictureError
+from mkdaemon.vision.camera.image import PictureError
+
+Grey = npt.NDArray[np.uint8]
 
 MAX_PIXELS: Final = 64_000_000
 """Most pixels of a picture."""
-_PNG: Final = b"\x89PNG\r\n\x1a\n"
 JPEG: Final = b"\xff\xd8\xff"
+_WEBP: Final = {
+    b"WEBPVP8X": (24, 24, 0xFFFFFF, 1),
+    b"WEBPVP8L": (21, 14, 0x3FFF, 1),
+    b"WEBPVP8 ": (26, 16, 0x3FFF, 0),
+}
+"""Where width and height stand: the first byte, bits from one to the other, their bits, and what is added to them."""
 _TIFF: Final = {b"II*\0": "<", b"MM\0*": ">"}
 _TIFF_WIDTH, _TIFF_HEIGHT, _TIFF_SHORT = 256, 257, 3
 _PNM: Final = re.compile(rb"P[1-6](?:\s+|\s*#[^\n]*\n)+(\d{1,9})(?:\s+|\s*#[^\n]*\n)+(\d{1,9})\s")
@@ -46,7 +53,7 @@ def picture_size(content: bytes) -> tuple[int, int] | None:
         The size; None where it is another format, or cut off.
     """
     try:
-        if content.startswith(_PNG):
+        if content.startswith(b"\x89PNG\r\n\x1a\n"):
             return _pair(">II", content, 16)
         if content.startswith(JPEG):
             height, width, _, _ = simplejpeg.decode_jpeg_header(content)
@@ -55,27 +62,15 @@ def picture_size(content: bytes) -> tuple[int, int] | None:
             width, height = _pair("<ii", content, 18)
             return abs(width), abs(height)
         if content.startswith(b"RIFF"):
-            return _webp_size(content)
+            at, apart, mask, more = _WEBP[content[8:16]]
+            value = int.from_bytes(struct.unpack_from("6s", content, at)[0], "little")
+            return (value & mask) + more, (value >> apart & mask) + more
         if content[:4] in _TIFF:
             return _tiff_size(content, _TIFF[content[:4]])
-    except (struct.error, ValueError):
+    except (struct.error, ValueError, KeyError):
         return None
     found = _PNM.match(content[:4096])
     return (int(found[1]), int(found[2])) if found else None
-
-
-def _webp_size(content: bytes) -> tuple[int, int] | None:
-    match content[8:16]:
-        case b"WEBPVP8X":
-            width, height = (int.from_bytes(content[at : at + 3], "little") + 1 for at in (24, 27))
-            return width, height
-        case b"WEBPVP8L":
-            bits = int(struct.unpack_from("<I", content, 21)[0])
-            return (bits & 0x3FFF) + 1, (bits >> 14 & 0x3FFF) + 1
-        case b"WEBPVP8 ":
-            width, height = _pair("<HH", content, 26)
-            return width & 0x3FFF, height & 0x3FFF
-    return None
 
 
 def _tiff_size(content: bytes, order: str) -> tuple[int, int] | None:
@@ -93,9 +88,6 @@ def _tiff_size(content: bytes, order: str) -> tuple[int, int] | None:
 def _pair(form: str, content: bytes, at: int) -> tuple[int, int]:
     first, second = struct.unpack_from(form, content, at)
     return int(first), int(second)
-
-
-Grey = npt.NDArray[np.uint8]
 
 
 def pack(frame: CameraFrame) -> bytes:
@@ -120,8 +112,7 @@ def unpack(payload: bytes) -> tuple[CameraFrame, Grey]:
         msg = f"not an image: not msgpack ({type(error).__name__})"
         raise PictureError(msg) from None
     if frame.width * frame.height > MAX_PIXELS:
-        msg = "not an image: impossible size"
-        raise PictureError(msg)
+        raise PictureError("not an image: impossible size")
     if frame.coding == "gray8":
         if len(frame.pixels) != frame.width * frame.height:
             msg = f"image of {frame.width}x{frame.height} has {len(frame.pixels)} bytes"
@@ -142,37 +133,25 @@ def decode_picture(content: bytes) -> Grey:
     """
     size = picture_size(content)
     if size is None or size[0] * size[1] > MAX_PIXELS:
-        msg = "no picture that can be read"
-        raise PictureError(msg)
-    pixels = _decode_jpeg(content) if content.startswith(JPEG) else _decode_other(content)
+        raise PictureError("no picture that can be read")
+    try:
+        if content.startswith(JPEG):
+            pixels = simplejpeg.decode_jpeg(content, colorspace="GRAY", strict=True)[:, :, 0]
+        else:
+            # the lens is fixed to the sensor: what a file says about turning the picture is left out
+            how = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION
+            pixels = cv2.imdecode(np.frombuffer(content, dtype=np.uint8), how)
+    except ValueError as error:  # libjpeg has something to say
+        msg = f"damaged JPEG: {error}"
+        raise PictureError(msg) from None
+    except cv2.error:
+        pixels = None
+    if pixels is None:  # a damaged PNG, too
+        raise PictureError("no picture that can be read")
     if pixels.shape != (size[1], size[0]):
         msg = f"its header says {size[0]}x{size[1]}, the picture is {pixels.shape[1]}x{pixels.shape[0]}"
         raise PictureError(msg)
-    return pixels
-
-
-def _decode_jpeg(content: bytes) -> Grey:
-    """Grey values of a JPEG about which libjpeg has nothing to say."""
-    try:
-        pixels = simplejpeg.decode_jpeg(content, colorspace="GRAY", strict=True)
-    except ValueError as error:
-        msg = f"damaged JPEG: {error}"
-        raise PictureError(msg) from None
-    return np.ascontiguousarray(pixels[:, :, 0], dtype=np.uint8)
-
-
-def _decode_other(content: bytes) -> Grey:
-    """Grey values of a picture OpenCV decodes: a damaged PNG is none for it."""
-    try:
-        # the lens is fixed to the sensor: what a file says about turning the picture is left out
-        how = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION
-        pixels = cv2.imdecode(np.frombuffer(content, dtype=np.uint8), how)
-    except cv2.error:
-        pixels = None
-    if pixels is None:
-        msg = "no picture that can be read"
-        raise PictureError(msg)
-    return np.asarray(pixels, dtype=np.uint8)
+    return np.ascontiguousarray(pixels, dtype=np.uint8)
 
 
 def read_picture(path: Path) -> Grey:

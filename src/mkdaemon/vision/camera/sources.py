@@ -17,21 +17,22 @@ import re
 import struct
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Any, Final, NamedTuple
 
 import cv2
 import zenoh
 
+from mkdaemon.clock import Clock
 from mkdaemon.config.camera import CameraSection
 from mkdaemon.errors import ConfigError, VisionError
-from mkdaemon.vision.camera.bus_images import ZenohSource
-from mkdaemon.vision.camera.captured import captured_pixels, take_jpegs
+from mkdaemon.telemetry.signature import Signature, private_key
+from mkdaemon.vision.camera.capture import LiveSizeWatch, captured_pixels, may_change_size, open_quietly, take_jpegs
 from mkdaemon.vision.camera.exposure import Reach, Setting
 from mkdaemon.vision.camera.files import CLIPS, ClipSource, FolderSource
-from mkdaemon.vision.camera.shot import Shot, Source
-from mkdaemon.vision.camera.sizewatch import StreamWatch, may_change_size, open_quietly, opened_size
+from mkdaemon.vision.camera.image import PictureError, Shot, Source
+from mkdaemon.vision.camera.imagecodec import unpack
+from mkdaemon.vision.camera.slot import NewestSlot
 
 QUERY: Final = 0xC0445624
 """VIDIOC_QUERYCTRL of a structure of 68 bytes."""
@@ -60,8 +61,7 @@ GREATEST_GAIN: Final = 16.0
 """Analogue gain of the OV9281, registers 0x10 to 0xff (Linux, drivers/media/i2c/ov9282.c)."""
 
 
-@dataclass(frozen=True, slots=True)
-class Range:
+class Range(NamedTuple):
     """Of one control, in the driver's unit."""
 
     least: int
@@ -69,13 +69,7 @@ class Range:
 
 
 class V4l2Controls:
-    """Exposure and gain of one device.
-
-    Args:
-        device: `/dev/video0`.
-
-    Attributes:
-        refused: what the driver did not let us take over from it.
+    """Exposure and gain of one device; `refused` is what the driver did not let us take over from it.
 
     Raises:
         VisionError: the device is gone, or cannot be opened.
@@ -164,10 +158,13 @@ class V4l2Controls:
             raise VisionError(msg) from None
 
 
+STRANGERS_LOOK: Final = 1.0
+"""Time between two looks for images of somebody else [s]."""
 TAKEN = 0.01
 """A setting was taken when the driver reads it back within this share."""
 SHORT_LIFE, JEALOUS_FROM = 5.0, 2
 """A stream that ends within so long [s], so often in a row, may be of a camera that drops a client for the next one."""
+SCHEMES: Final = ("zenoh", "folder", "file", "gstreamer", "v4l2", "rtsp", "rtsps", "http", "https", "udp")
 _WHAT_TO_CHECK = {
     cv2.CAP_V4L2: "is it a camera, and does another program hold it?",
     cv2.CAP_FFMPEG: "check address, user and password, and that the camera is on",
@@ -176,44 +173,99 @@ _WHAT_TO_CHECK = {
 
 
 def source_of(cfg: CameraSection, session: Callable[[], zenoh.Session] | None = None) -> Source:
-    """Choose the source a configuration names.
-
-    Args:
-        cfg: the camera.
-        session: gives the Zenoh session for `zenoh:` sources.
+    """Choose the source a configuration names; `session` gives the Zenoh session for `zenoh:` sources.
 
     Raises:
         ConfigError: nothing is known about such a source.
     """
     text = cfg.source
     scheme, _, rest = text.partition(":")
-    if scheme == "zenoh" and rest:
-        if session is None:
+    if not rest or scheme not in SCHEMES:
+        path = Path(text)
+        is_device, is_clip = re.fullmatch(r"/dev/[\w/.:-]+", text), path.suffix.lower() in CLIPS
+        scheme = "v4l2" if is_device else "folder" if path.is_dir() else "file" if is_clip else ""
+        rest = text
+    match scheme:
+        case "zenoh" if session is not None:
+            return ZenohSource(rest, session, cfg.image_secret())
+        case "zenoh":
             msg = f"camera {cfg.name}: source '{text}' needs the bus; run it in the daemon"
-            raise ConfigError(msg)
-        return ZenohSource(rest, session, cfg.image_secret())
-    if scheme == "folder" and rest:
-        return FolderSource(Path(rest), cfg)
-    if scheme == "file" and rest:
-        return ClipSource(Path(rest), cfg)
-    if scheme == "gstreamer" and rest:
-        return StreamSource(rest, cv2.CAP_GSTREAMER, cfg)
-    if scheme in ("rtsp", "rtsps", "http", "https", "udp"):
-        return StreamSource(text, cv2.CAP_FFMPEG, cfg)
-    if scheme == "v4l2" and rest:
-        return StreamSource(rest, cv2.CAP_V4L2, cfg)
-    if re.fullmatch(r"/dev/[\w/.:-]+", text):
-        return StreamSource(text, cv2.CAP_V4L2, cfg)
-    path = Path(text)
-    if path.is_dir():
-        return FolderSource(path, cfg)
-    if path.suffix.lower() in CLIPS:
-        return ClipSource(path, cfg)
-    msg = (
-        f"camera {cfg.name}: source '{text}' is none of /dev/videoN, v4l2:PATH, rtsp://..., gstreamer:PIPELINE,"
-        " file:CLIP, folder:DIR, zenoh:KEY"
-    )
+        case "folder":
+            return FolderSource(Path(rest), cfg)
+        case "file":
+            return ClipSource(Path(rest), cfg)
+        case "gstreamer" | "v4l2":
+            return StreamSource(rest, cv2.CAP_V4L2 if scheme == "v4l2" else cv2.CAP_GSTREAMER, cfg)
+        case "":
+            msg = (
+                f"camera {cfg.name}: source '{text}' is none of /dev/videoN, v4l2:PATH, rtsp://..., gstreamer:PIPELINE,"
+                " file:CLIP, folder:DIR, zenoh:KEY"
+            )
+        case _:
+            return StreamSource(text, cv2.CAP_FFMPEG, cfg)
     raise ConfigError(msg)
+
+
+class ZenohSource:
+    """Images from a key on the bus: another machine's camera, or the simulator's.
+
+    Args:
+        key: plain and whole.
+        session: gives an open one.
+        secret: with which the sender signs them, and without which nobody knows the key they come to; None takes
+            images from whoever puts them.
+    """
+
+    live = True
+
+    def __init__(self, key: str, session: Callable[[], zenoh.Session], secret: str | None = None) -> None:
+        self._key, self._session, self._secret = key, session, secret
+        self._clock = Clock()
+        self._subscriber: zenoh.Subscriber[None] | None = None
+        self._strangers: zenoh.Subscriber[Any] | None = None
+        self._newest: NewestSlot[tuple[bytes, float]] = NewestSlot()
+        self._look_at = 0.0
+
+    def open(self) -> tuple[str, ...]:
+        """Subscribe with a direct callback that only keeps the newest payload."""
+        try:
+            session, secret = self._session(), self._secret
+            key = self._key if secret is None else private_key(secret, self._key)
+            self._subscriber = session.declare_subscriber(key, zenoh.handlers.Callback(self._on_sample, indirect=False))
+            if secret is not None:  # kept without Python, the newest alone
+                self._strangers = session.declare_subscriber(self._key, zenoh.handlers.RingChannel(1))
+        except zenoh.ZError as error:
+            msg = f"zenoh:{self._key}: {str(error).partition(' at ')[0]}"
+            raise VisionError(msg) from error
+        return ()
+
+    def _on_sample(self, sample: zenoh.Sample) -> None:
+        payload, proof = sample.payload.to_bytes(), sample.attachment
+        if self._secret is not None:
+            signature = Signature(self._key, payload, b"" if proof is None else proof.to_bytes())
+            if not signature.is_by(self._secret):
+                return
+        self._newest.put((payload, time.monotonic()))
+
+    def read(self, timeout: float) -> Shot | None:
+        """Newest image; a PictureError, once a second at most, where somebody put one to the plain key."""
+        if self._strangers is not None and time.monotonic() >= self._look_at:
+            self._look_at = time.monotonic() + STRANGERS_LOOK
+            if self._strangers.handler.try_recv() is not None:
+                msg = f"somebody without the secret of this camera puts images to {self._key}: they are not looked at"
+                raise PictureError(msg)
+        taken = self._newest.take(timeout)
+        if taken is None:
+            return None
+        payload, arrived = taken
+        frame, pixels = unpack(payload)
+        return Shot(pixels, arrived, self._clock.monotonic_of(frame.stamp), "header", frame.sequence)
+
+    def close(self) -> None:
+        """End the subscriptions."""
+        for subscriber in filter(None, (self._strangers, self._subscriber)):
+            subscriber.undeclare()  # type: ignore[no-untyped-call]
+        self._strangers = self._subscriber = None
 
 
 class StreamSource:
@@ -228,7 +280,7 @@ class StreamSource:
         self._capture: cv2.VideoCapture | None = None
         self._coded = False
         self._controls: V4l2Controls | None = None
-        self._watch: StreamWatch | None = None
+        self._watch: LiveSizeWatch | None = None
         self._opened_at = -math.inf
         self._short_lives = 0
 
@@ -252,9 +304,7 @@ class StreamSource:
             self._check_device()
         patience_ms = round(1000 * self._cfg.reopen_max)
         options = [cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, patience_ms, cv2.CAP_PROP_READ_TIMEOUT_MSEC, patience_ms]
-        capture = open_quietly(
-            lambda: cv2.VideoCapture(self._address, self._backend, options if self._backend == cv2.CAP_FFMPEG else [])
-        )
+        capture = open_quietly(self._address, self._backend, options if self._backend == cv2.CAP_FFMPEG else ())
         if not capture.isOpened():
             msg = f"camera {self._cfg.name}: {name} cannot open {self._address}: {_WHAT_TO_CHECK[self._backend]}"
             raise VisionError(msg)
@@ -269,7 +319,7 @@ class StreamSource:
         if self._backend == cv2.CAP_FFMPEG and may_change_size(capture):
             if not self._cfg.watch_size or self._short_lives >= JEALOUS_FROM:
                 return (*refused, "watch_size: nobody sees a change of the picture's size")
-            self._watch = StreamWatch(self._address, opened_size(capture), options, self._cfg.reopen_max)
+            self._watch = LiveSizeWatch(self._address, capture, options, self._cfg.reopen_max)
         return refused
 
     def _check_device(self) -> None:
@@ -301,15 +351,12 @@ class StreamSource:
 
     def close(self) -> None:
         """Release the device."""
-        if self._watch is not None:
-            self._watch.close()
-            self._watch = None
-        if self._controls is not None:
-            self._controls.close()
-            self._controls = None
+        for held in (self._watch, self._controls):
+            if held is not None:
+                held.close()
         if self._capture is not None:
             self._capture.release()
-            self._capture = None
+        self._watch = self._controls = self._capture = None
 
 
 def _set_controls(capture: cv2.VideoCapture, cfg: CameraSection, backend: int) -> list[str]:

@@ -70,6 +70,7 @@ class EvidenceMaker:
     Attributes:
         sizes: tags 1 to `sizes` have an unknown each: the logarithm of their size against that of tag 0.
         is_spread: whether distances between tags say how large they all are, which is one more unknown.
+        unknown_sizes: how many there are together.
         sheet: that bends, with three more unknowns; none for several prints, or a rigid one.
     """
 
@@ -84,13 +85,9 @@ class EvidenceMaker:
         self.sizes = len(target.tags) - 1 if len(target.tags) <= MOST_SIZES else 0
         apart = np.linalg.norm(centres - centres[0], axis=1).max()
         self.is_spread = bool(apart > APART * target.tags[0].size)
+        self.unknown_sizes = self.sizes + self.is_spread
         self.sheet = sheet_of(target)
         self._shutter = projection.shutter
-
-    @property
-    def unknown_sizes(self) -> int:
-        """How many unknown sizes there are."""
-        return self.sizes + self.is_spread
 
     def look(self, pixels: Grey, pose: Pose) -> ImageEvidence | None:
         """Ask an image `(h, w)` uint8 about a pose found in it; none when too few edges are seen."""
@@ -152,11 +149,7 @@ class EvidenceMaker:
 def _weights(jacobian: Array, offsets: Array, edges: LocatedEdges, shared: Array) -> Array:
     """Tukey's weights of the offsets over their variance [1/px^2], around the best that all unknowns can do.
 
-    Args:
-        jacobian: derivative of the offsets by all unknowns `(n, k)`.
-        offsets: of the edges `(n,)` [px].
-        edges: that were located.
-        shared: variance of errors that no residual shows, as edges share them `(n,)` [px^2].
+    `shared` is the variance of errors that no residual shows, as edges share them `(n,)` [px^2].
     """
     found, root = edges.found, np.sqrt(edges.trust)
     jacobian, offsets = jacobian * root[:, None], offsets * root

@@ -127,13 +127,7 @@ class CameraFilter:
         return deviations
 
     def image_seen(self, time: float, evidence: ImageEvidence, enu_from_flu: Array | None) -> None:
-        """Take in one image.
-
-        Args:
-            time: middle of its exposure [s].
-            evidence: what it says.
-            enu_from_flu: the vehicle's attitude then `(3, 3)`; none when unknown.
-        """
+        """Take in what an image says, the middle of its exposure [s], and the attitude `(3, 3)` then, if known."""
         spent = 0.0 if self._time is None else min(max(time - self._time, 0.0), LONGEST)
         self._time = time
         self.looks += 1
@@ -186,7 +180,7 @@ READING_SD: Final = 0.03
 LOWEST: Final = 0.7
 """Below, the rotors' own pressure is on the barometer [m]."""
 LEAST_CHANGE: Final = 0.1
-"""A barometer that lives changes by so much on `SELFCAL.least_way` [m]: two of its steps, or one of the coarse ones."""
+"""A barometer that lives changes by so much on a way [m]: two of its steps, or one of the coarse ones."""
 LONGEST_GAP: Final = 0.5
 """Between two poses that a reading lies between [s]."""
 PAUSE: Final = 5.0
@@ -204,8 +198,7 @@ class HeightFilter:
         self._waiting: list[tuple[float, float]] = []
         self._last: tuple[float, float] | None = None
         self._compared_at: float | None = None
-        self._low, self._high = np.inf, -np.inf
-        self._read_low, self._read_high = np.inf, -np.inf
+        self._low, self._high = np.full(2, np.inf), np.full(2, -np.inf)
 
     @property
     def scale(self) -> tuple[float, float]:
@@ -222,10 +215,10 @@ class HeightFilter:
         """
         share, sd = self.scale
         left = 1.0 / sd**2 - 1.0 / SCALE_SD**2
-        if self.covered <= SELFCAL.least_way or self._read_high - self._read_low < LEAST_CHANGE or left <= 0.0:
+        if self._high[1] - self._low[1] < LEAST_CHANGE or left <= 0.0:
             return 0.0
         mean, variance = share / (sd**2 * left), 1.0 / left
-        wrong, right = variance + SCALE_SD**2, variance + SELFCAL.height**2
+        wrong, right = variance + SCALE_SD**2, variance + 2 * SELFCAL.share**2
         return (mean**2 * (1.0 / right - 1.0 / wrong) - log(wrong / right)) / 2.0 / log(10.0)
 
     @property
@@ -236,7 +229,7 @@ class HeightFilter:
     @property
     def covered(self) -> float:
         """Between the lowest and the highest height that was compared [m]."""
-        return max(float(self._high - self._low), 0.0)
+        return max(float(self._high[0] - self._low[0]), 0.0)
 
     def reading_received(self, time: float, height: float) -> None:
         """Take the barometer's height [m] at a time [s]; it counts when the next pose is there."""
@@ -262,8 +255,7 @@ class HeightFilter:
             self._covariance[0, :] = self._covariance[:, 0] = 0.0
             self._covariance[0, 0] = OFFSET_SD**2
         self._covariance[0, 0] += WANDER**2 * spent
-        self._low, self._high = min(self._low, height), max(self._high, height)
-        self._read_low, self._read_high = min(self._read_low, barometer), max(self._read_high, barometer)
+        self._low, self._high = np.minimum(self._low, (height, barometer)), np.maximum(self._high, (height, barometer))
         value, noise = np.array([barometer - height]), np.array([[READING_SD**2]])
         observe = np.array([[1.0, -height, -speed]])
         self._mean, self._covariance = _measured(self._mean, self._covariance, value, observe, noise)
@@ -278,14 +270,7 @@ def turned_rpy_deg(mount: MountSection, turn: Array) -> tuple[float, float, floa
 
 
 class TargetWatch:
-    """What one target says about a camera.
-
-    Args:
-        target: seen by it.
-        camera: its file, with the mount believed.
-        has_mount: whether anybody said how it sits.
-        attitude_sd: how well the vehicle knows its attitude at one moment [rad].
-    """
+    """What one target says about a camera; see `SelfCheck`."""
 
     def __init__(self, target: Target, camera: Camera, attitude_sd: float, *, has_mount: bool) -> None:
         self.target = target
@@ -303,9 +288,8 @@ class TargetWatch:
         self._due = -np.inf
 
     def image_seen(self, pixels: Grey, pose: Pose, time: float, enu_from_flu: Array | None) -> None:
-        """Take in an image in which the target was found."""
-        side_px = float(self._camera.intrinsics.fx) * self.target.tags[0].size / max(float(pose.position[2]), 1e-3)
-        if time < self._due or pose.source != "edges" or side_px < SELFCAL.side_px:
+        """Take in an image in which the target was found by its edges."""
+        if time < self._due or pose.source != "edges":
             return
         self._due = time + SELFCAL.period
         evidence = self._maker.look(pixels, pose)
@@ -318,62 +302,64 @@ class TargetWatch:
         share, sd = self._known(LENS_AT)
         sd = hypot(sd, FLOOR_RANGE)
         certain = SELFCAL.settled_certain if sd <= SELFCAL.settled else LIMITS.certainty.deviations
-        if self._filter.looks >= SELFCAL.least_looks and abs(share) > max(SELFCAL.share, certain * sd):
+        if abs(share) > max(SELFCAL.share, certain * sd):
             yield (
                 f"focal length {k.fx:.1f} px in the camera file, {k.fx * exp(share):.1f} +- {k.fx * sd:.1f} px by"
                 " the images: calibrate again"
             )
-        largest = self.target.tags[0]
-        for n, tag in self._sized_tags():
+        name, largest = self.target.name, self.target.tags[0]
+        sizes = [(n, tag, f"against tag {largest.tag_id}") for n, tag in self._sized_tags()]
+        if self._maker.is_spread:
+            sizes.append((SIZES_AT + self._maker.sizes, largest, "against the distances between tags"))
+        for n, tag, against in sizes:
             share, sd = self._known(n)
-            if self._tells(share, sd, SELFCAL.share):
-                yield (
-                    f"tag {tag.tag_id} of {self.target.name}: {1000 * tag.size:.1f} mm in its file,"
-                    f" {1000 * tag.size * exp(share):.1f} +- {1000 * tag.size * sd:.1f} mm against tag"
-                    f" {largest.tag_id}: measure the print"
-                )
-        share, sd = self._known(SIZES_AT + self._maker.sizes)
-        if self._maker.is_spread and self._tells(share, sd, SELFCAL.share):
-            yield (
-                f"tag {largest.tag_id} of {self.target.name}: {1000 * largest.size:.1f} mm in its file,"
-                f" {1000 * largest.size * exp(share):.1f} mm against the distances between tags: measure the print"
-            )
-        share, sd = self.heights.scale
+            if self._tells(n, SELFCAL.share):
+                mm = 1000 * tag.size
+                better = f"{mm * exp(share):.1f} +- {mm * sd:.1f} mm {against}"
+                yield f"tag {tag.tag_id} of {name}: {mm:.1f} mm in its file, {better}: measure the print"
         if self.heights.contradicts:
-            way = self.heights.covered
+            way, (share, sd) = self.heights.covered, self.heights.scale
             yield (
                 f"a way of {way * (1 - share):.2f} +- {way * sd:.2f} m by the barometer is {way:.2f} m by the eyes"
-                f" over {self.target.name}: measure the print, check the focal length"
+                f" over {name}: measure the print, check the focal length"
             )
 
     def lens_words(self) -> Iterator[str]:
         """What contradicts principal point or distortion."""
         k = self._camera.intrinsics
-        for n, (name, believed) in enumerate((("cx", k.cx), ("cy", k.cy)), start=LENS_AT + 1):
+        for n, name, unit, digits, least in (
+            (LENS_AT + 1, "cx", " px", 1, SELFCAL.centre_px),
+            (LENS_AT + 2, "cy", " px", 1, SELFCAL.centre_px),
+            (LENS_AT + 3, "k1", "", 3, SELFCAL.k1),
+        ):
             off, sd = self._known(n)
-            if self._tells(off, sd, SELFCAL.centre_px):
-                better = f"{believed + off:.1f} +- {sd:.1f}"
-                yield f"{name} {believed:.1f} px in the camera file, {better} px by the images"
-        off, sd = self._known(LENS_AT + 3)
-        if self._tells(off, sd, SELFCAL.k1):
-            yield f"k1 {k.k1:.3f} in the camera file, {k.k1 + off:.3f} +- {sd:.3f} by the images"
+            if self._tells(n, least):
+                believed = getattr(k, name)
+                better = f"{believed + off:.{digits}f} +- {sd:.{digits}f}{unit}"
+                yield f"{name} {believed:.{digits}f}{unit} in the camera file, {better} by the images"
 
     def mounting_words(self) -> Iterator[str]:
         """What contradicts the mounting."""
+        turns = zip(("roll", "pitch", "yaw"), np.degrees(self._filter.mean), np.degrees(self._filter.sd), strict=False)
         found = [
-            f"{word} {np.degrees(turn):+.1f} +- {np.degrees(sd):.1f} deg"
-            for n, word in enumerate(("roll", "pitch", "yaw"))
-            for turn, sd in (self._known(n),)
-            if self._tells(turn, sd, SELFCAL.mounting)
+            f"{word} {turn:+.1f} +- {sd:.1f} deg"
+            for n, (word, turn, sd) in enumerate(turns)
+            if self._tells(n, SELFCAL.mounting)
         ]
         if found:
-            rpy = ", ".join(f"{angle:.1f}" for angle in self._camera.mount.rpy_deg)
-            better = ", ".join(f"{angle:.1f}" for angle in self.report().mount_rpy_deg)
-            yield f"mount.rpy_deg is {rpy}, the flight says {better} ({', '.join(found)})"
+            report = self.report()
+            believed, better = (
+                ", ".join(f"{angle:.1f}" for angle in angles)
+                for angles in (report.mount_believed_deg, report.mount_rpy_deg)
+            )
+            yield f"mount.rpy_deg is {believed}, the flight says {better} ({', '.join(found)})"
 
     def report(self) -> SelfCalibration:
         """All estimates."""
         mean, sd = self._filter.mean, self._filter.sd
+        (focal, cx, cy, k1), (focal_sd, cx_sd, cy_sd, k1_sd) = (
+            figures[LENS_AT:SIZES_AT].tolist() for figures in (mean, sd)
+        )
         known = np.where(sd[MOUNTING] < SELFCAL.mounting, mean[MOUNTING], 0.0)
         height, height_sd = self.heights.scale
         return SelfCalibration(
@@ -383,12 +369,12 @@ class TargetWatch:
             mounting_sd_deg=_three(np.degrees(sd[MOUNTING])),
             mount_believed_deg=self._camera.mount.rpy_deg,
             mount_rpy_deg=turned_rpy_deg(self._camera.mount, known),
-            focal_percent=100.0 * float(mean[LENS_AT]),
-            focal_sd_percent=100.0 * float(sd[LENS_AT]),
-            centre_px=(float(mean[LENS_AT + 1]), float(mean[LENS_AT + 2])),
-            centre_sd_px=(float(sd[LENS_AT + 1]), float(sd[LENS_AT + 2])),
-            k1=float(mean[LENS_AT + 3]),
-            k1_sd=float(sd[LENS_AT + 3]),
+            focal_percent=100.0 * focal,
+            focal_sd_percent=100.0 * focal_sd,
+            centre_px=(cx, cy),
+            centre_sd_px=(cx_sd, cy_sd),
+            k1=k1,
+            k1_sd=k1_sd,
             sizes=tuple(
                 TagSizeError(
                     tag_id=tag.tag_id, size_percent=100.0 * float(mean[n]), size_sd_percent=100.0 * float(sd[n])
@@ -409,10 +395,10 @@ class TargetWatch:
         """An unknown and its deviation."""
         return float(self._filter.mean[n]), float(self._filter.sd[n])
 
-    def _tells(self, value: float, sd: float, least: float) -> bool:
+    def _tells(self, n: int, least: float) -> bool:
         """Whether a difference is told: more than what is nobody's fault, and no accident."""
-        certain = LIMITS.certainty.deviations * sd
-        return self._filter.looks >= SELFCAL.least_looks and abs(value) > hypot(least, certain)
+        value, sd = self._known(n)
+        return abs(value) > hypot(least, LIMITS.certainty.deviations * sd)
 
 
 class SelfCheck:
@@ -430,10 +416,11 @@ class SelfCheck:
 
     def __init__(self, tagmap: TagMap, camera: Camera | None, attitude_sd: float, *, has_mount: bool) -> None:
         self._camera = camera
-        self._watches: dict[str, TargetWatch] = {}
-        if camera is not None:
-            for target in tagmap.targets:
-                self._watches[target.name] = TargetWatch(target, camera, attitude_sd, has_mount=has_mount)
+        self._watches = {
+            target.name: TargetWatch(target, camera, attitude_sd, has_mount=has_mount)
+            for target in tagmap.targets
+            if camera is not None
+        }
         self.alarms: dict[Alarm, str] = {}
 
     def image_seen(
@@ -444,14 +431,9 @@ class SelfCheck:
         time: float,
         enu_from_flu: Array | None,
     ) -> None:
-        """Take in an image.
+        """Take in an image `(h, w)` uint8, the middle of its exposure [s], and the attitude `(3, 3)` then, if known.
 
-        Args:
-            pixels: `(h, w)` uint8.
-            poses: of targets, by name.
-            heights: of the vehicle over targets [m], by name.
-            time: middle of the exposure [s].
-            enu_from_flu: the vehicle's attitude then `(3, 3)`; none when unknown.
+        Poses of targets, and the heights of the vehicle over them [m], are by name.
         """
         for name, pose in poses.items():
             watch = self._watches[name]
@@ -472,23 +454,23 @@ class SelfCheck:
     def _judge(self) -> Iterator[tuple[Alarm, str]]:
         watches = self._watches.values()
         scale = [*self._sheet_words(), *(words for watch in watches for words in watch.scale_words())]
+        lens = [words for watch in watches for words in watch.lens_words()]
+        mounting = [words for watch in watches for words in watch.mounting_words()]
         if scale:
             yield Alarm.SCALE, "; ".join(scale)
-        lens = [words for watch in watches for words in watch.lens_words()]
         if lens:
             yield Alarm.LENS, f"{'; '.join(lens)}: calibrate again"
-        mounting = [words for watch in watches for words in watch.mounting_words()]
         if mounting:
             yield Alarm.MOUNTING, f"{mounting[0]}: look at the camera's seat, then mkdaemon calibrate mount"
 
     def _sheet_words(self) -> Iterator[str]:
         if self._camera is None:
             return
-        record, k = self._camera.calibration, self._camera.intrinsics
+        record, focal = self._camera.calibration, self._camera.intrinsics.fx
         if record.sheet_focal_mm > 0.0 and record.sheet_pixel_um > 0.0:
             expected = 1000.0 * record.sheet_focal_mm / record.sheet_pixel_um
-            if abs(k.fx / expected - 1.0) > SELFCAL.sheet:
-                yield f"focal length {k.fx:.0f} px in the camera file, {expected:.0f} px by the data sheet"
+            if abs(focal / expected - 1.0) > SELFCAL.sheet:
+                yield f"focal length {focal:.0f} px in the camera file, {expected:.0f} px by the data sheet"
 
 
 def _three(values: Array) -> tuple[float, float, float]:

@@ -11,9 +11,8 @@ from typing import Final
 
 from mkdaemon.config.vision import DetectorSection, TrackerSection
 from mkdaemon.telemetry.vision import Alarm
-from mkdaemon.vision.camera.image import CameraImage
+from mkdaemon.vision.camera.image import CameraImage, in_light
 from mkdaemon.vision.camera.intrinsics import Intrinsics
-from mkdaemon.vision.camera.tone import in_light
 from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.linetime import Shutter
 from mkdaemon.vision.pose.projection import Projection
