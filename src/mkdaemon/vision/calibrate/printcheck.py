@@ -19,12 +19,12 @@ import numpy as np
 import numpy.typing as npt
 
 from mkdaemon.vision.camera.intrinsics import Intrinsics
-from mkdaemon.vision.limits import Stage
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.tags.cellread import carry, sample
 from mkdaemon.vision.tags.cover import covered_cells
 from mkdaemon.vision.tags.detection import Detection
 from mkdaemon.vision.tags.detector import Detector
+from mkdaemon.vision.tags.searchplan import Stage
 from mkdaemon.vision.tags.tagfamily import QUIET_ZONE_CELLS
 from mkdaemon.vision.tags.tagmap import Tag, TagMap, Target
 

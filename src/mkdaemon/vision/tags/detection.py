@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from mkdaemon.vision.limits import Stage
+from mkdaemon.vision.tags.searchplan import Stage
 
 Array = npt.NDArray[np.float64]
 
