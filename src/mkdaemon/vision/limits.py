@@ -146,10 +146,12 @@ class ReadLimits:
     misread: float = of(0.05, "share", "of neighbouring cells in view, where the print is", STILLS)
     beside_nats: float = of(4.0, "nats", "for another place, against a pose", "1,287 right ones, edges hidden: none")
     beside_cells: int = of(3, "cells", "that a fit may lie beside its place", "nested targets; farther fails the bits")
-    faint: float = of(0.1, "share", "of a contrast, by which light may change from cell to cell", STILLS)
+    faint: float = of(
+        0.1, "share", "of a contrast, by which light may change from cell to cell", "0.05 to 0.2: as many tags"
+    )
     max_chance: float = of(4e-6, "probability", "that a random quad reads so well", "0 false in 10,000 images")
     least_side: float = of(0.3, "share", "of a side of a print that its outline shows", "rims of highlights show 0.2")
-    rise: float = of(20.0, "grey", "of what is light in a highlight over what is around it", "10: 10 of 280 less")
+    rise: float = of(20.0, "grey", "step of an edge in a highlight; no more of it counts", "10: 10 of 280 tags less")
 
     @property
     def nearly_blown(self) -> float:

@@ -48,13 +48,11 @@ class _Codes:
         turned: id and quarters of each.
         bits: which cells are white, border included `(k, n, n)`.
         seen: which have nothing on them `(k, n, n)`.
-        data: the same, without the border `(k, n, n)`.
     """
 
     turned: list[tuple[int, int]]
     bits: Bools
     seen: Bools
-    data: Bools
 
 
 class CodeReader:
@@ -89,9 +87,11 @@ class CodeReader:
                 if share is None:
                     continue
                 white, black = np.abs(share - 1) < LEVEL, np.abs(share) < LEVEL
-                known = np.count_nonzero((white | black) & codes.data, axis=(1, 2))
-                wrong = np.count_nonzero((white & ~codes.bits | black & codes.bits) & codes.data, axis=(1, 2))
-                chances = [_chance(*pair) for pair in zip(known.tolist(), wrong.tolist(), strict=True)]
+                known = (white | black) & codes.seen
+                wrong = known & (white != codes.bits)
+                # The border is the same in all codes.
+                read, wrong = (np.count_nonzero(of[:, 1:-1, 1:-1], axis=(1, 2)) for of in (known, wrong))
+                chances = [_chance(*pair) for pair in zip(read.tolist(), wrong.tolist(), strict=True)]
                 k = int(np.argmin(chances))
                 chance = READINGS * len(chances) * chances[k]
                 if chance <= LIMITS.read.max_chance:
@@ -109,9 +109,7 @@ def _codes(name: str, ids: frozenset[int], covered: Covered) -> _Codes:
     bits = [np.rot90(cells(name, tag_id) > 0, quarters) for tag_id, quarters in turned]
     nothing = np.zeros_like(bits[0])
     seen = np.array([~np.rot90(covered.get((name, tag_id), nothing), quarters) for tag_id, quarters in turned])
-    data = np.zeros_like(seen)
-    data[:, 1:-1, 1:-1] = seen[:, 1:-1, 1:-1]
-    return _Codes(turned, np.array(bits), seen, data)
+    return _Codes(turned, np.array(bits), seen)
 
 
 @lru_cache(maxsize=4096)

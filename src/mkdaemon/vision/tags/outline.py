@@ -24,7 +24,7 @@ import numpy.typing as npt
 
 from mkdaemon.vision.limits import HALF, LIMITS
 from mkdaemon.vision.tags.cellread import sample
-from mkdaemon.vision.tags.coderead import LEAST_GREY, STEP_CELLS, CodeReader, Covered
+from mkdaemon.vision.tags.coderead import STEP_CELLS, CodeReader, Covered
 from mkdaemon.vision.tags.detection import Detection, best_of_codes
 
 Array = npt.NDArray[np.float64]
@@ -267,5 +267,5 @@ def _combs(pixels: Grey, quads: Array, n: int) -> Array:
     weight = t * np.linalg.norm(second, axis=-1, keepdims=True) / np.linalg.norm(fourth, axis=-1, keepdims=True)
     points = ((1 - t) * (start + along * second) + weight * (far + along * fourth)) / (1 - t + weight)
     values = sample(pixels, points.reshape(-1, 2)).reshape(len(quads), 2, 2 * n - 1, -1)
-    steps = np.minimum(np.abs(values[:, 0] - values[:, 1]), LEAST_GREY).mean(axis=2)
+    steps = np.minimum(np.abs(values[:, 0] - values[:, 1]), LIMITS.read.rise).mean(axis=2)
     return np.asarray(steps[:, 1::2].sum(axis=1) - steps[:, ::2].sum(axis=1))
