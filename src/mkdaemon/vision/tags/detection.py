@@ -43,12 +43,7 @@ class Detection:
     @property
     def side_px(self) -> float:
         """Mean side [px]."""
-        return mean_side(self.corners)
-
-
-def mean_side(corners: Array) -> float:
-    """Mean side of a quad `(4, 2)` [px]."""
-    return float(np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1).mean())
+        return float(np.linalg.norm(self.corners - np.roll(self.corners, 1, axis=0), axis=1).mean())
 
 
 def best_of_codes(found: Iterable[Detection], rank: Callable[[Detection], tuple[float, ...]]) -> list[Detection]:
