@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from math import radians
-from typing import Any, Final, Literal
+from typing import Any, Final
 
 FLIGHTS: Final = "tuned on development flights"
 STILLS: Final = "tuned on development stills"
@@ -122,21 +122,13 @@ class SelfCalLimits:
 SELFCAL: Final = SelfCalLimits()
 
 
-Stage = Literal["decimate2", "decimate1", "log", "halflog", "linear", "outline"]
-"""A way to search an image for tags, at half or at full resolution; `tags/searchplan.py` explains them."""
-
-NEARBY: Final[tuple[tuple[Stage, ...], ...]] = (("decimate1",), ("linear", "log"))
-
-
 @dataclass(frozen=True, slots=True)
 class SearchLimits:
     """Finding tags in an image."""
 
-    nearby: tuple[tuple[Stage, ...], ...] = of(NEARBY, "", "around a prediction, in turn by images missed", EARNED)
     max_pixels: int = of(500_000, "px", "searched at once; more are shrunk", "cost: 9 ms on VGA, 1080p 33 % of that")
     thorough_every: int = of(2, "images", "between the searches beside the first one", "cost: 20 ms on VGA")
     tone: float = of(1.8, "power", "of grey that `linear` takes for light", "decodes at gamma 1 to 2.2, 6-8 m")
-    highlight_px: int = of(400, "px", "blown pixels that may be a print in a highlight", "derived: 16 cells of 5 px")
     min_window_px: int = of(16, "px", "smaller parts of an image are not searched", "derived: 2 px a cell")
 
 
@@ -145,31 +137,22 @@ class ReadLimits:
     """Reading the cells of a known print."""
 
     saturated: int = of(253, "grey", "a pixel from here up may have been anything", NOISE)
-    nearly_blown: float = of(6.0, "grey", "so far below, noise decides which pixels are", "two deviations, bright ink")
     least_contrast: float = of(0.15, "share", "of the usual contrast, or slope, of an edge", STILLS)
     min_cells: int = of(16, "", "fewer cells tell nothing", "derived: one in 65,000 by chance")
     misread: float = of(0.05, "share", "of neighbouring cells in view, where the print is", STILLS)
     beside_nats: float = of(4.0, "nats", "for another place, against a pose", "1,287 right ones, edges hidden: none")
     beside_cells: int = of(3, "cells", "that a fit may lie beside its place", "nested targets; farther fails the bits")
-    faint: float = of(0.1, "share", "of a contrast, by which light may change from cell to cell", STILLS)
-
-
-@dataclass(frozen=True, slots=True)
-class OutlineLimits:
-    """The search for tags with a broken outline."""
-
-    min_side_px: float = of(40.0, "px", "smaller tags are left to libapriltag: pieces are too short", STILLS)
-    straight_px: float = of(1.6, "px", "deviation of pieces from their line", STILLS)
-    min_piece_px: int = of(8, "px", "shorter pieces have no direction", STILLS)
-    parallel: float = of(0.98, "cosine", "between pieces that may be one line", STILLS)
-    min_support: float = of(0.6, "share", "of a quad's sides that is outline, of what is seen of open ones", STILLS)
-    min_side_support: float = of(0.3, "share", "the same for each side of a whole one", STILLS)
-    min_open: float = of(0.4, "share", "of a side that is seen of both beside it, of an open quad", STILLS)
-    level: float = of(0.2, "share", "of the contrast within which a cell is black or white", STILLS)
-    min_contrast: float = of(20.0, "grey", "between paper and border", STILLS)
-    max_depth_px: float = of(4.0, "px", "from a line at which its step is sampled", "783 read, anywhere: 753")
-    highlight_box_px: int = of(15, "px", "surroundings that ink in a highlight is darker than", STILLS)
+    faint: float = of(
+        0.1, "share", "of a contrast, by which light may change from cell to cell", "0.05 to 0.2: as many tags"
+    )
     max_chance: float = of(4e-6, "probability", "that a random quad reads so well", "0 false in 10,000 images")
+    least_side: float = of(0.3, "share", "of a side of a print that its outline shows", "rims of highlights show 0.2")
+    rise: float = of(20.0, "grey", "step of an edge in a highlight; no more of it counts", "10: 10 of 280 tags less")
+
+    @property
+    def nearly_blown(self) -> float:
+        """So far below `saturated` noise decides which pixels are: two deviations of bright ink [grey]."""
+        return 3.0 * NOISE_GREY
 
 
 @dataclass(frozen=True, slots=True)
@@ -260,7 +243,6 @@ class Limits:
 
     search: SearchLimits = field(default_factory=SearchLimits)
     read: ReadLimits = field(default_factory=ReadLimits)
-    outline: OutlineLimits = field(default_factory=OutlineLimits)
     cells: CellSizes = field(default_factory=CellSizes)
     likeness: Likeness = field(default_factory=Likeness)
     agreement: Agreement = field(default_factory=Agreement)

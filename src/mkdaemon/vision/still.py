@@ -12,7 +12,7 @@ from mkdaemon.config.vision import DetectorSection, TrackerSection
 from mkdaemon.telemetry.vision import PoseRefusal
 from mkdaemon.vision.camera.image import in_light
 from mkdaemon.vision.camera.intrinsics import Intrinsics
-from mkdaemon.vision.limits import HALF, LIMITS, Stage
+from mkdaemon.vision.limits import HALF, LIMITS
 from mkdaemon.vision.pose.ambiguity import choose
 from mkdaemon.vision.pose.edgefit import EdgeFit
 from mkdaemon.vision.pose.fitting import TargetFitter
@@ -22,6 +22,7 @@ from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.tags.cover import covered_cells
 from mkdaemon.vision.tags.detection import Detection
 from mkdaemon.vision.tags.detector import Detector
+from mkdaemon.vision.tags.searchplan import Stage
 from mkdaemon.vision.tags.tagfamily import find_family
 from mkdaemon.vision.tags.tagmap import Tag, TagMap, Target, single
 

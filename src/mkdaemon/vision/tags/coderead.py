@@ -11,14 +11,15 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
 from mkdaemon.vision.camera.image import BRIGHTEST
-from mkdaemon.vision.limits import LIMITS
+from mkdaemon.vision.limits import HALF, LIMITS, NOISE_GREY
 from mkdaemon.vision.tags.cellread import carry, cell_values, image_from_cells, paper_and_ink, rim_values, sample
-from mkdaemon.vision.tags.detection import Detection, mean_side
+from mkdaemon.vision.tags.detection import Detection
 from mkdaemon.vision.tags.tagfamily import cells, find_family
 
 Array = npt.NDArray[np.float64]
@@ -27,14 +28,16 @@ Grey = npt.NDArray[np.uint8]
 Covered = Mapping[tuple[str, int], Bools]
 """Cells `(n, n)` of tags, by family and id, that say nothing."""
 
-OUTLINE = LIMITS.outline
 READINGS = 2
 """By levels and by steps: chance has so many tries."""
-DEPTHS = (0.3, 0.25, 0.2, 0.15, 0.1)
-"""Where a step is sampled, from the line between both cells [cells]: beyond the blur of small tags, and in larger ones
-no farther than `OutlineLimits.max_depth_px`, before light changes much."""
+LEVEL: Final = HALF / 2
+"""Of a contrast, within which a cell is black or white: half way to what is neither."""
+LEAST_GREY: Final = NOISE_GREY / LEVEL
+"""Contrast below which noise alone can make a cell neither [grey]."""
+STEP_CELLS: Final = 0.15
+"""How far on both sides of a line its step is sampled, before light changes much [cells]."""
 ALONG = (-0.3, 0.0, 0.3)
-"""The same, along the line."""
+"""Where a step is sampled along the line [cells]."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,13 +48,11 @@ class _Codes:
         turned: id and quarters of each.
         bits: which cells are white, border included `(k, n, n)`.
         seen: which have nothing on them `(k, n, n)`.
-        data: the same, without the border `(k, n, n)`.
     """
 
     turned: list[tuple[int, int]]
     bits: Bools
     seen: Bools
-    data: Bools
 
 
 class CodeReader:
@@ -82,20 +83,21 @@ class CodeReader:
         for name, codes in self._codes.items():
             n = find_family(name).black_cells
             homography = image_from_cells(quad, n)
-            depth = next((depth for depth in DEPTHS if depth * mean_side(quad) / n <= OUTLINE.max_depth_px), DEPTHS[-1])
-            for share in (_levels(pixels, homography, n), _steps(pixels, homography, n, depth, codes)):
+            for share in (_levels(pixels, homography, n), _steps(pixels, homography, n, codes)):
                 if share is None:
                     continue
-                white, black = np.abs(share - 1) < OUTLINE.level, np.abs(share) < OUTLINE.level
-                known = np.count_nonzero((white | black) & codes.data, axis=(1, 2))
-                wrong = np.count_nonzero((white & ~codes.bits | black & codes.bits) & codes.data, axis=(1, 2))
-                chances = [_chance(*pair) for pair in zip(known.tolist(), wrong.tolist(), strict=True)]
+                white, black = np.abs(share - 1) < LEVEL, np.abs(share) < LEVEL
+                known = (white | black) & codes.seen
+                wrong = known & (white != codes.bits)
+                # The border is the same in all codes.
+                read, wrong = (np.count_nonzero(of[:, 1:-1, 1:-1], axis=(1, 2)) for of in (known, wrong))
+                chances = [_chance(*pair) for pair in zip(read.tolist(), wrong.tolist(), strict=True)]
                 k = int(np.argmin(chances))
                 chance = READINGS * len(chances) * chances[k]
-                if chance <= OUTLINE.max_chance:
+                if chance <= LIMITS.read.max_chance:
                     tag_id, quarters = codes.turned[k]
-                    # Close to the sides: a quad that lies beside the tag's has little contrast there.
-                    margin = float(_rim_steps(pixels, homography, n, DEPTHS[-1]).mean())
+                    # A quad that lies beside the tag's has little contrast there.
+                    margin = float(_rim_steps(pixels, homography, n).mean())
                     corners = np.roll(quad, quarters, axis=0)  # turned as the print is
                     found.append((chance, Detection(name, tag_id, int(wrong[k]), margin, corners, "outline")))
         return min(found, key=lambda one: one[0])[1] if found else None
@@ -107,9 +109,7 @@ def _codes(name: str, ids: frozenset[int], covered: Covered) -> _Codes:
     bits = [np.rot90(cells(name, tag_id) > 0, quarters) for tag_id, quarters in turned]
     nothing = np.zeros_like(bits[0])
     seen = np.array([~np.rot90(covered.get((name, tag_id), nothing), quarters) for tag_id, quarters in turned])
-    data = np.zeros_like(seen)
-    data[:, 1:-1, 1:-1] = seen[:, 1:-1, 1:-1]
-    return _Codes(turned, np.array(bits), seen, data)
+    return _Codes(turned, np.array(bits), seen)
 
 
 @lru_cache(maxsize=4096)
@@ -122,25 +122,25 @@ def _levels(pixels: Grey, homography: Array, n: int) -> Array | None:
     """White share of cells `(1, n, n)`: 0 as the border, 1 as the paper; none without contrast."""
     values = cell_values(pixels, homography, n)
     paper, ink = paper_and_ink(values)
-    return (values[None, 1:-1, 1:-1] - ink) / (paper - ink) if paper - ink >= OUTLINE.min_contrast else None
+    return (values[None, 1:-1, 1:-1] - ink) / (paper - ink) if paper - ink >= LEAST_GREY else None
 
 
-def _rim_steps(pixels: Grey, homography: Array, n: int, depth: float) -> Array:
-    """Steps over the sides of a quad, sampled `depth` [cells] from them, `(4, 2 * n)` [grey]."""
-    return rim_values(pixels, homography, n, depth) - rim_values(pixels, homography, n, -depth)
+def _rim_steps(pixels: Grey, homography: Array, n: int) -> Array:
+    """Steps over the sides of a quad `(4, 2 * n)` [grey]."""
+    return rim_values(pixels, homography, n, STEP_CELLS) - rim_values(pixels, homography, n, -STEP_CELLS)
 
 
-def _steps(pixels: Grey, homography: Array, n: int, depth: float, codes: _Codes) -> Array | None:
+def _steps(pixels: Grey, homography: Array, n: int, codes: _Codes) -> Array | None:
     """White share of cells `(k, n, n)` by the steps from their outer neighbours; none without contrast.
 
     Beside a black neighbour of grey value b a cell has b when it is black, and the least of b + contrast and 255 when
     it is white; beside a white one b - contrast and b. One blown neighbour of a white cell is as good as any; a cell
     that is blown beside one tells nothing. Cells without a line that tells have one half.
     """
-    contrast = float(np.median(_rim_steps(pixels, homography, n, depth)))
-    if contrast < OUTLINE.min_contrast:
+    contrast = float(np.median(_rim_steps(pixels, homography, n)))
+    if contrast < LEAST_GREY:
         return None
-    outer, of_cell, points = _lines(n, depth)
+    outer, of_cell, points = _lines(n)
     here, there = sample(pixels, carry(homography, points)).reshape(2, -1, len(ALONG)).mean(axis=2)
     least = LIMITS.read.faint * contrast
     room = np.minimum(there + contrast, BRIGHTEST) - there
@@ -156,14 +156,14 @@ def _steps(pixels: Grey, homography: Array, n: int, depth: float, codes: _Codes)
 
 
 @lru_cache(maxsize=32)
-def _lines(n: int, depth: float) -> tuple[npt.NDArray[np.intp], Array, Array]:
+def _lines(n: int) -> tuple[npt.NDArray[np.intp], Array, Array]:
     """The `m` lines between neighbouring cells of a tag of `n` cells a side, in cell coordinates.
 
     Every line counts for one of its cells, the inner one, so that a cell says no more than one bit.
 
     Returns:
-        The other cell of each line, row by row `(m,)`; whether a line counts for a cell `(m, n * n)`; samples `depth`
-        cells from the lines, those in inner cells first `(2 * m * 3, 2)`.
+        The other cell of each line, row by row `(m,)`; whether a line counts for a cell `(m, n * n)`; samples
+        beside the lines, those in inner cells first `(2 * m * 3, 2)`.
     """
     index = np.arange(n * n).reshape(n, n)
     first = np.concatenate([index[:, :-1].ravel(), index[:-1].ravel()])
@@ -178,5 +178,5 @@ def _lines(n: int, depth: float) -> tuple[npt.NDArray[np.intp], Array, Array]:
     across = middle[cell] - middle[outer]
     line = (middle[cell] + middle[outer]) / 2
     spread = np.array(ALONG)[:, None] * across[:, None, ::-1]
-    points = [(line + away * across)[:, None] + spread for away in (depth, -depth)]
+    points = [(line + away * across)[:, None] + spread for away in (STEP_CELLS, -STEP_CELLS)]
     return outer, (cell[:, None] == np.arange(n * n)).astype(np.float64), np.concatenate(points).reshape(-1, 2)

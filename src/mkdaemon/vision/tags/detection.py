@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from mkdaemon.vision.limits import Stage
+from mkdaemon.vision.tags.searchplan import Stage
 
 Array = npt.NDArray[np.float64]
 
@@ -47,7 +47,7 @@ class Detection:
 
 
 def mean_side(corners: Array) -> float:
-    """Mean side of a quad `(4, 2)` [px]."""
+    """Mean side of a quad `(4, 2)`, in the unit of its corners."""
     return float(np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1).mean())
 
 

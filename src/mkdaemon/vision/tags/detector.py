@@ -14,13 +14,13 @@ import numpy.typing as npt
 from mkdaemon.config.vision import DetectorSection
 from mkdaemon.errors import VisionError
 from mkdaemon.vision.camera.image import BRIGHTEST
-from mkdaemon.vision.limits import LIMITS, Stage
+from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.tags import apriltaglib
 from mkdaemon.vision.tags.cellread import quiet_sides, read_code
 from mkdaemon.vision.tags.coderead import Covered
 from mkdaemon.vision.tags.detection import Detection, best_of_codes
 from mkdaemon.vision.tags.outline import OutlineSearch, has_highlights
-from mkdaemon.vision.tags.searchplan import ARUCO_LADDER, FIRST, LADDER, Look, Part, looks_of, shrink, shrinking
+from mkdaemon.vision.tags.searchplan import ARUCO_LADDER, FIRST, LADDER, Look, Part, Stage, looks_of, shrink, shrinking
 from mkdaemon.vision.tags.tagfamily import OPENCV_KNOWS, find_family
 
 Grey = npt.NDArray[np.uint8]

@@ -18,15 +18,17 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Final
+from typing import Final, Literal
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
-from mkdaemon.vision.limits import LIMITS, Stage
+from mkdaemon.vision.limits import LIMITS
 
 Grey = npt.NDArray[np.uint8]
+Stage = Literal["decimate2", "decimate1", "log", "halflog", "linear", "outline"]
+"""A way to search an image for tags, at half or at full resolution."""
 Part = tuple[int, int, int, int]
 """`(x0, y0, x1, y1)` [px], end exclusive."""
 
@@ -34,6 +36,8 @@ FIRST: Final[tuple[Stage, ...]] = ("decimate2", "linear", "halflog")
 """Stages of which one sees every image, in turn, at half its resolution: 3 to 6 ms on VGA."""
 SMALL_TAG_STAGES: Final[tuple[Stage, ...]] = ("log", "decimate1")
 """Searches for small tags; the others need tags that are large on the coarsest level too."""
+NEARBY: Final[tuple[tuple[Stage, ...], ...]] = (("decimate1",), ("linear", "log"))
+"""Searches around a prediction, in turn by images missed (docs/lab/vision-cases.md)."""
 LADDER: Final[tuple[Stage, ...]] = (*FIRST, *SMALL_TAG_STAGES, "outline")
 """Searches of the whole image."""
 ARUCO_LADDER: Final[tuple[Stage, ...]] = ("decimate1", "log", "outline")

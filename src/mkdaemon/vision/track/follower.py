@@ -18,7 +18,7 @@ import numpy.typing as npt
 
 from mkdaemon.config.vision import TrackerSection
 from mkdaemon.telemetry.vision import PoseRefusal
-from mkdaemon.vision.limits import HALF, LIMITS, Stage
+from mkdaemon.vision.limits import HALF, LIMITS
 from mkdaemon.vision.pose.ambiguity import Choice, prefers
 from mkdaemon.vision.pose.bend import Bend
 from mkdaemon.vision.pose.carry import Carrier
@@ -29,7 +29,7 @@ from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.pose.rolling import motion_of
 from mkdaemon.vision.tags.detection import Detection
 from mkdaemon.vision.tags.detector import Detector
-from mkdaemon.vision.tags.searchplan import FIRST
+from mkdaemon.vision.tags.searchplan import FIRST, NEARBY, Stage
 from mkdaemon.vision.tags.tagmap import Tag, Target
 from mkdaemon.vision.track.alarms import ImageHealth
 from mkdaemon.vision.track.attitude import Mounting, Sight
@@ -73,9 +73,8 @@ class OwnSearch:
 
     def nearby(self, pixels: Grey, window: Window, misses: int) -> list[Detection]:
         """Tags of a part of the image, searched in another way after every miss."""
-        ways: tuple[tuple[Stage, ...], ...] = LIMITS.search.nearby
         found: list[Detection] = []
-        for stage in ways[misses % len(ways)]:
+        for stage in NEARBY[misses % len(NEARBY)]:
             found = found or self._detector.search_shrunk(pixels, stage, window)
         return found
 
