@@ -68,7 +68,6 @@ class AmbiguityLimits:
 class TrackLimits:
     """The memory of one target, and carrying its pose over by what moved in the image."""
 
-    through: int = of(5, "images", "missed, over which a prediction holds and the target is found again", FLIGHTS)
     shake: float = of(0.08, "rad", "turn between two images within which it is looked for", FLIGHTS)
     grace: float = of(0.5, "s", "between images of one track, and beyond the period to decode it again", FLIGHTS)
     retry_decode: float = of(0.1, "s", "between attempts to decode", "3 ms each: 3 % of a core")
@@ -81,7 +80,6 @@ class BranchLimits:
 
     silent: float = of(3.0, "nats", "of one image that may be blur or light rather than tilt", BLIND)
     trusted_share: float = of(0.3, "share", "of the odds beyond: neighbouring images share faults", BLIND)
-    certain: float = of(25.0, "nats", "odds do not grow beyond: a wrong branch can be left", BLIND)
     remembered: float = of(0.9, "share", "of what images said against a branch, an image later", "a third of a second")
 
 

@@ -15,6 +15,7 @@ from mkdaemon.vision.pose.gates import CellEvidence
 from mkdaemon.vision.pose.pose import Pose, turn
 from mkdaemon.vision.tags.tagmap import TagMap, Target
 from mkdaemon.vision.track.attitude import LOOKING_DOWN, Sight
+from mkdaemon.vision.track.branches import MOST_ODDS
 from mkdaemon.vision.track.checks import Checks
 from mkdaemon.vision.track.judge import FirstJudge, Judge, Verdict
 from mkdaemon.vision.track.result import Frame
@@ -224,7 +225,7 @@ def test_a_fit_without_attitude(given, pose, refusal):
     track = followed(pose)
     asked = checks(GivenFits(pose, **given), track)
     judge, began = Judge(asked), sight(-0.1, attitude=False)
-    track.branches = judge.start_branches(began, asked.candidates(began, pose), decided=False)
+    track.branches = judge.start_branches(began, asked.candidates(began, pose))
     assert judge.measure(sight(attitude=False), pose, pose).refusal is refusal
     assert track.branches is not None
     assert track.branches.is_decided == (refusal is not PoseRefusal.AMBIGUOUS)
@@ -238,7 +239,7 @@ def test_a_track_in_doubt_goes_over_to_the_reading_that_the_images_speak_for():
     for k in range(1, 12):
         judge = Judge(checks(GivenFits(wrong, mirror=right, cell_px=4.5), track))
         if track.branches is None:
-            track.branches = judge.start_branches(sight(0.0), [wrong, right], decided=False)
+            track.branches = judge.start_branches(sight(0.0), [wrong, right])
         seen = sight(k * STEP, attitude=False)
         verdict = judge.measure(seen, wrong, wrong)
     assert verdict is not None
@@ -249,13 +250,13 @@ def test_a_track_in_doubt_goes_over_to_the_reading_that_the_images_speak_for():
 
 def test_a_pose_off_the_course_is_followed_and_not_published():
     track = followed(TILTED)
-    track.branches = Judge(checks(GivenFits(), track)).start_branches(sight(0.0), [TILTED], decided=True)
+    track.branches = Judge(checks(GivenFits(), track)).start_branches(sight(0.0), [TILTED])
     for k in range(1, 12):
         judge = Judge(checks(GivenFits(TILTED), track))
         assert judge.measure(sight(k * STEP, attitude=False), TILTED, TILTED).refusal is None
         track.accept(Sight(PIXELS, k * STEP, None), TILTED)
     assert track.branches is not None
-    assert track.branches.best.course.angle_sd < LIMITS.certainty.blind_angle_sd
+    assert track.branches.course[0].angle_sd < LIMITS.certainty.blind_angle_sd
     # Within what a pose this uncertain may be off for several images, and too far for what it says of itself.
     vague = SHARP + np.diag([0.0, 0.0, 0.0, 4e-5, 4e-5, 4e-5])
     aside = replace(TILTED, rotation=turn(TILTED.rotation, np.radians([1.8, 0.0, 0.0])), covariance=vague)
@@ -272,7 +273,8 @@ def test_a_reading_that_images_keep_speaking_against_is_not_published(loss, refu
     for k in range(1, 30):
         judge = Judge(checks(GivenFits(followed_one, mirror=other, cell_px=4.5), track))
         if track.branches is None:
-            track.branches = judge.start_branches(sight(0.0), [followed_one, other], decided=True)
+            begun = judge.start_branches(sight(0.0), [followed_one, other])
+            track.branches = replace(begun, weight=np.array([0.0, -MOST_ODDS]))
         verdict = judge.measure(sight(k * STEP, attitude=False), followed_one, followed_one)
     assert verdict is not None
     assert verdict.refusal is refusal

@@ -63,7 +63,7 @@ class Checks:
             if self.has_few_edges(pose) and not self.fitter.explains_seen_edges(seen.pixels, pose):
                 return PoseRefusal.INLIERS
         tilt = self.level.tilt(seen, pose)
-        if tilt is not None and tilt > self.level.gate(seen, pose) and not self.is_conclusive(seen, pose):
+        if tilt is not None and tilt > self.level.gate(seen, pose):
             return PoseRefusal.ATTITUDE
         return None
 
@@ -101,10 +101,6 @@ class Checks:
         """Whether the image alone tells a pose from its mirror image: it is near, and not too blurred."""
         is_blurred = pose.blur_px is not None and pose.blur_px > LIMITS.blur.smeared_px
         return self.cell_px(pose) > LIMITS.cells.perspective_px and not is_blurred
-
-    def is_conclusive(self, seen: Sight, pose: Pose) -> bool:
-        """Whether the image alone decides the tilt: a large, sharp target in full view."""
-        return self.is_whole(pose) and self.shows_perspective(pose) and self.is_plain(seen, pose)
 
     def is_whole(self, pose: Pose) -> bool:
         """Whether nearly all edges of the target are seen and agree."""

@@ -223,8 +223,6 @@ class Follower:
         The likeliest start, and the other until as much as an image may take is spent on it.
         """
         track = self.track
-        if track.misses >= LIMITS.track.through:
-            return
         is_expected = track.has_velocity or track.knows_turn(seen, self._mounting)
         if is_expected and self._fitter.shows(seen.pixels, predicted):
             yield "predicted", predicted
@@ -359,7 +357,7 @@ class Follower:
                 self._start_ambiguous(frame, candidates)
             return
         self.track.decoded_at = self.track.tried_at = frame.sight.time
-        self.track.branches = self.judge.start_branches(frame.sight, [verdict.choice.pose], decided=True)
+        self.track.branches = self.judge.start_branches(frame.sight, [verdict.choice.pose])
         self._publish(frame, verdict.choice, mode)
 
     def _decode_again(self, frame: Frame, pose: Pose) -> bool:
@@ -397,7 +395,7 @@ class Follower:
             return
         rivals = self._checks.with_mirror(frame.sight, candidates)
         track.lose()
-        track.branches = self.judge.start_branches(frame.sight, rivals, decided=False)
+        track.branches = self.judge.start_branches(frame.sight, rivals)
         track.decoded_at = track.tried_at = frame.sight.time
         self.track.accept(frame.sight, rivals[0])
         frame.follow(self.name, PoseRefusal.AMBIGUOUS)

@@ -58,15 +58,17 @@ class Judge:
         held = vertical if self._fitter.is_small(start) else None
         pose = self._fitter.refine(seen.pixels, start, held)
         is_held, fitted = held is not None and start.rotation is predicted.rotation, pose
-        alone = without_normal(pose, held.up, held.spread) if pose is not None and held is not None else None
-        if alone is not None:
-            pose, held = alone, None
+        alone = pose
+        if pose is not None and held is not None:
+            alone, says_more = without_normal(pose, held.up, held.spread)
+            if says_more:
+                pose, held = alone, None
         refused = checks.refusal(seen, pose) if pose is not None else PoseRefusal.NO_FIT
-        if pose is not None and refused is None:
+        if pose is not None and alone is not None and refused is None:
             if checks.level.knows(seen):
                 # What the images before told of the deck; with this one in it the image would count twice.
                 fused = pose if held is not None else checks.level.fuse(seen, pose)
-                checks.level.learn(seen, pose, held)
+                checks.level.learn(seen, alone)
                 return self._judge_with_attitude(seen, fused)
             return self._judge_without_attitude(seen, pose)
         contradicting, off = None, pose if refused is PoseRefusal.ATTITUDE else None
@@ -93,9 +95,9 @@ class Judge:
             return False
         return certainty_refusal(pose, has_attitude=False, is_plain=True) is None
 
-    def start_branches(self, seen: Sight, candidates: Sequence[Pose], *, decided: bool) -> Branches:
-        """Branches that start in this image, the best candidate first."""
-        return Branches.begin(seen.time, candidates, decided=decided, moving=self._fitter.target.moving)
+    def start_branches(self, seen: Sight, candidates: Sequence[Pose]) -> Branches:
+        """Branches that start in this image, the best candidate first; a single one is believed."""
+        return Branches.begin(seen.time, candidates, moving=self._fitter.target.moving)
 
     def add_inertia(self, seen: Sight, pose: Pose) -> Verdict:
         """Judge a pose the attitude agrees with; what inertia knows is added where the pose alone is too uncertain.
@@ -108,7 +110,7 @@ class Judge:
         refused, before = certainty_refusal(pose, has_attitude=True), self._track.branches
         if refused is None or before is None or not before.is_decided:
             return Verdict(pose, refused)
-        prior = before.best.course.predict_at(seen.time)
+        prior = before.course[0].predict_at(seen.time)
         if prior.angle_sd > certain.blind_angle_sd or prior.mahalanobis2(pose, 1.0) > certain.surprising:
             return Verdict(pose, refused)
         fused = prior.fuse(pose)
@@ -118,8 +120,8 @@ class Judge:
         """Judge a fit that agrees with the attitude, and carry the course on with it."""
         verdict, branches = self.add_inertia(seen, pose), self._track.branches
         branches = branches.after(seen.time, [pose]) if branches is not None and branches.is_decided else None
-        if branches is None or branches.best.missed:
-            branches = self.start_branches(seen, [pose], decided=True)
+        if branches is None or branches.missed[0]:
+            branches = self.start_branches(seen, [pose])
         self._track.branches = branches
         return verdict
 
@@ -129,8 +131,7 @@ class Judge:
         if self._track.branches is None:
             return Verdict(pose, PoseRefusal.AMBIGUOUS)
         branches = self._track.branches.after(seen.time, checks.candidates(seen, pose))
-        best = branches.best
-        chosen, prior = best.pose, best.prior
+        chosen, prior = branches.pose, branches.prior
         refused = None if chosen is pose else checks.refusal(seen, chosen)
         if refused is not None:
             return Verdict(None, refused)
@@ -139,7 +140,7 @@ class Judge:
             return Verdict(chosen, PoseRefusal.AMBIGUOUS)
         fused = with_angle_variance(prior.fuse(chosen), branches.doubt)
         # The branches allow for errors that last; to be published a pose has to fit by its own covariance.
-        if best.missed or prior.mahalanobis2(chosen, 1.0) > certain.surprising:
+        if branches.missed[0] or prior.mahalanobis2(chosen, 1.0) > certain.surprising:
             return Verdict(fused, PoseRefusal.OFF_COURSE)
         is_backed = prior.angle_sd < certain.blind_angle_sd
         is_plain = is_backed or checks.is_plain(seen, fused)
@@ -193,9 +194,6 @@ class FirstJudge:
             return FirstVerdict(refusal=refusals[0] if refusals else PoseRefusal.NO_FIT)
         tilts = [level.tilt(seen, pose) for pose in believable]
         known = [tilt for tilt in tilts if tilt is not None]
-        conclusive = [pose for pose in believable if checks.is_conclusive(seen, pose)]
-        if known and conclusive and min(known) > max(level.gate(seen, pose) for pose in believable):
-            known = []  # the deck lies otherwise, and the image alone tells how
         choice = choose(
             believable,
             min_ratio=checks.cfg.min_ambiguity_ratio,

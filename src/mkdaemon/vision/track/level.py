@@ -26,10 +26,10 @@ import numpy.typing as npt
 from mkdaemon.config.vision import TrackerSection
 from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.edgefit import Level
-from mkdaemon.vision.pose.pose import Pose, largest_variance, turn
+from mkdaemon.vision.pose.pose import Pose, largest_variance
 from mkdaemon.vision.pose.rolling import skew
-from mkdaemon.vision.track.attitude import Mounting, Sight, angle_of, fuse_normal, normal_beside, turn_between
-from mkdaemon.vision.track.course import lasting_doubt
+from mkdaemon.vision.track.attitude import Mounting, Sight, angle_of, fuse_normal, turn_between
+from mkdaemon.vision.track.branches import lasting_doubt
 
 Array = npt.NDArray[np.float64]
 
@@ -40,14 +40,11 @@ deck's, half the attitude's.
 Over a deck tilted by 5 degrees 1 degree gave 2 wrong poses of 340, 2 and 3 degrees none; with 4 degrees 3 of 42 first
 poses far away lose their certainty.
 """
-MOVING: Final = 1
 DRIFTS: Final = np.radians([[0.1, 0.1, 0.25, 0.25], [2.0, 2.0, 0.25, 0.25]])
 """Random walk of the normal of a deck that rests, of one that moves, and of the attitude's bias [rad/sqrt(s)]; a deck
 that rocks by 4 degrees in 4 s was lost for 40 images by 0.5 degrees."""
 CHANGE: Final = 20.0
 """Mean time for which a deck goes on resting or moving [s]."""
-MOVED: Final = 9.0
-"""Squared distance of a measured normal from which the deck has moved: chi-square(2), one in 90."""
 LEAST_WEIGHT: Final = 1e-12
 """Of a kind that the images contradict."""
 UP: Final = np.array([0.0, 0.0, 1.0])
@@ -142,9 +139,7 @@ class Deck:
         variance = (east + north) / 2.0 + hypot((east - north) / 2.0, both)
         return min(sqrt(variance), PRIOR_SD)
 
-    def measured(
-        self, time: float, enu_from_flu: Array, normal: Array, covariance: Array, *, is_sure: bool = True
-    ) -> None:
+    def measured(self, time: float, enu_from_flu: Array, normal: Array, covariance: Array) -> None:
         """Take in a normal that an image measured.
 
         Args:
@@ -152,20 +147,9 @@ class Deck:
             enu_from_flu: the attitude then `(3, 3)`.
             normal: by that attitude `(3,)`, ENU.
             covariance: of its horizontal part with the attitude's `(2, 2)` [rad^2].
-            is_sure: whether a surprise means that the deck has moved; one that is not sure is left out.
         """
-        belief, observe = self._at(time), _observe(enu_from_flu)
-        self._belief, self._time, self._asked = belief, max(time, self._time), (-np.inf, PRIOR)
-        mean, spread = belief.mixture(observe)
-        surprise = normal[:2] - mean
-        if float(surprise @ np.linalg.solve(spread + covariance, surprise)) > MOVED:
-            if not is_sure:
-                return
-            # It has moved: what was known before counts no more than the surprise is large.
-            grown = belief.covariance.copy()
-            grown[MOVING, :2, :2] += np.outer(surprise, surprise)
-            belief = _Belief(belief.weight, belief.mean, grown)
-        self._belief = belief.corrected(observe, normal[:2], covariance)
+        self._belief = self._at(time).corrected(_observe(enu_from_flu), normal[:2], covariance)
+        self._time, self._asked = max(time, self._time), (-np.inf, PRIOR)
 
     def _at(self, time: float) -> _Belief:
         """What is known at a time, before anything is measured then."""
@@ -250,25 +234,16 @@ class LevelKnowledge:
         """Forget how the target lies."""
         self._deck = Deck()
 
-    def learn(self, seen: Sight, pose: Pose, held: Level | None = None) -> None:
-        """Take in how the target lies, as the image alone says it.
-
-        Args:
-            seen: the image.
-            pose: measured in it.
-            held: what the fit was told about the tilt; none where the image decided alone.
-        """
+    def learn(self, seen: Sight, pose: Pose) -> None:
+        """Take in how the target lies, by a pose that the image alone decided."""
         if seen.enu_from_flu is None or self._mounting is None:
             return
         normal, spread = pose.rotation[:, 2], pose.covariance[3:, 3:]
-        if held is not None:
-            turned, spread = normal_beside(pose, held.up, held.spread)
-            normal = turn(pose.rotation, turned)[:, 2]
         enu_from_cam = seen.enu_from_flu @ self._mounting.flu_from_cam
         # A small turn w moves the normal n by w x n; its horizontal part is what the deck is known by.
         moved = -(enu_from_cam @ skew(normal))[:2]
         covariance = lasting_doubt(pose) * (moved @ spread @ moved.T) + self._spread**2 * np.eye(2)
-        self._deck.measured(seen.time, seen.enu_from_flu, enu_from_cam @ normal, covariance, is_sure=held is None)
+        self._deck.measured(seen.time, seen.enu_from_flu, enu_from_cam @ normal, covariance)
 
     def replace_tilt(self, seen: Sight, pose: Pose) -> Pose:
         """The pose with its tilt replaced by the attitude's; the place stays."""
