@@ -195,6 +195,8 @@ def test_an_image_counts_once_beside_what_the_images_before_told_of_the_deck():
     verdict = Judge(asked).measure(sight(), fitted(), fitted())
     np.testing.assert_allclose(verdict.pose.covariance, expected.covariance)
     assert angle_deg(verdict.pose.rotation, expected.rotation) < 1e-9
+    assert verdict.alone is pose
+    asked.level.learn(sight(), verdict.alone)
     assert asked.level.tilt(sight(), pose) < np.radians(1.9)
 
 

@@ -26,11 +26,13 @@ class Verdict:
         refusal: why it is not published; none when it is.
         contradicting: a fit that the attitude refuses, and that nearly all edges agree with, whose cells are clear, or
             that the image prefers to the one with the attitude's tilt; none without one.
+        alone: the fit by what the image alone says, where the attitude agrees with it.
     """
 
     pose: Pose | None
     refusal: PoseRefusal | None
     contradicting: Pose | None = None
+    alone: Pose | None = None
 
 
 class Judge:
@@ -68,8 +70,7 @@ class Judge:
             if checks.level.knows(seen):
                 # What the images before told of the deck; with this one in it the image would count twice.
                 fused = pose if held is not None else checks.level.fuse(seen, pose)
-                checks.level.learn(seen, alone)
-                return self._judge_with_attitude(seen, fused)
+                return replace(self._judge_with_attitude(seen, fused), alone=alone)
             return self._judge_without_attitude(seen, pose)
         contradicting, off = None, pose if refused is PoseRefusal.ATTITUDE else None
         if off is not None and checks.is_whole(off):
