@@ -10,7 +10,7 @@ import pytest
 from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.ambiguity import log_odds
 from mkdaemon.vision.pose.pose import Pose, turn
-from mkdaemon.vision.track.branches import CAUTION, KEPT, MOST_ODDS, MOVING_PSD, Branches, Course, Place, lasting_doubt
+from mkdaemon.vision.track.branches import CAUTION, KEPT, MOST_ODDS, MOVING_PSD, Branches, Course, lasting_doubt, places
 from tests.vision.views import angle_deg
 
 DOWN = np.diag([1.0, -1.0, -1.0])
@@ -43,9 +43,9 @@ def flown(count: int, sd_deg: float, seed: int = 1) -> tuple[Course, np.ndarray]
         )
         if k == count:
             break
-        place = Place.of(noisy)
-        course = Course.begin(0.0, place) if course is None else course.predict_at(k * STEP).join(place)[0]
-    return course.predict_at(count * STEP), centre
+        place = places([noisy])
+        course = Course.begin(0.0, *place) if course is None else course.predict_at(k * STEP).join(*place)[0]
+    return course.predict_at(count * STEP)[0], centre
 
 
 def test_shaking_stays_near_the_course_and_the_mirrored_pose_does_not():
@@ -291,5 +291,7 @@ def test_a_course_that_knows_less_expects_a_place_less():
     later = replace(course.predict_at(course.time + 0.5), time=course.time)
     aimed = seen(later.centre, sd_deg=0.3)
     assert later.mahalanobis2(aimed) < 1e-9
-    before, after = (known.join(Place.of(pose))[1] for known, pose in ((course, seen(course.centre)), (later, aimed)))
+    before, after = (
+        known.join(*places([pose]))[1][0] for known, pose in ((course, seen(course.centre)), (later, aimed))
+    )
     assert before > after + 3.0

@@ -48,7 +48,8 @@ MOVING_PSD = 25.0
 LEAST_INLIERS = 1e-3
 """Share of points that agree; a fit with fewer has no place."""
 CAUTION = 4.0
-"""Factor on the variance of a pose: its errors last for several images where light, blur or cover cause them."""
+"""Images over which the errors of a pose last, where light, blur or cover cause them: a factor on its variance, and by
+which what it says beyond `silent` counts less."""
 FLOOR = 0.002
 """Deviation of the lens from what a pose says that is always possible, of the range."""
 KEPT = 6
@@ -64,37 +65,6 @@ LEAST_NORM = 1e-9
 
 PLACES, BOTH, SPEEDS = (np.kron(blocks, np.eye(3)) for blocks in ([[1, 0], [0, 0]], [[0, 1], [1, 0]], [[0, 0], [0, 1]]))
 """Which parts of a course's covariance an unknown acceleration makes larger."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Place:
-    """Where the lens is by a pose, or by each of several.
-
-    Attributes:
-        centre: `(..., 3)` [m; target].
-        spread: its covariance `(..., 3, 3)`.
-    """
-
-    centre: Array
-    spread: Array
-
-    @classmethod
-    def of(cls, pose: Pose, caution: float | None = None) -> Place:
-        """The place by one pose.
-
-        Args:
-            pose: measured.
-            caution: factor on its variance; what its errors over several images ask for when absent.
-        """
-        factor = CAUTION * shared_doubt(pose) if caution is None else caution
-        _, centre, spread = inverse(pose, factor * pose.covariance)
-        return cls(centre, spread[:3, :3] + (FLOOR * pose.range_m) ** 2 * np.eye(3))
-
-    @classmethod
-    def of_all(cls, poses: Sequence[Pose]) -> Place:
-        """The places by several poses, along a first axis."""
-        found = [cls.of(pose) for pose in poses]
-        return cls(np.array([one.centre for one in found]), np.array([one.spread for one in found]))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -114,13 +84,12 @@ class Course:
     psd: float = ACCELERATION_PSD
 
     @classmethod
-    def begin(cls, time: float, place: Place, psd: float = ACCELERATION_PSD) -> Course:
-        """Start from a place, at an unknown velocity."""
-        shape = place.centre.shape[:-1]
-        covariance = np.zeros((*shape, 6, 6))
-        covariance[..., :3, :3] = place.spread
-        covariance[..., 3:, 3:] = LIMITS.edges.speed_sd**2 * np.eye(3)
-        return cls(time, np.concatenate([place.centre, np.zeros((*shape, 3))], axis=-1), covariance, psd)
+    def begin(cls, time: float, centre: Array, spread: Array, psd: float = ACCELERATION_PSD) -> Course:
+        """Start from places, at an unknown velocity; as `places` gives them."""
+        covariance = np.zeros((len(centre), 6, 6))
+        covariance[:, :3, :3] = spread
+        covariance[:, 3:, 3:] = LIMITS.edges.speed_sd**2 * np.eye(3)
+        return cls(time, np.hstack([centre, np.zeros_like(centre)]), covariance, psd)
 
     def __getitem__(self, which: Any) -> Course:
         """Some of several histories, as arrays are indexed."""
@@ -151,15 +120,15 @@ class Course:
         noise = self.psd * (dt**3 / 3 * PLACES + dt**2 / 2 * BOTH + dt * SPEEDS)
         return Course(time, self.state @ move.T, move @ self.covariance @ move.T + noise, self.psd)
 
-    def join(self, place: Place) -> tuple[Course, Array]:
-        """The course after a place, and the logarithm of the density of that place before it.
+    def join(self, centre: Array, spread: Array) -> tuple[Course, Array]:
+        """The course after a place, and the logarithm of the density of that place before it; as `places` gives them.
 
         A Kalman update with the position as H: S = H P H^T + R, K = P H^T S^-1, and of the surprise y the density
         -(y^T S^-1 y + ln det S) / 2 [1/m^3], without the constant 3 / 2 ln(2 pi).
         """
         across = self.covariance[..., :3]
-        inverse_both = np.linalg.inv(across[..., :3, :] + place.spread)
-        error = (place.centre - self.centre)[..., None]
+        inverse_both = np.linalg.inv(across[..., :3, :] + spread)
+        error = (centre - self.centre)[..., None]
         gain = across @ inverse_both
         covariance = self.covariance - gain @ across.swapaxes(-1, -2)
         distance2 = (error.swapaxes(-1, -2) @ inverse_both @ error)[..., 0, 0]
@@ -168,10 +137,10 @@ class Course:
         return Course(self.time, state, (covariance + covariance.swapaxes(-1, -2)) / 2, self.psd), density
 
     def mahalanobis2(self, pose: Pose, caution: float | None = None) -> float:
-        """Squared Mahalanobis distance of a pose from one history, three degrees of freedom."""
-        place = Place.of(pose, caution)
-        error = place.centre - self.centre
-        return float(error @ np.linalg.solve(self.covariance[:3, :3] + place.spread, error))
+        """Squared Mahalanobis distance of a pose from one history, three degrees of freedom; see `places`."""
+        (centre,), (spread,) = places([pose], caution)
+        error = centre - self.centre
+        return float(error @ np.linalg.solve(self.covariance[:3, :3] + spread, error))
 
     def fuse(self, pose: Pose) -> Pose:
         """A pose with what one history knew before it about where the lens is.
@@ -219,7 +188,7 @@ class Branches:
             candidates: at least one, the best first.
             moving: whether the target moves by itself.
         """
-        course = Course.begin(time, Place.of_all(candidates), MOVING_PSD if moving else ACCELERATION_PSD)
+        course = Course.begin(time, *places(candidates), MOVING_PSD if moving else ACCELERATION_PSD)
         count = len(candidates)
         weight, missed = -_evidence(candidates), np.zeros(count, dtype=bool)
         kept = _likeliest(course.centre, weight, missed)
@@ -259,34 +228,30 @@ class Branches:
 
     def after(self, time: float, candidates: Sequence[Pose]) -> Branches:
         """Go on with the m candidates of a new image: each branch is joined by each of them, or missed."""
-        prior, place = self.course.predict_at(time), Place.of_all(candidates)
-        count, each = len(self.weight), len(candidates)
-        joined, density = prior[:, None].join(place)
+        prior, (centre, spread) = self.course.predict_at(time), places(candidates)
+        joined, density = prior[:, None].join(centre, spread)
         anywhere = -3.0 * np.log([SCATTER * pose.range_m for pose in candidates])
         leaps = np.log(LEAVES) + anywhere
-        anew, leapt = Course.begin(time, place), (density <= leaps)[..., None]
-        state = np.where(leapt, anew.state, joined.state)
-        covariance = np.where(leapt[..., None], anew.covariance, joined.covariance)
-        gained = np.maximum(density, leaps) - _evidence(candidates)
+        anew, leapt = Course.begin(time, centre, spread), (density <= leaps)[..., None]
+        joins = np.maximum(density, leaps) - _evidence(candidates)
         nearest = density.argmax(axis=1)
-        wrong = np.log([max(1.0 - pose.inliers, LEAST_WRONG) for pose in candidates]) + anywhere
-        parent = np.concatenate([np.repeat(np.arange(count), each), np.arange(count)])
-        chosen = np.concatenate([np.tile(np.arange(each), count), nearest])
-        course = Course(
-            time,
-            np.concatenate([state.reshape(-1, 6), prior.state]),
-            np.concatenate([covariance.reshape(-1, 6, 6), prior.covariance]),
-            prior.psd,
-        )
-        weight = self.weight[parent] + np.concatenate([gained.ravel(), wrong[nearest]])
-        missed = np.arange(len(parent)) >= count * each
+        misses = (np.log([max(1.0 - pose.inliers, LEAST_WRONG) for pose in candidates]) + anywhere)[nearest]
+        # Of every branch, after all that join it, the one that missed.
+        state = np.concatenate([np.where(leapt, anew.state, joined.state), prior.state[:, None]], axis=1)
+        covariance = np.where(leapt[..., None], anew.covariance, joined.covariance)
+        covariance = np.concatenate([covariance, prior.covariance[:, None]], axis=1)
+        course = Course(time, state.reshape(-1, 6), covariance.reshape(-1, 6, 6), prior.psd)
+        weight = (self.weight[:, None] + np.column_stack([joins, misses])).ravel()
+        parent, chosen = np.divmod(np.arange(len(weight)), len(candidates) + 1)
+        missed = chosen == len(candidates)
+        chosen[missed] = nearest
         kept = _likeliest(course.centre, weight, missed)
         best = kept[0]
         return Branches(
             course[kept],
             np.maximum(weight[kept] - weight[best], -MOST_ODDS),
             missed[kept],
-            self._summed_against(place.centre, candidates)[chosen[kept]],
+            self._summed_against(centre, candidates)[chosen[kept]],
             prior[parent[best]],
             candidates[chosen[best]],
         )
@@ -303,6 +268,24 @@ class Branches:
         odds = [min((log_odds(a, b) for b in candidates if b is not a), default=0.0) for a in candidates]
         summed: Array = np.clip(BRANCHES.remembered * before - odds, 0.0, MOST_ODDS)
         return summed
+
+
+def places(poses: Sequence[Pose], caution: float | None = None) -> tuple[Array, Array]:
+    """Where poses put the lens, and how well that may be believed over several images.
+
+    Args:
+        poses: measured.
+        caution: factor on their variance; what their errors over several images ask for when absent.
+
+    Returns:
+        Places `(m, 3)` [m; target] and their covariances `(m, 3, 3)`.
+    """
+    centre, spread = np.empty((len(poses), 3)), np.empty((len(poses), 3, 3))
+    for k, pose in enumerate(poses):
+        factor = CAUTION * shared_doubt(pose) if caution is None else caution
+        _, centre[k], covariance = inverse(pose, factor * pose.covariance)
+        spread[k] = covariance[:3, :3] + (FLOOR * pose.range_m) ** 2 * np.eye(3)
+    return centre, spread
 
 
 def shared_doubt(pose: Pose) -> float:
@@ -326,7 +309,7 @@ def _evidence(candidates: Sequence[Pose]) -> Array:
     """What one image takes off the log odds of each fit for the sake of the best, zero or more `(m,)`."""
     best = min(candidates, key=lambda pose: pose.loss)
     odds = np.array([0.0 if pose is best else log_odds(best, pose) for pose in candidates])
-    return np.clip(BRANCHES.trusted_share * (odds - BRANCHES.silent), 0.0, DECIDED)
+    return np.clip((odds - BRANCHES.silent) / CAUTION, 0.0, DECIDED)
 
 
 def _angles(some: Array, others: Array) -> Array:

@@ -78,7 +78,7 @@ class Checks:
     def candidates(self, seen: Sight, pose: Pose) -> list[Pose]:
         """A fit and, where perspective does not rule it out, its mirror image."""
         rival = None if self.shows_perspective(pose) else self.fitter.fit_mirrored(seen.pixels, pose)
-        if rival is None or angle_between(pose.rotation, rival.rotation) < LIMITS.ambiguity.same_pose:
+        if rival is None or angle_between(pose.rotation, rival.rotation) < LIMITS.certainty.blind_angle_sd:
             return [pose]
         return [pose, rival]
 
@@ -89,7 +89,7 @@ class Checks:
         """
         found = sorted(poses, key=lambda pose: pose.loss)
         best = found[0]
-        if all(angle_between(best.rotation, pose.rotation) < LIMITS.ambiguity.same_pose for pose in found):
+        if all(angle_between(best.rotation, pose.rotation) < LIMITS.certainty.blind_angle_sd for pose in found):
             found = sorted([*found, *self.candidates(seen, best)[1:]], key=lambda pose: pose.loss)
         return found
 

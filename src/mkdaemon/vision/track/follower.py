@@ -63,11 +63,15 @@ class OwnSearch:
         self._turn = 0
 
     def again(self, pixels: Grey, window: Window) -> list[Detection]:
-        """Tags of a part of the image; a search that finds none of the target's leaves the turn to another one."""
+        """Tags of a part of the image; a search that finds none of the target's rests, then another has its turn."""
+        turn, rests = divmod(self._turn, LIMITS.track.search_every)
+        self._turn += 1
+        if rests:
+            return []
         x0, y0, x1, y1 = window
         ways = FIRST if min(x1 - x0, y1 - y0) >= LARGE_PX else REDECODED
-        found = self._detector.search_shrunk(pixels, ways[self._turn % len(ways)], window)
-        self._turn += not self.own(found)
+        found = self._detector.search_shrunk(pixels, ways[turn % len(ways)], window)
+        self._turn -= bool(self.own(found))
         return found
 
     def nearby(self, pixels: Grey, window: Window, misses: int) -> list[Detection]:
@@ -180,7 +184,7 @@ class Follower:
         cfg: TrackerSection,
     ) -> None:
         self.name = target.name
-        self.track = Track()
+        self.track = Track(cfg.coast)
         self._target = target
         self._search, self._health = OwnSearch(target, detector), health
         self._mounting = mounting
@@ -197,10 +201,9 @@ class Follower:
         """Try to find the target where it should be."""
         self._fitter.begin(frame.sight.pixels)
         sight = self._checks.level.sight(frame.sight)
-        track, now = self.track, sight.time
-        if track.is_live and not 0.0 < now - track.last_seen.time < LIMITS.track.grace:
+        track = self.track
+        if not track.goes_on(sight.time):
             track.lose()
-        if not track.is_live:
             return
         predicted = self._predicted(sight)
         ways = [sight]
@@ -292,7 +295,7 @@ class Follower:
         return self._checks.level.contradicted_deg
 
     def settle(self, frame: Frame) -> None:
-        """Let what was found speak about deck and attitude; count an image that shows no target, and give up in time.
+        """Let what was found speak about deck and attitude, and count an image that shows no target.
 
         The image that leaves the attitude out is looked at without it.
         """
@@ -302,11 +305,7 @@ class Follower:
             if self.track.is_live and all(found.target != self.name for found in frame.poses):
                 seen = self._checks.level.sight(frame.sight)
                 self._measured(frame, self._predicted(seen), [("predicted", pose)])
-        if frame.has(self.name):
-            return
-        self.track.misses += 1
-        if self.track.is_live and frame.sight.time - self.track.last_seen.time > self._cfg.coast:
-            self.track.lose()
+        self.track.misses += not frame.has(self.name)
 
     def forget(self) -> None:
         """Forget the track, where the target was, and how it lies."""
@@ -342,14 +341,14 @@ class Follower:
             frame.contradicting[self.name] = contradicting
             frame.refused[self.name] = PoseRefusal.ATTITUDE
             return
-        if verdict.choice is None:
-            frame.refused[self.name] = verdict.refusal or PoseRefusal.NO_FIT
-            if verdict.refusal in UNDECIDED:
+        if isinstance(verdict, PoseRefusal):
+            frame.refused[self.name] = verdict
+            if verdict in UNDECIDED:
                 self._start_ambiguous(frame, candidates)
             return
-        self.track.decoded_at = self.track.tried_at = frame.sight.time
-        self.track.branches = self.judge.start_branches(seen, [verdict.choice.pose])
-        self._publish(frame, verdict.choice, mode)
+        self.track.decoded_at = seen.time
+        self.track.branches = self.judge.start_branches(seen, [verdict.pose])
+        self._publish(frame, verdict, mode)
 
     def _decode_again(self, frame: Frame, pose: Pose) -> bool:
         """Decode the followed target once a period; false ends the track."""
@@ -358,22 +357,20 @@ class Follower:
         overdue = now - track.decoded_at - self._cfg.redetect_period
         if overdue < 0.0:
             return True
-        if now - track.tried_at >= LIMITS.track.retry_decode:
-            track.tried_at = now
-            window = self._fitter.window(pose, pixels.shape)
-            found = self._search.again(pixels, window) if window is not None else []
-            tags = self._search.own(found)
-            frame.detections.extend(found)
-            if tags:
-                if self._fitter.disagreement(pose, tags) < HALF:
-                    track.decoded_at = now
-                    return True
-                frame.refused[self.name] = PoseRefusal.DECODED_ELSEWHERE
-                track.lose()
-                self.start(frame, found, "roi")
-                return False
+        window = self._fitter.window(pose, pixels.shape)
+        found = self._search.again(pixels, window) if window is not None else []
+        tags = self._search.own(found)
+        frame.detections.extend(found)
+        if tags:
+            if self._fitter.disagreement(pose, tags) < HALF:
+                track.decoded_at = now
+                return True
+            frame.refused[self.name] = PoseRefusal.DECODED_ELSEWHERE
+            track.lose()
+            self.start(frame, found, "roi")
+            return False
         # Clear cells stand in for a tag that cannot be decoded: one that leaves the image, or is partly hidden.
-        if overdue < LIMITS.track.grace or self._checks.are_cells_clear(frame.sight, pose):
+        if overdue < self._cfg.coast or self._checks.are_cells_clear(frame.sight, pose):
             return True
         frame.refused[self.name] = PoseRefusal.NOT_DECODED
         track.lose()
@@ -388,7 +385,7 @@ class Follower:
         rivals = self._checks.with_mirror(seen, candidates)
         track.lose()
         track.branches = self.judge.start_branches(seen, rivals)
-        track.decoded_at = track.tried_at = seen.time
+        track.decoded_at = seen.time
         self.track.accept(seen, rivals[0])
         frame.follow(self.name, PoseRefusal.AMBIGUOUS)
 

@@ -155,19 +155,6 @@ OVERRULED: Final = (PoseRefusal.ATTITUDE, PoseRefusal.ANGLE_UNCERTAIN, PoseRefus
 """Refusals beside an attitude of what the image alone, by its stricter gates, may publish."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class FirstVerdict:
-    """Which of several first poses is published, or why none of them is.
-
-    Attributes:
-        choice: the pose, with the attitude's knowledge in it.
-        refusal: why there is none.
-    """
-
-    choice: Choice | None = None
-    refusal: PoseRefusal | None = None
-
-
 class FirstJudge:
     """Judges the first poses of one target.
 
@@ -179,12 +166,15 @@ class FirstJudge:
         self._checks = checks
         self._fitter = checks.fitter
 
-    def choose(self, seen: Sight, candidates: Sequence[Pose]) -> FirstVerdict:
+    def choose(self, seen: Sight, candidates: Sequence[Pose]) -> Choice | PoseRefusal:
         """Decide about poses from decoded tags.
 
         Args:
             seen: the image.
             candidates: fitted poses.
+
+        Returns:
+            The one to publish, with the attitude's knowledge in it, or why there is none.
         """
         checks, level = self._checks, self._checks.level
         refusals = [checks.refusal(seen, pose) for pose in candidates]
@@ -192,7 +182,7 @@ class FirstJudge:
             pose for pose, why in zip(candidates, refusals, strict=True) if why in (None, PoseRefusal.ATTITUDE)
         ]
         if not believable:
-            return FirstVerdict(refusal=refusals[0] if refusals else PoseRefusal.NO_FIT)
+            return next(filter(None, refusals), PoseRefusal.NO_FIT)
         tilts = [level.tilt(seen, pose) for pose in believable]
         known = [tilt for tilt in tilts if tilt is not None]
         choice = choose(
@@ -205,7 +195,7 @@ class FirstJudge:
             return self._fit_level(seen, min(believable, key=lambda pose: pose.loss))
         choice = choice or self._choose_by_all_pixels(seen, believable)
         if choice is None:
-            return FirstVerdict(refusal=PoseRefusal.AMBIGUOUS)
+            return PoseRefusal.AMBIGUOUS
         is_supported = False
         if choice.pose.source == "edges" and choice.pose.inliers < LIMITS.agreement.whole:
             # Hidden parts, or a border faked by what hides them: a held tilt tells these apart, or the edges seen.
@@ -213,22 +203,22 @@ class FirstJudge:
                 return self._fit_level(seen, choice.pose)
             is_supported = self._fitter.is_supported(seen.pixels, choice.pose)
             if not is_supported:
-                return FirstVerdict(refusal=PoseRefusal.INLIERS)
+                return PoseRefusal.INLIERS
         if choice.decided_by in ("unique", "image"):
             # Both starts may have run into one minimum, or one of them into none: the mirrored pose of a small tag is
             # asked for by name.
             decided = self._decide_mirror(seen, choice.pose)
             if decided is None:
-                return FirstVerdict(refusal=PoseRefusal.AMBIGUOUS)
+                return PoseRefusal.AMBIGUOUS
             choice = replace(choice, pose=decided)
         fused = level.fuse(seen, choice.pose)
         refused = checks.refusal(seen, choice.pose) or certainty_refusal(
             fused, has_attitude=bool(known), is_plain=is_supported
         )
-        return FirstVerdict(replace(choice, pose=fused)) if refused is None else FirstVerdict(refusal=refused)
+        return refused or replace(choice, pose=fused)
 
     def contradicting(
-        self, seen: Sight, candidates: Sequence[Pose], verdict: FirstVerdict, followed: Pose | None = None
+        self, seen: Sight, candidates: Sequence[Pose], verdict: Choice | PoseRefusal, followed: Pose | None = None
     ) -> Pose | None:
         """The pose that the image alone would publish, where the attitude refuses it or chose its mirror image.
 
@@ -242,20 +232,18 @@ class FirstJudge:
             verdict: about them.
             followed: what the track led to and the attitude refuses though nearly all edges agree with it.
         """
-        chosen = verdict.choice.pose if verdict.choice is not None else None
-        if followed is not None:
-            # Fits of two kinds do not compare.
-            wins = prefers(followed, chosen) if chosen is not None else verdict.refusal in OVERRULED
-            if wins:
-                return followed
-        is_overruled = verdict.choice is not None and verdict.choice.decided_by == "attitude"
-        if not is_overruled and verdict.refusal not in OVERRULED:
+        chosen = verdict.pose if isinstance(verdict, Choice) else None
+        is_refused = verdict in OVERRULED
+        # Fits of two kinds do not compare.
+        if followed is not None and (is_refused if chosen is None else prefers(followed, chosen)):
+            return followed
+        if not is_refused and not (isinstance(verdict, Choice) and verdict.decided_by == "attitude"):
             return None
-        alone = self.choose(seen.without_attitude(), candidates).choice
-        if alone is None or chosen is None:
-            return None if alone is None else alone.pose
-        apart = angle_between(alone.pose.rotation, chosen.rotation)
-        return alone.pose if apart > LIMITS.certainty.wrong_angle else None
+        alone = self.choose(seen.without_attitude(), candidates)
+        if not isinstance(alone, Choice):
+            return None
+        is_apart = chosen is None or angle_between(alone.pose.rotation, chosen.rotation) > LIMITS.certainty.wrong_angle
+        return alone.pose if is_apart else None
 
     def _decide_mirror(self, seen: Sight, pose: Pose) -> Pose | None:
         """Compare a first pose that has no rival with its mirror image; none when nothing decides."""
@@ -282,16 +270,14 @@ class FirstJudge:
             return best
         return with_rival(best, other, level.log_odds(seen, best, other))
 
-    def _fit_level(self, seen: Sight, pose: Pose) -> FirstVerdict:
+    def _fit_level(self, seen: Sight, pose: Pose) -> Choice | PoseRefusal:
         """Fit once more with the tilt held: something lying over one side gives a quad that is off by that much."""
         checks, level = self._checks, self._checks.level
         vertical = level.vertical(seen)
         held = self._fitter.refine(seen.pixels, level.replace_tilt(seen, pose), vertical)
         if held is None or checks.refusal(seen, held) is not None:
-            return FirstVerdict(refusal=PoseRefusal.ATTITUDE)
+            return PoseRefusal.ATTITUDE
         tilt = level.tilt(seen, held)
         if tilt is None or tilt > level.hidden_gate(held):
-            return FirstVerdict(refusal=PoseRefusal.ATTITUDE)
-        refused = certainty_refusal(held, has_attitude=True)
-        chosen = Choice(held, float("inf"), "attitude")
-        return FirstVerdict(chosen) if refused is None else FirstVerdict(refusal=refused)
+            return PoseRefusal.ATTITUDE
+        return certainty_refusal(held, has_attitude=True) or Choice(held, float("inf"), "attitude")

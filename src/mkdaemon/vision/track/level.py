@@ -10,8 +10,8 @@ radian of heading. Poses that were found without this knowledge measure the sum;
 How fast a deck drifts nobody knows before: a pad on the ground stays as it lies, a ship's deck rocks. An image of a far
 target hardly tells a tilt; over a deck that rested while it was seen better, what was learned then still counts. And an
 attitude may be wrong altogether, by a swapped sign, a mounting that is off by many degrees or a target that is not
-level at all, or be shaken, another one in every image. All four are followed, each as likely as its predictions make it.
-An attitude that is likelier wrong is left out, until it is likelier right: one threshold in odds.
+level at all, or be shaken, another one in every image. All four are followed, each as likely as its predictions make
+it. An attitude that is likelier wrong is left out, until it is likelier right: one threshold in odds.
 
 Source: interacting multiple models, Blom and Bar-Shalom, IEEE TAC 33(8), 1988.
 """
@@ -28,9 +28,9 @@ import numpy.typing as npt
 from mkdaemon.config.vision import TrackerSection
 from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.edgefit import Level
-from mkdaemon.vision.pose.pose import Pose, largest_variance
+from mkdaemon.vision.pose.pose import Pose, largest_variance, turn
 from mkdaemon.vision.pose.rolling import skew
-from mkdaemon.vision.track.attitude import Mounting, Sight, angle_of, fuse_normal
+from mkdaemon.vision.track.attitude import Mounting, Sight, angle_of, fuse_normal, turn_between
 from mkdaemon.vision.track.branches import lasting_doubt
 
 Array = npt.NDArray[np.float64]
@@ -211,8 +211,6 @@ class Deck:
 
 FAST = radians(0.5)
 """Deviation of an attitude from one image to the next, each axis [rad]: what lasts is in the state of the deck."""
-EXACT = 1e-3
-"""Deviation of an attitude that replaces a tilt altogether [rad]."""
 
 
 class LevelKnowledge:
@@ -299,8 +297,7 @@ class LevelKnowledge:
         expected = self._expected(seen)
         if expected is None:
             return pose
-        vague = replace(pose, covariance=np.eye(6))
-        return replace(fuse_normal(vague, expected, EXACT), position=pose.position)
+        return replace(pose, rotation=turn(pose.rotation, turn_between(pose.rotation[:, 2], expected)))
 
     def _expected(self, seen: Sight) -> Array | None:
         """The normal expected `(3,)`, camera axes; none where nothing is known."""
