@@ -100,6 +100,14 @@ def test_without_images_that_tell_the_attitude_is_tried_again() -> None:
     assert not deck.is_contradicted
 
 
+def test_a_clock_that_is_set_back_begins_anew() -> None:
+    deck = Deck()
+    shown(deck, [WRONG] * FEWEST, 100.0)
+    deck.time_passed(1.0)
+    assert not deck.is_contradicted
+    assert not tell(deck, 1.0, RIGHT)
+
+
 def test_the_tracker_poses_by_the_images_alone_while_the_attitude_is_wrong_and_comes_back() -> None:
     target = shipped("nested")
     tracker = Tracker(TagMap((target,)), VGA, LOOKING_DOWN)

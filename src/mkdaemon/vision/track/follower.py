@@ -199,8 +199,8 @@ class Follower:
 
     def follow(self, frame: Frame) -> None:
         """Try to find the target where it should be."""
-        self._fitter.begin(frame.sight.pixels)
-        sight = self._checks.level.sight(frame.sight)
+        sight = self._seen(frame)
+        self._fitter.begin(sight.pixels)
         track = self.track
         if not track.goes_on(sight.time):
             track.lose()
@@ -254,7 +254,7 @@ class Follower:
 
     def _measured(self, frame: Frame, predicted: Pose, starts: Iterable[tuple[FoundBy, Pose]]) -> bool:
         """Whether the target is found from one of several starts; it is followed then, and published if believed."""
-        seen, refused = self._checks.level.sight(frame.sight), None
+        seen, refused = self._seen(frame), None
         for mode, start in starts:
             verdict = self.judge.measure(seen, self._with_climb(seen, start), predicted)
             rival, against = frame.contradicting.get(self.name), verdict.contradicting
@@ -278,7 +278,7 @@ class Follower:
 
     def _found(self, frame: Frame, verdict: Verdict, pose: Pose, mode: FoundBy) -> None:
         """Follow a target that is found, and publish it if it is believed."""
-        seen = self._checks.level.sight(frame.sight)
+        seen = self._seen(frame)
         if verdict.alone is not None:
             frame.alone[self.name] = verdict.alone
         if not self._decode_again(frame, pose):
@@ -303,7 +303,7 @@ class Follower:
         if pose is not None and self._checks.level.learn(frame.sight, pose):
             self.start(frame, frame.detections, "search")
             if self.track.is_live and all(found.target != self.name for found in frame.poses):
-                seen = self._checks.level.sight(frame.sight)
+                seen = self._seen(frame)
                 self._measured(frame, self._predicted(seen), [("predicted", pose)])
         self.track.misses += not frame.has(self.name)
 
@@ -325,7 +325,7 @@ class Follower:
         if not tags:
             return
         frame.started.add(self.name)
-        seen, mounting = self._checks.level.sight(frame.sight), self._mounting
+        seen, mounting = self._seen(frame), self._mounting
         candidates = self._fitter.cold(
             seen.pixels,
             tags,
@@ -381,7 +381,7 @@ class Follower:
         track = self.track
         if track.branches is not None and track.branches.is_decided:
             return
-        seen = self._checks.level.sight(frame.sight)
+        seen = self._seen(frame)
         rivals = self._checks.with_mirror(seen, candidates)
         track.lose()
         track.branches = self.judge.start_branches(seen, rivals)
@@ -389,13 +389,17 @@ class Follower:
         self.track.accept(seen, rivals[0])
         frame.follow(self.name, PoseRefusal.AMBIGUOUS)
 
+    def _seen(self, frame: Frame) -> Sight:
+        """An image as the target is looked for in it: without an attitude that its images contradict."""
+        return self._checks.level.sight(frame.sight)
+
     def _predicted(self, seen: Sight) -> Pose:
         """What the track expects in an image, with what is known of the print's bend."""
         expected = self.track.predict(seen, self._mounting)
         return replace(expected, bend=None, known_bend=self._bend.at(seen.time))
 
     def _publish(self, frame: Frame, choice: Choice, mode: FoundBy) -> None:
-        seen = self._checks.level.sight(frame.sight)
+        seen = self._seen(frame)
         self.track.accept(seen, choice.pose)
         self.track.published = seen.time, choice.pose.range_m
         self._bend.learn(seen.time, choice.pose)

@@ -10,8 +10,8 @@ from mkdaemon.telemetry.vision import PoseRefusal
 from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.ambiguity import Choice, choose, prefers
 from mkdaemon.vision.pose.gates import certainty_refusal
-from mkdaemon.vision.pose.pose import Pose, angle_between
-from mkdaemon.vision.track.attitude import Sight, without_normal
+from mkdaemon.vision.pose.pose import Pose, angle_between, turn
+from mkdaemon.vision.track.attitude import Sight, angle_of, turn_between, without_normal
 from mkdaemon.vision.track.branches import Branches
 from mkdaemon.vision.track.checks import Checks, with_angle_variance, with_rival
 
@@ -274,10 +274,12 @@ class FirstJudge:
         """Fit once more with the tilt held: something lying over one side gives a quad that is off by that much."""
         checks, level = self._checks, self._checks.level
         vertical = level.vertical(seen)
-        held = self._fitter.refine(seen.pixels, level.replace_tilt(seen, pose), vertical)
+        if vertical is None:
+            return PoseRefusal.ATTITUDE
+        upright = turn(pose.rotation, turn_between(pose.rotation[:, 2], vertical.up))
+        held = self._fitter.refine(seen.pixels, replace(pose, rotation=upright), vertical)
         if held is None or checks.refusal(seen, held) is not None:
             return PoseRefusal.ATTITUDE
-        tilt = level.tilt(seen, held)
-        if tilt is None or tilt > level.hidden_gate(held):
+        if angle_of(held.rotation[:, 2], vertical.up) > level.hidden_gate(held):
             return PoseRefusal.ATTITUDE
         return certainty_refusal(held, has_attitude=True) or Choice(held, float("inf"), "attitude")

@@ -18,7 +18,7 @@ Source: interacting multiple models, Blom and Bar-Shalom, IEEE TAC 33(8), 1988.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import degrees, exp, hypot, log, pi, radians, sqrt
 from typing import Final
 
@@ -28,9 +28,9 @@ import numpy.typing as npt
 from mkdaemon.config.vision import TrackerSection
 from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.edgefit import Level
-from mkdaemon.vision.pose.pose import Pose, largest_variance, turn
+from mkdaemon.vision.pose.pose import Pose, largest_variance
 from mkdaemon.vision.pose.rolling import skew
-from mkdaemon.vision.track.attitude import Mounting, Sight, angle_of, fuse_normal, turn_between
+from mkdaemon.vision.track.attitude import Mounting, Sight, angle_of, fuse_normal
 from mkdaemon.vision.track.branches import lasting_doubt
 
 Array = npt.NDArray[np.float64]
@@ -191,21 +191,20 @@ class Deck:
         leans = angle_of(normal, UP) > MOST_LEAN
         self.off_deg = degrees(angle_of(normal, self.normal(enu_from_flu)))
         self._belief = self._at(time).corrected(_observe(enu_from_flu), normal[:2], covariance, may_be_deck=not leans)
-        self._time, self._asked = max(time, self._time), (-np.inf, PRIOR)
+        self._time, self._asked = time, (-np.inf, PRIOR)
         odds = self._belief.wrong_odds
         if abs(odds) >= LIMITS.ambiguity.decided:
             self.is_contradicted = odds > 0.0
 
     def time_passed(self, time: float) -> None:
         """Try an attitude again at a time [s] about which no image has told anything for long."""
-        self.is_contradicted = self.is_contradicted and time - self._time <= LONGEST
+        self.is_contradicted = self.is_contradicted and 0.0 <= time - self._time <= LONGEST
 
     def _at(self, time: float) -> _Belief:
         """What is known at a time, before anything is measured then."""
         if time != self._asked[0]:
-            passed = max(time - self._time, 0.0)
-            grown = self._belief.later(passed) if 0.0 < passed <= LONGEST else self._belief
-            self._asked = time, PRIOR if passed > LONGEST else grown
+            passed = time - self._time
+            self._asked = time, self._belief.later(passed) if 0.0 <= passed <= LONGEST else PRIOR
         return self._asked[1]
 
 
@@ -234,8 +233,8 @@ class LevelKnowledge:
 
     def tilt(self, seen: Sight, pose: Pose) -> float | None:
         """Angle between the normal of a pose and the one expected [rad]; none where nothing is known."""
-        expected = self._expected(seen)
-        return None if expected is None else angle_of(pose.rotation[:, 2], expected)
+        level = self.vertical(seen)
+        return None if level is None else angle_of(pose.rotation[:, 2], level.up)
 
     def sight(self, seen: Sight) -> Sight:
         """The image with its attitude; without, while images contradict it."""
@@ -249,8 +248,11 @@ class LevelKnowledge:
 
     def log_odds(self, seen: Sight, first: Pose, second: Pose) -> float:
         """How much likelier the attitude makes one pose than another [nats]; 0 where nothing is known."""
-        near, far = self.tilt(seen, first), self.tilt(seen, second)
-        return 0.0 if near is None or far is None else (far**2 - near**2) / (2.0 * self._sd(seen) ** 2)
+        level = self.vertical(seen)
+        if level is None:
+            return 0.0
+        near, far = (angle_of(pose.rotation[:, 2], level.up) for pose in (first, second))
+        return (far**2 - near**2) / (2.0 * level.spread**2)
 
     def gate(self, seen: Sight, pose: Pose) -> float:
         """Largest disagreement that is believed of a pose [rad]."""
@@ -262,14 +264,16 @@ class LevelKnowledge:
         return self._gate + min(spread, LIMITS.certainty.angle_sd)
 
     def vertical(self, seen: Sight) -> Level | None:
-        """The normal expected in camera axes, to hold a fit with; none where nothing is known."""
-        expected = self._expected(seen)
-        return None if expected is None else Level(expected, self._sd(seen))
+        """The normal expected in camera axes, with its deviation; none where nothing is known."""
+        if seen.enu_from_flu is None or self._mounting is None:
+            return None
+        expected = (seen.enu_from_flu @ self._mounting.flu_from_cam).T @ self._deck.normal(seen.enu_from_flu)
+        return Level(expected, hypot(min(self._spread, FAST), self._deck_sd(seen)))
 
     def fuse(self, seen: Sight, pose: Pose) -> Pose:
         """The pose with what the attitude knows about its tilt."""
-        expected = self._expected(seen)
-        return pose if expected is None else fuse_normal(pose, expected, self._sd(seen))
+        level = self.vertical(seen)
+        return pose if level is None else fuse_normal(pose, level.up, level.spread)
 
     def forget(self) -> None:
         """Forget how the target lies."""
@@ -291,24 +295,6 @@ class LevelKnowledge:
         before = self._deck.is_contradicted
         self._deck.measured(seen.time, seen.enu_from_flu, enu_from_cam @ normal, covariance)
         return self._deck.is_contradicted and not before
-
-    def replace_tilt(self, seen: Sight, pose: Pose) -> Pose:
-        """The pose with its tilt replaced by the attitude's; the place stays."""
-        expected = self._expected(seen)
-        if expected is None:
-            return pose
-        return replace(pose, rotation=turn(pose.rotation, turn_between(pose.rotation[:, 2], expected)))
-
-    def _expected(self, seen: Sight) -> Array | None:
-        """The normal expected `(3,)`, camera axes; none where nothing is known."""
-        if seen.enu_from_flu is None or self._mounting is None:
-            return None
-        expected: Array = (seen.enu_from_flu @ self._mounting.flu_from_cam).T @ self._deck.normal(seen.enu_from_flu)
-        return expected
-
-    def _sd(self, seen: Sight) -> float:
-        """Deviation of the normal expected, each axis [rad]."""
-        return float(np.hypot(min(self._spread, FAST), self._deck_sd(seen)))
 
     def _deck_sd(self, seen: Sight) -> float:
         """Deviation of how the target lies by the attitude of an image [rad]; the prior's without one."""
