@@ -89,11 +89,15 @@ class _Belief:
         """Log odds of a wrong attitude against all else."""
         return log(self.weight[WRONG] / (self.weight.sum() - self.weight[WRONG]))
 
+    def expected(self, observe: Array) -> Array:
+        """What is observed, in the mean over both decks."""
+        mean: Array = observe @ (self.weight[DECKS] @ self.mean[DECKS]) / self.weight[DECKS].sum()
+        return mean
+
     def mixture(self, observe: Array) -> tuple[Array, Array]:
         """Mean m and covariance of what is observed over both decks: sum(w P) + sum(w m_i m_i^T) - m m^T."""
-        weight = self.weight[DECKS] / self.weight[DECKS].sum()
+        weight, mean = self.weight[DECKS] / self.weight[DECKS].sum(), self.expected(observe)
         seen = self.mean[DECKS] @ observe.T
-        mean = weight @ seen
         spread = observe @ (weight @ self.covariance[DECKS].reshape(2, 16)).reshape(4, 4) @ observe.T
         return mean, spread + (weight[:, None] * seen).T @ seen - mean[:, None] * mean
 
@@ -167,7 +171,7 @@ class Deck:
 
     def normal(self, enu_from_flu: Array) -> Array:
         """The normal expected by an attitude `(3, 3)`: `(3,)`, ENU, length 1."""
-        east, north = self._belief.mixture(_observe(enu_from_flu))[0].tolist()
+        east, north = self._belief.expected(_observe(enu_from_flu)).tolist()
         return np.array([east, north, sqrt(max(1.0 - east**2 - north**2, 0.0))])
 
     def sd(self, time: float, enu_from_flu: Array) -> float:
