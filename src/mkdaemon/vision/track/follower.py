@@ -297,14 +297,14 @@ class Follower:
     def settle(self, frame: Frame) -> None:
         """Let what was found speak about deck and attitude, and count an image that shows no target.
 
-        The image that leaves the attitude out is looked at without it.
+        Where the image that leaves the attitude out was refused by it, it is looked at without.
         """
-        pose = frame.contradicting.get(self.name) or frame.alone.get(self.name)
-        if pose is not None and self._checks.level.learn(frame.sight, pose):
+        refused = frame.contradicting.get(self.name)
+        pose = refused or frame.alone.get(self.name)
+        if pose is not None and self._checks.level.learn(frame.sight, pose) and refused is not None:
             self.start(frame, frame.detections, "search")
             if self.track.is_live and all(found.target != self.name for found in frame.poses):
-                seen = self._seen(frame)
-                self._measured(frame, self._predicted(seen), [("predicted", pose)])
+                self._measured(frame, self._predicted(self._seen(frame)), [("predicted", refused)])
         self.track.misses += not frame.has(self.name)
 
     def forget(self) -> None:
