@@ -37,12 +37,15 @@ class CertaintyLimits:
 
     deviations: float = of(4.0, "deviations", "of a published pose beside an attitude are not wrong", "one in 16,000")
     blind_deviations: float = of(5.5, "deviations", "without: 0.9 degrees", BLIND)
-    surprising: float = of(16.0, "", "squared distance from the course, not published", "chi-square(3), one in 900")
     wrong_angle: float = of(radians(5.0), "rad", "from which a pose is wrong", "a landing over a deck")
     wrong_m: float = of(0.05, "m", "the same of its place", "a landing gear")
     wrong_share: float = of(0.01, "share", "of the range, where that is more", "what a calibration leaves, three times")
-    blind_rms_px: float = of(0.5, "px", "residual of an edge fit without attitude", BLIND)
-    blind_grey_rms_px: float = of(0.4, "px", "of a grey-value fit, as shift of edges: 0.2-0.3 behind webcams", BLIND)
+    blind_rms_px: float = of(0.5, "px", "residual without attitude, as shift of edges: 0.2-0.3 behind webcams", BLIND)
+
+    @property
+    def surprising(self) -> float:
+        """Squared distance from the course that is not published: chi-square(3), one in 900."""
+        return self.deviations**2
 
     @property
     def angle_sd(self) -> float:
@@ -51,7 +54,7 @@ class CertaintyLimits:
 
     @property
     def blind_angle_sd(self) -> float:
-        """The same without, and of a direction that inertia knows well enough to speak for a pose [rad]."""
+        """The same without; of a direction that inertia knows well enough to speak for a pose; closer is one pose."""
         return self.wrong_angle / self.blind_deviations
 
 
@@ -59,7 +62,6 @@ class CertaintyLimits:
 class AmbiguityLimits:
     """The choice between a pose and its mirror image."""
 
-    same_pose: float = of(radians(1.0), "rad", "candidates closer are one pose", "below the published deviation")
     samples_per_fact: float = of(4.0, "", "neighbouring samples share pixels", "derived: blur over sample spacing")
     decided: float = of(8.0, "nats", "from which a reading is believed, by images", "derived: one in 3,000")
 
@@ -68,11 +70,8 @@ class AmbiguityLimits:
 class TrackLimits:
     """The memory of one target, and carrying its pose over by what moved in the image."""
 
-    through: int = of(5, "images", "missed, over which a prediction holds and the target is found again", FLIGHTS)
     shake: float = of(0.08, "rad", "turn between two images within which it is looked for", FLIGHTS)
-    grace: float = of(0.5, "s", "between images of one track, and beyond the period to decode it again", FLIGHTS)
-    retry_decode: float = of(0.1, "s", "between attempts to decode", "3 ms each: 3 % of a core")
-    search_every: int = of(5, "images", "between searches for others while one is tracked", "cost: a search over five")
+    search_every: int = of(5, "images", "between searches beside a track: others, its own tag", "cost: 3 ms and more")
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,8 +79,6 @@ class BranchLimits:
     """Rival readings of a far target."""
 
     silent: float = of(3.0, "nats", "of one image that may be blur or light rather than tilt", BLIND)
-    trusted_share: float = of(0.3, "share", "of the odds beyond: neighbouring images share faults", BLIND)
-    certain: float = of(25.0, "nats", "odds do not grow beyond: a wrong branch can be left", BLIND)
     remembered: float = of(0.9, "share", "of what images said against a branch, an image later", "a third of a second")
 
 

@@ -31,7 +31,6 @@ from mkdaemon.vision.tags.tagmap import load
 from mkdaemon.vision.track.attitude import AttitudeHistory, Mounting
 from mkdaemon.vision.track.result import VisionResult
 from mkdaemon.vision.track.tracker import Tracker
-from mkdaemon.vision.track.witness import AttitudeWitness
 
 
 class AttitudeUse:
@@ -50,8 +49,14 @@ class AttitudeUse:
         self.lost: Counter[AttitudeLoss] = Counter()
         self.alarms: dict[Alarm, str] = {}
 
-    def image_seen(self, time: float, attitude: AttitudeHistory | None, witness: AttitudeWitness) -> None:
-        """Count one image by the middle of its exposure [s], the attitude reported, and what images think of that."""
+    def image_seen(self, time: float, attitude: AttitudeHistory | None, off_deg: float | None) -> None:
+        """Count one image.
+
+        Args:
+            time: middle of its exposure [s].
+            attitude: reported for it; none where nobody reports one.
+            off_deg: by how much images contradict it [deg]; none while they do not.
+        """
         self.alarms = {}
         if attitude is None or attitude.is_silent:
             return
@@ -64,10 +69,10 @@ class AttitudeUse:
             self.alarms[Alarm.ATTITUDE_MISSING] = (
                 f"{found}: poses come from the images alone; check the link to the boards and the camera's stamps"
             )
-        elif witness.contradicts:
+        elif off_deg is not None:
             self.lost[AttitudeLoss.CONTRADICTS] += 1
             self.alarms[Alarm.ATTITUDE_CONTRADICTS] = (
-                f"roll and pitch of the vehicle are {witness.off_deg:.0f} deg off what the images show of a level"
+                f"roll and pitch of the vehicle are {off_deg:.0f} deg off what the images show of a level"
                 " target: poses come from the images alone; check the camera's mount, the signs of the attitude, and"
                 " `level` of the target"
             )
@@ -189,7 +194,7 @@ class CameraPipeline:
         values = list(values_of(result, image, self._clock.stamp(image.captured_at), self._mounting or AT_BODY, ready))
         self._unchecked, self._seen_alarms = (image, result, attitude), result.alarms
         if self._mounting is not None:
-            self._attitude.image_seen(image.captured_at, attitude, self.tracker.witness)
+            self._attitude.image_seen(image.captured_at, attitude, self.tracker.contradicted_deg)
         self._refused.update(reason for _, reason in result.refused)
         self._timings.append((ready - started, ready - image.captured_at, bool(result.poses)))
         return values

@@ -174,7 +174,7 @@ class StillEye:
         choice = choose(candidates, min_ratio=self._cfg.min_ambiguity_ratio)
         best = choice.pose if choice is not None else candidates[0]
         rivals = [
-            pose for pose in candidates if angle_between(pose.rotation, best.rotation) > LIMITS.ambiguity.same_pose
+            pose for pose in candidates if angle_between(pose.rotation, best.rotation) > LIMITS.certainty.blind_angle_sd
         ]
         ratio = float(np.sqrt(rivals[0].loss / max(best.loss, 1e-12))) if rivals else float("inf")
         return StillPose(name, best, ratio, choice is None, fit_refusal(best, self._cfg))

@@ -86,7 +86,7 @@ def test_behind_an_untold_rolling_shutter_that_vibrates_no_pose_is_wrong_and_the
     for frame in shaken:
         result = tracker.update(frame.image, frame.attitude)
         assert Alarm.LINE_TIME in result.alarms
-        assert not tracker.witness.contradicts
+        assert tracker.contradicted_deg is None
         found = result.pose_of(target.name)
         if found is not None:
             error = error_of(found.pose.rotation, found.pose.position, frame.rotation, frame.position)

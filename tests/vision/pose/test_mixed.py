@@ -62,7 +62,7 @@ def test_in_dusk_all_pixels_measure_what_noisy_edges_have_found() -> None:
         assert found is not None
         assert alone is not None
         assert found.source == "photometric"
-        assert found.rms_px > LIMITS.certainty.blind_grey_rms_px > found.unexplained_px
+        assert found.rms_px > LIMITS.certainty.blind_rms_px > found.unexplained_px
         assert fit_refusal(found, TrackerSection()) is None
         errors.append(off(found, view))
         edge_errors.append(off(alone, view))

@@ -57,7 +57,7 @@ def test_a_pose_two_cells_of_the_inner_tag_beside_its_place_is_refused(name, dis
     assert bits > CFG.min_bit_correlation, "all cells together do not tell"
     assert fitter.cell_evidence(view.pixels, pose).beside > LIMITS.read.beside_nats
     doubted = replace(pose, inliers=0.5)  # as of a fit that stays there
-    assert Checks(fitter, Track(), CFG, LOOKING_DOWN).refusal(seen, doubted) is PoseRefusal.BITS
+    assert Checks(fitter, Track(CFG.coast), CFG, LOOKING_DOWN).refusal(seen, doubted) is PoseRefusal.BITS
 
 
 @pytest.mark.parametrize(("name", "distance", "cells"), CELLS_BESIDE)
@@ -82,7 +82,7 @@ def test_a_right_pose_with_the_inner_tag_hidden_stays(texture):
     assert pose is not None
     assert off(pose, view) < 1e-3
     assert fitter.cell_evidence(pixels, pose).beside == 0.0
-    assert Checks(fitter, Track(), CFG, LOOKING_DOWN).refusal(sight(view, pixels), pose) is None
+    assert Checks(fitter, Track(CFG.coast), CFG, LOOKING_DOWN).refusal(sight(view, pixels), pose) is None
 
 
 def test_cells_outside_the_image_or_too_small_tell_nothing():
@@ -111,7 +111,7 @@ def test_a_fit_beside_the_place_of_a_target_that_leaves_the_image_is_refused(dis
     view = turned_away("nested", distance, toward)
     step = shipped("nested").tags[0].module * np.array([*cells, 0])
     fitter, seen = TargetFitter(shipped("nested"), Projection(VGA)), sight(view)
-    checks = Checks(fitter, Track(), CFG, LOOKING_DOWN)
+    checks = Checks(fitter, Track(CFG.coast), CFG, LOOKING_DOWN)
     start = replace(truth(view), position=view.position + view.rotation @ step)
     beside, right = fitter.refine(view.pixels, start), fitter.refine(view.pixels, truth(view))
     assert off(beside, view) > 0.05, "two cells on, edges agree with their neighbours'"
@@ -128,7 +128,7 @@ def test_where_few_edges_agree_those_that_are_seen_have_to(distance, toward, ste
     """A corner of a near target is in view: part of a cell beside its place a few edges agree with others."""
     view = turned_away("nested", distance, toward, 1.3, 0.35)
     fitter, seen = TargetFitter(shipped("nested"), Projection(VGA)), sight(view)
-    checks = Checks(fitter, Track(), CFG, LOOKING_DOWN)
+    checks = Checks(fitter, Track(CFG.coast), CFG, LOOKING_DOWN)
     start = replace(truth(view), position=view.position + view.rotation @ np.array([*step, 0.0]))
     beside, right = fitter.refine(view.pixels, start), fitter.refine(view.pixels, truth(view))
     assert off(beside, view) > 0.01

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from mkdaemon.vision.camera.image import CameraImage
+from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.tags.detection import Detection
 from mkdaemon.vision.tags.searchplan import FIRST
 from mkdaemon.vision.tags.tagmap import TagMap
@@ -31,7 +32,7 @@ class Blind:
 def test_a_target_is_decoded_again_one_way_at_a_time_and_large_ones_at_half_the_resolution(side, ways):
     target, blind = shipped("single"), Blind()
     search = OwnSearch(target, blind)
-    for _ in range(len(ways)):
+    for _ in range(LIMITS.track.search_every * len(ways)):
         search.again(np.zeros((480, 640), np.uint8), (0, 0, side, 400))
     assert blind.stages == list(ways)
     (tag,) = target.tags

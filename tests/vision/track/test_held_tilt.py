@@ -26,7 +26,10 @@ def judged(name: str, off_deg: float) -> Verdict:
     """Verdict about a far target in full view whose tilt is known, beside an attitude that is off by so much since."""
     view = View(shipped(name), place(3.8, 0.25))
     right = view.view.enu_from_cam @ LOOKING_DOWN.flu_from_cam.T
-    track, truth = Track(), Pose(view.rotation, view.position, 1e-6 * np.eye(6), "edges", 200, 0.05)
+    track, truth = (
+        Track(TrackerSection().coast),
+        Pose(view.rotation, view.position, 1e-6 * np.eye(6), "edges", 200, 0.05),
+    )
     checks = Checks(TargetFitter(shipped(name), Projection(VGA)), track, TrackerSection(), LOOKING_DOWN)
     for k in range(KNOWN):
         checks.level.learn(Sight(view.pixels, k / 30, right), truth)

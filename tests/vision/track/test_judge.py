@@ -11,10 +11,12 @@ import pytest
 from mkdaemon.config.vision import TrackerSection
 from mkdaemon.telemetry.vision import PoseRefusal
 from mkdaemon.vision.limits import LIMITS
+from mkdaemon.vision.pose.ambiguity import Choice
 from mkdaemon.vision.pose.gates import CellEvidence
 from mkdaemon.vision.pose.pose import Pose, turn
 from mkdaemon.vision.tags.tagmap import TagMap, Target
 from mkdaemon.vision.track.attitude import LOOKING_DOWN, Sight
+from mkdaemon.vision.track.branches import MOST_ODDS
 from mkdaemon.vision.track.checks import Checks
 from mkdaemon.vision.track.judge import FirstJudge, Judge, Verdict
 from mkdaemon.vision.track.result import Frame
@@ -86,7 +88,7 @@ class GivenFits:
 
 
 def checks(fits: GivenFits, track: Track | None = None) -> Checks:
-    return Checks(fits, track or Track(), TrackerSection(), LOOKING_DOWN)  # type: ignore[arg-type]
+    return Checks(fits, track or Track(TrackerSection().coast), TrackerSection(), LOOKING_DOWN)  # type: ignore[arg-type]
 
 
 def sight(time: float = STEP, attitude: bool = True) -> Sight:
@@ -95,7 +97,7 @@ def sight(time: float = STEP, attitude: bool = True) -> Sight:
 
 def followed(pose: Pose | None = None, misses: int = 0) -> Track:
     """A track of one pose a moment ago."""
-    track = Track()
+    track = Track(TrackerSection().coast)
     track.accept(Sight(PIXELS, 0.0, np.eye(3)), pose or fitted())
     track.misses = misses
     return track
@@ -194,6 +196,8 @@ def test_an_image_counts_once_beside_what_the_images_before_told_of_the_deck():
     verdict = Judge(asked).measure(sight(), fitted(), fitted())
     np.testing.assert_allclose(verdict.pose.covariance, expected.covariance)
     assert angle_deg(verdict.pose.rotation, expected.rotation) < 1e-9
+    assert verdict.alone is pose
+    asked.level.learn(sight(), verdict.alone)
     assert asked.level.tilt(sight(), pose) < np.radians(1.9)
 
 
@@ -224,7 +228,7 @@ def test_a_fit_without_attitude(given, pose, refusal):
     track = followed(pose)
     asked = checks(GivenFits(pose, **given), track)
     judge, began = Judge(asked), sight(-0.1, attitude=False)
-    track.branches = judge.start_branches(began, asked.candidates(began, pose), decided=False)
+    track.branches = judge.start_branches(began, asked.candidates(began, pose))
     assert judge.measure(sight(attitude=False), pose, pose).refusal is refusal
     assert track.branches is not None
     assert track.branches.is_decided == (refusal is not PoseRefusal.AMBIGUOUS)
@@ -238,7 +242,7 @@ def test_a_track_in_doubt_goes_over_to_the_reading_that_the_images_speak_for():
     for k in range(1, 12):
         judge = Judge(checks(GivenFits(wrong, mirror=right, cell_px=4.5), track))
         if track.branches is None:
-            track.branches = judge.start_branches(sight(0.0), [wrong, right], decided=False)
+            track.branches = judge.start_branches(sight(0.0), [wrong, right])
         seen = sight(k * STEP, attitude=False)
         verdict = judge.measure(seen, wrong, wrong)
     assert verdict is not None
@@ -249,13 +253,13 @@ def test_a_track_in_doubt_goes_over_to_the_reading_that_the_images_speak_for():
 
 def test_a_pose_off_the_course_is_followed_and_not_published():
     track = followed(TILTED)
-    track.branches = Judge(checks(GivenFits(), track)).start_branches(sight(0.0), [TILTED], decided=True)
+    track.branches = Judge(checks(GivenFits(), track)).start_branches(sight(0.0), [TILTED])
     for k in range(1, 12):
         judge = Judge(checks(GivenFits(TILTED), track))
         assert judge.measure(sight(k * STEP, attitude=False), TILTED, TILTED).refusal is None
         track.accept(Sight(PIXELS, k * STEP, None), TILTED)
     assert track.branches is not None
-    assert track.branches.best.course.angle_sd < LIMITS.certainty.blind_angle_sd
+    assert track.branches.course[0].angle_sd < LIMITS.certainty.blind_angle_sd
     # Within what a pose this uncertain may be off for several images, and too far for what it says of itself.
     vague = SHARP + np.diag([0.0, 0.0, 0.0, 4e-5, 4e-5, 4e-5])
     aside = replace(TILTED, rotation=turn(TILTED.rotation, np.radians([1.8, 0.0, 0.0])), covariance=vague)
@@ -272,7 +276,8 @@ def test_a_reading_that_images_keep_speaking_against_is_not_published(loss, refu
     for k in range(1, 30):
         judge = Judge(checks(GivenFits(followed_one, mirror=other, cell_px=4.5), track))
         if track.branches is None:
-            track.branches = judge.start_branches(sight(0.0), [followed_one, other], decided=True)
+            begun = judge.start_branches(sight(0.0), [followed_one, other])
+            track.branches = replace(begun, weight=np.array([0.0, -MOST_ODDS]))
         verdict = judge.measure(sight(k * STEP, attitude=False), followed_one, followed_one)
     assert verdict is not None
     assert verdict.refusal is refusal
@@ -307,8 +312,7 @@ FIRST = [
 @pytest.mark.parametrize(("given", "candidates", "attitude", "refusal"), FIRST)
 def test_a_first_pose(given, candidates, attitude, refusal):
     verdict = FirstJudge(checks(GivenFits(**given))).choose(sight(attitude=attitude), candidates)
-    assert verdict.refusal is refusal
-    assert (verdict.choice is None) == (refusal is not None)
+    assert isinstance(verdict, Choice) if refusal is None else verdict is refusal
 
 
 def test_all_pixels_decide_between_first_poses_whose_edges_do_not():
@@ -319,15 +323,15 @@ def test_all_pixels_decide_between_first_poses_whose_edges_do_not():
     for cell_px, refusal in ((6.0, None), (12.0, PoseRefusal.AMBIGUOUS)):
         fits = GivenFits(mirror=mirrored(TILTED), grey=grey, cell_px=cell_px)
         verdict = FirstJudge(checks(fits)).choose(sight(attitude=False), [TILTED])
-        assert verdict.refusal is refusal
+        assert isinstance(verdict, Choice) if refusal is None else verdict is refusal
 
 
 def test_of_two_first_poses_the_attitude_chooses_the_level_one():
     level, tilted = fitted(loss=0.02), fitted(tilt_deg=20.0, loss=0.01)
     verdict = FirstJudge(checks(GivenFits())).choose(sight(), [tilted, level])
-    assert verdict.choice is not None
-    assert verdict.choice.decided_by == "attitude"
-    assert angle_deg(verdict.choice.pose.rotation, level.rotation) < 0.1
+    assert isinstance(verdict, Choice)
+    assert verdict.decided_by == "attitude"
+    assert angle_deg(verdict.pose.rotation, level.rotation) < 0.1
 
 
 @pytest.mark.parametrize(("loss", "contradicts"), [(0.011, False), (0.0095, False), (0.006, True)])
@@ -337,7 +341,7 @@ def test_what_a_track_led_to_and_the_image_prefers_contradicts_an_attitude_that_
     level, tilted = fitted(loss=0.01), fitted(tilt_deg=8.0, loss=loss)
     first = FirstJudge(checks(GivenFits(mirror=level)))
     verdict = first.choose(sight(), [tilted, level])
-    assert verdict.choice is not None
+    assert isinstance(verdict, Choice)
     assert (first.contradicting(sight(), [tilted, level], verdict, tilted) is tilted) == contradicts
 
 
@@ -437,9 +441,9 @@ def test_a_lone_first_pose_far_away_is_held_against_its_mirror_image_beside_an_a
 ):
     found, rival = fitted(tilt_deg=tilt_deg), fitted(tilt_deg=mirror_deg)
     verdict = FirstJudge(checks(GivenFits(mirror=rival))).choose(sight(), [found])
-    assert verdict.refusal is refusal
-    if verdict.choice is not None:
-        assert angle_deg(verdict.choice.pose.rotation, fitted(tilt_deg=published_deg).rotation) < 0.2
+    assert isinstance(verdict, Choice) if refusal is None else verdict is refusal
+    if isinstance(verdict, Choice):
+        assert angle_deg(verdict.pose.rotation, fitted(tilt_deg=published_deg).rotation) < 0.2
 
 
 def test_a_first_pose_without_rival_is_followed_beside_its_mirror_image():

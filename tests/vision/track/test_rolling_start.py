@@ -11,6 +11,7 @@ import pytest
 from lab.vision.flight import VGA, fly
 from lab.vision.real import DEVICES
 from lab.vision.stills import error_of, target_named
+from mkdaemon.config.vision import TrackerSection
 from mkdaemon.vision.pose.pose import Pose
 from mkdaemon.vision.tags.tagmap import TagMap
 from mkdaemon.vision.track.attitude import LOOKING_DOWN, Sight
@@ -39,7 +40,7 @@ def test_images_of_an_unknown_climb_are_followed_until_they_tell_it() -> None:
 @pytest.mark.parametrize("rate", [0.4, 1.5])
 def test_a_camera_that_turns_without_an_attitude_does_not_climb(rate: float, known: bool) -> None:
     """Nor where the images before had one: the turn is in the step all the same."""
-    track, place = Track(), np.array([0.6, 0.4, 3.0])
+    track, place = Track(TrackerSection().coast), np.array([0.6, 0.4, 3.0])
     for k in range(2):
         turned = np.asarray(cv2.Rodrigues(k / 30 * rate * np.array([1.0, -1.0, 0.0]))[0], dtype=np.float64)
         pose = Pose(turned, turned @ place, 1e-6 * np.eye(6), "edges", 300, 0.05)
@@ -67,7 +68,7 @@ def test_the_second_image_knows_the_climb_from_both_ranges() -> None:
 @pytest.mark.parametrize(("inliers", "knows"), [(1.0, True), (0.46, False)])
 def test_a_range_that_few_edges_agree_with_tells_no_climb(inliers: float, knows: bool) -> None:
     """Such a fit, 10 cm too far, made a climb of 3.2 m/s of nothing: 3 degrees off at 1 m, NEES 39."""
-    track = Track()
+    track = Track(TrackerSection().coast)
     first = Pose(np.diag([1.0, -1.0, -1.0]), np.array([0.0, 0.0, 1.0]), 1e-6 * np.eye(6), "edges", 300, 0.05)
     track.accept(Sight(PIXELS, 0.0, np.eye(3)), first)
     found = replace(first, position=1.1 * first.position, inliers=inliers)

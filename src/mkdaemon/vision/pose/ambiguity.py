@@ -57,11 +57,11 @@ def choose(
     Returns:
         The choice; none when nothing decides or the attitude contradicts every candidate.
     """
-    decides = LIMITS.ambiguity
+    decides, same_pose = LIMITS.ambiguity, LIMITS.certainty.blind_angle_sd
     order = sorted(range(len(candidates)), key=lambda k: candidates[k].loss)
     distinct: list[int] = []
     for k in order:
-        if all(angle_between(candidates[k].rotation, candidates[j].rotation) > decides.same_pose for j in distinct):
+        if all(angle_between(candidates[k].rotation, candidates[j].rotation) > same_pose for j in distinct):
             distinct.append(k)
     if not distinct:
         return None

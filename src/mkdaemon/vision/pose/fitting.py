@@ -329,7 +329,7 @@ class TargetFitter:
 
     def _holds(self, grey: Pose) -> bool:
         """Whether a fit to grey values is the whole truth of an image."""
-        return self._photo.explains(grey) and grey.unexplained_px <= LIMITS.certainty.blind_grey_rms_px
+        return self._photo.explains(grey) and grey.unexplained_px <= LIMITS.certainty.blind_rms_px
 
     def is_small(self, pose: Pose) -> bool:
         """Whether cells are so small that grey values measure the target, alone or after edges."""

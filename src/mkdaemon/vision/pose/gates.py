@@ -213,8 +213,7 @@ def certainty_refusal(
     if not has_attitude:
         # In a dark image the residual is large and yet nearly all points agree.
         noisy = is_backed and pose.source == "edges" and pose.inliers > LIMITS.agreement.whole
-        most = certain.blind_rms_px if pose.source == "edges" else certain.blind_grey_rms_px
-        if not noisy and pose.unexplained_px > most:
+        if not noisy and pose.unexplained_px > certain.blind_rms_px:
             return PoseRefusal.RESIDUAL
         if pose.inliers < LIMITS.agreement.blind and not is_plain:
             return PoseRefusal.INLIERS

@@ -68,6 +68,8 @@ class OutlineSearch:
 
     def find(self, pixels: Grey) -> list[Detection]:
         """All codes inside of dark outlines of `(h, w)` uint8 that agree beyond chance; of one code the clearest."""
+        if not self._reader.sizes:
+            return []
         # Holes too: where something dark over a side joins a tag to dark ground, its sides bound the paper around it.
         outlines, _ = cv2.findContours(_dark(pixels), cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
         least = 3 * self._reader.sizes[0] * LIMITS.cells.mixed_px  # three sides

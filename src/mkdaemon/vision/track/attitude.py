@@ -232,34 +232,11 @@ def _tilting(across: Array) -> Array:
     return np.hstack([np.zeros((2, 3)), across])
 
 
-def normal_beside(pose: Pose, expected: Array, spread: float) -> tuple[Array, Array]:
-    """What the image alone says about the normal of a pose whose fit was told an expected one.
-
-    With A the covariance of the two angles across the normal, what the fit was told is taken out of it again: the
-    image's information is A^-1 - I / spread^2, and its own normal lies beyond the fit's, away from the expected one.
-
-    Args:
-        pose: fitted with the expected normal.
-        expected: `(3,)`, camera axes, length 1.
-        spread: its standard deviation, each axis [rad].
-
-    Returns:
-        The turn from the pose's normal to the image's own `(3,)` [rad], and its covariance `(3, 3)`.
-    """
-    error, across = _apart(pose, expected)
-    known = 1.0 / spread**2
-    values, axes = np.linalg.eigh(np.linalg.inv(across @ pose.covariance[3:, 3:] @ across.T) - known * np.eye(2))
-    axes = axes.T @ across
-    is_vague = values < LEAST_SHARE * known
-    own = np.where(is_vague, UNKNOWN_SHARE * known, values)
-    turned = -(np.where(is_vague, 0.0, axes @ error) * known / own) @ axes
-    return turned, (axes.T / own) @ axes
-
-
-def without_normal(pose: Pose, expected: Array, spread: float) -> Pose | None:
+def without_normal(pose: Pose, expected: Array, spread: float) -> tuple[Pose, bool]:
     """The pose by the image alone, of a fit that was told an expected normal.
 
-    The update of `fuse_normal` undone, a Kalman update with the variance -spread^2.
+    The update of `fuse_normal` undone, a Kalman update with the variance -spread^2. About an axis that the image says
+    next to nothing about, the pose stays as it is and hardly anything is known of it.
 
     Args:
         pose: fitted with the expected normal.
@@ -267,10 +244,15 @@ def without_normal(pose: Pose, expected: Array, spread: float) -> Pose | None:
         spread: its standard deviation, each axis [rad].
 
     Returns:
-        The pose with its covariance; none where the image says less about the tilt than the fit was told: it is not
-        linear then, and the pose without would be anywhere.
+        The pose with its covariance, and whether the image says as much about the tilt as the fit was told: where it
+        says less it is not linear, and the place without is anywhere.
     """
     error, across = _apart(pose, expected)
-    if float(np.linalg.eigvalsh(across @ pose.covariance[3:, 3:] @ across.T)[-1]) > spread**2 / 2.0:
-        return None
-    return updated(pose, _tilting(across), across @ error, -(spread**2) * np.eye(2))
+    variances, axes = np.linalg.eigh(across @ pose.covariance[3:, 3:] @ across.T)
+    across, told = axes.T @ across, 1.0 / spread**2
+    own = 1.0 / variances - told
+    is_vague = own < LEAST_SHARE * told
+    own = np.where(is_vague, UNKNOWN_SHARE * told, own)
+    noise = np.diag(1.0 / (own - 1.0 / variances))
+    alone = updated(pose, _tilting(across), np.where(is_vague, 0.0, across @ error), noise)
+    return alone, bool(own.min() >= told)

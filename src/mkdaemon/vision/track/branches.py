@@ -1,4 +1,8 @@
-"""Both readings of a far target kept alive over consecutive images until they can be told apart.
+"""Readings of a target's past, each a way of the lens carried on by the vehicle's inertia, and how likely each is.
+
+Shaking turns a camera by degrees between two images but hardly moves it: seen from the target, the lens follows a
+smooth way. A constant-velocity Kalman filter on that way predicts from where the target is seen now, and so its tilt
+against the line of sight, to some tenths of a degree; without any attitude of the vehicle.
 
 A pose and its mirror image explain one image of a small tag nearly as well. Each is a branch with its own course;
 every image adds what its residuals say for or against, in odds, and what inertia says about which of the new candidates
@@ -12,27 +16,42 @@ that they compare whatever the range and however long nothing was seen:
   density that is even over what a fit misses by;
 * the target has left the course, which begins anew: `LEAVES` times the same density.
 
-Source: multiple hypothesis tracking, Reid, IEEE TAC 24(6), 1979.
+Sources: white-noise acceleration model, Bar-Shalom, Li and Kirubarajan, Estimation with Applications to Tracking, 6.2;
+multiple hypothesis tracking, Reid, IEEE TAC 24(6), 1979.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from math import log
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.ambiguity import log_odds
-from mkdaemon.vision.pose.pose import Pose
-from mkdaemon.vision.track.attitude import angle_of
-from mkdaemon.vision.track.course import ACCELERATION_PSD, MOVING_PSD, Course
+from mkdaemon.vision.pose.pose import Pose, inverse
+from mkdaemon.vision.pose.rolling import skew
+from mkdaemon.vision.track.attitude import updated
 
 Array = npt.NDArray[np.float64]
 
-BRANCHES = LIMITS.branches
+AGREEMENT, BRANCHES, CERTAINTY = LIMITS.agreement, LIMITS.branches, LIMITS.certainty
+DECIDED = LIMITS.ambiguity.decided
+MOST_ODDS = 3.0 * DECIDED
+"""Odds do not grow beyond [nats]: three images that decide lead out of a wrong branch."""
+ACCELERATION_PSD = 1.0
+"""Of a vehicle over a target at rest: 1.3 m/s^2 that last for 0.3 s [m^2/s^3]."""
+MOVING_PSD = 25.0
+"""The same where the target moves by itself, as a deck or another vehicle does [m^2/s^3]."""
+LEAST_INLIERS = 1e-3
+"""Share of points that agree; a fit with fewer has no place."""
+CAUTION = 4.0
+"""Images over which the errors of a pose last, where light, blur or cover cause them: a factor on its variance, and by
+which what it says beyond `silent` counts less."""
+FLOOR = 0.002
+"""Deviation of the lens from what a pose says that is always possible, of the range."""
 KEPT = 6
 """Branches that are followed: a pose, its mirror image and neither, each seen in the newest image or missed in it."""
 SCATTER = 0.1
@@ -41,88 +60,150 @@ LEAST_WRONG = 0.01
 """Probability that a fit is wrong though all its points agree: a smeared view, a saddle between both readings."""
 LEAVES = 0.001
 """Probability that a target leaves its course from one image to the next, once in half a minute."""
+LEAST_NORM = 1e-9
+"""Of a place that has a direction [m]."""
+
+PLACES, BOTH, SPEEDS = (np.kron(blocks, np.eye(3)) for blocks in ([[1, 0], [0, 0]], [[0, 1], [1, 0]], [[0, 0], [0, 1]]))
+"""Which parts of a course's covariance an unknown acceleration makes larger."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Branch:
-    """One reading of the past.
+class Course:
+    """Position and velocity of the lens in the target's frame, by one history or by each of several.
 
     Attributes:
-        course: after the newest image.
-        prior: the same before it was seen.
-        pose: the candidate of the newest image that belongs to it.
-        weight: log odds against the best branch, zero or less.
-        missed: whether no candidate belongs to it; `pose` is the nearest.
-        together: what the newest images together say against this reading, however little each of them says [nats].
+        time: [s].
+        state: position [m] and velocity [m/s] `(..., 6)`.
+        covariance: of `state` `(..., 6, 6)`.
+        psd: of the acceleration that is expected [m^2/s^3].
     """
 
-    course: Course
-    prior: Course
-    pose: Pose
-    weight: float
-    missed: bool = False
-    together: float = 0.0
+    time: float
+    state: Array
+    covariance: Array
+    psd: float = ACCELERATION_PSD
 
-    def next(self, time: float, candidates: Sequence[Pose], together: Sequence[float]) -> list[Branch]:
-        """Everything that may have become of this branch in a new image; `together` of every candidate."""
-        prior = self.course.predict_at(time)
-        likeliest = min(candidates, key=lambda pose: pose.loss)
-        found = []
-        for pose, against_it in zip(candidates, together, strict=True):
-            anywhere = -3.0 * log(SCATTER * pose.range_m)
-            joins, leaps = prior.log_density(pose), log(LEAVES) + anywhere
-            course = prior.correct(pose) if joins > leaps else Course.begin(time, pose, prior.psd)
-            weight = self.weight - _evidence(likeliest, pose) + max(joins, leaps)
-            found.append(Branch(course, prior, pose, weight, together=against_it))
-        k = max(range(len(candidates)), key=lambda j: prior.log_density(candidates[j]))
-        nearest = candidates[k]
-        misses = log(max(1.0 - nearest.inliers, LEAST_WRONG)) - 3.0 * log(SCATTER * nearest.range_m)
-        return [*found, Branch(prior, prior, nearest, self.weight + misses, missed=True, together=together[k])]
+    @classmethod
+    def begin(cls, time: float, centre: Array, spread: Array, psd: float = ACCELERATION_PSD) -> Course:
+        """Start from places, at an unknown velocity; as `places` gives them."""
+        covariance = np.zeros((len(centre), 6, 6))
+        covariance[:, :3, :3] = spread
+        covariance[:, 3:, 3:] = LIMITS.edges.speed_sd**2 * np.eye(3)
+        return cls(time, np.hstack([centre, np.zeros_like(centre)]), covariance, psd)
+
+    def __getitem__(self, which: Any) -> Course:
+        """Some of several histories, as arrays are indexed."""
+        return Course(self.time, self.state[which], self.covariance[which], self.psd)
+
+    @property
+    def centre(self) -> Array:
+        """Position of the lens `(..., 3)` [m; target]."""
+        return self.state[..., :3]
+
+    @property
+    def angle_sd(self) -> float:
+        """Deviation of the direction from which the target is seen, by one history [rad]."""
+        sight = self.centre / max(float(np.linalg.norm(self.centre)), LEAST_NORM)
+        across = np.eye(3) - np.outer(sight, sight)
+        spread = float(np.trace(across @ self.covariance[:3, :3] @ across)) / 2
+        return float(np.sqrt(spread)) / max(float(np.linalg.norm(self.centre)), LEAST_NORM)
+
+    def predict_at(self, time: float) -> Course:
+        """The same course at a later time, before anything is seen.
+
+        With F the motion over dt and Q the white acceleration of density q: P' = F P F^T + Q, the blocks of Q being
+        q dt^3 / 3 for the position, q dt^2 / 2 between both, q dt for the velocity.
+        """
+        dt = time - self.time
+        move = np.eye(6)
+        move[:3, 3:] = dt * np.eye(3)
+        noise = self.psd * (dt**3 / 3 * PLACES + dt**2 / 2 * BOTH + dt * SPEEDS)
+        return Course(time, self.state @ move.T, move @ self.covariance @ move.T + noise, self.psd)
+
+    def join(self, centre: Array, spread: Array) -> tuple[Course, Array]:
+        """The course after a place, and the logarithm of the density of that place before it; as `places` gives them.
+
+        A Kalman update with the position as H: S = H P H^T + R, K = P H^T S^-1, and of the surprise y the density
+        -(y^T S^-1 y + ln det S) / 2 [1/m^3], without the constant 3 / 2 ln(2 pi).
+        """
+        across = self.covariance[..., :3]
+        inverse_both = np.linalg.inv(across[..., :3, :] + spread)
+        error = (centre - self.centre)[..., None]
+        gain = across @ inverse_both
+        covariance = self.covariance - gain @ across.swapaxes(-1, -2)
+        distance2 = (error.swapaxes(-1, -2) @ inverse_both @ error)[..., 0, 0]
+        density = (np.log(np.linalg.det(inverse_both)) - distance2) / 2.0
+        state = self.state + (gain @ error)[..., 0]
+        return Course(self.time, state, (covariance + covariance.swapaxes(-1, -2)) / 2, self.psd), density
+
+    def mahalanobis2(self, pose: Pose, caution: float | None = None) -> float:
+        """Squared Mahalanobis distance of a pose from one history, three degrees of freedom; see `places`."""
+        (centre,), (spread,) = places([pose], caution)
+        error = centre - self.centre
+        return float(error @ np.linalg.solve(self.covariance[:3, :3] + spread, error))
+
+    def fuse(self, pose: Pose) -> Pose:
+        """A pose with what one history knew before it about where the lens is.
+
+        The lens is at c = -R^T p in the target's frame; dc = -R^T dp - R^T [p]x w. A Kalman update of (p, w) by what
+        the course knows of c; nearby, where the image says far more than inertia, nothing changes.
+
+        A pose that surprises the course makes it as uncertain as the surprise is large: of two that contradict each
+        other both together would claim to know more than either.
+
+        Source: the ratio of Birge, Physical Review 40 (1932), 207.
+        """
+        known = max(1.0, self.mahalanobis2(pose, 1.0) / 3.0) * self.covariance[:3, :3]
+        back = pose.rotation.T
+        jacobian = np.hstack([-back, -back @ skew(pose.position)])
+        return updated(pose, jacobian, self.centre + back @ pose.position, known + 1e-12 * np.eye(3))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Branches:
-    """Readings of the past.
+    """The n likeliest readings of the past, the best first.
 
     Attributes:
-        ranked: the likeliest first; at least one.
+        course: of each, after the newest image.
+        weight: log odds of each against the best, zero or less `(n,)`.
+        missed: whether no candidate of the newest image belongs to it `(n,)`.
+        together: what the newest images together say against each reading, however little each says `(n,)` [nats].
+        prior: course of the best before the newest image.
+        pose: the candidate of that image that belongs to the best; the nearest where it was missed.
     """
 
-    ranked: tuple[Branch, ...]
+    course: Course
+    weight: Array
+    missed: npt.NDArray[np.bool_]
+    together: Array
+    prior: Course
+    pose: Pose
 
     @classmethod
-    def begin(cls, time: float, candidates: Sequence[Pose], *, decided: bool, moving: bool = False) -> Branches:
-        """Start from the candidates of one image.
+    def begin(cls, time: float, candidates: Sequence[Pose], *, moving: bool = False) -> Branches:
+        """Start from the candidates of one image; a single one is known to be true.
 
         Args:
             time: of the image [s].
             candidates: at least one, the best first.
-            decided: whether the first is already known to be true.
             moving: whether the target moves by itself.
         """
-        psd = MOVING_PSD if moving else ACCELERATION_PSD
-        found: list[Branch] = []
-        for pose in candidates:
-            against = BRANCHES.certain if decided and found else _evidence(candidates[0], pose)
-            course = Course.begin(time, pose, psd)
-            found.append(Branch(course, course, pose, -against))
-        return cls(_prune(found))
-
-    @property
-    def best(self) -> Branch:
-        """The likeliest."""
-        return self.ranked[0]
+        course = Course.begin(time, *places(candidates), MOVING_PSD if moving else ACCELERATION_PSD)
+        count = len(candidates)
+        weight, missed = -_evidence(candidates), np.zeros(count, dtype=bool)
+        kept = _likeliest(course.centre, weight, missed)
+        return cls(course[kept], weight[kept], missed[kept], np.zeros(len(kept)), course[kept[0]], candidates[kept[0]])
 
     @property
     def lead(self) -> float:
         """Log odds of the likeliest branch against the next that means another pose."""
-        rivals = [b.weight for b in self.ranked[1:] if _apart(self.best, b) > LIMITS.certainty.wrong_angle]
-        return -max(rivals, default=-BRANCHES.certain)
+        rivals = self.weight[self._apart > CERTAINTY.wrong_angle]
+        return -float(rivals.max()) if rivals.size else MOST_ODDS
 
     @property
     def is_decided(self) -> bool:
         """Whether the likeliest branch is believed."""
-        return self.lead >= LIMITS.ambiguity.decided
+        return self.lead >= DECIDED
 
     @property
     def is_spoken_against(self) -> bool:
@@ -131,66 +212,128 @@ class Branches:
         Together they may say no more than what it leads by beyond `decided`: a course that a poor fit threw aside lets
         its rival lead by one jump, whatever image after image says.
         """
-        spare = min(self.lead - LIMITS.ambiguity.decided, LIMITS.ambiguity.decided)
-        return self.best.together > spare
+        return bool(self.together[0] > min(self.lead - DECIDED, DECIDED))
 
     @property
     def doubt(self) -> float:
         """Variance of the direction from what is left of other branches close to the likeliest [rad^2]."""
-        odds = np.exp([b.weight for b in self.ranked])
-        apart = np.array([_apart(self.best, b) for b in self.ranked])
-        close = apart <= LIMITS.certainty.wrong_angle
-        return float((odds * apart**2)[close].sum() / odds[close].sum())
+        apart = self._apart
+        odds = np.exp(self.weight) * (apart <= CERTAINTY.wrong_angle)
+        return float((odds * apart**2).sum() / odds.sum())
+
+    @property
+    def _apart(self) -> Array:
+        """Angle between the directions from which the likeliest branch and each of them see the target [rad]."""
+        return _angles(self.course.centre[:1], self.course.centre).ravel()
 
     def after(self, time: float, candidates: Sequence[Pose]) -> Branches:
-        """Go on with the candidates of a new image."""
-        together = [self._sum_against(pose, candidates) for pose in candidates]
-        found = [grown for branch in self.ranked for grown in branch.next(time, candidates, together)]
-        return Branches(_prune(found))
+        """Go on with the m candidates of a new image: each branch is joined by each of them, or missed."""
+        prior, (centre, spread) = self.course.predict_at(time), places(candidates)
+        joined, density = prior[:, None].join(centre, spread)
+        anywhere = -3.0 * np.log([SCATTER * pose.range_m for pose in candidates])
+        leaps = np.log(LEAVES) + anywhere
+        anew, leapt = Course.begin(time, centre, spread), (density <= leaps)[..., None]
+        joins = np.maximum(density, leaps) - _evidence(candidates)
+        nearest = density.argmax(axis=1)
+        misses = (np.log([max(1.0 - pose.inliers, LEAST_WRONG) for pose in candidates]) + anywhere)[nearest]
+        # Of every branch, after all that join it, the one that missed.
+        state = np.concatenate([np.where(leapt, anew.state, joined.state), prior.state[:, None]], axis=1)
+        covariance = np.where(leapt[..., None], anew.covariance, joined.covariance)
+        covariance = np.concatenate([covariance, prior.covariance[:, None]], axis=1)
+        course = Course(time, state.reshape(-1, 6), covariance.reshape(-1, 6, 6), prior.psd)
+        weight = (self.weight[:, None] + np.column_stack([joins, misses])).ravel()
+        parent, chosen = np.divmod(np.arange(len(weight)), len(candidates) + 1)
+        missed = chosen == len(candidates)
+        chosen[missed] = nearest
+        kept = _likeliest(course.centre, weight, missed)
+        best = kept[0]
+        return Branches(
+            course[kept],
+            np.maximum(weight[kept] - weight[best], -MOST_ODDS),
+            missed[kept],
+            self._summed_against(centre, candidates)[chosen[kept]],
+            prior[parent[best]],
+            candidates[chosen[best]],
+        )
 
-    def _sum_against(self, pose: Pose, candidates: Sequence[Pose]) -> float:
-        """What images together say against the reading that a candidate belongs to, its own image included [nats].
+    def _summed_against(self, centre: Array, candidates: Sequence[Pose]) -> Array:
+        """What images together say against the reading of each candidate, their own image included `(m,)` [nats].
 
         A reading is where the target is seen from, not one history of it: that may begin with a leap from the other.
         """
-        place = -pose.rotation.T @ pose.position
-        apart = [angle_of(branch.course.centre, place) for branch in self.ranked]
-        near = max(LIMITS.certainty.wrong_angle, min(apart))
+        apart = _angles(self.course.centre, centre)
+        near = np.maximum(CERTAINTY.wrong_angle, apart.min(axis=0))
         # Where both readings are nearly one, what was said against one of them says nothing.
-        before = min(branch.together for branch, angle in zip(self.ranked, apart, strict=True) if angle <= near)
-        odds = min((log_odds(pose, other) for other in candidates if other is not pose), default=0.0)
-        return float(np.clip(BRANCHES.remembered * before - odds, 0.0, BRANCHES.certain))
+        before = np.where(apart <= near, self.together[:, None], np.inf).min(axis=0)
+        odds = [min((log_odds(a, b) for b in candidates if b is not a), default=0.0) for a in candidates]
+        summed: Array = np.clip(BRANCHES.remembered * before - odds, 0.0, MOST_ODDS)
+        return summed
 
 
-def _evidence(better: Pose, worse: Pose) -> float:
-    """What one image adds to the log odds of the better of two fits, zero or more."""
-    if better is worse:
-        return 0.0
-    trusted = BRANCHES.trusted_share * (log_odds(better, worse) - BRANCHES.silent)
-    return float(np.clip(trusted, 0.0, LIMITS.ambiguity.decided))
+def places(poses: Sequence[Pose], caution: float | None = None) -> tuple[Array, Array]:
+    """Where poses put the lens, and how well that may be believed over several images.
+
+    Args:
+        poses: measured.
+        caution: factor on their variance; what their errors over several images ask for when absent.
+
+    Returns:
+        Places `(m, 3)` [m; target] and their covariances `(m, 3, 3)`.
+    """
+    centre, spread = np.empty((len(poses), 3)), np.empty((len(poses), 3, 3))
+    for k, pose in enumerate(poses):
+        factor = CAUTION * shared_doubt(pose) if caution is None else caution
+        _, centre[k], covariance = inverse(pose, factor * pose.covariance)
+        spread[k] = covariance[:3, :3] + (FLOOR * pose.range_m) ** 2 * np.eye(3)
+    return centre, spread
 
 
-def _apart(a: Branch, b: Branch) -> float:
-    """Angle between the directions from which two branches see the target [rad]."""
-    return angle_of(a.course.centre, b.course.centre)
+def shared_doubt(pose: Pose) -> float:
+    """Factor on a pose's variance for what images in a row teach: what lies over some points of it stays there.
+
+    The covariance of one image knows by its residuals what its points share.
+    """
+    return 1.0 / max(pose.inliers, LEAST_INLIERS) ** AGREEMENT.power
 
 
-def _prune(found: list[Branch]) -> tuple[Branch, ...]:
-    """The likeliest few that differ, their weights against the best; other answers come before more of the same.
+def lasting_doubt(pose: Pose) -> float:
+    """The same for a state that only images teach: where points disagree, they do so alike from image to image.
+
+    A leaf's shadow pulls fits of one second by 4 degrees one way, each of which says it knows the tilt to 1 degree.
+    """
+    lasts = CAUTION if pose.inliers < AGREEMENT.whole else 1.0
+    return lasts * shared_doubt(pose)
+
+
+def _evidence(candidates: Sequence[Pose]) -> Array:
+    """What one image takes off the log odds of each fit for the sake of the best, zero or more `(m,)`."""
+    best = min(candidates, key=lambda pose: pose.loss)
+    odds = np.array([0.0 if pose is best else log_odds(best, pose) for pose in candidates])
+    return np.clip((odds - BRANCHES.silent) / CAUTION, 0.0, DECIDED)
+
+
+def _angles(some: Array, others: Array) -> Array:
+    """Angles between directions `(n, 3)` and `(m, 3)`, `(n, m)` [rad]."""
+    a, b = (x / np.maximum(np.linalg.norm(x, axis=1, keepdims=True), LEAST_NORM) for x in (some, others))
+    angles: Array = np.arccos(np.clip(a @ b.T, -1.0, 1.0))
+    return angles
+
+
+def _likeliest(centre: Array, weight: Array, missed: npt.NDArray[np.bool_]) -> list[int]:
+    """Which few of many branches are followed, the likeliest first.
 
     Histories of one answer may be more than are kept. What they crowd out would count as impossible: a branch would be
     believed because nobody followed its rival, or a target that leapt off every course would never be joined again. So
     answers that the newest image gave come before those that missed it: histories that drift apart are answers each,
     and six of them that miss image after image would leave no place for one that joins.
     """
-    top = max(branch.weight for branch in found)
-    lost = top - BRANCHES.certain
-    order = sorted((b for b in found if b.weight > lost or not b.missed), key=lambda branch: -branch.weight)
-    answers: list[Branch] = []
-    for branch in sorted(order, key=lambda branch: branch.missed):
-        if all(_apart(branch, other) > LIMITS.certainty.wrong_angle for other in answers):
-            answers.append(branch)
+    lost = weight.max() - MOST_ODDS
+    order = [k for k in np.argsort(-weight, kind="stable").tolist() if weight[k] > lost or not missed[k]]
+    is_apart = _angles(centre, centre) > CERTAINTY.wrong_angle
+    answers: list[int] = []
+    for k in sorted(order, key=lambda k: bool(missed[k])):
+        if is_apart[k, answers].all():
+            answers.append(k)
     kept = answers[:KEPT]
-    kept += [branch for branch in order if branch not in kept][: KEPT - len(kept)]
-    kept.sort(key=lambda branch: -branch.weight)
-    return tuple(replace(branch, weight=max(branch.weight - top, -BRANCHES.certain)) for branch in kept)
+    kept += [k for k in order if k not in kept][: KEPT - len(kept)]
+    return sorted(kept, key=order.index)

@@ -63,7 +63,7 @@ class Checks:
             if self.has_few_edges(pose) and not self.fitter.explains_seen_edges(seen.pixels, pose):
                 return PoseRefusal.INLIERS
         tilt = self.level.tilt(seen, pose)
-        if tilt is not None and tilt > self.level.gate(seen, pose) and not self.is_conclusive(seen, pose):
+        if tilt is not None and tilt > self.level.gate(seen, pose):
             return PoseRefusal.ATTITUDE
         return None
 
@@ -78,7 +78,7 @@ class Checks:
     def candidates(self, seen: Sight, pose: Pose) -> list[Pose]:
         """A fit and, where perspective does not rule it out, its mirror image."""
         rival = None if self.shows_perspective(pose) else self.fitter.fit_mirrored(seen.pixels, pose)
-        if rival is None or angle_between(pose.rotation, rival.rotation) < LIMITS.ambiguity.same_pose:
+        if rival is None or angle_between(pose.rotation, rival.rotation) < LIMITS.certainty.blind_angle_sd:
             return [pose]
         return [pose, rival]
 
@@ -89,7 +89,7 @@ class Checks:
         """
         found = sorted(poses, key=lambda pose: pose.loss)
         best = found[0]
-        if all(angle_between(best.rotation, pose.rotation) < LIMITS.ambiguity.same_pose for pose in found):
+        if all(angle_between(best.rotation, pose.rotation) < LIMITS.certainty.blind_angle_sd for pose in found):
             found = sorted([*found, *self.candidates(seen, best)[1:]], key=lambda pose: pose.loss)
         return found
 
@@ -101,10 +101,6 @@ class Checks:
         """Whether the image alone tells a pose from its mirror image: it is near, and not too blurred."""
         is_blurred = pose.blur_px is not None and pose.blur_px > LIMITS.blur.smeared_px
         return self.cell_px(pose) > LIMITS.cells.perspective_px and not is_blurred
-
-    def is_conclusive(self, seen: Sight, pose: Pose) -> bool:
-        """Whether the image alone decides the tilt: a large, sharp target in full view."""
-        return self.is_whole(pose) and self.shows_perspective(pose) and self.is_plain(seen, pose)
 
     def is_whole(self, pose: Pose) -> bool:
         """Whether nearly all edges of the target are seen and agree."""

@@ -37,7 +37,6 @@ from mkdaemon.vision.track.checks import Checks
 from mkdaemon.vision.track.judge import FirstJudge, Judge, Verdict
 from mkdaemon.vision.track.result import FoundBy, Frame, TargetPose
 from mkdaemon.vision.track.track import Track, known_motion
-from mkdaemon.vision.track.witness import AttitudeWitness
 
 Grey = npt.NDArray[np.uint8]
 
@@ -64,11 +63,15 @@ class OwnSearch:
         self._turn = 0
 
     def again(self, pixels: Grey, window: Window) -> list[Detection]:
-        """Tags of a part of the image; a search that finds none of the target's leaves the turn to another one."""
+        """Tags of a part of the image; a search that finds none of the target's rests, then another has its turn."""
+        turn, rests = divmod(self._turn, LIMITS.track.search_every)
+        self._turn += 1
+        if rests:
+            return []
         x0, y0, x1, y1 = window
         ways = FIRST if min(x1 - x0, y1 - y0) >= LARGE_PX else REDECODED
-        found = self._detector.search_shrunk(pixels, ways[self._turn % len(ways)], window)
-        self._turn += not self.own(found)
+        found = self._detector.search_shrunk(pixels, ways[turn % len(ways)], window)
+        self._turn -= bool(self.own(found))
         return found
 
     def nearby(self, pixels: Grey, window: Window, misses: int) -> list[Detection]:
@@ -180,7 +183,7 @@ class Follower:
         cfg: TrackerSection,
     ) -> None:
         self.name = target.name
-        self.track = Track()
+        self.track = Track(cfg.coast)
         self._target = target
         self._search, self._health = OwnSearch(target, detector), health
         self._mounting = mounting
@@ -195,24 +198,24 @@ class Follower:
 
     def follow(self, frame: Frame) -> None:
         """Try to find the target where it should be."""
-        self._fitter.begin(frame.sight.pixels)
-        track, now = self.track, frame.sight.time
-        if track.is_live and not 0.0 < now - track.last_seen.time < LIMITS.track.grace:
+        sight = self._seen(frame)
+        self._fitter.begin(sight.pixels)
+        track = self.track
+        if not track.goes_on(sight.time):
             track.lose()
-        if not track.is_live:
             return
-        predicted = self._predicted(frame.sight)
-        ways = [frame.sight]
-        if track.knows_turn(frame.sight, self._mounting):
+        predicted = self._predicted(sight)
+        ways = [sight]
+        if track.knows_turn(sight, self._mounting):
             # An attitude that jumps, or has a swapped sign, turns a prediction away from a target that is where it was.
-            ways.append(frame.sight.without_attitude())
+            ways.append(sight.without_attitude())
         for seen in ways:
             expected = self._predicted(seen)
             if self._measured(frame, expected, self._starts(seen, expected)):
                 return
-        window = self._fitter.window(predicted, frame.sight.pixels.shape)
+        window = self._fitter.window(predicted, sight.pixels.shape)
         if window is not None:
-            found = self._search.nearby(frame.sight.pixels, window, track.misses)
+            found = self._search.nearby(sight.pixels, window, track.misses)
             frame.detections.extend(found)
             self.start(frame, found, "roi")
 
@@ -222,8 +225,6 @@ class Follower:
         The likeliest start, and the other until as much as an image may take is spent on it.
         """
         track = self.track
-        if track.misses >= LIMITS.track.through:
-            return
         is_expected = track.has_velocity or track.knows_turn(seen, self._mounting)
         if is_expected and self._fitter.shows(seen.pixels, predicted):
             yield "predicted", predicted
@@ -252,9 +253,9 @@ class Follower:
 
     def _measured(self, frame: Frame, predicted: Pose, starts: Iterable[tuple[FoundBy, Pose]]) -> bool:
         """Whether the target is found from one of several starts; it is followed then, and published if believed."""
-        refused: Verdict | None = None
+        seen, refused = self._seen(frame), None
         for mode, start in starts:
-            verdict = self.judge.measure(frame.sight, self._with_climb(frame.sight, start), predicted)
+            verdict = self.judge.measure(seen, self._with_climb(seen, start), predicted)
             rival, against = frame.contradicting.get(self.name), verdict.contradicting
             if against is not None:
                 if rival is None or prefers(against, rival):
@@ -276,53 +277,40 @@ class Follower:
 
     def _found(self, frame: Frame, verdict: Verdict, pose: Pose, mode: FoundBy) -> None:
         """Follow a target that is found, and publish it if it is believed."""
+        seen = self._seen(frame)
+        if verdict.alone is not None:
+            frame.alone[self.name] = verdict.alone
         if not self._decode_again(frame, pose):
             return
         if verdict.refusal is not None:
-            self.track.accept(frame.sight, pose)
+            self.track.accept(seen, pose)
             frame.follow(self.name, verdict.refusal)
             return
         self._publish(frame, Choice(pose, float("inf"), "track"), mode)
 
-    def witness_against(self, frame: Frame, reported: Sight, witness: AttitudeWitness) -> bool:
-        """Let what was found in an image speak for or against the attitude.
+    @property
+    def contradicted_deg(self) -> float | None:
+        """By how much the images of the target contradict the attitude [deg]; none while they do not."""
+        return self._checks.level.contradicted_deg
 
-        Args:
-            frame: the image, with or without its attitude.
-            reported: with it.
-            witness: that hears it.
+    def settle(self, frame: Frame) -> None:
+        """Let what was found speak about deck and attitude, and count an image that shows no target.
 
-        Returns:
-            Whether the attitude is left out from this image on, and was not before.
+        Where the image that leaves the attitude out was refused by it, it is looked at without.
         """
-        published = next((found.pose for found in frame.poses if found.target == self.name), None)
-        pose = published or frame.contradicting.get(self.name)
-        turned = self._checks.level.turned(reported, pose) if pose is not None else None
-        if pose is None or turned is None or reported.enu_from_flu is None:
-            return False
-        return witness.image_seen(reported.time, turned[0], reported.enu_from_flu, turned[1])
-
-    def start_alone(self, frame: Frame) -> None:
-        """Forget how the target lies, and start from an image whose attitude was left out as it refused the image."""
-        self._checks.level.forget()
-        seen = frame.contradicting.get(self.name)
-        if seen is None:
-            return
-        self.start(frame, frame.detections, "search")
-        if self.track.is_live and all(found.target != self.name for found in frame.poses):
-            self._measured(frame, self._predicted(frame.sight), [("predicted", seen)])
+        refused = frame.contradicting.get(self.name)
+        pose = refused or frame.alone.get(self.name)
+        if pose is not None and self._checks.level.learn(frame.sight, pose) and refused is not None:
+            self.start(frame, frame.detections, "search")
+            if self.track.is_live and all(found.target != self.name for found in frame.poses):
+                self._measured(frame, self._predicted(self._seen(frame)), [("predicted", refused)])
+        self.track.misses += not frame.has(self.name)
 
     def forget(self) -> None:
         """Forget the track, where the target was, and how it lies."""
         self.track.lose()
         self.track.published = None
         self._checks.level.forget()
-
-    def note_miss(self, frame: Frame) -> None:
-        """Count an image in which the target was not found, and give it up in time."""
-        self.track.misses += 1
-        if self.track.is_live and frame.sight.time - self.track.last_seen.time > self._cfg.coast:
-            self.track.lose()
 
     def start(self, frame: Frame, found: Sequence[Detection], mode: FoundBy) -> None:
         """Start or restart the track from decoded tags.
@@ -336,7 +324,7 @@ class Follower:
         if not tags:
             return
         frame.started.add(self.name)
-        seen, mounting = frame.sight, self._mounting
+        seen, mounting = self._seen(frame), self._mounting
         candidates = self._fitter.cold(
             seen.pixels,
             tags,
@@ -352,14 +340,14 @@ class Follower:
             frame.contradicting[self.name] = contradicting
             frame.refused[self.name] = PoseRefusal.ATTITUDE
             return
-        if verdict.choice is None:
-            frame.refused[self.name] = verdict.refusal or PoseRefusal.NO_FIT
-            if verdict.refusal in UNDECIDED:
+        if isinstance(verdict, PoseRefusal):
+            frame.refused[self.name] = verdict
+            if verdict in UNDECIDED:
                 self._start_ambiguous(frame, candidates)
             return
-        self.track.decoded_at = self.track.tried_at = frame.sight.time
-        self.track.branches = self.judge.start_branches(frame.sight, [verdict.choice.pose], decided=True)
-        self._publish(frame, verdict.choice, mode)
+        self.track.decoded_at = seen.time
+        self.track.branches = self.judge.start_branches(seen, [verdict.pose])
+        self._publish(frame, verdict, mode)
 
     def _decode_again(self, frame: Frame, pose: Pose) -> bool:
         """Decode the followed target once a period; false ends the track."""
@@ -368,22 +356,20 @@ class Follower:
         overdue = now - track.decoded_at - self._cfg.redetect_period
         if overdue < 0.0:
             return True
-        if now - track.tried_at >= LIMITS.track.retry_decode:
-            track.tried_at = now
-            window = self._fitter.window(pose, pixels.shape)
-            found = self._search.again(pixels, window) if window is not None else []
-            tags = self._search.own(found)
-            frame.detections.extend(found)
-            if tags:
-                if self._fitter.disagreement(pose, tags) < HALF:
-                    track.decoded_at = now
-                    return True
-                frame.refused[self.name] = PoseRefusal.DECODED_ELSEWHERE
-                track.lose()
-                self.start(frame, found, "roi")
-                return False
+        window = self._fitter.window(pose, pixels.shape)
+        found = self._search.again(pixels, window) if window is not None else []
+        tags = self._search.own(found)
+        frame.detections.extend(found)
+        if tags:
+            if self._fitter.disagreement(pose, tags) < HALF:
+                track.decoded_at = now
+                return True
+            frame.refused[self.name] = PoseRefusal.DECODED_ELSEWHERE
+            track.lose()
+            self.start(frame, found, "roi")
+            return False
         # Clear cells stand in for a tag that cannot be decoded: one that leaves the image, or is partly hidden.
-        if overdue < LIMITS.track.grace or self._checks.are_cells_clear(frame.sight, pose):
+        if overdue < self._cfg.coast or self._checks.are_cells_clear(frame.sight, pose):
             return True
         frame.refused[self.name] = PoseRefusal.NOT_DECODED
         track.lose()
@@ -394,12 +380,17 @@ class Follower:
         track = self.track
         if track.branches is not None and track.branches.is_decided:
             return
-        rivals = self._checks.with_mirror(frame.sight, candidates)
+        seen = self._seen(frame)
+        rivals = self._checks.with_mirror(seen, candidates)
         track.lose()
-        track.branches = self.judge.start_branches(frame.sight, rivals, decided=False)
-        track.decoded_at = track.tried_at = frame.sight.time
-        self.track.accept(frame.sight, rivals[0])
+        track.branches = self.judge.start_branches(seen, rivals)
+        track.decoded_at = seen.time
+        self.track.accept(seen, rivals[0])
         frame.follow(self.name, PoseRefusal.AMBIGUOUS)
+
+    def _seen(self, frame: Frame) -> Sight:
+        """An image as the target is looked for in it: without an attitude that its images contradict."""
+        return self._checks.level.sight(frame.sight)
 
     def _predicted(self, seen: Sight) -> Pose:
         """What the track expects in an image, with what is known of the print's bend."""
@@ -407,10 +398,13 @@ class Follower:
         return replace(expected, bend=None, known_bend=self._bend.at(seen.time))
 
     def _publish(self, frame: Frame, choice: Choice, mode: FoundBy) -> None:
-        self.track.accept(frame.sight, choice.pose)
-        self.track.published = frame.sight.time, choice.pose.range_m
-        self._bend.learn(frame.sight.time, choice.pose)
-        self._rows.pose_found(frame.sight.time, choice.pose)
+        seen = self._seen(frame)
+        self.track.accept(seen, choice.pose)
+        self.track.published = seen.time, choice.pose.range_m
+        self._bend.learn(seen.time, choice.pose)
+        self._rows.pose_found(seen.time, choice.pose)
+        if not self._checks.level.knows(seen):
+            frame.alone[self.name] = choice.pose
         frame.refused.pop(self.name, None)
         frame.contradicting.pop(self.name, None)
         self._health.note(choice.pose, self._fitter.side_px(choice.pose))
@@ -422,7 +416,7 @@ class Follower:
                 choice.ratio,
                 choice.decided_by,
                 mode,
-                self._fitter.match(frame.sight.pixels, choice.pose),
-                frame.sight.time - self.track.decoded_at,
+                self._fitter.match(seen.pixels, choice.pose),
+                seen.time - self.track.decoded_at,
             )
         )

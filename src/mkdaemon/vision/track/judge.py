@@ -10,8 +10,8 @@ from mkdaemon.telemetry.vision import PoseRefusal
 from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.ambiguity import Choice, choose, prefers
 from mkdaemon.vision.pose.gates import certainty_refusal
-from mkdaemon.vision.pose.pose import Pose, angle_between
-from mkdaemon.vision.track.attitude import Sight, without_normal
+from mkdaemon.vision.pose.pose import Pose, angle_between, turn
+from mkdaemon.vision.track.attitude import Sight, angle_of, turn_between, without_normal
 from mkdaemon.vision.track.branches import Branches
 from mkdaemon.vision.track.checks import Checks, with_angle_variance, with_rival
 
@@ -26,11 +26,13 @@ class Verdict:
         refusal: why it is not published; none when it is.
         contradicting: a fit that the attitude refuses, and that nearly all edges agree with, whose cells are clear, or
             that the image prefers to the one with the attitude's tilt; none without one.
+        alone: the fit by what the image alone says, where the attitude agrees with it.
     """
 
     pose: Pose | None
     refusal: PoseRefusal | None
     contradicting: Pose | None = None
+    alone: Pose | None = None
 
 
 class Judge:
@@ -58,16 +60,17 @@ class Judge:
         held = vertical if self._fitter.is_small(start) else None
         pose = self._fitter.refine(seen.pixels, start, held)
         is_held, fitted = held is not None and start.rotation is predicted.rotation, pose
-        alone = without_normal(pose, held.up, held.spread) if pose is not None and held is not None else None
-        if alone is not None:
-            pose, held = alone, None
+        alone = pose
+        if pose is not None and held is not None:
+            alone, says_more = without_normal(pose, held.up, held.spread)
+            if says_more:
+                pose, held = alone, None
         refused = checks.refusal(seen, pose) if pose is not None else PoseRefusal.NO_FIT
-        if pose is not None and refused is None:
+        if pose is not None and alone is not None and refused is None:
             if checks.level.knows(seen):
                 # What the images before told of the deck; with this one in it the image would count twice.
                 fused = pose if held is not None else checks.level.fuse(seen, pose)
-                checks.level.learn(seen, pose, held)
-                return self._judge_with_attitude(seen, fused)
+                return replace(self._judge_with_attitude(seen, fused), alone=alone)
             return self._judge_without_attitude(seen, pose)
         contradicting, off = None, pose if refused is PoseRefusal.ATTITUDE else None
         if off is not None and checks.is_whole(off):
@@ -93,9 +96,9 @@ class Judge:
             return False
         return certainty_refusal(pose, has_attitude=False, is_plain=True) is None
 
-    def start_branches(self, seen: Sight, candidates: Sequence[Pose], *, decided: bool) -> Branches:
-        """Branches that start in this image, the best candidate first."""
-        return Branches.begin(seen.time, candidates, decided=decided, moving=self._fitter.target.moving)
+    def start_branches(self, seen: Sight, candidates: Sequence[Pose]) -> Branches:
+        """Branches that start in this image, the best candidate first; a single one is believed."""
+        return Branches.begin(seen.time, candidates, moving=self._fitter.target.moving)
 
     def add_inertia(self, seen: Sight, pose: Pose) -> Verdict:
         """Judge a pose the attitude agrees with; what inertia knows is added where the pose alone is too uncertain.
@@ -108,7 +111,7 @@ class Judge:
         refused, before = certainty_refusal(pose, has_attitude=True), self._track.branches
         if refused is None or before is None or not before.is_decided:
             return Verdict(pose, refused)
-        prior = before.best.course.predict_at(seen.time)
+        prior = before.course[0].predict_at(seen.time)
         if prior.angle_sd > certain.blind_angle_sd or prior.mahalanobis2(pose, 1.0) > certain.surprising:
             return Verdict(pose, refused)
         fused = prior.fuse(pose)
@@ -118,8 +121,8 @@ class Judge:
         """Judge a fit that agrees with the attitude, and carry the course on with it."""
         verdict, branches = self.add_inertia(seen, pose), self._track.branches
         branches = branches.after(seen.time, [pose]) if branches is not None and branches.is_decided else None
-        if branches is None or branches.best.missed:
-            branches = self.start_branches(seen, [pose], decided=True)
+        if branches is None or branches.missed[0]:
+            branches = self.start_branches(seen, [pose])
         self._track.branches = branches
         return verdict
 
@@ -129,8 +132,7 @@ class Judge:
         if self._track.branches is None:
             return Verdict(pose, PoseRefusal.AMBIGUOUS)
         branches = self._track.branches.after(seen.time, checks.candidates(seen, pose))
-        best = branches.best
-        chosen, prior = best.pose, best.prior
+        chosen, prior = branches.pose, branches.prior
         refused = None if chosen is pose else checks.refusal(seen, chosen)
         if refused is not None:
             return Verdict(None, refused)
@@ -139,7 +141,7 @@ class Judge:
             return Verdict(chosen, PoseRefusal.AMBIGUOUS)
         fused = with_angle_variance(prior.fuse(chosen), branches.doubt)
         # The branches allow for errors that last; to be published a pose has to fit by its own covariance.
-        if best.missed or prior.mahalanobis2(chosen, 1.0) > certain.surprising:
+        if branches.missed[0] or prior.mahalanobis2(chosen, 1.0) > certain.surprising:
             return Verdict(fused, PoseRefusal.OFF_COURSE)
         is_backed = prior.angle_sd < certain.blind_angle_sd
         is_plain = is_backed or checks.is_plain(seen, fused)
@@ -153,19 +155,6 @@ OVERRULED: Final = (PoseRefusal.ATTITUDE, PoseRefusal.ANGLE_UNCERTAIN, PoseRefus
 """Refusals beside an attitude of what the image alone, by its stricter gates, may publish."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class FirstVerdict:
-    """Which of several first poses is published, or why none of them is.
-
-    Attributes:
-        choice: the pose, with the attitude's knowledge in it.
-        refusal: why there is none.
-    """
-
-    choice: Choice | None = None
-    refusal: PoseRefusal | None = None
-
-
 class FirstJudge:
     """Judges the first poses of one target.
 
@@ -177,12 +166,15 @@ class FirstJudge:
         self._checks = checks
         self._fitter = checks.fitter
 
-    def choose(self, seen: Sight, candidates: Sequence[Pose]) -> FirstVerdict:
+    def choose(self, seen: Sight, candidates: Sequence[Pose]) -> Choice | PoseRefusal:
         """Decide about poses from decoded tags.
 
         Args:
             seen: the image.
             candidates: fitted poses.
+
+        Returns:
+            The one to publish, with the attitude's knowledge in it, or why there is none.
         """
         checks, level = self._checks, self._checks.level
         refusals = [checks.refusal(seen, pose) for pose in candidates]
@@ -190,12 +182,9 @@ class FirstJudge:
             pose for pose, why in zip(candidates, refusals, strict=True) if why in (None, PoseRefusal.ATTITUDE)
         ]
         if not believable:
-            return FirstVerdict(refusal=refusals[0] if refusals else PoseRefusal.NO_FIT)
+            return next(filter(None, refusals), PoseRefusal.NO_FIT)
         tilts = [level.tilt(seen, pose) for pose in believable]
         known = [tilt for tilt in tilts if tilt is not None]
-        conclusive = [pose for pose in believable if checks.is_conclusive(seen, pose)]
-        if known and conclusive and min(known) > max(level.gate(seen, pose) for pose in believable):
-            known = []  # the deck lies otherwise, and the image alone tells how
         choice = choose(
             believable,
             min_ratio=checks.cfg.min_ambiguity_ratio,
@@ -206,7 +195,7 @@ class FirstJudge:
             return self._fit_level(seen, min(believable, key=lambda pose: pose.loss))
         choice = choice or self._choose_by_all_pixels(seen, believable)
         if choice is None:
-            return FirstVerdict(refusal=PoseRefusal.AMBIGUOUS)
+            return PoseRefusal.AMBIGUOUS
         is_supported = False
         if choice.pose.source == "edges" and choice.pose.inliers < LIMITS.agreement.whole:
             # Hidden parts, or a border faked by what hides them: a held tilt tells these apart, or the edges seen.
@@ -214,22 +203,22 @@ class FirstJudge:
                 return self._fit_level(seen, choice.pose)
             is_supported = self._fitter.is_supported(seen.pixels, choice.pose)
             if not is_supported:
-                return FirstVerdict(refusal=PoseRefusal.INLIERS)
+                return PoseRefusal.INLIERS
         if choice.decided_by in ("unique", "image"):
             # Both starts may have run into one minimum, or one of them into none: the mirrored pose of a small tag is
             # asked for by name.
             decided = self._decide_mirror(seen, choice.pose)
             if decided is None:
-                return FirstVerdict(refusal=PoseRefusal.AMBIGUOUS)
+                return PoseRefusal.AMBIGUOUS
             choice = replace(choice, pose=decided)
         fused = level.fuse(seen, choice.pose)
         refused = checks.refusal(seen, choice.pose) or certainty_refusal(
             fused, has_attitude=bool(known), is_plain=is_supported
         )
-        return FirstVerdict(replace(choice, pose=fused)) if refused is None else FirstVerdict(refusal=refused)
+        return refused or replace(choice, pose=fused)
 
     def contradicting(
-        self, seen: Sight, candidates: Sequence[Pose], verdict: FirstVerdict, followed: Pose | None = None
+        self, seen: Sight, candidates: Sequence[Pose], verdict: Choice | PoseRefusal, followed: Pose | None = None
     ) -> Pose | None:
         """The pose that the image alone would publish, where the attitude refuses it or chose its mirror image.
 
@@ -243,20 +232,18 @@ class FirstJudge:
             verdict: about them.
             followed: what the track led to and the attitude refuses though nearly all edges agree with it.
         """
-        chosen = verdict.choice.pose if verdict.choice is not None else None
-        if followed is not None:
-            # Fits of two kinds do not compare.
-            wins = prefers(followed, chosen) if chosen is not None else verdict.refusal in OVERRULED
-            if wins:
-                return followed
-        is_overruled = verdict.choice is not None and verdict.choice.decided_by == "attitude"
-        if not is_overruled and verdict.refusal not in OVERRULED:
+        chosen = verdict.pose if isinstance(verdict, Choice) else None
+        is_refused = verdict in OVERRULED
+        # Fits of two kinds do not compare.
+        if followed is not None and (is_refused if chosen is None else prefers(followed, chosen)):
+            return followed
+        if not is_refused and not (isinstance(verdict, Choice) and verdict.decided_by == "attitude"):
             return None
-        alone = self.choose(seen.without_attitude(), candidates).choice
-        if alone is None or chosen is None:
-            return None if alone is None else alone.pose
-        apart = angle_between(alone.pose.rotation, chosen.rotation)
-        return alone.pose if apart > LIMITS.certainty.wrong_angle else None
+        alone = self.choose(seen.without_attitude(), candidates)
+        if not isinstance(alone, Choice):
+            return None
+        is_apart = chosen is None or angle_between(alone.pose.rotation, chosen.rotation) > LIMITS.certainty.wrong_angle
+        return alone.pose if is_apart else None
 
     def _decide_mirror(self, seen: Sight, pose: Pose) -> Pose | None:
         """Compare a first pose that has no rival with its mirror image; none when nothing decides."""
@@ -283,16 +270,16 @@ class FirstJudge:
             return best
         return with_rival(best, other, level.log_odds(seen, best, other))
 
-    def _fit_level(self, seen: Sight, pose: Pose) -> FirstVerdict:
+    def _fit_level(self, seen: Sight, pose: Pose) -> Choice | PoseRefusal:
         """Fit once more with the tilt held: something lying over one side gives a quad that is off by that much."""
         checks, level = self._checks, self._checks.level
         vertical = level.vertical(seen)
-        held = self._fitter.refine(seen.pixels, level.replace_tilt(seen, pose), vertical)
+        if vertical is None:
+            return PoseRefusal.ATTITUDE
+        upright = turn(pose.rotation, turn_between(pose.rotation[:, 2], vertical.up))
+        held = self._fitter.refine(seen.pixels, replace(pose, rotation=upright), vertical)
         if held is None or checks.refusal(seen, held) is not None:
-            return FirstVerdict(refusal=PoseRefusal.ATTITUDE)
-        tilt = level.tilt(seen, held)
-        if tilt is None or tilt > level.hidden_gate(held):
-            return FirstVerdict(refusal=PoseRefusal.ATTITUDE)
-        refused = certainty_refusal(held, has_attitude=True)
-        chosen = Choice(held, float("inf"), "attitude")
-        return FirstVerdict(chosen) if refused is None else FirstVerdict(refusal=refused)
+            return PoseRefusal.ATTITUDE
+        if angle_of(held.rotation[:, 2], vertical.up) > level.hidden_gate(held):
+            return PoseRefusal.ATTITUDE
+        return certainty_refusal(held, has_attitude=True) or Choice(held, float("inf"), "attitude")

@@ -16,24 +16,22 @@ from mkdaemon.vision.track.branches import Branches
 
 Array = npt.NDArray[np.float64]
 
-TRACK = LIMITS.track
-
 
 @dataclass(slots=True)
 class Track:
     """State of one target.
 
     Attributes:
+        coast: longest time without a pose [s].
         misses: images since the last accepted pose.
         decoded_at: when one of its tags was last decoded [s].
-        tried_at: when decoding was last tried [s].
         branches: the readings of the images so far; none before the first.
         published: when the target was published last [s], and its range then [m]; also of a track that was lost.
     """
 
+    coast: float
     misses: int = 0
     decoded_at: float = -np.inf
-    tried_at: float = -np.inf
     branches: Branches | None = None
     published: tuple[float, float] | None = None
     _found: list[tuple[Sight, Pose]] = field(default_factory=list)
@@ -62,9 +60,12 @@ class Track:
         """Remember a pose and the image it came from, in place of another one of that image."""
         if self._found and self.last_seen.time == seen.time:
             self._found.pop()
-        is_recent = self.is_live and 0.0 < seen.time - self.last_seen.time < TRACK.grace
-        self._found = [*(self._found[-1:] if is_recent else []), (seen, pose)]
+        self._found = [*(self._found[-1:] if self.goes_on(seen.time) else []), (seen, pose)]
         self.misses = 0
+
+    def goes_on(self, time: float) -> bool:
+        """Whether an image at a time [s] is one of this track: after the last pose, and not too late."""
+        return self.is_live and 0.0 < time - self.last_seen.time <= self.coast
 
     def lose(self) -> None:
         """Forget all but where it was published: a wrong lock must not predict itself."""
@@ -130,7 +131,7 @@ class Track:
             pose: fitted in it.
             mounting: of the camera.
         """
-        if not 0.0 < seen.time - self.last_seen.time < TRACK.grace:
+        if not self.goes_on(seen.time):
             return None
         return replace(self, _found=[*self._found, (seen, pose)]).predict(seen, mounting).known_motion
 

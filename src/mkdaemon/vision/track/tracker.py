@@ -25,7 +25,6 @@ from mkdaemon.vision.track.alarms import ImageHealth
 from mkdaemon.vision.track.attitude import AttitudeHistory, Mounting, Sight
 from mkdaemon.vision.track.follower import Follower
 from mkdaemon.vision.track.result import Frame, VisionResult
-from mkdaemon.vision.track.witness import AttitudeWitness
 
 UNUSABLE: Final = frozenset({Alarm.WRONG_SIZE, Alarm.WRONG_KIND, Alarm.FROZEN})
 """Alarms of images that nothing is looked for in."""
@@ -39,7 +38,6 @@ class Tracker:
     Attributes:
         detector: searches the images.
         followers: one for each target; empty without intrinsics.
-        witness: whether the images believe the vehicle's attitude.
         shutter: what is known of the line time; none without intrinsics.
     """
 
@@ -56,7 +54,6 @@ class Tracker:
         self._gamma = intrinsics.gamma if intrinsics is not None else 1.0
         self.detector = Detector(tagmap.whitelist, detector, covered=covered_cells(tagmap))
         self._health = ImageHealth(*((intrinsics.width, intrinsics.height) if intrinsics is not None else (None, None)))
-        self.witness = AttitudeWitness()
         self.followers: tuple[Follower, ...] = ()
         self.shutter: Shutter | None = None
         if intrinsics is not None:
@@ -84,18 +81,14 @@ class Tracker:
             return VisionResult(image.camera, image.sequence, image.captured_at, (), (), tuple(alarms))
         if self.shutter is not None and self.shutter.is_open:
             alarms.append(Alarm.LINE_TIME)
-        reported = self._sight(image, attitude)
-        self.witness.time_passed(image.captured_at)
-        frame = Frame(reported.without_attitude() if self.witness.contradicts else reported)
+        frame = Frame(self._sight(image, attitude))
         self._count += 1
         if self.followers:
             for follower in self.followers:
                 follower.follow(frame)
             self._search_missing(frame)
-            self._ask_witness(frame, reported)
             for follower in self.followers:
-                if not frame.has(follower.name):
-                    follower.note_miss(frame)
+                follower.settle(frame)
         else:
             alarms.append(Alarm.UNCALIBRATED)
             frame.detections.extend(self._search(frame))
@@ -109,6 +102,11 @@ class Tracker:
             tuple(frame.refused.items()),
         )
 
+    @property
+    def contradicted_deg(self) -> float | None:
+        """By how much the images of level targets contradict the vehicle's attitude [deg]; none while they do not."""
+        return max((one.contradicted_deg for one in self.followers if one.contradicted_deg is not None), default=None)
+
     def reset(self) -> None:
         """Forget all tracks, how their targets lie, and whose turn it is."""
         self._count = self._searches = 0
@@ -121,14 +119,6 @@ class Tracker:
         if attitude is None or self._mounting is None:
             return Sight(pixels, time, None)
         return Sight(pixels, time, attitude.at(time, self._cfg.max_attitude_age), attitude.turning_at(time))
-
-    def _ask_witness(self, frame: Frame, reported: Sight) -> None:
-        """Let what was found speak for or against the attitude; the image that leaves it out is looked at without."""
-        if not any(follower.witness_against(frame, reported, self.witness) for follower in self.followers):
-            return
-        frame.sight = reported.without_attitude()
-        for follower in self.followers:
-            follower.start_alone(frame)
 
     def _search_missing(self, frame: Frame) -> None:
         """Look for what is still missing in the whole image."""

@@ -10,8 +10,7 @@ import pytest
 from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.ambiguity import log_odds
 from mkdaemon.vision.pose.pose import Pose, turn
-from mkdaemon.vision.track.branches import KEPT, Branch, Branches
-from mkdaemon.vision.track.course import CAUTION, MOVING_PSD, Course, lasting_doubt
+from mkdaemon.vision.track.branches import CAUTION, KEPT, MOST_ODDS, MOVING_PSD, Branches, Course, lasting_doubt, places
 from tests.vision.views import angle_deg
 
 DOWN = np.diag([1.0, -1.0, -1.0])
@@ -44,8 +43,9 @@ def flown(count: int, sd_deg: float, seed: int = 1) -> tuple[Course, np.ndarray]
         )
         if k == count:
             break
-        course = Course.begin(0.0, noisy) if course is None else course.predict_at(k * STEP).correct(noisy)
-    return course.predict_at(count * STEP), centre
+        place = places([noisy])
+        course = Course.begin(0.0, *place) if course is None else course.predict_at(k * STEP).join(*place)[0]
+    return course.predict_at(count * STEP)[0], centre
 
 
 def test_shaking_stays_near_the_course_and_the_mirrored_pose_does_not():
@@ -105,7 +105,13 @@ def test_hidden_parts_make_a_pose_count_less():
 
 def branches_of(*loss: float, decided: bool = False, moving: bool = False) -> Branches:
     true = seen([0.7, 0.0, 4.0], loss=loss[0])
-    return Branches.begin(0.0, [true, mirrored(true, loss[1])], decided=decided, moving=moving)
+    return begun(true, mirrored(true, loss[1]), decided=decided, moving=moving)
+
+
+def begun(best: Pose, other: Pose, *, decided: bool = True, moving: bool = False) -> Branches:
+    """Branches of two readings; decided, the other is as unlikely as any may be."""
+    branches = Branches.begin(0.0, [best, other], moving=moving)
+    return replace(branches, weight=np.array([0.0, -MOST_ODDS])) if decided else branches
 
 
 def fly(branches: Branches, losses, start: int = 1) -> Branches:
@@ -118,7 +124,7 @@ def fly(branches: Branches, losses, start: int = 1) -> Branches:
 
 
 def is_true(branches: Branches) -> bool:
-    return bool(branches.best.course.centre[0] > 0)
+    return bool(branches.course.centre[0, 0] > 0)
 
 
 def test_odds_gather_until_they_decide():
@@ -141,10 +147,10 @@ def test_what_images_said_against_a_reading_stays_with_a_history_that_leaps_to_i
     before = fly(branches_of(0.010, 0.0106, decided=True), [(0.010, 0.0106)] * 15)
     true = seen([0.7 + 0.3 * 16 * STEP, 0.0, 4.0], loss=0.010)
     after = before.after(16 * STEP, [mirrored(true, 0.0106), true])
-    against = [branch.together for branch in after.ranked if branch.course.centre[0] < 0]
-    assert against
-    assert min(against) > LIMITS.ambiguity.decided
-    assert all(branch.together == 0.0 for branch in after.ranked if branch.course.centre[0] > 0)
+    is_mirrored = after.course.centre[:, 0] < 0
+    assert is_mirrored.any()
+    assert after.together[is_mirrored].min() > LIMITS.ambiguity.decided
+    assert not after.together[~is_mirrored].any()
 
 
 @pytest.mark.parametrize(("aside", "gathers"), [(0.7, True), (0.06, False)])
@@ -152,11 +158,11 @@ def test_where_two_readings_are_nearly_one_nothing_gathers_against_either(aside,
     """From nearly above a swing through the vertical makes each of them the other one."""
     losses = 0.010, 0.0106
     true = seen([aside, 0.0, 4.0], loss=losses[0])
-    branches = Branches.begin(0.0, [true, mirrored(true, losses[1])], decided=True, moving=False)
+    branches = begun(true, mirrored(true, losses[1]))
     of_one_image = log_odds(true, mirrored(true, losses[1]))
     for k in range(1, 16):
         branches = branches.after(k * STEP, [mirrored(true, losses[1]), true])
-    against = max(branch.together for branch in branches.ranked if not branch.missed)
+    against = float(branches.together[~branches.missed].max())
     assert (against > 3 * of_one_image) is gathers
     assert against > 0.9 * of_one_image
 
@@ -166,22 +172,22 @@ def test_where_two_readings_are_nearly_one_nothing_gathers_against_either(aside,
 )
 def test_a_lead_has_to_outweigh_what_images_say_together(lead, together, is_against):
     """A poor fit threw the true course aside: its mirror image led by one jump, and was published 25 degrees off."""
-    best, other = branches_of(0.010, 0.010).ranked
-    branches = Branches((replace(best, together=together), replace(other, weight=-lead)))
+    branches = branches_of(0.010, 0.010)
+    branches = replace(branches, weight=np.array([0.0, -lead]), together=np.array([together, 0.0]))
     assert branches.is_decided
     assert branches.is_spoken_against is is_against
 
 
 def test_what_is_left_of_readings_close_by_is_told():
     """A fit that drifted over to the other reading was published 6 degrees off: its rivals lay in between."""
-    best, other = branches_of(0.010, 0.010).ranked
-    aside = replace(best.course, state=best.course.state + 0.3 * np.array([0.0, 1.0, 0.0, 0.0, 0.0, 0.0]))
-    near = replace(best, course=aside, weight=-1.0)
-    assert Branches((best,)).doubt == 0.0
-    assert Branches((best, other)).doubt == 0.0  # far away it is a rival, and leads or not
-    apart = np.arctan(0.3 / np.linalg.norm(best.course.centre))
+    branches = branches_of(0.010, 0.010)
+    assert branches.doubt == pytest.approx(0.0, abs=1e-12)  # far away it is a rival, and leads or not
+    state = branches.course.state.copy()
+    state[1] = state[0] + 0.3 * np.array([0.0, 1.0, 0.0, 0.0, 0.0, 0.0])
+    near = replace(branches, course=replace(branches.course, state=state), weight=np.array([0.0, -1.0]))
+    apart = np.arctan(0.3 / np.linalg.norm(state[0, :3]))
     share = np.exp(-1.0) / (1.0 + np.exp(-1.0))
-    assert Branches((best, near)).doubt == pytest.approx(share * apart**2, rel=0.05)
+    assert near.doubt == pytest.approx(share * apart**2, rel=0.05)
 
 
 def test_a_decided_branch_stays_through_images_that_say_nothing():
@@ -193,7 +199,7 @@ def test_a_decided_branch_stays_through_images_that_say_nothing():
 def test_a_wrong_branch_is_left_after_clear_images():
     """Decided for the mirrored pose, then images that show which one is true."""
     true = seen([0.7, 0.0, 4.0])
-    wrong = Branches.begin(0.0, [mirrored(true), true], decided=True)
+    wrong = begun(mirrored(true), true)
     states = [fly(wrong, [(0.010, 0.020)] * n) for n in range(1, 16)]
     believed = [is_true(state) for state in states if state.is_decided]
     assert believed == sorted(believed)  # first wrong, then nobody, then true: never back
@@ -205,21 +211,21 @@ def test_one_wrong_pose_is_passed_over_and_a_lasting_one_is_followed():
     course = fly(branches_of(0.01, 0.01, decided=True), [(0.010, 0.0101)] * 6)
     aside = [seen([1.6, 0.0, 4.0]), seen([1.61, 0.0, 4.0]), seen([1.62, 0.0, 4.0]), seen([1.63, 0.0, 4.0])]
     once = course.after(7 * STEP, aside[:1])
-    assert once.best.missed
+    assert once.missed[0]
     again = fly(once, [(0.010, 0.0101)], start=8)
-    assert not again.best.missed
+    assert not again.missed[0]
     assert again.is_decided
-    assert np.linalg.norm(again.best.course.centre - [0.78, 0.0, 4.0]) < 0.05
+    assert np.linalg.norm(again.course.centre[0] - [0.78, 0.0, 4.0]) < 0.05
     for k, pose in enumerate(aside):
         course = course.after((7 + k) * STEP, [pose])
-    assert not course.best.missed
-    assert np.linalg.norm(course.best.course.centre - [1.63, 0.0, 4.0]) < 0.05
+    assert not course.missed[0]
+    assert np.linalg.norm(course.course.centre[0] - [1.63, 0.0, 4.0]) < 0.05
 
 
 def test_of_a_moving_target_less_is_expected():
-    still, moving = branches_of(0.01, 0.01), branches_of(0.01, 0.01, moving=True)
-    assert moving.best.course.psd == MOVING_PSD
-    assert moving.best.course.predict_at(0.3).angle_sd > still.best.course.predict_at(0.3).angle_sd
+    still, moving = branches_of(0.01, 0.01).course, branches_of(0.01, 0.01, moving=True).course
+    assert moving.psd == MOVING_PSD
+    assert moving[0].predict_at(0.3).angle_sd > still[0].predict_at(0.3).angle_sd
 
 
 def test_a_rival_is_not_crowded_out_by_histories_of_the_best_branch():
@@ -227,7 +233,7 @@ def test_a_rival_is_not_crowded_out_by_histories_of_the_best_branch():
     branches = branches_of(0.010, 0.010)
     for k in range(1, 5):
         branches = branches.after(k * STEP, [seen([0.7, 0.15 * (-1) ** k, 4.0])])
-        assert any(branch.course.centre[0] < -0.5 for branch in branches.ranked), "or it would count as impossible"
+        assert (branches.course.centre[:, 0] < -0.5).any(), "or it would count as impossible"
 
 
 def test_a_target_that_left_every_course_is_joined_again():
@@ -237,14 +243,13 @@ def test_a_target_that_left_every_course_is_joined_again():
         shaken, climbed = (0.15 * (-1) ** k, 0.0) if k < 10 else (0.0, 5.0 * (k - 10) * STEP)
         true = seen([0.7, shaken, 4.0 + climbed], loss=0.010)
         branches = branches.after(k * STEP, [mirrored(true, 0.010), true])
-    assert not branches.best.missed
-    assert abs(branches.best.course.centre[2] - 4.0 - 95.0 * STEP) < 0.1
+    assert not branches.missed[0]
+    assert abs(branches.course.centre[0, 2] - 4.0 - 95.0 * STEP) < 0.1
 
 
 def test_what_was_missed_until_it_is_impossible_is_forgotten():
     branches = fly(branches_of(0.010, 0.020), [(0.010, 0.020)] * 40)
-    floor = -LIMITS.branches.certain
-    assert all(branch.weight > floor or not branch.missed for branch in branches.ranked)
+    assert (branches.weight[branches.missed] > -MOST_ODDS).all()
 
 
 @pytest.mark.parametrize(("inliers", "lasting"), [(1.0, 1.0), (0.9, 0.9**-4)])
@@ -256,34 +261,27 @@ def test_a_pose_that_is_partly_hidden_teaches_less():
     assert lasting_doubt(seen((0.0, 0.0, 2.0), inliers=0.8)) == pytest.approx(CAUTION * 0.8**-4)
 
 
-def drifting(around: float, weight: float) -> Branch:
-    """A history that was missed, and leaves the target at 1.5 m/s."""
-    out = np.array([np.cos(around), np.sin(around), 0.0])
-    state = np.concatenate([np.array([0.0, 0.0, 0.4]) + 0.1 * out, 1.5 * out])
-    course = Course(0.0, state, np.diag([1e-5] * 3 + [1e-2] * 3))
-    return Branch(course, course, seen(state[:3]), weight, missed=True)
-
-
 def test_histories_that_drift_apart_leave_room_for_one_that_joins():
     """Each of them is another answer, and misses for less than a leap costs: no fit was joined for 14 images."""
-    missed = tuple(drifting(2 * np.pi * k / KEPT, -0.5 * k) for k in range(KEPT))
-    branches = Branches(missed)
+    around = 2 * np.pi * np.arange(KEPT) / KEPT
+    out = np.stack([np.cos(around), np.sin(around), np.zeros(KEPT)], axis=1)
+    state = np.hstack([np.array([0.0, 0.0, 0.4]) + 0.1 * out, 1.5 * out])  # each leaves the target at 1.5 m/s
+    course = Course(0.0, state, np.tile(np.diag([1e-5] * 3 + [1e-2] * 3), (KEPT, 1, 1)))
+    missed, weight = np.ones(KEPT, dtype=bool), -0.5 * np.arange(KEPT)
+    branches = Branches(course, weight, missed, np.zeros(KEPT), course[0], seen(state[0, :3]))
     for k in range(1, 4):
         branches = branches.after(k * STEP, [seen([0.02, 0.0, 0.4], sd_deg=0.02)])
-        assert any(not branch.missed for branch in branches.ranked)
-    assert not branches.best.missed
+        assert not branches.missed.all()
+    assert not branches.missed[0]
     assert branches.is_decided
-    assert np.linalg.norm(branches.best.course.centre - [0.02, 0.0, 0.4]) < 0.002
+    assert np.linalg.norm(branches.course.centre[0] - [0.02, 0.0, 0.4]) < 0.002
 
 
 def test_a_fit_that_many_points_disagree_with_is_rather_missed_than_followed():
     course = fly(branches_of(0.01, 0.01, decided=True), [(0.010, 0.0101)] * 6)
     aside = [0.78 + 0.8, 0.0, 4.0]
     clean, hidden = (course.after(7 * STEP, [seen(aside, inliers=share)]) for share in (1.0, 0.7))
-    odds = [
-        max(b.weight for b in after.ranked if b.missed) - max(b.weight for b in after.ranked if not b.missed)
-        for after in (clean, hidden)
-    ]
+    odds = [after.weight[after.missed].max() - after.weight[~after.missed].max() for after in (clean, hidden)]
     assert odds[1] > odds[0] + 2.0
 
 
@@ -293,4 +291,7 @@ def test_a_course_that_knows_less_expects_a_place_less():
     later = replace(course.predict_at(course.time + 0.5), time=course.time)
     aimed = seen(later.centre, sd_deg=0.3)
     assert later.mahalanobis2(aimed) < 1e-9
-    assert course.log_density(seen(course.centre)) > later.log_density(aimed) + 3.0
+    before, after = (
+        known.join(*places([pose]))[1][0] for known, pose in ((course, seen(course.centre)), (later, aimed))
+    )
+    assert before > after + 3.0
