@@ -91,10 +91,9 @@ class HealthLimits:
     large_tag_px: float = of(60.0, "px", "smaller tags say nothing about focus and calibration", FLIGHTS)
     drift_px: float = of(0.15, "px", "residual of edges that nothing unmodelled leaves", "0.03-0.1 in sharp images")
     misfit_share: float = of(0.02, "share", "of its side a tag may be off where its file puts it", STILLS)
-    misfit_px: float = of(1.0, "px", "the same at least: corners are loose, lenses bend edges", STILLS)
+    misfit_px: float = of(1.5, "px", "the same at least, of corners: they are loose, lenses bend edges", STILLS)
     misfit_reach: float = of(3.0, "sides", "a tag farther from the largest one is not judged", STILLS)
     misfit_images: int = of(10, "images", "that contradict a target's file until it is reported", STILLS)
-    agreement_px: float = of(1.5, "px", "corner residual above which tags contradict each other", STILLS)
 
 
 MEASURED: Final = "measured, docs/lab/accuracy.md"
@@ -117,6 +116,20 @@ class SelfCalLimits:
 
 
 SELFCAL: Final = SelfCalLimits()
+
+
+@dataclass(frozen=True, slots=True)
+class ExposureLimits:
+    """What is wanted of an image, and how fast settings move."""
+
+    contrast: float = of(20.0, "noises", "between black and white cells", "decoded from 5, docs/cameras.md")
+    white: float = of(150.0, "grey", "of white cells: room for the sun and for noise", "chosen: half of 300")
+    step: float = of(2.0, "", "greatest change of exposure and of gain at once", "chosen: a tag is read after it")
+    same: float = of(0.1, "share", "of a change that is not worth one", "chosen")
+    images: int = of(5, "images", "from one change to the next look", "sensors take settings 2-3 images late")
+
+
+EXPOSURE: Final = ExposureLimits()
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,11 +171,19 @@ class CellSizes:
 
     readable_px: float = of(2.5, "px", "smaller cells have no edge, corner or grey value of their own", EARNED)
     photometric_px: float = of(4.0, "px", "smaller cells are fitted by grey values", EARNED)
-    mixed_px: float = of(5.0, "px", "below, edges are asked where grey values fail", FLIGHTS)
     melted_widths: float = of(3.0, "half widths", "of its edges: smaller cells melt", "5 px where sharp: 1.75 px")
-    small_px: float = of(10.0, "px", "below, all pixels of a first pose tell more than its edges", EARNED)
     perspective_px: float = of(24.0, "px", "from here perspective tells a pose from its mirror image", BLIND)
     edges_up_to: float = of(radians(60.0), "rad", "tilt from which edges run into each other", "steep stills")
+
+    @property
+    def mixed_px(self) -> float:
+        """Below, grey values come first, and edges where these fail; from here half an image is still read [px]."""
+        return 2.0 * self.readable_px
+
+    @property
+    def small_px(self) -> float:
+        """Below, all pixels of a first pose tell more than its edges: an edge is within two readable cells [px]."""
+        return 4.0 * self.readable_px
 
 
 @dataclass(frozen=True, slots=True)
@@ -199,28 +220,22 @@ class EdgeLimits:
     """The fit of a pose to edges."""
 
     reach_px: tuple[float, ...] = of((24.0, 6.0, 3.0, 2.5), "px", "along the normal, by iteration", FLIGHTS)
-    min_samples: int = of(12, "", "fewer edges fix no pose", "derived: twice the unknowns")
     max_samples: int = of(320, "", "more cost time without improving the pose", STILLS)
     max_move: float = of(0.2, "share", "of the range; a fit that moves farther ran away", FLIGHTS)
     settled_px: float = of(0.08, "px", "a step that moves samples less ends the fit", "below a located edge's error")
     tukey: float = of(4.685, "deviations", "outlier bound", "95 % efficiency; Holland and Welsch 1977")
     counted: float = of(0.1, "weight", "from which a sample agrees", "derived: 83 % of the outlier bound")
     least_scale_px: float = of(
-        0.02, "px", "least deviation of edges that is believed", "least residual of rendered edges"
+        0.01, "px", "least deviation of edges that is believed", "noise-free stills: what interpolation leaves"
     )
     located_px: float = of(0.3, "px", "edge error in a bad image, to weigh prior knowledge", FLIGHTS)
-    glare_px: float = of(2.0, "px", "reach of a highlight beside an edge that hides it", STILLS)
-    scatter_px: float = of(0.1, "px", "that edges scatter at least, where hidden ones are told", STILLS)
     max_leverage: float = of(radians(0.4), "rad", "turn by one line of edges", "right < 0.3, wrong > 0.48 deg")
-    missed_px: float = of(0.6, "px", "cost of a sample without its edge when rivals compare", BLIND)
     clipped_sd: float = of(0.4, "share", "of blur and contrast of blown edges", "derived: 1.2 to 1.7 of what shows")
     shift_sd_px: float = of(0.2, "px", "of a common shift of all edges (tone curve, ink)", "0.3-0.4 px, webcams")
     turning_sd: float = of(1.0, "rad/s", "of the camera while a rolling shutter reads", "shaking is 0.4 rad/s")
     acceleration_sd: float = of(15.0, "rad/s^2", "of the camera's turning then", "0.4 rad/s that change in 30 ms")
     speed_sd: float = of(2.0, "m/s", "of a camera whose velocity no track knows, each way", FLIGHTS)
     attitude_noise: float = of(radians(0.1), "rad", "of one reported attitude, each axis", "its last digit is .1 deg")
-    known_climbing_sd: float = of(0.1, "m/s", "along the optical axis, where a track knows it", FLIGHTS)
-    systematic_px: float = of(0.01, "px", "interpolation error that does not average out", "noise-free stills")
 
 
 @dataclass(frozen=True, slots=True)
@@ -229,7 +244,6 @@ class PhotoLimits:
 
     min_window_px: int = of(6, "px", "smaller prints show nothing", STILLS)
     max_window_px: int = of(160, "px", "larger prints have edges, and pixels that cost time", STILLS)
-    outlier: float = of(4.0, "deviations", "from which a pixel loses weight", STILLS)
     margin_cells: float = of(0.3, "cells", "rim of the quiet zone that is left out", STILLS)
     lost_grey: float = of(60.0, "grey", "residuals above are equally bad", BLIND)
 

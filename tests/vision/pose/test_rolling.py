@@ -47,7 +47,7 @@ def moving_view() -> CameraView:
 def climb(speed: float) -> KnownMotion:
     """A speed along the optical axis that a track knows, and nothing about turns."""
     limits = LIMITS.edges
-    return KnownMotion(np.array([0.0, 0.0, 0.0, speed]), np.array([1.0, 1.0, 1.0, limits.known_climbing_sd]))
+    return KnownMotion(np.array([0.0, 0.0, 0.0, speed]), np.array([1.0, 1.0, 1.0, 0.1]))
 
 
 def fit(lens: Intrinsics, known: KnownMotion | None = None) -> tuple[Pose, float, float]:

@@ -14,24 +14,12 @@ from typing import Final, Protocol, runtime_checkable
 import numpy as np
 import numpy.typing as npt
 
-from mkdaemon.vision.limits import HALF, LIMITS, of
+from mkdaemon.vision.limits import EXPOSURE, HALF, LIMITS
 
 Array = npt.NDArray[np.float64]
 Grey = npt.NDArray[np.uint8]
 
 
-@dataclass(frozen=True, slots=True)
-class ExposureLimits:
-    """What is wanted of an image, and how fast settings move."""
-
-    contrast: float = of(20.0, "noises", "between black and white cells", "decoded from 5, docs/cameras.md")
-    white: float = of(150.0, "grey", "of white cells: room for the sun and for noise", "chosen: half of 300")
-    step: float = of(2.0, "", "greatest change of exposure and of gain at once", "chosen: a tag is read after it")
-    same: float = of(0.1, "share", "of a change that is not worth one", "chosen")
-    images: int = of(5, "images", "from one change to the next look", "sensors take settings 2-3 images late")
-
-
-EXPOSURE: Final = ExposureLimits()
 ROUNDING: Final = 12**-0.5
 """Deviation of what eight bits round off [grey]: no noise is less."""
 

@@ -116,7 +116,7 @@ def without_glare(pixels: Grey, samples: Samples) -> Samples:
 
     Where the paper itself is blown everything stays: a missing edge speaks against a pose then as ever.
     """
-    near = np.minimum(samples.reach, LIMITS.edges.glare_px)[:, None] * samples.normals
+    near = samples.reach[:, None] * samples.normals
     columns, rows = np.rint(np.stack([samples.pixels - near, samples.pixels, samples.pixels + near])).astype(np.intp).T
     grey = pixels[rows, columns] >= LIMITS.read.saturated
     hidden = grey.all(axis=1)

@@ -47,6 +47,8 @@ Grey = npt.NDArray[np.uint8]
 
 Bools = npt.NDArray[np.bool_]
 
+LEAST_EDGES = 12
+"""Fewer fix no pose: twice its unknowns."""
 CUT = 1.05
 """Width of edges over their reach from which a fit has not settled: the next reach is longer."""
 FIRST_BEND_PX = 30.0
@@ -283,7 +285,7 @@ class EdgeFit:
         if is_blown:
             samples = without_glare(pixels, samples)
         edges = find_edges(pixels, samples, is_blown=is_blown, is_near=is_near)
-        if int(edges.found.sum()) < limits.min_samples:
+        if int(edges.found.sum()) < LEAST_EDGES:
             return None
         if edges.sides is not None and edges.blown is None:
             light = light or UnevenLight.of(edges.sides, edges.found)
@@ -364,7 +366,7 @@ class EdgeFit:
         )
         # Facing away: the sight line and the normal of the paper disagree only for targets of several planes.
         index = np.flatnonzero(visible)
-        if len(index) < limits.edges.min_samples:
+        if len(index) < LEAST_EDGES:
             return None
         if len(index) > self._max_samples:
             index = index[spread_evenly(len(index), self._max_samples)]

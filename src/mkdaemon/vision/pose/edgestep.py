@@ -212,7 +212,7 @@ class EdgeStep:
     def _noise(self, square: npt.NDArray[np.intp], inverse: Array) -> float:
         """Variance of an edge that a covariance is told with [px^2]."""
         shared = max(self.shared(square[self.samples.index], inverse), 1.0)
-        return shared * self.influence_variance + LIMITS.edges.systematic_px**2
+        return shared * self.influence_variance + LIMITS.edges.least_scale_px**2
 
     def seen_motion(
         self,
@@ -246,8 +246,8 @@ class EdgeStep:
 
         Log odds of two fits are then n / 2 times the log of their ratio, and a hidden sample costs both the same.
         """
-        missed = np.where(self.agreeing > 0.0, size, LIMITS.edges.missed_px)
-        squared = np.minimum(missed, LIMITS.edges.missed_px) ** 2 + LIMITS.edges.least_scale_px**2
+        missed = 2.0 * LIMITS.edges.located_px
+        squared = np.where(self.agreeing > 0.0, np.minimum(size, missed), missed) ** 2 + LIMITS.edges.least_scale_px**2
         return float(np.exp(np.mean(np.log(squared))))
 
 

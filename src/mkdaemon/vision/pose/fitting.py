@@ -164,8 +164,8 @@ class EdgeEvidence:
         clear = max(float(np.percentile(contrast, CLEAR_PERCENT)), 1.0)
         seen = contrast > HALF * clear
         size = np.abs(located.offsets)
-        scatter = max(MAD * median(size[located.found]), LIMITS.edges.scatter_px)
-        agrees = located.found & (size < LIMITS.photo.outlier * scatter)
+        scatter = max(MAD * median(size[located.found]), LIMITS.health.drift_px)
+        agrees = located.found & (size < LIMITS.certainty.deviations * scatter)
         return Evidence(
             float(seen.mean()),
             float((agrees & seen).sum()) / max(int(seen.sum()), 1),
@@ -268,7 +268,7 @@ class TargetFitter:
             bend: what is known about that of the print.
         """
         candidates = solve(tags, self._projection)
-        if len(tags) > 1 and (not candidates or candidates[0].rms_px > LIMITS.health.agreement_px):
+        if len(tags) > 1 and (not candidates or candidates[0].rms_px > LIMITS.health.misfit_px):
             # A border faked by something lying over the tag: let every tag speak for itself.
             candidates = [pose for pair in tags for pose in solve([pair], self._projection)]
         candidates = [replace(pose, known_bend=bend) for pose in candidates]
@@ -345,14 +345,11 @@ class TargetFitter:
     def _are_melted(self, pose: Pose) -> bool:
         """Whether the edges of a fit have run into their neighbours, which shifts them and makes others.
 
-        They leave a residual then that a sharp image does not leave. A streak that is longer than the cells hides how
-        wide the edges are, but not all of them agree.
+        They leave a residual then that a sharp image does not leave.
         """
-        limits, cell_px = LIMITS, self._photo.prints.cell_px(pose)
-        if pose.widest_px is None or pose.ragged_px is None or pose.ragged_px < limits.health.drift_px:
+        if pose.widest_px is None or pose.ragged_px is None or pose.ragged_px < LIMITS.health.drift_px:
             return False
-        is_torn = pose.inliers < limits.agreement.whole and cell_px < limits.cells.small_px
-        return is_torn or cell_px < limits.cells.melted_widths * pose.widest_px
+        return self._photo.prints.cell_px(pose) < LIMITS.cells.melted_widths * pose.widest_px
 
     def _with_contradiction(self, pose: Pose, other: Pose) -> Pose:
         """The pose, as uncertain as another measurement of the same image that contradicts it is far away."""

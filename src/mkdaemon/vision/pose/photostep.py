@@ -385,7 +385,7 @@ class PhotoStepper:
         jacobian, unit = _joined(parts)
         rises = slice(len(unit) - RISES if state.rise is not None else len(unit), len(unit))
         residual, bends = self._residual(parts, jacobian, rises, state)
-        weighed = _weigh(residual, np.concatenate([part.at.value for part in parts]), limits.outlier)
+        weighed = _weigh(residual, np.concatenate([part.at.value for part in parts]), LIMITS.certainty.deviations)
         clear, weights, bound = weighed.clear, weighed.weights, weighed.bound
         weighted = jacobian * weights
         noise = max(float((weights * residual**2).sum() / max(weights.sum() - len(unit), 1.0)), LEAST_NOISE)
@@ -431,7 +431,7 @@ class PhotoStepper:
             return residual, np.zeros(0)
         rows = jacobian[np.r_[BENDS, LIGHT, BENDS.stop : rises.start]]
         spread = np.concatenate([beyond_sd(self._shutter), np.full(len(rows) - BEYOND, np.inf)])
-        anew = asked_anew(residual, rows, spread, LIMITS.photo.outlier)
+        anew = asked_anew(residual, rows, spread, LIMITS.certainty.deviations)
         residual -= anew @ rows
         return residual, anew[:BEYOND]
 

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from mkdaemon.vision.limits import LIMITS
-from mkdaemon.vision.pose.edgefit import EdgeFit, LocatedEdges
+from mkdaemon.vision.pose.edgefit import LEAST_EDGES, EdgeFit, LocatedEdges
 from mkdaemon.vision.pose.edgestep import MAD, damped
 from mkdaemon.vision.pose.pose import Pose, median, turn
 from mkdaemon.vision.pose.prints import sheet_of
@@ -92,7 +92,7 @@ class EvidenceMaker:
     def look(self, pixels: Grey, pose: Pose) -> ImageEvidence | None:
         """Ask an image `(h, w)` uint8 about a pose found in it; none when too few edges are seen."""
         edges = self._fit.locate(pixels, pose)
-        if edges is None or int(edges.found.sum()) < LIMITS.edges.min_samples:
+        if edges is None or int(edges.found.sum()) < LEAST_EDGES:
             return None
         smaller = self._fit.model.smaller[edges.index]
         smaller = smaller[:, smaller.any(axis=0) & ~smaller.all(axis=0)]

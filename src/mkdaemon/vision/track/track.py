@@ -154,7 +154,7 @@ def known_motion(
         turning, spread = mounting.flu_from_cam.T @ turning_flu.rate, turning_flu.sd
         if speed is None:
             spread += limits.speed_sd / float(np.linalg.norm(place))
-    along = limits.speed_sd if speed is None else float(np.hypot(limits.known_climbing_sd, speed_sd))
+    along = limits.speed_sd if speed is None else speed_sd
     expected = motion_of(place, np.zeros(3) if speed is None else speed, turning)
     return KnownMotion(expected, np.array([spread] * 3 + [along]))
 
