@@ -91,7 +91,7 @@ class HealthLimits:
     large_tag_px: float = of(60.0, "px", "smaller tags say nothing about focus and calibration", FLIGHTS)
     drift_px: float = of(0.15, "px", "residual of edges that nothing unmodelled leaves", "0.03-0.1 in sharp images")
     misfit_share: float = of(0.02, "share", "of its side a tag may be off where its file puts it", STILLS)
-    misfit_px: float = of(1.5, "px", "the same at least, of corners: they are loose, lenses bend edges", STILLS)
+    misfit_px: float = of(1.0, "px", "the same at least, of corners: they are loose, lenses bend edges", STILLS)
     misfit_reach: float = of(3.0, "sides", "a tag farther from the largest one is not judged", STILLS)
     misfit_images: int = of(10, "images", "that contradict a target's file until it is reported", STILLS)
 
@@ -226,7 +226,7 @@ class EdgeLimits:
     tukey: float = of(4.685, "deviations", "outlier bound", "95 % efficiency; Holland and Welsch 1977")
     counted: float = of(0.1, "weight", "from which a sample agrees", "derived: 83 % of the outlier bound")
     least_scale_px: float = of(
-        0.01, "px", "least deviation of edges that is believed", "noise-free stills: what interpolation leaves"
+        0.02, "px", "least deviation of edges that is believed", "least residual of rendered edges"
     )
     located_px: float = of(0.3, "px", "edge error in a bad image, to weigh prior knowledge", FLIGHTS)
     max_leverage: float = of(radians(0.4), "rad", "turn by one line of edges", "right < 0.3, wrong > 0.48 deg")
@@ -236,6 +236,11 @@ class EdgeLimits:
     acceleration_sd: float = of(15.0, "rad/s^2", "of the camera's turning then", "0.4 rad/s that change in 30 ms")
     speed_sd: float = of(2.0, "m/s", "of a camera whose velocity no track knows, each way", FLIGHTS)
     attitude_noise: float = of(radians(0.1), "rad", "of one reported attitude, each axis", "its last digit is .1 deg")
+
+    @property
+    def systematic_px(self) -> float:
+        """Error of interpolation, which no number of samples averages out: half the residual of noise-free edges."""
+        return HALF * self.least_scale_px
 
 
 @dataclass(frozen=True, slots=True)

@@ -46,7 +46,6 @@ def moving_view() -> CameraView:
 
 def climb(speed: float) -> KnownMotion:
     """A speed along the optical axis that a track knows, and nothing about turns."""
-    limits = LIMITS.edges
     return KnownMotion(np.array([0.0, 0.0, 0.0, speed]), np.array([1.0, 1.0, 1.0, 0.1]))
 
 

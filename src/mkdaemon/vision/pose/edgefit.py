@@ -276,7 +276,6 @@ class EdgeFit:
         self, pixels: Grey, state: _State, reach: float, light: UnevenLight | None, *, is_blown: bool, is_near: bool
     ) -> tuple[Samples, FoundEdges, UnevenLight | None] | None:
         """Find edges, without what uneven light moves them; none when they are too few, or too few are in view."""
-        limits = LIMITS.edges
         samples = self._project(
             pixels.shape, state.rotation, state.position, reach, state.projection, state.motion, state.bent
         )

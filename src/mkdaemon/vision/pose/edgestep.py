@@ -212,7 +212,7 @@ class EdgeStep:
     def _noise(self, square: npt.NDArray[np.intp], inverse: Array) -> float:
         """Variance of an edge that a covariance is told with [px^2]."""
         shared = max(self.shared(square[self.samples.index], inverse), 1.0)
-        return shared * self.influence_variance + LIMITS.edges.least_scale_px**2
+        return shared * self.influence_variance + LIMITS.edges.systematic_px**2
 
     def seen_motion(
         self,
