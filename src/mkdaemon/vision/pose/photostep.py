@@ -229,7 +229,7 @@ def lit_print(at: PrintSamples, half: float) -> tuple[PrintSamples, Lit]:
     used = at.used.copy()
     used[at.used] = keep
     kept = PrintSamples(
-        **{part.name: getattr(at, part.name)[keep] for part in fields(at) if part.name != "used"}, used=used
+        **{part.name: getattr(at, part.name)[..., keep] for part in fields(at) if part.name != "used"}, used=used
     )
     return kept, Lit.of(kept, columns[:, keep])
 
@@ -508,8 +508,7 @@ class PhotoStepper:
         # a point at `arm` by w x arm.
         slope = -lit.contrast[:, None] * (at.dx[:, None] * point[:, 0] + at.dy[:, None] * point[:, 1])
         moved = slope if motion is None else before_motion(slope, motion, times)
-        # Blur: a Gaussian obeys the heat equation, dm/dB = (m_xx, 2 m_xy, m_yy) / 2.
-        blur = lit.contrast * np.stack([0.5 * at.dxx, at.dxy, 0.5 * at.dyy])
+        blur = lit.contrast * at.by_spread
         rows = [moved.T, cross(arm, moved).T, lit.columns, blur]
         units = [np.full(3, state.position[2]), np.ones(3), np.full(LIGHTS, LIGHT_UNIT), np.ones(SPREADS)]
         if motion is not None:

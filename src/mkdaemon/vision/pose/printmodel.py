@@ -41,11 +41,11 @@ PER_OCTAVE: Final = 4
 """Levels from a variance to twice as much: the heat equation is then right to 0.1 % of the contrast."""
 STEP: Final = 0.4
 """From a texel to the next, of the blur of a level: interpolated to 0.5 % of the contrast."""
-APART: Final = 1.3
+APART: Final = 1.6
 """From a place that is looked up to the next one, over the blur: together they are even to 0.1 %."""
 WIDE: Final = 2.5
 """Deviations of what is longer one way that are looked up."""
-MOST_PLACES: Final = 41
+MOST_PLACES: Final = 48
 """That a slant, or a streak, is looked up at: a print seen from its edge has no end of them."""
 ROUND: Final = 0.25
 """Share of the variance by which a point spread may be longer one way and still be looked up at one place."""
@@ -69,9 +69,7 @@ class PrintSamples:
         value: of the model, 0 black to 1 white `(n,)`.
         dx: its slope by the column of the image `(n,)` [1/px]; along a row, whose time under a rolling shutter stays.
         dy: by the row, as all rows are exposed when this one is.
-        dxx: second derivatives `(n,)` [1/px^2].
-        dxy: of both.
-        dyy: by the row.
+        by_spread: derivative by the point spread's xx, xy and yy `(3, n)` [1/px^2].
         u: place on the print, along its x axis `(n,)` [m].
         v: along its y axis.
         row: of the image `(n,)`.
@@ -82,9 +80,7 @@ class PrintSamples:
     value: Array
     dx: Array
     dy: Array
-    dxx: Array
-    dxy: Array
-    dyy: Array
+    by_spread: Array
     u: Array
     v: Array
     row: Array
@@ -128,15 +124,21 @@ class Footprint:
 
     Attributes:
         narrow: variance of the round part, with the pixel [px^2].
+        streak: length of the motion [px]; none where the point spread is round.
+        axes: across the streak and along it, unit, a column each `(2, 2)` [image].
         spread: covariance of what is looked up at one place `(2, 2)`.
         places: that are looked up about the pixel's own `(2, k)`.
         weights: of these `(k,)`, one together.
+        along: where each is in the streak, -1/2 to 1/2 `(k,)`.
     """
 
     narrow: float
+    streak: float
+    axes: Array
     spread: Array
     places: Array
     weights: Array
+    along: Array
 
     @classmethod
     def of(cls, spread: Array, plane: Array) -> Footprint:
@@ -152,22 +154,44 @@ class Footprint:
         sizes, ways = np.linalg.eigh(narrow * plane @ plane.T)
         least, more = max(float(sizes[0]), TINY), float(sizes[1] - sizes[0])
         places, weights, round_part = np.zeros((2, 1)), np.ones(1), narrow * plane @ plane.T
+        along = np.zeros(1)
         if more > ROUND * least:
             at, weights = _along(sqrt(more), sqrt(least))
             places, round_part = ways[:, 1:] * at, least * np.eye(2)
         if streak:
             way = streak * plane @ axes[:, 1]
-            count = min(max(ceil(float(np.hypot(*way)) / (APART * sqrt(least))), 2), MOST_PLACES)
+            count = min(
+                max(ceil(float(np.hypot(*way)) / (APART * sqrt(least))), 2), max(MOST_PLACES // len(weights), 2)
+            )
             # The middles of even parts, a little farther apart, so that they have the variance of the streak.
             even = ((np.arange(count) + 0.5) / count - 0.5) / sqrt(1.0 - 1.0 / count**2)
             places = (places[:, :, None] + way[:, None, None] * even).reshape(2, -1)
+            along = np.tile(even, len(weights))
             weights = np.repeat(weights, count) / count
-        return cls(narrow, round_part, places, weights)
+        return cls(narrow, streak, axes, round_part, places, weights, along)
+
+    def by_spread(self, narrower: Array, by_way: Array) -> Array:
+        """Derivative `(3, n)` of what is seen by xx, xy, yy of the point spread.
+
+        A round blur obeys the heat equation. The variances l1 across and l2 along the streak are those of B, so that
+        its length is sqrt(12 (l2 - l1)), and an angle turns by u^T dB v / (l2 - l1) with the axes u and v.
+
+        Args:
+            narrower: derivative by the variance of the round part `(n,)` [1/px^2].
+            by_way: by the streak as a vector `(2, n)` [1/px; image].
+        """
+        (u0, v0), (u1, v1) = self.axes
+        across = np.array([u0 * u0, 2.0 * u0 * u1, u1 * u1])[:, None]
+        along = np.array([v0 * v0, 2.0 * v0 * v1, v1 * v1])[:, None]
+        turns = np.array([u0 * v0, u0 * v1 + u1 * v0, u1 * v1])[:, None]
+        longer = (v0 * by_way[0] + v1 * by_way[1]) * (BOX / (2.0 * self.streak))
+        turned = (u0 * by_way[0] + u1 * by_way[1]) * (BOX / self.streak)
+        return np.asarray(across * (narrower - longer) + along * longer + turns * turned, np.float64)
 
 
 def _along(deviation: float, blur: float) -> tuple[Array, Array]:
     """Places of a Gaussian and their weights, `(k,)` each, none farther from the next than blur allows."""
-    reach = min(ceil(WIDE * deviation / (APART * blur)), MOST_PLACES // 2)
+    reach = min(ceil(WIDE * deviation / (APART * blur)), MOST_PLACES // 4 - 1)
     at = np.arange(-reach, reach + 1) * (WIDE * deviation / reach)
     weights: Array = np.exp(-0.5 * (at / deviation) ** 2)
     weights /= weights.sum()
@@ -207,7 +231,9 @@ class PrintTexture:
         return found
 
     def at(self, x: Array, y: Array, footprint: Footprint, more: Array) -> Array:
-        """Value, slopes by x and y, second derivatives by xx, xy, yy at places of the print `(6, n)`.
+        """What is seen at places of the print `(8, n)`.
+
+        Value, slopes by x and y, second derivatives by xx, xy, yy, and the slopes by where in a streak they are.
 
         Args:
             x: `(n,)` [cells from the middle].
@@ -221,13 +247,15 @@ class PrintTexture:
         seen_x, seen_y = (
             (at + place[:, None]).astype(np.float32) for at, place in zip((x, y), footprint.places, strict=True)
         )
-        found = np.empty((6, len(x)))
+        found = np.zeros((8, len(x)))
         for k, image in enumerate(self._level(number)):
             scale = np.float32(len(image) / self._cells)
             column = (seen_x + np.float32(self._cells / 2)) * scale - np.float32(0.5)
             row = (np.float32(self._cells / 2) - seen_y) * scale - np.float32(0.5)
             seen = cv2.remap(image, column, row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-            found[3 * k : 3 * k + 3] = np.einsum("k,knc->cn", footprint.weights, seen)
+            found[3 * k : 3 * k + 3] = np.tensordot(footprint.weights, seen, 1).T
+            if k == 0 and footprint.streak:
+                found[6:] = np.tensordot(footprint.weights * footprint.along, seen[:, :, 1:], 1).T
         variance = SHARPEST**2 * 2.0 ** (number / PER_OCTAVE)
         (xx, xy), (_, yy) = np.clip(footprint.spread - variance * np.eye(2), -HALF * variance, HALF * variance)
         found[0] += (0.5 * (more[0] + xx)) * found[3] + (more[1] + xy) * found[4] + (0.5 * (more[2] + yy)) * found[5]
@@ -280,17 +308,22 @@ class PrintModel:
         window = self._window(pixels.shape, rotation, position, motion)
         if window is None:
             return None
-        value, by_x, by_y, xx, xy, yy = self._seen(window, spread)
+        footprint = Footprint.of(spread, window.middle / self.cell)
+        value, by_x, by_y, xx, xy, yy, along_x, along_y = self._seen(window, footprint)
         (a, b), (c, d) = window.plane / self.cell
+        dxx, dyy = xx * a * a + 2.0 * xy * a * c + yy * c * c, xx * b * b + 2.0 * xy * b * d + yy * d * d
+        if footprint.streak:
+            by_way = np.stack([along_x * a + along_y * c, along_x * b + along_y * d])
+            by_spread = footprint.by_spread((dxx + dyy) / 2.0, by_way)
+        else:
+            by_spread = np.stack([dxx / 2.0, xx * a * b + xy * (a * d + b * c) + yy * c * d, dyy / 2.0])
         height, width = window.used.shape
         grey = pixels[window.top : window.top + height, window.left : window.left + width]
         return PrintSamples(
             value,
             by_x * a + by_y * c,
             by_x * b + by_y * d,
-            xx * a * a + 2.0 * xy * a * c + yy * c * c,
-            xx * a * b + xy * (a * d + b * c) + yy * c * d,
-            xx * b * b + 2.0 * xy * b * d + yy * d * d,
+            by_spread,
             window.u,
             window.v,
             window.row.astype(np.float64),
@@ -306,16 +339,15 @@ class PrintModel:
         if window is None:
             return None
         image = np.ones(window.used.shape, dtype=np.float32)
-        image[window.used] = self._seen(window, spread)[0]
+        image[window.used] = self._seen(window, Footprint.of(spread, window.middle / self.cell))[0]
         return image, window.used, window.left, window.top
 
     def depth(self, rotation: Array, position: Array) -> float:
         """How far the middle of the print is along the optical axis [m]."""
         return float((rotation @ self.origin + position)[2])
 
-    def _seen(self, window: _Window, spread: Array) -> Array:
+    def _seen(self, window: _Window, footprint: Footprint) -> Array:
         middle = window.middle / self.cell
-        footprint = Footprint.of(spread, middle)
         # A slanted print is seen through a larger footprint where it is farther.
         (a, b), (c, d) = window.plane / self.cell
         (xx, xy), (_, yy) = middle @ middle.T
