@@ -41,7 +41,7 @@ PER_OCTAVE: Final = 4
 """Levels from a variance to twice as much: the heat equation is then right to 0.1 % of the contrast."""
 STEP: Final = 0.4
 """From a texel to the next, of the blur of a level: interpolated to 0.5 % of the contrast."""
-APART: Final = 1.6
+APART: Final = 1.3
 """From a place that is looked up to the next one, over the blur: together they are even to 0.1 %."""
 WIDE: Final = 2.5
 """Deviations of what is longer one way that are looked up."""
