@@ -249,10 +249,10 @@ def without_normal(pose: Pose, expected: Array, spread: float) -> tuple[Pose, bo
     """
     error, across = _apart(pose, expected)
     variances, axes = np.linalg.eigh(across @ pose.covariance[3:, 3:] @ across.T)
-    across, told = axes.T @ across, 1.0 / spread**2
-    own = 1.0 / variances - told
-    is_vague = own < LEAST_SHARE * told
-    own = np.where(is_vague, UNKNOWN_SHARE * told, own)
+    across, known = axes.T @ across, 1.0 / spread**2
+    own = 1.0 / variances - known
+    is_vague = own < LEAST_SHARE * known
+    own = np.where(is_vague, UNKNOWN_SHARE * known, own)
     noise = np.diag(1.0 / (own - 1.0 / variances))
     alone = updated(pose, _tilting(across), np.where(is_vague, 0.0, across @ error), noise)
-    return alone, bool(own.min() >= told)
+    return alone, bool(own.min() >= known)
