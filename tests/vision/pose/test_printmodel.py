@@ -101,3 +101,23 @@ def test_a_print_seen_from_its_edge_is_looked_up_at_few_places(slant: float, spr
         model = Prints(load([CONFIGS / "targets" / "nested.toml"]).targets[0], Projection(STRAIGHT)).all[0]
         seen = model.samples(np.zeros((480, 640), dtype=np.uint8), rotation, position, spread)
         assert seen is None or np.isfinite(seen.value).all()
+
+
+@pytest.mark.parametrize("streak_px", [0.0, 3.0, 10.0])
+@pytest.mark.parametrize("way", [0.3, 1.2])
+def test_what_a_growing_point_spread_changes(streak_px: float, way: float) -> None:
+    """A streak grows by its ends: taken for a Gaussian its derivative has half the size and nothing of the form."""
+    model = Prints(load([CONFIGS / "targets" / "single.toml"]).targets[0], Projection(STRAIGHT)).all[0]
+    rotation, position = turn(ABOVE, np.array([0.2, 0.1, 0.0])), np.array([0.013, 0.021, 4.5])
+    along = np.array([np.cos(way), np.sin(way)])
+    spread = 0.36 * np.eye(2) + streak_px**2 / 12.0 * np.outer(along, along)
+    black = np.zeros((480, 640), dtype=np.uint8)
+    here = model.samples(black, rotation, position, spread)
+    assert here is not None
+    ways = np.array([[[1.0, 0.0], [0.0, 0.0]], [[0.0, 1.0], [1.0, 0.0]], [[0.0, 0.0], [0.0, 1.0]]])
+    for more, slope in zip(0.1 * ways, here.by_spread, strict=True):
+        wider, narrower = (model.samples(black, rotation, position, spread + sign * more) for sign in (1.0, -1.0))
+        assert wider is not None
+        assert narrower is not None
+        found = (wider.value - narrower.value) / 0.2
+        assert np.std(found - slope) < 0.25 * np.std(found)
