@@ -118,6 +118,7 @@ def test_the_page_ends_with_sticks_that_fly(tmp_path: Path) -> None:
             with terminal.started(watch) as watcher:
                 assert watcher.stdout.readline().startswith("state/")
             assert terminal.run(get_osd).startswith("rx/nc/osd")
+            terminal.value("sim/truth")  # the simulator joins the bus by itself, a second or two after the daemon
             terminal.run(start)
             terminal.value("state/position", lambda place: place["altitude_above_start"] > 1.7)
             assert height(terminal.run(get_position)) > 1.5
