@@ -121,3 +121,13 @@ def test_what_a_growing_point_spread_changes(streak_px: float, way: float) -> No
         assert narrower is not None
         found = (wider.value - narrower.value) / 0.2
         assert np.std(found - slope) < 0.25 * np.std(found)
+
+
+def test_a_print_whose_plane_goes_through_the_camera_is_not_seen() -> None:
+    target = load([CONFIGS / "targets" / "single.toml"]).targets[0]
+    model = Prints(target, Projection(STRAIGHT)).all[0]
+    rotation = turn(np.array([[0.0, 0.0, -1.0], [1.0, 0.0, 0.0], [0.0, -1.0, 0.0]]), np.array([0.0, 0.0, 0.6]))
+    for axes in (rotation, rotation @ turn(np.eye(3), np.array([0.0, 0.0, 0.4]))):
+        position = 3.0 * axes[:, 0] + 3.0 * axes[:, 1]
+        position *= np.sign(position[2]) or 1.0
+        assert model.samples(np.zeros((480, 640), dtype=np.uint8), axes, position, 0.4 * np.eye(2)) is None

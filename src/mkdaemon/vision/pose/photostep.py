@@ -381,7 +381,7 @@ class PhotoStepper:
         parts = [part for part in (self._part(pixels, model, state) for model in prints) if part is not None]
         if not parts:
             return None
-        _limits, rotation = LIMITS.photo, state.rotation
+        rotation = state.rotation
         jacobian, unit = _joined(parts)
         rises = slice(len(unit) - RISES if state.rise is not None else len(unit), len(unit))
         residual, bends = self._residual(parts, jacobian, rises, state)

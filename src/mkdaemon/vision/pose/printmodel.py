@@ -50,7 +50,7 @@ MOST_PLACES: Final = 48
 ROUND: Final = 0.25
 """Share of the variance by which a point spread may be longer one way and still be looked up at one place."""
 TINY: Final = 1e-9
-"""Least variance of what is seen of a plane [cells^2]."""
+"""Least variance of what is seen of a plane [cells^2], and least distance of the camera from it [m]."""
 BOX: Final = 12.0
 """Square of a box's length over its variance: what motion blur adds is a box, and so is a pixel."""
 LEAST_STREAK_PX: Final = 0.3
@@ -369,6 +369,8 @@ class PrintModel:
         if not (low <= width <= high and low <= height <= high):
             return None
         cam_from_plane = np.column_stack([rotation @ self.axes[:, :2], rotation @ self.origin + position])
+        if abs(float(np.linalg.det(cam_from_plane))) < TINY:  # the camera is in the plane of the print
+            return None
         ray_from_pixel = self._ray_from_pixel(int(x0), int(y0), width, height)
         row = np.arange(height)
         if motion is None:
@@ -385,12 +387,12 @@ class PrintModel:
         u, v, w = h[:, 0] * column + h[:, 1] * row[:, None] + h[:, 2]
         u, v = u / w, v / w
         used = (np.abs(u) < half) & (np.abs(v) < half)
+        if not bool(used.any()):
+            return None
         u, v, rows = u[used], v[used], np.nonzero(used)[0]
         inverse = 1.0 / w[used]
         at = by_row[:, :, rows] if motion is not None else by_row
         plane = np.stack([(at[0, :2] - at[2, :2] * u) * inverse, (at[1, :2] - at[2, :2] * v) * inverse])
-        if not len(u):
-            return None
         return _Window(int(x0), int(y0), used, u, v, rows + int(y0), plane, plane.mean(axis=2))
 
     def _ray_from_pixel(self, left: int, top: int, width: int, height: int) -> Array:
