@@ -223,6 +223,13 @@ CASES: Final = {
         {"rendered_light_rms_cm": 10.0},
         RenderedRig,
     ),
+    "rendered_land": Case(
+        _landing(WindClass.LIGHT, (0.0, 0.0)),
+        8,
+        landing_figures("rendered_land"),
+        {"rendered_land_p90_cm": 9.0, "rendered_land_sink": 0.6},
+        RenderedRig,
+    ),
     "hover_late": Case(
         _hover(WindClass.INDOOR, camera=CameraModel(latency=0.25)),
         20,

@@ -139,5 +139,4 @@ def test_what_needs_the_wheel_says_so_in_one_line(name, monkeypatch):
 
 def test_searches_of_one_thread_share_the_library():
     families = (("tag36h11", 2),)
-    assert apriltaglib.detector(families, 1.0) is apriltaglib.detector(families, 1.0)
-    assert apriltaglib.detector(families, 1.0) is not apriltaglib.detector(families, 2.0)
+    assert apriltaglib.detector(families, 1.0) is apriltaglib.detector(families, 2.0)

@@ -68,9 +68,9 @@ class PrintGatherer:
             pixels: `(h, w)` uint8.
             start: from one print or from the images before.
         """
-        seen = self._prints.seen(start.rotation, start.position, pixels.shape)
-        if len(seen) < 2:
+        if len(self._prints.all) < 2:
             return start
+        seen = self._prints.seen(start.rotation, start.position, pixels.shape)
         looked = [(model, self._shift(pixels, model, start)) for model in seen]
         found = [(model, shift) for model, shift in looked if shift is not None]
         if len(found) < 2 or not any(shift.any() for _, shift in found):
@@ -372,10 +372,9 @@ class TargetFitter:
 
     def match(self, pixels: Grey, pose: Pose) -> float | None:
         """How well the image shows the target where the pose puts it, -1 to 1; none when it cannot be told."""
-        read = self._bits.correlation(pixels, pose)
-        if read is None or pose.source == "photometric":
-            return pose.match if pose.match is not None else read
-        return read
+        if pose.source == "photometric" and pose.match is not None:
+            return pose.match
+        return self._bits.correlation(pixels, pose)
 
     def shows(self, pixels: Grey, start: Pose) -> bool:
         """Whether the image shows the target where a start puts it, well enough for a fit to find its place.

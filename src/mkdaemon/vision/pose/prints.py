@@ -76,27 +76,28 @@ class Prints:
         return tuple(sorted(shown, key=lambda model: model.depth(rotation, position) / model.cell)[:MOST])
 
     def cell_px(self, pose: Pose) -> float:
-        """Side of a cell of the largest print that is seen [px]; of the first print where none is."""
-        seen = self.seen(pose.rotation, pose.position)
-        if len(self.all) == 1 or not seen:
-            cell, depth = self.all[0].cell, float(pose.position[2])
-        else:
-            cell, depth = seen[0].cell, seen[0].depth(pose.rotation, pose.position)
-        return float(self._projection.focal[0]) * cell / max(depth, NEAR_M)
+        """Side of a cell of the print that is looked at [px]."""
+        model = self._looked_at(pose)
+        return float(self._projection.focal[0]) * model.cell / max(model.depth(pose.rotation, pose.position), NEAR_M)
 
     def looked_at(self, pose: Pose) -> tuple[Array, Array, float]:
-        """That print: its middle `(3,)` [m; target], the way from there to the camera `(3,)`, its tilt.
+        """The largest print that is seen, the first where none is: its middle, the way to the camera, its tilt.
 
-        The tilt is the angle between that direction and the normal [rad]. A target's only print is looked at where the
-        target's origin is.
+        Returns:
+            The middle `(3,)` [m; target], the direction from there to the camera `(3,)`, and the angle between that and
+            the normal [rad].
         """
-        seen = self.seen(pose.rotation, pose.position)
-        if len(self.all) == 1 or not seen:
-            return self.all[0].origin, -pose.position / max(pose.range_m, 1e-9), pose.tilt
-        middle = pose.rotation @ seen[0].origin + pose.position
+        model = self._looked_at(pose)
+        middle = pose.rotation @ model.origin + pose.position
         toward: Array = -middle / max(float(np.linalg.norm(middle)), NEAR_M)
-        normal = pose.rotation @ seen[0].axes[:, 2]
-        return seen[0].origin, toward, acos(min(max(float(normal @ toward), -1.0), 1.0))
+        normal = pose.rotation @ model.axes[:, 2]
+        return model.origin, toward, acos(min(max(float(normal @ toward), -1.0), 1.0))
+
+    def _looked_at(self, pose: Pose) -> PrintModel:
+        """The largest print that is seen; the first where none is."""
+        if len(self.all) == 1:
+            return self.all[0]
+        return next(iter(self.seen(pose.rotation, pose.position)), self.all[0])
 
     def rise_of(self, start: Pose) -> Array | None:
         """Rise of the only print where a fit begins `(3,)`; none where it does not bend."""

@@ -38,7 +38,7 @@ class _OfThread(threading.local):
     """Detectors this thread has made."""
 
     def __init__(self) -> None:
-        self.made: dict[tuple[Families, float], LibDetector] = {}
+        self.made: dict[Families, LibDetector] = {}
 
 
 _of_thread = _OfThread()
@@ -53,16 +53,17 @@ def detector(families: Families, decimate: float) -> LibDetector:
     """The library with its tables for some families; they take time and serve one thread, whose searches share them.
 
     Args:
-        families: what it finds; a family's tables go with the detector that has it, so every detector has its own.
-        decimate: quads are searched in an image so much smaller; their edges are fitted in the whole one.
+        families: what it finds.
+        decimate: quads of the next search are found in an image so much smaller; edges are fitted in the whole one.
     """
-    key = (families, decimate)
-    if key not in _of_thread.made:
-        found, library = _open(decimate)
+    if families not in _of_thread.made:
+        made, library = _open()
         for name, bits in families:
-            library.apriltag_detector_add_family_bits(found.tag_detector_ptr, _family(library, name), bits)
-        _of_thread.made[key] = found
-    return _of_thread.made[key]
+            library.apriltag_detector_add_family_bits(made.tag_detector_ptr, _family(library, name), bits)
+        _of_thread.made[families] = made
+    found = _of_thread.made[families]
+    found.tag_detector_ptr.contents.quad_decimate = decimate
+    return found
 
 
 def draw(name: str, tag_id: int) -> Cells:
@@ -82,16 +83,16 @@ def draw(name: str, tag_id: int) -> Cells:
 
 @lru_cache(maxsize=16)
 def _drawing(name: str) -> tuple[ctypes.CDLL, object]:
-    _, library = _open(1.0)
+    _, library = _open()
     library.apriltag_to_image.restype = ctypes.POINTER(_Image)
     return library, _family(library, name)
 
 
-def _open(decimate: float) -> tuple[LibDetector, ctypes.CDLL]:
+def _open() -> tuple[LibDetector, ctypes.CDLL]:
     """A detector without families, and the functions of the library."""
     from pyapriltags import Detector as LibDetector
 
-    made = LibDetector(families="", nthreads=1, quad_decimate=decimate, refine_edges=1)
+    made = LibDetector(families="", nthreads=1, refine_edges=1)
     assert made.libc is not None
     return made, made.libc
 
