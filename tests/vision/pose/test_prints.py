@@ -122,7 +122,7 @@ def test_a_tag_in_the_image_decides_how_a_map_is_measured_not_its_origin() -> No
     assert prints.cell_px(pose) == pytest.approx(600 * 0.012 / 1.3 * 10 / 8, rel=0.3)
     beside = Pose(rotation, -rotation @ np.array([9.0, 0.0, 1.3]), np.eye(6), "edges", 100, 0.1)
     assert prints.seen(beside.rotation, beside.position) == ()
-    assert prints.looked_at(beside)[2] == beside.tilt
+    assert prints.looked_at(beside)[2] == pytest.approx(np.arctan(3.0 / 1.3))
     many = Prints(laid_out(*((0.2 * x, 0.2 * y) for x in range(5) for y in range(4))), PROJECTION)
     assert len(many.seen(rotation, -rotation @ np.array([0.4, 0.3, 2.0]))) == MOST
 

@@ -215,7 +215,7 @@ class EdgeFit:
         light: UnevenLight | None = None
         state = self._start(start, rolls=self._shutter.rolls and stretch_sd == 0.0, bends=stretch_sd == 0.0)
         is_blown = int(pixels.max()) >= LIMITS.read.saturated
-        for k in range(self._first(start), iterations):
+        for k in range(iterations):
             is_near = k >= len(limits.reach_px) - 2
             reach = self._reach(k, last)
             found = self._find(pixels, state, reach, light, is_blown=is_blown, is_near=is_near)
@@ -260,11 +260,6 @@ class EdgeFit:
             return None
         asked = motion_known(start, self._shutter)
         return last.seen_motion(self.model.square, block, at.motion, asked, edge_px)
-
-    def _first(self, start: Pose) -> int:
-        """The first step: reaches beyond half a cell, where its neighbour begins, are one."""
-        cell_px = float(self._projection.focal.max() * self.model.cell.max()) / max(float(start.position[2]), NEAR_M)
-        return int(HALF * cell_px <= LIMITS.edges.reach_px[1])
 
     def _reach(self, k: int, last: EdgeStep | None) -> float:
         """How far from their place edges are looked for in a step [px]; within less a wide edge has no middle."""
