@@ -15,7 +15,7 @@ from lab.control.corerig import HandoverRig, TakeOffRig
 from lab.control.flights import Flight, Record
 from lab.control.law2010 import PiGains
 from lab.control.radio import RadioModel
-from lab.control.rendered import RenderedRig
+from lab.control.rendered import RenderedLandingRig, RenderedRig
 from lab.control.rig import Rig, believed_model
 from mkdaemon.control.estimator.model import NO_FILTER
 from mkdaemon.control.manoeuvres.land import LandingPhase
@@ -228,7 +228,7 @@ CASES: Final = {
         8,
         landing_figures("rendered_land"),
         {"rendered_land_p90_cm": 9.0, "rendered_land_sink": 0.6},
-        RenderedRig,
+        RenderedLandingRig,
     ),
     "hover_late": Case(
         _hover(WindClass.INDOOR, camera=CameraModel(latency=0.25)),
