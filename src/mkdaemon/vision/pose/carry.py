@@ -16,7 +16,7 @@ from mkdaemon.vision.tags.tagmap import Target
 Array = npt.NDArray[np.float64]
 Grey = npt.NDArray[np.uint8]
 
-PATCH_PX = 40
+PATCH_PX = 20
 """The image of a target is compared at about this size [px]."""
 
 

@@ -26,7 +26,7 @@ import numpy.typing as npt
 from mkdaemon.vision.limits import APART2, LIMITS
 from mkdaemon.vision.pose.bend import RISES
 from mkdaemon.vision.pose.edgefit import Level
-from mkdaemon.vision.pose.photostep import MOTION, SPREAD, PhotoState, PhotoStepper
+from mkdaemon.vision.pose.photostep import MOTION, SPREAD, PhotoState, PhotoStep, PhotoStepper
 from mkdaemon.vision.pose.pose import Pose, turn
 from mkdaemon.vision.pose.printmodel import PrintModel
 from mkdaemon.vision.pose.prints import Prints
@@ -165,45 +165,42 @@ class PhotoFit:
     ) -> tuple[PhotoState, Pose] | None:
         """Where a fit to some prints ends, and its pose."""
         damping, last, left = FIRST_DAMPING, np.inf, np.inf
-        best: PhotoState | None = None
-        to_go: Array = np.zeros(6)
-        fitted: Pose | None = None
+        best: tuple[PhotoState, PhotoStep] | None = None
         for _ in range(iterations):
-            step = self._stepper.step(pixels, prints, at, start, level, damping)
-            if step is None or (best is None and (step.pose.match or 0.0) < LIMITS.likeness.alike):
+            step = self._stepper.step(pixels, prints, at, start, level)
+            if step is None or (best is None and step.match < LIMITS.likeness.alike):
                 return None
             # Pixels that come and go at the rim change the cost, too, and a valley that bends lies beyond a rise: then
             # the shorter step is nearer.
             is_nearer = step.length2 < NEARER * left
             if step.cost < last or is_nearer or (step.cost < last * WORSE_COST and step.length2 < left):
-                settled = not is_nearer and last - step.cost < SAME_COST * step.cost
-                best, last, fitted, left, to_go = at, step.cost, step.pose, step.length2, step.to_go
-                if settled:
+                has_settled = not is_nearer and last - step.cost < SAME_COST * step.cost
+                best, last, left = (at, step), step.cost, step.length2
+                if has_settled:
                     break
                 damping = max(damping * EASE, LEAST_DAMPING)
+            elif best is None or damping > MOST_DAMPING or step.cost < last * WORSE_COST:
+                break
             else:
-                if best is None or damping > MOST_DAMPING or step.cost < last * WORSE_COST:
-                    break
-                at = best
+                at, step = best
                 damping *= TIGHTEN
-                step = self._stepper.step(pixels, prints, at, start, level, damping)
-                if step is None:
-                    return None
-            at = _moved(at, step.change)
-            if step.length2 < SETTLED and float(np.abs(step.change[SPREAD]).max()) < SETTLED_BLUR:
-                best, left = at, step.length2
-                fitted = replace(step.pose, rotation=at.rotation, position=at.position, motion=at.motion)
+            change = step.change(damping)
+            at = _moved(at, change)
+            if step.length2 < SETTLED and float(np.abs(change[SPREAD]).max()) < SETTLED_BLUR:
+                best = at, step
                 break
             if not np.isfinite(at.position).all() or at.position[2] < NEAR_M:
                 return None
             if np.linalg.norm(at.position - start.position) > LIMITS.edges.max_move * start.range_m:
                 return None
-        if best is None or fitted is None:
+        if best is None:
             return None
+        at, step = best
+        fitted = step.pose(at, start)
         if left > UNSETTLED:
             # It has not arrived: how far it would go on is an error, too.
-            fitted = replace(fitted, covariance=fitted.covariance + np.outer(to_go, to_go))
-        return best, fitted
+            fitted = replace(fitted, covariance=fitted.covariance + np.outer(step.to_go, step.to_go))
+        return at, fitted
 
     def _alike(
         self, pixels: Grey, prints: Sequence[PrintModel], at: PhotoState, least: float

@@ -14,7 +14,7 @@ The light on a print: black, white, how it changes over the print, and the tone 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from math import sqrt
 from typing import Final
 
@@ -283,25 +283,6 @@ class PhotoState:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PhotoStep:
-    """One Gauss-Newton step.
-
-    Attributes:
-        change: of all unknowns: position [m], rotation vector [rad], light, point spread [px^2], motion.
-        cost: robust mean square of the residuals before the step [grey^2], with what prior knowledge adds.
-        pose: the pose the step starts from, with its covariance.
-        to_go: that of the pose without damping: how far it is from its place `(6,)`.
-        length2: of that, in deviations of the pose's covariance, squared.
-    """
-
-    change: Array
-    cost: float
-    pose: Pose
-    to_go: Array
-    length2: float
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class _Part:
     """What one print says.
 
@@ -354,6 +335,74 @@ def _weigh(residual: Array, value: Array, outlier: float) -> _Weighed:
     return _Weighed(clear, size, bound, agreeing, agreeing * clear**2, cost)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class PhotoStep:
+    """One Gauss-Newton step: (J W J^T + P + damping diag) s = J W r + p with what is known beforehand, P and p.
+
+    Attributes:
+        cost: robust mean square of the residuals before the step [grey^2], with what prior knowledge adds, and a
+            clarity of mean logarithm zero: a cost by which two states compare, each with a clarity of its own.
+        to_go: what of the pose would change without damping: how far it is from its place `(6,)`.
+        length2: of that, in deviations of the pose's covariance, squared.
+        covariance: of the pose `(6, 6)`.
+        bend: of the print after the step, where it is an unknown.
+    """
+
+    cost: float
+    to_go: Array
+    length2: float
+    covariance: Array
+    bend: Bend | None
+    _normal: Array
+    _right: Array
+    _unit: Array
+    _parts: Sequence[_Part]
+    _residual: Array
+    _weighed: _Weighed
+    _shared: SharedNoise
+
+    @property
+    def match(self) -> float:
+        """Correlation of image and model; -1 for a negative."""
+        if not all(part.brightness > 0.0 for part in self._parts):
+            return -1.0
+        grey = np.concatenate([part.at.grey for part in self._parts])
+        return correlation(grey, grey - self._residual)
+
+    def change(self, damping: float) -> Array:
+        """Of all unknowns: position [m], rotation vector [rad], light, point spread [px^2], motion."""
+        ridge = damping * np.diag(np.diag(self._normal))
+        return np.asarray(np.linalg.solve(self._normal + ridge, self._right) * self._unit, np.float64)
+
+    def pose(self, state: PhotoState, start: Pose) -> Pose:
+        """The pose of the state the step starts from, or of where it led, in a fit from a start."""
+        limits, size, is_agreeing = LIMITS.photo, self._weighed.size, self._weighed.agreeing > HALF
+        # Residual as a shift of edges: rms over the rms slope of the lit prints [grey / (grey/px)].
+        steepness = sqrt(sum(part.steepness**2 * part.residual.size for part in self._parts) / size.size)
+        squared = np.minimum(size, limits.lost_grey) ** 2 + NOISE_GREY**2
+        match = self.match
+        return Pose(
+            state.rotation,
+            state.position,
+            self.covariance,
+            "photometric",
+            int(is_agreeing.sum()),
+            sqrt(self._weighed.cost) / max(steepness, 1e-3) if match > -1.0 else np.inf,
+            float(is_agreeing.mean()),
+            float(np.linalg.norm(self.to_go[:3])) / max(float(np.linalg.norm(state.position)), 1e-9),
+            float(np.exp(np.mean(np.log(squared)))),
+            match,
+            float(np.linalg.det(state.spread)) ** 0.25,
+            cost=self.cost,
+            motion=state.motion,
+            known_motion=start.known_motion,
+            bend=self.bend,
+            known_bend=start.known_bend,
+            shared=self._shared.factor,
+            common=self._shared.common,
+        )
+
+
 class PhotoStepper:
     """Computes the steps of one target's fit.
 
@@ -372,11 +421,10 @@ class PhotoStepper:
         state: PhotoState,
         start: Pose,
         level: Level | None,
-        damping: float,
     ) -> PhotoStep | None:
-        """One step: (J W J^T + P + damping diag) s = J W r + p with what is known beforehand, P and p.
+        """One step; pose, spread and motion are those of all prints, each has its own light.
 
-        Pose, spread and motion are those of all prints, each has its own light. None where no print is seen whole.
+        None where no print is seen whole.
         """
         parts = [part for part in (self._part(pixels, model, state) for model in prints) if part is not None]
         if not parts:
@@ -402,22 +450,21 @@ class PhotoStepper:
             prior[rises, rises], pull[rises] = noise * information, noise * information @ off
             surprise += float(off @ information @ off)
         normal = damped(weighted @ jacobian.T + prior * np.outer(unit, unit))
-        ridge = damping * np.diag(np.diag(normal))
         right = weighted @ residual + pull * unit
-        change = np.linalg.solve(normal + ridge, right) * unit
         # Covariance of the pose with the rest unknown: sigma^2 times its block of the inverse normal matrix.
         inverse = np.linalg.inv(normal) * np.outer(unit, unit)
-        to_go = (inverse @ (right / unit))[POSE]
+        to_go = inverse @ (right / unit)
         inverse = noise * inverse
         covariance = (inverse[POSE, POSE] + inverse[POSE, POSE].T) / 2
         bend = None
         if sheet is not None and state.rise is not None:
-            bend = Bend(state.rise + change[rises], inverse[rises, rises])
+            bend = Bend(state.rise + to_go[rises], inverse[rises, rises])
             covariance[:3, :3] += sheet.plane_covariance(rotation, bend)
-        pose = self._pose(parts, state, start, weighed, residual, covariance, change, surprise)
-        pose = replace(pose, bend=bend, shared=shared.factor, common=shared.common)
-        assert pose.cost is not None
-        return PhotoStep(change, pose.cost, pose, to_go, float(to_go @ np.linalg.solve(pose.covariance, to_go)))
+        comparable = weighed.cost * float(np.exp(-2.0 * np.mean(np.log(clear)))) * (1.0 + surprise / clear.size)
+        to_go = to_go[POSE]
+        length2 = float(to_go @ np.linalg.solve(covariance, to_go))
+        told = comparable, to_go, length2, covariance, bend
+        return PhotoStep(*told, normal, right, unit, parts, residual, weighed, shared)
 
     def _residual(
         self, parts: Sequence[_Part], jacobian: Array, rises: slice, state: PhotoState
@@ -434,45 +481,6 @@ class PhotoStepper:
         anew = asked_anew(residual, rows, spread, LIMITS.certainty.deviations)
         residual -= anew @ rows
         return residual, anew[:BEYOND]
-
-    def _pose(
-        self,
-        parts: Sequence[_Part],
-        state: PhotoState,
-        start: Pose,
-        weighed: _Weighed,
-        residual: Array,
-        covariance: Array,
-        change: Array,
-        surprise: float,
-    ) -> Pose:
-        """The pose the step starts from; `surprise` is the squared distance of the state from what is known of it."""
-        limits, position = LIMITS.photo, state.position
-        grey = np.concatenate([part.at.grey for part in parts])
-        cost, size, agreeing = weighed.cost, weighed.size, weighed.agreeing
-        # Residual as a shift of edges: rms over the rms slope of the lit prints [grey / (grey/px)].
-        steepness = sqrt(sum(part.steepness**2 * part.residual.size for part in parts) / size.size)
-        # Clarity of mean logarithm zero: a cost by which two states compare, each with a clarity of its own.
-        comparable = cost * float(np.exp(-2.0 * np.mean(np.log(weighed.clear)))) * (1.0 + surprise / size.size)
-        squared = np.minimum(size, limits.lost_grey) ** 2 + NOISE_GREY**2
-        is_positive = all(part.brightness > 0.0 for part in parts)
-        return Pose(
-            state.rotation,
-            position,
-            covariance,
-            "photometric",
-            int((agreeing > HALF).sum()),
-            float(np.sqrt(cost)) / max(steepness, 1e-3) if is_positive else np.inf,
-            float((agreeing > HALF).mean()),
-            float(np.linalg.norm(change[:3])) / max(float(np.linalg.norm(position)), 1e-9),
-            float(np.exp(np.mean(np.log(squared)))),
-            correlation(grey, grey - residual) if is_positive else -1.0,
-            float(np.linalg.det(state.spread)) ** 0.25,
-            cost=comparable,
-            motion=state.motion,
-            known_motion=start.known_motion,
-            known_bend=start.known_bend,
-        )
 
     def match(self, pixels: Grey, model: PrintModel, state: PhotoState) -> float:
         """Correlation between one print and the image where a state puts it; -1 where it cannot be told."""
