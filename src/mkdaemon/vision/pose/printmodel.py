@@ -248,14 +248,15 @@ class PrintTexture:
             (at + place[:, None]).astype(np.float32) for at, place in zip((x, y), footprint.places, strict=True)
         )
         found = np.zeros((8, len(x)))
+        weights, along = (part.astype(np.float32) for part in (footprint.weights, footprint.weights * footprint.along))
         for k, image in enumerate(self._level(number)):
             scale = np.float32(len(image) / self._cells)
             column = (seen_x + np.float32(self._cells / 2)) * scale - np.float32(0.5)
             row = (np.float32(self._cells / 2) - seen_y) * scale - np.float32(0.5)
             seen = cv2.remap(image, column, row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-            found[3 * k : 3 * k + 3] = np.tensordot(footprint.weights, seen, 1).T
+            found[3 * k : 3 * k + 3] = np.tensordot(weights, seen, 1).T
             if k == 0 and footprint.streak:
-                found[6:] = np.tensordot(footprint.weights * footprint.along, seen[:, :, 1:], 1).T
+                found[6:] = np.tensordot(along, seen[:, :, 1:], 1).T
         variance = SHARPEST**2 * 2.0 ** (number / PER_OCTAVE)
         (xx, xy), (_, yy) = np.clip(footprint.spread - variance * np.eye(2), -HALF * variance, HALF * variance)
         found[0] += (0.5 * (more[0] + xx)) * found[3] + (more[1] + xy) * found[4] + (0.5 * (more[2] + yy)) * found[5]
