@@ -10,11 +10,9 @@ import numpy as np
 import numpy.typing as npt
 
 from mkdaemon.errors import ConfigError
+from mkdaemon.vision.arrays import Array, Grey
 from mkdaemon.vision.tags.detector import Detector
 from mkdaemon.vision.tags.tagmap import TagMap, Target
-
-Array = npt.NDArray[np.float64]
-Grey = npt.NDArray[np.uint8]
 
 CELLS_PER_SQUARE = 8
 """A square of our ChArUco boards is 8 cells: a 4x4 marker with its border is 6, one white cell on each side."""

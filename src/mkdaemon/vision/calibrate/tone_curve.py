@@ -10,13 +10,10 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from mkdaemon.errors import VisionError
+from mkdaemon.vision.arrays import Array, Grey
 from mkdaemon.vision.tags.cellread import sample
-
-Array = npt.NDArray[np.float64]
-Grey = npt.NDArray[np.uint8]
 
 ALONG: Final = (0.35, 0.42, 0.5, 0.58, 0.65)
 """Where an edge is looked at, shares of its length: corners and markers are far."""

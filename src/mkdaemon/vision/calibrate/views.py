@@ -8,18 +8,15 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
 from mkdaemon.errors import VisionError
 from mkdaemon.files import save
+from mkdaemon.vision.arrays import Array, Grey
 from mkdaemon.vision.calibrate.board import BoardPoints, CalibrationBoard, board_normal
 from mkdaemon.vision.calibrate.tone_curve import edge_levels
 from mkdaemon.vision.camera.files import list_pictures
 from mkdaemon.vision.camera.image import PictureError
 from mkdaemon.vision.camera.imagecodec import encode_png, read_picture
-
-Array = npt.NDArray[np.float64]
-Grey = npt.NDArray[np.uint8]
 
 CELLS = (4, 3)
 """Columns and rows the picture is divided into."""

@@ -8,7 +8,6 @@ import tomllib
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 from pydantic import Field, ValidationError
 
 from mkdaemon.config.base import Section
@@ -19,9 +18,8 @@ from mkdaemon.errors import ConfigError
 from mkdaemon.files import save
 from mkdaemon.frames import FLU_FROM_RDF, rotation_from_euler
 from mkdaemon.reading import LONGEST_SETTINGS, parse_toml, read_text
+from mkdaemon.vision.arrays import Array
 from mkdaemon.vision.camera.intrinsics import Intrinsics
-
-Array = npt.NDArray[np.float64]
 
 FOCAL_SIDES = (0.15, 60.0)
 """Focal lengths there are, in longer sides of the image: from a fish-eye to a telescope."""

@@ -19,10 +19,9 @@ import numpy as np
 import numpy.typing as npt
 import structlog
 
+from mkdaemon.vision.arrays import Grey
 from mkdaemon.vision.camera.image import PictureError
 from mkdaemon.vision.camera.imagecodec import decode_picture
-
-Grey = npt.NDArray[np.uint8]
 
 MOTION_JPEG: Final = frozenset(cv2.VideoWriter.fourcc(*name) for name in ("MJPG", "mjpg", "JPEG", "jpeg"))
 RAW: Final = (cv2.CAP_PROP_FORMAT, -1)

@@ -19,15 +19,13 @@ from typing import Final
 import cv2
 import msgpack
 import numpy as np
-import numpy.typing as npt
 import simplejpeg
 from pydantic import ValidationError
 
 from mkdaemon.reading import LONGEST_PICTURE, read_bytes
 from mkdaemon.telemetry.image import CameraFrame
+from mkdaemon.vision.arrays import Grey
 from mkdaemon.vision.camera.image import PictureError
-
-Grey = npt.NDArray[np.uint8]
 
 MAX_PIXELS: Final = 64_000_000
 """Most pixels of a picture."""

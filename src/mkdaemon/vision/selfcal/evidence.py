@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
+from mkdaemon.vision.arrays import Array, Grey
 from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.edgefit import LEAST_EDGES, EdgeFit, LocatedEdges
 from mkdaemon.vision.pose.edgestep import MAD, damped
@@ -21,9 +21,6 @@ from mkdaemon.vision.pose.pose import Pose, median, turn
 from mkdaemon.vision.pose.prints import sheet_of
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.tags.tagmap import Target
-
-Array = npt.NDArray[np.float64]
-Grey = npt.NDArray[np.uint8]
 
 LENS: Final = ("focal", "cx", "cy", "k1")
 """What may be wrong with a lens: logarithm of the focal lengths, principal point [px], radial distortion."""

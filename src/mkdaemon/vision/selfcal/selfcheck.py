@@ -32,12 +32,12 @@ from typing import Final
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from mkdaemon.config.camera import MountSection
 from mkdaemon.frames import euler_from_rotation, rotation_from_euler
 from mkdaemon.telemetry.selfcal import HEIGHTS_LIKELY, SelfCalibration, TagSizeError
 from mkdaemon.telemetry.vision import Alarm
+from mkdaemon.vision.arrays import Array, Grey
 from mkdaemon.vision.camera.calibration_file import Camera, mount_rotation
 from mkdaemon.vision.limits import LIMITS, SELFCAL
 from mkdaemon.vision.pose.bend import Bend
@@ -46,9 +46,6 @@ from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.pose.rolling import skew
 from mkdaemon.vision.selfcal.evidence import LENS, EvidenceMaker, ImageEvidence
 from mkdaemon.vision.tags.tagmap import Tag, TagMap, Target
-
-Array = npt.NDArray[np.float64]
-Grey = npt.NDArray[np.uint8]
 
 LENS_SD: Final = (0.03, 10.0, 10.0, 0.05)
 """How far a calibration may be off, deviations: 3 % of the focal length, 10 px, 0.05."""

@@ -12,7 +12,6 @@ from itertools import count
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
@@ -20,9 +19,8 @@ from mkdaemon.config.vision import BoardSection, TagPlacement, TargetFile, Targe
 from mkdaemon.errors import ConfigError, VisionError
 from mkdaemon.frames import rotation_from_euler, rotation_from_quaternion
 from mkdaemon.reading import LONGEST_SETTINGS, parse_toml, read_text
+from mkdaemon.vision.arrays import Array
 from mkdaemon.vision.tags.tagfamily import QUIET_ZONE_CELLS, Cells, TagFamily, cells, find_family, size_words
-
-Array = npt.NDArray[np.float64]
 
 ONE_PLANE = 1 - 1e-9
 """Cosine between the normals of tags of one plane."""
