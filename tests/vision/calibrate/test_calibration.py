@@ -220,7 +220,7 @@ def test_a_file_written_by_hand_may_be_plain(tmp_path: Path) -> None:
     [
         ("", "intrinsics: must be given"),
         ("[intrinsics]\nwidth = 640\nheight = 480\nfx = -1.0\nfy = 1.0\ncx = 1.0\ncy = 1.0\n", "intrinsics.fx"),
-        ("[intrinsics\n", "not TOML"),
+        ("[intrinsics\n", "not valid TOML"),
         (
             "[intrinsics]\nwidth = 640\nheight = 480\nfx = 1.0\nfy = 1.0\ncx = 1.0\ncy = 1.0\nk9 = 1.0\n",
             "intrinsics.k9: unknown key",
@@ -250,7 +250,7 @@ def test_figures_no_lens_has_are_not_stored(tmp_path: Path) -> None:
 
 
 def test_a_missing_camera_file_is_named(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match=r"No such file.*mkdaemon calibrate camera"):
+    with pytest.raises(ConfigError, match=r"no such configuration file.*mkdaemon calibrate camera"):
         load_camera(tmp_path / "none.toml")
 
 
