@@ -166,7 +166,7 @@ def load(paths: Iterable[Path]) -> TagMap:
         msg = f"target file {error}"
         raise ConfigError(msg) from None
     if not sections:
-        msg = f"no target in the target files '{names}': name one with a target, for example configs/targets/nested.toml"
+        msg = f"no target in the target files '{names}': name one that has any, as configs/targets/nested.toml"
         raise ConfigError(msg)
     return build(sections, origin=f"target file {names}")
 
