@@ -16,7 +16,7 @@ from mkdaemon.vision.camera.capture import SizeWatch, captured_pixels, may_chang
 from mkdaemon.vision.camera.image import EndOfImages, PictureError, Shot
 from mkdaemon.vision.camera.imagecodec import read_picture
 
-PICTURES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm", ".webp"})
+PICTURES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".pgm"})
 CLIPS = frozenset({".mp4", ".avi", ".mkv", ".mov", ".webm", ".m4v", ".mpg", ".mpeg", ".ts"})
 _BEGINNING: Final = re.compile(
     rb"RIFF.{4}AVI |.{4}(?:ftyp|moov|mdat|wide|free|skip|pnot)|\x1aE\xdf\xa3|\x00\x00\x01[\xb3\xba]"
