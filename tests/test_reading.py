@@ -37,9 +37,9 @@ from mkdaemon.record.reader import Recording
 from mkdaemon.record.summary import glance
 from mkdaemon.vision.calibrate.views import views_of_folder
 from mkdaemon.vision.camera.calibration_file import load_camera
-from mkdaemon.vision.camera.files import list_pictures
 from mkdaemon.vision.camera.image import PictureError
 from mkdaemon.vision.camera.imagecodec import decode_picture, picture_size, read_picture
+from mkdaemon.vision.camera.sources import list_pictures
 from mkdaemon.vision.tags.tagmap import load as load_targets
 from tests.effort import calls_of
 

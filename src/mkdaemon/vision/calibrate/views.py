@@ -13,9 +13,9 @@ from mkdaemon.errors import VisionError
 from mkdaemon.files import save
 from mkdaemon.vision.arrays import Array, Grey
 from mkdaemon.vision.calibrate.board import BoardPoints, CalibrationBoard, board_normal
-from mkdaemon.vision.camera.files import list_pictures
 from mkdaemon.vision.camera.image import PictureError
 from mkdaemon.vision.camera.imagecodec import encode_png, read_picture
+from mkdaemon.vision.camera.sources import list_pictures
 
 CELLS = (4, 3)
 """Columns and rows the picture is divided into."""
