@@ -10,8 +10,7 @@ import pytest
 from lab.vision.barometer import _fly
 from lab.vision.bounds import mounting_sd, scale_sd, turning_focal_sd
 from lab.vision.selfcal import ATTITUDE_SD, FPS, SECONDS, Descent
-from mkdaemon.vision.selfcal.evidence import LENS, ImageEvidence
-from mkdaemon.vision.selfcal.selfcheck import MOUNTING, CameraFilter
+from mkdaemon.vision.selfcal.selfcheck import LENS, MOUNTING, CameraFilter, ImageEvidence
 from mkdaemon.vision.track.attitude import LOOKING_DOWN
 
 SEEDS = range(3_007_000, 3_007_060)
@@ -64,7 +63,7 @@ def test_turns_tell_the_focal_length_only_where_they_are_faster_than_a_vehicle_c
 def mounting_found(seed: int) -> tuple[np.ndarray, np.ndarray]:
     """Error of roll and pitch, the attitude's own bias taken out, and their deviations [rad], by exact images."""
     descent, count = Descent(seed, yaws=True), len(LENS) + 1
-    found = CameraFilter(ATTITUDE_SD, LOOKING_DOWN.flu_from_cam, is_level=True, is_moving=False, sizes=0)
+    found = CameraFilter(ATTITUDE_SD, LOOKING_DOWN.flu_from_cam, is_moving=False, sizes=0)
     nothing = np.zeros((3, count)), np.zeros((count, count)), np.zeros(count)
     for time in np.arange(0.5, SECONDS * FPS) / FPS:
         image = ImageEvidence(descent.view(float(time)).enu_from_cam.T, 1e-8 * np.eye(3), *nothing)

@@ -237,7 +237,7 @@ def test_wrong_files_stop_before_anything_runs(change: dict[str, object], words:
 def test_a_target_of_wrong_size_is_a_configuration_error(tmp_path: Path) -> None:
     wrong = tmp_path / "target.toml"
     wrong.write_text(TARGET_FILE.read_text().replace("0.3048", "304.8"))
-    with pytest.raises(ConfigError, match=r"304\.8 is no tag size"):
+    with pytest.raises(ConfigError, match=r"size: must be at most 5 m, not 304\.8"):
         CameraPipeline(section(targets=(wrong,)), VisionSection(), CLOCK)
 
 

@@ -87,7 +87,7 @@ class TargetSection(Section):
 class TargetFile(Section):
     """A whole target file."""
 
-    targets: tuple[TargetSection, ...] = Field(min_length=1)
+    targets: tuple[TargetSection, ...]
     """The targets; a tag may belong to one of them only."""
 
 

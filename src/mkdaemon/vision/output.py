@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-import numpy.typing as npt
 
 from mkdaemon.frames import quaternion_from_rotation
 from mkdaemon.stamp import Stamp
@@ -21,6 +20,7 @@ from mkdaemon.telemetry.vision import (
     Transform,
     VisionPose,
 )
+from mkdaemon.vision.arrays import Array
 from mkdaemon.vision.camera.exposure import ExposureControl
 from mkdaemon.vision.camera.image import CameraImage
 from mkdaemon.vision.camera.intrinsics import Intrinsics
@@ -31,8 +31,6 @@ from mkdaemon.vision.tags.detection import Detection
 from mkdaemon.vision.tags.tagmap import Tag, TagMap
 from mkdaemon.vision.track.attitude import Mounting
 from mkdaemon.vision.track.result import TargetPose, VisionResult
-
-Array = npt.NDArray[np.float64]
 
 BODY = "body"
 

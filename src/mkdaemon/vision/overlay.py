@@ -7,16 +7,14 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from mkdaemon.errors import ConfigError
 from mkdaemon.files import save
+from mkdaemon.vision.arrays import Array, Grey
 from mkdaemon.vision.camera.intrinsics import Intrinsics
 from mkdaemon.vision.pose.projection import NEAR_M, Projection
 from mkdaemon.vision.still import StillPose, StillResult
 
-Array = npt.NDArray[np.floating]
-Grey = npt.NDArray[np.uint8]
 Colour = tuple[int, int, int]
 
 SIDES: tuple[Colour, ...] = ((60, 60, 255), (80, 220, 80), (255, 160, 60), (220, 220, 220))
@@ -37,7 +35,7 @@ def draw(pixels: Grey, result: StillResult, intrinsics: Intrinsics | None) -> Gr
     return picture
 
 
-def draw_tags(pixels: Grey, tags: Iterable[tuple[str, npt.NDArray[np.float64]]]) -> Grey:
+def draw_tags(pixels: Grey, tags: Iterable[tuple[str, Array]]) -> Grey:
     """Draw outlines of tags over `(h, w)` uint8: what stands below each, and its corners `(4, 2)` [px].
 
     Returns:

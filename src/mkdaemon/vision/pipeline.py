@@ -9,7 +9,6 @@ import math
 from collections import Counter, deque
 
 import numpy as np
-import numpy.typing as npt
 
 from mkdaemon.clock import Clock
 from mkdaemon.config.camera import CameraSection
@@ -19,6 +18,7 @@ from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.base import Telemetry
 from mkdaemon.telemetry.image import CameraFrame
 from mkdaemon.telemetry.vision import Alarm, AttitudeLoss, CameraSetup, EyeState, PoseRefusal, Transform, VisionStats
+from mkdaemon.vision.arrays import Array
 from mkdaemon.vision.camera.calibration_file import load_camera, mount_rotation
 from mkdaemon.vision.camera.camera import StreamState, StreamStatus
 from mkdaemon.vision.camera.image import CameraImage, in_light
@@ -199,7 +199,7 @@ class CameraPipeline:
         self._timings.append((ready - started, ready - image.captured_at, bool(result.poses)))
         return values
 
-    def outlines(self) -> list[npt.NDArray[np.float64]]:
+    def outlines(self) -> list[Array]:
         """Corners `(4, 2)` [px] of the tags in the newest image, decoded or where a pose puts them."""
         return outlines_of(self._result, self._tagmap, self._projection) if self._result is not None else []
 

@@ -6,10 +6,10 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from mkdaemon.config.vision import DetectorSection, TrackerSection
 from mkdaemon.telemetry.vision import PoseRefusal
+from mkdaemon.vision.arrays import Array, Grey
 from mkdaemon.vision.camera.image import in_light
 from mkdaemon.vision.camera.intrinsics import Intrinsics
 from mkdaemon.vision.limits import HALF, LIMITS
@@ -25,9 +25,6 @@ from mkdaemon.vision.tags.detector import Detector
 from mkdaemon.vision.tags.searchplan import Stage
 from mkdaemon.vision.tags.tagfamily import find_family
 from mkdaemon.vision.tags.tagmap import Tag, TagMap, Target, single
-
-Array = npt.NDArray[np.float64]
-Grey = npt.NDArray[np.uint8]
 
 ANY_ID_FALSE_RATE = 2e-6
 """Chance that a random quad reads as some code of the family, one bit corrected: with all 587 ids of tag36h11 allowed,

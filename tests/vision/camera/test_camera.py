@@ -20,11 +20,10 @@ from mkdaemon.telemetry.image import CameraFrame
 from mkdaemon.telemetry.signature import private_key, sign
 from mkdaemon.vision.camera import sources
 from mkdaemon.vision.camera.camera import CameraStream, StampClock, StreamState, retry_delays
-from mkdaemon.vision.camera.files import list_pictures
 from mkdaemon.vision.camera.image import CameraImage, EndOfImages, PictureError, Shot
 from mkdaemon.vision.camera.imagecodec import encode_jpeg, pack
 from mkdaemon.vision.camera.slot import NewestSlot
-from mkdaemon.vision.camera.sources import source_of
+from mkdaemon.vision.camera.sources import list_pictures, source_of
 from tests.vision.streams import wait_for_status
 
 PATIENCE = 60.0

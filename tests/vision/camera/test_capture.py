@@ -13,8 +13,7 @@ import pytest
 
 from mkdaemon.config.camera import CameraSection
 from mkdaemon.errors import VisionError
-from mkdaemon.vision.camera.capture import SizeWatch
-from mkdaemon.vision.camera.files import ClipSource
+from mkdaemon.vision.camera.capture import ClipSource, SizeWatch
 from mkdaemon.vision.camera.image import EndOfImages, PictureError
 from mkdaemon.vision.camera.sources import source_of
 from tests.vision.camera import h264

@@ -20,10 +20,7 @@ import pytest
 from mkdaemon.config.camera import CameraSection
 from mkdaemon.errors import VisionError
 from mkdaemon.vision.camera.camera import CameraStream, StreamState
-from mkdaemon.vision.camera.exposure import Adjustable, Reach, Setting
-from mkdaemon.vision.camera.image import CameraImage
-from mkdaemon.vision.camera.slot import NewestSlot
-from mkdaemon.vision.camera.sources import (
+from mkdaemon.vision.camera.capture import (
     AUTOGAIN,
     EXPOSURE_ABSOLUTE,
     EXPOSURE_AUTO,
@@ -31,8 +28,11 @@ from mkdaemon.vision.camera.sources import (
     GAIN,
     GREATEST_GAIN,
     V4l2Controls,
-    source_of,
 )
+from mkdaemon.vision.camera.exposure import Adjustable, Reach, Setting
+from mkdaemon.vision.camera.image import CameraImage
+from mkdaemon.vision.camera.slot import NewestSlot
+from mkdaemon.vision.camera.sources import source_of
 from tests.vision.streams import wait_for_status
 
 VIDIOC_QUERYCTRL, VIDIOC_S_CTRL = 0xC0445624, 0xC008561C

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from mkdaemon.frames import rotation_from_euler
-from mkdaemon.vision.selfcal.evidence import LENS, ImageEvidence
-from mkdaemon.vision.selfcal.selfcheck import DECK, LENS_AT, MOUNTING, TILT_SCALE, CameraFilter
+from mkdaemon.vision.selfcal.selfcheck import DECK, LENS, LENS_AT, MOUNTING, TILT_SCALE, CameraFilter, ImageEvidence
 from mkdaemon.vision.track.attitude import LOOKING_DOWN
 
 BELIEVED = LOOKING_DOWN.flu_from_cam
@@ -29,7 +28,7 @@ def flown(
     yaw: Callable[[float], float], *, moving: bool = False, reported: float = 1.0, seconds: float = 10.0
 ) -> CameraFilter:
     """Ten images a second of a tilted deck with a camera that hangs otherwise than believed."""
-    found = CameraFilter(np.radians(1.0), BELIEVED, is_level=True, is_moving=moving, sizes=0)
+    found = CameraFilter(np.radians(1.0), BELIEVED, is_moving=moving, sizes=0)
     rng = np.random.default_rng(4)
     true_mounting = rotation_from_euler(float(TURN[0]), float(TURN[1]), 0.0) @ BELIEVED
     normal = DECK_NORMAL / np.linalg.norm(DECK_NORMAL)
@@ -69,7 +68,7 @@ def test_on_a_moving_deck_more_time_is_needed() -> None:
 def test_without_attitude_or_mounting_only_the_lens_is_learned() -> None:
     off = np.array([0.02, 3.0, -2.0, 0.01, 0.0])
     for mounting, attitude in ((None, np.eye(3)), (BELIEVED, None)):
-        found = CameraFilter(np.radians(1.0), mounting, is_level=True, is_moving=False, sizes=0)
+        found = CameraFilter(np.radians(1.0), mounting, is_moving=False, sizes=0)
         for k in range(20):
             found.image_seen(0.1 * k, evidence(BELIEVED.T, off), attitude)
         np.testing.assert_allclose(found.mean[LENS_AT:], off, rtol=0.01)

@@ -16,8 +16,7 @@ from mkdaemon.vision.camera.calibration_file import CalibrationRecord, Camera
 from mkdaemon.vision.pose.edgefit import EdgeFit
 from mkdaemon.vision.pose.pose import Pose
 from mkdaemon.vision.pose.projection import Projection
-from mkdaemon.vision.selfcal.evidence import EvidenceMaker
-from mkdaemon.vision.selfcal.selfcheck import LENS_AT, SelfCheck, TargetWatch
+from mkdaemon.vision.selfcal.selfcheck import LENS_AT, EvidenceMaker, SelfCheck, TargetWatch
 from mkdaemon.vision.tags.tagmap import TagMap, Target
 from mkdaemon.vision.track.attitude import LOOKING_DOWN
 from tests.vision.views import VGA, View, place, shipped

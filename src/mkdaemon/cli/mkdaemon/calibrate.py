@@ -7,12 +7,10 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated, Final, Literal
 
-import numpy as np
 import zenoh
 from cyclopts import App, Parameter
 from rich.live import Live
@@ -27,7 +25,6 @@ from mkdaemon.errors import ConfigError, MkError, VisionError
 from mkdaemon.files import refuse_existing
 from mkdaemon.vision.calibrate.board import CalibrationBoard, CharucoBoard, TagBoard
 from mkdaemon.vision.calibrate.calibration import CalibrationResult, calibrate, rounded
-from mkdaemon.vision.calibrate.tone_curve import curve_to_store
 from mkdaemon.vision.calibrate.views import Coverage, LiveViews, ViewReport, views_of_folder
 from mkdaemon.vision.camera.calibration_file import CalibrationRecord, Camera, save_camera
 from mkdaemon.vision.camera.camera import CameraStream, StreamState
@@ -99,8 +96,8 @@ def camera(
     else:
         cfg = CameraSection(source=str(source), width=width, height=height)
         coverage = _live(cfg, shown, keep, seconds, connect, quiet=as_json)
-    result, tone = _calibrated(coverage, is_fisheye=fisheye)
-    _show(result, coverage, tone, output, accept_poor=accept_poor, as_json=as_json)
+    result = calibrate(coverage.views, *coverage.size, is_fisheye=fisheye)
+    _show(result, coverage, output, accept_poor=accept_poor, as_json=as_json)
     where, record = MountSection(position_flu=mount, looks=looks), _record(result, lens, shown.title)
     found = Camera(name=name, intrinsics=rounded(result.intrinsics), mount=where, calibration=record)
     save_camera(found, output, overwrite=force)
@@ -115,9 +112,7 @@ def _refuse_existing(output: Path, keep: Path | None, *, overwrite: bool) -> Non
     output.parent.mkdir(parents=True, exist_ok=True)
 
 
-def _show(
-    result: CalibrationResult, coverage: Coverage, tone: str, output: Path, *, accept_poor: bool, as_json: bool
-) -> None:
+def _show(result: CalibrationResult, coverage: Coverage, output: Path, *, accept_poor: bool, as_json: bool) -> None:
     """Print what was found.
 
     Raises:
@@ -127,18 +122,10 @@ def _show(
     if as_json:
         print(json.dumps(_summary(result, coverage, str(output), stored=not faults or accept_poor)))
     else:
-        _explain(result, coverage, tone)
+        _explain(result, coverage)
     if faults and not accept_poor:
         msg = f"calibration refused: {'; '.join(faults)} (or store it with --accept-poor)"
         raise VisionError(msg)
-
-
-def _calibrated(coverage: Coverage, *, is_fisheye: bool) -> tuple[CalibrationResult, str]:
-    """The calibration with its tone curve, and words about that curve."""
-    width, height = coverage.size
-    result = calibrate(coverage.views, width, height, is_fisheye=is_fisheye)
-    gamma, tone = curve_to_store(np.concatenate(coverage.levels))
-    return replace(result, intrinsics=result.intrinsics.model_copy(update={"gamma": gamma})), tone
 
 
 def _record(result: CalibrationResult, lens: str, board: str) -> CalibrationRecord:
@@ -279,7 +266,7 @@ def _guidance(report: ViewReport, coverage: Coverage) -> str:
     return f"[{100 * coverage.share():3.0f} %] {len(coverage.views)} views, {outcome}. Next: {following}"
 
 
-def _explain(result: CalibrationResult, coverage: Coverage, tone: str) -> None:
+def _explain(result: CalibrationResult, coverage: Coverage) -> None:
     k = result.intrinsics
     print(f"{len(result.used)} of {len(coverage.views)} views used, rms {result.rms_px:.3f} px")
     for name, unit in (
@@ -303,7 +290,7 @@ def _explain(result: CalibrationResult, coverage: Coverage, tone: str) -> None:
         print(f"  {line}")
     for words in missing:
         print(f"  better with: {words}")
-    print(f"  tone curve (gamma) {tone}")
+    print(f"  tone curve (gamma) {result.tone}")
 
 
 def _summary(result: CalibrationResult, coverage: Coverage, output: str, *, stored: bool) -> dict[str, object]:

@@ -11,8 +11,8 @@ from mkdaemon.cli.printing import json_line
 from mkdaemon.errors import ConfigError, VisionError
 from mkdaemon.vision.calibrate.shutter import line_time_of
 from mkdaemon.vision.camera.calibration_file import load_camera, save_camera
-from mkdaemon.vision.camera.files import list_pictures
 from mkdaemon.vision.camera.imagecodec import read_picture
+from mkdaemon.vision.camera.sources import list_pictures
 
 READOUT_MS: Final = 60.0
 """A readout of all rows longer than this is none [ms]."""

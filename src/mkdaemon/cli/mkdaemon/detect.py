@@ -19,10 +19,11 @@ from mkdaemon.config.camera import CameraSection
 from mkdaemon.errors import ConfigError, VisionError
 from mkdaemon.frames import quaternion_from_rotation
 from mkdaemon.vision.camera.calibration_file import load_camera
-from mkdaemon.vision.camera.files import CLIPS, ClipSource, list_pictures
+from mkdaemon.vision.camera.capture import CLIPS, ClipSource
 from mkdaemon.vision.camera.image import EndOfImages, PictureError
 from mkdaemon.vision.camera.imagecodec import read_picture
 from mkdaemon.vision.camera.intrinsics import Intrinsics
+from mkdaemon.vision.camera.sources import list_pictures
 from mkdaemon.vision.overlay import draw, write_picture
 from mkdaemon.vision.still import StillEye, StillPose, StillResult, StillTag
 from mkdaemon.vision.tags.tagmap import TagMap, load

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Final
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
 from mkdaemon.errors import ConfigError
+from mkdaemon.vision.arrays import Array, Grey
+from mkdaemon.vision.tags.cellread import sample
 from mkdaemon.vision.tags.detector import Detector
 from mkdaemon.vision.tags.tagmap import TagMap, Target
-
-Array = npt.NDArray[np.float64]
-Grey = npt.NDArray[np.uint8]
 
 CELLS_PER_SQUARE = 8
 """A square of our ChArUco boards is 8 cells: a 4x4 marker with its border is 6, one white cell on each side."""
@@ -27,6 +27,16 @@ SQUARE_M = (0.002, 1.0)
 ON_A_LINE = 0.5
 """Corners that spread by less than this share of a square across one direction lie on a line."""
 MIN_POINTS = 8
+ALONG: Final = (0.35, 0.42, 0.5, 0.58, 0.65)
+"""Where an edge is looked at, shares of its length: corners and markers are far."""
+ASIDE: Final = 0.09
+"""How far beside it black and white are read, share of its length; a marker begins at an eighth."""
+LEAST_PX: Final = 3.0
+"""The same at least: blur ends there [px]."""
+CONTRAST: Final = 40.0
+"""Between black and white at least [grey]."""
+GREYS: Final = (4.0, 250.0)
+"""Grey values that are neither crushed nor blown."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,11 +47,13 @@ class BoardPoints:
         ids: `(n,)` names of the points.
         board: `(n, 3)` [m; board].
         image: `(n, 2)` [px, centres at integers].
+        levels: black, middle and white of straight edges `(m, 3)` [grey]; none of tags.
     """
 
     ids: npt.NDArray[np.int64]
     board: Array
     image: Array
+    levels: Array = field(default_factory=lambda: np.empty((0, 3)))
 
 
 @dataclass(frozen=True)
@@ -102,11 +114,11 @@ class CharucoBoard:
         image = np.asarray(corners, dtype=np.float64).reshape(-1, 2)
         if np.ptp(known[index][:, :2], axis=0).min() < ON_A_LINE * self.square:
             return None  # all on one line
-        return BoardPoints(index, known[index], image)
+        return BoardPoints(index, known[index], image, edge_levels(pixels, *self._edges(index, image)))
 
-    def edges(self, view: BoardPoints) -> tuple[Array, Array]:
+    def _edges(self, ids: npt.NDArray[np.int64], image: Array) -> tuple[Array, Array]:
         """Ends of the sides of squares between neighbouring corners, `(n, 2)` each [px]."""
-        place = {int(number): k for k, number in enumerate(view.ids)}
+        place = {int(number): k for k, number in enumerate(ids)}
         across = self.columns - 1
         pairs = [
             (k, place[number + step])
@@ -115,7 +127,7 @@ class CharucoBoard:
             if number + step in place and (step == across or (number + 1) % across)
         ]
         ends = np.array(pairs, dtype=np.intp).reshape(-1, 2)
-        return view.image[ends[:, 0]], view.image[ends[:, 1]]
+        return image[ends[:, 0]], image[ends[:, 1]]
 
 
 class TagBoard:
@@ -146,13 +158,31 @@ class TagBoard:
             return None
         return BoardPoints(np.concatenate(ids), np.concatenate(board), np.concatenate(image))
 
-    def edges(self, view: BoardPoints) -> tuple[Array, Array]:
-        """None: a tone curve moves the corners of tags."""
-        return np.empty((0, 2)), np.empty((0, 2))
-
 
 CalibrationBoard = CharucoBoard | TagBoard
 """Something flat with known points."""
+
+
+def edge_levels(pixels: Grey, starts: Array, ends: Array) -> Array:
+    """Black, middle and white `(n, 3)` of straight edges that run from `starts` to `ends` `(m, 2)` [px].
+
+    Where an edge runs is known from the corners at its ends, which no tone curve moves. Edges that are too short, too
+    pale, crushed or blown are left out.
+    """
+    if not len(starts):
+        return np.empty((0, 3))
+    along = ends - starts
+    length = np.linalg.norm(along, axis=1, keepdims=True)
+    aside = np.column_stack([-along[:, 1], along[:, 0]]) * ASIDE
+    places = starts[:, None, :] + np.array(ALONG)[None, :, None] * along[:, None, :]
+    first, middle, second = (
+        sample(pixels, (places + side * aside[:, None, :]).reshape(-1, 2)).reshape(len(places), -1).mean(axis=1)
+        for side in (-1.0, 0.0, 1.0)
+    )
+    black, white = np.minimum(first, second), np.maximum(first, second)
+    good = (length[:, 0] * ASIDE > LEAST_PX) & (white - black > CONTRAST) & (black > GREYS[0]) & (white < GREYS[1])
+    levels: Array = np.column_stack([black, middle, white])[good]
+    return levels
 
 
 def board_normal(view: BoardPoints, width: int, height: int) -> Array | None:

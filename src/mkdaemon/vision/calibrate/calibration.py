@@ -37,6 +37,14 @@ OUTLIER_FACTOR = 3.0
 """A view whose error is this many times the median is left out: it was moving or half hidden."""
 K3_GAIN = 0.98
 """A third radial coefficient is kept only when it lowers the error by two percent: unneeded, it bends the corners."""
+GAMMAS: Final = (0.5, 4.0)
+"""Curves there are."""
+LEAST_EDGES: Final = 60
+STEP: Final = 0.01
+KNOWN: Final = 0.1
+"""Deviation up to which a curve is stored."""
+NONE: Final = 0.1
+"""A curve nearer to 1 is none: the method itself is off by 6 %."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -49,6 +57,7 @@ class CalibrationResult:
         sd: standard deviation of each intrinsic by its name, in its unit.
         used: indices of the views used.
         tilt_deg: largest angle between two views of the board [deg].
+        tone: how its tone curve was found, in words.
     """
 
     intrinsics: Intrinsics
@@ -56,6 +65,7 @@ class CalibrationResult:
     sd: dict[str, float]
     used: tuple[int, ...]
     tilt_deg: float
+    tone: str
 
     @property
     def focal_sd_percent(self) -> float:
@@ -121,10 +131,12 @@ def calibrate(views: Sequence[BoardPoints], width: int, height: int, *, is_fishe
         used = kept
         lens = _solve([views[k] for k in used], (width, height), is_fisheye=is_fisheye)
     model = "fisheye" if is_fisheye else "pinhole"
-    intrinsics = Intrinsics.model_validate({"width": width, "height": height, "model": model, **lens.values})
+    gamma, tone = curve_to_store(np.concatenate([view.levels for view in views]))
+    shape = {"width": width, "height": height, "model": model, "gamma": gamma}
+    intrinsics = Intrinsics.model_validate(shape | lens.values)
     normals = np.array([n for k in used if (n := board_normal(views[k], width, height)) is not None])
     tilt_deg = float(np.degrees(np.arccos(np.clip(normals @ normals.T, -1.0, 1.0).min()))) if len(normals) else 0.0
-    return CalibrationResult(intrinsics, lens.rms, lens.sd, tuple(used), tilt_deg)
+    return CalibrationResult(intrinsics, lens.rms, lens.sd, tuple(used), tilt_deg, tone)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -201,3 +213,48 @@ def rounded(intrinsics: Intrinsics) -> Intrinsics:
     changes = {name: round(getattr(intrinsics, name), 4) for name in ("fx", "fy", "cx", "cy", "gamma")}
     changes |= {name: round(getattr(intrinsics, name), 7) for name in ("k1", "k2", "p1", "p2", "k3", "k4")}
     return intrinsics.model_copy(update=changes)
+
+
+def gamma_of(levels: Array) -> tuple[float, float]:
+    """The tone curve of a camera, light is grey to that power, and its deviation.
+
+    On a straight edge the blur of the lens mixes as much black as white, in light. The grey value there is therefore
+    ((b^g + w^g) / 2)^(1/g) for black b, white w and a curve of the power g.
+
+    Args:
+        levels: black, middle and white `(n, 3)` of edges.
+
+    Raises:
+        VisionError: too few edges, or no such curve.
+    """
+    if len(levels) < LEAST_EDGES:
+        msg = f"the tone curve needs {LEAST_EDGES} edges with black and white in range, {len(levels)} were seen"
+        raise VisionError(msg)
+    black, middle, white = levels.T
+    gammas = np.arange(GAMMAS[0], GAMMAS[1] + STEP, STEP)
+    best = int(np.abs(_off(black, middle, white, gammas[:, None])).sum(axis=1).argmin())
+    if best in (0, len(gammas) - 1):
+        msg = "the edges of the board show no tone curve: sharpen the focus, even the light"
+        raise VisionError(msg)
+    gamma = float(gammas[best])
+    slope = (_off(black, middle, white, gamma + STEP) - _off(black, middle, white, gamma - STEP)) / (2 * STEP)
+    spread = float(np.sqrt(np.mean(_off(black, middle, white, gamma) ** 2)))
+    return gamma, spread / max(float(np.sqrt((slope**2).sum())), 1e-9)
+
+
+def curve_to_store(levels: Array) -> tuple[float, str]:
+    """The curve for the camera file, 1 where none is known, and how it was found in words."""
+    try:
+        gamma, sd = gamma_of(levels)
+    except VisionError as error:
+        return 1.0, f"not known: {error}"
+    words = f"{gamma:.2f} +- {sd:.2f} from {len(levels)} edges"
+    if sd > KNOWN:
+        return 1.0, f"not known: {words}"
+    return (1.0, f"{words}: as good as none") if abs(gamma - 1.0) < NONE else (gamma, words)
+
+
+def _off(black: Array, middle: Array, white: Array, gamma: float | Array) -> Array:
+    """How far the middles are from where a curve has them `(n,)`, or several `(m, 1)` have them `(m, n)` [grey]."""
+    expected: Array = ((black**gamma + white**gamma) / 2) ** (1 / gamma)
+    return middle - expected

@@ -18,15 +18,13 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from mkdaemon.vision.arrays import Array, Grey
 from mkdaemon.vision.camera.intrinsics import Intrinsics
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.still import StillEye
 from mkdaemon.vision.tags.cellread import carry, cell_values, image_from_cells
 from mkdaemon.vision.tags.detection import Detection, best_of_codes, mean_side
 from mkdaemon.vision.tags.tagmap import Tag, TagMap, Target
-
-Array = npt.NDArray[np.float64]
-Grey = npt.NDArray[np.uint8]
 
 ALONG: Final = 25
 """Places along a side where its edge is measured."""

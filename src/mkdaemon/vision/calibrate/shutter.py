@@ -11,12 +11,9 @@ from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from mkdaemon.errors import VisionError
-
-Array = npt.NDArray[np.float64]
-Grey = npt.NDArray[np.uint8]
+from mkdaemon.vision.arrays import Grey
 
 LEAST_IMAGES: Final = 8
 LEAST_BANDS: Final = 1.5

@@ -17,11 +17,10 @@ import numpy.typing as npt
 
 from mkdaemon.errors import ConfigError
 from mkdaemon.files import save
+from mkdaemon.vision.arrays import Array
 from mkdaemon.vision.calibrate.board import CELLS_PER_SQUARE, CharucoBoard
 from mkdaemon.vision.tags.tagfamily import size_words
 from mkdaemon.vision.tags.tagmap import Tag, Target
-
-Array = npt.NDArray[np.float64]
 
 MARGIN_MM = 10.0
 """White around everything: printers leave a rim blank."""

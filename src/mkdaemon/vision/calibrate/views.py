@@ -8,18 +8,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
 from mkdaemon.errors import VisionError
 from mkdaemon.files import save
+from mkdaemon.vision.arrays import Array, Grey
 from mkdaemon.vision.calibrate.board import BoardPoints, CalibrationBoard, board_normal
-from mkdaemon.vision.calibrate.tone_curve import edge_levels
-from mkdaemon.vision.camera.files import list_pictures
 from mkdaemon.vision.camera.image import PictureError
 from mkdaemon.vision.camera.imagecodec import encode_png, read_picture
-
-Array = npt.NDArray[np.float64]
-Grey = npt.NDArray[np.uint8]
+from mkdaemon.vision.camera.sources import list_pictures
 
 CELLS = (4, 3)
 """Columns and rows the picture is divided into."""
@@ -49,21 +45,18 @@ class Coverage:
 
     Attributes:
         views: taken so far.
-        levels: of each, black, middle and white of edges `(n, 3)`; see `tone_curve.edge_levels`.
     """
 
     def __init__(self, width: int, height: int, first: str = "") -> None:
         self.views: list[BoardPoints] = []
-        self.levels: list[Array] = []
         self.size, self.first = (width, height), first
         self._cells = np.zeros((CELLS[1], CELLS[0]), dtype=np.int64)
         self._tilts: set[str] = set()
         self._near = self._far = False
 
-    def add(self, view: BoardPoints, levels: Array) -> None:
-        """Count a view with the levels of its edges."""
+    def add(self, view: BoardPoints) -> None:
+        """Count a view."""
         self.views.append(view)
-        self.levels.append(levels)
         places = np.clip(view.image / self.size * CELLS, 0, np.subtract(CELLS, 1)).astype(int)
         np.add.at(self._cells, (places[:, 1], places[:, 0]), 1)
         self._tilts |= self._tilt(view)
@@ -158,7 +151,7 @@ def views_of_folder(folder: Path, board: CalibrationBoard) -> Iterator[tuple[Vie
         if view is None:
             yield ViewReport(path.name, 0, "board not found"), coverage
         else:
-            coverage.add(view, edge_levels(pixels, *board.edges(view)))
+            coverage.add(view)
             yield ViewReport(path.name, len(view.ids)), coverage
 
 
@@ -197,7 +190,7 @@ class LiveViews:
             return ViewReport(name, count, "hold still")
         if not self.coverage.is_novel(view):
             return ViewReport(name, count, "move on")
-        self.coverage.add(view, edge_levels(pixels, *self._board.edges(view)))
+        self.coverage.add(view)
         if self._keep is not None:
             save(self._keep / f"view{len(self.coverage.views):03d}.png", encode_png(pixels), overwrite=True)
         return ViewReport(name, count)

@@ -2,26 +2,21 @@
 
 from __future__ import annotations
 
-import json
 import math
-import tomllib
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
-from pydantic import Field, ValidationError
+from pydantic import Field, field_validator
 
 from mkdaemon.config.base import Section
 from mkdaemon.config.camera import MountSection
 from mkdaemon.config.keys import toml_value
-from mkdaemon.config.mistakes import explain
+from mkdaemon.config.reader import load_section
 from mkdaemon.errors import ConfigError
 from mkdaemon.files import save
 from mkdaemon.frames import FLU_FROM_RDF, rotation_from_euler
-from mkdaemon.reading import LONGEST_SETTINGS, parse_toml, read_text
+from mkdaemon.vision.arrays import Array
 from mkdaemon.vision.camera.intrinsics import Intrinsics
-
-Array = npt.NDArray[np.float64]
 
 FOCAL_SIDES = (0.15, 60.0)
 """Focal lengths there are, in longer sides of the image: from a fish-eye to a telescope."""
@@ -67,6 +62,12 @@ class CalibrationRecord(Section):
     sheet_pixel_um: float = Field(default=0.0, ge=0)
     """Side of a pixel of the images by the sensor's data sheet [um]; 0 is unknown."""
 
+    @field_validator("date", mode="before")
+    @classmethod
+    def _unquoted(cls, day: object) -> object:
+        """Take a date of TOML, which `config.reader` hands on as an array of one text."""
+        return day[0] if isinstance(day, list) and day else day
+
 
 class Camera(Section):
     """One calibrated camera."""
@@ -99,23 +100,16 @@ def load_camera(path: Path) -> Camera:
     Raises:
         ConfigError: missing, unreadable, or a key or value is wrong; one line names file, place and fix.
     """
-    text = ""
     try:
-        text = read_text(path, limit=LONGEST_SETTINGS)
-        content = parse_toml(text)
-        # as JSON and strict: arrays are tuples, whole numbers are numbers, and true is none
-        camera = Camera.model_validate_json(json.dumps(content, default=str), strict=True)
-        slip = _slip(camera.intrinsics)
-        if not slip:
-            return camera
+        camera = load_section(Camera, path)
+    except ConfigError as error:
+        msg = f"camera file {error}; make one with mkdaemon calibrate camera, every key is in docs/configuration.md"
+        raise ConfigError(msg) from None
+    slip = _slip(camera.intrinsics)
+    if slip:
         msg = f"camera file {path}: intrinsics: {slip}; calibrate again, or correct what was typed"
-    except OSError as error:
-        msg = f"camera file {path}: {error.strerror or error}; make one with mkdaemon calibrate camera"
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        msg = f"camera file {path}: not TOML ({error}); see configs/cameras"
-    except ValidationError as error:
-        msg = f"camera file {explain(error, path, text, {}, Camera)}; see configs/cameras for every key"
-    raise ConfigError(msg)
+        raise ConfigError(msg)
+    return camera
 
 
 def save_camera(camera: Camera, path: Path, *, overwrite: bool = False) -> None:

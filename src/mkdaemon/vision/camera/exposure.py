@@ -12,13 +12,9 @@ from dataclasses import dataclass, replace
 from typing import Final, Protocol, runtime_checkable
 
 import numpy as np
-import numpy.typing as npt
 
+from mkdaemon.vision.arrays import Array, Grey
 from mkdaemon.vision.limits import EXPOSURE, HALF, LIMITS
-
-Array = npt.NDArray[np.float64]
-Grey = npt.NDArray[np.uint8]
-
 
 ROUNDING: Final = 12**-0.5
 """Deviation of what eight bits round off [grey]: no noise is less."""

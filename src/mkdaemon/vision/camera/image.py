@@ -7,12 +7,10 @@ from typing import Final, Protocol
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from mkdaemon.errors import VisionError
+from mkdaemon.vision.arrays import Grey
 from mkdaemon.vision.limits import LIMITS
-
-Grey = npt.NDArray[np.uint8]
 
 BRIGHTEST: Final = 255.0
 """The largest grey value, which what is blown has."""

@@ -5,8 +5,7 @@ place. The TurboJPEG interface reports them; such an image is refused.
 
 How large a picture is, from its header, before anything is decoded: a file of 130 kB may ask for a gigabyte.
 
-Sources: PNG, RFC 2083, section 11.2.2; BMP, BITMAPINFOHEADER of the Windows API; PNM,
-netpbm(5); WebP, RFC 9649; TIFF 6.0, sections 2 and 8.
+Sources: PNG, RFC 2083, section 11.2.2; BMP, BITMAPINFOHEADER of the Windows API; PNM, netpbm(5).
 """
 
 from __future__ import annotations
@@ -19,75 +18,36 @@ from typing import Final
 import cv2
 import msgpack
 import numpy as np
-import numpy.typing as npt
 import simplejpeg
 from pydantic import ValidationError
 
 from mkdaemon.reading import LONGEST_PICTURE, read_bytes
 from mkdaemon.telemetry.image import CameraFrame
+from mkdaemon.vision.arrays import Grey
 from mkdaemon.vision.camera.image import PictureError
-
-Grey = npt.NDArray[np.uint8]
 
 MAX_PIXELS: Final = 64_000_000
 """Most pixels of a picture."""
 JPEG: Final = b"\xff\xd8\xff"
-_WEBP: Final = {
-    b"WEBPVP8X": (24, 24, 0xFFFFFF, 1),
-    b"WEBPVP8L": (21, 14, 0x3FFF, 1),
-    b"WEBPVP8 ": (26, 16, 0x3FFF, 0),
-}
-"""Where width and height stand: the first byte, bits from one to the other, their bits, and what is added to them."""
-_TIFF: Final = {b"II*\0": "<", b"MM\0*": ">"}
-_TIFF_WIDTH, _TIFF_HEIGHT, _TIFF_SHORT = 256, 257, 3
 _PNM: Final = re.compile(rb"P[1-6](?:\s+|\s*#[^\n]*\n)+(\d{1,9})(?:\s+|\s*#[^\n]*\n)+(\d{1,9})\s")
 
 
 def picture_size(content: bytes) -> tuple[int, int] | None:
-    """Width and height that a picture claims [px].
-
-    Args:
-        content: PNG, JPEG, BMP, PNM, WebP or TIFF.
-
-    Returns:
-        The size; None where it is another format, or cut off.
-    """
+    """Width and height [px] that a PNG, JPEG, BMP or PNM claims; None of another format, or where it is cut off."""
     try:
         if content.startswith(b"\x89PNG\r\n\x1a\n"):
-            return _pair(">II", content, 16)
-        if content.startswith(JPEG):
+            width, height = struct.unpack_from(">II", content, 16)
+        elif content.startswith(JPEG):
             height, width, _, _ = simplejpeg.decode_jpeg_header(content)
-            return int(width), int(height)
-        if content.startswith(b"BM"):
-            width, height = _pair("<ii", content, 18)
-            return abs(width), abs(height)
-        if content.startswith(b"RIFF"):
-            at, apart, mask, more = _WEBP[content[8:16]]
-            value = int.from_bytes(struct.unpack_from("6s", content, at)[0], "little")
-            return (value & mask) + more, (value >> apart & mask) + more
-        if content[:4] in _TIFF:
-            return _tiff_size(content, _TIFF[content[:4]])
-    except (struct.error, ValueError, KeyError):
+        elif content.startswith(b"BM"):
+            width, height = map(abs, struct.unpack_from("<ii", content, 18))
+        elif found := _PNM.match(content[:4096]):
+            width, height = found.groups()
+        else:
+            return None
+    except (struct.error, ValueError):
         return None
-    found = _PNM.match(content[:4096])
-    return (int(found[1]), int(found[2])) if found else None
-
-
-def _tiff_size(content: bytes, order: str) -> tuple[int, int] | None:
-    first = int(struct.unpack_from(f"{order}I", content, 4)[0])
-    count = int(struct.unpack_from(f"{order}H", content, first)[0])
-    sizes: dict[int, int] = {}
-    for at in range(first + 2, first + 2 + 12 * count, 12):
-        tag, kind = _pair(f"{order}HH", content, at)
-        if tag in (_TIFF_WIDTH, _TIFF_HEIGHT):
-            form = "H" if kind == _TIFF_SHORT else "I"
-            sizes[tag] = int(struct.unpack_from(order + form, content, at + 8)[0])
-    return (sizes[_TIFF_WIDTH], sizes[_TIFF_HEIGHT]) if len(sizes) == 2 else None
-
-
-def _pair(form: str, content: bytes, at: int) -> tuple[int, int]:
-    first, second = struct.unpack_from(form, content, at)
-    return int(first), int(second)
+    return int(width), int(height)
 
 
 def pack(frame: CameraFrame) -> bytes:

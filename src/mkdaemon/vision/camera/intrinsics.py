@@ -5,11 +5,11 @@ from __future__ import annotations
 from typing import Literal, Self
 
 import numpy as np
-import numpy.typing as npt
 from pydantic import Field, model_validator
 
 from mkdaemon.config.base import Section
 from mkdaemon.errors import ConfigError
+from mkdaemon.vision.arrays import Array
 
 
 class Intrinsics(Section):
@@ -61,12 +61,12 @@ class Intrinsics(Section):
         return self
 
     @property
-    def matrix(self) -> npt.NDArray[np.float64]:
+    def matrix(self) -> Array:
         """Camera matrix `(3, 3)` [px]."""
         return np.array([[self.fx, 0.0, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]])
 
     @property
-    def distortion(self) -> npt.NDArray[np.float64]:
+    def distortion(self) -> Array:
         """In OpenCV's order: k1, k2, p1, p2, k3 of a pinhole `(5,)`, k1 to k4 of a fisheye `(4,)`."""
         if self.model == "fisheye":
             return np.array([self.k1, self.k2, self.k3, self.k4])

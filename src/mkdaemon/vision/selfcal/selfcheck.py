@@ -1,54 +1,185 @@
 """Watches one camera fly: whether images, attitude and barometer agree with its camera file and its target files.
 
-What tells a wrong print or focal length where there is no barometer, 2 % of it in flights of docs/accuracy.md: two tags
-whose ratio the file knows tell the size of one against the other to 0.2 %, in every descent; the foreshortening of a
-tag that is seen at a slant, against itself from several ranges, the focal length to 0.5 %, in 17 descents of 22, to
-1.4 % behind a webcam. A print whose sizes are all wrong by one factor looks like one that is farther away, from every
-range: nothing in the images tells it.
+Images: with d the offsets of the edges from where a pose puts them, J their derivative by that pose and by a common
+shift, and C their derivative by what else may be wrong, d = J x + C p. The pose that the image alone asks for is
+x(p) = x0 - X p with X = (J^T W J)^-1 J^T W C, and what is left says about p as much as the information
+A = C^T W C - C^T W J X. Source: the Schur complement of a bundle adjustment, Triggs et al., Vision Algorithms, LNCS
+1883, 2000, section 6.
 
-The unknowns, estimated together: the turn of the mounting about body forward, left, up [rad], the horizontal part of
-the target's normal, east and north, the share by which the vehicle reports too much tilt; then those of the images
-(`ImageEvidence`).
-A mounting turns with the vehicle, a deck does not: without yaw only their sum is seen, and the deviations say so. What
-is constant in the vehicle's own attitude counts as mounting. A lens that is too long turns poses near the rim of the
-image, which the attitude contradicts.
+Attitude: with n the normal that an image shows, in body axes, and E the attitude, the horizontal part of the normal in
+the world is y = E n. Were the mounting turned by m, the lens or a size changed by p, the deck d and the scale k, it
+would be y = d - E (m x n) - E M (T p x n_cam) + k E e_z, with T the turn of a pose with lens and sizes. A mounting
+turns with the vehicle, a deck does not: without yaw only their sum is seen, and the deviations say so.
 
-With n the normal that an image shows, in body axes, and E the attitude, the horizontal part of the normal in the world
-is y = E n. Were the mounting turned by m, the lens or a size changed by p, the deck d and the scale k, it would be
-y = d - E (m x n) - E M (T p x n_cam) + k E e_z, with T the turn of a pose with lens and sizes.
-
-Heights over a target, as the eyes see them, against the barometer: on ways down and up their scales must agree.
-
-With z the height by the eyes, e the share of it that is too much, b the barometer, a its offset and L its delay,
-b = a + z - e z - L dz/dt. The offset wanders, so slow flights say little, and a hover nothing. Two hypotheses are
-compared: e is what a calibration and a measured print leave, or it is anything. Their odds are a Bayes factor.
+Barometer: with z the height by the eyes, e the share of it that is too much, b the barometer, a its offset and L its
+delay, b = a + z - e z - L dz/dt. The offset wanders, so slow flights say little, and a hover nothing. A print whose
+sizes are all wrong by one factor looks like one that is farther away, from every range: only this tells it.
+What each of them tells, and how well: docs/lab/vision-cases.md.
 """
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterator, Mapping
-from math import exp, hypot, log, radians
+from dataclasses import dataclass
+from math import exp, hypot, log
 from typing import Final
 
-import cv2
 import numpy as np
-import numpy.typing as npt
 
 from mkdaemon.config.camera import MountSection
 from mkdaemon.frames import euler_from_rotation, rotation_from_euler
 from mkdaemon.telemetry.selfcal import HEIGHTS_LIKELY, SelfCalibration, TagSizeError
 from mkdaemon.telemetry.vision import Alarm
+from mkdaemon.vision.arrays import Array, Grey
 from mkdaemon.vision.camera.calibration_file import Camera, mount_rotation
 from mkdaemon.vision.limits import LIMITS, SELFCAL
 from mkdaemon.vision.pose.bend import Bend
-from mkdaemon.vision.pose.pose import FLOOR_RANGE, Pose
+from mkdaemon.vision.pose.edgefit import LEAST_EDGES, EdgeFit, LocatedEdges
+from mkdaemon.vision.pose.edgestep import MAD, damped
+from mkdaemon.vision.pose.pose import FLOOR_RANGE, Pose, median, turn
+from mkdaemon.vision.pose.prints import sheet_of
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.pose.rolling import skew
-from mkdaemon.vision.selfcal.evidence import LENS, EvidenceMaker, ImageEvidence
 from mkdaemon.vision.tags.tagmap import Tag, TagMap, Target
 
-Array = npt.NDArray[np.float64]
-Grey = npt.NDArray[np.uint8]
+LENS: Final = ("focal", "cx", "cy", "k1")
+"""What may be wrong with a lens: logarithm of the focal lengths, principal point [px], radial distortion."""
+ALIGNED_PX: Final = 0.08
+"""Error that the edges of a tag's side share where it runs along a row of pixels [px]: all lie between the same two. It
+falls with the rows that a side crosses. Measured: errors over deviations, docs/lab/accuracy.md."""
+SHIFTED: Final = 0.15
+"""The same for each pixel all edges are shifted by: a tone curve or sharpening bends them too."""
+ROLLING_PX: Final = 0.3
+"""The same under a rolling shutter, whose motion is part of the error [px]."""
+APART: Final = 0.5
+"""Distance between centres from which tags are beside each other, sides of the largest one."""
+MOST_SIZES: Final = 8
+"""Targets of more tags share one unknown size."""
+SHIFT_SD_PX: Final = 0.5
+"""How far all edges may be shifted together [px]."""
+MELTS: Final = 5
+"""Small cells look smaller by a share that falls with this power of their side: neighbours pull their edges. Measured:
+docs/lab/vision-cases.md."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ImageEvidence:
+    """One image's say about unknowns `(k,)`: the lens in the order of `LENS`, sizes, melting, the rise of a bent print.
+
+    Attributes:
+        rotation: camera from target by the image alone, lens and sizes as believed `(3, 3)`.
+        covariance: of that rotation `(3, 3)` [rad^2; camera].
+        turn: how the rotation turns with the unknowns `(3, k)` [rad].
+        matrix: information about the unknowns whatever the pose `(k, k)`; the cost is p^T matrix p - 2 pull^T p.
+        pull: see `matrix` `(k,)`.
+    """
+
+    rotation: Array
+    covariance: Array
+    turn: Array
+    matrix: Array
+    pull: Array
+
+
+class EvidenceMaker:
+    """Asks images of one target.
+
+    Attributes:
+        sizes: tags 1 to `sizes` have an unknown each: the logarithm of their size against that of tag 0.
+        is_spread: whether distances between tags say how large they all are, which is one more unknown.
+        unknown_sizes: how many there are together.
+        bend: of its one print, which is three more unknowns; none for several prints, or a rigid one.
+    """
+
+    def __init__(self, target: Target, projection: Projection) -> None:
+        self._projection = projection
+        self._fit = EdgeFit(target, projection)
+        model = self._fit.model
+        centres = np.array([tag.position for tag in target.tags])
+        self._from_centre = model.points - centres[model.tag]
+        self._size = np.array([tag.size for tag in target.tags])[model.tag]
+        self.sizes = len(target.tags) - 1 if len(target.tags) <= MOST_SIZES else 0
+        apart = np.linalg.norm(centres - centres[0], axis=1).max()
+        self.is_spread = bool(apart > APART * target.tags[0].size)
+        self.unknown_sizes = self.sizes + self.is_spread
+        sheet = sheet_of(target)
+        self.bend = None if sheet is None else sheet.prior
+
+    def look(self, pixels: Grey, pose: Pose) -> ImageEvidence | None:
+        """Ask an image `(h, w)` uint8 about a pose found in it; none when too few edges are seen."""
+        edges = self._fit.locate(pixels, pose)
+        if edges is None or int(edges.found.sum()) < LEAST_EDGES:
+            return None
+        smaller = self._fit.model.smaller[edges.index]
+        smaller = smaller[:, smaller.any(axis=0) & ~smaller.all(axis=0)]
+        shifted = np.column_stack([edges.jacobian, np.ones(len(edges.index)), smaller])
+        seen = self._fit.model.points[edges.index] @ pose.rotation.T + pose.position
+        columns = np.column_stack([self._by_lens(edges, seen), self._by_size(edges, pose), edges.by_rise])
+        # The pose knows how its print bends in this image; here all images say so together.
+        offsets = edges.offsets if pose.bend is None else edges.offsets + edges.by_rise @ pose.bend.mean
+        crossed = np.abs(edges.normals).min(axis=1) * self._size[edges.index] * self._px_per_m(pose)
+        shared = ALIGNED_PX**2 / (1.0 + crossed**2) + (SHIFTED * pose.shift_px) ** 2
+        if self._projection.shutter.rolls:
+            shared += ROLLING_PX**2
+        weights = _weights(np.column_stack([shifted, columns]), offsets, edges, shared)
+        weighted = shifted * weights[:, None]
+        shift_sd = np.array([SHIFT_SD_PX, *[LIMITS.edges.shift_sd_px] * smaller.shape[1]])
+        normal = damped(weighted.T @ shifted + np.diag(np.pad(shift_sd**-2, (6, 0))))
+        asked = np.column_stack([columns, offsets])
+        both = weighted.T @ asked
+        follows: Array = np.asarray(np.linalg.solve(normal, both), dtype=np.float64)
+        left = (asked * weights[:, None]).T @ asked - both.T @ follows
+        return ImageEvidence(
+            turn(pose.rotation, follows[3:6, -1]),
+            np.asarray(np.linalg.inv(normal)[3:6, 3:6], dtype=np.float64),
+            -follows[3:6, :-1],
+            (left + left.T)[:-1, :-1] / 2,
+            left[:-1, -1],
+        )
+
+    def _by_lens(self, edges: LocatedEdges, seen: Array) -> Array:
+        """Derivative of the offsets by the lens `(n, 4)`."""
+        centre = self._projection.centre
+        bent = self._projection.k1_jacobian(seen)
+        along, normals = (edges.pixels - centre) * edges.normals, edges.normals
+        return np.column_stack([along.sum(axis=1), normals, (bent * normals).sum(axis=1)])
+
+    def _by_size(self, edges: LocatedEdges, pose: Pose) -> Array:
+        """Derivative of the offsets by the logarithms of the sizes, and by melting `(n, unknown_sizes + 1)`."""
+        grown = (edges.jacobian[:, :3] * (self._from_centre[edges.index] @ pose.rotation.T)).sum(axis=1)
+        tag = self._fit.model.tag[edges.index]
+        own = [np.where(tag == k, grown, 0.0) for k in range(1, self.sizes + 1)]
+        cell_px = self._fit.model.cell[edges.index] * self._px_per_m(pose)
+        melts = (LIMITS.cells.readable_px / cell_px) ** MELTS
+        return np.column_stack([*own, *([grown] if self.is_spread else []), grown * melts])
+
+    def _px_per_m(self, pose: Pose) -> float:
+        """Of the target in the image."""
+        return float(self._projection.focal[0] / pose.position[2])
+
+
+def _weights(jacobian: Array, offsets: Array, edges: LocatedEdges, shared: Array) -> Array:
+    """Tukey's weights of the offsets over their variance [1/px^2], around the best that all unknowns can do.
+
+    `shared` is the variance of errors that no residual shows, as edges share them `(n,)` [px^2].
+    """
+    found, root = edges.found, np.sqrt(edges.trust)
+    jacobian, offsets = jacobian * root[:, None], offsets * root
+    weights = found.astype(np.float64)
+    residual = offsets
+    for _ in range(3):
+        weighted = jacobian * weights[:, None]
+        residual = offsets - jacobian @ np.linalg.solve(damped(weighted.T @ jacobian), weighted.T @ offsets)
+        spread = max(MAD * median(np.abs(residual[found])), LIMITS.edges.least_scale_px)
+        reach = LIMITS.edges.tukey * spread
+        weights = np.maximum(1.0 - (residual / reach) ** 2, 0.0) ** 2 * found
+    # Doubt makes residuals small: by as much less they say how large residuals are.
+    weights = edges.trust * weights
+    variance = float((weights * residual**2).sum()) / max(float(weights.sum()) - jacobian.shape[1], 1.0)
+    scaled: Array = weights / (variance + shared)
+    return scaled
+
 
 LENS_SD: Final = (0.03, 10.0, 10.0, 0.05)
 """How far a calibration may be off, deviations: 3 % of the focal length, 10 px, 0.05."""
@@ -78,47 +209,11 @@ LENS_AT: Final = 6
 SIZES_AT: Final = LENS_AT + len(LENS)
 
 
-class CameraFilter:
-    """A Kalman filter of what is constant, or nearly so, about one camera and one target.
+class Belief:
+    """A normal distribution of unknowns: `mean` `(n,)` and `covariance` `(n, n)`."""
 
-    Args:
-        attitude_sd: how well the vehicle knows its attitude at one moment [rad].
-        flu_from_cam: the mounting believed `(3, 3)`; none says nothing about attitude.
-        is_level: whether the target lies level at rest.
-        is_moving: whether it moves.
-        sizes: how many unknown sizes the images speak of, melting apart.
-        bend: what is known of that of its print; none where it does not bend.
-
-    Attributes:
-        mean: of the unknowns `(n,)`.
-        covariance: of them `(n, n)`.
-        looks: images taken in.
-    """
-
-    def __init__(
-        self,
-        attitude_sd: float,
-        flu_from_cam: Array | None,
-        *,
-        is_level: bool,
-        is_moving: bool,
-        sizes: int,
-        bend: Bend | None = None,
-    ) -> None:
-        self._attitude_sd = attitude_sd
-        self._flu_from_cam = flu_from_cam if is_level else None
-        self._deck_drift = DECK_DRIFT[is_moving]
-        rises = np.zeros(0 if bend is None else len(bend.mean))
-        sd = np.array(
-            [*[MOUNTING_SD] * 3, *[DECK_SD] * 2, TILT_SCALE_SD, *LENS_SD, *[SIZE_SD] * sizes, MELT_SD, *rises]
-        )
-        self.mean: Array = np.zeros(len(sd))
-        self.covariance: Array = np.diag(sd**2)
-        if bend is not None:
-            self.mean[-len(bend.mean) :] = bend.mean
-            self.covariance[-len(bend.mean) :, -len(bend.mean) :] = bend.covariance
-        self.looks = 0
-        self._time: float | None = None
+    def __init__(self, mean: Array, covariance: Array) -> None:
+        self.mean, self.covariance = mean, covariance
 
     @property
     def sd(self) -> Array:
@@ -126,19 +221,57 @@ class CameraFilter:
         deviations: Array = np.sqrt(np.diag(self.covariance))
         return deviations
 
+    def learn(self, matrix: Array, pull: Array) -> None:
+        """Add information `(n, n)`: unknowns p cost p^T matrix p - 2 pull^T p."""
+        before = np.linalg.inv(self.covariance)
+        after = np.linalg.inv(before + matrix)
+        self.mean, self.covariance = after @ (before @ self.mean + pull), (after + after.T) / 2
+
+    def observe(self, value: Array, by: Array, noise: Array) -> None:
+        """Learn from a value `(m,)` that is `by` `(m, n)` of the unknowns, with noise of a covariance `(m, m)`."""
+        weighted = by.T @ np.linalg.inv(noise)
+        self.learn(weighted @ by, weighted @ value)
+
+
+class CameraFilter(Belief):
+    """What is constant, or nearly so, about one camera and one target.
+
+    The unknowns: the turn of the mounting about body forward, left, up [rad], the horizontal part of the target's
+    normal, east and north, the share by which the vehicle reports too much tilt; then those of `ImageEvidence`.
+
+    Args:
+        attitude_sd: how well the vehicle knows its attitude at one moment [rad].
+        flu_from_cam: the mounting believed `(3, 3)`; none says nothing about attitude.
+        is_moving: whether the target moves.
+        sizes: how many unknown sizes the images speak of, melting apart.
+        bend: what is known of that of its print; none where it does not bend.
+
+    Attributes:
+        looks: images taken in.
+    """
+
+    def __init__(
+        self, attitude_sd: float, flu_from_cam: Array | None, *, is_moving: bool, sizes: int, bend: Bend | None = None
+    ) -> None:
+        sd = np.array([*[MOUNTING_SD] * 3, *[DECK_SD] * 2, TILT_SCALE_SD, *LENS_SD, *[SIZE_SD] * sizes, MELT_SD])
+        rises = 0 if bend is None else len(bend.mean)
+        super().__init__(np.zeros(len(sd) + rises), np.diag(np.pad(sd, (0, rises)) ** 2))
+        if bend is not None:
+            self.mean[-rises:], self.covariance[-rises:, -rises:] = bend.mean, bend.covariance
+        self._attitude_sd, self._flu_from_cam = attitude_sd, flu_from_cam
+        self._drift = np.zeros(len(self.mean))
+        self._drift[MOUNTING], self._drift[DECK] = MOUNTING_DRIFT, DECK_DRIFT[is_moving]
+        self.looks = 0
+        self._time: float | None = None
+
     def image_seen(self, time: float, evidence: ImageEvidence, enu_from_flu: Array | None) -> None:
         """Take in what an image says, the middle of its exposure [s], and the attitude `(3, 3)` then, if known."""
         spent = 0.0 if self._time is None else min(max(time - self._time, 0.0), LONGEST)
         self._time = time
         self.looks += 1
-        drift = np.zeros(len(self.mean))
-        drift[MOUNTING], drift[DECK] = MOUNTING_DRIFT, self._deck_drift
-        before = np.linalg.inv(self.covariance + spent * np.diag(drift**2))
-        after, right = before.copy(), before @ self.mean
-        after[LENS_AT:, LENS_AT:] += evidence.matrix
-        right[LENS_AT:] += evidence.pull
-        self.covariance = np.linalg.inv(after)
-        self.mean = self.covariance @ right
+        self.covariance = self.covariance + spent * np.diag(self._drift**2)
+        apart = (LENS_AT, 0)
+        self.learn(np.pad(evidence.matrix, (apart, apart)), np.pad(evidence.pull, apart))
         if enu_from_flu is not None and self._flu_from_cam is not None:
             self._normal_seen(evidence, enu_from_flu, self._flu_from_cam, spent)
 
@@ -148,23 +281,14 @@ class CameraFilter:
         # a small turn w moves the normal n by w x n = -[n]x w
         moved_cam = (-enu_from_cam @ skew(normal_cam))[:2]
         moved_flu = (-enu_from_flu @ skew(flu_from_cam @ normal_cam))[:2]
-        observe = np.zeros((2, len(self.mean)))
-        observe[:, LENS_AT:] = -moved_cam @ evidence.turn
-        observe[:, MOUNTING] = -moved_flu
-        observe[:, DECK] = np.eye(2)
-        observe[:, TILT_SCALE] = enu_from_flu[:2, 2]
+        by = np.zeros((2, len(self.mean)))
+        by[:, LENS_AT:] = -moved_cam @ evidence.turn
+        by[:, MOUNTING] = -moved_flu
+        by[:, DECK] = np.eye(2)
+        by[:, TILT_SCALE] = enu_from_flu[:2, 2]
         shared = max(ALIKE_TIME / max(spent, SOONEST), 1.0)
         noise = moved_cam @ evidence.covariance @ moved_cam.T + self._attitude_sd**2 * shared * np.eye(2)
-        self.mean, self.covariance = _measured(
-            self.mean, self.covariance, (enu_from_cam @ normal_cam)[:2], observe, noise
-        )
-
-
-def _measured(mean: Array, covariance: Array, value: Array, observe: Array, noise: Array) -> tuple[Array, Array]:
-    """Mean and covariance of a Kalman filter after a value `(m,)`, seen by `observe` `(m, n)` with `noise` `(m, m)`."""
-    gain = covariance @ observe.T @ np.linalg.inv(observe @ covariance @ observe.T + noise)
-    kept = covariance - gain @ observe @ covariance
-    return mean + gain @ (value - observe @ mean), (kept + kept.T) / 2
+        self.observe((enu_from_cam @ normal_cam)[:2], by, noise)
 
 
 SCALE_SD: Final = 0.5
@@ -189,13 +313,16 @@ KEPT: Final = 50
 """Readings that wait for the next pose."""
 
 
-class HeightFilter:
-    """Compares the heights over one target with those of the barometer."""
+class HeightFilter(Belief):
+    """Compares the heights over one target with those of the barometer.
+
+    The unknowns: offset [m], share of the height that is too much, delay [s]. Two hypotheses about the share are
+    compared: it is what a calibration and a measured print leave, or it is anything. Their odds are a Bayes factor.
+    """
 
     def __init__(self) -> None:
-        self._mean: Array = np.array([0.0, 0.0, DELAY[0]])
-        self._covariance: Array = np.diag(np.array([OFFSET_SD, SCALE_SD, DELAY[1]]) ** 2)
-        self._waiting: list[tuple[float, float]] = []
+        super().__init__(np.array([0.0, 0.0, DELAY[0]]), np.diag(np.array([OFFSET_SD, SCALE_SD, DELAY[1]]) ** 2))
+        self._waiting: deque[tuple[float, float]] = deque(maxlen=KEPT)
         self._last: tuple[float, float] | None = None
         self._compared_at: float | None = None
         self._low, self._high = np.full(2, np.inf), np.full(2, -np.inf)
@@ -203,7 +330,7 @@ class HeightFilter:
     @property
     def scale(self) -> tuple[float, float]:
         """Share by which the eyes' heights are too large, and its deviation."""
-        return float(self._mean[1]), float(np.sqrt(self._covariance[1, 1]))
+        return float(self.mean[1]), float(self.sd[1])
 
     @property
     def odds(self) -> float:
@@ -233,40 +360,35 @@ class HeightFilter:
 
     def reading_received(self, time: float, height: float) -> None:
         """Take the barometer's height [m] at a time [s]; it counts when the next pose is there."""
-        self._waiting = [*self._waiting[1 - KEPT :], (time, height)]
+        self._waiting.append((time, height))
 
     def pose_seen(self, time: float, height: float) -> None:
         """Take the eyes' height over the target [m] at a time [s]."""
         before, self._last = self._last, (time, height)
         if before is None or not 0.0 < time - before[0] < LONGEST_GAP:
             return
-        due = [reading for reading in self._waiting if before[0] <= reading[0] < time]
-        self._waiting = [reading for reading in self._waiting if reading[0] >= time]
         speed = (height - before[1]) / (time - before[0])
-        for at, barometer in due:
+        while self._waiting and self._waiting[0][0] < time:
+            at, barometer = self._waiting.popleft()
             here = before[1] + speed * (at - before[0])
-            if here > LOWEST:
+            if at >= before[0] and here > LOWEST:
                 self._compare(at, here, speed, barometer)
 
     def _compare(self, time: float, height: float, speed: float, barometer: float) -> None:
         spent = 0.0 if self._compared_at is None else max(time - self._compared_at, 0.0)
         self._compared_at = time
         if spent > PAUSE:
-            self._covariance[0, :] = self._covariance[:, 0] = 0.0
-            self._covariance[0, 0] = OFFSET_SD**2
-        self._covariance[0, 0] += WANDER**2 * spent
+            self.covariance[0, :] = self.covariance[:, 0] = 0.0
+            self.covariance[0, 0] = OFFSET_SD**2
+        self.covariance[0, 0] += WANDER**2 * spent
         self._low, self._high = np.minimum(self._low, (height, barometer)), np.maximum(self._high, (height, barometer))
-        value, noise = np.array([barometer - height]), np.array([[READING_SD**2]])
-        observe = np.array([[1.0, -height, -speed]])
-        self._mean, self._covariance = _measured(self._mean, self._covariance, value, observe, noise)
+        by, noise = np.array([[1.0, -height, -speed]]), np.array([[READING_SD**2]])
+        self.observe(np.array([barometer - height]), by, noise)
 
 
-def turned_rpy_deg(mount: MountSection, turn: Array) -> tuple[float, float, float]:
+def turned_rpy_deg(mount: MountSection, by: Array) -> tuple[float, float, float]:
     """Angles of a mount [deg] after a turn by the rotation vector `(3,)` [rad; body], `rpy_deg` of the camera file."""
-    roll, pitch, yaw = (radians(angle) for angle in mount.rpy_deg)
-    after = np.asarray(cv2.Rodrigues(turn.reshape(3, 1))[0]) @ rotation_from_euler(roll, pitch, yaw)
-    roll, pitch, yaw = (float(np.degrees(angle)) for angle in euler_from_rotation(after))
-    return roll, pitch, yaw
+    return _three(np.degrees(euler_from_rotation(turn(rotation_from_euler(*np.radians(mount.rpy_deg)), by))))
 
 
 class TargetWatch:
@@ -278,11 +400,10 @@ class TargetWatch:
         self._maker = EvidenceMaker(target, Projection(camera.intrinsics))
         self._filter = CameraFilter(
             attitude_sd,
-            mount_rotation(camera.mount) if has_mount else None,
-            is_level=target.level,
+            mount_rotation(camera.mount) if has_mount and target.level else None,
             is_moving=target.moving,
             sizes=self._maker.unknown_sizes,
-            bend=None if self._maker.sheet is None else self._maker.sheet.prior,
+            bend=self._maker.bend,
         )
         self.heights = HeightFilter()
         self._due = -np.inf
@@ -340,10 +461,10 @@ class TargetWatch:
 
     def mounting_words(self) -> Iterator[str]:
         """What contradicts the mounting."""
-        turns = zip(("roll", "pitch", "yaw"), np.degrees(self._filter.mean), np.degrees(self._filter.sd), strict=False)
         found = [
-            f"{word} {turn:+.1f} +- {sd:.1f} deg"
-            for n, (word, turn, sd) in enumerate(turns)
+            f"{word} {np.degrees(turned):+.1f} +- {np.degrees(sd):.1f} deg"
+            for n, word in enumerate(("roll", "pitch", "yaw"))
+            for turned, sd in (self._known(n),)
             if self._tells(n, SELFCAL.mounting)
         ]
         if found:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import difflib
 import math
-import tomllib
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
@@ -12,17 +10,14 @@ from itertools import count
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 from pydantic import ValidationError
-from pydantic_core import ErrorDetails
 
+from mkdaemon.config.reader import load_section
 from mkdaemon.config.vision import BoardSection, TagPlacement, TargetFile, TargetSection
 from mkdaemon.errors import ConfigError, VisionError
 from mkdaemon.frames import rotation_from_euler, rotation_from_quaternion
-from mkdaemon.reading import LONGEST_SETTINGS, parse_toml, read_text
+from mkdaemon.vision.arrays import Array
 from mkdaemon.vision.tags.tagfamily import QUIET_ZONE_CELLS, Cells, TagFamily, cells, find_family, size_words
-
-Array = npt.NDArray[np.float64]
 
 ONE_PLANE = 1 - 1e-9
 """Cosine between the normals of tags of one plane."""
@@ -147,8 +142,8 @@ def single(size: float, tag_id: int, *, family: str = "tag36h11", name: str = "t
     """
     try:
         section = TargetSection(name=name, tags=(TagPlacement(family=family, id=tag_id, size=size),))
-    except ValidationError as error:
-        msg = f"tag {tag_id} of {size} m: {_describe(error)}"
+    except ValidationError:
+        msg = f"{size!r} is no tag size; give the side of the black square in metres, 0.005 to 5 (12 inch = 0.3048)"
         raise ConfigError(msg) from None
     return build([section], origin="tag").targets[0]
 
@@ -163,26 +158,17 @@ def load(paths: Iterable[Path]) -> TagMap:
         ConfigError: a file cannot be read, or a key, size, family, id or overlap in it is wrong; names file, place
             and fix.
     """
-    sections: list[TargetSection] = []
-    names: list[str] = []
-    for path in paths:
-        try:
-            content = parse_toml(read_text(path, limit=LONGEST_SETTINGS))
-            sections.extend(TargetFile.model_validate(content).targets)
-        except OSError as error:
-            msg = f"target file {path}: {error.strerror or error}; give the path of a TOML file with [[targets]]"
-            raise ConfigError(msg) from None
-        except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-            msg = f"target file {path}: not TOML ({error}); see configs/targets/nested.toml"
-            raise ConfigError(msg) from None
-        except ValidationError as error:
-            msg = f"target file {path}: {_describe(error)}"
-            raise ConfigError(msg) from None
-        names.append(str(path))
+    files = list(paths)
+    names = ", ".join(map(str, files))
+    try:
+        sections = [section for path in files for section in load_section(TargetFile, path).targets]
+    except ConfigError as error:
+        msg = f"target file {error}"
+        raise ConfigError(msg) from None
     if not sections:
-        msg = "no target file was given: name at least one, for example configs/targets/nested.toml"
+        msg = f"no target in the target files '{names}': name one that has any, as configs/targets/nested.toml"
         raise ConfigError(msg)
-    return build(sections, origin=f"target file {', '.join(names)}")
+    return build(sections, origin=f"target file {names}")
 
 
 def build(sections: Iterable[TargetSection], *, origin: str) -> TagMap:
@@ -275,25 +261,3 @@ def _check_overlaps(target: Target, origin: str) -> None:
                     " positions"
                 )
                 raise ConfigError(msg)
-
-
-def _describe(found: ValidationError) -> str:
-    """One line for the most telling error: place, wrong, right. A misspelt key explains a missing one."""
-    error: ErrorDetails = min(found.errors(), key=lambda item: item["type"] != "extra_forbidden")
-    place = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in error["loc"]).lstrip(".")
-    last = str(error["loc"][-1]) if error["loc"] else ""
-    if error["type"] == "extra_forbidden":
-        known = [
-            name for model in (TagPlacement, BoardSection, TargetSection, TargetFile) for name in model.model_fields
-        ]
-        near = difflib.get_close_matches(last, known, n=1)
-        hint = f"did you mean '{near[0]}'?" if near else "remove it"
-        return f"{place}: unknown key; {hint}"
-    if error["type"] == "missing":
-        return f"{place}: missing; add it"
-    if last == "size":
-        return (
-            f"{place}: {error['input']!r} is no tag size; give the side of the black square in metres, 0.005 to 5"
-            " (12 inch = 0.3048)"
-        )
-    return f"{place}: {error['msg'].removeprefix('Value error, ')}"
