@@ -62,6 +62,7 @@ def detector(families: Families, decimate: float) -> LibDetector:
             library.apriltag_detector_add_family_bits(made.tag_detector_ptr, _family(library, name), bits)
         _of_thread.made[families] = made
     found = _of_thread.made[families]
+    assert found.tag_detector_ptr is not None
     found.tag_detector_ptr.contents.quad_decimate = decimate
     return found
 
