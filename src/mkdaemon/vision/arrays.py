@@ -7,3 +7,4 @@ import numpy.typing as npt
 
 Array = npt.NDArray[np.float64]
 Grey = npt.NDArray[np.uint8]
+Bools = npt.NDArray[np.bool_]

@@ -11,12 +11,10 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 
 from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.pose import Pose, angle_between
 
-Array = npt.NDArray[np.float64]
 Decision = Literal["unique", "image", "attitude", "track"]
 
 

@@ -15,11 +15,9 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
+from mkdaemon.vision.arrays import Array
 from mkdaemon.vision.tags.tagmap import Tag
-
-Array = npt.NDArray[np.float64]
 
 RISES: Final = 3
 """Unknowns a, b, c."""

@@ -6,15 +6,12 @@ from dataclasses import replace
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
+from mkdaemon.vision.arrays import Grey
 from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.pose import Pose
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.tags.tagmap import Target
-
-Array = npt.NDArray[np.float64]
-Grey = npt.NDArray[np.uint8]
 
 PATCH_PX = 20
 """The image of a target is compared at about this size [px]."""

@@ -9,13 +9,12 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from mkdaemon.vision.arrays import Array, Grey
 from mkdaemon.vision.limits import HALF, LIMITS, NOISE_GREY
 from mkdaemon.vision.pose.edgelight import SLOPE_WIDTH, Blown, EdgeSides, blown_edges, blur_of
 from mkdaemon.vision.pose.pose import median, quantile
 
-Array = npt.NDArray[np.float64]
 Array32 = npt.NDArray[np.float32]
-Grey = npt.NDArray[np.uint8]
 
 STEP_PX = 0.5
 """Distance of the grey values along a normal [px]; more while the reach is long."""

@@ -20,6 +20,7 @@ from math import sqrt
 import numpy as np
 import numpy.typing as npt
 
+from mkdaemon.vision.arrays import Array, Grey
 from mkdaemon.vision.limits import APART2, HALF, LIMITS
 from mkdaemon.vision.pose.bend import BENT, RISES, BentPrint
 from mkdaemon.vision.pose.edgefind import FoundEdges, Samples, find_edges, without_glare
@@ -41,11 +42,6 @@ from mkdaemon.vision.pose.prints import sheet_of
 from mkdaemon.vision.pose.projection import NEAR_M, Projection
 from mkdaemon.vision.pose.rolling import at_rest, before_motion, cross, exposed, motion_at_rest, motion_jacobian, skew
 from mkdaemon.vision.tags.tagmap import Target
-
-Array = npt.NDArray[np.float64]
-Grey = npt.NDArray[np.uint8]
-
-Bools = npt.NDArray[np.bool_]
 
 LEAST_EDGES = 12
 """Fewer fix no pose: twice its unknowns."""

@@ -28,12 +28,10 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from mkdaemon.vision.arrays import Array, Bools
 from mkdaemon.vision.camera.image import BRIGHTEST
 from mkdaemon.vision.limits import HALF, LIMITS
 from mkdaemon.vision.pose.pose import median, quantile
-
-Array = npt.NDArray[np.float64]
-Bools = npt.NDArray[np.bool_]
 
 PLACES: Final = np.linspace(-3.0, 2.0, 201)
 """At which the two functions below are tabled [sigma]: shares of 0.1 to 98 %."""

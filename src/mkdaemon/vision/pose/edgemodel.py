@@ -8,10 +8,9 @@ from functools import lru_cache
 import numpy as np
 import numpy.typing as npt
 
+from mkdaemon.vision.arrays import Array
 from mkdaemon.vision.tags.cover import covered
 from mkdaemon.vision.tags.tagmap import Tag, Target
-
-Array = npt.NDArray[np.float64]
 
 SAMPLED = (0.15, 0.7)
 """Where the samples of an edge begin, and the length they are spread over [cells]: corners are rounded by blur."""

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from mkdaemon.vision.arrays import Array, Bools
 from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.bend import BENT, Bend, BentPrint
 from mkdaemon.vision.pose.edgefind import LEAST_OF_A_KIND, FoundEdges, Samples
@@ -15,8 +16,6 @@ from mkdaemon.vision.pose.linetime import KnownMotion, SeenMotion
 from mkdaemon.vision.pose.nuisance import Prior
 from mkdaemon.vision.pose.pose import Pose, median
 
-Array = npt.NDArray[np.float64]
-Bools = npt.NDArray[np.bool_]
 Numbers = npt.NDArray[np.intp]
 
 MAD = 1.4826

@@ -23,6 +23,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from mkdaemon.vision.arrays import Array, Grey
 from mkdaemon.vision.limits import APART2, HALF, LIMITS
 from mkdaemon.vision.pose.bend import Bend
 from mkdaemon.vision.pose.edgefind import HALF_WIDTH
@@ -40,9 +41,6 @@ from mkdaemon.vision.pose.rolling import exposed
 from mkdaemon.vision.tags.cellread import sample
 from mkdaemon.vision.tags.detection import Detection
 from mkdaemon.vision.tags.tagmap import Tag, Target
-
-Array = npt.NDArray[np.float64]
-Grey = npt.NDArray[np.uint8]
 
 SPREAD: Final = np.eye(2)
 """Of the point spread with which prints are looked for [px^2]: a little wide, so that a start need not be exact."""

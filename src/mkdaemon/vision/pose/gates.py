@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from mkdaemon.config.vision import TrackerSection
 from mkdaemon.telemetry.vision import PoseRefusal
+from mkdaemon.vision.arrays import Array, Grey
 from mkdaemon.vision.limits import HALF, LIMITS, NOISE_GREY
 from mkdaemon.vision.pose.pose import Pose, correlation, largest_variance
 from mkdaemon.vision.pose.projection import Projection
@@ -17,9 +18,6 @@ from mkdaemon.vision.pose.rolling import exposed
 from mkdaemon.vision.tags.cellread import sample
 from mkdaemon.vision.tags.cover import covered
 from mkdaemon.vision.tags.tagmap import Target
-
-Array = npt.NDArray[np.float64]
-Grey = npt.NDArray[np.uint8]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -16,11 +16,9 @@ from math import sqrt
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
+from mkdaemon.vision.arrays import Array
 from mkdaemon.vision.limits import LIMITS
-
-Array = npt.NDArray[np.float64]
 
 MOTIONS: Final = 4
 """Unknowns: angular rates [rad/s], then the speed along the axis [m/s]."""

@@ -12,6 +12,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from mkdaemon.vision.arrays import Array
 from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.bend import BentPrint
 from mkdaemon.vision.pose.edgefind import Samples
@@ -21,7 +22,6 @@ from mkdaemon.vision.pose.pose import Pose
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.pose.rolling import motion_at_rest, skew
 
-Array = npt.NDArray[np.float64]
 Prior = tuple[Array, Array]
 
 BEYOND: Final = 5

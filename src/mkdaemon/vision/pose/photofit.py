@@ -21,8 +21,8 @@ from dataclasses import replace
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
+from mkdaemon.vision.arrays import Array, Grey
 from mkdaemon.vision.limits import APART2, LIMITS
 from mkdaemon.vision.pose.bend import RISES
 from mkdaemon.vision.pose.edgefit import Level
@@ -33,9 +33,6 @@ from mkdaemon.vision.pose.prints import Prints
 from mkdaemon.vision.pose.projection import NEAR_M, Projection
 from mkdaemon.vision.pose.rolling import motion_at_rest
 from mkdaemon.vision.tags.tagmap import Target
-
-Array = npt.NDArray[np.float64]
-Grey = npt.NDArray[np.uint8]
 
 START_BLUR_PX = 0.7
 BLUR_PX = (0.35, 12.0)

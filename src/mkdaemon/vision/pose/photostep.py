@@ -21,6 +21,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from mkdaemon.vision.arrays import Array, Grey
 from mkdaemon.vision.limits import HALF, LIMITS, NOISE_GREY
 from mkdaemon.vision.pose.bend import RISES, Bend
 from mkdaemon.vision.pose.edgefit import Level
@@ -31,9 +32,6 @@ from mkdaemon.vision.pose.pose import Pose, correlation, median
 from mkdaemon.vision.pose.printmodel import BOX, PrintModel, PrintSamples
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.pose.rolling import at_times, before_motion, cross, motion_jacobian
-
-Array = npt.NDArray[np.float64]
-Grey = npt.NDArray[np.uint8]
 
 DARK, BRIGHT = 0.3, 0.7
 """Values of the model whose residuals give the noise of black and of white."""

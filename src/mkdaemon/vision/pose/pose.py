@@ -15,6 +15,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from mkdaemon.vision.arrays import Array
 from mkdaemon.vision.pose.bend import Bend
 from mkdaemon.vision.pose.linetime import KnownMotion, SeenMotion
 from mkdaemon.vision.pose.projection import NEAR_M, Projection
@@ -22,7 +23,6 @@ from mkdaemon.vision.pose.rolling import skew
 from mkdaemon.vision.tags.detection import Detection
 from mkdaemon.vision.tags.tagmap import SAME_HEIGHT_M, Tag
 
-Array = npt.NDArray[np.float64]
 Source = Literal["corners", "edges", "photometric"]
 
 NO_BETTER, SETTLED_RMS_PX = 1 + 1e-9, 1e-7

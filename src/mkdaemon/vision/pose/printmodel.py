@@ -20,16 +20,14 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from mkdaemon.vision.arrays import Array, Bools, Grey
 from mkdaemon.vision.limits import HALF, LIMITS
 from mkdaemon.vision.pose.bend import Sheet
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.pose.rolling import exposed, skew
 from mkdaemon.vision.tags.tagmap import ONE_PLANE, Tag, Target
 
-Array = npt.NDArray[np.float64]
 Image32 = npt.NDArray[np.float32]
-Grey = npt.NDArray[np.uint8]
-Bools = npt.NDArray[np.bool_]
 
 TEXELS: Final = 24
 """Of a cell, each way, of a drawn print."""

@@ -6,15 +6,13 @@ from math import acos
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
+from mkdaemon.vision.arrays import Array
 from mkdaemon.vision.pose.bend import Sheet
 from mkdaemon.vision.pose.pose import Pose
 from mkdaemon.vision.pose.printmodel import SQUARE, PrintModel
 from mkdaemon.vision.pose.projection import NEAR_M, Projection
 from mkdaemon.vision.tags.tagmap import SAME_HEIGHT_M, Tag, Target
-
-Array = npt.NDArray[np.float64]
 
 MOST: Final = 8
 """Prints that a fit to grey values takes; eight took five times as long as one, and 16 halve the deviation no more than

@@ -13,10 +13,9 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from mkdaemon.vision.arrays import Array
 from mkdaemon.vision.camera.intrinsics import Intrinsics
 from mkdaemon.vision.pose.linetime import Shutter
-
-Array = npt.NDArray[np.float64]
 
 WIDEST: Final = 1.5
 """Angle from the axis up to which a fisheye is inverted [rad]; at a right angle there is no point at unit depth."""

@@ -10,12 +10,10 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
+from mkdaemon.vision.arrays import Array
 from mkdaemon.vision.pose.linetime import MOTIONS
 from mkdaemon.vision.pose.projection import Projection
-
-Array = npt.NDArray[np.float64]
 
 ROUNDS: Final = 2
 """A point's row says when it is exposed, and that where it is: so often."""

@@ -10,14 +10,12 @@ from collections.abc import Iterable
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
+from mkdaemon.vision.arrays import Array
 from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.tags.detection import Detection
 from mkdaemon.vision.tags.tagmap import Tag, TagMap
-
-Array = npt.NDArray[np.float64]
 
 
 class TargetCheck:
