@@ -30,7 +30,7 @@ import numpy as np
 import numpy.typing as npt
 
 from mkdaemon.vision.limits import LIMITS
-from mkdaemon.vision.pose.ambiguity import log_odds
+from mkdaemon.vision.pose.ambiguity import CAUTION, evidence, log_odds
 from mkdaemon.vision.pose.pose import Pose, inverse
 from mkdaemon.vision.pose.rolling import skew
 from mkdaemon.vision.track.attitude import updated
@@ -47,9 +47,6 @@ MOVING_PSD = 25.0
 """The same where the target moves by itself, as a deck or another vehicle does [m^2/s^3]."""
 LEAST_INLIERS = 1e-3
 """Share of points that agree; a fit with fewer has no place."""
-CAUTION = 4.0
-"""Images over which the errors of a pose last, where light, blur or cover cause them: a factor on its variance, and by
-which what it says beyond `silent` counts less."""
 FLOOR = 0.002
 """Deviation of the lens from what a pose says that is always possible, of the range."""
 KEPT = 6
@@ -180,17 +177,21 @@ class Branches:
     pose: Pose
 
     @classmethod
-    def begin(cls, time: float, candidates: Sequence[Pose], *, moving: bool = False) -> Branches:
+    def begin(
+        cls, time: float, candidates: Sequence[Pose], told: Array | None = None, *, moving: bool = False
+    ) -> Branches:
         """Start from the candidates of one image; a single one is known to be true.
 
         Args:
             time: of the image [s].
-            candidates: at least one, the best first.
+            candidates: at least one.
+            told: logarithm of the density of each by what is known beside the image `(m,)`.
             moving: whether the target moves by itself.
         """
         course = Course.begin(time, *places(candidates), MOVING_PSD if moving else ACCELERATION_PSD)
         count = len(candidates)
-        weight, missed = -_evidence(candidates), np.zeros(count, dtype=bool)
+        weight, missed = (0.0 if told is None else told) - _first_evidence(candidates), np.zeros(count, dtype=bool)
+        weight -= weight.max()
         kept = _likeliest(course.centre, weight, missed)
         return cls(course[kept], weight[kept], missed[kept], np.zeros(len(kept)), course[kept[0]], candidates[kept[0]])
 
@@ -310,6 +311,11 @@ def _evidence(candidates: Sequence[Pose]) -> Array:
     best = min(candidates, key=lambda pose: pose.loss)
     odds = np.array([0.0 if pose is best else log_odds(best, pose) for pose in candidates])
     return np.clip((odds - BRANCHES.silent) / CAUTION, 0.0, DECIDED)
+
+
+def _first_evidence(candidates: Sequence[Pose]) -> Array:
+    best = min(candidates, key=lambda pose: pose.loss)
+    return np.array([0.0 if pose is best else evidence(best, pose) for pose in candidates])
 
 
 def _angles(some: Array, others: Array) -> Array:
