@@ -46,7 +46,7 @@ def log_odds(first: Pose, second: Pose) -> float:
 def evidence(first: Pose, second: Pose) -> float:
     """What an image adds to the log odds of a fit against one that it likes less, zero to `decided` [nats].
 
-    Where a fit leaves nothing but noise, all it says; elsewhere what lies over the target, light or blur may take sides.
+    Where a fit leaves nothing but noise, all it says; elsewhere what hides the target, light or blur may take sides.
     """
     odds = log_odds(first, second)
     odds = odds if _is_explained(first, second) else (odds - LIMITS.branches.silent) / CAUTION

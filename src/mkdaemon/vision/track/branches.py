@@ -190,7 +190,7 @@ class Branches:
         """
         course = Course.begin(time, *places(candidates), MOVING_PSD if moving else ACCELERATION_PSD)
         count = len(candidates)
-        weight, missed = (0.0 if told is None else told) - _first_evidence(candidates), np.zeros(count, dtype=bool)
+        weight, missed = (0.0 if told is None else told) - _evidence(candidates), np.zeros(count, dtype=bool)
         weight -= weight.max()
         kept = _likeliest(course.centre, weight, missed)
         return cls(course[kept], weight[kept], missed[kept], np.zeros(len(kept)), course[kept[0]], candidates[kept[0]])
@@ -308,12 +308,6 @@ def lasting_doubt(pose: Pose) -> float:
 
 def _evidence(candidates: Sequence[Pose]) -> Array:
     """What one image takes off the log odds of each fit for the sake of the best, zero or more `(m,)`."""
-    best = min(candidates, key=lambda pose: pose.loss)
-    odds = np.array([0.0 if pose is best else log_odds(best, pose) for pose in candidates])
-    return np.clip((odds - BRANCHES.silent) / CAUTION, 0.0, DECIDED)
-
-
-def _first_evidence(candidates: Sequence[Pose]) -> Array:
     best = min(candidates, key=lambda pose: pose.loss)
     return np.array([0.0 if pose is best else evidence(best, pose) for pose in candidates])
 

@@ -13,6 +13,7 @@ import numpy.typing as npt
 from mkdaemon.telemetry.vision import PoseRefusal
 from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.ambiguity import Decision, prefers, residual_ratio
+from mkdaemon.vision.pose.edgefit import Level
 from mkdaemon.vision.pose.gates import certainty_refusal
 from mkdaemon.vision.pose.pose import Pose, angle_between, turn
 from mkdaemon.vision.track.attitude import Sight, angle_of, turn_between, without_normal
@@ -49,14 +50,17 @@ class Verdict:
         return self.pose is not None and self.refusal is PoseRefusal.ATTITUDE
 
 
-OVERRULED: Final = (PoseRefusal.ATTITUDE, PoseRefusal.ANGLE_UNCERTAIN, PoseRefusal.POSITION_UNCERTAIN)
-"""Refusals beside an attitude of what the image alone, by its stricter gates, may publish."""
 UNDECIDED: Final = (PoseRefusal.AMBIGUOUS, PoseRefusal.ANGLE_UNCERTAIN)
 """Why a first pose is followed without being published: the next images may decide, or know how the camera climbs."""
 
 
+def _followed(first: Pose, refused: PoseRefusal | None) -> Pose | None:
+    """A first pose that is published or followed."""
+    return first if refused is None or refused in UNDECIDED else None
+
+
 class Judge:
-    """Measures and judges one target that is followed.
+    """Measures and judges one target.
 
     Args:
         checks: the target's gates.
@@ -125,63 +129,56 @@ class Judge:
         if not fits:
             return Verdict(None, next(filter(None, refusals), PoseRefusal.NO_FIT))
         fits = checks.with_mirror(seen, fits)
-        verdict = self._judge_first(seen, fits)
-        if not checks.level.knows(seen) or not (verdict.refusal in OVERRULED or verdict.decided_by == "attitude"):
-            return verdict
         alone = self._judge_first(seen.without_attitude(), fits)
+        vertical = checks.level.vertical(seen)
+        if vertical is None:
+            return alone
+        verdict = self._judge_first(seen, fits, vertical)
         if alone.pose is None or alone.refusal is not None:
             return verdict
         chosen = verdict.pose if verdict.refusal is None else None
         if chosen is None or angle_between(alone.pose.rotation, chosen.rotation) > LIMITS.certainty.wrong_angle:
             return Verdict(alone.pose, PoseRefusal.ATTITUDE)
-        return verdict
+        return replace(verdict, decided_by=alone.decided_by, ratio=alone.ratio)
 
-    def _judge_first(self, seen: Sight, fits: Sequence[Pose]) -> Verdict:
-        """Judge the first fits of a target by image and, where it is known, attitude."""
+    def _judge_first(self, seen: Sight, fits: Sequence[Pose], vertical: Level | None = None) -> Verdict:
+        """Judge the first fits of a target by the image and, where it is known, the vertical."""
         checks, level = self._checks, self._checks.level
-        by_image = branches = self.start_branches(seen, fits)
-        if level.knows(seen):
-            branches = self.start_branches(seen, fits, level.log_density(seen, fits))
-        elif not branches.is_decided:
+        branches = self.start_branches(seen, fits, level.log_density(seen, fits))
+        if not branches.is_decided and vertical is None:
             # All pixels of a small target tell more than its edges.
             small = all(pose.source == "edges" and checks.cell_px(pose) < LIMITS.cells.small_px for pose in fits)
-            fits = self._fitter.fit_grey_values(seen.pixels, fits) if small else []
-            by_grey = self.start_branches(seen, fits) if fits else branches
-            branches = by_grey if by_grey.is_decided else branches
+            grey = self._fitter.fit_grey_values(seen.pixels, fits) if small else []
+            by_grey = self.start_branches(seen, grey) if grey else branches
+            if by_grey.is_decided:
+                fits, branches = grey, by_grey
         best, is_partial = branches.pose, checks.is_partial(branches.pose)
-        if level.knows(seen) and (is_partial or not branches.is_decided or checks.refusal(seen, best)):
-            return self._hold_first(seen, min(fits, key=lambda pose: pose.loss))
-        if not branches.is_decided:
+        refused, decided = checks.refusal(seen, best), branches.is_decided
+        if vertical is not None and (is_partial or not decided or refused is not None):
+            return self._judge_held(seen, min(fits, key=lambda pose: pose.loss), vertical)
+        if not decided:
             return Verdict(best, PoseRefusal.AMBIGUOUS, branches=branches)
-        # Hidden parts, or a border faked by what hides them: the edges seen tell these apart.
         if is_partial and not self._fitter.is_supported(seen.pixels, best):
+            # Hidden parts, or a border faked by what hides them: the edges seen tell these apart.
             return Verdict(None, PoseRefusal.INLIERS)
         pose = with_angle_variance(level.fuse(seen, best), branches.doubt)
-        refused = checks.refusal(seen, best) or certainty_refusal(
-            pose, has_attitude=level.knows(seen), is_plain=is_partial
-        )
+        refused = refused or certainty_refusal(pose, has_attitude=vertical is not None, is_plain=is_partial)
         ratio = residual_ratio(best, fits)
-        is_told = by_image.is_decided and by_image.pose is best
-        decided: Decision = "unique" if ratio == inf else "image" if is_told or not level.knows(seen) else "attitude"
-        kept = pose if refused is None or refused in UNDECIDED else None
-        alone = pose if refused is None and not level.knows(seen) else None
-        return Verdict(kept, refused, alone, branches, decided, ratio)
+        by: Decision = "unique" if ratio == inf else "image" if vertical is None else "attitude"
+        alone = pose if refused is None and vertical is None else None
+        return Verdict(_followed(pose, refused), refused, alone, branches, by, ratio)
 
-    def _hold_first(self, seen: Sight, pose: Pose) -> Verdict:
+    def _judge_held(self, seen: Sight, pose: Pose, vertical: Level) -> Verdict:
         """Fit once more with the tilt held: something lying over one side gives a quad that is off by that much."""
-        checks, level = self._checks, self._checks.level
-        vertical = level.vertical(seen)
-        if vertical is None:
-            return Verdict(None, PoseRefusal.ATTITUDE)
+        checks = self._checks
         upright = turn(pose.rotation, turn_between(pose.rotation[:, 2], vertical.up))
         held = self._fitter.refine(seen.pixels, replace(pose, rotation=upright), vertical)
         if held is None or checks.refusal(seen, held) is not None:
             return Verdict(None, PoseRefusal.ATTITUDE)
-        if angle_of(held.rotation[:, 2], vertical.up) > level.hidden_gate(held):
+        if angle_of(held.rotation[:, 2], vertical.up) > checks.level.hidden_gate(held):
             return Verdict(None, PoseRefusal.ATTITUDE)
-        refused = certainty_refusal(held, has_attitude=True)
-        kept = held if refused is None or refused in UNDECIDED else None
-        return Verdict(kept, refused, branches=self.start_branches(seen, [held]), decided_by="attitude")
+        refused, branches = certainty_refusal(held, has_attitude=True), self.start_branches(seen, [held])
+        return Verdict(_followed(held, refused), refused, branches=branches, decided_by="attitude")
 
     def start_branches(self, seen: Sight, candidates: Sequence[Pose], told: Array | None = None) -> Branches:
         """Branches that start in this image, by it and what else is told; a single candidate is believed."""
