@@ -250,7 +250,10 @@ class Follower:
         """Whether the target is found from one of several starts; it is followed then, and published if believed."""
         seen = self._seen(frame)
         for mode, start in starts:
-            if self._is_found(frame, self.judge.measure(seen, self._with_climb(seen, start), predicted), mode):
+            verdict = self.judge.measure(seen, self._with_climb(seen, start), predicted)
+            pose = self._believed(frame, verdict)
+            if pose is not None:
+                self._follow(frame, verdict, pose, mode)
                 return True
         against = frame.contradicting.get(self.name)
         if against is None or not self._checks.is_plainly_there(seen, against):
@@ -258,20 +261,19 @@ class Follower:
         self._follow(frame, Verdict(against, PoseRefusal.ATTITUDE), against, "predicted")
         return True
 
-    def _is_found(self, frame: Frame, verdict: Verdict, mode: FoundBy) -> bool:
-        """Whether a verdict tells where the target is; it is followed then.
+    def _believed(self, frame: Frame, verdict: Verdict) -> Pose | None:
+        """The pose of a verdict to follow the target with; none where a gate or the image speaks against it.
 
-        What contradicts the attitude from one start, or by a track, counts for all starts of the image: a pose that
-        agrees with the attitude is none where the image prefers the other.
+        What contradicts the attitude from one start counts for all starts of the image: of poses that agree with it
+        none is believed that the image likes less.
         """
         pose, against = verdict.pose, frame.contradicting.get(self.name)
         if pose is not None and (against is None or not prefers(against, pose)):
             if not verdict.contradicts:
-                self._follow(frame, verdict, pose, mode)
-                return True
+                return pose
             frame.contradicting[self.name] = pose
         frame.refused[self.name] = verdict.refusal or PoseRefusal.ATTITUDE
-        return False
+        return None
 
     def _follow(self, frame: Frame, verdict: Verdict, pose: Pose, mode: FoundBy) -> None:
         """Follow a target that is found, and publish it if it is believed."""
@@ -337,10 +339,11 @@ class Follower:
         if verdict.refusal in UNDECIDED and is_followed:
             frame.refused[self.name] = verdict.refusal
             return
-        if verdict.pose is not None and not verdict.contradicts:
+        pose = self._believed(frame, verdict)
+        if pose is not None:
             self.track.lose()
             self.track.decoded_at = seen.time
-        self._is_found(frame, verdict, mode)
+            self._follow(frame, verdict, pose, mode)
 
     def _decode_again(self, frame: Frame, pose: Pose) -> bool:
         """Decode the followed target once a period; false ends the track."""

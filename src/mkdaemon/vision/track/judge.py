@@ -142,7 +142,7 @@ class Judge:
         return replace(verdict, decided_by=alone.decided_by, ratio=alone.ratio)
 
     def _judge_first(self, seen: Sight, fits: Sequence[Pose], vertical: Level | None = None) -> Verdict:
-        """Judge the first fits of a target by the image and, where it is known, the vertical."""
+        """Judge the first fits of a target, the best first, by the image and, where it is known, the vertical."""
         checks, level = self._checks, self._checks.level
         branches = self.start_branches(seen, fits, level.log_density(seen, fits))
         if not branches.is_decided and vertical is None:
@@ -155,7 +155,7 @@ class Judge:
         best, is_partial = branches.pose, checks.is_partial(branches.pose)
         refused, decided = checks.refusal(seen, best), branches.is_decided
         if vertical is not None and (is_partial or not decided or refused is not None):
-            return self._judge_held(seen, min(fits, key=lambda pose: pose.loss), vertical)
+            return self._judge_held(seen, fits[0], vertical)
         if not decided:
             return Verdict(best, PoseRefusal.AMBIGUOUS, branches=branches)
         if is_partial and not self._fitter.is_supported(seen.pixels, best):
