@@ -227,7 +227,7 @@ def test_a_fit_without_attitude(given, pose, refusal):
     track = followed(pose)
     asked = checks(GivenFits(pose, **given), track)
     judge, began = Judge(asked), sight(-0.1, attitude=False)
-    track.branches = judge.start_branches(began, asked.candidates(began, pose))
+    track.branches = judge.start_branches(began, asked.candidates(began, [pose]))
     verdict = judge.measure(sight(attitude=False), pose, pose)
     assert verdict.refusal is refusal
     assert verdict.branches is not None
@@ -468,7 +468,7 @@ def test_a_first_pose_without_rival_is_followed_beside_its_mirror_image():
     """Both starts of a tag may run into one minimum; its branch alone would be believed unchallenged."""
     pose = fitted(tilt_deg=6.0)
     rival = mirrored(pose, loss=0.009)
-    alone = checks(GivenFits(mirror=rival)).with_mirror(sight(attitude=False), [pose, replace(pose, loss=0.02)])
-    assert [p.loss for p in alone] == [0.009, 0.01, 0.02], "the best first"
-    both = checks(GivenFits(mirror=replace(rival, loss=0.02))).with_mirror(sight(attitude=False), [pose, rival])
-    assert both == [rival, pose], "a rival that is there counts once"
+    seen, worse = sight(attitude=False), replace(pose, loss=0.02)
+    assert checks(GivenFits(mirror=rival)).candidates(seen, [worse, pose]) == [worse, pose, rival]
+    again = replace(rival, loss=0.02)
+    assert checks(GivenFits(mirror=again)).candidates(seen, [pose, rival]) == [pose, rival], "it counts once"

@@ -23,7 +23,7 @@ multiple hypothesis tracking, Reid, IEEE TAC 24(6), 1979.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -57,6 +57,8 @@ LEAST_WRONG = 0.01
 """Probability that a fit is wrong though all its points agree: a smeared view, a saddle between both readings."""
 LEAVES = 0.001
 """Probability that a target leaves its course from one image to the next, once in half a minute."""
+ANYWHERE = 1e8
+"""Variance of a place about which nothing is known [m^2]."""
 LEAST_NORM = 1e-9
 """Of a place that has a direction [m]."""
 
@@ -165,7 +167,7 @@ class Branches:
         weight: log odds of each against the best, zero or less `(n,)`.
         missed: whether no candidate of the newest image belongs to it `(n,)`.
         together: what the newest images together say against each reading, however little each says `(n,)` [nats].
-        prior: course of the best before the newest image.
+        prior: course of the best before the newest image; anywhere before the first.
         pose: the candidate of that image that belongs to the best; the nearest where it was missed.
     """
 
@@ -193,7 +195,8 @@ class Branches:
         weight, missed = (0.0 if told is None else told) - _evidence(candidates), np.zeros(count, dtype=bool)
         weight -= weight.max()
         kept = _likeliest(course.centre, weight, missed)
-        return cls(course[kept], weight[kept], missed[kept], np.zeros(len(kept)), course[kept[0]], candidates[kept[0]])
+        anywhere = replace(course[kept[0]], covariance=ANYWHERE * np.eye(6))
+        return cls(course[kept], weight[kept], missed[kept], np.zeros(len(kept)), anywhere, candidates[kept[0]])
 
     @property
     def lead(self) -> float:

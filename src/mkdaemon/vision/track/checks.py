@@ -74,23 +74,16 @@ class Checks:
         """Whether so few edges agree that something lies over the target, or edges were taken for their neighbours."""
         return pose.source == "edges" and pose.inliers < LIMITS.agreement.blind
 
-    def candidates(self, seen: Sight, pose: Pose) -> list[Pose]:
-        """A fit and, where perspective does not rule it out, its mirror image."""
-        rival = None if self.shows_perspective(pose) else self.fitter.fit_mirrored(seen.pixels, pose)
-        if rival is None or angle_between(pose.rotation, rival.rotation) < LIMITS.certainty.blind_angle_sd:
-            return [pose]
-        return [pose, rival]
-
-    def with_mirror(self, seen: Sight, poses: Sequence[Pose]) -> list[Pose]:
-        """First poses of an image, the best first, and the best one's mirror image where it is not among them.
+    def candidates(self, seen: Sight, fits: Sequence[Pose]) -> list[Pose]:
+        """Fits of one image and, where perspective does not rule it out, the mirror image of the best one.
 
         The starts of both may have run into one minimum; a branch without its rival would be believed unchallenged.
         """
-        found = sorted(poses, key=lambda pose: pose.loss)
-        same = LIMITS.certainty.blind_angle_sd
-        rivals = self.candidates(seen, found[0])[1:]
-        new = [one for one in rivals if all(angle_between(one.rotation, pose.rotation) > same for pose in found)]
-        return sorted([*found, *new], key=lambda pose: pose.loss)
+        best, same = min(fits, key=lambda pose: pose.loss), LIMITS.certainty.blind_angle_sd
+        rival = None if self.shows_perspective(best) else self.fitter.fit_mirrored(seen.pixels, best)
+        if rival is None or any(angle_between(rival.rotation, pose.rotation) < same for pose in fits):
+            return [*fits]
+        return [*fits, rival]
 
     def cell_px(self, pose: Pose) -> float:
         """Side of a cell of the largest tag in the image [px]."""

@@ -34,7 +34,7 @@ from mkdaemon.vision.tags.tagmap import Tag, Target
 from mkdaemon.vision.track.alarms import ImageHealth
 from mkdaemon.vision.track.attitude import Mounting, Sight
 from mkdaemon.vision.track.checks import Checks
-from mkdaemon.vision.track.judge import UNDECIDED, Judge, Verdict
+from mkdaemon.vision.track.judge import Judge, Verdict
 from mkdaemon.vision.track.result import FoundBy, Frame, TargetPose
 from mkdaemon.vision.track.track import Track, known_motion
 
@@ -335,15 +335,15 @@ class Follower:
             frame.refused[self.name] = PoseRefusal.OFF_COURSE
             return
         verdict = self.judge.first(seen, candidates)
-        is_followed = self.track.branches is not None and self.track.branches.is_decided
-        if verdict.refusal in UNDECIDED and is_followed:
+        pose = self._believed(frame, verdict)
+        if pose is None:
+            return
+        if verdict.refusal is not None and self.track.branches is not None and self.track.branches.is_decided:
             frame.refused[self.name] = verdict.refusal
             return
-        pose = self._believed(frame, verdict)
-        if pose is not None:
-            self.track.lose()
-            self.track.decoded_at = seen.time
-            self._follow(frame, verdict, pose, mode)
+        self.track.lose()
+        self.track.decoded_at = seen.time
+        self._follow(frame, verdict, pose, mode)
 
     def _decode_again(self, frame: Frame, pose: Pose) -> bool:
         """Decode the followed target once a period; false ends the track."""

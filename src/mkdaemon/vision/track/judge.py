@@ -16,7 +16,7 @@ from mkdaemon.vision.pose.ambiguity import Decision, prefers, residual_ratio
 from mkdaemon.vision.pose.edgefit import Level
 from mkdaemon.vision.pose.gates import certainty_refusal
 from mkdaemon.vision.pose.pose import Pose, angle_between, turn
-from mkdaemon.vision.track.attitude import Sight, angle_of, turn_between, without_normal
+from mkdaemon.vision.track.attitude import Sight, angle_of, normal_density, turn_between, without_normal
 from mkdaemon.vision.track.branches import Branches
 from mkdaemon.vision.track.checks import Checks, with_angle_variance
 
@@ -50,13 +50,8 @@ class Verdict:
         return self.pose is not None and self.refusal is PoseRefusal.ATTITUDE
 
 
-UNDECIDED: Final = (PoseRefusal.AMBIGUOUS, PoseRefusal.ANGLE_UNCERTAIN)
-"""Why a first pose is followed without being published: the next images may decide, or know how the camera climbs."""
-
-
-def _followed(first: Pose, refused: PoseRefusal | None) -> Pose | None:
-    """A first pose that is published or followed."""
-    return first if refused is None or refused in UNDECIDED else None
+FOLLOWED: Final = (None, PoseRefusal.AMBIGUOUS, PoseRefusal.ANGLE_UNCERTAIN)
+"""What is thought of a first pose that is followed: the next images may decide, or know how the camera climbs."""
 
 
 class Judge:
@@ -128,12 +123,12 @@ class Judge:
         fits = [pose for pose, why in pairs if why is None or why is PoseRefusal.ATTITUDE]
         if not fits:
             return Verdict(None, next(filter(None, refusals), PoseRefusal.NO_FIT))
-        fits = checks.with_mirror(seen, fits)
-        alone = self._judge_first(seen.without_attitude(), fits)
+        fits = checks.candidates(seen, fits)
+        alone = self._judge_alone(seen.without_attitude(), fits)
         vertical = checks.level.vertical(seen)
         if vertical is None:
             return alone
-        verdict = self._judge_first(seen, fits, vertical)
+        verdict = self._judge_beside(seen, fits, vertical)
         if alone.pose is None or alone.refusal is not None:
             return verdict
         chosen = verdict.pose if verdict.refusal is None else None
@@ -141,44 +136,44 @@ class Judge:
             return Verdict(alone.pose, PoseRefusal.ATTITUDE)
         return replace(verdict, decided_by=alone.decided_by, ratio=alone.ratio)
 
-    def _judge_first(self, seen: Sight, fits: Sequence[Pose], vertical: Level | None = None) -> Verdict:
-        """Judge the first fits of a target, the best first, by the image and, where it is known, the vertical."""
-        checks, level = self._checks, self._checks.level
-        branches = self.start_branches(seen, fits, level.log_density(seen, fits))
-        if not branches.is_decided and vertical is None:
+    def _judge_alone(self, seen: Sight, fits: Sequence[Pose]) -> Verdict:
+        """Judge the first fits of a target by their image."""
+        branches = self.start_branches(seen, fits)
+        if not branches.is_decided:
             # All pixels of a small target tell more than its edges.
-            small = all(pose.source == "edges" and checks.cell_px(pose) < LIMITS.cells.small_px for pose in fits)
-            grey = self._fitter.fit_grey_values(seen.pixels, fits) if small else []
+            small, checks = LIMITS.cells.small_px, self._checks
+            is_small = all(pose.source == "edges" and checks.cell_px(pose) < small for pose in fits)
+            grey = self._fitter.fit_grey_values(seen.pixels, fits) if is_small else []
             by_grey = self.start_branches(seen, grey) if grey else branches
             if by_grey.is_decided:
                 fits, branches = grey, by_grey
-        best, is_partial = branches.pose, checks.is_partial(branches.pose)
-        refused, decided = checks.refusal(seen, best), branches.is_decided
-        if vertical is not None and (is_partial or not decided or refused is not None):
-            return self._judge_held(seen, fits[0], vertical)
-        if not decided:
-            return Verdict(best, PoseRefusal.AMBIGUOUS, branches=branches)
-        if is_partial and not self._fitter.is_supported(seen.pixels, best):
-            # Hidden parts, or a border faked by what hides them: the edges seen tell these apart.
-            return Verdict(None, PoseRefusal.INLIERS)
-        pose = with_angle_variance(level.fuse(seen, best), branches.doubt)
-        refused = refused or certainty_refusal(pose, has_attitude=vertical is not None, is_plain=is_partial)
-        ratio = residual_ratio(best, fits)
-        by: Decision = "unique" if ratio == inf else "image" if vertical is None else "attitude"
-        alone = pose if refused is None and vertical is None else None
-        return Verdict(_followed(pose, refused), refused, alone, branches, by, ratio)
+        verdict = self._judge_branches(seen, branches, fits)
+        return replace(
+            verdict,
+            pose=verdict.pose if verdict.refusal in FOLLOWED else None,
+            decided_by="unique" if verdict.ratio == inf else "image",
+        )
 
-    def _judge_held(self, seen: Sight, pose: Pose, vertical: Level) -> Verdict:
-        """Fit once more with the tilt held: something lying over one side gives a quad that is off by that much."""
-        checks = self._checks
-        upright = turn(pose.rotation, turn_between(pose.rotation[:, 2], vertical.up))
-        held = self._fitter.refine(seen.pixels, replace(pose, rotation=upright), vertical)
-        if held is None or checks.refusal(seen, held) is not None:
-            return Verdict(None, PoseRefusal.ATTITUDE)
-        if angle_of(held.rotation[:, 2], vertical.up) > checks.level.hidden_gate(held):
-            return Verdict(None, PoseRefusal.ATTITUDE)
-        refused, branches = certainty_refusal(held, has_attitude=True), self.start_branches(seen, [held])
-        return Verdict(_followed(held, refused), refused, branches=branches, decided_by="attitude")
+    def _judge_beside(self, seen: Sight, fits: Sequence[Pose], vertical: Level) -> Verdict:
+        """Judge the first fits of a target by image and attitude."""
+        checks, level = self._checks, self._checks.level
+        told = np.array([normal_density(pose, vertical.up, vertical.spread) for pose in fits])
+        branches = self.start_branches(seen, fits, told)
+        pose = branches.pose
+        if branches.is_decided and not checks.is_partial(pose) and checks.refusal(seen, pose) is None:
+            pose = with_angle_variance(level.fuse(seen, pose), branches.doubt)
+        else:
+            # Something lying over one side gives a quad that is off by that much.
+            best = min(fits, key=lambda pose: pose.loss)
+            upright = turn(best.rotation, turn_between(best.rotation[:, 2], vertical.up))
+            held = self._fitter.refine(seen.pixels, replace(best, rotation=upright), vertical)
+            if held is None or checks.refusal(seen, held) is not None:
+                return Verdict(None, PoseRefusal.ATTITUDE)
+            if angle_of(held.rotation[:, 2], vertical.up) > level.hidden_gate(held):
+                return Verdict(None, PoseRefusal.ATTITUDE)
+            pose, branches = held, self.start_branches(seen, [held])
+        refused = certainty_refusal(pose, has_attitude=True)
+        return Verdict(pose if refused in FOLLOWED else None, refused, branches=branches, decided_by="attitude")
 
     def start_branches(self, seen: Sight, candidates: Sequence[Pose], told: Array | None = None) -> Branches:
         """Branches that start in this image, by it and what else is told; a single candidate is believed."""
@@ -211,24 +206,28 @@ class Judge:
 
     def _judge_without_attitude(self, seen: Sight, pose: Pose) -> Verdict:
         """Judge a fit by its mirror image, the images before and the vehicle's inertia."""
-        checks, certain = self._checks, LIMITS.certainty
         if self._track.branches is None:
             return Verdict(pose, PoseRefusal.AMBIGUOUS)
-        candidates = checks.candidates(seen, pose)
+        candidates = self._checks.candidates(seen, [pose])
         branches = self._track.branches.after(seen.time, candidates)
+        refused = None if branches.pose is pose else self._checks.refusal(seen, branches.pose)
+        return self._judge_branches(seen, branches, candidates) if refused is None else Verdict(None, refused)
+
+    def _judge_branches(self, seen: Sight, branches: Branches, candidates: Sequence[Pose]) -> Verdict:
+        """Judge the likeliest reading of the images so far."""
+        checks, certain = self._checks, LIMITS.certainty
         chosen, prior = branches.pose, branches.prior
-        refused = None if chosen is pose else checks.refusal(seen, chosen)
-        if refused is not None:
-            return Verdict(None, refused)
         if not branches.is_decided or branches.is_spoken_against:
             return Verdict(chosen, PoseRefusal.AMBIGUOUS, branches=branches)
         fused = with_angle_variance(prior.fuse(chosen), branches.doubt)
         # The branches allow for errors that last; to be published a pose has to fit by its own covariance.
         if branches.missed[0] or prior.mahalanobis2(chosen, 1.0) > certain.surprising:
             return Verdict(fused, PoseRefusal.OFF_COURSE, branches=branches)
-        is_backed = prior.angle_sd < certain.blind_angle_sd
+        is_backed, is_partial = prior.angle_sd < certain.blind_angle_sd, checks.is_partial(chosen)
         is_plain = is_backed or checks.is_plain(seen, fused)
-        if not is_plain and checks.is_partial(chosen):
+        # Hidden parts, or a border faked by what hides them: the edges seen tell these apart.
+        is_plain = is_plain or (is_partial and self._fitter.is_supported(seen.pixels, chosen))
+        if is_partial and not is_plain:
             return Verdict(fused, PoseRefusal.INLIERS, branches=branches)
         refused = certainty_refusal(fused, has_attitude=False, is_plain=is_plain, is_backed=is_backed)
         alone = fused if refused is None else None

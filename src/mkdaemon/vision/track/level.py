@@ -18,7 +18,6 @@ Source: interacting multiple models, Blom and Bar-Shalom, IEEE TAC 33(8), 1988.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from math import degrees, exp, hypot, log, pi, radians, sqrt
 from typing import Final
@@ -31,7 +30,7 @@ from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.edgefit import Level
 from mkdaemon.vision.pose.pose import Pose, largest_variance
 from mkdaemon.vision.pose.rolling import skew
-from mkdaemon.vision.track.attitude import Mounting, Sight, angle_of, fuse_normal, normal_density
+from mkdaemon.vision.track.attitude import Mounting, Sight, angle_of, fuse_normal
 from mkdaemon.vision.track.branches import lasting_doubt
 
 Array = npt.NDArray[np.float64]
@@ -250,11 +249,6 @@ class LevelKnowledge:
     def contradicted_deg(self) -> float | None:
         """By how much images contradict the attitude [deg]; none while they do not."""
         return self._deck.off_deg if self._deck.is_contradicted else None
-
-    def log_density(self, seen: Sight, poses: Sequence[Pose]) -> Array | None:
-        """Logarithm of the density of the tilt of each pose `(m,)` [nats]; none where nothing is known."""
-        level = self.vertical(seen)
-        return None if level is None else np.array([normal_density(pose, level.up, level.spread) for pose in poses])
 
     def gate(self, seen: Sight, pose: Pose) -> float:
         """Largest disagreement that is believed of a pose [rad]."""
