@@ -139,10 +139,6 @@ class TrackerSection(Section):
     """Correlation between the known bits and the image.
 
     Lower follows what is no longer the target."""
-    min_ambiguity_ratio: float = Field(default=2.0, ge=1)
-    """Second over first reprojection error below which a single view decides nothing.
-
-    Lower takes mirrored poses; higher waits for more views."""
     redetect_period: float = Field(default=1.0, gt=0)
     """Longest time without a decoded tag [s].
 

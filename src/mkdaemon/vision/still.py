@@ -13,7 +13,7 @@ from mkdaemon.vision.arrays import Array, Grey
 from mkdaemon.vision.camera.image import in_light
 from mkdaemon.vision.camera.intrinsics import Intrinsics
 from mkdaemon.vision.limits import HALF, LIMITS
-from mkdaemon.vision.pose.ambiguity import choose
+from mkdaemon.vision.pose.ambiguity import evidence, residual_ratio
 from mkdaemon.vision.pose.edgefit import EdgeFit
 from mkdaemon.vision.pose.fitting import TargetFitter
 from mkdaemon.vision.pose.gates import fit_refusal
@@ -168,13 +168,12 @@ class StillEye:
         candidates.sort(key=lambda pose: pose.loss)
         if not candidates:
             return None
-        choice = choose(candidates, min_ratio=self._cfg.min_ambiguity_ratio)
-        best = choice.pose if choice is not None else candidates[0]
-        rivals = [
-            pose for pose in candidates if angle_between(pose.rotation, best.rotation) > LIMITS.certainty.blind_angle_sd
-        ]
-        ratio = float(np.sqrt(rivals[0].loss / max(best.loss, 1e-12))) if rivals else float("inf")
-        return StillPose(name, best, ratio, choice is None, fit_refusal(best, self._cfg))
+        best, *others = candidates
+        ratio = residual_ratio(best, others)
+        same, decided = LIMITS.certainty.blind_angle_sd, LIMITS.ambiguity.decided
+        rivals = (pose for pose in others if angle_between(pose.rotation, best.rotation) > same)
+        is_ambiguous = any(evidence(best, rival) < decided for rival in rivals)
+        return StillPose(name, best, ratio, is_ambiguous, fit_refusal(best, self._cfg))
 
 
 def _with_lens_in_doubt(pixels: Grey, fit: EdgeFit, candidates: list[Pose]) -> list[Pose]:

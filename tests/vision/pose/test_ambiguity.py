@@ -1,4 +1,4 @@
-"""Which candidate is believed, and when none is."""
+"""What an image says for a pose against its mirror image."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from mkdaemon.vision.limits import LIMITS
-from mkdaemon.vision.pose.ambiguity import choose, log_odds
+from mkdaemon.vision.pose.ambiguity import evidence, log_odds, residual_ratio
 from mkdaemon.vision.pose.pose import Pose, turn
 from mkdaemon.vision.track.attitude import AttitudeHistory, AttitudeSample
 from tests.vision.views import angle_deg
@@ -22,29 +22,22 @@ def tilted(degrees: float, loss: float, points: int = 200) -> Pose:
     return Pose(rotation, np.array([0.1, 0.0, 3.0]), np.eye(6) * 1e-4, "edges", points, np.sqrt(loss), loss=loss)
 
 
+DECIDED = LIMITS.ambiguity.decided
+
+
 @pytest.mark.parametrize(
-    ("candidates", "options", "expected"),
+    ("second", "decides"),
     [
-        ([], {}, None),
-        ([tilted(10, 0.01)], {}, (0, "unique")),
-        ([tilted(10, 0.01), tilted(10.3, 0.02)], {}, (0, "unique")),  # the same pose from two starts
-        ([tilted(10, 0.01), tilted(-10, 0.09)], {}, (0, "image")),
-        ([tilted(-10, 0.09), tilted(10, 0.01)], {}, (1, "image")),
-        ([tilted(10, 0.01), tilted(-10, 0.012)], {}, None),  # ratio 1.1: refused
-        ([tilted(10, 0.01, 20), tilted(-10, 0.09, 20)], {}, None),  # too few samples to believe a ratio
-        ([tilted(10, 0.01), tilted(-10, 0.0101)], {"tilt_errors": [0.3, 0.01], "tilt_gate": 0.06}, (1, "attitude")),
-        ([tilted(10, 0.01), tilted(-10, 0.09)], {"tilt_errors": [0.3, 0.2], "tilt_gate": 0.06}, None),
-        ([tilted(10, 0.01)], {"tilt_errors": [0.3], "tilt_gate": 0.06}, None),
+        (tilted(-10, 0.09), True),
+        (tilted(-10, 0.012), False),
+        (tilted(-10, 0.09, 20), False),  # too few samples to believe a residual
+        (tilted(-10, 0.005), False),  # the image likes the other one better
     ],
 )
-def test_choice(candidates, options, expected):
-    choice = choose(candidates, min_ratio=2.0, **options)
-    if expected is None:
-        assert choice is None
-        return
-    assert choice is not None
-    assert choice.pose is candidates[expected[0]]
-    assert choice.decided_by == expected[1]
+def test_an_image_decides_by_residuals_and_by_how_many_there_are(second, decides):
+    odds = evidence(tilted(10, 0.01), second)
+    assert (odds == DECIDED) == decides
+    assert 0.0 <= odds <= DECIDED
 
 
 @pytest.mark.parametrize(
@@ -59,10 +52,20 @@ def test_choice(candidates, options, expected):
 def test_odds_decide_alone_where_a_fit_leaves_only_noise(rms, inliers, source, decides):
     marks = {"rms_px": rms, "inliers": inliers, "source": source}
     first, second = replace(tilted(10, 9.0, 600), **marks), replace(tilted(-10, 11.0, 600), **marks)
-    assert log_odds(first, second) > LIMITS.ambiguity.decided
-    choice = choose([first, second], min_ratio=2.0)
-    assert (choice is not None) == decides
-    assert choose([first, replace(second, loss=9.5)], min_ratio=2.0) is None
+    assert log_odds(first, second) > DECIDED
+    assert (evidence(first, second) == DECIDED) == decides
+    assert evidence(first, replace(second, loss=9.5)) < DECIDED
+
+
+@pytest.mark.parametrize(("odds_of", "said"), [(0.0101, 0.0), (0.012, 0.4)])
+def test_what_may_be_light_or_blur_says_less(odds_of, said):
+    assert evidence(tilted(10, 0.01), tilted(-10, odds_of)) == pytest.approx(said, abs=0.02)
+
+
+@pytest.mark.parametrize(("losses", "ratio"), [((0.04,), 2.0), ((0.09, 0.04), 2.0), ((), np.inf)])
+def test_the_ratio_is_that_of_the_best_other_reading(losses, ratio):
+    same = tilted(10.3, 0.02)
+    assert residual_ratio(tilted(10, 0.01), [same, *(tilted(-10, loss) for loss in losses)]) == pytest.approx(ratio)
 
 
 def test_odds_grow_with_samples_and_ratio():
@@ -104,13 +107,13 @@ def test_why_a_reading_is_wrong_does_not_speak_for_it():
     odds = log_odds(true, grey(-10, 5.0, shared=5.0, common=0.7, loss=10.0))
     assert odds == log_odds(true, grey(-10, 5.0, loss=10.0))
     assert odds > LIMITS.ambiguity.decided
-    assert choose([true, grey(-10, 5.0, shared=5.0, common=0.7, loss=10.0)], min_ratio=2.0) is not None
+    assert evidence(true, grey(-10, 5.0, shared=5.0, common=0.7, loss=10.0)) == DECIDED
 
 
 def test_a_reading_whose_cost_is_larger_is_not_chosen():
     """What is hidden hardly moves the loss; cost has what the bend and the motion of a reading ask for."""
     assert log_odds(grey(10, 5.0), grey(-10, 3.7, loss=10.0)) < 0.0
-    assert choose([grey(10, 5.0), grey(-10, 3.7, loss=10.0)], min_ratio=2.0) is None
+    assert evidence(grey(10, 5.0), grey(-10, 3.7, loss=10.0)) == 0.0
 
 
 def test_what_leaves_more_than_noise_is_compared_by_what_hidden_samples_hardly_move():

@@ -53,6 +53,6 @@ def test_a_fit_that_ended_between_both_readings_is_asked_for_another() -> None:
     assert np.degrees(saddle.tilt) < 2.5
     assert angle_deg(saddle.rotation, view.rotation) > 4.0
     checks = Checks(fitter, Track(TrackerSection().coast), TrackerSection(), LOOKING_DOWN)
-    rivals = checks.candidates(Sight(view.pixels, 0.0, None), saddle)
+    rivals = checks.candidates(Sight(view.pixels, 0.0, None), [saddle])
     best = min(rivals, key=lambda rival: rival.loss)
     assert angle_deg(best.rotation, view.rotation) < 1.0

@@ -11,14 +11,13 @@ import pytest
 from mkdaemon.config.vision import TrackerSection
 from mkdaemon.telemetry.vision import PoseRefusal
 from mkdaemon.vision.limits import LIMITS
-from mkdaemon.vision.pose.ambiguity import Choice
 from mkdaemon.vision.pose.gates import CellEvidence
 from mkdaemon.vision.pose.pose import Pose, turn
 from mkdaemon.vision.tags.tagmap import TagMap, Target
 from mkdaemon.vision.track.attitude import LOOKING_DOWN, Sight
 from mkdaemon.vision.track.branches import MOST_ODDS
 from mkdaemon.vision.track.checks import Checks
-from mkdaemon.vision.track.judge import FirstJudge, Judge, Verdict
+from mkdaemon.vision.track.judge import Judge, Verdict
 from mkdaemon.vision.track.result import Frame
 from mkdaemon.vision.track.track import Track
 from mkdaemon.vision.track.tracker import Tracker
@@ -123,7 +122,7 @@ def test_a_fit_beside_an_attitude(pose, refusal, is_kept):
     """A gate stops a fit for good; one that is only uncertain is followed and not published."""
     verdict = Judge(checks(GivenFits(pose), followed())).measure(sight(), fitted(), fitted())
     assert verdict.refusal is refusal
-    assert (verdict.pose is not None) == is_kept
+    assert (verdict.pose is not None and not verdict.contradicts) == is_kept
 
 
 @pytest.mark.parametrize(
@@ -176,8 +175,8 @@ def test_cells_have_to_be_read_where_they_can_be(bits, misses, refusal):
 def test_a_fit_that_follows_what_lies_on_the_target_is_tried_again_with_its_tilt_held(free, held, refusal):
     verdict = Judge(checks(GivenFits(free, held), followed())).measure(sight(), fitted(), fitted())
     assert verdict.refusal is refusal
-    assert (verdict.pose is not None) is (refusal is None)
-    assert verdict.pose is None or verdict.pose.rotation is held.rotation
+    assert verdict.contradicts or (verdict.pose is not None) is (refusal is None)
+    assert refusal is not None or verdict.pose.rotation is held.rotation
 
 
 def test_far_away_the_attitude_is_in_the_fit_and_not_told_a_second_time():
@@ -228,10 +227,11 @@ def test_a_fit_without_attitude(given, pose, refusal):
     track = followed(pose)
     asked = checks(GivenFits(pose, **given), track)
     judge, began = Judge(asked), sight(-0.1, attitude=False)
-    track.branches = judge.start_branches(began, asked.candidates(began, pose))
-    assert judge.measure(sight(attitude=False), pose, pose).refusal is refusal
-    assert track.branches is not None
-    assert track.branches.is_decided == (refusal is not PoseRefusal.AMBIGUOUS)
+    track.branches = judge.start_branches(began, asked.candidates(began, [pose]))
+    verdict = judge.measure(sight(attitude=False), pose, pose)
+    assert verdict.refusal is refusal
+    assert verdict.branches is not None
+    assert verdict.branches.is_decided == (refusal is not PoseRefusal.AMBIGUOUS)
 
 
 def test_a_track_in_doubt_goes_over_to_the_reading_that_the_images_speak_for():
@@ -245,6 +245,7 @@ def test_a_track_in_doubt_goes_over_to_the_reading_that_the_images_speak_for():
             track.branches = judge.start_branches(sight(0.0), [wrong, right])
         seen = sight(k * STEP, attitude=False)
         verdict = judge.measure(seen, wrong, wrong)
+        track.branches = verdict.branches
     assert verdict is not None
     assert verdict.refusal is None
     assert verdict.pose is not None
@@ -256,7 +257,9 @@ def test_a_pose_off_the_course_is_followed_and_not_published():
     track.branches = Judge(checks(GivenFits(), track)).start_branches(sight(0.0), [TILTED])
     for k in range(1, 12):
         judge = Judge(checks(GivenFits(TILTED), track))
-        assert judge.measure(sight(k * STEP, attitude=False), TILTED, TILTED).refusal is None
+        verdict = judge.measure(sight(k * STEP, attitude=False), TILTED, TILTED)
+        assert verdict.refusal is None
+        track.branches = verdict.branches
         track.accept(Sight(PIXELS, k * STEP, None), TILTED)
     assert track.branches is not None
     assert track.branches.course[0].angle_sd < LIMITS.certainty.blind_angle_sd
@@ -279,6 +282,7 @@ def test_a_reading_that_images_keep_speaking_against_is_not_published(loss, refu
             begun = judge.start_branches(sight(0.0), [followed_one, other])
             track.branches = replace(begun, weight=np.array([0.0, -MOST_ODDS]))
         verdict = judge.measure(sight(k * STEP, attitude=False), followed_one, followed_one)
+        track.branches = verdict.branches
     assert verdict is not None
     assert verdict.refusal is refusal
 
@@ -289,7 +293,9 @@ FIRST = [
     ({}, [fitted()], True, None),
     ({"bits": 0.3}, [fitted()], True, PoseRefusal.BITS),
     ({}, [fitted(tilt_deg=8.0)], True, PoseRefusal.ATTITUDE),
-    ({"held": fitted()}, [fitted(tilt_deg=8.0)], True, None),
+    # the image alone would publish it
+    ({"held": fitted()}, [fitted(tilt_deg=8.0)], True, PoseRefusal.ATTITUDE),
+    ({"held": fitted()}, [fitted(tilt_deg=8.0, rms_px=0.7)], True, None),
     ({"held": fitted(inliers=0.1)}, [fitted(tilt_deg=8.0)], True, PoseRefusal.ATTITUDE),
     ({}, [TILTED, mirrored(TILTED)], False, PoseRefusal.AMBIGUOUS),
     ({}, [TILTED, mirrored(TILTED, loss=0.1)], False, None),
@@ -311,8 +317,10 @@ FIRST = [
 
 @pytest.mark.parametrize(("given", "candidates", "attitude", "refusal"), FIRST)
 def test_a_first_pose(given, candidates, attitude, refusal):
-    verdict = FirstJudge(checks(GivenFits(**given))).choose(sight(attitude=attitude), candidates)
-    assert isinstance(verdict, Choice) if refusal is None else verdict is refusal
+    verdict = Judge(checks(GivenFits(**given))).first(sight(attitude=attitude), candidates)
+    assert verdict.refusal is refusal
+    is_contradiction = verdict.contradicts
+    assert (verdict.pose is not None) == (refusal in (None, PoseRefusal.AMBIGUOUS) or is_contradiction)
 
 
 def test_all_pixels_decide_between_first_poses_whose_edges_do_not():
@@ -322,27 +330,36 @@ def test_all_pixels_decide_between_first_poses_whose_edges_do_not():
     ]
     for cell_px, refusal in ((6.0, None), (12.0, PoseRefusal.AMBIGUOUS)):
         fits = GivenFits(mirror=mirrored(TILTED), grey=grey, cell_px=cell_px)
-        verdict = FirstJudge(checks(fits)).choose(sight(attitude=False), [TILTED])
-        assert isinstance(verdict, Choice) if refusal is None else verdict is refusal
+        assert Judge(checks(fits)).first(sight(attitude=False), [TILTED]).refusal is refusal
 
 
 def test_of_two_first_poses_the_attitude_chooses_the_level_one():
     level, tilted = fitted(loss=0.02), fitted(tilt_deg=20.0, loss=0.01)
-    verdict = FirstJudge(checks(GivenFits())).choose(sight(), [tilted, level])
-    assert isinstance(verdict, Choice)
+    verdict = Judge(checks(GivenFits())).first(sight(), [tilted, level])
+    assert verdict.refusal is None
+    assert verdict.pose is not None
     assert verdict.decided_by == "attitude"
     assert angle_deg(verdict.pose.rotation, level.rotation) < 0.1
 
 
-@pytest.mark.parametrize(("loss", "contradicts"), [(0.011, False), (0.0095, False), (0.006, True)])
-def test_what_a_track_led_to_and_the_image_prefers_contradicts_an_attitude_that_chose_the_mirror_image(
-    loss, contradicts
+@pytest.mark.parametrize(
+    ("off", "is_certain", "contradicts"),
+    [
+        (fitted(tilt_deg=20.0, loss=0.001), True, True),
+        (fitted(tilt_deg=20.0, loss=0.02), True, False),
+        (fitted(tilt_deg=20.0, loss=0.001), False, False),
+    ],
+)
+def test_a_first_pose_that_the_image_alone_would_publish_contradicts_an_attitude_that_chose_its_mirror_image(
+    off, is_certain, contradicts
 ):
-    level, tilted = fitted(loss=0.01), fitted(tilt_deg=8.0, loss=loss)
-    first = FirstJudge(checks(GivenFits(mirror=level)))
-    verdict = first.choose(sight(), [tilted, level])
-    assert isinstance(verdict, Choice)
-    assert (first.contradicting(sight(), [tilted, level], verdict, tilted) is tilted) == contradicts
+    level = fitted(loss=0.01)
+    off = off if is_certain else replace(off, covariance=SHARP + np.diag([0, 0, 0, 0, 0, 1e-3]))
+    verdict = Judge(checks(GivenFits(held=level))).first(sight(), [off, level])
+    assert verdict.contradicts == contradicts
+    expected = off if contradicts else level
+    assert angle_deg(verdict.pose.rotation, expected.rotation) < 0.1
+    assert verdict.refusal is (PoseRefusal.ATTITUDE if contradicts else None)
 
 
 def test_a_followed_target_whose_edges_agree_tells_that_the_attitude_refuses_it():
@@ -350,7 +367,7 @@ def test_a_followed_target_whose_edges_agree_tells_that_the_attitude_refuses_it(
     for pose, told in ((whole, whole), (hidden, None)):
         verdict = Judge(checks(GivenFits(pose), followed())).measure(sight(), fitted(), fitted())
         assert verdict.refusal is PoseRefusal.ATTITUDE
-        assert verdict.contradicting is told
+        assert verdict.pose is told
 
 
 @pytest.mark.parametrize(("held_loss", "is_published"), [(0.0055, True), (0.019, False)])
@@ -360,16 +377,16 @@ def test_no_tilt_is_held_that_the_image_contradicts_however_many_edges_are_hidde
     held = fitted(inliers=0.8, loss=held_loss)
     verdict = Judge(checks(GivenFits(free, held), followed())).measure(sight(), fitted(), fitted())
     assert (verdict.refusal is None) == is_published
-    assert verdict.contradicting is (None if is_published else free)
+    assert verdict.contradicts != is_published
+    assert verdict.contradicts == (verdict.pose is free)
 
 
 @pytest.mark.parametrize(("cell_px", "is_there"), [(40.0, True), (6.0, False)])
-def test_where_cells_are_read_clearly_a_target_is_followed_that_the_attitude_refuses(cell_px, is_there):
+def test_where_cells_are_read_clearly_a_target_contradicts_the_attitude_that_refuses_it(cell_px, is_there):
     """Something lies over it, so its tilt may be misled, but not its place: the next image begins there."""
     free = fitted(tilt_deg=7.0, inliers=0.76)
     verdict = Judge(checks(GivenFits(free, cell_px=cell_px), followed())).measure(sight(), fitted(), fitted())
     assert verdict.refusal is PoseRefusal.ATTITUDE
-    assert verdict.contradicting is verdict.pose
     assert verdict.pose is (free if is_there else None)
 
 
@@ -389,7 +406,7 @@ def test_no_start_leads_to_a_pose_that_the_image_likes_less_than_one_the_attitud
     target = shipped("single")
     follower = Tracker(TagMap((target,)), VGA, LOOKING_DOWN).followers[0]
     refused, held = fitted(tilt_deg=7.0, loss=0.005), fitted(loss=loss)
-    verdicts = [Verdict(None, PoseRefusal.ATTITUDE, refused), Verdict(held, None)]
+    verdicts = [Verdict(refused, PoseRefusal.ATTITUDE), Verdict(held, None)]
     follower.judge = GivenVerdicts(verdicts)  # type: ignore[assignment]
     for time in (-STEP, 0.0):
         follower.track.accept(Sight(PIXELS, time, np.eye(3)), fitted())
@@ -402,19 +419,20 @@ def test_no_start_leads_to_a_pose_that_the_image_likes_less_than_one_the_attitud
     assert frame.refused.get(target.name) is (None if is_published else PoseRefusal.ATTITUDE)
 
 
-def test_a_target_that_the_attitude_refuses_is_followed_only_where_no_other_start_does_better() -> None:
+def test_a_target_that_the_attitude_refuses_is_followed_only_where_no_other_start_does_better(monkeypatch) -> None:
     """A band over a border misled a fit by 23 degrees beside a right attitude, and another start found the place."""
     target = shipped("single")
     misled, right = fitted(tilt_deg=23.0, loss=0.3), fitted(tilt_deg=0.2)
     for verdicts, position in (
-        ([Verdict(misled, PoseRefusal.ATTITUDE, misled), Verdict(right, None)], right),
-        ([Verdict(misled, PoseRefusal.ATTITUDE, misled)], misled),
+        ([Verdict(misled, PoseRefusal.ATTITUDE), Verdict(right, None)], right),
+        ([Verdict(misled, PoseRefusal.ATTITUDE)], misled),
     ):
         follower = Tracker(TagMap((target,)), VGA, LOOKING_DOWN).followers[0]
         follower.judge = GivenVerdicts(list(verdicts))  # type: ignore[assignment]
         for time in (-STEP, 0.0):
             follower.track.accept(Sight(PIXELS, time, np.eye(3)), fitted())
         follower.track.decoded_at = 0.0
+        monkeypatch.setattr(Checks, "is_plainly_there", lambda _checks, _seen, pose: pose is misled)
         frame = Frame(sight())
         follower.follow(frame)
         assert follower.track.last is position
@@ -425,32 +443,32 @@ def test_a_large_residual_is_no_word_against_the_attitude_where_edges_are_hidden
     free = fitted(tilt_deg=23.0, inliers=0.8, rms_px=0.9)
     verdict = Judge(checks(GivenFits(free, cell_px=40.0), followed())).measure(sight(), fitted(), fitted())
     assert verdict.refusal is not None
-    assert verdict.contradicting is None
+    assert verdict.pose is None
 
 
 @pytest.mark.parametrize(
     ("tilt_deg", "mirror_deg", "refusal", "published_deg"),
     [
         (2.0, 12.0, None, 2.0),  # no deck is tilted like that
-        (2.4, 0.0, None, 0.0),
-        (5.5, 0.3, PoseRefusal.ANGLE_UNCERTAIN, None),
+        (1.8, 0.0, None, 0.0),
+        (4.5, 0.3, PoseRefusal.ANGLE_UNCERTAIN, 0.3),
     ],
 )
 def test_a_lone_first_pose_far_away_is_held_against_its_mirror_image_beside_an_attitude_too(
     tilt_deg, mirror_deg, refusal, published_deg
 ):
     found, rival = fitted(tilt_deg=tilt_deg), fitted(tilt_deg=mirror_deg)
-    verdict = FirstJudge(checks(GivenFits(mirror=rival))).choose(sight(), [found])
-    assert isinstance(verdict, Choice) if refusal is None else verdict is refusal
-    if isinstance(verdict, Choice):
-        assert angle_deg(verdict.pose.rotation, fitted(tilt_deg=published_deg).rotation) < 0.2
+    verdict = Judge(checks(GivenFits(mirror=rival))).first(sight(), [found])
+    assert verdict.refusal is refusal
+    assert verdict.pose is not None
+    assert angle_deg(verdict.pose.rotation, fitted(tilt_deg=published_deg).rotation) < 0.2
 
 
 def test_a_first_pose_without_rival_is_followed_beside_its_mirror_image():
     """Both starts of a tag may run into one minimum; its branch alone would be believed unchallenged."""
     pose = fitted(tilt_deg=6.0)
     rival = mirrored(pose, loss=0.009)
-    alone = checks(GivenFits(mirror=rival)).with_mirror(sight(attitude=False), [pose, replace(pose, loss=0.02)])
-    assert [p.loss for p in alone] == [0.009, 0.01, 0.02], "the best first"
-    both = checks(GivenFits(mirror=fitted(5.0))).with_mirror(sight(attitude=False), [pose, rival])
-    assert both == [rival, pose], "a rival that is there is not asked for"
+    seen, worse = sight(attitude=False), replace(pose, loss=0.02)
+    assert checks(GivenFits(mirror=rival)).candidates(seen, [worse, pose]) == [worse, pose, rival]
+    again = replace(rival, loss=0.02)
+    assert checks(GivenFits(mirror=again)).candidates(seen, [pose, rival]) == [pose, rival], "it counts once"

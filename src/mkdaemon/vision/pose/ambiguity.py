@@ -1,13 +1,11 @@
-"""Choosing between a pose and its mirror image, or refusing to.
+"""What one image says for a pose against its mirror image.
 
-Four points in a plane are explained nearly as well by a pose mirrored about the line of sight. The evidence is taken in
-the order of its strength: the vehicle's attitude over a level target, then the image itself.
+Four points in a plane are explained nearly as well by a pose mirrored about the line of sight.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -17,68 +15,11 @@ from mkdaemon.vision.pose.pose import Pose, angle_between
 
 Decision = Literal["unique", "image", "attitude", "track"]
 
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Choice:
-    """The pose that survived.
-
-    Attributes:
-        pose: the candidate.
-        ratio: second over first residual; infinite when there is no second.
-        decided_by: what settled it.
-    """
-
-    pose: Pose
-    ratio: float
-    decided_by: Decision
-
-
+CAUTION = 4.0
+"""Images over which the errors of a pose last, where light, blur or cover cause them: a factor on its variance, and by
+which what it says beyond `silent` counts less."""
 FIELD = 1.5
 """Power of what neighbours share, for the variance of a mean over a field: (1 + r) / (1 - r) each way, to 10 %."""
-
-
-def choose(
-    candidates: Sequence[Pose],
-    *,
-    min_ratio: float,
-    tilt_errors: Sequence[float] | None = None,
-    tilt_gate: float = 0.0,
-) -> Choice | None:
-    """Pick the true candidate.
-
-    Args:
-        candidates: fitted poses of one target from all starts; may hold the same pose twice.
-        min_ratio: residual ratio from which the image alone decides.
-        tilt_errors: disagreement of each candidate with the vehicle's attitude [rad]; none when unknown.
-        tilt_gate: largest believable disagreement [rad].
-
-    Returns:
-        The choice; none when nothing decides or the attitude contradicts every candidate.
-    """
-    decides, same_pose = LIMITS.ambiguity, LIMITS.certainty.blind_angle_sd
-    order = sorted(range(len(candidates)), key=lambda k: candidates[k].loss)
-    distinct: list[int] = []
-    for k in order:
-        if all(angle_between(candidates[k].rotation, candidates[j].rotation) > same_pose for j in distinct):
-            distinct.append(k)
-    if not distinct:
-        return None
-    ratio = _ratio(candidates, distinct)
-    if tilt_errors is not None:
-        fitting = [k for k in distinct if tilt_errors[k] <= tilt_gate]
-        if len(fitting) == 1:
-            rivals = len(distinct) > 1
-            return Choice(candidates[fitting[0]], ratio, "attitude" if rivals else "unique")
-        if not fitting:
-            return None
-        distinct = fitting
-    first = candidates[distinct[0]]
-    if len(distinct) == 1:
-        return Choice(first, ratio, "unique")
-    second = candidates[distinct[1]]
-    if log_odds(first, second) >= decides.decided and (ratio >= min_ratio or _is_explained(first, second)):
-        return Choice(first, ratio, "image")
-    return None
 
 
 def log_odds(first: Pose, second: Pose) -> float:
@@ -100,6 +41,16 @@ def log_odds(first: Pose, second: Pose) -> float:
     return facts * float(np.log(max(second.loss, 1e-12) / max(first.loss, 1e-12)))
 
 
+def evidence(first: Pose, second: Pose) -> float:
+    """What an image adds to the log odds of a fit against one that it likes less, zero to `decided` [nats].
+
+    Where a fit leaves nothing but noise, all it says; elsewhere what hides the target, light or blur may take sides.
+    """
+    odds = log_odds(first, second)
+    odds = odds if _is_explained(first, second) else (odds - LIMITS.branches.silent) / CAUTION
+    return min(max(odds, 0.0), LIMITS.ambiguity.decided)
+
+
 def prefers(first: Pose, second: Pose) -> bool:
     """Whether the image prefers one fit to another of its kind, by more than blur or light do."""
     return first.source == second.source and log_odds(first, second) > LIMITS.branches.silent
@@ -112,7 +63,8 @@ def _is_explained(first: Pose, second: Pose) -> bool:
     return grey and quiet and first.inliers >= LIMITS.agreement.whole
 
 
-def _ratio(candidates: Sequence[Pose], distinct: Sequence[int]) -> float:
-    if len(distinct) < 2:
-        return float("inf")
-    return float(np.sqrt(candidates[distinct[1]].loss / max(candidates[distinct[0]].loss, 1e-12)))
+def residual_ratio(pose: Pose, others: Sequence[Pose]) -> float:
+    """Residual of the best other reading over that of a pose; infinite without one."""
+    same = LIMITS.certainty.blind_angle_sd
+    rivals = [other.loss for other in others if angle_between(pose.rotation, other.rotation) > same]
+    return float(np.sqrt(min(rivals) / max(pose.loss, 1e-12))) if rivals else float("inf")

@@ -184,6 +184,16 @@ def fuse_normal(pose: Pose, expected: Array, spread: float) -> Pose:
     return updated(pose, _tilting(across), across @ error, spread**2 * np.eye(2))
 
 
+def normal_density(pose: Pose, expected: Array, spread: float) -> float:
+    """Logarithm of the density of a pose's normal where one is expected, without the constant ln 2 pi [1/rad^2].
+
+    N(error; 0, S), S = H P H^T + spread^2 about both axes across it.
+    """
+    error, across = _apart(pose, expected)
+    error, both = across @ error, across @ pose.covariance[3:, 3:] @ across.T + spread**2 * np.eye(2)
+    return -float(error @ np.linalg.solve(both, error) + np.log(np.linalg.det(both))) / 2.0
+
+
 def updated(pose: Pose, observe: Array, surprise: Array, noise: Array) -> Pose:
     """A Kalman update of a pose: K = P H^T (H P H^T + R)^-1.
 

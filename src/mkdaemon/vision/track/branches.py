@@ -23,14 +23,14 @@ multiple hypothesis tracking, Reid, IEEE TAC 24(6), 1979.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from mkdaemon.vision.limits import LIMITS
-from mkdaemon.vision.pose.ambiguity import log_odds
+from mkdaemon.vision.pose.ambiguity import CAUTION, evidence, log_odds
 from mkdaemon.vision.pose.pose import Pose, inverse
 from mkdaemon.vision.pose.rolling import skew
 from mkdaemon.vision.track.attitude import updated
@@ -47,9 +47,6 @@ MOVING_PSD = 25.0
 """The same where the target moves by itself, as a deck or another vehicle does [m^2/s^3]."""
 LEAST_INLIERS = 1e-3
 """Share of points that agree; a fit with fewer has no place."""
-CAUTION = 4.0
-"""Images over which the errors of a pose last, where light, blur or cover cause them: a factor on its variance, and by
-which what it says beyond `silent` counts less."""
 FLOOR = 0.002
 """Deviation of the lens from what a pose says that is always possible, of the range."""
 KEPT = 6
@@ -60,6 +57,8 @@ LEAST_WRONG = 0.01
 """Probability that a fit is wrong though all its points agree: a smeared view, a saddle between both readings."""
 LEAVES = 0.001
 """Probability that a target leaves its course from one image to the next, once in half a minute."""
+ANYWHERE = 1e8
+"""Variance of a place about which nothing is known [m^2]."""
 LEAST_NORM = 1e-9
 """Of a place that has a direction [m]."""
 
@@ -168,7 +167,7 @@ class Branches:
         weight: log odds of each against the best, zero or less `(n,)`.
         missed: whether no candidate of the newest image belongs to it `(n,)`.
         together: what the newest images together say against each reading, however little each says `(n,)` [nats].
-        prior: course of the best before the newest image.
+        prior: course of the best before the newest image; anywhere before the first.
         pose: the candidate of that image that belongs to the best; the nearest where it was missed.
     """
 
@@ -180,19 +179,24 @@ class Branches:
     pose: Pose
 
     @classmethod
-    def begin(cls, time: float, candidates: Sequence[Pose], *, moving: bool = False) -> Branches:
+    def begin(
+        cls, time: float, candidates: Sequence[Pose], told: Array | None = None, *, moving: bool = False
+    ) -> Branches:
         """Start from the candidates of one image; a single one is known to be true.
 
         Args:
             time: of the image [s].
-            candidates: at least one, the best first.
+            candidates: at least one.
+            told: logarithm of the density of each by what is known beside the image `(m,)`.
             moving: whether the target moves by itself.
         """
         course = Course.begin(time, *places(candidates), MOVING_PSD if moving else ACCELERATION_PSD)
         count = len(candidates)
-        weight, missed = -_evidence(candidates), np.zeros(count, dtype=bool)
+        weight, missed = (0.0 if told is None else told) - _evidence(candidates), np.zeros(count, dtype=bool)
+        weight -= weight.max()
         kept = _likeliest(course.centre, weight, missed)
-        return cls(course[kept], weight[kept], missed[kept], np.zeros(len(kept)), course[kept[0]], candidates[kept[0]])
+        anywhere = replace(course[kept[0]], covariance=ANYWHERE * np.eye(6))
+        return cls(course[kept], weight[kept], missed[kept], np.zeros(len(kept)), anywhere, candidates[kept[0]])
 
     @property
     def lead(self) -> float:
@@ -308,8 +312,7 @@ def lasting_doubt(pose: Pose) -> float:
 def _evidence(candidates: Sequence[Pose]) -> Array:
     """What one image takes off the log odds of each fit for the sake of the best, zero or more `(m,)`."""
     best = min(candidates, key=lambda pose: pose.loss)
-    odds = np.array([0.0 if pose is best else log_odds(best, pose) for pose in candidates])
-    return np.clip((odds - BRANCHES.silent) / CAUTION, 0.0, DECIDED)
+    return np.array([0.0 if pose is best else evidence(best, pose) for pose in candidates])
 
 
 def _angles(some: Array, others: Array) -> Array:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from math import exp
 
 import numpy as np
 
@@ -12,7 +11,7 @@ from mkdaemon.config.vision import TrackerSection
 from mkdaemon.telemetry.vision import PoseRefusal
 from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.fitting import TargetFitter
-from mkdaemon.vision.pose.gates import fit_refusal
+from mkdaemon.vision.pose.gates import certainty_refusal, fit_refusal
 from mkdaemon.vision.pose.pose import Pose, angle_between
 from mkdaemon.vision.track.attitude import Mounting, Sight
 from mkdaemon.vision.track.level import LevelKnowledge
@@ -75,23 +74,16 @@ class Checks:
         """Whether so few edges agree that something lies over the target, or edges were taken for their neighbours."""
         return pose.source == "edges" and pose.inliers < LIMITS.agreement.blind
 
-    def candidates(self, seen: Sight, pose: Pose) -> list[Pose]:
-        """A fit and, where perspective does not rule it out, its mirror image."""
-        rival = None if self.shows_perspective(pose) else self.fitter.fit_mirrored(seen.pixels, pose)
-        if rival is None or angle_between(pose.rotation, rival.rotation) < LIMITS.certainty.blind_angle_sd:
-            return [pose]
-        return [pose, rival]
-
-    def with_mirror(self, seen: Sight, poses: Sequence[Pose]) -> list[Pose]:
-        """First poses of an image, the best first, with the best one's mirror image where none is among them.
+    def candidates(self, seen: Sight, fits: Sequence[Pose]) -> list[Pose]:
+        """Fits of one image and, where perspective does not rule it out, the mirror image of the best one.
 
         The starts of both may have run into one minimum; a branch without its rival would be believed unchallenged.
         """
-        found = sorted(poses, key=lambda pose: pose.loss)
-        best = found[0]
-        if all(angle_between(best.rotation, pose.rotation) < LIMITS.certainty.blind_angle_sd for pose in found):
-            found = sorted([*found, *self.candidates(seen, best)[1:]], key=lambda pose: pose.loss)
-        return found
+        best, same = min(fits, key=lambda pose: pose.loss), LIMITS.certainty.blind_angle_sd
+        rival = None if self.shows_perspective(best) else self.fitter.fit_mirrored(seen.pixels, best)
+        if rival is None or any(angle_between(rival.rotation, pose.rotation) < same for pose in fits):
+            return [*fits]
+        return [*fits, rival]
 
     def cell_px(self, pose: Pose) -> float:
         """Side of a cell of the largest tag in the image [px]."""
@@ -110,6 +102,10 @@ class Checks:
         """Whether the target is large and its cells are read clearly: hidden parts then mislead nobody."""
         return self.cell_px(pose) > LIMITS.cells.perspective_px and self.are_cells_clear(seen, pose)
 
+    def is_plainly_there(self, seen: Sight, pose: Pose) -> bool:
+        """Whether a large target whose cells are read clearly lies as a pose says, for all but the attitude."""
+        return self.is_plain(seen, pose) and certainty_refusal(pose, has_attitude=False, is_plain=True) is None
+
     def are_cells_clear(self, seen: Sight, pose: Pose) -> bool:
         """Whether the cells are read clearly."""
         bits = self.fitter.match(seen.pixels, pose)
@@ -121,19 +117,3 @@ def with_angle_variance(pose: Pose, variance: float) -> Pose:
     covariance = pose.covariance.copy()
     covariance[3:, 3:] += variance * np.eye(3)
     return replace(pose, covariance=covariance)
-
-
-def with_rival(pose: Pose, rival: Pose, odds: float) -> Pose:
-    """The pose with the doubt in its covariance that a rival leaves.
-
-    A mixture of two poses `between` apart, the other one with probability p, has the variance p (1 - p) between^2 about
-    the better one's axis of difference.
-
-    Args:
-        pose: the likelier one.
-        rival: the other.
-        odds: for the pose [nats].
-    """
-    doubt = 1.0 / (1.0 + exp(odds))
-    between = angle_between(pose.rotation, rival.rotation)
-    return with_angle_variance(pose, doubt * (1.0 - doubt) * between**2)

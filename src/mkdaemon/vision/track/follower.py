@@ -19,7 +19,7 @@ import numpy.typing as npt
 from mkdaemon.config.vision import TrackerSection
 from mkdaemon.telemetry.vision import PoseRefusal
 from mkdaemon.vision.limits import HALF, LIMITS
-from mkdaemon.vision.pose.ambiguity import Choice, prefers
+from mkdaemon.vision.pose.ambiguity import prefers
 from mkdaemon.vision.pose.bend import Bend
 from mkdaemon.vision.pose.carry import Carrier
 from mkdaemon.vision.pose.fitting import TargetFitter
@@ -34,7 +34,7 @@ from mkdaemon.vision.tags.tagmap import Tag, Target
 from mkdaemon.vision.track.alarms import ImageHealth
 from mkdaemon.vision.track.attitude import Mounting, Sight
 from mkdaemon.vision.track.checks import Checks
-from mkdaemon.vision.track.judge import FirstJudge, Judge, Verdict
+from mkdaemon.vision.track.judge import Judge, Verdict
 from mkdaemon.vision.track.result import FoundBy, Frame, TargetPose
 from mkdaemon.vision.track.track import Track, known_motion
 
@@ -160,10 +160,6 @@ class RowsWatch:
         self._shutter.learn(known, between.seen_motion)
 
 
-UNDECIDED: Final = (PoseRefusal.AMBIGUOUS, PoseRefusal.ANGLE_UNCERTAIN)
-"""Why a first pose is followed without being published: the next images may decide, or know how the camera climbs."""
-
-
 class Follower:
     """Finds and follows one target.
 
@@ -194,7 +190,6 @@ class Follower:
         self._carrier = Carrier(target, projection)
         self._checks = Checks(self._fitter, self.track, cfg, mounting)
         self.judge = Judge(self._checks)
-        self._first = FirstJudge(self._checks)
 
     def follow(self, frame: Frame) -> None:
         """Try to find the target where it should be."""
@@ -253,40 +248,46 @@ class Follower:
 
     def _measured(self, frame: Frame, predicted: Pose, starts: Iterable[tuple[FoundBy, Pose]]) -> bool:
         """Whether the target is found from one of several starts; it is followed then, and published if believed."""
-        seen, refused = self._seen(frame), None
+        seen = self._seen(frame)
         for mode, start in starts:
             verdict = self.judge.measure(seen, self._with_climb(seen, start), predicted)
-            rival, against = frame.contradicting.get(self.name), verdict.contradicting
-            if against is not None:
-                if rival is None or prefers(against, rival):
-                    frame.contradicting[self.name] = against
-                if verdict.pose is not None:
-                    refused = refused or verdict
-            elif verdict.pose is not None:
-                if rival is None or not prefers(rival, verdict.pose):
-                    self._found(frame, verdict, verdict.pose, mode)
-                    return True
-                # It agrees with the attitude; the image prefers what the attitude refused.
-                frame.refused[self.name] = PoseRefusal.ATTITUDE
-                continue
-            frame.refused[self.name] = verdict.refusal or PoseRefusal.NO_FIT
-        if refused is None or refused.pose is None:
+            pose = self._believed(frame, verdict)
+            if pose is not None:
+                self._follow(frame, verdict, pose, mode)
+                return True
+        against = frame.contradicting.get(self.name)
+        if against is None or not self._checks.is_plainly_there(seen, against):
             return False
-        self._found(frame, refused, refused.pose, "predicted")
+        self._follow(frame, Verdict(against, PoseRefusal.ATTITUDE), against, "predicted")
         return True
 
-    def _found(self, frame: Frame, verdict: Verdict, pose: Pose, mode: FoundBy) -> None:
+    def _believed(self, frame: Frame, verdict: Verdict) -> Pose | None:
+        """The pose of a verdict to follow the target with; none where a gate or the image speaks against it.
+
+        What contradicts the attitude from one start counts for all starts of the image: of poses that agree with it
+        none is believed that the image likes less.
+        """
+        pose, against = verdict.pose, frame.contradicting.get(self.name)
+        if pose is not None and (against is None or not prefers(against, pose)):
+            if not verdict.contradicts:
+                return pose
+            frame.contradicting[self.name] = pose
+        frame.refused[self.name] = verdict.refusal or PoseRefusal.ATTITUDE
+        return None
+
+    def _follow(self, frame: Frame, verdict: Verdict, pose: Pose, mode: FoundBy) -> None:
         """Follow a target that is found, and publish it if it is believed."""
         seen = self._seen(frame)
-        if verdict.alone is not None:
-            frame.alone[self.name] = verdict.alone
         if not self._decode_again(frame, pose):
             return
+        self.track.accept(seen, pose)
+        self.track.branches = verdict.branches or self.track.branches
         if verdict.refusal is not None:
-            self.track.accept(seen, pose)
             frame.follow(self.name, verdict.refusal)
-            return
-        self._publish(frame, Choice(pose, float("inf"), "track"), mode)
+        else:
+            self._publish(frame, verdict, pose, mode)
+        if verdict.alone is not None:
+            self._checks.level.learn(frame.sight, verdict.alone)
 
     @property
     def contradicted_deg(self) -> float | None:
@@ -294,16 +295,15 @@ class Follower:
         return self._checks.level.contradicted_deg
 
     def settle(self, frame: Frame) -> None:
-        """Let what was found speak about deck and attitude, and count an image that shows no target.
+        """Let what contradicts the attitude speak against it, and count an image that shows no target.
 
-        Where the image that leaves the attitude out was refused by it, it is looked at without.
+        The image that leaves the attitude out is looked at without.
         """
-        refused = frame.contradicting.get(self.name)
-        pose = refused or frame.alone.get(self.name)
-        if pose is not None and self._checks.level.learn(frame.sight, pose) and refused is not None:
+        against = frame.contradicting.pop(self.name, None)
+        if against is not None and self._checks.level.learn(frame.sight, against):
             self.start(frame, frame.detections, "search")
             if self.track.is_live and all(found.target != self.name for found in frame.poses):
-                self._measured(frame, self._predicted(self._seen(frame)), [("predicted", refused)])
+                self._measured(frame, self._predicted(self._seen(frame)), [("predicted", against)])
         self.track.misses += not frame.has(self.name)
 
     def forget(self) -> None:
@@ -334,20 +334,16 @@ class Follower:
         if candidates and not any(self.track.can_be_at(seen.time, pose) for pose in candidates):
             frame.refused[self.name] = PoseRefusal.OFF_COURSE
             return
-        verdict = self._first.choose(seen, candidates)
-        contradicting = self._first.contradicting(seen, candidates, verdict, frame.contradicting.pop(self.name, None))
-        if contradicting is not None:
-            frame.contradicting[self.name] = contradicting
-            frame.refused[self.name] = PoseRefusal.ATTITUDE
+        verdict = self.judge.first(seen, candidates)
+        pose = self._believed(frame, verdict)
+        if pose is None:
             return
-        if isinstance(verdict, PoseRefusal):
-            frame.refused[self.name] = verdict
-            if verdict in UNDECIDED:
-                self._start_ambiguous(frame, candidates)
+        if verdict.refusal is not None and self.track.branches is not None and self.track.branches.is_decided:
+            frame.refused[self.name] = verdict.refusal
             return
+        self.track.lose()
         self.track.decoded_at = seen.time
-        self.track.branches = self.judge.start_branches(seen, [verdict.pose])
-        self._publish(frame, verdict, mode)
+        self._follow(frame, verdict, pose, mode)
 
     def _decode_again(self, frame: Frame, pose: Pose) -> bool:
         """Decode the followed target once a period; false ends the track."""
@@ -375,19 +371,6 @@ class Follower:
         track.lose()
         return False
 
-    def _start_ambiguous(self, frame: Frame, candidates: Sequence[Pose]) -> None:
-        """Start a track that waits until it can decide between a pose and its mirror image."""
-        track = self.track
-        if track.branches is not None and track.branches.is_decided:
-            return
-        seen = self._seen(frame)
-        rivals = self._checks.with_mirror(seen, candidates)
-        track.lose()
-        track.branches = self.judge.start_branches(seen, rivals)
-        track.decoded_at = seen.time
-        self.track.accept(seen, rivals[0])
-        frame.follow(self.name, PoseRefusal.AMBIGUOUS)
-
     def _seen(self, frame: Frame) -> Sight:
         """An image as the target is looked for in it: without an attitude that its images contradict."""
         return self._checks.level.sight(frame.sight)
@@ -397,26 +380,23 @@ class Follower:
         expected = self.track.predict(seen, self._mounting)
         return replace(expected, bend=None, known_bend=self._bend.at(seen.time))
 
-    def _publish(self, frame: Frame, choice: Choice, mode: FoundBy) -> None:
-        seen = self._seen(frame)
-        self.track.accept(seen, choice.pose)
-        self.track.published = seen.time, choice.pose.range_m
-        self._bend.learn(seen.time, choice.pose)
-        self._rows.pose_found(seen.time, choice.pose)
-        if not self._checks.level.knows(seen):
-            frame.alone[self.name] = choice.pose
+    def _publish(self, frame: Frame, verdict: Verdict, pose: Pose, mode: FoundBy) -> None:
+        time = frame.sight.time
+        self.track.published = time, pose.range_m
+        self._bend.learn(time, pose)
+        self._rows.pose_found(time, pose)
         frame.refused.pop(self.name, None)
         frame.contradicting.pop(self.name, None)
-        self._health.note(choice.pose, self._fitter.side_px(choice.pose))
+        self._health.note(pose, self._fitter.side_px(pose))
         frame.poses.append(
             TargetPose(
                 self.name,
                 self._target.frame,
-                choice.pose,
-                choice.ratio,
-                choice.decided_by,
+                pose,
+                verdict.ratio,
+                verdict.decided_by,
                 mode,
-                self._fitter.match(seen.pixels, choice.pose),
-                seen.time - self.track.decoded_at,
+                self._fitter.match(frame.sight.pixels, pose),
+                time - self.track.decoded_at,
             )
         )

@@ -4,39 +4,58 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from math import inf
 from typing import Final
+
+import numpy as np
+import numpy.typing as npt
 
 from mkdaemon.telemetry.vision import PoseRefusal
 from mkdaemon.vision.limits import LIMITS
-from mkdaemon.vision.pose.ambiguity import Choice, choose, prefers
+from mkdaemon.vision.pose.ambiguity import Decision, prefers, residual_ratio
+from mkdaemon.vision.pose.edgefit import Level
 from mkdaemon.vision.pose.gates import certainty_refusal
 from mkdaemon.vision.pose.pose import Pose, angle_between, turn
-from mkdaemon.vision.track.attitude import Sight, angle_of, turn_between, without_normal
+from mkdaemon.vision.track.attitude import Sight, angle_of, normal_density, turn_between, without_normal
 from mkdaemon.vision.track.branches import Branches
-from mkdaemon.vision.track.checks import Checks, with_angle_variance, with_rival
+from mkdaemon.vision.track.checks import Checks, with_angle_variance
+
+Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Verdict:
-    """What is thought of a fit.
+    """What is thought of the fits of one image.
 
     Attributes:
-        pose: to go on following the target with; none when a gate stopped it. Where only the attitude speaks against a
-            target that is plainly there, that is the contradicting fit.
+        pose: to go on following the target with; none when a gate stopped it. Refused by the attitude, the fit that
+            contradicts it: the image prefers it to what agrees with the attitude.
         refusal: why it is not published; none when it is.
-        contradicting: a fit that the attitude refuses, and that nearly all edges agree with, whose cells are clear, or
-            that the image prefers to the one with the attitude's tilt; none without one.
-        alone: the fit by what the image alone says, where the attitude agrees with it.
+        alone: the fit by what the image alone says, where the attitude agrees with it or is unknown.
+        branches: the readings of the target's images with this one; none where it tells nothing about them.
+        decided_by: what settled which reading is true.
+        ratio: residual of the best other reading over that of the pose; infinite without one.
     """
 
     pose: Pose | None
     refusal: PoseRefusal | None
-    contradicting: Pose | None = None
     alone: Pose | None = None
+    branches: Branches | None = None
+    decided_by: Decision = "track"
+    ratio: float = inf
+
+    @property
+    def contradicts(self) -> bool:
+        """Whether the pose contradicts the attitude."""
+        return self.pose is not None and self.refusal is PoseRefusal.ATTITUDE
+
+
+FOLLOWED: Final = (None, PoseRefusal.AMBIGUOUS, PoseRefusal.ANGLE_UNCERTAIN)
+"""What is thought of a first pose that is followed: the next images may decide, or know how the camera climbs."""
 
 
 class Judge:
-    """Measures and judges one target that is followed.
+    """Measures and judges one target.
 
     Args:
         checks: the target's gates.
@@ -58,47 +77,107 @@ class Judge:
         # Far away a tilt hardly shows: what the attitude knows of it belongs into the fit, which is not linear there.
         vertical = checks.level.vertical(seen)
         held = vertical if self._fitter.is_small(start) else None
-        pose = self._fitter.refine(seen.pixels, start, held)
-        is_held, fitted = held is not None and start.rotation is predicted.rotation, pose
-        alone = pose
-        if pose is not None and held is not None:
-            alone, says_more = without_normal(pose, held.up, held.spread)
+        fit = fitted = alone = self._fitter.refine(seen.pixels, start, held)
+        is_held = held is not None and start.rotation is predicted.rotation
+        if fitted is not None and held is not None:
+            alone, says_more = without_normal(fitted, held.up, held.spread)
             if says_more:
-                pose, held = alone, None
-        refused = checks.refusal(seen, pose) if pose is not None else PoseRefusal.NO_FIT
-        if pose is not None and alone is not None and refused is None:
-            if checks.level.knows(seen):
-                # What the images before told of the deck; with this one in it the image would count twice.
-                fused = pose if held is not None else checks.level.fuse(seen, pose)
-                return replace(self._judge_with_attitude(seen, fused), alone=alone)
-            return self._judge_without_attitude(seen, pose)
-        contradicting, off = None, pose if refused is PoseRefusal.ATTITUDE else None
-        if off is not None and checks.is_whole(off):
-            # Nothing lies over such a target; a held tilt agrees with the attitude whatever the image says.
-            contradicting = off
-        elif vertical is not None:
+                fit, held = alone, None
+        refused = checks.refusal(seen, fit) if fit is not None else PoseRefusal.NO_FIT
+        if fit is not None and refused is None:
+            if not checks.level.knows(seen):
+                return self._judge_without_attitude(seen, fit)
+            # What the images before told of the deck; with this one in it the image would count twice.
+            fused = fit if held is not None else checks.level.fuse(seen, fit)
+            return replace(self._judge_with_attitude(seen, fused), alone=alone)
+        off = fit if refused is PoseRefusal.ATTITUDE else None
+        # Nothing lies over a whole target; a held tilt agrees with the attitude whatever the image says.
+        is_sure = off is not None and checks.is_whole(off)
+        if vertical is not None and not is_sure:
             # A free fit may follow something lying over the target, and agrees with the image no better then: hold the
             # tilt and try again.
             leaning = fitted
             if not is_held:
                 leaning = self._fitter.refine(seen.pixels, replace(start, rotation=predicted.rotation), vertical)
-            leans = leaning is not None and checks.refusal(seen, leaning) is None
-            if leaning is not None and leans and (off is None or not prefers(off, leaning)):
-                return self.add_inertia(seen, leaning)
-            if off is not None and (leans or self._is_plainly_there(seen, off)):
-                contradicting = off
-        is_there = contradicting is not None and self._is_plainly_there(seen, contradicting)
-        return Verdict(contradicting if is_there else None, refused, contradicting)
+            if leaning is not None and checks.refusal(seen, leaning) is None:
+                if off is None or not prefers(off, leaning):
+                    return self.add_inertia(seen, leaning)
+                is_sure = True
+        if off is not None and (is_sure or checks.is_plainly_there(seen, off)):
+            return Verdict(off, PoseRefusal.ATTITUDE)
+        return Verdict(None, refused)
 
-    def _is_plainly_there(self, seen: Sight, pose: Pose) -> bool:
-        """Whether a large target whose cells are read clearly lies as a pose says, for all but the attitude."""
-        if not self._checks.is_plain(seen, pose):
-            return False
-        return certainty_refusal(pose, has_attitude=False, is_plain=True) is None
+    def first(self, seen: Sight, candidates: Sequence[Pose]) -> Verdict:
+        """Judge poses from decoded tags.
 
-    def start_branches(self, seen: Sight, candidates: Sequence[Pose]) -> Branches:
-        """Branches that start in this image, the best candidate first; a single one is believed."""
-        return Branches.begin(seen.time, candidates, moving=self._fitter.target.moving)
+        An attitude with both signs swapped agrees with the mirror image of a target in the middle of the image, which
+        may be too uncertain to be published: what the image alone would publish elsewhere contradicts it.
+
+        Args:
+            seen: the image.
+            candidates: fitted poses.
+        """
+        checks = self._checks
+        refusals = [checks.refusal(seen, pose) for pose in candidates]
+        pairs = zip(candidates, refusals, strict=True)
+        fits = [pose for pose, why in pairs if why is None or why is PoseRefusal.ATTITUDE]
+        if not fits:
+            return Verdict(None, next(filter(None, refusals), PoseRefusal.NO_FIT))
+        fits = checks.candidates(seen, fits)
+        alone = self._judge_alone(seen.without_attitude(), fits)
+        vertical = checks.level.vertical(seen)
+        if vertical is None:
+            return alone
+        verdict = self._judge_beside(seen, fits, vertical)
+        if alone.pose is None or alone.refusal is not None:
+            return verdict
+        chosen = verdict.pose if verdict.refusal is None else None
+        if chosen is None or angle_between(alone.pose.rotation, chosen.rotation) > LIMITS.certainty.wrong_angle:
+            return Verdict(alone.pose, PoseRefusal.ATTITUDE)
+        return replace(verdict, decided_by=alone.decided_by, ratio=alone.ratio)
+
+    def _judge_alone(self, seen: Sight, fits: Sequence[Pose]) -> Verdict:
+        """Judge the first fits of a target by their image."""
+        branches = self.start_branches(seen, fits)
+        if not branches.is_decided:
+            # All pixels of a small target tell more than its edges.
+            small, checks = LIMITS.cells.small_px, self._checks
+            is_small = all(pose.source == "edges" and checks.cell_px(pose) < small for pose in fits)
+            grey = self._fitter.fit_grey_values(seen.pixels, fits) if is_small else []
+            by_grey = self.start_branches(seen, grey) if grey else branches
+            if by_grey.is_decided:
+                fits, branches = grey, by_grey
+        verdict = self._judge_branches(seen, branches, fits)
+        return replace(
+            verdict,
+            pose=verdict.pose if verdict.refusal in FOLLOWED else None,
+            decided_by="unique" if verdict.ratio == inf else "image",
+        )
+
+    def _judge_beside(self, seen: Sight, fits: Sequence[Pose], vertical: Level) -> Verdict:
+        """Judge the first fits of a target by image and attitude."""
+        checks, level = self._checks, self._checks.level
+        told = np.array([normal_density(pose, vertical.up, vertical.spread) for pose in fits])
+        branches = self.start_branches(seen, fits, told)
+        pose = branches.pose
+        if branches.is_decided and not checks.is_partial(pose) and checks.refusal(seen, pose) is None:
+            pose = with_angle_variance(level.fuse(seen, pose), branches.doubt)
+        else:
+            # Something lying over one side gives a quad that is off by that much.
+            best = min(fits, key=lambda pose: pose.loss)
+            upright = turn(best.rotation, turn_between(best.rotation[:, 2], vertical.up))
+            held = self._fitter.refine(seen.pixels, replace(best, rotation=upright), vertical)
+            if held is None or checks.refusal(seen, held) is not None:
+                return Verdict(None, PoseRefusal.ATTITUDE)
+            if angle_of(held.rotation[:, 2], vertical.up) > level.hidden_gate(held):
+                return Verdict(None, PoseRefusal.ATTITUDE)
+            pose, branches = held, self.start_branches(seen, [held])
+        refused = certainty_refusal(pose, has_attitude=True)
+        return Verdict(pose if refused in FOLLOWED else None, refused, branches=branches, decided_by="attitude")
+
+    def start_branches(self, seen: Sight, candidates: Sequence[Pose], told: Array | None = None) -> Branches:
+        """Branches that start in this image, by it and what else is told; a single candidate is believed."""
+        return Branches.begin(seen.time, candidates, told, moving=self._fitter.target.moving)
 
     def add_inertia(self, seen: Sight, pose: Pose) -> Verdict:
         """Judge a pose the attitude agrees with; what inertia knows is added where the pose alone is too uncertain.
@@ -123,163 +202,33 @@ class Judge:
         branches = branches.after(seen.time, [pose]) if branches is not None and branches.is_decided else None
         if branches is None or branches.missed[0]:
             branches = self.start_branches(seen, [pose])
-        self._track.branches = branches
-        return verdict
+        return replace(verdict, branches=branches)
 
     def _judge_without_attitude(self, seen: Sight, pose: Pose) -> Verdict:
         """Judge a fit by its mirror image, the images before and the vehicle's inertia."""
-        checks, certain = self._checks, LIMITS.certainty
         if self._track.branches is None:
             return Verdict(pose, PoseRefusal.AMBIGUOUS)
-        branches = self._track.branches.after(seen.time, checks.candidates(seen, pose))
+        candidates = self._checks.candidates(seen, [pose])
+        branches = self._track.branches.after(seen.time, candidates)
+        refused = None if branches.pose is pose else self._checks.refusal(seen, branches.pose)
+        return self._judge_branches(seen, branches, candidates) if refused is None else Verdict(None, refused)
+
+    def _judge_branches(self, seen: Sight, branches: Branches, candidates: Sequence[Pose]) -> Verdict:
+        """Judge the likeliest reading of the images so far."""
+        checks, certain = self._checks, LIMITS.certainty
         chosen, prior = branches.pose, branches.prior
-        refused = None if chosen is pose else checks.refusal(seen, chosen)
-        if refused is not None:
-            return Verdict(None, refused)
-        self._track.branches = branches
         if not branches.is_decided or branches.is_spoken_against:
-            return Verdict(chosen, PoseRefusal.AMBIGUOUS)
+            return Verdict(chosen, PoseRefusal.AMBIGUOUS, branches=branches)
         fused = with_angle_variance(prior.fuse(chosen), branches.doubt)
         # The branches allow for errors that last; to be published a pose has to fit by its own covariance.
         if branches.missed[0] or prior.mahalanobis2(chosen, 1.0) > certain.surprising:
-            return Verdict(fused, PoseRefusal.OFF_COURSE)
-        is_backed = prior.angle_sd < certain.blind_angle_sd
+            return Verdict(fused, PoseRefusal.OFF_COURSE, branches=branches)
+        is_backed, is_partial = prior.angle_sd < certain.blind_angle_sd, checks.is_partial(chosen)
         is_plain = is_backed or checks.is_plain(seen, fused)
-        if not is_plain and checks.is_partial(chosen):
-            return Verdict(fused, PoseRefusal.INLIERS)
+        # Hidden parts, or a border faked by what hides them: the edges seen tell these apart.
+        is_plain = is_plain or (is_partial and self._fitter.is_supported(seen.pixels, chosen))
+        if is_partial and not is_plain:
+            return Verdict(fused, PoseRefusal.INLIERS, branches=branches)
         refused = certainty_refusal(fused, has_attitude=False, is_plain=is_plain, is_backed=is_backed)
-        return Verdict(fused, refused)
-
-
-OVERRULED: Final = (PoseRefusal.ATTITUDE, PoseRefusal.ANGLE_UNCERTAIN, PoseRefusal.POSITION_UNCERTAIN)
-"""Refusals beside an attitude of what the image alone, by its stricter gates, may publish."""
-
-
-class FirstJudge:
-    """Judges the first poses of one target.
-
-    Args:
-        checks: the target's gates.
-    """
-
-    def __init__(self, checks: Checks) -> None:
-        self._checks = checks
-        self._fitter = checks.fitter
-
-    def choose(self, seen: Sight, candidates: Sequence[Pose]) -> Choice | PoseRefusal:
-        """Decide about poses from decoded tags.
-
-        Args:
-            seen: the image.
-            candidates: fitted poses.
-
-        Returns:
-            The one to publish, with the attitude's knowledge in it, or why there is none.
-        """
-        checks, level = self._checks, self._checks.level
-        refusals = [checks.refusal(seen, pose) for pose in candidates]
-        believable = [
-            pose for pose, why in zip(candidates, refusals, strict=True) if why in (None, PoseRefusal.ATTITUDE)
-        ]
-        if not believable:
-            return next(filter(None, refusals), PoseRefusal.NO_FIT)
-        tilts = [level.tilt(seen, pose) for pose in believable]
-        known = [tilt for tilt in tilts if tilt is not None]
-        choice = choose(
-            believable,
-            min_ratio=checks.cfg.min_ambiguity_ratio,
-            tilt_errors=known or None,
-            tilt_gate=max(level.gate(seen, pose) for pose in believable),
-        )
-        if choice is None and known:
-            return self._fit_level(seen, min(believable, key=lambda pose: pose.loss))
-        choice = choice or self._choose_by_all_pixels(seen, believable)
-        if choice is None:
-            return PoseRefusal.AMBIGUOUS
-        is_supported = False
-        if choice.pose.source == "edges" and choice.pose.inliers < LIMITS.agreement.whole:
-            # Hidden parts, or a border faked by what hides them: a held tilt tells these apart, or the edges seen.
-            if known:
-                return self._fit_level(seen, choice.pose)
-            is_supported = self._fitter.is_supported(seen.pixels, choice.pose)
-            if not is_supported:
-                return PoseRefusal.INLIERS
-        if choice.decided_by in ("unique", "image"):
-            # Both starts may have run into one minimum, or one of them into none: the mirrored pose of a small tag is
-            # asked for by name.
-            decided = self._decide_mirror(seen, choice.pose)
-            if decided is None:
-                return PoseRefusal.AMBIGUOUS
-            choice = replace(choice, pose=decided)
-        fused = level.fuse(seen, choice.pose)
-        refused = checks.refusal(seen, choice.pose) or certainty_refusal(
-            fused, has_attitude=bool(known), is_plain=is_supported
-        )
-        return refused or replace(choice, pose=fused)
-
-    def contradicting(
-        self, seen: Sight, candidates: Sequence[Pose], verdict: Choice | PoseRefusal, followed: Pose | None = None
-    ) -> Pose | None:
-        """The pose that the image alone would publish, where the attitude refuses it or chose its mirror image.
-
-        An attitude with both signs swapped agrees with the mirror image of a target in the middle of the image, which
-        may be too uncertain to be published. What a track led to, and the image prefers to the mirror image that the
-        attitude chose, contradicts it too.
-
-        Args:
-            seen: the image.
-            candidates: fitted poses.
-            verdict: about them.
-            followed: what the track led to and the attitude refuses though nearly all edges agree with it.
-        """
-        chosen = verdict.pose if isinstance(verdict, Choice) else None
-        is_refused = verdict in OVERRULED
-        # Fits of two kinds do not compare.
-        if followed is not None and (is_refused if chosen is None else prefers(followed, chosen)):
-            return followed
-        if not is_refused and not (isinstance(verdict, Choice) and verdict.decided_by == "attitude"):
-            return None
-        alone = self.choose(seen.without_attitude(), candidates)
-        if not isinstance(alone, Choice):
-            return None
-        is_apart = chosen is None or angle_between(alone.pose.rotation, chosen.rotation) > LIMITS.certainty.wrong_angle
-        return alone.pose if is_apart else None
-
-    def _decide_mirror(self, seen: Sight, pose: Pose) -> Pose | None:
-        """Compare a first pose that has no rival with its mirror image; none when nothing decides."""
-        rivals = self._checks.candidates(seen, pose)
-        choice = choose(rivals, min_ratio=self._checks.cfg.min_ambiguity_ratio)
-        choice = choice or self._choose_by_all_pixels(seen, rivals)
-        if choice is not None:
-            return choice.pose
-        return self._nearer_to_level(seen, rivals) if self._checks.level.knows(seen) else None
-
-    def _choose_by_all_pixels(self, seen: Sight, rivals: Sequence[Pose]) -> Choice | None:
-        """Choose between edge fits of a small target by all its pixels; none where nothing decides."""
-        small = LIMITS.cells.small_px
-        if any(rival.source != "edges" or self._checks.cell_px(rival) >= small for rival in rivals):
-            return None
-        grey = self._fitter.fit_grey_values(seen.pixels, rivals)
-        return choose(grey, min_ratio=self._checks.cfg.min_ambiguity_ratio) if grey else None
-
-    def _nearer_to_level(self, seen: Sight, rivals: Sequence[Pose]) -> Pose:
-        """The rival that agrees better with the attitude; where both might, with the doubt in its covariance."""
-        level = self._checks.level
-        best, other = rivals if level.log_odds(seen, *rivals) > 0.0 else reversed(rivals)
-        if (level.tilt(seen, other) or 0.0) > level.gate(seen, other):
-            return best
-        return with_rival(best, other, level.log_odds(seen, best, other))
-
-    def _fit_level(self, seen: Sight, pose: Pose) -> Choice | PoseRefusal:
-        """Fit once more with the tilt held: something lying over one side gives a quad that is off by that much."""
-        checks, level = self._checks, self._checks.level
-        vertical = level.vertical(seen)
-        if vertical is None:
-            return PoseRefusal.ATTITUDE
-        upright = turn(pose.rotation, turn_between(pose.rotation[:, 2], vertical.up))
-        held = self._fitter.refine(seen.pixels, replace(pose, rotation=upright), vertical)
-        if held is None or checks.refusal(seen, held) is not None:
-            return PoseRefusal.ATTITUDE
-        if angle_of(held.rotation[:, 2], vertical.up) > level.hidden_gate(held):
-            return PoseRefusal.ATTITUDE
-        return certainty_refusal(held, has_attitude=True) or Choice(held, float("inf"), "attitude")
+        alone = fused if refused is None else None
+        return Verdict(fused, refused, alone, branches, ratio=residual_ratio(chosen, candidates))

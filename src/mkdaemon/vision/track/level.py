@@ -250,14 +250,6 @@ class LevelKnowledge:
         """By how much images contradict the attitude [deg]; none while they do not."""
         return self._deck.off_deg if self._deck.is_contradicted else None
 
-    def log_odds(self, seen: Sight, first: Pose, second: Pose) -> float:
-        """How much likelier the attitude makes one pose than another [nats]; 0 where nothing is known."""
-        level = self.vertical(seen)
-        if level is None:
-            return 0.0
-        near, far = (angle_of(pose.rotation[:, 2], level.up) for pose in (first, second))
-        return (far**2 - near**2) / (2.0 * level.spread**2)
-
     def gate(self, seen: Sight, pose: Pose) -> float:
         """Largest disagreement that is believed of a pose [rad]."""
         return self.hidden_gate(pose) + self._deck_sd(seen)

@@ -63,8 +63,7 @@ class Frame:
         detections: tags decoded in it so far.
         poses: that are published.
         refused: why a target has none.
-        contradicting: poses that the attitude alone refused; the image would have published them.
-        alone: poses by what the image alone says, of targets that were found.
+        contradicting: poses that contradict the attitude.
         started: targets whose decoded tags were judged.
     """
 
@@ -73,7 +72,6 @@ class Frame:
     poses: list[TargetPose] = field(default_factory=list)
     refused: dict[str, PoseRefusal] = field(default_factory=dict)
     contradicting: dict[str, Pose] = field(default_factory=dict)
-    alone: dict[str, Pose] = field(default_factory=dict)
     started: set[str] = field(default_factory=set)
     _followed: set[str] = field(default_factory=set)
 
