@@ -10,11 +10,10 @@ import numpy as np
 import numpy.typing as npt
 
 from mkdaemon.telemetry.vision import Alarm
+from mkdaemon.vision.arrays import Grey
 from mkdaemon.vision.limits import HALF, LIMITS
 from mkdaemon.vision.pose.edgefind import HALF_WIDTH
 from mkdaemon.vision.pose.pose import Pose
-
-Grey = npt.NDArray[np.uint8]
 
 DRIFT_FITS, BLUR_FITS = 30, 5
 """Residuals and widths of edges whose median counts."""

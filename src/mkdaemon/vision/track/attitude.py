@@ -9,15 +9,12 @@ from math import hypot, isfinite, sqrt
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from mkdaemon.frames import rotation_from_euler
+from mkdaemon.vision.arrays import Array, Grey
 from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.pose import Pose, turn
 from mkdaemon.vision.pose.rolling import skew
-
-Array = npt.NDArray[np.float64]
-Grey = npt.NDArray[np.uint8]
 
 
 @dataclass(frozen=True, slots=True)

@@ -29,13 +29,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from mkdaemon.vision.arrays import Array
 from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.ambiguity import CAUTION, evidence, log_odds
 from mkdaemon.vision.pose.pose import Pose, inverse
 from mkdaemon.vision.pose.rolling import skew
 from mkdaemon.vision.track.attitude import updated
-
-Array = npt.NDArray[np.float64]
 
 AGREEMENT, BRANCHES, CERTAINTY = LIMITS.agreement, LIMITS.branches, LIMITS.certainty
 DECIDED = LIMITS.ambiguity.decided

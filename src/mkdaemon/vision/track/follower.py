@@ -14,10 +14,10 @@ from typing import Final
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from mkdaemon.config.vision import TrackerSection
 from mkdaemon.telemetry.vision import PoseRefusal
+from mkdaemon.vision.arrays import Grey
 from mkdaemon.vision.limits import HALF, LIMITS
 from mkdaemon.vision.pose.ambiguity import prefers
 from mkdaemon.vision.pose.bend import Bend
@@ -37,8 +37,6 @@ from mkdaemon.vision.track.checks import Checks
 from mkdaemon.vision.track.judge import Judge, Verdict
 from mkdaemon.vision.track.result import FoundBy, Frame, TargetPose
 from mkdaemon.vision.track.track import Track, known_motion
-
-Grey = npt.NDArray[np.uint8]
 
 Window = tuple[int, int, int, int]
 """`(x0, y0, x1, y1)` [px], end exclusive."""

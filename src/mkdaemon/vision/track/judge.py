@@ -8,9 +8,9 @@ from math import inf
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from mkdaemon.telemetry.vision import PoseRefusal
+from mkdaemon.vision.arrays import Array
 from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.ambiguity import Decision, prefers, residual_ratio
 from mkdaemon.vision.pose.edgefit import Level
@@ -19,8 +19,6 @@ from mkdaemon.vision.pose.pose import Pose, angle_between, turn
 from mkdaemon.vision.track.attitude import Sight, angle_of, normal_density, turn_between, without_normal
 from mkdaemon.vision.track.branches import Branches
 from mkdaemon.vision.track.checks import Checks, with_angle_variance
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

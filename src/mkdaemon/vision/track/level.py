@@ -23,17 +23,15 @@ from math import degrees, exp, hypot, log, pi, radians, sqrt
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from mkdaemon.config.vision import TrackerSection
+from mkdaemon.vision.arrays import Array
 from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.edgefit import Level
 from mkdaemon.vision.pose.pose import Pose, largest_variance
 from mkdaemon.vision.pose.rolling import skew
 from mkdaemon.vision.track.attitude import Mounting, Sight, angle_of, fuse_normal
 from mkdaemon.vision.track.branches import lasting_doubt
-
-Array = npt.NDArray[np.float64]
 
 PRIOR_SD: Final = radians(2.5)
 """Deviation of the normal from the vertical before an image measured it, each axis [rad]: half of its variance the

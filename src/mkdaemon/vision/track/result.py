@@ -5,16 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Literal
 
-import numpy as np
-import numpy.typing as npt
-
 from mkdaemon.telemetry.vision import Alarm, PoseRefusal
+from mkdaemon.vision.arrays import Array
 from mkdaemon.vision.pose.ambiguity import Decision
 from mkdaemon.vision.pose.pose import Pose, inverse, with_floor
 from mkdaemon.vision.tags.detection import Detection
 from mkdaemon.vision.track.attitude import Sight
 
-Array = npt.NDArray[np.float64]
 FoundBy = Literal["predicted", "flow", "roi", "search"]
 """How a pose was found: from a prediction, where the image of the target is found again, in a window, in the whole
 image."""

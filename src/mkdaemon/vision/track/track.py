@@ -7,16 +7,14 @@ from math import hypot
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
+from mkdaemon.vision.arrays import Array
 from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.linetime import KnownMotion
 from mkdaemon.vision.pose.pose import Pose
 from mkdaemon.vision.pose.rolling import motion_of
 from mkdaemon.vision.track.attitude import Mounting, Sight, Turning
 from mkdaemon.vision.track.branches import Branches
-
-Array = npt.NDArray[np.float64]
 
 SINCE: Final = 0.1
 """What a speed changes by from the images that told it to this one, 3 m/s^2 for 1/30 s, deviation [m/s]: without it the
