@@ -66,7 +66,7 @@ def _size(width: int, height: int, grounds: int, seed: int) -> dict[str, Any]:
         for k in range(min(turns, MOST_IMAGES)):
             pixels[0, 0] ^= 1  # equal images would be those of a frozen camera
             search.append(_time(tracker.update, replace(image, captured_at=k / FPS, sequence=k)))
-        april.append(_time(plain.search, pixels, "decimate2"))
+        april.append(_time(plain.search_all, pixels, "decimate2"))
         opencv.append(_time(opencv_search(), pixels))
     return {
         "size": [width, height],

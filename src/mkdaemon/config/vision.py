@@ -1,4 +1,4 @@
-"""Configuration of targets, detector and tracker.
+"""Configuration of targets and tracker.
 
 A target file is TOML with one or more `[[targets]]`; each has `[[targets.tags]]` or a `[targets.board]`. Lengths are
 metres, angles of a target file are degrees and say so in their names.
@@ -91,31 +91,6 @@ class TargetFile(Section):
     """The targets; a tag may belong to one of them only."""
 
 
-class DetectorSection(Section):
-    """When a quad counts as a tag."""
-
-    max_hamming: int = Field(default=2, ge=0, le=3)
-    """Bits corrected at most.
-
-    Higher reads damaged tags, and reads tags where there are none."""
-    max_false_rate: float = Field(default=1e-7, gt=0)
-    """Chance that a random quad reads as a whitelisted code; long whitelists correct fewer bits to keep it.
-
-    Higher reads tags where there are none."""
-    min_decision_margin: float = Field(default=12.0, ge=0)
-    """Smallest mean contrast between bits and threshold [grey levels].
-
-    Lower reads tags in noise; higher misses them in the dark."""
-    margin_px: float = Field(default=3.0, ge=0)
-    """A quad nearer to the image edge is refused: its corners may be cut [px].
-
-    Smaller measures corners that are cut off."""
-    quiet_zone: bool = True
-    """Whether the white surround is checked on all four sides.
-
-    False takes squares of other things for tags."""
-
-
 class TrackerSection(Section):
     """Gates of the tracker; see docs/accuracy.md for the measurements behind the figures."""
 
@@ -162,9 +137,7 @@ class TrackerSection(Section):
 
 
 class VisionSection(Section):
-    """Detector and tracker of the daemon."""
+    """Tracker of the daemon."""
 
-    detector: DetectorSection = DetectorSection()
-    """When a quad counts as a tag."""
     tracker: TrackerSection = TrackerSection()
     """When a pose is published."""

@@ -155,7 +155,7 @@ class ReadLimits:
     faint: float = of(
         0.1, "share", "of a contrast, by which light may change from cell to cell", "0.05 to 0.2: as many tags"
     )
-    max_chance: float = of(4e-6, "probability", "that a random quad reads so well", "0 false in 10,000 images")
+    max_chance: float = of(1e-6, "probability", "that a random quad reads so well", "none in 1,000 images allow 2e-5")
     least_side: float = of(0.3, "share", "of a side of a print that its outline shows", "rims of highlights show 0.2")
     rise: float = of(20.0, "grey", "step of an edge in a highlight; no more of it counts", "10: 10 of 280 tags less")
 

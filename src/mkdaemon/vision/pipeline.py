@@ -126,7 +126,7 @@ class CameraPipeline:
         self.gamma = self._intrinsics.gamma if self._intrinsics is not None else 1.0
         self._tagmap = load(cfg.targets)
         # Without a known mounting the attitude says nothing about the camera: no gate, no prediction from it.
-        self.tracker = Tracker(self._tagmap, self._intrinsics, self._mounting, vision.tracker, vision.detector)
+        self.tracker = Tracker(self._tagmap, self._intrinsics, self._mounting, vision.tracker)
         self._check = TargetCheck(self._tagmap, self._projection)
         self._max_attitude_age = vision.tracker.max_attitude_age
         self._attitude = AttitudeUse(self._max_attitude_age)

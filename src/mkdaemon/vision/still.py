@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mkdaemon.config.vision import DetectorSection, TrackerSection
+from mkdaemon.config.vision import TrackerSection
 from mkdaemon.telemetry.vision import PoseRefusal
 from mkdaemon.vision.arrays import Array, Grey
 from mkdaemon.vision.camera.image import in_light
@@ -110,8 +110,7 @@ class StillEye:
             self._detector = Detector(tagmap.whitelist, covered=covered_cells(tagmap))
         else:
             whitelist = {name: wanted or frozenset(range(find_family(name).ids)) for name in families}
-            cfg = DetectorSection() if wanted else DetectorSection(max_false_rate=ANY_ID_FALSE_RATE)
-            self._detector = Detector(whitelist, cfg)
+            self._detector = Detector(whitelist, max_chance=LIMITS.read.max_chance if wanted else ANY_ID_FALSE_RATE)
         if tag_size is not None:
             single(tag_size, 0)  # says what is wrong with the size before any image
 

@@ -84,7 +84,7 @@ class VisionWorker:
 
     Args:
         cameras: at least one, each with its own name.
-        vision: detector and tracker.
+        vision: the tracker.
         sink: where values go.
         loop: the event loop `sink` lives on.
         clock: stamps.

@@ -132,7 +132,6 @@ class RehearsedEyes(Eyes):
             lens,
             self._mounting,
             vision.tracker,
-            vision.detector,
         )
 
     def attitude_received(self, attitude: Attitude) -> None:

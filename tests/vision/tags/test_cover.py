@@ -58,4 +58,4 @@ def test_a_nested_target_in_a_highlight_is_found(turns: int) -> None:
     image = np.rot90(cv2.GaussianBlur(lit, (0, 0), 0.7), turns).round().astype(np.uint8)
     tags = TagMap((shipped("nested"),))
     detector = Detector(tags.whitelist, covered=covered_cells(tags))
-    assert [found.tag_id for found in detector.search_shrunk(np.ascontiguousarray(image), "outline")] == [48]
+    assert [found.tag_id for found in detector.search(np.ascontiguousarray(image), "outline")] == [48]

@@ -10,11 +10,10 @@ import numpy as np
 import pytest
 
 from lab.vision.stills import search_in_turn
-from mkdaemon.config.vision import DetectorSection
-from mkdaemon.vision.tags.cellread import quiet_sides
+from mkdaemon.vision.tags.cellread import has_sides
 from mkdaemon.vision.tags.cover import covered_cells
 from mkdaemon.vision.tags.detector import ArucoSearch, Detector
-from mkdaemon.vision.tags.searchplan import LADDER, first_of
+from mkdaemon.vision.tags.searchplan import FIRST, LADDER
 from mkdaemon.vision.tags.tagfamily import cells, find_family
 from mkdaemon.vision.tags.tagmap import TagMap
 from mksim.scene.gloss import Gloss
@@ -101,7 +100,7 @@ def test_landing_target_is_decoded_at_every_height(distance):
     assert found
 
 
-def test_whitelist_hamming_and_margin():
+def test_whitelist_and_hamming():
     image = printed(cells("tag36h11", 17), PX, MARGIN)
     assert search_in_turn(Detector({"tag36h11": frozenset({18})}), image) == []
     wrong = cells("tag36h11", 17).copy()
@@ -113,20 +112,26 @@ def test_whitelist_hamming_and_margin():
     one_wrong[2, 2] ^= 255
     # With every id allowed a corrected bit is no evidence any more.
     assert search_in_turn(Detector({"tag36h11": many}), printed(one_wrong, PX, MARGIN)) == []
-    # The edge of the tag two pixels from the edge of the image.
-    cut = image[:, int(LOW) - 1 :]
-    assert search_in_turn(Detector({"tag36h11": frozenset({17})}), np.ascontiguousarray(cut)) == []
 
 
 def test_quiet_zone_on_four_sides():
     image = printed(cells("tag36h11", 17), PX, MARGIN)
-    assert quiet_sides(image, UPRIGHT, 8) == 4
+    assert has_sides(image, UPRIGHT, 8, inverted=False)
     for k, side in enumerate((np.s_[20:58, :], np.s_[:, 222:260], np.s_[222:260, :], np.s_[:, 20:58])):
         dark = image.copy()
         dark[side] = 0
-        assert quiet_sides(dark, UPRIGHT, 8) == 3, k
-    loose = Detector({"tag36h11": frozenset({17})}, DetectorSection(quiet_zone=False))
-    assert search_in_turn(loose, image)
+        assert not has_sides(dark, UPRIGHT, 8, inverted=False), k
+
+
+@pytest.mark.parametrize("stage", LADDER)
+@pytest.mark.parametrize("beside", [2, 0, -4, -12])
+def test_the_edge_of_the_image_is_no_side_of_a_tag(beside, stage):
+    """A tag beside it is found where it is, one that it cuts is not found; white pixels between both, or cut ones."""
+    image = printed(cells("tag36h11", 17), PX, MARGIN)
+    cut = np.ascontiguousarray(image[:, PX * MARGIN - beside :])
+    found = Detector({"tag36h11": frozenset({17})}).search(cut, stage)
+    assert found == [] or beside >= 0
+    assert all(np.abs(tag.corners - UPRIGHT + [PX * MARGIN - beside, 0]).max() < 0.3 for tag in found)
 
 
 def test_roi_gives_image_coordinates():
@@ -159,17 +164,16 @@ def test_a_far_nested_tag_behind_a_tone_curve_is_found_in_light():
 
 def test_a_tag_under_leaves_is_found_by_a_search_that_every_third_image_gets():
     detector = Detector({"tag36h11": frozenset({1, 48})})
-    first = first_of(detector.stages)
-    found = dict.fromkeys(first, 0)
+    found = dict.fromkeys(FIRST, 0)
     for leaves in range(8):
         view = View(shipped("nested"), place(1.3, 0.2, 0.6 * leaves), Conditions(leaves=LeafShadow(leaves)))
-        for stage in first:
+        for stage in FIRST:
             tags = detector.search(view.pixels, stage)
             found[stage] += bool(tags)
             assert all(np.abs(tag.corners - view.corners[tag.family, tag.tag_id]).max() < 1.0 for tag in tags)
     assert found["decimate2"] + found["linear"] <= 2
     assert found["halflog"] >= 6
-    assert len(first) == 3
+    assert len(FIRST) == 3
 
 
 @pytest.mark.parametrize(("around", "beside"), [(1.5, 0.1), (3.0, 0.17), (4.5, 0.12)])

@@ -8,10 +8,10 @@ import pytest
 from mkdaemon.vision.camera.image import CameraImage
 from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.tags.detection import Detection
-from mkdaemon.vision.tags.searchplan import FIRST
+from mkdaemon.vision.tags.searchplan import FIRST, NEARBY
 from mkdaemon.vision.tags.tagmap import TagMap
 from mkdaemon.vision.track.attitude import LOOKING_DOWN
-from mkdaemon.vision.track.follower import LARGE_PX, MOST_EFFORT, REDECODED, OwnSearch
+from mkdaemon.vision.track.follower import LARGE_PX, MOST_EFFORT, OwnSearch
 from mkdaemon.vision.track.tracker import Tracker
 from tests.vision.views import VGA, View, place, shipped
 
@@ -23,12 +23,12 @@ class Blind:
         self.stages: list[str] = []
         self.found: list[Detection] = []
 
-    def search_shrunk(self, _pixels, stage, _window):
+    def search(self, _pixels, stage, _window):
         self.stages.append(stage)
         return self.found
 
 
-@pytest.mark.parametrize(("side", "ways"), [(LARGE_PX - 1, REDECODED), (LARGE_PX, FIRST)])
+@pytest.mark.parametrize(("side", "ways"), [(LARGE_PX - 1, NEARBY), (LARGE_PX, FIRST)])
 def test_a_target_is_decoded_again_one_way_at_a_time_and_large_ones_at_half_the_resolution(side, ways):
     target, blind = shipped("single"), Blind()
     search = OwnSearch(target, blind)

@@ -149,7 +149,7 @@ class TagBoard:
     def find(self, pixels: Grey) -> BoardPoints | None:
         """Corners of all decoded tags in `(h, w)` uint8; None when too little is seen."""
         ids, board, image = [], [], []
-        for found in self._detector.search(pixels, "decimate1"):
+        for found in self._detector.search_all(pixels):
             place = self._place[found.family, found.tag_id]
             ids.append(4 * place + np.arange(4))
             board.append(self._target.tags[place].corners)

@@ -10,7 +10,7 @@ import ctypes
 import importlib.util
 import threading
 from functools import lru_cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -21,17 +21,6 @@ if TYPE_CHECKING:
 Cells = npt.NDArray[np.uint8]
 Families = tuple[tuple[str, int], ...]
 """Names of families and the bits to correct in each."""
-
-
-class _Image(ctypes.Structure):
-    """`image_u8_t` of libapriltag."""
-
-    _fields_ = (
-        ("width", ctypes.c_int32),
-        ("height", ctypes.c_int32),
-        ("stride", ctypes.c_int32),
-        ("pixels", ctypes.POINTER(ctypes.c_uint8)),
-    )
 
 
 class _OfThread(threading.local):
@@ -68,25 +57,28 @@ def detector(families: Families, decimate: float) -> LibDetector:
 
 
 def draw(name: str, tag_id: int) -> Cells:
-    """What the library draws for a code: `(n, n)` uint8, one pixel a cell, with the white border of classic families.
+    """Cells of a code as the library knows it `(n, n)` uint8, 0 and 255, with the white border of classic families.
 
     The wheel has to be there and the code has to exist.
     """
-    library, family = _drawing(name)
-    image = library.apriltag_to_image(family, tag_id)
-    try:
-        found = image.contents
-        rows = np.ctypeslib.as_array(found.pixels, shape=(found.height, found.stride))
-        return np.array(rows[:, : found.width], dtype=np.uint8)
-    finally:
-        library.image_u8_destroy(image)
+    family, drawn = _drawing(name)
+    bitmap = drawn.copy()
+    start = (family.total_width - family.width_at_border) // 2
+    for k in range(family.nbits):
+        is_white = family.codes[tag_id] >> (family.nbits - 1 - k) & 1
+        bitmap[start + family.bit_y[k], start + family.bit_x[k]] = 255 * is_white
+    return bitmap
 
 
 @lru_cache(maxsize=16)
-def _drawing(name: str) -> tuple[ctypes.CDLL, object]:
-    _, library = _open()
-    library.apriltag_to_image.restype = ctypes.POINTER(_Image)
-    return library, _family(library, name)
+def _drawing(name: str) -> tuple[Any, Cells]:
+    """A family as the library knows it, and what all its prints have: two rings, nothing beyond them."""
+    family = _family(_open()[1], name).contents
+    n = family.total_width
+    away = np.minimum(np.arange(n), np.arange(n)[::-1])
+    beyond = (n - family.width_at_border) // 2 - np.minimum.outer(away, away)
+    white = (beyond > 1) | (beyond == (0 if family.reversed_border else 1))
+    return family, np.where(white, 255, 0).astype(np.uint8)
 
 
 def _open() -> tuple[LibDetector, ctypes.CDLL]:
@@ -98,6 +90,6 @@ def _open() -> tuple[LibDetector, ctypes.CDLL]:
     return made, made.libc
 
 
-def _family(library: ctypes.CDLL, name: str) -> object:
+def _family(library: ctypes.CDLL, name: str) -> Any:
     """A family of its own; pyapriltags has told ctypes what its maker returns."""
     return getattr(library, f"{name}_create")()

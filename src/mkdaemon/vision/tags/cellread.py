@@ -1,4 +1,4 @@
-"""Reading the cells of a tag from an image: grey values, codes and quiet zones."""
+"""Reading the cells of a tag from an image: grey values, codes and sides."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from mkdaemon.vision.tags.tagfamily import cells, find_family
 Array = npt.NDArray[np.float64]
 Grey = npt.NDArray[np.uint8]
 
-QUIET_DEPTHS = (0.5, 0.3)
+QUIET_CELLS = 0.3
 """Where the quiet zone is sampled, outside the black square [cells]."""
 
 
@@ -93,19 +93,14 @@ def read_code(pixels: Grey, corners: Array, family: str, tag_id: int) -> tuple[i
     return int((signed < 0).sum()), float(np.abs(signed).mean())
 
 
-def quiet_sides(pixels: Grey, corners: Array, n: int, *, inverted: bool = False) -> int:
-    """Count the sides of a quad that have a white surround and a black border `(0..4)`; `inverted` the other way round.
+def has_sides(pixels: Grey, corners: Array, n: int, *, inverted: bool) -> bool:
+    """Whether all four sides of a quad have white right outside and black inside; `inverted` the other way round.
 
-    A quad whose side is the edge of something lying over the tag has grey or mixed cells there. White and black are
-    taken per side from its own neighbourhood, so shadow edges and gradients do not count against a side. White has to
-    begin right outside the quad: one whose side was cut by the image edge has black left there.
+    A quad whose side is the edge of the image, or of something lying over the tag, has black or mixed cells outside.
+    White and black are taken from beside each other, so shadow edges and gradients do not count against a side.
     """
     homography = image_from_cells(corners, n)
-    black = rim_values(pixels, homography, n, -HALF)
-    quiet = np.ones(4, dtype=bool)
-    for depth in QUIET_DEPTHS:
-        white = rim_values(pixels, homography, n, depth)
-        contrast = black - white if inverted else white - black
-        floor = max(NOISE_GREY, LIMITS.read.least_contrast * float(np.median(np.abs(contrast))))
-        quiet &= (contrast > floor).mean(axis=1) > HALF
-    return int(quiet.sum())
+    steps = rim_values(pixels, homography, n, QUIET_CELLS) - rim_values(pixels, homography, n, -HALF)
+    contrast = -steps if inverted else steps
+    floor = max(NOISE_GREY, LIMITS.read.least_contrast * float(np.median(np.abs(contrast))))
+    return bool(((contrast > floor).mean(axis=1) > HALF).all())

@@ -30,6 +30,8 @@ Covered = Mapping[tuple[str, int], Bools]
 
 READINGS = 2
 """By levels and by steps: chance has so many tries."""
+TURNS = 4
+"""Of a quad: chance has as many tries with each code."""
 LEVEL: Final = HALF / 2
 """Of a contrast, within which a cell is black or white: half way to what is neither."""
 LEAST_GREY: Final = NOISE_GREY / LEVEL
@@ -91,21 +93,21 @@ class CodeReader:
                 wrong = known & (white != codes.bits)
                 # The border is the same in all codes.
                 read, wrong = (np.count_nonzero(of[:, 1:-1, 1:-1], axis=(1, 2)) for of in (known, wrong))
-                chances = [_chance(*pair) for pair in zip(read.tolist(), wrong.tolist(), strict=True)]
+                tries = READINGS * len(read)
+                chances = [chance(*pair, tries) for pair in zip(read.tolist(), wrong.tolist(), strict=True)]
                 k = int(np.argmin(chances))
-                chance = READINGS * len(chances) * chances[k]
-                if chance <= LIMITS.read.max_chance:
+                if chances[k] <= LIMITS.read.max_chance:
                     tag_id, quarters = codes.turned[k]
                     # A quad that lies beside the tag's has little contrast there.
                     margin = float(_rim_steps(pixels, homography, n).mean())
                     corners = np.roll(quad, quarters, axis=0)  # turned as the print is
-                    found.append((chance, Detection(name, tag_id, int(wrong[k]), margin, corners, "outline")))
+                    found.append((chances[k], Detection(name, tag_id, int(wrong[k]), margin, corners, "outline")))
         return min(found, key=lambda one: one[0])[1] if found else None
 
 
 def _codes(name: str, ids: frozenset[int], covered: Covered) -> _Codes:
     """All codes of a family in all turns."""
-    turned = [(tag_id, quarters) for tag_id in sorted(ids) for quarters in range(4)]
+    turned = [(tag_id, quarters) for tag_id in sorted(ids) for quarters in range(TURNS)]
     bits = [np.rot90(cells(name, tag_id) > 0, quarters) for tag_id, quarters in turned]
     nothing = np.zeros_like(bits[0])
     seen = np.array([~np.rot90(covered.get((name, tag_id), nothing), quarters) for tag_id, quarters in turned])
@@ -113,9 +115,12 @@ def _codes(name: str, ids: frozenset[int], covered: Covered) -> _Codes:
 
 
 @lru_cache(maxsize=4096)
-def _chance(known: int, wrong: int) -> float:
-    """Probability that so many cells read by chance disagree with a code in so few, or fewer."""
-    return sum(math.comb(known, k) for k in range(wrong + 1)) / 2.0**known
+def chance(read: int, wrong: int, tries: int) -> float:
+    """Probability that so many cells of a random quad disagree with one of so many codes in so few, or fewer.
+
+    A bound where it is small: tries are added up.
+    """
+    return tries * sum(math.comb(read, k) for k in range(wrong + 1)) / 2.0**read
 
 
 def _levels(pixels: Grey, homography: Array, n: int) -> Array | None:

@@ -24,7 +24,7 @@ class Detection:
         decision_margin: mean distance of the bits from the threshold [grey].
         corners: `(4, 2)` TL, TR, BR, BL of the official print [px, centres at integers].
         stage: the search that found it.
-        shrunk: by how much the image was shrunk for it; corners are so much looser.
+        shrunk: by how much the image was shrunk for its corners, which are so much looser.
     """
 
     family: str

@@ -78,7 +78,10 @@ class OutlineSearch:
         hulls = ((cv2.arcLength(cv2.convexHull(outline), closed=True), outline) for outline in long)
         large = sorted(hulls, key=lambda pair: -pair[0])[:MAX_BLOBS]
         quads = (quad for _, outline in large for quad in _quads(pixels, lines_of(outline), self._reader.sizes))
-        read = (self._reader.read(pixels, quad) for quad in quads)
+        # A side along the image's edge is where the print was cut.
+        far = np.array(pixels.shape[::-1]) - 1 - SPECK_PX
+        whole = (quad for quad in quads if ((quad >= SPECK_PX) & (quad <= far)).all())
+        read = (self._reader.read(pixels, quad) for quad in whole)
         return best_of_codes((one for one in read if one is not None), lambda one: (-one.hamming, one.decision_margin))
 
 

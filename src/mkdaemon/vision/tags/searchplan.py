@@ -36,12 +36,10 @@ FIRST: Final[tuple[Stage, ...]] = ("decimate2", "linear", "halflog")
 """Stages of which one sees every image, in turn, at half its resolution: 3 to 6 ms on VGA."""
 SMALL_TAG_STAGES: Final[tuple[Stage, ...]] = ("log", "decimate1")
 """Searches for small tags; the others need tags that are large on the coarsest level too."""
-NEARBY: Final[tuple[tuple[Stage, ...], ...]] = (("decimate1",), ("linear", "log"))
-"""Searches around a prediction, in turn by images missed (docs/lab/vision-cases.md)."""
+NEARBY: Final[tuple[Stage, ...]] = ("decimate1", "linear", "log")
+"""Searches of a window where a target should be, in turn."""
 LADDER: Final[tuple[Stage, ...]] = (*FIRST, *SMALL_TAG_STAGES, "outline")
 """Searches of the whole image."""
-ARUCO_LADDER: Final[tuple[Stage, ...]] = ("decimate1", "log", "outline")
-"""The same without libapriltag."""
 TILE: Final = (640, 480)
 """Size of a tile on its level [px]."""
 OVERLAP: Final = 112
@@ -73,8 +71,7 @@ def looks_of(width: int, height: int, stages: Sequence[Stage]) -> tuple[Look, ..
         height: of the image [px].
         stages: of the detector, the first ones included.
     """
-    first = first_of(stages)
-    whole = [Look(stage) for stage in stages if stage not in first]
+    whole = [Look(stage) for stage in stages if stage not in FIRST]
     tiles: list[Look] = []
     scale = shrinking(width, height)
     while scale > 1:
@@ -89,11 +86,6 @@ def looks_of(width: int, height: int, stages: Sequence[Stage]) -> tuple[Look, ..
         return tuple(whole)
     turns = itertools.cycle(whole)
     return tuple(look for tile in tiles for look in (next(turns), tile))
-
-
-def first_of(stages: Sequence[Stage]) -> Sequence[Stage]:
-    """The stages of a detector of which one sees every image; without those of libapriltag all for unbroken quads."""
-    return [stage for stage in stages if stage in FIRST] or [stage for stage in stages if stage != "outline"]
 
 
 def shrinking(width: int, height: int) -> int:

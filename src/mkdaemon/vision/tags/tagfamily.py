@@ -53,7 +53,6 @@ class TagFamily:
         min_distance: smallest Hamming distance between two codes of the family, rotations included [bit].
         dictionary: OpenCV's predefined dictionary of the same codes, turned by 180 degrees; none for inverted families.
         hole_cells: side of the square in the middle that carries nothing, room for a smaller tag [cells].
-        is_round: nothing is printed in the corners.
     """
 
     name: str
@@ -64,7 +63,6 @@ class TagFamily:
     min_distance: int
     dictionary: int | None = None
     hole_cells: int = 0
-    is_round: bool = False
 
     @property
     def is_inverted(self) -> bool:
@@ -87,8 +85,8 @@ FAMILIES: dict[str, TagFamily] = {
         TagFamily("tagStandard41h12", 5, 9, 41, 2115, 12),
         TagFamily("tagStandard52h13", 6, 10, 52, 48714, 13),
         TagFamily("tagCustom48h12", 6, 10, 48, 42211, 12, hole_cells=2),
-        TagFamily("tagCircle21h7", 5, 9, 21, 38, 7, is_round=True),
-        TagFamily("tagCircle49h12", 5, 11, 49, 65535, 12, is_round=True),
+        TagFamily("tagCircle21h7", 5, 9, 21, 38, 7),
+        TagFamily("tagCircle49h12", 5, 11, 49, 65535, 12),
     )
 }
 """All families pyapriltags has. Sources: Olson, AprilTag, ICRA 2011 (name = tag<bits>h<distance>); Krogius,
@@ -137,27 +135,10 @@ def cells(family: str, tag_id: int) -> Cells:
         codes = cv2.aruco.getPredefinedDictionary(known.dictionary)
         drawn = cv2.aruco.generateImageMarker(codes, tag_id, known.black_cells)
         bitmap = np.ascontiguousarray(np.rot90(drawn, 2), dtype=np.uint8)
+    elif is_installed():
+        bitmap = draw(family, tag_id)
     else:
-        bitmap = _drawn_by_apriltag(known, tag_id)
+        msg = f"tag family {family} needs the pyapriltags wheel; install it, or use one of {OPENCV_KNOWS}"
+        raise VisionError(msg)
     bitmap.setflags(write=False)
     return bitmap
-
-
-def _drawn_by_apriltag(family: TagFamily, tag_id: int) -> Cells:
-    if not is_installed():
-        msg = f"tag family {family.name} needs the pyapriltags wheel; install it, or use one of {OPENCV_KNOWS}"
-        raise VisionError(msg)
-    bitmap = draw(family.name, tag_id)
-    if family.is_round:
-        bitmap[_corners(family)] = 255
-    return bitmap
-
-
-def _corners(family: TagFamily) -> npt.NDArray[np.bool_]:
-    """Cells outside the circle, where nothing is printed: the library draws them black in every code."""
-    sample = [draw(family.name, tag_id) for tag_id in range(0, family.ids, max(family.ids // 32, 1))]
-    never_white = ~np.any(sample, axis=0)
-    n = family.black_cells
-    ring = (n - family.size_cells) // 2 - 1
-    never_white[ring : n - ring, ring : n - ring] = False
-    return np.asarray(never_white)

@@ -29,7 +29,7 @@ from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.pose.rolling import motion_of
 from mkdaemon.vision.tags.detection import Detection
 from mkdaemon.vision.tags.detector import Detector
-from mkdaemon.vision.tags.searchplan import FIRST, NEARBY, Stage
+from mkdaemon.vision.tags.searchplan import FIRST, NEARBY
 from mkdaemon.vision.tags.tagmap import Tag, Target
 from mkdaemon.vision.track.alarms import ImageHealth
 from mkdaemon.vision.track.attitude import Mounting, Sight
@@ -40,8 +40,6 @@ from mkdaemon.vision.track.track import Track, known_motion
 
 Window = tuple[int, int, int, int]
 """`(x0, y0, x1, y1)` [px], end exclusive."""
-REDECODED: Final[tuple[Stage, ...]] = ("decimate1", "linear", "log")
-"""How a small followed target is decoded again, in turn."""
 LARGE_PX: Final = 160
 """Side of a window from which half the resolution reads a target: 4 px a cell where its tag fills the window."""
 MOST_EFFORT: Final = 5
@@ -67,17 +65,14 @@ class OwnSearch:
         if rests:
             return []
         x0, y0, x1, y1 = window
-        ways = FIRST if min(x1 - x0, y1 - y0) >= LARGE_PX else REDECODED
-        found = self._detector.search_shrunk(pixels, ways[turn % len(ways)], window)
+        ways = FIRST if min(x1 - x0, y1 - y0) >= LARGE_PX else NEARBY
+        found = self._detector.search(pixels, ways[turn % len(ways)], window)
         self._turn -= bool(self.own(found))
         return found
 
     def nearby(self, pixels: Grey, window: Window, misses: int) -> list[Detection]:
         """Tags of a part of the image, searched in another way after every miss."""
-        found: list[Detection] = []
-        for stage in NEARBY[misses % len(NEARBY)]:
-            found = found or self._detector.search_shrunk(pixels, stage, window)
-        return found
+        return self._detector.search(pixels, NEARBY[misses % len(NEARBY)], window)
 
     def own(self, found: Sequence[Detection]) -> list[tuple[Tag, Detection]]:
         """The target's own tags among decoded ones."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from mkdaemon.config.vision import DetectorSection, TrackerSection
+from mkdaemon.config.vision import TrackerSection
 from mkdaemon.telemetry.vision import Alarm
 from mkdaemon.vision.camera.image import CameraImage, in_light
 from mkdaemon.vision.camera.intrinsics import Intrinsics
@@ -19,7 +19,7 @@ from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.tags.cover import covered_cells
 from mkdaemon.vision.tags.detection import Detection
 from mkdaemon.vision.tags.detector import Detector
-from mkdaemon.vision.tags.searchplan import first_of
+from mkdaemon.vision.tags.searchplan import FIRST
 from mkdaemon.vision.tags.tagmap import TagMap
 from mkdaemon.vision.track.alarms import ImageHealth
 from mkdaemon.vision.track.attitude import AttitudeHistory, Mounting, Sight
@@ -47,12 +47,11 @@ class Tracker:
         intrinsics: Intrinsics | None,
         mounting: Mounting | None = None,
         cfg: TrackerSection | None = None,
-        detector: DetectorSection | None = None,
     ) -> None:
         self._cfg = cfg or TrackerSection()
         self._mounting = mounting
         self._gamma = intrinsics.gamma if intrinsics is not None else 1.0
-        self.detector = Detector(tagmap.whitelist, detector, covered=covered_cells(tagmap))
+        self.detector = Detector(tagmap.whitelist, covered=covered_cells(tagmap))
         self._health = ImageHealth(*((intrinsics.width, intrinsics.height) if intrinsics is not None else (None, None)))
         self.followers: tuple[Follower, ...] = ()
         self.shutter: Shutter | None = None
@@ -137,8 +136,7 @@ class Tracker:
     def _search(self, frame: Frame) -> list[Detection]:
         """One of the first searches of the whole image; in every second image that shows nothing another one too."""
         pixels = frame.sight.pixels
-        first = first_of(self.detector.stages)
-        found = self.detector.search_shrunk(pixels, first[self._searches % len(first)])
+        found = self.detector.search(pixels, FIRST[self._searches % len(FIRST)])
         turn, not_now = divmod(self._searches, LIMITS.search.thorough_every)
         self._searches += 1
         if found or not_now:
@@ -147,4 +145,4 @@ class Tracker:
         if not looks:
             return found
         look = looks[turn % len(looks)]
-        return self.detector.search_shrunk(pixels, look.stage, look.part)
+        return self.detector.search(pixels, look.stage, look.part)
