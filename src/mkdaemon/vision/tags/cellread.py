@@ -6,13 +6,10 @@ from functools import lru_cache
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
+from mkdaemon.vision.arrays import Array, Grey
 from mkdaemon.vision.limits import HALF, LIMITS, NOISE_GREY
 from mkdaemon.vision.tags.tagfamily import cells, find_family
-
-Array = npt.NDArray[np.float64]
-Grey = npt.NDArray[np.uint8]
 
 QUIET_CELLS = 0.3
 """Where the quiet zone is sampled, outside the black square [cells]."""

@@ -16,15 +16,13 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from mkdaemon.vision.arrays import Array, Bools, Grey
 from mkdaemon.vision.camera.image import BRIGHTEST
 from mkdaemon.vision.limits import HALF, LIMITS, NOISE_GREY
 from mkdaemon.vision.tags.cellread import carry, cell_values, image_from_cells, paper_and_ink, rim_values, sample
 from mkdaemon.vision.tags.detection import Detection
 from mkdaemon.vision.tags.tagfamily import cells, find_family
 
-Array = npt.NDArray[np.float64]
-Bools = npt.NDArray[np.bool_]
-Grey = npt.NDArray[np.uint8]
 Covered = Mapping[tuple[str, int], Bools]
 """Cells `(n, n)` of tags, by family and id, that say nothing."""
 

@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
+from mkdaemon.vision.arrays import Array, Bools
 from mkdaemon.vision.tags.tagmap import Tag, TagMap
-
-Array = npt.NDArray[np.float64]
-Bools = npt.NDArray[np.bool_]
 
 COVER_CELLS = 0.3
 """How far beyond its paper a tag hides what lies below [cells]: its rim casts a shadow and blurs."""

@@ -8,9 +8,9 @@ from typing import Final, Literal
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from mkdaemon.errors import VisionError
+from mkdaemon.vision.arrays import Grey
 from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.tags import apriltaglib
 from mkdaemon.vision.tags.cellread import has_sides, read_code
@@ -19,8 +19,6 @@ from mkdaemon.vision.tags.detection import Detection, best_of_codes
 from mkdaemon.vision.tags.outline import OutlineSearch, has_highlights
 from mkdaemon.vision.tags.searchplan import FIRST, LADDER, Look, Part, Stage, looks_of, shrink, shrinking
 from mkdaemon.vision.tags.tagfamily import OPENCV_KNOWS, find_family
-
-Grey = npt.NDArray[np.uint8]
 
 _LOG: Final[Grey] = np.round(100 + 14 * (np.log10(np.arange(256) + 4.0) - np.log10(64.0))).clip(0, 255).astype(np.uint8)
 """Compresses bright and dark halves of a shadow to equal steps; 14 levels a decade merge texture below a real edge."""

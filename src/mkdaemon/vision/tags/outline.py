@@ -22,13 +22,12 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from mkdaemon.vision.arrays import Array, Grey
 from mkdaemon.vision.limits import HALF, LIMITS
 from mkdaemon.vision.tags.cellread import sample
 from mkdaemon.vision.tags.coderead import STEP_CELLS, CodeReader, Covered
 from mkdaemon.vision.tags.detection import Detection, best_of_codes
 
-Array = npt.NDArray[np.float64]
-Grey = npt.NDArray[np.uint8]
 Index = npt.NDArray[np.intp]
 Ints = npt.NDArray[np.int32]
 

@@ -22,11 +22,10 @@ from typing import Final, Literal
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
+from mkdaemon.vision.arrays import Grey
 from mkdaemon.vision.limits import LIMITS
 
-Grey = npt.NDArray[np.uint8]
 Stage = Literal["decimate2", "decimate1", "log", "halflog", "linear", "outline"]
 """A way to search an image for tags, at half or at full resolution."""
 Part = tuple[int, int, int, int]
