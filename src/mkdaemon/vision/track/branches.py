@@ -327,16 +327,15 @@ def _likeliest(centre: Array, weight: Array, missed: npt.NDArray[np.bool_]) -> l
     Histories of one answer may be more than are kept. What they crowd out would count as impossible: a branch would be
     believed because nobody followed its rival, or a target that leapt off every course would never be joined again. So
     answers that the newest image gave come before those that missed it: histories that drift apart are answers each,
-    and six of them that miss image after image would leave no place for one that joins. Two readings of a target that
-    passes head on are two answers while they are closer than what is wrong: later they are not.
+    and six of them that miss image after image would leave no place for one that joins. Those whose difference would be
+    wrong have a place first, then those of two poses: readings of a target that passes head on part again.
     """
     lost = weight.max() - MOST_ODDS
     order = [k for k in np.argsort(-weight, kind="stable").tolist() if weight[k] > lost or not missed[k]]
-    is_apart = _angles(centre, centre) > CERTAINTY.blind_angle_sd
-    answers: list[int] = []
-    for k in sorted(order, key=lambda k: bool(missed[k])):
-        if is_apart[k, answers].all():
-            answers.append(k)
-    kept = answers[:KEPT]
-    kept += [k for k in order if k not in kept][: KEPT - len(kept)]
+    apart, seen_first = _angles(centre, centre), sorted(order, key=lambda k: bool(missed[k]))
+    kept: list[int] = []
+    for ranked, least in ((seen_first, CERTAINTY.wrong_angle), (seen_first, CERTAINTY.blind_angle_sd), (order, -1.0)):
+        for k in ranked:
+            if len(kept) < KEPT and k not in kept and bool((apart[k, kept] > least).all()):
+                kept.append(k)
     return sorted(kept, key=order.index)
