@@ -7,7 +7,8 @@ import pytest
 
 from lab.control.camera import CameraModel
 from lab.control.flights import Flight
-from lab.control.rendered import RenderedRig
+from lab.control.rendered import RenderedLandingRig, RenderedRig
+from mkdaemon.control.manoeuvres.land import LandingPhase
 from mkdaemon.telemetry.control import Phase
 
 
@@ -22,3 +23,13 @@ def test_the_core_holds_over_a_target_that_the_eyes_see():
     errors = np.array(record.errors)[np.array(record.times) > 7.0]
     assert len(errors) > 100
     assert np.abs(errors).max() < 0.15
+
+
+@pytest.mark.flight
+def test_the_core_lands_on_a_target_that_the_eyes_see():
+    rig = RenderedLandingRig(Flight(seed=5, seconds=30.0, land_at=6.0, camera=CameraModel(rate=7.0)))
+    rig.handover = 3.0
+    record = rig.fly()
+    assert record.landing is LandingPhase.DOWN
+    assert not record.lost
+    assert record.touch_error < 0.15
