@@ -13,7 +13,7 @@ from mkdaemon.vision.pose.pose import Pose
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.tags.tagmap import Target
 
-PATCH_PX = 20
+PATCH_PX = 40
 """The image of a target is compared at about this size [px]."""
 
 
