@@ -27,7 +27,7 @@ from mkdaemon.vision.arrays import Array, Grey
 from mkdaemon.vision.limits import APART2, HALF, LIMITS
 from mkdaemon.vision.pose.bend import Bend
 from mkdaemon.vision.pose.edgefind import HALF_WIDTH
-from mkdaemon.vision.pose.edgefit import EdgeFit, Level
+from mkdaemon.vision.pose.edgefit import EdgeFit
 from mkdaemon.vision.pose.edgemodel import EdgeModel
 from mkdaemon.vision.pose.edgestep import MAD
 from mkdaemon.vision.pose.gates import BitModel, CellEvidence
@@ -38,6 +38,7 @@ from mkdaemon.vision.pose.printmodel import SQUARE, PrintModel
 from mkdaemon.vision.pose.prints import Prints
 from mkdaemon.vision.pose.projection import NEAR_M, Projection
 from mkdaemon.vision.pose.rolling import exposed
+from mkdaemon.vision.pose.unknowns import Level
 from mkdaemon.vision.tags.cellread import sample
 from mkdaemon.vision.tags.detection import Detection
 from mkdaemon.vision.tags.tagmap import Tag, Target
@@ -177,7 +178,7 @@ class EdgeEvidence:
 def pixels_of(points: Array, pose: Pose, projection: Projection) -> tuple[Array, npt.NDArray[np.bool_]]:
     """Pixels `(n, 2)` of points of a target `(n, 3)` [m] as their rows see them, and which are visible `(n,)`."""
     seen = points @ pose.rotation.T + pose.position
-    return projection.project(seen if pose.motion is None else exposed(seen, pose.motion, projection)[0])
+    return projection.project(exposed(seen, pose.motion, projection)[0])
 
 
 def _lines(target: Target, model: EdgeModel) -> npt.NDArray[np.intp]:

@@ -165,8 +165,7 @@ class BitModel:
     ) -> tuple[Array, npt.NDArray[np.bool_]]:
         """Grey values `(n,)` where a pose puts points `(n, 3)` of cells of a size [m], and which can be read."""
         seen = (pose.rotation @ points.T + pose.position[:, None]).T
-        if pose.motion is not None:
-            seen, _ = exposed(seen, pose.motion, self._projection)
+        seen, _ = exposed(seen, pose.motion, self._projection)
         uv, visible = self._projection.project(seen)
         height, width = pixels.shape
         depth = np.where(visible, seen[:, 2], 1.0)

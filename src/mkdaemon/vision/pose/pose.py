@@ -27,6 +27,9 @@ Source = Literal["corners", "edges", "photometric"]
 
 NO_BETTER, SETTLED_RMS_PX = 1 + 1e-9, 1e-7
 """Refining corners ends when the residual rises by this factor, or falls by less than this [px]."""
+RIDGE, LEAST_RIDGE = 1e-9, 1e-12
+"""Share of the normal matrix' diagonal that is added before it is inverted, and so much more: directions nobody sees
+stay finite."""
 LEAST_NORM = 1e-9
 """Vectors shorter than this have no direction."""
 CORNER_SD_PX = 0.15
@@ -244,8 +247,7 @@ def _refine(
         last = rms
         jacobian = projection.pose_jacobian(seen, position).reshape(-1, 6) * scale
         normal = jacobian.T @ jacobian
-        damped = normal + 1e-9 * np.diag(np.diag(normal))
-        step: Array = np.asarray(np.linalg.solve(damped, jacobian.T @ (error * scale)), dtype=np.float64).ravel()
+        step = np.asarray(np.linalg.solve(damped(normal), jacobian.T @ (error * scale)), np.float64).ravel()
         before = (rotation, position)
         position = np.asarray(position + step[:3], dtype=np.float64)
         rotation = turn(rotation, step[3:])
@@ -256,7 +258,7 @@ def _refine(
         rms = last
     dof = max(2 * len(points) - 6, 2)
     variance = max(CORNER_SD_PX**2, rms**2 * len(points) / dof)
-    covariance: Array = np.asarray(variance * np.linalg.inv(normal + 1e-9 * np.diag(np.diag(normal))), dtype=np.float64)
+    covariance = variance * inverted(damped(normal))
     return Pose(rotation, position, covariance, "corners", len(points), rms, loss=rms**2)
 
 
@@ -306,3 +308,16 @@ def quantile(values: npt.NDArray[np.floating | np.integer], share: float) -> flo
     """
     rank = min(int(share * values.size), values.size - 1)
     return float(np.partition(values, rank, axis=None)[rank])
+
+
+def damped(normal: Array) -> Array:
+    """A normal matrix `(k, k)` with its ridge."""
+    found: Array = normal.copy()
+    diagonal = found.reshape(-1)[:: len(found) + 1]
+    diagonal += RIDGE * diagonal + LEAST_RIDGE
+    return found
+
+
+def inverted(normal: Array) -> Array:
+    """Inverse of a normal matrix `(k, k)`."""
+    return np.asarray(np.linalg.inv(normal), np.float64)

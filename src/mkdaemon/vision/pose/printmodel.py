@@ -357,8 +357,7 @@ class PrintModel:
         """Where the print is in the image; none where it is not in full view, too small or too large."""
         half = self.half - LIMITS.photo.margin_cells * self.cell
         placed = (SQUARE * half @ self.axes[:, :2].T + self.origin) @ rotation.T + position
-        corners = placed if motion is None else exposed(placed, motion, self._projection)[0]
-        uv, visible = self._projection.project(corners)
+        uv, visible = self._projection.project(exposed(placed, motion, self._projection)[0])
         if not bool(visible.all()):
             return None
         x0, y0 = np.maximum(np.floor(uv.min(axis=0)).astype(int), 0)

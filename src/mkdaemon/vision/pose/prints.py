@@ -97,12 +97,6 @@ class Prints:
             return self.all[0]
         return next(iter(self.seen(pose.rotation, pose.position)), self.all[0])
 
-    def rise_of(self, start: Pose) -> Array | None:
-        """Rise of the only print where a fit begins `(3,)`; none where it does not bend."""
-        if self.sheet is None:
-            return None
-        return (start.bend or start.known_bend or self.sheet.prior).mean
-
     def _is_shown(self, model: PrintModel, rotation: Array, position: Array, width: int, height: int) -> bool:
         if model.depth(rotation, position) < NEAR_M:
             return False
