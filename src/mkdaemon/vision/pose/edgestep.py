@@ -12,7 +12,7 @@ import numpy.typing as npt
 from mkdaemon.vision.arrays import Array, Bools
 from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.edgefind import LEAST_OF_A_KIND, FoundEdges, Samples
-from mkdaemon.vision.pose.pose import LEAST_RIDGE, Pose, inverted, median
+from mkdaemon.vision.pose.pose import LEAST_RIDGE, Pose, inverted, length2, median
 from mkdaemon.vision.pose.unknowns import POSE, Prior, State, Unknowns
 
 Numbers = npt.NDArray[np.intp]
@@ -109,8 +109,7 @@ class EdgeStep:
     @property
     def length2(self) -> float:
         """Squared length of the pose's part of the step, in deviations that the edges leave."""
-        spread = self.variance * inverted(self.normal)[POSE, POSE]
-        return float(self.change[POSE] @ np.linalg.solve(spread, self.change[POSE]))
+        return length2(self.change[POSE], self.variance * inverted(self.normal)[POSE, POSE])
 
     @property
     def moved_px(self) -> float:

@@ -33,7 +33,7 @@ from mkdaemon.vision.pose.edgestep import MAD
 from mkdaemon.vision.pose.gates import BitModel, CellEvidence
 from mkdaemon.vision.pose.linetime import KnownMotion
 from mkdaemon.vision.pose.photofit import PhotoFit
-from mkdaemon.vision.pose.pose import Pose, correlation, median, solve
+from mkdaemon.vision.pose.pose import Pose, apart, correlation, length2, median, solve
 from mkdaemon.vision.pose.printmodel import SQUARE, PrintModel
 from mkdaemon.vision.pose.prints import Prints
 from mkdaemon.vision.pose.projection import NEAR_M, Projection
@@ -74,8 +74,7 @@ class PrintGatherer:
         found = [(model, shift) for model, shift in looked if shift is not None]
         if len(found) < 2 or not any(shift.any() for _, shift in found):
             return start
-        places = [SQUARE * model.half @ model.axes[:, :2].T + model.origin for model, _ in found]
-        points = np.concatenate(places)
+        points = np.concatenate([model.corners(model.half) for model, _ in found])
         pixels_of = self._projection.project(points @ start.rotation.T + start.position)[0]
         rays = self._projection.undistort(pixels_of + np.repeat([shift for _, shift in found], len(SQUARE), axis=0))
         turned, place = np.asarray(cv2.Rodrigues(start.rotation)[0], np.float64), start.position.reshape(3, 1).copy()
@@ -239,11 +238,7 @@ class TargetFitter:
         self._gatherer = PrintGatherer(self._photo.prints, projection)
         self._bits = BitModel(target, projection)
         self._evidence = EdgeEvidence(target, projection)
-        papers = [tag.paper / 2 for tag in target.tags]
-        square = np.array([[-1.0, 1.0], [1.0, 1.0], [1.0, -1.0], [-1.0, -1.0]])
-        self._outline = np.concatenate(
-            [tag.place(square * half) for tag, half in zip(target.tags, papers, strict=True)]
-        )
+        self._outline = np.concatenate([tag.place(SQUARE * tag.paper / 2) for tag in target.tags])
 
     def begin(self, pixels: Grey) -> None:
         """Begin with another image: nothing is spent on it, and nothing known of it."""
@@ -352,9 +347,7 @@ class TargetFitter:
 
     def _with_contradiction(self, pose: Pose, other: Pose) -> Pose:
         """The pose, as uncertain as another measurement of the same image that contradicts it is far away."""
-        turned = np.asarray(cv2.Rodrigues(other.rotation @ pose.rotation.T)[0], dtype=np.float64).ravel()
-        apart = np.concatenate([other.position - pose.position, turned])
-        distance2 = float(apart @ np.linalg.solve(pose.covariance + other.covariance, apart))
+        distance2 = length2(apart(pose, other), pose.covariance + other.covariance)
         doubt = distance2 if distance2 > APART2 else 1.0
         return replace(pose, covariance=doubt * pose.covariance)
 

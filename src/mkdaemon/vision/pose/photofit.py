@@ -25,7 +25,7 @@ import numpy as np
 from mkdaemon.vision.arrays import Array, Grey
 from mkdaemon.vision.limits import APART2, LIMITS
 from mkdaemon.vision.pose.photostep import PhotoStep, PhotoStepper
-from mkdaemon.vision.pose.pose import Pose
+from mkdaemon.vision.pose.pose import Pose, apart, length2
 from mkdaemon.vision.pose.printmodel import PrintModel
 from mkdaemon.vision.pose.prints import Prints
 from mkdaemon.vision.pose.projection import Projection
@@ -137,7 +137,7 @@ class PhotoFit:
         blur_px = pose.blur_px or START_BLUR_PX
         at = State(pose.rotation, pose.position, blur_px**2 * np.eye(2), pose.motion)
         seen = self.prints.seen(pose.rotation, pose.position, pixels.shape)
-        return tuple(model for model in seen if self._stepper.match(pixels, model, at) >= LIMITS.likeness.clear)
+        return self._alike(pixels, seen, at, LIMITS.likeness.clear)
 
     def _with_missing(self, pose: Pose, seen: Sequence[PrintModel], near: Sequence[PrintModel]) -> Pose:
         """The pose with what speaks against it: prints that should be in the image and are not there."""
@@ -226,10 +226,7 @@ class PhotoFit:
             return pose
         if float(np.linalg.det(grey.covariance)) >= float(np.linalg.det(pose.covariance)):
             return pose
-        turned = np.asarray(cv2.Rodrigues(grey.rotation @ pose.rotation.T)[0], dtype=np.float64).ravel()
-        apart = np.concatenate([grey.position - pose.position, turned])
-        objects = float(apart @ np.linalg.solve(pose.covariance, apart)) > APART2
-        if objects and cell_px >= limits.cells.mixed_px:
+        if length2(apart(pose, grey), pose.covariance) > APART2 and cell_px >= limits.cells.mixed_px:
             return pose
         return replace(pose, rotation=grey.rotation, position=grey.position, covariance=grey.covariance, bend=grey.bend)
 

@@ -19,12 +19,11 @@ from math import sqrt
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
-from mkdaemon.vision.arrays import Array, Grey
+from mkdaemon.vision.arrays import Array, Bools, Grey
 from mkdaemon.vision.limits import HALF, LIMITS, NOISE_GREY
 from mkdaemon.vision.pose.edgestep import MAD
-from mkdaemon.vision.pose.pose import Pose, correlation, damped, inverted, median
+from mkdaemon.vision.pose.pose import Pose, correlation, damped, inverted, length2, median
 from mkdaemon.vision.pose.printmodel import BOX, PrintModel, PrintSamples
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.pose.rolling import at_times
@@ -80,8 +79,8 @@ class SharedNoise:
     common: float
 
 
-def shared_by(residual: Array, used: npt.NDArray[np.bool_], least: float = 0.0) -> SharedNoise:
-    """What neighbours share of the residuals of a fit.
+def shared_by(residual: Array, windows: Sequence[Bools], least: float = 0.0) -> SharedNoise:
+    """What neighbours share of the residuals of a fit; over several prints the mean of their pixels.
 
     Demosaicing, denoising and what the model lacks are shared; the noise of a sensor is not. Where the correlation
     falls by r from a pixel to the next, the variance of a mean is (1 + r) / (1 - r) times that of independent pixels,
@@ -89,41 +88,29 @@ def shared_by(residual: Array, used: npt.NDArray[np.bool_], least: float = 0.0) 
     images (0.66 to 1.19). Sharpening sets the noise of neighbours against each other, r < 0, and a mean has less of it.
 
     Args:
-        residual: of each used pixel `(n,)`.
-        used: which pixels of a window these are `(rows, columns)`.
-        least: correlation that is believed.
-    """
-    image = np.zeros(used.shape)
-    image[used] = residual
-    total = max(float(residual @ residual), LEAST_SCATTER)
-    factor, common = 1.0, 0.0
-    for one, neighbour in ((image[:, 1:], image[:, :-1]), (image[1:], image[:-1])):
-        r = float(np.clip((one * neighbour).sum() / total, least, MOST_SHARED))
-        factor *= (1.0 + r) / sqrt(1.0 - r)
-        common += max(r, 0.0) / MOST_SHARED / 2.0
-    return SharedNoise(factor, min(max(common, 1.0 / sqrt(max(residual.size, 1))), 1.0))
-
-
-def shared_by_all(residual: Array, windows: Sequence[npt.NDArray[np.bool_]], least: float = 0.0) -> SharedNoise:
-    """The same over several prints, the mean of their pixels.
-
-    Args:
         residual: of each used pixel of all windows, one window after the other `(n,)`.
         windows: which pixels of each are used, each `(rows, columns)`.
         least: correlation that is believed.
     """
-    if len(windows) == 1:
-        return shared_by(residual, windows[0], least)
-    pieces = np.split(residual, np.cumsum([int(used.sum()) for used in windows])[:-1])
-    shares = [shared_by(piece, used, least) for piece, used in zip(pieces, windows, strict=True)]
-    size = np.array([piece.size for piece in pieces]) / residual.size
-    factor, common = size @ np.array([(share.factor, share.common) for share in shares])
-    return SharedNoise(float(factor), float(common))
+    all_factors, all_common, start = 0.0, 0.0, 0
+    for used in windows:
+        image = np.zeros(used.shape)
+        count = int(np.count_nonzero(used))
+        image[used] = residual[start : start + count]
+        start += count
+        total = max(float((image * image).sum()), LEAST_SCATTER)
+        factor, common = 1.0, 0.0
+        for one, neighbour in ((image[:, 1:], image[:, :-1]), (image[1:], image[:-1])):
+            r = float(np.clip((one * neighbour).sum() / total, least, MOST_SHARED))
+            factor *= (1.0 + r) / sqrt(1.0 - r)
+            common += max(r, 0.0) / MOST_SHARED / 2.0
+        share = count / residual.size
+        all_factors += share * factor
+        all_common += share * min(max(common, 1.0 / sqrt(max(count, 1))), 1.0)
+    return SharedNoise(all_factors, all_common)
 
 
-def shared_on_slopes(
-    residual: Array, steep: Array, windows: Sequence[npt.NDArray[np.bool_]], least: float = 0.0
-) -> float:
+def shared_on_slopes(residual: Array, steep: Array, windows: Sequence[Bools], least: float = 0.0) -> float:
     """By how much the residuals on the slopes of a print raise the variance of a fit, as `SharedNoise.factor`.
 
     Only slopes tell a pose, and what the model lacks of a point spread, of paper that is blown beside them or of
@@ -138,7 +125,7 @@ def shared_on_slopes(
     """
     weighed = residual * np.sqrt(steep / max(float(np.mean(steep)), 1e-12))
     larger = max(float(weighed @ weighed) / max(float(residual @ residual), LEAST_SCATTER), LEAST_ON_SLOPES)
-    return larger * shared_by_all(weighed, windows, least).factor
+    return larger * shared_by(weighed, windows, least).factor
 
 
 def streak_doubt(spread: Array) -> float:
@@ -409,7 +396,7 @@ class PhotoStepper:
         noise = max(float((weights * residual**2).sum()) / freedom, LEAST_NOISE)
         least = LEAST_SHARED if at.motion is None else 0.0  # what a motion lacks hides under opposed noise
         clipped, windows = np.clip(residual * clear, -bound, bound), [part.at.used for part in parts]
-        shared = shared_by_all(clipped, windows, least)
+        shared = shared_by(clipped, windows, least)
         noise *= shared_on_slopes(clipped, _of_all([part.at.steep for part in parts]), windows, least)
         noise *= streak_doubt(at.spread)
         normal, right = unknowns.equations(weights, residual, noise)
@@ -417,8 +404,7 @@ class PhotoStepper:
         to_go, covariance = (inverse @ right)[POSE], noise * inverse
         surprise = 1.0 + unknowns.surprise / clear.size
         comparable = weighed.cost * float(np.exp(-2.0 * np.mean(np.log(clear)))) * surprise
-        length2 = float(to_go @ np.linalg.solve(covariance[POSE, POSE], to_go))
-        told = unknowns, comparable, to_go, length2, covariance
+        told = unknowns, comparable, to_go, length2(to_go, covariance[POSE, POSE]), covariance
         return PhotoStep(*told, normal, right, parts, residual, weighed, shared)
 
     def match(self, pixels: Grey, model: PrintModel, at: State) -> float:
