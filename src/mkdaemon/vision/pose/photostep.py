@@ -442,7 +442,7 @@ class PhotoStepper:
         by_point = -contrast[:, None] * (dx[:, None] * point[:, 0] + dy[:, None] * point[:, 1])
         heights = None if first.sheet is None else first.sheet.heights(parts[0].at.u, parts[0].at.v)
         table = prior.table(at, by_point, arm, times, heights)
-        table.append(Unknown("spread", contrast * _of_all([part.at.by_spread for part in parts])))
+        table.insert(2, Unknown("spread", contrast * _of_all([part.at.by_spread for part in parts])))
         light = parts[0].lit.columns
         if len(parts) > 1:
             # Each print has light of its own.

@@ -59,6 +59,7 @@ class Unknowns:
 
     Attributes:
         rows: derivative of what is measured `(k, n)`.
+        carried: how many of them a state carries from step to step, the first ones.
         information: that is known beforehand `(k, k)`.
         surprise: squared distance of the fit from what is expected, in deviations of that.
     """
@@ -66,9 +67,9 @@ class Unknowns:
     def __init__(self, table: Sequence[Unknown]) -> None:
         self.rows = np.concatenate([line.rows for line in table])
         count, stop = len(self.rows), 0
+        self.carried = 0
         self.information, off = np.zeros((count, count)), np.zeros(count)
         self._blocks: dict[str, slice] = {}
-        self.carried = 0
         for line in table:
             start, stop = stop, stop + len(line.rows)
             block = self._blocks[line.name] = slice(start, stop)
@@ -122,7 +123,7 @@ class State:
     stretch: Array | None = None
 
     def moved(self, unknowns: Unknowns, change: Array) -> State:
-        """After a step `(k,)`; what is no sum, and no rotation, is moved by its fit."""
+        """After a step `(k,)`; the point spread, which has bounds, is moved by its fit."""
         added = {
             name: getattr(self, name) + change[unknowns[name]]
             for name in ("motion", "rise", "stretch")
