@@ -11,13 +11,13 @@ from mkdaemon.vision.pose.edgefit import EdgeFit
 from mkdaemon.vision.pose.edgestep import EdgeStep
 from mkdaemon.vision.pose.pose import Pose, turn
 from mkdaemon.vision.pose.projection import Projection
+from mkdaemon.vision.pose.unknowns import Prior, Unknown, Unknowns
 from mksim.scene.light import Conditions
 from mksim.scene.shadows import LeafShadow
 from tests.vision.views import VGA, View, angle_deg, place, shipped
 
 PROJECTION = Projection(VGA)
 UNKNOWNS = 7
-FREE = (np.zeros((UNKNOWNS, UNKNOWNS)), np.zeros(UNKNOWNS))
 
 
 def step(
@@ -30,10 +30,12 @@ def step(
     count = len(offsets)
     flat, ones = np.zeros((count, 2)), np.ones(count)
     upright = np.arange(count) % 2 > 0
-    samples = Samples(np.arange(count), flat, flat, ones, jacobian, np.zeros(count), 30.0 * ones, upright)
+    deep = np.zeros((count, 3))
+    samples = Samples(np.arange(count), flat, flat, ones, deep, deep, np.zeros(count), 30.0 * ones, upright)
     sure, free = ones if trust is None else trust, ones if room is None else room
     edges = FoundEdges(offsets, np.ones(count, dtype=bool), width, width * ones, ones, sure, free)
-    return EdgeStep.solve(samples, edges, FREE)
+    unknowns = Unknowns([Unknown("place", jacobian[:, :3].T), Unknown("rest", jacobian[:, 3:].T)])
+    return EdgeStep.solve(unknowns, samples, edges, 1.0)
 
 
 def upright_edges() -> tuple[np.ndarray, Samples]:
@@ -45,7 +47,8 @@ def upright_edges() -> tuple[np.ndarray, Samples]:
         np.column_stack([np.full(count, 32.0), rows]),
         np.tile([1.0, 0.0], (count, 1)),
         np.full(count, 2.5),
-        np.zeros((count, 6)),
+        np.zeros((count, 3)),
+        np.zeros((count, 3)),
         np.zeros(count),
         np.full(count, 30.0),
         np.ones(count, dtype=bool),
@@ -56,7 +59,9 @@ def covariances(errors: np.ndarray, jacobian: np.ndarray, square: np.ndarray, wi
     """The position's covariance by the pose of a step, over its true one, for draws of errors `(m, n)`."""
     fitted = [step(jacobian, error, width=width) for error in errors]
     true = np.cov(np.array([one.change[:3] for one in fitted]).T)
-    claimed = [one.pose(np.eye(3), np.array([0.0, 0.0, 1.0]), square).covariance[:3, :3] for one in fitted]
+    start = Pose(np.eye(3), np.array([0.0, 0.0, 1.0]), np.eye(6), "corners", 4, 0.1)
+    prior = Prior(start, None, None, None)
+    claimed = [one.pose(prior.begin(), prior, square).covariance[:3, :3] for one in fitted]
     return np.trace(np.linalg.solve(true, np.mean(claimed, axis=0))) / 3
 
 

@@ -25,7 +25,7 @@ def test_a_print_with_hardly_any_black_counts_evenly() -> None:
 
 def test_independent_noise_is_shared_by_nobody() -> None:
     used = np.ones((60, 60), bool)
-    noise = shared_by(RNG.standard_normal(3600), used)
+    noise = shared_by(RNG.standard_normal(3600), [used])
     assert noise.factor < 1.1
     assert noise.common < 0.05
 
@@ -33,7 +33,7 @@ def test_independent_noise_is_shared_by_nobody() -> None:
 def test_few_pixels_cannot_tell_that_they_share_nothing() -> None:
     used = np.ones((6, 6), bool)
     independent = np.indices((6, 6)).sum(axis=0) % 2 - 0.5  # neighbours are opposites
-    assert shared_by(independent.ravel(), used).common == pytest.approx(1.0 / 6.0)
+    assert shared_by(independent.ravel(), [used]).common == pytest.approx(1.0 / 6.0)
 
 
 def test_noise_that_neighbours_share_counts_more() -> None:
@@ -41,7 +41,7 @@ def test_noise_that_neighbours_share_counts_more() -> None:
     rough = RNG.standard_normal((61, 61))
     smooth = rough[1:, 1:] + rough[:-1, 1:] + rough[1:, :-1] + rough[:-1, :-1]
     # a correlation of one half each way
-    noise = shared_by(smooth.ravel(), used)
+    noise = shared_by(smooth.ravel(), [used])
     assert noise.factor == pytest.approx(1.5**2 / 0.5, rel=0.15)
     assert noise.common == pytest.approx(0.5 / 0.7, rel=0.1)
 
@@ -50,10 +50,10 @@ def test_neighbours_that_sharpening_sets_against_each_other_tell_more() -> None:
     noise = np.random.default_rng(3).normal(size=(60, 60)).astype(np.float32)
     sharp = noise - 0.2 * (np.roll(noise, 1, 0) + np.roll(noise, 1, 1))
     used = np.ones(sharp.shape, dtype=bool)
-    apart = shared_by(sharp[used].astype(np.float64), used, LEAST_SHARED)
+    apart = shared_by(sharp[used].astype(np.float64), [used], LEAST_SHARED)
     assert apart.factor < 0.75
     assert apart.common <= 1.0 / 60.0
-    assert shared_by(sharp[used].astype(np.float64), used).factor == 1.0
+    assert shared_by(sharp[used].astype(np.float64), [used]).factor == 1.0
 
 
 @pytest.mark.parametrize("larger", [1.0, 3.0])

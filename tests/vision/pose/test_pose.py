@@ -11,12 +11,13 @@ from hypothesis import strategies as st
 
 from lab.vision.stills import search_in_turn
 from mkdaemon.vision.camera.intrinsics import Intrinsics
-from mkdaemon.vision.pose.edgefit import EdgeFit, Level
+from mkdaemon.vision.pose.edgefit import EdgeFit
 from mkdaemon.vision.pose.edgemodel import EdgeModel
 from mkdaemon.vision.pose.gates import BitModel
 from mkdaemon.vision.pose.photofit import PhotoFit
 from mkdaemon.vision.pose.pose import FLOOR_RANGE, Pose, inverse, largest_variance, solve, turn, with_floor
 from mkdaemon.vision.pose.projection import Projection
+from mkdaemon.vision.pose.unknowns import Level
 from mkdaemon.vision.tags.detector import Detector
 from mkdaemon.vision.tags.tagmap import TagMap, load
 from mksim.scene.light import Conditions, Glare

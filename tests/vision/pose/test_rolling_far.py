@@ -10,11 +10,11 @@ import numpy.typing as npt
 from lab.vision.stills import error_of, target_named
 from mkdaemon.vision.camera.intrinsics import Intrinsics
 from mkdaemon.vision.pose.photofit import PhotoFit
-from mkdaemon.vision.pose.photostep import PhotoState, PhotoStepper
+from mkdaemon.vision.pose.photostep import PhotoStepper
 from mkdaemon.vision.pose.pose import Pose, turn
 from mkdaemon.vision.pose.prints import Prints
 from mkdaemon.vision.pose.projection import Projection
-from mkdaemon.vision.pose.rolling import motion_at_rest
+from mkdaemon.vision.pose.unknowns import POSE, Prior
 from mksim.scene.light import Conditions
 from mksim.scene.motion import Platform
 from mksim.scene.scene import Scene, SceneTarget, cam_from_target
@@ -71,10 +71,11 @@ def test_how_far_a_fit_is_from_its_place_is_told_without_damping() -> None:
     pixels, _, start = turning_view(1)
     projection = Projection(LENS)
     prints = Prints(PAD.target, projection)
-    at = PhotoState(start.rotation, start.position, 0.5 * np.eye(2), motion_at_rest(), prints.rise_of(start))
+    prior = Prior(start, None, projection.shutter, prints.sheet)
+    at = prior.begin(0.7)
     models = prints.seen(at.rotation, at.position, pixels.shape)
-    step = PhotoStepper(projection).step(pixels, models, at, start, None)
+    step = PhotoStepper(projection).step(pixels, models, at, prior)
     assert step is not None
     taken = step.change(1.0)[:6]
-    assert float(taken @ np.linalg.solve(step.covariance, taken)) < 0.5 * step.length2
+    assert float(taken @ np.linalg.solve(step.covariance[POSE, POSE], taken)) < 0.5 * step.length2
     np.testing.assert_allclose(step.to_go, step.change(1e-7)[:6], rtol=1e-2, atol=1e-5)

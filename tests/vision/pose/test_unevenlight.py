@@ -5,11 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mkdaemon.vision.pose.edgefind import Samples
-from mkdaemon.vision.pose.edgefit import EdgeFit
-from mkdaemon.vision.pose.nuisance import with_shift
+from mkdaemon.vision.pose.edgefit import EdgeFit, shifts
 from mkdaemon.vision.pose.pose import Pose
 from mkdaemon.vision.pose.projection import Projection
+from mkdaemon.vision.pose.unknowns import Unknowns
 from mksim.scene.light import Conditions
 from mksim.scene.processing import Processing
 from tests.vision.views import VGA, View, place, shipped
@@ -63,11 +62,7 @@ def test_small_cells_behind_a_tone_curve_do_not_shift_large_ones(distance: float
 
 def test_what_is_known_of_shifts_is_weighed_by_the_edges_of_the_image() -> None:
     """Weighed as in a bad image, 0.1 px held the shift of small cells that are trusted little."""
-    samples = Samples(
-        np.arange(4), *(np.zeros((4, 2)),) * 2, np.ones(4), np.ones((4, 6)), *(np.ones(4),) * 2, np.ones(4, bool)
-    )
-    smaller = np.array([[True], [True], [False], [False]])
-    prior = np.zeros((6, 6)), np.zeros(6)
-    grown, (matrix, _) = with_shift(samples, prior, np.ones(4), smaller, 0.05)
-    assert grown.jacobian.shape == (4, 8)
-    assert np.diag(matrix)[6:] == pytest.approx([0.0625, 0.0625])
+    line = shifts(np.ones(4), np.array([[True], [True], [False], [False]]))
+    assert line.rows.tolist() == [[1.0, 1.0, 0.0, 0.0], [1.0, 1.0, 1.0, 1.0]]
+    normal, _ = Unknowns([line]).equations(np.zeros(4), np.zeros(4), 0.05**2)
+    assert np.diag(normal) == pytest.approx([0.0625, 0.0625])

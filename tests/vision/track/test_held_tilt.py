@@ -8,10 +8,11 @@ import pytest
 from mkdaemon.config.vision import TrackerSection
 from mkdaemon.frames import rotation_from_euler
 from mkdaemon.telemetry.vision import PoseRefusal
-from mkdaemon.vision.pose.edgefit import EdgeFit, Level
+from mkdaemon.vision.pose.edgefit import EdgeFit
 from mkdaemon.vision.pose.fitting import TargetFitter
 from mkdaemon.vision.pose.pose import Pose, turn
 from mkdaemon.vision.pose.projection import Projection
+from mkdaemon.vision.pose.unknowns import Level
 from mkdaemon.vision.track.attitude import LOOKING_DOWN, Sight, fuse_normal
 from mkdaemon.vision.track.checks import Checks
 from mkdaemon.vision.track.judge import Judge, Verdict

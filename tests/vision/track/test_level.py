@@ -11,8 +11,8 @@ from lab.vision.flight import VGA
 from mkdaemon.config.vision import TrackerSection
 from mkdaemon.frames import rotation_from_euler
 from mkdaemon.vision.camera.image import CameraImage
-from mkdaemon.vision.pose.edgefit import Level
 from mkdaemon.vision.pose.pose import Pose, turn
+from mkdaemon.vision.pose.unknowns import Level
 from mkdaemon.vision.tags.tagmap import TagMap
 from mkdaemon.vision.track.attitude import (
     LOOKING_DOWN,

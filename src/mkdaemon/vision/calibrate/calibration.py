@@ -13,7 +13,7 @@ import numpy.typing as npt
 from mkdaemon.errors import VisionError
 from mkdaemon.vision.calibrate.board import BoardPoints, board_normal
 from mkdaemon.vision.camera.intrinsics import Intrinsics
-from mkdaemon.vision.pose.edgestep import damped
+from mkdaemon.vision.pose.pose import damped
 
 Array = npt.NDArray[np.float64]
 Figures = npt.NDArray[np.integer[Any] | np.floating[Any]]

@@ -11,7 +11,7 @@ p - 2/3 (p^T Q p) Q p, to third order, which is the chord of its arc.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -21,10 +21,6 @@ from mkdaemon.vision.tags.tagmap import Tag
 
 RISES: Final = 3
 """Unknowns a, b, c."""
-BENT: Final = slice(6, 6 + RISES)
-"""Where they are among the unknowns of a fit to edges, behind the pose."""
-STILL: Final = 1e-6
-"""A step of the rise that moves nothing [shares of the side]."""
 OF_A_CYLINDER: Final = np.array([[0.375, 0.0, 0.125], [0.0, 0.5, 0.0], [0.125, 0.0, 0.375]])
 """Covariance of (a, b, c) over the variance of the rise, for a cylinder about any axis: (cos^2, 2 cos sin, sin^2)."""
 PLANE: Final = 0.3
@@ -70,19 +66,15 @@ class Sheet:
         mean = (tag.paper / tag.size) ** 2 / 3.0
         self._mean = tag.size * np.array([mean, 0.0, mean])
 
-    def heights(self, points: Array) -> Array:
-        """Derivative `(n, 3)` [m] of the height over the plane by the rise, at points `(n, 3)` [m; target]."""
-        return self.heights_at(*((points - self._origin) @ self._axes).T).T
-
-    def heights_at(self, x: Array, y: Array) -> Array:
-        """The same `(3, n)` at places `(n,)` of the print along its own axes [m]."""
+    def heights(self, x: Array, y: Array) -> Array:
+        """Derivative `(3, n)` [m] of the height over the plane by the rise, at places `(n,)` along the axes [m]."""
         heights: Array = self._scale * np.stack([x * x, x * y, y * y]) - self._mean[:, None]
         return heights
 
     def terms(self, points: Array) -> Array:
-        """What the place of points `(n, 3)` on the bent print is made of `(n, 7)`: their heights, then cubes [m^3]."""
+        """What the place of points `(n, 3)` on the bent print is made of `(7, n)`: their heights, then cubes [m^3]."""
         x, y = ((points - self._origin) @ self._axes).T
-        return np.column_stack([self.heights(points), x**3, x * x * y, x * y * y, y**3])
+        return np.concatenate([self.heights(x, y), np.stack([x**3, x * x * y, x * y * y, y**3])])
 
     def bent(self, points: Array, terms: Array, rise: Array) -> Array:
         """Where points `(n, 3)` [m; target] of the flat print lie on the bent one.
@@ -96,8 +88,8 @@ class Sheet:
         a, b, c = rise * self._scale
         along_x = [a * a, 1.5 * a * b, a * c + b * b / 2, b * c / 2]
         along_y = [a * b / 2, a * c + b * b / 2, 1.5 * b * c, c * c]
-        chord = (-2.0 / 3.0) * np.column_stack([along_x, along_y]) @ self._axes.T
-        bent: Array = points + terms @ np.concatenate([np.outer(rise, self.normal), chord])
+        chord = (-2.0 / 3.0) * self._axes @ np.array([along_x, along_y])
+        bent: Array = points + (np.column_stack([np.outer(self.normal, rise), chord]) @ terms).T
         return bent
 
     def plane_covariance(self, rotation: Array, bend: Bend) -> Array:
@@ -105,39 +97,3 @@ class Sheet:
         square = bend.covariance + np.outer(bend.mean, bend.mean)
         normal = rotation @ self.normal
         return float(PLANE**2 * self._mean @ square @ self._mean) * np.outer(normal, normal)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class BentPrint:
-    """Where a fit is with the bend of its print.
-
-    Attributes:
-        sheet: of the print.
-        known: before the image.
-        information: inverse of its covariance `(3, 3)`.
-        rise: by now `(3,)`.
-        flat: points of the flat print `(n, 3)` [m; target].
-        terms: of theirs `(n, 7)`, see `Sheet.terms`.
-        points: where they lie now `(n, 3)` [m; target].
-    """
-
-    sheet: Sheet
-    known: Bend
-    information: Array
-    rise: Array
-    flat: Array
-    terms: Array
-    points: Array
-
-    @classmethod
-    def begin(cls, sheet: Sheet, known: Bend, rise: Array, flat: Array, terms: Array) -> BentPrint:
-        """Where a fit begins."""
-        points = sheet.bent(flat, terms, rise) if bool(rise.any()) else flat
-        return cls(sheet, known, known.information, rise, flat, terms, points)
-
-    def moved(self, change: Array) -> BentPrint:
-        """After a step of the rise."""
-        if float(np.abs(change).max()) < STILL:
-            return self
-        rise = self.rise + change
-        return replace(self, rise=rise, points=self.sheet.bent(self.flat, self.terms, rise))

@@ -58,7 +58,8 @@ class Samples:
         pixels: where a pose puts them `(n, 2)` [px].
         normals: towards the brighter side, unit `(n, 2)`.
         reach: how far along the normal the edge may be `(n,)` [px].
-        jacobian: of the position along the normal by pose `(n, k)`.
+        by_point: derivative of the position along the normal by the point of the print `(n, 3)` [px/m; camera].
+        arm: from the target's origin to that point `(n, 3)` [m; camera].
         times: when each is exposed after the middle row, under a rolling shutter `(n,)` [s].
         cell_px: side of its cells along the normal `(n,)` [px].
         upright: whether a move along x of the target shifts it `(n,)`, rather than one along y.
@@ -68,7 +69,8 @@ class Samples:
     pixels: Array
     normals: Array
     reach: Array
-    jacobian: Array
+    by_point: Array
+    arm: Array
     times: Array
     cell_px: Array
     upright: npt.NDArray[np.bool_]

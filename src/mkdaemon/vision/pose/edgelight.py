@@ -79,15 +79,15 @@ class Blown:
 
     Attributes:
         moved: offset of each edge that it causes, as far as blur and contrast are known `(n,)` [px].
-        columns: derivative of the offsets by the blur of the edges that run either way and by the contrast, as shares
-            of them `(n, 3)` [px]. Motion blurs edges of one way: with one blur for both, edges across it lay 0.04-0.13
+        rows: derivative of the offsets by the blur of the edges that run either way and by the contrast, as shares
+            of them `(3, n)` [px]. Motion blurs edges of one way: with one blur for both, edges across it lay 0.04-0.13
             px beside those along it (over-exposed flights), which looks like a tilt.
         clear: variance of a located edge that is not blown over its own `(n,)`.
         shown: whether the ink beside each is darker than what is blown: a highlight floods the others `(n,)`.
     """
 
     moved: Array
-    columns: Array
+    rows: Array
     clear: Array
     shown: Bools
 
@@ -252,7 +252,7 @@ def blown_edges(sides: EdgeSides, found: Bools, upright: Bools) -> Blown | None:
     by_contrast = -blur * np.interp(place, PLACES, BY_CONTRAST) * cut
     clear = 1.0 / (1.0 + (moved / (HALF * LIMITS.edges.located_px)) ** 2)
     shown = light < LIMITS.read.saturated - LIMITS.read.nearly_blown
-    return Blown(moved, np.column_stack([*(kinds * moved), by_contrast]), clear, shown)
+    return Blown(moved, np.vstack([kinds * moved, by_contrast]), clear, shown)
 
 
 def blur_of(width: Array) -> Array:

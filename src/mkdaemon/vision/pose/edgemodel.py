@@ -54,35 +54,31 @@ class EdgeModel:
     @classmethod
     def of(cls, target: Target, per_cell: int = 3) -> EdgeModel:
         """Sample every visible edge of a target `per_cell` times a cell."""
-        parts = [_tag_edges(tag, per_cell) for tag in target.tags]
-        points = np.concatenate([tag.place(part[0]) for tag, part in zip(target.tags, parts, strict=True)])
-        normals = np.concatenate(
-            [part[1] @ tag.rotation[:, :2].T for tag, part in zip(target.tags, parts, strict=True)]
-        )
-        index = np.concatenate([np.full(len(part[0]), k) for k, part in enumerate(parts)])
+        planes, ways, sides = zip(*(_tag_edges(tag, per_cell) for tag in target.tags), strict=True)
+        counts = [len(plane) for plane in planes]
+        index = np.repeat(np.arange(len(target.tags)), counts)
+        points = np.concatenate([tag.place(plane) for tag, plane in zip(target.tags, planes, strict=True)])
+        normals = np.concatenate([way @ tag.rotation[:, :2].T for tag, way in zip(target.tags, ways, strict=True)])
         tangents = np.cross(np.array([tag.rotation[:, 2] for tag in target.tags])[index], normals)
         cell = np.array([tag.module for tag in target.tags])[index]
-        side = np.concatenate([part[2] for part in parts])
         keep = np.ones(len(points), dtype=bool)
         beside = (BESIDE_CELLS * cell)[:, None] * normals
         for k, tag in enumerate(target.tags):
             hidden = covered(points, tag) | covered(points - beside, tag) | covered(points + beside, tag)
             keep &= ~((index < k) & hidden)
-        squares = [_squares(tag, part[0], k) for k, (tag, part) in enumerate(zip(target.tags, parts, strict=True))]
-        square = np.unique(np.concatenate(squares)[keep], axis=0, return_inverse=True)[1].reshape(-1)
+        squares = np.concatenate([_squares(tag, plane) for tag, plane in zip(target.tags, planes, strict=True)])
+        numbered = np.column_stack([index, squares])[keep]
         by_axis = np.abs(normals @ target.tags[0].rotation[:, :2])
-        upright = by_axis[:, 0] > by_axis[:, 1]
-        smaller = cell[keep, None] == sorted({tag.module for tag in target.tags}, reverse=True)[1:]
         return cls(
             points[keep],
             normals[keep],
             tangents[keep],
             cell[keep],
             index[keep],
-            side[keep],
-            square,
-            smaller,
-            upright[keep],
+            np.concatenate(sides)[keep],
+            np.unique(numbered, axis=0, return_inverse=True)[1].reshape(-1),
+            cell[keep, None] == sorted({tag.module for tag in target.tags}, reverse=True)[1:],
+            (by_axis[:, 0] > by_axis[:, 1])[keep],
         )
 
     @property
@@ -122,37 +118,31 @@ def spread_evenly(count: int, most: int) -> npt.NDArray[np.intp]:
     return np.linspace(0, count - 1, most).astype(np.intp)
 
 
-def _squares(tag: Tag, plane: Array, k: int) -> npt.NDArray[np.intp]:
-    """Tag, column and row `(n, 3)` of the cells whose left and lower edges points `(n, 2)` of its plane lie on."""
-    place = np.floor(plane / tag.module + tag.family.black_cells / 2 + ON_EDGE).astype(np.intp)
-    return np.column_stack([np.full(len(plane), k, dtype=np.intp), place])
+def _squares(tag: Tag, plane: Array) -> npt.NDArray[np.intp]:
+    """Column and row `(n, 2)` of the cells whose left and lower edges points `(n, 2)` of its plane lie on."""
+    return np.floor(plane / tag.module + tag.family.black_cells / 2 + ON_EDGE).astype(np.intp)
 
 
 def _tag_edges(tag: Tag, per_cell: int) -> tuple[Array, Array, npt.NDArray[np.intp]]:
     """Points, normals `(n, 2)` in the tag's plane and border sides `(n,)`."""
     n = tag.family.black_cells
-    bright = np.pad((tag.bitmap > 0).astype(np.int8), 1, constant_values=1)
+    bright = np.pad((tag.bitmap > 0).astype(int), 1, constant_values=1)
     along = SAMPLED[0] + SAMPLED[1] * (np.arange(per_cell) + 0.5) / per_cell
     points: list[Array] = []
     normals: list[Array] = []
     sides: list[npt.NDArray[np.intp]] = []
-    for axis in (0, 1):
-        # Differences along x (axis 0) and, on the transposed grid, along y; row 0 is the top, where y is positive.
-        grid = bright if axis == 0 else bright.T
-        rise = grid[1:-1, 1:].astype(int) - grid[1:-1, :-1]
+    # Across x and, on the transposed grid, across y; row 0 is the top, where y is positive.
+    for axis, (grid, first, last) in enumerate(((bright, 3, 1), (bright.T, 0, 2))):
+        rise = np.diff(grid[1:-1], axis=1)
         line, place = np.nonzero(rise)
-        sign = rise[line, place].astype(np.float64)
-        across = np.repeat(place.astype(np.float64), per_cell)
-        run = (line[:, None] + along[None, :]).ravel()
-        sign = np.repeat(sign, per_cell)
-        side = np.where(across == 0, 3 if axis == 0 else 0, np.where(across == n, 1 if axis == 0 else 2, -1))
-        if axis == 0:
-            points.append(np.column_stack([across, run]))
-            normals.append(np.column_stack([sign, np.zeros_like(sign)]))
-        else:
-            points.append(np.column_stack([run, across]))
-            normals.append(np.column_stack([np.zeros_like(sign), -sign]))
-        sides.append(side.astype(np.intp))
-    cells_xy = np.concatenate(points)
-    plane = np.column_stack([cells_xy[:, 0] - n / 2, n / 2 - cells_xy[:, 1]]) * tag.module
-    return plane, np.concatenate(normals), np.concatenate(sides)
+        at = np.zeros((len(line), per_cell, 2))
+        at[:, :, axis], at[:, :, 1 - axis] = place[:, None], line[:, None] + along
+        way = np.zeros_like(at)
+        way[:, :, axis] = rise[line, place][:, None]
+        points.append(at.reshape(-1, 2))
+        normals.append(way.reshape(-1, 2))
+        side = np.where(place == 0, first, np.where(place == n, last, -1))
+        sides.append(np.repeat(side, per_cell).astype(np.intp))
+    down = np.array([1.0, -1.0])
+    plane = (np.concatenate(points) - n / 2) * down * tag.module
+    return plane, np.concatenate(normals) * down, np.concatenate(sides)

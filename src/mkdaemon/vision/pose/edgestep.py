@@ -4,25 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import sqrt
 
 import numpy as np
 import numpy.typing as npt
 
 from mkdaemon.vision.arrays import Array, Bools
 from mkdaemon.vision.limits import LIMITS
-from mkdaemon.vision.pose.bend import BENT, Bend, BentPrint
 from mkdaemon.vision.pose.edgefind import LEAST_OF_A_KIND, FoundEdges, Samples
-from mkdaemon.vision.pose.linetime import KnownMotion, SeenMotion
-from mkdaemon.vision.pose.nuisance import Prior
-from mkdaemon.vision.pose.pose import Pose, median
+from mkdaemon.vision.pose.pose import LEAST_RIDGE, Pose, inverted, length2, median
+from mkdaemon.vision.pose.unknowns import POSE, Prior, State, Unknowns
 
 Numbers = npt.NDArray[np.intp]
 
 MAD = 1.4826
 """Deviation of Gaussian residuals over their median absolute value."""
-RIDGE, LEAST_RIDGE = 1e-9, 1e-12
-"""Share of the normal matrix' diagonal that is added before it is inverted, and so much more: directions nobody sees
-stay finite."""
 LEAST_SLOPE = 0.3
 """Of the influence, over the mean weight: below, a robust estimate has no variance of its own (0.83 for Gaussian
 residuals)."""
@@ -36,74 +32,69 @@ ROUNDS = 3
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EdgeStep:
-    """One step over `k` unknowns, the pose first and the common shift last.
+    """One step over `k` unknowns.
 
     Attributes:
-        samples: with the derivative of their offsets by all unknowns.
+        unknowns: of the offsets, the common shift last.
+        samples: of the edge model.
         edges: where the image has them.
         change: of the unknowns `(k,)`.
         weights: of the samples `(n,)`, zero without an edge.
         normal: normal matrix with what is known beforehand `(k, k)`.
+        expected: variance of a located edge that this was weighed with [px^2].
         residual: of the samples after the step `(n,)` [px].
         agreeing: Tukey's weights as if every edge were trusted: doubt makes no edge agree `(n,)`.
         slope: of the influence of each sample, d(w r) / dr `(n,)`: below w, and below zero near the bound.
     """
 
+    unknowns: Unknowns
     samples: Samples
     edges: FoundEdges
     change: Array
     weights: Array
     normal: Array
+    expected: float
     residual: Array
     agreeing: Array
     slope: Array
 
     @classmethod
     def solve(
-        cls,
-        samples: Samples,
-        edges: FoundEdges,
-        prior: Prior,
-        *,
-        is_near: bool = True,
+        cls, unknowns: Unknowns, samples: Samples, edges: FoundEdges, expected: float, *, is_near: bool = True
     ) -> EdgeStep:
         """Rounds of weighted least squares.
 
-        x = (J^T W J + P)^-1 (J^T W d + p) with Tukey's w = t (1 - (r / c sigma)^2)^2 inside c sigma, zero outside; t is
-        the trust in an edge, times the clarity of a blown one, r holds its root; sigma from the median of |r|; P
-        and p are the `prior`.
+        See `unknowns`, with Tukey's w = t (1 - (r / c sigma)^2)^2 inside c sigma, zero outside; t is the trust in an
+        edge, times the clarity of a blown one, r holds its root; sigma from the median of |r|.
 
         Args:
+            unknowns: of the offsets.
             samples: of the edge model.
             edges: where the image has them.
-            prior: of all unknowns.
+            expected: variance of a located edge [px^2].
             is_near: whether the fit is about in its place. Before, sigma is the larger one of the two ways that edges
                 run: a start that is off along one side of the print leaves half of the edges in their place, which
                 would outvote the other half.
         """
-        jacobian, offsets, found = samples.jacobian, edges.offsets, edges.found
-        change: Array = np.zeros(jacobian.shape[1])
-        weights: Array = found.astype(np.float64)
+        offsets, found = edges.offsets, edges.found
         clear = np.sqrt(edges.room if edges.blown is None else edges.room * edges.blown.clear)
         sure = edges.trust * clear**2
-        residual, normal, inside = offsets, prior[0], weights
+        root = np.sqrt(sure)
         # Doubt of edges without room makes their residuals small: they would make those outliers that have it.
         roomy = found & (edges.room > ROOMY)
         telling = roomy if np.count_nonzero(roomy) >= LEAST_OF_A_KIND else found
         groups = (np.flatnonzero(telling),) if is_near else _kinds(telling, samples.upright)
+        residual = offsets
         for _ in range(ROUNDS):
-            size = np.abs(residual) * np.sqrt(sure)
-            inside = np.maximum(1.0 - (size / (LIMITS.edges.tukey * _usual(size, groups))) ** 2, 0.0) * found
+            inside = _inside(np.abs(residual) * root, groups) * found
             weights = inside**2 * sure
-            weighted = (jacobian * weights[:, None]).T
-            normal = weighted @ jacobian + prior[0]
-            change[:] = np.linalg.solve(damped(normal), weighted @ offsets + prior[1])
-            residual = offsets - jacobian @ change
+            normal, right = unknowns.equations(weights, offsets, expected)
+            change = np.asarray(np.linalg.solve(normal, right), np.float64)
+            residual = offsets - change @ unknowns.rows
         # d(r (1 - u)^2) / dr with u = (r / bound)^2 is (1 - u) (1 - 5 u).
         slope = inside * (5.0 * inside - 4.0) * sure
-        size = np.abs(residual) * clear
-        agreeing = np.maximum(1.0 - (size / (LIMITS.edges.tukey * _usual(size, groups))) ** 2, 0.0) ** 2 * found
-        return cls(samples, edges, change, weights, normal, residual, agreeing, slope)
+        agreeing = _inside(np.abs(residual) * clear, groups) ** 2 * found
+        return cls(unknowns, samples, edges, change, weights, normal, expected, residual, agreeing, slope)
 
     @property
     def variance(self) -> float:
@@ -111,10 +102,21 @@ class EdgeStep:
         return float(self.weights @ self.residual**2) / max(float(self.weights.sum()) - 6.0, 1.0)
 
     @property
+    def spread(self) -> float:
+        """Deviation of a located edge [px]."""
+        return sqrt(self.variance)
+
+    @property
     def length2(self) -> float:
         """Squared length of the pose's part of the step, in deviations that the edges leave."""
-        spread = self.variance * np.linalg.inv(damped(self.normal))[:6, :6]
-        return float(self.change[:6] @ np.linalg.solve(spread, self.change[:6]))
+        return length2(self.change[POSE], self.variance * inverted(self.normal)[POSE, POSE])
+
+    @property
+    def moved_px(self) -> float:
+        """How far the step moves edges [px], by the mean square: one along a side of the tag shifts half of them."""
+        carried = self.unknowns.carried
+        shifts = self.change[:carried] @ self.unknowns.rows[:carried]
+        return sqrt(float(shifts @ shifts) / len(shifts))
 
     @property
     def influence_variance(self) -> float:
@@ -139,106 +141,68 @@ class EdgeStep:
         (I - H)^-1/2 r, H = (w^1/2 J) A (w^1/2 J)^T among them. Source: covariance by clusters, Bell and McCaffrey,
         Survey Methodology 28(2), 2002; the root by the first terms of its series.
         """
-        steep = self.samples.jacobian * np.sqrt(self.weights)[:, None]
-        count = steep.shape[1]
-        place = (count * square + np.arange(count)[:, None]).ravel()
-        pulls = steep * (np.sqrt(self.weights) * self.residual)[:, None]
-        alone = float(((pulls @ inverse) * pulls).sum())
-        term = together = np.bincount(place, pulls.T.ravel()).reshape(-1, count)
+        root = np.sqrt(self.weights)
+        steep = self.unknowns.rows * root
+        count = len(steep)
+        place = (square + (square.max() + 1) * np.arange(count)[:, None]).ravel()
+        pulls = steep * (root * self.residual)
+        alone = float((pulls * (inverse @ pulls)).sum())
+        term = together = np.bincount(place, pulls.ravel()).reshape(count, -1)
         for ratio in GIVES_WAY:
-            back = ratio * (steep * (term @ inverse)[square]).sum(axis=1)
-            term = np.bincount(place, (steep * back[:, None]).T.ravel()).reshape(-1, count)
+            back = ratio * (steep * (inverse @ term)[:, square]).sum(axis=0)
+            term = np.bincount(place, (steep * back).ravel()).reshape(count, -1)
             together = together + term
-        return float(((together @ inverse) * together).sum()) / max(alone, LEAST_RIDGE)
+        return float((together * (inverse @ together)).sum()) / max(alone, LEAST_RIDGE)
 
-    def pose(
-        self,
-        rotation: Array,
-        position: Array,
-        square: npt.NDArray[np.intp],
-        bent: BentPrint | None = None,
-        edge_px: float = 1.0,
-    ) -> Pose:
+    def pose(self, at: State, prior: Prior, square: Numbers) -> Pose:
         """The pose after this step.
 
         Args:
-            rotation: camera from target `(3, 3)`.
-            position: of the target `(3,)` [m; RDF].
+            at: where it led.
+            prior: what was known beforehand.
             square: of the print each sample of the model is in `(m,)`.
-            bent: the bend of the print, where it is an unknown.
-            edge_px: deviation of a located edge that the bend was weighed with [px].
         """
-        limits, variance = LIMITS.edges, self.variance
-        inverse = np.asarray(np.linalg.inv(damped(self.normal)), np.float64)
+        limits = LIMITS.edges
         # C = (v b + s^2) (J^T W J)^-1: b is what neighbours share by their residuals (blur makes v larger, not b); s is
         # what interpolation leaves and no number of samples averages out.
-        noise = self._noise(square, inverse)
-        bend = None
-        if bent is not None:
+        shared = max(self.shared(square[self.samples.index], inverted(self.normal)), 1.0)
+        noise = shared * self.influence_variance + limits.systematic_px**2
+        normal = self.normal.copy()
+        if "rise" in self.unknowns:
             # What is known of the bend is no better for edges that are worse than they look.
-            normal = self.normal.copy()
-            normal[BENT, BENT] += (noise - edge_px**2) * bent.information
-            inverse = np.asarray(np.linalg.inv(damped(normal)), np.float64)
-            bend = Bend(bent.rise, noise * inverse[BENT, BENT])
-        covariance = noise * inverse[:6, :6]
+            rise = self.unknowns["rise"]
+            normal[rise, rise] += (noise - self.expected) * self.unknowns.information[rise, rise]
+        inverse = inverted(normal)
+        covariance = noise * inverse
         if self.edges.unsure is not None:
             # What light may have moved are errors of all edges: each e moves the unknowns by N^-1 J^T W e.
-            off = inverse[:6] @ ((self.samples.jacobian * self.weights[:, None]).T @ self.edges.unsure.T)
+            off = inverse @ ((self.unknowns.rows * self.weights) @ self.edges.unsure.T)
             covariance += off @ off.T
-        if bent is not None and bend is not None:
-            covariance[:3, :3] += bent.sheet.plane_covariance(rotation, bend)
+        of_pose, bend = prior.measured(at, self.unknowns, covariance)
         size = np.abs(self.residual)
         counted = self.agreeing > limits.counted
         return Pose(
-            rotation,
-            position,
-            (covariance + covariance.T) / 2,
+            at.rotation,
+            at.position,
+            of_pose,
             "edges",
             int(counted.sum()),
-            float(np.sqrt(variance)),
+            self.spread,
             float(self.edges.room[counted].sum() / self.edges.room.sum()),
-            float(np.linalg.norm(self.change[:3])) / max(float(np.linalg.norm(position)), 1e-9),
+            float(np.linalg.norm(self.change[:3])) / max(float(np.linalg.norm(at.position)), 1e-9),
             loss=self._loss(size),
             blur_px=self.edges.width,
             widest_px=self.edges.widest,
             ragged_px=MAD * max(median(size[kind]) for kind in _kinds(self.edges.found, self.samples.upright)),
             shift_px=float(self.change[-1]),
             blown=0.0 if self.edges.blown is None else self.edges.blown.share,
+            motion=at.motion,
+            known_motion=prior.start.known_motion,
+            seen_motion=prior.seen_motion(at, self.unknowns, covariance),
             bend=bend,
-            known_bend=None if bent is None else bent.known,
+            known_bend=prior.bend,
+            stretch=None if at.stretch is None else float(at.stretch[0]),
         )
-
-    def _noise(self, square: npt.NDArray[np.intp], inverse: Array) -> float:
-        """Variance of an edge that a covariance is told with [px^2]."""
-        shared = max(self.shared(square[self.samples.index], inverse), 1.0)
-        return shared * self.influence_variance + LIMITS.edges.systematic_px**2
-
-    def seen_motion(
-        self,
-        square: npt.NDArray[np.intp],
-        block: slice,
-        motion: Array,
-        asked: KnownMotion,
-        edge_px: float,
-    ) -> SeenMotion:
-        """What the image alone says about the motion: what the fit was told is taken out of what it found.
-
-        With A the inverse normal matrix of the motion and W its prior: Lambda = A^-1 - W, pull = A^-1 m - W m0.
-
-        Args:
-            square: of the print each sample of the model is in `(m,)`.
-            block: where the motion is among the unknowns.
-            motion: found `(4,)`.
-            asked: what the fit was told.
-            edge_px: deviation of a located edge that this was weighed with [px].
-        """
-        inverse = np.asarray(np.linalg.inv(damped(self.normal)), np.float64)
-        found = np.linalg.inv(inverse[block, block])
-        given = (edge_px / asked.spread) ** 2
-        values, axes = np.linalg.eigh(found - np.diag(given))
-        noise = self._noise(square, inverse)
-        information = (axes * np.maximum(values, 0.0)) @ axes.T / noise
-        return SeenMotion(information, (found @ motion - given * asked.expected) / noise)
 
     def _loss(self, size: Array) -> float:
         """Loss for rivals: geometric mean of min(r, missed)^2 + least^2.
@@ -250,9 +214,10 @@ class EdgeStep:
         return float(np.exp(np.mean(np.log(squared))))
 
 
-def _usual(size: Array, groups: Sequence[Numbers]) -> float:
-    """The usual size of residuals by the sizes of all `(n,)` [px]: the larger median of groups."""
-    return max(MAD * max(median(size[group]) for group in groups), LIMITS.edges.least_scale_px)
+def _inside(size: Array, groups: Sequence[Numbers]) -> Array:
+    """Root of Tukey's weights by the sizes of all residuals `(n,)` [px]: the larger median of groups is usual."""
+    usual = max(MAD * max(median(size[group]) for group in groups), LIMITS.edges.least_scale_px)
+    return np.asarray(np.maximum(1.0 - (size / (LIMITS.edges.tukey * usual)) ** 2, 0.0), np.float64)
 
 
 def _kinds(found: Bools, upright: Bools) -> tuple[Numbers, Numbers]:
@@ -262,11 +227,3 @@ def _kinds(found: Bools, upright: Bools) -> tuple[Numbers, Numbers]:
         return kinds
     every = np.flatnonzero(found)
     return every, every
-
-
-def damped(normal: Array) -> Array:
-    """A normal matrix `(k, k)` with its ridge."""
-    found: Array = normal.copy()
-    diagonal = found.reshape(-1)[:: len(found) + 1]
-    diagonal += RIDGE * diagonal + LEAST_RIDGE
-    return found

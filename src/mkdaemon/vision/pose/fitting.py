@@ -27,17 +27,18 @@ from mkdaemon.vision.arrays import Array, Grey
 from mkdaemon.vision.limits import APART2, HALF, LIMITS
 from mkdaemon.vision.pose.bend import Bend
 from mkdaemon.vision.pose.edgefind import HALF_WIDTH
-from mkdaemon.vision.pose.edgefit import EdgeFit, Level
+from mkdaemon.vision.pose.edgefit import EdgeFit
 from mkdaemon.vision.pose.edgemodel import EdgeModel
 from mkdaemon.vision.pose.edgestep import MAD
 from mkdaemon.vision.pose.gates import BitModel, CellEvidence
 from mkdaemon.vision.pose.linetime import KnownMotion
 from mkdaemon.vision.pose.photofit import PhotoFit
-from mkdaemon.vision.pose.pose import Pose, correlation, median, solve
+from mkdaemon.vision.pose.pose import Pose, apart, correlation, length2, median, solve
 from mkdaemon.vision.pose.printmodel import SQUARE, PrintModel
 from mkdaemon.vision.pose.prints import Prints
 from mkdaemon.vision.pose.projection import NEAR_M, Projection
 from mkdaemon.vision.pose.rolling import exposed
+from mkdaemon.vision.pose.unknowns import Level
 from mkdaemon.vision.tags.cellread import sample
 from mkdaemon.vision.tags.detection import Detection
 from mkdaemon.vision.tags.tagmap import Tag, Target
@@ -73,8 +74,7 @@ class PrintGatherer:
         found = [(model, shift) for model, shift in looked if shift is not None]
         if len(found) < 2 or not any(shift.any() for _, shift in found):
             return start
-        places = [SQUARE * model.half @ model.axes[:, :2].T + model.origin for model, _ in found]
-        points = np.concatenate(places)
+        points = np.concatenate([model.corners(model.half) for model, _ in found])
         pixels_of = self._projection.project(points @ start.rotation.T + start.position)[0]
         rays = self._projection.undistort(pixels_of + np.repeat([shift for _, shift in found], len(SQUARE), axis=0))
         turned, place = np.asarray(cv2.Rodrigues(start.rotation)[0], np.float64), start.position.reshape(3, 1).copy()
@@ -177,7 +177,7 @@ class EdgeEvidence:
 def pixels_of(points: Array, pose: Pose, projection: Projection) -> tuple[Array, npt.NDArray[np.bool_]]:
     """Pixels `(n, 2)` of points of a target `(n, 3)` [m] as their rows see them, and which are visible `(n,)`."""
     seen = points @ pose.rotation.T + pose.position
-    return projection.project(seen if pose.motion is None else exposed(seen, pose.motion, projection)[0])
+    return projection.project(exposed(seen, pose.motion, projection)[0])
 
 
 def _lines(target: Target, model: EdgeModel) -> npt.NDArray[np.intp]:
@@ -238,11 +238,7 @@ class TargetFitter:
         self._gatherer = PrintGatherer(self._photo.prints, projection)
         self._bits = BitModel(target, projection)
         self._evidence = EdgeEvidence(target, projection)
-        papers = [tag.paper / 2 for tag in target.tags]
-        square = np.array([[-1.0, 1.0], [1.0, 1.0], [1.0, -1.0], [-1.0, -1.0]])
-        self._outline = np.concatenate(
-            [tag.place(square * half) for tag, half in zip(target.tags, papers, strict=True)]
-        )
+        self._outline = np.concatenate([tag.place(SQUARE * tag.paper / 2) for tag in target.tags])
 
     def begin(self, pixels: Grey) -> None:
         """Begin with another image: nothing is spent on it, and nothing known of it."""
@@ -351,9 +347,7 @@ class TargetFitter:
 
     def _with_contradiction(self, pose: Pose, other: Pose) -> Pose:
         """The pose, as uncertain as another measurement of the same image that contradicts it is far away."""
-        turned = np.asarray(cv2.Rodrigues(other.rotation @ pose.rotation.T)[0], dtype=np.float64).ravel()
-        apart = np.concatenate([other.position - pose.position, turned])
-        distance2 = float(apart @ np.linalg.solve(pose.covariance + other.covariance, apart))
+        distance2 = length2(apart(pose, other), pose.covariance + other.covariance)
         doubt = distance2 if distance2 > APART2 else 1.0
         return replace(pose, covariance=doubt * pose.covariance)
 

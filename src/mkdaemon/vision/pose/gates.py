@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from mkdaemon.config.vision import TrackerSection
 from mkdaemon.telemetry.vision import PoseRefusal
-from mkdaemon.vision.arrays import Array, Grey
+from mkdaemon.vision.arrays import Array, Bools, Grey
 from mkdaemon.vision.limits import HALF, LIMITS, NOISE_GREY
 from mkdaemon.vision.pose.pose import Pose, correlation, largest_variance
 from mkdaemon.vision.pose.projection import Projection
@@ -26,12 +26,14 @@ class _Grid:
 
     Attributes:
         points: their middles `(n, 3)` [m; target].
+        is_white: which of them are `(n,)`.
         cell: side of a cell [m].
         pairs: neighbours, the black one first `(m, 2)`.
         steps: to where the tag would lie whole cells beside its place `(k, 3)` [m; target]; the first is none.
     """
 
     points: Array
+    is_white: Bools
     cell: float
     pairs: npt.NDArray[np.intp]
     steps: Array
@@ -59,47 +61,31 @@ class BitModel:
         cells = range(-LIMITS.read.beside_cells, LIMITS.read.beside_cells + 1)
         steps = np.array([(0.0, 0.0), *(step for step in product(cells, repeat=2) if any(step))])
         self._grids: list[_Grid] = []
-        points: list[Array] = []
-        bright: list[Array] = []
-        size: list[Array] = []
-        pairs: list[npt.NDArray[np.intp]] = []
-        count = 0
         for k, tag in enumerate(target.tags):
             n = tag.family.black_cells
             value = np.pad(tag.bitmap > 0, 1, constant_values=True)
             row, column = (index.ravel() for index in np.indices(value.shape))
-            plane = np.column_stack([column - n / 2 - 0.5, n / 2 + 0.5 - row]) * tag.module
-            placed = tag.place(plane)
-            keep = np.ones(len(placed), dtype=bool)
+            placed = tag.place(np.column_stack([column - n / 2 - 0.5, n / 2 + 0.5 - row]) * tag.module)
+            keep = ~(np.isin(row, (0, n + 1)) & np.isin(column, (0, n + 1)))
             for later in target.tags[k + 1 :]:
                 keep &= ~covered(placed, later)
-            corner = (np.isin(row, (0, n + 1))) & (np.isin(column, (0, n + 1)))
-            keep &= ~corner
-            number = np.full(value.size, -1)
-            number[keep] = count + np.arange(int(keep.sum()))
-            grid = number.reshape(value.shape)
-            own: list[npt.NDArray[np.intp]] = []
-            for a, b, va, vb in (
-                (grid[:, :-1], grid[:, 1:], value[:, :-1], value[:, 1:]),
-                (grid[:-1], grid[1:], value[:-1], value[1:]),
-            ):
-                usable = (a >= 0) & (b >= 0) & (va != vb)
-                black_first = usable & ~va
-                white_first = usable & va
-                own.append(np.column_stack([a[black_first], b[black_first]]))
-                own.append(np.column_stack([b[white_first], a[white_first]]))
-            pairs.extend(own)
-            moved = tag.place(steps * tag.module)
-            self._grids.append(_Grid(placed[keep], tag.module, np.concatenate(own) - count, moved - moved[0]))
-            points.append(placed[keep])
-            bright.append(value.ravel()[keep].astype(np.float64) - 0.5)
-            size.append(np.full(int(keep.sum()), tag.module))
-            count += int(keep.sum())
-        self._points = np.concatenate(points)
-        self._size = np.concatenate(size)
-        self._pairs = np.concatenate(pairs)
-        known = np.concatenate(bright)
-        self._is_white = known > 0
+            number = np.full(value.shape, -1)
+            number[keep.reshape(value.shape)] = np.arange(int(keep.sum()))
+            pairs: list[npt.NDArray[np.intp]] = []
+            for here, there in ((np.s_[:, :-1], np.s_[:, 1:]), (np.s_[:-1], np.s_[1:])):
+                for black, white in ((here, there), (there, here)):
+                    usable = (number[black] >= 0) & (number[white] >= 0) & ~value[black] & value[white]
+                    pairs.append(np.column_stack([number[black][usable], number[white][usable]]))
+            moved = tag.place(steps * tag.module) - tag.place(steps[:1])
+            is_white = value.ravel()[keep]
+            self._grids.append(_Grid(placed[keep], is_white, tag.module, np.concatenate(pairs), moved))
+        counts = [len(grid.points) for grid in self._grids]
+        self._points = np.concatenate([grid.points for grid in self._grids])
+        self._size = np.repeat([grid.cell for grid in self._grids], counts)
+        starts = np.cumsum([0, *counts[:-1]])
+        self._pairs = np.concatenate([grid.pairs + start for grid, start in zip(self._grids, starts, strict=True)])
+        self._is_white = np.concatenate([grid.is_white for grid in self._grids])
+        known = self._is_white - HALF
         plane = self._points / max(float(np.abs(self._points).max()), 1e-9)
         self._design = np.column_stack([np.ones_like(known), plane, known])
 
@@ -165,8 +151,7 @@ class BitModel:
     ) -> tuple[Array, npt.NDArray[np.bool_]]:
         """Grey values `(n,)` where a pose puts points `(n, 3)` of cells of a size [m], and which can be read."""
         seen = (pose.rotation @ points.T + pose.position[:, None]).T
-        if pose.motion is not None:
-            seen, _ = exposed(seen, pose.motion, self._projection)
+        seen, _ = exposed(seen, pose.motion, self._projection)
         uv, visible = self._projection.project(seen)
         height, width = pixels.shape
         depth = np.where(visible, seen[:, 2], 1.0)

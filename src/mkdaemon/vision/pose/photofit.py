@@ -24,14 +24,12 @@ import numpy as np
 
 from mkdaemon.vision.arrays import Array, Grey
 from mkdaemon.vision.limits import APART2, LIMITS
-from mkdaemon.vision.pose.bend import RISES
-from mkdaemon.vision.pose.edgefit import Level
-from mkdaemon.vision.pose.photostep import MOTION, SPREAD, PhotoState, PhotoStep, PhotoStepper
-from mkdaemon.vision.pose.pose import Pose, turn
+from mkdaemon.vision.pose.photostep import PhotoStep, PhotoStepper
+from mkdaemon.vision.pose.pose import Pose, apart, length2
 from mkdaemon.vision.pose.printmodel import PrintModel
 from mkdaemon.vision.pose.prints import Prints
-from mkdaemon.vision.pose.projection import NEAR_M, Projection
-from mkdaemon.vision.pose.rolling import motion_at_rest
+from mkdaemon.vision.pose.projection import Projection
+from mkdaemon.vision.pose.unknowns import Level, Prior, State, not_arrived
 from mkdaemon.vision.tags.tagmap import Target
 
 START_BLUR_PX = 0.7
@@ -98,21 +96,19 @@ class PhotoFit:
         self, pixels: Grey, start: Pose, iterations: int, level: Level | None = None, blur_px: float | None = None
     ) -> Pose | None:
         """The same on all pixels, however large the cells are; see `fit`."""
-        motion = None
-        if self._shutter.rolls:
-            motion = start.motion if start.motion is not None else motion_at_rest()
         if blur_px is None:
             blur_px = (start.blur_px if start.source == "photometric" else None) or START_BLUR_PX
-        at = PhotoState(start.rotation, start.position, blur_px**2 * np.eye(2), motion, self.prints.rise_of(start))
+        prior = Prior(start, level, self._shutter, self.prints.sheet)
+        at = prior.begin(blur_px)
         seen = self.prints.seen(at.rotation, at.position, pixels.shape)
         near = seen if len(seen) == 1 else self._alike(pixels, seen, at, LIMITS.likeness.alike) or seen
-        found = self._fit(pixels, near, at, start, iterations, level)
+        found = self._fit(pixels, near, at, prior, iterations)
         if found is None or len(self.prints.all) == 1:
             return None if found is None else found[1]
         seen = self.prints.seen(found[0].rotation, found[0].position, pixels.shape)
         shown = self._alike(pixels, seen, found[0], LIMITS.likeness.clear)
         if shown and set(shown) != set(near):
-            found = self._fit(pixels, shown, found[0], start, iterations, level)
+            found = self._fit(pixels, shown, found[0], prior, iterations)
         return None if found is None or not shown else self._with_missing(found[1], seen, shown)
 
     def _is_coarse(self, start: Pose) -> bool:
@@ -139,9 +135,9 @@ class PhotoFit:
     def shows(self, pixels: Grey, pose: Pose) -> tuple[PrintModel, ...]:
         """Prints that the image clearly shows where a pose puts them."""
         blur_px = pose.blur_px or START_BLUR_PX
-        at = PhotoState(pose.rotation, pose.position, blur_px**2 * np.eye(2), pose.motion, self.prints.rise_of(pose))
+        at = State(pose.rotation, pose.position, blur_px**2 * np.eye(2), pose.motion)
         seen = self.prints.seen(pose.rotation, pose.position, pixels.shape)
-        return tuple(model for model in seen if self._stepper.match(pixels, model, at) >= LIMITS.likeness.clear)
+        return self._alike(pixels, seen, at, LIMITS.likeness.clear)
 
     def _with_missing(self, pose: Pose, seen: Sequence[PrintModel], near: Sequence[PrintModel]) -> Pose:
         """The pose with what speaks against it: prints that should be in the image and are not there."""
@@ -155,16 +151,15 @@ class PhotoFit:
         self,
         pixels: Grey,
         prints: Sequence[PrintModel],
-        at: PhotoState,
-        start: Pose,
+        at: State,
+        prior: Prior,
         iterations: int,
-        level: Level | None,
-    ) -> tuple[PhotoState, Pose] | None:
+    ) -> tuple[State, Pose] | None:
         """Where a fit to some prints ends, and its pose."""
         damping, last, left = FIRST_DAMPING, np.inf, np.inf
-        best: tuple[PhotoState, PhotoStep] | None = None
+        best: tuple[State, PhotoStep] | None = None
         for _ in range(iterations):
-            step = self._stepper.step(pixels, prints, at, start, level)
+            step = self._stepper.step(pixels, prints, at, prior)
             if step is None or (best is None and step.match < LIMITS.likeness.alike):
                 return None
             # Pixels that come and go at the rim change the cost, too, and a valley that bends lies beyond a rise: then
@@ -182,26 +177,20 @@ class PhotoFit:
                 at, step = best
                 damping *= TIGHTEN
             change = step.change(damping)
-            at = _moved(at, change)
-            if step.length2 < SETTLED and float(np.abs(change[SPREAD]).max()) < SETTLED_BLUR:
+            blurs = change[step.unknowns["spread"]]
+            at = replace(at.moved(step.unknowns, change), spread=_spread_moved(at.spread, blurs))
+            if step.length2 < SETTLED and float(np.abs(blurs).max()) < SETTLED_BLUR:
                 best = at, step
                 break
-            if not np.isfinite(at.position).all() or at.position[2] < NEAR_M:
-                return None
-            if np.linalg.norm(at.position - start.position) > LIMITS.edges.max_move * start.range_m:
+            if at.ran_away(prior.start):
                 return None
         if best is None:
             return None
         at, step = best
-        fitted = step.pose(at, start)
-        if left > UNSETTLED:
-            # It has not arrived: how far it would go on is an error, too.
-            fitted = replace(fitted, covariance=fitted.covariance + np.outer(step.to_go, step.to_go))
-        return at, fitted
+        fitted = step.pose(at, prior)
+        return at, not_arrived(fitted, step.to_go) if left > UNSETTLED else fitted
 
-    def _alike(
-        self, pixels: Grey, prints: Sequence[PrintModel], at: PhotoState, least: float
-    ) -> tuple[PrintModel, ...]:
+    def _alike(self, pixels: Grey, prints: Sequence[PrintModel], at: State, least: float) -> tuple[PrintModel, ...]:
         """Of several prints those that the image shows at a state: hidden and missed ones would lead a fit astray."""
         return tuple(model for model in prints if self._stepper.match(pixels, model, at) >= least)
 
@@ -237,20 +226,14 @@ class PhotoFit:
             return pose
         if float(np.linalg.det(grey.covariance)) >= float(np.linalg.det(pose.covariance)):
             return pose
-        turned = np.asarray(cv2.Rodrigues(grey.rotation @ pose.rotation.T)[0], dtype=np.float64).ravel()
-        apart = np.concatenate([grey.position - pose.position, turned])
-        objects = float(apart @ np.linalg.solve(pose.covariance, apart)) > APART2
-        if objects and cell_px >= limits.cells.mixed_px:
+        if length2(apart(pose, grey), pose.covariance) > APART2 and cell_px >= limits.cells.mixed_px:
             return pose
         return replace(pose, rotation=grey.rotation, position=grey.position, covariance=grey.covariance, bend=grey.bend)
 
 
-def _moved(at: PhotoState, change: Array) -> PhotoState:
-    """The state after a step; a point spread stays one."""
-    most = max(MAX_BLUR_STEP, float(np.linalg.eigvalsh(at.spread)[-1]))
-    xx, xy, yy = np.clip(change[SPREAD], -most, most)
-    values, vectors = np.linalg.eigh(at.spread + np.array([[xx, xy], [xy, yy]]))
-    spread = vectors @ np.diag(np.clip(values, BLUR_PX[0] ** 2, BLUR_PX[1] ** 2)) @ vectors.T
-    motion = None if at.motion is None else at.motion + change[MOTION]
-    rise = None if at.rise is None else at.rise + change[-RISES:]
-    return PhotoState(turn(at.rotation, change[3:6]), at.position + change[:3], spread, motion, rise)
+def _spread_moved(spread: Array, change: Array) -> Array:
+    """A point spread `(2, 2)` after a step `(3,)`; it stays one."""
+    most = max(MAX_BLUR_STEP, float(np.linalg.eigvalsh(spread)[-1]))
+    xx, xy, yy = np.clip(change, -most, most)
+    values, vectors = np.linalg.eigh(spread + np.array([[xx, xy], [xy, yy]]))
+    return np.asarray(vectors @ np.diag(np.clip(values, BLUR_PX[0] ** 2, BLUR_PX[1] ** 2)) @ vectors.T, np.float64)

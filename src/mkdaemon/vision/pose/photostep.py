@@ -14,24 +14,20 @@ The light on a print: black, white, how it changes over the print, and the tone 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from math import sqrt
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
-from mkdaemon.vision.arrays import Array, Grey
+from mkdaemon.vision.arrays import Array, Bools, Grey
 from mkdaemon.vision.limits import HALF, LIMITS, NOISE_GREY
-from mkdaemon.vision.pose.bend import RISES, Bend
-from mkdaemon.vision.pose.edgefit import Level
-from mkdaemon.vision.pose.edgestep import MAD, damped
-from mkdaemon.vision.pose.linetime import MOTIONS
-from mkdaemon.vision.pose.nuisance import BEYOND, beyond_motion, beyond_sd, motion_known
-from mkdaemon.vision.pose.pose import Pose, correlation, median
+from mkdaemon.vision.pose.edgestep import MAD
+from mkdaemon.vision.pose.pose import Pose, correlation, damped, inverted, length2, median
 from mkdaemon.vision.pose.printmodel import BOX, PrintModel, PrintSamples
 from mkdaemon.vision.pose.projection import Projection
-from mkdaemon.vision.pose.rolling import at_times, before_motion, cross, motion_jacobian
+from mkdaemon.vision.pose.rolling import at_times
+from mkdaemon.vision.pose.unknowns import BEYOND, POSE, Prior, State, Unknown, Unknowns
 
 DARK, BRIGHT = 0.3, 0.7
 """Values of the model whose residuals give the noise of black and of white."""
@@ -83,8 +79,8 @@ class SharedNoise:
     common: float
 
 
-def shared_by(residual: Array, used: npt.NDArray[np.bool_], least: float = 0.0) -> SharedNoise:
-    """What neighbours share of the residuals of a fit.
+def shared_by(residual: Array, windows: Sequence[Bools], least: float = 0.0) -> SharedNoise:
+    """What neighbours share of the residuals of a fit; over several prints the mean of their pixels.
 
     Demosaicing, denoising and what the model lacks are shared; the noise of a sensor is not. Where the correlation
     falls by r from a pixel to the next, the variance of a mean is (1 + r) / (1 - r) times that of independent pixels,
@@ -92,41 +88,29 @@ def shared_by(residual: Array, used: npt.NDArray[np.bool_], least: float = 0.0) 
     images (0.66 to 1.19). Sharpening sets the noise of neighbours against each other, r < 0, and a mean has less of it.
 
     Args:
-        residual: of each used pixel `(n,)`.
-        used: which pixels of a window these are `(rows, columns)`.
-        least: correlation that is believed.
-    """
-    image = np.zeros(used.shape)
-    image[used] = residual
-    total = max(float(residual @ residual), LEAST_SCATTER)
-    factor, common = 1.0, 0.0
-    for one, neighbour in ((image[:, 1:], image[:, :-1]), (image[1:], image[:-1])):
-        r = float(np.clip((one * neighbour).sum() / total, least, MOST_SHARED))
-        factor *= (1.0 + r) / sqrt(1.0 - r)
-        common += max(r, 0.0) / MOST_SHARED / 2.0
-    return SharedNoise(factor, min(max(common, 1.0 / sqrt(max(residual.size, 1))), 1.0))
-
-
-def shared_by_all(residual: Array, windows: Sequence[npt.NDArray[np.bool_]], least: float = 0.0) -> SharedNoise:
-    """The same over several prints, the mean of their pixels.
-
-    Args:
         residual: of each used pixel of all windows, one window after the other `(n,)`.
         windows: which pixels of each are used, each `(rows, columns)`.
         least: correlation that is believed.
     """
-    if len(windows) == 1:
-        return shared_by(residual, windows[0], least)
-    pieces = np.split(residual, np.cumsum([int(used.sum()) for used in windows])[:-1])
-    shares = [shared_by(piece, used, least) for piece, used in zip(pieces, windows, strict=True)]
-    size = np.array([piece.size for piece in pieces]) / residual.size
-    factor, common = size @ np.array([(share.factor, share.common) for share in shares])
-    return SharedNoise(float(factor), float(common))
+    all_factors, all_common, start = 0.0, 0.0, 0
+    for used in windows:
+        image = np.zeros(used.shape)
+        count = int(np.count_nonzero(used))
+        image[used] = residual[start : start + count]
+        start += count
+        total = max(float((image * image).sum()), LEAST_SCATTER)
+        factor, common = 1.0, 0.0
+        for one, neighbour in ((image[:, 1:], image[:, :-1]), (image[1:], image[:-1])):
+            r = float(np.clip((one * neighbour).sum() / total, least, MOST_SHARED))
+            factor *= (1.0 + r) / sqrt(1.0 - r)
+            common += max(r, 0.0) / MOST_SHARED / 2.0
+        share = count / residual.size
+        all_factors += share * factor
+        all_common += share * min(max(common, 1.0 / sqrt(max(count, 1))), 1.0)
+    return SharedNoise(all_factors, all_common)
 
 
-def shared_on_slopes(
-    residual: Array, steep: Array, windows: Sequence[npt.NDArray[np.bool_]], least: float = 0.0
-) -> float:
+def shared_on_slopes(residual: Array, steep: Array, windows: Sequence[Bools], least: float = 0.0) -> float:
     """By how much the residuals on the slopes of a print raise the variance of a fit, as `SharedNoise.factor`.
 
     Only slopes tell a pose, and what the model lacks of a point spread, of paper that is blown beside them or of
@@ -141,7 +125,7 @@ def shared_on_slopes(
     """
     weighed = residual * np.sqrt(steep / max(float(np.mean(steep)), 1e-12))
     larger = max(float(weighed @ weighed) / max(float(residual @ residual), LEAST_SCATTER), LEAST_ON_SLOPES)
-    return larger * shared_by_all(weighed, windows, least).factor
+    return larger * shared_by(weighed, windows, least).factor
 
 
 def streak_doubt(spread: Array) -> float:
@@ -154,18 +138,18 @@ def streak_doubt(spread: Array) -> float:
     return 1.0 + (BOX * float(most - least) / STREAK_PX**2) ** 2
 
 
-def asked_anew(residual: Array, columns: Array, spread: Array, outlier: float) -> Array:
+def asked_anew(residual: Array, columns: Array, information: Array, outlier: float) -> Array:
     """The unknowns `(k,)` that explain residuals best, all at once.
 
     Args:
         residual: of each pixel `(n,)` [grey].
         columns: derivative by each unknown `(k, n)`.
-        spread: deviation of each that is expected `(k,)`; infinite where anything is.
+        information: inverse variance of each that is expected `(k,)`; zero where anything is.
         outlier: deviations from which a pixel loses weight.
     """
     variance = max(MAD * median(np.abs(residual)), 1.0) ** 2
     weighted = columns / np.maximum(residual**2 / (outlier**2 * variance), 1.0)
-    normal = damped(weighted @ columns.T + np.diag(variance / spread**2))
+    normal = damped(weighted @ columns.T + np.diag(variance * information))
     return np.asarray(np.linalg.solve(normal, weighted @ residual), np.float64)
 
 
@@ -253,31 +237,6 @@ COST_BOUND: Final = 5.0
 """Deviations at which a residual costs no more."""
 LEAST_NOISE: Final = 0.3
 """Variance of grey values rounded to integers and averaged by the fit [grey^2]."""
-POSE, LIGHT, SPREAD, MOTION, BENDS = slice(0, 6), slice(6, 16), slice(16, 19), slice(19, 23), slice(23, 28)
-"""Where the unknowns are: pose, then light with its tone curve, point spread; under a rolling shutter the motion and
-what it lacks. Behind all of them comes the bend of an only print, or the light of further prints."""
-SPREADS: Final = 3
-LIGHT_UNIT: Final = 100.0
-"""Unknowns are solved for in units in which they are of one size [grey]."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class PhotoState:
-    """Where a fit is.
-
-    Attributes:
-        rotation: camera from target `(3, 3)`.
-        position: of the target `(3,)` [m; RDF].
-        spread: covariance of the point spread `(2, 2)` [px^2].
-        motion: under a rolling shutter `(4,)`; none under a global one.
-        rise: of the print `(3,)`; none where it does not bend.
-    """
-
-    rotation: Array
-    position: Array
-    spread: Array
-    motion: Array | None
-    rise: Array | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -286,19 +245,28 @@ class _Part:
 
     Attributes:
         at: model and image at its pixels.
-        residual: of each pixel `(n,)` [grey].
-        rows: derivative by all unknowns of a single print `(k, n)`, in units of one size.
-        unit: these units `(k,)`.
-        brightness: of its white over its black [grey].
-        steepness: rms slope of the lit print [grey/px].
+        arm: from the target's origin to where these see the print `(n, 3)` [m; camera].
+        lit: the light on it.
     """
 
     at: PrintSamples
-    residual: Array
-    rows: Array
-    unit: Array
-    brightness: float
-    steepness: float
+    arm: Array
+    lit: Lit
+
+    @property
+    def residual(self) -> Array:
+        """Of each pixel `(n,)` [grey]."""
+        return self.at.grey - self.lit.gain @ self.lit.columns
+
+    @property
+    def brightness(self) -> float:
+        """Of its white over its black [grey]."""
+        return float(self.lit.gain[0])
+
+    @property
+    def steepness2(self) -> float:
+        """Sum of the squared slopes of the lit print [grey^2/px^2]."""
+        return float(self.at.steep.sum()) * self.brightness**2
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -335,25 +303,24 @@ def _weigh(residual: Array, value: Array, outlier: float) -> _Weighed:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PhotoStep:
-    """One Gauss-Newton step: (J W J^T + P + damping diag) s = J W r + p with what is known beforehand, P and p.
+    """One Gauss-Newton step, to be damped.
 
     Attributes:
+        unknowns: of the grey values.
         cost: robust mean square of the residuals before the step [grey^2], with what prior knowledge adds, and a
             clarity of mean logarithm zero: a cost by which two states compare, each with a clarity of its own.
         to_go: what of the pose would change without damping: how far it is from its place `(6,)`.
         length2: of that, in deviations of the pose's covariance, squared.
-        covariance: of the pose `(6, 6)`.
-        bend: of the print after the step, where it is an unknown.
+        covariance: of all unknowns `(k, k)`.
     """
 
+    unknowns: Unknowns
     cost: float
     to_go: Array
     length2: float
     covariance: Array
-    bend: Bend | None
     _normal: Array
     _right: Array
-    _unit: Array
     _parts: Sequence[_Part]
     _residual: Array
     _weighed: _Weighed
@@ -368,34 +335,35 @@ class PhotoStep:
         return correlation(grey, grey - self._residual)
 
     def change(self, damping: float) -> Array:
-        """Of all unknowns: position [m], rotation vector [rad], light, point spread [px^2], motion."""
+        """Of all unknowns `(k,)`."""
         ridge = damping * np.diag(np.diag(self._normal))
-        return np.asarray(np.linalg.solve(self._normal + ridge, self._right) * self._unit, np.float64)
+        return np.asarray(np.linalg.solve(self._normal + ridge, self._right), np.float64)
 
-    def pose(self, state: PhotoState, start: Pose) -> Pose:
-        """The pose of the state the step starts from, or of where it led, in a fit from a start."""
+    def pose(self, at: State, prior: Prior) -> Pose:
+        """The pose of the state the step starts from, or of where it led, with what was known beforehand."""
         limits, size, is_agreeing = LIMITS.photo, self._weighed.size, self._weighed.agreeing > HALF
         # Residual as a shift of edges: rms over the rms slope of the lit prints [grey / (grey/px)].
-        steepness = sqrt(sum(part.steepness**2 * part.residual.size for part in self._parts) / size.size)
+        steepness = sqrt(sum(part.steepness2 for part in self._parts) / size.size)
         squared = np.minimum(size, limits.lost_grey) ** 2 + NOISE_GREY**2
         match = self.match
+        covariance, bend = prior.measured(at, self.unknowns, self.covariance)
         return Pose(
-            state.rotation,
-            state.position,
-            self.covariance,
+            at.rotation,
+            at.position,
+            covariance,
             "photometric",
             int(is_agreeing.sum()),
             sqrt(self._weighed.cost) / max(steepness, 1e-3) if match > -1.0 else np.inf,
             float(is_agreeing.mean()),
-            float(np.linalg.norm(self.to_go[:3])) / max(float(np.linalg.norm(state.position)), 1e-9),
+            float(np.linalg.norm(self.to_go[:3])) / max(float(np.linalg.norm(at.position)), 1e-9),
             float(np.exp(np.mean(np.log(squared)))),
             match,
-            float(np.linalg.det(state.spread)) ** 0.25,
+            float(np.linalg.det(at.spread)) ** 0.25,
             cost=self.cost,
-            motion=state.motion,
-            known_motion=start.known_motion,
-            bend=self.bend,
-            known_bend=start.known_bend,
+            motion=at.motion,
+            known_motion=prior.start.known_motion,
+            bend=bend,
+            known_bend=prior.bend,
             shared=self._shared.factor,
             common=self._shared.common,
         )
@@ -410,157 +378,99 @@ class PhotoStepper:
 
     def __init__(self, projection: Projection) -> None:
         self._projection = projection
-        self._shutter = projection.shutter
 
-    def step(
-        self,
-        pixels: Grey,
-        prints: Sequence[PrintModel],
-        state: PhotoState,
-        start: Pose,
-        level: Level | None,
-    ) -> PhotoStep | None:
+    def step(self, pixels: Grey, prints: Sequence[PrintModel], at: State, prior: Prior) -> PhotoStep | None:
         """One step; pose, spread and motion are those of all prints, each has its own light.
 
         None where no print is seen whole.
         """
-        parts = [part for part in (self._part(pixels, model, state) for model in prints) if part is not None]
+        parts = [part for part in (self._part(pixels, model, at) for model in prints) if part is not None]
         if not parts:
             return None
-        rotation = state.rotation
-        jacobian, unit = _joined(parts)
-        rises = slice(len(unit) - RISES if state.rise is not None else len(unit), len(unit))
-        residual, bends = self._residual(parts, jacobian, rises, state)
-        weighed = _weigh(residual, np.concatenate([part.at.value for part in parts]), LIMITS.certainty.deviations)
+        table = self._table(parts, at, prior, prints[0])
+        residual, table = _without_lacking(_of_all([part.residual for part in parts]), table, at)
+        unknowns = Unknowns(table)
+        weighed = _weigh(residual, _of_all([part.at.value for part in parts]), LIMITS.certainty.deviations)
         clear, weights, bound = weighed.clear, weighed.weights, weighed.bound
-        weighted = jacobian * weights
-        noise = max(float((weights * residual**2).sum() / max(weights.sum() - len(unit), 1.0)), LEAST_NOISE)
-        least = LEAST_SHARED if state.motion is None else 0.0  # what a motion lacks hides under opposed noise
+        freedom = max(float(weights.sum()) - len(unknowns.rows), 1.0)
+        noise = max(float((weights * residual**2).sum()) / freedom, LEAST_NOISE)
+        least = LEAST_SHARED if at.motion is None else 0.0  # what a motion lacks hides under opposed noise
         clipped, windows = np.clip(residual * clear, -bound, bound), [part.at.used for part in parts]
-        shared = shared_by_all(clipped, windows, least)
-        steeper = shared_on_slopes(clipped, np.concatenate([part.at.steep for part in parts]), windows, least)
-        noise *= steeper * streak_doubt(state.spread)
-        sheet = prints[0].sheet
-        prior, pull, surprise = self._prior(state, bends, start, level, noise, len(unit))
-        if sheet is not None and state.rise is not None:
-            known = start.known_bend or sheet.prior
-            off, information = known.mean - state.rise, known.information
-            prior[rises, rises], pull[rises] = noise * information, noise * information @ off
-            surprise += float(off @ information @ off)
-        normal = damped(weighted @ jacobian.T + prior * np.outer(unit, unit))
-        right = weighted @ residual + pull * unit
-        # Covariance of the pose with the rest unknown: sigma^2 times its block of the inverse normal matrix.
-        inverse = np.linalg.inv(normal) * np.outer(unit, unit)
-        to_go = inverse @ (right / unit)
-        inverse = noise * inverse
-        covariance = (inverse[POSE, POSE] + inverse[POSE, POSE].T) / 2
-        bend = None
-        if sheet is not None and state.rise is not None:
-            bend = Bend(state.rise + to_go[rises], inverse[rises, rises])
-            covariance[:3, :3] += sheet.plane_covariance(rotation, bend)
-        comparable = weighed.cost * float(np.exp(-2.0 * np.mean(np.log(clear)))) * (1.0 + surprise / clear.size)
-        to_go = to_go[POSE]
-        length2 = float(to_go @ np.linalg.solve(covariance, to_go))
-        told = comparable, to_go, length2, covariance, bend
-        return PhotoStep(*told, normal, right, unit, parts, residual, weighed, shared)
+        shared = shared_by(clipped, windows, least)
+        noise *= shared_on_slopes(clipped, _of_all([part.at.steep for part in parts]), windows, least)
+        noise *= streak_doubt(at.spread)
+        normal, right = unknowns.equations(weights, residual, noise)
+        inverse = inverted(normal)
+        to_go, covariance = (inverse @ right)[POSE], noise * inverse
+        surprise = 1.0 + unknowns.surprise / clear.size
+        comparable = weighed.cost * float(np.exp(-2.0 * np.mean(np.log(clear)))) * surprise
+        told = unknowns, comparable, to_go, length2(to_go, covariance[POSE, POSE]), covariance
+        return PhotoStep(*told, normal, right, parts, residual, weighed, shared)
 
-    def _residual(
-        self, parts: Sequence[_Part], jacobian: Array, rises: slice, state: PhotoState
-    ) -> tuple[Array, Array]:
-        """Residuals of all prints `(n,)` [grey] without what the motion lacks, and that `(5,)` or `(0,)`."""
-        residual = np.concatenate([part.residual for part in parts])
-        if state.rise is not None:
-            # The print is rendered flat; its bend moves what is seen by less than a pixel.
-            residual -= state.rise @ jacobian[rises]
-        if state.motion is None:
-            return residual, np.zeros(0)
-        rows = jacobian[np.r_[BENDS, LIGHT, BENDS.stop : rises.start]]
-        spread = np.concatenate([beyond_sd(self._shutter), np.full(len(rows) - BEYOND, np.inf)])
-        anew = asked_anew(residual, rows, spread, LIMITS.certainty.deviations)
-        residual -= anew @ rows
-        return residual, anew[:BEYOND]
-
-    def match(self, pixels: Grey, model: PrintModel, state: PhotoState) -> float:
+    def match(self, pixels: Grey, model: PrintModel, at: State) -> float:
         """Correlation between one print and the image where a state puts it; -1 where it cannot be told."""
-        part = self._part(pixels, model, state)
+        part = self._part(pixels, model, at)
         if part is None or part.brightness <= 0.0:
             return -1.0
         return correlation(part.at.grey, part.at.grey - part.residual)
 
-    def _part(self, pixels: Grey, model: PrintModel, state: PhotoState) -> _Part | None:
+    def _part(self, pixels: Grey, model: PrintModel, at: State) -> _Part | None:
         """What one print says; none where it is not in full view, or too few of its pixels are."""
-        at = model.samples(pixels, state.rotation, state.position, state.spread, state.motion)
-        if at is None:
+        seen = model.samples(pixels, at.rotation, at.position, at.spread, at.motion)
+        if seen is None:
             return None
-        at, lit = lit_print(at, model.half)
-        if at.value.size < LIMITS.photo.min_window_px**2:
+        seen, lit = lit_print(seen, model.half)
+        if seen.value.size < LIMITS.photo.min_window_px**2:
             return None
-        rows, unit = self._jacobian(at, lit, model, state)
-        steepness = float(np.sqrt(np.mean(at.steep))) * abs(float(lit.gain[0]))
-        return _Part(at, at.grey - lit.gain @ lit.columns, rows, unit, float(lit.gain[0]), steepness)
-
-    def _jacobian(self, at: PrintSamples, lit: Lit, model: PrintModel, state: PhotoState) -> tuple[Array, Array]:
-        """Derivative of a print's grey values by all its unknowns `(k, n)`, in units `(k,)` of one size."""
-        rotation, axes, motion = state.rotation, model.axes, state.motion
         # Columns that lie together in memory are added and multiplied faster than rows of three.
-        place = np.stack([at.u, at.v])
-        arm = (rotation @ axes[:, :2] @ place + (rotation @ model.origin)[:, None]).T
-        seen, times = arm + state.position, np.zeros(len(arm))
-        if motion is not None:
-            times = (at.row - (self._projection.intrinsics.height - 1) / 2) * self._projection.line_time
-            seen = at_times(seen, motion, times)
+        arm = at.rotation @ model.axes[:, :2] @ np.stack([seen.u, seen.v]) + (at.rotation @ model.origin)[:, None]
+        return _Part(seen, arm.T, lit)
+
+    def _table(self, parts: Sequence[_Part], at: State, prior: Prior, first: PrintModel) -> list[Unknown]:
+        """All unknowns of a step, the light last."""
+        arm = _of_all([part.arm.T for part in parts]).T
+        dx, dy, contrast = (
+            _of_all(rows) for rows in zip(*((part.at.dx, part.at.dy, part.lit.contrast) for part in parts), strict=True)
+        )
+        seen, times = arm + at.position, np.zeros(len(arm))
+        if at.motion is not None:
+            middle = (self._projection.intrinsics.height - 1) / 2
+            times = (_of_all([part.at.row for part in parts]) - middle) * self._projection.line_time
+            seen = at_times(seen, at.motion, times)
         point = self._projection.jacobian(seen)
-        # Pose: a print that moves by d shows at a pixel what was d before it, dI = -dI/dm grad(m) . du; a turn w moves
-        # a point at `arm` by w x arm.
-        slope = -lit.contrast[:, None] * (at.dx[:, None] * point[:, 0] + at.dy[:, None] * point[:, 1])
-        moved = slope if motion is None else before_motion(slope, motion, times)
-        blur = lit.contrast * at.by_spread
-        rows = [moved.T, cross(arm, moved).T, lit.columns, blur]
-        units = [np.full(3, state.position[2]), np.ones(3), np.full(LIGHTS, LIGHT_UNIT), np.ones(SPREADS)]
-        if motion is not None:
-            by_motion = motion_jacobian(slope, arm + state.position, times)
-            rows += [by_motion.T, beyond_motion(by_motion, moved, times, state.position).T]
-            units.append(np.ones(MOTIONS + BEYOND))
-        if model.sheet is not None:
-            rows.append((moved @ (rotation @ model.sheet.normal)) * model.sheet.heights_at(*place))
-            units.append(np.ones(RISES))
-        unit = np.concatenate(units)
-        jacobian = np.concatenate(rows)
-        jacobian *= unit[:, None]
-        return jacobian, unit
-
-    def _prior(
-        self, state: PhotoState, bends: Array, start: Pose, level: Level | None, noise: float, count: int
-    ) -> tuple[Array, Array, float]:
-        """What is known beside the image: normal matrix, right side, and the squared distance of the state from it."""
-        prior, pull, surprise = np.zeros((count, count)), np.zeros(count), 0.0
-        if level is not None:
-            prior[POSE, POSE], pull[POSE] = level.pull(state.rotation, noise**0.5)
-            tilt = np.cross(state.rotation[:, 2], level.up)
-            surprise += float(tilt @ tilt) / level.spread**2
-        if state.motion is not None:
-            known = motion_known(start, self._shutter)
-            # Of what the motion lacks the residual holds no more than is beside `bends`.
-            spread = np.concatenate([known.spread, beyond_sd(self._shutter)])
-            off = np.concatenate([known.expected - state.motion, -bends])
-            unknown = slice(MOTION.start, BENDS.stop)
-            weight = noise / spread**2
-            prior[unknown, unknown] = np.diag(weight)
-            pull[unknown] = weight * off
-            surprise += float(((off / spread) ** 2).sum())
-        return prior, pull, surprise
+        # A print that moves by d shows at a pixel what was d before it, dI = -dI/dm grad(m) . du.
+        by_point = -contrast[:, None] * (dx[:, None] * point[:, 0] + dy[:, None] * point[:, 1])
+        heights = None if first.sheet is None else first.sheet.heights(parts[0].at.u, parts[0].at.v)
+        table = prior.table(at, by_point, arm, times, heights)
+        table.insert(2, Unknown("spread", contrast * _of_all([part.at.by_spread for part in parts])))
+        light = parts[0].lit.columns
+        if len(parts) > 1:
+            # Each print has light of its own.
+            light, end = np.zeros((LIGHTS * len(parts), len(arm))), 0
+            for k, part in enumerate(parts):
+                start, end = end, end + len(part.arm)
+                light[LIGHTS * k : LIGHTS * (k + 1), start:end] = part.lit.columns
+        return [*table, Unknown("light", light)]
 
 
-def _joined(parts: Sequence[_Part]) -> tuple[Array, Array]:
-    """Derivatives of all prints' grey values `(k, n)` with their units `(k,)`."""
-    first, *others = parts
-    if not others:
-        return first.rows, first.unit
-    rows = np.concatenate([part.rows for part in parts], axis=1)
-    lights = np.zeros((LIGHTS * len(others), rows.shape[1]))
-    end = first.rows.shape[1]
-    rows[LIGHT, end:] = 0.0
-    for number, part in enumerate(others):
-        start, end = end, end + part.rows.shape[1]
-        lights[LIGHTS * number : LIGHTS * (number + 1), start:end] = part.rows[LIGHT]
-    return np.concatenate([rows, lights]), np.concatenate([first.unit, np.tile(first.unit[LIGHT], len(others))])
+def _of_all(rows: Sequence[Array]) -> Array:
+    """What the pixels of all prints have `(n,)` or `(k, n)`, one print after the other."""
+    return rows[0] if len(rows) == 1 else np.concatenate(rows, axis=-1)
+
+
+def _without_lacking(residual: Array, table: Sequence[Unknown], at: State) -> tuple[Array, list[Unknown]]:
+    """Residuals without what the bend does and the motion lacks `(n,)` [grey], and the table as it is for these."""
+    line = {unknown.name: unknown for unknown in table}
+    if at.rise is not None:
+        # The print is rendered flat; its bend moves what is seen by less than a pixel.
+        residual = residual - at.rise @ line["rise"].rows
+    if at.motion is None:
+        return residual, list(table)
+    lacking, light = line["beyond"], line["light"].rows
+    information = np.zeros(BEYOND + len(light))
+    information[:BEYOND] = lacking.information
+    rows = np.concatenate([lacking.rows, light])
+    anew = asked_anew(residual, rows, information, LIMITS.certainty.deviations)
+    # Of what the motion lacks the residual holds no more than is beside what was taken out.
+    line["beyond"] = replace(lacking, off=-anew[:BEYOND])
+    return residual - anew @ rows, list(line.values())

@@ -25,8 +25,11 @@ from mkdaemon.vision.tags.tagmap import SAME_HEIGHT_M, Tag
 
 Source = Literal["corners", "edges", "photometric"]
 
-NO_BETTER, SETTLED_RMS_PX = 1 + 1e-9, 1e-7
-"""Refining corners ends when the residual rises by this factor, or falls by less than this [px]."""
+SETTLED_RMS_PX = 1e-7
+"""Refining corners ends when the residual falls by less than this [px]."""
+RIDGE, LEAST_RIDGE = 1e-9, 1e-12
+"""Share of the normal matrix' diagonal that is added before it is inverted, and so much more: directions nobody sees
+stay finite."""
 LEAST_NORM = 1e-9
 """Vectors shorter than this have no direction."""
 CORNER_SD_PX = 0.15
@@ -132,6 +135,17 @@ def angle_between(a: Array, b: Array) -> float:
     return float(np.arccos(np.clip((np.trace(a @ b.T) - 1.0) / 2.0, -1.0, 1.0)))
 
 
+def apart(one: Pose, other: Pose) -> Array:
+    """Step `(6,)` from one pose to another: position [m], rotation vector [rad], as in their covariances."""
+    turned = np.asarray(cv2.Rodrigues(other.rotation @ one.rotation.T)[0], np.float64).ravel()
+    return np.concatenate([other.position - one.position, turned])
+
+
+def length2(step: Array, covariance: Array) -> float:
+    """Squared length of a step `(k,)` in deviations of a covariance `(k, k)`."""
+    return float(step @ np.linalg.solve(covariance, step))
+
+
 def turn(rotation: Array, by: Array) -> Array:
     """Left-multiply a rotation by the exponential of a rotation vector `(3,)` [rad], keeping it orthonormal."""
     turned = cv2.Rodrigues(by.reshape(3, 1))[0] @ rotation
@@ -174,7 +188,7 @@ def solve(tags: Sequence[tuple[Tag, Detection]], projection: Projection) -> list
     pixels = np.concatenate([found.corners for _, found in tags])
     weights = np.concatenate([np.full(4, _corner_weight(found)) for _, found in tags])
     rays = projection.undistort(pixels)
-    starts = _square(tags[0][0], rays) if len(tags) == 1 else _several(tags, points, rays)
+    starts = _starts(tags, points, rays)
     poses = [pose for start in starts if (pose := _refine(points, pixels, weights, start, projection)) is not None]
     loose = max(found.shrunk for _, found in tags) ** 2
     poses = [replace(pose, covariance=loose * pose.covariance) for pose in poses] if loose > 1 else poses
@@ -186,36 +200,20 @@ def _corner_weight(found: Detection) -> float:
     return float(np.clip(found.side_px / 30.0, 0.3, 1.0))
 
 
-def _square(tag: Tag, rays: Array) -> list[tuple[Array, Array]]:
-    half = tag.size / 2
-    square = np.array([[-half, half, 0], [half, half, 0], [half, -half, 0], [-half, -half, 0]])
-    _, rotations, positions, _ = cv2.solvePnPGeneric(
-        square, rays, np.eye(3), np.zeros(0), flags=cv2.SOLVEPNP_IPPE_SQUARE
-    )
-    found: list[tuple[Array, Array]] = []
-    for rvec, tvec in zip(rotations, positions, strict=True):
-        cam_from_tag = np.asarray(cv2.Rodrigues(rvec)[0], dtype=np.float64)
-        cam_from_target = cam_from_tag @ tag.rotation.T
-        found.append((cam_from_target, np.asarray(tvec, dtype=np.float64).ravel() - cam_from_target @ tag.position))
-    return found
-
-
-def _several(tags: Sequence[tuple[Tag, Detection]], points: Array, rays: Array) -> list[tuple[Array, Array]]:
+def _starts(tags: Sequence[tuple[Tag, Detection]], points: Array, rays: Array) -> list[tuple[Array, Array]]:
+    """Rotations and positions that explain where the corners of tags are seen; IPPE knows both of one plane."""
     first = tags[0][0]
     local = (points - first.position) @ first.rotation
-    if float(np.abs(local[:, 2]).max()) < SAME_HEIGHT_M:  # one plane: IPPE knows both solutions
+    method = cv2.SOLVEPNP_SQPNP
+    if float(np.abs(local[:, 2]).max()) < SAME_HEIGHT_M:
         local[:, 2] = 0.0
-        ok, rotations, positions, _ = cv2.solvePnPGeneric(local, rays, np.eye(3), np.zeros(0), flags=cv2.SOLVEPNP_IPPE)
-        found: list[tuple[Array, Array]] = []
-        for rvec, tvec in zip(rotations, positions, strict=True) if ok else ():
-            rotation = np.asarray(cv2.Rodrigues(rvec)[0], dtype=np.float64) @ first.rotation.T
-            found.append((rotation, np.asarray(tvec, dtype=np.float64).ravel() - rotation @ first.position))
-        return found
-    ok, rotations, positions, _ = cv2.solvePnPGeneric(points, rays, np.eye(3), np.zeros(0), flags=cv2.SOLVEPNP_SQPNP)
-    return [
-        (np.asarray(cv2.Rodrigues(r)[0], dtype=np.float64), np.asarray(t, dtype=np.float64).ravel())
-        for r, t in (zip(rotations, positions, strict=True) if ok else ())
-    ]
+        method = cv2.SOLVEPNP_IPPE_SQUARE if len(tags) == 1 else cv2.SOLVEPNP_IPPE
+    ok, rotations, positions, _ = cv2.solvePnPGeneric(local, rays, np.eye(3), np.zeros(0), flags=method)
+    found: list[tuple[Array, Array]] = []
+    for rvec, tvec in zip(rotations, positions, strict=True) if ok else ():
+        rotation = np.asarray(cv2.Rodrigues(rvec)[0], dtype=np.float64) @ first.rotation.T
+        found.append((rotation, np.asarray(tvec, dtype=np.float64).ravel() - rotation @ first.position))
+    return found
 
 
 def _refine(
@@ -226,9 +224,8 @@ def _refine(
     if not (np.isfinite(rotation).all() and np.isfinite(position).all()):
         return None
     scale = np.repeat(weights, 2)[:, None]
-    last = np.inf
+    before, last = start, np.inf
     normal = np.eye(6)
-    rms = np.inf
     for _ in range(8):
         arm = points @ rotation.T
         seen = arm + position
@@ -239,24 +236,20 @@ def _refine(
             return None
         error = (pixels - projected).reshape(-1, 1)
         rms = float(np.sqrt(((scale * error) ** 2).sum() / (scale**2).sum() * 2))
-        if rms > last * NO_BETTER or last - rms < SETTLED_RMS_PX:
+        if rms > last:
+            (rotation, position), rms = before, last
             break
-        last = rms
+        if last - rms < SETTLED_RMS_PX:
+            break
+        before, last = (rotation, position), rms
         jacobian = projection.pose_jacobian(seen, position).reshape(-1, 6) * scale
         normal = jacobian.T @ jacobian
-        damped = normal + 1e-9 * np.diag(np.diag(normal))
-        step: Array = np.asarray(np.linalg.solve(damped, jacobian.T @ (error * scale)), dtype=np.float64).ravel()
-        before = (rotation, position)
+        step = np.asarray(np.linalg.solve(damped(normal), jacobian.T @ (error * scale)), np.float64).ravel()
         position = np.asarray(position + step[:3], dtype=np.float64)
         rotation = turn(rotation, step[3:])
-    else:
-        before = (rotation, position)
-    if rms > last:
-        rotation, position = before
-        rms = last
     dof = max(2 * len(points) - 6, 2)
     variance = max(CORNER_SD_PX**2, rms**2 * len(points) / dof)
-    covariance: Array = np.asarray(variance * np.linalg.inv(normal + 1e-9 * np.diag(np.diag(normal))), dtype=np.float64)
+    covariance = variance * inverted(damped(normal))
     return Pose(rotation, position, covariance, "corners", len(points), rms, loss=rms**2)
 
 
@@ -306,3 +299,16 @@ def quantile(values: npt.NDArray[np.floating | np.integer], share: float) -> flo
     """
     rank = min(int(share * values.size), values.size - 1)
     return float(np.partition(values, rank, axis=None)[rank])
+
+
+def damped(normal: Array) -> Array:
+    """A normal matrix `(k, k)` with its ridge."""
+    found: Array = normal.copy()
+    diagonal = found.reshape(-1)[:: len(found) + 1]
+    diagonal += RIDGE * diagonal + LEAST_RIDGE
+    return found
+
+
+def inverted(normal: Array) -> Array:
+    """Inverse of a normal matrix `(k, k)`."""
+    return np.asarray(np.linalg.inv(normal), np.float64)

@@ -341,6 +341,10 @@ class PrintModel:
         image[window.used] = self._seen(window, Footprint.of(spread, window.middle / self.cell))[0]
         return image, window.used, window.left, window.top
 
+    def corners(self, half: float) -> Array:
+        """Corners `(4, 3)` [m; target] of the part within half a side of its middle."""
+        return np.asarray(SQUARE * half @ self.axes[:, :2].T + self.origin, np.float64)
+
     def depth(self, rotation: Array, position: Array) -> float:
         """How far the middle of the print is along the optical axis [m]."""
         return float((rotation @ self.origin + position)[2])
@@ -356,9 +360,8 @@ class PrintModel:
     def _window(self, shape: tuple[int, ...], rotation: Array, position: Array, motion: Array | None) -> _Window | None:
         """Where the print is in the image; none where it is not in full view, too small or too large."""
         half = self.half - LIMITS.photo.margin_cells * self.cell
-        placed = (SQUARE * half @ self.axes[:, :2].T + self.origin) @ rotation.T + position
-        corners = placed if motion is None else exposed(placed, motion, self._projection)[0]
-        uv, visible = self._projection.project(corners)
+        placed = self.corners(half) @ rotation.T + position
+        uv, visible = self._projection.project(exposed(placed, motion, self._projection)[0])
         if not bool(visible.all()):
             return None
         x0, y0 = np.maximum(np.floor(uv.min(axis=0)).astype(int), 0)

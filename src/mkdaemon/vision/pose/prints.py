@@ -10,7 +10,7 @@ import numpy as np
 from mkdaemon.vision.arrays import Array
 from mkdaemon.vision.pose.bend import Sheet
 from mkdaemon.vision.pose.pose import Pose
-from mkdaemon.vision.pose.printmodel import SQUARE, PrintModel
+from mkdaemon.vision.pose.printmodel import PrintModel
 from mkdaemon.vision.pose.projection import NEAR_M, Projection
 from mkdaemon.vision.tags.tagmap import SAME_HEIGHT_M, Tag, Target
 
@@ -97,16 +97,10 @@ class Prints:
             return self.all[0]
         return next(iter(self.seen(pose.rotation, pose.position)), self.all[0])
 
-    def rise_of(self, start: Pose) -> Array | None:
-        """Rise of the only print where a fit begins `(3,)`; none where it does not bend."""
-        if self.sheet is None:
-            return None
-        return (start.bend or start.known_bend or self.sheet.prior).mean
-
     def _is_shown(self, model: PrintModel, rotation: Array, position: Array, width: int, height: int) -> bool:
         if model.depth(rotation, position) < NEAR_M:
             return False
-        corners = (SQUARE * model.half @ model.axes[:, :2].T + model.origin) @ rotation.T + position
+        corners = model.corners(model.half) @ rotation.T + position
         seen, visible = self._projection.project(corners)
         if not bool(visible.all()):
             return False

@@ -12,7 +12,6 @@ from typing import Final
 import numpy as np
 
 from mkdaemon.vision.arrays import Array
-from mkdaemon.vision.pose.linetime import MOTIONS
 from mkdaemon.vision.pose.projection import Projection
 
 ROUNDS: Final = 2
@@ -33,23 +32,20 @@ def motion_of(place: Array, speed: Array, turning: Array) -> Array:
     return np.array([*(turning - skew(place) @ across / float(place @ place)), along])
 
 
-def motion_at_rest() -> Array:
-    """The motion `(4,)` of a camera that stands still."""
-    return np.zeros(MOTIONS)
-
-
-def exposed(points: Array, motion: Array, projection: Projection) -> tuple[Array, Array]:
+def exposed(points: Array, motion: Array | None, projection: Projection) -> tuple[Array, Array]:
     """Points `(n, 3)` [m; RDF] as they are when their rows are exposed, and when that is `(n,)` [s].
 
     Args:
         points: when the middle row is exposed.
-        motion: `(4,)`, angular rate [rad/s] and speed along the axis [m/s].
+        motion: `(4,)`, angular rate [rad/s] and speed along the axis [m/s]; none under a global shutter.
         projection: of the lens.
     """
+    times = np.zeros(len(points))
+    if motion is None:
+        return points, times
     intrinsics = projection.intrinsics
     middle = (intrinsics.height - 1) / 2
     moved = points
-    times = np.zeros(len(points))
     for _ in range(ROUNDS):
         pixels, _ = projection.project(moved)
         times = (np.clip(pixels[:, 1], 0.0, intrinsics.height - 1.0) - middle) * projection.line_time
@@ -109,8 +105,26 @@ def cross(a: Array, b: Array) -> Array:
     return product
 
 
-def motion_jacobian(point_jacobian: Array, points: Array, times: Array) -> Array:
-    """Derivative `(n, 4)` by the motion, of what has the derivative `(n, 3)` by the point; points at rest."""
+def motion_jacobian(by_point: Array, points: Array, times: Array) -> Array:
+    """Derivative `(4, n)` by the motion, of what has the derivative `(n, 3)` by the points `(n, 3)`, at rest."""
     # j . (-t w x P) = -t w . (P x j)
-    turning = -times[:, None] * cross(points, point_jacobian)
-    return np.column_stack([turning, times * point_jacobian[:, 2]])
+    return np.concatenate([-times * cross(points, by_point).T, (times * by_point[:, 2])[None]])
+
+
+def beyond_motion(by_motion: Array, by_place: Array, times: Array, position: Array) -> Array:
+    """Derivative `(5, n)` by what the motion lacks: the angular acceleration [rad/s^2], a speed across [m/s].
+
+    An acceleration a bends the image by a t^2 / 2, which is t / 2 times what the rates do. A speed e across the line of
+    sight is in the motion as a turn, which is right at the target's origin P0 only; either axis moves points by what is
+    beyond that turn, t (e - w x P) with w = P0 x e / P0^2.
+
+    Args:
+        by_motion: derivative by the motion `(4, n)`.
+        by_place: derivative by the target's position `(n, 3)`.
+        times: of the points `(n,)` [s].
+        position: of the target `(3,)` [m; RDF].
+    """
+    rates = by_motion[:3]
+    # With n . u x P = u . P x n the turn in place of a speed e is the rows of the rates times P0 x e / P0^2.
+    instead = skew(position)[:, :2] / float(position @ position)
+    return np.concatenate([rates * (times / 2), times * by_place[:, :2].T + instead.T @ rates])

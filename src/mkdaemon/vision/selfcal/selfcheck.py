@@ -36,8 +36,8 @@ from mkdaemon.vision.camera.calibration_file import Camera, mount_rotation
 from mkdaemon.vision.limits import LIMITS, SELFCAL
 from mkdaemon.vision.pose.bend import Bend
 from mkdaemon.vision.pose.edgefit import LEAST_EDGES, EdgeFit, LocatedEdges
-from mkdaemon.vision.pose.edgestep import MAD, damped
-from mkdaemon.vision.pose.pose import FLOOR_RANGE, Pose, median, turn
+from mkdaemon.vision.pose.edgestep import MAD
+from mkdaemon.vision.pose.pose import FLOOR_RANGE, Pose, damped, median, turn
 from mkdaemon.vision.pose.prints import sheet_of
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.pose.rolling import skew

@@ -13,9 +13,9 @@ from mkdaemon.telemetry.vision import PoseRefusal
 from mkdaemon.vision.arrays import Array
 from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.ambiguity import Decision, prefers, residual_ratio
-from mkdaemon.vision.pose.edgefit import Level
 from mkdaemon.vision.pose.gates import certainty_refusal
 from mkdaemon.vision.pose.pose import Pose, angle_between, turn
+from mkdaemon.vision.pose.unknowns import Level
 from mkdaemon.vision.track.attitude import Sight, angle_of, normal_density, turn_between, without_normal
 from mkdaemon.vision.track.branches import Branches
 from mkdaemon.vision.track.checks import Checks, with_angle_variance

@@ -27,9 +27,9 @@ import numpy as np
 from mkdaemon.config.vision import TrackerSection
 from mkdaemon.vision.arrays import Array
 from mkdaemon.vision.limits import LIMITS
-from mkdaemon.vision.pose.edgefit import Level
 from mkdaemon.vision.pose.pose import Pose, largest_variance
 from mkdaemon.vision.pose.rolling import skew
+from mkdaemon.vision.pose.unknowns import Level
 from mkdaemon.vision.track.attitude import Mounting, Sight, angle_of, fuse_normal
 from mkdaemon.vision.track.branches import lasting_doubt
 

@@ -1,0 +1,262 @@
+"""The unknowns of a fit: what is known of them before an image, how a step is solved for them, and where a fit is.
+
+Fits to edges and fits to grey values share the pose, the bend of the print and the motion under a rolling shutter; each
+has some of its own. All stand in one table. With the rows J of the table, the derivative of what is measured, and with
+residuals d of variance v and weight W, the information P that is known beforehand and e, what is expected less where
+the fit is, a step is
+
+    x = (J W J^T + v P)^-1 (J W d + v P e)
+
+and v times that inverse the covariance of all unknowns.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+
+from mkdaemon.vision.arrays import Array
+from mkdaemon.vision.limits import LIMITS
+from mkdaemon.vision.pose.bend import Bend, Sheet
+from mkdaemon.vision.pose.linetime import MOTIONS, KnownMotion, SeenMotion, Shutter
+from mkdaemon.vision.pose.pose import Pose, damped, turn
+from mkdaemon.vision.pose.projection import NEAR_M
+from mkdaemon.vision.pose.rolling import before_motion, beyond_motion, cross, motion_jacobian, skew
+
+POSE: Final = slice(0, 6)
+"""Where the pose is among the unknowns, position before rotation: first."""
+BEYOND: Final = 5
+"""Unknowns of what a motion lacks: three angular accelerations, two speeds."""
+CARRIED: Final = ("place", "turn", "rise", "motion", "stretch", "spread")
+"""Unknowns that a state carries from step to step; each step asks for all of the others."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Unknown:
+    """One line of the table.
+
+    Attributes:
+        name: of these unknowns.
+        rows: derivative of what is measured by each `(k, n)`.
+        information: inverse covariance of what is expected `(k, k)`, or its diagonal `(k,)`; none where nothing is.
+        off: what is expected, less where the fit is `(k,)`; zero if none is given.
+    """
+
+    name: str
+    rows: Array
+    information: Array | None = None
+    off: Array | None = None
+
+
+class Unknowns:
+    """The unknowns of one step.
+
+    Args:
+        table: of them, the pose first, those that are carried before those that are not.
+
+    Attributes:
+        rows: derivative of what is measured `(k, n)`.
+        carried: how many of them a state carries from step to step, the first ones.
+        information: that is known beforehand `(k, k)`.
+        surprise: squared distance of the fit from what is expected, in deviations of that.
+    """
+
+    def __init__(self, table: Sequence[Unknown]) -> None:
+        self.rows = np.concatenate([line.rows for line in table])
+        count, stop = len(self.rows), 0
+        self.carried = 0
+        self.information, off = np.zeros((count, count)), np.zeros(count)
+        self._blocks: dict[str, slice] = {}
+        for line in table:
+            start, stop = stop, stop + len(line.rows)
+            block = self._blocks[line.name] = slice(start, stop)
+            if line.name in CARRIED:
+                self.carried = stop
+            if line.information is not None:
+                known = line.information
+                self.information[block, block] = known if known.ndim > 1 else np.diag(known)
+            if line.off is not None:
+                off[block] = line.off
+        self._pull = self.information @ off
+        self.surprise = float(off @ self._pull)
+
+    def __contains__(self, name: str) -> bool:
+        return name in self._blocks
+
+    def __getitem__(self, name: str) -> slice:
+        return self._blocks[name]
+
+    def equations(self, weights: Array, measured: Array, variance: float) -> tuple[Array, Array]:
+        """Normal matrix `(k, k)` and right side `(k,)` of a step.
+
+        Args:
+            weights: of the residuals `(n,)`.
+            measured: the residuals `(n,)`.
+            variance: of one with the weight 1.
+        """
+        weighted = self.rows * weights
+        normal = weighted @ self.rows.T + variance * self.information
+        return damped(normal), weighted @ measured + variance * self._pull
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class State:
+    """Where a fit is.
+
+    Attributes:
+        rotation: camera from target `(3, 3)`.
+        position: of the target `(3,)` [m; RDF].
+        spread: covariance of the point spread `(2, 2)` [px^2]; fits to edges ask for none.
+        motion: of the camera under a rolling shutter `(4,)`; none under a global one. See `rolling`.
+        rise: of the print `(3,)`; none where it does not bend.
+        stretch: of the ratio of the focal lengths `(1,)`, in fits to edges that doubt it.
+    """
+
+    rotation: Array
+    position: Array
+    spread: Array
+    motion: Array | None = None
+    rise: Array | None = None
+    stretch: Array | None = None
+
+    def moved(self, unknowns: Unknowns, change: Array) -> State:
+        """After a step `(k,)`; the point spread, which has bounds, is moved by its fit."""
+        added = {
+            name: getattr(self, name) + change[unknowns[name]]
+            for name in ("motion", "rise", "stretch")
+            if name in unknowns
+        }
+        rotation = turn(self.rotation, change[unknowns["turn"]])
+        return replace(self, rotation=rotation, position=self.position + change[unknowns["place"]], **added)
+
+    def ran_away(self, start: Pose) -> bool:
+        """Whether it left what a camera sees, or the neighbourhood of where it began."""
+        if not np.isfinite(self.position).all() or self.position[2] < NEAR_M:
+            return True
+        return float(np.linalg.norm(self.position - start.position)) > LIMITS.edges.max_move * start.range_m
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Level:
+    """What is known about the direction of a target's normal.
+
+    Attributes:
+        up: vertical `(3,)` [camera].
+        spread: standard deviation, each axis [rad].
+    """
+
+    up: Array
+    spread: float
+
+    def of_turn(self, rotation: Array) -> tuple[Array, Array]:
+        """Information about a turn `(3, 3)`, and the turn that would level a target `(3,)`; its own is free.
+
+        With n the normal the turn is n x up, and the information (I - n n^T) / spread^2.
+        """
+        normal = rotation[:, 2]
+        return (np.eye(3) - np.outer(normal, normal)) / self.spread**2, skew(normal) @ self.up
+
+
+class Prior:
+    """What is known before an image of the unknowns that all fits have.
+
+    Args:
+        start: of the fit; may know motion and bend.
+        level: where the target's normal should point, if anywhere.
+        shutter: of the camera; none where it stood still.
+        sheet: that the print is on; none where it does not bend.
+
+    Attributes:
+        start: of the fit.
+        bend: what is known of that; none where the print does not bend.
+    """
+
+    def __init__(self, start: Pose, level: Level | None, shutter: Shutter | None, sheet: Sheet | None) -> None:
+        self.start = start
+        self._level, self._shutter, self._sheet = level, shutter, sheet
+        self._motion: KnownMotion | None = None
+        if shutter is not None and shutter.rolls:
+            unknown = KnownMotion(np.zeros(MOTIONS), np.array([LIMITS.edges.turning_sd] * 3 + [LIMITS.edges.speed_sd]))
+            self._motion = shutter.motion(start.known_motion or unknown)
+            # Times the line time over the nominal one; of an acceleration twice.
+            scale = shutter.scale
+            self._beyond_sd = np.array(
+                [LIMITS.edges.acceleration_sd * scale**2] * 3 + [LIMITS.edges.speed_sd * scale] * 2
+            )
+        self.bend: Bend | None = None
+        if sheet is not None:
+            self.bend = start.known_bend or sheet.prior
+            self._flat = self.bend.information
+
+    def begin(self, blur_px: float = 0.0) -> State:
+        """Where the fit begins, with a round point spread of some deviation."""
+        motion = None
+        if self._motion is not None:
+            motion = np.zeros(MOTIONS) if self.start.motion is None else self.start.motion
+        rise = None if self.bend is None else (self.start.bend or self.bend).mean
+        return State(self.start.rotation, self.start.position, blur_px**2 * np.eye(2), motion, rise)
+
+    def table(
+        self, at: State, by_point: Array, arm: Array, times: Array, heights: Array | None, flatter: float = 1.0
+    ) -> list[Unknown]:
+        """The unknowns that all fits have, of what is measured at points of the print.
+
+        A turn w moves a point at `arm` by w x arm, so that its derivative is arm x that by the point. A bend moves
+        points along the normal.
+
+        Args:
+            at: where the fit is.
+            by_point: derivative of what is measured by the points as they are exposed `(n, 3)`.
+            arm: from the target's origin to the points at rest `(n, 3)` [m; camera].
+            times: when they are exposed `(n,)` [s].
+            heights: of the points by the rise of the print `(3, n)` [m]; none where that is not asked for.
+            flatter: factor on what is known of that.
+        """
+        by_rest = by_point if at.motion is None else before_motion(by_point, at.motion, times)
+        level = (None, None) if self._level is None else self._level.of_turn(at.rotation)
+        table = [Unknown("place", by_rest.T), Unknown("turn", cross(arm, by_rest).T, *level)]
+        if heights is not None and self._sheet is not None and self.bend is not None and at.rise is not None:
+            along = by_rest @ (at.rotation @ self._sheet.normal)
+            table.append(Unknown("rise", along * heights, flatter * self._flat, self.bend.mean - at.rise))
+        if at.motion is not None and self._motion is not None:
+            rows = motion_jacobian(by_point, arm + at.position, times)
+            lacking = beyond_motion(rows, by_rest, times, at.position)
+            table.append(Unknown("motion", rows, self._motion.spread**-2, self._motion.expected - at.motion))
+            table.append(Unknown("beyond", lacking, self._beyond_sd**-2))
+        return table
+
+    def measured(self, at: State, unknowns: Unknowns, covariance: Array) -> tuple[Array, Bend | None]:
+        """Covariance of the pose `(6, 6)`, and what was found of the bend, where a step asked for it.
+
+        Args:
+            at: where the fit is.
+            unknowns: of its last step.
+            covariance: of all of them `(k, k)`.
+        """
+        pose = (covariance[POSE, POSE] + covariance[POSE, POSE].T) / 2
+        if self._sheet is None or at.rise is None or "rise" not in unknowns:
+            return pose, None
+        bend = Bend(at.rise, covariance[unknowns["rise"], unknowns["rise"]])
+        pose[:3, :3] += self._sheet.plane_covariance(at.rotation, bend)
+        return pose, bend
+
+    def seen_motion(self, at: State, unknowns: Unknowns, covariance: Array) -> SeenMotion | None:
+        """What the image alone says about the motion, where that tells a line time; see `measured`.
+
+        What the fit was told, W and m0, is taken out of what it found, C and m: C^-1 - W, and C^-1 m - W m0.
+        """
+        if at.motion is None or self._motion is None or self._shutter is None or self._shutter.is_given:
+            return None
+        found = np.linalg.inv(covariance[unknowns["motion"], unknowns["motion"]])
+        given = self._motion.spread**-2
+        values, axes = np.linalg.eigh(found - np.diag(given))
+        information = (axes * np.maximum(values, 0.0)) @ axes.T
+        return SeenMotion(information, found @ at.motion - given * self._motion.expected)
+
+
+def not_arrived(pose: Pose, to_go: Array) -> Pose:
+    """The pose of a fit that would go on by a step `(6,)`: that is an error, too."""
+    return replace(pose, covariance=pose.covariance + np.outer(to_go, to_go))
