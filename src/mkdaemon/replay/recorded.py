@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property, reduce
+from operator import getitem
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
@@ -63,7 +65,12 @@ class Recorded:
 
     @property
     def config(self) -> Config:
-        """The configuration it flew with.
+        """The configuration it flew with; see `flown_with`."""
+        return self.flown_with[0]
+
+    @cached_property
+    def flown_with(self) -> tuple[Config, tuple[str, ...]]:
+        """The configuration it flew with, and keys of that which are none today and are left out.
 
         Raises:
             ConfigError: the recording has none, or one of another time.
@@ -71,8 +78,19 @@ class Recorded:
         if not self.session.config:
             msg = f"{self.session.name}: the recording has no configuration; give the one it flew with as --config FILE"
             raise ConfigError(msg)
+        gone: list[str] = []
         try:
-            return Config.model_validate(parse_json(self.session.config))
+            values = parse_json(self.session.config)
+            while True:
+                try:
+                    return Config.model_validate(values), tuple(gone)
+                except ValidationError as error:
+                    unknown = [item["loc"] for item in error.errors() if item["type"] == "extra_forbidden"]
+                    if not unknown:
+                        raise
+                    gone += [".".join(map(str, place)) for place in unknown]
+                    for *path, key in unknown:
+                        del reduce(getitem, path, values)[key]
         except (ValueError, ValidationError) as error:
             msg = (
                 f"{self.session.name}: its configuration is not understood here ({str(error).splitlines()[0]}); "

@@ -83,9 +83,9 @@ def verify(paths: list[Path], cfg: Config | None = None) -> ReplayReport:
             work here.
     """
     recorded = read_recorded(paths)
-    config = cfg or recorded.config
+    config, gone = (cfg, ()) if cfg is not None else recorded.flown_with
     replayed = replay(recorded, config)
-    notes = []
+    notes = [f"left out of its configuration, as these keys are none today: {', '.join(gone)}"] if gone else []
     without: frozenset[str] = frozenset()
     if not replayed.has_eyes and any(entry.suffix.startswith(_SIGHT) for entry in recorded.of(Kind.SAMPLE)):
         notes.append(

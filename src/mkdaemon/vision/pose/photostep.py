@@ -404,8 +404,8 @@ class PhotoStepper:
         to_go, covariance = (inverse @ right)[POSE], noise * inverse
         surprise = 1.0 + unknowns.surprise / clear.size
         comparable = weighed.cost * float(np.exp(-2.0 * np.mean(np.log(clear)))) * surprise
-        told = unknowns, comparable, to_go, length2(to_go, covariance[POSE, POSE]), covariance
-        return PhotoStep(*told, normal, right, parts, residual, weighed, shared)
+        found = unknowns, comparable, to_go, length2(to_go, covariance[POSE, POSE]), covariance
+        return PhotoStep(*found, normal, right, parts, residual, weighed, shared)
 
     def match(self, pixels: Grey, model: PrintModel, at: State) -> float:
         """Correlation between one print and the image where a state puts it; -1 where it cannot be told."""

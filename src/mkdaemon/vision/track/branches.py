@@ -179,19 +179,19 @@ class Branches:
 
     @classmethod
     def begin(
-        cls, time: float, candidates: Sequence[Pose], told: Array | None = None, *, moving: bool = False
+        cls, time: float, candidates: Sequence[Pose], log_prior: Array | None = None, *, moving: bool = False
     ) -> Branches:
         """Start from the candidates of one image; a single one is known to be true.
 
         Args:
             time: of the image [s].
             candidates: at least one.
-            told: logarithm of the density of each by what is known beside the image `(m,)`.
+            log_prior: logarithm of the density of each by what is known beside the image `(m,)`.
             moving: whether the target moves by itself.
         """
         course = Course.begin(time, *places(candidates), MOVING_PSD if moving else ACCELERATION_PSD)
         count = len(candidates)
-        weight, missed = (0.0 if told is None else told) - _evidence(candidates), np.zeros(count, dtype=bool)
+        weight, missed = (0.0 if log_prior is None else log_prior) - _evidence(candidates), np.zeros(count, dtype=bool)
         weight -= weight.max()
         kept = _likeliest(course.centre, weight, missed)
         anywhere = replace(course[kept[0]], covariance=ANYWHERE * np.eye(6))

@@ -155,8 +155,8 @@ class Judge:
     def _judge_beside(self, seen: Sight, fits: Sequence[Pose], vertical: Level) -> Verdict:
         """Judge the first fits of a target by image and attitude."""
         checks, level = self._checks, self._checks.level
-        told = np.array([normal_density(pose, vertical.up, vertical.spread) for pose in fits])
-        branches = self.start_branches(seen, fits, told)
+        log_prior = np.array([normal_density(pose, vertical.up, vertical.spread) for pose in fits])
+        branches = self.start_branches(seen, fits, log_prior)
         pose = branches.pose
         if branches.is_decided and not checks.is_partial(pose) and checks.refusal(seen, pose) is None:
             pose = with_angle_variance(level.fuse(seen, pose), branches.doubt)
@@ -173,9 +173,9 @@ class Judge:
         refused = certainty_refusal(pose, has_attitude=True)
         return Verdict(pose if refused in FOLLOWED else None, refused, branches=branches, decided_by="attitude")
 
-    def start_branches(self, seen: Sight, candidates: Sequence[Pose], told: Array | None = None) -> Branches:
+    def start_branches(self, seen: Sight, candidates: Sequence[Pose], log_prior: Array | None = None) -> Branches:
         """Branches that start in this image, by it and what else is told; a single candidate is believed."""
-        return Branches.begin(seen.time, candidates, told, moving=self._fitter.target.moving)
+        return Branches.begin(seen.time, candidates, log_prior, moving=self._fitter.target.moving)
 
     def add_inertia(self, seen: Sight, pose: Pose) -> Verdict:
         """Judge a pose the attitude agrees with; what inertia knows is added where the pose alone is too uncertain.
