@@ -261,7 +261,7 @@ def test_a_regulator_that_flies_otherwise_is_named(monkeypatch):
         ({"part": 2}, "every part from 0 on"),
         ({"config": ""}, "--config"),
         ({"config": "{]"}, "--config"),
-        ({"config": '{"link": {"nonsense": 1}}'}, "--config"),
+        ({"config": '{"link": 1}'}, "--config"),
     ],
 )
 def test_what_cannot_be_replayed_is_refused_with_the_fix(tmp_path, change, words):
@@ -280,6 +280,21 @@ def test_a_recording_of_before_events_were_kept_is_refused_with_what_can_still_b
     old = [entry for entry in Recording(STICKS).entries() if entry.kind is not Kind.EVENT]
     with pytest.raises(ConfigError, match=r"cannot be verified.*mkctl play"):
         verify([written(tmp_path / "old.mcap", old)])
+
+
+def test_keys_of_a_configuration_of_another_time_are_left_out_and_named(tmp_path):
+    path, recording = tmp_path / "older.mcap", Recording(STICKS)
+    session = recording.read_session()
+    older = json.loads(session.config) | {"gone": {"a": 1}}
+    older["link"]["nonsense"] = 1
+    with path.open("wb") as file:
+        writer = RecordingWriter(file, replace(session, config=json.dumps(older)))
+        for entry in recording.entries():
+            writer.add(entry)
+        writer.finish()
+    report = verify([path])
+    assert report.comparison.differences == 0
+    assert any("link.nonsense" in note and "gone" in note for note in report.notes)
 
 
 def test_an_event_of_another_version_ends_the_replay_with_its_key(tmp_path):
