@@ -306,7 +306,7 @@ def test_an_event_of_another_version_ends_the_replay_with_its_key(tmp_path):
         verify([written(tmp_path / "other.mcap", entries)])
 
 
-@pytest.mark.parametrize("config", ["[" * 100_000, '{"link": ' + "9" * 5000 + "}", "{}}"])
+@pytest.mark.parametrize("config", ["[" * 100_000, '{"link": ' + "9" * 5000 + "}", "{}}", '{"cameras": [{"a": 1}]}'])
 def test_a_configuration_that_a_stranger_wrote_is_refused_in_a_line(config):
     with pytest.raises(ConfigError, match="is not understood here"):
         _ = Recorded(replace(Recording(STICKS).read_session(), config=config), []).config

@@ -65,16 +65,20 @@ class Recorded:
 
     @property
     def config(self) -> Config:
-        """The configuration it flew with; see `flown_with`."""
-        return self.flown_with[0]
-
-    @cached_property
-    def flown_with(self) -> tuple[Config, tuple[str, ...]]:
-        """The configuration it flew with, and keys of that which are none today and are left out.
+        """The configuration it flew with, without keys that are none today.
 
         Raises:
-            ConfigError: the recording has none, or one of another time.
+            ConfigError: the recording has none, or one that is not understood.
         """
+        return self._flown_with[0]
+
+    @property
+    def left_out(self) -> tuple[str, ...]:
+        """Keys of its configuration that are none today; raises as `config`."""
+        return self._flown_with[1]
+
+    @cached_property
+    def _flown_with(self) -> tuple[Config, tuple[str, ...]]:
         if not self.session.config:
             msg = f"{self.session.name}: the recording has no configuration; give the one it flew with as --config FILE"
             raise ConfigError(msg)
@@ -91,7 +95,7 @@ class Recorded:
                     gone += [".".join(map(str, place)) for place in unknown]
                     for *path, key in unknown:
                         del reduce(getitem, path, values)[key]
-        except (ValueError, ValidationError) as error:
+        except (ValueError, ValidationError, LookupError, TypeError) as error:  # places in a stranger's file
             msg = (
                 f"{self.session.name}: its configuration is not understood here ({str(error).splitlines()[0]}); "
                 "give a corrected one as --config FILE"

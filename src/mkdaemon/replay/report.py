@@ -83,9 +83,10 @@ def verify(paths: list[Path], cfg: Config | None = None) -> ReplayReport:
             work here.
     """
     recorded = read_recorded(paths)
-    config, gone = (cfg, ()) if cfg is not None else recorded.flown_with
-    replayed = replay(recorded, config)
-    notes = [f"left out of its configuration, as these keys are none today: {', '.join(gone)}"] if gone else []
+    replayed = replay(recorded, cfg or recorded.config)
+    notes = []
+    if cfg is None and recorded.left_out:
+        notes.append(f"left out of its configuration, as these keys are none today: {', '.join(recorded.left_out)}")
     without: frozenset[str] = frozenset()
     if not replayed.has_eyes and any(entry.suffix.startswith(_SIGHT) for entry in recorded.of(Kind.SAMPLE)):
         notes.append(

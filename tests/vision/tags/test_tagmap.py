@@ -133,3 +133,9 @@ def test_single_says_what_is_wrong():
     assert single(0.2, 7).tags[0].tag_id == 7
     with pytest.raises(ConfigError, match="metres"):
         single(200.0, 7)
+
+
+@pytest.mark.parametrize(("size", "tag_id", "words"), [(400.0, 3, "no tag size"), (0.3, -1, "tag -1 of tag36h11: id")])
+def test_a_single_tag_that_nobody_prints_is_refused_with_what_is_wrong(size, tag_id, words):
+    with pytest.raises(ConfigError, match=words):
+        single(size, tag_id)
