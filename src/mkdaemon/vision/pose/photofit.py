@@ -53,8 +53,8 @@ UNSETTLED = 1.0
 STEPS = 8
 """Of a fit; four are usual, a streak of 20 px takes eight. With five 6 of 9,536 images were lost, with 10
 to 20 none was won."""
-SETTLED, SETTLED_BLUR = 0.06, 0.05
-"""A step below both is the last: squared length in deviations of the fit, change of the blur's variance [px^2]."""
+SETTLED, SETTLED_BLUR = 0.3, 0.05
+"""A step below both is the last: squared length in deviations of the fit, share by which the blur's variance changes."""
 
 
 class PhotoFit:
@@ -179,7 +179,7 @@ class PhotoFit:
             change = step.change(damping)
             blurs = change[step.unknowns["spread"]]
             at = replace(at.moved(step.unknowns, change), spread=_spread_moved(at.spread, blurs))
-            if step.length2 < SETTLED and float(np.abs(blurs).max()) < SETTLED_BLUR:
+            if step.length2 < SETTLED and float(np.abs(blurs).max()) < SETTLED_BLUR * float(np.trace(at.spread)):
                 best = at, step
                 break
             if at.ran_away(prior.start):

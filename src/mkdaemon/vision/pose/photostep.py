@@ -276,7 +276,7 @@ class _Weighed:
     Attributes:
         clear: clarity of each pixel `(n,)`.
         size: of each residual, by its clarity `(n,)` [grey].
-        bound: from which a residual is an outlier [grey].
+        clipped: residuals by their clarity, outliers as large as what is none `(n,)` [grey].
         agreeing: 1 for what is none, less beyond `(n,)`.
         weights: both together `(n,)`.
         cost: robust mean square [grey^2].
@@ -284,7 +284,7 @@ class _Weighed:
 
     clear: Array
     size: Array
-    bound: float
+    clipped: Array
     agreeing: Array
     weights: Array
     cost: float
@@ -298,7 +298,8 @@ def _weigh(residual: Array, value: Array, outlier: float) -> _Weighed:
     bound = outlier * scatter
     agreeing = np.where(size < bound, 1.0, (bound / size) ** 2)
     cost = float(np.mean(np.minimum(size, COST_BOUND * scatter) ** 2))
-    return _Weighed(clear, size, bound, agreeing, agreeing * clear**2, cost)
+    clipped = np.clip(residual * clear, -bound, bound)
+    return _Weighed(clear, size, clipped, agreeing, agreeing * clear**2, cost)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -324,7 +325,7 @@ class PhotoStep:
     _parts: Sequence[_Part]
     _residual: Array
     _weighed: _Weighed
-    _shared: SharedNoise
+    _least_shared: float
 
     @property
     def match(self) -> float:
@@ -347,6 +348,7 @@ class PhotoStep:
         squared = np.minimum(size, limits.lost_grey) ** 2 + NOISE_GREY**2
         match = self.match
         covariance, bend = prior.measured(at, self.unknowns, self.covariance)
+        shared = shared_by(self._weighed.clipped, [part.at.used for part in self._parts], self._least_shared)
         return Pose(
             at.rotation,
             at.position,
@@ -364,8 +366,8 @@ class PhotoStep:
             known_motion=prior.start.known_motion,
             bend=bend,
             known_bend=prior.bend,
-            shared=self._shared.factor,
-            common=self._shared.common,
+            shared=shared.factor,
+            common=shared.common,
         )
 
 
@@ -391,13 +393,12 @@ class PhotoStepper:
         residual, table = _without_lacking(_of_all([part.residual for part in parts]), table, at)
         unknowns = Unknowns(table)
         weighed = _weigh(residual, _of_all([part.at.value for part in parts]), LIMITS.certainty.deviations)
-        clear, weights, bound = weighed.clear, weighed.weights, weighed.bound
+        clear, weights = weighed.clear, weighed.weights
         freedom = max(float(weights.sum()) - len(unknowns.rows), 1.0)
         noise = max(float((weights * residual**2).sum()) / freedom, LEAST_NOISE)
         least = LEAST_SHARED if at.motion is None else 0.0  # what a motion lacks hides under opposed noise
-        clipped, windows = np.clip(residual * clear, -bound, bound), [part.at.used for part in parts]
-        shared = shared_by(clipped, windows, least)
-        noise *= shared_on_slopes(clipped, _of_all([part.at.steep for part in parts]), windows, least)
+        steep, windows = _of_all([part.at.steep for part in parts]), [part.at.used for part in parts]
+        noise *= shared_on_slopes(weighed.clipped, steep, windows, least)
         noise *= streak_doubt(at.spread)
         normal, right = unknowns.equations(weights, residual, noise)
         inverse = inverted(normal)
@@ -405,7 +406,7 @@ class PhotoStepper:
         surprise = 1.0 + unknowns.surprise / clear.size
         comparable = weighed.cost * float(np.exp(-2.0 * np.mean(np.log(clear)))) * surprise
         found = unknowns, comparable, to_go, length2(to_go, covariance[POSE, POSE]), covariance
-        return PhotoStep(*found, normal, right, parts, residual, weighed, shared)
+        return PhotoStep(*found, normal, right, parts, residual, weighed, least)
 
     def match(self, pixels: Grey, model: PrintModel, at: State) -> float:
         """Correlation between one print and the image where a state puts it; -1 where it cannot be told."""
