@@ -24,6 +24,7 @@ import numpy as np
 
 from mkdaemon.vision.arrays import Array, Grey
 from mkdaemon.vision.limits import APART2, LIMITS
+from mkdaemon.vision.pose.edgefind import HALF_WIDTH
 from mkdaemon.vision.pose.photostep import PhotoStep, PhotoStepper
 from mkdaemon.vision.pose.pose import Pose, apart, length2
 from mkdaemon.vision.pose.printmodel import PrintModel
@@ -88,7 +89,7 @@ class PhotoFit:
             The pose, `rms_px` being the residual over the contrast; none when the print is not in full view, too large
             for this method, or does not resemble the image where the fit starts.
         """
-        if self._is_coarse(start):
+        if self._is_coarse(start, blur_px):
             return self._fit_halved(pixels, start, iterations, level, blur_px)
         return self.fit_whole(pixels, start, iterations, level, blur_px)
 
@@ -111,10 +112,12 @@ class PhotoFit:
             found = self._fit(pixels, shown, found[0], prior, iterations)
         return None if found is None or not shown else self._with_missing(found[1], seen, shown)
 
-    def _is_coarse(self, start: Pose) -> bool:
+    def _is_coarse(self, start: Pose, blur_px: float | None) -> bool:
         """Whether cells of half the size are still fitted by grey values: a streak or a steep view has melted them."""
+        cells = LIMITS.cells
         shortest = self.prints.cell_px(start) * float(np.cos(self.prints.looked_at(start)[2]))
-        return shortest >= 2.0 * LIMITS.cells.photometric_px
+        is_melted = blur_px is not None and shortest < cells.melted_widths * HALF_WIDTH * blur_px
+        return shortest >= (cells.mixed_px if is_melted else 2.0 * cells.photometric_px)
 
     def _fit_halved(
         self, pixels: Grey, start: Pose, iterations: int, level: Level | None, blur_px: float | None
