@@ -115,8 +115,8 @@ class EdgeFit:
                 return None
             samples, edges, light = found
             turn = min(turn + 1, end)
-            while turn < near and float(samples.reach.max()) <= limits.reach_px[turn]:
-                turn += 1  # half a cell is no farther: that was this step
+            while state.motion is None and turn < near and float(samples.reach.max()) <= limits.reach_px[turn]:
+                turn += 1  # half a cell is no farther: that was this step; a motion that looks like a tilt takes more
             edge_px = limits.located_px if last is None else max(last.spread, limits.least_scale_px)
             flatter = 1.0 if is_near else (FIRST_BEND_PX / edge_px) ** 2
             table = self._moving(samples, state, prior, flatter)

@@ -55,7 +55,7 @@ STEPS = 8
 """Of a fit; four are usual, a streak of 20 px takes eight. With five 6 of 9,536 images were lost, with 10
 to 20 none was won."""
 SETTLED, SETTLED_BLUR = 0.3, 0.05
-"""A step below both is the last: squared length in deviations of the fit, share by which the blur's variance changes."""
+"""A step below both is the last: squared length in deviations of the fit, share of the blur's variance."""
 
 
 class PhotoFit:
