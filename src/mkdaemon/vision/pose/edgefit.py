@@ -105,18 +105,14 @@ class EdgeFit:
             prior = Prior(start, level, self._shutter, self._sheet)
             state = prior.begin()
         is_blown = int(pixels.max()) >= LIMITS.read.saturated
-        turn, near, end = 0, len(limits.reach_px) - 2, len(limits.reach_px) - 1
         for k in range(iterations):
-            is_near = turn >= near
+            is_near = k >= len(limits.reach_px) - 2
             # Within less than its width an edge has no middle.
-            reach = max(limits.reach_px[turn], 0.0 if last is None else last.edges.widest)
+            reach = max(limits.reach_px[min(k, len(limits.reach_px) - 1)], 0.0 if last is None else last.edges.widest)
             found = self._find(pixels, state, reach, light, is_blown=is_blown, is_near=is_near)
             if found is None:
                 return None
             samples, edges, light = found
-            turn = min(turn + 1, end)
-            while state.motion is None and turn < near and float(samples.reach.max()) <= limits.reach_px[turn]:
-                turn += 1  # half a cell is no farther: that was this step; a motion that looks like a tilt takes more
             edge_px = limits.located_px if last is None else max(last.spread, limits.least_scale_px)
             flatter = 1.0 if is_near else (FIRST_BEND_PX / edge_px) ** 2
             table = self._moving(samples, state, prior, flatter)
@@ -126,7 +122,7 @@ class EdgeFit:
             # Edges wider than they were looked for are cut off, and less far from their place than they are.
             is_cut = edges.widest > CUT * reach
             to_go = step.change[POSE]
-            is_longer = last is not None and k > end and moved > before and not is_cut
+            is_longer = last is not None and k > len(limits.reach_px) - 1 and moved > before and not is_cut
             if is_longer and step.length2 < APART2:
                 # Edges of jagged pixels answer more than a move asks: the step before was nearer.
                 break
