@@ -128,11 +128,6 @@ class CameraSection(Section):
     """Longest delay between two attempts, and longest wait for a network stream [s].
 
     Higher leaves a camera that is back unused for longer."""
-    watch_size: bool = True
-    """Read an H.264 or H.265 stream a second time, undecoded, to see when it changes the size of its pictures, which
-    OpenCV scales in silence; a network camera has two clients then.
-
-    False measures wrong distances where a stream changes its size."""
     jpeg_hz: float = Field(default=0.0, ge=0, le=60)
     """Images published on the bus a second, at most; 0 publishes none.
 

@@ -1,8 +1,7 @@
 """What OpenCV captures, as it is and not as OpenCV would have it: clips, network streams, V4L2 cameras.
 
 OpenCV decodes motion JPEG in silence: damaged blocks stay in the image, and an image of another size than the first is
-scaled to it. Its bytes are therefore taken as they come. Other codecs are left to OpenCV, which scales an H.264 or
-H.265 stream that changes its size: `SizeWatch` sees that.
+scaled to it. Its bytes are therefore taken as they come. Other codecs are left to OpenCV.
 
 Exposure and gain of a V4L2 camera, by the kernel's own calls; they may be made while another program part streams.
 Numbers and structures: linux/videodev2.h and linux/v4l2-controls.h. An exposure of `V4L2_CID_EXPOSURE_ABSOLUTE` counts
@@ -14,12 +13,9 @@ from __future__ import annotations
 
 import errno
 import fcntl
-import io
-import math
 import os
 import re
 import struct
-import threading
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -28,7 +24,6 @@ from typing import Final, NamedTuple
 import cv2
 import numpy as np
 import numpy.typing as npt
-import structlog
 
 from mkdaemon.config.camera import CameraSection
 from mkdaemon.errors import VisionError
@@ -48,21 +43,10 @@ _BEGINNING: Final = re.compile(
 _LOOKED_AT: Final = 189
 """Length of the longest of them: a packet of the transport stream and the first byte of the next."""
 MOTION_JPEG: Final = frozenset(cv2.VideoWriter.fourcc(*name) for name in ("MJPG", "mjpg", "JPEG", "jpeg"))
-RAW: Final = (cv2.CAP_PROP_FORMAT, -1)
-UNDECODED: Final = {cv2.CAP_V4L2: (cv2.CAP_PROP_CONVERT_RGB, 0), cv2.CAP_FFMPEG: RAW}
+UNDECODED: Final = {cv2.CAP_V4L2: (cv2.CAP_PROP_CONVERT_RGB, 0), cv2.CAP_FFMPEG: (cv2.CAP_PROP_FORMAT, -1)}
 """The property, and its value, that makes a backend give bytes (OpenCV, videoio flags)."""
 TO_GREY: Final = {(): None, (1,): None, (3,): cv2.COLOR_BGR2GRAY, (4,): cv2.COLOR_BGRA2GRAY}
 """How OpenCV makes grey of a picture, by its channels."""
-SIZED: Final = frozenset(
-    cv2.VideoWriter.fourcc(*name)
-    for name in ("H264", "h264", "X264", "x264", "AVC1", "avc1", "avc3", "HEVC", "hevc", "H265", "hvc1", "hev1")
-) | {0x1B, 0x24, 7}
-"""Codes of H.264 and H.265: four characters, or stream types of MPEG-TS (ISO/IEC 13818-1, table 2-34) and FLV."""
-SIZE_SET: Final = re.compile(rb"\x00\x00\x01(?:[\x07\x27\x47\x67]|\x42\x01).*?(?=\x00\x00\x01|\Z)", re.DOTALL)
-"""A sequence parameter set, in which the size stands: type 7 of H.264, type 33 of H.265's base layer (Annex B and
-section 7.3.1 of both)."""
-JOIN_TIME: Final = 1.0
-"""How long closing waits for the second client [s]."""
 QUERY: Final = 0xC0445624
 """VIDIOC_QUERYCTRL of a structure of 68 bytes."""
 SET: Final = 0xC008561C
@@ -90,26 +74,20 @@ GREATEST_GAIN: Final = 16.0
 """Analogue gain of the OV9281, registers 0x10 to 0xff (Linux, drivers/media/i2c/ov9282.c)."""
 TAKEN = 0.01
 """A setting was taken when the driver reads it back within this share."""
-SHORT_LIFE, JEALOUS_FROM = 5.0, 2
-"""A stream that ends within so long [s], so often in a row, may be of a camera that drops a client for the next one."""
 _WHAT_TO_CHECK = {
     cv2.CAP_V4L2: "is it a camera, and does another program hold it?",
     cv2.CAP_FFMPEG: "check address, user and password, and that the camera is on",
     cv2.CAP_GSTREAMER: "try the pipeline with gst-launch-1.0; it must end in appsink",
 }
 
-_log = structlog.get_logger(__name__)
 
-
-def open_quietly(
-    address: str | io.BytesIO, backend: int = cv2.CAP_FFMPEG, options: Sequence[int] = ()
-) -> cv2.VideoCapture:
+def open_quietly(address: str, backend: int = cv2.CAP_FFMPEG, options: Sequence[int] = ()) -> cv2.VideoCapture:
     """Open without OpenCV and FFmpeg writing on the terminal: what failed is in our own sentence."""
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
     level = cv2.utils.logging.getLogLevel()
     cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
     try:
-        return cv2.VideoCapture(address, backend, options)  # type: ignore[arg-type]  # the stubs know no streams
+        return cv2.VideoCapture(address, backend, options)
     finally:
         cv2.utils.logging.setLogLevel(level)
 
@@ -139,99 +117,6 @@ def captured_pixels(image: npt.NDArray[np.generic], *, coded: bool) -> Grey:
     return np.ascontiguousarray(grey.reshape(grey.shape[:2]), dtype=np.uint8)
 
 
-def may_change_size(capture: cv2.VideoCapture) -> bool:
-    """Whether a capture decodes H.264 or H.265, whose size can be watched."""
-    return round(capture.get(cv2.CAP_PROP_FOURCC)) in SIZED
-
-
-class SizeWatch:
-    """Whether an H.264 or H.265 stream changes the size of its pictures while it runs.
-
-    OpenCV opens such a stream with one size, scales every later picture to it and says nothing: a tag would be measured
-    with the wrong focal length. So a second reader takes the packets undecoded; a packet with new parameter sets is
-    opened as a stream of its own, whose size FFmpeg tells. Of a file both readers go in step: a new size needs a
-    picture that stands alone, before which all others are shown (ITU-T H.264, section 7.4.1.2.1).
-
-    Args:
-        address: of the stream.
-        decoder: opened, which scales pictures to one size.
-        options: of OpenCV's FFmpeg backend.
-    """
-
-    def __init__(self, address: str, decoder: cv2.VideoCapture, options: Sequence[int] = ()) -> None:
-        self._address, self._options = address, options
-        sides = _size(decoder)
-        # the size as the stream has it, before pictures are turned
-        is_turned = decoder.get(cv2.CAP_PROP_ORIENTATION_AUTO) and decoder.get(cv2.CAP_PROP_ORIENTATION_META) % 180
-        self._opened = self._now = sides[::-1] if is_turned else sides
-        self._sets: list[bytes] = []
-        self._start()
-
-    def _start(self) -> None:
-        self._packets = open_quietly(self._address, options=[*self._options, *RAW])
-
-    @property
-    def change(self) -> str:
-        """What differs, and what to do; empty while pictures have the size with which the stream was opened."""
-        if self._now == self._opened:
-            return ""
-        (is_x, is_y), (was_x, was_y) = self._now, self._opened
-        return (
-            f"the stream's pictures have {is_x}x{is_y} and not {was_x}x{was_y}, with which it was opened:"
-            " set the camera to one fixed resolution"
-        )
-
-    def step(self) -> bool:
-        """Take the next packet of the stream; false when there is none."""
-        good, packet = self._packets.read()
-        sets = SIZE_SET.findall(packet.tobytes()) if good else []
-        if sets and sets != self._sets:
-            self._sets = sets
-            size = _size(open_quietly(io.BytesIO(packet.tobytes())))
-            self._now = size if all(size) else self._now
-        return good
-
-    def close(self) -> None:
-        """Let go of the stream."""
-        self._packets.release()
-
-
-class LiveSizeWatch(SizeWatch):
-    """The same of a network camera, in a thread, as a second client that decodes nothing; opened again when it ends.
-
-    Args:
-        pause: before it is opened again [s].
-    """
-
-    def __init__(self, address: str, decoder: cv2.VideoCapture, options: Sequence[int], pause: float) -> None:
-        self._pause, self._stop = pause, threading.Event()
-        self._thread = threading.Thread(target=self._run, name="size-watch", daemon=True)
-        super().__init__(address, decoder, options)
-
-    def _start(self) -> None:
-        self._thread.start()
-
-    def close(self) -> None:
-        """End the thread; a stream that hangs is left behind, its thread does not keep the process alive."""
-        self._stop.set()
-        self._thread.join(JOIN_TIME)
-
-    def _run(self) -> None:
-        while not self._stop.is_set():
-            super()._start()
-            if not self._packets.isOpened():
-                _log.warning("camera takes no second client: a change of its picture's size stays unseen")
-            while not self._stop.is_set() and self.step():
-                continue
-            super().close()
-            self._stop.wait(self._pause)
-
-
-def _size(capture: cv2.VideoCapture) -> tuple[int, ...]:
-    """Width and height [px]."""
-    return tuple(round(capture.get(side)) for side in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT))
-
-
 class ClipSource:
     """A video file at its own rate."""
 
@@ -243,7 +128,6 @@ class ClipSource:
         self._capture: cv2.VideoCapture | None = None
         self._started: float | None = None
         self._coded = False
-        self._watch: SizeWatch | None = None
 
     def open(self) -> tuple[str, ...]:
         """Open the clip."""
@@ -258,8 +142,6 @@ class ClipSource:
             raise VisionError(unread)
         self._capture, self._started = capture, None
         self._coded = take_jpegs(capture, cv2.CAP_FFMPEG)
-        if self._cfg.watch_size and may_change_size(capture):
-            self._watch = SizeWatch(str(self._path), capture)
         return ()
 
     def read(self, timeout: float) -> Shot | None:
@@ -278,10 +160,6 @@ class ClipSource:
             self._started = time.monotonic() - media
         if self._cfg.paced:
             time.sleep(max(self._started + media - time.monotonic(), 0.0))
-        if self._watch is not None:
-            self._watch.step()
-            if self._watch.change:
-                raise PictureError(self._watch.change)
         return Shot(captured_pixels(image, coded=self._coded), time.monotonic())
 
     def close(self) -> None:
@@ -289,9 +167,6 @@ class ClipSource:
         if self._capture is not None:
             self._capture.release()
             self._capture = None
-        if self._watch is not None:
-            self._watch.close()
-            self._watch = None
 
 
 def _is_video(path: Path) -> bool:
@@ -412,9 +287,6 @@ class StreamSource:
         self._capture: cv2.VideoCapture | None = None
         self._coded = False
         self._controls: V4l2Controls | None = None
-        self._watch: LiveSizeWatch | None = None
-        self._opened_at = -math.inf
-        self._short_lives = 0
 
     @property
     def reach(self) -> Reach | None:
@@ -440,7 +312,7 @@ class StreamSource:
         if not capture.isOpened():
             msg = f"camera {self._cfg.name}: {name} cannot open {self._address}: {_WHAT_TO_CHECK[self._backend]}"
             raise VisionError(msg)
-        self._capture, self._opened_at = capture, time.monotonic()
+        self._capture = capture
         refused = tuple(_set_controls(capture, self._cfg, self._backend))
         self._coded = take_jpegs(capture, self._backend)
         if self._cfg.exposure_ms == "target" and self._backend == cv2.CAP_V4L2:
@@ -448,10 +320,6 @@ class StreamSource:
             refused = (*refused, *self._controls.refused)
         if self._cfg.exposure_ms == "target" and self.reach is None:
             refused = (*refused, "exposure_ms=target: the driver lets nobody set the exposure")
-        if self._backend == cv2.CAP_FFMPEG and may_change_size(capture):
-            if not self._cfg.watch_size or self._short_lives >= JEALOUS_FROM:
-                return (*refused, "watch_size: nobody sees a change of the picture's size")
-            self._watch = LiveSizeWatch(self._address, capture, options, self._cfg.reopen_max)
         return refused
 
     def _check_device(self) -> None:
@@ -471,11 +339,7 @@ class StreamSource:
         good, image = capture.read() if capture is not None else (False, None)
         arrived = time.monotonic()
         if capture is None or not good or image is None:
-            self._short_lives = self._short_lives + 1 if arrived - self._opened_at < SHORT_LIFE else 0
             msg = f"camera {self._cfg.name}: {self._address} gives no more images"
-            raise VisionError(msg)
-        if self._watch is not None and self._watch.change:
-            msg = f"camera {self._cfg.name}: {self._watch.change}"
             raise VisionError(msg)
         pixels = captured_pixels(image, coded=self._coded)
         stamp = float(capture.get(cv2.CAP_PROP_POS_MSEC)) / 1000.0
@@ -483,12 +347,11 @@ class StreamSource:
 
     def close(self) -> None:
         """Release the device."""
-        for held in (self._watch, self._controls):
-            if held is not None:
-                held.close()
+        if self._controls is not None:
+            self._controls.close()
         if self._capture is not None:
             self._capture.release()
-        self._watch = self._controls = self._capture = None
+        self._controls = self._capture = None
 
 
 def _set_controls(capture: cv2.VideoCapture, cfg: CameraSection, backend: int) -> list[str]:
