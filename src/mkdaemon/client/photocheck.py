@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from mkdaemon.errors import ConfigError, MkError
+from mkdaemon.reading import LONGEST_PICTURE, read_bytes
 
 if TYPE_CHECKING:
     from mkdaemon.vision.calibrate.printcheck import PrintFinding
@@ -29,7 +30,7 @@ def check_photo(
     from mkdaemon.vision.calibrate.printcheck import check_print
     from mkdaemon.vision.camera.calibration_file import load_camera
     from mkdaemon.vision.camera.image import PictureError
-    from mkdaemon.vision.camera.imagecodec import read_picture
+    from mkdaemon.vision.camera.imagecodec import decode_picture
     from mkdaemon.vision.tags.tagmap import load
 
     targets = load([target]).targets
@@ -37,7 +38,7 @@ def check_photo(
         raise ConfigError(f"target file {target} holds {len(targets)} targets: give the one that was printed")
     intrinsics = None if camera is None else load_camera(camera).intrinsics
     try:
-        pixels = read_picture(photo)
+        pixels = decode_picture(read_bytes(photo, LONGEST_PICTURE))
     except OSError as error:
         raise ConfigError(f"{photo}: {error.strerror or 'cannot be read'}") from None
     except PictureError as error:

@@ -15,12 +15,11 @@ import numpy.typing as npt
 from cyclopts import Parameter
 
 from mkdaemon.cli.terminal import on_one_line
-from mkdaemon.config.camera import CameraSection
 from mkdaemon.errors import ConfigError, VisionError
 from mkdaemon.frames import quaternion_from_rotation
 from mkdaemon.vision.camera.calibration_file import load_camera
-from mkdaemon.vision.camera.capture import CLIPS, ClipSource
-from mkdaemon.vision.camera.image import EndOfImages, PictureError
+from mkdaemon.vision.camera.capture import CLIPS, open_clip
+from mkdaemon.vision.camera.image import PictureError
 from mkdaemon.vision.camera.imagecodec import read_picture
 from mkdaemon.vision.camera.intrinsics import Intrinsics
 from mkdaemon.vision.camera.sources import list_pictures
@@ -194,9 +193,6 @@ def _pictures(paths: list[Path]) -> Iterator[Picture]:
             continue
         try:
             pixels = read_picture(path)
-        except OSError as error:
-            yield Picture(str(path), None, None, error.strerror or "cannot be read")
-            continue
         except PictureError as error:
             yield Picture(str(path), None, None, str(error))
             continue
@@ -205,25 +201,19 @@ def _pictures(paths: list[Path]) -> Iterator[Picture]:
 
 def _frames(path: Path) -> Iterator[Picture]:
     """All images of a video."""
-    source = ClipSource(path, CameraSection(name="detect", source=f"file:{path}", paced=False))
     try:
-        source.open()
+        pictures = open_clip(path)
     except VisionError:
         yield Picture(str(path), None, None, "no video that can be read")
         return
     count = 0
-    while True:
+    for count, picture in enumerate(pictures, 1):
         try:
-            shot = source.read(0.0)
-        except EndOfImages:
-            break
+            pixels = picture.decode()
         except PictureError as error:
-            yield Picture(str(path), count, None, str(error))
+            yield Picture(str(path), count - 1, None, str(error))
         else:
-            if shot is not None:
-                yield Picture(str(path), count, shot.pixels)
-        count += 1
-    source.close()
+            yield Picture(str(path), count - 1, pixels)
     if not count:
         yield Picture(str(path), None, None, "no image in this video")
 

@@ -17,7 +17,8 @@ import os
 import re
 import struct
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -30,7 +31,7 @@ from mkdaemon.errors import VisionError
 from mkdaemon.reading import open_regular
 from mkdaemon.vision.arrays import Grey
 from mkdaemon.vision.camera.exposure import Reach, Setting
-from mkdaemon.vision.camera.image import EndOfImages, PictureError, Shot
+from mkdaemon.vision.camera.image import PictureError, Recorded, Shot
 from mkdaemon.vision.camera.imagecodec import decode_picture
 
 CLIPS = frozenset({".mp4", ".avi", ".mkv", ".mov", ".webm", ".m4v", ".mpg", ".mpeg", ".ts"})
@@ -117,56 +118,28 @@ def captured_pixels(image: npt.NDArray[np.generic], *, coded: bool) -> Grey:
     return np.ascontiguousarray(grey.reshape(grey.shape[:2]), dtype=np.uint8)
 
 
-class ClipSource:
-    """A video file at its own rate."""
+def open_clip(path: Path) -> Iterator[Recorded]:
+    """Open a video file; its pictures, which decode when they are asked for.
 
-    live = False
+    Raises:
+        VisionError: there is none, or OpenCV cannot read it.
+    """
+    if not path.is_file():
+        msg = f"no such file: {path}"
+        raise VisionError(msg)
+    capture = open_quietly(str(path)) if _is_video(path) else None
+    if capture is None or not capture.isOpened():
+        msg = f"{path} is no video OpenCV can read"
+        raise VisionError(msg)
+    return _clip(capture)
 
-    def __init__(self, path: Path, cfg: CameraSection) -> None:
-        self._path = path
-        self._cfg = cfg
-        self._capture: cv2.VideoCapture | None = None
-        self._started: float | None = None
-        self._coded = False
 
-    def open(self) -> tuple[str, ...]:
-        """Open the clip."""
-        if not self._path.is_file():
-            msg = f"camera {self._cfg.name}: no such file: {self._path}"
-            raise VisionError(msg)
-        unread = f"camera {self._cfg.name}: {self._path} is no video OpenCV can read"
-        if not _is_video(self._path):
-            raise VisionError(unread)
-        capture = open_quietly(str(self._path))
-        if not capture.isOpened():
-            raise VisionError(unread)
-        self._capture, self._started = capture, None
-        self._coded = take_jpegs(capture, cv2.CAP_FFMPEG)
-        return ()
-
-    def read(self, timeout: float) -> Shot | None:
-        """Next image, in time."""
-        if self._capture is None:
-            raise EndOfImages
-        good, image = self._capture.read()
-        if not good and self._cfg.loop:
-            self.close()
-            self.open()
-            good, image = self._capture.read()
-        if not good:
-            raise EndOfImages
-        media = float(self._capture.get(cv2.CAP_PROP_POS_MSEC)) / 1000.0
-        if self._started is None:
-            self._started = time.monotonic() - media
-        if self._cfg.paced:
-            time.sleep(max(self._started + media - time.monotonic(), 0.0))
-        return Shot(captured_pixels(image, coded=self._coded), time.monotonic())
-
-    def close(self) -> None:
-        """Release the file."""
-        if self._capture is not None:
-            self._capture.release()
-            self._capture = None
+def _clip(capture: cv2.VideoCapture) -> Iterator[Recorded]:
+    coded, shown = take_jpegs(capture, cv2.CAP_FFMPEG), 0.0
+    while (image := capture.read()[1]) is not None:
+        at = float(capture.get(cv2.CAP_PROP_POS_MSEC)) / 1000.0
+        yield Recorded(at - shown, partial(captured_pixels, image, coded=coded))
+        shown = at
 
 
 def _is_video(path: Path) -> bool:
@@ -302,7 +275,7 @@ class StreamSource:
         """Open and set size, rate, exposure and gain."""
         name = cv2.videoio_registry.getBackendName(self._backend)
         if not cv2.videoio_registry.hasBackend(self._backend):
-            msg = f"camera {self._cfg.name}: this OpenCV was built without {name}; use v4l2, rtsp or a Zenoh key"
+            msg = f"this OpenCV was built without {name}; use v4l2, rtsp or a Zenoh key"
             raise VisionError(msg)
         if self._backend == cv2.CAP_V4L2:
             self._check_device()
@@ -310,27 +283,26 @@ class StreamSource:
         options = [cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, patience_ms, cv2.CAP_PROP_READ_TIMEOUT_MSEC, patience_ms]
         capture = open_quietly(self._address, self._backend, options if self._backend == cv2.CAP_FFMPEG else ())
         if not capture.isOpened():
-            msg = f"camera {self._cfg.name}: {name} cannot open {self._address}: {_WHAT_TO_CHECK[self._backend]}"
+            msg = f"{name} cannot open {self._address}: {_WHAT_TO_CHECK[self._backend]}"
             raise VisionError(msg)
         self._capture = capture
-        refused = tuple(_set_controls(capture, self._cfg, self._backend))
+        refused = _set_controls(capture, self._cfg, self._backend)
         self._coded = take_jpegs(capture, self._backend)
-        if self._cfg.exposure_ms == "target" and self._backend == cv2.CAP_V4L2:
-            self._controls = V4l2Controls(Path(self._address))
-            refused = (*refused, *self._controls.refused)
-        if self._cfg.exposure_ms == "target" and self.reach is None:
-            refused = (*refused, "exposure_ms=target: the driver lets nobody set the exposure")
-        return refused
+        if self._cfg.exposure_ms == "target":
+            if self._backend == cv2.CAP_V4L2:
+                self._controls = V4l2Controls(Path(self._address))
+                refused += self._controls.refused
+            if self.reach is None:
+                refused.append("exposure_ms=target: the driver lets nobody set the exposure")
+        return tuple(refused)
 
     def _check_device(self) -> None:
         """Say what OpenCV does not: the device is missing, or belongs to others."""
         if not Path(self._address).exists():
-            msg = f"camera {self._cfg.name}: {self._address} is not there: plug it in, or see /dev/v4l/by-id"
+            msg = f"{self._address} is not there: plug it in, or see /dev/v4l/by-id"
             raise VisionError(msg)
         if not os.access(self._address, os.R_OK | os.W_OK):
-            msg = (
-                f"camera {self._cfg.name}: no permission for {self._address}: join the group video (usermod -aG video)"
-            )
+            msg = f"no permission for {self._address}: join the group video (usermod -aG video)"
             raise VisionError(msg)
 
     def read(self, timeout: float) -> Shot | None:
@@ -339,7 +311,7 @@ class StreamSource:
         good, image = capture.read() if capture is not None else (False, None)
         arrived = time.monotonic()
         if capture is None or not good or image is None:
-            msg = f"camera {self._cfg.name}: {self._address} gives no more images"
+            msg = f"{self._address} gives no more images"
             raise VisionError(msg)
         pixels = captured_pixels(image, coded=self._coded)
         stamp = float(capture.get(cv2.CAP_PROP_POS_MSEC)) / 1000.0
@@ -356,26 +328,25 @@ class StreamSource:
 
 def _set_controls(capture: cv2.VideoCapture, cfg: CameraSection, backend: int) -> list[str]:
     """Ask the driver for what the configuration wants; returns what it did not do."""
-    wanted: list[tuple[int, float, str]] = []
-    if cfg.width is not None and cfg.height is not None:
-        wanted += [(cv2.CAP_PROP_FRAME_WIDTH, cfg.width, "width"), (cv2.CAP_PROP_FRAME_HEIGHT, cfg.height, "height")]
-    if cfg.fps is not None:
-        wanted.append((cv2.CAP_PROP_FPS, cfg.fps, "fps"))
-    if cfg.exposure_ms == "auto":
-        wanted.append((cv2.CAP_PROP_AUTO_EXPOSURE, AUTO, "exposure_ms"))
-    elif isinstance(cfg.exposure_ms, float):
-        # V4L2_CID_EXPOSURE_ABSOLUTE counts 100 us (linux/v4l2-controls.h).
-        ticks = round(cfg.exposure_ms * 10) if backend == cv2.CAP_V4L2 else cfg.exposure_ms
-        wanted += [
-            (cv2.CAP_PROP_AUTO_EXPOSURE, MANUAL, "exposure_ms"),
-            (cv2.CAP_PROP_EXPOSURE, ticks, "exposure_ms"),
-        ]
-    if cfg.gain is not None:
-        wanted.append((cv2.CAP_PROP_GAIN, cfg.gain, "gain"))
+    is_sized = cfg.width is not None and cfg.height is not None
+    exposure = cfg.exposure_ms if isinstance(cfg.exposure_ms, float) else None
+    mode = MANUAL if exposure is not None else AUTO if cfg.exposure_ms == "auto" else None
+    # V4L2_CID_EXPOSURE_ABSOLUTE counts 100 us (linux/v4l2-controls.h).
+    ticks = round(exposure * 10) if exposure is not None and backend == cv2.CAP_V4L2 else exposure
+    wanted = (
+        (cv2.CAP_PROP_FRAME_WIDTH, cfg.width if is_sized else None, "width"),
+        (cv2.CAP_PROP_FRAME_HEIGHT, cfg.height if is_sized else None, "height"),
+        (cv2.CAP_PROP_FPS, cfg.fps, "fps"),
+        (cv2.CAP_PROP_AUTO_EXPOSURE, mode, "exposure_ms"),
+        (cv2.CAP_PROP_EXPOSURE, ticks, "exposure_ms"),
+        (cv2.CAP_PROP_GAIN, cfg.gain, "gain"),
+    )
     refused = []
     if backend != cv2.CAP_FFMPEG:
         capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)
     for control, value, name in wanted:
+        if value is None:
+            continue
         if not capture.set(control, value) or abs(capture.get(control) - value) > TAKEN * max(value, 1.0):
             refused.append(f"{name}={value:g}: the driver has {capture.get(control):g}")
     return refused

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Final, Protocol
+from typing import Final, NamedTuple, Protocol
 
 import cv2
 import numpy as np
@@ -40,6 +41,18 @@ class Shot:
     stamp: float | None = None
     stamped_by: str = "driver"
     sequence: int | None = None
+
+
+class Recorded(NamedTuple):
+    """A recorded picture.
+
+    Attributes:
+        pause: from the one before to this one [s].
+        decode: its pixels `(h, w)` uint8; raises PictureError where it is none, or is damaged.
+    """
+
+    pause: float
+    decode: Callable[[], Grey]
 
 
 class Source(Protocol):

@@ -118,10 +118,12 @@ def read_picture(path: Path) -> Grey:
     """Read a picture file; see `decode_picture`.
 
     Raises:
-        PictureError: no picture, or a damaged one.
-        OSError: it cannot be read, is no regular file, or too long.
+        PictureError: no picture, a damaged one, or it cannot be read, is no regular file, or too long.
     """
-    return decode_picture(read_bytes(path, LONGEST_PICTURE))
+    try:
+        return decode_picture(read_bytes(path, LONGEST_PICTURE))
+    except OSError as error:
+        raise PictureError(error.strerror or "cannot be read") from error
 
 
 def encode_jpeg(pixels: Grey, quality: int, max_width: int) -> tuple[bytes, int, int]:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 import re
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
@@ -15,8 +17,8 @@ from mkdaemon.clock import Clock
 from mkdaemon.config.camera import CameraSection
 from mkdaemon.errors import ConfigError, VisionError
 from mkdaemon.telemetry.signature import Signature, private_key
-from mkdaemon.vision.camera.capture import CLIPS, ClipSource, StreamSource
-from mkdaemon.vision.camera.image import EndOfImages, PictureError, Shot, Source
+from mkdaemon.vision.camera.capture import CLIPS, StreamSource, open_clip
+from mkdaemon.vision.camera.image import EndOfImages, PictureError, Recorded, Shot, Source
 from mkdaemon.vision.camera.imagecodec import read_picture, unpack
 from mkdaemon.vision.camera.slot import NewestSlot
 
@@ -24,6 +26,8 @@ STRANGERS_LOOK: Final = 1.0
 """Time between two looks for images of somebody else [s]."""
 PICTURES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".pgm"})
 FOLDER_HZ = 10.0
+LATEST: Final = 1.0
+"""A recorded picture that is later is due at once, and the next ones follow it [s]."""
 SCHEMES: Final = ("zenoh", "folder", "file", "gstreamer", "v4l2", "rtsp", "rtsps", "http", "https", "udp")
 
 
@@ -46,9 +50,9 @@ def source_of(cfg: CameraSection, session: Callable[[], zenoh.Session] | None = 
         case "zenoh":
             msg = f"camera {cfg.name}: source '{text}' needs the bus; run it in the daemon"
         case "folder":
-            return FolderSource(Path(rest), cfg)
+            return PlayedSource(partial(open_folder, Path(rest), cfg.fps or FOLDER_HZ), cfg)
         case "file":
-            return ClipSource(Path(rest), cfg)
+            return PlayedSource(partial(open_clip, Path(rest)), cfg)
         case "gstreamer" | "v4l2":
             return StreamSource(rest, cv2.CAP_V4L2 if scheme == "v4l2" else cv2.CAP_GSTREAMER, cfg)
         case "":
@@ -123,43 +127,48 @@ class ZenohSource:
         self._strangers = self._subscriber = None
 
 
-class FolderSource:
-    """The pictures of a folder in natural order, at `fps` or 10 Hz."""
+class PlayedSource:
+    """Recorded pictures, each so long after the one before as it was taken: a clip, or the pictures of a folder.
+
+    Args:
+        record: opens it; raises VisionError where it cannot be read.
+        cfg: whether it is paced, and begins again at its end.
+    """
 
     live = False
 
-    def __init__(self, path: Path, cfg: CameraSection) -> None:
-        self._path = path
-        self._cfg = cfg
-        self._files: list[Path] = []
-        self._next = 0
-        self._due = 0.0
+    def __init__(self, record: Callable[[], Iterator[Recorded]], cfg: CameraSection) -> None:
+        self._record, self._cfg = record, cfg
+        self._pictures: Iterator[Recorded] = iter(())
+        self._due = -math.inf
 
     def open(self) -> tuple[str, ...]:
-        """List the folder."""
-        self._files = list_pictures(self._path)
-        self._next, self._due = 0, time.monotonic()
+        """Begin at its first picture."""
+        self._pictures, self._due = self._record(), -math.inf
         return ()
 
     def read(self, timeout: float) -> Shot | None:
-        """Next picture."""
-        if self._next >= len(self._files):
-            if not self._cfg.loop:
-                raise EndOfImages
-            self._next = 0
-        file = self._files[self._next]
-        self._next += 1
+        """Next picture, in time."""
+        picture = next(self._pictures, None)
+        if picture is None and self._cfg.loop:
+            self._pictures = self._record()
+            picture = next(self._pictures, None)
+        if picture is None:
+            raise EndOfImages
         if self._cfg.paced:
-            time.sleep(max(self._due - time.monotonic(), 0.0))
-            self._due = max(self._due, time.monotonic() - 1.0) + 1.0 / (self._cfg.fps or FOLDER_HZ)
-        try:
-            return Shot(read_picture(file), time.monotonic())
-        except OSError as error:
-            msg = f"{file.name}: {error.strerror or error}"
-            raise PictureError(msg) from error
+            due, now = self._due + picture.pause, time.monotonic()
+            self._due = due if due > now - LATEST else now
+            time.sleep(max(self._due - now, 0.0))
+        return Shot(picture.decode(), time.monotonic())
 
     def close(self) -> None:
-        """Nothing is held open."""
+        """Let go of the file."""
+        self._pictures = iter(())
+
+
+def open_folder(path: Path, hz: float) -> Iterator[Recorded]:
+    """The pictures of a folder; see `list_pictures`."""
+    return (Recorded(1.0 / hz, partial(read_picture, file)) for file in list_pictures(path))
 
 
 def list_pictures(folder: Path) -> list[Path]:
