@@ -17,7 +17,8 @@ from mkdaemon.daemon.eyes import Eyes, PoseSink
 from mkdaemon.telemetry.base import Telemetry
 from mkdaemon.telemetry.setpoint import Setpoint
 from mkdaemon.telemetry.state import Attitude
-from mkdaemon.vision.camera.camera import StreamState, StreamStatus
+from mkdaemon.telemetry.vision import EyeState
+from mkdaemon.vision.camera.camera import StreamStatus
 from mkdaemon.vision.camera.image import CameraImage
 from mkdaemon.vision.pipeline import CameraPipeline
 from mkdaemon.vision.track.attitude import AttitudeHistory, AttitudeSample
@@ -100,13 +101,13 @@ class RecordedEyes(Eyes):
     def _report(self) -> None:
         k, stamp = self._scene.camera.intrinsics, self._clock.stamp()
         status = StreamStatus(
-            state=StreamState.STREAMING,
+            state=EyeState.OK,
             images=self._images,
             fps=self._scene.cfg.fps,
             width=k.width,
             height=k.height,
         )
-        stats = self._pipeline.stats(status, 0, 0, stamp)
+        stats = self._pipeline.stats(status, stamp)
         mount = self._pipeline.mount(stamp)
         tree = [] if mount is None else [("tf", mount)]
         self._publish([(f"vision/{self._name}/stats", stats), *tree])

@@ -26,7 +26,7 @@ from mkdaemon.telemetry.image import CameraFrame
 from mkdaemon.telemetry.vision import Alarm, AttitudeLoss, EyeState, Tags, Transform, VisionPose, VisionStats
 from mkdaemon.virtualtime import run_virtually
 from mkdaemon.vision.camera.calibration_file import load_camera, mount_rotation
-from mkdaemon.vision.camera.camera import StreamState, StreamStatus
+from mkdaemon.vision.camera.camera import StreamStatus
 from mkdaemon.vision.camera.image import CameraImage
 from mkdaemon.vision.camera.slot import NewestSlots
 from mkdaemon.vision.pipeline import ALARM_ADVICE, CameraPipeline
@@ -43,7 +43,7 @@ CAMERA_FILE = CONFIGS / "cameras" / "sim.toml"
 TARGET_FILE = CONFIGS / "targets" / "nested.toml"
 CAMERA = load_camera(CAMERA_FILE)
 PAD = SceneTarget.of(load([TARGET_FILE]).targets[0], Platform())
-STREAMING = StreamStatus(state=StreamState.STREAMING, width=640, height=480)
+STREAMING = StreamStatus(state=EyeState.OK, width=640, height=480)
 PATIENCE = 40.0
 CLOCK = Clock(monotonic=lambda: 100.05, wall=lambda: 1.7e9 + 100.05)
 
@@ -83,7 +83,7 @@ def poses(values: list[tuple[str, Telemetry]]) -> list[VisionPose]:
 
 
 def stats(pipeline: CameraPipeline, stream: StreamStatus = STREAMING) -> VisionStats:
-    return pipeline.stats(stream, 0, 0, CLOCK.stamp())
+    return pipeline.stats(stream, CLOCK.stamp())
 
 
 def test_a_rendered_target_becomes_the_true_pose_of_the_vehicle() -> None:

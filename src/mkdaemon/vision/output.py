@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import asdict
 
 import numpy as np
 
@@ -139,14 +140,8 @@ def _vector(values: Array) -> tuple[float, float, float]:
 
 def exposure_of(control: ExposureControl) -> Exposure:
     """What a camera is told, and the levels it was told for."""
-    levels = control.levels
-    return Exposure(
-        exposure_ms=1000.0 * control.setting.exposure,
-        gain=control.setting.gain,
-        black=levels.black if levels is not None else None,
-        white=levels.white if levels is not None else None,
-        noise=levels.noise if levels is not None else None,
-    )
+    levels = dict.fromkeys(("black", "white", "noise")) if control.levels is None else asdict(control.levels)
+    return Exposure(exposure_ms=1000.0 * control.setting.exposure, gain=control.setting.gain, **levels)
 
 
 def outlines_of(result: VisionResult, tagmap: TagMap, projection: Projection | None) -> list[Array]:

@@ -18,12 +18,12 @@ from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.base import Telemetry
 from mkdaemon.telemetry.image import CameraFrame
 from mkdaemon.telemetry.vision import Alarm, AttitudeLoss, CameraSetup, EyeState, PoseRefusal, Transform, VisionStats
-from mkdaemon.vision.arrays import Array
 from mkdaemon.vision.camera.calibration_file import load_camera, mount_rotation
-from mkdaemon.vision.camera.camera import StreamState, StreamStatus
+from mkdaemon.vision.camera.camera import StreamStatus
+from mkdaemon.vision.camera.exposure import ExposureControl, Reach, Setting, first_setting
 from mkdaemon.vision.camera.image import CameraImage, in_light
 from mkdaemon.vision.camera.imagecodec import encode_jpeg
-from mkdaemon.vision.output import height_over, mount_transform, outlines_of, setup_of, values_of
+from mkdaemon.vision.output import exposure_of, height_over, mount_transform, outlines_of, setup_of, values_of
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.pose.target_check import TargetCheck
 from mkdaemon.vision.selfcal.selfcheck import SelfCheck
@@ -31,52 +31,6 @@ from mkdaemon.vision.tags.tagmap import load
 from mkdaemon.vision.track.attitude import AttitudeHistory, Mounting
 from mkdaemon.vision.track.result import VisionResult
 from mkdaemon.vision.track.tracker import Tracker
-
-
-class AttitudeUse:
-    """Counts images that were looked at without the attitude that was reported.
-
-    Args:
-        max_age: farthest a sample may be from an image [s].
-
-    Attributes:
-        lost: images by reason, since the start.
-        alarms: what was wrong with the newest image's attitude, with what to do.
-    """
-
-    def __init__(self, max_age: float) -> None:
-        self._max_age = max_age
-        self.lost: Counter[AttitudeLoss] = Counter()
-        self.alarms: dict[Alarm, str] = {}
-
-    def image_seen(self, time: float, attitude: AttitudeHistory | None, off_deg: float | None) -> None:
-        """Count one image.
-
-        Args:
-            time: middle of its exposure [s].
-            attitude: reported for it; none where nobody reports one.
-            off_deg: by how much images contradict it [deg]; none while they do not.
-        """
-        self.alarms = {}
-        if attitude is None or attitude.is_silent:
-            return
-        if attitude.at(time, self._max_age) is None:
-            self.lost[AttitudeLoss.OUT_OF_REACH] += 1
-            found = "none of the vehicle's attitudes is a number"
-            if attitude.samples:
-                away = min(abs(sample.time - time) for sample in attitude.samples)
-                found = f"the nearest attitude of the vehicle is {away:.2f} s away from the image"
-            self.alarms[Alarm.ATTITUDE_MISSING] = (
-                f"{found}: poses come from the images alone; check the link to the boards and the camera's stamps"
-            )
-        elif off_deg is not None:
-            self.lost[AttitudeLoss.CONTRADICTS] += 1
-            self.alarms[Alarm.ATTITUDE_CONTRADICTS] = (
-                f"roll and pitch of the vehicle are {off_deg:.0f} deg off what the images show of a level"
-                " target: poses come from the images alone; check the camera's mount, the signs of the attitude, and"
-                " `level` of the target"
-            )
-
 
 ALARM_ADVICE = {
     Alarm.WRONG_SIZE: "images and calibration differ in size: set width and height, or calibrate at this size",
@@ -123,13 +77,14 @@ class CameraPipeline:
         self._mounting = Mounting(mount_rotation(mount), np.array(mount.position_flu)) if mount is not None else None
         self._intrinsics = camera.intrinsics if camera is not None else None
         self._projection = Projection(self._intrinsics) if self._intrinsics is not None else None
-        self.gamma = self._intrinsics.gamma if self._intrinsics is not None else 1.0
+        self._gamma = self._intrinsics.gamma if self._intrinsics is not None else 1.0
         self._tagmap = load(cfg.targets)
         # Without a known mounting the attitude says nothing about the camera: no gate, no prediction from it.
         self.tracker = Tracker(self._tagmap, self._intrinsics, self._mounting, vision.tracker)
         self._check = TargetCheck(self._tagmap, self._projection)
         self._max_attitude_age = vision.tracker.max_attitude_age
-        self._attitude = AttitudeUse(self._max_attitude_age)
+        self._attitude_lost: Counter[AttitudeLoss] = Counter()
+        self._attitude_alarms: dict[Alarm, str] = {}
         self._selfcheck = SelfCheck(
             self._tagmap,
             camera.model_copy(update={"mount": mount}) if camera is not None else None,
@@ -141,16 +96,17 @@ class CameraPipeline:
         self._refused: Counter[PoseRefusal] = Counter()
         self._processed = self._faults = self._failing = 0
         self._failure = ""
-        self._seen_alarms: tuple[Alarm, ...] = ()
-        self._unchecked: tuple[CameraImage, VisionResult, AttitudeHistory | None] | None = None
         self._result: VisionResult | None = None
+        self._unchecked: tuple[CameraImage, AttitudeHistory | None] | None = None
+        self._exposure: ExposureControl | None = None
         self._next_jpeg = -np.inf
 
     @property
     def alarms(self) -> tuple[Alarm, ...]:
         """What is wrong with the images, the camera file or a target file."""
+        seen = self._result.alarms if self._result is not None else ()
         mismatch = (Alarm.TARGET_MISMATCH,) if self._check.contradicted else ()
-        return (*self._seen_alarms, *mismatch, *self._selfcheck.alarms, *self._attitude.alarms)
+        return (*seen, *mismatch, *self._selfcheck.alarms, *self._attitude_alarms)
 
     def process(self, image: CameraImage, attitude: AttitudeHistory | None) -> list[tuple[str, Telemetry]]:
         """Look at the newest image, with the attitude around its exposure; one that makes the detector fail is counted.
@@ -168,10 +124,10 @@ class CameraPipeline:
 
     def check_files(self) -> None:
         """Ask the newest image, once, whether camera file and target files are right; a failure is counted."""
-        unchecked, self._unchecked = self._unchecked, None
-        if unchecked is None:
+        unchecked, result, self._unchecked = self._unchecked, self._result, None
+        if unchecked is None or result is None:
             return
-        image, result, attitude = unchecked
+        image, attitude = unchecked
         try:
             self._check.look(result.detections)
             # rows whose time is unknown would look like another lens
@@ -179,7 +135,9 @@ class CameraPipeline:
                 known = attitude.at(image.captured_at, self._max_attitude_age) if attitude is not None else None
                 poses = {found.target: found.pose for found in result.poses}
                 heights = {found.target: height_over(found, self._mounting or AT_BODY) for found in result.poses}
-                self._selfcheck.image_seen(in_light(image.pixels, self.gamma), poses, heights, image.captured_at, known)
+                self._selfcheck.image_seen(
+                    in_light(image.pixels, self._gamma), poses, heights, image.captured_at, known
+                )
         except Exception as error:  # noqa: BLE001  # no image may end the thread that looks
             self._note(error)
 
@@ -190,18 +148,45 @@ class CameraPipeline:
         started = self._clock.now()
         result = self.tracker.update(image, attitude)
         ready = self._clock.now()
-        self._result = result
+        self._result, self._unchecked = result, (image, attitude)
         values = list(values_of(result, image, self._clock.stamp(image.captured_at), self._mounting or AT_BODY, ready))
-        self._unchecked, self._seen_alarms = (image, result, attitude), result.alarms
-        if self._mounting is not None:
-            self._attitude.image_seen(image.captured_at, attitude, self.tracker.contradicted_deg)
+        self._judge_attitude(image.captured_at, attitude)
         self._refused.update(reason for _, reason in result.refused)
         self._timings.append((ready - started, ready - image.captured_at, bool(result.poses)))
         return values
 
-    def outlines(self) -> list[Array]:
-        """Corners `(4, 2)` [px] of the tags in the newest image, decoded or where a pose puts them."""
-        return outlines_of(self._result, self._tagmap, self._projection) if self._result is not None else []
+    def _judge_attitude(self, time: float, attitude: AttitudeHistory | None) -> None:
+        """Count an image that was looked at without the attitude that was reported, and say what to do."""
+        self._attitude_alarms, off_deg = {}, self.tracker.contradicted_deg
+        if self._mounting is None or attitude is None or attitude.is_silent:
+            return
+        if attitude.at(time, self._max_attitude_age) is None:
+            self._attitude_lost[AttitudeLoss.OUT_OF_REACH] += 1
+            found = "none of the vehicle's attitudes is a number"
+            if attitude.samples:
+                away = min(abs(sample.time - time) for sample in attitude.samples)
+                found = f"the nearest attitude of the vehicle is {away:.2f} s away from the image"
+            self._attitude_alarms[Alarm.ATTITUDE_MISSING] = (
+                f"{found}: poses come from the images alone; check the link to the boards and the camera's stamps"
+            )
+        elif off_deg is not None:
+            self._attitude_lost[AttitudeLoss.CONTRADICTS] += 1
+            self._attitude_alarms[Alarm.ATTITUDE_CONTRADICTS] = (
+                f"roll and pitch of the vehicle are {off_deg:.0f} deg off what the images show of a level"
+                " target: poses come from the images alone; check the camera's mount, the signs of the attitude, and"
+                " `level` of the target"
+            )
+
+    def choose_setting(self, image: CameraImage, reach: Reach | None) -> Setting | None:
+        """What the camera is told so that it exposes the tags well; none for no change, or where it takes nothing."""
+        if reach is None:
+            self._exposure = None
+            return None
+        if self._exposure is None or self._exposure.reach != reach:
+            self._exposure = ExposureControl(reach, first_setting(reach), self._gamma)
+            return self._exposure.setting
+        outlines = outlines_of(self._result, self._tagmap, self._projection) if self._result is not None else []
+        return self._exposure.image_seen(image.pixels, outlines)
 
     def barometer_received(self, time: float, height: float) -> None:
         """Take the barometer's height [m] at a time [s; monotonic]."""
@@ -244,21 +229,18 @@ class CameraPipeline:
         """What the camera is and looks for, from its files."""
         return setup_of(self.cfg.name, self._intrinsics, self._mounting, self._tagmap, stamp)
 
-    def stats(
-        self, stream: StreamStatus, dropped: int, restarts: int, stamp: Stamp, not_numbers: int = 0
-    ) -> VisionStats:
+    def stats(self, stream: StreamStatus, stamp: Stamp, restarts: int = 0, not_numbers: int = 0) -> VisionStats:
         """Figures of the last images.
 
         Args:
             stream: of the camera.
-            dropped: images that a newer one replaced.
-            restarts: of the thread that looks.
             stamp: now.
+            restarts: of the thread that looks.
             not_numbers: attitude samples that are none.
         """
         state, reason = self.state(stream)
         damaged = (Alarm.DAMAGED,) if stream.damage else ()
-        advice = ALARM_ADVICE | self._selfcheck.alarms | self._attitude.alarms
+        advice = ALARM_ADVICE | self._selfcheck.alarms | self._attitude_alarms
         if Alarm.LINE_TIME in self.alarms and self.tracker.shutter is not None:
             advice[Alarm.LINE_TIME] += f"; it is {self.tracker.shutter.words}"
         if damaged:
@@ -276,7 +258,7 @@ class CameraPipeline:
             height=stream.height,
             fps=stream.fps,
             processed=self._processed,
-            dropped=dropped,
+            dropped=stream.dropped,
             lost=stream.lost,
             damaged=stream.damaged,
             reopened=stream.reopened,
@@ -284,20 +266,21 @@ class CameraPipeline:
             restarts=restarts,
             posed=float(figures[:, 2].mean()),
             refused={reason.value: count for reason, count in self._refused.items()},
-            attitude_lost=dict(self._attitude.lost) | ({AttitudeLoss.NOT_A_NUMBER: not_numbers} if not_numbers else {}),
+            attitude_lost=dict(self._attitude_lost) | ({AttitudeLoss.NOT_A_NUMBER: not_numbers} if not_numbers else {}),
             detect_p50_ms=float(detect_p50),
             detect_p99_ms=float(detect_p99),
             latency_p50_ms=float(latency_p50),
             latency_p99_ms=float(latency_p99),
             settings_refused=stream.refused,
             detector=self.tracker.detector.warning or self.tracker.detector.backend,
+            exposure=exposure_of(self._exposure) if self._exposure is not None else None,
             selfcal=self._selfcheck.reports(),
         )
 
     def state(self, stream: StreamStatus) -> tuple[EyeState, str]:
         """The first thing between the camera and a pose, with what to do; poor light only while nothing is posed."""
-        if stream.state is not StreamState.STREAMING:
-            return EyeState(stream.state.value), stream.reason
+        if stream.state is not EyeState.OK:
+            return stream.state, stream.reason
         if self._failing >= FAILING_FROM:
             return EyeState.FAILING, f"the detector failed on the last {self._failing} images ({self._failure})"
         posed = bool(self._timings) and self._timings[-1][2]

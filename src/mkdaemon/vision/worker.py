@@ -22,11 +22,9 @@ from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.base import Telemetry
 from mkdaemon.telemetry.vision import Alarm, EyeState, VisionStats
 from mkdaemon.vision.camera.camera import CameraStream
-from mkdaemon.vision.camera.exposure import ExposureControl, first_setting
 from mkdaemon.vision.camera.image import CameraImage, Source
-from mkdaemon.vision.camera.slot import NewestSlot, NewestSlots
+from mkdaemon.vision.camera.slot import NewestSlots
 from mkdaemon.vision.camera.sources import source_of
-from mkdaemon.vision.output import exposure_of
 from mkdaemon.vision.pipeline import CameraPipeline
 from mkdaemon.vision.track.attitude import AttitudeHistory, AttitudeSample
 
@@ -117,10 +115,8 @@ class VisionWorker:
         self._slots: NewestSlots[CameraImage] = NewestSlots()
         self._eyes: dict[str, _Eye] = {}
         for cfg in cameras:
-            slot = self._slots.add()
-            self._eyes[cfg.name] = _Eye(
-                CameraPipeline(cfg, vision, clock), CameraStream(cfg, open_source(cfg, session), slot), slot
-            )
+            stream = CameraStream(cfg, open_source(cfg, session), self._slots.add())
+            self._eyes[cfg.name] = _Eye(CameraPipeline(cfg, vision, clock), stream)
         self._attitudes: deque[AttitudeSample] = deque(maxlen=ATTITUDES)
         self._not_numbers = 0
         self._barometer: deque[tuple[float, float]] = deque(maxlen=BAROMETER)
@@ -231,34 +227,22 @@ class VisionWorker:
 class _Eye:
     """One camera: its pipeline, its stream and when it last reported."""
 
-    def __init__(self, pipeline: CameraPipeline, stream: CameraStream, slot: NewestSlot[CameraImage]) -> None:
-        self.pipeline = pipeline
-        self.stream = stream
-        self._slot = slot
+    def __init__(self, pipeline: CameraPipeline, stream: CameraStream) -> None:
+        self.pipeline, self.stream = pipeline, stream
+        self.stats_key = f"vision/{pipeline.cfg.name}/stats"
+        self.last: VisionStats | None = None
         self._reported: tuple[EyeState, tuple[Alarm, ...]] | None = None
         self._due = 0.0
         self._setup_due = float("-inf")
-        self.stats_key = f"vision/{pipeline.cfg.name}/stats"
-        self.last: VisionStats | None = None
-        self._exposure: ExposureControl | None = None
 
     def look_again(self, image: CameraImage) -> list[tuple[str, Telemetry]]:
-        """What no stick frame waits for: the checks of the files, and the image for people to look at."""
+        """What no stick frame waits for: the checks of the files, the exposure, the image for people to look at."""
         self.pipeline.check_files()
-        self._choose_exposure(image)
+        setting = self.pipeline.choose_setting(image, self.stream.reach)
+        if setting is not None:
+            self.stream.adjust(setting)
         picture = self.pipeline.picture(image)
         return [picture] if picture is not None else []
-
-    def _choose_exposure(self, image: CameraImage) -> None:
-        """Have the camera expose the target well, where that is ours to choose."""
-        reach, control = self.stream.reach, self._exposure
-        if reach is None:
-            self._exposure = None
-        elif control is None or control.reach != reach:
-            self._exposure = ExposureControl(reach, first_setting(reach), self.pipeline.gamma)
-            self.stream.adjust(self._exposure.setting)
-        elif (setting := control.image_seen(image.pixels, self.pipeline.outlines())) is not None:
-            self.stream.adjust(setting)
 
     def report(self, stamp: Stamp, restarts: int, not_numbers: int) -> list[tuple[str, Telemetry]]:
         """Stats and the static frame, once a second and when the state changes; now and then what the camera is."""
@@ -266,11 +250,8 @@ class _Eye:
         facts = (self.pipeline.state(status)[0], self.pipeline.alarms)
         if facts == self._reported and stamp.monotonic < self._due:
             return []
-        stats = self.pipeline.stats(status, self._slot.dropped, restarts, stamp, not_numbers)
-        if self._exposure is not None:
-            stats = stats.model_copy(update={"exposure": exposure_of(self._exposure)})
+        stats = self.last = self.pipeline.stats(status, stamp, restarts, not_numbers)
         self._reported, self._due = facts, stamp.monotonic + STATS_EVERY
-        self.last = stats
         values: list[tuple[str, Telemetry]] = [(self.stats_key, stats)]
         mount = self.pipeline.mount(stamp)
         if mount is not None:

@@ -18,8 +18,9 @@ from mkdaemon.errors import ConfigError, VisionError
 from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.image import CameraFrame
 from mkdaemon.telemetry.signature import private_key, sign
+from mkdaemon.telemetry.vision import EyeState
 from mkdaemon.vision.camera import sources
-from mkdaemon.vision.camera.camera import CameraStream, StampClock, StreamState, retry_delays
+from mkdaemon.vision.camera.camera import CameraStream, StampClock, retry_delays
 from mkdaemon.vision.camera.image import CameraImage, EndOfImages, PictureError, Shot
 from mkdaemon.vision.camera.imagecodec import encode_jpeg, pack
 from mkdaemon.vision.camera.slot import NewestSlot
@@ -87,7 +88,7 @@ def test_an_unplugged_camera_is_named_and_comes_back() -> None:
     stream, slot = run(source, silent_after=PATIENCE)
     assert source.drained.wait(PATIENCE)
     status = wait_for_status(stream, lambda s: s.images == 3)
-    assert status.state is StreamState.STREAMING
+    assert status.state is EyeState.OK
     assert status.refused == ("gain=3: the driver has 1",)
     assert (source.opened, status.reopened) == (3, 2)  # lost, missing once, back
     image = slot.take(0.0)
@@ -102,7 +103,7 @@ def test_a_driver_that_raises_anything_is_opened_again() -> None:
     stream, _ = run(source, silent_after=PATIENCE)
     assert source.drained.wait(PATIENCE)
     status = wait_for_status(stream, lambda s: s.images == 2)
-    assert (status.state, source.opened, status.reopened) == (StreamState.STREAMING, 2, 1)
+    assert (status.state, source.opened, status.reopened) == (EyeState.OK, 2, 1)
     stream.stop()
 
 
@@ -110,7 +111,7 @@ def test_a_camera_with_nothing_but_damaged_images_says_what_is_wrong_with_them()
     source = Scripted(["image", *["damaged"] * 4])
     stream, _ = run(source, silent_after=0.02)
     assert source.drained.wait(PATIENCE)
-    status = wait_for_status(stream, lambda s: s.state is StreamState.SILENT)
+    status = wait_for_status(stream, lambda s: s.state is EyeState.SILENT)
     assert (status.reason, status.damaged, status.images) == ("damaged JPEG: premature end of data segment", 4, 1)
     assert source.opened == 1
     stream.stop()
@@ -120,7 +121,7 @@ def test_a_missing_camera_says_so_until_it_is_there() -> None:
     source = Scripted([])
     source.open = lambda: (_ for _ in ()).throw(VisionError("camera test: not there"))  # type: ignore[method-assign]
     stream, _ = run(source)
-    status = wait_for_status(stream, lambda s: s.state is StreamState.GONE and s.reopened >= 3)
+    status = wait_for_status(stream, lambda s: s.state is EyeState.GONE and s.reopened >= 3)
     assert status.reason == "camera test: not there"
     stream.stop()
 
@@ -135,11 +136,11 @@ def test_a_camera_without_images_is_silent_then_streaming_again() -> None:
 
     source.read = read  # type: ignore[method-assign]
     stream, _ = run(source, silent_after=0.05)
-    status = wait_for_status(stream, lambda s: s.state is StreamState.SILENT)
+    status = wait_for_status(stream, lambda s: s.state is EyeState.SILENT)
     assert "no image for" in status.reason
     assert status.fps == 0.0
     gate.set()
-    wait_for_status(stream, lambda s: s.state is StreamState.STREAMING)
+    wait_for_status(stream, lambda s: s.state is EyeState.OK)
     stream.stop()
 
 
@@ -257,7 +258,7 @@ def test_a_folder_is_shown_in_natural_order_to_its_end(tmp_path: Path) -> None:
     stream.start()
     seen = [image for _ in range(3) if (image := slot.take(PATIENCE)) is not None]
     assert [int(image.pixels[0, 0]) for image in seen] == [20, 40, 200]
-    wait_for_status(stream, lambda s: s.state is StreamState.ENDED)
+    wait_for_status(stream, lambda s: s.state is EyeState.ENDED)
     assert slot.dropped == 0
     stream.stop()
 
@@ -311,7 +312,7 @@ def test_images_from_the_bus_keep_their_capture_time(session: zenoh.Session) -> 
     slot: NewestSlot[CameraImage] = NewestSlot()
     stream = CameraStream(cfg, source_of(cfg, lambda: session), slot)
     stream.start()
-    wait_for_status(stream, lambda s: s.state is StreamState.STREAMING)
+    wait_for_status(stream, lambda s: s.state is EyeState.OK)
     taken = time.monotonic() - 0.123
     sent = frame(picture(77), 5, stamp=Clock().stamp(taken))
     session.put("test/camera/image", pack(sent))
@@ -362,7 +363,7 @@ def test_images_without_the_secret_displace_none_and_are_counted_and_named(
     slot: NewestSlot[CameraImage] = NewestSlot()
     stream = CameraStream(cfg, source_of(cfg, lambda: session), slot)
     stream.start()
-    wait_for_status(stream, lambda s: s.state is StreamState.STREAMING)
+    wait_for_status(stream, lambda s: s.state is EyeState.OK)
     forged, private = pack(frame(picture(200), 1_000_000)), private_key(SECRET, key)
     for pattern in (key, "test/signed/**", "**", f"{key}/*"):
         session.put(pattern, forged, attachment=sign(SECRET, key, forged))
@@ -398,9 +399,9 @@ def test_rubbish_on_an_image_key_is_named(session: zenoh.Session) -> None:
     slot: NewestSlot[CameraImage] = NewestSlot()
     stream = CameraStream(cfg, source_of(cfg, lambda: session), slot)
     stream.start()
-    wait_for_status(stream, lambda s: s.state in (StreamState.STREAMING, StreamState.SILENT))
+    wait_for_status(stream, lambda s: s.state in (EyeState.OK, EyeState.SILENT))
     session.put("test/rubbish/image", b"hello")
-    status = wait_for_status(stream, lambda s: s.state is StreamState.SILENT and "not an image" in s.reason)
+    status = wait_for_status(stream, lambda s: s.state is EyeState.SILENT and "not an image" in s.reason)
     assert status.images == 0
     stream.stop()
 

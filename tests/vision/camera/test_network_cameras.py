@@ -7,7 +7,8 @@ from threading import Event
 import pytest
 
 from mkdaemon.config.camera import CameraSection
-from mkdaemon.vision.camera.camera import CameraStream, StreamState
+from mkdaemon.telemetry.vision import EyeState
+from mkdaemon.vision.camera.camera import CameraStream
 from mkdaemon.vision.camera.image import CameraImage
 from mkdaemon.vision.camera.slot import NewestSlot
 from mkdaemon.vision.camera.sources import source_of
@@ -38,11 +39,11 @@ def test_a_network_camera_is_seen_lost_and_found_again(kind: type[NetworkCamera]
         assert image is not None
         grey = int(image.pixels.mean())
         assert min(abs(grey - 40 - 10 * number) for number in range(20)) <= 2
-    status = wait_for_status(stream, lambda s: s.state is StreamState.GONE)
+    status = wait_for_status(stream, lambda s: s.state is EyeState.GONE)
     assert address in status.reason
     seen = status.images
     with kind(0.02, port):
-        wait_for_status(stream, lambda s: s.state is StreamState.STREAMING and s.images > seen)
+        wait_for_status(stream, lambda s: s.state is EyeState.OK and s.images > seen)
         stream.stop()
 
 
@@ -77,5 +78,5 @@ def test_a_damaged_image_of_a_stream_is_counted_named_and_not_handed_on() -> Non
         stream, _ = watch(camera.address)
         status = wait_for_status(stream, lambda s: s.damaged >= 3 and s.images >= 3)
         assert "damaged JPEG" in status.damage
-        assert status.state is StreamState.STREAMING
+        assert status.state is EyeState.OK
         stream.stop()

@@ -19,7 +19,8 @@ import pytest
 
 from mkdaemon.config.camera import CameraSection
 from mkdaemon.errors import VisionError
-from mkdaemon.vision.camera.camera import CameraStream, StreamState
+from mkdaemon.telemetry.vision import EyeState
+from mkdaemon.vision.camera.camera import CameraStream
 from mkdaemon.vision.camera.capture import (
     AUTOGAIN,
     EXPOSURE_ABSOLUTE,
@@ -241,13 +242,13 @@ def test_images_go_on_whatever_the_camera_refuses_and_end_when_it_is_unplugged(
         "gain=255: the driver says " + os.strerror(16),
     )
     status = wait_for_status(stream, lambda s: s.refused == busy)
-    assert (status.state, status.reopened) == (StreamState.STREAMING, 0)
+    assert (status.state, status.reopened) == (EyeState.OK, 0)
     kernel.errors.clear()
     stream.adjust(SETTING)
     wait_for_status(stream, lambda s: s.refused == busy[:1])
     kernel.is_there = False
     wait_for_status(stream, lambda s: s.reopened >= 2)  # it cannot be opened either, and nothing stays open
     kernel.is_there = True
-    wait_for_status(stream, lambda s: s.state is StreamState.STREAMING)
+    wait_for_status(stream, lambda s: s.state is EyeState.OK)
     stream.stop()
     assert Webcam.opened == 0

@@ -10,7 +10,7 @@ from mkdaemon.config.camera import CameraSection
 from mkdaemon.config.vision import TagPlacement, TargetSection, VisionSection
 from mkdaemon.frames import rotation_from_euler
 from mkdaemon.telemetry.vision import EyeState
-from mkdaemon.vision.camera.camera import StreamState, StreamStatus
+from mkdaemon.vision.camera.camera import StreamStatus
 from mkdaemon.vision.camera.image import CameraImage
 from mkdaemon.vision.camera.intrinsics import Intrinsics
 from mkdaemon.vision.limits import LIMITS
@@ -117,6 +117,6 @@ def test_the_camera_says_so_in_place_of_a_pose(tmp_path) -> None:
         poses += [name for name, _ in eye.process(image, None) if name.endswith("pose")]
         eye.check_files()
     assert poses == []
-    state, reason = eye.state(StreamStatus(StreamState.STREAMING, width=640, height=480))
+    state, reason = eye.state(StreamStatus(EyeState.OK, width=640, height=480))
     assert state is EyeState.TARGET_MISMATCH
     assert "check sizes" in reason

@@ -23,11 +23,12 @@ from mkdaemon.cli.mkdaemon.calibrate_shutter import shutter
 from mkdaemon.config.camera import CameraSection, MountSection
 from mkdaemon.errors import ConfigError, MkError, VisionError
 from mkdaemon.files import refuse_existing
+from mkdaemon.telemetry.vision import EyeState
 from mkdaemon.vision.calibrate.board import CalibrationBoard, CharucoBoard, TagBoard
 from mkdaemon.vision.calibrate.calibration import CalibrationResult, calibrate, rounded
 from mkdaemon.vision.calibrate.views import Coverage, LiveViews, ViewReport, views_of_folder
 from mkdaemon.vision.camera.calibration_file import CalibrationRecord, Camera, save_camera
-from mkdaemon.vision.camera.camera import CameraStream, StreamState
+from mkdaemon.vision.camera.camera import CameraStream
 from mkdaemon.vision.camera.image import CameraImage
 from mkdaemon.vision.camera.slot import NewestSlot
 from mkdaemon.vision.camera.sources import source_of
@@ -208,7 +209,7 @@ def _live(
                 now = time.monotonic()
                 status = stream.status()
                 if image is None:
-                    if status.state is StreamState.ENDED:
+                    if status.state is EyeState.ENDED:
                         break
                     if now - received_at > PATIENCE_TIME:
                         raise VisionError(status.reason or f"no image from {cfg.source} for {PATIENCE_TIME:g} s")

@@ -11,18 +11,16 @@ import time
 from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from enum import StrEnum
 
 from mkdaemon.config.camera import CameraSection
 from mkdaemon.errors import VisionError
+from mkdaemon.telemetry.vision import EyeState
 from mkdaemon.vision.camera.exposure import Adjustable, Reach, Setting
 from mkdaemon.vision.camera.image import CameraImage, EndOfImages, PictureError, Shot, Source
 from mkdaemon.vision.camera.slot import NewestSlot
 
-WINDOW = 300
-"""Images looked back at: ten seconds at 30 Hz, short against the drift of a clock."""
 WINDOW_TIME = 10.0
-"""The same in time, for slow cameras [s]."""
+"""Looked back at, short against the drift of a clock [s]."""
 PROOF = 2.0
 """How long stamps on another clock are watched before they are believed [s]."""
 DRIFT = 0.002
@@ -51,7 +49,7 @@ class StampClock:
 
     def __init__(self, latency: float = 0.0) -> None:
         self._latency = latency
-        self._seen: deque[tuple[float, float]] = deque(maxlen=WINDOW)
+        self._seen: deque[tuple[float, float]] = deque()
         """Arrival and delay of each image [s]."""
         self._last = -math.inf
         self._believed = False
@@ -101,25 +99,16 @@ RATE_IMAGES = 31
 """Images the rate is counted over; the mean of inverse gaps would be too high wherever images come in bursts."""
 
 
-class StreamState(StrEnum):
-    """Where a camera is in its life."""
-
-    OPENING = "opening"
-    STREAMING = "streaming"
-    SILENT = "silent"
-    GONE = "gone"
-    ENDED = "ended"
-
-
 @dataclass(frozen=True, slots=True)
 class StreamStatus:
     """What is known about a camera now.
 
     Attributes:
-        state: streaming or why not.
-        reason: one sentence for everything but streaming.
+        state: `OK` while images come, or why not.
+        reason: one sentence for everything else.
         images: taken since the start.
         lost: gaps in the source's own count.
+        dropped: that a newer one replaced before anybody looked.
         damaged: images that were refused because they were none or damaged.
         damage: what was wrong with the newest of them, for a second after it; empty otherwise.
         reopened: how often it was opened again.
@@ -130,10 +119,11 @@ class StreamStatus:
         refused: settings the driver did not take.
     """
 
-    state: StreamState = StreamState.OPENING
+    state: EyeState = EyeState.OPENING
     reason: str = "not opened yet"
     images: int = 0
     lost: int = 0
+    dropped: int = 0
     damaged: int = 0
     damage: str = ""
     reopened: int = 0
@@ -164,12 +154,11 @@ class CameraStream:
         self._status = StreamStatus()
         self._clock = StampClock(cfg.latency_ms / 1000.0)
         self._arrivals: deque[float] = deque(maxlen=RATE_IMAGES)
-        self._last_arrival: float | None = None
+        self._last_arrival = 0.0
         self._damaged_at = -math.inf
         self._wanted: Setting | None = None
         self._refused: tuple[str, ...] = ()
         self._last_sequence: int | None = None
-        self._sequence = 0
 
     @property
     def reach(self) -> Reach | None:
@@ -197,14 +186,13 @@ class CameraStream:
 
     def status(self) -> StreamStatus:
         """The camera's state now; an image that is overdue makes it silent."""
-        status, last = self._status, self._last_arrival
-        if time.monotonic() - self._damaged_at > DAMAGE_SHOWN:
+        status, now = replace(self._status, dropped=self._slot.dropped), time.monotonic()
+        if now - self._damaged_at > DAMAGE_SHOWN:
             status = replace(status, damage="")
-        if status.state is StreamState.STREAMING and last is not None and self._source.live:
-            overdue = time.monotonic() - last
-            if overdue > self.cfg.silent_after:
-                reason = status.damage or f"no image for {overdue:.1f} s"
-                return replace(status, state=StreamState.SILENT, reason=reason, fps=0.0)
+        overdue = now - self._last_arrival
+        if status.state is EyeState.OK and self._source.live and overdue > self.cfg.silent_after:
+            reason = status.damage or f"no image for {overdue:.1f} s"
+            return replace(status, state=EyeState.SILENT, reason=reason, fps=0.0)
         return status
 
     def _run(self) -> None:
@@ -214,8 +202,8 @@ class CameraStream:
                 before = self._status.images
                 try:
                     self._refused = self._source.open()
-                    self._status = replace(self._status, state=StreamState.STREAMING, reason="", refused=self._refused)
                     self._last_arrival = time.monotonic()
+                    self._status = replace(self._status, state=EyeState.OK, reason="", refused=self._refused)
                     self._arrivals.clear()
                     self._read_on()
                 finally:
@@ -224,12 +212,12 @@ class CameraStream:
                         delays = retry_delays(self.cfg.reopen_min, self.cfg.reopen_max)
             except EndOfImages:
                 self._wait_taken()
-                self._status = replace(self._status, state=StreamState.ENDED, reason="all images were shown", fps=0.0)
+                self._status = replace(self._status, state=EyeState.ENDED, reason="all images were shown", fps=0.0)
                 return
             except Exception as error:  # noqa: BLE001  # no driver and no image may end this thread
                 reason = str(error) if isinstance(error, VisionError) else f"{type(error).__name__}: {error}"
                 reopened = self._status.reopened + 1
-                self._status = replace(self._status, state=StreamState.GONE, reason=reason, fps=0.0, reopened=reopened)
+                self._status = replace(self._status, state=EyeState.GONE, reason=reason, fps=0.0, reopened=reopened)
             self._stop.wait(next(delays))
 
     def _read_on(self) -> None:
@@ -263,7 +251,6 @@ class CameraStream:
         if shot.sequence is not None and self._last_sequence is not None and shot.sequence > self._last_sequence:
             step = shot.sequence - self._last_sequence
         self._last_sequence = shot.sequence
-        self._sequence += step
         self._arrivals.append(shot.arrived)
         spent = shot.arrived - self._arrivals[0]
         self._last_arrival = shot.arrived
@@ -277,4 +264,5 @@ class CameraStream:
             height=height,
             stamped_by=stamped_by,
         )
-        self._slot.put(CameraImage(shot.pixels, captured_at, shot.arrived, self._sequence, self.cfg.name, stamped_by))
+        sequence = self._status.images + self._status.lost
+        self._slot.put(CameraImage(shot.pixels, captured_at, shot.arrived, sequence, self.cfg.name, stamped_by))

@@ -56,7 +56,6 @@ class NewestSlots(Generic[T]):
     def __init__(self) -> None:
         self._changed = threading.Condition()
         self._slots: list[NewestSlot[T]] = []
-        self._turn = 0
 
     def add(self) -> NewestSlot[T]:
         """One more slot."""
@@ -68,9 +67,9 @@ class NewestSlots(Generic[T]):
         """Wait up to `timeout` [s] for a value in any slot; the slots take turns, so none starves."""
         with self._changed:
             self._changed.wait_for(lambda: any(slot.is_full for slot in self._slots), timeout)
-            for step in range(len(self._slots)):
-                place = (self._turn + step) % len(self._slots)
-                if self._slots[place].is_full:
-                    self._turn = place + 1
-                    return self._slots[place].take(0.0)
-            return None
+            full = next((slot for slot in self._slots if slot.is_full), None)
+            if full is None:
+                return None
+            self._slots.remove(full)
+            self._slots.append(full)  # the others first, next time
+            return full.take(0.0)
