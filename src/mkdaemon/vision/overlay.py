@@ -13,7 +13,7 @@ from mkdaemon.files import save
 from mkdaemon.vision.arrays import Array, Grey
 from mkdaemon.vision.camera.intrinsics import Intrinsics
 from mkdaemon.vision.pose.projection import NEAR_M, Projection
-from mkdaemon.vision.still import StillPose, StillResult
+from mkdaemon.vision.still import StillResult
 
 Colour = tuple[int, int, int]
 
@@ -30,8 +30,14 @@ def draw(pixels: Grey, result: StillResult, intrinsics: Intrinsics | None) -> Gr
     """
     picture = draw_tags(pixels, ((str(tag.found.tag_id), tag.found.corners) for tag in result.tags))
     if intrinsics is not None:
-        for pose in result.poses:
-            _axes(picture, pose, intrinsics)
+        for pose in (found.pose for found in result.poses):
+            # as long as a tenth of the distance; none that reach behind the lens
+            length = 0.1 * pose.range_m
+            points = length * np.vstack([np.zeros(3), np.eye(3)]) @ pose.rotation.T + pose.position
+            if float(points[:, 2].min()) > NEAR_M:
+                seen, _ = Projection(intrinsics).project(points)
+                for end, colour in zip(seen[1:], AXES, strict=True):
+                    _line(picture, seen[0], end, colour)
     return picture
 
 
@@ -68,16 +74,6 @@ def write_picture(path: Path, pixels: Grey, *, overwrite: bool = False) -> None:
         msg = f"{path}: no format of pictures has this suffix; use .png or .jpg"
         raise ConfigError(msg)
     save(path, content.tobytes(), overwrite=overwrite)
-
-
-def _axes(picture: Grey, found: StillPose, k: Intrinsics) -> None:
-    """Axes as long as a tenth of the distance; none that reach behind the lens."""
-    length = 0.1 * found.pose.range_m
-    points = length * np.vstack([np.zeros(3), np.eye(3)]) @ found.pose.rotation.T + found.pose.position
-    if float(points[:, 2].min()) > NEAR_M:
-        seen, _ = Projection(k).project(points)
-        for end, colour in zip(seen[1:], AXES, strict=True):
-            _line(picture, seen[0], end, colour)
 
 
 def _line(picture: Grey, start: Array, end: Array, colour: Colour) -> None:

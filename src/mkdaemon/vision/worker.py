@@ -31,11 +31,10 @@ from mkdaemon.vision.track.attitude import AttitudeHistory, AttitudeSample
 STATS_EVERY = 1.0
 SETUP_EVERY: Final = 10.0
 """What a camera is does not change; a recording that is cut has it all the same [s]."""
-LOOK_EVERY = 0.1
-"""Longest wait for an image before states are looked at again."""
+LOOK_EVERY: Final = 0.1
+"""Longest wait for an image before states are looked at again, and between two looks at the thread [s]."""
 STALLED_AFTER: Final = 0.5
 """Time without a sign of life from the thread after which its cameras count as stalled [s]; an image takes 10 ms."""
-SUPERVISED_EVERY: Final = 0.1
 ATTITUDES = 200
 """Attitude samples kept: two seconds and more at 100 Hz."""
 BAROMETER = 50
@@ -137,7 +136,7 @@ class VisionWorker:
     async def supervise(self) -> None:
         """Tell when the thread stands still or has died, and start it again; never returns."""
         while True:
-            await asyncio.sleep(SUPERVISED_EVERY)
+            await asyncio.sleep(LOOK_EVERY)
             silence = self._clock.now() - self._alive_at
             if self._thread.ident is not None and not self._thread.is_alive() and not self._stop.is_set():
                 self._restart(self._failure or RuntimeError("it ended without a word"))

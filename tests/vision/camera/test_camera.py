@@ -285,6 +285,35 @@ def test_a_clip_is_played_at_its_own_rate(tmp_path: Path) -> None:
     assert shots[-1].arrived - began >= 0.099  # five periods of 20 ms
 
 
+class Hands:
+    """A clock that stands still but for what sleeps."""
+
+    now = 100.0
+
+    def monotonic(self) -> float:
+        return self.now
+
+    def sleep(self, seconds: float) -> None:
+        self.now += seconds
+
+
+def test_a_folder_is_played_at_its_rate_whatever_held_it_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for number in range(4):
+        cv2.imwrite(str(tmp_path / f"{number}.png"), picture(20 * number))
+    hands = Hands()
+    monkeypatch.setattr(sources, "time", hands)
+    source = source_of(CameraSection(source=f"folder:{tmp_path}", fps=20, loop=True))
+    source.open()
+    arrivals = []
+    for held_up in (0.0, 0.0, 0.0, 0.0, 0.07, 0.0, 7.0, 0.0):
+        hands.now += held_up
+        shot = source.read(1.0)
+        assert shot is not None
+        arrivals.append(shot.arrived - 100.0)
+    source.close()
+    assert arrivals == pytest.approx([0.0, 0.05, 0.1, 0.15, 0.22, 0.25, 7.25, 7.3])
+
+
 @pytest.fixture
 def session() -> Iterator[zenoh.Session]:
     config = zenoh.Config()

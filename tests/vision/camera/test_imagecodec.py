@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable
+from pathlib import Path
 
 import cv2
 import msgpack
@@ -16,7 +17,7 @@ from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.image import CameraFrame
 from mkdaemon.vision.camera.capture import captured_pixels
 from mkdaemon.vision.camera.image import PictureError
-from mkdaemon.vision.camera.imagecodec import decode_picture, encode_jpeg, pack, unpack
+from mkdaemon.vision.camera.imagecodec import decode_picture, encode_jpeg, pack, read_picture, unpack
 
 PIXELS = np.arange(12 * 16, dtype=np.uint8).reshape(12, 16)
 FRAME = CameraFrame(
@@ -137,3 +138,8 @@ def test_any_capture_becomes_grey_or_is_refused(image: np.ndarray, shape: tuple[
     assert grey.shape == shape
     if image.dtype == np.uint16:
         assert grey[0, 0] == 200
+
+
+def test_a_file_that_cannot_be_read_is_no_picture(tmp_path: Path) -> None:
+    with pytest.raises(PictureError, match="No such file"):
+        read_picture(tmp_path / "none.png")

@@ -84,7 +84,7 @@ def detect(
         msg = f"give --target or {'--tag-size' if tag_size is not None else '--ids'}, not both"
         raise ConfigError(msg)
     if intrinsics is not None:
-        Intrinsics.parse(intrinsics, width=1, height=1)  # a mistake is said before any image is read
+        _intrinsics(intrinsics, 1, 1)  # a mistake is said before any image is read
     calibration = _Calibration(load_camera(camera).intrinsics if camera is not None else None, intrinsics)
     tagmap = load(target) if target else None
     eyes = _Eyes(tagmap, tag_size, family, _ids(ids) if ids is not None else None)
@@ -116,7 +116,7 @@ class _Calibration:
         if self.figures is None:
             return self.fixed
         height, width = pixels.shape
-        return Intrinsics.parse(self.figures, width=width, height=height)
+        return _intrinsics(self.figures, width, height)
 
     def fault(self, pixels: Grey) -> str:
         """Why an image cannot come from this camera; empty where it can."""
@@ -125,6 +125,19 @@ class _Calibration:
         if k is None or (k.width, k.height) == (width, height):
             return ""
         return f"the picture is {width}x{height}, the calibration is for {k.width}x{k.height}"
+
+
+def _intrinsics(text: str, width: int, height: int) -> Intrinsics:
+    """Read `FX,FY,CX,CY[,K1,K2,P1,P2,K3]` for an image of a size [px]."""
+    try:
+        numbers = [float(part) for part in text.split(",")]
+    except ValueError:
+        numbers = []
+    names = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
+    if not 4 <= len(numbers) <= len(names) or not np.isfinite(numbers).all() or min(numbers[:2]) <= 0:
+        msg = f"intrinsics '{text}': give FX,FY,CX,CY[,K1,K2,P1,P2,K3] as finite numbers, focal lengths above zero"
+        raise ConfigError(msg)
+    return Intrinsics(width=width, height=height, **dict(zip(names, numbers, strict=False)))
 
 
 class _Eyes:

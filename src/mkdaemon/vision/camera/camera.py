@@ -211,7 +211,7 @@ class CameraStream:
                     if self._status.images > before:
                         delays = retry_delays(self.cfg.reopen_min, self.cfg.reopen_max)
             except EndOfImages:
-                self._wait_taken()
+                self._slot.wait_taken()
                 self._status = replace(self._status, state=EyeState.ENDED, reason="all images were shown", fps=0.0)
                 return
             except Exception as error:  # noqa: BLE001  # no driver and no image may end this thread
@@ -235,13 +235,8 @@ class CameraStream:
             if shot is None:
                 continue
             if not self._source.live:
-                self._wait_taken()
+                self._slot.wait_taken()
             self._hand_over(shot)
-
-    def _wait_taken(self) -> None:
-        """Files do not outrun their reader."""
-        while not self._slot.wait_taken(READ_TIMEOUT) and not self._stop.is_set():
-            continue
 
     def _hand_over(self, shot: Shot) -> None:
         captured_at, stamped_by = self._clock.stamp(shot.stamp, shot.arrived)

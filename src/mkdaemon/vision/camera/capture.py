@@ -225,27 +225,26 @@ class V4l2Controls:
     def _query(self, control: int) -> Range | None:
         """Range of a control that can be set; a busy or inactive one counts, as it may become free."""
         content = bytearray(struct.pack(QUERIED, control, 0, b"", 0, 0, 0, 0, 0, 0, 0))
-        try:
-            fcntl.ioctl(self._descriptor, QUERY, content)
-        except OSError as error:
-            self._raise_if_gone(error)
+        if self._ask(QUERY, content):
             return None
         _, _, _, least, greatest, _, _, flags, *_ = struct.unpack(QUERIED, content)
         return None if flags & UNSETTABLE else Range(least, greatest)
 
     def _set(self, control: int, value: int) -> tuple[str, ...]:
         """Set a control; what and why, where the driver refuses."""
-        try:
-            fcntl.ioctl(self._descriptor, SET, bytearray(struct.pack("=Ii", control, value)))
-        except OSError as error:
-            self._raise_if_gone(error)
-            return (f"{NAMES[control]}={value}: the driver says {error.strerror}",)
-        return ()
+        fault = self._ask(SET, bytearray(struct.pack("=Ii", control, value)))
+        return (f"{NAMES[control]}={value}: the driver says {fault}",) if fault else ()
 
-    def _raise_if_gone(self, error: OSError) -> None:
-        if error.errno in GONE:
-            msg = f"{self._device} is gone ({error.strerror}): plug it in"
-            raise VisionError(msg) from None
+    def _ask(self, request: int, content: bytearray) -> str:
+        """Ask the kernel, which answers in `content`; why it refuses, empty where it does not."""
+        try:
+            fcntl.ioctl(self._descriptor, request, content)
+        except OSError as error:
+            if error.errno in GONE:
+                msg = f"{self._device} is gone ({error.strerror}): plug it in"
+                raise VisionError(msg) from None
+            return str(error.strerror)
+        return ""
 
 
 class StreamSource:

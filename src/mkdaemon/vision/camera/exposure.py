@@ -2,7 +2,7 @@
 
 Photons decide: contrast over noise grows with the square root of the exposure, whatever the gain. So the exposure
 follows from what is wanted of it, and the gain only brings white to a good grey value. A longer exposure smears, a
-shorter one drowns the cells in noise. Pure functions; the driver is in `sources`.
+shorter one drowns the cells in noise. Pure functions; the driver is in `capture`.
 """
 
 from __future__ import annotations

@@ -8,7 +8,6 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from mkdaemon.config.base import Section
-from mkdaemon.errors import ConfigError
 from mkdaemon.vision.arrays import Array
 
 
@@ -71,20 +70,3 @@ class Intrinsics(Section):
         if self.model == "fisheye":
             return np.array([self.k1, self.k2, self.k3, self.k4])
         return np.array([self.k1, self.k2, self.p1, self.p2, self.k3])
-
-    @classmethod
-    def parse(cls, text: str, *, width: int, height: int) -> Intrinsics:
-        """Read the short form `FX,FY,CX,CY[,K1,K2,P1,P2,K3]`.
-
-        Raises:
-            ConfigError: not 4 to 9 finite numbers, or a focal length that is not positive.
-        """
-        try:
-            numbers = [float(part) for part in text.split(",")]
-        except ValueError:
-            numbers = []
-        names = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
-        if not 4 <= len(numbers) <= len(names) or not np.isfinite(numbers).all() or min(numbers[:2]) <= 0:
-            msg = f"intrinsics '{text}': give FX,FY,CX,CY[,K1,K2,P1,P2,K3] as finite numbers, focal lengths above zero"
-            raise ConfigError(msg)
-        return cls(width=width, height=height, **dict(zip(names, numbers, strict=False)))

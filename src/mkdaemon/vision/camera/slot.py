@@ -38,10 +38,10 @@ class NewestSlot(Generic[T]):
         """Whether a value waits."""
         return self._value is not None
 
-    def wait_taken(self, timeout: float) -> bool:
-        """Wait until the slot is empty: for sources that must not outrun their reader."""
+    def wait_taken(self) -> None:
+        """Wait until the slot is empty or closed: for sources that must not outrun their reader."""
         with self._changed:
-            return self._changed.wait_for(lambda: self._value is None or self._closed, timeout)
+            self._changed.wait_for(lambda: self._value is None or self._closed)
 
     def close(self) -> None:
         """Wake whoever waits; later values are never seen."""
