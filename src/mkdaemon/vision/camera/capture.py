@@ -1,7 +1,8 @@
 """What OpenCV captures, as it is and not as OpenCV would have it: clips, network streams, V4L2 cameras.
 
 OpenCV decodes motion JPEG in silence: damaged blocks stay in the image, and an image of another size than the first is
-scaled to it. Its bytes are therefore taken as they come. Other codecs are left to OpenCV.
+scaled to it. Its bytes are therefore taken as they come. Other codecs are left to OpenCV: such a camera has to keep its
+size.
 
 Exposure and gain of a V4L2 camera, by the kernel's own calls; they may be made while another program part streams.
 Numbers and structures: linux/videodev2.h and linux/v4l2-controls.h. An exposure of `V4L2_CID_EXPOSURE_ABSOLUTE` counts
