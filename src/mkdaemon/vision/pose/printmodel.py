@@ -15,7 +15,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from math import ceil, log2, sqrt
-from typing import Final
+from typing import Any, Final
 
 import cv2
 import numpy as np
@@ -213,8 +213,7 @@ class PrintTexture:
 
     def _level(self, number: int) -> tuple[Image32, Image32]:
         """Value and its slopes, then the second derivatives, `(side, side, 3)` each."""
-        found = self._levels.get(number)
-        if found is None:
+        if number not in self._levels:
             blur = SHARPEST * 2.0 ** (number / PER_OCTAVE / 2)
             side = min(ceil(self._cells / (STEP * blur)), len(self._drawn))
             # Texels that are averaged and interpolated blur, too.
@@ -225,9 +224,8 @@ class PrintTexture:
             right, down = (_slope(soft, way / step) for way in SLOPES)
             along, cross = (_slope(right, way / step) for way in SLOPES)
             across = _slope(down, SLOPES[1] / step)
-            found = cv2.merge([soft, right, -down]), cv2.merge([along, -cross, across])
-            self._levels[number] = found
-        return found
+            self._levels[number] = _planes(soft, right, -down), _planes(along, -cross, across)
+        return self._levels[number]
 
     def at(self, x: Array, y: Array, footprint: Footprint, more: Array) -> Array:
         """What is seen at places of the print `(8, n)`.
@@ -262,8 +260,12 @@ class PrintTexture:
         return found
 
 
-def _slope(image: Image32, way: Array) -> Image32:
+def _slope(image: npt.NDArray[Any], way: Array) -> Image32:
     return np.asarray(cv2.filter2D(image, -1, way, borderType=cv2.BORDER_REPLICATE), np.float32)
+
+
+def _planes(*planes: npt.NDArray[Any]) -> Image32:
+    return np.asarray(cv2.merge(planes), np.float32)
 
 
 @lru_cache(maxsize=64)

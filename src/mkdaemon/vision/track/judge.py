@@ -12,7 +12,7 @@ import numpy as np
 from mkdaemon.telemetry.vision import PoseRefusal
 from mkdaemon.vision.arrays import Array
 from mkdaemon.vision.limits import LIMITS
-from mkdaemon.vision.pose.ambiguity import Decision, prefers, residual_ratio
+from mkdaemon.vision.pose.ambiguity import Decision, log_odds, residual_ratio
 from mkdaemon.vision.pose.gates import certainty_refusal
 from mkdaemon.vision.pose.pose import Pose, angle_between, turn
 from mkdaemon.vision.pose.unknowns import Level
@@ -98,12 +98,27 @@ class Judge:
             if not is_held:
                 leaning = self._fitter.refine(seen.pixels, replace(start, rotation=predicted.rotation), vertical)
             if leaning is not None and checks.refusal(seen, leaning) is None:
-                if off is None or not prefers(off, leaning):
+                if off is None or not self.prefers(seen, off, leaning):
                     return self.add_inertia(seen, leaning)
                 is_sure = True
         if off is not None and (is_sure or checks.is_plainly_there(seen, off)):
             return Verdict(off, PoseRefusal.ATTITUDE)
         return Verdict(None, refused)
+
+    def prefers(self, seen: Sight, first: Pose, second: Pose) -> bool:
+        """Whether an image and the vehicle's inertia together prefer one fit to another, by more than light or blur do.
+
+        Args:
+            seen: the image.
+            first: a fit to it.
+            second: another one; the image compares those of one kind.
+        """
+        odds = log_odds(first, second) if first.source == second.source else 0.0
+        before = self._track.branches
+        if before is not None and before.is_decided:
+            course = before.course[0].predict_at(seen.time)
+            odds += (course.mahalanobis2(second) - course.mahalanobis2(first)) / 2.0
+        return odds > LIMITS.branches.silent
 
     def first(self, seen: Sight, candidates: Sequence[Pose]) -> Verdict:
         """Judge poses from decoded tags.
