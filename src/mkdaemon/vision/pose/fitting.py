@@ -292,7 +292,10 @@ class TargetFitter:
 
     def refine(self, pixels: Grey, start: Pose, level: Level | None = None) -> Pose | None:
         """Improve a pose by the method its size, tilt and blur ask for, with a level its tilt held near it."""
-        start = self._gatherer.gathered(pixels, start)
+        found = self._refined(pixels, self._gatherer.gathered(pixels, start), level)
+        return found if found is None else replace(found, match=self.match(pixels, found))
+
+    def _refined(self, pixels: Grey, start: Pose, level: Level | None) -> Pose | None:
         grey: Pose | None = None
         if self._wants_photometric(start) or self.is_small(start):
             grey = self._fit(pixels, start, photometric=True, level=level)
@@ -364,9 +367,7 @@ class TargetFitter:
 
     def match(self, pixels: Grey, pose: Pose) -> float | None:
         """How well the image shows the target where the pose puts it, -1 to 1; none when it cannot be told."""
-        if pose.source == "photometric" and pose.match is not None:
-            return pose.match
-        return self._bits.correlation(pixels, pose)
+        return self._bits.correlation(pixels, pose) if pose.match is None else pose.match
 
     def shows(self, pixels: Grey, start: Pose) -> bool:
         """Whether the image shows the target where a start puts it, well enough for a fit to find its place.
