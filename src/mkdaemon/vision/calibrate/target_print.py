@@ -177,7 +177,7 @@ def _cut_marks(width: float, height: float) -> list[tuple[float, float, float, f
 def _ruler(x: float, y: float) -> list[tuple[float, float, float, float]]:
     """Millimetre marks and a line; the first and last mark's outer edges are exactly `RULER_MM` apart."""
     line = 0.15
-    marks = [(x, y, RULER_MM, line)]
+    marks = [(x, y, float(RULER_MM), line)]
     for mm in range(RULER_MM + 1):
         length = 5.0 if mm % CENTIMETRE == 0 else 3.5 if mm % HALF_CENTIMETRE == 0 else 2.0
         at = x + mm - (0.0 if mm == 0 else line if mm == RULER_MM else line / 2)
