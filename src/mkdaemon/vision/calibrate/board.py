@@ -118,16 +118,14 @@ class CharucoBoard:
 
     def _edges(self, ids: npt.NDArray[np.int64], image: Array) -> tuple[Array, Array]:
         """Ends of the sides of squares between neighbouring corners, `(n, 2)` each [px]."""
-        place = {int(number): k for k, number in enumerate(ids)}
-        across = self.columns - 1
-        pairs = [
-            (k, place[number + step])
-            for number, k in place.items()
-            for step in (1, across)
-            if number + step in place and (step == across or (number + 1) % across)
-        ]
-        ends = np.array(pairs, dtype=np.intp).reshape(-1, 2)
-        return image[ends[:, 0]], image[ends[:, 1]]
+        grid = np.full((self.rows - 1, self.columns - 1, 2), np.nan)
+        grid.reshape(-1, 2)[ids] = image
+        starts, ends = (
+            np.concatenate([side.reshape(-1, 2) for side in sides])
+            for sides in ((grid[:, :-1], grid[:-1]), (grid[:, 1:], grid[1:]))
+        )
+        seen = np.isfinite(starts + ends).all(axis=1)
+        return starts[seen], ends[seen]
 
 
 class TagBoard:
@@ -139,7 +137,7 @@ class TagBoard:
             raise ConfigError(msg)
         self._target = target
         self._detector = Detector(TagMap((target,)).whitelist)
-        self._place = {(tag.family.name, tag.tag_id): k for k, tag in enumerate(target.tags)}
+        self._place = {(tag.family.name, tag.tag_id): (k, tag) for k, tag in enumerate(target.tags)}
 
     @property
     def title(self) -> str:
@@ -150,9 +148,9 @@ class TagBoard:
         """Corners of all decoded tags in `(h, w)` uint8; None when too little is seen."""
         ids, board, image = [], [], []
         for found in self._detector.search_all(pixels):
-            place = self._place[found.family, found.tag_id]
-            ids.append(4 * place + np.arange(4))
-            board.append(self._target.tags[place].corners)
+            k, tag = self._place[found.code]
+            ids.append(4 * k + np.arange(4))
+            board.append(tag.corners)
             image.append(found.corners)
         if 4 * len(ids) < MIN_POINTS:
             return None

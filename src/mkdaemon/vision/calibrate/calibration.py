@@ -11,11 +11,11 @@ import numpy as np
 import numpy.typing as npt
 
 from mkdaemon.errors import VisionError
+from mkdaemon.vision.arrays import Array
 from mkdaemon.vision.calibrate.board import BoardPoints, board_normal
 from mkdaemon.vision.camera.intrinsics import Intrinsics
 from mkdaemon.vision.pose.pose import damped
 
-Array = npt.NDArray[np.float64]
 Figures = npt.NDArray[np.integer[Any] | np.floating[Any]]
 """As OpenCV types them."""
 
@@ -24,8 +24,6 @@ FISHEYE: Final = ("fx", "fy", "cx", "cy", "k1", "k2", "k3", "k4")
 """Unknowns, in the order of the deviations and derivatives that OpenCV gives."""
 FLAGS: Final = cv2.fisheye.CALIB_RECOMPUTE_EXTRINSIC | cv2.fisheye.CALIB_FIX_SKEW
 STEPS: Final = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-9)
-
-
 MAX_RMS_PX = 0.3
 MAX_FOCAL_SD_PERCENT = 0.3
 MAX_CENTRE_SD_PX = 1.0
@@ -210,9 +208,8 @@ def _solve_fisheye(views: Sequence[BoardPoints], size: tuple[int, int]) -> _Lens
 
 def rounded(intrinsics: Intrinsics) -> Intrinsics:
     """Figures as they are stored: far below their uncertainty, short enough to read."""
-    changes = {name: round(getattr(intrinsics, name), 4) for name in ("fx", "fy", "cx", "cy", "gamma")}
-    changes |= {name: round(getattr(intrinsics, name), 7) for name in ("k1", "k2", "p1", "p2", "k3", "k4")}
-    return intrinsics.model_copy(update=changes)
+    digits = dict.fromkeys((*PINHOLE, *FISHEYE), 7) | dict.fromkeys(("fx", "fy", "cx", "cy", "gamma"), 4)
+    return intrinsics.model_copy(update={name: round(getattr(intrinsics, name), n) for name, n in digits.items()})
 
 
 def gamma_of(levels: Array) -> tuple[float, float]:

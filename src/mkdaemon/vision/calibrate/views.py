@@ -12,7 +12,7 @@ import numpy as np
 
 from mkdaemon.errors import VisionError
 from mkdaemon.files import save
-from mkdaemon.vision.arrays import Array, Grey
+from mkdaemon.vision.arrays import Grey
 from mkdaemon.vision.calibrate.board import BoardPoints, CalibrationBoard, board_normal
 from mkdaemon.vision.camera.image import PictureError
 from mkdaemon.vision.camera.imagecodec import encode_png, read_picture
@@ -45,6 +45,8 @@ _WANTED = {
 }
 """Parts of the picture, sides that lean towards the camera, and distances, most useful first, with how to show each."""
 
+LEAST_COMMON = 4
+"""Points of two views that tell how far the board moved."""
 STILL_PX = 1.5
 """Mean motion of the board between two images up to which it counts as held still: blur stays below a pixel."""
 
@@ -77,8 +79,7 @@ class Coverage:
 
     def is_novel(self, view: BoardPoints) -> bool:
         """Whether a view differs from all before by more than a shake of the hand."""
-        limit = NOVEL_SHARE * self.size[0]
-        return not any(len(moves) >= 4 and moves.mean() < limit for moves in (_moves(old, view) for old in self.views))
+        return not any(_is_near(old, view, NOVEL_SHARE * self.size[0]) for old in self.views)
 
     def missing(self) -> list[str]:
         """What to show next, most useful first; empty when the views will do."""
@@ -183,7 +184,7 @@ class LiveViews:
         if view is None:
             return ViewReport(name, 0, "no board in the picture")
         count = len(view.ids)
-        if before is None or not len(moves := _moves(before, view)) or moves.mean() > STILL_PX:
+        if before is None or not _is_near(before, view, STILL_PX):
             return ViewReport(name, count, "hold still")
         if not self.coverage.is_novel(view):
             return ViewReport(name, count, "move on")
@@ -204,7 +205,8 @@ def _sized(coverage: Coverage | None, name: str, pixels: Grey) -> Coverage:
     return coverage
 
 
-def _moves(before: BoardPoints, now: BoardPoints) -> Array:
-    """How far the common points moved `(n,)` [px]."""
+def _is_near(before: BoardPoints, now: BoardPoints, limit: float) -> bool:
+    """Whether the points that both views have moved by less than this in the mean [px]."""
     _, here, there = np.intersect1d(now.ids, before.ids, return_indices=True)
-    return np.asarray(np.linalg.norm(now.image[here] - before.image[there], axis=1), dtype=np.float64)
+    moves = np.linalg.norm(now.image[here] - before.image[there], axis=1)
+    return len(moves) >= LEAST_COMMON and float(moves.mean()) < limit

@@ -150,7 +150,8 @@ class EvidenceMaker:
         grown = (edges.jacobian[:, :3] * (self._from_centre[edges.index] @ pose.rotation.T)).sum(axis=1)
         cell_px = self._fit.model.cell[edges.index] * self._px_per_m(pose)
         melts = (LIMITS.cells.readable_px / cell_px) ** MELTS
-        return grown[:, None] * np.column_stack([self._grow[edges.index], melts])
+        columns: Array = grown[:, None] * np.column_stack([self._grow[edges.index], melts])
+        return columns
 
     def _px_per_m(self, pose: Pose) -> float:
         """Of the target in the image."""
@@ -195,7 +196,7 @@ ALIKE_TIME: Final = 0.2
 SOONEST: Final = 0.01
 """Images that follow sooner count as so far apart [s]."""
 LONGEST: Final = 10.0
-"""A longer time without an image counts as so much [s]."""
+"""A longer time without news counts as so much [s]."""
 SIZE_SD: Final = 0.03
 """How far a tag's size may be off, logarithm."""
 MELT_SD: Final = 0.008
@@ -208,16 +209,27 @@ SIZES_AT: Final = LENS_AT + len(LENS)
 
 
 class Belief:
-    """A normal distribution of unknowns: `mean` `(n,)` and `covariance` `(n, n)`."""
+    """A normal distribution of unknowns: `mean` `(n,)` and `covariance` `(n, n)`.
 
-    def __init__(self, mean: Array, covariance: Array) -> None:
-        self.mean, self.covariance = mean, covariance
+    They wander: `walk` is how far in a second, deviations of a random walk `(n,)` [1/sqrt(s)].
+    """
+
+    def __init__(self, mean: Array, covariance: Array, walk: Array) -> None:
+        self.mean, self.covariance, self._walk = mean, covariance, walk
+        self._time: float | None = None
 
     @property
     def sd(self) -> Array:
         """Standard deviations `(n,)`."""
         deviations: Array = np.sqrt(np.diag(self.covariance))
         return deviations
+
+    def wait(self, time: float) -> float:
+        """Let the unknowns wander up to a time [s], for `LONGEST` at most; how long that was [s]."""
+        spent = 0.0 if self._time is None else min(max(time - self._time, 0.0), LONGEST)
+        self._time = time
+        self.covariance = self.covariance + spent * np.diag(self._walk**2)
+        return spent
 
     def learn(self, matrix: Array, pull: Array) -> None:
         """Add information `(n, n)`: unknowns p cost p^T matrix p - 2 pull^T p."""
@@ -253,21 +265,18 @@ class CameraFilter(Belief):
     ) -> None:
         sd = np.array([*[MOUNTING_SD] * 3, *[DECK_SD] * 2, TILT_SCALE_SD, *LENS_SD, *[SIZE_SD] * sizes, MELT_SD])
         rises = 0 if bend is None else len(bend.mean)
-        super().__init__(np.zeros(len(sd) + rises), np.diag(np.pad(sd, (0, rises)) ** 2))
+        walk = np.zeros(len(sd) + rises)
+        walk[MOUNTING], walk[DECK] = MOUNTING_DRIFT, DECK_DRIFT[is_moving]
+        super().__init__(np.zeros_like(walk), np.diag(np.pad(sd, (0, rises)) ** 2), walk)
         if bend is not None:
             self.mean[-rises:], self.covariance[-rises:, -rises:] = bend.mean, bend.covariance
         self._attitude_sd, self._flu_from_cam = attitude_sd, flu_from_cam
-        self._drift = np.zeros(len(self.mean))
-        self._drift[MOUNTING], self._drift[DECK] = MOUNTING_DRIFT, DECK_DRIFT[is_moving]
         self.looks = 0
-        self._time: float | None = None
 
     def image_seen(self, time: float, evidence: ImageEvidence, enu_from_flu: Array | None) -> None:
         """Take in what an image says, the middle of its exposure [s], and the attitude `(3, 3)` then, if known."""
-        spent = 0.0 if self._time is None else min(max(time - self._time, 0.0), LONGEST)
-        self._time = time
+        spent = self.wait(time)
         self.looks += 1
-        self.covariance = self.covariance + spent * np.diag(self._drift**2)
         apart = (LENS_AT, 0)
         self.learn(np.pad(evidence.matrix, (apart, apart)), np.pad(evidence.pull, apart))
         if enu_from_flu is not None and self._flu_from_cam is not None:
@@ -319,10 +328,10 @@ class HeightFilter(Belief):
     """
 
     def __init__(self) -> None:
-        super().__init__(np.array([0.0, 0.0, DELAY[0]]), np.diag(np.array([OFFSET_SD, SCALE_SD, DELAY[1]]) ** 2))
+        sd, walk = np.array([OFFSET_SD, SCALE_SD, DELAY[1]]), np.array([WANDER, 0.0, 0.0])
+        super().__init__(np.array([0.0, 0.0, DELAY[0]]), np.diag(sd**2), walk)
         self._waiting: deque[tuple[float, float]] = deque(maxlen=KEPT)
         self._last: tuple[float, float] | None = None
-        self._compared_at: float | None = None
         self._low, self._high = np.full(2, np.inf), np.full(2, -np.inf)
 
     @property
@@ -373,12 +382,8 @@ class HeightFilter(Belief):
                 self._compare(at, here, speed, barometer)
 
     def _compare(self, time: float, height: float, speed: float, barometer: float) -> None:
-        spent = 0.0 if self._compared_at is None else max(time - self._compared_at, 0.0)
-        self._compared_at = time
-        if spent > PAUSE:
-            self.covariance[0, :] = self.covariance[:, 0] = 0.0
-            self.covariance[0, 0] = OFFSET_SD**2
-        self.covariance[0, 0] += WANDER**2 * spent
+        if self.wait(time) > PAUSE:
+            self.covariance[0, 0] += OFFSET_SD**2
         self._low, self._high = np.minimum(self._low, (height, barometer)), np.maximum(self._high, (height, barometer))
         by, noise = np.array([[1.0, -height, -speed]]), np.array([[READING_SD**2]])
         self.observe(np.array([barometer - height]), by, noise)
