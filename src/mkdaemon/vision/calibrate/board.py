@@ -24,8 +24,6 @@ LEAST_SQUARES, MOST_MARKERS = 3, 250
 """Squares along a side at least, and markers the dictionary has."""
 SQUARE_M = (0.002, 1.0)
 """Sides of squares somebody prints [m]."""
-ON_A_LINE = 0.5
-"""Corners that spread by less than this share of a square across one direction lie on a line."""
 MIN_POINTS = 8
 ALONG: Final = (0.35, 0.42, 0.5, 0.58, 0.65)
 """Where an edge is looked at, shares of its length: corners and markers are far."""
@@ -107,13 +105,11 @@ class CharucoBoard:
         The origin of the board is its top-left corner, y to the bottom, as OpenCV has it; None when too little is seen.
         """
         corners, ids, _, _ = self._detector.detectBoard(pixels)
-        if ids is None or corners is None or len(ids) < MIN_POINTS:
+        if ids is None or len(ids) < MIN_POINTS or self._cv.checkCharucoCornersCollinear(ids):
             return None
         index = np.asarray(ids, dtype=np.int64).ravel()
         known = np.asarray(self._cv.getChessboardCorners(), dtype=np.float64)
         image = np.asarray(corners, dtype=np.float64).reshape(-1, 2)
-        if np.ptp(known[index][:, :2], axis=0).min() < ON_A_LINE * self.square:
-            return None  # all on one line
         return BoardPoints(index, known[index], image, edge_levels(pixels, *self._edges(index, image)))
 
     def _edges(self, ids: npt.NDArray[np.int64], image: Array) -> tuple[Array, Array]:

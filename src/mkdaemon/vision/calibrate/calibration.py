@@ -129,7 +129,7 @@ def calibrate(views: Sequence[BoardPoints], width: int, height: int, *, is_fishe
         used = kept
         lens = _solve([views[k] for k in used], (width, height), is_fisheye=is_fisheye)
     model = "fisheye" if is_fisheye else "pinhole"
-    gamma, tone = curve_to_store(np.concatenate([view.levels for view in views]))
+    gamma, tone = tone_curve(np.concatenate([view.levels for view in views]))
     shape = {"width": width, "height": height, "model": model, "gamma": gamma}
     intrinsics = Intrinsics.model_validate(shape | lens.values)
     normals = np.array([n for k in used if (n := board_normal(views[k], width, height)) is not None])
@@ -212,8 +212,8 @@ def rounded(intrinsics: Intrinsics) -> Intrinsics:
     return intrinsics.model_copy(update={name: round(getattr(intrinsics, name), n) for name, n in digits.items()})
 
 
-def gamma_of(levels: Array) -> tuple[float, float]:
-    """The tone curve of a camera, light is grey to that power, and its deviation.
+def tone_curve(levels: Array) -> tuple[float, str]:
+    """The tone curve of a camera for its file, light is grey to that power, and how it was found in words.
 
     On a straight edge the blur of the lens mixes as much black as white, in light. The grey value there is therefore
     ((b^g + w^g) / 2)^(1/g) for black b, white w and a curve of the power g.
@@ -221,37 +221,20 @@ def gamma_of(levels: Array) -> tuple[float, float]:
     Args:
         levels: black, middle and white `(n, 3)` of edges.
 
-    Raises:
-        VisionError: too few edges, or no such curve.
+    Returns:
+        The power, 1 where none is known or it is as good as none, with its deviation in the words.
     """
     if len(levels) < LEAST_EDGES:
-        msg = f"the tone curve needs {LEAST_EDGES} edges with black and white in range, {len(levels)} were seen"
-        raise VisionError(msg)
+        return 1.0, f"not known: {LEAST_EDGES} edges with black and white in range are needed, {len(levels)} were seen"
     black, middle, white = levels.T
-    gammas = np.arange(GAMMAS[0], GAMMAS[1] + STEP, STEP)
-    best = int(np.abs(_off(black, middle, white, gammas[:, None])).sum(axis=1).argmin())
+    gammas = np.arange(GAMMAS[0], GAMMAS[1] + STEP, STEP)[:, None]
+    off = middle - ((black**gammas + white**gammas) / 2) ** (1 / gammas)
+    best = int(np.abs(off).sum(axis=1).argmin())
     if best in (0, len(gammas) - 1):
-        msg = "the edges of the board show no tone curve: sharpen the focus, even the light"
-        raise VisionError(msg)
-    gamma = float(gammas[best])
-    slope = (_off(black, middle, white, gamma + STEP) - _off(black, middle, white, gamma - STEP)) / (2 * STEP)
-    spread = float(np.sqrt(np.mean(_off(black, middle, white, gamma) ** 2)))
-    return gamma, spread / max(float(np.sqrt((slope**2).sum())), 1e-9)
-
-
-def curve_to_store(levels: Array) -> tuple[float, str]:
-    """The curve for the camera file, 1 where none is known, and how it was found in words."""
-    try:
-        gamma, sd = gamma_of(levels)
-    except VisionError as error:
-        return 1.0, f"not known: {error}"
+        return 1.0, "not known: the edges of the board show no tone curve: sharpen the focus, even the light"
+    slope = float(np.linalg.norm(off[best + 1] - off[best - 1])) / (2 * STEP)
+    gamma, sd = float(gammas[best, 0]), float(np.sqrt(np.mean(off[best] ** 2))) / max(slope, 1e-9)
     words = f"{gamma:.2f} +- {sd:.2f} from {len(levels)} edges"
     if sd > KNOWN:
         return 1.0, f"not known: {words}"
     return (1.0, f"{words}: as good as none") if abs(gamma - 1.0) < NONE else (gamma, words)
-
-
-def _off(black: Array, middle: Array, white: Array, gamma: float | Array) -> Array:
-    """How far the middles are from where a curve has them `(n,)`, or several `(m, 1)` have them `(m, n)` [grey]."""
-    expected: Array = ((black**gamma + white**gamma) / 2) ** (1 / gamma)
-    return middle - expected

@@ -130,79 +130,65 @@ class ViewReport:
         return not self.reason
 
 
-def views_of_folder(folder: Path, board: CalibrationBoard) -> Iterator[tuple[ViewReport, Coverage]]:
-    """Look for the board in every picture of a folder; the coverage grows from report to report.
-
-    Raises:
-        VisionError: no folder, no pictures, or pictures of different sizes.
-    """
-    coverage: Coverage | None = None
-    for path in list_pictures(folder):
-        try:
-            pixels = read_picture(path)
-        except PictureError as error:
-            if coverage is not None:
-                yield ViewReport(path.name, 0, str(error)), coverage
-            continue
-        coverage = _sized(coverage, path.name, pixels)
-        view = board.find(pixels)
-        if view is None:
-            yield ViewReport(path.name, 0, "board not found"), coverage
-        else:
-            coverage.add(view)
-            yield ViewReport(path.name, len(view.ids)), coverage
-
-
-class LiveViews:
-    """Takes views from a running camera: only sharp, still and new ones.
+class Views:
+    """Takes views of a board from pictures of one size.
 
     Args:
         board: what is shown.
         keep: folder for the pictures taken, which replace those of an earlier run; None keeps none.
+
+    Attributes:
+        coverage: what they show; None before the first picture.
     """
 
     def __init__(self, board: CalibrationBoard, keep: Path | None = None) -> None:
         self._board = board
         self._keep = keep
         self._last: BoardPoints | None = None
-        self._seen = 0
         self.coverage: Coverage | None = None
         if keep is not None:
             keep.mkdir(parents=True, exist_ok=True)
 
-    def offer(self, pixels: Grey) -> ViewReport:
-        """Look at one image `(h, w)` uint8.
+    def take(self, name: str, pixels: Grey, *, is_live: bool = False) -> ViewReport:
+        """Look at one image `(h, w)` uint8; from a running camera only still and new ones are views.
 
         Raises:
-            VisionError: the camera changed its size.
+            VisionError: it has another size than those before.
         """
-        self._seen += 1
-        name = f"image {self._seen}"
-        self.coverage = _sized(self.coverage, name, pixels)
-        view, before = self._board.find(pixels), self._last
+        height, width = pixels.shape
+        coverage = self.coverage = self.coverage or Coverage(width, height, name)
+        if (width, height) != coverage.size:
+            before = "x".join(map(str, coverage.size))
+            msg = f"{name} is {width}x{height}, {coverage.first} is {before}: calibrate one fixed size at a time"
+            raise VisionError(msg)
+        view, last = self._board.find(pixels), self._last
         self._last = view
         if view is None:
-            return ViewReport(name, 0, "no board in the picture")
-        count = len(view.ids)
-        if before is None or not _is_near(before, view, STILL_PX):
-            return ViewReport(name, count, "hold still")
-        if not self.coverage.is_novel(view):
-            return ViewReport(name, count, "move on")
-        self.coverage.add(view)
+            return ViewReport(name, 0, "board not found")
+        if is_live and (last is None or not _is_near(last, view, STILL_PX)):
+            return ViewReport(name, len(view.ids), "hold still")
+        if is_live and not coverage.is_novel(view):
+            return ViewReport(name, len(view.ids), "move on")
+        coverage.add(view)
         if self._keep is not None:
-            save(self._keep / f"view{len(self.coverage.views):03d}.png", encode_png(pixels), overwrite=True)
-        return ViewReport(name, count)
+            save(self._keep / f"view{len(coverage.views):03d}.png", encode_png(pixels), overwrite=True)
+        return ViewReport(name, len(view.ids))
 
 
-def _sized(coverage: Coverage | None, name: str, pixels: Grey) -> Coverage:
-    """The coverage an image counts in; a VisionError where it has another size than those before."""
-    height, width = pixels.shape
-    coverage = coverage or Coverage(width, height, name)
-    if (width, height) != coverage.size:
-        before = "x".join(map(str, coverage.size))
-        msg = f"{name} is {width}x{height}, {coverage.first} is {before}: calibrate one fixed size at a time"
-        raise VisionError(msg)
-    return coverage
+def views_of_folder(folder: Path, board: CalibrationBoard) -> Iterator[tuple[ViewReport, Coverage]]:
+    """Look for the board in every picture of a folder; the coverage grows from report to report.
+
+    Raises:
+        VisionError: no folder, no pictures, or pictures of different sizes.
+    """
+    views = Views(board)
+    for path in list_pictures(folder):
+        try:
+            report = views.take(path.name, read_picture(path))
+        except PictureError as error:
+            report = ViewReport(path.name, 0, str(error))
+        if views.coverage is not None:
+            yield report, views.coverage
 
 
 def _is_near(before: BoardPoints, now: BoardPoints, limit: float) -> bool:
