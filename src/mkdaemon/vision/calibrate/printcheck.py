@@ -43,6 +43,8 @@ BOW_PERCENT: Final = 0.4
 """A side that leaves its chord by more of its length is bent [%]: 1 mm of 250."""
 LEAST_BOW: Final = 0.1
 """A side is not known to be straighter than this [px]: pixels are squares, and cells beside it are not alike."""
+LEAST_CORNER: Final = 0.05
+"""Nor is a corner known better [px]."""
 BLUR_CELLS: Final = 0.25
 """Deviation of an edge from sharp above which cells begin to melt [cells]."""
 LEAST_CELL: Final = 5.0
@@ -87,42 +89,24 @@ class _Measured:
         tag: of the target file.
         seen: as it was found.
         corners: where its sides meet `(4, 2)`, undistorted where the lens is known [px, or at unit depth].
-        bow: how far the middle of its most bent side leaves its chord, as a share of its length [1].
-        noise: scatter of the edges about the sides, as a share of their length [1].
-        blur: deviation of the edges from sharp [px].
+        unsure: deviation of a corner, as a share of the side [1].
+        bow: how far the middle of its most bent side leaves its chord, and the deviation of that [% of its length].
+        blur: deviation of its edges from sharp [px].
+        cell: side of a cell [px].
     """
 
     tag: Tag
     seen: Detection
     corners: Array
-    bow: float
-    noise: float
+    unsure: float
+    bow: tuple[float, float]
     blur: float
-
-    @property
-    def cell(self) -> float:
-        """Side of a cell [px]."""
-        return self.seen.side_px / self.tag.family.size_cells
+    cell: float
 
     @property
     def softness(self) -> float:
         """How soft its edges are [cells]."""
         return self.blur / self.cell
-
-    @property
-    def unsure(self) -> float:
-        """Deviation of a corner, as a share of the side [1].
-
-        A side is known better than its points, never better than a twentieth of a pixel. Where cells melt its edges are
-        not where they seem.
-        """
-        melted = self.blur if self.softness > BLUR_CELLS else 0.0
-        return max(3.0 * self.noise / math.sqrt(ALONG), max(0.05, melted) / self.seen.side_px)
-
-    @property
-    def bend(self) -> tuple[float, float]:
-        """How far its most bent side leaves its chord, and the deviation of that [% of its length]."""
-        return 100 * self.bow, 100 * max(self.unsure, LEAST_BOW / self.seen.side_px)
 
 
 def check_print(
@@ -197,7 +181,12 @@ def _measure(pixels: Grey, tag: Tag, seen: Detection, projection: Projection | N
         [a + u * np.linalg.solve(np.column_stack([u, -v]), b - a)[0] for (a, u, *_), (b, v, *_) in pairs]
     )
     bow, noise = max(abs(line[2]) for line in lines), float(np.mean([line[3] for line in lines]))
-    return _Measured(tag, seen, corners, bow, noise, float(np.median([blur for _, blur in edges])))
+    side, cell = seen.side_px, seen.side_px / tag.family.size_cells
+    blur = float(np.median([spread for _, spread in edges]))
+    # A side is known better than its points. Where cells melt its edges are not where they seem.
+    least = blur if blur > BLUR_CELLS * cell else LEAST_CORNER
+    unsure = max(3.0 * noise / math.sqrt(ALONG), least / side)
+    return _Measured(tag, seen, corners, unsure, (100 * bow, 100 * max(unsure, LEAST_BOW / side)), blur, cell)
 
 
 def _edges(pixels: Grey, corners: Array, cells: int) -> list[tuple[Array, float]]:
@@ -314,14 +303,14 @@ def _flatness(measured: Sequence[_Measured], *, is_calibrated: bool) -> _Said:
     """Whether sides are straight."""
     one = max(
         measured,
-        key=lambda one: (one.bend[1] <= LOOSE * BOW_PERCENT, one.bow / max(BOW_PERCENT, CERTAIN * one.bend[1])),
+        key=lambda one: (one.bow[1] <= LOOSE * BOW_PERCENT, one.bow[0] / max(BOW_PERCENT, CERTAIN * one.bow[1])),
     )
-    words = f"the most bent side of tag {one.tag.tag_id} leaves its chord by {_percent(one.bend)} of its length"
+    words = f"the most bent side of tag {one.tag.tag_id} leaves its chord by {_percent(one.bow)} of its length"
     fix = "Glue the print to something flat."
     if is_calibrated:
         words += "; a bend that the camera looks along is seen from another side"
-        return _weighed([one.bend], BOW_PERCENT, words, fix)
-    state, words, fix = _weighed([one.bend], BOW_PERCENT, f"{words}; lenses bend lines, too", f"Give --camera. {fix}")
+        return _weighed([one.bow], BOW_PERCENT, words, fix)
+    state, words, fix = _weighed([one.bow], BOW_PERCENT, f"{words}; lenses bend lines, too", f"Give --camera. {fix}")
     return PrintState.UNKNOWN if state is PrintState.BAD else state, words, fix
 
 

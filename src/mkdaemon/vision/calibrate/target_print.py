@@ -24,8 +24,8 @@ from mkdaemon.vision.tags.tagmap import Tag, Target
 
 MARGIN_MM = 10.0
 """White around everything: printers leave a rim blank."""
-CENTIMETRE, HALF_CENTIMETRE = 10, 5
-"""Longer marks of the ruler [mm]."""
+LONG_MARKS = {0: 5.0, 5: 3.5}
+"""Of the ruler [mm], by the last digit of where they are."""
 LISTED = 6
 """Tags that are named in the title of a page."""
 RULER_MM = 100
@@ -179,9 +179,8 @@ def _ruler(x: float, y: float) -> list[tuple[float, float, float, float]]:
     line = 0.15
     marks = [(x, y, float(RULER_MM), line)]
     for mm in range(RULER_MM + 1):
-        length = 5.0 if mm % CENTIMETRE == 0 else 3.5 if mm % HALF_CENTIMETRE == 0 else 2.0
-        at = x + mm - (0.0 if mm == 0 else line if mm == RULER_MM else line / 2)
-        marks.append((at, y, line, length))
+        at = min(max(mm - line / 2, 0.0), RULER_MM - line)
+        marks.append((x + at, y, line, LONG_MARKS.get(mm % 10, 2.0)))
     return marks
 
 

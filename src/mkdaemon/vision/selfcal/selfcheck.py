@@ -279,22 +279,18 @@ class CameraFilter(Belief):
         self.looks += 1
         apart = (LENS_AT, 0)
         self.learn(np.pad(evidence.matrix, (apart, apart)), np.pad(evidence.pull, apart))
-        if enu_from_flu is not None and self._flu_from_cam is not None:
-            self._normal_seen(evidence, enu_from_flu, self._flu_from_cam, spent)
-
-    def _normal_seen(self, evidence: ImageEvidence, enu_from_flu: Array, flu_from_cam: Array, spent: float) -> None:
-        enu_from_cam = enu_from_flu @ flu_from_cam
-        normal_cam = evidence.rotation[:, 2]
+        if enu_from_flu is None or self._flu_from_cam is None:
+            return
+        enu_from_cam, normal_cam = enu_from_flu @ self._flu_from_cam, evidence.rotation[:, 2]
         # a small turn w moves the normal n by w x n = -[n]x w
-        moved_cam = (-enu_from_cam @ skew(normal_cam))[:2]
-        moved_flu = (-enu_from_flu @ skew(flu_from_cam @ normal_cam))[:2]
+        away = (enu_from_cam @ skew(normal_cam))[:2]
         by = np.zeros((2, len(self.mean)))
-        by[:, LENS_AT:] = -moved_cam @ evidence.turn
-        by[:, MOUNTING] = -moved_flu
+        by[:, LENS_AT:] = away @ evidence.turn
+        by[:, MOUNTING] = (enu_from_flu @ skew(self._flu_from_cam @ normal_cam))[:2]
         by[:, DECK] = np.eye(2)
         by[:, TILT_SCALE] = enu_from_flu[:2, 2]
         shared = max(ALIKE_TIME / max(spent, SOONEST), 1.0)
-        noise = moved_cam @ evidence.covariance @ moved_cam.T + self._attitude_sd**2 * shared * np.eye(2)
+        noise = away @ evidence.covariance @ away.T + self._attitude_sd**2 * shared * np.eye(2)
         self.observe((enu_from_cam @ normal_cam)[:2], by, noise)
 
 
