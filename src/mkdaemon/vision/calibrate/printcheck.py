@@ -19,6 +19,7 @@ import numpy as np
 
 from mkdaemon.vision.arrays import Array, Grey
 from mkdaemon.vision.camera.intrinsics import Intrinsics
+from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.still import StillEye
 from mkdaemon.vision.tags.cellread import carry, sample
@@ -47,12 +48,8 @@ LEAST_CORNER: Final = 0.05
 """Nor is a corner known better [px]."""
 BLUR_CELLS: Final = 0.25
 """Deviation of an edge from sharp above which cells begin to melt [cells]."""
-LEAST_CELL: Final = 5.0
-"""Cells of fewer pixels are too few to judge a print by [px]."""
 CONTRAST: Final = 50.0
 """Least difference between white and black [grey]."""
-BLOWN: Final = 253.5
-"""White that is brighter has lost its edges [grey]."""
 WHITE_SHARE: Final = 0.97
 """Part of the rim that has to be white [1]."""
 TAPE: Final = 0.005
@@ -245,7 +242,7 @@ def _lengths(corners: Array, tag: Tag) -> list[float]:
 def _seen(target: Target, measured: Sequence[_Measured]) -> _Said:
     names = ", ".join(f"{one.tag.tag_id} ({one.cell:.1f} px a cell)" for one in measured)
     words = f"{len(measured)} of {len(target.tags)} measured: {names}"
-    is_far = measured[0].cell < LEAST_CELL
+    is_far = measured[0].cell < LIMITS.cells.mixed_px
     if len(measured) < len(target.tags) and not is_far:
         return PrintState.UNKNOWN, words, "Take another photograph that shows the others."
     return _judged(words, "Take the photograph nearer: every figure below is loose.", is_bad=is_far)
@@ -329,7 +326,9 @@ def _light_and_rim(pixels: Grey, measured: Sequence[_Measured]) -> tuple[_Said, 
     black, white, _ = np.median([levels for levels, _ in rims], axis=0)
     is_dark = bool(white - black < CONTRAST)
     fix = "More light, or a darker print." if is_dark else "Expose less: blown white moves every edge."
-    light = _judged(f"black is {black:.0f}, white {white:.0f} of 255", fix, is_bad=is_dark or bool(white > BLOWN))
+    light = _judged(
+        f"black is {black:.0f}, white {white:.0f} of 255", fix, is_bad=is_dark or bool(white > LIMITS.read.saturated)
+    )
     share, tag_id = min((levels[2], tag_id) for levels, tag_id in rims)
     words = f"{100 * share:.0f} % of one cell around tag {tag_id} is white"
     fix = "Leave one cell of white around everything black; remove what lies on it."
