@@ -109,6 +109,13 @@ def test_a_blurred_photograph_judges_no_sizes():
     assert (found["sharp"], found["sizes among tags"], found["width over height"]) == (BAD, UNKNOWN, GOOD)
 
 
+def test_melted_edges_of_the_largest_tag_tell_no_shape():
+    melted = np.asarray(cv2.GaussianBlur(sheet(), (0, 0), 10.0), np.uint8)
+    found = states(check_print(melted, single(0.2, 14), VGA, 0.504))
+    assert (found["sharp"], found["white rim"]) == (BAD, GOOD)
+    assert [found[name] for name in ("width over height", "size", "flat")] == [UNKNOWN] * 3
+
+
 def test_a_rim_that_is_not_white_or_not_in_view_is_told():
     assert states(check_print(sheet(cells_of_rim=1.1), single(0.2, 14)))["white rim"] is GOOD
     assert states(check_print(sheet(cells_of_rim=0.4), single(0.2, 14)))["white rim"] is BAD

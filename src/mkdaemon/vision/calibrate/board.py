@@ -142,15 +142,12 @@ class TagBoard:
 
     def find(self, pixels: Grey) -> BoardPoints | None:
         """Corners of all decoded tags in `(h, w)` uint8; None when too little is seen."""
-        ids, board, image = [], [], []
-        for found in self._detector.search_all(pixels):
-            k, tag = self._place[found.code]
-            ids.append(4 * k + np.arange(4))
-            board.append(tag.corners)
-            image.append(found.corners)
-        if 4 * len(ids) < MIN_POINTS:
+        found = [(*self._place[one.code], one.corners) for one in self._detector.search_all(pixels)]
+        if 4 * len(found) < MIN_POINTS:
             return None
-        return BoardPoints(np.concatenate(ids), np.concatenate(board), np.concatenate(image))
+        places, tags, corners = zip(*found, strict=True)
+        ids = (4 * np.array(places)[:, None] + np.arange(4)).ravel()
+        return BoardPoints(ids, np.concatenate([tag.corners for tag in tags]), np.concatenate(corners))
 
 
 CalibrationBoard = CharucoBoard | TagBoard

@@ -415,8 +415,10 @@ class TargetWatch:
         self.heights = HeightFilter()
         self._due = -np.inf
 
-    def image_seen(self, pixels: Grey, pose: Pose, time: float, enu_from_flu: Array | None) -> None:
-        """Take in an image in which the target was found by its edges."""
+    def image_seen(self, pixels: Grey, pose: Pose, height: float, time: float, enu_from_flu: Array | None) -> None:
+        """Take in an image in which the target was found, and the vehicle's height over it [m]."""
+        if self.target.level and not self.target.moving:
+            self.heights.pose_seen(time, height)
         if time < self._due or pose.source != "edges":
             return
         self._due = time + SELFCAL.period
@@ -548,10 +550,7 @@ class SelfCheck:
         Poses of targets, and the heights of the vehicle over them [m], are by name.
         """
         for name, pose in poses.items():
-            watch = self._watches[name]
-            watch.image_seen(pixels, pose, time, enu_from_flu)
-            if not watch.target.moving and watch.target.level:
-                watch.heights.pose_seen(time, heights[name])
+            self._watches[name].image_seen(pixels, pose, heights[name], time, enu_from_flu)
         told: dict[Alarm, dict[str, None]] = {}
         for watch in self._watches.values():
             for alarm, words in watch.contradictions():
