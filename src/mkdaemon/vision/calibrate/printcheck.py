@@ -14,7 +14,6 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Final
 
-import cv2
 import numpy as np
 
 from mkdaemon.vision.arrays import Array, Grey
@@ -22,7 +21,7 @@ from mkdaemon.vision.camera.intrinsics import Intrinsics
 from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.still import StillEye
-from mkdaemon.vision.tags.cellread import carry, sample
+from mkdaemon.vision.tags.cellread import carry, image_from_cells, sample
 from mkdaemon.vision.tags.detection import Detection, best_of_codes, mean_side
 from mkdaemon.vision.tags.tagmap import Tag, TagMap, Target
 
@@ -223,19 +222,10 @@ def _line(points: Array) -> tuple[Array, Array, float, float]:
     return middle, way, float(parabola[0]), float(np.std(off - np.polyval(parabola, place)))
 
 
-def _flat(tag: Tag, base: Tag) -> Array:
-    """Corners of a tag in the plane of another `(4, 2)` [m]."""
-    return np.asarray((tag.corners - base.position) @ base.rotation[:, :2], np.float64)
-
-
-def _axes(corners: Array, tag: Tag) -> Array:
-    """Image of the plane's unit axes and origin at unit depth, up to one factor `(3, 3)`."""
-    return np.asarray(cv2.findHomography(_flat(tag, tag), corners)[0], np.float64)
-
-
-def _lengths(corners: Array, tag: Tag) -> list[float]:
-    """How long both axes are in that image, and how far the origin is away, up to one factor."""
-    lengths: list[float] = np.linalg.norm(_axes(corners, tag), axis=0).tolist()
+def _lengths(corners: Array) -> list[float]:
+    """How long two sides of a square are, and how far its middle is away, by corners at unit depth; up to a factor."""
+    square = image_from_cells(corners, 1) @ np.array([[1.0, 0.0, 0.5], [0.0, 1.0, 0.5], [0.0, 0.0, 1.0]])
+    lengths: list[float] = np.linalg.norm(square, axis=0).tolist()
     return lengths
 
 
@@ -254,14 +244,19 @@ def _relative(target: Target, measured: Sequence[_Measured]) -> _Said:
     if not others or not target.is_planar:
         words = "one tag in view: nothing to compare it with" if target.is_planar else "its tags are not in one plane"
         return PrintState.UNKNOWN, words, "Measure the tag with a ruler."
-    back = np.asarray(np.linalg.inv(_axes(base.corners, base.tag)), np.float64)
+    back = np.asarray(np.linalg.inv(image_from_cells(base.corners, 1)), np.float64)
     figures, told = [], []
     for one in others:
-        placed = carry(back, one.corners)
-        off = float(np.linalg.norm(placed.mean(axis=0) - _flat(one.tag, base.tag).mean(axis=0)))
-        size = 100 * (mean_side(placed) / one.tag.size - 1.0), 100 * math.hypot(one.unsure, base.unsure)
-        figures += [size, (100 * off / base.tag.size, size[1])]
-        told.append(f"{one.tag.tag_id} is {_percent(size)} of its size, {1000 * off:.1f} mm off its place")
+        # in sides of the base from its top left corner, y down
+        seen = carry(back, one.corners)
+        place = (one.tag.position - base.tag.corners[0]) @ base.tag.rotation[:, :2] * (1.0, -1.0) / base.tag.size
+        off = float(np.linalg.norm(seen.mean(axis=0) - place))
+        loose = 100 * math.hypot(one.unsure, base.unsure)
+        size = 100 * (mean_side(seen) * base.tag.size / one.tag.size - 1.0), loose
+        figures += [size, (100 * off, loose)]
+        told.append(
+            f"{one.tag.tag_id} is {_percent(size)} of its size, {1000 * off * base.tag.size:.1f} mm off its place"
+        )
     fix = "Write the sizes and places that a ruler shows into the target file, or print it anew."
     return _weighed(figures, SCALE_PERCENT, f"against tag {base.tag.tag_id}: {'; '.join(told)}", fix)
 
@@ -276,7 +271,7 @@ def _aspect(base: _Measured, *, is_calibrated: bool) -> _Said:
         words = "without a camera file a tilt looks like a print that is too narrow"
         return PrintState.UNKNOWN, words, "Give --camera, or measure both sides with a ruler."
     moves = base.unsure * mean_side(base.corners) * np.eye(base.corners.size).reshape(-1, *base.corners.shape)
-    lengths = (_lengths(base.corners + move, base.tag) for move in (0.0, *moves))
+    lengths = (_lengths(base.corners + move) for move in (0.0, *moves))
     here, *moved = (wide / high for wide, high, _ in lengths)
     figure = 100 * (here - 1.0), 100 * float(np.linalg.norm(np.array(moved) - here))
     fix = "Print it anew at 100 %, without fitting to the page."
@@ -289,8 +284,8 @@ def _absolute(base: _Measured, distance: float | None) -> _Said:
     if distance is None:
         words = "one photograph cannot tell sizes that are all wrong by one factor"
         return PrintState.UNKNOWN, words, f"{ruler} Or give --camera and --distance by tape."
-    wide, high, away = _lengths(base.corners, base.tag)
-    depth = 2.0 * away / (wide + high)
+    wide, high, away = _lengths(base.corners)
+    depth = base.tag.size * 2.0 * away / (wide + high)
     figure = 100 * (distance / depth - 1.0), 100 * math.hypot(TAPE, base.unsure)
     words = f"{_percent(figure)}: the image says {depth:.3f} m, the tape {distance:.3f} m"
     return _weighed([figure], SCALE_PERCENT, words, ruler)
@@ -337,11 +332,12 @@ def _light_and_rim(pixels: Grey, measured: Sequence[_Measured]) -> tuple[_Said, 
 
 def _rim(pixels: Grey, one: _Measured) -> tuple[float, float, float] | None:
     """Black, white, and how many of the cells around are white; None where they leave the image."""
-    reach = (one.tag.family.black_cells + 1) / 2
-    x, y = one.tag.module * np.mgrid[-reach : reach + 1, -reach : reach + 1].reshape(2, -1)
-    places = carry(_axes(one.seen.corners, one.tag), np.column_stack([x, y]))
+    family = one.tag.family
+    reach = (family.black_cells + 1) / 2
+    around = np.mgrid[-reach : reach + 1, -reach : reach + 1].reshape(2, -1).T
+    places = carry(image_from_cells(one.seen.corners, family.size_cells), around + family.size_cells / 2)
     if (places < 0.0).any() or (places > np.subtract(pixels.shape[::-1], 1)).any():
         return None
-    values, is_rim = sample(pixels, places), np.maximum(np.abs(x), np.abs(y)) > one.tag.module * (reach - 0.5)
+    values, is_rim = sample(pixels, places), np.abs(around).max(axis=1) == reach
     white, black = float(np.percentile(values[is_rim], 75)), float(np.percentile(values[~is_rim], 25))
     return black, white, float((values[is_rim] > 0.5 * (white + black)).mean())
