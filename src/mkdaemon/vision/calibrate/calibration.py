@@ -149,61 +149,53 @@ class _Lens:
 
 def _solve(views: Sequence[BoardPoints], size: tuple[int, int], *, is_fisheye: bool) -> _Lens:
     """A fisheye, or a pinhole of two radial coefficients, or three where the third earns its place."""
+    board = [view.board[:, None].astype(np.float32) for view in views]
+    image = [view.image[:, None].astype(np.float32) for view in views]
     try:
         if is_fisheye:
-            return _solve_fisheye(views, size)
-        short, full = (_solve_pinhole(views, size, flags) for flags in (cv2.CALIB_FIX_K3, 0))
+            return _solve_fisheye(board, image, size)
+        short, full = (_solve_pinhole(board, image, size, flags) for flags in (cv2.CALIB_FIX_K3, 0))
     except cv2.error as error:
         msg = f"the views determine no {'fisheye' if is_fisheye else 'pinhole'}: {error.err}"
         raise VisionError(msg) from None
     return full if full.rms < K3_GAIN * short.rms else short
 
 
-def _lens_of(
-    names: Sequence[str], matrix: Figures, bend: Figures, sd: Figures, errors: Figures, views: Sequence[BoardPoints]
-) -> _Lens:
+def _lens_of(names: Sequence[str], rms: float, matrix: Figures, bend: Figures, sd: Figures, errors: Figures) -> _Lens:
     values = np.array([matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2], *bend.ravel()], dtype=np.float64)
     if not (np.isfinite(values).all() and np.isfinite(sd).all()) or min(values[:2]) <= 0:
         raise VisionError("the views determine nothing: show the board tilted, near and at the rim, not only its front")
-    rms = float(np.sqrt(np.average(errors**2, weights=[len(view.ids) for view in views])))
     named, deviations = (dict(zip(names, figures.tolist(), strict=True)) for figures in (values, sd))
     return _Lens(named, deviations, errors, rms)
 
 
-def _solve_pinhole(views: Sequence[BoardPoints], size: tuple[int, int], flags: int) -> _Lens:
-    board = [view.board.astype(np.float32) for view in views]
-    image = [view.image.astype(np.float32) for view in views]
-    _, matrix, bend, _, _, sd, _, errors = cv2.calibrateCameraExtended(
+def _solve_pinhole(board: Sequence[Figures], image: Sequence[Figures], size: tuple[int, int], flags: int) -> _Lens:
+    rms, matrix, bend, _, _, sd, _, errors = cv2.calibrateCameraExtended(
         board, image, size, np.eye(3), np.zeros(5), flags=flags
     )
-    return _lens_of(PINHOLE, matrix, bend, sd.ravel()[: len(PINHOLE)], errors.ravel(), views)
+    return _lens_of(PINHOLE, rms, matrix, bend, sd.ravel()[: len(PINHOLE)], errors.ravel())
 
 
-def _solve_fisheye(views: Sequence[BoardPoints], size: tuple[int, int]) -> _Lens:
+def _solve_fisheye(board: Sequence[Figures], image: Sequence[Figures], size: tuple[int, int]) -> _Lens:
     """The fisheye model, with the deviations that OpenCV does not give.
 
     Source: Kannala and Brandt, PAMI 28(8), 2006, as in OpenCV's `fisheye`.
     """
-    board = [np.ascontiguousarray(view.board).reshape(-1, 1, 3) for view in views]
-    image = [np.ascontiguousarray(view.image).reshape(-1, 1, 2) for view in views]
-    _, matrix, bend, turns, places = cv2.fisheye.calibrate(
+    rms, matrix, bend, turns, places = cv2.fisheye.calibrate(
         board, image, size, np.eye(3), np.zeros(4), flags=FLAGS, criteria=STEPS
     )
     unknowns = len(FISHEYE)
-    information = np.zeros((unknowns, unknowns))
-    squares, errors = 0.0, []
+    information, errors = np.zeros((unknowns, unknowns)), []
     for points, pixels, turn, place in zip(board, image, turns, places, strict=True):
         seen, jacobian = cv2.fisheye.projectPoints(points, turn, place, matrix, bend)
-        residual = (pixels - seen).reshape(-1)
+        errors.append(float(np.sqrt(2.0 * np.mean((pixels - seen) ** 2))))
         lens, pose = np.split(np.asarray(jacobian, np.float64)[:, : unknowns + 6], [unknowns], axis=1)
         both, own = pose.T @ lens, pose.T @ pose
         # what is left of a view once its own pose is free: the Schur complement
         information += lens.T @ lens - both.T @ np.linalg.solve(damped(own), both)
-        squares += float(residual @ residual)
-        errors.append(float(np.sqrt(2.0 * np.mean(residual**2))))
-    freedom = max(2 * sum(len(points) for points in board) - unknowns - 6 * len(board), 1)
-    covariance = squares / freedom * np.linalg.inv(damped(information))
-    return _lens_of(FISHEYE, matrix, bend, np.sqrt(np.diag(covariance)), np.array(errors), views)
+    count = sum(len(points) for points in board)
+    covariance = rms**2 * count / max(2 * count - unknowns - 6 * len(board), 1) * np.linalg.inv(damped(information))
+    return _lens_of(FISHEYE, rms, matrix, bend, np.sqrt(np.diag(covariance)), np.array(errors))
 
 
 def rounded(intrinsics: Intrinsics) -> Intrinsics:
