@@ -51,6 +51,8 @@ CONTRAST: Final = 50.0
 """Least difference between white and black [grey]."""
 WHITE_SHARE: Final = 0.97
 """Part of the rim that has to be white [1]."""
+CERTAIN_BY_TAPE: Final = 2.0
+"""Deviations from which a size by tape is no accident: it may be measured once more."""
 TAPE: Final = 0.005
 """Deviation of a distance measured by tape, as a share [1]; with that of a calibrated focal length."""
 
@@ -156,10 +158,12 @@ def _judged(words: str, fix: str, *, is_bad: bool) -> _Said:
     return PrintState.BAD if is_bad else PrintState.GOOD, words, fix
 
 
-def _weighed(figures: Iterable[tuple[float, float]], bound: float, words: str, fix: str) -> _Said:
+def _weighed(
+    figures: Iterable[tuple[float, float]], bound: float, words: str, fix: str, certain: float = CERTAIN
+) -> _Said:
     """Judge errors and their deviations: one over its bound, and by no accident, is bad; a loose one tells nothing."""
     errors, deviations = np.abs(np.array(list(figures))).T
-    if (errors > np.maximum(bound, CERTAIN * deviations)).any():
+    if (errors > np.maximum(bound, certain * deviations)).any():
         return PrintState.BAD, words, fix
     if (deviations > LOOSE * bound).any():
         return PrintState.UNKNOWN, words, "Take a sharp photograph, nearer and more from the front."
@@ -288,7 +292,7 @@ def _absolute(base: _Measured, distance: float | None) -> _Said:
     depth = base.tag.size * 2.0 * away / (wide + high)
     figure = 100 * (distance / depth - 1.0), 100 * math.hypot(TAPE, base.unsure)
     words = f"{_percent(figure)}: the image says {depth:.3f} m, the tape {distance:.3f} m"
-    return _weighed([figure], SCALE_PERCENT, words, ruler)
+    return _weighed([figure], SCALE_PERCENT, words, ruler, CERTAIN_BY_TAPE)
 
 
 def _flatness(measured: Sequence[_Measured], *, is_calibrated: bool) -> _Said:
