@@ -11,7 +11,7 @@ import pytest
 from mkdaemon.cli.mkdaemon.app import app
 from mkdaemon.cli.program import EXIT_CONFIG, EXIT_FAILURE, EXIT_OK, run
 from mkdaemon.vision.calibrate.board import CharucoBoard
-from mkdaemon.vision.calibrate.views import LiveViews
+from mkdaemon.vision.calibrate.views import Views
 from mkdaemon.vision.camera.calibration_file import load_camera
 from mksim.scene.layers import board_layer
 from tests.vision.calibrate.boardviews import LENS, PLACES, board_views
@@ -91,11 +91,11 @@ def test_pictures_of_two_sizes_are_named(pictures: Path, tmp_path: Path, capsys:
 
 
 def test_live_views_are_taken_when_still_and_new(pictures: Path, tmp_path: Path) -> None:
-    views = LiveViews(BOARD, keep=tmp_path / "kept")
+    views = Views(BOARD, keep=tmp_path / "kept")
     reasons = []
     for k in (0, 0, 0, 1, 1):
         image = cv2.imread(str(pictures / f"view{k}.png"), cv2.IMREAD_GRAYSCALE)
-        report = views.offer(image)
+        report = views.take(f"view{k}", image, is_live=True)
         reasons.append("taken" if report.taken else report.reason)
     assert reasons == ["hold still", "taken", "move on", "hold still", "taken"]
     assert len(list((tmp_path / "kept").iterdir())) == 2

@@ -119,6 +119,14 @@ def test_nothing_is_found_where_no_board_is() -> None:
     assert TagBoard(TAGS).find(np.full((480, 640), 128, np.uint8)) is None
 
 
+@pytest.mark.parametrize(("rows", "points"), [(2, None), (3, 16)])
+def test_corners_on_one_line_are_no_view(rows: int, points: int | None) -> None:
+    image = np.full((400, 440), 255, np.uint8)
+    image[20 : 20 + 40 * rows, 40:400] = np.kron(CHARUCO.cells[: 8 * rows], np.ones((5, 5), np.uint8))
+    found = CHARUCO.find(image)
+    assert (None if found is None else len(found.ids)) == points
+
+
 def test_the_board_survives_poor_light() -> None:
     layer = board_layer(CHARUCO.cells, 0.27, 0.18)
     (image,) = board_views((layer,), 0.27, places=PLACES[:1], conditions=Conditions(exposure=0.3, gradient=4.0))

@@ -90,11 +90,12 @@ def test_a_print_that_was_fitted_to_its_page_is_found_with_a_camera_file_alone(s
     assert states(check_print(sheet(stretch), single(0.2, 14)))["width over height"] is UNKNOWN
 
 
-def test_a_print_that_is_larger_than_its_file_says_is_found_by_the_tape():
+@pytest.mark.parametrize(("percent", "state"), [(5.0, BAD), (1.3, BAD), (0.7, GOOD)])
+def test_a_print_that_is_larger_than_its_file_says_is_found_by_the_tape(percent, state):
     view = View(shipped("nested"), place(0.6, 0.3))
-    found = check_print(view.pixels, shipped("nested"), VGA, 0.63)
-    assert states(found)["size"] is BAD
-    assert number(found, "size") == pytest.approx(5.0, abs=0.3)
+    found = check_print(view.pixels, shipped("nested"), VGA, 0.6 * (1 + percent / 100))
+    assert states(found)["size"] is state
+    assert number(found, "size") == pytest.approx(percent, abs=0.3)
 
 
 def test_a_bent_print_is_not_flat_and_without_a_camera_file_it_may_be_the_lens():
@@ -107,6 +108,13 @@ def test_a_blurred_photograph_judges_no_sizes():
     view = View(shipped("nested"), place(0.6, 0.3), Conditions(defocus_px=9.0))
     found = states(check_print(view.pixels, shipped("nested"), VGA))
     assert (found["sharp"], found["sizes among tags"], found["width over height"]) == (BAD, UNKNOWN, GOOD)
+
+
+def test_melted_edges_of_the_largest_tag_tell_no_shape():
+    melted = np.asarray(cv2.GaussianBlur(sheet(), (0, 0), 10.0), np.uint8)
+    found = states(check_print(melted, single(0.2, 14), VGA, 0.504))
+    assert (found["sharp"], found["white rim"]) == (BAD, GOOD)
+    assert [found[name] for name in ("width over height", "size", "flat")] == [UNKNOWN] * 3
 
 
 def test_a_rim_that_is_not_white_or_not_in_view_is_told():

@@ -123,7 +123,7 @@ def test_a_focal_length_that_has_settled_is_told_sooner(
     known = SimpleNamespace(mean=np.zeros(12), sd=np.ones(12))
     known.mean[LENS_AT], known.sd[LENS_AT] = share, sd
     monkeypatch.setattr(watch, "_filter", known)
-    assert bool(list(watch.scale_words())) == is_named
+    assert bool(list(watch.contradictions())) == is_named
 
 
 def test_an_inner_tag_of_another_size_is_named() -> None:
@@ -177,8 +177,8 @@ def test_tags_beside_each_other_say_how_large_they_are() -> None:
     """Edges where the truth puts them, of a board whose tags are 2 % larger in the file than on the paper."""
     nested = shipped(NESTED)
     pair = tuple(replace(tag, size=0.1, position=np.array([0.2 * k, 0.0, 0.0])) for k, tag in enumerate(nested.tags))
-    assert EvidenceMaker(replace(nested, tags=pair), Projection(VGA)).unknown_sizes == 2
-    assert EvidenceMaker(nested, Projection(VGA)).unknown_sizes == 1
+    assert len(EvidenceMaker(replace(nested, tags=pair), Projection(VGA)).sized) == 2
+    assert len(EvidenceMaker(nested, Projection(VGA)).sized) == 1
 
 
 def test_a_data_sheet_contradicts_a_calibration() -> None:

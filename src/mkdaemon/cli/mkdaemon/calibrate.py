@@ -26,7 +26,7 @@ from mkdaemon.files import refuse_existing
 from mkdaemon.telemetry.vision import EyeState
 from mkdaemon.vision.calibrate.board import CalibrationBoard, CharucoBoard, TagBoard
 from mkdaemon.vision.calibrate.calibration import CalibrationResult, calibrate, rounded
-from mkdaemon.vision.calibrate.views import Coverage, LiveViews, ViewReport, views_of_folder
+from mkdaemon.vision.calibrate.views import Coverage, ViewReport, Views, views_of_folder
 from mkdaemon.vision.camera.calibration_file import CalibrationRecord, Camera, save_camera
 from mkdaemon.vision.camera.camera import CameraStream
 from mkdaemon.vision.camera.image import CameraImage
@@ -200,7 +200,7 @@ def _live(
     cfg: CameraSection, board: CalibrationBoard, keep: Path | None, seconds: float, connect: str, *, quiet: bool
 ) -> Coverage:
     """Guide until the views will do, the time is over, or Ctrl-C says that is enough."""
-    views = LiveViews(board, keep)
+    views = Views(board, keep)
     deadline, received_at = time.monotonic() + seconds, time.monotonic()
     with _streaming(cfg, connect) as (stream, slot), _guiding(quiet=quiet) as guide:
         try:
@@ -215,7 +215,7 @@ def _live(
                         raise VisionError(status.reason or f"no image from {cfg.source} for {PATIENCE_TIME:g} s")
                     continue
                 received_at = now
-                report = views.offer(image.pixels)
+                report = views.take(f"image {image.sequence}", image.pixels, is_live=True)
                 guide(report, views.coverage)
                 if views.coverage is not None and not views.coverage.missing():
                     break

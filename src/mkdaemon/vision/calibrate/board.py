@@ -24,8 +24,6 @@ LEAST_SQUARES, MOST_MARKERS = 3, 250
 """Squares along a side at least, and markers the dictionary has."""
 SQUARE_M = (0.002, 1.0)
 """Sides of squares somebody prints [m]."""
-ON_A_LINE = 0.5
-"""Corners that spread by less than this share of a square across one direction lie on a line."""
 MIN_POINTS = 8
 ALONG: Final = (0.35, 0.42, 0.5, 0.58, 0.65)
 """Where an edge is looked at, shares of its length: corners and markers are far."""
@@ -107,27 +105,23 @@ class CharucoBoard:
         The origin of the board is its top-left corner, y to the bottom, as OpenCV has it; None when too little is seen.
         """
         corners, ids, _, _ = self._detector.detectBoard(pixels)
-        if ids is None or corners is None or len(ids) < MIN_POINTS:
+        if ids is None or len(ids) < MIN_POINTS or self._cv.checkCharucoCornersCollinear(ids):
             return None
         index = np.asarray(ids, dtype=np.int64).ravel()
         known = np.asarray(self._cv.getChessboardCorners(), dtype=np.float64)
         image = np.asarray(corners, dtype=np.float64).reshape(-1, 2)
-        if np.ptp(known[index][:, :2], axis=0).min() < ON_A_LINE * self.square:
-            return None  # all on one line
         return BoardPoints(index, known[index], image, edge_levels(pixels, *self._edges(index, image)))
 
     def _edges(self, ids: npt.NDArray[np.int64], image: Array) -> tuple[Array, Array]:
         """Ends of the sides of squares between neighbouring corners, `(n, 2)` each [px]."""
-        place = {int(number): k for k, number in enumerate(ids)}
-        across = self.columns - 1
-        pairs = [
-            (k, place[number + step])
-            for number, k in place.items()
-            for step in (1, across)
-            if number + step in place and (step == across or (number + 1) % across)
-        ]
-        ends = np.array(pairs, dtype=np.intp).reshape(-1, 2)
-        return image[ends[:, 0]], image[ends[:, 1]]
+        grid = np.full((self.rows - 1, self.columns - 1, 2), np.nan)
+        grid.reshape(-1, 2)[ids] = image
+        starts, ends = (
+            np.concatenate([side.reshape(-1, 2) for side in sides])
+            for sides in ((grid[:, :-1], grid[:-1]), (grid[:, 1:], grid[1:]))
+        )
+        seen = np.isfinite(starts + ends).all(axis=1)
+        return starts[seen], ends[seen]
 
 
 class TagBoard:
@@ -139,7 +133,7 @@ class TagBoard:
             raise ConfigError(msg)
         self._target = target
         self._detector = Detector(TagMap((target,)).whitelist)
-        self._place = {(tag.family.name, tag.tag_id): k for k, tag in enumerate(target.tags)}
+        self._place = {(tag.family.name, tag.tag_id): (k, tag) for k, tag in enumerate(target.tags)}
 
     @property
     def title(self) -> str:
@@ -148,15 +142,12 @@ class TagBoard:
 
     def find(self, pixels: Grey) -> BoardPoints | None:
         """Corners of all decoded tags in `(h, w)` uint8; None when too little is seen."""
-        ids, board, image = [], [], []
-        for found in self._detector.search_all(pixels):
-            place = self._place[found.family, found.tag_id]
-            ids.append(4 * place + np.arange(4))
-            board.append(self._target.tags[place].corners)
-            image.append(found.corners)
-        if 4 * len(ids) < MIN_POINTS:
+        found = [(*self._place[one.code], one.corners) for one in self._detector.search_all(pixels)]
+        if 4 * len(found) < MIN_POINTS:
             return None
-        return BoardPoints(np.concatenate(ids), np.concatenate(board), np.concatenate(image))
+        places, tags, corners = zip(*found, strict=True)
+        ids = (4 * np.array(places)[:, None] + np.arange(4)).ravel()
+        return BoardPoints(ids, np.concatenate([tag.corners for tag in tags]), np.concatenate(corners))
 
 
 CalibrationBoard = CharucoBoard | TagBoard

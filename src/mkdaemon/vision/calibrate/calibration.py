@@ -11,11 +11,11 @@ import numpy as np
 import numpy.typing as npt
 
 from mkdaemon.errors import VisionError
+from mkdaemon.vision.arrays import Array
 from mkdaemon.vision.calibrate.board import BoardPoints, board_normal
 from mkdaemon.vision.camera.intrinsics import Intrinsics
 from mkdaemon.vision.pose.pose import damped
 
-Array = npt.NDArray[np.float64]
 Figures = npt.NDArray[np.integer[Any] | np.floating[Any]]
 """As OpenCV types them."""
 
@@ -24,8 +24,6 @@ FISHEYE: Final = ("fx", "fy", "cx", "cy", "k1", "k2", "k3", "k4")
 """Unknowns, in the order of the deviations and derivatives that OpenCV gives."""
 FLAGS: Final = cv2.fisheye.CALIB_RECOMPUTE_EXTRINSIC | cv2.fisheye.CALIB_FIX_SKEW
 STEPS: Final = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-9)
-
-
 MAX_RMS_PX = 0.3
 MAX_FOCAL_SD_PERCENT = 0.3
 MAX_CENTRE_SD_PX = 1.0
@@ -131,7 +129,7 @@ def calibrate(views: Sequence[BoardPoints], width: int, height: int, *, is_fishe
         used = kept
         lens = _solve([views[k] for k in used], (width, height), is_fisheye=is_fisheye)
     model = "fisheye" if is_fisheye else "pinhole"
-    gamma, tone = curve_to_store(np.concatenate([view.levels for view in views]))
+    gamma, tone = tone_curve(np.concatenate([view.levels for view in views]))
     shape = {"width": width, "height": height, "model": model, "gamma": gamma}
     intrinsics = Intrinsics.model_validate(shape | lens.values)
     normals = np.array([n for k in used if (n := board_normal(views[k], width, height)) is not None])
@@ -151,72 +149,63 @@ class _Lens:
 
 def _solve(views: Sequence[BoardPoints], size: tuple[int, int], *, is_fisheye: bool) -> _Lens:
     """A fisheye, or a pinhole of two radial coefficients, or three where the third earns its place."""
+    board = [view.board[:, None].astype(np.float32) for view in views]
+    image = [view.image[:, None].astype(np.float32) for view in views]
     try:
         if is_fisheye:
-            return _solve_fisheye(views, size)
-        short, full = (_solve_pinhole(views, size, flags) for flags in (cv2.CALIB_FIX_K3, 0))
+            return _solve_fisheye(board, image, size)
+        short, full = (_solve_pinhole(board, image, size, flags) for flags in (cv2.CALIB_FIX_K3, 0))
     except cv2.error as error:
         msg = f"the views determine no {'fisheye' if is_fisheye else 'pinhole'}: {error.err}"
         raise VisionError(msg) from None
     return full if full.rms < K3_GAIN * short.rms else short
 
 
-def _lens_of(
-    names: Sequence[str], matrix: Figures, bend: Figures, sd: Figures, errors: Figures, views: Sequence[BoardPoints]
-) -> _Lens:
+def _lens_of(names: Sequence[str], rms: float, matrix: Figures, bend: Figures, sd: Figures, errors: Figures) -> _Lens:
     values = np.array([matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2], *bend.ravel()], dtype=np.float64)
     if not (np.isfinite(values).all() and np.isfinite(sd).all()) or min(values[:2]) <= 0:
         raise VisionError("the views determine nothing: show the board tilted, near and at the rim, not only its front")
-    rms = float(np.sqrt(np.average(errors**2, weights=[len(view.ids) for view in views])))
     named, deviations = (dict(zip(names, figures.tolist(), strict=True)) for figures in (values, sd))
     return _Lens(named, deviations, errors, rms)
 
 
-def _solve_pinhole(views: Sequence[BoardPoints], size: tuple[int, int], flags: int) -> _Lens:
-    board = [view.board.astype(np.float32) for view in views]
-    image = [view.image.astype(np.float32) for view in views]
-    _, matrix, bend, _, _, sd, _, errors = cv2.calibrateCameraExtended(
+def _solve_pinhole(board: Sequence[Figures], image: Sequence[Figures], size: tuple[int, int], flags: int) -> _Lens:
+    rms, matrix, bend, _, _, sd, _, errors = cv2.calibrateCameraExtended(
         board, image, size, np.eye(3), np.zeros(5), flags=flags
     )
-    return _lens_of(PINHOLE, matrix, bend, sd.ravel()[: len(PINHOLE)], errors.ravel(), views)
+    return _lens_of(PINHOLE, rms, matrix, bend, sd.ravel()[: len(PINHOLE)], errors.ravel())
 
 
-def _solve_fisheye(views: Sequence[BoardPoints], size: tuple[int, int]) -> _Lens:
+def _solve_fisheye(board: Sequence[Figures], image: Sequence[Figures], size: tuple[int, int]) -> _Lens:
     """The fisheye model, with the deviations that OpenCV does not give.
 
     Source: Kannala and Brandt, PAMI 28(8), 2006, as in OpenCV's `fisheye`.
     """
-    board = [np.ascontiguousarray(view.board).reshape(-1, 1, 3) for view in views]
-    image = [np.ascontiguousarray(view.image).reshape(-1, 1, 2) for view in views]
-    _, matrix, bend, turns, places = cv2.fisheye.calibrate(
+    rms, matrix, bend, turns, places = cv2.fisheye.calibrate(
         board, image, size, np.eye(3), np.zeros(4), flags=FLAGS, criteria=STEPS
     )
     unknowns = len(FISHEYE)
-    information = np.zeros((unknowns, unknowns))
-    squares, errors = 0.0, []
+    information, errors = np.zeros((unknowns, unknowns)), []
     for points, pixels, turn, place in zip(board, image, turns, places, strict=True):
         seen, jacobian = cv2.fisheye.projectPoints(points, turn, place, matrix, bend)
-        residual = (pixels - seen).reshape(-1)
+        errors.append(float(np.sqrt(2.0 * np.mean((pixels - seen) ** 2))))
         lens, pose = np.split(np.asarray(jacobian, np.float64)[:, : unknowns + 6], [unknowns], axis=1)
         both, own = pose.T @ lens, pose.T @ pose
         # what is left of a view once its own pose is free: the Schur complement
         information += lens.T @ lens - both.T @ np.linalg.solve(damped(own), both)
-        squares += float(residual @ residual)
-        errors.append(float(np.sqrt(2.0 * np.mean(residual**2))))
-    freedom = max(2 * sum(len(points) for points in board) - unknowns - 6 * len(board), 1)
-    covariance = squares / freedom * np.linalg.inv(damped(information))
-    return _lens_of(FISHEYE, matrix, bend, np.sqrt(np.diag(covariance)), np.array(errors), views)
+    count = sum(len(points) for points in board)
+    covariance = rms**2 * count / max(2 * count - unknowns - 6 * len(board), 1) * np.linalg.inv(damped(information))
+    return _lens_of(FISHEYE, rms, matrix, bend, np.sqrt(np.diag(covariance)), np.array(errors))
 
 
 def rounded(intrinsics: Intrinsics) -> Intrinsics:
     """Figures as they are stored: far below their uncertainty, short enough to read."""
-    changes = {name: round(getattr(intrinsics, name), 4) for name in ("fx", "fy", "cx", "cy", "gamma")}
-    changes |= {name: round(getattr(intrinsics, name), 7) for name in ("k1", "k2", "p1", "p2", "k3", "k4")}
-    return intrinsics.model_copy(update=changes)
+    digits = dict.fromkeys((*PINHOLE, *FISHEYE), 7) | dict.fromkeys(("fx", "fy", "cx", "cy", "gamma"), 4)
+    return intrinsics.model_copy(update={name: round(getattr(intrinsics, name), n) for name, n in digits.items()})
 
 
-def gamma_of(levels: Array) -> tuple[float, float]:
-    """The tone curve of a camera, light is grey to that power, and its deviation.
+def tone_curve(levels: Array) -> tuple[float, str]:
+    """The tone curve of a camera for its file, light is grey to that power, and how it was found in words.
 
     On a straight edge the blur of the lens mixes as much black as white, in light. The grey value there is therefore
     ((b^g + w^g) / 2)^(1/g) for black b, white w and a curve of the power g.
@@ -224,37 +213,20 @@ def gamma_of(levels: Array) -> tuple[float, float]:
     Args:
         levels: black, middle and white `(n, 3)` of edges.
 
-    Raises:
-        VisionError: too few edges, or no such curve.
+    Returns:
+        The power, 1 where none is known or it is as good as none, with its deviation in the words.
     """
     if len(levels) < LEAST_EDGES:
-        msg = f"the tone curve needs {LEAST_EDGES} edges with black and white in range, {len(levels)} were seen"
-        raise VisionError(msg)
+        return 1.0, f"not known: {LEAST_EDGES} edges with black and white in range are needed, {len(levels)} were seen"
     black, middle, white = levels.T
-    gammas = np.arange(GAMMAS[0], GAMMAS[1] + STEP, STEP)
-    best = int(np.abs(_off(black, middle, white, gammas[:, None])).sum(axis=1).argmin())
+    gammas = np.arange(GAMMAS[0], GAMMAS[1] + STEP, STEP)[:, None]
+    off = middle - ((black**gammas + white**gammas) / 2) ** (1 / gammas)
+    best = int(np.abs(off).sum(axis=1).argmin())
     if best in (0, len(gammas) - 1):
-        msg = "the edges of the board show no tone curve: sharpen the focus, even the light"
-        raise VisionError(msg)
-    gamma = float(gammas[best])
-    slope = (_off(black, middle, white, gamma + STEP) - _off(black, middle, white, gamma - STEP)) / (2 * STEP)
-    spread = float(np.sqrt(np.mean(_off(black, middle, white, gamma) ** 2)))
-    return gamma, spread / max(float(np.sqrt((slope**2).sum())), 1e-9)
-
-
-def curve_to_store(levels: Array) -> tuple[float, str]:
-    """The curve for the camera file, 1 where none is known, and how it was found in words."""
-    try:
-        gamma, sd = gamma_of(levels)
-    except VisionError as error:
-        return 1.0, f"not known: {error}"
+        return 1.0, "not known: the edges of the board show no tone curve: sharpen the focus, even the light"
+    slope = float(np.linalg.norm(off[best + 1] - off[best - 1])) / (2 * STEP)
+    gamma, sd = float(gammas[best, 0]), float(np.sqrt(np.mean(off[best] ** 2))) / max(slope, 1e-9)
     words = f"{gamma:.2f} +- {sd:.2f} from {len(levels)} edges"
     if sd > KNOWN:
         return 1.0, f"not known: {words}"
     return (1.0, f"{words}: as good as none") if abs(gamma - 1.0) < NONE else (gamma, words)
-
-
-def _off(black: Array, middle: Array, white: Array, gamma: float | Array) -> Array:
-    """How far the middles are from where a curve has them `(n,)`, or several `(m, 1)` have them `(m, n)` [grey]."""
-    expected: Array = ((black**gamma + white**gamma) / 2) ** (1 / gamma)
-    return middle - expected

@@ -24,8 +24,8 @@ from mkdaemon.vision.tags.tagmap import Tag, Target
 
 MARGIN_MM = 10.0
 """White around everything: printers leave a rim blank."""
-CENTIMETRE, HALF_CENTIMETRE = 10, 5
-"""Longer marks of the ruler [mm]."""
+LONG_MARKS = {0: 5.0, 5: 3.5}
+"""Of the ruler [mm], by the last digit of where they are."""
 LISTED = 6
 """Tags that are named in the title of a page."""
 RULER_MM = 100
@@ -87,27 +87,20 @@ def outlines(cells: npt.NDArray[np.bool_]) -> list[Array]:
 
     One outline instead of many rectangles leaves no hairlines between neighbours in any viewer or printer driver.
     """
-    # Corners and cells are x + iy. A side runs one way with its cell on the right hand, y down.
-    inside = [complex(column, row) for row, column in np.argwhere(cells).tolist()]
-    filled = frozenset(inside)
-    steps: dict[complex, list[complex]] = {}
-    for cell, way in itertools.product(inside, (1, 1j, -1, -1j)):
-        if cell - 1j * way not in filled:
-            steps.setdefault(cell + 0.5 * (1 + 1j) * (1 - way), []).append(way)
-    loops = []
-    while steps:
-        # the first corner in reading order: no line goes on through it
-        here = first = min(steps, key=lambda at: (at.imag, at.real))
-        path: list[complex] = []
-        last = 0j
-        while not path or here != first:
-            way = steps[here].pop()
-            if not steps[here]:
-                del steps[here]
-            if way != last:
-                path.append(here)
-            here, last = here + way, way
-        loops.append(np.array([(at.real, at.imag) for at in path]))
+    near = np.pad(cells, 1)
+    # A line of the grid has an even number of corners, and an edge from every second one to the next.
+    rows, columns = np.nonzero(near[1:, 1:] ^ near[:-1, 1:] ^ near[1:, :-1] ^ near[:-1, :-1])
+    downwards = np.lexsort((rows, columns))
+    facing = np.empty_like(downwards)
+    facing[downwards] = downwards[np.arange(len(rows)) ^ 1]
+    left, loops = set(range(len(rows))), []
+    while left:
+        loop, at = list[int](), min(left)
+        while at not in loop[:1]:
+            loop += [at, at ^ 1]
+            at = int(facing[at ^ 1])
+        left.difference_update(loop)
+        loops.append(np.column_stack([columns[loop], rows[loop]]).astype(np.float64))
     return loops
 
 
@@ -121,22 +114,18 @@ def target_page(target: Target) -> Page:
         msg = f"target '{target.name}' is not flat: print its tags one by one with --tag ID:SIZE"
         raise ConfigError(msg)
     sheets = np.concatenate([_paper(tag) for tag in target.tags])
-    (x0, y0), (x1, y1) = sheets.min(axis=0), sheets.max(axis=0)
+    (x0, y0, _), (x1, y1, _) = sheets.min(axis=0), sheets.max(axis=0)
 
     def on_page(points: Array) -> Array:
         return 1000.0 * np.column_stack([points[:, 0] - x0, y1 - points[:, 1]]) + MARGIN_MM
 
     areas = []
     for tag in target.tags:
-        quiet = on_page(_paper(tag))
-        areas.append(Area((quiet,), grey=1.0))
-        ink = outlines(tag.bitmap == 0)
         half = tag.bitmap.shape[0] / 2
-        placed = [
-            on_page(tag.place(np.column_stack([loop[:, 0] - half, half - loop[:, 1]]) * tag.module)[:, :2])
-            for loop in ink
-        ]
-        areas.append(Area(tuple(placed)))
+        ink = (
+            np.column_stack([loop[:, 0] - half, half - loop[:, 1]]) * tag.module for loop in outlines(tag.bitmap == 0)
+        )
+        areas += [Area((on_page(_paper(tag)),), grey=1.0), Area(tuple(on_page(tag.place(loop)) for loop in ink))]
     sizes = ", ".join(f"{tag.family.name} {tag.tag_id} = {1000 * tag.size:g} mm" for tag in target.tags[:LISTED])
     more = f" and {len(target.tags) - LISTED} more" if len(target.tags) > LISTED else ""
     width, height = 1000.0 * (x1 - x0), 1000.0 * (y1 - y0)
@@ -153,12 +142,12 @@ def board_page(board: CharucoBoard) -> Page:
 
 
 def _paper(tag: Tag) -> Array:
-    return tag.place(tag.paper / 2 * np.array([[-1, 1], [1, 1], [1, -1], [-1, -1]]))[:, :2]
+    return tag.place(tag.paper / 2 * np.array([[-1, 1], [1, 1], [1, -1], [-1, -1]]))
 
 
 def _finished(areas: Iterable[Area], width: float, height: float, title: str) -> Page:
     """Add cut marks, both rulers and the texts."""
-    page_width = max(width, float(RULER_MM)) + 2 * MARGIN_MM + 6.0
+    page_width = max(width, RULER_MM) + 2 * MARGIN_MM + 6.0
     foot = height + 2 * MARGIN_MM
     marks = [*_cut_marks(width, height), *_ruler(MARGIN_MM, foot)]
     if height >= RULER_MM:
@@ -190,9 +179,8 @@ def _ruler(x: float, y: float) -> list[tuple[float, float, float, float]]:
     line = 0.15
     marks = [(x, y, float(RULER_MM), line)]
     for mm in range(RULER_MM + 1):
-        length = 5.0 if mm % CENTIMETRE == 0 else 3.5 if mm % HALF_CENTIMETRE == 0 else 2.0
-        at = x + mm - (0.0 if mm == 0 else line if mm == RULER_MM else line / 2)
-        marks.append((at, y, line, length))
+        at = min(max(mm - line / 2, 0.0), RULER_MM - line)
+        marks.append((x + at, y, line, LONG_MARKS.get(mm % 10, 2.0)))
     return marks
 
 

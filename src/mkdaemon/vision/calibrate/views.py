@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,15 +12,14 @@ import numpy as np
 
 from mkdaemon.errors import VisionError
 from mkdaemon.files import save
-from mkdaemon.vision.arrays import Array, Grey
+from mkdaemon.vision.arrays import Grey
 from mkdaemon.vision.calibrate.board import BoardPoints, CalibrationBoard, board_normal
 from mkdaemon.vision.camera.image import PictureError
 from mkdaemon.vision.camera.imagecodec import encode_png, read_picture
 from mkdaemon.vision.camera.sources import list_pictures
 
-CELLS = (4, 3)
-"""Columns and rows the picture is divided into."""
-POINTS_PER_CELL = 6
+POINTS_PER_PART = 6
+"""From which a part of the picture is seen."""
 TILT_DEG = 18.0
 NEAR_SHARE, FAR_SHARE = 0.6, 0.4
 """Width of the seen part of the board over the width of the picture: near from, far up to."""
@@ -29,13 +29,24 @@ NOVEL_SHARE = 0.025
 
 _COLUMNS = ("left", "centre left", "centre right", "right")
 _ROWS = ("top", "middle", "bottom")
-_TILTS = {
+_SIZE = (len(_COLUMNS), len(_ROWS))
+_PARTS = sorted(np.ndindex(_SIZE[::-1]), key=lambda part: -math.dist(part, (1.0, 1.5)))
+_WANTED = {
+    **{
+        f"{_ROWS[row]} {_COLUMNS[column]}": f"show the board in the {_ROWS[row]} {_COLUMNS[column]} of the picture"
+        for row, column in _PARTS
+    },
     "left": "turn the board so that its left side comes towards the camera",
     "right": "turn the board so that its right side comes towards the camera",
     "top": "lean the board so that its top comes towards the camera",
     "bottom": "lean the board so that its bottom comes towards the camera",
+    "near": "come closer: let the board fill more than half of the picture",
+    "far": "go back: let the board fill a third of the picture",
 }
+"""Parts of the picture, sides that lean towards the camera, and distances, most useful first, with how to show each."""
 
+LEAST_COMMON = 4
+"""Points of two views that tell how far the board moved."""
 STILL_PX = 1.5
 """Mean motion of the board between two images up to which it counts as held still: blur stays below a pixel."""
 
@@ -50,66 +61,53 @@ class Coverage:
     def __init__(self, width: int, height: int, first: str = "") -> None:
         self.views: list[BoardPoints] = []
         self.size, self.first = (width, height), first
-        self._cells = np.zeros((CELLS[1], CELLS[0]), dtype=np.int64)
-        self._tilts: set[str] = set()
-        self._near = self._far = False
+        self._points: Counter[str] = Counter()
 
     def add(self, view: BoardPoints) -> None:
         """Count a view."""
         self.views.append(view)
-        places = np.clip(view.image / self.size * CELLS, 0, np.subtract(CELLS, 1)).astype(int)
-        np.add.at(self._cells, (places[:, 1], places[:, 0]), 1)
-        self._tilts |= self._tilt(view)
-        shares = np.ptp(view.image, axis=0) / self.size
-        self._near |= bool(shares.max() >= NEAR_SHARE)
-        self._far |= bool(shares[0] <= FAR_SHARE)
+        places = np.clip(view.image / self.size * _SIZE, 0, np.subtract(_SIZE, 1)).astype(int)
+        self._points.update(f"{_ROWS[row]} {_COLUMNS[column]}" for column, row in places.tolist())
+        wide, high = np.ptp(view.image, axis=0) / self.size
+        shown = {"near": max(wide, high) >= NEAR_SHARE, "far": wide <= FAR_SHARE}
+        normal = board_normal(view, *self.size)
+        if normal is not None:
+            # A board that faces right has its left side nearer.
+            x, y = normal[:2] / math.sin(math.radians(TILT_DEG))
+            shown |= {"left": x > 1.0, "right": x < -1.0, "top": y > 1.0, "bottom": y < -1.0}
+        self._points.update(dict.fromkeys((name for name, is_shown in shown.items() if is_shown), POINTS_PER_PART))
 
     def is_novel(self, view: BoardPoints) -> bool:
         """Whether a view differs from all before by more than a shake of the hand."""
-        limit = NOVEL_SHARE * self.size[0]
-        return not any(len(moves) >= 4 and moves.mean() < limit for moves in (_moves(old, view) for old in self.views))
+        return not any(_is_near(old, view, NOVEL_SHARE * self.size[0]) for old in self.views)
 
     def missing(self) -> list[str]:
         """What to show next, most useful first; empty when the views will do."""
-        wanted = []
-        empty = np.argwhere(self._cells < POINTS_PER_CELL)
-        middle = (np.array(self._cells.shape) - 1) / 2
-        for row, column in sorted(empty.tolist(), key=lambda cell: -math.dist(cell, middle)):
-            wanted.append(f"show the board in the {_ROWS[row]} {_COLUMNS[column]} of the picture")
-        wanted += [words for side, words in _TILTS.items() if side not in self._tilts]
-        if not self._near:
-            wanted.append("come closer: let the board fill more than half of the picture")
-        if not self._far:
-            wanted.append("go back: let the board fill a third of the picture")
-        if len(self.views) < MIN_VIEWS:
-            wanted.append(f"{MIN_VIEWS - len(self.views)} more views from anywhere")
-        return wanted
+        more = MIN_VIEWS - len(self.views)
+        wanted = [words for name, words in _WANTED.items() if not self._has(name)]
+        return wanted + ([f"{more} more views from anywhere"] if more > 0 else [])
 
     def share(self) -> float:
         """How much of what is wanted has been seen, 0 to 1."""
-        total = self._cells.size + len(_TILTS) + 2 + 1
-        return 1.0 - len(self.missing()) / total
+        return 1.0 - len(self.missing()) / (len(_WANTED) + 1)
 
     def picture(self) -> list[str]:
         """What has been seen, as rows of letters: parts of the picture, tilts, distances."""
-        line = "+" + "------+" * CELLS[0]
+        line = "+" + "------+" * len(_COLUMNS)
         rows = [line]
-        for counts in self._cells:
-            rows += ["|" + "".join("  ok  |" if count >= POINTS_PER_CELL else "      |" for count in counts), line]
-        tilts, near, far = (
-            ", ".join(f"{name} {'ok' if is_seen else 'MISSING'}" for name, is_seen in seen.items())
-            for seen in ({side: side in self._tilts for side in _TILTS}, {"near": self._near}, {"far": self._far})
+        for row in _ROWS:
+            rows += [
+                "|" + "".join(f"  {'ok' if self._has(f'{row} {column}') else '  '}  |" for column in _COLUMNS),
+                line,
+            ]
+        tilts, distances = (
+            ", ".join(f"{name} {'ok' if self._has(name) else 'MISSING'}" for name in names)
+            for names in (("left", "right", "top", "bottom"), ("near", "far"))
         )
-        return [*rows, f"tilted: {tilts}", f"distance: {near}, {far}"]
+        return [*rows, f"tilted: {tilts}", f"distance: {distances}"]
 
-    def _tilt(self, view: BoardPoints) -> set[str]:
-        """Sides of the board that lean towards the camera, seen from the camera."""
-        normal = board_normal(view, *self.size)
-        if normal is None:
-            return set()
-        limit = math.sin(math.radians(TILT_DEG))
-        leans = {"left": normal[0], "right": -normal[0], "top": normal[1], "bottom": -normal[1]}
-        return {side for side, lean in leans.items() if lean > limit}  # facing right: its left side is nearer
+    def _has(self, name: str) -> bool:
+        return self._points[name] >= POINTS_PER_PART
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,82 +130,69 @@ class ViewReport:
         return not self.reason
 
 
-def views_of_folder(folder: Path, board: CalibrationBoard) -> Iterator[tuple[ViewReport, Coverage]]:
-    """Look for the board in every picture of a folder; the coverage grows from report to report.
-
-    Raises:
-        VisionError: no folder, no pictures, or pictures of different sizes.
-    """
-    coverage: Coverage | None = None
-    for path in list_pictures(folder):
-        try:
-            pixels = read_picture(path)
-        except PictureError as error:
-            if coverage is not None:
-                yield ViewReport(path.name, 0, str(error)), coverage
-            continue
-        coverage = _sized(coverage, path.name, pixels)
-        view = board.find(pixels)
-        if view is None:
-            yield ViewReport(path.name, 0, "board not found"), coverage
-        else:
-            coverage.add(view)
-            yield ViewReport(path.name, len(view.ids)), coverage
-
-
-class LiveViews:
-    """Takes views from a running camera: only sharp, still and new ones.
+class Views:
+    """Takes views of a board from pictures of one size.
 
     Args:
         board: what is shown.
         keep: folder for the pictures taken, which replace those of an earlier run; None keeps none.
+
+    Attributes:
+        coverage: what they show; None before the first picture.
     """
 
     def __init__(self, board: CalibrationBoard, keep: Path | None = None) -> None:
         self._board = board
         self._keep = keep
         self._last: BoardPoints | None = None
-        self._seen = 0
         self.coverage: Coverage | None = None
         if keep is not None:
             keep.mkdir(parents=True, exist_ok=True)
 
-    def offer(self, pixels: Grey) -> ViewReport:
-        """Look at one image `(h, w)` uint8.
+    def take(self, name: str, pixels: Grey, *, is_live: bool = False) -> ViewReport:
+        """Look at one image `(h, w)` uint8; from a running camera only still and new ones are views.
 
         Raises:
-            VisionError: the camera changed its size.
+            VisionError: it has another size than those before.
         """
-        self._seen += 1
-        name = f"image {self._seen}"
-        self.coverage = _sized(self.coverage, name, pixels)
-        view, before = self._board.find(pixels), self._last
+        height, width = pixels.shape
+        coverage = self.coverage = self.coverage or Coverage(width, height, name)
+        if (width, height) != coverage.size:
+            before = "x".join(map(str, coverage.size))
+            msg = f"{name} is {width}x{height}, {coverage.first} is {before}: calibrate one fixed size at a time"
+            raise VisionError(msg)
+        view, last = self._board.find(pixels), self._last
         self._last = view
         if view is None:
-            return ViewReport(name, 0, "no board in the picture")
-        count = len(view.ids)
-        if before is None or not len(moves := _moves(before, view)) or moves.mean() > STILL_PX:
-            return ViewReport(name, count, "hold still")
-        if not self.coverage.is_novel(view):
-            return ViewReport(name, count, "move on")
-        self.coverage.add(view)
+            return ViewReport(name, 0, "board not found")
+        if is_live and (last is None or not _is_near(last, view, STILL_PX)):
+            return ViewReport(name, len(view.ids), "hold still")
+        if is_live and not coverage.is_novel(view):
+            return ViewReport(name, len(view.ids), "move on")
+        coverage.add(view)
         if self._keep is not None:
-            save(self._keep / f"view{len(self.coverage.views):03d}.png", encode_png(pixels), overwrite=True)
-        return ViewReport(name, count)
+            save(self._keep / f"view{len(coverage.views):03d}.png", encode_png(pixels), overwrite=True)
+        return ViewReport(name, len(view.ids))
 
 
-def _sized(coverage: Coverage | None, name: str, pixels: Grey) -> Coverage:
-    """The coverage an image counts in; a VisionError where it has another size than those before."""
-    height, width = pixels.shape
-    coverage = coverage or Coverage(width, height, name)
-    if (width, height) != coverage.size:
-        before = "x".join(map(str, coverage.size))
-        msg = f"{name} is {width}x{height}, {coverage.first} is {before}: calibrate one fixed size at a time"
-        raise VisionError(msg)
-    return coverage
+def views_of_folder(folder: Path, board: CalibrationBoard) -> Iterator[tuple[ViewReport, Coverage]]:
+    """Look for the board in every picture of a folder; the coverage grows from report to report.
+
+    Raises:
+        VisionError: no folder, no pictures, or pictures of different sizes.
+    """
+    views = Views(board)
+    for path in list_pictures(folder):
+        try:
+            report = views.take(path.name, read_picture(path))
+        except PictureError as error:
+            report = ViewReport(path.name, 0, str(error))
+        if views.coverage is not None:
+            yield report, views.coverage
 
 
-def _moves(before: BoardPoints, now: BoardPoints) -> Array:
-    """How far the common points moved `(n,)` [px]."""
+def _is_near(before: BoardPoints, now: BoardPoints, limit: float) -> bool:
+    """Whether the points that both views have moved by less than this in the mean [px]."""
     _, here, there = np.intersect1d(now.ids, before.ids, return_indices=True)
-    return np.asarray(np.linalg.norm(now.image[here] - before.image[there], axis=1), dtype=np.float64)
+    moves = np.linalg.norm(now.image[here] - before.image[there], axis=1)
+    return len(moves) >= LEAST_COMMON and float(moves.mean()) < limit

@@ -27,7 +27,6 @@ from typing import Final
 
 import numpy as np
 
-from mkdaemon.config.camera import MountSection
 from mkdaemon.frames import euler_from_rotation, rotation_from_euler
 from mkdaemon.telemetry.selfcal import HEIGHTS_LIKELY, SelfCalibration, TagSizeError
 from mkdaemon.telemetry.vision import Alarm
@@ -41,7 +40,7 @@ from mkdaemon.vision.pose.pose import FLOOR_RANGE, Pose, damped, median, turn
 from mkdaemon.vision.pose.prints import sheet_of
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.pose.rolling import skew
-from mkdaemon.vision.tags.tagmap import Tag, TagMap, Target
+from mkdaemon.vision.tags.tagmap import TagMap, Target
 
 LENS: Final = ("focal", "cx", "cy", "k1")
 """What may be wrong with a lens: logarithm of the focal lengths, principal point [px], radial distortion."""
@@ -86,9 +85,8 @@ class EvidenceMaker:
     """Asks images of one target.
 
     Attributes:
-        sizes: tags 1 to `sizes` have an unknown each: the logarithm of their size against that of tag 0.
-        is_spread: whether distances between tags say how large they all are, which is one more unknown.
-        unknown_sizes: how many there are together.
+        sized: tags of an unknown size each, its logarithm, and against what. Where distances between tags say how large
+            they all are, that is the size of tag 0, the last one.
         bend: of its one print, which is three more unknowns; none for several prints, or a rigid one.
     """
 
@@ -99,10 +97,12 @@ class EvidenceMaker:
         centres = np.array([tag.position for tag in target.tags])
         self._from_centre = model.points - centres[model.tag]
         self._size = np.array([tag.size for tag in target.tags])[model.tag]
-        self.sizes = len(target.tags) - 1 if len(target.tags) <= MOST_SIZES else 0
-        apart = np.linalg.norm(centres - centres[0], axis=1).max()
-        self.is_spread = bool(apart > APART * target.tags[0].size)
-        self.unknown_sizes = self.sizes + self.is_spread
+        largest, *others = target.tags
+        self.sized = [(tag, f"against tag {largest.tag_id}") for tag in others if len(others) < MOST_SIZES]
+        self._grow = model.tag[:, None] == np.arange(1, len(self.sized) + 1)
+        if np.linalg.norm(centres - centres[0], axis=1).max() > APART * largest.size:
+            self.sized.append((largest, "against the distances between tags"))
+            self._grow = np.pad(self._grow, ((0, 0), (0, 1)), constant_values=True)
         sheet = sheet_of(target)
         self.bend = None if sheet is None else sheet.prior
 
@@ -146,13 +146,12 @@ class EvidenceMaker:
         return np.column_stack([along.sum(axis=1), normals, (bent * normals).sum(axis=1)])
 
     def _by_size(self, edges: LocatedEdges, pose: Pose) -> Array:
-        """Derivative of the offsets by the logarithms of the sizes, and by melting `(n, unknown_sizes + 1)`."""
+        """Derivative of the offsets by the logarithms of the sizes, and by melting `(n, sizes + 1)`."""
         grown = (edges.jacobian[:, :3] * (self._from_centre[edges.index] @ pose.rotation.T)).sum(axis=1)
-        tag = self._fit.model.tag[edges.index]
-        own = [np.where(tag == k, grown, 0.0) for k in range(1, self.sizes + 1)]
         cell_px = self._fit.model.cell[edges.index] * self._px_per_m(pose)
         melts = (LIMITS.cells.readable_px / cell_px) ** MELTS
-        return np.column_stack([*own, *([grown] if self.is_spread else []), grown * melts])
+        columns: Array = grown[:, None] * np.column_stack([self._grow[edges.index], melts])
+        return columns
 
     def _px_per_m(self, pose: Pose) -> float:
         """Of the target in the image."""
@@ -197,7 +196,7 @@ ALIKE_TIME: Final = 0.2
 SOONEST: Final = 0.01
 """Images that follow sooner count as so far apart [s]."""
 LONGEST: Final = 10.0
-"""A longer time without an image counts as so much [s]."""
+"""A longer time without news counts as so much [s]."""
 SIZE_SD: Final = 0.03
 """How far a tag's size may be off, logarithm."""
 MELT_SD: Final = 0.008
@@ -210,16 +209,27 @@ SIZES_AT: Final = LENS_AT + len(LENS)
 
 
 class Belief:
-    """A normal distribution of unknowns: `mean` `(n,)` and `covariance` `(n, n)`."""
+    """A normal distribution of unknowns: `mean` `(n,)` and `covariance` `(n, n)`.
 
-    def __init__(self, mean: Array, covariance: Array) -> None:
-        self.mean, self.covariance = mean, covariance
+    They wander: `walk` is how far in a second, deviations of a random walk `(n,)` [1/sqrt(s)].
+    """
+
+    def __init__(self, mean: Array, covariance: Array, walk: Array) -> None:
+        self.mean, self.covariance, self._walk = mean, covariance, walk
+        self._time: float | None = None
 
     @property
     def sd(self) -> Array:
         """Standard deviations `(n,)`."""
         deviations: Array = np.sqrt(np.diag(self.covariance))
         return deviations
+
+    def wait(self, time: float) -> float:
+        """Let the unknowns wander up to a time [s], for `LONGEST` at most; how long that was [s]."""
+        spent = 0.0 if self._time is None else min(max(time - self._time, 0.0), LONGEST)
+        self._time = time
+        self.covariance = self.covariance + spent * np.diag(self._walk**2)
+        return spent
 
     def learn(self, matrix: Array, pull: Array) -> None:
         """Add information `(n, n)`: unknowns p cost p^T matrix p - 2 pull^T p."""
@@ -255,39 +265,32 @@ class CameraFilter(Belief):
     ) -> None:
         sd = np.array([*[MOUNTING_SD] * 3, *[DECK_SD] * 2, TILT_SCALE_SD, *LENS_SD, *[SIZE_SD] * sizes, MELT_SD])
         rises = 0 if bend is None else len(bend.mean)
-        super().__init__(np.zeros(len(sd) + rises), np.diag(np.pad(sd, (0, rises)) ** 2))
+        walk = np.zeros(len(sd) + rises)
+        walk[MOUNTING], walk[DECK] = MOUNTING_DRIFT, DECK_DRIFT[is_moving]
+        super().__init__(np.zeros_like(walk), np.diag(np.pad(sd, (0, rises)) ** 2), walk)
         if bend is not None:
             self.mean[-rises:], self.covariance[-rises:, -rises:] = bend.mean, bend.covariance
         self._attitude_sd, self._flu_from_cam = attitude_sd, flu_from_cam
-        self._drift = np.zeros(len(self.mean))
-        self._drift[MOUNTING], self._drift[DECK] = MOUNTING_DRIFT, DECK_DRIFT[is_moving]
         self.looks = 0
-        self._time: float | None = None
 
     def image_seen(self, time: float, evidence: ImageEvidence, enu_from_flu: Array | None) -> None:
         """Take in what an image says, the middle of its exposure [s], and the attitude `(3, 3)` then, if known."""
-        spent = 0.0 if self._time is None else min(max(time - self._time, 0.0), LONGEST)
-        self._time = time
+        spent = self.wait(time)
         self.looks += 1
-        self.covariance = self.covariance + spent * np.diag(self._drift**2)
         apart = (LENS_AT, 0)
         self.learn(np.pad(evidence.matrix, (apart, apart)), np.pad(evidence.pull, apart))
-        if enu_from_flu is not None and self._flu_from_cam is not None:
-            self._normal_seen(evidence, enu_from_flu, self._flu_from_cam, spent)
-
-    def _normal_seen(self, evidence: ImageEvidence, enu_from_flu: Array, flu_from_cam: Array, spent: float) -> None:
-        enu_from_cam = enu_from_flu @ flu_from_cam
-        normal_cam = evidence.rotation[:, 2]
+        if enu_from_flu is None or self._flu_from_cam is None:
+            return
+        enu_from_cam, normal_cam = enu_from_flu @ self._flu_from_cam, evidence.rotation[:, 2]
         # a small turn w moves the normal n by w x n = -[n]x w
-        moved_cam = (-enu_from_cam @ skew(normal_cam))[:2]
-        moved_flu = (-enu_from_flu @ skew(flu_from_cam @ normal_cam))[:2]
+        away = (enu_from_cam @ skew(normal_cam))[:2]
         by = np.zeros((2, len(self.mean)))
-        by[:, LENS_AT:] = -moved_cam @ evidence.turn
-        by[:, MOUNTING] = -moved_flu
+        by[:, LENS_AT:] = away @ evidence.turn
+        by[:, MOUNTING] = (enu_from_flu @ skew(self._flu_from_cam @ normal_cam))[:2]
         by[:, DECK] = np.eye(2)
         by[:, TILT_SCALE] = enu_from_flu[:2, 2]
         shared = max(ALIKE_TIME / max(spent, SOONEST), 1.0)
-        noise = moved_cam @ evidence.covariance @ moved_cam.T + self._attitude_sd**2 * shared * np.eye(2)
+        noise = away @ evidence.covariance @ away.T + self._attitude_sd**2 * shared * np.eye(2)
         self.observe((enu_from_cam @ normal_cam)[:2], by, noise)
 
 
@@ -321,10 +324,10 @@ class HeightFilter(Belief):
     """
 
     def __init__(self) -> None:
-        super().__init__(np.array([0.0, 0.0, DELAY[0]]), np.diag(np.array([OFFSET_SD, SCALE_SD, DELAY[1]]) ** 2))
+        sd, walk = np.array([OFFSET_SD, SCALE_SD, DELAY[1]]), np.array([WANDER, 0.0, 0.0])
+        super().__init__(np.array([0.0, 0.0, DELAY[0]]), np.diag(sd**2), walk)
         self._waiting: deque[tuple[float, float]] = deque(maxlen=KEPT)
         self._last: tuple[float, float] | None = None
-        self._compared_at: float | None = None
         self._low, self._high = np.full(2, np.inf), np.full(2, -np.inf)
 
     @property
@@ -375,20 +378,24 @@ class HeightFilter(Belief):
                 self._compare(at, here, speed, barometer)
 
     def _compare(self, time: float, height: float, speed: float, barometer: float) -> None:
-        spent = 0.0 if self._compared_at is None else max(time - self._compared_at, 0.0)
-        self._compared_at = time
-        if spent > PAUSE:
-            self.covariance[0, :] = self.covariance[:, 0] = 0.0
-            self.covariance[0, 0] = OFFSET_SD**2
-        self.covariance[0, 0] += WANDER**2 * spent
+        if self.wait(time) > PAUSE:
+            self.covariance[0, 0] += OFFSET_SD**2
         self._low, self._high = np.minimum(self._low, (height, barometer)), np.maximum(self._high, (height, barometer))
         by, noise = np.array([[1.0, -height, -speed]]), np.array([[READING_SD**2]])
         self.observe(np.array([barometer - height]), by, noise)
 
 
-def turned_rpy_deg(mount: MountSection, by: Array) -> tuple[float, float, float]:
-    """Angles of a mount [deg] after a turn by the rotation vector `(3,)` [rad; body], `rpy_deg` of the camera file."""
-    return _three(np.degrees(euler_from_rotation(turn(rotation_from_euler(*np.radians(mount.rpy_deg)), by))))
+OFFSETS: Final = (
+    ("cx", " px", 1, SELFCAL.centre_px),
+    ("cy", " px", 1, SELFCAL.centre_px),
+    ("k1", "", 3, SELFCAL.k1),
+)
+"""Figures of `LENS` that a sum corrects: unit, digits, and what is nobody's fault."""
+ADVICE: Final = {
+    Alarm.SCALE: "",
+    Alarm.LENS: ": calibrate again",
+    Alarm.MOUNTING: ": look at the camera's seat, then mkdaemon calibrate mount",
+}
 
 
 class TargetWatch:
@@ -402,14 +409,16 @@ class TargetWatch:
             attitude_sd,
             mount_rotation(camera.mount) if has_mount and target.level else None,
             is_moving=target.moving,
-            sizes=self._maker.unknown_sizes,
+            sizes=len(self._maker.sized),
             bend=self._maker.bend,
         )
         self.heights = HeightFilter()
         self._due = -np.inf
 
-    def image_seen(self, pixels: Grey, pose: Pose, time: float, enu_from_flu: Array | None) -> None:
-        """Take in an image in which the target was found by its edges."""
+    def image_seen(self, pixels: Grey, pose: Pose, height: float, time: float, enu_from_flu: Array | None) -> None:
+        """Take in an image in which the target was found, and the vehicle's height over it [m]."""
+        if self.target.level and not self.target.moving:
+            self.heights.pose_seen(time, height)
         if time < self._due or pose.source != "edges":
             return
         self._due = time + SELFCAL.period
@@ -417,63 +426,44 @@ class TargetWatch:
         if evidence is not None:
             self._filter.image_seen(time, evidence, enu_from_flu)
 
-    def scale_words(self) -> Iterator[str]:
-        """What contradicts a size or the focal length, each with both numbers."""
-        k = self._camera.intrinsics
+    def contradictions(self) -> Iterator[tuple[Alarm, str]]:
+        """What contradicts the camera file or the target file, each with both numbers."""
+        k, name = self._camera.intrinsics, self.target.name
+        record = self._camera.calibration
+        if record.sheet_focal_mm > 0.0 and record.sheet_pixel_um > 0.0:
+            expected = 1000.0 * record.sheet_focal_mm / record.sheet_pixel_um
+            if abs(k.fx / expected - 1.0) > SELFCAL.sheet:
+                yield Alarm.SCALE, f"focal length {k.fx:.0f} px in the camera file, {expected:.0f} px by the data sheet"
         share, sd = self._known(LENS_AT)
-        sd = hypot(sd, FLOOR_RANGE)
         certain = SELFCAL.settled_certain if sd <= SELFCAL.settled else LIMITS.certainty.deviations
         if abs(share) > max(SELFCAL.share, certain * sd):
-            yield (
-                f"focal length {k.fx:.1f} px in the camera file, {k.fx * exp(share):.1f} +- {k.fx * sd:.1f} px by"
-                " the images: calibrate again"
-            )
-        name, largest = self.target.name, self.target.tags[0]
-        sizes = [(n, tag, f"against tag {largest.tag_id}") for n, tag in self._sized_tags()]
-        if self._maker.is_spread:
-            sizes.append((SIZES_AT + self._maker.sizes, largest, "against the distances between tags"))
-        for n, tag, against in sizes:
-            share, sd = self._known(n)
+            words = self._scaled(LENS_AT, k.fx, "px", "the camera file", "by the images")
+            yield Alarm.SCALE, f"focal length {words}: calibrate again"
+        for n, (tag, against) in enumerate(self._maker.sized, SIZES_AT):
             if self._tells(n, SELFCAL.share):
-                mm = 1000 * tag.size
-                better = f"{mm * exp(share):.1f} +- {mm * sd:.1f} mm {against}"
-                yield f"tag {tag.tag_id} of {name}: {mm:.1f} mm in its file, {better}: measure the print"
+                words = self._scaled(n, 1000 * tag.size, "mm", "its file", against)
+                yield Alarm.SCALE, f"tag {tag.tag_id} of {name}: {words}: measure the print"
         if self.heights.contradicts:
             way, (share, sd) = self.heights.covered, self.heights.scale
-            yield (
-                f"a way of {way * (1 - share):.2f} +- {way * sd:.2f} m by the barometer is {way:.2f} m by the eyes"
-                f" over {name}: measure the print, check the focal length"
-            )
-
-    def lens_words(self) -> Iterator[str]:
-        """What contradicts principal point or distortion."""
-        k = self._camera.intrinsics
-        for n, name, unit, digits, least in (
-            (LENS_AT + 1, "cx", " px", 1, SELFCAL.centre_px),
-            (LENS_AT + 2, "cy", " px", 1, SELFCAL.centre_px),
-            (LENS_AT + 3, "k1", "", 3, SELFCAL.k1),
-        ):
-            off, sd = self._known(n)
+            words = f"a way of {way * (1 - share):.2f} +- {way * sd:.2f} m by the barometer is {way:.2f} m by the eyes"
+            yield Alarm.SCALE, f"{words} over {name}: measure the print, check the focal length"
+        for n, (field, unit, digits, least) in enumerate(OFFSETS, LENS_AT + 1):
             if self._tells(n, least):
-                believed = getattr(k, name)
-                better = f"{believed + off:.{digits}f} +- {sd:.{digits}f}{unit}"
-                yield f"{name} {believed:.{digits}f}{unit} in the camera file, {better} by the images"
-
-    def mounting_words(self) -> Iterator[str]:
-        """What contradicts the mounting."""
-        found = [
-            f"{word} {np.degrees(turned):+.1f} +- {np.degrees(sd):.1f} deg"
+                believed, (off, sd) = getattr(k, field), self._known(n)
+                better = f"{believed + off:.{digits}f} +- {sd:.{digits}f}{unit} by the images"
+                yield Alarm.LENS, f"{field} {believed:.{digits}f}{unit} in the camera file, {better}"
+        turned = [
+            "{} {:+.1f} +- {:.1f} deg".format(word, *np.degrees(self._known(n)))
             for n, word in enumerate(("roll", "pitch", "yaw"))
-            for turned, sd in (self._known(n),)
             if self._tells(n, SELFCAL.mounting)
         ]
-        if found:
+        if turned:
             report = self.report()
-            believed, better = (
+            before, after = (
                 ", ".join(f"{angle:.1f}" for angle in angles)
                 for angles in (report.mount_believed_deg, report.mount_rpy_deg)
             )
-            yield f"mount.rpy_deg is {believed}, the flight says {better} ({', '.join(found)})"
+            yield Alarm.MOUNTING, f"mount.rpy_deg is {before}, the flight says {after} ({', '.join(turned)})"
 
     def report(self) -> SelfCalibration:
         """All estimates."""
@@ -482,14 +472,15 @@ class TargetWatch:
             figures[LENS_AT:SIZES_AT].tolist() for figures in (mean, sd)
         )
         known = np.where(sd[MOUNTING] < SELFCAL.mounting, mean[MOUNTING], 0.0)
+        turned = turn(rotation_from_euler(*np.radians(self._camera.mount.rpy_deg)), known)
         height, height_sd = self.heights.scale
         return SelfCalibration(
             target=self.target.name,
             looks=self._filter.looks,
-            mounting_deg=_three(np.degrees(mean[MOUNTING])),
-            mounting_sd_deg=_three(np.degrees(sd[MOUNTING])),
+            mounting_deg=tuple(np.degrees(mean[MOUNTING]).tolist()),
+            mounting_sd_deg=tuple(np.degrees(sd[MOUNTING]).tolist()),
             mount_believed_deg=self._camera.mount.rpy_deg,
-            mount_rpy_deg=turned_rpy_deg(self._camera.mount, known),
+            mount_rpy_deg=tuple(np.degrees(euler_from_rotation(turned)).tolist()),
             focal_percent=100.0 * focal,
             focal_sd_percent=100.0 * focal_sd,
             centre_px=(cx, cy),
@@ -500,7 +491,8 @@ class TargetWatch:
                 TagSizeError(
                     tag_id=tag.tag_id, size_percent=100.0 * float(mean[n]), size_sd_percent=100.0 * float(sd[n])
                 )
-                for n, tag in self._sized_tags()
+                for n, (tag, _) in enumerate(self._maker.sized, SIZES_AT)
+                if tag is not self.target.tags[0]
             ),
             height_percent=100.0 * height,
             height_sd_percent=100.0 * height_sd,
@@ -508,13 +500,15 @@ class TargetWatch:
             height_odds=self.heights.odds,
         )
 
-    def _sized_tags(self) -> Iterator[tuple[int, Tag]]:
-        """Tags whose size is an unknown, and where it stands."""
-        return enumerate(self.target.tags[1 : 1 + self._maker.sizes], start=SIZES_AT)
-
     def _known(self, n: int) -> tuple[float, float]:
-        """An unknown and its deviation."""
-        return float(self._filter.mean[n]), float(self._filter.sd[n])
+        """An unknown and its deviation, of a focal length with what no image shows."""
+        return float(self._filter.mean[n]), hypot(float(self._filter.sd[n]), FLOOR_RANGE * (n == LENS_AT))
+
+    def _scaled(self, n: int, believed: float, unit: str, file: str, by: str) -> str:
+        """A figure of a file, and what it is with the logarithm of a factor that is unknown `n`."""
+        share, sd = self._known(n)
+        better = f"{believed * exp(share):.1f} +- {believed * sd:.1f} {unit} {by}"
+        return f"{believed:.1f} {unit} in {file}, {better}"
 
     def _tells(self, n: int, least: float) -> bool:
         """Whether a difference is told: more than what is nobody's fault, and no accident."""
@@ -536,7 +530,6 @@ class SelfCheck:
     """
 
     def __init__(self, tagmap: TagMap, camera: Camera | None, attitude_sd: float, *, has_mount: bool) -> None:
-        self._camera = camera
         self._watches = {
             target.name: TargetWatch(target, camera, attitude_sd, has_mount=has_mount)
             for target in tagmap.targets
@@ -557,11 +550,12 @@ class SelfCheck:
         Poses of targets, and the heights of the vehicle over them [m], are by name.
         """
         for name, pose in poses.items():
-            watch = self._watches[name]
-            watch.image_seen(pixels, pose, time, enu_from_flu)
-            if not watch.target.moving and watch.target.level:
-                watch.heights.pose_seen(time, heights[name])
-        self.alarms = dict(self._judge())
+            self._watches[name].image_seen(pixels, pose, heights[name], time, enu_from_flu)
+        told: dict[Alarm, dict[str, None]] = {}
+        for watch in self._watches.values():
+            for alarm, words in watch.contradictions():
+                told.setdefault(alarm, {})[words] = None
+        self.alarms = {alarm: "; ".join(words) + ADVICE[alarm] for alarm, words in told.items()}
 
     def barometer_received(self, time: float, height: float) -> None:
         """Take the barometer's height [m] at a time [s]."""
@@ -571,29 +565,3 @@ class SelfCheck:
     def reports(self) -> tuple[SelfCalibration, ...]:
         """All estimates, of every target that was seen."""
         return tuple(found for watch in self._watches.values() if (found := watch.report()).looks)
-
-    def _judge(self) -> Iterator[tuple[Alarm, str]]:
-        watches = self._watches.values()
-        scale = [*self._sheet_words(), *(words for watch in watches for words in watch.scale_words())]
-        lens = [words for watch in watches for words in watch.lens_words()]
-        mounting = [words for watch in watches for words in watch.mounting_words()]
-        if scale:
-            yield Alarm.SCALE, "; ".join(scale)
-        if lens:
-            yield Alarm.LENS, f"{'; '.join(lens)}: calibrate again"
-        if mounting:
-            yield Alarm.MOUNTING, f"{mounting[0]}: look at the camera's seat, then mkdaemon calibrate mount"
-
-    def _sheet_words(self) -> Iterator[str]:
-        if self._camera is None:
-            return
-        record, focal = self._camera.calibration, self._camera.intrinsics.fx
-        if record.sheet_focal_mm > 0.0 and record.sheet_pixel_um > 0.0:
-            expected = 1000.0 * record.sheet_focal_mm / record.sheet_pixel_um
-            if abs(focal / expected - 1.0) > SELFCAL.sheet:
-                yield f"focal length {focal:.0f} px in the camera file, {expected:.0f} px by the data sheet"
-
-
-def _three(values: Array) -> tuple[float, float, float]:
-    x, y, z = (float(value) for value in values)
-    return x, y, z
