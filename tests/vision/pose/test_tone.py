@@ -71,8 +71,9 @@ def test_located_edges_lie_at_the_pose_when_their_common_shift_is_known() -> Non
     pixels = rendered(view, processed(GAMMA))
     found = fitter.fit(pixels, Pose(rotation, position, np.eye(6), "corners", 4, 0.1))
     assert found is not None
-    edges = fitter.locate(pixels, found)
-    assert edges is not None
+    located = fitter.locate(pixels, found)
+    assert located is not None
+    _, edges, _ = located
     assert abs(float(np.median(edges.offsets[edges.found]))) < 0.03
 
 

@@ -14,10 +14,9 @@ Source: model-edge tracking, Drummond and Cipolla, PAMI 24(7), 2002; Tukey weigh
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 
 from mkdaemon.vision.arrays import Array, Bools, Grey
 from mkdaemon.vision.limits import APART2, HALF, LIMITS
@@ -39,31 +38,6 @@ FIRST_BEND_PX = 30.0
 """Deviation of an edge while its reach is long, for the bend [px]: edges that are not yet found would bend a print."""
 CUT = 1.05
 """Width of edges over their reach from which a fit has not settled: the next reach is longer."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class LocatedEdges:
-    """Edges of one image around a pose.
-
-    Attributes:
-        index: which samples of the model are in view `(n,)`.
-        offsets: of the edges from where the pose puts them `(n,)` [px], towards the bright side.
-        found: whether an edge of the right sense was found `(n,)`.
-        trust: what lies beside them and neighbours leave of each, over the variance of the offset `(n,)`.
-        jacobian: of the offsets by pose `(n, 6)`.
-        by_rise: and by the rise of the print `(n, 3)`; `(n, 0)` where it does not bend.
-        pixels: where the pose puts them `(n, 2)` [px].
-        normals: towards the brighter side, unit `(n, 2)`.
-    """
-
-    index: npt.NDArray[np.intp]
-    offsets: Array
-    found: npt.NDArray[np.bool_]
-    trust: Array
-    jacobian: Array
-    by_rise: Array
-    pixels: Array
-    normals: Array
 
 
 class EdgeFit:
@@ -173,8 +147,12 @@ class EdgeFit:
         table.append(shifts(edges.toned, self.model.smaller[samples.index] if is_near else None))
         return table
 
-    def locate(self, pixels: Grey, pose: Pose) -> LocatedEdges | None:
-        """Find the edges around a fitted pose; none when too few are in view."""
+    def locate(self, pixels: Grey, pose: Pose) -> tuple[Samples, FoundEdges, Unknowns] | None:
+        """Find the edges around a fitted pose, without their common shift; none when too few are in view.
+
+        Returns:
+            The samples in view, their edges, and the unknowns that every fit has, by these samples.
+        """
         prior = Prior(pose, None, self._shutter, self._sheet)
         state = prior.begin()
         samples = self._project(pixels.shape, state, LIMITS.edges.reach_px[-1])
@@ -182,10 +160,7 @@ class EdgeFit:
             return None
         edges = find_edges(pixels, samples, is_blown=int(pixels.max()) >= LIMITS.read.saturated)
         unknowns = Unknowns(self._moving(samples, state, prior))
-        jacobian, by_rise = unknowns.rows[POSE].T, unknowns.rows[unknowns["rise"] if "rise" in unknowns else slice(0)].T
-        offsets = edges.offsets - pose.shift_px * edges.toned
-        seen = edges.found, edges.trust * edges.room
-        return LocatedEdges(samples.index, offsets, *seen, jacobian, by_rise, samples.pixels, samples.normals)
+        return samples, replace(edges, offsets=edges.offsets - pose.shift_px * edges.toned), unknowns
 
     def _project(self, shape: tuple[int, ...], at: State, reach: float) -> Samples | None:
         """Samples in view with u = project(R p + t) and the derivative n . du/dP; none when they are too few."""

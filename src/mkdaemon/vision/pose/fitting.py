@@ -38,7 +38,7 @@ from mkdaemon.vision.pose.printmodel import SQUARE, PrintModel
 from mkdaemon.vision.pose.prints import Prints
 from mkdaemon.vision.pose.projection import NEAR_M, Projection
 from mkdaemon.vision.pose.rolling import exposed
-from mkdaemon.vision.pose.unknowns import Level
+from mkdaemon.vision.pose.unknowns import POSE, Level
 from mkdaemon.vision.tags.cellread import sample
 from mkdaemon.vision.tags.detection import Detection
 from mkdaemon.vision.tags.tagmap import Tag, Target
@@ -155,19 +155,20 @@ class EdgeEvidence:
             pose: fitted to edges.
         """
         located = self._fit.locate(pixels, pose)
-        if located is None or not bool(located.found.any()):
+        if located is None or not bool(located[1].found.any()):
             return None
-        index = located.index
+        samples, edges, unknowns = located
+        index = samples.index
         contrast = self._grey(pixels, self._bright[index], pose) - self._grey(pixels, self._dark[index], pose)
         clear = max(float(np.percentile(contrast, CLEAR_PERCENT)), 1.0)
         seen = contrast > HALF * clear
-        size = np.abs(located.offsets)
-        scatter = max(MAD * median(size[located.found]), LIMITS.health.drift_px)
-        agrees = located.found & (size < LIMITS.certainty.deviations * scatter)
+        size = np.abs(edges.offsets)
+        scatter = max(MAD * median(size[edges.found]), LIMITS.health.drift_px)
+        agrees = edges.found & (size < LIMITS.certainty.deviations * scatter)
         return Evidence(
             float(seen.mean()),
             float((agrees & seen).sum()) / max(int(seen.sum()), 1),
-            _leverage(located.jacobian[agrees], located.offsets[agrees], self._line[index][agrees]),
+            _leverage(unknowns.rows[POSE].T[agrees], edges.offsets[agrees], self._line[index][agrees]),
         )
 
     def _grey(self, pixels: Grey, points: Array, pose: Pose) -> Array:

@@ -26,6 +26,7 @@ from math import exp, hypot, log
 from typing import Final
 
 import numpy as np
+import numpy.typing as npt
 
 from mkdaemon.frames import euler_from_rotation, rotation_from_euler
 from mkdaemon.telemetry.selfcal import HEIGHTS_LIKELY, SelfCalibration, TagSizeError
@@ -34,12 +35,14 @@ from mkdaemon.vision.arrays import Array, Grey
 from mkdaemon.vision.camera.calibration_file import Camera, mount_rotation
 from mkdaemon.vision.limits import LIMITS, SELFCAL
 from mkdaemon.vision.pose.bend import Bend
-from mkdaemon.vision.pose.edgefit import LEAST_EDGES, EdgeFit, LocatedEdges
+from mkdaemon.vision.pose.edgefind import FoundEdges, Samples
+from mkdaemon.vision.pose.edgefit import LEAST_EDGES, EdgeFit
 from mkdaemon.vision.pose.edgestep import MAD
 from mkdaemon.vision.pose.pose import FLOOR_RANGE, Pose, damped, median, turn
 from mkdaemon.vision.pose.prints import sheet_of
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.pose.rolling import skew
+from mkdaemon.vision.pose.unknowns import POSE
 from mkdaemon.vision.tags.tagmap import TagMap, Target
 
 LENS: Final = ("focal", "cx", "cy", "k1")
@@ -108,17 +111,20 @@ class EvidenceMaker:
 
     def look(self, pixels: Grey, pose: Pose) -> ImageEvidence | None:
         """Ask an image `(h, w)` uint8 about a pose found in it; none when too few edges are seen."""
-        edges = self._fit.locate(pixels, pose)
-        if edges is None or int(edges.found.sum()) < LEAST_EDGES:
+        located = self._fit.locate(pixels, pose)
+        if located is None or int(located[1].found.sum()) < LEAST_EDGES:
             return None
-        smaller = self._fit.model.smaller[edges.index]
+        samples, edges, unknowns = located
+        index, jacobian, by_rise = samples.index, unknowns.rows[POSE].T, np.zeros((len(samples.index), 0))
+        if "rise" in unknowns:
+            by_rise = unknowns.rows[unknowns["rise"]].T
+        smaller = self._fit.model.smaller[index]
         smaller = smaller[:, smaller.any(axis=0) & ~smaller.all(axis=0)]
-        shifted = np.column_stack([edges.jacobian, np.ones(len(edges.index)), smaller])
-        seen = self._fit.model.points[edges.index] @ pose.rotation.T + pose.position
-        columns = np.column_stack([self._by_lens(edges, seen), self._by_size(edges, pose), edges.by_rise])
+        shifted = np.column_stack([jacobian, np.ones(len(index)), smaller])
+        columns = np.column_stack([self._by_lens(samples, pose), self._by_size(index, jacobian, pose), by_rise])
         # The pose knows how its print bends in this image; here all images say so together.
-        offsets = edges.offsets if pose.bend is None else edges.offsets + edges.by_rise @ pose.bend.mean
-        crossed = np.abs(edges.normals).min(axis=1) * self._size[edges.index] * self._px_per_m(pose)
+        offsets = edges.offsets if pose.bend is None else edges.offsets + by_rise @ pose.bend.mean
+        crossed = np.abs(samples.normals).min(axis=1) * self._size[index] * self._px_per_m(pose)
         shared = ALIGNED_PX**2 / (1.0 + crossed**2) + (SHIFTED * pose.shift_px) ** 2
         if self._projection.shutter.rolls:
             shared += ROLLING_PX**2
@@ -138,19 +144,19 @@ class EvidenceMaker:
             left[:-1, -1],
         )
 
-    def _by_lens(self, edges: LocatedEdges, seen: Array) -> Array:
+    def _by_lens(self, samples: Samples, pose: Pose) -> Array:
         """Derivative of the offsets by the lens `(n, 4)`."""
-        centre = self._projection.centre
-        bent = self._projection.k1_jacobian(seen)
-        along, normals = (edges.pixels - centre) * edges.normals, edges.normals
-        return np.column_stack([along.sum(axis=1), normals, (bent * normals).sum(axis=1)])
+        seen = self._fit.model.points[samples.index] @ pose.rotation.T + pose.position
+        along, normals = (samples.pixels - self._projection.centre) * samples.normals, samples.normals
+        bent = self._projection.k1_jacobian(seen) * normals
+        return np.column_stack([along.sum(axis=1), normals, bent.sum(axis=1)])
 
-    def _by_size(self, edges: LocatedEdges, pose: Pose) -> Array:
+    def _by_size(self, index: npt.NDArray[np.intp], jacobian: Array, pose: Pose) -> Array:
         """Derivative of the offsets by the logarithms of the sizes, and by melting `(n, sizes + 1)`."""
-        grown = (edges.jacobian[:, :3] * (self._from_centre[edges.index] @ pose.rotation.T)).sum(axis=1)
-        cell_px = self._fit.model.cell[edges.index] * self._px_per_m(pose)
+        grown = (jacobian[:, :3] * (self._from_centre[index] @ pose.rotation.T)).sum(axis=1)
+        cell_px = self._fit.model.cell[index] * self._px_per_m(pose)
         melts = (LIMITS.cells.readable_px / cell_px) ** MELTS
-        columns: Array = grown[:, None] * np.column_stack([self._grow[edges.index], melts])
+        columns: Array = grown[:, None] * np.column_stack([self._grow[index], melts])
         return columns
 
     def _px_per_m(self, pose: Pose) -> float:
@@ -158,12 +164,13 @@ class EvidenceMaker:
         return float(self._projection.focal[0] / pose.position[2])
 
 
-def _weights(jacobian: Array, offsets: Array, edges: LocatedEdges, shared: Array) -> Array:
+def _weights(jacobian: Array, offsets: Array, edges: FoundEdges, shared: Array) -> Array:
     """Tukey's weights of the offsets over their variance [1/px^2], around the best that all unknowns can do.
 
     `shared` is the variance of errors that no residual shows, as edges share them `(n,)` [px^2].
     """
-    found, root = edges.found, np.sqrt(edges.trust)
+    found, trust = edges.found, edges.trust * edges.room
+    root = np.sqrt(trust)
     jacobian, offsets = jacobian * root[:, None], offsets * root
     weights = found.astype(np.float64)
     residual = offsets
@@ -174,7 +181,7 @@ def _weights(jacobian: Array, offsets: Array, edges: LocatedEdges, shared: Array
         reach = LIMITS.edges.tukey * spread
         weights = np.maximum(1.0 - (residual / reach) ** 2, 0.0) ** 2 * found
     # Doubt makes residuals small: by as much less they say how large residuals are.
-    weights = edges.trust * weights
+    weights = trust * weights
     variance = float((weights * residual**2).sum()) / max(float(weights.sum()) - jacobian.shape[1], 1.0)
     scaled: Array = weights / (variance + shared)
     return scaled
