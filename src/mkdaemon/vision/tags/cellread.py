@@ -29,9 +29,9 @@ def image_from_cells(corners: Array, n: int) -> Array:
 
 
 def carry(homography: Array, points: Array) -> Array:
-    """Map `(n, 2)` points."""
-    carried = points @ homography[:, :2].T + homography[:, 2]
-    mapped: Array = carried[:, :2] / carried[:, 2:]
+    """Map `(n, 2)` points; by each of several homographies `(..., 3, 3)` where there are more."""
+    carried = points @ np.swapaxes(homography[..., :2], -1, -2) + homography[..., None, :, 2]
+    mapped: Array = carried[..., :2] / carried[..., 2:]
     return mapped
 
 
