@@ -13,8 +13,7 @@ from mkdaemon.errors import VisionError
 from mkdaemon.vision.arrays import Grey
 from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.tags import apriltaglib
-from mkdaemon.vision.tags.cellread import has_sides, read_code
-from mkdaemon.vision.tags.coderead import TURNS, Covered, chance
+from mkdaemon.vision.tags.cellread import TURNS, Covered, chance, has_sides, read_code
 from mkdaemon.vision.tags.detection import Detection, best_of_codes
 from mkdaemon.vision.tags.outline import OutlineSearch, has_highlights
 from mkdaemon.vision.tags.searchplan import FIRST, LADDER, Look, Part, Stage, looks_of, shrink, shrinking

@@ -24,8 +24,7 @@ import numpy.typing as npt
 
 from mkdaemon.vision.arrays import Array, Grey
 from mkdaemon.vision.limits import HALF, LIMITS
-from mkdaemon.vision.tags.cellread import carry, image_from_cells, sample
-from mkdaemon.vision.tags.coderead import STEP_CELLS, CodeReader, Covered
+from mkdaemon.vision.tags.cellread import STEP_CELLS, CodeReader, Covered, carry, image_from_cells, sample
 from mkdaemon.vision.tags.detection import Detection, best_of_codes
 
 Index = npt.NDArray[np.intp]

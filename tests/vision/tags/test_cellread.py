@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from mkdaemon.vision.tags.coderead import CodeReader
+from mkdaemon.vision.tags.cellread import CodeReader
 from mkdaemon.vision.tags.cover import covered_cells
 from mkdaemon.vision.tags.detector import Detector
 from mkdaemon.vision.tags.tagfamily import cells
