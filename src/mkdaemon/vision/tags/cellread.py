@@ -172,7 +172,7 @@ class CodeReader:
                 if chances[best] <= LIMITS.read.max_chance:
                     k, quarters = divmod(best, TURNS)
                     margin, corners = _margin(pixels, homography, n), np.roll(quad, quarters, axis=0)
-                    one = Detection(name, codes.ids[k], int(wrong[best]), margin, corners, "outline")
+                    one = Detection(name, codes.ids[k], int(wrong[best]), margin, corners)
                     found.append((chances[best], one))
         return min(found, key=lambda one: one[0])[1] if found else None
 
