@@ -226,10 +226,16 @@ def _choices(n: int, of: int) -> Index:
 
 def _combs(pixels: Grey, quads: Array, n: int) -> Array:
     """Mean step over the lines between cells that run along the second side, less that amid cells, of each [grey]."""
-    away = np.arange(1, 2 * n) / 2 + np.array([STEP_CELLS, -STEP_CELLS])[:, None]
-    points = np.stack(np.broadcast_arrays(n - away[..., None], (np.arange(2 * n) + 0.5) / 2), axis=-1)
     homographies = np.stack([image_from_cells(quad, n) for quad in quads])
-    values = sample(pixels, carry(homographies, points.reshape(-1, 2)).reshape(-1, 2))
+    values = sample(pixels, carry(homographies, _comb(n)).reshape(-1, 2))
     inner, outer = values.reshape(len(quads), 2, 2 * n - 1, -1).swapaxes(0, 1)
     steps = np.minimum(np.abs(inner - outer), LIMITS.read.rise).mean(axis=2)
     return np.asarray(steps[:, 1::2].sum(axis=1) - steps[:, ::2].sum(axis=1))
+
+
+@lru_cache(maxsize=32)
+def _comb(n: int) -> Array:
+    """Points on both sides of lines between cells and amid them, the last line first `(2 * (2 n - 1) * 2 n, 2)`."""
+    away = np.arange(1, 2 * n) / 2 + np.array([STEP_CELLS, -STEP_CELLS])[:, None]
+    points = np.stack(np.broadcast_arrays(n - away[..., None], (np.arange(2 * n) + 0.5) / 2), axis=-1)
+    return points.reshape(-1, 2)
