@@ -15,9 +15,8 @@ from lab.vision.stills import HD, SeedSet, Still, Studio, error_of, look_once, s
 from lab.vision.troubles import band, patches, shadow
 from lab.vision.weather import FLIGHT_IMAGES, SKIES, fly_conditions, sum_up_flights
 from mkdaemon.vision.camera.intrinsics import Intrinsics
-from mkdaemon.vision.tags.cover import covered_cells
 from mkdaemon.vision.tags.detector import Detector
-from mkdaemon.vision.tags.tagmap import TagMap, Target
+from mkdaemon.vision.tags.tagmap import TagMap, Target, covered_cells
 from mksim.scene.light import Conditions, Glare
 
 Array = npt.NDArray[np.float64]

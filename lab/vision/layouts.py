@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from lab.campaign import Case, Part
 from lab.vision.stills import SeedSet, target_named
-from mkdaemon.vision.tags.detector import AprilTagSearch
+from mkdaemon.vision.tags.libraries import AprilTagSearch
 from mkdaemon.vision.tags.tagfamily import find_family
 from mkdaemon.vision.tags.tagmap import Target, single
 from mksim.scene.layers import INK, PAPER
@@ -122,7 +122,7 @@ def read_share(
             found = 0
             for _ in range(views):
                 image = seen(printed, distance, gamma, rng)
-                found += any(tag.tag_id == layout.outer for tag in search.find(image, "decimate1"))
+                found += any(tag.tag_id == layout.outer for tag in search.find(image))
             shares[distance, gamma] = found / views
     return shares
 

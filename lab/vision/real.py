@@ -20,7 +20,7 @@ from mkdaemon.vision.camera.intrinsics import Intrinsics
 from mkdaemon.vision.pose.pose import Pose, solve, with_floor
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.tags.detection import Detection
-from mkdaemon.vision.tags.detector import AprilTagSearch, ArucoSearch
+from mkdaemon.vision.tags.libraries import AprilTagSearch, ArucoSearch
 from mkdaemon.vision.tags.tagmap import TagMap, Target
 from mkdaemon.vision.track.attitude import LOOKING_DOWN
 from mkdaemon.vision.track.result import TargetPose
@@ -103,8 +103,8 @@ def look_at(frames: Iterable[FlightFrame], target: Target, lens: Intrinsics) -> 
     families = tuple({tag.family.name for tag in target.tags})
     april, opencv = AprilTagSearch(families), ArucoSearch(families)
     plain: dict[str, Callable[[Grey], list[Detection]]] = {
-        "apriltag": lambda pixels: april.find(pixels, "decimate1"),
-        "opencv": lambda pixels: opencv.find(pixels, "decimate1"),
+        "apriltag": april.find,
+        "opencv": opencv.find,
     }
     looks: dict[str, list[Look]] = {program: [] for program in (*eyes, *plain)}
     for frame in frames:

@@ -19,8 +19,7 @@ from mkdaemon.vision.camera.intrinsics import Intrinsics
 from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.pose import angle_between
 from mkdaemon.vision.tags.detection import Detection
-from mkdaemon.vision.tags.detector import Detector
-from mkdaemon.vision.tags.searchplan import FIRST, Look
+from mkdaemon.vision.tags.detector import FIRST, Detector, Look
 from mkdaemon.vision.tags.tagmap import TagMap, Target, load
 from mkdaemon.vision.track.attitude import LOOKING_DOWN, AttitudeHistory, AttitudeSample
 from mkdaemon.vision.track.result import VisionResult

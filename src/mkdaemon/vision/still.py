@@ -19,12 +19,10 @@ from mkdaemon.vision.pose.fitting import TargetFitter
 from mkdaemon.vision.pose.gates import fit_refusal
 from mkdaemon.vision.pose.pose import FLOOR_RANGE, Pose, angle_between, with_floor
 from mkdaemon.vision.pose.projection import Projection
-from mkdaemon.vision.tags.cover import covered_cells
-from mkdaemon.vision.tags.detection import Detection
+from mkdaemon.vision.tags.detection import Detection, Stage
 from mkdaemon.vision.tags.detector import Detector
-from mkdaemon.vision.tags.searchplan import Stage
 from mkdaemon.vision.tags.tagfamily import find_family
-from mkdaemon.vision.tags.tagmap import Tag, TagMap, Target, single
+from mkdaemon.vision.tags.tagmap import Tag, TagMap, Target, covered_cells, single
 
 ANY_ID_FALSE_RATE = 2e-6
 """Chance that a random quad reads as some code of the family, one bit corrected: with all 587 ids of tag36h11 allowed,

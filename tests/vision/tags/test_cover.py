@@ -6,11 +6,10 @@ import cv2
 import numpy as np
 import pytest
 
-from mkdaemon.vision.tags.cover import covered_cells
 from mkdaemon.vision.tags.detector import Detector
 from mkdaemon.vision.tags.outline import OutlineSearch
 from mkdaemon.vision.tags.tagfamily import cells
-from mkdaemon.vision.tags.tagmap import TagMap
+from mkdaemon.vision.tags.tagmap import TagMap, covered_cells
 from tests.vision.views import printed, shipped
 
 CODE = ("tag36h11", 48)

@@ -11,11 +11,10 @@ import pytest
 
 from lab.vision.stills import search_in_turn
 from mkdaemon.vision.tags.cellread import has_sides
-from mkdaemon.vision.tags.cover import covered_cells
-from mkdaemon.vision.tags.detector import ArucoSearch, Detector
-from mkdaemon.vision.tags.searchplan import FIRST, LADDER
+from mkdaemon.vision.tags.detector import FIRST, LADDER, Detector
+from mkdaemon.vision.tags.libraries import ArucoSearch
 from mkdaemon.vision.tags.tagfamily import cells, find_family
-from mkdaemon.vision.tags.tagmap import TagMap
+from mkdaemon.vision.tags.tagmap import TagMap, covered_cells
 from mksim.scene.gloss import Gloss
 from mksim.scene.light import Conditions, Cover, Shadow
 from mksim.scene.processing import Processing
@@ -76,7 +75,7 @@ def test_fallback_says_what_is_lost():
     assert "range" in fallback.warning
     assert "pyapriltags" in fallback.warning
     assert Detector({"tag36h11": frozenset({0})}, backend="apriltag").warning == ""
-    assert ArucoSearch(("tag36h11",)).find(np.full((100, 100), 200, np.uint8), "decimate1") == []
+    assert ArucoSearch(("tag36h11",)).find(np.full((100, 100), 200, np.uint8)) == []
 
 
 @pytest.mark.parametrize("distance", [0.8, 2.0, 4.0, 8.0])

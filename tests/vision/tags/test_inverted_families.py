@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
+
 import cv2
 import numpy as np
 import pytest
@@ -13,8 +15,9 @@ from mkdaemon.vision.calibrate.target_print import svg, target_page
 from mkdaemon.vision.camera.image import CameraImage
 from mkdaemon.vision.pose.fitting import TargetFitter
 from mkdaemon.vision.pose.projection import Projection
-from mkdaemon.vision.tags import apriltaglib, tagfamily
+from mkdaemon.vision.tags import tagfamily
 from mkdaemon.vision.tags.detector import Detector
+from mkdaemon.vision.tags.libraries import AprilTagSearch
 from mkdaemon.vision.tags.tagfamily import FAMILIES
 from mkdaemon.vision.tags.tagmap import TagMap, Target, build, single
 from mkdaemon.vision.track.attitude import LOOKING_DOWN
@@ -138,5 +141,7 @@ def test_what_needs_the_wheel_says_so_in_one_line(name, monkeypatch):
 
 
 def test_searches_of_one_thread_share_the_library():
-    families = (("tag36h11", 2),)
-    assert apriltaglib.detector(families, 1.0) is apriltaglib.detector(families, 2.0)
+    first, second = AprilTagSearch(("tag36h11",)), AprilTagSearch(("tag36h11",))
+    assert first.library is second.library
+    with ThreadPoolExecutor(1) as other:
+        assert other.submit(lambda: second.library).result() is not first.library

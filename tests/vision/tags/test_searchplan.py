@@ -8,12 +8,12 @@ import pytest
 
 from lab.vision.stills import search_in_turn
 from mkdaemon.vision.limits import LIMITS
-from mkdaemon.vision.tags.detector import Detector
-from mkdaemon.vision.tags.searchplan import (
+from mkdaemon.vision.tags.detector import (
     FIRST,
     LADDER,
     SMALL_TAG_STAGES,
     TILE,
+    Detector,
     Look,
     looks_of,
     shrink,

@@ -8,7 +8,7 @@ import pytest
 from mkdaemon.vision.camera.image import CameraImage
 from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.tags.detection import Detection
-from mkdaemon.vision.tags.searchplan import FIRST, NEARBY
+from mkdaemon.vision.tags.detector import FIRST, NEARBY
 from mkdaemon.vision.tags.tagmap import TagMap
 from mkdaemon.vision.track.attitude import LOOKING_DOWN
 from mkdaemon.vision.track.follower import LARGE_PX, MOST_EFFORT, OwnSearch

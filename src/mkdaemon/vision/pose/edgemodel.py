@@ -9,8 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from mkdaemon.vision.arrays import Array
-from mkdaemon.vision.tags.cover import covered
-from mkdaemon.vision.tags.tagmap import Tag, Target
+from mkdaemon.vision.tags.tagmap import Tag, Target, covered
 
 SAMPLED = (0.15, 0.7)
 """Where the samples of an edge begin, and the length they are spread over [cells]: corners are rounded by blur."""

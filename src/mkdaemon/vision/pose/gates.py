@@ -16,8 +16,7 @@ from mkdaemon.vision.pose.pose import Pose, correlation, largest_variance
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.pose.rolling import exposed
 from mkdaemon.vision.tags.cellread import sample
-from mkdaemon.vision.tags.cover import covered
-from mkdaemon.vision.tags.tagmap import Target
+from mkdaemon.vision.tags.tagmap import Target, covered
 
 
 @dataclass(frozen=True, slots=True, eq=False)

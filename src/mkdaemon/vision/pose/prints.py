@@ -12,7 +12,7 @@ from mkdaemon.vision.pose.bend import Sheet
 from mkdaemon.vision.pose.pose import Pose
 from mkdaemon.vision.pose.printmodel import PrintModel
 from mkdaemon.vision.pose.projection import NEAR_M, Projection
-from mkdaemon.vision.tags.tagmap import SAME_HEIGHT_M, Tag, Target
+from mkdaemon.vision.tags.tagmap import Tag, Target, covered
 
 MOST: Final = 8
 """Prints that a fit to grey values takes; eight took five times as long as one, and 16 halve the deviation no more than
@@ -24,11 +24,8 @@ SHOWN: Final = 0.3
 
 def roots(target: Target) -> tuple[Tag, ...]:
     """Tags that lie on no larger one's paper, largest first."""
-    found: list[Tag] = []
-    for tag in target.tags:
-        if not any(_lies_on(tag, other) for other in found):
-            found.append(tag)
-    return tuple(found)
+    tags = target.tags
+    return tuple(tag for k, tag in enumerate(tags) if not any(covered(tag.position[None], other) for other in tags[:k]))
 
 
 def sheet_of(target: Target) -> Sheet | None:
@@ -38,11 +35,6 @@ def sheet_of(target: Target) -> Sheet | None:
     """
     found = roots(target)
     return Sheet(found[0], target.bend) if len(found) == 1 and target.bend > 0.0 else None
-
-
-def _lies_on(tag: Tag, other: Tag) -> bool:
-    place = (tag.position - other.position) @ other.rotation
-    return abs(float(place[2])) < max(other.module, SAME_HEIGHT_M) and bool((np.abs(place[:2]) < other.paper / 2).all())
 
 
 class Prints:

@@ -11,9 +11,9 @@ from collections.abc import Iterable
 import cv2
 import numpy as np
 
-from mkdaemon.vision.arrays import Array
 from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.projection import Projection
+from mkdaemon.vision.tags.cellread import carry
 from mkdaemon.vision.tags.detection import Detection
 from mkdaemon.vision.tags.tagmap import Tag, TagMap
 
@@ -40,15 +40,12 @@ class TargetCheck:
         """Judge the tags decoded in one image; only tags that agree take a contradiction back."""
         if self._projection is None:
             return
-        found: dict[str, list[tuple[Tag, Detection]]] = {}
-        for detection in detections:
-            owner = self._tagmap.owners.get((detection.family, detection.tag_id))
-            if owner is not None and owner[0].is_planar:
-                found.setdefault(owner[0].name, []).append((owner[1], detection))
-        for name, seen in found.items():
-            worst = misfit(seen, self._projection)
-            if worst is not None:
-                self._contradictions[name] = self._contradictions[name] + 1 if worst else 0
+        owners = self._tagmap.owners
+        seen = [(*owners[found.code], found) for found in detections if found.code in owners]
+        for target in (target for target in self._tagmap.targets if target.is_planar):
+            is_wrong = misfit([(tag, found) for owner, tag, found in seen if owner is target], self._projection)
+            if is_wrong is not None:
+                self._contradictions[target.name] = self._contradictions[target.name] + 1 if is_wrong else 0
 
 
 def misfit(seen: list[tuple[Tag, Detection]], projection: Projection) -> bool | None:
@@ -58,29 +55,18 @@ def misfit(seen: list[tuple[Tag, Detection]], projection: Projection) -> bool | 
         seen: tags of one plane with what was found of them.
         projection: the lens.
     """
-    seen = sorted(seen, key=lambda pair: -pair[1].side_px)
-    (base, at), others = seen[0], seen[1:]
-    near = [
-        (tag, found)
-        for tag, found in others
-        if tag is not base
-        and float(np.linalg.norm(tag.position - base.position)) < LIMITS.health.misfit_reach * base.size
-    ]
-    if not near:
+    if not seen:
         return None
-    plane = base.rotation[:, :2]
+    base, at = max(seen, key=lambda pair: pair[1].side_px)
+    reach = LIMITS.health.misfit_reach * base.size
+    near = [pair for pair in seen if pair[0] is not base and np.linalg.norm(pair[0].position - base.position) < reach]
+    outline, found_at = base.local(base.corners)[:, :2], projection.undistort(at.corners)
+    ahead = np.asarray(cv2.getPerspectiveTransform(outline.astype(np.float32), found_at.astype(np.float32)), np.float64)
 
-    def flat(tag: Tag) -> Array:
-        return np.asarray((tag.corners - base.position) @ plane, dtype=np.float64)
-
-    ahead, _ = cv2.findHomography(flat(base), projection.undistort(at.corners))
-    if np.size(ahead) <= 1:
-        return None  # corners on one line
-    focal = 0.5 * (projection.intrinsics.fx + projection.intrinsics.fy)
-    wrong = False
-    for tag, found in near:
-        expected = cv2.perspectiveTransform(flat(tag)[:, None, :], ahead)[:, 0]
-        off = focal * float(np.linalg.norm(expected - projection.undistort(found.corners), axis=1).max())
+    def is_off(tag: Tag, found: Detection) -> bool:
+        expected = carry(ahead, base.local(tag.corners)[:, :2])
+        off = float(np.linalg.norm(expected - projection.undistort(found.corners), axis=1).max())
         loose = LIMITS.health.misfit_px * max(at.shrunk, found.shrunk)
-        wrong |= off > max(loose, LIMITS.health.misfit_share * found.side_px)
-    return wrong
+        return off * float(projection.focal.mean()) > max(loose, LIMITS.health.misfit_share * found.side_px)
+
+    return any(is_off(*pair) for pair in near) if near else None

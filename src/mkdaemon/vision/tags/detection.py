@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
 from mkdaemon.vision.arrays import Array
-from mkdaemon.vision.tags.searchplan import Stage
+
+Stage = Literal["decimate2", "decimate1", "log", "halflog", "linear", "outline"]
+"""A way to search an image for tags, at half or at full resolution."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -30,7 +33,7 @@ class Detection:
     hamming: int
     decision_margin: float
     corners: Array
-    stage: Stage
+    stage: Stage = "decimate1"
     shrunk: int = 1
 
     @property

@@ -1,107 +1,119 @@
-"""Finding tags in an image by a ladder of searches; what they find counts only where chance hardly explains it."""
+"""Finding tags in an image by a ladder of searches at a bounded cost; chance has to explain hardly what they find.
+
+There are four. Three have libapriltag look for unbroken quads, each in other tones: the grey values as they are;
+their logarithm, where a shadow's edge or leaves are as large a step as ink on paper; and light, where a tone curve lets
+white cells spread over small black ones. The first two also see the whole resolution, for small tags. The fourth looks
+for broken outlines (`outline.py`), where something lies over the border or a highlight opens it.
+
+A search takes time in proportion to the pixels. The first search of every image therefore sees it shrunk to at most
+`max_pixels`, and one other search joins it in every image of `thorough_every`: the other stages on the shrunk image,
+and, in turn with them, those for small tags on tiles of less shrunk levels. A tag that is too small on one level fits
+into the overlap of the tiles on the next one.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import replace
+import itertools
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Final, Literal
 
 import cv2
 import numpy as np
 
-from mkdaemon.errors import VisionError
 from mkdaemon.vision.arrays import Grey
 from mkdaemon.vision.limits import LIMITS
-from mkdaemon.vision.tags import apriltaglib
-from mkdaemon.vision.tags.cellread import has_sides, read_code
-from mkdaemon.vision.tags.coderead import TURNS, Covered, chance
-from mkdaemon.vision.tags.detection import Detection, best_of_codes
+from mkdaemon.vision.tags.cellread import TURNS, Covered, chance, has_sides
+from mkdaemon.vision.tags.detection import Detection, Stage, best_of_codes
+from mkdaemon.vision.tags.libraries import LOST_WITHOUT_APRILTAG, AprilTagSearch, ArucoSearch
 from mkdaemon.vision.tags.outline import OutlineSearch, has_highlights
-from mkdaemon.vision.tags.searchplan import FIRST, LADDER, Look, Part, Stage, looks_of, shrink, shrinking
-from mkdaemon.vision.tags.tagfamily import OPENCV_KNOWS, find_family
+from mkdaemon.vision.tags.tagfamily import find_family, is_installed
 
+Part = tuple[int, int, int, int]
+"""`(x0, y0, x1, y1)` [px], end exclusive."""
+
+FIRST: Final[tuple[Stage, ...]] = ("decimate2", "linear", "halflog")
+"""Stages of which one sees every image, in turn, at half its resolution: 3 to 6 ms on VGA."""
+SMALL_TAG_STAGES: Final[tuple[Stage, ...]] = ("log", "decimate1")
+"""Searches for small tags; the others need tags that are large on the coarsest level too."""
+NEARBY: Final[tuple[Stage, ...]] = ("decimate1", "linear", "log")
+"""Searches of a window where a target should be, in turn."""
+LADDER: Final[tuple[Stage, ...]] = (*FIRST, *SMALL_TAG_STAGES, "outline")
+"""Searches of the whole image."""
+TILE: Final = (640, 480)
+"""Size of a tile on its level [px]."""
+OVERLAP: Final = 112
+"""Of neighbouring tiles on their level [px]: a tag of 85 px with its quiet zone, 2.8 px a cell on a level 3 times as
+coarse."""
+FINER: Final = 3
+"""Ratio of neighbouring levels, at most."""
 _LOG: Final[Grey] = np.round(100 + 14 * (np.log10(np.arange(256) + 4.0) - np.log10(64.0))).clip(0, 255).astype(np.uint8)
 """Compresses bright and dark halves of a shadow to equal steps; 14 levels a decade merge texture below a real edge."""
 _LIGHT: Final[Grey] = np.round(255 * (np.arange(256) / 255) ** LIMITS.search.tone).astype(np.uint8)
 """Light from grey values: a tone curve lets white cells spread over small black ones, which then read as white."""
 TONES: Final[Mapping[Stage, Grey]] = {"linear": _LIGHT, "halflog": _LOG, "log": _LOG}
 """What is seen in place of each grey value; the other stages see the image as it is."""
-LOST_WITHOUT_APRILTAG: Final = (
-    "pyapriltags is not installed: tags are searched with cv2.aruco, which loses range (4 m instead of 10 m for a"
-    " 12 inch tag on VGA), corner precision (0.2-0.5 px instead of 0.02 px), hard shadows and the outer one of nested"
-    " tags; install mkdaemon with its pyapriltags wheel"
-)
 
 
-class ArucoSearch:
-    """cv2.aruco with sub-pixel corners; its range is short and it is blind to the outer one of nested tags.
+@dataclass(frozen=True, slots=True)
+class Look:
+    """One search.
 
-    Raises:
-        VisionError: a family OpenCV has no dictionary of.
+    Attributes:
+        stage: how.
+        part: of the image; the whole of it where it is none.
     """
 
-    def __init__(self, families: tuple[str, ...]) -> None:
-        parameters = cv2.aruco.DetectorParameters()
-        parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
-        parameters.cornerRefinementWinSize = 3
-        parameters.minMarkerPerimeterRate = 0.02
-        self._detectors: dict[str, cv2.aruco.ArucoDetector] = {}
-        for name in families:
-            dictionary = find_family(name).dictionary
-            if dictionary is None:
-                msg = (
-                    f"cv2.aruco does not know {name}: install mkdaemon with its pyapriltags wheel, or use"
-                    f" {OPENCV_KNOWS}"
-                )
-                raise VisionError(msg)
-            codes = cv2.aruco.getPredefinedDictionary(dictionary)
-            self._detectors[name] = cv2.aruco.ArucoDetector(codes, parameters)
-
-    def find(self, pixels: Grey, stage: Stage) -> list[Detection]:
-        """All codes cv2.aruco sees, in our corner order."""
-        found: list[Detection] = []
-        for name, detector in self._detectors.items():
-            corners, ids, _ = detector.detectMarkers(np.ascontiguousarray(pixels))
-            # OpenCV returns None for no markers, whatever its type says.
-            codes = np.array([] if not corners else ids, dtype=int).ravel()
-            for quad, tag_id in zip(corners, codes, strict=True):
-                # cv2 names the corners of its own drawing, which is the official print upside down.
-                ours = np.roll(np.asarray(quad, dtype=np.float64).reshape(4, 2), 2, axis=0)
-                wrong, margin = read_code(pixels, ours, name, int(tag_id))
-                found.append(Detection(name, int(tag_id), wrong, margin, ours, stage))
-        return found
+    stage: Stage
+    part: Part | None = None
 
 
-class AprilTagSearch:
-    """libapriltag through pyapriltags, in one thread.
+@lru_cache(maxsize=16)
+def looks_of(width: int, height: int, stages: Sequence[Stage]) -> tuple[Look, ...]:
+    """The searches that take turns beside the first ones.
 
-    pyapriltags carries upstream's fix of `refine_edges`, which pupil-apriltags and dt-apriltags lack.
+    Args:
+        width: of the image [px].
+        height: of the image [px].
+        stages: of the detector, the first ones included.
     """
-
-    def __init__(self, families: tuple[str, ...]) -> None:
-        self._families = tuple((name, find_family(name).corrected_bits) for name in families)
-
-    def find(self, pixels: Grey, stage: Stage, shrunk: int = 1) -> list[Detection]:
-        """All codes libapriltag sees, in our corner order and pixel convention.
-
-        Args:
-            pixels: `(h, w)` uint8.
-            stage: which search.
-            shrunk: by how much the image is shrunk to find quads; edges and cells are those of the whole one.
-        """
-        library = apriltaglib.detector(self._families, shrunk * (2.0 if stage in FIRST else 1.0))
-        return [
-            Detection(
-                family=item.tag_family.decode(),
-                tag_id=item.tag_id,
-                hamming=item.hamming,
-                decision_margin=float(item.decision_margin),
-                # libapriltag: counter-clockwise from the print's bottom-left, pixel centres at +0.5.
-                corners=item.corners[[3, 2, 1, 0]] - 0.5,
-                stage=stage,
-            )
-            for item in library.detect(np.asarray(pixels, dtype=np.uint8, order="C"))
+    whole = [Look(stage) for stage in stages if stage not in FIRST]
+    tiles: list[Look] = []
+    scale = shrinking(width, height)
+    while scale > 1:
+        scale = math.ceil(scale / FINER)
+        parts = [
+            (x, y, min(x + TILE[0] * scale, width), min(y + TILE[1] * scale, height))
+            for y in _starts(height, TILE[1] * scale, OVERLAP * scale)
+            for x in _starts(width, TILE[0] * scale, OVERLAP * scale)
         ]
+        tiles += [Look(stage, part) for stage in stages if stage in SMALL_TAG_STAGES for part in parts]
+    if not tiles:
+        return tuple(whole)
+    turns = itertools.cycle(whole)
+    return tuple(look for tile in tiles for look in (next(turns), tile))
+
+
+def shrinking(width: int, height: int) -> int:
+    """By how much an image is shrunk for a search of all of it."""
+    return math.ceil(math.sqrt(width * height / LIMITS.search.max_pixels))
+
+
+def shrink(part: Grey, scale: int) -> Grey:
+    """Mean over `scale` x `scale` pixels; what is left over at the right and lower edge is cut off."""
+    height, width = (length // scale for length in part.shape)
+    whole = part[: height * scale, : width * scale]
+    return np.asarray(cv2.resize(whole, (width, height), interpolation=cv2.INTER_AREA), dtype=np.uint8)
+
+
+def _starts(length: int, tile: int, overlap: int) -> list[int]:
+    """First pixels of tiles along one side, evenly spaced."""
+    if length <= tile:
+        return [0]
+    count = math.ceil((length - overlap) / (tile - overlap))
+    return [round(k * (length - tile) / (count - 1)) for k in range(count)]
 
 
 class Detector:
@@ -127,13 +139,13 @@ class Detector:
             whitelist: ids by family.
             max_chance: that a random quad reads as one of them, where cells read wrong or not at all.
             backend: which library; `auto` takes the best that is installed.
-            covered: cells that another tag lies on (`cover.covered_cells`); a broken outline is read without them.
+            covered: cells that another tag lies on (`tagmap.covered_cells`); a broken outline is read without them.
 
         Raises:
             VisionError: an unknown family, or one that only pyapriltags can search for, without its wheel.
         """
         if backend == "auto":
-            backend = "apriltag" if apriltaglib.is_installed() else "aruco"
+            backend = "apriltag" if is_installed() else "aruco"
         self.backend = backend
         self.warning = LOST_WITHOUT_APRILTAG if backend == "aruco" else ""
         self._whitelist, self._max_chance = whitelist, max_chance
@@ -177,15 +189,14 @@ class Detector:
             return []  # libapriltag crashes on a few rows
         if stage in TONES:
             seen = np.asarray(cv2.LUT(seen, TONES[stage]), dtype=np.uint8)
-        # centres of pixels are whole numbers: the middle of the first block is at (shrunk - 1) / 2
-        scale, first = shrunk, np.array([x0, y0]) + (shrunk - 1) / 2
-        if stage == "outline":
-            found = self._broken.find(shrink(seen, shrunk))
-        elif isinstance(self._whole, ArucoSearch):
-            found = self._whole.find(shrink(seen, shrunk), stage)
+        search = self._broken if stage == "outline" else self._whole
+        if isinstance(search, AprilTagSearch):
+            found, scale = search.find(seen, shrunk * (2.0 if stage in FIRST else 1.0)), 1
         else:
-            found, scale, first = self._whole.find(seen, stage, shrunk), 1, np.array([x0, y0])
-        placed = (replace(tag, corners=scale * tag.corners + first, shrunk=scale) for tag in found)
+            found, scale = search.find(shrink(seen, shrunk)), shrunk
+        # centres of pixels are whole numbers: the middle of the first block is at (scale - 1) / 2
+        first = np.array([x0, y0]) + (scale - 1) / 2
+        placed = (replace(tag, corners=scale * tag.corners + first, stage=stage, shrunk=scale) for tag in found)
         return [tag for tag in placed if self._is_believed(pixels, tag)]
 
     def _is_believed(self, pixels: Grey, found: Detection) -> bool:

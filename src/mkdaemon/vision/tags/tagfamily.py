@@ -12,31 +12,26 @@ Conventions used everywhere in `mkdaemon.vision`:
 
 OpenCV carries the same codes turned by 180 degrees (measured: a tag drawn by `cv2.aruco.generateImageMarker` decodes
 in libapriltag with the homography of an upside-down print), so every bitmap is turned once, here. The inverted families
-are unknown to OpenCV; libapriltag draws them.
+are unknown to OpenCV; they are drawn from the codes of libapriltag.
 """
 
 from __future__ import annotations
 
-import math
+import importlib.util
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import accumulate
-from typing import Final
+from typing import Any, Final
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
 from mkdaemon.errors import VisionError
-from mkdaemon.vision.tags.apriltaglib import draw, is_installed
 
 Cells = npt.NDArray[np.uint8]
 
 QUIET_ZONE_CELLS = 1
 """White cells a print carries around everything black."""
-MOST_ENTRIES: Final = 1_000_000
-"""Codes with flipped bits that libapriltag may list; each takes 48 bytes (apriltag.c, `quick_decode_init`)."""
-MOST_CORRECTED: Final = 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +45,8 @@ class TagFamily:
             outermost.
         bits: of a code.
         ids: number of codes; valid ids are 0 to `ids - 1`.
-        min_distance: smallest Hamming distance between two codes of the family, rotations included [bit].
+        corrected_bits: wrong bits that libapriltag corrects, two at most, and fewer in large families: it lists all
+            codes with so many flipped, here a million at most, 48 bytes each (apriltag.c, `quick_decode_init`).
         dictionary: OpenCV's predefined dictionary of the same codes, turned by 180 degrees; none for inverted families.
         hole_cells: side of the square in the middle that carries nothing, room for a smaller tag [cells].
     """
@@ -60,7 +56,7 @@ class TagFamily:
     black_cells: int
     bits: int
     ids: int
-    min_distance: int
+    corrected_bits: int
     dictionary: int | None = None
     hole_cells: int = 0
 
@@ -69,28 +65,23 @@ class TagFamily:
         """Whether the square is white inside a black ring, and data lie outside that."""
         return self.dictionary is None
 
-    @property
-    def corrected_bits(self) -> int:
-        """Wrong bits libapriltag corrects; few in large families, whose tables would not fit into memory."""
-        entries = accumulate(self.ids * math.comb(self.bits, flipped) for flipped in range(MOST_CORRECTED + 1))
-        return sum(listed <= MOST_ENTRIES for listed in entries) - 1
-
 
 FAMILIES: dict[str, TagFamily] = {
     family.name: family
     for family in (
-        TagFamily("tag36h11", 8, 8, 36, 587, 11, cv2.aruco.DICT_APRILTAG_36h11),
-        TagFamily("tag25h9", 7, 7, 25, 35, 9, cv2.aruco.DICT_APRILTAG_25h9),
-        TagFamily("tag16h5", 6, 6, 16, 30, 5, cv2.aruco.DICT_APRILTAG_16h5),
-        TagFamily("tagStandard41h12", 5, 9, 41, 2115, 12),
-        TagFamily("tagStandard52h13", 6, 10, 52, 48714, 13),
-        TagFamily("tagCustom48h12", 6, 10, 48, 42211, 12, hole_cells=2),
-        TagFamily("tagCircle21h7", 5, 9, 21, 38, 7),
-        TagFamily("tagCircle49h12", 5, 11, 49, 65535, 12),
+        TagFamily("tag36h11", 8, 8, 36, 587, 2, cv2.aruco.DICT_APRILTAG_36h11),
+        TagFamily("tag25h9", 7, 7, 25, 35, 2, cv2.aruco.DICT_APRILTAG_25h9),
+        TagFamily("tag16h5", 6, 6, 16, 30, 2, cv2.aruco.DICT_APRILTAG_16h5),
+        TagFamily("tagStandard41h12", 5, 9, 41, 2115, 1),
+        TagFamily("tagStandard52h13", 6, 10, 52, 48714, 0),
+        TagFamily("tagCustom48h12", 6, 10, 48, 42211, 0, hole_cells=2),
+        TagFamily("tagCircle21h7", 5, 9, 21, 38, 2),
+        TagFamily("tagCircle49h12", 5, 11, 49, 65535, 0),
     )
 }
 """All families pyapriltags has. Sources: Olson, AprilTag, ICRA 2011 (name = tag<bits>h<distance>); Krogius,
-Haggenmiller and Olson, Flexible layouts for fiducial tags, IROS 2019; figures: `apriltag_family_t`."""
+Haggenmiller and Olson, Flexible layouts for fiducial tags, IROS 2019; figures: `apriltag_family_t`. The distance is
+the smallest between two codes, rotations included [bit]."""
 OPENCV_KNOWS: Final = ", ".join(family.name for family in FAMILIES.values() if family.dictionary is not None)
 """Families that need no wheel."""
 
@@ -142,3 +133,43 @@ def cells(family: str, tag_id: int) -> Cells:
         raise VisionError(msg)
     bitmap.setflags(write=False)
     return bitmap
+
+
+def is_installed() -> bool:
+    """Whether the pyapriltags wheel is there."""
+    return importlib.util.find_spec("pyapriltags") is not None
+
+
+def open_library() -> Any:
+    """Libapriltag through pyapriltags, whose wheel has to be there: a detector in one thread, without families."""
+    from pyapriltags import Detector as LibDetector
+
+    return LibDetector(families="", nthreads=1, refine_edges=1)
+
+
+def family_in(library: Any, name: str) -> Any:
+    """A family of its own for a library; pyapriltags has told ctypes what its maker returns."""
+    return getattr(library.libc, f"{name}_create")()
+
+
+@lru_cache(maxsize=16)
+def _in_library(name: str) -> Any:
+    """Codes of a family, and where their bits stand, as libapriltag has them."""
+    return family_in(open_library(), name).contents
+
+
+def draw(name: str, tag_id: int) -> Cells:
+    """Cells of a code as libapriltag has it `(n, n)` uint8, 0 and 255, with the white border of classic families.
+
+    The wheel has to be there and the code has to exist.
+    """
+    family = _in_library(name)
+    n, count, start = family.total_width, family.nbits, (family.total_width - family.width_at_border) // 2
+    away = np.minimum(np.arange(n), np.arange(n)[::-1])
+    beyond = start - np.minimum.outer(away, away)
+    # All prints have two rings, and nothing beyond them.
+    white = (beyond > 1) | (beyond == (0 if family.reversed_border else 1))
+    white[start + np.array(family.bit_y[:count]), start + np.array(family.bit_x[:count])] = [
+        bit == "1" for bit in f"{family.codes[tag_id]:0{count}b}"
+    ]
+    return np.where(white, 255, 0).astype(np.uint8)

@@ -16,7 +16,7 @@ from mkdaemon.config.reader import load_section
 from mkdaemon.config.vision import BoardSection, TagPlacement, TargetFile, TargetSection
 from mkdaemon.errors import ConfigError, VisionError
 from mkdaemon.frames import rotation_from_euler, rotation_from_quaternion
-from mkdaemon.vision.arrays import Array
+from mkdaemon.vision.arrays import Array, Bools
 from mkdaemon.vision.tags.tagfamily import QUIET_ZONE_CELLS, Cells, TagFamily, cells, find_family, size_words
 
 ONE_PLANE = 1 - 1e-9
@@ -25,6 +25,8 @@ SAME_HEIGHT_M = 1e-6
 """Distance between the planes of tags of one plane [m]."""
 ROUNDING_M = 1e-9
 """Lengths from decimal numbers may differ by this [m]."""
+COVER_CELLS = 0.3
+"""How far beyond its paper a tag hides what lies below [cells]: its rim casts a shadow and blurs."""
 _UPSIDE_DOWN = rotation_from_euler(0.0, 0.0, math.pi)
 
 
@@ -64,6 +66,10 @@ class Tag:
     def place(self, points_tag: Array) -> Array:
         """Carry `(n, 2)` points of the tag plane into the target frame `(n, 3)` [m]."""
         return points_tag @ self.rotation[:, :2].T + self.position
+
+    def local(self, points: Array) -> Array:
+        """Points `(..., 3)` of the target frame in that of the tag `(..., 3)` [m]."""
+        return np.asarray((points - self.position) @ self.rotation)
 
     @cached_property
     def corners(self) -> Array:
@@ -106,7 +112,7 @@ class Target:
         first = self.tags[0]
         return all(
             float(tag.rotation[:, 2] @ first.rotation[:, 2]) > ONE_PLANE
-            and abs(float(first.rotation[:, 2] @ (tag.position - first.position))) < SAME_HEIGHT_M
+            and abs(float(first.local(tag.position)[2])) < SAME_HEIGHT_M
             for tag in self.tags
         )
 
@@ -132,6 +138,29 @@ class TagMap:
         """Ids that may be reported, by family."""
         names = {family for family, _ in self.owners}
         return {name: frozenset(i for family, i in self.owners if family == name) for name in sorted(names)}
+
+
+def covered(points: Array, tag: Tag) -> Bools:
+    """Which points `(n, 3)` [m; target] lie under the paper of a tag in the same plane."""
+    local, half = np.abs(tag.local(points)), tag.paper / 2 + COVER_CELLS * tag.module
+    under: Bools = (local[:, 2] < tag.module) & (local[:, :2].max(axis=1) <= half)
+    return under
+
+
+def covered_cells(tagmap: TagMap) -> dict[tuple[str, int], Bools]:
+    """Cells `(n, n)` of each tag, by family and id, whose middles lie under the paper of a later one of its target.
+
+    An inner tag is mostly white: where a tone curve or a highlight spreads white, black cells below it read as white.
+    """
+    found: dict[tuple[str, int], Bools] = {}
+    for target in tagmap.targets:
+        for k, tag in enumerate(target.tags):
+            n = len(tag.bitmap)
+            row, column = (index.ravel() for index in np.indices((n, n)))
+            middles = tag.place(np.column_stack([column - n / 2 + 0.5, n / 2 - 0.5 - row]) * tag.module)
+            under = [np.zeros(n * n, dtype=np.bool_), *(covered(middles, later) for later in target.tags[k + 1 :])]
+            found[tag.family.name, tag.tag_id] = np.any(under, axis=0).reshape(n, n)
+    return found
 
 
 def single(size: float, tag_id: int, *, family: str = "tag36h11", name: str = "tag") -> Target:
@@ -239,28 +268,22 @@ def _place(placement: TagPlacement) -> Tag:
 
 def _check_overlaps(target: Target, origin: str) -> None:
     """Refuse tags that hide the border of another: wrong sizes and positions show themselves here."""
-    centres = np.array([tag.position for tag in target.tags])
-    radii = np.array([np.linalg.norm(tag.outline - tag.position, axis=1).max() for tag in target.tags])
+    outlines = np.array([tag.outline for tag in target.tags])
+    quiet = QUIET_ZONE_CELLS * np.array([tag.module for tag in target.tags])
     for k, outer in enumerate(target.tags):
         half = outer.module * outer.family.black_cells / 2
-        # Tags so far away are apart however they are turned: a board of hundreds needs no look at every pair.
-        distances = np.linalg.norm(centres[k + 1 :] - outer.position, axis=1)
-        for i in np.flatnonzero(distances < 2 * (half + radii[k + 1 :])):
+        local = outer.local(outlines[k + 1 :])
+        low, high = local[..., :2].min(axis=1), local[..., :2].max(axis=1)
+        apart = (np.abs(local[..., 2]).max(axis=1) > outer.module) | ((low >= half) | (high <= -half)).any(axis=1)
+        # An inner tag with its quiet zone has to stay inside the coded cells, or the outer border is broken;
+        # inverted families correct too few bits to lose any.
+        room = outer.module * outer.family.hole_cells / 2 if outer.family.is_inverted else half - outer.module
+        farthest = np.maximum(-low, high).max(axis=1) + quiet[k + 1 :]
+        for i in np.flatnonzero(~apart & (farthest > room + ROUNDING_M)):
             inner = target.tags[k + 1 + int(i)]
-            local = (inner.outline - outer.position) @ outer.rotation
-            if float(np.abs(local[:, 2]).max()) > outer.module:
-                continue  # not in one plane
-            low, high = local[:, :2].min(axis=0), local[:, :2].max(axis=0)
-            apart = bool((low >= half).any() or (high <= -half).any())
-            # An inner tag with its quiet zone has to stay inside the coded cells, or the outer border is broken;
-            # inverted families correct too few bits to lose any.
-            room = outer.module * outer.family.hole_cells / 2 if outer.family.is_inverted else half - outer.module
-            quiet = QUIET_ZONE_CELLS * inner.module
-            nested = bool((low - quiet >= -room - ROUNDING_M).all() and (high + quiet <= room + ROUNDING_M).all())
-            if not (apart or nested):
-                msg = (
-                    f"{origin}: target '{target.name}': tag {inner.tag_id} ({inner.size:g} m) covers the border of tag"
-                    f" {outer.tag_id} ({outer.size:g} m); check the sizes ({size_words(outer.family)} in metres) and"
-                    " positions"
-                )
-                raise ConfigError(msg)
+            msg = (
+                f"{origin}: target '{target.name}': tag {inner.tag_id} ({inner.size:g} m) covers the border of tag"
+                f" {outer.tag_id} ({outer.size:g} m); check the sizes ({size_words(outer.family)} in metres) and"
+                " positions"
+            )
+            raise ConfigError(msg)

@@ -28,8 +28,7 @@ from mkdaemon.vision.pose.pose import Pose
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.pose.rolling import motion_of
 from mkdaemon.vision.tags.detection import Detection
-from mkdaemon.vision.tags.detector import Detector
-from mkdaemon.vision.tags.searchplan import FIRST, NEARBY
+from mkdaemon.vision.tags.detector import FIRST, NEARBY, Detector
 from mkdaemon.vision.tags.tagmap import Tag, Target
 from mkdaemon.vision.track.alarms import ImageHealth
 from mkdaemon.vision.track.attitude import Mounting, Sight

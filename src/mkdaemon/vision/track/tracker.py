@@ -16,11 +16,9 @@ from mkdaemon.vision.camera.intrinsics import Intrinsics
 from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.linetime import Shutter
 from mkdaemon.vision.pose.projection import Projection
-from mkdaemon.vision.tags.cover import covered_cells
 from mkdaemon.vision.tags.detection import Detection
-from mkdaemon.vision.tags.detector import Detector
-from mkdaemon.vision.tags.searchplan import FIRST
-from mkdaemon.vision.tags.tagmap import TagMap
+from mkdaemon.vision.tags.detector import FIRST, Detector
+from mkdaemon.vision.tags.tagmap import TagMap, covered_cells
 from mkdaemon.vision.track.alarms import ImageHealth
 from mkdaemon.vision.track.attitude import AttitudeHistory, Mounting, Sight
 from mkdaemon.vision.track.follower import Follower

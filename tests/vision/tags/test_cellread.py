@@ -6,11 +6,10 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from mkdaemon.vision.tags.coderead import CodeReader
-from mkdaemon.vision.tags.cover import covered_cells
+from mkdaemon.vision.tags.cellread import CodeReader
 from mkdaemon.vision.tags.detector import Detector
 from mkdaemon.vision.tags.tagfamily import cells
-from mkdaemon.vision.tags.tagmap import TagMap
+from mkdaemon.vision.tags.tagmap import TagMap, covered_cells
 from tests.vision.views import printed, shipped
 
 Grey = npt.NDArray[np.uint8]
