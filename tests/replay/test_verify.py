@@ -245,9 +245,10 @@ def test_what_the_core_answers_otherwise_is_named_with_the_event():
 
 
 def test_a_regulator_that_flies_otherwise_is_named(monkeypatch):
+    """By 2 %: the recorded aircraft does not answer to sticks of another flight, which ends it sooner or later."""
     monkeypatch.chdir(ROOT)
     count = CountShaper.count
-    monkeypatch.setattr(CountShaper, "count", lambda self, wanted: count(self, wanted * 1.05))
+    monkeypatch.setattr(CountShaper, "count", lambda self, wanted: count(self, wanted * 1.02))
     recorded = read_recorded([OVER_TARGET])
     keys = compare(recorded, replay(recorded, recorded.config).outputs).keys
     assert keys["control/output"].differing > 0

@@ -18,7 +18,7 @@ import numpy as np
 
 from mkdaemon.vision.arrays import Array, Grey
 from mkdaemon.vision.camera.intrinsics import Intrinsics
-from mkdaemon.vision.limits import LIMITS
+from mkdaemon.vision.limits import HALF, LIMITS
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.still import StillEye
 from mkdaemon.vision.tags.cellread import carry, image_from_cells, sample
@@ -75,7 +75,7 @@ class PrintFinding:
     fix: str = ""
 
 
-_Said = tuple[PrintState, str, str]
+_Finding = tuple[PrintState, str, str]
 """A finding without its name."""
 
 
@@ -131,7 +131,7 @@ def check_print(
         fix = "Show the whole print, sharp, filling half of the photograph; check --target."
         return (PrintFinding("tags", PrintState.BAD, words, fix),)
     light, rim = _light_and_rim(pixels, measured)
-    said = {
+    found_by = {
         "tags": _seen(target, measured),
         "sizes among tags": _relative(target, measured),
         "width over height": _aspect(measured[0], is_calibrated=intrinsics is not None),
@@ -143,7 +143,7 @@ def check_print(
     }
     good = PrintState.GOOD
     return tuple(
-        PrintFinding(name, state, words, "" if state is good else fix) for name, (state, words, fix) in said.items()
+        PrintFinding(name, state, words, "" if state is good else fix) for name, (state, words, fix) in found_by.items()
     )
 
 
@@ -153,14 +153,14 @@ def softness(pixels: Grey, corners: Array, cells: int) -> float | None:
     return float(np.median(found)) / (mean_side(corners) / cells) if found else None
 
 
-def _judged(words: str, fix: str, *, is_bad: bool) -> _Said:
+def _judged(words: str, fix: str, *, is_bad: bool) -> _Finding:
     """What is either good or bad."""
     return PrintState.BAD if is_bad else PrintState.GOOD, words, fix
 
 
 def _weighed(
     figures: Iterable[tuple[float, float]], bound: float, words: str, fix: str, certain: float = CERTAIN
-) -> _Said:
+) -> _Finding:
     """Judge errors and their deviations: one over its bound, and by no accident, is bad; a loose one tells nothing."""
     errors, deviations = np.abs(np.array(list(figures))).T
     if (errors > np.maximum(bound, certain * deviations)).any():
@@ -233,7 +233,7 @@ def _lengths(corners: Array) -> list[float]:
     return lengths
 
 
-def _seen(target: Target, measured: Sequence[_Measured]) -> _Said:
+def _seen(target: Target, measured: Sequence[_Measured]) -> _Finding:
     names = ", ".join(f"{one.tag.tag_id} ({one.cell:.1f} px a cell)" for one in measured)
     words = f"{len(measured)} of {len(target.tags)} measured: {names}"
     is_far = measured[0].cell < LIMITS.cells.mixed_px
@@ -242,14 +242,14 @@ def _seen(target: Target, measured: Sequence[_Measured]) -> _Said:
     return _judged(words, "Take the photograph nearer: every figure below is loose.", is_bad=is_far)
 
 
-def _relative(target: Target, measured: Sequence[_Measured]) -> _Said:
+def _relative(target: Target, measured: Sequence[_Measured]) -> _Finding:
     """Sizes and places of the other tags, by the largest one."""
     base, *others = measured
     if not others or not target.is_planar:
         words = "one tag in view: nothing to compare it with" if target.is_planar else "its tags are not in one plane"
         return PrintState.UNKNOWN, words, "Measure the tag with a ruler."
     back = np.asarray(np.linalg.inv(image_from_cells(base.corners, 1)), np.float64)
-    figures, told = [], []
+    figures, lines = [], []
     for one in others:
         # in sides of the base from its top left corner, y down
         seen = carry(back, one.corners)
@@ -258,18 +258,18 @@ def _relative(target: Target, measured: Sequence[_Measured]) -> _Said:
         loose = 100 * math.hypot(one.unsure, base.unsure)
         size = 100 * (mean_side(seen) * base.tag.size / one.tag.size - 1.0), loose
         figures += [size, (100 * off, loose)]
-        told.append(
+        lines.append(
             f"{one.tag.tag_id} is {_percent(size)} of its size, {1000 * off * base.tag.size:.1f} mm off its place"
         )
     fix = "Write the sizes and places that a ruler shows into the target file, or print it anew."
-    return _weighed(figures, SCALE_PERCENT, f"against tag {base.tag.tag_id}: {'; '.join(told)}", fix)
+    return _weighed(figures, SCALE_PERCENT, f"against tag {base.tag.tag_id}: {'; '.join(lines)}", fix)
 
 
 def _percent(figure: tuple[float, float]) -> str:
     return f"{figure[0]:+.2f} +- {figure[1]:.2f} %"
 
 
-def _aspect(base: _Measured, *, is_calibrated: bool) -> _Said:
+def _aspect(base: _Measured, *, is_calibrated: bool) -> _Finding:
     """Whether a square tag is as wide as it is high."""
     if not is_calibrated:
         words = "without a camera file a tilt looks like a print that is too narrow"
@@ -282,7 +282,7 @@ def _aspect(base: _Measured, *, is_calibrated: bool) -> _Said:
     return _weighed([figure], SCALE_PERCENT, f"{_percent(figure)} by tag {base.tag.tag_id}", fix)
 
 
-def _absolute(base: _Measured, distance: float | None) -> _Said:
+def _absolute(base: _Measured, distance: float | None) -> _Finding:
     """How large the print is, by a distance that somebody measured to a camera with a file."""
     ruler = f"Measure tag {base.tag.tag_id} with a ruler: {1000 * base.tag.size:.1f} mm by its file."
     if distance is None:
@@ -295,7 +295,7 @@ def _absolute(base: _Measured, distance: float | None) -> _Said:
     return _weighed([figure], SCALE_PERCENT, words, ruler, CERTAIN_BY_TAPE)
 
 
-def _flatness(measured: Sequence[_Measured], *, is_calibrated: bool) -> _Said:
+def _flatness(measured: Sequence[_Measured], *, is_calibrated: bool) -> _Finding:
     """Whether sides are straight."""
     one = max(
         measured,
@@ -310,14 +310,14 @@ def _flatness(measured: Sequence[_Measured], *, is_calibrated: bool) -> _Said:
     return PrintState.UNKNOWN if state is PrintState.BAD else state, words, fix
 
 
-def _sharpness(measured: Sequence[_Measured]) -> _Said:
+def _sharpness(measured: Sequence[_Measured]) -> _Finding:
     one = max(measured, key=lambda one: one.softness)
     words = f"edges of tag {one.tag.tag_id} are {one.blur:.2f} px soft, {one.softness:.2f} of its cells"
     fix = "Focus, hold still, take it nearer; if a sharp photograph says the same, print with a better printer."
     return _judged(words, fix, is_bad=one.softness > BLUR_CELLS)
 
 
-def _light_and_rim(pixels: Grey, measured: Sequence[_Measured]) -> tuple[_Said, _Said]:
+def _light_and_rim(pixels: Grey, measured: Sequence[_Measured]) -> tuple[_Finding, _Finding]:
     rims = [(levels, one.tag.tag_id) for one in measured if (levels := _rim(pixels, one)) is not None]
     if not rims:
         unknown = PrintState.UNKNOWN, "the rim is not in the photograph", "Show more of the paper around the tags."
@@ -344,4 +344,4 @@ def _rim(pixels: Grey, one: _Measured) -> tuple[float, float, float] | None:
         return None
     values, is_rim = sample(pixels, places), np.abs(around).max(axis=1) == reach
     white, black = float(np.percentile(values[is_rim], 75)), float(np.percentile(values[~is_rim], 25))
-    return black, white, float((values[is_rim] > 0.5 * (white + black)).mean())
+    return black, white, float((values[is_rim] > HALF * (white + black)).mean())

@@ -558,11 +558,11 @@ class SelfCheck:
         """
         for name, pose in poses.items():
             self._watches[name].image_seen(pixels, pose, heights[name], time, enu_from_flu)
-        told: dict[Alarm, dict[str, None]] = {}
+        found: dict[Alarm, dict[str, None]] = {}
         for watch in self._watches.values():
             for alarm, words in watch.contradictions():
-                told.setdefault(alarm, {})[words] = None
-        self.alarms = {alarm: "; ".join(words) + ADVICE[alarm] for alarm, words in told.items()}
+                found.setdefault(alarm, {})[words] = None
+        self.alarms = {alarm: "; ".join(words) + ADVICE[alarm] for alarm, words in found.items()}
 
     def barometer_received(self, time: float, height: float) -> None:
         """Take the barometer's height [m] at a time [s]."""
