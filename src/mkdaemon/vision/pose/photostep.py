@@ -183,7 +183,7 @@ class Lit:
         gain = _gain(columns, at.grey)
         tone = at.value * (1.0 - at.value)
         contrast = gain[0] + gain[4] * (1.0 - 2.0 * at.value) + gain[5] * (1.0 - 6.0 * tone)
-        return cls(columns, gain, contrast + gain[6] * (TOE_GAIN / (TOE + at.value) - 1.0))
+        return cls(columns, gain, contrast + gain[6] * (TOE_GAIN / (TOE + np.maximum(at.value, 0.0)) - 1.0))
 
 
 def lit_print(at: PrintSamples, half: float) -> tuple[PrintSamples, Lit]:
@@ -221,7 +221,7 @@ def _columns(at: PrintSamples, half: float, *, is_highlit: bool) -> Array:
     columns = np.zeros((LIGHTS, at.value.size))
     u, v = at.u / half, at.v / half
     tone = at.value * (1.0 - at.value)
-    curve = tone, tone * (1.0 - 2.0 * at.value), TOE_GAIN * np.log1p(at.value / TOE) - at.value
+    curve = tone, tone * (1.0 - 2.0 * at.value), TOE_GAIN * np.log1p(np.maximum(at.value, 0.0) / TOE) - at.value
     columns[:7] = at.value, np.ones_like(u), u, v, *curve
     if is_highlit:
         columns[7:] = u * u, u * v, v * v

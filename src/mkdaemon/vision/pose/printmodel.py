@@ -15,7 +15,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from math import ceil, log2, sqrt
-from typing import Any, Final
+from typing import Final
 
 import cv2
 import numpy as np
@@ -54,8 +54,6 @@ BOX: Final = 12.0
 """Square of a box's length over its variance: what motion blur adds is a box, and so is a pixel."""
 LEAST_STREAK_PX: Final = 0.3
 """Shorter streaks are taken for round [px]."""
-SLOPES: Final = tuple(np.array([1, -8, 0, 8, -1], np.float32).reshape(shape) / 12 for shape in ((1, 5), (5, 1)))
-"""Filters for the slope along rows and along columns of texels, right to the fourth order: 0.1 % of a level's slope."""
 LENS_PATCH: Final = 0.7
 """Share of the window at whose corners the lens is taken: the error of an affine lens is least in the middle."""
 SQUARE: Final = np.array([[-1.0, 1.0], [1.0, 1.0], [1.0, -1.0], [-1.0, -1.0]])
@@ -220,11 +218,12 @@ class PrintTexture:
             step = self._cells / side
             variance = blur**2 - step**2 / 4.0
             soft = cv2.GaussianBlur(self._drawn, (0, 0), sqrt(variance) * TEXELS, borderType=cv2.BORDER_REPLICATE)
-            soft = cv2.resize(soft, (side, side), interpolation=cv2.INTER_AREA)
-            right, down = (_slope(soft, way / step) for way in SLOPES)
-            along, cross = (_slope(right, way / step) for way in SLOPES)
-            across = _slope(down, SLOPES[1] / step)
-            self._levels[number] = _planes(soft, right, -down), _planes(along, -cross, across)
+            down, right = (slope * TEXELS for slope in np.gradient(soft))
+            cross, along = (slope * TEXELS for slope in np.gradient(right))
+            across = np.gradient(down, axis=0) * TEXELS
+            planes = [soft, right, -down], [along, -cross, across]
+            first, second = (cv2.resize(cv2.merge(p), (side, side), interpolation=cv2.INTER_AREA) for p in planes)
+            self._levels[number] = np.asarray(first, np.float32), np.asarray(second, np.float32)
         return self._levels[number]
 
     def at(self, x: Array, y: Array, footprint: Footprint, more: Array) -> Array:
@@ -260,17 +259,9 @@ class PrintTexture:
         return found
 
 
-def _slope(image: npt.NDArray[Any], way: Array) -> Image32:
-    return np.asarray(cv2.filter2D(image, -1, way, borderType=cv2.BORDER_REPLICATE), np.float32)
-
-
-def _planes(*planes: npt.NDArray[Any]) -> Image32:
-    return np.asarray(cv2.merge(planes), np.float32)
-
-
 @lru_cache(maxsize=64)
 def _texture(first: Tag, tags: tuple[Tag, ...]) -> PrintTexture:
-    """Drawn and blurred once for all cameras and scales: a level takes half a millisecond, a drawing ten."""
+    """Drawn and blurred once for all cameras and scales: a level takes a millisecond, a drawing ten."""
     return PrintTexture(_drawn(first, tags))
 
 
