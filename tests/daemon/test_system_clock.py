@@ -9,6 +9,7 @@ import msgpack
 import pytest
 import zenoh
 
+from lab.rigs.waiting import wait_until
 from mkdaemon.clock import Clock
 from mkdaemon.config.root import Config
 from mkdaemon.daemon.program import run
@@ -38,18 +39,16 @@ async def test_after_a_step_of_an_hour_stamps_are_right_within_2_s_and_an_event_
     def on_sample(sample: zenoh.Sample) -> None:
         heard.append((str(sample.key_expr), msgpack.unpackb(sample.payload.to_bytes())))
 
-    async def all_heard(since: float) -> None:
-        """Whatever comes regularly, once a second at least, was stamped after a time."""
-        async with asyncio.timeout(PATIENCE):
-            while not REGULAR <= {key for key, value in heard if value["stamp"]["monotonic"] > since}:
-                await asyncio.sleep(0.05)
+    def has_all(since: float) -> bool:
+        """Whether whatever comes regularly, once a second at least, was stamped after a time."""
+        return {key for key, value in heard if value["stamp"]["monotonic"] > since} >= REGULAR
 
     session = client(endpoint)
     with await asyncio.to_thread(session.__enter__) as opened:
         opened.declare_subscriber("mk/t/**", on_sample)
-        await all_heard(0.0)
+        await wait_until(lambda: has_all(0.0), PATIENCE, 0.05)
         shift, stepped_at = step, time.monotonic()
-        await all_heard(stepped_at + SETTLED)
+        await wait_until(lambda: has_all(stepped_at + SETTLED), PATIENCE, 0.05)
         offset = time.time() + shift - time.monotonic()
     stop.set()
     await asyncio.wait_for(daemon, PATIENCE)
