@@ -362,8 +362,9 @@ class TargetFitter:
         if not photometric:
             self.effort += 1
             return self._edges.fit(pixels, start, level=level)
-        self.effort += GREY_EFFORT
         fitted = self._photo.fit(pixels, start, level=level, blur_px=blur_px)
+        # A print that is too large, or not there, is told at once.
+        self.effort += 1 if fitted is None else GREY_EFFORT
         return fitted if fitted is not None and np.isfinite(fitted.rms_px) else None
 
     def match(self, pixels: Grey, pose: Pose) -> float | None:
