@@ -12,7 +12,7 @@ import pytest
 from mkdaemon.config.vision import TrackerSection
 from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.edgefit import EdgeFit
-from mkdaemon.vision.pose.fitting import TargetFitter
+from mkdaemon.vision.pose.fitting import GREY_EFFORT, TargetFitter
 from mkdaemon.vision.pose.gates import fit_refusal
 from mkdaemon.vision.pose.photofit import PhotoFit
 from mkdaemon.vision.pose.pose import Pose, turn
@@ -89,3 +89,14 @@ def test_grey_values_do_not_begin_where_nothing_resembles_the_print(cells: float
     near = PhotoFit(TARGET, PROJECTION).fit(view.pixels, beside(view))
     assert near is not None
     assert float(np.linalg.norm(near.position - view.position)) < 0.01
+
+
+@pytest.mark.parametrize(("distance", "spent"), [(0.5, 1), (DISTANCE, GREY_EFFORT)])
+def test_a_print_that_is_too_large_for_grey_values_spends_nothing_on_them(distance: float, spent: int) -> None:
+    """Told at once; counted as a fit, no other start was tried, and a near tag under a cover was lost for good."""
+    view = View(TARGET, place(distance, 0.2))
+    fitter = TargetFitter(TARGET, PROJECTION)
+    fitter.begin(view.pixels)
+    fitted = fitter.fit_grey_values(view.pixels, [beside(view)])
+    assert bool(fitted) is (spent == GREY_EFFORT)
+    assert fitter.effort == spent
