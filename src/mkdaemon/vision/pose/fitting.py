@@ -293,10 +293,7 @@ class TargetFitter:
 
     def refine(self, pixels: Grey, start: Pose, level: Level | None = None) -> Pose | None:
         """Improve a pose by the method its size, tilt and blur ask for, with a level its tilt held near it."""
-        found = self._refined(pixels, self._gatherer.gathered(pixels, start), level)
-        return found if found is None else replace(found, match=self.match(pixels, found))
-
-    def _refined(self, pixels: Grey, start: Pose, level: Level | None) -> Pose | None:
+        start = self._gatherer.gathered(pixels, start)
         grey: Pose | None = None
         if self._wants_photometric(start) or self.is_small(start):
             grey = self._fit(pixels, start, photometric=True, level=level)
@@ -363,13 +360,15 @@ class TargetFitter:
             self.effort += 1
             return self._edges.fit(pixels, start, level=level)
         fitted = self._photo.fit(pixels, start, level=level, blur_px=blur_px)
-        # A print that is too large, or not there, is told at once.
+        # A print that is too large, or not there, is told at once; few others give nothing.
         self.effort += 1 if fitted is None else GREY_EFFORT
         return fitted if fitted is not None and np.isfinite(fitted.rms_px) else None
 
     def match(self, pixels: Grey, pose: Pose) -> float | None:
         """How well the image shows the target where the pose puts it, -1 to 1; none when it cannot be told."""
-        return self._bits.correlation(pixels, pose) if pose.match is None else pose.match
+        if pose.source == "photometric" and pose.match is not None:
+            return pose.match
+        return self._bits.correlation(pixels, pose)
 
     def shows(self, pixels: Grey, start: Pose) -> bool:
         """Whether the image shows the target where a start puts it, well enough for a fit to find its place.

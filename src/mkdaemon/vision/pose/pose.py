@@ -57,7 +57,7 @@ class Pose:
         step: length of the last step of the fit against the range.
         loss: geometric mean of the bounded squared residuals of all samples, for comparing rival fits of one image:
             hidden samples cost both rivals the same.
-        match: correlation between model, or cells, and image, where it is known.
+        match: correlation between model and image, where the fit knows it.
         blur_px: half width of an edge in the image, or of grey values the deviation of the point spread, where known.
         widest_px: the same of the edges that run the way of the wider ones, in a fit to edges.
         ragged_px: residual of the edges that run the way that agrees less, in a fit to edges [px].
