@@ -89,12 +89,11 @@ def rotation_from_quaternion(quaternion: tuple[float, float, float, float]) -> M
     Raises:
         ValueError: the quaternion has no length.
     """
-    q = np.asarray(quaternion, dtype=np.float64)
-    norm = float(np.linalg.norm(q))
+    norm = math.hypot(*quaternion)
     if not norm > 0.0:
         msg = "a quaternion of length zero has no rotation"
         raise ValueError(msg)
-    w, x, y, z = q / norm
+    w, x, y, z = (part / norm for part in quaternion)
     return np.array(
         [
             [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],

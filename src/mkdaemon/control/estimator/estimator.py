@@ -119,6 +119,8 @@ class Cameras:
     @property
     def contradicting(self) -> tuple[str, ...]:
         """Cameras whose images contradict what others show."""
+        if len(self._records) < 2:
+            return ()
         newest = max((each.at for each in self._records.values()), default=0.0)
         recent = {name: each for name, each in self._records.items() if newest - each.at <= TOGETHER}
         refused = tuple(sorted(name for name, each in recent.items() if each.refused >= self._patience))
@@ -221,7 +223,7 @@ class Estimator:
         self.model = model
         self.hover_gas = min(max(hover_gas, HOVER_LOWEST), HOVER_HIGHEST)
         self.innovation = 1.0
-        self.caution = 1.0
+        self.caution = self._believed = 1.0
         self.refused: Counter[ViewFault] = Counter()
         self._nominal, self._tuning, self._robust = nominal, robust, robust
         self._cameras, self._heights = Cameras(robust.patience), Cameras(robust.patience)
@@ -530,6 +532,9 @@ class Estimator:
 
         Once an image and before it: nothing is late then, so nothing has to come forward for it.
         """
+        if self._believed == self.caution:
+            return
+        self._believed = self.caution
         self._tuning = self._nominal.towards(self._robust, self.caution)
         self._level.set_noise(self._tuning.level_noise(STEP))
         self._vertical.set_noise(self._tuning.upright_noise(STEP))

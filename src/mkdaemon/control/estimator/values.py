@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from enum import Enum
+from functools import cached_property
 from typing import Final
 
 import numpy as np
@@ -23,6 +24,7 @@ SKEWED: Final = 1e-3
 """How far a rotation may be from orthonormal, and a covariance from symmetric [share]: rounding, and no more."""
 LEAST_UPRIGHT: Final = 0.8
 """Smallest share of the thrust that is taken to carry: 37 degrees of tilt."""
+_IDENTITY: Final = np.eye(3)
 
 
 def upright(tilt: Array) -> float:
@@ -74,9 +76,9 @@ class StickCommand:
         return self.gas if self.use.cap is None else min(self.gas, self.use.cap)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class TargetView:
-    """A target as an image showed it.
+    """A target as an image showed it; what follows from it alone is computed once.
 
     Attributes:
         at: middle of the exposure [s; monotonic].
@@ -106,7 +108,7 @@ class TargetView:
         """Heading of the forward axis in the target frame, counter-clockwise from x [rad]."""
         return math.atan2(self.target_from_flu[1, 0], self.target_from_flu[0, 0])
 
-    @property
+    @cached_property
     def sight_covariance(self) -> Array:
         """Covariance (3, 3) of `position_flu` [m2].
 
@@ -119,14 +121,33 @@ class TargetView:
         covariance: Array = jacobian @ self.covariance @ jacobian.T
         return covariance
 
-    @property
+    @cached_property
     def calibration_covariance(self) -> Array:
         """Share (3, 3) of `sight_covariance` that all images of this camera have in common [m2]."""
         along_sd, across_sd, _ = self.calibration_sd
-        sight = self.position_flu / max(float(np.linalg.norm(self.position_flu)), 1e-9)
-        along = np.outer(sight, sight)
-        covariance: Array = along_sd**2 * along + across_sd**2 * (np.eye(3) - along)
+        sight = self.position_flu / max(math.hypot(*self.position_flu.tolist()), 1e-9)
+        along = np.multiply.outer(sight, sight)
+        covariance: Array = along_sd**2 * along + across_sd**2 * (_IDENTITY - along)
         return covariance
+
+    @cached_property
+    def fault(self) -> ViewFault | None:
+        """Why nobody may use it, whenever it arrives; None where it is sound."""
+        rotation, covariance = self.target_from_flu, self.covariance
+        place, turn, spread = self.position_flu.tolist(), rotation.ravel().tolist(), covariance.ravel().tolist()
+        if not all(map(math.isfinite, (self.at, *place, *turn, *spread, *self.calibration_sd))):
+            return ViewFault.NOT_FINITE
+        widest = max(map(abs, spread))
+        if max(map(abs, place)) > FARTHEST or widest > FARTHEST**2:
+            return ViewFault.TOO_FAR
+        (a, b, c), (d, e, f), (g, h, i) = rotation.tolist()
+        is_mirrored = a * (e * i - f * h) + b * (f * g - d * i) + c * (d * h - e * g) < 0.0
+        if is_mirrored or np.abs(rotation.dot(rotation.T) - _IDENTITY).max() > SKEWED:
+            return ViewFault.NO_ROTATION
+        if np.abs(covariance - covariance.T).max() > SKEWED * widest or not _is_positive(covariance):
+            return ViewFault.NO_COVARIANCE
+        is_too_wide = self.calibration_covariance.trace() > (1.0 + SKEWED) * self.sight_covariance.trace()
+        return ViewFault.CALIBRATION if is_too_wide else None
 
 
 class ViewFault(Enum):
@@ -143,18 +164,8 @@ class ViewFault(Enum):
 
 def fault_of(view: TargetView, now: float) -> ViewFault | None:
     """Return why nobody may use a view that arrives now [s; monotonic]; None where it is sound."""
-    rotation, covariance = view.target_from_flu, view.covariance
-    numbers = (view.at, *view.position_flu, *rotation.flat, *covariance.flat, *view.calibration_sd)
-    if not all(math.isfinite(number) for number in numbers):
-        return ViewFault.NOT_FINITE
-    if np.abs(view.position_flu).max() > FARTHEST or np.abs(covariance).max() > FARTHEST**2:
-        return ViewFault.TOO_FAR
-    if np.abs(rotation @ rotation.T - np.eye(3)).max() > SKEWED or np.linalg.det(rotation) < 0.0:
-        return ViewFault.NO_ROTATION
-    if np.abs(covariance - covariance.T).max() > SKEWED * np.abs(covariance).max() or not _is_positive(covariance):
-        return ViewFault.NO_COVARIANCE
-    if np.trace(view.calibration_covariance) > (1.0 + SKEWED) * np.trace(view.sight_covariance):
-        return ViewFault.CALIBRATION
+    if view.fault is not None:
+        return view.fault
     if view.at > now + FUTURE:
         return ViewFault.FUTURE
     return ViewFault.TOO_OLD if view.at < now - OLDEST else None
