@@ -131,11 +131,15 @@ class Clock:
         Args:
             at: [s; monotonic].
         """
+        at = self.now() if at is None else at
+        return Stamp(monotonic=at, wall=self.wall(at), boot=self._boot, synchronised=self._synchronised)
+
+    def wall(self, at: float) -> float:
+        """Unix time of a moment [s; monotonic]."""
         now = self.now()
         if now >= self._look_at:
             self._look(now)
-        at = now if at is None else at
-        return Stamp(monotonic=at, wall=at + self._offset, boot=self._boot, synchronised=self._synchronised)
+        return at + self._offset
 
     def monotonic_of(self, stamp: Stamp) -> float:
         """A stamp of any machine on this monotonic clock [s]: directly on one machine, through wall time otherwise."""

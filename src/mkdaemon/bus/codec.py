@@ -6,6 +6,7 @@ Maps and not arrays, so readers need no table and additions break nobody.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 from typing import Any, Final, TypeVar
 
 import msgpack
@@ -77,6 +78,7 @@ def schema_name(model: type[BaseModel]) -> str:
     return f"{model.__name__}.v{getattr(model, 'schema_version', 1)}"
 
 
+@cache
 def encoding_of(model: type[BaseModel]) -> str:
     """The encoding string of a model, `application/msgpack;mk.<Name>.v<N>`."""
     return f"{MEDIA_TYPE};mk.{schema_name(model)}"

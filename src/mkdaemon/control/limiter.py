@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Final
+from typing import Final, NamedTuple
 
 from mkdaemon.config.control import LimiterConfig
 
@@ -26,8 +26,7 @@ added. Our own throttle says nothing here, because stock firmware takes the smal
 docs/protocol.md, "Starting and stopping motors", and docs/firmware-notes.md, section 6."""
 
 
-@dataclass(frozen=True, slots=True)
-class Sticks:
+class Sticks(NamedTuple):
     """Stick offsets [stick; FLU]: pitch + nose down, roll + right side down, yaw + nose left, throttle + lift."""
 
     pitch: float
@@ -36,8 +35,7 @@ class Sticks:
     throttle: float
 
 
-@dataclass(frozen=True, slots=True)
-class StickCounts:
+class StickCounts(NamedTuple):
     """The same as whole counts, ready for the wire [stick; FLU]."""
 
     pitch: int
@@ -105,8 +103,8 @@ def limit(
         ValueError: a number is NaN or infinite, or `dt` is not positive.
         KeyError: no such layout.
     """
-    numbers = (*astuple(wanted), *astuple(last), age, ttl, dt, throttle_cap or 0.0, hover or 0.0)
-    if not all(math.isfinite(number) for number in numbers) or dt <= 0:
+    numbers = (*wanted, *last, age, ttl, dt, throttle_cap or 0.0, hover or 0.0)
+    if not all(map(math.isfinite, numbers)) or dt <= 0:
         msg = f"cannot limit {wanted} after {last}: age {age} s, ttl {ttl} s, dt {dt} s"
         raise ValueError(msg)
     room = RANGES[layout]

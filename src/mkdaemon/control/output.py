@@ -132,10 +132,4 @@ class StickOutput:
 
 def _differs(counts: StickCounts, asked: Sticks) -> bool:
     """Whether what is sent is more than rounding away from what was asked for, or that is no number."""
-    axes = (
-        (counts.pitch, asked.pitch),
-        (counts.roll, asked.roll),
-        (counts.yaw, asked.yaw),
-        (counts.throttle, asked.throttle),
-    )
-    return not all(abs(sent - wanted) <= 0.5 for sent, wanted in axes)
+    return not all(abs(sent - wanted) <= 0.5 for sent, wanted in zip(counts, asked, strict=True))

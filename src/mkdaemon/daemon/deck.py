@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
-from dataclasses import asdict, astuple, fields
+from dataclasses import fields
 from typing import TYPE_CHECKING
 
 from mkdaemon.bus.codec import Payload, TooLong, check_command, decode_map
@@ -188,9 +188,9 @@ class Deck:
             sequence=order.sequence,
             frame=frame,
             age=order.age,
-            **asdict(order.counts),
+            **order.counts._asdict(),
             limited=order.is_limited,
-            wanted=None if order.wanted is None else astuple(order.wanted),
+            wanted=order.wanted,
         )
         self._bus.publish("control/output", output)
 

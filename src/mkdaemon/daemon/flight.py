@@ -7,7 +7,6 @@ deadline.
 from __future__ import annotations
 
 import asyncio
-from contextlib import suppress
 from pathlib import Path
 from secrets import token_hex
 
@@ -159,12 +158,14 @@ class FlightControl:
 
     async def _wait(self) -> None:
         """Wait until the core wants to tick; news may bring that forward."""
-        news = self._deck.news
+        news, loop = self._deck.news, asyncio.get_running_loop()
         while (left := self._core.next_time() - self._clock.now()) > 0:
             news.clear()
-            with suppress(TimeoutError):
-                async with asyncio.timeout(left):
-                    await news.wait()
+            timer = loop.call_later(left, news.set)
+            try:
+                await news.wait()
+            finally:
+                timer.cancel()
 
     def _note_line(self, now: float) -> None:
         """Tell the core what the line can take, where that has changed."""

@@ -162,7 +162,7 @@ class Tap:
         source: str = "",
     ) -> None:
         sequence = self._count(kind, suffix)
-        wall = (stamp or self._clock.stamp(at)).wall
+        wall = self._clock.wall(at) if stamp is None else stamp.wall
         key = self._root + suffix
         taken = Entry(kind, key, payload, encoding, at, wall, self._base, sequence, issuer, exchange, attachment)
         self._queue.put(taken._replace(source=source) if source else taken)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
-
 from mkdaemon.control.limiter import StickCounts
 from mkdaemon.protocol.flags import ControlConfig
 from mkdaemon.protocol.wire import WireMessage
@@ -22,5 +20,5 @@ def extern_control(layout: type[WireMessage], sticks: StickCounts, frame: int) -
     Raises:
         EncodeError: a stick is beyond what the layout carries.
     """
-    fields: dict[str, int] = {name: layout.spec.wire(name).from_si(value) for name, value in asdict(sticks).items()}
+    fields: dict[str, int] = {name: layout.spec.wire(name).from_si(value) for name, value in sticks._asdict().items()}
     return layout.model_validate({**fields, "frame": frame, "config": ControlConfig.VALID})

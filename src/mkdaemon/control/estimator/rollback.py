@@ -241,7 +241,7 @@ class RollbackFilter:
     def ahead(self, drives: Array) -> Array:
         """Return the states (k, n) after further steps under inputs (steps, k), without changing anything."""
         state, counted = self.states, self._counted
-        deviations = [] if counted is None else counted.deviations(self.covariances)
+        deviations = [] if counted is None or not len(drives) else counted.deviations(self.covariances)
         for drive in drives:
             state = self._moved(state, drive, None if counted is None else counted.counts(state, deviations))
         return state

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import math
-from collections.abc import AsyncIterator, Callable, Coroutine
+from collections.abc import Callable, Coroutine
 from contextlib import suppress
 from functools import partial
 from typing import Any, Final
@@ -151,6 +151,7 @@ class Exchange:
         self._messages = MessageDecoder()
         self._failure: asyncio.Future[None] | None = None
         self._timer: asyncio.TimerHandle | None = None
+        self._wakes_at = 0.0
         self._judge_at = 0.0
         self._has_ended = False
         self._opened_at = 0.0
@@ -239,17 +240,21 @@ class Exchange:
     async def _read(self, port: Port) -> None:
         """Take bytes until there are no more: the straight line from the port to the sink."""
         while chunk := await port.read():
-            async for part in in_turns(chunk):
-                self._process(part)
-                self.pump()
+            for start in range(0, len(chunk), TURN_BYTES):
+                if start:
+                    await asyncio.sleep(0)  # setpoints and requests have their turn between two
+                if self._process(chunk[start : start + TURN_BYTES]) or self._dialogue.scheduler.holds_setpoints:
+                    self.pump()
 
-    def _process(self, chunk: bytes) -> None:
+    def _process(self, chunk: bytes) -> bool:
+        """Take bytes; returns whether anything ended with them: a frame, or what is none."""
         now = self._clock.now()
         if self._tap is not None:
             self._tap.port_read(chunk, now)
         dialogue, sink = self._dialogue, self._sink
         dialogue.bytes_received(len(chunk), now)
-        for item in self._decoder.feed(chunk):
+        items = self._decoder.feed(chunk)
+        for item in items:
             if isinstance(item, Frame):
                 message = self._messages.decode(item)
                 if dialogue.frame_received(item, message, now) and self.port is not None and not self.port.is_recording:
@@ -262,6 +267,7 @@ class Exchange:
                     self.needs_discovery.set()
                 sink.dropped(Lost(now, Direction.FROM_BOARD, item.reason, item.raw))
         self.follow_dialect()  # after the portion: a recording of portions and changes tells how each frame was decoded
+        return bool(items)
 
     def follow_dialect(self) -> None:
         """Decode as the boards speak now, and let the guard release as they listen."""
@@ -322,7 +328,7 @@ class Exchange:
         if now >= self._judge_at:
             self._judge(port, now)
         look = now + STICK_LOOK if self._dialogue.scheduler.holds_setpoints else math.inf
-        self._set_timer(min(self._dialogue.next_time(now), self._judge_at, look) - now)
+        self._wake(min(self._dialogue.next_time(now), self._judge_at, look), now)
 
     def _write(self, port: Port, entry: Entry) -> None:
         """Write one frame, and tell whoever listens.
@@ -407,10 +413,18 @@ class Exchange:
         self._publish()
         self._sink.traffic_counted(self.reporter.traffic(self._clock.now()))
 
-    def _set_timer(self, delay: float) -> None:
+    def _wake(self, at: float, now: float) -> None:
+        """Have `pump` called at a time [s]; mostly that is when it would be called already."""
         if self._timer is not None:
+            if at == self._wakes_at:
+                return
             self._timer.cancel()
-        self._timer = asyncio.get_running_loop().call_later(max(delay, 0.0), self.pump)
+        self._wakes_at = at
+        self._timer = asyncio.get_running_loop().call_later(max(at - now, 0.0), self._woken)
+
+    def _woken(self) -> None:
+        self._timer = None
+        self.pump()
 
     def _stop(self, reason: str) -> None:
         if self._timer is not None:
@@ -425,14 +439,6 @@ class Exchange:
             if not isinstance(item, Frame):
                 self._dialogue.bytes_damaged(item, now)
                 self._sink.dropped(Lost(now, Direction.FROM_BOARD, item.reason, item.raw))
-
-
-async def in_turns(chunk: bytes) -> AsyncIterator[bytes]:
-    """Yield what arrived in portions; setpoints and requests have their turn between two."""
-    for start in range(0, len(chunk), TURN_BYTES):
-        if start:
-            await asyncio.sleep(0)
-        yield chunk[start : start + TURN_BYTES]
 
 
 def last_words(dialogue: Dialogue, now: float) -> list[Entry]:
