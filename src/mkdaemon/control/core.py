@@ -7,7 +7,7 @@ It has one door: `feed` takes events (see `events`), `tick` answers with actions
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from functools import cache, partial
+from functools import partial
 from typing import Any
 
 from mkdaemon.config.control import ControlConfig
@@ -390,7 +390,7 @@ class FlightCore:
             phase=self.phase,
             lease=self._authority.lease(now),
             flown=flown,
-            seen=cache(partial(self._sight.entry, now)),
+            seen=partial(self._sight.entry, now),
             unanswered=self._sight.answer.missing_words(now),
             hover_gas=self._sight.hover_gas,
             target_age=self._sight.pose_age(now),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Final, NamedTuple
 
 from mkdaemon.config.control import ControlConfig
@@ -135,7 +135,7 @@ class Preflight:
             target_age=target_age,
             seen=seen,
             unanswered=unanswered,
-            stamps=self._stamps(now),
+            compared=partial(self._stamps, now),
             free_disk=facts.free_disk,
             model=self._unknown,
             loop=None if loop is None else loop.refusal,

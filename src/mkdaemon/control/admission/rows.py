@@ -41,8 +41,11 @@ def refusal(beginning: Beginning, situation: Situation) -> CommandRejectedError 
 
 def refusals(beginning: Beginning, situation: Situation) -> Iterator[CommandRejectedError]:
     """Every reason why something must not begin now."""
+    rules = _refusing(beginning, situation.flown)
     for row in _ROWS_ABOUT[beginning.concern]:
-        if _refuses(row, beginning, situation) and (found := row.look(situation, beginning).refusal) is not None:
+        if row.rule not in rules or not _is_asked(row, beginning) or (beginning.is_early and not row.is_early):
+            continue
+        if (found := row.look(situation, beginning).refusal) is not None:
             yield found
 
 
@@ -78,20 +81,13 @@ def is_ready(found: tuple[Finding, ...]) -> bool:
     return all(each.state is not CheckState.STANDS or each.blocks is Blocks.NOTHING for each in found)
 
 
-def _refuses(row: Row, beginning: Beginning, situation: Situation) -> bool:
-    """Whether a row about a beginning would refuse it."""
-    if not _is_asked(row, beginning) or (beginning.is_early and not row.is_early):
-        return False
-    flown = situation.flown if isinstance(beginning, NewManoeuvre) else None
-    match row.rule:
-        case Rule.ALWAYS:
-            return True
-        case Rule.BEGINNING:
-            return not _goes_on(beginning.concern, flown)
-        case Rule.ENTRY:
-            return flown is not None and not flown.is_by_target
-        case Rule.WAITS | Rule.ADVICE:
-            return False
+def _refusing(beginning: Beginning, flown: Concern | None) -> tuple[Rule, ...]:
+    """The rules by which rows refuse a beginning while something is flown; `WAITS` and `ADVICE` never do."""
+    is_manoeuvre = isinstance(beginning, NewManoeuvre)
+    is_by_hand = is_manoeuvre and flown is not None and not flown.is_by_target
+    if is_manoeuvre and _goes_on(beginning.concern, flown):
+        return (Rule.ALWAYS, Rule.ENTRY) if is_by_hand else (Rule.ALWAYS,)
+    return (Rule.ALWAYS, Rule.BEGINNING, Rule.ENTRY) if is_by_hand else (Rule.ALWAYS, Rule.BEGINNING)
 
 
 def _is_asked(row: Row, beginning: Beginning) -> bool:

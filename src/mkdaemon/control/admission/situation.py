@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 from mkdaemon.config.control import ControlConfig
 from mkdaemon.control.activeset import ActiveSet
@@ -77,7 +78,7 @@ class Entry:
     clean: float
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class Situation:
     """All that admission looks at; nothing has a default, so that nothing passes because it was forgotten.
 
@@ -109,7 +110,7 @@ class Situation:
         target_age: time since the newest image of a target [s]; None where there was none.
         seen: computes `entry`: most conditions do not ask for it, and it costs a prediction of the estimate.
         unanswered: why the sticks of a flight by the target do not act, in words; empty where they may.
-        stamps: do camera and boards tell of the same motion; None where nothing moved.
+        compared: computes `stamps`, in a millisecond.
         free_disk: where the recorder writes [bytes]; None where nobody looked.
         model: why the model of the aircraft is not known from its set; None where it is.
         loop: why the control loop must not be flown; None where it is safe.
@@ -143,16 +144,21 @@ class Situation:
     target_age: float | None
     seen: Callable[[], Entry | None]
     unanswered: str
-    stamps: Match | None
+    compared: Callable[[], Match | None]
     free_disk: float | None
     model: ModelUnknown | None
     loop: CommandRejectedError | None
     is_loop_known: bool
 
-    @property
+    @cached_property
     def entry(self) -> Entry | None:
         """What the estimate says; None where there is no estimate."""
         return self.seen()
+
+    @cached_property
+    def stamps(self) -> Match | None:
+        """Whether camera and boards tell of the same motion; None where nothing moved."""
+        return self.compared()
 
     @property
     def is_free(self) -> bool:
