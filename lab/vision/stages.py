@@ -13,7 +13,7 @@ from lab.vision.stills import SeedSet, target_named
 from mkdaemon.vision.pose.carry import Carrier
 from mkdaemon.vision.pose.edgefit import EdgeFit
 from mkdaemon.vision.pose.fitting import EdgeEvidence
-from mkdaemon.vision.pose.gates import BitModel
+from mkdaemon.vision.pose.gates import CellReader
 from mkdaemon.vision.pose.photofit import PhotoFit
 from mkdaemon.vision.tags.detector import Detector
 from mkdaemon.vision.tags.tagmap import TagMap
@@ -28,7 +28,7 @@ STAGES: Final[dict[str, tuple[Callable[..., Any], ...]]] = {
     "prediction": (Track.predict,),
     "edge fit": (EdgeFit.fit,),
     "grey-value fit": (PhotoFit.fit,),
-    "cells": (BitModel.correlation,),
+    "cells": (CellReader.evidence, CellReader.beside),
     "evidence": (EdgeEvidence.measure,),
     "branches": (Branches.after,),
     "carry": (Carrier.shift,),

@@ -25,7 +25,7 @@ def test_what_all_images_have_in_common_is_told_apart_and_leaves_what_was_measur
     covariance[:3, :3], covariance[3:, 3:] = measured, 1e-3**2 * np.eye(3)
     rotation = rotation_from_euler(0.2, -0.1, 0.7) @ np.diag([1.0, -1.0, -1.0])
     found = Pose(rotation, np.array([0.3, -0.2, 2.0]), covariance, "edges", 100, 0.1, 1.0)
-    target = TargetPose("pad", "pad", found, 9.0, "image", "predicted", 1.0, 0.0)
+    target = TargetPose("pad", "pad", found, 9.0, "image", "predicted", 0.0)
     image = CameraImage(np.zeros((4, 4), np.uint8), 1.0, 1.02, 7, "down", "header")
     pose = pose_of(target, image, Stamp(monotonic=1.0, wall=1.0), Mounting(DOWN, np.zeros(3)), 1.05)
     assert pose.calibration_sd == pytest.approx(

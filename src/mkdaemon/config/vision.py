@@ -110,10 +110,6 @@ class TrackerSection(Section):
     """Last step of the edge fit against the range.
 
     Higher publishes fits that have not come to rest."""
-    min_bit_correlation: float = Field(default=0.6, gt=0, le=1)
-    """Correlation between the known bits and the image.
-
-    Lower follows what is no longer the target."""
     redetect_period: float = Field(default=1.0, gt=0)
     """Longest time without a decoded tag [s].
 

@@ -150,7 +150,6 @@ class ReadLimits:
     least_contrast: float = of(0.15, "share", "of the usual contrast, or slope, of an edge", STILLS)
     min_cells: int = of(16, "", "fewer cells tell nothing", "derived: one in 65,000 by chance")
     misread: float = of(0.05, "share", "of neighbouring cells in view, where the print is", STILLS)
-    beside_nats: float = of(4.0, "nats", "for another place, against a pose", "1,287 right ones, edges hidden: none")
     beside_cells: int = of(3, "cells", "that a fit may lie beside its place", "nested targets; farther fails the bits")
     faint: float = of(
         0.1, "share", "of a contrast, by which light may change from cell to cell", "0.05 to 0.2: as many tags"

@@ -174,7 +174,7 @@ def test_tags_are_outlined_where_a_pose_puts_them() -> None:
     tagmap = load([CONFIGS / "targets" / "nested.toml"])
     camera = Intrinsics(width=640, height=480, fx=600.0, fy=600.0, cx=319.5, cy=239.5)
     pose = Pose(np.diag([1.0, -1.0, -1.0]), np.array([0.0, 0.0, 2.0]), np.eye(6), "edges", 100, 0.1)
-    found = TargetPose("pad", "pad", pose, np.inf, "attitude", "predicted", None, 0.0)
+    found = TargetPose("pad", "pad", pose, np.inf, "attitude", "predicted", 0.0)
     result = VisionResult("down", 1, 0.0, (), (found,), ())
     outer, inner = outlines_of(result, tagmap, Projection(camera))
     assert np.ptp(outer, axis=0) == pytest.approx([600 * 0.3048 / 2] * 2)

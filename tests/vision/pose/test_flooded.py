@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from mkdaemon.vision.pose.edgefit import EdgeFit
-from mkdaemon.vision.pose.gates import BitModel
+from mkdaemon.vision.pose.gates import CellReader
 from mkdaemon.vision.pose.pose import Pose
 from mkdaemon.vision.pose.projection import Projection
 from mksim.scene.gloss import Gloss
@@ -21,11 +21,11 @@ def test_cells_that_a_highlight_floods_contradict_no_pose_and_the_others_do(tilt
     target = shipped("nested")
     view = View(target, place(1.2, 0.03, 0.7, 0.4), Conditions(gloss=Gloss(0.06, (tilt, 0.0, 1.0)), exposure=1.2))
     pose = Pose(view.rotation, view.position, 1e-8 * np.eye(6), "edges", 40, 0.1)
-    bits = BitModel(target, Projection(VGA))
-    assert (bits.correlation(view.pixels, pose) or 0.0) > 0.6
+    cells = CellReader(target, Projection(VGA))
+    assert cells.evidence(view.pixels, pose, 1.0).vouches
     for column, row in ((1, 0), (0, 1), (2, 0), (0, 2), (1, 1), (3, 0), (-1, 0), (0, -1)):
         aside = pose.position + target.tags[0].module * np.array([column, row, 0.0])
-        assert (bits.correlation(view.pixels, replace(pose, position=aside)) or 0.0) < 0.5
+        assert not cells.evidence(view.pixels, replace(pose, position=aside), 1.0).vouches
 
 
 def test_edges_that_a_highlight_floods_are_not_missed() -> None:

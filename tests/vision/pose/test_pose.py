@@ -13,7 +13,7 @@ from lab.vision.stills import search_in_turn
 from mkdaemon.vision.camera.intrinsics import Intrinsics
 from mkdaemon.vision.pose.edgefit import EdgeFit
 from mkdaemon.vision.pose.edgemodel import EdgeModel
-from mkdaemon.vision.pose.gates import BitModel
+from mkdaemon.vision.pose.gates import CellReader
 from mkdaemon.vision.pose.photofit import PhotoFit
 from mkdaemon.vision.pose.pose import FLOOR_RANGE, Pose, inverse, largest_variance, solve, turn, with_floor
 from mkdaemon.vision.pose.projection import Projection
@@ -283,10 +283,10 @@ def test_what_a_highlight_hides_speaks_neither_for_a_pose_nor_against_it():
     assert found is not None
     assert found.inliers > 0.6
     assert np.linalg.norm(found.position - view.position) < 0.003
-    bits = BitModel(target, PROJECTION)
-    assert (bits.correlation(view.pixels, found) or 0.0) > 0.9
+    cells = CellReader(target, PROJECTION)
+    assert cells.evidence(view.pixels, found, found.inliers).is_clear
     beside = replace(found, position=found.position + np.array([0.02, 0.0, 0.0]))
-    assert (bits.correlation(view.pixels, beside) or 0.0) < 0.7
+    assert not cells.evidence(view.pixels, beside, found.inliers).vouches
 
 
 def test_in_a_blown_image_a_missing_edge_speaks_against_a_pose():

@@ -10,7 +10,7 @@ import pytest
 
 from mkdaemon.config.vision import TrackerSection
 from mkdaemon.telemetry.vision import PoseRefusal
-from mkdaemon.vision.limits import LIMITS
+from mkdaemon.vision.limits import HALF, LIMITS
 from mkdaemon.vision.pose.fitting import TargetFitter
 from mkdaemon.vision.pose.gates import CellEvidence
 from mkdaemon.vision.pose.pose import Pose
@@ -21,7 +21,7 @@ from mkdaemon.vision.track.track import Track
 from tests.vision.views import VGA, View, place, shipped
 
 CFG = TrackerSection()
-NOTHING = CellEvidence(-np.inf, 0.0)
+NOTHING = CellEvidence()
 
 
 def truth(view: View) -> Pose:
@@ -51,12 +51,9 @@ def beside(name: str, view: View, cells: tuple[int, int]) -> Pose:
 def test_a_pose_two_cells_of_the_inner_tag_beside_its_place_is_refused(name, distance, cells):
     view = View(shipped(name), place(distance, 0.2))
     fitter, seen = TargetFitter(shipped(name), Projection(VGA)), sight(view)
-    pose = beside(name, view, cells)
-    bits = fitter.match(view.pixels, pose)
-    assert bits is not None
-    assert bits > CFG.min_bit_correlation, "all cells together do not tell"
-    assert fitter.cell_evidence(view.pixels, pose).beside > LIMITS.read.beside_nats
-    doubted = replace(pose, inliers=0.5)  # as of a fit that stays there
+    doubted = replace(beside(name, view, cells), inliers=0.5)  # as of a fit that stays there
+    assert fitter.evidence(view.pixels, doubted).vouches, "all cells together do not tell"
+    assert fitter.beside(view.pixels, doubted) > HALF * LIMITS.ambiguity.decided
     assert Checks(fitter, Track(CFG.coast), CFG, LOOKING_DOWN).refusal(seen, doubted) is PoseRefusal.BITS
 
 
@@ -81,7 +78,7 @@ def test_a_right_pose_with_the_inner_tag_hidden_stays(texture):
     pose = fitter.refine(pixels, truth(view))
     assert pose is not None
     assert off(pose, view) < 1e-3
-    assert fitter.cell_evidence(pixels, pose).beside == 0.0
+    assert fitter.beside(pixels, pose) == 0.0
     assert Checks(fitter, Track(CFG.coast), CFG, LOOKING_DOWN).refusal(sight(view, pixels), pose) is None
 
 
@@ -90,8 +87,9 @@ def test_cells_outside_the_image_or_too_small_tell_nothing():
     fitter = TargetFitter(target, Projection(VGA))
     away = replace(truth(view), position=view.position + np.array([5.0, 0.0, 0.0]))
     far = replace(truth(view), position=20.0 * view.position)
-    assert fitter.cell_evidence(view.pixels, away) == NOTHING
-    assert fitter.cell_evidence(view.pixels, far) == NOTHING
+    assert fitter.evidence(view.pixels, away) == NOTHING
+    assert fitter.evidence(view.pixels, far) == NOTHING
+    assert fitter.beside(view.pixels, far) == 0.0
 
 
 def turned_away(name: str, distance: float, toward: float, way: float = 1.0, tilt: float = 0.2) -> View:

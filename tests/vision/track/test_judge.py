@@ -43,6 +43,10 @@ def mirrored(pose: Pose, loss: float = 0.01) -> Pose:
     return replace(pose, rotation=turn(pose.rotation, np.array([2 * tilt, 0.0, 0.0])), loss=loss)
 
 
+CLEAR, UNCLEAR = CellEvidence(30.0, 40.0, 30.0), CellEvidence(12.0, 20.0, 12.0)
+UNREAD, UNKNOWN = CellEvidence(-4.0, 20.0, -4.0), CellEvidence()
+
+
 @dataclass
 class GivenFits:
     """A fitter that answers what the test says."""
@@ -50,12 +54,12 @@ class GivenFits:
     free: Pose | None = None
     held: Pose | None = None
     mirror: Pose | None = None
-    bits: float | None = 0.95
+    cells: CellEvidence = CLEAR
+    beside_nats: float = 0.0
     cell_px: float = 10.0
     grey: list[Pose] = field(default_factory=list)
     supported: bool = False
     explains: bool = True
-    evidence: CellEvidence = field(default_factory=lambda: CellEvidence(here=20.0, beside=0.0))
     target: Target = field(default_factory=lambda: shipped("single"))
 
     def refine(self, pixels, start, level=None):
@@ -70,11 +74,11 @@ class GivenFits:
     def fit_grey_values(self, pixels, rivals):
         return self.grey
 
-    def match(self, pixels, pose):
-        return self.bits
+    def evidence(self, pixels, pose):
+        return self.cells
 
-    def cell_evidence(self, pixels, pose):
-        return self.evidence
+    def beside(self, pixels, pose):
+        return self.beside_nats
 
     def is_supported(self, pixels, pose):
         return self.supported
@@ -126,19 +130,20 @@ def test_a_fit_beside_an_attitude(pose, refusal, is_kept):
 
 
 @pytest.mark.parametrize(
-    ("bits", "evidence", "inliers", "refusal"),
+    ("cells", "beside", "inliers", "refusal"),
     [
-        (0.7, CellEvidence(here=5.0, beside=0.0), 0.7, None),
-        (0.7, CellEvidence(here=-4.0, beside=0.0), 0.5, PoseRefusal.BITS),  # no tag is read there
-        (0.7, CellEvidence(here=-4.0, beside=0.0), 0.7, None),  # half of it may be covered
-        (0.9, CellEvidence(here=-20.0, beside=0.0), 0.7, None),  # but for a shadow that lies over it
-        (0.9, CellEvidence(here=5.0, beside=7.0), 0.7, PoseRefusal.BITS),  # one is read beside
-        (0.9, CellEvidence(here=5.0, beside=3.0), 0.7, None),
-        (0.7, CellEvidence(here=-4.0, beside=7.0), 0.95, None),  # nearly all edges agree
+        (CLEAR, 0.0, 0.7, None),
+        (UNCLEAR, 0.0, 0.7, None),  # half of what they could say
+        (UNREAD, 0.0, 0.7, PoseRefusal.BITS),
+        (UNREAD, 0.0, 0.95, PoseRefusal.BITS),
+        (CLEAR, 7.0, 0.7, PoseRefusal.BITS),  # one is read beside
+        (CLEAR, 3.0, 0.7, None),
+        (CLEAR, 7.0, 0.95, None),  # nearly all edges agree
+        (UNKNOWN, 0.0, 0.7, None),
     ],
 )
-def test_where_edges_disagree_the_cells_are_asked(bits, evidence, inliers, refusal) -> None:
-    fits = GivenFits(fitted(inliers=inliers), bits=bits, evidence=evidence)
+def test_cells_are_asked_and_where_edges_disagree_those_beside_too(cells, beside, inliers, refusal) -> None:
+    fits = GivenFits(fitted(inliers=inliers), cells=cells, beside_nats=beside)
     assert Judge(checks(fits, followed())).measure(sight(), fitted(), fitted()).refusal is refusal
 
 
@@ -146,20 +151,6 @@ def test_where_edges_disagree_the_cells_are_asked(bits, evidence, inliers, refus
 def test_where_few_edges_agree_those_that_are_seen_are_asked(inliers, refusal) -> None:
     fits = GivenFits(fitted(inliers=inliers), explains=False)
     assert Judge(checks(fits, followed())).measure(sight(), fitted(), fitted()).refusal is refusal
-
-
-@pytest.mark.parametrize(
-    ("bits", "misses", "refusal"),
-    [
-        (None, 0, None),
-        (0.5, 0, PoseRefusal.BITS),
-        (0.7, 0, None),
-        (0.7, 5, None),
-    ],
-)
-def test_cells_have_to_be_read_where_they_can_be(bits, misses, refusal):
-    judge = Judge(checks(GivenFits(fitted(), bits=bits), followed(misses=misses)))
-    assert judge.measure(sight(), fitted(), fitted()).refusal is refusal
 
 
 @pytest.mark.parametrize(
@@ -204,9 +195,9 @@ TILTED = fitted(tilt_deg=12.0)
 WITHOUT_ATTITUDE = [
     # large in the image: perspective tells
     ({"cell_px": 30.0}, TILTED, None),
-    ({"cell_px": 30.0, "bits": 0.7}, replace(TILTED, inliers=0.7), PoseRefusal.INLIERS),
-    ({"cell_px": 30.0, "bits": 0.9}, replace(TILTED, inliers=0.7), None),
-    ({"cell_px": 30.0, "bits": 0.9}, replace(TILTED, rms_px=0.7), PoseRefusal.RESIDUAL),
+    ({"cell_px": 30.0, "cells": UNCLEAR}, replace(TILTED, inliers=0.7), PoseRefusal.INLIERS),
+    ({"cell_px": 30.0, "cells": CLEAR}, replace(TILTED, inliers=0.7), None),
+    ({"cell_px": 30.0, "cells": CLEAR}, replace(TILTED, rms_px=0.7), PoseRefusal.RESIDUAL),
     # blur hides perspective, the mirror image fits as well
     ({"cell_px": 30.0, "mirror": mirrored(TILTED)}, replace(TILTED, blur_px=4.0), PoseRefusal.AMBIGUOUS),
     # small: the mirror image fits as well, much worse, or is the same pose
@@ -291,7 +282,7 @@ FIRST = [
     # fits, candidates, attitude known, refusal
     ({}, [], True, PoseRefusal.NO_FIT),
     ({}, [fitted()], True, None),
-    ({"bits": 0.3}, [fitted()], True, PoseRefusal.BITS),
+    ({"cells": UNREAD}, [fitted()], True, PoseRefusal.BITS),
     ({}, [fitted(tilt_deg=8.0)], True, PoseRefusal.ATTITUDE),
     # the image alone would publish it
     ({"held": fitted()}, [fitted(tilt_deg=8.0)], True, PoseRefusal.ATTITUDE),

@@ -30,7 +30,7 @@ from mkdaemon.vision.pose.edgefind import HALF_WIDTH
 from mkdaemon.vision.pose.edgefit import EdgeFit
 from mkdaemon.vision.pose.edgemodel import EdgeModel
 from mkdaemon.vision.pose.edgestep import MAD
-from mkdaemon.vision.pose.gates import BitModel, CellEvidence
+from mkdaemon.vision.pose.gates import CellEvidence, CellReader
 from mkdaemon.vision.pose.linetime import KnownMotion
 from mkdaemon.vision.pose.photofit import PhotoFit
 from mkdaemon.vision.pose.pose import Pose, apart, correlation, length2, median, solve
@@ -237,7 +237,7 @@ class TargetFitter:
         sheet = self._photo.prints.sheet
         self.bend_known = None if sheet is None else sheet.prior
         self._gatherer = PrintGatherer(self._photo.prints, projection)
-        self._bits = BitModel(target, projection)
+        self._cells = CellReader(target, projection)
         self._evidence = EdgeEvidence(target, projection)
         self._outline = np.concatenate([tag.place(SQUARE * tag.paper / 2) for tag in target.tags])
 
@@ -364,23 +364,17 @@ class TargetFitter:
         self.effort += 1 if fitted is None else GREY_EFFORT
         return fitted if fitted is not None and np.isfinite(fitted.rms_px) else None
 
-    def match(self, pixels: Grey, pose: Pose) -> float | None:
-        """How well the image shows the target where the pose puts it, -1 to 1; none when it cannot be told."""
-        if pose.source == "photometric" and pose.match is not None:
-            return pose.match
-        return self._bits.correlation(pixels, pose)
+    def evidence(self, pixels: Grey, pose: Pose) -> CellEvidence:
+        """What the cells say about where a pose puts the target."""
+        return self._cells.evidence(pixels, pose, pose.inliers)
 
     def shows(self, pixels: Grey, start: Pose) -> bool:
-        """Whether the image shows the target where a start puts it, well enough for a fit to find its place.
+        """Whether the image shows the target where a start puts it, half of it hidden, as far as it can be told."""
+        return self._cells.evidence(pixels, start, HALF).odds >= 0.0
 
-        What cannot be told counts as shown: nothing speaks against the start.
-        """
-        read = self._bits.correlation(pixels, start)
-        return read is None or read >= LIMITS.likeness.alike
-
-    def cell_evidence(self, pixels: Grey, pose: Pose) -> CellEvidence:
-        """What the cells say about where a pose puts the target, and about places some whole cells beside."""
-        return self._bits.evidence(pixels, pose)
+    def beside(self, pixels: Grey, pose: Pose) -> float:
+        """By how much more the cells speak for a place some whole cells beside [nats]."""
+        return self._cells.beside(pixels, pose, pose.inliers)
 
     def is_supported(self, pixels: Grey, pose: Pose) -> bool:
         """Whether the edges that are seen support a pose with parts of the target hidden."""

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import product
+from math import log
 
 import numpy as np
 import numpy.typing as npt
 
 from mkdaemon.config.vision import TrackerSection
 from mkdaemon.telemetry.vision import PoseRefusal
-from mkdaemon.vision.arrays import Array, Bools, Grey
+from mkdaemon.vision.arrays import Array, Grey
 from mkdaemon.vision.limits import HALF, LIMITS, NOISE_GREY
-from mkdaemon.vision.pose.pose import Pose, correlation, largest_variance
+from mkdaemon.vision.pose.pose import Pose, largest_variance
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.pose.rolling import exposed
 from mkdaemon.vision.tags.cellread import sample
@@ -25,14 +26,12 @@ class _Grid:
 
     Attributes:
         points: their middles `(n, 3)` [m; target].
-        is_white: which of them are `(n,)`.
         cell: side of a cell [m].
         pairs: neighbours, the black one first `(m, 2)`.
         steps: to where the tag would lie whole cells beside its place `(k, 3)` [m; target]; the first is none.
     """
 
     points: Array
-    is_white: Bools
     cell: float
     pairs: npt.NDArray[np.intp]
     steps: Array
@@ -40,23 +39,40 @@ class _Grid:
 
 @dataclass(frozen=True, slots=True)
 class CellEvidence:
-    """What the cells of a target say about a pose.
+    """What the cells of a target say for a pose, against something else than the target [nats].
 
     Attributes:
-        here: for it, of the tag that says most [nats]; minus infinity where no cells are in view.
-        beside: for a place some whole cells beside, by how much more, of the tag for which that is most [nats].
+        odds: of the tag that says most for it: another one may be hidden; zero where nothing can be told.
+        most: that this tag could say.
+        together: of all tags.
     """
 
-    here: float
-    beside: float
+    odds: float = 0.0
+    most: float = 0.0
+    together: float = 0.0
+
+    @property
+    def is_clear(self) -> bool:
+        """Whether all that is in view is read: it says as much as two images that decide."""
+        return self.together >= 2.0 * LIMITS.ambiguity.decided
+
+    @property
+    def vouches(self) -> bool:
+        """Whether a tag says so much, or half of what it could: edges that agree, rightly or not, bring some along."""
+        return self.odds >= min(2.0 * LIMITS.ambiguity.decided, HALF * self.most)
 
 
-class BitModel:
-    """The cells of a target, to be compared with an image."""
+class CellReader:
+    """Reads the cells of a target.
+
+    Two neighbouring cells of which one is black are a pair. It is read where the white one is brighter: light that
+    changes over the print moves both. With a share e of pairs misread, and a share s of the print in view, a pair is
+    read with the probability p = 1/2 + (1/2 - e) s, and something else than the print reads so with 1/2. So each says
+    ln(2 p) for the print where it is read, and ln(2 (1 - p)) where it is not.
+    """
 
     def __init__(self, target: Target, projection: Projection) -> None:
         self._projection = projection
-        self._readable_px = LIMITS.cells.readable_px
         cells = range(-LIMITS.read.beside_cells, LIMITS.read.beside_cells + 1)
         steps = np.array([(0.0, 0.0), *(step for step in product(cells, repeat=2) if any(step))])
         self._grids: list[_Grid] = []
@@ -76,74 +92,41 @@ class BitModel:
                     usable = (number[black] >= 0) & (number[white] >= 0) & ~value[black] & value[white]
                     pairs.append(np.column_stack([number[black][usable], number[white][usable]]))
             moved = tag.place(steps * tag.module) - tag.place(steps[:1])
-            is_white = value.ravel()[keep]
-            self._grids.append(_Grid(placed[keep], is_white, tag.module, np.concatenate(pairs), moved))
-        counts = [len(grid.points) for grid in self._grids]
-        self._points = np.concatenate([grid.points for grid in self._grids])
-        self._size = np.repeat([grid.cell for grid in self._grids], counts)
-        starts = np.cumsum([0, *counts[:-1]])
-        self._pairs = np.concatenate([grid.pairs + start for grid, start in zip(self._grids, starts, strict=True)])
-        self._is_white = np.concatenate([grid.is_white for grid in self._grids])
-        known = self._is_white - HALF
-        plane = self._points / max(float(np.abs(self._points).max()), 1e-9)
-        self._design = np.column_stack([np.ones_like(known), plane, known])
+            self._grids.append(_Grid(placed[keep], tag.module, np.concatenate(pairs), moved))
 
-    def correlation(self, pixels: Grey, pose: Pose) -> float | None:
-        """How well the image shows the known cells where the pose puts them.
+    def evidence(self, pixels: Grey, pose: Pose, shown: float) -> CellEvidence:
+        """What the cells say about where a pose puts the target, of which a share is in view."""
+        right, wrong = _odds(shown)
+        counts = [self._read(pixels, pose, grid, 1)[:, 0].tolist() for grid in self._grids]
+        tags = [(read * right + (told - read) * wrong, told * right) for read, told in counts if told]
+        return CellEvidence(*max(tags), sum(odds for odds, _ in tags)) if tags else CellEvidence()
 
-        Returns:
-            -1 to 1: the larger of the correlation after a lighting plane is taken out and of the agreement of
-            neighbouring cells, which no shadow edge disturbs; none when too few cells are large enough to tell.
-        """
-        grey, visible = self._look(pixels, pose, self._points, self._size)
-        if not bool(visible.any()):
-            return None
-        white, unblown = visible & self._is_white, grey < LIMITS.read.saturated
-        count = np.count_nonzero(white)
-        if np.count_nonzero(white & unblown) > HALF * count:
-            # The paper is not blown: what is, lies in a highlight and says nothing about the cells below it.
-            visible, white = visible & unblown, white & unblown
-            count = np.count_nonzero(white)
-        # Where a highlight floods both cells of a pair, it says nothing.
-        pairs = self._pairs[unblown[self._pairs].any(axis=1)]
-        seen, design = np.count_nonzero(visible), self._design
-        if seen < LIMITS.read.min_cells or count in (0, seen):
-            return None
-        shown = grey
-        if seen < len(grey):
-            shown, design, pairs = grey[visible], design[visible], pairs[visible[pairs].all(axis=1)]
-        normal = design.T @ design
-        fitted = np.linalg.solve(normal + 1e-9 * seen * np.eye(len(normal)), design.T @ shown)
-        even = correlation(shown - design[:, :-1] @ fitted[:-1], design[:, -1])
-        if len(pairs) < LIMITS.read.min_cells:
-            return even
-        rise = grey[pairs[:, 1]] - grey[pairs[:, 0]]
-        enough = max(NOISE_GREY, LIMITS.read.faint * float(np.abs(rise).mean()))
-        return max(even, 2.0 * np.count_nonzero(rise > enough) / len(rise) - 1.0)
-
-    def evidence(self, pixels: Grey, pose: Pose) -> CellEvidence:
-        """What the cells say about where a pose puts the target, and about places some whole cells beside.
+    def beside(self, pixels: Grey, pose: Pose, shown: float) -> float:
+        """By how much more cells speak for a place some whole cells beside, of the tag for which that is most [nats].
 
         After such a step edges agree with their neighbours', and where the rest of the tag is outside the image, little
-        contradicts them. A pair of neighbouring cells in view says ln 2 (1 - e) for a place when it is read there, and
-        ln 2 e when it is not: odds against a pair that is read by chance, with e misread in the right place. A tag that
-        is hidden is read nowhere.
+        contradicts them. A tag that is hidden is read nowhere.
         """
-        right, wrong = np.log(2.0 * (1.0 - LIMITS.read.misread)), np.log(2.0 * LIMITS.read.misread)
-        here, beside = -np.inf, 0.0
+        most, (right, wrong) = 0.0, _odds(shown)
         for grid in self._grids:
-            points = (grid.points + grid.steps[:, None]).reshape(-1, 3)
-            grey, visible = self._look(pixels, pose, points, grid.cell)
-            grey, visible = grey.reshape(len(grid.steps), -1), visible.reshape(len(grid.steps), -1)
-            both = visible[:, grid.pairs[:, 0]] & visible[:, grid.pairs[:, 1]]
-            if not bool(both.any()):
-                continue
-            rise = grey[:, grid.pairs[:, 1]] - grey[:, grid.pairs[:, 0]]
-            enough = max(NOISE_GREY, LIMITS.read.faint * float(np.abs(rise[both]).mean()))
-            evidence = np.where(both, np.where(rise > enough, right, wrong), 0.0).sum(axis=1)
-            here = max(here, float(evidence[0]))
-            beside = max(beside, float(evidence.max() - max(evidence[0], 0.0)))
-        return CellEvidence(here, beside)
+            read, told = self._read(pixels, pose, grid, len(grid.steps))
+            odds = read * right + (told - read) * wrong
+            most = max(most, float(odds.max() - max(odds[0], 0.0)))
+        return most
+
+    def _read(self, pixels: Grey, pose: Pose, grid: _Grid, steps: int) -> npt.NDArray[np.intp]:
+        """Pairs that are read, and that can be told, where a tag would lie by the first of its steps `(2, steps)`."""
+        points = (grid.points + grid.steps[:steps, None]).reshape(-1, 3)
+        grey, visible = self._look(pixels, pose, points, grid.cell)
+        grey, visible = grey.reshape(steps, -1), visible.reshape(steps, -1)
+        black, white = grey[:, grid.pairs[:, 0]], grey[:, grid.pairs[:, 1]]
+        # Where a highlight floods both, they say nothing.
+        told = visible[:, grid.pairs].all(axis=2) & (np.minimum(black, white) < LIMITS.read.saturated)
+        if not bool(told.any()):
+            return np.zeros((2, steps), dtype=np.intp)
+        enough = max(NOISE_GREY, LIMITS.read.faint * float(np.abs(white - black)[told].mean()))
+        found: npt.NDArray[np.intp] = np.stack([told & (white - black > enough), told]).sum(axis=2)
+        return found
 
     def _look(
         self, pixels: Grey, pose: Pose, points: Array, size: Array | float
@@ -155,13 +138,19 @@ class BitModel:
         height, width = pixels.shape
         depth = np.where(visible, seen[:, 2], 1.0)
         visible &= (uv[:, 0] > 1) & (uv[:, 1] > 1) & (uv[:, 0] < width - 2) & (uv[:, 1] < height - 2)
-        visible &= size * float(self._projection.focal[0]) > self._readable_px * depth
+        visible &= size * float(self._projection.focal[0]) > LIMITS.cells.readable_px * depth
         if bool(visible.all()):
             return sample(pixels, uv), visible
         grey = np.zeros(len(uv))
         if bool(visible.any()):
             grey[visible] = sample(pixels, uv[visible])
         return grey, visible
+
+
+def _odds(shown: float) -> tuple[float, float]:
+    """What a pair says for a print of which a share is in view where it is read, and where it is not [nats]."""
+    read = HALF + (HALF - LIMITS.read.misread) * shown
+    return log(2.0 * read), log(2.0 * (1.0 - read))
 
 
 def fit_refusal(pose: Pose, cfg: TrackerSection) -> PoseRefusal | None:

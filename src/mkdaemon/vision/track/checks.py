@@ -9,7 +9,7 @@ import numpy as np
 
 from mkdaemon.config.vision import TrackerSection
 from mkdaemon.telemetry.vision import PoseRefusal
-from mkdaemon.vision.limits import LIMITS
+from mkdaemon.vision.limits import HALF, LIMITS
 from mkdaemon.vision.pose.fitting import TargetFitter
 from mkdaemon.vision.pose.gates import certainty_refusal, fit_refusal
 from mkdaemon.vision.pose.pose import Pose, angle_between
@@ -50,13 +50,10 @@ class Checks:
         refused = fit_refusal(pose, self.cfg)
         if refused is not None:
             return refused
-        bits = self.fitter.match(seen.pixels, pose)
-        if bits is not None and bits < self.cfg.min_bit_correlation:
+        if not self.fitter.evidence(seen.pixels, pose).vouches:
             return PoseRefusal.BITS
         if self.is_partial(pose):
-            evidence = self.fitter.cell_evidence(seen.pixels, pose)
-            is_unread = evidence.here <= 0.0 and bits is not None and bits < LIMITS.likeness.clear
-            if (is_unread and self.has_few_edges(pose)) or evidence.beside > LIMITS.read.beside_nats:
+            if self.fitter.beside(seen.pixels, pose) > HALF * LIMITS.ambiguity.decided:
                 return PoseRefusal.BITS
             # What lies over a target hides edges; one that is beside its place has other edges in view.
             if self.has_few_edges(pose) and not self.fitter.explains_seen_edges(seen.pixels, pose):
@@ -108,8 +105,7 @@ class Checks:
 
     def are_cells_clear(self, seen: Sight, pose: Pose) -> bool:
         """Whether the cells are read clearly."""
-        bits = self.fitter.match(seen.pixels, pose)
-        return bits is not None and bits >= LIMITS.likeness.clear
+        return self.fitter.evidence(seen.pixels, pose).is_clear
 
 
 def with_angle_variance(pose: Pose, variance: float) -> Pose:

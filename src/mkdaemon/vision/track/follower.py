@@ -388,7 +388,6 @@ class Follower:
                 verdict.ratio,
                 verdict.decided_by,
                 mode,
-                self._fitter.match(frame.sight.pixels, pose),
                 time - self.track.decoded_at,
             )
         )

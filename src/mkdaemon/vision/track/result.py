@@ -28,7 +28,6 @@ class TargetPose:
         ratio: residual of the mirrored candidate over this one; infinite without a rival.
         decided_by: what settled which candidate is true.
         mode: how it was found.
-        bits: correlation of the known cells with the image; none when they are too small to be read.
         decode_age: time since a tag of the target was last decoded [s].
     """
 
@@ -38,7 +37,6 @@ class TargetPose:
     ratio: float
     decided_by: Decision
     mode: FoundBy
-    bits: float | None
     decode_age: float
 
     @property
