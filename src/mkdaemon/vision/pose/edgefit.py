@@ -34,8 +34,6 @@ from mkdaemon.vision.tags.tagmap import Target
 
 LEAST_EDGES = 12
 """Fewer fix no pose: twice its unknowns."""
-FIRST_BEND_PX = 30.0
-"""Deviation of an edge while its reach is long, for the bend [px]: edges that are not yet found would bend a print."""
 CUT = 1.05
 """Width of edges over their reach from which a fit has not settled: the next reach is longer."""
 
@@ -88,8 +86,7 @@ class EdgeFit:
                 return None
             samples, edges, light = found
             edge_px = limits.located_px if last is None else max(last.spread, limits.least_scale_px)
-            flatter = 1.0 if is_near else (FIRST_BEND_PX / edge_px) ** 2
-            table = self._moving(samples, state, prior, flatter)
+            table = self._moving(samples, state, prior, is_near=is_near)
             table += self._beside(samples, edges, state, stretch_sd, is_near=is_near)
             step = EdgeStep.solve(Unknowns(table), samples, edges, edge_px**2, is_near=is_near)
             before, moved = moved, step.moved_px
@@ -128,10 +125,10 @@ class EdgeFit:
                 edges = replace(edges, offsets=edges.offsets - moved, unsure=unsure)
         return samples, edges, light
 
-    def _moving(self, samples: Samples, state: State, prior: Prior, flatter: float = 1.0) -> list[Unknown]:
-        """The unknowns that every fit has; `flatter` is a factor on what is known of the bend."""
-        heights = None if self._terms is None else self._terms[:RISES, samples.index]
-        return prior.table(state, samples.by_point, samples.arm, samples.times, heights, flatter)
+    def _moving(self, samples: Samples, state: State, prior: Prior, *, is_near: bool = True) -> list[Unknown]:
+        """The unknowns that every fit has. The bend comes last: edges that are not yet found would bend a print."""
+        heights = self._terms[:RISES, samples.index] if is_near and self._terms is not None else None
+        return prior.table(state, samples.by_point, samples.arm, samples.times, heights)
 
     def _beside(
         self, samples: Samples, edges: FoundEdges, state: State, stretch_sd: float, *, is_near: bool

@@ -199,9 +199,7 @@ class Prior:
         rise = None if self.bend is None else (self.start.bend or self.bend).mean
         return State(self.start.rotation, self.start.position, blur_px**2 * np.eye(2), motion, rise)
 
-    def table(
-        self, at: State, by_point: Array, arm: Array, times: Array, heights: Array | None, flatter: float = 1.0
-    ) -> list[Unknown]:
+    def table(self, at: State, by_point: Array, arm: Array, times: Array, heights: Array | None) -> list[Unknown]:
         """The unknowns that all fits have, of what is measured at points of the print.
 
         A turn w moves a point at `arm` by w x arm, so that its derivative is arm x that by the point. A bend moves
@@ -213,14 +211,13 @@ class Prior:
             arm: from the target's origin to the points at rest `(n, 3)` [m; camera].
             times: when they are exposed `(n,)` [s].
             heights: of the points by the rise of the print `(3, n)` [m]; none where that is not asked for.
-            flatter: factor on what is known of that.
         """
         by_rest = by_point if at.motion is None else before_motion(by_point, at.motion, times)
         level = (None, None) if self._level is None else self._level.of_turn(at.rotation)
         table = [Unknown("place", by_rest.T), Unknown("turn", cross(arm, by_rest).T, *level)]
         if heights is not None and self._sheet is not None and self.bend is not None and at.rise is not None:
             along = by_rest @ (at.rotation @ self._sheet.normal)
-            table.append(Unknown("rise", along * heights, flatter * self._flat, self.bend.mean - at.rise))
+            table.append(Unknown("rise", along * heights, self._flat, self.bend.mean - at.rise))
         if at.motion is not None and self._motion is not None:
             rows = motion_jacobian(by_point, arm + at.position, times)
             lacking = beyond_motion(rows, by_rest, times, at.position)
