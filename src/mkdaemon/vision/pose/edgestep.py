@@ -41,7 +41,6 @@ class EdgeStep:
         change: of the unknowns `(k,)`.
         weights: of the samples `(n,)`, zero without an edge.
         normal: normal matrix with what is known beforehand `(k, k)`.
-        expected: variance of a located edge that this was weighed with [px^2].
         residual: of the samples after the step `(n,)` [px].
         agreeing: Tukey's weights as if every edge were trusted: doubt makes no edge agree `(n,)`.
         slope: of the influence of each sample, d(w r) / dr `(n,)`: below w, and below zero near the bound.
@@ -53,7 +52,6 @@ class EdgeStep:
     change: Array
     weights: Array
     normal: Array
-    expected: float
     residual: Array
     agreeing: Array
     slope: Array
@@ -94,7 +92,7 @@ class EdgeStep:
         # d(r (1 - u)^2) / dr with u = (r / bound)^2 is (1 - u) (1 - 5 u).
         slope = inside * (5.0 * inside - 4.0) * sure
         agreeing = _inside(np.abs(residual) * clear, groups) ** 2 * found
-        return cls(unknowns, samples, edges, change, weights, normal, expected, residual, agreeing, slope)
+        return cls(unknowns, samples, edges, change, weights, normal, residual, agreeing, slope)
 
     @property
     def variance(self) -> float:
@@ -167,12 +165,8 @@ class EdgeStep:
         # what interpolation leaves and no number of samples averages out.
         shared = max(self.shared(square[self.samples.index], inverted(self.normal)), 1.0)
         noise = shared * self.influence_variance + limits.systematic_px**2
-        normal = self.normal.copy()
-        if "rise" in self.unknowns:
-            # What is known of the bend is no better for edges that are worse than they look.
-            rise = self.unknowns["rise"]
-            normal[rise, rise] += (noise - self.expected) * self.unknowns.information[rise, rise]
-        inverse = inverted(normal)
+        # What is known beforehand is no better for edges that are worse than they look.
+        inverse = inverted(self.unknowns.equations(self.weights, self.residual, noise)[0])
         covariance = noise * inverse
         if self.edges.unsure is not None:
             # What light may have moved are errors of all edges: each e moves the unknowns by N^-1 J^T W e.
