@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from math import pi, sqrt
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
-from mkdaemon.vision.arrays import Array, Grey
+from mkdaemon.vision.arrays import Array, Bools, Grey
 from mkdaemon.vision.limits import HALF, LIMITS, NOISE_GREY
-from mkdaemon.vision.pose.edgelight import SLOPE_WIDTH, Blown, EdgeSides, blown_edges, blur_of
+from mkdaemon.vision.pose.edgelight import blur_of, least_cut, light_shift
+from mkdaemon.vision.pose.edgemodel import Samples
 from mkdaemon.vision.pose.pose import median, quantile
+from mkdaemon.vision.pose.unknowns import Unknown
 
 Array32 = npt.NDArray[np.float32]
 
@@ -26,8 +28,6 @@ HALF_WIDTH = WIDTH_FACTOR * sqrt(2.0 * pi)
 """The same over the deviation of a Gaussian point spread."""
 SKIRT = 0.15
 """Share of the peak slope that is taken off before a centre is computed: texture and noise have no say in it."""
-WIDEST_PX = 8.0
-"""Wider edges are taken for this wide [px]: the window would reach the neighbouring edge."""
 LEAST_OF_A_KIND = 10
 """Edges of one direction that have a median of their own."""
 LARGE = 0.7
@@ -50,140 +50,97 @@ neighbours pull by 0.4 px, were taken for half as exact as they are (docs/lab/vi
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Samples:
-    """Samples of an edge model, projected.
-
-    Attributes:
-        index: which of the model `(n,)`.
-        pixels: where a pose puts them `(n, 2)` [px].
-        normals: towards the brighter side, unit `(n, 2)`.
-        reach: how far along the normal the edge may be `(n,)` [px].
-        by_point: derivative of the position along the normal by the point of the print `(n, 3)` [px/m; camera].
-        arm: from the target's origin to that point `(n, 3)` [m; camera].
-        times: when each is exposed after the middle row, under a rolling shutter `(n,)` [s].
-        cell_px: side of its cells along the normal `(n,)` [px].
-        upright: whether a move along x of the target shifts it `(n,)`, rather than one along y.
-    """
-
-    index: npt.NDArray[np.intp]
-    pixels: Array
-    normals: Array
-    reach: Array
-    by_point: Array
-    arm: Array
-    times: Array
-    cell_px: Array
-    upright: npt.NDArray[np.bool_]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class FoundEdges:
     """Edges along the normals of samples.
 
     Attributes:
-        offsets: from where the pose puts them, towards the bright side `(n,)` [px].
+        offsets: from where the pose puts them, towards the bright side, without what light moves `(n,)` [px].
         found: whether an edge of the right sense was found `(n,)`.
-        width: half width of the edges of this image [px].
-        widths: the same of those that run the way of each: motion blurs one of two ways `(n,)` [px].
-        toned: what a tone curve shifts each by over what it shifts all, as their blur `(n,)`.
+        widths: half width of the edges that run the way of each: motion blurs one of two ways `(n,)` [px].
         trust: 1 where both sides of an edge are even and it is as clear as others, less where a shadow's rim or a leaf
-            lies beside it or dims it; over the variance of the offset `(n,)`.
+            lies beside it or dims it, or light moves it; over the variance of the offset `(n,)`.
         room: what neighbours leave of each, against the one with most room; over the variance of the offset too. An
             edge without room says nothing for a pose and nothing against it `(n,)`.
-        blown: what clipping does to the edges, already out of `offsets`; none where nothing is blown.
-        sides: what lies beside the edges, where their places are nearly known.
-        unsure: errors that they may have in common, each a deviation with its signs `(k, n)` [px].
+        blown: share of the edges whose bright side is blown.
+        light: unknowns of what light moves; none where it moves nothing.
     """
 
     offsets: Array
-    found: npt.NDArray[np.bool_]
-    width: float
+    found: Bools
     widths: Array
-    toned: Array
     trust: Array
     room: Array
-    blown: Blown | None = None
-    sides: EdgeSides | None = None
-    unsure: Array | None = None
+    blown: float = 0.0
+    light: Unknown | None = None
+
+    @property
+    def width(self) -> float:
+        """Half width of the edges of this image [px]."""
+        return float(self.widths.mean())
 
     @property
     def widest(self) -> float:
         """Half width of the edges that run the way of the wider ones [px]."""
         return float(self.widths.max())
 
-
-def without_glare(pixels: Grey, samples: Samples) -> Samples:
-    """Leave out what lies wholly in a highlight: nothing is seen there, for a pose or against it.
-
-    Where the paper itself is blown everything stays: a missing edge speaks against a pose then as ever.
-    """
-    near = samples.reach[:, None] * samples.normals
-    columns, rows = np.rint(np.stack([samples.pixels - near, samples.pixels, samples.pixels + near])).astype(np.intp).T
-    grey = pixels[rows, columns] >= LIMITS.read.saturated
-    hidden = grey.all(axis=1)
-    if not bool(hidden.any()) or bool(hidden.all()) or float(grey[~hidden, 2].mean()) > HALF:
-        return samples
-    return Samples(*(getattr(samples, part.name)[~hidden] for part in fields(samples)))
+    @property
+    def toned(self) -> Array:
+        """What a tone curve shifts each by over what it shifts all, as their blur `(n,)`."""
+        blur = blur_of(self.widths / HALF_WIDTH)
+        return np.asarray(blur / blur.mean())
 
 
-def find_edges(pixels: Grey, samples: Samples, *, is_blown: bool = False, is_near: bool = True) -> FoundEdges:
+def find_edges(pixels: Grey, samples: Samples, *, is_near: bool = True) -> FoundEdges:
     """Find each edge along its normal.
 
     The grey values along a normal are g(s), their slope g'(s) > 0 towards the bright side. The edge lies at the centre
     of gravity of the slope around its peak, s0 = sum(s w) / sum(w) with w = max(g'(s) - skirt * peak, 0): unbiased for
     every symmetric blur. Source: moment-based edge location, Lyvers et al., PAMI 11(12), 1989, in one dimension.
     """
-    blur = LIMITS.blur
     profile, along, spacing = _profiles(pixels, samples)
     # g'(s) by central differences, nothing beyond the reach and half a step more.
     place = along[1:-1].astype(np.float32)
     slope = profile[2:] - profile[:-2]
-    either = np.abs(slope) if is_near else slope
+    either = np.abs(slope)
     np.maximum(slope, 0.0, out=slope)
     away = np.abs(place)[:, None]
     slope *= away <= samples.reach + STEP_PX / 2
-    centre = place[slope.argmax(axis=0)]
     peak = slope.max(axis=0)
-    # Width of an edge in this image: area of the slope over its peak, median over the samples.
-    area = slope.sum(axis=0) * spacing / np.maximum(peak, 1e-3)
-    width = min(max(WIDTH_FACTOR * median(area), blur.sharp_px), WIDEST_PX)
-    areas = _areas(area, samples)
-    widths = np.maximum(WIDTH_FACTOR * areas, width).astype(np.float32)
-    for _ in range(2 if width > blur.sharp_px else 1):
-        # The peak of a wide edge is noise: a first centre of gravity puts the window where the edge is.
-        centre = _centre(slope, place, centre, peak, widths)
-    offsets = centre
     # An edge is as steep as the steep ones of the image, up to a share, and steeper than noise.
     tenth = max(len(peak) // 10, 1)
-    enough = max(NOISE_GREY, LIMITS.read.least_contrast * float(np.partition(peak, -tenth)[-tenth]))
-    found = (peak > enough) & (np.abs(offsets) < samples.reach)
-    trust, toned, room = (np.ones(len(found)) for _ in range(3))
-    sides: EdgeSides | None = None
+    steep = peak > max(NOISE_GREY, LIMITS.read.least_contrast * float(np.partition(peak, -tenth)[-tenth]))
+    sides = _sides(profile, along, samples.reach)
+    are_white = sides >= LIMITS.read.saturated
+    cut = steep & are_white[1]
+    # Larger cells of either way tell width and light: in small ones a neighbour cuts an edge off.
+    longest = [float(samples.reach.max(initial=0.0, where=kind)) for kind in (samples.upright, ~samples.upright)]
+    large = samples.reach >= LARGE * np.where(samples.upright, *longest)
+    # Width of an edge in this image: area of the slope over its peak.
+    area = slope.sum(axis=0) * spacing / np.maximum(peak, 1e-3)
+    widths = _widths(area, samples.upright, least_cut(sides[1] - sides[0], steep & large, cut & large)[0])
+    centre = place[slope.argmax(axis=0)]
+    for _ in range(2):
+        # The peak of a wide edge is noise: a first centre of gravity puts the window where the edge is.
+        centre = _centre(slope, place, centre, peak, widths)
+    found = steep & (np.abs(centre) < samples.reach)
+    trust, room = np.ones(len(found)), np.ones(len(found))
     if is_near:
-        toned = blur_of(areas / SLOPE_WIDTH)
-        toned /= toned.mean()
         # A fit that is not yet near its place has other edges beside these.
-        beside = np.abs(place[:, None] - offsets)
-        either *= (beside > widths) & (away <= samples.reach + STEP_PX)
-        trust = _trust(either.max(axis=0), peak, found)
-        sides = _sides(profile, along, samples, area)
-        room = 1.0 / (1.0 + (LIMITS.cells.melted_widths * widths / samples.cell_px) ** MELTING)
-        room /= float(room.max())
-    located = offsets.astype(np.float64)
-    blown: Blown | None = None
-    if is_blown:
-        blown = blown_edges(sides or _sides(profile, along, samples, area), found, samples.upright)
-    if is_near:
-        clarity = _clarity(area * peak, found)
-        # What is cut off is not dim: `clear` doubts it.
-        trust *= clarity if blown is None else np.where(blown.clear < 1.0, 1.0, clarity)
-    if blown is not None:
-        located -= blown.moved
-        if is_near and float(blown.shown.mean()) > HALF:
-            # A flooded edge is no missing one, as long as enough others are left to be missed.
-            found &= blown.shown
-            room *= blown.shown
-    return FoundEdges(located, found, width, widths.astype(np.float64), toned, trust, room, blown, sides)
+        either *= (np.abs(place[:, None] - centre) > widths) & (away <= samples.reach + STEP_PX)
+        trust = _trust(either.max(axis=0), peak, area * peak, found, cut)
+        room /= 1.0 + (LIMITS.cells.melted_widths * widths / samples.cell_px) ** MELTING
+        room /= room.max()
+    light = light_shift(samples, sides, widths / HALF_WIDTH, found & large, found & cut, is_near=is_near)
+    # An edge that was moved far is exact no more.
+    trust /= 1.0 + (light.moved / (HALF * LIMITS.edges.located_px)) ** 2
+    # What lies wholly in a highlight says nothing for a pose or against it. Where the paper itself is blown a missing
+    # edge speaks against a pose as ever.
+    is_paper_blown = np.count_nonzero(cut) > HALF * np.count_nonzero(steep)
+    hidden = light.flooded if is_paper_blown else light.flooded | (are_white.all(axis=0) & ~steep)
+    found &= ~hidden
+    room *= ~hidden
+    blown = float(np.count_nonzero(found & cut)) / max(int(np.count_nonzero(found)), 1)
+    return FoundEdges(centre - light.moved, found, widths, trust, room, blown, light.unsure)
 
 
 def _profiles(pixels: Grey, samples: Samples) -> tuple[Array32, npt.NDArray[np.floating], float]:
@@ -201,71 +158,48 @@ def _profiles(pixels: Grey, samples: Samples) -> tuple[Array32, npt.NDArray[np.f
     return profile, along, spacing
 
 
-def _areas(area: Array32, samples: Samples) -> Array:
-    """Area of the slope over its peak, of those that run the way of each `(n,)` [px].
-
-    Told by the larger cells: in small ones a neighbour cuts an edge off.
-    """
-    areas: Array = np.full(len(area), median(area))
-    for kind in (samples.upright, ~samples.upright):
-        if int(kind.sum()) >= LEAST_OF_A_KIND:
-            areas[kind] = median(area[kind & (samples.reach >= LARGE * float(samples.reach[kind].max()))])
-    return areas
-
-
-def _sides(
-    profile: Array32, along: npt.NDArray[np.floating], samples: Samples, area: npt.NDArray[np.floating]
-) -> EdgeSides:
-    """Both ends of the profiles, one a column, at their reach."""
-    end = np.searchsorted(along, samples.reach, side="right") - 1
+def _sides(profile: Array32, along: npt.NDArray[np.floating], reach: Array) -> Array:
+    """Grey values at both ends of the profiles, dark and bright `(2, n)`, at their reach `(n,)` [px]."""
+    end = np.searchsorted(along, reach, side="right") - 1
     columns = np.arange(profile.shape[1])
-    dark, bright = profile[len(along) - 1 - end, columns], profile[end, columns]
-    return EdgeSides(
-        dark.astype(np.float64),
-        bright.astype(np.float64),
-        area,
-        samples.pixels,
-        samples.normals,
-        along[end].astype(np.float64),
-    )
+    return np.stack([profile[len(along) - 1 - end, columns], profile[end, columns]]).astype(np.float64)
 
 
-def _trust(beside: Array32, peak: Array32, found: npt.NDArray[np.bool_]) -> Array:
-    """Trust in edges with so much slope beside them and at their peak `(n,)`.
+def _widths(area: Array32, upright: Bools, telling: Bools) -> Array:
+    """Half width of the edges that run the way of each `(n,)` [px], by their area of the slope over its peak [px]."""
+    areas: Array = np.full(len(area), median(area[telling] if bool(telling.any()) else area))
+    for kind in (upright, ~upright):
+        if np.count_nonzero(kind & telling) >= LEAST_OF_A_KIND:
+            areas[kind] = median(area[kind & telling])
+    return np.maximum(WIDTH_FACTOR * areas, LIMITS.blur.sharp_px)
 
-    A shadow's rim beside an edge is as likely to lie on it, unseen. The variance grows by 1 + (slope / usual)^4.
+
+def _trust(beside: Array32, peak: Array32, contrast: Array32, found: Bools, cut: Bools) -> Array:
+    """Trust in edges `(n,)`.
+
+    A shadow's rim beside an edge is as likely to lie on it, unseen: the variance grows by 1 + (slope / usual)^4. What
+    noise moves an edge by grows as its contrast falls, and what dims an edge lies near it; what is cut off is not dim.
+
+    Args:
+        beside: largest slope beside each edge `(n,)` [grey].
+        peak: of its own slope `(n,)` [grey].
+        contrast: of it `(n,)` [grey].
+        found: which edges were found `(n,)`.
+        cut: which of them are blown `(n,)`.
     """
-    share = beside / np.maximum(peak, 1e-3)
-    usual = SKIRT
-    if bool(found.any()):
-        usual = max(usual, quantile(share[found], QUARTER))
-    trust: Array = 1.0 / (1.0 + (share.astype(np.float64) / (UNEVEN * usual)) ** 4)
-    return trust
+    usual = found if bool(found.any()) else np.ones_like(found)
+    share = (beside / np.maximum(peak, 1e-3)).astype(np.float64)
+    uneven = share / (UNEVEN * max(SKIRT, quantile(share[usual], QUARTER)))
+    dimmed = np.maximum(quantile(contrast[usual], CLEAR) / np.maximum(contrast, 1e-3), 1.0).astype(np.float64)
+    dimmed[cut] = 1.0
+    return np.asarray(1.0 / ((1.0 + uneven**4) * (1.0 + OF_NOISE * (dimmed**2 - 1.0))))
 
 
-def _clarity(contrast: Array32, found: npt.NDArray[np.bool_]) -> Array:
-    """Trust in edges of some contrast [grey], against those of the usual one `(n,)`.
-
-    What noise moves an edge by grows as its contrast falls, and what dims an edge lies near it.
-    """
-    if not bool(found.any()):
-        return np.ones(len(found))
-    dimmed = np.maximum(quantile(contrast[found], CLEAR) / np.maximum(contrast, 1e-3), 1.0).astype(np.float64)
-    clarity: Array = 1.0 / (1.0 + OF_NOISE * (dimmed**2 - 1.0))
-    return clarity
-
-
-def _centre(
-    slope: npt.NDArray[np.float32],
-    place: npt.NDArray[np.float32],
-    around: npt.NDArray[np.float32],
-    peak: npt.NDArray[np.float32],
-    widths: Array32,
-) -> npt.NDArray[np.float32]:
+def _centre(slope: Array32, place: Array32, around: Array32, peak: Array32, widths: Array) -> Array32:
     """Centre of gravity of each slope, a column, within its width of a place `(n,)` [px]."""
     body = slope - SKIRT * peak
     np.maximum(body, 0.0, out=body)
     body *= np.abs(place[:, None] - around) <= widths
     moment, mass = np.stack([place, np.ones_like(place)]) @ body
-    found: npt.NDArray[np.float32] = moment / np.maximum(mass, 1e-6)
+    found: Array32 = moment / np.maximum(mass, 1e-6)
     return found

@@ -168,14 +168,23 @@ class Prior:
         level: where the target's normal should point, if anywhere.
         shutter: of the camera; none where it stood still.
         sheet: that the print is on; none where it does not bend.
+        stretch_sd: deviation of the ratio of the focal lengths; zero takes them as exact.
 
     Attributes:
         start: of the fit.
+        stretch_sd: see above.
         bend: what is known of that; none where the print does not bend.
     """
 
-    def __init__(self, start: Pose, level: Level | None, shutter: Shutter | None, sheet: Sheet | None) -> None:
-        self.start = start
+    def __init__(
+        self,
+        start: Pose,
+        level: Level | None,
+        shutter: Shutter | None,
+        sheet: Sheet | None,
+        stretch_sd: float = 0.0,
+    ) -> None:
+        self.start, self.stretch_sd = start, stretch_sd
         self._level, self._shutter, self._sheet = level, shutter, sheet
         self._motion: KnownMotion | None = None
         if shutter is not None and shutter.rolls:
@@ -197,7 +206,8 @@ class Prior:
         if self._motion is not None:
             motion = np.zeros(MOTIONS) if self.start.motion is None else self.start.motion
         rise = None if self.bend is None else (self.start.bend or self.bend).mean
-        return State(self.start.rotation, self.start.position, blur_px**2 * np.eye(2), motion, rise)
+        stretch = np.zeros(1) if self.stretch_sd > 0.0 else None
+        return State(self.start.rotation, self.start.position, blur_px**2 * np.eye(2), motion, rise, stretch)
 
     def table(self, at: State, by_point: Array, arm: Array, times: Array, heights: Array | None) -> list[Unknown]:
         """The unknowns that all fits have, of what is measured at points of the print.
@@ -245,7 +255,7 @@ class Prior:
 
         What the fit was told, W and m0, is taken out of what it found, C and m: C^-1 - W, and C^-1 m - W m0.
         """
-        if at.motion is None or self._motion is None or self._shutter is None or self._shutter.is_given:
+        if at.motion is None or self._motion is None or self._shutter is None or not self._shutter.is_open:
             return None
         found = np.linalg.inv(covariance[unknowns["motion"], unknowns["motion"]])
         given = self._motion.spread**-2

@@ -35,8 +35,9 @@ from mkdaemon.vision.arrays import Array, Grey
 from mkdaemon.vision.camera.calibration_file import Camera, mount_rotation
 from mkdaemon.vision.limits import LIMITS, SELFCAL
 from mkdaemon.vision.pose.bend import Bend
-from mkdaemon.vision.pose.edgefind import FoundEdges, Samples
+from mkdaemon.vision.pose.edgefind import FoundEdges
 from mkdaemon.vision.pose.edgefit import LEAST_EDGES, EdgeFit
+from mkdaemon.vision.pose.edgemodel import Samples
 from mkdaemon.vision.pose.edgestep import MAD
 from mkdaemon.vision.pose.pose import FLOOR_RANGE, Pose, damped, median, turn
 from mkdaemon.vision.pose.prints import sheet_of
