@@ -17,6 +17,7 @@ from mkdaemon.vision.pose.pose import median, quantile
 from mkdaemon.vision.pose.unknowns import Unknown
 
 Array32 = npt.NDArray[np.float32]
+Numbers = npt.NDArray[np.intp]
 
 STEP_PX = 0.5
 """Distance of the grey values along a normal [px]; more while the reach is long."""
@@ -165,13 +166,20 @@ def _sides(profile: Array32, along: npt.NDArray[np.floating], reach: Array) -> A
     return np.stack([profile[len(along) - 1 - end, columns], profile[end, columns]]).astype(np.float64)
 
 
+def kinds_of(found: Bools, upright: Bools) -> tuple[Numbers, Numbers]:
+    """What was found of the two ways that edges run; all, twice, where one has too few."""
+    kinds = np.flatnonzero(found & upright), np.flatnonzero(found & ~upright)
+    if min(len(kinds[0]), len(kinds[1])) >= LEAST_OF_A_KIND:
+        return kinds
+    every = np.flatnonzero(found)
+    return every, every
+
+
 def _widths(area: Array32, upright: Bools, telling: Bools) -> Array:
     """Half width of the edges that run the way of each `(n,)` [px], by their area of the slope over its peak [px]."""
-    areas: Array = np.full(len(area), median(area[telling] if bool(telling.any()) else area))
-    for kind in (upright, ~upright):
-        if np.count_nonzero(kind & telling) >= LEAST_OF_A_KIND:
-            areas[kind] = median(area[kind & telling])
-    return np.maximum(WIDTH_FACTOR * areas, LIMITS.blur.sharp_px)
+    kinds = kinds_of(telling if bool(telling.any()) else np.ones_like(telling), upright)
+    areas = WIDTH_FACTOR * np.where(upright, *(median(area[kind]) for kind in kinds))
+    return np.maximum(areas, LIMITS.blur.sharp_px)
 
 
 def _trust(beside: Array32, peak: Array32, contrast: Array32, found: Bools, cut: Bools) -> Array:

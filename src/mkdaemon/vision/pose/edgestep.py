@@ -11,12 +11,10 @@ import numpy.typing as npt
 
 from mkdaemon.vision.arrays import Array, Bools
 from mkdaemon.vision.limits import LIMITS
-from mkdaemon.vision.pose.edgefind import LEAST_OF_A_KIND, FoundEdges
+from mkdaemon.vision.pose.edgefind import LEAST_OF_A_KIND, FoundEdges, Numbers, kinds_of
 from mkdaemon.vision.pose.edgemodel import Samples
 from mkdaemon.vision.pose.pose import LEAST_RIDGE, Pose, inverted, length2, median
 from mkdaemon.vision.pose.unknowns import POSE, Prior, State, Unknowns
-
-Numbers = npt.NDArray[np.intp]
 
 MAD = 1.4826
 """Deviation of Gaussian residuals over their median absolute value."""
@@ -78,7 +76,7 @@ class EdgeStep:
         # Doubt of edges without room makes their residuals small: they would make those outliers that have it.
         roomy = found & (edges.room > ROOMY)
         telling = roomy if np.count_nonzero(roomy) >= LEAST_OF_A_KIND else found
-        kinds = _kinds(telling, samples.upright)
+        kinds = kinds_of(telling, samples.upright)
         residual = offsets
         for _ in range(ROUNDS):
             inside = _inside(np.abs(residual) * root, kinds) * found
@@ -179,7 +177,7 @@ class EdgeStep:
             loss=self._loss(size),
             blur_px=self.edges.width,
             widest_px=self.edges.widest,
-            ragged_px=MAD * max(median(size[kind]) for kind in _kinds(self.edges.found, self.samples.upright)),
+            ragged_px=MAD * max(median(size[kind]) for kind in kinds_of(self.edges.found, self.samples.upright)),
             shift_px=float(self.change[-1]),
             blown=self.edges.blown,
             motion=at.motion,
@@ -204,12 +202,3 @@ def _inside(size: Array, kinds: Sequence[Numbers]) -> Array:
     """Root of Tukey's weights by the sizes of all residuals `(n,)` [px]: the larger median of both kinds is usual."""
     usual = max(MAD * max(median(size[kind]) for kind in kinds), LIMITS.edges.least_scale_px)
     return np.asarray(np.maximum(1.0 - (size / (LIMITS.edges.tukey * usual)) ** 2, 0.0), np.float64)
-
-
-def _kinds(found: Bools, upright: Bools) -> tuple[Numbers, Numbers]:
-    """What was found of the two ways that edges run; all, twice, where one has too few."""
-    kinds = np.flatnonzero(found & upright), np.flatnonzero(found & ~upright)
-    if min(len(kinds[0]), len(kinds[1])) >= LEAST_OF_A_KIND:
-        return kinds
-    every = np.flatnonzero(found)
-    return every, every

@@ -198,7 +198,6 @@ class Prior:
         self.bend: Bend | None = None
         if sheet is not None:
             self.bend = start.known_bend or sheet.prior
-            self._flat = self.bend.information
 
     def begin(self, blur_px: float = 0.0) -> State:
         """Where the fit begins, with a round point spread of some deviation."""
@@ -227,7 +226,7 @@ class Prior:
         table = [Unknown("place", by_rest.T), Unknown("turn", cross(arm, by_rest).T, *level)]
         if heights is not None and self._sheet is not None and self.bend is not None and at.rise is not None:
             along = by_rest @ (at.rotation @ self._sheet.normal)
-            table.append(Unknown("rise", along * heights, self._flat, self.bend.mean - at.rise))
+            table.append(Unknown("rise", along * heights, self.bend.information, self.bend.mean - at.rise))
         if at.motion is not None and self._motion is not None:
             rows = motion_jacobian(by_point, arm + at.position, times)
             lacking = beyond_motion(rows, by_rest, times, at.position)
