@@ -78,7 +78,7 @@ class EdgeFit:
             # Within less than its width an edge has no middle.
             reach = max(limits.reach_px[min(k, len(limits.reach_px) - 1)], 0.0 if last is None else last.edges.widest)
             found = self._find(pixels, state, prior, reach, is_near=is_near)
-            if found is None or int(np.count_nonzero(found[1].found)) < LEAST_EDGES:
+            if found is None:
                 return None
             samples, edges, table = found
             edge_px = limits.located_px if last is None else max(last.spread, limits.least_scale_px)
@@ -103,7 +103,7 @@ class EdgeFit:
         return None if last is None else not_arrived(last.pose(state, prior, self.model.square), to_go)
 
     def locate(self, pixels: Grey, pose: Pose) -> tuple[Samples, FoundEdges, Unknowns] | None:
-        """Find the edges around a fitted pose, without their common shift; none when too few are in view.
+        """Find the edges around a fitted pose, without their common shift; none when too few are in view or found.
 
         Returns:
             The samples in view, their edges, and the unknowns that every fit has, by these samples.
@@ -118,7 +118,7 @@ class EdgeFit:
     def _find(
         self, pixels: Grey, at: State, prior: Prior, reach: float, *, is_near: bool = True
     ) -> tuple[Samples, FoundEdges, list[Unknown]] | None:
-        """Samples in view, their edges, and the unknowns that every fit has; none when too few are in view.
+        """Samples in view, their edges, and the unknowns that every fit has; none when too few are in view or found.
 
         The samples are seen at u = project(R p + t), and move along their normals by n . du/dP.
         """
@@ -156,7 +156,8 @@ class EdgeFit:
         if at.stretch is not None:
             by_stretch = (normals * projection.stretch_jacobian(uv)).sum(axis=1)
             table.append(Unknown("stretch", by_stretch[None], np.array([prior.stretch_sd**-2]), -at.stretch))
-        return samples, find_edges(pixels, samples, is_near=is_near), table
+        edges = find_edges(pixels, samples, is_near=is_near)
+        return (samples, edges, table) if np.count_nonzero(edges.found) >= LEAST_EDGES else None
 
 
 def shifts(toned: Array, smaller: Bools | None) -> Unknown:

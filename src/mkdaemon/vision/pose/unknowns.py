@@ -188,13 +188,11 @@ class Prior:
         self._level, self._shutter, self._sheet = level, shutter, sheet
         self._motion: KnownMotion | None = None
         if shutter is not None and shutter.rolls:
-            unknown = KnownMotion(np.zeros(MOTIONS), np.array([LIMITS.edges.turning_sd] * 3 + [LIMITS.edges.speed_sd]))
+            limits, scale = LIMITS.edges, shutter.scale
+            unknown = KnownMotion(np.zeros(MOTIONS), np.array([limits.turning_sd] * 3 + [limits.speed_sd]))
             self._motion = shutter.motion(start.known_motion or unknown)
             # Times the line time over the nominal one; of an acceleration twice.
-            scale = shutter.scale
-            self._beyond_sd = np.array(
-                [LIMITS.edges.acceleration_sd * scale**2] * 3 + [LIMITS.edges.speed_sd * scale] * 2
-            )
+            self._beyond_sd = np.array([limits.acceleration_sd * scale**2] * 3 + [limits.speed_sd * scale] * 2)
         self.bend: Bend | None = None
         if sheet is not None:
             self.bend = start.known_bend or sheet.prior

@@ -35,7 +35,7 @@ from mkdaemon.vision.arrays import Array, Grey
 from mkdaemon.vision.camera.calibration_file import Camera, mount_rotation
 from mkdaemon.vision.limits import LIMITS, SELFCAL
 from mkdaemon.vision.pose.bend import Bend
-from mkdaemon.vision.pose.edgefit import LEAST_EDGES, EdgeFit, shifts
+from mkdaemon.vision.pose.edgefit import EdgeFit, shifts
 from mkdaemon.vision.pose.edgemodel import Samples
 from mkdaemon.vision.pose.edgestep import EdgeStep
 from mkdaemon.vision.pose.pose import FLOOR_RANGE, Pose, damped, turn
@@ -112,7 +112,7 @@ class EvidenceMaker:
     def look(self, pixels: Grey, pose: Pose) -> ImageEvidence | None:
         """Ask an image `(h, w)` uint8 about a pose found in it; none when too few edges are seen."""
         located = self._fit.locate(pixels, pose)
-        if located is None or int(located[1].found.sum()) < LEAST_EDGES:
+        if located is None:
             return None
         samples, edges, unknowns = located
         index, jacobian, by_rise = samples.index, unknowns.rows[POSE].T, np.zeros((len(samples.index), 0))
