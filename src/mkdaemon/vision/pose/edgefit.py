@@ -84,7 +84,7 @@ class EdgeFit:
             edge_px = limits.located_px if last is None else max(last.spread, limits.least_scale_px)
             if edges.light is not None:
                 table.append(edges.light)
-            table.append(shifts(edges.toned, self.model.smaller[samples.index] if is_near else None))
+            table.append(shifts(edges.toned, self.model.smaller[samples.index]))
             step = EdgeStep.solve(Unknowns(table), samples, edges, edge_px**2)
             before, moved = moved, step.moved_px
             # Edges wider than they were looked for are cut off, and less far from their place than they are.
@@ -160,7 +160,7 @@ class EdgeFit:
         return (samples, edges, table) if np.count_nonzero(edges.found) >= LEAST_EDGES else None
 
 
-def shifts(toned: Array, smaller: Bools | None) -> Unknown:
+def shifts(toned: Array, smaller: Bools) -> Unknown:
     """A shift of all edges in proportion to their blur, the last unknown, and that of smaller tags.
 
     Blur does not let small cells get black or white: a tone curve or sharpening shifts their edges by less, or more.
@@ -169,9 +169,7 @@ def shifts(toned: Array, smaller: Bools | None) -> Unknown:
 
     Args:
         toned: shift of each over that of all `(n,)`.
-        smaller: which of them are on tags of each smaller size `(n, k)`; none while the place is not nearly known.
+        smaller: which of them are on tags of each smaller size `(n, k)`.
     """
-    rows = toned[None]
-    if smaller is not None:
-        rows = np.concatenate([smaller[:, smaller.any(axis=0) & ~smaller.all(axis=0)].T * toned, rows])
+    rows = np.vstack([smaller[:, smaller.any(axis=0) & ~smaller.all(axis=0)].T, np.ones_like(toned)]) * toned
     return Unknown("shift", rows, np.full(len(rows), LIMITS.edges.shift_sd_px**-2))
