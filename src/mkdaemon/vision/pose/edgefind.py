@@ -218,13 +218,11 @@ def _sides(profile: Array32, along: npt.NDArray[np.floating], reach: Array) -> A
     return np.stack([profile[len(along) - 1 - end, columns], profile[end, columns]]).astype(np.float64)
 
 
-def kinds_of(found: Bools, upright: Bools) -> tuple[Numbers, Numbers]:
-    """What was found of the two ways that edges run; all, twice, where one has too few."""
-    kinds = np.flatnonzero(found & upright), np.flatnonzero(found & ~upright)
-    if min(len(kinds[0]), len(kinds[1])) >= LEAST_OF_A_KIND:
-        return kinds
+def kinds_of(found: Bools, upright: Bools) -> list[Numbers]:
+    """What was found of each of the two ways that edges run; all, where one has too few."""
     every = np.flatnonzero(found)
-    return every, every
+    kinds = (np.flatnonzero(found & kind) for kind in (upright, ~upright))
+    return [kind if len(kind) >= LEAST_OF_A_KIND else every for kind in kinds]
 
 
 def _widths(area: Array32, upright: Bools, telling: Bools) -> Array:
