@@ -166,7 +166,7 @@ def find_edges(pixels: Grey, samples: Samples, *, is_near: bool = True) -> Found
     are_white = sides >= LIMITS.read.saturated
     cut = steep & are_white[1]
     # Larger cells of either way tell width and light: in small ones a neighbour cuts an edge off.
-    longest = [float(samples.reach.max(initial=0.0, where=kind)) for kind in (samples.upright, ~samples.upright)]
+    longest = [float((samples.reach * kind).max()) for kind in (samples.upright, ~samples.upright)]
     large = samples.reach >= LARGE * np.where(samples.upright, *longest)
     # Width of an edge in this image: area of the slope over its peak.
     area = slope.sum(axis=0) * spacing / np.maximum(peak, 1e-3)
