@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mkdaemon.vision.limits import LIMITS
-from mkdaemon.vision.pose.edgefind import FoundEdges, Samples, find_edges
+from mkdaemon.vision.limits import HALF, LIMITS
+from mkdaemon.vision.pose.edgefind import FoundEdges, find_edges
 from mkdaemon.vision.pose.edgefit import EdgeFit
+from mkdaemon.vision.pose.edgemodel import Samples
 from mkdaemon.vision.pose.edgestep import EdgeStep
 from mkdaemon.vision.pose.pose import Pose, turn
 from mkdaemon.vision.pose.projection import Projection
@@ -30,10 +31,9 @@ def step(
     count = len(offsets)
     flat, ones = np.zeros((count, 2)), np.ones(count)
     upright = np.arange(count) % 2 > 0
-    deep = np.zeros((count, 3))
-    samples = Samples(np.arange(count), flat, flat, ones, deep, deep, np.zeros(count), 30.0 * ones, upright)
+    samples = Samples(np.arange(count), flat, flat, ones, 30.0 * ones, upright)
     sure, free = ones if trust is None else trust, ones if room is None else room
-    edges = FoundEdges(offsets, np.ones(count, dtype=bool), width, width * ones, ones, sure, free)
+    edges = FoundEdges(offsets, np.ones(count, dtype=bool), width * ones, sure, free)
     unknowns = Unknowns([Unknown("place", jacobian[:, :3].T), Unknown("rest", jacobian[:, 3:].T)])
     return EdgeStep.solve(unknowns, samples, edges, 1.0)
 
@@ -47,9 +47,6 @@ def upright_edges() -> tuple[np.ndarray, Samples]:
         np.column_stack([np.full(count, 32.0), rows]),
         np.tile([1.0, 0.0], (count, 1)),
         np.full(count, 2.5),
-        np.zeros((count, 3)),
-        np.zeros((count, 3)),
-        np.zeros(count),
         np.full(count, 30.0),
         np.ones(count, dtype=bool),
     )
@@ -97,7 +94,7 @@ def test_doubt_of_some_edges_makes_no_other_one_disagree() -> None:
     rng = np.random.default_rng(9)
     trust = np.where(np.arange(180) < 120, 0.02, 1.0)
     found = step(rng.standard_normal((180, UNKNOWNS)), 0.1 * rng.standard_normal(180), trust=trust)
-    assert np.mean(found.agreeing > LIMITS.edges.counted) > 0.95
+    assert np.mean(found.agrees) > 0.95
 
 
 def test_many_edges_without_room_make_none_that_have_it_an_outlier() -> None:
@@ -105,7 +102,7 @@ def test_many_edges_without_room_make_none_that_have_it_an_outlier() -> None:
     rng = np.random.default_rng(7)
     room = np.concatenate([np.ones(30), np.full(150, 0.01)])
     found = step(rng.standard_normal((180, UNKNOWNS)), 0.1 * rng.standard_normal(180), room)
-    assert np.mean(found.agreeing[:30] > LIMITS.edges.counted) > 0.9
+    assert np.mean(found.agrees[:30]) > 0.9
 
 
 def test_an_edge_with_a_rim_of_light_beside_it_is_trusted_less() -> None:
@@ -127,14 +124,16 @@ def test_an_edge_in_the_shade_is_trusted_less() -> None:
     lower = np.repeat([0.0, 1.0], 32)[:, None]
     rows, samples = upright_edges()
     half, dark, blown = (
-        find_edges(np.minimum(grey, 255.0).astype(np.uint8), samples, is_blown=bool(grey.max() > 255.0))
+        find_edges(np.minimum(grey, 255.0).astype(np.uint8), samples)
         for grey in (edge * (1.0 - 5.0 / 6.0 * lower), edge / 6.0, edge + 150.0 * lower)
     )
     assert half.found.all()
     assert half.trust[rows < 30].min() > 0.9
     assert half.trust[rows > 34].max() < 0.1
     assert dark.trust.min() > 0.9
-    assert blown.trust.min() > 0.9
+    assert blown.light is not None
+    moved = blown.light.rows[:2].sum(axis=0)
+    assert (blown.trust * (1.0 + (moved / (HALF * LIMITS.edges.located_px)) ** 2)).min() > 0.9
 
 
 def test_leaf_shadows_leave_a_pose_that_its_covariance_allows() -> None:

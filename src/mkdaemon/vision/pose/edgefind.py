@@ -1,20 +1,41 @@
-"""Finding the edges of an image along the normals of projected samples, to a fraction of a pixel."""
+"""Finding the edges of an image along the normals of projected samples, to a fraction of a pixel.
+
+Light moves edges. Grey values on both sides of all edges are a quadratic in the image each.
+
+Behind dirt on the lens, in the soft rim of a shadow or near the corner of an image the contrast of an edge grows along
+its normal by a share c for each pixel, its bright side slopes, and the centre of gravity of the slope moves by
+c sigma^2 times a factor, with sigma the deviation of the slope. An even growth moves the print; one that differs over
+the print turns it. Edges that the light does not explain, as across a hard shadow, are left alone.
+
+Where the bright side of an edge is blown, the clipping moves the edge that is found.
+A blurred edge rises from the grey value d by the contrast c as d + c Phi(s / sigma). What lies above the largest grey
+value is cut off, a share 1 - q with q = (top - d) / c, and the centre of gravity of the slope that is left lies at
+-sigma lambda(z), with lambda = phi / Phi, z = Phi^-1(q): towards the dark side by half a pixel where half is cut off.
+A highlight on a glossy print lights its ink by different amounts, so that edges move where it lies and others stay,
+which looks like a tilt. Dark sides say how much is cut off; blur and contrast are known nearly and fitted with the
+pose.
+
+Source: mean of a truncated normal distribution, Johnson and Kotz, Continuous Univariate Distributions, 13.10.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
-from math import pi, sqrt
+from dataclasses import dataclass
+from math import erf, pi, sqrt
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
-from mkdaemon.vision.arrays import Array, Grey
+from mkdaemon.vision.arrays import Array, Bools, Grey
+from mkdaemon.vision.camera.image import BRIGHTEST
 from mkdaemon.vision.limits import HALF, LIMITS, NOISE_GREY
-from mkdaemon.vision.pose.edgelight import SLOPE_WIDTH, Blown, EdgeSides, blown_edges, blur_of
+from mkdaemon.vision.pose.edgemodel import Samples
 from mkdaemon.vision.pose.pose import median, quantile
+from mkdaemon.vision.pose.unknowns import Unknown
 
 Array32 = npt.NDArray[np.float32]
+Numbers = npt.NDArray[np.intp]
 
 STEP_PX = 0.5
 """Distance of the grey values along a normal [px]; more while the reach is long."""
@@ -26,8 +47,6 @@ HALF_WIDTH = WIDTH_FACTOR * sqrt(2.0 * pi)
 """The same over the deviation of a Gaussian point spread."""
 SKIRT = 0.15
 """Share of the peak slope that is taken off before a centre is computed: texture and noise have no say in it."""
-WIDEST_PX = 8.0
-"""Wider edges are taken for this wide [px]: the window would reach the neighbouring edge."""
 LEAST_OF_A_KIND = 10
 """Edges of one direction that have a median of their own."""
 LARGE = 0.7
@@ -47,33 +66,40 @@ flights); of 0.03 to 1, angles were best at 0.15-0.5 in the sun's shadow and at 
 MELTING = 6
 """Power with which the variance of an edge grows by its width in cells. With 4 edges 0.7 of a cell wide, which
 neighbours pull by 0.4 px, were taken for half as exact as they are (docs/lab/vision-fits.md, room)."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Samples:
-    """Samples of an edge model, projected.
-
-    Attributes:
-        index: which of the model `(n,)`.
-        pixels: where a pose puts them `(n, 2)` [px].
-        normals: towards the brighter side, unit `(n, 2)`.
-        reach: how far along the normal the edge may be `(n,)` [px].
-        by_point: derivative of the position along the normal by the point of the print `(n, 3)` [px/m; camera].
-        arm: from the target's origin to that point `(n, 3)` [m; camera].
-        times: when each is exposed after the middle row, under a rolling shutter `(n,)` [s].
-        cell_px: side of its cells along the normal `(n,)` [px].
-        upright: whether a move along x of the target shifts it `(n,)`, rather than one along y.
-    """
-
-    index: npt.NDArray[np.intp]
-    pixels: Array
-    normals: Array
-    reach: Array
-    by_point: Array
-    arm: Array
-    times: Array
-    cell_px: Array
-    upright: npt.NDArray[np.bool_]
+PLACES = np.linspace(-3.0, 2.0, 201)
+"""At which the two functions below are tabled [sigma]: shares of 0.1 to 98 %."""
+BELOW = np.array([(1.0 + erf(z / sqrt(2.0))) / 2.0 for z in PLACES])
+"""Share q of an edge below each place."""
+DENSITY = np.exp(-(PLACES**2) / 2.0) / sqrt(2.0 * pi)
+MOVED = DENSITY / BELOW
+"""The mean's distance lambda(z) [sigma]."""
+BY_CONTRAST = BELOW * MOVED * (PLACES + MOVED) / DENSITY
+"""Derivative of lambda by the logarithm of the contrast."""
+LOOKED = 0.25
+"""Variance that looking at the slope adds to the blur: linear interpolation and differences over a pixel [px^2]."""
+LEAST_BLUR = 0.3
+"""Variance of the sharpest blur, and of the pixel itself [px^2]."""
+ENOUGH = 20
+"""Edges that show contrast and blur of this image."""
+AHEAD = 2.0
+"""So far beyond an edge the dark side's light counts, where it grows along the normal, over the width of the slope: the
+slope is cut there (edges rendered at 1 and 2 grey/px, 1.4 to 2.4)."""
+ROUNDS = 3
+"""Of weights and light."""
+LEAST_CUT = 0.8
+"""Quantile of the contrast from which edges are taken for the clearest, where every bright side is blown."""
+BEYOND = 1.2
+"""Their whole contrast over what is seen of it."""
+GROWTH_MOVES = 1.9
+"""Share of sigma^2 c that an edge moves: edges drawn with a point spread of 0.5 to 1.5 px, 1.7 to 2.1."""
+UNSURE = 0.5
+"""Share of what the light moves that is unsure, and by which it may move edges another way, as marks of dirt are
+smaller than a quadratic over the print: NEES 1.2-1.4 behind dirt and 0.8-1.0 under a shadow's rim."""
+EVEN_PX = 0.003
+"""What the light may move edges without being asked, root mean square [px]: below a third of `systematic_px`."""
+ENOUGH_FOR_LIGHT = 60
+"""Edges that show how the light changes."""
+RIDGE = 1e-6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -81,109 +107,93 @@ class FoundEdges:
     """Edges along the normals of samples.
 
     Attributes:
-        offsets: from where the pose puts them, towards the bright side `(n,)` [px].
+        offsets: from where the pose puts them, towards the bright side, without what light moves `(n,)` [px].
         found: whether an edge of the right sense was found `(n,)`.
-        width: half width of the edges of this image [px].
-        widths: the same of those that run the way of each: motion blurs one of two ways `(n,)` [px].
-        toned: what a tone curve shifts each by over what it shifts all, as their blur `(n,)`.
+        widths: half width of the edges that run the way of each: motion blurs one of two ways `(n,)` [px].
         trust: 1 where both sides of an edge are even and it is as clear as others, less where a shadow's rim or a leaf
-            lies beside it or dims it; over the variance of the offset `(n,)`.
+            lies beside it or dims it, or light moves it; over the variance of the offset `(n,)`.
         room: what neighbours leave of each, against the one with most room; over the variance of the offset too. An
             edge without room says nothing for a pose and nothing against it `(n,)`.
-        blown: what clipping does to the edges, already out of `offsets`; none where nothing is blown.
-        sides: what lies beside the edges, where their places are nearly known.
-        unsure: errors that they may have in common, each a deviation with its signs `(k, n)` [px].
+        blown: share of the edges whose bright side is blown.
+        light: unknowns of what light moves; none where it moves nothing.
     """
 
     offsets: Array
-    found: npt.NDArray[np.bool_]
-    width: float
+    found: Bools
     widths: Array
-    toned: Array
     trust: Array
     room: Array
-    blown: Blown | None = None
-    sides: EdgeSides | None = None
-    unsure: Array | None = None
+    blown: float = 0.0
+    light: Unknown | None = None
+
+    @property
+    def width(self) -> float:
+        """Half width of the edges of this image [px]."""
+        return float(self.widths.mean())
 
     @property
     def widest(self) -> float:
         """Half width of the edges that run the way of the wider ones [px]."""
         return float(self.widths.max())
 
-
-def without_glare(pixels: Grey, samples: Samples) -> Samples:
-    """Leave out what lies wholly in a highlight: nothing is seen there, for a pose or against it.
-
-    Where the paper itself is blown everything stays: a missing edge speaks against a pose then as ever.
-    """
-    near = samples.reach[:, None] * samples.normals
-    columns, rows = np.rint(np.stack([samples.pixels - near, samples.pixels, samples.pixels + near])).astype(np.intp).T
-    grey = pixels[rows, columns] >= LIMITS.read.saturated
-    hidden = grey.all(axis=1)
-    if not bool(hidden.any()) or bool(hidden.all()) or float(grey[~hidden, 2].mean()) > HALF:
-        return samples
-    return Samples(*(getattr(samples, part.name)[~hidden] for part in fields(samples)))
+    @property
+    def toned(self) -> Array:
+        """What a tone curve shifts each by over what it shifts all, as their blur `(n,)`."""
+        blur = _blur_of(self.widths / HALF_WIDTH)
+        return np.asarray(blur / blur.mean())
 
 
-def find_edges(pixels: Grey, samples: Samples, *, is_blown: bool = False, is_near: bool = True) -> FoundEdges:
+def find_edges(pixels: Grey, samples: Samples, *, is_near: bool = True) -> FoundEdges:
     """Find each edge along its normal.
 
     The grey values along a normal are g(s), their slope g'(s) > 0 towards the bright side. The edge lies at the centre
     of gravity of the slope around its peak, s0 = sum(s w) / sum(w) with w = max(g'(s) - skirt * peak, 0): unbiased for
     every symmetric blur. Source: moment-based edge location, Lyvers et al., PAMI 11(12), 1989, in one dimension.
     """
-    blur = LIMITS.blur
     profile, along, spacing = _profiles(pixels, samples)
     # g'(s) by central differences, nothing beyond the reach and half a step more.
     place = along[1:-1].astype(np.float32)
     slope = profile[2:] - profile[:-2]
-    either = np.abs(slope) if is_near else slope
+    either = np.abs(slope)
     np.maximum(slope, 0.0, out=slope)
     away = np.abs(place)[:, None]
     slope *= away <= samples.reach + STEP_PX / 2
-    centre = place[slope.argmax(axis=0)]
     peak = slope.max(axis=0)
-    # Width of an edge in this image: area of the slope over its peak, median over the samples.
-    area = slope.sum(axis=0) * spacing / np.maximum(peak, 1e-3)
-    width = min(max(WIDTH_FACTOR * median(area), blur.sharp_px), WIDEST_PX)
-    areas = _areas(area, samples)
-    widths = np.maximum(WIDTH_FACTOR * areas, width).astype(np.float32)
-    for _ in range(2 if width > blur.sharp_px else 1):
-        # The peak of a wide edge is noise: a first centre of gravity puts the window where the edge is.
-        centre = _centre(slope, place, centre, peak, widths)
-    offsets = centre
     # An edge is as steep as the steep ones of the image, up to a share, and steeper than noise.
     tenth = max(len(peak) // 10, 1)
-    enough = max(NOISE_GREY, LIMITS.read.least_contrast * float(np.partition(peak, -tenth)[-tenth]))
-    found = (peak > enough) & (np.abs(offsets) < samples.reach)
-    trust, toned, room = (np.ones(len(found)) for _ in range(3))
-    sides: EdgeSides | None = None
+    steep = peak > max(NOISE_GREY, LIMITS.read.least_contrast * float(np.partition(peak, -tenth)[-tenth]))
+    sides = _sides(profile, along, samples.reach)
+    are_white = sides >= LIMITS.read.saturated
+    cut = steep & are_white[1]
+    # Larger cells of either way tell width and light: in small ones a neighbour cuts an edge off.
+    longest = [float((samples.reach * kind).max()) for kind in (samples.upright, ~samples.upright)]
+    large = samples.reach >= LARGE * np.where(samples.upright, *longest)
+    # Width of an edge in this image: area of the slope over its peak.
+    area = slope.sum(axis=0) * spacing / np.maximum(peak, 1e-3)
+    widths = _widths(area, samples.upright, _least_cut(sides[1] - sides[0], steep & large, cut)[0])
+    centre = place[slope.argmax(axis=0)]
+    for _ in range(2):
+        # The peak of a wide edge is noise: a first centre of gravity puts the window where the edge is.
+        centre = _centre(slope, place, centre, peak, widths)
+    found = steep & (np.abs(centre) < samples.reach)
+    trust, room = np.ones(len(found)), np.ones(len(found))
     if is_near:
-        toned = blur_of(areas / SLOPE_WIDTH)
-        toned /= toned.mean()
         # A fit that is not yet near its place has other edges beside these.
-        beside = np.abs(place[:, None] - offsets)
-        either *= (beside > widths) & (away <= samples.reach + STEP_PX)
-        trust = _trust(either.max(axis=0), peak, found)
-        sides = _sides(profile, along, samples, area)
-        room = 1.0 / (1.0 + (LIMITS.cells.melted_widths * widths / samples.cell_px) ** MELTING)
-        room /= float(room.max())
-    located = offsets.astype(np.float64)
-    blown: Blown | None = None
-    if is_blown:
-        blown = blown_edges(sides or _sides(profile, along, samples, area), found, samples.upright)
-    if is_near:
-        clarity = _clarity(area * peak, found)
-        # What is cut off is not dim: `clear` doubts it.
-        trust *= clarity if blown is None else np.where(blown.clear < 1.0, 1.0, clarity)
-    if blown is not None:
-        located -= blown.moved
-        if is_near and float(blown.shown.mean()) > HALF:
-            # A flooded edge is no missing one, as long as enough others are left to be missed.
-            found &= blown.shown
-            room *= blown.shown
-    return FoundEdges(located, found, width, widths.astype(np.float64), toned, trust, room, blown, sides)
+        either *= (np.abs(place[:, None] - centre) > widths) & (away <= samples.reach + STEP_PX)
+        trust = _trust(either.max(axis=0), peak, area * peak, found, cut)
+        room /= 1.0 + (LIMITS.cells.melted_widths * widths / samples.cell_px) ** MELTING
+        room /= room.max()
+    light = _light_shift(samples, sides, widths / HALF_WIDTH, found, found & cut, found & large & is_near)
+    # An edge that was moved far is exact no more.
+    trust /= 1.0 + (light.moved / (HALF * LIMITS.edges.located_px)) ** 2
+    # What lies wholly in a highlight says nothing for a pose or against it. Where the paper itself is blown a missing
+    # edge speaks against a pose as ever.
+    is_paper_blown = np.count_nonzero(cut) > HALF * np.count_nonzero(steep)
+    hidden = light.flooded if is_paper_blown else light.flooded | (are_white.all(axis=0) & ~steep)
+    found &= ~hidden
+    room *= ~hidden
+    blown = float(np.count_nonzero(found & cut)) / max(int(np.count_nonzero(found)), 1)
+    return FoundEdges(centre - light.moved, found, widths, trust, room, blown, light.unsure)
 
 
 def _profiles(pixels: Grey, samples: Samples) -> tuple[Array32, npt.NDArray[np.floating], float]:
@@ -201,71 +211,185 @@ def _profiles(pixels: Grey, samples: Samples) -> tuple[Array32, npt.NDArray[np.f
     return profile, along, spacing
 
 
-def _areas(area: Array32, samples: Samples) -> Array:
-    """Area of the slope over its peak, of those that run the way of each `(n,)` [px].
-
-    Told by the larger cells: in small ones a neighbour cuts an edge off.
-    """
-    areas: Array = np.full(len(area), median(area))
-    for kind in (samples.upright, ~samples.upright):
-        if int(kind.sum()) >= LEAST_OF_A_KIND:
-            areas[kind] = median(area[kind & (samples.reach >= LARGE * float(samples.reach[kind].max()))])
-    return areas
-
-
-def _sides(
-    profile: Array32, along: npt.NDArray[np.floating], samples: Samples, area: npt.NDArray[np.floating]
-) -> EdgeSides:
-    """Both ends of the profiles, one a column, at their reach."""
-    end = np.searchsorted(along, samples.reach, side="right") - 1
+def _sides(profile: Array32, along: npt.NDArray[np.floating], reach: Array) -> Array:
+    """Grey values at both ends of the profiles, dark and bright `(2, n)`, at their reach `(n,)` [px]."""
+    end = np.searchsorted(along, reach, side="right") - 1
     columns = np.arange(profile.shape[1])
-    dark, bright = profile[len(along) - 1 - end, columns], profile[end, columns]
-    return EdgeSides(
-        dark.astype(np.float64),
-        bright.astype(np.float64),
-        area,
-        samples.pixels,
-        samples.normals,
-        along[end].astype(np.float64),
-    )
+    return np.stack([profile[len(along) - 1 - end, columns], profile[end, columns]]).astype(np.float64)
 
 
-def _trust(beside: Array32, peak: Array32, found: npt.NDArray[np.bool_]) -> Array:
-    """Trust in edges with so much slope beside them and at their peak `(n,)`.
+def kinds_of(found: Bools, upright: Bools) -> list[Numbers]:
+    """What was found of each of the two ways that edges run; all, where one has too few."""
+    every = np.flatnonzero(found)
+    kinds = (np.flatnonzero(found & kind) for kind in (upright, ~upright))
+    return [kind if len(kind) >= LEAST_OF_A_KIND else every for kind in kinds]
 
-    A shadow's rim beside an edge is as likely to lie on it, unseen. The variance grows by 1 + (slope / usual)^4.
+
+def _widths(area: Array32, upright: Bools, telling: Bools) -> Array:
+    """Half width of the edges that run the way of each `(n,)` [px], by their area of the slope over its peak [px]."""
+    kinds = kinds_of(telling if bool(telling.any()) else np.ones_like(telling), upright)
+    areas = WIDTH_FACTOR * np.where(upright, *(median(area[kind]) for kind in kinds))
+    return np.maximum(areas, LIMITS.blur.sharp_px)
+
+
+def _trust(beside: Array32, peak: Array32, contrast: Array32, found: Bools, cut: Bools) -> Array:
+    """Trust in edges `(n,)`.
+
+    A shadow's rim beside an edge is as likely to lie on it, unseen: the variance grows by 1 + (slope / usual)^4. What
+    noise moves an edge by grows as its contrast falls, and what dims an edge lies near it; what is cut off is not dim.
+
+    Args:
+        beside: largest slope beside each edge `(n,)` [grey].
+        peak: of its own slope `(n,)` [grey].
+        contrast: of it `(n,)` [grey].
+        found: which edges were found `(n,)`.
+        cut: which of them are blown `(n,)`.
     """
-    share = beside / np.maximum(peak, 1e-3)
-    usual = SKIRT
-    if bool(found.any()):
-        usual = max(usual, quantile(share[found], QUARTER))
-    trust: Array = 1.0 / (1.0 + (share.astype(np.float64) / (UNEVEN * usual)) ** 4)
-    return trust
+    usual = found if bool(found.any()) else np.ones_like(found)
+    share = (beside / np.maximum(peak, 1e-3)).astype(np.float64)
+    uneven = share / (UNEVEN * max(SKIRT, quantile(share[usual], QUARTER)))
+    dimmed = np.maximum(quantile(contrast[usual], CLEAR) / np.maximum(contrast, 1e-3), 1.0).astype(np.float64)
+    dimmed[cut] = 1.0
+    return np.asarray(1.0 / ((1.0 + uneven**4) * (1.0 + OF_NOISE * (dimmed**2 - 1.0))))
 
 
-def _clarity(contrast: Array32, found: npt.NDArray[np.bool_]) -> Array:
-    """Trust in edges of some contrast [grey], against those of the usual one `(n,)`.
-
-    What noise moves an edge by grows as its contrast falls, and what dims an edge lies near it.
-    """
-    if not bool(found.any()):
-        return np.ones(len(found))
-    dimmed = np.maximum(quantile(contrast[found], CLEAR) / np.maximum(contrast, 1e-3), 1.0).astype(np.float64)
-    clarity: Array = 1.0 / (1.0 + OF_NOISE * (dimmed**2 - 1.0))
-    return clarity
-
-
-def _centre(
-    slope: npt.NDArray[np.float32],
-    place: npt.NDArray[np.float32],
-    around: npt.NDArray[np.float32],
-    peak: npt.NDArray[np.float32],
-    widths: Array32,
-) -> npt.NDArray[np.float32]:
+def _centre(slope: Array32, place: Array32, around: Array32, peak: Array32, widths: Array) -> Array32:
     """Centre of gravity of each slope, a column, within its width of a place `(n,)` [px]."""
     body = slope - SKIRT * peak
     np.maximum(body, 0.0, out=body)
     body *= np.abs(place[:, None] - around) <= widths
     moment, mass = np.stack([place, np.ones_like(place)]) @ body
-    found: npt.NDArray[np.float32] = moment / np.maximum(mass, 1e-6)
+    found: Array32 = moment / np.maximum(mass, 1e-6)
     return found
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Light:
+    """Grey values of the paper, or the ink, beside edges, as quadratics in the image.
+
+    Attributes:
+        place: of the edges in the part of the image that these take, -1 to 1 `(n, 2)`.
+        grey: of each side that was asked for, at each edge `(k, n)`.
+        rise: slope of that along its normal `(k, n)` [grey/px].
+        scatter: of the sides around it, of the one with most [grey].
+    """
+
+    place: Array
+    grey: Array
+    rise: Array
+    scatter: float
+
+    @classmethod
+    def of(cls, samples: Samples, sides: Array, telling: Bools) -> _Light:
+        """From the sides `(k, n)` of the edges that show the light `(n,)`, by a robust fit."""
+        middle = samples.pixels.mean(axis=0)
+        size = max(float(np.abs(samples.pixels - middle).max()), 1.0)
+        place = (samples.pixels - middle) / size
+        x, y = place.T
+        across, down = samples.normals.T / size
+        powers = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y])
+        slopes = np.stack([np.zeros_like(x), across, down, 2.0 * x * across, y * across + x * down, 2.0 * y * down])
+        weights = telling.astype(np.float64)
+        terms, scatter = np.zeros((len(sides), len(powers))), 1.0
+        for _ in range(ROUNDS):
+            weighted = powers * weights
+            normal = weighted @ powers.T + RIDGE * np.eye(len(powers))
+            terms = np.linalg.solve(normal, weighted @ sides.T).T
+            residual = np.abs(sides - terms @ powers).max(axis=0)
+            scatter = max(median(residual[telling]), 1.0)
+            weights = telling / (1.0 + (residual / scatter) ** 2)
+        return cls(place, terms @ powers, terms @ slopes, scatter)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _LightShift:
+    """How light moves the edges that are found.
+
+    Attributes:
+        moved: of each towards its bright side, as far as it is known `(n,)` [px].
+        unsure: the unknowns of what is not; none where light moves nothing.
+        flooded: edges whose ink is blown, too: a highlight shows nothing of them `(n,)`.
+    """
+
+    moved: Array
+    unsure: Unknown | None
+    flooded: Bools
+
+
+def _light_shift(
+    samples: Samples, sides: Array, slope_sd: Array, found: Bools, cut: Bools, whole: Bools
+) -> _LightShift:
+    """How light moves edges: by clipping where bright sides are blown, by its growth elsewhere.
+
+    Args:
+        samples: of the edge model.
+        sides: grey values on the dark and the bright side `(2, n)`.
+        slope_sd: deviation of the slope of each edge `(n,)` [px].
+        found: which edges were found `(n,)`.
+        cut: which of them are blown `(n,)`.
+        whole: whose sides are seen at their plain grey values `(n,)`; none while places are not nearly known.
+    """
+    if bool(cut.any()):
+        return _blown(samples, sides, slope_sd, found, cut)
+    grown = _grown(samples, sides, slope_sd, whole) if int(whole.sum()) >= ENOUGH_FOR_LIGHT else None
+    return grown or _LightShift(np.zeros(len(found)), None, np.zeros_like(found))
+
+
+def _grown(samples: Samples, sides: Array, slope_sd: Array, whole: Bools) -> _LightShift | None:
+    """By light that grows over a print, see `_light_shift`; none where it is even.
+
+    Unsure are a share of that, and shifts in proportion that grow evenly over the print, e = n . (a + B x).
+    """
+    light = _Light.of(samples, sides, whole)
+    contrast = np.maximum(light.grey[1] - light.grey[0], light.scatter)
+    beside = np.maximum(np.abs(sides - light.grey).max(axis=0), light.scatter)
+    explained = 1.0 / (1.0 + (beside / (LIMITS.read.faint * contrast)) ** 4)
+    moved = GROWTH_MOVES * slope_sd**2 * explained * (light.rise[1] - light.rise[0]) / contrast
+    size = float(np.sqrt(np.mean(moved**2)))
+    if size < EVEN_PX:
+        return None
+    (x, y), (across, down) = light.place.T, samples.normals.T
+    even = size * np.stack([across, down, across * x, across * y, down * x, down * y])
+    rows = UNSURE * np.vstack([moved, even])
+    return _LightShift(moved, Unknown("grown", rows, np.ones(len(rows))), np.zeros_like(whole))
+
+
+def _blown(samples: Samples, sides: Array, slope_sd: Array, found: Bools, cut: Bools) -> _LightShift:
+    """By clipping, see `_light_shift`.
+
+    Unsure are, as shares, the blur of the edges that run either way and the contrast. Motion blurs edges of one way:
+    with one blur for both, edges across it lay 0.04-0.13 px beside those along it (over-exposed flights), which looks
+    like a tilt. A flooded edge is no missing one, as long as enough others are left to be missed.
+    """
+    contrast, blur = sides[1] - sides[0], _blur_of(slope_sd)
+    clearest, beyond = _least_cut(contrast, found, cut)
+    usual = beyond * median(contrast[clearest])
+    light = _Light.of(samples, sides[:1], found)
+    dark = sides[0] + (samples.reach + AHEAD * slope_sd) * light.rise[0]
+    place = np.interp((BRIGHTEST - dark) / max(usual, 1.0), BELOW, PLACES)
+    moved = -blur * np.interp(place, PLACES, MOVED) * cut
+    by_contrast = -blur * np.interp(place, PLACES, BY_CONTRAST) * cut
+    rows = np.stack([samples.upright * moved, ~samples.upright * moved, by_contrast])
+    flooded = light.grey[0] >= LIMITS.read.saturated - LIMITS.read.nearly_blown
+    if float(flooded.mean()) >= HALF:
+        flooded = np.zeros_like(flooded)
+    return _LightShift(moved, Unknown("blown", rows, np.full(len(rows), LIMITS.edges.clipped_sd**-2)), flooded)
+
+
+def _least_cut(contrast: Array, telling: Bools, cut: Bools) -> tuple[Bools, float]:
+    """Edges that come nearest to whole ones `(n,)`, and their whole contrast over what is seen of it.
+
+    Args:
+        contrast: that is seen of each edge `(n,)` [grey].
+        telling: among which they are `(n,)`.
+        cut: which edges are blown `(n,)`.
+    """
+    whole = telling & ~cut
+    if int(whole.sum()) >= ENOUGH or not bool((telling & cut).any()):
+        return whole, 1.0
+    return telling & (contrast >= quantile(contrast[telling], LEAST_CUT)), BEYOND
+
+
+def _blur_of(width: Array) -> Array:
+    """Deviation of the blur of edges, by that of their slopes `(n,)` [px]."""
+    return np.asarray(np.sqrt(np.maximum(width**2 - LOOKED, LEAST_BLUR)))

@@ -21,9 +21,8 @@ import numpy as np
 from mkdaemon.vision.arrays import Array, Bools, Grey
 from mkdaemon.vision.limits import APART2, HALF, LIMITS
 from mkdaemon.vision.pose.bend import RISES
-from mkdaemon.vision.pose.edgefind import FoundEdges, Samples, find_edges, without_glare
-from mkdaemon.vision.pose.edgelight import UnevenLight
-from mkdaemon.vision.pose.edgemodel import EdgeModel, rows_of, seen_across, spread_evenly
+from mkdaemon.vision.pose.edgefind import FoundEdges, find_edges
+from mkdaemon.vision.pose.edgemodel import EdgeModel, Samples, rows_of, seen_across
 from mkdaemon.vision.pose.edgestep import EdgeStep
 from mkdaemon.vision.pose.pose import Pose
 from mkdaemon.vision.pose.prints import sheet_of
@@ -34,8 +33,6 @@ from mkdaemon.vision.tags.tagmap import Target
 
 LEAST_EDGES = 12
 """Fewer fix no pose: twice its unknowns."""
-FIRST_BEND_PX = 30.0
-"""Deviation of an edge while its reach is long, for the bend [px]: edges that are not yet found would bend a print."""
 CUT = 1.05
 """Width of edges over their reach from which a fit has not settled: the next reach is longer."""
 
@@ -71,27 +68,24 @@ class EdgeFit:
         limits = LIMITS.edges
         last: EdgeStep | None = None
         moved, to_go = np.inf, np.zeros(6)
-        light: UnevenLight | None = None
         if stretch_sd > 0.0:
-            prior = Prior(start, level, None, None)
-            state = replace(prior.begin(), stretch=np.zeros(1))
+            prior = Prior(start, level, None, None, stretch_sd)
         else:
             prior = Prior(start, level, self._shutter, self._sheet)
-            state = prior.begin()
-        is_blown = int(pixels.max()) >= LIMITS.read.saturated
+        state = prior.begin()
         for k in range(iterations):
             is_near = k >= len(limits.reach_px) - 2
             # Within less than its width an edge has no middle.
             reach = max(limits.reach_px[min(k, len(limits.reach_px) - 1)], 0.0 if last is None else last.edges.widest)
-            found = self._find(pixels, state, reach, light, is_blown=is_blown, is_near=is_near)
+            found = self._find(pixels, state, prior, reach, is_near=is_near)
             if found is None:
                 return None
-            samples, edges, light = found
+            samples, edges, table = found
             edge_px = limits.located_px if last is None else max(last.spread, limits.least_scale_px)
-            flatter = 1.0 if is_near else (FIRST_BEND_PX / edge_px) ** 2
-            table = self._moving(samples, state, prior, flatter)
-            table += self._beside(samples, edges, state, stretch_sd, is_near=is_near)
-            step = EdgeStep.solve(Unknowns(table), samples, edges, edge_px**2, is_near=is_near)
+            if edges.light is not None:
+                table.append(edges.light)
+            table.append(shifts(edges.toned, self.model.smaller[samples.index]))
+            step = EdgeStep.solve(Unknowns(table), samples, edges, edge_px**2)
             before, moved = moved, step.moved_px
             # Edges wider than they were looked for are cut off, and less far from their place than they are.
             is_cut = edges.widest > CUT * reach
@@ -108,62 +102,26 @@ class EdgeFit:
                 break
         return None if last is None else not_arrived(last.pose(state, prior, self.model.square), to_go)
 
-    def _find(
-        self, pixels: Grey, state: State, reach: float, light: UnevenLight | None, *, is_blown: bool, is_near: bool
-    ) -> tuple[Samples, FoundEdges, UnevenLight | None] | None:
-        """Find edges, without what uneven light moves them; none when they are too few, or too few are in view."""
-        samples = self._project(pixels.shape, state, reach)
-        if samples is None:
-            return None
-        if is_blown:
-            samples = without_glare(pixels, samples)
-        edges = find_edges(pixels, samples, is_blown=is_blown, is_near=is_near)
-        if int(edges.found.sum()) < LEAST_EDGES:
-            return None
-        if edges.sides is not None and edges.blown is None:
-            light = light or UnevenLight.of(edges.sides, edges.found)
-            if light is not None and not light.is_even(edges.width):
-                moved = light.moved(edges.sides, edges.widths)
-                unsure = light.unsure(moved, edges.sides)
-                edges = replace(edges, offsets=edges.offsets - moved, unsure=unsure)
-        return samples, edges, light
-
-    def _moving(self, samples: Samples, state: State, prior: Prior, flatter: float = 1.0) -> list[Unknown]:
-        """The unknowns that every fit has; `flatter` is a factor on what is known of the bend."""
-        heights = None if self._terms is None else self._terms[:RISES, samples.index]
-        return prior.table(state, samples.by_point, samples.arm, samples.times, heights, flatter)
-
-    def _beside(
-        self, samples: Samples, edges: FoundEdges, state: State, stretch_sd: float, *, is_near: bool
-    ) -> list[Unknown]:
-        """The other unknowns of a step, the common shift last."""
-        table = []
-        if state.stretch is not None:
-            by_stretch = (samples.normals * self._projection.stretch_jacobian(samples.pixels)).sum(axis=1)
-            table.append(Unknown("stretch", by_stretch[None], np.array([stretch_sd**-2]), -state.stretch))
-        if edges.blown is not None:
-            rows = edges.blown.rows
-            table.append(Unknown("blown", rows, np.full(len(rows), LIMITS.edges.clipped_sd**-2)))
-        table.append(shifts(edges.toned, self.model.smaller[samples.index] if is_near else None))
-        return table
-
     def locate(self, pixels: Grey, pose: Pose) -> tuple[Samples, FoundEdges, Unknowns] | None:
-        """Find the edges around a fitted pose, without their common shift; none when too few are in view.
+        """Find the edges around a fitted pose, without their common shift; none when too few are in view or found.
 
         Returns:
             The samples in view, their edges, and the unknowns that every fit has, by these samples.
         """
         prior = Prior(pose, None, self._shutter, self._sheet)
-        state = prior.begin()
-        samples = self._project(pixels.shape, state, LIMITS.edges.reach_px[-1])
-        if samples is None:
+        found = self._find(pixels, prior.begin(), prior, LIMITS.edges.reach_px[-1])
+        if found is None:
             return None
-        edges = find_edges(pixels, samples, is_blown=int(pixels.max()) >= LIMITS.read.saturated)
-        unknowns = Unknowns(self._moving(samples, state, prior))
-        return samples, replace(edges, offsets=edges.offsets - pose.shift_px * edges.toned), unknowns
+        samples, edges, table = found
+        return samples, replace(edges, offsets=edges.offsets - pose.shift_px * edges.toned), Unknowns(table)
 
-    def _project(self, shape: tuple[int, ...], at: State, reach: float) -> Samples | None:
-        """Samples in view with u = project(R p + t) and the derivative n . du/dP; none when they are too few."""
+    def _find(
+        self, pixels: Grey, at: State, prior: Prior, reach: float, *, is_near: bool = True
+    ) -> tuple[Samples, FoundEdges, list[Unknown]] | None:
+        """Samples in view, their edges, and the unknowns that every fit has; none when too few are in view or found.
+
+        The samples are seen at u = project(R p + t), and move along their normals by n . du/dP.
+        """
         limits, count = LIMITS, len(self.model.points)
         points = self._points
         if self._sheet is not None and self._terms is not None and at.rise is not None and at.rise.any():
@@ -171,11 +129,11 @@ class EdgeFit:
         projection = self._projection if at.stretch is None else self._projection.stretch(float(at.stretch[0]))
         still = (at.rotation @ points.T + at.position[:, None]).T
         seen, times = exposed(still, at.motion, projection)
-        pixels, are_visible = projection.project(seen)
-        uv, visible = pixels[:count], are_visible.reshape(3, count).all(axis=0)
-        normals, cell_px = seen_across(pixels)
+        pixels_at, are_visible = projection.project(seen)
+        uv, visible = pixels_at[:count], are_visible.reshape(3, count).all(axis=0)
+        normals, cell_px = seen_across(pixels_at)
         edge = np.minimum(reach, HALF * cell_px) + 1.0
-        height, width = shape
+        height, width = pixels.shape
         visible &= cell_px > limits.cells.readable_px
         visible &= (
             (uv[:, 0] > edge) & (uv[:, 1] > edge) & (uv[:, 0] < width - 1 - edge) & (uv[:, 1] < height - 1 - edge)
@@ -185,26 +143,24 @@ class EdgeFit:
         if len(index) < LEAST_EDGES:
             return None
         if len(index) > self._max_samples:
-            index = index[spread_evenly(len(index), self._max_samples)]
-        along = normals = rows_of(normals, index)
-        moved = rows_of(seen, index)
-        point = projection.jacobian(moved)
-        if at.motion is not None:
-            along = at_rest(normals, point, moved, at.motion, projection.line_time)
-        return Samples(
-            index,
-            rows_of(uv, index),
-            normals,
-            np.minimum(reach, HALF * cell_px[index]),
-            along[:, :1] * point[:, 0] + along[:, 1:] * point[:, 1],
-            rows_of(still, index) - at.position,
-            times[index],
-            cell_px[index],
-            self.model.upright[index],
-        )
+            index = index[np.arange(self._max_samples) * len(index) // self._max_samples]
+        uv, normals, seen, still = (rows_of(columns, index) for columns in (uv, normals, seen, still))
+        cell_px, upright = cell_px[index], self.model.upright[index]
+        samples = Samples(index, uv, normals, np.minimum(reach, HALF * cell_px), cell_px, upright)
+        point = projection.jacobian(seen)
+        along = normals if at.motion is None else at_rest(normals, point, seen, at.motion, projection.line_time)
+        by_point = along[:, :1] * point[:, 0] + along[:, 1:] * point[:, 1]
+        # The bend comes last: edges that are not yet found would bend a print.
+        heights = self._terms[:RISES, index] if is_near and self._terms is not None else None
+        table = prior.table(at, by_point, still - at.position, times[index], heights)
+        if at.stretch is not None:
+            by_stretch = (normals * projection.stretch_jacobian(uv)).sum(axis=1)
+            table.append(Unknown("stretch", by_stretch[None], np.array([prior.stretch_sd**-2]), -at.stretch))
+        edges = find_edges(pixels, samples, is_near=is_near)
+        return (samples, edges, table) if np.count_nonzero(edges.found) >= LEAST_EDGES else None
 
 
-def shifts(toned: Array, smaller: Bools | None) -> Unknown:
+def shifts(toned: Array, smaller: Bools) -> Unknown:
     """A shift of all edges in proportion to their blur, the last unknown, and that of smaller tags.
 
     Blur does not let small cells get black or white: a tone curve or sharpening shifts their edges by less, or more.
@@ -213,9 +169,7 @@ def shifts(toned: Array, smaller: Bools | None) -> Unknown:
 
     Args:
         toned: shift of each over that of all `(n,)`.
-        smaller: which of them are on tags of each smaller size `(n, k)`; none while the place is not nearly known.
+        smaller: which of them are on tags of each smaller size `(n, k)`.
     """
-    rows = toned[None]
-    if smaller is not None:
-        rows = np.concatenate([smaller[:, smaller.any(axis=0) & ~smaller.all(axis=0)].T * toned, rows])
+    rows = np.vstack([smaller[:, smaller.any(axis=0) & ~smaller.all(axis=0)].T, np.ones_like(toned)]) * toned
     return Unknown("shift", rows, np.full(len(rows), LIMITS.edges.shift_sd_px**-2))

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from mkdaemon.vision.arrays import Array
-from mkdaemon.vision.tags.tagmap import Tag, Target, covered
+from mkdaemon.vision.tags.tagmap import Target, covered
 
 SAMPLED = (0.15, 0.7)
 """Where the samples of an edge begin, and the length they are spread over [cells]: corners are rounded by blur."""
@@ -34,7 +34,6 @@ class EdgeModel:
         tangents: along the edges, unit `(n, 3)` [target].
         cell: side of the cell at each sample `(n,)` [m].
         tag: index of the tag of each sample `(n,)`.
-        side: 0-3 for samples on the border (top, right, bottom, left), -1 inside `(n,)`.
         square: number of the square of the print whose rim each sample is on; a cell is one `(n,)`.
         smaller: whether each sample is on a tag of a smaller size, for the second size and those after it `(n, k)`.
         upright: whether a move along x of the largest tag, rather than along its y, shifts the edge `(n,)`.
@@ -45,7 +44,6 @@ class EdgeModel:
     tangents: Array
     cell: Array
     tag: npt.NDArray[np.intp]
-    side: npt.NDArray[np.intp]
     square: npt.NDArray[np.intp]
     smaller: npt.NDArray[np.bool_]
     upright: npt.NDArray[np.bool_]
@@ -53,38 +51,39 @@ class EdgeModel:
     @classmethod
     def of(cls, target: Target, per_cell: int = 3) -> EdgeModel:
         """Sample every visible edge of a target `per_cell` times a cell."""
-        planes, ways, sides = zip(*(_tag_edges(tag, per_cell) for tag in target.tags), strict=True)
-        counts = [len(plane) for plane in planes]
-        index = np.repeat(np.arange(len(target.tags)), counts)
-        points = np.concatenate([tag.place(plane) for tag, plane in zip(target.tags, planes, strict=True)])
-        normals = np.concatenate([way @ tag.rotation[:, :2].T for tag, way in zip(target.tags, ways, strict=True)])
-        tangents = np.cross(np.array([tag.rotation[:, 2] for tag in target.tags])[index], normals)
-        cell = np.array([tag.module for tag in target.tags])[index]
-        keep = np.ones(len(points), dtype=bool)
-        beside = (BESIDE_CELLS * cell)[:, None] * normals
-        for k, tag in enumerate(target.tags):
-            hidden = covered(points, tag) | covered(points - beside, tag) | covered(points + beside, tag)
-            keep &= ~((index < k) & hidden)
-        squares = np.concatenate([_squares(tag, plane) for tag, plane in zip(target.tags, planes, strict=True)])
-        numbered = np.column_stack([index, squares])[keep]
+        parts = [_tag_edges(target, k, per_cell) for k in range(len(target.tags))]
+        points, normals, tangents, cell, tag, cells = (np.concatenate(part) for part in zip(*parts, strict=True))
+        square = np.unique(np.column_stack([tag, cells]), axis=0, return_inverse=True)[1].reshape(-1)
+        smaller = cell[:, None] == sorted({tag.module for tag in target.tags}, reverse=True)[1:]
         by_axis = np.abs(normals @ target.tags[0].rotation[:, :2])
-        return cls(
-            points[keep],
-            normals[keep],
-            tangents[keep],
-            cell[keep],
-            index[keep],
-            np.concatenate(sides)[keep],
-            np.unique(numbered, axis=0, return_inverse=True)[1].reshape(-1),
-            cell[keep, None] == sorted({tag.module for tag in target.tags}, reverse=True)[1:],
-            (by_axis[:, 0] > by_axis[:, 1])[keep],
-        )
+        return cls(points, normals, tangents, cell, tag, square, smaller, by_axis[:, 0] > by_axis[:, 1])
 
     @property
     def stepped(self) -> Array:
         """The samples, then a step from each across its edge, then one along it `(3 n, 3)` [m; target]."""
         step = (STEP * self.cell)[:, None]
         return np.concatenate([self.points, self.points + step * self.normals, self.points + step * self.tangents])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Samples:
+    """Samples of an edge model, projected.
+
+    Attributes:
+        index: which of the model `(n,)`.
+        pixels: where a pose puts them `(n, 2)` [px].
+        normals: towards the brighter side, unit `(n, 2)`.
+        reach: how far along the normal the edge may be `(n,)` [px].
+        cell_px: side of its cells along the normal `(n,)` [px].
+        upright: whether a move along x of the target shifts it `(n,)`, rather than one along y.
+    """
+
+    index: npt.NDArray[np.intp]
+    pixels: Array
+    normals: Array
+    reach: Array
+    cell_px: Array
+    upright: npt.NDArray[np.bool_]
 
 
 def seen_across(pixels: Array) -> tuple[Array, Array]:
@@ -111,37 +110,34 @@ def rows_of(columns: Array, index: npt.NDArray[np.intp]) -> Array:
     return columns.T[:, index].T
 
 
-@lru_cache(maxsize=1024)
-def spread_evenly(count: int, most: int) -> npt.NDArray[np.intp]:
-    """`most` of the numbers below `count`."""
-    return np.linspace(0, count - 1, most).astype(np.intp)
-
-
-def _squares(tag: Tag, plane: Array) -> npt.NDArray[np.intp]:
-    """Column and row `(n, 2)` of the cells whose left and lower edges points `(n, 2)` of its plane lie on."""
-    return np.floor(plane / tag.module + tag.family.black_cells / 2 + ON_EDGE).astype(np.intp)
-
-
-def _tag_edges(tag: Tag, per_cell: int) -> tuple[Array, Array, npt.NDArray[np.intp]]:
-    """Points, normals `(n, 2)` in the tag's plane and border sides `(n,)`."""
-    n = tag.family.black_cells
+def _tag_edges(target: Target, k: int, per_cell: int) -> tuple[npt.NDArray[Any], ...]:
+    """Points, normals, tangents `(n, 3)`, cell, tag `(n,)` and cells `(n, 2)` of the samples on one tag of a target."""
+    tag = target.tags[k]
     bright = np.pad((tag.bitmap > 0).astype(int), 1, constant_values=1)
     along = SAMPLED[0] + SAMPLED[1] * (np.arange(per_cell) + 0.5) / per_cell
-    points: list[Array] = []
-    normals: list[Array] = []
-    sides: list[npt.NDArray[np.intp]] = []
+    places: list[Array] = []
+    ways: list[Array] = []
     # Across x and, on the transposed grid, across y; row 0 is the top, where y is positive.
-    for axis, (grid, first, last) in enumerate(((bright, 3, 1), (bright.T, 0, 2))):
+    for axis, grid in enumerate((bright, bright.T)):
         rise = np.diff(grid[1:-1], axis=1)
         line, place = np.nonzero(rise)
         at = np.zeros((len(line), per_cell, 2))
         at[:, :, axis], at[:, :, 1 - axis] = place[:, None], line[:, None] + along
         way = np.zeros_like(at)
         way[:, :, axis] = rise[line, place][:, None]
-        points.append(at.reshape(-1, 2))
-        normals.append(way.reshape(-1, 2))
-        side = np.where(place == 0, first, np.where(place == n, last, -1))
-        sides.append(np.repeat(side, per_cell).astype(np.intp))
+        places.append(at.reshape(-1, 2))
+        ways.append(way.reshape(-1, 2))
     down = np.array([1.0, -1.0])
-    plane = (np.concatenate(points) - n / 2) * down * tag.module
-    return plane, np.concatenate(normals) * down, np.concatenate(sides)
+    cells, way = np.concatenate(places), np.concatenate(ways) * down
+    points = tag.place((cells - tag.family.black_cells / 2) * down * tag.module)
+    normals = way @ tag.rotation[:, :2].T
+    beside = BESIDE_CELLS * tag.module * normals
+    keep = np.ones(len(points), dtype=bool)
+    for smaller in target.tags[k + 1 :]:
+        for at in (points, points - beside, points + beside):
+            keep &= ~covered(at, smaller)
+    count = int(np.count_nonzero(keep))
+    tangents = np.cross(tag.rotation[:, 2], normals)
+    # Samples belong to the cell right of and below their edge.
+    square = np.floor(cells + ON_EDGE).astype(np.intp)
+    return points[keep], normals[keep], tangents[keep], np.full(count, tag.module), np.full(count, k), square[keep]

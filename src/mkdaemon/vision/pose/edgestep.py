@@ -11,11 +11,10 @@ import numpy.typing as npt
 
 from mkdaemon.vision.arrays import Array, Bools
 from mkdaemon.vision.limits import LIMITS
-from mkdaemon.vision.pose.edgefind import LEAST_OF_A_KIND, FoundEdges, Samples
+from mkdaemon.vision.pose.edgefind import LEAST_OF_A_KIND, FoundEdges, Numbers, kinds_of
+from mkdaemon.vision.pose.edgemodel import Samples
 from mkdaemon.vision.pose.pose import LEAST_RIDGE, Pose, inverted, length2, median
 from mkdaemon.vision.pose.unknowns import POSE, Prior, State, Unknowns
-
-Numbers = npt.NDArray[np.intp]
 
 MAD = 1.4826
 """Deviation of Gaussian residuals over their median absolute value."""
@@ -41,9 +40,8 @@ class EdgeStep:
         change: of the unknowns `(k,)`.
         weights: of the samples `(n,)`, zero without an edge.
         normal: normal matrix with what is known beforehand `(k, k)`.
-        expected: variance of a located edge that this was weighed with [px^2].
         residual: of the samples after the step `(n,)` [px].
-        agreeing: Tukey's weights as if every edge were trusted: doubt makes no edge agree `(n,)`.
+        agrees: whether each lies where the pose puts it; trust has no say, as doubt makes no edge agree `(n,)`.
         slope: of the influence of each sample, d(w r) / dr `(n,)`: below w, and below zero near the bound.
     """
 
@@ -53,48 +51,43 @@ class EdgeStep:
     change: Array
     weights: Array
     normal: Array
-    expected: float
     residual: Array
-    agreeing: Array
+    agrees: Bools
     slope: Array
 
     @classmethod
-    def solve(
-        cls, unknowns: Unknowns, samples: Samples, edges: FoundEdges, expected: float, *, is_near: bool = True
-    ) -> EdgeStep:
+    def solve(cls, unknowns: Unknowns, samples: Samples, edges: FoundEdges, expected: float) -> EdgeStep:
         """Rounds of weighted least squares.
 
         See `unknowns`, with Tukey's w = t (1 - (r / c sigma)^2)^2 inside c sigma, zero outside; t is the trust in an
-        edge, times the clarity of a blown one, r holds its root; sigma from the median of |r|.
+        edge times its room, r holds its root; sigma from the median of |r|, the larger one of the two ways that edges
+        run: a start that is off along one side of the print leaves half of the edges in their place, which would
+        outvote the other half.
 
         Args:
             unknowns: of the offsets.
             samples: of the edge model.
             edges: where the image has them.
             expected: variance of a located edge [px^2].
-            is_near: whether the fit is about in its place. Before, sigma is the larger one of the two ways that edges
-                run: a start that is off along one side of the print leaves half of the edges in their place, which
-                would outvote the other half.
         """
         offsets, found = edges.offsets, edges.found
-        clear = np.sqrt(edges.room if edges.blown is None else edges.room * edges.blown.clear)
-        sure = edges.trust * clear**2
+        clear, sure = np.sqrt(edges.room), edges.trust * edges.room
         root = np.sqrt(sure)
         # Doubt of edges without room makes their residuals small: they would make those outliers that have it.
         roomy = found & (edges.room > ROOMY)
         telling = roomy if np.count_nonzero(roomy) >= LEAST_OF_A_KIND else found
-        groups = (np.flatnonzero(telling),) if is_near else _kinds(telling, samples.upright)
+        kinds = kinds_of(telling, samples.upright)
         residual = offsets
         for _ in range(ROUNDS):
-            inside = _inside(np.abs(residual) * root, groups) * found
+            inside = _inside(np.abs(residual) * root, kinds) * found
             weights = inside**2 * sure
             normal, right = unknowns.equations(weights, offsets, expected)
             change = np.asarray(np.linalg.solve(normal, right), np.float64)
             residual = offsets - change @ unknowns.rows
         # d(r (1 - u)^2) / dr with u = (r / bound)^2 is (1 - u) (1 - 5 u).
         slope = inside * (5.0 * inside - 4.0) * sure
-        agreeing = _inside(np.abs(residual) * clear, groups) ** 2 * found
-        return cls(unknowns, samples, edges, change, weights, normal, expected, residual, agreeing, slope)
+        agrees = found & (_inside(np.abs(residual) * clear, kinds) ** 2 > LIMITS.edges.counted)
+        return cls(unknowns, samples, edges, change, weights, normal, residual, agrees, slope)
 
     @property
     def variance(self) -> float:
@@ -167,35 +160,26 @@ class EdgeStep:
         # what interpolation leaves and no number of samples averages out.
         shared = max(self.shared(square[self.samples.index], inverted(self.normal)), 1.0)
         noise = shared * self.influence_variance + limits.systematic_px**2
-        normal = self.normal.copy()
-        if "rise" in self.unknowns:
-            # What is known of the bend is no better for edges that are worse than they look.
-            rise = self.unknowns["rise"]
-            normal[rise, rise] += (noise - self.expected) * self.unknowns.information[rise, rise]
-        inverse = inverted(normal)
+        # What is known beforehand is no better for edges that are worse than they look.
+        inverse = inverted(self.unknowns.equations(self.weights, self.residual, noise)[0])
         covariance = noise * inverse
-        if self.edges.unsure is not None:
-            # What light may have moved are errors of all edges: each e moves the unknowns by N^-1 J^T W e.
-            off = inverse @ ((self.unknowns.rows * self.weights) @ self.edges.unsure.T)
-            covariance += off @ off.T
         of_pose, bend = prior.measured(at, self.unknowns, covariance)
         size = np.abs(self.residual)
-        counted = self.agreeing > limits.counted
         return Pose(
             at.rotation,
             at.position,
             of_pose,
             "edges",
-            int(counted.sum()),
+            int(self.agrees.sum()),
             self.spread,
-            float(self.edges.room[counted].sum() / self.edges.room.sum()),
+            float(self.edges.room[self.agrees].sum() / self.edges.room.sum()),
             float(np.linalg.norm(self.change[:3])) / max(float(np.linalg.norm(at.position)), 1e-9),
             loss=self._loss(size),
             blur_px=self.edges.width,
             widest_px=self.edges.widest,
-            ragged_px=MAD * max(median(size[kind]) for kind in _kinds(self.edges.found, self.samples.upright)),
+            ragged_px=MAD * max(median(size[kind]) for kind in kinds_of(self.edges.found, self.samples.upright)),
             shift_px=float(self.change[-1]),
-            blown=0.0 if self.edges.blown is None else self.edges.blown.share,
+            blown=self.edges.blown,
             motion=at.motion,
             known_motion=prior.start.known_motion,
             seen_motion=prior.seen_motion(at, self.unknowns, covariance),
@@ -210,20 +194,11 @@ class EdgeStep:
         Log odds of two fits are then n / 2 times the log of their ratio, and a hidden sample costs both the same.
         """
         missed = 2.0 * LIMITS.edges.located_px
-        squared = np.where(self.agreeing > 0.0, np.minimum(size, missed), missed) ** 2 + LIMITS.edges.least_scale_px**2
+        squared = np.where(self.agrees, np.minimum(size, missed), missed) ** 2 + LIMITS.edges.least_scale_px**2
         return float(np.exp(np.mean(np.log(squared))))
 
 
-def _inside(size: Array, groups: Sequence[Numbers]) -> Array:
-    """Root of Tukey's weights by the sizes of all residuals `(n,)` [px]: the larger median of groups is usual."""
-    usual = max(MAD * max(median(size[group]) for group in groups), LIMITS.edges.least_scale_px)
+def _inside(size: Array, kinds: Sequence[Numbers]) -> Array:
+    """Root of Tukey's weights by the sizes of all residuals `(n,)` [px]: the larger median of both kinds is usual."""
+    usual = max(MAD * max(median(size[kind]) for kind in kinds), LIMITS.edges.least_scale_px)
     return np.asarray(np.maximum(1.0 - (size / (LIMITS.edges.tukey * usual)) ** 2, 0.0), np.float64)
-
-
-def _kinds(found: Bools, upright: Bools) -> tuple[Numbers, Numbers]:
-    """What was found of the two ways that edges run; all, twice, where one has too few."""
-    kinds = np.flatnonzero(found & upright), np.flatnonzero(found & ~upright)
-    if min(len(kinds[0]), len(kinds[1])) >= LEAST_OF_A_KIND:
-        return kinds
-    every = np.flatnonzero(found)
-    return every, every

@@ -71,18 +71,16 @@ class Shutter:
         reach_px: half of its rows times its focal length: what a turn by 1 rad/s moves in a line time of 1 s [px].
 
     Attributes:
-        is_given: whether the camera's file has it.
         line_time: that fits reckon with [s]; 0 for a global shutter.
     """
 
     def __init__(self, line_time: float | None, reach_px: float = 0.0) -> None:
-        self.is_given = line_time is not None
         self.line_time = NOMINAL if line_time is None else line_time
         self._reach_px = reach_px
         self._images = 0
         # Sums over images, in units of the nominal line time: information, and its product with the line time.
         self._known, self._agreed = 0.0, 0.0
-        self._mean, self._variance = 1.0, 0.0 if self.is_given else 1.0 / PRIOR
+        self._mean, self._variance = 1.0, 1.0 / PRIOR if line_time is None else 0.0
 
     @property
     def rolls(self) -> bool:
@@ -92,7 +90,7 @@ class Shutter:
     @property
     def is_open(self) -> bool:
         """Whether images may still tell the line time."""
-        return self.rolls and not self.is_given
+        return self.rolls and self._variance > 0.0
 
     @property
     def estimate(self) -> tuple[float, float]:
@@ -114,8 +112,6 @@ class Shutter:
 
     def motion(self, known: KnownMotion) -> KnownMotion:
         """What is known of the motion times the line time over the nominal one."""
-        if self.is_given:
-            return known
         spread = np.sqrt((self.scale * known.spread) ** 2 + self._variance * known.expected**2)
         return KnownMotion(self._mean * known.expected, spread)
 

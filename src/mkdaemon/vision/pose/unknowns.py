@@ -168,28 +168,34 @@ class Prior:
         level: where the target's normal should point, if anywhere.
         shutter: of the camera; none where it stood still.
         sheet: that the print is on; none where it does not bend.
+        stretch_sd: deviation of the ratio of the focal lengths; zero takes them as exact.
 
     Attributes:
         start: of the fit.
+        stretch_sd: see above.
         bend: what is known of that; none where the print does not bend.
     """
 
-    def __init__(self, start: Pose, level: Level | None, shutter: Shutter | None, sheet: Sheet | None) -> None:
-        self.start = start
+    def __init__(
+        self,
+        start: Pose,
+        level: Level | None,
+        shutter: Shutter | None,
+        sheet: Sheet | None,
+        stretch_sd: float = 0.0,
+    ) -> None:
+        self.start, self.stretch_sd = start, stretch_sd
         self._level, self._shutter, self._sheet = level, shutter, sheet
         self._motion: KnownMotion | None = None
         if shutter is not None and shutter.rolls:
-            unknown = KnownMotion(np.zeros(MOTIONS), np.array([LIMITS.edges.turning_sd] * 3 + [LIMITS.edges.speed_sd]))
+            limits, scale = LIMITS.edges, shutter.scale
+            unknown = KnownMotion(np.zeros(MOTIONS), np.array([limits.turning_sd] * 3 + [limits.speed_sd]))
             self._motion = shutter.motion(start.known_motion or unknown)
             # Times the line time over the nominal one; of an acceleration twice.
-            scale = shutter.scale
-            self._beyond_sd = np.array(
-                [LIMITS.edges.acceleration_sd * scale**2] * 3 + [LIMITS.edges.speed_sd * scale] * 2
-            )
+            self._beyond_sd = np.array([limits.acceleration_sd * scale**2] * 3 + [limits.speed_sd * scale] * 2)
         self.bend: Bend | None = None
         if sheet is not None:
             self.bend = start.known_bend or sheet.prior
-            self._flat = self.bend.information
 
     def begin(self, blur_px: float = 0.0) -> State:
         """Where the fit begins, with a round point spread of some deviation."""
@@ -197,11 +203,10 @@ class Prior:
         if self._motion is not None:
             motion = np.zeros(MOTIONS) if self.start.motion is None else self.start.motion
         rise = None if self.bend is None else (self.start.bend or self.bend).mean
-        return State(self.start.rotation, self.start.position, blur_px**2 * np.eye(2), motion, rise)
+        stretch = np.zeros(1) if self.stretch_sd > 0.0 else None
+        return State(self.start.rotation, self.start.position, blur_px**2 * np.eye(2), motion, rise, stretch)
 
-    def table(
-        self, at: State, by_point: Array, arm: Array, times: Array, heights: Array | None, flatter: float = 1.0
-    ) -> list[Unknown]:
+    def table(self, at: State, by_point: Array, arm: Array, times: Array, heights: Array | None) -> list[Unknown]:
         """The unknowns that all fits have, of what is measured at points of the print.
 
         A turn w moves a point at `arm` by w x arm, so that its derivative is arm x that by the point. A bend moves
@@ -213,14 +218,13 @@ class Prior:
             arm: from the target's origin to the points at rest `(n, 3)` [m; camera].
             times: when they are exposed `(n,)` [s].
             heights: of the points by the rise of the print `(3, n)` [m]; none where that is not asked for.
-            flatter: factor on what is known of that.
         """
         by_rest = by_point if at.motion is None else before_motion(by_point, at.motion, times)
         level = (None, None) if self._level is None else self._level.of_turn(at.rotation)
         table = [Unknown("place", by_rest.T), Unknown("turn", cross(arm, by_rest).T, *level)]
         if heights is not None and self._sheet is not None and self.bend is not None and at.rise is not None:
             along = by_rest @ (at.rotation @ self._sheet.normal)
-            table.append(Unknown("rise", along * heights, flatter * self._flat, self.bend.mean - at.rise))
+            table.append(Unknown("rise", along * heights, self.bend.information, self.bend.mean - at.rise))
         if at.motion is not None and self._motion is not None:
             rows = motion_jacobian(by_point, arm + at.position, times)
             lacking = beyond_motion(rows, by_rest, times, at.position)
@@ -248,7 +252,7 @@ class Prior:
 
         What the fit was told, W and m0, is taken out of what it found, C and m: C^-1 - W, and C^-1 m - W m0.
         """
-        if at.motion is None or self._motion is None or self._shutter is None or self._shutter.is_given:
+        if at.motion is None or self._motion is None or self._shutter is None or not self._shutter.is_open:
             return None
         found = np.linalg.inv(covariance[unknowns["motion"], unknowns["motion"]])
         given = self._motion.spread**-2

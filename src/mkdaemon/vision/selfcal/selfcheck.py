@@ -21,7 +21,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import exp, hypot, log
 from typing import Final
 
@@ -35,14 +35,14 @@ from mkdaemon.vision.arrays import Array, Grey
 from mkdaemon.vision.camera.calibration_file import Camera, mount_rotation
 from mkdaemon.vision.limits import LIMITS, SELFCAL
 from mkdaemon.vision.pose.bend import Bend
-from mkdaemon.vision.pose.edgefind import FoundEdges, Samples
-from mkdaemon.vision.pose.edgefit import LEAST_EDGES, EdgeFit
-from mkdaemon.vision.pose.edgestep import MAD
-from mkdaemon.vision.pose.pose import FLOOR_RANGE, Pose, damped, median, turn
+from mkdaemon.vision.pose.edgefit import EdgeFit, shifts
+from mkdaemon.vision.pose.edgemodel import Samples
+from mkdaemon.vision.pose.edgestep import EdgeStep
+from mkdaemon.vision.pose.pose import FLOOR_RANGE, Pose, damped, turn
 from mkdaemon.vision.pose.prints import sheet_of
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.pose.rolling import skew
-from mkdaemon.vision.pose.unknowns import POSE
+from mkdaemon.vision.pose.unknowns import POSE, Unknown, Unknowns
 from mkdaemon.vision.tags.tagmap import TagMap, Target
 
 LENS: Final = ("focal", "cx", "cy", "k1")
@@ -112,15 +112,14 @@ class EvidenceMaker:
     def look(self, pixels: Grey, pose: Pose) -> ImageEvidence | None:
         """Ask an image `(h, w)` uint8 about a pose found in it; none when too few edges are seen."""
         located = self._fit.locate(pixels, pose)
-        if located is None or int(located[1].found.sum()) < LEAST_EDGES:
+        if located is None:
             return None
         samples, edges, unknowns = located
         index, jacobian, by_rise = samples.index, unknowns.rows[POSE].T, np.zeros((len(samples.index), 0))
         if "rise" in unknowns:
             by_rise = unknowns.rows[unknowns["rise"]].T
-        smaller = self._fit.model.smaller[index]
-        smaller = smaller[:, smaller.any(axis=0) & ~smaller.all(axis=0)]
-        shifted = np.column_stack([jacobian, np.ones(len(index)), smaller])
+        shift = shifts(np.ones(len(index)), self._fit.model.smaller[index]).rows
+        shifted = np.column_stack([jacobian, shift.T])
         columns = np.column_stack([self._by_lens(samples, pose), self._by_size(index, jacobian, pose), by_rise])
         # The pose knows how its print bends in this image; here all images say so together.
         offsets = edges.offsets if pose.bend is None else edges.offsets + by_rise @ pose.bend.mean
@@ -128,9 +127,12 @@ class EvidenceMaker:
         shared = ALIGNED_PX**2 / (1.0 + crossed**2) + (SHIFTED * pose.shift_px) ** 2
         if self._projection.shutter.rolls:
             shared += ROLLING_PX**2
-        weights = _weights(np.column_stack([shifted, columns]), offsets, edges, shared)
+        every = Unknowns([Unknown("every", np.column_stack([shifted, columns]).T)])
+        step = EdgeStep.solve(every, samples, replace(edges, offsets=offsets), 0.0)
+        # No residual shows what edges share.
+        weights = step.weights / (step.variance + shared)
         weighted = shifted * weights[:, None]
-        shift_sd = np.array([SHIFT_SD_PX, *[LIMITS.edges.shift_sd_px] * smaller.shape[1]])
+        shift_sd = np.array([*[LIMITS.edges.shift_sd_px] * (len(shift) - 1), SHIFT_SD_PX])
         normal = damped(weighted.T @ shifted + np.diag(np.pad(shift_sd**-2, (6, 0))))
         asked = np.column_stack([columns, offsets])
         both = weighted.T @ asked
@@ -162,29 +164,6 @@ class EvidenceMaker:
     def _px_per_m(self, pose: Pose) -> float:
         """Of the target in the image."""
         return float(self._projection.focal[0] / pose.position[2])
-
-
-def _weights(jacobian: Array, offsets: Array, edges: FoundEdges, shared: Array) -> Array:
-    """Tukey's weights of the offsets over their variance [1/px^2], around the best that all unknowns can do.
-
-    `shared` is the variance of errors that no residual shows, as edges share them `(n,)` [px^2].
-    """
-    found, trust = edges.found, edges.trust * edges.room
-    root = np.sqrt(trust)
-    jacobian, offsets = jacobian * root[:, None], offsets * root
-    weights = found.astype(np.float64)
-    residual = offsets
-    for _ in range(3):
-        weighted = jacobian * weights[:, None]
-        residual = offsets - jacobian @ np.linalg.solve(damped(weighted.T @ jacobian), weighted.T @ offsets)
-        spread = max(MAD * median(np.abs(residual[found])), LIMITS.edges.least_scale_px)
-        reach = LIMITS.edges.tukey * spread
-        weights = np.maximum(1.0 - (residual / reach) ** 2, 0.0) ** 2 * found
-    # Doubt makes residuals small: by as much less they say how large residuals are.
-    weights = trust * weights
-    variance = float((weights * residual**2).sum()) / max(float(weights.sum()) - jacobian.shape[1], 1.0)
-    scaled: Array = weights / (variance + shared)
-    return scaled
 
 
 LENS_SD: Final = (0.03, 10.0, 10.0, 0.05)

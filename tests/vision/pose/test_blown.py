@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from mkdaemon.vision.limits import LIMITS
-from mkdaemon.vision.pose.edgefind import FoundEdges, Samples, find_edges
+from mkdaemon.vision.pose.edgefind import FoundEdges, find_edges
 from mkdaemon.vision.pose.edgefit import EdgeFit
+from mkdaemon.vision.pose.edgemodel import Samples
 from mkdaemon.vision.pose.fitting import TargetFitter
 from mkdaemon.vision.pose.photofit import PhotoFit
 from mkdaemon.vision.pose.projection import Projection
@@ -43,13 +44,10 @@ def edge(seen: float, growing: float = 0.0) -> FoundEdges:
         np.column_stack([np.full(COUNT, 32.0), np.linspace(2.0, 61.0, COUNT)]),
         np.tile([1.0, 0.0], (COUNT, 1)),
         np.full(COUNT, 2.5),
-        np.zeros((COUNT, 3)),
-        np.zeros((COUNT, 3)),
-        np.zeros(COUNT),
         np.full(COUNT, 30.0),
         np.ones(COUNT, dtype=bool),
     )
-    return find_edges(np.clip(np.rint(rows), 0, 255).astype(np.uint8), samples, is_blown=True)
+    return find_edges(np.clip(np.rint(rows), 0, 255).astype(np.uint8), samples)
 
 
 @pytest.mark.parametrize("seen", [0.9, 0.7, 0.5, 0.35])
@@ -58,12 +56,14 @@ def test_a_blown_edge_is_found_where_a_whole_one_is(seen: float, growing: float)
     found = edge(seen, growing)
     assert found.found.all()
     assert abs(found.offsets[-1] - found.offsets[0]) < 0.15
-    assert found.blown is not None
-    assert found.blown.clear[-1] < found.blown.clear[0]
+    assert found.blown == 0.5
+    assert found.trust[-1] < found.trust[0]
 
 
 def test_nothing_is_moved_where_no_paper_is_blown() -> None:
-    assert edge(1.3).blown is None
+    found = edge(1.3)
+    assert found.blown == 0.0
+    assert found.light is None
 
 
 @pytest.mark.parametrize(("beside", "distance"), [(0.12, 1.6), (0.12, 2.3), (0.15, 2.3), (0.15, 2.8)])
