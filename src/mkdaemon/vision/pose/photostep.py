@@ -193,7 +193,7 @@ class _Part:
         white, _, _, _, second, third, toe = self.gain[:7].tolist()
         value = self.at.value
         polynomial = value * (6.0 * third * value - (2.0 * second + 6.0 * third)) + (white + second + third - toe)
-        return polynomial + toe * TOE_GAIN / (TOE + np.maximum(value, 0.0))
+        return np.asarray(polynomial + toe * TOE_GAIN / (TOE + np.maximum(value, 0.0)), np.float64)
 
 
 def lit_print(at: PrintSamples) -> _Part:

@@ -319,10 +319,8 @@ class PrintModel:
         arm = rotation @ self.axes[:, :2] @ (self.cell * window.place) + (rotation @ self.origin)[:, None]
         height, width = window.used.shape
         grey = pixels[window.top : window.top + height, window.left : window.left + width][window.used]
-        row = window.row + float(window.top)
-        return PrintSamples(
-            value, steep, by_spread, by_point, arm, window.place, row, grey.astype(np.float64), window.used
-        )
+        seen = (window.row + window.top).astype(np.float64), grey.astype(np.float64)
+        return PrintSamples(value, steep, by_spread, by_point, arm, window.place, *seen, window.used)
 
     def template(
         self, shape: tuple[int, ...], rotation: Array, position: Array, spread: Array
@@ -384,7 +382,7 @@ class PrintModel:
             times = (row + top - (self._projection.intrinsics.height - 1) / 2) * self._projection.line_time
             cam_from_plane = cam_from_plane - times[:, None, None] * (skew(motion[:3]) @ cam_from_plane)
             cam_from_plane[:, 2, 2] += times * motion[3]
-        inverse = np.linalg.inv(cam_from_plane)
+        inverse = np.asarray(np.linalg.inv(cam_from_plane), np.float64)
         plane_from_pixel = inverse @ self._ray_from_pixel(left, top, width, height)
         plane_from_cam, h = np.moveaxis(inverse, 0, 2), np.moveaxis(plane_from_pixel, 0, 2)
         seen = h[:, 0, :, None] * np.arange(width) + (h[:, 1] * row + h[:, 2])[:, :, None]
@@ -397,7 +395,7 @@ class PrintModel:
         row, place, depth = index // width, places.reshape(2, -1).take(index, axis=1), seen[2].take(index)
         if motion is not None:
             plane_from_cam, h = plane_from_cam[:, :, row], h[:, :, row]
-        plane = (h[:2, :2] - h[2, :2] * place[:, None]) / depth
+        plane: Array = (h[:2, :2] - h[2, :2] * place[:, None]) / depth
         return _Window(left, top, used, row, place, plane, plane_from_cam)
 
     def _ray_from_pixel(self, left: int, top: int, width: int, height: int) -> Array:
