@@ -123,7 +123,7 @@ def shared_on_slopes(residual: Array, steep: Array, windows: Sequence[Bools], le
         windows: which pixels of each are used, each `(rows, columns)`.
         least: correlation that is believed.
     """
-    weighed = residual * np.sqrt(steep / max(float(np.mean(steep)), 1e-12))
+    weighed = residual * np.sqrt(steep / max(float(steep.sum()) / steep.size, 1e-12))
     larger = max(float(weighed @ weighed) / max(float(residual @ residual), LEAST_SCATTER), LEAST_ON_SLOPES)
     return larger * shared_by(weighed, windows, least).factor
 
@@ -155,7 +155,6 @@ def asked_anew(residual: Array, columns: Array, information: Array, outlier: flo
 
 ROUNDS: Final = 3
 """Of telling which pixels are blown, each by the light on the others (two give the same to 1 %)."""
-RIDGE: Final = 1e-6
 TOE: Final = 0.05
 """Light of ink over that of paper: where a tone curve lifts the dark. With a logarithm from there the model follows a
 gamma of 1.6 to 2.2 to 0.3 % of the contrast, a cubic polynomial alone to 0.7-3.4 % (ink 0.03 to 0.1)."""
@@ -226,7 +225,7 @@ def lit_print(at: PrintSamples) -> _Part:
 
 def _gain(columns: Array, grey: Array) -> Array:
     """The light that explains grey values best `(k,)`."""
-    return np.asarray(np.linalg.solve(columns @ columns.T + RIDGE * np.eye(len(columns)), columns @ grey), np.float64)
+    return np.asarray(np.linalg.solve(damped(columns @ columns.T), columns @ grey), np.float64)
 
 
 COST_BOUND: Final = 5.0

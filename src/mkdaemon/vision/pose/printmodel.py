@@ -134,8 +134,7 @@ class Footprint:
         streak: motion `(2,)` [px]; none where the point spread is round.
         spread: covariance of what is looked up at one place `(2, 2)`.
         places: that are looked up about the pixel's own `(2, k)`.
-        weights: of these `(k,)`, one together.
-        along: where each is in the streak, -1/2 to 1/2 `(k,)`.
+        weights: of these, one together; and times where each is in the streak, -1/2 to 1/2 `(2, k)`.
     """
 
     narrow: float
@@ -143,7 +142,6 @@ class Footprint:
     spread: Array
     places: Array
     weights: Array
-    along: Array
 
     @classmethod
     def of(cls, spread: Array, plane: Array) -> Footprint:
@@ -171,7 +169,7 @@ class Footprint:
             places = (places[:, :, None] + way[:, None, None] * even).reshape(2, -1)
             along = np.tile(even, len(weights))
             weights = np.repeat(weights, count) / count
-        return cls(narrow, streak, round_part, places, weights, along)
+        return cls(narrow, streak, round_part, places, np.stack([weights, weights * along]))
 
 
 def _by_spread(streak: Array) -> Array:
@@ -232,12 +230,12 @@ class PrintTexture:
             self._levels[number] = np.concatenate(small, axis=2, dtype=np.float32)
         return self._levels[number]
 
-    def at(self, place: Array, footprint: Footprint) -> tuple[Array, Array, Array]:
-        """What is seen at places of the print `(2, n)` [cells from the middle].
+    def at(self, place: Array, footprint: Footprint) -> tuple[Array, float]:
+        """What is seen at places of the print `(2, n)` [cells from the middle], through the blur of a level.
 
         Returns:
-            Value `(n,)`, its slopes by x and y, and these by where in a streak they are `(2, 2, n)`, and its second
-            derivatives by xx, xy, yy `(3, n)`.
+            Value, slopes by x and y, second derivatives by xx, xy, yy `(6, n)`, and these by where in a streak they
+            are, together `(2, 6, n)`; and the variance of the blur [cells^2].
         """
         mean = float(np.trace(footprint.spread)) / 2.0
         most = 2 * PER_OCTAVE * log2(SOFTEST / SHARPEST)
@@ -247,17 +245,8 @@ class PrintTexture:
         middles = (place * scale + (len(image) - 1) / 2).astype(np.float32)
         column, row = middles[:, None] + (footprint.places * scale).astype(np.float32)[:, :, None]
         seen = cv2.remap(image, column, row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-        sums = np.stack([footprint.weights, footprint.weights * footprint.along]).astype(np.float32)
-        found = (sums @ seen.reshape(len(seen), -1)).reshape(2, -1, 6).transpose(0, 2, 1).astype(np.float64, order="C")
-        variance = SHARPEST**2 * 2.0 ** (number / PER_OCTAVE)
-        more = np.clip(footprint.spread - variance * np.eye(2), -HALF * variance, HALF * variance)
-        return found[0, 0] + _heat(more) @ found[0, 3:], found[:, 1:3], found[0, 3:]
-
-
-def _heat(covariance: Array) -> Array:
-    """What a blur by a covariance `(2, 2)` adds, by second derivatives by xx, xy, yy `(3,)`."""
-    (xx, xy), (_, yy) = covariance.tolist()
-    return np.array([xx / 2.0, xy, yy / 2.0])
+        found = (footprint.weights.astype(np.float32) @ seen.reshape(len(seen), -1)).reshape(2, -1, 6)
+        return found.transpose(0, 2, 1).astype(np.float64, order="C"), SHARPEST**2 * 2.0 ** (number / PER_OCTAVE)
 
 
 @lru_cache(maxsize=64)
@@ -295,6 +284,7 @@ class PrintModel:
         # One quiet zone around the tag is surely white; other tags count where they lie inside it.
         self.half = first.paper / 2
         self.cell = first.module
+        self._target_from_plane = np.column_stack([self.cell * self.axes[:, :2], self.origin])
         self._texture = _texture(first, tags)
 
     def samples(
@@ -316,7 +306,8 @@ class PrintModel:
         # The print moves by d at a point, and its place there by (p w - W d), with w the third of W d: all on its ray.
         by_x, by_y, by_scale = window.plane_from_cam
         by_point = by_scale * (slope * window.place).sum(axis=0) - by_x * slope[0] - by_y * slope[1]
-        arm = rotation @ self.axes[:, :2] @ (self.cell * window.place) + (rotation @ self.origin)[:, None]
+        turned = rotation @ self._target_from_plane
+        arm = turned[:, :2] @ window.place + turned[:, 2:]
         height, width = window.used.shape
         grey = pixels[window.top : window.top + height, window.left : window.left + width][window.used]
         seen = (window.row + window.top).astype(np.float64), grey.astype(np.float64)
@@ -345,24 +336,27 @@ class PrintModel:
         """Value `(n,)`, its slope by the place `(2, n)`, that in the image, squared, and derivative by the spread."""
         plane, middle = window.plane, window.plane.mean(axis=2)
         footprint = Footprint.of(spread, middle)
-        value, slopes, second = self._texture.at(window.place, footprint)
-        by_pixel = plane[0] * slopes[:, 0, None] + plane[1] * slopes[:, 1, None]
-        xx, xy, yy = second
+        seen, variance = self._texture.at(window.place, footprint)
+        by_pixel = plane[0] * seen[:, 1, None] + plane[1] * seen[:, 2, None]
+        xx, xy, yy = seen[0, 3:]
         by_x, by_y = xx * plane[0] + xy * plane[1], xy * plane[0] + yy * plane[1]
         own = HALF * (plane[0] * by_x + plane[1] * by_y)
         narrower = own[0] + own[1]
         # A slanted print is seen through a larger footprint where it is farther.
-        value += footprint.narrow * (narrower - _heat(middle @ middle.T) @ second)
+        more = HALF * (footprint.spread - footprint.narrow * middle @ middle.T - variance * np.eye(2))
+        value = seen[0, 0] + more.ravel() @ seen[0, [3, 4, 4, 5]] + footprint.narrow * narrower
         if footprint.streak is None:
             by_spread = np.stack([own[0], plane[0, 0] * by_x[1] + plane[1, 0] * by_y[1], own[1]])
         else:
             by_spread = _by_spread(footprint.streak) @ np.stack([narrower, *by_pixel[1]])
-        return value, slopes[0], (by_pixel[0] ** 2).sum(axis=0), by_spread
+        return value, seen[0, 1:3], (by_pixel[0] ** 2).sum(axis=0), by_spread
 
     def _window(self, shape: tuple[int, ...], rotation: Array, position: Array, motion: Array | None) -> _Window | None:
         """Where the print is in the image; none where it is not in full view, too small or too large."""
         half = self.half / self.cell - LIMITS.photo.margin_cells
-        placed = self.corners(half * self.cell) @ rotation.T + position
+        plane = rotation @ self._target_from_plane
+        plane[:, 2] += position
+        placed = half * SQUARE @ plane[:, :2].T + plane[:, 2]
         uv, visible = self._projection.project(exposed(placed, motion, self._projection)[0])
         if not bool(visible.all()):
             return None
@@ -372,10 +366,9 @@ class PrintModel:
         low, high = LIMITS.photo.min_window_px, LIMITS.photo.max_window_px
         if not (low <= width <= high and low <= height <= high):
             return None
-        middle = rotation @ self.origin + position
-        if abs(float(rotation @ self.axes[:, 2] @ middle)) < TINY:  # the camera is in the plane of the print
+        if abs(float(rotation @ self.axes[:, 2] @ plane[:, 2])) < TINY:  # the camera is in the plane of the print
             return None
-        cam_from_plane = np.column_stack([self.cell * (rotation @ self.axes[:, :2]), middle])[None]
+        cam_from_plane = plane[None]
         row = np.arange(height)
         if motion is not None:
             # A row is exposed at one time t: the plane M is then at A M with A = (I - t [w]) and t s e beside it.
@@ -383,8 +376,8 @@ class PrintModel:
             cam_from_plane = cam_from_plane - times[:, None, None] * (skew(motion[:3]) @ cam_from_plane)
             cam_from_plane[:, 2, 2] += times * motion[3]
         inverse = np.asarray(np.linalg.inv(cam_from_plane), np.float64)
-        plane_from_pixel = inverse @ self._ray_from_pixel(left, top, width, height)
-        plane_from_cam, h = np.moveaxis(inverse, 0, 2), np.moveaxis(plane_from_pixel, 0, 2)
+        h = (inverse @ self._ray_from_pixel(left, top, width, height)).transpose(1, 2, 0)
+        plane_from_cam = inverse.transpose(1, 2, 0)
         seen = h[:, 0, :, None] * np.arange(width) + (h[:, 1] * row + h[:, 2])[:, :, None]
         places = seen[:2] / seen[2]
         inside = np.abs(places) < half
@@ -395,8 +388,8 @@ class PrintModel:
         row, place, depth = index // width, places.reshape(2, -1).take(index, axis=1), seen[2].take(index)
         if motion is not None:
             plane_from_cam, h = plane_from_cam[:, :, row], h[:, :, row]
-        plane: Array = (h[:2, :2] - h[2, :2] * place[:, None]) / depth
-        return _Window(left, top, used, row, place, plane, plane_from_cam)
+        by_pixel = (h[:2, :2] - h[2, :2] * place[:, None]) / depth
+        return _Window(left, top, used, row, place, by_pixel, plane_from_cam)
 
     def _ray_from_pixel(self, left: int, top: int, width: int, height: int) -> Array:
         """Homography from the pixels of a window to rays at unit depth; the lens is taken as locally projective."""
