@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from math import sqrt
+from math import exp, sqrt
 from typing import Final
 
 import numpy as np
@@ -26,7 +26,7 @@ from mkdaemon.vision.pose.edgestep import MAD
 from mkdaemon.vision.pose.pose import Pose, correlation, damped, inverted, length2, median
 from mkdaemon.vision.pose.printmodel import BOX, PrintModel, PrintSamples, principal
 from mkdaemon.vision.pose.projection import Projection
-from mkdaemon.vision.pose.unknowns import BEYOND, POSE, Prior, State, Unknown, Unknowns
+from mkdaemon.vision.pose.unknowns import POSE, Prior, State, Unknown, Unknowns
 
 DARK, BRIGHT = 0.3, 0.7
 """Values of the model whose residuals give the noise of black and of white."""
@@ -138,21 +138,6 @@ def streak_doubt(spread: Array) -> float:
     return 1.0 + (BOX * (most - least) / STREAK_PX**2) ** 2
 
 
-def asked_anew(residual: Array, columns: Array, information: Array, outlier: float) -> Array:
-    """The unknowns `(k,)` that explain residuals best, all at once.
-
-    Args:
-        residual: of each pixel `(n,)` [grey].
-        columns: derivative by each unknown `(k, n)`.
-        information: inverse variance of each that is expected `(k,)`; zero where anything is.
-        outlier: deviations from which a pixel loses weight.
-    """
-    variance = max(MAD * median(np.abs(residual)), 1.0) ** 2
-    weighted = columns / np.maximum(residual**2 / (outlier**2 * variance), 1.0)
-    normal = damped(weighted @ columns.T + np.diag(variance * information))
-    return np.asarray(np.linalg.solve(normal, weighted @ residual), np.float64)
-
-
 ROUNDS: Final = 3
 """Of telling which pixels are blown, each by the light on the others (two give the same to 1 %)."""
 TOE: Final = 0.05
@@ -210,11 +195,11 @@ def lit_print(at: PrintSamples) -> _Part:
     """
     tone, (u, v) = at.value * (1.0 - at.value), at.place
     toe = TOE_GAIN * np.log1p(np.maximum(at.value, 0.0) / TOE) - at.value
-    columns = np.stack([at.value, np.ones_like(u), u, v, tone, tone * (1.0 - 2.0 * at.value), toe])
+    columns = np.array([at.value, np.ones_like(u), u, v, tone, tone * (1.0 - 2.0 * at.value), toe])
     keep = at.grey < LIMITS.read.saturated
     if bool(keep.all()):
         return _Part(at, columns, _gain(columns, at.grey))
-    columns = np.concatenate([columns, np.stack([u * u, u * v, v * v])])
+    columns = np.array([*columns, u * u, u * v, v * v])
     dark = at.grey < LIMITS.read.saturated - 2.0 * LIMITS.read.nearly_blown
     for _ in range(ROUNDS):
         shown = _gain(columns[:, keep], at.grey[keep]) @ columns
@@ -228,8 +213,6 @@ def _gain(columns: Array, grey: Array) -> Array:
     return np.asarray(np.linalg.solve(damped(columns @ columns.T), columns @ grey), np.float64)
 
 
-COST_BOUND: Final = 5.0
-"""Deviations at which a residual costs no more."""
 LEAST_NOISE: Final = 0.3
 """Variance of grey values rounded to integers and averaged by the fit [grey^2]."""
 
@@ -241,18 +224,16 @@ class _Weighed:
     Attributes:
         clear: clarity of each pixel `(n,)`.
         size: of each residual, by its clarity `(n,)` [grey].
+        share: c sigma / size of outliers, 1 of what is none `(n,)`.
         clipped: residuals by their clarity, outliers as large as what is none `(n,)` [grey].
-        agreeing: 1 for what is none, less beyond `(n,)`.
-        weights: both together `(n,)`.
-        cost: robust mean square [grey^2].
+        squares: sum of these, squared [grey^2].
     """
 
     clear: Array
     size: Array
+    share: Array
     clipped: Array
-    agreeing: Array
-    weights: Array
-    cost: float
+    squares: float
 
 
 def _weigh(residual: Array, value: Array, outlier: float) -> _Weighed:
@@ -260,11 +241,9 @@ def _weigh(residual: Array, value: Array, outlier: float) -> _Weighed:
     clear = clarity(residual, value)
     shown = residual * clear
     size = np.maximum(np.abs(shown), 1e-6)
-    scatter = max(MAD * median(size), 1.0)
-    share = np.minimum(outlier * scatter / size, 1.0)
-    bounded = np.minimum(size, COST_BOUND * scatter)
-    cost = float(bounded @ bounded) / size.size
-    return _Weighed(clear, size, shown * share, share * share, (share * clear) ** 2, cost)
+    share = np.minimum(outlier * max(MAD * median(size), 1.0) / size, 1.0)
+    clipped = shown * share
+    return _Weighed(clear, size, share, clipped, float(clipped @ clipped))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -308,10 +287,10 @@ class PhotoStep:
 
     def pose(self, at: State, prior: Prior) -> Pose:
         """The pose of the state the step starts from, or of where it led, with what was known beforehand."""
-        limits, size, is_agreeing = LIMITS.photo, self._weighed.size, self._weighed.agreeing > HALF
+        size, is_agreeing = self._weighed.size, self._weighed.share**2 > HALF
         # Residual as a shift of edges: rms over the rms slope of the lit prints [grey / (grey/px)].
         steepness = sqrt(sum(float(p.at.steep.sum()) * p.brightness**2 for p in self._parts) / size.size)
-        squared = np.minimum(size, limits.lost_grey) ** 2 + NOISE_GREY**2
+        squared = np.minimum(size, LIMITS.photo.lost_grey) ** 2 + NOISE_GREY**2
         match = self.match
         covariance, bend = prior.measured(at, self.unknowns, self.covariance)
         shared = shared_by(self._weighed.clipped, [part.at.used for part in self._parts], self._least_shared)
@@ -321,7 +300,7 @@ class PhotoStep:
             covariance,
             "photometric",
             int(is_agreeing.sum()),
-            sqrt(self._weighed.cost) / max(steepness, 1e-3) if match > -1.0 else np.inf,
+            sqrt(self._weighed.squares / size.size) / max(steepness, 1e-3) if match > -1.0 else np.inf,
             float(is_agreeing.mean()),
             float(np.linalg.norm(self.to_go[:3])) / max(float(np.linalg.norm(at.position)), 1e-9),
             float(np.exp(np.mean(np.log(squared)))),
@@ -359,9 +338,8 @@ class PhotoStepper:
         residual, table = _without_lacking(_of_all([part.residual for part in parts]), table, at)
         unknowns = Unknowns(table)
         weighed = _weigh(residual, _of_all([part.at.value for part in parts]), LIMITS.certainty.deviations)
-        clear, weights = weighed.clear, weighed.weights
-        freedom = max(float(weights.sum()) - len(unknowns.rows), 1.0)
-        noise = max(float(weighed.clipped @ weighed.clipped) / freedom, LEAST_NOISE)
+        weights = (weighed.share * weighed.clear) ** 2
+        noise = max(weighed.squares / max(float(weights.sum()) - len(unknowns.rows), 1.0), LEAST_NOISE)
         least = LEAST_SHARED if at.motion is None else 0.0  # what a motion lacks hides under opposed noise
         steep, windows = _of_all([part.at.steep for part in parts]), [part.at.used for part in parts]
         noise *= shared_on_slopes(weighed.clipped, steep, windows, least)
@@ -369,8 +347,8 @@ class PhotoStepper:
         normal, right = unknowns.equations(weights, residual, noise)
         inverse = inverted(normal)
         to_go, covariance = (inverse @ right)[POSE], noise * inverse
-        surprise = 1.0 + unknowns.surprise / clear.size
-        comparable = weighed.cost * float(np.exp(-2.0 * np.mean(np.log(clear)))) * surprise
+        clearness = exp(2.0 * float(np.log(weighed.clear).sum()) / residual.size)
+        comparable = weighed.squares / residual.size / clearness * (1.0 + unknowns.surprise / residual.size)
         found = unknowns, comparable, to_go, length2(to_go, covariance[POSE, POSE]), covariance
         return PhotoStep(*found, normal, right, parts, residual, weighed, least)
 
@@ -423,11 +401,11 @@ def _without_lacking(residual: Array, table: Sequence[Unknown], at: State) -> tu
         residual = residual - at.rise @ line["rise"].rows
     if at.motion is None:
         return residual, list(table)
-    lacking, light = line["beyond"], line["light"].rows
-    information = np.zeros(BEYOND + len(light))
-    information[:BEYOND] = lacking.information
-    rows = np.concatenate([lacking.rows, light])
-    anew = asked_anew(residual, rows, information, LIMITS.certainty.deviations)
+    # What the motion lacks and the light that explain the residuals best, both at once.
+    both = Unknowns([line["beyond"], line["light"]])
+    scatter = max(MAD * median(np.abs(residual)), 1.0)
+    weights = 1.0 / np.maximum((residual / (LIMITS.certainty.deviations * scatter)) ** 2, 1.0)
+    anew = np.asarray(np.linalg.solve(*both.equations(weights, residual, scatter**2)), np.float64)
     # Of what the motion lacks the residual holds no more than is beside what was taken out.
-    line["beyond"] = replace(lacking, off=-anew[:BEYOND])
-    return residual - anew @ rows, list(line.values())
+    line["beyond"] = replace(line["beyond"], off=-anew[both["beyond"]])
+    return residual - anew @ both.rows, list(line.values())

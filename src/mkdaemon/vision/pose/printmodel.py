@@ -169,7 +169,7 @@ class Footprint:
             places = (places[:, :, None] + way[:, None, None] * even).reshape(2, -1)
             along = np.tile(even, len(weights))
             weights = np.repeat(weights, count) / count
-        return cls(narrow, streak, round_part, places, np.stack([weights, weights * along]))
+        return cls(narrow, streak, round_part, places, np.array([weights, weights * along]))
 
 
 def _by_spread(streak: Array) -> Array:
@@ -189,7 +189,7 @@ def _by_spread(streak: Array) -> Array:
     across, along = np.array([v1 * v1, -2.0 * v0 * v1, v0 * v0]), np.array([v0 * v0, 2.0 * v0 * v1, v1 * v1])
     longer, turned = (along - across) * (BOX / (2.0 * length)), np.array([-v0 * v1, v0**2 - v1**2, v0 * v1])
     turned *= BOX / length
-    return np.stack([across, longer * v0 - turned * v1, longer * v1 + turned * v0], axis=1)
+    return np.array([across, longer * v0 - turned * v1, longer * v1 + turned * v0]).T
 
 
 def _along(deviation: float, blur: float) -> tuple[Array, Array]:
@@ -346,9 +346,9 @@ class PrintModel:
         more = HALF * (footprint.spread - footprint.narrow * middle @ middle.T - variance * np.eye(2))
         value = seen[0, 0] + more.ravel() @ seen[0, [3, 4, 4, 5]] + footprint.narrow * narrower
         if footprint.streak is None:
-            by_spread = np.stack([own[0], plane[0, 0] * by_x[1] + plane[1, 0] * by_y[1], own[1]])
+            by_spread = np.array([own[0], plane[0, 0] * by_x[1] + plane[1, 0] * by_y[1], own[1]])
         else:
-            by_spread = _by_spread(footprint.streak) @ np.stack([narrower, *by_pixel[1]])
+            by_spread = _by_spread(footprint.streak) @ np.array([narrower, *by_pixel[1]])
         return value, seen[0, 1:3], (by_pixel[0] ** 2).sum(axis=0), by_spread
 
     def _window(self, shape: tuple[int, ...], rotation: Array, position: Array, motion: Array | None) -> _Window | None:
@@ -379,16 +379,16 @@ class PrintModel:
         h = (inverse @ self._ray_from_pixel(left, top, width, height)).transpose(1, 2, 0)
         plane_from_cam = inverse.transpose(1, 2, 0)
         seen = h[:, 0, :, None] * np.arange(width) + (h[:, 1] * row + h[:, 2])[:, :, None]
-        places = seen[:2] / seen[2]
-        inside = np.abs(places) < half
+        inside = np.abs(seen[:2]) < half * seen[2]
         used = inside[0] & inside[1]
         index = np.flatnonzero(used)
         if not index.size:
             return None
-        row, place, depth = index // width, places.reshape(2, -1).take(index, axis=1), seen[2].take(index)
+        row, seen = index // width, seen.reshape(3, -1).take(index, axis=1)
+        place = seen[:2] / seen[2]
         if motion is not None:
             plane_from_cam, h = plane_from_cam[:, :, row], h[:, :, row]
-        by_pixel = (h[:2, :2] - h[2, :2] * place[:, None]) / depth
+        by_pixel = (h[:2, :2] - h[2, :2] * place[:, None]) / seen[2]
         return _Window(left, top, used, row, place, by_pixel, plane_from_cam)
 
     def _ray_from_pixel(self, left: int, top: int, width: int, height: int) -> Array:
