@@ -156,7 +156,7 @@ class Footprint:
         round_part = narrow * plane @ plane.T
         least, most, way = principal(round_part)
         more, least = most - least, max(least, TINY)
-        places, weights, along = np.zeros((2, 1)), np.ones(1), np.zeros(1)
+        places, weights, sums = np.zeros((2, 1)), np.ones(1), np.array([[1.0], [0.0]])
         if more > ROUND * least:
             at, weights = _along(sqrt(more), sqrt(least))
             places, round_part = way[:, None] * at, least * np.eye(2)
@@ -167,29 +167,8 @@ class Footprint:
             # The middles of even parts, a little farther apart, so that they have the variance of the streak.
             even = ((np.arange(count) + 0.5) / count - 0.5) / sqrt(1.0 - 1.0 / count**2)
             places = (places[:, :, None] + way[:, None, None] * even).reshape(2, -1)
-            along = np.tile(even, len(weights))
-            weights = np.repeat(weights, count) / count
-        return cls(narrow, streak, round_part, places, np.array([weights, weights * along]))
-
-
-def _by_spread(streak: Array) -> Array:
-    """What is seen, by xx, xy, yy of a point spread: from its derivative by the round part's variance and the streak.
-
-    A round blur obeys the heat equation. The variances l1 across and l2 along the streak are those of B, so that its
-    length is sqrt(12 (l2 - l1)), and an angle turns by u^T dB v / (l2 - l1) with the axes u and v.
-
-    Args:
-        streak: `(2,)` [px].
-
-    Returns:
-        The matrix `(3, 3)` that turns derivatives by the variance [px^2] and by column and row of the streak [px].
-    """
-    length = hypot(*streak.tolist())
-    v0, v1 = (streak / length).tolist()
-    across, along = np.array([v1 * v1, -2.0 * v0 * v1, v0 * v0]), np.array([v0 * v0, 2.0 * v0 * v1, v1 * v1])
-    longer, turned = (along - across) * (BOX / (2.0 * length)), np.array([-v0 * v1, v0**2 - v1**2, v0 * v1])
-    turned *= BOX / length
-    return np.array([across, longer * v0 - turned * v1, longer * v1 + turned * v0]).T
+            sums = np.array([np.full(count, 1.0 / count), even / count])
+        return cls(narrow, streak, round_part, places, (weights[:, None] * sums[:, None]).reshape(2, -1))
 
 
 def _along(deviation: float, blur: float) -> tuple[Array, Array]:
@@ -348,7 +327,10 @@ class PrintModel:
         if footprint.streak is None:
             by_spread = np.array([own[0], plane[0, 0] * by_x[1] + plane[1, 0] * by_y[1], own[1]])
         else:
-            by_spread = _by_spread(footprint.streak) @ np.array([narrower, *by_pixel[1]])
+            # B = l I + s s^T / 12: what is seen changes by l, as heat spreads, and by both ways of the streak s.
+            s0, s1 = 2.0 * footprint.streak / BOX
+            grown = np.array([[1.0, 0.0, 1.0], [s0, s1 / 2.0, 0.0], [0.0, s0 / 2.0, s1]])
+            by_spread = np.asarray(np.linalg.inv(grown) @ np.array([narrower, *by_pixel[1]]), np.float64)
         return value, seen[0, 1:3], (by_pixel[0] ** 2).sum(axis=0), by_spread
 
     def _window(self, shape: tuple[int, ...], rotation: Array, position: Array, motion: Array | None) -> _Window | None:
