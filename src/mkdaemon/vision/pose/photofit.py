@@ -38,8 +38,10 @@ BLUR_PX = (0.35, 12.0)
 """Point spread that is modelled, deviation [px]: streaks up to 41 px."""
 MAX_BLUR_STEP = 0.8
 """Most its variance changes in one step [px^2], or as much as it is."""
-DAMPING = 0.03
-"""Levenberg's share of the diagonal with which a step that was worse is tried again, once."""
+FIRST_DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-3, 1e-7, 1e-2
+"""Levenberg's share of the diagonal: at first, at least, and the last from which a worse step is tried again."""
+EASE, TIGHTEN = 0.3, 30.0
+"""Factors on the damping after a better and a worse step."""
 SAME_COST = 3e-4
 """A step that lowers the cost by a smaller share ends the fit."""
 WORSE_COST = 1.003
@@ -157,7 +159,7 @@ class PhotoFit:
         iterations: int,
     ) -> tuple[State, Pose] | None:
         """Where a fit to some prints ends, and its pose."""
-        damping, last, left = 0.0, np.inf, np.inf
+        damping, last, left = FIRST_DAMPING, np.inf, np.inf
         best: tuple[State, PhotoStep] | None = None
         for _ in range(iterations):
             step = self._stepper.step(pixels, prints, at, prior)
@@ -171,12 +173,12 @@ class PhotoFit:
                 best, last, left = (at, step), step.cost, step.length2
                 if has_settled:
                     break
-                damping = 0.0
-            elif best is None or damping > 0.0 or step.cost < last * WORSE_COST:
+                damping = max(damping * EASE, LEAST_DAMPING)
+            elif best is None or damping > MOST_DAMPING or step.cost < last * WORSE_COST:
                 break
             else:
                 at, step = best
-                damping = DAMPING
+                damping *= TIGHTEN
             change = step.change(damping)
             blurs = change[step.unknowns["spread"]]
             at = replace(at.moved(step.unknowns, change), spread=_spread_moved(at.spread, blurs))
