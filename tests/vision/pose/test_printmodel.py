@@ -97,7 +97,7 @@ def test_a_print_seen_from_its_edge_is_looked_up_at_few_places(slant: float, spr
     for distance in (0.8, 2.0, 5.0):
         rotation, position = turn(ABOVE, np.array([slant, 0.0, 0.0])), np.array([0.0, 0.3, distance])
         plane = np.array([[1.0, 0.0], [0.0, 1.0 / np.cos(slant)]]) * distance / STRAIGHT.fx
-        assert Footprint.of(spread, plane).weights.size <= MOST_PLACES
+        assert Footprint.of(spread, plane).places.shape[1] <= MOST_PLACES
         model = Prints(load([CONFIGS / "targets" / "nested.toml"]).targets[0], Projection(STRAIGHT)).all[0]
         seen = model.samples(np.zeros((480, 640), dtype=np.uint8), rotation, position, spread)
         assert seen is None or np.isfinite(seen.value).all()

@@ -27,7 +27,7 @@ from mkdaemon.vision.limits import APART2, LIMITS
 from mkdaemon.vision.pose.edgefind import HALF_WIDTH
 from mkdaemon.vision.pose.photostep import PhotoStep, PhotoStepper
 from mkdaemon.vision.pose.pose import Pose, apart, length2
-from mkdaemon.vision.pose.printmodel import PrintModel
+from mkdaemon.vision.pose.printmodel import PrintModel, principal
 from mkdaemon.vision.pose.prints import Prints
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.pose.unknowns import Level, Prior, State, not_arrived
@@ -236,7 +236,8 @@ class PhotoFit:
 
 def _spread_moved(spread: Array, change: Array) -> Array:
     """A point spread `(2, 2)` after a step `(3,)`; it stays one."""
-    most = max(MAX_BLUR_STEP, float(np.linalg.eigvalsh(spread)[-1]))
+    most = max(MAX_BLUR_STEP, principal(spread)[1])
     xx, xy, yy = np.clip(change, -most, most)
-    values, vectors = np.linalg.eigh(spread + np.array([[xx, xy], [xy, yy]]))
-    return np.asarray(vectors @ np.diag(np.clip(values, BLUR_PX[0] ** 2, BLUR_PX[1] ** 2)) @ vectors.T, np.float64)
+    least, most, way = principal(spread + np.array([[xx, xy], [xy, yy]]))
+    least, most = (min(max(variance, BLUR_PX[0] ** 2), BLUR_PX[1] ** 2) for variance in (least, most))
+    return np.asarray(least * np.eye(2) + (most - least) * np.outer(way, way), np.float64)

@@ -14,8 +14,8 @@ The light on a print: black, white, how it changes over the print, and the tone 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
-from math import sqrt
+from dataclasses import dataclass, replace
+from math import exp, sqrt
 from typing import Final
 
 import numpy as np
@@ -24,10 +24,9 @@ from mkdaemon.vision.arrays import Array, Bools, Grey
 from mkdaemon.vision.limits import HALF, LIMITS, NOISE_GREY
 from mkdaemon.vision.pose.edgestep import MAD
 from mkdaemon.vision.pose.pose import Pose, correlation, damped, inverted, length2, median
-from mkdaemon.vision.pose.printmodel import BOX, PrintModel, PrintSamples
+from mkdaemon.vision.pose.printmodel import BOX, PrintModel, PrintSamples, principal
 from mkdaemon.vision.pose.projection import Projection
-from mkdaemon.vision.pose.rolling import at_times
-from mkdaemon.vision.pose.unknowns import BEYOND, POSE, Prior, State, Unknown, Unknowns
+from mkdaemon.vision.pose.unknowns import POSE, Prior, State, Unknown, Unknowns
 
 DARK, BRIGHT = 0.3, 0.7
 """Values of the model whose residuals give the noise of black and of white."""
@@ -61,9 +60,9 @@ def clarity(residual: Array, value: Array) -> Array:
     if min(dark.size, bright.size) < LEAST_PIXELS:
         return np.ones_like(value)
     ratio = max(median(dark), LEAST_SCATTER) / max(median(bright), LEAST_SCATTER)
-    ratio = float(np.clip(ratio, 1.0 / MOST_RATIO, MOST_RATIO))
+    ratio = min(max(ratio, 1.0 / MOST_RATIO), MOST_RATIO)
     clear: Array = 1.0 / (ratio + (1.0 - ratio) * value)
-    return np.asarray(clear / np.sqrt(np.mean(clear**2)))
+    return clear / sqrt(float(clear @ clear) / clear.size)
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,14 +93,15 @@ def shared_by(residual: Array, windows: Sequence[Bools], least: float = 0.0) -> 
     """
     all_factors, all_common, start = 0.0, 0.0, 0
     for used in windows:
-        image = np.zeros(used.shape)
+        height, width = used.shape
+        image = np.zeros((height, width + 1))  # rows with a gap between them, one after the other
         count = int(np.count_nonzero(used))
-        image[used] = residual[start : start + count]
-        start += count
-        total = max(float((image * image).sum()), LEAST_SCATTER)
+        image[:, :-1][used] = residual[start : start + count]
+        start, image = start + count, image.ravel()
+        total = max(float(image @ image), LEAST_SCATTER)
         factor, common = 1.0, 0.0
-        for one, neighbour in ((image[:, 1:], image[:, :-1]), (image[1:], image[:-1])):
-            r = float(np.clip((one * neighbour).sum() / total, least, MOST_SHARED))
+        for apart in (1, width + 1):
+            r = min(max(float(image[apart:] @ image[:-apart]) / total, least), MOST_SHARED)
             factor *= (1.0 + r) / sqrt(1.0 - r)
             common += max(r, 0.0) / MOST_SHARED / 2.0
         share = count / residual.size
@@ -123,7 +123,7 @@ def shared_on_slopes(residual: Array, steep: Array, windows: Sequence[Bools], le
         windows: which pixels of each are used, each `(rows, columns)`.
         least: correlation that is believed.
     """
-    weighed = residual * np.sqrt(steep / max(float(np.mean(steep)), 1e-12))
+    weighed = residual * np.sqrt(steep / max(float(steep.sum()) / steep.size, 1e-12))
     larger = max(float(weighed @ weighed) / max(float(residual @ residual), LEAST_SCATTER), LEAST_ON_SLOPES)
     return larger * shared_by(weighed, windows, least).factor
 
@@ -134,30 +134,12 @@ def streak_doubt(spread: Array) -> float:
     Args:
         spread: covariance of the point spread `(2, 2)` [px^2]; an even streak of length L adds L^2 / `BOX` one way.
     """
-    least, most = np.linalg.eigvalsh(spread)
-    return 1.0 + (BOX * float(most - least) / STREAK_PX**2) ** 2
+    least, most, _ = principal(spread)
+    return 1.0 + (BOX * (most - least) / STREAK_PX**2) ** 2
 
 
-def asked_anew(residual: Array, columns: Array, information: Array, outlier: float) -> Array:
-    """The unknowns `(k,)` that explain residuals best, all at once.
-
-    Args:
-        residual: of each pixel `(n,)` [grey].
-        columns: derivative by each unknown `(k, n)`.
-        information: inverse variance of each that is expected `(k,)`; zero where anything is.
-        outlier: deviations from which a pixel loses weight.
-    """
-    variance = max(MAD * median(np.abs(residual)), 1.0) ** 2
-    weighted = columns / np.maximum(residual**2 / (outlier**2 * variance), 1.0)
-    normal = damped(weighted @ columns.T + np.diag(variance * information))
-    return np.asarray(np.linalg.solve(normal, weighted @ residual), np.float64)
-
-
-LIGHTS: Final = 10
-"""Unknowns: white over black, black, two gradients, three of the tone curve, three of a highlight's slope."""
 ROUNDS: Final = 3
 """Of telling which pixels are blown, each by the light on the others (two give the same to 1 %)."""
-RIDGE: Final = 1e-6
 TOE: Final = 0.05
 """Light of ink over that of paper: where a tone curve lifts the dark. With a logarithm from there the model follows a
 gamma of 1.6 to 2.2 to 0.3 % of the contrast, a cubic polynomial alone to 0.7-3.4 % (ink 0.03 to 0.1)."""
@@ -165,29 +147,41 @@ TOE_GAIN: Final = 1.0 / float(np.log1p(1.0 / TOE))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Lit:
-    """The model of the grey values: I = gain . columns, and what a change of the print changes in it."""
+class _Part:
+    """What one print says: the model of its grey values is I = gain . columns.
 
+    Attributes:
+        at: model and image at its pixels.
+        columns: what each unknown of the light adds to them `(k, n)`: white over black, black, two gradients, three of
+            the tone curve, and three of a highlight's slope where there may be one.
+        gain: the light `(k,)`.
+    """
+
+    at: PrintSamples
     columns: Array
     gain: Array
-    contrast: Array
 
-    @classmethod
-    def of(cls, at: PrintSamples, columns: Array) -> Lit:
-        """Light by least squares at the present pose and blur.
+    @property
+    def residual(self) -> Array:
+        """Of each pixel `(n,)` [grey]."""
+        return self.at.grey - self.gain @ self.columns
 
-        Args:
-            at: the print's pixels.
-            columns: what each unknown adds to them `(10, n)`.
-        """
-        gain = _gain(columns, at.grey)
-        tone = at.value * (1.0 - at.value)
-        contrast = gain[0] + gain[4] * (1.0 - 2.0 * at.value) + gain[5] * (1.0 - 6.0 * tone)
-        return cls(columns, gain, contrast + gain[6] * (TOE_GAIN / (TOE + np.maximum(at.value, 0.0)) - 1.0))
+    @property
+    def brightness(self) -> float:
+        """Of its white over its black [grey]."""
+        return float(self.gain[0])
+
+    @property
+    def contrast(self) -> Array:
+        """What a change of the print changes in the grey values `(n,)`."""
+        white, _, _, _, second, third, toe = self.gain[:7].tolist()
+        value = self.at.value
+        polynomial = value * (6.0 * third * value - (2.0 * second + 6.0 * third)) + (white + second + third - toe)
+        return np.asarray(polynomial + toe * TOE_GAIN / (TOE + np.maximum(value, 0.0)), np.float64)
 
 
-def lit_print(at: PrintSamples, half: float) -> tuple[PrintSamples, Lit]:
-    """The light on a print, and its pixels without those that should be blown: they may have been anything.
+def lit_print(at: PrintSamples) -> _Part:
+    """The light on a print, by least squares on its pixels without those that should be blown: these may be anything.
 
     What should be blown is told by the light on the other pixels. Under a highlight that is more than black and white:
     its slope lifts the ink by half of the contrast, and edges are blown from differing places on. Pixels that should
@@ -198,75 +192,29 @@ def lit_print(at: PrintSamples, half: float) -> tuple[PrintSamples, Lit]:
 
     Args:
         at: all pixels of a print.
-        half: half the side of its paper [m].
     """
+    tone, (u, v) = at.value * (1.0 - at.value), at.place
+    toe = TOE_GAIN * np.log1p(np.maximum(at.value, 0.0) / TOE) - at.value
+    columns = np.array([at.value, np.ones_like(u), u, v, tone, tone * (1.0 - 2.0 * at.value), toe])
     keep = at.grey < LIMITS.read.saturated
     if bool(keep.all()):
-        return at, Lit.of(at, _columns(at, half, is_highlit=False))
-    columns = _columns(at, half, is_highlit=True)
+        return _Part(at, columns, _gain(columns, at.grey))
+    columns = np.array([*columns, u * u, u * v, v * v])
     dark = at.grey < LIMITS.read.saturated - 2.0 * LIMITS.read.nearly_blown
     for _ in range(ROUNDS):
         shown = _gain(columns[:, keep], at.grey[keep]) @ columns
         keep = dark | (shown < LIMITS.read.saturated - LIMITS.read.nearly_blown)
-    used = at.used.copy()
-    used[at.used] = keep
-    kept = PrintSamples(
-        **{part.name: getattr(at, part.name)[..., keep] for part in fields(at) if part.name != "used"}, used=used
-    )
-    return kept, Lit.of(kept, columns[:, keep])
-
-
-def _columns(at: PrintSamples, half: float, *, is_highlit: bool) -> Array:
-    """What each unknown of the light adds to each pixel `(10, n)`; nothing for those that are not asked."""
-    columns = np.zeros((LIGHTS, at.value.size))
-    u, v = at.u / half, at.v / half
-    tone = at.value * (1.0 - at.value)
-    curve = tone, tone * (1.0 - 2.0 * at.value), TOE_GAIN * np.log1p(np.maximum(at.value, 0.0) / TOE) - at.value
-    columns[:7] = at.value, np.ones_like(u), u, v, *curve
-    if is_highlit:
-        columns[7:] = u * u, u * v, v * v
-    return columns
+    kept, columns = at.kept(keep), columns[:, keep]
+    return _Part(kept, columns, _gain(columns, kept.grey))
 
 
 def _gain(columns: Array, grey: Array) -> Array:
-    """The light that explains grey values best `(10,)`."""
-    return np.asarray(np.linalg.solve(columns @ columns.T + RIDGE * np.eye(LIGHTS), columns @ grey), np.float64)
+    """The light that explains grey values best `(k,)`."""
+    return np.asarray(np.linalg.solve(damped(columns @ columns.T), columns @ grey), np.float64)
 
 
-COST_BOUND: Final = 5.0
-"""Deviations at which a residual costs no more."""
 LEAST_NOISE: Final = 0.3
 """Variance of grey values rounded to integers and averaged by the fit [grey^2]."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Part:
-    """What one print says.
-
-    Attributes:
-        at: model and image at its pixels.
-        arm: from the target's origin to where these see the print `(n, 3)` [m; camera].
-        lit: the light on it.
-    """
-
-    at: PrintSamples
-    arm: Array
-    lit: Lit
-
-    @property
-    def residual(self) -> Array:
-        """Of each pixel `(n,)` [grey]."""
-        return self.at.grey - self.lit.gain @ self.lit.columns
-
-    @property
-    def brightness(self) -> float:
-        """Of its white over its black [grey]."""
-        return float(self.lit.gain[0])
-
-    @property
-    def steepness2(self) -> float:
-        """Sum of the squared slopes of the lit print [grey^2/px^2]."""
-        return float(self.at.steep.sum()) * self.brightness**2
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -276,30 +224,26 @@ class _Weighed:
     Attributes:
         clear: clarity of each pixel `(n,)`.
         size: of each residual, by its clarity `(n,)` [grey].
+        share: c sigma / size of outliers, 1 of what is none `(n,)`.
         clipped: residuals by their clarity, outliers as large as what is none `(n,)` [grey].
-        agreeing: 1 for what is none, less beyond `(n,)`.
-        weights: both together `(n,)`.
-        cost: robust mean square [grey^2].
+        squares: sum of these, squared [grey^2].
     """
 
     clear: Array
     size: Array
+    share: Array
     clipped: Array
-    agreeing: Array
-    weights: Array
-    cost: float
+    squares: float
 
 
 def _weigh(residual: Array, value: Array, outlier: float) -> _Weighed:
     """Robust weights: 1 within c sigma, (c sigma / r)^2 beyond, sigma from the median of |r|; times the clarity."""
     clear = clarity(residual, value)
-    size = np.maximum(np.abs(residual) * clear, 1e-6)
-    scatter = max(MAD * median(size), 1.0)
-    bound = outlier * scatter
-    agreeing = np.where(size < bound, 1.0, (bound / size) ** 2)
-    cost = float(np.mean(np.minimum(size, COST_BOUND * scatter) ** 2))
-    clipped = np.clip(residual * clear, -bound, bound)
-    return _Weighed(clear, size, clipped, agreeing, agreeing * clear**2, cost)
+    shown = residual * clear
+    size = np.maximum(np.abs(shown), 1e-6)
+    share = np.minimum(outlier * max(MAD * median(size), 1.0) / size, 1.0)
+    clipped = shown * share
+    return _Weighed(clear, size, share, clipped, float(clipped @ clipped))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -337,15 +281,16 @@ class PhotoStep:
 
     def change(self, damping: float) -> Array:
         """Of all unknowns `(k,)`."""
-        ridge = damping * np.diag(np.diag(self._normal))
-        return np.asarray(np.linalg.solve(self._normal + ridge, self._right), np.float64)
+        normal = self._normal.copy()
+        normal.reshape(-1)[:: len(normal) + 1] *= 1.0 + damping
+        return np.asarray(np.linalg.solve(normal, self._right), np.float64)
 
     def pose(self, at: State, prior: Prior) -> Pose:
         """The pose of the state the step starts from, or of where it led, with what was known beforehand."""
-        limits, size, is_agreeing = LIMITS.photo, self._weighed.size, self._weighed.agreeing > HALF
+        size, is_agreeing = self._weighed.size, self._weighed.share**2 > HALF
         # Residual as a shift of edges: rms over the rms slope of the lit prints [grey / (grey/px)].
-        steepness = sqrt(sum(part.steepness2 for part in self._parts) / size.size)
-        squared = np.minimum(size, limits.lost_grey) ** 2 + NOISE_GREY**2
+        steepness = sqrt(sum(float(p.at.steep.sum()) * p.brightness**2 for p in self._parts) / size.size)
+        squared = np.minimum(size, LIMITS.photo.lost_grey) ** 2 + NOISE_GREY**2
         match = self.match
         covariance, bend = prior.measured(at, self.unknowns, self.covariance)
         shared = shared_by(self._weighed.clipped, [part.at.used for part in self._parts], self._least_shared)
@@ -355,7 +300,7 @@ class PhotoStep:
             covariance,
             "photometric",
             int(is_agreeing.sum()),
-            sqrt(self._weighed.cost) / max(steepness, 1e-3) if match > -1.0 else np.inf,
+            sqrt(self._weighed.squares / size.size) / max(steepness, 1e-3) if match > -1.0 else np.inf,
             float(is_agreeing.mean()),
             float(np.linalg.norm(self.to_go[:3])) / max(float(np.linalg.norm(at.position)), 1e-9),
             float(np.exp(np.mean(np.log(squared)))),
@@ -393,9 +338,8 @@ class PhotoStepper:
         residual, table = _without_lacking(_of_all([part.residual for part in parts]), table, at)
         unknowns = Unknowns(table)
         weighed = _weigh(residual, _of_all([part.at.value for part in parts]), LIMITS.certainty.deviations)
-        clear, weights = weighed.clear, weighed.weights
-        freedom = max(float(weights.sum()) - len(unknowns.rows), 1.0)
-        noise = max(float((weights * residual**2).sum()) / freedom, LEAST_NOISE)
+        weights = (weighed.share * weighed.clear) ** 2
+        noise = max(weighed.squares / max(float(weights.sum()) - len(unknowns.rows), 1.0), LEAST_NOISE)
         least = LEAST_SHARED if at.motion is None else 0.0  # what a motion lacks hides under opposed noise
         steep, windows = _of_all([part.at.steep for part in parts]), [part.at.used for part in parts]
         noise *= shared_on_slopes(weighed.clipped, steep, windows, least)
@@ -403,8 +347,8 @@ class PhotoStepper:
         normal, right = unknowns.equations(weights, residual, noise)
         inverse = inverted(normal)
         to_go, covariance = (inverse @ right)[POSE], noise * inverse
-        surprise = 1.0 + unknowns.surprise / clear.size
-        comparable = weighed.cost * float(np.exp(-2.0 * np.mean(np.log(clear)))) * surprise
+        clearness = exp(2.0 * float(np.log(weighed.clear).sum()) / residual.size)
+        comparable = weighed.squares / residual.size / clearness * (1.0 + unknowns.surprise / residual.size)
         found = unknowns, comparable, to_go, length2(to_go, covariance[POSE, POSE]), covariance
         return PhotoStep(*found, normal, right, parts, residual, weighed, least)
 
@@ -420,37 +364,27 @@ class PhotoStepper:
         seen = model.samples(pixels, at.rotation, at.position, at.spread, at.motion)
         if seen is None:
             return None
-        seen, lit = lit_print(seen, model.half)
-        if seen.value.size < LIMITS.photo.min_window_px**2:
-            return None
-        # Columns that lie together in memory are added and multiplied faster than rows of three.
-        arm = at.rotation @ model.axes[:, :2] @ np.stack([seen.u, seen.v]) + (at.rotation @ model.origin)[:, None]
-        return _Part(seen, arm.T, lit)
+        part = lit_print(seen)
+        return part if part.at.grey.size >= LIMITS.photo.min_window_px**2 else None
 
     def _table(self, parts: Sequence[_Part], at: State, prior: Prior, first: PrintModel) -> list[Unknown]:
         """All unknowns of a step, the light last."""
-        arm = _of_all([part.arm.T for part in parts]).T
-        dx, dy, contrast = (
-            _of_all(rows) for rows in zip(*((part.at.dx, part.at.dy, part.lit.contrast) for part in parts), strict=True)
-        )
-        seen, times = arm + at.position, np.zeros(len(arm))
-        if at.motion is not None:
-            middle = (self._projection.intrinsics.height - 1) / 2
-            times = (_of_all([part.at.row for part in parts]) - middle) * self._projection.line_time
-            seen = at_times(seen, at.motion, times)
-        point = self._projection.jacobian(seen)
-        # A print that moves by d shows at a pixel what was d before it, dI = -dI/dm grad(m) . du.
-        by_point = -contrast[:, None] * (dx[:, None] * point[:, 0] + dy[:, None] * point[:, 1])
-        heights = None if first.sheet is None else first.sheet.heights(parts[0].at.u, parts[0].at.v)
-        table = prior.table(at, by_point, arm, times, heights)
+        contrast = _of_all([part.contrast for part in parts])
+        by_point = contrast * _of_all([part.at.by_point for part in parts])
+        middle = (self._projection.intrinsics.height - 1) / 2
+        times = (_of_all([part.at.row for part in parts]) - middle) * self._projection.line_time
+        heights = None if first.sheet is None else first.sheet.heights(*(first.cell * parts[0].at.place))
+        # Columns that lie together in memory are added and multiplied faster than rows of three.
+        table = prior.table(at, by_point.T, _of_all([part.at.arm for part in parts]).T, times, heights)
         table.insert(2, Unknown("spread", contrast * _of_all([part.at.by_spread for part in parts])))
-        light = parts[0].lit.columns
+        light = parts[0].columns
         if len(parts) > 1:
             # Each print has light of its own.
-            light, end = np.zeros((LIGHTS * len(parts), len(arm))), 0
-            for k, part in enumerate(parts):
-                start, end = end, end + len(part.arm)
-                light[LIGHTS * k : LIGHTS * (k + 1), start:end] = part.lit.columns
+            light, row, end = np.zeros((sum(len(part.gain) for part in parts), contrast.size)), 0, 0
+            for part in parts:
+                count, start, end = len(part.gain), end, end + part.at.grey.size
+                light[row : row + count, start:end] = part.columns
+                row += count
         return [*table, Unknown("light", light)]
 
 
@@ -467,11 +401,11 @@ def _without_lacking(residual: Array, table: Sequence[Unknown], at: State) -> tu
         residual = residual - at.rise @ line["rise"].rows
     if at.motion is None:
         return residual, list(table)
-    lacking, light = line["beyond"], line["light"].rows
-    information = np.zeros(BEYOND + len(light))
-    information[:BEYOND] = lacking.information
-    rows = np.concatenate([lacking.rows, light])
-    anew = asked_anew(residual, rows, information, LIMITS.certainty.deviations)
+    # What the motion lacks and the light that explain the residuals best, both at once.
+    both = Unknowns([line["beyond"], line["light"]])
+    scatter = max(MAD * median(np.abs(residual)), 1.0)
+    weights = 1.0 / np.maximum((residual / (LIMITS.certainty.deviations * scatter)) ** 2, 1.0)
+    anew = np.asarray(np.linalg.solve(*both.equations(weights, residual, scatter**2)), np.float64)
     # Of what the motion lacks the residual holds no more than is beside what was taken out.
-    line["beyond"] = replace(lacking, off=-anew[:BEYOND])
-    return residual - anew @ rows, list(line.values())
+    line["beyond"] = replace(line["beyond"], off=-anew[both["beyond"]])
+    return residual - anew @ both.rows, list(line.values())

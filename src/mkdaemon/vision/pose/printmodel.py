@@ -12,9 +12,9 @@ McCormack et al., "Feline", SIGGRAPH 1999.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import lru_cache
-from math import ceil, log2, sqrt
+from math import atan2, ceil, cos, floor, hypot, log2, sin, sqrt
 from typing import Final
 
 import cv2
@@ -66,30 +66,32 @@ class PrintSamples:
 
     Attributes:
         value: of the model, 0 black to 1 white `(n,)`.
-        dx: its slope by the column of the image `(n,)` [1/px]; along a row, whose time under a rolling shutter stays.
-        dy: by the row, as all rows are exposed when this one is.
+        steep: its squared slope in the image `(n,)` [1/px^2].
         by_spread: derivative by the point spread's xx, xy and yy `(3, n)` [1/px^2].
-        u: place on the print, along its x axis `(n,)` [m].
-        v: along its y axis.
+        by_point: by the points of the print as they are exposed `(3, n)` [1/m; camera].
+        arm: from the target's origin to where the pixels see the print `(3, n)` [m; camera].
+        place: on the print `(2, n)` [cells from the middle].
         row: of the image `(n,)`.
         grey: of the image `(n,)`.
         used: which pixels of the window these are `(rows, columns)`.
     """
 
     value: Array
-    dx: Array
-    dy: Array
+    steep: Array
     by_spread: Array
-    u: Array
-    v: Array
+    by_point: Array
+    arm: Array
+    place: Array
     row: Array
     grey: Array
     used: Bools
 
-    @property
-    def steep(self) -> Array:
-        """Squared slope of the model `(n,)` [1/px^2]."""
-        return self.dx**2 + self.dy**2
+    def kept(self, keep: Bools) -> PrintSamples:
+        """Some of these pixels."""
+        used = self.used.copy()
+        used[used] = keep
+        rows = {part.name: getattr(self, part.name)[..., keep] for part in fields(self) if part.name != "used"}
+        return PrintSamples(**rows, used=used)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -100,21 +102,27 @@ class _Window:
         left: its first column.
         top: its first row.
         used: which of its pixels are of the print `(rows, columns)`.
-        u: place on the print of these `(n,)` [m].
-        v: the other way.
-        row: of the image `(n,)`.
-        plane: derivative of the place by the pixel, two rows `(2, 2, n)` [m/px].
-        middle: the same in the middle of the print `(2, 2)` [m/px].
+        row: of the window, of these `(n,)`.
+        place: on the print of these `(2, n)` [cells from the middle].
+        plane: derivative of the place by column and row `(2, 2, n)` [cells/px]; along a row, whose time under a rolling
+            shutter stays, and by the row as all rows are exposed when this one is.
+        plane_from_cam: places `(x, y, 1)` of points as they are exposed `(3, 3, n)` or `(3, 3, 1)` [cells/m].
     """
 
     left: int
     top: int
     used: Bools
-    u: Array
-    v: Array
     row: npt.NDArray[np.intp]
+    place: Array
     plane: Array
-    middle: Array
+    plane_from_cam: Array
+
+
+def principal(covariance: Array) -> tuple[float, float, Array]:
+    """Least and largest variance of a covariance `(2, 2)`, and the unit vector `(2,)` along the larger one."""
+    (xx, xy), (_, yy) = covariance.tolist()
+    mean, more, angle = (xx + yy) / 2.0, hypot((xx - yy) / 2.0, xy), atan2(2.0 * xy, xx - yy) / 2.0
+    return mean - more, mean + more, np.array([cos(angle), sin(angle)])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -123,21 +131,17 @@ class Footprint:
 
     Attributes:
         narrow: variance of the round part, with the pixel [px^2].
-        streak: length of the motion [px]; none where the point spread is round.
-        axes: across the streak and along it, unit, a column each `(2, 2)` [image].
+        streak: motion `(2,)` [px]; none where the point spread is round.
         spread: covariance of what is looked up at one place `(2, 2)`.
         places: that are looked up about the pixel's own `(2, k)`.
-        weights: of these `(k,)`, one together.
-        along: where each is in the streak, -1/2 to 1/2 `(k,)`.
+        weights: of these, one together; and times where each is in the streak, -1/2 to 1/2 `(2, k)`.
     """
 
     narrow: float
-    streak: float
-    axes: Array
+    streak: Array | None
     spread: Array
     places: Array
     weights: Array
-    along: Array
 
     @classmethod
     def of(cls, spread: Array, plane: Array) -> Footprint:
@@ -145,47 +149,26 @@ class Footprint:
 
         What is longer one way is a streak [px]; the rest, with the pixel, is round until the plane slants it.
         """
-        values, axes = np.linalg.eigh(spread)
-        streak = sqrt(BOX * float(values[1] - values[0]))
-        if streak < LEAST_STREAK_PX:
-            streak = 0.0
-        narrow = float(values[0] if streak else values.mean()) + 1.0 / BOX
-        sizes, ways = np.linalg.eigh(narrow * plane @ plane.T)
-        least, more = max(float(sizes[0]), TINY), float(sizes[1] - sizes[0])
-        places, weights, round_part = np.zeros((2, 1)), np.ones(1), narrow * plane @ plane.T
-        along = np.zeros(1)
+        least, most, way = principal(spread)
+        length = sqrt(BOX * (most - least))
+        streak = None if length < LEAST_STREAK_PX else length * way
+        narrow = ((least + most) / 2.0 if streak is None else least) + 1.0 / BOX
+        round_part = narrow * plane @ plane.T
+        least, most, way = principal(round_part)
+        more, least = most - least, max(least, TINY)
+        places, weights, sums = np.zeros((2, 1)), np.ones(1), np.array([[1.0], [0.0]])
         if more > ROUND * least:
             at, weights = _along(sqrt(more), sqrt(least))
-            places, round_part = ways[:, 1:] * at, least * np.eye(2)
-        if streak:
-            way = streak * plane @ axes[:, 1]
-            count = min(
-                max(ceil(float(np.hypot(*way)) / (APART * sqrt(least))), 2), max(MOST_PLACES // len(weights), 2)
-            )
+            places, round_part = way[:, None] * at, least * np.eye(2)
+        if streak is not None:
+            way = plane @ streak
+            apart, most_places = APART * sqrt(least), max(MOST_PLACES // len(weights), 2)
+            count = min(max(ceil(hypot(*way.tolist()) / apart), 2), most_places)
             # The middles of even parts, a little farther apart, so that they have the variance of the streak.
             even = ((np.arange(count) + 0.5) / count - 0.5) / sqrt(1.0 - 1.0 / count**2)
             places = (places[:, :, None] + way[:, None, None] * even).reshape(2, -1)
-            along = np.tile(even, len(weights))
-            weights = np.repeat(weights, count) / count
-        return cls(narrow, streak, axes, round_part, places, weights, along)
-
-    def by_spread(self, narrower: Array, by_way: Array) -> Array:
-        """Derivative `(3, n)` of what is seen by xx, xy, yy of the point spread.
-
-        A round blur obeys the heat equation. The variances l1 across and l2 along the streak are those of B, so that
-        its length is sqrt(12 (l2 - l1)), and an angle turns by u^T dB v / (l2 - l1) with the axes u and v.
-
-        Args:
-            narrower: derivative by the variance of the round part `(n,)` [1/px^2].
-            by_way: by the streak as a vector `(2, n)` [1/px; image].
-        """
-        (u0, v0), (u1, v1) = self.axes
-        across = np.array([u0 * u0, 2.0 * u0 * u1, u1 * u1])[:, None]
-        along = np.array([v0 * v0, 2.0 * v0 * v1, v1 * v1])[:, None]
-        turns = np.array([u0 * v0, u0 * v1 + u1 * v0, u1 * v1])[:, None]
-        longer = (v0 * by_way[0] + v1 * by_way[1]) * (BOX / (2.0 * self.streak))
-        turned = (u0 * by_way[0] + u1 * by_way[1]) * (BOX / self.streak)
-        return np.asarray(across * (narrower - longer) + along * longer + turns * turned, np.float64)
+            sums = np.array([np.full(count, 1.0 / count), even / count])
+        return cls(narrow, streak, round_part, places, (weights[:, None] * sums[:, None]).reshape(2, -1))
 
 
 def _along(deviation: float, blur: float) -> tuple[Array, Array]:
@@ -207,10 +190,10 @@ class PrintTexture:
     def __init__(self, drawn: Image32) -> None:
         self._drawn = drawn
         self._cells = len(drawn) / TEXELS
-        self._levels: dict[int, tuple[Image32, Image32]] = {}
+        self._levels: dict[int, Image32] = {}
 
-    def _level(self, number: int) -> tuple[Image32, Image32]:
-        """Value and its slopes, then the second derivatives, `(side, side, 3)` each."""
+    def _level(self, number: int) -> Image32:
+        """Value, its slopes by x and y, and its second derivatives by xx, xy, yy `(side, side, 6)`."""
         if number not in self._levels:
             blur = SHARPEST * 2.0 ** (number / PER_OCTAVE / 2)
             side = min(ceil(self._cells / (STEP * blur)), len(self._drawn))
@@ -222,41 +205,27 @@ class PrintTexture:
             cross, along = (slope * TEXELS for slope in np.gradient(right))
             across = np.gradient(down, axis=0) * TEXELS
             planes = [soft, right, -down], [along, -cross, across]
-            first, second = (cv2.resize(cv2.merge(p), (side, side), interpolation=cv2.INTER_AREA) for p in planes)
-            self._levels[number] = np.asarray(first, np.float32), np.asarray(second, np.float32)
+            small = [cv2.resize(cv2.merge(p), (side, side), interpolation=cv2.INTER_AREA) for p in planes]
+            self._levels[number] = np.concatenate(small, axis=2, dtype=np.float32)
         return self._levels[number]
 
-    def at(self, x: Array, y: Array, footprint: Footprint, more: Array) -> Array:
-        """What is seen at places of the print `(8, n)`.
+    def at(self, place: Array, footprint: Footprint) -> tuple[Array, float]:
+        """What is seen at places of the print `(2, n)` [cells from the middle], through the blur of a level.
 
-        Value, slopes by x and y, second derivatives by xx, xy, yy, and the slopes by where in a streak they are.
-
-        Args:
-            x: `(n,)` [cells from the middle].
-            y: `(n,)`, up.
-            footprint: of all places.
-            more: what the covariance of each has beyond that, by xx, xy, yy `(3, n)` [cells^2].
+        Returns:
+            Value, slopes by x and y, second derivatives by xx, xy, yy `(6, n)`, and these by where in a streak they
+            are, together `(2, 6, n)`; and the variance of the blur [cells^2].
         """
         mean = float(np.trace(footprint.spread)) / 2.0
         most = 2 * PER_OCTAVE * log2(SOFTEST / SHARPEST)
         number = round(min(max(PER_OCTAVE * log2(mean / SHARPEST**2), 0.0), most))
-        seen_x, seen_y = (
-            (at + place[:, None]).astype(np.float32) for at, place in zip((x, y), footprint.places, strict=True)
-        )
-        found = np.zeros((8, len(x)))
-        weights, along = (part.astype(np.float32) for part in (footprint.weights, footprint.weights * footprint.along))
-        for k, image in enumerate(self._level(number)):
-            scale = np.float32(len(image) / self._cells)
-            column = (seen_x + np.float32(self._cells / 2)) * scale - np.float32(0.5)
-            row = (np.float32(self._cells / 2) - seen_y) * scale - np.float32(0.5)
-            seen = cv2.remap(image, column, row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-            found[3 * k : 3 * k + 3] = np.tensordot(weights, seen, 1).T
-            if k == 0 and footprint.streak:
-                found[6:] = np.tensordot(along, seen[:, :, 1:], 1).T
-        variance = SHARPEST**2 * 2.0 ** (number / PER_OCTAVE)
-        (xx, xy), (_, yy) = np.clip(footprint.spread - variance * np.eye(2), -HALF * variance, HALF * variance)
-        found[0] += (0.5 * (more[0] + xx)) * found[3] + (more[1] + xy) * found[4] + (0.5 * (more[2] + yy)) * found[5]
-        return found
+        image = self._level(number)
+        scale = np.array([[1.0], [-1.0]]) * (len(image) / self._cells)
+        middles = (place * scale + (len(image) - 1) / 2).astype(np.float32)
+        column, row = middles[:, None] + (footprint.places * scale).astype(np.float32)[:, :, None]
+        seen = cv2.remap(image, column, row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        found = (footprint.weights.astype(np.float32) @ seen.reshape(len(seen), -1)).reshape(2, -1, 6)
+        return found.transpose(0, 2, 1).astype(np.float64, order="C"), SHARPEST**2 * 2.0 ** (number / PER_OCTAVE)
 
 
 @lru_cache(maxsize=64)
@@ -294,6 +263,7 @@ class PrintModel:
         # One quiet zone around the tag is surely white; other tags count where they lie inside it.
         self.half = first.paper / 2
         self.cell = first.module
+        self._target_from_plane = np.column_stack([self.cell * self.axes[:, :2], self.origin])
         self._texture = _texture(first, tags)
 
     def samples(
@@ -311,28 +281,16 @@ class PrintModel:
         window = self._window(pixels.shape, rotation, position, motion)
         if window is None:
             return None
-        footprint = Footprint.of(spread, window.middle / self.cell)
-        value, by_x, by_y, xx, xy, yy, along_x, along_y = self._seen(window, footprint)
-        (a, b), (c, d) = window.plane / self.cell
-        dxx, dyy = xx * a * a + 2.0 * xy * a * c + yy * c * c, xx * b * b + 2.0 * xy * b * d + yy * d * d
-        if footprint.streak:
-            by_way = np.stack([along_x * a + along_y * c, along_x * b + along_y * d])
-            by_spread = footprint.by_spread((dxx + dyy) / 2.0, by_way)
-        else:
-            by_spread = np.stack([dxx / 2.0, xx * a * b + xy * (a * d + b * c) + yy * c * d, dyy / 2.0])
+        value, slope, steep, by_spread = self._seen(window, spread)
+        # The print moves by d at a point, and its place there by (p w - W d), with w the third of W d: all on its ray.
+        by_x, by_y, by_scale = window.plane_from_cam
+        by_point = by_scale * (slope * window.place).sum(axis=0) - by_x * slope[0] - by_y * slope[1]
+        turned = rotation @ self._target_from_plane
+        arm = turned[:, :2] @ window.place + turned[:, 2:]
         height, width = window.used.shape
-        grey = pixels[window.top : window.top + height, window.left : window.left + width]
-        return PrintSamples(
-            value,
-            by_x * a + by_y * c,
-            by_x * b + by_y * d,
-            by_spread,
-            window.u,
-            window.v,
-            window.row.astype(np.float64),
-            grey[window.used].astype(np.float64),
-            window.used,
-        )
+        grey = pixels[window.top : window.top + height, window.left : window.left + width][window.used]
+        seen = (window.row + window.top).astype(np.float64), grey.astype(np.float64)
+        return PrintSamples(value, steep, by_spread, by_point, arm, window.place, *seen, window.used)
 
     def template(
         self, shape: tuple[int, ...], rotation: Array, position: Array, spread: Array
@@ -342,7 +300,7 @@ class PrintModel:
         if window is None:
             return None
         image = np.ones(window.used.shape, dtype=np.float32)
-        image[window.used] = self._seen(window, Footprint.of(spread, window.middle / self.cell))[0]
+        image[window.used] = self._seen(window, spread)[0]
         return image, window.used, window.left, window.top
 
     def corners(self, half: float) -> Array:
@@ -353,53 +311,67 @@ class PrintModel:
         """How far the middle of the print is along the optical axis [m]."""
         return float((rotation @ self.origin + position)[2])
 
-    def _seen(self, window: _Window, footprint: Footprint) -> Array:
-        middle = window.middle / self.cell
+    def _seen(self, window: _Window, spread: Array) -> tuple[Array, Array, Array, Array]:
+        """Value `(n,)`, its slope by the place `(2, n)`, that in the image, squared, and derivative by the spread."""
+        plane, middle = window.plane, window.plane.mean(axis=2)
+        footprint = Footprint.of(spread, middle)
+        seen, variance = self._texture.at(window.place, footprint)
+        by_pixel = plane[0] * seen[:, 1, None] + plane[1] * seen[:, 2, None]
+        xx, xy, yy = seen[0, 3:]
+        by_x, by_y = xx * plane[0] + xy * plane[1], xy * plane[0] + yy * plane[1]
+        own = HALF * (plane[0] * by_x + plane[1] * by_y)
+        narrower = own[0] + own[1]
         # A slanted print is seen through a larger footprint where it is farther.
-        (a, b), (c, d) = window.plane / self.cell
-        (xx, xy), (_, yy) = middle @ middle.T
-        more = footprint.narrow * np.stack([a * a + b * b - xx, a * c + b * d - xy, c * c + d * d - yy])
-        return self._texture.at(window.u / self.cell, window.v / self.cell, footprint, more)
+        more = HALF * (footprint.spread - footprint.narrow * middle @ middle.T - variance * np.eye(2))
+        value = seen[0, 0] + more.ravel() @ seen[0, [3, 4, 4, 5]] + footprint.narrow * narrower
+        if footprint.streak is None:
+            by_spread = np.array([own[0], plane[0, 0] * by_x[1] + plane[1, 0] * by_y[1], own[1]])
+        else:
+            # B = l I + s s^T / 12: what is seen changes by l, as heat spreads, and by both ways of the streak s.
+            s0, s1 = 2.0 * footprint.streak / BOX
+            grown = np.array([[1.0, 0.0, 1.0], [s0, s1 / 2.0, 0.0], [0.0, s0 / 2.0, s1]])
+            by_spread = np.asarray(np.linalg.inv(grown) @ np.array([narrower, *by_pixel[1]]), np.float64)
+        return value, seen[0, 1:3], (by_pixel[0] ** 2).sum(axis=0), by_spread
 
     def _window(self, shape: tuple[int, ...], rotation: Array, position: Array, motion: Array | None) -> _Window | None:
         """Where the print is in the image; none where it is not in full view, too small or too large."""
-        half = self.half - LIMITS.photo.margin_cells * self.cell
-        placed = self.corners(half) @ rotation.T + position
+        half = self.half / self.cell - LIMITS.photo.margin_cells
+        plane = rotation @ self._target_from_plane
+        plane[:, 2] += position
+        placed = half * SQUARE @ plane[:, :2].T + plane[:, 2]
         uv, visible = self._projection.project(exposed(placed, motion, self._projection)[0])
         if not bool(visible.all()):
             return None
-        x0, y0 = np.maximum(np.floor(uv.min(axis=0)).astype(int), 0)
-        x1, y1 = np.minimum(np.ceil(uv.max(axis=0)).astype(int) + 1, [shape[1], shape[0]])
-        width, height = int(x1 - x0), int(y1 - y0)
+        left, top = (max(floor(least), 0) for least in uv.min(axis=0))
+        width = min(ceil(uv[:, 0].max()) + 1, shape[1]) - left
+        height = min(ceil(uv[:, 1].max()) + 1, shape[0]) - top
         low, high = LIMITS.photo.min_window_px, LIMITS.photo.max_window_px
         if not (low <= width <= high and low <= height <= high):
             return None
-        cam_from_plane = np.column_stack([rotation @ self.axes[:, :2], rotation @ self.origin + position])
-        if abs(float(np.linalg.det(cam_from_plane))) < TINY:  # the camera is in the plane of the print
+        if abs(float(rotation @ self.axes[:, 2] @ plane[:, 2])) < TINY:  # the camera is in the plane of the print
             return None
-        ray_from_pixel = self._ray_from_pixel(int(x0), int(y0), width, height)
+        cam_from_plane = plane[None]
         row = np.arange(height)
-        if motion is None:
-            by_row = (np.linalg.inv(cam_from_plane) @ ray_from_pixel)[:, :, None]
-        else:
+        if motion is not None:
             # A row is exposed at one time t: the plane M is then at A M with A = (I - t [w]) and t s e beside it.
-            middle = (self._projection.intrinsics.height - 1) / 2
-            times = (row + y0 - middle) * self._projection.line_time
-            moved = cam_from_plane - times[:, None, None] * (skew(motion[:3]) @ cam_from_plane)
-            moved[:, 2, 2] += times * motion[3]
-            by_row = np.moveaxis(np.linalg.inv(moved) @ ray_from_pixel, 0, 2)
-        h = by_row[:, :, :, None]
-        column = np.arange(width, dtype=np.float64)
-        u, v, w = h[:, 0] * column + h[:, 1] * row[:, None] + h[:, 2]
-        u, v = u / w, v / w
-        used = (np.abs(u) < half) & (np.abs(v) < half)
-        if not bool(used.any()):
+            times = (row + top - (self._projection.intrinsics.height - 1) / 2) * self._projection.line_time
+            cam_from_plane = cam_from_plane - times[:, None, None] * (skew(motion[:3]) @ cam_from_plane)
+            cam_from_plane[:, 2, 2] += times * motion[3]
+        inverse = np.asarray(np.linalg.inv(cam_from_plane), np.float64)
+        h = (inverse @ self._ray_from_pixel(left, top, width, height)).transpose(1, 2, 0)
+        plane_from_cam = inverse.transpose(1, 2, 0)
+        seen = h[:, 0, :, None] * np.arange(width) + (h[:, 1] * row + h[:, 2])[:, :, None]
+        inside = np.abs(seen[:2]) < half * seen[2]
+        used = inside[0] & inside[1]
+        index = np.flatnonzero(used)
+        if not index.size:
             return None
-        u, v, rows = u[used], v[used], np.nonzero(used)[0]
-        inverse = 1.0 / w[used]
-        at = by_row[:, :, rows] if motion is not None else by_row
-        plane = np.stack([(at[0, :2] - at[2, :2] * u) * inverse, (at[1, :2] - at[2, :2] * v) * inverse])
-        return _Window(int(x0), int(y0), used, u, v, rows + int(y0), plane, plane.mean(axis=2))
+        row, seen = index // width, seen.reshape(3, -1).take(index, axis=1)
+        place = seen[:2] / seen[2]
+        if motion is not None:
+            plane_from_cam, h = plane_from_cam[:, :, row], h[:, :, row]
+        by_pixel = (h[:2, :2] - h[2, :2] * place[:, None]) / seen[2]
+        return _Window(left, top, used, row, place, by_pixel, plane_from_cam)
 
     def _ray_from_pixel(self, left: int, top: int, width: int, height: int) -> Array:
         """Homography from the pixels of a window to rays at unit depth; the lens is taken as locally projective."""
