@@ -56,19 +56,22 @@ class EdgeStep:
     slope: Array
 
     @classmethod
-    def solve(cls, unknowns: Unknowns, samples: Samples, edges: FoundEdges, expected: float) -> EdgeStep:
+    def solve(
+        cls, unknowns: Unknowns, samples: Samples, edges: FoundEdges, expected: float, *, is_near: bool = True
+    ) -> EdgeStep:
         """Rounds of weighted least squares.
 
         See `unknowns`, with Tukey's w = t (1 - (r / c sigma)^2)^2 inside c sigma, zero outside; t is the trust in an
-        edge times its room, r holds its root; sigma from the median of |r|, the larger one of the two ways that edges
-        run: a start that is off along one side of the print leaves half of the edges in their place, which would
-        outvote the other half.
+        edge times its room, r holds its root; sigma from the median of |r|.
 
         Args:
             unknowns: of the offsets.
             samples: of the edge model.
             edges: where the image has them.
             expected: variance of a located edge [px^2].
+            is_near: whether the fit is about in its place. Before, sigma is the larger one of the two ways that edges
+                run: a start that is off along one side of the print leaves half of the edges in their place, which
+                would outvote the other half.
         """
         offsets, found = edges.offsets, edges.found
         clear, sure = np.sqrt(edges.room), edges.trust * edges.room
@@ -76,7 +79,7 @@ class EdgeStep:
         # Doubt of edges without room makes their residuals small: they would make those outliers that have it.
         roomy = found & (edges.room > ROOMY)
         telling = roomy if np.count_nonzero(roomy) >= LEAST_OF_A_KIND else found
-        kinds = kinds_of(telling, samples.upright)
+        kinds = [np.flatnonzero(telling)] if is_near else kinds_of(telling, samples.upright)
         residual = offsets
         for _ in range(ROUNDS):
             inside = _inside(np.abs(residual) * root, kinds) * found
