@@ -32,13 +32,16 @@ def log_odds(first: Pose, second: Pose) -> float:
     share is why it is wrong, and a reading that wants a bend or a motion nobody expects pays for it. Elsewhere
     something may take sides, and the loss, which what is hidden hardly moves, is asked.
     """
-    least = LIMITS.ambiguity.samples_per_fact
-    points = 0.5 * min(first.points, second.points)
+    points = min(first.points, second.points)
     if first.cost is not None and second.cost is not None and _is_explained(first, second):
-        facts: float = points / max(least, first.shared**FIELD)
-        return facts * float(np.log(max(second.cost, 1e-12) / max(first.cost, 1e-12)))
-    facts = points / max(least, max(first.shared, second.shared) ** FIELD)
-    return facts * float(np.log(max(second.loss, 1e-12) / max(first.loss, 1e-12)))
+        return 0.5 * facts(points, first.shared) * float(np.log(max(second.cost, 1e-12) / max(first.cost, 1e-12)))
+    shared = max(first.shared, second.shared)
+    return 0.5 * facts(points, shared) * float(np.log(max(second.loss, 1e-12) / max(first.loss, 1e-12)))
+
+
+def facts(points: int, shared: float) -> float:
+    """Independent residuals among so many, of which neighbours share so much (`Pose.shared`)."""
+    return points / float(max(LIMITS.ambiguity.samples_per_fact, shared**FIELD))
 
 
 def evidence(first: Pose, second: Pose) -> float:

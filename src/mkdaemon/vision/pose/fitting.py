@@ -30,7 +30,7 @@ from mkdaemon.vision.pose.edgefind import HALF_WIDTH
 from mkdaemon.vision.pose.edgefit import EdgeFit
 from mkdaemon.vision.pose.edgemodel import EdgeModel
 from mkdaemon.vision.pose.edgestep import MAD
-from mkdaemon.vision.pose.gates import CellEvidence, CellReader
+from mkdaemon.vision.pose.gates import CellEvidence, CellReader, grey_evidence
 from mkdaemon.vision.pose.linetime import KnownMotion
 from mkdaemon.vision.pose.photofit import PhotoFit
 from mkdaemon.vision.pose.pose import Pose, apart, correlation, length2, median, solve
@@ -365,7 +365,9 @@ class TargetFitter:
         return fitted if fitted is not None and np.isfinite(fitted.rms_px) else None
 
     def evidence(self, pixels: Grey, pose: Pose) -> CellEvidence:
-        """What the cells say about where a pose puts the target."""
+        """What the image says about where a pose puts the target: its cells, or all pixels of a fit to grey values."""
+        if pose.likeness is not None:
+            return grey_evidence(pose.likeness, pose)
         return self._cells.evidence(pixels, pose, pose.inliers)
 
     def shows(self, pixels: Grey, start: Pose) -> bool:

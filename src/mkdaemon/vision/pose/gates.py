@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from itertools import product
 from math import log
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -13,6 +14,7 @@ from mkdaemon.config.vision import TrackerSection
 from mkdaemon.telemetry.vision import PoseRefusal
 from mkdaemon.vision.arrays import Array, Grey
 from mkdaemon.vision.limits import HALF, LIMITS, NOISE_GREY
+from mkdaemon.vision.pose.ambiguity import facts
 from mkdaemon.vision.pose.pose import Pose, largest_variance
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.pose.rolling import exposed
@@ -37,6 +39,13 @@ class _Grid:
     steps: Array
 
 
+CLEAR: Final = 3.0 * LIMITS.ambiguity.decided
+"""What cells say that are read clearly: as much as three images that decide [nats]."""
+ENOUGH: Final = 2.0 / 3.0
+"""Share of what they could say. Edges that agree, rightly or not, bring some cells along: fits of two targets that left
+the image said 0.34 and 0.60 of it, right ones under covers 0.77."""
+
+
 @dataclass(frozen=True, slots=True)
 class CellEvidence:
     """What the cells of a target say for a pose, against something else than the target [nats].
@@ -53,13 +62,13 @@ class CellEvidence:
 
     @property
     def is_clear(self) -> bool:
-        """Whether all that is in view is read: it says as much as two images that decide."""
-        return self.together >= 2.0 * LIMITS.ambiguity.decided
+        """Whether all that is in view is read clearly."""
+        return self.together >= CLEAR
 
     @property
     def vouches(self) -> bool:
-        """Whether a tag says so much, or half of what it could: edges that agree, rightly or not, bring some along."""
-        return self.odds >= min(2.0 * LIMITS.ambiguity.decided, HALF * self.most)
+        """Whether a tag is read clearly, or says enough where little of it is in view."""
+        return self.odds >= min(CLEAR, ENOUGH * self.most)
 
 
 class CellReader:
@@ -68,7 +77,8 @@ class CellReader:
     Two neighbouring cells of which one is black are a pair. It is read where the white one is brighter: light that
     changes over the print moves both. With a share e of pairs misread, and a share s of the print in view, a pair is
     read with the probability p = 1/2 + (1/2 - e) s, and something else than the print reads so with 1/2. So each says
-    ln(2 p) for the print where it is read, and ln(2 (1 - p)) where it is not.
+    ln(2 p) for the print where it is read, and ln(2 (1 - p)) where the black one is brighter. Where both are alike
+    something even lies over them, or near them: that says neither.
     """
 
     def __init__(self, target: Target, projection: Projection) -> None:
@@ -98,24 +108,24 @@ class CellReader:
         """What the cells say about where a pose puts the target, of which a share is in view."""
         right, wrong = _odds(shown)
         counts = [self._read(pixels, pose, grid, 1)[:, 0].tolist() for grid in self._grids]
-        tags = [(read * right + (told - read) * wrong, told * right) for read, told in counts if told]
+        tags = [(read * right + misread * wrong, told * right) for read, misread, told in counts if told]
         return CellEvidence(*max(tags), sum(odds for odds, _ in tags)) if tags else CellEvidence()
 
     def beside(self, pixels: Grey, pose: Pose, shown: float) -> float:
         """By how much more cells speak for a place some whole cells beside, of the tag for which that is most [nats].
 
         After such a step edges agree with their neighbours', and where the rest of the tag is outside the image, little
-        contradicts them. A tag that is hidden is read nowhere.
+        contradicts them. What is hidden is read nowhere, so that what is even speaks against a place here.
         """
         most, (right, wrong) = 0.0, _odds(shown)
         for grid in self._grids:
-            read, told = self._read(pixels, pose, grid, len(grid.steps))
+            read, _, told = self._read(pixels, pose, grid, len(grid.steps))
             odds = read * right + (told - read) * wrong
             most = max(most, float(odds.max() - max(odds[0], 0.0)))
         return most
 
     def _read(self, pixels: Grey, pose: Pose, grid: _Grid, steps: int) -> npt.NDArray[np.intp]:
-        """Pairs that are read, and that can be told, where a tag would lie by the first of its steps `(2, steps)`."""
+        """Pairs that are read, misread, and in view, where a tag would lie by the first of its steps `(3, steps)`."""
         points = (grid.points + grid.steps[:steps, None]).reshape(-1, 3)
         grey, visible = self._look(pixels, pose, points, grid.cell)
         grey, visible = grey.reshape(steps, -1), visible.reshape(steps, -1)
@@ -123,9 +133,10 @@ class CellReader:
         # Where a highlight floods both, they say nothing.
         told = visible[:, grid.pairs].all(axis=2) & (np.minimum(black, white) < LIMITS.read.saturated)
         if not bool(told.any()):
-            return np.zeros((2, steps), dtype=np.intp)
-        enough = max(NOISE_GREY, LIMITS.read.faint * float(np.abs(white - black)[told].mean()))
-        found: npt.NDArray[np.intp] = np.stack([told & (white - black > enough), told]).sum(axis=2)
+            return np.zeros((3, steps), dtype=np.intp)
+        rise = white - black
+        enough = max(NOISE_GREY, LIMITS.read.faint * float(np.abs(rise)[told].mean()))
+        found: npt.NDArray[np.intp] = np.stack([told & (rise > enough), told & (rise < -enough), told]).sum(axis=2)
         return found
 
     def _look(
@@ -145,6 +156,16 @@ class CellReader:
         if bool(visible.any()):
             grey[visible] = sample(pixels, uv[visible])
         return grey, visible
+
+
+def grey_evidence(likeness: float, pose: Pose) -> CellEvidence:
+    """The same of a fit to grey values, of a likeness L to the image: n / 2 ln(1 / (1 - L^2)) by n independent pixels.
+
+    That is what `ambiguity.log_odds` says of its residuals against those of an even print.
+    """
+    half, best = HALF * facts(pose.points, pose.shared), LIMITS.likeness.explained
+    odds, most = (-half * log(1.0 - alike**2) for alike in (min(max(likeness, 0.0), best), best))
+    return CellEvidence(odds, most, odds)
 
 
 def _odds(shown: float) -> tuple[float, float]:
