@@ -43,7 +43,7 @@ def mirrored(pose: Pose, loss: float = 0.01) -> Pose:
     return replace(pose, rotation=turn(pose.rotation, np.array([2 * tilt, 0.0, 0.0])), loss=loss)
 
 
-CLEAR, UNCLEAR = CellEvidence(30.0, 40.0, 30.0), CellEvidence(14.0, 20.0, 14.0)
+CLEAR, UNCLEAR = CellEvidence(30.0, 40.0, 30.0), CellEvidence(10.0, 20.0, 10.0)
 UNREAD, UNKNOWN = CellEvidence(-4.0, 20.0, -4.0), CellEvidence()
 
 
@@ -133,7 +133,7 @@ def test_a_fit_beside_an_attitude(pose, refusal, is_kept):
     ("cells", "beside", "inliers", "refusal"),
     [
         (CLEAR, 0.0, 0.7, None),
-        (UNCLEAR, 0.0, 0.7, None),  # two thirds of what they could say
+        (UNCLEAR, 0.0, 0.7, None),  # half of what they could say
         (UNREAD, 0.0, 0.7, PoseRefusal.BITS),
         (UNREAD, 0.0, 0.95, PoseRefusal.BITS),
         (CLEAR, 7.0, 0.7, PoseRefusal.BITS),  # one is read beside
