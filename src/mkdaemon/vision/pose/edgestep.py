@@ -41,7 +41,8 @@ class EdgeStep:
         weights: of the samples `(n,)`, zero without an edge.
         normal: normal matrix with what is known beforehand `(k, k)`.
         residual: of the samples after the step `(n,)` [px].
-        agrees: whether each lies where the pose puts it; trust has no say, as doubt makes no edge agree `(n,)`.
+        agrees: whether each lies where the pose puts it, by the larger median of both ways; trust has no say, as doubt
+            makes no edge agree `(n,)`.
         slope: of the influence of each sample, d(w r) / dr `(n,)`: below w, and below zero near the bound.
     """
 
@@ -79,10 +80,11 @@ class EdgeStep:
         # Doubt of edges without room makes their residuals small: they would make those outliers that have it.
         roomy = found & (edges.room > ROOMY)
         telling = roomy if np.count_nonzero(roomy) >= LEAST_OF_A_KIND else found
-        kinds = [np.flatnonzero(telling)] if is_near else kinds_of(telling, samples.upright)
+        kinds = kinds_of(telling, samples.upright)
+        usual = [np.flatnonzero(telling)] if is_near else kinds
         residual = offsets
         for _ in range(ROUNDS):
-            inside = _inside(np.abs(residual) * root, kinds) * found
+            inside = _inside(np.abs(residual) * root, usual) * found
             weights = inside**2 * sure
             normal, right = unknowns.equations(weights, offsets, expected)
             change = np.asarray(np.linalg.solve(normal, right), np.float64)
