@@ -41,8 +41,7 @@ class EdgeStep:
         weights: of the samples `(n,)`, zero without an edge.
         normal: normal matrix with what is known beforehand `(k, k)`.
         residual: of the samples after the step `(n,)` [px].
-        agrees: whether each lies where the pose puts it, by the larger median of both ways; trust has no say, as doubt
-            makes no edge agree `(n,)`.
+        agrees: whether each lies where the pose puts it; trust has no say, as doubt makes no edge agree `(n,)`.
         slope: of the influence of each sample, d(w r) / dr `(n,)`: below w, and below zero near the bound.
     """
 
@@ -57,22 +56,19 @@ class EdgeStep:
     slope: Array
 
     @classmethod
-    def solve(
-        cls, unknowns: Unknowns, samples: Samples, edges: FoundEdges, expected: float, *, is_near: bool = True
-    ) -> EdgeStep:
+    def solve(cls, unknowns: Unknowns, samples: Samples, edges: FoundEdges, expected: float) -> EdgeStep:
         """Rounds of weighted least squares.
 
         See `unknowns`, with Tukey's w = t (1 - (r / c sigma)^2)^2 inside c sigma, zero outside; t is the trust in an
-        edge times its room, r holds its root; sigma from the median of |r|.
+        edge times its room, r holds its root; sigma from the median of |r|, the larger one of the two ways that edges
+        run: a start that is off along one side of the print leaves half of the edges in their place, which would
+        outvote the other half.
 
         Args:
             unknowns: of the offsets.
             samples: of the edge model.
             edges: where the image has them.
             expected: variance of a located edge [px^2].
-            is_near: whether the fit is about in its place. Before, sigma is the larger one of the two ways that edges
-                run: a start that is off along one side of the print leaves half of the edges in their place, which
-                would outvote the other half.
         """
         offsets, found = edges.offsets, edges.found
         clear, sure = np.sqrt(edges.room), edges.trust * edges.room
@@ -81,10 +77,9 @@ class EdgeStep:
         roomy = found & (edges.room > ROOMY)
         telling = roomy if np.count_nonzero(roomy) >= LEAST_OF_A_KIND else found
         kinds = kinds_of(telling, samples.upright)
-        usual = [np.flatnonzero(telling)] if is_near else kinds
         residual = offsets
         for _ in range(ROUNDS):
-            inside = _inside(np.abs(residual) * root, usual) * found
+            inside = _inside(np.abs(residual) * root, kinds) * found
             weights = inside**2 * sure
             normal, right = unknowns.equations(weights, offsets, expected)
             change = np.asarray(np.linalg.solve(normal, right), np.float64)
