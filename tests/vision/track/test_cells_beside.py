@@ -131,6 +131,7 @@ def test_where_few_edges_agree_those_that_are_seen_have_to(distance, toward, ste
     beside, right = fitter.refine(view.pixels, start), fitter.refine(view.pixels, truth(view))
     assert off(beside, view) > 0.01
     assert beside.inliers < LIMITS.agreement.blind
+    assert not fitter.explains_seen_edges(view.pixels, beside)
     assert checks.refusal(seen, beside) in (PoseRefusal.INLIERS, PoseRefusal.RESIDUAL)
     assert off(right, view) < 1e-3
     assert checks.refusal(seen, right) is None
