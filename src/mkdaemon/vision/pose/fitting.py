@@ -371,8 +371,8 @@ class TargetFitter:
         return self._cells.evidence(pixels, pose, pose.inliers)
 
     def shows(self, pixels: Grey, start: Pose) -> bool:
-        """Whether the image shows the target where a start puts it, half of it hidden, as far as it can be told."""
-        return self._cells.evidence(pixels, start, HALF).odds >= 0.0
+        """Whether the image shows the target where a start puts it, as far as it can be told."""
+        return self._cells.shows(pixels, start)
 
     def beside(self, pixels: Grey, pose: Pose) -> float:
         """By how much more the cells speak for a place some whole cells beside [nats]."""

@@ -114,6 +114,12 @@ class CellReader:
         tags = [(read * right + misread * wrong, told * _odds(1.0)[0]) for read, misread, told in counts if told]
         return CellEvidence(*max(tags), sum(odds for odds, _ in tags)) if tags else CellEvidence()
 
+    def shows(self, pixels: Grey, pose: Pose) -> bool:
+        """Whether half of the pairs in view are read where a pose puts them, as they are from within half a cell."""
+        counts = np.array([self._read(pixels, pose, grid, 1)[:, 0] for grid in self._grids])
+        read, _, told = counts.sum(axis=0).tolist()
+        return bool(read >= HALF * told)
+
     def beside(self, pixels: Grey, pose: Pose, shown: float) -> float:
         """By how much more cells speak for a place some whole cells beside, of the tag for which that is most [nats].
 
