@@ -111,14 +111,16 @@ class CellReader:
         """What the cells say about where a pose puts the target, of which a share is in view."""
         right, wrong = _odds(shown)
         counts = [self._read(pixels, pose, grid, 1)[:, 0].tolist() for grid in self._grids]
-        tags = [(read * right + misread * wrong, told * _odds(1.0)[0]) for read, misread, told in counts if told]
+        tags = [
+            (read * right + misread * wrong, in_view * _odds(1.0)[0]) for read, misread, in_view in counts if in_view
+        ]
         return CellEvidence(*max(tags), sum(odds for odds, _ in tags)) if tags else CellEvidence()
 
     def shows(self, pixels: Grey, pose: Pose) -> bool:
         """Whether half of the pairs in view are read where a pose puts them, as they are from within half a cell."""
         counts = np.array([self._read(pixels, pose, grid, 1)[:, 0] for grid in self._grids])
-        read, _, told = counts.sum(axis=0).tolist()
-        return bool(read >= HALF * told)
+        read, _, in_view = counts.sum(axis=0).tolist()
+        return bool(read >= HALF * in_view)
 
     def beside(self, pixels: Grey, pose: Pose, shown: float) -> float:
         """By how much more cells speak for a place some whole cells beside, of the tag for which that is most [nats].
@@ -128,8 +130,8 @@ class CellReader:
         """
         most, (right, wrong) = 0.0, _odds(shown)
         for grid in self._grids:
-            read, _, told = self._read(pixels, pose, grid, len(grid.steps))
-            odds = read * right + (told - read) * wrong
+            read, _, in_view = self._read(pixels, pose, grid, len(grid.steps))
+            odds = read * right + (in_view - read) * wrong
             most = max(most, float(odds.max() - max(odds[0], 0.0)))
         return most
 
@@ -140,14 +142,14 @@ class CellReader:
         grey, visible = grey.reshape(steps, -1), visible.reshape(steps, -1)
         black, white = grey[:, grid.pairs[:, 0]], grey[:, grid.pairs[:, 1]]
         # Where a highlight floods both, they say nothing.
-        told = visible[:, grid.pairs].all(axis=2) & (np.minimum(black, white) < LIMITS.read.saturated)
-        if not bool(told.any()):
+        in_view = visible[:, grid.pairs].all(axis=2) & (np.minimum(black, white) < LIMITS.read.saturated)
+        if not bool(in_view.any()):
             return np.zeros((3, steps), dtype=np.intp)
         # Ink darkens paper by a share, in the sun and in the shade.
         rise = (white - black) / np.maximum(np.maximum(white, black), 1.0)
-        usual = HALF * quantile(np.abs(rise[told]), USUAL)
-        clear = told & (np.abs(white - black) > NOISE_GREY) & (np.abs(rise) > usual)
-        found: npt.NDArray[np.intp] = np.stack([clear & (rise > 0.0), clear & (rise < 0.0), told]).sum(axis=2)
+        usual = HALF * quantile(np.abs(rise[in_view]), USUAL)
+        clear = in_view & (np.abs(white - black) > NOISE_GREY) & (np.abs(rise) > usual)
+        found: npt.NDArray[np.intp] = np.stack([clear & (rise > 0.0), clear & (rise < 0.0), in_view]).sum(axis=2)
         return found
 
     def _look(
