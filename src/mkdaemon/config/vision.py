@@ -102,7 +102,7 @@ class TrackerSection(Section):
     """Edge points that must agree.
 
     Lower publishes poses of far targets that are uncertain."""
-    max_rms_px: float = Field(default=0.7, gt=0)
+    max_rms_px: float = Field(default=1.0, gt=0)
     """Residual of the edge fit [px].
 
     Higher publishes poses that do not fit the image."""

@@ -85,7 +85,7 @@ class EdgeFit:
             if edges.light is not None:
                 table.append(edges.light)
             table.append(shifts(edges.toned, self.model.smaller[samples.index]))
-            step = EdgeStep.solve(Unknowns(table), samples, edges, edge_px**2)
+            step = EdgeStep.solve(Unknowns(table), samples, edges, edge_px**2, is_near=is_near)
             before, moved = moved, step.moved_px
             # Edges wider than they were looked for are cut off, and less far from their place than they are.
             is_cut = edges.widest > CUT * reach

@@ -40,8 +40,10 @@ class EdgeStep:
         change: of the unknowns `(k,)`.
         weights: of the samples `(n,)`, zero without an edge.
         normal: normal matrix with what is known beforehand `(k, k)`.
+        expected: variance of a located edge that this was weighed with [px^2].
         residual: of the samples after the step `(n,)` [px].
-        agrees: whether each lies where the pose puts it; trust has no say, as doubt makes no edge agree `(n,)`.
+        agrees: whether each lies where the pose puts it, by the larger median of both ways; trust has no say, as doubt
+            makes no edge agree `(n,)`.
         slope: of the influence of each sample, d(w r) / dr `(n,)`: below w, and below zero near the bound.
     """
 
@@ -51,24 +53,28 @@ class EdgeStep:
     change: Array
     weights: Array
     normal: Array
+    expected: float
     residual: Array
     agrees: Bools
     slope: Array
 
     @classmethod
-    def solve(cls, unknowns: Unknowns, samples: Samples, edges: FoundEdges, expected: float) -> EdgeStep:
+    def solve(
+        cls, unknowns: Unknowns, samples: Samples, edges: FoundEdges, expected: float, *, is_near: bool = True
+    ) -> EdgeStep:
         """Rounds of weighted least squares.
 
         See `unknowns`, with Tukey's w = t (1 - (r / c sigma)^2)^2 inside c sigma, zero outside; t is the trust in an
-        edge times its room, r holds its root; sigma from the median of |r|, the larger one of the two ways that edges
-        run: a start that is off along one side of the print leaves half of the edges in their place, which would
-        outvote the other half.
+        edge times its room, r holds its root; sigma from the median of |r|.
 
         Args:
             unknowns: of the offsets.
             samples: of the edge model.
             edges: where the image has them.
             expected: variance of a located edge [px^2].
+            is_near: whether the fit is about in its place. Before, sigma is the larger one of the two ways that edges
+                run: a start that is off along one side of the print leaves half of the edges in their place, which
+                would outvote the other half.
         """
         offsets, found = edges.offsets, edges.found
         clear, sure = np.sqrt(edges.room), edges.trust * edges.room
@@ -77,9 +83,10 @@ class EdgeStep:
         roomy = found & (edges.room > ROOMY)
         telling = roomy if np.count_nonzero(roomy) >= LEAST_OF_A_KIND else found
         kinds = kinds_of(telling, samples.upright)
+        usual = [np.flatnonzero(telling)] if is_near else kinds
         residual = offsets
         for _ in range(ROUNDS):
-            inside = _inside(np.abs(residual) * root, kinds) * found
+            inside = _inside(np.abs(residual) * root, usual) * found
             weights = inside**2 * sure
             normal, right = unknowns.equations(weights, offsets, expected)
             change = np.asarray(np.linalg.solve(normal, right), np.float64)
@@ -87,7 +94,7 @@ class EdgeStep:
         # d(r (1 - u)^2) / dr with u = (r / bound)^2 is (1 - u) (1 - 5 u).
         slope = inside * (5.0 * inside - 4.0) * sure
         agrees = found & (_inside(np.abs(residual) * clear, kinds) ** 2 > LIMITS.edges.counted)
-        return cls(unknowns, samples, edges, change, weights, normal, residual, agrees, slope)
+        return cls(unknowns, samples, edges, change, weights, normal, expected, residual, agrees, slope)
 
     @property
     def variance(self) -> float:
@@ -160,9 +167,13 @@ class EdgeStep:
         # what interpolation leaves and no number of samples averages out.
         shared = max(self.shared(square[self.samples.index], inverted(self.normal)), 1.0)
         noise = shared * self.influence_variance + limits.systematic_px**2
-        # What is known beforehand is no better for edges that are worse than they look.
-        inverse = inverted(self.unknowns.equations(self.weights, self.residual, noise)[0])
-        covariance = noise * inverse
+        # What is known of the bend is no better for edges that are worse than they look; of the motion it is, as a
+        # vibration that no attitude knows makes both worse.
+        normal = self.normal.copy()
+        if "rise" in self.unknowns:
+            rise = self.unknowns["rise"]
+            normal[rise, rise] += (noise - self.expected) * self.unknowns.information[rise, rise]
+        covariance = noise * inverted(normal)
         of_pose, bend = prior.measured(at, self.unknowns, covariance)
         size = np.abs(self.residual)
         return Pose(
