@@ -34,4 +34,5 @@ def test_a_fit_goes_on_until_its_reach_is_as_long_as_edges_are_wide(distance: fl
         assert found is not None
         error = error_of(found.rotation, found.position, rotation, position)
         vector = np.array([*error.xyz, *error.rpy])
-        assert vector @ np.linalg.solve(found.covariance, vector) / 6 < 5.0  # 0.7-3.7 at 0.01-0.04 degrees; 3706 where a fit ended before
+        # 0.7-3.7 at 0.01-0.04 degrees; 3706 where a fit ended before.
+        assert vector @ np.linalg.solve(found.covariance, vector) / 6 < 5.0
