@@ -28,7 +28,7 @@ STAGES: Final[dict[str, tuple[Callable[..., Any], ...]]] = {
     "prediction": (Track.predict,),
     "edge fit": (EdgeFit.fit,),
     "grey-value fit": (PhotoFit.fit,),
-    "cells": (CellReader.evidence, CellReader.beside),
+    "cells": (CellReader.evidence, CellReader.shows, CellReader.beside),
     "evidence": (EdgeEvidence.measure,),
     "branches": (Branches.after,),
     "carry": (Carrier.shift,),
