@@ -155,7 +155,10 @@ async def call_every_service(node, hover):
 
 
 async def fly_by_velocity(node, hover):
-    """Forward at 0.2 m/s for two seconds; the topic falls silent, and the aircraft is released in time."""
+    """Forward at 0.2 m/s for a while, and back; the topic falls silent, and the aircraft is released in time.
+
+    The pilot hovers where it is released: half a metre ahead is too far from the middle for a hold to begin.
+    """
     twist = type_of("geometry_msgs/msg/Twist")()
     twist.linear.x = 0.2
     publisher = node.say(f"/{FLOWN}/cmd_vel", "geometry_msgs/msg/Twist")
@@ -164,6 +167,8 @@ async def fly_by_velocity(node, hover):
     yaw = (await hover.client.state.attitude.latest()).value.yaw
     await stream(publisher, lambda: twist, 2.5)
     moved = np.array(hover.seen.truths[-1][1]) - start
+    twist.linear.x = -0.2
+    await stream(publisher, lambda: twist, 2.5)
     silent = time.monotonic()
     assert moved[:2] @ [math.cos(yaw), math.sin(yaw)] > 0.2
     await wait_for(lambda: hover.seen.phases[-1].startswith("free"), 10.0)
