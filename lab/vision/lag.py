@@ -28,7 +28,7 @@ from mkdaemon.frames import euler_from_rotation
 from mkdaemon.telemetry.base import Telemetry
 from mkdaemon.telemetry.vision import VisionPose, VisionStats
 from mkdaemon.vision.camera.calibration_file import load_camera
-from mkdaemon.vision.camera.image import Shot
+from mkdaemon.vision.camera.image import Shot, Source
 from mkdaemon.vision.track.attitude import AttitudeSample
 from mkdaemon.vision.worker import STATS_EVERY, VisionWorker
 
@@ -72,15 +72,13 @@ def _fast_loop() -> Callable[[], asyncio.AbstractEventLoop] | None:
     return uvloop.new_event_loop
 
 
-class Film:
+class Film(Source):
     """A camera that shows a flight forwards and backwards at its own rate, while it plays.
 
     Args:
         frames: of the flight.
         fps: images a second.
     """
-
-    live = True
 
     def __init__(self, frames: list[FlightFrame], fps: float) -> None:
         self._frames = itertools.cycle([*frames, *frames[-2:0:-1]])

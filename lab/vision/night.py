@@ -12,7 +12,7 @@ import numpy.typing as npt
 from lab.campaign import Case, Part
 from lab.vision.flight import VGA, Device, fly
 from lab.vision.stills import SeedSet, error_of, target_named
-from mkdaemon.vision.camera.exposure import ExposureControl, Reach, Setting, first_setting
+from mkdaemon.vision.camera.exposure import ExposureControl, Reach, Setting
 from mkdaemon.vision.tags.tagmap import TagMap
 from mkdaemon.vision.track.attitude import LOOKING_DOWN
 from mkdaemon.vision.track.tracker import Tracker
@@ -43,7 +43,7 @@ class NightCamera:
     def __init__(self, lux: float, way: str) -> None:
         self._lux = lux
         self._way = way
-        self._control = ExposureControl(REACH, first_setting(REACH))
+        self._control = ExposureControl(REACH)
         self.setting = self._control.setting if way == "target" else FIXED
         self.outlines: list[npt.NDArray[np.float64]] = []
 
@@ -63,7 +63,8 @@ class NightCamera:
             exposure = min(max(wanted, REACH.shortest), LONGEST_AUTO)
             self.setting = Setting(exposure, min(max(wanted / exposure, 1.0), REACH.greatest_gain))
         elif self._way == "target":
-            self.setting = self._control.image_seen(pixels, self.outlines) or self.setting
+            self._control.image_seen(pixels, self.outlines)
+            self.setting = self._control.setting
 
 
 def _plan(quick: bool, seeds: SeedSet) -> list[Part]:

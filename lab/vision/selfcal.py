@@ -20,7 +20,6 @@ from mkdaemon.frames import rotation_from_euler
 from mkdaemon.telemetry.selfcal import SelfCalibration
 from mkdaemon.vision.camera.calibration_file import Camera, mount_rotation
 from mkdaemon.vision.camera.image import CameraImage
-from mkdaemon.vision.output import height_over
 from mkdaemon.vision.selfcal.selfcheck import SelfCheck
 from mkdaemon.vision.tags.tagmap import TagMap, Target
 from mkdaemon.vision.track.attitude import LOOKING_DOWN, AttitudeHistory, AttitudeSample, Mounting
@@ -188,8 +187,10 @@ def descend(name: str, seed: int) -> Outcome:
             check.barometer_received(*readings.pop(0))
         found = tracker.update(image, descent.attitude).pose_of(target.name)
         if found is not None:
-            heights = {target.name: height_over(found, mounting)}
-            check.image_seen(image.pixels, {target.name: found.pose}, heights, now, descent.attitude.at(now, 0.25))
+            target_from_cam, lens, _ = found.camera_in_target()
+            height = float((lens - target_from_cam @ mounting.flu_from_cam.T @ mounting.position_flu)[2])
+            known = descent.attitude.at(now, 0.25)
+            check.image_seen(image.pixels, {target.name: found.pose}, {target.name: height}, now, known)
         for alarm in check.alarms:
             alarms.setdefault(alarm.value, now)
     bias = (float(np.degrees(descent.bias[0])), float(np.degrees(descent.bias[1])))

@@ -28,7 +28,7 @@ from mkdaemon.virtualtime import run_virtually
 from mkdaemon.vision.camera.calibration_file import load_camera, mount_rotation
 from mkdaemon.vision.camera.camera import StreamStatus
 from mkdaemon.vision.camera.image import CameraImage
-from mkdaemon.vision.camera.slot import NewestSlots
+from mkdaemon.vision.camera.slot import NewestSlot
 from mkdaemon.vision.pipeline import ALARM_ADVICE, CameraPipeline
 from mkdaemon.vision.tags.tagmap import load
 from mkdaemon.vision.track.attitude import AttitudeHistory, AttitudeSample
@@ -393,7 +393,7 @@ def test_a_dead_thread_is_told_and_started_again_within_a_second() -> None:
         clock = Clock(monotonic=loop.time, wall=loop.time)
         worker = VisionWorker([section()], VisionSection(), sink, loop, clock)
         eye = worker._eyes["down"]
-        eye.report(clock.stamp(), 0, 0)
+        eye.report(clock.stamp())
         dead = threading.Thread(target=lambda: None)
         dead.start()
         dead.join()
@@ -502,16 +502,15 @@ async def test_two_cameras_of_one_name_are_refused() -> None:
 
 
 def test_cameras_take_turns() -> None:
-    slots: NewestSlots[str] = NewestSlots()
-    first, second = slots.add(), slots.add()
+    slot: NewestSlot[str] = NewestSlot()
     for text in "abc":
-        first.put(f"1{text}")
-    second.put("2a")
-    taken = [slots.take(0.0)]
-    first.put("1d")
-    taken += [slots.take(0.0), slots.take(0.0), slots.take(0.0)]
+        slot.put(f"1{text}", "first")
+    slot.put("2a", "second")
+    taken = [slot.take(0.0)]
+    slot.put("1d", "first")
+    taken += [slot.take(0.0), slot.take(0.0), slot.take(0.0)]
     assert taken == ["1c", "2a", "1d", None]
-    assert (first.dropped, second.dropped) == (2, 0)
+    assert (slot.dropped["first"], slot.dropped["second"]) == (2, 0)
 
 
 def test_what_a_camera_is_and_looks_for_is_told_from_its_files() -> None:

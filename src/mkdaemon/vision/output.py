@@ -33,8 +33,6 @@ from mkdaemon.vision.tags.tagmap import Tag, TagMap
 from mkdaemon.vision.track.attitude import Mounting
 from mkdaemon.vision.track.result import TargetPose, VisionResult
 
-BODY = "body"
-
 
 def camera_frame(name: str) -> str:
     """Name of a camera's frame in `tf`."""
@@ -49,23 +47,20 @@ def values_of(
     `stamp` is of the middle of its exposure; the tracker's result was there at `ready_at` [s; monotonic].
     """
     if result.detections:
-        tags = tuple(map(sighting, result.detections))
-        yield f"vision/{image.camera}/tags", Tags(**_seen(image, stamp), tags=tags)
+        yield f"vision/{image.camera}/tags", Tags(**_seen(image, stamp), tags=tuple(map(_sighting, result.detections)))
     for found in result.poses:
         yield f"vision/{image.camera}/pose", pose_of(found, image, stamp, mounting, ready_at)
         child = found.pose
         yield "tf", transform(camera_frame(image.camera), found.frame, child.rotation, child.position, stamp)
 
 
-def sighting(found: Detection) -> TagSighting:
-    """One decoded tag."""
-    tl, tr, br, bl = ((float(x), float(y)) for x, y in found.corners)
+def _sighting(found: Detection) -> TagSighting:
     return TagSighting(
         family=found.family,
         id=found.tag_id,
         hamming=found.hamming,
         decision_margin=found.decision_margin,
-        corners=(tl, tr, br, bl),
+        corners=found.corners.tolist(),
         search=found.stage,
     )
 
@@ -73,24 +68,22 @@ def sighting(found: Detection) -> TagSighting:
 def pose_of(found: TargetPose, image: CameraImage, stamp: Stamp, mounting: Mounting, ready_at: float) -> VisionPose:
     """A pose both ways round, with the covariance carried from camera to body."""
     target_from_cam, camera_target, covariance = found.camera_in_target()
-    cam_from_flu = mounting.flu_from_cam.T
-    target_from_flu = target_from_cam @ cam_from_flu
+    target_from_flu = target_from_cam @ mounting.flu_from_cam.T
     arm = -target_from_flu @ mounting.position_flu
     vehicle_target = camera_target + arm
     # A small turn w (target axes) moves the body by w x arm.
     carry = np.eye(6)
     carry[:3, 3:] = -skew(arm)
-    body_covariance = carry @ covariance @ carry.T
     return VisionPose(
         **_seen(image, stamp),
         target=found.target,
-        position_target=_vector(vehicle_target),
+        position_target=vehicle_target.tolist(),
         quaternion_target_from_flu=quaternion_from_rotation(target_from_flu),
-        position_flu=_vector(-target_from_flu.T @ vehicle_target),
+        position_flu=(-target_from_flu.T @ vehicle_target).tolist(),
         quaternion_flu_from_target=quaternion_from_rotation(target_from_flu.T),
-        covariance=tuple(float(v) for v in body_covariance.ravel()),
+        covariance=(carry @ covariance @ carry.T).ravel().tolist(),
         calibration_sd=calibration_sd(found.pose),
-        position_cam=_vector(found.pose.position),
+        position_cam=found.pose.position.tolist(),
         quaternion_cam_from_target=quaternion_from_rotation(found.pose.rotation),
         source=found.pose.source,
         mode=found.mode,
@@ -104,38 +97,18 @@ def pose_of(found: TargetPose, image: CameraImage, stamp: Stamp, mounting: Mount
     )
 
 
-def height_over(found: TargetPose, mounting: Mounting) -> float:
-    """Height of the vehicle over a target, along the target's normal [m]."""
-    lens = mounting.flu_from_cam.T @ mounting.position_flu
-    return float(-found.pose.rotation[:, 2] @ (found.pose.position + lens))
-
-
-def mount_transform(camera: str, mounting: Mounting, stamp: Stamp) -> Transform:
-    """The camera in the body, from the configuration."""
-    return transform(BODY, camera_frame(camera), mounting.flu_from_cam, mounting.position_flu, stamp, static=True)
-
-
 def transform(
     parent: str, child: str, parent_from_child: Array, position: Array, stamp: Stamp, *, static: bool = False
 ) -> Transform:
     """One edge of the tree of frames."""
+    turn = quaternion_from_rotation(parent_from_child)
     return Transform(
-        parent=parent,
-        child=child,
-        stamp=stamp,
-        translation=_vector(position),
-        quaternion=quaternion_from_rotation(parent_from_child),
-        static=static,
+        parent=parent, child=child, stamp=stamp, translation=position.tolist(), quaternion=turn, static=static
     )
 
 
 def _seen(image: CameraImage, stamp: Stamp) -> dict[str, object]:
     return {"camera": image.camera, "sequence": image.sequence, "stamp": stamp, "stamped_by": image.stamped_by}
-
-
-def _vector(values: Array) -> tuple[float, float, float]:
-    x, y, z = (float(v) for v in values)
-    return x, y, z
 
 
 def exposure_of(control: ExposureControl) -> Exposure:
@@ -149,10 +122,10 @@ def outlines_of(result: VisionResult, tagmap: TagMap, projection: Projection | N
     found = [detection.corners for detection in result.detections]
     if projection is None:
         return found
-    for pose in result.poses:
-        target = next(target for target in tagmap.targets if target.name == pose.target)
+    posed = {pose.target: pose.pose for pose in result.poses}
+    for pose, target in ((posed[target.name], target) for target in tagmap.targets if target.name in posed):
         for tag in target.tags:
-            corners, visible = projection.project(tag.corners @ pose.pose.rotation.T + pose.pose.position)
+            corners, visible = projection.project(tag.corners @ pose.rotation.T + pose.position)
             if visible.all():
                 found.append(corners)
     return found
@@ -164,13 +137,12 @@ def setup_of(
     """What a camera is and looks for; no lens without a calibration, no place where nobody said how it sits."""
     lens = None
     if intrinsics is not None:
-        shown = intrinsics.model_dump(include={"width", "height", "fx", "fy", "cx", "cy", "model"})
-        lens = LensShape(**shown, distortion=tuple(float(k) for k in intrinsics.distortion))
+        lens = LensShape(**intrinsics.model_dump(), distortion=intrinsics.distortion.tolist())
     return CameraSetup(
         stamp=stamp,
         camera=camera,
         lens=lens,
-        position_flu=None if mounting is None else _vector(mounting.position_flu),
+        position_flu=None if mounting is None else mounting.position_flu.tolist(),
         quaternion_flu_from_cam=None if mounting is None else quaternion_from_rotation(mounting.flu_from_cam),
         targets=tuple(
             TargetShape(name=target.name, moving=target.moving, tags=tuple(map(_tag_shape, target.tags)))
@@ -180,11 +152,5 @@ def setup_of(
 
 
 def _tag_shape(tag: Tag) -> TagShape:
-    top_left, top_right, bottom_right, bottom_left = map(_vector, tag.outline)
     rows = tuple("".join("." if cell else "#" for cell in row) for row in tag.bitmap)
-    return TagShape(
-        family=tag.family.name,
-        id=tag.tag_id,
-        corners=(top_left, top_right, bottom_right, bottom_left),
-        cells=rows,
-    )
+    return TagShape(family=tag.family.name, id=tag.tag_id, corners=tag.outline.tolist(), cells=rows)

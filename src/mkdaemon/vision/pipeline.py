@@ -17,13 +17,22 @@ from mkdaemon.errors import ConfigError, VisionError
 from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.base import Telemetry
 from mkdaemon.telemetry.image import CameraFrame
-from mkdaemon.telemetry.vision import Alarm, AttitudeLoss, CameraSetup, EyeState, PoseRefusal, Transform, VisionStats
+from mkdaemon.telemetry.vision import (
+    Alarm,
+    AttitudeLoss,
+    CameraSetup,
+    EyeState,
+    PoseRefusal,
+    Transform,
+    VisionPose,
+    VisionStats,
+)
 from mkdaemon.vision.camera.calibration_file import load_camera, mount_rotation
 from mkdaemon.vision.camera.camera import StreamStatus
-from mkdaemon.vision.camera.exposure import ExposureControl, Reach, Setting, first_setting
+from mkdaemon.vision.camera.exposure import ExposureControl
 from mkdaemon.vision.camera.image import CameraImage, in_light
 from mkdaemon.vision.camera.imagecodec import encode_jpeg
-from mkdaemon.vision.output import exposure_of, height_over, mount_transform, outlines_of, setup_of, values_of
+from mkdaemon.vision.output import camera_frame, exposure_of, outlines_of, setup_of, transform, values_of
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.pose.target_check import TargetCheck
 from mkdaemon.vision.selfcal.selfcheck import SelfCheck
@@ -62,6 +71,9 @@ WINDOW = 150
 class CameraPipeline:
     """Everything that belongs to one camera except its threads.
 
+    Attributes:
+        attitude_lost: how often the vehicle's attitude was not used, by reason.
+
     Raises:
         ConfigError: a camera or target file is wrong, or there is no target.
     """
@@ -83,7 +95,7 @@ class CameraPipeline:
         self.tracker = Tracker(self._tagmap, self._intrinsics, self._mounting, vision.tracker)
         self._check = TargetCheck(self._tagmap, self._projection)
         self._max_attitude_age = vision.tracker.max_attitude_age
-        self._attitude_lost: Counter[AttitudeLoss] = Counter()
+        self.attitude_lost: Counter[AttitudeLoss] = Counter()
         self._attitude_alarms: dict[Alarm, str] = {}
         self._selfcheck = SelfCheck(
             self._tagmap,
@@ -94,19 +106,18 @@ class CameraPipeline:
         self._timings: deque[tuple[float, float, bool]] = deque(maxlen=WINDOW)
         """Of each image the time spent [s], its latency [s], and whether there was a pose."""
         self._refused: Counter[PoseRefusal] = Counter()
-        self._processed = self._faults = self._failing = 0
+        self._processed = self._faults = self._failing = self._restarts = 0
         self._failure = ""
-        self._result: VisionResult | None = None
-        self._unchecked: tuple[CameraImage, AttitudeHistory | None] | None = None
-        self._exposure: ExposureControl | None = None
+        self._result = VisionResult(cfg.name, 0, 0.0, (), (), ())
+        self._unchecked: tuple[CameraImage, AttitudeHistory | None, dict[str, float]] | None = None
+        """The newest image, the attitude around it, and the vehicle's height over each target that was posed [m]."""
         self._next_jpeg = -np.inf
 
     @property
     def alarms(self) -> tuple[Alarm, ...]:
         """What is wrong with the images, the camera file or a target file."""
-        seen = self._result.alarms if self._result is not None else ()
         mismatch = (Alarm.TARGET_MISMATCH,) if self._check.contradicted else ()
-        return (*seen, *mismatch, *self._selfcheck.alarms, *self._attitude_alarms)
+        return (*self._result.alarms, *mismatch, *self._selfcheck.alarms, *self._attitude_alarms)
 
     def process(self, image: CameraImage, attitude: AttitudeHistory | None) -> list[tuple[str, Telemetry]]:
         """Look at the newest image, with the attitude around its exposure; one that makes the detector fail is counted.
@@ -117,27 +128,26 @@ class CameraPipeline:
         try:
             values = self._look(image, attitude)
         except Exception as error:  # noqa: BLE001  # no image may end the thread that looks
-            self.failed(error)
+            self._failed(error)
             return []
         self._failing = 0
         return values
 
     def check_files(self) -> None:
         """Ask the newest image, once, whether camera file and target files are right; a failure is counted."""
-        unchecked, result, self._unchecked = self._unchecked, self._result, None
-        if unchecked is None or result is None:
+        if self._unchecked is None:
             return
-        image, attitude = unchecked
+        (image, attitude, heights), result, self._unchecked = self._unchecked, self._result, None
         try:
             self._check.look(result.detections)
             # rows whose time is unknown would look like another lens
             if result.poses and Alarm.LINE_TIME not in result.alarms:
                 known = attitude.at(image.captured_at, self._max_attitude_age) if attitude is not None else None
-                poses = {found.target: found.pose for found in result.poses}
-                heights = {found.target: height_over(found, self._mounting or AT_BODY) for found in result.poses}
-                self._selfcheck.image_seen(
-                    in_light(image.pixels, self._gamma), poses, heights, image.captured_at, known
+                poses, pixels = (
+                    {found.target: found.pose for found in result.poses},
+                    in_light(image.pixels, self._gamma),
                 )
+                self._selfcheck.image_seen(pixels, poses, heights, image.captured_at, known)
         except Exception as error:  # noqa: BLE001  # no image may end the thread that looks
             self._note(error)
 
@@ -146,10 +156,11 @@ class CameraPipeline:
             msg = f"image {image.sequence} has no time"
             raise VisionError(msg)
         started = self._clock.now()
-        result = self.tracker.update(image, attitude)
+        result = self._result = self.tracker.update(image, attitude)
         ready = self._clock.now()
-        self._result, self._unchecked = result, (image, attitude)
         values = list(values_of(result, image, self._clock.stamp(image.captured_at), self._mounting or AT_BODY, ready))
+        heights = {value.target: value.position_target[2] for _, value in values if isinstance(value, VisionPose)}
+        self._unchecked = image, attitude, heights
         self._judge_attitude(image.captured_at, attitude)
         self._refused.update(reason for _, reason in result.refused)
         self._timings.append((ready - started, ready - image.captured_at, bool(result.poses)))
@@ -161,38 +172,36 @@ class CameraPipeline:
         if self._mounting is None or attitude is None or attitude.is_silent:
             return
         if attitude.at(time, self._max_attitude_age) is None:
-            self._attitude_lost[AttitudeLoss.OUT_OF_REACH] += 1
+            self.attitude_lost[AttitudeLoss.OUT_OF_REACH] += 1
+            away = min((abs(sample.time - time) for sample in attitude.samples), default=None)
             found = "none of the vehicle's attitudes is a number"
-            if attitude.samples:
-                away = min(abs(sample.time - time) for sample in attitude.samples)
+            if away is not None:
                 found = f"the nearest attitude of the vehicle is {away:.2f} s away from the image"
             self._attitude_alarms[Alarm.ATTITUDE_MISSING] = (
                 f"{found}: poses come from the images alone; check the link to the boards and the camera's stamps"
             )
         elif off_deg is not None:
-            self._attitude_lost[AttitudeLoss.CONTRADICTS] += 1
+            self.attitude_lost[AttitudeLoss.CONTRADICTS] += 1
             self._attitude_alarms[Alarm.ATTITUDE_CONTRADICTS] = (
                 f"roll and pitch of the vehicle are {off_deg:.0f} deg off what the images show of a level"
                 " target: poses come from the images alone; check the camera's mount, the signs of the attitude, and"
                 " `level` of the target"
             )
 
-    def choose_setting(self, image: CameraImage, reach: Reach | None) -> Setting | None:
-        """What the camera is told so that it exposes the tags well; none for no change, or where it takes nothing."""
-        if reach is None:
-            self._exposure = None
-            return None
-        if self._exposure is None or self._exposure.reach != reach:
-            self._exposure = ExposureControl(reach, first_setting(reach), self._gamma)
-            return self._exposure.setting
-        outlines = outlines_of(self._result, self._tagmap, self._projection) if self._result is not None else []
-        return self._exposure.image_seen(image.pixels, outlines)
+    def expose(self, image: CameraImage, control: ExposureControl) -> None:
+        """Have the exposure chosen by the tags of the newest image."""
+        control.image_seen(image.pixels, outlines_of(self._result, self._tagmap, self._projection), self._gamma)
 
     def barometer_received(self, time: float, height: float) -> None:
         """Take the barometer's height [m] at a time [s; monotonic]."""
         self._selfcheck.barometer_received(time, height)
 
-    def failed(self, error: BaseException) -> None:
+    def restarted(self, error: BaseException) -> None:
+        """Count a restart of the thread that looks, and what ended it."""
+        self._restarts += 1
+        self._failed(error)
+
+    def _failed(self, error: BaseException) -> None:
         """Count a failure of the detector, by what it raised, and forget what it followed."""
         self._note(error)
         self._failing += 1
@@ -223,28 +232,19 @@ class CameraPipeline:
 
     def mount(self, stamp: Stamp) -> Transform | None:
         """The camera in the body; None where nobody said how it sits."""
-        return mount_transform(self.cfg.name, self._mounting, stamp) if self._mounting is not None else None
+        at = self._mounting
+        if at is None:
+            return None
+        return transform("body", camera_frame(self.cfg.name), at.flu_from_cam, at.position_flu, stamp, static=True)
 
     def setup(self, stamp: Stamp) -> CameraSetup:
         """What the camera is and looks for, from its files."""
         return setup_of(self.cfg.name, self._intrinsics, self._mounting, self._tagmap, stamp)
 
-    def stats(self, stream: StreamStatus, stamp: Stamp, restarts: int = 0, not_numbers: int = 0) -> VisionStats:
-        """Figures of the last images.
-
-        Args:
-            stream: of the camera.
-            stamp: now.
-            restarts: of the thread that looks.
-            not_numbers: attitude samples that are none.
-        """
-        state, reason = self.state(stream)
+    def stats(self, stream: StreamStatus, stamp: Stamp) -> VisionStats:
+        """Figures of the last images, and what is known of the camera now."""
+        (state, reason), advice = self.state(stream), self._advice(stream)
         damaged = (Alarm.DAMAGED,) if stream.damage else ()
-        advice = ALARM_ADVICE | self._selfcheck.alarms | self._attitude_alarms
-        if Alarm.LINE_TIME in self.alarms and self.tracker.shutter is not None:
-            advice[Alarm.LINE_TIME] += f"; it is {self.tracker.shutter.words}"
-        if damaged:
-            advice[Alarm.DAMAGED] += f" ({stream.damage})"
         figures = np.array(self._timings or [(0.0, 0.0, False)])
         (detect_p50, latency_p50), (detect_p99, latency_p99) = 1000.0 * np.percentile(figures[:, :2], (50, 99), axis=0)
         return VisionStats(
@@ -263,17 +263,17 @@ class CameraPipeline:
             damaged=stream.damaged,
             reopened=stream.reopened,
             faults=self._faults,
-            restarts=restarts,
+            restarts=self._restarts,
             posed=float(figures[:, 2].mean()),
             refused={reason.value: count for reason, count in self._refused.items()},
-            attitude_lost=dict(self._attitude_lost) | ({AttitudeLoss.NOT_A_NUMBER: not_numbers} if not_numbers else {}),
+            attitude_lost=dict(self.attitude_lost),
             detect_p50_ms=float(detect_p50),
             detect_p99_ms=float(detect_p99),
             latency_p50_ms=float(latency_p50),
             latency_p99_ms=float(latency_p99),
             settings_refused=stream.refused,
             detector=self.tracker.detector.warning or self.tracker.detector.backend,
-            exposure=exposure_of(self._exposure) if self._exposure is not None else None,
+            exposure=exposure_of(stream.exposure) if stream.exposure is not None else None,
             selfcal=self._selfcheck.reports(),
         )
 
@@ -286,9 +286,16 @@ class CameraPipeline:
         posed = bool(self._timings) and self._timings[-1][2]
         for name in NEVER_POSED if posed else (*NEVER_POSED, *MAYBE_POSED):
             if name in self.alarms:
-                k, words = self._intrinsics, ALARM_ADVICE[name]
-                if name is Alarm.WRONG_SIZE and k is not None:
-                    sizes = f"{stream.width}x{stream.height}, its calibration is for {k.width}x{k.height}"
-                    words = f"the camera gives {sizes}: set width and height, or calibrate at this size"
-                return EyeState(name.value), words
+                return EyeState(name.value), self._advice(stream)[name]
         return EyeState.OK, ""
+
+    def _advice(self, stream: StreamStatus) -> dict[Alarm, str]:
+        """What to do about each alarm, with the figures that belong to it."""
+        advice = ALARM_ADVICE | self._selfcheck.alarms | self._attitude_alarms
+        advice[Alarm.DAMAGED] += f" ({stream.damage})"
+        if self.tracker.shutter is not None:
+            advice[Alarm.LINE_TIME] += f"; it is {self.tracker.shutter.words}"
+        if (k := self._intrinsics) is not None:
+            sizes = f"the camera gives {stream.width}x{stream.height}, its calibration is for {k.width}x{k.height}"
+            advice[Alarm.WRONG_SIZE] += f" ({sizes})"
+        return advice

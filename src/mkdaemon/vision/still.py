@@ -19,18 +19,16 @@ from mkdaemon.vision.pose.fitting import TargetFitter
 from mkdaemon.vision.pose.gates import fit_refusal
 from mkdaemon.vision.pose.pose import FLOOR_RANGE, Pose, angle_between, with_floor
 from mkdaemon.vision.pose.projection import Projection
-from mkdaemon.vision.tags.detection import Detection, Stage
+from mkdaemon.vision.tags.detection import Detection, Stage, best_of_codes
 from mkdaemon.vision.tags.detector import Detector
 from mkdaemon.vision.tags.tagfamily import find_family
-from mkdaemon.vision.tags.tagmap import Tag, TagMap, Target, covered_cells, single
+from mkdaemon.vision.tags.tagmap import TagMap, Target, covered_cells, single
 
 ANY_ID_FALSE_RATE = 2e-6
 """Chance that a random quad reads as some code of the family, one bit corrected: with all 587 ids of tag36h11 allowed,
 the limit for a short whitelist would refuse even one wrong bit."""
 WHOLE_TAGS: tuple[Stage, ...] = ("decimate1", "log", "decimate2", "linear")
 """The searches of a still; a broken outline needs a track or an attitude to be trusted."""
-STRETCH_ITERATIONS = 12
-"""Tilt and ratio hang together: the fit creeps along their valley."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -67,7 +65,7 @@ class StillTag:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StillResult:
-    """Everything one image gave: tags, and poses of the targets."""
+    """Everything one image gave: tags, the largest first, and poses of the targets."""
 
     tags: tuple[StillTag, ...]
     poses: tuple[StillPose, ...]
@@ -97,9 +95,7 @@ class StillEye:
         families: Sequence[str] = ("tag36h11",),
         ids: Iterable[int] | None = None,
     ) -> None:
-        self._tagmap = tagmap
-        self._tag_size = tag_size
-        self._cfg = TrackerSection()
+        self._tagmap, self._tag_size, self._cfg = tagmap, tag_size, TrackerSection()
         self._projection = Projection(intrinsics) if intrinsics is not None else None
         self._gamma = intrinsics.gamma if intrinsics is not None else 1.0
         self._fits: dict[str, tuple[TargetFitter, EdgeFit]] = {}
@@ -121,19 +117,15 @@ class StillEye:
         """Find everything in `(h, w)` uint8."""
         pixels = in_light(pixels, self._gamma)
         found = self._search(pixels)
-        if self._tagmap is not None:
-            targets = (self._pose(pixels, target.name, target, found) for target in self._tagmap.targets)
-            return StillResult(
-                tuple(StillTag(tag, None) for tag in found), tuple(pose for pose in targets if pose is not None)
-            )
-        tags = tuple(StillTag(tag, self._alone(pixels, tag)) for tag in found)
-        return StillResult(tags, tuple(tag.pose for tag in tags if tag.pose is not None))
+        if self._tagmap is None:
+            poses = alone = [self._alone(pixels, tag) for tag in found]
+        else:
+            poses = [self._pose(pixels, target.name, target, found) for target in self._tagmap.targets]
+            alone = [None] * len(found)
+        return StillResult(tuple(map(StillTag, found, alone)), tuple(pose for pose in poses if pose is not None))
 
     def _search(self, pixels: Grey) -> list[Detection]:
-        """The searches for unbroken quads, the finest first; each adds what the ones before did not see.
-
-        Largest tag first.
-        """
+        """The searches for unbroken quads, the finest first; each adds what the ones before did not see."""
         found: list[Detection] = []
         for stage in (stage for stage in WHOLE_TAGS if stage in self._detector.stages):
             for tag in self._detector.search_all(pixels, stage):
@@ -152,25 +144,21 @@ class StillEye:
     def _pose(self, pixels: Grey, name: str, target: Target, found: Sequence[Detection]) -> StillPose | None:
         """The best candidate of one target, with what speaks against it."""
         own = {(tag.family.name, tag.tag_id): tag for tag in target.tags}
-        tags: dict[tuple[str, int], tuple[Tag, Detection]] = {}
-        for one in found:
-            if one.code in own:
-                tags.setdefault(one.code, (own[one.code], one))
+        largest = best_of_codes(found, lambda one: (one.side_px,))
+        tags = [(own[one.code], one) for one in largest if one.code in own]
         if self._projection is None or not tags:
             return None
         if name not in self._fits:
             self._fits[name] = TargetFitter(target, self._projection), EdgeFit(target, self._projection)
         fitter, edges = self._fits[name]
-        candidates = _with_lens_in_doubt(pixels, edges, fitter.cold(pixels, list(tags.values())))
-        candidates.sort(key=lambda pose: pose.loss)
+        candidates = _with_lens_in_doubt(pixels, edges, fitter.cold(pixels, tags))
         if not candidates:
             return None
-        best, *others = candidates
-        ratio = residual_ratio(best, others)
+        best, *others = sorted(candidates, key=lambda pose: pose.loss)
         same, decided = LIMITS.certainty.blind_angle_sd, LIMITS.ambiguity.decided
         rivals = (pose for pose in others if angle_between(pose.rotation, best.rotation) > same)
         is_ambiguous = any(evidence(best, rival) < decided for rival in rivals)
-        return StillPose(name, best, ratio, is_ambiguous, fit_refusal(best, self._cfg))
+        return StillPose(name, best, residual_ratio(best, others), is_ambiguous, fit_refusal(best, self._cfg))
 
 
 def _with_lens_in_doubt(pixels: Grey, fit: EdgeFit, candidates: list[Pose]) -> list[Pose]:
@@ -181,6 +169,6 @@ def _with_lens_in_doubt(pixels: Grey, fit: EdgeFit, candidates: list[Pose]) -> l
     """
     if any(pose.source != "edges" or pose.rms_px < LIMITS.health.drift_px for pose in candidates):
         return candidates
-    doubted = [fit.fit(pixels, pose, iterations=STRETCH_ITERATIONS, stretch_sd=FLOOR_RANGE) for pose in candidates]
+    doubted = (fit.fit(pixels, pose, stretch_sd=FLOOR_RANGE) for pose in candidates)
     fitted = [pose for pose in doubted if pose is not None]
     return fitted if len(fitted) == len(candidates) else candidates

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import threading
 import time
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from typing import Final, Protocol
@@ -20,11 +20,11 @@ from mkdaemon.config.vision import VisionSection
 from mkdaemon.errors import ConfigError
 from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.base import Telemetry
-from mkdaemon.telemetry.vision import Alarm, EyeState, VisionStats
+from mkdaemon.telemetry.vision import Alarm, AttitudeLoss, EyeState, VisionStats
 from mkdaemon.vision.camera.camera import CameraStream
 from mkdaemon.vision.camera.image import CameraImage, Source
-from mkdaemon.vision.camera.slot import NewestSlots
-from mkdaemon.vision.camera.sources import source_of
+from mkdaemon.vision.camera.slot import NewestSlot
+from mkdaemon.vision.camera.sources import no_session, source_of
 from mkdaemon.vision.pipeline import CameraPipeline
 from mkdaemon.vision.track.attitude import AttitudeHistory, AttitudeSample
 
@@ -55,7 +55,7 @@ def camera_mistakes(cameras: Sequence[CameraSection], vision: VisionSection, clo
     """What is wrong with cameras, their files and their targets; no camera is opened."""
     checks: list[Callable[[], object]] = [partial(_require_names, cameras)]
     for cfg in cameras:
-        checks += [partial(source_of, cfg, _no_session), partial(CameraPipeline, cfg, vision, clock)]
+        checks += [partial(source_of, cfg), partial(CameraPipeline, cfg, vision, clock)]
     for check in checks:
         try:
             check()
@@ -63,15 +63,9 @@ def camera_mistakes(cameras: Sequence[CameraSection], vision: VisionSection, clo
             yield error
 
 
-def _no_session() -> zenoh.Session:
-    """Stand for the bus where no camera is opened."""
-    raise ConfigError("no bus is open")
-
-
 def _require_names(cameras: Sequence[CameraSection]) -> None:
-    names = [cfg.name for cfg in cameras]
-    for name in names:
-        if names.count(name) > 1:
+    for name, count in Counter(cfg.name for cfg in cameras).items():
+        if count > 1:
             msg = f"two cameras are called '{name}'; give one of them another name"
             raise ConfigError(msg)
 
@@ -101,34 +95,29 @@ class VisionWorker:
         sink: Sink,
         loop: asyncio.AbstractEventLoop,
         clock: Clock,
-        session: Callable[[], zenoh.Session] | None = None,
+        session: Callable[[], zenoh.Session] = no_session,
         *,
-        open_source: Callable[[CameraSection, Callable[[], zenoh.Session] | None], Source] = source_of,
+        open_source: Callable[[CameraSection, Callable[[], zenoh.Session]], Source] = source_of,
         record: Callable[[CameraImage, AttitudeHistory], None] = lambda image, attitude: None,
     ) -> None:
         _require_names(cameras)
-        self._sink = sink
-        self._record = record
-        self._loop = loop
-        self._clock = clock
-        self._slots: NewestSlots[CameraImage] = NewestSlots()
-        self._eyes: dict[str, _Eye] = {}
-        for cfg in cameras:
-            stream = CameraStream(cfg, open_source(cfg, session), self._slots.add())
-            self._eyes[cfg.name] = _Eye(CameraPipeline(cfg, vision, clock), stream)
+        self._sink, self._record, self._loop, self._clock = sink, record, loop, clock
+        self._slot: NewestSlot[CameraImage] = NewestSlot()
+        self._eyes = {
+            cfg.name: _Eye(CameraPipeline(cfg, vision, clock), CameraStream(cfg, open_source(cfg, session), self._slot))
+            for cfg in cameras
+        }
         self._attitudes: deque[AttitudeSample] = deque(maxlen=ATTITUDES)
-        self._not_numbers = 0
         self._barometer: deque[tuple[float, float]] = deque(maxlen=BAROMETER)
         self._stop = threading.Event()
         self._alive_at = clock.now()
         self._failure: BaseException | None = None
-        self._restarts = 0
         self._thread = self._new_thread()
 
     def start(self) -> None:
         """Start all threads; that every camera is being opened is told at once, so that nobody flies without them."""
         for eye in self._eyes.values():
-            self._publish(eye.report(self._clock.stamp(), self._restarts, self._not_numbers))
+            self._publish(eye.report(self._clock.stamp()))
             eye.stream.start()
         self._alive_at = self._clock.now()
         self._thread.start()
@@ -141,15 +130,14 @@ class VisionWorker:
             if self._thread.ident is not None and not self._thread.is_alive() and not self._stop.is_set():
                 self._restart(self._failure or RuntimeError("it ended without a word"))
             elif silence > STALLED_AFTER:
-                reason = f"the detector has not come back from an image for {silence:.1f} s"
-                self._report_all(EyeState.STALLED, reason)
+                self._report_all(EyeState.STALLED, f"the detector has not come back from an image for {silence:.1f} s")
 
     def stop(self, timeout: float = 3.0) -> None:
         """End all threads within `timeout` [s] together; idempotent, and harmless before `start`."""
         self._stop.set()
-        for eye in self._eyes.values():
-            eye.stream.request_stop()
         end = time.monotonic() + timeout
+        for eye in self._eyes.values():
+            eye.stream.stop(0.0)  # all are told before one is waited for
         for eye in self._eyes.values():
             eye.stream.stop(max(end - time.monotonic(), 0.0))
         if self._thread.ident is not None:
@@ -157,7 +145,9 @@ class VisionWorker:
 
     def attitude_arrived(self, sample: AttitudeSample) -> None:
         """Take the vehicle's attitude; from one thread. One that is no number is counted; the history leaves it out."""
-        self._not_numbers += not sample.is_number
+        if not sample.is_number:
+            for eye in self._eyes.values():
+                eye.pipeline.attitude_lost[AttitudeLoss.NOT_A_NUMBER] += 1
         self._attitudes.append(sample)
 
     def barometer_arrived(self, time: float, height: float) -> None:
@@ -173,9 +163,8 @@ class VisionWorker:
         _log.error(reason, exc_info=failure)
         self._report_all(EyeState.DEAD, reason)
         self._failure = None
-        self._restarts += 1
         for eye in self._eyes.values():
-            eye.pipeline.failed(failure)
+            eye.pipeline.restarted(failure)
         self._alive_at = self._clock.now()
         self._thread = self._new_thread()
         self._thread.start()
@@ -184,8 +173,8 @@ class VisionWorker:
         """Publish, from the loop, what the thread cannot report about itself."""
         for eye in self._eyes.values():
             if eye.last is not None and (eye.last.state, eye.last.reason) != (state, reason):
-                change = {"state": state, "reason": reason, "stamp": self._clock.stamp(), "restarts": self._restarts}
-                self._sink.publish(eye.stats_key, eye.last.model_copy(update=change))
+                change = {"state": state, "reason": reason, "stamp": self._clock.stamp()}
+                self._publish([(eye.stats_key, eye.last.model_copy(update=change))])
 
     def _run(self) -> None:
         try:
@@ -197,7 +186,7 @@ class VisionWorker:
         cv2.setNumThreads(1)
         while not self._stop.is_set():
             self._alive_at = self._clock.now()
-            image = self._slots.take(LOOK_EVERY)
+            image = self._slot.take(LOOK_EVERY)
             while self._barometer:
                 reading = self._barometer.popleft()
                 for eye in self._eyes.values():
@@ -210,7 +199,7 @@ class VisionWorker:
                 self._hand_over(eye.pipeline.process(image, attitude))
                 values += eye.look_again(image)
             for eye in self._eyes.values():
-                values += eye.report(self._clock.stamp(), self._restarts, self._not_numbers)
+                values += eye.report(self._clock.stamp())
             self._hand_over(values)
 
     def _hand_over(self, values: list[tuple[str, Telemetry]]) -> None:
@@ -224,34 +213,33 @@ class VisionWorker:
 
 
 class _Eye:
-    """One camera: its pipeline, its stream and when it last reported."""
+    """One camera: its pipeline, its stream and what it reported last."""
 
     def __init__(self, pipeline: CameraPipeline, stream: CameraStream) -> None:
         self.pipeline, self.stream = pipeline, stream
         self.stats_key = f"vision/{pipeline.cfg.name}/stats"
         self.last: VisionStats | None = None
         self._reported: tuple[EyeState, tuple[Alarm, ...]] | None = None
-        self._due = 0.0
-        self._setup_due = float("-inf")
+        self._due = self._setup_due = float("-inf")
 
     def look_again(self, image: CameraImage) -> list[tuple[str, Telemetry]]:
         """What no stick frame waits for: the checks of the files, the exposure, the image for people to look at."""
         self.pipeline.check_files()
-        setting = self.pipeline.choose_setting(image, self.stream.reach)
-        if setting is not None:
-            self.stream.adjust(setting)
+        exposure = self.stream.status().exposure
+        if exposure is not None:
+            self.pipeline.expose(image, exposure)
         picture = self.pipeline.picture(image)
         return [picture] if picture is not None else []
 
-    def report(self, stamp: Stamp, restarts: int, not_numbers: int) -> list[tuple[str, Telemetry]]:
+    def report(self, stamp: Stamp) -> list[tuple[str, Telemetry]]:
         """Stats and the static frame, once a second and when the state changes; now and then what the camera is."""
         status = self.stream.status()
         facts = (self.pipeline.state(status)[0], self.pipeline.alarms)
         if facts == self._reported and stamp.monotonic < self._due:
             return []
-        stats = self.last = self.pipeline.stats(status, stamp, restarts, not_numbers)
+        self.last = self.pipeline.stats(status, stamp)
         self._reported, self._due = facts, stamp.monotonic + STATS_EVERY
-        values: list[tuple[str, Telemetry]] = [(self.stats_key, stats)]
+        values: list[tuple[str, Telemetry]] = [(self.stats_key, self.last)]
         mount = self.pipeline.mount(stamp)
         if mount is not None:
             values.append(("tf", mount))

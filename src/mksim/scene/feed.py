@@ -69,7 +69,7 @@ class SceneFeed:
     @property
     def dropped(self) -> int:
         """Pictures the renderer could not keep up with."""
-        return self._slot.dropped
+        return self._slot.dropped.total()
 
     def start(self) -> None:
         """Start rendering."""

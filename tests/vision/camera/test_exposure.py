@@ -16,11 +16,10 @@ from mkdaemon.vision.camera.exposure import (
     Levels,
     Reach,
     Setting,
-    first_setting,
     levels_of,
     next_setting,
 )
-from mkdaemon.vision.camera.image import CameraImage, Shot
+from mkdaemon.vision.camera.image import CameraImage, Shot, Source
 from mkdaemon.vision.camera.intrinsics import Intrinsics
 from mkdaemon.vision.camera.slot import NewestSlot
 from mkdaemon.vision.output import exposure_of, outlines_of
@@ -106,7 +105,7 @@ def test_from_the_sun_to_the_night_exposure_settles_short_and_readable(
     lux: float, shorter_than: float, contrast: float
 ) -> None:
     sensor, rng = PhotonSensor(), np.random.default_rng(3)
-    control = ExposureControl(REACH, first_setting(REACH))
+    control = ExposureControl(REACH)
     for _ in range(12 * EXPOSURE.images):
         control.image_seen(expose(sensor, lux, control.setting, rng), [CORNERS])
     assert control.setting.exposure <= shorter_than
@@ -118,18 +117,13 @@ def test_from_the_sun_to_the_night_exposure_settles_short_and_readable(
     assert control.setting.exposure == pytest.approx(settled.exposure, rel=0.35)
 
 
-def test_the_longest_exposure_is_at_most_what_motion_allows() -> None:
-    assert REACH.up_to(5e-3).longest == 5e-3
-    assert REACH.up_to(1e-9).longest == REACH.shortest
-
-
-class Told:
+class Told(Source):
     """A camera that gives images and remembers what it was told."""
 
-    live = True
     reach = REACH
 
     def __init__(self) -> None:
+        self.controls = self
         self.told: list[Setting] = []
         self.was_told = threading.Event()
 
@@ -152,16 +146,19 @@ class Told:
 def test_the_thread_of_the_camera_tells_it() -> None:
     camera = Told()
     stream = CameraStream(CameraSection(source="/dev/video0"), camera, NewestSlot[CameraImage]())
-    assert stream.reach == REACH
-    stream.adjust(Setting(4e-3, 2.0))
     stream.start()
     assert camera.was_told.wait(20.0)
+    control = stream.status().exposure
+    assert control is not None
+    camera.was_told.clear()
+    control.setting = Setting(4e-3, 2.0)
+    assert camera.was_told.wait(20.0)
     stream.stop()
-    assert camera.told == [Setting(4e-3, 2.0)]
+    assert camera.told == [ExposureControl(REACH).setting, Setting(4e-3, 2.0)]
 
 
 def test_what_a_camera_is_told_is_in_its_stats() -> None:
-    control = ExposureControl(REACH, Setting(4e-3, 2.0))
+    control = ExposureControl(REACH)
     assert exposure_of(control).white is None
     for _ in range(EXPOSURE.images):
         control.image_seen(board(180.0, 2.0, np.random.default_rng(1)), [CORNERS])

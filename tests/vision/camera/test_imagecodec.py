@@ -15,9 +15,15 @@ from hypothesis import strategies as st
 
 from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.image import CameraFrame
-from mkdaemon.vision.camera.capture import captured_pixels
 from mkdaemon.vision.camera.image import PictureError
-from mkdaemon.vision.camera.imagecodec import decode_picture, encode_jpeg, pack, read_picture, unpack
+from mkdaemon.vision.camera.imagecodec import (
+    captured_pixels,
+    decode_picture,
+    encode_jpeg,
+    pack,
+    read_picture,
+    unpack,
+)
 
 PIXELS = np.arange(12 * 16, dtype=np.uint8).reshape(12, 16)
 FRAME = CameraFrame(
@@ -48,7 +54,7 @@ def test_png_comes_back_as_it_went() -> None:
     [
         ({"width": 15}, "has 192 bytes"),
         ({"width": 0}, "width"),
-        ({"width": 16000, "height": 16000}, "impossible"),
+        ({"width": 16000, "height": 16000}, "has 192 bytes"),
         ({"coding": "jpeg"}, "no picture"),
         ({"coding": "gif"}, "coding"),
         ({"stamp": {"monotonic": 1.0, "wall": float("nan")}}, "stamp.wall"),

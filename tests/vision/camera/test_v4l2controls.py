@@ -11,6 +11,7 @@ import errno
 import os
 import struct
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -21,16 +22,17 @@ from mkdaemon.config.camera import CameraSection
 from mkdaemon.errors import VisionError
 from mkdaemon.telemetry.vision import EyeState
 from mkdaemon.vision.camera.camera import CameraStream
-from mkdaemon.vision.camera.capture import (
+from mkdaemon.vision.camera.exposure import (
     AUTOGAIN,
     EXPOSURE_ABSOLUTE,
     EXPOSURE_AUTO,
     EXPOSURE_AUTO_PRIORITY,
     GAIN,
     GREATEST_GAIN,
+    Reach,
+    Setting,
     V4l2Controls,
 )
-from mkdaemon.vision.camera.exposure import Adjustable, Reach, Setting
 from mkdaemon.vision.camera.image import CameraImage
 from mkdaemon.vision.camera.slot import NewestSlot
 from mkdaemon.vision.camera.sources import source_of
@@ -102,11 +104,11 @@ Plug = Callable[[Kernel], V4l2Controls]
 
 @pytest.fixture
 def plug(device: Path, monkeypatch: pytest.MonkeyPatch) -> Plug:
-    """Opens the device of a kernel."""
+    """Opens the device of a kernel; motion allows a second."""
 
     def opened(kernel: Kernel) -> V4l2Controls:
         monkeypatch.setattr("fcntl.ioctl", kernel)
-        return V4l2Controls(device)
+        return V4l2Controls(device, 1.0)
 
     return opened
 
@@ -114,7 +116,6 @@ def plug(device: Path, monkeypatch: pytest.MonkeyPatch) -> Plug:
 def test_a_webcam_is_told_ticks_and_its_own_gain(plug: Plug) -> None:
     kernel = Kernel()
     camera = plug(kernel)
-    assert isinstance(camera, Adjustable)
     assert kernel.values() == [(EXPOSURE_AUTO, 1), (EXPOSURE_AUTO_PRIORITY, 0)]
     assert camera.refused == ()
     assert camera.reach == Reach(pytest.approx(300e-6), pytest.approx(204.7e-3), GREATEST_GAIN)
@@ -196,7 +197,18 @@ def test_a_device_that_is_gone_is_told_and_let_go_of(device: Path, plug: Plug) -
         plug(kernel)
     assert open_files() == before
     with pytest.raises(VisionError, match="cannot be opened a second time"):
-        V4l2Controls(device.parent / "video1")
+        V4l2Controls(device.parent / "video1", 1.0)
+
+
+@pytest.mark.parametrize(("allowed", "longest"), [(5e-3, 5e-3), (1e-9, 300e-6)])
+def test_the_longest_exposure_is_at_most_what_motion_allows(
+    device: Path, monkeypatch: pytest.MonkeyPatch, allowed: float, longest: float
+) -> None:
+    monkeypatch.setattr("fcntl.ioctl", Kernel())
+    camera = V4l2Controls(device, allowed)
+    assert camera.reach is not None
+    assert camera.reach.longest == pytest.approx(longest)
+    camera.close()
 
 
 class Webcam:
@@ -235,8 +247,9 @@ def test_images_go_on_whatever_the_camera_refuses_and_end_when_it_is_unplugged(
     stream = CameraStream(cfg, source_of(cfg), NewestSlot[CameraImage]())
     stream.start()
     wait_for_status(stream, lambda s: s.images >= 1)
-    assert stream.reach is not None
-    stream.adjust(SETTING)
+    control = stream.status().exposure
+    assert control is not None
+    control.setting = SETTING
     busy = (
         "exposure_auto_priority=0: the driver says Permission denied",
         "gain=255: the driver says " + os.strerror(16),
@@ -244,7 +257,7 @@ def test_images_go_on_whatever_the_camera_refuses_and_end_when_it_is_unplugged(
     status = wait_for_status(stream, lambda s: s.refused == busy)
     assert (status.state, status.reopened) == (EyeState.OK, 0)
     kernel.errors.clear()
-    stream.adjust(SETTING)
+    control.setting = replace(SETTING)
     wait_for_status(stream, lambda s: s.refused == busy[:1])
     kernel.is_there = False
     wait_for_status(stream, lambda s: s.reopened >= 2)  # it cannot be opened either, and nothing stays open

@@ -18,11 +18,10 @@ from mkdaemon.cli.terminal import on_one_line
 from mkdaemon.errors import ConfigError, VisionError
 from mkdaemon.frames import quaternion_from_rotation
 from mkdaemon.vision.camera.calibration_file import load_camera
-from mkdaemon.vision.camera.capture import CLIPS, open_clip
 from mkdaemon.vision.camera.image import PictureError
 from mkdaemon.vision.camera.imagecodec import read_picture
 from mkdaemon.vision.camera.intrinsics import Intrinsics
-from mkdaemon.vision.camera.sources import list_pictures
+from mkdaemon.vision.camera.sources import CLIPS, list_pictures, open_clip
 from mkdaemon.vision.overlay import draw, write_picture
 from mkdaemon.vision.still import StillEye, StillPose, StillResult, StillTag
 from mkdaemon.vision.tags.tagmap import TagMap, load
@@ -220,9 +219,9 @@ def _frames(path: Path) -> Iterator[Picture]:
         yield Picture(str(path), None, None, "no video that can be read")
         return
     count = 0
-    for count, picture in enumerate(pictures, 1):
+    for count, (_, decode) in enumerate(pictures, 1):
         try:
-            pixels = picture.decode()
+            pixels = decode()
         except PictureError as error:
             yield Picture(str(path), count - 1, None, str(error))
         else:

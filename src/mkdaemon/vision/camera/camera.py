@@ -9,13 +9,12 @@ import math
 import threading
 import time
 from collections import deque
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 from mkdaemon.config.camera import CameraSection
 from mkdaemon.errors import VisionError
 from mkdaemon.telemetry.vision import EyeState
-from mkdaemon.vision.camera.exposure import Adjustable, Reach, Setting
+from mkdaemon.vision.camera.exposure import ExposureControl
 from mkdaemon.vision.camera.image import CameraImage, EndOfImages, PictureError, Shot, Source
 from mkdaemon.vision.camera.slot import NewestSlot
 
@@ -33,6 +32,11 @@ RECENT = 0.5
 """Over so long that growth is looked for [s]."""
 MAX_AGE = 2.0
 """A driver stamp older than this against our own clock is not on our clock."""
+READ_TIMEOUT = 0.25
+DAMAGE_SHOWN = 1.0
+"""How long a damaged image is told [s]."""
+RATE_IMAGES = 31
+"""Images the rate is counted over; the mean of inverse gaps would be too high wherever images come in bursts."""
 
 
 class StampClock:
@@ -42,9 +46,9 @@ class StampClock:
     smallest delay seen between stamp and arrival is its offset: jitter of the transport is removed, its constant part
     cannot be seen and is the configured latency.
 
-    Not every stamp is a time: FFmpeg numbers the images of an HTTP stream at 25 a second whatever the camera does, so
-    a camera of 10 a second seemed 4.7 s late after 8 s. Stamps on another clock are therefore believed only while they
-    run as fast as ours; until then, and otherwise, an image was taken when it arrived.
+    Not every stamp is a time: FFmpeg numbers the images of an HTTP stream at 25 a second whatever the camera does.
+    Stamps on another clock are therefore believed only while they run as fast as ours; until then, and otherwise, an
+    image was taken when it arrived.
     """
 
     def __init__(self, latency: float = 0.0) -> None:
@@ -59,64 +63,44 @@ class StampClock:
 
         From the driver's stamp [s; any clock], where it has one, and the arrival [s; monotonic].
         """
-        if driver is None or not math.isfinite(driver) or driver <= 0.0:
-            return arrived - self._latency, "arrival"
+        taken = self._on_our_clock(driver, arrived) if driver is not None and 0.0 < driver < math.inf else None
+        return (arrived if taken is None else taken) - self._latency, "arrival" if taken is None else "driver"
+
+    def _on_our_clock(self, driver: float, arrived: float) -> float | None:
         if driver < self._last - 1.0:
             self._seen.clear()  # the stream started again
             self._believed = False
         self._last = driver
         if 0.0 <= arrived - driver <= MAX_AGE:
-            return driver - self._latency, "driver"
+            return driver
         self._seen.append((arrived, arrived - driver))
         while self._seen[0][0] < arrived - WINDOW_TIME:
             self._seen.popleft()
-        self._believed = self._runs_as_ours()
-        if not self._believed:
-            return arrived - self._latency, "arrival"
-        return driver + min(delay for _, delay in self._seen) - self._latency, "driver"
-
-    def _runs_as_ours(self) -> bool:
-        """Believed when the smallest delay stays over the window, until it has grown too far."""
-        first, last = self._seen[0][0], self._seen[-1][0]
+        least = self._least_delay()
         if self._believed:
-            recent = min(delay for at, delay in self._seen if at >= last - RECENT)
-            if recent - min(delay for _, delay in self._seen) <= LOST:
-                return True
-            self._seen.clear()  # the proof begins anew
-            return False
-        if last - first < PROOF:
-            return False
-        middle = 0.5 * (first + last)
-        older = min(delay for at, delay in self._seen if at <= middle)
-        younger = min(delay for at, delay in self._seen if at > middle)
-        return abs(younger - older) <= JITTER + DRIFT * (last - first)
+            self._believed = self._least_delay(arrived - RECENT) - least <= LOST
+            if not self._believed:
+                self._seen.clear()  # the proof begins anew
+        else:
+            first = self._seen[0][0]
+            middle = 0.5 * (first + arrived)
+            growth = self._least_delay(middle) - self._least_delay(until=middle)
+            self._believed = arrived - first >= PROOF and abs(growth) <= JITTER + DRIFT * (arrived - first)
+        return driver + least if self._believed else None
 
-
-READ_TIMEOUT = 0.25
-DAMAGE_SHOWN = 1.0
-"""How long a damaged image is told [s]."""
-RATE_IMAGES = 31
-"""Images the rate is counted over; the mean of inverse gaps would be too high wherever images come in bursts."""
+    def _least_delay(self, since: float = -math.inf, until: float = math.inf) -> float:
+        return min(delay for at, delay in self._seen if since <= at <= until)
 
 
 @dataclass(frozen=True, slots=True)
 class StreamStatus:
-    """What is known about a camera now.
+    """What is known about a camera now; figures that are not described here are those of `VisionStats`.
 
     Attributes:
-        state: `OK` while images come, or why not.
-        reason: one sentence for everything else.
         images: taken since the start.
-        lost: gaps in the source's own count.
-        dropped: that a newer one replaced before anybody looked.
-        damaged: images that were refused because they were none or damaged.
-        damage: what was wrong with the newest of them, for a second after it; empty otherwise.
-        reopened: how often it was opened again.
-        fps: rate of the last second or so [Hz].
-        width: of the last image [px].
-        height: of the last image [px].
-        stamped_by: who knew the capture time.
+        damage: what was wrong with the newest damaged image, for a second after it; empty otherwise.
         refused: settings the driver did not take.
+        exposure: chooses what the camera is told before an image; none where it takes nothing.
     """
 
     state: EyeState = EyeState.OPENING
@@ -130,25 +114,15 @@ class StreamStatus:
     fps: float = 0.0
     width: int = 0
     height: int = 0
-    stamped_by: str = ""
     refused: tuple[str, ...] = ()
-
-
-def retry_delays(first: float, longest: float) -> Iterator[float]:
-    """Delays before the next attempt [s]: doubling from `first` to `longest`."""
-    delay = first
-    while True:
-        yield delay
-        delay = min(2 * delay, longest)
+    exposure: ExposureControl | None = None
 
 
 class CameraStream:
     """Runs a source of images in a thread; the newest one waits in `slot`."""
 
     def __init__(self, cfg: CameraSection, source: Source, slot: NewestSlot[CameraImage]) -> None:
-        self.cfg = cfg
-        self._source = source
-        self._slot = slot
+        self.cfg, self._source, self._slot = cfg, source, slot
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name=f"camera-{cfg.name}", daemon=True)
         self._status = StreamStatus()
@@ -156,37 +130,22 @@ class CameraStream:
         self._arrivals: deque[float] = deque(maxlen=RATE_IMAGES)
         self._last_arrival = 0.0
         self._damaged_at = -math.inf
-        self._wanted: Setting | None = None
-        self._refused: tuple[str, ...] = ()
         self._last_sequence: int | None = None
-
-    @property
-    def reach(self) -> Reach | None:
-        """What the camera can be told about its exposure; none where it takes nothing."""
-        return self._source.reach if isinstance(self._source, Adjustable) else None
-
-    def adjust(self, setting: Setting) -> None:
-        """Have the thread tell the camera before it waits for the next image."""
-        self._wanted = setting
 
     def start(self) -> None:
         """Start the thread; opening happens there."""
         self._thread.start()
 
-    def request_stop(self) -> None:
-        """Tell the thread to end, without waiting for it."""
-        self._stop.set()
-        self._slot.close()
-
     def stop(self, timeout: float = 3.0) -> None:
         """End the thread; a driver that hangs is left behind, its thread does not keep the process alive."""
-        self.request_stop()
+        self._stop.set()
+        self._slot.close()
         if self._thread.ident is not None:
             self._thread.join(timeout)
 
     def status(self) -> StreamStatus:
         """The camera's state now; an image that is overdue makes it silent."""
-        status, now = replace(self._status, dropped=self._slot.dropped), time.monotonic()
+        status, now = replace(self._status, dropped=self._slot.dropped[self.cfg.name]), time.monotonic()
         if now - self._damaged_at > DAMAGE_SHOWN:
             status = replace(status, damage="")
         overdue = now - self._last_arrival
@@ -196,68 +155,63 @@ class CameraStream:
         return status
 
     def _run(self) -> None:
-        delays = retry_delays(self.cfg.reopen_min, self.cfg.reopen_max)
+        delay = self.cfg.reopen_min
         while not self._stop.is_set():
+            before = self._status.images
             try:
-                before = self._status.images
                 try:
-                    self._refused = self._source.open()
-                    self._last_arrival = time.monotonic()
-                    self._status = replace(self._status, state=EyeState.OK, reason="", refused=self._refused)
-                    self._arrivals.clear()
-                    self._read_on()
+                    self._read_on(self._source.open())
                 finally:
                     self._source.close()
-                    if self._status.images > before:
-                        delays = retry_delays(self.cfg.reopen_min, self.cfg.reopen_max)
             except EndOfImages:
-                self._slot.wait_taken()
+                self._slot.wait_taken(self.cfg.name)
                 self._status = replace(self._status, state=EyeState.ENDED, reason="all images were shown", fps=0.0)
                 return
             except Exception as error:  # noqa: BLE001  # no driver and no image may end this thread
                 reason = str(error) if isinstance(error, VisionError) else f"{type(error).__name__}: {error}"
                 reopened = self._status.reopened + 1
                 self._status = replace(self._status, state=EyeState.GONE, reason=reason, fps=0.0, reopened=reopened)
-            self._stop.wait(next(delays))
+            if self._status.images > before:
+                delay = self.cfg.reopen_min
+            self._stop.wait(delay)
+            delay = min(2 * delay, self.cfg.reopen_max)
 
-    def _read_on(self) -> None:
-        """Read until told to stop or the source is gone."""
+    def _read_on(self, refused: tuple[str, ...]) -> None:
+        """Read until told to stop or the source is gone; `refused` are settings it did not take when it was opened."""
+        controls, told = self._source.controls, None
+        reach = controls.reach if controls is not None else None
+        exposure = ExposureControl(reach) if reach is not None else None
+        self._last_arrival = time.monotonic()
+        self._status = replace(self._status, state=EyeState.OK, reason="", refused=refused, exposure=exposure)
+        self._arrivals.clear()
         while not self._stop.is_set():
-            wanted, self._wanted = self._wanted, None
-            if wanted is not None and isinstance(self._source, Adjustable):
-                self._status = replace(self._status, refused=(*self._refused, *self._source.adjust(wanted)))
+            if controls is not None and exposure is not None and exposure.setting is not told:
+                told = exposure.setting
+                self._status = replace(self._status, refused=(*refused, *controls.adjust(told)))
             try:
                 shot = self._source.read(READ_TIMEOUT)
             except PictureError as error:
                 self._damaged_at = time.monotonic()
                 self._status = replace(self._status, damaged=self._status.damaged + 1, damage=str(error))
                 continue
-            if shot is None:
-                continue
-            if not self._source.live:
-                self._slot.wait_taken()
-            self._hand_over(shot)
+            if shot is not None:
+                self._hand_over(shot)
 
     def _hand_over(self, shot: Shot) -> None:
+        if not self._source.live:
+            self._slot.wait_taken(self.cfg.name)
         captured_at, stamped_by = self._clock.stamp(shot.stamp, shot.arrived)
         if stamped_by == "driver":
             stamped_by = shot.stamped_by
-        step = 1
-        if shot.sequence is not None and self._last_sequence is not None and shot.sequence > self._last_sequence:
-            step = shot.sequence - self._last_sequence
+        lost, last = self._status.lost, self._last_sequence
+        if shot.sequence is not None and last is not None:
+            lost += max(shot.sequence - last - 1, 0)
         self._last_sequence = shot.sequence
         self._arrivals.append(shot.arrived)
         spent = shot.arrived - self._arrivals[0]
         self._last_arrival = shot.arrived
         height, width = shot.pixels.shape
-        self._status = replace(
-            self._status,
-            images=self._status.images + 1,
-            lost=self._status.lost + step - 1,
-            fps=(len(self._arrivals) - 1) / spent if spent > 0.0 else 0.0,
-            width=width,
-            height=height,
-            stamped_by=stamped_by,
-        )
-        sequence = self._status.images + self._status.lost
-        self._slot.put(CameraImage(shot.pixels, captured_at, shot.arrived, sequence, self.cfg.name, stamped_by))
+        images, fps = self._status.images + 1, (len(self._arrivals) - 1) / spent if spent > 0.0 else 0.0
+        self._status = replace(self._status, images=images, lost=lost, fps=fps, width=width, height=height)
+        image = CameraImage(shot.pixels, captured_at, shot.arrived, images + lost, self.cfg.name, stamped_by)
+        self._slot.put(image, self.cfg.name)

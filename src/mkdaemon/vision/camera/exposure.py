@@ -1,23 +1,59 @@
-"""Which exposure and which gain: the shortest exposure in which the cells of a tag stand out of the noise.
+"""Exposure and gain: the shortest exposure in which the cells of a tag stand out of the noise, and how V4L2 is told.
 
 Photons decide: contrast over noise grows with the square root of the exposure, whatever the gain. So the exposure
 follows from what is wanted of it, and the gain only brings white to a good grey value. A longer exposure smears, a
-shorter one drowns the cells in noise. Pure functions; the driver is in `capture`.
+shorter one drowns the cells in noise.
+
+Numbers and structures of V4L2: linux/videodev2.h and linux/v4l2-controls.h. An exposure of
+`V4L2_CID_EXPOSURE_ABSOLUTE` counts 100 us. The unit of a gain is the driver's own: its range is taken for 1 to
+`GREATEST_GAIN`, and what that gets wrong the next image shows.
 """
 
 from __future__ import annotations
 
+import errno
+import fcntl
+import math
+import os
+import struct
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Final, Protocol, runtime_checkable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
 
 import numpy as np
 
+from mkdaemon.errors import VisionError
 from mkdaemon.vision.arrays import Array, Grey
 from mkdaemon.vision.limits import EXPOSURE, HALF, LIMITS
 
 ROUNDING: Final = 12**-0.5
 """Deviation of what eight bits round off [grey]: no noise is less."""
+QUERY: Final = 0xC0445624
+"""VIDIOC_QUERYCTRL of a structure of 68 bytes."""
+SET: Final = 0xC008561C
+"""VIDIOC_S_CTRL of a structure of 8 bytes."""
+EXPOSURE_AUTO, EXPOSURE_ABSOLUTE, EXPOSURE_AUTO_PRIORITY = 0x009A0901, 0x009A0902, 0x009A0903
+AUTOGAIN, GAIN = 0x00980912, 0x00980913
+NAMES: Final = {
+    EXPOSURE_AUTO: "exposure_auto",
+    EXPOSURE_ABSOLUTE: "exposure_absolute",
+    EXPOSURE_AUTO_PRIORITY: "exposure_auto_priority",
+    AUTOGAIN: "autogain",
+    GAIN: "gain",
+}
+MANUAL, AUTO = 1, 3
+"""Of V4L2_CID_EXPOSURE_AUTO: manual and aperture priority."""
+QUERIED: Final = "=II32siiiiIII"
+"""struct v4l2_queryctrl: id, type, name, minimum, maximum, step, default_value, flags, reserved[2]."""
+UNSETTABLE: Final = 0x0001 | 0x0004
+"""V4L2_CTRL_FLAG_DISABLED, V4L2_CTRL_FLAG_READ_ONLY."""
+GONE: Final = frozenset({errno.ENODEV, errno.ENXIO})
+"""What the kernel says of a device that was unplugged while it is open. EBUSY, EACCES, EINVAL, ERANGE and EIO are a
+control's: images go on."""
+TICK: Final = 100e-6
+GREATEST_GAIN: Final = 16.0
+"""Analogue gain of the OV9281, registers 0x10 to 0xff (Linux, drivers/media/i2c/ov9282.c)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,10 +72,6 @@ class Reach:
     longest: float
     greatest_gain: float
 
-    def up_to(self, longest: float) -> Reach:
-        """The same with exposures of at most `longest` [s]."""
-        return replace(self, longest=max(min(self.longest, longest), self.shortest))
-
 
 @dataclass(frozen=True, slots=True)
 class Levels:
@@ -53,22 +85,6 @@ class Levels:
     def contrast(self) -> float:
         """Black to white over the noise."""
         return max(self.white - self.black, 0.0) / self.noise
-
-
-@runtime_checkable
-class Adjustable(Protocol):
-    """A source whose camera takes settings from us."""
-
-    @property
-    def reach(self) -> Reach | None:
-        """What the open camera can be told; none where it takes nothing, or nobody asked for it."""
-
-    def adjust(self, setting: Setting) -> tuple[str, ...]:
-        """Tell the camera; returns what it refused this time.
-
-        Raises:
-            VisionError: it is gone.
-        """
 
 
 def levels_of(pixels: Grey, corners: Sequence[Array] = (), gamma: float = 1.0) -> Levels:
@@ -90,8 +106,7 @@ def levels_of(pixels: Grey, corners: Sequence[Array] = (), gamma: float = 1.0) -
     grey = 255.0 * (part.astype(np.float64) / 255.0) ** gamma
     black, white = np.percentile(grey, (low, high))
     # Half of the differences between neighbours cross no edge; their deviation is that of the median of them all.
-    steps = np.abs(np.diff(grey, axis=1))
-    noise = float(np.percentile(steps, 30)) / 0.545
+    noise = float(np.percentile(np.abs(np.diff(grey, axis=1)), 30)) / 0.545
     return Levels(float(black), float(white), max(noise, ROUNDING))
 
 
@@ -121,36 +136,114 @@ def _within(value: float, low: float, high: float) -> float:
     return max(low, min(value, high))
 
 
-def first_setting(reach: Reach) -> Setting:
-    """Before any image: the middle of both ranges, in powers."""
-    return Setting(float(np.sqrt(reach.shortest * reach.longest)), float(np.sqrt(reach.greatest_gain)))
-
-
-@dataclass
 class ExposureControl:
     """Chooses the setting of one camera from its images.
 
     Attributes:
         reach: of the camera.
-        setting: that acts now, or soon.
+        setting: that acts now, or soon; at first the middle of both ranges, in powers.
         levels: of the newest image that was looked at.
     """
 
-    reach: Reach
-    setting: Setting
-    gamma: float = 1.0
-    levels: Levels | None = None
-    _waited: int = 0
+    def __init__(self, reach: Reach) -> None:
+        self.reach = reach
+        self.setting = Setting(math.sqrt(reach.shortest * reach.longest), math.sqrt(reach.greatest_gain))
+        self.levels: Levels | None = None
+        self._images = 0
 
-    def image_seen(self, pixels: Grey, corners: Sequence[Array]) -> Setting | None:
-        """Take an image and the corners of its tags; the new setting when there is one."""
-        self._waited += 1
-        if self._waited < EXPOSURE.images:
+    def image_seen(self, pixels: Grey, corners: Sequence[Array], gamma: float = 1.0) -> None:
+        """Take an image; every few images the setting follows from one. See `levels_of`."""
+        self._images += 1
+        if self._images % EXPOSURE.images == 0:
+            self.levels = levels_of(pixels, corners, gamma)
+            self.setting = next_setting(self.setting, self.levels, self.reach)
+
+
+class V4l2Controls:
+    """Exposure and gain of one device, which may be set while another part of the program streams from it.
+
+    Attributes:
+        reach: what the camera can be told; none where its exposure cannot be set.
+        refused: what the driver did not let us take over from it.
+
+    Args:
+        device: of the camera.
+        longest: exposure that motion allows [s].
+
+    Raises:
+        VisionError: the device is gone, or cannot be opened.
+    """
+
+    def __init__(self, device: Path, longest: float) -> None:
+        self._device = device
+        self.refused: tuple[str, ...] = ()
+        self.reach: Reach | None = None
+        try:
+            self._descriptor = os.open(device, os.O_RDWR | os.O_NONBLOCK)
+        except OSError as error:
+            msg = f"{device} cannot be opened a second time, to set its exposure: {error.strerror}"
+            raise VisionError(msg) from None
+        try:
+            exposure = self._take_over(EXPOSURE_ABSOLUTE, EXPOSURE_AUTO, MANUAL)
+            if exposure is None:
+                return
+            self.refused += self._switch_off(EXPOSURE_AUTO_PRIORITY, 0)
+            self._gain = self._take_over(GAIN, AUTOGAIN, 0)
+        except VisionError:
+            self.close()
+            raise
+        shortest = max(exposure[0], 1) * TICK
+        longest = max(min(exposure[1] * TICK, longest), shortest)
+        self.reach = Reach(shortest, longest, 1.0 if self._gain is None else GREATEST_GAIN)
+
+    def adjust(self, setting: Setting) -> tuple[str, ...]:
+        """Tell the camera; returns what it refused this time.
+
+        Raises:
+            VisionError: the device is gone.
+        """
+        if self.reach is None:
+            return ()
+        exposure = _within(setting.exposure, self.reach.shortest, self.reach.longest)
+        refused = self._set(EXPOSURE_ABSOLUTE, round(exposure / TICK))
+        if self._gain is not None:
+            refused += self._set(GAIN, round(float(np.interp(setting.gain, (1.0, GREATEST_GAIN), self._gain))))
+        return refused
+
+    def close(self) -> None:
+        """Let go of the device; its settings stay."""
+        os.close(self._descriptor)
+
+    def _take_over(self, control: int, automatic: int, off: int) -> tuple[int, int] | None:
+        """Range of a control that is ours now [driver's unit]; None where there is none, or the camera keeps it."""
+        found = self._query(control)
+        kept = self._switch_off(automatic, off) if found is not None else ()
+        self.refused += kept
+        return None if kept else found
+
+    def _switch_off(self, control: int, value: int) -> tuple[str, ...]:
+        return self._set(control, value) if self._query(control) is not None else ()
+
+    def _query(self, control: int) -> tuple[int, int] | None:
+        """Range of a control that can be set; a busy or inactive one counts, as it may become free."""
+        content = bytearray(struct.pack(QUERIED, control, 0, b"", 0, 0, 0, 0, 0, 0, 0))
+        if self._ask(QUERY, content):
             return None
-        self._waited = 0
-        self.levels = levels_of(pixels, corners, self.gamma)
-        setting = next_setting(self.setting, self.levels, self.reach)
-        if setting is self.setting:
-            return None
-        self.setting = setting
-        return setting
+        _, _, _, least, greatest, _, _, flags, *_ = struct.unpack(QUERIED, content)
+        return None if flags & UNSETTABLE or least >= greatest else (least, greatest)
+
+    def _set(self, control: int, value: int) -> tuple[str, ...]:
+        """Set a control; what and why, where the driver refuses."""
+        fault = self._ask(SET, bytearray(struct.pack("=Ii", control, value)))
+        return (f"{NAMES[control]}={value}: the driver says {fault}",) if fault else ()
+
+    def _ask(self, request: int, content: bytearray) -> str:
+        """Ask the kernel, which answers in `content`; why it refuses, empty where it does not."""
+        try:
+            fcntl.ioctl(self._descriptor, request, content)
+        except OSError as error:
+            if error.errno in GONE:
+                msg = f"{self._device} is gone ({error.strerror}): plug it in"
+                raise VisionError(msg) from None
+            return str(error.strerror)
+        return ""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final, NamedTuple, Protocol
 
@@ -11,6 +10,7 @@ import numpy as np
 
 from mkdaemon.errors import VisionError
 from mkdaemon.vision.arrays import Grey
+from mkdaemon.vision.camera.exposure import V4l2Controls
 from mkdaemon.vision.limits import LIMITS
 
 BRIGHTEST: Final = 255.0
@@ -24,8 +24,7 @@ DARKEST: Final = 30.0
 """The brightest pixel is taken to be at least this bright [grey]."""
 
 
-@dataclass(frozen=True, slots=True)
-class Shot:
+class Shot(NamedTuple):
     """One image as it left the source.
 
     Attributes:
@@ -43,23 +42,13 @@ class Shot:
     sequence: int | None = None
 
 
-class Recorded(NamedTuple):
-    """A recorded picture.
-
-    Attributes:
-        pause: from the one before to this one [s].
-        decode: its pixels `(h, w)` uint8; raises PictureError where it is none, or is damaged.
-    """
-
-    pause: float
-    decode: Callable[[], Grey]
-
-
 class Source(Protocol):
     """A place images come from; used from one thread."""
 
-    live: bool
+    live: bool = True
     """Images come on their own time and are lost when nobody takes them."""
+    controls: V4l2Controls | None = None
+    """What sets the exposure of the open camera; none where it takes nothing, or nobody asked for it."""
 
     def open(self) -> tuple[str, ...]:
         """Start; returns what was asked for and refused by the driver.

@@ -18,6 +18,7 @@ from typing import Final
 import cv2
 import msgpack
 import numpy as np
+import numpy.typing as npt
 import simplejpeg
 from pydantic import ValidationError
 
@@ -29,6 +30,8 @@ from mkdaemon.vision.camera.image import PictureError
 MAX_PIXELS: Final = 64_000_000
 """Most pixels of a picture."""
 JPEG: Final = b"\xff\xd8\xff"
+TO_GREY: Final = {(): None, (1,): None, (3,): cv2.COLOR_BGR2GRAY, (4,): cv2.COLOR_BGRA2GRAY}
+"""How OpenCV makes grey of a picture, by its channels."""
 _PNM: Final = re.compile(rb"P[1-6](?:\s+|\s*#[^\n]*\n)+(\d{1,9})(?:\s+|\s*#[^\n]*\n)+(\d{1,9})\s")
 
 
@@ -63,7 +66,7 @@ def unpack(payload: bytes) -> tuple[CameraFrame, Grey]:
         PictureError: it is none, or its picture is damaged.
     """
     try:
-        frame = CameraFrame.model_validate(msgpack.unpackb(payload, raw=False))
+        frame = CameraFrame.model_validate(msgpack.unpackb(payload))
     except ValidationError as error:
         first = error.errors(include_url=False, include_input=False)[0]
         msg = f"not an image: {'.'.join(map(str, first['loc'])) or 'payload'}: {first['msg']}"
@@ -71,14 +74,13 @@ def unpack(payload: bytes) -> tuple[CameraFrame, Grey]:
     except (ValueError, msgpack.exceptions.UnpackException, TypeError) as error:
         msg = f"not an image: not msgpack ({type(error).__name__})"
         raise PictureError(msg) from None
-    if frame.width * frame.height > MAX_PIXELS:
-        raise PictureError("not an image: impossible size")
-    if frame.coding == "gray8":
-        if len(frame.pixels) != frame.width * frame.height:
-            msg = f"image of {frame.width}x{frame.height} has {len(frame.pixels)} bytes"
-            raise PictureError(msg)
-        return frame, np.frombuffer(frame.pixels, dtype=np.uint8).reshape(frame.height, frame.width)
-    pixels = decode_picture(frame.pixels)
+    if frame.coding != "gray8":
+        pixels = decode_picture(frame.pixels)
+    elif len(frame.pixels) == frame.width * frame.height:
+        pixels = np.frombuffer(frame.pixels, dtype=np.uint8).reshape(frame.height, frame.width)
+    else:
+        msg = f"image of {frame.width}x{frame.height} has {len(frame.pixels)} bytes"
+        raise PictureError(msg)
     if pixels.shape != (frame.height, frame.width):
         msg = f"header says {frame.width}x{frame.height}, the picture is {pixels.shape[1]}x{pixels.shape[0]}"
         raise PictureError(msg)
@@ -108,10 +110,25 @@ def decode_picture(content: bytes) -> Grey:
         pixels = None
     if pixels is None:  # a damaged PNG, too
         raise PictureError("no picture that can be read")
-    if pixels.shape != (size[1], size[0]):
-        msg = f"its header says {size[0]}x{size[1]}, the picture is {pixels.shape[1]}x{pixels.shape[0]}"
-        raise PictureError(msg)
     return np.ascontiguousarray(pixels, dtype=np.uint8)
+
+
+def captured_pixels(image: npt.NDArray[np.generic], *, coded: bool) -> Grey:
+    """Grey values `(h, w)` uint8 of what a capture has read: pixels of 8 or 16 bits, or, `coded`, bytes in one row.
+
+    Raises:
+        PictureError: no picture, or a damaged one.
+    """
+    if coded:
+        return decode_picture(image.tobytes())
+    pixels = (image.astype(np.uint16) >> 8).astype(np.uint8) if image.dtype == np.uint16 else image
+    channels = pixels.shape[2:]
+    if pixels.dtype != np.uint8 or pixels.size == 0 or pixels.ndim < 2 or channels not in TO_GREY:
+        msg = f"no picture: {image.dtype} {image.shape}"
+        raise PictureError(msg)
+    code = TO_GREY[channels]
+    grey = pixels if code is None else cv2.cvtColor(np.asarray(pixels, dtype=np.uint8), code)
+    return np.ascontiguousarray(grey.reshape(grey.shape[:2]), dtype=np.uint8)
 
 
 def read_picture(path: Path) -> Grey:

@@ -1,11 +1,17 @@
-"""Where images come from: a driver, a network stream, a clip, a folder, a Zenoh key. One interface for all."""
+"""Where images come from: a driver, a network stream, a clip, a folder, a Zenoh key. One interface for all.
+
+OpenCV decodes motion JPEG in silence: damaged blocks stay in the image, and an image of another size than the first is
+scaled to it. Its bytes are therefore taken as they come. Other codecs are left to OpenCV: such a camera has to keep its
+size.
+"""
 
 from __future__ import annotations
 
 import math
+import os
 import re
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any, Final
@@ -16,23 +22,51 @@ import zenoh
 from mkdaemon.clock import Clock
 from mkdaemon.config.camera import CameraSection
 from mkdaemon.errors import ConfigError, VisionError
+from mkdaemon.reading import open_regular
 from mkdaemon.telemetry.signature import Signature, private_key
-from mkdaemon.vision.camera.capture import CLIPS, StreamSource, open_clip
-from mkdaemon.vision.camera.image import EndOfImages, PictureError, Recorded, Shot, Source
-from mkdaemon.vision.camera.imagecodec import read_picture, unpack
+from mkdaemon.vision.arrays import Grey
+from mkdaemon.vision.camera.exposure import AUTO, MANUAL, TICK, V4l2Controls
+from mkdaemon.vision.camera.image import EndOfImages, PictureError, Shot, Source
+from mkdaemon.vision.camera.imagecodec import captured_pixels, read_picture, unpack
 from mkdaemon.vision.camera.slot import NewestSlot
 
 STRANGERS_LOOK: Final = 1.0
 """Time between two looks for images of somebody else [s]."""
 PICTURES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".pgm"})
+CLIPS = frozenset({".mp4", ".avi", ".mkv", ".mov", ".webm", ".m4v", ".mpg", ".mpeg", ".ts"})
 FOLDER_HZ = 10.0
 LATEST: Final = 1.0
 """A recorded picture that is later is due at once, and the next ones follow it [s]."""
 SCHEMES: Final = ("zenoh", "folder", "file", "gstreamer", "v4l2", "rtsp", "rtsps", "http", "https", "udp")
+_BEGINNING: Final = re.compile(
+    rb"RIFF.{4}AVI |.{4}(?:ftyp|moov|mdat|wide|free|skip|pnot)|\x1aE\xdf\xa3|\x00\x00\x01[\xb3\xba]"
+    rb"|\x00?\x00\x00\x01[\x09\x27\x47\x67]|G.{187}G",
+    re.DOTALL,
+)
+"""Of AVI, MP4 and QuickTime, Matroska, MPEG, bare H.264, and the transport stream."""
+_LOOKED_AT: Final = 189
+"""Length of the longest of them: a packet of the transport stream and the first byte of the next."""
+MOTION_JPEG: Final = frozenset(cv2.VideoWriter.fourcc(*name) for name in ("MJPG", "mjpg", "JPEG", "jpeg"))
+UNDECODED: Final = {cv2.CAP_V4L2: (cv2.CAP_PROP_CONVERT_RGB, 0), cv2.CAP_FFMPEG: (cv2.CAP_PROP_FORMAT, -1)}
+"""The property, and its value, that makes a backend give bytes (OpenCV, videoio flags)."""
+TAKEN = 0.01
+"""A setting was taken when the driver reads it back within this share."""
+_WHAT_TO_CHECK = {
+    cv2.CAP_V4L2: "is it a camera, and does another program hold it?",
+    cv2.CAP_FFMPEG: "check address, user and password, and that the camera is on",
+    cv2.CAP_GSTREAMER: "try the pipeline with gst-launch-1.0; it must end in appsink",
+}
+Recorded = tuple[float, Callable[[], Grey]]
+"""A recorded picture: the pause from the one before [s], and what decodes its pixels, or raises PictureError."""
 
 
-def source_of(cfg: CameraSection, session: Callable[[], zenoh.Session] | None = None) -> Source:
-    """Choose the source a configuration names; `session` gives the Zenoh session for `zenoh:` sources.
+def no_session() -> zenoh.Session:
+    """Stand for the bus where none is open."""
+    raise VisionError("this source needs the bus: run it in the daemon")
+
+
+def source_of(cfg: CameraSection, session: Callable[[], zenoh.Session] = no_session) -> Source:
+    """Choose the source a configuration names; `session` gives the Zenoh session that `zenoh:` sources open by.
 
     Raises:
         ConfigError: nothing is known about such a source.
@@ -45,10 +79,8 @@ def source_of(cfg: CameraSection, session: Callable[[], zenoh.Session] | None = 
         scheme = "v4l2" if is_device else "folder" if path.is_dir() else "file" if is_clip else ""
         rest = text
     match scheme:
-        case "zenoh" if session is not None:
-            return ZenohSource(rest, session, cfg.image_secret())
         case "zenoh":
-            msg = f"camera {cfg.name}: source '{text}' needs the bus; run it in the daemon"
+            return ZenohSource(rest, session, cfg.image_secret())
         case "folder":
             return PlayedSource(partial(open_folder, Path(rest), cfg.fps or FOLDER_HZ), cfg)
         case "file":
@@ -60,12 +92,11 @@ def source_of(cfg: CameraSection, session: Callable[[], zenoh.Session] | None = 
                 f"camera {cfg.name}: source '{text}' is none of /dev/videoN, v4l2:PATH, rtsp://..., gstreamer:PIPELINE,"
                 " file:CLIP, folder:DIR, zenoh:KEY"
             )
-        case _:
-            return StreamSource(text, cv2.CAP_FFMPEG, cfg)
-    raise ConfigError(msg)
+            raise ConfigError(msg)
+    return StreamSource(text, cv2.CAP_FFMPEG, cfg)
 
 
-class ZenohSource:
+class ZenohSource(Source):
     """Images from a key on the bus: another machine's camera, or the simulator's.
 
     Args:
@@ -74,8 +105,6 @@ class ZenohSource:
         secret: with which the sender signs them, and without which nobody knows the key they come to; None takes
             images from whoever puts them.
     """
-
-    live = True
 
     def __init__(self, key: str, session: Callable[[], zenoh.Session], secret: str | None = None) -> None:
         self._key, self._session, self._secret = key, session, secret
@@ -100,11 +129,9 @@ class ZenohSource:
 
     def _on_sample(self, sample: zenoh.Sample) -> None:
         payload, proof = sample.payload.to_bytes(), sample.attachment
-        if self._secret is not None:
-            signature = Signature(self._key, payload, b"" if proof is None else proof.to_bytes())
-            if not signature.is_by(self._secret):
-                return
-        self._newest.put((payload, time.monotonic()))
+        signature = Signature(self._key, payload, b"" if proof is None else proof.to_bytes())
+        if self._secret is None or signature.is_by(self._secret):
+            self._newest.put((payload, time.monotonic()))
 
     def read(self, timeout: float) -> Shot | None:
         """Newest image; a PictureError, once a second at most, where somebody put one to the plain key."""
@@ -127,7 +154,7 @@ class ZenohSource:
         self._strangers = self._subscriber = None
 
 
-class PlayedSource:
+class PlayedSource(Source):
     """Recorded pictures, each so long after the one before as it was taken: a clip, or the pictures of a folder.
 
     Args:
@@ -138,9 +165,8 @@ class PlayedSource:
     live = False
 
     def __init__(self, record: Callable[[], Iterator[Recorded]], cfg: CameraSection) -> None:
-        self._record, self._cfg = record, cfg
+        self._record, self._cfg, self._due = record, cfg, -math.inf
         self._pictures: Iterator[Recorded] = iter(())
-        self._due = -math.inf
 
     def open(self) -> tuple[str, ...]:
         """Begin at its first picture."""
@@ -155,11 +181,12 @@ class PlayedSource:
             picture = next(self._pictures, None)
         if picture is None:
             raise EndOfImages
+        pause, decode = picture
         if self._cfg.paced:
-            due, now = self._due + picture.pause, time.monotonic()
+            due, now = self._due + pause, time.monotonic()
             self._due = due if due > now - LATEST else now
             time.sleep(max(self._due - now, 0.0))
-        return Shot(picture.decode(), time.monotonic())
+        return Shot(decode(), time.monotonic())
 
     def close(self) -> None:
         """Let go of the file."""
@@ -168,7 +195,7 @@ class PlayedSource:
 
 def open_folder(path: Path, hz: float) -> Iterator[Recorded]:
     """The pictures of a folder; see `list_pictures`."""
-    return (Recorded(1.0 / hz, partial(read_picture, file)) for file in list_pictures(path))
+    return ((1.0 / hz, partial(read_picture, file)) for file in list_pictures(path))
 
 
 def list_pictures(folder: Path) -> list[Path]:
@@ -187,3 +214,136 @@ def list_pictures(folder: Path) -> list[Path]:
     return sorted(
         found, key=lambda path: [int(t) if t.isdecimal() else t for t in re.split(r"(\d+)", path.name.lower())]
     )
+
+
+def open_clip(path: Path) -> Iterator[Recorded]:
+    """Open a video file; its pictures, which decode when they are asked for.
+
+    Raises:
+        VisionError: there is none, or OpenCV cannot read it.
+    """
+    if not path.is_file():
+        msg = f"no such file: {path}"
+        raise VisionError(msg)
+    capture = _open_quietly(str(path)) if _is_video(path) else None
+    if capture is None or not capture.isOpened():
+        msg = f"{path} is no video OpenCV can read"
+        raise VisionError(msg)
+    return _clip(capture)
+
+
+def _clip(capture: cv2.VideoCapture) -> Iterator[Recorded]:
+    coded, shown = _take_jpegs(capture, cv2.CAP_FFMPEG), 0.0
+    while (image := capture.read()[1]) is not None:
+        at = float(capture.get(cv2.CAP_PROP_POS_MSEC)) / 1000.0
+        yield at - shown, partial(captured_pixels, image, coded=coded)
+        shown = at
+
+
+def _is_video(path: Path) -> bool:
+    """Whether a file begins as a video does: FFmpeg guesses at others for long, and follows lists to elsewhere."""
+    try:
+        with open_regular(path) as file:
+            return _BEGINNING.match(file.read(_LOOKED_AT)) is not None
+    except OSError:
+        return False
+
+
+def _open_quietly(address: str, backend: int = cv2.CAP_FFMPEG, options: Sequence[int] = ()) -> cv2.VideoCapture:
+    """Open without OpenCV and FFmpeg writing on the terminal: what failed is in our own sentence."""
+    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
+    level = cv2.utils.logging.getLogLevel()
+    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+    try:
+        return cv2.VideoCapture(address, backend, options)
+    finally:
+        cv2.utils.logging.setLogLevel(level)
+
+
+def _take_jpegs(capture: cv2.VideoCapture, backend: int) -> bool:
+    """Ask an opened capture of motion JPEG for its bytes; false where it decodes."""
+    if backend not in UNDECODED or round(capture.get(cv2.CAP_PROP_FOURCC)) not in MOTION_JPEG:
+        return False
+    return bool(capture.set(*UNDECODED[backend]))
+
+
+class StreamSource(Source):
+    """V4L2, GStreamer or a network stream through OpenCV."""
+
+    def __init__(self, address: str, backend: int, cfg: CameraSection) -> None:
+        self._address, self._backend, self._cfg = address, backend, cfg
+        self._capture: cv2.VideoCapture | None = None
+        self._coded = False
+
+    def open(self) -> tuple[str, ...]:
+        """Open and set size, rate, exposure and gain."""
+        name, is_v4l2 = cv2.videoio_registry.getBackendName(self._backend), self._backend == cv2.CAP_V4L2
+        if not cv2.videoio_registry.hasBackend(self._backend):
+            msg = f"this OpenCV was built without {name}; use v4l2, rtsp or a Zenoh key"
+            raise VisionError(msg)
+        if is_v4l2 and not Path(self._address).exists():
+            msg = f"{self._address} is not there: plug it in, or see /dev/v4l/by-id"
+            raise VisionError(msg)
+        if is_v4l2 and not os.access(self._address, os.R_OK | os.W_OK):
+            msg = f"no permission for {self._address}: join the group video (usermod -aG video)"
+            raise VisionError(msg)
+        patience_ms = round(1000 * self._cfg.reopen_max)
+        options = [cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, patience_ms, cv2.CAP_PROP_READ_TIMEOUT_MSEC, patience_ms]
+        capture = _open_quietly(self._address, self._backend, options if self._backend == cv2.CAP_FFMPEG else ())
+        if not capture.isOpened():
+            msg = f"{name} cannot open {self._address}: {_WHAT_TO_CHECK[self._backend]}"
+            raise VisionError(msg)
+        self._capture = capture
+        refused = self._set_controls(capture)
+        self._coded = _take_jpegs(capture, self._backend)
+        if self._cfg.exposure_ms == "target":
+            if is_v4l2:
+                self.controls = V4l2Controls(Path(self._address), self._cfg.exposure_longest_ms / 1000.0)
+                refused += self.controls.refused
+            if self.controls is None or self.controls.reach is None:
+                refused.append("exposure_ms=target: the driver lets nobody set the exposure")
+        return tuple(refused)
+
+    def _set_controls(self, capture: cv2.VideoCapture) -> list[str]:
+        """Ask the driver for what the configuration wants; returns what it did not do."""
+        cfg, exposure, mode = self._cfg, None, AUTO if self._cfg.exposure_ms == "auto" else None
+        if isinstance(cfg.exposure_ms, float):
+            mode = MANUAL
+            exposure = round(1e-3 * cfg.exposure_ms / TICK) if self._backend == cv2.CAP_V4L2 else cfg.exposure_ms
+        wanted = (
+            (cv2.CAP_PROP_FRAME_WIDTH, cfg.width, "width"),
+            (cv2.CAP_PROP_FRAME_HEIGHT, cfg.height, "height"),
+            (cv2.CAP_PROP_FPS, cfg.fps, "fps"),
+            (cv2.CAP_PROP_AUTO_EXPOSURE, mode, "exposure_ms"),
+            (cv2.CAP_PROP_EXPOSURE, exposure, "exposure_ms"),
+            (cv2.CAP_PROP_GAIN, cfg.gain, "gain"),
+        )
+        if self._backend != cv2.CAP_FFMPEG:
+            capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)
+        # all are set before any is read back: OpenCV sets a width together with its height
+        told = [
+            (control, value, name, capture.set(control, value)) for control, value, name in wanted if value is not None
+        ]
+        return [
+            f"{name}={value:g}: the driver has {capture.get(control):g}"
+            for control, value, name, good in told
+            if not good or abs(capture.get(control) - value) > TAKEN * max(value, 1.0)
+        ]
+
+    def read(self, timeout: float) -> Shot | None:
+        """Block in the driver; OpenCV releases the GIL there."""
+        image = self._capture.read()[1] if self._capture is not None else None
+        arrived = time.monotonic()
+        if self._capture is None or image is None:
+            msg = f"{self._address} gives no more images"
+            raise VisionError(msg)
+        pixels = captured_pixels(image, coded=self._coded)
+        return Shot(pixels, arrived, float(self._capture.get(cv2.CAP_PROP_POS_MSEC)) / 1000.0)
+
+    def close(self) -> None:
+        """Release the device."""
+        if self.controls is not None:
+            self.controls.close()
+        if self._capture is not None:
+            self._capture.release()
+        self.controls = self._capture = None
