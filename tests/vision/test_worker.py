@@ -213,7 +213,7 @@ async def test_poses_are_handed_over_before_the_files_are_checked(
     cv2.imwrite(str(tmp_path / "0.png"), shot())
     sink, gate = Collected(), threading.Event()
     cfg = section(source=f"folder:{tmp_path}", fps=50)
-    worker = VisionWorker([cfg], VisionSection(), sink, asyncio.get_running_loop(), Clock())
+    worker = VisionWorker([cfg], VisionSection(), sink.publish, asyncio.get_running_loop(), Clock())
     monkeypatch.setattr(worker._eyes["down"].pipeline, "check_files", lambda: gate.wait(PATIENCE) and None)
     worker.start()
     await sink.until(lambda values: bool(poses(values)))
@@ -280,7 +280,7 @@ async def test_the_worker_publishes_on_the_loop_from_the_first_image_to_the_last
         cv2.imwrite(str(tmp_path / f"{k}.png"), shot())
     sink = Collected()
     cfg = section(source=f"folder:{tmp_path}", fps=50, jpeg_hz=10, jpeg_width=320)
-    worker = VisionWorker([cfg], VisionSection(), sink, asyncio.get_running_loop(), Clock())
+    worker = VisionWorker([cfg], VisionSection(), sink.publish, asyncio.get_running_loop(), Clock())
     worker.attitude_arrived(AttitudeSample(0.0, 0.0, 0.0, 0.0))
     worker.barometer_arrived(0.0, 2.0)
     worker.start()
@@ -307,7 +307,7 @@ async def test_a_camera_that_comes_late_is_waited_for(tmp_path: Path) -> None:
     sink = Collected()
     folder = tmp_path / "later"
     cfg = section(source=f"folder:{folder}", fps=50, reopen_min=0.02, reopen_max=0.05)
-    worker = VisionWorker([cfg], VisionSection(), sink, asyncio.get_running_loop(), Clock())
+    worker = VisionWorker([cfg], VisionSection(), sink.publish, asyncio.get_running_loop(), Clock())
     worker.start()
     await sink.until(lambda _: any(found.state is EyeState.GONE for found in sink.stats()))
     assert "no such folder" in sink.stats()[-1].reason
@@ -321,7 +321,7 @@ async def test_a_camera_that_comes_late_is_waited_for(tmp_path: Path) -> None:
 
 async def test_the_worker_ends_when_the_loop_is_gone() -> None:
     other = asyncio.new_event_loop()
-    worker = VisionWorker([section()], VisionSection(), Collected(), other, Clock())
+    worker = VisionWorker([section()], VisionSection(), Collected().publish, other, Clock())
     other.close()
     worker.start()
     async with asyncio.timeout(PATIENCE):
@@ -351,7 +351,7 @@ async def test_a_thread_that_died_is_reported_and_started_again(
     cv2.imwrite(str(tmp_path / "0.png"), shot())
     sink = Collected()
     cfg = section(source=f"folder:{tmp_path}", fps=50, loop=True)
-    worker = VisionWorker([cfg], VisionSection(), sink, asyncio.get_running_loop(), Clock())
+    worker = VisionWorker([cfg], VisionSection(), sink.publish, asyncio.get_running_loop(), Clock())
     pipeline = worker._eyes["down"].pipeline
     worker.start()
     supervision = asyncio.create_task(worker.supervise())
@@ -372,7 +372,7 @@ async def test_a_thread_that_was_killed_is_started_again(tmp_path: Path) -> None
     cv2.imwrite(str(tmp_path / "0.png"), shot())
     sink = Collected()
     cfg = section(source=f"folder:{tmp_path}", fps=50, loop=True)
-    worker = VisionWorker([cfg], VisionSection(), sink, asyncio.get_running_loop(), Clock())
+    worker = VisionWorker([cfg], VisionSection(), sink.publish, asyncio.get_running_loop(), Clock())
     worker.start()
     supervision = asyncio.create_task(worker.supervise())
     await sink.until(lambda _: bool(sink.stats()))
@@ -391,7 +391,7 @@ def test_a_dead_thread_is_told_and_started_again_within_a_second() -> None:
     async def flight() -> None:
         loop, sink = asyncio.get_running_loop(), Collected()
         clock = Clock(monotonic=loop.time, wall=loop.time)
-        worker = VisionWorker([section()], VisionSection(), sink, loop, clock)
+        worker = VisionWorker([section()], VisionSection(), sink.publish, loop, clock)
         eye = worker._eyes["down"]
         eye.report(clock.stamp())
         dead = threading.Thread(target=lambda: None)
@@ -414,7 +414,7 @@ async def test_a_thread_that_does_not_come_back_is_reported_as_stalled(
     cv2.imwrite(str(tmp_path / "0.png"), shot())
     sink, gate = Collected(), threading.Event()
     cfg = section(source=f"folder:{tmp_path}", fps=50, loop=True)
-    worker = VisionWorker([cfg], VisionSection(), sink, asyncio.get_running_loop(), Clock())
+    worker = VisionWorker([cfg], VisionSection(), sink.publish, asyncio.get_running_loop(), Clock())
     worker.start()
     supervision = asyncio.create_task(worker.supervise())
     await sink.until(lambda _: bool(sink.stats()))
@@ -478,7 +478,7 @@ async def test_attitude_samples_that_are_no_numbers_are_counted(tmp_path: Path) 
     cv2.imwrite(str(tmp_path / "0.png"), shot())
     sink = Collected()
     cfg = section(source=f"folder:{tmp_path}", fps=50, loop=True)
-    worker = VisionWorker([cfg], VisionSection(), sink, asyncio.get_running_loop(), Clock())
+    worker = VisionWorker([cfg], VisionSection(), sink.publish, asyncio.get_running_loop(), Clock())
     worker.attitude_arrived(AttitudeSample(np.nan, 0.0, 0.0, 0.0))
     worker.attitude_arrived(AttitudeSample(1.0, 0.0, np.inf, 0.0))
     worker.start()
@@ -498,7 +498,7 @@ def test_an_image_without_a_time_is_a_counted_fault() -> None:
 
 async def test_two_cameras_of_one_name_are_refused() -> None:
     with pytest.raises(ConfigError, match="two cameras are called 'down'"):
-        VisionWorker([section(), section()], VisionSection(), Collected(), asyncio.get_running_loop(), Clock())
+        VisionWorker([section(), section()], VisionSection(), Collected().publish, asyncio.get_running_loop(), Clock())
 
 
 def test_cameras_take_turns() -> None:

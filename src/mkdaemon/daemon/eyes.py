@@ -106,7 +106,7 @@ def open_eyes(
 
     loop = asyncio.get_running_loop()
     sink = PoseSink(feed, bus, clock)
-    worker = VisionWorker(cfg.cameras, cfg.vision, sink, loop, clock, session=lambda: bus.session, record=record)
+    worker = VisionWorker(cfg.cameras, cfg.vision, sink.publish, loop, clock, lambda: bus.session, record=record)
     return Eyes(worker)
 
 

@@ -42,7 +42,7 @@ from mkdaemon.vision.track.result import VisionResult
 from mkdaemon.vision.track.tracker import Tracker
 
 ALARM_ADVICE = {
-    Alarm.WRONG_SIZE: "images and calibration differ in size: set width and height, or calibrate at this size",
+    Alarm.WRONG_SIZE: "images and calibration differ in size: set width and height, or calibrate at their size",
     Alarm.WRONG_KIND: "the images are no grey values of 8 bits: read the camera in another format",
     Alarm.UNCALIBRATED: "no calibration: tags only, no poses; run mkdaemon calibrate camera and set `calibration`",
     Alarm.FROZEN: "equal images in a row: the camera is frozen, unplug it or restart its driver",
@@ -112,12 +112,6 @@ class CameraPipeline:
         self._unchecked: tuple[CameraImage, AttitudeHistory | None, dict[str, float]] | None = None
         """The newest image, the attitude around it, and the vehicle's height over each target that was posed [m]."""
         self._next_jpeg = -np.inf
-
-    @property
-    def alarms(self) -> tuple[Alarm, ...]:
-        """What is wrong with the images, the camera file or a target file."""
-        mismatch = (Alarm.TARGET_MISMATCH,) if self._check.contradicted else ()
-        return (*self._result.alarms, *mismatch, *self._selfcheck.alarms, *self._attitude_alarms)
 
     def process(self, image: CameraImage, attitude: AttitudeHistory | None) -> list[tuple[str, Telemetry]]:
         """Look at the newest image, with the attitude around its exposure; one that makes the detector fail is counted.
@@ -243,8 +237,7 @@ class CameraPipeline:
 
     def stats(self, stream: StreamStatus, stamp: Stamp) -> VisionStats:
         """Figures of the last images, and what is known of the camera now."""
-        (state, reason), advice = self.state(stream), self._advice(stream)
-        damaged = (Alarm.DAMAGED,) if stream.damage else ()
+        state, reason = self.state(stream)
         figures = np.array(self._timings or [(0.0, 0.0, False)])
         (detect_p50, latency_p50), (detect_p99, latency_p99) = 1000.0 * np.percentile(figures[:, :2], (50, 99), axis=0)
         return VisionStats(
@@ -252,7 +245,7 @@ class CameraPipeline:
             stamp=stamp,
             state=state,
             reason=reason,
-            alarms={name: advice[name] for name in (*self.alarms, *damaged)},
+            alarms=self.alarms(stream),
             source=self.cfg.source,
             width=stream.width,
             height=stream.height,
@@ -283,19 +276,22 @@ class CameraPipeline:
             return stream.state, stream.reason
         if self._failing >= FAILING_FROM:
             return EyeState.FAILING, f"the detector failed on the last {self._failing} images ({self._failure})"
-        posed = bool(self._timings) and self._timings[-1][2]
+        alarms, posed = self.alarms(stream), bool(self._timings) and self._timings[-1][2]
         for name in NEVER_POSED if posed else (*NEVER_POSED, *MAYBE_POSED):
-            if name in self.alarms:
-                return EyeState(name.value), self._advice(stream)[name]
+            if name in alarms:
+                return EyeState(name.value), alarms[name]
         return EyeState.OK, ""
 
-    def _advice(self, stream: StreamStatus) -> dict[Alarm, str]:
-        """What to do about each alarm, with the figures that belong to it."""
-        advice = ALARM_ADVICE | self._selfcheck.alarms | self._attitude_alarms
-        advice[Alarm.DAMAGED] += f" ({stream.damage})"
-        if self.tracker.shutter is not None:
-            advice[Alarm.LINE_TIME] += f"; it is {self.tracker.shutter.words}"
-        if (k := self._intrinsics) is not None:
-            sizes = f"the camera gives {stream.width}x{stream.height}, its calibration is for {k.width}x{k.height}"
-            advice[Alarm.WRONG_SIZE] += f" ({sizes})"
-        return advice
+    def alarms(self, stream: StreamStatus) -> dict[Alarm, str]:
+        """What is wrong with the images, the camera file or a target file, each with what to do."""
+        raised = [*self._result.alarms]
+        raised += [Alarm.TARGET_MISMATCH] if self._check.contradicted else []
+        raised += [Alarm.DAMAGED] if stream.damage else []
+        k, shutter = self._intrinsics, self.tracker.shutter
+        figures = {
+            Alarm.WRONG_SIZE: k and f" ({stream.width}x{stream.height}, its calibration is for {k.width}x{k.height})",
+            Alarm.LINE_TIME: shutter and f"; it is {shutter.words}",
+            Alarm.DAMAGED: f" ({stream.damage})",
+        }
+        told = {name: ALARM_ADVICE[name] + (figures.get(name) or "") for name in raised}
+        return told | self._selfcheck.alarms | self._attitude_alarms

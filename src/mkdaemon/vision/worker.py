@@ -8,7 +8,7 @@ import time
 from collections import Counter, deque
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
-from typing import Final, Protocol
+from typing import Final
 
 import cv2
 import structlog
@@ -20,7 +20,7 @@ from mkdaemon.config.vision import VisionSection
 from mkdaemon.errors import ConfigError
 from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.base import Telemetry
-from mkdaemon.telemetry.vision import Alarm, AttitudeLoss, EyeState, VisionStats
+from mkdaemon.telemetry.vision import AttitudeLoss, EyeState, VisionStats
 from mkdaemon.vision.camera.camera import CameraStream
 from mkdaemon.vision.camera.image import CameraImage, Source
 from mkdaemon.vision.camera.slot import NewestSlot
@@ -42,13 +42,6 @@ BAROMETER = 50
 
 
 _log = structlog.get_logger(__name__)
-
-
-class Sink(Protocol):
-    """Takes what the eyes see; called on the event loop, returns at once."""
-
-    def publish(self, suffix: str, value: Telemetry) -> None:
-        """Put `value` on `mk/<vehicle>/<suffix>`."""
 
 
 def camera_mistakes(cameras: Sequence[CameraSection], vision: VisionSection, clock: Clock) -> Iterator[ConfigError]:
@@ -76,8 +69,8 @@ class VisionWorker:
     Args:
         cameras: at least one, each with its own name.
         vision: the tracker.
-        sink: where values go.
-        loop: the event loop `sink` lives on.
+        publish: puts a value on `mk/<vehicle>/<suffix>`; called on the event loop, returns at once.
+        loop: the event loop.
         clock: stamps.
         session: gives the Zenoh session for `zenoh:` sources.
         open_source: chooses the source a camera section names.
@@ -92,7 +85,7 @@ class VisionWorker:
         self,
         cameras: Sequence[CameraSection],
         vision: VisionSection,
-        sink: Sink,
+        publish: Callable[[str, Telemetry], None],
         loop: asyncio.AbstractEventLoop,
         clock: Clock,
         session: Callable[[], zenoh.Session] = no_session,
@@ -101,7 +94,7 @@ class VisionWorker:
         record: Callable[[CameraImage, AttitudeHistory], None] = lambda image, attitude: None,
     ) -> None:
         _require_names(cameras)
-        self._sink, self._record, self._loop, self._clock = sink, record, loop, clock
+        self._put, self._record, self._loop, self._clock = publish, record, loop, clock
         self._slot: NewestSlot[CameraImage] = NewestSlot()
         self._eyes = {
             cfg.name: _Eye(CameraPipeline(cfg, vision, clock), CameraStream(cfg, open_source(cfg, session), self._slot))
@@ -209,7 +202,7 @@ class VisionWorker:
 
     def _publish(self, values: list[tuple[str, Telemetry]]) -> None:
         for suffix, value in values:
-            self._sink.publish(suffix, value)
+            self._put(suffix, value)
 
 
 class _Eye:
@@ -219,7 +212,6 @@ class _Eye:
         self.pipeline, self.stream = pipeline, stream
         self.stats_key = f"vision/{pipeline.cfg.name}/stats"
         self.last: VisionStats | None = None
-        self._reported: tuple[EyeState, tuple[Alarm, ...]] | None = None
         self._due = self._setup_due = float("-inf")
 
     def look_again(self, image: CameraImage) -> list[tuple[str, Telemetry]]:
@@ -233,12 +225,11 @@ class _Eye:
 
     def report(self, stamp: Stamp) -> list[tuple[str, Telemetry]]:
         """Stats and the static frame, once a second and when the state changes; now and then what the camera is."""
-        status = self.stream.status()
-        facts = (self.pipeline.state(status)[0], self.pipeline.alarms)
-        if facts == self._reported and stamp.monotonic < self._due:
+        status, last = self.stream.status(), self.last
+        facts = (self.pipeline.state(status)[0], *self.pipeline.alarms(status))
+        if last is not None and (last.state, *last.alarms) == facts and stamp.monotonic < self._due:
             return []
-        self.last = self.pipeline.stats(status, stamp)
-        self._reported, self._due = facts, stamp.monotonic + STATS_EVERY
+        self.last, self._due = self.pipeline.stats(status, stamp), stamp.monotonic + STATS_EVERY
         values: list[tuple[str, Telemetry]] = [(self.stats_key, self.last)]
         mount = self.pipeline.mount(stamp)
         if mount is not None:

@@ -22,17 +22,7 @@ from mkdaemon.config.camera import CameraSection
 from mkdaemon.errors import VisionError
 from mkdaemon.telemetry.vision import EyeState
 from mkdaemon.vision.camera.camera import CameraStream
-from mkdaemon.vision.camera.exposure import (
-    AUTOGAIN,
-    EXPOSURE_ABSOLUTE,
-    EXPOSURE_AUTO,
-    EXPOSURE_AUTO_PRIORITY,
-    GAIN,
-    GREATEST_GAIN,
-    Reach,
-    Setting,
-    V4l2Controls,
-)
+from mkdaemon.vision.camera.exposure import GREATEST_GAIN, Control, Reach, Setting, V4l2Controls
 from mkdaemon.vision.camera.image import CameraImage
 from mkdaemon.vision.camera.slot import NewestSlot
 from mkdaemon.vision.camera.sources import source_of
@@ -43,14 +33,14 @@ VIDIOC_QUERYCTRL, VIDIOC_S_CTRL = 0xC0445624, 0xC008561C
 FLAGS_AT = 56
 DISABLED, READ_ONLY = 1, 4
 WEBCAM = {
-    GAIN: "13099800010000004761696e0000000000000000000000000000000000000000000000000000000000000000ff000000"
+    Control.GAIN: "13099800010000004761696e0000000000000000000000000000000000000000000000000000000000000000ff000000"
     "0100000000000000000000000000000000000000",
-    EXPOSURE_AUTO: "01099a00030000004175746f204578706f7375726500000000000000000000000000000000000000000000000300000001"
-    "00000003000000000000000000000000000000",
-    EXPOSURE_ABSOLUTE: "02099a00010000004578706f737572652054696d652c204162736f6c75746500000000000000000003000000ff0700"
-    "0001000000fa000000100000000000000000000000",
-    EXPOSURE_AUTO_PRIORITY: "03099a00020000004578706f737572652c2044796e616d6963204672616d657261746500000000000000000001"
-    "0000000100000000000000000000000000000000000000",
+    Control.EXPOSURE_AUTO: "01099a00030000004175746f204578706f737572650000000000000000000000000000000000000000"
+    "000000030000000100000003000000000000000000000000000000",
+    Control.EXPOSURE_ABSOLUTE: "02099a00010000004578706f737572652054696d652c204162736f6c7574650000000000000000"
+    "0003000000ff07000001000000fa000000100000000000000000000000",
+    Control.EXPOSURE_AUTO_PRIORITY: "03099a00020000004578706f737572652c2044796e616d6963204672616d65726174650000"
+    "00000000000000010000000100000000000000000000000000000000000000",
 }
 """v4l2_queryctrl of each control: gain 0 to 255, exposure 3 to 2047 and inactive while it is automatic."""
 SETTING = Setting(4e-3, GREATEST_GAIN)
@@ -116,24 +106,29 @@ def plug(device: Path, monkeypatch: pytest.MonkeyPatch) -> Plug:
 def test_a_webcam_is_told_ticks_and_its_own_gain(plug: Plug) -> None:
     kernel = Kernel()
     camera = plug(kernel)
-    assert kernel.values() == [(EXPOSURE_AUTO, 1), (EXPOSURE_AUTO_PRIORITY, 0)]
+    assert kernel.values() == [(Control.EXPOSURE_AUTO, 1), (Control.EXPOSURE_AUTO_PRIORITY, 0)]
     assert camera.refused == ()
     assert camera.reach == Reach(pytest.approx(300e-6), pytest.approx(204.7e-3), GREATEST_GAIN)
     assert camera.adjust(SETTING) == camera.adjust(Setting(1e-6, 1.0)) == ()
     assert kernel.told[2].hex() == "02099a0028000000"  # v4l2_control as gcc lays it out
-    assert kernel.values()[2:] == [(EXPOSURE_ABSOLUTE, 40), (GAIN, 255), (EXPOSURE_ABSOLUTE, 3), (GAIN, 0)]
+    assert kernel.values()[2:] == [
+        (Control.EXPOSURE_ABSOLUTE, 40),
+        (Control.GAIN, 255),
+        (Control.EXPOSURE_ABSOLUTE, 3),
+        (Control.GAIN, 0),
+    ]
     camera.close()
 
 
 @pytest.mark.parametrize("flag", [DISABLED, READ_ONLY])
 def test_a_control_that_cannot_be_set_counts_as_missing(plug: Plug, flag: int) -> None:
     kernel = Kernel()
-    kernel.answers[GAIN][FLAGS_AT] |= flag
+    kernel.answers[Control.GAIN][FLAGS_AT] |= flag
     camera = plug(kernel)
     assert camera.reach is not None
     assert camera.reach.greatest_gain == 1.0
     camera.close()
-    kernel.answers[EXPOSURE_ABSOLUTE][FLAGS_AT] |= flag
+    kernel.answers[Control.EXPOSURE_ABSOLUTE][FLAGS_AT] |= flag
     camera = plug(kernel)
     assert camera.reach is None
     assert camera.adjust(SETTING) == ()
@@ -141,7 +136,7 @@ def test_a_control_that_cannot_be_set_counts_as_missing(plug: Plug, flag: int) -
 
 
 def test_a_camera_without_exposure_control_takes_nothing(plug: Plug) -> None:
-    kernel = Kernel({GAIN: WEBCAM[GAIN]})
+    kernel = Kernel({Control.GAIN: WEBCAM[Control.GAIN]})
     camera = plug(kernel)
     assert camera.reach is None
     assert kernel.told == []
@@ -149,7 +144,7 @@ def test_a_camera_without_exposure_control_takes_nothing(plug: Plug) -> None:
 
 
 def test_a_camera_that_keeps_its_automatic_exposure_is_left_to_it(plug: Plug) -> None:
-    kernel = Kernel(errors={EXPOSURE_AUTO: errno.EINVAL})  # a menu without manual
+    kernel = Kernel(errors={Control.EXPOSURE_AUTO: errno.EINVAL})  # a menu without manual
     camera = plug(kernel)
     assert camera.refused == ("exposure_auto=1: the driver says Invalid argument",)
     assert camera.reach is None
@@ -159,25 +154,27 @@ def test_a_camera_that_keeps_its_automatic_exposure_is_left_to_it(plug: Plug) ->
 
 
 def test_a_camera_that_keeps_its_automatic_gain_is_told_exposures_only(plug: Plug) -> None:
-    kernel = Kernel(WEBCAM | {AUTOGAIN: WEBCAM[EXPOSURE_AUTO_PRIORITY]}, {AUTOGAIN: errno.EACCES})
+    kernel = Kernel(
+        WEBCAM | {Control.AUTOGAIN: WEBCAM[Control.EXPOSURE_AUTO_PRIORITY]}, {Control.AUTOGAIN: errno.EACCES}
+    )
     camera = plug(kernel)
     assert camera.refused == ("autogain=0: the driver says Permission denied",)
     assert camera.reach is not None
     assert camera.reach.greatest_gain == 1.0
     assert camera.adjust(SETTING) == ()
-    assert kernel.values()[-1] == (EXPOSURE_ABSOLUTE, 40)
+    assert kernel.values()[-1] == (Control.EXPOSURE_ABSOLUTE, 40)
     camera.close()
 
 
 @pytest.mark.parametrize("fault", [errno.EBUSY, errno.EACCES, errno.EINVAL, errno.ERANGE, errno.EIO])
 def test_a_control_that_refuses_is_named_and_asked_again(plug: Plug, fault: int) -> None:
-    kernel = Kernel(errors={EXPOSURE_ABSOLUTE: fault})
+    kernel = Kernel(errors={Control.EXPOSURE_ABSOLUTE: fault})
     camera = plug(kernel)
     assert camera.adjust(SETTING) == (f"exposure_absolute=40: the driver says {os.strerror(fault)}",)
-    assert kernel.values()[-1] == (GAIN, 255)
+    assert kernel.values()[-1] == (Control.GAIN, 255)
     kernel.errors.clear()
     assert camera.adjust(SETTING) == ()
-    assert (EXPOSURE_ABSOLUTE, 40) in kernel.values()
+    assert (Control.EXPOSURE_ABSOLUTE, 40) in kernel.values()
     camera.close()
 
 
@@ -239,7 +236,7 @@ class Webcam:
 def test_images_go_on_whatever_the_camera_refuses_and_end_when_it_is_unplugged(
     device: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    kernel = Kernel(errors={EXPOSURE_AUTO_PRIORITY: errno.EACCES, GAIN: errno.EBUSY})
+    kernel = Kernel(errors={Control.EXPOSURE_AUTO_PRIORITY: errno.EACCES, Control.GAIN: errno.EBUSY})
     monkeypatch.setattr(cv2, "VideoCapture", lambda *_: Webcam(kernel))
     monkeypatch.setattr(cv2.videoio_registry, "hasBackend", lambda _: True)
     monkeypatch.setattr("fcntl.ioctl", kernel)

@@ -1,12 +1,10 @@
 """Exposure and gain: the shortest exposure in which the cells of a tag stand out of the noise, and how V4L2 is told.
 
 Photons decide: contrast over noise grows with the square root of the exposure, whatever the gain. So the exposure
-follows from what is wanted of it, and the gain only brings white to a good grey value. A longer exposure smears, a
-shorter one drowns the cells in noise.
+follows from what is wanted of it, and the gain only brings white to a good grey value. A longer exposure smears.
 
-Numbers and structures of V4L2: linux/videodev2.h and linux/v4l2-controls.h. An exposure of
-`V4L2_CID_EXPOSURE_ABSOLUTE` counts 100 us. The unit of a gain is the driver's own: its range is taken for 1 to
-`GREATEST_GAIN`, and what that gets wrong the next image shows.
+Numbers and structures of V4L2: linux/videodev2.h and linux/v4l2-controls.h. The unit of a gain is the driver's own: its
+range is taken for 1 to `GREATEST_GAIN`, and what that gets wrong the next image shows.
 """
 
 from __future__ import annotations
@@ -18,6 +16,7 @@ import os
 import struct
 from collections.abc import Sequence
 from dataclasses import dataclass
+from enum import IntEnum
 from pathlib import Path
 from typing import Final
 
@@ -33,15 +32,6 @@ QUERY: Final = 0xC0445624
 """VIDIOC_QUERYCTRL of a structure of 68 bytes."""
 SET: Final = 0xC008561C
 """VIDIOC_S_CTRL of a structure of 8 bytes."""
-EXPOSURE_AUTO, EXPOSURE_ABSOLUTE, EXPOSURE_AUTO_PRIORITY = 0x009A0901, 0x009A0902, 0x009A0903
-AUTOGAIN, GAIN = 0x00980912, 0x00980913
-NAMES: Final = {
-    EXPOSURE_AUTO: "exposure_auto",
-    EXPOSURE_ABSOLUTE: "exposure_absolute",
-    EXPOSURE_AUTO_PRIORITY: "exposure_auto_priority",
-    AUTOGAIN: "autogain",
-    GAIN: "gain",
-}
 MANUAL, AUTO = 1, 3
 """Of V4L2_CID_EXPOSURE_AUTO: manual and aperture priority."""
 QUERIED: Final = "=II32siiiiIII"
@@ -52,8 +42,19 @@ GONE: Final = frozenset({errno.ENODEV, errno.ENXIO})
 """What the kernel says of a device that was unplugged while it is open. EBUSY, EACCES, EINVAL, ERANGE and EIO are a
 control's: images go on."""
 TICK: Final = 100e-6
+"""Unit of V4L2_CID_EXPOSURE_ABSOLUTE [s]."""
 GREATEST_GAIN: Final = 16.0
 """Analogue gain of the OV9281, registers 0x10 to 0xff (Linux, drivers/media/i2c/ov9282.c)."""
+
+
+class Control(IntEnum):
+    """A number of V4L2: V4L2_CID_EXPOSURE_AUTO and so on."""
+
+    AUTOGAIN = 0x00980912
+    GAIN = 0x00980913
+    EXPOSURE_AUTO = 0x009A0901
+    EXPOSURE_ABSOLUTE = 0x009A0902
+    EXPOSURE_AUTO_PRIORITY = 0x009A0903
 
 
 @dataclass(frozen=True, slots=True)
@@ -184,11 +185,11 @@ class V4l2Controls:
             msg = f"{device} cannot be opened a second time, to set its exposure: {error.strerror}"
             raise VisionError(msg) from None
         try:
-            exposure = self._take_over(EXPOSURE_ABSOLUTE, EXPOSURE_AUTO, MANUAL)
+            exposure = self._take_over(Control.EXPOSURE_ABSOLUTE, Control.EXPOSURE_AUTO, MANUAL)
             if exposure is None:
                 return
-            self.refused += self._switch_off(EXPOSURE_AUTO_PRIORITY, 0)
-            self._gain = self._take_over(GAIN, AUTOGAIN, 0)
+            self.refused += self._switch_off(Control.EXPOSURE_AUTO_PRIORITY, 0)
+            self._gain = self._take_over(Control.GAIN, Control.AUTOGAIN, 0)
         except VisionError:
             self.close()
             raise
@@ -205,26 +206,26 @@ class V4l2Controls:
         if self.reach is None:
             return ()
         exposure = _within(setting.exposure, self.reach.shortest, self.reach.longest)
-        refused = self._set(EXPOSURE_ABSOLUTE, round(exposure / TICK))
+        refused = self._set(Control.EXPOSURE_ABSOLUTE, round(exposure / TICK))
         if self._gain is not None:
-            refused += self._set(GAIN, round(float(np.interp(setting.gain, (1.0, GREATEST_GAIN), self._gain))))
+            refused += self._set(Control.GAIN, round(float(np.interp(setting.gain, (1.0, GREATEST_GAIN), self._gain))))
         return refused
 
     def close(self) -> None:
         """Let go of the device; its settings stay."""
         os.close(self._descriptor)
 
-    def _take_over(self, control: int, automatic: int, off: int) -> tuple[int, int] | None:
+    def _take_over(self, control: Control, automatic: Control, off: int) -> tuple[int, int] | None:
         """Range of a control that is ours now [driver's unit]; None where there is none, or the camera keeps it."""
         found = self._query(control)
         kept = self._switch_off(automatic, off) if found is not None else ()
         self.refused += kept
         return None if kept else found
 
-    def _switch_off(self, control: int, value: int) -> tuple[str, ...]:
+    def _switch_off(self, control: Control, value: int) -> tuple[str, ...]:
         return self._set(control, value) if self._query(control) is not None else ()
 
-    def _query(self, control: int) -> tuple[int, int] | None:
+    def _query(self, control: Control) -> tuple[int, int] | None:
         """Range of a control that can be set; a busy or inactive one counts, as it may become free."""
         content = bytearray(struct.pack(QUERIED, control, 0, b"", 0, 0, 0, 0, 0, 0, 0))
         if self._ask(QUERY, content):
@@ -232,10 +233,10 @@ class V4l2Controls:
         _, _, _, least, greatest, _, _, flags, *_ = struct.unpack(QUERIED, content)
         return None if flags & UNSETTABLE or least >= greatest else (least, greatest)
 
-    def _set(self, control: int, value: int) -> tuple[str, ...]:
+    def _set(self, control: Control, value: int) -> tuple[str, ...]:
         """Set a control; what and why, where the driver refuses."""
         fault = self._ask(SET, bytearray(struct.pack("=Ii", control, value)))
-        return (f"{NAMES[control]}={value}: the driver says {fault}",) if fault else ()
+        return (f"{control.name.lower()}={value}: the driver says {fault}",) if fault else ()
 
     def _ask(self, request: int, content: bytearray) -> str:
         """Ask the kernel, which answers in `content`; why it refuses, empty where it does not."""
