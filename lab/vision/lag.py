@@ -29,8 +29,9 @@ from mkdaemon.telemetry.base import Telemetry
 from mkdaemon.telemetry.vision import VisionPose, VisionStats
 from mkdaemon.vision.camera.calibration_file import load_camera
 from mkdaemon.vision.camera.image import Shot, Source
+from mkdaemon.vision.pipeline import STATS_EVERY
 from mkdaemon.vision.track.attitude import AttitudeSample
-from mkdaemon.vision.worker import STATS_EVERY, VisionWorker
+from mkdaemon.vision.worker import VisionWorker
 
 LAG_SAMPLE: Final = 0.002
 """Sleep of the probe [s]; its lateness is the loop's lag."""

@@ -393,7 +393,7 @@ def test_a_dead_thread_is_told_and_started_again_within_a_second() -> None:
         clock = Clock(monotonic=loop.time, wall=loop.time)
         worker = VisionWorker([section()], VisionSection(), sink.publish, loop, clock)
         eye = worker._eyes["down"]
-        eye.report(clock.stamp())
+        eye.pipeline.report(eye.stream.status(), clock.stamp())
         dead = threading.Thread(target=lambda: None)
         dead.start()
         dead.join()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import asdict
 
 import numpy as np
 
@@ -113,7 +112,7 @@ def _seen(image: CameraImage, stamp: Stamp) -> dict[str, object]:
 
 def exposure_of(control: ExposureControl) -> Exposure:
     """What a camera is told, and the levels it was told for."""
-    levels = dict.fromkeys(("black", "white", "noise")) if control.levels is None else asdict(control.levels)
+    levels = dict.fromkeys(("black", "white", "noise")) if control.levels is None else control.levels._asdict()
     return Exposure(exposure_ms=1000.0 * control.setting.exposure, gain=control.setting.gain, **levels)
 
 

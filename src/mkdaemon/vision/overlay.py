@@ -18,8 +18,7 @@ from mkdaemon.vision.still import StillResult
 Colour = tuple[int, int, int]
 
 SIDES: tuple[Colour, ...] = ((60, 60, 255), (80, 220, 80), (255, 160, 60), (220, 220, 220))
-"""Top, right, bottom, left of the print, blue-green-red: a turned tag shows at a glance."""
-AXES: tuple[Colour, ...] = ((60, 60, 255), (80, 220, 80), (255, 120, 60))
+"""Top, right, bottom, left of the print, and the axes x, y, z [blue-green-red]: a turned tag shows at a glance."""
 
 
 def draw(pixels: Grey, result: StillResult, intrinsics: Intrinsics | None) -> Grey:
@@ -36,7 +35,7 @@ def draw(pixels: Grey, result: StillResult, intrinsics: Intrinsics | None) -> Gr
             points = length * np.vstack([np.zeros(3), np.eye(3)]) @ pose.rotation.T + pose.position
             if float(points[:, 2].min()) > NEAR_M:
                 seen, _ = Projection(intrinsics).project(points)
-                for end, colour in zip(seen[1:], AXES, strict=True):
+                for end, colour in zip(seen[1:], SIDES[:3], strict=True):
                     _line(picture, seen[0], end, colour)
     return picture
 

@@ -1,7 +1,4 @@
-"""One camera's images through its tracker, with the figures that tell how well it goes.
-
-How much of the vehicle's attitude the eyes can use: what was left out is counted by reason, and told.
-"""
+"""One camera's images through its tracker, with the figures that tell how well it goes."""
 
 from __future__ import annotations
 
@@ -60,6 +57,9 @@ NEVER_POSED = (Alarm.WRONG_SIZE, Alarm.WRONG_KIND, Alarm.UNCALIBRATED, Alarm.FRO
 """Alarms under which no pose is published, the first one first."""
 MAYBE_POSED = (Alarm.DARK, Alarm.BLOWN, Alarm.TARGET_MISMATCH)
 """Alarms that explain why there is no pose, while there is none."""
+STATS_EVERY = 1.0
+SETUP_EVERY = 10.0
+"""What a camera is does not change; a recording that is cut has it all the same [s]."""
 FAILING_FROM = 3
 """Failures of the detector in a row from which the camera delivers nothing."""
 AT_BODY = Mounting(np.eye(3), np.zeros(3))
@@ -73,14 +73,14 @@ class CameraPipeline:
 
     Attributes:
         attitude_lost: how often the vehicle's attitude was not used, by reason.
+        reported: the newest figures that were published.
 
     Raises:
         ConfigError: a camera or target file is wrong, or there is no target.
     """
 
     def __init__(self, cfg: CameraSection, vision: VisionSection, clock: Clock) -> None:
-        self.cfg = cfg
-        self._clock = clock
+        self.cfg, self._clock = cfg, clock
         camera = load_camera(cfg.calibration) if cfg.calibration is not None else None
         if not cfg.targets:
             msg = f'camera {cfg.name}: no targets; set `targets`, for example ["configs/targets/nested.toml"]'
@@ -111,7 +111,8 @@ class CameraPipeline:
         self._result = VisionResult(cfg.name, 0, 0.0, (), (), ())
         self._unchecked: tuple[CameraImage, AttitudeHistory | None, dict[str, float]] | None = None
         """The newest image, the attitude around it, and the vehicle's height over each target that was posed [m]."""
-        self._next_jpeg = -np.inf
+        self.reported: VisionStats | None = None
+        self._next_jpeg = self._next_stats = self._next_setup = -math.inf
 
     def process(self, image: CameraImage, attitude: AttitudeHistory | None) -> list[tuple[str, Telemetry]]:
         """Look at the newest image, with the attitude around its exposure; one that makes the detector fail is counted.
@@ -126,6 +127,15 @@ class CameraPipeline:
             return []
         self._failing = 0
         return values
+
+    def look_again(self, image: CameraImage, exposure: ExposureControl | None) -> list[tuple[str, Telemetry]]:
+        """What no stick frame waits for: the checks of the files, the exposure, the image for people to look at."""
+        self.check_files()
+        if exposure is not None:
+            outlines = outlines_of(self._result, self._tagmap, self._projection)
+            exposure.image_seen(image.pixels, outlines, self._gamma)
+        picture = self.picture(image)
+        return [picture] if picture is not None else []
 
     def check_files(self) -> None:
         """Ask the newest image, once, whether camera file and target files are right; a failure is counted."""
@@ -182,10 +192,6 @@ class CameraPipeline:
                 " `level` of the target"
             )
 
-    def expose(self, image: CameraImage, control: ExposureControl) -> None:
-        """Have the exposure chosen by the tags of the newest image."""
-        control.image_seen(image.pixels, outlines_of(self._result, self._tagmap, self._projection), self._gamma)
-
     def barometer_received(self, time: float, height: float) -> None:
         """Take the barometer's height [m] at a time [s; monotonic]."""
         self._selfcheck.barometer_received(time, height)
@@ -196,7 +202,7 @@ class CameraPipeline:
         self._failed(error)
 
     def _failed(self, error: BaseException) -> None:
-        """Count a failure of the detector, by what it raised, and forget what it followed."""
+        """Note a failure of the detector, and forget what it followed."""
         self._note(error)
         self._failing += 1
         self._timings.clear()
@@ -234,6 +240,21 @@ class CameraPipeline:
     def setup(self, stamp: Stamp) -> CameraSetup:
         """What the camera is and looks for, from its files."""
         return setup_of(self.cfg.name, self._intrinsics, self._mounting, self._tagmap, stamp)
+
+    def report(self, stream: StreamStatus, stamp: Stamp) -> list[tuple[str, Telemetry]]:
+        """Stats and the static frame, once a second and when the state changes; now and then what the camera is."""
+        facts, told = (self.state(stream)[0], *self.alarms(stream)), self.reported
+        if told is not None and (told.state, *told.alarms) == facts and stamp.monotonic < self._next_stats:
+            return []
+        self.reported, self._next_stats = self.stats(stream, stamp), stamp.monotonic + STATS_EVERY
+        values: list[tuple[str, Telemetry]] = [(f"vision/{self.cfg.name}/stats", self.reported)]
+        mount = self.mount(stamp)
+        if mount is not None:
+            values.append(("tf", mount))
+        if stamp.monotonic >= self._next_setup:
+            self._next_setup = stamp.monotonic + SETUP_EVERY
+            values.append((f"vision/{self.cfg.name}/setup", self.setup(stamp)))
+        return values
 
     def stats(self, stream: StreamStatus, stamp: Stamp) -> VisionStats:
         """Figures of the last images, and what is known of the camera now."""

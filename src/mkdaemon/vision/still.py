@@ -22,7 +22,7 @@ from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.tags.detection import Detection, Stage, best_of_codes
 from mkdaemon.vision.tags.detector import Detector
 from mkdaemon.vision.tags.tagfamily import find_family
-from mkdaemon.vision.tags.tagmap import TagMap, Target, covered_cells, single
+from mkdaemon.vision.tags.tagmap import TagMap, Target, single
 
 ANY_ID_FALSE_RATE = 2e-6
 """Chance that a random quad reads as some code of the family, one bit corrected: with all 587 ids of tag36h11 allowed,
@@ -72,14 +72,14 @@ class StillResult:
 
 
 class StillEye:
-    """Looks at images one by one.
+    """Looks at images one by one: for targets, or for tags of some families that stand alone.
 
     Args:
         intrinsics: calibration; without one there are tags and no poses.
-        tagmap: targets to look for, or
-        tag_size: side of every tag, each standing alone [m].
-        families: families of tags that stand alone.
-        ids: codes of tags that stand alone; None for all.
+        tagmap: targets; None for tags that stand alone.
+        tag_size: side of each of them [m].
+        families: of theirs.
+        ids: their codes; None for all.
 
     Raises:
         VisionError: unknown family or id.
@@ -100,11 +100,10 @@ class StillEye:
         self._gamma = intrinsics.gamma if intrinsics is not None else 1.0
         self._fits: dict[str, tuple[TargetFitter, EdgeFit]] = {}
         wanted = None if ids is None else frozenset(ids)
-        if tagmap is not None:
-            self._detector = Detector(tagmap.whitelist, covered=covered_cells(tagmap))
-        else:
-            whitelist = {name: wanted or frozenset(range(find_family(name).ids)) for name in families}
-            self._detector = Detector(whitelist, max_chance=LIMITS.read.max_chance if wanted else ANY_ID_FALSE_RATE)
+        alone = {name: wanted or frozenset(range(find_family(name).ids)) for name in families}
+        known = tagmap is not None or wanted is not None
+        max_chance = LIMITS.read.max_chance if known else ANY_ID_FALSE_RATE
+        self._detector = Detector(alone if tagmap is None else tagmap.whitelist, max_chance=max_chance)
         if tag_size is not None:
             single(tag_size, 0)  # says what is wrong with the size before any image
 

@@ -8,7 +8,7 @@ import time
 from collections import Counter, deque
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
-from typing import Final
+from typing import Final, NamedTuple
 
 import cv2
 import structlog
@@ -18,9 +18,8 @@ from mkdaemon.clock import Clock
 from mkdaemon.config.camera import CameraSection
 from mkdaemon.config.vision import VisionSection
 from mkdaemon.errors import ConfigError
-from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.base import Telemetry
-from mkdaemon.telemetry.vision import AttitudeLoss, EyeState, VisionStats
+from mkdaemon.telemetry.vision import AttitudeLoss, EyeState
 from mkdaemon.vision.camera.camera import CameraStream
 from mkdaemon.vision.camera.image import CameraImage, Source
 from mkdaemon.vision.camera.slot import NewestSlot
@@ -28,9 +27,6 @@ from mkdaemon.vision.camera.sources import no_session, source_of
 from mkdaemon.vision.pipeline import CameraPipeline
 from mkdaemon.vision.track.attitude import AttitudeHistory, AttitudeSample
 
-STATS_EVERY = 1.0
-SETUP_EVERY: Final = 10.0
-"""What a camera is does not change; a recording that is cut has it all the same [s]."""
 LOOK_EVERY: Final = 0.1
 """Longest wait for an image before states are looked at again, and between two looks at the thread [s]."""
 STALLED_AFTER: Final = 0.5
@@ -42,6 +38,13 @@ BAROMETER = 50
 
 
 _log = structlog.get_logger(__name__)
+
+
+class _Eye(NamedTuple):
+    """One camera."""
+
+    pipeline: CameraPipeline
+    stream: CameraStream
 
 
 def camera_mistakes(cameras: Sequence[CameraSection], vision: VisionSection, clock: Clock) -> Iterator[ConfigError]:
@@ -110,7 +113,7 @@ class VisionWorker:
     def start(self) -> None:
         """Start all threads; that every camera is being opened is told at once, so that nobody flies without them."""
         for eye in self._eyes.values():
-            self._publish(eye.report(self._clock.stamp()))
+            self._publish(eye.pipeline.report(eye.stream.status(), self._clock.stamp()))
             eye.stream.start()
         self._alive_at = self._clock.now()
         self._thread.start()
@@ -164,10 +167,11 @@ class VisionWorker:
 
     def _report_all(self, state: EyeState, reason: str) -> None:
         """Publish, from the loop, what the thread cannot report about itself."""
-        for eye in self._eyes.values():
-            if eye.last is not None and (eye.last.state, eye.last.reason) != (state, reason):
+        for name, eye in self._eyes.items():
+            last = eye.pipeline.reported
+            if last is not None and (last.state, last.reason) != (state, reason):
                 change = {"state": state, "reason": reason, "stamp": self._clock.stamp()}
-                self._publish([(eye.stats_key, eye.last.model_copy(update=change))])
+                self._publish([(f"vision/{name}/stats", last.model_copy(update=change))])
 
     def _run(self) -> None:
         try:
@@ -190,9 +194,9 @@ class VisionWorker:
                 self._record(image, attitude)
                 eye = self._eyes[image.camera]
                 self._hand_over(eye.pipeline.process(image, attitude))
-                values += eye.look_again(image)
+                values += eye.pipeline.look_again(image, eye.stream.status().exposure)
             for eye in self._eyes.values():
-                values += eye.report(self._clock.stamp())
+                values += eye.pipeline.report(eye.stream.status(), self._clock.stamp())
             self._hand_over(values)
 
     def _hand_over(self, values: list[tuple[str, Telemetry]]) -> None:
@@ -203,38 +207,3 @@ class VisionWorker:
     def _publish(self, values: list[tuple[str, Telemetry]]) -> None:
         for suffix, value in values:
             self._put(suffix, value)
-
-
-class _Eye:
-    """One camera: its pipeline, its stream and what it reported last."""
-
-    def __init__(self, pipeline: CameraPipeline, stream: CameraStream) -> None:
-        self.pipeline, self.stream = pipeline, stream
-        self.stats_key = f"vision/{pipeline.cfg.name}/stats"
-        self.last: VisionStats | None = None
-        self._due = self._setup_due = float("-inf")
-
-    def look_again(self, image: CameraImage) -> list[tuple[str, Telemetry]]:
-        """What no stick frame waits for: the checks of the files, the exposure, the image for people to look at."""
-        self.pipeline.check_files()
-        exposure = self.stream.status().exposure
-        if exposure is not None:
-            self.pipeline.expose(image, exposure)
-        picture = self.pipeline.picture(image)
-        return [picture] if picture is not None else []
-
-    def report(self, stamp: Stamp) -> list[tuple[str, Telemetry]]:
-        """Stats and the static frame, once a second and when the state changes; now and then what the camera is."""
-        status, last = self.stream.status(), self.last
-        facts = (self.pipeline.state(status)[0], *self.pipeline.alarms(status))
-        if last is not None and (last.state, *last.alarms) == facts and stamp.monotonic < self._due:
-            return []
-        self.last, self._due = self.pipeline.stats(status, stamp), stamp.monotonic + STATS_EVERY
-        values: list[tuple[str, Telemetry]] = [(self.stats_key, self.last)]
-        mount = self.pipeline.mount(stamp)
-        if mount is not None:
-            values.append(("tf", mount))
-        if stamp.monotonic >= self._setup_due:
-            self._setup_due = stamp.monotonic + SETUP_EVERY
-            values.append((f"vision/{self.pipeline.cfg.name}/setup", self.pipeline.setup(stamp)))
-        return values

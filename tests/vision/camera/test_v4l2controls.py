@@ -11,7 +11,6 @@ import errno
 import os
 import struct
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -39,10 +38,12 @@ WEBCAM = {
     "000000030000000100000003000000000000000000000000000000",
     Control.EXPOSURE_ABSOLUTE: "02099a00010000004578706f737572652054696d652c204162736f6c7574650000000000000000"
     "0003000000ff07000001000000fa000000100000000000000000000000",
-    Control.EXPOSURE_AUTO_PRIORITY: "03099a00020000004578706f737572652c2044796e616d6963204672616d65726174650000"
-    "00000000000000010000000100000000000000000000000000000000000000",
 }
 """v4l2_queryctrl of each control: gain 0 to 255, exposure 3 to 2047 and inactive while it is automatic."""
+AUTOMATIC_GAIN = {
+    Control.AUTOGAIN: "12099800020000004761696e2c204175746f6d617469630000000000000000000000000000000000"
+    "00000000010000000100000000000000000000000000000000000000"
+}
 SETTING = Setting(4e-3, GREATEST_GAIN)
 
 
@@ -106,12 +107,12 @@ def plug(device: Path, monkeypatch: pytest.MonkeyPatch) -> Plug:
 def test_a_webcam_is_told_ticks_and_its_own_gain(plug: Plug) -> None:
     kernel = Kernel()
     camera = plug(kernel)
-    assert kernel.values() == [(Control.EXPOSURE_AUTO, 1), (Control.EXPOSURE_AUTO_PRIORITY, 0)]
+    assert kernel.values() == [(Control.EXPOSURE_AUTO, 1)]
     assert camera.refused == ()
     assert camera.reach == Reach(pytest.approx(300e-6), pytest.approx(204.7e-3), GREATEST_GAIN)
     assert camera.adjust(SETTING) == camera.adjust(Setting(1e-6, 1.0)) == ()
-    assert kernel.told[2].hex() == "02099a0028000000"  # v4l2_control as gcc lays it out
-    assert kernel.values()[2:] == [
+    assert kernel.told[1].hex() == "02099a0028000000"  # v4l2_control as gcc lays it out
+    assert kernel.values()[1:] == [
         (Control.EXPOSURE_ABSOLUTE, 40),
         (Control.GAIN, 255),
         (Control.EXPOSURE_ABSOLUTE, 3),
@@ -154,9 +155,7 @@ def test_a_camera_that_keeps_its_automatic_exposure_is_left_to_it(plug: Plug) ->
 
 
 def test_a_camera_that_keeps_its_automatic_gain_is_told_exposures_only(plug: Plug) -> None:
-    kernel = Kernel(
-        WEBCAM | {Control.AUTOGAIN: WEBCAM[Control.EXPOSURE_AUTO_PRIORITY]}, {Control.AUTOGAIN: errno.EACCES}
-    )
+    kernel = Kernel(WEBCAM | AUTOMATIC_GAIN, {Control.AUTOGAIN: errno.EACCES})
     camera = plug(kernel)
     assert camera.refused == ("autogain=0: the driver says Permission denied",)
     assert camera.reach is not None
@@ -236,7 +235,8 @@ class Webcam:
 def test_images_go_on_whatever_the_camera_refuses_and_end_when_it_is_unplugged(
     device: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    kernel = Kernel(errors={Control.EXPOSURE_AUTO_PRIORITY: errno.EACCES, Control.GAIN: errno.EBUSY})
+    errors = {Control.AUTOGAIN: errno.EACCES, Control.EXPOSURE_ABSOLUTE: errno.EBUSY}
+    kernel = Kernel(WEBCAM | AUTOMATIC_GAIN, errors)
     monkeypatch.setattr(cv2, "VideoCapture", lambda *_: Webcam(kernel))
     monkeypatch.setattr(cv2.videoio_registry, "hasBackend", lambda _: True)
     monkeypatch.setattr("fcntl.ioctl", kernel)
@@ -248,13 +248,13 @@ def test_images_go_on_whatever_the_camera_refuses_and_end_when_it_is_unplugged(
     assert control is not None
     control.setting = SETTING
     busy = (
-        "exposure_auto_priority=0: the driver says Permission denied",
-        "gain=255: the driver says " + os.strerror(16),
+        "autogain=0: the driver says Permission denied",
+        "exposure_absolute=40: the driver says " + os.strerror(16),
     )
     status = wait_for_status(stream, lambda s: s.refused == busy)
     assert (status.state, status.reopened) == (EyeState.OK, 0)
     kernel.errors.clear()
-    control.setting = replace(SETTING)
+    control.setting = SETTING._replace()
     wait_for_status(stream, lambda s: s.refused == busy[:1])
     kernel.is_there = False
     wait_for_status(stream, lambda s: s.reopened >= 2)  # it cannot be opened either, and nothing stays open

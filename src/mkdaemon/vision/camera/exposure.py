@@ -15,10 +15,9 @@ import math
 import os
 import struct
 from collections.abc import Sequence
-from dataclasses import dataclass
 from enum import IntEnum
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -54,19 +53,16 @@ class Control(IntEnum):
     GAIN = 0x00980913
     EXPOSURE_AUTO = 0x009A0901
     EXPOSURE_ABSOLUTE = 0x009A0902
-    EXPOSURE_AUTO_PRIORITY = 0x009A0903
 
 
-@dataclass(frozen=True, slots=True)
-class Setting:
+class Setting(NamedTuple):
     """What a camera is told: exposure [s] and gain, an amplification of which 1 is the least."""
 
     exposure: float
     gain: float
 
 
-@dataclass(frozen=True, slots=True)
-class Reach:
+class Reach(NamedTuple):
     """What a camera can be told: exposures [s], the longest at most what motion allows, and the gain over the least."""
 
     shortest: float
@@ -74,8 +70,7 @@ class Reach:
     greatest_gain: float
 
 
-@dataclass(frozen=True, slots=True)
-class Levels:
+class Levels(NamedTuple):
     """Of black and white cells of a target, or of the whole image, and the deviation of neighbouring pixels [grey]."""
 
     black: float
@@ -89,12 +84,9 @@ class Levels:
 
 
 def levels_of(pixels: Grey, corners: Sequence[Array] = (), gamma: float = 1.0) -> Levels:
-    """Levels of an image in light: of its largest tag, or of all of it where no tag is seen.
+    """Levels of an image `(h, w)` in light: of its largest tag by corners `(4, 2)` [px], of all of it without one.
 
-    Args:
-        pixels: `(h, w)` uint8.
-        corners: of tags `(4, 2)` [px].
-        gamma: of the camera's tone curve.
+    `gamma` is that of the camera's tone curve.
     """
     height, width = pixels.shape
     part, low, high = pixels[::2, ::2], 2.0, 98.0
@@ -112,13 +104,7 @@ def levels_of(pixels: Grey, corners: Sequence[Array] = (), gamma: float = 1.0) -
 
 
 def next_setting(now: Setting, seen: Levels, reach: Reach) -> Setting:
-    """The setting for the coming images; `now` where a change would not be worth it.
-
-    Args:
-        now: setting of the image that was seen.
-        seen: its levels, in light.
-        reach: of the camera.
-    """
+    """The setting after an image that was taken with `now`; `now` itself where a change would not be worth it."""
     brighter = 1.0 / EXPOSURE.step if seen.white >= LIMITS.read.saturated else EXPOSURE.white / max(seen.white, 1.0)
     brightness = now.exposure * now.gain * brighter
     wanted = now.exposure * (EXPOSURE.contrast / max(seen.contrast, 1e-3)) ** 2
@@ -188,7 +174,6 @@ class V4l2Controls:
             exposure = self._take_over(Control.EXPOSURE_ABSOLUTE, Control.EXPOSURE_AUTO, MANUAL)
             if exposure is None:
                 return
-            self.refused += self._switch_off(Control.EXPOSURE_AUTO_PRIORITY, 0)
             self._gain = self._take_over(Control.GAIN, Control.AUTOGAIN, 0)
         except VisionError:
             self.close()
@@ -218,12 +203,11 @@ class V4l2Controls:
     def _take_over(self, control: Control, automatic: Control, off: int) -> tuple[int, int] | None:
         """Range of a control that is ours now [driver's unit]; None where there is none, or the camera keeps it."""
         found = self._query(control)
-        kept = self._switch_off(automatic, off) if found is not None else ()
+        if found is None or self._query(automatic) is None:
+            return found
+        kept = self._set(automatic, off)
         self.refused += kept
         return None if kept else found
-
-    def _switch_off(self, control: Control, value: int) -> tuple[str, ...]:
-        return self._set(control, value) if self._query(control) is not None else ()
 
     def _query(self, control: Control) -> tuple[int, int] | None:
         """Range of a control that can be set; a busy or inactive one counts, as it may become free."""
