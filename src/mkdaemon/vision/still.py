@@ -9,7 +9,7 @@ import numpy as np
 
 from mkdaemon.config.vision import TrackerSection
 from mkdaemon.telemetry.vision import PoseRefusal
-from mkdaemon.vision.arrays import Array, Grey
+from mkdaemon.vision.arrays import Grey
 from mkdaemon.vision.camera.image import in_light
 from mkdaemon.vision.camera.intrinsics import Intrinsics
 from mkdaemon.vision.limits import HALF, LIMITS
@@ -17,7 +17,7 @@ from mkdaemon.vision.pose.ambiguity import evidence, residual_ratio
 from mkdaemon.vision.pose.edgefit import EdgeFit
 from mkdaemon.vision.pose.fitting import TargetFitter
 from mkdaemon.vision.pose.gates import fit_refusal
-from mkdaemon.vision.pose.pose import FLOOR_RANGE, Pose, angle_between, with_floor
+from mkdaemon.vision.pose.pose import FLOOR_RANGE, Pose, angle_between
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.tags.detection import Detection, Stage, best_of_codes
 from mkdaemon.vision.tags.detector import Detector
@@ -49,11 +49,6 @@ class StillPose:
     ambiguous: bool
     refusal: PoseRefusal | None
 
-    @property
-    def covariance(self) -> Array:
-        """`(6, 6)` over position [m] and rotation vector [rad], camera axes, calibration floor included."""
-        return with_floor(self.pose)
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StillTag:
@@ -73,6 +68,9 @@ class StillResult:
 
 class StillEye:
     """Looks at images one by one: for targets, or for tags of some families that stand alone.
+
+    Attributes:
+        detector: that searches.
 
     Args:
         intrinsics: calibration; without one there are tags and no poses.
@@ -103,14 +101,9 @@ class StillEye:
         alone = {name: wanted or frozenset(range(find_family(name).ids)) for name in families}
         known = tagmap is not None or wanted is not None
         max_chance = LIMITS.read.max_chance if known else ANY_ID_FALSE_RATE
-        self._detector = Detector(alone if tagmap is None else tagmap.whitelist, max_chance=max_chance)
+        self.detector = Detector(alone if tagmap is None else tagmap.whitelist, max_chance=max_chance)
         if tag_size is not None:
             single(tag_size, 0)  # says what is wrong with the size before any image
-
-    @property
-    def warning(self) -> str:
-        """What is lost when the best detector is not installed."""
-        return self._detector.warning
 
     def look(self, pixels: Grey) -> StillResult:
         """Find everything in `(h, w)` uint8."""
@@ -126,8 +119,8 @@ class StillEye:
     def _search(self, pixels: Grey) -> list[Detection]:
         """The searches for unbroken quads, the finest first; each adds what the ones before did not see."""
         found: list[Detection] = []
-        for stage in (stage for stage in WHOLE_TAGS if stage in self._detector.stages):
-            for tag in self._detector.search_all(pixels, stage):
+        for stage in (stage for stage in WHOLE_TAGS if stage in self.detector.stages):
+            for tag in self.detector.search_all(pixels, stage):
                 middle = tag.corners.mean(axis=0)
                 known = (other.corners.mean(axis=0) for other in found if other.code == tag.code)
                 if all(np.linalg.norm(middle - other) > HALF * tag.side_px for other in known):

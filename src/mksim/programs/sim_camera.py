@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import zenoh
 
-from mkdaemon.bus.codec import encoding_of
+from mkdaemon.bus.codec import encode, encoding_of
 from mkdaemon.bus.names import key
 from mkdaemon.config.camera import read_image_secret
 from mkdaemon.telemetry.image import CameraFrame
@@ -84,10 +84,11 @@ class CameraPublisher:
         finally:
             self._publisher = None
 
-    def send(self, payload: bytes) -> None:
-        """Put one packed picture; from any thread."""
+    def send(self, frame: CameraFrame) -> None:
+        """Put one picture; from any thread."""
         publisher = self._publisher
         if publisher is not None:
+            payload = encode(frame)
             proof = None if self._secret is None else sign(self._secret, self._plain, payload)
             with contextlib.suppress(zenoh.ZError):  # the session ends at the same moment
                 publisher.put(payload, encoding=self._encoding, attachment=proof)

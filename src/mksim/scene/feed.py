@@ -13,7 +13,6 @@ import structlog
 
 from mkdaemon.clock import Clock
 from mkdaemon.telemetry.image import CameraFrame
-from mkdaemon.vision.camera.imagecodec import pack
 from mkdaemon.vision.camera.slot import NewestSlot
 from mksim.faults import Faults
 from mksim.physics.truth import Truth
@@ -40,7 +39,7 @@ class SceneFeed:
 
     Args:
         camera: renders.
-        send: puts a packed `CameraFrame` on the bus; called from the render thread.
+        send: puts a frame on the bus; called from the render thread.
         seed: of latency jitter.
         writers: further places for every picture.
     """
@@ -48,7 +47,7 @@ class SceneFeed:
     def __init__(
         self,
         camera: SceneCamera,
-        send: Callable[[bytes], None],
+        send: Callable[[CameraFrame], None],
         *,
         seed: int,
         writers: tuple[FrameWriter, ...] = (),
@@ -123,22 +122,22 @@ class SceneFeed:
         self._slot.put(_Exposure(state, light, covered, self._sequence, at))
 
     def _run(self) -> None:
-        waiting: deque[tuple[float, bytes]] = deque()
+        waiting: deque[tuple[float, CameraFrame]] = deque()
         while not self._stop.is_set():
             patience = 0.2 if not waiting else min(max(waiting[0][0] - time.monotonic(), 0.0), 0.2)
             exposure = self._slot.take(patience)
             if exposure is not None:
-                payload = self._render(exposure)
+                frame = self._render(exposure)
                 cfg = self._camera.cfg
                 latency = cfg.latency_ms + cfg.latency_jitter_ms * abs(float(self._rng.standard_normal()))
                 at = exposure.monotonic + latency / 1000.0
-                waiting.append((max(at, waiting[-1][0]) if waiting else at, payload))
+                waiting.append((max(at, waiting[-1][0]) if waiting else at, frame))
             while waiting and waiting[0][0] <= time.monotonic():
                 self._send(waiting.popleft()[1])
                 self.sent += 1
 
-    def _render(self, exposure: _Exposure) -> bytes:
-        """One image, packed for the bus."""
+    def _render(self, exposure: _Exposure) -> CameraFrame:
+        """One image for the bus."""
         started = time.perf_counter()
         pixels = self._camera.expose(exposure.state, light=exposure.light, covered=exposure.covered)
         spent = 1000.0 * (time.perf_counter() - started)
@@ -154,14 +153,12 @@ class SceneFeed:
         cfg = self._camera.cfg
         exposed = exposure.monotonic + cfg.stamp_error_ms / 1000.0
         height, width = pixels.shape
-        return pack(
-            CameraFrame(
-                camera=cfg.name,
-                sequence=exposure.sequence,
-                width=width,
-                height=height,
-                coding="gray8",
-                stamp=self._clock.stamp(exposed),
-                pixels=pixels.tobytes(),
-            )
+        return CameraFrame(
+            camera=cfg.name,
+            sequence=exposure.sequence,
+            width=width,
+            height=height,
+            coding="gray8",
+            stamp=self._clock.stamp(exposed),
+            pixels=pixels.tobytes(),
         )

@@ -10,8 +10,10 @@ import pytest
 import zenoh
 
 from mkdaemon.bus.session import close_session, session_config
+from mkdaemon.clock import Clock
 from mkdaemon.config.camera import CameraSection
 from mkdaemon.errors import ConfigError
+from mkdaemon.telemetry.image import CameraFrame
 from mkdaemon.vision.camera.camera import CameraStream
 from mkdaemon.vision.camera.image import CameraImage
 from mkdaemon.vision.camera.slot import NewestSlot
@@ -97,7 +99,7 @@ async def test_a_video_that_cannot_be_written_stops_the_simulator_at_once(tmp_pa
 
 def test_pictures_without_a_bus_go_nowhere() -> None:
     publisher = CameraPublisher("film", "down")
-    publisher.send(b"picture")
+    publisher.send(CameraFrame(stamp=Clock().stamp(), width=1, height=1, coding="gray8", pixels=b"0"))
     assert not publisher.is_open
 
 

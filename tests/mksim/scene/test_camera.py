@@ -14,8 +14,8 @@ import pytest
 from mkdaemon.clock import boot_id
 from mkdaemon.errors import ConfigError
 from mkdaemon.frames import rotation_from_euler
+from mkdaemon.telemetry.image import CameraFrame
 from mkdaemon.vision.camera.calibration_file import load_camera
-from mkdaemon.vision.camera.imagecodec import unpack
 from mkdaemon.vision.still import StillEye, StillResult
 from mkdaemon.vision.tags.tagmap import TagMap
 from mksim.config import FlightConfig, LightConfig, PilotPlan, PlatformConfig, SceneConfig, SimConfig
@@ -135,11 +135,11 @@ def test_the_aircraft_is_carried_by_the_platform_it_stands_on() -> None:
 
 def test_frames_come_stamped_and_late() -> None:
     cfg = SceneConfig(latency_ms=80.0, latency_jitter_ms=0.0, stamp_error_ms=5.0, fps=30.0, name="nose")
-    frames: list[tuple[float, bytes]] = []
+    frames: list[tuple[float, CameraFrame]] = []
     enough = threading.Event()
 
-    def send(payload: bytes) -> None:
-        frames.append((time.monotonic(), payload))
+    def send(frame: CameraFrame) -> None:
+        frames.append((time.monotonic(), frame))
         if len(frames) == 4:
             enough.set()
 
@@ -155,13 +155,12 @@ def test_frames_come_stamped_and_late() -> None:
         feed._slot.wait_taken("")
     assert enough.wait(PATIENCE)
     feed.stop()
-    for k, (arrived, payload) in enumerate(frames):
-        frame, pixels = unpack(payload)
+    for k, (arrived, frame) in enumerate(frames):
         assert (frame.sequence, frame.camera, frame.stamp.boot) == (k + 1, "nose", boot_id())
         taken = frame.stamp.monotonic - 0.005
         assert exposed[k][0] <= taken <= exposed[k][1]
         assert arrived - taken >= 0.0799
-        assert pixels.shape == (480, 640)
+        assert (frame.width, frame.height, len(frame.pixels)) == (640, 480, 640 * 480)
     assert feed.render_ms > 0.0
     assert feed.dropped == 0
 

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import zenoh
 
+from mkdaemon.bus.codec import encode
 from mkdaemon.clock import Clock
 from mkdaemon.config.camera import CameraSection
 from mkdaemon.errors import ConfigError, VisionError
@@ -22,7 +23,7 @@ from mkdaemon.telemetry.vision import EyeState
 from mkdaemon.vision.camera import sources
 from mkdaemon.vision.camera.camera import CameraStream, StampClock
 from mkdaemon.vision.camera.image import CameraImage, EndOfImages, PictureError, Shot, Source
-from mkdaemon.vision.camera.imagecodec import encode_jpeg, pack
+from mkdaemon.vision.camera.imagecodec import encode_jpeg
 from mkdaemon.vision.camera.slot import NewestSlot
 from mkdaemon.vision.camera.sources import list_pictures, source_of
 from tests.vision.streams import wait_for_status
@@ -357,7 +358,7 @@ def test_images_from_the_bus_keep_their_capture_time(session: zenoh.Session) -> 
     wait_for_status(stream, lambda s: s.state is EyeState.OK)
     taken = time.monotonic() - 0.123
     sent = frame(picture(77), 5, stamp=Clock().stamp(taken))
-    session.put("test/camera/image", pack(sent))
+    session.put("test/camera/image", encode(sent))
     image = slot.take(PATIENCE)
     assert image is not None
     assert image.captured_at == pytest.approx(taken, abs=1e-6)
@@ -371,7 +372,7 @@ def test_images_from_the_bus_keep_their_capture_time(session: zenoh.Session) -> 
     earliest = time.monotonic() - (time.time() - taken_wall)
     session.put(
         "test/camera/image",
-        pack(
+        encode(
             frame(
                 picture(),
                 8,
@@ -406,14 +407,14 @@ def test_images_without_the_secret_displace_none_and_are_counted_and_named(
     stream = CameraStream(cfg, source_of(cfg, lambda: session), slot)
     stream.start()
     wait_for_status(stream, lambda s: s.state is EyeState.OK)
-    forged, private = pack(frame(picture(200), 1_000_000)), private_key(SECRET, key)
+    forged, private = encode(frame(picture(200), 1_000_000)), private_key(SECRET, key)
     for pattern in (key, "test/signed/**", "**", f"{key}/*"):
         session.put(pattern, forged, attachment=sign(SECRET, key, forged))
     status = wait_for_status(stream, lambda s: s.damaged > 0)
     assert "without the secret" in status.damage
     session.put(private, forged)  # from who heard of the key and has no secret
     session.put(private, forged, attachment=bytes(32))
-    own = pack(frame(picture(77), 5))
+    own = encode(frame(picture(77), 5))
     session.put(private, own, attachment=sign(SECRET, key, own))
     image = slot.take(PATIENCE)
     assert image is not None

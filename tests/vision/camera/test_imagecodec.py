@@ -13,6 +13,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from mkdaemon.bus.codec import encode
 from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.image import CameraFrame
 from mkdaemon.vision.camera.image import PictureError
@@ -20,7 +21,6 @@ from mkdaemon.vision.camera.imagecodec import (
     captured_pixels,
     decode_picture,
     encode_jpeg,
-    pack,
     read_picture,
     unpack,
 )
@@ -38,14 +38,14 @@ FRAME = CameraFrame(
 
 
 def test_grey_pixels_come_back_as_they_went() -> None:
-    found = unpack(pack(FRAME))
+    found = unpack(encode(FRAME))
     assert found[0] == FRAME
     np.testing.assert_array_equal(found[1], PIXELS)
 
 
 def test_png_comes_back_as_it_went() -> None:
     png = cv2.imencode(".png", PIXELS)[1].tobytes()
-    found = unpack(pack(FRAME.model_copy(update={"coding": "png", "pixels": png})))
+    found = unpack(encode(FRAME.model_copy(update={"coding": "png", "pixels": png})))
     np.testing.assert_array_equal(found[1], PIXELS)
 
 
@@ -69,7 +69,7 @@ def test_what_is_wrong_is_named(change: dict[str, object], words: str) -> None:
 def test_a_header_that_lies_about_its_picture_is_refused() -> None:
     jpeg, _, _ = encode_jpeg(PIXELS, 80, 100)
     with pytest.raises(PictureError, match="header says 32x12, the picture is 16x12"):
-        unpack(pack(FRAME.model_copy(update={"coding": "jpeg", "pixels": jpeg, "width": 32})))
+        unpack(encode(FRAME.model_copy(update={"coding": "jpeg", "pixels": jpeg, "width": 32})))
 
 
 @given(st.binary(max_size=200))
@@ -79,9 +79,9 @@ def test_bytes_that_are_no_image_are_refused(payload: bytes) -> None:
             reader(payload)
 
 
-@given(st.integers(0, len(pack(FRAME)) - 1), st.integers(0, 255))
+@given(st.integers(0, len(encode(FRAME)) - 1), st.integers(0, 255))
 def test_a_damaged_frame_raises_nothing_else(place: int, value: int) -> None:
-    damaged = bytearray(pack(FRAME))
+    damaged = bytearray(encode(FRAME))
     damaged[place] = value
     with contextlib.suppress(PictureError):
         unpack(bytes(damaged))

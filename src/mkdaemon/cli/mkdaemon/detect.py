@@ -23,6 +23,7 @@ from mkdaemon.vision.camera.imagecodec import read_picture
 from mkdaemon.vision.camera.intrinsics import Intrinsics
 from mkdaemon.vision.camera.sources import CLIPS, list_pictures, open_clip
 from mkdaemon.vision.overlay import draw, write_picture
+from mkdaemon.vision.pose.pose import with_floor
 from mkdaemon.vision.still import StillEye, StillPose, StillResult, StillTag
 from mkdaemon.vision.tags.tagmap import TagMap, load
 
@@ -149,7 +150,7 @@ class _Eyes:
         self._tagmap, self._tag_size, self._families, self._ids = tagmap, tag_size, families, ids
         self._eyes: dict[Intrinsics | None, StillEye] = {}
         try:
-            warning = self.of(None).warning
+            warning = self.of(None).detector.warning
         except VisionError as error:
             raise ConfigError(str(error)) from None
         if warning:
@@ -298,7 +299,7 @@ def _pose(found: StillPose) -> dict[str, Any]:
         "target": found.target,
         "translation": [float(v) for v in pose.position],
         "quaternion": list(quaternion_from_rotation(pose.rotation)),
-        "covariance": [[float(v) for v in row] for row in found.covariance],
+        "covariance": [[float(v) for v in row] for row in with_floor(pose)],
         "ambiguity": found.ambiguity if np.isfinite(found.ambiguity) else None,
         "ambiguous": found.ambiguous,
         "source": pose.source,

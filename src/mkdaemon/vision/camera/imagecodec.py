@@ -53,12 +53,6 @@ def picture_size(content: bytes) -> tuple[int, int] | None:
     return int(width), int(height)
 
 
-def pack(frame: CameraFrame) -> bytes:
-    """Put a frame on the wire: a msgpack map of its fields, as every value on the bus."""
-    packed: bytes = msgpack.packb(frame, default=vars)
-    return packed
-
-
 def unpack(payload: bytes) -> tuple[CameraFrame, Grey]:
     """Read a frame from outside: the frame and its pixels `(height, width)` uint8.
 

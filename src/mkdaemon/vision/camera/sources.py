@@ -37,7 +37,6 @@ CLIPS = frozenset({".mp4", ".avi", ".mkv", ".mov", ".webm", ".m4v", ".mpg", ".mp
 FOLDER_HZ = 10.0
 LATEST: Final = 1.0
 """A recorded picture that is later is due at once, and the next ones follow it [s]."""
-SCHEMES: Final = ("zenoh", "folder", "file", "gstreamer", "v4l2", "rtsp", "rtsps", "http", "https", "udp")
 _BEGINNING: Final = re.compile(
     rb"RIFF.{4}AVI |.{4}(?:ftyp|moov|mdat|wide|free|skip|pnot)|\x1aE\xdf\xa3|\x00\x00\x01[\xb3\xba]"
     rb"|\x00?\x00\x00\x01[\x09\x27\x47\x67]|G.{187}G",
@@ -73,27 +72,26 @@ def source_of(cfg: CameraSection, session: Callable[[], zenoh.Session] = no_sess
     """
     text = cfg.source
     scheme, _, rest = text.partition(":")
-    if not rest or scheme not in SCHEMES:
-        path = Path(text)
-        is_device, is_clip = re.fullmatch(r"/dev/[\w/.:-]+", text), path.suffix.lower() in CLIPS
-        scheme = "v4l2" if is_device else "folder" if path.is_dir() else "file" if is_clip else ""
-        rest = text
-    match scheme:
+    if re.fullmatch(r"/dev/[\w/.:-]+", text):
+        scheme, rest = "v4l2", text
+    match scheme if rest else "":
         case "zenoh":
             return ZenohSource(rest, session, cfg.image_secret())
         case "folder":
             return PlayedSource(partial(open_folder, Path(rest), cfg.fps or FOLDER_HZ), cfg)
         case "file":
             return PlayedSource(partial(open_clip, Path(rest)), cfg)
-        case "gstreamer" | "v4l2":
-            return StreamSource(rest, cv2.CAP_V4L2 if scheme == "v4l2" else cv2.CAP_GSTREAMER, cfg)
-        case "":
-            msg = (
-                f"camera {cfg.name}: source '{text}' is none of /dev/videoN, v4l2:PATH, rtsp://..., gstreamer:PIPELINE,"
-                " file:CLIP, folder:DIR, zenoh:KEY"
-            )
-            raise ConfigError(msg)
-    return StreamSource(text, cv2.CAP_FFMPEG, cfg)
+        case "v4l2":
+            return StreamSource(rest, cv2.CAP_V4L2, cfg)
+        case "gstreamer":
+            return StreamSource(rest, cv2.CAP_GSTREAMER, cfg)
+        case "rtsp" | "rtsps" | "http" | "https" | "udp":
+            return StreamSource(text, cv2.CAP_FFMPEG, cfg)
+    msg = (
+        f"camera {cfg.name}: source '{text}' is none of /dev/videoN, v4l2:PATH, rtsp://..., gstreamer:PIPELINE,"
+        " file:CLIP, folder:DIR, zenoh:KEY"
+    )
+    raise ConfigError(msg)
 
 
 class ZenohSource(Source):
