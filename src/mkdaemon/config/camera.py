@@ -81,7 +81,7 @@ class CameraSection(Section):
 
     See its keys."""
     width: int | None = Field(default=None, gt=0, le=8192)
-    """Wanted width [px]; unset takes the calibration's, or the driver's choice.
+    """Wanted width [px]; unset leaves the driver's choice.
 
     Wider sees smaller tags and takes longer for each image; another shape than the calibration's is refused."""
     height: int | None = Field(default=None, gt=0, le=8192)
