@@ -99,8 +99,7 @@ class StillEye:
         self._fits: dict[str, tuple[TargetFitter, EdgeFit]] = {}
         wanted = None if ids is None else frozenset(ids)
         alone = {name: wanted or frozenset(range(find_family(name).ids)) for name in families}
-        known = tagmap is not None or wanted is not None
-        max_chance = LIMITS.read.max_chance if known else ANY_ID_FALSE_RATE
+        max_chance = LIMITS.read.max_chance if tagmap is not None or wanted else ANY_ID_FALSE_RATE
         self.detector = Detector(alone if tagmap is None else tagmap.whitelist, max_chance=max_chance)
         if tag_size is not None:
             single(tag_size, 0)  # says what is wrong with the size before any image

@@ -167,37 +167,35 @@ class VisionWorker:
 
     def _report_all(self, state: EyeState, reason: str) -> None:
         """Publish, from the loop, what the thread cannot report about itself."""
+        change = {"state": state, "reason": reason, "stamp": self._clock.stamp()}
         for name, eye in self._eyes.items():
-            last = eye.pipeline.reported
-            if last is not None and (last.state, last.reason) != (state, reason):
-                change = {"state": state, "reason": reason, "stamp": self._clock.stamp()}
-                self._publish([(f"vision/{name}/stats", last.model_copy(update=change))])
+            if eye.pipeline.reported is not None:
+                self._put(f"vision/{name}/stats", eye.pipeline.reported.model_copy(update=change))
 
     def _run(self) -> None:
+        cv2.setNumThreads(1)
         try:
-            self._look_until_stopped()
+            while not self._stop.is_set():
+                self._alive_at = self._clock.now()
+                self._look(self._slot.take(LOOK_EVERY))
         except BaseException as error:  # noqa: BLE001  # the loop tells it and starts another thread
             self._failure = error
 
-    def _look_until_stopped(self) -> None:
-        cv2.setNumThreads(1)
-        while not self._stop.is_set():
-            self._alive_at = self._clock.now()
-            image = self._slot.take(LOOK_EVERY)
-            while self._barometer:
-                reading = self._barometer.popleft()
-                for eye in self._eyes.values():
-                    eye.pipeline.barometer_received(*reading)
-            values: list[tuple[str, Telemetry]] = []
-            if image is not None:
-                attitude = AttitudeHistory(tuple(self._attitudes))
-                self._record(image, attitude)
-                eye = self._eyes[image.camera]
-                self._hand_over(eye.pipeline.process(image, attitude))
-                values += eye.pipeline.look_again(image, eye.stream.status().exposure)
+    def _look(self, image: CameraImage | None) -> None:
+        """Look at an image, if there is one; what can wait is done once its poses are handed over."""
+        while self._barometer:
+            reading = self._barometer.popleft()
             for eye in self._eyes.values():
-                values += eye.pipeline.report(eye.stream.status(), self._clock.stamp())
-            self._hand_over(values)
+                eye.pipeline.barometer_received(*reading)
+        values: list[tuple[str, Telemetry]] = []
+        if image is not None:
+            attitude, eye = AttitudeHistory(tuple(self._attitudes)), self._eyes[image.camera]
+            self._record(image, attitude)
+            self._hand_over(eye.pipeline.process(image, attitude))
+            values += eye.pipeline.look_again(image, eye.stream.status().exposure)
+        for eye in self._eyes.values():
+            values += eye.pipeline.report(eye.stream.status(), self._clock.stamp())
+        self._hand_over(values)
 
     def _hand_over(self, values: list[tuple[str, Telemetry]]) -> None:
         """Give values to the loop; where it is closed this raises, which ends the worker."""
