@@ -39,14 +39,16 @@ def camera_frame(name: str) -> str:
 
 
 def values_of(
-    result: VisionResult, image: CameraImage, stamp: Stamp, mounting: Mounting, ready_at: float
+    result: VisionResult, image: CameraImage, stamp: Stamp, mounting: Mounting | None, ready_at: float
 ) -> Iterator[tuple[str, Telemetry]]:
-    """Key suffixes and values of one image.
+    """Key suffixes and values of one image; no poses of a vehicle on which nobody said how the camera sits.
 
     `stamp` is of the middle of its exposure; the tracker's result was there at `ready_at` [s; monotonic].
     """
     if result.detections:
         yield f"vision/{image.camera}/tags", Tags(**_seen(image, stamp), tags=tuple(map(_sighting, result.detections)))
+    if mounting is None:
+        return
     for found in result.poses:
         yield f"vision/{image.camera}/pose", pose_of(found, image, stamp, mounting, ready_at)
         child = found.pose

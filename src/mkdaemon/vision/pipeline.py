@@ -62,8 +62,6 @@ SETUP_EVERY = 10.0
 """What a camera is does not change; a recording that is cut has it all the same [s]."""
 FAILING_FROM = 3
 """Failures of the detector in a row from which the camera delivers nothing."""
-AT_BODY = Mounting(np.eye(3), np.zeros(3))
-"""How a camera is taken to sit of which nobody said it: its axes are those of the body."""
 WINDOW = 150
 """Images the figures look back on: five seconds at 30 Hz."""
 
@@ -162,7 +160,7 @@ class CameraPipeline:
         started = self._clock.now()
         result = self._result = self.tracker.update(image, attitude)
         ready = self._clock.now()
-        values = list(values_of(result, image, self._clock.stamp(image.captured_at), self._mounting or AT_BODY, ready))
+        values = list(values_of(result, image, self._clock.stamp(image.captured_at), self._mounting, ready))
         heights = {value.target: value.position_target[2] for _, value in values if isinstance(value, VisionPose)}
         self._unchecked = image, attitude, heights
         self._judge_attitude(image.captured_at, attitude)

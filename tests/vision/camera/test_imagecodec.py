@@ -138,9 +138,9 @@ def test_published_pictures_keep_their_shape() -> None:
 def test_any_capture_becomes_grey_or_is_refused(image: np.ndarray, shape: tuple[int, int] | None) -> None:
     if shape is None:
         with pytest.raises(PictureError, match="no picture"):
-            captured_pixels(image, coded=False)
+            captured_pixels(image)
         return
-    grey = captured_pixels(image, coded=False)
+    grey = captured_pixels(image)
     assert grey.shape == shape
     if image.dtype == np.uint16:
         assert grey[0, 0] == 200

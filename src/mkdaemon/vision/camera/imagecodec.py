@@ -107,13 +107,13 @@ def decode_picture(content: bytes) -> Grey:
     return np.ascontiguousarray(pixels, dtype=np.uint8)
 
 
-def captured_pixels(image: npt.NDArray[np.generic], *, coded: bool) -> Grey:
-    """Grey values `(h, w)` uint8 of what a capture has read: pixels of 8 or 16 bits, or, `coded`, bytes in one row.
+def captured_pixels(image: npt.NDArray[np.generic]) -> Grey:
+    """Grey values `(h, w)` uint8 of what a capture has read: pixels of 8 or 16 bits, or a row of coded bytes.
 
     Raises:
         PictureError: no picture, or a damaged one.
     """
-    if coded:
+    if image.shape[0] == 1:
         return decode_picture(image.tobytes())
     pixels = (image.astype(np.uint16) >> 8).astype(np.uint8) if image.dtype == np.uint16 else image
     channels = pixels.shape[2:]

@@ -227,14 +227,15 @@ def open_clip(path: Path) -> Iterator[Recorded]:
     if capture is None or not capture.isOpened():
         msg = f"{path} is no video OpenCV can read"
         raise VisionError(msg)
+    _take_jpegs(capture, cv2.CAP_FFMPEG)
     return _clip(capture)
 
 
 def _clip(capture: cv2.VideoCapture) -> Iterator[Recorded]:
-    coded, shown = _take_jpegs(capture, cv2.CAP_FFMPEG), 0.0
+    shown = 0.0
     while (image := capture.read()[1]) is not None:
         at = float(capture.get(cv2.CAP_PROP_POS_MSEC)) / 1000.0
-        yield at - shown, partial(captured_pixels, image, coded=coded)
+        yield at - shown, partial(captured_pixels, image)
         shown = at
 
 
@@ -258,11 +259,10 @@ def _open_quietly(address: str, backend: int = cv2.CAP_FFMPEG, options: Sequence
         cv2.utils.logging.setLogLevel(level)
 
 
-def _take_jpegs(capture: cv2.VideoCapture, backend: int) -> bool:
-    """Ask an opened capture of motion JPEG for its bytes; false where it decodes."""
-    if backend not in UNDECODED or round(capture.get(cv2.CAP_PROP_FOURCC)) not in MOTION_JPEG:
-        return False
-    return bool(capture.set(*UNDECODED[backend]))
+def _take_jpegs(capture: cv2.VideoCapture, backend: int) -> None:
+    """Ask an opened capture of motion JPEG for its bytes."""
+    if backend in UNDECODED and round(capture.get(cv2.CAP_PROP_FOURCC)) in MOTION_JPEG:
+        capture.set(*UNDECODED[backend])
 
 
 class StreamSource(Source):
@@ -271,7 +271,6 @@ class StreamSource(Source):
     def __init__(self, address: str, backend: int, cfg: CameraSection) -> None:
         self._address, self._backend, self._cfg = address, backend, cfg
         self._capture: cv2.VideoCapture | None = None
-        self._coded = False
 
     def open(self) -> tuple[str, ...]:
         """Open and set size, rate, exposure and gain."""
@@ -293,7 +292,7 @@ class StreamSource(Source):
             raise VisionError(msg)
         self._capture = capture
         refused = self._set_controls(capture)
-        self._coded = _take_jpegs(capture, self._backend)
+        _take_jpegs(capture, self._backend)
         if self._cfg.exposure_ms == "target":
             if is_v4l2:
                 self.controls = V4l2Controls(Path(self._address), self._cfg.exposure_longest_ms / 1000.0)
@@ -316,8 +315,7 @@ class StreamSource(Source):
             (cv2.CAP_PROP_EXPOSURE, exposure, "exposure_ms"),
             (cv2.CAP_PROP_GAIN, cfg.gain, "gain"),
         )
-        if self._backend != cv2.CAP_FFMPEG:
-            capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)
+        capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)
         # all are set before any is read back: OpenCV sets a width together with its height
         told = [
             (control, value, name, capture.set(control, value)) for control, value, name in wanted if value is not None
@@ -335,8 +333,7 @@ class StreamSource(Source):
         if self._capture is None or image is None:
             msg = f"{self._address} gives no more images"
             raise VisionError(msg)
-        pixels = captured_pixels(image, coded=self._coded)
-        return Shot(pixels, arrived, float(self._capture.get(cv2.CAP_PROP_POS_MSEC)) / 1000.0)
+        return Shot(captured_pixels(image), arrived, float(self._capture.get(cv2.CAP_PROP_POS_MSEC)) / 1000.0)
 
     def close(self) -> None:
         """Release the device."""
