@@ -27,8 +27,7 @@ from mkdaemon.telemetry.vision import Alarm, AttitudeLoss, EyeState, Tags, Trans
 from mkdaemon.virtualtime import run_virtually
 from mkdaemon.vision.camera.calibration_file import load_camera, mount_rotation
 from mkdaemon.vision.camera.camera import StreamStatus
-from mkdaemon.vision.camera.image import CameraImage
-from mkdaemon.vision.camera.slot import NewestSlot
+from mkdaemon.vision.camera.image import CameraImage, NewestSlot
 from mkdaemon.vision.pipeline import ALARM_ADVICE, CameraPipeline
 from mkdaemon.vision.tags.tagmap import load
 from mkdaemon.vision.track.attitude import AttitudeHistory, AttitudeSample

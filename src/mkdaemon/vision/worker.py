@@ -21,8 +21,7 @@ from mkdaemon.errors import ConfigError
 from mkdaemon.telemetry.base import Telemetry
 from mkdaemon.telemetry.vision import AttitudeLoss, EyeState
 from mkdaemon.vision.camera.camera import CameraStream
-from mkdaemon.vision.camera.image import CameraImage, Source
-from mkdaemon.vision.camera.slot import NewestSlot
+from mkdaemon.vision.camera.image import CameraImage, NewestSlot, Source
 from mkdaemon.vision.camera.sources import no_session, source_of
 from mkdaemon.vision.pipeline import CameraPipeline
 from mkdaemon.vision.track.attitude import AttitudeHistory, AttitudeSample

@@ -13,7 +13,7 @@ import structlog
 
 from mkdaemon.clock import Clock
 from mkdaemon.telemetry.image import CameraFrame
-from mkdaemon.vision.camera.slot import NewestSlot
+from mkdaemon.vision.camera.image import NewestSlot
 from mksim.faults import Faults
 from mksim.physics.truth import Truth
 from mksim.scene.camera import BodyState, SceneCamera

@@ -24,8 +24,7 @@ from mkdaemon.config.camera import CameraSection
 from mkdaemon.errors import ConfigError
 from mkdaemon.telemetry.sim import ScenePose, SimTruth
 from mkdaemon.vision.camera.camera import CameraStream
-from mkdaemon.vision.camera.image import CameraImage
-from mkdaemon.vision.camera.slot import NewestSlot
+from mkdaemon.vision.camera.image import CameraImage, NewestSlot
 from mkdaemon.vision.camera.sources import source_of
 from mkdaemon.vision.still import StillEye
 from mkdaemon.vision.tags.tagmap import TagMap

@@ -15,8 +15,7 @@ from mkdaemon.config.camera import CameraSection
 from mkdaemon.errors import ConfigError
 from mkdaemon.telemetry.image import CameraFrame
 from mkdaemon.vision.camera.camera import CameraStream
-from mkdaemon.vision.camera.image import CameraImage
-from mkdaemon.vision.camera.slot import NewestSlot
+from mkdaemon.vision.camera.image import CameraImage, NewestSlot
 from mkdaemon.vision.camera.sources import source_of
 from mksim.config import PilotPlan, SceneConfig, SimConfig
 from mksim.programs.sim_camera import CameraPublisher, open_camera, run_camera

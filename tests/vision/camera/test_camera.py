@@ -22,9 +22,8 @@ from mkdaemon.telemetry.signature import private_key, sign
 from mkdaemon.telemetry.vision import EyeState
 from mkdaemon.vision.camera import sources
 from mkdaemon.vision.camera.camera import CameraStream, StampClock
-from mkdaemon.vision.camera.image import CameraImage, EndOfImages, PictureError, Shot, Source
+from mkdaemon.vision.camera.image import CameraImage, EndOfImages, NewestSlot, PictureError, Shot, Source
 from mkdaemon.vision.camera.imagecodec import encode_jpeg
-from mkdaemon.vision.camera.slot import NewestSlot
 from mkdaemon.vision.camera.sources import list_pictures, source_of
 from tests.vision.streams import wait_for_status
 

@@ -19,9 +19,8 @@ from mkdaemon.vision.camera.exposure import (
     levels_of,
     next_setting,
 )
-from mkdaemon.vision.camera.image import CameraImage, Shot, Source
+from mkdaemon.vision.camera.image import CameraImage, NewestSlot, Shot, Source
 from mkdaemon.vision.camera.intrinsics import Intrinsics
-from mkdaemon.vision.camera.slot import NewestSlot
 from mkdaemon.vision.output import exposure_of, outlines_of
 from mkdaemon.vision.pose.pose import Pose
 from mkdaemon.vision.pose.projection import Projection

@@ -9,8 +9,7 @@ import pytest
 from mkdaemon.config.camera import CameraSection
 from mkdaemon.telemetry.vision import EyeState
 from mkdaemon.vision.camera.camera import CameraStream
-from mkdaemon.vision.camera.image import CameraImage
-from mkdaemon.vision.camera.slot import NewestSlot
+from mkdaemon.vision.camera.image import CameraImage, NewestSlot
 from mkdaemon.vision.camera.sources import source_of
 from tests.bus.support import free_endpoint
 from tests.vision.camera.network_cameras import HEIGHT, WIDTH, HttpCamera, NetworkCamera, RtspCamera, jpeg

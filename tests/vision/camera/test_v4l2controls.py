@@ -22,8 +22,7 @@ from mkdaemon.errors import VisionError
 from mkdaemon.telemetry.vision import EyeState
 from mkdaemon.vision.camera.camera import CameraStream
 from mkdaemon.vision.camera.exposure import GREATEST_GAIN, Control, Reach, Setting, V4l2Controls
-from mkdaemon.vision.camera.image import CameraImage
-from mkdaemon.vision.camera.slot import NewestSlot
+from mkdaemon.vision.camera.image import CameraImage, NewestSlot
 from mkdaemon.vision.camera.sources import source_of
 from tests.vision.streams import wait_for_status
 

@@ -29,8 +29,7 @@ from mkdaemon.vision.calibrate.calibration import CalibrationResult, calibrate, 
 from mkdaemon.vision.calibrate.views import Coverage, ViewReport, Views, views_of_folder
 from mkdaemon.vision.camera.calibration_file import CalibrationRecord, Camera, save_camera
 from mkdaemon.vision.camera.camera import CameraStream
-from mkdaemon.vision.camera.image import CameraImage
-from mkdaemon.vision.camera.slot import NewestSlot
+from mkdaemon.vision.camera.image import CameraImage, NewestSlot
 from mkdaemon.vision.camera.sources import source_of
 from mkdaemon.vision.tags.tagmap import load
 

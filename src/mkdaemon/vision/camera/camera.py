@@ -15,8 +15,7 @@ from mkdaemon.config.camera import CameraSection
 from mkdaemon.errors import VisionError
 from mkdaemon.telemetry.vision import EyeState
 from mkdaemon.vision.camera.exposure import ExposureControl
-from mkdaemon.vision.camera.image import CameraImage, EndOfImages, PictureError, Shot, Source
-from mkdaemon.vision.camera.slot import NewestSlot
+from mkdaemon.vision.camera.image import CameraImage, EndOfImages, NewestSlot, PictureError, Shot, Source
 
 WINDOW_TIME = 10.0
 """Looked back at, short against the drift of a clock [s]."""

@@ -26,9 +26,8 @@ from mkdaemon.reading import open_regular
 from mkdaemon.telemetry.signature import Signature, private_key
 from mkdaemon.vision.arrays import Grey
 from mkdaemon.vision.camera.exposure import AUTO, MANUAL, TICK, V4l2Controls
-from mkdaemon.vision.camera.image import EndOfImages, PictureError, Shot, Source
+from mkdaemon.vision.camera.image import EndOfImages, NewestSlot, PictureError, Shot, Source
 from mkdaemon.vision.camera.imagecodec import captured_pixels, read_picture, unpack
-from mkdaemon.vision.camera.slot import NewestSlot
 
 STRANGERS_LOOK: Final = 1.0
 """Time between two looks for images of somebody else [s]."""
