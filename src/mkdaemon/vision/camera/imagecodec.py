@@ -115,13 +115,12 @@ def captured_pixels(image: npt.NDArray[np.generic]) -> Grey:
     """
     if image.shape[0] == 1:
         return decode_picture(image.tobytes())
-    pixels = (image.astype(np.uint16) >> 8).astype(np.uint8) if image.dtype == np.uint16 else image
-    channels = pixels.shape[2:]
-    if pixels.dtype != np.uint8 or pixels.size == 0 or pixels.ndim < 2 or channels not in TO_GREY:
+    if image.dtype not in (np.uint8, np.uint16) or image.size == 0 or image.shape[2:] not in TO_GREY:
         msg = f"no picture: {image.dtype} {image.shape}"
         raise PictureError(msg)
-    code = TO_GREY[channels]
-    grey = pixels if code is None else cv2.cvtColor(np.asarray(pixels, dtype=np.uint8), code)
+    pixels = (image.astype(np.uint16) >> 8 if image.dtype == np.uint16 else image).astype(np.uint8, copy=False)
+    code = TO_GREY[image.shape[2:]]
+    grey = pixels if code is None else cv2.cvtColor(pixels, code)
     return np.ascontiguousarray(grey.reshape(grey.shape[:2]), dtype=np.uint8)
 
 
