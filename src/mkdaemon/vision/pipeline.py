@@ -241,8 +241,8 @@ class CameraPipeline:
 
     def report(self, stream: StreamStatus, stamp: Stamp) -> list[tuple[str, Telemetry]]:
         """Stats and the static frame, once a second and when the state changes; now and then what the camera is."""
-        facts, told = (self.state(stream)[0], *self.alarms(stream)), self.reported
-        if told is not None and (told.state, *told.alarms) == facts and stamp.monotonic < self._next_stats:
+        facts, last = (self.state(stream)[0], *self.alarms(stream)), self.reported
+        if last is not None and (last.state, *last.alarms) == facts and stamp.monotonic < self._next_stats:
             return []
         self.reported, self._next_stats = self.stats(stream, stamp), stamp.monotonic + STATS_EVERY
         values: list[tuple[str, Telemetry]] = [(f"vision/{self.cfg.name}/stats", self.reported)]
@@ -312,5 +312,5 @@ class CameraPipeline:
             Alarm.LINE_TIME: shutter and f"; it is {shutter.words}",
             Alarm.DAMAGED: f" ({stream.damage})",
         }
-        told = {name: ALARM_ADVICE[name] + (figures.get(name) or "") for name in raised}
-        return told | self._selfcheck.alarms | self._attitude_alarms
+        seen = {name: ALARM_ADVICE[name] + (figures.get(name) or "") for name in raised}
+        return seen | self._selfcheck.alarms | self._attitude_alarms

@@ -177,16 +177,16 @@ class CameraStream:
 
     def _read_on(self, refused: tuple[str, ...]) -> None:
         """Read until told to stop or the source is gone; `refused` are settings it did not take when it was opened."""
-        controls, told = self._source.controls, None
+        controls, applied = self._source.controls, None
         reach = controls.reach if controls is not None else None
         exposure = ExposureControl(reach) if reach is not None else None
         self._last_arrival = time.monotonic()
         self._status = replace(self._status, state=EyeState.OK, reason="", refused=refused, exposure=exposure)
         self._arrivals.clear()
         while not self._stop.is_set():
-            if controls is not None and exposure is not None and exposure.setting is not told:
-                told = exposure.setting
-                self._status = replace(self._status, refused=(*refused, *controls.adjust(told)))
+            if controls is not None and exposure is not None and exposure.setting is not applied:
+                applied = exposure.setting
+                self._status = replace(self._status, refused=(*refused, *controls.adjust(applied)))
             try:
                 shot = self._source.read(READ_TIMEOUT)
             except PictureError as error:

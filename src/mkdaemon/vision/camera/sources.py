@@ -59,7 +59,11 @@ Recorded = tuple[float, Callable[[], Grey]]
 
 
 def no_session() -> zenoh.Session:
-    """Stand for the bus where none is open."""
+    """Stand for the bus where none is open.
+
+    Raises:
+        VisionError: always.
+    """
     raise VisionError("this source needs the bus: run it in the daemon")
 
 
@@ -316,12 +320,12 @@ class StreamSource(Source):
         )
         capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)
         # all are set before any is read back: OpenCV sets a width together with its height
-        told = [
+        asked = [
             (control, value, name, capture.set(control, value)) for control, value, name in wanted if value is not None
         ]
         return [
             f"{name}={value:g}: the driver has {capture.get(control):g}"
-            for control, value, name, good in told
+            for control, value, name, good in asked
             if not good or abs(capture.get(control) - value) > TAKEN * max(value, 1.0)
         ]
 
