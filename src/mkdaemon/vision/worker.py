@@ -12,7 +12,6 @@ from typing import Final, NamedTuple
 
 import cv2
 import structlog
-import zenoh
 
 from mkdaemon.clock import Clock
 from mkdaemon.config.camera import CameraSection
@@ -22,7 +21,7 @@ from mkdaemon.telemetry.base import Telemetry
 from mkdaemon.telemetry.vision import AttitudeLoss, EyeState
 from mkdaemon.vision.camera.camera import CameraStream
 from mkdaemon.vision.camera.image import CameraImage, NewestSlot, Source
-from mkdaemon.vision.camera.sources import no_session, source_of
+from mkdaemon.vision.camera.sources import Sessions, source_of
 from mkdaemon.vision.pipeline import CameraPipeline
 from mkdaemon.vision.track.attitude import AttitudeHistory, AttitudeSample
 
@@ -90,9 +89,9 @@ class VisionWorker:
         publish: Callable[[str, Telemetry], None],
         loop: asyncio.AbstractEventLoop,
         clock: Clock,
-        session: Callable[[], zenoh.Session] = no_session,
+        session: Sessions = None,
         *,
-        open_source: Callable[[CameraSection, Callable[[], zenoh.Session]], Source] = source_of,
+        open_source: Callable[[CameraSection, Sessions], Source] = source_of,
         record: Callable[[CameraImage, AttitudeHistory], None] = lambda image, attitude: None,
     ) -> None:
         _require_names(cameras)

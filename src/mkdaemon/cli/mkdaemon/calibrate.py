@@ -185,7 +185,7 @@ def _streaming(cfg: CameraSection, connect: str) -> Iterator[tuple[CameraStream,
             raise MkError(msg) from None
     slot: NewestSlot[CameraImage] = NewestSlot()
     opened = session
-    stream = CameraStream(cfg, source_of(cfg, lambda: opened) if opened is not None else source_of(cfg), slot)
+    stream = CameraStream(cfg, source_of(cfg, (lambda: opened) if opened is not None else None), slot)
     stream.start()
     try:
         yield stream, slot

@@ -54,20 +54,13 @@ _WHAT_TO_CHECK = {
     cv2.CAP_FFMPEG: "check address, user and password, and that the camera is on",
     cv2.CAP_GSTREAMER: "try the pipeline with gst-launch-1.0; it must end in appsink",
 }
+Sessions = Callable[[], zenoh.Session] | None
+"""Gives the session of the bus; None where no bus is open."""
 Recorded = tuple[float, Callable[[], Grey]]
 """A recorded picture: the pause from the one before [s], and what decodes its pixels, or raises PictureError."""
 
 
-def no_session() -> zenoh.Session:
-    """Stand for the bus where none is open.
-
-    Raises:
-        VisionError: always.
-    """
-    raise VisionError("this source needs the bus: run it in the daemon")
-
-
-def source_of(cfg: CameraSection, session: Callable[[], zenoh.Session] = no_session) -> Source:
+def source_of(cfg: CameraSection, session: Sessions = None) -> Source:
     """Choose the source a configuration names; `session` gives the Zenoh session that `zenoh:` sources open by.
 
     Raises:
@@ -102,12 +95,12 @@ class ZenohSource(Source):
 
     Args:
         key: plain and whole.
-        session: gives an open one.
+        session: gives an open one, where there is a bus.
         secret: with which the sender signs them, and without which nobody knows the key they come to; None takes
             images from whoever puts them.
     """
 
-    def __init__(self, key: str, session: Callable[[], zenoh.Session], secret: str | None = None) -> None:
+    def __init__(self, key: str, session: Sessions, secret: str | None) -> None:
         self._key, self._session, self._secret = key, session, secret
         self._clock = Clock()
         self._subscriber: zenoh.Subscriber[None] | None = None
@@ -117,6 +110,8 @@ class ZenohSource(Source):
 
     def open(self) -> tuple[str, ...]:
         """Subscribe with a direct callback that only keeps the newest payload."""
+        if self._session is None:
+            raise VisionError("this source needs the bus: run it in the daemon")
         try:
             session, secret = self._session(), self._secret
             key = self._key if secret is None else private_key(secret, self._key)
