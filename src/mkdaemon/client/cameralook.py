@@ -129,7 +129,7 @@ class CameraLook:
             widths = [float(np.ptp(corners[:, 0])) for _, corners in outlines]
             largest = widths.index(max(widths))
             family = find_family(self.tags.tags[largest].family)
-            self.softness = softness(self._pixels, outlines[largest][1], family.size_cells)
+            self.softness = softness(self._pixels, outlines[largest][1], family)
 
 
 async def find_camera(uav: Vehicle, name: str = "") -> str:
