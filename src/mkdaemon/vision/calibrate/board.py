@@ -45,13 +45,27 @@ class BoardPoints:
         ids: `(n,)` names of the points.
         board: `(n, 3)` [m; board].
         image: `(n, 2)` [px, centres at integers].
+        size: width and height of the image [px].
         levels: black, middle and white of straight edges `(m, 3)` [grey]; none of tags.
     """
 
     ids: npt.NDArray[np.int64]
     board: Array
     image: Array
+    size: tuple[int, int]
     levels: Array = field(default_factory=lambda: np.empty((0, 3)))
+
+    @property
+    def normal(self) -> Array:
+        """Direction the board faces `(3,)` [camera, RDF].
+
+        Found with a guessed focal length of one picture width, which is good enough to tell tilts apart.
+        """
+        width, height = self.size
+        guess = np.array([[width, 0, width / 2], [0, width, height / 2], [0, 0, 1]], dtype=np.float64)
+        _, rvec, tvec = cv2.solvePnP(self.board, self.image, guess, None, flags=cv2.SOLVEPNP_IPPE)
+        normal = np.asarray(cv2.Rodrigues(rvec)[0], dtype=np.float64)[:, 2]
+        return -normal if float(normal @ tvec.ravel()) > 0 else normal
 
 
 @dataclass(frozen=True)
@@ -110,7 +124,8 @@ class CharucoBoard:
         index = np.asarray(ids, dtype=np.int64).ravel()
         known = np.asarray(self._cv.getChessboardCorners(), dtype=np.float64)
         image = np.asarray(corners, dtype=np.float64).reshape(-1, 2)
-        return BoardPoints(index, known[index], image, edge_levels(pixels, *self._edges(index, image)))
+        levels = edge_levels(pixels, *self._edges(index, image))
+        return BoardPoints(index, known[index], image, (pixels.shape[1], pixels.shape[0]), levels)
 
     def _edges(self, ids: npt.NDArray[np.int64], image: Array) -> tuple[Array, Array]:
         """Ends of the sides of squares between neighbouring corners, `(n, 2)` each [px]."""
@@ -147,7 +162,8 @@ class TagBoard:
             return None
         places, tags, corners = zip(*found, strict=True)
         ids = (4 * np.array(places)[:, None] + np.arange(4)).ravel()
-        return BoardPoints(ids, np.concatenate([tag.corners for tag in tags]), np.concatenate(corners))
+        known = np.concatenate([tag.corners for tag in tags])
+        return BoardPoints(ids, known, np.concatenate(corners), (pixels.shape[1], pixels.shape[0]))
 
 
 CalibrationBoard = CharucoBoard | TagBoard
@@ -174,16 +190,3 @@ def edge_levels(pixels: Grey, starts: Array, ends: Array) -> Array:
     good = (length[:, 0] * ASIDE > LEAST_PX) & (white - black > CONTRAST) & (black > GREYS[0]) & (white < GREYS[1])
     levels: Array = np.column_stack([black, middle, white])[good]
     return levels
-
-
-def board_normal(view: BoardPoints, width: int, height: int) -> Array | None:
-    """Direction the board faces `(3,)` [camera, RDF], towards the camera.
-
-    Found with a guessed focal length of one picture width, which is good enough to tell tilts apart.
-    """
-    guess = np.array([[width, 0, width / 2], [0, width, height / 2], [0, 0, 1]], dtype=np.float64)
-    good, rvec, tvec = cv2.solvePnP(view.board, view.image, guess, None, flags=cv2.SOLVEPNP_IPPE)
-    if not good:
-        return None
-    normal = np.asarray(cv2.Rodrigues(rvec)[0], dtype=np.float64)[:, 2]
-    return -normal if float(normal @ tvec.ravel()) > 0 else normal

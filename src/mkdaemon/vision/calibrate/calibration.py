@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from mkdaemon.errors import VisionError
 from mkdaemon.vision.arrays import Array
-from mkdaemon.vision.calibrate.board import BoardPoints, board_normal
+from mkdaemon.vision.calibrate.board import BoardPoints
 from mkdaemon.vision.camera.intrinsics import Intrinsics
 from mkdaemon.vision.pose.pose import damped
 
@@ -78,37 +78,30 @@ class CalibrationResult:
 
     def faults(self) -> list[str]:
         """Why this result should not be used; empty when it is good."""
-        checks = (
-            (
-                self.rms_px < MAX_RMS_PX,
-                f"rms {self.rms_px:.2f} px, must be below {MAX_RMS_PX}: hold still, focus, and print the board flat",
-            ),
-            (
-                self.focal_sd_percent < MAX_FOCAL_SD_PERCENT,
-                f"focal length known to {self.focal_sd_percent:.2f} %, must be below {MAX_FOCAL_SD_PERCENT}:"
-                " add tilted and near views",
-            ),
-            (
-                self.centre_sd_px < MAX_CENTRE_SD_PX,
-                f"image centre known to {self.centre_sd_px:.1f} px, must be below {MAX_CENTRE_SD_PX:g}:"
-                " add views in the corners and turned board",
-            ),
-            (
-                self.tilt_deg > MIN_TILT_DEG,
+        found = []
+        if not self.rms_px < MAX_RMS_PX:
+            found.append(
+                f"rms {self.rms_px:.2f} px, must be below {MAX_RMS_PX}: hold still, focus, and print the board flat"
+            )
+        if not self.focal_sd_percent < MAX_FOCAL_SD_PERCENT:
+            known = f"known to {self.focal_sd_percent:.2f} %, must be below {MAX_FOCAL_SD_PERCENT}"
+            found.append(f"focal length {known}: add tilted and near views")
+        if not self.centre_sd_px < MAX_CENTRE_SD_PX:
+            known = f"known to {self.centre_sd_px:.1f} px, must be below {MAX_CENTRE_SD_PX:g}"
+            found.append(f"image centre {known}: add views in the corners and turned board")
+        if not self.tilt_deg > MIN_TILT_DEG:
+            found.append(
                 f"all views within {self.tilt_deg:.0f} deg of each other: tilt the board by 30 deg to every side,"
-                " views from the front alone do not determine the focal length",
-            ),
-        )
-        return [words for is_good, words in checks if not is_good]
+                " views from the front alone do not determine the focal length"
+            )
+        return found
 
 
-def calibrate(views: Sequence[BoardPoints], width: int, height: int, *, is_fisheye: bool = False) -> CalibrationResult:
+def calibrate(views: Sequence[BoardPoints], *, is_fisheye: bool = False) -> CalibrationResult:
     """Estimate the intrinsics of a camera.
 
     Args:
-        views: the board in at least six images, in different places and tilts.
-        width: of the images [px].
-        height: of the images [px].
+        views: the board in at least six images of one size, in different places and tilts.
         is_fisheye: the lens is a fisheye.
 
     Raises:
@@ -120,20 +113,20 @@ def calibrate(views: Sequence[BoardPoints], width: int, height: int, *, is_fishe
         msg = f"{len(views)} views of the board, at least {MIN_VIEWS} are needed"
         raise VisionError(msg)
     used = list(range(len(views)))
-    lens = _solve(views, (width, height), is_fisheye=is_fisheye)
+    lens = _solve(views, is_fisheye=is_fisheye)
     for _ in range(2):
         limit = max(OUTLIER_FACTOR * float(np.median(lens.errors)), MAX_RMS_PX)
         kept = [k for k, error in zip(used, lens.errors, strict=True) if error <= limit]
         if len(kept) == len(used) or len(kept) < MIN_VIEWS:
             break
         used = kept
-        lens = _solve([views[k] for k in used], (width, height), is_fisheye=is_fisheye)
-    model = "fisheye" if is_fisheye else "pinhole"
+        lens = _solve([views[k] for k in used], is_fisheye=is_fisheye)
     gamma, tone = tone_curve(np.concatenate([view.levels for view in views]))
-    shape = {"width": width, "height": height, "model": model, "gamma": gamma}
+    width, height = views[0].size
+    shape = {"width": width, "height": height, "model": "fisheye" if is_fisheye else "pinhole", "gamma": gamma}
+    normals = np.array([views[k].normal for k in used])
+    tilt_deg = float(np.degrees(np.arccos(np.clip(normals @ normals.T, -1.0, 1.0).min())))
     intrinsics = Intrinsics.model_validate(shape | lens.values)
-    normals = np.array([n for k in used if (n := board_normal(views[k], width, height)) is not None])
-    tilt_deg = float(np.degrees(np.arccos(np.clip(normals @ normals.T, -1.0, 1.0).min()))) if len(normals) else 0.0
     return CalibrationResult(intrinsics, lens.rms, lens.sd, tuple(used), tilt_deg, tone)
 
 
@@ -147,14 +140,14 @@ class _Lens:
     rms: float
 
 
-def _solve(views: Sequence[BoardPoints], size: tuple[int, int], *, is_fisheye: bool) -> _Lens:
+def _solve(views: Sequence[BoardPoints], *, is_fisheye: bool) -> _Lens:
     """A fisheye, or a pinhole of two radial coefficients, or three where the third earns its place."""
     board = [view.board[:, None].astype(np.float32) for view in views]
     image = [view.image[:, None].astype(np.float32) for view in views]
     try:
         if is_fisheye:
-            return _solve_fisheye(board, image, size)
-        short, full = (_solve_pinhole(board, image, size, flags) for flags in (cv2.CALIB_FIX_K3, 0))
+            return _solve_fisheye(board, image, views[0].size)
+        short, full = (_solve_pinhole(board, image, views[0].size, flags) for flags in (cv2.CALIB_FIX_K3, 0))
     except cv2.error as error:
         msg = f"the views determine no {'fisheye' if is_fisheye else 'pinhole'}: {error.err}"
         raise VisionError(msg) from None
