@@ -238,7 +238,7 @@ def _guiding(*, quiet: bool) -> Iterator[Guide]:
     with Live(console=console, refresh_per_second=8) as live:
 
         def show(report: ViewReport, views: Views) -> None:
-            live.update(Text("\n".join([*views.picture(), _guidance(report, views)])))
+            live.update(Text(_guidance(report, views)))
 
         yield show
 
@@ -283,10 +283,7 @@ def _explain(result: CalibrationResult, views: Views) -> None:
             continue
         print(f"  {name} = {getattr(k, name):10.4f} +- {result.sd[name]:.4f}{unit}")
     print(f"  focal length known to {result.focal_sd_percent:.3f} %, image centre to {result.centre_sd_px:.2f} px")
-    missing = views.missing()
-    for line in views.picture() if missing else ():
-        print(f"  {line}")
-    for words in missing:
+    for words in views.missing():
         print(f"  better with: {words}")
     print(f"  tone curve (gamma) {result.tone}")
 

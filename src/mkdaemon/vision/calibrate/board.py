@@ -98,20 +98,17 @@ class CharucoBoard:
         return f"charuco {self.columns}x{self.rows}, square {self.square:g} m"
 
     @cached_property
-    def _cv(self) -> cv2.aruco.CharucoBoard:
+    def _detector(self) -> cv2.aruco.CharucoDetector:
         marker = self.square * MARKER_CELLS / CELLS_PER_SQUARE
         dictionary = cv2.aruco.getPredefinedDictionary(DICTIONARY)
-        return cv2.aruco.CharucoBoard((self.columns, self.rows), self.square, marker, dictionary)
-
-    @cached_property
-    def _detector(self) -> cv2.aruco.CharucoDetector:
-        return cv2.aruco.CharucoDetector(self._cv)
+        board = cv2.aruco.CharucoBoard((self.columns, self.rows), self.square, marker, dictionary)
+        return cv2.aruco.CharucoDetector(board)
 
     @cached_property
     def cells(self) -> Grey:
         """The board as cells `(8 * rows, 8 * columns)`, 0 black, 255 white."""
         size = (self.columns * CELLS_PER_SQUARE, self.rows * CELLS_PER_SQUARE)
-        return np.asarray(self._cv.generateImage(size, marginSize=0), dtype=np.uint8)
+        return np.asarray(self._detector.getBoard().generateImage(size, marginSize=0), dtype=np.uint8)
 
     def find(self, pixels: Grey) -> BoardPoints | None:
         """Inner chess corners next to decoded markers in `(h, w)` uint8, refined to their saddle points.
@@ -119,10 +116,10 @@ class CharucoBoard:
         The origin of the board is its top-left corner, y to the bottom, as OpenCV has it; None when too little is seen.
         """
         corners, ids, _, _ = self._detector.detectBoard(pixels)
-        if ids is None or len(ids) < MIN_POINTS or self._cv.checkCharucoCornersCollinear(ids):
+        if ids is None or len(ids) < MIN_POINTS or self._detector.getBoard().checkCharucoCornersCollinear(ids):
             return None
         index = np.asarray(ids, dtype=np.int64).ravel()
-        known = np.asarray(self._cv.getChessboardCorners(), dtype=np.float64)
+        known = np.asarray(self._detector.getBoard().getChessboardCorners(), dtype=np.float64)
         image = np.asarray(corners, dtype=np.float64).reshape(-1, 2)
         levels = edge_levels(pixels, *self._edges(index, image))
         return BoardPoints(index, known[index], image, (pixels.shape[1], pixels.shape[0]), levels)

@@ -121,52 +121,51 @@ def calibrate(views: Sequence[BoardPoints], *, is_fisheye: bool = False) -> Cali
             break
         used = kept
         lens = _solve([views[k] for k in used], is_fisheye=is_fisheye)
+    if not np.isfinite([lens.values, lens.sd]).all() or min(lens.values[:2]) <= 0:
+        raise VisionError("the views determine nothing: show the board tilted, near and at the rim, not only its front")
+    names = FISHEYE if is_fisheye else PINHOLE
+    values, sd = (dict(zip(names, figures.tolist(), strict=True)) for figures in (lens.values, lens.sd))
     gamma, tone = tone_curve(np.concatenate([view.levels for view in views]))
     width, height = views[0].size
     shape = {"width": width, "height": height, "model": "fisheye" if is_fisheye else "pinhole", "gamma": gamma}
     normals = np.array([views[k].normal for k in used])
     tilt_deg = float(np.degrees(np.arccos(np.clip(normals @ normals.T, -1.0, 1.0).min())))
-    intrinsics = Intrinsics.model_validate(shape | lens.values)
-    return CalibrationResult(intrinsics, lens.rms, lens.sd, tuple(used), tilt_deg, tone)
+    return CalibrationResult(Intrinsics.model_validate(shape | values), lens.rms, sd, tuple(used), tilt_deg, tone)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Lens:
-    """What views say about a lens: unknowns and their deviations by name, errors of each view `(n,)` and rms [px]."""
+    """What views say about a lens: its unknowns, their deviations `(k,)`, errors of each view `(n,)` and rms [px]."""
 
-    values: dict[str, float]
-    sd: dict[str, float]
+    values: Figures
+    sd: Figures
     errors: Figures
     rms: float
 
 
 def _solve(views: Sequence[BoardPoints], *, is_fisheye: bool) -> _Lens:
-    """A fisheye, or a pinhole of two radial coefficients, or three where the third earns its place."""
     board = [view.board[:, None].astype(np.float32) for view in views]
     image = [view.image[:, None].astype(np.float32) for view in views]
     try:
-        if is_fisheye:
-            return _solve_fisheye(board, image, views[0].size)
-        short, full = (_solve_pinhole(board, image, views[0].size, flags) for flags in (cv2.CALIB_FIX_K3, 0))
+        return (_solve_fisheye if is_fisheye else _solve_pinhole)(board, image, views[0].size)
     except cv2.error as error:
         msg = f"the views determine no {'fisheye' if is_fisheye else 'pinhole'}: {error.err}"
         raise VisionError(msg) from None
-    return full if full.rms < K3_GAIN * short.rms else short
 
 
-def _lens_of(names: Sequence[str], rms: float, matrix: Figures, bend: Figures, sd: Figures, errors: Figures) -> _Lens:
-    values = np.array([matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2], *bend.ravel()], dtype=np.float64)
-    if not (np.isfinite(values).all() and np.isfinite(sd).all()) or min(values[:2]) <= 0:
-        raise VisionError("the views determine nothing: show the board tilted, near and at the rim, not only its front")
-    named, deviations = (dict(zip(names, figures.tolist(), strict=True)) for figures in (values, sd))
-    return _Lens(named, deviations, errors, rms)
+def _values(matrix: Figures, bend: Figures) -> Figures:
+    """Unknowns in the order of `PINHOLE` and `FISHEYE`."""
+    return np.array([matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2], *bend.ravel()], dtype=np.float64)
 
 
-def _solve_pinhole(board: Sequence[Figures], image: Sequence[Figures], size: tuple[int, int], flags: int) -> _Lens:
-    rms, matrix, bend, _, _, sd, _, errors = cv2.calibrateCameraExtended(
-        board, image, size, np.eye(3), np.zeros(5), flags=flags
+def _solve_pinhole(board: Sequence[Figures], image: Sequence[Figures], size: tuple[int, int]) -> _Lens:
+    """Two radial coefficients, or three where the third earns its place."""
+    short, full = (
+        cv2.calibrateCameraExtended(board, image, size, np.eye(3), np.zeros(5), flags=flags)
+        for flags in (cv2.CALIB_FIX_K3, 0)
     )
-    return _lens_of(PINHOLE, rms, matrix, bend, sd.ravel()[: len(PINHOLE)], errors.ravel())
+    rms, matrix, bend, _, _, sd, _, errors = full if full[0] < K3_GAIN * short[0] else short
+    return _Lens(_values(matrix, bend), sd.ravel()[: len(PINHOLE)], errors.ravel(), rms)
 
 
 def _solve_fisheye(board: Sequence[Figures], image: Sequence[Figures], size: tuple[int, int]) -> _Lens:
@@ -182,13 +181,12 @@ def _solve_fisheye(board: Sequence[Figures], image: Sequence[Figures], size: tup
     for points, pixels, turn, place in zip(board, image, turns, places, strict=True):
         seen, jacobian = cv2.fisheye.projectPoints(points, turn, place, matrix, bend)
         errors.append(float(np.sqrt(2.0 * np.mean((pixels - seen) ** 2))))
-        lens, pose = np.split(np.asarray(jacobian, np.float64)[:, : unknowns + 6], [unknowns], axis=1)
-        both, own = pose.T @ lens, pose.T @ pose
-        # what is left of a view once its own pose is free: the Schur complement
-        information += lens.T @ lens - both.T @ np.linalg.solve(damped(own), both)
+        # what is left of a view once its own pose is free
+        by = np.asarray(jacobian, np.float64)[:, : unknowns + 6]
+        information += np.linalg.inv(np.linalg.inv(damped(by.T @ by))[:unknowns, :unknowns])
     count = sum(len(points) for points in board)
     covariance = rms**2 * count / max(2 * count - unknowns - 6 * len(board), 1) * np.linalg.inv(damped(information))
-    return _lens_of(FISHEYE, rms, matrix, bend, np.sqrt(np.diag(covariance)), np.array(errors))
+    return _Lens(_values(matrix, bend), np.sqrt(np.diag(covariance)), np.array(errors), rms)
 
 
 def rounded(intrinsics: Intrinsics) -> Intrinsics:

@@ -149,21 +149,6 @@ class Views:
         """How much of what is wanted has been seen, 0 to 1."""
         return 1.0 - len(self.missing()) / (len(_WANTED) + 1)
 
-    def picture(self) -> list[str]:
-        """What has been seen, as rows of letters: parts of the picture, tilts, distances."""
-        line = "+" + "------+" * len(_COLUMNS)
-        rows = [line]
-        for row in _ROWS:
-            rows += [
-                "|" + "".join(f"  {'ok' if self._has(f'{row} {column}') else '  '}  |" for column in _COLUMNS),
-                line,
-            ]
-        tilts, distances = (
-            ", ".join(f"{name} {'ok' if self._has(name) else 'MISSING'}" for name in names)
-            for names in (("left", "right", "top", "bottom"), ("near", "far"))
-        )
-        return [*rows, f"tilted: {tilts}", f"distance: {distances}"]
-
     def _has(self, name: str) -> bool:
         return self._points[name] >= POINTS_PER_PART
 

@@ -220,8 +220,8 @@ class CameraFilter(Belief):
     def _by_size(self, index: npt.NDArray[np.intp], by_place: Array, pose: Pose, px_per_m: float) -> Array:
         """Derivative of the offsets by the logarithms of the sizes, and by melting `(sizes + 1, n)`."""
         melts = (LIMITS.cells.readable_px / (self._fit.model.cell[index] * px_per_m)) ** MELTS
-        grown: Array = (by_place * (self._from_centre[index] @ pose.rotation.T)).sum(axis=1)
-        return grown * np.vstack([self._grow[:, index], melts])
+        grown = (by_place * (self._from_centre[index] @ pose.rotation.T)).sum(axis=1)
+        return np.asarray(grown * np.vstack([self._grow[:, index], melts]), np.float64)
 
     def image_seen(self, time: float, evidence: ImageEvidence, enu_from_flu: Array | None) -> None:
         """Take in what an image says, the middle of its exposure [s], and the attitude `(3, 3)` then, if known."""
