@@ -14,7 +14,7 @@ from mkdaemon.config.camera import MountSection
 from mkdaemon.config.vision import BoardSection, TargetSection
 from mkdaemon.errors import ConfigError, VisionError
 from mkdaemon.vision.calibrate.board import BoardPoints, CharucoBoard, TagBoard
-from mkdaemon.vision.calibrate.calibration import CalibrationResult, calibrate, rounded
+from mkdaemon.vision.calibrate.calibration import CalibrationResult, calibrate
 from mkdaemon.vision.calibrate.views import Views
 from mkdaemon.vision.camera.calibration_file import CalibrationRecord, Camera, load_camera, mount_rotation, save_camera
 from mkdaemon.vision.pose.projection import Projection
@@ -203,7 +203,7 @@ def test_a_camera_file_comes_back_as_it_went(tmp_path: Path) -> None:
     result = charuco_result()
     camera = Camera(
         name='a "wide" lens \\ 2.8 mm\n\x7f',
-        intrinsics=rounded(result.intrinsics),
+        intrinsics=result.intrinsics,
         mount=MountSection(position_flu=(0.1, 0.0, -0.05), looks="down", rpy_deg=(0.5, -1.0, 0.0)),
         calibration=CalibrationRecord(date="2026-05-01", views=14, rms_px=0.11, forced=True),
     )

@@ -74,7 +74,7 @@ def watched(
         pose = fit.fit(shot.pixels, start)
         assert pose is not None
         known = shot.enu_from_flu if attitude else None
-        check.image_seen(shot.pixels, {target.name: pose}, {target.name: 2.0}, 0.1 * k, known)
+        check.image_seen(shot.pixels, {target.name: (pose, 2.0)}, 0.1 * k, known)
     return check
 
 
@@ -184,7 +184,7 @@ def test_tags_beside_each_other_say_how_large_they_are() -> None:
 def test_a_data_sheet_contradicts_a_calibration() -> None:
     sheet = CalibrationRecord(sheet_focal_mm=2.8, sheet_pixel_um=4.0)
     check = SelfCheck(TagMap((shipped(NESTED),)), Camera(intrinsics=VGA, calibration=sheet), 0.02, has_mount=False)
-    check.image_seen(np.zeros((480, 640), np.uint8), {}, {}, 0.0, None)
+    check.image_seen(np.zeros((480, 640), np.uint8), {}, 0.0, None)
     assert "focal length 600 px in the camera file, 700 px by the data sheet" in check.alarms[Alarm.SCALE]
 
 
@@ -194,7 +194,7 @@ def test_heights_that_grow_faster_than_the_barometers_are_named() -> None:
     for k in range(80):
         height = 4.0 - 3.0 * min(k / 60, 1.0)
         check.barometer_received(0.1 * k - 0.01, 5.0 + height)
-        check.image_seen(np.zeros((2, 2), np.uint8), {"pad": far}, {"pad": 1.3 * height}, 0.1 * k, None)
+        check.image_seen(np.zeros((2, 2), np.uint8), {"pad": (far, 1.3 * height)}, 0.1 * k, None)
     assert "m by the barometer is 3.84 m by the eyes over pad" in check.alarms[Alarm.SCALE]
     assert check.reports() == ()
 
@@ -202,7 +202,7 @@ def test_heights_that_grow_faster_than_the_barometers_are_named() -> None:
 def test_without_a_camera_file_nothing_is_watched() -> None:
     check = SelfCheck(TagMap((shipped(NESTED),)), None, 0.02, has_mount=False)
     check.barometer_received(0.0, 1.0)
-    check.image_seen(np.zeros((2, 2), np.uint8), {}, {}, 0.0, None)
+    check.image_seen(np.zeros((2, 2), np.uint8), {}, 0.0, None)
     assert (check.alarms, check.reports()) == ({}, ())
 
 

@@ -25,7 +25,7 @@ from mkdaemon.errors import ConfigError, MkError, VisionError
 from mkdaemon.files import refuse_existing
 from mkdaemon.telemetry.vision import EyeState
 from mkdaemon.vision.calibrate.board import CalibrationBoard, CharucoBoard, TagBoard
-from mkdaemon.vision.calibrate.calibration import CalibrationResult, calibrate, rounded
+from mkdaemon.vision.calibrate.calibration import CalibrationResult, calibrate
 from mkdaemon.vision.calibrate.views import ViewReport, Views
 from mkdaemon.vision.camera.calibration_file import CalibrationRecord, Camera, save_camera
 from mkdaemon.vision.camera.camera import CameraStream
@@ -100,7 +100,7 @@ def camera(
     result = calibrate(views.taken, is_fisheye=fisheye)
     _show(result, views, output, accept_poor=accept_poor, as_json=as_json)
     where, record = MountSection(position_flu=mount, looks=looks), _record(result, lens, shown.title)
-    found = Camera(name=name, intrinsics=rounded(result.intrinsics), mount=where, calibration=record)
+    found = Camera(name=name, intrinsics=result.intrinsics, mount=where, calibration=record)
     save_camera(found, output, overwrite=force)
     if not as_json:
         print(f"stored in {output}")
@@ -291,7 +291,7 @@ def _explain(result: CalibrationResult, views: Views) -> None:
 def _summary(result: CalibrationResult, views: Views, output: str, *, stored: bool) -> dict[str, object]:
     return {
         "file": output if stored else None,
-        "intrinsics": rounded(result.intrinsics).model_dump(),
+        "intrinsics": result.intrinsics.model_dump(),
         "sd": {name: round(sd, 6) for name, sd in result.sd.items()},
         "rms_px": round(result.rms_px, 4),
         "focal_sd_percent": round(result.focal_sd_percent, 4),

@@ -22,6 +22,8 @@ Figures = npt.NDArray[np.integer[Any] | np.floating[Any]]
 PINHOLE: Final = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
 FISHEYE: Final = ("fx", "fy", "cx", "cy", "k1", "k2", "k3", "k4")
 """Unknowns, in the order of the deviations and derivatives that OpenCV gives."""
+DIGITS: Final = {"fx": 4, "fy": 4, "cx": 4, "cy": 4}
+"""Figures are kept far below their uncertainty, short enough to read: seven digits of the others."""
 FLAGS: Final = cv2.fisheye.CALIB_RECOMPUTE_EXTRINSIC | cv2.fisheye.CALIB_FIX_SKEW
 STEPS: Final = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-9)
 MAX_RMS_PX = 0.3
@@ -124,7 +126,8 @@ def calibrate(views: Sequence[BoardPoints], *, is_fisheye: bool = False) -> Cali
     if not np.isfinite([lens.values, lens.sd]).all() or min(lens.values[:2]) <= 0:
         raise VisionError("the views determine nothing: show the board tilted, near and at the rim, not only its front")
     names = FISHEYE if is_fisheye else PINHOLE
-    values, sd = (dict(zip(names, figures.tolist(), strict=True)) for figures in (lens.values, lens.sd))
+    values = {name: round(value, DIGITS.get(name, 7)) for name, value in zip(names, lens.values.tolist(), strict=True)}
+    sd = dict(zip(names, lens.sd.tolist(), strict=True))
     gamma, tone = tone_curve(np.concatenate([view.levels for view in views]))
     width, height = views[0].size
     shape = {"width": width, "height": height, "model": "fisheye" if is_fisheye else "pinhole", "gamma": gamma}
@@ -189,12 +192,6 @@ def _solve_fisheye(board: Sequence[Figures], image: Sequence[Figures], size: tup
     return _Lens(_values(matrix, bend), np.sqrt(np.diag(covariance)), np.array(errors), rms)
 
 
-def rounded(intrinsics: Intrinsics) -> Intrinsics:
-    """Figures as they are stored: far below their uncertainty, short enough to read."""
-    digits = dict.fromkeys((*PINHOLE, *FISHEYE), 7) | dict.fromkeys(("fx", "fy", "cx", "cy", "gamma"), 4)
-    return intrinsics.model_copy(update={name: round(getattr(intrinsics, name), n) for name, n in digits.items()})
-
-
 def tone_curve(levels: Array) -> tuple[float, str]:
     """The tone curve of a camera for its file, light is grey to that power, and how it was found in words.
 
@@ -216,7 +213,7 @@ def tone_curve(levels: Array) -> tuple[float, str]:
     if best in (0, len(gammas) - 1):
         return 1.0, "not known: the edges of the board show no tone curve: sharpen the focus, even the light"
     slope = float(np.linalg.norm(off[best + 1] - off[best - 1])) / (2 * STEP)
-    gamma, sd = float(gammas[best, 0]), float(np.sqrt(np.mean(off[best] ** 2))) / max(slope, 1e-9)
+    gamma, sd = round(float(gammas[best, 0]), 4), float(np.sqrt(np.mean(off[best] ** 2))) / max(slope, 1e-9)
     words = f"{gamma:.2f} +- {sd:.2f} from {len(levels)} edges"
     if sd > KNOWN:
         return 1.0, f"not known: {words}"

@@ -1,9 +1,6 @@
 """Is a print to scale, flat, sharp, and does it have its white rim? By one photograph. Pure.
 
-What one photograph can tell: sizes and places of the tags of one plane against each other; with a camera file whether
-the print is as wide as it is high, and whether its edges are straight; with a distance measured by tape how large it
-is. What it cannot: sizes that are all wrong by one factor, without that distance; a bend about an axis that the camera
-looks along; whether the print or the photograph is blurred.
+What a photograph tells and what it cannot: docs/cameras.md, "Look at it".
 """
 
 from __future__ import annotations
@@ -14,6 +11,7 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import Final
 
+import cv2
 import numpy as np
 
 from mkdaemon.vision.arrays import Array, Grey
@@ -220,19 +218,16 @@ def _relative(target: Target, measured: Sequence[_Measured]) -> PrintFinding:
     if not others or not target.is_planar:
         words = "one tag in view: nothing to compare it with" if target.is_planar else "its tags are not in one plane"
         return PrintFinding("sizes among tags", PrintState.UNKNOWN, words, "Measure the tag with a ruler.")
-    back = np.asarray(np.linalg.inv(image_from_cells(base.corners, 1)), np.float64)
+    # from the image to the plane of the tags [m]
+    square = base.tag.local(base.tag.corners)[:, :2].astype(np.float32)
+    back = np.asarray(cv2.getPerspectiveTransform(base.corners.astype(np.float32), square), np.float64)
     figures, lines = [], []
     for one in others:
-        # in sides of the base from its top left corner, y down
-        seen = carry(back, one.corners)
-        place = (one.tag.position - base.tag.corners[0]) @ base.tag.rotation[:, :2] * (1.0, -1.0) / base.tag.size
-        off = float(np.linalg.norm(seen.mean(axis=0) - place))
-        loose = 100 * math.hypot(one.unsure, base.unsure)
-        size = 100 * (mean_side(seen) * base.tag.size / one.tag.size - 1.0), loose
-        figures += [size, (100 * off, loose)]
-        lines.append(
-            f"{one.tag.tag_id} is {_percent(size)} of its size, {1000 * off * base.tag.size:.1f} mm off its place"
-        )
+        seen, loose = carry(back, one.corners), 100 * math.hypot(one.unsure, base.unsure)
+        off = float(np.linalg.norm(seen.mean(axis=0) - base.tag.local(one.tag.position)[:2]))
+        size = 100 * (mean_side(seen) / one.tag.size - 1.0), loose
+        figures += [size, (100 * off / base.tag.size, loose)]
+        lines.append(f"{one.tag.tag_id} is {_percent(size)} of its size, {1000 * off:.1f} mm off its place")
     fix = "Write the sizes and places that a ruler shows into the target file, or print it anew."
     words = f"against tag {base.tag.tag_id}: {'; '.join(lines)}"
     return _weighed("sizes among tags", figures, SCALE_PERCENT, words, fix)

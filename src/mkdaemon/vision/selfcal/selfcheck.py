@@ -467,19 +467,14 @@ class SelfCheck:
         self.alarms: dict[Alarm, str] = {}
 
     def image_seen(
-        self,
-        pixels: Grey,
-        poses: Mapping[str, Pose],
-        heights: Mapping[str, float],
-        time: float,
-        enu_from_flu: Array | None,
+        self, pixels: Grey, seen: Mapping[str, tuple[Pose, float]], time: float, enu_from_flu: Array | None
     ) -> None:
         """Take in an image `(h, w)` uint8, the middle of its exposure [s], and the attitude `(3, 3)` then, if known.
 
-        Poses of targets, and the heights of the vehicle over them [m], are by name.
+        Seen are poses of targets by name, each with the height of the vehicle over it [m].
         """
-        for name, pose in poses.items():
-            self._watches[name].image_seen(pixels, pose, heights[name], time, enu_from_flu)
+        for name, (pose, height) in seen.items():
+            self._watches[name].image_seen(pixels, pose, height, time, enu_from_flu)
         found: dict[Alarm, list[str]] = {}
         for alarm, words in chain(self._by_sheet, *(watch.contradictions() for watch in self._watches.values())):
             found.setdefault(alarm, []).append(words)
