@@ -121,19 +121,9 @@ class CharucoBoard:
         index = np.asarray(ids, dtype=np.int64).ravel()
         known = np.asarray(self._detector.getBoard().getChessboardCorners(), dtype=np.float64)
         image = np.asarray(corners, dtype=np.float64).reshape(-1, 2)
-        levels = edge_levels(pixels, *self._edges(index, image))
-        return BoardPoints(index, known[index], image, (pixels.shape[1], pixels.shape[0]), levels)
-
-    def _edges(self, ids: npt.NDArray[np.int64], image: Array) -> tuple[Array, Array]:
-        """Ends of the sides of squares between neighbouring corners, `(n, 2)` each [px]."""
         grid = np.full((self.rows - 1, self.columns - 1, 2), np.nan)
-        grid.reshape(-1, 2)[ids] = image
-        starts, ends = (
-            np.concatenate([side.reshape(-1, 2) for side in sides])
-            for sides in ((grid[:, :-1], grid[:-1]), (grid[:, 1:], grid[1:]))
-        )
-        seen = np.isfinite(starts + ends).all(axis=1)
-        return starts[seen], ends[seen]
+        grid.reshape(-1, 2)[index] = image
+        return BoardPoints(index, known[index], image, (pixels.shape[1], pixels.shape[0]), edge_levels(pixels, grid))
 
 
 class TagBoard:
@@ -167,14 +157,22 @@ CalibrationBoard = CharucoBoard | TagBoard
 """Something flat with known points."""
 
 
-def edge_levels(pixels: Grey, starts: Array, ends: Array) -> Array:
-    """Black, middle and white `(n, 3)` of straight edges that run from `starts` to `ends` `(m, 2)` [px].
+def edge_levels(pixels: Grey, corners: Array) -> Array:
+    """Black, middle and white `(n, 3)` of the straight edges between neighbours of a grid of corners.
 
     Where an edge runs is known from the corners at its ends, which no tone curve moves. Edges that are too short, too
     pale, crushed or blown are left out.
+
+    Args:
+        pixels: `(h, w)` uint8.
+        corners: `(rows, columns, 2)` [px], not a number where they are not seen.
     """
-    if not len(starts):
+    ways = (corners[:, :-1], corners[:, 1:]), (corners[:-1], corners[1:])
+    edges = np.concatenate([np.concatenate(ends, axis=-1).reshape(-1, 4) for ends in ways])
+    edges = edges[np.isfinite(edges).all(axis=1)]
+    if not len(edges):
         return np.empty((0, 3))
+    starts, ends = edges[:, :2], edges[:, 2:]
     along = ends - starts
     length = np.linalg.norm(along, axis=1, keepdims=True)
     aside = np.column_stack([-along[:, 1], along[:, 0]]) * ASIDE

@@ -26,7 +26,6 @@ from math import exp, hypot, log
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from mkdaemon.frames import euler_from_rotation, rotation_from_euler
 from mkdaemon.telemetry.selfcal import HEIGHTS_LIKELY, SelfCalibration, TagSizeError
@@ -36,7 +35,6 @@ from mkdaemon.vision.camera.calibration_file import Camera, mount_rotation
 from mkdaemon.vision.limits import LIMITS, SELFCAL
 from mkdaemon.vision.pose.bend import RISES
 from mkdaemon.vision.pose.edgefit import EdgeFit, shifts
-from mkdaemon.vision.pose.edgemodel import Samples
 from mkdaemon.vision.pose.edgestep import EdgeStep
 from mkdaemon.vision.pose.pose import FLOOR_RANGE, Pose, turn
 from mkdaemon.vision.pose.prints import sheet_of
@@ -183,45 +181,35 @@ class CameraFilter(Belief):
         if located is None:
             return None
         samples, edges, unknowns = located
-        index, rows = samples.index, unknowns.rows
+        index, rows, normals, model = samples.index, unknowns.rows, samples.normals, self._fit.model
+        seen = model.points[index] @ pose.rotation.T + pose.position
+        along = (samples.pixels - self._projection.centre) * normals
+        bent = self._projection.k1_jacobian(seen) * normals
+        px_per_m = float(self._projection.focal[0] / pose.position[2])
+        grown = (rows[:3].T * (self._from_centre[index] @ pose.rotation.T)).sum(axis=1)
+        melts = (LIMITS.cells.readable_px / (model.cell[index] * px_per_m)) ** MELTS
         rise = rows[unknowns["rise"]] if "rise" in unknowns else rows[:0]
         if pose.bend is not None:
             # The pose knows how its print bends in this image; here all images say so together.
             edges = replace(edges, offsets=edges.offsets + pose.bend.mean @ rise)
-        px_per_m = float(self._projection.focal[0] / pose.position[2])
         every = Unknowns(
             [
                 Unknown("pose", rows[POSE]),
-                shifts(edges.toned, self._fit.model.smaller[index]),
+                shifts(edges.toned, model.smaller[index]),
                 Unknown("attitude", np.zeros((LENS_AT, len(index)))),
-                Unknown("lens", self._by_lens(samples, pose)),
-                Unknown("sizes", self._by_size(index, rows[:3].T, pose, px_per_m)),
+                Unknown("lens", np.stack([along.sum(axis=1), *normals.T, bent.sum(axis=1)])),
+                Unknown("sizes", grown * np.vstack([self._grow[:, index], melts])),
                 Unknown("rise", rise),
             ]
         )
         step = EdgeStep.solve(every, samples, edges, 0.0)
         # No residual shows what edges share.
-        crossed = np.abs(samples.normals).min(axis=1) * self._size[index] * px_per_m
+        crossed = np.abs(normals).min(axis=1) * self._size[index] * px_per_m
         shared = ALIGNED_PX**2 / (1.0 + crossed**2) + (SHIFTED * pose.shift_px) ** 2
         if self._projection.shutter.rolls:
             shared += ROLLING_PX**2
-        return ImageEvidence(
-            pose.rotation, *every.equations(step.weights / (step.variance + shared), edges.offsets, 1.0)
-        )
-
-    def _by_lens(self, samples: Samples, pose: Pose) -> Array:
-        """Derivative of the offsets by the lens `(4, n)`."""
-        seen = self._fit.model.points[samples.index] @ pose.rotation.T + pose.position
-        normals = samples.normals
-        along = (samples.pixels - self._projection.centre) * normals
-        bent = self._projection.k1_jacobian(seen) * normals
-        return np.stack([along.sum(axis=1), *normals.T, bent.sum(axis=1)])
-
-    def _by_size(self, index: npt.NDArray[np.intp], by_place: Array, pose: Pose, px_per_m: float) -> Array:
-        """Derivative of the offsets by the logarithms of the sizes, and by melting `(sizes + 1, n)`."""
-        melts = (LIMITS.cells.readable_px / (self._fit.model.cell[index] * px_per_m)) ** MELTS
-        grown = (by_place * (self._from_centre[index] @ pose.rotation.T)).sum(axis=1)
-        return np.asarray(grown * np.vstack([self._grow[:, index], melts]), np.float64)
+        weights = step.weights / (step.variance + shared)
+        return ImageEvidence(pose.rotation, *every.equations(weights, edges.offsets, 1.0))
 
     def image_seen(self, time: float, evidence: ImageEvidence, enu_from_flu: Array | None) -> None:
         """Take in what an image says, the middle of its exposure [s], and the attitude `(3, 3)` then, if known."""
