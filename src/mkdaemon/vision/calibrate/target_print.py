@@ -89,9 +89,9 @@ def outlines(cells: npt.NDArray[np.bool_]) -> list[Array]:
     One outline instead of many rectangles leaves no hairlines between neighbours in any viewer or printer driver.
     """
     # A contour runs through the outermost pixels, which lie beside the corners where a cell has three by three.
-    pixels = np.kron(cells.astype(np.uint8), np.ones((3, 3), np.uint8))
+    pixels = np.kron(cells, np.ones((3, 3))).astype(np.uint8)
     loops, _ = cv2.findContours(pixels, cv2.RETR_TREE, cv2.CHAIN_APPROX_SIMPLE)
-    return [(loop[:, 0] + 1) // 3 * 1.0 for loop in loops]
+    return [np.asarray((loop[:, 0] + 1) // 3, np.float64) for loop in loops]
 
 
 def target_page(target: Target) -> Page:
