@@ -18,18 +18,15 @@ from mkdaemon.vision.arrays import Array, Grey
 from mkdaemon.vision.camera.intrinsics import Intrinsics
 from mkdaemon.vision.limits import HALF, LIMITS
 from mkdaemon.vision.pose.edgefind import HALF_WIDTH, find_edges
-from mkdaemon.vision.pose.edgemodel import STEP, Samples, seen_across
+from mkdaemon.vision.pose.edgemodel import EdgeModel, Samples, seen_across
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.still import StillEye
 from mkdaemon.vision.tags.cellread import carry, image_from_cells, sample
 from mkdaemon.vision.tags.detection import Detection, best_of_codes, mean_side
-from mkdaemon.vision.tags.tagfamily import TagFamily
-from mkdaemon.vision.tags.tagmap import Tag, TagMap, Target
+from mkdaemon.vision.tags.tagmap import Tag, TagMap, Target, single
 
-ALONG: Final = 25
-"""Places along a side where its edge is measured."""
-SKIPPED: Final = 0.06
-"""Part of a side beside each corner that is left out [1]: two edges meet there."""
+LEAST_EDGES: Final = 12
+"""That are found along a side, where it is one."""
 CERTAIN, LOOSE = 3.0, 2.0
 """Deviations from which an error is no accident, and deviation over the bound from which a figure tells nothing."""
 SCALE_PERCENT: Final = 1.0
@@ -127,10 +124,11 @@ def check_print(
     )
 
 
-def softness(pixels: Grey, corners: Array, family: TagFamily) -> float | None:
+def softness(pixels: Grey, found: Detection) -> float | None:
     """How soft the edges of a tag are, as a share of a cell [1]; None where none shows, or cells are too small."""
-    cell = mean_side(corners) / family.size_cells
-    sides, blur = _sides(pixels, corners, family)
+    tag = single(1.0, found.tag_id, family=found.family).tags[0]
+    sides, blur = _sides(pixels, tag, found.corners)
+    cell = found.side_px / tag.family.size_cells
     return blur / cell if any(map(len, sides)) and cell >= LIMITS.cells.photometric_px else None
 
 
@@ -152,8 +150,8 @@ def _weighed(
 
 def _measure(pixels: Grey, tag: Tag, seen: Detection, projection: Projection | None) -> _Measured | None:
     """Measure the four sides of a tag; None where an edge is not there."""
-    sides, blur = _sides(pixels, seen.corners, tag.family)
-    if min(map(len, sides)) < ALONG // 2:
+    sides, blur = _sides(pixels, tag, seen.corners)
+    if min(map(len, sides)) < LEAST_EDGES:
         return None
     lines, bows, noises = zip(
         *(_line(points if projection is None else projection.undistort(points)) for points in sides), strict=True
@@ -162,26 +160,22 @@ def _measure(pixels: Grey, tag: Tag, seen: Detection, projection: Projection | N
     side, cell = seen.side_px, seen.side_px / tag.family.size_cells
     # A side is known better than its points. Where cells melt its edges are not where they seem.
     least = blur if blur > BLUR_CELLS * cell else LEAST_CORNER
-    unsure = max(3.0 * float(np.mean(noises)) / math.sqrt(ALONG), least / side)
+    unsure = max(3.0 * float(np.mean(noises)) / math.sqrt(np.mean(list(map(len, sides)))), least / side)
     bow = 100 * float(np.abs(bows).max()), 100 * max(unsure, LEAST_BOW / side)
     return _Measured(tag, seen, crossings[:, :2] / crossings[:, 2:], unsure, bow, cell, blur / cell)
 
 
-def _sides(pixels: Grey, corners: Array, family: TagFamily) -> tuple[list[Array], float]:
+def _sides(pixels: Grey, tag: Tag, corners: Array) -> tuple[list[Array], float]:
     """Places of the edges that are found along each side of a tag `(n, 2)` [px], and how soft they are [px]."""
-    n, along = family.size_cells, np.linspace(SKIPPED, 1.0 - SKIPPED, ALONG)
-    square = n * np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
-    ways = np.roll(square, -1, axis=0) - square
-    places = (square[:, None] + along[:, None] * ways[:, None]).reshape(-1, 2)
-    across, tangents = (np.repeat(STEP / n * turned, ALONG, axis=0) for turned in (ways[:, ::-1] * (1.0, -1.0), ways))
-    if family.is_inverted:
-        across = -across
-    stepped = carry(image_from_cells(corners, n), np.concatenate([places, places + across, places + tangents]))
+    model, n = EdgeModel.of(Target("", "", moving=False, level=False, tags=(tag,))), tag.family.size_cells
+    cells = tag.local(model.stepped)[:, :2] * (1.0, -1.0) / tag.module + n / 2
+    stepped, count = carry(image_from_cells(corners, n), cells), len(model.points)
     normals, cell_px = seen_across(stepped)
-    at, upright = stepped[: len(places)], np.abs(across[:, 0]) > 0.0
-    edges = find_edges(pixels, Samples(np.arange(len(at)), at, normals, HALF * cell_px, cell_px, upright))
-    found = (at + edges.offsets[:, None] * normals).reshape(4, ALONG, 2)
-    return [side[on] for side, on in zip(found, edges.found.reshape(4, ALONG), strict=True)], edges.width / HALF_WIDTH
+    samples = Samples(np.arange(count), stepped[:count], normals, HALF * cell_px, cell_px, model.upright)
+    edges = find_edges(pixels, samples)
+    places, (x, y) = samples.pixels + edges.offsets[:, None] * normals, cells[:count].T
+    sides = [places[edges.found & np.isclose(at, end)] for at, end in ((y, 0.0), (x, n), (y, n), (x, 0.0))]
+    return sides, edges.width / HALF_WIDTH
 
 
 def _line(points: Array) -> tuple[Array, float, float]:
