@@ -13,7 +13,7 @@ from lab.vision.bounds import mounting_sd, scale_sd, turning_focal_sd
 from lab.vision.flight import VGA
 from lab.vision.selfcal import ATTITUDE_SD, FPS, SECONDS, Descent
 from mkdaemon.vision.pose.projection import Projection
-from mkdaemon.vision.selfcal.selfcheck import LENS, LENS_AT, MOUNTING, CameraFilter, ImageEvidence
+from mkdaemon.vision.selfcal.selfcheck import MOUNTING, SIZES_AT, CameraFilter, ImageEvidence
 from mkdaemon.vision.tags.tagmap import single
 from mkdaemon.vision.track.attitude import LOOKING_DOWN
 
@@ -66,7 +66,7 @@ def test_turns_tell_the_focal_length_only_where_they_are_faster_than_a_vehicle_c
 
 def mounting_found(seed: int) -> tuple[np.ndarray, np.ndarray]:
     """Error of roll and pitch, the attitude's own bias taken out, and their deviations [rad], by exact images."""
-    descent, count = Descent(seed, yaws=True), LENS_AT + len(LENS) + 1
+    descent, count = Descent(seed, yaws=True), SIZES_AT + 1
     rigid = replace(single(0.16, 7), bend=0.0)
     found = CameraFilter(rigid, Projection(VGA), ATTITUDE_SD, LOOKING_DOWN.flu_from_cam)
     information = np.diag([*[1e8] * 6, *[0.0] * count])

@@ -10,7 +10,7 @@ import pytest
 
 from mkdaemon.frames import rotation_from_euler
 from mkdaemon.vision.pose.projection import Projection
-from mkdaemon.vision.selfcal.selfcheck import DECK, LENS, LENS_AT, MOUNTING, TILT_SCALE, CameraFilter, ImageEvidence
+from mkdaemon.vision.selfcal.selfcheck import DECK, LENS_AT, MOUNTING, SIZES_AT, TILT_SCALE, CameraFilter, ImageEvidence
 from mkdaemon.vision.track.attitude import LOOKING_DOWN
 from tests.vision.views import VGA, shipped
 
@@ -23,7 +23,7 @@ DECK_NORMAL = np.array([np.radians(1.5), np.radians(-1.0), 1.0])
 
 def evidence(rotation: np.ndarray, lens: np.ndarray | None = None) -> ImageEvidence:
     """An image that shows a pose exactly, and knows the lens where one is given."""
-    known = np.zeros(LENS_AT + len(LENS) + 1)
+    known = np.zeros(SIZES_AT + 1)
     matrix = np.diag([*[1e6] * 6, *known])
     if lens is not None:
         known[LENS_AT:] = 1e6, 1.0, 1.0, 1e6, 0.0

@@ -120,7 +120,7 @@ def test_a_focal_length_that_has_settled_is_told_sooner(
     share: float, sd: float, is_named: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     watch = TargetWatch(shipped(NESTED), RIGHT, np.radians(1.0), has_mount=True)
-    known = SimpleNamespace(mean=np.zeros(12), sd=np.ones(12), sized=[])
+    known = SimpleNamespace(mean=np.zeros(12), sd=np.ones(12), sized=[], least=watch._filter.least)
     known.mean[LENS_AT], known.sd[LENS_AT] = share, sd
     monkeypatch.setattr(watch, "_filter", known)
     assert bool(list(watch.contradictions())) == is_named

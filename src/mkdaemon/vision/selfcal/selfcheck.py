@@ -22,7 +22,7 @@ from collections import deque
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from itertools import chain
-from math import exp, hypot, log
+from math import exp, hypot, inf, log, radians
 from typing import Final
 
 import numpy as np
@@ -43,10 +43,6 @@ from mkdaemon.vision.pose.rolling import skew
 from mkdaemon.vision.pose.unknowns import POSE, Unknown, Unknowns
 from mkdaemon.vision.tags.tagmap import TagMap, Target
 
-LENS: Final = ("focal", "cx", "cy", "k1")
-"""What may be wrong with a lens: logarithm of the focal lengths, principal point [px], radial distortion."""
-TURN: Final = slice(3, 6)
-"""Where the turn of the pose is among the unknowns of an image."""
 ALIGNED_PX: Final = 0.08
 """Error that the edges of a tag's side share where it runs along a row of pixels [px]: all lie between the same two. It
 falls with the rows that a side crosses. Measured: errors over deviations, docs/lab/accuracy.md."""
@@ -61,28 +57,34 @@ MOST_SIZES: Final = 8
 MELTS: Final = 5
 """Small cells look smaller by a share that falls with this power of their side: neighbours pull their edges. Measured:
 docs/lab/vision-cases.md."""
-LENS_SD: Final = (0.03, 10.0, 10.0, 0.05)
-"""How far a calibration may be off, deviations in the order of `LENS`."""
-MOUNTING_SD: Final = np.radians(5.0)
-DECK_SD: Final = np.radians(2.5)
-"""As `PRIOR_SD` of `track.level`."""
-TILT_SCALE_SD: Final = 0.08
-"""Real gyros: attitudes of 0.89 to 1.13 times the truth."""
-SIZE_SD: Final = 0.03
-"""How far a tag's size may be off, logarithm."""
-MELT_SD: Final = 0.008
-"""By how much a tag of the smallest readable cells may look smaller or larger, logarithm; one error of all images."""
-MOUNTING_DRIFT: Final = np.radians(0.02)
-"""Of the mounting with the attitude's bias, random walk [rad/sqrt(s)]: 0.2 degrees in 100 s."""
-DECK_DRIFT: Final = {False: np.radians(0.02), True: np.radians(2.0)}
-"""Of the target's normal, by whether it moves [rad/sqrt(s)]."""
 ALIKE_TIME: Final = 0.2
 """For so long errors of the attitude are one error [s]: images that follow sooner weigh less."""
-MOUNTING: Final = slice(0, 3)
-DECK: Final = slice(3, 5)
-TILT_SCALE: Final = 5
-LENS_AT: Final = 6
-SIZES_AT: Final = LENS_AT + len(LENS)
+UNKNOWNS: Final = {
+    "roll": (radians(5.0), radians(0.02), SELFCAL.mounting),
+    "pitch": (radians(5.0), radians(0.02), SELFCAL.mounting),
+    "yaw": (radians(5.0), radians(0.02), SELFCAL.mounting),
+    "deck_east": (radians(2.5), radians(0.02), inf),
+    "deck_north": (radians(2.5), radians(0.02), inf),
+    "tilt_scale": (0.08, 0.0, inf),
+    "focal": (0.03, 0.0, SELFCAL.share),
+    "cx": (10.0, 0.0, SELFCAL.centre_px),
+    "cy": (10.0, 0.0, SELFCAL.centre_px),
+    "k1": (0.05, 0.0, SELFCAL.k1),
+}
+"""Of each its deviation before any image, its random walk in a second, and what of it is nobody's fault.
+
+Turn of the mounting about body forward, left, up [rad], which wanders with the attitude's bias, 0.2 degrees in 100 s;
+horizontal part of the target's normal, as `PRIOR_SD` of `track.level`; share by which the vehicle reports too much
+tilt, 0.89 to 1.13 with real gyros; logarithm of the focal lengths; principal point [px]; radial distortion."""
+SIZE: Final = (0.03, 0.0, SELFCAL.share)
+"""The same of a tag's size, logarithm."""
+MELT: Final = (0.008, 0.0, inf)
+"""By how much a tag of the smallest readable cells may look smaller or larger, logarithm; one error of all images."""
+MOVING_DECK: Final = radians(2.0)
+"""Random walk of the normal of a target that moves [rad/sqrt(s)]."""
+MOUNTING, DECK, TILT_SCALE, LENS_AT, SIZES_AT = slice(0, 3), slice(3, 5), 5, 6, len(UNKNOWNS)
+TURN: Final = slice(3, 6)
+"""Where the turn of the pose is among the unknowns of an image."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -135,9 +137,8 @@ class Belief:
 class CameraFilter(Belief):
     """What is constant, or nearly so, about one camera and one target.
 
-    The unknowns: the turn of the mounting about body forward, left, up [rad], the horizontal part of the target's
-    normal, east and north, the share by which the vehicle reports too much tilt; those of `LENS`; the logarithm of each
-    unknown size, and of what melting makes of small cells; the bend of the print, where it is one that bends.
+    The unknowns: those of `UNKNOWNS`; the logarithm of each unknown size, and of what melting makes of small cells; the
+    bend of the print, where it is one that bends.
 
     Args:
         target: that is seen.
@@ -148,6 +149,7 @@ class CameraFilter(Belief):
     Attributes:
         sized: tags of an unknown size each, and against what. Where distances between tags say how large they all are,
             that is the size of tag 0, the last one.
+        least: of each unknown but the bend, what is nobody's fault.
         looks: images taken in.
     """
 
@@ -165,15 +167,15 @@ class CameraFilter(Belief):
             self.sized.append((largest, "against the distances between tags"))
             self._grow = np.pad(self._grow, ((0, 1), (0, 0)), constant_values=True)
         self.looks = 0
-        sizes, sheet = [SIZE_SD] * len(self.sized), sheet_of(target)
-        sd = np.array([*[MOUNTING_SD] * 3, *[DECK_SD] * 2, TILT_SCALE_SD, *LENS_SD, *sizes, MELT_SD])
+        sheet = sheet_of(target)
+        sd, walk, self.least = np.array([*UNKNOWNS.values(), *[SIZE] * len(self.sized), MELT]).T
+        if target.moving:
+            walk[DECK] = MOVING_DECK
         rises = 0 if sheet is None else RISES
         covariance = np.diag(np.pad(sd, (0, rises)) ** 2)
         if sheet is not None:
             covariance[-rises:, -rises:] = sheet.prior.covariance
-        walk = np.zeros(len(covariance))
-        walk[MOUNTING], walk[DECK] = MOUNTING_DRIFT, DECK_DRIFT[target.moving]
-        super().__init__(np.zeros(len(covariance)), covariance, walk)
+        super().__init__(np.zeros(len(covariance)), covariance, np.pad(walk, (0, rises)))
 
     def look(self, pixels: Grey, pose: Pose) -> ImageEvidence | None:
         """Ask an image `(h, w)` uint8 about a pose found in it; none when too few edges are seen."""
@@ -319,14 +321,6 @@ class HeightFilter(Belief):
             self.learn(np.outer(by, by) / READING_SD**2, by * (barometer - here) / READING_SD**2)
 
 
-OFFSETS: Final = (
-    ("cx", " px", 1, SELFCAL.centre_px),
-    ("cy", " px", 1, SELFCAL.centre_px),
-    ("k1", "", 3, SELFCAL.k1),
-)
-"""Figures of `LENS` that a sum corrects: unit, digits, and what is nobody's fault."""
-
-
 class TargetWatch:
     """What one target says about a camera; see `SelfCheck`."""
 
@@ -357,7 +351,7 @@ class TargetWatch:
             after = f"mm {against}: measure the print"
             scales.append((n, f"tag {tag.tag_id} of {name}:", 1000 * tag.size, "mm in its file", after))
         for n, what, believed, before, after in scales:
-            if self._tells(n, SELFCAL.share):
+            if self._tells(n):
                 share, sd = self._known(n)
                 better = f"{believed * exp(share):.1f} +- {believed * sd:.1f}"
                 yield Alarm.SCALE, f"{what} {believed:.1f} {before}, {better} {after}"
@@ -365,15 +359,15 @@ class TargetWatch:
             way, (share, sd) = self.heights.covered, self.heights.scale
             words = f"a way of {way * (1 - share):.2f} +- {way * sd:.2f} m by the barometer is {way:.2f} m by the eyes"
             yield Alarm.SCALE, f"{words} over {name}: measure the print, check the focal length"
-        for n, (field, unit, digits, least) in enumerate(OFFSETS, LENS_AT + 1):
-            if self._tells(n, least):
+        for n, (field, unit, digits) in enumerate((("cx", " px", 1), ("cy", " px", 1), ("k1", "", 3)), LENS_AT + 1):
+            if self._tells(n):
                 believed, (off, sd) = getattr(k, field), self._known(n)
                 better = f"{believed + off:.{digits}f} +- {sd:.{digits}f}{unit} by the images: calibrate again"
                 yield Alarm.LENS, f"{field} {believed:.{digits}f}{unit} in the camera file, {better}"
         turned = [
             "{} {:+.1f} +- {:.1f} deg".format(word, *np.degrees(self._known(n)))
             for n, word in enumerate(("roll", "pitch", "yaw"))
-            if self._tells(n, SELFCAL.mounting)
+            if self._tells(n)
         ]
         if turned:
             report = self.report()
@@ -423,9 +417,9 @@ class TargetWatch:
         """An unknown and its deviation, of a focal length with what no image shows."""
         return float(self._filter.mean[n]), hypot(float(self._filter.sd[n]), FLOOR_RANGE * (n == LENS_AT))
 
-    def _tells(self, n: int, least: float) -> bool:
+    def _tells(self, n: int) -> bool:
         """Whether a difference is told: more than what is nobody's fault, and no accident."""
-        value, sd = self._known(n)
+        (value, sd), least = self._known(n), float(self._filter.least[n])
         if n == LENS_AT:
             certain = SELFCAL.settled_certain if sd <= SELFCAL.settled else LIMITS.certainty.deviations
             return abs(value) > max(least, certain * sd)
