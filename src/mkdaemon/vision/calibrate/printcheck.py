@@ -266,13 +266,12 @@ def _flatness(measured: Sequence[_Measured], *, is_calibrated: bool) -> PrintFin
         measured,
         key=lambda one: (one.bow[1] <= LOOSE * BOW_PERCENT, one.bow[0] / max(BOW_PERCENT, CERTAIN * one.bow[1])),
     )
-    words = f"the most bent side of tag {one.tag.tag_id} leaves its chord by {_percent(one.bow)} of its length"
+    why = "a bend that the camera looks along is seen from another side" if is_calibrated else "lenses bend lines, too"
+    words = f"the most bent side of tag {one.tag.tag_id} leaves its chord by {_percent(one.bow)} of its length; {why}"
     fix = "Glue the print to something flat."
-    if is_calibrated:
-        words += "; a bend that the camera looks along is seen from another side"
-        return _weighed("flat", [one.bow], BOW_PERCENT, words, fix)
-    found = _weighed("flat", [one.bow], BOW_PERCENT, f"{words}; lenses bend lines, too", f"Give --camera. {fix}")
-    return replace(found, state=PrintState.UNKNOWN) if found.state is PrintState.BAD else found
+    found = _weighed("flat", [one.bow], BOW_PERCENT, words, fix)
+    may_be_lens = found.state is PrintState.BAD and not is_calibrated
+    return replace(found, state=PrintState.UNKNOWN, fix=f"Give --camera. {fix}") if may_be_lens else found
 
 
 def _sharpness(measured: Sequence[_Measured]) -> PrintFinding:
