@@ -22,8 +22,6 @@ Figures = npt.NDArray[np.integer[Any] | np.floating[Any]]
 PINHOLE: Final = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
 FISHEYE: Final = ("fx", "fy", "cx", "cy", "k1", "k2", "k3", "k4")
 """Unknowns, in the order of the deviations and derivatives that OpenCV gives."""
-DIGITS: Final = {"fx": 4, "fy": 4, "cx": 4, "cy": 4}
-"""Figures are kept far below their uncertainty, short enough to read: seven digits of the others."""
 FLAGS: Final = cv2.fisheye.CALIB_RECOMPUTE_EXTRINSIC | cv2.fisheye.CALIB_FIX_SKEW
 STEPS: Final = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-9)
 MAX_RMS_PX = 0.3
@@ -126,7 +124,8 @@ def calibrate(views: Sequence[BoardPoints], *, is_fisheye: bool = False) -> Cali
     if not np.isfinite([lens.values, lens.sd]).all() or min(lens.values[:2]) <= 0:
         raise VisionError("the views determine nothing: show the board tilted, near and at the rim, not only its front")
     names = FISHEYE if is_fisheye else PINHOLE
-    values = {name: round(value, DIGITS.get(name, 7)) for name, value in zip(names, lens.values.tolist(), strict=True)}
+    # seven digits are far below any uncertainty, and short enough to read
+    values = {name: float(f"{value:.7g}") for name, value in zip(names, lens.values.tolist(), strict=True)}
     sd = dict(zip(names, lens.sd.tolist(), strict=True))
     gamma, tone = tone_curve(np.concatenate([view.levels for view in views]))
     width, height = views[0].size

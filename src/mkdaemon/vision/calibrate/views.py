@@ -142,15 +142,12 @@ class Views:
     def missing(self) -> list[str]:
         """What to show next, most useful first; empty when the views will do."""
         more = MIN_VIEWS - len(self.taken)
-        wanted = [words for name, words in _WANTED.items() if not self._has(name)]
+        wanted = [words for name, words in _WANTED.items() if self._points[name] < POINTS_PER_PART]
         return wanted + ([f"{more} more views from anywhere"] if more > 0 else [])
 
     def share(self) -> float:
         """How much of what is wanted has been seen, 0 to 1."""
         return 1.0 - len(self.missing()) / (len(_WANTED) + 1)
-
-    def _has(self, name: str) -> bool:
-        return self._points[name] >= POINTS_PER_PART
 
 
 def _is_near(before: BoardPoints, now: BoardPoints, limit: float) -> bool:
