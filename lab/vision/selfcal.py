@@ -189,8 +189,8 @@ def descend(name: str, seed: int) -> Outcome:
         if found is not None:
             target_from_cam, lens, _ = found.camera_in_target()
             height = float((lens - target_from_cam @ mounting.flu_from_cam.T @ mounting.position_flu)[2])
-            known = descent.attitude.at(now, 0.25)
-            check.image_seen(image.pixels, {target.name: found.pose}, {target.name: height}, now, known)
+            seen = {target.name: (found.pose, height)}
+            check.image_seen(image.pixels, seen, now, descent.attitude.at(now, 0.25))
         for alarm in check.alarms:
             alarms.setdefault(alarm.value, now)
     bias = (float(np.degrees(descent.bias[0])), float(np.degrees(descent.bias[1])))
