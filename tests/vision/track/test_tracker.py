@@ -249,7 +249,7 @@ def test_with_attitude_inertia_helps_an_uncertain_pose_that_agrees_with_it():
         found = follower.update(view.image(k / 30, k), attitude_of(view)).pose_of("pad")
     assert found is not None
     judge = follower.followers[0].judge
-    seen = Sight(view.pixels, 13 / 30 + 0.001, attitude_of(view).at(0.0, 1.0))
+    seen = Sight(view.pixels, 13 / 30 + 0.001, view.view.enu_from_cam)
     vague = replace(found.pose, covariance=found.pose.covariance + np.diag([1e-5, 1e-5, 4e-4, 1e-4, 1e-4, 1e-4]))
     assert certainty_refusal(vague, has_attitude=True) is PoseRefusal.POSITION_UNCERTAIN
     helped = judge.add_inertia(seen, vague)

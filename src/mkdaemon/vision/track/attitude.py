@@ -15,6 +15,7 @@ from mkdaemon.vision.arrays import Array, Grey
 from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.pose import Pose, turn
 from mkdaemon.vision.pose.rolling import skew
+from mkdaemon.vision.pose.unknowns import Level
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,10 +55,10 @@ class Mounting:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Turning:
-    """How a vehicle turns.
+    """How a vehicle or its camera turns.
 
     Attributes:
-        rate: angular rate `(3,)` [rad/s; FLU].
+        rate: angular rate `(3,)` [rad/s; in its own axes].
         sd: its deviation, each axis [rad/s].
     """
 
@@ -72,18 +73,18 @@ class Sight:
     Attributes:
         pixels: `(h, w)` uint8.
         time: middle of the exposure [s].
-        enu_from_flu: the vehicle's attitude then `(3, 3)`; none when unknown.
-        turning_flu: how it turns then; none when unknown.
+        enu_from_cam: the camera's attitude then `(3, 3)`, by the vehicle's; none when unknown.
+        turning: how the camera turns then; none when unknown.
     """
 
     pixels: Grey
     time: float
-    enu_from_flu: Array | None
-    turning_flu: Turning | None = None
+    enu_from_cam: Array | None = None
+    turning: Turning | None = None
 
     def without_attitude(self) -> Sight:
         """The image as a vehicle without attitude sees it."""
-        return replace(self, enu_from_flu=None, turning_flu=None)
+        return Sight(self.pixels, self.time)
 
 
 LEAST_SINE = 1e-12
@@ -162,33 +163,24 @@ def _rotation(sample: AttitudeSample) -> Array:
     return rotation_from_euler(sample.roll, sample.pitch, sample.yaw)
 
 
-def fuse_normal(pose: Pose, expected: Array, spread: float) -> Pose:
-    """Tell a pose where the normal of its target points, as far as that is known from elsewhere.
+def fuse_normal(pose: Pose, level: Level) -> Pose:
+    """Tell a pose what is known about its target's normal: a Kalman update by the two angles across it.
 
-    A Kalman update of the pose by the two angles between the normals. Far away, where the image hardly shows tilt, the
-    tilt becomes the expected one and the correlated position improves with it; nearby the image outweighs what is
-    expected and nothing changes.
-
-    Args:
-        pose: camera from target.
-        expected: normal of the target `(3,)`, camera axes, length 1.
-        spread: its standard deviation, each axis [rad].
-
-    Returns:
-        The pose with its covariance.
+    Far away, where the image hardly shows tilt, the tilt becomes the expected one and the correlated position improves
+    with it; nearby the image outweighs what is expected and nothing changes.
     """
-    error, across = _apart(pose, expected)
-    return updated(pose, _tilting(across), across @ error, spread**2 * np.eye(2))
+    surprise, observe = _tilting(pose, level)
+    return updated(pose, observe, surprise, level.spread**2 * np.eye(2))
 
 
-def normal_density(pose: Pose, expected: Array, spread: float) -> float:
+def normal_density(pose: Pose, level: Level) -> float:
     """Logarithm of the density of a pose's normal where one is expected, without the constant ln 2 pi [1/rad^2].
 
-    N(error; 0, S), S = H P H^T + spread^2 about both axes across it.
+    N(surprise; 0, S), S = H P H^T + spread^2.
     """
-    error, across = _apart(pose, expected)
-    error, both = across @ error, across @ pose.covariance[3:, 3:] @ across.T + spread**2 * np.eye(2)
-    return -float(error @ np.linalg.solve(both, error) + np.log(np.linalg.det(both))) / 2.0
+    surprise, observe = _tilting(pose, level)
+    both = observe @ pose.covariance @ observe.T + level.spread**2 * np.eye(2)
+    return -float(surprise @ np.linalg.solve(both, surprise) + np.log(np.linalg.det(both))) / 2.0
 
 
 def updated(pose: Pose, observe: Array, surprise: Array, noise: Array) -> Pose:
@@ -225,41 +217,31 @@ def turn_between(start: Array, end: Array) -> Array:
     return turned
 
 
-def _apart(pose: Pose, expected: Array) -> tuple[Array, Array]:
-    """The turn from a pose's normal to the one expected `(3,)` [rad], and two axes across the normal `(2, 3)`.
+def _tilting(pose: Pose, level: Level) -> tuple[Array, Array]:
+    """Two angles across a pose's normal to the one expected `(2,)` [rad], and how they move with the pose `(2, 6)`.
 
-    Rotation vectors across the normal tilt it; the one along it is yaw, which the attitude says nothing about.
+    The turn along the normal is yaw, which the attitude says nothing about.
     """
     normal = pose.rotation[:, 2]
-    return turn_between(normal, expected), np.linalg.svd(normal.reshape(1, 3))[2][1:]
+    across = np.linalg.svd(normal.reshape(1, 3))[2][1:]
+    return across @ turn_between(normal, level.up), np.hstack([np.zeros((2, 3)), across])
 
 
-def _tilting(across: Array) -> Array:
-    """How two angles across the normal move with a pose `(2, 6)`."""
-    return np.hstack([np.zeros((2, 3)), across])
+def without_normal(pose: Pose, level: Level) -> tuple[Pose, bool]:
+    """The pose by the image alone, of a fit that was told a normal: `fuse_normal` undone, with the variance -spread^2.
 
-
-def without_normal(pose: Pose, expected: Array, spread: float) -> tuple[Pose, bool]:
-    """The pose by the image alone, of a fit that was told an expected normal.
-
-    The update of `fuse_normal` undone, a Kalman update with the variance -spread^2. About an axis that the image says
-    next to nothing about, the pose stays as it is and hardly anything is known of it.
-
-    Args:
-        pose: fitted with the expected normal.
-        expected: `(3,)`, camera axes, length 1.
-        spread: its standard deviation, each axis [rad].
+    About an axis that the image says next to nothing about, the pose stays as it is and hardly anything is known of it.
 
     Returns:
         The pose with its covariance, and whether the image says as much about the tilt as the fit was told: where it
         says less it is not linear, and the place without is anywhere.
     """
-    error, across = _apart(pose, expected)
-    variances, axes = np.linalg.eigh(across @ pose.covariance[3:, 3:] @ across.T)
-    across, known = axes.T @ across, 1.0 / spread**2
+    surprise, observe = _tilting(pose, level)
+    variances, axes = np.linalg.eigh(observe @ pose.covariance @ observe.T)
+    known = 1.0 / level.spread**2
     own = 1.0 / variances - known
     is_vague = own < LEAST_SHARE * known
     own = np.where(is_vague, UNKNOWN_SHARE * known, own)
     noise = np.diag(1.0 / (own - 1.0 / variances))
-    alone = updated(pose, _tilting(across), np.where(is_vague, 0.0, across @ error), noise)
+    alone = updated(pose, axes.T @ observe, np.where(is_vague, 0.0, axes.T @ surprise), noise)
     return alone, bool(own.min() >= known)

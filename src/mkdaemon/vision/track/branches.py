@@ -4,12 +4,9 @@ Shaking turns a camera by degrees between two images but hardly moves it: seen f
 smooth way. A constant-velocity Kalman filter on that way predicts from where the target is seen now, and so its tilt
 against the line of sight, to some tenths of a degree; without any attitude of the vehicle.
 
-A pose and its mirror image explain one image of a small tag nearly as well. Each is a branch with its own course;
-every image adds what its residuals say for or against, in odds, and what inertia says about which of the new candidates
-is the old one. A branch that has won stays chosen without asking every image anew.
-
-All three things that may become of a branch are densities of the place z from which a candidate sees the target, so
-that they compare whatever the range and however long nothing was seen:
+A pose and its mirror image explain one image of a small tag nearly as well. Each is a branch with its own course, and
+every image adds what its residuals say for or against it. What may become of a branch is a density of the place z from
+which a candidate sees the target, so that all compare whatever the range and however long nothing was seen:
 
 * it is joined: N(z; course, S), S the covariance of both;
 * it is missed, because the fit is wrong: the share of its points that disagrees, at least `LEAST_WRONG`, times a
@@ -101,10 +98,10 @@ class Course:
     @property
     def angle_sd(self) -> float:
         """Deviation of the direction from which the target is seen, by one history [rad]."""
-        sight = self.centre / max(float(np.linalg.norm(self.centre)), LEAST_NORM)
-        across = np.eye(3) - np.outer(sight, sight)
-        spread = float(np.trace(across @ self.covariance[:3, :3] @ across)) / 2
-        return float(np.sqrt(spread)) / max(float(np.linalg.norm(self.centre)), LEAST_NORM)
+        distance = max(float(np.linalg.norm(self.centre)), LEAST_NORM)
+        sight, spread = self.centre / distance, self.covariance[:3, :3]
+        # Of the three variances of the place the one along the sight is no direction.
+        return float(np.sqrt((np.trace(spread) - sight @ spread @ sight) / 2)) / distance
 
     def predict_at(self, time: float) -> Course:
         """The same course at a later time, before anything is seen.
@@ -146,10 +143,8 @@ class Course:
         The lens is at c = -R^T p in the target's frame; dc = -R^T dp - R^T [p]x w. A Kalman update of (p, w) by what
         the course knows of c; nearby, where the image says far more than inertia, nothing changes.
 
-        A pose that surprises the course makes it as uncertain as the surprise is large: of two that contradict each
-        other both together would claim to know more than either.
-
-        Source: the ratio of Birge, Physical Review 40 (1932), 207.
+        A pose that surprises the course makes it as uncertain as the surprise is large: the ratio of Birge, Physical
+        Review 40 (1932), 207.
         """
         known = max(1.0, self.mahalanobis2(pose, 1.0) / 3.0) * self.covariance[:3, :3]
         back = pose.rotation.T
@@ -190,12 +185,12 @@ class Branches:
             moving: whether the target moves by itself.
         """
         course = Course.begin(time, *places(candidates), MOVING_PSD if moving else ACCELERATION_PSD)
-        count = len(candidates)
-        weight, missed = (0.0 if log_prior is None else log_prior) - _evidence(candidates), np.zeros(count, dtype=bool)
-        weight -= weight.max()
+        weight = (0.0 if log_prior is None else log_prior) - _evidence(candidates)
+        missed, together = np.zeros(len(weight), dtype=bool), np.zeros(len(weight))
         kept = _likeliest(course.centre, weight, missed)
-        anywhere = replace(course[kept[0]], covariance=ANYWHERE * np.eye(6))
-        return cls(course[kept], weight[kept], missed[kept], np.zeros(len(kept)), anywhere, candidates[kept[0]])
+        best = kept[0]
+        anywhere = replace(course[best], covariance=ANYWHERE * np.eye(6))
+        return cls(course[kept], weight[kept] - weight[best], missed[kept], together[kept], anywhere, candidates[best])
 
     @property
     def lead(self) -> float:
@@ -239,7 +234,7 @@ class Branches:
         joins = np.maximum(density, leaps) - _evidence(candidates)
         nearest = density.argmax(axis=1)
         misses = (np.log([max(1.0 - pose.inliers, LEAST_WRONG) for pose in candidates]) + anywhere)[nearest]
-        # Of every branch, after all that join it, the one that missed.
+        # Of every branch first all that join it, then the one that missed.
         state = np.concatenate([np.where(leapt, anew.state, joined.state), prior.state[:, None]], axis=1)
         covariance = np.where(leapt[..., None], anew.covariance, joined.covariance)
         covariance = np.concatenate([covariance, prior.covariance[:, None]], axis=1)
@@ -292,20 +287,13 @@ def places(poses: Sequence[Pose], caution: float | None = None) -> tuple[Array, 
 
 
 def shared_doubt(pose: Pose) -> float:
-    """Factor on a pose's variance for what images in a row teach: what lies over some points of it stays there.
-
-    The covariance of one image knows by its residuals what its points share.
-    """
+    """Factor on a pose's variance for what images in a row teach: what lies over some points of it stays there."""
     return 1.0 / max(pose.inliers, LEAST_INLIERS) ** AGREEMENT.power
 
 
 def lasting_doubt(pose: Pose) -> float:
-    """The same for a state that only images teach: where points disagree, they do so alike from image to image.
-
-    A leaf's shadow pulls fits of one second by 4 degrees one way, each of which says it knows the tilt to 1 degree.
-    """
-    lasts = CAUTION if pose.inliers < AGREEMENT.whole else 1.0
-    return lasts * shared_doubt(pose)
+    """The same for a state that only images teach: where points disagree, they do so alike from image to image."""
+    return shared_doubt(pose) * (CAUTION if pose.inliers < AGREEMENT.whole else 1.0)
 
 
 def _evidence(candidates: Sequence[Pose]) -> Array:
@@ -324,18 +312,16 @@ def _angles(some: Array, others: Array) -> Array:
 def _likeliest(centre: Array, weight: Array, missed: npt.NDArray[np.bool_]) -> list[int]:
     """Which few of many branches are followed, the likeliest first.
 
-    Histories of one answer may be more than are kept. What they crowd out would count as impossible: a branch would be
-    believed because nobody followed its rival, or a target that leapt off every course would never be joined again. So
-    answers that the newest image gave come before those that missed it: histories that drift apart are answers each,
-    and six of them that miss image after image would leave no place for one that joins. Those whose difference would be
-    wrong have a place first, then those of two poses: readings of a target that passes head on part again.
+    What histories of one answer crowd out would count as impossible: a branch would be believed because nobody followed
+    its rival, or a target that leapt off every course would never be joined again. So of those whose difference would
+    be wrong each has a place first, and before others those that join the newest image: histories that drift apart and
+    miss image after image would leave none for it.
     """
     lost = weight.max() - MOST_ODDS
     order = [k for k in np.argsort(-weight, kind="stable").tolist() if weight[k] > lost or not missed[k]]
-    apart, seen_first = _angles(centre, centre), sorted(order, key=lambda k: bool(missed[k]))
-    kept: list[int] = []
-    for ranked, least in ((seen_first, CERTAINTY.wrong_angle), (seen_first, CERTAINTY.blind_angle_sd), (order, -1.0)):
-        for k in ranked:
-            if len(kept) < KEPT and k not in kept and bool((apart[k, kept] > least).all()):
-                kept.append(k)
+    apart, kept = _angles(centre, centre), list[int]()
+    for k in sorted(order, key=lambda k: bool(missed[k])):
+        if len(kept) < KEPT and bool((apart[k, kept] > CERTAINTY.wrong_angle).all()):
+            kept.append(k)
+    kept += [k for k in order if k not in kept][: KEPT - len(kept)]
     return sorted(kept, key=order.index)

@@ -32,8 +32,8 @@ from mkdaemon.vision.tags.detector import FIRST, NEARBY, Detector
 from mkdaemon.vision.tags.tagmap import Tag, Target
 from mkdaemon.vision.track.alarms import ImageHealth
 from mkdaemon.vision.track.attitude import Mounting, Sight
-from mkdaemon.vision.track.checks import Checks
 from mkdaemon.vision.track.judge import Judge, Verdict
+from mkdaemon.vision.track.level import LevelKnowledge
 from mkdaemon.vision.track.result import FoundBy, Frame, TargetPose
 from mkdaemon.vision.track.track import Track, known_motion
 
@@ -158,7 +158,9 @@ class Follower:
     Attributes:
         name: of the target.
         track: its memory.
-        judge: decides about poses of the followed target.
+        level: how it lies by the attitude.
+        judge: decides about its poses.
+        contradicting: the pose of the newest image that contradicts the attitude; none without one.
     """
 
     def __init__(
@@ -172,35 +174,32 @@ class Follower:
     ) -> None:
         self.name = target.name
         self.track = Track(cfg.coast)
-        self._target = target
+        self.level = LevelKnowledge(target.level, mounting, cfg)
+        self.contradicting: Pose | None = None
+        self._target, self._cfg = target, cfg
         self._search, self._health = OwnSearch(target, detector), health
-        self._mounting = mounting
-        self._cfg = cfg
         self._fitter = TargetFitter(target, projection)
         self._bend = LearnedBend(self._fitter.bend_known)
         self._rows = RowsWatch(self._fitter.shutter)
         self._carrier = Carrier(target, projection)
-        self._checks = Checks(self._fitter, self.track, cfg, mounting)
-        self.judge = Judge(self._checks)
+        self.judge = Judge(self._fitter, self.track, self.level, cfg)
 
     def follow(self, frame: Frame) -> None:
         """Try to find the target where it should be."""
-        sight = self._seen(frame)
+        sight, track = self._seen(frame), self.track
         self._fitter.begin(sight.pixels)
-        track = self.track
         if not track.goes_on(sight.time):
             track.lose()
             return
-        predicted = self._predicted(sight)
         ways = [sight]
-        if track.knows_turn(sight, self._mounting):
+        if track.turn_to(sight) is not None:
             # An attitude that jumps, or has a swapped sign, turns a prediction away from a target that is where it was.
             ways.append(sight.without_attitude())
         for seen in ways:
             expected = self._predicted(seen)
             if self._measured(frame, expected, self._starts(seen, expected)):
                 return
-        window = self._fitter.window(predicted, sight.pixels.shape)
+        window = self._fitter.window(self._predicted(sight), sight.pixels.shape)
         if window is not None:
             found = self._search.nearby(sight.pixels, window, track.misses)
             frame.detections.extend(found)
@@ -212,7 +211,7 @@ class Follower:
         The likeliest start, and the other until as much as an image may take is spent on it.
         """
         track = self.track
-        is_expected = track.has_velocity or track.knows_turn(seen, self._mounting)
+        is_expected = track.has_velocity or track.turn_to(seen) is not None
         if is_expected and self._fitter.shows(seen.pixels, predicted):
             yield "predicted", predicted
             is_expected = False
@@ -235,74 +234,68 @@ class Follower:
         found = self._fitter.refine(seen.pixels, start)
         if found is None or found.inliers < LIMITS.agreement.blind:
             return start
-        known = self.track.motion_with(seen, found, self._mounting)
-        return start if known is None else replace(start, known_motion=known)
+        return replace(start, known_motion=self.track.motion_with(seen, found) or start.known_motion)
 
     def _measured(self, frame: Frame, predicted: Pose, starts: Iterable[tuple[FoundBy, Pose]]) -> bool:
         """Whether the target is found from one of several starts; it is followed then, and published if believed."""
         seen = self._seen(frame)
         for mode, start in starts:
             verdict = self.judge.measure(seen, self._with_climb(seen, start), predicted)
-            pose = self._believed(frame, verdict)
-            if pose is not None:
-                self._follow(frame, verdict, pose, mode)
+            if self._is_believed(frame, verdict):
+                self._follow(frame, verdict, mode)
                 return True
-        against = frame.contradicting.get(self.name)
-        if against is None or not self._checks.is_plainly_there(seen, against):
+        against = self.contradicting
+        if against is None or not self.judge.is_plainly_there(seen, against):
             return False
-        self._follow(frame, Verdict(against, PoseRefusal.ATTITUDE), against, "predicted")
+        self._follow(frame, Verdict(against, PoseRefusal.ATTITUDE), "predicted")
         return True
 
-    def _believed(self, frame: Frame, verdict: Verdict) -> Pose | None:
-        """The pose of a verdict to follow the target with; none where a gate or the image speaks against it.
+    def _is_believed(self, frame: Frame, verdict: Verdict) -> bool:
+        """Whether the target is followed where a verdict puts it: no gate and no image speaks against it.
 
         What contradicts the attitude from one start counts for all starts of the image: of poses that agree with it
         none is believed that the image likes less.
         """
-        pose, against = verdict.pose, frame.contradicting.get(self.name)
+        pose, against = verdict.pose, self.contradicting
         if pose is not None and (against is None or not prefers(against, pose)):
             if not verdict.contradicts:
-                return pose
-            frame.contradicting[self.name] = pose
+                return True
+            self.contradicting = pose
         frame.refused[self.name] = verdict.refusal or PoseRefusal.ATTITUDE
-        return None
+        return False
 
-    def _follow(self, frame: Frame, verdict: Verdict, pose: Pose, mode: FoundBy) -> None:
+    def _follow(self, frame: Frame, verdict: Verdict, mode: FoundBy) -> None:
         """Follow a target that is found, and publish it if it is believed."""
-        seen = self._seen(frame)
-        if not self._decode_again(frame, pose):
+        pose, seen = verdict.pose, self._seen(frame)
+        if pose is None or not self._decode_again(frame, pose):
             return
+        frame.found.add(self.name)
         self.track.accept(seen, pose)
         self.track.branches = verdict.branches or self.track.branches
         if verdict.refusal is not None:
-            frame.follow(self.name, verdict.refusal)
+            frame.refused[self.name] = verdict.refusal
         else:
             self._publish(frame, verdict, pose, mode)
         if verdict.alone is not None:
-            self._checks.level.learn(frame.sight, verdict.alone)
-
-    @property
-    def contradicted_deg(self) -> float | None:
-        """By how much the images of the target contradict the attitude [deg]; none while they do not."""
-        return self._checks.level.contradicted_deg
+            self.level.learn(frame.sight, verdict.alone)
 
     def settle(self, frame: Frame) -> None:
         """Let what contradicts the attitude speak against it, and count an image that shows no target.
 
         The image that leaves the attitude out is looked at without.
         """
-        against = frame.contradicting.pop(self.name, None)
-        if against is not None and self._checks.level.learn(frame.sight, against):
+        against, self.contradicting = self.contradicting, None
+        if against is not None and self.level.learn(frame.sight, against):
             self.start(frame, frame.detections, "search")
             if self.track.is_live and all(found.target != self.name for found in frame.poses):
                 self._measured(frame, self._predicted(self._seen(frame)), [("predicted", against)])
-        self.track.misses += not frame.has(self.name)
+        self.track.misses += self.name not in frame.found
 
     def forget(self) -> None:
         """Forget the track, where the target was, and how it lies."""
         self.track.lose()
         self.track.published = None
-        self._checks.level.forget()
+        self.level.forget()
 
     def start(self, frame: Frame, found: Sequence[Detection], mode: FoundBy) -> None:
         """Start or restart the track from decoded tags.
@@ -316,31 +309,26 @@ class Follower:
         if not tags:
             return
         frame.started.add(self.name)
-        seen, mounting = self._seen(frame), self._mounting
+        seen, track = self._seen(frame), self.track
         candidates = self._fitter.cold(
-            seen.pixels,
-            tags,
-            lambda place: known_motion(place, None, seen.turning_flu, mounting),
-            self._bend.at(seen.time),
+            seen.pixels, tags, lambda place: known_motion(place, None, seen.turning), self._bend.at(seen.time)
         )
-        if candidates and not any(self.track.can_be_at(seen.time, pose) for pose in candidates):
+        if candidates and not any(track.can_be_at(seen.time, pose) for pose in candidates):
             frame.refused[self.name] = PoseRefusal.OFF_COURSE
             return
         verdict = self.judge.first(seen, candidates)
-        pose = self._believed(frame, verdict)
-        if pose is None:
+        if not self._is_believed(frame, verdict):
             return
-        if verdict.refusal is not None and self.track.branches is not None and self.track.branches.is_decided:
+        if verdict.refusal is not None and track.branches is not None and track.branches.is_decided:
             frame.refused[self.name] = verdict.refusal
             return
-        self.track.lose()
-        self.track.decoded_at = seen.time
-        self._follow(frame, verdict, pose, mode)
+        track.lose()
+        track.decoded_at = seen.time
+        self._follow(frame, verdict, mode)
 
     def _decode_again(self, frame: Frame, pose: Pose) -> bool:
         """Decode the followed target once a period; false ends the track."""
-        track, pixels = self.track, frame.sight.pixels
-        now = frame.sight.time
+        track, pixels, now = self.track, frame.sight.pixels, frame.sight.time
         overdue = now - track.decoded_at - self._cfg.redetect_period
         if overdue < 0.0:
             return True
@@ -348,29 +336,24 @@ class Follower:
         found = self._search.again(pixels, window) if window is not None else []
         tags = self._search.own(found)
         frame.detections.extend(found)
-        if tags:
-            if self._fitter.disagreement(pose, tags) < HALF:
-                track.decoded_at = now
-                return True
-            frame.refused[self.name] = PoseRefusal.DECODED_ELSEWHERE
-            track.lose()
-            self.start(frame, found, "roi")
-            return False
-        # Clear cells stand in for a tag that cannot be decoded: one that leaves the image, or is partly hidden.
-        if overdue < self._cfg.coast or self._checks.are_cells_clear(frame.sight, pose):
+        if tags and self._fitter.disagreement(pose, tags) < HALF:
+            track.decoded_at = now
             return True
-        frame.refused[self.name] = PoseRefusal.NOT_DECODED
+        # Clear cells stand in for a tag that cannot be decoded: one that leaves the image, or is partly hidden.
+        if not tags and (overdue < self._cfg.coast or self._fitter.evidence(pixels, pose).is_clear):
+            return True
+        frame.refused[self.name] = PoseRefusal.DECODED_ELSEWHERE if tags else PoseRefusal.NOT_DECODED
         track.lose()
+        self.start(frame, found, "roi")
         return False
 
     def _seen(self, frame: Frame) -> Sight:
         """An image as the target is looked for in it: without an attitude that its images contradict."""
-        return self._checks.level.sight(frame.sight)
+        return self.level.sight(frame.sight)
 
     def _predicted(self, seen: Sight) -> Pose:
         """What the track expects in an image, with what is known of the print's bend."""
-        expected = self.track.predict(seen, self._mounting)
-        return replace(expected, bend=None, known_bend=self._bend.at(seen.time))
+        return replace(self.track.predict(seen), bend=None, known_bend=self._bend.at(seen.time))
 
     def _publish(self, frame: Frame, verdict: Verdict, pose: Pose, mode: FoundBy) -> None:
         time = frame.sight.time
@@ -378,16 +361,9 @@ class Follower:
         self._bend.learn(time, pose)
         self._rows.pose_found(time, pose)
         frame.refused.pop(self.name, None)
-        frame.contradicting.pop(self.name, None)
+        self.contradicting = None
         self._health.note(pose, self._fitter.side_px(pose))
+        age = time - self.track.decoded_at
         frame.poses.append(
-            TargetPose(
-                self.name,
-                self._target.frame,
-                pose,
-                verdict.ratio,
-                verdict.decided_by,
-                mode,
-                time - self.track.decoded_at,
-            )
+            TargetPose(self.name, self._target.frame, pose, verdict.ratio, verdict.decided_by, mode, age)
         )

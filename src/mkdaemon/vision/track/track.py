@@ -13,7 +13,7 @@ from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.linetime import KnownMotion
 from mkdaemon.vision.pose.pose import Pose
 from mkdaemon.vision.pose.rolling import motion_of
-from mkdaemon.vision.track.attitude import Mounting, Sight, Turning
+from mkdaemon.vision.track.attitude import Sight, Turning
 from mkdaemon.vision.track.branches import Branches
 
 SINCE: Final = 0.1
@@ -90,83 +90,69 @@ class Track:
         moved = certain.deviations * LIMITS.edges.speed_sd * (time - then)
         return abs(pose.range_m - range_m) <= abs(moved) + max(certain.wrong_m, certain.wrong_share * pose.range_m)
 
-    def knows_turn(self, seen: Sight, mounting: Mounting | None) -> bool:
-        """Whether attitudes tell how the camera turned from the last pose to an image."""
-        return _camera_turn(seen, self.last_seen, mounting) is not None
+    def turn_to(self, seen: Sight) -> Array | None:
+        """Camera in an image from camera at the last pose `(3, 3)`, by attitudes; none where one is unknown."""
+        return _turn_between(self.last_seen, seen)
 
-    def predict(self, seen: Sight, mounting: Mounting | None) -> Pose:
+    def predict(self, seen: Sight) -> Pose:
         """Expected pose in an image.
 
         Motion is taken in the camera frame, where the position is known to a fraction of a pixel; in the target frame
         every error of tilt would swing it by the range. With the vehicle's attitude the turn of the camera is taken
         out first and put back for the new image; without, image motion and turn simply go on.
         """
-        last_seen, last = self._found[-1]
-        turned = _camera_turn(seen, last_seen, mounting)
+        (last_seen, last), turned = self._found[-1], self.turn_to(seen)
         position, rotation = last.position, last.rotation
         speed: Array | None = None
         speed_sd = 0.0
         if self.has_velocity:
             before_seen, before = self._found[-2]
             passed = last_seen.time - before_seen.time
-            earlier = _camera_turn(last_seen, before_seen, mounting)
-            came_from = before.position if turned is None or earlier is None else earlier @ before.position
-            step = last.position - came_from
+            earlier = _turn_between(before_seen, last_seen) if turned is not None else None
+            step = last.position - (before.position if earlier is None else earlier @ before.position)
             position = last.position + (seen.time - last_seen.time) / passed * step
             speed = step / passed
-            if turned is None or earlier is None:
+            if earlier is None:
                 rotation = last.rotation @ before.rotation.T @ last.rotation
                 # Whatever the camera turned is in the step, and does not change the range: where it leads, too.
                 sight = position / float(np.linalg.norm(position))
                 speed = speed + ((last.range_m - before.range_m) / passed - float(speed @ sight)) * sight
             speed_sd = float(np.sqrt(last.covariance[2, 2] + before.covariance[2, 2])) / passed
-        known = known_motion(position, speed, seen.turning_flu, mounting, speed_sd)
+        known = known_motion(position, speed, seen.turning, speed_sd)
         if turned is not None:
             rotation, position = turned @ last.rotation, turned @ position
         return replace(last, rotation=rotation, position=position, known_motion=known)
 
-    def motion_with(self, seen: Sight, pose: Pose, mounting: Mounting | None) -> KnownMotion | None:
-        """What is known about the motion in the second image of a track from where its own fit puts the target.
-
-        None where the image before is too old to tell a speed.
-
-        Args:
-            seen: the image.
-            pose: fitted in it.
-            mounting: of the camera.
-        """
+    def motion_with(self, seen: Sight, pose: Pose) -> KnownMotion | None:
+        """What is known about the motion in an image from where its own fit puts the target; none if it is too late."""
         if not self.goes_on(seen.time):
             return None
-        return replace(self, _found=[*self._found, (seen, pose)]).predict(seen, mounting).known_motion
+        return replace(self, _found=[*self._found, (seen, pose)]).predict(seen).known_motion
 
 
-def known_motion(
-    place: Array, speed: Array | None, turning_flu: Turning | None, mounting: Mounting | None, speed_sd: float = 0.0
-) -> KnownMotion:
+def known_motion(place: Array, speed: Array | None, turning: Turning | None, speed_sd: float = 0.0) -> KnownMotion:
     """What is known about the motion of a camera while an image is read.
 
     Args:
         place: of the target `(3,)` [m; RDF].
         speed: of the target in camera axes, by the images before `(3,)` [m/s]; none without them.
-        turning_flu: how the vehicle turns.
-        mounting: of the camera.
+        turning: how the camera turns, by the vehicle's attitude.
         speed_sd: deviation of the speed along the optical axis that the images leave [m/s].
     """
     limits = LIMITS.edges
-    turning, spread = np.zeros(3), limits.turning_sd
-    if turning_flu is not None and mounting is not None:
-        turning, spread = mounting.flu_from_cam.T @ turning_flu.rate, turning_flu.sd
+    rate, spread = np.zeros(3), limits.turning_sd
+    if turning is not None:
+        rate, spread = turning.rate, turning.sd
         if speed is None:
             spread += limits.speed_sd / float(np.linalg.norm(place))
     along = limits.speed_sd if speed is None else hypot(SINCE, speed_sd)
-    expected = motion_of(place, np.zeros(3) if speed is None else speed, turning)
+    expected = motion_of(place, np.zeros(3) if speed is None else speed, rate)
     return KnownMotion(expected, np.array([spread] * 3 + [along]))
 
 
-def _camera_turn(now: Sight, then: Sight, mounting: Mounting | None) -> Array | None:
+def _turn_between(then: Sight, now: Sight) -> Array | None:
     """Camera now from camera then `(3, 3)`, from two attitudes; none when one of them is unknown."""
-    if now.enu_from_flu is None or then.enu_from_flu is None or mounting is None:
+    if now.enu_from_cam is None or then.enu_from_cam is None:
         return None
-    camera = mounting.flu_from_cam
-    turn: Array = camera.T @ now.enu_from_flu.T @ then.enu_from_flu @ camera
+    turn: Array = now.enu_from_cam.T @ then.enu_from_cam
     return turn
