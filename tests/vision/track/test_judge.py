@@ -14,7 +14,7 @@ from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.gates import CellEvidence
 from mkdaemon.vision.pose.pose import Pose, turn
 from mkdaemon.vision.tags.tagmap import TagMap, Target
-from mkdaemon.vision.track.attitude import LOOKING_DOWN, Sight
+from mkdaemon.vision.track.attitude import LOOKING_DOWN, Sight, angle_of
 from mkdaemon.vision.track.branches import MOST_ODDS
 from mkdaemon.vision.track.follower import Follower
 from mkdaemon.vision.track.judge import Judge, Verdict
@@ -191,7 +191,7 @@ def test_an_image_counts_once_beside_what_the_images_before_told_of_the_deck():
     assert angle_deg(verdict.pose.rotation, expected.rotation) < 1e-9
     assert verdict.alone is pose
     judge.level.learn(sight(), verdict.alone)
-    assert judge.level.tilt(sight(), pose) < np.radians(1.9)
+    assert angle_of(pose.rotation[:, 2], judge.level.vertical(sight()).up) < np.radians(1.9)
 
 
 TILTED = fitted(tilt_deg=12.0)

@@ -163,45 +163,46 @@ def _rotation(sample: AttitudeSample) -> Array:
     return rotation_from_euler(sample.roll, sample.pitch, sample.yaw)
 
 
+def corrected(covariance: Array, observe: Array, surprise: Array, noise: Array) -> tuple[Array, Array, Array]:
+    """A Kalman update of one state or of several: S = H P H^T + R, K = P H^T S^-1.
+
+    Args:
+        covariance: P, of the state `(..., n, n)`.
+        observe: H, how what is observed moves with the state `(k, n)`.
+        surprise: y, what was observed over what the state says `(..., k)`.
+        noise: R, of the observation `(..., k, k)`.
+
+    Returns:
+        Step of the state `(..., n)`, its covariance, and the logarithm of the density of the surprise before,
+        -(y^T S^-1 y + ln det S) / 2, without the constant k / 2 ln(2 pi).
+    """
+    across = covariance @ observe.T
+    inverse = np.linalg.inv(observe @ across + noise)
+    gain, column = across @ inverse, surprise[..., None]
+    after = covariance - gain @ across.swapaxes(-1, -2)
+    density = (np.log(np.linalg.det(inverse)) - (column.swapaxes(-1, -2) @ inverse @ column)[..., 0, 0]) / 2.0
+    return (gain @ column)[..., 0], (after + after.swapaxes(-1, -2)) / 2.0, density
+
+
+def updated(pose: Pose, observe: Array, surprise: Array, noise: Array) -> Pose:
+    """The same of a pose: what is observed moves with place and rotation vector `(k, 6)`."""
+    step, covariance, _ = corrected(pose.covariance, observe, surprise, noise)
+    rotation, position = turn(pose.rotation, step[3:]), pose.position + step[:3]
+    return replace(pose, rotation=rotation, position=position, covariance=covariance)
+
+
 def fuse_normal(pose: Pose, level: Level) -> Pose:
-    """Tell a pose what is known about its target's normal: a Kalman update by the two angles across it.
+    """Tell a pose what is known about its target's normal.
 
     Far away, where the image hardly shows tilt, the tilt becomes the expected one and the correlated position improves
     with it; nearby the image outweighs what is expected and nothing changes.
     """
-    surprise, observe = _tilting(pose, level)
-    return updated(pose, observe, surprise, level.spread**2 * np.eye(2))
+    return updated(pose, *_tilting(pose, level), level.spread**2 * np.eye(2))
 
 
 def normal_density(pose: Pose, level: Level) -> float:
-    """Logarithm of the density of a pose's normal where one is expected, without the constant ln 2 pi [1/rad^2].
-
-    N(surprise; 0, S), S = H P H^T + spread^2.
-    """
-    surprise, observe = _tilting(pose, level)
-    both = observe @ pose.covariance @ observe.T + level.spread**2 * np.eye(2)
-    return -float(surprise @ np.linalg.solve(both, surprise) + np.log(np.linalg.det(both))) / 2.0
-
-
-def updated(pose: Pose, observe: Array, surprise: Array, noise: Array) -> Pose:
-    """A Kalman update of a pose: K = P H^T (H P H^T + R)^-1.
-
-    Args:
-        pose: with the covariance P.
-        observe: H, how what is observed moves with place and rotation vector `(n, 6)`.
-        surprise: what was observed over what the pose says `(n,)`.
-        noise: R, of the observation `(n, n)`.
-    """
-    prior = pose.covariance
-    gain = prior @ observe.T @ np.linalg.inv(observe @ prior @ observe.T + noise)
-    step = gain @ surprise
-    posterior = prior - gain @ observe @ prior
-    return replace(
-        pose,
-        rotation=turn(pose.rotation, step[3:]),
-        position=pose.position + step[:3],
-        covariance=(posterior + posterior.T) / 2,
-    )
+    """Logarithm of the density of a pose's normal where one is expected, as `corrected` tells it [1/rad^2]."""
+    return float(corrected(pose.covariance, *_tilting(pose, level), level.spread**2 * np.eye(2))[2])
 
 
 def angle_of(a: Array, b: Array) -> float:
@@ -218,13 +219,13 @@ def turn_between(start: Array, end: Array) -> Array:
 
 
 def _tilting(pose: Pose, level: Level) -> tuple[Array, Array]:
-    """Two angles across a pose's normal to the one expected `(2,)` [rad], and how they move with the pose `(2, 6)`.
+    """How two angles across a pose's normal move with the pose `(2, 6)`, and those to the expected one `(2,)` [rad].
 
     The turn along the normal is yaw, which the attitude says nothing about.
     """
     normal = pose.rotation[:, 2]
     across = np.linalg.svd(normal.reshape(1, 3))[2][1:]
-    return across @ turn_between(normal, level.up), np.hstack([np.zeros((2, 3)), across])
+    return np.hstack([np.zeros((2, 3)), across]), across @ turn_between(normal, level.up)
 
 
 def without_normal(pose: Pose, level: Level) -> tuple[Pose, bool]:
@@ -236,7 +237,7 @@ def without_normal(pose: Pose, level: Level) -> tuple[Pose, bool]:
         The pose with its covariance, and whether the image says as much about the tilt as the fit was told: where it
         says less it is not linear, and the place without is anywhere.
     """
-    surprise, observe = _tilting(pose, level)
+    observe, surprise = _tilting(pose, level)
     variances, axes = np.linalg.eigh(observe @ pose.covariance @ observe.T)
     known = 1.0 / level.spread**2
     own = 1.0 / variances - known

@@ -31,7 +31,7 @@ from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.ambiguity import CAUTION, evidence, log_odds
 from mkdaemon.vision.pose.pose import Pose, inverse
 from mkdaemon.vision.pose.rolling import skew
-from mkdaemon.vision.track.attitude import updated
+from mkdaemon.vision.track.attitude import corrected, updated
 
 AGREEMENT, BRANCHES, CERTAINTY = LIMITS.agreement, LIMITS.branches, LIMITS.certainty
 DECIDED = LIMITS.ambiguity.decided
@@ -116,20 +116,9 @@ class Course:
         return Course(time, self.state @ move.T, move @ self.covariance @ move.T + noise, self.psd)
 
     def join(self, centre: Array, spread: Array) -> tuple[Course, Array]:
-        """The course after a place, and the logarithm of the density of that place before it; as `places` gives them.
-
-        A Kalman update with the position as H: S = H P H^T + R, K = P H^T S^-1, and of the surprise y the density
-        -(y^T S^-1 y + ln det S) / 2 [1/m^3], without the constant 3 / 2 ln(2 pi).
-        """
-        across = self.covariance[..., :3]
-        inverse_both = np.linalg.inv(across[..., :3, :] + spread)
-        error = (centre - self.centre)[..., None]
-        gain = across @ inverse_both
-        covariance = self.covariance - gain @ across.swapaxes(-1, -2)
-        distance2 = (error.swapaxes(-1, -2) @ inverse_both @ error)[..., 0, 0]
-        density = (np.log(np.linalg.det(inverse_both)) - distance2) / 2.0
-        state = self.state + (gain @ error)[..., 0]
-        return Course(self.time, state, (covariance + covariance.swapaxes(-1, -2)) / 2, self.psd), density
+        """The course after a place, and the logarithm of the density of that place before it; as `places` gives them."""
+        step, covariance, density = corrected(self.covariance, np.eye(3, 6), centre - self.centre, spread)
+        return Course(self.time, self.state + step, covariance, self.psd), density
 
     def mahalanobis2(self, pose: Pose, caution: float | None = None) -> float:
         """Squared Mahalanobis distance of a pose from one history, three degrees of freedom; see `places`."""

@@ -15,7 +15,7 @@ Source: interacting multiple models, Blom and Bar-Shalom, IEEE TAC 33(8), 1988.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import degrees, exp, hypot, log, pi, radians, sqrt
+from math import degrees, exp, hypot, log, radians, sqrt
 from typing import Final
 
 import numpy as np
@@ -26,7 +26,7 @@ from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.pose import Pose, largest_variance
 from mkdaemon.vision.pose.rolling import skew
 from mkdaemon.vision.pose.unknowns import Level
-from mkdaemon.vision.track.attitude import Mounting, Sight, angle_of, fuse_normal
+from mkdaemon.vision.track.attitude import Mounting, Sight, angle_of, corrected, fuse_normal
 from mkdaemon.vision.track.branches import lasting_doubt
 
 PRIOR_SD: Final = radians(2.5)
@@ -53,8 +53,8 @@ FOLLOWS: Final = np.array([[1, 1, 0, 0, 0], [1, 1, 0, 0, 0], [0, 0, 0, 0, 1], [0
 lay."""
 ANEW: Final = 10.0
 """Mean time after which any kind may follow [s]; a deck that rests or rocks goes on for twice as long."""
-MISSED: Final = 0.01 / (2.0 * pi * radians(20.0) ** 2)
-"""Density of the normal of a wrong fit, one of a hundred, spread over 20 degrees [1/rad^2]."""
+MISSED: Final = log(0.01 / radians(20.0) ** 2)
+"""Density of the normal of a wrong fit, one of a hundred, spread over 20 degrees, as `attitude.corrected` tells it."""
 LEAST_WEIGHT: Final = 1e-12
 """Of a kind that the images contradict."""
 UP: Final = np.array([0.0, 0.0, 1.0])
@@ -101,23 +101,20 @@ class _Belief:
         spread = np.tensordot(came, second, 1) - mean[:, :, None] * mean[:, None]
         return _Belief(stays * self.weight + anew, mean, spread + (DRIFTS**2 * passed)[:, None] * np.eye(4))
 
-    def corrected(self, observe: Array, measured: Array, covariance: Array, *, may_be_deck: bool) -> _Belief:
-        """Kalman updates, each weight times the density of its surprise, exp(-y^T S^-1 y / 2) / (2 pi sqrt(det S)).
+    def measured(self, observe: Array, normal: Array, covariance: Array, *, may_be_deck: bool) -> _Belief:
+        """Kalman updates, each weight times the density of its surprise.
 
         A kind that expects it less than a wrong fit has missed it, and learns nothing.
         """
-        surprise = (measured - self.mean @ observe.T)[:, :, None]
-        across = self.covariance @ observe.T
-        inverse = np.linalg.inv(observe @ across + covariance + (NOISES**2)[:, None, None] * np.eye(2))
-        distance2 = (surprise.transpose(0, 2, 1) @ inverse @ surprise).ravel()
-        density = np.exp(-distance2 / 2.0) * np.sqrt(np.linalg.det(inverse)) / (2.0 * pi)
+        noise = covariance + (NOISES**2)[:, None, None] * np.eye(2)
+        step, after, density = corrected(self.covariance, observe, normal - self.mean @ observe.T, noise)
         if not may_be_deck:
-            density[DECKS] = 0.0
-        gain = across @ inverse * (density > MISSED)[:, None, None]
-        kept = self.covariance - gain @ across.transpose(0, 2, 1)
-        weight = np.maximum(density, MISSED) * self.weight
+            density[DECKS] = -np.inf
+        learns = (density > MISSED)[:, None]
+        weight = np.exp(np.maximum(density, MISSED)) * self.weight
         weight = np.maximum(weight / weight.sum(), LEAST_WEIGHT)
-        return _Belief(weight, self.mean + (gain @ surprise)[:, :, 0], (kept + kept.transpose(0, 2, 1)) / 2.0)
+        mean, spread = self.mean + learns * step, np.where(learns[:, None], after, self.covariance)
+        return _Belief(weight, mean, spread)
 
 
 PRIOR: Final = _Belief(EXPECTED, np.zeros((4, 4)), (SPREADS**2)[:, None, None] * np.eye(4))
@@ -162,24 +159,17 @@ class LevelKnowledge:
         normal, sd = self._expected(seen.time, known[1])
         return Level(known[0].T @ normal, hypot(min(self._spread, FAST), sd))
 
-    def tilt(self, seen: Sight, pose: Pose) -> float | None:
-        """Angle between the normal of a pose and the one expected [rad]; none where nothing is known."""
-        level = self.vertical(seen)
-        return None if level is None else angle_of(pose.rotation[:, 2], level.up)
-
     def refuses(self, seen: Sight, pose: Pose, *, is_hidden: bool = False) -> bool:
         """Whether a pose disagrees with what is expected by more than is believed.
 
         A partly hidden first pose cannot tell a tilted deck from a border that is covered.
         """
-        tilt = self.tilt(seen, pose)
-        return tilt is not None and tilt > self.gate(seen, pose, is_hidden=is_hidden)
-
-    def gate(self, seen: Sight, pose: Pose, *, is_hidden: bool = False) -> float:
-        """Largest disagreement that is believed of a pose [rad]."""
-        spread, known = float(np.sqrt(largest_variance(pose.covariance[3:, 3:]))), self._attitude(seen)
-        own = self._gate + min(spread, LIMITS.certainty.angle_sd)
-        return own if known is None or is_hidden else own + self._expected(seen.time, known[1])[1]
+        level = self.vertical(seen)
+        if level is None:
+            return False
+        spread = min(float(np.sqrt(largest_variance(pose.covariance[3:, 3:]))), LIMITS.certainty.angle_sd)
+        gate = self._gate + spread + (0.0 if is_hidden else level.spread)
+        return angle_of(pose.rotation[:, 2], level.up) > gate
 
     def fuse(self, seen: Sight, pose: Pose) -> Pose:
         """The pose with what the attitude knows about its tilt."""
@@ -202,7 +192,7 @@ class LevelKnowledge:
         covariance = lasting_doubt(pose) * (moved @ spread @ moved.T) + self._spread**2 * np.eye(2)
         was_left_out, (expected, _) = self.sight(seen) is not seen, self._expected(seen.time, observe)
         may_be_deck = angle_of(normal, UP) <= MOST_LEAN
-        self._belief = self._at(seen.time).corrected(observe, normal[:2], covariance, may_be_deck=may_be_deck)
+        self._belief = self._at(seen.time).measured(observe, normal[:2], covariance, may_be_deck=may_be_deck)
         self._time, self._asked = seen.time, (-np.inf, PRIOR)
         wrong, off = self._belief.weight[WRONG], degrees(angle_of(normal, expected))
         odds = log(wrong / (self._belief.weight.sum() - wrong))
