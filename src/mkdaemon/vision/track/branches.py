@@ -116,13 +116,13 @@ class Course:
         return Course(time, self.state @ move.T, move @ self.covariance @ move.T + noise, self.psd)
 
     def join(self, centre: Array, spread: Array) -> tuple[Course, Array]:
-        """The course after a place, and the logarithm of the density of that place before it; as `places` gives them."""
+        """The course after a place, and the logarithm of the density of that place before; as `places` gives them."""
         step, covariance, density = corrected(self.covariance, np.eye(3, 6), centre - self.centre, spread)
         return Course(self.time, self.state + step, covariance, self.psd), density
 
-    def mahalanobis2(self, pose: Pose, caution: float | None = None) -> float:
-        """Squared Mahalanobis distance of a pose from one history, three degrees of freedom; see `places`."""
-        (centre,), (spread,) = places([pose], caution)
+    def mahalanobis2(self, pose: Pose) -> float:
+        """Squared distance of a pose from one history by what both say of themselves, three degrees of freedom."""
+        (centre,), (spread,) = places([pose], 1.0)
         error = centre - self.centre
         return float(error @ np.linalg.solve(self.covariance[:3, :3] + spread, error))
 
@@ -135,7 +135,7 @@ class Course:
         A pose that surprises the course makes it as uncertain as the surprise is large: the ratio of Birge, Physical
         Review 40 (1932), 207.
         """
-        known = max(1.0, self.mahalanobis2(pose, 1.0) / 3.0) * self.covariance[:3, :3]
+        known = max(1.0, self.mahalanobis2(pose) / 3.0) * self.covariance[:3, :3]
         back = pose.rotation.T
         jacobian = np.hstack([-back, -back @ skew(pose.position)])
         return updated(pose, jacobian, self.centre + back @ pose.position, known + 1e-12 * np.eye(3))

@@ -1,12 +1,7 @@
-"""Following one target from image to image: prediction, fit, gates, re-detection, and starting anew.
-
-How its print bends is a slow state, as paper moves in wind and sun only: an image far away cannot tell a bend from a
-tilt, so what near ones showed is carried on and forgotten slowly.
-"""
+"""Following one target from image to image: prediction, fit, gates, re-detection, and starting anew."""
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from math import exp
@@ -37,8 +32,6 @@ from mkdaemon.vision.track.level import LevelKnowledge
 from mkdaemon.vision.track.result import FoundBy, Frame, TargetPose
 from mkdaemon.vision.track.track import Track, known_motion
 
-Window = tuple[int, int, int, int]
-"""`(x0, y0, x1, y1)` [px], end exclusive."""
 LARGE_PX: Final = 160
 """Side of a window from which half the resolution reads a target: 4 px a cell where its tag fills the window."""
 MOST_EFFORT: Final = 5
@@ -46,18 +39,13 @@ MOST_EFFORT: Final = 5
 
 
 class OwnSearch:
-    """Searches windows for the tags of one target.
-
-    Args:
-        target: whose tags.
-        detector: that decodes.
-    """
+    """Searches windows `(x0, y0, x1, y1)` [px], end exclusive, for the tags of one target."""
 
     def __init__(self, target: Target, detector: Detector) -> None:
         self._target, self._detector = target, detector
         self._turn = 0
 
-    def again(self, pixels: Grey, window: Window) -> list[Detection]:
+    def again(self, pixels: Grey, window: tuple[int, int, int, int]) -> list[Detection]:
         """Tags of a part of the image; a search that finds none of the target's rests, then another has its turn."""
         turn, rests = divmod(self._turn, LIMITS.track.search_every)
         self._turn += 1
@@ -69,15 +57,14 @@ class OwnSearch:
         self._turn -= bool(self.own(found))
         return found
 
-    def nearby(self, pixels: Grey, window: Window, misses: int) -> list[Detection]:
+    def nearby(self, pixels: Grey, window: tuple[int, int, int, int], misses: int) -> list[Detection]:
         """Tags of a part of the image, searched in another way after every miss."""
         return self._detector.search(pixels, NEARBY[misses % len(NEARBY)], window)
 
     def own(self, found: Sequence[Detection]) -> list[tuple[Tag, Detection]]:
         """The target's own tags among decoded ones."""
-        own = {(tag.family.name, tag.tag_id): tag for tag in self._target.tags}
-        pairs = ((own.get((detection.family, detection.tag_id)), detection) for detection in found)
-        return [(tag, detection) for tag, detection in pairs if tag is not None]
+        tags = self._target.tags
+        return [(t, one) for one in found for t in tags if (t.family.name, t.tag_id) == (one.family, one.tag_id)]
 
 
 MOVED: Final = 16.3
@@ -87,7 +74,10 @@ LASTS: Final = 300.0
 
 
 class LearnedBend:
-    """The bend of one print: a process that returns to what is known without any image within minutes."""
+    """The bend of one print: a process that returns to what is known without any image within minutes.
+
+    Grey values of a target far away hardly tell a bend from a tilt: what near edges showed is carried on.
+    """
 
     def __init__(self, prior: Bend | None) -> None:
         self._prior = self._last = prior
@@ -102,12 +92,7 @@ class LearnedBend:
         return Bend(mean, kept**2 * self._last.covariance + (1.0 - kept**2) * self._prior.covariance)
 
     def learn(self, time: float, pose: Pose) -> None:
-        """Take in what the edges of a published pose say; its fit asked with what was known here.
-
-        Grey values of a target far away hardly tell a bend from a tilt, and the lens and light they leave unexplained
-        are larger: learned from them as well, the bend was off by 2.7 deviations (three flights of a bent print, 298
-        images), from edges alone by 1.1.
-        """
+        """Take in what the edges of a published pose say; its fit asked with what was known here."""
         if pose.bend is None or pose.known_bend is None or pose.source != "edges":
             return
         surprise = pose.bend.mean - pose.known_bend.mean
@@ -123,33 +108,24 @@ BESIDE: Final = 0.05
 """Farthest that images beside another one are from it [s]."""
 
 
-class RowsWatch:
-    """Tells a shutter how the camera moved while it read an image, from where the images beside it see the target.
+def learn_rows(shutter: Shutter, published: Sequence[tuple[float, Pose]]) -> None:
+    """Tell a shutter how the camera moved while it read an image, from where the images beside it see the target.
 
     Args:
         shutter: of the camera.
+        published: times [s] and poses of the newest three images that were published.
     """
-
-    def __init__(self, shutter: Shutter) -> None:
-        self._shutter = shutter
-        self._found: deque[tuple[float, Pose]] = deque(maxlen=3)
-
-    def pose_found(self, time: float, pose: Pose) -> None:
-        """Take in a published pose; the one before lies between two others then."""
-        if not self._shutter.is_open:
-            return
-        self._found.append((time, pose))
-        if len(self._found) < 3:
-            return
-        (start, before), (middle, between), (end, after) = self._found
-        if not (0.0 < middle - start < BESIDE and 0.0 < end - middle < BESIDE) or between.seen_motion is None:
-            return
-        # P' = -w x P + s e for the target's place P: what is seen of both is one. The turn about the sight is apart.
-        turned = -np.asarray(cv2.Rodrigues(after.rotation @ before.rotation.T)[0], dtype=np.float64).ravel()
-        sight = between.position / between.range_m
-        turning, speed = (turned @ sight) * sight / (end - start), (after.position - before.position) / (end - start)
-        known = KnownMotion(motion_of(between.position, speed, turning), np.full(MOTIONS, RATE_SD))
-        self._shutter.learn(known, between.seen_motion)
+    if not shutter.is_open or len(published) < 3:
+        return
+    (start, before), (middle, between), (end, after) = published
+    if not (0.0 < middle - start < BESIDE and 0.0 < end - middle < BESIDE) or between.seen_motion is None:
+        return
+    # P' = -w x P + s e for the target's place P: what is seen of both is one. The turn about the sight is apart.
+    turned = -np.asarray(cv2.Rodrigues(after.rotation @ before.rotation.T)[0], dtype=np.float64).ravel()
+    sight = between.position / between.range_m
+    turning, speed = (turned @ sight) * sight / (end - start), (after.position - before.position) / (end - start)
+    known = KnownMotion(motion_of(between.position, speed, turning), np.full(MOTIONS, RATE_SD))
+    shutter.learn(known, between.seen_motion)
 
 
 class Follower:
@@ -180,7 +156,6 @@ class Follower:
         self._search, self._health = OwnSearch(target, detector), health
         self._fitter = TargetFitter(target, projection)
         self._bend = LearnedBend(self._fitter.bend_known)
-        self._rows = RowsWatch(self._fitter.shutter)
         self._carrier = Carrier(target, projection)
         self.judge = Judge(self._fitter, self.track, self.level, cfg)
 
@@ -197,7 +172,7 @@ class Follower:
             ways.append(sight.without_attitude())
         for seen in ways:
             expected = self._predicted(seen)
-            if self._measured(frame, expected, self._starts(seen, expected)):
+            if self._measured(frame, self._starts(seen, expected)):
                 return
         window = self._fitter.window(self._predicted(sight), sight.pixels.shape)
         if window is not None:
@@ -236,11 +211,11 @@ class Follower:
             return start
         return replace(start, known_motion=self.track.motion_with(seen, found) or start.known_motion)
 
-    def _measured(self, frame: Frame, predicted: Pose, starts: Iterable[tuple[FoundBy, Pose]]) -> bool:
+    def _measured(self, frame: Frame, starts: Iterable[tuple[FoundBy, Pose]]) -> bool:
         """Whether the target is found from one of several starts; it is followed then, and published if believed."""
         seen = self._seen(frame)
         for mode, start in starts:
-            verdict = self.judge.measure(seen, self._with_climb(seen, start), predicted)
+            verdict = self.judge.measure(seen, self._with_climb(seen, start))
             if self._is_believed(frame, verdict):
                 self._follow(frame, verdict, mode)
                 return True
@@ -288,13 +263,13 @@ class Follower:
         if against is not None and self.level.learn(frame.sight, against):
             self.start(frame, frame.detections, "search")
             if self.track.is_live and all(found.target != self.name for found in frame.poses):
-                self._measured(frame, self._predicted(self._seen(frame)), [("predicted", against)])
+                self._measured(frame, [("predicted", against)])
         self.track.misses += self.name not in frame.found
 
     def forget(self) -> None:
         """Forget the track, where the target was, and how it lies."""
         self.track.lose()
-        self.track.published = None
+        self.track.published.clear()
         self.level.forget()
 
     def start(self, frame: Frame, found: Sequence[Detection], mode: FoundBy) -> None:
@@ -357,9 +332,9 @@ class Follower:
 
     def _publish(self, frame: Frame, verdict: Verdict, pose: Pose, mode: FoundBy) -> None:
         time = frame.sight.time
-        self.track.published = time, pose.range_m
+        self.track.published.append((time, pose))
         self._bend.learn(time, pose)
-        self._rows.pose_found(time, pose)
+        learn_rows(self._fitter.shutter, self.track.published)
         frame.refused.pop(self.name, None)
         self.contradicting = None
         self._health.note(pose, self._fitter.side_px(pose))

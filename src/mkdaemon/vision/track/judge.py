@@ -13,13 +13,13 @@ from mkdaemon.config.vision import TrackerSection
 from mkdaemon.telemetry.vision import PoseRefusal
 from mkdaemon.vision.arrays import Array
 from mkdaemon.vision.limits import HALF, LIMITS
-from mkdaemon.vision.pose.ambiguity import Decision, log_odds, residual_ratio
+from mkdaemon.vision.pose.ambiguity import Decision, residual_ratio
 from mkdaemon.vision.pose.fitting import TargetFitter
 from mkdaemon.vision.pose.gates import certainty_refusal, fit_refusal
 from mkdaemon.vision.pose.pose import Pose, angle_between, turn
 from mkdaemon.vision.pose.unknowns import Level
 from mkdaemon.vision.track.attitude import Sight, normal_density, turn_between, without_normal
-from mkdaemon.vision.track.branches import Branches, Course
+from mkdaemon.vision.track.branches import Branches
 from mkdaemon.vision.track.level import LevelKnowledge
 from mkdaemon.vision.track.track import Track
 
@@ -73,15 +73,14 @@ class Judge:
         self.level = level
         self._fitter, self._track, self._cfg = fitter, track, cfg
 
-    def measure(self, seen: Sight, start: Pose, predicted: Pose) -> Verdict:
-        """Fit from one start, where the track expects `predicted`, and judge the fit."""
+    def measure(self, seen: Sight, start: Pose) -> Verdict:
+        """Fit from one start, and judge the fit."""
         # Far away a tilt hardly shows: what the attitude knows of it belongs into the fit, which is not linear there.
         vertical = self.level.vertical(seen)
         held = vertical if self._fitter.is_small(start) else None
-        fit = fitted = alone = self._fitter.refine(seen.pixels, start, held)
-        is_held = held is not None and start.rotation is predicted.rotation
-        if fitted is not None and held is not None:
-            alone, says_more = without_normal(fitted, held)
+        fit = alone = self._fitter.refine(seen.pixels, start, held)
+        if fit is not None and held is not None:
+            alone, says_more = without_normal(fit, held)
             if says_more:
                 fit, held = alone, None
         refused = self.refusal(seen, fit) if fit is not None else PoseRefusal.NO_FIT
@@ -89,34 +88,12 @@ class Judge:
             if vertical is None:
                 return self._judge_without_attitude(seen, fit)
             # What the images before told of the deck; with this one in it the image would count twice.
-            return self._judge_with_attitude(seen, self.level.fuse(seen, fit) if held is None else fit, alone)
-        off = fit if refused is PoseRefusal.ATTITUDE else None
-        # Nothing lies over a whole target; a held tilt agrees with the attitude whatever the image says.
-        is_sure = off is not None and self.is_whole(off)
-        if vertical is not None and not is_sure:
-            # A free fit may follow something lying over the target, and agrees with the image no better then: hold the
-            # tilt and try again.
-            leaning = fitted
-            if not is_held:
-                leaning = self._fitter.refine(seen.pixels, replace(start, rotation=predicted.rotation), vertical)
-            if leaning is not None and self.refusal(seen, leaning) is None:
-                if off is None or not self.prefers(seen, off, leaning):
-                    return self.add_inertia(seen, leaning)
-                is_sure = True
-        if off is not None and (is_sure or self.is_plainly_there(seen, off)):
-            return Verdict(off, PoseRefusal.ATTITUDE)
+            return self.judge_with_attitude(seen, self.level.fuse(seen, fit) if held is None else fit, alone)
+        if fit is not None and refused is PoseRefusal.ATTITUDE:
+            # Nothing lies over a whole target; what lies over a near one misleads its tilt, but not its place.
+            if self.is_whole(fit) or self.is_plainly_there(seen, fit):
+                return Verdict(fit, PoseRefusal.ATTITUDE)
         return Verdict(None, refused)
-
-    def prefers(self, seen: Sight, first: Pose, second: Pose) -> bool:
-        """Whether an image and inertia together prefer one fit to another, by more than light or blur do.
-
-        The image compares fits of one kind.
-        """
-        odds = log_odds(first, second) if first.source == second.source else 0.0
-        course = self._course_in(seen)
-        if course is not None:
-            odds += (course.mahalanobis2(second) - course.mahalanobis2(first)) / 2.0
-        return odds > LIMITS.branches.silent
 
     def first(self, seen: Sight, candidates: Sequence[Pose]) -> Verdict:
         """Judge poses from decoded tags.
@@ -130,17 +107,16 @@ class Judge:
         if not fits:
             return Verdict(None, next(filter(None, refusals), PoseRefusal.NO_FIT))
         fits = self.candidates(seen, fits)
-        alone = self._judge_alone(seen.without_attitude(), fits)
+        verdict = alone = self._judge_alone(seen.without_attitude(), fits)
         vertical = self.level.vertical(seen)
-        if vertical is None:
-            return alone
-        verdict = self._judge_beside(seen, fits, vertical)
-        if alone.pose is None or alone.refusal is not None:
-            return verdict
-        chosen = verdict.pose if verdict.refusal is None else None
-        if chosen is None or angle_between(alone.pose.rotation, chosen.rotation) > CERTAINTY.wrong_angle:
-            return Verdict(alone.pose, PoseRefusal.ATTITUDE)
-        return replace(verdict, decided_by=alone.decided_by, ratio=alone.ratio)
+        if vertical is not None:
+            verdict = self._judge_beside(seen, fits, vertical)
+            if alone.pose is not None and alone.refusal is None:
+                chosen = verdict.pose if verdict.refusal is None else None
+                if chosen is None or angle_between(alone.pose.rotation, chosen.rotation) > CERTAINTY.wrong_angle:
+                    return Verdict(alone.pose, PoseRefusal.ATTITUDE)
+                verdict = replace(verdict, decided_by=alone.decided_by, ratio=alone.ratio)
+        return verdict if verdict.refusal in FOLLOWED else Verdict(None, verdict.refusal)
 
     def _judge_alone(self, seen: Sight, fits: Sequence[Pose]) -> Verdict:
         """Judge the first fits of a target by their image."""
@@ -151,8 +127,7 @@ class Judge:
             if grey and (by_grey := self.start_branches(seen, grey)).is_decided:
                 fits, branches = grey, by_grey
         verdict = self._judge_branches(seen, branches, fits)
-        pose = verdict.pose if verdict.refusal in FOLLOWED else None
-        return replace(verdict, pose=pose, decided_by="unique" if verdict.ratio == inf else "image")
+        return replace(verdict, decided_by="unique" if verdict.ratio == inf else "image")
 
     def _judge_beside(self, seen: Sight, fits: Sequence[Pose], vertical: Level) -> Verdict:
         """Judge the first fits of a target by image and attitude."""
@@ -169,52 +144,46 @@ class Judge:
                 return Verdict(None, PoseRefusal.ATTITUDE)
             pose, branches = held, self.start_branches(seen, [held])
         refused = certainty_refusal(pose, has_attitude=True)
-        return Verdict(pose if refused in FOLLOWED else None, refused, branches=branches, decided_by="attitude")
+        return Verdict(pose, refused, branches=branches, decided_by="attitude")
 
     def start_branches(self, seen: Sight, candidates: Sequence[Pose], log_prior: Array | None = None) -> Branches:
         """Branches that start in this image, by it and what else is told; a single candidate is believed."""
         return Branches.begin(seen.time, candidates, log_prior, moving=self._fitter.target.moving)
 
-    def _course_in(self, seen: Sight) -> Course | None:
-        """Where inertia alone puts the lens in an image; none while no reading is believed."""
+    def _go_on(self, seen: Sight, candidates: Sequence[Pose]) -> Branches:
+        """Branches of the track with this image."""
         before = self._track.branches
-        return before.course[0].predict_at(seen.time) if before is not None and before.is_decided else None
+        return self.start_branches(seen, candidates) if before is None else before.after(seen.time, candidates)
 
-    def add_inertia(self, seen: Sight, pose: Pose) -> Verdict:
-        """Judge a pose the attitude agrees with; what inertia knows is added where the pose alone is too uncertain."""
-        refused, course = certainty_refusal(pose, has_attitude=True), self._course_in(seen)
-        if refused is None or course is None or course.angle_sd > CERTAINTY.blind_angle_sd:
-            return Verdict(pose, refused)
-        fused = course.fuse(pose) if course.mahalanobis2(pose, 1.0) <= CERTAINTY.surprising else pose
-        return Verdict(fused, certainty_refusal(fused, has_attitude=True))
+    def judge_with_attitude(self, seen: Sight, pose: Pose, alone: Pose | None = None) -> Verdict:
+        """Judge a fit that agrees with the attitude; inertia is asked where the fit alone is too uncertain."""
+        refused, branches = certainty_refusal(pose, has_attitude=True), self._go_on(seen, [pose])
+        if refused is not None and self._is_on_course(branches):
+            pose = branches.prior.fuse(pose)
+            refused = certainty_refusal(pose, has_attitude=True)
+        return Verdict(pose, refused, alone, branches)
 
-    def _judge_with_attitude(self, seen: Sight, pose: Pose, alone: Pose | None) -> Verdict:
-        """Judge a fit that agrees with the attitude, and carry the course on with it."""
-        before = self._track.branches
-        branches = before.after(seen.time, [pose]) if before is not None and before.is_decided else None
-        if branches is None or branches.missed[0]:
-            branches = self.start_branches(seen, [pose])
-        return replace(self.add_inertia(seen, pose), alone=alone, branches=branches)
+    def _is_on_course(self, branches: Branches) -> bool:
+        """Whether a pose is where inertia expects it, by its own covariance: branches allow for errors that last."""
+        is_hit = branches.is_decided and not branches.missed[0]
+        return is_hit and branches.prior.mahalanobis2(branches.pose) <= CERTAINTY.surprising
 
     def _judge_without_attitude(self, seen: Sight, pose: Pose) -> Verdict:
         """Judge a fit by its mirror image, the images before and the vehicle's inertia."""
-        if self._track.branches is None:
-            return Verdict(pose, PoseRefusal.AMBIGUOUS)
         candidates = self.candidates(seen, [pose])
-        branches = self._track.branches.after(seen.time, candidates)
+        branches = self._go_on(seen, candidates)
         refused = None if branches.pose is pose else self.refusal(seen, branches.pose)
         return self._judge_branches(seen, branches, candidates) if refused is None else Verdict(None, refused)
 
     def _judge_branches(self, seen: Sight, branches: Branches, candidates: Sequence[Pose]) -> Verdict:
         """Judge the likeliest reading of the images so far."""
-        chosen, prior = branches.pose, branches.prior
+        chosen = branches.pose
         if not branches.is_decided or branches.is_spoken_against:
             return Verdict(chosen, PoseRefusal.AMBIGUOUS, branches=branches)
-        fused = with_angle_variance(prior.fuse(chosen), branches.doubt)
-        # The branches allow for errors that last; to be published a pose has to fit by its own covariance.
-        if branches.missed[0] or prior.mahalanobis2(chosen, 1.0) > CERTAINTY.surprising:
+        fused = with_angle_variance(branches.prior.fuse(chosen), branches.doubt)
+        if not self._is_on_course(branches):
             return Verdict(fused, PoseRefusal.OFF_COURSE, branches=branches)
-        is_backed, is_partial = prior.angle_sd < CERTAINTY.blind_angle_sd, self.is_partial(chosen)
+        is_backed, is_partial = branches.prior.angle_sd < CERTAINTY.blind_angle_sd, self.is_partial(chosen)
         is_plain = is_backed or self.is_plain(seen, fused)
         # Hidden parts, or a border faked by what hides them: the edges seen tell these apart.
         is_plain = is_plain or (is_partial and self._fitter.is_supported(seen.pixels, chosen))

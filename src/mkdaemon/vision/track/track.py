@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass, field, replace
 from math import hypot
 from typing import Final
@@ -30,14 +31,14 @@ class Track:
         misses: images since the last accepted pose.
         decoded_at: when one of its tags was last decoded [s].
         branches: the readings of the images so far; none before the first.
-        published: when the target was published last [s], and its range then [m]; also of a track that was lost.
+        published: times [s] and poses of the newest images that were published; also of a track that was lost.
     """
 
     coast: float
     misses: int = 0
     decoded_at: float = -np.inf
     branches: Branches | None = None
-    published: tuple[float, float] | None = None
+    published: deque[tuple[float, Pose]] = field(default_factory=lambda: deque(maxlen=3))
     _found: list[tuple[Sight, Pose]] = field(default_factory=list)
 
     @property
@@ -83,12 +84,11 @@ class Track:
 
         A camera turns faster than it moves, and a mirror image has the same range.
         """
-        if self.published is None:
+        if not self.published:
             return True
-        then, range_m = self.published
-        certain = LIMITS.certainty
+        (then, last), certain = self.published[-1], LIMITS.certainty
         moved = certain.deviations * LIMITS.edges.speed_sd * (time - then)
-        return abs(pose.range_m - range_m) <= abs(moved) + max(certain.wrong_m, certain.wrong_share * pose.range_m)
+        return abs(pose.range_m - last.range_m) <= abs(moved) + max(certain.wrong_m, certain.wrong_share * pose.range_m)
 
     def turn_to(self, seen: Sight) -> Array | None:
         """Camera in an image from camera at the last pose `(3, 3)`, by attitudes; none where one is unknown."""

@@ -1,9 +1,4 @@
-"""Following targets from image to image, and publishing only what has passed every gate.
-
-The order of an image: health of the image; for each known target prediction, fit and gates; for what is left optical
-flow, a search around the prediction, and at last a search of the whole image. A pose nobody contradicts is published,
-everything else is a refusal with its reason.
-"""
+"""All targets of one camera: each is followed, what is missing is searched; refusals have a reason."""
 
 from __future__ import annotations
 
