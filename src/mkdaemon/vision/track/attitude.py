@@ -73,8 +73,8 @@ class Sight:
     Attributes:
         pixels: `(h, w)` uint8.
         time: middle of the exposure [s].
-        enu_from_cam: the camera's attitude then `(3, 3)`, by the vehicle's; none when unknown.
-        turning: how the camera turns then; none when unknown.
+        enu_from_cam: the camera's attitude then `(3, 3)`, by the vehicle's.
+        turning: how the camera turns then.
     """
 
     pixels: Grey
@@ -168,8 +168,7 @@ def corrected(covariance: Array, observe: Array, surprise: Array, noise: Array) 
         noise: R, of the observation `(..., k, k)`.
 
     Returns:
-        Step of the state `(..., n)`, its covariance, and the logarithm of the density of the surprise before,
-        -(y^T S^-1 y + ln det S) / 2, without the constant k / 2 ln(2 pi).
+        Step of the state, its covariance, and the log density of the surprise, -(y^T S^-1 y + ln det S) / 2.
     """
     across = covariance @ observe.T
     inverse = np.linalg.inv(observe @ across + noise)
@@ -187,11 +186,7 @@ def updated(pose: Pose, observe: Array, surprise: Array, noise: Array) -> Pose:
 
 
 def fuse_normal(pose: Pose, level: Level) -> Pose:
-    """Tell a pose what is known about its target's normal.
-
-    Far away, where the image hardly shows tilt, the tilt becomes the expected one and the correlated position improves
-    with it; nearby the image outweighs what is expected and nothing changes.
-    """
+    """Tell a pose what is known about its target's normal; far away the correlated position improves with the tilt."""
     return updated(pose, *_tilting(pose, level), level.spread**2 * np.eye(2))
 
 

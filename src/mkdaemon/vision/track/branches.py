@@ -58,18 +58,15 @@ ANYWHERE = 1e8
 LEAST_NORM = 1e-9
 """Of a place that has a direction [m]."""
 
-PLACES, BOTH, SPEEDS = (np.kron(blocks, np.eye(3)) for blocks in ([[1, 0], [0, 0]], [[0, 1], [1, 0]], [[0, 0], [0, 1]]))
-"""Which parts of a course's covariance an unknown acceleration makes larger."""
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Course:
-    """Position and velocity of the lens in the target's frame, by one history or by each of several.
+    """Position [m] and velocity [m/s] of the lens in the target's frame, by one history or by each of several.
 
     Attributes:
         time: [s].
-        state: position [m] and velocity [m/s] `(..., 6)`.
-        covariance: of `state` `(..., 6, 6)`.
+        state: `(..., 6)`.
+        covariance: of it `(..., 6, 6)`.
         psd: of the acceleration that is expected [m^2/s^3].
     """
 
@@ -104,15 +101,10 @@ class Course:
         return float(np.sqrt((np.trace(spread) - sight @ spread @ sight) / 2)) / distance
 
     def predict_at(self, time: float) -> Course:
-        """The same course at a later time, before anything is seen.
-
-        With F the motion over dt and Q the white acceleration of density q: P' = F P F^T + Q, the blocks of Q being
-        q dt^3 / 3 for the position, q dt^2 / 2 between both, q dt for the velocity.
-        """
+        """The same course at a later time, before anything is seen: P' = F P F^T + Q, Q of a white acceleration."""
         dt = time - self.time
-        move = np.eye(6)
-        move[:3, 3:] = dt * np.eye(3)
-        noise = self.psd * (dt**3 / 3 * PLACES + dt**2 / 2 * BOTH + dt * SPEEDS)
+        move = np.kron([[1.0, dt], [0.0, 1.0]], np.eye(3))
+        noise = self.psd * np.kron([[dt**3 / 3, dt**2 / 2], [dt**2 / 2, dt]], np.eye(3))
         return Course(time, self.state @ move.T, move @ self.covariance @ move.T + noise, self.psd)
 
     def join(self, centre: Array, spread: Array) -> tuple[Course, Array]:
@@ -127,10 +119,7 @@ class Course:
         return float(error @ np.linalg.solve(self.covariance[:3, :3] + spread, error))
 
     def fuse(self, pose: Pose) -> Pose:
-        """A pose with what one history knew before it about where the lens is.
-
-        The lens is at c = -R^T p in the target's frame; dc = -R^T dp - R^T [p]x w. A Kalman update of (p, w) by what
-        the course knows of c; nearby, where the image says far more than inertia, nothing changes.
+        """A pose with what one history knew before it about where the lens is: c = -R^T p; dc = -R^T dp - R^T [p]x w.
 
         A pose that surprises the course makes it as uncertain as the surprise is large: the ratio of Birge, Physical
         Review 40 (1932), 207.
@@ -194,11 +183,7 @@ class Branches:
 
     @property
     def is_spoken_against(self) -> bool:
-        """Whether images speak against the likeliest branch, the newest by itself or several together.
-
-        Together they may say no more than what it leads by beyond `decided`: a course that a poor fit threw aside lets
-        its rival lead by one jump, whatever image after image says.
-        """
+        """Whether images together say more against the likeliest branch than what it leads by beyond `decided`."""
         return bool(self.together[0] > min(self.lead - DECIDED, DECIDED))
 
     @property
@@ -246,7 +231,7 @@ class Branches:
     def _summed_against(self, centre: Array, candidates: Sequence[Pose]) -> Array:
         """What images together say against the reading of each candidate, their own image included `(m,)` [nats].
 
-        A reading is where the target is seen from, not one history of it: that may begin with a leap from the other.
+        A reading is where the target is seen from: one history of it may begin with a leap from the other.
         """
         apart = _angles(self.course.centre, centre)
         near = np.maximum(CERTAINTY.wrong_angle, apart.min(axis=0))
@@ -258,14 +243,9 @@ class Branches:
 
 
 def places(poses: Sequence[Pose], caution: float | None = None) -> tuple[Array, Array]:
-    """Where poses put the lens, and how well that may be believed over several images.
+    """Where poses put the lens `(m, 3)` [m; target], and the covariances of these places `(m, 3, 3)`.
 
-    Args:
-        poses: measured.
-        caution: factor on their variance; what their errors over several images ask for when absent.
-
-    Returns:
-        Places `(m, 3)` [m; target] and their covariances `(m, 3, 3)`.
+    `caution` is a factor on the variance of the poses; without it what errors over several images ask for.
     """
     centre, spread = np.empty((len(poses), 3)), np.empty((len(poses), 3, 3))
     for k, pose in enumerate(poses):

@@ -181,10 +181,7 @@ class Follower:
             self.start(frame, found, "roi")
 
     def _starts(self, seen: Sight, predicted: Pose) -> Iterator[tuple[FoundBy, Pose]]:
-        """The prediction, and the last pose carried over: before it where the image does not show what it expects.
-
-        The likeliest start, and the other until as much as an image may take is spent on it.
-        """
+        """The prediction, and the last pose carried over: before it where the image does not show what it expects."""
         track = self.track
         is_expected = track.has_velocity or track.turn_to(seen) is not None
         if is_expected and self._fitter.shows(seen.pixels, predicted):
@@ -201,8 +198,7 @@ class Follower:
     def _with_climb(self, seen: Sight, start: Pose) -> Pose:
         """The start of a track's second image with the speed that both ranges tell.
 
-        Under a rolling shutter a climb looks like a tilt, and does not change the range half way through the image. A
-        fit that few edges agree with may have taken them for their neighbours, and its range says nothing.
+        Under a rolling shutter a climb looks like a tilt, and does not change the range half way through the image.
         """
         if not self._fitter.shutter.rolls or self.track.has_velocity:
             return start
@@ -228,8 +224,7 @@ class Follower:
     def _is_believed(self, frame: Frame, verdict: Verdict) -> bool:
         """Whether the target is followed where a verdict puts it: no gate and no image speaks against it.
 
-        What contradicts the attitude from one start counts for all starts of the image: of poses that agree with it
-        none is believed that the image likes less.
+        What contradicts the attitude from one start counts for all starts of the image.
         """
         pose, against = verdict.pose, self.contradicting
         if pose is not None and (against is None or not prefers(against, pose)):

@@ -60,11 +60,6 @@ FOLLOWED: Final = (None, PoseRefusal.AMBIGUOUS, PoseRefusal.ANGLE_UNCERTAIN)
 class Judge:
     """Measures and judges one target.
 
-    Args:
-        fitter: measures the target.
-        track: its memory.
-        cfg: settings of the tracker.
-
     Attributes:
         level: what the attitude says.
     """
@@ -89,18 +84,12 @@ class Judge:
                 return self._judge_without_attitude(seen, fit)
             # What the images before told of the deck; with this one in it the image would count twice.
             return self.judge_with_attitude(seen, self.level.fuse(seen, fit) if held is None else fit, alone)
-        if fit is not None and refused is PoseRefusal.ATTITUDE:
-            # Nothing lies over a whole target; what lies over a near one misleads its tilt, but not its place.
-            if self.is_whole(fit) or self.is_plainly_there(seen, fit):
-                return Verdict(fit, PoseRefusal.ATTITUDE)
-        return Verdict(None, refused)
+        # Nothing lies over a whole target; what lies over a near one misleads its tilt, but not its place.
+        is_there = fit is not None and (self.is_whole(fit) or self.is_plainly_there(seen, fit))
+        return Verdict(fit if is_there and refused is PoseRefusal.ATTITUDE else None, refused)
 
     def first(self, seen: Sight, candidates: Sequence[Pose]) -> Verdict:
-        """Judge poses from decoded tags.
-
-        An attitude with both signs swapped agrees with the mirror image of a target in the middle of the image, which
-        may be too uncertain to be published: what the image alone would publish elsewhere contradicts it.
-        """
+        """Judge poses from decoded tags; what the image alone would publish elsewhere contradicts the attitude."""
         refusals = [self.refusal(seen, pose) for pose in candidates]
         pairs = zip(candidates, refusals, strict=True)
         fits = [pose for pose, why in pairs if why is None or why is PoseRefusal.ATTITUDE]
@@ -196,10 +185,7 @@ class Judge:
     def refusal(self, seen: Sight, pose: Pose, *, is_hidden: bool = False) -> PoseRefusal | None:
         """The first sign that a pose is wrong; none without any.
 
-        Args:
-            seen: the image.
-            pose: measured in it.
-            is_hidden: whether parts of a first pose may be hidden: no tilted deck is told from a covered border then.
+        `is_hidden`: parts of a first pose may be hidden, which tells no tilted deck from a covered border.
         """
         refused = fit_refusal(pose, self._cfg)
         if refused is not None:
@@ -241,7 +227,7 @@ class Judge:
         return self._is_large(pose) and self._fitter.evidence(seen.pixels, pose).is_clear
 
     def is_plainly_there(self, seen: Sight, pose: Pose) -> bool:
-        """Whether a large target whose cells are read clearly lies as a pose says, for all but the attitude."""
+        """Whether a large target lies as a pose says, for all but the attitude."""
         return self.is_plain(seen, pose) and certainty_refusal(pose, has_attitude=False, is_plain=True) is None
 
     def _is_large(self, pose: Pose) -> bool:

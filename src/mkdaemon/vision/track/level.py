@@ -2,12 +2,11 @@
 
 A deck that is tilted lies so in the world; an attitude that is biased, or a mounting, is off in the vehicle. An image
 measures their sum, the target's normal by the attitude; when the vehicle's heading turns, the error turns with it and
-the deck does not. Poses that were found without this knowledge measure the sum; between them both drift.
+the deck does not.
 
-How fast a deck drifts nobody knows before: a pad on the ground stays as it lies, a ship's deck rocks. And an attitude
-may be wrong altogether, by a swapped sign, a mounting that is off by many degrees or a target that is not level at all,
-or be shaken, another one in every image. All four kinds are followed, each as likely as its predictions make it. An
-attitude that is likelier wrong is left out, until it is likelier right: one threshold in odds.
+A deck may rest or rock. And an attitude may be wrong altogether, by a swapped sign, a mounting that is off by many
+degrees or a target that is not level at all, or be shaken, another one in every image. All four kinds are followed,
+each as likely as its predictions make it. An attitude that is likelier wrong is left out, until it is likelier right.
 
 Source: interacting multiple models, Blom and Bar-Shalom, IEEE TAC 33(8), 1988.
 """

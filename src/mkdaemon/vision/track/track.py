@@ -18,8 +18,7 @@ from mkdaemon.vision.track.attitude import Sight, Turning
 from mkdaemon.vision.track.branches import Branches
 
 SINCE: Final = 0.1
-"""What a speed changes by from the images that told it to this one, 3 m/s^2 for 1/30 s, deviation [m/s]: without it the
-rows of a rolling shutter told tilts too surely (NEES 2.2 for 1.1, 253 images to 4 m)."""
+"""What a speed changes by from the images that told it to this one, 3 m/s^2 for 1/30 s, deviation [m/s]."""
 
 
 @dataclass(slots=True)
@@ -80,10 +79,7 @@ class Track:
         self.decoded_at = -np.inf
 
     def can_be_at(self, time: float, pose: Pose) -> bool:
-        """Whether the target can have moved to a pose since it was published last, by its range.
-
-        A camera turns faster than it moves, and a mirror image has the same range.
-        """
+        """Whether the target can have moved to a pose since it was published last, by its range."""
         if not self.published:
             return True
         (then, last), certain = self.published[-1], LIMITS.certainty
@@ -97,9 +93,8 @@ class Track:
     def predict(self, seen: Sight) -> Pose:
         """Expected pose in an image.
 
-        Motion is taken in the camera frame, where the position is known to a fraction of a pixel; in the target frame
-        every error of tilt would swing it by the range. With the vehicle's attitude the turn of the camera is taken
-        out first and put back for the new image; without, image motion and turn simply go on.
+        Motion is taken in the camera frame; in the target's every error of tilt would swing the position by the range.
+        With attitudes the turn of the camera is taken out first and put back for the new image.
         """
         (last_seen, last), turned = self._found[-1], self.turn_to(seen)
         position, rotation = last.position, last.rotation
