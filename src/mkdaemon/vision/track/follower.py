@@ -166,23 +166,19 @@ class Follower:
         if not track.goes_on(sight.time):
             track.lose()
             return
-        ways = [sight]
-        if track.turn_to(sight) is not None:
-            # An attitude that jumps, or has a swapped sign, turns a prediction away from a target that is where it was.
-            ways.append(sight.without_attitude())
-        for seen in ways:
-            expected = self._predicted(seen)
-            if self._measured(frame, self._starts(seen, expected)):
-                return
+        # An attitude that jumps, or has a swapped sign, turns a prediction away from a target that is where it was.
+        ways = [sight, sight.without_attitude()] if track.turn_to(sight) is not None else [sight]
+        if any(self._measured(frame, self._starts(seen)) for seen in ways):
+            return
         window = self._fitter.window(self._predicted(sight), sight.pixels.shape)
         if window is not None:
             found = self._search.nearby(sight.pixels, window, track.misses)
             frame.detections.extend(found)
             self.start(frame, found, "roi")
 
-    def _starts(self, seen: Sight, predicted: Pose) -> Iterator[tuple[FoundBy, Pose]]:
+    def _starts(self, seen: Sight) -> Iterator[tuple[FoundBy, Pose]]:
         """The prediction, and the last pose carried over: before it where the image does not show what it expects."""
-        track = self.track
+        track, predicted = self.track, self._predicted(seen)
         is_expected = track.has_velocity or track.turn_to(seen) is not None
         if is_expected and self._fitter.shows(seen.pixels, predicted):
             yield "predicted", predicted
@@ -250,10 +246,7 @@ class Follower:
             self.level.learn(frame.sight, verdict.alone)
 
     def settle(self, frame: Frame) -> None:
-        """Let what contradicts the attitude speak against it, and count an image that shows no target.
-
-        The image that leaves the attitude out is looked at without.
-        """
+        """Let what contradicts the attitude speak against it; the image that leaves it out is looked at without."""
         against, self.contradicting = self.contradicting, None
         if against is not None and self.level.learn(frame.sight, against):
             self.start(frame, frame.detections, "search")
@@ -266,15 +259,10 @@ class Follower:
         self.track.lose()
         self.track.published.clear()
         self.level.forget()
+        self.contradicting = None
 
     def start(self, frame: Frame, found: Sequence[Detection], mode: FoundBy) -> None:
-        """Start or restart the track from decoded tags.
-
-        Args:
-            frame: the image.
-            found: tags of any target.
-            mode: how they were found.
-        """
+        """Start or restart the track from decoded tags of any target, found in some way."""
         tags = self._search.own(found)
         if not tags:
             return
@@ -333,7 +321,5 @@ class Follower:
         frame.refused.pop(self.name, None)
         self.contradicting = None
         self._health.note(pose, self._fitter.side_px(pose))
-        age = time - self.track.decoded_at
-        frame.poses.append(
-            TargetPose(self.name, self._target.frame, pose, verdict.ratio, verdict.decided_by, mode, age)
-        )
+        known = self.name, self._target.frame, pose, verdict.ratio, verdict.decided_by, mode
+        frame.poses.append(TargetPose(*known, time - self.track.decoded_at))

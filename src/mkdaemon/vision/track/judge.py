@@ -245,6 +245,4 @@ class Judge:
 
 def with_angle_variance(pose: Pose, variance: float) -> Pose:
     """The pose with so much more variance of every angle [rad^2]."""
-    covariance = pose.covariance.copy()
-    covariance[3:, 3:] += variance * np.eye(3)
-    return replace(pose, covariance=covariance)
+    return replace(pose, covariance=pose.covariance + np.diag([0.0] * 3 + [variance] * 3))

@@ -84,15 +84,8 @@ class Tracker:
         else:
             alarms.append(Alarm.UNCALIBRATED)
             frame.detections.extend(self._search(frame))
-        return VisionResult(
-            image.camera,
-            image.sequence,
-            image.captured_at,
-            tuple(frame.detections),
-            tuple(frame.poses),
-            tuple(alarms),
-            tuple(frame.refused.items()),
-        )
+        seen, refused = (tuple(frame.detections), tuple(frame.poses)), tuple(frame.refused.items())
+        return VisionResult(image.camera, image.sequence, image.captured_at, *seen, tuple(alarms), refused)
 
     @property
     def contradicted_deg(self) -> float | None:
@@ -113,12 +106,9 @@ class Tracker:
             return Sight(pixels, time)
         camera = self._mounting.flu_from_cam
         enu_from_flu, turning = attitude.at(time, self._cfg.max_attitude_age), attitude.turning_at(time)
-        return Sight(
-            pixels,
-            time,
-            enu_from_flu @ camera if enu_from_flu is not None else None,
-            Turning(camera.T @ turning.rate, turning.sd) if turning is not None else None,
-        )
+        enu_from_cam = enu_from_flu @ camera if enu_from_flu is not None else None
+        turning = Turning(camera.T @ turning.rate, turning.sd) if turning is not None else None
+        return Sight(pixels, time, enu_from_cam, turning)
 
     def _search_missing(self, frame: Frame) -> None:
         """Look for what is still missing in the whole image."""
