@@ -18,7 +18,6 @@ from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.track.attitude import LOOKING_DOWN, Sight
 from mkdaemon.vision.track.judge import Judge
 from mkdaemon.vision.track.level import LevelKnowledge
-from mkdaemon.vision.track.track import Track
 from tests.vision.views import VGA, View, place, shipped
 
 CFG = TrackerSection()
@@ -34,7 +33,7 @@ def sight(view: View, pixels=None) -> Sight:
 
 
 def judge_of(fitter: TargetFitter) -> Judge:
-    return Judge(fitter, Track(CFG.coast), LevelKnowledge(True, LOOKING_DOWN, CFG), CFG)
+    return Judge(fitter, LevelKnowledge(True, LOOKING_DOWN, CFG), CFG)
 
 
 def off(pose: Pose | None, view: View) -> float:

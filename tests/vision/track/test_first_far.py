@@ -17,7 +17,6 @@ from mkdaemon.vision.tags.tagmap import TagMap
 from mkdaemon.vision.track.attitude import LOOKING_DOWN, Sight
 from mkdaemon.vision.track.judge import Judge
 from mkdaemon.vision.track.level import LevelKnowledge
-from mkdaemon.vision.track.track import Track
 from mkdaemon.vision.track.tracker import Tracker
 from tests.vision.views import VGA, View, angle_deg, place, shipped
 
@@ -54,7 +53,7 @@ def test_a_fit_that_ended_between_both_readings_is_asked_for_another() -> None:
     assert np.degrees(saddle.tilt) < 2.5
     assert angle_deg(saddle.rotation, view.rotation) > 4.0
     cfg = TrackerSection()
-    judge = Judge(fitter, Track(cfg.coast), LevelKnowledge(True, LOOKING_DOWN, cfg), cfg)
+    judge = Judge(fitter, LevelKnowledge(True, LOOKING_DOWN, cfg), cfg)
     rivals = judge.candidates(Sight(view.pixels, 0.0), [saddle])
     best = min(rivals, key=lambda rival: rival.loss)
     assert angle_deg(best.rotation, view.rotation) < 1.0

@@ -16,34 +16,29 @@ from mkdaemon.vision.pose.unknowns import Level
 from mkdaemon.vision.track.attitude import LOOKING_DOWN, Sight, fuse_normal
 from mkdaemon.vision.track.judge import Judge, Verdict
 from mkdaemon.vision.track.level import LevelKnowledge
-from mkdaemon.vision.track.track import Track
 from tests.vision.views import VGA, View, angle_deg, nearly, place, shipped
 
 KNOWN = 30
 """Images that told the tilt."""
 
 
-def judge_of(name: str, track: Track) -> Judge:
+def judge_of(name: str) -> Judge:
     """Judge of a target over a level place."""
     fitter = TargetFitter(shipped(name), Projection(VGA))
-    return Judge(fitter, track, LevelKnowledge(True, LOOKING_DOWN, TrackerSection()), TrackerSection())
+    return Judge(fitter, LevelKnowledge(True, LOOKING_DOWN, TrackerSection()), TrackerSection())
 
 
 def judged(name: str, off_deg: float) -> Verdict:
     """Verdict about a far target in full view whose tilt is known, beside an attitude that is off by so much since."""
     view = View(shipped(name), place(3.8, 0.25))
     right = view.view.enu_from_cam
-    track, truth = (
-        Track(TrackerSection().coast),
-        Pose(view.rotation, view.position, 1e-6 * np.eye(6), "edges", 200, 0.05),
-    )
-    judge = judge_of(name, track)
+    truth = Pose(view.rotation, view.position, 1e-6 * np.eye(6), "edges", 200, 0.05)
+    judge = judge_of(name)
     for k in range(KNOWN):
         judge.level.learn(Sight(view.pixels, k / 30, right), truth)
     now = KNOWN / 30
     flu_from_cam = LOOKING_DOWN.flu_from_cam
     off = right @ flu_from_cam.T @ rotation_from_euler(np.radians(off_deg), 0.0, 0.0) @ flu_from_cam
-    track.accept(Sight(view.pixels, now - 1 / 30, off), truth)
     return judge.measure(Sight(view.pixels, now, off), truth)
 
 

@@ -20,7 +20,6 @@ from mkdaemon.vision.track.follower import Follower
 from mkdaemon.vision.track.judge import Judge, Verdict
 from mkdaemon.vision.track.level import LevelKnowledge
 from mkdaemon.vision.track.result import Frame
-from mkdaemon.vision.track.track import Track
 from mkdaemon.vision.track.tracker import Tracker
 from tests.vision.views import VGA, angle_deg, shipped
 
@@ -91,22 +90,13 @@ class GivenFits:
         return self.cell_px * self.target.tags[0].family.size_cells
 
 
-def judge_of(fits: GivenFits, track: Track | None = None) -> Judge:
+def judge_of(fits: GivenFits) -> Judge:
     cfg = TrackerSection()
-    level = LevelKnowledge(True, LOOKING_DOWN, cfg)
-    return Judge(fits, track or Track(cfg.coast), level, cfg)  # type: ignore[arg-type]
+    return Judge(fits, LevelKnowledge(True, LOOKING_DOWN, cfg), cfg)  # type: ignore[arg-type]
 
 
 def sight(time: float = STEP, attitude: bool = True) -> Sight:
     return Sight(PIXELS, time, LOOKING_DOWN.flu_from_cam if attitude else None)
-
-
-def followed(pose: Pose | None = None, misses: int = 0) -> Track:
-    """A track of one pose a moment ago."""
-    track = Track(TrackerSection().coast)
-    track.accept(Sight(PIXELS, 0.0, LOOKING_DOWN.flu_from_cam), pose or fitted())
-    track.misses = misses
-    return track
 
 
 WITH_ATTITUDE = [
@@ -127,7 +117,7 @@ WITH_ATTITUDE = [
 @pytest.mark.parametrize(("pose", "refusal", "is_kept"), WITH_ATTITUDE, ids=lambda value: str(value)[:24])
 def test_a_fit_beside_an_attitude(pose, refusal, is_kept):
     """A gate stops a fit for good; one that is only uncertain is followed and not published."""
-    verdict = judge_of(GivenFits(pose), followed()).measure(sight(), fitted())
+    verdict = judge_of(GivenFits(pose)).measure(sight(), fitted())
     assert verdict.refusal is refusal
     assert (verdict.pose is not None and not verdict.contradicts) == is_kept
 
@@ -147,18 +137,18 @@ def test_a_fit_beside_an_attitude(pose, refusal, is_kept):
 )
 def test_cells_are_asked_and_where_edges_disagree_those_beside_too(cells, beside, inliers, refusal) -> None:
     fits = GivenFits(fitted(inliers=inliers), cells=cells, beside_nats=beside)
-    assert judge_of(fits, followed()).measure(sight(), fitted()).refusal is refusal
+    assert judge_of(fits).measure(sight(), fitted()).refusal is refusal
 
 
 @pytest.mark.parametrize(("inliers", "refusal"), [(0.5, PoseRefusal.INLIERS), (0.7, None)])
 def test_where_few_edges_agree_those_that_are_seen_are_asked(inliers, refusal) -> None:
     fits = GivenFits(fitted(inliers=inliers), explains=False)
-    assert judge_of(fits, followed()).measure(sight(), fitted()).refusal is refusal
+    assert judge_of(fits).measure(sight(), fitted()).refusal is refusal
 
 
 def test_far_away_the_attitude_is_in_the_fit_and_not_told_a_second_time():
     held = fitted(8.0, tilt_deg=1.0, covariance=np.diag([1e-6, 1e-6, 1e-4, 1.6e-3, 1.6e-3, 1e-5]))
-    judge = judge_of(GivenFits(fitted(8.0, tilt_deg=6.0), held, cell_px=3.0), followed(fitted(8.0)))
+    judge = judge_of(GivenFits(fitted(8.0, tilt_deg=6.0), held, cell_px=3.0))
     verdict = judge.measure(sight(), fitted(8.0))
     assert verdict.refusal is PoseRefusal.ANGLE_UNCERTAIN
     np.testing.assert_allclose(verdict.pose.rotation, held.rotation, atol=1e-9)
@@ -167,7 +157,7 @@ def test_far_away_the_attitude_is_in_the_fit_and_not_told_a_second_time():
 
 def test_an_image_counts_once_beside_what_the_images_before_told_of_the_deck():
     pose = fitted(tilt_deg=2.0, covariance=np.diag([1e-7, 1e-7, 1e-6, 1e-4, 1e-4, 1e-7]))
-    judge = judge_of(GivenFits(pose), followed())
+    judge = judge_of(GivenFits(pose))
     expected = judge.level.fuse(sight(), pose)
     verdict = judge.measure(sight(), fitted())
     np.testing.assert_allclose(verdict.pose.covariance, expected.covariance)
@@ -201,10 +191,9 @@ WITHOUT_ATTITUDE = [
 @pytest.mark.parametrize(("given", "pose", "refusal"), WITHOUT_ATTITUDE)
 def test_a_fit_without_attitude(given, pose, refusal):
     """The track has no say in which of two rivals is true."""
-    track = followed(pose)
-    judge, began = judge_of(GivenFits(pose, **given), track), sight(-0.1, attitude=False)
-    track.branches = judge.start_branches(began, judge.candidates(began, [pose]))
-    verdict = judge.measure(sight(attitude=False), pose)
+    judge, began = judge_of(GivenFits(pose, **given)), sight(-0.1, attitude=False)
+    branches = judge.start_branches(began, judge.candidates(began, [pose]))
+    verdict = judge.measure(sight(attitude=False), pose, branches)
     assert verdict.refusal is refusal
     assert verdict.branches is not None
     assert verdict.branches.is_decided == (refusal is not PoseRefusal.AMBIGUOUS)
@@ -213,36 +202,28 @@ def test_a_fit_without_attitude(given, pose, refusal):
 def test_a_track_in_doubt_goes_over_to_the_reading_that_the_images_speak_for():
     """It followed the wrong one; the other is a jump from there, and what the images say counts all the same."""
     wrong, right = fitted(tilt_deg=15.0, loss=0.016), mirrored(fitted(tilt_deg=15.0), loss=0.01)
-    track = followed(wrong)
-    verdict = None
+    judge = judge_of(GivenFits(wrong, mirror=right, cell_px=4.5))
+    branches = judge.start_branches(sight(0.0), [wrong, right])
     for k in range(1, 12):
-        judge = judge_of(GivenFits(wrong, mirror=right, cell_px=4.5), track)
-        if track.branches is None:
-            track.branches = judge.start_branches(sight(0.0), [wrong, right])
-        seen = sight(k * STEP, attitude=False)
-        verdict = judge.measure(seen, wrong)
-        track.branches = verdict.branches
-    assert verdict is not None
+        verdict = judge.measure(sight(k * STEP, attitude=False), wrong, branches)
+        branches = verdict.branches
     assert verdict.refusal is None
     assert verdict.pose is not None
     assert angle_deg(verdict.pose.rotation, right.rotation) < 0.5
 
 
 def test_a_pose_off_the_course_is_followed_and_not_published():
-    track = followed(TILTED)
-    track.branches = judge_of(GivenFits(), track).start_branches(sight(0.0), [TILTED])
+    judge = judge_of(GivenFits(TILTED))
+    branches = judge.start_branches(sight(0.0), [TILTED])
     for k in range(1, 12):
-        judge = judge_of(GivenFits(TILTED), track)
-        verdict = judge.measure(sight(k * STEP, attitude=False), TILTED)
+        verdict = judge.measure(sight(k * STEP, attitude=False), TILTED, branches)
         assert verdict.refusal is None
-        track.branches = verdict.branches
-        track.accept(Sight(PIXELS, k * STEP, None), TILTED)
-    assert track.branches is not None
-    assert track.branches.course[0].angle_sd < LIMITS.certainty.blind_angle_sd
+        branches = verdict.branches
+    assert branches.course[0].angle_sd < LIMITS.certainty.blind_angle_sd
     # Within what a pose this uncertain may be off for several images, and too far for what it says of itself.
     vague = SHARP + np.diag([0.0, 0.0, 0.0, 4e-5, 4e-5, 4e-5])
     aside = replace(TILTED, rotation=turn(TILTED.rotation, np.radians([1.8, 0.0, 0.0])), covariance=vague)
-    verdict = judge_of(GivenFits(aside), track).measure(sight(12 * STEP, attitude=False), TILTED)
+    verdict = judge_of(GivenFits(aside)).measure(sight(12 * STEP, attitude=False), TILTED, branches)
     assert verdict.refusal is PoseRefusal.OFF_COURSE
     assert verdict.pose is not None
 
@@ -251,15 +232,11 @@ def test_a_pose_off_the_course_is_followed_and_not_published():
 def test_a_reading_that_images_keep_speaking_against_is_not_published(loss, refusal):
     """Each of them says too little to count as odds: inertia may not overrule all of them together."""
     followed_one, other = replace(TILTED, loss=loss), mirrored(TILTED, loss=0.01)
-    track, verdict = followed(followed_one), None
+    judge = judge_of(GivenFits(followed_one, mirror=other, cell_px=4.5))
+    branches = replace(judge.start_branches(sight(0.0), [followed_one, other]), weight=np.array([0.0, -MOST_ODDS]))
     for k in range(1, 30):
-        judge = judge_of(GivenFits(followed_one, mirror=other, cell_px=4.5), track)
-        if track.branches is None:
-            begun = judge.start_branches(sight(0.0), [followed_one, other])
-            track.branches = replace(begun, weight=np.array([0.0, -MOST_ODDS]))
-        verdict = judge.measure(sight(k * STEP, attitude=False), followed_one)
-        track.branches = verdict.branches
-    assert verdict is not None
+        verdict = judge.measure(sight(k * STEP, attitude=False), followed_one, branches)
+        branches = verdict.branches
     assert verdict.refusal is refusal
 
 
@@ -341,7 +318,7 @@ def test_a_first_pose_that_the_image_alone_would_publish_contradicts_an_attitude
 def test_a_followed_target_whose_edges_agree_tells_that_the_attitude_refuses_it():
     whole, hidden = fitted(tilt_deg=7.0), fitted(tilt_deg=7.0, inliers=0.85)
     for pose, told in ((whole, whole), (hidden, None)):
-        verdict = judge_of(GivenFits(pose), followed()).measure(sight(), fitted())
+        verdict = judge_of(GivenFits(pose)).measure(sight(), fitted())
         assert verdict.refusal is PoseRefusal.ATTITUDE
         assert verdict.pose is told
 
@@ -350,7 +327,7 @@ def test_a_followed_target_whose_edges_agree_tells_that_the_attitude_refuses_it(
 def test_where_cells_are_read_clearly_a_target_contradicts_the_attitude_that_refuses_it(cell_px, is_there):
     """Something lies over it, so its tilt may be misled, but not its place: the next image begins there."""
     free = fitted(tilt_deg=7.0, inliers=0.76)
-    verdict = judge_of(GivenFits(free, cell_px=cell_px), followed()).measure(sight(), fitted())
+    verdict = judge_of(GivenFits(free, cell_px=cell_px)).measure(sight(), fitted())
     assert verdict.refusal is PoseRefusal.ATTITUDE
     assert verdict.pose is (free if is_there else None)
 
@@ -399,7 +376,7 @@ def test_a_target_that_the_attitude_refuses_is_followed_only_where_no_other_star
 
 def test_a_large_residual_is_no_word_against_the_attitude_where_edges_are_hidden() -> None:
     free = fitted(tilt_deg=23.0, inliers=0.8, rms_px=0.9)
-    verdict = judge_of(GivenFits(free, cell_px=40.0), followed()).measure(sight(), fitted())
+    verdict = judge_of(GivenFits(free, cell_px=40.0)).measure(sight(), fitted())
     assert verdict.refusal is not None
     assert verdict.pose is None
 

@@ -15,7 +15,7 @@ from mkdaemon.config.vision import TrackerSection
 from mkdaemon.vision.pose.pose import Pose
 from mkdaemon.vision.tags.tagmap import TagMap
 from mkdaemon.vision.track.attitude import LOOKING_DOWN, Sight
-from mkdaemon.vision.track.track import Track
+from mkdaemon.vision.track.follower import Track
 from mkdaemon.vision.track.tracker import Tracker
 
 PIXELS = np.zeros((4, 4), np.uint8)

@@ -21,7 +21,6 @@ from mkdaemon.vision.pose.unknowns import Level
 from mkdaemon.vision.track.attitude import Sight, normal_density, turn_between, without_normal
 from mkdaemon.vision.track.branches import Branches
 from mkdaemon.vision.track.level import LevelKnowledge
-from mkdaemon.vision.track.track import Track
 
 CERTAINTY: Final = LIMITS.certainty
 
@@ -64,12 +63,12 @@ class Judge:
         level: what the attitude says.
     """
 
-    def __init__(self, fitter: TargetFitter, track: Track, level: LevelKnowledge, cfg: TrackerSection) -> None:
+    def __init__(self, fitter: TargetFitter, level: LevelKnowledge, cfg: TrackerSection) -> None:
         self.level = level
-        self._fitter, self._track, self._cfg = fitter, track, cfg
+        self._fitter, self._cfg = fitter, cfg
 
-    def measure(self, seen: Sight, start: Pose) -> Verdict:
-        """Fit from one start, and judge the fit."""
+    def measure(self, seen: Sight, start: Pose, before: Branches | None = None) -> Verdict:
+        """Fit from one start, and judge the fit; `before` are the readings of the images before."""
         # Far away a tilt hardly shows: what the attitude knows of it belongs into the fit, which is not linear there.
         vertical = self.level.vertical(seen)
         held = vertical if self._fitter.is_small(start) else None
@@ -81,9 +80,10 @@ class Judge:
         refused = self.refusal(seen, fit) if fit is not None else PoseRefusal.NO_FIT
         if fit is not None and refused is None:
             if vertical is None:
-                return self._judge_without_attitude(seen, fit)
+                return self._judge_without_attitude(seen, fit, before)
             # What the images before told of the deck; with this one in it the image would count twice.
-            return self.judge_with_attitude(seen, self.level.fuse(seen, fit) if held is None else fit, alone)
+            fused = self.level.fuse(seen, fit) if held is None else fit
+            return replace(self.judge_with_attitude(seen, fused, before), alone=alone)
         # Nothing lies over a whole target; what lies over a near one misleads its tilt, but not its place.
         is_there = fit is not None and (self.is_whole(fit) or self.is_plainly_there(seen, fit))
         return Verdict(fit if is_there and refused is PoseRefusal.ATTITUDE else None, refused)
@@ -139,28 +139,27 @@ class Judge:
         """Branches that start in this image, by it and what else is told; a single candidate is believed."""
         return Branches.begin(seen.time, candidates, log_prior, moving=self._fitter.target.moving)
 
-    def _go_on(self, seen: Sight, candidates: Sequence[Pose]) -> Branches:
-        """Branches of the track with this image."""
-        before = self._track.branches
+    def _go_on(self, seen: Sight, candidates: Sequence[Pose], before: Branches | None) -> Branches:
+        """Branches with this image."""
         return self.start_branches(seen, candidates) if before is None else before.after(seen.time, candidates)
 
-    def judge_with_attitude(self, seen: Sight, pose: Pose, alone: Pose | None = None) -> Verdict:
+    def judge_with_attitude(self, seen: Sight, pose: Pose, before: Branches | None) -> Verdict:
         """Judge a fit that agrees with the attitude; inertia is asked where the fit alone is too uncertain."""
-        refused, branches = certainty_refusal(pose, has_attitude=True), self._go_on(seen, [pose])
+        refused, branches = certainty_refusal(pose, has_attitude=True), self._go_on(seen, [pose], before)
         if refused is not None and self._is_on_course(branches):
             pose = branches.prior.fuse(pose)
             refused = certainty_refusal(pose, has_attitude=True)
-        return Verdict(pose, refused, alone, branches)
+        return Verdict(pose, refused, branches=branches)
 
     def _is_on_course(self, branches: Branches) -> bool:
         """Whether a pose is where inertia expects it, by its own covariance: branches allow for errors that last."""
         is_hit = branches.is_decided and not branches.missed[0]
         return is_hit and branches.prior.mahalanobis2(branches.pose) <= CERTAINTY.surprising
 
-    def _judge_without_attitude(self, seen: Sight, pose: Pose) -> Verdict:
+    def _judge_without_attitude(self, seen: Sight, pose: Pose, before: Branches | None) -> Verdict:
         """Judge a fit by its mirror image, the images before and the vehicle's inertia."""
         candidates = self.candidates(seen, [pose])
-        branches = self._go_on(seen, candidates)
+        branches = self._go_on(seen, candidates, before)
         refused = None if branches.pose is pose else self.refusal(seen, branches.pose)
         return self._judge_branches(seen, branches, candidates) if refused is None else Verdict(None, refused)
 
