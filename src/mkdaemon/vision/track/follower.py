@@ -414,9 +414,6 @@ class Follower:
         verdict = self.judge.first(seen, candidates)
         if not self._is_believed(frame, verdict):
             return
-        if verdict.refusal is not None and track.branches is not None and track.branches.is_decided:
-            frame.refused[self.name] = verdict.refusal
-            return
         track.lose()
         track.decoded_at = seen.time
         self._follow(frame, verdict, mode)

@@ -171,13 +171,13 @@ class Judge:
         fused = with_angle_variance(branches.prior.fuse(chosen), branches.doubt)
         if not self._is_on_course(branches):
             return Verdict(fused, PoseRefusal.OFF_COURSE, branches=branches)
-        is_backed, is_partial = branches.prior.angle_sd < CERTAINTY.blind_angle_sd, self.is_partial(chosen)
+        is_partial, is_backed = self.is_partial(chosen), branches.prior.angle_sd < CERTAINTY.blind_angle_sd
         is_plain = is_backed or self.is_plain(seen, fused)
         # Hidden parts, or a border faked by what hides them: the edges seen tell these apart.
         is_plain = is_plain or (is_partial and self._fitter.is_supported(seen.pixels, chosen))
         if is_partial and not is_plain:
             return Verdict(fused, PoseRefusal.INLIERS, branches=branches)
-        refused = certainty_refusal(fused, has_attitude=False, is_plain=is_plain, is_backed=is_backed)
+        refused = certainty_refusal(fused, has_attitude=False, is_plain=is_plain)
         alone = fused if refused is None else None
         return Verdict(fused, refused, alone, branches, ratio=residual_ratio(chosen, candidates))
 
