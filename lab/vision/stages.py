@@ -20,7 +20,7 @@ from mkdaemon.vision.tags.tagmap import TagMap
 from mkdaemon.vision.track.alarms import ImageHealth
 from mkdaemon.vision.track.attitude import LOOKING_DOWN
 from mkdaemon.vision.track.branches import Branches
-from mkdaemon.vision.track.track import Track
+from mkdaemon.vision.track.follower import Track
 from mkdaemon.vision.track.tracker import Tracker
 
 STAGES: Final[dict[str, tuple[Callable[..., Any], ...]]] = {

@@ -16,8 +16,8 @@ from mkdaemon.vision.pose.gates import CellEvidence
 from mkdaemon.vision.pose.pose import Pose
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.track.attitude import LOOKING_DOWN, Sight
-from mkdaemon.vision.track.checks import Checks
-from mkdaemon.vision.track.track import Track
+from mkdaemon.vision.track.judge import Judge
+from mkdaemon.vision.track.level import LevelKnowledge
 from tests.vision.views import VGA, View, place, shipped
 
 CFG = TrackerSection()
@@ -29,8 +29,11 @@ def truth(view: View) -> Pose:
 
 
 def sight(view: View, pixels=None) -> Sight:
-    attitude = view.view.enu_from_cam @ LOOKING_DOWN.flu_from_cam.T
-    return Sight(view.pixels if pixels is None else pixels, 0.03, attitude)
+    return Sight(view.pixels if pixels is None else pixels, 0.03, view.view.enu_from_cam)
+
+
+def judge_of(fitter: TargetFitter) -> Judge:
+    return Judge(fitter, LevelKnowledge(True, LOOKING_DOWN, CFG), CFG)
 
 
 def off(pose: Pose | None, view: View) -> float:
@@ -54,7 +57,7 @@ def test_a_pose_two_cells_of_the_inner_tag_beside_its_place_is_refused(name, dis
     doubted = replace(beside(name, view, cells), inliers=0.5)  # as of a fit that stays there
     assert fitter.evidence(view.pixels, doubted).vouches, "all cells together do not tell"
     assert fitter.beside(view.pixels, doubted) > HALF * LIMITS.ambiguity.decided
-    assert Checks(fitter, Track(CFG.coast), CFG, LOOKING_DOWN).refusal(seen, doubted) is PoseRefusal.BITS
+    assert judge_of(fitter).refusal(seen, doubted) is PoseRefusal.BITS
 
 
 @pytest.mark.parametrize(("name", "distance", "cells"), CELLS_BESIDE)
@@ -79,7 +82,7 @@ def test_a_right_pose_with_the_inner_tag_hidden_stays(texture):
     assert pose is not None
     assert off(pose, view) < 1e-3
     assert fitter.beside(pixels, pose) == 0.0
-    assert Checks(fitter, Track(CFG.coast), CFG, LOOKING_DOWN).refusal(sight(view, pixels), pose) is None
+    assert judge_of(fitter).refusal(sight(view, pixels), pose) is None
 
 
 def test_cells_outside_the_image_or_too_small_tell_nothing():
@@ -109,13 +112,13 @@ def test_a_fit_beside_the_place_of_a_target_that_leaves_the_image_is_refused(dis
     view = turned_away("nested", distance, toward)
     step = shipped("nested").tags[0].module * np.array([*cells, 0])
     fitter, seen = TargetFitter(shipped("nested"), Projection(VGA)), sight(view)
-    checks = Checks(fitter, Track(CFG.coast), CFG, LOOKING_DOWN)
+    judge = judge_of(fitter)
     start = replace(truth(view), position=view.position + view.rotation @ step)
     beside, right = fitter.refine(view.pixels, start), fitter.refine(view.pixels, truth(view))
     assert off(beside, view) > 0.05, "two cells on, edges agree with their neighbours'"
-    assert checks.refusal(seen, beside) is PoseRefusal.BITS
+    assert judge.refusal(seen, beside) is PoseRefusal.BITS
     assert off(right, view) < 1e-3
-    assert checks.refusal(seen, right) is None
+    assert judge.refusal(seen, right) is None
 
 
 @pytest.mark.parametrize(
@@ -126,15 +129,15 @@ def test_where_few_edges_agree_those_that_are_seen_have_to(distance, toward, ste
     """A corner of a near target is in view: part of a cell beside its place a few edges agree with others."""
     view = turned_away("nested", distance, toward, 1.3, 0.35)
     fitter, seen = TargetFitter(shipped("nested"), Projection(VGA)), sight(view)
-    checks = Checks(fitter, Track(CFG.coast), CFG, LOOKING_DOWN)
+    judge = judge_of(fitter)
     start = replace(truth(view), position=view.position + view.rotation @ np.array([*step, 0.0]))
     beside, right = fitter.refine(view.pixels, start), fitter.refine(view.pixels, truth(view))
     assert off(beside, view) > 0.01
     assert beside.inliers < LIMITS.agreement.blind
     assert not fitter.explains_seen_edges(view.pixels, beside)
-    assert checks.refusal(seen, beside) in (PoseRefusal.INLIERS, PoseRefusal.RESIDUAL)
+    assert judge.refusal(seen, beside) in (PoseRefusal.INLIERS, PoseRefusal.RESIDUAL)
     assert off(right, view) < 1e-3
-    assert checks.refusal(seen, right) is None
+    assert judge.refusal(seen, right) is None
 
 
 def test_a_target_that_is_covered_by_half_shows_the_other_edges_where_they_are():

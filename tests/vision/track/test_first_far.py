@@ -15,8 +15,8 @@ from mkdaemon.vision.pose.pose import Pose
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.tags.tagmap import TagMap
 from mkdaemon.vision.track.attitude import LOOKING_DOWN, Sight
-from mkdaemon.vision.track.checks import Checks
-from mkdaemon.vision.track.track import Track
+from mkdaemon.vision.track.judge import Judge
+from mkdaemon.vision.track.level import LevelKnowledge
 from mkdaemon.vision.track.tracker import Tracker
 from tests.vision.views import VGA, View, angle_deg, place, shipped
 
@@ -52,7 +52,8 @@ def test_a_fit_that_ended_between_both_readings_is_asked_for_another() -> None:
     assert saddle is not None
     assert np.degrees(saddle.tilt) < 2.5
     assert angle_deg(saddle.rotation, view.rotation) > 4.0
-    checks = Checks(fitter, Track(TrackerSection().coast), TrackerSection(), LOOKING_DOWN)
-    rivals = checks.candidates(Sight(view.pixels, 0.0, None), [saddle])
+    cfg = TrackerSection()
+    judge = Judge(fitter, LevelKnowledge(True, LOOKING_DOWN, cfg), cfg)
+    rivals = judge.candidates(Sight(view.pixels, 0.0), [saddle])
     best = min(rivals, key=lambda rival: rival.loss)
     assert angle_deg(best.rotation, view.rotation) < 1.0

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -16,31 +14,32 @@ from mkdaemon.vision.pose.pose import Pose, turn
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.pose.unknowns import Level
 from mkdaemon.vision.track.attitude import LOOKING_DOWN, Sight, fuse_normal
-from mkdaemon.vision.track.branches import Branches
-from mkdaemon.vision.track.checks import Checks
 from mkdaemon.vision.track.judge import Judge, Verdict
-from mkdaemon.vision.track.track import Track
+from mkdaemon.vision.track.level import LevelKnowledge
 from tests.vision.views import VGA, View, angle_deg, nearly, place, shipped
 
 KNOWN = 30
 """Images that told the tilt."""
 
 
+def judge_of(name: str) -> Judge:
+    """Judge of a target over a level place."""
+    fitter = TargetFitter(shipped(name), Projection(VGA))
+    return Judge(fitter, LevelKnowledge(True, LOOKING_DOWN, TrackerSection()), TrackerSection())
+
+
 def judged(name: str, off_deg: float) -> Verdict:
     """Verdict about a far target in full view whose tilt is known, beside an attitude that is off by so much since."""
     view = View(shipped(name), place(3.8, 0.25))
-    right = view.view.enu_from_cam @ LOOKING_DOWN.flu_from_cam.T
-    track, truth = (
-        Track(TrackerSection().coast),
-        Pose(view.rotation, view.position, 1e-6 * np.eye(6), "edges", 200, 0.05),
-    )
-    checks = Checks(TargetFitter(shipped(name), Projection(VGA)), track, TrackerSection(), LOOKING_DOWN)
+    right = view.view.enu_from_cam
+    truth = Pose(view.rotation, view.position, 1e-6 * np.eye(6), "edges", 200, 0.05)
+    judge = judge_of(name)
     for k in range(KNOWN):
-        checks.level.learn(Sight(view.pixels, k / 30, right), truth)
+        judge.level.learn(Sight(view.pixels, k / 30, right), truth)
     now = KNOWN / 30
-    off = right @ rotation_from_euler(np.radians(off_deg), 0.0, 0.0)
-    track.accept(Sight(view.pixels, now - 1 / 30, off), truth)
-    return Judge(checks).measure(Sight(view.pixels, now, off), truth, truth)
+    flu_from_cam = LOOKING_DOWN.flu_from_cam
+    off = right @ flu_from_cam.T @ rotation_from_euler(np.radians(off_deg), 0.0, 0.0) @ flu_from_cam
+    return judge.measure(Sight(view.pixels, now, off), truth)
 
 
 @pytest.mark.parametrize("name", ["single", "nested"])
@@ -49,22 +48,6 @@ def test_an_attitude_that_a_whole_target_contradicts_is_not_held(name: str, off_
     verdict = judged(name, off_deg)
     assert verdict.contradicts
     assert verdict.refusal is PoseRefusal.ATTITUDE
-
-
-def test_what_the_image_cannot_tell_inertia_does() -> None:
-    """A tilt held to an attitude that jumps by 6 degrees was published once in some thousand images after the jump."""
-    view = View(shipped("nested"), place(3.8, 0.25))
-    track = Track(TrackerSection().coast)
-    checks = Checks(TargetFitter(shipped("nested"), Projection(VGA)), track, TrackerSection(), LOOKING_DOWN)
-    right = Pose(view.rotation, view.position, 1e-6 * np.eye(6), "edges", 200, 0.05, loss=1.0)
-    leaning = replace(right, rotation=turn(view.rotation, np.radians([6.0, 0.0, 0.0])))
-    seen = [Sight(view.pixels, k / 30, None) for k in range(KNOWN)]
-    assert not Judge(checks).prefers(seen[-1], right, leaning)
-    track.branches = Branches.begin(0.0, [right])
-    for image in seen[1:-1]:
-        track.branches = track.branches.after(image.time, [right])
-    assert Judge(checks).prefers(seen[-1], right, leaning)
-    assert not Judge(checks).prefers(seen[-1], leaning, right)
 
 
 @pytest.mark.parametrize("name", ["single", "nested"])
@@ -85,7 +68,7 @@ def test_a_tilt_that_a_fit_is_told_counts_as_much_as_it_is_known(name: str, dist
     free, told = fit.fit(view.pixels, nearly(view)), fit.fit(view.pixels, nearly(view), level=Level(up, spread))
     assert free is not None
     assert told is not None
-    fused = fuse_normal(free, up, spread)
+    fused = fuse_normal(free, Level(up, spread))
     assert np.linalg.norm(told.position - fused.position) < 0.6 * np.sqrt(np.trace(fused.covariance[:3, :3]))
     assert angle_deg(told.rotation, fused.rotation) < 0.6 * np.degrees(np.sqrt(np.trace(fused.covariance[3:, 3:])))
     assert np.trace(told.covariance[3:, 3:]) > 0.5 * np.trace(fused.covariance[3:, 3:])

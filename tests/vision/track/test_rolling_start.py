@@ -15,7 +15,7 @@ from mkdaemon.config.vision import TrackerSection
 from mkdaemon.vision.pose.pose import Pose
 from mkdaemon.vision.tags.tagmap import TagMap
 from mkdaemon.vision.track.attitude import LOOKING_DOWN, Sight
-from mkdaemon.vision.track.track import Track
+from mkdaemon.vision.track.follower import Track
 from mkdaemon.vision.track.tracker import Tracker
 
 PIXELS = np.zeros((4, 4), np.uint8)
@@ -45,7 +45,7 @@ def test_a_camera_that_turns_without_an_attitude_does_not_climb(rate: float, kno
         turned = np.asarray(cv2.Rodrigues(k / 30 * rate * np.array([1.0, -1.0, 0.0]))[0], dtype=np.float64)
         pose = Pose(turned, turned @ place, 1e-6 * np.eye(6), "edges", 300, 0.05)
         track.accept(Sight(PIXELS, k / 30, np.eye(3) if known else None), pose)
-    motion = track.predict(Sight(PIXELS, 2 / 30, None), LOOKING_DOWN).known_motion
+    motion = track.predict(Sight(PIXELS, 2 / 30)).known_motion
     assert motion is not None
     assert abs(motion.expected[3]) < 0.05  # 0.4 m/s and more where the turn was taken for a climb
 

@@ -248,16 +248,16 @@ def test_with_attitude_inertia_helps_an_uncertain_pose_that_agrees_with_it():
         view = View(shipped("single"), place(4.2 + 0.01 * k, 0.3, around=0.3 + 0.004 * k))
         found = follower.update(view.image(k / 30, k), attitude_of(view)).pose_of("pad")
     assert found is not None
-    judge = follower.followers[0].judge
-    seen = Sight(view.pixels, 13 / 30 + 0.001, attitude_of(view).at(0.0, 1.0))
+    judge, before = follower.followers[0].judge, follower.followers[0].track.branches
+    seen = Sight(view.pixels, 13 / 30 + 0.001, view.view.enu_from_cam)
     vague = replace(found.pose, covariance=found.pose.covariance + np.diag([1e-5, 1e-5, 4e-4, 1e-4, 1e-4, 1e-4]))
     assert certainty_refusal(vague, has_attitude=True) is PoseRefusal.POSITION_UNCERTAIN
-    helped = judge.add_inertia(seen, vague)
+    helped = judge.judge_with_attitude(seen, vague, before)
     assert helped.refusal is None
     assert helped.pose is not None
     assert np.linalg.norm(helped.pose.position - view.position) < 0.01
     elsewhere = replace(vague, position=vague.position * 1.03)
-    refused = judge.add_inertia(seen, elsewhere)
+    refused = judge.judge_with_attitude(seen, elsewhere, before)
     assert refused.pose is elsewhere
     assert refused.refusal is PoseRefusal.POSITION_UNCERTAIN
 

@@ -203,22 +203,17 @@ def fit_refusal(pose: Pose, cfg: TrackerSection) -> PoseRefusal | None:
     return None
 
 
-def certainty_refusal(
-    pose: Pose, *, has_attitude: bool, is_plain: bool = False, is_backed: bool = False
-) -> PoseRefusal | None:
+def certainty_refusal(pose: Pose, *, has_attitude: bool, is_plain: bool = False) -> PoseRefusal | None:
     """Refuse poses whose own covariance or residual says they may be wrong; none when certain enough.
 
     Args:
         pose: measured.
         has_attitude: whether an attitude stands against it.
         is_plain: the target is large in the image and its cells are read clearly; hidden parts then mislead nobody.
-        is_backed: the images before and inertia say the same; noise alone then may make the residual large.
     """
     certain = LIMITS.certainty
     if not has_attitude:
-        # In a dark image the residual is large and yet nearly all points agree.
-        noisy = is_backed and pose.source == "edges" and pose.inliers > LIMITS.agreement.whole
-        if not noisy and pose.unexplained_px > certain.blind_rms_px:
+        if pose.unexplained_px > certain.blind_rms_px:
             return PoseRefusal.RESIDUAL
         if pose.inliers < LIMITS.agreement.blind and not is_plain:
             return PoseRefusal.INLIERS

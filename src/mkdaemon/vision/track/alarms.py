@@ -37,20 +37,15 @@ class ImageHealth:
             return [Alarm.WRONG_KIND]
         if pixels.ndim != 2 or pixels.size == 0 or (self._shape is not None and pixels.shape != self._shape):
             return [Alarm.WRONG_SIZE]
-        limits = LIMITS.health
-        alarms: list[Alarm] = []
-        thin = pixels[::8, ::8]
-        if np.count_nonzero(thin < limits.dark_grey) > BRIGHTEST * thin.size:
-            alarms.append(Alarm.DARK)
-        if np.count_nonzero(thin >= LIMITS.read.saturated) > HALF * thin.size:
-            alarms.append(Alarm.BLOWN)
-        if self._is_frozen(np.ascontiguousarray(pixels[::3, ::5])):
-            alarms.append(Alarm.FROZEN)
-        if len(self._blur) == self._blur.maxlen and median(self._blur) > LIMITS.blur.alarm_px:
-            alarms.append(Alarm.BLURRED)
-        if len(self._residuals) == self._residuals.maxlen and median(self._residuals) > limits.drift_px:
-            alarms.append(Alarm.RESIDUAL_DRIFT)
-        return alarms
+        limits, thin = LIMITS.health, pixels[::8, ::8]
+        signs = {
+            Alarm.DARK: np.count_nonzero(thin < limits.dark_grey) > BRIGHTEST * thin.size,
+            Alarm.BLOWN: np.count_nonzero(thin >= LIMITS.read.saturated) > HALF * thin.size,
+            Alarm.FROZEN: self._is_frozen(np.ascontiguousarray(pixels[::3, ::5])),
+            Alarm.BLURRED: len(self._blur) == BLUR_FITS and median(self._blur) > LIMITS.blur.alarm_px,
+            Alarm.RESIDUAL_DRIFT: len(self._residuals) == DRIFT_FITS and median(self._residuals) > limits.drift_px,
+        }
+        return [alarm for alarm, is_seen in signs.items() if is_seen]
 
     def note(self, pose: Pose, side_px: float) -> None:
         """Remember the sharpness and, of edges, the residual of an accepted fit; small tags tell nothing."""

@@ -15,6 +15,7 @@ from mkdaemon.vision.arrays import Array, Grey
 from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.pose import Pose, turn
 from mkdaemon.vision.pose.rolling import skew
+from mkdaemon.vision.pose.unknowns import Level
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,10 +55,10 @@ class Mounting:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Turning:
-    """How a vehicle turns.
+    """How a vehicle or its camera turns.
 
     Attributes:
-        rate: angular rate `(3,)` [rad/s; FLU].
+        rate: angular rate `(3,)` [rad/s; in its own axes].
         sd: its deviation, each axis [rad/s].
     """
 
@@ -72,18 +73,18 @@ class Sight:
     Attributes:
         pixels: `(h, w)` uint8.
         time: middle of the exposure [s].
-        enu_from_flu: the vehicle's attitude then `(3, 3)`; none when unknown.
-        turning_flu: how it turns then; none when unknown.
+        enu_from_cam: the camera's attitude then `(3, 3)`, by the vehicle's.
+        turning: how the camera turns then.
     """
 
     pixels: Grey
     time: float
-    enu_from_flu: Array | None
-    turning_flu: Turning | None = None
+    enu_from_cam: Array | None = None
+    turning: Turning | None = None
 
     def without_attitude(self) -> Sight:
         """The image as a vehicle without attitude sees it."""
-        return replace(self, enu_from_flu=None, turning_flu=None)
+        return Sight(self.pixels, self.time)
 
 
 LEAST_SINE = 1e-12
@@ -103,18 +104,18 @@ class AttitudeHistory:
 
     Attributes:
         is_silent: whether nobody reported anything, not even what is no number.
+        samples: what is known, in order of time.
     """
 
     def __init__(self, samples: Iterable[AttitudeSample]) -> None:
         given = tuple(samples)
         self.is_silent = not given
-        self._samples = tuple(sorted((s for s in given if s.is_number), key=lambda sample: sample.time))
-        self._times = [sample.time for sample in self._samples]
+        self.samples = tuple(sorted((s for s in given if s.is_number), key=lambda sample: sample.time))
 
-    @property
-    def samples(self) -> tuple[AttitudeSample, ...]:
-        """What is known, in order of time."""
-        return self._samples
+    def _beside(self, time: float) -> tuple[AttitudeSample, ...]:
+        """The samples before and after a time [s], as far as there are any."""
+        k = bisect_left(self.samples, time, key=lambda sample: sample.time)
+        return self.samples[max(k - 1, 0) : k + 1]
 
     def at(self, time: float, max_age: float) -> Array | None:
         """Attitude at a time, interpolated between its neighbours.
@@ -127,34 +128,29 @@ class AttitudeHistory:
             Rotation ENU from FLU `(3, 3)`, or none when no sample is near enough. Between two samples within reach the
             shorter way round is interpolated; outside them the nearest one is held.
         """
-        if not self._times:
-            return None
-        k = bisect_left(self._times, time)
-        before = self._samples[k - 1] if k > 0 else None
-        after = self._samples[k] if k < len(self._samples) else None
-        if before is not None and after is not None and after.time - before.time <= 2 * max_age:
-            start, end = _rotation(before), _rotation(after)
-            share = (time - before.time) / max(after.time - before.time, 1e-9)
+        beside = self._beside(time)
+        if len(beside) > 1 and beside[1].time - beside[0].time <= 2 * max_age:
+            start, end = map(_rotation, beside)
+            share = (time - beside[0].time) / max(beside[1].time - beside[0].time, 1e-9)
             turned = cv2.Rodrigues(end @ start.T)[0] * share
             found: Array = np.asarray(cv2.Rodrigues(turned)[0]) @ start
             return found
-        near = [s for s in (before, after) if s is not None and abs(s.time - time) <= max_age]
+        near = [s for s in beside if abs(s.time - time) <= max_age]
         return _rotation(min(near, key=lambda s: abs(s.time - time))) if near else None
 
     def turning_at(self, time: float) -> Turning | None:
-        """How the vehicle turns at a time between two samples; none between distant ones.
+        """How the vehicle turns at a time [s] between two samples [FLU]; none between distant ones.
 
-        The difference of two samples is the rate half way between them; it changes until `time`. In 15 drawn flights
-        with an airframe's inertia its error was 1.0 of this deviation (samples 20 and 40 ms apart; 0.9 with 50 ms).
+        The difference of two samples is the rate half way between them; it changes until `time`.
         """
-        k = bisect_left(self._times, time)
-        if not 0 < k < len(self._times) or self._times[k] - self._times[k - 1] > FARTHEST_SAMPLES:
+        beside = self._beside(time)
+        if len(beside) < 2 or beside[1].time - beside[0].time > FARTHEST_SAMPLES:
             return None
-        start, end = _rotation(self._samples[k - 1]), _rotation(self._samples[k])
+        start, end = map(_rotation, beside)
         turned = np.asarray(cv2.Rodrigues(start.T @ end)[0], dtype=np.float64).ravel()
-        apart = max(self._times[k] - self._times[k - 1], LEAST_TIME)
+        apart = max(beside[1].time - beside[0].time, LEAST_TIME)
         noise = sqrt(2.0) * LIMITS.edges.attitude_noise / apart
-        late = time - (self._times[k] + self._times[k - 1]) / 2.0
+        late = time - (beside[1].time + beside[0].time) / 2.0
         return Turning(turned / apart, hypot(noise, LIMITS.edges.acceleration_sd * late))
 
 
@@ -162,54 +158,41 @@ def _rotation(sample: AttitudeSample) -> Array:
     return rotation_from_euler(sample.roll, sample.pitch, sample.yaw)
 
 
-def fuse_normal(pose: Pose, expected: Array, spread: float) -> Pose:
-    """Tell a pose where the normal of its target points, as far as that is known from elsewhere.
-
-    A Kalman update of the pose by the two angles between the normals. Far away, where the image hardly shows tilt, the
-    tilt becomes the expected one and the correlated position improves with it; nearby the image outweighs what is
-    expected and nothing changes.
+def corrected(covariance: Array, observe: Array, surprise: Array, noise: Array) -> tuple[Array, Array, Array]:
+    """A Kalman update of one state or of several: S = H P H^T + R, K = P H^T S^-1.
 
     Args:
-        pose: camera from target.
-        expected: normal of the target `(3,)`, camera axes, length 1.
-        spread: its standard deviation, each axis [rad].
+        covariance: P, of the state `(..., n, n)`.
+        observe: H, how what is observed moves with the state `(k, n)`.
+        surprise: y, what was observed over what the state says `(..., k)`.
+        noise: R, of the observation `(..., k, k)`.
 
     Returns:
-        The pose with its covariance.
+        Step of the state, its covariance, and the log density of the surprise, -(y^T S^-1 y + ln det S) / 2.
     """
-    error, across = _apart(pose, expected)
-    return updated(pose, _tilting(across), across @ error, spread**2 * np.eye(2))
-
-
-def normal_density(pose: Pose, expected: Array, spread: float) -> float:
-    """Logarithm of the density of a pose's normal where one is expected, without the constant ln 2 pi [1/rad^2].
-
-    N(error; 0, S), S = H P H^T + spread^2 about both axes across it.
-    """
-    error, across = _apart(pose, expected)
-    error, both = across @ error, across @ pose.covariance[3:, 3:] @ across.T + spread**2 * np.eye(2)
-    return -float(error @ np.linalg.solve(both, error) + np.log(np.linalg.det(both))) / 2.0
+    across = covariance @ observe.T
+    inverse = np.linalg.inv(observe @ across + noise)
+    gain, column = across @ inverse, surprise[..., None]
+    after = covariance - gain @ across.swapaxes(-1, -2)
+    density = (np.log(np.linalg.det(inverse)) - (column.swapaxes(-1, -2) @ inverse @ column)[..., 0, 0]) / 2.0
+    return (gain @ column)[..., 0], (after + after.swapaxes(-1, -2)) / 2.0, density
 
 
 def updated(pose: Pose, observe: Array, surprise: Array, noise: Array) -> Pose:
-    """A Kalman update of a pose: K = P H^T (H P H^T + R)^-1.
+    """The same of a pose: what is observed moves with place and rotation vector `(k, 6)`."""
+    step, covariance, _ = corrected(pose.covariance, observe, surprise, noise)
+    rotation, position = turn(pose.rotation, step[3:]), pose.position + step[:3]
+    return replace(pose, rotation=rotation, position=position, covariance=covariance)
 
-    Args:
-        pose: with the covariance P.
-        observe: H, how what is observed moves with place and rotation vector `(n, 6)`.
-        surprise: what was observed over what the pose says `(n,)`.
-        noise: R, of the observation `(n, n)`.
-    """
-    prior = pose.covariance
-    gain = prior @ observe.T @ np.linalg.inv(observe @ prior @ observe.T + noise)
-    step = gain @ surprise
-    posterior = prior - gain @ observe @ prior
-    return replace(
-        pose,
-        rotation=turn(pose.rotation, step[3:]),
-        position=pose.position + step[:3],
-        covariance=(posterior + posterior.T) / 2,
-    )
+
+def fuse_normal(pose: Pose, level: Level) -> Pose:
+    """Tell a pose what is known about its target's normal; far away the correlated position improves with the tilt."""
+    return updated(pose, *_tilting(pose, level), level.spread**2 * np.eye(2))
+
+
+def normal_density(pose: Pose, level: Level) -> float:
+    """Logarithm of the density of a pose's normal where one is expected, as `corrected` tells it [1/rad^2]."""
+    return float(corrected(pose.covariance, *_tilting(pose, level), level.spread**2 * np.eye(2))[2])
 
 
 def angle_of(a: Array, b: Array) -> float:
@@ -225,41 +208,31 @@ def turn_between(start: Array, end: Array) -> Array:
     return turned
 
 
-def _apart(pose: Pose, expected: Array) -> tuple[Array, Array]:
-    """The turn from a pose's normal to the one expected `(3,)` [rad], and two axes across the normal `(2, 3)`.
+def _tilting(pose: Pose, level: Level) -> tuple[Array, Array]:
+    """How two angles across a pose's normal move with the pose `(2, 6)`, and those to the expected one `(2,)` [rad].
 
-    Rotation vectors across the normal tilt it; the one along it is yaw, which the attitude says nothing about.
+    The turn along the normal is yaw, which the attitude says nothing about.
     """
     normal = pose.rotation[:, 2]
-    return turn_between(normal, expected), np.linalg.svd(normal.reshape(1, 3))[2][1:]
+    across = np.linalg.svd(normal.reshape(1, 3))[2][1:]
+    return np.hstack([np.zeros((2, 3)), across]), across @ turn_between(normal, level.up)
 
 
-def _tilting(across: Array) -> Array:
-    """How two angles across the normal move with a pose `(2, 6)`."""
-    return np.hstack([np.zeros((2, 3)), across])
+def without_normal(pose: Pose, level: Level) -> tuple[Pose, bool]:
+    """The pose by the image alone, of a fit that was told a normal: `fuse_normal` undone, with the variance -spread^2.
 
-
-def without_normal(pose: Pose, expected: Array, spread: float) -> tuple[Pose, bool]:
-    """The pose by the image alone, of a fit that was told an expected normal.
-
-    The update of `fuse_normal` undone, a Kalman update with the variance -spread^2. About an axis that the image says
-    next to nothing about, the pose stays as it is and hardly anything is known of it.
-
-    Args:
-        pose: fitted with the expected normal.
-        expected: `(3,)`, camera axes, length 1.
-        spread: its standard deviation, each axis [rad].
+    About an axis that the image says next to nothing about, the pose stays as it is and hardly anything is known of it.
 
     Returns:
         The pose with its covariance, and whether the image says as much about the tilt as the fit was told: where it
         says less it is not linear, and the place without is anywhere.
     """
-    error, across = _apart(pose, expected)
-    variances, axes = np.linalg.eigh(across @ pose.covariance[3:, 3:] @ across.T)
-    across, known = axes.T @ across, 1.0 / spread**2
+    observe, surprise = _tilting(pose, level)
+    variances, axes = np.linalg.eigh(observe @ pose.covariance @ observe.T)
+    known = 1.0 / level.spread**2
     own = 1.0 / variances - known
     is_vague = own < LEAST_SHARE * known
     own = np.where(is_vague, UNKNOWN_SHARE * known, own)
     noise = np.diag(1.0 / (own - 1.0 / variances))
-    alone = updated(pose, _tilting(across), np.where(is_vague, 0.0, across @ error), noise)
+    alone = updated(pose, axes.T @ observe, np.where(is_vague, 0.0, axes.T @ surprise), noise)
     return alone, bool(own.min() >= known)

@@ -4,12 +4,9 @@ Shaking turns a camera by degrees between two images but hardly moves it: seen f
 smooth way. A constant-velocity Kalman filter on that way predicts from where the target is seen now, and so its tilt
 against the line of sight, to some tenths of a degree; without any attitude of the vehicle.
 
-A pose and its mirror image explain one image of a small tag nearly as well. Each is a branch with its own course;
-every image adds what its residuals say for or against, in odds, and what inertia says about which of the new candidates
-is the old one. A branch that has won stays chosen without asking every image anew.
-
-All three things that may become of a branch are densities of the place z from which a candidate sees the target, so
-that they compare whatever the range and however long nothing was seen:
+A pose and its mirror image explain one image of a small tag nearly as well. Each is a branch with its own course, and
+every image adds what its residuals say for or against it. What may become of a branch is a density of the place z from
+which a candidate sees the target, so that all compare whatever the range and however long nothing was seen:
 
 * it is joined: N(z; course, S), S the covariance of both;
 * it is missed, because the fit is wrong: the share of its points that disagrees, at least `LEAST_WRONG`, times a
@@ -34,7 +31,7 @@ from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.ambiguity import CAUTION, evidence, log_odds
 from mkdaemon.vision.pose.pose import Pose, inverse
 from mkdaemon.vision.pose.rolling import skew
-from mkdaemon.vision.track.attitude import updated
+from mkdaemon.vision.track.attitude import corrected, updated
 
 AGREEMENT, BRANCHES, CERTAINTY = LIMITS.agreement, LIMITS.branches, LIMITS.certainty
 DECIDED = LIMITS.ambiguity.decided
@@ -61,18 +58,15 @@ ANYWHERE = 1e8
 LEAST_NORM = 1e-9
 """Of a place that has a direction [m]."""
 
-PLACES, BOTH, SPEEDS = (np.kron(blocks, np.eye(3)) for blocks in ([[1, 0], [0, 0]], [[0, 1], [1, 0]], [[0, 0], [0, 1]]))
-"""Which parts of a course's covariance an unknown acceleration makes larger."""
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Course:
-    """Position and velocity of the lens in the target's frame, by one history or by each of several.
+    """Position [m] and velocity [m/s] of the lens in the target's frame, by one history or by each of several.
 
     Attributes:
         time: [s].
-        state: position [m] and velocity [m/s] `(..., 6)`.
-        covariance: of `state` `(..., 6, 6)`.
+        state: `(..., 6)`.
+        covariance: of it `(..., 6, 6)`.
         psd: of the acceleration that is expected [m^2/s^3].
     """
 
@@ -101,57 +95,36 @@ class Course:
     @property
     def angle_sd(self) -> float:
         """Deviation of the direction from which the target is seen, by one history [rad]."""
-        sight = self.centre / max(float(np.linalg.norm(self.centre)), LEAST_NORM)
-        across = np.eye(3) - np.outer(sight, sight)
-        spread = float(np.trace(across @ self.covariance[:3, :3] @ across)) / 2
-        return float(np.sqrt(spread)) / max(float(np.linalg.norm(self.centre)), LEAST_NORM)
+        distance = max(float(np.linalg.norm(self.centre)), LEAST_NORM)
+        sight, spread = self.centre / distance, self.covariance[:3, :3]
+        # Of the three variances of the place the one along the sight is no direction.
+        return float(np.sqrt((np.trace(spread) - sight @ spread @ sight) / 2)) / distance
 
     def predict_at(self, time: float) -> Course:
-        """The same course at a later time, before anything is seen.
-
-        With F the motion over dt and Q the white acceleration of density q: P' = F P F^T + Q, the blocks of Q being
-        q dt^3 / 3 for the position, q dt^2 / 2 between both, q dt for the velocity.
-        """
+        """The same course at a later time, before anything is seen: P' = F P F^T + Q, Q of a white acceleration."""
         dt = time - self.time
-        move = np.eye(6)
-        move[:3, 3:] = dt * np.eye(3)
-        noise = self.psd * (dt**3 / 3 * PLACES + dt**2 / 2 * BOTH + dt * SPEEDS)
+        move = np.kron([[1.0, dt], [0.0, 1.0]], np.eye(3))
+        noise = self.psd * np.kron([[dt**3 / 3, dt**2 / 2], [dt**2 / 2, dt]], np.eye(3))
         return Course(time, self.state @ move.T, move @ self.covariance @ move.T + noise, self.psd)
 
     def join(self, centre: Array, spread: Array) -> tuple[Course, Array]:
-        """The course after a place, and the logarithm of the density of that place before it; as `places` gives them.
+        """The course after a place, and the logarithm of the density of that place before; as `places` gives them."""
+        step, covariance, density = corrected(self.covariance, np.eye(3, 6), centre - self.centre, spread)
+        return Course(self.time, self.state + step, covariance, self.psd), density
 
-        A Kalman update with the position as H: S = H P H^T + R, K = P H^T S^-1, and of the surprise y the density
-        -(y^T S^-1 y + ln det S) / 2 [1/m^3], without the constant 3 / 2 ln(2 pi).
-        """
-        across = self.covariance[..., :3]
-        inverse_both = np.linalg.inv(across[..., :3, :] + spread)
-        error = (centre - self.centre)[..., None]
-        gain = across @ inverse_both
-        covariance = self.covariance - gain @ across.swapaxes(-1, -2)
-        distance2 = (error.swapaxes(-1, -2) @ inverse_both @ error)[..., 0, 0]
-        density = (np.log(np.linalg.det(inverse_both)) - distance2) / 2.0
-        state = self.state + (gain @ error)[..., 0]
-        return Course(self.time, state, (covariance + covariance.swapaxes(-1, -2)) / 2, self.psd), density
-
-    def mahalanobis2(self, pose: Pose, caution: float | None = None) -> float:
-        """Squared Mahalanobis distance of a pose from one history, three degrees of freedom; see `places`."""
-        (centre,), (spread,) = places([pose], caution)
+    def mahalanobis2(self, pose: Pose) -> float:
+        """Squared distance of a pose from one history by what both say of themselves, three degrees of freedom."""
+        (centre,), (spread,) = places([pose], 1.0)
         error = centre - self.centre
         return float(error @ np.linalg.solve(self.covariance[:3, :3] + spread, error))
 
     def fuse(self, pose: Pose) -> Pose:
-        """A pose with what one history knew before it about where the lens is.
+        """A pose with what one history knew before it about where the lens is: c = -R^T p; dc = -R^T dp - R^T [p]x w.
 
-        The lens is at c = -R^T p in the target's frame; dc = -R^T dp - R^T [p]x w. A Kalman update of (p, w) by what
-        the course knows of c; nearby, where the image says far more than inertia, nothing changes.
-
-        A pose that surprises the course makes it as uncertain as the surprise is large: of two that contradict each
-        other both together would claim to know more than either.
-
-        Source: the ratio of Birge, Physical Review 40 (1932), 207.
+        A pose that surprises the course makes it as uncertain as the surprise is large: the ratio of Birge, Physical
+        Review 40 (1932), 207.
         """
-        known = max(1.0, self.mahalanobis2(pose, 1.0) / 3.0) * self.covariance[:3, :3]
+        known = max(1.0, self.mahalanobis2(pose) / 3.0) * self.covariance[:3, :3]
         back = pose.rotation.T
         jacobian = np.hstack([-back, -back @ skew(pose.position)])
         return updated(pose, jacobian, self.centre + back @ pose.position, known + 1e-12 * np.eye(3))
@@ -190,12 +163,12 @@ class Branches:
             moving: whether the target moves by itself.
         """
         course = Course.begin(time, *places(candidates), MOVING_PSD if moving else ACCELERATION_PSD)
-        count = len(candidates)
-        weight, missed = (0.0 if log_prior is None else log_prior) - _evidence(candidates), np.zeros(count, dtype=bool)
-        weight -= weight.max()
+        weight = (0.0 if log_prior is None else log_prior) - _evidence(candidates)
+        missed, together = np.zeros(len(weight), dtype=bool), np.zeros(len(weight))
         kept = _likeliest(course.centre, weight, missed)
-        anywhere = replace(course[kept[0]], covariance=ANYWHERE * np.eye(6))
-        return cls(course[kept], weight[kept], missed[kept], np.zeros(len(kept)), anywhere, candidates[kept[0]])
+        best = kept[0]
+        anywhere = replace(course[best], covariance=ANYWHERE * np.eye(6))
+        return cls(course[kept], weight[kept] - weight[best], missed[kept], together[kept], anywhere, candidates[best])
 
     @property
     def lead(self) -> float:
@@ -210,11 +183,7 @@ class Branches:
 
     @property
     def is_spoken_against(self) -> bool:
-        """Whether images speak against the likeliest branch, the newest by itself or several together.
-
-        Together they may say no more than what it leads by beyond `decided`: a course that a poor fit threw aside lets
-        its rival lead by one jump, whatever image after image says.
-        """
+        """Whether images together say more against the likeliest branch than what it leads by beyond `decided`."""
         return bool(self.together[0] > min(self.lead - DECIDED, DECIDED))
 
     @property
@@ -239,7 +208,7 @@ class Branches:
         joins = np.maximum(density, leaps) - _evidence(candidates)
         nearest = density.argmax(axis=1)
         misses = (np.log([max(1.0 - pose.inliers, LEAST_WRONG) for pose in candidates]) + anywhere)[nearest]
-        # Of every branch, after all that join it, the one that missed.
+        # Of every branch first all that join it, then the one that missed.
         state = np.concatenate([np.where(leapt, anew.state, joined.state), prior.state[:, None]], axis=1)
         covariance = np.where(leapt[..., None], anew.covariance, joined.covariance)
         covariance = np.concatenate([covariance, prior.covariance[:, None]], axis=1)
@@ -262,7 +231,7 @@ class Branches:
     def _summed_against(self, centre: Array, candidates: Sequence[Pose]) -> Array:
         """What images together say against the reading of each candidate, their own image included `(m,)` [nats].
 
-        A reading is where the target is seen from, not one history of it: that may begin with a leap from the other.
+        A reading is where the target is seen from: one history of it may begin with a leap from the other.
         """
         apart = _angles(self.course.centre, centre)
         near = np.maximum(CERTAINTY.wrong_angle, apart.min(axis=0))
@@ -274,14 +243,9 @@ class Branches:
 
 
 def places(poses: Sequence[Pose], caution: float | None = None) -> tuple[Array, Array]:
-    """Where poses put the lens, and how well that may be believed over several images.
+    """Where poses put the lens `(m, 3)` [m; target], and the covariances of these places `(m, 3, 3)`.
 
-    Args:
-        poses: measured.
-        caution: factor on their variance; what their errors over several images ask for when absent.
-
-    Returns:
-        Places `(m, 3)` [m; target] and their covariances `(m, 3, 3)`.
+    `caution` is a factor on the variance of the poses; without it what errors over several images ask for.
     """
     centre, spread = np.empty((len(poses), 3)), np.empty((len(poses), 3, 3))
     for k, pose in enumerate(poses):
@@ -292,20 +256,13 @@ def places(poses: Sequence[Pose], caution: float | None = None) -> tuple[Array, 
 
 
 def shared_doubt(pose: Pose) -> float:
-    """Factor on a pose's variance for what images in a row teach: what lies over some points of it stays there.
-
-    The covariance of one image knows by its residuals what its points share.
-    """
+    """Factor on a pose's variance for what images in a row teach: what lies over some points of it stays there."""
     return 1.0 / max(pose.inliers, LEAST_INLIERS) ** AGREEMENT.power
 
 
 def lasting_doubt(pose: Pose) -> float:
-    """The same for a state that only images teach: where points disagree, they do so alike from image to image.
-
-    A leaf's shadow pulls fits of one second by 4 degrees one way, each of which says it knows the tilt to 1 degree.
-    """
-    lasts = CAUTION if pose.inliers < AGREEMENT.whole else 1.0
-    return lasts * shared_doubt(pose)
+    """The same for a state that only images teach: where points disagree, they do so alike from image to image."""
+    return shared_doubt(pose) * (CAUTION if pose.inliers < AGREEMENT.whole else 1.0)
 
 
 def _evidence(candidates: Sequence[Pose]) -> Array:
@@ -324,18 +281,16 @@ def _angles(some: Array, others: Array) -> Array:
 def _likeliest(centre: Array, weight: Array, missed: npt.NDArray[np.bool_]) -> list[int]:
     """Which few of many branches are followed, the likeliest first.
 
-    Histories of one answer may be more than are kept. What they crowd out would count as impossible: a branch would be
-    believed because nobody followed its rival, or a target that leapt off every course would never be joined again. So
-    answers that the newest image gave come before those that missed it: histories that drift apart are answers each,
-    and six of them that miss image after image would leave no place for one that joins. Those whose difference would be
-    wrong have a place first, then those of two poses: readings of a target that passes head on part again.
+    What histories of one answer crowd out would count as impossible: a branch would be believed because nobody followed
+    its rival, or a target that leapt off every course would never be joined again. So of those whose difference would
+    be wrong each has a place first, and before others those that join the newest image: histories that drift apart and
+    miss image after image would leave none for it.
     """
     lost = weight.max() - MOST_ODDS
     order = [k for k in np.argsort(-weight, kind="stable").tolist() if weight[k] > lost or not missed[k]]
-    apart, seen_first = _angles(centre, centre), sorted(order, key=lambda k: bool(missed[k]))
-    kept: list[int] = []
-    for ranked, least in ((seen_first, CERTAINTY.wrong_angle), (seen_first, CERTAINTY.blind_angle_sd), (order, -1.0)):
-        for k in ranked:
-            if len(kept) < KEPT and k not in kept and bool((apart[k, kept] > least).all()):
-                kept.append(k)
+    apart, kept = _angles(centre, centre), list[int]()
+    for k in sorted(order, key=lambda k: bool(missed[k])):
+        if len(kept) < KEPT and bool((apart[k, kept] > CERTAINTY.wrong_angle).all()):
+            kept.append(k)
+    kept += [k for k in order if k not in kept][: KEPT - len(kept)]
     return sorted(kept, key=order.index)

@@ -1,15 +1,11 @@
-"""Following one target from image to image: prediction, fit, gates, re-detection, and starting anew.
-
-How its print bends is a slow state, as paper moves in wind and sun only: an image far away cannot tell a bend from a
-tilt, so what near ones showed is carried on and forgotten slowly.
-"""
+"""Following one target from image to image: prediction, fit, gates, re-detection, and starting anew."""
 
 from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import replace
-from math import exp
+from dataclasses import dataclass, field, replace
+from math import exp, hypot
 from typing import Final
 
 import cv2
@@ -17,7 +13,7 @@ import numpy as np
 
 from mkdaemon.config.vision import TrackerSection
 from mkdaemon.telemetry.vision import PoseRefusal
-from mkdaemon.vision.arrays import Grey
+from mkdaemon.vision.arrays import Array, Grey
 from mkdaemon.vision.limits import HALF, LIMITS
 from mkdaemon.vision.pose.ambiguity import prefers
 from mkdaemon.vision.pose.bend import Bend
@@ -31,33 +27,162 @@ from mkdaemon.vision.tags.detection import Detection
 from mkdaemon.vision.tags.detector import FIRST, NEARBY, Detector
 from mkdaemon.vision.tags.tagmap import Tag, Target
 from mkdaemon.vision.track.alarms import ImageHealth
-from mkdaemon.vision.track.attitude import Mounting, Sight
-from mkdaemon.vision.track.checks import Checks
+from mkdaemon.vision.track.attitude import Mounting, Sight, Turning
+from mkdaemon.vision.track.branches import Branches
 from mkdaemon.vision.track.judge import Judge, Verdict
+from mkdaemon.vision.track.level import LevelKnowledge
 from mkdaemon.vision.track.result import FoundBy, Frame, TargetPose
-from mkdaemon.vision.track.track import Track, known_motion
 
-Window = tuple[int, int, int, int]
-"""`(x0, y0, x1, y1)` [px], end exclusive."""
 LARGE_PX: Final = 160
 """Side of a window from which half the resolution reads a target: 4 px a cell where its tag fills the window."""
 MOST_EFFORT: Final = 5
 """Spent on an image from which no other start is fitted, in fits to edges: one to grey values, and one to edges."""
 
 
-class OwnSearch:
-    """Searches windows for the tags of one target.
+SINCE: Final = 0.1
+"""What a speed changes by from the images that told it to this one, 3 m/s^2 for 1/30 s, deviation [m/s]."""
+
+
+@dataclass(slots=True)
+class Track:
+    """State of one target.
+
+    Attributes:
+        coast: longest time without a pose [s].
+        misses: images since the last accepted pose.
+        decoded_at: when one of its tags was last decoded [s].
+        branches: the readings of the images so far; none before the first.
+        published: times [s] and poses of the newest images that were published; also of a track that was lost.
+    """
+
+    coast: float
+    misses: int = 0
+    decoded_at: float = -np.inf
+    branches: Branches | None = None
+    published: deque[tuple[float, Pose]] = field(default_factory=lambda: deque(maxlen=3))
+    _found: list[tuple[Sight, Pose]] = field(default_factory=list)
+
+    @property
+    def is_live(self) -> bool:
+        """Whether there is a pose to predict from."""
+        return bool(self._found)
+
+    @property
+    def has_velocity(self) -> bool:
+        """Whether two recent poses exist."""
+        return len(self._found) > 1
+
+    @property
+    def last(self) -> Pose:
+        """The newest accepted pose; the track must be live."""
+        return self._found[-1][1]
+
+    @property
+    def last_seen(self) -> Sight:
+        """The image it was measured in."""
+        return self._found[-1][0]
+
+    def accept(self, seen: Sight, pose: Pose) -> None:
+        """Remember a pose and the image it came from, in place of another one of that image."""
+        if self._found and self.last_seen.time == seen.time:
+            self._found.pop()
+        self._found = [*(self._found[-1:] if self.goes_on(seen.time) else []), (seen, pose)]
+        self.misses = 0
+
+    def goes_on(self, time: float) -> bool:
+        """Whether an image at a time [s] is one of this track: after the last pose, and not too late."""
+        return self.is_live and 0.0 < time - self.last_seen.time <= self.coast
+
+    def lose(self) -> None:
+        """Forget all but where it was published: a wrong lock must not predict itself."""
+        self._found.clear()
+        self.branches = None
+        self.misses = 0
+        self.decoded_at = -np.inf
+
+    def can_be_at(self, time: float, pose: Pose) -> bool:
+        """Whether the target can have moved to a pose since it was published last, by its range."""
+        if not self.published:
+            return True
+        (then, last), certain = self.published[-1], LIMITS.certainty
+        moved = certain.deviations * LIMITS.edges.speed_sd * (time - then)
+        return abs(pose.range_m - last.range_m) <= abs(moved) + max(certain.wrong_m, certain.wrong_share * pose.range_m)
+
+    def turn_to(self, seen: Sight) -> Array | None:
+        """Camera in an image from camera at the last pose `(3, 3)`, by attitudes; none where one is unknown."""
+        return _turn_between(self.last_seen, seen)
+
+    def predict(self, seen: Sight) -> Pose:
+        """Expected pose in an image.
+
+        Motion is taken in the camera frame; in the target's every error of tilt would swing the position by the range.
+        With attitudes the turn of the camera is taken out first and put back for the new image.
+        """
+        (last_seen, last), turned = self._found[-1], self.turn_to(seen)
+        position, rotation = last.position, last.rotation
+        speed: Array | None = None
+        speed_sd = 0.0
+        if self.has_velocity:
+            before_seen, before = self._found[-2]
+            passed = last_seen.time - before_seen.time
+            earlier = _turn_between(before_seen, last_seen) if turned is not None else None
+            step = last.position - (before.position if earlier is None else earlier @ before.position)
+            position = last.position + (seen.time - last_seen.time) / passed * step
+            speed = step / passed
+            if earlier is None:
+                rotation = last.rotation @ before.rotation.T @ last.rotation
+                # Whatever the camera turned is in the step, and does not change the range: where it leads, too.
+                sight = position / float(np.linalg.norm(position))
+                speed = speed + ((last.range_m - before.range_m) / passed - float(speed @ sight)) * sight
+            speed_sd = float(np.sqrt(last.covariance[2, 2] + before.covariance[2, 2])) / passed
+        known = known_motion(position, speed, seen.turning, speed_sd)
+        if turned is not None:
+            rotation, position = turned @ last.rotation, turned @ position
+        return replace(last, rotation=rotation, position=position, known_motion=known)
+
+    def motion_with(self, seen: Sight, pose: Pose) -> KnownMotion | None:
+        """What is known about the motion in an image from where its own fit puts the target; none if it is too late."""
+        if not self.goes_on(seen.time):
+            return None
+        return replace(self, _found=[*self._found, (seen, pose)]).predict(seen).known_motion
+
+
+def known_motion(place: Array, speed: Array | None, turning: Turning | None, speed_sd: float = 0.0) -> KnownMotion:
+    """What is known about the motion of a camera while an image is read.
 
     Args:
-        target: whose tags.
-        detector: that decodes.
+        place: of the target `(3,)` [m; RDF].
+        speed: of the target in camera axes, by the images before `(3,)` [m/s]; none without them.
+        turning: how the camera turns, by the vehicle's attitude.
+        speed_sd: deviation of the speed along the optical axis that the images leave [m/s].
     """
+    limits = LIMITS.edges
+    rate, spread = np.zeros(3), limits.turning_sd
+    if turning is not None:
+        rate, spread = turning.rate, turning.sd
+        if speed is None:
+            spread += limits.speed_sd / float(np.linalg.norm(place))
+    along = limits.speed_sd if speed is None else hypot(SINCE, speed_sd)
+    expected = motion_of(place, np.zeros(3) if speed is None else speed, rate)
+    return KnownMotion(expected, np.array([spread] * 3 + [along]))
+
+
+def _turn_between(then: Sight, now: Sight) -> Array | None:
+    """Camera now from camera then `(3, 3)`, from two attitudes; none when one of them is unknown."""
+    if now.enu_from_cam is None or then.enu_from_cam is None:
+        return None
+    turn: Array = now.enu_from_cam.T @ then.enu_from_cam
+    return turn
+
+
+class OwnSearch:
+    """Searches windows `(x0, y0, x1, y1)` [px], end exclusive, for the tags of one target."""
 
     def __init__(self, target: Target, detector: Detector) -> None:
         self._target, self._detector = target, detector
         self._turn = 0
 
-    def again(self, pixels: Grey, window: Window) -> list[Detection]:
+    def again(self, pixels: Grey, window: tuple[int, int, int, int]) -> list[Detection]:
         """Tags of a part of the image; a search that finds none of the target's rests, then another has its turn."""
         turn, rests = divmod(self._turn, LIMITS.track.search_every)
         self._turn += 1
@@ -69,15 +194,14 @@ class OwnSearch:
         self._turn -= bool(self.own(found))
         return found
 
-    def nearby(self, pixels: Grey, window: Window, misses: int) -> list[Detection]:
+    def nearby(self, pixels: Grey, window: tuple[int, int, int, int], misses: int) -> list[Detection]:
         """Tags of a part of the image, searched in another way after every miss."""
         return self._detector.search(pixels, NEARBY[misses % len(NEARBY)], window)
 
     def own(self, found: Sequence[Detection]) -> list[tuple[Tag, Detection]]:
         """The target's own tags among decoded ones."""
-        own = {(tag.family.name, tag.tag_id): tag for tag in self._target.tags}
-        pairs = ((own.get((detection.family, detection.tag_id)), detection) for detection in found)
-        return [(tag, detection) for tag, detection in pairs if tag is not None]
+        tags = self._target.tags
+        return [(t, one) for one in found for t in tags if (t.family.name, t.tag_id) == (one.family, one.tag_id)]
 
 
 MOVED: Final = 16.3
@@ -87,7 +211,10 @@ LASTS: Final = 300.0
 
 
 class LearnedBend:
-    """The bend of one print: a process that returns to what is known without any image within minutes."""
+    """The bend of one print: a process that returns to what is known without any image within minutes.
+
+    Grey values of a target far away hardly tell a bend from a tilt: what near edges showed is carried on.
+    """
 
     def __init__(self, prior: Bend | None) -> None:
         self._prior = self._last = prior
@@ -102,12 +229,7 @@ class LearnedBend:
         return Bend(mean, kept**2 * self._last.covariance + (1.0 - kept**2) * self._prior.covariance)
 
     def learn(self, time: float, pose: Pose) -> None:
-        """Take in what the edges of a published pose say; its fit asked with what was known here.
-
-        Grey values of a target far away hardly tell a bend from a tilt, and the lens and light they leave unexplained
-        are larger: learned from them as well, the bend was off by 2.7 deviations (three flights of a bent print, 298
-        images), from edges alone by 1.1.
-        """
+        """Take in what the edges of a published pose say; its fit asked with what was known here."""
         if pose.bend is None or pose.known_bend is None or pose.source != "edges":
             return
         surprise = pose.bend.mean - pose.known_bend.mean
@@ -123,33 +245,24 @@ BESIDE: Final = 0.05
 """Farthest that images beside another one are from it [s]."""
 
 
-class RowsWatch:
-    """Tells a shutter how the camera moved while it read an image, from where the images beside it see the target.
+def learn_rows(shutter: Shutter, published: Sequence[tuple[float, Pose]]) -> None:
+    """Tell a shutter how the camera moved while it read an image, from where the images beside it see the target.
 
     Args:
         shutter: of the camera.
+        published: times [s] and poses of the newest three images that were published.
     """
-
-    def __init__(self, shutter: Shutter) -> None:
-        self._shutter = shutter
-        self._found: deque[tuple[float, Pose]] = deque(maxlen=3)
-
-    def pose_found(self, time: float, pose: Pose) -> None:
-        """Take in a published pose; the one before lies between two others then."""
-        if not self._shutter.is_open:
-            return
-        self._found.append((time, pose))
-        if len(self._found) < 3:
-            return
-        (start, before), (middle, between), (end, after) = self._found
-        if not (0.0 < middle - start < BESIDE and 0.0 < end - middle < BESIDE) or between.seen_motion is None:
-            return
-        # P' = -w x P + s e for the target's place P: what is seen of both is one. The turn about the sight is apart.
-        turned = -np.asarray(cv2.Rodrigues(after.rotation @ before.rotation.T)[0], dtype=np.float64).ravel()
-        sight = between.position / between.range_m
-        turning, speed = (turned @ sight) * sight / (end - start), (after.position - before.position) / (end - start)
-        known = KnownMotion(motion_of(between.position, speed, turning), np.full(MOTIONS, RATE_SD))
-        self._shutter.learn(known, between.seen_motion)
+    if not shutter.is_open or len(published) < 3:
+        return
+    (start, before), (middle, between), (end, after) = published
+    if not (0.0 < middle - start < BESIDE and 0.0 < end - middle < BESIDE) or between.seen_motion is None:
+        return
+    # P' = -w x P + s e for the target's place P: what is seen of both is one. The turn about the sight is apart.
+    turned = -np.asarray(cv2.Rodrigues(after.rotation @ before.rotation.T)[0], dtype=np.float64).ravel()
+    sight = between.position / between.range_m
+    turning, speed = (turned @ sight) * sight / (end - start), (after.position - before.position) / (end - start)
+    known = KnownMotion(motion_of(between.position, speed, turning), np.full(MOTIONS, RATE_SD))
+    shutter.learn(known, between.seen_motion)
 
 
 class Follower:
@@ -158,7 +271,9 @@ class Follower:
     Attributes:
         name: of the target.
         track: its memory.
-        judge: decides about poses of the followed target.
+        level: how it lies by the attitude.
+        judge: decides about its poses.
+        contradicting: the pose of the newest image that contradicts the attitude; none without one.
     """
 
     def __init__(
@@ -172,47 +287,36 @@ class Follower:
     ) -> None:
         self.name = target.name
         self.track = Track(cfg.coast)
-        self._target = target
+        self.level = LevelKnowledge(target.level, mounting, cfg)
+        self.contradicting: Pose | None = None
+        self._target, self._cfg = target, cfg
         self._search, self._health = OwnSearch(target, detector), health
-        self._mounting = mounting
-        self._cfg = cfg
         self._fitter = TargetFitter(target, projection)
         self._bend = LearnedBend(self._fitter.bend_known)
-        self._rows = RowsWatch(self._fitter.shutter)
         self._carrier = Carrier(target, projection)
-        self._checks = Checks(self._fitter, self.track, cfg, mounting)
-        self.judge = Judge(self._checks)
+        self.judge = Judge(self._fitter, self.level, cfg)
 
     def follow(self, frame: Frame) -> None:
         """Try to find the target where it should be."""
-        sight = self._seen(frame)
+        sight, track = self._seen(frame), self.track
         self._fitter.begin(sight.pixels)
-        track = self.track
         if not track.goes_on(sight.time):
             track.lose()
             return
-        predicted = self._predicted(sight)
-        ways = [sight]
-        if track.knows_turn(sight, self._mounting):
-            # An attitude that jumps, or has a swapped sign, turns a prediction away from a target that is where it was.
-            ways.append(sight.without_attitude())
-        for seen in ways:
-            expected = self._predicted(seen)
-            if self._measured(frame, expected, self._starts(seen, expected)):
-                return
-        window = self._fitter.window(predicted, sight.pixels.shape)
+        # An attitude that jumps, or has a swapped sign, turns a prediction away from a target that is where it was.
+        ways = [sight, sight.without_attitude()] if track.turn_to(sight) is not None else [sight]
+        if any(self._measured(frame, self._starts(seen)) for seen in ways):
+            return
+        window = self._fitter.window(self._predicted(sight), sight.pixels.shape)
         if window is not None:
             found = self._search.nearby(sight.pixels, window, track.misses)
             frame.detections.extend(found)
             self.start(frame, found, "roi")
 
-    def _starts(self, seen: Sight, predicted: Pose) -> Iterator[tuple[FoundBy, Pose]]:
-        """The prediction, and the last pose carried over: before it where the image does not show what it expects.
-
-        The likeliest start, and the other until as much as an image may take is spent on it.
-        """
-        track = self.track
-        is_expected = track.has_velocity or track.knows_turn(seen, self._mounting)
+    def _starts(self, seen: Sight) -> Iterator[tuple[FoundBy, Pose]]:
+        """The prediction, and the last pose carried over: before it where the image does not show what it expects."""
+        track, predicted = self.track, self._predicted(seen)
+        is_expected = track.has_velocity or track.turn_to(seen) is not None
         if is_expected and self._fitter.shows(seen.pixels, predicted):
             yield "predicted", predicted
             is_expected = False
@@ -227,120 +331,96 @@ class Follower:
     def _with_climb(self, seen: Sight, start: Pose) -> Pose:
         """The start of a track's second image with the speed that both ranges tell.
 
-        Under a rolling shutter a climb looks like a tilt, and does not change the range half way through the image. A
-        fit that few edges agree with may have taken them for their neighbours, and its range says nothing.
+        Under a rolling shutter a climb looks like a tilt, and does not change the range half way through the image.
         """
         if not self._fitter.shutter.rolls or self.track.has_velocity:
             return start
         found = self._fitter.refine(seen.pixels, start)
         if found is None or found.inliers < LIMITS.agreement.blind:
             return start
-        known = self.track.motion_with(seen, found, self._mounting)
-        return start if known is None else replace(start, known_motion=known)
+        return replace(start, known_motion=self.track.motion_with(seen, found) or start.known_motion)
 
-    def _measured(self, frame: Frame, predicted: Pose, starts: Iterable[tuple[FoundBy, Pose]]) -> bool:
+    def _measured(self, frame: Frame, starts: Iterable[tuple[FoundBy, Pose]]) -> bool:
         """Whether the target is found from one of several starts; it is followed then, and published if believed."""
         seen = self._seen(frame)
         for mode, start in starts:
-            verdict = self.judge.measure(seen, self._with_climb(seen, start), predicted)
-            pose = self._believed(frame, verdict)
-            if pose is not None:
-                self._follow(frame, verdict, pose, mode)
+            verdict = self.judge.measure(seen, self._with_climb(seen, start), self.track.branches)
+            if self._is_believed(frame, verdict):
+                self._follow(frame, verdict, mode)
                 return True
-        against = frame.contradicting.get(self.name)
-        if against is None or not self._checks.is_plainly_there(seen, against):
+        against = self.contradicting
+        if against is None or not self.judge.is_plainly_there(seen, against):
             return False
-        self._follow(frame, Verdict(against, PoseRefusal.ATTITUDE), against, "predicted")
+        self._follow(frame, Verdict(against, PoseRefusal.ATTITUDE), "predicted")
         return True
 
-    def _believed(self, frame: Frame, verdict: Verdict) -> Pose | None:
-        """The pose of a verdict to follow the target with; none where a gate or the image speaks against it.
+    def _is_believed(self, frame: Frame, verdict: Verdict) -> bool:
+        """Whether the target is followed where a verdict puts it: no gate and no image speaks against it.
 
-        What contradicts the attitude from one start counts for all starts of the image: of poses that agree with it
-        none is believed that the image likes less.
+        What contradicts the attitude from one start counts for all starts of the image.
         """
-        pose, against = verdict.pose, frame.contradicting.get(self.name)
+        pose, against = verdict.pose, self.contradicting
         if pose is not None and (against is None or not prefers(against, pose)):
             if not verdict.contradicts:
-                return pose
-            frame.contradicting[self.name] = pose
+                return True
+            self.contradicting = pose
         frame.refused[self.name] = verdict.refusal or PoseRefusal.ATTITUDE
-        return None
+        return False
 
-    def _follow(self, frame: Frame, verdict: Verdict, pose: Pose, mode: FoundBy) -> None:
+    def _follow(self, frame: Frame, verdict: Verdict, mode: FoundBy) -> None:
         """Follow a target that is found, and publish it if it is believed."""
-        seen = self._seen(frame)
-        if not self._decode_again(frame, pose):
+        pose, seen = verdict.pose, self._seen(frame)
+        if pose is None or not self._decode_again(frame, pose):
             return
+        frame.found.add(self.name)
         self.track.accept(seen, pose)
         self.track.branches = verdict.branches or self.track.branches
         if verdict.refusal is not None:
-            frame.follow(self.name, verdict.refusal)
+            frame.refused[self.name] = verdict.refusal
         else:
             self._publish(frame, verdict, pose, mode)
         if verdict.alone is not None:
-            self._checks.level.learn(frame.sight, verdict.alone)
-
-    @property
-    def contradicted_deg(self) -> float | None:
-        """By how much the images of the target contradict the attitude [deg]; none while they do not."""
-        return self._checks.level.contradicted_deg
+            self.level.learn(frame.sight, verdict.alone)
 
     def settle(self, frame: Frame) -> None:
-        """Let what contradicts the attitude speak against it, and count an image that shows no target.
-
-        The image that leaves the attitude out is looked at without.
-        """
-        against = frame.contradicting.pop(self.name, None)
-        if against is not None and self._checks.level.learn(frame.sight, against):
+        """Let what contradicts the attitude speak against it; the image that leaves it out is looked at without."""
+        against, self.contradicting = self.contradicting, None
+        if against is not None and self.level.learn(frame.sight, against):
             self.start(frame, frame.detections, "search")
             if self.track.is_live and all(found.target != self.name for found in frame.poses):
-                self._measured(frame, self._predicted(self._seen(frame)), [("predicted", against)])
-        self.track.misses += not frame.has(self.name)
+                self._measured(frame, [("predicted", against)])
+        self.track.misses += self.name not in frame.found
 
     def forget(self) -> None:
         """Forget the track, where the target was, and how it lies."""
         self.track.lose()
-        self.track.published = None
-        self._checks.level.forget()
+        self.track.published.clear()
+        self.level.forget()
+        self.contradicting = None
 
     def start(self, frame: Frame, found: Sequence[Detection], mode: FoundBy) -> None:
-        """Start or restart the track from decoded tags.
-
-        Args:
-            frame: the image.
-            found: tags of any target.
-            mode: how they were found.
-        """
+        """Start or restart the track from decoded tags of any target, found in some way."""
         tags = self._search.own(found)
         if not tags:
             return
         frame.started.add(self.name)
-        seen, mounting = self._seen(frame), self._mounting
+        seen, track = self._seen(frame), self.track
         candidates = self._fitter.cold(
-            seen.pixels,
-            tags,
-            lambda place: known_motion(place, None, seen.turning_flu, mounting),
-            self._bend.at(seen.time),
+            seen.pixels, tags, lambda place: known_motion(place, None, seen.turning), self._bend.at(seen.time)
         )
-        if candidates and not any(self.track.can_be_at(seen.time, pose) for pose in candidates):
+        if candidates and not any(track.can_be_at(seen.time, pose) for pose in candidates):
             frame.refused[self.name] = PoseRefusal.OFF_COURSE
             return
         verdict = self.judge.first(seen, candidates)
-        pose = self._believed(frame, verdict)
-        if pose is None:
+        if not self._is_believed(frame, verdict):
             return
-        if verdict.refusal is not None and self.track.branches is not None and self.track.branches.is_decided:
-            frame.refused[self.name] = verdict.refusal
-            return
-        self.track.lose()
-        self.track.decoded_at = seen.time
-        self._follow(frame, verdict, pose, mode)
+        track.lose()
+        track.decoded_at = seen.time
+        self._follow(frame, verdict, mode)
 
     def _decode_again(self, frame: Frame, pose: Pose) -> bool:
         """Decode the followed target once a period; false ends the track."""
-        track, pixels = self.track, frame.sight.pixels
-        now = frame.sight.time
+        track, pixels, now = self.track, frame.sight.pixels, frame.sight.time
         overdue = now - track.decoded_at - self._cfg.redetect_period
         if overdue < 0.0:
             return True
@@ -348,46 +428,32 @@ class Follower:
         found = self._search.again(pixels, window) if window is not None else []
         tags = self._search.own(found)
         frame.detections.extend(found)
-        if tags:
-            if self._fitter.disagreement(pose, tags) < HALF:
-                track.decoded_at = now
-                return True
-            frame.refused[self.name] = PoseRefusal.DECODED_ELSEWHERE
-            track.lose()
-            self.start(frame, found, "roi")
-            return False
-        # Clear cells stand in for a tag that cannot be decoded: one that leaves the image, or is partly hidden.
-        if overdue < self._cfg.coast or self._checks.are_cells_clear(frame.sight, pose):
+        if tags and self._fitter.disagreement(pose, tags) < HALF:
+            track.decoded_at = now
             return True
-        frame.refused[self.name] = PoseRefusal.NOT_DECODED
+        # Clear cells stand in for a tag that cannot be decoded: one that leaves the image, or is partly hidden.
+        if not tags and (overdue < self._cfg.coast or self._fitter.evidence(pixels, pose).is_clear):
+            return True
+        frame.refused[self.name] = PoseRefusal.DECODED_ELSEWHERE if tags else PoseRefusal.NOT_DECODED
         track.lose()
+        self.start(frame, found, "roi")
         return False
 
     def _seen(self, frame: Frame) -> Sight:
         """An image as the target is looked for in it: without an attitude that its images contradict."""
-        return self._checks.level.sight(frame.sight)
+        return self.level.sight(frame.sight)
 
     def _predicted(self, seen: Sight) -> Pose:
         """What the track expects in an image, with what is known of the print's bend."""
-        expected = self.track.predict(seen, self._mounting)
-        return replace(expected, bend=None, known_bend=self._bend.at(seen.time))
+        return replace(self.track.predict(seen), bend=None, known_bend=self._bend.at(seen.time))
 
     def _publish(self, frame: Frame, verdict: Verdict, pose: Pose, mode: FoundBy) -> None:
         time = frame.sight.time
-        self.track.published = time, pose.range_m
+        self.track.published.append((time, pose))
         self._bend.learn(time, pose)
-        self._rows.pose_found(time, pose)
+        learn_rows(self._fitter.shutter, self.track.published)
         frame.refused.pop(self.name, None)
-        frame.contradicting.pop(self.name, None)
+        self.contradicting = None
         self._health.note(pose, self._fitter.side_px(pose))
-        frame.poses.append(
-            TargetPose(
-                self.name,
-                self._target.frame,
-                pose,
-                verdict.ratio,
-                verdict.decided_by,
-                mode,
-                time - self.track.decoded_at,
-            )
-        )
+        known = self.name, self._target.frame, pose, verdict.ratio, verdict.decided_by, mode
+        frame.poses.append(TargetPose(*known, time - self.track.decoded_at))

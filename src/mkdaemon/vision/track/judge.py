@@ -9,16 +9,20 @@ from typing import Final
 
 import numpy as np
 
+from mkdaemon.config.vision import TrackerSection
 from mkdaemon.telemetry.vision import PoseRefusal
 from mkdaemon.vision.arrays import Array
-from mkdaemon.vision.limits import LIMITS
-from mkdaemon.vision.pose.ambiguity import Decision, log_odds, residual_ratio
-from mkdaemon.vision.pose.gates import certainty_refusal
+from mkdaemon.vision.limits import HALF, LIMITS
+from mkdaemon.vision.pose.ambiguity import Decision, residual_ratio
+from mkdaemon.vision.pose.fitting import TargetFitter
+from mkdaemon.vision.pose.gates import certainty_refusal, fit_refusal
 from mkdaemon.vision.pose.pose import Pose, angle_between, turn
 from mkdaemon.vision.pose.unknowns import Level
-from mkdaemon.vision.track.attitude import Sight, angle_of, normal_density, turn_between, without_normal
+from mkdaemon.vision.track.attitude import Sight, normal_density, turn_between, without_normal
 from mkdaemon.vision.track.branches import Branches
-from mkdaemon.vision.track.checks import Checks, with_angle_variance
+from mkdaemon.vision.track.level import LevelKnowledge
+
+CERTAINTY: Final = LIMITS.certainty
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,193 +59,189 @@ FOLLOWED: Final = (None, PoseRefusal.AMBIGUOUS, PoseRefusal.ANGLE_UNCERTAIN)
 class Judge:
     """Measures and judges one target.
 
-    Args:
-        checks: the target's gates.
+    Attributes:
+        level: what the attitude says.
     """
 
-    def __init__(self, checks: Checks) -> None:
-        self._checks = checks
-        self._fitter, self._track = checks.fitter, checks.track
+    def __init__(self, fitter: TargetFitter, level: LevelKnowledge, cfg: TrackerSection) -> None:
+        self.level = level
+        self._fitter, self._cfg = fitter, cfg
 
-    def measure(self, seen: Sight, start: Pose, predicted: Pose) -> Verdict:
-        """Fit from one start and judge the fit.
-
-        Args:
-            seen: the image.
-            start: where the fit begins.
-            predicted: what the track expects.
-        """
-        checks = self._checks
+    def measure(self, seen: Sight, start: Pose, before: Branches | None = None) -> Verdict:
+        """Fit from one start, and judge the fit; `before` are the readings of the images before."""
         # Far away a tilt hardly shows: what the attitude knows of it belongs into the fit, which is not linear there.
-        vertical = checks.level.vertical(seen)
+        vertical = self.level.vertical(seen)
         held = vertical if self._fitter.is_small(start) else None
-        fit = fitted = alone = self._fitter.refine(seen.pixels, start, held)
-        is_held = held is not None and start.rotation is predicted.rotation
-        if fitted is not None and held is not None:
-            alone, says_more = without_normal(fitted, held.up, held.spread)
+        fit = alone = self._fitter.refine(seen.pixels, start, held)
+        if fit is not None and held is not None:
+            alone, says_more = without_normal(fit, held)
             if says_more:
                 fit, held = alone, None
-        refused = checks.refusal(seen, fit) if fit is not None else PoseRefusal.NO_FIT
+        refused = self.refusal(seen, fit) if fit is not None else PoseRefusal.NO_FIT
         if fit is not None and refused is None:
-            if not checks.level.knows(seen):
-                return self._judge_without_attitude(seen, fit)
+            if vertical is None:
+                return self._judge_without_attitude(seen, fit, before)
             # What the images before told of the deck; with this one in it the image would count twice.
-            fused = fit if held is not None else checks.level.fuse(seen, fit)
-            return replace(self._judge_with_attitude(seen, fused), alone=alone)
-        off = fit if refused is PoseRefusal.ATTITUDE else None
-        # Nothing lies over a whole target; a held tilt agrees with the attitude whatever the image says.
-        is_sure = off is not None and checks.is_whole(off)
-        if vertical is not None and not is_sure:
-            # A free fit may follow something lying over the target, and agrees with the image no better then: hold the
-            # tilt and try again.
-            leaning = fitted
-            if not is_held:
-                leaning = self._fitter.refine(seen.pixels, replace(start, rotation=predicted.rotation), vertical)
-            if leaning is not None and checks.refusal(seen, leaning) is None:
-                if off is None or not self.prefers(seen, off, leaning):
-                    return self.add_inertia(seen, leaning)
-                is_sure = True
-        if off is not None and (is_sure or checks.is_plainly_there(seen, off)):
-            return Verdict(off, PoseRefusal.ATTITUDE)
-        return Verdict(None, refused)
-
-    def prefers(self, seen: Sight, first: Pose, second: Pose) -> bool:
-        """Whether an image and the vehicle's inertia together prefer one fit to another, by more than light or blur do.
-
-        Args:
-            seen: the image.
-            first: a fit to it.
-            second: another one; the image compares those of one kind.
-        """
-        odds = log_odds(first, second) if first.source == second.source else 0.0
-        before = self._track.branches
-        if before is not None and before.is_decided:
-            course = before.course[0].predict_at(seen.time)
-            odds += (course.mahalanobis2(second) - course.mahalanobis2(first)) / 2.0
-        return odds > LIMITS.branches.silent
+            fused = self.level.fuse(seen, fit) if held is None else fit
+            return replace(self.judge_with_attitude(seen, fused, before), alone=alone)
+        # Nothing lies over a whole target; what lies over a near one misleads its tilt, but not its place.
+        is_there = fit is not None and (self.is_whole(fit) or self.is_plainly_there(seen, fit))
+        return Verdict(fit if is_there and refused is PoseRefusal.ATTITUDE else None, refused)
 
     def first(self, seen: Sight, candidates: Sequence[Pose]) -> Verdict:
-        """Judge poses from decoded tags.
-
-        An attitude with both signs swapped agrees with the mirror image of a target in the middle of the image, which
-        may be too uncertain to be published: what the image alone would publish elsewhere contradicts it.
-
-        Args:
-            seen: the image.
-            candidates: fitted poses.
-        """
-        checks = self._checks
-        refusals = [checks.refusal(seen, pose) for pose in candidates]
+        """Judge poses from decoded tags; what the image alone would publish elsewhere contradicts the attitude."""
+        refusals = [self.refusal(seen, pose) for pose in candidates]
         pairs = zip(candidates, refusals, strict=True)
         fits = [pose for pose, why in pairs if why is None or why is PoseRefusal.ATTITUDE]
         if not fits:
             return Verdict(None, next(filter(None, refusals), PoseRefusal.NO_FIT))
-        fits = checks.candidates(seen, fits)
-        alone = self._judge_alone(seen.without_attitude(), fits)
-        vertical = checks.level.vertical(seen)
-        if vertical is None:
-            return alone
-        verdict = self._judge_beside(seen, fits, vertical)
-        if alone.pose is None or alone.refusal is not None:
-            return verdict
-        chosen = verdict.pose if verdict.refusal is None else None
-        if chosen is None or angle_between(alone.pose.rotation, chosen.rotation) > LIMITS.certainty.wrong_angle:
-            return Verdict(alone.pose, PoseRefusal.ATTITUDE)
-        return replace(verdict, decided_by=alone.decided_by, ratio=alone.ratio)
+        fits = self.candidates(seen, fits)
+        verdict = alone = self._judge_alone(seen.without_attitude(), fits)
+        vertical = self.level.vertical(seen)
+        if vertical is not None:
+            verdict = self._judge_beside(seen, fits, vertical)
+            if alone.pose is not None and alone.refusal is None:
+                chosen = verdict.pose if verdict.refusal is None else None
+                if chosen is None or angle_between(alone.pose.rotation, chosen.rotation) > CERTAINTY.wrong_angle:
+                    return Verdict(alone.pose, PoseRefusal.ATTITUDE)
+                verdict = replace(verdict, decided_by=alone.decided_by, ratio=alone.ratio)
+        return verdict if verdict.refusal in FOLLOWED else Verdict(None, verdict.refusal)
 
     def _judge_alone(self, seen: Sight, fits: Sequence[Pose]) -> Verdict:
         """Judge the first fits of a target by their image."""
         branches = self.start_branches(seen, fits)
-        if not branches.is_decided:
+        if not branches.is_decided and all(self._is_small(pose) for pose in fits):
             # All pixels of a small target tell more than its edges.
-            small, checks = LIMITS.cells.small_px, self._checks
-            is_small = all(pose.source == "edges" and checks.cell_px(pose) < small for pose in fits)
-            grey = self._fitter.fit_grey_values(seen.pixels, fits) if is_small else []
-            by_grey = self.start_branches(seen, grey) if grey else branches
-            if by_grey.is_decided:
+            grey = self._fitter.fit_grey_values(seen.pixels, fits)
+            if grey and (by_grey := self.start_branches(seen, grey)).is_decided:
                 fits, branches = grey, by_grey
         verdict = self._judge_branches(seen, branches, fits)
-        return replace(
-            verdict,
-            pose=verdict.pose if verdict.refusal in FOLLOWED else None,
-            decided_by="unique" if verdict.ratio == inf else "image",
-        )
+        return replace(verdict, decided_by="unique" if verdict.ratio == inf else "image")
 
     def _judge_beside(self, seen: Sight, fits: Sequence[Pose], vertical: Level) -> Verdict:
         """Judge the first fits of a target by image and attitude."""
-        checks, level = self._checks, self._checks.level
-        log_prior = np.array([normal_density(pose, vertical.up, vertical.spread) for pose in fits])
-        branches = self.start_branches(seen, fits, log_prior)
+        branches = self.start_branches(seen, fits, np.array([normal_density(pose, vertical) for pose in fits]))
         pose = branches.pose
-        if branches.is_decided and not checks.is_partial(pose) and checks.refusal(seen, pose) is None:
-            pose = with_angle_variance(level.fuse(seen, pose), branches.doubt)
+        if branches.is_decided and not self.is_partial(pose) and self.refusal(seen, pose) is None:
+            pose = with_angle_variance(self.level.fuse(seen, pose), branches.doubt)
         else:
             # Something lying over one side gives a quad that is off by that much.
             best = min(fits, key=lambda pose: pose.loss)
             upright = turn(best.rotation, turn_between(best.rotation[:, 2], vertical.up))
             held = self._fitter.refine(seen.pixels, replace(best, rotation=upright), vertical)
-            if held is None or checks.refusal(seen, held) is not None:
-                return Verdict(None, PoseRefusal.ATTITUDE)
-            if angle_of(held.rotation[:, 2], vertical.up) > level.hidden_gate(held):
+            if held is None or self.refusal(seen, held, is_hidden=True) is not None:
                 return Verdict(None, PoseRefusal.ATTITUDE)
             pose, branches = held, self.start_branches(seen, [held])
         refused = certainty_refusal(pose, has_attitude=True)
-        return Verdict(pose if refused in FOLLOWED else None, refused, branches=branches, decided_by="attitude")
+        return Verdict(pose, refused, branches=branches, decided_by="attitude")
 
     def start_branches(self, seen: Sight, candidates: Sequence[Pose], log_prior: Array | None = None) -> Branches:
         """Branches that start in this image, by it and what else is told; a single candidate is believed."""
         return Branches.begin(seen.time, candidates, log_prior, moving=self._fitter.target.moving)
 
-    def add_inertia(self, seen: Sight, pose: Pose) -> Verdict:
-        """Judge a pose the attitude agrees with; what inertia knows is added where the pose alone is too uncertain.
+    def _go_on(self, seen: Sight, candidates: Sequence[Pose], before: Branches | None) -> Branches:
+        """Branches with this image."""
+        return self.start_branches(seen, candidates) if before is None else before.after(seen.time, candidates)
 
-        Args:
-            seen: the image.
-            pose: measured in it.
-        """
-        certain = LIMITS.certainty
-        refused, before = certainty_refusal(pose, has_attitude=True), self._track.branches
-        if refused is None or before is None or not before.is_decided:
-            return Verdict(pose, refused)
-        prior = before.course[0].predict_at(seen.time)
-        if prior.angle_sd > certain.blind_angle_sd or prior.mahalanobis2(pose, 1.0) > certain.surprising:
-            return Verdict(pose, refused)
-        fused = prior.fuse(pose)
-        return Verdict(fused, certainty_refusal(fused, has_attitude=True))
+    def judge_with_attitude(self, seen: Sight, pose: Pose, before: Branches | None) -> Verdict:
+        """Judge a fit that agrees with the attitude; inertia is asked where the fit alone is too uncertain."""
+        refused, branches = certainty_refusal(pose, has_attitude=True), self._go_on(seen, [pose], before)
+        if refused is not None and self._is_on_course(branches):
+            pose = branches.prior.fuse(pose)
+            refused = certainty_refusal(pose, has_attitude=True)
+        return Verdict(pose, refused, branches=branches)
 
-    def _judge_with_attitude(self, seen: Sight, pose: Pose) -> Verdict:
-        """Judge a fit that agrees with the attitude, and carry the course on with it."""
-        verdict, branches = self.add_inertia(seen, pose), self._track.branches
-        branches = branches.after(seen.time, [pose]) if branches is not None and branches.is_decided else None
-        if branches is None or branches.missed[0]:
-            branches = self.start_branches(seen, [pose])
-        return replace(verdict, branches=branches)
+    def _is_on_course(self, branches: Branches) -> bool:
+        """Whether a pose is where inertia expects it, by its own covariance: branches allow for errors that last."""
+        is_hit = branches.is_decided and not branches.missed[0]
+        return is_hit and branches.prior.mahalanobis2(branches.pose) <= CERTAINTY.surprising
 
-    def _judge_without_attitude(self, seen: Sight, pose: Pose) -> Verdict:
+    def _judge_without_attitude(self, seen: Sight, pose: Pose, before: Branches | None) -> Verdict:
         """Judge a fit by its mirror image, the images before and the vehicle's inertia."""
-        if self._track.branches is None:
-            return Verdict(pose, PoseRefusal.AMBIGUOUS)
-        candidates = self._checks.candidates(seen, [pose])
-        branches = self._track.branches.after(seen.time, candidates)
-        refused = None if branches.pose is pose else self._checks.refusal(seen, branches.pose)
+        candidates = self.candidates(seen, [pose])
+        branches = self._go_on(seen, candidates, before)
+        refused = None if branches.pose is pose else self.refusal(seen, branches.pose)
         return self._judge_branches(seen, branches, candidates) if refused is None else Verdict(None, refused)
 
     def _judge_branches(self, seen: Sight, branches: Branches, candidates: Sequence[Pose]) -> Verdict:
         """Judge the likeliest reading of the images so far."""
-        checks, certain = self._checks, LIMITS.certainty
-        chosen, prior = branches.pose, branches.prior
+        chosen = branches.pose
         if not branches.is_decided or branches.is_spoken_against:
             return Verdict(chosen, PoseRefusal.AMBIGUOUS, branches=branches)
-        fused = with_angle_variance(prior.fuse(chosen), branches.doubt)
-        # The branches allow for errors that last; to be published a pose has to fit by its own covariance.
-        if branches.missed[0] or prior.mahalanobis2(chosen, 1.0) > certain.surprising:
+        fused = with_angle_variance(branches.prior.fuse(chosen), branches.doubt)
+        if not self._is_on_course(branches):
             return Verdict(fused, PoseRefusal.OFF_COURSE, branches=branches)
-        is_backed, is_partial = prior.angle_sd < certain.blind_angle_sd, checks.is_partial(chosen)
-        is_plain = is_backed or checks.is_plain(seen, fused)
+        is_partial, is_backed = self.is_partial(chosen), branches.prior.angle_sd < CERTAINTY.blind_angle_sd
+        is_plain = is_backed or self.is_plain(seen, fused)
         # Hidden parts, or a border faked by what hides them: the edges seen tell these apart.
         is_plain = is_plain or (is_partial and self._fitter.is_supported(seen.pixels, chosen))
         if is_partial and not is_plain:
             return Verdict(fused, PoseRefusal.INLIERS, branches=branches)
-        refused = certainty_refusal(fused, has_attitude=False, is_plain=is_plain, is_backed=is_backed)
+        refused = certainty_refusal(fused, has_attitude=False, is_plain=is_plain)
         alone = fused if refused is None else None
         return Verdict(fused, refused, alone, branches, ratio=residual_ratio(chosen, candidates))
+
+    def refusal(self, seen: Sight, pose: Pose, *, is_hidden: bool = False) -> PoseRefusal | None:
+        """The first sign that a pose is wrong; none without any.
+
+        `is_hidden`: parts of a first pose may be hidden, which tells no tilted deck from a covered border.
+        """
+        refused = fit_refusal(pose, self._cfg)
+        if refused is not None:
+            return refused
+        if not self._fitter.evidence(seen.pixels, pose).vouches:
+            return PoseRefusal.BITS
+        if self.is_partial(pose):
+            if self._fitter.beside(seen.pixels, pose) > HALF * LIMITS.ambiguity.decided:
+                return PoseRefusal.BITS
+            # What lies over a target hides edges; one that is beside its place has other edges in view.
+            if pose.inliers < LIMITS.agreement.blind and not self._fitter.explains_seen_edges(seen.pixels, pose):
+                return PoseRefusal.INLIERS
+        return PoseRefusal.ATTITUDE if self.level.refuses(seen, pose, is_hidden=is_hidden) else None
+
+    def candidates(self, seen: Sight, fits: Sequence[Pose]) -> list[Pose]:
+        """Fits of one image and, where perspective does not rule it out, the mirror image of the best one.
+
+        The starts of both may have run into one minimum; a branch without its rival would be believed unchallenged.
+        """
+        best = min(fits, key=lambda pose: pose.loss)
+        is_blurred = best.blur_px is not None and best.blur_px > LIMITS.blur.smeared_px
+        if self._is_large(best) and not is_blurred:
+            return [*fits]
+        rival, same = self._fitter.fit_mirrored(seen.pixels, best), CERTAINTY.blind_angle_sd
+        if rival is None or any(angle_between(rival.rotation, pose.rotation) < same for pose in fits):
+            return [*fits]
+        return [*fits, rival]
+
+    def is_whole(self, pose: Pose) -> bool:
+        """Whether nearly all edges of the target are seen and agree."""
+        return pose.source == "edges" and pose.inliers >= LIMITS.agreement.whole
+
+    def is_partial(self, pose: Pose) -> bool:
+        """Whether some edges do not agree: something lies over the target, or the pose is beside it."""
+        return pose.source == "edges" and not self.is_whole(pose)
+
+    def is_plain(self, seen: Sight, pose: Pose) -> bool:
+        """Whether the target is large and its cells are read clearly: hidden parts then mislead nobody."""
+        return self._is_large(pose) and self._fitter.evidence(seen.pixels, pose).is_clear
+
+    def is_plainly_there(self, seen: Sight, pose: Pose) -> bool:
+        """Whether a large target lies as a pose says, for all but the attitude."""
+        return self.is_plain(seen, pose) and certainty_refusal(pose, has_attitude=False, is_plain=True) is None
+
+    def _is_large(self, pose: Pose) -> bool:
+        """Whether perspective tells a pose from its mirror image."""
+        return self._cell_px(pose) > LIMITS.cells.perspective_px
+
+    def _is_small(self, pose: Pose) -> bool:
+        """Whether edges of a target are near each other."""
+        return pose.source == "edges" and self._cell_px(pose) < LIMITS.cells.small_px
+
+    def _cell_px(self, pose: Pose) -> float:
+        """Side of a cell of the largest tag in the image [px]."""
+        return self._fitter.side_px(pose) / self._fitter.target.tags[0].family.size_cells
+
+
+def with_angle_variance(pose: Pose, variance: float) -> Pose:
+    """The pose with so much more variance of every angle [rad^2]."""
+    return replace(pose, covariance=pose.covariance + np.diag([0.0] * 3 + [variance] * 3))

@@ -58,7 +58,7 @@ class Frame:
         detections: tags decoded in it so far.
         poses: that are published.
         refused: why a target has none.
-        contradicting: poses that contradict the attitude.
+        found: targets that are followed.
         started: targets whose decoded tags were judged.
     """
 
@@ -66,18 +66,8 @@ class Frame:
     detections: list[Detection] = field(default_factory=list)
     poses: list[TargetPose] = field(default_factory=list)
     refused: dict[str, PoseRefusal] = field(default_factory=dict)
-    contradicting: dict[str, Pose] = field(default_factory=dict)
+    found: set[str] = field(default_factory=set)
     started: set[str] = field(default_factory=set)
-    _followed: set[str] = field(default_factory=set)
-
-    def follow(self, name: str, refused: PoseRefusal) -> None:
-        """A target was found and is followed, but not published."""
-        self.refused[name] = refused
-        self._followed.add(name)
-
-    def has(self, name: str) -> bool:
-        """Whether a target was found."""
-        return name in self._followed or any(found.target == name for found in self.poses)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

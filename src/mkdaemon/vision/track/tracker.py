@@ -1,9 +1,4 @@
-"""Following targets from image to image, and publishing only what has passed every gate.
-
-The order of an image: health of the image; for each known target prediction, fit and gates; for what is left optical
-flow, a search around the prediction, and at last a search of the whole image. A pose nobody contradicts is published,
-everything else is a refusal with its reason.
-"""
+"""All targets of one camera: each is followed, what is missing is searched; refusals have a reason."""
 
 from __future__ import annotations
 
@@ -20,7 +15,7 @@ from mkdaemon.vision.tags.detection import Detection
 from mkdaemon.vision.tags.detector import FIRST, Detector
 from mkdaemon.vision.tags.tagmap import TagMap, covered_cells
 from mkdaemon.vision.track.alarms import ImageHealth
-from mkdaemon.vision.track.attitude import AttitudeHistory, Mounting, Sight
+from mkdaemon.vision.track.attitude import AttitudeHistory, Mounting, Sight, Turning
 from mkdaemon.vision.track.follower import Follower
 from mkdaemon.vision.track.result import Frame, VisionResult
 
@@ -89,20 +84,14 @@ class Tracker:
         else:
             alarms.append(Alarm.UNCALIBRATED)
             frame.detections.extend(self._search(frame))
-        return VisionResult(
-            image.camera,
-            image.sequence,
-            image.captured_at,
-            tuple(frame.detections),
-            tuple(frame.poses),
-            tuple(alarms),
-            tuple(frame.refused.items()),
-        )
+        seen, refused = (tuple(frame.detections), tuple(frame.poses)), tuple(frame.refused.items())
+        return VisionResult(image.camera, image.sequence, image.captured_at, *seen, tuple(alarms), refused)
 
     @property
     def contradicted_deg(self) -> float | None:
         """By how much the images of level targets contradict the vehicle's attitude [deg]; none while they do not."""
-        return max((one.contradicted_deg for one in self.followers if one.contradicted_deg is not None), default=None)
+        off = [one.level.contradicted_deg for one in self.followers]
+        return max((deg for deg in off if deg is not None), default=None)
 
     def reset(self) -> None:
         """Forget all tracks, how their targets lie, and whose turn it is."""
@@ -114,13 +103,16 @@ class Tracker:
         """An image in light, with the attitude that was reported for it."""
         time, pixels = image.captured_at, in_light(image.pixels, self._gamma)
         if attitude is None or self._mounting is None:
-            return Sight(pixels, time, None)
-        return Sight(pixels, time, attitude.at(time, self._cfg.max_attitude_age), attitude.turning_at(time))
+            return Sight(pixels, time)
+        camera = self._mounting.flu_from_cam
+        enu_from_flu, turning = attitude.at(time, self._cfg.max_attitude_age), attitude.turning_at(time)
+        enu_from_cam = enu_from_flu @ camera if enu_from_flu is not None else None
+        turning = Turning(camera.T @ turning.rate, turning.sd) if turning is not None else None
+        return Sight(pixels, time, enu_from_cam, turning)
 
     def _search_missing(self, frame: Frame) -> None:
         """Look for what is still missing in the whole image."""
-        known = frame.started
-        missing = [one for one in self.followers if not frame.has(one.name) and one.name not in known]
+        missing = [one for one in self.followers if one.name not in frame.found | frame.started]
         if not missing or (frame.poses and self._count % LIMITS.track.search_every):
             return
         # Right after a miss the prediction is still good; the whole image comes when the neighbourhood gave nothing.
