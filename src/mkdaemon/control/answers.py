@@ -167,7 +167,8 @@ class AnswerWatch:
         acts = SHARES[:, None] * asked
         variance = ROUGHNESS**2 + (MODEL_ERROR * acts) ** 2
         gained = ((acts - seen) ** 2 - seen**2) / (2.0 * variance)
-        self._evidence = np.clip(self._evidence + INDEPENDENT * passed * gained.sum(axis=1), -FORGIVEN, SURE)
+        evidence = self._evidence + INDEPENDENT * passed * gained.sum(axis=1)
+        self._evidence = np.minimum(np.maximum(evidence, -FORGIVEN), SURE)
         self.is_missing = self.evidence >= SURE
         if self.is_missing:
             is_again = self._judged_at - self._back_at <= SOON

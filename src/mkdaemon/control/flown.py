@@ -58,6 +58,7 @@ class Flown:
         self._phase: Phase | None = None
         self._left: Manoeuvre | None = None
         self._may_touch = False
+        self._admitted: NewManoeuvre | None = None
 
     # -- at the door ----------------------------------------------------------------------------------------------
 
@@ -74,9 +75,12 @@ class Flown:
         if phase in (Phase.UNANSWERED, Phase.ABORTED, Phase.LANDING):
             # It is not flown; it only has to be one that could be.
             before = wanted.concern
+        if before is wanted.concern and wanted == self._admitted:
+            return  # who flies on as admitted is refused by nothing: see `admission.Rule`
         refusal = self._admit(wanted, before, now)
         if refusal is not None:
             raise refusal
+        self._admitted = wanted
 
     @property
     def concern(self) -> Concern | None:

@@ -163,9 +163,9 @@ class Tap:
     ) -> None:
         sequence = self._count(kind, suffix)
         wall = self._clock.wall(at) if stamp is None else stamp.wall
-        key = self._root + suffix
-        taken = Entry(kind, key, payload, encoding, at, wall, self._base, sequence, issuer, exchange, attachment)
-        self._queue.put(taken._replace(source=source) if source else taken)
+        key, base = self._root + suffix, self._base
+        entry = Entry(kind, key, payload, encoding, at, wall, base, sequence, issuer, exchange, attachment, source=source)
+        self._queue.put(entry)
 
     def _count(self, kind: Kind, suffix: str) -> int:
         sequence = self._sequences.get((kind, suffix), 0) + 1

@@ -263,9 +263,8 @@ class Estimator:
     @property
     def motion_covariance(self) -> Array:
         """Of x, y, z (3, 3): variance of position [m2], covariance with velocity [m2/s], variance of that [m2/s2]."""
-        upright = self._vertical.covariances[0]
-        rows = [(each[P, P], each[P, V], each[V, V]) for each in self._level.covariances]
-        found = np.array([*rows, (upright[H, H], upright[H, S], upright[S, S])])
+        level, upright = self._level.covariances, self._vertical.covariances[0]
+        found = np.array([*level[:, [P, P, V], [P, V, V]], upright[[H, H, S], [H, S, S]]])
         found[:, 0] += self._calibration
         return found
 
@@ -370,7 +369,7 @@ class Estimator:
         timing = (speed * tuning.stamp_sd) ** 2
         row = np.zeros(LEVEL_STATES)
         row[P], row[T] = 1.0, seen[2]
-        variance = np.diag(spread)[:2].clip(min=0.0) + tuning.view_floor**2 + timing
+        variance = np.maximum(np.diag(spread)[:2], 0.0) + tuning.view_floor**2 + timing
         doubt = tuning.doubt if self._cameras.doubts(view.camera, view.at) else None
         gate = GATE if is_trusted or doubt is not None else 0.0  # who contradicts the others is asked, not believed
         place = _leant(self._level.states_at(view.at)[:, T], seen) - seen[:2]
@@ -426,28 +425,21 @@ class Estimator:
         while self._level.time + STEP <= now:
             middle = self._level.time + STEP / 2.0
             acting, before = self._commands.at(middle), self._commands.at(middle - LOST_FOR)
-            tilt = np.array(acting.tilt)
-            self._level.advance(tilt, LOST * (tilt - before.tilt) ** 2)
-            self._vertical.advance(np.array([acting.thrust]))
+            self._level.advance(acting.tilt, LOST * np.subtract(acting.tilt, before.tilt) ** 2)
+            self._vertical.advance((acting.thrust,))
 
     def estimate(self, at: float) -> Estimate:
         """Return the estimate at a moment, which may lie ahead: the commands under way are known [s; monotonic]."""
         self.advance(at - MEMORY)
         steps = max(0, round((at - self._level.time) / STEP))
         acting = [self._commands.at(self._level.time + (k + 0.5) * STEP) for k in range(steps)]
-        axes = self._level.ahead(np.array([command.tilt for command in acting]).reshape(-1, 2))
-        upright = self._vertical.ahead(np.array([[command.thrust] for command in acting]).reshape(-1, 1))[0]
         variances = np.array([*self._level.covariances[:, P, P], self._vertical.covariances[0, H, H]])
         return Estimate(
             at=at,
-            position=np.array([axes[0, P], axes[1, P], upright[H]]),
-            velocity=np.array([axes[0, V], axes[1, V], upright[S]]),
-            tilt=axes[:, T].copy(),
-            disturbance=axes[:, D].copy(),
             yaw=self._heading_at(at),
             hover_gas=self.hover_gas,
-            axes=axes,
-            vertical=upright,
+            axes=self._level.ahead([command.tilt for command in acting]),
+            vertical=self._vertical.ahead([(command.thrust,) for command in acting])[0],
             position_sd=np.sqrt(variances + self._calibration),
             age=at - self._seen_at,
         )

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import math
 from bisect import insort
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -68,7 +69,7 @@ class _Slot:
 
     state: Array
     covariance: Array
-    drive: Array
+    drive: Sequence[float]
     doubted: Array | None
     shifted: Array
     measurements: list[tuple[float, Measurement]] = field(default_factory=list)
@@ -111,7 +112,7 @@ class RollbackFilter:
         self._take_dynamics(f, g, counted)
         self._first = math.floor(now / STEP)
         axes = len(states)
-        self._undriven = np.zeros(axes)
+        self._undriven = (0.0,) * axes
         self._shifted = np.zeros(states.shape)
         covariances = np.repeat(covariance[None], axes, axis=0)
         self._slots = [_Slot(states.copy(), covariances, self._undriven, None, self._shifted)]
@@ -170,7 +171,7 @@ class RollbackFilter:
         self._shifted = self._shifted.copy()
         self._shifted[:, place] += amounts
 
-    def advance(self, drive: Array, doubted: Array | None = None) -> None:
+    def advance(self, drive: Sequence[float], doubted: Array | None = None) -> None:
         """Go one step forward under an input (k,), whose variance (k,) is none where nothing is said."""
         self._come_forward(len(self._slots) - 1)
         slot = self._slots[-1]
@@ -238,7 +239,7 @@ class RollbackFilter:
         self._known = index
         return ratio
 
-    def ahead(self, drives: Array) -> Array:
+    def ahead(self, drives: Sequence[Sequence[float]]) -> Array:
         """Return the states (k, n) after further steps under inputs (steps, k), without changing anything."""
         state, counted = self.states, self._counted
         deviations = [] if counted is None or not len(drives) else counted.deviations(self.covariances)
@@ -274,9 +275,9 @@ class RollbackFilter:
             covariance += slot.doubted[:, None, None] * self._doubt_of_drive
         return self._moved(before, slot.drive, counts), covariance
 
-    def _moved(self, state: Array, drive: Array, counts: list[float] | None) -> Array:
+    def _moved(self, state: Array, drive: Sequence[float], counts: Sequence[float] | None) -> Array:
         """The states (k, n) one step later under inputs (k,) and mean counts (k,)."""
-        inputs = [drive.tolist()] if counts is None else [drive.tolist(), counts]
+        inputs = [drive] if counts is None else [drive, counts]
         after: Array = state.dot(self._f.T)
         after += np.array(inputs).T.dot(self._inputs)
         return after

@@ -10,6 +10,7 @@ from typing import Final
 
 import numpy as np
 
+from mkdaemon.control.estimator.model import D, H, P, S, T, V
 from mkdaemon.control.linear import Array
 
 GAS_CENTRE: Final = 127.0
@@ -186,26 +187,38 @@ class Estimate:
 
     Attributes:
         at: [s; monotonic].
-        position: (3,) [m].
-        velocity: relative to the target (3,) [m/s].
-        tilt: true tilt towards x and y, the way it accelerates (2,) [rad].
-        disturbance: acceleration that the model does not explain, x and y (2,) [m/s2].
         yaw: heading of the body's forward axis, counter-clockwise from x [rad].
         hover_gas: throttle that carries the aircraft [count of 254].
-        axes: whole state of both horizontal axes (2, 9), for the regulator.
+        axes: whole state of both horizontal axes (2, 9).
         vertical: whole state of the vertical axis (4,).
         position_sd: standard deviation of the position (3,) [m].
         age: time since the last image that was used [s]; infinite before the first.
     """
 
     at: float
-    position: Array
-    velocity: Array
-    tilt: Array
-    disturbance: Array
     yaw: float
     hover_gas: float
     axes: Array
     vertical: Array
     position_sd: Array
     age: float
+
+    @property
+    def position(self) -> Array:
+        """Where it is (3,) [m]."""
+        return np.array([*self.axes[:, P], self.vertical[H]])
+
+    @property
+    def velocity(self) -> Array:
+        """Relative to the target (3,) [m/s]."""
+        return np.array([*self.axes[:, V], self.vertical[S]])
+
+    @property
+    def tilt(self) -> Array:
+        """True tilt towards x and y, the way it accelerates (2,) [rad]."""
+        return self.axes[:, T]
+
+    @property
+    def disturbance(self) -> Array:
+        """Acceleration that the model does not explain, x and y (2,) [m/s2]."""
+        return self.axes[:, D]

@@ -106,7 +106,7 @@ class HorizontalRegulator:
         velocity = reference.velocity[:2]
         pushed = (drag * velocity - estimate.disturbance) / GRAVITY
         held = pushed + estimate.axes[:, B]
-        error[:, P] = np.clip(error[:, P] - reference.position[:2], -costs.reach, costs.reach)
+        error[:, P] = np.minimum(np.maximum(error[:, P] - reference.position[:2], -costs.reach), costs.reach)
         error[:, V] -= velocity
         error[:, T] -= pushed + reference.acceleration[:2] / GRAVITY
         error[:, TH] -= held
