@@ -163,9 +163,8 @@ class Tap:
     ) -> None:
         sequence = self._count(kind, suffix)
         wall = self._clock.wall(at) if stamp is None else stamp.wall
-        key, base = self._root + suffix, self._base
-        entry = Entry(kind, key, payload, encoding, at, wall, base, sequence, issuer, exchange, attachment, source=source)
-        self._queue.put(entry)
+        first = (kind, self._root + suffix, payload, encoding, at, wall, self._base, sequence)
+        self._queue.put(Entry(*first, issuer, exchange, attachment, source=source))
 
     def _count(self, kind: Kind, suffix: str) -> int:
         sequence = self._sequences.get((kind, suffix), 0) + 1

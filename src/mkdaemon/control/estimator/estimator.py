@@ -15,7 +15,7 @@ from typing import Final
 import numpy as np
 
 from mkdaemon.config.control import HIGHEST_HOVER, LOWEST_HOVER
-from mkdaemon.control.estimator.model import GRAVITY, LEVEL_STATES, TH, AircraftModel, D, E, H, P, S, T, V
+from mkdaemon.control.estimator.model import GRAVITY, LEVEL_STATES, TH, AircraftModel, E, H, P, S, T, V
 from mkdaemon.control.estimator.rollback import GATE, MEMORY, STEP, Measurement, RollbackFilter
 from mkdaemon.control.estimator.stickresponse import StickResponse
 from mkdaemon.control.estimator.tuning import NOMINAL, ROBUST, Tuning
@@ -139,6 +139,10 @@ def _leant(tilt: Array, seen: Array) -> Array:
     slant = math.sqrt(1.0 + float(tilt @ tilt))
     shift: Array = tilt * (float(tilt @ seen[:2]) / (slant * (slant + 1.0)) + float(seen[2]) * (1.0 - 1.0 / slant))
     return shift
+
+
+def _is_outside(ratio: Array) -> bool:
+    return max(map(abs, ratio.tolist())) > GATE
 
 
 @dataclass(frozen=True, slots=True)
@@ -351,12 +355,12 @@ class Estimator:
             self._align(view)
             self._seen_at = max(self._seen_at, min(view.at, now))
         turn = self._turn_matrix(view.at)
-        seen, spread = turn @ view.position_flu, turn @ view.sight_covariance @ turn.T
-        common = turn @ view.calibration_covariance @ turn.T
+        seen, spread = turn.dot(view.position_flu), turn.dot(view.sight_covariance).dot(turn.T)
+        common = turn.dot(view.calibration_covariance).dot(turn.T)
         if is_trusted:
-            self._calibration = np.diag(common) / shared_by
+            self._calibration = common.diagonal() / shared_by
         # What all images of one camera have in common is no noise, and where there is another, it has its own.
-        spread, bias = spread - common, np.diag(common) * (0.0 if shared_by == 1 else 2.0)
+        spread, bias = spread - common, common.diagonal() * (0.0 if shared_by == 1 else 2.0)
         self._see_place(view, seen, spread, bias, is_trusted=is_trusted)
         if is_trusted:
             self._see_tilt(view, shared_by)
@@ -365,20 +369,19 @@ class Estimator:
     def _see_place(self, view: TargetView, seen: Array, spread: Array, bias: Array, *, is_trusted: bool) -> None:
         """Take the horizontal place (3,) of the target, as if level [m], its covariance (3, 3), its bias' (3,)."""
         tuning = self._tuning
-        speed = float(np.abs(self._level.states[:, V]).max())
+        speed = max(map(abs, self._level.states[:, V].tolist()))
         timing = (speed * tuning.stamp_sd) ** 2
         row = np.zeros(LEVEL_STATES)
         row[P], row[T] = 1.0, seen[2]
-        variance = np.maximum(np.diag(spread)[:2], 0.0) + tuning.view_floor**2 + timing
+        variance = np.maximum(spread.diagonal()[:2], 0.0) + tuning.view_floor**2 + timing
         doubt = tuning.doubt if self._cameras.doubts(view.camera, view.at) else None
         gate = GATE if is_trusted or doubt is not None else 0.0  # who contradicts the others is asked, not believed
         place = _leant(self._level.states_at(view.at)[:, T], seen) - seen[:2]
         ratio = self._level.measure(Measurement(view.at, row, place, variance, gate, bias[:2]), doubt)
         if ratio is not None:
-            is_refused = bool((np.abs(ratio) > GATE).any()) and doubt is None
-            self._cameras.judged(view.camera, is_refused=is_refused)
+            self._cameras.judged(view.camera, is_refused=doubt is None and _is_outside(ratio))
             if is_trusted:
-                self._judge(float(np.mean(ratio**2)))
+                self._judge(sum(each**2 for each in ratio.tolist()) / len(ratio))
 
     def _see_tilt(self, view: TargetView, shared_by: int) -> None:
         """Take the tilt that an image shows, where it is upright and certain enough.
@@ -407,8 +410,7 @@ class Estimator:
             Measurement(view.at, row, -normal @ seen[:, None], variance, gate, bias[2:]), doubt
         )
         if ratio is not None:
-            is_refused = bool((np.abs(ratio) > GATE).any()) and doubt is None
-            self._heights.judged(view.camera, is_refused=is_refused)
+            self._heights.judged(view.camera, is_refused=doubt is None and _is_outside(ratio))
 
     def advance(self, now: float) -> None:
         """Bring the estimate up to a moment [s; monotonic].

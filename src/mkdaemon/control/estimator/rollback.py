@@ -70,7 +70,7 @@ class _Slot:
     state: Array
     covariance: Array
     drive: Sequence[float]
-    doubted: Array | None
+    doubt: Array | None
     shifted: Array
     measurements: list[tuple[float, Measurement]] = field(default_factory=list)
 
@@ -175,7 +175,9 @@ class RollbackFilter:
         """Go one step forward under an input (k,), whose variance (k,) is none where nothing is said."""
         self._come_forward(len(self._slots) - 1)
         slot = self._slots[-1]
-        slot.drive, slot.doubted = drive, doubted
+        slot.drive = drive
+        if doubted is not None:
+            slot.doubt = doubted[:, None, None] * self._doubt_of_drive
         state, covariance = self._predicted(slot)
         self._slots.append(_Slot(state, covariance, self._undriven, None, self._shifted))
         if len(self._slots) > MEMORY / STEP:
@@ -234,7 +236,7 @@ class RollbackFilter:
         if doubt is not None:
             slot.covariance = slot.covariance + doubt
         ratio = self._corrected(slot, offset, measurement)
-        self.rejected += int((np.abs(ratio) > measurement.gate).sum())
+        self.rejected += sum(abs(each) > measurement.gate for each in ratio.tolist())
         insort(slot.measurements, (offset, measurement), key=lambda entry: entry[0])
         self._known = index
         return ratio
@@ -271,8 +273,8 @@ class RollbackFilter:
             f = f + np.array(slopes)[:, None, None] * self._fed_back
         covariance: Array = f @ slot.covariance @ f.swapaxes(-1, -2)
         covariance += self._noise
-        if slot.doubted is not None:
-            covariance += slot.doubted[:, None, None] * self._doubt_of_drive
+        if slot.doubt is not None:
+            covariance += slot.doubt
         return self._moved(before, slot.drive, counts), covariance
 
     def _moved(self, state: Array, drive: Sequence[float], counts: Sequence[float] | None) -> Array:

@@ -116,10 +116,10 @@ class TargetView:
         With p the vehicle in the target frame and R its attitude, m = -R'p, so dm = -R'dp - R'[p]x dr.
         """
         r = self.target_from_flu
-        p = -r @ self.position_flu
+        p = -r.dot(self.position_flu)
         cross = np.array([[0.0, -p[2], p[1]], [p[2], 0.0, -p[0]], [-p[1], p[0], 0.0]])
-        jacobian = np.concatenate([-r.T, -r.T @ cross], axis=1)
-        covariance: Array = jacobian @ self.covariance @ jacobian.T
+        jacobian = np.concatenate([-r.T, -r.T.dot(cross)], axis=1)
+        covariance: Array = jacobian.dot(self.covariance).dot(jacobian.T)
         return covariance
 
     @cached_property

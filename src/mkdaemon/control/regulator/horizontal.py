@@ -11,6 +11,7 @@ Control 20 (1975).
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Final
@@ -114,5 +115,5 @@ class HorizontalRegulator:
         wanted = held - error @ self.gain
         if jumps is not None:
             wanted = wanted + self.preview @ jumps
-        size = float(np.hypot(*wanted))
+        size = math.hypot(*wanted.tolist())
         return wanted if size <= costs.steepest else wanted * (costs.steepest / size)
