@@ -141,10 +141,6 @@ def _leant(tilt: Array, seen: Array) -> Array:
     return shift
 
 
-def _is_outside(ratio: Array) -> bool:
-    return max(map(abs, ratio.tolist())) > GATE
-
-
 @dataclass(frozen=True, slots=True)
 class Command:
     """One stick frame in the axes of the local frame.
@@ -379,7 +375,7 @@ class Estimator:
         place = _leant(self._level.states_at(view.at)[:, T], seen) - seen[:2]
         ratio = self._level.measure(Measurement(view.at, row, place, variance, gate, bias[:2]), doubt)
         if ratio is not None:
-            self._cameras.judged(view.camera, is_refused=doubt is None and _is_outside(ratio))
+            self._cameras.judged(view.camera, is_refused=doubt is None and max(map(abs, ratio.tolist())) > GATE)
             if is_trusted:
                 self._judge(sum(each**2 for each in ratio.tolist()) / len(ratio))
 
@@ -410,7 +406,7 @@ class Estimator:
             Measurement(view.at, row, -normal @ seen[:, None], variance, gate, bias[2:]), doubt
         )
         if ratio is not None:
-            self._heights.judged(view.camera, is_refused=doubt is None and _is_outside(ratio))
+            self._heights.judged(view.camera, is_refused=doubt is None and max(map(abs, ratio.tolist())) > GATE)
 
     def advance(self, now: float) -> None:
         """Bring the estimate up to a moment [s; monotonic].

@@ -176,8 +176,7 @@ class RollbackFilter:
         self._come_forward(len(self._slots) - 1)
         slot = self._slots[-1]
         slot.drive = drive
-        if doubted is not None:
-            slot.doubt = doubted[:, None, None] * self._doubt_of_drive
+        slot.doubt = None if doubted is None else doubted[:, None, None] * self._doubt_of_drive
         state, covariance = self._predicted(slot)
         self._slots.append(_Slot(state, covariance, self._undriven, None, self._shifted))
         if len(self._slots) > MEMORY / STEP:

@@ -99,12 +99,6 @@ class TargetView:
     calibration_sd: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     @property
-    def position(self) -> Array:
-        """The vehicle in the target frame (3,) [m]."""
-        place: Array = -self.target_from_flu @ self.position_flu
-        return place
-
-    @property
     def heading(self) -> float:
         """Heading of the forward axis in the target frame, counter-clockwise from x [rad]."""
         return math.atan2(self.target_from_flu[1, 0], self.target_from_flu[0, 0])
