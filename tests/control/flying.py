@@ -2,14 +2,24 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from mkdaemon.config.control import ControlConfig
 from mkdaemon.control.admission import refusal, waits_for
+from mkdaemon.control.estimator.model import H, P
 from mkdaemon.control.flown import Flown
 from mkdaemon.control.manoeuvres.table import MANOEUVRES
 from mkdaemon.control.preflight import Preflight
 from mkdaemon.control.sight import Sight, view_of
 from mkdaemon.control.vehicle import VehicleMemory
 from mkdaemon.telemetry.control import Phase
+
+
+def placed(estimate, position):
+    """The same aircraft elsewhere."""
+    axes, vertical = estimate.axes.copy(), estimate.vertical.copy()
+    axes[:, P], vertical[H] = position[:2], position[2]
+    return replace(estimate, axes=axes, vertical=vertical)
 
 
 class Flying:

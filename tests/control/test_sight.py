@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from mkdaemon.config.autopilot import AutopilotConfig
-from mkdaemon.control.estimator.model import NO_FILTER, AircraftModel, D, T
+from mkdaemon.control.estimator.model import LEVEL_STATES, NO_FILTER, AircraftModel, D, P, T, V
 from mkdaemon.control.estimator.values import GAS_CENTRE, OURS, TargetView, ViewFault
 from mkdaemon.control.limiter import StickCounts
 from mkdaemon.control.sight import (
@@ -119,11 +119,12 @@ def test_a_stick_frame_is_taken_as_it_was_made(sight):
 
 
 def test_entry_looks_at_speed_and_offset_over_the_ground_the_least_certain_axis_and_clean_images(sight):
-    estimator = sight.estimator
+    estimator, axes = sight.estimator, np.zeros((2, LEVEL_STATES))
+    axes[:, [P, V]] = [[0.3, -0.6], [-0.4, 0.8]]
     found = replace(
         estimator.estimate(10.3),
-        position=np.array([0.3, -0.4, 1.7]),
-        velocity=np.array([-0.6, 0.8, 5.0]),
+        axes=axes,
+        vertical=np.array([1.7, 5.0, 0.0, 0.0]),
         position_sd=np.array([0.01, 0.03, 0.02]),
         age=0.3,
     )

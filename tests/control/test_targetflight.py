@@ -47,7 +47,7 @@ from mkdaemon.telemetry.state import AngleScale, Attitude
 from mksim.config import WindClass
 from mksim.physics.attitude_loop import EASY, AttitudeGains
 from tests.control.events import pose
-from tests.control.flying import Flying
+from tests.control.flying import Flying, placed
 
 CFG = AutopilotConfig()
 BASE = {"epoch": 1, "sequence": 1, "ttl": 0.3}
@@ -356,9 +356,9 @@ def test_entry_waits_for_a_fresh_image_and_a_certain_position():
 
 def test_a_place_with_a_heading_is_reached_when_the_nose_points_there(held):
     rig, _ = held
-    still = replace(rig.core._sight.estimator.estimate(CALM.seconds), position=np.array([0.0, 0.0, 2.0]), yaw=0.3)
+    still = replace(placed(rig.core._sight.estimator.estimate(CALM.seconds), (0.0, 0.0, 2.0)), yaw=0.3)
     arrival = Arrival(0.15, 1.0)
     for yaw, is_reached in ((None, True), (0.35, True), (0.6, False)):
         goal = Goal(position=np.array([0.0, 0.0, 2.0]), yaw=yaw)
-        assert not arrival.has_arrived(goal, replace(still, position=np.ones(3)), 0.0)
+        assert not arrival.has_arrived(goal, placed(still, (1.0, 1.0, 1.0)), 0.0)
         assert arrival.has_arrived(goal, still, 1.0) is is_reached

@@ -94,7 +94,7 @@ class AnswerWatch:
     @property
     def evidence(self) -> float:
         """That it does not answer, against the share with which it would answer best: `SURE` at most [nat]."""
-        return float(self._evidence.min())
+        return min(self._evidence.tolist())
 
     @property
     def expected(self) -> Array:
@@ -167,7 +167,8 @@ class AnswerWatch:
         acts = SHARES[:, None] * asked
         variance = ROUGHNESS**2 + (MODEL_ERROR * acts) ** 2
         gained = ((acts - seen) ** 2 - seen**2) / (2.0 * variance)
-        self._evidence = np.clip(self._evidence + INDEPENDENT * passed * gained.sum(axis=1), -FORGIVEN, SURE)
+        evidence = self._evidence + INDEPENDENT * passed * gained.sum(axis=1)
+        self._evidence = np.minimum(np.maximum(evidence, -FORGIVEN), SURE)
         self.is_missing = self.evidence >= SURE
         if self.is_missing:
             is_again = self._judged_at - self._back_at <= SOON
@@ -186,7 +187,7 @@ class AnswerWatch:
         while self._time + STEP <= until:
             while len(commands) > 1 and commands[1][0] <= self._time + STEP / 2.0:
                 commands.popleft()
-            self._state = self._state @ self._f.T + commands[0][1][:, None] * self._g
+            self._state = self._state.dot(self._f.T) + commands[0][1][:, None] * self._g
             self._time += STEP
             self._expected.append((self._time, self._state[:, 0].copy()))
         while len(self._expected) > 1 and self._expected[0][0] < until - REACH:

@@ -58,6 +58,7 @@ class Flown:
         self._phase: Phase | None = None
         self._left: Manoeuvre | None = None
         self._may_touch = False
+        self._admitted: NewManoeuvre | None = None
 
     # -- at the door ----------------------------------------------------------------------------------------------
 
@@ -71,12 +72,15 @@ class Flown:
             known = ", ".join(sorted(each.suffix for each in self._rows))
             raise refuse(Token.NO_GUIDANCE, name=setpoint.suffix, known=known)
         wanted, before = NewManoeuvre.by(setpoint), self.concern if phase in (Phase.FLYING, Phase.STALE) else None
+        if before is wanted.concern and wanted == self._admitted:
+            return  # who flies on as he was admitted is asked nothing that could have changed
         if phase in (Phase.UNANSWERED, Phase.ABORTED, Phase.LANDING):
             # It is not flown; it only has to be one that could be.
             before = wanted.concern
         refusal = self._admit(wanted, before, now)
         if refusal is not None:
             raise refusal
+        self._admitted = wanted
 
     @property
     def concern(self) -> Concern | None:

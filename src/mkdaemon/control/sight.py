@@ -303,4 +303,5 @@ def turned(vector: Array, yaw: float) -> Array:
 
 def triple(vector: Array) -> tuple[float, float, float]:
     """Plain numbers."""
-    return float(vector[0]), float(vector[1]), float(vector[2])
+    x, y, z = vector.tolist()
+    return x, y, z

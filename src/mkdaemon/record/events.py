@@ -61,7 +61,7 @@ def pack_event(event: Event, reply: Reply | None, key: bytes | None = None) -> b
         event = replace(event, request=request, secret=_hidden(event.secret, key))
         if reply is not None and isinstance(reply.lease, LeaseGrant):
             reply = replace(reply, lease=reply.lease.model_copy(update={"secret": _hidden(reply.lease.secret, key)}))
-    packed: bytes = msgpack.packb({"event": _plain(event), "reply": reply}, default=_plain)
+    packed: bytes = msgpack.packb({"event": _plain(event), "reply": reply}, default=_plain, buf_size=1024)
     return packed
 
 

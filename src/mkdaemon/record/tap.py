@@ -163,9 +163,8 @@ class Tap:
     ) -> None:
         sequence = self._count(kind, suffix)
         wall = self._clock.wall(at) if stamp is None else stamp.wall
-        key = self._root + suffix
-        taken = Entry(kind, key, payload, encoding, at, wall, self._base, sequence, issuer, exchange, attachment)
-        self._queue.put(taken._replace(source=source) if source else taken)
+        first = (kind, self._root + suffix, payload, encoding, at, wall, self._base, sequence)
+        self._queue.put(Entry(*first, issuer, exchange, attachment, source=source))
 
     def _count(self, kind: Kind, suffix: str) -> int:
         sequence = self._sequences.get((kind, suffix), 0) + 1

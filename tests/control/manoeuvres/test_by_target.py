@@ -21,6 +21,7 @@ from mkdaemon.control.regulator.autopilot import Goal
 from mkdaemon.control.sight import Sight
 from mkdaemon.telemetry.control import Outcome
 from mkdaemon.telemetry.setpoint import PositionSetpoint, SetpointFrame, VelocitySetpoint
+from tests.control.flying import placed
 from tests.control.manoeuvres.hovering import CFG, STEP, Hovering
 
 BASE = {"epoch": 1, "sequence": 1, "ttl": 0.3}
@@ -324,7 +325,7 @@ STILL = Hovering().watch(0.1)
 
 
 def estimate_at(aircraft, position, yaw=0.0):
-    return replace(aircraft.sight.estimator.estimate(aircraft.now), position=np.array(position), yaw=yaw)
+    return replace(placed(aircraft.sight.estimator.estimate(aircraft.now), position), yaw=yaw)
 
 
 @pytest.mark.parametrize(

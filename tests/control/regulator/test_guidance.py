@@ -20,10 +20,6 @@ from mkdaemon.control.regulator.vertical import VerticalGains, gas
 MODEL = AircraftModel()
 REST = Estimate(
     at=0.0,
-    position=np.array([0.0, 0.0, 2.0]),
-    velocity=np.zeros(3),
-    tilt=np.zeros(2),
-    disturbance=np.zeros(2),
     yaw=0.0,
     hover_gas=125.0,
     axes=np.zeros((2, LEVEL_STATES)),
@@ -38,7 +34,13 @@ def moved(**places):
     for place, value in {"p": P, "d": D}.items():
         if place in places:
             axes[:, value] = places[place]
-    return replace(REST, axes=axes, disturbance=axes[:, D])
+    return replace(REST, axes=axes)
+
+
+def leant(x, y):
+    axes = np.zeros((2, LEVEL_STATES))
+    axes[:, T] = x, y
+    return replace(REST, axes=axes)
 
 
 @pytest.mark.parametrize("distance", [0.05, 0.3, 1.0, 8.0])
@@ -84,8 +86,7 @@ def test_throttle_at_rest_is_hover_and_follows_the_error():
     gains = VerticalGains()
     assert gas(REST, 2.0, 0.0, gains) == pytest.approx(125.0)
     assert gas(REST, 2.5, 0.0, gains) > 125.0 > gas(REST, 1.5, 0.0, gains)
-    leaning = replace(REST, tilt=np.array([0.2, 0.0]))
-    assert gas(leaning, 2.0, 0.0, gains) > 125.0
+    assert gas(leant(0.2, 0.0), 2.0, 0.0, gains) > 125.0
 
 
 @given(st.floats(-0.5, 0.5))
@@ -135,7 +136,7 @@ def state(**values):
     axes = np.zeros((2, LEVEL_STATES))
     for name, value in values.items():
         axes[0, {"p": P, "v": V, "d": D, "b": B, "t": T, "th": TH}[name]] = value
-    return replace(REST, axes=axes, disturbance=axes[:, D].copy())
+    return replace(REST, axes=axes)
 
 
 def test_what_leans_the_accelerometers_and_what_pushes_is_leant_against():
@@ -188,7 +189,7 @@ def test_throttle_is_that_of_the_cascade():
 def test_throttle_leads_the_motors_and_carries_a_leaning_aircraft():
     lagging = replace(REST, vertical=np.array([0.0, 0.0, -0.1, 0.0]))
     assert (gas(lagging, 0.0, 0.0, VerticalGains()) / 125.0) ** 2 == pytest.approx(0.9 + 1.5 * 0.1)
-    leaning = replace(REST, tilt=np.array([0.3, 0.0]), vertical=np.zeros(4))
+    leaning = replace(leant(0.3, 0.0), vertical=np.zeros(4))
     assert (gas(leaning, 0.0, 0.0, VerticalGains()) / 125.0) ** 2 == pytest.approx(1.0 / math.cos(0.3), rel=0.01)
 
 
@@ -333,7 +334,7 @@ def test_a_tilt_that_is_too_steep_keeps_its_direction():
     ],
 )
 def test_throttle_stays_within_what_motors_can_follow(vertical, tilt, share):
-    asked = gas(replace(REST, vertical=np.array(vertical), tilt=np.array([0.0, tilt])), 0.0, 0.0, VerticalGains())
+    asked = gas(replace(leant(0.0, tilt), vertical=np.array(vertical)), 0.0, 0.0, VerticalGains())
     assert asked == pytest.approx(125.0 * math.sqrt(share))
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from mkdaemon.control.estimator.model import P, V
 from mkdaemon.control.estimator.values import Estimate
 from mkdaemon.control.manoeuvres.land import LARGEST_CUSHION, Fall, Landing, LandingLimits, LandingPhase
 
@@ -14,17 +15,14 @@ STEP = 0.02
 
 def estimate(at, height, *, climb=-0.28, age=0.1, sd=0.01, thrust=0.81, east=0.0):
     """The aircraft with its feet at a height [m] over the target."""
-    vertical = np.array([height + LIMITS.stand_height, climb, thrust - 1.0, 0.0])
+    axes = np.zeros((2, 9))
+    axes[0, P] = east
     return Estimate(
         at=at,
-        position=np.array([east, 0.0, height + LIMITS.stand_height]),
-        velocity=np.array([0.0, 0.0, climb]),
-        tilt=np.zeros(2),
-        disturbance=np.zeros(2),
         yaw=0.0,
         hover_gas=125.0,
-        axes=np.zeros((2, 9)),
-        vertical=vertical,
+        axes=axes,
+        vertical=np.array([height + LIMITS.stand_height, climb, thrust - 1.0, 0.0]),
         position_sd=np.array([0.01, 0.01, sd]),
         age=age,
     )
@@ -100,7 +98,7 @@ def test_the_cushion_is_bounded_where_the_rotors_are_as_low_as_they_get():
 def phase_after(height, *, east=0.0, speed=0.0, age=0.1, sd=0.01):
     """Where a landing stands after one look at the aircraft."""
     seen = estimate(0.0, height, climb=0.0, age=age, sd=sd, east=east)
-    seen.velocity[0] = speed
+    seen.axes[0, V] = speed
     landing = Landing(LIMITS, seen)
     landing.goal(seen, None, STEP)
     return landing.phase

@@ -207,9 +207,9 @@ def _estimate(now: Situation, wanted: NewManoeuvre) -> Verdict:
 
 
 def _frame(now: Situation, wanted: NewManoeuvre) -> Verdict:
-    is_home = wanted.frame is SetpointFrame.HOME
-    refusal = refuse(Token.NO_FRAME, name=f"setpoint/{wanted.concern}", frame=SetpointFrame.HOME.value)
-    return when(refusal if is_home else None)
+    if wanted.frame is not SetpointFrame.HOME:
+        return passed()
+    return stands(refuse(Token.NO_FRAME, name=f"setpoint/{wanted.concern}", frame=SetpointFrame.HOME.value))
 
 
 def _on_ground(now: Situation) -> Verdict:

@@ -15,7 +15,7 @@ from typing import Final
 import numpy as np
 
 from mkdaemon.config.control import HIGHEST_HOVER, LOWEST_HOVER
-from mkdaemon.control.estimator.model import GRAVITY, LEVEL_STATES, TH, AircraftModel, D, E, H, P, S, T, V
+from mkdaemon.control.estimator.model import GRAVITY, LEVEL_STATES, TH, AircraftModel, E, H, P, S, T, V
 from mkdaemon.control.estimator.rollback import GATE, MEMORY, STEP, Measurement, RollbackFilter
 from mkdaemon.control.estimator.stickresponse import StickResponse
 from mkdaemon.control.estimator.tuning import NOMINAL, ROBUST, Tuning
@@ -263,9 +263,8 @@ class Estimator:
     @property
     def motion_covariance(self) -> Array:
         """Of x, y, z (3, 3): variance of position [m2], covariance with velocity [m2/s], variance of that [m2/s2]."""
-        upright = self._vertical.covariances[0]
-        rows = [(each[P, P], each[P, V], each[V, V]) for each in self._level.covariances]
-        found = np.array([*rows, (upright[H, H], upright[H, S], upright[S, S])])
+        level, upright = self._level.covariances, self._vertical.covariances[0]
+        found = np.array([*level[:, [P, P, V], [P, V, V]], upright[[H, H, S], [H, S, S]]])
         found[:, 0] += self._calibration
         return found
 
@@ -352,12 +351,12 @@ class Estimator:
             self._align(view)
             self._seen_at = max(self._seen_at, min(view.at, now))
         turn = self._turn_matrix(view.at)
-        seen, spread = turn @ view.position_flu, turn @ view.sight_covariance @ turn.T
-        common = turn @ view.calibration_covariance @ turn.T
+        seen, spread = turn.dot(view.position_flu), turn.dot(view.sight_covariance).dot(turn.T)
+        common = turn.dot(view.calibration_covariance).dot(turn.T)
         if is_trusted:
-            self._calibration = np.diag(common) / shared_by
+            self._calibration = common.diagonal() / shared_by
         # What all images of one camera have in common is no noise, and where there is another, it has its own.
-        spread, bias = spread - common, np.diag(common) * (0.0 if shared_by == 1 else 2.0)
+        spread, bias = spread - common, common.diagonal() * (0.0 if shared_by == 1 else 2.0)
         self._see_place(view, seen, spread, bias, is_trusted=is_trusted)
         if is_trusted:
             self._see_tilt(view, shared_by)
@@ -366,20 +365,19 @@ class Estimator:
     def _see_place(self, view: TargetView, seen: Array, spread: Array, bias: Array, *, is_trusted: bool) -> None:
         """Take the horizontal place (3,) of the target, as if level [m], its covariance (3, 3), its bias' (3,)."""
         tuning = self._tuning
-        speed = float(np.abs(self._level.states[:, V]).max())
+        speed = max(map(abs, self._level.states[:, V].tolist()))
         timing = (speed * tuning.stamp_sd) ** 2
         row = np.zeros(LEVEL_STATES)
         row[P], row[T] = 1.0, seen[2]
-        variance = np.diag(spread)[:2].clip(min=0.0) + tuning.view_floor**2 + timing
+        variance = np.maximum(spread.diagonal()[:2], 0.0) + tuning.view_floor**2 + timing
         doubt = tuning.doubt if self._cameras.doubts(view.camera, view.at) else None
         gate = GATE if is_trusted or doubt is not None else 0.0  # who contradicts the others is asked, not believed
         place = _leant(self._level.states_at(view.at)[:, T], seen) - seen[:2]
         ratio = self._level.measure(Measurement(view.at, row, place, variance, gate, bias[:2]), doubt)
         if ratio is not None:
-            is_refused = bool((np.abs(ratio) > GATE).any()) and doubt is None
-            self._cameras.judged(view.camera, is_refused=is_refused)
+            self._cameras.judged(view.camera, is_refused=doubt is None and max(map(abs, ratio.tolist())) > GATE)
             if is_trusted:
-                self._judge(float(np.mean(ratio**2)))
+                self._judge(sum(each**2 for each in ratio.tolist()) / len(ratio))
 
     def _see_tilt(self, view: TargetView, shared_by: int) -> None:
         """Take the tilt that an image shows, where it is upright and certain enough.
@@ -408,8 +406,7 @@ class Estimator:
             Measurement(view.at, row, -normal @ seen[:, None], variance, gate, bias[2:]), doubt
         )
         if ratio is not None:
-            is_refused = bool((np.abs(ratio) > GATE).any()) and doubt is None
-            self._heights.judged(view.camera, is_refused=is_refused)
+            self._heights.judged(view.camera, is_refused=doubt is None and max(map(abs, ratio.tolist())) > GATE)
 
     def advance(self, now: float) -> None:
         """Bring the estimate up to a moment [s; monotonic].
@@ -426,28 +423,21 @@ class Estimator:
         while self._level.time + STEP <= now:
             middle = self._level.time + STEP / 2.0
             acting, before = self._commands.at(middle), self._commands.at(middle - LOST_FOR)
-            tilt = np.array(acting.tilt)
-            self._level.advance(tilt, LOST * (tilt - before.tilt) ** 2)
-            self._vertical.advance(np.array([acting.thrust]))
+            self._level.advance(acting.tilt, LOST * np.subtract(acting.tilt, before.tilt) ** 2)
+            self._vertical.advance((acting.thrust,))
 
     def estimate(self, at: float) -> Estimate:
         """Return the estimate at a moment, which may lie ahead: the commands under way are known [s; monotonic]."""
         self.advance(at - MEMORY)
         steps = max(0, round((at - self._level.time) / STEP))
         acting = [self._commands.at(self._level.time + (k + 0.5) * STEP) for k in range(steps)]
-        axes = self._level.ahead(np.array([command.tilt for command in acting]).reshape(-1, 2))
-        upright = self._vertical.ahead(np.array([[command.thrust] for command in acting]).reshape(-1, 1))[0]
         variances = np.array([*self._level.covariances[:, P, P], self._vertical.covariances[0, H, H]])
         return Estimate(
             at=at,
-            position=np.array([axes[0, P], axes[1, P], upright[H]]),
-            velocity=np.array([axes[0, V], axes[1, V], upright[S]]),
-            tilt=axes[:, T].copy(),
-            disturbance=axes[:, D].copy(),
             yaw=self._heading_at(at),
             hover_gas=self.hover_gas,
-            axes=axes,
-            vertical=upright,
+            axes=self._level.ahead([command.tilt for command in acting]),
+            vertical=self._vertical.ahead([(command.thrust,) for command in acting])[0],
             position_sd=np.sqrt(variances + self._calibration),
             age=at - self._seen_at,
         )

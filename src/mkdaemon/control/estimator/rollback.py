@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import math
 from bisect import insort
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -68,8 +69,8 @@ class _Slot:
 
     state: Array
     covariance: Array
-    drive: Array
-    doubted: Array | None
+    drive: Sequence[float]
+    doubt: Array | None
     shifted: Array
     measurements: list[tuple[float, Measurement]] = field(default_factory=list)
 
@@ -111,7 +112,7 @@ class RollbackFilter:
         self._take_dynamics(f, g, counted)
         self._first = math.floor(now / STEP)
         axes = len(states)
-        self._undriven = np.zeros(axes)
+        self._undriven = (0.0,) * axes
         self._shifted = np.zeros(states.shape)
         covariances = np.repeat(covariance[None], axes, axis=0)
         self._slots = [_Slot(states.copy(), covariances, self._undriven, None, self._shifted)]
@@ -170,11 +171,12 @@ class RollbackFilter:
         self._shifted = self._shifted.copy()
         self._shifted[:, place] += amounts
 
-    def advance(self, drive: Array, doubted: Array | None = None) -> None:
+    def advance(self, drive: Sequence[float], doubted: Array | None = None) -> None:
         """Go one step forward under an input (k,), whose variance (k,) is none where nothing is said."""
         self._come_forward(len(self._slots) - 1)
         slot = self._slots[-1]
-        slot.drive, slot.doubted = drive, doubted
+        slot.drive = drive
+        slot.doubt = None if doubted is None else doubted[:, None, None] * self._doubt_of_drive
         state, covariance = self._predicted(slot)
         self._slots.append(_Slot(state, covariance, self._undriven, None, self._shifted))
         if len(self._slots) > MEMORY / STEP:
@@ -233,12 +235,12 @@ class RollbackFilter:
         if doubt is not None:
             slot.covariance = slot.covariance + doubt
         ratio = self._corrected(slot, offset, measurement)
-        self.rejected += int((np.abs(ratio) > measurement.gate).sum())
+        self.rejected += sum(abs(each) > measurement.gate for each in ratio.tolist())
         insort(slot.measurements, (offset, measurement), key=lambda entry: entry[0])
         self._known = index
         return ratio
 
-    def ahead(self, drives: Array) -> Array:
+    def ahead(self, drives: Sequence[Sequence[float]]) -> Array:
         """Return the states (k, n) after further steps under inputs (steps, k), without changing anything."""
         state, counted = self.states, self._counted
         deviations = [] if counted is None or not len(drives) else counted.deviations(self.covariances)
@@ -270,13 +272,13 @@ class RollbackFilter:
             f = f + np.array(slopes)[:, None, None] * self._fed_back
         covariance: Array = f @ slot.covariance @ f.swapaxes(-1, -2)
         covariance += self._noise
-        if slot.doubted is not None:
-            covariance += slot.doubted[:, None, None] * self._doubt_of_drive
+        if slot.doubt is not None:
+            covariance += slot.doubt
         return self._moved(before, slot.drive, counts), covariance
 
-    def _moved(self, state: Array, drive: Array, counts: list[float] | None) -> Array:
+    def _moved(self, state: Array, drive: Sequence[float], counts: Sequence[float] | None) -> Array:
         """The states (k, n) one step later under inputs (k,) and mean counts (k,)."""
-        inputs = [drive.tolist()] if counts is None else [drive.tolist(), counts]
+        inputs = [drive] if counts is None else [drive, counts]
         after: Array = state.dot(self._f.T)
         after += np.array(inputs).T.dot(self._inputs)
         return after

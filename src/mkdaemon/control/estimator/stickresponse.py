@@ -28,7 +28,8 @@ from mkdaemon.control.linear import Array, discretise
 
 STEP: Final = 0.010
 """Grid of the responses, and of the delays [s]."""
-LAGS: Final = np.arange(-3, 7) * STEP
+_LAG_STEPS: Final = np.arange(-3, 7)
+LAGS: Final = _LAG_STEPS * STEP
 """Delays of sticks and reports together, over what is believed of the line [s]."""
 MEMORY: Final = 4.0
 """What is older counts less than a third [s]."""
@@ -129,7 +130,7 @@ class StickResponse:
         """Compare a report with what every hypothesis expects."""
         newest = (at - self._time) / STEP + len(self._expected) - 1  # place of the moment itself
         first = math.floor(newest)
-        place = first - np.arange(len(LAGS)) - round(float(LAGS[0]) / STEP)
+        place = first - _LAG_STEPS
         if place[-1] < 0 or place[0] + 1 > len(self._expected):
             return
         later = np.minimum(place + 1, len(self._expected) - 1)
@@ -153,7 +154,7 @@ class StickResponse:
 
     def _judge(self) -> None:
         """Choose the filter, and weigh the delays."""
-        fitted = self._products.clip(min=0.0) ** 2 / np.maximum(self._squares, 1e-12)
+        fitted = np.maximum(self._products, 0.0) ** 2 / np.maximum(self._squares, 1e-12)
         left = np.maximum(self._reported - fitted, 0.0) + LEAST_LEFT**2 * self._seen
         likelihood = -0.5 * INDEPENDENT * self._seen * np.log(left) + self._prior
         best = likelihood.max(axis=1)
@@ -188,7 +189,7 @@ class StickResponse:
             while len(self._commands) > 1 and self._commands[1][0] <= self._time + STEP / 2.0:
                 self._commands.popleft()
             drive = self._commands[0][1]
-            self._state = self._state @ self._f + drive[:, None] * self._g
+            self._state = np.matmul(self._state, self._f) + drive[:, None] * self._g
             self._time += STEP
             self._expected[:-1] = self._expected[1:]
             self._expected[-1] = self._state[:, :, 0]

@@ -10,6 +10,7 @@ from typing import Final
 
 import numpy as np
 
+from mkdaemon.control.estimator.model import D, H, P, S, T, V
 from mkdaemon.control.linear import Array
 
 GAS_CENTRE: Final = 127.0
@@ -98,12 +99,6 @@ class TargetView:
     calibration_sd: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     @property
-    def position(self) -> Array:
-        """The vehicle in the target frame (3,) [m]."""
-        place: Array = -self.target_from_flu @ self.position_flu
-        return place
-
-    @property
     def heading(self) -> float:
         """Heading of the forward axis in the target frame, counter-clockwise from x [rad]."""
         return math.atan2(self.target_from_flu[1, 0], self.target_from_flu[0, 0])
@@ -115,10 +110,10 @@ class TargetView:
         With p the vehicle in the target frame and R its attitude, m = -R'p, so dm = -R'dp - R'[p]x dr.
         """
         r = self.target_from_flu
-        p = -r @ self.position_flu
+        p = -r.dot(self.position_flu)
         cross = np.array([[0.0, -p[2], p[1]], [p[2], 0.0, -p[0]], [-p[1], p[0], 0.0]])
-        jacobian = np.concatenate([-r.T, -r.T @ cross], axis=1)
-        covariance: Array = jacobian @ self.covariance @ jacobian.T
+        jacobian = np.concatenate([-r.T, -r.T.dot(cross)], axis=1)
+        covariance: Array = jacobian.dot(self.covariance).dot(jacobian.T)
         return covariance
 
     @cached_property
@@ -186,26 +181,38 @@ class Estimate:
 
     Attributes:
         at: [s; monotonic].
-        position: (3,) [m].
-        velocity: relative to the target (3,) [m/s].
-        tilt: true tilt towards x and y, the way it accelerates (2,) [rad].
-        disturbance: acceleration that the model does not explain, x and y (2,) [m/s2].
         yaw: heading of the body's forward axis, counter-clockwise from x [rad].
         hover_gas: throttle that carries the aircraft [count of 254].
-        axes: whole state of both horizontal axes (2, 9), for the regulator.
+        axes: whole state of both horizontal axes (2, 9).
         vertical: whole state of the vertical axis (4,).
         position_sd: standard deviation of the position (3,) [m].
         age: time since the last image that was used [s]; infinite before the first.
     """
 
     at: float
-    position: Array
-    velocity: Array
-    tilt: Array
-    disturbance: Array
     yaw: float
     hover_gas: float
     axes: Array
     vertical: Array
     position_sd: Array
     age: float
+
+    @property
+    def position(self) -> Array:
+        """Where it is (3,) [m]."""
+        return np.array([*self.axes[:, P], self.vertical[H]])
+
+    @property
+    def velocity(self) -> Array:
+        """Relative to the target (3,) [m/s]."""
+        return np.array([*self.axes[:, V], self.vertical[S]])
+
+    @property
+    def tilt(self) -> Array:
+        """True tilt towards x and y, the way it accelerates (2,) [rad]."""
+        return self.axes[:, T]
+
+    @property
+    def disturbance(self) -> Array:
+        """Acceleration that the model does not explain, x and y (2,) [m/s2]."""
+        return self.axes[:, D]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -40,11 +41,11 @@ class WholeNumbers:
         means = states.dot(self.row).tolist()
         return [_linearised(*each)[0] for each in zip(means, deviations, strict=True)]
 
-    def linearised(self, states: Array, covariances: Array) -> tuple[list[float], list[float]]:
+    def linearised(self, states: Array, covariances: Array) -> tuple[Sequence[float], Sequence[float]]:
         """Return mean count (k,) and its slope (k,) for states (k, n) with covariances (k, n, n)."""
         means = states.dot(self.row).tolist()
-        axes = [_linearised(*each) for each in zip(means, self.deviations(covariances), strict=True)]
-        return [count for count, _ in axes], [slope for _, slope in axes]
+        counts, slopes = zip(*map(_linearised, means, self.deviations(covariances)), strict=True)
+        return counts, slopes
 
 
 def _linearised(mean: float, deviation: float) -> tuple[float, float]:

@@ -110,9 +110,9 @@ class ByTarget(ABC):
 
     def _inside_fence(self, wanted: Array) -> Array:
         """The nearest place inside the fence (3,) [m]."""
-        cfg = self._cfg
-        level = wanted[:2] * min(1.0, cfg.fence_radius / max(float(np.hypot(*wanted[:2])), 1e-9))
-        return np.array([*level, min(max(float(wanted[2]), cfg.fence_floor), cfg.fence_height)])
+        cfg, (x, y, z) = self._cfg, triple(wanted)
+        share = min(1.0, cfg.fence_radius / max(math.hypot(x, y), 1e-9))
+        return np.array([x * share, y * share, min(max(z, cfg.fence_floor), cfg.fence_height)])
 
 
 class ToGoal(ByTarget):
@@ -145,7 +145,7 @@ class Arrival:
         """Take where to be and where the aircraft is; whether it has arrived."""
         wanted = triple(goal.position)
         is_turned = goal.yaw is None or abs(math.remainder(estimate.yaw - goal.yaw, math.tau)) <= TURNED
-        is_near = float(np.linalg.norm(estimate.position - goal.position)) <= self._within
+        is_near = math.dist(triple(estimate.position), wanted) <= self._within
         if wanted != self._place or not is_near or not is_turned:
             self._place, self._away_at = wanted, now
         return now - self._away_at >= self._settled

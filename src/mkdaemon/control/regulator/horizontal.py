@@ -11,6 +11,7 @@ Control 20 (1975).
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Final
@@ -106,7 +107,7 @@ class HorizontalRegulator:
         velocity = reference.velocity[:2]
         pushed = (drag * velocity - estimate.disturbance) / GRAVITY
         held = pushed + estimate.axes[:, B]
-        error[:, P] = np.clip(error[:, P] - reference.position[:2], -costs.reach, costs.reach)
+        error[:, P] = np.minimum(np.maximum(error[:, P] - reference.position[:2], -costs.reach), costs.reach)
         error[:, V] -= velocity
         error[:, T] -= pushed + reference.acceleration[:2] / GRAVITY
         error[:, TH] -= held
@@ -114,5 +115,5 @@ class HorizontalRegulator:
         wanted = held - error @ self.gain
         if jumps is not None:
             wanted = wanted + self.preview @ jumps
-        size = float(np.hypot(*wanted))
+        size = math.hypot(*wanted.tolist())
         return wanted if size <= costs.steepest else wanted * (costs.steepest / size)

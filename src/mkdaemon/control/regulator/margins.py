@@ -48,7 +48,6 @@ FLIGHT_WIND: Final = 2.0
 HOVER_DOUBT: Final = 0.1
 """Thrust it must make up for, either way: an aircraft heavier or lighter than believed [share of the weight]."""
 _NOWHERE: Final = np.zeros(3)
-_LEVEL: Final = np.zeros(2)
 _UNMOVED: Final = np.zeros((2, LEVEL_STATES))
 _AT_REST: Final = np.zeros(4)
 
@@ -241,10 +240,6 @@ def _known_state(axes: Array, vertical: Array, hover: float = 0.0) -> Estimate:
     """The true state, as the regulators take it."""
     return Estimate(
         at=0.0,
-        position=_NOWHERE,
-        velocity=_NOWHERE,
-        tilt=_LEVEL,
-        disturbance=axes[:, D],
         yaw=0.0,
         hover_gas=hover,
         axes=axes,

@@ -293,7 +293,7 @@ class TransmitScheduler:
         return entry
 
     def _expire(self, now: float) -> None:
-        for queue in self._queues.values():
+        for queue in filter(None, self._queues.values()):
             late = [entry for entry in queue if entry.deadline < now]
             for entry in late:
                 queue.remove(entry)
