@@ -143,7 +143,7 @@ class FoundEdges:
         return np.asarray(blur / blur.mean())
 
 
-def find_edges(pixels: Grey, samples: Samples, *, is_near: bool = True) -> FoundEdges:
+def find_edges(pixels: Grey, samples: Samples) -> FoundEdges:
     """Find each edge along its normal.
 
     The grey values along a normal are g(s), their slope g'(s) > 0 towards the bright side. The edge lies at the centre
@@ -177,13 +177,12 @@ def find_edges(pixels: Grey, samples: Samples, *, is_near: bool = True) -> Found
         centre = _centre(slope, place, centre, peak, widths)
     found = steep & (np.abs(centre) < samples.reach)
     trust, room = np.ones(len(found)), np.ones(len(found))
-    if is_near:
-        # A fit that is not yet near its place has other edges beside these.
+    if samples.are_near:
         either *= (np.abs(place[:, None] - centre) > widths) & (away <= samples.reach + STEP_PX)
         trust = _trust(either.max(axis=0), peak, area * peak, found, cut)
         room /= 1.0 + (LIMITS.cells.melted_widths * widths / samples.cell_px) ** MELTING
         room /= room.max()
-    light = _light_shift(samples, sides, widths / HALF_WIDTH, found, found & cut, found & large & is_near)
+    light = _light_shift(samples, sides, widths / HALF_WIDTH, found, found & cut, found & large & samples.are_near)
     # An edge that was moved far is exact no more.
     trust /= 1.0 + (light.moved / (HALF * LIMITS.edges.located_px)) ** 2
     # What lies wholly in a highlight says nothing for a pose or against it. Where the paper itself is blown a missing

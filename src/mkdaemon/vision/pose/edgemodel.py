@@ -76,6 +76,7 @@ class Samples:
         reach: how far along the normal the edge may be `(n,)` [px].
         cell_px: side of its cells along the normal `(n,)` [px].
         upright: whether a move along x of the target shifts it `(n,)`, rather than one along y.
+        are_near: whether they are about in their place; before, other edges lie beside these.
     """
 
     index: npt.NDArray[np.intp]
@@ -84,6 +85,7 @@ class Samples:
     reach: Array
     cell_px: Array
     upright: npt.NDArray[np.bool_]
+    are_near: bool = True
 
 
 def seen_across(pixels: Array) -> tuple[Array, Array]:

@@ -22,7 +22,7 @@ import numpy as np
 
 from mkdaemon.vision.arrays import Array, Bools, Grey
 from mkdaemon.vision.limits import HALF, LIMITS, NOISE_GREY
-from mkdaemon.vision.pose.edgestep import MAD
+from mkdaemon.vision.pose.edgefit import MAD
 from mkdaemon.vision.pose.pose import Pose, correlation, damped, inverted, length2, median
 from mkdaemon.vision.pose.printmodel import BOX, PrintModel, PrintSamples, principal
 from mkdaemon.vision.pose.projection import Projection

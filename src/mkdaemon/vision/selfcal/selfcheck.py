@@ -35,9 +35,8 @@ from mkdaemon.vision.arrays import Array, Grey
 from mkdaemon.vision.camera.calibration_file import Camera, mount_rotation
 from mkdaemon.vision.limits import LIMITS, SELFCAL
 from mkdaemon.vision.pose.bend import Bend
-from mkdaemon.vision.pose.edgefit import EdgeFit, shifts
+from mkdaemon.vision.pose.edgefit import EdgeFit, EdgeStep, shifts
 from mkdaemon.vision.pose.edgemodel import Samples
-from mkdaemon.vision.pose.edgestep import EdgeStep
 from mkdaemon.vision.pose.pose import FLOOR_RANGE, Pose, damped, turn
 from mkdaemon.vision.pose.prints import sheet_of
 from mkdaemon.vision.pose.projection import Projection
@@ -128,7 +127,7 @@ class EvidenceMaker:
         if self._projection.shutter.rolls:
             shared += ROLLING_PX**2
         every = Unknowns([Unknown("every", np.column_stack([shifted, columns]).T)])
-        step = EdgeStep.solve(every, samples, replace(edges, offsets=offsets), 0.0)
+        step = EdgeStep(every, samples, replace(edges, offsets=offsets), 0.0)
         # No residual shows what edges share.
         weights = step.weights / (step.variance + shared)
         weighted = shifted * weights[:, None]
