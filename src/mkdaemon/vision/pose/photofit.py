@@ -25,12 +25,12 @@ import numpy as np
 from mkdaemon.vision.arrays import Array, Grey
 from mkdaemon.vision.limits import APART2, LIMITS
 from mkdaemon.vision.pose.edgefind import HALF_WIDTH
-from mkdaemon.vision.pose.photostep import PhotoStep, PhotoStepper
+from mkdaemon.vision.pose.photostep import Part, PhotoStep, lit_print, matched, of_all
 from mkdaemon.vision.pose.pose import Pose, apart, length2
 from mkdaemon.vision.pose.printmodel import PrintModel, principal
 from mkdaemon.vision.pose.prints import Prints
 from mkdaemon.vision.pose.projection import Projection
-from mkdaemon.vision.pose.unknowns import Level, Prior, State, not_arrived
+from mkdaemon.vision.pose.unknowns import Level, Prior, State, Unknown, not_arrived
 from mkdaemon.vision.tags.tagmap import Target
 
 START_BLUR_PX = 0.7
@@ -65,7 +65,6 @@ class PhotoFit:
         self._target, self._projection = target, projection
         self._halved: PhotoFit | None = None
         self.prints = Prints(target, projection)
-        self._stepper = PhotoStepper(projection)
         self._shutter = projection.shutter
 
     def fit(
@@ -89,12 +88,31 @@ class PhotoFit:
             The pose, `rms_px` being the residual over the contrast; none when the print is not in full view, too large
             for this method, or does not resemble the image where the fit starts.
         """
-        if self._is_coarse(start, blur_px):
-            return self._fit_halved(pixels, start, iterations, level, blur_px)
-        return self.fit_whole(pixels, start, iterations, level, blur_px)
+        # Cells of half the size are still fitted by grey values where a streak or a steep view has melted them.
+        cells = LIMITS.cells
+        shortest = self.prints.cell_px(start) * float(np.cos(self.prints.looked_at(start)[2]))
+        is_melted = blur_px is not None and shortest < cells.melted_widths * HALF_WIDTH * blur_px
+        if shortest < (cells.mixed_px if is_melted else 2.0 * cells.photometric_px):
+            return self.fit_whole(pixels, start, iterations, level, blur_px)
+        # A quarter of the pixels.
+        if self._halved is None:
+            self._halved = PhotoFit(self._target, self._projection.halved())
+        height, width = pixels.shape
+        whole = pixels[: height // 2 * 2, : width // 2 * 2]
+        half = np.asarray(cv2.resize(whole, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+        begin = replace(start, blur_px=None if start.blur_px is None else start.blur_px / 2)
+        found = self._halved.fit_whole(half, begin, iterations, level, None if blur_px is None else blur_px / 2)
+        if found is None or found.blur_px is None:
+            return None
+        return replace(found, rms_px=2.0 * found.rms_px, blur_px=2.0 * found.blur_px)
 
     def fit_whole(
-        self, pixels: Grey, start: Pose, iterations: int, level: Level | None = None, blur_px: float | None = None
+        self,
+        pixels: Grey,
+        start: Pose,
+        iterations: int = STEPS,
+        level: Level | None = None,
+        blur_px: float | None = None,
     ) -> Pose | None:
         """The same on all pixels, however large the cells are; see `fit`."""
         if blur_px is None:
@@ -111,29 +129,6 @@ class PhotoFit:
         if shown and set(shown) != set(near):
             found = self._fit(pixels, shown, found[0], prior, iterations)
         return None if found is None or not shown else self._with_missing(found[1], seen, shown)
-
-    def _is_coarse(self, start: Pose, blur_px: float | None) -> bool:
-        """Whether cells of half the size are still fitted by grey values: a streak or a steep view has melted them."""
-        cells = LIMITS.cells
-        shortest = self.prints.cell_px(start) * float(np.cos(self.prints.looked_at(start)[2]))
-        is_melted = blur_px is not None and shortest < cells.melted_widths * HALF_WIDTH * blur_px
-        return shortest >= (cells.mixed_px if is_melted else 2.0 * cells.photometric_px)
-
-    def _fit_halved(
-        self, pixels: Grey, start: Pose, iterations: int, level: Level | None, blur_px: float | None
-    ) -> Pose | None:
-        """The fit on an image of half the size: a quarter of the pixels."""
-        if self._halved is None:
-            self._halved = PhotoFit(self._target, self._projection.halved())
-        height, width = pixels.shape
-        whole = pixels[: height // 2 * 2, : width // 2 * 2]
-        half = np.asarray(cv2.resize(whole, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA), dtype=np.uint8)
-        begin = replace(start, blur_px=None if start.blur_px is None else start.blur_px / 2)
-        found = self._halved.fit_whole(half, begin, iterations, level, None if blur_px is None else blur_px / 2)
-        if found is None:
-            return None
-        blur = None if found.blur_px is None else 2.0 * found.blur_px
-        return replace(found, rms_px=2.0 * found.rms_px, blur_px=blur)
 
     def shows(self, pixels: Grey, pose: Pose) -> tuple[PrintModel, ...]:
         """Prints that the image clearly shows where a pose puts them."""
@@ -162,7 +157,7 @@ class PhotoFit:
         damping, last, left = FIRST_DAMPING, np.inf, np.inf
         best: tuple[State, PhotoStep] | None = None
         for _ in range(iterations):
-            step = self._stepper.step(pixels, prints, at, prior)
+            step = self.step(pixels, prints, at, prior)
             if step is None or (best is None and step.match < LIMITS.likeness.alike):
                 return None
             # Pixels that come and go at the rim change the cost, too, and a valley that bends lies beyond a rise: then
@@ -193,9 +188,40 @@ class PhotoFit:
         fitted = step.pose(at, prior)
         return at, not_arrived(fitted, step.to_go) if left > UNSETTLED else fitted
 
+    def step(self, pixels: Grey, prints: Sequence[PrintModel], at: State, prior: Prior) -> PhotoStep | None:
+        """One step; pose, spread and motion are those of all prints, each has its own light.
+
+        None where no print is seen whole.
+        """
+        parts = [part for part in (self._part(pixels, model, at) for model in prints) if part is not None]
+        if not parts:
+            return None
+        contrast = of_all([part.contrast for part in parts])
+        by_point = contrast * of_all([part.at.by_point for part in parts])
+        middle = (self._projection.intrinsics.height - 1) / 2
+        times = (of_all([part.at.row for part in parts]) - middle) * self._projection.line_time
+        sheet = self.prints.sheet
+        heights = None if sheet is None else sheet.heights(*(prints[0].cell * parts[0].at.place))
+        # Columns that lie together in memory are added and multiplied faster than rows of three.
+        table = prior.table(at, by_point.T, of_all([part.at.arm for part in parts]).T, times, heights)
+        table.insert(2, Unknown("spread", contrast * of_all([part.at.by_spread for part in parts])))
+        light, row, end = np.zeros((sum(len(part.gain) for part in parts), contrast.size)), 0, 0
+        for part in parts:
+            start, end = end, end + part.at.grey.size
+            light[row : row + len(part.gain), start:end] = part.columns
+            row += len(part.gain)
+        return PhotoStep(parts, [*table, Unknown("light", light)], at)
+
+    def _part(self, pixels: Grey, model: PrintModel, at: State) -> Part | None:
+        """What one print says; none where it is not in full view, or too few of its pixels are."""
+        seen = model.samples(pixels, at.rotation, at.position, at.spread, at.motion)
+        part = None if seen is None else lit_print(seen)
+        return part if part is not None and part.at.grey.size >= LIMITS.photo.min_window_px**2 else None
+
     def _alike(self, pixels: Grey, prints: Sequence[PrintModel], at: State, least: float) -> tuple[PrintModel, ...]:
         """Of several prints those that the image shows at a state: hidden and missed ones would lead a fit astray."""
-        return tuple(model for model in prints if self._stepper.match(pixels, model, at) >= least)
+        parts = [(model, self._part(pixels, model, at)) for model in prints]
+        return tuple(model for model, part in parts if part is not None and matched([part], part.residual) >= least)
 
     def resembles(self, grey: Pose) -> bool:
         """Whether the model of a fit to grey values looks like the image."""
@@ -224,7 +250,7 @@ class PhotoFit:
         cell_px = self.prints.cell_px(pose)
         if self._shutter.rolls or pose.source != "edges" or cell_px > limits.cells.small_px or pose.inliers < whole:
             return pose
-        grey = self.fit_whole(pixels, pose, STEPS)
+        grey = self.fit_whole(pixels, pose)
         if grey is None or not self.explains(grey):
             return pose
         if float(np.linalg.det(grey.covariance)) >= float(np.linalg.det(pose.covariance)):
