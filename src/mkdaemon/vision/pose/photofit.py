@@ -36,21 +36,15 @@ from mkdaemon.vision.tags.tagmap import Target
 START_BLUR_PX = 0.7
 BLUR_PX = (0.35, 12.0)
 """Point spread that is modelled, deviation [px]: streaks up to 41 px."""
-MAX_BLUR_STEP = 0.8
-"""Most its variance changes in one step [px^2], or as much as it is."""
 FIRST_DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-3, 1e-7, 1e-2
 """Levenberg's share of the diagonal: at first, at least, and the last from which a worse step is tried again."""
 EASE, TIGHTEN = 0.3, 30.0
 """Factors on the damping after a better and a worse step."""
 SAME_COST = 3e-4
 """A step that lowers the cost by a smaller share ends the fit."""
-WORSE_COST = 1.003
-"""A step whose cost rises by less is no worse: the fit has settled."""
 NEARER = 0.25
 """A state from which the next step is half as long is nearer, whatever its cost: of squared lengths. The natural
 monotonicity test of Deuflhard, Newton Methods for Nonlinear Problems, Springer 2004, 3.3."""
-UNSETTLED = 1.0
-"""Squared deviations from its place from which a fit that ended has not arrived."""
 STEPS = 8
 """Of a fit; four are usual, a streak of 20 px takes eight. With five 6 of 9,536 images were lost, with 10
 to 20 none was won."""
@@ -146,12 +140,7 @@ class PhotoFit:
         return replace(pose, inliers=share * pose.inliers, loss=loss)
 
     def _fit(
-        self,
-        pixels: Grey,
-        prints: Sequence[PrintModel],
-        at: State,
-        prior: Prior,
-        iterations: int,
+        self, pixels: Grey, prints: Sequence[PrintModel], at: State, prior: Prior, iterations: int
     ) -> tuple[State, Pose] | None:
         """Where a fit to some prints ends, and its pose."""
         damping, last, left = FIRST_DAMPING, np.inf, np.inf
@@ -163,13 +152,13 @@ class PhotoFit:
             # Pixels that come and go at the rim change the cost, too, and a valley that bends lies beyond a rise: then
             # the shorter step is nearer.
             is_nearer = step.length2 < NEARER * left
-            if step.cost < last or is_nearer or (step.cost < last * WORSE_COST and step.length2 < left):
+            if step.cost < last or is_nearer:
                 has_settled = not is_nearer and last - step.cost < SAME_COST * step.cost
                 best, last, left = (at, step), step.cost, step.length2
                 if has_settled:
                     break
                 damping = max(damping * EASE, LEAST_DAMPING)
-            elif best is None or damping > MOST_DAMPING or step.cost < last * WORSE_COST:
+            elif best is None or damping > MOST_DAMPING:
                 break
             else:
                 at, step = best
@@ -182,11 +171,7 @@ class PhotoFit:
                 break
             if at.ran_away(prior.start):
                 return None
-        if best is None:
-            return None
-        at, step = best
-        fitted = step.pose(at, prior)
-        return at, not_arrived(fitted, step.to_go) if left > UNSETTLED else fitted
+        return None if best is None else (best[0], not_arrived(best[1].pose(best[0], prior), best[1].to_go))
 
     def step(self, pixels: Grey, prints: Sequence[PrintModel], at: State, prior: Prior) -> PhotoStep | None:
         """One step; pose, spread and motion are those of all prints, each has its own light.
@@ -262,8 +247,7 @@ class PhotoFit:
 
 def _spread_moved(spread: Array, change: Array) -> Array:
     """A point spread `(2, 2)` after a step `(3,)`; it stays one."""
-    most = max(MAX_BLUR_STEP, principal(spread)[1])
-    xx, xy, yy = np.clip(change, -most, most)
+    xx, xy, yy = change
     least, most, way = principal(spread + np.array([[xx, xy], [xy, yy]]))
     least, most = (min(max(variance, BLUR_PX[0] ** 2), BLUR_PX[1] ** 2) for variance in (least, most))
     return np.asarray(least * np.eye(2) + (most - least) * np.outer(way, way), np.float64)

@@ -22,6 +22,7 @@ import numpy as np
 
 from mkdaemon.vision.arrays import Array, Bools
 from mkdaemon.vision.limits import HALF, LIMITS, NOISE_GREY
+from mkdaemon.vision.pose.ambiguity import loss_of
 from mkdaemon.vision.pose.edgefit import MAD
 from mkdaemon.vision.pose.pose import Pose, correlation, damped, inverted, length2, median
 from mkdaemon.vision.pose.printmodel import BOX, PrintSamples, principal
@@ -277,7 +278,6 @@ class PhotoStep:
         is_agreeing, match = self._share**2 > HALF, self.match
         # Residual as a shift of edges: rms over the rms slope of the lit prints [grey / (grey/px)].
         steepness = sqrt(sum(float(p.at.steep.sum()) * p.brightness**2 for p in self._parts) / self._size.size)
-        squared = np.minimum(self._size, LIMITS.photo.lost_grey) ** 2 + NOISE_GREY**2
         covariance, bend = prior.measured(at, self.unknowns, self.covariance)
         shared = shared_by(self._clipped, self._windows, self._least)
         return Pose(
@@ -289,7 +289,7 @@ class PhotoStep:
             sqrt(self._square) / max(steepness, 1e-3) if match > -1.0 else np.inf,
             float(is_agreeing.mean()),
             float(np.linalg.norm(self.to_go[:3])) / max(float(np.linalg.norm(at.position)), 1e-9),
-            float(np.exp(np.mean(np.log(squared)))),
+            loss_of(self._size, LIMITS.photo.lost_grey, NOISE_GREY),
             match,
             float(np.linalg.det(at.spread)) ** 0.25,
             cost=self.cost,
