@@ -191,7 +191,10 @@ def find_edges(pixels: Grey, samples: Samples) -> FoundEdges:
         moved, light = _grown(samples, sides, slope_sd, found & large)
     # An edge that was moved far is exact no more.
     trust /= 1.0 + (moved / (HALF * LIMITS.edges.located_px)) ** 2
-    # What lies wholly in a highlight says nothing for a pose or against it.
+    # What lies wholly in a highlight says nothing for a pose or against it. Where the paper itself is blown a missing
+    # edge speaks against a pose as ever.
+    if np.count_nonzero(cut) <= HALF * np.count_nonzero(steep):
+        flooded |= are_white.all(axis=0) & ~steep
     found &= ~flooded
     room *= ~flooded
     share = float(np.count_nonzero(found & cut)) / max(int(np.count_nonzero(found)), 1)

@@ -40,16 +40,18 @@ FIRST_DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-3, 1e-7, 1e-2
 """Levenberg's share of the diagonal: at first, at least, and the last from which a worse step is tried again."""
 EASE, TIGHTEN = 0.3, 30.0
 """Factors on the damping after a better and a worse step."""
-SAME_COST = 3e-4
-"""A step that lowers the cost by a smaller share ends the fit."""
+WORSE_COST = 1.003
+"""A step whose cost rises by less is no worse: the fit has settled."""
 NEARER = 0.25
 """A state from which the next step is half as long is nearer, whatever its cost: of squared lengths. The natural
 monotonicity test of Deuflhard, Newton Methods for Nonlinear Problems, Springer 2004, 3.3."""
+UNSETTLED = 1.0
+"""Squared deviations from its place from which a fit that ended has not arrived."""
 STEPS = 8
 """Of a fit; four are usual, a streak of 20 px takes eight. With five 6 of 9,536 images were lost, with 10
 to 20 none was won."""
-SETTLED, SETTLED_BLUR = 0.3, 0.05
-"""A step below both is the last: squared length in deviations of the fit, share of the blur's variance."""
+SETTLED = 0.3
+"""A shorter step is the last: squared length in deviations of the fit."""
 
 
 class PhotoFit:
@@ -109,40 +111,34 @@ class PhotoFit:
         blur_px: float | None = None,
     ) -> Pose | None:
         """The same on all pixels, however large the cells are; see `fit`."""
-        if blur_px is None:
-            blur_px = (start.blur_px if start.source == "photometric" else None) or START_BLUR_PX
+        known = start.blur_px if start.source == "photometric" else None
         prior = Prior(start, level, self._shutter, self.prints.sheet)
-        at = prior.begin(blur_px)
+        at = prior.begin(blur_px or known or START_BLUR_PX)
         seen = self.prints.seen(at.rotation, at.position, pixels.shape)
         near = seen if len(seen) == 1 else self._alike(pixels, seen, at, LIMITS.likeness.alike) or seen
         found = self._fit(pixels, near, at, prior, iterations)
         if found is None or len(self.prints.all) == 1:
-            return None if found is None else found[1]
-        seen = self.prints.seen(found[0].rotation, found[0].position, pixels.shape)
-        shown = self._alike(pixels, seen, found[0], LIMITS.likeness.clear)
+            return found
+        shown = self.shows(pixels, found)
         if shown and set(shown) != set(near):
-            found = self._fit(pixels, shown, found[0], prior, iterations)
-        return None if found is None or not shown else self._with_missing(found[1], seen, shown)
+            found = self._fit(pixels, shown, _state_of(found), prior, iterations)
+        return None if found is None or not shown else self._with_missing(found, pixels.shape, shown)
 
     def shows(self, pixels: Grey, pose: Pose) -> tuple[PrintModel, ...]:
         """Prints that the image clearly shows where a pose puts them."""
-        blur_px = pose.blur_px or START_BLUR_PX
-        at = State(pose.rotation, pose.position, blur_px**2 * np.eye(2), pose.motion)
         seen = self.prints.seen(pose.rotation, pose.position, pixels.shape)
-        return self._alike(pixels, seen, at, LIMITS.likeness.clear)
+        return self._alike(pixels, seen, _state_of(pose), LIMITS.likeness.clear)
 
-    def _with_missing(self, pose: Pose, seen: Sequence[PrintModel], near: Sequence[PrintModel]) -> Pose:
+    def _with_missing(self, pose: Pose, shape: tuple[int, ...], shown: Sequence[PrintModel]) -> Pose:
         """The pose with what speaks against it: prints that should be in the image and are not there."""
-        size = {model: (model.half / model.depth(pose.rotation, pose.position)) ** 2 for model in {*seen, *near}}
-        share = sum(size[model] for model in near) / sum(size.values())
-        lost = float(np.log(LIMITS.photo.lost_grey**2))
-        loss = float(np.exp(share * np.log(max(pose.loss, 1e-9)) + (1.0 - share) * lost))
+        seen = self.prints.seen(pose.rotation, pose.position, shape)
+        size = {model: (model.half / model.depth(pose.rotation, pose.position)) ** 2 for model in {*seen, *shown}}
+        share = sum(size[model] for model in shown) / sum(size.values())
+        loss = pose.loss**share * LIMITS.photo.lost_grey ** (2.0 * (1.0 - share))
         return replace(pose, inliers=share * pose.inliers, loss=loss)
 
-    def _fit(
-        self, pixels: Grey, prints: Sequence[PrintModel], at: State, prior: Prior, iterations: int
-    ) -> tuple[State, Pose] | None:
-        """Where a fit to some prints ends, and its pose."""
+    def _fit(self, pixels: Grey, prints: Sequence[PrintModel], at: State, prior: Prior, iterations: int) -> Pose | None:
+        """The pose where a fit to some prints ends."""
         damping, last, left = FIRST_DAMPING, np.inf, np.inf
         best: tuple[State, PhotoStep] | None = None
         for _ in range(iterations):
@@ -151,27 +147,27 @@ class PhotoFit:
                 return None
             # Pixels that come and go at the rim change the cost, too, and a valley that bends lies beyond a rise: then
             # the shorter step is nearer.
-            is_nearer = step.length2 < NEARER * left
-            if step.cost < last or is_nearer:
-                has_settled = not is_nearer and last - step.cost < SAME_COST * step.cost
+            if step.cost < last or step.length2 < NEARER * left:
                 best, last, left = (at, step), step.cost, step.length2
-                if has_settled:
-                    break
                 damping = max(damping * EASE, LEAST_DAMPING)
-            elif best is None or damping > MOST_DAMPING:
+            elif best is None or damping > MOST_DAMPING or step.cost < last * WORSE_COST:
                 break
             else:
                 at, step = best
                 damping *= TIGHTEN
             change = step.change(damping)
-            blurs = change[step.unknowns["spread"]]
-            at = replace(at.moved(step.unknowns, change), spread=_spread_moved(at.spread, blurs))
-            if step.length2 < SETTLED and float(np.abs(blurs).max()) < SETTLED_BLUR * float(np.trace(at.spread)):
+            spread = _spread_moved(at.spread, change[step.unknowns["spread"]])
+            at = replace(at.moved(step.unknowns, change), spread=spread)
+            if step.length2 < SETTLED:
                 best = at, step
                 break
             if at.ran_away(prior.start):
                 return None
-        return None if best is None else (best[0], not_arrived(best[1].pose(best[0], prior), best[1].to_go))
+        if best is None:
+            return None
+        at, step = best
+        fitted = step.pose(at, prior)
+        return not_arrived(fitted, step.to_go) if left > UNSETTLED else fitted
 
     def step(self, pixels: Grey, prints: Sequence[PrintModel], at: State, prior: Prior) -> PhotoStep | None:
         """One step; pose, spread and motion are those of all prints, each has its own light.
@@ -243,6 +239,11 @@ class PhotoFit:
         if length2(apart(pose, grey), pose.covariance) > APART2 and cell_px >= limits.cells.mixed_px:
             return pose
         return replace(pose, rotation=grey.rotation, position=grey.position, covariance=grey.covariance, bend=grey.bend)
+
+
+def _state_of(pose: Pose) -> State:
+    """Where a fit to several prints, which do not bend, has put them."""
+    return State(pose.rotation, pose.position, (pose.blur_px or START_BLUR_PX) ** 2 * np.eye(2), pose.motion)
 
 
 def _spread_moved(spread: Array, change: Array) -> Array:

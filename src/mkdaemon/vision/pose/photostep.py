@@ -1,14 +1,11 @@
 """One step of the fit to grey values: what the model says at each pixel, and where that moves pose, light and blur.
 
-The noise of grey values after a fit: how it depends on brightness, and over how many pixels it is shared.
+The light on a print is black, white, how these change over the print, and the tone curve of the camera. The noise of a
+fit depends on brightness, and neighbouring pixels share it.
 
-What every state of a fit to grey values asks for anew: light, and what a motion lacks, in which images are linear.
-
-Neither is carried from step to step. A state is as good as its best light and its best motion together: with the light
-told first, and then what the motion lacks by what the light had left, costs rose along steps that led to the place, and
-fits ended beside it.
-
-The light on a print: black, white, how it changes over the print, and the tone curve of the camera.
+Light, and what a motion lacks, are asked for anew at every state, both at once: images are linear in them. With the
+light told first, and then what the motion lacks by what the light had left, costs rose along steps that led to the
+place, and fits ended beside it.
 """
 
 from __future__ import annotations
@@ -110,22 +107,20 @@ def shared_by(residual: Array, windows: Sequence[Bools], least: float = 0.0) -> 
     return SharedNoise(all_factors, all_common)
 
 
-def shared_on_slopes(residual: Array, steep: Array, windows: Sequence[Bools], least: float = 0.0) -> float:
-    """By how much the residuals on the slopes of a print raise the variance of a fit, as `SharedNoise.factor`.
+def on_slopes(residual: Array, steep: Array) -> tuple[Array, float]:
+    """Residuals on the slopes of a print `(n,)`, and their variance over that of all.
 
     Only slopes tell a pose, and what the model lacks of a point spread, of paper that is blown beside them or of
     sharpening lies there; the even inside of cells from 5 px, most of what is seen, knows nothing of it. Behind a tone
     curve slopes are less noisy (0.8 of the variance) than `clarity` makes of black and white.
 
     Args:
-        residual: of each used pixel of all windows `(n,)`.
+        residual: of each used pixel `(n,)`.
         steep: squared slope of the model there `(n,)`.
-        windows: which pixels of each are used, each `(rows, columns)`.
-        least: correlation that is believed.
     """
     weighed = residual * np.sqrt(steep / max(float(steep.sum()) / steep.size, 1e-12))
-    larger = max(float(weighed @ weighed) / max(float(residual @ residual), LEAST_SCATTER), LEAST_ON_SLOPES)
-    return larger * shared_by(weighed, windows, least).factor
+    larger = float(weighed @ weighed) / max(float(residual @ residual), LEAST_SCATTER)
+    return weighed, max(larger, LEAST_ON_SLOPES)
 
 
 def streak_doubt(spread: Array) -> float:
@@ -138,8 +133,6 @@ def streak_doubt(spread: Array) -> float:
     return 1.0 + (BOX * (most - least) / STREAK_PX**2) ** 2
 
 
-ROUNDS: Final = 3
-"""Of telling which pixels are blown, each by the light on the others (two give the same to 1 %)."""
 TOE: Final = 0.05
 """Light of ink over that of paper: where a tone curve lifts the dark. With a logarithm from there the model follows a
 gamma of 1.6 to 2.2 to 0.3 % of the contrast, a cubic polynomial alone to 0.7-3.4 % (ink 0.03 to 0.1)."""
@@ -154,7 +147,7 @@ class Part:
         at: model and image at its pixels.
         columns: what each unknown of the light adds to them `(k, n)`: white over black, black, two gradients, three of
             the tone curve, and three of a highlight's slope where there may be one.
-        gain: the light `(k,)`.
+        gain: the light, white over black first `(k,)`.
     """
 
     at: PrintSamples
@@ -165,11 +158,6 @@ class Part:
     def residual(self) -> Array:
         """Of each pixel `(n,)` [grey]."""
         return self.at.grey - self.gain @ self.columns
-
-    @property
-    def brightness(self) -> float:
-        """Of its white over its black [grey]."""
-        return float(self.gain[0])
 
     @property
     def contrast(self) -> Array:
@@ -201,9 +189,8 @@ def lit_print(at: PrintSamples) -> Part:
         return Part(at, columns, _gain(columns, at.grey))
     columns = np.array([*columns, u * u, u * v, v * v])
     dark = at.grey < LIMITS.read.saturated - 2.0 * LIMITS.read.nearly_blown
-    for _ in range(ROUNDS):
-        shown = _gain(columns[:, keep], at.grey[keep]) @ columns
-        keep = dark | (shown < LIMITS.read.saturated - LIMITS.read.nearly_blown)
+    shown = _gain(columns[:, keep], at.grey[keep]) @ columns
+    keep = dark | (shown < LIMITS.read.saturated - LIMITS.read.nearly_blown)
     kept, columns = at.kept(keep), columns[:, keep]
     return Part(kept, columns, _gain(columns, kept.grey))
 
@@ -245,14 +232,14 @@ class PhotoStep:
         self._size = np.maximum(np.abs(shown), 1e-6)
         self._share = np.minimum(LIMITS.certainty.deviations * max(MAD * median(self._size), 1.0) / self._size, 1.0)
         # Outliers are clipped to the largest residual of what is none.
-        self._clipped = shown * self._share
-        squares = float(self._clipped @ self._clipped)
+        clipped = shown * self._share
+        squares = float(clipped @ clipped)
         weights = (self._share * clear) ** 2
         noise = max(squares / max(float(weights.sum()) - len(unknowns.rows), 1.0), LEAST_NOISE)
-        self._least = LEAST_SHARED if at.motion is None else 0.0  # what a motion lacks hides under opposed noise
-        self._windows = [part.at.used for part in parts]
-        noise *= shared_on_slopes(self._clipped, of_all([part.at.steep for part in parts]), self._windows, self._least)
-        noise *= streak_doubt(at.spread)
+        weighed, larger = on_slopes(clipped, of_all([part.at.steep for part in parts]))
+        least = LEAST_SHARED if at.motion is None else 0.0  # what a motion lacks hides under opposed noise
+        self._shared = shared_by(weighed, [part.at.used for part in parts], least)
+        noise *= larger * self._shared.factor * streak_doubt(at.spread)
         self._normal, self._right = unknowns.equations(weights, self._residual, noise)
         inverse = inverted(self._normal)
         self.unknowns, self.covariance = unknowns, noise * inverse
@@ -277,9 +264,8 @@ class PhotoStep:
         """The pose of the state the step starts from, or of where it led, with what was known beforehand."""
         is_agreeing, match = self._share**2 > HALF, self.match
         # Residual as a shift of edges: rms over the rms slope of the lit prints [grey / (grey/px)].
-        steepness = sqrt(sum(float(p.at.steep.sum()) * p.brightness**2 for p in self._parts) / self._size.size)
+        steepness = sqrt(sum(float(p.at.steep.sum()) * float(p.gain[0]) ** 2 for p in self._parts) / self._size.size)
         covariance, bend = prior.measured(at, self.unknowns, self.covariance)
-        shared = shared_by(self._clipped, self._windows, self._least)
         return Pose(
             at.rotation,
             at.position,
@@ -297,14 +283,14 @@ class PhotoStep:
             known_motion=prior.start.known_motion,
             bend=bend,
             known_bend=prior.bend,
-            shared=shared.factor,
-            common=shared.common,
+            shared=self._shared.factor,
+            common=self._shared.common,
         )
 
 
 def matched(parts: Sequence[Part], residual: Array) -> float:
     """Correlation of an image with what it shows of prints, less residuals `(n,)`; -1 for none or a negative."""
-    if not parts or not all(part.brightness > 0.0 for part in parts):
+    if not parts or not all(part.gain[0] > 0.0 for part in parts):
         return -1.0
     grey = of_all([part.at.grey for part in parts])
     return correlation(grey, grey - residual)
