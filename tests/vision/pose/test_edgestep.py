@@ -7,9 +7,8 @@ import pytest
 
 from mkdaemon.vision.limits import HALF, LIMITS
 from mkdaemon.vision.pose.edgefind import FoundEdges, find_edges
-from mkdaemon.vision.pose.edgefit import EdgeFit
+from mkdaemon.vision.pose.edgefit import EdgeFit, EdgeStep
 from mkdaemon.vision.pose.edgemodel import Samples
-from mkdaemon.vision.pose.edgestep import EdgeStep
 from mkdaemon.vision.pose.pose import Pose, turn
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.pose.unknowns import Prior, Unknown, Unknowns
@@ -35,7 +34,7 @@ def step(
     sure, free = ones if trust is None else trust, ones if room is None else room
     edges = FoundEdges(offsets, np.ones(count, dtype=bool), width * ones, sure, free)
     unknowns = Unknowns([Unknown("place", jacobian[:, :3].T), Unknown("rest", jacobian[:, 3:].T)])
-    return EdgeStep.solve(unknowns, samples, edges, 1.0)
+    return EdgeStep(unknowns, samples, edges, 1.0)
 
 
 def upright_edges() -> tuple[np.ndarray, Samples]:

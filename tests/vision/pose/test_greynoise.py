@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mkdaemon.vision.pose.photostep import LEAST_SHARED, STREAK_PX, clarity, shared_by, shared_on_slopes, streak_doubt
+from mkdaemon.vision.pose.photostep import LEAST_SHARED, STREAK_PX, clarity, on_slopes, shared_by, streak_doubt
 
 RNG = np.random.default_rng(5)
 
@@ -62,8 +62,9 @@ def test_what_a_model_lacks_on_slopes_is_not_lost_among_even_paper(larger: float
     used = np.ones((100, 100), bool)
     slopes = np.random.default_rng(4).random(used.size) < 0.1
     residual = np.random.default_rng(5).standard_normal(used.size) * np.where(slopes, larger, 1.0)
-    told = shared_on_slopes(residual, slopes.astype(np.float64), [used])
-    assert told == pytest.approx(larger**2 / np.mean(residual**2), rel=0.1)
+    weighed, told = on_slopes(residual, slopes.astype(np.float64))
+    assert not weighed[~slopes].any()
+    assert told * shared_by(weighed, [used]).factor == pytest.approx(larger**2 / np.mean(residual**2), rel=0.1)
 
 
 @pytest.mark.parametrize(("length", "factor"), [(0.0, 1.0), (6.0, 1.0256), (STREAK_PX, 2.0), (2 * STREAK_PX, 17.0)])

@@ -10,7 +10,6 @@ import numpy.typing as npt
 from lab.vision.stills import error_of, target_named
 from mkdaemon.vision.camera.intrinsics import Intrinsics
 from mkdaemon.vision.pose.photofit import PhotoFit
-from mkdaemon.vision.pose.photostep import PhotoStepper
 from mkdaemon.vision.pose.pose import Pose, turn
 from mkdaemon.vision.pose.prints import Prints
 from mkdaemon.vision.pose.projection import Projection
@@ -74,7 +73,7 @@ def test_how_far_a_fit_is_from_its_place_is_told_without_damping() -> None:
     prior = Prior(start, None, projection.shutter, prints.sheet)
     at = prior.begin(0.7)
     models = prints.seen(at.rotation, at.position, pixels.shape)
-    step = PhotoStepper(projection).step(pixels, models, at, prior)
+    step = PhotoFit(PAD.target, projection).step(pixels, models, at, prior)
     assert step is not None
     taken = step.change(1.0)[:6]
     assert float(taken @ np.linalg.solve(step.covariance[POSE, POSE], taken)) < 0.5 * step.length2

@@ -10,6 +10,7 @@ from typing import Literal
 
 import numpy as np
 
+from mkdaemon.vision.arrays import Array
 from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.pose import Pose, angle_between
 
@@ -20,6 +21,14 @@ CAUTION = 4.0
 which what it says beyond `silent` counts less."""
 FIELD = 1.5
 """Power of what neighbours share, for the variance of a mean over a field: (1 + r) / (1 - r) each way, to 10 %."""
+
+
+def loss_of(size: Array, most: float, least: float) -> float:
+    """Loss of a fit for rivals: geometric mean of min(r, most)^2 + least^2, by the sizes of its residuals `(n,)`.
+
+    Log odds of two fits are then n / 2 times the log of their ratio, and what is hidden costs both the same.
+    """
+    return float(np.exp(np.mean(np.log(np.minimum(size, most) ** 2 + least**2))))
 
 
 def log_odds(first: Pose, second: Pose) -> float:

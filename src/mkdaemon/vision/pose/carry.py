@@ -61,6 +61,4 @@ class Carrier:
 
 
 def _shrink(part: Grey, scale: float) -> Grey:
-    if scale == 1.0:
-        return part
     return np.asarray(cv2.resize(part, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), dtype=np.uint8)

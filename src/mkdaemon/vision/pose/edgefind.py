@@ -143,7 +143,7 @@ class FoundEdges:
         return np.asarray(blur / blur.mean())
 
 
-def find_edges(pixels: Grey, samples: Samples, *, is_near: bool = True) -> FoundEdges:
+def find_edges(pixels: Grey, samples: Samples) -> FoundEdges:
     """Find each edge along its normal.
 
     The grey values along a normal are g(s), their slope g'(s) > 0 towards the bright side. The edge lies at the centre
@@ -177,23 +177,28 @@ def find_edges(pixels: Grey, samples: Samples, *, is_near: bool = True) -> Found
         centre = _centre(slope, place, centre, peak, widths)
     found = steep & (np.abs(centre) < samples.reach)
     trust, room = np.ones(len(found)), np.ones(len(found))
-    if is_near:
-        # A fit that is not yet near its place has other edges beside these.
+    if samples.are_near:
         either *= (np.abs(place[:, None] - centre) > widths) & (away <= samples.reach + STEP_PX)
         trust = _trust(either.max(axis=0), peak, area * peak, found, cut)
         room /= 1.0 + (LIMITS.cells.melted_widths * widths / samples.cell_px) ** MELTING
         room /= room.max()
-    light = _light_shift(samples, sides, widths / HALF_WIDTH, found, found & cut, found & large & is_near)
+    blown, slope_sd = found & cut, widths / HALF_WIDTH
+    moved, light, flooded = np.zeros(len(found)), None, np.zeros_like(found)
+    if bool(blown.any()):
+        moved, light, flooded = _blown(samples, sides, slope_sd, found, blown)
+    elif samples.are_near and np.count_nonzero(found & large) >= ENOUGH_FOR_LIGHT:
+        # Sides are seen at their plain grey values once places are nearly known.
+        moved, light = _grown(samples, sides, slope_sd, found & large)
     # An edge that was moved far is exact no more.
-    trust /= 1.0 + (light.moved / (HALF * LIMITS.edges.located_px)) ** 2
+    trust /= 1.0 + (moved / (HALF * LIMITS.edges.located_px)) ** 2
     # What lies wholly in a highlight says nothing for a pose or against it. Where the paper itself is blown a missing
     # edge speaks against a pose as ever.
-    is_paper_blown = np.count_nonzero(cut) > HALF * np.count_nonzero(steep)
-    hidden = light.flooded if is_paper_blown else light.flooded | (are_white.all(axis=0) & ~steep)
-    found &= ~hidden
-    room *= ~hidden
-    blown = float(np.count_nonzero(found & cut)) / max(int(np.count_nonzero(found)), 1)
-    return FoundEdges(centre - light.moved, found, widths, trust, room, blown, light.unsure)
+    if np.count_nonzero(cut) <= HALF * np.count_nonzero(steep):
+        flooded |= are_white.all(axis=0) & ~steep
+    found &= ~flooded
+    room *= ~flooded
+    share = float(np.count_nonzero(found & cut)) / max(int(np.count_nonzero(found)), 1)
+    return FoundEdges(centre - moved, found, widths, trust, room, share, light)
 
 
 def _profiles(pixels: Grey, samples: Samples) -> tuple[Array32, npt.NDArray[np.floating], float]:
@@ -263,99 +268,66 @@ def _centre(slope: Array32, place: Array32, around: Array32, peak: Array32, widt
     return found
 
 
-@dataclass(frozen=True, slots=True, eq=False)
 class _Light:
-    """Grey values of the paper, or the ink, beside edges, as quadratics in the image.
+    """Grey values of the paper, or the ink, beside edges, as quadratics in the image, by a robust fit.
+
+    Args:
+        samples: of the edge model.
+        sides: grey values on each side that is asked for `(k, n)`.
+        telling: which edges show the light `(n,)`.
 
     Attributes:
         place: of the edges in the part of the image that these take, -1 to 1 `(n, 2)`.
-        grey: of each side that was asked for, at each edge `(k, n)`.
+        grey: of each side at each edge `(k, n)`.
         rise: slope of that along its normal `(k, n)` [grey/px].
         scatter: of the sides around it, of the one with most [grey].
     """
 
-    place: Array
-    grey: Array
-    rise: Array
-    scatter: float
-
-    @classmethod
-    def of(cls, samples: Samples, sides: Array, telling: Bools) -> _Light:
-        """From the sides `(k, n)` of the edges that show the light `(n,)`, by a robust fit."""
+    def __init__(self, samples: Samples, sides: Array, telling: Bools) -> None:
         middle = samples.pixels.mean(axis=0)
         size = max(float(np.abs(samples.pixels - middle).max()), 1.0)
-        place = (samples.pixels - middle) / size
-        x, y = place.T
+        self.place = (samples.pixels - middle) / size
+        x, y = self.place.T
         across, down = samples.normals.T / size
         powers = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y])
         slopes = np.stack([np.zeros_like(x), across, down, 2.0 * x * across, y * across + x * down, 2.0 * y * down])
         weights = telling.astype(np.float64)
-        terms, scatter = np.zeros((len(sides), len(powers))), 1.0
         for _ in range(ROUNDS):
             weighted = powers * weights
-            normal = weighted @ powers.T + RIDGE * np.eye(len(powers))
-            terms = np.linalg.solve(normal, weighted @ sides.T).T
-            residual = np.abs(sides - terms @ powers).max(axis=0)
-            scatter = max(median(residual[telling]), 1.0)
-            weights = telling / (1.0 + (residual / scatter) ** 2)
-        return cls(place, terms @ powers, terms @ slopes, scatter)
+            terms = np.linalg.solve(weighted @ powers.T + RIDGE * np.eye(len(powers)), weighted @ sides.T).T
+            self.grey, self.rise = terms @ powers, terms @ slopes
+            residual = np.abs(sides - self.grey).max(axis=0)
+            self.scatter = max(median(residual[telling]), 1.0)
+            weights = telling / (1.0 + (residual / self.scatter) ** 2)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _LightShift:
-    """How light moves the edges that are found.
+def _grown(samples: Samples, sides: Array, slope_sd: Array, whole: Bools) -> tuple[Array, Unknown | None]:
+    """How far light that grows over a print moves edges `(n,)` [px], and what of that is unsure; none where it is even.
 
-    Attributes:
-        moved: of each towards its bright side, as far as it is known `(n,)` [px].
-        unsure: the unknowns of what is not; none where light moves nothing.
-        flooded: edges whose ink is blown, too: a highlight shows nothing of them `(n,)`.
-    """
-
-    moved: Array
-    unsure: Unknown | None
-    flooded: Bools
-
-
-def _light_shift(
-    samples: Samples, sides: Array, slope_sd: Array, found: Bools, cut: Bools, whole: Bools
-) -> _LightShift:
-    """How light moves edges: by clipping where bright sides are blown, by its growth elsewhere.
+    Unsure are a share of that, and shifts in proportion that grow evenly over the print, e = n . (a + B x).
 
     Args:
         samples: of the edge model.
         sides: grey values on the dark and the bright side `(2, n)`.
         slope_sd: deviation of the slope of each edge `(n,)` [px].
-        found: which edges were found `(n,)`.
-        cut: which of them are blown `(n,)`.
-        whole: whose sides are seen at their plain grey values `(n,)`; none while places are not nearly known.
+        whole: which edges show the light `(n,)`.
     """
-    if bool(cut.any()):
-        return _blown(samples, sides, slope_sd, found, cut)
-    grown = _grown(samples, sides, slope_sd, whole) if int(whole.sum()) >= ENOUGH_FOR_LIGHT else None
-    return grown or _LightShift(np.zeros(len(found)), None, np.zeros_like(found))
-
-
-def _grown(samples: Samples, sides: Array, slope_sd: Array, whole: Bools) -> _LightShift | None:
-    """By light that grows over a print, see `_light_shift`; none where it is even.
-
-    Unsure are a share of that, and shifts in proportion that grow evenly over the print, e = n . (a + B x).
-    """
-    light = _Light.of(samples, sides, whole)
+    light = _Light(samples, sides, whole)
     contrast = np.maximum(light.grey[1] - light.grey[0], light.scatter)
     beside = np.maximum(np.abs(sides - light.grey).max(axis=0), light.scatter)
     explained = 1.0 / (1.0 + (beside / (LIMITS.read.faint * contrast)) ** 4)
-    moved = GROWTH_MOVES * slope_sd**2 * explained * (light.rise[1] - light.rise[0]) / contrast
+    moved: Array = GROWTH_MOVES * slope_sd**2 * explained * (light.rise[1] - light.rise[0]) / contrast
     size = float(np.sqrt(np.mean(moved**2)))
     if size < EVEN_PX:
-        return None
+        return np.zeros_like(moved), None
     (x, y), (across, down) = light.place.T, samples.normals.T
     even = size * np.stack([across, down, across * x, across * y, down * x, down * y])
     rows = UNSURE * np.vstack([moved, even])
-    return _LightShift(moved, Unknown("grown", rows, np.ones(len(rows))), np.zeros_like(whole))
+    return moved, Unknown("grown", rows, np.ones(len(rows)))
 
 
-def _blown(samples: Samples, sides: Array, slope_sd: Array, found: Bools, cut: Bools) -> _LightShift:
-    """By clipping, see `_light_shift`.
+def _blown(samples: Samples, sides: Array, slope_sd: Array, found: Bools, cut: Bools) -> tuple[Array, Unknown, Bools]:
+    """The same by clipping where edges are `cut`, and edges whose ink is blown, too: a highlight shows nothing there.
 
     Unsure are, as shares, the blur of the edges that run either way and the contrast. Motion blurs edges of one way:
     with one blur for both, edges across it lay 0.04-0.13 px beside those along it (over-exposed flights), which looks
@@ -364,7 +336,7 @@ def _blown(samples: Samples, sides: Array, slope_sd: Array, found: Bools, cut: B
     contrast, blur = sides[1] - sides[0], _blur_of(slope_sd)
     clearest, beyond = _least_cut(contrast, found, cut)
     usual = beyond * median(contrast[clearest])
-    light = _Light.of(samples, sides[:1], found)
+    light = _Light(samples, sides[:1], found)
     dark = sides[0] + (samples.reach + AHEAD * slope_sd) * light.rise[0]
     place = np.interp((BRIGHTEST - dark) / max(usual, 1.0), BELOW, PLACES)
     moved = -blur * np.interp(place, PLACES, MOVED) * cut
@@ -373,7 +345,7 @@ def _blown(samples: Samples, sides: Array, slope_sd: Array, found: Bools, cut: B
     flooded = light.grey[0] >= LIMITS.read.saturated - LIMITS.read.nearly_blown
     if float(flooded.mean()) >= HALF:
         flooded = np.zeros_like(flooded)
-    return _LightShift(moved, Unknown("blown", rows, np.full(len(rows), LIMITS.edges.clipped_sd**-2)), flooded)
+    return moved, Unknown("blown", rows, np.full(len(rows), LIMITS.edges.clipped_sd**-2)), flooded
 
 
 def _least_cut(contrast: Array, telling: Bools, cut: Bools) -> tuple[Bools, float]:

@@ -14,17 +14,19 @@ Source: model-edge tracking, Drummond and Cipolla, PAMI 24(7), 2002; Tukey weigh
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
+from math import sqrt
 
 import numpy as np
 
 from mkdaemon.vision.arrays import Array, Bools, Grey
 from mkdaemon.vision.limits import APART2, HALF, LIMITS
+from mkdaemon.vision.pose.ambiguity import loss_of
 from mkdaemon.vision.pose.bend import RISES
-from mkdaemon.vision.pose.edgefind import FoundEdges, find_edges
-from mkdaemon.vision.pose.edgemodel import EdgeModel, Samples, rows_of, seen_across
-from mkdaemon.vision.pose.edgestep import EdgeStep
-from mkdaemon.vision.pose.pose import Pose
+from mkdaemon.vision.pose.edgefind import LEAST_OF_A_KIND, FoundEdges, Numbers, find_edges, kinds_of
+from mkdaemon.vision.pose.edgemodel import EdgeModel, Samples, seen_across
+from mkdaemon.vision.pose.pose import LEAST_RIDGE, Pose, inverted, length2, median
 from mkdaemon.vision.pose.prints import sheet_of
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.pose.rolling import at_rest, exposed
@@ -35,6 +37,161 @@ LEAST_EDGES = 12
 """Fewer fix no pose: twice its unknowns."""
 CUT = 1.05
 """Width of edges over their reach from which a fit has not settled: the next reach is longer."""
+MAD = 1.4826
+"""Deviation of Gaussian residuals over their median absolute value."""
+LEAST_SLOPE = 0.3
+"""Of the influence, over the mean weight: below, a robust estimate has no variance of its own (0.83 for Gaussian
+residuals)."""
+ROOMY = 0.5
+"""Room of edges that tell how large residuals are."""
+GIVES_WAY = (1.0 / 2.0, 3.0 / 4.0, 5.0 / 6.0)
+"""Each term of the series of (1 - h)^-1/2 over h times the one before."""
+ROUNDS = 3
+"""Weights and step depend on each other: so often."""
+
+
+class EdgeStep:
+    """One step over `k` unknowns by rounds of weighted least squares.
+
+    See `unknowns`, with Tukey's w = t (1 - (r / c sigma)^2)^2 inside c sigma, zero outside; t is the trust in an edge
+    times its room, r holds its root; sigma from the median of |r|. Far from its place sigma is the larger one of the
+    two ways that edges run: a start that is off along one side of the print leaves half of the edges in their place,
+    which would outvote the other half.
+
+    Args:
+        unknowns: of the offsets, the common shift last.
+        samples: of the edge model.
+        edges: where the image has them.
+        expected: variance of a located edge [px^2].
+
+    Attributes:
+        unknowns, edges: see above.
+        change: of the unknowns `(k,)`.
+        weights: of the samples `(n,)`, zero without an edge.
+        variance: of a located edge [px^2]: sigma^2 = sum(w r^2) / (sum(w) - 6).
+        agrees: whether each lies where the pose puts it, by the larger median of both ways; trust has no say, as doubt
+            makes no edge agree `(n,)`.
+    """
+
+    def __init__(self, unknowns: Unknowns, samples: Samples, edges: FoundEdges, expected: float) -> None:
+        self.unknowns, self.edges = unknowns, edges
+        self._samples, self._expected = samples, expected
+        sure = edges.trust * edges.room
+        # Doubt of edges without room makes their residuals small: they would make those outliers that have it.
+        roomy = edges.found & (edges.room > ROOMY)
+        telling = roomy if np.count_nonzero(roomy) >= LEAST_OF_A_KIND else edges.found
+        kinds = kinds_of(telling, samples.upright)
+        usual = [np.flatnonzero(telling)] if samples.are_near else kinds
+        residual = edges.offsets
+        for _ in range(ROUNDS):
+            inside = _inside(np.abs(residual) * np.sqrt(sure), usual) * edges.found
+            self.weights = inside**2 * sure
+            self._normal, right = unknowns.equations(self.weights, edges.offsets, expected)
+            self.change = np.asarray(np.linalg.solve(self._normal, right), np.float64)
+            residual = edges.offsets - self.change @ unknowns.rows
+        self._residual = residual
+        self._freedom = max(float(self.weights.sum()) - 6.0, 1.0)
+        self.variance = float(self.weights @ residual**2) / self._freedom
+        # Influence w r: its slope d(r (1 - u)^2) / dr with u = (r / bound)^2 is (1 - u) (1 - 5 u).
+        self._slope = float((inside * (5.0 * inside - 4.0) * sure).sum())
+        self.agrees = edges.found & (_inside(np.abs(residual) * np.sqrt(edges.room), kinds) ** 2 > LIMITS.edges.counted)
+
+    @property
+    def length2(self) -> float:
+        """Squared length of the pose's part of the step, in deviations that the edges leave."""
+        return length2(self.change[POSE], self.variance * inverted(self._normal)[POSE, POSE])
+
+    @property
+    def moved_px(self) -> float:
+        """How far the step moves edges [px], by the mean square: one along a side of the tag shifts half of them."""
+        carried = self.unknowns.carried
+        shifts = self.change[:carried] @ self.unknowns.rows[:carried]
+        return sqrt(float(shifts @ shifts) / len(shifts))
+
+    def _influence_variance(self) -> float:
+        """Variance of an edge as the robust estimate feels it [px^2].
+
+        An M-estimate with influence psi(r) = w r has the covariance sum(psi^2) / sum(psi')^2 over J^T J. With the
+        normal matrix J^T W J in its place: v = (sum(psi^2) / sum(w)) (sum(w) / sum(psi'))^2. Source: Huber, Robust
+        Statistics, 6.3. Where residuals crowd near the bound, psi' is small and v large.
+        """
+        total = float(self.weights.sum())
+        felt = float(((self.weights * self._residual) ** 2).sum()) / self._freedom
+        return felt * (total / max(self._slope, LEAST_SLOPE * total)) ** 2
+
+    def _shared(self, square: Numbers) -> float:
+        """By how much errors that the samples of a square `(n,)` have in common raise the variance, by their residuals.
+
+        With g_i = J_i w_i r_i, A the inverse normal matrix and G the sum of g over a square:
+        sum(G^T A G) / sum(g^T A g), 1 for errors that have nothing in common. What falls on a print unevenly, as a
+        shadow's rim does, moves neighbouring edges alike.
+
+        A fit gives way to what its samples have in common, the more the fewer there are: the residuals of a square are
+        (I - H)^-1/2 r, H = (w^1/2 J) A (w^1/2 J)^T among them. Source: covariance by clusters, Bell and McCaffrey,
+        Survey Methodology 28(2), 2002; the root by the first terms of its series.
+        """
+        inverse, root = inverted(self._normal), np.sqrt(self.weights)
+        steep = self.unknowns.rows * root
+        count = len(steep)
+        place = (square + (square.max() + 1) * np.arange(count)[:, None]).ravel()
+        pulls = steep * (root * self._residual)
+        alone = float((pulls * (inverse @ pulls)).sum())
+        term = together = np.bincount(place, pulls.ravel()).reshape(count, -1)
+        for ratio in GIVES_WAY:
+            back = ratio * (steep * (inverse @ term)[:, square]).sum(axis=0)
+            term = np.bincount(place, (steep * back).ravel()).reshape(count, -1)
+            together = together + term
+        return max(float((together * (inverse @ together)).sum()) / max(alone, LEAST_RIDGE), 1.0)
+
+    def pose(self, at: State, prior: Prior, square: Numbers) -> Pose:
+        """The pose after this step.
+
+        Args:
+            at: where it led.
+            prior: what was known beforehand.
+            square: of the print each sample of the model is in `(m,)`.
+        """
+        # C = (v b + s^2) (J^T W J)^-1: b is what neighbours share by their residuals (blur makes v larger, not b); s is
+        # what interpolation leaves and no number of samples averages out.
+        shared = self._shared(square[self._samples.index])
+        noise = shared * self._influence_variance() + LIMITS.edges.systematic_px**2
+        # What is known of the bend is no better for edges that are worse than they look; of the motion it is, as a
+        # vibration that no attitude knows makes both worse.
+        normal = self._normal.copy()
+        if "rise" in self.unknowns:
+            rise = self.unknowns["rise"]
+            normal[rise, rise] += (noise - self._expected) * self.unknowns.information[rise, rise]
+        covariance = noise * inverted(normal)
+        of_pose, bend = prior.measured(at, self.unknowns, covariance)
+        limits, edges, size = LIMITS.edges, self.edges, np.abs(self._residual)
+        return Pose(
+            at.rotation,
+            at.position,
+            of_pose,
+            "edges",
+            int(self.agrees.sum()),
+            sqrt(self.variance),
+            float(edges.room[self.agrees].sum() / edges.room.sum()),
+            float(np.linalg.norm(self.change[:3])) / max(float(np.linalg.norm(at.position)), 1e-9),
+            loss=loss_of(np.where(self.agrees, size, np.inf), 2.0 * limits.located_px, limits.least_scale_px),
+            blur_px=edges.width,
+            widest_px=edges.widest,
+            ragged_px=MAD * max(median(size[kind]) for kind in kinds_of(edges.found, self._samples.upright)),
+            shift_px=float(self.change[-1]),
+            blown=edges.blown,
+            motion=at.motion,
+            known_motion=prior.start.known_motion,
+            seen_motion=prior.seen_motion(at, self.unknowns, covariance),
+            bend=bend,
+            known_bend=prior.bend,
+            stretch=None if at.stretch is None else float(at.stretch[0]),
+        )
+
+
+def _inside(size: Array, kinds: Sequence[Numbers]) -> Array:
+    """Root of Tukey's weights by the sizes of all residuals `(n,)` [px]: the larger median of both kinds is usual."""
+    usual = max(MAD * max(median(size[kind]) for kind in kinds), LIMITS.edges.least_scale_px)
+    return np.asarray(np.maximum(1.0 - (size / (LIMITS.edges.tukey * usual)) ** 2, 0.0), np.float64)
 
 
 class EdgeFit:
@@ -46,7 +203,6 @@ class EdgeFit:
         self._sheet = sheet_of(target)
         self._terms = None if self._sheet is None else self._sheet.terms(self._points)
         self._projection = projection
-        self._shutter = projection.shutter
         self._max_samples = LIMITS.edges.max_samples if max_samples is None else max_samples
 
     def fit(
@@ -68,24 +224,21 @@ class EdgeFit:
         limits = LIMITS.edges
         last: EdgeStep | None = None
         moved, to_go = np.inf, np.zeros(6)
-        if stretch_sd > 0.0:
-            prior = Prior(start, level, None, None, stretch_sd)
-        else:
-            prior = Prior(start, level, self._shutter, self._sheet)
+        shutter, sheet = (None, None) if stretch_sd > 0.0 else (self._projection.shutter, self._sheet)
+        prior = Prior(start, level, shutter, sheet, stretch_sd)
         state = prior.begin()
         for k in range(iterations):
-            is_near = k >= len(limits.reach_px) - 2
-            # Within less than its width an edge has no middle.
-            reach = max(limits.reach_px[min(k, len(limits.reach_px) - 1)], 0.0 if last is None else last.edges.widest)
-            found = self._find(pixels, state, prior, reach, is_near=is_near)
+            reach = limits.reach_px[min(k, len(limits.reach_px) - 1)]
+            are_near, edge_px = k >= len(limits.reach_px) - 2, limits.located_px
+            if last is not None:
+                # Within less than its width an edge has no middle.
+                reach = max(reach, last.edges.widest)
+                edge_px = max(sqrt(last.variance), limits.least_scale_px)
+            found = self._find(pixels, state, prior, reach, are_near=are_near)
             if found is None:
                 return None
-            samples, edges, table = found
-            edge_px = limits.located_px if last is None else max(last.spread, limits.least_scale_px)
-            if edges.light is not None:
-                table.append(edges.light)
-            table.append(shifts(edges.toned, self.model.smaller[samples.index]))
-            step = EdgeStep.solve(Unknowns(table), samples, edges, edge_px**2, is_near=is_near)
+            samples, edges, unknowns = found
+            step = EdgeStep(unknowns, samples, edges, edge_px**2)
             before, moved = moved, step.moved_px
             # Edges wider than they were looked for are cut off, and less far from their place than they are.
             is_cut = edges.widest > CUT * reach
@@ -97,7 +250,7 @@ class EdgeFit:
             last, state = step, state.moved(step.unknowns, step.change)
             if state.ran_away(start):
                 return None
-            if moved < limits.settled_px and is_near and not is_cut:
+            if moved < limits.settled_px and are_near and not is_cut:
                 to_go = np.zeros(6)
                 break
         return None if last is None else not_arrived(last.pose(state, prior, self.model.square), to_go)
@@ -106,24 +259,23 @@ class EdgeFit:
         """Find the edges around a fitted pose, without their common shift; none when too few are in view or found.
 
         Returns:
-            The samples in view, their edges, and the unknowns that every fit has, by these samples.
+            The samples in view, their edges, and the unknowns of a step, by these samples.
         """
-        prior = Prior(pose, None, self._shutter, self._sheet)
+        prior = Prior(pose, None, self._projection.shutter, self._sheet)
         found = self._find(pixels, prior.begin(), prior, LIMITS.edges.reach_px[-1])
         if found is None:
             return None
-        samples, edges, table = found
-        return samples, replace(edges, offsets=edges.offsets - pose.shift_px * edges.toned), Unknowns(table)
+        samples, edges, unknowns = found
+        return samples, replace(edges, offsets=edges.offsets - pose.shift_px * edges.toned), unknowns
 
     def _find(
-        self, pixels: Grey, at: State, prior: Prior, reach: float, *, is_near: bool = True
-    ) -> tuple[Samples, FoundEdges, list[Unknown]] | None:
-        """Samples in view, their edges, and the unknowns that every fit has; none when too few are in view or found.
+        self, pixels: Grey, at: State, prior: Prior, reach: float, *, are_near: bool = True
+    ) -> tuple[Samples, FoundEdges, Unknowns] | None:
+        """Samples in view, their edges, and the unknowns of a step; none when too few are in view or found.
 
         The samples are seen at u = project(R p + t), and move along their normals by n . du/dP.
         """
-        limits, count = LIMITS, len(self.model.points)
-        points = self._points
+        limits, count, points = LIMITS, len(self.model.points), self._points
         if self._sheet is not None and self._terms is not None and at.rise is not None and at.rise.any():
             points = self._sheet.bent(points, self._terms, at.rise)
         projection = self._projection if at.stretch is None else self._projection.stretch(float(at.stretch[0]))
@@ -132,32 +284,33 @@ class EdgeFit:
         pixels_at, are_visible = projection.project(seen)
         uv, visible = pixels_at[:count], are_visible.reshape(3, count).all(axis=0)
         normals, cell_px = seen_across(pixels_at)
-        edge = np.minimum(reach, HALF * cell_px) + 1.0
-        height, width = pixels.shape
+        reaches = np.minimum(reach, HALF * cell_px)
         visible &= cell_px > limits.cells.readable_px
-        visible &= (
-            (uv[:, 0] > edge) & (uv[:, 1] > edge) & (uv[:, 0] < width - 1 - edge) & (uv[:, 1] < height - 1 - edge)
-        )
-        # Facing away: the sight line and the normal of the paper disagree only for targets of several planes.
+        visible &= (np.minimum(uv, np.array(pixels.shape[::-1]) - 1 - uv) > reaches[:, None] + 1.0).all(axis=1)
         index = np.flatnonzero(visible)
         if len(index) < LEAST_EDGES:
             return None
         if len(index) > self._max_samples:
             index = index[np.arange(self._max_samples) * len(index) // self._max_samples]
-        uv, normals, seen, still = (rows_of(columns, index) for columns in (uv, normals, seen, still))
-        cell_px, upright = cell_px[index], self.model.upright[index]
-        samples = Samples(index, uv, normals, np.minimum(reach, HALF * cell_px), cell_px, upright)
+        # Columns that lie together in memory are added and multiplied faster than rows of three.
+        uv, normals, seen, still = (columns.T[:, index].T for columns in (uv, normals, seen, still))
+        samples = Samples(index, uv, normals, reaches[index], cell_px[index], self.model.upright[index], are_near)
+        edges = find_edges(pixels, samples)
+        if np.count_nonzero(edges.found) < LEAST_EDGES:
+            return None
         point = projection.jacobian(seen)
         along = normals if at.motion is None else at_rest(normals, point, seen, at.motion, projection.line_time)
         by_point = along[:, :1] * point[:, 0] + along[:, 1:] * point[:, 1]
         # The bend comes last: edges that are not yet found would bend a print.
-        heights = self._terms[:RISES, index] if is_near and self._terms is not None else None
+        heights = self._terms[:RISES, index] if are_near and self._terms is not None else None
         table = prior.table(at, by_point, still - at.position, times[index], heights)
         if at.stretch is not None:
             by_stretch = (normals * projection.stretch_jacobian(uv)).sum(axis=1)
             table.append(Unknown("stretch", by_stretch[None], np.array([prior.stretch_sd**-2]), -at.stretch))
-        edges = find_edges(pixels, samples, is_near=is_near)
-        return (samples, edges, table) if np.count_nonzero(edges.found) >= LEAST_EDGES else None
+        if edges.light is not None:
+            table.append(edges.light)
+        table.append(shifts(edges.toned, self.model.smaller[index]))
+        return samples, edges, Unknowns(table)
 
 
 def shifts(toned: Array, smaller: Bools) -> Unknown:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from mkdaemon.vision.arrays import Array
+from mkdaemon.vision.arrays import Array, Bools
 from mkdaemon.vision.tags.tagmap import Target, covered
 
 SAMPLED = (0.15, 0.7)
@@ -45,17 +45,20 @@ class EdgeModel:
     cell: Array
     tag: npt.NDArray[np.intp]
     square: npt.NDArray[np.intp]
-    smaller: npt.NDArray[np.bool_]
-    upright: npt.NDArray[np.bool_]
+    smaller: Bools
+    upright: Bools
 
     @classmethod
     def of(cls, target: Target, per_cell: int = 3) -> EdgeModel:
         """Sample every visible edge of a target `per_cell` times a cell."""
-        parts = [_tag_edges(target, k, per_cell) for k in range(len(target.tags))]
-        points, normals, tangents, cell, tag, cells = (np.concatenate(part) for part in zip(*parts, strict=True))
+        tags = target.tags
+        parts = [_tag_edges(target, k, per_cell) for k in range(len(tags))]
+        points, normals, tangents, cells = (np.concatenate(part) for part in zip(*parts, strict=True))
+        tag = np.repeat(np.arange(len(tags)), [len(part[0]) for part in parts])
+        cell = np.array([one.module for one in tags])[tag]
         square = np.unique(np.column_stack([tag, cells]), axis=0, return_inverse=True)[1].reshape(-1)
-        smaller = cell[:, None] == sorted({tag.module for tag in target.tags}, reverse=True)[1:]
-        by_axis = np.abs(normals @ target.tags[0].rotation[:, :2])
+        smaller = cell[:, None] == sorted({one.module for one in tags}, reverse=True)[1:]
+        by_axis = np.abs(normals @ tags[0].rotation[:, :2])
         return cls(points, normals, tangents, cell, tag, square, smaller, by_axis[:, 0] > by_axis[:, 1])
 
     @property
@@ -76,6 +79,7 @@ class Samples:
         reach: how far along the normal the edge may be `(n,)` [px].
         cell_px: side of its cells along the normal `(n,)` [px].
         upright: whether a move along x of the target shifts it `(n,)`, rather than one along y.
+        are_near: whether they are about in their place; before, other edges lie beside these.
     """
 
     index: npt.NDArray[np.intp]
@@ -83,7 +87,8 @@ class Samples:
     normals: Array
     reach: Array
     cell_px: Array
-    upright: npt.NDArray[np.bool_]
+    upright: Bools
+    are_near: bool = True
 
 
 def seen_across(pixels: Array) -> tuple[Array, Array]:
@@ -105,39 +110,28 @@ def seen_across(pixels: Array) -> tuple[Array, Array]:
     return normals, np.abs(height) / STEP
 
 
-def rows_of(columns: Array, index: npt.NDArray[np.intp]) -> Array:
-    """Some rows `(m, k)` of an array `(n, k)`, with columns that lie together in memory."""
-    return columns.T[:, index].T
-
-
 def _tag_edges(target: Target, k: int, per_cell: int) -> tuple[npt.NDArray[Any], ...]:
-    """Points, normals, tangents `(n, 3)`, cell, tag `(n,)` and cells `(n, 2)` of the samples on one tag of a target."""
+    """Points, normals, tangents `(n, 3)` and cells `(n, 2)` of the samples on one tag of a target."""
     tag = target.tags[k]
     bright = np.pad((tag.bitmap > 0).astype(int), 1, constant_values=1)
     along = SAMPLED[0] + SAMPLED[1] * (np.arange(per_cell) + 0.5) / per_cell
     places: list[Array] = []
     ways: list[Array] = []
     # Across x and, on the transposed grid, across y; row 0 is the top, where y is positive.
-    for axis, grid in enumerate((bright, bright.T)):
+    for grid, xy in ((bright, (0, 1)), (bright.T, (1, 0))):
         rise = np.diff(grid[1:-1], axis=1)
-        line, place = np.nonzero(rise)
-        at = np.zeros((len(line), per_cell, 2))
-        at[:, :, axis], at[:, :, 1 - axis] = place[:, None], line[:, None] + along
-        way = np.zeros_like(at)
-        way[:, :, axis] = rise[line, place][:, None]
-        places.append(at.reshape(-1, 2))
-        ways.append(way.reshape(-1, 2))
+        line, place = (np.repeat(index, per_cell) for index in np.nonzero(rise))
+        across = line + np.tile(along, len(line) // per_cell)
+        places.append(np.stack([place, across], axis=1)[:, xy])
+        ways.append(np.stack([rise[line, place], np.zeros_like(line)], axis=1)[:, xy])
     down = np.array([1.0, -1.0])
-    cells, way = np.concatenate(places), np.concatenate(ways) * down
+    cells = np.concatenate(places)
     points = tag.place((cells - tag.family.black_cells / 2) * down * tag.module)
-    normals = way @ tag.rotation[:, :2].T
+    normals = np.concatenate(ways) * down @ tag.rotation[:, :2].T
     beside = BESIDE_CELLS * tag.module * normals
     keep = np.ones(len(points), dtype=bool)
     for smaller in target.tags[k + 1 :]:
-        for at in (points, points - beside, points + beside):
-            keep &= ~covered(at, smaller)
-    count = int(np.count_nonzero(keep))
-    tangents = np.cross(tag.rotation[:, 2], normals)
+        keep &= ~(covered(points - beside, smaller) | covered(points + beside, smaller))
     # Samples belong to the cell right of and below their edge.
     square = np.floor(cells + ON_EDGE).astype(np.intp)
-    return points[keep], normals[keep], tangents[keep], np.full(count, tag.module), np.full(count, k), square[keep]
+    return points[keep], normals[keep], np.cross(tag.rotation[:, 2], normals)[keep], square[keep]

@@ -27,9 +27,8 @@ from mkdaemon.vision.arrays import Array, Grey
 from mkdaemon.vision.limits import APART2, HALF, LIMITS
 from mkdaemon.vision.pose.bend import Bend
 from mkdaemon.vision.pose.edgefind import HALF_WIDTH
-from mkdaemon.vision.pose.edgefit import EdgeFit
+from mkdaemon.vision.pose.edgefit import MAD, EdgeFit
 from mkdaemon.vision.pose.edgemodel import EdgeModel
-from mkdaemon.vision.pose.edgestep import MAD
 from mkdaemon.vision.pose.gates import CellEvidence, CellReader, grey_evidence
 from mkdaemon.vision.pose.linetime import KnownMotion
 from mkdaemon.vision.pose.photofit import PhotoFit

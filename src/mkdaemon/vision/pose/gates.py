@@ -15,29 +15,14 @@ from mkdaemon.telemetry.vision import PoseRefusal
 from mkdaemon.vision.arrays import Array, Grey
 from mkdaemon.vision.limits import HALF, LIMITS, NOISE_GREY
 from mkdaemon.vision.pose.ambiguity import facts
+from mkdaemon.vision.pose.edgemodel import EdgeModel
 from mkdaemon.vision.pose.pose import Pose, largest_variance, quantile
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.pose.rolling import exposed
 from mkdaemon.vision.tags.cellread import sample
-from mkdaemon.vision.tags.tagmap import Target, covered
+from mkdaemon.vision.tags.tagmap import Target
 
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Grid:
-    """The cells of one tag.
-
-    Attributes:
-        points: their middles `(n, 3)` [m; target].
-        cell: side of a cell [m].
-        pairs: neighbours, the black one first `(m, 2)`.
-        steps: to where the tag would lie whole cells beside its place `(k, 3)` [m; target]; the first is none.
-    """
-
-    points: Array
-    cell: float
-    pairs: npt.NDArray[np.intp]
-    steps: Array
-
+Counts = npt.NDArray[np.intp]
 
 CLEAR: Final = 3.0 * LIMITS.ambiguity.decided
 """What cells say that are read clearly: as much as three images that decide [nats]."""
@@ -86,31 +71,22 @@ class CellReader:
 
     def __init__(self, target: Target, projection: Projection) -> None:
         self._projection = projection
+        model = EdgeModel.of(target, per_cell=1)
+        half = model.cell[:, None] / 2 * model.normals
+        ends = np.stack([model.points - half, model.points + half])
         cells = range(-LIMITS.read.beside_cells, LIMITS.read.beside_cells + 1)
         steps = np.array([(0.0, 0.0), *(step for step in product(cells, repeat=2) if any(step))])
-        self._grids: list[_Grid] = []
-        for k, tag in enumerate(target.tags):
-            n = tag.family.black_cells
-            value = np.pad(tag.bitmap > 0, 1, constant_values=True)
-            row, column = (index.ravel() for index in np.indices(value.shape))
-            placed = tag.place(np.column_stack([column - n / 2 - 0.5, n / 2 + 0.5 - row]) * tag.module)
-            keep = ~(np.isin(row, (0, n + 1)) & np.isin(column, (0, n + 1)))
-            for later in target.tags[k + 1 :]:
-                keep &= ~covered(placed, later)
-            number = np.full(value.shape, -1)
-            number[keep.reshape(value.shape)] = np.arange(int(keep.sum()))
-            pairs: list[npt.NDArray[np.intp]] = []
-            for here, there in ((np.s_[:, :-1], np.s_[:, 1:]), (np.s_[:-1], np.s_[1:])):
-                for black, white in ((here, there), (there, here)):
-                    usable = (number[black] >= 0) & (number[white] >= 0) & ~value[black] & value[white]
-                    pairs.append(np.column_stack([number[black][usable], number[white][usable]]))
-            moved = tag.place(steps * tag.module) - tag.place(steps[:1])
-            self._grids.append(_Grid(placed[keep], tag.module, np.concatenate(pairs), moved))
+        # Of each tag: side of a cell [m], middles of its pairs, black ones first `(2, n, 3)`, and steps to where it
+        # would lie whole cells beside its place `(k, 3)`, the first being none [m; target].
+        self._tags = [
+            (tag.module, ends[:, model.tag == k], tag.module * steps @ tag.rotation[:, :2].T)
+            for k, tag in enumerate(target.tags)
+        ]
 
     def evidence(self, pixels: Grey, pose: Pose, shown: float) -> CellEvidence:
         """What the cells say about where a pose puts the target, of which a share is in view."""
         right, wrong = _odds(shown)
-        counts = [self._read(pixels, pose, grid, 1)[:, 0].tolist() for grid in self._grids]
+        counts = [found[:, 0].tolist() for found in self._read(pixels, pose)]
         tags = [
             (read * right + misread * wrong, in_view * _odds(1.0)[0]) for read, misread, in_view in counts if in_view
         ]
@@ -118,8 +94,7 @@ class CellReader:
 
     def shows(self, pixels: Grey, pose: Pose) -> bool:
         """Whether half of the pairs in view are read where a pose puts them, as they are from within half a cell."""
-        counts = np.array([self._read(pixels, pose, grid, 1)[:, 0] for grid in self._grids])
-        read, _, in_view = counts.sum(axis=0).tolist()
+        read, _, in_view = np.sum(self._read(pixels, pose), axis=0)[:, 0].tolist()
         return bool(read >= HALF * in_view)
 
     def beside(self, pixels: Grey, pose: Pose, shown: float) -> float:
@@ -128,47 +103,32 @@ class CellReader:
         After such a step edges agree with their neighbours', and where the rest of the tag is outside the image, little
         contradicts them. What is hidden is read nowhere, so that what is even speaks against a place here.
         """
-        most, (right, wrong) = 0.0, _odds(shown)
-        for grid in self._grids:
-            read, _, in_view = self._read(pixels, pose, grid, len(grid.steps))
-            odds = read * right + (in_view - read) * wrong
-            most = max(most, float(odds.max() - max(odds[0], 0.0)))
-        return most
+        right, wrong = _odds(shown)
+        found = [read * right + (in_view - read) * wrong for read, _, in_view in self._read(pixels, pose, beside=True)]
+        return max(float(odds.max() - max(odds[0], 0.0)) for odds in found)
 
-    def _read(self, pixels: Grey, pose: Pose, grid: _Grid, steps: int) -> npt.NDArray[np.intp]:
-        """Pairs that are read, misread, and in view, where a tag would lie by the first of its steps `(3, steps)`."""
-        points = (grid.points + grid.steps[:steps, None]).reshape(-1, 3)
-        grey, visible = self._look(pixels, pose, points, grid.cell)
-        grey, visible = grey.reshape(steps, -1), visible.reshape(steps, -1)
-        black, white = grey[:, grid.pairs[:, 0]], grey[:, grid.pairs[:, 1]]
+    def _read(self, pixels: Grey, pose: Pose, *, beside: bool = False) -> list[Counts]:
+        """Pairs of each tag that are read, misread, and in view, in its place and whole cells beside `(3, steps)`."""
+        tags = [(cell, ends, steps if beside else steps[:1]) for cell, ends, steps in self._tags]
+        return [self._read_tag(pixels, pose, *tag) for tag in tags]
+
+    def _read_tag(self, pixels: Grey, pose: Pose, cell: float, ends: Array, steps: Array) -> Counts:
+        points = (ends[:, None] + steps[:, None]).reshape(-1, 3)
+        seen, _ = exposed((pose.rotation @ points.T + pose.position[:, None]).T, pose.motion, self._projection)
+        uv, visible = self._projection.project(seen)
+        visible &= (np.minimum(uv, np.array(pixels.shape[::-1]) - 1 - uv) > 1.0).all(axis=1)
+        visible &= cell * float(self._projection.focal[0]) > LIMITS.cells.readable_px * seen[:, 2]
+        black, white = sample(pixels, np.where(visible[:, None], uv, 0.0)).reshape(2, len(steps), -1)
         # Where a highlight floods both, they say nothing.
-        in_view = visible[:, grid.pairs].all(axis=2) & (np.minimum(black, white) < LIMITS.read.saturated)
+        in_view = visible.reshape(2, *black.shape).all(axis=0) & (np.minimum(black, white) < LIMITS.read.saturated)
         if not bool(in_view.any()):
-            return np.zeros((3, steps), dtype=np.intp)
+            return np.zeros((3, len(steps)), dtype=np.intp)
         # Ink darkens paper by a share, in the sun and in the shade.
         rise = (white - black) / np.maximum(np.maximum(white, black), 1.0)
         usual = HALF * quantile(np.abs(rise[in_view]), USUAL)
         clear = in_view & (np.abs(white - black) > NOISE_GREY) & (np.abs(rise) > usual)
-        found: npt.NDArray[np.intp] = np.stack([clear & (rise > 0.0), clear & (rise < 0.0), in_view]).sum(axis=2)
+        found: Counts = np.stack([clear & (rise > 0.0), clear & (rise < 0.0), in_view]).sum(axis=2)
         return found
-
-    def _look(
-        self, pixels: Grey, pose: Pose, points: Array, size: Array | float
-    ) -> tuple[Array, npt.NDArray[np.bool_]]:
-        """Grey values `(n,)` where a pose puts points `(n, 3)` of cells of a size [m], and which can be read."""
-        seen = (pose.rotation @ points.T + pose.position[:, None]).T
-        seen, _ = exposed(seen, pose.motion, self._projection)
-        uv, visible = self._projection.project(seen)
-        height, width = pixels.shape
-        depth = np.where(visible, seen[:, 2], 1.0)
-        visible &= (uv[:, 0] > 1) & (uv[:, 1] > 1) & (uv[:, 0] < width - 2) & (uv[:, 1] < height - 2)
-        visible &= size * float(self._projection.focal[0]) > LIMITS.cells.readable_px * depth
-        if bool(visible.all()):
-            return sample(pixels, uv), visible
-        grey = np.zeros(len(uv))
-        if bool(visible.any()):
-            grey[visible] = sample(pixels, uv[visible])
-        return grey, visible
 
 
 def grey_evidence(likeness: float, pose: Pose) -> CellEvidence:

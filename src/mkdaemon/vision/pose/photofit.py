@@ -25,25 +25,21 @@ import numpy as np
 from mkdaemon.vision.arrays import Array, Grey
 from mkdaemon.vision.limits import APART2, LIMITS
 from mkdaemon.vision.pose.edgefind import HALF_WIDTH
-from mkdaemon.vision.pose.photostep import PhotoStep, PhotoStepper
+from mkdaemon.vision.pose.photostep import Part, PhotoStep, lit_print, matched, of_all
 from mkdaemon.vision.pose.pose import Pose, apart, length2
 from mkdaemon.vision.pose.printmodel import PrintModel, principal
 from mkdaemon.vision.pose.prints import Prints
 from mkdaemon.vision.pose.projection import Projection
-from mkdaemon.vision.pose.unknowns import Level, Prior, State, not_arrived
+from mkdaemon.vision.pose.unknowns import Level, Prior, State, Unknown, not_arrived
 from mkdaemon.vision.tags.tagmap import Target
 
 START_BLUR_PX = 0.7
 BLUR_PX = (0.35, 12.0)
 """Point spread that is modelled, deviation [px]: streaks up to 41 px."""
-MAX_BLUR_STEP = 0.8
-"""Most its variance changes in one step [px^2], or as much as it is."""
 FIRST_DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-3, 1e-7, 1e-2
 """Levenberg's share of the diagonal: at first, at least, and the last from which a worse step is tried again."""
 EASE, TIGHTEN = 0.3, 30.0
 """Factors on the damping after a better and a worse step."""
-SAME_COST = 3e-4
-"""A step that lowers the cost by a smaller share ends the fit."""
 WORSE_COST = 1.003
 """A step whose cost rises by less is no worse: the fit has settled."""
 NEARER = 0.25
@@ -54,8 +50,8 @@ UNSETTLED = 1.0
 STEPS = 8
 """Of a fit; four are usual, a streak of 20 px takes eight. With five 6 of 9,536 images were lost, with 10
 to 20 none was won."""
-SETTLED, SETTLED_BLUR = 0.3, 0.05
-"""A step below both is the last: squared length in deviations of the fit, share of the blur's variance."""
+SETTLED = 0.3
+"""A shorter step is the last: squared length in deviations of the fit."""
 
 
 class PhotoFit:
@@ -65,7 +61,6 @@ class PhotoFit:
         self._target, self._projection = target, projection
         self._halved: PhotoFit | None = None
         self.prints = Prints(target, projection)
-        self._stepper = PhotoStepper(projection)
         self._shutter = projection.shutter
 
     def fit(
@@ -89,40 +84,13 @@ class PhotoFit:
             The pose, `rms_px` being the residual over the contrast; none when the print is not in full view, too large
             for this method, or does not resemble the image where the fit starts.
         """
-        if self._is_coarse(start, blur_px):
-            return self._fit_halved(pixels, start, iterations, level, blur_px)
-        return self.fit_whole(pixels, start, iterations, level, blur_px)
-
-    def fit_whole(
-        self, pixels: Grey, start: Pose, iterations: int, level: Level | None = None, blur_px: float | None = None
-    ) -> Pose | None:
-        """The same on all pixels, however large the cells are; see `fit`."""
-        if blur_px is None:
-            blur_px = (start.blur_px if start.source == "photometric" else None) or START_BLUR_PX
-        prior = Prior(start, level, self._shutter, self.prints.sheet)
-        at = prior.begin(blur_px)
-        seen = self.prints.seen(at.rotation, at.position, pixels.shape)
-        near = seen if len(seen) == 1 else self._alike(pixels, seen, at, LIMITS.likeness.alike) or seen
-        found = self._fit(pixels, near, at, prior, iterations)
-        if found is None or len(self.prints.all) == 1:
-            return None if found is None else found[1]
-        seen = self.prints.seen(found[0].rotation, found[0].position, pixels.shape)
-        shown = self._alike(pixels, seen, found[0], LIMITS.likeness.clear)
-        if shown and set(shown) != set(near):
-            found = self._fit(pixels, shown, found[0], prior, iterations)
-        return None if found is None or not shown else self._with_missing(found[1], seen, shown)
-
-    def _is_coarse(self, start: Pose, blur_px: float | None) -> bool:
-        """Whether cells of half the size are still fitted by grey values: a streak or a steep view has melted them."""
+        # Cells of half the size are still fitted by grey values where a streak or a steep view has melted them.
         cells = LIMITS.cells
         shortest = self.prints.cell_px(start) * float(np.cos(self.prints.looked_at(start)[2]))
         is_melted = blur_px is not None and shortest < cells.melted_widths * HALF_WIDTH * blur_px
-        return shortest >= (cells.mixed_px if is_melted else 2.0 * cells.photometric_px)
-
-    def _fit_halved(
-        self, pixels: Grey, start: Pose, iterations: int, level: Level | None, blur_px: float | None
-    ) -> Pose | None:
-        """The fit on an image of half the size: a quarter of the pixels."""
+        if shortest < (cells.mixed_px if is_melted else 2.0 * cells.photometric_px):
+            return self.fit_whole(pixels, start, iterations, level, blur_px)
+        # A quarter of the pixels.
         if self._halved is None:
             self._halved = PhotoFit(self._target, self._projection.halved())
         height, width = pixels.shape
@@ -130,49 +98,57 @@ class PhotoFit:
         half = np.asarray(cv2.resize(whole, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA), dtype=np.uint8)
         begin = replace(start, blur_px=None if start.blur_px is None else start.blur_px / 2)
         found = self._halved.fit_whole(half, begin, iterations, level, None if blur_px is None else blur_px / 2)
-        if found is None:
+        if found is None or found.blur_px is None:
             return None
-        blur = None if found.blur_px is None else 2.0 * found.blur_px
-        return replace(found, rms_px=2.0 * found.rms_px, blur_px=blur)
+        return replace(found, rms_px=2.0 * found.rms_px, blur_px=2.0 * found.blur_px)
+
+    def fit_whole(
+        self,
+        pixels: Grey,
+        start: Pose,
+        iterations: int = STEPS,
+        level: Level | None = None,
+        blur_px: float | None = None,
+    ) -> Pose | None:
+        """The same on all pixels, however large the cells are; see `fit`."""
+        known = start.blur_px if start.source == "photometric" else None
+        prior = Prior(start, level, self._shutter, self.prints.sheet)
+        at = prior.begin(blur_px or known or START_BLUR_PX)
+        seen = self.prints.seen(at.rotation, at.position, pixels.shape)
+        near = seen if len(seen) == 1 else self._alike(pixels, seen, at, LIMITS.likeness.alike) or seen
+        found = self._fit(pixels, near, at, prior, iterations)
+        if found is None or len(self.prints.all) == 1:
+            return found
+        shown = self.shows(pixels, found)
+        if shown and set(shown) != set(near):
+            found = self._fit(pixels, shown, _state_of(found), prior, iterations)
+        return None if found is None or not shown else self._with_missing(found, pixels.shape, shown)
 
     def shows(self, pixels: Grey, pose: Pose) -> tuple[PrintModel, ...]:
         """Prints that the image clearly shows where a pose puts them."""
-        blur_px = pose.blur_px or START_BLUR_PX
-        at = State(pose.rotation, pose.position, blur_px**2 * np.eye(2), pose.motion)
         seen = self.prints.seen(pose.rotation, pose.position, pixels.shape)
-        return self._alike(pixels, seen, at, LIMITS.likeness.clear)
+        return self._alike(pixels, seen, _state_of(pose), LIMITS.likeness.clear)
 
-    def _with_missing(self, pose: Pose, seen: Sequence[PrintModel], near: Sequence[PrintModel]) -> Pose:
+    def _with_missing(self, pose: Pose, shape: tuple[int, ...], shown: Sequence[PrintModel]) -> Pose:
         """The pose with what speaks against it: prints that should be in the image and are not there."""
-        size = {model: (model.half / model.depth(pose.rotation, pose.position)) ** 2 for model in {*seen, *near}}
-        share = sum(size[model] for model in near) / sum(size.values())
-        lost = float(np.log(LIMITS.photo.lost_grey**2))
-        loss = float(np.exp(share * np.log(max(pose.loss, 1e-9)) + (1.0 - share) * lost))
+        seen = self.prints.seen(pose.rotation, pose.position, shape)
+        size = {model: (model.half / model.depth(pose.rotation, pose.position)) ** 2 for model in {*seen, *shown}}
+        share = sum(size[model] for model in shown) / sum(size.values())
+        loss = pose.loss**share * LIMITS.photo.lost_grey ** (2.0 * (1.0 - share))
         return replace(pose, inliers=share * pose.inliers, loss=loss)
 
-    def _fit(
-        self,
-        pixels: Grey,
-        prints: Sequence[PrintModel],
-        at: State,
-        prior: Prior,
-        iterations: int,
-    ) -> tuple[State, Pose] | None:
-        """Where a fit to some prints ends, and its pose."""
+    def _fit(self, pixels: Grey, prints: Sequence[PrintModel], at: State, prior: Prior, iterations: int) -> Pose | None:
+        """The pose where a fit to some prints ends."""
         damping, last, left = FIRST_DAMPING, np.inf, np.inf
         best: tuple[State, PhotoStep] | None = None
         for _ in range(iterations):
-            step = self._stepper.step(pixels, prints, at, prior)
+            step = self.step(pixels, prints, at, prior)
             if step is None or (best is None and step.match < LIMITS.likeness.alike):
                 return None
             # Pixels that come and go at the rim change the cost, too, and a valley that bends lies beyond a rise: then
             # the shorter step is nearer.
-            is_nearer = step.length2 < NEARER * left
-            if step.cost < last or is_nearer or (step.cost < last * WORSE_COST and step.length2 < left):
-                has_settled = not is_nearer and last - step.cost < SAME_COST * step.cost
+            if step.cost < last or step.length2 < NEARER * left:
                 best, last, left = (at, step), step.cost, step.length2
-                if has_settled:
-                    break
                 damping = max(damping * EASE, LEAST_DAMPING)
             elif best is None or damping > MOST_DAMPING or step.cost < last * WORSE_COST:
                 break
@@ -180,9 +156,9 @@ class PhotoFit:
                 at, step = best
                 damping *= TIGHTEN
             change = step.change(damping)
-            blurs = change[step.unknowns["spread"]]
-            at = replace(at.moved(step.unknowns, change), spread=_spread_moved(at.spread, blurs))
-            if step.length2 < SETTLED and float(np.abs(blurs).max()) < SETTLED_BLUR * float(np.trace(at.spread)):
+            spread = _spread_moved(at.spread, change[step.unknowns["spread"]])
+            at = replace(at.moved(step.unknowns, change), spread=spread)
+            if step.length2 < SETTLED:
                 best = at, step
                 break
             if at.ran_away(prior.start):
@@ -191,11 +167,42 @@ class PhotoFit:
             return None
         at, step = best
         fitted = step.pose(at, prior)
-        return at, not_arrived(fitted, step.to_go) if left > UNSETTLED else fitted
+        return not_arrived(fitted, step.to_go) if left > UNSETTLED else fitted
+
+    def step(self, pixels: Grey, prints: Sequence[PrintModel], at: State, prior: Prior) -> PhotoStep | None:
+        """One step; pose, spread and motion are those of all prints, each has its own light.
+
+        None where no print is seen whole.
+        """
+        parts = [part for part in (self._part(pixels, model, at) for model in prints) if part is not None]
+        if not parts:
+            return None
+        contrast = of_all([part.contrast for part in parts])
+        by_point = contrast * of_all([part.at.by_point for part in parts])
+        middle = (self._projection.intrinsics.height - 1) / 2
+        times = (of_all([part.at.row for part in parts]) - middle) * self._projection.line_time
+        sheet = self.prints.sheet
+        heights = None if sheet is None else sheet.heights(*(prints[0].cell * parts[0].at.place))
+        # Columns that lie together in memory are added and multiplied faster than rows of three.
+        table = prior.table(at, by_point.T, of_all([part.at.arm for part in parts]).T, times, heights)
+        table.insert(2, Unknown("spread", contrast * of_all([part.at.by_spread for part in parts])))
+        light, row, end = np.zeros((sum(len(part.gain) for part in parts), contrast.size)), 0, 0
+        for part in parts:
+            start, end = end, end + part.at.grey.size
+            light[row : row + len(part.gain), start:end] = part.columns
+            row += len(part.gain)
+        return PhotoStep(parts, [*table, Unknown("light", light)], at)
+
+    def _part(self, pixels: Grey, model: PrintModel, at: State) -> Part | None:
+        """What one print says; none where it is not in full view, or too few of its pixels are."""
+        seen = model.samples(pixels, at.rotation, at.position, at.spread, at.motion)
+        part = None if seen is None else lit_print(seen)
+        return part if part is not None and part.at.grey.size >= LIMITS.photo.min_window_px**2 else None
 
     def _alike(self, pixels: Grey, prints: Sequence[PrintModel], at: State, least: float) -> tuple[PrintModel, ...]:
         """Of several prints those that the image shows at a state: hidden and missed ones would lead a fit astray."""
-        return tuple(model for model in prints if self._stepper.match(pixels, model, at) >= least)
+        parts = [(model, self._part(pixels, model, at)) for model in prints]
+        return tuple(model for model, part in parts if part is not None and matched([part], part.residual) >= least)
 
     def resembles(self, grey: Pose) -> bool:
         """Whether the model of a fit to grey values looks like the image."""
@@ -224,7 +231,7 @@ class PhotoFit:
         cell_px = self.prints.cell_px(pose)
         if self._shutter.rolls or pose.source != "edges" or cell_px > limits.cells.small_px or pose.inliers < whole:
             return pose
-        grey = self.fit_whole(pixels, pose, STEPS)
+        grey = self.fit_whole(pixels, pose)
         if grey is None or not self.explains(grey):
             return pose
         if float(np.linalg.det(grey.covariance)) >= float(np.linalg.det(pose.covariance)):
@@ -234,10 +241,14 @@ class PhotoFit:
         return replace(pose, rotation=grey.rotation, position=grey.position, covariance=grey.covariance, bend=grey.bend)
 
 
+def _state_of(pose: Pose) -> State:
+    """Where a fit to several prints, which do not bend, has put them."""
+    return State(pose.rotation, pose.position, (pose.blur_px or START_BLUR_PX) ** 2 * np.eye(2), pose.motion)
+
+
 def _spread_moved(spread: Array, change: Array) -> Array:
     """A point spread `(2, 2)` after a step `(3,)`; it stays one."""
-    most = max(MAX_BLUR_STEP, principal(spread)[1])
-    xx, xy, yy = np.clip(change, -most, most)
+    xx, xy, yy = change
     least, most, way = principal(spread + np.array([[xx, xy], [xy, yy]]))
     least, most = (min(max(variance, BLUR_PX[0] ** 2), BLUR_PX[1] ** 2) for variance in (least, most))
     return np.asarray(least * np.eye(2) + (most - least) * np.outer(way, way), np.float64)

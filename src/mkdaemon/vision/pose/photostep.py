@@ -1,14 +1,11 @@
 """One step of the fit to grey values: what the model says at each pixel, and where that moves pose, light and blur.
 
-The noise of grey values after a fit: how it depends on brightness, and over how many pixels it is shared.
+The light on a print is black, white, how these change over the print, and the tone curve of the camera. The noise of a
+fit depends on brightness, and neighbouring pixels share it.
 
-What every state of a fit to grey values asks for anew: light, and what a motion lacks, in which images are linear.
-
-Neither is carried from step to step. A state is as good as its best light and its best motion together: with the light
-told first, and then what the motion lacks by what the light had left, costs rose along steps that led to the place, and
-fits ended beside it.
-
-The light on a print: black, white, how it changes over the print, and the tone curve of the camera.
+Light, and what a motion lacks, are asked for anew at every state, both at once: images are linear in them. With the
+light told first, and then what the motion lacks by what the light had left, costs rose along steps that led to the
+place, and fits ended beside it.
 """
 
 from __future__ import annotations
@@ -20,12 +17,12 @@ from typing import Final
 
 import numpy as np
 
-from mkdaemon.vision.arrays import Array, Bools, Grey
+from mkdaemon.vision.arrays import Array, Bools
 from mkdaemon.vision.limits import HALF, LIMITS, NOISE_GREY
-from mkdaemon.vision.pose.edgestep import MAD
+from mkdaemon.vision.pose.ambiguity import loss_of
+from mkdaemon.vision.pose.edgefit import MAD
 from mkdaemon.vision.pose.pose import Pose, correlation, damped, inverted, length2, median
-from mkdaemon.vision.pose.printmodel import BOX, PrintModel, PrintSamples, principal
-from mkdaemon.vision.pose.projection import Projection
+from mkdaemon.vision.pose.printmodel import BOX, PrintSamples, principal
 from mkdaemon.vision.pose.unknowns import POSE, Prior, State, Unknown, Unknowns
 
 DARK, BRIGHT = 0.3, 0.7
@@ -110,22 +107,20 @@ def shared_by(residual: Array, windows: Sequence[Bools], least: float = 0.0) -> 
     return SharedNoise(all_factors, all_common)
 
 
-def shared_on_slopes(residual: Array, steep: Array, windows: Sequence[Bools], least: float = 0.0) -> float:
-    """By how much the residuals on the slopes of a print raise the variance of a fit, as `SharedNoise.factor`.
+def on_slopes(residual: Array, steep: Array) -> tuple[Array, float]:
+    """Residuals on the slopes of a print `(n,)`, and their variance over that of all.
 
     Only slopes tell a pose, and what the model lacks of a point spread, of paper that is blown beside them or of
     sharpening lies there; the even inside of cells from 5 px, most of what is seen, knows nothing of it. Behind a tone
     curve slopes are less noisy (0.8 of the variance) than `clarity` makes of black and white.
 
     Args:
-        residual: of each used pixel of all windows `(n,)`.
+        residual: of each used pixel `(n,)`.
         steep: squared slope of the model there `(n,)`.
-        windows: which pixels of each are used, each `(rows, columns)`.
-        least: correlation that is believed.
     """
     weighed = residual * np.sqrt(steep / max(float(steep.sum()) / steep.size, 1e-12))
-    larger = max(float(weighed @ weighed) / max(float(residual @ residual), LEAST_SCATTER), LEAST_ON_SLOPES)
-    return larger * shared_by(weighed, windows, least).factor
+    larger = float(weighed @ weighed) / max(float(residual @ residual), LEAST_SCATTER)
+    return weighed, max(larger, LEAST_ON_SLOPES)
 
 
 def streak_doubt(spread: Array) -> float:
@@ -138,8 +133,6 @@ def streak_doubt(spread: Array) -> float:
     return 1.0 + (BOX * (most - least) / STREAK_PX**2) ** 2
 
 
-ROUNDS: Final = 3
-"""Of telling which pixels are blown, each by the light on the others (two give the same to 1 %)."""
 TOE: Final = 0.05
 """Light of ink over that of paper: where a tone curve lifts the dark. With a logarithm from there the model follows a
 gamma of 1.6 to 2.2 to 0.3 % of the contrast, a cubic polynomial alone to 0.7-3.4 % (ink 0.03 to 0.1)."""
@@ -147,14 +140,14 @@ TOE_GAIN: Final = 1.0 / float(np.log1p(1.0 / TOE))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Part:
+class Part:
     """What one print says: the model of its grey values is I = gain . columns.
 
     Attributes:
         at: model and image at its pixels.
         columns: what each unknown of the light adds to them `(k, n)`: white over black, black, two gradients, three of
             the tone curve, and three of a highlight's slope where there may be one.
-        gain: the light `(k,)`.
+        gain: the light, white over black first `(k,)`.
     """
 
     at: PrintSamples
@@ -167,11 +160,6 @@ class _Part:
         return self.at.grey - self.gain @ self.columns
 
     @property
-    def brightness(self) -> float:
-        """Of its white over its black [grey]."""
-        return float(self.gain[0])
-
-    @property
     def contrast(self) -> Array:
         """What a change of the print changes in the grey values `(n,)`."""
         white, _, _, _, second, third, toe = self.gain[:7].tolist()
@@ -180,7 +168,7 @@ class _Part:
         return np.asarray(polynomial + toe * TOE_GAIN / (TOE + np.maximum(value, 0.0)), np.float64)
 
 
-def lit_print(at: PrintSamples) -> _Part:
+def lit_print(at: PrintSamples) -> Part:
     """The light on a print, by least squares on its pixels without those that should be blown: these may be anything.
 
     What should be blown is told by the light on the other pixels. Under a highlight that is more than black and white:
@@ -198,14 +186,13 @@ def lit_print(at: PrintSamples) -> _Part:
     columns = np.array([at.value, np.ones_like(u), u, v, tone, tone * (1.0 - 2.0 * at.value), toe])
     keep = at.grey < LIMITS.read.saturated
     if bool(keep.all()):
-        return _Part(at, columns, _gain(columns, at.grey))
+        return Part(at, columns, _gain(columns, at.grey))
     columns = np.array([*columns, u * u, u * v, v * v])
     dark = at.grey < LIMITS.read.saturated - 2.0 * LIMITS.read.nearly_blown
-    for _ in range(ROUNDS):
-        shown = _gain(columns[:, keep], at.grey[keep]) @ columns
-        keep = dark | (shown < LIMITS.read.saturated - LIMITS.read.nearly_blown)
+    shown = _gain(columns[:, keep], at.grey[keep]) @ columns
+    keep = dark | (shown < LIMITS.read.saturated - LIMITS.read.nearly_blown)
     kept, columns = at.kept(keep), columns[:, keep]
-    return _Part(kept, columns, _gain(columns, kept.grey))
+    return Part(kept, columns, _gain(columns, kept.grey))
 
 
 def _gain(columns: Array, grey: Array) -> Array:
@@ -217,38 +204,15 @@ LEAST_NOISE: Final = 0.3
 """Variance of grey values rounded to integers and averaged by the fit [grey^2]."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Weighed:
-    """How far residuals are believed.
-
-    Attributes:
-        clear: clarity of each pixel `(n,)`.
-        size: of each residual, by its clarity `(n,)` [grey].
-        share: c sigma / size of outliers, 1 of what is none `(n,)`.
-        clipped: residuals by their clarity, outliers as large as what is none `(n,)` [grey].
-        squares: sum of these, squared [grey^2].
-    """
-
-    clear: Array
-    size: Array
-    share: Array
-    clipped: Array
-    squares: float
-
-
-def _weigh(residual: Array, value: Array, outlier: float) -> _Weighed:
-    """Robust weights: 1 within c sigma, (c sigma / r)^2 beyond, sigma from the median of |r|; times the clarity."""
-    clear = clarity(residual, value)
-    shown = residual * clear
-    size = np.maximum(np.abs(shown), 1e-6)
-    share = np.minimum(outlier * max(MAD * median(size), 1.0) / size, 1.0)
-    clipped = shown * share
-    return _Weighed(clear, size, share, clipped, float(clipped @ clipped))
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class PhotoStep:
-    """One Gauss-Newton step, to be damped.
+    """One robust Gauss-Newton step, to be damped.
+
+    Residuals by their clarity weigh 1 within c sigma, (c sigma / r)^2 beyond, sigma from the median of |r|.
+
+    Args:
+        parts: what each print says.
+        table: unknowns of the grey values, the light last.
+        at: where the step starts.
 
     Attributes:
         unknowns: of the grey values.
@@ -259,25 +223,36 @@ class PhotoStep:
         covariance: of all unknowns `(k, k)`.
     """
 
-    unknowns: Unknowns
-    cost: float
-    to_go: Array
-    length2: float
-    covariance: Array
-    _normal: Array
-    _right: Array
-    _parts: Sequence[_Part]
-    _residual: Array
-    _weighed: _Weighed
-    _least_shared: float
+    def __init__(self, parts: Sequence[Part], table: Sequence[Unknown], at: State) -> None:
+        self._parts = parts
+        self._residual, table = _without_lacking(of_all([part.residual for part in parts]), table, at)
+        unknowns, count = Unknowns(table), self._residual.size
+        clear = clarity(self._residual, of_all([part.at.value for part in parts]))
+        shown = self._residual * clear
+        self._size = np.maximum(np.abs(shown), 1e-6)
+        self._share = np.minimum(LIMITS.certainty.deviations * max(MAD * median(self._size), 1.0) / self._size, 1.0)
+        # Outliers are clipped to the largest residual of what is none.
+        clipped = shown * self._share
+        squares = float(clipped @ clipped)
+        weights = (self._share * clear) ** 2
+        noise = max(squares / max(float(weights.sum()) - len(unknowns.rows), 1.0), LEAST_NOISE)
+        weighed, larger = on_slopes(clipped, of_all([part.at.steep for part in parts]))
+        least = LEAST_SHARED if at.motion is None else 0.0  # what a motion lacks hides under opposed noise
+        self._shared = shared_by(weighed, [part.at.used for part in parts], least)
+        noise *= larger * self._shared.factor * streak_doubt(at.spread)
+        self._normal, self._right = unknowns.equations(weights, self._residual, noise)
+        inverse = inverted(self._normal)
+        self.unknowns, self.covariance = unknowns, noise * inverse
+        self.to_go = (inverse @ self._right)[POSE]
+        self.length2 = length2(self.to_go, self.covariance[POSE, POSE])
+        self._square = squares / count
+        clearness = exp(2.0 * float(np.log(clear).sum()) / count)
+        self.cost = self._square / clearness * (1.0 + unknowns.surprise / count)
 
     @property
     def match(self) -> float:
         """Correlation of image and model; -1 for a negative."""
-        if not all(part.brightness > 0.0 for part in self._parts):
-            return -1.0
-        grey = np.concatenate([part.at.grey for part in self._parts])
-        return correlation(grey, grey - self._residual)
+        return matched(self._parts, self._residual)
 
     def change(self, damping: float) -> Array:
         """Of all unknowns `(k,)`."""
@@ -287,23 +262,20 @@ class PhotoStep:
 
     def pose(self, at: State, prior: Prior) -> Pose:
         """The pose of the state the step starts from, or of where it led, with what was known beforehand."""
-        size, is_agreeing = self._weighed.size, self._weighed.share**2 > HALF
+        is_agreeing, match = self._share**2 > HALF, self.match
         # Residual as a shift of edges: rms over the rms slope of the lit prints [grey / (grey/px)].
-        steepness = sqrt(sum(float(p.at.steep.sum()) * p.brightness**2 for p in self._parts) / size.size)
-        squared = np.minimum(size, LIMITS.photo.lost_grey) ** 2 + NOISE_GREY**2
-        match = self.match
+        steepness = sqrt(sum(float(p.at.steep.sum()) * float(p.gain[0]) ** 2 for p in self._parts) / self._size.size)
         covariance, bend = prior.measured(at, self.unknowns, self.covariance)
-        shared = shared_by(self._weighed.clipped, [part.at.used for part in self._parts], self._least_shared)
         return Pose(
             at.rotation,
             at.position,
             covariance,
             "photometric",
             int(is_agreeing.sum()),
-            sqrt(self._weighed.squares / size.size) / max(steepness, 1e-3) if match > -1.0 else np.inf,
+            sqrt(self._square) / max(steepness, 1e-3) if match > -1.0 else np.inf,
             float(is_agreeing.mean()),
             float(np.linalg.norm(self.to_go[:3])) / max(float(np.linalg.norm(at.position)), 1e-9),
-            float(np.exp(np.mean(np.log(squared)))),
+            loss_of(self._size, LIMITS.photo.lost_grey, NOISE_GREY),
             match,
             float(np.linalg.det(at.spread)) ** 0.25,
             cost=self.cost,
@@ -311,84 +283,20 @@ class PhotoStep:
             known_motion=prior.start.known_motion,
             bend=bend,
             known_bend=prior.bend,
-            shared=shared.factor,
-            common=shared.common,
+            shared=self._shared.factor,
+            common=self._shared.common,
         )
 
 
-class PhotoStepper:
-    """Computes the steps of one target's fit.
-
-    Args:
-        projection: of the lens.
-    """
-
-    def __init__(self, projection: Projection) -> None:
-        self._projection = projection
-
-    def step(self, pixels: Grey, prints: Sequence[PrintModel], at: State, prior: Prior) -> PhotoStep | None:
-        """One step; pose, spread and motion are those of all prints, each has its own light.
-
-        None where no print is seen whole.
-        """
-        parts = [part for part in (self._part(pixels, model, at) for model in prints) if part is not None]
-        if not parts:
-            return None
-        table = self._table(parts, at, prior, prints[0])
-        residual, table = _without_lacking(_of_all([part.residual for part in parts]), table, at)
-        unknowns = Unknowns(table)
-        weighed = _weigh(residual, _of_all([part.at.value for part in parts]), LIMITS.certainty.deviations)
-        weights = (weighed.share * weighed.clear) ** 2
-        noise = max(weighed.squares / max(float(weights.sum()) - len(unknowns.rows), 1.0), LEAST_NOISE)
-        least = LEAST_SHARED if at.motion is None else 0.0  # what a motion lacks hides under opposed noise
-        steep, windows = _of_all([part.at.steep for part in parts]), [part.at.used for part in parts]
-        noise *= shared_on_slopes(weighed.clipped, steep, windows, least)
-        noise *= streak_doubt(at.spread)
-        normal, right = unknowns.equations(weights, residual, noise)
-        inverse = inverted(normal)
-        to_go, covariance = (inverse @ right)[POSE], noise * inverse
-        clearness = exp(2.0 * float(np.log(weighed.clear).sum()) / residual.size)
-        comparable = weighed.squares / residual.size / clearness * (1.0 + unknowns.surprise / residual.size)
-        found = unknowns, comparable, to_go, length2(to_go, covariance[POSE, POSE]), covariance
-        return PhotoStep(*found, normal, right, parts, residual, weighed, least)
-
-    def match(self, pixels: Grey, model: PrintModel, at: State) -> float:
-        """Correlation between one print and the image where a state puts it; -1 where it cannot be told."""
-        part = self._part(pixels, model, at)
-        if part is None or part.brightness <= 0.0:
-            return -1.0
-        return correlation(part.at.grey, part.at.grey - part.residual)
-
-    def _part(self, pixels: Grey, model: PrintModel, at: State) -> _Part | None:
-        """What one print says; none where it is not in full view, or too few of its pixels are."""
-        seen = model.samples(pixels, at.rotation, at.position, at.spread, at.motion)
-        if seen is None:
-            return None
-        part = lit_print(seen)
-        return part if part.at.grey.size >= LIMITS.photo.min_window_px**2 else None
-
-    def _table(self, parts: Sequence[_Part], at: State, prior: Prior, first: PrintModel) -> list[Unknown]:
-        """All unknowns of a step, the light last."""
-        contrast = _of_all([part.contrast for part in parts])
-        by_point = contrast * _of_all([part.at.by_point for part in parts])
-        middle = (self._projection.intrinsics.height - 1) / 2
-        times = (_of_all([part.at.row for part in parts]) - middle) * self._projection.line_time
-        heights = None if first.sheet is None else first.sheet.heights(*(first.cell * parts[0].at.place))
-        # Columns that lie together in memory are added and multiplied faster than rows of three.
-        table = prior.table(at, by_point.T, _of_all([part.at.arm for part in parts]).T, times, heights)
-        table.insert(2, Unknown("spread", contrast * _of_all([part.at.by_spread for part in parts])))
-        light = parts[0].columns
-        if len(parts) > 1:
-            # Each print has light of its own.
-            light, row, end = np.zeros((sum(len(part.gain) for part in parts), contrast.size)), 0, 0
-            for part in parts:
-                count, start, end = len(part.gain), end, end + part.at.grey.size
-                light[row : row + count, start:end] = part.columns
-                row += count
-        return [*table, Unknown("light", light)]
+def matched(parts: Sequence[Part], residual: Array) -> float:
+    """Correlation of an image with what it shows of prints, less residuals `(n,)`; -1 for none or a negative."""
+    if not parts or not all(part.gain[0] > 0.0 for part in parts):
+        return -1.0
+    grey = of_all([part.at.grey for part in parts])
+    return correlation(grey, grey - residual)
 
 
-def _of_all(rows: Sequence[Array]) -> Array:
+def of_all(rows: Sequence[Array]) -> Array:
     """What the pixels of all prints have `(n,)` or `(k, n)`, one print after the other."""
     return rows[0] if len(rows) == 1 else np.concatenate(rows, axis=-1)
 

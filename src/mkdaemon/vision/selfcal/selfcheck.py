@@ -34,8 +34,7 @@ from mkdaemon.vision.arrays import Array, Grey
 from mkdaemon.vision.camera.calibration_file import Camera, mount_rotation
 from mkdaemon.vision.limits import LIMITS, SELFCAL
 from mkdaemon.vision.pose.bend import RISES
-from mkdaemon.vision.pose.edgefit import EdgeFit, shifts
-from mkdaemon.vision.pose.edgestep import EdgeStep
+from mkdaemon.vision.pose.edgefit import EdgeFit, EdgeStep, shifts
 from mkdaemon.vision.pose.pose import FLOOR_RANGE, Pose, turn
 from mkdaemon.vision.pose.prints import sheet_of
 from mkdaemon.vision.pose.projection import Projection
@@ -204,7 +203,7 @@ class CameraFilter(Belief):
                 Unknown("rise", rise),
             ]
         )
-        step = EdgeStep.solve(every, samples, edges, 0.0)
+        step = EdgeStep(every, samples, edges, 0.0)
         # No residual shows what edges share.
         crossed = np.abs(normals).min(axis=1) * self._size[index] * px_per_m
         shared = ALIGNED_PX**2 / (1.0 + crossed**2) + (SHIFTED * pose.shift_px) ** 2
