@@ -17,7 +17,7 @@ from lab.vision.stills import SeedSet, Studio, target_named
 from mkdaemon.vision.camera.image import CameraImage
 from mkdaemon.vision.camera.intrinsics import Intrinsics
 from mkdaemon.vision.limits import LIMITS
-from mkdaemon.vision.tags.detector import Detector
+from mkdaemon.vision.tags.detector import FIRST, Detector
 from mkdaemon.vision.tags.tagmap import TagMap
 from mkdaemon.vision.track.tracker import Tracker
 from mksim.scene.light import Conditions
@@ -66,7 +66,7 @@ def _size(width: int, height: int, grounds: int, seed: int) -> dict[str, Any]:
         for k in range(min(turns, MOST_IMAGES)):
             pixels[0, 0] ^= 1  # equal images would be those of a frozen camera
             search.append(_time(tracker.update, replace(image, captured_at=k / FPS, sequence=k)))
-        april.append(_time(plain.search_all, pixels, "decimate2"))
+        april.append(_time(plain.search_all, pixels, *FIRST[0]))
         opencv.append(_time(opencv_search(), pixels))
     return {
         "size": [width, height],

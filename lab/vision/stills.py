@@ -19,7 +19,7 @@ from mkdaemon.vision.camera.intrinsics import Intrinsics
 from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.pose import angle_between
 from mkdaemon.vision.tags.detection import Detection
-from mkdaemon.vision.tags.detector import FIRST, Detector, Look
+from mkdaemon.vision.tags.detector import FIRST, Detector
 from mkdaemon.vision.tags.tagmap import TagMap, Target, load
 from mkdaemon.vision.track.attitude import LOOKING_DOWN, AttitudeHistory, AttitudeSample
 from mkdaemon.vision.track.result import VisionResult
@@ -59,8 +59,8 @@ class SeedSet(StrEnum):
 
 def search_in_turn(detector: Detector, pixels: npt.NDArray[np.uint8]) -> list[Detection]:
     """Every search of an image, one after the other, until one finds something."""
-    for look in dict.fromkeys((*(Look(stage) for stage in FIRST), *detector.looks(pixels))):
-        found = detector.search(pixels, look.stage, look.part)
+    for look in (*FIRST, *detector.looks(pixels)):
+        found = detector.search(pixels, *look)
         if found:
             return found
     return []

@@ -66,7 +66,7 @@ def sighting(found: Detection) -> TagSighting:
         hamming=found.hamming,
         decision_margin=found.decision_margin,
         corners=(tl, tr, br, bl),
-        search=found.stage,
+        search=found.view,
     )
 
 

@@ -19,7 +19,7 @@ from mkdaemon.vision.pose.pose import Pose, largest_variance, quantile
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.pose.rolling import exposed
 from mkdaemon.vision.tags.cellread import sample
-from mkdaemon.vision.tags.tagmap import Target, covered
+from mkdaemon.vision.tags.tagmap import Target
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -89,14 +89,11 @@ class CellReader:
         cells = range(-LIMITS.read.beside_cells, LIMITS.read.beside_cells + 1)
         steps = np.array([(0.0, 0.0), *(step for step in product(cells, repeat=2) if any(step))])
         self._grids: list[_Grid] = []
-        for k, tag in enumerate(target.tags):
+        for tag in target.tags:
             n = tag.family.black_cells
             value = np.pad(tag.bitmap > 0, 1, constant_values=True)
             row, column = (index.ravel() for index in np.indices(value.shape))
-            placed = tag.place(np.column_stack([column - n / 2 - 0.5, n / 2 + 0.5 - row]) * tag.module)
-            keep = ~(np.isin(row, (0, n + 1)) & np.isin(column, (0, n + 1)))
-            for later in target.tags[k + 1 :]:
-                keep &= ~covered(placed, later)
+            keep = ~(np.isin(row, (0, n + 1)) & np.isin(column, (0, n + 1)) | target.hidden(tag).ravel())
             number = np.full(value.shape, -1)
             number[keep.reshape(value.shape)] = np.arange(int(keep.sum()))
             pairs: list[npt.NDArray[np.intp]] = []
@@ -105,7 +102,7 @@ class CellReader:
                     usable = (number[black] >= 0) & (number[white] >= 0) & ~value[black] & value[white]
                     pairs.append(np.column_stack([number[black][usable], number[white][usable]]))
             moved = tag.place(steps * tag.module) - tag.place(steps[:1])
-            self._grids.append(_Grid(placed[keep], tag.module, np.concatenate(pairs), moved))
+            self._grids.append(_Grid(tag.middles[keep], tag.module, np.concatenate(pairs), moved))
 
     def evidence(self, pixels: Grey, pose: Pose, shown: float) -> CellEvidence:
         """What the cells say about where a pose puts the target, of which a share is in view."""

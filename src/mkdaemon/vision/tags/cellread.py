@@ -1,15 +1,14 @@
 """Reading the cells of a quad from an image: grey values, sides and codes, and how likely chance reads as well.
 
-Of a code whose cells are partly hidden or in a highlight two readings are tried. By levels a cell is black or white as
-border and paper are; what is neither has something on it and says nothing. By steps a cell is compared with its
-neighbours: a highlight lifts ink above the paper elsewhere, but it grows slowly and leaves the step between ink and
-paper beside it. What is blown on both sides says nothing.
+Cells may be hidden, or in a highlight, which lifts ink above the paper elsewhere. But it grows slowly and leaves the
+step between ink and paper beside it. So a cell is compared with its neighbours; what is blown on both sides says
+nothing.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Final
@@ -21,21 +20,19 @@ import numpy.typing as npt
 from mkdaemon.vision.arrays import Array, Bools, Grey
 from mkdaemon.vision.camera.image import BRIGHTEST
 from mkdaemon.vision.limits import HALF, LIMITS, NOISE_GREY
-from mkdaemon.vision.tags.detection import Detection
-from mkdaemon.vision.tags.tagfamily import cells, find_family
+from mkdaemon.vision.tags.detection import Detection, best_of_codes
+from mkdaemon.vision.tags.tagfamily import cells, find_family, middles
 
 Covered = Mapping[tuple[str, int], Bools]
 """Cells `(n, n)` of tags, by family and id, that say nothing."""
 
-READINGS = 2
-"""By levels and by steps: chance has so many tries."""
 TURNS = 4
 """Of a quad: chance has as many tries with each code."""
 QUIET_CELLS = 0.3
 """Where the quiet zone is sampled, outside the black square [cells]."""
-LEVEL: Final = HALF / 2
-"""Of a contrast, within which a cell is black or white: half way to what is neither."""
-LEAST_GREY: Final = NOISE_GREY / LEVEL
+CLEAR: Final = HALF / 2
+"""Of a contrast, from the middle, beyond which a cell is black or white: half way to what is neither."""
+LEAST_GREY: Final = NOISE_GREY / CLEAR
 """Contrast below which noise alone can make a cell neither [grey]."""
 STEP_CELLS: Final = 0.15
 """How far on both sides of a line its step is sampled, before light changes much [cells]."""
@@ -61,12 +58,6 @@ def carry(homography: Array, points: Array) -> Array:
     carried = points @ np.swapaxes(homography[..., :2], -1, -2) + homography[..., None, :, 2]
     mapped: Array = carried[..., :2] / carried[..., 2:]
     return mapped
-
-
-def cell_values(pixels: Grey, homography: Array, n: int) -> Array:
-    """Grey values in the middles of all cells, and of those around the black square `(n + 2, n + 2)`."""
-    row, column = np.divmod(np.arange((n + 2) ** 2), n + 2)
-    return sample(pixels, carry(homography, np.column_stack([column, row]) - 0.5)).reshape(n + 2, n + 2)
 
 
 def rim_steps(
@@ -115,12 +106,12 @@ def chance(read: int, wrong: int, tries: int) -> float:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Codes:
-    """Codes of one family, each turned counter-clockwise by 0 to 3 quarters: `k` in all.
+    """Codes of one family, each turned counter-clockwise by 0 to 3 quarters: `k` in all, cells row by row.
 
     Attributes:
         ids: of the codes, each for four turns.
-        bits: which cells are white, border included `(k, n, n)`.
-        seen: which have nothing on them `(k, n, n)`.
+        bits: which cells are white, border included `(k, n * n)`.
+        seen: which have nothing on them `(k, n * n)`.
     """
 
     ids: list[int]
@@ -149,88 +140,59 @@ class CodeReader:
             self._codes[name] = _Codes(ids, *(_turned(of) for of in (bits, seen)))
         self.sizes = sorted({find_family(name).black_cells for name in self._codes})
 
-    def read(self, pixels: Grey, quad: Array) -> Detection | None:
-        """The code that explains the readable cells of a quad; none when chance does as well.
+    def read(self, pixels: Grey, quads: Iterable[Array], max_chance: float = LIMITS.read.max_chance) -> list[Detection]:
+        """The codes that explain the readable cells of quads better than chance, the clearest of each.
 
         Args:
             pixels: `(h, w)` uint8.
-            quad: corners of the black square, clockwise in the image `(4, 2)` [px].
+            quads: corners of black squares, clockwise in the image `(4, 2)` [px].
+            max_chance: that a random quad reads as well.
         """
-        found: list[tuple[float, Detection]] = []
-        for name, codes in self._codes.items():
-            n = find_family(name).black_cells
-            homography = image_from_cells(quad, n)
-            for share in (_levels(pixels, homography, n), _steps(pixels, homography, n, codes)):
-                white, black = np.abs(share - 1) < LEVEL, np.abs(share) < LEVEL
-                known = (white | black) & codes.seen
-                wrong = known & (white != codes.bits)
-                # The border is the same in all codes.
-                read, wrong = (np.count_nonzero(of[:, 1:-1, 1:-1], axis=(1, 2)) for of in (known, wrong))
-                tries = READINGS * len(read)
-                chances = [chance(*pair, tries) for pair in zip(read.tolist(), wrong.tolist(), strict=True)]
-                best = int(np.argmin(chances))
-                if chances[best] <= LIMITS.read.max_chance:
-                    k, quarters = divmod(best, TURNS)
-                    margin, corners = _margin(pixels, homography, n), np.roll(quad, quarters, axis=0)
-                    one = Detection(name, codes.ids[k], int(wrong[best]), margin, corners)
-                    found.append((chances[best], one))
-        return min(found, key=lambda one: one[0])[1] if found else None
+        read = (self._explain(pixels, quad, *of) for quad in quads for of in self._codes.items())
+        return best_of_codes(found for by_chance, found in read if by_chance <= max_chance)
 
-
-def read_code(pixels: Grey, corners: Array, family: str, tag_id: int) -> tuple[int, float]:
-    """Wrong data bits of a code in a quad `(4, 2)` TL, TR, BR, BL [px], and their mean margin [grey]."""
-    n = find_family(family).black_cells
-    homography = image_from_cells(corners, n)
-    wrong = (_levels(pixels, homography, n)[0] > HALF) != (cells(family, tag_id) > 0)
-    return int(np.count_nonzero(wrong[1:-1, 1:-1])), _margin(pixels, homography, n)
-
-
-def _margin(pixels: Grey, homography: Array, n: int) -> float:
-    """Mean distance of black and white from the threshold between them [grey]; beside a tag a quad has little."""
-    return HALF * float(rim_steps(pixels, homography, n).mean())
+    def _explain(self, pixels: Grey, quad: Array, name: str, codes: _Codes) -> tuple[float, Detection]:
+        """The likeliest code of a family, and the probability that chance reads as well."""
+        n = find_family(name).black_cells
+        homography = image_from_cells(quad, n)
+        steps = rim_steps(pixels, homography, n)
+        votes = _votes(pixels, homography, max(float(np.median(steps)), LEAST_GREY), codes)
+        known = (np.abs(votes) > CLEAR) & codes.seen
+        wrong = known & ((votes > 0) != codes.bits)
+        read, misread = (np.count_nonzero(of, axis=1).tolist() for of in (known, wrong))
+        chances = [chance(*pair, len(read)) for pair in zip(read, misread, strict=True)]
+        best = int(np.argmin(chances))
+        k, quarters = divmod(best, TURNS)
+        # The threshold between black and white is half a step away; beside a tag a quad has little.
+        margin = HALF * float(steps.mean())
+        found = Detection(name, codes.ids[k], misread[best], margin, np.roll(quad, quarters, axis=0))
+        return chances[best], found
 
 
 def _turned(codes: Bools) -> Bools:
-    """Cells `(k, n, n)` turned by 0 to 3 quarters `(4 * k, n, n)`."""
+    """Cells `(k, n, n)` turned by 0 to 3 quarters, row by row `(4 * k, n * n)`."""
     turned = np.stack([np.rot90(codes, quarters, axes=(1, 2)) for quarters in range(TURNS)], axis=1)
-    return turned.reshape(-1, *codes.shape[1:])
+    return turned.reshape(len(codes) * TURNS, -1)
 
 
-def _levels(pixels: Grey, homography: Array, n: int) -> Array:
-    """White share of cells `(1, n, n)`: 0 as the border, 1 as the paper."""
-    values = cell_values(pixels, homography, n)
-    paper, ink = (np.median(values[_layers(n + 2) == k]) for k in (0, 1))
-    return np.asarray((values[None, 1:-1, 1:-1] - ink) / max(paper - ink, LEAST_GREY))
-
-
-def _steps(pixels: Grey, homography: Array, n: int, codes: _Codes) -> Array:
-    """White share of cells `(k, n, n)` by the steps from their outer neighbours.
+def _votes(pixels: Grey, homography: Array, contrast: float, codes: _Codes) -> Array:
+    """Whether cells are white `(k, n * n)`, -0.5 to 0.5, by the steps from their outer neighbours; 0 of the border.
 
     Beside a black neighbour of grey value b a cell has b when it is black, and the least of b + contrast and 255 when
     it is white; beside a white one b - contrast and b. One blown neighbour of a white cell is as good as any; a cell
-    that is blown beside one tells nothing. Cells without a line that tells have one half.
+    that is blown beside one tells nothing.
     """
-    contrast = max(float(np.median(rim_steps(pixels, homography, n))), LEAST_GREY)
-    outer, of_cell, points = _lines(n)
+    outer, of_cell, points = _lines(math.isqrt(codes.bits.shape[1]))
     here, there = sample(pixels, carry(homography, points)).reshape(2, -1, len(ALONG)).mean(axis=2)
     least = LIMITS.read.faint * contrast
     room = np.minimum(there + contrast, BRIGHTEST) - there
-    by_black = np.where(room < least, 0.0, (here - there) / np.maximum(room, 1.0) - 0.5)
-    by_white = 0.5 + (here - there) / contrast
+    by_black = np.where(room < least, 0.0, (here - there) / np.maximum(room, 1.0) - HALF)
+    by_white = HALF + (here - there) / contrast
     blown = there >= LIMITS.read.saturated
-    by_white[blown] = np.where(here[blown] < BRIGHTEST - least, -0.5, 0.0)
-    white, seen = (of.reshape(len(of), -1)[:, outer] for of in (codes.bits, codes.seen))
-    votes = np.where(white, by_white, by_black).clip(-0.5, 0.5) * seen
+    by_white[blown] = np.where(here[blown] < BRIGHTEST - least, -HALF, 0.0)
+    votes = np.where(codes.bits[:, outer], by_white, by_black).clip(-HALF, HALF) * codes.seen[:, outer]
     lines = (votes != 0).astype(np.float64) @ of_cell
-    share: Array = 0.5 + (votes @ of_cell) / np.maximum(lines, 1.0)
-    return share.reshape(-1, n, n)
-
-
-@lru_cache(maxsize=32)
-def _layers(n: int) -> npt.NDArray[np.intp]:
-    """How many cells lie between each of `(n, n)` and the rim."""
-    away = np.minimum(np.arange(n), np.arange(n)[::-1])
-    return np.minimum.outer(away, away)
+    return np.asarray(votes @ of_cell / np.maximum(lines, 1.0))
 
 
 @lru_cache(maxsize=32)
@@ -243,14 +205,14 @@ def _lines(n: int) -> tuple[npt.NDArray[np.intp], Array, Array]:
         The other cell of each line, row by row `(m,)`; whether a line counts for a cell `(m, n * n)`; samples
         beside the lines, those in inner cells first `(2 * m * 3, 2)`.
     """
-    index, layer = np.arange(n * n).reshape(n, n), _layers(n).ravel()
+    index, away = np.arange(n * n).reshape(n, n), np.minimum(np.arange(n), np.arange(n)[::-1])
     beside, below = (index[:, :-1], index[:, 1:]), (index[:-1], index[1:])
-    pairs = np.concatenate([np.stack(two, axis=-1).reshape(-1, 2) for two in (beside, below)])
-    pairs = np.where(np.diff(layer[pairs]) < 0, pairs, pairs[:, ::-1])
-    cell, outer = pairs[layer[pairs[:, 0]] > 0].T
-    middle = np.column_stack(np.divmod(np.arange(n * n), n)[::-1]) + 0.5
-    across = middle[cell] - middle[outer]
-    line = (middle[cell] + middle[outer]) / 2
+    first, second = (np.concatenate([of.ravel() for of in both]) for both in zip(beside, below, strict=True))
+    to_rim = np.minimum.outer(away, away).ravel()
+    cell, outer = np.where(to_rim[second] < to_rim[first], (first, second), (second, first))
+    cell, outer = cell[to_rim[cell] > 0], outer[to_rim[cell] > 0]
+    middle = middles(n)
+    across, line = middle[cell] - middle[outer], (middle[cell] + middle[outer]) / 2
     spread = np.array(ALONG)[:, None] * across[:, None, ::-1]
-    points = [(line + away * across)[:, None] + spread for away in (STEP_CELLS, -STEP_CELLS)]
-    return outer, (cell[:, None] == np.arange(n * n)).astype(np.float64), np.concatenate(points).reshape(-1, 2)
+    points = [(line + side * across)[:, None] + spread for side in (STEP_CELLS, -STEP_CELLS)]
+    return outer, (cell[:, None] == index.ravel()).astype(np.float64), np.concatenate(points).reshape(-1, 2)

@@ -25,7 +25,7 @@ import numpy.typing as npt
 from mkdaemon.vision.arrays import Array, Grey
 from mkdaemon.vision.limits import HALF, LIMITS
 from mkdaemon.vision.tags.cellread import STEP_CELLS, CodeReader, Covered, carry, image_from_cells, sample
-from mkdaemon.vision.tags.detection import Detection, best_of_codes
+from mkdaemon.vision.tags.detection import Detection
 
 Index = npt.NDArray[np.intp]
 
@@ -75,8 +75,7 @@ class OutlineSearch:
         # A side along the image's edge is where the print was cut.
         far = np.array(pixels.shape[::-1]) - 1 - SPECK_PX
         whole = (quad for quad in quads if ((quad >= SPECK_PX) & (quad <= far)).all())
-        read = (self._reader.read(pixels, quad) for quad in whole)
-        return best_of_codes((one for one in read if one is not None), lambda one: (-one.hamming, one.decision_margin))
+        return self._reader.read(pixels, whole)
 
 
 def has_highlights(pixels: Grey) -> bool:

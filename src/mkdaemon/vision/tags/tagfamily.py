@@ -20,7 +20,7 @@ from __future__ import annotations
 import importlib.util
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any, Final
+from typing import Any
 
 import cv2
 import numpy as np
@@ -82,8 +82,11 @@ FAMILIES: dict[str, TagFamily] = {
 """All families pyapriltags has. Sources: Olson, AprilTag, ICRA 2011 (name = tag<bits>h<distance>); Krogius,
 Haggenmiller and Olson, Flexible layouts for fiducial tags, IROS 2019; figures: `apriltag_family_t`. The distance is
 the smallest between two codes, rotations included [bit]."""
-OPENCV_KNOWS: Final = ", ".join(family.name for family in FAMILIES.values() if family.dictionary is not None)
-"""Families that need no wheel."""
+
+
+def middles(n: int) -> npt.NDArray[np.float64]:
+    """Middles (column, row) of `n` x `n` cells, row by row `(n * n, 2)` [cells; from the top left corner]."""
+    return np.column_stack(np.divmod(np.arange(n * n), n)[::-1]) + 0.5
 
 
 def find_family(name: str) -> TagFamily:
@@ -122,17 +125,27 @@ def cells(family: str, tag_id: int) -> Cells:
     if not 0 <= tag_id < known.ids:
         msg = f"{family} has no id {tag_id}: use 0 to {known.ids - 1}"
         raise VisionError(msg)
-    if known.dictionary is not None:
-        codes = cv2.aruco.getPredefinedDictionary(known.dictionary)
-        drawn = cv2.aruco.generateImageMarker(codes, tag_id, known.black_cells)
-        bitmap = np.ascontiguousarray(np.rot90(drawn, 2), dtype=np.uint8)
-    elif is_installed():
+    if known.is_inverted and is_installed():
         bitmap = draw(family, tag_id)
     else:
-        msg = f"tag family {family} needs the pyapriltags wheel; install it, or use one of {OPENCV_KNOWS}"
-        raise VisionError(msg)
+        drawn = cv2.aruco.generateImageMarker(dictionary_of(family), tag_id, known.black_cells)
+        bitmap = np.ascontiguousarray(np.rot90(drawn, 2), dtype=np.uint8)
     bitmap.setflags(write=False)
     return bitmap
+
+
+def dictionary_of(family: str) -> cv2.aruco.Dictionary:
+    """OpenCV's codes of a family, turned by 180 degrees.
+
+    Raises:
+        VisionError: unknown family, or one that OpenCV has not.
+    """
+    known = find_family(family).dictionary
+    if known is None:
+        names = ", ".join(one.name for one in FAMILIES.values() if one.dictionary is not None)
+        msg = f"tag family {family} needs the pyapriltags wheel; install it, or use one of {names}"
+        raise VisionError(msg)
+    return cv2.aruco.getPredefinedDictionary(known)
 
 
 def is_installed() -> bool:
@@ -147,15 +160,10 @@ def open_library() -> Any:
     return LibDetector(families="", nthreads=1, refine_edges=1)
 
 
-def family_in(library: Any, name: str) -> Any:
-    """A family of its own for a library; pyapriltags has told ctypes what its maker returns."""
-    return getattr(library.libc, f"{name}_create")()
-
-
 @lru_cache(maxsize=16)
 def _in_library(name: str) -> Any:
     """Codes of a family, and where their bits stand, as libapriltag has them."""
-    return family_in(open_library(), name).contents
+    return getattr(open_library().libc, f"{name}_create")().contents
 
 
 def draw(name: str, tag_id: int) -> Cells:

@@ -134,13 +134,10 @@ class Tracker:
     def _search(self, frame: Frame) -> list[Detection]:
         """One of the first searches of the whole image; in every second image that shows nothing another one too."""
         pixels = frame.sight.pixels
-        found = self.detector.search(pixels, FIRST[self._searches % len(FIRST)])
+        found = self.detector.search(pixels, *FIRST[self._searches % len(FIRST)])
         turn, not_now = divmod(self._searches, LIMITS.search.thorough_every)
         self._searches += 1
         if found or not_now:
             return found
         looks = self.detector.looks(pixels)
-        if not looks:
-            return found
-        look = looks[turn % len(looks)]
-        return self.detector.search(pixels, look.stage, look.part)
+        return self.detector.search(pixels, *looks[turn % len(looks)])
