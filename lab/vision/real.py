@@ -19,6 +19,7 @@ from lab.vision.stills import SeedSet, error_of, target_named
 from mkdaemon.vision.camera.intrinsics import Intrinsics
 from mkdaemon.vision.pose.pose import Pose, solve, with_floor
 from mkdaemon.vision.pose.projection import Projection
+from mkdaemon.vision.tags.cellread import CodeReader
 from mkdaemon.vision.tags.detection import Detection
 from mkdaemon.vision.tags.detector import AprilTagSearch, ArucoSearch
 from mkdaemon.vision.tags.tagmap import TagMap, Target
@@ -101,7 +102,7 @@ def look_at(frames: Iterable[FlightFrame], target: Target, lens: Intrinsics) -> 
     """
     eyes, projection = _eyes(target, lens), Projection(lens)
     wanted = TagMap((target,)).whitelist
-    april, opencv = AprilTagSearch(tuple(wanted)), ArucoSearch(wanted, {})
+    april, opencv = AprilTagSearch(tuple(wanted)), ArucoSearch(tuple(wanted), CodeReader(wanted, {}))
     plain: dict[str, Callable[[Grey], list[Detection]]] = {
         "apriltag": april.find,
         "opencv": opencv.find,

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from lab.vision.stills import search_in_turn
-from mkdaemon.vision.tags.cellread import has_sides
+from mkdaemon.vision.tags.cellread import CodeReader, has_sides
 from mkdaemon.vision.tags.detector import FIRST, ArucoSearch, Detector, looks_of
 from mkdaemon.vision.tags.tagfamily import cells, find_family
 from mkdaemon.vision.tags.tagmap import TagMap, covered_cells
@@ -76,7 +76,7 @@ def test_fallback_says_what_is_lost():
     assert "range" in fallback.warning
     assert "pyapriltags" in fallback.warning
     assert Detector({"tag36h11": frozenset({0})}, backend="apriltag").warning == ""
-    assert ArucoSearch({"tag36h11": frozenset({0})}, {}).find(np.full((100, 100), 200, np.uint8)) == []
+    assert ArucoSearch(("tag36h11",), CodeReader({}, {})).find(np.full((100, 100), 200, np.uint8)) == []
 
 
 @pytest.mark.parametrize("distance", [0.8, 2.0, 4.0, 8.0])

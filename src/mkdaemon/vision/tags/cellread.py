@@ -28,8 +28,8 @@ Covered = Mapping[tuple[str, int], Bools]
 
 TURNS = 4
 """Of a quad: chance has as many tries with each code."""
-QUIET_CELLS = 0.3
-"""Where the quiet zone is sampled, outside the black square [cells]."""
+SIDE_CELLS: Final = 0.3
+"""How far from a side of a whole quad paper and ink are looked for [cells]."""
 CLEAR: Final = HALF / 2
 """Of a contrast, from the middle, beyond which a cell is black or white: half way to what is neither."""
 LEAST_GREY: Final = NOISE_GREY / CLEAR
@@ -60,27 +60,17 @@ def carry(homography: Array, points: Array) -> Array:
     return mapped
 
 
-def rim_steps(
-    pixels: Grey, homography: Array, n: int, outside: float = STEP_CELLS, inside: float = STEP_CELLS
-) -> Array:
-    """How much brighter the paper is than the ink beside it, along all sides of a black square `(4, 2 * n)` [grey].
-
-    Args:
-        pixels: `(h, w)` uint8.
-        homography: see `image_from_cells`.
-        n: cells along the black square.
-        outside: how far outside of it paper is sampled [cells].
-        inside: how far inside ink is [cells].
-    """
-    values = sample(pixels, carry(homography, _rims(n, outside, -inside))).reshape(2, 4, -1)
-    return np.asarray(values[0] - values[1])
+def rim_steps(pixels: Grey, homography: Array, n: int, depth: float) -> Array:
+    """How much brighter paper is than ink along the sides of a black square `(4, 2 * n)`, `depth` cells away [grey]."""
+    paper, ink = sample(pixels, carry(homography, _rims(n, depth))).reshape(2, 4, -1)
+    return np.asarray(paper - ink)
 
 
 @lru_cache(maxsize=32)
-def _rims(n: int, *depths: float) -> Array:
-    """Points so far outside the black square, inside where negative, top, right, bottom, left `(depths * 8 * n, 2)`."""
+def _rims(n: int, depth: float) -> Array:
+    """Points outside a square of `n` cells, then inside: top, right, bottom, left `(2 * 4 * 2 n, 2)` [cells]."""
     along = (np.arange(2 * n) + 0.5) / 2
-    sides = (((along, -d), (n + d, along), (along, n + d), (-d, along)) for d in depths)
+    sides = (((along, -d), (n + d, along), (along, n + d), (-d, along)) for d in (depth, -depth))
     return np.concatenate([np.stack(np.broadcast_arrays(x, y), axis=-1) for four in sides for x, y in four])
 
 
@@ -90,7 +80,7 @@ def has_sides(pixels: Grey, corners: Array, n: int, *, inverted: bool) -> bool:
     A quad whose side is the edge of the image, or of something lying over the tag, has black or mixed cells outside.
     White and black are taken from beside each other, so shadow edges and gradients do not count against a side.
     """
-    contrast = rim_steps(pixels, image_from_cells(corners, n), n, QUIET_CELLS, HALF) * (-1 if inverted else 1)
+    contrast = rim_steps(pixels, image_from_cells(corners, n), n, SIDE_CELLS) * (-1 if inverted else 1)
     floor = max(NOISE_GREY, LIMITS.read.least_contrast * float(np.median(np.abs(contrast))))
     return bool(((contrast > floor).mean(axis=1) > HALF).all())
 
@@ -155,7 +145,7 @@ class CodeReader:
         """The likeliest code of a family, and the probability that chance reads as well."""
         n = find_family(name).black_cells
         homography = image_from_cells(quad, n)
-        steps = rim_steps(pixels, homography, n)
+        steps = rim_steps(pixels, homography, n, STEP_CELLS)
         votes = _votes(pixels, homography, max(float(np.median(steps)), LEAST_GREY), codes)
         known = (np.abs(votes) > CLEAR) & codes.seen
         wrong = known & ((votes > 0) != codes.bits)

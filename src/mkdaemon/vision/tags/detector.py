@@ -28,7 +28,7 @@ from mkdaemon.vision.arrays import Grey
 from mkdaemon.vision.limits import HALF, LIMITS
 from mkdaemon.vision.tags.cellread import TURNS, CodeReader, Covered, chance, has_sides
 from mkdaemon.vision.tags.detection import Detection, View, best_of_codes
-from mkdaemon.vision.tags.outline import OutlineSearch, has_highlights
+from mkdaemon.vision.tags.outline import has_highlights, read_outlines
 from mkdaemon.vision.tags.tagfamily import dictionary_of, find_family, is_installed, open_library
 
 Part = tuple[int, int, int, int]
@@ -138,11 +138,10 @@ class Detector:
         self.backend = backend
         self.warning = LOST_WITHOUT_APRILTAG if backend == "aruco" else ""
         self._whitelist, self._max_chance = whitelist, max_chance
-        covered = covered or {}
-        self._whole = AprilTagSearch(tuple(whitelist)) if backend == "apriltag" else ArucoSearch(whitelist, covered)
         # Outlines are those of something black, and an inverted tag has data there.
         classic = {name: ids for name, ids in whitelist.items() if not find_family(name).is_inverted}
-        self._broken = OutlineSearch(classic, covered)
+        families, self._reader = tuple(whitelist), CodeReader(classic, covered or {})
+        self._library = AprilTagSearch(families) if backend == "apriltag" else ArucoSearch(families, self._reader)
 
     def looks(self, pixels: Grey) -> tuple[Look, ...]:
         """The searches of an image that take turns beside the first ones, in highlights that for outlines first."""
@@ -175,12 +174,13 @@ class Detector:
             return []  # libapriltag crashes on a few rows
         if view in _SEEN:
             seen = np.asarray(cv2.LUT(seen, _SEEN[view]), dtype=np.uint8)
-        search = self._broken if view == "outline" else self._whole
-        if isinstance(search, AprilTagSearch):
-            found, ratio = search.find(seen, decimate * shrunk), np.ones(2)
+        if view != "outline" and isinstance(self._library, AprilTagSearch):
+            found, ratio = self._library.find(seen, decimate * shrunk), np.ones(2)
         else:
-            small = cv2.resize(seen, None, fx=1 / shrunk, fy=1 / shrunk, interpolation=cv2.INTER_AREA)
-            found, ratio = search.find(np.asarray(small, dtype=np.uint8)), np.divide(seen.shape, small.shape)[::-1]
+            resized = cv2.resize(seen, None, fx=1 / shrunk, fy=1 / shrunk, interpolation=cv2.INTER_AREA)
+            small = np.asarray(resized, dtype=np.uint8)
+            found = read_outlines(small, self._reader) if view == "outline" else self._library.find(small)
+            ratio = np.divide(seen.shape, small.shape)[::-1]
         # Centres of pixels are whole numbers.
         first = np.array([x0, y0]) - HALF
         coarse = round(ratio[0])
@@ -246,24 +246,19 @@ def _library(families: tuple[str, ...], _thread: int) -> Any:
 
 
 class ArucoSearch:
-    """cv2.aruco with sub-pixel corners; its range is short and it is blind to the outer one of nested tags."""
+    """cv2.aruco with sub-pixel corners; its range is short and it is blind to the outer one of nested tags.
 
-    def __init__(self, whitelist: Mapping[str, frozenset[int]], covered: Covered) -> None:
-        """Prepare the codes.
+    Raises:
+        VisionError: a family OpenCV has no dictionary of.
+    """
 
-        Args:
-            whitelist: ids by family.
-            covered: cells of a code that another tag lies on, which say nothing.
-
-        Raises:
-            VisionError: a family OpenCV has no dictionary of.
-        """
-        self._reader = CodeReader(whitelist, covered)
+    def __init__(self, families: tuple[str, ...], reader: CodeReader) -> None:
+        self._reader = reader
         parameters = cv2.aruco.DetectorParameters()
         parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
         parameters.cornerRefinementWinSize = 3
         parameters.minMarkerPerimeterRate = 0.02
-        self._detector = cv2.aruco.ArucoDetector([dictionary_of(name) for name in whitelist], parameters)
+        self._detector = cv2.aruco.ArucoDetector([dictionary_of(name) for name in families], parameters)
 
     def find(self, pixels: Grey) -> list[Detection]:
         """The codes in the quads that cv2.aruco finds in `(h, w)` uint8."""
