@@ -148,7 +148,6 @@ class ReadLimits:
 
     saturated: int = of(253, "grey", "a pixel from here up may have been anything", NOISE)
     least_contrast: float = of(0.15, "share", "of the usual contrast, or slope, of an edge", STILLS)
-    min_cells: int = of(16, "", "fewer cells tell nothing", "derived: one in 65,000 by chance")
     misread: float = of(0.05, "share", "of neighbouring cells in view, where the print is", STILLS)
     beside_cells: int = of(3, "cells", "that a fit may lie beside its place", "nested targets; farther fails the bits")
     faint: float = of(

@@ -28,7 +28,7 @@ from mkdaemon.vision.arrays import Grey
 from mkdaemon.vision.limits import HALF, LIMITS
 from mkdaemon.vision.tags.cellread import TURNS, CodeReader, Covered, chance, has_sides
 from mkdaemon.vision.tags.detection import Detection, View, best_of_codes
-from mkdaemon.vision.tags.outline import has_highlights, read_outlines
+from mkdaemon.vision.tags.outline import read_outlines
 from mkdaemon.vision.tags.tagfamily import dictionary_of, find_family, is_installed, open_library
 
 Part = tuple[int, int, int, int]
@@ -54,7 +54,7 @@ TONES: Final[tuple[View, ...]] = ("grey", "light", "log")
 FIRST: Final = tuple(Look(tone, decimate=2) for tone in TONES)
 """Searches of which every image gets one, in turn: 3 to 6 ms on VGA."""
 FINE: Final[tuple[View, ...]] = ("log", "grey")
-"""Views for small tags; light needs tags that are large at half the resolution too."""
+"""Tones for small tags; light needs tags that are large at half the resolution too."""
 OVERLAP: Final = 37
 """Of neighbouring tiles, times as many pixels as the whole image is shrunk by: a tag of 28 px with its quiet zone."""
 _LOG: Final[Grey] = np.round(100 + 14 * (np.log10(np.arange(256) + 4.0) - np.log10(64.0))).clip(0, 255).astype(np.uint8)
@@ -69,36 +69,24 @@ LOST_WITHOUT_APRILTAG: Final = (
 )
 
 
-@lru_cache(maxsize=32)
-def looks_of(width: int, height: int, *, outline_first: bool = False) -> tuple[Look, ...]:
-    """The searches of an image of so many pixels that take turns beside the first ones."""
-    whole = [Look(view) for view in (*FINE, "outline")]
-    if outline_first:
-        whole = [whole[-1], *whole[:-1]]
-    tiles = [Look(view, part) for view in FINE for part in tiles_of(width, height)]
-    turns = itertools.cycle(whole)
-    return tuple(look for tile in tiles for look in (next(turns), tile)) or tuple(whole)
-
-
-def tiles_of(width: int, height: int) -> list[Part]:
-    """Parts of an image that has to be shrunk; none of one that has not.
+@lru_cache(maxsize=16)
+def looks_of(width: int, height: int) -> tuple[Look, ...]:
+    """The searches of an image of so many pixels that take turns beside the first ones.
 
     A tile with its overlaps has fewer pixels than the shrunk image, as there are two more than that along each side.
     """
+    whole = (Look("outline"), *(Look(tone) for tone in FINE))
     shrunk = shrinking(width, height)
     if shrunk == 1:
-        return []
-    count, half = shrunk + 2, OVERLAP * shrunk // 2
-    return [
-        (
-            max(x * width // count - half, 0),
-            max(y * height // count - half, 0),
-            min((x + 1) * width // count + half, width),
-            min((y + 1) * height // count + half, height),
-        )
-        for y in range(count)
-        for x in range(count)
-    ]
+        return whole
+    half, count = OVERLAP * shrunk // 2, shrunk + 2
+    across, down = (
+        [(max(k * length // count - half, 0), min((k + 1) * length // count + half, length)) for k in range(count)]
+        for length in (width, height)
+    )
+    tiles = [Look(tone, (x0, y0, x1, y1)) for tone in FINE for y0, y1 in down for x0, x1 in across]
+    turns = itertools.cycle(whole)
+    return tuple(look for tile in tiles for look in (next(turns), tile))
 
 
 def shrinking(width: int, height: int) -> int:
@@ -142,11 +130,6 @@ class Detector:
         classic = {name: ids for name, ids in whitelist.items() if not find_family(name).is_inverted}
         families, self._reader = tuple(whitelist), CodeReader(classic, covered or {})
         self._library = AprilTagSearch(families) if backend == "apriltag" else ArucoSearch(families, self._reader)
-
-    def looks(self, pixels: Grey) -> tuple[Look, ...]:
-        """The searches of an image that take turns beside the first ones, in highlights that for outlines first."""
-        height, width = pixels.shape
-        return looks_of(width, height, outline_first=has_highlights(pixels))
 
     def search(self, pixels: Grey, view: View, part: Part | None = None, decimate: int = 1) -> list[Detection]:
         """Run one search (`Look`) at a bounded cost.

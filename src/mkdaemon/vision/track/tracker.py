@@ -17,7 +17,7 @@ from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.linetime import Shutter
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.tags.detection import Detection
-from mkdaemon.vision.tags.detector import FIRST, Detector
+from mkdaemon.vision.tags.detector import FIRST, Detector, looks_of
 from mkdaemon.vision.tags.tagmap import TagMap, covered_cells
 from mkdaemon.vision.track.alarms import ImageHealth
 from mkdaemon.vision.track.attitude import AttitudeHistory, Mounting, Sight
@@ -139,5 +139,5 @@ class Tracker:
         self._searches += 1
         if found or not_now:
             return found
-        looks = self.detector.looks(pixels)
+        looks = looks_of(*pixels.shape[::-1])
         return self.detector.search(pixels, *looks[turn % len(looks)])
