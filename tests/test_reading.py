@@ -35,7 +35,7 @@ from mkdaemon.protocol.framing import DropReason, FrameDecoder
 from mkdaemon.reading import DEEPEST, open_regular, parse_json, parse_toml, read_text
 from mkdaemon.record.reader import Recording
 from mkdaemon.record.summary import glance
-from mkdaemon.vision.calibrate.views import views_of_folder
+from mkdaemon.vision.calibrate.views import Views
 from mkdaemon.vision.camera.calibration_file import load_camera
 from mkdaemon.vision.camera.image import PictureError
 from mkdaemon.vision.camera.imagecodec import decode_picture, picture_size, read_picture
@@ -88,7 +88,7 @@ class NoBoard:
 
 
 def views(path):
-    return list(views_of_folder(path.parent, NoBoard()))
+    return list(Views(NoBoard()).take_folder(path.parent))
 
 
 READERS = {

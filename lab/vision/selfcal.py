@@ -188,8 +188,8 @@ def descend(name: str, seed: int) -> Outcome:
             check.barometer_received(*readings.pop(0))
         found = tracker.update(image, descent.attitude).pose_of(target.name)
         if found is not None:
-            heights = {target.name: height_over(found, mounting)}
-            check.image_seen(image.pixels, {target.name: found.pose}, heights, now, descent.attitude.at(now, 0.25))
+            seen = {target.name: (found.pose, height_over(found, mounting))}
+            check.image_seen(image.pixels, seen, now, descent.attitude.at(now, 0.25))
         for alarm in check.alarms:
             alarms.setdefault(alarm.value, now)
     bias = (float(np.degrees(descent.bias[0])), float(np.degrees(descent.bias[1])))

@@ -96,7 +96,7 @@ def test_live_views_are_taken_when_still_and_new(pictures: Path, tmp_path: Path)
     for k in (0, 0, 0, 1, 1):
         image = cv2.imread(str(pictures / f"view{k}.png"), cv2.IMREAD_GRAYSCALE)
         report = views.take(f"view{k}", image, is_live=True)
-        reasons.append("taken" if report.taken else report.reason)
+        reasons.append("taken" if report.is_taken else report.words)
     assert reasons == ["hold still", "taken", "move on", "hold still", "taken"]
     assert len(list((tmp_path / "kept").iterdir())) == 2
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from math import cos, pi
 
 import numpy as np
@@ -9,8 +10,11 @@ import pytest
 
 from lab.vision.barometer import _fly
 from lab.vision.bounds import mounting_sd, scale_sd, turning_focal_sd
+from lab.vision.flight import VGA
 from lab.vision.selfcal import ATTITUDE_SD, FPS, SECONDS, Descent
-from mkdaemon.vision.selfcal.selfcheck import LENS, MOUNTING, CameraFilter, ImageEvidence
+from mkdaemon.vision.pose.projection import Projection
+from mkdaemon.vision.selfcal.selfcheck import MOUNTING, SIZES_AT, CameraFilter, ImageEvidence
+from mkdaemon.vision.tags.tagmap import single
 from mkdaemon.vision.track.attitude import LOOKING_DOWN
 
 SEEDS = range(3_007_000, 3_007_060)
@@ -62,10 +66,11 @@ def test_turns_tell_the_focal_length_only_where_they_are_faster_than_a_vehicle_c
 
 def mounting_found(seed: int) -> tuple[np.ndarray, np.ndarray]:
     """Error of roll and pitch, the attitude's own bias taken out, and their deviations [rad], by exact images."""
-    descent, count = Descent(seed, yaws=True), len(LENS) + 1
-    found = CameraFilter(ATTITUDE_SD, LOOKING_DOWN.flu_from_cam, is_moving=False, sizes=0)
-    nothing = np.zeros((3, count)), np.zeros((count, count)), np.zeros(count)
+    descent, count = Descent(seed, yaws=True), SIZES_AT + 1
+    rigid = replace(single(0.16, 7), bend=0.0)
+    found = CameraFilter(rigid, Projection(VGA), ATTITUDE_SD, LOOKING_DOWN.flu_from_cam)
+    information = np.diag([*[1e8] * 6, *[0.0] * count])
     for time in np.arange(0.5, SECONDS * FPS) / FPS:
-        image = ImageEvidence(descent.view(float(time)).enu_from_cam.T, 1e-8 * np.eye(3), *nothing)
+        image = ImageEvidence(descent.view(float(time)).enu_from_cam.T, information, np.zeros(len(information)))
         found.image_seen(float(time), image, descent.attitude.at(float(time), 0.25))
     return found.mean[MOUNTING][:2] + descent.bias, found.sd[MOUNTING][:2]

@@ -114,7 +114,7 @@ class CameraLook:
         from mkdaemon.vision.calibrate.printcheck import softness
         from mkdaemon.vision.camera.image import PictureError
         from mkdaemon.vision.camera.imagecodec import decode_picture
-        from mkdaemon.vision.tags.tagfamily import find_family
+        from mkdaemon.vision.tags.detection import Detection
 
         frame = CameraFrame.model_validate(fields)
         try:
@@ -126,10 +126,11 @@ class CameraLook:
             return  # the next one may be whole
         outlines = self.outlines()
         if self.tags is not None and outlines:
-            widths = [float(np.ptp(corners[:, 0])) for _, corners in outlines]
-            largest = widths.index(max(widths))
-            family = find_family(self.tags.tags[largest].family)
-            self.softness = softness(self._pixels, outlines[largest][1], family.size_cells)
+            found = [
+                Detection(tag.family, tag.id, 0, 0.0, corners)
+                for tag, (_, corners) in zip(self.tags.tags, outlines, strict=True)
+            ]
+            self.softness = softness(self._pixels, max(found, key=lambda one: one.side_px))
 
 
 async def find_camera(uav: Vehicle, name: str = "") -> str:

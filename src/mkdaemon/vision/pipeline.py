@@ -133,11 +133,9 @@ class CameraPipeline:
             # rows whose time is unknown would look like another lens
             if result.poses and Alarm.LINE_TIME not in result.alarms:
                 known = attitude.at(image.captured_at, self._max_attitude_age) if attitude is not None else None
-                poses = {found.target: found.pose for found in result.poses}
-                heights = {found.target: height_over(found, self._mounting or AT_BODY) for found in result.poses}
-                self._selfcheck.image_seen(
-                    in_light(image.pixels, self._gamma), poses, heights, image.captured_at, known
-                )
+                over = self._mounting or AT_BODY
+                seen = {found.target: (found.pose, height_over(found, over)) for found in result.poses}
+                self._selfcheck.image_seen(in_light(image.pixels, self._gamma), seen, image.captured_at, known)
         except Exception as error:  # noqa: BLE001  # no image may end the thread that looks
             self._note(error)
 

@@ -14,8 +14,8 @@ from mkdaemon.config.camera import MountSection
 from mkdaemon.config.vision import BoardSection, TargetSection
 from mkdaemon.errors import ConfigError, VisionError
 from mkdaemon.vision.calibrate.board import BoardPoints, CharucoBoard, TagBoard
-from mkdaemon.vision.calibrate.calibration import CalibrationResult, calibrate, rounded
-from mkdaemon.vision.calibrate.views import Coverage
+from mkdaemon.vision.calibrate.calibration import CalibrationResult, calibrate
+from mkdaemon.vision.calibrate.views import Views
 from mkdaemon.vision.camera.calibration_file import CalibrationRecord, Camera, load_camera, mount_rotation, save_camera
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.tags.tagmap import build
@@ -54,7 +54,7 @@ def charuco_views() -> list[BoardPoints]:
 
 @cache
 def charuco_result() -> CalibrationResult:
-    return calibrate(charuco_views(), 640, 480)
+    return calibrate(charuco_views())
 
 
 def assert_lens(result: CalibrationResult) -> None:
@@ -79,14 +79,14 @@ def test_a_known_lens_is_recovered_from_a_tag_board() -> None:
     images = board_views((sheet_layer(0.28, 0.19), *layers), 0.27)
     views = [view for image in images if (view := board.find(image)) is not None]
     assert len(views) >= 12
-    result = calibrate(views, 640, 480)
+    result = calibrate(views)
     assert abs(result.intrinsics.fx / LENS.fx - 1) < 0.004
     assert result.rms_px < 0.3
 
 
 def test_a_held_out_view_fits_as_well_as_the_others() -> None:
     views = charuco_views()
-    result = calibrate(views[:-1], 640, 480)
+    result = calibrate(views[:-1])
     assert hold_out_rms(result, views[-1]) < 3 * result.rms_px
 
 
@@ -94,7 +94,7 @@ def test_a_view_that_moved_is_left_out() -> None:
     views = list(charuco_views())
     sheared = views[3].image + 0.02 * (views[3].image - views[3].image.mean(axis=0))[:, ::-1]
     views[3] = replace(views[3], image=sheared)
-    result = calibrate(views, 640, 480)
+    result = calibrate(views)
     assert 3 not in result.used
     assert_lens(result)
 
@@ -102,16 +102,16 @@ def test_a_view_that_moved_is_left_out() -> None:
 def test_noise_and_flat_views_are_refused_with_the_reason() -> None:
     rng = np.random.default_rng(1)
     shaken = [replace(view, image=view.image + rng.normal(0, 0.8, view.image.shape)) for view in charuco_views()]
-    assert any("rms" in fault for fault in calibrate(shaken, 640, 480).faults())
+    assert any("rms" in fault for fault in calibrate(shaken).faults())
     front = tuple((0.5, 0.5, 1.2 + 0.01 * k, 2, 1, 10 * k) for k in range(7))
     images = board_views((board_layer(CHARUCO.cells, 0.27, 0.18),), 0.27, places=front)
     flat = [view for image in images if (view := CHARUCO.find(image)) is not None]
-    assert any("from the front alone" in fault for fault in calibrate(flat, 640, 480).faults())
+    assert any("from the front alone" in fault for fault in calibrate(flat).faults())
 
 
 def test_too_few_views_say_how_many_are_needed() -> None:
     with pytest.raises(VisionError, match=r"3 views of the board, at least 6"):
-        calibrate(charuco_views()[:3], 640, 480)
+        calibrate(charuco_views()[:3])
 
 
 def test_nothing_is_found_where_no_board_is() -> None:
@@ -142,41 +142,40 @@ def test_impossible_boards_are_refused(size: tuple[int, int, float]) -> None:
 
 
 def test_coverage_leads_from_nothing_to_enough() -> None:
-    coverage = Coverage(640, 480)
-    first = coverage.missing()
+    views = Views(CHARUCO)
+    first = views.missing()
     assert any("top left" in words for words in first)
     assert len([words for words in first if "lean" in words or "turn" in words]) == 4
     shares = []
     for view in charuco_views():
-        assert coverage.is_novel(view)
-        coverage.add(view)
-        assert not coverage.is_novel(view)
-        shares.append(coverage.share())
+        assert views.is_novel(view)
+        views.add(view)
+        assert not views.is_novel(view)
+        shares.append(views.share())
     assert shares == sorted(shares)
-    assert coverage.missing() == []
+    assert views.missing() == []
 
 
-def test_coverage_is_drawn_part_by_part() -> None:
-    coverage = Coverage(640, 480)
-    empty = coverage.picture()
-    assert empty.count("|" + "      |" * 4) == 3
-    assert empty[-2] == "tilted: left MISSING, right MISSING, top MISSING, bottom MISSING"
+def test_what_a_view_shows_is_no_longer_missing() -> None:
+    views = Views(CHARUCO)
+    before = views.missing()
     xs, ys = np.meshgrid(np.linspace(480, 630, 6), np.linspace(330, 470, 5))  # bottom right part
     points = np.column_stack([xs.ravel(), ys.ravel()])
     board = np.column_stack([points / 1000, np.zeros(len(points))])
-    coverage.add(BoardPoints(np.arange(len(points)), board, points))
-    drawn = coverage.picture()
-    assert drawn[5] == "|" + "      |" * 3 + "  ok  |"
-    assert [line.count("ok") for line in drawn[1:6:2]] == [0, 0, 1]
-    assert drawn[-1] == "distance: near MISSING, far ok"
+    views.add(BoardPoints(np.arange(len(points)), board, points, (640, 480)))
+    gone = " ".join(words for words in before if words not in views.missing())
+    assert "in the bottom right of the picture" in gone
+    assert "go back" in gone
+    assert gone.count(":") == 1
+    assert "come closer" not in gone
 
 
 @pytest.mark.parametrize(("place", "side"), [(5, "left"), (6, "right"), (7, "top"), (8, "bottom")])
 def test_tilts_are_told_apart(place: int, side: str) -> None:
-    coverage = Coverage(640, 480)
-    before = set(coverage.missing())
-    coverage.add(charuco_views()[place])
-    gone = " ".join(before - set(coverage.missing()))
+    views = Views(CHARUCO)
+    before = set(views.missing())
+    views.add(charuco_views()[place])
+    gone = " ".join(before - set(views.missing()))
     nearer = _nearer_side(charuco_views()[place])
     assert nearer == side
     assert f"its {side}" in gone
@@ -204,7 +203,7 @@ def test_a_camera_file_comes_back_as_it_went(tmp_path: Path) -> None:
     result = charuco_result()
     camera = Camera(
         name='a "wide" lens \\ 2.8 mm\n\x7f',
-        intrinsics=rounded(result.intrinsics),
+        intrinsics=result.intrinsics,
         mount=MountSection(position_flu=(0.1, 0.0, -0.05), looks="down", rpy_deg=(0.5, -1.0, 0.0)),
         calibration=CalibrationRecord(date="2026-05-01", views=14, rms_px=0.11, forced=True),
     )
@@ -301,8 +300,8 @@ def test_a_fisheye_is_recovered_from_points_with_noise() -> None:
         aside = 0.16 * np.array([np.cos(1.3 * k), np.sin(0.9 * k), 0.0])
         seen = (grid - grid.mean(axis=0)) @ turn.T + aside + [0.0, 0.0, 0.16 + 0.05 * (k % 3)]
         pixels = project(seen, FISHEYE) + 0.08 * rng.standard_normal((len(grid), 2))
-        views.append(BoardPoints(np.arange(len(grid)), grid, pixels))
-    result = calibrate(views, 640, 480, is_fisheye=True)
+        views.append(BoardPoints(np.arange(len(grid)), grid, pixels, (640, 480)))
+    result = calibrate(views, is_fisheye=True)
     assert result.intrinsics.model == "fisheye"
     for name in ("fx", "fy", "cx", "cy", "k1"):
         error = getattr(result.intrinsics, name) - getattr(FISHEYE, name)
@@ -310,4 +309,4 @@ def test_a_fisheye_is_recovered_from_points_with_noise() -> None:
     assert result.focal_sd_percent < 0.2
     assert hold_out_rms(result, views[0]) < 0.15
     with pytest.raises(VisionError, match="no fisheye"):
-        calibrate([replace(view, image=np.zeros_like(view.image)) for view in views], 640, 480, is_fisheye=True)
+        calibrate([replace(view, image=np.zeros_like(view.image)) for view in views], is_fisheye=True)

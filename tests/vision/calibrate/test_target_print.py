@@ -22,6 +22,7 @@ from mkdaemon.vision.calibrate.target_print import (
     pdf,
     svg,
     target_page,
+    tiles,
     write_page,
 )
 from mkdaemon.vision.tags.tagmap import Target, build, load, single
@@ -117,13 +118,13 @@ def test_an_svg_target_is_found_in_its_true_size() -> None:
 
 
 def test_a_pdf_target_is_found_in_its_true_size() -> None:
-    (page,) = pdf_pages(pdf(target_page(NESTED)))
+    (page,) = pdf_pages(pdf([target_page(NESTED)]))
     assert_true_size(paint_pdf(*page), NESTED)
 
 
 def test_svg_and_pdf_show_the_same() -> None:
     page = target_page(NESTED)
-    (sheet,) = pdf_pages(pdf(page))
+    (sheet,) = pdf_pages(pdf([page]))
     a, b = paint_svg(svg(page)).astype(int), paint_pdf(*sheet).astype(int)
     assert a.shape == b.shape
     assert np.abs(a - b).mean() < 0.5
@@ -141,14 +142,20 @@ def test_a_charuco_board_is_found_with_its_corners_in_place() -> None:
 
 def test_tiles_cover_the_page_and_carry_the_true_size() -> None:
     page = target_page(single(0.3048, 7))
-    sheets = pdf_pages(pdf(page, PAPERS_MM["a4"]))
-    assert len(sheets) == 6
+    sheets = tiles(page, PAPERS_MM["a4"])
+    printed = pdf_pages(pdf(sheets))
+    assert len(sheets) == len(printed) == 6
+    whole = paint_svg(svg(page))
     covered = np.zeros((round(page.height), round(page.width)), bool)
-    for width, height, matrix, _ in sheets:
+    for sheet, (width, height, matrix, drawn) in zip(sheets, printed, strict=True):
         assert sorted((round(width), round(height))) == [210, 297]
-        left = -matrix[0, 2] * 25.4 / 72
-        top = matrix[1, 2] * 25.4 / 72 - height
         assert matrix[0, 0] * 25.4 / 72 == pytest.approx(1.0, abs=1e-6)
+        left, top = page.areas[0].loops[0][0] - sheet.areas[0].loops[0][0]
+        shown = paint_pdf(width, height, matrix, drawn)
+        here, there = ([max(round(way * far) * PX_PER_MM, 0) for far in (top, left)] for way in (1, -1))
+        part, seen = whole[here[0] :, here[1] :], shown[there[0] :, there[1] :]
+        rows, columns = np.minimum(part.shape, seen.shape)
+        assert np.abs(part[:rows, :columns].astype(int) - seen[:rows, :columns]).mean() < 1.0
         x0, y0 = max(round(left + 8), 0), max(round(top + 8), 0)
         covered[y0 : round(top + height - 8), x0 : round(left + width - 8)] = True
     assert covered.all()

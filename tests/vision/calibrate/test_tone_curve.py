@@ -59,12 +59,12 @@ def test_what_shows_no_curve_is_not_stored() -> None:
 def test_edges_that_are_pale_crushed_or_short_are_left_out() -> None:
     image = np.full((80, 80), 200, np.uint8)
     image[:, 40:] = 20
-    start, end = np.array([[39.5, 10.0]]), np.array([[39.5, 70.0]])
-    assert edge_levels(image, start, end) == pytest.approx(np.array([[20.0, 110.0, 200.0]]))
+    edge = np.array([[[39.5, 10.0]], [[39.5, 70.0]]])
+    assert edge_levels(image, edge) == pytest.approx(np.array([[20.0, 110.0, 200.0]]))
     for other in (image // 10, np.where(image > 100, 255, 60).astype(np.uint8), np.full_like(image, 90)):
-        assert len(edge_levels(other, start, end)) == 0
-    assert len(edge_levels(image, start, start + np.array([0.0, 12.0]))) == 0
-    assert len(edge_levels(image, np.empty((0, 2)), np.empty((0, 2)))) == 0
+        assert len(edge_levels(other, edge)) == 0
+    assert len(edge_levels(image, np.array([[[39.5, 10.0]], [[39.5, 22.0]]]))) == 0
+    assert len(edge_levels(image, np.full_like(edge, np.nan))) == 0
 
 
 def test_taken_back_grey_values_are_in_proportion_to_light() -> None:

@@ -3,32 +3,40 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from mkdaemon.frames import rotation_from_euler
-from mkdaemon.vision.selfcal.selfcheck import DECK, LENS, LENS_AT, MOUNTING, TILT_SCALE, CameraFilter, ImageEvidence
+from mkdaemon.vision.pose.projection import Projection
+from mkdaemon.vision.selfcal.selfcheck import DECK, LENS_AT, MOUNTING, SIZES_AT, TILT_SCALE, CameraFilter, ImageEvidence
 from mkdaemon.vision.track.attitude import LOOKING_DOWN
+from tests.vision.views import VGA, shipped
 
 BELIEVED = LOOKING_DOWN.flu_from_cam
+RIGID = replace(shipped("single"), bend=0.0)
+PROJECTION = Projection(VGA)
 TURN = np.radians([2.0, -2.2, 0.0])
 DECK_NORMAL = np.array([np.radians(1.5), np.radians(-1.0), 1.0])
 
 
 def evidence(rotation: np.ndarray, lens: np.ndarray | None = None) -> ImageEvidence:
     """An image that shows a pose exactly, and knows the lens where one is given."""
-    count = len(LENS) + 1
-    sharpness = np.zeros((count, count)) if lens is None else np.diag([1e6, 1.0, 1.0, 1e6, 0.0])
-    pull = np.zeros(count) if lens is None else sharpness @ lens
-    return ImageEvidence(rotation, 1e-6 * np.eye(3), np.zeros((3, count)), sharpness, pull)
+    known = np.zeros(SIZES_AT + 1)
+    matrix = np.diag([*[1e6] * 6, *known])
+    if lens is not None:
+        known[LENS_AT:] = 1e6, 1.0, 1.0, 1e6, 0.0
+        matrix = np.diag([*[1e6] * 6, *known])
+        known[LENS_AT:] *= lens
+    return ImageEvidence(rotation, matrix, np.array([*[0.0] * 6, *known]))
 
 
 def flown(
     yaw: Callable[[float], float], *, moving: bool = False, reported: float = 1.0, seconds: float = 10.0
 ) -> CameraFilter:
     """Ten images a second of a tilted deck with a camera that hangs otherwise than believed."""
-    found = CameraFilter(np.radians(1.0), BELIEVED, is_moving=moving, sizes=0)
+    found = CameraFilter(replace(RIGID, moving=moving), PROJECTION, np.radians(1.0), BELIEVED)
     rng = np.random.default_rng(4)
     true_mounting = rotation_from_euler(float(TURN[0]), float(TURN[1]), 0.0) @ BELIEVED
     normal = DECK_NORMAL / np.linalg.norm(DECK_NORMAL)
@@ -68,7 +76,7 @@ def test_on_a_moving_deck_more_time_is_needed() -> None:
 def test_without_attitude_or_mounting_only_the_lens_is_learned() -> None:
     off = np.array([0.02, 3.0, -2.0, 0.01, 0.0])
     for mounting, attitude in ((None, np.eye(3)), (BELIEVED, None)):
-        found = CameraFilter(np.radians(1.0), mounting, is_moving=False, sizes=0)
+        found = CameraFilter(RIGID, PROJECTION, np.radians(1.0), mounting)
         for k in range(20):
             found.image_seen(0.1 * k, evidence(BELIEVED.T, off), attitude)
         np.testing.assert_allclose(found.mean[LENS_AT:], off, rtol=0.01)

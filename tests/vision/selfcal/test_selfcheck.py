@@ -16,7 +16,7 @@ from mkdaemon.vision.camera.calibration_file import CalibrationRecord, Camera
 from mkdaemon.vision.pose.edgefit import EdgeFit
 from mkdaemon.vision.pose.pose import Pose
 from mkdaemon.vision.pose.projection import Projection
-from mkdaemon.vision.selfcal.selfcheck import LENS_AT, EvidenceMaker, SelfCheck, TargetWatch
+from mkdaemon.vision.selfcal.selfcheck import LENS_AT, CameraFilter, SelfCheck, TargetWatch
 from mkdaemon.vision.tags.tagmap import TagMap, Target
 from mkdaemon.vision.track.attitude import LOOKING_DOWN
 from tests.vision.views import VGA, View, place, shipped
@@ -74,7 +74,7 @@ def watched(
         pose = fit.fit(shot.pixels, start)
         assert pose is not None
         known = shot.enu_from_flu if attitude else None
-        check.image_seen(shot.pixels, {target.name: pose}, {target.name: 2.0}, 0.1 * k, known)
+        check.image_seen(shot.pixels, {target.name: (pose, 2.0)}, 0.1 * k, known)
     return check
 
 
@@ -120,7 +120,7 @@ def test_a_focal_length_that_has_settled_is_told_sooner(
     share: float, sd: float, is_named: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     watch = TargetWatch(shipped(NESTED), RIGHT, np.radians(1.0), has_mount=True)
-    known = SimpleNamespace(mean=np.zeros(12), sd=np.ones(12))
+    known = SimpleNamespace(mean=np.zeros(12), sd=np.ones(12), sized=[], least=watch._filter.least)
     known.mean[LENS_AT], known.sd[LENS_AT] = share, sd
     monkeypatch.setattr(watch, "_filter", known)
     assert bool(list(watch.contradictions())) == is_named
@@ -177,14 +177,14 @@ def test_tags_beside_each_other_say_how_large_they_are() -> None:
     """Edges where the truth puts them, of a board whose tags are 2 % larger in the file than on the paper."""
     nested = shipped(NESTED)
     pair = tuple(replace(tag, size=0.1, position=np.array([0.2 * k, 0.0, 0.0])) for k, tag in enumerate(nested.tags))
-    assert len(EvidenceMaker(replace(nested, tags=pair), Projection(VGA)).sized) == 2
-    assert len(EvidenceMaker(nested, Projection(VGA)).sized) == 1
+    assert len(watching(replace(nested, tags=pair), Projection(VGA)).sized) == 2
+    assert len(watching(nested, Projection(VGA)).sized) == 1
 
 
 def test_a_data_sheet_contradicts_a_calibration() -> None:
     sheet = CalibrationRecord(sheet_focal_mm=2.8, sheet_pixel_um=4.0)
     check = SelfCheck(TagMap((shipped(NESTED),)), Camera(intrinsics=VGA, calibration=sheet), 0.02, has_mount=False)
-    check.image_seen(np.zeros((480, 640), np.uint8), {}, {}, 0.0, None)
+    check.image_seen(np.zeros((480, 640), np.uint8), {}, 0.0, None)
     assert "focal length 600 px in the camera file, 700 px by the data sheet" in check.alarms[Alarm.SCALE]
 
 
@@ -194,7 +194,7 @@ def test_heights_that_grow_faster_than_the_barometers_are_named() -> None:
     for k in range(80):
         height = 4.0 - 3.0 * min(k / 60, 1.0)
         check.barometer_received(0.1 * k - 0.01, 5.0 + height)
-        check.image_seen(np.zeros((2, 2), np.uint8), {"pad": far}, {"pad": 1.3 * height}, 0.1 * k, None)
+        check.image_seen(np.zeros((2, 2), np.uint8), {"pad": (far, 1.3 * height)}, 0.1 * k, None)
     assert "m by the barometer is 3.84 m by the eyes over pad" in check.alarms[Alarm.SCALE]
     assert check.reports() == ()
 
@@ -202,8 +202,21 @@ def test_heights_that_grow_faster_than_the_barometers_are_named() -> None:
 def test_without_a_camera_file_nothing_is_watched() -> None:
     check = SelfCheck(TagMap((shipped(NESTED),)), None, 0.02, has_mount=False)
     check.barometer_received(0.0, 1.0)
-    check.image_seen(np.zeros((2, 2), np.uint8), {}, {}, 0.0, None)
+    check.image_seen(np.zeros((2, 2), np.uint8), {}, 0.0, None)
     assert (check.alarms, check.reports()) == ({}, ())
+
+
+def watching(target: Target, projection: Projection) -> CameraFilter:
+    return CameraFilter(target, projection, np.radians(1.0), None)
+
+
+def focal_information(found: CameraFilter, pixels: np.ndarray, pose: Pose) -> float:
+    """Of an exact print and lens of one unknown, whatever the pose and a shift."""
+    evidence = found.look(pixels, pose)
+    assert evidence is not None
+    own = len(evidence.pull) - len(found.mean)
+    asked = [*range(own), own + LENS_AT]
+    return float(1.0 / np.linalg.inv(evidence.matrix[np.ix_(asked, asked)])[-1, -1])
 
 
 def test_edges_along_rows_of_pixels_share_an_error_and_say_less() -> None:
@@ -215,9 +228,7 @@ def test_edges_along_rows_of_pixels_share_an_error_and_say_less() -> None:
             view.pixels, Pose(view.rotation, view.position, np.eye(6), "edges", 99, 0.1)
         )
         assert pose is not None
-        evidence = EvidenceMaker(target, Projection(VGA)).look(view.pixels, pose)
-        assert evidence is not None
-        said.append(evidence.matrix[0, 0])
+        said.append(focal_information(watching(target, Projection(VGA)), view.pixels, pose))
     assert said[1] > 4.0 * said[0]
 
 
@@ -225,10 +236,10 @@ def test_a_rolling_shutter_and_a_hidden_target_say_less() -> None:
     target, shot = shipped(NESTED), shots()[0]
     pose = Pose(shot.rotation, shot.position, np.eye(6), "edges", 99, 0.1)
     still, rolling = (
-        EvidenceMaker(target, Projection(VGA.model_copy(update={"line_time": t}))).look(shot.pixels, pose)
-        for t in (0.0, 6e-5)
+        focal_information(
+            watching(target, Projection(VGA.model_copy(update={"line_time": line_time}))), shot.pixels, pose
+        )
+        for line_time in (0.0, 6e-5)
     )
-    assert still is not None
-    assert rolling is not None
-    assert rolling.matrix[0, 0] < 0.1 * still.matrix[0, 0]
-    assert EvidenceMaker(target, Projection(VGA)).look(np.zeros_like(shot.pixels), pose) is None
+    assert rolling < 0.1 * still
+    assert watching(target, Projection(VGA)).look(np.zeros_like(shot.pixels), pose) is None

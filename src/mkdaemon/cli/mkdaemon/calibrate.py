@@ -25,8 +25,8 @@ from mkdaemon.errors import ConfigError, MkError, VisionError
 from mkdaemon.files import refuse_existing
 from mkdaemon.telemetry.vision import EyeState
 from mkdaemon.vision.calibrate.board import CalibrationBoard, CharucoBoard, TagBoard
-from mkdaemon.vision.calibrate.calibration import CalibrationResult, calibrate, rounded
-from mkdaemon.vision.calibrate.views import Coverage, ViewReport, Views, views_of_folder
+from mkdaemon.vision.calibrate.calibration import CalibrationResult, calibrate
+from mkdaemon.vision.calibrate.views import ViewReport, Views
 from mkdaemon.vision.camera.calibration_file import CalibrationRecord, Camera, save_camera
 from mkdaemon.vision.camera.camera import CameraStream
 from mkdaemon.vision.camera.image import CameraImage
@@ -93,14 +93,14 @@ def camera(
     _refuse_existing(output, keep, overwrite=force)
     shown = _board(board)
     if images is not None:
-        coverage = _from_folder(images, shown, quiet=as_json)
+        views = _from_folder(images, shown, quiet=as_json)
     else:
         cfg = CameraSection(source=str(source), width=width, height=height)
-        coverage = _live(cfg, shown, keep, seconds, connect, quiet=as_json)
-    result = calibrate(coverage.views, *coverage.size, is_fisheye=fisheye)
-    _show(result, coverage, output, accept_poor=accept_poor, as_json=as_json)
+        views = _live(cfg, shown, keep, seconds, connect, quiet=as_json)
+    result = calibrate(views.taken, is_fisheye=fisheye)
+    _show(result, views, output, accept_poor=accept_poor, as_json=as_json)
     where, record = MountSection(position_flu=mount, looks=looks), _record(result, lens, shown.title)
-    found = Camera(name=name, intrinsics=rounded(result.intrinsics), mount=where, calibration=record)
+    found = Camera(name=name, intrinsics=result.intrinsics, mount=where, calibration=record)
     save_camera(found, output, overwrite=force)
     if not as_json:
         print(f"stored in {output}")
@@ -113,7 +113,7 @@ def _refuse_existing(output: Path, keep: Path | None, *, overwrite: bool) -> Non
     output.parent.mkdir(parents=True, exist_ok=True)
 
 
-def _show(result: CalibrationResult, coverage: Coverage, output: Path, *, accept_poor: bool, as_json: bool) -> None:
+def _show(result: CalibrationResult, views: Views, output: Path, *, accept_poor: bool, as_json: bool) -> None:
     """Print what was found.
 
     Raises:
@@ -121,9 +121,9 @@ def _show(result: CalibrationResult, coverage: Coverage, output: Path, *, accept
     """
     faults = result.faults()
     if as_json:
-        print(json.dumps(_summary(result, coverage, str(output), stored=not faults or accept_poor)))
+        print(json.dumps(_summary(result, views, str(output), stored=not faults or accept_poor)))
     else:
-        _explain(result, coverage)
+        _explain(result, views)
     if faults and not accept_poor:
         msg = f"calibration refused: {'; '.join(faults)} (or store it with --accept-poor)"
         raise VisionError(msg)
@@ -163,15 +163,12 @@ def _board(text: str) -> CalibrationBoard:
     raise ConfigError(msg)
 
 
-def _from_folder(folder: Path, board: CalibrationBoard, *, quiet: bool) -> Coverage:
-    coverage: Coverage | None = None
-    for report, coverage in views_of_folder(folder, board):  # noqa: B007 - the last one is the whole
+def _from_folder(folder: Path, board: CalibrationBoard, *, quiet: bool) -> Views:
+    views = Views(board)
+    for report in views.take_folder(folder):
         if not quiet:
-            print(f"{report.name}: {f'{report.points} points' if report.taken else report.reason}")
-    if coverage is None:
-        msg = f"no picture in {folder} can be read"
-        raise VisionError(msg)
-    return coverage
+            print(f"{report.name}: {report.words}")
+    return views
 
 
 @contextmanager
@@ -198,10 +195,11 @@ def _streaming(cfg: CameraSection, connect: str) -> Iterator[tuple[CameraStream,
 
 def _live(
     cfg: CameraSection, board: CalibrationBoard, keep: Path | None, seconds: float, connect: str, *, quiet: bool
-) -> Coverage:
+) -> Views:
     """Guide until the views will do, the time is over, or Ctrl-C says that is enough."""
     views = Views(board, keep)
     deadline, received_at = time.monotonic() + seconds, time.monotonic()
+    received = False
     with _streaming(cfg, connect) as (stream, slot), _guiding(quiet=quiet) as guide:
         try:
             while time.monotonic() < deadline:
@@ -214,20 +212,20 @@ def _live(
                     if now - received_at > PATIENCE_TIME:
                         raise VisionError(status.reason or f"no image from {cfg.source} for {PATIENCE_TIME:g} s")
                     continue
-                received_at = now
+                received, received_at = True, now
                 report = views.take(f"image {image.sequence}", image.pixels, is_live=True)
-                guide(report, views.coverage)
-                if views.coverage is not None and not views.coverage.missing():
+                guide(report, views)
+                if not views.missing():
                     break
         except KeyboardInterrupt:
             print("enough, calibrating", file=sys.stderr)
-    if views.coverage is None:
+    if not received:
         msg = f"no image from {cfg.source}: {stream.status().reason}"
         raise VisionError(msg)
-    return views.coverage
+    return views
 
 
-Guide = Callable[[ViewReport, Coverage | None], None]
+Guide = Callable[[ViewReport, Views], None]
 
 
 @contextmanager
@@ -239,9 +237,8 @@ def _guiding(*, quiet: bool) -> Iterator[Guide]:
         return
     with Live(console=console, refresh_per_second=8) as live:
 
-        def show(report: ViewReport, coverage: Coverage | None) -> None:
-            if coverage is not None:
-                live.update(Text("\n".join([*coverage.picture(), _guidance(report, coverage)])))
+        def show(report: ViewReport, views: Views) -> None:
+            live.update(Text(_guidance(report, views)))
 
         yield show
 
@@ -249,27 +246,27 @@ def _guiding(*, quiet: bool) -> Iterator[Guide]:
 def _line_guide(*, quiet: bool) -> Guide:
     guided = -GUIDE_EVERY
 
-    def print_line(report: ViewReport, coverage: Coverage | None) -> None:
+    def print_line(report: ViewReport, views: Views) -> None:
         nonlocal guided
         now = time.monotonic()
-        if not quiet and coverage is not None and (report.taken or now - guided > GUIDE_EVERY):
+        if not quiet and (report.is_taken or now - guided > GUIDE_EVERY):
             guided = now
-            print(_guidance(report, coverage))
+            print(_guidance(report, views))
 
     return print_line
 
 
-def _guidance(report: ViewReport, coverage: Coverage) -> str:
+def _guidance(report: ViewReport, views: Views) -> str:
     """How far it is, what became of the newest image, and what to do next."""
-    missing = coverage.missing()
-    outcome = "taken" if report.taken else report.reason
+    missing = views.missing()
+    outcome = "taken" if report.is_taken else report.words
     following = missing[0] if missing else "done"
-    return f"[{100 * coverage.share():3.0f} %] {len(coverage.views)} views, {outcome}. Next: {following}"
+    return f"[{100 * views.share():3.0f} %] {len(views.taken)} views, {outcome}. Next: {following}"
 
 
-def _explain(result: CalibrationResult, coverage: Coverage) -> None:
+def _explain(result: CalibrationResult, views: Views) -> None:
     k = result.intrinsics
-    print(f"{len(result.used)} of {len(coverage.views)} views used, rms {result.rms_px:.3f} px")
+    print(f"{len(result.used)} of {len(views.taken)} views used, rms {result.rms_px:.3f} px")
     for name, unit in (
         ("fx", " px"),
         ("fy", " px"),
@@ -286,25 +283,22 @@ def _explain(result: CalibrationResult, coverage: Coverage) -> None:
             continue
         print(f"  {name} = {getattr(k, name):10.4f} +- {result.sd[name]:.4f}{unit}")
     print(f"  focal length known to {result.focal_sd_percent:.3f} %, image centre to {result.centre_sd_px:.2f} px")
-    missing = coverage.missing()
-    for line in coverage.picture() if missing else ():
-        print(f"  {line}")
-    for words in missing:
+    for words in views.missing():
         print(f"  better with: {words}")
     print(f"  tone curve (gamma) {result.tone}")
 
 
-def _summary(result: CalibrationResult, coverage: Coverage, output: str, *, stored: bool) -> dict[str, object]:
+def _summary(result: CalibrationResult, views: Views, output: str, *, stored: bool) -> dict[str, object]:
     return {
         "file": output if stored else None,
-        "intrinsics": rounded(result.intrinsics).model_dump(),
+        "intrinsics": result.intrinsics.model_dump(),
         "sd": {name: round(sd, 6) for name, sd in result.sd.items()},
         "rms_px": round(result.rms_px, 4),
         "focal_sd_percent": round(result.focal_sd_percent, 4),
         "centre_sd_px": round(result.centre_sd_px, 3),
         "tilt_deg": round(result.tilt_deg, 1),
-        "views": len(coverage.views),
+        "views": len(views.taken),
         "views_used": len(result.used),
         "faults": result.faults(),
-        "missing": coverage.missing(),
+        "missing": views.missing(),
     }

@@ -45,13 +45,27 @@ class BoardPoints:
         ids: `(n,)` names of the points.
         board: `(n, 3)` [m; board].
         image: `(n, 2)` [px, centres at integers].
+        size: width and height of the image [px].
         levels: black, middle and white of straight edges `(m, 3)` [grey]; none of tags.
     """
 
     ids: npt.NDArray[np.int64]
     board: Array
     image: Array
+    size: tuple[int, int]
     levels: Array = field(default_factory=lambda: np.empty((0, 3)))
+
+    @property
+    def normal(self) -> Array:
+        """Direction the board faces `(3,)` [camera, RDF].
+
+        Found with a guessed focal length of one picture width, which is good enough to tell tilts apart.
+        """
+        width, height = self.size
+        guess = np.array([[width, 0, width / 2], [0, width, height / 2], [0, 0, 1]], dtype=np.float64)
+        _, rvec, tvec = cv2.solvePnP(self.board, self.image, guess, None, flags=cv2.SOLVEPNP_IPPE)
+        normal = np.asarray(cv2.Rodrigues(rvec)[0], dtype=np.float64)[:, 2]
+        return -normal if float(normal @ tvec.ravel()) > 0 else normal
 
 
 @dataclass(frozen=True)
@@ -84,20 +98,17 @@ class CharucoBoard:
         return f"charuco {self.columns}x{self.rows}, square {self.square:g} m"
 
     @cached_property
-    def _cv(self) -> cv2.aruco.CharucoBoard:
+    def _detector(self) -> cv2.aruco.CharucoDetector:
         marker = self.square * MARKER_CELLS / CELLS_PER_SQUARE
         dictionary = cv2.aruco.getPredefinedDictionary(DICTIONARY)
-        return cv2.aruco.CharucoBoard((self.columns, self.rows), self.square, marker, dictionary)
-
-    @cached_property
-    def _detector(self) -> cv2.aruco.CharucoDetector:
-        return cv2.aruco.CharucoDetector(self._cv)
+        board = cv2.aruco.CharucoBoard((self.columns, self.rows), self.square, marker, dictionary)
+        return cv2.aruco.CharucoDetector(board)
 
     @cached_property
     def cells(self) -> Grey:
         """The board as cells `(8 * rows, 8 * columns)`, 0 black, 255 white."""
         size = (self.columns * CELLS_PER_SQUARE, self.rows * CELLS_PER_SQUARE)
-        return np.asarray(self._cv.generateImage(size, marginSize=0), dtype=np.uint8)
+        return np.asarray(self._detector.getBoard().generateImage(size, marginSize=0), dtype=np.uint8)
 
     def find(self, pixels: Grey) -> BoardPoints | None:
         """Inner chess corners next to decoded markers in `(h, w)` uint8, refined to their saddle points.
@@ -105,23 +116,14 @@ class CharucoBoard:
         The origin of the board is its top-left corner, y to the bottom, as OpenCV has it; None when too little is seen.
         """
         corners, ids, _, _ = self._detector.detectBoard(pixels)
-        if ids is None or len(ids) < MIN_POINTS or self._cv.checkCharucoCornersCollinear(ids):
+        if ids is None or len(ids) < MIN_POINTS or self._detector.getBoard().checkCharucoCornersCollinear(ids):
             return None
         index = np.asarray(ids, dtype=np.int64).ravel()
-        known = np.asarray(self._cv.getChessboardCorners(), dtype=np.float64)
+        known = np.asarray(self._detector.getBoard().getChessboardCorners(), dtype=np.float64)
         image = np.asarray(corners, dtype=np.float64).reshape(-1, 2)
-        return BoardPoints(index, known[index], image, edge_levels(pixels, *self._edges(index, image)))
-
-    def _edges(self, ids: npt.NDArray[np.int64], image: Array) -> tuple[Array, Array]:
-        """Ends of the sides of squares between neighbouring corners, `(n, 2)` each [px]."""
         grid = np.full((self.rows - 1, self.columns - 1, 2), np.nan)
-        grid.reshape(-1, 2)[ids] = image
-        starts, ends = (
-            np.concatenate([side.reshape(-1, 2) for side in sides])
-            for sides in ((grid[:, :-1], grid[:-1]), (grid[:, 1:], grid[1:]))
-        )
-        seen = np.isfinite(starts + ends).all(axis=1)
-        return starts[seen], ends[seen]
+        grid.reshape(-1, 2)[index] = image
+        return BoardPoints(index, known[index], image, (pixels.shape[1], pixels.shape[0]), edge_levels(pixels, grid))
 
 
 class TagBoard:
@@ -147,21 +149,30 @@ class TagBoard:
             return None
         places, tags, corners = zip(*found, strict=True)
         ids = (4 * np.array(places)[:, None] + np.arange(4)).ravel()
-        return BoardPoints(ids, np.concatenate([tag.corners for tag in tags]), np.concatenate(corners))
+        known = np.concatenate([tag.corners for tag in tags])
+        return BoardPoints(ids, known, np.concatenate(corners), (pixels.shape[1], pixels.shape[0]))
 
 
 CalibrationBoard = CharucoBoard | TagBoard
 """Something flat with known points."""
 
 
-def edge_levels(pixels: Grey, starts: Array, ends: Array) -> Array:
-    """Black, middle and white `(n, 3)` of straight edges that run from `starts` to `ends` `(m, 2)` [px].
+def edge_levels(pixels: Grey, corners: Array) -> Array:
+    """Black, middle and white `(n, 3)` of the straight edges between neighbours of a grid of corners.
 
     Where an edge runs is known from the corners at its ends, which no tone curve moves. Edges that are too short, too
     pale, crushed or blown are left out.
+
+    Args:
+        pixels: `(h, w)` uint8.
+        corners: `(rows, columns, 2)` [px], not a number where they are not seen.
     """
-    if not len(starts):
+    ways = (corners[:, :-1], corners[:, 1:]), (corners[:-1], corners[1:])
+    edges = np.concatenate([np.concatenate(ends, axis=-1).reshape(-1, 4) for ends in ways])
+    edges = edges[np.isfinite(edges).all(axis=1)]
+    if not len(edges):
         return np.empty((0, 3))
+    starts, ends = edges[:, :2], edges[:, 2:]
     along = ends - starts
     length = np.linalg.norm(along, axis=1, keepdims=True)
     aside = np.column_stack([-along[:, 1], along[:, 0]]) * ASIDE
@@ -174,16 +185,3 @@ def edge_levels(pixels: Grey, starts: Array, ends: Array) -> Array:
     good = (length[:, 0] * ASIDE > LEAST_PX) & (white - black > CONTRAST) & (black > GREYS[0]) & (white < GREYS[1])
     levels: Array = np.column_stack([black, middle, white])[good]
     return levels
-
-
-def board_normal(view: BoardPoints, width: int, height: int) -> Array | None:
-    """Direction the board faces `(3,)` [camera, RDF], towards the camera.
-
-    Found with a guessed focal length of one picture width, which is good enough to tell tilts apart.
-    """
-    guess = np.array([[width, 0, width / 2], [0, width, height / 2], [0, 0, 1]], dtype=np.float64)
-    good, rvec, tvec = cv2.solvePnP(view.board, view.image, guess, None, flags=cv2.SOLVEPNP_IPPE)
-    if not good:
-        return None
-    normal = np.asarray(cv2.Rodrigues(rvec)[0], dtype=np.float64)[:, 2]
-    return -normal if float(normal @ tvec.ravel()) > 0 else normal

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from mkdaemon.errors import VisionError
 from mkdaemon.vision.arrays import Array
-from mkdaemon.vision.calibrate.board import BoardPoints, board_normal
+from mkdaemon.vision.calibrate.board import BoardPoints
 from mkdaemon.vision.camera.intrinsics import Intrinsics
 from mkdaemon.vision.pose.pose import damped
 
@@ -78,37 +78,30 @@ class CalibrationResult:
 
     def faults(self) -> list[str]:
         """Why this result should not be used; empty when it is good."""
-        checks = (
-            (
-                self.rms_px < MAX_RMS_PX,
-                f"rms {self.rms_px:.2f} px, must be below {MAX_RMS_PX}: hold still, focus, and print the board flat",
-            ),
-            (
-                self.focal_sd_percent < MAX_FOCAL_SD_PERCENT,
-                f"focal length known to {self.focal_sd_percent:.2f} %, must be below {MAX_FOCAL_SD_PERCENT}:"
-                " add tilted and near views",
-            ),
-            (
-                self.centre_sd_px < MAX_CENTRE_SD_PX,
-                f"image centre known to {self.centre_sd_px:.1f} px, must be below {MAX_CENTRE_SD_PX:g}:"
-                " add views in the corners and turned board",
-            ),
-            (
-                self.tilt_deg > MIN_TILT_DEG,
+        found = []
+        if not self.rms_px < MAX_RMS_PX:
+            found.append(
+                f"rms {self.rms_px:.2f} px, must be below {MAX_RMS_PX}: hold still, focus, and print the board flat"
+            )
+        if not self.focal_sd_percent < MAX_FOCAL_SD_PERCENT:
+            known = f"known to {self.focal_sd_percent:.2f} %, must be below {MAX_FOCAL_SD_PERCENT}"
+            found.append(f"focal length {known}: add tilted and near views")
+        if not self.centre_sd_px < MAX_CENTRE_SD_PX:
+            known = f"known to {self.centre_sd_px:.1f} px, must be below {MAX_CENTRE_SD_PX:g}"
+            found.append(f"image centre {known}: add views in the corners and turned board")
+        if not self.tilt_deg > MIN_TILT_DEG:
+            found.append(
                 f"all views within {self.tilt_deg:.0f} deg of each other: tilt the board by 30 deg to every side,"
-                " views from the front alone do not determine the focal length",
-            ),
-        )
-        return [words for is_good, words in checks if not is_good]
+                " views from the front alone do not determine the focal length"
+            )
+        return found
 
 
-def calibrate(views: Sequence[BoardPoints], width: int, height: int, *, is_fisheye: bool = False) -> CalibrationResult:
+def calibrate(views: Sequence[BoardPoints], *, is_fisheye: bool = False) -> CalibrationResult:
     """Estimate the intrinsics of a camera.
 
     Args:
-        views: the board in at least six images, in different places and tilts.
-        width: of the images [px].
-        height: of the images [px].
+        views: the board in at least six images of one size, in different places and tilts.
         is_fisheye: the lens is a fisheye.
 
     Raises:
@@ -120,60 +113,61 @@ def calibrate(views: Sequence[BoardPoints], width: int, height: int, *, is_fishe
         msg = f"{len(views)} views of the board, at least {MIN_VIEWS} are needed"
         raise VisionError(msg)
     used = list(range(len(views)))
-    lens = _solve(views, (width, height), is_fisheye=is_fisheye)
+    lens = _solve(views, is_fisheye=is_fisheye)
     for _ in range(2):
         limit = max(OUTLIER_FACTOR * float(np.median(lens.errors)), MAX_RMS_PX)
         kept = [k for k, error in zip(used, lens.errors, strict=True) if error <= limit]
         if len(kept) == len(used) or len(kept) < MIN_VIEWS:
             break
         used = kept
-        lens = _solve([views[k] for k in used], (width, height), is_fisheye=is_fisheye)
-    model = "fisheye" if is_fisheye else "pinhole"
+        lens = _solve([views[k] for k in used], is_fisheye=is_fisheye)
+    if not np.isfinite([lens.values, lens.sd]).all() or min(lens.values[:2]) <= 0:
+        raise VisionError("the views determine nothing: show the board tilted, near and at the rim, not only its front")
+    names = FISHEYE if is_fisheye else PINHOLE
+    # seven digits are far below any uncertainty, and short enough to read
+    values = {name: float(f"{value:.7g}") for name, value in zip(names, lens.values.tolist(), strict=True)}
+    sd = dict(zip(names, lens.sd.tolist(), strict=True))
     gamma, tone = tone_curve(np.concatenate([view.levels for view in views]))
-    shape = {"width": width, "height": height, "model": model, "gamma": gamma}
-    intrinsics = Intrinsics.model_validate(shape | lens.values)
-    normals = np.array([n for k in used if (n := board_normal(views[k], width, height)) is not None])
-    tilt_deg = float(np.degrees(np.arccos(np.clip(normals @ normals.T, -1.0, 1.0).min()))) if len(normals) else 0.0
-    return CalibrationResult(intrinsics, lens.rms, lens.sd, tuple(used), tilt_deg, tone)
+    width, height = views[0].size
+    shape = {"width": width, "height": height, "model": "fisheye" if is_fisheye else "pinhole", "gamma": gamma}
+    normals = np.array([views[k].normal for k in used])
+    tilt_deg = float(np.degrees(np.arccos(np.clip(normals @ normals.T, -1.0, 1.0).min())))
+    return CalibrationResult(Intrinsics.model_validate(shape | values), lens.rms, sd, tuple(used), tilt_deg, tone)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Lens:
-    """What views say about a lens: unknowns and their deviations by name, errors of each view `(n,)` and rms [px]."""
+    """What views say about a lens: its unknowns, their deviations `(k,)`, errors of each view `(n,)` and rms [px]."""
 
-    values: dict[str, float]
-    sd: dict[str, float]
+    values: Figures
+    sd: Figures
     errors: Figures
     rms: float
 
 
-def _solve(views: Sequence[BoardPoints], size: tuple[int, int], *, is_fisheye: bool) -> _Lens:
-    """A fisheye, or a pinhole of two radial coefficients, or three where the third earns its place."""
+def _solve(views: Sequence[BoardPoints], *, is_fisheye: bool) -> _Lens:
     board = [view.board[:, None].astype(np.float32) for view in views]
     image = [view.image[:, None].astype(np.float32) for view in views]
     try:
-        if is_fisheye:
-            return _solve_fisheye(board, image, size)
-        short, full = (_solve_pinhole(board, image, size, flags) for flags in (cv2.CALIB_FIX_K3, 0))
+        return (_solve_fisheye if is_fisheye else _solve_pinhole)(board, image, views[0].size)
     except cv2.error as error:
         msg = f"the views determine no {'fisheye' if is_fisheye else 'pinhole'}: {error.err}"
         raise VisionError(msg) from None
-    return full if full.rms < K3_GAIN * short.rms else short
 
 
-def _lens_of(names: Sequence[str], rms: float, matrix: Figures, bend: Figures, sd: Figures, errors: Figures) -> _Lens:
-    values = np.array([matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2], *bend.ravel()], dtype=np.float64)
-    if not (np.isfinite(values).all() and np.isfinite(sd).all()) or min(values[:2]) <= 0:
-        raise VisionError("the views determine nothing: show the board tilted, near and at the rim, not only its front")
-    named, deviations = (dict(zip(names, figures.tolist(), strict=True)) for figures in (values, sd))
-    return _Lens(named, deviations, errors, rms)
+def _values(matrix: Figures, bend: Figures) -> Figures:
+    """Unknowns in the order of `PINHOLE` and `FISHEYE`."""
+    return np.array([matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2], *bend.ravel()], dtype=np.float64)
 
 
-def _solve_pinhole(board: Sequence[Figures], image: Sequence[Figures], size: tuple[int, int], flags: int) -> _Lens:
-    rms, matrix, bend, _, _, sd, _, errors = cv2.calibrateCameraExtended(
-        board, image, size, np.eye(3), np.zeros(5), flags=flags
+def _solve_pinhole(board: Sequence[Figures], image: Sequence[Figures], size: tuple[int, int]) -> _Lens:
+    """Two radial coefficients, or three where the third earns its place."""
+    short, full = (
+        cv2.calibrateCameraExtended(board, image, size, np.eye(3), np.zeros(5), flags=flags)
+        for flags in (cv2.CALIB_FIX_K3, 0)
     )
-    return _lens_of(PINHOLE, rms, matrix, bend, sd.ravel()[: len(PINHOLE)], errors.ravel())
+    rms, matrix, bend, _, _, sd, _, errors = full if full[0] < K3_GAIN * short[0] else short
+    return _Lens(_values(matrix, bend), sd.ravel()[: len(PINHOLE)], errors.ravel(), rms)
 
 
 def _solve_fisheye(board: Sequence[Figures], image: Sequence[Figures], size: tuple[int, int]) -> _Lens:
@@ -189,19 +183,12 @@ def _solve_fisheye(board: Sequence[Figures], image: Sequence[Figures], size: tup
     for points, pixels, turn, place in zip(board, image, turns, places, strict=True):
         seen, jacobian = cv2.fisheye.projectPoints(points, turn, place, matrix, bend)
         errors.append(float(np.sqrt(2.0 * np.mean((pixels - seen) ** 2))))
-        lens, pose = np.split(np.asarray(jacobian, np.float64)[:, : unknowns + 6], [unknowns], axis=1)
-        both, own = pose.T @ lens, pose.T @ pose
-        # what is left of a view once its own pose is free: the Schur complement
-        information += lens.T @ lens - both.T @ np.linalg.solve(damped(own), both)
+        # what is left of a view once its own pose is free
+        by = np.asarray(jacobian, np.float64)[:, : unknowns + 6]
+        information += np.linalg.inv(np.linalg.inv(damped(by.T @ by))[:unknowns, :unknowns])
     count = sum(len(points) for points in board)
     covariance = rms**2 * count / max(2 * count - unknowns - 6 * len(board), 1) * np.linalg.inv(damped(information))
-    return _lens_of(FISHEYE, rms, matrix, bend, np.sqrt(np.diag(covariance)), np.array(errors))
-
-
-def rounded(intrinsics: Intrinsics) -> Intrinsics:
-    """Figures as they are stored: far below their uncertainty, short enough to read."""
-    digits = dict.fromkeys((*PINHOLE, *FISHEYE), 7) | dict.fromkeys(("fx", "fy", "cx", "cy", "gamma"), 4)
-    return intrinsics.model_copy(update={name: round(getattr(intrinsics, name), n) for name, n in digits.items()})
+    return _Lens(_values(matrix, bend), np.sqrt(np.diag(covariance)), np.array(errors), rms)
 
 
 def tone_curve(levels: Array) -> tuple[float, str]:
@@ -225,7 +212,7 @@ def tone_curve(levels: Array) -> tuple[float, str]:
     if best in (0, len(gammas) - 1):
         return 1.0, "not known: the edges of the board show no tone curve: sharpen the focus, even the light"
     slope = float(np.linalg.norm(off[best + 1] - off[best - 1])) / (2 * STEP)
-    gamma, sd = float(gammas[best, 0]), float(np.sqrt(np.mean(off[best] ** 2))) / max(slope, 1e-9)
+    gamma, sd = round(float(gammas[best, 0]), 4), float(np.sqrt(np.mean(off[best] ** 2))) / max(slope, 1e-9)
     words = f"{gamma:.2f} +- {sd:.2f} from {len(levels)} edges"
     if sd > KNOWN:
         return 1.0, f"not known: {words}"

@@ -42,19 +42,18 @@ def line_time_of(images: Sequence[Grey], flicker_hz: float) -> tuple[float, floa
         raise VisionError(msg)
     rows = np.log(np.array([image.mean(axis=1) for image in images]) + 1.0)
     bands = rows - rows.mean(axis=0)
-    bands = bands - bands.mean(axis=1, keepdims=True)
+    bands -= bands.mean(axis=1, keepdims=True)
     height = bands.shape[1]
-    tried = np.arange(LEAST_BANDS, MOST_PER_ROW * height, 1 / FINER) / height
-    window = np.hanning(height)
-    waves = np.exp(-2j * np.pi * tried[:, None] * np.arange(height)[None, :]) * window
-    each = np.abs(bands @ waves.T) ** 2
+    tried = np.fft.rfftfreq(FINER * height)
+    is_band = (tried * height >= LEAST_BANDS) & (tried < MOST_PER_ROW)
+    tried = tried[is_band]
+    each = np.abs(np.fft.rfft(bands * np.hanning(height), FINER * height)[:, is_band]) ** 2
     power = each.sum(axis=0)
     best = int(power.argmax())
     if best in (0, len(tried) - 1) or power[best] < CLEAR * float(np.median(power)):
         msg = f"no bands of a flickering lamp in the images: {EXPOSURE_HELP}"
         raise VisionError(msg)
-    halves = [
-        tried[int(part.sum(axis=0).argmax())] for part in np.array_split(each, min(len(images) // 2, LEAST_IMAGES))
-    ]
-    sd = float(np.std(halves)) / np.sqrt(len(halves)) + 0.5 / (FINER * height)
+    parts = np.array_split(each, min(len(images) // 2, LEAST_IMAGES))
+    found = [tried[part.sum(axis=0).argmax()] for part in parts]
+    sd = float(np.std(found)) / np.sqrt(len(found)) + 0.5 / (FINER * height)
     return float(tried[best]) / flicker_hz, sd / flicker_hz

@@ -7,11 +7,12 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from xml.sax.saxutils import escape
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -87,21 +88,10 @@ def outlines(cells: npt.NDArray[np.bool_]) -> list[Array]:
 
     One outline instead of many rectangles leaves no hairlines between neighbours in any viewer or printer driver.
     """
-    near = np.pad(cells, 1)
-    # A line of the grid has an even number of corners, and an edge from every second one to the next.
-    rows, columns = np.nonzero(near[1:, 1:] ^ near[:-1, 1:] ^ near[1:, :-1] ^ near[:-1, :-1])
-    downwards = np.lexsort((rows, columns))
-    facing = np.empty_like(downwards)
-    facing[downwards] = downwards[np.arange(len(rows)) ^ 1]
-    left, loops = set(range(len(rows))), []
-    while left:
-        loop, at = list[int](), min(left)
-        while at not in loop[:1]:
-            loop += [at, at ^ 1]
-            at = int(facing[at ^ 1])
-        left.difference_update(loop)
-        loops.append(np.column_stack([columns[loop], rows[loop]]).astype(np.float64))
-    return loops
+    # A contour runs through the outermost pixels, which lie beside the corners where a cell has three by three.
+    pixels = np.kron(cells, np.ones((3, 3))).astype(np.uint8)
+    loops, _ = cv2.findContours(pixels, cv2.RETR_TREE, cv2.CHAIN_APPROX_SIMPLE)
+    return [np.asarray((loop[:, 0] + 1) // 3, np.float64) for loop in loops]
 
 
 def target_page(target: Target) -> Page:
@@ -198,7 +188,7 @@ def write_page(page: Page, path: Path, *, tile: str | None = None, overwrite: bo
     if suffix == ".svg":
         content = svg(page).encode()
     elif suffix == ".pdf":
-        content = pdf(page, PAPERS_MM[tile.lower()] if tile is not None else None)
+        content = pdf([page] if tile is None else tiles(page, PAPERS_MM[tile.lower()]))
     else:
         msg = f"{path}: give a file that ends in .svg or .pdf"
         raise ConfigError(msg)
@@ -223,21 +213,21 @@ def svg(page: Page) -> str:
     return "\n".join([*lines, "</svg>", ""])
 
 
-def pdf(page: Page, paper_mm: tuple[float, float] | None = None) -> bytes:
-    """A PDF 1.4 of one page in its own size, or of as many sheets of `paper_mm` as it takes."""
-    sheets = _tiles(page, paper_mm) if paper_mm is not None else [(page.width, page.height, [(page, 0.0, 0.0)])]
+def pdf(sheets: Sequence[Page]) -> bytes:
+    """A PDF 1.4 of pages, each in its own size."""
     kids = " ".join(f"{4 + 2 * k} 0 R" for k in range(len(sheets)))
     objects = [
         b"<< /Type /Catalog /Pages 2 0 R /ViewerPreferences << /PrintScaling /None >> >>",
         f"<< /Type /Pages /Kids [{kids}] /Count {len(sheets)} >>".encode(),
         b"<< /Type /Font /Subtype /Type1 /BaseFont /Helvetica /Encoding /WinAnsiEncoding >>",
     ]
-    for k, (width, height, drawn) in enumerate(sheets):
+    for k, page in enumerate(sheets):
+        width, height = page.width * POINTS_PER_MM, page.height * POINTS_PER_MM
         objects.append(
-            f"<< /Type /Page /Parent 2 0 R /MediaBox [0 0 {width * POINTS_PER_MM:.4f} {height * POINTS_PER_MM:.4f}]"
+            f"<< /Type /Page /Parent 2 0 R /MediaBox [0 0 {width:.4f} {height:.4f}]"
             f" /Resources << /Font << /F1 3 0 R >> >> /Contents {5 + 2 * k} 0 R >>".encode()
         )
-        stream = "".join(_drawing(one, width, height, x, y) for one, x, y in drawn).encode("cp1252", "replace")
+        stream = _drawing(page).encode("cp1252", "replace")
         objects.append(b"<< /Length %d >>\nstream\n" % len(stream) + stream + b"endstream")
     return _assembled(objects)
 
@@ -256,13 +246,9 @@ def _assembled(objects: list[bytes]) -> bytes:
     return bytes(out)
 
 
-def _drawing(page: Page, width: float, height: float, left: float, top: float) -> str:
-    """A page clipped to a sheet, the page's point (left, top) at the sheet's corner: millimetres, y down."""
-    p = POINTS_PER_MM
-    lines = [
-        f"q\n0 0 {width * p:.4f} {height * p:.4f} re W n",
-        f"{p:.8f} 0 0 {-p:.8f} {-left * p:.4f} {(height + top) * p:.4f} cm",
-    ]
+def _drawing(page: Page) -> str:
+    """What is on a page: millimetres, y down."""
+    lines = [f"q\n{POINTS_PER_MM:.8f} 0 0 {-POINTS_PER_MM:.8f} 0 {page.height * POINTS_PER_MM:.4f} cm"]
     for area in page.areas:
         lines.append(f"{area.grey:g} g")
         for loop in area.loops:
@@ -276,26 +262,23 @@ def _drawing(page: Page, width: float, height: float, left: float, top: float) -
     return "\n".join([*lines, "Q", ""])
 
 
-def _tiles(page: Page, paper_mm: tuple[float, float]) -> list[tuple[float, float, list[tuple[Page, float, float]]]]:
-    """Sheets that cover the page, turned whichever way needs fewer."""
+def tiles(page: Page, paper_mm: tuple[float, float]) -> list[Page]:
+    """Sheets that cover the page, turned whichever way needs fewer; crosses in the strips they share."""
     options = []
     for width, height in (paper_mm, paper_mm[::-1]):
         step_x, step_y = width - 2 * EDGE_MM - OVERLAP_MM, height - 2 * EDGE_MM - OVERLAP_MM
         columns = max(math.ceil((page.width - OVERLAP_MM) / step_x), 1)
         rows = max(math.ceil((page.height - OVERLAP_MM) / step_y), 1)
+        reach, line = EDGE_MM + OVERLAP_MM / 2, 0.1
+        crosses: list[Area] = []
+        for x, y in itertools.product((reach, width - reach), (reach, height - reach)):
+            crosses += [_box(x - 3, y - line / 2, 6, line, 0.5), _box(x - line / 2, y - 3, line, 6, 0.5)]
         sheets = []
         for row, column in np.ndindex(rows, columns):
-            marks = _tile_marks(width, height, f"row {row + 1} of {rows}, column {column + 1} of {columns}")
-            drawn = [(page, column * step_x - EDGE_MM, row * step_y - EDGE_MM), (marks, 0.0, 0.0)]
-            sheets.append((width, height, drawn))
+            x, y = move = np.array([EDGE_MM - column * step_x, EDGE_MM - row * step_y])
+            areas = (Area(tuple(loop + move for loop in area.loops), area.grey) for area in page.areas)
+            words = (replace(line, x=line.x + x, y=line.y + y) for line in page.words)
+            place = Words(EDGE_MM, height - 3, 1.7, f"row {row + 1} of {rows}, column {column + 1} of {columns}")
+            sheets.append(Page(width, height, (*areas, *crosses), (*words, place), page.title))
         options.append(sheets)
     return min(options, key=len)
-
-
-def _tile_marks(width: float, height: float, label: str) -> Page:
-    """Crosses in the middle of the shared strips, to lay tiles on each other, and the tile's place."""
-    reach, line = EDGE_MM + OVERLAP_MM / 2, 0.1
-    crosses: list[Area] = []
-    for x, y in itertools.product((reach, width - reach), (reach, height - reach)):
-        crosses += [_box(x - 3, y - line / 2, 6, line, 0.5), _box(x - line / 2, y - 3, line, 6, 0.5)]
-    return Page(width, height, tuple(crosses), (Words(EDGE_MM, height - 3, 1.7, label),), label)

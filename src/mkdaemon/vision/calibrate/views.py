@@ -13,7 +13,7 @@ import numpy as np
 from mkdaemon.errors import VisionError
 from mkdaemon.files import save
 from mkdaemon.vision.arrays import Grey
-from mkdaemon.vision.calibrate.board import BoardPoints, CalibrationBoard, board_normal
+from mkdaemon.vision.calibrate.board import BoardPoints, CalibrationBoard
 from mkdaemon.vision.camera.image import PictureError
 from mkdaemon.vision.camera.imagecodec import encode_png, read_picture
 from mkdaemon.vision.camera.sources import list_pictures
@@ -51,101 +51,32 @@ STILL_PX = 1.5
 """Mean motion of the board between two images up to which it counts as held still: blur stays below a pixel."""
 
 
-class Coverage:
-    """Collects views of one camera, whose pictures are `width` x `height` [px], the first one of them by its name.
-
-    Attributes:
-        views: taken so far.
-    """
-
-    def __init__(self, width: int, height: int, first: str = "") -> None:
-        self.views: list[BoardPoints] = []
-        self.size, self.first = (width, height), first
-        self._points: Counter[str] = Counter()
-
-    def add(self, view: BoardPoints) -> None:
-        """Count a view."""
-        self.views.append(view)
-        places = np.clip(view.image / self.size * _SIZE, 0, np.subtract(_SIZE, 1)).astype(int)
-        self._points.update(f"{_ROWS[row]} {_COLUMNS[column]}" for column, row in places.tolist())
-        wide, high = np.ptp(view.image, axis=0) / self.size
-        shown = {"near": max(wide, high) >= NEAR_SHARE, "far": wide <= FAR_SHARE}
-        normal = board_normal(view, *self.size)
-        if normal is not None:
-            # A board that faces right has its left side nearer.
-            x, y = normal[:2] / math.sin(math.radians(TILT_DEG))
-            shown |= {"left": x > 1.0, "right": x < -1.0, "top": y > 1.0, "bottom": y < -1.0}
-        self._points.update(dict.fromkeys((name for name, is_shown in shown.items() if is_shown), POINTS_PER_PART))
-
-    def is_novel(self, view: BoardPoints) -> bool:
-        """Whether a view differs from all before by more than a shake of the hand."""
-        return not any(_is_near(old, view, NOVEL_SHARE * self.size[0]) for old in self.views)
-
-    def missing(self) -> list[str]:
-        """What to show next, most useful first; empty when the views will do."""
-        more = MIN_VIEWS - len(self.views)
-        wanted = [words for name, words in _WANTED.items() if not self._has(name)]
-        return wanted + ([f"{more} more views from anywhere"] if more > 0 else [])
-
-    def share(self) -> float:
-        """How much of what is wanted has been seen, 0 to 1."""
-        return 1.0 - len(self.missing()) / (len(_WANTED) + 1)
-
-    def picture(self) -> list[str]:
-        """What has been seen, as rows of letters: parts of the picture, tilts, distances."""
-        line = "+" + "------+" * len(_COLUMNS)
-        rows = [line]
-        for row in _ROWS:
-            rows += [
-                "|" + "".join(f"  {'ok' if self._has(f'{row} {column}') else '  '}  |" for column in _COLUMNS),
-                line,
-            ]
-        tilts, distances = (
-            ", ".join(f"{name} {'ok' if self._has(name) else 'MISSING'}" for name in names)
-            for names in (("left", "right", "top", "bottom"), ("near", "far"))
-        )
-        return [*rows, f"tilted: {tilts}", f"distance: {distances}"]
-
-    def _has(self, name: str) -> bool:
-        return self._points[name] >= POINTS_PER_PART
-
-
 @dataclass(frozen=True, slots=True)
 class ViewReport:
-    """What became of one image.
-
-    Attributes:
-        name: of the file, or the image's number.
-        points: board points found; 0 when the board was not seen.
-        reason: why it is no view; empty when it counts as one.
-    """
+    """What became of one image: its name, whether it counts as a view, and how much it shows, or why it does not."""
 
     name: str
-    points: int
-    reason: str = ""
-
-    @property
-    def taken(self) -> bool:
-        """Whether it counts as a view."""
-        return not self.reason
+    is_taken: bool
+    words: str
 
 
 class Views:
-    """Takes views of a board from pictures of one size.
+    """Takes views of a board from pictures of one size, and knows which are missing.
 
     Args:
         board: what is shown.
         keep: folder for the pictures taken, which replace those of an earlier run; None keeps none.
 
     Attributes:
-        coverage: what they show; None before the first picture.
+        taken: so far.
     """
 
     def __init__(self, board: CalibrationBoard, keep: Path | None = None) -> None:
-        self._board = board
-        self._keep = keep
+        self._board, self._keep = board, keep
+        self.taken: list[BoardPoints] = []
+        self._points: Counter[str] = Counter()
+        self._first: tuple[str, tuple[int, ...]] | None = None
         self._last: BoardPoints | None = None
-        self.coverage: Coverage | None = None
         if keep is not None:
             keep.mkdir(parents=True, exist_ok=True)
 
@@ -155,40 +86,68 @@ class Views:
         Raises:
             VisionError: it has another size than those before.
         """
-        height, width = pixels.shape
-        coverage = self.coverage = self.coverage or Coverage(width, height, name)
-        if (width, height) != coverage.size:
-            before = "x".join(map(str, coverage.size))
-            msg = f"{name} is {width}x{height}, {coverage.first} is {before}: calibrate one fixed size at a time"
+        self._first = self._first or (name, pixels.shape)
+        first, shape = self._first
+        if pixels.shape != shape:
+            now, before = (f"{width}x{height}" for height, width in (pixels.shape, shape))
+            msg = f"{name} is {now}, {first} is {before}: calibrate one fixed size at a time"
             raise VisionError(msg)
         view, last = self._board.find(pixels), self._last
         self._last = view
         if view is None:
-            return ViewReport(name, 0, "board not found")
+            return ViewReport(name, is_taken=False, words="board not found")
         if is_live and (last is None or not _is_near(last, view, STILL_PX)):
-            return ViewReport(name, len(view.ids), "hold still")
-        if is_live and not coverage.is_novel(view):
-            return ViewReport(name, len(view.ids), "move on")
-        coverage.add(view)
+            return ViewReport(name, is_taken=False, words="hold still")
+        if is_live and not self.is_novel(view):
+            return ViewReport(name, is_taken=False, words="move on")
+        self.add(view)
         if self._keep is not None:
-            save(self._keep / f"view{len(coverage.views):03d}.png", encode_png(pixels), overwrite=True)
-        return ViewReport(name, len(view.ids))
+            save(self._keep / f"view{len(self.taken):03d}.png", encode_png(pixels), overwrite=True)
+        return ViewReport(name, is_taken=True, words=f"{len(view.ids)} points")
 
+    def take_folder(self, folder: Path) -> Iterator[ViewReport]:
+        """Look for the board in every picture of a folder.
 
-def views_of_folder(folder: Path, board: CalibrationBoard) -> Iterator[tuple[ViewReport, Coverage]]:
-    """Look for the board in every picture of a folder; the coverage grows from report to report.
+        Raises:
+            VisionError: no folder, no pictures, or pictures of different sizes.
+        """
+        for path in list_pictures(folder):
+            try:
+                yield self.take(path.name, read_picture(path))
+            except PictureError as error:
+                yield ViewReport(path.name, is_taken=False, words=str(error))
 
-    Raises:
-        VisionError: no folder, no pictures, or pictures of different sizes.
-    """
-    views = Views(board)
-    for path in list_pictures(folder):
-        try:
-            report = views.take(path.name, read_picture(path))
-        except PictureError as error:
-            report = ViewReport(path.name, 0, str(error))
-        if views.coverage is not None:
-            yield report, views.coverage
+    def add(self, view: BoardPoints) -> None:
+        """Count a view."""
+        self.taken.append(view)
+        places = np.clip(view.image / view.size * _SIZE, 0, np.subtract(_SIZE, 1)).astype(int)
+        self._points.update(f"{_ROWS[row]} {_COLUMNS[column]}" for column, row in places.tolist())
+        wide, high = np.ptp(view.image, axis=0) / view.size
+        # A board that faces right has its left side nearer.
+        x, y, _ = view.normal / math.sin(math.radians(TILT_DEG))
+        shown = {
+            "near": max(wide, high) >= NEAR_SHARE,
+            "far": wide <= FAR_SHARE,
+            "left": x > 1.0,
+            "right": x < -1.0,
+            "top": y > 1.0,
+            "bottom": y < -1.0,
+        }
+        self._points.update(dict.fromkeys((name for name, is_shown in shown.items() if is_shown), POINTS_PER_PART))
+
+    def is_novel(self, view: BoardPoints) -> bool:
+        """Whether a view differs from all before by more than a shake of the hand."""
+        return not any(_is_near(old, view, NOVEL_SHARE * view.size[0]) for old in self.taken)
+
+    def missing(self) -> list[str]:
+        """What to show next, most useful first; empty when the views will do."""
+        more = MIN_VIEWS - len(self.taken)
+        wanted = [words for name, words in _WANTED.items() if self._points[name] < POINTS_PER_PART]
+        return wanted + ([f"{more} more views from anywhere"] if more > 0 else [])
+
+    def share(self) -> float:
+        """How much of what is wanted has been seen, 0 to 1."""
+        return 1.0 - len(self.missing()) / (len(_WANTED) + 1)
 
 
 def _is_near(before: BoardPoints, now: BoardPoints, limit: float) -> bool:
