@@ -32,7 +32,7 @@ class Blind:
 def test_a_target_is_decoded_again_one_way_at_a_time_and_large_ones_at_half_the_resolution(side, decimate):
     target, blind = shipped("single"), Blind()
     search = OwnSearch(target, blind)
-    for _ in range(LIMITS.track.search_every * len(TONES)):
+    for _ in range(LIMITS.search.beside_every * len(TONES)):
         search.again(np.zeros((480, 640), np.uint8), (0, 0, side, 400))
     looks = [(tone, decimate) for tone in TONES]
     assert blind.looks == looks

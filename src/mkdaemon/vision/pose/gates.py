@@ -220,7 +220,8 @@ def certainty_refusal(
         if pose.inliers < LIMITS.agreement.blind and not is_plain:
             return PoseRefusal.INLIERS
     variance = largest_variance(pose.covariance[3:, 3:])
-    if not np.isfinite(variance) or variance > (certain.angle_sd if has_attitude else certain.blind_angle_sd) ** 2:
+    deviations = certain.deviations if has_attitude else certain.blind_deviations
+    if not np.isfinite(variance) or variance > (certain.wrong_angle / deviations) ** 2:
         return PoseRefusal.ANGLE_UNCERTAIN
     spread = float(np.sqrt(largest_variance(pose.covariance[:3, :3])))
     if spread > max(certain.wrong_m, certain.wrong_share * pose.range_m) / certain.deviations:

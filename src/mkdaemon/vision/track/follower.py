@@ -59,7 +59,7 @@ class OwnSearch:
 
     def again(self, pixels: Grey, window: Window) -> list[Detection]:
         """Tags of a part of the image; a search that finds none of the target's rests, then another has its turn."""
-        turn, rests = divmod(self._turn, LIMITS.track.search_every)
+        turn, rests = divmod(self._turn, LIMITS.search.beside_every)
         self._turn += 1
         if rests:
             return []

@@ -118,7 +118,7 @@ class Judge:
         if before is not None and before.is_decided:
             course = before.course[0].predict_at(seen.time)
             odds += (course.mahalanobis2(second) - course.mahalanobis2(first)) / 2.0
-        return odds > LIMITS.branches.silent
+        return odds > LIMITS.ambiguity.silent
 
     def first(self, seen: Sight, candidates: Sequence[Pose]) -> Verdict:
         """Judge poses from decoded tags.

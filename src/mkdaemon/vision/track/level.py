@@ -255,7 +255,7 @@ class LevelKnowledge:
     def hidden_gate(self, pose: Pose) -> float:
         """The same for a partly hidden first pose, which cannot tell a tilted deck from a border that is covered."""
         spread = float(np.sqrt(largest_variance(pose.covariance[3:, 3:])))
-        return self._gate + min(spread, LIMITS.certainty.angle_sd)
+        return self._gate + min(spread, LIMITS.certainty.wrong_angle / LIMITS.certainty.deviations)
 
     def vertical(self, seen: Sight) -> Level | None:
         """The normal expected in camera axes, with its deviation; none where nothing is known."""

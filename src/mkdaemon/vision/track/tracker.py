@@ -121,7 +121,7 @@ class Tracker:
         """Look for what is still missing in the whole image."""
         known = frame.started
         missing = [one for one in self.followers if not frame.has(one.name) and one.name not in known]
-        if not missing or (frame.poses and self._count % LIMITS.track.search_every):
+        if not missing or (frame.poses and self._count % LIMITS.search.beside_every):
             return
         # Right after a miss the prediction is still good; the whole image comes when the neighbourhood gave nothing.
         if all(follower.track.is_live and follower.track.misses < 1 for follower in missing):
