@@ -28,7 +28,7 @@ from mkdaemon.vision.tags.tagmap import Tag, TagMap, Target, covered_cells, sing
 ANY_ID_FALSE_RATE = 2e-6
 """Chance that a random quad reads as some code of the family, one bit corrected: with all 587 ids of tag36h11 allowed,
 the limit for a short whitelist would refuse even one wrong bit."""
-WHOLE_TAGS: Final = (Look("grey"), Look("log"), Look("grey", decimate=2), Look("light", decimate=2))
+WHOLE_TAGS: Final = (Look("grey"), Look("log"), Look("light", decimate=2))
 """The searches of a still; a broken outline needs a track or an attitude to be trusted."""
 STRETCH_ITERATIONS = 12
 """Tilt and ratio hang together: the fit creeps along their valley."""

@@ -21,7 +21,7 @@ from mkdaemon.vision.arrays import Array, Bools, Grey
 from mkdaemon.vision.camera.image import BRIGHTEST
 from mkdaemon.vision.limits import HALF, LIMITS, NOISE_GREY
 from mkdaemon.vision.tags.detection import Detection, best_of_codes
-from mkdaemon.vision.tags.tagfamily import cells, find_family, middles
+from mkdaemon.vision.tags.tagfamily import cells, find_family, middles, to_rim
 
 Covered = Mapping[tuple[str, int], Bools]
 """Cells `(n, n)` of tags, by family and id, that say nothing."""
@@ -195,12 +195,11 @@ def _lines(n: int) -> tuple[npt.NDArray[np.intp], Array, Array]:
         The other cell of each line, row by row `(m,)`; whether a line counts for a cell `(m, n * n)`; samples
         beside the lines, those in inner cells first `(2 * m * 3, 2)`.
     """
-    index, away = np.arange(n * n).reshape(n, n), np.minimum(np.arange(n), np.arange(n)[::-1])
+    index, inside = np.arange(n * n).reshape(n, n), to_rim(n).ravel()
     beside, below = (index[:, :-1], index[:, 1:]), (index[:-1], index[1:])
-    first, second = (np.concatenate([of.ravel() for of in both]) for both in zip(beside, below, strict=True))
-    to_rim = np.minimum.outer(away, away).ravel()
-    cell, outer = np.where(to_rim[second] < to_rim[first], (first, second), (second, first))
-    cell, outer = cell[to_rim[cell] > 0], outer[to_rim[cell] > 0]
+    first, second = (np.concatenate([of.ravel() for of in one]) for one in zip(beside, below, strict=True))
+    both = np.where(inside[second] < inside[first], (first, second), (second, first))
+    cell, outer = both[:, inside[both[0]] > 0]
     middle = middles(n)
     across, line = middle[cell] - middle[outer], (middle[cell] + middle[outer]) / 2
     spread = np.array(ALONG)[:, None] * across[:, None, ::-1]

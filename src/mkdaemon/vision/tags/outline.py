@@ -138,21 +138,22 @@ def lines_of(outline: npt.NDArray[Any]) -> Lines:
     # findContours has what is dark on the left.
     points, ends = (xy.reshape(-1, 2)[::-1].astype(np.float64) for xy in (outline, polygon))
     around = np.roll(points, -2, axis=0) - np.roll(points, 2, axis=0)
-    alike = SAME_WAY * np.linalg.norm(around, axis=1)
     sides = np.roll(ends, -1, axis=0) - ends
-    free = np.ones(len(points), dtype=np.bool_)
+    sizes = np.linalg.norm(sides, axis=1)
+    longest = np.argsort(-sizes)[:MAX_LINES]
+    ways = sides[longest] / np.maximum(sizes[longest, None], 1.0)
+    normals = ways[:, ::-1] * [1.0, -1.0]
+    # An edge is found within its half width.
+    near = np.abs(points @ normals.T - (ends[longest] * normals).sum(axis=1)) < LIMITS.blur.sharp_px
+    near &= around @ ways.T > SAME_WAY * np.linalg.norm(around, axis=1)[:, None]
     found: list[tuple[float, ...]] = []
-    for k in np.argsort(-np.linalg.norm(sides, axis=1))[:MAX_LINES]:
-        way = sides[k] / max(float(np.linalg.norm(sides[k])), 1.0)
-        # An edge is found within its half width.
-        near = np.abs((points - ends[k]) @ (way[::-1] * [1.0, -1.0])) < LIMITS.blur.sharp_px
-        on = free & near & (around @ way > alike)
+    for side, on in zip(ways, near.T, strict=True):
         mine = points[on]
         if len(mine) > 4:
             fitted = cv2.fitLine(mine.astype(np.float32), cv2.DIST_L2, 0, 0.01, 0.01).ravel().astype(np.float64)
-            way = fitted[:2] * np.sign(fitted[:2] @ way)
+            way = fitted[:2] * np.sign(fitted[:2] @ side)
             places = (mine - fitted[2:]) @ way
-            free &= ~on
+            near[on] = False
             # An outline's steps are straight or diagonal.
             steps = np.abs(way).max() * np.ptp(places)
             found.append((*(fitted[2:] + places.min() * way), *way, np.ptp(places), len(mine) / steps))

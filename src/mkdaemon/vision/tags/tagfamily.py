@@ -27,8 +27,7 @@ import numpy as np
 import numpy.typing as npt
 
 from mkdaemon.errors import VisionError
-
-Cells = npt.NDArray[np.uint8]
+from mkdaemon.vision.arrays import Array, Grey
 
 QUIET_ZONE_CELLS = 1
 """White cells a print carries around everything black."""
@@ -45,8 +44,8 @@ class TagFamily:
             outermost.
         bits: of a code.
         ids: number of codes; valid ids are 0 to `ids - 1`.
-        corrected_bits: wrong bits that libapriltag corrects, two at most, and fewer in large families: it lists all
-            codes with so many flipped, here a million at most, 48 bytes each (apriltag.c, `quick_decode_init`).
+        corrected_bits: wrong bits that libapriltag corrects, two at most: it lists all codes with so many flipped, here
+            a million at most, 48 bytes each (apriltag.c, `quick_decode_init`).
         dictionary: OpenCV's predefined dictionary of the same codes, turned by 180 degrees; none for inverted families.
         hole_cells: side of the square in the middle that carries nothing, room for a smaller tag [cells].
     """
@@ -84,7 +83,13 @@ Haggenmiller and Olson, Flexible layouts for fiducial tags, IROS 2019; figures: 
 the smallest between two codes, rotations included [bit]."""
 
 
-def middles(n: int) -> npt.NDArray[np.float64]:
+def to_rim(n: int) -> npt.NDArray[np.intp]:
+    """How many cells lie between each of `(n, n)` and the rim."""
+    away = np.minimum(np.arange(n), np.arange(n)[::-1])
+    return np.minimum.outer(away, away)
+
+
+def middles(n: int) -> Array:
     """Middles (column, row) of `n` x `n` cells, row by row `(n * n, 2)` [cells; from the top left corner]."""
     return np.column_stack(np.divmod(np.arange(n * n), n)[::-1]) + 0.5
 
@@ -108,7 +113,7 @@ def size_words(family: TagFamily) -> str:
 
 
 @lru_cache(maxsize=256)
-def cells(family: str, tag_id: int) -> Cells:
+def cells(family: str, tag_id: int) -> Grey:
     """Return the bitmap of an official print, without the white cells around it.
 
     Args:
@@ -166,15 +171,11 @@ def _in_library(name: str) -> Any:
     return getattr(open_library().libc, f"{name}_create")().contents
 
 
-def draw(name: str, tag_id: int) -> Cells:
-    """Cells of a code as libapriltag has it `(n, n)` uint8, 0 and 255, with the white border of classic families.
-
-    The wheel has to be there and the code has to exist.
-    """
+def draw(name: str, tag_id: int) -> Grey:
+    """Cells of a code as the wheel's library has it `(n, n)` uint8, with the white border of classic families."""
     family = _in_library(name)
     n, count, start = family.total_width, family.nbits, (family.total_width - family.width_at_border) // 2
-    away = np.minimum(np.arange(n), np.arange(n)[::-1])
-    beyond = start - np.minimum.outer(away, away)
+    beyond = start - to_rim(n)
     # All prints have two rings, and nothing beyond them.
     white = (beyond > 1) | (beyond == (0 if family.reversed_border else 1))
     white[start + np.array(family.bit_y[:count]), start + np.array(family.bit_x[:count])] = [

@@ -15,8 +15,8 @@ from mkdaemon.config.reader import load_section
 from mkdaemon.config.vision import BoardSection, TagPlacement, TargetFile, TargetSection
 from mkdaemon.errors import ConfigError, VisionError
 from mkdaemon.frames import rotation_from_euler, rotation_from_quaternion
-from mkdaemon.vision.arrays import Array, Bools
-from mkdaemon.vision.tags.tagfamily import QUIET_ZONE_CELLS, Cells, TagFamily, cells, find_family, middles, size_words
+from mkdaemon.vision.arrays import Array, Bools, Grey
+from mkdaemon.vision.tags.tagfamily import QUIET_ZONE_CELLS, TagFamily, cells, find_family, middles, size_words
 
 ONE_PLANE = 1 - 1e-9
 """Cosine between the normals of tags of one plane."""
@@ -26,7 +26,8 @@ ROUNDING_M = 1e-9
 """Lengths from decimal numbers may differ by this [m]."""
 COVER_CELLS = 0.3
 """How far beyond its paper a tag hides what lies below [cells]: its rim casts a shadow and blurs."""
-_UPSIDE_DOWN = rotation_from_euler(0.0, 0.0, math.pi)
+UPSIDE_DOWN = (-1.0, -1.0, 1.0)
+"""Signs of the axes of a tag that is turned by half on its paper."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +59,7 @@ class Tag:
         return (self.family.black_cells + 2 * QUIET_ZONE_CELLS) * self.module
 
     @property
-    def bitmap(self) -> Cells:
+    def bitmap(self) -> Grey:
         """Cells of everything black `(n, n)` uint8, row 0 at the tag's +y."""
         return cells(self.family.name, self.tag_id)
 
@@ -162,14 +163,14 @@ def covered_cells(tagmap: TagMap) -> dict[tuple[str, int], Bools]:
     return {code: target.hidden(tag)[1:-1, 1:-1] for code, (target, tag) in tagmap.owners.items()}
 
 
-def single(size: float, tag_id: int, *, family: str = "tag36h11", name: str = "tag") -> Target:
+def single(size: float, tag_id: int, *, family: str = "tag36h11") -> Target:
     """Make a target of one tag with the target's axes.
 
     Raises:
         ConfigError: unknown family or id, or a size nobody prints.
     """
     try:
-        section = TargetSection(name=name, tags=(TagPlacement(family=family, id=tag_id, size=size),))
+        section = TargetSection(name="tag", tags=(TagPlacement(family=family, id=tag_id, size=size),))
     except ValidationError as error:
         wrong = error.errors()[0]
         msg = f"{size!r} is no tag size; give the side of the black square in metres, 0.005 to 5 (12 inch = 0.3048)"
@@ -219,11 +220,7 @@ def build(sections: Iterable[TargetSection], *, origin: str) -> TagMap:
 
 
 def _placed(section: TargetSection, others: TagMap) -> Target:
-    """The target of a section, beside others.
-
-    Raises:
-        VisionError: what is wrong with it.
-    """
+    """The target of a section, beside others; `VisionError` says what is wrong with it."""
     if any(section.name == other.name for other in others.targets):
         msg = f"two targets are called '{section.name}'; rename one"
         raise VisionError(msg)
@@ -233,14 +230,12 @@ def _placed(section: TargetSection, others: TagMap) -> Target:
         raise VisionError(msg)
     owners = {code: owner.name for code, (owner, _) in others.owners.items()}
     for one in placements:
-        code = (one.family, one.id)
-        if code in owners:
-            msg = (
-                f"{one.family} id {one.id} is in target '{section.name}' and already in '{owners[code]}'; every tag may"
-                " exist once, give one of them another id"
-            )
+        owner = owners.get((one.family, one.id))
+        if owner is not None:
+            tag = f"{one.family} id {one.id} is in target '{section.name}' and already in '{owner}'"
+            msg = f"{tag}; every tag may exist once, give one of them another id"
             raise VisionError(msg)
-        owners[code] = section.name
+        owners[one.family, one.id] = section.name
     tags = tuple(sorted(map(_place, placements), key=lambda tag: -tag.size))
     _check_overlaps(tags)
     frame = section.frame or section.name
@@ -269,16 +264,12 @@ def _place(placement: TagPlacement) -> Tag:
     else:
         rotation = rotation_from_euler(*(math.radians(angle) for angle in placement.rpy_deg or (0.0, 0.0, 0.0)))
     if placement.print == "opencv":
-        rotation = rotation @ _UPSIDE_DOWN
+        rotation = rotation * UPSIDE_DOWN
     return Tag(family, placement.id, placement.size, np.array(placement.position), rotation)
 
 
 def _check_overlaps(tags: Sequence[Tag]) -> None:
-    """Refuse tags that hide the border of a larger one: wrong sizes and positions show themselves here.
-
-    Raises:
-        VisionError: which, and what to check.
-    """
+    """Refuse tags that hide the border of a larger one: wrong sizes and positions show themselves here."""
     outlines = np.array([tag.outline for tag in tags])
     quiet = QUIET_ZONE_CELLS * np.array([tag.module for tag in tags])
     for k, outer in enumerate(tags[:-1], 1):
