@@ -71,15 +71,15 @@ LOST_WITHOUT_APRILTAG: Final = (
 
 @lru_cache(maxsize=16)
 def looks_of(width: int, height: int) -> tuple[Look, ...]:
-    """The searches of an image of so many pixels that take turns beside the first ones.
-
-    A tile with its overlaps has fewer pixels than the shrunk image, as there are two more than that along each side.
-    """
+    """The searches of an image of so many pixels that take turns beside the first ones."""
     whole = (Look("outline"), *(Look(tone) for tone in FINE))
     shrunk = shrinking(width, height)
     if shrunk == 1:
         return whole
-    half, count = OVERLAP * shrunk // 2, shrunk + 2
+    half = OVERLAP * shrunk // 2
+    # As few tiles a side as have to be shrunk no more.
+    counts = (n for n in range(shrunk, 4 * shrunk) if shrinking(width // n + 2 * half, height // n + 2 * half) == 1)
+    count = next(counts, shrunk)
     across, down = (
         [(max(k * length // count - half, 0), min((k + 1) * length // count + half, length)) for k in range(count)]
         for length in (width, height)
