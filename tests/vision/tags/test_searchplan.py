@@ -9,15 +9,24 @@ import pytest
 from lab.vision.stills import search_in_turn
 from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.tags.detector import FINE, FIRST, Detector, Look, looks_of, shrinking
+from mkdaemon.vision.tags.outline import has_highlights
 from mkdaemon.vision.tags.tagfamily import cells
 from tests.vision.tags.test_detector import printed
 
 SIZES = [(640, 480), (1280, 720), (1920, 1080), (3840, 2160), (5000, 300), (64, 48)]
 
 
-def test_a_small_image_is_searched_as_it_is_for_outlines_first() -> None:
+def test_a_small_image_is_searched_as_it_is_in_every_way_but_the_first_ones() -> None:
     assert shrinking(640, 480) == 1
-    assert looks_of(640, 480) == (Look("outline"), Look("log"), Look("grey"))
+    assert looks_of(640, 480) == (Look("log"), Look("grey"), Look("outline"))
+
+
+def test_blown_pixels_bring_the_search_for_outlines_first() -> None:
+    ground = np.full((480, 640), 100, np.uint8)
+    blown = ground.copy()
+    blown[:40, :40] = 255
+    assert [has_highlights(image) for image in (ground, blown)] == [False, True]
+    assert looks_of(640, 480, outline_first=True) == (Look("outline"), Look("log"), Look("grey"))
 
 
 @pytest.mark.parametrize("size", SIZES)

@@ -70,9 +70,10 @@ LOST_WITHOUT_APRILTAG: Final = (
 
 
 @lru_cache(maxsize=16)
-def looks_of(width: int, height: int) -> tuple[Look, ...]:
+def looks_of(width: int, height: int, *, outline_first: bool = False) -> tuple[Look, ...]:
     """The searches of an image of so many pixels that take turns beside the first ones."""
-    whole = (Look("outline"), *(Look(tone) for tone in FINE))
+    fine, outline = tuple(Look(tone) for tone in FINE), (Look("outline"),)
+    whole = outline + fine if outline_first else fine + outline
     shrunk = shrinking(width, height)
     if shrunk == 1:
         return whole

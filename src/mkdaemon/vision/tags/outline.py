@@ -63,18 +63,23 @@ def read_outlines(pixels: Grey, reader: CodeReader) -> list[Detection]:
     return reader.read(pixels, (quad for quad in quads if ((quad >= SPECK_PX) & (quad <= far)).all()))
 
 
+def has_highlights(pixels: Grey) -> bool:
+    """Whether as many cells of `(h, w)` uint8 are blown as could tell a code from chance."""
+    telling = -math.log2(LIMITS.read.max_chance)
+    return bool(np.count_nonzero(pixels >= LIMITS.read.saturated) >= telling * LIMITS.cells.mixed_px**2)
+
+
 def _dark(pixels: Grey) -> Grey:
     """What is dark `(h, w)`, not 0, of an image of dark and light.
 
-    Where as many cells are blown as could tell a code from chance there is a highlight, in which ink may be brighter
-    than paper is elsewhere. There that is dark which is neither blown nor brighter than its surroundings: every edge
-    has a line of light along its bright side, and what is even and noisy has no outlines.
+    In a highlight ink may be brighter than paper is elsewhere. There that is dark which is neither blown nor brighter
+    than its surroundings: every edge has a line of light along its bright side, and what is even and noisy has no
+    outlines.
     """
-    blown, telling = pixels >= LIMITS.read.saturated, -math.log2(LIMITS.read.max_chance)
-    if np.count_nonzero(blown) > telling * LIMITS.cells.mixed_px**2:
+    if has_highlights(pixels):
         box, rise = BOX_CELLS * int(LIMITS.cells.mixed_px), LIMITS.read.rise
         dark = cv2.adaptiveThreshold(pixels, 255, cv2.ADAPTIVE_THRESH_MEAN_C, cv2.THRESH_BINARY_INV, box, -rise)
-        dark[blown] = 0
+        dark[pixels >= LIMITS.read.saturated] = 0
     else:
         _, dark = cv2.threshold(pixels, 0, 255, cv2.THRESH_BINARY_INV | cv2.THRESH_OTSU)
     # Specks have outlines too, thousands in noise or on a lawn.

@@ -18,6 +18,7 @@ from mkdaemon.vision.pose.linetime import Shutter
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.tags.detection import Detection
 from mkdaemon.vision.tags.detector import FIRST, Detector, looks_of
+from mkdaemon.vision.tags.outline import has_highlights
 from mkdaemon.vision.tags.tagmap import TagMap, covered_cells
 from mkdaemon.vision.track.alarms import ImageHealth
 from mkdaemon.vision.track.attitude import AttitudeHistory, Mounting, Sight
@@ -139,5 +140,5 @@ class Tracker:
         self._searches += 1
         if found or not_now:
             return found
-        looks = looks_of(*pixels.shape[::-1])
+        looks = looks_of(*pixels.shape[::-1], outline_first=has_highlights(pixels))
         return self.detector.search(pixels, *looks[turn % len(looks)])
