@@ -48,7 +48,7 @@ def camera_screen(target: Target, path: Path) -> None:
             hamming=0,
             decision_margin=80.0,
             corners=tuple((float(x), float(y)) for x, y in corners),
-            search="decimate1",
+            search="grey",
         )
         for (family, number), corners in true_corners(placed, view).items()
     )

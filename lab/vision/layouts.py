@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from lab.campaign import Case, Part
 from lab.vision.stills import SeedSet, target_named
-from mkdaemon.vision.tags.libraries import AprilTagSearch
+from mkdaemon.vision.tags.detector import AprilTagSearch
 from mkdaemon.vision.tags.tagfamily import find_family
 from mkdaemon.vision.tags.tagmap import Target, single
 from mksim.scene.layers import INK, PAPER

@@ -29,7 +29,7 @@ def rates(quick: bool, seeds: SeedSet) -> dict[str, Any]:
     detector = Detector(TagMap((target,)).whitelist)
     search = _times(images, lambda pixels: search_in_turn(detector, pixels))
     plain = Detector(TagMap((target,)).whitelist)
-    april = _times(images, lambda pixels: plain.search(pixels, "decimate1"))
+    april = _times(images, lambda pixels: plain.search(pixels, "grey"))
     opencv = _times(images, opencv_search())
     tracked, modes = _track_times(frames)
     out: dict[str, Any] = {

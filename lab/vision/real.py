@@ -19,8 +19,9 @@ from lab.vision.stills import SeedSet, error_of, target_named
 from mkdaemon.vision.camera.intrinsics import Intrinsics
 from mkdaemon.vision.pose.pose import Pose, solve, with_floor
 from mkdaemon.vision.pose.projection import Projection
+from mkdaemon.vision.tags.cellread import CodeReader
 from mkdaemon.vision.tags.detection import Detection
-from mkdaemon.vision.tags.libraries import AprilTagSearch, ArucoSearch
+from mkdaemon.vision.tags.detector import AprilTagSearch, ArucoSearch
 from mkdaemon.vision.tags.tagmap import TagMap, Target
 from mkdaemon.vision.track.attitude import LOOKING_DOWN
 from mkdaemon.vision.track.result import TargetPose
@@ -100,8 +101,8 @@ def look_at(frames: Iterable[FlightFrame], target: Target, lens: Intrinsics) -> 
         lens: what all of them believe it to be.
     """
     eyes, projection = _eyes(target, lens), Projection(lens)
-    families = tuple({tag.family.name for tag in target.tags})
-    april, opencv = AprilTagSearch(families), ArucoSearch(families)
+    wanted = TagMap((target,)).whitelist
+    april, opencv = AprilTagSearch(tuple(wanted)), ArucoSearch(tuple(wanted), CodeReader(wanted, {}))
     plain: dict[str, Callable[[Grey], list[Detection]]] = {
         "apriltag": april.find,
         "opencv": opencv.find,

@@ -17,7 +17,7 @@ from lab.vision.stills import SeedSet, Studio, target_named
 from mkdaemon.vision.camera.image import CameraImage
 from mkdaemon.vision.camera.intrinsics import Intrinsics
 from mkdaemon.vision.limits import LIMITS
-from mkdaemon.vision.tags.detector import Detector
+from mkdaemon.vision.tags.detector import FIRST, Detector, looks_of
 from mkdaemon.vision.tags.tagmap import TagMap
 from mkdaemon.vision.track.tracker import Tracker
 from mksim.scene.light import Conditions
@@ -61,12 +61,12 @@ def _size(width: int, height: int, grounds: int, seed: int) -> dict[str, Any]:
     turns = 0
     for pixels in _pictures(width, height, grounds, seed):
         tracker = Tracker(tags, _lens(width, height))
-        turns = LIMITS.search.thorough_every * len(tracker.detector.looks(pixels))
+        turns = LIMITS.search.thorough_every * len(looks_of(width, height))
         image = CameraImage(pixels, 0.0, 0.0, 0, "lab", "driver")
         for k in range(min(turns, MOST_IMAGES)):
             pixels[0, 0] ^= 1  # equal images would be those of a frozen camera
             search.append(_time(tracker.update, replace(image, captured_at=k / FPS, sequence=k)))
-        april.append(_time(plain.search_all, pixels, "decimate2"))
+        april.append(_time(plain.search_all, pixels, *FIRST[0]))
         opencv.append(_time(opencv_search(), pixels))
     return {
         "size": [width, height],

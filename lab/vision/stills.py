@@ -19,7 +19,7 @@ from mkdaemon.vision.camera.intrinsics import Intrinsics
 from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.pose import angle_between
 from mkdaemon.vision.tags.detection import Detection
-from mkdaemon.vision.tags.detector import FIRST, Detector, Look
+from mkdaemon.vision.tags.detector import FIRST, Detector, looks_of
 from mkdaemon.vision.tags.tagmap import TagMap, Target, load
 from mkdaemon.vision.track.attitude import LOOKING_DOWN, AttitudeHistory, AttitudeSample
 from mkdaemon.vision.track.result import VisionResult
@@ -59,8 +59,8 @@ class SeedSet(StrEnum):
 
 def search_in_turn(detector: Detector, pixels: npt.NDArray[np.uint8]) -> list[Detection]:
     """Every search of an image, one after the other, until one finds something."""
-    for look in dict.fromkeys((*(Look(stage) for stage in FIRST), *detector.looks(pixels))):
-        found = detector.search(pixels, look.stage, look.part)
+    for look in (*FIRST, *looks_of(*pixels.shape[::-1])):
+        found = detector.search(pixels, *look)
         if found:
             return found
     return []
@@ -169,7 +169,7 @@ def look_once(still: Still, target: Target, intrinsics: Intrinsics, *, with_atti
     """Show a still to a tracker that has seen nothing before, as often as it takes to give every search its turn."""
     tracker = Tracker(TagMap((target,)), intrinsics, LOOKING_DOWN)
     attitude = still.attitude if with_attitude else None
-    turns = LIMITS.search.thorough_every * len(tracker.detector.looks(still.image.pixels))
+    turns = LIMITS.search.thorough_every * len(looks_of(*still.image.pixels.shape[::-1]))
     for turn in range(turns):
         # one pixel in the corner changes: equal images would be those of a frozen camera
         still.image.pixels[0, 0] ^= turn & 1

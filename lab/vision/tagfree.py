@@ -15,7 +15,7 @@ from lab.campaign import Case, Part, in_parts
 from lab.vision.flight import GROUNDS, VGA
 from lab.vision.stills import SeedSet, target_named
 from lab.vision.truth import PHOTOGRAPHS
-from mkdaemon.vision.tags.detector import Detector
+from mkdaemon.vision.tags.detector import FIRST, Detector, looks_of
 from mkdaemon.vision.track.attitude import LOOKING_DOWN
 from mksim.scene.light import Conditions, Glare, Shadow
 from mksim.scene.motion import Platform
@@ -50,8 +50,8 @@ def _tag_free(seed: int, part: int, count: int) -> dict[str, Counter[str]]:
         else:
             pixels, name = scene.render(view(rng), conditions(rng)), kind
         found["images"][name] += 1
-        for stage in detector.stages:
-            found["false"][stage] += len(detector.search(pixels, stage))
+        for look in (*FIRST, *looks_of(*pixels.shape[::-1])):
+            found["false"][f"{look.view} {look.decimate}"] += len(detector.search(pixels, *look))
         found["false"]["thorough"] += len(detector.search_all(pixels))
     return found
 

@@ -97,7 +97,7 @@ def publish(bus, name, view, *, image):
             hamming=0,
             decision_margin=80.0,
             corners=tuple((float(x), float(y)) for x, y in view.corners["tag36h11", tag.tag_id]),
-            search="decimate1",
+            search="grey",
         )
         for tag in shipped("nested").tags
     ]

@@ -18,6 +18,7 @@ STILLS: Final = "tuned on development stills"
 BLIND: Final = "tuned on development flights without attitude"
 NOISE: Final = "derived from read noise of 1.5 grey"
 EARNED: Final = "measured, docs/lab/vision-cases.md"
+MEASURED: Final = "measured, docs/lab/accuracy.md"
 APART2: Final = 22.5
 """Squared distance of two poses in their deviations that no noise makes: chi-square(6), one in 1000."""
 HALF: Final = 0.5
@@ -39,7 +40,7 @@ class CertaintyLimits:
     blind_deviations: float = of(5.5, "deviations", "without: 0.9 degrees", BLIND)
     wrong_angle: float = of(radians(5.0), "rad", "from which a pose is wrong", "a landing over a deck")
     wrong_m: float = of(0.05, "m", "the same of its place", "a landing gear")
-    wrong_share: float = of(0.01, "share", "of the range, where that is more", "what a calibration leaves, three times")
+    wrong_share: float = of(0.01, "share", "of the range, a size", "what a calibration leaves, three times")
     blind_rms_px: float = of(0.5, "px", "residual without attitude, as shift of edges: 0.2-0.3 behind webcams", BLIND)
 
     @property
@@ -48,36 +49,17 @@ class CertaintyLimits:
         return self.deviations**2
 
     @property
-    def angle_sd(self) -> float:
-        """Largest deviation of an angle beside an attitude [rad]."""
-        return self.wrong_angle / self.deviations
-
-    @property
     def blind_angle_sd(self) -> float:
-        """The same without; of a direction that inertia knows well enough to speak for a pose; closer is one pose."""
+        """Largest deviation of an angle without attitude, or of a direction by inertia; closer is one pose [rad]."""
         return self.wrong_angle / self.blind_deviations
 
 
 @dataclass(frozen=True, slots=True)
 class AmbiguityLimits:
-    """The choice between a pose and its mirror image."""
+    """The choice between rival poses, as one and its mirror image."""
 
     samples_per_fact: float = of(4.0, "", "neighbouring samples share pixels", "derived: blur over sample spacing")
     decided: float = of(8.0, "nats", "from which a reading is believed, by images", "derived: one in 3,000")
-
-
-@dataclass(frozen=True, slots=True)
-class TrackLimits:
-    """The memory of one target, and carrying its pose over by what moved in the image."""
-
-    shake: float = of(0.08, "rad", "turn between two images within which it is looked for", FLIGHTS)
-    search_every: int = of(5, "images", "between searches beside a track: others, its own tag", "cost: 3 ms and more")
-
-
-@dataclass(frozen=True, slots=True)
-class BranchLimits:
-    """Rival readings of a far target."""
-
     silent: float = of(3.0, "nats", "of one image that may be blur or light rather than tilt", BLIND)
     remembered: float = of(0.9, "share", "of what images said against a branch, an image later", "a third of a second")
 
@@ -96,9 +78,6 @@ class HealthLimits:
     misfit_images: int = of(10, "images", "that contradict a target's file until it is reported", STILLS)
 
 
-MEASURED: Final = "measured, docs/lab/accuracy.md"
-
-
 @dataclass(frozen=True, slots=True)
 class SelfCalLimits:
     """When an image counts, and when a difference is told."""
@@ -106,13 +85,10 @@ class SelfCalLimits:
     period: float = of(0.09, "s", "between images that are looked at", "cost: 1.2 ms each")
     settled: float = of(0.0065, "share", "deviation of a focal length that little more will move", MEASURED)
     settled_certain: float = of(3.0, "deviations", "from which such a focal length is told", MEASURED)
-    share: float = of(0.01, "share", "of a focal length or a size; less is what a calibration leaves", MEASURED)
     centre_px: float = of(4.0, "px", "of the principal point", "1.5 cm at 4 m")
     k1: float = of(0.02, "", "of the radial distortion", "0.5 cm at 2 m")
     mounting: float = of(radians(1.0), "rad", "of the mounting; less is the attitude's own bias", "sim: 0.5-1.5 deg")
-    sheet: float = of(
-        0.05, "share", "of the focal length against the data sheet's", "their own tolerance, docs/cameras.md"
-    )
+    sheet: float = of(0.05, "share", "of the focal length against the data sheet's", "tolerances, docs/cameras.md")
 
 
 SELFCAL: Final = SelfCalLimits()
@@ -134,12 +110,14 @@ EXPOSURE: Final = ExposureLimits()
 
 @dataclass(frozen=True, slots=True)
 class SearchLimits:
-    """Finding tags in an image."""
+    """Finding tags in an image, and a target again from one image to the next."""
 
     max_pixels: int = of(500_000, "px", "searched at once; more are shrunk", "cost: 9 ms on VGA, 1080p 33 % of that")
     thorough_every: int = of(2, "images", "between the searches beside the first one", "cost: 20 ms on VGA")
     tone: float = of(1.8, "power", "of grey that `linear` takes for light", "decodes at gamma 1 to 2.2, 6-8 m")
     min_window_px: int = of(16, "px", "smaller parts of an image are not searched", "derived: 2 px a cell")
+    beside_every: int = of(5, "images", "between searches beside a track: others, its own tag", "cost: 3 ms and more")
+    shake: float = of(0.08, "rad", "turn between two images within which a target is looked for", FLIGHTS)
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,12 +126,9 @@ class ReadLimits:
 
     saturated: int = of(253, "grey", "a pixel from here up may have been anything", NOISE)
     least_contrast: float = of(0.15, "share", "of the usual contrast, or slope, of an edge", STILLS)
-    min_cells: int = of(16, "", "fewer cells tell nothing", "derived: one in 65,000 by chance")
     misread: float = of(0.05, "share", "of neighbouring cells in view, where the print is", STILLS)
     beside_cells: int = of(3, "cells", "that a fit may lie beside its place", "nested targets; farther fails the bits")
-    faint: float = of(
-        0.1, "share", "of a contrast, by which light may change from cell to cell", "0.05 to 0.2: as many tags"
-    )
+    faint: float = of(0.1, "share", "of a contrast, by which light may change in a cell", "0.05 to 0.2: as many tags")
     max_chance: float = of(1e-6, "probability", "that a random quad reads so well", "none in 1,000 images allow 2e-5")
     least_side: float = of(0.3, "share", "of a side of a print that its outline shows", "rims of highlights show 0.2")
     rise: float = of(20.0, "grey", "step of an edge in a highlight; no more of it counts", "10: 10 of 280 tags less")
@@ -191,9 +166,7 @@ class Agreement:
 
     blind: float = of(0.6, "share", "without an attitude that could contradict", BLIND)
     whole: float = of(0.9, "share", "of a target, or its seen edges, without a cover; a faked border: fewer", EARNED)
-    power: int = of(
-        4, "", "variance over share**power in what images in a row teach: they share it", "a wrong pose, set 17 million"
-    )
+    power: int = of(4, "", "images in a row share variance over share**power", "a wrong pose, set 17 million")
 
 
 @dataclass(frozen=True, slots=True)
@@ -224,9 +197,7 @@ class EdgeLimits:
     settled_px: float = of(0.08, "px", "a step that moves samples less ends the fit", "below a located edge's error")
     tukey: float = of(4.685, "deviations", "outlier bound", "95 % efficiency; Holland and Welsch 1977")
     counted: float = of(0.1, "weight", "from which a sample agrees", "derived: 83 % of the outlier bound")
-    least_scale_px: float = of(
-        0.02, "px", "least deviation of edges that is believed", "least residual of rendered edges"
-    )
+    least_scale_px: float = of(0.02, "px", "least deviation of edges", "least residual of rendered edges")
     located_px: float = of(0.3, "px", "edge error in a bad image, to weigh prior knowledge", FLIGHTS)
     max_leverage: float = of(radians(0.4), "rad", "turn by one line of edges", "right < 0.3, wrong > 0.48 deg")
     clipped_sd: float = of(0.4, "share", "of blur and contrast of blown edges", "derived: 1.2 to 1.7 of what shows")
@@ -266,8 +237,6 @@ class Limits:
     photo: PhotoLimits = field(default_factory=PhotoLimits)
     certainty: CertaintyLimits = field(default_factory=CertaintyLimits)
     ambiguity: AmbiguityLimits = field(default_factory=AmbiguityLimits)
-    track: TrackLimits = field(default_factory=TrackLimits)
-    branches: BranchLimits = field(default_factory=BranchLimits)
     health: HealthLimits = field(default_factory=HealthLimits)
 
 

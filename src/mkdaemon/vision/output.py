@@ -62,7 +62,7 @@ def _sighting(found: Detection) -> TagSighting:
         hamming=found.hamming,
         decision_margin=found.decision_margin,
         corners=found.corners.tolist(),
-        search=found.stage,
+        search=found.view,
     )
 
 

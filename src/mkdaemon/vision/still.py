@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
@@ -19,15 +20,15 @@ from mkdaemon.vision.pose.fitting import TargetFitter
 from mkdaemon.vision.pose.gates import fit_refusal
 from mkdaemon.vision.pose.pose import FLOOR_RANGE, Pose, angle_between
 from mkdaemon.vision.pose.projection import Projection
-from mkdaemon.vision.tags.detection import Detection, Stage, best_of_codes
-from mkdaemon.vision.tags.detector import Detector
+from mkdaemon.vision.tags.detection import Detection, best_of_codes
+from mkdaemon.vision.tags.detector import Detector, Look
 from mkdaemon.vision.tags.tagfamily import find_family
 from mkdaemon.vision.tags.tagmap import TagMap, Target, single
 
 ANY_ID_FALSE_RATE = 2e-6
 """Chance that a random quad reads as some code of the family, one bit corrected: with all 587 ids of tag36h11 allowed,
 the limit for a short whitelist would refuse even one wrong bit."""
-WHOLE_TAGS: tuple[Stage, ...] = ("decimate1", "log", "decimate2", "linear")
+WHOLE_TAGS: Final = (Look("grey"), Look("log"), Look("light", decimate=2))
 """The searches of a still; a broken outline needs a track or an attitude to be trusted."""
 
 
@@ -118,8 +119,8 @@ class StillEye:
     def _search(self, pixels: Grey) -> list[Detection]:
         """The searches for unbroken quads, the finest first; each adds what the ones before did not see."""
         found: list[Detection] = []
-        for stage in (stage for stage in WHOLE_TAGS if stage in self.detector.stages):
-            for tag in self.detector.search_all(pixels, stage):
+        for look in WHOLE_TAGS:
+            for tag in self.detector.search_all(pixels, *look):
                 middle = tag.corners.mean(axis=0)
                 known = (other.corners.mean(axis=0) for other in found if other.code == tag.code)
                 if all(np.linalg.norm(middle - other) > HALF * tag.side_px for other in known):

@@ -49,7 +49,7 @@ def corners_by_row(view: CameraView) -> np.ndarray:
 def test_each_row_of_a_rolling_shutter_is_exposed_at_its_own_time(motion: dict[str, np.ndarray]) -> None:
     view = replace(STILL, **motion)
     scene = Scene([PAD], ground=None, seed=3, fine=False)
-    (found,) = Detector(TagMap((PAD.target,)).whitelist).search(scene.render(view, CLEAN), "decimate1")
+    (found,) = Detector(TagMap((PAD.target,)).whitelist).search(scene.render(view, CLEAN), "grey")
     # turning bends the sides of the tag: the lines through them miss its corners by 0.1 px
     np.testing.assert_allclose(found.corners, corners_by_row(view), atol=0.16)
     at_rest = project(view.camera_points(PAD.motion.pose_at(0.0).points(PAD.target.tags[0].corners)), LENS)

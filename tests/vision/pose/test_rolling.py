@@ -234,6 +234,6 @@ def test_decoded_corners_are_compared_with_where_their_rows_saw_them(turning: fl
     (tag,) = target.tags
     seen = exposed(tag.corners @ pose.rotation.T + pose.position, motion, projection)[0]
     corners = projection.project(seen)[0]
-    decoded = [(tag, Detection(tag.family.name, tag.tag_id, 0, 60.0, corners, "decimate1"))]
+    decoded = [(tag, Detection(tag.family.name, tag.tag_id, 0, 60.0, corners))]
     assert fitter.disagreement(pose, decoded) < 0.02
     assert fitter.disagreement(replace(pose, motion=None), decoded) > HALF

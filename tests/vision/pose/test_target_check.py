@@ -36,7 +36,7 @@ def seen(true: TagMap, file: TagMap, rng: np.random.Generator, *, away: float = 
     for tag, known in zip(true.targets[0].tags, file.targets[0].tags, strict=True):
         pixels, visible = LENS.project(tag.corners @ turn.T + [0.05, -0.03, away])
         assert visible.all()
-        found = Detection("tag36h11", tag.tag_id, 0, 60.0, pixels + rng.normal(0.0, noise, (4, 2)), "decimate1")
+        found = Detection("tag36h11", tag.tag_id, 0, 60.0, pixels + rng.normal(0.0, noise, (4, 2)))
         pairs.append((known, found))
     return pairs
 

@@ -7,7 +7,7 @@ import numpy.typing as npt
 import pytest
 
 from mkdaemon.vision.tags.cellread import CodeReader
-from mkdaemon.vision.tags.detector import Detector
+from mkdaemon.vision.tags.detector import FIRST, Detector, looks_of
 from mkdaemon.vision.tags.tagfamily import cells
 from mkdaemon.vision.tags.tagmap import TagMap, covered_cells
 from tests.vision.views import printed, shipped
@@ -43,7 +43,8 @@ def corners_of(bitmap: Grey) -> npt.NDArray[np.float64]:
 def test_a_print_with_a_highlight_over_its_middle_is_found(turns: int, place: tuple[float, float]) -> None:
     shown = np.ascontiguousarray(np.rot90(glossy(cells("tag36h11", 48), row=place[0], column=place[1]), turns))
     detector = Detector(TAGS.whitelist, covered=covered_cells(TAGS))
-    assert all(detector.search(shown, stage) == [] for stage in detector.stages if stage != "outline")
+    whole = [look for look in (*FIRST, *looks_of(*shown.shape[::-1])) if look.view != "outline"]
+    assert all(detector.search(shown, *look) == [] for look in whole)
     [found] = detector.search(shown, "outline")
     assert found.tag_id == 48
     corners = corners_of(cells("tag36h11", 48))
@@ -59,7 +60,7 @@ def test_another_print_in_a_highlight_is_none(other: int) -> None:
     bitmap = cells("tag36h11", other)
     for column in np.arange(0.0, 9.0, 2.0):
         for row in np.arange(0.0, 9.0, 2.0):
-            assert reader.read(glossy(bitmap, row=row, column=column), corners_of(bitmap)) is None
+            assert reader.read(glossy(bitmap, row=row, column=column), [corners_of(bitmap)]) == []
 
 
 def test_a_cell_says_one_bit_at_most() -> None:
@@ -69,11 +70,11 @@ def test_a_cell_says_one_bit_at_most() -> None:
     for _ in range(80):
         bitmap = np.zeros((8, 8), np.uint8)
         bitmap[1:-1, 1:-1] = 255 * rng.integers(0, 2, (6, 6))
-        assert reader.read(glossy(bitmap, row=4.0, column=4.0), corners_of(bitmap)) is None
+        assert reader.read(glossy(bitmap, row=4.0, column=4.0), [corners_of(bitmap)]) == []
 
 
 def test_blown_on_both_sides_of_a_line_says_nothing() -> None:
     bitmap = cells("tag36h11", 48)
     reader = CodeReader(TAGS.whitelist, {})
-    assert reader.read(glossy(bitmap, row=4.0, column=4.0, gain=0.0), corners_of(bitmap)) is not None
-    assert reader.read(glossy(bitmap, row=4.0, column=4.0, width=4.0), corners_of(bitmap)) is None
+    assert reader.read(glossy(bitmap, row=4.0, column=4.0, gain=0.0), [corners_of(bitmap)]) != []
+    assert reader.read(glossy(bitmap, row=4.0, column=4.0, width=4.0), [corners_of(bitmap)]) == []

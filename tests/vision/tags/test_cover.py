@@ -6,8 +6,9 @@ import cv2
 import numpy as np
 import pytest
 
+from mkdaemon.vision.tags.cellread import CodeReader
 from mkdaemon.vision.tags.detector import Detector
-from mkdaemon.vision.tags.outline import OutlineSearch
+from mkdaemon.vision.tags.outline import read_outlines
 from mkdaemon.vision.tags.tagfamily import cells
 from mkdaemon.vision.tags.tagmap import TagMap, covered_cells
 from tests.vision.views import printed, shipped
@@ -40,9 +41,9 @@ def test_a_tag_alone_is_covered_by_nothing() -> None:
 
 def test_covered_cells_are_not_read() -> None:
     tags = TagMap((shipped("nested"),))
-    whole, blind = (OutlineSearch(tags.whitelist, covered) for covered in ({}, covered_cells(tags)))
-    assert whole.find(flooded(20)) == []
-    [found] = blind.find(flooded(20))
+    whole, blind = (CodeReader(tags.whitelist, covered) for covered in ({}, covered_cells(tags)))
+    assert read_outlines(flooded(20), whole) == []
+    [found] = read_outlines(flooded(20), blind)
     assert (found.family, found.tag_id, found.hamming) == (*CODE, 0)
 
 

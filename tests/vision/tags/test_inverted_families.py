@@ -17,8 +17,7 @@ from mkdaemon.vision.pose.fitting import TargetFitter
 from mkdaemon.vision.pose.gates import CellReader
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.tags import tagfamily
-from mkdaemon.vision.tags.detector import Detector
-from mkdaemon.vision.tags.libraries import AprilTagSearch
+from mkdaemon.vision.tags.detector import AprilTagSearch, Detector
 from mkdaemon.vision.tags.tagfamily import FAMILIES
 from mkdaemon.vision.tags.tagmap import TagMap, Target, build, single
 from mkdaemon.vision.track.attitude import LOOKING_DOWN
@@ -111,7 +110,7 @@ def test_a_hole_has_room_for_a_tag_and_data_have_not():
     pad = build_tags(hole, inside)
     assert [tag.tag_id for tag in pad.targets[0].tags] == [1, 1]
     scene = Scene([SceneTarget.of(pad.targets[0], Platform())], ground=None, seed=1, fine=False)
-    seen = Detector(pad.whitelist).search(scene.render(place(0.5, 0.2)), "decimate1")
+    seen = Detector(pad.whitelist).search(scene.render(place(0.5, 0.2)), "grey")
     assert {found.family for found in seen} == {"tagCustom48h12", "tag36h11"}
     with pytest.raises(ConfigError, match="covers the border of tag 1"):
         build_tags(TagPlacement(family="tagStandard52h13", id=1, size=0.18), inside)

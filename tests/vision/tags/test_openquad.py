@@ -9,8 +9,9 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
+from mkdaemon.vision.tags.cellread import CodeReader
 from mkdaemon.vision.tags.detector import Detector
-from mkdaemon.vision.tags.outline import OutlineSearch
+from mkdaemon.vision.tags.outline import read_outlines
 from mkdaemon.vision.tags.tagfamily import cells
 from mkdaemon.vision.tags.tagmap import TagMap, covered_cells
 from tests.vision.views import shipped
@@ -52,7 +53,7 @@ def square(side: float, degrees: float, stretch: float = 1.0) -> Array:
 def test_an_outline_is_as_long_along_diagonals_as_along_rows(degrees: float) -> None:
     """However a small square is turned: the points of a diagonal are farther apart."""
     corners = square(41.0, degrees)
-    [found] = OutlineSearch(TAGS.whitelist, covered_cells(TAGS)).find(seen(corners))
+    [found] = read_outlines(seen(corners), CodeReader(TAGS.whitelist, covered_cells(TAGS)))
     assert found.tag_id == 48
     assert np.abs(found.corners - corners).max() < 1.5
 

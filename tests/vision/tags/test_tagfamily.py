@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from mkdaemon.errors import VisionError
-from mkdaemon.vision.tags.libraries import AprilTagSearch
+from mkdaemon.vision.tags.detector import AprilTagSearch
 from mkdaemon.vision.tags.tagfamily import FAMILIES, TagFamily, cells, draw, find_family
 from tests.vision.views import printed
 

@@ -8,7 +8,7 @@ import pytest
 from mkdaemon.vision.camera.image import CameraImage
 from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.tags.detection import Detection
-from mkdaemon.vision.tags.detector import FIRST, NEARBY
+from mkdaemon.vision.tags.detector import TONES
 from mkdaemon.vision.tags.tagmap import TagMap
 from mkdaemon.vision.track.attitude import LOOKING_DOWN
 from mkdaemon.vision.track.follower import LARGE_PX, MOST_EFFORT, OwnSearch
@@ -20,26 +20,27 @@ class Blind:
     """A detector that finds nothing until it is told to, and remembers what was asked."""
 
     def __init__(self) -> None:
-        self.stages: list[str] = []
+        self.looks: list[tuple[str, int]] = []
         self.found: list[Detection] = []
 
-    def search(self, _pixels, stage, _window):
-        self.stages.append(stage)
+    def search(self, _pixels, view, _window, decimate):
+        self.looks.append((view, decimate))
         return self.found
 
 
-@pytest.mark.parametrize(("side", "ways"), [(LARGE_PX - 1, NEARBY), (LARGE_PX, FIRST)])
-def test_a_target_is_decoded_again_one_way_at_a_time_and_large_ones_at_half_the_resolution(side, ways):
+@pytest.mark.parametrize(("side", "decimate"), [(LARGE_PX - 1, 1), (LARGE_PX, 2)])
+def test_a_target_is_decoded_again_one_way_at_a_time_and_large_ones_at_half_the_resolution(side, decimate):
     target, blind = shipped("single"), Blind()
     search = OwnSearch(target, blind)
-    for _ in range(LIMITS.track.search_every * len(ways)):
+    for _ in range(LIMITS.search.beside_every * len(TONES)):
         search.again(np.zeros((480, 640), np.uint8), (0, 0, side, 400))
-    assert blind.stages == list(ways)
+    looks = [(tone, decimate) for tone in TONES]
+    assert blind.looks == looks
     (tag,) = target.tags
-    blind.found = [Detection(tag.family.name, tag.tag_id, 0, 50.0, np.zeros((4, 2)), ways[0])]
+    blind.found = [Detection(tag.family.name, tag.tag_id, 0, 50.0, np.zeros((4, 2)))]
     for _ in range(2):
         search.again(np.zeros((480, 640), np.uint8), (0, 0, side, 400))
-    assert blind.stages[len(ways) :] == [ways[0]] * 2, "what finds it stays"
+    assert blind.looks[len(looks) :] == looks[:1] * 2, "what finds it stays"
 
 
 def test_a_target_that_is_gone_costs_an_image_a_bounded_number_of_fits():

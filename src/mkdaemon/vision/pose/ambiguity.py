@@ -59,13 +59,13 @@ def evidence(first: Pose, second: Pose) -> float:
     Where a fit leaves nothing but noise, all it says; elsewhere what hides the target, light or blur may take sides.
     """
     odds = log_odds(first, second)
-    odds = odds if _is_explained(first, second) else (odds - LIMITS.branches.silent) / CAUTION
+    odds = odds if _is_explained(first, second) else (odds - LIMITS.ambiguity.silent) / CAUTION
     return min(max(odds, 0.0), LIMITS.ambiguity.decided)
 
 
 def prefers(first: Pose, second: Pose) -> bool:
     """Whether the image prefers one fit to another of its kind, by more than blur or light do."""
-    return first.source == second.source and log_odds(first, second) > LIMITS.branches.silent
+    return first.source == second.source and log_odds(first, second) > LIMITS.ambiguity.silent
 
 
 def _is_explained(first: Pose, second: Pose) -> bool:

@@ -37,7 +37,7 @@ class Carrier:
             now: image to look in.
             last: pose in `before`.
         """
-        reach = int(LIMITS.track.shake * float(self._projection.focal[0]))
+        reach = int(LIMITS.search.shake * float(self._projection.focal[0]))
         height, width = now.shape
         seen, visible = self._projection.project(self._outline @ last.rotation.T + last.position)
         centre, ahead = self._projection.project(last.position[None, :])

@@ -65,7 +65,7 @@ UNKNOWNS: Final = {
     "deck_east": (radians(2.5), radians(0.02), inf),
     "deck_north": (radians(2.5), radians(0.02), inf),
     "tilt_scale": (0.08, 0.0, inf),
-    "focal": (0.03, 0.0, SELFCAL.share),
+    "focal": (0.03, 0.0, LIMITS.certainty.wrong_share),
     "cx": (10.0, 0.0, SELFCAL.centre_px),
     "cy": (10.0, 0.0, SELFCAL.centre_px),
     "k1": (0.05, 0.0, SELFCAL.k1),
@@ -75,7 +75,7 @@ UNKNOWNS: Final = {
 Turn of the mounting about body forward, left, up [rad], which wanders with the attitude's bias, 0.2 degrees in 100 s;
 horizontal part of the target's normal, as `PRIOR_SD` of `track.level`; share by which the vehicle reports too much
 tilt, 0.89 to 1.13 with real gyros; logarithm of the focal lengths; principal point [px]; radial distortion."""
-SIZE: Final = (0.03, 0.0, SELFCAL.share)
+SIZE: Final = (0.03, 0.0, LIMITS.certainty.wrong_share)
 """The same of a tag's size, logarithm."""
 MELT: Final = (0.008, 0.0, inf)
 """By how much a tag of the smallest readable cells may look smaller or larger, logarithm; one error of all images."""
@@ -285,7 +285,7 @@ class HeightFilter(Belief):
         if self._high[1] - self._low[1] < LEAST_CHANGE or left <= 0.0:
             return 0.0
         mean, variance = share / (sd**2 * left), 1.0 / left
-        wrong, right = variance + SCALE_SD**2, variance + 2 * SELFCAL.share**2
+        wrong, right = variance + SCALE_SD**2, variance + 2 * LIMITS.certainty.wrong_share**2
         return (mean**2 * (1.0 / right - 1.0 / wrong) - log(wrong / right)) / 2.0 / log(10.0)
 
     @property

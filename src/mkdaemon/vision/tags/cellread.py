@@ -1,15 +1,14 @@
 """Reading the cells of a quad from an image: grey values, sides and codes, and how likely chance reads as well.
 
-Of a code whose cells are partly hidden or in a highlight two readings are tried. By levels a cell is black or white as
-border and paper are; what is neither has something on it and says nothing. By steps a cell is compared with its
-neighbours: a highlight lifts ink above the paper elsewhere, but it grows slowly and leaves the step between ink and
-paper beside it. What is blown on both sides says nothing.
+Cells may be hidden, or in a highlight, which lifts ink above the paper elsewhere. But it grows slowly and leaves the
+step between ink and paper beside it. So a cell is compared with its neighbours; what is blown on both sides says
+nothing.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Final
@@ -21,21 +20,19 @@ import numpy.typing as npt
 from mkdaemon.vision.arrays import Array, Bools, Grey
 from mkdaemon.vision.camera.image import BRIGHTEST
 from mkdaemon.vision.limits import HALF, LIMITS, NOISE_GREY
-from mkdaemon.vision.tags.detection import Detection
-from mkdaemon.vision.tags.tagfamily import cells, find_family
+from mkdaemon.vision.tags.detection import Detection, best_of_codes
+from mkdaemon.vision.tags.tagfamily import cells, find_family, middles, to_rim
 
 Covered = Mapping[tuple[str, int], Bools]
 """Cells `(n, n)` of tags, by family and id, that say nothing."""
 
-READINGS = 2
-"""By levels and by steps: chance has so many tries."""
 TURNS = 4
 """Of a quad: chance has as many tries with each code."""
-QUIET_CELLS = 0.3
-"""Where the quiet zone is sampled, outside the black square [cells]."""
-LEVEL: Final = HALF / 2
-"""Of a contrast, within which a cell is black or white: half way to what is neither."""
-LEAST_GREY: Final = NOISE_GREY / LEVEL
+SIDE_CELLS: Final = 0.3
+"""How far from a side of a whole quad paper and ink are looked for [cells]."""
+CLEAR: Final = HALF / 2
+"""Of a contrast, from the middle, beyond which a cell is black or white: half way to what is neither."""
+LEAST_GREY: Final = NOISE_GREY / CLEAR
 """Contrast below which noise alone can make a cell neither [grey]."""
 STEP_CELLS: Final = 0.15
 """How far on both sides of a line its step is sampled, before light changes much [cells]."""
@@ -63,33 +60,17 @@ def carry(homography: Array, points: Array) -> Array:
     return mapped
 
 
-def cell_values(pixels: Grey, homography: Array, n: int) -> Array:
-    """Grey values in the middles of all cells, and of those around the black square `(n + 2, n + 2)`."""
-    row, column = np.divmod(np.arange((n + 2) ** 2), n + 2)
-    return sample(pixels, carry(homography, np.column_stack([column, row]) - 0.5)).reshape(n + 2, n + 2)
-
-
-def rim_steps(
-    pixels: Grey, homography: Array, n: int, outside: float = STEP_CELLS, inside: float = STEP_CELLS
-) -> Array:
-    """How much brighter the paper is than the ink beside it, along all sides of a black square `(4, 2 * n)` [grey].
-
-    Args:
-        pixels: `(h, w)` uint8.
-        homography: see `image_from_cells`.
-        n: cells along the black square.
-        outside: how far outside of it paper is sampled [cells].
-        inside: how far inside ink is [cells].
-    """
-    values = sample(pixels, carry(homography, _rims(n, outside, -inside))).reshape(2, 4, -1)
-    return np.asarray(values[0] - values[1])
+def rim_steps(pixels: Grey, homography: Array, n: int, depth: float) -> Array:
+    """How much brighter paper is than ink along the sides of a black square `(4, 2 * n)`, `depth` cells away [grey]."""
+    paper, ink = sample(pixels, carry(homography, _rims(n, depth))).reshape(2, 4, -1)
+    return np.asarray(paper - ink)
 
 
 @lru_cache(maxsize=32)
-def _rims(n: int, *depths: float) -> Array:
-    """Points so far outside the black square, inside where negative, top, right, bottom, left `(depths * 8 * n, 2)`."""
+def _rims(n: int, depth: float) -> Array:
+    """Points outside a square of `n` cells, then inside: top, right, bottom, left `(2 * 4 * 2 n, 2)` [cells]."""
     along = (np.arange(2 * n) + 0.5) / 2
-    sides = (((along, -d), (n + d, along), (along, n + d), (-d, along)) for d in depths)
+    sides = (((along, -d), (n + d, along), (along, n + d), (-d, along)) for d in (depth, -depth))
     return np.concatenate([np.stack(np.broadcast_arrays(x, y), axis=-1) for four in sides for x, y in four])
 
 
@@ -99,7 +80,7 @@ def has_sides(pixels: Grey, corners: Array, n: int, *, inverted: bool) -> bool:
     A quad whose side is the edge of the image, or of something lying over the tag, has black or mixed cells outside.
     White and black are taken from beside each other, so shadow edges and gradients do not count against a side.
     """
-    contrast = rim_steps(pixels, image_from_cells(corners, n), n, QUIET_CELLS, HALF) * (-1 if inverted else 1)
+    contrast = rim_steps(pixels, image_from_cells(corners, n), n, SIDE_CELLS) * (-1 if inverted else 1)
     floor = max(NOISE_GREY, LIMITS.read.least_contrast * float(np.median(np.abs(contrast))))
     return bool(((contrast > floor).mean(axis=1) > HALF).all())
 
@@ -115,12 +96,12 @@ def chance(read: int, wrong: int, tries: int) -> float:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Codes:
-    """Codes of one family, each turned counter-clockwise by 0 to 3 quarters: `k` in all.
+    """Codes of one family, each turned counter-clockwise by 0 to 3 quarters: `k` in all, cells row by row.
 
     Attributes:
         ids: of the codes, each for four turns.
-        bits: which cells are white, border included `(k, n, n)`.
-        seen: which have nothing on them `(k, n, n)`.
+        bits: which cells are white, border included `(k, n * n)`.
+        seen: which have nothing on them `(k, n * n)`.
     """
 
     ids: list[int]
@@ -149,88 +130,59 @@ class CodeReader:
             self._codes[name] = _Codes(ids, *(_turned(of) for of in (bits, seen)))
         self.sizes = sorted({find_family(name).black_cells for name in self._codes})
 
-    def read(self, pixels: Grey, quad: Array) -> Detection | None:
-        """The code that explains the readable cells of a quad; none when chance does as well.
+    def read(self, pixels: Grey, quads: Iterable[Array], max_chance: float = LIMITS.read.max_chance) -> list[Detection]:
+        """The codes that explain the readable cells of quads better than chance, the clearest of each.
 
         Args:
             pixels: `(h, w)` uint8.
-            quad: corners of the black square, clockwise in the image `(4, 2)` [px].
+            quads: corners of black squares, clockwise in the image `(4, 2)` [px].
+            max_chance: that a random quad reads as well.
         """
-        found: list[tuple[float, Detection]] = []
-        for name, codes in self._codes.items():
-            n = find_family(name).black_cells
-            homography = image_from_cells(quad, n)
-            for share in (_levels(pixels, homography, n), _steps(pixels, homography, n, codes)):
-                white, black = np.abs(share - 1) < LEVEL, np.abs(share) < LEVEL
-                known = (white | black) & codes.seen
-                wrong = known & (white != codes.bits)
-                # The border is the same in all codes.
-                read, wrong = (np.count_nonzero(of[:, 1:-1, 1:-1], axis=(1, 2)) for of in (known, wrong))
-                tries = READINGS * len(read)
-                chances = [chance(*pair, tries) for pair in zip(read.tolist(), wrong.tolist(), strict=True)]
-                best = int(np.argmin(chances))
-                if chances[best] <= LIMITS.read.max_chance:
-                    k, quarters = divmod(best, TURNS)
-                    margin, corners = _margin(pixels, homography, n), np.roll(quad, quarters, axis=0)
-                    one = Detection(name, codes.ids[k], int(wrong[best]), margin, corners)
-                    found.append((chances[best], one))
-        return min(found, key=lambda one: one[0])[1] if found else None
+        read = (self._explain(pixels, quad, *of) for quad in quads for of in self._codes.items())
+        return best_of_codes(found for by_chance, found in read if by_chance <= max_chance)
 
-
-def read_code(pixels: Grey, corners: Array, family: str, tag_id: int) -> tuple[int, float]:
-    """Wrong data bits of a code in a quad `(4, 2)` TL, TR, BR, BL [px], and their mean margin [grey]."""
-    n = find_family(family).black_cells
-    homography = image_from_cells(corners, n)
-    wrong = (_levels(pixels, homography, n)[0] > HALF) != (cells(family, tag_id) > 0)
-    return int(np.count_nonzero(wrong[1:-1, 1:-1])), _margin(pixels, homography, n)
-
-
-def _margin(pixels: Grey, homography: Array, n: int) -> float:
-    """Mean distance of black and white from the threshold between them [grey]; beside a tag a quad has little."""
-    return HALF * float(rim_steps(pixels, homography, n).mean())
+    def _explain(self, pixels: Grey, quad: Array, name: str, codes: _Codes) -> tuple[float, Detection]:
+        """The likeliest code of a family, and the probability that chance reads as well."""
+        n = find_family(name).black_cells
+        homography = image_from_cells(quad, n)
+        steps = rim_steps(pixels, homography, n, STEP_CELLS)
+        votes = _votes(pixels, homography, max(float(np.median(steps)), LEAST_GREY), codes)
+        known = (np.abs(votes) > CLEAR) & codes.seen
+        wrong = known & ((votes > 0) != codes.bits)
+        read, misread = (np.count_nonzero(of, axis=1).tolist() for of in (known, wrong))
+        chances = [chance(*pair, len(read)) for pair in zip(read, misread, strict=True)]
+        best = int(np.argmin(chances))
+        k, quarters = divmod(best, TURNS)
+        # The threshold between black and white is half a step away; beside a tag a quad has little.
+        margin = HALF * float(steps.mean())
+        found = Detection(name, codes.ids[k], misread[best], margin, np.roll(quad, quarters, axis=0))
+        return chances[best], found
 
 
 def _turned(codes: Bools) -> Bools:
-    """Cells `(k, n, n)` turned by 0 to 3 quarters `(4 * k, n, n)`."""
+    """Cells `(k, n, n)` turned by 0 to 3 quarters, row by row `(4 * k, n * n)`."""
     turned = np.stack([np.rot90(codes, quarters, axes=(1, 2)) for quarters in range(TURNS)], axis=1)
-    return turned.reshape(-1, *codes.shape[1:])
+    return turned.reshape(len(codes) * TURNS, -1)
 
 
-def _levels(pixels: Grey, homography: Array, n: int) -> Array:
-    """White share of cells `(1, n, n)`: 0 as the border, 1 as the paper."""
-    values = cell_values(pixels, homography, n)
-    paper, ink = (np.median(values[_layers(n + 2) == k]) for k in (0, 1))
-    return np.asarray((values[None, 1:-1, 1:-1] - ink) / max(paper - ink, LEAST_GREY))
-
-
-def _steps(pixels: Grey, homography: Array, n: int, codes: _Codes) -> Array:
-    """White share of cells `(k, n, n)` by the steps from their outer neighbours.
+def _votes(pixels: Grey, homography: Array, contrast: float, codes: _Codes) -> Array:
+    """Whether cells are white `(k, n * n)`, -0.5 to 0.5, by the steps from their outer neighbours; 0 of the border.
 
     Beside a black neighbour of grey value b a cell has b when it is black, and the least of b + contrast and 255 when
     it is white; beside a white one b - contrast and b. One blown neighbour of a white cell is as good as any; a cell
-    that is blown beside one tells nothing. Cells without a line that tells have one half.
+    that is blown beside one tells nothing.
     """
-    contrast = max(float(np.median(rim_steps(pixels, homography, n))), LEAST_GREY)
-    outer, of_cell, points = _lines(n)
+    outer, of_cell, points = _lines(math.isqrt(codes.bits.shape[1]))
     here, there = sample(pixels, carry(homography, points)).reshape(2, -1, len(ALONG)).mean(axis=2)
     least = LIMITS.read.faint * contrast
     room = np.minimum(there + contrast, BRIGHTEST) - there
-    by_black = np.where(room < least, 0.0, (here - there) / np.maximum(room, 1.0) - 0.5)
-    by_white = 0.5 + (here - there) / contrast
+    by_black = np.where(room < least, 0.0, (here - there) / np.maximum(room, 1.0) - HALF)
+    by_white = HALF + (here - there) / contrast
     blown = there >= LIMITS.read.saturated
-    by_white[blown] = np.where(here[blown] < BRIGHTEST - least, -0.5, 0.0)
-    white, seen = (of.reshape(len(of), -1)[:, outer] for of in (codes.bits, codes.seen))
-    votes = np.where(white, by_white, by_black).clip(-0.5, 0.5) * seen
+    by_white[blown] = np.where(here[blown] < BRIGHTEST - least, -HALF, 0.0)
+    votes = np.where(codes.bits[:, outer], by_white, by_black).clip(-HALF, HALF) * codes.seen[:, outer]
     lines = (votes != 0).astype(np.float64) @ of_cell
-    share: Array = 0.5 + (votes @ of_cell) / np.maximum(lines, 1.0)
-    return share.reshape(-1, n, n)
-
-
-@lru_cache(maxsize=32)
-def _layers(n: int) -> npt.NDArray[np.intp]:
-    """How many cells lie between each of `(n, n)` and the rim."""
-    away = np.minimum(np.arange(n), np.arange(n)[::-1])
-    return np.minimum.outer(away, away)
+    return np.asarray(votes @ of_cell / np.maximum(lines, 1.0))
 
 
 @lru_cache(maxsize=32)
@@ -243,14 +195,13 @@ def _lines(n: int) -> tuple[npt.NDArray[np.intp], Array, Array]:
         The other cell of each line, row by row `(m,)`; whether a line counts for a cell `(m, n * n)`; samples
         beside the lines, those in inner cells first `(2 * m * 3, 2)`.
     """
-    index, layer = np.arange(n * n).reshape(n, n), _layers(n).ravel()
+    index, inside = np.arange(n * n).reshape(n, n), to_rim(n).ravel()
     beside, below = (index[:, :-1], index[:, 1:]), (index[:-1], index[1:])
-    pairs = np.concatenate([np.stack(two, axis=-1).reshape(-1, 2) for two in (beside, below)])
-    pairs = np.where(np.diff(layer[pairs]) < 0, pairs, pairs[:, ::-1])
-    cell, outer = pairs[layer[pairs[:, 0]] > 0].T
-    middle = np.column_stack(np.divmod(np.arange(n * n), n)[::-1]) + 0.5
-    across = middle[cell] - middle[outer]
-    line = (middle[cell] + middle[outer]) / 2
+    first, second = (np.concatenate([of.ravel() for of in one]) for one in zip(beside, below, strict=True))
+    both = np.where(inside[second] < inside[first], (first, second), (second, first))
+    cell, outer = both[:, inside[both[0]] > 0]
+    middle = middles(n)
+    across, line = middle[cell] - middle[outer], (middle[cell] + middle[outer]) / 2
     spread = np.array(ALONG)[:, None] * across[:, None, ::-1]
-    points = [(line + away * across)[:, None] + spread for away in (STEP_CELLS, -STEP_CELLS)]
-    return outer, (cell[:, None] == np.arange(n * n)).astype(np.float64), np.concatenate(points).reshape(-1, 2)
+    points = [(line + side * across)[:, None] + spread for side in (STEP_CELLS, -STEP_CELLS)]
+    return outer, (cell[:, None] == index.ravel()).astype(np.float64), np.concatenate(points).reshape(-1, 2)

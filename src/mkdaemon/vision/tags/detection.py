@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Literal
 
@@ -10,8 +10,8 @@ import numpy as np
 
 from mkdaemon.vision.arrays import Array
 
-Stage = Literal["decimate2", "decimate1", "log", "halflog", "linear", "outline"]
-"""A way to search an image for tags, at half or at full resolution."""
+View = Literal["grey", "light", "log", "outline"]
+"""What a search for tags sees: an image in one of three tones, or its broken outlines."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -24,7 +24,7 @@ class Detection:
         hamming: corrected bits.
         decision_margin: mean distance of the bits from the threshold [grey].
         corners: `(4, 2)` TL, TR, BR, BL of the official print [px, centres at integers].
-        stage: the search that found it.
+        view: in which it was found.
         shrunk: by how much the image was shrunk for its corners, which are so much looser.
     """
 
@@ -33,7 +33,7 @@ class Detection:
     hamming: int
     decision_margin: float
     corners: Array
-    stage: Stage = "decimate1"
+    view: View = "grey"
     shrunk: int = 1
 
     @property
@@ -52,10 +52,9 @@ def mean_side(corners: Array) -> float:
     return float(np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1).mean())
 
 
-def best_of_codes(found: Iterable[Detection], rank: Callable[[Detection], tuple[float, ...]]) -> list[Detection]:
-    """Of the detections of each code the one of the highest rank, the first of equal ones."""
+def best_of_codes(found: Iterable[Detection]) -> list[Detection]:
+    """Of the detections of each code the one with the fewest wrong bits, of those the clearest."""
     best: dict[tuple[str, int], Detection] = {}
     for one in found:
-        if one.code not in best or rank(one) > rank(best[one.code]):
-            best[one.code] = one
+        best[one.code] = min(best.get(one.code, one), one, key=lambda tag: (tag.hamming, -tag.decision_margin))
     return list(best.values())

@@ -1,97 +1,91 @@
 """Finding tags in an image by a ladder of searches at a bounded cost; chance has to explain hardly what they find.
 
-There are four. Three have libapriltag look for unbroken quads, each in other tones: the grey values as they are;
-their logarithm, where a shadow's edge or leaves are as large a step as ink on paper; and light, where a tone curve lets
-white cells spread over small black ones. The first two also see the whole resolution, for small tags. The fourth looks
-for broken outlines (`outline.py`), where something lies over the border or a highlight opens it.
+There are four views. In three libapriltag looks for unbroken quads: in the grey values as they are; in light, where a
+tone curve lets white cells spread over small black ones; and in logarithms, where a shadow's edge or leaves are as
+large a step as ink on paper. The fourth are broken outlines (`outline.py`), where something lies over the border or a
+highlight opens it.
 
-A search takes time in proportion to the pixels. The first search of every image therefore sees it shrunk to at most
-`max_pixels`, and one other search joins it in every image of `thorough_every`: the other stages on the shrunk image,
-and, in turn with them, those for small tags on tiles of less shrunk levels. A tag that is too small on one level fits
-into the overlap of the tiles on the next one.
+A search takes time in proportion to the pixels. The first search of every image therefore sees at most `max_pixels` in
+one of the three tones in turn, and at half their resolution. One other search joins it in every image of
+`thorough_every`: one at their whole resolution, and, in turn with these, one of a tile of a larger image as it is.
+Tiles overlap by a tag that is large enough for the whole image.
 """
 
 from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+import threading
+from collections.abc import Mapping
+from dataclasses import replace
 from functools import lru_cache
-from typing import Final, Literal
+from typing import Any, Final, Literal, NamedTuple
 
 import cv2
 import numpy as np
 
 from mkdaemon.vision.arrays import Grey
-from mkdaemon.vision.limits import LIMITS
-from mkdaemon.vision.tags.cellread import TURNS, Covered, chance, has_sides
-from mkdaemon.vision.tags.detection import Detection, Stage, best_of_codes
-from mkdaemon.vision.tags.libraries import LOST_WITHOUT_APRILTAG, AprilTagSearch, ArucoSearch
-from mkdaemon.vision.tags.outline import OutlineSearch, has_highlights
-from mkdaemon.vision.tags.tagfamily import find_family, is_installed
+from mkdaemon.vision.limits import HALF, LIMITS
+from mkdaemon.vision.tags.cellread import TURNS, CodeReader, Covered, chance, has_sides
+from mkdaemon.vision.tags.detection import Detection, View, best_of_codes
+from mkdaemon.vision.tags.outline import read_outlines
+from mkdaemon.vision.tags.tagfamily import dictionary_of, find_family, is_installed, open_library
 
 Part = tuple[int, int, int, int]
 """`(x0, y0, x1, y1)` [px], end exclusive."""
 
-FIRST: Final[tuple[Stage, ...]] = ("decimate2", "linear", "halflog")
-"""Stages of which one sees every image, in turn, at half its resolution: 3 to 6 ms on VGA."""
-SMALL_TAG_STAGES: Final[tuple[Stage, ...]] = ("log", "decimate1")
-"""Searches for small tags; the others need tags that are large on the coarsest level too."""
-NEARBY: Final[tuple[Stage, ...]] = ("decimate1", "linear", "log")
-"""Searches of a window where a target should be, in turn."""
-LADDER: Final[tuple[Stage, ...]] = (*FIRST, *SMALL_TAG_STAGES, "outline")
-"""Searches of the whole image."""
-TILE: Final = (640, 480)
-"""Size of a tile on its level [px]."""
-OVERLAP: Final = 112
-"""Of neighbouring tiles on their level [px]: a tag of 85 px with its quiet zone, 2.8 px a cell on a level 3 times as
-coarse."""
-FINER: Final = 3
-"""Ratio of neighbouring levels, at most."""
-_LOG: Final[Grey] = np.round(100 + 14 * (np.log10(np.arange(256) + 4.0) - np.log10(64.0))).clip(0, 255).astype(np.uint8)
-"""Compresses bright and dark halves of a shadow to equal steps; 14 levels a decade merge texture below a real edge."""
-_LIGHT: Final[Grey] = np.round(255 * (np.arange(256) / 255) ** LIMITS.search.tone).astype(np.uint8)
-"""Light from grey values: a tone curve lets white cells spread over small black ones, which then read as white."""
-TONES: Final[Mapping[Stage, Grey]] = {"linear": _LIGHT, "halflog": _LOG, "log": _LOG}
-"""What is seen in place of each grey value; the other stages see the image as it is."""
 
-
-@dataclass(frozen=True, slots=True)
-class Look:
+class Look(NamedTuple):
     """One search.
 
     Attributes:
-        stage: how.
+        view: what is seen.
         part: of the image; the whole of it where it is none.
+        decimate: by how much libapriltag shrinks it for quads, after a large part is shrunk for all.
     """
 
-    stage: Stage
+    view: View
     part: Part | None = None
+    decimate: int = 1
+
+
+TONES: Final[tuple[View, ...]] = ("grey", "light", "log")
+"""Views of an image whose unbroken quads are read, in turn."""
+FIRST: Final = tuple(Look(tone, decimate=2) for tone in TONES)
+"""Searches of which every image gets one, in turn: 3 to 6 ms on VGA."""
+FINE: Final[tuple[View, ...]] = ("log", "grey")
+"""Tones for small tags; light needs tags that are large at half the resolution too."""
+OVERLAP: Final = 37
+"""Of neighbouring tiles, times as many pixels as the whole image is shrunk by: a tag of 28 px with its quiet zone."""
+_LOG: Final[Grey] = np.round(100 + 14 * (np.log10(np.arange(256) + 4.0) - np.log10(64.0))).clip(0, 255).astype(np.uint8)
+"""Compresses bright and dark halves of a shadow to equal steps; 14 levels a decade merge texture below a real edge."""
+_LIGHT: Final[Grey] = np.round(255 * (np.arange(256) / 255) ** LIMITS.search.tone).astype(np.uint8)
+_SEEN: Final[Mapping[View, Grey]] = {"light": _LIGHT, "log": _LOG}
+"""What is seen in place of each grey value; the other views see it as it is."""
+LOST_WITHOUT_APRILTAG: Final = (
+    "pyapriltags is not installed: tags are searched with cv2.aruco, which loses range (4 m instead of 10 m for a"
+    " 12 inch tag on VGA), corner precision (0.2-0.5 px instead of 0.02 px), hard shadows and the outer one of nested"
+    " tags; install mkdaemon with its pyapriltags wheel"
+)
 
 
 @lru_cache(maxsize=16)
-def looks_of(width: int, height: int, stages: Sequence[Stage]) -> tuple[Look, ...]:
-    """The searches that take turns beside the first ones.
-
-    Args:
-        width: of the image [px].
-        height: of the image [px].
-        stages: of the detector, the first ones included.
-    """
-    whole = [Look(stage) for stage in stages if stage not in FIRST]
-    tiles: list[Look] = []
-    scale = shrinking(width, height)
-    while scale > 1:
-        scale = math.ceil(scale / FINER)
-        parts = [
-            (x, y, min(x + TILE[0] * scale, width), min(y + TILE[1] * scale, height))
-            for y in _starts(height, TILE[1] * scale, OVERLAP * scale)
-            for x in _starts(width, TILE[0] * scale, OVERLAP * scale)
-        ]
-        tiles += [Look(stage, part) for stage in stages if stage in SMALL_TAG_STAGES for part in parts]
-    if not tiles:
-        return tuple(whole)
+def looks_of(width: int, height: int, *, outline_first: bool = False) -> tuple[Look, ...]:
+    """The searches of an image of so many pixels that take turns beside the first ones."""
+    fine, outline = tuple(Look(tone) for tone in FINE), (Look("outline"),)
+    whole = outline + fine if outline_first else fine + outline
+    shrunk = shrinking(width, height)
+    if shrunk == 1:
+        return whole
+    half = OVERLAP * shrunk // 2
+    # As few tiles a side as have to be shrunk no more.
+    counts = (n for n in range(shrunk, 4 * shrunk) if shrinking(width // n + 2 * half, height // n + 2 * half) == 1)
+    count = next(counts, shrunk)
+    across, down = (
+        [(max(k * length // count - half, 0), min((k + 1) * length // count + half, length)) for k in range(count)]
+        for length in (width, height)
+    )
+    tiles = [Look(tone, (x0, y0, x1, y1)) for tone in FINE for y0, y1 in down for x0, x1 in across]
     turns = itertools.cycle(whole)
     return tuple(look for tile in tiles for look in (next(turns), tile))
 
@@ -101,27 +95,11 @@ def shrinking(width: int, height: int) -> int:
     return math.ceil(math.sqrt(width * height / LIMITS.search.max_pixels))
 
 
-def shrink(part: Grey, scale: int) -> Grey:
-    """Mean over `scale` x `scale` pixels; what is left over at the right and lower edge is cut off."""
-    height, width = (length // scale for length in part.shape)
-    whole = part[: height * scale, : width * scale]
-    return np.asarray(cv2.resize(whole, (width, height), interpolation=cv2.INTER_AREA), dtype=np.uint8)
-
-
-def _starts(length: int, tile: int, overlap: int) -> list[int]:
-    """First pixels of tiles along one side, evenly spaced."""
-    if length <= tile:
-        return [0]
-    count = math.ceil((length - overlap) / (tile - overlap))
-    return [round(k * (length - tile) / (count - 1)) for k in range(count)]
-
-
 class Detector:
     """Searches images for the tags of a whitelist.
 
     Attributes:
         backend: `apriltag` or, without its wheel, `aruco`.
-        stages: its searches of the whole image.
         warning: what the fallback loses; empty with `apriltag`.
     """
 
@@ -149,54 +127,48 @@ class Detector:
         self.backend = backend
         self.warning = LOST_WITHOUT_APRILTAG if backend == "aruco" else ""
         self._whitelist, self._max_chance = whitelist, max_chance
-        families = tuple(whitelist)
-        self._whole = AprilTagSearch(families) if backend == "apriltag" else ArucoSearch(families)
         # Outlines are those of something black, and an inverted tag has data there.
         classic = {name: ids for name, ids in whitelist.items() if not find_family(name).is_inverted}
-        self._broken = OutlineSearch(classic, covered or {})
-        self.stages: tuple[Stage, ...] = tuple(stage for stage in LADDER if classic or stage != "outline")
+        families, self._reader = tuple(whitelist), CodeReader(classic, covered or {})
+        self._library = AprilTagSearch(families) if backend == "apriltag" else ArucoSearch(families, self._reader)
 
-    def looks(self, pixels: Grey) -> tuple[Look, ...]:
-        """The searches of an image that take turns beside the first ones, in highlights that for outlines first."""
-        height, width = pixels.shape
-        stages = sorted(self.stages, key=lambda stage: stage != "outline") if has_highlights(pixels) else self.stages
-        return looks_of(width, height, tuple(stages))
-
-    def search(self, pixels: Grey, stage: Stage, part: Part | None = None) -> list[Detection]:
-        """Run one search at a bounded cost: a large part is shrunk.
+    def search(self, pixels: Grey, view: View, part: Part | None = None, decimate: int = 1) -> list[Detection]:
+        """Run one search (`Look`) at a bounded cost.
 
         Args:
             pixels: `(h, w)` uint8.
-            stage: which search.
+            view: what is seen.
             part: of the image; the whole of it where it is none.
+            decimate: by how much it is shrunk for unbroken quads alone, once more where it is large.
 
         Returns:
             Tags that are believed, at most one per code: the one with the clearest bits.
         """
         height, width = pixels.shape
         x0, y0, x1, y1 = part or (0, 0, width, height)
-        found = self.search_all(pixels, stage, part, shrunk=shrinking(x1 - x0, y1 - y0))
-        return best_of_codes(found, lambda tag: (-tag.hamming, tag.decision_margin))
+        return best_of_codes(self.search_all(pixels, view, part, decimate, shrunk=shrinking(x1 - x0, y1 - y0)))
 
     def search_all(
-        self, pixels: Grey, stage: Stage = "decimate1", part: Part | None = None, *, shrunk: int = 1
+        self, pixels: Grey, view: View = "grey", part: Part | None = None, decimate: int = 1, *, shrunk: int = 1
     ) -> list[Detection]:
-        """Every tag of one search that is believed, also several with the same code; see `search`."""
-        height, width = pixels.shape
-        x0, y0, x1, y1 = part or (0, 0, width, height)
+        """Every tag of one search that is believed, also several with the same code, at any cost; see `search`."""
+        x0, y0, x1, y1 = part or (0, 0, *pixels.shape[::-1])
         seen = pixels[y0:y1, x0:x1]
         if min(seen.shape) < LIMITS.search.min_window_px * shrunk:
             return []  # libapriltag crashes on a few rows
-        if stage in TONES:
-            seen = np.asarray(cv2.LUT(seen, TONES[stage]), dtype=np.uint8)
-        search = self._broken if stage == "outline" else self._whole
-        if isinstance(search, AprilTagSearch):
-            found, scale = search.find(seen, shrunk * (2.0 if stage in FIRST else 1.0)), 1
+        if view in _SEEN:
+            seen = np.asarray(cv2.LUT(seen, _SEEN[view]), dtype=np.uint8)
+        if view != "outline" and isinstance(self._library, AprilTagSearch):
+            found, ratio = self._library.find(seen, decimate * shrunk), np.ones(2)
         else:
-            found, scale = search.find(shrink(seen, shrunk)), shrunk
-        # centres of pixels are whole numbers: the middle of the first block is at (scale - 1) / 2
-        first = np.array([x0, y0]) + (scale - 1) / 2
-        placed = (replace(tag, corners=scale * tag.corners + first, stage=stage, shrunk=scale) for tag in found)
+            resized = cv2.resize(seen, None, fx=1 / shrunk, fy=1 / shrunk, interpolation=cv2.INTER_AREA)
+            small = np.asarray(resized, dtype=np.uint8)
+            found = read_outlines(small, self._reader) if view == "outline" else self._library.find(small)
+            ratio = np.divide(seen.shape, small.shape)[::-1]
+        # Centres of pixels are whole numbers.
+        first = np.array([x0, y0]) - HALF
+        coarse = round(ratio[0])
+        placed = (replace(tag, corners=(tag.corners + HALF) * ratio + first, view=view, shrunk=coarse) for tag in found)
         return [tag for tag in placed if self._is_believed(pixels, tag)]
 
     def _is_believed(self, pixels: Grey, found: Detection) -> bool:
@@ -206,5 +178,74 @@ class Detector:
             return False
         if found.hamming > 0 and chance(family.bits, found.hamming, TURNS * len(ids)) > self._max_chance:
             return False
-        is_open = found.stage == "outline"
+        is_open = found.view == "outline"
         return is_open or has_sides(pixels, found.corners, family.size_cells, inverted=family.is_inverted)
+
+
+class AprilTagSearch:
+    """libapriltag through pyapriltags, in one thread.
+
+    pyapriltags carries upstream's fix of `refine_edges`, which pupil-apriltags and dt-apriltags lack. It corrects two
+    bits of every family: 36 MB for tag36h11, 6 GB for tag52h13. Here large families correct fewer.
+    """
+
+    def __init__(self, families: tuple[str, ...]) -> None:
+        self._families = families
+
+    @property
+    def library(self) -> Any:
+        """The library with its tables; they take time and serve one thread, whose searches share them."""
+        return _library(self._families, threading.get_ident())
+
+    def find(self, pixels: Grey, decimate: float = 1.0) -> list[Detection]:
+        """All codes libapriltag sees, in our corner order and pixel convention.
+
+        Args:
+            pixels: `(h, w)` uint8.
+            decimate: quads are found in an image so much smaller; edges and cells are those of the whole one.
+        """
+        library = self.library
+        library.tag_detector_ptr.contents.quad_decimate = decimate
+        return [
+            Detection(
+                family=item.tag_family.decode(),
+                tag_id=item.tag_id,
+                hamming=item.hamming,
+                decision_margin=float(item.decision_margin),
+                # libapriltag: counter-clockwise from the print's bottom-left, pixel centres at +0.5.
+                corners=item.corners[[3, 2, 1, 0]] - 0.5,
+            )
+            for item in library.detect(np.asarray(pixels, dtype=np.uint8, order="C"))
+        ]
+
+
+@lru_cache(maxsize=8)
+def _library(families: tuple[str, ...], _thread: int) -> Any:
+    """Libapriltag with the tables of families, for one thread."""
+    library = open_library()
+    for name in families:
+        family, bits = getattr(library.libc, f"{name}_create")(), find_family(name).corrected_bits
+        library.libc.apriltag_detector_add_family_bits(library.tag_detector_ptr, family, bits)
+    return library
+
+
+class ArucoSearch:
+    """cv2.aruco with sub-pixel corners; its range is short and it is blind to the outer one of nested tags.
+
+    Raises:
+        VisionError: a family OpenCV has no dictionary of.
+    """
+
+    def __init__(self, families: tuple[str, ...], reader: CodeReader) -> None:
+        self._reader = reader
+        parameters = cv2.aruco.DetectorParameters()
+        parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
+        parameters.cornerRefinementWinSize = 3
+        parameters.minMarkerPerimeterRate = 0.02
+        self._detector = cv2.aruco.ArucoDetector([dictionary_of(name) for name in families], parameters)
+
+    def find(self, pixels: Grey) -> list[Detection]:
+        """The codes in the quads that cv2.aruco finds in `(h, w)` uint8."""
+        quads, *_ = self._detector.detectMarkersMultiDict(np.ascontiguousarray(pixels))
+        corners = (np.asarray(quad, dtype=np.float64).reshape(4, 2) for quad in quads)
+        return self._reader.read(pixels, corners, max_chance=1.0)

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, Final
@@ -24,8 +24,8 @@ import numpy.typing as npt
 
 from mkdaemon.vision.arrays import Array, Grey
 from mkdaemon.vision.limits import HALF, LIMITS
-from mkdaemon.vision.tags.cellread import STEP_CELLS, CodeReader, Covered, carry, image_from_cells, sample
-from mkdaemon.vision.tags.detection import Detection, best_of_codes
+from mkdaemon.vision.tags.cellread import STEP_CELLS, CodeReader, carry, image_from_cells, sample
+from mkdaemon.vision.tags.detection import Detection
 
 Index = npt.NDArray[np.intp]
 
@@ -37,8 +37,6 @@ MAX_BLOBS: Final = 12
 """Largest blobs, by width and height, that are tried."""
 MAX_LINES: Final = 8
 """Lines of a blob that are tried: what more would cost is four lines of each."""
-CHORD: Final = 2
-"""Points before and behind one between which the way of an outline is taken there."""
 SAME_WAY: Final = 0.7
 """Cosine of the angle between the ways of a line and of the outline at its points: round corners are none of it."""
 DEPTHS: Final = np.geomspace(0.6, 1.6, 21)
@@ -46,43 +44,29 @@ DEPTHS: Final = np.geomspace(0.6, 1.6, 21)
 so much shorter or longer. Neighbours are two fifths of a cell apart at the far side."""
 
 
-class OutlineSearch:
-    """Finds tags whose outline or cells are partly covered.
+def read_outlines(pixels: Grey, reader: CodeReader) -> list[Detection]:
+    """All codes inside of dark outlines of `(h, w)` uint8 that agree beyond chance.
 
     Corners are those of fitted lines, good to some tenths of a pixel: a start for the edge fit.
     """
-
-    def __init__(self, whitelist: Mapping[str, frozenset[int]], covered: Covered) -> None:
-        """Prepare the codes of a whitelist.
-
-        Args:
-            whitelist: ids by family.
-            covered: cells of a code that another tag lies on, which say nothing.
-        """
-        self._reader = CodeReader(whitelist, covered)
-
-    def find(self, pixels: Grey) -> list[Detection]:
-        """All codes inside of dark outlines of `(h, w)` uint8 that agree beyond chance; of one code the clearest."""
-        if not self._reader.sizes:
-            return []
-        # Holes too: where something dark over a side joins a tag to dark ground, its sides bound the paper around it.
-        outlines, _ = cv2.findContours(_dark(pixels), cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
-        # Three sides, whose points are at most a diagonal apart.
-        least = 3 * self._reader.sizes[0] * LIMITS.cells.mixed_px / math.sqrt(2)
-        long = (outline for outline in outlines if len(outline) > least)
-        large = sorted(long, key=lambda outline: -sum(cv2.boundingRect(outline)[2:]))[:MAX_BLOBS]
-        quads = (quad for outline in large for quad in _quads(pixels, lines_of(outline), self._reader.sizes))
-        # A side along the image's edge is where the print was cut.
-        far = np.array(pixels.shape[::-1]) - 1 - SPECK_PX
-        whole = (quad for quad in quads if ((quad >= SPECK_PX) & (quad <= far)).all())
-        read = (self._reader.read(pixels, quad) for quad in whole)
-        return best_of_codes((one for one in read if one is not None), lambda one: (-one.hamming, one.decision_margin))
+    if not reader.sizes:
+        return []
+    # Holes too: where something dark over a side joins a tag to dark ground, its sides bound the paper around it.
+    outlines, _ = cv2.findContours(_dark(pixels), cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
+    # Three sides, whose points are at most a diagonal apart.
+    least = 3 * reader.sizes[0] * LIMITS.cells.mixed_px / math.sqrt(2)
+    long = (outline for outline in outlines if len(outline) > least)
+    large = sorted(long, key=lambda outline: -sum(cv2.boundingRect(outline)[2:]))[:MAX_BLOBS]
+    quads = (quad for outline in large for quad in _quads(pixels, lines_of(outline), reader.sizes))
+    # A side along the image's edge is where the print was cut.
+    far = np.array(pixels.shape[::-1]) - 1 - SPECK_PX
+    return reader.read(pixels, (quad for quad in quads if ((quad >= SPECK_PX) & (quad <= far)).all()))
 
 
 def has_highlights(pixels: Grey) -> bool:
-    """Whether enough of `(h, w)` uint8 is blown to be a print in a highlight: cells that tell something."""
-    blown = np.count_nonzero(pixels >= LIMITS.read.saturated)
-    return bool(blown >= LIMITS.read.min_cells * LIMITS.cells.mixed_px**2)
+    """Whether as many cells of `(h, w)` uint8 are blown as could tell a code from chance."""
+    telling = -math.log2(LIMITS.read.max_chance)
+    return bool(np.count_nonzero(pixels >= LIMITS.read.saturated) >= telling * LIMITS.cells.mixed_px**2)
 
 
 def _dark(pixels: Grey) -> Grey:
@@ -107,30 +91,26 @@ class Lines:
     """Straight parts of an outline, clockwise around what is dark, `n` in all.
 
     Attributes:
-        middles: mean of the points of each `(n, 2)` [px].
+        starts: where each begins `(n, 2)` [px].
         ways: along each, what is dark lies on the right `(n, 2)`.
-        spans: where its points begin and end along it, from its middle `(n, 2)` [px].
-        lengths: how much outline each has `(n,)` [px].
+        lengths: to where each ends `(n,)` [px].
+        shares: of that which is outline `(n,)`.
     """
 
-    middles: Array
+    starts: Array
     ways: Array
-    spans: Array
     lengths: Array
-
-    @property
-    def outwards(self) -> Array:
-        """Unit vectors away from what is dark `(n, 2)`."""
-        return np.column_stack([self.ways[:, 1], -self.ways[:, 0]])
+    shares: Array
 
     def corners(self) -> Array:
         """Where each line meets each one that may follow it clockwise `(n, n, 2)` [px]; NaN where none may.
 
         The outline runs over the blob's own pixels: its edge is half a pixel farther out.
         """
-        sines = self.ways[:, None, 0] * self.ways[:, 1] - self.ways[:, None, 1] * self.ways[:, 0]
-        out = (self.outwards * self.middles).sum(axis=1)[:, None] + HALF
-        crossings = out * self.ways[:, None] - out[:, None] * self.ways
+        x, y = self.ways.T
+        sines = x[:, None] * y - y[:, None] * x
+        out = y * self.starts[:, 0] - x * self.starts[:, 1] + HALF
+        crossings = out[:, None] * self.ways[:, None] - out[:, None, None] * self.ways
         return np.asarray(crossings / np.where(sines > 0, sines, np.nan)[..., None])
 
     def best(self, quads: Array, sides: Index) -> Array | None:
@@ -145,13 +125,11 @@ class Lines:
         """
         if not len(quads):
             return None
-        of = sides.shape[1]
-        corners = np.stack([quads[:, :of], np.roll(quads, -1, axis=1)[:, :of]])
-        start, end = ((corners - self.middles[sides]) * self.ways[sides]).sum(axis=-1)
-        first, last = np.moveaxis(self.spans[sides], -1, 0)
-        seen = (np.minimum(end, last) - np.maximum(start, first)) * (self.lengths[sides] / (last - first))
-        either = end - start + self.lengths[sides] - seen
-        support = np.where(end > start, seen / np.maximum(either, 1.0), 0.0).min(axis=1)
+        corners = np.stack([quads, np.roll(quads, -1, axis=1)])[:, :, : sides.shape[1]]
+        start, end = ((corners - self.starts[sides]) * self.ways[sides]).sum(axis=-1)
+        last = self.lengths[sides]
+        seen, either = np.minimum(end, last) - np.maximum(start, 0.0), np.maximum(end, last) - np.minimum(start, 0.0)
+        support = np.where(end > start, self.shares[sides] * seen / either, 0.0).min(axis=1)
         best = int(np.argmax(support))
         return np.asarray(quads[best]) if support[best] >= LIMITS.read.least_side else None
 
@@ -164,7 +142,7 @@ def lines_of(outline: npt.NDArray[Any]) -> Lines:
     polygon = cv2.approxPolyDP(outline, LIMITS.blur.sharp_px, closed=True)
     # findContours has what is dark on the left.
     points, ends = (xy.reshape(-1, 2)[::-1].astype(np.float64) for xy in (outline, polygon))
-    around = np.roll(points, -CHORD, axis=0) - np.roll(points, CHORD, axis=0)
+    around = np.roll(points, -2, axis=0) - np.roll(points, 2, axis=0)
     sides = np.roll(ends, -1, axis=0) - ends
     sizes = np.linalg.norm(sides, axis=1)
     longest = np.argsort(-sizes)[:MAX_LINES]
@@ -174,25 +152,26 @@ def lines_of(outline: npt.NDArray[Any]) -> Lines:
     near = np.abs(points @ normals.T - (ends[longest] * normals).sum(axis=1)) < LIMITS.blur.sharp_px
     near &= around @ ways.T > SAME_WAY * np.linalg.norm(around, axis=1)[:, None]
     found: list[tuple[float, ...]] = []
-    for way, on in zip(ways, near.T, strict=True):
+    for side, on in zip(ways, near.T, strict=True):
         mine = points[on]
-        if len(mine) > 2 * CHORD:
+        if len(mine) > 4:
             fitted = cv2.fitLine(mine.astype(np.float32), cv2.DIST_L2, 0, 0.01, 0.01).ravel().astype(np.float64)
-            middle, along = fitted[2:], fitted[:2] * np.sign(fitted[:2] @ way)
-            places = (mine - middle) @ along
-            # An outline's steps are straight or diagonal.
-            found.append((*middle, *along, places.min(), places.max(), len(mine) / np.abs(along).max()))
+            way = fitted[:2] * np.sign(fitted[:2] @ side)
+            places = (mine - fitted[2:]) @ way
             near[on] = False
+            # An outline's steps are straight or diagonal.
+            steps = np.abs(way).max() * np.ptp(places)
+            found.append((*(fitted[2:] + places.min() * way), *way, np.ptp(places), len(mine) / steps))
     found.sort(key=lambda line: math.atan2(line[3], line[2]))
-    lines = np.array(found).reshape(-1, 7)
-    return Lines(lines[:, :2], lines[:, 2:4], lines[:, 4:6], lines[:, 6])
+    lines = np.array(found).reshape(-1, 6)
+    return Lines(lines[:, :2], lines[:, 2:4], *lines[:, 4:].T)
 
 
 def _quads(pixels: Grey, lines: Lines, sizes: Sequence[int]) -> Iterator[Array]:
     """Quads that the lines of a blob may bound, their corners clockwise in the image `(4, 2)` [px].
 
-    The best one of four lines. And between the best three, where the fourth side is taken to be parallel to the middle
-    one, as far away as that is long until the image's cells are asked.
+    The best one of four lines. And between the best three, where the sides beside the middle one are taken to be as
+    long as that until the image's cells are asked.
 
     Args:
         pixels: `(h, w)` uint8.
@@ -205,12 +184,10 @@ def _quads(pixels: Grey, lines: Lines, sizes: Sequence[int]) -> Iterator[Array]:
     if whole is not None:
         yield whole
     first, middle, last = three.T
-    starts, ends = corners[first, middle], corners[middle, last]
-    outwards, side = lines.outwards[middle], np.linalg.norm(ends - starts, axis=1)
-    before, after = (
-        (-side / (lines.ways[arm] * outwards).sum(axis=1))[:, None] * lines.ways[arm] for arm in (first, last)
-    )
-    opened = lines.best(np.stack([starts + before, starts, ends, ends + after], axis=1), three)
+    start, end = corners[first, middle], corners[middle, last]
+    side = np.linalg.norm(end - start, axis=1)[:, None]
+    far = start - side * lines.ways[first], end + side * lines.ways[last]
+    opened = lines.best(np.stack([far[0], start, end, far[1]], axis=1), three)
     if opened is not None:
         near = opened[[1, 1, 2, 2]]
         quads = near + DEPTHS[:, None, None] * (opened - near)

@@ -20,15 +20,14 @@ from __future__ import annotations
 import importlib.util
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any, Final
+from typing import Any
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
 from mkdaemon.errors import VisionError
-
-Cells = npt.NDArray[np.uint8]
+from mkdaemon.vision.arrays import Array, Grey
 
 QUIET_ZONE_CELLS = 1
 """White cells a print carries around everything black."""
@@ -45,8 +44,8 @@ class TagFamily:
             outermost.
         bits: of a code.
         ids: number of codes; valid ids are 0 to `ids - 1`.
-        corrected_bits: wrong bits that libapriltag corrects, two at most, and fewer in large families: it lists all
-            codes with so many flipped, here a million at most, 48 bytes each (apriltag.c, `quick_decode_init`).
+        corrected_bits: wrong bits that libapriltag corrects, two at most: it lists all codes with so many flipped, here
+            a million at most, 48 bytes each (apriltag.c, `quick_decode_init`).
         dictionary: OpenCV's predefined dictionary of the same codes, turned by 180 degrees; none for inverted families.
         hole_cells: side of the square in the middle that carries nothing, room for a smaller tag [cells].
     """
@@ -82,8 +81,17 @@ FAMILIES: dict[str, TagFamily] = {
 """All families pyapriltags has. Sources: Olson, AprilTag, ICRA 2011 (name = tag<bits>h<distance>); Krogius,
 Haggenmiller and Olson, Flexible layouts for fiducial tags, IROS 2019; figures: `apriltag_family_t`. The distance is
 the smallest between two codes, rotations included [bit]."""
-OPENCV_KNOWS: Final = ", ".join(family.name for family in FAMILIES.values() if family.dictionary is not None)
-"""Families that need no wheel."""
+
+
+def to_rim(n: int) -> npt.NDArray[np.intp]:
+    """How many cells lie between each of `(n, n)` and the rim."""
+    away = np.minimum(np.arange(n), np.arange(n)[::-1])
+    return np.minimum.outer(away, away)
+
+
+def middles(n: int) -> Array:
+    """Middles (column, row) of `n` x `n` cells, row by row `(n * n, 2)` [cells; from the top left corner]."""
+    return np.column_stack(np.divmod(np.arange(n * n), n)[::-1]) + 0.5
 
 
 def find_family(name: str) -> TagFamily:
@@ -105,7 +113,7 @@ def size_words(family: TagFamily) -> str:
 
 
 @lru_cache(maxsize=256)
-def cells(family: str, tag_id: int) -> Cells:
+def cells(family: str, tag_id: int) -> Grey:
     """Return the bitmap of an official print, without the white cells around it.
 
     Args:
@@ -122,17 +130,27 @@ def cells(family: str, tag_id: int) -> Cells:
     if not 0 <= tag_id < known.ids:
         msg = f"{family} has no id {tag_id}: use 0 to {known.ids - 1}"
         raise VisionError(msg)
-    if known.dictionary is not None:
-        codes = cv2.aruco.getPredefinedDictionary(known.dictionary)
-        drawn = cv2.aruco.generateImageMarker(codes, tag_id, known.black_cells)
-        bitmap = np.ascontiguousarray(np.rot90(drawn, 2), dtype=np.uint8)
-    elif is_installed():
+    if known.is_inverted and is_installed():
         bitmap = draw(family, tag_id)
     else:
-        msg = f"tag family {family} needs the pyapriltags wheel; install it, or use one of {OPENCV_KNOWS}"
-        raise VisionError(msg)
+        drawn = cv2.aruco.generateImageMarker(dictionary_of(family), tag_id, known.black_cells)
+        bitmap = np.ascontiguousarray(np.rot90(drawn, 2), dtype=np.uint8)
     bitmap.setflags(write=False)
     return bitmap
+
+
+def dictionary_of(family: str) -> cv2.aruco.Dictionary:
+    """OpenCV's codes of a family, turned by 180 degrees.
+
+    Raises:
+        VisionError: unknown family, or one that OpenCV has not.
+    """
+    known = find_family(family).dictionary
+    if known is None:
+        names = ", ".join(one.name for one in FAMILIES.values() if one.dictionary is not None)
+        msg = f"tag family {family} needs the pyapriltags wheel; install it, or use one of {names}"
+        raise VisionError(msg)
+    return cv2.aruco.getPredefinedDictionary(known)
 
 
 def is_installed() -> bool:
@@ -147,26 +165,17 @@ def open_library() -> Any:
     return LibDetector(families="", nthreads=1, refine_edges=1)
 
 
-def family_in(library: Any, name: str) -> Any:
-    """A family of its own for a library; pyapriltags has told ctypes what its maker returns."""
-    return getattr(library.libc, f"{name}_create")()
-
-
 @lru_cache(maxsize=16)
 def _in_library(name: str) -> Any:
     """Codes of a family, and where their bits stand, as libapriltag has them."""
-    return family_in(open_library(), name).contents
+    return getattr(open_library().libc, f"{name}_create")().contents
 
 
-def draw(name: str, tag_id: int) -> Cells:
-    """Cells of a code as libapriltag has it `(n, n)` uint8, 0 and 255, with the white border of classic families.
-
-    The wheel has to be there and the code has to exist.
-    """
+def draw(name: str, tag_id: int) -> Grey:
+    """Cells of a code as the wheel's library has it `(n, n)` uint8, with the white border of classic families."""
     family = _in_library(name)
     n, count, start = family.total_width, family.nbits, (family.total_width - family.width_at_border) // 2
-    away = np.minimum(np.arange(n), np.arange(n)[::-1])
-    beyond = start - np.minimum.outer(away, away)
+    beyond = start - to_rim(n)
     # All prints have two rings, and nothing beyond them.
     white = (beyond > 1) | (beyond == (0 if family.reversed_border else 1))
     white[start + np.array(family.bit_y[:count]), start + np.array(family.bit_x[:count])] = [

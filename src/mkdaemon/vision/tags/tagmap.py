@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import count
 from pathlib import Path
 
 import numpy as np
@@ -16,8 +15,8 @@ from mkdaemon.config.reader import load_section
 from mkdaemon.config.vision import BoardSection, TagPlacement, TargetFile, TargetSection
 from mkdaemon.errors import ConfigError, VisionError
 from mkdaemon.frames import rotation_from_euler, rotation_from_quaternion
-from mkdaemon.vision.arrays import Array, Bools
-from mkdaemon.vision.tags.tagfamily import QUIET_ZONE_CELLS, Cells, TagFamily, cells, find_family, size_words
+from mkdaemon.vision.arrays import Array, Bools, Grey
+from mkdaemon.vision.tags.tagfamily import QUIET_ZONE_CELLS, TagFamily, cells, find_family, middles, size_words
 
 ONE_PLANE = 1 - 1e-9
 """Cosine between the normals of tags of one plane."""
@@ -27,7 +26,8 @@ ROUNDING_M = 1e-9
 """Lengths from decimal numbers may differ by this [m]."""
 COVER_CELLS = 0.3
 """How far beyond its paper a tag hides what lies below [cells]: its rim casts a shadow and blurs."""
-_UPSIDE_DOWN = rotation_from_euler(0.0, 0.0, math.pi)
+UPSIDE_DOWN = (-1.0, -1.0, 1.0)
+"""Signs of the axes of a tag that is turned by half on its paper."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +59,7 @@ class Tag:
         return (self.family.black_cells + 2 * QUIET_ZONE_CELLS) * self.module
 
     @property
-    def bitmap(self) -> Cells:
+    def bitmap(self) -> Grey:
         """Cells of everything black `(n, n)` uint8, row 0 at the tag's +y."""
         return cells(self.family.name, self.tag_id)
 
@@ -70,6 +70,12 @@ class Tag:
     def local(self, points: Array) -> Array:
         """Points `(..., 3)` of the target frame in that of the tag `(..., 3)` [m]."""
         return np.asarray((points - self.position) @ self.rotation)
+
+    @property
+    def middles(self) -> Array:
+        """Middles of its cells and of those around everything black, row by row `((n + 2)^2, 3)` [m; target]."""
+        n = self.family.black_cells + 2
+        return self.place((middles(n) - n / 2) * (self.module, -self.module))
 
     @cached_property
     def corners(self) -> Array:
@@ -116,10 +122,12 @@ class Target:
             for tag in self.tags
         )
 
-    @cached_property
-    def radius(self) -> float:
-        """Distance of the farthest tag corner from the origin [m]."""
-        return max(float(np.linalg.norm(tag.corners, axis=1).max()) for tag in self.tags)
+    def hidden(self, tag: Tag) -> Bools:
+        """Which of a tag's cells, and of those around it, have the paper of a later one on their middles `(n, n)`."""
+        under = np.zeros((tag.family.black_cells + 2,) * 2, dtype=np.bool_)
+        for later in self.tags[self.tags.index(tag) + 1 :]:
+            under |= covered(tag.middles, later).reshape(under.shape)
+        return under
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,25 +160,17 @@ def covered_cells(tagmap: TagMap) -> dict[tuple[str, int], Bools]:
 
     An inner tag is mostly white: where a tone curve or a highlight spreads white, black cells below it read as white.
     """
-    found: dict[tuple[str, int], Bools] = {}
-    for target in tagmap.targets:
-        for k, tag in enumerate(target.tags):
-            n = len(tag.bitmap)
-            row, column = (index.ravel() for index in np.indices((n, n)))
-            middles = tag.place(np.column_stack([column - n / 2 + 0.5, n / 2 - 0.5 - row]) * tag.module)
-            under = [np.zeros(n * n, dtype=np.bool_), *(covered(middles, later) for later in target.tags[k + 1 :])]
-            found[tag.family.name, tag.tag_id] = np.any(under, axis=0).reshape(n, n)
-    return found
+    return {code: target.hidden(tag)[1:-1, 1:-1] for code, (target, tag) in tagmap.owners.items()}
 
 
-def single(size: float, tag_id: int, *, family: str = "tag36h11", name: str = "tag") -> Target:
+def single(size: float, tag_id: int, *, family: str = "tag36h11") -> Target:
     """Make a target of one tag with the target's axes.
 
     Raises:
         ConfigError: unknown family or id, or a size nobody prints.
     """
     try:
-        section = TargetSection(name=name, tags=(TagPlacement(family=family, id=tag_id, size=size),))
+        section = TargetSection(name="tag", tags=(TagPlacement(family=family, id=tag_id, size=size),))
     except ValidationError as error:
         wrong = error.errors()[0]
         msg = f"{size!r} is no tag size; give the side of the black square in metres, 0.005 to 5 (12 inch = 0.3048)"
@@ -209,45 +209,47 @@ def build(sections: Iterable[TargetSection], *, origin: str) -> TagMap:
     Raises:
         ConfigError: see `load`; `origin` starts the message.
     """
-    targets: list[Target] = []
-    seen: dict[tuple[str, int], str] = {}
+    tagmap = TagMap(())
     for section in sections:
-        if any(section.name == other.name for other in targets):
-            msg = f"{origin}: two targets are called '{section.name}'; rename one"
-            raise ConfigError(msg)
-        placements = section.tags + (_grid(section.board) if section.board is not None else ())
-        if not placements:
-            msg = f"{origin}: target '{section.name}' has no tags; add [[targets.tags]] or [targets.board]"
-            raise ConfigError(msg)
-        for placement in placements:
-            key = (placement.family, placement.id)
-            if key in seen:
-                msg = (
-                    f"{origin}: {placement.family} id {placement.id} is in target '{section.name}' and already in"
-                    f" '{seen[key]}'; every tag may exist once, give one of them another id"
-                )
-                raise ConfigError(msg)
-            seen[key] = section.name
         try:
-            tags = sorted((_place(placement) for placement in placements), key=lambda tag: -tag.size)
+            tagmap = TagMap((*tagmap.targets, _placed(section, tagmap)))
         except VisionError as error:
             msg = f"{origin}: target '{section.name}': {error}"
             raise ConfigError(msg) from None
-        frame = section.frame or section.name
-        target = Target(section.name, frame, section.moving, section.level, tuple(tags), section.bend)
-        _check_overlaps(target, origin)
-        targets.append(target)
-    return TagMap(tuple(targets))
+    return tagmap
+
+
+def _placed(section: TargetSection, others: TagMap) -> Target:
+    """The target of a section, beside others; `VisionError` says what is wrong with it."""
+    if any(section.name == other.name for other in others.targets):
+        msg = f"two targets are called '{section.name}'; rename one"
+        raise VisionError(msg)
+    placements = section.tags + (_grid(section.board) if section.board is not None else ())
+    if not placements:
+        msg = "it has no tags; add [[targets.tags]] or [targets.board]"
+        raise VisionError(msg)
+    owners = {code: owner.name for code, (owner, _) in others.owners.items()}
+    for one in placements:
+        owner = owners.get((one.family, one.id))
+        if owner is not None:
+            tag = f"{one.family} id {one.id} is in target '{section.name}' and already in '{owner}'"
+            msg = f"{tag}; every tag may exist once, give one of them another id"
+            raise VisionError(msg)
+        owners[one.family, one.id] = section.name
+    tags = tuple(sorted(map(_place, placements), key=lambda tag: -tag.size))
+    _check_overlaps(tags)
+    frame = section.frame or section.name
+    return Target(section.name, frame, section.moving, section.level, tags, section.bend)
 
 
 def _grid(board: BoardSection) -> tuple[TagPlacement, ...]:
     pitch = board.size + board.spacing
-    x0, y0 = -(board.columns - 1) / 2 * pitch, (board.rows - 1) / 2 * pitch
-    family, size, ids = board.family, board.size, count(board.first_id)
+    left, top = -(board.columns - 1) / 2 * pitch, (board.rows - 1) / 2 * pitch
     return tuple(
-        TagPlacement(family=family, id=next(ids), size=size, position=(x0 + column * pitch, y0 - row * pitch, 0.0))
-        for row in range(board.rows)
-        for column in range(board.columns)
+        TagPlacement(family=board.family, id=board.first_id + k, size=board.size, position=(x, y, 0.0))
+        for k, (y, x) in enumerate(
+            (top - row * pitch, left + column * pitch) for row in range(board.rows) for column in range(board.columns)
+        )
     )
 
 
@@ -262,28 +264,27 @@ def _place(placement: TagPlacement) -> Tag:
     else:
         rotation = rotation_from_euler(*(math.radians(angle) for angle in placement.rpy_deg or (0.0, 0.0, 0.0)))
     if placement.print == "opencv":
-        rotation = rotation @ _UPSIDE_DOWN
+        rotation = rotation * UPSIDE_DOWN
     return Tag(family, placement.id, placement.size, np.array(placement.position), rotation)
 
 
-def _check_overlaps(target: Target, origin: str) -> None:
-    """Refuse tags that hide the border of another: wrong sizes and positions show themselves here."""
-    outlines = np.array([tag.outline for tag in target.tags])
-    quiet = QUIET_ZONE_CELLS * np.array([tag.module for tag in target.tags])
-    for k, outer in enumerate(target.tags):
+def _check_overlaps(tags: Sequence[Tag]) -> None:
+    """Refuse tags that hide the border of a larger one: wrong sizes and positions show themselves here."""
+    outlines = np.array([tag.outline for tag in tags])
+    quiet = QUIET_ZONE_CELLS * np.array([tag.module for tag in tags])
+    for k, outer in enumerate(tags[:-1], 1):
         half = outer.module * outer.family.black_cells / 2
-        local = outer.local(outlines[k + 1 :])
+        local = outer.local(outlines[k:])
         low, high = local[..., :2].min(axis=1), local[..., :2].max(axis=1)
         apart = (np.abs(local[..., 2]).max(axis=1) > outer.module) | ((low >= half) | (high <= -half)).any(axis=1)
         # An inner tag with its quiet zone has to stay inside the coded cells, or the outer border is broken;
         # inverted families correct too few bits to lose any.
         room = outer.module * outer.family.hole_cells / 2 if outer.family.is_inverted else half - outer.module
-        farthest = np.maximum(-low, high).max(axis=1) + quiet[k + 1 :]
+        farthest = np.maximum(-low, high).max(axis=1) + quiet[k:]
         for i in np.flatnonzero(~apart & (farthest > room + ROUNDING_M)):
-            inner = target.tags[k + 1 + int(i)]
+            inner = tags[k + int(i)]
             msg = (
-                f"{origin}: target '{target.name}': tag {inner.tag_id} ({inner.size:g} m) covers the border of tag"
-                f" {outer.tag_id} ({outer.size:g} m); check the sizes ({size_words(outer.family)} in metres) and"
-                " positions"
+                f"tag {inner.tag_id} ({inner.size:g} m) covers the border of tag {outer.tag_id} ({outer.size:g} m);"
+                f" check the sizes ({size_words(outer.family)} in metres) and positions"
             )
-            raise ConfigError(msg)
+            raise VisionError(msg)

@@ -33,7 +33,7 @@ from mkdaemon.vision.pose.pose import Pose, inverse
 from mkdaemon.vision.pose.rolling import skew
 from mkdaemon.vision.track.attitude import corrected, updated
 
-AGREEMENT, BRANCHES, CERTAINTY = LIMITS.agreement, LIMITS.branches, LIMITS.certainty
+AGREEMENT, AMBIGUITY, CERTAINTY = LIMITS.agreement, LIMITS.ambiguity, LIMITS.certainty
 DECIDED = LIMITS.ambiguity.decided
 MOST_ODDS = 3.0 * DECIDED
 """Odds do not grow beyond [nats]: three images that decide lead out of a wrong branch."""
@@ -238,7 +238,7 @@ class Branches:
         # Where both readings are nearly one, what was said against one of them says nothing.
         before = np.where(apart <= near, self.together[:, None], np.inf).min(axis=0)
         odds = [min((log_odds(a, b) for b in candidates if b is not a), default=0.0) for a in candidates]
-        summed: Array = np.clip(BRANCHES.remembered * before - odds, 0.0, MOST_ODDS)
+        summed: Array = np.clip(AMBIGUITY.remembered * before - odds, 0.0, MOST_ODDS)
         return summed
 
 

@@ -24,7 +24,7 @@ from mkdaemon.vision.pose.pose import Pose
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.pose.rolling import motion_of
 from mkdaemon.vision.tags.detection import Detection
-from mkdaemon.vision.tags.detector import FIRST, NEARBY, Detector
+from mkdaemon.vision.tags.detector import TONES, Detector
 from mkdaemon.vision.tags.tagmap import Tag, Target
 from mkdaemon.vision.track.alarms import ImageHealth
 from mkdaemon.vision.track.attitude import Mounting, Sight, Turning
@@ -184,19 +184,19 @@ class OwnSearch:
 
     def again(self, pixels: Grey, window: tuple[int, int, int, int]) -> list[Detection]:
         """Tags of a part of the image; a search that finds none of the target's rests, then another has its turn."""
-        turn, rests = divmod(self._turn, LIMITS.track.search_every)
+        turn, rests = divmod(self._turn, LIMITS.search.beside_every)
         self._turn += 1
         if rests:
             return []
         x0, y0, x1, y1 = window
-        ways = FIRST if min(x1 - x0, y1 - y0) >= LARGE_PX else NEARBY
-        found = self._detector.search(pixels, ways[turn % len(ways)], window)
+        is_large = min(x1 - x0, y1 - y0) >= LARGE_PX
+        found = self._detector.search(pixels, TONES[turn % len(TONES)], window, 2 if is_large else 1)
         self._turn -= bool(self.own(found))
         return found
 
     def nearby(self, pixels: Grey, window: tuple[int, int, int, int], misses: int) -> list[Detection]:
-        """Tags of a part of the image, searched in another way after every miss."""
-        return self._detector.search(pixels, NEARBY[misses % len(NEARBY)], window)
+        """Tags of a part of the image, searched in another tone after every miss."""
+        return self._detector.search(pixels, TONES[misses % len(TONES)], window)
 
     def own(self, found: Sequence[Detection]) -> list[tuple[Tag, Detection]]:
         """The target's own tags among decoded ones."""

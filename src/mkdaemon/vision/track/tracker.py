@@ -12,7 +12,8 @@ from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.linetime import Shutter
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.tags.detection import Detection
-from mkdaemon.vision.tags.detector import FIRST, Detector
+from mkdaemon.vision.tags.detector import FIRST, Detector, looks_of
+from mkdaemon.vision.tags.outline import has_highlights
 from mkdaemon.vision.tags.tagmap import TagMap, covered_cells
 from mkdaemon.vision.track.alarms import ImageHealth
 from mkdaemon.vision.track.attitude import AttitudeHistory, Mounting, Sight, Turning
@@ -113,7 +114,7 @@ class Tracker:
     def _search_missing(self, frame: Frame) -> None:
         """Look for what is still missing in the whole image."""
         missing = [one for one in self.followers if one.name not in frame.found | frame.started]
-        if not missing or (frame.poses and self._count % LIMITS.track.search_every):
+        if not missing or (frame.poses and self._count % LIMITS.search.beside_every):
             return
         # Right after a miss the prediction is still good; the whole image comes when the neighbourhood gave nothing.
         if all(follower.track.is_live and follower.track.misses < 1 for follower in missing):
@@ -126,13 +127,10 @@ class Tracker:
     def _search(self, frame: Frame) -> list[Detection]:
         """One of the first searches of the whole image; in every second image that shows nothing another one too."""
         pixels = frame.sight.pixels
-        found = self.detector.search(pixels, FIRST[self._searches % len(FIRST)])
+        found = self.detector.search(pixels, *FIRST[self._searches % len(FIRST)])
         turn, not_now = divmod(self._searches, LIMITS.search.thorough_every)
         self._searches += 1
         if found or not_now:
             return found
-        looks = self.detector.looks(pixels)
-        if not looks:
-            return found
-        look = looks[turn % len(looks)]
-        return self.detector.search(pixels, look.stage, look.part)
+        looks = looks_of(*pixels.shape[::-1], outline_first=has_highlights(pixels))
+        return self.detector.search(pixels, *looks[turn % len(looks)])
