@@ -33,7 +33,7 @@ from mkdaemon.vision.pose.edgestep import MAD
 from mkdaemon.vision.pose.gates import CellEvidence, CellReader, grey_evidence
 from mkdaemon.vision.pose.linetime import KnownMotion
 from mkdaemon.vision.pose.photofit import PhotoFit
-from mkdaemon.vision.pose.pose import Pose, apart, correlation, length2, median, solve
+from mkdaemon.vision.pose.pose import Pose, apart, correlation, length2, median, refined, solve
 from mkdaemon.vision.pose.printmodel import SQUARE, PrintModel
 from mkdaemon.vision.pose.prints import Prints
 from mkdaemon.vision.pose.projection import NEAR_M, Projection
@@ -74,33 +74,28 @@ class PrintGatherer:
         found = [(model, shift) for model, shift in looked if shift is not None]
         if len(found) < 2 or not any(shift.any() for _, shift in found):
             return start
-        points = np.concatenate([model.corners(model.half) for model, _ in found])
+        points = np.concatenate([model.corners for model, _ in found])
         pixels_of = self._projection.project(points @ start.rotation.T + start.position)[0]
         rays = self._projection.undistort(pixels_of + np.repeat([shift for _, shift in found], len(SQUARE), axis=0))
-        turned, place = np.asarray(cv2.Rodrigues(start.rotation)[0], np.float64), start.position.reshape(3, 1).copy()
-        found_one, vector, moved = cv2.solvePnP(points, rays, np.eye(3), None, turned, place, useExtrinsicGuess=True)
-        position = np.asarray(moved, np.float64).ravel()
-        if not found_one or not np.isfinite(position).all() or position[2] < NEAR_M:
+        rotation, position = refined(points, rays, start.rotation, start.position)
+        if not np.isfinite(position).all() or position[2] < NEAR_M:
             return start
-        return replace(start, rotation=np.asarray(cv2.Rodrigues(vector)[0], np.float64), position=position)
+        return replace(start, rotation=rotation, position=position)
 
     def _shift(self, pixels: Grey, model: PrintModel, start: Pose) -> Array | None:
         """How far a print is beside its place `(2,)` [px]; zero where it is near, none where it is not found."""
-        expected = model.template(pixels.shape, start.rotation, start.position, SPREAD)
-        if expected is None:
+        seen = model.samples(pixels, start.rotation, start.position, SPREAD)
+        if seen is None or seen.grey.size < LIMITS.photo.min_window_px**2:
             return None
-        template, mask, left, top = expected
-        height, width = template.shape
-        here = pixels[top : top + height, left : left + width].astype(np.float32)
-        if int(mask.sum()) < LIMITS.photo.min_window_px**2:
-            return None
-        if correlation(here[mask].astype(np.float64), template[mask].astype(np.float64)) >= LIMITS.likeness.clear:
+        if correlation(seen.grey, seen.value) >= LIMITS.likeness.clear:
             return np.zeros(2)
+        left, top, (height, width) = seen.left, seen.top, seen.used.shape
+        template = np.ones(seen.used.shape, dtype=np.float32)
+        template[seen.used] = seen.value
         reach = int(np.ceil(REACH * max(width, height)))
         x0, y0 = max(left - reach, 0), max(top - reach, 0)
-        x1, y1 = min(left + width + reach, pixels.shape[1]), min(top + height + reach, pixels.shape[0])
-        around = pixels[y0:y1, x0:x1].astype(np.float32)
-        score = cv2.matchTemplate(around, template, cv2.TM_CCOEFF_NORMED, mask=mask.astype(np.float32))
+        around = pixels[y0 : top + height + reach, x0 : left + width + reach].astype(np.float32)
+        score = cv2.matchTemplate(around, template, cv2.TM_CCOEFF_NORMED, mask=seen.used.astype(np.float32))
         score = np.where(np.isfinite(score), score, -1.0)
         row, column = np.unravel_index(int(np.argmax(score)), score.shape)
         if score[row, column] < LIMITS.likeness.clear:

@@ -12,7 +12,7 @@ McCormack et al., "Feline", SIGGRAPH 1999.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from math import atan2, ceil, cos, floor, hypot, log2, sin, sqrt
 from typing import Final
@@ -26,6 +26,7 @@ from mkdaemon.vision.limits import HALF, LIMITS
 from mkdaemon.vision.pose.bend import Sheet
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.pose.rolling import exposed, skew
+from mkdaemon.vision.tags.tagfamily import QUIET_ZONE_CELLS
 from mkdaemon.vision.tags.tagmap import ONE_PLANE, Tag, Target
 
 Image32 = npt.NDArray[np.float32]
@@ -73,6 +74,8 @@ class PrintSamples:
         place: on the print `(2, n)` [cells from the middle].
         row: of the image `(n,)`.
         grey: of the image `(n,)`.
+        left: first column of the window that the print is in.
+        top: its first row.
         used: which pixels of the window these are `(rows, columns)`.
     """
 
@@ -84,38 +87,16 @@ class PrintSamples:
     place: Array
     row: Array
     grey: Array
+    left: int
+    top: int
     used: Bools
 
     def kept(self, keep: Bools) -> PrintSamples:
         """Some of these pixels."""
         used = self.used.copy()
         used[used] = keep
-        rows = {part.name: getattr(self, part.name)[..., keep] for part in fields(self) if part.name != "used"}
-        return PrintSamples(**rows, used=used)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Window:
-    """The part of an image that a print is in.
-
-    Attributes:
-        left: its first column.
-        top: its first row.
-        used: which of its pixels are of the print `(rows, columns)`.
-        row: of the window, of these `(n,)`.
-        place: on the print of these `(2, n)` [cells from the middle].
-        plane: derivative of the place by column and row `(2, 2, n)` [cells/px]; along a row, whose time under a rolling
-            shutter stays, and by the row as all rows are exposed when this one is.
-        plane_from_cam: places `(x, y, 1)` of points as they are exposed `(3, 3, n)` or `(3, 3, 1)` [cells/m].
-    """
-
-    left: int
-    top: int
-    used: Bools
-    row: npt.NDArray[np.intp]
-    place: Array
-    plane: Array
-    plane_from_cam: Array
+        rows = ("value", "steep", "by_spread", "by_point", "arm", "place", "row", "grey")
+        return replace(self, used=used, **{name: getattr(self, name)[..., keep] for name in rows})
 
 
 def principal(covariance: Array) -> tuple[float, float, Array]:
@@ -181,16 +162,30 @@ def _along(deviation: float, blur: float) -> tuple[Array, Array]:
 
 
 class PrintTexture:
-    """A drawn print and its softer levels, each made when it is first asked for.
+    """A drawn print, 0 black to 1 white, and its softer levels, each made when it is first asked for.
 
     Args:
-        drawn: `(side, side)`, 0 black to 1 white, `TEXELS` a cell.
+        first: the largest tag of the print.
+        tags: all of it with their quiet zones, a later one on those before.
     """
 
-    def __init__(self, drawn: Image32) -> None:
-        self._drawn = drawn
-        self._cells = len(drawn) / TEXELS
+    def __init__(self, first: Tag, tags: Sequence[Tag]) -> None:
+        self._cells = first.family.black_cells + 2 * QUIET_ZONE_CELLS
         self._levels: dict[int, Image32] = {}
+        # Cells of a smaller tag end within a texel, which is their mean: those of the inner tag of `nested.toml`, drawn
+        # by the middles of texels, had 26 % too little white, which shows in every image from afar.
+        fine = TEXELS * TEXEL_PARTS
+        drawn = np.full((self._cells * fine,) * 2, 255, dtype=np.uint8)
+        down = np.array([1.0, -1.0])
+        for tag in tags:
+            cells = np.pad(tag.bitmap, QUIET_ZONE_CELLS, constant_values=255)
+            corners = first.local(tag.place(SQUARE * tag.paper / 2))[:3, :2] / first.module
+            at = (corners * down + self._cells / 2) * fine - HALF, (SQUARE[:3] * down + 1.0) * len(cells) / 2 - HALF
+            cell_of = cv2.getAffineTransform(*(corner.astype(np.float32) for corner in at))
+            nearest = cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP
+            cv2.warpAffine(cells, cell_of, drawn.shape, drawn, nearest, cv2.BORDER_TRANSPARENT)
+        small = cv2.resize(drawn.astype(np.float32), (self._cells * TEXELS,) * 2, interpolation=cv2.INTER_AREA)
+        self._drawn = small / np.float32(255)
 
     def _level(self, number: int) -> Image32:
         """Value, its slopes by x and y, and its second derivatives by xx, xy, yy `(side, side, 6)`."""
@@ -228,10 +223,8 @@ class PrintTexture:
         return found.transpose(0, 2, 1).astype(np.float64, order="C"), SHARPEST**2 * 2.0 ** (number / PER_OCTAVE)
 
 
-@lru_cache(maxsize=64)
-def _texture(first: Tag, tags: tuple[Tag, ...]) -> PrintTexture:
-    """Drawn and blurred once for all cameras and scales: a level takes a millisecond, a drawing ten."""
-    return PrintTexture(_drawn(first, tags))
+_texture: Final = lru_cache(maxsize=64)(PrintTexture)
+"""Drawn and blurred once for all cameras and scales: a level takes a millisecond, a drawing ten."""
 
 
 class PrintModel:
@@ -278,78 +271,14 @@ class PrintModel:
             spread: covariance of the point spread `(2, 2)` [px^2]; what is longer one way is motion blur.
             motion: of the camera under a rolling shutter `(4,)`; see `rolling`.
         """
-        window = self._window(pixels.shape, rotation, position, motion)
-        if window is None:
-            return None
-        value, slope, steep, by_spread = self._seen(window, spread)
-        # The print moves by d at a point, and its place there by (p w - W d), with w the third of W d: all on its ray.
-        by_x, by_y, by_scale = window.plane_from_cam
-        by_point = by_scale * (slope * window.place).sum(axis=0) - by_x * slope[0] - by_y * slope[1]
-        turned = rotation @ self._target_from_plane
-        arm = turned[:, :2] @ window.place + turned[:, 2:]
-        height, width = window.used.shape
-        grey = pixels[window.top : window.top + height, window.left : window.left + width][window.used]
-        seen = (window.row + window.top).astype(np.float64), grey.astype(np.float64)
-        return PrintSamples(value, steep, by_spread, by_point, arm, window.place, *seen, window.used)
-
-    def template(
-        self, shape: tuple[int, ...], rotation: Array, position: Array, spread: Array
-    ) -> tuple[Image32, Bools, int, int] | None:
-        """The print at whole pixels `(h, w)`, which of them are of it, and the column and row where they begin."""
-        window = self._window(shape, rotation, position, None)
-        if window is None:
-            return None
-        image = np.ones(window.used.shape, dtype=np.float32)
-        image[window.used] = self._seen(window, spread)[0]
-        return image, window.used, window.left, window.top
-
-    def corners(self, half: float) -> Array:
-        """Corners `(4, 3)` [m; target] of the part within half a side of its middle."""
-        return np.asarray(SQUARE * half @ self.axes[:, :2].T + self.origin, np.float64)
-
-    def depth(self, rotation: Array, position: Array) -> float:
-        """How far the middle of the print is along the optical axis [m]."""
-        return float((rotation @ self.origin + position)[2])
-
-    def _seen(self, window: _Window, spread: Array) -> tuple[Array, Array, Array, Array]:
-        """Value `(n,)`, its slope by the place `(2, n)`, that in the image, squared, and derivative by the spread."""
-        plane, middle = window.plane, window.plane.mean(axis=2)
-        footprint = Footprint.of(spread, middle)
-        seen, variance = self._texture.at(window.place, footprint)
-        by_pixel = plane[0] * seen[:, 1, None] + plane[1] * seen[:, 2, None]
-        xx, xy, yy = seen[0, 3:]
-        by_x, by_y = xx * plane[0] + xy * plane[1], xy * plane[0] + yy * plane[1]
-        own = HALF * (plane[0] * by_x + plane[1] * by_y)
-        narrower = own[0] + own[1]
-        # A slanted print is seen through a larger footprint where it is farther.
-        more = HALF * (footprint.spread - footprint.narrow * middle @ middle.T - variance * np.eye(2))
-        value = seen[0, 0] + more.ravel() @ seen[0, [3, 4, 4, 5]] + footprint.narrow * narrower
-        if footprint.streak is None:
-            by_spread = np.array([own[0], plane[0, 0] * by_x[1] + plane[1, 0] * by_y[1], own[1]])
-        else:
-            # B = l I + s s^T / 12: what is seen changes by l, as heat spreads, and by both ways of the streak s.
-            s0, s1 = 2.0 * footprint.streak / BOX
-            grown = np.array([[1.0, 0.0, 1.0], [s0, s1 / 2.0, 0.0], [0.0, s0 / 2.0, s1]])
-            by_spread = np.asarray(np.linalg.inv(grown) @ np.array([narrower, *by_pixel[1]]), np.float64)
-        return value, seen[0, 1:3], (by_pixel[0] ** 2).sum(axis=0), by_spread
-
-    def _window(self, shape: tuple[int, ...], rotation: Array, position: Array, motion: Array | None) -> _Window | None:
-        """Where the print is in the image; none where it is not in full view, too small or too large."""
-        half = self.half / self.cell - LIMITS.photo.margin_cells
         plane = rotation @ self._target_from_plane
         plane[:, 2] += position
-        placed = half * SQUARE @ plane[:, :2].T + plane[:, 2]
-        uv, visible = self._projection.project(exposed(placed, motion, self._projection)[0])
-        if not bool(visible.all()):
+        half = self.half / self.cell - LIMITS.photo.margin_cells
+        window = self._window(pixels.shape, half * SQUARE @ plane[:, :2].T + plane[:, 2], motion)
+        in_plane = abs(float(rotation @ self.axes[:, 2] @ plane[:, 2])) < TINY  # the camera is
+        if window is None or in_plane:
             return None
-        left, top = (max(floor(least), 0) for least in uv.min(axis=0))
-        width = min(ceil(uv[:, 0].max()) + 1, shape[1]) - left
-        height = min(ceil(uv[:, 1].max()) + 1, shape[0]) - top
-        low, high = LIMITS.photo.min_window_px, LIMITS.photo.max_window_px
-        if not (low <= width <= high and low <= height <= high):
-            return None
-        if abs(float(rotation @ self.axes[:, 2] @ plane[:, 2])) < TINY:  # the camera is in the plane of the print
-            return None
+        left, top, width, height = window
         cam_from_plane = plane[None]
         row = np.arange(height)
         if motion is not None:
@@ -370,8 +299,64 @@ class PrintModel:
         place = seen[:2] / seen[2]
         if motion is not None:
             plane_from_cam, h = plane_from_cam[:, :, row], h[:, :, row]
+        # Along a row, whose time stays, and by the row as all rows are exposed when this one is [cells/px].
         by_pixel = (h[:2, :2] - h[2, :2] * place[:, None]) / seen[2]
-        return _Window(left, top, used, row, place, by_pixel, plane_from_cam)
+        value, slope, steep, by_spread = self._seen(place, by_pixel, spread)
+        # The print moves by d at a point, and its place there by (p w - W d), with w the third of W d: all on its ray.
+        by_x, by_y, by_scale = plane_from_cam
+        by_point = by_scale * (slope * place).sum(axis=0) - by_x * slope[0] - by_y * slope[1]
+        arm = plane[:, :2] @ place + (rotation @ self.origin)[:, None]
+        grey = pixels[top : top + height, left : left + width][used].astype(np.float64)
+        image_row = (row + top).astype(np.float64)
+        return PrintSamples(value, steep, by_spread, by_point, arm, place, image_row, grey, left, top, used)
+
+    @property
+    def corners(self) -> Array:
+        """Corners of its paper `(4, 3)` [m; target]."""
+        return np.asarray(SQUARE * self.half @ self.axes[:, :2].T + self.origin, np.float64)
+
+    def depth(self, rotation: Array, position: Array) -> float:
+        """How far the middle of the print is along the optical axis [m]."""
+        return float((rotation @ self.origin + position)[2])
+
+    def _seen(self, place: Array, plane: Array, spread: Array) -> tuple[Array, Array, Array, Array]:
+        """Value `(n,)`, its slope by the place `(2, n)`, that in the image, squared, and derivative by the spread.
+
+        Args:
+            place: on the print `(2, n)` [cells from the middle].
+            plane: its derivative by column and row `(2, 2, n)` [cells/px].
+            spread: covariance of the point spread `(2, 2)` [px^2].
+        """
+        middle = plane.mean(axis=2)
+        footprint = Footprint.of(spread, middle)
+        seen, variance = self._texture.at(place, footprint)
+        by_pixel = plane[0] * seen[:, 1, None] + plane[1] * seen[:, 2, None]
+        xx, xy, yy = seen[0, 3:]
+        by_x, by_y = xx * plane[0] + xy * plane[1], xy * plane[0] + yy * plane[1]
+        own = HALF * (plane[0] * by_x + plane[1] * by_y)
+        narrower = own[0] + own[1]
+        # A slanted print is seen through a larger footprint where it is farther.
+        more = HALF * (footprint.spread - footprint.narrow * middle @ middle.T - variance * np.eye(2))
+        value = seen[0, 0] + more.ravel() @ seen[0, [3, 4, 4, 5]] + footprint.narrow * narrower
+        if footprint.streak is None:
+            by_spread = np.array([own[0], plane[0, 0] * by_x[1] + plane[1, 0] * by_y[1], own[1]])
+        else:
+            # B = l I + s s^T / 12: what is seen changes by l, as heat spreads, and by both ways of the streak s.
+            s0, s1 = 2.0 * footprint.streak / BOX
+            grown = np.array([[1.0, 0.0, 1.0], [s0, s1 / 2.0, 0.0], [0.0, s0 / 2.0, s1]])
+            by_spread = np.asarray(np.linalg.inv(grown) @ np.array([narrower, *by_pixel[1]]), np.float64)
+        return value, seen[0, 1:3], (by_pixel[0] ** 2).sum(axis=0), by_spread
+
+    def _window(self, shape: tuple[int, ...], corners: Array, motion: Array | None) -> tuple[int, int, int, int] | None:
+        """Column, row, width and height of a print; none where it is not in full view, too small or too large."""
+        seen, visible = self._projection.project(exposed(corners, motion, self._projection)[0])
+        if not bool(visible.all()):
+            return None
+        left, top = (max(floor(least), 0) for least in seen.min(axis=0))
+        right, bottom = (ceil(most) + 1 for most in seen.max(axis=0))
+        width, height = min(right, shape[1]) - left, min(bottom, shape[0]) - top
+        low, high = LIMITS.photo.min_window_px, LIMITS.photo.max_window_px
+        return (left, top, width, height) if low <= width <= high and low <= height <= high else None
 
     def _ray_from_pixel(self, left: int, top: int, width: int, height: int) -> Array:
         """Homography from the pixels of a window to rays at unit depth; the lens is taken as locally projective."""
@@ -382,39 +367,3 @@ class PrintModel:
         local = size + LENS_PATCH * size * SQUARE
         rays = self._projection.undistort(local + np.array([left, top]))
         return np.asarray(cv2.getPerspectiveTransform(local.astype(np.float32), rays.astype(np.float32)), np.float64)
-
-
-def _drawn(first: Tag, tags: Sequence[Tag]) -> Image32:
-    """Tags with their quiet zones over the print of the first; a texel that several cells share is their mean.
-
-    The cells of the first tag are whole texels. Those of the inner tag of `nested.toml` are 1.9 texels wide: drawn by
-    the middles of texels it had 26 % too little white, which shows in every image from afar.
-    """
-    half, texel = first.paper / 2, first.module / TEXELS
-    drawn = np.ones(((first.family.black_cells + 2) * TEXELS,) * 2, dtype=np.float32)
-    for tag in tags:
-        parts = 1 if tag is first else TEXEL_PARTS
-        turned = (first.rotation.T @ tag.rotation)[:2, :2]
-        place = ((tag.position - first.position) @ first.rotation)[:2]
-        middle = half + place * (1.0, -1.0)
-        reach = np.abs(turned).sum(axis=1) * (tag.paper / 2)
-        left, top = np.clip(np.floor((middle - reach) / texel).astype(int), 0, len(drawn))
-        right, bottom = np.clip(np.ceil((middle + reach) / texel).astype(int), 0, len(drawn))
-        if right <= left or bottom <= top:
-            continue
-        step = texel / parts
-        x, y = np.meshgrid(
-            (np.arange(left * parts, right * parts) + 0.5) * step - half,
-            half - (np.arange(top * parts, bottom * parts) + 0.5) * step,
-        )
-        local = (np.stack([x, y], axis=-1) - place) @ turned
-        cells = np.pad(tag.bitmap, 1, constant_values=255)
-        n = len(cells)
-        column = np.floor(local[..., 0] / tag.module + n / 2).astype(int)
-        row = np.floor(n / 2 - local[..., 1] / tag.module).astype(int)
-        inside = (row >= 0) & (row < n) & (column >= 0) & (column < n)
-        part = drawn[top:bottom, left:right]
-        fine = part.repeat(parts, axis=0).repeat(parts, axis=1)
-        fine[inside] = cells[row[inside], column[inside]] / np.float32(255)
-        part[...] = fine.reshape(bottom - top, parts, right - left, parts).mean(axis=(1, 3))
-    return drawn

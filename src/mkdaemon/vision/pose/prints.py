@@ -92,7 +92,7 @@ class Prints:
     def _is_shown(self, model: PrintModel, rotation: Array, position: Array, width: int, height: int) -> bool:
         if model.depth(rotation, position) < NEAR_M:
             return False
-        corners = model.corners(model.half) @ rotation.T + position
+        corners = model.corners @ rotation.T + position
         seen, visible = self._projection.project(corners)
         if not bool(visible.all()):
             return False
