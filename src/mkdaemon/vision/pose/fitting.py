@@ -178,13 +178,12 @@ def pixels_of(points: Array, pose: Pose, projection: Projection) -> tuple[Array,
 
 def _lines(target: Target, model: EdgeModel) -> npt.NDArray[np.intp]:
     """Number of the straight line of the print each sample lies on `(n,)`."""
-    keys: list[tuple[int, int, int]] = []
-    for point, normal, cell, k in zip(model.points, model.normals, model.cell, model.tag.tolist(), strict=True):
-        tag = target.tags[k]
-        axis = int(abs(float(normal @ tag.rotation[:, 1])) > HALF_WAY)
-        keys.append((k, axis, round(2 * float((point - tag.position) @ tag.rotation[:, axis]) / float(cell))))
-    number = {key: k for k, key in enumerate(sorted(set(keys)))}
-    return np.array([number[key] for key in keys], dtype=np.intp)
+    axes = np.array([tag.rotation for tag in target.tags])[model.tag, :, :2]
+    origin = np.array([tag.position for tag in target.tags])[model.tag]
+    axis = (np.abs(model.normals[:, None] @ axes)[:, 0, 1] > HALF_WAY).astype(np.intp)
+    place = ((model.points - origin)[:, None] @ axes)[np.arange(len(axis)), 0, axis]
+    keys = np.column_stack([model.tag, axis, np.round(2.0 * place / model.cell)])
+    return np.unique(keys, axis=0, return_inverse=True)[1].reshape(-1)
 
 
 def _leverage(jacobian: Array, offsets: Array, line: npt.NDArray[np.intp]) -> float:
@@ -217,14 +216,12 @@ class TargetFitter:
         target: that is measured.
         shutter: what is known of the camera's line time.
         bend_known: what is known about the bend of the print.
-        effort: spent on the newest image, in fits to edges; one to grey values takes as long as `GREY_EFFORT`.
+        effort: spent since it was set to zero, in fits to edges; one to grey values takes as long as `GREY_EFFORT`.
     """
 
     def __init__(self, target: Target, projection: Projection) -> None:
         self.target = target
         self.effort = 0
-        self._image: Grey | None = None
-        self._mirrored: list[tuple[Pose, Pose | None]] = []
         self.shutter = projection.shutter
         self._projection = projection
         self._edges = EdgeFit(target, projection)
@@ -235,12 +232,6 @@ class TargetFitter:
         self._cells = CellReader(target, projection)
         self._evidence = EdgeEvidence(target, projection)
         self._outline = np.concatenate([tag.place(SQUARE * tag.paper / 2) for tag in target.tags])
-
-    def begin(self, pixels: Grey) -> None:
-        """Begin with another image: nothing is spent on it, and nothing known of it."""
-        self.effort = 0
-        self._image = pixels
-        self._mirrored = []
 
     def cold(
         self,
@@ -297,25 +288,21 @@ class TargetFitter:
         edges = self._fit(pixels, start, photometric=False, level=level)
         if edges is None:
             return grey
-        is_melted = self._are_melted(edges)
-        if grey is None:
-            is_noisy = edges.rms_px > LIMITS.edges.located_px
-            # The dimmer corners of small white cells are clipped less than their middle, which moves edges differently.
-            is_flooded = edges.blown > HALF and self._photo.prints.cell_px(edges) < LIMITS.cells.small_px
-            if not (is_melted or is_noisy or is_flooded):
-                return edges
+        is_melted, is_noisy = self._are_melted(edges), edges.rms_px > LIMITS.edges.located_px
+        # The dimmer corners of small white cells are clipped less than their middle, which moves edges differently.
+        is_flooded = edges.blown > HALF and self._photo.prints.cell_px(edges) < LIMITS.cells.small_px
+        if grey is None and (is_melted or is_noisy or is_flooded):
             # Edges that melted lie; others have found the place, from which a few steps are left.
             blur_px = (edges.blur_px or 0.0) / HALF_WIDTH
             grey = self._fit(pixels, start if is_melted else edges, photometric=True, level=level, blur_px=blur_px)
-            if grey is None:
-                return edges
-            if self._holds(grey):
+            if grey is not None and self._holds(grey):
                 return grey
-        if not is_melted or (edges.rms_px < LIMITS.edges.located_px and not self._photo.resembles(grey)):
-            # Something lies over the print.
+        if grey is None or not is_melted or (not is_noisy and not self._photo.resembles(grey)):
+            # Nothing else is known, or something lies over the print.
             return edges
         # A streak that is not the same all over the print, or a fit that has not got there: neither is sure.
-        return self._with_contradiction(edges, grey)
+        distance2 = length2(apart(edges, grey), edges.covariance + grey.covariance)
+        return replace(edges, covariance=distance2 * edges.covariance) if distance2 > APART2 else edges
 
     def _holds(self, grey: Pose) -> bool:
         """Whether a fit to grey values is the whole truth of an image."""
@@ -340,12 +327,6 @@ class TargetFitter:
         if pose.widest_px is None or pose.ragged_px is None or pose.ragged_px < LIMITS.health.drift_px:
             return False
         return self._photo.prints.cell_px(pose) < LIMITS.cells.melted_widths * pose.widest_px
-
-    def _with_contradiction(self, pose: Pose, other: Pose) -> Pose:
-        """The pose, as uncertain as another measurement of the same image that contradicts it is far away."""
-        distance2 = length2(apart(pose, other), pose.covariance + other.covariance)
-        doubt = distance2 if distance2 > APART2 else 1.0
-        return replace(pose, covariance=doubt * pose.covariance)
 
     def _fit(
         self, pixels: Grey, start: Pose, *, photometric: bool, level: Level | None = None, blur_px: float | None = None
@@ -384,20 +365,11 @@ class TargetFitter:
         return evidence is not None and evidence.agreeing >= LIMITS.likeness.clear
 
     def fit_mirrored(self, pixels: Grey, pose: Pose) -> Pose | None:
-        """Fit the rival of a pose: the same place, the normal mirrored about the line of sight; once an image.
+        """Fit the rival of a pose: the same place, the normal mirrored about the line of sight.
 
         Returns:
             The rival, which may be `pose` again; none when it fits nothing.
         """
-        if pixels is not self._image:
-            return self._fit_mirrored(pixels, pose)
-        for known, rival in self._mirrored:
-            if known is pose:
-                return rival
-        self._mirrored.append((pose, self._fit_mirrored(pixels, pose)))
-        return self._mirrored[-1][1]
-
-    def _fit_mirrored(self, pixels: Grey, pose: Pose) -> Pose | None:
         origin, toward, tilt = self._photo.prints.looked_at(pose)
         axis = np.cross(pose.rotation[:, 2], toward)
         turned = np.asarray(cv2.Rodrigues(axis / max(float(np.linalg.norm(axis)), 1e-9) * 2 * tilt)[0]) @ pose.rotation

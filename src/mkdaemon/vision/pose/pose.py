@@ -194,7 +194,8 @@ def solve(tags: Sequence[tuple[Tag, Detection]], projection: Projection) -> list
         if not bool(visible.all()):
             continue
         squares = float(((pixels - projected) ** 2).sum())
-        jacobian = projection.pose_jacobian(seen, position).reshape(-1, 6)
+        by_point = projection.jacobian(seen).reshape(-1, 3)
+        jacobian = np.hstack([by_point, np.cross(np.repeat(seen - position, 2, axis=0), by_point)])
         variance = max(sd**2, squares / (len(jacobian) - 6))
         covariance = variance * inverted(damped(jacobian.T @ jacobian))
         rms = sqrt(squares / len(points))

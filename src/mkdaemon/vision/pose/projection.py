@@ -152,23 +152,6 @@ class Projection:
         jacobian[:, 2] = -(jacobian[:, :2] * d).sum(axis=1)
         return jacobian.transpose(2, 0, 1)
 
-    def pose_jacobian(self, points_cam: Array, position: Array) -> Array:
-        """Derivative of the pixel with respect to a pose `(n, 2, 6)`: position [px/m], then rotation [px/rad].
-
-        The rotation is a left perturbation about the target's origin, `R <- exp(w) R`, camera axes.
-        """
-        point = self.jacobian(points_cam)
-        arm = points_cam - position
-        jacobian = np.empty((len(points_cam), 2, 6))
-        jacobian[:, :, :3] = point
-        # d(exp(w) arm)/dw = -[arm]x, so each row is arm x row; written out, numpy's cross is slow.
-        ax, ay, az = arm[:, 0, None], arm[:, 1, None], arm[:, 2, None]
-        px, py, pz = point[:, :, 0], point[:, :, 1], point[:, :, 2]
-        jacobian[:, :, 3] = ay * pz - az * py
-        jacobian[:, :, 4] = az * px - ax * pz
-        jacobian[:, :, 5] = ax * py - ay * px
-        return jacobian
-
     def stretch(self, stretch: float) -> Projection:
         """The same lens with another ratio of the focal lengths, their product kept; `stretch` is its logarithm."""
         i = self.intrinsics

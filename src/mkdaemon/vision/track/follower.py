@@ -186,7 +186,7 @@ class Follower:
     def follow(self, frame: Frame) -> None:
         """Try to find the target where it should be."""
         sight = self._seen(frame)
-        self._fitter.begin(sight.pixels)
+        self._fitter.effort = 0
         track = self.track
         if not track.goes_on(sight.time):
             track.lose()
