@@ -11,8 +11,7 @@ import pytest
 from mkdaemon.vision.camera.calibration_file import load_camera
 from mkdaemon.vision.pose.fitting import TargetFitter
 from mkdaemon.vision.pose.pose import Pose, turn
-from mkdaemon.vision.pose.printmodel import MOST_PLACES, Footprint
-from mkdaemon.vision.pose.prints import Prints
+from mkdaemon.vision.pose.prints import MOST_PLACES, Footprint, Prints
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.tags.tagmap import Target, load
 from tests.places import CONFIGS

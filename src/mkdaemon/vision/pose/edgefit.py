@@ -27,7 +27,7 @@ from mkdaemon.vision.pose.edgestep import EdgeStep
 from mkdaemon.vision.pose.pose import Pose
 from mkdaemon.vision.pose.prints import sheet_of
 from mkdaemon.vision.pose.projection import Projection
-from mkdaemon.vision.pose.rolling import at_rest, exposed
+from mkdaemon.vision.pose.rolling import at_rest
 from mkdaemon.vision.pose.unknowns import POSE, Level, Prior, State, Unknown, Unknowns, not_arrived
 from mkdaemon.vision.tags.tagmap import Target
 
@@ -128,7 +128,7 @@ class EdgeFit:
             points = self._sheet.bent(points, self._terms, at.rise)
         projection = self._projection if at.stretch is None else self._projection.stretch(float(at.stretch[0]))
         still = (at.rotation @ points.T + at.position[:, None]).T
-        seen, times = exposed(still, at.motion, projection)
+        seen, times = projection.exposed(still, at.motion)
         pixels_at, are_visible = projection.project(seen)
         uv, visible = pixels_at[:count], are_visible.reshape(3, count).all(axis=0)
         normals, cell_px = seen_across(pixels_at)

@@ -31,13 +31,11 @@ from mkdaemon.vision.pose.edgefit import EdgeFit
 from mkdaemon.vision.pose.edgemodel import EdgeModel
 from mkdaemon.vision.pose.edgestep import MAD
 from mkdaemon.vision.pose.gates import CellEvidence, CellReader, grey_evidence
-from mkdaemon.vision.pose.linetime import KnownMotion
 from mkdaemon.vision.pose.photofit import PhotoFit
 from mkdaemon.vision.pose.pose import Pose, apart, correlation, length2, median, refined, solve
-from mkdaemon.vision.pose.printmodel import SQUARE, PrintModel
-from mkdaemon.vision.pose.prints import Prints
+from mkdaemon.vision.pose.prints import SQUARE, PrintModel, Prints
 from mkdaemon.vision.pose.projection import NEAR_M, Projection
-from mkdaemon.vision.pose.rolling import exposed
+from mkdaemon.vision.pose.rolling import KnownMotion
 from mkdaemon.vision.pose.unknowns import POSE, Level
 from mkdaemon.vision.tags.cellread import sample
 from mkdaemon.vision.tags.detection import Detection
@@ -173,7 +171,7 @@ class EdgeEvidence:
 def pixels_of(points: Array, pose: Pose, projection: Projection) -> tuple[Array, npt.NDArray[np.bool_]]:
     """Pixels `(n, 2)` of points of a target `(n, 3)` [m] as their rows see them, and which are visible `(n,)`."""
     seen = points @ pose.rotation.T + pose.position
-    return projection.project(exposed(seen, pose.motion, projection)[0])
+    return projection.project(projection.exposed(seen, pose.motion)[0])
 
 
 def _lines(target: Target, model: EdgeModel) -> npt.NDArray[np.intp]:
@@ -205,8 +203,6 @@ ROOM, ROOM_PX = 0.2, 14.0
 """Room around a target in a window: share of its size, and so much more [px]."""
 GREY_EFFORT: Final = 4
 """A fit to grey values takes so many times as long as one to edges: 4 to 20 ms, on VGA."""
-CONFIRMED_BY = 3
-"""Prints that fix a plane."""
 
 
 class TargetFitter:
@@ -260,22 +256,9 @@ class TargetFitter:
         for photometric in (True, False) if any(self._wants_photometric(c) for c in candidates) else (False,):
             fitted = [self._fit(pixels, candidate, photometric=photometric) for candidate in candidates]
             good = [pose for pose in fitted if pose is not None]
-            if good and (not photometric or len(good) == len(candidates) or self._are_confirmed(pixels, good)):
+            if good and (not photometric or len(good) == len(candidates)):
                 return good if photometric else [self._photo.polish(pixels, pose) for pose in good]
         return candidates
-
-    def _are_confirmed(self, pixels: Grey, fitted: Sequence[Pose]) -> bool:
-        """Whether prints that fix a plane speak for each candidate, so that one that could not be fitted is none.
-
-        About the line of two prints, or of a row of them, a pose may be turned like that of a single one.
-        """
-        for pose in fitted:
-            places = np.array([model.origin for model in self._photo.shows(pixels, pose)])
-            if len(places) < CONFIRMED_BY:
-                return False
-            if np.linalg.svd(places - places.mean(axis=0), compute_uv=False)[1] < self.target.tags[0].size:
-                return False
-        return True
 
     def refine(self, pixels: Grey, start: Pose, level: Level | None = None) -> Pose | None:
         """Improve a pose by the method its size, tilt and blur ask for, with a level its tilt held near it."""

@@ -17,7 +17,6 @@ from mkdaemon.vision.limits import HALF, LIMITS, NOISE_GREY
 from mkdaemon.vision.pose.ambiguity import facts
 from mkdaemon.vision.pose.pose import Pose, largest_variance, quantile
 from mkdaemon.vision.pose.projection import Projection
-from mkdaemon.vision.pose.rolling import exposed
 from mkdaemon.vision.tags.cellread import sample
 from mkdaemon.vision.tags.tagmap import Target, covered
 
@@ -157,7 +156,7 @@ class CellReader:
     ) -> tuple[Array, npt.NDArray[np.bool_]]:
         """Grey values `(n,)` where a pose puts points `(n, 3)` of cells of a size [m], and which can be read."""
         seen = (pose.rotation @ points.T + pose.position[:, None]).T
-        seen, _ = exposed(seen, pose.motion, self._projection)
+        seen, _ = self._projection.exposed(seen, pose.motion)
         uv, visible = self._projection.project(seen)
         height, width = pixels.shape
         depth = np.where(visible, seen[:, 2], 1.0)

@@ -27,8 +27,7 @@ from mkdaemon.vision.limits import APART2, LIMITS
 from mkdaemon.vision.pose.edgefind import HALF_WIDTH
 from mkdaemon.vision.pose.photostep import PhotoStep, PhotoStepper
 from mkdaemon.vision.pose.pose import Pose, apart, length2
-from mkdaemon.vision.pose.printmodel import PrintModel, principal
-from mkdaemon.vision.pose.prints import Prints
+from mkdaemon.vision.pose.prints import PrintModel, Prints, principal
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.pose.unknowns import Level, Prior, State, not_arrived
 from mkdaemon.vision.tags.tagmap import Target
@@ -134,13 +133,6 @@ class PhotoFit:
             return None
         blur = None if found.blur_px is None else 2.0 * found.blur_px
         return replace(found, rms_px=2.0 * found.rms_px, blur_px=blur)
-
-    def shows(self, pixels: Grey, pose: Pose) -> tuple[PrintModel, ...]:
-        """Prints that the image clearly shows where a pose puts them."""
-        blur_px = pose.blur_px or START_BLUR_PX
-        at = State(pose.rotation, pose.position, blur_px**2 * np.eye(2), pose.motion)
-        seen = self.prints.seen(pose.rotation, pose.position, pixels.shape)
-        return self._alike(pixels, seen, at, LIMITS.likeness.clear)
 
     def _with_missing(self, pose: Pose, seen: Sequence[PrintModel], near: Sequence[PrintModel]) -> Pose:
         """The pose with what speaks against it: prints that should be in the image and are not there."""

@@ -24,7 +24,7 @@ from mkdaemon.vision.arrays import Array, Bools, Grey
 from mkdaemon.vision.limits import HALF, LIMITS, NOISE_GREY
 from mkdaemon.vision.pose.edgestep import MAD
 from mkdaemon.vision.pose.pose import Pose, correlation, damped, inverted, length2, median
-from mkdaemon.vision.pose.printmodel import BOX, PrintModel, PrintSamples, principal
+from mkdaemon.vision.pose.prints import BOX, PrintModel, PrintSamples, principal
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.pose.unknowns import POSE, Prior, State, Unknown, Unknowns
 
@@ -371,8 +371,7 @@ class PhotoStepper:
         """All unknowns of a step, the light last."""
         contrast = _of_all([part.contrast for part in parts])
         by_point = contrast * _of_all([part.at.by_point for part in parts])
-        middle = (self._projection.intrinsics.height - 1) / 2
-        times = (_of_all([part.at.row for part in parts]) - middle) * self._projection.line_time
+        times = self._projection.row_times(_of_all([part.at.row for part in parts]))
         heights = None if first.sheet is None else first.sheet.heights(*(first.cell * parts[0].at.place))
         # Columns that lie together in memory are added and multiplied faster than rows of three.
         table = prior.table(at, by_point.T, _of_all([part.at.arm for part in parts]).T, times, heights)

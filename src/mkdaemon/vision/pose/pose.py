@@ -17,9 +17,8 @@ import numpy.typing as npt
 
 from mkdaemon.vision.arrays import Array
 from mkdaemon.vision.pose.bend import Bend
-from mkdaemon.vision.pose.linetime import KnownMotion, SeenMotion
 from mkdaemon.vision.pose.projection import Projection
-from mkdaemon.vision.pose.rolling import skew
+from mkdaemon.vision.pose.rolling import KnownMotion, SeenMotion, skew
 from mkdaemon.vision.tags.detection import Detection
 from mkdaemon.vision.tags.tagmap import SAME_HEIGHT_M, Tag
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from mkdaemon.vision.arrays import Array, Bools
 from mkdaemon.vision.camera.intrinsics import Intrinsics
-from mkdaemon.vision.pose.linetime import Shutter
+from mkdaemon.vision.pose.rolling import Shutter, skew
 
 WIDEST: Final = 1.5
 """Angle from the axis up to which a fisheye is inverted [rad]; at a right angle there is no point at unit depth."""
@@ -19,6 +19,8 @@ AXIS: Final = 1e-8
 """Radius below which a point is on the axis."""
 NEWTON: Final = 20
 """Steps at most to invert a fisheye; four do."""
+ROUNDS: Final = 2
+"""A point's row says when it is exposed, and that where it is: so often."""
 NEAR_M: Final = 0.02
 """Points closer to the camera plane than this are not projected [m]."""
 
@@ -119,6 +121,27 @@ class Projection:
     def line_time(self) -> float:
         """From a row of the image to the next [s]."""
         return self._rows * self.shutter.line_time
+
+    def row_times(self, rows: Array) -> Array:
+        """When rows `(n,)` of an image are exposed, after the middle one `(n,)` [s]."""
+        return np.asarray((rows - (self.intrinsics.height - 1) / 2) * self.line_time, np.float64)
+
+    def exposed(self, points: Array, motion: Array | None) -> tuple[Array, Array]:
+        """Points `(n, 3)` [m; RDF] as they are when their rows are exposed, and when that is `(n,)` [s].
+
+        Args:
+            points: when the middle row is exposed.
+            motion: `(4,)`, angular rate [rad/s] and speed along the axis [m/s]; none under a global shutter.
+        """
+        moved, times = points, np.zeros(len(points))
+        if motion is None:
+            return moved, times
+        for _ in range(ROUNDS):
+            rows = self.project(moved)[0][:, 1]
+            times = self.row_times(np.clip(rows, 0.0, self.intrinsics.height - 1.0))
+            moved = points - times[:, None] * (points @ skew(motion[:3]).T)
+            moved[:, 2] += times * motion[3]
+        return moved, times
 
     def halved(self) -> Projection:
         """The same camera with images of half the width and height, each pixel the mean of four."""

@@ -21,10 +21,19 @@ import numpy as np
 from mkdaemon.vision.arrays import Array
 from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.bend import Bend, Sheet
-from mkdaemon.vision.pose.linetime import MOTIONS, KnownMotion, SeenMotion, Shutter
 from mkdaemon.vision.pose.pose import Pose, damped, turn
 from mkdaemon.vision.pose.projection import NEAR_M
-from mkdaemon.vision.pose.rolling import before_motion, beyond_motion, cross, motion_jacobian, skew
+from mkdaemon.vision.pose.rolling import (
+    MOTIONS,
+    KnownMotion,
+    SeenMotion,
+    Shutter,
+    before_motion,
+    beyond_motion,
+    cross,
+    motion_jacobian,
+    skew,
+)
 
 POSE: Final = slice(0, 6)
 """Where the pose is among the unknowns, position before rotation: first."""

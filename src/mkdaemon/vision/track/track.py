@@ -10,9 +10,8 @@ import numpy as np
 
 from mkdaemon.vision.arrays import Array
 from mkdaemon.vision.limits import LIMITS
-from mkdaemon.vision.pose.linetime import KnownMotion
 from mkdaemon.vision.pose.pose import Pose
-from mkdaemon.vision.pose.rolling import motion_of
+from mkdaemon.vision.pose.rolling import KnownMotion, motion_of
 from mkdaemon.vision.track.attitude import Mounting, Sight, Turning
 from mkdaemon.vision.track.branches import Branches
 
