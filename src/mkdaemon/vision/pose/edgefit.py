@@ -27,7 +27,6 @@ from mkdaemon.vision.pose.edgestep import EdgeStep
 from mkdaemon.vision.pose.pose import Pose
 from mkdaemon.vision.pose.prints import sheet_of
 from mkdaemon.vision.pose.projection import Projection
-from mkdaemon.vision.pose.rolling import at_rest
 from mkdaemon.vision.pose.unknowns import POSE, Level, Prior, State, Unknown, Unknowns, not_arrived
 from mkdaemon.vision.tags.tagmap import Target
 
@@ -148,8 +147,7 @@ class EdgeFit:
         cell_px, upright = cell_px[index], self.model.upright[index]
         samples = Samples(index, uv, normals, np.minimum(reach, HALF * cell_px), cell_px, upright)
         point = projection.jacobian(seen)
-        along = normals if at.motion is None else at_rest(normals, point, seen, at.motion, projection.line_time)
-        by_point = along[:, :1] * point[:, 0] + along[:, 1:] * point[:, 1]
+        by_point = normals[:, :1] * point[:, 0] + normals[:, 1:] * point[:, 1]
         # The bend comes last: edges that are not yet found would bend a print.
         heights = self._terms[:RISES, index] if is_near and self._terms is not None else None
         table = prior.table(at, by_point, still - at.position, times[index], heights)

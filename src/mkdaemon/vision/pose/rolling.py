@@ -157,34 +157,6 @@ def motion_of(place: Array, speed: Array, turning: Array) -> Array:
     return np.array([*(turning - skew(place) @ across / float(place @ place)), along])
 
 
-def at_rest(along: Array, point: Array, moved: Array, motion: Array, line_time: float) -> Array:
-    """Directions in the image `(n, 2)` [px] along which a shift is seen, as they are for points that stand still.
-
-    A point that moves to another row is exposed at another time: a shift of du at rest is seen as (I - T v e_y^T)^-1 du
-    with v the speed in the image and T the time of a line, so that n . shift = (n + T (n . v) / (1 - T v_y) e_y) . du.
-
-    Args:
-        along: directions in the image `(n, 2)`.
-        point: derivative of the pixels by the points `(n, 2, 3)` [px/m].
-        moved: the points as they are exposed `(n, 3)` [m; RDF].
-        motion: of the camera `(4,)`.
-        line_time: [s].
-    """
-    drift = moved @ skew(motion[:3])
-    drift[:, 2] += motion[3]
-    speed = (point @ drift[:, :, None])[:, :, 0]
-    still = along.copy()
-    still[:, 1] += line_time * (along * speed).sum(axis=1) / (1.0 - line_time * speed[:, 1])
-    return still
-
-
-def before_motion(by_point: Array, motion: Array, times: Array) -> Array:
-    """Derivative `(n, 3)` by points at rest, of what has the derivative `(n, 3)` by the points as they are exposed."""
-    # dP(t) = dP - t w x dP
-    rest: Array = by_point - times[:, None] * (by_point @ skew(motion[:3]))
-    return rest
-
-
 def skew(vector: Array) -> Array:
     """The matrix `(3, 3)` whose product with b is the cross product of a vector `(3,)` with b."""
     x, y, z = vector
@@ -203,7 +175,11 @@ def cross(a: Array, b: Array) -> Array:
 
 
 def motion_jacobian(by_point: Array, points: Array, times: Array) -> Array:
-    """Derivative `(4, n)` by the motion, of what has the derivative `(n, 3)` by the points `(n, 3)`, at rest."""
+    """Derivative `(4, n)` by the motion, of what has the derivative `(n, 3)` by the points `(n, 3)`.
+
+    A point that moves to another row is exposed at another time, too; that is left out. With T the time of a line and v
+    the speed in the image it changes derivatives by T v, 1 to 3 %, and where a fit ends by nothing.
+    """
     # j . (-t w x P) = -t w . (P x j)
     return np.concatenate([-times * cross(points, by_point).T, (times * by_point[:, 2])[None]])
 

@@ -28,7 +28,6 @@ from mkdaemon.vision.pose.rolling import (
     KnownMotion,
     SeenMotion,
     Shutter,
-    before_motion,
     beyond_motion,
     cross,
     motion_jacobian,
@@ -223,20 +222,19 @@ class Prior:
 
         Args:
             at: where the fit is.
-            by_point: derivative of what is measured by the points as they are exposed `(n, 3)`.
+            by_point: derivative of what is measured by the points `(n, 3)`.
             arm: from the target's origin to the points at rest `(n, 3)` [m; camera].
             times: when they are exposed `(n,)` [s].
             heights: of the points by the rise of the print `(3, n)` [m]; none where that is not asked for.
         """
-        by_rest = by_point if at.motion is None else before_motion(by_point, at.motion, times)
         level = (None, None) if self._level is None else self._level.of_turn(at.rotation)
-        table = [Unknown("place", by_rest.T), Unknown("turn", cross(arm, by_rest).T, *level)]
+        table = [Unknown("place", by_point.T), Unknown("turn", cross(arm, by_point).T, *level)]
         if heights is not None and self._sheet is not None and self.bend is not None and at.rise is not None:
-            along = by_rest @ (at.rotation @ self._sheet.normal)
+            along = by_point @ (at.rotation @ self._sheet.normal)
             table.append(Unknown("rise", along * heights, self.bend.information, self.bend.mean - at.rise))
         if at.motion is not None and self._motion is not None:
             rows = motion_jacobian(by_point, arm + at.position, times)
-            lacking = beyond_motion(rows, by_rest, times, at.position)
+            lacking = beyond_motion(rows, by_point, times, at.position)
             table.append(Unknown("motion", rows, self._motion.spread**-2, self._motion.expected - at.motion))
             table.append(Unknown("beyond", lacking, self._beyond_sd**-2))
         return table
