@@ -105,8 +105,6 @@ ALL_SAMPLES = 4000
 """More than any target has: which edges are hidden is asked of all of them."""
 CLEAR_PERCENT = 75
 """Percentile of the contrast that the clear edges have."""
-HALF_WAY = 0.5
-"""Between two axes of a tag: which one a normal follows."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,7 +150,9 @@ class EdgeEvidence:
             return None
         samples, edges, unknowns = located
         index = samples.index
-        contrast = self._grey(pixels, self._bright[index], pose) - self._grey(pixels, self._dark[index], pose)
+        sides = (self._bright[index], self._dark[index])
+        bright, dark = (sample(pixels, pixels_of(points, pose, self._projection)[0]) for points in sides)
+        contrast = bright - dark
         clear = max(float(np.percentile(contrast, CLEAR_PERCENT)), 1.0)
         seen = contrast > HALF * clear
         size = np.abs(edges.offsets)
@@ -163,9 +163,6 @@ class EdgeEvidence:
             float((agrees & seen).sum()) / max(int(seen.sum()), 1),
             _leverage(unknowns.rows[POSE].T[agrees], edges.offsets[agrees], self._line[index][agrees]),
         )
-
-    def _grey(self, pixels: Grey, points: Array, pose: Pose) -> Array:
-        return sample(pixels, pixels_of(points, pose, self._projection)[0])
 
 
 def pixels_of(points: Array, pose: Pose, projection: Projection) -> tuple[Array, npt.NDArray[np.bool_]]:
@@ -178,7 +175,7 @@ def _lines(target: Target, model: EdgeModel) -> npt.NDArray[np.intp]:
     """Number of the straight line of the print each sample lies on `(n,)`."""
     axes = np.array([tag.rotation for tag in target.tags])[model.tag, :, :2]
     origin = np.array([tag.position for tag in target.tags])[model.tag]
-    axis = (np.abs(model.normals[:, None] @ axes)[:, 0, 1] > HALF_WAY).astype(np.intp)
+    axis = (np.abs(model.normals[:, None] @ axes)[:, 0, 1] > HALF).astype(np.intp)
     place = ((model.points - origin)[:, None] @ axes)[np.arange(len(axis)), 0, axis]
     keys = np.column_stack([model.tag, axis, np.round(2.0 * place / model.cell)])
     return np.unique(keys, axis=0, return_inverse=True)[1].reshape(-1)
