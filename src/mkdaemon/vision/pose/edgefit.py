@@ -39,14 +39,13 @@ CUT = 1.05
 class EdgeFit:
     """Fits the pose of one target."""
 
-    def __init__(self, target: Target, projection: Projection, max_samples: int | None = None) -> None:
+    def __init__(self, target: Target, projection: Projection) -> None:
         model = self.model = EdgeModel.of(target)
         self._points = model.stepped
         self._sheet = sheet_of(target)
         self._terms = None if self._sheet is None else self._sheet.terms(self._points)
         self._projection = projection
         self._shutter = projection.shutter
-        self._max_samples = LIMITS.edges.max_samples if max_samples is None else max_samples
 
     def fit(
         self, pixels: Grey, start: Pose, iterations: int = 12, level: Level | None = None, stretch_sd: float = 0.0
@@ -141,8 +140,9 @@ class EdgeFit:
         index = np.flatnonzero(visible)
         if len(index) < LEAST_EDGES:
             return None
-        if len(index) > self._max_samples:
-            index = index[np.arange(self._max_samples) * len(index) // self._max_samples]
+        most = limits.edges.max_samples
+        if len(index) > most:
+            index = index[np.arange(most) * len(index) // most]
         uv, normals, seen, still = (rows_of(columns, index) for columns in (uv, normals, seen, still))
         cell_px, upright = cell_px[index], self.model.upright[index]
         samples = Samples(index, uv, normals, np.minimum(reach, HALF * cell_px), cell_px, upright)

@@ -101,8 +101,6 @@ class PrintGatherer:
         return np.array([float(column + x0 - left), float(row + y0 - top)])
 
 
-ALL_SAMPLES = 4000
-"""More than any target has: which edges are hidden is asked of all of them."""
 CLEAR_PERCENT = 75
 """Percentile of the contrast that the clear edges have."""
 
@@ -132,7 +130,7 @@ class EdgeEvidence:
 
     def __init__(self, target: Target, projection: Projection) -> None:
         self._projection = projection
-        self._fit = EdgeFit(target, projection, ALL_SAMPLES)
+        self._fit = EdgeFit(target, projection)
         model = self._fit.model
         reach = 0.5 * model.cell[:, None] * model.normals
         self._dark, self._bright = model.points - reach, model.points + reach
@@ -241,11 +239,7 @@ class TargetFitter:
             motion_at: what is known about the motion of a target at a place `(3,)` [m; RDF] under a rolling shutter.
             bend: what is known about that of the print.
         """
-        candidates = solve(tags, self._projection)
-        if len(tags) > 1 and (not candidates or candidates[0].rms_px > LIMITS.health.misfit_px):
-            # A border faked by something lying over the tag: let every tag speak for itself.
-            candidates = [pose for pair in tags for pose in solve([pair], self._projection)]
-        candidates = [replace(pose, known_bend=bend) for pose in candidates]
+        candidates = [replace(pose, known_bend=bend) for pose in solve(tags, self._projection)]
         if motion_at is not None:
             candidates = [replace(pose, known_motion=motion_at(pose.position)) for pose in candidates]
         candidates = [self._gatherer.gathered(pixels, candidate) for candidate in candidates]
