@@ -67,7 +67,7 @@ class PrintGatherer:
         """
         if len(self._prints.all) < 2:
             return start
-        seen = self._prints.seen(start.rotation, start.position, pixels.shape)
+        seen = self._prints.seen(start.rotation, start.position)
         looked = [(model, self._shift(pixels, model, start)) for model in seen]
         found = [(model, shift) for model, shift in looked if shift is not None]
         if len(found) < 2 or not any(shift.any() for _, shift in found):

@@ -100,12 +100,12 @@ class PhotoFit:
             blur_px = (start.blur_px if start.source == "photometric" else None) or START_BLUR_PX
         prior = Prior(start, level, self._shutter, self.prints.sheet)
         at = prior.begin(blur_px)
-        seen = self.prints.seen(at.rotation, at.position, pixels.shape)
+        seen = self.prints.seen(at.rotation, at.position)
         near = seen if len(seen) == 1 else self._alike(pixels, seen, at, LIMITS.likeness.alike) or seen
         found = self._fit(pixels, near, at, prior, iterations)
         if found is None or len(self.prints.all) == 1:
             return None if found is None else found[1]
-        seen = self.prints.seen(found[0].rotation, found[0].position, pixels.shape)
+        seen = self.prints.seen(found[0].rotation, found[0].position)
         shown = self._alike(pixels, seen, found[0], LIMITS.likeness.clear)
         if shown and set(shown) != set(near):
             found = self._fit(pixels, shown, found[0], prior, iterations)

@@ -395,28 +395,23 @@ class Prints:
     """The prints of one target, and which of them an image shows.
 
     Attributes:
-        roots: the largest tag of each, largest first.
-        all: the prints, in the same order.
+        all: the prints, largest first.
         sheet: of a target's only print; none where it does not bend.
     """
 
     def __init__(self, target: Target, projection: Projection) -> None:
         self._projection = projection
-        self.roots = roots(target)
         self.sheet = sheet_of(target)
-        self.all = tuple(PrintModel(target, tag, projection, self.sheet) for tag in self.roots)
+        self.all = tuple(PrintModel(target, tag, projection, self.sheet) for tag in roots(target))
 
-    def seen(self, rotation: Array, position: Array, shape: tuple[int, ...] | None = None) -> tuple[PrintModel, ...]:
+    def seen(self, rotation: Array, position: Array) -> tuple[PrintModel, ...]:
         """Prints of which a pose puts enough into the image, the largest there first.
 
         Args:
             rotation: camera from target `(3, 3)`.
             position: of the target `(3,)` [m; RDF].
-            shape: of the image; that of the calibration if none is given.
         """
-        intrinsics = self._projection.intrinsics
-        height, width = (intrinsics.height, intrinsics.width) if shape is None else shape
-        shown = [model for model in self.all if self._is_shown(model, rotation, position, width, height)]
+        shown = [model for model in self.all if self._is_shown(model, rotation, position)]
         return tuple(sorted(shown, key=lambda model: model.depth(rotation, position) / model.cell)[:MOST])
 
     def cell_px(self, pose: Pose) -> float:
@@ -443,12 +438,8 @@ class Prints:
             return self.all[0]
         return next(iter(self.seen(pose.rotation, pose.position)), self.all[0])
 
-    def _is_shown(self, model: PrintModel, rotation: Array, position: Array, width: int, height: int) -> bool:
-        if model.depth(rotation, position) < NEAR_M:
-            return False
-        corners = model.corners @ rotation.T + position
-        seen, visible = self._projection.project(corners)
-        if not bool(visible.all()):
-            return False
-        shown = np.clip(seen, 0.0, np.array([width - 1, height - 1]))
-        return bool((np.ptp(shown, axis=0) >= SHOWN * np.ptp(seen, axis=0)).all())
+    def _is_shown(self, model: PrintModel, rotation: Array, position: Array) -> bool:
+        seen, visible = self._projection.project(model.corners @ rotation.T + position)
+        lens = self._projection.intrinsics
+        shown = np.clip(seen, 0.0, np.array([lens.width, lens.height]) - 1.0)
+        return bool(visible.all() and (np.ptp(shown, axis=0) >= SHOWN * np.ptp(seen, axis=0)).all())
