@@ -144,7 +144,7 @@ class EdgeEvidence:
             pose: fitted to edges.
         """
         located = self._fit.locate(pixels, pose)
-        if located is None or not bool(located[1].found.any()):
+        if located is None:
             return None
         samples, edges, unknowns = located
         index = samples.index
