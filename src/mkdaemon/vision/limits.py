@@ -49,6 +49,11 @@ class CertaintyLimits:
         return self.deviations**2
 
     @property
+    def angle_sd(self) -> float:
+        """Largest deviation of an angle of a pose beside an attitude [rad]."""
+        return self.wrong_angle / self.deviations
+
+    @property
     def blind_angle_sd(self) -> float:
         """Largest deviation of an angle without attitude, or of a direction by inertia; closer is one pose [rad]."""
         return self.wrong_angle / self.blind_deviations

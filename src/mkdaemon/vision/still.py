@@ -20,7 +20,7 @@ from mkdaemon.vision.pose.fitting import TargetFitter
 from mkdaemon.vision.pose.gates import fit_refusal
 from mkdaemon.vision.pose.pose import FLOOR_RANGE, Pose, angle_between
 from mkdaemon.vision.pose.projection import Projection
-from mkdaemon.vision.tags.detection import Detection, best_of_codes
+from mkdaemon.vision.tags.detection import Detection
 from mkdaemon.vision.tags.detector import Detector, Look
 from mkdaemon.vision.tags.tagfamily import find_family
 from mkdaemon.vision.tags.tagmap import TagMap, Target, single
@@ -136,8 +136,8 @@ class StillEye:
     def _pose(self, pixels: Grey, name: str, target: Target, found: Sequence[Detection]) -> StillPose | None:
         """The best candidate of one target, with what speaks against it."""
         own = {(tag.family.name, tag.tag_id): tag for tag in target.tags}
-        largest = best_of_codes(found, lambda one: (one.side_px,))
-        tags = [(own[one.code], one) for one in largest if one.code in own]
+        largest = {one.code: one for one in reversed(found)}
+        tags = [(own[code], one) for code, one in reversed(largest.items()) if code in own]
         if self._projection is None or not tags:
             return None
         if name not in self._fits:

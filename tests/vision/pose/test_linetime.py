@@ -12,7 +12,7 @@ from lab.vision import flight
 from lab.vision.flight import VGA, Device, FlightFrame, fly
 from lab.vision.stills import error_of, target_named
 from mkdaemon.telemetry.vision import Alarm
-from mkdaemon.vision.pose.linetime import HIDDEN, LONGEST, MOTIONS, NOMINAL, KnownMotion, SeenMotion, Shutter
+from mkdaemon.vision.pose.rolling import HIDDEN, LONGEST, MOTIONS, NOMINAL, KnownMotion, SeenMotion, Shutter
 from mkdaemon.vision.tags.tagmap import TagMap
 from mkdaemon.vision.track.attitude import LOOKING_DOWN, AttitudeHistory
 from mkdaemon.vision.track.tracker import Tracker

@@ -24,17 +24,3 @@ def test_the_mirror_image_is_fitted_as_the_pose(distance, source):
     assert rival is not None
     assert rival.source == source
     assert angle_deg(rival.rotation, view.rotation) > 15.0
-
-
-def test_a_mirror_image_is_fitted_once_an_image():
-    target = shipped("nested")
-    view, fitter = View(target, place(4.3, 0.2)), TargetFitter(target, Projection(VGA))
-    pose = Pose(view.rotation, view.position, 1e-6 * np.eye(6), "edges", 200, 0.05)
-    fitter.begin(view.pixels)
-    rival, spent = fitter.fit_mirrored(view.pixels, pose), fitter.effort
-    assert spent == 1
-    assert fitter.fit_mirrored(view.pixels, pose) is rival
-    assert fitter.effort == spent
-    fitter.begin(view.pixels)
-    assert fitter.effort == 0
-    assert fitter.fit_mirrored(view.pixels, pose) is not rival

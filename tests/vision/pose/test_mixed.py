@@ -96,7 +96,6 @@ def test_a_print_that_is_too_large_for_grey_values_spends_nothing_on_them(distan
     """Told at once; counted as a fit, no other start was tried, and a near tag under a cover was lost for good."""
     view = View(TARGET, place(distance, 0.2))
     fitter = TargetFitter(TARGET, PROJECTION)
-    fitter.begin(view.pixels)
     fitted = fitter.fit_grey_values(view.pixels, [beside(view)])
     assert bool(fitted) is (spent == GREY_EFFORT)
     assert fitter.effort == spent

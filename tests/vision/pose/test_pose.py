@@ -33,10 +33,8 @@ def cold(view, target):
     return solve([(tagmap.owners[item.family, item.tag_id][1], item) for item in found], PROJECTION)
 
 
-@given(
-    x=st.floats(-0.5, 0.5), y=st.floats(-0.4, 0.4), z=st.floats(0.3, 8.0), dx=st.integers(0, 2), dw=st.integers(0, 2)
-)
-def test_projection_derivatives_and_inverse(x, y, z, dx, dw):
+@given(x=st.floats(-0.5, 0.5), y=st.floats(-0.4, 0.4), z=st.floats(0.3, 8.0), dx=st.integers(0, 2))
+def test_projection_derivatives_and_inverse(x, y, z, dx):
     for intrinsics in (VGA, WIDE):
         projection = Projection(intrinsics)
         position = np.array([0.05, -0.02, z])
@@ -44,15 +42,11 @@ def test_projection_derivatives_and_inverse(x, y, z, dx, dw):
         pixel, visible = projection.project(arm + position)
         assert visible.all()
         assert np.allclose(projection.undistort(pixel), (arm + position)[:, :2] / z, atol=1e-6)
-        jacobian = projection.pose_jacobian(arm + position, position)[0]
+        jacobian = projection.jacobian(arm + position)[0]
         step = np.zeros(3)
         step[dx] = 1e-6
         moved, _ = projection.project(arm + position + step)
         assert np.allclose((moved - pixel)[0] / 1e-6, jacobian[:, dx], rtol=1e-3, atol=1e-2)
-        step = np.zeros(3)
-        step[dw] = 1e-6
-        turned, _ = projection.project(arm @ turn(np.eye(3), step).T + position)
-        assert np.allclose((turned - pixel)[0] / 1e-6, jacobian[:, 3 + dw], rtol=1e-3, atol=1e-2)
 
 
 def test_points_behind_the_camera_are_not_visible():

@@ -11,8 +11,7 @@ import pytest
 from mkdaemon.vision.camera.calibration_file import load_camera
 from mkdaemon.vision.pose.fitting import TargetFitter
 from mkdaemon.vision.pose.pose import Pose, turn
-from mkdaemon.vision.pose.printmodel import MOST_PLACES, Footprint
-from mkdaemon.vision.pose.prints import Prints
+from mkdaemon.vision.pose.prints import MOST_PLACES, Footprint, Prints
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.tags.tagmap import Target, load
 from tests.places import CONFIGS
@@ -72,11 +71,11 @@ def test_an_edge_along_a_row_of_pixels_is_drawn_in_its_place(distance: float, ti
     target = load([CONFIGS / "targets" / "single.toml"]).targets[0]
     rotation, position = turn(ABOVE, np.array([tilt, 0.0, 0.0])), np.array([0.013, 0.021, distance])
     model = Prints(target, Projection(STRAIGHT)).all[0]
-    expected = model.template((480, 640), rotation, position, BLUR_PX**2 * np.eye(2))
-    assert expected is not None
-    seen, used, left, top = expected
-    exact = drawn(target, rotation, position)[top : top + seen.shape[0], left : left + seen.shape[1]]
-    assert float(np.abs(seen - exact)[used].max()) < 0.016
+    seen = model.samples(np.zeros((480, 640), dtype=np.uint8), rotation, position, BLUR_PX**2 * np.eye(2))
+    assert seen is not None
+    height, width = seen.used.shape
+    exact = drawn(target, rotation, position)[seen.top : seen.top + height, seen.left : seen.left + width]
+    assert float(np.abs(seen.value - exact[seen.used]).max()) < 0.016
 
 
 @pytest.mark.parametrize(("distance", "tilt"), ALONG_ROWS)

@@ -72,7 +72,7 @@ def test_how_far_a_fit_is_from_its_place_is_told_without_damping() -> None:
     prints = Prints(PAD.target, projection)
     prior = Prior(start, None, projection.shutter, prints.sheet)
     at = prior.begin(0.7)
-    models = prints.seen(at.rotation, at.position, pixels.shape)
+    models = prints.seen(at.rotation, at.position)
     step = PhotoFit(PAD.target, projection).step(pixels, models, at, prior)
     assert step is not None
     taken = step.change(1.0)[:6]

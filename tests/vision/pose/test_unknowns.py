@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mkdaemon.vision.pose.linetime import KnownMotion, Shutter
 from mkdaemon.vision.pose.pose import Pose, angle_between, turn
+from mkdaemon.vision.pose.rolling import KnownMotion, Shutter
 from mkdaemon.vision.pose.unknowns import Level, Prior, Unknown, Unknowns
 
 RNG = np.random.default_rng(3)

@@ -29,7 +29,6 @@ from mkdaemon.vision.pose.edgemodel import EdgeModel, Samples, seen_across
 from mkdaemon.vision.pose.pose import LEAST_RIDGE, Pose, inverted, length2, median
 from mkdaemon.vision.pose.prints import sheet_of
 from mkdaemon.vision.pose.projection import Projection
-from mkdaemon.vision.pose.rolling import at_rest, exposed
 from mkdaemon.vision.pose.unknowns import POSE, Level, Prior, State, Unknown, Unknowns, not_arrived
 from mkdaemon.vision.tags.tagmap import Target
 
@@ -197,13 +196,12 @@ def _inside(size: Array, kinds: Sequence[Numbers]) -> Array:
 class EdgeFit:
     """Fits the pose of one target."""
 
-    def __init__(self, target: Target, projection: Projection, max_samples: int | None = None) -> None:
+    def __init__(self, target: Target, projection: Projection) -> None:
         model = self.model = EdgeModel.of(target)
         self._points = model.stepped
         self._sheet = sheet_of(target)
         self._terms = None if self._sheet is None else self._sheet.terms(self._points)
         self._projection = projection
-        self._max_samples = LIMITS.edges.max_samples if max_samples is None else max_samples
 
     def fit(
         self, pixels: Grey, start: Pose, iterations: int = 12, level: Level | None = None, stretch_sd: float = 0.0
@@ -280,7 +278,7 @@ class EdgeFit:
             points = self._sheet.bent(points, self._terms, at.rise)
         projection = self._projection if at.stretch is None else self._projection.stretch(float(at.stretch[0]))
         still = (at.rotation @ points.T + at.position[:, None]).T
-        seen, times = exposed(still, at.motion, projection)
+        seen, times = projection.exposed(still, at.motion)
         pixels_at, are_visible = projection.project(seen)
         uv, visible = pixels_at[:count], are_visible.reshape(3, count).all(axis=0)
         normals, cell_px = seen_across(pixels_at)
@@ -290,8 +288,9 @@ class EdgeFit:
         index = np.flatnonzero(visible)
         if len(index) < LEAST_EDGES:
             return None
-        if len(index) > self._max_samples:
-            index = index[np.arange(self._max_samples) * len(index) // self._max_samples]
+        most = LIMITS.edges.max_samples
+        if len(index) > most:
+            index = index[np.arange(most) * len(index) // most]
         # Columns that lie together in memory are added and multiplied faster than rows of three.
         uv, normals, seen, still = (columns.T[:, index].T for columns in (uv, normals, seen, still))
         samples = Samples(index, uv, normals, reaches[index], cell_px[index], self.model.upright[index], are_near)
@@ -299,8 +298,7 @@ class EdgeFit:
         if np.count_nonzero(edges.found) < LEAST_EDGES:
             return None
         point = projection.jacobian(seen)
-        along = normals if at.motion is None else at_rest(normals, point, seen, at.motion, projection.line_time)
-        by_point = along[:, :1] * point[:, 0] + along[:, 1:] * point[:, 1]
+        by_point = normals[:, :1] * point[:, 0] + normals[:, 1:] * point[:, 1]
         # The bend comes last: edges that are not yet found would bend a print.
         heights = self._terms[:RISES, index] if are_near and self._terms is not None else None
         table = prior.table(at, by_point, still - at.position, times[index], heights)

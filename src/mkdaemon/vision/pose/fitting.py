@@ -30,13 +30,11 @@ from mkdaemon.vision.pose.edgefind import HALF_WIDTH
 from mkdaemon.vision.pose.edgefit import MAD, EdgeFit
 from mkdaemon.vision.pose.edgemodel import EdgeModel
 from mkdaemon.vision.pose.gates import CellEvidence, CellReader, grey_evidence
-from mkdaemon.vision.pose.linetime import KnownMotion
 from mkdaemon.vision.pose.photofit import PhotoFit
-from mkdaemon.vision.pose.pose import Pose, apart, correlation, length2, median, solve
-from mkdaemon.vision.pose.printmodel import SQUARE, PrintModel
-from mkdaemon.vision.pose.prints import Prints
+from mkdaemon.vision.pose.pose import Pose, apart, correlation, length2, median, refined, solve
+from mkdaemon.vision.pose.prints import SQUARE, PrintModel, Prints
 from mkdaemon.vision.pose.projection import NEAR_M, Projection
-from mkdaemon.vision.pose.rolling import exposed
+from mkdaemon.vision.pose.rolling import KnownMotion
 from mkdaemon.vision.pose.unknowns import POSE, Level
 from mkdaemon.vision.tags.cellread import sample
 from mkdaemon.vision.tags.detection import Detection
@@ -68,38 +66,33 @@ class PrintGatherer:
         """
         if len(self._prints.all) < 2:
             return start
-        seen = self._prints.seen(start.rotation, start.position, pixels.shape)
+        seen = self._prints.seen(start.rotation, start.position)
         looked = [(model, self._shift(pixels, model, start)) for model in seen]
         found = [(model, shift) for model, shift in looked if shift is not None]
         if len(found) < 2 or not any(shift.any() for _, shift in found):
             return start
-        points = np.concatenate([model.corners(model.half) for model, _ in found])
+        points = np.concatenate([model.corners for model, _ in found])
         pixels_of = self._projection.project(points @ start.rotation.T + start.position)[0]
         rays = self._projection.undistort(pixels_of + np.repeat([shift for _, shift in found], len(SQUARE), axis=0))
-        turned, place = np.asarray(cv2.Rodrigues(start.rotation)[0], np.float64), start.position.reshape(3, 1).copy()
-        found_one, vector, moved = cv2.solvePnP(points, rays, np.eye(3), None, turned, place, useExtrinsicGuess=True)
-        position = np.asarray(moved, np.float64).ravel()
-        if not found_one or not np.isfinite(position).all() or position[2] < NEAR_M:
+        rotation, position = refined(points, rays, start.rotation, start.position)
+        if not np.isfinite(position).all() or position[2] < NEAR_M:
             return start
-        return replace(start, rotation=np.asarray(cv2.Rodrigues(vector)[0], np.float64), position=position)
+        return replace(start, rotation=rotation, position=position)
 
     def _shift(self, pixels: Grey, model: PrintModel, start: Pose) -> Array | None:
         """How far a print is beside its place `(2,)` [px]; zero where it is near, none where it is not found."""
-        expected = model.template(pixels.shape, start.rotation, start.position, SPREAD)
-        if expected is None:
+        seen = model.samples(pixels, start.rotation, start.position, SPREAD)
+        if seen is None or seen.grey.size < LIMITS.photo.min_window_px**2:
             return None
-        template, mask, left, top = expected
-        height, width = template.shape
-        here = pixels[top : top + height, left : left + width].astype(np.float32)
-        if int(mask.sum()) < LIMITS.photo.min_window_px**2:
-            return None
-        if correlation(here[mask].astype(np.float64), template[mask].astype(np.float64)) >= LIMITS.likeness.clear:
+        if correlation(seen.grey, seen.value) >= LIMITS.likeness.clear:
             return np.zeros(2)
+        left, top, (height, width) = seen.left, seen.top, seen.used.shape
+        template = np.ones(seen.used.shape, dtype=np.float32)
+        template[seen.used] = seen.value
         reach = int(np.ceil(REACH * max(width, height)))
         x0, y0 = max(left - reach, 0), max(top - reach, 0)
-        x1, y1 = min(left + width + reach, pixels.shape[1]), min(top + height + reach, pixels.shape[0])
-        around = pixels[y0:y1, x0:x1].astype(np.float32)
-        score = cv2.matchTemplate(around, template, cv2.TM_CCOEFF_NORMED, mask=mask.astype(np.float32))
+        around = pixels[y0 : top + height + reach, x0 : left + width + reach].astype(np.float32)
+        score = cv2.matchTemplate(around, template, cv2.TM_CCOEFF_NORMED, mask=seen.used.astype(np.float32))
         score = np.where(np.isfinite(score), score, -1.0)
         row, column = np.unravel_index(int(np.argmax(score)), score.shape)
         if score[row, column] < LIMITS.likeness.clear:
@@ -107,12 +100,8 @@ class PrintGatherer:
         return np.array([float(column + x0 - left), float(row + y0 - top)])
 
 
-ALL_SAMPLES = 4000
-"""More than any target has: which edges are hidden is asked of all of them."""
 CLEAR_PERCENT = 75
 """Percentile of the contrast that the clear edges have."""
-HALF_WAY = 0.5
-"""Between two axes of a tag: which one a normal follows."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,7 +129,7 @@ class EdgeEvidence:
 
     def __init__(self, target: Target, projection: Projection) -> None:
         self._projection = projection
-        self._fit = EdgeFit(target, projection, ALL_SAMPLES)
+        self._fit = EdgeFit(target, projection)
         model = self._fit.model
         reach = 0.5 * model.cell[:, None] * model.normals
         self._dark, self._bright = model.points - reach, model.points + reach
@@ -154,11 +143,13 @@ class EdgeEvidence:
             pose: fitted to edges.
         """
         located = self._fit.locate(pixels, pose)
-        if located is None or not bool(located[1].found.any()):
+        if located is None:
             return None
         samples, edges, unknowns = located
         index = samples.index
-        contrast = self._grey(pixels, self._bright[index], pose) - self._grey(pixels, self._dark[index], pose)
+        sides = (self._bright[index], self._dark[index])
+        bright, dark = (sample(pixels, pixels_of(points, pose, self._projection)[0]) for points in sides)
+        contrast = bright - dark
         clear = max(float(np.percentile(contrast, CLEAR_PERCENT)), 1.0)
         seen = contrast > HALF * clear
         size = np.abs(edges.offsets)
@@ -170,25 +161,21 @@ class EdgeEvidence:
             _leverage(unknowns.rows[POSE].T[agrees], edges.offsets[agrees], self._line[index][agrees]),
         )
 
-    def _grey(self, pixels: Grey, points: Array, pose: Pose) -> Array:
-        return sample(pixels, pixels_of(points, pose, self._projection)[0])
-
 
 def pixels_of(points: Array, pose: Pose, projection: Projection) -> tuple[Array, npt.NDArray[np.bool_]]:
     """Pixels `(n, 2)` of points of a target `(n, 3)` [m] as their rows see them, and which are visible `(n,)`."""
     seen = points @ pose.rotation.T + pose.position
-    return projection.project(exposed(seen, pose.motion, projection)[0])
+    return projection.project(projection.exposed(seen, pose.motion)[0])
 
 
 def _lines(target: Target, model: EdgeModel) -> npt.NDArray[np.intp]:
     """Number of the straight line of the print each sample lies on `(n,)`."""
-    keys: list[tuple[int, int, int]] = []
-    for point, normal, cell, k in zip(model.points, model.normals, model.cell, model.tag.tolist(), strict=True):
-        tag = target.tags[k]
-        axis = int(abs(float(normal @ tag.rotation[:, 1])) > HALF_WAY)
-        keys.append((k, axis, round(2 * float((point - tag.position) @ tag.rotation[:, axis]) / float(cell))))
-    number = {key: k for k, key in enumerate(sorted(set(keys)))}
-    return np.array([number[key] for key in keys], dtype=np.intp)
+    axes = np.array([tag.rotation for tag in target.tags])[model.tag, :, :2]
+    origin = np.array([tag.position for tag in target.tags])[model.tag]
+    axis = (np.abs(model.normals[:, None] @ axes)[:, 0, 1] > HALF).astype(np.intp)
+    place = ((model.points - origin)[:, None] @ axes)[np.arange(len(axis)), 0, axis]
+    keys = np.column_stack([model.tag, axis, np.round(2.0 * place / model.cell)])
+    return np.unique(keys, axis=0, return_inverse=True)[1].reshape(-1)
 
 
 def _leverage(jacobian: Array, offsets: Array, line: npt.NDArray[np.intp]) -> float:
@@ -210,8 +197,6 @@ ROOM, ROOM_PX = 0.2, 14.0
 """Room around a target in a window: share of its size, and so much more [px]."""
 GREY_EFFORT: Final = 4
 """A fit to grey values takes so many times as long as one to edges: 4 to 20 ms, on VGA."""
-CONFIRMED_BY = 3
-"""Prints that fix a plane."""
 
 
 class TargetFitter:
@@ -221,14 +206,12 @@ class TargetFitter:
         target: that is measured.
         shutter: what is known of the camera's line time.
         bend_known: what is known about the bend of the print.
-        effort: spent on the newest image, in fits to edges; one to grey values takes as long as `GREY_EFFORT`.
+        effort: spent since it was set to zero, in fits to edges; one to grey values takes as long as `GREY_EFFORT`.
     """
 
     def __init__(self, target: Target, projection: Projection) -> None:
         self.target = target
         self.effort = 0
-        self._image: Grey | None = None
-        self._mirrored: list[tuple[Pose, Pose | None]] = []
         self.shutter = projection.shutter
         self._projection = projection
         self._edges = EdgeFit(target, projection)
@@ -239,12 +222,6 @@ class TargetFitter:
         self._cells = CellReader(target, projection)
         self._evidence = EdgeEvidence(target, projection)
         self._outline = np.concatenate([tag.place(SQUARE * tag.paper / 2) for tag in target.tags])
-
-    def begin(self, pixels: Grey) -> None:
-        """Begin with another image: nothing is spent on it, and nothing known of it."""
-        self.effort = 0
-        self._image = pixels
-        self._mirrored = []
 
     def cold(
         self,
@@ -261,11 +238,7 @@ class TargetFitter:
             motion_at: what is known about the motion of a target at a place `(3,)` [m; RDF] under a rolling shutter.
             bend: what is known about that of the print.
         """
-        candidates = solve(tags, self._projection)
-        if len(tags) > 1 and (not candidates or candidates[0].rms_px > LIMITS.health.misfit_px):
-            # A border faked by something lying over the tag: let every tag speak for itself.
-            candidates = [pose for pair in tags for pose in solve([pair], self._projection)]
-        candidates = [replace(pose, known_bend=bend) for pose in candidates]
+        candidates = [replace(pose, known_bend=bend) for pose in solve(tags, self._projection)]
         if motion_at is not None:
             candidates = [replace(pose, known_motion=motion_at(pose.position)) for pose in candidates]
         candidates = [self._gatherer.gathered(pixels, candidate) for candidate in candidates]
@@ -273,22 +246,9 @@ class TargetFitter:
         for photometric in (True, False) if any(self._wants_photometric(c) for c in candidates) else (False,):
             fitted = [self._fit(pixels, candidate, photometric=photometric) for candidate in candidates]
             good = [pose for pose in fitted if pose is not None]
-            if good and (not photometric or len(good) == len(candidates) or self._are_confirmed(pixels, good)):
+            if good and (not photometric or len(good) == len(candidates)):
                 return good if photometric else [self._photo.polish(pixels, pose) for pose in good]
         return candidates
-
-    def _are_confirmed(self, pixels: Grey, fitted: Sequence[Pose]) -> bool:
-        """Whether prints that fix a plane speak for each candidate, so that one that could not be fitted is none.
-
-        About the line of two prints, or of a row of them, a pose may be turned like that of a single one.
-        """
-        for pose in fitted:
-            places = np.array([model.origin for model in self._photo.shows(pixels, pose)])
-            if len(places) < CONFIRMED_BY:
-                return False
-            if np.linalg.svd(places - places.mean(axis=0), compute_uv=False)[1] < self.target.tags[0].size:
-                return False
-        return True
 
     def refine(self, pixels: Grey, start: Pose, level: Level | None = None) -> Pose | None:
         """Improve a pose by the method its size, tilt and blur ask for, with a level its tilt held near it."""
@@ -301,25 +261,21 @@ class TargetFitter:
         edges = self._fit(pixels, start, photometric=False, level=level)
         if edges is None:
             return grey
-        is_melted = self._are_melted(edges)
-        if grey is None:
-            is_noisy = edges.rms_px > LIMITS.edges.located_px
-            # The dimmer corners of small white cells are clipped less than their middle, which moves edges differently.
-            is_flooded = edges.blown > HALF and self._photo.prints.cell_px(edges) < LIMITS.cells.small_px
-            if not (is_melted or is_noisy or is_flooded):
-                return edges
+        is_melted, is_noisy = self._are_melted(edges), edges.rms_px > LIMITS.edges.located_px
+        # The dimmer corners of small white cells are clipped less than their middle, which moves edges differently.
+        is_flooded = edges.blown > HALF and self._photo.prints.cell_px(edges) < LIMITS.cells.small_px
+        if grey is None and (is_melted or is_noisy or is_flooded):
             # Edges that melted lie; others have found the place, from which a few steps are left.
             blur_px = (edges.blur_px or 0.0) / HALF_WIDTH
             grey = self._fit(pixels, start if is_melted else edges, photometric=True, level=level, blur_px=blur_px)
-            if grey is None:
-                return edges
-            if self._holds(grey):
+            if grey is not None and self._holds(grey):
                 return grey
-        if not is_melted or (edges.rms_px < LIMITS.edges.located_px and not self._photo.resembles(grey)):
-            # Something lies over the print.
+        if grey is None or not is_melted or (not is_noisy and not self._photo.resembles(grey)):
+            # Nothing else is known, or something lies over the print.
             return edges
         # A streak that is not the same all over the print, or a fit that has not got there: neither is sure.
-        return self._with_contradiction(edges, grey)
+        distance2 = length2(apart(edges, grey), edges.covariance + grey.covariance)
+        return replace(edges, covariance=distance2 * edges.covariance) if distance2 > APART2 else edges
 
     def _holds(self, grey: Pose) -> bool:
         """Whether a fit to grey values is the whole truth of an image."""
@@ -344,12 +300,6 @@ class TargetFitter:
         if pose.widest_px is None or pose.ragged_px is None or pose.ragged_px < LIMITS.health.drift_px:
             return False
         return self._photo.prints.cell_px(pose) < LIMITS.cells.melted_widths * pose.widest_px
-
-    def _with_contradiction(self, pose: Pose, other: Pose) -> Pose:
-        """The pose, as uncertain as another measurement of the same image that contradicts it is far away."""
-        distance2 = length2(apart(pose, other), pose.covariance + other.covariance)
-        doubt = distance2 if distance2 > APART2 else 1.0
-        return replace(pose, covariance=doubt * pose.covariance)
 
     def _fit(
         self, pixels: Grey, start: Pose, *, photometric: bool, level: Level | None = None, blur_px: float | None = None
@@ -388,20 +338,11 @@ class TargetFitter:
         return evidence is not None and evidence.agreeing >= LIMITS.likeness.clear
 
     def fit_mirrored(self, pixels: Grey, pose: Pose) -> Pose | None:
-        """Fit the rival of a pose: the same place, the normal mirrored about the line of sight; once an image.
+        """Fit the rival of a pose: the same place, the normal mirrored about the line of sight.
 
         Returns:
             The rival, which may be `pose` again; none when it fits nothing.
         """
-        if pixels is not self._image:
-            return self._fit_mirrored(pixels, pose)
-        for known, rival in self._mirrored:
-            if known is pose:
-                return rival
-        self._mirrored.append((pose, self._fit_mirrored(pixels, pose)))
-        return self._mirrored[-1][1]
-
-    def _fit_mirrored(self, pixels: Grey, pose: Pose) -> Pose | None:
         origin, toward, tilt = self._photo.prints.looked_at(pose)
         axis = np.cross(pose.rotation[:, 2], toward)
         turned = np.asarray(cv2.Rodrigues(axis / max(float(np.linalg.norm(axis)), 1e-9) * 2 * tilt)[0]) @ pose.rotation

@@ -18,7 +18,6 @@ from mkdaemon.vision.pose.ambiguity import facts
 from mkdaemon.vision.pose.edgemodel import EdgeModel
 from mkdaemon.vision.pose.pose import Pose, largest_variance, quantile
 from mkdaemon.vision.pose.projection import Projection
-from mkdaemon.vision.pose.rolling import exposed
 from mkdaemon.vision.tags.cellread import sample
 from mkdaemon.vision.tags.tagmap import Target
 
@@ -114,7 +113,7 @@ class CellReader:
 
     def _read_tag(self, pixels: Grey, pose: Pose, cell: float, ends: Array, steps: Array) -> Counts:
         points = (ends[:, None] + steps[:, None]).reshape(-1, 3)
-        seen, _ = exposed((pose.rotation @ points.T + pose.position[:, None]).T, pose.motion, self._projection)
+        seen, _ = self._projection.exposed((pose.rotation @ points.T + pose.position[:, None]).T, pose.motion)
         uv, visible = self._projection.project(seen)
         visible &= (np.minimum(uv, np.array(pixels.shape[::-1]) - 1 - uv) > 1.0).all(axis=1)
         visible &= cell * float(self._projection.focal[0]) > LIMITS.cells.readable_px * seen[:, 2]

@@ -27,8 +27,7 @@ from mkdaemon.vision.limits import APART2, LIMITS
 from mkdaemon.vision.pose.edgefind import HALF_WIDTH
 from mkdaemon.vision.pose.photostep import Part, PhotoStep, lit_print, matched, of_all
 from mkdaemon.vision.pose.pose import Pose, apart, length2
-from mkdaemon.vision.pose.printmodel import PrintModel, principal
-from mkdaemon.vision.pose.prints import Prints
+from mkdaemon.vision.pose.prints import PrintModel, Prints, principal
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.pose.unknowns import Level, Prior, State, Unknown, not_arrived
 from mkdaemon.vision.tags.tagmap import Target
@@ -114,24 +113,19 @@ class PhotoFit:
         known = start.blur_px if start.source == "photometric" else None
         prior = Prior(start, level, self._shutter, self.prints.sheet)
         at = prior.begin(blur_px or known or START_BLUR_PX)
-        seen = self.prints.seen(at.rotation, at.position, pixels.shape)
+        seen = self.prints.seen(at.rotation, at.position)
         near = seen if len(seen) == 1 else self._alike(pixels, seen, at, LIMITS.likeness.alike) or seen
         found = self._fit(pixels, near, at, prior, iterations)
         if found is None or len(self.prints.all) == 1:
             return found
-        shown = self.shows(pixels, found)
+        seen = self.prints.seen(found.rotation, found.position)
+        shown = self._alike(pixels, seen, _state_of(found), LIMITS.likeness.clear)
         if shown and set(shown) != set(near):
             found = self._fit(pixels, shown, _state_of(found), prior, iterations)
-        return None if found is None or not shown else self._with_missing(found, pixels.shape, shown)
+        return None if found is None or not shown else self._with_missing(found, seen, shown)
 
-    def shows(self, pixels: Grey, pose: Pose) -> tuple[PrintModel, ...]:
-        """Prints that the image clearly shows where a pose puts them."""
-        seen = self.prints.seen(pose.rotation, pose.position, pixels.shape)
-        return self._alike(pixels, seen, _state_of(pose), LIMITS.likeness.clear)
-
-    def _with_missing(self, pose: Pose, shape: tuple[int, ...], shown: Sequence[PrintModel]) -> Pose:
+    def _with_missing(self, pose: Pose, seen: Sequence[PrintModel], shown: Sequence[PrintModel]) -> Pose:
         """The pose with what speaks against it: prints that should be in the image and are not there."""
-        seen = self.prints.seen(pose.rotation, pose.position, shape)
         size = {model: (model.half / model.depth(pose.rotation, pose.position)) ** 2 for model in {*seen, *shown}}
         share = sum(size[model] for model in shown) / sum(size.values())
         loss = pose.loss**share * LIMITS.photo.lost_grey ** (2.0 * (1.0 - share))
@@ -179,8 +173,7 @@ class PhotoFit:
             return None
         contrast = of_all([part.contrast for part in parts])
         by_point = contrast * of_all([part.at.by_point for part in parts])
-        middle = (self._projection.intrinsics.height - 1) / 2
-        times = (of_all([part.at.row for part in parts]) - middle) * self._projection.line_time
+        times = self._projection.row_times(of_all([part.at.row for part in parts]))
         sheet = self.prints.sheet
         heights = None if sheet is None else sheet.heights(*(prints[0].cell * parts[0].at.place))
         # Columns that lie together in memory are added and multiplied faster than rows of three.

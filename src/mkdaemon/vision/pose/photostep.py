@@ -22,7 +22,7 @@ from mkdaemon.vision.limits import HALF, LIMITS, NOISE_GREY
 from mkdaemon.vision.pose.ambiguity import loss_of
 from mkdaemon.vision.pose.edgefit import MAD
 from mkdaemon.vision.pose.pose import Pose, correlation, damped, inverted, length2, median
-from mkdaemon.vision.pose.printmodel import BOX, PrintSamples, principal
+from mkdaemon.vision.pose.prints import BOX, PrintSamples, principal
 from mkdaemon.vision.pose.unknowns import POSE, Prior, State, Unknown, Unknowns
 
 DARK, BRIGHT = 0.3, 0.7

@@ -7,7 +7,7 @@ Camera axes are RDF. `rotation` is camera from target, `position` the target's o
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import sqrt
 from typing import Literal
 
@@ -17,16 +17,13 @@ import numpy.typing as npt
 
 from mkdaemon.vision.arrays import Array
 from mkdaemon.vision.pose.bend import Bend
-from mkdaemon.vision.pose.linetime import KnownMotion, SeenMotion
-from mkdaemon.vision.pose.projection import NEAR_M, Projection
-from mkdaemon.vision.pose.rolling import skew
+from mkdaemon.vision.pose.projection import Projection
+from mkdaemon.vision.pose.rolling import KnownMotion, SeenMotion, skew
 from mkdaemon.vision.tags.detection import Detection
 from mkdaemon.vision.tags.tagmap import SAME_HEIGHT_M, Tag
 
 Source = Literal["corners", "edges", "photometric"]
 
-SETTLED_RMS_PX = 1e-7
-"""Refining corners ends when the residual falls by less than this [px]."""
 RIDGE, LEAST_RIDGE = 1e-9, 1e-12
 """Share of the normal matrix' diagonal that is added before it is inverted, and so much more: directions nobody sees
 stay finite."""
@@ -186,18 +183,30 @@ def solve(tags: Sequence[tuple[Tag, Detection]], projection: Projection) -> list
     """
     points = np.concatenate([tag.corners for tag, _ in tags])
     pixels = np.concatenate([found.corners for _, found in tags])
-    weights = np.concatenate([np.full(4, _corner_weight(found)) for _, found in tags])
     rays = projection.undistort(pixels)
-    starts = _starts(tags, points, rays)
-    poses = [pose for start in starts if (pose := _refine(points, pixels, weights, start, projection)) is not None]
-    loose = max(found.shrunk for _, found in tags) ** 2
-    poses = [replace(pose, covariance=loose * pose.covariance) for pose in poses] if loose > 1 else poses
+    sd = CORNER_SD_PX * max(found.shrunk for _, found in tags)
+    poses: list[Pose] = []
+    for start in _starts(tags, points, rays):
+        rotation, position = refined(points, rays, *start)
+        seen = points @ rotation.T + position
+        projected, visible = projection.project(seen)
+        if not bool(visible.all()):
+            continue
+        squares = float(((pixels - projected) ** 2).sum())
+        by_point = projection.jacobian(seen).reshape(-1, 3)
+        jacobian = np.hstack([by_point, np.cross(np.repeat(seen - position, 2, axis=0), by_point)])
+        variance = max(sd**2, squares / (len(jacobian) - 6))
+        covariance = variance * inverted(damped(jacobian.T @ jacobian))
+        rms = sqrt(squares / len(points))
+        poses.append(Pose(rotation, position, covariance, "corners", len(points), rms, loss=rms**2))
     return sorted(poses, key=lambda pose: pose.rms_px)
 
 
-def _corner_weight(found: Detection) -> float:
-    """Small tags have corners as sharp as large ones in pixels down to about 30 px a side; below they blur."""
-    return float(np.clip(found.side_px / 30.0, 0.3, 1.0))
+def refined(points: Array, rays: Array, rotation: Array, position: Array) -> tuple[Array, Array]:
+    """The rotation and position near these by which points `(n, 3)` [m] are seen at rays `(n, 2)` at unit depth."""
+    turned, moved = cv2.Rodrigues(rotation)[0], position.reshape(3, 1).copy()
+    vector, place = cv2.solvePnPRefineLM(points, rays, np.eye(3), np.zeros(0), turned, moved)
+    return np.asarray(cv2.Rodrigues(vector)[0], np.float64), np.asarray(place, np.float64).ravel()
 
 
 def _starts(tags: Sequence[tuple[Tag, Detection]], points: Array, rays: Array) -> list[tuple[Array, Array]]:
@@ -206,51 +215,15 @@ def _starts(tags: Sequence[tuple[Tag, Detection]], points: Array, rays: Array) -
     local = (points - first.position) @ first.rotation
     method = cv2.SOLVEPNP_SQPNP
     if float(np.abs(local[:, 2]).max()) < SAME_HEIGHT_M:
-        local[:, 2] = 0.0
-        method = cv2.SOLVEPNP_IPPE_SQUARE if len(tags) == 1 else cv2.SOLVEPNP_IPPE
-    ok, rotations, positions, _ = cv2.solvePnPGeneric(local, rays, np.eye(3), np.zeros(0), flags=method)
+        local[:, 2], method = 0.0, cv2.SOLVEPNP_IPPE
+    _, rotations, positions, _ = cv2.solvePnPGeneric(local, rays, np.eye(3), np.zeros(0), flags=method)
     found: list[tuple[Array, Array]] = []
-    for rvec, tvec in zip(rotations, positions, strict=True) if ok else ():
-        rotation = np.asarray(cv2.Rodrigues(rvec)[0], dtype=np.float64) @ first.rotation.T
-        found.append((rotation, np.asarray(tvec, dtype=np.float64).ravel() - rotation @ first.position))
+    for vector, place in zip(rotations, positions, strict=True):
+        rotation = np.asarray(cv2.Rodrigues(vector)[0], np.float64) @ first.rotation.T
+        position = np.asarray(place, np.float64).ravel() - rotation @ first.position
+        if np.isfinite(rotation).all() and np.isfinite(position).all():
+            found.append((rotation, position))
     return found
-
-
-def _refine(
-    points: Array, pixels: Array, weights: Array, start: tuple[Array, Array], projection: Projection
-) -> Pose | None:
-    """Gauss-Newton on the corners in pixels; keeps the branch it starts in."""
-    rotation, position = start
-    if not (np.isfinite(rotation).all() and np.isfinite(position).all()):
-        return None
-    scale = np.repeat(weights, 2)[:, None]
-    before, last = start, np.inf
-    normal = np.eye(6)
-    for _ in range(8):
-        arm = points @ rotation.T
-        seen = arm + position
-        if bool((seen[:, 2] <= NEAR_M).any()):
-            return None
-        projected, visible = projection.project(seen)
-        if not bool(visible.all()):
-            return None
-        error = (pixels - projected).reshape(-1, 1)
-        rms = float(np.sqrt(((scale * error) ** 2).sum() / (scale**2).sum() * 2))
-        if rms > last:
-            (rotation, position), rms = before, last
-            break
-        if last - rms < SETTLED_RMS_PX:
-            break
-        before, last = (rotation, position), rms
-        jacobian = projection.pose_jacobian(seen, position).reshape(-1, 6) * scale
-        normal = jacobian.T @ jacobian
-        step = np.asarray(np.linalg.solve(damped(normal), jacobian.T @ (error * scale)), np.float64).ravel()
-        position = np.asarray(position + step[:3], dtype=np.float64)
-        rotation = turn(rotation, step[3:])
-    dof = max(2 * len(points) - 6, 2)
-    variance = max(CORNER_SD_PX**2, rms**2 * len(points) / dof)
-    covariance = variance * inverted(damped(normal))
-    return Pose(rotation, position, covariance, "corners", len(points), rms, loss=rms**2)
 
 
 def inverse(pose: Pose, covariance: Array) -> tuple[Array, Array, Array]:

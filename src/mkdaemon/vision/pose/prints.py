@@ -1,25 +1,379 @@
-"""The prints of a target: tags beside each other are one each, a tag inside a larger one belongs to that."""
+"""The prints of a target, and what they look like from a pose: each pixel looks up where its ray meets the print.
+
+Tags beside each other are a print each; a tag inside a larger one belongs to that. A print is drawn once and blurred to
+a row of levels. A pixel sees it through a point spread: that of the lens and of the pixel, which a slanted print makes
+longer one way, and the even streak of a motion. What is round of it is a level, what is longer one way are places
+beside each other that are looked up and added. From the level to the right blur leads the heat equation: a blur whose
+covariance grows by D adds (D_xx m_xx + 2 D_xy m_xy + D_yy m_yy) / 2.
+
+Source: mip maps, Williams, SIGGRAPH 1983, with a Gaussian in place of the box; long footprints by several round ones,
+McCormack et al., "Feline", SIGGRAPH 1999.
+"""
 
 from __future__ import annotations
 
-from math import acos
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from math import acos, atan2, ceil, cos, floor, hypot, log2, sin, sqrt
 from typing import Final
 
+import cv2
 import numpy as np
+import numpy.typing as npt
 
-from mkdaemon.vision.arrays import Array
+from mkdaemon.vision.arrays import Array, Bools, Grey
+from mkdaemon.vision.limits import HALF, LIMITS
 from mkdaemon.vision.pose.bend import Sheet
 from mkdaemon.vision.pose.pose import Pose
-from mkdaemon.vision.pose.printmodel import PrintModel
 from mkdaemon.vision.pose.projection import NEAR_M, Projection
-from mkdaemon.vision.tags.tagmap import Tag, Target, covered
+from mkdaemon.vision.pose.rolling import skew
+from mkdaemon.vision.tags.tagfamily import QUIET_ZONE_CELLS
+from mkdaemon.vision.tags.tagmap import ONE_PLANE, Tag, Target, covered
 
+Image32 = npt.NDArray[np.float32]
+
+TEXELS: Final = 24
+"""Of a cell, each way, of a drawn print."""
+TEXEL_PARTS: Final = 8
+"""Sub-samples of a texel, each way, where cells of a smaller tag end within it."""
+SHARPEST, SOFTEST = 0.05, 2.0
+"""Deviation of the blur of the first level, and of the last [cells]."""
+PER_OCTAVE: Final = 4
+"""Levels from a variance to twice as much: the heat equation is then right to 0.1 % of the contrast."""
+STEP: Final = 0.4
+"""From a texel to the next, of the blur of a level: interpolated to 0.5 % of the contrast."""
+APART: Final = 1.3
+"""From a place that is looked up to the next one, over the blur: together they are even to 0.1 %."""
+WIDE: Final = 2.5
+"""Deviations of what is longer one way that are looked up."""
+MOST_PLACES: Final = 48
+"""That a slant, or a streak, is looked up at: a print seen from its edge has no end of them."""
+ROUND: Final = 0.25
+"""Share of the variance by which a point spread may be longer one way and still be looked up at one place."""
+TINY: Final = 1e-9
+"""Least variance of what is seen of a plane [cells^2], and least distance of the camera from it [m]."""
+BOX: Final = 12.0
+"""Square of a box's length over its variance: what motion blur adds is a box, and so is a pixel."""
+LEAST_STREAK_PX: Final = 0.3
+"""Shorter streaks are taken for round [px]."""
+LENS_PATCH: Final = 0.7
+"""Share of the window at whose corners the lens is taken: the error of an affine lens is least in the middle."""
+SQUARE: Final = np.array([[-1.0, 1.0], [1.0, 1.0], [1.0, -1.0], [-1.0, -1.0]])
+"""Corners of a print, in halves of its side."""
 MOST: Final = 8
 """Prints that a fit to grey values takes; eight took five times as long as one, and 16 halve the deviation no more than
 by 0.7."""
-
 SHOWN: Final = 0.3
 """Share of a print's width and of its height that lies in the image, where it is fitted."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PrintSamples:
+    """A print's pixels: model and image.
+
+    Attributes:
+        value: of the model, 0 black to 1 white `(n,)`.
+        steep: its squared slope in the image `(n,)` [1/px^2].
+        by_spread: derivative by the point spread's xx, xy and yy `(3, n)` [1/px^2].
+        by_point: by the points of the print as they are exposed `(3, n)` [1/m; camera].
+        arm: from the target's origin to where the pixels see the print `(3, n)` [m; camera].
+        place: on the print `(2, n)` [cells from the middle].
+        row: of the image `(n,)`.
+        grey: of the image `(n,)`.
+        left: first column of the window that the print is in.
+        top: its first row.
+        used: which pixels of the window these are `(rows, columns)`.
+    """
+
+    value: Array
+    steep: Array
+    by_spread: Array
+    by_point: Array
+    arm: Array
+    place: Array
+    row: Array
+    grey: Array
+    left: int
+    top: int
+    used: Bools
+
+    def kept(self, keep: Bools) -> PrintSamples:
+        """Some of these pixels."""
+        used = self.used.copy()
+        used[used] = keep
+        rows = ("value", "steep", "by_spread", "by_point", "arm", "place", "row", "grey")
+        return replace(self, used=used, **{name: getattr(self, name)[..., keep] for name in rows})
+
+
+def principal(covariance: Array) -> tuple[float, float, Array]:
+    """Least and largest variance of a covariance `(2, 2)`, and the unit vector `(2,)` along the larger one."""
+    (xx, xy), (_, yy) = covariance.tolist()
+    mean, more, angle = (xx + yy) / 2.0, hypot((xx - yy) / 2.0, xy), atan2(2.0 * xy, xx - yy) / 2.0
+    return mean - more, mean + more, np.array([cos(angle), sin(angle)])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Footprint:
+    """What a pixel sees of a plane.
+
+    Attributes:
+        narrow: variance of the round part, with the pixel [px^2].
+        streak: motion `(2,)` [px]; none where the point spread is round.
+        spread: covariance of what is looked up at one place `(2, 2)`.
+        places: that are looked up about the pixel's own `(2, k)`.
+        weights: of these, one together; and times where each is in the streak, -1/2 to 1/2 `(2, k)`.
+    """
+
+    narrow: float
+    streak: Array | None
+    spread: Array
+    places: Array
+    weights: Array
+
+    @classmethod
+    def of(cls, spread: Array, plane: Array) -> Footprint:
+        """Of a point spread `(2, 2)` [px^2] through the derivative of the plane by the pixel `(2, 2)`.
+
+        What is longer one way is a streak [px]; the rest, with the pixel, is round until the plane slants it.
+        """
+        least, most, way = principal(spread)
+        length = sqrt(BOX * (most - least))
+        streak = None if length < LEAST_STREAK_PX else length * way
+        narrow = ((least + most) / 2.0 if streak is None else least) + 1.0 / BOX
+        round_part = narrow * plane @ plane.T
+        least, most, way = principal(round_part)
+        more, least = most - least, max(least, TINY)
+        places, weights, sums = np.zeros((2, 1)), np.ones(1), np.array([[1.0], [0.0]])
+        if more > ROUND * least:
+            at, weights = _along(sqrt(more), sqrt(least))
+            places, round_part = way[:, None] * at, least * np.eye(2)
+        if streak is not None:
+            way = plane @ streak
+            apart, most_places = APART * sqrt(least), max(MOST_PLACES // len(weights), 2)
+            count = min(max(ceil(hypot(*way.tolist()) / apart), 2), most_places)
+            # The middles of even parts, a little farther apart, so that they have the variance of the streak.
+            even = ((np.arange(count) + 0.5) / count - 0.5) / sqrt(1.0 - 1.0 / count**2)
+            places = (places[:, :, None] + way[:, None, None] * even).reshape(2, -1)
+            sums = np.array([np.full(count, 1.0 / count), even / count])
+        return cls(narrow, streak, round_part, places, (weights[:, None] * sums[:, None]).reshape(2, -1))
+
+
+def _along(deviation: float, blur: float) -> tuple[Array, Array]:
+    """Places of a Gaussian and their weights, `(k,)` each, none farther from the next than blur allows."""
+    reach = min(ceil(WIDE * deviation / (APART * blur)), MOST_PLACES // 4 - 1)
+    at = np.arange(-reach, reach + 1) * (WIDE * deviation / reach)
+    weights: Array = np.exp(-0.5 * (at / deviation) ** 2)
+    weights /= weights.sum()
+    return np.asarray(at * (deviation / sqrt(float(weights @ at**2))), np.float64), weights
+
+
+class PrintTexture:
+    """A drawn print, 0 black to 1 white, and its softer levels, each made when it is first asked for.
+
+    Args:
+        first: the largest tag of the print.
+        tags: all of it with their quiet zones, a later one on those before.
+    """
+
+    def __init__(self, first: Tag, tags: Sequence[Tag]) -> None:
+        self._cells = first.family.black_cells + 2 * QUIET_ZONE_CELLS
+        self._levels: dict[int, Image32] = {}
+        # Cells of a smaller tag end within a texel, which is their mean: those of the inner tag of `nested.toml`, drawn
+        # by the middles of texels, had 26 % too little white, which shows in every image from afar.
+        fine = TEXELS * TEXEL_PARTS
+        drawn = np.full((self._cells * fine,) * 2, 255, dtype=np.uint8)
+        down = np.array([1.0, -1.0])
+        for tag in tags:
+            cells = np.pad(tag.bitmap, QUIET_ZONE_CELLS, constant_values=255)
+            corners = first.local(tag.place(SQUARE * tag.paper / 2))[:3, :2] / first.module
+            at = (corners * down + self._cells / 2) * fine - HALF, (SQUARE[:3] * down + 1.0) * len(cells) / 2 - HALF
+            cell_of = cv2.getAffineTransform(*(corner.astype(np.float32) for corner in at))
+            nearest = cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP
+            cv2.warpAffine(cells, cell_of, drawn.shape, drawn, nearest, cv2.BORDER_TRANSPARENT)
+        small = cv2.resize(drawn.astype(np.float32), (self._cells * TEXELS,) * 2, interpolation=cv2.INTER_AREA)
+        self._drawn = small / np.float32(255)
+
+    def _level(self, number: int) -> Image32:
+        """Value, its slopes by x and y, and its second derivatives by xx, xy, yy `(side, side, 6)`."""
+        if number not in self._levels:
+            blur = SHARPEST * 2.0 ** (number / PER_OCTAVE / 2)
+            side = min(ceil(self._cells / (STEP * blur)), len(self._drawn))
+            # Texels that are averaged and interpolated blur, too.
+            step = self._cells / side
+            variance = blur**2 - step**2 / 4.0
+            soft = cv2.GaussianBlur(self._drawn, (0, 0), sqrt(variance) * TEXELS, borderType=cv2.BORDER_REPLICATE)
+            down, right = (slope * TEXELS for slope in np.gradient(soft))
+            cross, along = (slope * TEXELS for slope in np.gradient(right))
+            across = np.gradient(down, axis=0) * TEXELS
+            planes = [soft, right, -down], [along, -cross, across]
+            small = [cv2.resize(cv2.merge(p), (side, side), interpolation=cv2.INTER_AREA) for p in planes]
+            self._levels[number] = np.concatenate(small, axis=2, dtype=np.float32)
+        return self._levels[number]
+
+    def at(self, place: Array, footprint: Footprint) -> tuple[Array, float]:
+        """What is seen at places of the print `(2, n)` [cells from the middle], through the blur of a level.
+
+        Returns:
+            Value, slopes by x and y, second derivatives by xx, xy, yy `(6, n)`, and these by where in a streak they
+            are, together `(2, 6, n)`; and the variance of the blur [cells^2].
+        """
+        mean = float(np.trace(footprint.spread)) / 2.0
+        most = 2 * PER_OCTAVE * log2(SOFTEST / SHARPEST)
+        number = round(min(max(PER_OCTAVE * log2(mean / SHARPEST**2), 0.0), most))
+        image = self._level(number)
+        scale = np.array([[1.0], [-1.0]]) * (len(image) / self._cells)
+        middles = (place * scale + (len(image) - 1) / 2).astype(np.float32)
+        column, row = middles[:, None] + (footprint.places * scale).astype(np.float32)[:, :, None]
+        seen = cv2.remap(image, column, row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        found = (footprint.weights.astype(np.float32) @ seen.reshape(len(seen), -1)).reshape(2, -1, 6)
+        return found.transpose(0, 2, 1).astype(np.float64, order="C"), SHARPEST**2 * 2.0 ** (number / PER_OCTAVE)
+
+
+_texture: Final = lru_cache(maxsize=64)(PrintTexture)
+"""Drawn and blurred once for all cameras and scales: a level takes a millisecond, a drawing ten."""
+
+
+class PrintModel:
+    """One print of a target: a tag on its paper, with what lies on that.
+
+    Args:
+        target: with all its tags.
+        first: the largest tag of the print.
+        projection: of the lens.
+        sheet: that it is printed on; none where it does not bend.
+
+    Attributes:
+        origin: centre of that tag `(3,)` [m; target].
+        axes: target from that tag `(3, 3)`.
+        half: half the side of its paper [m].
+        cell: side of its cells [m].
+    """
+
+    def __init__(self, target: Target, first: Tag, projection: Projection, sheet: Sheet | None = None) -> None:
+        self.sheet = sheet
+        self._projection = projection
+        self.origin, self.axes = first.position, first.rotation
+        tags = tuple(
+            tag
+            for tag in target.tags
+            if float(tag.rotation[:, 2] @ first.rotation[:, 2]) > ONE_PLANE
+            and abs(float(first.rotation[:, 2] @ (tag.position - first.position))) < first.module
+        )
+        # One quiet zone around the tag is surely white; other tags count where they lie inside it.
+        self.half = first.paper / 2
+        self.cell = first.module
+        self._target_from_plane = np.column_stack([self.cell * self.axes[:, :2], self.origin])
+        self._texture = _texture(first, tags)
+
+    def samples(
+        self, pixels: Grey, rotation: Array, position: Array, spread: Array, motion: Array | None = None
+    ) -> PrintSamples | None:
+        """Model and image where a pose puts the print; none where it is not in full view, too small or too large.
+
+        Args:
+            pixels: `(h, w)` uint8.
+            rotation: camera from target `(3, 3)`.
+            position: of the target `(3,)` [m; RDF].
+            spread: covariance of the point spread `(2, 2)` [px^2]; what is longer one way is motion blur.
+            motion: of the camera under a rolling shutter `(4,)`; see `rolling`.
+        """
+        plane = rotation @ self._target_from_plane
+        plane[:, 2] += position
+        half = self.half / self.cell - LIMITS.photo.margin_cells
+        window = self._window(pixels.shape, half * SQUARE @ plane[:, :2].T + plane[:, 2], motion)
+        in_plane = abs(float(rotation @ self.axes[:, 2] @ plane[:, 2])) < TINY  # the camera is
+        if window is None or in_plane:
+            return None
+        left, top, width, height = window
+        cam_from_plane = plane[None]
+        row = np.arange(height)
+        if motion is not None:
+            # A row is exposed at one time t: the plane M is then at A M with A = (I - t [w]) and t s e beside it.
+            times = self._projection.row_times(np.arange(top, top + height, dtype=np.float64))
+            cam_from_plane = cam_from_plane - times[:, None, None] * (skew(motion[:3]) @ cam_from_plane)
+            cam_from_plane[:, 2, 2] += times * motion[3]
+        inverse = np.asarray(np.linalg.inv(cam_from_plane), np.float64)
+        h = (inverse @ self._ray_from_pixel(left, top, width, height)).transpose(1, 2, 0)
+        plane_from_cam = inverse.transpose(1, 2, 0)
+        seen = h[:, 0, :, None] * np.arange(width) + (h[:, 1] * row + h[:, 2])[:, :, None]
+        inside = np.abs(seen[:2]) < half * seen[2]
+        used = inside[0] & inside[1]
+        index = np.flatnonzero(used)
+        if not index.size:
+            return None
+        row, seen = index // width, seen.reshape(3, -1).take(index, axis=1)
+        place = seen[:2] / seen[2]
+        if motion is not None:
+            plane_from_cam, h = plane_from_cam[:, :, row], h[:, :, row]
+        # Along a row, whose time stays, and by the row as all rows are exposed when this one is [cells/px].
+        by_pixel = (h[:2, :2] - h[2, :2] * place[:, None]) / seen[2]
+        value, slope, steep, by_spread = self._seen(place, by_pixel, spread)
+        # The print moves by d at a point, and its place there by (p w - W d), with w the third of W d: all on its ray.
+        by_x, by_y, by_scale = plane_from_cam
+        by_point = by_scale * (slope * place).sum(axis=0) - by_x * slope[0] - by_y * slope[1]
+        arm = plane[:, :2] @ place + (rotation @ self.origin)[:, None]
+        grey = pixels[top : top + height, left : left + width][used].astype(np.float64)
+        image_row = (row + top).astype(np.float64)
+        return PrintSamples(value, steep, by_spread, by_point, arm, place, image_row, grey, left, top, used)
+
+    @property
+    def corners(self) -> Array:
+        """Corners of its paper `(4, 3)` [m; target]."""
+        return np.asarray(SQUARE * self.half @ self.axes[:, :2].T + self.origin, np.float64)
+
+    def depth(self, rotation: Array, position: Array) -> float:
+        """How far the middle of the print is along the optical axis [m]."""
+        return float((rotation @ self.origin + position)[2])
+
+    def _seen(self, place: Array, plane: Array, spread: Array) -> tuple[Array, Array, Array, Array]:
+        """Value `(n,)`, its slope by the place `(2, n)`, that in the image, squared, and derivative by the spread.
+
+        Args:
+            place: on the print `(2, n)` [cells from the middle].
+            plane: its derivative by column and row `(2, 2, n)` [cells/px].
+            spread: covariance of the point spread `(2, 2)` [px^2].
+        """
+        middle = plane.mean(axis=2)
+        footprint = Footprint.of(spread, middle)
+        seen, variance = self._texture.at(place, footprint)
+        by_pixel = plane[0] * seen[:, 1, None] + plane[1] * seen[:, 2, None]
+        xx, xy, yy = seen[0, 3:]
+        by_x, by_y = xx * plane[0] + xy * plane[1], xy * plane[0] + yy * plane[1]
+        own = HALF * (plane[0] * by_x + plane[1] * by_y)
+        narrower = own[0] + own[1]
+        # A slanted print is seen through a larger footprint where it is farther.
+        more = HALF * (footprint.spread - footprint.narrow * middle @ middle.T - variance * np.eye(2))
+        value = seen[0, 0] + more.ravel() @ seen[0, [3, 4, 4, 5]] + footprint.narrow * narrower
+        if footprint.streak is None:
+            by_spread = np.array([own[0], plane[0, 0] * by_x[1] + plane[1, 0] * by_y[1], own[1]])
+        else:
+            # B = l I + s s^T / 12: what is seen changes by l, as heat spreads, and by both ways of the streak s.
+            s0, s1 = 2.0 * footprint.streak / BOX
+            grown = np.array([[1.0, 0.0, 1.0], [s0, s1 / 2.0, 0.0], [0.0, s0 / 2.0, s1]])
+            by_spread = np.asarray(np.linalg.inv(grown) @ np.array([narrower, *by_pixel[1]]), np.float64)
+        return value, seen[0, 1:3], (by_pixel[0] ** 2).sum(axis=0), by_spread
+
+    def _window(self, shape: tuple[int, ...], corners: Array, motion: Array | None) -> tuple[int, int, int, int] | None:
+        """Column, row, width and height of a print; none where it is not in full view, too small or too large."""
+        seen, visible = self._projection.project(self._projection.exposed(corners, motion)[0])
+        if not bool(visible.all()):
+            return None
+        left, top = (max(floor(least), 0) for least in seen.min(axis=0))
+        right, bottom = (ceil(most) + 1 for most in seen.max(axis=0))
+        width, height = min(right, shape[1]) - left, min(bottom, shape[0]) - top
+        low, high = LIMITS.photo.min_window_px, LIMITS.photo.max_window_px
+        return (left, top, width, height) if low <= width <= high and low <= height <= high else None
+
+    def _ray_from_pixel(self, left: int, top: int, width: int, height: int) -> Array:
+        """Homography from the pixels of a window to rays at unit depth; the lens is taken as locally projective."""
+        if not self._projection.is_distorted:
+            (fx, fy), (cx, cy) = self._projection.focal, self._projection.centre
+            return np.array([[1 / fx, 0.0, (left - cx) / fx], [0.0, 1 / fy, (top - cy) / fy], [0.0, 0.0, 1.0]])
+        size = np.array([width, height]) / 2
+        local = size + LENS_PATCH * size * SQUARE
+        rays = self._projection.undistort(local + np.array([left, top]))
+        return np.asarray(cv2.getPerspectiveTransform(local.astype(np.float32), rays.astype(np.float32)), np.float64)
 
 
 def roots(target: Target) -> tuple[Tag, ...]:
@@ -41,28 +395,23 @@ class Prints:
     """The prints of one target, and which of them an image shows.
 
     Attributes:
-        roots: the largest tag of each, largest first.
-        all: the prints, in the same order.
+        all: the prints, largest first.
         sheet: of a target's only print; none where it does not bend.
     """
 
     def __init__(self, target: Target, projection: Projection) -> None:
         self._projection = projection
-        self.roots = roots(target)
         self.sheet = sheet_of(target)
-        self.all = tuple(PrintModel(target, tag, projection, self.sheet) for tag in self.roots)
+        self.all = tuple(PrintModel(target, tag, projection, self.sheet) for tag in roots(target))
 
-    def seen(self, rotation: Array, position: Array, shape: tuple[int, ...] | None = None) -> tuple[PrintModel, ...]:
+    def seen(self, rotation: Array, position: Array) -> tuple[PrintModel, ...]:
         """Prints of which a pose puts enough into the image, the largest there first.
 
         Args:
             rotation: camera from target `(3, 3)`.
             position: of the target `(3,)` [m; RDF].
-            shape: of the image; that of the calibration if none is given.
         """
-        intrinsics = self._projection.intrinsics
-        height, width = (intrinsics.height, intrinsics.width) if shape is None else shape
-        shown = [model for model in self.all if self._is_shown(model, rotation, position, width, height)]
+        shown = [model for model in self.all if self._is_shown(model, rotation, position)]
         return tuple(sorted(shown, key=lambda model: model.depth(rotation, position) / model.cell)[:MOST])
 
     def cell_px(self, pose: Pose) -> float:
@@ -89,12 +438,8 @@ class Prints:
             return self.all[0]
         return next(iter(self.seen(pose.rotation, pose.position)), self.all[0])
 
-    def _is_shown(self, model: PrintModel, rotation: Array, position: Array, width: int, height: int) -> bool:
-        if model.depth(rotation, position) < NEAR_M:
-            return False
-        corners = model.corners(model.half) @ rotation.T + position
-        seen, visible = self._projection.project(corners)
-        if not bool(visible.all()):
-            return False
-        shown = np.clip(seen, 0.0, np.array([width - 1, height - 1]))
-        return bool((np.ptp(shown, axis=0) >= SHOWN * np.ptp(seen, axis=0)).all())
+    def _is_shown(self, model: PrintModel, rotation: Array, position: Array) -> bool:
+        seen, visible = self._projection.project(model.corners @ rotation.T + position)
+        lens = self._projection.intrinsics
+        shown = np.clip(seen, 0.0, np.array([lens.width, lens.height]) - 1.0)
+        return bool(visible.all() and (np.ptp(shown, axis=0) >= SHOWN * np.ptp(seen, axis=0)).all())

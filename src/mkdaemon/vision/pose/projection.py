@@ -1,174 +1,95 @@
-"""Projection of points into the image with its derivatives: the one place of the estimator that knows the lens.
-
-Lens models: how directions at unit depth are bent, with derivative and inverse.
-
-The normalised image point of direction (x, y) is (x', y'); focal lengths and principal point come after.
-"""
+"""Projection of points into the image with its derivatives: the one place of the estimator that knows the lens."""
 
 from __future__ import annotations
 
-from typing import Final, Protocol
+from typing import Final
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
-from mkdaemon.vision.arrays import Array
+from mkdaemon.vision.arrays import Array, Bools
 from mkdaemon.vision.camera.intrinsics import Intrinsics
-from mkdaemon.vision.pose.linetime import Shutter
+from mkdaemon.vision.pose.rolling import Shutter, skew
 
 WIDEST: Final = 1.5
 """Angle from the axis up to which a fisheye is inverted [rad]; at a right angle there is no point at unit depth."""
+FARTHEST: Final = 4.0
+"""Radius at unit depth up to which a pinhole is looked at."""
 AXIS: Final = 1e-8
 """Radius below which a point is on the axis."""
 NEWTON: Final = 20
 """Steps at most to invert a fisheye; four do."""
+ROUNDS: Final = 2
+"""A point's row says when it is exposed, and that where it is: so often."""
+NEAR_M: Final = 0.02
+"""Points closer to the camera plane than this are not projected [m]."""
 
 
-class Lens(Protocol):
-    """One lens.
+class Lens:
+    """How a lens bends directions d = (x, y) at unit depth: to d R(t) / r + 2 (p . d) d + r^2 p, with r = |d|.
+
+    R(t) = t (1 + k1 t^2 + k2 t^4 + k3 t^6 + k4 t^8) is the radius in the image of t, which is r for a pinhole and the
+    angle from the axis, atan r, for a fisheye; p = (p2, p1) is zero there. Sources: Brown, Photogrammetric Engineering
+    37(8), 1971; Kannala and Brandt, PAMI 28(8), 2006; both as in OpenCV.
 
     Attributes:
         r2_limit: squared radius of directions up to which the image grows; beyond, points would fold back into it.
     """
 
-    r2_limit: float
-
-    def bend(self, xy: Array) -> Array:
-        """Normalised image points `(n, 2)` of directions `(n, 2)`."""
-
-    def slope(self, xy: Array) -> Array:
-        """Derivative of `bend` `(n, 2, 2)`."""
-
-    def by_k1(self, xy: Array) -> Array:
-        """Derivative of `bend` by `k1` `(n, 2)`."""
-
-    def straighten(self, bent: Array) -> Array:
-        """Directions `(n, 2)` of normalised image points `(n, 2)`."""
-
-
-class BrownConrady:
-    """Radial and tangential distortion. Source: Brown, Photogrammetric Engineering 37(8), 1971, as in OpenCV."""
-
     def __init__(self, intrinsics: Intrinsics) -> None:
-        self._k = intrinsics
-        r = np.linspace(0.0, 4.0, 400)
-        self.r2_limit = _grows_until(r, r * self._radial(r * r))
+        self._k, self._is_fisheye = intrinsics, intrinsics.model == "fisheye"
+        self._tangential = np.array([intrinsics.p2, intrinsics.p1])
+        t = np.linspace(0.0, WIDEST if self._is_fisheye else FARTHEST, 400)
+        falling = t[:-1][np.diff(self._radius(t)[0]) <= 0.0]
+        r = np.tan(falling) if self._is_fisheye else falling
+        self.r2_limit = float(r[0] ** 2) if r.size else np.inf
 
-    def _radial(self, r2: Array) -> Array:
-        found: Array = 1.0 + r2 * (self._k.k1 + r2 * (self._k.k2 + r2 * self._k.k3))
-        return found
+    def bend(self, d: Array) -> Array:
+        """Normalised image points `(2, n)` of directions `(2, n)`."""
+        r, t = self._off_axis(d)
+        bent: Array = d * (self._radius(t)[0] / r + 2.0 * self._tangential @ d) + r * r * self._tangential[:, None]
+        return bent
 
-    def bend(self, xy: Array) -> Array:
-        """See `Lens`."""
-        k = self._k
-        x, y = xy[:, 0], xy[:, 1]
-        r2 = x * x + y * y
-        radial = self._radial(r2)
-        return np.column_stack(
-            [
-                x * radial + 2 * k.p1 * x * y + k.p2 * (r2 + 2 * x * x),
-                y * radial + k.p1 * (r2 + 2 * y * y) + 2 * k.p2 * x * y,
-            ]
-        )
+    def slope(self, d: Array) -> Array:
+        """Derivative of `bend` `(2, 2, n)`."""
+        r, t = self._off_axis(d)
+        radius, growth = self._radius(t)
+        # R / r grows by (R' dt/dr - R / r) / r along d, with dt/dr = 1 or 1 / (1 + r^2).
+        along = ((growth / (1.0 + r * r) if self._is_fisheye else growth) - radius / r) / (r * r)
+        twice = 2.0 * self._tangential
+        slope: Array = d[:, None] * (along * d + twice[:, None]) + twice[:, None, None] * d
+        slope[[0, 1], [0, 1]] += radius / r + twice @ d
+        return slope
 
-    def slope(self, xy: Array) -> Array:
-        """See `Lens`."""
-        k = self._k
-        x, y = xy[:, 0], xy[:, 1]
-        r2 = x * x + y * y
-        radial = self._radial(r2)
-        slope = 2 * (k.k1 + r2 * (2 * k.k2 + 3 * k.k3 * r2))
-        out = np.empty((len(x), 2, 2))
-        out[:, 0, 0] = radial + x * x * slope + 2 * k.p1 * y + 6 * k.p2 * x
-        out[:, 0, 1] = x * y * slope + 2 * k.p1 * x + 2 * k.p2 * y
-        out[:, 1, 0] = out[:, 0, 1]
-        out[:, 1, 1] = radial + y * y * slope + 6 * k.p1 * y + 2 * k.p2 * x
-        return out
-
-    def by_k1(self, xy: Array) -> Array:
-        """See `Lens`."""
-        found: Array = xy * (xy * xy).sum(axis=1, keepdims=True)
-        return found
+    def by_k1(self, d: Array) -> Array:
+        """Derivative of `bend` by `k1` `(2, n)`."""
+        r, t = self._off_axis(d)
+        return np.asarray(d * (t**3 / r))
 
     def straighten(self, bent: Array) -> Array:
-        """See `Lens`."""
-        criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 40, 1e-9)
-        points = np.ascontiguousarray(bent, dtype=np.float64).reshape(-1, 1, 2)
-        found = cv2.undistortPointsIter(points, np.eye(3), self._k.distortion, np.eye(3), np.eye(3), criteria)
-        return np.asarray(found, dtype=np.float64).reshape(-1, 2)
-
-
-class Fisheye:
-    """The image radius is a polynomial of the angle a from the axis: a (1 + k1 a^2 + k2 a^4 + k3 a^6 + k4 a^8).
-
-    Source: Kannala and Brandt, PAMI 28(8), 2006, as in OpenCV's `fisheye`.
-    """
-
-    def __init__(self, intrinsics: Intrinsics) -> None:
-        self._k = (intrinsics.k1, intrinsics.k2, intrinsics.k3, intrinsics.k4)
-        angle = np.linspace(0.0, WIDEST, 400)
-        self.r2_limit = _grows_until(np.tan(angle), self._radius(angle))
-
-    def _radius(self, angle: Array) -> Array:
-        k1, k2, k3, k4 = self._k
-        a2 = angle * angle
-        found: Array = angle * (1.0 + a2 * (k1 + a2 * (k2 + a2 * (k3 + a2 * k4))))
-        return found
-
-    def _radius_slope(self, angle: Array) -> Array:
-        k1, k2, k3, k4 = self._k
-        a2 = angle * angle
-        found: Array = 1.0 + a2 * (3 * k1 + a2 * (5 * k2 + a2 * (7 * k3 + a2 * 9 * k4)))
-        return found
-
-    def bend(self, xy: Array) -> Array:
-        """See `Lens`."""
-        r = np.maximum(np.sqrt((xy * xy).sum(axis=1)), AXIS)
-        found: Array = xy * (self._radius(np.arctan(r)) / r)[:, None]
-        return found
-
-    def slope(self, xy: Array) -> Array:
-        """See `Lens`."""
-        r = np.maximum(np.sqrt((xy * xy).sum(axis=1)), AXIS)
-        angle = np.arctan(r)
-        scale = self._radius(angle) / r
-        # d(xy s(r)) = s I + xy xy^T s'(r) / r, with s' = (radius' / (1 + r^2) - s) / r
-        along = (self._radius_slope(angle) / (1.0 + r * r) - scale) / (r * r)
-        out: Array = xy[:, :, None] * xy[:, None, :] * along[:, None, None]
-        out[:, 0, 0] += scale
-        out[:, 1, 1] += scale
-        return out
-
-    def by_k1(self, xy: Array) -> Array:
-        """See `Lens`."""
-        r = np.maximum(np.sqrt((xy * xy).sum(axis=1)), AXIS)
-        found: Array = xy * (np.arctan(r) ** 3 / r)[:, None]
-        return found
-
-    def straighten(self, bent: Array) -> Array:
-        """See `Lens`; points outside the lens's field get its rim."""
-        radius = np.sqrt((bent * bent).sum(axis=1))
+        """Directions `(n, 2)` of normalised image points `(n, 2)`; outside the field of a fisheye those of its rim."""
+        if not self._is_fisheye:
+            criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 40, 1e-9)
+            points = np.ascontiguousarray(bent, dtype=np.float64)[:, None]
+            found = cv2.undistortPointsIter(points, np.eye(3), self._k.distortion, np.eye(3), np.eye(3), criteria)
+            return np.asarray(found, dtype=np.float64).reshape(-1, 2)
+        radius = np.linalg.norm(bent, axis=1)
         angle = np.minimum(radius, WIDEST)
         for _ in range(NEWTON):
-            angle = np.clip(angle - (self._radius(angle) - radius) / self._radius_slope(angle), 0.0, WIDEST)
-        found: Array = bent * (np.tan(angle) / np.maximum(radius, AXIS))[:, None]
-        return found
+            at, growth = self._radius(angle)
+            angle = np.clip(angle - (at - radius) / growth, 0.0, WIDEST)
+        return np.asarray(bent * (np.tan(angle) / np.maximum(radius, AXIS))[:, None])
 
+    def _off_axis(self, d: Array) -> tuple[Array, Array]:
+        """Radii r and t of directions `(2, n)`, `(n,)` each."""
+        r = np.maximum(np.sqrt((d * d).sum(axis=0)), AXIS)
+        return r, np.arctan(r) if self._is_fisheye else r
 
-def lens_of(intrinsics: Intrinsics) -> Lens:
-    """The lens of a calibration."""
-    return Fisheye(intrinsics) if intrinsics.model == "fisheye" else BrownConrady(intrinsics)
-
-
-def _grows_until(radius: Array, image_radius: Array) -> float:
-    """Squared radius up to which the image radius grows with the radius `(n,)`."""
-    falling = np.flatnonzero(np.diff(image_radius) <= 0)
-    return float(radius[falling[0]] ** 2) if falling.size else np.inf
-
-
-NEAR_M = 0.02
-"""Points closer to the camera plane than this are not projected [m]."""
+    def _radius(self, t: Array) -> tuple[Array, Array]:
+        """Radius R in the image `(n,)`, and its derivative by t."""
+        k, t2 = self._k, t * t
+        radius = t * (1.0 + t2 * (k.k1 + t2 * (k.k2 + t2 * (k.k3 + t2 * k.k4))))
+        return radius, 1.0 + t2 * (3 * k.k1 + t2 * (5 * k.k2 + t2 * (7 * k.k3 + t2 * 9 * k.k4)))
 
 
 class Projection:
@@ -194,13 +115,33 @@ class Projection:
         self.is_distorted = intrinsics.model == "fisheye" or bool(np.any(intrinsics.distortion != 0.0))
         self.shutter = shutter or Shutter(intrinsics.line_time or 0.0)
         self._rows = rows
-        self._lens = lens_of(intrinsics)
-        self._r2_limit = self._lens.r2_limit if self.is_distorted else np.inf
+        self._lens = Lens(intrinsics)
 
     @property
     def line_time(self) -> float:
         """From a row of the image to the next [s]."""
         return self._rows * self.shutter.line_time
+
+    def row_times(self, rows: Array) -> Array:
+        """When rows `(n,)` of an image are exposed, after the middle one `(n,)` [s]."""
+        return np.asarray((rows - (self.intrinsics.height - 1) / 2) * self.line_time, np.float64)
+
+    def exposed(self, points: Array, motion: Array | None) -> tuple[Array, Array]:
+        """Points `(n, 3)` [m; RDF] as they are when their rows are exposed, and when that is `(n,)` [s].
+
+        Args:
+            points: when the middle row is exposed.
+            motion: `(4,)`, angular rate [rad/s] and speed along the axis [m/s]; none under a global shutter.
+        """
+        moved, times = points, np.zeros(len(points))
+        if motion is None:
+            return moved, times
+        for _ in range(ROUNDS):
+            rows = self.project(moved)[0][:, 1]
+            times = self.row_times(np.clip(rows, 0.0, self.intrinsics.height - 1.0))
+            moved = points - times[:, None] * (points @ skew(motion[:3]).T)
+            moved[:, 2] += times * motion[3]
+        return moved, times
 
     def halved(self) -> Projection:
         """The same camera with images of half the width and height, each pixel the mean of four."""
@@ -209,7 +150,7 @@ class Projection:
         middle = {"cx": (i.cx - 0.5) / 2, "cy": (i.cy - 0.5) / 2}
         return Projection(i.model_copy(update={**size, **middle}), self.shutter, 2 * self._rows)
 
-    def project(self, points_cam: Array) -> tuple[Array, npt.NDArray[np.bool_]]:
+    def project(self, points_cam: Array) -> tuple[Array, Bools]:
         """Project `(n, 3)` [m; RDF].
 
         Returns:
@@ -218,42 +159,21 @@ class Projection:
         """
         z = points_cam[:, 2]
         visible = z > NEAR_M
-        xy = points_cam[:, :2] / np.where(visible, z, 1.0)[:, None]
+        seen = points_cam[:, :2].T / np.where(visible, z, 1.0)
         if self.is_distorted:
-            visible = visible & ((xy * xy).sum(axis=1) < self._r2_limit)
-            xy = self._lens.bend(xy)
-        return xy * self.focal + self.centre, visible
+            visible &= (seen * seen).sum(axis=0) < self._lens.r2_limit
+            seen = self._lens.bend(seen)
+        return seen.T * self.focal + self.centre, visible
 
     def jacobian(self, points_cam: Array) -> Array:
         """Derivative of the pixel with respect to the point `(n, 2, 3)` [px/m]; points must be in front."""
-        iz = 1.0 / points_cam[:, 2]
-        x, y = points_cam[:, 0] * iz, points_cam[:, 1] * iz
-        normalised = np.zeros((2, 3, len(points_cam))).transpose(2, 0, 1)
-        normalised[:, 0, 0] = iz
-        normalised[:, 1, 1] = iz
-        normalised[:, 0, 2] = -x * iz
-        normalised[:, 1, 2] = -y * iz
-        if self.is_distorted:
-            normalised = self._lens.slope(np.column_stack([x, y])) @ normalised
-        scaled: Array = normalised * self.focal[:, None]
-        return scaled
-
-    def pose_jacobian(self, points_cam: Array, position: Array) -> Array:
-        """Derivative of the pixel with respect to a pose `(n, 2, 6)`: position [px/m], then rotation [px/rad].
-
-        The rotation is a left perturbation about the target's origin, `R <- exp(w) R`, camera axes.
-        """
-        point = self.jacobian(points_cam)
-        arm = points_cam - position
-        jacobian = np.empty((len(points_cam), 2, 6))
-        jacobian[:, :, :3] = point
-        # d(exp(w) arm)/dw = -[arm]x, so each row is arm x row; written out, numpy's cross is slow.
-        ax, ay, az = arm[:, 0, None], arm[:, 1, None], arm[:, 2, None]
-        px, py, pz = point[:, :, 0], point[:, :, 1], point[:, :, 2]
-        jacobian[:, :, 3] = ay * pz - az * py
-        jacobian[:, :, 4] = az * px - ax * pz
-        jacobian[:, :, 5] = ax * py - ay * px
-        return jacobian
+        d, iz = points_cam[:, :2].T / points_cam[:, 2], 1.0 / points_cam[:, 2]
+        slope = self._lens.slope(d) if self.is_distorted else np.eye(2)[:, :, None]
+        # Columns that lie together in memory are multiplied faster than rows of three.
+        jacobian = np.empty((2, 3, len(iz)))
+        jacobian[:, :2] = self.focal[:, None, None] * iz * slope
+        jacobian[:, 2] = -(jacobian[:, :2] * d).sum(axis=1)
+        return jacobian.transpose(2, 0, 1)
 
     def stretch(self, stretch: float) -> Projection:
         """The same lens with another ratio of the focal lengths, their product kept; `stretch` is its logarithm."""
@@ -273,5 +193,5 @@ class Projection:
 
     def k1_jacobian(self, points_cam: Array) -> Array:
         """Derivative of the pixel with respect to the first distortion coefficient `(n, 2)` [px]."""
-        found: Array = self._lens.by_k1(points_cam[:, :2] / points_cam[:, 2:]) * self.focal
+        found: Array = self._lens.by_k1(points_cam[:, :2].T / points_cam[:, 2]).T * self.focal
         return found

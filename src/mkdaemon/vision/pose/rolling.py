@@ -1,21 +1,146 @@
-"""A rolling shutter in the projection: points move while the rows of the image are exposed one after the other.
+"""A rolling shutter: how the rows of an image are exposed one after the other, and what is known of their line time.
 
 A point at P when the middle row is exposed is seen at P(t) = P - t w x P + t s e in the row of time t, with w the
 angular rate of the camera, s the speed of the target along the optical axis e. Motion across that axis looks like a
 turn and is part of w; motion along it looks like a tilt, which an image alone hardly tells apart from it.
+
+An image shows how far its rows are apart in motion, the product of motion and line time, and not either. So where
+nobody told the line time T, fits reckon with a nominal one, T0, and with the motion m T / T0 in place of m. Before the
+image is looked at that has the mean E[T] m / T0 and the variance (E[T^2] var(m) + var(T) m^2) / T0^2.
+
+Where the motion is known besides (the attitude turns, the range changes) what an image alone says about m T / T0 is
+linear in T: least squares over the images, each believed as far as it agrees with those before (a vibration that no
+attitude knows turns the camera too).
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from math import sqrt
 from typing import Final
 
 import numpy as np
 
 from mkdaemon.vision.arrays import Array
-from mkdaemon.vision.pose.projection import Projection
+from mkdaemon.vision.limits import LIMITS
 
-ROUNDS: Final = 2
-"""A point's row says when it is exposed, and that where it is: so often."""
+MOTIONS: Final = 4
+"""Unknowns: angular rates [rad/s], then the speed along the axis [m/s]."""
+LONGEST: Final = 60e-6
+"""Line time of the slowest cameras [s]: 30 ms for 480 rows."""
+NOMINAL: Final = LONGEST / 2.0
+MOVING2: Final = 25.0
+"""Squared deviations from rest from which a motion is one: at rest it is passed in one image of 20,000."""
+HIDDEN: Final = 0.1
+"""Share of the line time that an estimate is off by, however many images told it; chosen on three flights."""
+PRIOR: Final = 3.0
+"""Information before any image: an even chance from 0 to twice the nominal line time has the variance 1 / 3."""
+RIDGE: Final = 1e-6
+"""Information about a motion that no image shows [s^2/rad^2]."""
+FEWEST: Final = 10
+"""Images before the line time is believed to be none."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class KnownMotion:
+    """What is known about the motion before the image is looked at.
+
+    Attributes:
+        expected: angular rate [rad/s] and speed along the axis [m/s] `(4,)`.
+        spread: standard deviation of each `(4,)`.
+    """
+
+    expected: Array
+    spread: Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SeenMotion:
+    """What one image says about the motion, with what was known before taken out again.
+
+    Attributes:
+        information: inverse of its covariance `(4, 4)`.
+        pull: the information times the motion `(4,)`.
+    """
+
+    information: Array
+    pull: Array
+
+
+class Shutter:
+    """The line time of one camera.
+
+    Args:
+        line_time: that its file tells [s]; none where it does not.
+        reach_px: half of its rows times its focal length: what a turn by 1 rad/s moves in a line time of 1 s [px].
+
+    Attributes:
+        line_time: that fits reckon with [s]; 0 for a global shutter.
+    """
+
+    def __init__(self, line_time: float | None, reach_px: float = 0.0) -> None:
+        self.line_time = NOMINAL if line_time is None else line_time
+        self._reach_px = reach_px
+        self._images = 0
+        # Sums over images, in units of the nominal line time: information, and its product with the line time.
+        self._known, self._agreed = 0.0, 0.0
+        self._mean, self._variance = 1.0, 1.0 / PRIOR if line_time is None else 0.0
+
+    @property
+    def rolls(self) -> bool:
+        """Whether rows are, or may be, exposed one after the other."""
+        return self.line_time > 0.0
+
+    @property
+    def is_open(self) -> bool:
+        """Whether images may still tell the line time."""
+        return self.rolls and self._variance > 0.0
+
+    @property
+    def estimate(self) -> tuple[float, float]:
+        """Line time and its deviation [s]."""
+        return self._mean * self.line_time, sqrt(self._variance) * self.line_time
+
+    @property
+    def words(self) -> str:
+        """What is known, for whoever reads an alarm."""
+        if self._images < FEWEST:
+            return f"unknown (0 to {1e6 * LONGEST:.0f} us) until a large target was seen in motion"
+        line_time, sd = self.estimate
+        return f"{1e6 * line_time:.0f} +- {1e6 * sd:.0f} us by {self._images} images"
+
+    @property
+    def scale(self) -> float:
+        """Root mean square of the line time over the nominal one."""
+        return sqrt(self._mean**2 + self._variance)
+
+    def motion(self, known: KnownMotion) -> KnownMotion:
+        """What is known of the motion times the line time over the nominal one."""
+        spread = np.sqrt((self.scale * known.spread) ** 2 + self._variance * known.expected**2)
+        return KnownMotion(self._mean * known.expected, spread)
+
+    def learn(self, known: KnownMotion, seen: SeenMotion) -> None:
+        """Take in an image.
+
+        Args:
+            known: of the motion, without the image.
+            seen: by the image alone.
+        """
+        if not self.is_open or float(((known.expected / known.spread) ** 2).sum()) < MOVING2:
+            return
+        own = np.linalg.inv(seen.information + RIDGE * np.eye(MOTIONS))
+        weight = np.linalg.inv(own + self.scale**2 * np.diag(known.spread**2))
+        motion = own @ seen.pull
+        surprise = motion - self._mean * known.expected
+        weight /= max(1.0, float(surprise @ weight @ surprise) / MOTIONS)
+        self._images += 1
+        self._known += float(known.expected @ weight @ known.expected)
+        self._agreed += float(known.expected @ weight @ motion)
+        self._mean = max((PRIOR + self._agreed) / (PRIOR + self._known), 0.0)
+        self._variance = 1.0 / (PRIOR + self._known) + (HIDDEN * self._mean) ** 2
+        most = (self._mean + 2.0 * sqrt(self._variance)) * self.line_time * self._reach_px * LIMITS.edges.turning_sd
+        if self._images >= FEWEST and most < LIMITS.edges.located_px:
+            self.line_time = 0.0
 
 
 def motion_of(place: Array, speed: Array, turning: Array) -> Array:
@@ -30,62 +155,6 @@ def motion_of(place: Array, speed: Array, turning: Array) -> Array:
     along = float(speed @ place) / float(place[2])
     across = speed - np.array([0.0, 0.0, along])
     return np.array([*(turning - skew(place) @ across / float(place @ place)), along])
-
-
-def exposed(points: Array, motion: Array | None, projection: Projection) -> tuple[Array, Array]:
-    """Points `(n, 3)` [m; RDF] as they are when their rows are exposed, and when that is `(n,)` [s].
-
-    Args:
-        points: when the middle row is exposed.
-        motion: `(4,)`, angular rate [rad/s] and speed along the axis [m/s]; none under a global shutter.
-        projection: of the lens.
-    """
-    times = np.zeros(len(points))
-    if motion is None:
-        return points, times
-    intrinsics = projection.intrinsics
-    middle = (intrinsics.height - 1) / 2
-    moved = points
-    for _ in range(ROUNDS):
-        pixels, _ = projection.project(moved)
-        times = (np.clip(pixels[:, 1], 0.0, intrinsics.height - 1.0) - middle) * projection.line_time
-        moved = at_times(points, motion, times)
-    return moved, times
-
-
-def at_times(points: Array, motion: Array, times: Array) -> Array:
-    """Points `(n, 3)` carried to the times `(n,)` of their rows."""
-    carried: Array = points - times[:, None] * (points @ skew(motion[:3]).T)
-    carried[:, 2] += times * motion[3]
-    return carried
-
-
-def at_rest(along: Array, point: Array, moved: Array, motion: Array, line_time: float) -> Array:
-    """Directions in the image `(n, 2)` [px] along which a shift is seen, as they are for points that stand still.
-
-    A point that moves to another row is exposed at another time: a shift of du at rest is seen as (I - T v e_y^T)^-1 du
-    with v the speed in the image and T the time of a line, so that n . shift = (n + T (n . v) / (1 - T v_y) e_y) . du.
-
-    Args:
-        along: directions in the image `(n, 2)`.
-        point: derivative of the pixels by the points `(n, 2, 3)` [px/m].
-        moved: the points as they are exposed `(n, 3)` [m; RDF].
-        motion: of the camera `(4,)`.
-        line_time: [s].
-    """
-    drift = moved @ skew(motion[:3])
-    drift[:, 2] += motion[3]
-    speed = (point @ drift[:, :, None])[:, :, 0]
-    still = along.copy()
-    still[:, 1] += line_time * (along * speed).sum(axis=1) / (1.0 - line_time * speed[:, 1])
-    return still
-
-
-def before_motion(by_point: Array, motion: Array, times: Array) -> Array:
-    """Derivative `(n, 3)` by points at rest, of what has the derivative `(n, 3)` by the points as they are exposed."""
-    # dP(t) = dP - t w x dP
-    rest: Array = by_point - times[:, None] * (by_point @ skew(motion[:3]))
-    return rest
 
 
 def skew(vector: Array) -> Array:
@@ -106,7 +175,11 @@ def cross(a: Array, b: Array) -> Array:
 
 
 def motion_jacobian(by_point: Array, points: Array, times: Array) -> Array:
-    """Derivative `(4, n)` by the motion, of what has the derivative `(n, 3)` by the points `(n, 3)`, at rest."""
+    """Derivative `(4, n)` by the motion, of what has the derivative `(n, 3)` by the points `(n, 3)`.
+
+    A point that moves to another row is exposed at another time, too; that is left out. With T the time of a line and v
+    the speed in the image it changes derivatives by T v, 1 to 3 %, and where a fit ends by nothing.
+    """
     # j . (-t w x P) = -t w . (P x j)
     return np.concatenate([-times * cross(points, by_point).T, (times * by_point[:, 2])[None]])
 

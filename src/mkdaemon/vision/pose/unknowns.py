@@ -21,15 +21,25 @@ import numpy as np
 from mkdaemon.vision.arrays import Array
 from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.bend import Bend, Sheet
-from mkdaemon.vision.pose.linetime import MOTIONS, KnownMotion, SeenMotion, Shutter
 from mkdaemon.vision.pose.pose import Pose, damped, turn
 from mkdaemon.vision.pose.projection import NEAR_M
-from mkdaemon.vision.pose.rolling import before_motion, beyond_motion, cross, motion_jacobian, skew
+from mkdaemon.vision.pose.rolling import (
+    MOTIONS,
+    KnownMotion,
+    SeenMotion,
+    Shutter,
+    beyond_motion,
+    cross,
+    motion_jacobian,
+    skew,
+)
 
 POSE: Final = slice(0, 6)
 """Where the pose is among the unknowns, position before rotation: first."""
-BEYOND: Final = 5
-"""Unknowns of what a motion lacks: three angular accelerations, two speeds."""
+ANY_MOTION: Final = KnownMotion(np.zeros(MOTIONS), np.array([LIMITS.edges.turning_sd] * 3 + [LIMITS.edges.speed_sd]))
+"""What is known of a motion that nobody knows."""
+BEYOND_SD: Final = np.array([LIMITS.edges.acceleration_sd] * 3 + [LIMITS.edges.speed_sd] * 2)
+"""Deviations of what a motion lacks: three angular accelerations [rad/s^2], two speeds [m/s]."""
 CARRIED: Final = ("place", "turn", "rise", "motion", "stretch", "spread")
 """Unknowns that a state carries from step to step; each step asks for all of the others."""
 
@@ -151,14 +161,6 @@ class Level:
     up: Array
     spread: float
 
-    def of_turn(self, rotation: Array) -> tuple[Array, Array]:
-        """Information about a turn `(3, 3)`, and the turn that would level a target `(3,)`; its own is free.
-
-        With n the normal the turn is n x up, and the information (I - n n^T) / spread^2.
-        """
-        normal = rotation[:, 2]
-        return (np.eye(3) - np.outer(normal, normal)) / self.spread**2, skew(normal) @ self.up
-
 
 class Prior:
     """What is known before an image of the unknowns that all fits have.
@@ -188,20 +190,15 @@ class Prior:
         self._level, self._shutter, self._sheet = level, shutter, sheet
         self._motion: KnownMotion | None = None
         if shutter is not None and shutter.rolls:
-            limits, scale = LIMITS.edges, shutter.scale
-            unknown = KnownMotion(np.zeros(MOTIONS), np.array([limits.turning_sd] * 3 + [limits.speed_sd]))
-            self._motion = shutter.motion(start.known_motion or unknown)
+            self._motion = shutter.motion(start.known_motion or ANY_MOTION)
             # Times the line time over the nominal one; of an acceleration twice.
-            self._beyond_sd = np.array([limits.acceleration_sd * scale**2] * 3 + [limits.speed_sd * scale] * 2)
-        self.bend: Bend | None = None
-        if sheet is not None:
-            self.bend = start.known_bend or sheet.prior
+            self._beyond_sd = BEYOND_SD * shutter.scale ** np.array([2, 2, 2, 1, 1])
+        self.bend: Bend | None = None if sheet is None else start.known_bend or sheet.prior
 
     def begin(self, blur_px: float = 0.0) -> State:
         """Where the fit begins, with a round point spread of some deviation."""
-        motion = None
-        if self._motion is not None:
-            motion = np.zeros(MOTIONS) if self.start.motion is None else self.start.motion
+        at_start = np.zeros(MOTIONS) if self.start.motion is None else self.start.motion
+        motion = None if self._motion is None else at_start
         rise = None if self.bend is None else (self.start.bend or self.bend).mean
         stretch = np.zeros(1) if self.stretch_sd > 0.0 else None
         return State(self.start.rotation, self.start.position, blur_px**2 * np.eye(2), motion, rise, stretch)
@@ -214,20 +211,24 @@ class Prior:
 
         Args:
             at: where the fit is.
-            by_point: derivative of what is measured by the points as they are exposed `(n, 3)`.
+            by_point: derivative of what is measured by the points `(n, 3)`.
             arm: from the target's origin to the points at rest `(n, 3)` [m; camera].
             times: when they are exposed `(n,)` [s].
             heights: of the points by the rise of the print `(3, n)` [m]; none where that is not asked for.
         """
-        by_rest = by_point if at.motion is None else before_motion(by_point, at.motion, times)
-        level = (None, None) if self._level is None else self._level.of_turn(at.rotation)
-        table = [Unknown("place", by_rest.T), Unknown("turn", cross(arm, by_rest).T, *level)]
+        turn_known = turn_off = None
+        if self._level is not None:
+            # The turn that levels a normal n is n x up; about n it is free.
+            normal = at.rotation[:, 2]
+            turn_known = (np.eye(3) - np.outer(normal, normal)) / self._level.spread**2
+            turn_off = skew(normal) @ self._level.up
+        table = [Unknown("place", by_point.T), Unknown("turn", cross(arm, by_point).T, turn_known, turn_off)]
         if heights is not None and self._sheet is not None and self.bend is not None and at.rise is not None:
-            along = by_rest @ (at.rotation @ self._sheet.normal)
+            along = by_point @ (at.rotation @ self._sheet.normal)
             table.append(Unknown("rise", along * heights, self.bend.information, self.bend.mean - at.rise))
         if at.motion is not None and self._motion is not None:
             rows = motion_jacobian(by_point, arm + at.position, times)
-            lacking = beyond_motion(rows, by_rest, times, at.position)
+            lacking = beyond_motion(rows, by_point, times, at.position)
             table.append(Unknown("motion", rows, self._motion.spread**-2, self._motion.expected - at.motion))
             table.append(Unknown("beyond", lacking, self._beyond_sd**-2))
         return table

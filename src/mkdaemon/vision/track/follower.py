@@ -19,10 +19,9 @@ from mkdaemon.vision.pose.ambiguity import prefers
 from mkdaemon.vision.pose.bend import Bend
 from mkdaemon.vision.pose.carry import Carrier
 from mkdaemon.vision.pose.fitting import TargetFitter
-from mkdaemon.vision.pose.linetime import MOTIONS, KnownMotion, Shutter
 from mkdaemon.vision.pose.pose import Pose
 from mkdaemon.vision.pose.projection import Projection
-from mkdaemon.vision.pose.rolling import motion_of
+from mkdaemon.vision.pose.rolling import MOTIONS, KnownMotion, Shutter, motion_of
 from mkdaemon.vision.tags.detection import Detection
 from mkdaemon.vision.tags.detector import TONES, Detector
 from mkdaemon.vision.tags.tagmap import Tag, Target
@@ -299,7 +298,7 @@ class Follower:
     def follow(self, frame: Frame) -> None:
         """Try to find the target where it should be."""
         sight, track = self._seen(frame), self.track
-        self._fitter.begin(sight.pixels)
+        self._fitter.effort = 0
         if not track.goes_on(sight.time):
             track.lose()
             return

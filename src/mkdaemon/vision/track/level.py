@@ -166,8 +166,7 @@ class LevelKnowledge:
         level = self.vertical(seen)
         if level is None:
             return False
-        spread = float(np.sqrt(largest_variance(pose.covariance[3:, 3:])))
-        spread = min(spread, LIMITS.certainty.wrong_angle / LIMITS.certainty.deviations)
+        spread = min(float(np.sqrt(largest_variance(pose.covariance[3:, 3:]))), LIMITS.certainty.angle_sd)
         gate = self._gate + spread + (0.0 if is_hidden else level.spread)
         return angle_of(pose.rotation[:, 2], level.up) > gate
 

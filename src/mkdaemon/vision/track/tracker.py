@@ -9,8 +9,8 @@ from mkdaemon.telemetry.vision import Alarm
 from mkdaemon.vision.camera.image import CameraImage, in_light
 from mkdaemon.vision.camera.intrinsics import Intrinsics
 from mkdaemon.vision.limits import LIMITS
-from mkdaemon.vision.pose.linetime import Shutter
 from mkdaemon.vision.pose.projection import Projection
+from mkdaemon.vision.pose.rolling import Shutter
 from mkdaemon.vision.tags.detection import Detection
 from mkdaemon.vision.tags.detector import FIRST, Detector, looks_of
 from mkdaemon.vision.tags.outline import has_highlights
