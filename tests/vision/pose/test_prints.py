@@ -112,6 +112,14 @@ def test_a_hidden_tag_leads_no_fit_astray(hidden: int) -> None:
         assert float(np.linalg.norm(off(pose, rotation, position)[0][:3])) < 5e-3
 
 
+def test_a_far_tag_that_is_hidden_in_part_leads_no_fit_astray() -> None:
+    x, y, _ = DECK.tags[3].position
+    corners = tuple((x + 0.02 + 0.051 * i, y + 0.051 * j) for i, j in ((-1, -1), (1, -1), (1, 1), (-1, 1)))
+    pixels, rotation, position = shoot(4.8, 0.23, 1.94, Cover(corners))
+    (pose,) = track(pixels, DECK)
+    assert float(np.linalg.norm(off(pose, rotation, position)[0][:3])) < 5e-3
+
+
 def test_a_tag_in_the_image_decides_how_a_map_is_measured_not_its_origin() -> None:
     floor = laid_out((6.0, 0.0), (6.6, 0.0))
     prints = Prints(floor, PROJECTION)

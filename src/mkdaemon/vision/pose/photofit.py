@@ -119,7 +119,8 @@ class PhotoFit:
         if found is None or len(self.prints.all) == 1:
             return found
         seen = self.prints.seen(found.rotation, found.position)
-        shown = self._alike(pixels, seen, _state_of(found), LIMITS.likeness.clear)
+        # The best of them says what is right here; what is hidden in part still looks like a print.
+        shown = self._alike(pixels, seen, _state_of(found), LIMITS.likeness.clear, LIMITS.likeness.explained)
         if shown and set(shown) != set(near):
             found = self._fit(pixels, shown, _state_of(found), prior, iterations)
         return None if found is None or not shown else self._with_missing(found, seen, shown)
@@ -192,10 +193,17 @@ class PhotoFit:
         part = None if seen is None else lit_print(seen)
         return part if part is not None and part.at.grey.size >= LIMITS.photo.min_window_px**2 else None
 
-    def _alike(self, pixels: Grey, prints: Sequence[PrintModel], at: State, least: float) -> tuple[PrintModel, ...]:
-        """Of several prints those that the image shows at a state: hidden and missed ones would lead a fit astray."""
+    def _alike(
+        self, pixels: Grey, prints: Sequence[PrintModel], at: State, least: float, share: float = 0.0
+    ) -> tuple[PrintModel, ...]:
+        """Of several prints those that the image shows at a state: hidden and missed ones would lead a fit astray.
+
+        They correlate by at least `least`, and by such a share of the best one.
+        """
         parts = [(model, self._part(pixels, model, at)) for model in prints]
-        return tuple(model for model, part in parts if part is not None and matched([part], part.residual) >= least)
+        likeness = {model: matched([part], part.residual) for model, part in parts if part is not None}
+        least = max(least, share * max(likeness.values(), default=0.0))
+        return tuple(model for model, value in likeness.items() if value >= least)
 
     def resembles(self, grey: Pose) -> bool:
         """Whether the model of a fit to grey values looks like the image."""
