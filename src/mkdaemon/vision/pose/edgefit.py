@@ -23,11 +23,10 @@ import numpy as np
 from mkdaemon.vision.arrays import Array, Bools, Grey
 from mkdaemon.vision.limits import APART2, HALF, LIMITS
 from mkdaemon.vision.pose.ambiguity import loss_of
-from mkdaemon.vision.pose.bend import RISES
 from mkdaemon.vision.pose.edgefind import LEAST_OF_A_KIND, FoundEdges, Numbers, find_edges, kinds_of
 from mkdaemon.vision.pose.edgemodel import EdgeModel, Samples, seen_across
 from mkdaemon.vision.pose.pose import LEAST_RIDGE, Pose, inverted, length2, median
-from mkdaemon.vision.pose.prints import sheet_of
+from mkdaemon.vision.pose.prints import RISES, sheet_of
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.pose.unknowns import POSE, Level, Prior, State, Unknown, Unknowns, not_arrived
 from mkdaemon.vision.tags.tagmap import Target

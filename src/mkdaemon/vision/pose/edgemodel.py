@@ -62,6 +62,12 @@ class EdgeModel:
         return cls(points, normals, tangents, cell, tag, square, smaller, by_axis[:, 0] > by_axis[:, 1])
 
     @property
+    def sides(self) -> Array:
+        """Middles of the cells on the black and on the white side of each sample `(2, n, 3)` [m; target]."""
+        half = self.cell[:, None] / 2 * self.normals
+        return np.stack([self.points - half, self.points + half])
+
+    @property
     def stepped(self) -> Array:
         """The samples, then a step from each across its edge, then one along it `(3 n, 3)` [m; target]."""
         step = (STEP * self.cell)[:, None]

@@ -1,16 +1,7 @@
-"""From decoded tags or a prediction to a measured pose of one target: which fit, which candidate, which gate.
+"""From decoded tags or a prediction to a measured pose of one target: which start, which fit, which candidate.
 
-A start for a fit of several prints: a pose that one of them gave puts the others beside their place.
-
-A tag of 27 px knows its tilt to a degree or two; at the next tag, two metres away, these are more pixels than a cell
-has, and no fit would get there. Each print is therefore looked for around where the start puts it, as a whole.
-Source: normalised cross-correlation; J. P. Lewis, "Fast normalized cross-correlation", 1995.
-
-Whether the edges of a partly hidden target support a pose, or could be faked by what lies over it.
-
-A first pose without attitude has nothing to contradict it but its own image. Two questions tell a right pose from one
-that follows the rim of something lying on the print: do the edges agree whose cells are seen, and does the pose stay
-where it is when any one straight line of edges is taken away? A rim is straight and covers one line of the grid.
+Source of looking for a print as a whole: normalised cross-correlation; J. P. Lewis, "Fast normalized
+cross-correlation", 1995.
 """
 
 from __future__ import annotations
@@ -25,13 +16,12 @@ import numpy.typing as npt
 
 from mkdaemon.vision.arrays import Array, Grey
 from mkdaemon.vision.limits import APART2, HALF, LIMITS
-from mkdaemon.vision.pose.bend import Bend
 from mkdaemon.vision.pose.edgefind import HALF_WIDTH
 from mkdaemon.vision.pose.edgefit import MAD, EdgeFit
 from mkdaemon.vision.pose.edgemodel import EdgeModel
 from mkdaemon.vision.pose.gates import CellEvidence, CellReader, grey_evidence
 from mkdaemon.vision.pose.photofit import PhotoFit
-from mkdaemon.vision.pose.pose import Pose, apart, correlation, length2, median, refined, solve
+from mkdaemon.vision.pose.pose import Bend, Pose, apart, correlation, length2, median, refined, solve
 from mkdaemon.vision.pose.prints import SQUARE, PrintModel, Prints
 from mkdaemon.vision.pose.projection import NEAR_M, Projection
 from mkdaemon.vision.pose.rolling import KnownMotion
@@ -47,7 +37,10 @@ REACH: Final = 0.6
 
 
 class PrintGatherer:
-    """Finds the prints of one target around a start.
+    """Finds the prints of one target around a start: a pose that one of them gave puts the others beside their place.
+
+    A tag of 27 px knows its tilt to a degree or two; at the next tag, two metres away, these are more pixels than a
+    cell has, and no fit would get there. Each print is therefore looked for around where the start puts it, as a whole.
 
     Args:
         prints: of the target.
@@ -100,6 +93,10 @@ class PrintGatherer:
         return np.array([float(column + x0 - left), float(row + y0 - top)])
 
 
+def _shrink(part: Grey, scale: float) -> Grey:
+    return np.asarray(cv2.resize(part, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+
+
 CLEAR_PERCENT = 75
 """Percentile of the contrast that the clear edges have."""
 
@@ -125,15 +122,17 @@ class Evidence:
 
 
 class EdgeEvidence:
-    """Asks the edges of one target."""
+    """Asks the edges of one target whether they support a pose, or could be faked by what lies over it.
+
+    Two questions tell a right pose from one that follows the rim of something lying on the print: do the edges agree
+    whose cells are seen, and does the pose stay where it is when any one straight line of edges is taken away? A rim is
+    straight and covers one line of the grid.
+    """
 
     def __init__(self, target: Target, projection: Projection) -> None:
         self._projection = projection
         self._fit = EdgeFit(target, projection)
-        model = self._fit.model
-        reach = 0.5 * model.cell[:, None] * model.normals
-        self._dark, self._bright = model.points - reach, model.points + reach
-        self._line = _lines(target, model)
+        self._sides, self._line = self._fit.model.sides, _lines(target, self._fit.model)
 
     def measure(self, pixels: Grey, pose: Pose) -> Evidence | None:
         """Ask all edges about a fitted pose; none when too few are in view.
@@ -147,8 +146,7 @@ class EdgeEvidence:
             return None
         samples, edges, unknowns = located
         index = samples.index
-        sides = (self._bright[index], self._dark[index])
-        bright, dark = (sample(pixels, pixels_of(points, pose, self._projection)[0]) for points in sides)
+        dark, bright = (sample(pixels, pixels_of(points[index], pose, self._projection)[0]) for points in self._sides)
         contrast = bright - dark
         clear = max(float(np.percentile(contrast, CLEAR_PERCENT)), 1.0)
         seen = contrast > HALF * clear
@@ -197,6 +195,9 @@ ROOM, ROOM_PX = 0.2, 14.0
 """Room around a target in a window: share of its size, and so much more [px]."""
 GREY_EFFORT: Final = 4
 """A fit to grey values takes so many times as long as one to edges: 4 to 20 ms, on VGA."""
+
+PATCH_PX = 40
+"""The image of a target is compared with the next one at about this size [px]."""
 
 
 class TargetFitter:
@@ -317,7 +318,7 @@ class TargetFitter:
         """What the image says about where a pose puts the target: its cells, or all pixels of a fit to grey values."""
         if pose.likeness is not None:
             return grey_evidence(pose.likeness, pose)
-        return self._cells.evidence(pixels, pose, pose.inliers)
+        return self._cells.evidence(pixels, pose)
 
     def shows(self, pixels: Grey, start: Pose) -> bool:
         """Whether the image shows the target where a start puts it, as far as it can be told."""
@@ -325,7 +326,7 @@ class TargetFitter:
 
     def beside(self, pixels: Grey, pose: Pose) -> float:
         """By how much more the cells speak for a place some whole cells beside [nats]."""
-        return self._cells.beside(pixels, pose, pose.inliers)
+        return self._cells.beside(pixels, pose)
 
     def is_supported(self, pixels: Grey, pose: Pose) -> bool:
         """Whether the edges that are seen support a pose with parts of the target hidden."""
@@ -368,6 +369,37 @@ class TargetFitter:
         if not bool(visible.all()):
             return 0, 0, shape[1], shape[0]
         return (int(x0), int(y0), int(x1), int(y1)) if min(x1 - x0, y1 - y0) >= LIMITS.search.min_window_px else None
+
+    def carried(self, before: Grey, now: Grey, last: Pose) -> Pose | None:
+        """Where a camera that only turned sees the target, by where its whole image is found again; none if it is not.
+
+        Args:
+            before: image of the last pose `(h, w)` uint8.
+            now: image to look in.
+            last: pose in `before`.
+        """
+        outline = np.concatenate([tag.outline for tag in self.target.tags])
+        reach = int(LIMITS.search.shake * float(self._projection.focal[0]))
+        height, width = now.shape
+        seen, visible = self._projection.project(outline @ last.rotation.T + last.position)
+        centre, ahead = self._projection.project(last.position[None, :])
+        if not bool(visible.all() and ahead.all()):
+            return None
+        # Of a target that leaves the image the part is asked that is still in it after a shake.
+        x0, y0 = np.maximum(seen.min(axis=0) - 2, reach).astype(int)
+        x1, y1 = np.minimum(seen.max(axis=0) + 3, [width - reach, height - reach]).astype(int)
+        if min(x1 - x0, y1 - y0) < LIMITS.search.min_window_px:
+            return None
+        coarse = 1.0 / max(min(x1 - x0, y1 - y0) // PATCH_PX, 1)
+        patch = _shrink(before[y0:y1, x0:x1], coarse)
+        area = _shrink(now[y0 - reach : y1 + reach, x0 - reach : x1 + reach], coarse)
+        _, likeness, _, place = cv2.minMaxLoc(cv2.matchTemplate(area, patch, cv2.TM_CCOEFF_NORMED))
+        if likeness < LIMITS.likeness.alike:
+            return None
+        rays = self._projection.undistort(np.vstack([centre, centre + np.array(place) / coarse - reach]))
+        old, new = (np.append(ray, 1.0) / np.hypot(1.0, np.linalg.norm(ray)) for ray in rays)
+        turned = np.asarray(cv2.Rodrigues(np.cross(old, new))[0], dtype=np.float64)
+        return replace(last, rotation=turned @ last.rotation, position=turned @ last.position)
 
     def side_px(self, pose: Pose) -> float:
         """Side of the largest tag in the image [px]."""

@@ -71,20 +71,18 @@ class CellReader:
     def __init__(self, target: Target, projection: Projection) -> None:
         self._projection = projection
         model = EdgeModel.of(target, per_cell=1)
-        half = model.cell[:, None] / 2 * model.normals
-        ends = np.stack([model.points - half, model.points + half])
         cells = range(-LIMITS.read.beside_cells, LIMITS.read.beside_cells + 1)
         steps = np.array([(0.0, 0.0), *(step for step in product(cells, repeat=2) if any(step))])
         # Of each tag: side of a cell [m], middles of its pairs, black ones first `(2, n, 3)`, and steps to where it
         # would lie whole cells beside its place `(k, 3)`, the first being none [m; target].
         self._tags = [
-            (tag.module, ends[:, model.tag == k], tag.module * steps @ tag.rotation[:, :2].T)
+            (tag.module, model.sides[:, model.tag == k], tag.module * steps @ tag.rotation[:, :2].T)
             for k, tag in enumerate(target.tags)
         ]
 
-    def evidence(self, pixels: Grey, pose: Pose, shown: float) -> CellEvidence:
-        """What the cells say about where a pose puts the target, of which a share is in view."""
-        right, wrong = _odds(shown)
+    def evidence(self, pixels: Grey, pose: Pose) -> CellEvidence:
+        """What the cells say about where a pose puts the target; the edges that agree say what share is in view."""
+        right, wrong = _odds(pose.inliers)
         counts = [found[:, 0].tolist() for found in self._read(pixels, pose)]
         tags = [
             (read * right + misread * wrong, in_view * _odds(1.0)[0]) for read, misread, in_view in counts if in_view
@@ -96,13 +94,13 @@ class CellReader:
         read, _, in_view = np.sum(self._read(pixels, pose), axis=0)[:, 0].tolist()
         return bool(read >= HALF * in_view)
 
-    def beside(self, pixels: Grey, pose: Pose, shown: float) -> float:
+    def beside(self, pixels: Grey, pose: Pose) -> float:
         """By how much more cells speak for a place some whole cells beside, of the tag for which that is most [nats].
 
         After such a step edges agree with their neighbours', and where the rest of the tag is outside the image, little
         contradicts them. What is hidden is read nowhere, so that what is even speaks against a place here.
         """
-        right, wrong = _odds(shown)
+        right, wrong = _odds(pose.inliers)
         found = [read * right + (in_view - read) * wrong for read, _, in_view in self._read(pixels, pose, beside=True)]
         return max(float(odds.max() - max(odds[0], 0.0)) for odds in found)
 

@@ -16,7 +16,6 @@ import numpy as np
 import numpy.typing as npt
 
 from mkdaemon.vision.arrays import Array
-from mkdaemon.vision.pose.bend import Bend
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.pose.rolling import KnownMotion, SeenMotion, skew
 from mkdaemon.vision.tags.detection import Detection
@@ -37,6 +36,24 @@ FLOOR_LATERAL = 0.002
 """Lateral error a calibration leaves, of the range: principal point."""
 FLOOR_ANGLE = np.radians(0.1)
 """Angle error a calibration leaves [rad]: lens model and flatness of the print."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Bend:
+    """What is known about the rise of a print; see `prints.Sheet`.
+
+    Attributes:
+        mean: a, b, c `(3,)`, in shares of the side.
+        covariance: of them `(3, 3)`.
+    """
+
+    mean: Array
+    covariance: Array
+
+    @property
+    def information(self) -> Array:
+        """Inverse of the covariance `(3, 3)`."""
+        return inverted(self.covariance)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -24,8 +24,7 @@ import numpy.typing as npt
 
 from mkdaemon.vision.arrays import Array, Bools, Grey
 from mkdaemon.vision.limits import HALF, LIMITS
-from mkdaemon.vision.pose.bend import Sheet
-from mkdaemon.vision.pose.pose import Pose
+from mkdaemon.vision.pose.pose import Bend, Pose
 from mkdaemon.vision.pose.projection import NEAR_M, Projection
 from mkdaemon.vision.pose.rolling import skew
 from mkdaemon.vision.tags.tagfamily import QUIET_ZONE_CELLS
@@ -66,6 +65,68 @@ MOST: Final = 8
 by 0.7."""
 SHOWN: Final = 0.3
 """Share of a print's width and of its height that lies in the image, where it is fitted."""
+
+RISES: Final = 3
+"""Unknowns a, b, c of a sheet."""
+OF_A_CYLINDER: Final = np.array([[0.375, 0.0, 0.125], [0.0, 0.5, 0.0], [0.125, 0.0, 0.375]])
+"""Covariance of (a, b, c) over the variance of the rise, for a cylinder about any axis: (cos^2, 2 cos sin, sin^2)."""
+PLANE: Final = 0.3
+"""Deviation of the mean height over the print's own: nobody tells how far its sheet reaches beyond the quiet zone (a
+margin of a tenth of the side changes the mean by 0.3 of it)."""
+
+
+class Sheet:
+    """The sheet of one print: how it bends is an unknown of a fit, known to a share of its side.
+
+    Over the plane of a print paper lies at the height z = s (a X^2 + b X Y + c Y^2) - z0, where X and Y are places in
+    halves of the side s, and z0 makes the mean over the print zero. A bend moves points along the normal. Near by,
+    edges tell that from a tilt; from afar they do not, where the print is seen at a slant.
+
+    Paper does not stretch: with Q the matrix of z = p^T Q p a point p of the flat sheet comes to lie at
+    p - 2/3 (p^T Q p) Q p, to third order, which is the chord of its arc.
+
+    Args:
+        tag: the largest tag of the print.
+        rise: deviation of the rise at the middle of a side over the centre, as a share of the side.
+
+    Attributes:
+        prior: what is known before any image.
+        normal: of the print `(3,)` [target].
+    """
+
+    def __init__(self, tag: Tag, rise: float) -> None:
+        self.prior = Bend(np.zeros(RISES), rise**2 * OF_A_CYLINDER)
+        self.normal = tag.rotation[:, 2]
+        self._origin, self._axes = tag.position, tag.rotation[:, :2]
+        self._scale = 4.0 / tag.size
+        mean = (tag.paper / tag.size) ** 2 / 3.0
+        self._mean = tag.size * np.array([mean, 0.0, mean])
+
+    def heights(self, x: Array, y: Array) -> Array:
+        """Derivative `(3, n)` [m] of the height over the plane by the rise, at places `(n,)` along the axes [m]."""
+        heights: Array = self._scale * np.stack([x * x, x * y, y * y]) - self._mean[:, None]
+        return heights
+
+    def terms(self, points: Array) -> Array:
+        """What the place of points `(n, 3)` on the bent print is made of `(7, n)`: their heights, then cubes [m^3]."""
+        x, y = ((points - self._origin) @ self._axes).T
+        return np.concatenate([self.heights(x, y), np.stack([x**3, x * x * y, x * y * y, y**3])])
+
+    def bent(self, points: Array, terms: Array, rise: Array) -> Array:
+        """Where points `(n, 3)` [m; target] of the flat print, with their terms, lie on one with a rise `(3,)`."""
+        # (a x^2 + b x y + c y^2) (a x + b y / 2, b x / 2 + c y), sorted by x^3, x^2 y, x y^2, y^3.
+        a, b, c = rise * self._scale
+        along_x = [a * a, 1.5 * a * b, a * c + b * b / 2, b * c / 2]
+        along_y = [a * b / 2, a * c + b * b / 2, 1.5 * b * c, c * c]
+        chord = (-2.0 / 3.0) * self._axes @ np.array([along_x, along_y])
+        bent: Array = points + (np.column_stack([np.outer(self.normal, rise), chord]) @ terms).T
+        return bent
+
+    def plane_covariance(self, rotation: Array, bend: Bend) -> Array:
+        """Covariance `(3, 3)` [m^2; camera] of where the print's plane lies along its normal, seen by a rotation."""
+        square = bend.covariance + np.outer(bend.mean, bend.mean)
+        normal = rotation @ self.normal
+        return float(PLANE**2 * self._mean @ square @ self._mean) * np.outer(normal, normal)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -241,7 +302,6 @@ class PrintModel:
         target: with all its tags.
         first: the largest tag of the print.
         projection: of the lens.
-        sheet: that it is printed on; none where it does not bend.
 
     Attributes:
         origin: centre of that tag `(3,)` [m; target].
@@ -250,8 +310,7 @@ class PrintModel:
         cell: side of its cells [m].
     """
 
-    def __init__(self, target: Target, first: Tag, projection: Projection, sheet: Sheet | None = None) -> None:
-        self.sheet = sheet
+    def __init__(self, target: Target, first: Tag, projection: Projection) -> None:
         self._projection = projection
         self.origin, self.axes = first.position, first.rotation
         tags = tuple(
@@ -402,7 +461,7 @@ class Prints:
     def __init__(self, target: Target, projection: Projection) -> None:
         self._projection = projection
         self.sheet = sheet_of(target)
-        self.all = tuple(PrintModel(target, tag, projection, self.sheet) for tag in roots(target))
+        self.all = tuple(PrintModel(target, tag, projection) for tag in roots(target))
 
     def seen(self, rotation: Array, position: Array) -> tuple[PrintModel, ...]:
         """Prints of which a pose puts enough into the image, the largest there first.

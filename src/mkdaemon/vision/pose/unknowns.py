@@ -20,8 +20,8 @@ import numpy as np
 
 from mkdaemon.vision.arrays import Array
 from mkdaemon.vision.limits import LIMITS
-from mkdaemon.vision.pose.bend import Bend, Sheet
-from mkdaemon.vision.pose.pose import Pose, damped, turn
+from mkdaemon.vision.pose.pose import Bend, Pose, damped, turn
+from mkdaemon.vision.pose.prints import Sheet
 from mkdaemon.vision.pose.projection import NEAR_M
 from mkdaemon.vision.pose.rolling import (
     MOTIONS,
