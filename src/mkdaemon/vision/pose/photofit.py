@@ -42,13 +42,12 @@ EASE, TIGHTEN = 0.3, 30.0
 WORSE_COST = 1.003
 """A step whose cost rises by less is no worse: the fit has settled."""
 NEARER = 0.25
-"""A state from which the next step is half as long is nearer, whatever its cost: of squared lengths. The natural
-monotonicity test of Deuflhard, Newton Methods for Nonlinear Problems, Springer 2004, 3.3."""
+"""Of squared lengths: a state from which the next step is half as long is nearer, whatever its cost. Source: natural
+monotonicity test, Deuflhard, Newton Methods for Nonlinear Problems, Springer 2004, 3.3."""
 UNSETTLED = 1.0
 """Squared deviations from its place from which a fit that ended has not arrived."""
 STEPS = 8
-"""Of a fit; four are usual, a streak of 20 px takes eight. With five 6 of 9,536 images were lost, with 10
-to 20 none was won."""
+"""Of a fit; four are usual, a streak of 20 px takes eight (of 9,536 images five lost 6, 10 to 20 won none)."""
 SETTLED = 0.3
 """A shorter step is the last: squared length in deviations of the fit."""
 
@@ -62,20 +61,12 @@ class PhotoFit:
         self.prints = Prints(target, projection)
         self._shutter = projection.shutter
 
-    def fit(
-        self,
-        pixels: Grey,
-        start: Pose,
-        iterations: int = STEPS,
-        level: Level | None = None,
-        blur_px: float | None = None,
-    ) -> Pose | None:
-        """Refine a pose.
+    def fit(self, pixels: Grey, start: Pose, level: Level | None = None, blur_px: float | None = None) -> Pose | None:
+        """Refine a pose; large cells in an image of half the size.
 
         Args:
             pixels: `(h, w)` uint8.
             start: within about a cell of the truth.
-            iterations: steps at most; converged fits stop earlier.
             level: where the target's normal should point.
             blur_px: deviation of the point spread to begin with; that of the start, where grey values gave it, if none.
 
@@ -88,26 +79,20 @@ class PhotoFit:
         shortest = self.prints.cell_px(start) * float(np.cos(self.prints.looked_at(start)[2]))
         is_melted = blur_px is not None and shortest < cells.melted_widths * HALF_WIDTH * blur_px
         if shortest < (cells.mixed_px if is_melted else 2.0 * cells.photometric_px):
-            return self.fit_whole(pixels, start, iterations, level, blur_px)
-        # A quarter of the pixels.
+            return self.fit_whole(pixels, start, level, blur_px)
         if self._halved is None:
             self._halved = PhotoFit(self._target, self._projection.halved())
         height, width = pixels.shape
         whole = pixels[: height // 2 * 2, : width // 2 * 2]
         half = np.asarray(cv2.resize(whole, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA), dtype=np.uint8)
         begin = replace(start, blur_px=None if start.blur_px is None else start.blur_px / 2)
-        found = self._halved.fit_whole(half, begin, iterations, level, None if blur_px is None else blur_px / 2)
+        found = self._halved.fit_whole(half, begin, level, None if blur_px is None else blur_px / 2)
         if found is None or found.blur_px is None:
             return None
         return replace(found, rms_px=2.0 * found.rms_px, blur_px=2.0 * found.blur_px)
 
     def fit_whole(
-        self,
-        pixels: Grey,
-        start: Pose,
-        iterations: int = STEPS,
-        level: Level | None = None,
-        blur_px: float | None = None,
+        self, pixels: Grey, start: Pose, level: Level | None = None, blur_px: float | None = None
     ) -> Pose | None:
         """The same on all pixels, however large the cells are; see `fit`."""
         known = start.blur_px if start.source == "photometric" else None
@@ -115,27 +100,27 @@ class PhotoFit:
         at = prior.begin(blur_px or known or START_BLUR_PX)
         seen = self.prints.seen(at.rotation, at.position)
         near = seen if len(seen) == 1 else self._alike(pixels, seen, at, LIMITS.likeness.alike) or seen
-        found = self._fit(pixels, near, at, prior, iterations)
+        found = self._fit(pixels, near, at, prior)
         if found is None or len(self.prints.all) == 1:
             return found
         seen = self.prints.seen(found.rotation, found.position)
         shown = self._alike(pixels, seen, _state_of(found), LIMITS.likeness.clear)
         if shown and set(shown) != set(near):
-            found = self._fit(pixels, shown, _state_of(found), prior, iterations)
+            found = self._fit(pixels, shown, _state_of(found), prior)
         return None if found is None or not shown else self._with_missing(found, seen, shown)
 
     def _with_missing(self, pose: Pose, seen: Sequence[PrintModel], shown: Sequence[PrintModel]) -> Pose:
-        """The pose with what speaks against it: prints that should be in the image and are not there."""
+        """The pose with what speaks against it: prints that it puts into the image and that are not shown."""
         size = {model: (model.half / model.depth(pose.rotation, pose.position)) ** 2 for model in {*seen, *shown}}
         share = sum(size[model] for model in shown) / sum(size.values())
         loss = pose.loss**share * LIMITS.photo.lost_grey ** (2.0 * (1.0 - share))
         return replace(pose, inliers=share * pose.inliers, loss=loss)
 
-    def _fit(self, pixels: Grey, prints: Sequence[PrintModel], at: State, prior: Prior, iterations: int) -> Pose | None:
+    def _fit(self, pixels: Grey, prints: Sequence[PrintModel], at: State, prior: Prior) -> Pose | None:
         """The pose where a fit to some prints ends."""
         damping, last, left = FIRST_DAMPING, np.inf, np.inf
         best: tuple[State, PhotoStep] | None = None
-        for _ in range(iterations):
+        for _ in range(STEPS):
             step = self.step(pixels, prints, at, prior)
             if step is None or (best is None and step.match < LIMITS.likeness.alike):
                 return None
@@ -187,7 +172,7 @@ class PhotoFit:
         return PhotoStep(parts, [*table, Unknown("light", light)], at)
 
     def _part(self, pixels: Grey, model: PrintModel, at: State) -> Part | None:
-        """What one print says; none where it is not in full view, or too few of its pixels are."""
+        """What one print says; none where it is not in full view, or has too few pixels."""
         seen = model.samples(pixels, at.rotation, at.position, at.spread, at.motion)
         part = None if seen is None else lit_print(seen)
         return part if part is not None and part.at.grey.size >= LIMITS.photo.min_window_px**2 else None
@@ -206,19 +191,14 @@ class PhotoFit:
         return self.resembles(grey) and grey.inliers >= LIMITS.agreement.whole
 
     def polish(self, pixels: Grey, pose: Pose) -> Pose:
-        """Measure a pose from edges once more by the grey values, where these know more and do not object.
+        """A pose from edges with place and covariance by grey values, where these know more and edges do not object.
 
-        Cells of five to ten pixels have sharp edges and still few of them: the pixels between tell as much again. The
-        edges stay the evidence that gates and rivals are judged by; only place and covariance are taken over. Edges of
-        smaller cells object to nothing, as in a followed target: in a view of 58 degrees these are 2 px high and melt.
-        Under a rolling shutter both lack the same of a first image's motion, and pixels do not know it better.
+        Cells of five to ten pixels have few edges; the pixels between tell as much again. Edges of smaller cells melt
+        and object to nothing. Under a rolling shutter pixels know a first image's motion no better.
 
         Args:
             pixels: `(h, w)` uint8.
-            pose: fitted to edges, whole target in view.
-
-        Returns:
-            The better pose, or `pose` itself.
+            pose: fitted to edges, whole target in view; given back where grey values do not improve it.
         """
         limits, whole = LIMITS, LIMITS.agreement.whole
         cell_px = self.prints.cell_px(pose)

@@ -62,20 +62,7 @@ def clarity(residual: Array, value: Array) -> Array:
     return clear / sqrt(float(clear @ clear) / clear.size)
 
 
-@dataclass(frozen=True, slots=True)
-class SharedNoise:
-    """What neighbouring residuals have in common.
-
-    Attributes:
-        factor: by which that raises the variance of a fit; less than 1 where neighbours contradict each other.
-        common: share of the variance of a residual, 0 to 1; not less than so many pixels can tell from none.
-    """
-
-    factor: float
-    common: float
-
-
-def shared_by(residual: Array, windows: Sequence[Bools], least: float = 0.0) -> SharedNoise:
+def shared_by(residual: Array, windows: Sequence[Bools], least: float = 0.0) -> tuple[float, float]:
     """What neighbours share of the residuals of a fit; over several prints the mean of their pixels.
 
     Demosaicing, denoising and what the model lacks are shared; the noise of a sensor is not. Where the correlation
@@ -87,6 +74,10 @@ def shared_by(residual: Array, windows: Sequence[Bools], least: float = 0.0) -> 
         residual: of each used pixel of all windows, one window after the other `(n,)`.
         windows: which pixels of each are used, each `(rows, columns)`.
         least: correlation that is believed.
+
+    Returns:
+        The factor on the variance of a fit, less than 1 where neighbours contradict each other; and the share of the
+        variance of a residual, not less than so many pixels can tell from none.
     """
     all_factors, all_common, start = 0.0, 0.0, 0
     for used in windows:
@@ -104,7 +95,7 @@ def shared_by(residual: Array, windows: Sequence[Bools], least: float = 0.0) -> 
         share = count / residual.size
         all_factors += share * factor
         all_common += share * min(max(common, 1.0 / sqrt(max(count, 1))), 1.0)
-    return SharedNoise(all_factors, all_common)
+    return all_factors, all_common
 
 
 def on_slopes(residual: Array, steep: Array) -> tuple[Array, float]:
@@ -238,8 +229,8 @@ class PhotoStep:
         noise = max(squares / max(float(weights.sum()) - len(unknowns.rows), 1.0), LEAST_NOISE)
         weighed, larger = on_slopes(clipped, of_all([part.at.steep for part in parts]))
         least = LEAST_SHARED if at.motion is None else 0.0  # what a motion lacks hides under opposed noise
-        self._shared = shared_by(weighed, [part.at.used for part in parts], least)
-        noise *= larger * self._shared.factor * streak_doubt(at.spread)
+        self._shared, self._common = shared_by(weighed, [part.at.used for part in parts], least)
+        noise *= larger * self._shared * streak_doubt(at.spread)
         self._normal, self._right = unknowns.equations(weights, self._residual, noise)
         inverse = inverted(self._normal)
         self.unknowns, self.covariance = unknowns, noise * inverse
@@ -283,8 +274,8 @@ class PhotoStep:
             known_motion=prior.start.known_motion,
             bend=bend,
             known_bend=prior.bend,
-            shared=self._shared.factor,
-            common=self._shared.common,
+            shared=self._shared,
+            common=self._common,
         )
 
 
