@@ -14,9 +14,7 @@ from mkdaemon.vision.tags.tagmap import Target, covered
 SAMPLED = (0.15, 0.7)
 """Where the samples of an edge begin, and the length they are spread over [cells]: corners are rounded by blur."""
 BESIDE_CELLS = 0.5
-"""An edge is left out where a tag hides a point so far beside it [cells]: the paper's rim is nearer than that, and far
-away both are one (in fair light 9 of 210 edges of the nested target lay beside their place, its inner tag among 8 mm of
-black)."""
+"""An edge is left out where a tag hides a point so far beside it [cells]: far away the paper's rim and it are one."""
 
 ON_EDGE = 1e-6
 """Rounding errors of a point on an edge, at most [cells]."""
@@ -85,7 +83,7 @@ class Samples:
         reach: how far along the normal the edge may be `(n,)` [px].
         cell_px: side of its cells along the normal `(n,)` [px].
         upright: whether a move along x of the target shifts it `(n,)`, rather than one along y.
-        are_near: whether they are about in their place; before, other edges lie beside these.
+        are_near: whether they are about in their place.
     """
 
     index: npt.NDArray[np.intp]

@@ -1,8 +1,4 @@
-"""From decoded tags or a prediction to a measured pose of one target: which start, which fit, which candidate.
-
-Source of looking for a print as a whole: normalised cross-correlation; J. P. Lewis, "Fast normalized
-cross-correlation", 1995.
-"""
+"""From decoded tags or a prediction to a measured pose of one target: which start, which fit, which candidate."""
 
 from __future__ import annotations
 
@@ -21,76 +17,14 @@ from mkdaemon.vision.pose.edgefit import MAD, EdgeFit
 from mkdaemon.vision.pose.edgemodel import EdgeModel
 from mkdaemon.vision.pose.gates import CellEvidence, CellReader, grey_evidence
 from mkdaemon.vision.pose.photofit import PhotoFit
-from mkdaemon.vision.pose.pose import Bend, Pose, apart, correlation, length2, median, refined, solve
-from mkdaemon.vision.pose.prints import SQUARE, PrintModel, Prints
+from mkdaemon.vision.pose.pose import Bend, Pose, apart, damped, length2, median, solve
+from mkdaemon.vision.pose.prints import SQUARE
 from mkdaemon.vision.pose.projection import NEAR_M, Projection
 from mkdaemon.vision.pose.rolling import KnownMotion
 from mkdaemon.vision.pose.unknowns import POSE, Level
 from mkdaemon.vision.tags.cellread import sample
 from mkdaemon.vision.tags.detection import Detection
 from mkdaemon.vision.tags.tagmap import Tag, Target
-
-SPREAD: Final = np.eye(2)
-"""Of the point spread with which prints are looked for [px^2]: a little wide, so that a start need not be exact."""
-REACH: Final = 0.6
-"""How far from its place a print is looked for, of its size in the image."""
-
-
-class PrintGatherer:
-    """Finds the prints of one target around a start: a pose that one of them gave puts the others beside their place.
-
-    A tag of 27 px knows its tilt to a degree or two; at the next tag, two metres away, these are more pixels than a
-    cell has, and no fit would get there. Each print is therefore looked for around where the start puts it, as a whole.
-
-    Args:
-        prints: of the target.
-        projection: of the lens.
-    """
-
-    def __init__(self, prints: Prints, projection: Projection) -> None:
-        self._prints, self._projection = prints, projection
-
-    def gathered(self, pixels: Grey, start: Pose) -> Pose:
-        """The start, moved to where the prints are found; as it is where all are in their place, or one is found alone.
-
-        Args:
-            pixels: `(h, w)` uint8.
-            start: from one print or from the images before.
-        """
-        if len(self._prints.all) < 2:
-            return start
-        seen = self._prints.seen(start.rotation, start.position)
-        looked = [(model, self._shift(pixels, model, start)) for model in seen]
-        found = [(model, shift) for model, shift in looked if shift is not None]
-        if len(found) < 2 or not any(shift.any() for _, shift in found):
-            return start
-        points = np.concatenate([model.corners for model, _ in found])
-        pixels_of = self._projection.project(points @ start.rotation.T + start.position)[0]
-        rays = self._projection.undistort(pixels_of + np.repeat([shift for _, shift in found], len(SQUARE), axis=0))
-        rotation, position = refined(points, rays, start.rotation, start.position)
-        if not np.isfinite(position).all() or position[2] < NEAR_M:
-            return start
-        return replace(start, rotation=rotation, position=position)
-
-    def _shift(self, pixels: Grey, model: PrintModel, start: Pose) -> Array | None:
-        """How far a print is beside its place `(2,)` [px]; zero where it is near, none where it is not found."""
-        seen = model.samples(pixels, start.rotation, start.position, SPREAD)
-        if seen is None or seen.grey.size < LIMITS.photo.min_window_px**2:
-            return None
-        if correlation(seen.grey, seen.value) >= LIMITS.likeness.clear:
-            return np.zeros(2)
-        left, top, (height, width) = seen.left, seen.top, seen.used.shape
-        template = np.ones(seen.used.shape, dtype=np.float32)
-        template[seen.used] = seen.value
-        reach = int(np.ceil(REACH * max(width, height)))
-        x0, y0 = max(left - reach, 0), max(top - reach, 0)
-        around = pixels[y0 : top + height + reach, x0 : left + width + reach].astype(np.float32)
-        score = cv2.matchTemplate(around, template, cv2.TM_CCOEFF_NORMED, mask=seen.used.astype(np.float32))
-        score = np.where(np.isfinite(score), score, -1.0)
-        row, column = np.unravel_index(int(np.argmax(score)), score.shape)
-        if score[row, column] < LIMITS.likeness.clear:
-            return None
-        return np.array([float(column + x0 - left), float(row + y0 - top)])
 
 
 def _shrink(part: Grey, scale: float) -> Grey:
@@ -146,7 +80,8 @@ class EdgeEvidence:
             return None
         samples, edges, unknowns = located
         index = samples.index
-        dark, bright = (sample(pixels, pixels_of(points[index], pose, self._projection)[0]) for points in self._sides)
+        sides = self._sides[:, index] @ pose.rotation.T + pose.position
+        dark, bright = (sample(pixels, self._projection.project(points, pose.motion)[0]) for points in sides)
         contrast = bright - dark
         clear = max(float(np.percentile(contrast, CLEAR_PERCENT)), 1.0)
         seen = contrast > HALF * clear
@@ -158,12 +93,6 @@ class EdgeEvidence:
             float((agrees & seen).sum()) / max(int(seen.sum()), 1),
             _leverage(unknowns.rows[POSE].T[agrees], edges.offsets[agrees], self._line[index][agrees]),
         )
-
-
-def pixels_of(points: Array, pose: Pose, projection: Projection) -> tuple[Array, npt.NDArray[np.bool_]]:
-    """Pixels `(n, 2)` of points of a target `(n, 3)` [m] as their rows see them, and which are visible `(n,)`."""
-    seen = points @ pose.rotation.T + pose.position
-    return projection.project(projection.exposed(seen, pose.motion)[0])
 
 
 def _lines(target: Target, model: EdgeModel) -> npt.NDArray[np.intp]:
@@ -181,20 +110,18 @@ def _leverage(jacobian: Array, offsets: Array, line: npt.NDArray[np.intp]) -> fl
 
     Without the rows L of a line the least-squares pose moves by (J^T J - L^T L)^-1 L^T d_L.
     """
-    normal = jacobian.T @ jacobian
-    largest = 0.0
+    normal, turns = damped(jacobian.T @ jacobian), [0.0]
     for k in np.unique(line):
         part = jacobian[line == k]
-        left = normal - part.T @ part
-        step = np.linalg.solve(left + 1e-9 * np.diag(np.diag(normal)) + 1e-12 * np.eye(6), part.T @ offsets[line == k])
-        largest = max(largest, float(np.linalg.norm(step[3:])))
-    return largest
+        step = np.linalg.solve(normal - part.T @ part, part.T @ offsets[line == k])
+        turns.append(float(np.linalg.norm(step[3:])))
+    return max(turns)
 
 
 ROOM, ROOM_PX = 0.2, 14.0
 """Room around a target in a window: share of its size, and so much more [px]."""
 GREY_EFFORT: Final = 4
-"""A fit to grey values takes so many times as long as one to edges: 4 to 20 ms, on VGA."""
+"""A fit to grey values takes so many times as long as one to edges."""
 
 PATCH_PX = 40
 """The image of a target is compared with the next one at about this size [px]."""
@@ -219,7 +146,6 @@ class TargetFitter:
         self._photo = PhotoFit(target, projection)
         sheet = self._photo.prints.sheet
         self.bend_known = None if sheet is None else sheet.prior
-        self._gatherer = PrintGatherer(self._photo.prints, projection)
         self._cells = CellReader(target, projection)
         self._evidence = EdgeEvidence(target, projection)
         self._outline = np.concatenate([tag.place(SQUARE * tag.paper / 2) for tag in target.tags])
@@ -242,8 +168,8 @@ class TargetFitter:
         candidates = [replace(pose, known_bend=bend) for pose in solve(tags, self._projection)]
         if motion_at is not None:
             candidates = [replace(pose, known_motion=motion_at(pose.position)) for pose in candidates]
-        candidates = [self._gatherer.gathered(pixels, candidate) for candidate in candidates]
-        # Losses compare only between fits of one kind, so all candidates get the one the first of them asks for.
+        candidates = [self._photo.prints.gathered(pixels, candidate) for candidate in candidates]
+        # Losses compare only between fits of one kind.
         for photometric in (True, False) if any(self._wants_photometric(c) for c in candidates) else (False,):
             fitted = [self._fit(pixels, candidate, photometric=photometric) for candidate in candidates]
             good = [pose for pose in fitted if pose is not None]
@@ -253,7 +179,7 @@ class TargetFitter:
 
     def refine(self, pixels: Grey, start: Pose, level: Level | None = None) -> Pose | None:
         """Improve a pose by the method its size, tilt and blur ask for, with a level its tilt held near it."""
-        start = self._gatherer.gathered(pixels, start)
+        start = self._photo.prints.gathered(pixels, start)
         grey: Pose | None = None
         if self._wants_photometric(start) or self.is_small(start):
             grey = self._fit(pixels, start, photometric=True, level=level)
@@ -294,10 +220,7 @@ class TargetFitter:
         return is_steep or self._has_small_cells(start)
 
     def _are_melted(self, pose: Pose) -> bool:
-        """Whether the edges of a fit have run into their neighbours, which shifts them and makes others.
-
-        They leave a residual then that a sharp image does not leave.
-        """
+        """Whether the edges of a fit have run into their neighbours; they leave a residual then."""
         if pose.widest_px is None or pose.ragged_px is None or pose.ragged_px < LIMITS.health.drift_px:
             return False
         return self._photo.prints.cell_px(pose) < LIMITS.cells.melted_widths * pose.widest_px
@@ -305,12 +228,11 @@ class TargetFitter:
     def _fit(
         self, pixels: Grey, start: Pose, *, photometric: bool, level: Level | None = None, blur_px: float | None = None
     ) -> Pose | None:
-        """Fit by one method; `blur_px` is the deviation of the point spread to begin with, where it is known nearly."""
+        """Fit by one method; see `PhotoFit.fit`."""
         if not photometric:
             self.effort += 1
             return self._edges.fit(pixels, start, level=level)
         fitted = self._photo.fit(pixels, start, level=level, blur_px=blur_px)
-        # A print that is too large, or not there, is told at once; few others give nothing.
         self.effort += 1 if fitted is None else GREY_EFFORT
         return fitted if fitted is not None and np.isfinite(fitted.rms_px) else None
 
@@ -339,17 +261,12 @@ class TargetFitter:
         return evidence is not None and evidence.agreeing >= LIMITS.likeness.clear
 
     def fit_mirrored(self, pixels: Grey, pose: Pose) -> Pose | None:
-        """Fit the rival of a pose: the same place, the normal mirrored about the line of sight.
-
-        Returns:
-            The rival, which may be `pose` again; none when it fits nothing.
-        """
+        """Fit the rival of a pose, its normal mirrored about the line of sight: `pose` again, perhaps, or none."""
         origin, toward, tilt = self._photo.prints.looked_at(pose)
         axis = np.cross(pose.rotation[:, 2], toward)
         turned = np.asarray(cv2.Rodrigues(axis / max(float(np.linalg.norm(axis)), 1e-9) * 2 * tilt)[0]) @ pose.rotation
         start = replace(pose, rotation=turned, position=pose.rotation @ origin + pose.position - turned @ origin)
-        start = self._gatherer.gathered(pixels, start)
-        # Losses compare only between fits of one kind, so the rival gets that of the pose.
+        start = self._photo.prints.gathered(pixels, start)
         return self._fit(pixels, start, photometric=pose.source == "photometric")
 
     def fit_grey_values(self, pixels: Grey, rivals: Sequence[Pose]) -> list[Pose]:
@@ -409,7 +326,8 @@ class TargetFitter:
         """Largest mean corner distance between decoded tags and where the pose puts them [cells of the tag]."""
         worst = 0.0
         for tag, found in tags:
-            seen, visible = pixels_of(tag.corners, pose, self._projection)
+            corners = tag.corners @ pose.rotation.T + pose.position
+            seen, visible = self._projection.project(corners, pose.motion)
             if not bool(visible.all()):
                 return float("inf")
             distance = float(np.linalg.norm(seen - found.corners, axis=1).mean())

@@ -1,11 +1,8 @@
 """One step of the fit to grey values: what the model says at each pixel, and where that moves pose, light and blur.
 
 The light on a print is black, white, how these change over the print, and the tone curve of the camera. The noise of a
-fit depends on brightness, and neighbouring pixels share it.
-
-Light, and what a motion lacks, are asked for anew at every state, both at once: images are linear in them. With the
-light told first, and then what the motion lacks by what the light had left, costs rose along steps that led to the
-place, and fits ended beside it.
+fit depends on brightness, and neighbouring pixels share it. Light, and what a motion lacks, are asked for anew at every
+state, both at once: images are linear in them.
 """
 
 from __future__ import annotations
@@ -36,14 +33,12 @@ MOST_RATIO = 5.0
 MOST_SHARED = 0.7
 """Correlation of neighbouring residuals, at most, and of residuals that hold nothing but what the model lacks."""
 LEAST_ON_SLOPES = 0.5
-"""Variance of residuals on slopes, over that of all: few pixels tell it where hardly a slope is in view (0.7-0.9 behind
-gamma 2.2, above 1 elsewhere)."""
+"""Variance of residuals on slopes, over that of all: it is 0.7-0.9 behind gamma 2.2, above 1 elsewhere."""
 LEAST_SHARED = -0.5
 """The same where sharpening has set the noise of neighbours against each other: webcams have -0.2."""
 
 STREAK_PX = 15.0
-"""A streak so long doubles the variance of a fit; by the NEES of 819 smeared images of 29 development flights: 1.2 to
-12 px, 2.3 at 14, 3.2 at 18, 5 at 25."""
+"""A streak so long doubles the variance of a fit; by the NEES of 819 smeared images (docs/lab/vision-fits.md)."""
 
 
 def clarity(residual: Array, value: Array) -> Array:
@@ -67,8 +62,8 @@ def shared_by(residual: Array, windows: Sequence[Bools], least: float = 0.0) -> 
 
     Demosaicing, denoising and what the model lacks are shared; the noise of a sensor is not. Where the correlation
     falls by r from a pixel to the next, the variance of a mean is (1 + r) / (1 - r) times that of independent pixels,
-    each way; edges, which change over a few pixels, suffer less: (1 + r) / sqrt(1 - r), by the NEES of 80 development
-    images (0.66 to 1.19). Sharpening sets the noise of neighbours against each other, r < 0, and a mean has less of it.
+    each way; edges, which change over a few pixels, suffer less: (1 + r) / sqrt(1 - r), by the NEES of 80 images.
+    Sharpening makes r < 0.
 
     Args:
         residual: of each used pixel of all windows, one window after the other `(n,)`.
@@ -101,9 +96,7 @@ def shared_by(residual: Array, windows: Sequence[Bools], least: float = 0.0) -> 
 def on_slopes(residual: Array, steep: Array) -> tuple[Array, float]:
     """Residuals on the slopes of a print `(n,)`, and their variance over that of all.
 
-    Only slopes tell a pose, and what the model lacks of a point spread, of paper that is blown beside them or of
-    sharpening lies there; the even inside of cells from 5 px, most of what is seen, knows nothing of it. Behind a tone
-    curve slopes are less noisy (0.8 of the variance) than `clarity` makes of black and white.
+    Only slopes tell a pose, and what the model lacks lies there; the even inside of cells knows nothing of it.
 
     Args:
         residual: of each used pixel `(n,)`.
@@ -125,8 +118,8 @@ def streak_doubt(spread: Array) -> float:
 
 
 TOE: Final = 0.05
-"""Light of ink over that of paper: where a tone curve lifts the dark. With a logarithm from there the model follows a
-gamma of 1.6 to 2.2 to 0.3 % of the contrast, a cubic polynomial alone to 0.7-3.4 % (ink 0.03 to 0.1)."""
+"""Light of ink over that of paper: with a logarithm from there the model follows a gamma of 1.6 to 2.2 to 0.3 % of the
+contrast, a cubic polynomial alone to 0.7-3.4 % (ink 0.03 to 0.1)."""
 TOE_GAIN: Final = 1.0 / float(np.log1p(1.0 / TOE))
 
 
@@ -136,9 +129,9 @@ class Part:
 
     Attributes:
         at: model and image at its pixels.
-        columns: what each unknown of the light adds to them `(k, n)`: white over black, black, two gradients, three of
-            the tone curve, and three of a highlight's slope where there may be one.
-        gain: the light, white over black first `(k,)`.
+        columns: of each unknown of the light `(k, n)`: white over black, black, two gradients, three of the tone curve,
+            and three of a highlight's slope where there may be one.
+        gain: the light `(k,)`.
     """
 
     at: PrintSamples
@@ -162,15 +155,9 @@ class Part:
 def lit_print(at: PrintSamples) -> Part:
     """The light on a print, by least squares on its pixels without those that should be blown: these may be anything.
 
-    What should be blown is told by the light on the other pixels. Under a highlight that is more than black and white:
-    its slope lifts the ink by half of the contrast, and edges are blown from differing places on. Pixels that should
-    be nearly blown are left out whether they are or not; without the blown ones alone the others would be too dark by
-    their noise. A blown pixel that should be dark stays, as a dark one that should be blown, and speaks against the
-    pose. Where nothing is blown there is no highlight, and slopes are even: ground beside its shadow would look like a
-    print with some light on it.
-
-    Args:
-        at: all pixels of a print.
+    What should be blown is told by the light on the other pixels, and left out whether it is or not: the others would
+    be too dark by their noise. A blown pixel that should be dark stays, as a dark one that should be blown, and speaks
+    against the pose. Where nothing is blown slopes are even: ground beside its shadow would look like a lit print.
     """
     tone, (u, v) = at.value * (1.0 - at.value), at.place
     toe = TOE_GAIN * np.log1p(np.maximum(at.value, 0.0) / TOE) - at.value

@@ -24,7 +24,7 @@ import numpy.typing as npt
 
 from mkdaemon.vision.arrays import Array, Bools, Grey
 from mkdaemon.vision.limits import HALF, LIMITS
-from mkdaemon.vision.pose.pose import Bend, Pose
+from mkdaemon.vision.pose.pose import Bend, Pose, correlation, refined
 from mkdaemon.vision.pose.projection import NEAR_M, Projection
 from mkdaemon.vision.pose.rolling import skew
 from mkdaemon.vision.tags.tagfamily import QUIET_ZONE_CELLS
@@ -47,7 +47,7 @@ APART: Final = 1.3
 WIDE: Final = 2.5
 """Deviations of what is longer one way that are looked up."""
 MOST_PLACES: Final = 48
-"""That a slant, or a streak, is looked up at: a print seen from its edge has no end of them."""
+"""That a slant, or a streak, is looked up at."""
 ROUND: Final = 0.25
 """Share of the variance by which a point spread may be longer one way and still be looked up at one place."""
 TINY: Final = 1e-9
@@ -61,18 +61,20 @@ LENS_PATCH: Final = 0.7
 SQUARE: Final = np.array([[-1.0, 1.0], [1.0, 1.0], [1.0, -1.0], [-1.0, -1.0]])
 """Corners of a print, in halves of its side."""
 MOST: Final = 8
-"""Prints that a fit to grey values takes; eight took five times as long as one, and 16 halve the deviation no more than
-by 0.7."""
+"""Prints that a fit to grey values takes: eight take five times as long as one, 16 leave 0.7 of the deviation."""
 SHOWN: Final = 0.3
 """Share of a print's width and of its height that lies in the image, where it is fitted."""
+SPREAD: Final = np.eye(2)
+"""Of the point spread with which prints are looked for [px^2]."""
+REACH: Final = 0.6
+"""How far from its place a print is looked for, of its size in the image."""
 
 RISES: Final = 3
 """Unknowns a, b, c of a sheet."""
 OF_A_CYLINDER: Final = np.array([[0.375, 0.0, 0.125], [0.0, 0.5, 0.0], [0.125, 0.0, 0.375]])
 """Covariance of (a, b, c) over the variance of the rise, for a cylinder about any axis: (cos^2, 2 cos sin, sin^2)."""
 PLANE: Final = 0.3
-"""Deviation of the mean height over the print's own: nobody tells how far its sheet reaches beyond the quiet zone (a
-margin of a tenth of the side changes the mean by 0.3 of it)."""
+"""Deviation of the mean height over the print's own: so much a margin of a tenth of the side changes it."""
 
 
 class Sheet:
@@ -240,8 +242,7 @@ class PrintTexture:
     def __init__(self, first: Tag, tags: Sequence[Tag]) -> None:
         self._cells = first.family.black_cells + 2 * QUIET_ZONE_CELLS
         self._levels: dict[int, Image32] = {}
-        # Cells of a smaller tag end within a texel, which is their mean: those of the inner tag of `nested.toml`, drawn
-        # by the middles of texels, had 26 % too little white, which shows in every image from afar.
+        # Cells of a smaller tag end within a texel, which is their mean.
         fine = TEXELS * TEXEL_PARTS
         drawn = np.full((self._cells * fine,) * 2, 255, dtype=np.uint8)
         down = np.array([1.0, -1.0])
@@ -307,6 +308,7 @@ class PrintModel:
         origin: centre of that tag `(3,)` [m; target].
         axes: target from that tag `(3, 3)`.
         half: half the side of its paper [m].
+        corners: of its paper `(4, 3)` [m; target].
         cell: side of its cells [m].
     """
 
@@ -321,6 +323,7 @@ class PrintModel:
         )
         # One quiet zone around the tag is surely white; other tags count where they lie inside it.
         self.half = first.paper / 2
+        self.corners = first.place(SQUARE * self.half)
         self.cell = first.module
         self._target_from_plane = np.column_stack([self.cell * self.axes[:, :2], self.origin])
         self._texture = _texture(first, tags)
@@ -376,10 +379,28 @@ class PrintModel:
         image_row = (row + top).astype(np.float64)
         return PrintSamples(value, steep, by_spread, by_point, arm, place, image_row, grey, left, top, used)
 
-    @property
-    def corners(self) -> Array:
-        """Corners of its paper `(4, 3)` [m; target]."""
-        return np.asarray(SQUARE * self.half @ self.axes[:, :2].T + self.origin, np.float64)
+    def offset(self, pixels: Grey, start: Pose) -> Array | None:
+        """How far the print is beside its place `(2,)` [px]; zero where it is near, none where it is not found.
+
+        Source: normalised cross-correlation; J. P. Lewis, "Fast normalized cross-correlation", 1995.
+        """
+        seen = self.samples(pixels, start.rotation, start.position, SPREAD)
+        if seen is None or seen.grey.size < LIMITS.photo.min_window_px**2:
+            return None
+        if correlation(seen.grey, seen.value) >= LIMITS.likeness.clear:
+            return np.zeros(2)
+        left, top, (height, width) = seen.left, seen.top, seen.used.shape
+        template = np.ones(seen.used.shape, dtype=np.float32)
+        template[seen.used] = seen.value
+        reach = int(np.ceil(REACH * max(width, height)))
+        x0, y0 = max(left - reach, 0), max(top - reach, 0)
+        around = pixels[y0 : top + height + reach, x0 : left + width + reach].astype(np.float32)
+        score = cv2.matchTemplate(around, template, cv2.TM_CCOEFF_NORMED, mask=seen.used.astype(np.float32))
+        score = np.where(np.isfinite(score), score, -1.0)
+        row, column = np.unravel_index(int(np.argmax(score)), score.shape)
+        if score[row, column] < LIMITS.likeness.clear:
+            return None
+        return np.array([float(column + x0 - left), float(row + y0 - top)])
 
     def depth(self, rotation: Array, position: Array) -> float:
         """How far the middle of the print is along the optical axis [m]."""
@@ -388,10 +409,7 @@ class PrintModel:
     def _seen(self, place: Array, plane: Array, spread: Array) -> tuple[Array, Array, Array, Array]:
         """Value `(n,)`, its slope by the place `(2, n)`, that in the image, squared, and derivative by the spread.
 
-        Args:
-            place: on the print `(2, n)` [cells from the middle].
-            plane: its derivative by column and row `(2, 2, n)` [cells/px].
-            spread: covariance of the point spread `(2, 2)` [px^2].
+        `plane` is the derivative of the place by column and row `(2, 2, n)` [cells/px].
         """
         middle = plane.mean(axis=2)
         footprint = Footprint.of(spread, middle)
@@ -415,7 +433,7 @@ class PrintModel:
 
     def _window(self, shape: tuple[int, ...], corners: Array, motion: Array | None) -> tuple[int, int, int, int] | None:
         """Column, row, width and height of a print; none where it is not in full view, too small or too large."""
-        seen, visible = self._projection.project(self._projection.exposed(corners, motion)[0])
+        seen, visible = self._projection.project(corners, motion)
         if not bool(visible.all()):
             return None
         left, top = (max(floor(least), 0) for least in seen.min(axis=0))
@@ -472,6 +490,26 @@ class Prints:
         """
         shown = [model for model in self.all if self._is_shown(model, rotation, position)]
         return tuple(sorted(shown, key=lambda model: model.depth(rotation, position) / model.cell)[:MOST])
+
+    def gathered(self, pixels: Grey, start: Pose) -> Pose:
+        """A start, moved to where the prints are found; as it is where all are in their place, or one is found alone.
+
+        A tag of 27 px knows its tilt to a degree or two; at the next tag, two metres away, these are more pixels than a
+        cell has, and no fit would get there.
+        """
+        if len(self.all) < 2:
+            return start
+        looked = [(model, model.offset(pixels, start)) for model in self.seen(start.rotation, start.position)]
+        found = [(model.corners, offset) for model, offset in looked if offset is not None]
+        if len(found) < 2 or not any(offset.any() for _, offset in found):
+            return start
+        points = np.concatenate([corners for corners, _ in found])
+        seen = self._projection.project(points @ start.rotation.T + start.position)[0]
+        rays = self._projection.undistort(seen + np.repeat([offset for _, offset in found], len(SQUARE), axis=0))
+        rotation, position = refined(points, rays, start.rotation, start.position)
+        if not np.isfinite(position).all() or position[2] < NEAR_M:
+            return start
+        return replace(start, rotation=rotation, position=position)
 
     def cell_px(self, pose: Pose) -> float:
         """Side of a cell of the print that is looked at [px]."""

@@ -1,9 +1,7 @@
 """The unknowns of a fit: what is known of them before an image, how a step is solved for them, and where a fit is.
 
-Fits to edges and fits to grey values share the pose, the bend of the print and the motion under a rolling shutter; each
-has some of its own. All stand in one table. With the rows J of the table, the derivative of what is measured, and with
-residuals d of variance v and weight W, the information P that is known beforehand and e, what is expected less where
-the fit is, a step is
+All stand in one table. With its rows J, the derivative of what is measured, residuals d of variance v and weight W, the
+information P that is known beforehand and e, what is expected less where the fit is, a step is
 
     x = (J W J^T + v P)^-1 (J W d + v P e)
 
@@ -206,8 +204,7 @@ class Prior:
     def table(self, at: State, by_point: Array, arm: Array, times: Array, heights: Array | None) -> list[Unknown]:
         """The unknowns that all fits have, of what is measured at points of the print.
 
-        A turn w moves a point at `arm` by w x arm, so that its derivative is arm x that by the point. A bend moves
-        points along the normal.
+        A turn w moves a point at `arm` by w x arm, so that its derivative is arm x that by the point.
 
         Args:
             at: where the fit is.
@@ -234,13 +231,7 @@ class Prior:
         return table
 
     def measured(self, at: State, unknowns: Unknowns, covariance: Array) -> tuple[Array, Bend | None]:
-        """Covariance of the pose `(6, 6)`, and what was found of the bend, where a step asked for it.
-
-        Args:
-            at: where the fit is.
-            unknowns: of its last step.
-            covariance: of all of them `(k, k)`.
-        """
+        """Covariance of the pose `(6, 6)`, and what was found of the bend, by that of all unknowns `(k, k)`."""
         pose = (covariance[POSE, POSE] + covariance[POSE, POSE].T) / 2
         if self._sheet is None or at.rise is None or "rise" not in unknowns:
             return pose, None
