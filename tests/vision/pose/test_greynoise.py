@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mkdaemon.vision.pose.photostep import LEAST_SHARED, STREAK_PX, clarity, on_slopes, shared_by, streak_doubt
+from mkdaemon.vision.pose.photofit import LEAST_SHARED, STREAK_PX, clarity, on_slopes, shared_by, streak_doubt
 
 RNG = np.random.default_rng(5)
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import pytest
 import numpy.typing as npt
+import pytest
 
 from lab.vision.stills import error_of, target_named
 from mkdaemon.vision.camera.intrinsics import Intrinsics

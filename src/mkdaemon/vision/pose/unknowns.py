@@ -171,8 +171,7 @@ class Prior:
         stretch_sd: deviation of the ratio of the focal lengths; zero takes them as exact.
 
     Attributes:
-        start: of the fit.
-        stretch_sd: see above.
+        start, stretch_sd: see above.
         bend: what is known of that; none where the print does not bend.
     """
 
