@@ -10,9 +10,8 @@ from typing import Any, Final
 
 from lab.vision.flight import VGA, FlightFrame, fly
 from lab.vision.stills import SeedSet, target_named
-from mkdaemon.vision.pose.carry import Carrier
 from mkdaemon.vision.pose.edgefit import EdgeFit
-from mkdaemon.vision.pose.fitting import EdgeEvidence
+from mkdaemon.vision.pose.fitting import EdgeEvidence, TargetFitter
 from mkdaemon.vision.pose.gates import CellReader
 from mkdaemon.vision.pose.photofit import PhotoFit
 from mkdaemon.vision.tags.detector import Detector
@@ -31,7 +30,7 @@ STAGES: Final[dict[str, tuple[Callable[..., Any], ...]]] = {
     "cells": (CellReader.evidence, CellReader.shows, CellReader.beside),
     "evidence": (EdgeEvidence.measure,),
     "branches": (Branches.after,),
-    "carry": (Carrier.shift,),
+    "carry": (TargetFitter.carried,),
     "search": (Detector.search,),
 }
 """Functions of each stage; none of them calls another one of the table."""

@@ -7,11 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mkdaemon.vision.pose.bend import Bend, Sheet
 from mkdaemon.vision.pose.edgefit import EdgeFit
 from mkdaemon.vision.pose.photofit import PhotoFit
-from mkdaemon.vision.pose.pose import Pose, largest_variance
-from mkdaemon.vision.pose.prints import sheet_of
+from mkdaemon.vision.pose.pose import Bend, Pose, largest_variance
+from mkdaemon.vision.pose.prints import Sheet, sheet_of
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.tags.tagmap import Target
 from mkdaemon.vision.track.follower import LearnedBend

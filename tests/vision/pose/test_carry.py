@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mkdaemon.vision.pose.carry import Carrier
+from mkdaemon.vision.pose.fitting import TargetFitter
 from mkdaemon.vision.pose.pose import Pose, turn
 from mkdaemon.vision.pose.projection import Projection
 from mksim.scene.light import Conditions
@@ -41,7 +41,7 @@ def test_the_whole_image_of_a_target_is_found_again(distance, conditions):
     target = shipped("nested")
     before = View(target, place(distance, 0.2))
     after = shaken(before, target, conditions)
-    carried = Carrier(target, Projection(VGA)).shift(before.pixels, after.pixels, pose_of(before))
+    carried = TargetFitter(target, Projection(VGA)).carried(before.pixels, after.pixels, pose_of(before))
     assert carried is not None
     assert miss_px(carried, after, target) < 0.1 * VGA.fx * target.tags[0].size / distance
 
@@ -50,7 +50,7 @@ def test_what_is_not_there_is_not_found():
     target = shipped("nested")
     before = View(target, place(3.0, 0.2))
     empty = View(target, place(3.0, 0.2), replace(Conditions(), target_in_view=False))
-    carrier = Carrier(target, Projection(VGA))
-    assert carrier.shift(before.pixels, empty.pixels, pose_of(before)) is None
+    fitter = TargetFitter(target, Projection(VGA))
+    assert fitter.carried(before.pixels, empty.pixels, pose_of(before)) is None
     outside = replace(pose_of(before), position=np.array([9.0, 0.0, 1.0]))
-    assert carrier.shift(before.pixels, empty.pixels, outside) is None
+    assert fitter.carried(before.pixels, empty.pixels, outside) is None

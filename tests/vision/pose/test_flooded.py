@@ -22,10 +22,10 @@ def test_cells_that_a_highlight_floods_contradict_no_pose_and_the_others_do(tilt
     view = View(target, place(1.2, 0.03, 0.7, 0.4), Conditions(gloss=Gloss(0.06, (tilt, 0.0, 1.0)), exposure=1.2))
     pose = Pose(view.rotation, view.position, 1e-8 * np.eye(6), "edges", 40, 0.1)
     cells = CellReader(target, Projection(VGA))
-    assert cells.evidence(view.pixels, pose, 1.0).vouches
+    assert cells.evidence(view.pixels, pose).vouches
     for column, row in ((1, 0), (0, 1), (2, 0), (0, 2), (1, 1), (3, 0), (-1, 0), (0, -1)):
         aside = pose.position + target.tags[0].module * np.array([column, row, 0.0])
-        assert not cells.evidence(view.pixels, replace(pose, position=aside), 1.0).vouches
+        assert not cells.evidence(view.pixels, replace(pose, position=aside)).vouches
 
 
 def test_edges_that_a_highlight_floods_are_not_missed() -> None:

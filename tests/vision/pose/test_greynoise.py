@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mkdaemon.vision.pose.photostep import LEAST_SHARED, STREAK_PX, clarity, on_slopes, shared_by, streak_doubt
+from mkdaemon.vision.pose.photofit import LEAST_SHARED, STREAK_PX, clarity, on_slopes, shared_by, streak_doubt
 
 RNG = np.random.default_rng(5)
 
@@ -25,15 +25,15 @@ def test_a_print_with_hardly_any_black_counts_evenly() -> None:
 
 def test_independent_noise_is_shared_by_nobody() -> None:
     used = np.ones((60, 60), bool)
-    noise = shared_by(RNG.standard_normal(3600), [used])
-    assert noise.factor < 1.1
-    assert noise.common < 0.05
+    factor, common = shared_by(RNG.standard_normal(3600), [used])
+    assert factor < 1.1
+    assert common < 0.05
 
 
 def test_few_pixels_cannot_tell_that_they_share_nothing() -> None:
     used = np.ones((6, 6), bool)
     independent = np.indices((6, 6)).sum(axis=0) % 2 - 0.5  # neighbours are opposites
-    assert shared_by(independent.ravel(), [used]).common == pytest.approx(1.0 / 6.0)
+    assert shared_by(independent.ravel(), [used])[1] == pytest.approx(1.0 / 6.0)
 
 
 def test_noise_that_neighbours_share_counts_more() -> None:
@@ -41,19 +41,19 @@ def test_noise_that_neighbours_share_counts_more() -> None:
     rough = RNG.standard_normal((61, 61))
     smooth = rough[1:, 1:] + rough[:-1, 1:] + rough[1:, :-1] + rough[:-1, :-1]
     # a correlation of one half each way
-    noise = shared_by(smooth.ravel(), [used])
-    assert noise.factor == pytest.approx(1.5**2 / 0.5, rel=0.15)
-    assert noise.common == pytest.approx(0.5 / 0.7, rel=0.1)
+    factor, common = shared_by(smooth.ravel(), [used])
+    assert factor == pytest.approx(1.5**2 / 0.5, rel=0.15)
+    assert common == pytest.approx(0.5 / 0.7, rel=0.1)
 
 
 def test_neighbours_that_sharpening_sets_against_each_other_tell_more() -> None:
     noise = np.random.default_rng(3).normal(size=(60, 60)).astype(np.float32)
     sharp = noise - 0.2 * (np.roll(noise, 1, 0) + np.roll(noise, 1, 1))
     used = np.ones(sharp.shape, dtype=bool)
-    apart = shared_by(sharp[used].astype(np.float64), [used], LEAST_SHARED)
-    assert apart.factor < 0.75
-    assert apart.common <= 1.0 / 60.0
-    assert shared_by(sharp[used].astype(np.float64), [used]).factor == 1.0
+    factor, common = shared_by(sharp[used].astype(np.float64), [used], LEAST_SHARED)
+    assert factor < 0.75
+    assert common <= 1.0 / 60.0
+    assert shared_by(sharp[used].astype(np.float64), [used])[0] == 1.0
 
 
 @pytest.mark.parametrize("larger", [1.0, 3.0])
@@ -64,7 +64,7 @@ def test_what_a_model_lacks_on_slopes_is_not_lost_among_even_paper(larger: float
     residual = np.random.default_rng(5).standard_normal(used.size) * np.where(slopes, larger, 1.0)
     weighed, told = on_slopes(residual, slopes.astype(np.float64))
     assert not weighed[~slopes].any()
-    assert told * shared_by(weighed, [used]).factor == pytest.approx(larger**2 / np.mean(residual**2), rel=0.1)
+    assert told * shared_by(weighed, [used])[0] == pytest.approx(larger**2 / np.mean(residual**2), rel=0.1)
 
 
 @pytest.mark.parametrize(("length", "factor"), [(0.0, 1.0), (6.0, 1.0256), (STREAK_PX, 2.0), (2 * STREAK_PX, 17.0)])

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from mkdaemon.vision.pose import photofit
 from mkdaemon.vision.pose.edgefit import EdgeFit
 from mkdaemon.vision.pose.fitting import TargetFitter
-from mkdaemon.vision.pose.photofit import PhotoFit
 from mkdaemon.vision.pose.pose import angle_between, with_floor
 from mkdaemon.vision.pose.projection import Projection
 from mksim.scene.light import Conditions, Cover
@@ -60,7 +60,7 @@ def test_grey_values_that_the_print_does_not_explain_are_left_out() -> None:
 
 
 def test_grey_values_that_have_not_arrived_are_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(PhotoFit.fit, "__defaults__", (1, None, None))
+    monkeypatch.setattr(photofit, "STEPS", 1)
     view = smeared(8.0, 0.2)
     found = TargetFitter(TARGET, Projection(VGA)).refine(view.pixels, nearly(view))
     assert found is None or found.source == "edges"

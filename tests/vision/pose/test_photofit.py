@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from mkdaemon.vision.camera.calibration_file import load_camera
+from mkdaemon.vision.pose import photofit
 from mkdaemon.vision.pose.edgefit import EdgeFit
 from mkdaemon.vision.pose.fitting import TargetFitter
 from mkdaemon.vision.pose.photofit import PhotoFit
@@ -45,22 +46,27 @@ def aside(view: CameraView, angle: float) -> CameraView:
 @pytest.mark.parametrize("right", [False, True])
 @pytest.mark.parametrize("low", [False, True])
 @pytest.mark.parametrize("distance", [6.0, 7.5, 9.0])
-def test_a_far_print_that_leaves_by_a_corner_gives_no_pose(distance: float, low: bool, right: bool) -> None:
+def test_a_far_print_that_leaves_by_a_corner_gives_no_pose(
+    distance: float, low: bool, right: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
     pixels = np.random.default_rng(1).integers(0, 255, (480, 640), dtype=np.uint8)
     corner = np.array([639.0 if right else 0.0, 479.0 if low else 0.0])
     inwards = np.array([-1.0 if right else 1.0, -1.0 if low else 1.0])
+    monkeypatch.setattr(photofit, "STEPS", 1)
     fit = PhotoFit(TARGET, Projection(CAMERA.intrinsics))
     for outside in np.linspace(-40.0, 0.0, 41):
-        pose = fit.fit(pixels, pose_at(corner + inwards * outside, distance), iterations=1)
+        pose = fit.fit(pixels, pose_at(corner + inwards * outside, distance))
         assert pose is None or np.isfinite(pose.position).all()
 
 
-def test_a_fit_that_has_not_arrived_says_how_far_it_would_go_on() -> None:
+def test_a_fit_that_has_not_arrived_says_how_far_it_would_go_on(monkeypatch: pytest.MonkeyPatch) -> None:
     target = shipped("nested")
     view = View(target, place(6.5, 0.3, 0.7, 0.4), Conditions())
     start = Pose(turn(view.rotation, np.radians([6.0, -3.0, 0.0])), view.position * 0.98, np.eye(6), "edges", 9, 0.1)
     fit = PhotoFit(target, Projection(VGA))
-    broken_off, arrived = (fit.fit(view.pixels, start, iterations=count) for count in (1, 10))
+    arrived = fit.fit(view.pixels, start)
+    monkeypatch.setattr(photofit, "STEPS", 1)
+    broken_off = fit.fit(view.pixels, start)
     assert broken_off is not None
     assert arrived is not None
     turned = np.asarray(cv2.Rodrigues(broken_off.rotation @ arrived.rotation.T)[0], dtype=np.float64).ravel()
@@ -178,7 +184,7 @@ def test_large_cells_are_fitted_in_an_image_of_half_the_size():
     view = View(target, place(1.8, 0.4))
     start = Pose(turn(view.rotation, np.full(3, 0.005)), 1.003 * view.position, np.eye(6), "corners", 4, 0.1)
     half, whole = (
-        fit(view.pixels, start, 8)
+        fit(view.pixels, start)
         for fit in (PhotoFit(target, Projection(VGA)).fit, PhotoFit(target, Projection(VGA)).fit_whole)
     )
     assert half is not None and whole is not None

@@ -279,9 +279,9 @@ def test_what_a_highlight_hides_speaks_neither_for_a_pose_nor_against_it():
     assert found.inliers > 0.6
     assert np.linalg.norm(found.position - view.position) < 0.003
     cells = CellReader(target, PROJECTION)
-    assert cells.evidence(view.pixels, found, found.inliers).is_clear
+    assert cells.evidence(view.pixels, found).is_clear
     beside = replace(found, position=found.position + np.array([0.02, 0.0, 0.0]))
-    assert not cells.evidence(view.pixels, beside, found.inliers).vouches
+    assert not cells.evidence(view.pixels, beside).vouches
 
 
 def test_in_a_blown_image_a_missing_edge_speaks_against_a_pose():

@@ -12,7 +12,7 @@ import pytest
 from mkdaemon.config.vision import TagPlacement, TargetSection
 from mkdaemon.vision.camera.image import CameraImage
 from mkdaemon.vision.limits import LIMITS
-from mkdaemon.vision.pose.fitting import PrintGatherer, TargetFitter
+from mkdaemon.vision.pose.fitting import TargetFitter
 from mkdaemon.vision.pose.pose import Pose, inverse, turn
 from mkdaemon.vision.pose.prints import MOST, Prints, roots
 from mkdaemon.vision.pose.projection import Projection
@@ -154,4 +154,4 @@ def test_prints_that_are_not_in_the_image_move_no_start(shown: tuple[int, ...]) 
         if k not in shown:
             cv2.circle(pixels, tuple(int(each) for each in middle), 32, (90,), -1)
     beside = Pose(turn(rotation, np.full(3, 0.03)), position, np.eye(6), "corners", 4, 0.1)
-    assert PrintGatherer(prints, PROJECTION).gathered(pixels, beside) is beside
+    assert prints.gathered(pixels, beside) is beside

@@ -66,7 +66,7 @@ def test_a_rendered_tag_is_found_with_its_corners_and_posed(name):
         if distance < 3.0:
             [published] = next(result.poses for result in results if result.poses)
             assert not error_of(published.pose.rotation, published.pose.position, rotation, position).is_wrong
-            assert CellReader(target, Projection(VGA)).evidence(pixels, published.pose, 1.0).is_clear
+            assert CellReader(target, Projection(VGA)).evidence(pixels, published.pose).is_clear
     assert sources == {"edges", "photometric"}
 
 

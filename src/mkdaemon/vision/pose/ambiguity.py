@@ -1,7 +1,4 @@
-"""What one image says for a pose against its mirror image.
-
-Four points in a plane are explained nearly as well by a pose mirrored about the line of sight.
-"""
+"""What one image says for a pose against its mirror image, which explains a plane nearly as well."""
 
 from __future__ import annotations
 
@@ -34,18 +31,14 @@ def loss_of(size: Array, most: float, least: float) -> float:
 def log_odds(first: Pose, second: Pose) -> float:
     """Log likelihood ratio of two fits of equal Gaussian residuals with unknown variance.
 
-    n / 2 ln(s2^2 / s1^2) with n independent residuals; neighbouring samples share pixels and are not, and those of grey
-    values share what the model lacks too: behind a dirty lens it spoke for the mirror image by 6 nats an image.
-
-    Where a fit leaves nothing but noise, s^2 is its cost: the noise is that of its own residuals, as what the other's
-    share is why it is wrong, and a reading that wants a bend or a motion nobody expects pays for it. Elsewhere
-    something may take sides, and the loss, which what is hidden hardly moves, is asked.
+    n / 2 ln(s2^2 / s1^2) with n independent residuals; neighbouring samples share pixels, and what the model lacks.
+    Where a fit leaves nothing but noise, s^2 is its cost, in which a bend or a motion that nobody expects counts, and
+    what the other's residuals share is why it is wrong. Elsewhere s^2 is the loss, which what is hidden hardly moves.
     """
-    points = min(first.points, second.points)
+    points, shared, of = min(first.points, second.points), max(first.shared, second.shared), (first.loss, second.loss)
     if first.cost is not None and second.cost is not None and _is_explained(first, second):
-        return 0.5 * facts(points, first.shared) * float(np.log(max(second.cost, 1e-12) / max(first.cost, 1e-12)))
-    shared = max(first.shared, second.shared)
-    return 0.5 * facts(points, shared) * float(np.log(max(second.loss, 1e-12) / max(first.loss, 1e-12)))
+        shared, of = first.shared, (first.cost, second.cost)
+    return 0.5 * facts(points, shared) * float(np.log(max(of[1], 1e-12) / max(of[0], 1e-12)))
 
 
 def facts(points: int, shared: float) -> float:
@@ -54,10 +47,7 @@ def facts(points: int, shared: float) -> float:
 
 
 def evidence(first: Pose, second: Pose) -> float:
-    """What an image adds to the log odds of a fit against one that it likes less, zero to `decided` [nats].
-
-    Where a fit leaves nothing but noise, all it says; elsewhere what hides the target, light or blur may take sides.
-    """
+    """What an image adds to the log odds of a fit against one that it likes less, zero to `decided` [nats]."""
     odds = log_odds(first, second)
     odds = odds if _is_explained(first, second) else (odds - LIMITS.ambiguity.silent) / CAUTION
     return min(max(odds, 0.0), LIMITS.ambiguity.decided)

@@ -2,18 +2,14 @@
 
 Light moves edges. Grey values on both sides of all edges are a quadratic in the image each.
 
-Behind dirt on the lens, in the soft rim of a shadow or near the corner of an image the contrast of an edge grows along
-its normal by a share c for each pixel, its bright side slopes, and the centre of gravity of the slope moves by
-c sigma^2 times a factor, with sigma the deviation of the slope. An even growth moves the print; one that differs over
-the print turns it. Edges that the light does not explain, as across a hard shadow, are left alone.
+Where the contrast of an edge grows along its normal by a share c for each pixel, its bright side slopes, and the centre
+of gravity of the slope moves by c sigma^2 times a factor, with sigma the deviation of the slope. Edges that the light
+does not explain, as across a hard shadow, are left alone.
 
-Where the bright side of an edge is blown, the clipping moves the edge that is found.
-A blurred edge rises from the grey value d by the contrast c as d + c Phi(s / sigma). What lies above the largest grey
-value is cut off, a share 1 - q with q = (top - d) / c, and the centre of gravity of the slope that is left lies at
--sigma lambda(z), with lambda = phi / Phi, z = Phi^-1(q): towards the dark side by half a pixel where half is cut off.
-A highlight on a glossy print lights its ink by different amounts, so that edges move where it lies and others stay,
-which looks like a tilt. Dark sides say how much is cut off; blur and contrast are known nearly and fitted with the
-pose.
+Where the bright side is blown, clipping moves the edge. A blurred edge rises from the grey value d by the contrast c as
+d + c Phi(s / sigma). What lies above the largest grey value is cut off, a share 1 - q with q = (top - d) / c, and the
+centre of gravity of the slope that is left lies at -sigma lambda(z), with lambda = phi / Phi, z = Phi^-1(q). Dark sides
+say how much is cut off; blur and contrast are known nearly and fitted with the pose.
 
 Source: mean of a truncated normal distribution, Johnson and Kotz, Continuous Univariate Distributions, 13.10.
 """
@@ -55,17 +51,14 @@ QUARTER = 0.25
 """Of the edges, the flattest ones, have nothing but noise beside them."""
 UNEVEN = 2.0
 """Slope beside an edge, over what the skirt takes off or the flattest quarter of the edges has, from which something
-else than noise is there. Where it was 0.3-0.5 of the peak under leaf shadows, edges were off by 0.3 px, and by 1 px
-beyond; below 0.2 by 0.05 px (development seed, 3,150 edges; 0.05 and 0.03 px in fair light)."""
+else than noise is there: edges beside more were off by 0.3 px, beside less by 0.05 (leaf shadows, 3,150 edges)."""
 CLEAR = 0.75
 """Share of the edges that have less than the usual contrast: half of a print may lie in the shade."""
 OF_NOISE = 0.5
-"""Of the variance of an edge of usual contrast, what grows with the square of the contrast that others lack. In a shade
-of 1 to 6 edges were off by 1.7 times as much, those dimmed to a half by grass or a leaf by 2 to 2.6 (45 development
-flights); of 0.03 to 1, angles were best at 0.15-0.5 in the sun's shadow and at 1 under grass and leaves."""
+"""Of the variance of an edge of usual contrast, what grows with the square of the contrast that others lack. Of 0.03 to
+1, angles were best at 0.15-0.5 in the sun's shadow and at 1 under grass and leaves (45 development flights)."""
 MELTING = 6
-"""Power with which the variance of an edge grows by its width in cells. With 4 edges 0.7 of a cell wide, which
-neighbours pull by 0.4 px, were taken for half as exact as they are (docs/lab/vision-fits.md, room)."""
+"""Power with which the variance of an edge grows by its width in cells (docs/lab/vision-fits.md, room)."""
 PLACES = np.linspace(-3.0, 2.0, 201)
 """At which the two functions below are tabled [sigma]: shares of 0.1 to 98 %."""
 BELOW = np.array([(1.0 + erf(z / sqrt(2.0))) / 2.0 for z in PLACES])
@@ -93,8 +86,8 @@ BEYOND = 1.2
 GROWTH_MOVES = 1.9
 """Share of sigma^2 c that an edge moves: edges drawn with a point spread of 0.5 to 1.5 px, 1.7 to 2.1."""
 UNSURE = 0.5
-"""Share of what the light moves that is unsure, and by which it may move edges another way, as marks of dirt are
-smaller than a quadratic over the print: NEES 1.2-1.4 behind dirt and 0.8-1.0 under a shadow's rim."""
+"""Share of what the light moves that is unsure, and by which it may move edges another way: NEES 1.2-1.4 behind dirt
+and 0.8-1.0 under a shadow's rim."""
 EVEN_PX = 0.003
 """What the light may move edges without being asked, root mean square [px]: below a third of `systematic_px`."""
 ENOUGH_FOR_LIGHT = 60
@@ -110,10 +103,10 @@ class FoundEdges:
         offsets: from where the pose puts them, towards the bright side, without what light moves `(n,)` [px].
         found: whether an edge of the right sense was found `(n,)`.
         widths: half width of the edges that run the way of each: motion blurs one of two ways `(n,)` [px].
-        trust: 1 where both sides of an edge are even and it is as clear as others, less where a shadow's rim or a leaf
-            lies beside it or dims it, or light moves it; over the variance of the offset `(n,)`.
-        room: what neighbours leave of each, against the one with most room; over the variance of the offset too. An
-            edge without room says nothing for a pose and nothing against it `(n,)`.
+        trust: 1 where both sides of an edge are even and it is as clear as others, less elsewhere; over the variance of
+            the offset `(n,)`.
+        room: what neighbours leave of each, against the one with most room; over the variance of the offset too
+            `(n,)`. An edge without room says nothing for a pose or against it.
         blown: share of the edges whose bright side is blown.
         light: unknowns of what light moves; none where it moves nothing.
     """
@@ -202,10 +195,7 @@ def find_edges(pixels: Grey, samples: Samples) -> FoundEdges:
 
 
 def _profiles(pixels: Grey, samples: Samples) -> tuple[Array32, npt.NDArray[np.floating], float]:
-    """Grey values along the normals, a column a sample, the places along them, and from one place to the next [px].
-
-    What is done with each sample runs along rows.
-    """
+    """Grey values along the normals, a column a sample, the places along them, and from one place to the next [px]."""
     longest = float(samples.reach.max())
     spacing = max(STEP_PX, longest / STEPS)
     count = int(np.ceil((longest + 1.0) / spacing))
@@ -238,17 +228,10 @@ def _widths(area: Array32, upright: Bools, telling: Bools) -> Array:
 
 
 def _trust(beside: Array32, peak: Array32, contrast: Array32, found: Bools, cut: Bools) -> Array:
-    """Trust in edges `(n,)`.
+    """Trust in edges `(n,)`, by the largest slope beside each, the peak of its own, and its contrast [grey].
 
     A shadow's rim beside an edge is as likely to lie on it, unseen: the variance grows by 1 + (slope / usual)^4. What
-    noise moves an edge by grows as its contrast falls, and what dims an edge lies near it; what is cut off is not dim.
-
-    Args:
-        beside: largest slope beside each edge `(n,)` [grey].
-        peak: of its own slope `(n,)` [grey].
-        contrast: of it `(n,)` [grey].
-        found: which edges were found `(n,)`.
-        cut: which of them are blown `(n,)`.
+    noise moves an edge by grows as its contrast falls; what is cut off is not dim.
     """
     usual = found if bool(found.any()) else np.ones_like(found)
     share = (beside / np.maximum(peak, 1e-3)).astype(np.float64)
@@ -271,14 +254,9 @@ def _centre(slope: Array32, place: Array32, around: Array32, peak: Array32, widt
 class _Light:
     """Grey values of the paper, or the ink, beside edges, as quadratics in the image, by a robust fit.
 
-    Args:
-        samples: of the edge model.
-        sides: grey values on each side that is asked for `(k, n)`.
-        telling: which edges show the light `(n,)`.
-
     Attributes:
         place: of the edges in the part of the image that these take, -1 to 1 `(n, 2)`.
-        grey: of each side at each edge `(k, n)`.
+        grey: of each side that is asked for, at each edge `(k, n)`.
         rise: slope of that along its normal `(k, n)` [grey/px].
         scatter: of the sides around it, of the one with most [grey].
     """
@@ -305,12 +283,6 @@ def _grown(samples: Samples, sides: Array, slope_sd: Array, whole: Bools) -> tup
     """How far light that grows over a print moves edges `(n,)` [px], and what of that is unsure; none where it is even.
 
     Unsure are a share of that, and shifts in proportion that grow evenly over the print, e = n . (a + B x).
-
-    Args:
-        samples: of the edge model.
-        sides: grey values on the dark and the bright side `(2, n)`.
-        slope_sd: deviation of the slope of each edge `(n,)` [px].
-        whole: which edges show the light `(n,)`.
     """
     light = _Light(samples, sides, whole)
     contrast = np.maximum(light.grey[1] - light.grey[0], light.scatter)
@@ -329,9 +301,8 @@ def _grown(samples: Samples, sides: Array, slope_sd: Array, whole: Bools) -> tup
 def _blown(samples: Samples, sides: Array, slope_sd: Array, found: Bools, cut: Bools) -> tuple[Array, Unknown, Bools]:
     """The same by clipping where edges are `cut`, and edges whose ink is blown, too: a highlight shows nothing there.
 
-    Unsure are, as shares, the blur of the edges that run either way and the contrast. Motion blurs edges of one way:
-    with one blur for both, edges across it lay 0.04-0.13 px beside those along it (over-exposed flights), which looks
-    like a tilt. A flooded edge is no missing one, as long as enough others are left to be missed.
+    Unsure are, as shares, the blur of the edges that run either way and the contrast. A flooded edge is no missing one,
+    as long as enough others are left to be missed.
     """
     contrast, blur = sides[1] - sides[0], _blur_of(slope_sd)
     clearest, beyond = _least_cut(contrast, found, cut)
@@ -349,13 +320,7 @@ def _blown(samples: Samples, sides: Array, slope_sd: Array, found: Bools, cut: B
 
 
 def _least_cut(contrast: Array, telling: Bools, cut: Bools) -> tuple[Bools, float]:
-    """Edges that come nearest to whole ones `(n,)`, and their whole contrast over what is seen of it.
-
-    Args:
-        contrast: that is seen of each edge `(n,)` [grey].
-        telling: among which they are `(n,)`.
-        cut: which edges are blown `(n,)`.
-    """
+    """Of some edges those that come nearest to whole ones `(n,)`, and their whole contrast over what is seen of it."""
     whole = telling & ~cut
     if int(whole.sum()) >= ENOUGH or not bool((telling & cut).any()):
         return whole, 1.0

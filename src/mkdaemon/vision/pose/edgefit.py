@@ -1,8 +1,7 @@
 """Pose refinement on the black-white edges of a known target.
 
-Every edge between cells (borders, bits, nested tags) is sampled; each sample is located along its normal to a fraction
-of a pixel, and a robust Gauss-Newton step moves the pose. No closed quad is needed, so hidden or cut parts only take
-samples away, and the normal matrix gives the covariance. Best from four pixels a cell upwards.
+Every edge between cells is sampled; each sample is located along its normal to a fraction of a pixel, and a robust
+Gauss-Newton step moves the pose. Hidden or cut parts only take samples away. Best from four pixels a cell upwards.
 
 With d_i the offset of edge i along its normal n_i [px] and J_i = n_i . du/dx the derivative of its pixel u by the pose
 x = (position, rotation vector), a step solves min over x of sum w_i (d_i - J_i x - s)^2. The shift s is common to all
@@ -23,11 +22,10 @@ import numpy as np
 from mkdaemon.vision.arrays import Array, Bools, Grey
 from mkdaemon.vision.limits import APART2, HALF, LIMITS
 from mkdaemon.vision.pose.ambiguity import loss_of
-from mkdaemon.vision.pose.bend import RISES
 from mkdaemon.vision.pose.edgefind import LEAST_OF_A_KIND, FoundEdges, Numbers, find_edges, kinds_of
 from mkdaemon.vision.pose.edgemodel import EdgeModel, Samples, seen_across
 from mkdaemon.vision.pose.pose import LEAST_RIDGE, Pose, inverted, length2, median
-from mkdaemon.vision.pose.prints import sheet_of
+from mkdaemon.vision.pose.prints import RISES, sheet_of
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.pose.unknowns import POSE, Level, Prior, State, Unknown, Unknowns, not_arrived
 from mkdaemon.vision.tags.tagmap import Target
@@ -54,8 +52,7 @@ class EdgeStep:
 
     See `unknowns`, with Tukey's w = t (1 - (r / c sigma)^2)^2 inside c sigma, zero outside; t is the trust in an edge
     times its room, r holds its root; sigma from the median of |r|. Far from its place sigma is the larger one of the
-    two ways that edges run: a start that is off along one side of the print leaves half of the edges in their place,
-    which would outvote the other half.
+    two ways that edges run, or half of the edges, which are in their place, would outvote the others.
 
     Args:
         unknowns: of the offsets, the common shift last.
@@ -68,8 +65,7 @@ class EdgeStep:
         change: of the unknowns `(k,)`.
         weights: of the samples `(n,)`, zero without an edge.
         variance: of a located edge [px^2]: sigma^2 = sum(w r^2) / (sum(w) - 6).
-        agrees: whether each lies where the pose puts it, by the larger median of both ways; trust has no say, as doubt
-            makes no edge agree `(n,)`.
+        agrees: whether each lies where the pose puts it, by the larger median of both ways and without trust `(n,)`.
     """
 
     def __init__(self, unknowns: Unknowns, samples: Samples, edges: FoundEdges, expected: float) -> None:
@@ -122,8 +118,7 @@ class EdgeStep:
         """By how much errors that the samples of a square `(n,)` have in common raise the variance, by their residuals.
 
         With g_i = J_i w_i r_i, A the inverse normal matrix and G the sum of g over a square:
-        sum(G^T A G) / sum(g^T A g), 1 for errors that have nothing in common. What falls on a print unevenly, as a
-        shadow's rim does, moves neighbouring edges alike.
+        sum(G^T A G) / sum(g^T A g), 1 for errors that have nothing in common.
 
         A fit gives way to what its samples have in common, the more the fewer there are: the residuals of a square are
         (I - H)^-1/2 r, H = (w^1/2 J) A (w^1/2 J)^T among them. Source: covariance by clusters, Bell and McCaffrey,
@@ -150,8 +145,8 @@ class EdgeStep:
             prior: what was known beforehand.
             square: of the print each sample of the model is in `(m,)`.
         """
-        # C = (v b + s^2) (J^T W J)^-1: b is what neighbours share by their residuals (blur makes v larger, not b); s is
-        # what interpolation leaves and no number of samples averages out.
+        # C = (v b + s^2) (J^T W J)^-1: b is what neighbours share, s what interpolation leaves and no number of samples
+        # averages out.
         shared = self._shared(square[self._samples.index])
         noise = shared * self._influence_variance() + LIMITS.edges.systematic_px**2
         # What is known of the bend is no better for edges that are worse than they look; of the motion it is, as a
@@ -212,7 +207,7 @@ class EdgeFit:
             pixels: `(h, w)` uint8.
             start: within about half a cell of the truth.
             iterations: Gauss-Newton steps at most.
-            level: where the target's normal should point; what lies over the target is then an outlier.
+            level: where the target's normal should point.
             stretch_sd: deviation of the ratio of the focal lengths, which is unknown then; zero takes them as exact.
                 Stills that doubt the lens show no motion of the camera, and take the print for flat.
 
@@ -254,10 +249,9 @@ class EdgeFit:
         return None if last is None else not_arrived(last.pose(state, prior, self.model.square), to_go)
 
     def locate(self, pixels: Grey, pose: Pose) -> tuple[Samples, FoundEdges, Unknowns] | None:
-        """Find the edges around a fitted pose, without their common shift; none when too few are in view or found.
+        """Samples around a fitted pose, their edges without the common shift, and the unknowns of a step by these.
 
-        Returns:
-            The samples in view, their edges, and the unknowns of a step, by these samples.
+        None when too few are in view or found.
         """
         prior = Prior(pose, None, self._projection.shutter, self._sheet)
         found = self._find(pixels, prior.begin(), prior, LIMITS.edges.reach_px[-1])
@@ -269,10 +263,7 @@ class EdgeFit:
     def _find(
         self, pixels: Grey, at: State, prior: Prior, reach: float, *, are_near: bool = True
     ) -> tuple[Samples, FoundEdges, Unknowns] | None:
-        """Samples in view, their edges, and the unknowns of a step; none when too few are in view or found.
-
-        The samples are seen at u = project(R p + t), and move along their normals by n . du/dP.
-        """
+        """Samples in view, their edges, and the unknowns of a step; none when too few are in view or found."""
         limits, count, points = LIMITS, len(self.model.points), self._points
         if self._sheet is not None and self._terms is not None and at.rise is not None and at.rise.any():
             points = self._sheet.bent(points, self._terms, at.rise)
@@ -315,8 +306,6 @@ def shifts(toned: Array, smaller: Bools) -> Unknown:
     """A shift of all edges in proportion to their blur, the last unknown, and that of smaller tags.
 
     Blur does not let small cells get black or white: a tone curve or sharpening shifts their edges by less, or more.
-    Behind gamma 2.2 and a webcam one shift for both tags of a nested target left the range off by 0.8 and 1.4 mm at
-    1.2 m, 0.2 and 0.3 mm with one each.
 
     Args:
         toned: shift of each over that of all `(n,)`.

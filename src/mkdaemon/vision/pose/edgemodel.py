@@ -14,9 +14,7 @@ from mkdaemon.vision.tags.tagmap import Target, covered
 SAMPLED = (0.15, 0.7)
 """Where the samples of an edge begin, and the length they are spread over [cells]: corners are rounded by blur."""
 BESIDE_CELLS = 0.5
-"""An edge is left out where a tag hides a point so far beside it [cells]: the paper's rim is nearer than that, and far
-away both are one (in fair light 9 of 210 edges of the nested target lay beside their place, its inner tag among 8 mm of
-black)."""
+"""An edge is left out where a tag hides a point so far beside it [cells]: far away the paper's rim and it are one."""
 
 ON_EDGE = 1e-6
 """Rounding errors of a point on an edge, at most [cells]."""
@@ -35,6 +33,7 @@ class EdgeModel:
         cell: side of the cell at each sample `(n,)` [m].
         tag: index of the tag of each sample `(n,)`.
         square: number of the square of the print whose rim each sample is on; a cell is one `(n,)`.
+        line: number of the straight line of the print each sample is on `(n,)`.
         smaller: whether each sample is on a tag of a smaller size, for the second size and those after it `(n, k)`.
         upright: whether a move along x of the largest tag, rather than along its y, shifts the edge `(n,)`.
     """
@@ -45,6 +44,7 @@ class EdgeModel:
     cell: Array
     tag: npt.NDArray[np.intp]
     square: npt.NDArray[np.intp]
+    line: npt.NDArray[np.intp]
     smaller: Bools
     upright: Bools
 
@@ -53,13 +53,22 @@ class EdgeModel:
         """Sample every visible edge of a target `per_cell` times a cell."""
         tags = target.tags
         parts = [_tag_edges(target, k, per_cell) for k in range(len(tags))]
-        points, normals, tangents, cells = (np.concatenate(part) for part in zip(*parts, strict=True))
+        points, normals, tangents, cells, lines = (np.concatenate(part) for part in zip(*parts, strict=True))
         tag = np.repeat(np.arange(len(tags)), [len(part[0]) for part in parts])
         cell = np.array([one.module for one in tags])[tag]
-        square = np.unique(np.column_stack([tag, cells]), axis=0, return_inverse=True)[1].reshape(-1)
+        square, line = (
+            np.unique(np.column_stack([tag, places]), axis=0, return_inverse=True)[1].reshape(-1)
+            for places in (cells, lines)
+        )
         smaller = cell[:, None] == sorted({one.module for one in tags}, reverse=True)[1:]
         by_axis = np.abs(normals @ tags[0].rotation[:, :2])
-        return cls(points, normals, tangents, cell, tag, square, smaller, by_axis[:, 0] > by_axis[:, 1])
+        return cls(points, normals, tangents, cell, tag, square, line, smaller, by_axis[:, 0] > by_axis[:, 1])
+
+    @property
+    def sides(self) -> Array:
+        """Middles of the cells on the black and on the white side of each sample `(2, n, 3)` [m; target]."""
+        half = self.cell[:, None] / 2 * self.normals
+        return np.stack([self.points - half, self.points + half])
 
     @property
     def stepped(self) -> Array:
@@ -79,7 +88,7 @@ class Samples:
         reach: how far along the normal the edge may be `(n,)` [px].
         cell_px: side of its cells along the normal `(n,)` [px].
         upright: whether a move along x of the target shifts it `(n,)`, rather than one along y.
-        are_near: whether they are about in their place; before, other edges lie beside these.
+        are_near: whether they are about in their place.
     """
 
     index: npt.NDArray[np.intp]
@@ -111,18 +120,20 @@ def seen_across(pixels: Array) -> tuple[Array, Array]:
 
 
 def _tag_edges(target: Target, k: int, per_cell: int) -> tuple[npt.NDArray[Any], ...]:
-    """Points, normals, tangents `(n, 3)` and cells `(n, 2)` of the samples on one tag of a target."""
+    """Points, normals, tangents `(n, 3)`, cells `(n, 2)` and lines `(n,)` of the samples on one tag of a target."""
     tag = target.tags[k]
     bright = np.pad((tag.bitmap > 0).astype(int), 1, constant_values=1)
     along = SAMPLED[0] + SAMPLED[1] * (np.arange(per_cell) + 0.5) / per_cell
     places: list[Array] = []
     ways: list[Array] = []
+    lines: list[npt.NDArray[np.intp]] = []
     # Across x and, on the transposed grid, across y; row 0 is the top, where y is positive.
     for grid, xy in ((bright, (0, 1)), (bright.T, (1, 0))):
         rise = np.diff(grid[1:-1], axis=1)
         line, place = (np.repeat(index, per_cell) for index in np.nonzero(rise))
         across = line + np.tile(along, len(line) // per_cell)
         places.append(np.stack([place, across], axis=1)[:, xy])
+        lines.append(place + xy[0] * len(bright))
         ways.append(np.stack([rise[line, place], np.zeros_like(line)], axis=1)[:, xy])
     down = np.array([1.0, -1.0])
     cells = np.concatenate(places)
@@ -134,4 +145,5 @@ def _tag_edges(target: Target, k: int, per_cell: int) -> tuple[npt.NDArray[Any],
         keep &= ~(covered(points - beside, smaller) | covered(points + beside, smaller))
     # Samples belong to the cell right of and below their edge.
     square = np.floor(cells + ON_EDGE).astype(np.intp)
-    return points[keep], normals[keep], np.cross(tag.rotation[:, 2], normals)[keep], square[keep]
+    found = points, normals, np.cross(tag.rotation[:, 2], normals), square, np.concatenate(lines)
+    return tuple(part[keep] for part in found)

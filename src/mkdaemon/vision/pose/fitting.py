@@ -1,17 +1,4 @@
-"""From decoded tags or a prediction to a measured pose of one target: which fit, which candidate, which gate.
-
-A start for a fit of several prints: a pose that one of them gave puts the others beside their place.
-
-A tag of 27 px knows its tilt to a degree or two; at the next tag, two metres away, these are more pixels than a cell
-has, and no fit would get there. Each print is therefore looked for around where the start puts it, as a whole.
-Source: normalised cross-correlation; J. P. Lewis, "Fast normalized cross-correlation", 1995.
-
-Whether the edges of a partly hidden target support a pose, or could be faked by what lies over it.
-
-A first pose without attitude has nothing to contradict it but its own image. Two questions tell a right pose from one
-that follows the rim of something lying on the print: do the edges agree whose cells are seen, and does the pose stay
-where it is when any one straight line of edges is taken away? A rim is straight and covers one line of the grid.
-"""
+"""From decoded tags or a prediction to a measured pose of one target: which start, which fit, which candidate."""
 
 from __future__ import annotations
 
@@ -25,14 +12,12 @@ import numpy.typing as npt
 
 from mkdaemon.vision.arrays import Array, Grey
 from mkdaemon.vision.limits import APART2, HALF, LIMITS
-from mkdaemon.vision.pose.bend import Bend
 from mkdaemon.vision.pose.edgefind import HALF_WIDTH
 from mkdaemon.vision.pose.edgefit import MAD, EdgeFit
-from mkdaemon.vision.pose.edgemodel import EdgeModel
 from mkdaemon.vision.pose.gates import CellEvidence, CellReader, grey_evidence
 from mkdaemon.vision.pose.photofit import PhotoFit
-from mkdaemon.vision.pose.pose import Pose, apart, correlation, length2, median, refined, solve
-from mkdaemon.vision.pose.prints import SQUARE, PrintModel, Prints
+from mkdaemon.vision.pose.pose import Bend, Pose, apart, damped, length2, median, solve
+from mkdaemon.vision.pose.prints import SQUARE
 from mkdaemon.vision.pose.projection import NEAR_M, Projection
 from mkdaemon.vision.pose.rolling import KnownMotion
 from mkdaemon.vision.pose.unknowns import POSE, Level
@@ -40,64 +25,9 @@ from mkdaemon.vision.tags.cellread import sample
 from mkdaemon.vision.tags.detection import Detection
 from mkdaemon.vision.tags.tagmap import Tag, Target
 
-SPREAD: Final = np.eye(2)
-"""Of the point spread with which prints are looked for [px^2]: a little wide, so that a start need not be exact."""
-REACH: Final = 0.6
-"""How far from its place a print is looked for, of its size in the image."""
 
-
-class PrintGatherer:
-    """Finds the prints of one target around a start.
-
-    Args:
-        prints: of the target.
-        projection: of the lens.
-    """
-
-    def __init__(self, prints: Prints, projection: Projection) -> None:
-        self._prints, self._projection = prints, projection
-
-    def gathered(self, pixels: Grey, start: Pose) -> Pose:
-        """The start, moved to where the prints are found; as it is where all are in their place, or one is found alone.
-
-        Args:
-            pixels: `(h, w)` uint8.
-            start: from one print or from the images before.
-        """
-        if len(self._prints.all) < 2:
-            return start
-        seen = self._prints.seen(start.rotation, start.position)
-        looked = [(model, self._shift(pixels, model, start)) for model in seen]
-        found = [(model, shift) for model, shift in looked if shift is not None]
-        if len(found) < 2 or not any(shift.any() for _, shift in found):
-            return start
-        points = np.concatenate([model.corners for model, _ in found])
-        pixels_of = self._projection.project(points @ start.rotation.T + start.position)[0]
-        rays = self._projection.undistort(pixels_of + np.repeat([shift for _, shift in found], len(SQUARE), axis=0))
-        rotation, position = refined(points, rays, start.rotation, start.position)
-        if not np.isfinite(position).all() or position[2] < NEAR_M:
-            return start
-        return replace(start, rotation=rotation, position=position)
-
-    def _shift(self, pixels: Grey, model: PrintModel, start: Pose) -> Array | None:
-        """How far a print is beside its place `(2,)` [px]; zero where it is near, none where it is not found."""
-        seen = model.samples(pixels, start.rotation, start.position, SPREAD)
-        if seen is None or seen.grey.size < LIMITS.photo.min_window_px**2:
-            return None
-        if correlation(seen.grey, seen.value) >= LIMITS.likeness.clear:
-            return np.zeros(2)
-        left, top, (height, width) = seen.left, seen.top, seen.used.shape
-        template = np.ones(seen.used.shape, dtype=np.float32)
-        template[seen.used] = seen.value
-        reach = int(np.ceil(REACH * max(width, height)))
-        x0, y0 = max(left - reach, 0), max(top - reach, 0)
-        around = pixels[y0 : top + height + reach, x0 : left + width + reach].astype(np.float32)
-        score = cv2.matchTemplate(around, template, cv2.TM_CCOEFF_NORMED, mask=seen.used.astype(np.float32))
-        score = np.where(np.isfinite(score), score, -1.0)
-        row, column = np.unravel_index(int(np.argmax(score)), score.shape)
-        if score[row, column] < LIMITS.likeness.clear:
-            return None
-        return np.array([float(column + x0 - left), float(row + y0 - top)])
+def _shrink(part: Grey, scale: float) -> Grey:
+    return np.asarray(cv2.resize(part, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), dtype=np.uint8)
 
 
 CLEAR_PERCENT = 75
@@ -125,15 +55,17 @@ class Evidence:
 
 
 class EdgeEvidence:
-    """Asks the edges of one target."""
+    """Asks the edges of one target whether they support a pose, or could be faked by what lies over it.
+
+    Two questions tell a right pose from one that follows the rim of something lying on the print: do the edges agree
+    whose cells are seen, and does the pose stay where it is when any one straight line of edges is taken away? A rim is
+    straight and covers one line of the grid.
+    """
 
     def __init__(self, target: Target, projection: Projection) -> None:
         self._projection = projection
         self._fit = EdgeFit(target, projection)
-        model = self._fit.model
-        reach = 0.5 * model.cell[:, None] * model.normals
-        self._dark, self._bright = model.points - reach, model.points + reach
-        self._line = _lines(target, model)
+        self._sides, self._line = self._fit.model.sides, self._fit.model.line
 
     def measure(self, pixels: Grey, pose: Pose) -> Evidence | None:
         """Ask all edges about a fitted pose; none when too few are in view.
@@ -147,8 +79,8 @@ class EdgeEvidence:
             return None
         samples, edges, unknowns = located
         index = samples.index
-        sides = (self._bright[index], self._dark[index])
-        bright, dark = (sample(pixels, pixels_of(points, pose, self._projection)[0]) for points in sides)
+        sides = self._sides[:, index] @ pose.rotation.T + pose.position
+        dark, bright = (sample(pixels, self._projection.project(points, pose.motion)[0]) for points in sides)
         contrast = bright - dark
         clear = max(float(np.percentile(contrast, CLEAR_PERCENT)), 1.0)
         seen = contrast > HALF * clear
@@ -162,41 +94,25 @@ class EdgeEvidence:
         )
 
 
-def pixels_of(points: Array, pose: Pose, projection: Projection) -> tuple[Array, npt.NDArray[np.bool_]]:
-    """Pixels `(n, 2)` of points of a target `(n, 3)` [m] as their rows see them, and which are visible `(n,)`."""
-    seen = points @ pose.rotation.T + pose.position
-    return projection.project(projection.exposed(seen, pose.motion)[0])
-
-
-def _lines(target: Target, model: EdgeModel) -> npt.NDArray[np.intp]:
-    """Number of the straight line of the print each sample lies on `(n,)`."""
-    axes = np.array([tag.rotation for tag in target.tags])[model.tag, :, :2]
-    origin = np.array([tag.position for tag in target.tags])[model.tag]
-    axis = (np.abs(model.normals[:, None] @ axes)[:, 0, 1] > HALF).astype(np.intp)
-    place = ((model.points - origin)[:, None] @ axes)[np.arange(len(axis)), 0, axis]
-    keys = np.column_stack([model.tag, axis, np.round(2.0 * place / model.cell)])
-    return np.unique(keys, axis=0, return_inverse=True)[1].reshape(-1)
-
-
 def _leverage(jacobian: Array, offsets: Array, line: npt.NDArray[np.intp]) -> float:
     """Largest turn [rad] that leaving out the samples of one line gives, to first order.
 
     Without the rows L of a line the least-squares pose moves by (J^T J - L^T L)^-1 L^T d_L.
     """
-    normal = jacobian.T @ jacobian
-    largest = 0.0
+    normal, turns = damped(jacobian.T @ jacobian), [0.0]
     for k in np.unique(line):
         part = jacobian[line == k]
-        left = normal - part.T @ part
-        step = np.linalg.solve(left + 1e-9 * np.diag(np.diag(normal)) + 1e-12 * np.eye(6), part.T @ offsets[line == k])
-        largest = max(largest, float(np.linalg.norm(step[3:])))
-    return largest
+        step = np.linalg.solve(normal - part.T @ part, part.T @ offsets[line == k])
+        turns.append(float(np.linalg.norm(step[3:])))
+    return max(turns)
 
 
 ROOM, ROOM_PX = 0.2, 14.0
 """Room around a target in a window: share of its size, and so much more [px]."""
 GREY_EFFORT: Final = 4
 """A fit to grey values takes so many times as long as one to edges: 4 to 20 ms, on VGA."""
+PATCH_PX = 40
+"""The image of a target is compared with the next one at about this size [px]."""
 
 
 class TargetFitter:
@@ -218,7 +134,6 @@ class TargetFitter:
         self._photo = PhotoFit(target, projection)
         sheet = self._photo.prints.sheet
         self.bend_known = None if sheet is None else sheet.prior
-        self._gatherer = PrintGatherer(self._photo.prints, projection)
         self._cells = CellReader(target, projection)
         self._evidence = EdgeEvidence(target, projection)
         self._outline = np.concatenate([tag.place(SQUARE * tag.paper / 2) for tag in target.tags])
@@ -241,8 +156,8 @@ class TargetFitter:
         candidates = [replace(pose, known_bend=bend) for pose in solve(tags, self._projection)]
         if motion_at is not None:
             candidates = [replace(pose, known_motion=motion_at(pose.position)) for pose in candidates]
-        candidates = [self._gatherer.gathered(pixels, candidate) for candidate in candidates]
-        # Losses compare only between fits of one kind, so all candidates get the one the first of them asks for.
+        candidates = [self._photo.prints.gathered(pixels, candidate) for candidate in candidates]
+        # Losses compare only between fits of one kind.
         for photometric in (True, False) if any(self._wants_photometric(c) for c in candidates) else (False,):
             fitted = [self._fit(pixels, candidate, photometric=photometric) for candidate in candidates]
             good = [pose for pose in fitted if pose is not None]
@@ -252,7 +167,7 @@ class TargetFitter:
 
     def refine(self, pixels: Grey, start: Pose, level: Level | None = None) -> Pose | None:
         """Improve a pose by the method its size, tilt and blur ask for, with a level its tilt held near it."""
-        start = self._gatherer.gathered(pixels, start)
+        start = self._photo.prints.gathered(pixels, start)
         grey: Pose | None = None
         if self._wants_photometric(start) or self.is_small(start):
             grey = self._fit(pixels, start, photometric=True, level=level)
@@ -293,10 +208,7 @@ class TargetFitter:
         return is_steep or self._has_small_cells(start)
 
     def _are_melted(self, pose: Pose) -> bool:
-        """Whether the edges of a fit have run into their neighbours, which shifts them and makes others.
-
-        They leave a residual then that a sharp image does not leave.
-        """
+        """Whether the edges of a fit have run into their neighbours; they leave a residual then."""
         if pose.widest_px is None or pose.ragged_px is None or pose.ragged_px < LIMITS.health.drift_px:
             return False
         return self._photo.prints.cell_px(pose) < LIMITS.cells.melted_widths * pose.widest_px
@@ -304,12 +216,11 @@ class TargetFitter:
     def _fit(
         self, pixels: Grey, start: Pose, *, photometric: bool, level: Level | None = None, blur_px: float | None = None
     ) -> Pose | None:
-        """Fit by one method; `blur_px` is the deviation of the point spread to begin with, where it is known nearly."""
+        """Fit by one method; see `PhotoFit.fit`."""
         if not photometric:
             self.effort += 1
             return self._edges.fit(pixels, start, level=level)
         fitted = self._photo.fit(pixels, start, level=level, blur_px=blur_px)
-        # A print that is too large, or not there, is told at once; few others give nothing.
         self.effort += 1 if fitted is None else GREY_EFFORT
         return fitted if fitted is not None and np.isfinite(fitted.rms_px) else None
 
@@ -317,7 +228,7 @@ class TargetFitter:
         """What the image says about where a pose puts the target: its cells, or all pixels of a fit to grey values."""
         if pose.likeness is not None:
             return grey_evidence(pose.likeness, pose)
-        return self._cells.evidence(pixels, pose, pose.inliers)
+        return self._cells.evidence(pixels, pose)
 
     def shows(self, pixels: Grey, start: Pose) -> bool:
         """Whether the image shows the target where a start puts it, as far as it can be told."""
@@ -325,7 +236,7 @@ class TargetFitter:
 
     def beside(self, pixels: Grey, pose: Pose) -> float:
         """By how much more the cells speak for a place some whole cells beside [nats]."""
-        return self._cells.beside(pixels, pose, pose.inliers)
+        return self._cells.beside(pixels, pose)
 
     def is_supported(self, pixels: Grey, pose: Pose) -> bool:
         """Whether the edges that are seen support a pose with parts of the target hidden."""
@@ -338,17 +249,12 @@ class TargetFitter:
         return evidence is not None and evidence.agreeing >= LIMITS.likeness.clear
 
     def fit_mirrored(self, pixels: Grey, pose: Pose) -> Pose | None:
-        """Fit the rival of a pose: the same place, the normal mirrored about the line of sight.
-
-        Returns:
-            The rival, which may be `pose` again; none when it fits nothing.
-        """
+        """Fit the rival of a pose, its normal mirrored about the line of sight: `pose` again, perhaps, or none."""
         origin, toward, tilt = self._photo.prints.looked_at(pose)
         axis = np.cross(pose.rotation[:, 2], toward)
         turned = np.asarray(cv2.Rodrigues(axis / max(float(np.linalg.norm(axis)), 1e-9) * 2 * tilt)[0]) @ pose.rotation
         start = replace(pose, rotation=turned, position=pose.rotation @ origin + pose.position - turned @ origin)
-        start = self._gatherer.gathered(pixels, start)
-        # Losses compare only between fits of one kind, so the rival gets that of the pose.
+        start = self._photo.prints.gathered(pixels, start)
         return self._fit(pixels, start, photometric=pose.source == "photometric")
 
     def fit_grey_values(self, pixels: Grey, rivals: Sequence[Pose]) -> list[Pose]:
@@ -369,6 +275,37 @@ class TargetFitter:
             return 0, 0, shape[1], shape[0]
         return (int(x0), int(y0), int(x1), int(y1)) if min(x1 - x0, y1 - y0) >= LIMITS.search.min_window_px else None
 
+    def carried(self, before: Grey, now: Grey, last: Pose) -> Pose | None:
+        """Where a camera that only turned sees the target, by where its whole image is found again; none if it is not.
+
+        Args:
+            before: image of the last pose `(h, w)` uint8.
+            now: image to look in.
+            last: pose in `before`.
+        """
+        outline = np.concatenate([tag.outline for tag in self.target.tags])
+        reach = int(LIMITS.search.shake * float(self._projection.focal[0]))
+        height, width = now.shape
+        seen, visible = self._projection.project(outline @ last.rotation.T + last.position)
+        centre, ahead = self._projection.project(last.position[None, :])
+        if not bool(visible.all() and ahead.all()):
+            return None
+        # Of a target that leaves the image the part is asked that is still in it after a shake.
+        x0, y0 = np.maximum(seen.min(axis=0) - 2, reach).astype(int)
+        x1, y1 = np.minimum(seen.max(axis=0) + 3, [width - reach, height - reach]).astype(int)
+        if min(x1 - x0, y1 - y0) < LIMITS.search.min_window_px:
+            return None
+        coarse = 1.0 / max(min(x1 - x0, y1 - y0) // PATCH_PX, 1)
+        patch = _shrink(before[y0:y1, x0:x1], coarse)
+        area = _shrink(now[y0 - reach : y1 + reach, x0 - reach : x1 + reach], coarse)
+        _, likeness, _, place = cv2.minMaxLoc(cv2.matchTemplate(area, patch, cv2.TM_CCOEFF_NORMED))
+        if likeness < LIMITS.likeness.alike:
+            return None
+        rays = self._projection.undistort(np.vstack([centre, centre + np.array(place) / coarse - reach]))
+        old, new = (np.append(ray, 1.0) / np.hypot(1.0, np.linalg.norm(ray)) for ray in rays)
+        turned = np.asarray(cv2.Rodrigues(np.cross(old, new))[0], dtype=np.float64)
+        return replace(last, rotation=turned @ last.rotation, position=turned @ last.position)
+
     def side_px(self, pose: Pose) -> float:
         """Side of the largest tag in the image [px]."""
         return float(self._projection.focal[0]) * self.target.tags[0].size / max(float(pose.position[2]), NEAR_M)
@@ -377,7 +314,8 @@ class TargetFitter:
         """Largest mean corner distance between decoded tags and where the pose puts them [cells of the tag]."""
         worst = 0.0
         for tag, found in tags:
-            seen, visible = pixels_of(tag.corners, pose, self._projection)
+            corners = tag.corners @ pose.rotation.T + pose.position
+            seen, visible = self._projection.project(corners, pose.motion)
             if not bool(visible.all()):
                 return float("inf")
             distance = float(np.linalg.norm(seen - found.corners, axis=1).mean())

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from mkdaemon.config.vision import TrackerSection
 from mkdaemon.telemetry.vision import PoseRefusal
-from mkdaemon.vision.arrays import Array, Grey
+from mkdaemon.vision.arrays import Grey
 from mkdaemon.vision.limits import HALF, LIMITS, NOISE_GREY
 from mkdaemon.vision.pose.ambiguity import facts
 from mkdaemon.vision.pose.edgemodel import EdgeModel
@@ -29,8 +29,7 @@ USUAL: Final = 0.75
 """Quantile of the contrast of pairs that a print has; less than half of it is none."""
 ENOUGH: Final = 0.42
 """Share of what they say of a print in full view. Edges that agree, rightly or not, bring some cells along: wrong fits
-of two targets that left the image and of a smeared one said 0.39, 0.35 and 0.20 of it; right ones below a highlight, a
-board and leaves 0.46 and more."""
+said 0.39 of it and less, right ones below a highlight, a board and leaves 0.46 and more."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,20 +70,18 @@ class CellReader:
     def __init__(self, target: Target, projection: Projection) -> None:
         self._projection = projection
         model = EdgeModel.of(target, per_cell=1)
-        half = model.cell[:, None] / 2 * model.normals
-        ends = np.stack([model.points - half, model.points + half])
         cells = range(-LIMITS.read.beside_cells, LIMITS.read.beside_cells + 1)
         steps = np.array([(0.0, 0.0), *(step for step in product(cells, repeat=2) if any(step))])
         # Of each tag: side of a cell [m], middles of its pairs, black ones first `(2, n, 3)`, and steps to where it
         # would lie whole cells beside its place `(k, 3)`, the first being none [m; target].
         self._tags = [
-            (tag.module, ends[:, model.tag == k], tag.module * steps @ tag.rotation[:, :2].T)
+            (tag.module, model.sides[:, model.tag == k], tag.module * steps @ tag.rotation[:, :2].T)
             for k, tag in enumerate(target.tags)
         ]
 
-    def evidence(self, pixels: Grey, pose: Pose, shown: float) -> CellEvidence:
-        """What the cells say about where a pose puts the target, of which a share is in view."""
-        right, wrong = _odds(shown)
+    def evidence(self, pixels: Grey, pose: Pose) -> CellEvidence:
+        """What the cells say about where a pose puts the target; the edges that agree say what share is in view."""
+        right, wrong = _odds(pose.inliers)
         counts = [found[:, 0].tolist() for found in self._read(pixels, pose)]
         tags = [
             (read * right + misread * wrong, in_view * _odds(1.0)[0]) for read, misread, in_view in counts if in_view
@@ -96,45 +93,38 @@ class CellReader:
         read, _, in_view = np.sum(self._read(pixels, pose), axis=0)[:, 0].tolist()
         return bool(read >= HALF * in_view)
 
-    def beside(self, pixels: Grey, pose: Pose, shown: float) -> float:
+    def beside(self, pixels: Grey, pose: Pose) -> float:
         """By how much more cells speak for a place some whole cells beside, of the tag for which that is most [nats].
 
-        After such a step edges agree with their neighbours', and where the rest of the tag is outside the image, little
-        contradicts them. What is hidden is read nowhere, so that what is even speaks against a place here.
+        What is hidden is read nowhere, so that what is even speaks against a place here.
         """
-        right, wrong = _odds(shown)
+        right, wrong = _odds(pose.inliers)
         found = [read * right + (in_view - read) * wrong for read, _, in_view in self._read(pixels, pose, beside=True)]
         return max(float(odds.max() - max(odds[0], 0.0)) for odds in found)
 
     def _read(self, pixels: Grey, pose: Pose, *, beside: bool = False) -> list[Counts]:
         """Pairs of each tag that are read, misread, and in view, in its place and whole cells beside `(3, steps)`."""
-        tags = [(cell, ends, steps if beside else steps[:1]) for cell, ends, steps in self._tags]
-        return [self._read_tag(pixels, pose, *tag) for tag in tags]
-
-    def _read_tag(self, pixels: Grey, pose: Pose, cell: float, ends: Array, steps: Array) -> Counts:
-        points = (ends[:, None] + steps[:, None]).reshape(-1, 3)
-        seen, _ = self._projection.exposed((pose.rotation @ points.T + pose.position[:, None]).T, pose.motion)
-        uv, visible = self._projection.project(seen)
-        visible &= (np.minimum(uv, np.array(pixels.shape[::-1]) - 1 - uv) > 1.0).all(axis=1)
-        visible &= cell * float(self._projection.focal[0]) > LIMITS.cells.readable_px * seen[:, 2]
-        black, white = sample(pixels, np.where(visible[:, None], uv, 0.0)).reshape(2, len(steps), -1)
-        # Where a highlight floods both, they say nothing.
-        in_view = visible.reshape(2, *black.shape).all(axis=0) & (np.minimum(black, white) < LIMITS.read.saturated)
-        if not bool(in_view.any()):
-            return np.zeros((3, len(steps)), dtype=np.intp)
-        # Ink darkens paper by a share, in the sun and in the shade.
-        rise = (white - black) / np.maximum(np.maximum(white, black), 1.0)
-        usual = HALF * quantile(np.abs(rise[in_view]), USUAL)
-        clear = in_view & (np.abs(white - black) > NOISE_GREY) & (np.abs(rise) > usual)
-        found: Counts = np.stack([clear & (rise > 0.0), clear & (rise < 0.0), in_view]).sum(axis=2)
+        found: list[Counts] = []
+        for cell, ends, all_steps in self._tags:
+            steps = all_steps if beside else all_steps[:1]
+            points = (ends[:, None] + steps[:, None]).reshape(-1, 3)
+            seen, _ = self._projection.exposed((pose.rotation @ points.T + pose.position[:, None]).T, pose.motion)
+            uv, visible = self._projection.project(seen)
+            visible &= (np.minimum(uv, np.array(pixels.shape[::-1]) - 1 - uv) > 1.0).all(axis=1)
+            visible &= cell * float(self._projection.focal[0]) > LIMITS.cells.readable_px * seen[:, 2]
+            black, white = sample(pixels, np.where(visible[:, None], uv, 0.0)).reshape(2, len(steps), -1)
+            # Where a highlight floods both, they say nothing.
+            in_view = visible.reshape(2, *black.shape).all(axis=0) & (np.minimum(black, white) < LIMITS.read.saturated)
+            # Ink darkens paper by a share, in the sun and in the shade.
+            rise = (white - black) / np.maximum(np.maximum(white, black), 1.0)
+            usual = HALF * quantile(np.abs(rise[in_view]), USUAL) if bool(in_view.any()) else 0.0
+            clear = in_view & (np.abs(white - black) > NOISE_GREY) & (np.abs(rise) > usual)
+            found.append(np.stack([clear & (rise > 0.0), clear & (rise < 0.0), in_view]).sum(axis=2))
         return found
 
 
 def grey_evidence(likeness: float, pose: Pose) -> CellEvidence:
-    """The same of a fit to grey values, of a likeness L to the image: n / 2 ln(1 / (1 - L^2)) by n independent pixels.
-
-    That is what `ambiguity.log_odds` says of its residuals against those of an even print.
-    """
+    """The same of a fit to grey values of a likeness L: n / 2 ln(1 / (1 - L^2)), the `log_odds` of an even print."""
     half, best = HALF * facts(pose.points, pose.shared), LIMITS.likeness.explained
     odds, most = (-half * log(1.0 - alike**2) for alike in (min(max(likeness, 0.0), best), best))
     return CellEvidence(odds, most, odds)
@@ -148,18 +138,15 @@ def _odds(shown: float) -> tuple[float, float]:
 
 def fit_refusal(pose: Pose, cfg: TrackerSection) -> PoseRefusal | None:
     """What is wrong with a fit by itself; none when nothing is."""
-    if pose.source == "corners":
-        # Neither edges nor grey values found the target there; four corners alone vouch for nothing.
-        return PoseRefusal.NO_FIT
-    if pose.inliers < cfg.min_inlier_fraction:
-        return PoseRefusal.INLIERS
-    if pose.points < cfg.min_points:
-        return PoseRefusal.POINTS
-    if pose.unexplained_px > cfg.max_rms_px:
-        return PoseRefusal.RESIDUAL
-    if pose.step > cfg.max_step:
-        return PoseRefusal.STEP
-    return None
+    # Four corners that neither edges nor grey values confirm vouch for nothing.
+    signs = (
+        (pose.source == "corners", PoseRefusal.NO_FIT),
+        (pose.inliers < cfg.min_inlier_fraction, PoseRefusal.INLIERS),
+        (pose.points < cfg.min_points, PoseRefusal.POINTS),
+        (pose.unexplained_px > cfg.max_rms_px, PoseRefusal.RESIDUAL),
+        (pose.step > cfg.max_step, PoseRefusal.STEP),
+    )
+    return next((refusal for is_wrong, refusal in signs if is_wrong), None)
 
 
 def certainty_refusal(pose: Pose, *, has_attitude: bool, is_plain: bool = False) -> PoseRefusal | None:

@@ -9,7 +9,8 @@ with m the rendered print, 0 to 1, and (u, v) the place of the pixel p in the pr
 curve, which leaves black and white as they are: to third order, and a logarithm l(m) that lifts the dark as a gamma
 does. What should be blown is left out, and a7 to a9 are asked only where something is: a highlight's slope. B is a
 covariance `(2, 2)`: motion blur is longer one way. Under a rolling shutter the camera's motion while the rows are read
-is fitted too.
+is fitted too. Light, and what a motion lacks, are asked for anew at every state, both at once: images are linear in
+them. The noise of a fit depends on brightness, and neighbouring pixels share it.
 
 Source: direct alignment, Lucas and Kanade, IJCAI 1981; Gauss-Newton with Levenberg damping.
 """
@@ -17,20 +18,298 @@ Source: direct alignment, Lucas and Kanade, IJCAI 1981; Gauss-Newton with Levenb
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from math import exp, sqrt
+from typing import Final
 
 import cv2
 import numpy as np
 
-from mkdaemon.vision.arrays import Array, Grey
-from mkdaemon.vision.limits import APART2, LIMITS
+from mkdaemon.vision.arrays import Array, Bools, Grey
+from mkdaemon.vision.limits import APART2, HALF, LIMITS, NOISE_GREY
+from mkdaemon.vision.pose.ambiguity import loss_of
 from mkdaemon.vision.pose.edgefind import HALF_WIDTH
-from mkdaemon.vision.pose.photostep import Part, PhotoStep, lit_print, matched, of_all
-from mkdaemon.vision.pose.pose import Pose, apart, length2
-from mkdaemon.vision.pose.prints import PrintModel, Prints, principal
+from mkdaemon.vision.pose.edgefit import MAD
+from mkdaemon.vision.pose.pose import Pose, apart, correlation, damped, inverted, length2, median
+from mkdaemon.vision.pose.prints import BOX, PrintModel, Prints, PrintSamples, principal
 from mkdaemon.vision.pose.projection import Projection
-from mkdaemon.vision.pose.unknowns import Level, Prior, State, Unknown, not_arrived
+from mkdaemon.vision.pose.unknowns import POSE, Level, Prior, State, Unknown, Unknowns, not_arrived
 from mkdaemon.vision.tags.tagmap import Target
+
+DARK, BRIGHT = 0.3, 0.7
+"""Values of the model whose residuals give the noise of black and of white."""
+LEAST_PIXELS = 20
+"""That tell a noise."""
+LEAST_SCATTER = 0.5
+"""Of pixels that are rounded to grey values."""
+MOST_RATIO = 5.0
+"""Of the noise of black and white."""
+MOST_SHARED = 0.7
+"""Correlation of neighbouring residuals, at most, and of residuals that hold nothing but what the model lacks."""
+LEAST_ON_SLOPES = 0.5
+"""Variance of residuals on slopes, over that of all: it is 0.7-0.9 behind gamma 2.2, above 1 elsewhere."""
+LEAST_SHARED = -0.5
+"""The same where sharpening has set the noise of neighbours against each other: webcams have -0.2."""
+
+STREAK_PX = 15.0
+"""A streak so long doubles the variance of a fit; by the NEES of 819 smeared images (docs/lab/vision-fits.md)."""
+
+
+def clarity(residual: Array, value: Array) -> Array:
+    """By how much a pixel is less noisy than the mean one `(n,)`: a tone curve spreads the noise of dark pixels.
+
+    Args:
+        residual: of each pixel `(n,)` [grey].
+        value: of the model there, 0 black to 1 white `(n,)`.
+    """
+    dark, bright = np.abs(residual[value < DARK]), np.abs(residual[value > BRIGHT])
+    if min(dark.size, bright.size) < LEAST_PIXELS:
+        return np.ones_like(value)
+    ratio = max(median(dark), LEAST_SCATTER) / max(median(bright), LEAST_SCATTER)
+    ratio = min(max(ratio, 1.0 / MOST_RATIO), MOST_RATIO)
+    clear: Array = 1.0 / (ratio + (1.0 - ratio) * value)
+    return clear / sqrt(float(clear @ clear) / clear.size)
+
+
+def shared_by(residual: Array, windows: Sequence[Bools], least: float = 0.0) -> tuple[float, float]:
+    """What neighbours share of the residuals of a fit; over several prints the mean of their pixels.
+
+    Demosaicing, denoising and what the model lacks are shared; the noise of a sensor is not. Where the correlation
+    falls by r from a pixel to the next, the variance of a mean is (1 + r) / (1 - r) times that of independent pixels,
+    each way; edges, which change over a few pixels, suffer less: (1 + r) / sqrt(1 - r), by the NEES of 80 images.
+    Sharpening makes r < 0.
+
+    Args:
+        residual: of each used pixel of all windows, one window after the other `(n,)`.
+        windows: which pixels of each are used, each `(rows, columns)`.
+        least: correlation that is believed.
+
+    Returns:
+        The factor on the variance of a fit, less than 1 where neighbours contradict each other; and the share of the
+        variance of a residual, not less than so many pixels can tell from none.
+    """
+    all_factors, all_common, start = 0.0, 0.0, 0
+    for used in windows:
+        height, width = used.shape
+        image = np.zeros((height, width + 1))  # rows with a gap between them, one after the other
+        count = int(np.count_nonzero(used))
+        image[:, :-1][used] = residual[start : start + count]
+        start, image = start + count, image.ravel()
+        total = max(float(image @ image), LEAST_SCATTER)
+        factor, common = 1.0, 0.0
+        for gap in (1, width + 1):
+            r = min(max(float(image[gap:] @ image[:-gap]) / total, least), MOST_SHARED)
+            factor *= (1.0 + r) / sqrt(1.0 - r)
+            common += max(r, 0.0) / MOST_SHARED / 2.0
+        share = count / residual.size
+        all_factors += share * factor
+        all_common += share * min(max(common, 1.0 / sqrt(max(count, 1))), 1.0)
+    return all_factors, all_common
+
+
+def on_slopes(residual: Array, steep: Array) -> tuple[Array, float]:
+    """Residuals on the slopes of a print `(n,)`, and their variance over that of all.
+
+    Only slopes tell a pose, and what the model lacks lies there; the even inside of cells knows nothing of it.
+
+    Args:
+        residual: of each used pixel `(n,)`.
+        steep: squared slope of the model there `(n,)`.
+    """
+    weighed = residual * np.sqrt(steep / max(float(steep.sum()) / steep.size, 1e-12))
+    larger = float(weighed @ weighed) / max(float(residual @ residual), LEAST_SCATTER)
+    return weighed, max(larger, LEAST_ON_SLOPES)
+
+
+def streak_doubt(spread: Array) -> float:
+    """Factor on the variance of a fit for what a streak hides: it differs over the print, and its rim has ground in it.
+
+    Args:
+        spread: covariance of the point spread `(2, 2)` [px^2]; an even streak of length L adds L^2 / `BOX` one way.
+    """
+    least, most, _ = principal(spread)
+    return 1.0 + (BOX * (most - least) / STREAK_PX**2) ** 2
+
+
+TOE: Final = 0.05
+"""Light of ink over that of paper: with a logarithm from there the model follows a gamma of 1.6 to 2.2 to 0.3 % of the
+contrast, a cubic polynomial alone to 0.7-3.4 % (ink 0.03 to 0.1)."""
+TOE_GAIN: Final = 1.0 / float(np.log1p(1.0 / TOE))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Part:
+    """What one print says: the model of its grey values is I = gain . columns.
+
+    Attributes:
+        at: model and image at its pixels.
+        columns: of each unknown of the light `(k, n)`: white over black, black, two gradients, three of the tone curve,
+            and three of a highlight's slope where there may be one.
+        gain: the light `(k,)`.
+    """
+
+    at: PrintSamples
+    columns: Array
+    gain: Array
+
+    @property
+    def residual(self) -> Array:
+        """Of each pixel `(n,)` [grey]."""
+        return self.at.grey - self.gain @ self.columns
+
+    @property
+    def contrast(self) -> Array:
+        """What a change of the print changes in the grey values `(n,)`."""
+        white, _, _, _, second, third, toe = self.gain[:7].tolist()
+        value = self.at.value
+        polynomial = value * (6.0 * third * value - (2.0 * second + 6.0 * third)) + (white + second + third - toe)
+        return np.asarray(polynomial + toe * TOE_GAIN / (TOE + np.maximum(value, 0.0)), np.float64)
+
+
+def lit_print(at: PrintSamples) -> Part:
+    """The light on a print, by least squares on its pixels without those that should be blown: these may be anything.
+
+    What should be blown is told by the light on the other pixels, and left out whether it is or not: the others would
+    be too dark by their noise. A blown pixel that should be dark stays, as a dark one that should be blown, and speaks
+    against the pose. Where nothing is blown slopes are even: ground beside its shadow would look like a lit print.
+    """
+    tone, (u, v) = at.value * (1.0 - at.value), at.place
+    toe = TOE_GAIN * np.log1p(np.maximum(at.value, 0.0) / TOE) - at.value
+    columns = np.array([at.value, np.ones_like(u), u, v, tone, tone * (1.0 - 2.0 * at.value), toe])
+    keep = at.grey < LIMITS.read.saturated
+    if bool(keep.all()):
+        return Part(at, columns, _gain(columns, at.grey))
+    columns = np.array([*columns, u * u, u * v, v * v])
+    dark = at.grey < LIMITS.read.saturated - 2.0 * LIMITS.read.nearly_blown
+    shown = _gain(columns[:, keep], at.grey[keep]) @ columns
+    keep = dark | (shown < LIMITS.read.saturated - LIMITS.read.nearly_blown)
+    kept, columns = at.kept(keep), columns[:, keep]
+    return Part(kept, columns, _gain(columns, kept.grey))
+
+
+def _gain(columns: Array, grey: Array) -> Array:
+    """The light that explains grey values best `(k,)`."""
+    return np.asarray(np.linalg.solve(damped(columns @ columns.T), columns @ grey), np.float64)
+
+
+LEAST_NOISE: Final = 0.3
+"""Variance of grey values rounded to integers and averaged by the fit [grey^2]."""
+
+
+class PhotoStep:
+    """One robust Gauss-Newton step, to be damped.
+
+    Residuals by their clarity weigh 1 within c sigma, (c sigma / r)^2 beyond, sigma from the median of |r|.
+
+    Args:
+        parts: what each print says.
+        table: unknowns of the grey values, the light last.
+        at: where the step starts.
+
+    Attributes:
+        unknowns: of the grey values.
+        cost: robust mean square of the residuals before the step [grey^2], with what prior knowledge adds, and a
+            clarity of mean logarithm zero: a cost by which two states compare, each with a clarity of its own.
+        to_go: what of the pose would change without damping: how far it is from its place `(6,)`.
+        length2: of that, in deviations of the pose's covariance, squared.
+        covariance: of all unknowns `(k, k)`.
+    """
+
+    def __init__(self, parts: Sequence[Part], table: Sequence[Unknown], at: State) -> None:
+        self._parts = parts
+        self._residual, table = _without_lacking(of_all([part.residual for part in parts]), table, at)
+        unknowns, count = Unknowns(table), self._residual.size
+        clear = clarity(self._residual, of_all([part.at.value for part in parts]))
+        shown = self._residual * clear
+        self._size = np.maximum(np.abs(shown), 1e-6)
+        self._share = np.minimum(LIMITS.certainty.deviations * max(MAD * median(self._size), 1.0) / self._size, 1.0)
+        # Outliers are clipped to the largest residual of what is none.
+        clipped = shown * self._share
+        squares = float(clipped @ clipped)
+        weights = (self._share * clear) ** 2
+        noise = max(squares / max(float(weights.sum()) - len(unknowns.rows), 1.0), LEAST_NOISE)
+        weighed, larger = on_slopes(clipped, of_all([part.at.steep for part in parts]))
+        least = LEAST_SHARED if at.motion is None else 0.0  # what a motion lacks hides under opposed noise
+        self._shared, self._common = shared_by(weighed, [part.at.used for part in parts], least)
+        noise *= larger * self._shared * streak_doubt(at.spread)
+        self._normal, self._right = unknowns.equations(weights, self._residual, noise)
+        inverse = inverted(self._normal)
+        self.unknowns, self.covariance = unknowns, noise * inverse
+        self.to_go = (inverse @ self._right)[POSE]
+        self.length2 = length2(self.to_go, self.covariance[POSE, POSE])
+        self._square = squares / count
+        clearness = exp(2.0 * float(np.log(clear).sum()) / count)
+        self.cost = self._square / clearness * (1.0 + unknowns.surprise / count)
+
+    @property
+    def match(self) -> float:
+        """Correlation of image and model; -1 for a negative."""
+        return matched(self._parts, self._residual)
+
+    def change(self, damping: float) -> Array:
+        """Of all unknowns `(k,)`."""
+        normal = self._normal.copy()
+        normal.reshape(-1)[:: len(normal) + 1] *= 1.0 + damping
+        return np.asarray(np.linalg.solve(normal, self._right), np.float64)
+
+    def pose(self, at: State, prior: Prior) -> Pose:
+        """The pose of the state the step starts from, or of where it led, with what was known beforehand."""
+        is_agreeing, match = self._share**2 > HALF, self.match
+        # Residual as a shift of edges: rms over the rms slope of the lit prints [grey / (grey/px)].
+        steepness = sqrt(sum(float(p.at.steep.sum()) * float(p.gain[0]) ** 2 for p in self._parts) / self._size.size)
+        covariance, bend = prior.measured(at, self.unknowns, self.covariance)
+        return Pose(
+            at.rotation,
+            at.position,
+            covariance,
+            "photometric",
+            int(is_agreeing.sum()),
+            sqrt(self._square) / max(steepness, 1e-3) if match > -1.0 else np.inf,
+            float(is_agreeing.mean()),
+            float(np.linalg.norm(self.to_go[:3])) / max(float(np.linalg.norm(at.position)), 1e-9),
+            loss_of(self._size, LIMITS.photo.lost_grey, NOISE_GREY),
+            match,
+            float(np.linalg.det(at.spread)) ** 0.25,
+            cost=self.cost,
+            motion=at.motion,
+            known_motion=prior.start.known_motion,
+            bend=bend,
+            known_bend=prior.bend,
+            shared=self._shared,
+            common=self._common,
+        )
+
+
+def matched(parts: Sequence[Part], residual: Array) -> float:
+    """Correlation of an image with what it shows of prints, less residuals `(n,)`; -1 for none or a negative."""
+    if not parts or not all(part.gain[0] > 0.0 for part in parts):
+        return -1.0
+    grey = of_all([part.at.grey for part in parts])
+    return correlation(grey, grey - residual)
+
+
+def of_all(rows: Sequence[Array]) -> Array:
+    """What the pixels of all prints have `(n,)` or `(k, n)`, one print after the other."""
+    return rows[0] if len(rows) == 1 else np.concatenate(rows, axis=-1)
+
+
+def _without_lacking(residual: Array, table: Sequence[Unknown], at: State) -> tuple[Array, list[Unknown]]:
+    """Residuals without what the bend does and the motion lacks `(n,)` [grey], and the table as it is for these."""
+    line = {unknown.name: unknown for unknown in table}
+    if at.rise is not None:
+        # The print is rendered flat; its bend moves what is seen by less than a pixel.
+        residual = residual - at.rise @ line["rise"].rows
+    if at.motion is None:
+        return residual, list(table)
+    # What the motion lacks and the light that explain the residuals best, both at once.
+    both = Unknowns([line["beyond"], line["light"]])
+    scatter = max(MAD * median(np.abs(residual)), 1.0)
+    weights = 1.0 / np.maximum((residual / (LIMITS.certainty.deviations * scatter)) ** 2, 1.0)
+    anew = np.asarray(np.linalg.solve(*both.equations(weights, residual, scatter**2)), np.float64)
+    # Of what the motion lacks the residual holds no more than is beside what was taken out.
+    line["beyond"] = replace(line["beyond"], off=-anew[both["beyond"]])
+    return residual - anew @ both.rows, list(line.values())
+
 
 START_BLUR_PX = 0.7
 BLUR_PX = (0.35, 12.0)
@@ -42,13 +321,12 @@ EASE, TIGHTEN = 0.3, 30.0
 WORSE_COST = 1.003
 """A step whose cost rises by less is no worse: the fit has settled."""
 NEARER = 0.25
-"""A state from which the next step is half as long is nearer, whatever its cost: of squared lengths. The natural
-monotonicity test of Deuflhard, Newton Methods for Nonlinear Problems, Springer 2004, 3.3."""
+"""Of squared lengths: a state from which the next step is half as long is nearer, whatever its cost. Source: natural
+monotonicity test, Deuflhard, Newton Methods for Nonlinear Problems, Springer 2004, 3.3."""
 UNSETTLED = 1.0
 """Squared deviations from its place from which a fit that ended has not arrived."""
 STEPS = 8
-"""Of a fit; four are usual, a streak of 20 px takes eight. With five 6 of 9,536 images were lost, with 10
-to 20 none was won."""
+"""Of a fit; four are usual, a streak of 20 px takes eight (of 9,536 images five lost 6, 10 to 20 won none)."""
 SETTLED = 0.3
 """A shorter step is the last: squared length in deviations of the fit."""
 
@@ -62,20 +340,12 @@ class PhotoFit:
         self.prints = Prints(target, projection)
         self._shutter = projection.shutter
 
-    def fit(
-        self,
-        pixels: Grey,
-        start: Pose,
-        iterations: int = STEPS,
-        level: Level | None = None,
-        blur_px: float | None = None,
-    ) -> Pose | None:
-        """Refine a pose.
+    def fit(self, pixels: Grey, start: Pose, level: Level | None = None, blur_px: float | None = None) -> Pose | None:
+        """Refine a pose; large cells in an image of half the size.
 
         Args:
             pixels: `(h, w)` uint8.
             start: within about a cell of the truth.
-            iterations: steps at most; converged fits stop earlier.
             level: where the target's normal should point.
             blur_px: deviation of the point spread to begin with; that of the start, where grey values gave it, if none.
 
@@ -88,26 +358,20 @@ class PhotoFit:
         shortest = self.prints.cell_px(start) * float(np.cos(self.prints.looked_at(start)[2]))
         is_melted = blur_px is not None and shortest < cells.melted_widths * HALF_WIDTH * blur_px
         if shortest < (cells.mixed_px if is_melted else 2.0 * cells.photometric_px):
-            return self.fit_whole(pixels, start, iterations, level, blur_px)
-        # A quarter of the pixels.
+            return self.fit_whole(pixels, start, level, blur_px)
         if self._halved is None:
             self._halved = PhotoFit(self._target, self._projection.halved())
         height, width = pixels.shape
         whole = pixels[: height // 2 * 2, : width // 2 * 2]
         half = np.asarray(cv2.resize(whole, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA), dtype=np.uint8)
         begin = replace(start, blur_px=None if start.blur_px is None else start.blur_px / 2)
-        found = self._halved.fit_whole(half, begin, iterations, level, None if blur_px is None else blur_px / 2)
+        found = self._halved.fit_whole(half, begin, level, None if blur_px is None else blur_px / 2)
         if found is None or found.blur_px is None:
             return None
         return replace(found, rms_px=2.0 * found.rms_px, blur_px=2.0 * found.blur_px)
 
     def fit_whole(
-        self,
-        pixels: Grey,
-        start: Pose,
-        iterations: int = STEPS,
-        level: Level | None = None,
-        blur_px: float | None = None,
+        self, pixels: Grey, start: Pose, level: Level | None = None, blur_px: float | None = None
     ) -> Pose | None:
         """The same on all pixels, however large the cells are; see `fit`."""
         known = start.blur_px if start.source == "photometric" else None
@@ -115,28 +379,28 @@ class PhotoFit:
         at = prior.begin(blur_px or known or START_BLUR_PX)
         seen = self.prints.seen(at.rotation, at.position)
         near = seen if len(seen) == 1 else self._alike(pixels, seen, at, LIMITS.likeness.alike) or seen
-        found = self._fit(pixels, near, at, prior, iterations)
+        found = self._fit(pixels, near, at, prior)
         if found is None or len(self.prints.all) == 1:
             return found
         seen = self.prints.seen(found.rotation, found.position)
         # The best of them says what is right here; what is hidden in part still looks like a print.
         shown = self._alike(pixels, seen, _state_of(found), LIMITS.likeness.clear, LIMITS.likeness.explained)
         if shown and set(shown) != set(near):
-            found = self._fit(pixels, shown, _state_of(found), prior, iterations)
+            found = self._fit(pixels, shown, _state_of(found), prior)
         return None if found is None or not shown else self._with_missing(found, seen, shown)
 
     def _with_missing(self, pose: Pose, seen: Sequence[PrintModel], shown: Sequence[PrintModel]) -> Pose:
-        """The pose with what speaks against it: prints that should be in the image and are not there."""
+        """The pose with what speaks against it: prints that it puts into the image and that are not shown."""
         size = {model: (model.half / model.depth(pose.rotation, pose.position)) ** 2 for model in {*seen, *shown}}
         share = sum(size[model] for model in shown) / sum(size.values())
         loss = pose.loss**share * LIMITS.photo.lost_grey ** (2.0 * (1.0 - share))
         return replace(pose, inliers=share * pose.inliers, loss=loss)
 
-    def _fit(self, pixels: Grey, prints: Sequence[PrintModel], at: State, prior: Prior, iterations: int) -> Pose | None:
+    def _fit(self, pixels: Grey, prints: Sequence[PrintModel], at: State, prior: Prior) -> Pose | None:
         """The pose where a fit to some prints ends."""
         damping, last, left = FIRST_DAMPING, np.inf, np.inf
         best: tuple[State, PhotoStep] | None = None
-        for _ in range(iterations):
+        for _ in range(STEPS):
             step = self.step(pixels, prints, at, prior)
             if step is None or (best is None and step.match < LIMITS.likeness.alike):
                 return None
@@ -188,7 +452,7 @@ class PhotoFit:
         return PhotoStep(parts, [*table, Unknown("light", light)], at)
 
     def _part(self, pixels: Grey, model: PrintModel, at: State) -> Part | None:
-        """What one print says; none where it is not in full view, or too few of its pixels are."""
+        """What one print says; none where it is not in full view, or has too few pixels."""
         seen = model.samples(pixels, at.rotation, at.position, at.spread, at.motion)
         part = None if seen is None else lit_print(seen)
         return part if part is not None and part.at.grey.size >= LIMITS.photo.min_window_px**2 else None
@@ -214,19 +478,14 @@ class PhotoFit:
         return self.resembles(grey) and grey.inliers >= LIMITS.agreement.whole
 
     def polish(self, pixels: Grey, pose: Pose) -> Pose:
-        """Measure a pose from edges once more by the grey values, where these know more and do not object.
+        """A pose from edges with place and covariance by grey values, where these know more and edges do not object.
 
-        Cells of five to ten pixels have sharp edges and still few of them: the pixels between tell as much again. The
-        edges stay the evidence that gates and rivals are judged by; only place and covariance are taken over. Edges of
-        smaller cells object to nothing, as in a followed target: in a view of 58 degrees these are 2 px high and melt.
-        Under a rolling shutter both lack the same of a first image's motion, and pixels do not know it better.
+        Cells of five to ten pixels have few edges; the pixels between tell as much again. Edges of smaller cells melt
+        and object to nothing. Under a rolling shutter pixels know a first image's motion no better.
 
         Args:
             pixels: `(h, w)` uint8.
-            pose: fitted to edges, whole target in view.
-
-        Returns:
-            The better pose, or `pose` itself.
+            pose: fitted to edges, whole target in view; given back where grey values do not improve it.
         """
         limits, whole = LIMITS, LIMITS.agreement.whole
         cell_px = self.prints.cell_px(pose)

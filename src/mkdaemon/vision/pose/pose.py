@@ -16,7 +16,6 @@ import numpy as np
 import numpy.typing as npt
 
 from mkdaemon.vision.arrays import Array
-from mkdaemon.vision.pose.bend import Bend
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.pose.rolling import KnownMotion, SeenMotion, skew
 from mkdaemon.vision.tags.detection import Detection
@@ -40,6 +39,24 @@ FLOOR_ANGLE = np.radians(0.1)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Bend:
+    """What is known about the rise of a print; see `prints.Sheet`.
+
+    Attributes:
+        mean: a, b, c `(3,)`, in shares of the side.
+        covariance: of them `(3, 3)`.
+    """
+
+    mean: Array
+    covariance: Array
+
+    @property
+    def information(self) -> Array:
+        """Inverse of the covariance `(3, 3)`."""
+        return inverted(self.covariance)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Pose:
     """Where a target is, seen from the camera.
 
@@ -52,14 +69,12 @@ class Pose:
         rms_px: their residual [px]; for `photometric` the residual over the contrast, in px of edge shift.
         inliers: share of the measurements that agree.
         step: length of the last step of the fit against the range.
-        loss: geometric mean of the bounded squared residuals of all samples, for comparing rival fits of one image:
-            hidden samples cost both rivals the same.
+        loss: geometric mean of the bounded squared residuals of all samples, by which rival fits of an image compare.
         match: correlation between model and image, where the fit knows it.
         blur_px: half width of an edge in the image, or of grey values the deviation of the point spread, where known.
         widest_px: the same of the edges that run the way of the wider ones, in a fit to edges.
         ragged_px: residual of the edges that run the way that agrees less, in a fit to edges [px].
-        shift_px: how far all edges lie towards their bright side, where the fit asked [px]: less than zero where a tone
-            curve makes white spread over black.
+        shift_px: how far all edges lie towards their bright side, where the fit asked [px].
         blown: share of the edges whose bright side is blown.
         motion: of the camera while its rows were read `(4,)`, where the fit asked; see `rolling`.
         known_motion: what was known about it before the fit.
@@ -67,10 +82,9 @@ class Pose:
         bend: of the print, where the fit asked.
         known_bend: what was known about it before the fit.
         stretch: logarithm of the ratio of the focal lengths over the calibrated one, where the fit was free to ask.
-        shared: by how much residuals that neighbouring pixels share raise the variance, 1 or more (`photostep`).
+        shared: factor on the variance by residuals that neighbouring pixels share (`photofit`).
         common: share of the residuals' variance that neighbouring pixels share: the rest is noise.
-        cost: robust mean square of the residuals of a fit to grey values [grey^2], with what its bend and motion cost
-            by what was known of them; compares rivals where the model holds.
+        cost: robust mean square of the residuals of a fit to grey values [grey^2], with what its bend and motion cost.
     """
 
     rotation: Array
@@ -247,7 +261,7 @@ def inverse(pose: Pose, covariance: Array) -> tuple[Array, Array, Array]:
 
 
 def largest_variance(covariance: Array) -> float:
-    """Largest eigenvalue of a symmetric matrix; OpenCV's solver, LAPACK starts threads for three numbers."""
+    """Largest eigenvalue of a symmetric matrix; OpenCV's solver, as LAPACK starts threads."""
     if not np.isfinite(covariance).all():
         return float("inf")
     return max(float(cv2.eigen(np.ascontiguousarray(covariance))[1][0, 0]), 0.0)
@@ -266,10 +280,7 @@ def median(values: npt.NDArray[np.floating]) -> float:
 
 
 def quantile(values: npt.NDArray[np.floating | np.integer], share: float) -> float:
-    """The value that so large a share is below, one of `values`, by partition.
-
-    Of 300 values it takes 2 us, `np.quantile` 40 us, and a fit asks six times.
-    """
+    """The value that so large a share is below, one of `values`; by partition, which is faster than `np.quantile`."""
     rank = min(int(share * values.size), values.size - 1)
     return float(np.partition(values, rank, axis=None)[rank])
 

@@ -24,8 +24,7 @@ import numpy.typing as npt
 
 from mkdaemon.vision.arrays import Array, Bools, Grey
 from mkdaemon.vision.limits import HALF, LIMITS
-from mkdaemon.vision.pose.bend import Sheet
-from mkdaemon.vision.pose.pose import Pose
+from mkdaemon.vision.pose.pose import Bend, Pose, correlation, refined
 from mkdaemon.vision.pose.projection import NEAR_M, Projection
 from mkdaemon.vision.pose.rolling import skew
 from mkdaemon.vision.tags.tagfamily import QUIET_ZONE_CELLS
@@ -48,7 +47,7 @@ APART: Final = 1.3
 WIDE: Final = 2.5
 """Deviations of what is longer one way that are looked up."""
 MOST_PLACES: Final = 48
-"""That a slant, or a streak, is looked up at: a print seen from its edge has no end of them."""
+"""That a slant, or a streak, is looked up at."""
 ROUND: Final = 0.25
 """Share of the variance by which a point spread may be longer one way and still be looked up at one place."""
 TINY: Final = 1e-9
@@ -62,10 +61,74 @@ LENS_PATCH: Final = 0.7
 SQUARE: Final = np.array([[-1.0, 1.0], [1.0, 1.0], [1.0, -1.0], [-1.0, -1.0]])
 """Corners of a print, in halves of its side."""
 MOST: Final = 8
-"""Prints that a fit to grey values takes; eight took five times as long as one, and 16 halve the deviation no more than
-by 0.7."""
+"""Prints that a fit to grey values takes: eight take five times as long as one, 16 leave 0.7 of the deviation."""
 SHOWN: Final = 0.3
 """Share of a print's width and of its height that lies in the image, where it is fitted."""
+SPREAD: Final = np.eye(2)
+"""Of the point spread with which prints are looked for [px^2]."""
+REACH: Final = 0.6
+"""How far from its place a print is looked for, of its size in the image."""
+
+RISES: Final = 3
+"""Unknowns a, b, c of a sheet."""
+OF_A_CYLINDER: Final = np.array([[0.375, 0.0, 0.125], [0.0, 0.5, 0.0], [0.125, 0.0, 0.375]])
+"""Covariance of (a, b, c) over the variance of the rise, for a cylinder about any axis: (cos^2, 2 cos sin, sin^2)."""
+PLANE: Final = 0.3
+"""Deviation of the mean height over the print's own: so much a margin of a tenth of the side changes it."""
+
+
+class Sheet:
+    """The sheet of one print: how it bends is an unknown of a fit, known to a share of its side.
+
+    Over the plane of a print paper lies at the height z = s (a X^2 + b X Y + c Y^2) - z0, where X and Y are places in
+    halves of the side s, and z0 makes the mean over the print zero. A bend moves points along the normal. Near by,
+    edges tell that from a tilt; from afar they do not, where the print is seen at a slant.
+
+    Paper does not stretch: with Q the matrix of z = p^T Q p a point p of the flat sheet comes to lie at
+    p - 2/3 (p^T Q p) Q p, to third order, which is the chord of its arc.
+
+    Args:
+        tag: the largest tag of the print.
+        rise: deviation of the rise at the middle of a side over the centre, as a share of the side.
+
+    Attributes:
+        prior: what is known before any image.
+        normal: of the print `(3,)` [target].
+    """
+
+    def __init__(self, tag: Tag, rise: float) -> None:
+        self.prior = Bend(np.zeros(RISES), rise**2 * OF_A_CYLINDER)
+        self.normal = tag.rotation[:, 2]
+        self._origin, self._axes = tag.position, tag.rotation[:, :2]
+        self._scale = 4.0 / tag.size
+        mean = (tag.paper / tag.size) ** 2 / 3.0
+        self._mean = tag.size * np.array([mean, 0.0, mean])
+
+    def heights(self, x: Array, y: Array) -> Array:
+        """Derivative `(3, n)` [m] of the height over the plane by the rise, at places `(n,)` along the axes [m]."""
+        heights: Array = self._scale * np.stack([x * x, x * y, y * y]) - self._mean[:, None]
+        return heights
+
+    def terms(self, points: Array) -> Array:
+        """What the place of points `(n, 3)` on the bent print is made of `(7, n)`: their heights, then cubes [m^3]."""
+        x, y = ((points - self._origin) @ self._axes).T
+        return np.concatenate([self.heights(x, y), np.stack([x**3, x * x * y, x * y * y, y**3])])
+
+    def bent(self, points: Array, terms: Array, rise: Array) -> Array:
+        """Where points `(n, 3)` [m; target] of the flat print, with their terms, lie on one with a rise `(3,)`."""
+        # (a x^2 + b x y + c y^2) (a x + b y / 2, b x / 2 + c y), sorted by x^3, x^2 y, x y^2, y^3.
+        a, b, c = rise * self._scale
+        along_x = [a * a, 1.5 * a * b, a * c + b * b / 2, b * c / 2]
+        along_y = [a * b / 2, a * c + b * b / 2, 1.5 * b * c, c * c]
+        chord = (-2.0 / 3.0) * self._axes @ np.array([along_x, along_y])
+        bent: Array = points + (np.column_stack([np.outer(self.normal, rise), chord]) @ terms).T
+        return bent
+
+    def plane_covariance(self, rotation: Array, bend: Bend) -> Array:
+        """Covariance `(3, 3)` [m^2; camera] of where the print's plane lies along its normal, seen by a rotation."""
+        square = bend.covariance + np.outer(bend.mean, bend.mean)
+        normal = rotation @ self.normal
+        return float(PLANE**2 * self._mean @ square @ self._mean) * np.outer(normal, normal)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -179,8 +242,7 @@ class PrintTexture:
     def __init__(self, first: Tag, tags: Sequence[Tag]) -> None:
         self._cells = first.family.black_cells + 2 * QUIET_ZONE_CELLS
         self._levels: dict[int, Image32] = {}
-        # Cells of a smaller tag end within a texel, which is their mean: those of the inner tag of `nested.toml`, drawn
-        # by the middles of texels, had 26 % too little white, which shows in every image from afar.
+        # Cells of a smaller tag end within a texel, which is their mean.
         fine = TEXELS * TEXEL_PARTS
         drawn = np.full((self._cells * fine,) * 2, 255, dtype=np.uint8)
         down = np.array([1.0, -1.0])
@@ -241,17 +303,16 @@ class PrintModel:
         target: with all its tags.
         first: the largest tag of the print.
         projection: of the lens.
-        sheet: that it is printed on; none where it does not bend.
 
     Attributes:
         origin: centre of that tag `(3,)` [m; target].
         axes: target from that tag `(3, 3)`.
         half: half the side of its paper [m].
+        corners: of its paper `(4, 3)` [m; target].
         cell: side of its cells [m].
     """
 
-    def __init__(self, target: Target, first: Tag, projection: Projection, sheet: Sheet | None = None) -> None:
-        self.sheet = sheet
+    def __init__(self, target: Target, first: Tag, projection: Projection) -> None:
         self._projection = projection
         self.origin, self.axes = first.position, first.rotation
         tags = tuple(
@@ -262,6 +323,7 @@ class PrintModel:
         )
         # One quiet zone around the tag is surely white; other tags count where they lie inside it.
         self.half = first.paper / 2
+        self.corners = first.place(SQUARE * self.half)
         self.cell = first.module
         self._target_from_plane = np.column_stack([self.cell * self.axes[:, :2], self.origin])
         self._texture = _texture(first, tags)
@@ -317,10 +379,28 @@ class PrintModel:
         image_row = (row + top).astype(np.float64)
         return PrintSamples(value, steep, by_spread, by_point, arm, place, image_row, grey, left, top, used)
 
-    @property
-    def corners(self) -> Array:
-        """Corners of its paper `(4, 3)` [m; target]."""
-        return np.asarray(SQUARE * self.half @ self.axes[:, :2].T + self.origin, np.float64)
+    def offset(self, pixels: Grey, start: Pose) -> Array | None:
+        """How far the print is beside its place `(2,)` [px]; zero where it is near, none where it is not found.
+
+        Source: normalised cross-correlation; J. P. Lewis, "Fast normalized cross-correlation", 1995.
+        """
+        seen = self.samples(pixels, start.rotation, start.position, SPREAD)
+        if seen is None or seen.grey.size < LIMITS.photo.min_window_px**2:
+            return None
+        if correlation(seen.grey, seen.value) >= LIMITS.likeness.clear:
+            return np.zeros(2)
+        left, top, (height, width) = seen.left, seen.top, seen.used.shape
+        template = np.ones(seen.used.shape, dtype=np.float32)
+        template[seen.used] = seen.value
+        reach = int(np.ceil(REACH * max(width, height)))
+        x0, y0 = max(left - reach, 0), max(top - reach, 0)
+        around = pixels[y0 : top + height + reach, x0 : left + width + reach].astype(np.float32)
+        score = cv2.matchTemplate(around, template, cv2.TM_CCOEFF_NORMED, mask=seen.used.astype(np.float32))
+        score = np.where(np.isfinite(score), score, -1.0)
+        row, column = np.unravel_index(int(np.argmax(score)), score.shape)
+        if score[row, column] < LIMITS.likeness.clear:
+            return None
+        return np.array([float(column + x0 - left), float(row + y0 - top)])
 
     def depth(self, rotation: Array, position: Array) -> float:
         """How far the middle of the print is along the optical axis [m]."""
@@ -329,10 +409,7 @@ class PrintModel:
     def _seen(self, place: Array, plane: Array, spread: Array) -> tuple[Array, Array, Array, Array]:
         """Value `(n,)`, its slope by the place `(2, n)`, that in the image, squared, and derivative by the spread.
 
-        Args:
-            place: on the print `(2, n)` [cells from the middle].
-            plane: its derivative by column and row `(2, 2, n)` [cells/px].
-            spread: covariance of the point spread `(2, 2)` [px^2].
+        `plane` is the derivative of the place by column and row `(2, 2, n)` [cells/px].
         """
         middle = plane.mean(axis=2)
         footprint = Footprint.of(spread, middle)
@@ -356,7 +433,7 @@ class PrintModel:
 
     def _window(self, shape: tuple[int, ...], corners: Array, motion: Array | None) -> tuple[int, int, int, int] | None:
         """Column, row, width and height of a print; none where it is not in full view, too small or too large."""
-        seen, visible = self._projection.project(self._projection.exposed(corners, motion)[0])
+        seen, visible = self._projection.project(corners, motion)
         if not bool(visible.all()):
             return None
         left, top = (max(floor(least), 0) for least in seen.min(axis=0))
@@ -402,7 +479,7 @@ class Prints:
     def __init__(self, target: Target, projection: Projection) -> None:
         self._projection = projection
         self.sheet = sheet_of(target)
-        self.all = tuple(PrintModel(target, tag, projection, self.sheet) for tag in roots(target))
+        self.all = tuple(PrintModel(target, tag, projection) for tag in roots(target))
 
     def seen(self, rotation: Array, position: Array) -> tuple[PrintModel, ...]:
         """Prints of which a pose puts enough into the image, the largest there first.
@@ -413,6 +490,26 @@ class Prints:
         """
         shown = [model for model in self.all if self._is_shown(model, rotation, position)]
         return tuple(sorted(shown, key=lambda model: model.depth(rotation, position) / model.cell)[:MOST])
+
+    def gathered(self, pixels: Grey, start: Pose) -> Pose:
+        """A start, moved to where the prints are found; as it is where all are in their place, or one is found alone.
+
+        A tag of 27 px knows its tilt to a degree or two; at the next tag, two metres away, these are more pixels than a
+        cell has, and no fit would get there.
+        """
+        if len(self.all) < 2:
+            return start
+        looked = [(model, model.offset(pixels, start)) for model in self.seen(start.rotation, start.position)]
+        found = [(model.corners, offset) for model, offset in looked if offset is not None]
+        if len(found) < 2 or not any(offset.any() for _, offset in found):
+            return start
+        points = np.concatenate([corners for corners, _ in found])
+        seen = self._projection.project(points @ start.rotation.T + start.position)[0]
+        rays = self._projection.undistort(seen + np.repeat([offset for _, offset in found], len(SQUARE), axis=0))
+        rotation, position = refined(points, rays, start.rotation, start.position)
+        if not np.isfinite(position).all() or position[2] < NEAR_M:
+            return start
+        return replace(start, rotation=rotation, position=position)
 
     def cell_px(self, pose: Pose) -> float:
         """Side of a cell of the print that is looked at [px]."""

@@ -150,13 +150,15 @@ class Projection:
         middle = {"cx": (i.cx - 0.5) / 2, "cy": (i.cy - 0.5) / 2}
         return Projection(i.model_copy(update={**size, **middle}), self.shutter, 2 * self._rows)
 
-    def project(self, points_cam: Array) -> tuple[Array, Bools]:
-        """Project `(n, 3)` [m; RDF].
+    def project(self, points_cam: Array, motion: Array | None = None) -> tuple[Array, Bools]:
+        """Project `(n, 3)` [m; RDF], as their rows see them where a motion is given; see `exposed`.
 
         Returns:
             Pixels `(n, 2)` [px, centres at integers] and whether each point is in front of the camera and inside the
             field where the lens's polynomial holds; pixels of the others mean nothing.
         """
+        if motion is not None:
+            points_cam = self.exposed(points_cam, motion)[0]
         z = points_cam[:, 2]
         visible = z > NEAR_M
         seen = points_cam[:, :2].T / np.where(visible, z, 1.0)

@@ -4,13 +4,12 @@ A point at P when the middle row is exposed is seen at P(t) = P - t w x P + t s 
 angular rate of the camera, s the speed of the target along the optical axis e. Motion across that axis looks like a
 turn and is part of w; motion along it looks like a tilt, which an image alone hardly tells apart from it.
 
-An image shows how far its rows are apart in motion, the product of motion and line time, and not either. So where
-nobody told the line time T, fits reckon with a nominal one, T0, and with the motion m T / T0 in place of m. Before the
-image is looked at that has the mean E[T] m / T0 and the variance (E[T^2] var(m) + var(T) m^2) / T0^2.
+An image shows the product of motion and line time, and not either. So where nobody told the line time T, fits reckon
+with a nominal one, T0, and with the motion m T / T0 in place of m. Before the image is looked at that has the mean
+E[T] m / T0 and the variance (E[T^2] var(m) + var(T) m^2) / T0^2.
 
 Where the motion is known besides (the attitude turns, the range changes) what an image alone says about m T / T0 is
-linear in T: least squares over the images, each believed as far as it agrees with those before (a vibration that no
-attitude knows turns the camera too).
+linear in T: least squares over the images, each believed as far as it agrees with those before.
 """
 
 from __future__ import annotations
@@ -177,8 +176,7 @@ def cross(a: Array, b: Array) -> Array:
 def motion_jacobian(by_point: Array, points: Array, times: Array) -> Array:
     """Derivative `(4, n)` by the motion, of what has the derivative `(n, 3)` by the points `(n, 3)`.
 
-    A point that moves to another row is exposed at another time, too; that is left out. With T the time of a line and v
-    the speed in the image it changes derivatives by T v, 1 to 3 %, and where a fit ends by nothing.
+    A point that moves to another row is exposed at another time; that is left out, 1 to 3 % of the derivative.
     """
     # j . (-t w x P) = -t w . (P x j)
     return np.concatenate([-times * cross(points, by_point).T, (times * by_point[:, 2])[None]])
@@ -188,8 +186,7 @@ def beyond_motion(by_motion: Array, by_place: Array, times: Array, position: Arr
     """Derivative `(5, n)` by what the motion lacks: the angular acceleration [rad/s^2], a speed across [m/s].
 
     An acceleration a bends the image by a t^2 / 2, which is t / 2 times what the rates do. A speed e across the line of
-    sight is in the motion as a turn, which is right at the target's origin P0 only; either axis moves points by what is
-    beyond that turn, t (e - w x P) with w = P0 x e / P0^2.
+    sight is in the motion as a turn, right at the target's origin P0 only: t (e - w x P) is beyond, w = P0 x e / P0^2.
 
     Args:
         by_motion: derivative by the motion `(4, n)`.

@@ -1,7 +1,7 @@
-"""Do the tags of one target contradict each other? A wrong size or position in the target file shows itself here.
+"""Whether the tags of a target contradict each other: a wrong size or position in the target file shows itself here.
 
 The outline of the largest tag in view says where every other tag of the same plane must be. Sizes that are all wrong by
-the same factor fit together and cannot be seen this way: only a ruler tells.
+the same factor fit together: only a ruler tells.
 """
 
 from __future__ import annotations
@@ -19,16 +19,10 @@ from mkdaemon.vision.tags.tagmap import Tag, TagMap
 
 
 class TargetCheck:
-    """Watches whether what is seen of each target agrees with the target file.
-
-    Args:
-        tagmap: the targets.
-        projection: the lens; without one nothing is judged.
-    """
+    """Watches whether what is seen of each target agrees with the target file; without a lens nothing is judged."""
 
     def __init__(self, tagmap: TagMap, projection: Projection | None) -> None:
-        self._tagmap = tagmap
-        self._projection = projection
+        self._tagmap, self._projection = tagmap, projection
         self._contradictions = dict.fromkeys((target.name for target in tagmap.targets), 0)
 
     @property
@@ -49,12 +43,7 @@ class TargetCheck:
 
 
 def misfit(seen: list[tuple[Tag, Detection]], projection: Projection) -> bool | None:
-    """Whether a tag is not where the largest one says; None when there is nothing to compare.
-
-    Args:
-        seen: tags of one plane with what was found of them.
-        projection: the lens.
-    """
+    """Whether one of several tags of a plane is not where the largest one says; none without one to compare."""
     if not seen:
         return None
     base, at = max(seen, key=lambda pair: pair[1].side_px)
@@ -62,11 +51,10 @@ def misfit(seen: list[tuple[Tag, Detection]], projection: Projection) -> bool | 
     near = [pair for pair in seen if pair[0] is not base and np.linalg.norm(pair[0].position - base.position) < reach]
     outline, found_at = base.local(base.corners)[:, :2], projection.undistort(at.corners)
     ahead = np.asarray(cv2.getPerspectiveTransform(outline.astype(np.float32), found_at.astype(np.float32)), np.float64)
-
-    def is_off(tag: Tag, found: Detection) -> bool:
+    are_off: list[bool] = []
+    for tag, found in near:
         expected = carry(ahead, base.local(tag.corners)[:, :2])
         off = float(np.linalg.norm(expected - projection.undistort(found.corners), axis=1).max())
         loose = LIMITS.health.misfit_px * max(at.shrunk, found.shrunk)
-        return off * float(projection.focal.mean()) > max(loose, LIMITS.health.misfit_share * found.side_px)
-
-    return any(is_off(*pair) for pair in near) if near else None
+        are_off.append(off * float(projection.focal.mean()) > max(loose, LIMITS.health.misfit_share * found.side_px))
+    return any(are_off) if near else None

@@ -1,9 +1,7 @@
 """The unknowns of a fit: what is known of them before an image, how a step is solved for them, and where a fit is.
 
-Fits to edges and fits to grey values share the pose, the bend of the print and the motion under a rolling shutter; each
-has some of its own. All stand in one table. With the rows J of the table, the derivative of what is measured, and with
-residuals d of variance v and weight W, the information P that is known beforehand and e, what is expected less where
-the fit is, a step is
+All stand in one table. With its rows J, the derivative of what is measured, residuals d of variance v and weight W, the
+information P that is known beforehand and e, what is expected less where the fit is, a step is
 
     x = (J W J^T + v P)^-1 (J W d + v P e)
 
@@ -20,8 +18,8 @@ import numpy as np
 
 from mkdaemon.vision.arrays import Array
 from mkdaemon.vision.limits import LIMITS
-from mkdaemon.vision.pose.bend import Bend, Sheet
-from mkdaemon.vision.pose.pose import Pose, damped, turn
+from mkdaemon.vision.pose.pose import Bend, Pose, damped, turn
+from mkdaemon.vision.pose.prints import Sheet
 from mkdaemon.vision.pose.projection import NEAR_M
 from mkdaemon.vision.pose.rolling import (
     MOTIONS,
@@ -173,8 +171,7 @@ class Prior:
         stretch_sd: deviation of the ratio of the focal lengths; zero takes them as exact.
 
     Attributes:
-        start: of the fit.
-        stretch_sd: see above.
+        start, stretch_sd: see above.
         bend: what is known of that; none where the print does not bend.
     """
 
@@ -206,8 +203,7 @@ class Prior:
     def table(self, at: State, by_point: Array, arm: Array, times: Array, heights: Array | None) -> list[Unknown]:
         """The unknowns that all fits have, of what is measured at points of the print.
 
-        A turn w moves a point at `arm` by w x arm, so that its derivative is arm x that by the point. A bend moves
-        points along the normal.
+        A turn w moves a point at `arm` by w x arm, so that its derivative is arm x that by the point.
 
         Args:
             at: where the fit is.
@@ -234,13 +230,7 @@ class Prior:
         return table
 
     def measured(self, at: State, unknowns: Unknowns, covariance: Array) -> tuple[Array, Bend | None]:
-        """Covariance of the pose `(6, 6)`, and what was found of the bend, where a step asked for it.
-
-        Args:
-            at: where the fit is.
-            unknowns: of its last step.
-            covariance: of all of them `(k, k)`.
-        """
+        """Covariance of the pose `(6, 6)`, and what was found of the bend, by that of all unknowns `(k, k)`."""
         pose = (covariance[POSE, POSE] + covariance[POSE, POSE].T) / 2
         if self._sheet is None or at.rise is None or "rise" not in unknowns:
             return pose, None

@@ -102,7 +102,7 @@ class Target:
         moving: the target moves in the world.
         level: its xy plane is horizontal at rest.
         tags: at least one.
-        bend: deviation of how far its print bends, as a share of the side (`pose.bend`).
+        bend: deviation of how far its print bends, as a share of the side (`prints.Sheet`).
     """
 
     name: str

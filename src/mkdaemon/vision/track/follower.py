@@ -16,10 +16,8 @@ from mkdaemon.telemetry.vision import PoseRefusal
 from mkdaemon.vision.arrays import Array, Grey
 from mkdaemon.vision.limits import HALF, LIMITS
 from mkdaemon.vision.pose.ambiguity import prefers
-from mkdaemon.vision.pose.bend import Bend
-from mkdaemon.vision.pose.carry import Carrier
 from mkdaemon.vision.pose.fitting import TargetFitter
-from mkdaemon.vision.pose.pose import Pose
+from mkdaemon.vision.pose.pose import Bend, Pose
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.pose.rolling import MOTIONS, KnownMotion, Shutter, motion_of
 from mkdaemon.vision.tags.detection import Detection
@@ -292,7 +290,6 @@ class Follower:
         self._search, self._health = OwnSearch(target, detector), health
         self._fitter = TargetFitter(target, projection)
         self._bend = LearnedBend(self._fitter.bend_known)
-        self._carrier = Carrier(target, projection)
         self.judge = Judge(self._fitter, self.level, cfg)
 
     def follow(self, frame: Frame) -> None:
@@ -321,7 +318,7 @@ class Follower:
             is_expected = False
             if self._fitter.effort >= MOST_EFFORT:
                 return
-        carried = self._carrier.shift(track.last_seen.pixels, seen.pixels, track.last)
+        carried = self._fitter.carried(track.last_seen.pixels, seen.pixels, track.last)
         if carried is not None:
             yield "flow", replace(predicted, rotation=carried.rotation, position=carried.position)
         if is_expected and (carried is None or self._fitter.effort < MOST_EFFORT):
