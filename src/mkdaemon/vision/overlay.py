@@ -11,7 +11,7 @@ import numpy as np
 from mkdaemon.errors import ConfigError
 from mkdaemon.files import save
 from mkdaemon.vision.arrays import Array, Grey
-from mkdaemon.vision.camera.intrinsics import Intrinsics
+from mkdaemon.vision.camera.calibration_file import Intrinsics
 from mkdaemon.vision.pose.projection import NEAR_M, Projection
 from mkdaemon.vision.still import StillResult
 

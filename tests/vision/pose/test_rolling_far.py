@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lab.vision.stills import error_of, target_named
-from mkdaemon.vision.camera.intrinsics import Intrinsics
+from mkdaemon.vision.camera.calibration_file import Intrinsics
 from mkdaemon.vision.pose.photofit import PhotoFit
 from mkdaemon.vision.pose.pose import Pose, turn
 from mkdaemon.vision.pose.prints import Prints

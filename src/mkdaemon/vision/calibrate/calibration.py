@@ -13,7 +13,7 @@ import numpy.typing as npt
 from mkdaemon.errors import VisionError
 from mkdaemon.vision.arrays import Array
 from mkdaemon.vision.calibrate.board import BoardPoints
-from mkdaemon.vision.camera.intrinsics import Intrinsics
+from mkdaemon.vision.camera.calibration_file import Intrinsics
 from mkdaemon.vision.pose.pose import damped
 
 Figures = npt.NDArray[np.integer[Any] | np.floating[Any]]

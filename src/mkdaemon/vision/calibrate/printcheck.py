@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 
 from mkdaemon.vision.arrays import Array, Grey
-from mkdaemon.vision.camera.intrinsics import Intrinsics
+from mkdaemon.vision.camera.calibration_file import Intrinsics
 from mkdaemon.vision.limits import HALF, LIMITS
 from mkdaemon.vision.pose.edgefind import HALF_WIDTH, find_edges
 from mkdaemon.vision.pose.edgemodel import EdgeModel, Samples, seen_across
