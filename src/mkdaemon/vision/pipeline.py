@@ -82,6 +82,7 @@ class CameraPipeline:
 
     Attributes:
         attitude_lost: how often the vehicle's attitude was not used, by reason.
+        selfcheck: compares flights with the camera file and the target files.
         reported: the newest figures that were published.
 
     Raises:
@@ -106,11 +107,10 @@ class CameraPipeline:
         self._max_attitude_age = vision.tracker.max_attitude_age
         self.attitude_lost: Counter[AttitudeLoss] = Counter()
         self._attitude_alarms: dict[Alarm, str] = {}
-        self._selfcheck = SelfCheck(
+        self.selfcheck = SelfCheck(
             self._tagmap,
             camera.model_copy(update={"mount": mount}) if camera is not None else None,
             math.radians(vision.tracker.attitude_sd_deg),
-            has_mount=mount is not None,
         )
         self._timings: deque[tuple[float, float, bool]] = deque(maxlen=WINDOW)
         """Of each image the time spent [s], its latency [s], and whether there was a pose."""
@@ -126,7 +126,7 @@ class CameraPipeline:
     def process(self, image: CameraImage, attitude: AttitudeHistory | None) -> list[tuple[str, Telemetry]]:
         """Look at the newest image, with the attitude around its exposure; one that makes the detector fail is counted.
 
-        Whether it contradicts the camera file or a target file is left to `check_files`: a stick frame waits for this.
+        `check_files` comes later: a stick frame waits for this.
         """
         self._processed += 1
         try:
@@ -157,7 +157,7 @@ class CameraPipeline:
             if result.poses and Alarm.LINE_TIME not in result.alarms:
                 known = attitude.at(image.captured_at, self._max_attitude_age) if attitude is not None else None
                 seen = {found.target: (found.pose, heights[found.target]) for found in result.poses}
-                self._selfcheck.image_seen(in_light(image.pixels, self._gamma), seen, image.captured_at, known)
+                self.selfcheck.image_seen(in_light(image.pixels, self._gamma), seen, image.captured_at, known)
         except Exception as error:  # noqa: BLE001  # no image may end the thread that looks
             self._note(error)
 
@@ -197,10 +197,6 @@ class CameraPipeline:
                 " target: poses come from the images alone; check the camera's mount, the signs of the attitude, and"
                 " `level` of the target"
             )
-
-    def barometer_received(self, time: float, height: float) -> None:
-        """Take the barometer's height [m] at a time [s; monotonic]."""
-        self._selfcheck.barometer_received(time, height)
 
     def restarted(self, error: BaseException) -> None:
         """Count a restart of the thread that looks, and what ended it."""
@@ -294,7 +290,7 @@ class CameraPipeline:
             settings_refused=stream.refused,
             detector=self.tracker.detector.warning or self.tracker.detector.backend,
             exposure=exposure_of(stream.exposure) if stream.exposure is not None else None,
-            selfcal=self._selfcheck.reports(),
+            selfcal=self.selfcheck.reports(),
         )
 
     def state(self, stream: StreamStatus) -> tuple[EyeState, str]:
@@ -321,7 +317,7 @@ class CameraPipeline:
             Alarm.DAMAGED: f" ({stream.damage})",
         }
         seen = {name: ALARM_ADVICE[name] + (figures.get(name) or "") for name in raised}
-        return seen | self._selfcheck.alarms | self._attitude_alarms
+        return seen | self.selfcheck.alarms | self._attitude_alarms
 
 
 def camera_frame(name: str) -> str:

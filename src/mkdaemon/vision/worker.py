@@ -184,7 +184,7 @@ class VisionWorker:
         while self._barometer:
             reading = self._barometer.popleft()
             for eye in self._eyes.values():
-                eye.pipeline.barometer_received(*reading)
+                eye.pipeline.selfcheck.barometer_received(*reading)
         values: list[tuple[str, Telemetry]] = []
         if image is not None:
             attitude, eye = AttitudeHistory(tuple(self._attitudes)), self._eyes[image.camera]
