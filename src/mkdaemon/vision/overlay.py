@@ -22,11 +22,7 @@ SIDES: tuple[Colour, ...] = ((60, 60, 255), (80, 220, 80), (255, 160, 60), (220,
 
 
 def draw(pixels: Grey, result: StillResult, intrinsics: Intrinsics | None) -> Grey:
-    """Draw tags with their ids, and the axes of every pose where the lens is known, over `(h, w)` uint8.
-
-    Returns:
-        `(h, w, 3)` uint8, blue-green-red.
-    """
+    """Tags with ids, and the axes of poses where the lens is known, over `(h, w)`: blue-green-red `(h, w, 3)` uint8."""
     picture = draw_tags(pixels, ((str(tag.found.tag_id), tag.found.corners) for tag in result.tags))
     if intrinsics is not None:
         for pose in (found.pose for found in result.poses):
@@ -41,11 +37,7 @@ def draw(pixels: Grey, result: StillResult, intrinsics: Intrinsics | None) -> Gr
 
 
 def draw_tags(pixels: Grey, tags: Iterable[tuple[str, Array]]) -> Grey:
-    """Draw outlines of tags over `(h, w)` uint8: what stands below each, and its corners `(4, 2)` [px].
-
-    Returns:
-        `(h, w, 3)` uint8, blue-green-red.
-    """
+    """Labels and outlines `(4, 2)` [px] of tags over `(h, w)` uint8: blue-green-red `(h, w, 3)` uint8."""
     picture = np.asarray(cv2.cvtColor(pixels, cv2.COLOR_GRAY2BGR), dtype=np.uint8)
     scale = _scale(picture)
     for label, corners in tags:

@@ -328,9 +328,9 @@ def camera_frame(name: str) -> str:
 def values_of(
     result: VisionResult, image: CameraImage, stamp: Stamp, mounting: Mounting | None, ready_at: float
 ) -> Iterator[tuple[str, Telemetry]]:
-    """Key suffixes and values of one image; no poses of a vehicle on which nobody said how the camera sits.
+    """Key suffixes and values of one image, stamped in the middle of its exposure; no poses without a mounting.
 
-    `stamp` is of the middle of its exposure; the tracker's result was there at `ready_at` [s; monotonic].
+    The tracker's result was there at `ready_at` [s; monotonic].
     """
     if result.detections:
         yield f"vision/{image.camera}/tags", Tags(**_seen(image, stamp), tags=tuple(map(_sighting, result.detections)))

@@ -26,19 +26,16 @@ from mkdaemon.vision.tags.tagfamily import find_family
 from mkdaemon.vision.tags.tagmap import TagMap, Target, single
 
 ANY_ID_FALSE_RATE = 2e-6
-"""Chance that a random quad reads as some code of the family, one bit corrected: with all 587 ids of tag36h11 allowed,
-the limit for a short whitelist would refuse even one wrong bit."""
+"""Chance that a random quad reads as one of 587 codes, one bit corrected; the limit of few codes refuses that bit."""
 WHOLE_TAGS: Final = (Look("grey"), Look("log"), Look("light", decimate=2))
 """The searches of a still; a broken outline needs a track or an attitude to be trusted."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StillPose:
-    """A pose from one image alone.
+    """A pose from one image alone, camera from target.
 
     Attributes:
-        target: name of the target.
-        pose: camera from target.
         ambiguity: residual of the mirrored pose over this one; infinite without a rival.
         ambiguous: nothing in the image tells this pose from its mirror; it would not be published in flight.
         refusal: the gate it fails; none when it passes all.
@@ -68,17 +65,9 @@ class StillResult:
 
 
 class StillEye:
-    """Looks at images one by one: for targets, or for tags of some families that stand alone.
+    """Looks at images one by one: for targets, or for tags that stand alone, of some families and codes.
 
-    Attributes:
-        detector: that searches.
-
-    Args:
-        intrinsics: calibration; without one there are tags and no poses.
-        tagmap: targets; None for tags that stand alone.
-        tag_size: side of each of them [m].
-        families: of theirs.
-        ids: their codes; None for all.
+    Without a calibration, or a size [m] of tags that stand alone, there are no poses.
 
     Raises:
         VisionError: unknown family or id.
@@ -156,8 +145,7 @@ class StillEye:
 def _with_lens_in_doubt(pixels: Grey, fit: EdgeFit, candidates: list[Pose]) -> list[Pose]:
     """Fit once more with the ratio of the focal lengths free within its calibration, where a residual asks for it.
 
-    A frontal tag cannot tell a wrong ratio from a tilt by its sides, only by its perspective; a fit that takes the
-    ratio as exact trades degrees of tilt for tenths of a pixel.
+    The sides of a frontal tag tell no wrong ratio from a tilt: taken as exact, it costs degrees.
     """
     if any(pose.source != "edges" or pose.rms_px < LIMITS.health.drift_px for pose in candidates):
         return candidates

@@ -34,7 +34,6 @@ ATTITUDES = 200
 BAROMETER = 50
 """Heights of the barometer kept until the thread takes them."""
 
-
 _log = structlog.get_logger(__name__)
 
 
@@ -68,13 +67,8 @@ class VisionWorker:
     """Runs the cameras of one vehicle.
 
     Args:
-        cameras: at least one, each with its own name.
-        vision: the tracker.
         publish: puts a value on `mk/<vehicle>/<suffix>`; called on the event loop, returns at once.
-        loop: the event loop.
-        clock: stamps.
         session: gives the Zenoh session for `zenoh:` sources.
-        open_source: chooses the source a camera section names.
         record: takes every image before it is looked at, with the attitude it is looked at with; called on the
             worker's thread, returns at once.
 

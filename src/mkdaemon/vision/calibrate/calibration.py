@@ -50,7 +50,6 @@ class CalibrationResult:
     """What a calibration found and how well it is known.
 
     Attributes:
-        intrinsics: the estimate.
         rms_px: reprojection error over all points [px].
         sd: standard deviation of each intrinsic by its name, in its unit.
         used: indices of the views used.
@@ -98,16 +97,12 @@ class CalibrationResult:
 
 
 def calibrate(views: Sequence[BoardPoints], *, is_fisheye: bool = False) -> CalibrationResult:
-    """Estimate the intrinsics of a camera.
-
-    Args:
-        views: the board in at least six images of one size, in different places and tilts.
-        is_fisheye: the lens is a fisheye.
+    """Estimate the intrinsics of a camera from views of one size, in different places and tilts.
 
     Raises:
         VisionError: too few views, or views that determine nothing.
 
-    Source: Zhang, A Flexible New Technique for Camera Calibration, PAMI 22(11), 2000, as in OpenCV.
+    Sources: Zhang, PAMI 22(11), 2000; Kannala and Brandt, PAMI 28(8), 2006; both as in OpenCV.
     """
     if len(views) < MIN_VIEWS:
         msg = f"{len(views)} views of the board, at least {MIN_VIEWS} are needed"
@@ -171,10 +166,7 @@ def _solve_pinhole(board: Sequence[Figures], image: Sequence[Figures], size: tup
 
 
 def _solve_fisheye(board: Sequence[Figures], image: Sequence[Figures], size: tuple[int, int]) -> _Lens:
-    """The fisheye model, with the deviations that OpenCV does not give.
-
-    Source: Kannala and Brandt, PAMI 28(8), 2006, as in OpenCV's `fisheye`.
-    """
+    """With the deviations that OpenCV does not give."""
     rms, matrix, bend, turns, places = cv2.fisheye.calibrate(
         board, image, size, np.eye(3), np.zeros(4), flags=FLAGS, criteria=STEPS
     )
@@ -192,16 +184,10 @@ def _solve_fisheye(board: Sequence[Figures], image: Sequence[Figures], size: tup
 
 
 def tone_curve(levels: Array) -> tuple[float, str]:
-    """The tone curve of a camera for its file, light is grey to that power, and how it was found in words.
+    """The tone curve of a camera, light is grey to that power, 1 where none is known; and how it was found, in words.
 
-    On a straight edge the blur of the lens mixes as much black as white, in light. The grey value there is therefore
-    ((b^g + w^g) / 2)^(1/g) for black b, white w and a curve of the power g.
-
-    Args:
-        levels: black, middle and white `(n, 3)` of edges.
-
-    Returns:
-        The power, 1 where none is known or it is as good as none, with its deviation in the words.
+    By black b, middle and white w `(n, 3)` of straight edges, where blur mixes as much black as white, in light: the
+    grey value there is ((b^g + w^g) / 2)^(1/g) for a curve of the power g.
     """
     if len(levels) < LEAST_EDGES:
         return 1.0, f"not known: {LEAST_EDGES} edges with black and white in range are needed, {len(levels)} were seen"

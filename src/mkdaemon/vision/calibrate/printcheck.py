@@ -1,7 +1,4 @@
-"""Is a print to scale, flat, sharp, and does it have its white rim? By one photograph. Pure.
-
-What a photograph tells and what it cannot: docs/cameras.md, "Look at it".
-"""
+"""Whether a print is to scale, flat, sharp, and has its white rim, by one photograph: docs/cameras.md, "Look at it"."""
 
 from __future__ import annotations
 
@@ -72,8 +69,6 @@ class _Measured:
     """A tag with its sides measured.
 
     Attributes:
-        tag: of the target file.
-        seen: as it was found.
         corners: where its sides meet `(4, 2)`, undistorted where the lens is known [px, or at unit depth].
         unsure: deviation of a corner, as a share of the side [1].
         bow: how far the middle of its most bent side leaves its chord, and the deviation of that [% of its length].
@@ -102,7 +97,7 @@ def check_print(
         distance: from the lens to the middle of the largest tag in view, by tape [m].
 
     Returns:
-        What was found, most important first; only that nothing was found where no tag was decoded.
+        What was found, most important first.
     """
     projection = None if intrinsics is None else Projection(intrinsics)
     tagmap = TagMap((target,))

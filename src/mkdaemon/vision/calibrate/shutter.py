@@ -1,8 +1,7 @@
 """The line time of a rolling shutter from lamps that flicker.
 
-Under a lamp on alternating current, rows exposed one after the other see the light rise and fall: bands across the
-image, whose distance is a period of the flicker over the line time. What stands still is the same in all images and
-goes out in their mean.
+Rows exposed one after the other see the light rise and fall: bands across the image, whose distance is a period of the
+flicker over the line time. What stands still goes out in the mean of the images.
 """
 
 from __future__ import annotations

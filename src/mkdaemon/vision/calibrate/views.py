@@ -66,9 +66,6 @@ class Views:
     Args:
         board: what is shown.
         keep: folder for the pictures taken, which replace those of an earlier run; None keeps none.
-
-    Attributes:
-        taken: so far.
     """
 
     def __init__(self, board: CalibrationBoard, keep: Path | None = None) -> None:

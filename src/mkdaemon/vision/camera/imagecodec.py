@@ -1,9 +1,7 @@
 """Images to bytes and back; what comes from outside is checked, and refused where it is damaged.
 
-libjpeg decodes damaged data to an image with warnings that OpenCV does not hand on: blocks are grey, repeated or out of
-place. The TurboJPEG interface reports them; such an image is refused.
-
-How large a picture is, from its header, before anything is decoded: a file of 130 kB may ask for a gigabyte.
+OpenCV does not hand on libjpeg's warnings about damaged data; the TurboJPEG interface does. The size of a picture comes
+from its header, before anything is decoded: a file of 130 kB may ask for a gigabyte.
 
 Sources: PNG, RFC 2083, section 11.2.2; BMP, BITMAPINFOHEADER of the Windows API; PNM, netpbm(5).
 """

@@ -100,7 +100,7 @@ class ImageEvidence:
 
 
 class Belief:
-    """A normal distribution of unknowns, `mean` `(n,)` and `covariance` `(n, n)`; `walk` `(n,)` is random [1/sqrt(s)]."""
+    """A normal distribution of unknowns: `mean` `(n,)`, `covariance` `(n, n)`, `walk` `(n,)` at random [1/sqrt(s)]."""
 
     def __init__(self, mean: Array, covariance: Array, walk: Array) -> None:
         self.mean, self.covariance, self._walk = mean, covariance, walk
