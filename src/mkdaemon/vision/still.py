@@ -1,4 +1,4 @@
-"""Tags and poses of single images: nothing is known before, everything is tried, what is doubtful says so."""
+"""Tags and poses of single images, and how they are drawn: nothing is known before, what is doubtful says so."""
 
 from __future__ import annotations
 
@@ -6,11 +6,12 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Final
 
+import cv2
 import numpy as np
 
 from mkdaemon.config.vision import TrackerSection
 from mkdaemon.telemetry.vision import PoseRefusal
-from mkdaemon.vision.arrays import Grey
+from mkdaemon.vision.arrays import Array, Grey
 from mkdaemon.vision.camera.calibration_file import Intrinsics
 from mkdaemon.vision.camera.image import in_light
 from mkdaemon.vision.limits import HALF, LIMITS
@@ -19,7 +20,7 @@ from mkdaemon.vision.pose.edgefit import EdgeFit
 from mkdaemon.vision.pose.fitting import TargetFitter
 from mkdaemon.vision.pose.gates import fit_refusal
 from mkdaemon.vision.pose.pose import FLOOR_RANGE, Pose, angle_between
-from mkdaemon.vision.pose.projection import Projection
+from mkdaemon.vision.pose.projection import NEAR_M, Projection
 from mkdaemon.vision.tags.detection import Detection
 from mkdaemon.vision.tags.detector import Detector, Look
 from mkdaemon.vision.tags.tagfamily import find_family
@@ -152,3 +153,48 @@ def _with_lens_in_doubt(pixels: Grey, fit: EdgeFit, candidates: list[Pose]) -> l
     doubted = (fit.fit(pixels, pose, stretch_sd=FLOOR_RANGE) for pose in candidates)
     fitted = [pose for pose in doubted if pose is not None]
     return fitted if len(fitted) == len(candidates) else candidates
+
+
+Colour = tuple[int, int, int]
+
+SIDES: tuple[Colour, ...] = ((60, 60, 255), (80, 220, 80), (255, 160, 60), (220, 220, 220))
+"""Top, right, bottom, left of the print, and the axes x, y, z [blue-green-red]: a turned tag shows at a glance."""
+
+
+def draw(pixels: Grey, result: StillResult, intrinsics: Intrinsics | None) -> Grey:
+    """Tags with ids, and the axes of poses where the lens is known, over `(h, w)`: blue-green-red `(h, w, 3)` uint8."""
+    picture = draw_tags(pixels, ((str(tag.found.tag_id), tag.found.corners) for tag in result.tags))
+    if intrinsics is not None:
+        for pose in (found.pose for found in result.poses):
+            # as long as a tenth of the distance; none that reach behind the lens
+            length = 0.1 * pose.range_m
+            points = length * np.vstack([np.zeros(3), np.eye(3)]) @ pose.rotation.T + pose.position
+            if float(points[:, 2].min()) > NEAR_M:
+                seen, _ = Projection(intrinsics).project(points)
+                for end, colour in zip(seen[1:], SIDES[:3], strict=True):
+                    _line(picture, seen[0], end, colour)
+    return picture
+
+
+def draw_tags(pixels: Grey, tags: Iterable[tuple[str, Array]]) -> Grey:
+    """Labels and outlines `(4, 2)` [px] of tags over `(h, w)` uint8: blue-green-red `(h, w, 3)` uint8."""
+    picture = np.asarray(cv2.cvtColor(pixels, cv2.COLOR_GRAY2BGR), dtype=np.uint8)
+    scale = _scale(picture)
+    for label, corners in tags:
+        for start, end, colour in zip(corners, np.roll(corners, -1, axis=0), SIDES, strict=True):
+            _line(picture, start, end, colour)
+        x, y = corners[3] + (0.0, 14.0 * scale)
+        at = (round(float(x)), round(float(y)))
+        for colour, width in (((0, 0, 0), 3), ((60, 230, 255), 1)):
+            cv2.putText(picture, label, at, cv2.FONT_HERSHEY_SIMPLEX, 0.6 * scale, colour, width, cv2.LINE_AA)
+    return picture
+
+
+def _line(picture: Grey, start: Array, end: Array, colour: Colour) -> None:
+    a, b = (tuple(int(v) for v in np.clip(np.rint(point * 16), -(2**20), 2**20)) for point in (start, end))
+    cv2.line(picture, (a[0], a[1]), (b[0], b[1]), colour, max(round(2 * _scale(picture)), 1), cv2.LINE_AA, shift=4)
+
+
+def _scale(picture: Grey) -> float:
+    """Of lines and letters, by the width of an image."""
+    return float(max(picture.shape[1] / 1000.0, 0.5))

@@ -20,6 +20,8 @@ import numpy.typing as npt
 import simplejpeg
 from pydantic import ValidationError
 
+from mkdaemon.errors import ConfigError
+from mkdaemon.files import save
 from mkdaemon.reading import LONGEST_PICTURE, read_bytes
 from mkdaemon.telemetry.image import CameraFrame
 from mkdaemon.vision.arrays import Grey
@@ -148,3 +150,20 @@ def encode_png(pixels: Grey) -> bytes:
     """Compress without loss."""
     _, coded = cv2.imencode(".png", pixels, [cv2.IMWRITE_PNG_COMPRESSION, 1])
     return coded.tobytes()
+
+
+def write_picture(path: Path, pixels: Grey, *, overwrite: bool = False) -> None:
+    """Write a picture, `(h, w, 3)` blue-green-red or `(h, w)` grey, whole or not at all; the suffix is the format.
+
+    Raises:
+        ConfigError: the file is there already and `overwrite` is off, or no format has this suffix.
+        MkError: it cannot be written; what was there is untouched.
+    """
+    try:
+        is_encoded, content = cv2.imencode(path.suffix, pixels)
+    except cv2.error:
+        is_encoded = False
+    if not is_encoded:
+        msg = f"{path}: no format of pictures has this suffix; use .png or .jpg"
+        raise ConfigError(msg)
+    save(path, content.tobytes(), overwrite=overwrite)

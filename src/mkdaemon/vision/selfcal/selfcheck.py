@@ -32,7 +32,6 @@ from mkdaemon.telemetry.vision import Alarm
 from mkdaemon.vision.arrays import Array, Grey
 from mkdaemon.vision.camera.calibration_file import Camera, mount_rotation
 from mkdaemon.vision.limits import LIMITS, SELFCAL
-from mkdaemon.vision.pose.bend import RISES
 from mkdaemon.vision.pose.edgefit import EdgeFit, EdgeStep, shifts
 from mkdaemon.vision.pose.pose import FLOOR_RANGE, Pose, turn
 from mkdaemon.vision.pose.prints import sheet_of
@@ -164,11 +163,10 @@ class CameraFilter(Belief):
         sd, walk, self.least = np.array([*UNKNOWNS.values(), *[SIZE] * len(self.sized), MELT]).T
         if target.moving:
             walk[DECK] = MOVING_DECK
-        rises = 0 if sheet is None else RISES
-        covariance = np.diag(np.pad(sd, (0, rises)) ** 2)
-        if sheet is not None:
-            covariance[-rises:, -rises:] = sheet.prior.covariance
-        super().__init__(np.zeros(len(covariance)), covariance, np.pad(walk, (0, rises)))
+        bend = np.empty((0, 0)) if sheet is None else sheet.prior.covariance
+        covariance = np.pad(np.diag(sd**2), (0, len(bend)))
+        covariance[len(sd) :, len(sd) :] = bend
+        super().__init__(np.zeros(len(covariance)), covariance, np.pad(walk, (0, len(bend))))
 
     def look(self, pixels: Grey, pose: Pose) -> ImageEvidence | None:
         """Ask an image `(h, w)` uint8 about a pose found in it; none when too few edges are seen."""
