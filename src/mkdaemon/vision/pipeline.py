@@ -43,7 +43,6 @@ from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.pose.rolling import skew
 from mkdaemon.vision.pose.target_check import TargetCheck
 from mkdaemon.vision.selfcal.selfcheck import SelfCheck
-from mkdaemon.vision.tags.detection import Detection
 from mkdaemon.vision.tags.tagmap import Tag, TagMap, load
 from mkdaemon.vision.track.attitude import AttitudeHistory, Mounting
 from mkdaemon.vision.track.result import TargetPose, VisionResult
@@ -130,12 +129,10 @@ class CameraPipeline:
         """
         self._processed += 1
         try:
-            values = self._look(image, attitude)
+            return self._look(image, attitude)
         except Exception as error:  # noqa: BLE001  # no image may end the thread that looks
             self._failed(error)
             return []
-        self._failing = 0
-        return values
 
     def look_again(self, image: CameraImage, exposure: ExposureControl | None) -> list[tuple[str, Telemetry]]:
         """What no stick frame waits for: the checks of the files, the exposure, the image for people to look at."""
@@ -174,6 +171,7 @@ class CameraPipeline:
         self._judge_attitude(image.captured_at, attitude)
         self._refused.update(reason for _, reason in result.refused)
         self._timings.append((ready - started, ready - image.captured_at, bool(result.poses)))
+        self._failing = 0
         return values
 
     def _judge_attitude(self, time: float, attitude: AttitudeHistory | None) -> None:
@@ -251,8 +249,7 @@ class CameraPipeline:
         self.reported, self._next_stats = self.stats(stream, stamp), stamp.monotonic + STATS_EVERY
         values: list[tuple[str, Telemetry]] = [(f"vision/{self.cfg.name}/stats", self.reported)]
         mount = self.mount(stamp)
-        if mount is not None:
-            values.append(("tf", mount))
+        values += [("tf", mount)] if mount is not None else []
         if stamp.monotonic >= self._next_setup:
             self._next_setup = stamp.monotonic + SETUP_EVERY
             values.append((f"vision/{self.cfg.name}/setup", self.setup(stamp)))
@@ -333,24 +330,23 @@ def values_of(
     The tracker's result was there at `ready_at` [s; monotonic].
     """
     if result.detections:
-        yield f"vision/{image.camera}/tags", Tags(**_seen(image, stamp), tags=tuple(map(_sighting, result.detections)))
+        tags = tuple(
+            TagSighting(
+                family=found.family,
+                id=found.tag_id,
+                hamming=found.hamming,
+                decision_margin=found.decision_margin,
+                corners=found.corners.tolist(),
+                search=found.view,
+            )
+            for found in result.detections
+        )
+        yield f"vision/{image.camera}/tags", Tags(**_seen(image, stamp), tags=tags)
     if mounting is None:
         return
-    for found in result.poses:
-        yield f"vision/{image.camera}/pose", pose_of(found, image, stamp, mounting, ready_at)
-        child = found.pose
-        yield "tf", transform(camera_frame(image.camera), found.frame, child.rotation, child.position, stamp)
-
-
-def _sighting(found: Detection) -> TagSighting:
-    return TagSighting(
-        family=found.family,
-        id=found.tag_id,
-        hamming=found.hamming,
-        decision_margin=found.decision_margin,
-        corners=found.corners.tolist(),
-        search=found.view,
-    )
+    for pose in result.poses:
+        yield f"vision/{image.camera}/pose", pose_of(pose, image, stamp, mounting, ready_at)
+        yield "tf", transform(camera_frame(image.camera), pose.frame, pose.pose.rotation, pose.pose.position, stamp)
 
 
 def pose_of(found: TargetPose, image: CameraImage, stamp: Stamp, mounting: Mounting, ready_at: float) -> VisionPose:

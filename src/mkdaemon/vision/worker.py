@@ -21,7 +21,7 @@ from mkdaemon.telemetry.base import Telemetry
 from mkdaemon.telemetry.vision import AttitudeLoss, EyeState
 from mkdaemon.vision.camera.camera import CameraStream
 from mkdaemon.vision.camera.image import CameraImage, NewestSlot, Source
-from mkdaemon.vision.camera.sources import Sessions, source_of
+from mkdaemon.vision.camera.sources import source_of
 from mkdaemon.vision.pipeline import CameraPipeline
 from mkdaemon.vision.track.attitude import AttitudeHistory, AttitudeSample
 
@@ -68,7 +68,6 @@ class VisionWorker:
 
     Args:
         publish: puts a value on `mk/<vehicle>/<suffix>`; called on the event loop, returns at once.
-        session: gives the Zenoh session for `zenoh:` sources.
         record: takes every image before it is looked at, with the attitude it is looked at with; called on the
             worker's thread, returns at once.
 
@@ -83,16 +82,15 @@ class VisionWorker:
         publish: Callable[[str, Telemetry], None],
         loop: asyncio.AbstractEventLoop,
         clock: Clock,
-        session: Sessions = None,
         *,
-        open_source: Callable[[CameraSection, Sessions], Source] = source_of,
+        open_source: Callable[[CameraSection], Source] = source_of,
         record: Callable[[CameraImage, AttitudeHistory], None] = lambda image, attitude: None,
     ) -> None:
         _require_names(cameras)
         self._put, self._record, self._loop, self._clock = publish, record, loop, clock
         self._slot: NewestSlot[CameraImage] = NewestSlot()
         self._eyes = {
-            cfg.name: _Eye(CameraPipeline(cfg, vision, clock), CameraStream(cfg, open_source(cfg, session), self._slot))
+            cfg.name: _Eye(CameraPipeline(cfg, vision, clock), CameraStream(cfg, open_source(cfg), self._slot))
             for cfg in cameras
         }
         self._attitudes: deque[AttitudeSample] = deque(maxlen=ATTITUDES)
