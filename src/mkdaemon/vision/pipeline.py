@@ -62,7 +62,6 @@ ALARM_ADVICE = {
     " global shutter; until then poses are less certain",
     Alarm.RESIDUAL_DRIFT: "tag edges no longer fit the calibration: calibrate again, check that the print is flat",
 }
-"""What to do about an alarm."""
 NEVER_POSED = (Alarm.WRONG_SIZE, Alarm.WRONG_KIND, Alarm.UNCALIBRATED, Alarm.FROZEN)
 """Alarms under which no pose is published, the first one first."""
 MAYBE_POSED = (Alarm.DARK, Alarm.BLOWN, Alarm.TARGET_MISMATCH)
@@ -325,10 +324,7 @@ def camera_frame(name: str) -> str:
 def values_of(
     result: VisionResult, image: CameraImage, stamp: Stamp, mounting: Mounting | None, ready_at: float
 ) -> Iterator[tuple[str, Telemetry]]:
-    """Key suffixes and values of one image, stamped in the middle of its exposure; no poses without a mounting.
-
-    The tracker's result was there at `ready_at` [s; monotonic].
-    """
+    """Key suffixes and values of an image of `stamp`, looked at by `ready_at` [s]; no poses without a mounting."""
     if result.detections:
         tags = tuple(
             TagSighting(

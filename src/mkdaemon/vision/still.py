@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import cv2
@@ -102,7 +102,7 @@ class StillEye:
         if self._tagmap is None:
             poses = alone = [self._alone(pixels, tag) for tag in found]
         else:
-            poses = [self._pose(pixels, target.name, target, found) for target in self._tagmap.targets]
+            poses = [self._pose(pixels, target, found) for target in self._tagmap.targets]
             alone = [None] * len(found)
         return StillResult(tuple(map(StillTag, found, alone)), tuple(pose for pose in poses if pose is not None))
 
@@ -121,18 +121,18 @@ class StillEye:
         if self._tag_size is None:
             return None
         target = single(self._tag_size, found.tag_id, family=found.family)
-        return self._pose(pixels, f"{found.family}:{found.tag_id}", target, [found])
+        return self._pose(pixels, replace(target, name=f"{found.family}:{found.tag_id}"), [found])
 
-    def _pose(self, pixels: Grey, name: str, target: Target, found: Sequence[Detection]) -> StillPose | None:
+    def _pose(self, pixels: Grey, target: Target, found: Sequence[Detection]) -> StillPose | None:
         """The best candidate of one target, with what speaks against it."""
         own = {(tag.family.name, tag.tag_id): tag for tag in target.tags}
         largest = {one.code: one for one in reversed(found)}
         tags = [(own[code], one) for code, one in reversed(largest.items()) if code in own]
         if self._projection is None or not tags:
             return None
-        if name not in self._fits:
-            self._fits[name] = TargetFitter(target, self._projection), EdgeFit(target, self._projection)
-        fitter, edges = self._fits[name]
+        if target.name not in self._fits:
+            self._fits[target.name] = TargetFitter(target, self._projection), EdgeFit(target, self._projection)
+        fitter, edges = self._fits[target.name]
         candidates = _with_lens_in_doubt(pixels, edges, fitter.cold(pixels, tags))
         if not candidates:
             return None
@@ -140,7 +140,7 @@ class StillEye:
         same, decided = LIMITS.certainty.blind_angle_sd, LIMITS.ambiguity.decided
         rivals = (pose for pose in others if angle_between(pose.rotation, best.rotation) > same)
         is_ambiguous = any(evidence(best, rival) < decided for rival in rivals)
-        return StillPose(name, best, residual_ratio(best, others), is_ambiguous, fit_refusal(best, self._cfg))
+        return StillPose(target.name, best, residual_ratio(best, others), is_ambiguous, fit_refusal(best, self._cfg))
 
 
 def _with_lens_in_doubt(pixels: Grey, fit: EdgeFit, candidates: list[Pose]) -> list[Pose]:

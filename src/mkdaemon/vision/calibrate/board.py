@@ -151,11 +151,8 @@ CalibrationBoard = CharucoBoard | TagBoard
 def edge_levels(pixels: Grey, corners: Array) -> Array:
     """Black, middle and white `(n, 3)` of the straight edges between neighbours of a grid of corners.
 
-    No tone curve moves corners. Edges that are too short, too pale, crushed or blown are left out.
-
-    Args:
-        pixels: `(h, w)` uint8.
-        corners: `(rows, columns, 2)` [px], not a number where they are not seen.
+    Corners `(rows, columns, 2)` [px], which no tone curve moves, are not a number where they are not seen. Edges that
+    are too short, too pale, crushed or blown are left out.
     """
     ways = (corners[:, :-1], corners[:, 1:]), (corners[:-1], corners[1:])
     edges = np.concatenate([np.concatenate(ends, axis=-1).reshape(-1, 4) for ends in ways])

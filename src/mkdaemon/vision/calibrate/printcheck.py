@@ -88,16 +88,13 @@ class _Measured:
 def check_print(
     pixels: Grey, target: Target, intrinsics: Intrinsics | None = None, distance: float | None = None
 ) -> tuple[PrintFinding, ...]:
-    """Judge a print by one photograph.
+    """Judge a print by one photograph, the most important first.
 
     Args:
         pixels: `(h, w)` uint8.
         target: what was printed, as its file says; one plane.
         intrinsics: of the camera, for exactly this size of image; None where it is not calibrated.
         distance: from the lens to the middle of the largest tag in view, by tape [m].
-
-    Returns:
-        What was found, most important first.
     """
     projection = None if intrinsics is None else Projection(intrinsics)
     tagmap = TagMap((target,))

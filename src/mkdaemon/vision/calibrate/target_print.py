@@ -75,10 +75,7 @@ class Page:
 
 
 def outlines(cells: npt.NDArray[np.bool_]) -> list[Array]:
-    """Closed loops `(n, 2)` of (column, row) corners around the set cells of `(rows, columns)`.
-
-    Rectangles would leave hairlines between neighbours.
-    """
+    """Closed loops `(n, 2)` of (column, row) corners around the set cells: rectangles would leave hairlines between."""
     # A contour runs through the outermost pixels, which lie beside the corners where a cell has three by three.
     pixels = np.kron(cells, np.ones((3, 3))).astype(np.uint8)
     loops, _ = cv2.findContours(pixels, cv2.RETR_TREE, cv2.CHAIN_APPROX_SIMPLE)

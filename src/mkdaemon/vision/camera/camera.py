@@ -53,10 +53,7 @@ class StampClock:
         self._believed = False
 
     def stamp(self, driver: float | None, arrived: float) -> tuple[float, str]:
-        """Return when an image was taken [s; monotonic] and who knew: `driver` or `arrival`.
-
-        From the driver's stamp [s; any clock], where it has one, and the arrival [s; monotonic].
-        """
+        """When an image was taken [s; monotonic], and who knew: the `driver` [s; any clock], or its `arrival`."""
         taken = self._on_our_clock(driver, arrived) if driver is not None and 0.0 < driver < math.inf else None
         return (arrived if taken is None else taken) - self._latency, "arrival" if taken is None else "driver"
 
@@ -91,7 +88,6 @@ class StreamStatus:
     """What is known about a camera now; figures that are not described here are those of `VisionStats`.
 
     Attributes:
-        images: taken since the start.
         damage: what was wrong with the newest damaged image, for a second after it; empty otherwise.
         refused: settings the driver did not take.
         exposure: chooses what the camera is told before an image; none where it takes nothing.

@@ -121,7 +121,6 @@ class ExposureControl:
     """Chooses the setting of one camera from its images.
 
     Attributes:
-        reach: of the camera.
         setting: that acts now, or soon; at first the middle of both ranges, in powers.
         levels: of the newest image that was looked at.
     """

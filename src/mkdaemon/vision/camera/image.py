@@ -141,10 +141,7 @@ class NewestSlot(Generic[T]):
 
 
 def in_light(pixels: Grey, gamma: float) -> Grey:
-    """Grey values `(h, w)` in proportion to light, of a camera that gives light to the power 1 / gamma.
-
-    Edges blur evenly then. Saturated pixels stay so.
-    """
+    """Grey values `(h, w)` in proportion to light, of light to the power 1 / gamma; saturated pixels stay so."""
     if gamma == 1.0:
         return pixels
     bright = max(float(pixels[::4, ::4].max()), DARKEST)

@@ -28,7 +28,6 @@ from mkdaemon.vision.arrays import Grey
 from mkdaemon.vision.camera.image import PictureError
 
 MAX_PIXELS: Final = 64_000_000
-"""Most pixels of a picture."""
 JPEG: Final = b"\xff\xd8\xff"
 TO_GREY: Final = {(): None, (1,): None, (3,): cv2.COLOR_BGR2GRAY, (4,): cv2.COLOR_BGRA2GRAY}
 """How OpenCV makes grey of a picture, by its channels."""

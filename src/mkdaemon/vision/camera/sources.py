@@ -146,10 +146,7 @@ class ZenohSource(Source):
 
 
 class PlayedSource(Source):
-    """Recorded pictures, each so long after the one before as it was taken: a clip, or the pictures of a folder.
-
-    `record` opens it, and raises VisionError where it cannot be read.
-    """
+    """Recorded pictures in their time: `record` opens a clip or a folder, and raises VisionError where it cannot."""
 
     live = False
 

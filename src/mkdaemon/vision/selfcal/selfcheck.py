@@ -134,8 +134,6 @@ class CameraFilter(Belief):
     a print that bends.
 
     Args:
-        target: that is seen.
-        projection: of the camera.
         attitude_sd: how well the vehicle knows its attitude at one moment [rad].
         flu_from_cam: the mounting believed `(3, 3)`; none says nothing about attitude.
 
@@ -246,10 +244,7 @@ KEPT: Final = 50
 
 
 class HeightFilter(Belief):
-    """Compares the heights over one target with those of the barometer.
-
-    The unknowns: offset [m], share of the height that is too much, delay [s].
-    """
+    """Heights over one target and the barometer's: their offset [m], the share that is too much, the delay [s]."""
 
     def __init__(self) -> None:
         sd, walk = np.array([OFFSET_SD, SCALE_SD, DELAY[1]]), np.array([WANDER, 0.0, 0.0])
@@ -369,11 +364,9 @@ class TargetWatch:
 
     def report(self) -> SelfCalibration:
         """All estimates."""
-        mean, sd = self._filter.mean, self._filter.sd
-        (focal, cx, cy, k1), (focal_sd, cx_sd, cy_sd, k1_sd) = (
-            figures[LENS_AT:SIZES_AT].tolist() for figures in (mean, sd)
-        )
-        known = np.where(sd[MOUNTING] < SELFCAL.mounting, mean[MOUNTING], 0.0)
+        mean, sd = self._filter.mean.tolist(), self._filter.sd.tolist()
+        (focal, cx, cy, k1), (focal_sd, cx_sd, cy_sd, k1_sd) = mean[LENS_AT:SIZES_AT], sd[LENS_AT:SIZES_AT]
+        known = np.where(np.less(sd[MOUNTING], SELFCAL.mounting), mean[MOUNTING], 0.0)
         turned = turn(rotation_from_euler(*np.radians(self._camera.mount.rpy_deg)), known)
         height, height_sd = self.heights.scale
         return SelfCalibration(
@@ -390,9 +383,7 @@ class TargetWatch:
             k1=k1,
             k1_sd=k1_sd,
             sizes=tuple(
-                TagSizeError(
-                    tag_id=tag.tag_id, size_percent=100.0 * float(mean[n]), size_sd_percent=100.0 * float(sd[n])
-                )
+                TagSizeError(tag_id=tag.tag_id, size_percent=100.0 * mean[n], size_sd_percent=100.0 * sd[n])
                 for n, (tag, _) in enumerate(self._filter.sized, SIZES_AT)
                 if tag is not self.target.tags[0]
             ),
@@ -419,7 +410,6 @@ class SelfCheck:
     """Watches one camera; without a camera file there is nothing to watch.
 
     Args:
-        tagmap: its targets.
         camera: its file, with the mount believed.
         attitude_sd: how well the vehicle knows its attitude at one moment [rad].
 
