@@ -16,7 +16,7 @@ from mkdaemon.client.settings_files import write_backup
 from mkdaemon.errors import ConfigError, MkError
 from mkdaemon.telemetry.settings import SettingsBackup, StoredSet
 from mkdaemon.vision.camera.calibration_file import load_camera, save_camera
-from mkdaemon.vision.overlay import write_picture
+from mkdaemon.vision.camera.imagecodec import write_picture
 from mksim.boards.parameters import factory_set
 from tests.places import CONFIGS, ROOT
 

@@ -19,7 +19,7 @@ from lab.vision.flight import VGA, Device, fly
 from lab.vision.real import RESPONSE, Look, look_at, tally
 from lab.vision.stills import SeedSet, target_named
 from lab.vision.weather import SKIES, Change, Sky
-from mkdaemon.vision.camera.intrinsics import Intrinsics
+from mkdaemon.vision.camera.calibration_file import Intrinsics
 from mksim.scene.analogvideo import AnalogVideo
 from mksim.scene.hindrances import Drops, Flicker, Fog, Propellers
 from mksim.scene.light import Conditions, Cover

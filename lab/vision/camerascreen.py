@@ -16,8 +16,8 @@ from mkdaemon.client.samples import Sample
 from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.image import CameraFrame
 from mkdaemon.telemetry.vision import Exposure, EyeState, Tags, TagSighting, VisionStats
+from mkdaemon.vision.camera.calibration_file import Intrinsics
 from mkdaemon.vision.camera.imagecodec import encode_jpeg
-from mkdaemon.vision.camera.intrinsics import Intrinsics
 from mkdaemon.vision.tags.tagmap import Target
 from mksim.scene.ground import Ground
 from mksim.scene.motion import Platform

@@ -14,7 +14,7 @@ from lab.vision.flight import VGA, share_in_view
 from lab.vision.stills import HD, SeedSet, Still, Studio, error_of, look_once, search_in_turn, target_named
 from lab.vision.troubles import band, patches, shadow
 from lab.vision.weather import FLIGHT_IMAGES, SKIES, fly_conditions, sum_up_flights
-from mkdaemon.vision.camera.intrinsics import Intrinsics
+from mkdaemon.vision.camera.calibration_file import Intrinsics
 from mkdaemon.vision.tags.detector import Detector
 from mkdaemon.vision.tags.tagmap import TagMap, Target, covered_cells
 from mksim.scene.light import Conditions, Glare

@@ -11,8 +11,8 @@ import numpy.typing as npt
 
 from lab.vision.troubles import plan_troubles
 from mkdaemon.frames import rotation_from_euler
+from mkdaemon.vision.camera.calibration_file import Intrinsics
 from mkdaemon.vision.camera.image import CameraImage
-from mkdaemon.vision.camera.intrinsics import Intrinsics
 from mkdaemon.vision.tags.tagmap import Target
 from mkdaemon.vision.track.attitude import LOOKING_DOWN, AttitudeHistory, AttitudeSample
 from mksim.scene.ground import GroundKind

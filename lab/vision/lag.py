@@ -128,9 +128,7 @@ async def _measure(film: Film, rounds: int) -> dict[str, Any]:
     """Idle and working, favoured and ordinary, in turn."""
     cfg = CameraSection(source="film", calibration=CAMERA_FILE, targets=(TARGETS / "nested.toml",))
     audience, loop = _Audience(), asyncio.get_running_loop()
-    worker = VisionWorker(
-        [cfg], VisionSection(), audience.publish, loop, Clock(), open_source=lambda _cfg, _session: film
-    )
+    worker = VisionWorker([cfg], VisionSection(), audience.publish, loop, Clock(), open_source=lambda _cfg: film)
     film.say = worker.attitude_arrived
     samples: dict[tuple[bool, bool], list[Samples]] = {(f, p): [] for f in (True, False) for p in (False, True)}
     allowed, played = False, 0.0

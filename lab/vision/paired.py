@@ -31,8 +31,8 @@ from lab.vision.pairedscenes import Setting, views
 from lab.vision.real import DEVICES
 from lab.vision.stills import WRONG_DEG, WRONG_M, error_of, target_named
 from lab.vision.weather import SKIES
+from mkdaemon.vision.camera.calibration_file import Intrinsics
 from mkdaemon.vision.camera.image import CameraImage
-from mkdaemon.vision.camera.intrinsics import Intrinsics
 from mkdaemon.vision.tags.tagmap import TagMap
 from mkdaemon.vision.track.attitude import LOOKING_DOWN, AttitudeHistory, AttitudeSample
 from mkdaemon.vision.track.tracker import Tracker

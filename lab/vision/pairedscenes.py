@@ -15,8 +15,8 @@ from lab.vision.flight import VGA, FlightFrame, fly
 from lab.vision.real import DEVICES, FAR_M, NEAR_M
 from lab.vision.stills import Studio, target_named
 from lab.vision.weather import SKIES, SkyWeather
+from mkdaemon.vision.camera.calibration_file import Intrinsics
 from mkdaemon.vision.camera.image import CameraImage
-from mkdaemon.vision.camera.intrinsics import Intrinsics
 from mkdaemon.vision.track.attitude import AttitudeHistory
 
 Array = npt.NDArray[np.float64]

@@ -16,7 +16,7 @@ import numpy.typing as npt
 from lab.campaign import Case, Part
 from lab.vision.flight import VGA, Device, FlightFrame, fly
 from lab.vision.stills import SeedSet, error_of, target_named
-from mkdaemon.vision.camera.intrinsics import Intrinsics
+from mkdaemon.vision.camera.calibration_file import Intrinsics
 from mkdaemon.vision.pose.pose import Pose, solve, with_floor
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.tags.cellread import CodeReader

@@ -14,8 +14,8 @@ import numpy.typing as npt
 from lab.campaign import Case, Part
 from lab.vision.rates import opencv_search
 from lab.vision.stills import SeedSet, Studio, target_named
+from mkdaemon.vision.camera.calibration_file import Intrinsics
 from mkdaemon.vision.camera.image import CameraImage
-from mkdaemon.vision.camera.intrinsics import Intrinsics
 from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.tags.detector import FIRST, Detector, looks_of
 from mkdaemon.vision.tags.tagmap import TagMap

@@ -179,7 +179,7 @@ def descend(name: str, seed: int) -> Outcome:
     mounting = Mounting(mount_rotation(camera.mount), np.zeros(3))
     tagmap = TagMap((target,))
     tracker = Tracker(tagmap, camera.intrinsics, mounting)
-    check = SelfCheck(tagmap, camera, ATTITUDE_SD, has_mount=True)
+    check = SelfCheck(tagmap, camera, ATTITUDE_SD)
     readings, alarms = list(descent.readings), dict[str, float]()
     for image in _images(descent, seed, mistake.device):
         now = image.captured_at

@@ -14,8 +14,8 @@ import numpy.typing as npt
 from lab.places import CONFIGS
 from lab.vision.flight import GROUNDS, VGA
 from mkdaemon.frames import euler_from_rotation
+from mkdaemon.vision.camera.calibration_file import Intrinsics
 from mkdaemon.vision.camera.image import CameraImage
-from mkdaemon.vision.camera.intrinsics import Intrinsics
 from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.pose import angle_between
 from mkdaemon.vision.tags.detection import Detection

@@ -17,7 +17,7 @@ from lab.places import REFERENCE
 from lab.vision.flight import VGA
 from lab.vision.lens import drawn_lens
 from lab.vision.stills import SeedSet, Studio, error_of, look_once, target_named
-from mkdaemon.vision.camera.intrinsics import Intrinsics
+from mkdaemon.vision.camera.calibration_file import Intrinsics
 from mkdaemon.vision.pose.fitting import TargetFitter
 from mkdaemon.vision.pose.pose import Pose
 from mkdaemon.vision.pose.projection import Projection

@@ -16,8 +16,7 @@ from mkdaemon.cli.mkdaemon.app import app
 from mkdaemon.cli.program import EXIT_CONFIG, EXIT_FAILURE, EXIT_OK, run
 from mkdaemon.config.camera import MountSection
 from mkdaemon.telemetry.selfcal import SelfCalibration
-from mkdaemon.vision.camera.calibration_file import Camera, load_camera, save_camera
-from mkdaemon.vision.camera.intrinsics import Intrinsics
+from mkdaemon.vision.camera.calibration_file import Camera, Intrinsics, load_camera, save_camera
 
 LENS = Intrinsics(width=640, height=480, fx=600.0, fy=600.0, cx=319.5, cy=239.5)
 ESTIMATE = SelfCalibration(

@@ -13,7 +13,7 @@ import pytest
 from mkdaemon.cli.mkdaemon.app import app
 from mkdaemon.cli.program import EXIT_CONFIG, EXIT_FAILURE, EXIT_OK, run
 from mkdaemon.frames import rotation_from_quaternion
-from mkdaemon.vision.camera.intrinsics import Intrinsics
+from mkdaemon.vision.camera.calibration_file import Intrinsics
 from mkdaemon.vision.tags.tagmap import load, single
 from mksim.scene.motion import Platform
 from mksim.scene.scene import Scene, SceneTarget, cam_from_target, true_corners

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from mkdaemon.vision.camera.intrinsics import Intrinsics
+from mkdaemon.vision.camera.calibration_file import Intrinsics
 from mkdaemon.vision.still import StillEye
 from tests.places import DATA
 

@@ -127,7 +127,7 @@ def test_the_covariance_is_carried_to_the_body() -> None:
 
 def test_what_a_flight_says_about_the_files_is_in_the_figures() -> None:
     pipeline = CameraPipeline(section(), VisionSection(), CLOCK)
-    pipeline.barometer_received(100.0, 3.0)
+    pipeline.selfcheck.barometer_received(100.0, 3.0)
     feed(pipeline, [shot(k) for k in range(3)])
     (found,) = stats(pipeline).selfcal
     assert (found.target, found.looks) == ("pad", 1)
@@ -201,7 +201,7 @@ def test_a_check_of_the_files_that_fails_is_counted_and_costs_no_pose(monkeypatc
     def broken(*_: object) -> None:
         raise cv2.error("inside")
 
-    monkeypatch.setattr(pipeline._selfcheck, "image_seen", broken)
+    monkeypatch.setattr(pipeline.selfcheck, "image_seen", broken)
     assert len(poses(feed(pipeline, [shot(k) for k in range(3)]))) == 3
     assert stats(pipeline).faults == 3
 

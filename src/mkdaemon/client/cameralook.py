@@ -98,7 +98,8 @@ class CameraLook:
             ConfigError: it is there already, or of no format that can be written.
             MkError: it cannot be written.
         """
-        from mkdaemon.vision.overlay import draw_tags, write_picture
+        from mkdaemon.vision.camera.imagecodec import write_picture
+        from mkdaemon.vision.still import draw_tags
 
         if self._pixels is not None:
             write_picture(path, draw_tags(self._pixels, self.outlines()), overwrite=overwrite)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
+from functools import partial
 from typing import TYPE_CHECKING
 
 import structlog
@@ -102,11 +103,13 @@ def open_eyes(
     """
     if not cfg.cameras:
         return Eyes(None)
+    from mkdaemon.vision.camera.sources import source_of
     from mkdaemon.vision.worker import VisionWorker
 
     loop = asyncio.get_running_loop()
     sink = PoseSink(feed, bus, clock)
-    worker = VisionWorker(cfg.cameras, cfg.vision, sink.publish, loop, clock, lambda: bus.session, record=record)
+    source = partial(source_of, session=lambda: bus.session)
+    worker = VisionWorker(cfg.cameras, cfg.vision, sink.publish, loop, clock, open_source=source, record=record)
     return Eyes(worker)
 
 

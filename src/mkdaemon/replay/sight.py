@@ -48,8 +48,7 @@ def look_again(recorded: Recorded, cfg: Config, clock: Clock) -> Iterator[tuple[
         ConfigError: a camera file or target file is wrong or not here.
         MkError: a recorded value is not of the form it has today.
     """
-    from mkdaemon.vision.output import camera_frame
-    from mkdaemon.vision.pipeline import CameraPipeline
+    from mkdaemon.vision.pipeline import CameraPipeline, camera_frame
     from mkdaemon.vision.track.attitude import AttitudeHistory, AttitudeSample
 
     samples = [entry for entry in recorded.of(Kind.SAMPLE) if entry.suffix in {"state/attitude", "tf"}]

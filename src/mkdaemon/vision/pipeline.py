@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter, deque
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -11,6 +12,7 @@ from mkdaemon.clock import Clock
 from mkdaemon.config.camera import CameraSection
 from mkdaemon.config.vision import VisionSection
 from mkdaemon.errors import ConfigError, VisionError
+from mkdaemon.frames import quaternion_from_rotation
 from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.base import Telemetry
 from mkdaemon.telemetry.image import CameraFrame
@@ -18,24 +20,32 @@ from mkdaemon.telemetry.vision import (
     Alarm,
     AttitudeLoss,
     CameraSetup,
+    Exposure,
     EyeState,
+    LensShape,
     PoseRefusal,
+    Tags,
+    TagShape,
+    TagSighting,
+    TargetShape,
     Transform,
     VisionPose,
     VisionStats,
 )
-from mkdaemon.vision.camera.calibration_file import load_camera, mount_rotation
+from mkdaemon.vision.arrays import Array
+from mkdaemon.vision.camera.calibration_file import Intrinsics, load_camera, mount_rotation
 from mkdaemon.vision.camera.camera import StreamStatus
 from mkdaemon.vision.camera.exposure import ExposureControl
 from mkdaemon.vision.camera.image import CameraImage, in_light
 from mkdaemon.vision.camera.imagecodec import encode_jpeg
-from mkdaemon.vision.output import camera_frame, exposure_of, outlines_of, setup_of, transform, values_of
+from mkdaemon.vision.pose.pose import calibration_sd
 from mkdaemon.vision.pose.projection import Projection
+from mkdaemon.vision.pose.rolling import skew
 from mkdaemon.vision.pose.target_check import TargetCheck
 from mkdaemon.vision.selfcal.selfcheck import SelfCheck
-from mkdaemon.vision.tags.tagmap import load
+from mkdaemon.vision.tags.tagmap import Tag, TagMap, load
 from mkdaemon.vision.track.attitude import AttitudeHistory, Mounting
-from mkdaemon.vision.track.result import VisionResult
+from mkdaemon.vision.track.result import TargetPose, VisionResult
 from mkdaemon.vision.track.tracker import Tracker
 
 ALARM_ADVICE = {
@@ -52,7 +62,6 @@ ALARM_ADVICE = {
     " global shutter; until then poses are less certain",
     Alarm.RESIDUAL_DRIFT: "tag edges no longer fit the calibration: calibrate again, check that the print is flat",
 }
-"""What to do about an alarm."""
 NEVER_POSED = (Alarm.WRONG_SIZE, Alarm.WRONG_KIND, Alarm.UNCALIBRATED, Alarm.FROZEN)
 """Alarms under which no pose is published, the first one first."""
 MAYBE_POSED = (Alarm.DARK, Alarm.BLOWN, Alarm.TARGET_MISMATCH)
@@ -71,6 +80,7 @@ class CameraPipeline:
 
     Attributes:
         attitude_lost: how often the vehicle's attitude was not used, by reason.
+        selfcheck: compares flights with the camera file and the target files.
         reported: the newest figures that were published.
 
     Raises:
@@ -95,11 +105,10 @@ class CameraPipeline:
         self._max_attitude_age = vision.tracker.max_attitude_age
         self.attitude_lost: Counter[AttitudeLoss] = Counter()
         self._attitude_alarms: dict[Alarm, str] = {}
-        self._selfcheck = SelfCheck(
+        self.selfcheck = SelfCheck(
             self._tagmap,
             camera.model_copy(update={"mount": mount}) if camera is not None else None,
             math.radians(vision.tracker.attitude_sd_deg),
-            has_mount=mount is not None,
         )
         self._timings: deque[tuple[float, float, bool]] = deque(maxlen=WINDOW)
         """Of each image the time spent [s], its latency [s], and whether there was a pose."""
@@ -115,16 +124,14 @@ class CameraPipeline:
     def process(self, image: CameraImage, attitude: AttitudeHistory | None) -> list[tuple[str, Telemetry]]:
         """Look at the newest image, with the attitude around its exposure; one that makes the detector fail is counted.
 
-        Whether it contradicts the camera file or a target file is left to `check_files`: a stick frame waits for this.
+        `check_files` comes later: a stick frame waits for this.
         """
         self._processed += 1
         try:
-            values = self._look(image, attitude)
+            return self._look(image, attitude)
         except Exception as error:  # noqa: BLE001  # no image may end the thread that looks
             self._failed(error)
             return []
-        self._failing = 0
-        return values
 
     def look_again(self, image: CameraImage, exposure: ExposureControl | None) -> list[tuple[str, Telemetry]]:
         """What no stick frame waits for: the checks of the files, the exposure, the image for people to look at."""
@@ -146,7 +153,7 @@ class CameraPipeline:
             if result.poses and Alarm.LINE_TIME not in result.alarms:
                 known = attitude.at(image.captured_at, self._max_attitude_age) if attitude is not None else None
                 seen = {found.target: (found.pose, heights[found.target]) for found in result.poses}
-                self._selfcheck.image_seen(in_light(image.pixels, self._gamma), seen, image.captured_at, known)
+                self.selfcheck.image_seen(in_light(image.pixels, self._gamma), seen, image.captured_at, known)
         except Exception as error:  # noqa: BLE001  # no image may end the thread that looks
             self._note(error)
 
@@ -163,6 +170,7 @@ class CameraPipeline:
         self._judge_attitude(image.captured_at, attitude)
         self._refused.update(reason for _, reason in result.refused)
         self._timings.append((ready - started, ready - image.captured_at, bool(result.poses)))
+        self._failing = 0
         return values
 
     def _judge_attitude(self, time: float, attitude: AttitudeHistory | None) -> None:
@@ -186,10 +194,6 @@ class CameraPipeline:
                 " target: poses come from the images alone; check the camera's mount, the signs of the attitude, and"
                 " `level` of the target"
             )
-
-    def barometer_received(self, time: float, height: float) -> None:
-        """Take the barometer's height [m] at a time [s; monotonic]."""
-        self._selfcheck.barometer_received(time, height)
 
     def restarted(self, error: BaseException) -> None:
         """Count a restart of the thread that looks, and what ended it."""
@@ -244,8 +248,7 @@ class CameraPipeline:
         self.reported, self._next_stats = self.stats(stream, stamp), stamp.monotonic + STATS_EVERY
         values: list[tuple[str, Telemetry]] = [(f"vision/{self.cfg.name}/stats", self.reported)]
         mount = self.mount(stamp)
-        if mount is not None:
-            values.append(("tf", mount))
+        values += [("tf", mount)] if mount is not None else []
         if stamp.monotonic >= self._next_setup:
             self._next_setup = stamp.monotonic + SETUP_EVERY
             values.append((f"vision/{self.cfg.name}/setup", self.setup(stamp)))
@@ -283,7 +286,7 @@ class CameraPipeline:
             settings_refused=stream.refused,
             detector=self.tracker.detector.warning or self.tracker.detector.backend,
             exposure=exposure_of(stream.exposure) if stream.exposure is not None else None,
-            selfcal=self._selfcheck.reports(),
+            selfcal=self.selfcheck.reports(),
         )
 
     def state(self, stream: StreamStatus) -> tuple[EyeState, str]:
@@ -310,4 +313,124 @@ class CameraPipeline:
             Alarm.DAMAGED: f" ({stream.damage})",
         }
         seen = {name: ALARM_ADVICE[name] + (figures.get(name) or "") for name in raised}
-        return seen | self._selfcheck.alarms | self._attitude_alarms
+        return seen | self.selfcheck.alarms | self._attitude_alarms
+
+
+def camera_frame(name: str) -> str:
+    """Name of a camera's frame in `tf`."""
+    return f"camera/{name}"
+
+
+def values_of(
+    result: VisionResult, image: CameraImage, stamp: Stamp, mounting: Mounting | None, ready_at: float
+) -> Iterator[tuple[str, Telemetry]]:
+    """Key suffixes and values of an image of `stamp`, looked at by `ready_at` [s]; no poses without a mounting."""
+    if result.detections:
+        tags = tuple(
+            TagSighting(
+                family=found.family,
+                id=found.tag_id,
+                hamming=found.hamming,
+                decision_margin=found.decision_margin,
+                corners=found.corners.tolist(),
+                search=found.view,
+            )
+            for found in result.detections
+        )
+        yield f"vision/{image.camera}/tags", Tags(**_seen(image, stamp), tags=tags)
+    if mounting is None:
+        return
+    for pose in result.poses:
+        yield f"vision/{image.camera}/pose", pose_of(pose, image, stamp, mounting, ready_at)
+        yield "tf", transform(camera_frame(image.camera), pose.frame, pose.pose.rotation, pose.pose.position, stamp)
+
+
+def pose_of(found: TargetPose, image: CameraImage, stamp: Stamp, mounting: Mounting, ready_at: float) -> VisionPose:
+    """A pose both ways round, with the covariance carried from camera to body."""
+    target_from_cam, camera_target, covariance = found.camera_in_target()
+    target_from_flu = target_from_cam @ mounting.flu_from_cam.T
+    arm = -target_from_flu @ mounting.position_flu
+    vehicle_target = camera_target + arm
+    # A small turn w (target axes) moves the body by w x arm.
+    carry = np.eye(6)
+    carry[:3, 3:] = -skew(arm)
+    return VisionPose(
+        **_seen(image, stamp),
+        target=found.target,
+        position_target=vehicle_target.tolist(),
+        quaternion_target_from_flu=quaternion_from_rotation(target_from_flu),
+        position_flu=(-target_from_flu.T @ vehicle_target).tolist(),
+        quaternion_flu_from_target=quaternion_from_rotation(target_from_flu.T),
+        covariance=(carry @ covariance @ carry.T).ravel().tolist(),
+        calibration_sd=calibration_sd(found.pose),
+        position_cam=found.pose.position.tolist(),
+        quaternion_cam_from_target=quaternion_from_rotation(found.pose.rotation),
+        source=found.pose.source,
+        mode=found.mode,
+        points=found.pose.points,
+        rms_px=found.pose.rms_px,
+        ambiguity=found.ratio if np.isfinite(found.ratio) else None,
+        decided_by=found.decided_by,
+        decode_age=max(found.decode_age, 0.0),
+        delivered=image.received_at - image.captured_at,
+        latency=ready_at - image.captured_at,
+    )
+
+
+def transform(
+    parent: str, child: str, parent_from_child: Array, position: Array, stamp: Stamp, *, static: bool = False
+) -> Transform:
+    """One edge of the tree of frames."""
+    turn = quaternion_from_rotation(parent_from_child)
+    return Transform(
+        parent=parent, child=child, stamp=stamp, translation=position.tolist(), quaternion=turn, static=static
+    )
+
+
+def _seen(image: CameraImage, stamp: Stamp) -> dict[str, object]:
+    return {"camera": image.camera, "sequence": image.sequence, "stamp": stamp, "stamped_by": image.stamped_by}
+
+
+def exposure_of(control: ExposureControl) -> Exposure:
+    """What a camera is told, and the levels it was told for."""
+    levels = dict.fromkeys(("black", "white", "noise")) if control.levels is None else control.levels._asdict()
+    return Exposure(exposure_ms=1000.0 * control.setting.exposure, gain=control.setting.gain, **levels)
+
+
+def outlines_of(result: VisionResult, tagmap: TagMap, projection: Projection | None) -> list[Array]:
+    """Corners `(4, 2)` [px] of all tags of an image: decoded ones, and those of posed targets that are in front."""
+    found = [detection.corners for detection in result.detections]
+    if projection is None:
+        return found
+    posed = {pose.target: pose.pose for pose in result.poses}
+    for pose, target in ((posed[target.name], target) for target in tagmap.targets if target.name in posed):
+        for tag in target.tags:
+            corners, visible = projection.project(tag.corners @ pose.rotation.T + pose.position)
+            if visible.all():
+                found.append(corners)
+    return found
+
+
+def setup_of(
+    camera: str, intrinsics: Intrinsics | None, mounting: Mounting | None, tagmap: TagMap, stamp: Stamp
+) -> CameraSetup:
+    """What a camera is and looks for; no lens without a calibration, no place where nobody said how it sits."""
+    lens = None
+    if intrinsics is not None:
+        lens = LensShape(**intrinsics.model_dump(), distortion=intrinsics.distortion.tolist())
+    return CameraSetup(
+        stamp=stamp,
+        camera=camera,
+        lens=lens,
+        position_flu=None if mounting is None else mounting.position_flu.tolist(),
+        quaternion_flu_from_cam=None if mounting is None else quaternion_from_rotation(mounting.flu_from_cam),
+        targets=tuple(
+            TargetShape(name=target.name, moving=target.moving, tags=tuple(map(_tag_shape, target.tags)))
+            for target in tagmap.targets
+        ),
+    )
+
+
+def _tag_shape(tag: Tag) -> TagShape:
+    rows = tuple("".join("." if cell else "#" for cell in row) for row in tag.bitmap)
+    return TagShape(family=tag.family.name, id=tag.tag_id, corners=tag.outline.tolist(), cells=rows)

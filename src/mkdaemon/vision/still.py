@@ -1,44 +1,42 @@
-"""Tags and poses of single images: nothing is known before, everything is tried, what is doubtful says so."""
+"""Tags and poses of single images, and how they are drawn: nothing is known before, what is doubtful says so."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
+import cv2
 import numpy as np
 
 from mkdaemon.config.vision import TrackerSection
 from mkdaemon.telemetry.vision import PoseRefusal
-from mkdaemon.vision.arrays import Grey
+from mkdaemon.vision.arrays import Array, Grey
+from mkdaemon.vision.camera.calibration_file import Intrinsics
 from mkdaemon.vision.camera.image import in_light
-from mkdaemon.vision.camera.intrinsics import Intrinsics
 from mkdaemon.vision.limits import HALF, LIMITS
 from mkdaemon.vision.pose.ambiguity import evidence, residual_ratio
 from mkdaemon.vision.pose.edgefit import EdgeFit
 from mkdaemon.vision.pose.fitting import TargetFitter
 from mkdaemon.vision.pose.gates import fit_refusal
 from mkdaemon.vision.pose.pose import FLOOR_RANGE, Pose, angle_between
-from mkdaemon.vision.pose.projection import Projection
+from mkdaemon.vision.pose.projection import NEAR_M, Projection
 from mkdaemon.vision.tags.detection import Detection
 from mkdaemon.vision.tags.detector import Detector, Look
 from mkdaemon.vision.tags.tagfamily import find_family
 from mkdaemon.vision.tags.tagmap import TagMap, Target, single
 
 ANY_ID_FALSE_RATE = 2e-6
-"""Chance that a random quad reads as some code of the family, one bit corrected: with all 587 ids of tag36h11 allowed,
-the limit for a short whitelist would refuse even one wrong bit."""
+"""Chance that a random quad reads as one of 587 codes, one bit corrected; the limit of few codes refuses that bit."""
 WHOLE_TAGS: Final = (Look("grey"), Look("log"), Look("light", decimate=2))
 """The searches of a still; a broken outline needs a track or an attitude to be trusted."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StillPose:
-    """A pose from one image alone.
+    """A pose from one image alone, camera from target.
 
     Attributes:
-        target: name of the target.
-        pose: camera from target.
         ambiguity: residual of the mirrored pose over this one; infinite without a rival.
         ambiguous: nothing in the image tells this pose from its mirror; it would not be published in flight.
         refusal: the gate it fails; none when it passes all.
@@ -68,17 +66,9 @@ class StillResult:
 
 
 class StillEye:
-    """Looks at images one by one: for targets, or for tags of some families that stand alone.
+    """Looks at images one by one: for targets, or for tags that stand alone, of some families and codes.
 
-    Attributes:
-        detector: that searches.
-
-    Args:
-        intrinsics: calibration; without one there are tags and no poses.
-        tagmap: targets; None for tags that stand alone.
-        tag_size: side of each of them [m].
-        families: of theirs.
-        ids: their codes; None for all.
+    Without a calibration, or a size [m] of tags that stand alone, there are no poses.
 
     Raises:
         VisionError: unknown family or id.
@@ -112,7 +102,7 @@ class StillEye:
         if self._tagmap is None:
             poses = alone = [self._alone(pixels, tag) for tag in found]
         else:
-            poses = [self._pose(pixels, target.name, target, found) for target in self._tagmap.targets]
+            poses = [self._pose(pixels, target, found) for target in self._tagmap.targets]
             alone = [None] * len(found)
         return StillResult(tuple(map(StillTag, found, alone)), tuple(pose for pose in poses if pose is not None))
 
@@ -131,18 +121,18 @@ class StillEye:
         if self._tag_size is None:
             return None
         target = single(self._tag_size, found.tag_id, family=found.family)
-        return self._pose(pixels, f"{found.family}:{found.tag_id}", target, [found])
+        return self._pose(pixels, replace(target, name=f"{found.family}:{found.tag_id}"), [found])
 
-    def _pose(self, pixels: Grey, name: str, target: Target, found: Sequence[Detection]) -> StillPose | None:
+    def _pose(self, pixels: Grey, target: Target, found: Sequence[Detection]) -> StillPose | None:
         """The best candidate of one target, with what speaks against it."""
         own = {(tag.family.name, tag.tag_id): tag for tag in target.tags}
         largest = {one.code: one for one in reversed(found)}
         tags = [(own[code], one) for code, one in reversed(largest.items()) if code in own]
         if self._projection is None or not tags:
             return None
-        if name not in self._fits:
-            self._fits[name] = TargetFitter(target, self._projection), EdgeFit(target, self._projection)
-        fitter, edges = self._fits[name]
+        if target.name not in self._fits:
+            self._fits[target.name] = TargetFitter(target, self._projection), EdgeFit(target, self._projection)
+        fitter, edges = self._fits[target.name]
         candidates = _with_lens_in_doubt(pixels, edges, fitter.cold(pixels, tags))
         if not candidates:
             return None
@@ -150,17 +140,61 @@ class StillEye:
         same, decided = LIMITS.certainty.blind_angle_sd, LIMITS.ambiguity.decided
         rivals = (pose for pose in others if angle_between(pose.rotation, best.rotation) > same)
         is_ambiguous = any(evidence(best, rival) < decided for rival in rivals)
-        return StillPose(name, best, residual_ratio(best, others), is_ambiguous, fit_refusal(best, self._cfg))
+        return StillPose(target.name, best, residual_ratio(best, others), is_ambiguous, fit_refusal(best, self._cfg))
 
 
 def _with_lens_in_doubt(pixels: Grey, fit: EdgeFit, candidates: list[Pose]) -> list[Pose]:
     """Fit once more with the ratio of the focal lengths free within its calibration, where a residual asks for it.
 
-    A frontal tag cannot tell a wrong ratio from a tilt by its sides, only by its perspective; a fit that takes the
-    ratio as exact trades degrees of tilt for tenths of a pixel.
+    The sides of a frontal tag tell no wrong ratio from a tilt: taken as exact, it costs degrees.
     """
     if any(pose.source != "edges" or pose.rms_px < LIMITS.health.drift_px for pose in candidates):
         return candidates
     doubted = (fit.fit(pixels, pose, stretch_sd=FLOOR_RANGE) for pose in candidates)
     fitted = [pose for pose in doubted if pose is not None]
     return fitted if len(fitted) == len(candidates) else candidates
+
+
+Colour = tuple[int, int, int]
+
+SIDES: tuple[Colour, ...] = ((60, 60, 255), (80, 220, 80), (255, 160, 60), (220, 220, 220))
+"""Top, right, bottom, left of the print, and the axes x, y, z [blue-green-red]: a turned tag shows at a glance."""
+
+
+def draw(pixels: Grey, result: StillResult, intrinsics: Intrinsics | None) -> Grey:
+    """Tags with ids, and the axes of poses where the lens is known, over `(h, w)`: blue-green-red `(h, w, 3)` uint8."""
+    picture = draw_tags(pixels, ((str(tag.found.tag_id), tag.found.corners) for tag in result.tags))
+    if intrinsics is not None:
+        for pose in (found.pose for found in result.poses):
+            # as long as a tenth of the distance; none that reach behind the lens
+            length = 0.1 * pose.range_m
+            points = length * np.vstack([np.zeros(3), np.eye(3)]) @ pose.rotation.T + pose.position
+            if float(points[:, 2].min()) > NEAR_M:
+                seen, _ = Projection(intrinsics).project(points)
+                for end, colour in zip(seen[1:], SIDES[:3], strict=True):
+                    _line(picture, seen[0], end, colour)
+    return picture
+
+
+def draw_tags(pixels: Grey, tags: Iterable[tuple[str, Array]]) -> Grey:
+    """Labels and outlines `(4, 2)` [px] of tags over `(h, w)` uint8: blue-green-red `(h, w, 3)` uint8."""
+    picture = np.asarray(cv2.cvtColor(pixels, cv2.COLOR_GRAY2BGR), dtype=np.uint8)
+    scale = _scale(picture)
+    for label, corners in tags:
+        for start, end, colour in zip(corners, np.roll(corners, -1, axis=0), SIDES, strict=True):
+            _line(picture, start, end, colour)
+        x, y = corners[3] + (0.0, 14.0 * scale)
+        at = (round(float(x)), round(float(y)))
+        for colour, width in (((0, 0, 0), 3), ((60, 230, 255), 1)):
+            cv2.putText(picture, label, at, cv2.FONT_HERSHEY_SIMPLEX, 0.6 * scale, colour, width, cv2.LINE_AA)
+    return picture
+
+
+def _line(picture: Grey, start: Array, end: Array, colour: Colour) -> None:
+    a, b = (tuple(int(v) for v in np.clip(np.rint(point * 16), -(2**20), 2**20)) for point in (start, end))
+    cv2.line(picture, (a[0], a[1]), (b[0], b[1]), colour, max(round(2 * _scale(picture)), 1), cv2.LINE_AA, shift=4)
+
+
+def _scale(picture: Grey) -> float:
+    """Of lines and letters, by the width of an image."""
+    return float(max(picture.shape[1] / 1000.0, 0.5))

@@ -21,7 +21,7 @@ from mkdaemon.telemetry.base import Telemetry
 from mkdaemon.telemetry.vision import AttitudeLoss, EyeState
 from mkdaemon.vision.camera.camera import CameraStream
 from mkdaemon.vision.camera.image import CameraImage, NewestSlot, Source
-from mkdaemon.vision.camera.sources import Sessions, source_of
+from mkdaemon.vision.camera.sources import source_of
 from mkdaemon.vision.pipeline import CameraPipeline
 from mkdaemon.vision.track.attitude import AttitudeHistory, AttitudeSample
 
@@ -33,7 +33,6 @@ ATTITUDES = 200
 """Attitude samples kept: two seconds and more at 100 Hz."""
 BAROMETER = 50
 """Heights of the barometer kept until the thread takes them."""
-
 
 _log = structlog.get_logger(__name__)
 
@@ -68,13 +67,7 @@ class VisionWorker:
     """Runs the cameras of one vehicle.
 
     Args:
-        cameras: at least one, each with its own name.
-        vision: the tracker.
         publish: puts a value on `mk/<vehicle>/<suffix>`; called on the event loop, returns at once.
-        loop: the event loop.
-        clock: stamps.
-        session: gives the Zenoh session for `zenoh:` sources.
-        open_source: chooses the source a camera section names.
         record: takes every image before it is looked at, with the attitude it is looked at with; called on the
             worker's thread, returns at once.
 
@@ -89,16 +82,15 @@ class VisionWorker:
         publish: Callable[[str, Telemetry], None],
         loop: asyncio.AbstractEventLoop,
         clock: Clock,
-        session: Sessions = None,
         *,
-        open_source: Callable[[CameraSection, Sessions], Source] = source_of,
+        open_source: Callable[[CameraSection], Source] = source_of,
         record: Callable[[CameraImage, AttitudeHistory], None] = lambda image, attitude: None,
     ) -> None:
         _require_names(cameras)
         self._put, self._record, self._loop, self._clock = publish, record, loop, clock
         self._slot: NewestSlot[CameraImage] = NewestSlot()
         self._eyes = {
-            cfg.name: _Eye(CameraPipeline(cfg, vision, clock), CameraStream(cfg, open_source(cfg, session), self._slot))
+            cfg.name: _Eye(CameraPipeline(cfg, vision, clock), CameraStream(cfg, open_source(cfg), self._slot))
             for cfg in cameras
         }
         self._attitudes: deque[AttitudeSample] = deque(maxlen=ATTITUDES)
@@ -184,7 +176,7 @@ class VisionWorker:
         while self._barometer:
             reading = self._barometer.popleft()
             for eye in self._eyes.values():
-                eye.pipeline.barometer_received(*reading)
+                eye.pipeline.selfcheck.barometer_received(*reading)
         values: list[tuple[str, Telemetry]] = []
         if image is not None:
             attitude, eye = AttitudeHistory(tuple(self._attitudes)), self._eyes[image.camera]

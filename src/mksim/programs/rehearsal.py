@@ -39,10 +39,9 @@ from mkdaemon.telemetry.setpoint import (
 from mkdaemon.telemetry.state import Attitude
 from mkdaemon.telemetry.vision import VisionPose
 from mkdaemon.virtualtime import AtOnce
-from mkdaemon.vision.camera.calibration_file import mount_rotation
+from mkdaemon.vision.camera.calibration_file import Intrinsics, mount_rotation
 from mkdaemon.vision.camera.image import CameraImage
-from mkdaemon.vision.camera.intrinsics import Intrinsics
-from mkdaemon.vision.output import values_of
+from mkdaemon.vision.pipeline import values_of
 from mkdaemon.vision.track.attitude import AttitudeHistory, AttitudeSample, Mounting
 from mkdaemon.vision.track.tracker import Tracker
 from mksim.config import PilotPlan, SimConfig, WindClass

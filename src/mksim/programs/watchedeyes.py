@@ -12,10 +12,10 @@ from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.base import Telemetry
 from mkdaemon.telemetry.image import CameraFrame
 from mkdaemon.telemetry.vision import EyeState, VisionStats
+from mkdaemon.vision.camera.calibration_file import Intrinsics
 from mkdaemon.vision.camera.image import CameraImage
 from mkdaemon.vision.camera.imagecodec import encode_jpeg
-from mkdaemon.vision.camera.intrinsics import Intrinsics
-from mkdaemon.vision.output import setup_of
+from mkdaemon.vision.pipeline import setup_of
 from mkdaemon.vision.tags.tagmap import TagMap
 from mkdaemon.vision.track.attitude import Mounting
 

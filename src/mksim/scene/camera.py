@@ -8,8 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from mkdaemon.vision.camera.calibration_file import Camera, load_camera, mount_rotation
-from mkdaemon.vision.camera.intrinsics import Intrinsics
+from mkdaemon.vision.camera.calibration_file import Camera, Intrinsics, load_camera, mount_rotation
 from mkdaemon.vision.tags.tagmap import load
 from mksim.config import PlatformConfig, SceneConfig, SimConfig
 from mksim.physics.deck import MovingDeck

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from mkdaemon.frames import euler_from_rotation, rotation_from_euler
-from mkdaemon.vision.camera.intrinsics import Intrinsics
+from mkdaemon.vision.camera.calibration_file import Intrinsics
 from mksim.scene.light import Conditions, Cover, Glare, Shadow
 from mksim.scene.view import CameraView, rotation_from_vector
 

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from mkdaemon.files import write_whole
-from mkdaemon.vision.camera.intrinsics import Intrinsics
+from mkdaemon.vision.camera.calibration_file import Intrinsics
 from mkdaemon.vision.tags.tagmap import Target
 from mksim.scene.analogvideo import AnalogVideo
 from mksim.scene.flights import patches, side_cut

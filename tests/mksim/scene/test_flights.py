@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mkdaemon.frames import euler_from_rotation
-from mkdaemon.vision.camera.intrinsics import Intrinsics
+from mkdaemon.vision.camera.calibration_file import Intrinsics
 from mkdaemon.vision.tags.tagmap import single
 from mksim.scene.flights import HIGHEST_M, LOWEST_M, attitude_deg, patches, random_flight, side_cut
 from mksim.scene.motion import Platform

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from lab.vision.stills import target_named
-from mkdaemon.vision.camera.intrinsics import Intrinsics
+from mkdaemon.vision.camera.calibration_file import Intrinsics
 from mkdaemon.vision.track.attitude import LOOKING_DOWN
 from mksim.config import LightConfig
 from mksim.scene.autoexposure import AutoExposure, AutoSettings

@@ -11,7 +11,7 @@ import pyapriltags
 import pytest
 
 from mkdaemon.config.vision import TagPlacement, TargetSection
-from mkdaemon.vision.camera.intrinsics import Intrinsics
+from mkdaemon.vision.camera.calibration_file import Intrinsics
 from mkdaemon.vision.tags.tagmap import build, single
 from mksim.scene.layers import INK, PAPER
 from mksim.scene.light import CLEAN, FULL_LIGHT, Conditions, Cover, Glare, Shadow

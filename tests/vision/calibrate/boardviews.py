@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from mkdaemon.frames import rotation_from_euler
-from mkdaemon.vision.camera.intrinsics import Intrinsics
+from mkdaemon.vision.camera.calibration_file import Intrinsics
 from mkdaemon.vision.tags.tagmap import single
 from mksim.scene.layers import Layer, sheet_layer
 from mksim.scene.light import Conditions

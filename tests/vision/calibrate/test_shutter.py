@@ -12,9 +12,8 @@ import pytest
 from mkdaemon.cli.mkdaemon.app import app
 from mkdaemon.cli.program import EXIT_CONFIG, EXIT_FAILURE, EXIT_OK, run
 from mkdaemon.errors import VisionError
-from mkdaemon.vision.calibrate.shutter import line_time_of
-from mkdaemon.vision.camera.calibration_file import Camera, load_camera, save_camera
-from mkdaemon.vision.camera.intrinsics import Intrinsics
+from mkdaemon.vision.calibrate.calibration import line_time_of
+from mkdaemon.vision.camera.calibration_file import Camera, Intrinsics, load_camera, save_camera
 
 WIDTH, HEIGHT = 80, 240
 

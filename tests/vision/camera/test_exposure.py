@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from mkdaemon.config.camera import CameraSection
+from mkdaemon.vision.camera.calibration_file import Intrinsics
 from mkdaemon.vision.camera.camera import CameraStream
 from mkdaemon.vision.camera.exposure import (
     EXPOSURE,
@@ -20,8 +21,7 @@ from mkdaemon.vision.camera.exposure import (
     next_setting,
 )
 from mkdaemon.vision.camera.image import CameraImage, NewestSlot, Shot, Source
-from mkdaemon.vision.camera.intrinsics import Intrinsics
-from mkdaemon.vision.output import exposure_of, outlines_of
+from mkdaemon.vision.pipeline import exposure_of, outlines_of
 from mkdaemon.vision.pose.pose import Pose
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.tags.tagmap import load

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lab.vision.stills import search_in_turn
-from mkdaemon.vision.camera.intrinsics import Intrinsics
+from mkdaemon.vision.camera.calibration_file import Intrinsics
 from mkdaemon.vision.pose.edgefit import EdgeFit
 from mkdaemon.vision.pose.edgemodel import EdgeModel
 from mkdaemon.vision.pose.gates import CellReader

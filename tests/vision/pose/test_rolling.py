@@ -9,7 +9,7 @@ import numpy.typing as npt
 import pytest
 
 from lab.vision.stills import error_of, target_named
-from mkdaemon.vision.camera.intrinsics import Intrinsics
+from mkdaemon.vision.camera.calibration_file import Intrinsics
 from mkdaemon.vision.limits import HALF, LIMITS
 from mkdaemon.vision.pose.edgefit import EdgeFit
 from mkdaemon.vision.pose.fitting import TargetFitter

@@ -9,7 +9,7 @@ import numpy.typing as npt
 import pytest
 
 from lab.vision.stills import error_of, target_named
-from mkdaemon.vision.camera.intrinsics import Intrinsics
+from mkdaemon.vision.camera.calibration_file import Intrinsics
 from mkdaemon.vision.pose import photofit
 from mkdaemon.vision.pose.photofit import PhotoFit
 from mkdaemon.vision.pose.pose import Pose, turn

@@ -10,9 +10,9 @@ from mkdaemon.config.camera import CameraSection
 from mkdaemon.config.vision import TagPlacement, TargetSection, VisionSection
 from mkdaemon.frames import rotation_from_euler
 from mkdaemon.telemetry.vision import EyeState
+from mkdaemon.vision.camera.calibration_file import Intrinsics
 from mkdaemon.vision.camera.camera import StreamStatus
 from mkdaemon.vision.camera.image import CameraImage
-from mkdaemon.vision.camera.intrinsics import Intrinsics
 from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pipeline import CameraPipeline
 from mkdaemon.vision.pose.projection import Projection

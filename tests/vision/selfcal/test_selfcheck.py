@@ -63,7 +63,7 @@ def watched(
 ) -> SelfCheck:
     """Show all views to a camera file and a target file."""
     target = target or shipped(NESTED)
-    check = SelfCheck(TagMap((target,)), camera, np.radians(1.0), has_mount=True)
+    check = SelfCheck(TagMap((target,)), camera, np.radians(1.0))
     fit = EdgeFit(target, Projection(camera.intrinsics))
     share = camera.intrinsics.fx / VGA.fx
     # A track begins where the camera file puts the target: beyond half a cell a fit would not find it.
@@ -119,7 +119,7 @@ def test_a_focal_length_of_two_percent_too_much_is_named(attitude: bool) -> None
 def test_a_focal_length_that_has_settled_is_told_sooner(
     share: float, sd: float, is_named: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    watch = TargetWatch(shipped(NESTED), RIGHT, np.radians(1.0), has_mount=True)
+    watch = TargetWatch(shipped(NESTED), RIGHT, np.radians(1.0))
     known = SimpleNamespace(mean=np.zeros(12), sd=np.ones(12), sized=[], least=watch._filter.least)
     known.mean[LENS_AT], known.sd[LENS_AT] = share, sd
     monkeypatch.setattr(watch, "_filter", known)
@@ -183,13 +183,13 @@ def test_tags_beside_each_other_say_how_large_they_are() -> None:
 
 def test_a_data_sheet_contradicts_a_calibration() -> None:
     sheet = CalibrationRecord(sheet_focal_mm=2.8, sheet_pixel_um=4.0)
-    check = SelfCheck(TagMap((shipped(NESTED),)), Camera(intrinsics=VGA, calibration=sheet), 0.02, has_mount=False)
+    check = SelfCheck(TagMap((shipped(NESTED),)), Camera(intrinsics=VGA, calibration=sheet), 0.02)
     check.image_seen(np.zeros((480, 640), np.uint8), {}, 0.0, None)
     assert "focal length 600 px in the camera file, 700 px by the data sheet" in check.alarms[Alarm.SCALE]
 
 
 def test_heights_that_grow_faster_than_the_barometers_are_named() -> None:
-    check = SelfCheck(TagMap((shipped(NESTED),)), RIGHT, 0.02, has_mount=False)
+    check = SelfCheck(TagMap((shipped(NESTED),)), RIGHT, 0.02)
     far = Pose(np.eye(3), np.array([0.0, 0.0, 9.0]), np.eye(6), "photometric", 99, 0.1)
     for k in range(80):
         height = 4.0 - 3.0 * min(k / 60, 1.0)
@@ -200,7 +200,7 @@ def test_heights_that_grow_faster_than_the_barometers_are_named() -> None:
 
 
 def test_without_a_camera_file_nothing_is_watched() -> None:
-    check = SelfCheck(TagMap((shipped(NESTED),)), None, 0.02, has_mount=False)
+    check = SelfCheck(TagMap((shipped(NESTED),)), None, 0.02)
     check.barometer_received(0.0, 1.0)
     check.image_seen(np.zeros((2, 2), np.uint8), {}, 0.0, None)
     assert (check.alarms, check.reports()) == ({}, ())

@@ -9,7 +9,7 @@ from functools import cache, partial
 import numpy as np
 import pytest
 
-from mkdaemon.vision.camera.intrinsics import Intrinsics
+from mkdaemon.vision.camera.calibration_file import Intrinsics
 from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.pose import Pose
 from mkdaemon.vision.tags.tagmap import single

@@ -9,7 +9,7 @@ from cyclopts import Parameter
 
 from mkdaemon.cli.printing import json_line
 from mkdaemon.errors import ConfigError, VisionError
-from mkdaemon.vision.calibrate.shutter import line_time_of
+from mkdaemon.vision.calibrate.calibration import line_time_of
 from mkdaemon.vision.camera.calibration_file import load_camera, save_camera
 from mkdaemon.vision.camera.imagecodec import read_picture
 from mkdaemon.vision.camera.sources import list_pictures

@@ -17,14 +17,12 @@ from cyclopts import Parameter
 from mkdaemon.cli.terminal import on_one_line
 from mkdaemon.errors import ConfigError, VisionError
 from mkdaemon.frames import quaternion_from_rotation
-from mkdaemon.vision.camera.calibration_file import load_camera
+from mkdaemon.vision.camera.calibration_file import Intrinsics, load_camera
 from mkdaemon.vision.camera.image import PictureError
-from mkdaemon.vision.camera.imagecodec import read_picture
-from mkdaemon.vision.camera.intrinsics import Intrinsics
+from mkdaemon.vision.camera.imagecodec import read_picture, write_picture
 from mkdaemon.vision.camera.sources import CLIPS, list_pictures, open_clip
-from mkdaemon.vision.overlay import draw, write_picture
 from mkdaemon.vision.pose.pose import with_floor
-from mkdaemon.vision.still import StillEye, StillPose, StillResult, StillTag
+from mkdaemon.vision.still import StillEye, StillPose, StillResult, StillTag, draw
 from mkdaemon.vision.tags.tagmap import TagMap, load
 
 Grey = npt.NDArray[np.uint8]

@@ -42,7 +42,7 @@ class BoardPoints:
     """Points of a board seen in one image.
 
     Attributes:
-        ids: `(n,)` names of the points.
+        ids: `(n,)`.
         board: `(n, 3)` [m; board].
         image: `(n, 2)` [px, centres at integers].
         size: width and height of the image [px].
@@ -57,10 +57,7 @@ class BoardPoints:
 
     @property
     def normal(self) -> Array:
-        """Direction the board faces `(3,)` [camera, RDF].
-
-        Found with a guessed focal length of one picture width, which is good enough to tell tilts apart.
-        """
+        """Direction the board faces `(3,)` [camera, RDF], by a guessed focal length of one picture width."""
         width, height = self.size
         guess = np.array([[width, 0, width / 2], [0, width, height / 2], [0, 0, 1]], dtype=np.float64)
         _, rvec, tvec = cv2.solvePnP(self.board, self.image, guess, None, flags=cv2.SOLVEPNP_IPPE)
@@ -70,13 +67,7 @@ class BoardPoints:
 
 @dataclass(frozen=True)
 class CharucoBoard:
-    """A chess board with a marker in each white square.
-
-    Attributes:
-        columns: squares along x.
-        rows: squares along y.
-        square: side of a square [m].
-    """
+    """A chess board of `columns` by `rows` squares of a side [m], with a marker in each white one."""
 
     columns: int
     rows: int
@@ -160,12 +151,8 @@ CalibrationBoard = CharucoBoard | TagBoard
 def edge_levels(pixels: Grey, corners: Array) -> Array:
     """Black, middle and white `(n, 3)` of the straight edges between neighbours of a grid of corners.
 
-    Where an edge runs is known from the corners at its ends, which no tone curve moves. Edges that are too short, too
-    pale, crushed or blown are left out.
-
-    Args:
-        pixels: `(h, w)` uint8.
-        corners: `(rows, columns, 2)` [px], not a number where they are not seen.
+    Corners `(rows, columns, 2)` [px], which no tone curve moves, are not a number where they are not seen. Edges that
+    are too short, too pale, crushed or blown are left out.
     """
     ways = (corners[:, :-1], corners[:, 1:]), (corners[:-1], corners[1:])
     edges = np.concatenate([np.concatenate(ends, axis=-1).reshape(-1, 4) for ends in ways])

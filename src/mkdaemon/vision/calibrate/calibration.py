@@ -1,4 +1,4 @@
-"""From views of a board to a camera file with uncertainties; a poor result is refused."""
+"""What is in a camera file, with uncertainties: lens and tone curve by views of a board, line time by a lamp."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ import numpy as np
 import numpy.typing as npt
 
 from mkdaemon.errors import VisionError
-from mkdaemon.vision.arrays import Array
+from mkdaemon.vision.arrays import Array, Grey
 from mkdaemon.vision.calibrate.board import BoardPoints
-from mkdaemon.vision.camera.intrinsics import Intrinsics
+from mkdaemon.vision.camera.calibration_file import Intrinsics
 from mkdaemon.vision.pose.pose import damped
 
 Figures = npt.NDArray[np.integer[Any] | np.floating[Any]]
@@ -50,7 +50,6 @@ class CalibrationResult:
     """What a calibration found and how well it is known.
 
     Attributes:
-        intrinsics: the estimate.
         rms_px: reprojection error over all points [px].
         sd: standard deviation of each intrinsic by its name, in its unit.
         used: indices of the views used.
@@ -98,16 +97,12 @@ class CalibrationResult:
 
 
 def calibrate(views: Sequence[BoardPoints], *, is_fisheye: bool = False) -> CalibrationResult:
-    """Estimate the intrinsics of a camera.
-
-    Args:
-        views: the board in at least six images of one size, in different places and tilts.
-        is_fisheye: the lens is a fisheye.
+    """Estimate the intrinsics of a camera from views of one size, in different places and tilts.
 
     Raises:
         VisionError: too few views, or views that determine nothing.
 
-    Source: Zhang, A Flexible New Technique for Camera Calibration, PAMI 22(11), 2000, as in OpenCV.
+    Sources: Zhang, PAMI 22(11), 2000; Kannala and Brandt, PAMI 28(8), 2006; both as in OpenCV.
     """
     if len(views) < MIN_VIEWS:
         msg = f"{len(views)} views of the board, at least {MIN_VIEWS} are needed"
@@ -171,10 +166,7 @@ def _solve_pinhole(board: Sequence[Figures], image: Sequence[Figures], size: tup
 
 
 def _solve_fisheye(board: Sequence[Figures], image: Sequence[Figures], size: tuple[int, int]) -> _Lens:
-    """The fisheye model, with the deviations that OpenCV does not give.
-
-    Source: Kannala and Brandt, PAMI 28(8), 2006, as in OpenCV's `fisheye`.
-    """
+    """With the deviations that OpenCV does not give."""
     rms, matrix, bend, turns, places = cv2.fisheye.calibrate(
         board, image, size, np.eye(3), np.zeros(4), flags=FLAGS, criteria=STEPS
     )
@@ -192,16 +184,10 @@ def _solve_fisheye(board: Sequence[Figures], image: Sequence[Figures], size: tup
 
 
 def tone_curve(levels: Array) -> tuple[float, str]:
-    """The tone curve of a camera for its file, light is grey to that power, and how it was found in words.
+    """The tone curve of a camera, light is grey to that power, 1 where none is known; and how it was found, in words.
 
-    On a straight edge the blur of the lens mixes as much black as white, in light. The grey value there is therefore
-    ((b^g + w^g) / 2)^(1/g) for black b, white w and a curve of the power g.
-
-    Args:
-        levels: black, middle and white `(n, 3)` of edges.
-
-    Returns:
-        The power, 1 where none is known or it is as good as none, with its deviation in the words.
+    By black b, middle and white w `(n, 3)` of straight edges, where blur mixes as much black as white, in light: the
+    grey value there is ((b^g + w^g) / 2)^(1/g) for a curve of the power g.
     """
     if len(levels) < LEAST_EDGES:
         return 1.0, f"not known: {LEAST_EDGES} edges with black and white in range are needed, {len(levels)} were seen"
@@ -217,3 +203,50 @@ def tone_curve(levels: Array) -> tuple[float, str]:
     if sd > KNOWN:
         return 1.0, f"not known: {words}"
     return (1.0, f"{words}: as good as none") if abs(gamma - 1.0) < NONE else (gamma, words)
+
+
+LEAST_IMAGES: Final = 8
+LEAST_BANDS: Final = 1.5
+"""Periods of the flicker in an image from which their distance can be told."""
+MOST_PER_ROW: Final = 0.1
+"""Periods a row at most: a readout of one period in ten rows is none."""
+FINER: Final = 20
+"""Frequencies tried between those of a Fourier transform."""
+CLEAR: Final = 6.0
+"""Power of the bands over the median power from which they are bands."""
+EXPOSURE_HELP: Final = "show a plain wall under a lamp on mains, exposure below 5 ms, nothing moving"
+
+
+def line_time_of(images: Sequence[Grey], flicker_hz: float) -> tuple[float, float]:
+    """Line time of a rolling shutter, and its deviation [s].
+
+    Rows exposed one after the other see the light rise and fall: bands across the image, whose distance is a period of
+    the flicker over the line time. What stands still goes out in the mean of the images.
+
+    Args:
+        images: of one scene at rest under the lamp `(h, w)`, at least eight.
+        flicker_hz: twice the mains frequency: 100 or 120 Hz.
+
+    Raises:
+        VisionError: too few images, or no bands.
+    """
+    if len(images) < LEAST_IMAGES:
+        msg = f"{len(images)} images, at least {LEAST_IMAGES} are needed"
+        raise VisionError(msg)
+    rows = np.log(np.array([image.mean(axis=1) for image in images]) + 1.0)
+    bands = rows - rows.mean(axis=0)
+    bands -= bands.mean(axis=1, keepdims=True)
+    height = bands.shape[1]
+    tried = np.fft.rfftfreq(FINER * height)
+    is_band = (tried * height >= LEAST_BANDS) & (tried < MOST_PER_ROW)
+    tried = tried[is_band]
+    each = np.abs(np.fft.rfft(bands * np.hanning(height), FINER * height)[:, is_band]) ** 2
+    power = each.sum(axis=0)
+    best = int(power.argmax())
+    if best in (0, len(tried) - 1) or power[best] < CLEAR * float(np.median(power)):
+        msg = f"no bands of a flickering lamp in the images: {EXPOSURE_HELP}"
+        raise VisionError(msg)
+    parts = np.array_split(each, min(len(images) // 2, LEAST_IMAGES))
+    found = [tried[part.sum(axis=0).argmax()] for part in parts]
+    sd = float(np.std(found)) / np.sqrt(len(found)) + 0.5 / (FINER * height)
+    return float(tried[best]) / flicker_hz, sd / flicker_hz

@@ -1,7 +1,4 @@
-"""Is a print to scale, flat, sharp, and does it have its white rim? By one photograph. Pure.
-
-What a photograph tells and what it cannot: docs/cameras.md, "Look at it".
-"""
+"""Whether a print is to scale, flat, sharp, and has its white rim, by one photograph: docs/cameras.md, "Look at it"."""
 
 from __future__ import annotations
 
@@ -15,7 +12,7 @@ import cv2
 import numpy as np
 
 from mkdaemon.vision.arrays import Array, Grey
-from mkdaemon.vision.camera.intrinsics import Intrinsics
+from mkdaemon.vision.camera.calibration_file import Intrinsics
 from mkdaemon.vision.limits import HALF, LIMITS
 from mkdaemon.vision.pose.edgefind import HALF_WIDTH, find_edges
 from mkdaemon.vision.pose.edgemodel import EdgeModel, Samples, seen_across
@@ -72,8 +69,6 @@ class _Measured:
     """A tag with its sides measured.
 
     Attributes:
-        tag: of the target file.
-        seen: as it was found.
         corners: where its sides meet `(4, 2)`, undistorted where the lens is known [px, or at unit depth].
         unsure: deviation of a corner, as a share of the side [1].
         bow: how far the middle of its most bent side leaves its chord, and the deviation of that [% of its length].
@@ -93,16 +88,13 @@ class _Measured:
 def check_print(
     pixels: Grey, target: Target, intrinsics: Intrinsics | None = None, distance: float | None = None
 ) -> tuple[PrintFinding, ...]:
-    """Judge a print by one photograph.
+    """Judge a print by one photograph, the most important first.
 
     Args:
         pixels: `(h, w)` uint8.
         target: what was printed, as its file says; one plane.
         intrinsics: of the camera, for exactly this size of image; None where it is not calibrated.
         distance: from the lens to the middle of the largest tag in view, by tape [m].
-
-    Returns:
-        What was found, most important first; only that nothing was found where no tag was decoded.
     """
     projection = None if intrinsics is None else Projection(intrinsics)
     tagmap = TagMap((target,))

@@ -1,7 +1,4 @@
-"""Printed targets: what is on a page, in millimetres, and the page as SVG or PDF in true size.
-
-Both formats take outlines as they are, so no library stands between.
-"""
+"""Printed targets: what is on a page, in millimetres, and the page as SVG or PDF in true size."""
 
 from __future__ import annotations
 
@@ -50,13 +47,7 @@ EDGE_MM = 8.0
 
 @dataclass(frozen=True, slots=True)
 class Area:
-    """A filled outline.
-
-    Attributes:
-        loops: closed polygons, each `(n, 2)` [mm; page, x right, y down]; what lies in an even number of them is not
-            filled.
-        grey: of the filling, 0 black to 1 white.
-    """
+    """Closed polygons `(n, 2)` [mm; page, x right, y down] in grey, 0 black to 1 white, filled by the even-odd rule."""
 
     loops: tuple[Array, ...]
     grey: float = 0.0
@@ -84,10 +75,7 @@ class Page:
 
 
 def outlines(cells: npt.NDArray[np.bool_]) -> list[Array]:
-    """Closed loops `(n, 2)` of (column, row) corners around the set cells of `(rows, columns)`.
-
-    One outline instead of many rectangles leaves no hairlines between neighbours in any viewer or printer driver.
-    """
+    """Closed loops `(n, 2)` of (column, row) corners around the set cells: rectangles would leave hairlines between."""
     # A contour runs through the outermost pixels, which lie beside the corners where a cell has three by three.
     pixels = np.kron(cells, np.ones((3, 3))).astype(np.uint8)
     loops, _ = cv2.findContours(pixels, cv2.RETR_TREE, cv2.CHAIN_APPROX_SIMPLE)

@@ -64,11 +64,7 @@ class Views:
     """Takes views of a board from pictures of one size, and knows which are missing.
 
     Args:
-        board: what is shown.
         keep: folder for the pictures taken, which replace those of an earlier run; None keeps none.
-
-    Attributes:
-        taken: so far.
     """
 
     def __init__(self, board: CalibrationBoard, keep: Path | None = None) -> None:

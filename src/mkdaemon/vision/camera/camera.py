@@ -1,7 +1,4 @@
-"""One camera in its own thread: opened, read, stamped, judged, handed over; opened again when it vanishes.
-
-When was an image taken: from the driver's stamp where there is one, with its clock's offset measured.
-"""
+"""One camera in its own thread: opened, read, stamped, judged, handed over; opened again when it vanishes."""
 
 from __future__ import annotations
 
@@ -41,13 +38,11 @@ RATE_IMAGES = 31
 class StampClock:
     """Turns driver stamps into our monotonic clock.
 
-    A driver stamp on our clock (V4L2 stamps buffers with CLOCK_MONOTONIC) is taken as it is. On another clock the
-    smallest delay seen between stamp and arrival is its offset: jitter of the transport is removed, its constant part
-    cannot be seen and is the configured latency.
+    A driver stamp on our clock (V4L2 stamps buffers with CLOCK_MONOTONIC) is taken as it is. Of another clock the
+    smallest delay between stamp and arrival is the offset; its constant part is the configured latency [s].
 
     Not every stamp is a time: FFmpeg numbers the images of an HTTP stream at 25 a second whatever the camera does.
-    Stamps on another clock are therefore believed only while they run as fast as ours; until then, and otherwise, an
-    image was taken when it arrived.
+    Stamps on another clock are believed while they run as fast as ours; else an image was taken when it arrived.
     """
 
     def __init__(self, latency: float = 0.0) -> None:
@@ -58,10 +53,7 @@ class StampClock:
         self._believed = False
 
     def stamp(self, driver: float | None, arrived: float) -> tuple[float, str]:
-        """Return when an image was taken [s; monotonic] and who knew: `driver` or `arrival`.
-
-        From the driver's stamp [s; any clock], where it has one, and the arrival [s; monotonic].
-        """
+        """When an image was taken [s; monotonic], and who knew: the `driver` [s; any clock], or its `arrival`."""
         taken = self._on_our_clock(driver, arrived) if driver is not None and 0.0 < driver < math.inf else None
         return (arrived if taken is None else taken) - self._latency, "arrival" if taken is None else "driver"
 
@@ -96,7 +88,6 @@ class StreamStatus:
     """What is known about a camera now; figures that are not described here are those of `VisionStats`.
 
     Attributes:
-        images: taken since the start.
         damage: what was wrong with the newest damaged image, for a second after it; empty otherwise.
         refused: settings the driver did not take.
         exposure: chooses what the camera is told before an image; none where it takes nothing.

@@ -1,10 +1,8 @@
 """Exposure and gain: the shortest exposure in which the cells of a tag stand out of the noise, and how V4L2 is told.
 
-Photons decide: contrast over noise grows with the square root of the exposure, whatever the gain. So the exposure
-follows from what is wanted of it, and the gain only brings white to a good grey value. A longer exposure smears.
-
-Numbers and structures of V4L2: linux/videodev2.h and linux/v4l2-controls.h. The unit of a gain is the driver's own: its
-range is taken for 1 to `GREATEST_GAIN`, and what that gets wrong the next image shows.
+Contrast over noise grows with the square root of the exposure, whatever the gain, which only brings white to a good
+grey value. Numbers and structures of V4L2: linux/videodev2.h and linux/v4l2-controls.h. The driver's own range of a
+gain is taken for 1 to `GREATEST_GAIN`; what that gets wrong the next image shows.
 """
 
 from __future__ import annotations
@@ -38,8 +36,7 @@ QUERIED: Final = "=II32siiiiIII"
 UNSETTABLE: Final = 0x0001 | 0x0004
 """V4L2_CTRL_FLAG_DISABLED, V4L2_CTRL_FLAG_READ_ONLY."""
 GONE: Final = frozenset({errno.ENODEV, errno.ENXIO})
-"""What the kernel says of a device that was unplugged while it is open. EBUSY, EACCES, EINVAL, ERANGE and EIO are a
-control's: images go on."""
+"""What the kernel says of a device that was unplugged while it is open; other errors are a control's, images go on."""
 TICK: Final = 100e-6
 """Unit of V4L2_CID_EXPOSURE_ABSOLUTE [s]."""
 GREATEST_GAIN: Final = 16.0
@@ -84,10 +81,7 @@ class Levels(NamedTuple):
 
 
 def levels_of(pixels: Grey, corners: Sequence[Array] = (), gamma: float = 1.0) -> Levels:
-    """Levels of an image `(h, w)` in light: of its largest tag by corners `(4, 2)` [px], of all of it without one.
-
-    `gamma` is that of the camera's tone curve.
-    """
+    """Levels in light of an image `(h, w)` of a tone curve: of its largest tag by corners `(4, 2)` [px], or of all."""
     height, width = pixels.shape
     part, low, high = pixels[::2, ::2], 2.0, 98.0
     quad = max(corners, key=lambda quad: float(np.ptp(quad, axis=0).max()), default=None)
@@ -127,7 +121,6 @@ class ExposureControl:
     """Chooses the setting of one camera from its images.
 
     Attributes:
-        reach: of the camera.
         setting: that acts now, or soon; at first the middle of both ranges, in powers.
         levels: of the newest image that was looked at.
     """
@@ -150,12 +143,8 @@ class V4l2Controls:
     """Exposure and gain of one device, which may be set while another part of the program streams from it.
 
     Attributes:
-        reach: what the camera can be told; none where its exposure cannot be set.
+        reach: what the camera can be told, exposures up to `longest` [s]; none where they cannot be set.
         refused: what the driver did not let us take over from it.
-
-    Args:
-        device: of the camera.
-        longest: exposure that motion allows [s].
 
     Raises:
         VisionError: the device is gone, or cannot be opened.

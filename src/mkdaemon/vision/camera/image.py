@@ -19,10 +19,8 @@ T = TypeVar("T")
 BRIGHTEST: Final = 255.0
 """The largest grey value, which what is blown has."""
 WHITE: Final = 225.0
-"""Grey value that the brightest pixel of an image gets, so that a dark image keeps its steps.
-
-A percentile would not do: the paper of a far target is less than 0.5 % of the image, and was clipped to white.
-"""
+"""Grey value that the brightest pixel gets, so that a dark image keeps its steps; the paper of a far target is less
+than 0.5 % of an image, so no percentile would do."""
 DARKEST: Final = 30.0
 """The brightest pixel is taken to be at least this bright [grey]."""
 
@@ -143,12 +141,7 @@ class NewestSlot(Generic[T]):
 
 
 def in_light(pixels: Grey, gamma: float) -> Grey:
-    """A camera's tone curve taken back, so that edges blur evenly: grey values `(h, w)` in proportion to light.
-
-    Args:
-        pixels: `(h, w)`, light to the power 1 / gamma. Pixels that are saturated may have been anything, and stay so.
-        gamma: of the camera.
-    """
+    """Grey values `(h, w)` in proportion to light, of light to the power 1 / gamma; saturated pixels stay so."""
     if gamma == 1.0:
         return pixels
     bright = max(float(pixels[::4, ::4].max()), DARKEST)

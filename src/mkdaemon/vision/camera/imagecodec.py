@@ -1,9 +1,7 @@
 """Images to bytes and back; what comes from outside is checked, and refused where it is damaged.
 
-libjpeg decodes damaged data to an image with warnings that OpenCV does not hand on: blocks are grey, repeated or out of
-place. The TurboJPEG interface reports them; such an image is refused.
-
-How large a picture is, from its header, before anything is decoded: a file of 130 kB may ask for a gigabyte.
+OpenCV does not hand on libjpeg's warnings about damaged data; the TurboJPEG interface does. The size of a picture comes
+from its header, before anything is decoded: a file of 130 kB may ask for a gigabyte.
 
 Sources: PNG, RFC 2083, section 11.2.2; BMP, BITMAPINFOHEADER of the Windows API; PNM, netpbm(5).
 """
@@ -22,13 +20,14 @@ import numpy.typing as npt
 import simplejpeg
 from pydantic import ValidationError
 
+from mkdaemon.errors import ConfigError
+from mkdaemon.files import save
 from mkdaemon.reading import LONGEST_PICTURE, read_bytes
 from mkdaemon.telemetry.image import CameraFrame
 from mkdaemon.vision.arrays import Grey
 from mkdaemon.vision.camera.image import PictureError
 
 MAX_PIXELS: Final = 64_000_000
-"""Most pixels of a picture."""
 JPEG: Final = b"\xff\xd8\xff"
 TO_GREY: Final = {(): None, (1,): None, (3,): cv2.COLOR_BGR2GRAY, (4,): cv2.COLOR_BGRA2GRAY}
 """How OpenCV makes grey of a picture, by its channels."""
@@ -150,3 +149,20 @@ def encode_png(pixels: Grey) -> bytes:
     """Compress without loss."""
     _, coded = cv2.imencode(".png", pixels, [cv2.IMWRITE_PNG_COMPRESSION, 1])
     return coded.tobytes()
+
+
+def write_picture(path: Path, pixels: Grey, *, overwrite: bool = False) -> None:
+    """Write a picture, `(h, w, 3)` blue-green-red or `(h, w)` grey, whole or not at all; the suffix is the format.
+
+    Raises:
+        ConfigError: the file is there already and `overwrite` is off, or no format has this suffix.
+        MkError: it cannot be written; what was there is untouched.
+    """
+    try:
+        is_encoded, content = cv2.imencode(path.suffix, pixels)
+    except cv2.error:
+        is_encoded = False
+    if not is_encoded:
+        msg = f"{path}: no format of pictures has this suffix; use .png or .jpg"
+        raise ConfigError(msg)
+    save(path, content.tobytes(), overwrite=overwrite)

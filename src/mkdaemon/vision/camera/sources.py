@@ -1,8 +1,7 @@
 """Where images come from: a driver, a network stream, a clip, a folder, a Zenoh key. One interface for all.
 
-OpenCV decodes motion JPEG in silence: damaged blocks stay in the image, and an image of another size than the first is
-scaled to it. Its bytes are therefore taken as they come. Other codecs are left to OpenCV: such a camera has to keep its
-size.
+OpenCV leaves damaged blocks of motion JPEG in the image, and scales an image of another size to the first: its bytes
+are taken as they come. Other codecs are left to OpenCV: such a camera has to keep its size.
 """
 
 from __future__ import annotations
@@ -91,13 +90,9 @@ def source_of(cfg: CameraSection, session: Sessions = None) -> Source:
 
 
 class ZenohSource(Source):
-    """Images from a key on the bus: another machine's camera, or the simulator's.
+    """Images from a whole key on the bus: another machine's camera, or the simulator's.
 
-    Args:
-        key: plain and whole.
-        session: gives an open one, where there is a bus.
-        secret: with which the sender signs them, and without which nobody knows the key they come to; None takes
-            images from whoever puts them.
+    The sender signs them with the secret, without which nobody knows the key they come to; None takes all images.
     """
 
     def __init__(self, key: str, session: Sessions, secret: str | None) -> None:
@@ -151,12 +146,7 @@ class ZenohSource(Source):
 
 
 class PlayedSource(Source):
-    """Recorded pictures, each so long after the one before as it was taken: a clip, or the pictures of a folder.
-
-    Args:
-        record: opens it; raises VisionError where it cannot be read.
-        cfg: whether it is paced, and begins again at its end.
-    """
+    """Recorded pictures in their time: `record` opens a clip or a folder, and raises VisionError where it cannot."""
 
     live = False
 

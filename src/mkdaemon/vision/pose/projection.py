@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from mkdaemon.vision.arrays import Array, Bools
-from mkdaemon.vision.camera.intrinsics import Intrinsics
+from mkdaemon.vision.camera.calibration_file import Intrinsics
 from mkdaemon.vision.pose.rolling import Shutter, skew
 
 WIDEST: Final = 1.5

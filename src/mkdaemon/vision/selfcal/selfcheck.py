@@ -1,9 +1,8 @@
 """Watches one camera fly: whether images, attitude and barometer agree with its camera file and its target files.
 
 Images: with d the offsets of the edges from where a pose puts them and J their derivative, J x = d. The unknowns x are
-those of one image alone, its pose and a common shift, which are solved with it and forgotten, and those that all images
-share: what may be wrong with lens and sizes, and the bend of the print. Source: bundle adjustment, Triggs et al.,
-Vision Algorithms, LNCS 1883, 2000.
+those of one image alone, its pose and a common shift, which are forgotten with it, and those that all images share: of
+lens, sizes, and the bend of the print. Source: bundle adjustment, Triggs et al., Vision Algorithms, LNCS 1883, 2000.
 
 Attitude: with n the normal that an image shows, off by a turn x of its pose, M the mounting and E the attitude, the
 horizontal part of the normal in the world is y = E M n. Were the mounting turned by m, the deck d and the scale k, it
@@ -11,8 +10,8 @@ would be y = d - E (m x M n) - E M (x x n) + k E e_z. A mounting turns with the 
 only their sum is seen, and the deviations say so.
 
 Barometer: with z the height by the eyes, e the share of it that is too much, b the barometer, a its offset and L its
-delay, b = a + z - e z - L dz/dt. The offset wanders, so slow flights say little, and a hover nothing. A print whose
-sizes are all wrong by one factor looks like one that is farther away, from every range: only this tells it.
+delay, b = a + z - e z - L dz/dt. Nothing else tells sizes that are all wrong by one factor.
+
 What each of them tells, and how well: docs/lab/vision-cases.md.
 """
 
@@ -42,8 +41,8 @@ from mkdaemon.vision.pose.unknowns import POSE, Unknown, Unknowns
 from mkdaemon.vision.tags.tagmap import TagMap, Target
 
 ALIGNED_PX: Final = 0.08
-"""Error that the edges of a tag's side share where it runs along a row of pixels [px]: all lie between the same two. It
-falls with the rows that a side crosses. Measured: errors over deviations, docs/lab/accuracy.md."""
+"""Error that the edges of a tag's side share where it runs along a row of pixels [px]; less by the rows it crosses.
+Measured: errors over deviations, docs/lab/accuracy.md."""
 SHIFTED: Final = 0.15
 """The same for each pixel all edges are shifted by: a tone curve or sharpening bends them too."""
 ROLLING_PX: Final = 0.3
@@ -53,10 +52,9 @@ APART: Final = 0.5
 MOST_SIZES: Final = 8
 """Targets of more tags share one unknown size."""
 MELTS: Final = 5
-"""Small cells look smaller by a share that falls with this power of their side: neighbours pull their edges. Measured:
-docs/lab/vision-cases.md."""
+"""Power of their side by which small cells look smaller. Measured: docs/lab/vision-cases.md."""
 ALIKE_TIME: Final = 0.2
-"""For so long errors of the attitude are one error [s]: images that follow sooner weigh less."""
+"""For so long errors of the attitude are one error [s]."""
 UNKNOWNS: Final = {
     "roll": (radians(5.0), radians(0.02), SELFCAL.mounting),
     "pitch": (radians(5.0), radians(0.02), SELFCAL.mounting),
@@ -87,12 +85,12 @@ TURN: Final = slice(3, 6)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ImageEvidence:
-    """One image's say about its own unknowns, of which the turn of its pose is `TURN`, then those of `CameraFilter`.
+    """What one image says of its own unknowns, then those of `CameraFilter`: they cost x^T matrix x - 2 pull^T x.
 
     Attributes:
         rotation: camera from target as the pose has it `(3, 3)`.
-        matrix: information `(k, k)`; unknowns x cost x^T matrix x - 2 pull^T x.
-        pull: see `matrix` `(k,)`.
+        matrix: information `(k, k)`.
+        pull: information times unknowns `(k,)`.
     """
 
     rotation: Array
@@ -101,10 +99,7 @@ class ImageEvidence:
 
 
 class Belief:
-    """A normal distribution of unknowns: `mean` `(n,)` and `covariance` `(n, n)`.
-
-    They wander: `walk` is how far in a second, deviations of a random walk `(n,)` [1/sqrt(s)].
-    """
+    """A normal distribution of unknowns: `mean` `(n,)`, `covariance` `(n, n)`, `walk` `(n,)` at random [1/sqrt(s)]."""
 
     def __init__(self, mean: Array, covariance: Array, walk: Array) -> None:
         self.mean, self.covariance, self._walk = mean, covariance, walk
@@ -135,18 +130,15 @@ class Belief:
 class CameraFilter(Belief):
     """What is constant, or nearly so, about one camera and one target.
 
-    The unknowns: those of `UNKNOWNS`; the logarithm of each unknown size, and of what melting makes of small cells; the
-    bend of the print, where it is one that bends.
+    The unknowns: `UNKNOWNS`; the logarithm of each unknown size, and of what melting makes of small cells; the bend of
+    a print that bends.
 
     Args:
-        target: that is seen.
-        projection: of the camera.
         attitude_sd: how well the vehicle knows its attitude at one moment [rad].
         flu_from_cam: the mounting believed `(3, 3)`; none says nothing about attitude.
 
     Attributes:
-        sized: tags of an unknown size each, and against what. Where distances between tags say how large they all are,
-            that is the size of tag 0, the last one.
+        sized: tags of an unknown size, and against what; the first tag, last, where distances tell how large all are.
         least: of each unknown but the bend, what is nobody's fault.
         looks: images taken in.
     """
@@ -169,11 +161,10 @@ class CameraFilter(Belief):
         sd, walk, self.least = np.array([*UNKNOWNS.values(), *[SIZE] * len(self.sized), MELT]).T
         if target.moving:
             walk[DECK] = MOVING_DECK
-        rises = 0 if sheet is None else RISES
-        covariance = np.diag(np.pad(sd, (0, rises)) ** 2)
-        if sheet is not None:
-            covariance[-rises:, -rises:] = sheet.prior.covariance
-        super().__init__(np.zeros(len(covariance)), covariance, np.pad(walk, (0, rises)))
+        bend = np.empty((0, 0)) if sheet is None else sheet.prior.covariance
+        covariance = np.pad(np.diag(sd**2), (0, len(bend)))
+        covariance[len(sd) :, len(sd) :] = bend
+        super().__init__(np.zeros(len(covariance)), covariance, np.pad(walk, (0, len(bend))))
 
     def look(self, pixels: Grey, pose: Pose) -> ImageEvidence | None:
         """Ask an image `(h, w)` uint8 about a pose found in it; none when too few edges are seen."""
@@ -253,11 +244,7 @@ KEPT: Final = 50
 
 
 class HeightFilter(Belief):
-    """Compares the heights over one target with those of the barometer.
-
-    The unknowns: offset [m], share of the height that is too much, delay [s]. Two hypotheses about the share are
-    compared: it is what a calibration and a measured print leave, or it is anything. Their odds are a Bayes factor.
-    """
+    """Heights over one target and the barometer's: their offset [m], the share that is too much, the delay [s]."""
 
     def __init__(self) -> None:
         sd, walk = np.array([OFFSET_SD, SCALE_SD, DELAY[1]]), np.array([WANDER, 0.0, 0.0])
@@ -273,11 +260,10 @@ class HeightFilter(Belief):
 
     @property
     def odds(self) -> float:
-        """Decimal logarithm of the odds that heights are wrong, against right ones; 0 where nothing is known.
+        """Decimal logarithm of a Bayes factor: the share is anything, or what a calibration and a measured print leave.
 
-        What was read says of the share e what a normal distribution about m with deviation s says, once the belief
-        before it is taken out; integrated over what e may be, that is the density of m with both variances. A barometer
-        that does not move is dead, and says nothing.
+        Readings alone, without the belief before them, have a mean and a variance; under a hypothesis that mean has
+        both variances. 0 where nothing is known; a barometer that does not move is dead.
         """
         share, sd = self.scale
         left = 1.0 / sd**2 - 1.0 / SCALE_SD**2
@@ -322,10 +308,10 @@ class HeightFilter(Belief):
 class TargetWatch:
     """What one target says about a camera; see `SelfCheck`."""
 
-    def __init__(self, target: Target, camera: Camera, attitude_sd: float, *, has_mount: bool) -> None:
+    def __init__(self, target: Target, camera: Camera, attitude_sd: float) -> None:
         self.target = target
         self._camera = camera
-        flu_from_cam = mount_rotation(camera.mount) if has_mount and target.level else None
+        flu_from_cam = mount_rotation(camera.mount) if target.level else None
         self._filter = CameraFilter(target, Projection(camera.intrinsics), attitude_sd, flu_from_cam)
         self.heights = HeightFilter()
         self._due = -np.inf
@@ -378,11 +364,9 @@ class TargetWatch:
 
     def report(self) -> SelfCalibration:
         """All estimates."""
-        mean, sd = self._filter.mean, self._filter.sd
-        (focal, cx, cy, k1), (focal_sd, cx_sd, cy_sd, k1_sd) = (
-            figures[LENS_AT:SIZES_AT].tolist() for figures in (mean, sd)
-        )
-        known = np.where(sd[MOUNTING] < SELFCAL.mounting, mean[MOUNTING], 0.0)
+        mean, sd = self._filter.mean.tolist(), self._filter.sd.tolist()
+        (focal, cx, cy, k1), (focal_sd, cx_sd, cy_sd, k1_sd) = mean[LENS_AT:SIZES_AT], sd[LENS_AT:SIZES_AT]
+        known = np.where(np.less(sd[MOUNTING], SELFCAL.mounting), mean[MOUNTING], 0.0)
         turned = turn(rotation_from_euler(*np.radians(self._camera.mount.rpy_deg)), known)
         height, height_sd = self.heights.scale
         return SelfCalibration(
@@ -399,9 +383,7 @@ class TargetWatch:
             k1=k1,
             k1_sd=k1_sd,
             sizes=tuple(
-                TagSizeError(
-                    tag_id=tag.tag_id, size_percent=100.0 * float(mean[n]), size_sd_percent=100.0 * float(sd[n])
-                )
+                TagSizeError(tag_id=tag.tag_id, size_percent=100.0 * mean[n], size_sd_percent=100.0 * sd[n])
                 for n, (tag, _) in enumerate(self._filter.sized, SIZES_AT)
                 if tag is not self.target.tags[0]
             ),
@@ -428,20 +410,16 @@ class SelfCheck:
     """Watches one camera; without a camera file there is nothing to watch.
 
     Args:
-        tagmap: its targets.
         camera: its file, with the mount believed.
-        has_mount: whether anybody said how it sits.
         attitude_sd: how well the vehicle knows its attitude at one moment [rad].
 
     Attributes:
         alarms: what contradicts the camera file or a target file, with both numbers.
     """
 
-    def __init__(self, tagmap: TagMap, camera: Camera | None, attitude_sd: float, *, has_mount: bool) -> None:
+    def __init__(self, tagmap: TagMap, camera: Camera | None, attitude_sd: float) -> None:
         self._watches = {
-            target.name: TargetWatch(target, camera, attitude_sd, has_mount=has_mount)
-            for target in tagmap.targets
-            if camera is not None
+            target.name: TargetWatch(target, camera, attitude_sd) for target in tagmap.targets if camera is not None
         }
         self._by_sheet = [] if camera is None else list(_sheet_contradictions(camera))
         self.alarms: dict[Alarm, str] = {}

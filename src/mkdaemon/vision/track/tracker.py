@@ -6,8 +6,8 @@ from typing import Final
 
 from mkdaemon.config.vision import TrackerSection
 from mkdaemon.telemetry.vision import Alarm
+from mkdaemon.vision.camera.calibration_file import Intrinsics
 from mkdaemon.vision.camera.image import CameraImage, in_light
-from mkdaemon.vision.camera.intrinsics import Intrinsics
 from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.pose.rolling import Shutter

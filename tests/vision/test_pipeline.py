@@ -9,7 +9,7 @@ from mkdaemon.control.sight import view_of
 from mkdaemon.frames import rotation_from_euler
 from mkdaemon.stamp import Stamp
 from mkdaemon.vision.camera.image import CameraImage
-from mkdaemon.vision.output import pose_of
+from mkdaemon.vision.pipeline import pose_of
 from mkdaemon.vision.pose.pose import FLOOR_ANGLE, FLOOR_LATERAL, FLOOR_RANGE, Pose
 from mkdaemon.vision.track.attitude import Mounting
 from mkdaemon.vision.track.result import TargetPose
