@@ -19,8 +19,7 @@ from lab.vision.stills import SeedSet, error_of, target_named
 from mkdaemon.vision.camera.intrinsics import Intrinsics
 from mkdaemon.vision.pose.pose import Pose, solve, with_floor
 from mkdaemon.vision.pose.projection import Projection
-from mkdaemon.vision.tags.cellread import CodeReader
-from mkdaemon.vision.tags.detection import Detection
+from mkdaemon.vision.tags.cellread import CodeReader, Detection
 from mkdaemon.vision.tags.detector import AprilTagSearch, ArucoSearch
 from mkdaemon.vision.tags.tagmap import TagMap, Target
 from mkdaemon.vision.track.attitude import LOOKING_DOWN

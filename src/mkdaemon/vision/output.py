@@ -27,7 +27,7 @@ from mkdaemon.vision.camera.intrinsics import Intrinsics
 from mkdaemon.vision.pose.pose import calibration_sd
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.pose.rolling import skew
-from mkdaemon.vision.tags.detection import Detection
+from mkdaemon.vision.tags.cellread import Detection
 from mkdaemon.vision.tags.tagmap import Tag, TagMap
 from mkdaemon.vision.track.attitude import Mounting
 from mkdaemon.vision.track.result import TargetPose, VisionResult

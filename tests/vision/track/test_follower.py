@@ -7,7 +7,7 @@ import pytest
 
 from mkdaemon.vision.camera.image import CameraImage
 from mkdaemon.vision.limits import LIMITS
-from mkdaemon.vision.tags.detection import Detection
+from mkdaemon.vision.tags.cellread import Detection
 from mkdaemon.vision.tags.detector import TONES
 from mkdaemon.vision.tags.tagmap import TagMap
 from mkdaemon.vision.track.attitude import LOOKING_DOWN

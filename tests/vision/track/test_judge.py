@@ -14,7 +14,7 @@ from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.gates import CellEvidence
 from mkdaemon.vision.pose.pose import Pose, turn
 from mkdaemon.vision.tags.tagmap import TagMap, Target
-from mkdaemon.vision.track.attitude import LOOKING_DOWN, Sight, angle_of
+from mkdaemon.vision.track.attitude import LOOKING_DOWN, Sight, angle_of, fuse_normal
 from mkdaemon.vision.track.branches import MOST_ODDS
 from mkdaemon.vision.track.follower import Follower
 from mkdaemon.vision.track.judge import Judge, Verdict
@@ -158,7 +158,7 @@ def test_far_away_the_attitude_is_in_the_fit_and_not_told_a_second_time():
 def test_an_image_counts_once_beside_what_the_images_before_told_of_the_deck():
     pose = fitted(tilt_deg=2.0, covariance=np.diag([1e-7, 1e-7, 1e-6, 1e-4, 1e-4, 1e-7]))
     judge = judge_of(GivenFits(pose))
-    expected = judge.level.fuse(sight(), pose)
+    expected = fuse_normal(pose, judge.level.vertical(sight()))
     verdict = judge.measure(sight(), fitted())
     np.testing.assert_allclose(verdict.pose.covariance, expected.covariance)
     assert angle_deg(verdict.pose.rotation, expected.rotation) < 1e-9

@@ -70,8 +70,6 @@ def test_without_attitude_or_level_target_nothing_is_said() -> None:
         level.learn(sight, pose_of(DOWN))
         assert not level.refuses(sight, pose_of(DOWN @ rotation_from_euler(1.0, 0.0, 0.0)))
         assert level.vertical(sight) is None
-        fused = level.fuse(sight, pose_of(DOWN))
-        assert np.array_equal(fused.rotation, DOWN)
 
 
 def test_an_expected_normal_moves_an_uncertain_tilt_and_leaves_a_certain_one() -> None:

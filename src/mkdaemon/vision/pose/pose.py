@@ -19,7 +19,7 @@ from mkdaemon.vision.arrays import Array
 from mkdaemon.vision.pose.bend import Bend
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.pose.rolling import KnownMotion, SeenMotion, skew
-from mkdaemon.vision.tags.detection import Detection
+from mkdaemon.vision.tags.cellread import Detection
 from mkdaemon.vision.tags.tagmap import SAME_HEIGHT_M, Tag
 
 Source = Literal["corners", "edges", "photometric"]

@@ -24,8 +24,7 @@ import numpy.typing as npt
 
 from mkdaemon.vision.arrays import Array, Grey
 from mkdaemon.vision.limits import HALF, LIMITS
-from mkdaemon.vision.tags.cellread import STEP_CELLS, CodeReader, carry, image_from_cells, sample
-from mkdaemon.vision.tags.detection import Detection
+from mkdaemon.vision.tags.cellread import STEP_CELLS, CodeReader, Detection, carry, image_from_cells, sample
 
 Index = npt.NDArray[np.intp]
 
@@ -170,13 +169,8 @@ def lines_of(outline: npt.NDArray[Any]) -> Lines:
 def _quads(pixels: Grey, lines: Lines, sizes: Sequence[int]) -> Iterator[Array]:
     """Quads that the lines of a blob may bound, their corners clockwise in the image `(4, 2)` [px].
 
-    The best one of four lines. And between the best three, where the sides beside the middle one are taken to be as
-    long as that until the image's cells are asked.
-
-    Args:
-        pixels: `(h, w)` uint8.
-        lines: of its outline.
-        sizes: cells along the black squares that may be there.
+    The best one of four lines. And of the best three one for each size in cells; the sides beside the middle one are
+    taken to be as long as that until the image's cells are asked.
     """
     corners = lines.corners()
     four, three = (_choices(len(corners), of) for of in (4, 3))

@@ -71,12 +71,6 @@ class Tag:
         """Points `(..., 3)` of the target frame in that of the tag `(..., 3)` [m]."""
         return np.asarray((points - self.position) @ self.rotation)
 
-    @property
-    def middles(self) -> Array:
-        """Middles of its cells and of those around everything black, row by row `((n + 2)^2, 3)` [m; target]."""
-        n = self.family.black_cells + 2
-        return self.place((middles(n) - n / 2) * (self.module, -self.module))
-
     @cached_property
     def corners(self) -> Array:
         """Corners TL, TR, BR, BL of the square that is the tag's size `(4, 3)` [m; target]."""
@@ -122,13 +116,6 @@ class Target:
             for tag in self.tags
         )
 
-    def hidden(self, tag: Tag) -> Bools:
-        """Which of a tag's cells, and of those around it, have the paper of a later one on their middles `(n, n)`."""
-        under = np.zeros((tag.family.black_cells + 2,) * 2, dtype=np.bool_)
-        for later in self.tags[self.tags.index(tag) + 1 :]:
-            under |= covered(tag.middles, later).reshape(under.shape)
-        return under
-
 
 @dataclass(frozen=True, eq=False)
 class TagMap:
@@ -160,7 +147,13 @@ def covered_cells(tagmap: TagMap) -> dict[tuple[str, int], Bools]:
 
     An inner tag is mostly white: where a tone curve or a highlight spreads white, black cells below it read as white.
     """
-    return {code: target.hidden(tag)[1:-1, 1:-1] for code, (target, tag) in tagmap.owners.items()}
+    found: dict[tuple[str, int], Bools] = {}
+    for code, (target, tag) in tagmap.owners.items():
+        n = tag.family.black_cells
+        points = tag.place((middles(n) - n / 2) * (tag.module, -tag.module))
+        later = target.tags[target.tags.index(tag) + 1 :]
+        found[code] = np.any([np.zeros(n * n), *(covered(points, one) for one in later)], axis=0).reshape(n, n)
+    return found
 
 
 def single(size: float, tag_id: int, *, family: str = "tag36h11") -> Target:

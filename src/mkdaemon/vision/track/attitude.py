@@ -34,11 +34,6 @@ class AttitudeSample:
     pitch: float
     yaw: float
 
-    @property
-    def is_number(self) -> bool:
-        """Whether time and angles are finite."""
-        return all(isfinite(value) for value in (self.time, self.roll, self.pitch, self.yaw))
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Mounting:
@@ -86,6 +81,13 @@ class Sight:
         """The image as a vehicle without attitude sees it."""
         return Sight(self.pixels, self.time)
 
+    def turned_since(self, then: Sight) -> Array | None:
+        """Camera now from camera then `(3, 3)`; none when one of both attitudes is unknown."""
+        if self.enu_from_cam is None or then.enu_from_cam is None:
+            return None
+        turned: Array = self.enu_from_cam.T @ then.enu_from_cam
+        return turned
+
 
 LEAST_SINE = 1e-12
 """Below, two directions are one."""
@@ -110,7 +112,8 @@ class AttitudeHistory:
     def __init__(self, samples: Iterable[AttitudeSample]) -> None:
         given = tuple(samples)
         self.is_silent = not given
-        self.samples = tuple(sorted((s for s in given if s.is_number), key=lambda sample: sample.time))
+        numbers = (s for s in given if all(map(isfinite, (s.time, s.roll, s.pitch, s.yaw))))
+        self.samples = tuple(sorted(numbers, key=lambda sample: sample.time))
 
     def _beside(self, time: float) -> tuple[AttitudeSample, ...]:
         """The samples before and after a time [s], as far as there are any."""
@@ -118,15 +121,9 @@ class AttitudeHistory:
         return self.samples[max(k - 1, 0) : k + 1]
 
     def at(self, time: float, max_age: float) -> Array | None:
-        """Attitude at a time, interpolated between its neighbours.
+        """Attitude ENU from FLU `(3, 3)` at a time [s]; none when no sample is within `max_age` of it [s].
 
-        Args:
-            time: [s].
-            max_age: farthest a sample may be from `time` [s].
-
-        Returns:
-            Rotation ENU from FLU `(3, 3)`, or none when no sample is near enough. Between two samples within reach the
-            shorter way round is interpolated; outside them the nearest one is held.
+        Between two samples within reach the shorter way round is interpolated; outside them the nearest one is held.
         """
         beside = self._beside(time)
         if len(beside) > 1 and beside[1].time - beside[0].time <= 2 * max_age:
@@ -141,7 +138,7 @@ class AttitudeHistory:
     def turning_at(self, time: float) -> Turning | None:
         """How the vehicle turns at a time [s] between two samples [FLU]; none between distant ones.
 
-        The difference of two samples is the rate half way between them; it changes until `time`.
+        Their difference is the rate half way between them; it changes until `time`.
         """
         beside = self._beside(time)
         if len(beside) < 2 or beside[1].time - beside[0].time > FARTHEST_SAMPLES:
@@ -179,14 +176,14 @@ def corrected(covariance: Array, observe: Array, surprise: Array, noise: Array) 
 
 
 def updated(pose: Pose, observe: Array, surprise: Array, noise: Array) -> Pose:
-    """The same of a pose: what is observed moves with place and rotation vector `(k, 6)`."""
+    """The same of a pose; H is by place and rotation vector `(k, 6)`."""
     step, covariance, _ = corrected(pose.covariance, observe, surprise, noise)
     rotation, position = turn(pose.rotation, step[3:]), pose.position + step[:3]
     return replace(pose, rotation=rotation, position=position, covariance=covariance)
 
 
 def fuse_normal(pose: Pose, level: Level) -> Pose:
-    """Tell a pose what is known about its target's normal; far away the correlated position improves with the tilt."""
+    """Tell a pose what is known about its target's normal."""
     return updated(pose, *_tilting(pose, level), level.spread**2 * np.eye(2))
 
 

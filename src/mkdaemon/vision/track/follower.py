@@ -22,7 +22,7 @@ from mkdaemon.vision.pose.fitting import TargetFitter
 from mkdaemon.vision.pose.pose import Pose
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.pose.rolling import MOTIONS, KnownMotion, Shutter, motion_of
-from mkdaemon.vision.tags.detection import Detection
+from mkdaemon.vision.tags.cellread import Detection
 from mkdaemon.vision.tags.detector import TONES, Detector
 from mkdaemon.vision.tags.tagmap import Tag, Target
 from mkdaemon.vision.track.alarms import ImageHealth
@@ -36,8 +36,6 @@ LARGE_PX: Final = 160
 """Side of a window from which half the resolution reads a target: 4 px a cell where its tag fills the window."""
 MOST_EFFORT: Final = 5
 """Spent on an image from which no other start is fitted, in fits to edges: one to grey values, and one to edges."""
-
-
 SINCE: Final = 0.1
 """What a speed changes by from the images that told it to this one, 3 m/s^2 for 1/30 s, deviation [m/s]."""
 
@@ -107,24 +105,21 @@ class Track:
         moved = certain.deviations * LIMITS.edges.speed_sd * (time - then)
         return abs(pose.range_m - last.range_m) <= abs(moved) + max(certain.wrong_m, certain.wrong_share * pose.range_m)
 
-    def turn_to(self, seen: Sight) -> Array | None:
-        """Camera in an image from camera at the last pose `(3, 3)`, by attitudes; none where one is unknown."""
-        return _turn_between(self.last_seen, seen)
-
     def predict(self, seen: Sight) -> Pose:
         """Expected pose in an image.
 
-        Motion is taken in the camera frame; in the target's every error of tilt would swing the position by the range.
+        Motion is taken in the camera frame: in the target's an error of tilt would swing the position by the range.
         With attitudes the turn of the camera is taken out first and put back for the new image.
         """
-        (last_seen, last), turned = self._found[-1], self.turn_to(seen)
+        last_seen, last = self._found[-1]
+        turned = seen.turned_since(last_seen)
         position, rotation = last.position, last.rotation
         speed: Array | None = None
         speed_sd = 0.0
         if self.has_velocity:
             before_seen, before = self._found[-2]
             passed = last_seen.time - before_seen.time
-            earlier = _turn_between(before_seen, last_seen) if turned is not None else None
+            earlier = last_seen.turned_since(before_seen) if turned is not None else None
             step = last.position - (before.position if earlier is None else earlier @ before.position)
             position = last.position + (seen.time - last_seen.time) / passed * step
             speed = step / passed
@@ -138,12 +133,6 @@ class Track:
         if turned is not None:
             rotation, position = turned @ last.rotation, turned @ position
         return replace(last, rotation=rotation, position=position, known_motion=known)
-
-    def motion_with(self, seen: Sight, pose: Pose) -> KnownMotion | None:
-        """What is known about the motion in an image from where its own fit puts the target; none if it is too late."""
-        if not self.goes_on(seen.time):
-            return None
-        return replace(self, _found=[*self._found, (seen, pose)]).predict(seen).known_motion
 
 
 def known_motion(place: Array, speed: Array | None, turning: Turning | None, speed_sd: float = 0.0) -> KnownMotion:
@@ -164,14 +153,6 @@ def known_motion(place: Array, speed: Array | None, turning: Turning | None, spe
     along = limits.speed_sd if speed is None else hypot(SINCE, speed_sd)
     expected = motion_of(place, np.zeros(3) if speed is None else speed, rate)
     return KnownMotion(expected, np.array([spread] * 3 + [along]))
-
-
-def _turn_between(then: Sight, now: Sight) -> Array | None:
-    """Camera now from camera then `(3, 3)`, from two attitudes; none when one of them is unknown."""
-    if now.enu_from_cam is None or then.enu_from_cam is None:
-        return None
-    turn: Array = now.enu_from_cam.T @ then.enu_from_cam
-    return turn
 
 
 class OwnSearch:
@@ -245,11 +226,9 @@ BESIDE: Final = 0.05
 
 
 def learn_rows(shutter: Shutter, published: Sequence[tuple[float, Pose]]) -> None:
-    """Tell a shutter how the camera moved while it read an image, from where the images beside it see the target.
+    """Tell a shutter how the camera moved while it read the last but one of the images that were published.
 
-    Args:
-        shutter: of the camera.
-        published: times [s] and poses of the newest three images that were published.
+    `published` are their times [s] and poses: where the images beside that one see the target tells the motion.
     """
     if not shutter.is_open or len(published) < 3:
         return
@@ -288,9 +267,8 @@ class Follower:
         self.track = Track(cfg.coast)
         self.level = LevelKnowledge(target.level, mounting, cfg)
         self.contradicting: Pose | None = None
-        self._target, self._cfg = target, cfg
-        self._search, self._health = OwnSearch(target, detector), health
-        self._fitter = TargetFitter(target, projection)
+        self._cfg, self._health = cfg, health
+        self._search, self._fitter = OwnSearch(target, detector), TargetFitter(target, projection)
         self._bend = LearnedBend(self._fitter.bend_known)
         self._carrier = Carrier(target, projection)
         self.judge = Judge(self._fitter, self.level, cfg)
@@ -303,7 +281,7 @@ class Follower:
             track.lose()
             return
         # An attitude that jumps, or has a swapped sign, turns a prediction away from a target that is where it was.
-        ways = [sight, sight.without_attitude()] if track.turn_to(sight) is not None else [sight]
+        ways = [sight, sight.without_attitude()] if sight.turned_since(track.last_seen) is not None else [sight]
         if any(self._measured(frame, self._starts(seen)) for seen in ways):
             return
         window = self._fitter.window(self._predicted(sight), sight.pixels.shape)
@@ -315,7 +293,7 @@ class Follower:
     def _starts(self, seen: Sight) -> Iterator[tuple[FoundBy, Pose]]:
         """The prediction, and the last pose carried over: before it where the image does not show what it expects."""
         track, predicted = self.track, self._predicted(seen)
-        is_expected = track.has_velocity or track.turn_to(seen) is not None
+        is_expected = track.has_velocity or seen.turned_since(track.last_seen) is not None
         if is_expected and self._fitter.shows(seen.pixels, predicted):
             yield "predicted", predicted
             is_expected = False
@@ -335,9 +313,11 @@ class Follower:
         if not self._fitter.shutter.rolls or self.track.has_velocity:
             return start
         found = self._fitter.refine(seen.pixels, start)
-        if found is None or found.inliers < LIMITS.agreement.blind:
+        if found is None or found.inliers < LIMITS.agreement.blind or not self.track.goes_on(seen.time):
             return start
-        return replace(start, known_motion=self.track.motion_with(seen, found) or start.known_motion)
+        ahead = replace(self.track)
+        ahead.accept(seen, found)
+        return replace(start, known_motion=ahead.predict(seen).known_motion)
 
     def _measured(self, frame: Frame, starts: Iterable[tuple[FoundBy, Pose]]) -> bool:
         """Whether the target is found from one of several starts; it is followed then, and published if believed."""
@@ -454,5 +434,5 @@ class Follower:
         frame.refused.pop(self.name, None)
         self.contradicting = None
         self._health.note(pose, self._fitter.side_px(pose))
-        known = self.name, self._target.frame, pose, verdict.ratio, verdict.decided_by, mode
+        known = self.name, self._fitter.target.frame, pose, verdict.ratio, verdict.decided_by, mode
         frame.poses.append(TargetPose(*known, time - self.track.decoded_at))

@@ -18,7 +18,7 @@ from mkdaemon.vision.pose.fitting import TargetFitter
 from mkdaemon.vision.pose.gates import certainty_refusal, fit_refusal
 from mkdaemon.vision.pose.pose import Pose, angle_between, turn
 from mkdaemon.vision.pose.unknowns import Level
-from mkdaemon.vision.track.attitude import Sight, normal_density, turn_between, without_normal
+from mkdaemon.vision.track.attitude import Sight, fuse_normal, normal_density, turn_between, without_normal
 from mkdaemon.vision.track.branches import Branches
 from mkdaemon.vision.track.level import LevelKnowledge
 
@@ -82,7 +82,7 @@ class Judge:
             if vertical is None:
                 return self._judge_without_attitude(seen, fit, before)
             # What the images before told of the deck; with this one in it the image would count twice.
-            fused = self.level.fuse(seen, fit) if held is None else fit
+            fused = fuse_normal(fit, vertical) if held is None else fit
             return replace(self.judge_with_attitude(seen, fused, before), alone=alone)
         # Nothing lies over a whole target; what lies over a near one misleads its tilt, but not its place.
         is_there = fit is not None and (self.is_whole(fit) or self.is_plainly_there(seen, fit))
@@ -110,7 +110,8 @@ class Judge:
     def _judge_alone(self, seen: Sight, fits: Sequence[Pose]) -> Verdict:
         """Judge the first fits of a target by their image."""
         branches = self.start_branches(seen, fits)
-        if not branches.is_decided and all(self._is_small(pose) for pose in fits):
+        small = LIMITS.cells.small_px
+        if not branches.is_decided and all(one.source == "edges" and self._cell_px(one) < small for one in fits):
             # All pixels of a small target tell more than its edges.
             grey = self._fitter.fit_grey_values(seen.pixels, fits)
             if grey and (by_grey := self.start_branches(seen, grey)).is_decided:
@@ -123,7 +124,7 @@ class Judge:
         branches = self.start_branches(seen, fits, np.array([normal_density(pose, vertical) for pose in fits]))
         pose = branches.pose
         if branches.is_decided and not self.is_partial(pose) and self.refusal(seen, pose) is None:
-            pose = with_angle_variance(self.level.fuse(seen, pose), branches.doubt)
+            pose = with_angle_variance(fuse_normal(pose, vertical), branches.doubt)
         else:
             # Something lying over one side gives a quad that is off by that much.
             best = min(fits, key=lambda pose: pose.loss)
@@ -232,10 +233,6 @@ class Judge:
     def _is_large(self, pose: Pose) -> bool:
         """Whether perspective tells a pose from its mirror image."""
         return self._cell_px(pose) > LIMITS.cells.perspective_px
-
-    def _is_small(self, pose: Pose) -> bool:
-        """Whether edges of a target are near each other."""
-        return pose.source == "edges" and self._cell_px(pose) < LIMITS.cells.small_px
 
     def _cell_px(self, pose: Pose) -> float:
         """Side of a cell of the largest tag in the image [px]."""

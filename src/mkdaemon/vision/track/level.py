@@ -25,7 +25,7 @@ from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.pose import Pose, largest_variance
 from mkdaemon.vision.pose.rolling import skew
 from mkdaemon.vision.pose.unknowns import Level
-from mkdaemon.vision.track.attitude import Mounting, Sight, angle_of, corrected, fuse_normal
+from mkdaemon.vision.track.attitude import Mounting, Sight, angle_of, corrected
 from mkdaemon.vision.track.branches import lasting_doubt
 
 PRIOR_SD: Final = radians(2.5)
@@ -169,11 +169,6 @@ class LevelKnowledge:
         spread = min(float(np.sqrt(largest_variance(pose.covariance[3:, 3:]))), LIMITS.certainty.angle_sd)
         gate = self._gate + spread + (0.0 if is_hidden else level.spread)
         return angle_of(pose.rotation[:, 2], level.up) > gate
-
-    def fuse(self, seen: Sight, pose: Pose) -> Pose:
-        """The pose with what the attitude knows about its tilt."""
-        level = self.vertical(seen)
-        return pose if level is None else fuse_normal(pose, level)
 
     def learn(self, seen: Sight, pose: Pose) -> bool:
         """Take in how the target lies, by a pose that the image alone decided.

@@ -9,7 +9,7 @@ from mkdaemon.telemetry.vision import Alarm, PoseRefusal
 from mkdaemon.vision.arrays import Array
 from mkdaemon.vision.pose.ambiguity import Decision
 from mkdaemon.vision.pose.pose import Pose, inverse, with_floor
-from mkdaemon.vision.tags.detection import Detection
+from mkdaemon.vision.tags.cellread import Detection
 from mkdaemon.vision.track.attitude import Sight
 
 FoundBy = Literal["predicted", "flow", "roi", "search"]

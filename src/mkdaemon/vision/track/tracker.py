@@ -11,7 +11,7 @@ from mkdaemon.vision.camera.intrinsics import Intrinsics
 from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.pose.rolling import Shutter
-from mkdaemon.vision.tags.detection import Detection
+from mkdaemon.vision.tags.cellread import Detection
 from mkdaemon.vision.tags.detector import FIRST, Detector, looks_of
 from mkdaemon.vision.tags.outline import has_highlights
 from mkdaemon.vision.tags.tagmap import TagMap, covered_cells
