@@ -240,13 +240,6 @@ def test_distant_attitudes_say_nothing_about_the_turning_between_them() -> None:
     assert AttitudeHistory(AttitudeSample(k / 10, 0.1 * k, 0.0, 0.0) for k in range(5)).turning_at(0.15) is None
 
 
-def test_edges_that_disagree_change_no_covariance_of_an_image() -> None:
-    """Its residuals say what those left that agree."""
-    pose = replace(pose_of(DOWN), inliers=0.8)
-    published = knowledge().fuse(seen().without_attitude(), pose)
-    np.testing.assert_allclose(published.covariance, pose.covariance)
-
-
 def test_edges_that_disagree_alike_for_a_second_hardly_turn_a_deck_that_was_known() -> None:
     level = knowledge()
     for k in range(60):
