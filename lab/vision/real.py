@@ -23,7 +23,7 @@ from mkdaemon.vision.tags.cellread import CodeReader, Detection
 from mkdaemon.vision.tags.detector import AprilTagSearch, ArucoSearch
 from mkdaemon.vision.tags.tagmap import TagMap, Target
 from mkdaemon.vision.track.attitude import LOOKING_DOWN
-from mkdaemon.vision.track.result import TargetPose
+from mkdaemon.vision.track.follower import TargetPose
 from mkdaemon.vision.track.tracker import Tracker
 from mksim.scene.light import Conditions
 from mksim.scene.processing import Processing

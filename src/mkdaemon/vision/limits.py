@@ -1,10 +1,8 @@
 """Every threshold of the eyes: value, unit, meaning, and where the figure comes from.
 
-Those a user may set stand in `mkdaemon.config.vision`. "Tuned" is chosen by hand on development scenes of
-`python -m lab vision` (docs/lab/accuracy.md).
-Shares are 0 to 1, deviations are standard deviations, widths of edges are half widths. Constants of a numeric method
-(steps, damping, convergence, process noise) stand beside the method. First stands what finding and fitting ask, then
-what is asked of a measured pose (gates, tracks, rivals, health), then the self-calibration.
+Those a user may set stand in `mkdaemon.config.vision`, constants of a numeric method (steps, damping, convergence,
+process noise) beside the method. Shares are 0 to 1, deviations are standard deviations, widths of edges are half
+widths. "Tuned" is chosen by hand on development scenes of `python -m lab vision` (docs/lab/accuracy.md).
 """
 
 from __future__ import annotations

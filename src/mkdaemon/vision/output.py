@@ -30,7 +30,8 @@ from mkdaemon.vision.pose.rolling import skew
 from mkdaemon.vision.tags.cellread import Detection
 from mkdaemon.vision.tags.tagmap import Tag, TagMap
 from mkdaemon.vision.track.attitude import Mounting
-from mkdaemon.vision.track.result import TargetPose, VisionResult
+from mkdaemon.vision.track.follower import TargetPose
+from mkdaemon.vision.track.tracker import VisionResult
 
 
 def camera_frame(name: str) -> str:

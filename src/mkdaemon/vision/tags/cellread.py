@@ -1,8 +1,7 @@
 """Tags found in an image: the cells of a quad are read, and chance has to explain hardly what they say.
 
-Cells may be hidden, or in a highlight, which lifts ink above the paper elsewhere. But it grows slowly and leaves the
-step between ink and paper beside it. So a cell is compared with its neighbours; what is blown on both sides says
-nothing.
+A highlight lifts ink above the paper elsewhere, but leaves the step between ink and paper beside it. So a cell is
+compared with its neighbours; what is blown on both sides says nothing.
 """
 
 from __future__ import annotations
@@ -133,10 +132,7 @@ def has_sides(pixels: Grey, corners: Array, n: int, *, inverted: bool) -> bool:
 
 @lru_cache(maxsize=4096)
 def chance(read: int, wrong: int, tries: int) -> float:
-    """Probability that so many cells of a random quad disagree with one of so many codes in so few, or fewer.
-
-    A bound where it is small: tries are added up.
-    """
+    """Bound of the probability that of so many cells of a random quad so few, or fewer, disagree with one of codes."""
     return tries * sum(math.comb(read, k) for k in range(wrong + 1)) / 2.0**read
 
 
@@ -208,8 +204,7 @@ def _votes(pixels: Grey, homography: Array, contrast: float, codes: _Codes) -> A
     """Whether cells are white `(k, n * n)`, -0.5 to 0.5, by the steps from their outer neighbours; 0 of the border.
 
     Beside a black neighbour of grey value b a cell has b when it is black, and the least of b + contrast and 255 when
-    it is white; beside a white one b - contrast and b. One blown neighbour of a white cell is as good as any; a cell
-    that is blown beside one tells nothing.
+    it is white; beside a white one b - contrast and b.
     """
     outer, of_cell, points = _lines(math.isqrt(codes.bits.shape[1]))
     here, there = sample(pixels, carry(homography, points)).reshape(2, -1, len(ALONG)).mean(axis=2)

@@ -1,13 +1,8 @@
-"""Finding tags in an image by a ladder of searches at a bounded cost; chance has to explain hardly what they find.
+"""Finding tags in an image by searches at a bounded cost, which take turns; docs/vision.md, "Search", says why.
 
-There are four views. In three libapriltag looks for unbroken quads: in the grey values as they are; in light, where a
-tone curve lets white cells spread over small black ones; and in logarithms, where a shadow's edge or leaves are as
-large a step as ink on paper. The fourth are broken outlines (`outline.py`), where something lies over the border or a
-highlight opens it.
-
-A search takes time in proportion to the pixels. The first search of every image therefore sees at most `max_pixels` in
-one of the three tones in turn, and at half their resolution. One other search joins it in every image of
-`thorough_every`: one at their whole resolution, and, in turn with these, one of a tile of a larger image as it is.
+There are four views. In three tones libapriltag looks for unbroken quads; the fourth are broken outlines
+(`outline.py`). The first search of every image sees at most `max_pixels` in one of the tones, at half their resolution.
+One other joins it in every image of `thorough_every`: at their whole resolution, or of a tile of a larger image.
 """
 
 from __future__ import annotations
@@ -144,8 +139,7 @@ class Detector:
         Returns:
             Tags that are believed, at most one per code.
         """
-        height, width = pixels.shape
-        x0, y0, x1, y1 = part or (0, 0, width, height)
+        x0, y0, x1, y1 = part or (0, 0, *pixels.shape[::-1])
         return best_of_codes(self.search_all(pixels, view, part, decimate, shrunk=shrinking(x1 - x0, y1 - y0)))
 
     def search_all(
@@ -185,8 +179,7 @@ class Detector:
 class AprilTagSearch:
     """libapriltag through pyapriltags, in one thread.
 
-    pyapriltags carries upstream's fix of `refine_edges`, which pupil-apriltags and dt-apriltags lack. It corrects two
-    bits of every family: 36 MB for tag36h11, 6 GB for tag52h13. Here large families correct fewer.
+    pyapriltags carries upstream's fix of `refine_edges`, which pupil-apriltags and dt-apriltags lack.
     """
 
     def __init__(self, families: tuple[str, ...]) -> None:
@@ -194,7 +187,7 @@ class AprilTagSearch:
 
     @property
     def library(self) -> Any:
-        """The library with its tables; they take time and serve one thread, whose searches share them."""
+        """The library with its tables, which all searches of one thread share."""
         return _library(self._families, threading.get_ident())
 
     def find(self, pixels: Grey, decimate: float = 1.0) -> list[Detection]:

@@ -143,10 +143,7 @@ def covered(points: Array, tag: Tag) -> Bools:
 
 
 def covered_cells(tagmap: TagMap) -> dict[tuple[str, int], Bools]:
-    """Cells `(n, n)` of each tag, by family and id, whose middles lie under the paper of a later one of its target.
-
-    An inner tag is mostly white: where a tone curve or a highlight spreads white, black cells below it read as white.
-    """
+    """Cells `(n, n)` of each tag, by family and id, whose middles lie under the paper of a later one of its target."""
     found: dict[tuple[str, int], Bools] = {}
     for code, (target, tag) in tagmap.owners.items():
         n = tag.family.black_cells
@@ -262,7 +259,7 @@ def _place(placement: TagPlacement) -> Tag:
 
 
 def _check_overlaps(tags: Sequence[Tag]) -> None:
-    """Refuse tags that hide the border of a larger one: wrong sizes and positions show themselves here."""
+    """Refuse tags that hide the border of a larger one."""
     outlines = np.array([tag.outline for tag in tags])
     quiet = QUIET_ZONE_CELLS * np.array([tag.module for tag in tags])
     for k, outer in enumerate(tags[:-1], 1):

@@ -34,6 +34,11 @@ class AttitudeSample:
     pitch: float
     yaw: float
 
+    @property
+    def is_number(self) -> bool:
+        """Whether time and angles are finite."""
+        return all(isfinite(value) for value in (self.time, self.roll, self.pitch, self.yaw))
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Mounting:
@@ -50,12 +55,7 @@ class Mounting:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Turning:
-    """How a vehicle or its camera turns.
-
-    Attributes:
-        rate: angular rate `(3,)` [rad/s; in its own axes].
-        sd: its deviation, each axis [rad/s].
-    """
+    """Angular rate `(3,)` of a vehicle or its camera [rad/s; in its own axes], and its deviation, each axis."""
 
     rate: Array
     sd: float
@@ -112,8 +112,7 @@ class AttitudeHistory:
     def __init__(self, samples: Iterable[AttitudeSample]) -> None:
         given = tuple(samples)
         self.is_silent = not given
-        numbers = (s for s in given if all(map(isfinite, (s.time, s.roll, s.pitch, s.yaw))))
-        self.samples = tuple(sorted(numbers, key=lambda sample: sample.time))
+        self.samples = tuple(sorted((s for s in given if s.is_number), key=lambda sample: sample.time))
 
     def _beside(self, time: float) -> tuple[AttitudeSample, ...]:
         """The samples before and after a time [s], as far as there are any."""
@@ -206,23 +205,19 @@ def turn_between(start: Array, end: Array) -> Array:
 
 
 def _tilting(pose: Pose, level: Level) -> tuple[Array, Array]:
-    """How two angles across a pose's normal move with the pose `(2, 6)`, and those to the expected one `(2,)` [rad].
-
-    The turn along the normal is yaw, which the attitude says nothing about.
-    """
+    """How two angles across a pose's normal move with the pose `(2, 6)`, and those to the expected one `(2,)` [rad]."""
     normal = pose.rotation[:, 2]
     across = np.linalg.svd(normal.reshape(1, 3))[2][1:]
     return np.hstack([np.zeros((2, 3)), across]), across @ turn_between(normal, level.up)
 
 
 def without_normal(pose: Pose, level: Level) -> tuple[Pose, bool]:
-    """The pose by the image alone, of a fit that was told a normal: `fuse_normal` undone, with the variance -spread^2.
+    """Undo `fuse_normal`, by the variance -spread^2: the pose by the image alone, of a fit that was told a normal.
 
     About an axis that the image says next to nothing about, the pose stays as it is and hardly anything is known of it.
 
     Returns:
-        The pose with its covariance, and whether the image says as much about the tilt as the fit was told: where it
-        says less it is not linear, and the place without is anywhere.
+        The pose, and whether the image says as much about the tilt as the fit was told: it is not linear otherwise.
     """
     observe, surprise = _tilting(pose, level)
     variances, axes = np.linalg.eigh(observe @ pose.covariance @ observe.T)

@@ -6,7 +6,7 @@ from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from math import exp, hypot
-from typing import Final
+from typing import Final, Literal
 
 import cv2
 import numpy as np
@@ -15,29 +15,83 @@ from mkdaemon.config.vision import TrackerSection
 from mkdaemon.telemetry.vision import PoseRefusal
 from mkdaemon.vision.arrays import Array, Grey
 from mkdaemon.vision.limits import HALF, LIMITS
-from mkdaemon.vision.pose.ambiguity import prefers
+from mkdaemon.vision.pose.ambiguity import Decision, prefers
 from mkdaemon.vision.pose.bend import Bend
 from mkdaemon.vision.pose.carry import Carrier
 from mkdaemon.vision.pose.fitting import TargetFitter
-from mkdaemon.vision.pose.pose import Pose
+from mkdaemon.vision.pose.pose import Pose, inverse, with_floor
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.pose.rolling import MOTIONS, KnownMotion, Shutter, motion_of
 from mkdaemon.vision.tags.cellread import Detection
 from mkdaemon.vision.tags.detector import TONES, Detector
 from mkdaemon.vision.tags.tagmap import Tag, Target
-from mkdaemon.vision.track.alarms import ImageHealth
 from mkdaemon.vision.track.attitude import Mounting, Sight, Turning
 from mkdaemon.vision.track.branches import Branches
 from mkdaemon.vision.track.judge import Judge, Verdict
 from mkdaemon.vision.track.level import LevelKnowledge
-from mkdaemon.vision.track.result import FoundBy, Frame, TargetPose
 
+FoundBy = Literal["predicted", "flow", "roi", "search"]
+"""How a pose was found: from a prediction, where the image of the target is found again, in a window, in the whole
+image."""
 LARGE_PX: Final = 160
 """Side of a window from which half the resolution reads a target: 4 px a cell where its tag fills the window."""
 MOST_EFFORT: Final = 5
 """Spent on an image from which no other start is fitted, in fits to edges: one to grey values, and one to edges."""
 SINCE: Final = 0.1
-"""What a speed changes by from the images that told it to this one, 3 m/s^2 for 1/30 s, deviation [m/s]."""
+"""Deviation of a speed from that of the images before: 3 m/s^2 for 1/30 s [m/s]."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TargetPose:
+    """A published pose of one target.
+
+    Attributes:
+        target: name of the target.
+        frame: its frame in `tf`.
+        pose: camera from target, with the covariance of the measurement alone.
+        ratio: residual of the mirrored candidate over this one; infinite without a rival.
+        decided_by: what settled which candidate is true.
+        mode: how it was found.
+        decode_age: time since a tag of the target was last decoded [s].
+    """
+
+    target: str
+    frame: str
+    pose: Pose
+    ratio: float
+    decided_by: Decision
+    mode: FoundBy
+    decode_age: float
+
+    @property
+    def covariance(self) -> Array:
+        """Covariance `(6, 6)` of `pose` including the floor calibration leaves."""
+        return with_floor(self.pose)
+
+    def camera_in_target(self) -> tuple[Array, Array, Array]:
+        """Rotation target from camera, position of the camera [m; target], covariance with floor in target axes."""
+        return inverse(self.pose, self.covariance)
+
+
+@dataclass(slots=True)
+class Frame:
+    """One image on its way through the tracker.
+
+    Attributes:
+        sight: the image, with what is known about its moment.
+        detections: tags decoded in it so far.
+        poses: that are published.
+        refused: why a target has none.
+        found: targets that are followed.
+        started: targets whose decoded tags were judged.
+    """
+
+    sight: Sight
+    detections: list[Detection] = field(default_factory=list)
+    poses: list[TargetPose] = field(default_factory=list)
+    refused: dict[str, PoseRefusal] = field(default_factory=dict)
+    found: set[str] = field(default_factory=set)
+    started: set[str] = field(default_factory=set)
 
 
 @dataclass(slots=True)
@@ -140,8 +194,8 @@ def known_motion(place: Array, speed: Array | None, turning: Turning | None, spe
 
     Args:
         place: of the target `(3,)` [m; RDF].
-        speed: of the target in camera axes, by the images before `(3,)` [m/s]; none without them.
-        turning: how the camera turns, by the vehicle's attitude.
+        speed: of the target by the images before `(3,)` [m/s; RDF].
+        turning: of the camera by the vehicle's attitude.
         speed_sd: deviation of the speed along the optical axis that the images leave [m/s].
     """
     limits = LIMITS.edges
@@ -191,10 +245,7 @@ LASTS: Final = 300.0
 
 
 class LearnedBend:
-    """The bend of one print: a process that returns to what is known without any image within minutes.
-
-    Grey values of a target far away hardly tell a bend from a tilt: what near edges showed is carried on.
-    """
+    """The bend of one print: what near edges showed is carried on, and returns to the prior within minutes."""
 
     def __init__(self, prior: Bend | None) -> None:
         self._prior = self._last = prior
@@ -209,13 +260,13 @@ class LearnedBend:
         return Bend(mean, kept**2 * self._last.covariance + (1.0 - kept**2) * self._prior.covariance)
 
     def learn(self, time: float, pose: Pose) -> None:
-        """Take in what the edges of a published pose say; its fit asked with what was known here."""
+        """Take in what the edges of a published pose say."""
         if pose.bend is None or pose.known_bend is None or pose.source != "edges":
             return
         surprise = pose.bend.mean - pose.known_bend.mean
         is_learned = self._last is not self._prior
         is_moved = is_learned and float(surprise @ pose.known_bend.information @ surprise) > MOVED
-        # A sheet that moved, or was learned wrong, is learned anew; one that its file does not expect is learned, too.
+        # A sheet that moved is learned anew.
         self._last, self._time = self._prior if is_moved else pose.bend, time
 
 
@@ -251,6 +302,7 @@ class Follower:
         track: its memory.
         level: how it lies by the attitude.
         judge: decides about its poses.
+        side_px: side of its largest tag in an image, by a pose [px].
         contradicting: the pose of the newest image that contradicts the attitude; none without one.
     """
 
@@ -259,7 +311,6 @@ class Follower:
         target: Target,
         projection: Projection,
         detector: Detector,
-        health: ImageHealth,
         mounting: Mounting | None,
         cfg: TrackerSection,
     ) -> None:
@@ -267,15 +318,16 @@ class Follower:
         self.track = Track(cfg.coast)
         self.level = LevelKnowledge(target.level, mounting, cfg)
         self.contradicting: Pose | None = None
-        self._cfg, self._health = cfg, health
+        self._cfg = cfg
         self._search, self._fitter = OwnSearch(target, detector), TargetFitter(target, projection)
         self._bend = LearnedBend(self._fitter.bend_known)
+        self.side_px = self._fitter.side_px
         self._carrier = Carrier(target, projection)
         self.judge = Judge(self._fitter, self.level, cfg)
 
     def follow(self, frame: Frame) -> None:
         """Try to find the target where it should be."""
-        sight, track = self._seen(frame), self.track
+        sight, track = self.level.sight(frame.sight), self.track
         self._fitter.effort = 0
         if not track.goes_on(sight.time):
             track.lose()
@@ -306,10 +358,7 @@ class Follower:
             yield "predicted", predicted
 
     def _with_climb(self, seen: Sight, start: Pose) -> Pose:
-        """The start of a track's second image with the speed that both ranges tell.
-
-        Under a rolling shutter a climb looks like a tilt, and does not change the range half way through the image.
-        """
+        """The start of a track's second image with the speed that both ranges tell: rows make a tilt of a climb."""
         if not self._fitter.shutter.rolls or self.track.has_velocity:
             return start
         found = self._fitter.refine(seen.pixels, start)
@@ -321,7 +370,7 @@ class Follower:
 
     def _measured(self, frame: Frame, starts: Iterable[tuple[FoundBy, Pose]]) -> bool:
         """Whether the target is found from one of several starts; it is followed then, and published if believed."""
-        seen = self._seen(frame)
+        seen = self.level.sight(frame.sight)
         for mode, start in starts:
             verdict = self.judge.measure(seen, self._with_climb(seen, start), self.track.branches)
             if self._is_believed(frame, verdict):
@@ -334,10 +383,7 @@ class Follower:
         return True
 
     def _is_believed(self, frame: Frame, verdict: Verdict) -> bool:
-        """Whether the target is followed where a verdict puts it: no gate and no image speaks against it.
-
-        What contradicts the attitude from one start counts for all starts of the image.
-        """
+        """Whether the target is followed where a verdict puts it: no gate, and no other start, speaks against it."""
         pose, against = verdict.pose, self.contradicting
         if pose is not None and (against is None or not prefers(against, pose)):
             if not verdict.contradicts:
@@ -348,7 +394,7 @@ class Follower:
 
     def _follow(self, frame: Frame, verdict: Verdict, mode: FoundBy) -> None:
         """Follow a target that is found, and publish it if it is believed."""
-        pose, seen = verdict.pose, self._seen(frame)
+        pose, seen = verdict.pose, self.level.sight(frame.sight)
         if pose is None or not self._decode_again(frame, pose):
             return
         frame.found.add(self.name)
@@ -383,7 +429,7 @@ class Follower:
         if not tags:
             return
         frame.started.add(self.name)
-        seen, track = self._seen(frame), self.track
+        seen, track = self.level.sight(frame.sight), self.track
         candidates = self._fitter.cold(
             seen.pixels, tags, lambda place: known_motion(place, None, seen.turning), self._bend.at(seen.time)
         )
@@ -418,10 +464,6 @@ class Follower:
         self.start(frame, found, "roi")
         return False
 
-    def _seen(self, frame: Frame) -> Sight:
-        """An image as the target is looked for in it: without an attitude that its images contradict."""
-        return self.level.sight(frame.sight)
-
     def _predicted(self, seen: Sight) -> Pose:
         """What the track expects in an image, with what is known of the print's bend."""
         return replace(self.track.predict(seen), bend=None, known_bend=self._bend.at(seen.time))
@@ -433,6 +475,5 @@ class Follower:
         learn_rows(self._fitter.shutter, self.track.published)
         frame.refused.pop(self.name, None)
         self.contradicting = None
-        self._health.note(pose, self._fitter.side_px(pose))
         known = self.name, self._fitter.target.frame, pose, verdict.ratio, verdict.decided_by, mode
         frame.poses.append(TargetPose(*known, time - self.track.decoded_at))

@@ -80,7 +80,11 @@ class Judge:
         refused = self.refusal(seen, fit) if fit is not None else PoseRefusal.NO_FIT
         if fit is not None and refused is None:
             if vertical is None:
-                return self._judge_without_attitude(seen, fit, before)
+                # Its mirror image, the images before and the vehicle's inertia judge it.
+                candidates = self.candidates(seen, [fit])
+                branches = self.branches(seen, candidates, before)
+                refused = None if branches.pose is fit else self.refusal(seen, branches.pose)
+                return self._judge_branches(seen, branches, candidates) if refused is None else Verdict(None, refused)
             # What the images before told of the deck; with this one in it the image would count twice.
             fused = fuse_normal(fit, vertical) if held is None else fit
             return replace(self.judge_with_attitude(seen, fused, before), alone=alone)
@@ -109,19 +113,20 @@ class Judge:
 
     def _judge_alone(self, seen: Sight, fits: Sequence[Pose]) -> Verdict:
         """Judge the first fits of a target by their image."""
-        branches = self.start_branches(seen, fits)
+        branches = self.branches(seen, fits)
         small = LIMITS.cells.small_px
         if not branches.is_decided and all(one.source == "edges" and self._cell_px(one) < small for one in fits):
             # All pixels of a small target tell more than its edges.
             grey = self._fitter.fit_grey_values(seen.pixels, fits)
-            if grey and (by_grey := self.start_branches(seen, grey)).is_decided:
+            if grey and (by_grey := self.branches(seen, grey)).is_decided:
                 fits, branches = grey, by_grey
         verdict = self._judge_branches(seen, branches, fits)
         return replace(verdict, decided_by="unique" if verdict.ratio == inf else "image")
 
     def _judge_beside(self, seen: Sight, fits: Sequence[Pose], vertical: Level) -> Verdict:
         """Judge the first fits of a target by image and attitude."""
-        branches = self.start_branches(seen, fits, np.array([normal_density(pose, vertical) for pose in fits]))
+        expected = np.array([normal_density(pose, vertical) for pose in fits])
+        branches = self.branches(seen, fits, log_prior=expected)
         pose = branches.pose
         if branches.is_decided and not self.is_partial(pose) and self.refusal(seen, pose) is None:
             pose = with_angle_variance(fuse_normal(pose, vertical), branches.doubt)
@@ -132,21 +137,21 @@ class Judge:
             held = self._fitter.refine(seen.pixels, replace(best, rotation=upright), vertical)
             if held is None or self.refusal(seen, held, is_hidden=True) is not None:
                 return Verdict(None, PoseRefusal.ATTITUDE)
-            pose, branches = held, self.start_branches(seen, [held])
+            pose, branches = held, self.branches(seen, [held])
         refused = certainty_refusal(pose, has_attitude=True)
         return Verdict(pose, refused, branches=branches, decided_by="attitude")
 
-    def start_branches(self, seen: Sight, candidates: Sequence[Pose], log_prior: Array | None = None) -> Branches:
-        """Branches that start in this image, by it and what else is told; a single candidate is believed."""
+    def branches(
+        self, seen: Sight, candidates: Sequence[Pose], before: Branches | None = None, log_prior: Array | None = None
+    ) -> Branches:
+        """The readings of the images before with this one, or such as start in it; see `Branches.begin`."""
+        if before is not None:
+            return before.after(seen.time, candidates)
         return Branches.begin(seen.time, candidates, log_prior, moving=self._fitter.target.moving)
-
-    def _go_on(self, seen: Sight, candidates: Sequence[Pose], before: Branches | None) -> Branches:
-        """Branches with this image."""
-        return self.start_branches(seen, candidates) if before is None else before.after(seen.time, candidates)
 
     def judge_with_attitude(self, seen: Sight, pose: Pose, before: Branches | None) -> Verdict:
         """Judge a fit that agrees with the attitude; inertia is asked where the fit alone is too uncertain."""
-        refused, branches = certainty_refusal(pose, has_attitude=True), self._go_on(seen, [pose], before)
+        refused, branches = certainty_refusal(pose, has_attitude=True), self.branches(seen, [pose], before)
         if refused is not None and self._is_on_course(branches):
             pose = branches.prior.fuse(pose)
             refused = certainty_refusal(pose, has_attitude=True)
@@ -157,13 +162,6 @@ class Judge:
         is_hit = branches.is_decided and not branches.missed[0]
         return is_hit and branches.prior.mahalanobis2(branches.pose) <= CERTAINTY.surprising
 
-    def _judge_without_attitude(self, seen: Sight, pose: Pose, before: Branches | None) -> Verdict:
-        """Judge a fit by its mirror image, the images before and the vehicle's inertia."""
-        candidates = self.candidates(seen, [pose])
-        branches = self._go_on(seen, candidates, before)
-        refused = None if branches.pose is pose else self.refusal(seen, branches.pose)
-        return self._judge_branches(seen, branches, candidates) if refused is None else Verdict(None, refused)
-
     def _judge_branches(self, seen: Sight, branches: Branches, candidates: Sequence[Pose]) -> Verdict:
         """Judge the likeliest reading of the images so far."""
         chosen = branches.pose
@@ -172,8 +170,8 @@ class Judge:
         fused = with_angle_variance(branches.prior.fuse(chosen), branches.doubt)
         if not self._is_on_course(branches):
             return Verdict(fused, PoseRefusal.OFF_COURSE, branches=branches)
-        is_partial, is_backed = self.is_partial(chosen), branches.prior.angle_sd < CERTAINTY.blind_angle_sd
-        is_plain = is_backed or self.is_plain(seen, fused)
+        is_partial = self.is_partial(chosen)
+        is_plain = branches.prior.angle_sd < CERTAINTY.blind_angle_sd or self.is_plain(seen, fused)
         # Hidden parts, or a border faked by what hides them: the edges seen tell these apart.
         is_plain = is_plain or (is_partial and self._fitter.is_supported(seen.pixels, chosen))
         if is_partial and not is_plain:
@@ -201,10 +199,8 @@ class Judge:
         return PoseRefusal.ATTITUDE if self.level.refuses(seen, pose, is_hidden=is_hidden) else None
 
     def candidates(self, seen: Sight, fits: Sequence[Pose]) -> list[Pose]:
-        """Fits of one image and, where perspective does not rule it out, the mirror image of the best one.
-
-        The starts of both may have run into one minimum; a branch without its rival would be believed unchallenged.
-        """
+        """Fits of one image and, where perspective does not rule it out, the mirror image of the best one."""
+        # The starts of both may have run into one minimum; a branch without its rival would be believed unchallenged.
         best = min(fits, key=lambda pose: pose.loss)
         is_blurred = best.blur_px is not None and best.blur_px > LIMITS.blur.smeared_px
         if self._is_large(best) and not is_blurred:
