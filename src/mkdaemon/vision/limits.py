@@ -128,6 +128,7 @@ class ReadLimits:
     """Reading the cells of a known print."""
 
     saturated: int = of(253, "grey", "a pixel from here up may have been anything", NOISE)
+    nearly_blown: float = of(3.0 * NOISE_GREY, "grey", "below `saturated` noise decides: two deviations of ink", NOISE)
     least_contrast: float = of(0.15, "share", "of the usual contrast, or slope, of an edge", STILLS)
     misread: float = of(0.05, "share", "of neighbouring cells in view, where the print is", STILLS)
     beside_cells: int = of(3, "cells", "that a fit may lie beside its place", "nested targets; farther fails the bits")
@@ -135,11 +136,6 @@ class ReadLimits:
     max_chance: float = of(1e-6, "probability", "that a random quad reads so well", "none in 1,000 images allow 2e-5")
     least_side: float = of(0.3, "share", "of a side of a print that its outline shows", "rims of highlights show 0.2")
     rise: float = of(20.0, "grey", "step of an edge in a highlight; no more of it counts", "10: 10 of 280 tags less")
-
-    @property
-    def nearly_blown(self) -> float:
-        """So far below `saturated` noise decides which pixels are: two deviations of bright ink [grey]."""
-        return 3.0 * NOISE_GREY
 
 
 @dataclass(frozen=True, slots=True)

@@ -138,13 +138,7 @@ def chance(read: int, wrong: int, tries: int) -> float:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Codes:
-    """Codes of one family, each turned counter-clockwise by 0 to 3 quarters: `k` in all, cells row by row.
-
-    Attributes:
-        ids: of the codes, each for four turns.
-        bits: which cells are white, border included `(k, n * n)`.
-        seen: which have nothing on them `(k, n * n)`.
-    """
+    """Ids of a family, and of each turned by 0 to 3 quarters the cells that are white and seen `(4 * k, n * n)`."""
 
     ids: list[int]
     bits: Bools
@@ -221,13 +215,9 @@ def _votes(pixels: Grey, homography: Array, contrast: float, codes: _Codes) -> A
 
 @lru_cache(maxsize=32)
 def _lines(n: int) -> tuple[npt.NDArray[np.intp], Array, Array]:
-    """The `m` lines between neighbouring cells of a tag of `n` cells a side, in cell coordinates.
+    """Of the `m` lines between neighbouring cells of a tag the outer cell `(m,)`, and whether one counts for a cell.
 
-    Every line counts for one of its cells, the inner one, so that a cell says no more than one bit.
-
-    Returns:
-        The other cell of each line, row by row `(m,)`; whether a line counts for a cell `(m, n * n)`; samples
-        beside the lines, those in inner cells first `(2 * m * 3, 2)`.
+    Only for the inner one `(m, n * n)`. And samples on both sides, those in inner cells first `(2 * m * 3, 2)` [cells].
     """
     index, inside = np.arange(n * n).reshape(n, n), to_rim(n).ravel()
     beside, below = (index[:, :-1], index[:, 1:]), (index[:-1], index[1:])

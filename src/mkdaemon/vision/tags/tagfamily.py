@@ -114,10 +114,6 @@ def size_words(family: TagFamily) -> str:
 def cells(family: str, tag_id: int) -> Grey:
     """Return the bitmap of an official print, without the white cells around it.
 
-    Args:
-        family: for example `tag36h11`.
-        tag_id: the code.
-
     Returns:
         `(n, n)` uint8, 0 black and 255 white, row 0 at the top, `n = black_cells`; read-only.
 

@@ -183,12 +183,7 @@ def updated(pose: Pose, observe: Array, surprise: Array, noise: Array) -> Pose:
 
 def fuse_normal(pose: Pose, level: Level) -> Pose:
     """Tell a pose what is known about its target's normal."""
-    return updated(pose, *_tilting(pose, level), level.spread**2 * np.eye(2))
-
-
-def normal_density(pose: Pose, level: Level) -> float:
-    """Logarithm of the density of a pose's normal where one is expected, as `corrected` tells it [1/rad^2]."""
-    return float(corrected(pose.covariance, *_tilting(pose, level), level.spread**2 * np.eye(2))[2])
+    return updated(pose, *tilting(pose, level))
 
 
 def angle_of(a: Array, b: Array) -> float:
@@ -204,11 +199,15 @@ def turn_between(start: Array, end: Array) -> Array:
     return turned
 
 
-def _tilting(pose: Pose, level: Level) -> tuple[Array, Array]:
-    """How two angles across a pose's normal move with the pose `(2, 6)`, and those to the expected one `(2,)` [rad]."""
+def tilting(pose: Pose, level: Level) -> tuple[Array, Array, Array]:
+    """What is known of a pose's normal, as `corrected` takes it.
+
+    How two angles across it move with the pose `(2, 6)`, those to the expected one `(2,)` and their covariance [rad].
+    """
     normal = pose.rotation[:, 2]
     across = np.linalg.svd(normal.reshape(1, 3))[2][1:]
-    return np.hstack([np.zeros((2, 3)), across]), across @ turn_between(normal, level.up)
+    observe = np.hstack([np.zeros((2, 3)), across])
+    return observe, across @ turn_between(normal, level.up), level.spread**2 * np.eye(2)
 
 
 def without_normal(pose: Pose, level: Level) -> tuple[Pose, bool]:
@@ -219,7 +218,7 @@ def without_normal(pose: Pose, level: Level) -> tuple[Pose, bool]:
     Returns:
         The pose, and whether the image says as much about the tilt as the fit was told: it is not linear otherwise.
     """
-    observe, surprise = _tilting(pose, level)
+    observe, surprise, _ = tilting(pose, level)
     variances, axes = np.linalg.eigh(observe @ pose.covariance @ observe.T)
     known = 1.0 / level.spread**2
     own = 1.0 / variances - known

@@ -23,7 +23,7 @@ from mkdaemon.vision.pose.pose import Pose, inverse, with_floor
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.pose.rolling import MOTIONS, KnownMotion, Shutter, motion_of
 from mkdaemon.vision.tags.cellread import Detection
-from mkdaemon.vision.tags.detector import TONES, Detector
+from mkdaemon.vision.tags.detector import TONES, Detector, Part
 from mkdaemon.vision.tags.tagmap import Tag, Target
 from mkdaemon.vision.track.attitude import Mounting, Sight, Turning
 from mkdaemon.vision.track.branches import Branches
@@ -31,8 +31,7 @@ from mkdaemon.vision.track.judge import Judge, Verdict
 from mkdaemon.vision.track.level import LevelKnowledge
 
 FoundBy = Literal["predicted", "flow", "roi", "search"]
-"""How a pose was found: from a prediction, where the image of the target is found again, in a window, in the whole
-image."""
+"""How a pose was found: where it is expected, where the target's image is found again, by tags near it or anywhere."""
 LARGE_PX: Final = 160
 """Side of a window from which half the resolution reads a target: 4 px a cell where its tag fills the window."""
 MOST_EFFORT: Final = 5
@@ -209,35 +208,6 @@ def known_motion(place: Array, speed: Array | None, turning: Turning | None, spe
     return KnownMotion(expected, np.array([spread] * 3 + [along]))
 
 
-class OwnSearch:
-    """Searches windows `(x0, y0, x1, y1)` [px], end exclusive, for the tags of one target."""
-
-    def __init__(self, target: Target, detector: Detector) -> None:
-        self._target, self._detector = target, detector
-        self._turn = 0
-
-    def again(self, pixels: Grey, window: tuple[int, int, int, int]) -> list[Detection]:
-        """Tags of a part of the image; a search that finds none of the target's rests, then another has its turn."""
-        turn, rests = divmod(self._turn, LIMITS.search.beside_every)
-        self._turn += 1
-        if rests:
-            return []
-        x0, y0, x1, y1 = window
-        is_large = min(x1 - x0, y1 - y0) >= LARGE_PX
-        found = self._detector.search(pixels, TONES[turn % len(TONES)], window, 2 if is_large else 1)
-        self._turn -= bool(self.own(found))
-        return found
-
-    def nearby(self, pixels: Grey, window: tuple[int, int, int, int], misses: int) -> list[Detection]:
-        """Tags of a part of the image, searched in another tone after every miss."""
-        return self._detector.search(pixels, TONES[misses % len(TONES)], window)
-
-    def own(self, found: Sequence[Detection]) -> list[tuple[Tag, Detection]]:
-        """The target's own tags among decoded ones."""
-        tags = self._target.tags
-        return [(t, one) for one in found for t in tags if (t.family.name, t.tag_id) == (one.family, one.tag_id)]
-
-
 MOVED: Final = 16.3
 """Squared distance of a bend from what was known of it, from which that was wrong: chi-square(3), one in 1000."""
 LASTS: Final = 300.0
@@ -318,8 +288,8 @@ class Follower:
         self.track = Track(cfg.coast)
         self.level = LevelKnowledge(target.level, mounting, cfg)
         self.contradicting: Pose | None = None
-        self._cfg = cfg
-        self._search, self._fitter = OwnSearch(target, detector), TargetFitter(target, projection)
+        self._cfg, self._detector, self._turn = cfg, detector, 0
+        self._fitter = TargetFitter(target, projection)
         self._bend = LearnedBend(self._fitter.bend_known)
         self.side_px = self._fitter.side_px
         self._carrier = Carrier(target, projection)
@@ -338,7 +308,7 @@ class Follower:
             return
         window = self._fitter.window(self._predicted(sight), sight.pixels.shape)
         if window is not None:
-            found = self._search.nearby(sight.pixels, window, track.misses)
+            found = self._detector.search(sight.pixels, TONES[track.misses % len(TONES)], window)
             frame.detections.extend(found)
             self.start(frame, found, "roi")
 
@@ -425,7 +395,7 @@ class Follower:
 
     def start(self, frame: Frame, found: Sequence[Detection], mode: FoundBy) -> None:
         """Start or restart the track from decoded tags of any target, found in some way."""
-        tags = self._search.own(found)
+        tags = self._own(found)
         if not tags:
             return
         frame.started.add(self.name)
@@ -450,8 +420,8 @@ class Follower:
         if overdue < 0.0:
             return True
         window = self._fitter.window(pose, pixels.shape)
-        found = self._search.again(pixels, window) if window is not None else []
-        tags = self._search.own(found)
+        found = self._search_again(pixels, window) if window is not None else []
+        tags = self._own(found)
         frame.detections.extend(found)
         if tags and self._fitter.disagreement(pose, tags) < HALF:
             track.decoded_at = now
@@ -463,6 +433,23 @@ class Follower:
         track.lose()
         self.start(frame, found, "roi")
         return False
+
+    def _search_again(self, pixels: Grey, window: Part) -> list[Detection]:
+        """Tags of a part of the image; a search that finds none of the target's rests, then another has its turn."""
+        turn, rests = divmod(self._turn, LIMITS.search.beside_every)
+        self._turn += 1
+        if rests:
+            return []
+        x0, y0, x1, y1 = window
+        is_large = min(x1 - x0, y1 - y0) >= LARGE_PX
+        found = self._detector.search(pixels, TONES[turn % len(TONES)], window, 2 if is_large else 1)
+        self._turn -= bool(self._own(found))
+        return found
+
+    def _own(self, found: Sequence[Detection]) -> list[tuple[Tag, Detection]]:
+        """The target's own tags among decoded ones."""
+        tags = self._fitter.target.tags
+        return [(tag, one) for one in found for tag in tags if (tag.family.name, tag.tag_id) == one.code]
 
     def _predicted(self, seen: Sight) -> Pose:
         """What the track expects in an image, with what is known of the print's bend."""

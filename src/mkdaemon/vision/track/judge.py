@@ -18,7 +18,7 @@ from mkdaemon.vision.pose.fitting import TargetFitter
 from mkdaemon.vision.pose.gates import certainty_refusal, fit_refusal
 from mkdaemon.vision.pose.pose import Pose, angle_between, turn
 from mkdaemon.vision.pose.unknowns import Level
-from mkdaemon.vision.track.attitude import Sight, fuse_normal, normal_density, turn_between, without_normal
+from mkdaemon.vision.track.attitude import Sight, corrected, fuse_normal, tilting, turn_between, without_normal
 from mkdaemon.vision.track.branches import Branches
 from mkdaemon.vision.track.level import LevelKnowledge
 
@@ -125,7 +125,7 @@ class Judge:
 
     def _judge_beside(self, seen: Sight, fits: Sequence[Pose], vertical: Level) -> Verdict:
         """Judge the first fits of a target by image and attitude."""
-        expected = np.array([normal_density(pose, vertical) for pose in fits])
+        expected = np.array([corrected(one.covariance, *tilting(one, vertical))[2] for one in fits])
         branches = self.branches(seen, fits, log_prior=expected)
         pose = branches.pose
         if branches.is_decided and not self.is_partial(pose) and self.refusal(seen, pose) is None:

@@ -65,13 +65,9 @@ FAST: Final = radians(0.5)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Belief:
-    """What is known by each kind.
+    """Probability of each kind `(4,)`, and mean `(4, 4)` and covariance `(4, 4, 4)` of four angles by it [rad].
 
-    Attributes:
-        weight: probability of each `(4,)`.
-        mean: `(4, 4)`: horizontal part of the deck's normal, east and north, and error of the attitude about the
-            vehicle's axes, roll and pitch [rad].
-        covariance: of `mean` `(4, 4, 4)` [rad^2].
+    The horizontal part of the deck's normal, east and north; the attitude's error about the vehicle's roll and pitch.
     """
 
     weight: Array
@@ -163,11 +159,7 @@ class LevelKnowledge:
         return angle_of(pose.rotation[:, 2], level.up) > gate
 
     def learn(self, seen: Sight, pose: Pose) -> bool:
-        """Take in how the target lies, by a pose that the image alone decided.
-
-        Returns:
-            Whether the attitude is left out from this image on, and was not before.
-        """
+        """Take in how the target lies, by a pose that the image alone decided; whether that leaves the attitude out."""
         known = self._attitude(seen)
         if known is None:
             return False
