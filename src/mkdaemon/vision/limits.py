@@ -42,11 +42,6 @@ class CertaintyLimits:
     blind_rms_px: float = of(0.5, "px", "residual without attitude, as shift of edges: 0.2-0.3 behind webcams", BLIND)
 
     @property
-    def surprising(self) -> float:
-        """Squared distance from the course that is not published: chi-square(3), one in 900."""
-        return self.deviations**2
-
-    @property
     def angle_sd(self) -> float:
         """Largest deviation of an angle of a pose beside an attitude [rad]."""
         return self.wrong_angle / self.deviations

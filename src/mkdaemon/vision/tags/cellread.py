@@ -102,8 +102,7 @@ def image_from_cells(corners: Array, n: int) -> Array:
 def carry(homography: Array, points: Array) -> Array:
     """Map `(n, 2)` points; by each of several homographies `(..., 3, 3)` where there are more."""
     carried = points @ np.swapaxes(homography[..., :2], -1, -2) + homography[..., None, :, 2]
-    mapped: Array = carried[..., :2] / carried[..., 2:]
-    return mapped
+    return np.asarray(carried[..., :2] / carried[..., 2:])
 
 
 def rim_steps(pixels: Grey, homography: Array, n: int, depth: float) -> Array:
@@ -121,10 +120,8 @@ def _rims(n: int, depth: float) -> Array:
 
 
 def has_sides(pixels: Grey, corners: Array, n: int, *, inverted: bool) -> bool:
-    """Whether all four sides of a quad have white right outside and black inside; `inverted` the other way round.
-
-    Both are taken from beside each other, so that shadows do not count against a side.
-    """
+    """Whether all four sides of a quad have white right outside and black inside; `inverted` the other way round."""
+    # Both are taken from beside each other, so that shadows do not count against a side.
     contrast = rim_steps(pixels, image_from_cells(corners, n), n, SIDE_CELLS) * (-1 if inverted else 1)
     floor = max(NOISE_GREY, LIMITS.read.least_contrast * float(np.median(np.abs(contrast))))
     return bool(((contrast > floor).mean(axis=1) > HALF).all())

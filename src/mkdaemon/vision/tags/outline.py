@@ -97,12 +97,10 @@ class Lines:
     shares: Array
 
     def corners(self) -> Array:
-        """Where each line meets each one that may follow it clockwise `(n, n, 2)` [px]; NaN where none may.
-
-        The outline runs over the blob's own pixels: its edge is half a pixel farther out.
-        """
+        """Where each line meets each one that may follow it clockwise `(n, n, 2)` [px]; NaN where none may."""
         x, y = self.ways.T
         sines = x[:, None] * y - y[:, None] * x
+        # The outline runs over the blob's own pixels: its edge is half a pixel farther out.
         out = y * self.starts[:, 0] - x * self.starts[:, 1] + HALF
         crossings = out[:, None] * self.ways[:, None] - out[:, None, None] * self.ways
         return np.asarray(crossings / np.where(sines > 0, sines, np.nan)[..., None])

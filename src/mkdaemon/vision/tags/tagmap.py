@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -138,8 +139,7 @@ class TagMap:
 def covered(points: Array, tag: Tag) -> Bools:
     """Which points `(n, 3)` [m; target] lie under the paper of a tag in the same plane."""
     local, half = np.abs(tag.local(points)), tag.paper / 2 + COVER_CELLS * tag.module
-    under: Bools = (local[:, 2] < tag.module) & (local[:, :2].max(axis=1) <= half)
-    return under
+    return np.asarray((local[:, 2] < tag.module) & (local[:, :2].max(axis=1) <= half))
 
 
 def covered_cells(tagmap: TagMap) -> dict[tuple[str, int], Bools]:
@@ -220,12 +220,11 @@ def _placed(section: TargetSection, others: TagMap) -> Target:
         raise VisionError(msg)
     owners = {code: owner.name for code, (owner, _) in others.owners.items()}
     for one in placements:
-        owner = owners.get((one.family, one.id))
-        if owner is not None:
-            tag = f"{one.family} id {one.id} is in target '{section.name}' and already in '{owner}'"
+        if (code := (one.family, one.id)) in owners:
+            tag = f"{one.family} id {one.id} is in target '{section.name}' and already in '{owners[code]}'"
             msg = f"{tag}; every tag may exist once, give one of them another id"
             raise VisionError(msg)
-        owners[one.family, one.id] = section.name
+        owners[code] = section.name
     tags = tuple(sorted(map(_place, placements), key=lambda tag: -tag.size))
     _check_overlaps(tags)
     frame = section.frame or section.name
@@ -235,11 +234,10 @@ def _placed(section: TargetSection, others: TagMap) -> Target:
 def _grid(board: BoardSection) -> tuple[TagPlacement, ...]:
     pitch = board.size + board.spacing
     left, top = -(board.columns - 1) / 2 * pitch, (board.rows - 1) / 2 * pitch
+    ys, xs = (top - row * pitch for row in range(board.rows)), (left + k * pitch for k in range(board.columns))
     return tuple(
         TagPlacement(family=board.family, id=board.first_id + k, size=board.size, position=(x, y, 0.0))
-        for k, (y, x) in enumerate(
-            (top - row * pitch, left + column * pitch) for row in range(board.rows) for column in range(board.columns)
-        )
+        for k, (y, x) in enumerate(itertools.product(ys, xs))
     )
 
 

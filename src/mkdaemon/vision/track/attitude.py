@@ -85,8 +85,7 @@ class Sight:
         """Camera now from camera then `(3, 3)`; none when one of both attitudes is unknown."""
         if self.enu_from_cam is None or then.enu_from_cam is None:
             return None
-        turned: Array = self.enu_from_cam.T @ then.enu_from_cam
-        return turned
+        return np.asarray(self.enu_from_cam.T @ then.enu_from_cam)
 
 
 LEAST_SINE = 1e-12
@@ -129,16 +128,12 @@ class AttitudeHistory:
             start, end = map(_rotation, beside)
             share = (time - beside[0].time) / max(beside[1].time - beside[0].time, 1e-9)
             turned = cv2.Rodrigues(end @ start.T)[0] * share
-            found: Array = np.asarray(cv2.Rodrigues(turned)[0]) @ start
-            return found
+            return np.asarray(cv2.Rodrigues(turned)[0] @ start)
         near = [s for s in beside if abs(s.time - time) <= max_age]
         return _rotation(min(near, key=lambda s: abs(s.time - time))) if near else None
 
     def turning_at(self, time: float) -> Turning | None:
-        """How the vehicle turns at a time [s] between two samples [FLU]; none between distant ones.
-
-        Their difference is the rate half way between them; it changes until `time`.
-        """
+        """How the vehicle turns at a time [s] between two samples [FLU]; none between distant ones."""
         beside = self._beside(time)
         if len(beside) < 2 or beside[1].time - beside[0].time > FARTHEST_SAMPLES:
             return None
@@ -146,6 +141,7 @@ class AttitudeHistory:
         turned = np.asarray(cv2.Rodrigues(start.T @ end)[0], dtype=np.float64).ravel()
         apart = max(beside[1].time - beside[0].time, LEAST_TIME)
         noise = sqrt(2.0) * LIMITS.edges.attitude_noise / apart
+        # The rate half way between them changes until then.
         late = time - (beside[1].time + beside[0].time) / 2.0
         return Turning(turned / apart, hypot(noise, LIMITS.edges.acceleration_sd * late))
 
@@ -195,8 +191,7 @@ def turn_between(start: Array, end: Array) -> Array:
     """Rotation vector from one direction to another, both of length 1 `(3,)` [rad]."""
     axis = skew(start) @ end
     sine = float(np.linalg.norm(axis))
-    turned: Array = axis / sine * float(np.arctan2(sine, start @ end)) if sine > LEAST_SINE else axis
-    return turned
+    return np.asarray(axis / sine * float(np.arctan2(sine, start @ end)) if sine > LEAST_SINE else axis)
 
 
 def tilting(pose: Pose, level: Level) -> tuple[Array, Array, Array]:

@@ -229,15 +229,11 @@ class Branches:
         # Where both readings are nearly one, what was said against one of them says nothing.
         before = np.where(apart <= near, self.together[:, None], np.inf).min(axis=0)
         odds = [min((log_odds(a, b) for b in candidates if b is not a), default=0.0) for a in candidates]
-        summed: Array = np.clip(AMBIGUITY.remembered * before - odds, 0.0, MOST_ODDS)
-        return summed
+        return np.asarray(np.clip(AMBIGUITY.remembered * before - odds, 0.0, MOST_ODDS))
 
 
 def places(poses: Sequence[Pose], caution: float | None = None) -> tuple[Array, Array]:
-    """Where poses put the lens `(m, 3)` [m; target], and the covariances of these places `(m, 3, 3)`.
-
-    `caution` is a factor on the variance of the poses, other than `shared_doubt`.
-    """
+    """Where poses put the lens `(m, 3)` [m; target], and covariances `(m, 3, 3)`; `caution` is a factor on the poses'."""
     centre, spread = np.empty((len(poses), 3)), np.empty((len(poses), 3, 3))
     for k, pose in enumerate(poses):
         factor = CAUTION * shared_doubt(pose) if caution is None else caution
@@ -265,8 +261,7 @@ def _evidence(candidates: Sequence[Pose]) -> Array:
 def _angles(some: Array, others: Array) -> Array:
     """Angles between directions `(n, 3)` and `(m, 3)`, `(n, m)` [rad]."""
     a, b = (x / np.maximum(np.linalg.norm(x, axis=1, keepdims=True), LEAST_NORM) for x in (some, others))
-    angles: Array = np.arccos(np.clip(a @ b.T, -1.0, 1.0))
-    return angles
+    return np.asarray(np.arccos(np.clip(a @ b.T, -1.0, 1.0)))
 
 
 def _likeliest(centre: Array, weight: Array, missed: npt.NDArray[np.bool_]) -> list[int]:

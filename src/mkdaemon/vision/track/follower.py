@@ -247,10 +247,7 @@ BESIDE: Final = 0.05
 
 
 def learn_rows(shutter: Shutter, published: Sequence[tuple[float, Pose]]) -> None:
-    """Tell a shutter how the camera moved while it read the last but one of the images that were published.
-
-    `published` are their times [s] and poses: where the images beside that one see the target tells the motion.
-    """
+    """Tell a shutter how the camera moved in the last but one image, by the images beside it: times [s] and poses."""
     if not shutter.is_open or len(published) < 3:
         return
     (start, before), (middle, between), (end, after) = published
@@ -364,16 +361,22 @@ class Follower:
 
     def _follow(self, frame: Frame, verdict: Verdict, mode: FoundBy) -> None:
         """Follow a target that is found, and publish it if it is believed."""
-        pose, seen = verdict.pose, self.level.sight(frame.sight)
+        pose, track, time = verdict.pose, self.track, frame.sight.time
         if pose is None or not self._decode_again(frame, pose):
             return
         frame.found.add(self.name)
-        self.track.accept(seen, pose)
-        self.track.branches = verdict.branches or self.track.branches
+        track.accept(self.level.sight(frame.sight), pose)
+        track.branches = verdict.branches or track.branches
         if verdict.refusal is not None:
             frame.refused[self.name] = verdict.refusal
         else:
-            self._publish(frame, verdict, pose, mode)
+            track.published.append((time, pose))
+            self._bend.learn(time, pose)
+            learn_rows(self._fitter.shutter, track.published)
+            frame.refused.pop(self.name, None)
+            self.contradicting = None
+            known = self.name, self._fitter.target.frame, pose, verdict.ratio, verdict.decided_by, mode
+            frame.poses.append(TargetPose(*known, time - track.decoded_at))
         if verdict.alone is not None:
             self.level.learn(frame.sight, verdict.alone)
 
@@ -454,13 +457,3 @@ class Follower:
     def _predicted(self, seen: Sight) -> Pose:
         """What the track expects in an image, with what is known of the print's bend."""
         return replace(self.track.predict(seen), bend=None, known_bend=self._bend.at(seen.time))
-
-    def _publish(self, frame: Frame, verdict: Verdict, pose: Pose, mode: FoundBy) -> None:
-        time = frame.sight.time
-        self.track.published.append((time, pose))
-        self._bend.learn(time, pose)
-        learn_rows(self._fitter.shutter, self.track.published)
-        frame.refused.pop(self.name, None)
-        self.contradicting = None
-        known = self.name, self._fitter.target.frame, pose, verdict.ratio, verdict.decided_by, mode
-        frame.poses.append(TargetPose(*known, time - self.track.decoded_at))

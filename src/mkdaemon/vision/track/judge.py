@@ -30,8 +30,7 @@ class Verdict:
     """What is thought of the fits of one image.
 
     Attributes:
-        pose: to go on following the target with; none when a gate stopped it. Refused by the attitude, the fit that
-            contradicts it: the image prefers it to what agrees with the attitude.
+        pose: to go on following the target with, or that contradicts the attitude; none when a gate stopped it.
         refusal: why it is not published; none when it is.
         alone: the fit by what the image alone says, where the attitude agrees with it or is unknown.
         branches: the readings of the target's images with this one; none where it tells nothing about them.
@@ -57,11 +56,7 @@ FOLLOWED: Final = (None, PoseRefusal.AMBIGUOUS, PoseRefusal.ANGLE_UNCERTAIN)
 
 
 class Judge:
-    """Measures and judges one target.
-
-    Attributes:
-        level: what the attitude says.
-    """
+    """Measures and judges one target; `level` is what the attitude says."""
 
     def __init__(self, fitter: TargetFitter, level: LevelKnowledge, cfg: TrackerSection) -> None:
         self.level = level
@@ -160,7 +155,8 @@ class Judge:
     def _is_on_course(self, branches: Branches) -> bool:
         """Whether a pose is where inertia expects it, by its own covariance: branches allow for errors that last."""
         is_hit = branches.is_decided and not branches.missed[0]
-        return is_hit and branches.prior.mahalanobis2(branches.pose) <= CERTAINTY.surprising
+        # Chi-square(3): one in 900 is farther.
+        return is_hit and branches.prior.mahalanobis2(branches.pose) <= CERTAINTY.deviations**2
 
     def _judge_branches(self, seen: Sight, branches: Branches, candidates: Sequence[Pose]) -> Verdict:
         """Judge the likeliest reading of the images so far."""
@@ -181,10 +177,7 @@ class Judge:
         return Verdict(fused, refused, alone, branches, ratio=residual_ratio(chosen, candidates))
 
     def refusal(self, seen: Sight, pose: Pose, *, is_hidden: bool = False) -> PoseRefusal | None:
-        """The first sign that a pose is wrong; none without any.
-
-        `is_hidden`: parts of a first pose may be hidden, which tells no tilted deck from a covered border.
-        """
+        """The first sign that a pose is wrong; `is_hidden` parts tell no tilted deck from a covered border."""
         refused = fit_refusal(pose, self._cfg)
         if refused is not None:
             return refused
