@@ -19,12 +19,11 @@ from lab.vision.stills import SeedSet, error_of, target_named
 from mkdaemon.vision.camera.calibration_file import Intrinsics
 from mkdaemon.vision.pose.pose import Pose, solve, with_floor
 from mkdaemon.vision.pose.projection import Projection
-from mkdaemon.vision.tags.cellread import CodeReader
-from mkdaemon.vision.tags.detection import Detection
+from mkdaemon.vision.tags.cellread import CodeReader, Detection
 from mkdaemon.vision.tags.detector import AprilTagSearch, ArucoSearch
 from mkdaemon.vision.tags.tagmap import TagMap, Target
 from mkdaemon.vision.track.attitude import LOOKING_DOWN
-from mkdaemon.vision.track.result import TargetPose
+from mkdaemon.vision.track.follower import TargetPose
 from mkdaemon.vision.track.tracker import Tracker
 from mksim.scene.light import Conditions
 from mksim.scene.processing import Processing

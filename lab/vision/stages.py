@@ -16,11 +16,10 @@ from mkdaemon.vision.pose.gates import CellReader
 from mkdaemon.vision.pose.photofit import PhotoFit
 from mkdaemon.vision.tags.detector import Detector
 from mkdaemon.vision.tags.tagmap import TagMap
-from mkdaemon.vision.track.alarms import ImageHealth
 from mkdaemon.vision.track.attitude import LOOKING_DOWN
 from mkdaemon.vision.track.branches import Branches
 from mkdaemon.vision.track.follower import Track
-from mkdaemon.vision.track.tracker import Tracker
+from mkdaemon.vision.track.tracker import ImageHealth, Tracker
 
 STAGES: Final[dict[str, tuple[Callable[..., Any], ...]]] = {
     "health": (ImageHealth.check,),

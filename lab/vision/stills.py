@@ -18,12 +18,11 @@ from mkdaemon.vision.camera.calibration_file import Intrinsics
 from mkdaemon.vision.camera.image import CameraImage
 from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.pose import angle_between
-from mkdaemon.vision.tags.detection import Detection
+from mkdaemon.vision.tags.cellread import Detection
 from mkdaemon.vision.tags.detector import FIRST, Detector, looks_of
 from mkdaemon.vision.tags.tagmap import TagMap, Target, load
 from mkdaemon.vision.track.attitude import LOOKING_DOWN, AttitudeHistory, AttitudeSample
-from mkdaemon.vision.track.result import VisionResult
-from mkdaemon.vision.track.tracker import Tracker
+from mkdaemon.vision.track.tracker import Tracker, VisionResult
 from mksim.scene.ground import Ground, GroundKind
 from mksim.scene.light import Conditions
 from mksim.scene.motion import Platform

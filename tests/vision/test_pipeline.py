@@ -12,7 +12,7 @@ from mkdaemon.vision.camera.image import CameraImage
 from mkdaemon.vision.pipeline import pose_of
 from mkdaemon.vision.pose.pose import FLOOR_ANGLE, FLOOR_LATERAL, FLOOR_RANGE, Pose
 from mkdaemon.vision.track.attitude import Mounting
-from mkdaemon.vision.track.result import TargetPose
+from mkdaemon.vision.track.follower import TargetPose
 
 DOWN = np.array([[0.0, -1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 """Body from camera: it looks down, its top to the front."""

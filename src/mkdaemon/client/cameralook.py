@@ -115,7 +115,7 @@ class CameraLook:
         from mkdaemon.vision.calibrate.printcheck import softness
         from mkdaemon.vision.camera.image import PictureError
         from mkdaemon.vision.camera.imagecodec import decode_picture
-        from mkdaemon.vision.tags.detection import Detection
+        from mkdaemon.vision.tags.cellread import Detection
 
         frame = CameraFrame.model_validate(fields)
         try:

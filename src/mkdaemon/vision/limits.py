@@ -1,10 +1,8 @@
 """Every threshold of the eyes: value, unit, meaning, and where the figure comes from.
 
-Those a user may set stand in `mkdaemon.config.vision`. "Tuned" is chosen by hand on development scenes of
-`python -m lab vision` (docs/lab/accuracy.md).
-Shares are 0 to 1, deviations are standard deviations, widths of edges are half widths. Constants of a numeric method
-(steps, damping, convergence, process noise) stand beside the method. First stands what finding and fitting ask, then
-what is asked of a measured pose (gates, tracks, rivals, health), then the self-calibration.
+Those a user may set stand in `mkdaemon.config.vision`, constants of a numeric method (steps, damping, convergence,
+process noise) beside the method. Shares are 0 to 1, deviations are standard deviations, widths of edges are half
+widths. "Tuned" is chosen by hand on development scenes of `python -m lab vision` (docs/lab/accuracy.md).
 """
 
 from __future__ import annotations
@@ -42,11 +40,6 @@ class CertaintyLimits:
     wrong_m: float = of(0.05, "m", "the same of its place", "a landing gear")
     wrong_share: float = of(0.01, "share", "of the range, a size", "what a calibration leaves, three times")
     blind_rms_px: float = of(0.5, "px", "residual without attitude, as shift of edges: 0.2-0.3 behind webcams", BLIND)
-
-    @property
-    def surprising(self) -> float:
-        """Squared distance from the course that is not published: chi-square(3), one in 900."""
-        return self.deviations**2
 
     @property
     def angle_sd(self) -> float:
@@ -130,6 +123,7 @@ class ReadLimits:
     """Reading the cells of a known print."""
 
     saturated: int = of(253, "grey", "a pixel from here up may have been anything", NOISE)
+    nearly_blown: float = of(3.0 * NOISE_GREY, "grey", "below `saturated` noise decides: two deviations of ink", NOISE)
     least_contrast: float = of(0.15, "share", "of the usual contrast, or slope, of an edge", STILLS)
     misread: float = of(0.05, "share", "of neighbouring cells in view, where the print is", STILLS)
     beside_cells: int = of(3, "cells", "that a fit may lie beside its place", "nested targets; farther fails the bits")
@@ -137,11 +131,6 @@ class ReadLimits:
     max_chance: float = of(1e-6, "probability", "that a random quad reads so well", "none in 1,000 images allow 2e-5")
     least_side: float = of(0.3, "share", "of a side of a print that its outline shows", "rims of highlights show 0.2")
     rise: float = of(20.0, "grey", "step of an edge in a highlight; no more of it counts", "10: 10 of 280 tags less")
-
-    @property
-    def nearly_blown(self) -> float:
-        """So far below `saturated` noise decides which pixels are: two deviations of bright ink [grey]."""
-        return 3.0 * NOISE_GREY
 
 
 @dataclass(frozen=True, slots=True)

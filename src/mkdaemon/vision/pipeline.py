@@ -45,8 +45,8 @@ from mkdaemon.vision.pose.target_check import TargetCheck
 from mkdaemon.vision.selfcal.selfcheck import SelfCheck
 from mkdaemon.vision.tags.tagmap import Tag, TagMap, load
 from mkdaemon.vision.track.attitude import AttitudeHistory, Mounting
-from mkdaemon.vision.track.result import TargetPose, VisionResult
-from mkdaemon.vision.track.tracker import Tracker
+from mkdaemon.vision.track.follower import TargetPose
+from mkdaemon.vision.track.tracker import Tracker, VisionResult
 
 ALARM_ADVICE = {
     Alarm.WRONG_SIZE: "images and calibration differ in size: set width and height, or calibrate at their size",

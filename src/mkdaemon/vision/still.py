@@ -21,7 +21,7 @@ from mkdaemon.vision.pose.fitting import TargetFitter
 from mkdaemon.vision.pose.gates import fit_refusal
 from mkdaemon.vision.pose.pose import FLOOR_RANGE, Pose, angle_between
 from mkdaemon.vision.pose.projection import NEAR_M, Projection
-from mkdaemon.vision.tags.detection import Detection
+from mkdaemon.vision.tags.cellread import Detection
 from mkdaemon.vision.tags.detector import Detector, Look
 from mkdaemon.vision.tags.tagfamily import find_family
 from mkdaemon.vision.tags.tagmap import TagMap, Target, single

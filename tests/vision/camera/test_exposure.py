@@ -25,7 +25,8 @@ from mkdaemon.vision.pipeline import exposure_of, outlines_of
 from mkdaemon.vision.pose.pose import Pose
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.tags.tagmap import load
-from mkdaemon.vision.track.result import TargetPose, VisionResult
+from mkdaemon.vision.track.follower import TargetPose
+from mkdaemon.vision.track.tracker import VisionResult
 from mksim.scene.electrons import PhotonSensor
 from mksim.scene.light import Conditions
 from tests.places import CONFIGS

@@ -18,7 +18,7 @@ from mkdaemon.vision.pose.pose import Pose, turn
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.pose.rolling import KnownMotion, motion_jacobian, motion_of
 from mkdaemon.vision.pose.unknowns import Level, Prior, Unknowns
-from mkdaemon.vision.tags.detection import Detection
+from mkdaemon.vision.tags.cellread import Detection
 from mksim.scene.light import CLEAN, Conditions
 from mksim.scene.motion import Platform
 from mksim.scene.scene import Scene, SceneTarget, cam_from_target

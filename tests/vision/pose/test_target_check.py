@@ -17,7 +17,7 @@ from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pipeline import CameraPipeline
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.pose.target_check import TargetCheck, misfit
-from mkdaemon.vision.tags.detection import Detection
+from mkdaemon.vision.tags.cellread import Detection
 from mkdaemon.vision.tags.tagmap import TagMap, build
 
 LENS = Projection(Intrinsics(width=640, height=480, fx=425.0, fy=425.0, cx=319.5, cy=239.5, k1=-0.12, k2=0.02))

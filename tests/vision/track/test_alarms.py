@@ -13,7 +13,7 @@ from mkdaemon.vision.camera.calibration_file import Intrinsics
 from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.pose import Pose
 from mkdaemon.vision.tags.tagmap import single
-from mkdaemon.vision.track.alarms import ImageHealth
+from mkdaemon.vision.track.tracker import ImageHealth
 from mksim.scene.light import Conditions
 from mksim.scene.motion import Platform
 from mksim.scene.scene import Scene, SceneTarget

@@ -91,7 +91,7 @@ def test_a_course_is_believed_less_by_a_pose_that_surprises_it():
     course, centre = flown(25, 1.0)
     near, far = seen(centre, sd_deg=1.5), seen(centre + np.array([0.0, 0.3, 0.0]), sd_deg=1.5)
     surprise = course.mahalanobis2(far)
-    assert course.mahalanobis2(near) < 3.0 < surprise < LIMITS.certainty.surprising
+    assert course.mahalanobis2(near) < 3.0 < surprise < LIMITS.certainty.deviations**2
     spread = [np.sqrt(np.linalg.eigvalsh(course.fuse(pose).covariance[3:, 3:])[1]) for pose in (near, far)]
     assert spread[1] > 1.2 * spread[0]
 

@@ -7,11 +7,11 @@ import pytest
 
 from mkdaemon.vision.camera.image import CameraImage
 from mkdaemon.vision.limits import LIMITS
-from mkdaemon.vision.tags.detection import Detection
+from mkdaemon.vision.tags.cellread import Detection
 from mkdaemon.vision.tags.detector import TONES
 from mkdaemon.vision.tags.tagmap import TagMap
 from mkdaemon.vision.track.attitude import LOOKING_DOWN
-from mkdaemon.vision.track.follower import LARGE_PX, MOST_EFFORT, OwnSearch
+from mkdaemon.vision.track.follower import LARGE_PX, MOST_EFFORT
 from mkdaemon.vision.track.tracker import Tracker
 from tests.vision.views import VGA, View, place, shipped
 
@@ -31,15 +31,16 @@ class Blind:
 @pytest.mark.parametrize(("side", "decimate"), [(LARGE_PX - 1, 1), (LARGE_PX, 2)])
 def test_a_target_is_decoded_again_one_way_at_a_time_and_large_ones_at_half_the_resolution(side, decimate):
     target, blind = shipped("single"), Blind()
-    search = OwnSearch(target, blind)
+    (follower,) = Tracker(TagMap((target,)), VGA, LOOKING_DOWN).followers
+    follower._detector = blind
     for _ in range(LIMITS.search.beside_every * len(TONES)):
-        search.again(np.zeros((480, 640), np.uint8), (0, 0, side, 400))
+        follower._search_again(np.zeros((480, 640), np.uint8), (0, 0, side, 400))
     looks = [(tone, decimate) for tone in TONES]
     assert blind.looks == looks
     (tag,) = target.tags
     blind.found = [Detection(tag.family.name, tag.tag_id, 0, 50.0, np.zeros((4, 2)))]
     for _ in range(2):
-        search.again(np.zeros((480, 640), np.uint8), (0, 0, side, 400))
+        follower._search_again(np.zeros((480, 640), np.uint8), (0, 0, side, 400))
     assert blind.looks[len(looks) :] == looks[:1] * 2, "what finds it stays"
 
 

@@ -14,12 +14,11 @@ from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.gates import CellEvidence
 from mkdaemon.vision.pose.pose import Pose, turn
 from mkdaemon.vision.tags.tagmap import TagMap, Target
-from mkdaemon.vision.track.attitude import LOOKING_DOWN, Sight, angle_of
+from mkdaemon.vision.track.attitude import LOOKING_DOWN, Sight, angle_of, fuse_normal
 from mkdaemon.vision.track.branches import MOST_ODDS
-from mkdaemon.vision.track.follower import Follower
+from mkdaemon.vision.track.follower import Follower, Frame
 from mkdaemon.vision.track.judge import Judge, Verdict
 from mkdaemon.vision.track.level import LevelKnowledge
-from mkdaemon.vision.track.result import Frame
 from mkdaemon.vision.track.tracker import Tracker
 from tests.vision.views import VGA, angle_deg, shipped
 
@@ -158,7 +157,7 @@ def test_far_away_the_attitude_is_in_the_fit_and_not_told_a_second_time():
 def test_an_image_counts_once_beside_what_the_images_before_told_of_the_deck():
     pose = fitted(tilt_deg=2.0, covariance=np.diag([1e-7, 1e-7, 1e-6, 1e-4, 1e-4, 1e-7]))
     judge = judge_of(GivenFits(pose))
-    expected = judge.level.fuse(sight(), pose)
+    expected = fuse_normal(pose, judge.level.vertical(sight()))
     verdict = judge.measure(sight(), fitted())
     np.testing.assert_allclose(verdict.pose.covariance, expected.covariance)
     assert angle_deg(verdict.pose.rotation, expected.rotation) < 1e-9
@@ -192,7 +191,7 @@ WITHOUT_ATTITUDE = [
 def test_a_fit_without_attitude(given, pose, refusal):
     """The track has no say in which of two rivals is true."""
     judge, began = judge_of(GivenFits(pose, **given)), sight(-0.1, attitude=False)
-    branches = judge.start_branches(began, judge.candidates(began, [pose]))
+    branches = judge.branches(began, judge.candidates(began, [pose]))
     verdict = judge.measure(sight(attitude=False), pose, branches)
     assert verdict.refusal is refusal
     assert verdict.branches is not None
@@ -203,7 +202,7 @@ def test_a_track_in_doubt_goes_over_to_the_reading_that_the_images_speak_for():
     """It followed the wrong one; the other is a jump from there, and what the images say counts all the same."""
     wrong, right = fitted(tilt_deg=15.0, loss=0.016), mirrored(fitted(tilt_deg=15.0), loss=0.01)
     judge = judge_of(GivenFits(wrong, mirror=right, cell_px=4.5))
-    branches = judge.start_branches(sight(0.0), [wrong, right])
+    branches = judge.branches(sight(0.0), [wrong, right])
     for k in range(1, 12):
         verdict = judge.measure(sight(k * STEP, attitude=False), wrong, branches)
         branches = verdict.branches
@@ -214,7 +213,7 @@ def test_a_track_in_doubt_goes_over_to_the_reading_that_the_images_speak_for():
 
 def test_a_pose_off_the_course_is_followed_and_not_published():
     judge = judge_of(GivenFits(TILTED))
-    branches = judge.start_branches(sight(0.0), [TILTED])
+    branches = judge.branches(sight(0.0), [TILTED])
     for k in range(1, 12):
         verdict = judge.measure(sight(k * STEP, attitude=False), TILTED, branches)
         assert verdict.refusal is None
@@ -233,7 +232,7 @@ def test_a_reading_that_images_keep_speaking_against_is_not_published(loss, refu
     """Each of them says too little to count as odds: inertia may not overrule all of them together."""
     followed_one, other = replace(TILTED, loss=loss), mirrored(TILTED, loss=0.01)
     judge = judge_of(GivenFits(followed_one, mirror=other, cell_px=4.5))
-    branches = replace(judge.start_branches(sight(0.0), [followed_one, other]), weight=np.array([0.0, -MOST_ODDS]))
+    branches = replace(judge.branches(sight(0.0), [followed_one, other]), weight=np.array([0.0, -MOST_ODDS]))
     for k in range(1, 30):
         verdict = judge.measure(sight(k * STEP, attitude=False), followed_one, branches)
         branches = verdict.branches

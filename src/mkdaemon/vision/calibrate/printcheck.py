@@ -18,8 +18,7 @@ from mkdaemon.vision.pose.edgefind import HALF_WIDTH, find_edges
 from mkdaemon.vision.pose.edgemodel import EdgeModel, Samples, seen_across
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.still import StillEye
-from mkdaemon.vision.tags.cellread import carry, image_from_cells, sample
-from mkdaemon.vision.tags.detection import Detection, best_of_codes, mean_side
+from mkdaemon.vision.tags.cellread import Detection, best_of_codes, carry, image_from_cells, mean_side, sample
 from mkdaemon.vision.tags.tagmap import Tag, TagMap, Target, single
 
 LEAST_EDGES: Final = 12

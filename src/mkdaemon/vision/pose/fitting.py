@@ -21,8 +21,7 @@ from mkdaemon.vision.pose.prints import SQUARE
 from mkdaemon.vision.pose.projection import NEAR_M, Projection
 from mkdaemon.vision.pose.rolling import KnownMotion
 from mkdaemon.vision.pose.unknowns import POSE, Level
-from mkdaemon.vision.tags.cellread import sample
-from mkdaemon.vision.tags.detection import Detection
+from mkdaemon.vision.tags.cellread import Detection, sample
 from mkdaemon.vision.tags.tagmap import Tag, Target
 
 

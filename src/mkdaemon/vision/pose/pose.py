@@ -18,7 +18,7 @@ import numpy.typing as npt
 from mkdaemon.vision.arrays import Array
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.pose.rolling import KnownMotion, SeenMotion, skew
-from mkdaemon.vision.tags.detection import Detection
+from mkdaemon.vision.tags.cellread import Detection
 from mkdaemon.vision.tags.tagmap import SAME_HEIGHT_M, Tag
 
 Source = Literal["corners", "edges", "photometric"]

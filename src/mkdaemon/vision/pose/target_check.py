@@ -13,8 +13,7 @@ import numpy as np
 
 from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.projection import Projection
-from mkdaemon.vision.tags.cellread import carry
-from mkdaemon.vision.tags.detection import Detection
+from mkdaemon.vision.tags.cellread import Detection, carry
 from mkdaemon.vision.tags.tagmap import Tag, TagMap
 
 

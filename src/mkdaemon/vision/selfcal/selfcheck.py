@@ -34,7 +34,7 @@ from mkdaemon.vision.camera.calibration_file import Camera, mount_rotation
 from mkdaemon.vision.limits import LIMITS, SELFCAL
 from mkdaemon.vision.pose.edgefit import EdgeFit, EdgeStep, shifts
 from mkdaemon.vision.pose.pose import FLOOR_RANGE, Pose, turn
-from mkdaemon.vision.pose.prints import RISES, sheet_of
+from mkdaemon.vision.pose.prints import sheet_of
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.pose.rolling import skew
 from mkdaemon.vision.pose.unknowns import POSE, Unknown, Unknowns

@@ -1,8 +1,7 @@
-"""Reading the cells of a quad from an image: grey values, sides and codes, and how likely chance reads as well.
+"""Tags found in an image: the cells of a quad are read, and chance has to explain hardly what they say.
 
-Cells may be hidden, or in a highlight, which lifts ink above the paper elsewhere. But it grows slowly and leaves the
-step between ink and paper beside it. So a cell is compared with its neighbours; what is blown on both sides says
-nothing.
+A highlight lifts ink above the paper elsewhere, but leaves the step between ink and paper beside it. So a cell is
+compared with its neighbours; what is blown on both sides says nothing.
 """
 
 from __future__ import annotations
@@ -11,7 +10,7 @@ import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Final
+from typing import Final, Literal
 
 import cv2
 import numpy as np
@@ -20,9 +19,10 @@ import numpy.typing as npt
 from mkdaemon.vision.arrays import Array, Bools, Grey
 from mkdaemon.vision.camera.image import BRIGHTEST
 from mkdaemon.vision.limits import HALF, LIMITS, NOISE_GREY
-from mkdaemon.vision.tags.detection import Detection, best_of_codes
 from mkdaemon.vision.tags.tagfamily import cells, find_family, middles, to_rim
 
+View = Literal["grey", "light", "log", "outline"]
+"""What a search for tags sees: an image in one of three tones, or its broken outlines."""
 Covered = Mapping[tuple[str, int], Bools]
 """Cells `(n, n)` of tags, by family and id, that say nothing."""
 
@@ -38,6 +38,52 @@ STEP_CELLS: Final = 0.15
 """How far on both sides of a line its step is sampled, before light changes much [cells]."""
 ALONG = (-0.3, 0.0, 0.3)
 """Where a step is sampled along the line [cells]."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Detection:
+    """A decoded tag in one image.
+
+    Attributes:
+        family: tag family.
+        tag_id: code.
+        hamming: corrected bits.
+        decision_margin: mean distance of the bits from the threshold [grey].
+        corners: `(4, 2)` TL, TR, BR, BL of the official print [px, centres at integers].
+        view: in which it was found.
+        shrunk: by how much the image was shrunk for its corners, which are so much looser.
+    """
+
+    family: str
+    tag_id: int
+    hamming: int
+    decision_margin: float
+    corners: Array
+    view: View = "grey"
+    shrunk: int = 1
+
+    @property
+    def code(self) -> tuple[str, int]:
+        """Family and id."""
+        return self.family, self.tag_id
+
+    @property
+    def side_px(self) -> float:
+        """Mean side [px]."""
+        return mean_side(self.corners)
+
+
+def mean_side(corners: Array) -> float:
+    """Mean side of a quad `(4, 2)`, in the unit of its corners."""
+    return float(np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1).mean())
+
+
+def best_of_codes(found: Iterable[Detection]) -> list[Detection]:
+    """Of the detections of each code the one with the fewest wrong bits, of those the clearest."""
+    best: dict[tuple[str, int], Detection] = {}
+    for one in found:
+        best[one.code] = min(best.get(one.code, one), one, key=lambda tag: (tag.hamming, -tag.decision_margin))
+    return list(best.values())
 
 
 def sample(pixels: Grey, points: Array) -> Array:
@@ -56,8 +102,7 @@ def image_from_cells(corners: Array, n: int) -> Array:
 def carry(homography: Array, points: Array) -> Array:
     """Map `(n, 2)` points; by each of several homographies `(..., 3, 3)` where there are more."""
     carried = points @ np.swapaxes(homography[..., :2], -1, -2) + homography[..., None, :, 2]
-    mapped: Array = carried[..., :2] / carried[..., 2:]
-    return mapped
+    return np.asarray(carried[..., :2] / carried[..., 2:])
 
 
 def rim_steps(pixels: Grey, homography: Array, n: int, depth: float) -> Array:
@@ -75,11 +120,8 @@ def _rims(n: int, depth: float) -> Array:
 
 
 def has_sides(pixels: Grey, corners: Array, n: int, *, inverted: bool) -> bool:
-    """Whether all four sides of a quad have white right outside and black inside; `inverted` the other way round.
-
-    A quad whose side is the edge of the image, or of something lying over the tag, has black or mixed cells outside.
-    White and black are taken from beside each other, so shadow edges and gradients do not count against a side.
-    """
+    """Whether all four sides of a quad have white right outside and black inside; `inverted` the other way round."""
+    # Both are taken from beside each other, so that shadows do not count against a side.
     contrast = rim_steps(pixels, image_from_cells(corners, n), n, SIDE_CELLS) * (-1 if inverted else 1)
     floor = max(NOISE_GREY, LIMITS.read.least_contrast * float(np.median(np.abs(contrast))))
     return bool(((contrast > floor).mean(axis=1) > HALF).all())
@@ -87,22 +129,13 @@ def has_sides(pixels: Grey, corners: Array, n: int, *, inverted: bool) -> bool:
 
 @lru_cache(maxsize=4096)
 def chance(read: int, wrong: int, tries: int) -> float:
-    """Probability that so many cells of a random quad disagree with one of so many codes in so few, or fewer.
-
-    A bound where it is small: tries are added up.
-    """
+    """Bound of the probability that of so many cells of a random quad so few, or fewer, disagree with one of codes."""
     return tries * sum(math.comb(read, k) for k in range(wrong + 1)) / 2.0**read
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Codes:
-    """Codes of one family, each turned counter-clockwise by 0 to 3 quarters: `k` in all, cells row by row.
-
-    Attributes:
-        ids: of the codes, each for four turns.
-        bits: which cells are white, border included `(k, n * n)`.
-        seen: which have nothing on them `(k, n * n)`.
-    """
+    """Ids of a family, and of each turned by 0 to 3 quarters the cells that are white and seen `(4 * k, n * n)`."""
 
     ids: list[int]
     bits: Bools
@@ -112,26 +145,25 @@ class _Codes:
 class CodeReader:
     """Reads quads against the codes of a whitelist.
 
+    Args:
+        whitelist: ids by family.
+        covered: cells of a code that another tag lies on, which say nothing.
+
     Attributes:
         sizes: cells along the black squares of its families.
     """
 
     def __init__(self, whitelist: Mapping[str, frozenset[int]], covered: Covered) -> None:
-        """Prepare the codes.
-
-        Args:
-            whitelist: ids by family.
-            covered: cells of a code that another tag lies on, which say nothing.
-        """
         self._codes: dict[str, _Codes] = {}
         for name, ids in ((name, sorted(ids)) for name, ids in whitelist.items() if ids):
             bits = np.array([cells(name, tag_id) > 0 for tag_id in ids])
             seen = np.array([~covered.get((name, k), np.zeros_like(bits[0])) for k in ids])
-            self._codes[name] = _Codes(ids, *(_turned(of) for of in (bits, seen)))
+            turned = [np.rot90((bits, seen), quarters, axes=(2, 3)) for quarters in range(TURNS)]
+            self._codes[name] = _Codes(ids, *np.stack(turned, axis=2).reshape(2, len(ids) * TURNS, -1))
         self.sizes = sorted({find_family(name).black_cells for name in self._codes})
 
     def read(self, pixels: Grey, quads: Iterable[Array], max_chance: float = LIMITS.read.max_chance) -> list[Detection]:
-        """The codes that explain the readable cells of quads better than chance, the clearest of each.
+        """The codes that the readable cells of quads agree with, the clearest of each.
 
         Args:
             pixels: `(h, w)` uint8.
@@ -159,18 +191,11 @@ class CodeReader:
         return chances[best], found
 
 
-def _turned(codes: Bools) -> Bools:
-    """Cells `(k, n, n)` turned by 0 to 3 quarters, row by row `(4 * k, n * n)`."""
-    turned = np.stack([np.rot90(codes, quarters, axes=(1, 2)) for quarters in range(TURNS)], axis=1)
-    return turned.reshape(len(codes) * TURNS, -1)
-
-
 def _votes(pixels: Grey, homography: Array, contrast: float, codes: _Codes) -> Array:
     """Whether cells are white `(k, n * n)`, -0.5 to 0.5, by the steps from their outer neighbours; 0 of the border.
 
     Beside a black neighbour of grey value b a cell has b when it is black, and the least of b + contrast and 255 when
-    it is white; beside a white one b - contrast and b. One blown neighbour of a white cell is as good as any; a cell
-    that is blown beside one tells nothing.
+    it is white; beside a white one b - contrast and b.
     """
     outer, of_cell, points = _lines(math.isqrt(codes.bits.shape[1]))
     here, there = sample(pixels, carry(homography, points)).reshape(2, -1, len(ALONG)).mean(axis=2)
@@ -187,13 +212,9 @@ def _votes(pixels: Grey, homography: Array, contrast: float, codes: _Codes) -> A
 
 @lru_cache(maxsize=32)
 def _lines(n: int) -> tuple[npt.NDArray[np.intp], Array, Array]:
-    """The `m` lines between neighbouring cells of a tag of `n` cells a side, in cell coordinates.
+    """Of the `m` lines between neighbouring cells of a tag the outer cell `(m,)`, and whether one counts for a cell.
 
-    Every line counts for one of its cells, the inner one, so that a cell says no more than one bit.
-
-    Returns:
-        The other cell of each line, row by row `(m,)`; whether a line counts for a cell `(m, n * n)`; samples
-        beside the lines, those in inner cells first `(2 * m * 3, 2)`.
+    Only for the inner one `(m, n * n)`. And samples on both sides, those in inner cells first `(2 * m * 3, 2)` [cells].
     """
     index, inside = np.arange(n * n).reshape(n, n), to_rim(n).ravel()
     beside, below = (index[:, :-1], index[:, 1:]), (index[:-1], index[1:])

@@ -1,14 +1,8 @@
-"""Finding tags in an image by a ladder of searches at a bounded cost; chance has to explain hardly what they find.
+"""Finding tags in an image by searches at a bounded cost, which take turns; docs/vision.md, "Search", says why.
 
-There are four views. In three libapriltag looks for unbroken quads: in the grey values as they are; in light, where a
-tone curve lets white cells spread over small black ones; and in logarithms, where a shadow's edge or leaves are as
-large a step as ink on paper. The fourth are broken outlines (`outline.py`), where something lies over the border or a
-highlight opens it.
-
-A search takes time in proportion to the pixels. The first search of every image therefore sees at most `max_pixels` in
-one of the three tones in turn, and at half their resolution. One other search joins it in every image of
-`thorough_every`: one at their whole resolution, and, in turn with these, one of a tile of a larger image as it is.
-Tiles overlap by a tag that is large enough for the whole image.
+There are four views. In three tones libapriltag looks for unbroken quads; the fourth are broken outlines
+(`outline.py`). The first search of every image sees at most `max_pixels` in one of the tones, at half their resolution.
+One other joins it in every image of `thorough_every`: at their whole resolution, or of a tile of a larger image.
 """
 
 from __future__ import annotations
@@ -26,8 +20,16 @@ import numpy as np
 
 from mkdaemon.vision.arrays import Grey
 from mkdaemon.vision.limits import HALF, LIMITS
-from mkdaemon.vision.tags.cellread import TURNS, CodeReader, Covered, chance, has_sides
-from mkdaemon.vision.tags.detection import Detection, View, best_of_codes
+from mkdaemon.vision.tags.cellread import (
+    TURNS,
+    CodeReader,
+    Covered,
+    Detection,
+    View,
+    best_of_codes,
+    chance,
+    has_sides,
+)
 from mkdaemon.vision.tags.outline import read_outlines
 from mkdaemon.vision.tags.tagfamily import dictionary_of, find_family, is_installed, open_library
 
@@ -36,13 +38,7 @@ Part = tuple[int, int, int, int]
 
 
 class Look(NamedTuple):
-    """One search.
-
-    Attributes:
-        view: what is seen.
-        part: of the image; the whole of it where it is none.
-        decimate: by how much libapriltag shrinks it for quads, after a large part is shrunk for all.
-    """
+    """One search, as `Detector.search` takes it."""
 
     view: View
     part: Part | None = None
@@ -56,7 +52,8 @@ FIRST: Final = tuple(Look(tone, decimate=2) for tone in TONES)
 FINE: Final[tuple[View, ...]] = ("log", "grey")
 """Tones for small tags; light needs tags that are large at half the resolution too."""
 OVERLAP: Final = 37
-"""Of neighbouring tiles, times as many pixels as the whole image is shrunk by: a tag of 28 px with its quiet zone."""
+"""Of neighbouring tiles, times as many pixels as the whole image is shrunk by: a tag of 28 px with its quiet zone is
+large enough for the whole image."""
 _LOG: Final[Grey] = np.round(100 + 14 * (np.log10(np.arange(256) + 4.0) - np.log10(64.0))).clip(0, 255).astype(np.uint8)
 """Compresses bright and dark halves of a shadow to equal steps; 14 levels a decade merge texture below a real edge."""
 _LIGHT: Final[Grey] = np.round(255 * (np.arange(256) / 255) ** LIMITS.search.tone).astype(np.uint8)
@@ -98,6 +95,15 @@ def shrinking(width: int, height: int) -> int:
 class Detector:
     """Searches images for the tags of a whitelist.
 
+    Args:
+        whitelist: ids by family.
+        max_chance: that a random quad reads as one of them, where cells read wrong or not at all.
+        backend: which library; `auto` takes the best that is installed.
+        covered: cells that another tag lies on (`tagmap.covered_cells`); a broken outline is read without them.
+
+    Raises:
+        VisionError: an unknown family, or one that only pyapriltags can search for, without its wheel.
+
     Attributes:
         backend: `apriltag` or, without its wheel, `aruco`.
         warning: what the fallback loses; empty with `apriltag`.
@@ -111,17 +117,6 @@ class Detector:
         backend: Literal["auto", "apriltag", "aruco"] = "auto",
         covered: Covered | None = None,
     ) -> None:
-        """Prepare the searches.
-
-        Args:
-            whitelist: ids by family.
-            max_chance: that a random quad reads as one of them, where cells read wrong or not at all.
-            backend: which library; `auto` takes the best that is installed.
-            covered: cells that another tag lies on (`tagmap.covered_cells`); a broken outline is read without them.
-
-        Raises:
-            VisionError: an unknown family, or one that only pyapriltags can search for, without its wheel.
-        """
         if backend == "auto":
             backend = "apriltag" if is_installed() else "aruco"
         self.backend = backend
@@ -133,7 +128,7 @@ class Detector:
         self._library = AprilTagSearch(families) if backend == "apriltag" else ArucoSearch(families, self._reader)
 
     def search(self, pixels: Grey, view: View, part: Part | None = None, decimate: int = 1) -> list[Detection]:
-        """Run one search (`Look`) at a bounded cost.
+        """Run one search at a bounded cost.
 
         Args:
             pixels: `(h, w)` uint8.
@@ -142,10 +137,9 @@ class Detector:
             decimate: by how much it is shrunk for unbroken quads alone, once more where it is large.
 
         Returns:
-            Tags that are believed, at most one per code: the one with the clearest bits.
+            Tags that are believed, at most one per code.
         """
-        height, width = pixels.shape
-        x0, y0, x1, y1 = part or (0, 0, width, height)
+        x0, y0, x1, y1 = part or (0, 0, *pixels.shape[::-1])
         return best_of_codes(self.search_all(pixels, view, part, decimate, shrunk=shrinking(x1 - x0, y1 - y0)))
 
     def search_all(
@@ -185,8 +179,7 @@ class Detector:
 class AprilTagSearch:
     """libapriltag through pyapriltags, in one thread.
 
-    pyapriltags carries upstream's fix of `refine_edges`, which pupil-apriltags and dt-apriltags lack. It corrects two
-    bits of every family: 36 MB for tag36h11, 6 GB for tag52h13. Here large families correct fewer.
+    pyapriltags carries upstream's fix of `refine_edges`, which pupil-apriltags and dt-apriltags lack.
     """
 
     def __init__(self, families: tuple[str, ...]) -> None:
@@ -194,16 +187,11 @@ class AprilTagSearch:
 
     @property
     def library(self) -> Any:
-        """The library with its tables; they take time and serve one thread, whose searches share them."""
+        """The library with its tables, which all searches of one thread share."""
         return _library(self._families, threading.get_ident())
 
     def find(self, pixels: Grey, decimate: float = 1.0) -> list[Detection]:
-        """All codes libapriltag sees, in our corner order and pixel convention.
-
-        Args:
-            pixels: `(h, w)` uint8.
-            decimate: quads are found in an image so much smaller; edges and cells are those of the whole one.
-        """
+        """All codes libapriltag sees in `(h, w)` uint8; it looks for quads alone in an image so much smaller."""
         library = self.library
         library.tag_detector_ptr.contents.quad_decimate = decimate
         return [

@@ -1,12 +1,11 @@
 """A search for tags with things lying on them: four lines of a broken outline, and the cells that can still be read.
 
-libapriltag wants an unbroken quad. Here a dark blob's outline is cut into straight lines, and every four that could
-bound a black square are tried, and every three. What can be read of the cells of the best has to agree with a code
-beyond chance (`cellread.py`): that decides, and nothing else has to.
+A dark blob's outline is cut into straight lines, and every four that could bound a black square are tried, and every
+three. What can be read of the cells of the best has to agree with a code beyond chance (`cellread.py`): that decides.
 
-Of three sides of a black square, whose fourth a highlight opens, or a hand, foot or shoe lies over, two whole corners
-and the ways of the sides leave one unknown, how far away the fourth side is. The lines between the cells tell it,
-whatever the code is: at the right distance they lie where the image has steps, and none lie amid cells.
+Of a black square without its fourth side, two corners and the ways of the sides leave one unknown, how far away that
+is. The lines between the cells tell it, whatever the code is: at the right distance they lie where the image has steps,
+and none lie amid cells.
 """
 
 from __future__ import annotations
@@ -24,8 +23,7 @@ import numpy.typing as npt
 
 from mkdaemon.vision.arrays import Array, Grey
 from mkdaemon.vision.limits import HALF, LIMITS
-from mkdaemon.vision.tags.cellread import STEP_CELLS, CodeReader, carry, image_from_cells, sample
-from mkdaemon.vision.tags.detection import Detection
+from mkdaemon.vision.tags.cellread import STEP_CELLS, CodeReader, Detection, carry, image_from_cells, sample
 
 Index = npt.NDArray[np.intp]
 
@@ -70,13 +68,9 @@ def has_highlights(pixels: Grey) -> bool:
 
 
 def _dark(pixels: Grey) -> Grey:
-    """What is dark `(h, w)`, not 0, of an image of dark and light.
-
-    In a highlight ink may be brighter than paper is elsewhere. There that is dark which is neither blown nor brighter
-    than its surroundings: every edge has a line of light along its bright side, and what is even and noisy has no
-    outlines.
-    """
+    """What is dark `(h, w)`, not 0, of an image of dark and light."""
     if has_highlights(pixels):
+        # Ink may be brighter than paper elsewhere: it is neither blown nor brighter than what is around it.
         box, rise = BOX_CELLS * int(LIMITS.cells.mixed_px), LIMITS.read.rise
         dark = cv2.adaptiveThreshold(pixels, 255, cv2.ADAPTIVE_THRESH_MEAN_C, cv2.THRESH_BINARY_INV, box, -rise)
         dark[pixels >= LIMITS.read.saturated] = 0
@@ -103,12 +97,10 @@ class Lines:
     shares: Array
 
     def corners(self) -> Array:
-        """Where each line meets each one that may follow it clockwise `(n, n, 2)` [px]; NaN where none may.
-
-        The outline runs over the blob's own pixels: its edge is half a pixel farther out.
-        """
+        """Where each line meets each one that may follow it clockwise `(n, n, 2)` [px]; NaN where none may."""
         x, y = self.ways.T
         sines = x[:, None] * y - y[:, None] * x
+        # The outline runs over the blob's own pixels: its edge is half a pixel farther out.
         out = y * self.starts[:, 0] - x * self.starts[:, 1] + HALF
         crossings = out[:, None] * self.ways[:, None] - out[:, None, None] * self.ways
         return np.asarray(crossings / np.where(sines > 0, sines, np.nan)[..., None])
@@ -116,11 +108,10 @@ class Lines:
     def best(self, quads: Array, sides: Index) -> Array | None:
         """The quad of which the worst of the first sides is seen best; none where all have one that is hardly seen.
 
-        A side is seen by the share of side and line that is both: what a line has beyond its corners counts against it,
-        as the rim of a thing on a print ends elsewhere. Lines that bound no quad have corners that are NaN.
+        A side is seen by the share of side and line that is both: the rim of a thing on a print ends elsewhere.
 
         Args:
-            quads: corners clockwise `(m, 4, 2)` [px].
+            quads: corners clockwise `(m, 4, 2)` [px]; NaN where lines bound none.
             sides: lines from the first corner on `(m, 3)` or `(m, 4)`.
         """
         if not len(quads):
@@ -135,10 +126,7 @@ class Lines:
 
 
 def lines_of(outline: npt.NDArray[Any]) -> Lines:
-    """The longest straight lines of an outline `(n, 1, 2)` [px].
-
-    All of it that lies along one of the longest sides of the polygon around it, and runs its way, is of one line.
-    """
+    """The longest straight lines of an outline `(n, 1, 2)` [px]: what lies along a side of the polygon around it."""
     polygon = cv2.approxPolyDP(outline, LIMITS.blur.sharp_px, closed=True)
     # findContours has what is dark on the left.
     points, ends = (xy.reshape(-1, 2)[::-1].astype(np.float64) for xy in (outline, polygon))
@@ -170,13 +158,8 @@ def lines_of(outline: npt.NDArray[Any]) -> Lines:
 def _quads(pixels: Grey, lines: Lines, sizes: Sequence[int]) -> Iterator[Array]:
     """Quads that the lines of a blob may bound, their corners clockwise in the image `(4, 2)` [px].
 
-    The best one of four lines. And between the best three, where the sides beside the middle one are taken to be as
-    long as that until the image's cells are asked.
-
-    Args:
-        pixels: `(h, w)` uint8.
-        lines: of its outline.
-        sizes: cells along the black squares that may be there.
+    The best one of four lines. And of the best three one for each size in cells; the sides beside the middle one are
+    taken to be as long as that until the image's cells are asked.
     """
     corners = lines.corners()
     four, three = (_choices(len(corners), of) for of in (4, 3))

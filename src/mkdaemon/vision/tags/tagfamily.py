@@ -10,9 +10,8 @@ Conventions used everywhere in `mkdaemon.vision`:
 * The frame of a tag has its origin in the centre of the print, x to the right, y to the top and z out of the paper
   towards the reader.
 
-OpenCV carries the same codes turned by 180 degrees (measured: a tag drawn by `cv2.aruco.generateImageMarker` decodes
-in libapriltag with the homography of an upside-down print), so every bitmap is turned once, here. The inverted families
-are unknown to OpenCV; they are drawn from the codes of libapriltag.
+OpenCV carries the same codes turned by 180 degrees (measured), so every bitmap is turned once, here. The inverted
+families are unknown to OpenCV; they are drawn from the codes of libapriltag.
 """
 
 from __future__ import annotations
@@ -39,9 +38,8 @@ class TagFamily:
 
     Attributes:
         name: AprilTag's name, for example `tag36h11`.
-        size_cells: side of the square that is the tag's size [cells]; the size divided by this is one module.
-        black_cells: side of the square that holds everything black [cells]; equal to `size_cells` where the border is
-            outermost.
+        size_cells: side of the square that is the tag's size [cells].
+        black_cells: side of the square that holds everything black [cells]; larger in inverted families alone.
         bits: of a code.
         ids: number of codes; valid ids are 0 to `ids - 1`.
         corrected_bits: wrong bits that libapriltag corrects, two at most: it lists all codes with so many flipped, here
@@ -115,10 +113,6 @@ def size_words(family: TagFamily) -> str:
 @lru_cache(maxsize=256)
 def cells(family: str, tag_id: int) -> Grey:
     """Return the bitmap of an official print, without the white cells around it.
-
-    Args:
-        family: for example `tag36h11`.
-        tag_id: the code.
 
     Returns:
         `(n, n)` uint8, 0 black and 255 white, row 0 at the top, `n = black_cells`; read-only.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -71,12 +72,6 @@ class Tag:
         """Points `(..., 3)` of the target frame in that of the tag `(..., 3)` [m]."""
         return np.asarray((points - self.position) @ self.rotation)
 
-    @property
-    def middles(self) -> Array:
-        """Middles of its cells and of those around everything black, row by row `((n + 2)^2, 3)` [m; target]."""
-        n = self.family.black_cells + 2
-        return self.place((middles(n) - n / 2) * (self.module, -self.module))
-
     @cached_property
     def corners(self) -> Array:
         """Corners TL, TR, BR, BL of the square that is the tag's size `(4, 3)` [m; target]."""
@@ -122,13 +117,6 @@ class Target:
             for tag in self.tags
         )
 
-    def hidden(self, tag: Tag) -> Bools:
-        """Which of a tag's cells, and of those around it, have the paper of a later one on their middles `(n, n)`."""
-        under = np.zeros((tag.family.black_cells + 2,) * 2, dtype=np.bool_)
-        for later in self.tags[self.tags.index(tag) + 1 :]:
-            under |= covered(tag.middles, later).reshape(under.shape)
-        return under
-
 
 @dataclass(frozen=True, eq=False)
 class TagMap:
@@ -151,16 +139,18 @@ class TagMap:
 def covered(points: Array, tag: Tag) -> Bools:
     """Which points `(n, 3)` [m; target] lie under the paper of a tag in the same plane."""
     local, half = np.abs(tag.local(points)), tag.paper / 2 + COVER_CELLS * tag.module
-    under: Bools = (local[:, 2] < tag.module) & (local[:, :2].max(axis=1) <= half)
-    return under
+    return np.asarray((local[:, 2] < tag.module) & (local[:, :2].max(axis=1) <= half))
 
 
 def covered_cells(tagmap: TagMap) -> dict[tuple[str, int], Bools]:
-    """Cells `(n, n)` of each tag, by family and id, whose middles lie under the paper of a later one of its target.
-
-    An inner tag is mostly white: where a tone curve or a highlight spreads white, black cells below it read as white.
-    """
-    return {code: target.hidden(tag)[1:-1, 1:-1] for code, (target, tag) in tagmap.owners.items()}
+    """Cells `(n, n)` of each tag, by family and id, whose middles lie under the paper of a later one of its target."""
+    found: dict[tuple[str, int], Bools] = {}
+    for code, (target, tag) in tagmap.owners.items():
+        n = tag.family.black_cells
+        points = tag.place((middles(n) - n / 2) * (tag.module, -tag.module))
+        later = target.tags[target.tags.index(tag) + 1 :]
+        found[code] = np.any([np.zeros(n * n), *(covered(points, one) for one in later)], axis=0).reshape(n, n)
+    return found
 
 
 def single(size: float, tag_id: int, *, family: str = "tag36h11") -> Target:
@@ -230,12 +220,11 @@ def _placed(section: TargetSection, others: TagMap) -> Target:
         raise VisionError(msg)
     owners = {code: owner.name for code, (owner, _) in others.owners.items()}
     for one in placements:
-        owner = owners.get((one.family, one.id))
-        if owner is not None:
-            tag = f"{one.family} id {one.id} is in target '{section.name}' and already in '{owner}'"
+        if (code := (one.family, one.id)) in owners:
+            tag = f"{one.family} id {one.id} is in target '{section.name}' and already in '{owners[code]}'"
             msg = f"{tag}; every tag may exist once, give one of them another id"
             raise VisionError(msg)
-        owners[one.family, one.id] = section.name
+        owners[code] = section.name
     tags = tuple(sorted(map(_place, placements), key=lambda tag: -tag.size))
     _check_overlaps(tags)
     frame = section.frame or section.name
@@ -245,11 +234,10 @@ def _placed(section: TargetSection, others: TagMap) -> Target:
 def _grid(board: BoardSection) -> tuple[TagPlacement, ...]:
     pitch = board.size + board.spacing
     left, top = -(board.columns - 1) / 2 * pitch, (board.rows - 1) / 2 * pitch
+    ys, xs = (top - row * pitch for row in range(board.rows)), (left + k * pitch for k in range(board.columns))
     return tuple(
         TagPlacement(family=board.family, id=board.first_id + k, size=board.size, position=(x, y, 0.0))
-        for k, (y, x) in enumerate(
-            (top - row * pitch, left + column * pitch) for row in range(board.rows) for column in range(board.columns)
-        )
+        for k, (y, x) in enumerate(itertools.product(ys, xs))
     )
 
 
@@ -269,7 +257,7 @@ def _place(placement: TagPlacement) -> Tag:
 
 
 def _check_overlaps(tags: Sequence[Tag]) -> None:
-    """Refuse tags that hide the border of a larger one: wrong sizes and positions show themselves here."""
+    """Refuse tags that hide the border of a larger one."""
     outlines = np.array([tag.outline for tag in tags])
     quiet = QUIET_ZONE_CELLS * np.array([tag.module for tag in tags])
     for k, outer in enumerate(tags[:-1], 1):

@@ -55,12 +55,7 @@ class Mounting:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Turning:
-    """How a vehicle or its camera turns.
-
-    Attributes:
-        rate: angular rate `(3,)` [rad/s; in its own axes].
-        sd: its deviation, each axis [rad/s].
-    """
+    """Angular rate `(3,)` of a vehicle or its camera [rad/s; in its own axes], and its deviation, each axis."""
 
     rate: Array
     sd: float
@@ -85,6 +80,12 @@ class Sight:
     def without_attitude(self) -> Sight:
         """The image as a vehicle without attitude sees it."""
         return Sight(self.pixels, self.time)
+
+    def turned_since(self, then: Sight) -> Array | None:
+        """Camera now from camera then `(3, 3)`; none when one of both attitudes is unknown."""
+        if self.enu_from_cam is None or then.enu_from_cam is None:
+            return None
+        return np.asarray(self.enu_from_cam.T @ then.enu_from_cam)
 
 
 LEAST_SINE = 1e-12
@@ -118,31 +119,21 @@ class AttitudeHistory:
         return self.samples[max(k - 1, 0) : k + 1]
 
     def at(self, time: float, max_age: float) -> Array | None:
-        """Attitude at a time, interpolated between its neighbours.
+        """Attitude ENU from FLU `(3, 3)` at a time [s]; none when no sample is within `max_age` of it [s].
 
-        Args:
-            time: [s].
-            max_age: farthest a sample may be from `time` [s].
-
-        Returns:
-            Rotation ENU from FLU `(3, 3)`, or none when no sample is near enough. Between two samples within reach the
-            shorter way round is interpolated; outside them the nearest one is held.
+        Between two samples within reach the shorter way round is interpolated; outside them the nearest one is held.
         """
         beside = self._beside(time)
         if len(beside) > 1 and beside[1].time - beside[0].time <= 2 * max_age:
             start, end = map(_rotation, beside)
             share = (time - beside[0].time) / max(beside[1].time - beside[0].time, 1e-9)
             turned = cv2.Rodrigues(end @ start.T)[0] * share
-            found: Array = np.asarray(cv2.Rodrigues(turned)[0]) @ start
-            return found
+            return np.asarray(cv2.Rodrigues(turned)[0] @ start)
         near = [s for s in beside if abs(s.time - time) <= max_age]
         return _rotation(min(near, key=lambda s: abs(s.time - time))) if near else None
 
     def turning_at(self, time: float) -> Turning | None:
-        """How the vehicle turns at a time [s] between two samples [FLU]; none between distant ones.
-
-        The difference of two samples is the rate half way between them; it changes until `time`.
-        """
+        """How the vehicle turns at a time [s] between two samples [FLU]; none between distant ones."""
         beside = self._beside(time)
         if len(beside) < 2 or beside[1].time - beside[0].time > FARTHEST_SAMPLES:
             return None
@@ -150,6 +141,7 @@ class AttitudeHistory:
         turned = np.asarray(cv2.Rodrigues(start.T @ end)[0], dtype=np.float64).ravel()
         apart = max(beside[1].time - beside[0].time, LEAST_TIME)
         noise = sqrt(2.0) * LIMITS.edges.attitude_noise / apart
+        # The rate half way between them changes until then.
         late = time - (beside[1].time + beside[0].time) / 2.0
         return Turning(turned / apart, hypot(noise, LIMITS.edges.acceleration_sd * late))
 
@@ -179,20 +171,15 @@ def corrected(covariance: Array, observe: Array, surprise: Array, noise: Array) 
 
 
 def updated(pose: Pose, observe: Array, surprise: Array, noise: Array) -> Pose:
-    """The same of a pose: what is observed moves with place and rotation vector `(k, 6)`."""
+    """The same of a pose; H is by place and rotation vector `(k, 6)`."""
     step, covariance, _ = corrected(pose.covariance, observe, surprise, noise)
     rotation, position = turn(pose.rotation, step[3:]), pose.position + step[:3]
     return replace(pose, rotation=rotation, position=position, covariance=covariance)
 
 
 def fuse_normal(pose: Pose, level: Level) -> Pose:
-    """Tell a pose what is known about its target's normal; far away the correlated position improves with the tilt."""
-    return updated(pose, *_tilting(pose, level), level.spread**2 * np.eye(2))
-
-
-def normal_density(pose: Pose, level: Level) -> float:
-    """Logarithm of the density of a pose's normal where one is expected, as `corrected` tells it [1/rad^2]."""
-    return float(corrected(pose.covariance, *_tilting(pose, level), level.spread**2 * np.eye(2))[2])
+    """Tell a pose what is known about its target's normal."""
+    return updated(pose, *tilting(pose, level))
 
 
 def angle_of(a: Array, b: Array) -> float:
@@ -204,30 +191,29 @@ def turn_between(start: Array, end: Array) -> Array:
     """Rotation vector from one direction to another, both of length 1 `(3,)` [rad]."""
     axis = skew(start) @ end
     sine = float(np.linalg.norm(axis))
-    turned: Array = axis / sine * float(np.arctan2(sine, start @ end)) if sine > LEAST_SINE else axis
-    return turned
+    return np.asarray(axis / sine * float(np.arctan2(sine, start @ end)) if sine > LEAST_SINE else axis)
 
 
-def _tilting(pose: Pose, level: Level) -> tuple[Array, Array]:
-    """How two angles across a pose's normal move with the pose `(2, 6)`, and those to the expected one `(2,)` [rad].
+def tilting(pose: Pose, level: Level) -> tuple[Array, Array, Array]:
+    """What is known of a pose's normal, as `corrected` takes it.
 
-    The turn along the normal is yaw, which the attitude says nothing about.
+    How two angles across it move with the pose `(2, 6)`, those to the expected one `(2,)` and their covariance [rad].
     """
     normal = pose.rotation[:, 2]
     across = np.linalg.svd(normal.reshape(1, 3))[2][1:]
-    return np.hstack([np.zeros((2, 3)), across]), across @ turn_between(normal, level.up)
+    observe = np.hstack([np.zeros((2, 3)), across])
+    return observe, across @ turn_between(normal, level.up), level.spread**2 * np.eye(2)
 
 
 def without_normal(pose: Pose, level: Level) -> tuple[Pose, bool]:
-    """The pose by the image alone, of a fit that was told a normal: `fuse_normal` undone, with the variance -spread^2.
+    """Undo `fuse_normal`, by the variance -spread^2: the pose by the image alone, of a fit that was told a normal.
 
     About an axis that the image says next to nothing about, the pose stays as it is and hardly anything is known of it.
 
     Returns:
-        The pose with its covariance, and whether the image says as much about the tilt as the fit was told: where it
-        says less it is not linear, and the place without is anywhere.
+        The pose, and whether the image says as much about the tilt as the fit was told: it is not linear otherwise.
     """
-    observe, surprise = _tilting(pose, level)
+    observe, surprise, _ = tilting(pose, level)
     variances, axes = np.linalg.eigh(observe @ pose.covariance @ observe.T)
     known = 1.0 / level.spread**2
     own = 1.0 / variances - known

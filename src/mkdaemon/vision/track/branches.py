@@ -1,12 +1,11 @@
 """Readings of a target's past, each a way of the lens carried on by the vehicle's inertia, and how likely each is.
 
-Shaking turns a camera by degrees between two images but hardly moves it: seen from the target, the lens follows a
-smooth way. A constant-velocity Kalman filter on that way predicts from where the target is seen now, and so its tilt
-against the line of sight, to some tenths of a degree; without any attitude of the vehicle.
+Shaking turns a camera but hardly moves it. A constant-velocity Kalman filter on the place of the lens, seen from the
+target, predicts the target's tilt against the line of sight without any attitude of the vehicle.
 
 A pose and its mirror image explain one image of a small tag nearly as well. Each is a branch with its own course, and
 every image adds what its residuals say for or against it. What may become of a branch is a density of the place z from
-which a candidate sees the target, so that all compare whatever the range and however long nothing was seen:
+which a candidate sees the target:
 
 * it is joined: N(z; course, S), S the covariance of both;
 * it is missed, because the fit is wrong: the share of its points that disagrees, at least `LEAST_WRONG`, times a
@@ -29,12 +28,12 @@ import numpy.typing as npt
 from mkdaemon.vision.arrays import Array
 from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.ambiguity import CAUTION, evidence, log_odds
-from mkdaemon.vision.pose.pose import Pose, inverse
+from mkdaemon.vision.pose.pose import LEAST_NORM, Pose, inverse
 from mkdaemon.vision.pose.rolling import skew
 from mkdaemon.vision.track.attitude import corrected, updated
 
 AGREEMENT, AMBIGUITY, CERTAINTY = LIMITS.agreement, LIMITS.ambiguity, LIMITS.certainty
-DECIDED = LIMITS.ambiguity.decided
+DECIDED = AMBIGUITY.decided
 MOST_ODDS = 3.0 * DECIDED
 """Odds do not grow beyond [nats]: three images that decide lead out of a wrong branch."""
 ACCELERATION_PSD = 1.0
@@ -55,8 +54,6 @@ LEAVES = 0.001
 """Probability that a target leaves its course from one image to the next, once in half a minute."""
 ANYWHERE = 1e8
 """Variance of a place about which nothing is known [m^2]."""
-LEAST_NORM = 1e-9
-"""Of a place that has a direction [m]."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -154,13 +151,9 @@ class Branches:
     def begin(
         cls, time: float, candidates: Sequence[Pose], log_prior: Array | None = None, *, moving: bool = False
     ) -> Branches:
-        """Start from the candidates of one image; a single one is known to be true.
+        """Start from the m candidates of one image at a time [s]; a single one is known to be true.
 
-        Args:
-            time: of the image [s].
-            candidates: at least one.
-            log_prior: logarithm of the density of each by what is known beside the image `(m,)`.
-            moving: whether the target moves by itself.
+        `log_prior`: logarithm of the density of each by what is known beside the image `(m,)`.
         """
         course = Course.begin(time, *places(candidates), MOVING_PSD if moving else ACCELERATION_PSD)
         weight = (0.0 if log_prior is None else log_prior) - _evidence(candidates)
@@ -229,24 +222,18 @@ class Branches:
         )
 
     def _summed_against(self, centre: Array, candidates: Sequence[Pose]) -> Array:
-        """What images together say against the reading of each candidate, their own image included `(m,)` [nats].
-
-        A reading is where the target is seen from: one history of it may begin with a leap from the other.
-        """
+        """What images together say against the reading of each candidate, their own image included `(m,)` [nats]."""
+        # A reading is where the target is seen from: one history of it may begin with a leap from the other.
         apart = _angles(self.course.centre, centre)
         near = np.maximum(CERTAINTY.wrong_angle, apart.min(axis=0))
         # Where both readings are nearly one, what was said against one of them says nothing.
         before = np.where(apart <= near, self.together[:, None], np.inf).min(axis=0)
         odds = [min((log_odds(a, b) for b in candidates if b is not a), default=0.0) for a in candidates]
-        summed: Array = np.clip(AMBIGUITY.remembered * before - odds, 0.0, MOST_ODDS)
-        return summed
+        return np.asarray(np.clip(AMBIGUITY.remembered * before - odds, 0.0, MOST_ODDS))
 
 
 def places(poses: Sequence[Pose], caution: float | None = None) -> tuple[Array, Array]:
-    """Where poses put the lens `(m, 3)` [m; target], and the covariances of these places `(m, 3, 3)`.
-
-    `caution` is a factor on the variance of the poses; without it what errors over several images ask for.
-    """
+    """Where poses put the lens `(m, 3)` [m; target], and covariances `(m, 3, 3)`, `caution` times those of poses."""
     centre, spread = np.empty((len(poses), 3)), np.empty((len(poses), 3, 3))
     for k, pose in enumerate(poses):
         factor = CAUTION * shared_doubt(pose) if caution is None else caution
@@ -274,18 +261,13 @@ def _evidence(candidates: Sequence[Pose]) -> Array:
 def _angles(some: Array, others: Array) -> Array:
     """Angles between directions `(n, 3)` and `(m, 3)`, `(n, m)` [rad]."""
     a, b = (x / np.maximum(np.linalg.norm(x, axis=1, keepdims=True), LEAST_NORM) for x in (some, others))
-    angles: Array = np.arccos(np.clip(a @ b.T, -1.0, 1.0))
-    return angles
+    return np.asarray(np.arccos(np.clip(a @ b.T, -1.0, 1.0)))
 
 
 def _likeliest(centre: Array, weight: Array, missed: npt.NDArray[np.bool_]) -> list[int]:
-    """Which few of many branches are followed, the likeliest first.
-
-    What histories of one answer crowd out would count as impossible: a branch would be believed because nobody followed
-    its rival, or a target that leapt off every course would never be joined again. So of those whose difference would
-    be wrong each has a place first, and before others those that join the newest image: histories that drift apart and
-    miss image after image would leave none for it.
-    """
+    """Which few of many branches are followed, the likeliest first."""
+    # What is crowded out would count as impossible. So of those whose difference would be wrong each has a place first,
+    # and before others those that join the newest image.
     lost = weight.max() - MOST_ODDS
     order = [k for k in np.argsort(-weight, kind="stable").tolist() if weight[k] > lost or not missed[k]]
     apart, kept = _angles(centre, centre), list[int]()

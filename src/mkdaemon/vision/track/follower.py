@@ -6,7 +6,7 @@ from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from math import exp, hypot
-from typing import Final
+from typing import Final, Literal
 
 import cv2
 import numpy as np
@@ -15,29 +15,80 @@ from mkdaemon.config.vision import TrackerSection
 from mkdaemon.telemetry.vision import PoseRefusal
 from mkdaemon.vision.arrays import Array, Grey
 from mkdaemon.vision.limits import HALF, LIMITS
-from mkdaemon.vision.pose.ambiguity import prefers
+from mkdaemon.vision.pose.ambiguity import Decision, prefers
 from mkdaemon.vision.pose.fitting import TargetFitter
-from mkdaemon.vision.pose.pose import Bend, Pose
+from mkdaemon.vision.pose.pose import Bend, Pose, inverse, with_floor
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.pose.rolling import MOTIONS, KnownMotion, Shutter, motion_of
-from mkdaemon.vision.tags.detection import Detection
-from mkdaemon.vision.tags.detector import TONES, Detector
+from mkdaemon.vision.tags.cellread import Detection
+from mkdaemon.vision.tags.detector import TONES, Detector, Part
 from mkdaemon.vision.tags.tagmap import Tag, Target
-from mkdaemon.vision.track.alarms import ImageHealth
 from mkdaemon.vision.track.attitude import Mounting, Sight, Turning
 from mkdaemon.vision.track.branches import Branches
 from mkdaemon.vision.track.judge import Judge, Verdict
 from mkdaemon.vision.track.level import LevelKnowledge
-from mkdaemon.vision.track.result import FoundBy, Frame, TargetPose
 
+FoundBy = Literal["predicted", "flow", "roi", "search"]
+"""How a pose was found: where it is expected, where the target's image is found again, by tags near it or anywhere."""
 LARGE_PX: Final = 160
 """Side of a window from which half the resolution reads a target: 4 px a cell where its tag fills the window."""
 MOST_EFFORT: Final = 5
 """Spent on an image from which no other start is fitted, in fits to edges: one to grey values, and one to edges."""
-
-
 SINCE: Final = 0.1
-"""What a speed changes by from the images that told it to this one, 3 m/s^2 for 1/30 s, deviation [m/s]."""
+"""Deviation of a speed from that of the images before: 3 m/s^2 for 1/30 s [m/s]."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TargetPose:
+    """A published pose of one target.
+
+    Attributes:
+        target: name of the target.
+        frame: its frame in `tf`.
+        pose: camera from target, with the covariance of the measurement alone.
+        ratio: residual of the mirrored candidate over this one; infinite without a rival.
+        decided_by: what settled which candidate is true.
+        mode: how it was found.
+        decode_age: time since a tag of the target was last decoded [s].
+    """
+
+    target: str
+    frame: str
+    pose: Pose
+    ratio: float
+    decided_by: Decision
+    mode: FoundBy
+    decode_age: float
+
+    @property
+    def covariance(self) -> Array:
+        """Covariance `(6, 6)` of `pose` including the floor calibration leaves."""
+        return with_floor(self.pose)
+
+    def camera_in_target(self) -> tuple[Array, Array, Array]:
+        """Rotation target from camera, position of the camera [m; target], covariance with floor in target axes."""
+        return inverse(self.pose, self.covariance)
+
+
+@dataclass(slots=True)
+class Frame:
+    """One image on its way through the tracker.
+
+    Attributes:
+        sight: the image, with what is known about its moment.
+        detections: tags decoded in it so far.
+        poses: that are published.
+        refused: why a target has none.
+        found: targets that are followed.
+        started: targets whose decoded tags were judged.
+    """
+
+    sight: Sight
+    detections: list[Detection] = field(default_factory=list)
+    poses: list[TargetPose] = field(default_factory=list)
+    refused: dict[str, PoseRefusal] = field(default_factory=dict)
+    found: set[str] = field(default_factory=set)
+    started: set[str] = field(default_factory=set)
 
 
 @dataclass(slots=True)
@@ -105,24 +156,21 @@ class Track:
         moved = certain.deviations * LIMITS.edges.speed_sd * (time - then)
         return abs(pose.range_m - last.range_m) <= abs(moved) + max(certain.wrong_m, certain.wrong_share * pose.range_m)
 
-    def turn_to(self, seen: Sight) -> Array | None:
-        """Camera in an image from camera at the last pose `(3, 3)`, by attitudes; none where one is unknown."""
-        return _turn_between(self.last_seen, seen)
-
     def predict(self, seen: Sight) -> Pose:
         """Expected pose in an image.
 
-        Motion is taken in the camera frame; in the target's every error of tilt would swing the position by the range.
+        Motion is taken in the camera frame: in the target's an error of tilt would swing the position by the range.
         With attitudes the turn of the camera is taken out first and put back for the new image.
         """
-        (last_seen, last), turned = self._found[-1], self.turn_to(seen)
+        last_seen, last = self._found[-1]
+        turned = seen.turned_since(last_seen)
         position, rotation = last.position, last.rotation
         speed: Array | None = None
         speed_sd = 0.0
         if self.has_velocity:
             before_seen, before = self._found[-2]
             passed = last_seen.time - before_seen.time
-            earlier = _turn_between(before_seen, last_seen) if turned is not None else None
+            earlier = last_seen.turned_since(before_seen) if turned is not None else None
             step = last.position - (before.position if earlier is None else earlier @ before.position)
             position = last.position + (seen.time - last_seen.time) / passed * step
             speed = step / passed
@@ -137,20 +185,14 @@ class Track:
             rotation, position = turned @ last.rotation, turned @ position
         return replace(last, rotation=rotation, position=position, known_motion=known)
 
-    def motion_with(self, seen: Sight, pose: Pose) -> KnownMotion | None:
-        """What is known about the motion in an image from where its own fit puts the target; none if it is too late."""
-        if not self.goes_on(seen.time):
-            return None
-        return replace(self, _found=[*self._found, (seen, pose)]).predict(seen).known_motion
-
 
 def known_motion(place: Array, speed: Array | None, turning: Turning | None, speed_sd: float = 0.0) -> KnownMotion:
     """What is known about the motion of a camera while an image is read.
 
     Args:
         place: of the target `(3,)` [m; RDF].
-        speed: of the target in camera axes, by the images before `(3,)` [m/s]; none without them.
-        turning: how the camera turns, by the vehicle's attitude.
+        speed: of the target by the images before `(3,)` [m/s; RDF].
+        turning: of the camera by the vehicle's attitude.
         speed_sd: deviation of the speed along the optical axis that the images leave [m/s].
     """
     limits = LIMITS.edges
@@ -164,43 +206,6 @@ def known_motion(place: Array, speed: Array | None, turning: Turning | None, spe
     return KnownMotion(expected, np.array([spread] * 3 + [along]))
 
 
-def _turn_between(then: Sight, now: Sight) -> Array | None:
-    """Camera now from camera then `(3, 3)`, from two attitudes; none when one of them is unknown."""
-    if now.enu_from_cam is None or then.enu_from_cam is None:
-        return None
-    turn: Array = now.enu_from_cam.T @ then.enu_from_cam
-    return turn
-
-
-class OwnSearch:
-    """Searches windows `(x0, y0, x1, y1)` [px], end exclusive, for the tags of one target."""
-
-    def __init__(self, target: Target, detector: Detector) -> None:
-        self._target, self._detector = target, detector
-        self._turn = 0
-
-    def again(self, pixels: Grey, window: tuple[int, int, int, int]) -> list[Detection]:
-        """Tags of a part of the image; a search that finds none of the target's rests, then another has its turn."""
-        turn, rests = divmod(self._turn, LIMITS.search.beside_every)
-        self._turn += 1
-        if rests:
-            return []
-        x0, y0, x1, y1 = window
-        is_large = min(x1 - x0, y1 - y0) >= LARGE_PX
-        found = self._detector.search(pixels, TONES[turn % len(TONES)], window, 2 if is_large else 1)
-        self._turn -= bool(self.own(found))
-        return found
-
-    def nearby(self, pixels: Grey, window: tuple[int, int, int, int], misses: int) -> list[Detection]:
-        """Tags of a part of the image, searched in another tone after every miss."""
-        return self._detector.search(pixels, TONES[misses % len(TONES)], window)
-
-    def own(self, found: Sequence[Detection]) -> list[tuple[Tag, Detection]]:
-        """The target's own tags among decoded ones."""
-        tags = self._target.tags
-        return [(t, one) for one in found for t in tags if (t.family.name, t.tag_id) == (one.family, one.tag_id)]
-
-
 MOVED: Final = 16.3
 """Squared distance of a bend from what was known of it, from which that was wrong: chi-square(3), one in 1000."""
 LASTS: Final = 300.0
@@ -208,10 +213,7 @@ LASTS: Final = 300.0
 
 
 class LearnedBend:
-    """The bend of one print: a process that returns to what is known without any image within minutes.
-
-    Grey values of a target far away hardly tell a bend from a tilt: what near edges showed is carried on.
-    """
+    """The bend of one print: what near edges showed is carried on, and returns to the prior within minutes."""
 
     def __init__(self, prior: Bend | None) -> None:
         self._prior = self._last = prior
@@ -226,13 +228,13 @@ class LearnedBend:
         return Bend(mean, kept**2 * self._last.covariance + (1.0 - kept**2) * self._prior.covariance)
 
     def learn(self, time: float, pose: Pose) -> None:
-        """Take in what the edges of a published pose say; its fit asked with what was known here."""
+        """Take in what the edges of a published pose say."""
         if pose.bend is None or pose.known_bend is None or pose.source != "edges":
             return
         surprise = pose.bend.mean - pose.known_bend.mean
         is_learned = self._last is not self._prior
         is_moved = is_learned and float(surprise @ pose.known_bend.information @ surprise) > MOVED
-        # A sheet that moved, or was learned wrong, is learned anew; one that its file does not expect is learned, too.
+        # A sheet that moved is learned anew.
         self._last, self._time = self._prior if is_moved else pose.bend, time
 
 
@@ -243,12 +245,7 @@ BESIDE: Final = 0.05
 
 
 def learn_rows(shutter: Shutter, published: Sequence[tuple[float, Pose]]) -> None:
-    """Tell a shutter how the camera moved while it read an image, from where the images beside it see the target.
-
-    Args:
-        shutter: of the camera.
-        published: times [s] and poses of the newest three images that were published.
-    """
+    """Tell a shutter how the camera moved in the last but one image, by the images beside it: times [s] and poses."""
     if not shutter.is_open or len(published) < 3:
         return
     (start, before), (middle, between), (end, after) = published
@@ -270,6 +267,7 @@ class Follower:
         track: its memory.
         level: how it lies by the attitude.
         judge: decides about its poses.
+        side_px: side of its largest tag in an image, by a pose [px].
         contradicting: the pose of the newest image that contradicts the attitude; none without one.
     """
 
@@ -278,7 +276,6 @@ class Follower:
         target: Target,
         projection: Projection,
         detector: Detector,
-        health: ImageHealth,
         mounting: Mounting | None,
         cfg: TrackerSection,
     ) -> None:
@@ -286,33 +283,33 @@ class Follower:
         self.track = Track(cfg.coast)
         self.level = LevelKnowledge(target.level, mounting, cfg)
         self.contradicting: Pose | None = None
-        self._target, self._cfg = target, cfg
-        self._search, self._health = OwnSearch(target, detector), health
+        self._cfg, self._detector, self._turn = cfg, detector, 0
         self._fitter = TargetFitter(target, projection)
         self._bend = LearnedBend(self._fitter.bend_known)
+        self.side_px = self._fitter.side_px
         self.judge = Judge(self._fitter, self.level, cfg)
 
     def follow(self, frame: Frame) -> None:
         """Try to find the target where it should be."""
-        sight, track = self._seen(frame), self.track
+        sight, track = self.level.sight(frame.sight), self.track
         self._fitter.effort = 0
         if not track.goes_on(sight.time):
             track.lose()
             return
         # An attitude that jumps, or has a swapped sign, turns a prediction away from a target that is where it was.
-        ways = [sight, sight.without_attitude()] if track.turn_to(sight) is not None else [sight]
+        ways = [sight, sight.without_attitude()] if sight.turned_since(track.last_seen) is not None else [sight]
         if any(self._measured(frame, self._starts(seen)) for seen in ways):
             return
         window = self._fitter.window(self._predicted(sight), sight.pixels.shape)
         if window is not None:
-            found = self._search.nearby(sight.pixels, window, track.misses)
+            found = self._detector.search(sight.pixels, TONES[track.misses % len(TONES)], window)
             frame.detections.extend(found)
             self.start(frame, found, "roi")
 
     def _starts(self, seen: Sight) -> Iterator[tuple[FoundBy, Pose]]:
         """The prediction, and the last pose carried over: before it where the image does not show what it expects."""
         track, predicted = self.track, self._predicted(seen)
-        is_expected = track.has_velocity or track.turn_to(seen) is not None
+        is_expected = track.has_velocity or seen.turned_since(track.last_seen) is not None
         if is_expected and self._fitter.shows(seen.pixels, predicted):
             yield "predicted", predicted
             is_expected = False
@@ -325,20 +322,19 @@ class Follower:
             yield "predicted", predicted
 
     def _with_climb(self, seen: Sight, start: Pose) -> Pose:
-        """The start of a track's second image with the speed that both ranges tell.
-
-        Under a rolling shutter a climb looks like a tilt, and does not change the range half way through the image.
-        """
+        """The start of a track's second image with the speed that both ranges tell: rows make a tilt of a climb."""
         if not self._fitter.shutter.rolls or self.track.has_velocity:
             return start
         found = self._fitter.refine(seen.pixels, start)
-        if found is None or found.inliers < LIMITS.agreement.blind:
+        if found is None or found.inliers < LIMITS.agreement.blind or not self.track.goes_on(seen.time):
             return start
-        return replace(start, known_motion=self.track.motion_with(seen, found) or start.known_motion)
+        ahead = replace(self.track)
+        ahead.accept(seen, found)
+        return replace(start, known_motion=ahead.predict(seen).known_motion)
 
     def _measured(self, frame: Frame, starts: Iterable[tuple[FoundBy, Pose]]) -> bool:
         """Whether the target is found from one of several starts; it is followed then, and published if believed."""
-        seen = self._seen(frame)
+        seen = self.level.sight(frame.sight)
         for mode, start in starts:
             verdict = self.judge.measure(seen, self._with_climb(seen, start), self.track.branches)
             if self._is_believed(frame, verdict):
@@ -351,10 +347,7 @@ class Follower:
         return True
 
     def _is_believed(self, frame: Frame, verdict: Verdict) -> bool:
-        """Whether the target is followed where a verdict puts it: no gate and no image speaks against it.
-
-        What contradicts the attitude from one start counts for all starts of the image.
-        """
+        """Whether the target is followed where a verdict puts it: no gate, and no other start, speaks against it."""
         pose, against = verdict.pose, self.contradicting
         if pose is not None and (against is None or not prefers(against, pose)):
             if not verdict.contradicts:
@@ -365,16 +358,22 @@ class Follower:
 
     def _follow(self, frame: Frame, verdict: Verdict, mode: FoundBy) -> None:
         """Follow a target that is found, and publish it if it is believed."""
-        pose, seen = verdict.pose, self._seen(frame)
+        pose, track, time = verdict.pose, self.track, frame.sight.time
         if pose is None or not self._decode_again(frame, pose):
             return
         frame.found.add(self.name)
-        self.track.accept(seen, pose)
-        self.track.branches = verdict.branches or self.track.branches
+        track.accept(self.level.sight(frame.sight), pose)
+        track.branches = verdict.branches or track.branches
         if verdict.refusal is not None:
             frame.refused[self.name] = verdict.refusal
         else:
-            self._publish(frame, verdict, pose, mode)
+            track.published.append((time, pose))
+            self._bend.learn(time, pose)
+            learn_rows(self._fitter.shutter, track.published)
+            frame.refused.pop(self.name, None)
+            self.contradicting = None
+            known = self.name, self._fitter.target.frame, pose, verdict.ratio, verdict.decided_by, mode
+            frame.poses.append(TargetPose(*known, time - track.decoded_at))
         if verdict.alone is not None:
             self.level.learn(frame.sight, verdict.alone)
 
@@ -396,11 +395,11 @@ class Follower:
 
     def start(self, frame: Frame, found: Sequence[Detection], mode: FoundBy) -> None:
         """Start or restart the track from decoded tags of any target, found in some way."""
-        tags = self._search.own(found)
+        tags = self._own(found)
         if not tags:
             return
         frame.started.add(self.name)
-        seen, track = self._seen(frame), self.track
+        seen, track = self.level.sight(frame.sight), self.track
         candidates = self._fitter.cold(
             seen.pixels, tags, lambda place: known_motion(place, None, seen.turning), self._bend.at(seen.time)
         )
@@ -421,8 +420,8 @@ class Follower:
         if overdue < 0.0:
             return True
         window = self._fitter.window(pose, pixels.shape)
-        found = self._search.again(pixels, window) if window is not None else []
-        tags = self._search.own(found)
+        found = self._search_again(pixels, window) if window is not None else []
+        tags = self._own(found)
         frame.detections.extend(found)
         if tags and self._fitter.disagreement(pose, tags) < HALF:
             track.decoded_at = now
@@ -435,21 +434,23 @@ class Follower:
         self.start(frame, found, "roi")
         return False
 
-    def _seen(self, frame: Frame) -> Sight:
-        """An image as the target is looked for in it: without an attitude that its images contradict."""
-        return self.level.sight(frame.sight)
+    def _search_again(self, pixels: Grey, window: Part) -> list[Detection]:
+        """Tags of a part of the image; a search that finds none of the target's rests, then another has its turn."""
+        turn, rests = divmod(self._turn, LIMITS.search.beside_every)
+        self._turn += 1
+        if rests:
+            return []
+        x0, y0, x1, y1 = window
+        is_large = min(x1 - x0, y1 - y0) >= LARGE_PX
+        found = self._detector.search(pixels, TONES[turn % len(TONES)], window, 2 if is_large else 1)
+        self._turn -= bool(self._own(found))
+        return found
+
+    def _own(self, found: Sequence[Detection]) -> list[tuple[Tag, Detection]]:
+        """The target's own tags among decoded ones."""
+        tags = self._fitter.target.tags
+        return [(tag, one) for one in found for tag in tags if (tag.family.name, tag.tag_id) == one.code]
 
     def _predicted(self, seen: Sight) -> Pose:
         """What the track expects in an image, with what is known of the print's bend."""
         return replace(self.track.predict(seen), bend=None, known_bend=self._bend.at(seen.time))
-
-    def _publish(self, frame: Frame, verdict: Verdict, pose: Pose, mode: FoundBy) -> None:
-        time = frame.sight.time
-        self.track.published.append((time, pose))
-        self._bend.learn(time, pose)
-        learn_rows(self._fitter.shutter, self.track.published)
-        frame.refused.pop(self.name, None)
-        self.contradicting = None
-        self._health.note(pose, self._fitter.side_px(pose))
-        known = self.name, self._target.frame, pose, verdict.ratio, verdict.decided_by, mode
-        frame.poses.append(TargetPose(*known, time - self.track.decoded_at))

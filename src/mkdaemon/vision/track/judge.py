@@ -18,7 +18,7 @@ from mkdaemon.vision.pose.fitting import TargetFitter
 from mkdaemon.vision.pose.gates import certainty_refusal, fit_refusal
 from mkdaemon.vision.pose.pose import Pose, angle_between, turn
 from mkdaemon.vision.pose.unknowns import Level
-from mkdaemon.vision.track.attitude import Sight, normal_density, turn_between, without_normal
+from mkdaemon.vision.track.attitude import Sight, corrected, fuse_normal, tilting, turn_between, without_normal
 from mkdaemon.vision.track.branches import Branches
 from mkdaemon.vision.track.level import LevelKnowledge
 
@@ -30,8 +30,7 @@ class Verdict:
     """What is thought of the fits of one image.
 
     Attributes:
-        pose: to go on following the target with; none when a gate stopped it. Refused by the attitude, the fit that
-            contradicts it: the image prefers it to what agrees with the attitude.
+        pose: to go on following the target with, or that contradicts the attitude; none when a gate stopped it.
         refusal: why it is not published; none when it is.
         alone: the fit by what the image alone says, where the attitude agrees with it or is unknown.
         branches: the readings of the target's images with this one; none where it tells nothing about them.
@@ -57,11 +56,7 @@ FOLLOWED: Final = (None, PoseRefusal.AMBIGUOUS, PoseRefusal.ANGLE_UNCERTAIN)
 
 
 class Judge:
-    """Measures and judges one target.
-
-    Attributes:
-        level: what the attitude says.
-    """
+    """Measures and judges one target; `level` is what the attitude says."""
 
     def __init__(self, fitter: TargetFitter, level: LevelKnowledge, cfg: TrackerSection) -> None:
         self.level = level
@@ -80,9 +75,13 @@ class Judge:
         refused = self.refusal(seen, fit) if fit is not None else PoseRefusal.NO_FIT
         if fit is not None and refused is None:
             if vertical is None:
-                return self._judge_without_attitude(seen, fit, before)
+                # Its mirror image, the images before and the vehicle's inertia judge it.
+                candidates = self.candidates(seen, [fit])
+                branches = self.branches(seen, candidates, before)
+                refused = None if branches.pose is fit else self.refusal(seen, branches.pose)
+                return self._judge_branches(seen, branches, candidates) if refused is None else Verdict(None, refused)
             # What the images before told of the deck; with this one in it the image would count twice.
-            fused = self.level.fuse(seen, fit) if held is None else fit
+            fused = fuse_normal(fit, vertical) if held is None else fit
             return replace(self.judge_with_attitude(seen, fused, before), alone=alone)
         # Nothing lies over a whole target; what lies over a near one misleads its tilt, but not its place.
         is_there = fit is not None and (self.is_whole(fit) or self.is_plainly_there(seen, fit))
@@ -109,21 +108,23 @@ class Judge:
 
     def _judge_alone(self, seen: Sight, fits: Sequence[Pose]) -> Verdict:
         """Judge the first fits of a target by their image."""
-        branches = self.start_branches(seen, fits)
-        if not branches.is_decided and all(self._is_small(pose) for pose in fits):
+        branches = self.branches(seen, fits)
+        small = LIMITS.cells.small_px
+        if not branches.is_decided and all(one.source == "edges" and self._cell_px(one) < small for one in fits):
             # All pixels of a small target tell more than its edges.
             grey = self._fitter.fit_grey_values(seen.pixels, fits)
-            if grey and (by_grey := self.start_branches(seen, grey)).is_decided:
+            if grey and (by_grey := self.branches(seen, grey)).is_decided:
                 fits, branches = grey, by_grey
         verdict = self._judge_branches(seen, branches, fits)
         return replace(verdict, decided_by="unique" if verdict.ratio == inf else "image")
 
     def _judge_beside(self, seen: Sight, fits: Sequence[Pose], vertical: Level) -> Verdict:
         """Judge the first fits of a target by image and attitude."""
-        branches = self.start_branches(seen, fits, np.array([normal_density(pose, vertical) for pose in fits]))
+        expected = np.array([corrected(one.covariance, *tilting(one, vertical))[2] for one in fits])
+        branches = self.branches(seen, fits, log_prior=expected)
         pose = branches.pose
         if branches.is_decided and not self.is_partial(pose) and self.refusal(seen, pose) is None:
-            pose = with_angle_variance(self.level.fuse(seen, pose), branches.doubt)
+            pose = with_angle_variance(fuse_normal(pose, vertical), branches.doubt)
         else:
             # Something lying over one side gives a quad that is off by that much.
             best = min(fits, key=lambda pose: pose.loss)
@@ -131,21 +132,21 @@ class Judge:
             held = self._fitter.refine(seen.pixels, replace(best, rotation=upright), vertical)
             if held is None or self.refusal(seen, held, is_hidden=True) is not None:
                 return Verdict(None, PoseRefusal.ATTITUDE)
-            pose, branches = held, self.start_branches(seen, [held])
+            pose, branches = held, self.branches(seen, [held])
         refused = certainty_refusal(pose, has_attitude=True)
         return Verdict(pose, refused, branches=branches, decided_by="attitude")
 
-    def start_branches(self, seen: Sight, candidates: Sequence[Pose], log_prior: Array | None = None) -> Branches:
-        """Branches that start in this image, by it and what else is told; a single candidate is believed."""
+    def branches(
+        self, seen: Sight, candidates: Sequence[Pose], before: Branches | None = None, log_prior: Array | None = None
+    ) -> Branches:
+        """The readings of the images before with this one, or such as start in it; see `Branches.begin`."""
+        if before is not None:
+            return before.after(seen.time, candidates)
         return Branches.begin(seen.time, candidates, log_prior, moving=self._fitter.target.moving)
-
-    def _go_on(self, seen: Sight, candidates: Sequence[Pose], before: Branches | None) -> Branches:
-        """Branches with this image."""
-        return self.start_branches(seen, candidates) if before is None else before.after(seen.time, candidates)
 
     def judge_with_attitude(self, seen: Sight, pose: Pose, before: Branches | None) -> Verdict:
         """Judge a fit that agrees with the attitude; inertia is asked where the fit alone is too uncertain."""
-        refused, branches = certainty_refusal(pose, has_attitude=True), self._go_on(seen, [pose], before)
+        refused, branches = certainty_refusal(pose, has_attitude=True), self.branches(seen, [pose], before)
         if refused is not None and self._is_on_course(branches):
             pose = branches.prior.fuse(pose)
             refused = certainty_refusal(pose, has_attitude=True)
@@ -154,14 +155,8 @@ class Judge:
     def _is_on_course(self, branches: Branches) -> bool:
         """Whether a pose is where inertia expects it, by its own covariance: branches allow for errors that last."""
         is_hit = branches.is_decided and not branches.missed[0]
-        return is_hit and branches.prior.mahalanobis2(branches.pose) <= CERTAINTY.surprising
-
-    def _judge_without_attitude(self, seen: Sight, pose: Pose, before: Branches | None) -> Verdict:
-        """Judge a fit by its mirror image, the images before and the vehicle's inertia."""
-        candidates = self.candidates(seen, [pose])
-        branches = self._go_on(seen, candidates, before)
-        refused = None if branches.pose is pose else self.refusal(seen, branches.pose)
-        return self._judge_branches(seen, branches, candidates) if refused is None else Verdict(None, refused)
+        # Chi-square(3): one in 900 is farther.
+        return is_hit and branches.prior.mahalanobis2(branches.pose) <= CERTAINTY.deviations**2
 
     def _judge_branches(self, seen: Sight, branches: Branches, candidates: Sequence[Pose]) -> Verdict:
         """Judge the likeliest reading of the images so far."""
@@ -171,8 +166,8 @@ class Judge:
         fused = with_angle_variance(branches.prior.fuse(chosen), branches.doubt)
         if not self._is_on_course(branches):
             return Verdict(fused, PoseRefusal.OFF_COURSE, branches=branches)
-        is_partial, is_backed = self.is_partial(chosen), branches.prior.angle_sd < CERTAINTY.blind_angle_sd
-        is_plain = is_backed or self.is_plain(seen, fused)
+        is_partial = self.is_partial(chosen)
+        is_plain = branches.prior.angle_sd < CERTAINTY.blind_angle_sd or self.is_plain(seen, fused)
         # Hidden parts, or a border faked by what hides them: the edges seen tell these apart.
         is_plain = is_plain or (is_partial and self._fitter.is_supported(seen.pixels, chosen))
         if is_partial and not is_plain:
@@ -182,10 +177,7 @@ class Judge:
         return Verdict(fused, refused, alone, branches, ratio=residual_ratio(chosen, candidates))
 
     def refusal(self, seen: Sight, pose: Pose, *, is_hidden: bool = False) -> PoseRefusal | None:
-        """The first sign that a pose is wrong; none without any.
-
-        `is_hidden`: parts of a first pose may be hidden, which tells no tilted deck from a covered border.
-        """
+        """The first sign that a pose is wrong; `is_hidden` parts tell no tilted deck from a covered border."""
         refused = fit_refusal(pose, self._cfg)
         if refused is not None:
             return refused
@@ -200,10 +192,8 @@ class Judge:
         return PoseRefusal.ATTITUDE if self.level.refuses(seen, pose, is_hidden=is_hidden) else None
 
     def candidates(self, seen: Sight, fits: Sequence[Pose]) -> list[Pose]:
-        """Fits of one image and, where perspective does not rule it out, the mirror image of the best one.
-
-        The starts of both may have run into one minimum; a branch without its rival would be believed unchallenged.
-        """
+        """Fits of one image and, where perspective does not rule it out, the mirror image of the best one."""
+        # The starts of both may have run into one minimum; a branch without its rival would be believed unchallenged.
         best = min(fits, key=lambda pose: pose.loss)
         is_blurred = best.blur_px is not None and best.blur_px > LIMITS.blur.smeared_px
         if self._is_large(best) and not is_blurred:
@@ -232,10 +222,6 @@ class Judge:
     def _is_large(self, pose: Pose) -> bool:
         """Whether perspective tells a pose from its mirror image."""
         return self._cell_px(pose) > LIMITS.cells.perspective_px
-
-    def _is_small(self, pose: Pose) -> bool:
-        """Whether edges of a target are near each other."""
-        return pose.source == "edges" and self._cell_px(pose) < LIMITS.cells.small_px
 
     def _cell_px(self, pose: Pose) -> float:
         """Side of a cell of the largest tag in the image [px]."""

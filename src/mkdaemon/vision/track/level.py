@@ -4,9 +4,9 @@ A deck that is tilted lies so in the world; an attitude that is biased, or a mou
 measures their sum, the target's normal by the attitude; when the vehicle's heading turns, the error turns with it and
 the deck does not.
 
-A deck may rest or rock. And an attitude may be wrong altogether, by a swapped sign, a mounting that is off by many
-degrees or a target that is not level at all, or be shaken, another one in every image. All four kinds are followed,
-each as likely as its predictions make it. An attitude that is likelier wrong is left out, until it is likelier right.
+A deck may rest or rock; an attitude may be wrong altogether, or be shaken, another one in every image. All four kinds
+are followed, each as likely as its predictions make it. An attitude that is likelier wrong is left out, until it is
+likelier right.
 
 Source: interacting multiple models, Blom and Bar-Shalom, IEEE TAC 33(8), 1988.
 """
@@ -25,12 +25,11 @@ from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.pose import Pose, largest_variance
 from mkdaemon.vision.pose.rolling import skew
 from mkdaemon.vision.pose.unknowns import Level
-from mkdaemon.vision.track.attitude import Mounting, Sight, angle_of, corrected, fuse_normal
+from mkdaemon.vision.track.attitude import Mounting, Sight, angle_of, corrected
 from mkdaemon.vision.track.branches import lasting_doubt
 
 PRIOR_SD: Final = radians(2.5)
-"""Deviation of the normal from the vertical before an image measured it, each axis [rad]: half of its variance the
-deck's, half the attitude's."""
+"""Deviation of the normal before an image measured it, each axis [rad]: half its variance is the attitude's."""
 HALF_DEG: Final = degrees(PRIOR_SD / sqrt(2.0))
 KINDS: Final = np.array(
     [
@@ -40,16 +39,15 @@ KINDS: Final = np.array(
         [0.001, HALF_DEG, 0.1, 0.25, 5.0],  # one that is shaken: the wobble of a vibration behind a rolling shutter
     ]
 )
-"""Of each kind the probability, before an image was seen and of each that follows another one; the deviation of a
-deck's normal, and of the attitude's error, before an image was seen, each axis [deg]; the random walk of the deck and
-of the error [deg/sqrt(s)]; the noise of the attitude, each axis [deg]."""
+"""Of each kind the probability, before an image was seen and of each that follows another one; the deviation of deck
+and error before an image was seen; the random walk of the deck and of the error [deg/sqrt(s)]; the noise of the
+attitude. All deviations are those of each axis [deg]."""
 EXPECTED: Final = KINDS[:, 0]
 SPREADS, NOISES = np.radians(KINDS[:, 1]), np.radians(KINDS[:, 4])
 DRIFTS: Final = np.radians(KINDS[:, [2, 2, 3, 3]])
 DECKS, WRONG = slice(2), 2
 FOLLOWS: Final = np.array([[1, 1, 0, 0, 0], [1, 1, 0, 0, 0], [0, 0, 0, 0, 1], [0, 0, 0, 0, 0]])
-"""Which kind begins where another one was, or, the last one, by anything: a deck begins to rock, or to rest, where it
-lay."""
+"""Which kind begins where another one was, or, the last column, anywhere."""
 ANEW: Final = 10.0
 """Mean time after which any kind may follow [s]; a deck that rests or rocks goes on for twice as long."""
 MISSED: Final = log(0.01 / radians(20.0) ** 2)
@@ -67,13 +65,9 @@ FAST: Final = radians(0.5)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Belief:
-    """What is known by each kind.
+    """Probability of each kind `(4,)`, and mean `(4, 4)` and covariance `(4, 4, 4)` of four angles by it [rad].
 
-    Attributes:
-        weight: probability of each `(4,)`.
-        mean: `(4, 4)`: horizontal part of the deck's normal, east and north, and error of the attitude about the
-            vehicle's axes, roll and pitch [rad].
-        covariance: of `mean` `(4, 4, 4)` [rad^2].
+    The horizontal part of the deck's normal, east and north; the attitude's error about the vehicle's roll and pitch.
     """
 
     weight: Array
@@ -101,10 +95,7 @@ class _Belief:
         return _Belief(stays * self.weight + anew, mean, spread + (DRIFTS**2 * passed)[:, None] * np.eye(4))
 
     def measured(self, observe: Array, normal: Array, covariance: Array, *, may_be_deck: bool) -> _Belief:
-        """Kalman updates, each weight times the density of its surprise.
-
-        A kind that expects it less than a wrong fit has missed it, and learns nothing.
-        """
+        """Kalman updates, each weight times the density of its surprise; a kind that missed it learns nothing."""
         noise = covariance + (NOISES**2)[:, None, None] * np.eye(2)
         step, after, density = corrected(self.covariance, observe, normal - self.mean @ observe.T, noise)
         if not may_be_deck:
@@ -159,10 +150,7 @@ class LevelKnowledge:
         return Level(known[0].T @ normal, hypot(min(self._spread, FAST), sd))
 
     def refuses(self, seen: Sight, pose: Pose, *, is_hidden: bool = False) -> bool:
-        """Whether a pose disagrees with what is expected by more than is believed.
-
-        A partly hidden first pose cannot tell a tilted deck from a border that is covered.
-        """
+        """Whether a pose disagrees with what is expected by more than is believed; `is_hidden`: see `Judge.refusal`."""
         level = self.vertical(seen)
         if level is None:
             return False
@@ -170,17 +158,8 @@ class LevelKnowledge:
         gate = self._gate + spread + (0.0 if is_hidden else level.spread)
         return angle_of(pose.rotation[:, 2], level.up) > gate
 
-    def fuse(self, seen: Sight, pose: Pose) -> Pose:
-        """The pose with what the attitude knows about its tilt."""
-        level = self.vertical(seen)
-        return pose if level is None else fuse_normal(pose, level)
-
     def learn(self, seen: Sight, pose: Pose) -> bool:
-        """Take in how the target lies, by a pose that the image alone decided.
-
-        Returns:
-            Whether the attitude is left out from this image on, and was not before.
-        """
+        """Take in how the target lies, by a pose that the image alone decided; whether that leaves the attitude out."""
         known = self._attitude(seen)
         if known is None:
             return False
@@ -200,12 +179,10 @@ class LevelKnowledge:
         return is_left_out and not was_left_out
 
     def _attitude(self, seen: Sight) -> tuple[Array, Array] | None:
-        """The camera's attitude `(3, 3)`, and how deck and error move the normal that it makes of an image `(2, 4)`.
-
-        A small turn b of the vehicle moves a vertical normal by (R b) x up = (b'_north, -b'_east), b' = R b.
-        """
+        """The camera's attitude `(3, 3)`, and how deck and error move the normal that it makes of an image `(2, 4)`."""
         if seen.enu_from_cam is None or self._cam_from_flu is None:
             return None
+        # A small turn b of the vehicle moves a vertical normal by (R b) x up = (b'_north, -b'_east), b' = R b.
         (east, by_east), (north, by_north) = (seen.enu_from_cam @ self._cam_from_flu)[:2, :2].tolist()
         return seen.enu_from_cam, np.array([[1.0, 0.0, north, by_north], [0.0, 1.0, -east, -by_east]])
 

@@ -2,26 +2,108 @@
 
 from __future__ import annotations
 
-from typing import Final
+from collections import deque
+from dataclasses import dataclass
+from statistics import median
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
 
 from mkdaemon.config.vision import TrackerSection
-from mkdaemon.telemetry.vision import Alarm
+from mkdaemon.telemetry.vision import Alarm, PoseRefusal
+from mkdaemon.vision.arrays import Grey
 from mkdaemon.vision.camera.calibration_file import Intrinsics
 from mkdaemon.vision.camera.image import CameraImage, in_light
-from mkdaemon.vision.limits import LIMITS
+from mkdaemon.vision.limits import HALF, LIMITS
+from mkdaemon.vision.pose.edgefind import HALF_WIDTH
+from mkdaemon.vision.pose.pose import Pose
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.pose.rolling import Shutter
-from mkdaemon.vision.tags.detection import Detection
+from mkdaemon.vision.tags.cellread import Detection
 from mkdaemon.vision.tags.detector import FIRST, Detector, looks_of
 from mkdaemon.vision.tags.outline import has_highlights
 from mkdaemon.vision.tags.tagmap import TagMap, covered_cells
-from mkdaemon.vision.track.alarms import ImageHealth
 from mkdaemon.vision.track.attitude import AttitudeHistory, Mounting, Sight, Turning
-from mkdaemon.vision.track.follower import Follower
-from mkdaemon.vision.track.result import Frame, VisionResult
+from mkdaemon.vision.track.follower import Follower, Frame, TargetPose
 
 UNUSABLE: Final = frozenset({Alarm.WRONG_SIZE, Alarm.WRONG_KIND, Alarm.FROZEN})
 """Alarms of images that nothing is looked for in."""
+DRIFT_FITS, BLUR_FITS = 30, 5
+"""Residuals and widths of edges whose median counts."""
+BRIGHTEST = 0.99
+"""Quantile of the grey values of an image that tells whether it has light."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class VisionResult:
+    """Everything one image gave.
+
+    Attributes:
+        camera: name of the camera.
+        sequence: of the image.
+        captured_at: middle of its exposure, monotonic [s].
+        detections: decoded tags with their pixels; empty in images that were tracked without a search.
+        poses: at most one per target.
+        alarms: what is wrong with the image.
+        refused: targets whose pose was measured and not believed, each with the reason.
+    """
+
+    camera: str
+    sequence: int
+    captured_at: float
+    detections: tuple[Detection, ...]
+    poses: tuple[TargetPose, ...]
+    alarms: tuple[Alarm, ...]
+    refused: tuple[tuple[str, PoseRefusal], ...] = ()
+
+    def pose_of(self, target: str) -> TargetPose | None:
+        """The pose of a target by name."""
+        return next((pose for pose in self.poses if pose.target == target), None)
+
+
+class ImageHealth:
+    """Watches the images of one camera."""
+
+    def __init__(self, width: int | None, height: int | None) -> None:
+        self._shape = (height, width) if width is not None and height is not None else None
+        self._last: Grey | None = None
+        self._repeats = 0
+        self._residuals: deque[float] = deque(maxlen=DRIFT_FITS)
+        self._blur: deque[float] = deque(maxlen=BLUR_FITS)
+
+    def check(self, pixels: npt.NDArray[Any]) -> list[Alarm]:
+        """Alarms of one image, which ought to be `(h, w)` uint8; of another kind or size, that alone."""
+        if pixels.dtype != np.uint8:
+            return [Alarm.WRONG_KIND]
+        if pixels.ndim != 2 or pixels.size == 0 or (self._shape is not None and pixels.shape != self._shape):
+            return [Alarm.WRONG_SIZE]
+        limits, thin = LIMITS.health, pixels[::8, ::8]
+        signs = {
+            Alarm.DARK: np.count_nonzero(thin < limits.dark_grey) > BRIGHTEST * thin.size,
+            Alarm.BLOWN: np.count_nonzero(thin >= LIMITS.read.saturated) > HALF * thin.size,
+            Alarm.FROZEN: self._is_frozen(np.ascontiguousarray(pixels[::3, ::5])),
+            Alarm.BLURRED: len(self._blur) == BLUR_FITS and median(self._blur) > LIMITS.blur.alarm_px,
+            Alarm.RESIDUAL_DRIFT: len(self._residuals) == DRIFT_FITS and median(self._residuals) > limits.drift_px,
+        }
+        return [alarm for alarm, is_seen in signs.items() if is_seen]
+
+    def note(self, pose: Pose, side_px: float) -> None:
+        """Remember the sharpness and, of edges, the residual of an accepted fit; small tags tell nothing."""
+        if side_px < LIMITS.health.large_tag_px:
+            return
+        is_of_edges = pose.source == "edges"
+        if pose.blur_px is not None:
+            self._blur.append(pose.blur_px if is_of_edges else pose.blur_px * HALF_WIDTH)
+        if is_of_edges and (pose.blur_px is None or pose.blur_px < LIMITS.blur.smeared_px):
+            self._residuals.append(pose.rms_px)
+
+    def _is_frozen(self, thin: Grey) -> bool:
+        # A black or saturated image repeats without being frozen; those have their own alarms.
+        same = self._last is not None and bool(np.array_equal(self._last, thin)) and int(thin.min()) < int(thin.max())
+        self._repeats = self._repeats + 1 if same else 0
+        self._last = thin
+        return self._repeats >= LIMITS.health.frozen_images
 
 
 class Tracker:
@@ -53,21 +135,12 @@ class Tracker:
             self.shutter = Shutter(intrinsics.line_time, intrinsics.height / 2 * intrinsics.fx)
             projection = Projection(intrinsics, self.shutter)
             self.followers = tuple(
-                Follower(target, projection, self.detector, self._health, mounting, self._cfg)
-                for target in tagmap.targets
+                Follower(target, projection, self.detector, mounting, self._cfg) for target in tagmap.targets
             )
         self._count = self._searches = 0
 
     def update(self, image: CameraImage, attitude: AttitudeHistory | None = None) -> VisionResult:
-        """Process one image.
-
-        Args:
-            image: the newest image of the camera.
-            attitude: recent attitudes of the vehicle; used for prediction and, over level targets, as a gate.
-
-        Returns:
-            Tags, poses, alarms and refusals; never raises on account of an image.
-        """
+        """Process the newest image of the camera, with recent attitudes of the vehicle; no image makes it raise."""
         alarms = self._health.check(image.pixels)
         if not UNUSABLE.isdisjoint(alarms):
             self.reset()
@@ -82,6 +155,9 @@ class Tracker:
             self._search_missing(frame)
             for follower in self.followers:
                 follower.settle(frame)
+            sides = {one.name: one.side_px for one in self.followers}
+            for found in frame.poses:
+                self._health.note(found.pose, sides[found.target](found.pose))
         else:
             alarms.append(Alarm.UNCALIBRATED)
             frame.detections.extend(self._search(frame))
