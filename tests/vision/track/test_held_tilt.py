@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -14,6 +16,7 @@ from mkdaemon.vision.pose.pose import Pose, turn
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.pose.unknowns import Level
 from mkdaemon.vision.track.attitude import LOOKING_DOWN, Sight, fuse_normal
+from mkdaemon.vision.track.branches import Branches
 from mkdaemon.vision.track.judge import Judge, Verdict
 from mkdaemon.vision.track.level import LevelKnowledge
 from tests.vision.views import VGA, View, angle_deg, nearly, place, shipped
@@ -48,6 +51,20 @@ def test_an_attitude_that_a_whole_target_contradicts_is_not_held(name: str, off_
     verdict = judged(name, off_deg)
     assert verdict.contradicts
     assert verdict.refusal is PoseRefusal.ATTITUDE
+
+
+def test_what_the_image_cannot_tell_inertia_does() -> None:
+    """A tilt held to an attitude that jumps by 6 degrees was published once in some thousand images after the jump."""
+    view, judge = View(shipped("nested"), place(3.8, 0.25)), judge_of("nested")
+    right = Pose(view.rotation, view.position, 1e-6 * np.eye(6), "edges", 200, 0.05, loss=1.0)
+    leaning = replace(right, rotation=turn(view.rotation, np.radians([6.0, 0.0, 0.0])))
+    seen = Sight(view.pixels, KNOWN / 30)
+    assert not judge.prefers(seen, right, leaning, None)
+    before = Branches.begin(0.0, [right])
+    for k in range(1, KNOWN):
+        before = before.after(k / 30, [right])
+    assert judge.prefers(seen, right, leaning, before)
+    assert not judge.prefers(seen, leaning, right, before)
 
 
 @pytest.mark.parametrize("name", ["single", "nested"])

@@ -145,6 +145,23 @@ def test_where_few_edges_agree_those_that_are_seen_are_asked(inliers, refusal) -
     assert judge_of(fits).measure(sight(), fitted()).refusal is refusal
 
 
+@pytest.mark.parametrize(
+    ("free", "held", "refusal"),
+    [
+        (fitted(tilt_deg=6.0, inliers=0.8), fitted(), None),
+        (fitted(tilt_deg=6.0), fitted(), PoseRefusal.ATTITUDE),
+        (None, fitted(), None),
+        (fitted(tilt_deg=6.0, inliers=0.8), None, PoseRefusal.ATTITUDE),
+        (fitted(tilt_deg=6.0, inliers=0.8), fitted(inliers=0.1), PoseRefusal.ATTITUDE),
+    ],
+)
+def test_a_fit_that_follows_what_lies_on_the_target_is_tried_again_with_its_tilt_held(free, held, refusal):
+    verdict = judge_of(GivenFits(free, held)).measure(sight(), fitted())
+    assert verdict.refusal is refusal
+    assert verdict.contradicts or (verdict.pose is not None) is (refusal is None)
+    assert refusal is not None or verdict.pose.rotation is held.rotation
+
+
 def test_far_away_the_attitude_is_in_the_fit_and_not_told_a_second_time():
     held = fitted(8.0, tilt_deg=1.0, covariance=np.diag([1e-6, 1e-6, 1e-4, 1.6e-3, 1.6e-3, 1e-5]))
     judge = judge_of(GivenFits(fitted(8.0, tilt_deg=6.0), held, cell_px=3.0))
@@ -320,6 +337,17 @@ def test_a_followed_target_whose_edges_agree_tells_that_the_attitude_refuses_it(
         verdict = judge_of(GivenFits(pose)).measure(sight(), fitted())
         assert verdict.refusal is PoseRefusal.ATTITUDE
         assert verdict.pose is told
+
+
+@pytest.mark.parametrize(("held_loss", "is_published"), [(0.0055, True), (0.019, False)])
+def test_no_tilt_is_held_that_the_image_contradicts_however_many_edges_are_hidden(held_loss, is_published):
+    """An attitude that jumped by 6 degrees while patches lay over the target turned 22 published poses in a row."""
+    free = fitted(tilt_deg=7.0, inliers=0.76, loss=0.005)
+    held = fitted(inliers=0.8, loss=held_loss)
+    verdict = judge_of(GivenFits(free, held)).measure(sight(), fitted())
+    assert (verdict.refusal is None) == is_published
+    assert verdict.contradicts != is_published
+    assert verdict.contradicts == (verdict.pose is free)
 
 
 @pytest.mark.parametrize(("cell_px", "is_there"), [(40.0, True), (6.0, False)])

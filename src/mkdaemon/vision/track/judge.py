@@ -13,7 +13,7 @@ from mkdaemon.config.vision import TrackerSection
 from mkdaemon.telemetry.vision import PoseRefusal
 from mkdaemon.vision.arrays import Array
 from mkdaemon.vision.limits import HALF, LIMITS
-from mkdaemon.vision.pose.ambiguity import Decision, residual_ratio
+from mkdaemon.vision.pose.ambiguity import Decision, log_odds, residual_ratio
 from mkdaemon.vision.pose.fitting import TargetFitter
 from mkdaemon.vision.pose.gates import certainty_refusal, fit_refusal
 from mkdaemon.vision.pose.pose import Pose, angle_between, turn
@@ -67,7 +67,8 @@ class Judge:
         # Far away a tilt hardly shows: what the attitude knows of it belongs into the fit, which is not linear there.
         vertical = self.level.vertical(seen)
         held = vertical if self._fitter.is_small(start) else None
-        fit = alone = self._fitter.refine(seen.pixels, start, held)
+        fit = alone = leaning = self._fitter.refine(seen.pixels, start, held)
+        is_free = held is None
         if fit is not None and held is not None:
             alone, says_more = without_normal(fit, held)
             if says_more:
@@ -83,9 +84,28 @@ class Judge:
             # What the images before told of the deck; with this one in it the image would count twice.
             fused = fuse_normal(fit, vertical) if held is None else fit
             return replace(self.judge_with_attitude(seen, fused, before), alone=alone)
-        # Nothing lies over a whole target; what lies over a near one misleads its tilt, but not its place.
-        is_there = fit is not None and (self.is_whole(fit) or self.is_plainly_there(seen, fit))
-        return Verdict(fit if is_there and refused is PoseRefusal.ATTITUDE else None, refused)
+        off = fit if refused is PoseRefusal.ATTITUDE else None
+        # Nothing lies over a whole target; a held tilt agrees with the attitude whatever the image says.
+        is_sure = off is not None and self.is_whole(off)
+        if vertical is not None and not is_sure:
+            # Elsewhere a free fit may follow what lies over the target or smears it: once more, with the tilt held.
+            if is_free:
+                leaning = self._fitter.refine(seen.pixels, start, vertical)
+            if leaning is not None and self.refusal(seen, leaning) is None:
+                if off is None or not self.prefers(seen, off, leaning, before):
+                    return replace(self.judge_with_attitude(seen, leaning, before), branches=None)
+                is_sure = True
+        # What lies over a near target misleads its tilt, but not its place.
+        is_there = off is not None and (is_sure or self.is_plainly_there(seen, off))
+        return Verdict(off if is_there else None, refused)
+
+    def prefers(self, seen: Sight, first: Pose, second: Pose, before: Branches | None) -> bool:
+        """Whether image and inertia together prefer one fit to another, by more than light or blur do."""
+        odds = log_odds(first, second) if first.source == second.source else 0.0
+        if before is not None and before.is_decided:
+            course = before.course[0].predict_at(seen.time)
+            odds += (course.mahalanobis2(second) - course.mahalanobis2(first)) / 2.0
+        return odds > LIMITS.ambiguity.silent
 
     def first(self, seen: Sight, candidates: Sequence[Pose]) -> Verdict:
         """Judge poses from decoded tags; what the image alone would publish elsewhere contradicts the attitude."""
