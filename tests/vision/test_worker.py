@@ -374,7 +374,7 @@ async def test_a_thread_that_was_killed_is_started_again(tmp_path: Path) -> None
     worker = VisionWorker([cfg], VisionSection(), sink.publish, asyncio.get_running_loop(), Clock())
     worker.start()
     supervision = asyncio.create_task(worker.supervise())
-    await sink.until(lambda _: bool(sink.stats()))
+    await sink.until(lambda _: any(found.processed for found in sink.stats()))
     thread = worker._thread.ident
     assert thread is not None
     ctypes.pythonapi.PyThreadState_SetAsyncExc(ctypes.c_ulong(thread), ctypes.py_object(SystemExit))

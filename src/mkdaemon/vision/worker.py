@@ -163,8 +163,8 @@ class VisionWorker:
                 self._put(f"vision/{name}/stats", eye.pipeline.reported.model_copy(update=change))
 
     def _run(self) -> None:
-        cv2.setNumThreads(1)
         try:
+            cv2.setNumThreads(1)
             while not self._stop.is_set():
                 self._alive_at = self._clock.now()
                 self._look(self._slot.take(LOOK_EVERY))
