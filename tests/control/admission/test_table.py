@@ -309,11 +309,12 @@ def test_what_is_refused_early_is_refused_in_the_end(found, is_slow, is_alone):
         assert {error.token for error in refusals(early, found)} <= at_last
 
 
+@pytest.mark.parametrize("frame", [None, *(frame for frame in SetpointFrame if frame is not SetpointFrame.HOME)])
 @pytest.mark.parametrize("concern", MANOEUVRES)
-def test_who_flies_on_as_he_does_is_asked_nothing_that_changes(concern):
+def test_who_flies_on_as_he_does_is_asked_nothing_that_changes(concern, frame):
     class Flown:
         """A situation of which nothing is known but what is flown; whoever asks for more fails."""
 
         flown = concern
 
-    assert refusal(NewManoeuvre(concern), Flown()) is None
+    assert refusal(NewManoeuvre(concern, frame), Flown()) is None

@@ -53,9 +53,10 @@ def evidence(first: Pose, second: Pose) -> float:
     return min(max(odds, 0.0), LIMITS.ambiguity.decided)
 
 
-def prefers(first: Pose, second: Pose) -> bool:
-    """Whether the image prefers one fit to another of its kind, by more than blur or light do."""
-    return first.source == second.source and log_odds(first, second) > LIMITS.ambiguity.silent
+def prefers(first: Pose, second: Pose, inertia: float = 0.0) -> bool:
+    """Whether the image prefers one fit to another of its kind by more than blur or light do; `inertia` adds odds."""
+    odds = log_odds(first, second) if first.source == second.source else 0.0
+    return odds + inertia > LIMITS.ambiguity.silent
 
 
 def _is_explained(first: Pose, second: Pose) -> bool:

@@ -13,7 +13,7 @@ from mkdaemon.config.vision import TrackerSection
 from mkdaemon.telemetry.vision import PoseRefusal
 from mkdaemon.vision.arrays import Array
 from mkdaemon.vision.limits import HALF, LIMITS
-from mkdaemon.vision.pose.ambiguity import Decision, log_odds, residual_ratio
+from mkdaemon.vision.pose.ambiguity import Decision, prefers, residual_ratio
 from mkdaemon.vision.pose.fitting import TargetFitter
 from mkdaemon.vision.pose.gates import certainty_refusal, fit_refusal
 from mkdaemon.vision.pose.pose import Pose, angle_between, turn
@@ -101,11 +101,11 @@ class Judge:
 
     def prefers(self, seen: Sight, first: Pose, second: Pose, before: Branches | None) -> bool:
         """Whether image and inertia together prefer one fit to another, by more than light or blur do."""
-        odds = log_odds(first, second) if first.source == second.source else 0.0
+        inertia = 0.0
         if before is not None and before.is_decided:
             course = before.course[0].predict_at(seen.time)
-            odds += (course.mahalanobis2(second) - course.mahalanobis2(first)) / 2.0
-        return odds > LIMITS.ambiguity.silent
+            inertia = (course.mahalanobis2(second) - course.mahalanobis2(first)) / 2.0
+        return prefers(first, second, inertia)
 
     def first(self, seen: Sight, candidates: Sequence[Pose]) -> Verdict:
         """Judge poses from decoded tags; what the image alone would publish elsewhere contradicts the attitude."""
