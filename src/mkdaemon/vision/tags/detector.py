@@ -176,6 +176,10 @@ class Detector:
         return is_open or has_sides(pixels, found.corners, family.size_cells, inverted=family.is_inverted)
 
 
+_of_thread = threading.local()
+"""Libraries this thread has opened, by their families; they end with it."""
+
+
 class AprilTagSearch:
     """libapriltag through pyapriltags, in one thread.
 
@@ -187,8 +191,11 @@ class AprilTagSearch:
 
     @property
     def library(self) -> Any:
-        """The library with its tables, which all searches of one thread share."""
-        return _library(self._families, threading.get_ident())
+        """The library with its tables; they take time and serve one thread, whose searches share them."""
+        of_thread, key = vars(_of_thread), " ".join(self._families)
+        if key not in of_thread:
+            of_thread[key] = _library(self._families)
+        return of_thread[key]
 
     def find(self, pixels: Grey, decimate: float = 1.0) -> list[Detection]:
         """All codes libapriltag sees in `(h, w)` uint8; it looks for quads alone in an image so much smaller."""
@@ -207,9 +214,8 @@ class AprilTagSearch:
         ]
 
 
-@lru_cache(maxsize=8)
-def _library(families: tuple[str, ...], _thread: int) -> Any:
-    """Libapriltag with the tables of families, for one thread."""
+def _library(families: tuple[str, ...]) -> Any:
+    """Libapriltag with the tables of families."""
     library = open_library()
     for name in families:
         family, bits = getattr(library.libc, f"{name}_create")(), find_family(name).corrected_bits
