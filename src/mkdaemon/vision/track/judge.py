@@ -212,16 +212,18 @@ class Judge:
         return PoseRefusal.ATTITUDE if self.level.refuses(seen, pose, is_hidden=is_hidden) else None
 
     def candidates(self, seen: Sight, fits: Sequence[Pose]) -> list[Pose]:
-        """Fits of one image and, where perspective does not rule it out, the mirror image of the best one."""
-        # The starts of both may have run into one minimum; a branch without its rival would be believed unchallenged.
-        best = min(fits, key=lambda pose: pose.loss)
+        """Distinct fits of one image, the best first, and its mirror image where perspective does not rule it out."""
+        # Starts may have run into one minimum; a branch without its rival would be believed unchallenged.
+        best, *others = sorted(fits, key=lambda pose: pose.loss)
         is_blurred = best.blur_px is not None and best.blur_px > LIMITS.blur.smeared_px
-        if self._is_large(best) and not is_blurred:
-            return [*fits]
-        rival, same = self._fitter.fit_mirrored(seen.pixels, best), CERTAINTY.blind_angle_sd
-        if rival is None or any(angle_between(rival.rotation, pose.rotation) < same for pose in fits):
-            return [*fits]
-        return [*fits, rival]
+        if not self._is_large(best) or is_blurred:
+            rival = self._fitter.fit_mirrored(seen.pixels, best)
+            others += [] if rival is None else [rival]
+        distinct = [best]
+        for one in others:
+            if all(angle_between(one.rotation, pose.rotation) >= CERTAINTY.blind_angle_sd for pose in distinct):
+                distinct.append(one)
+        return distinct
 
     def is_whole(self, pose: Pose) -> bool:
         """Whether nearly all edges of the target are seen and agree."""
