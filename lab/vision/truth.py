@@ -165,7 +165,6 @@ def rotation_series(folder: Path) -> dict[str, Any]:
         "images": len(poses),
         "tags": sorted(tags),
         **_steps(poses),
-        "fx_over_published": [round(float(np.exp(pose.stretch or 0.0)), 4) for pose in poses.values()],
         "exact_camera": _steps(exact),
     }
 

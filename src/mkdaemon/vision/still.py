@@ -16,7 +16,6 @@ from mkdaemon.vision.camera.calibration_file import Intrinsics
 from mkdaemon.vision.camera.image import in_light
 from mkdaemon.vision.limits import HALF, LIMITS
 from mkdaemon.vision.pose.ambiguity import evidence, residual_ratio
-from mkdaemon.vision.pose.edgefit import EdgeFit
 from mkdaemon.vision.pose.fitting import TargetFitter
 from mkdaemon.vision.pose.gates import fit_refusal
 from mkdaemon.vision.pose.pose import FLOOR_RANGE, Pose, angle_between
@@ -85,9 +84,9 @@ class StillEye:
         ids: Iterable[int] | None = None,
     ) -> None:
         self._tagmap, self._tag_size, self._cfg = tagmap, tag_size, TrackerSection()
-        self._projection = Projection(intrinsics) if intrinsics is not None else None
+        self._intrinsics = intrinsics
         self._gamma = intrinsics.gamma if intrinsics is not None else 1.0
-        self._fits: dict[str, tuple[TargetFitter, EdgeFit]] = {}
+        self._fitters: dict[tuple[str, float], TargetFitter] = {}
         wanted = None if ids is None else frozenset(ids)
         alone = {name: wanted or frozenset(range(find_family(name).ids)) for name in families}
         max_chance = LIMITS.read.max_chance if tagmap is not None or wanted else ANY_ID_FALSE_RATE
@@ -128,12 +127,12 @@ class StillEye:
         own = {(tag.family.name, tag.tag_id): tag for tag in target.tags}
         largest = {one.code: one for one in reversed(found)}
         tags = [(own[code], one) for code, one in reversed(largest.items()) if code in own]
-        if self._projection is None or not tags:
+        if self._intrinsics is None or not tags:
             return None
-        if target.name not in self._fits:
-            self._fits[target.name] = TargetFitter(target, self._projection), EdgeFit(target, self._projection)
-        fitter, edges = self._fits[target.name]
-        candidates = _with_lens_in_doubt(pixels, edges, fitter.cold(pixels, tags))
+        candidates = self._fitter(target, self._intrinsics).cold(pixels, tags)
+        if all(pose.source == "edges" and pose.rms_px >= LIMITS.health.drift_px for pose in candidates):
+            # Its residual doubts the lens. The sides of a frontal tag tell no wrong ratio from a tilt: it costs degrees.
+            candidates = self._fitter(target, self._intrinsics, FLOOR_RANGE).cold(pixels, tags)
         if not candidates:
             return None
         best, *others = sorted(candidates, key=lambda pose: pose.loss)
@@ -142,17 +141,12 @@ class StillEye:
         is_ambiguous = any(evidence(best, rival) < decided for rival in rivals)
         return StillPose(target.name, best, residual_ratio(best, others), is_ambiguous, fit_refusal(best, self._cfg))
 
-
-def _with_lens_in_doubt(pixels: Grey, fit: EdgeFit, candidates: list[Pose]) -> list[Pose]:
-    """Fit once more with the ratio of the focal lengths free within its calibration, where a residual asks for it.
-
-    The sides of a frontal tag tell no wrong ratio from a tilt: taken as exact, it costs degrees.
-    """
-    if any(pose.source != "edges" or pose.rms_px < LIMITS.health.drift_px for pose in candidates):
-        return candidates
-    doubted = (fit.fit(pixels, pose, stretch_sd=FLOOR_RANGE) for pose in candidates)
-    fitted = [pose for pose in doubted if pose is not None]
-    return fitted if len(fitted) == len(candidates) else candidates
+    def _fitter(self, target: Target, intrinsics: Intrinsics, aspect_sd: float = 0.0) -> TargetFitter:
+        """Measures a target by a lens whose focal lengths have a ratio of such a deviation."""
+        key = target.name, aspect_sd
+        if key not in self._fitters:
+            self._fitters[key] = TargetFitter(target, Projection(intrinsics, aspect_sd=aspect_sd))
+        return self._fitters[key]
 
 
 Colour = tuple[int, int, int]

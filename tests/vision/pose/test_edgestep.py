@@ -56,7 +56,7 @@ def covariances(errors: np.ndarray, jacobian: np.ndarray, square: np.ndarray, wi
     fitted = [step(jacobian, error, width=width) for error in errors]
     true = np.cov(np.array([one.change[:3] for one in fitted]).T)
     start = Pose(np.eye(3), np.array([0.0, 0.0, 1.0]), np.eye(6), "corners", 4, 0.1)
-    prior = Prior(start, None, None, None)
+    prior = Prior(start, None, Projection(VGA), None)
     claimed = [one.pose(prior.begin(), prior, square).covariance[:3, :3] for one in fitted]
     return np.trace(np.linalg.solve(true, np.mean(claimed, axis=0))) / 3
 

@@ -110,7 +110,7 @@ def test_what_a_turn_at_an_even_rate_leaves_moves_the_image_as_the_fit_says() ->
     by_point = np.einsum("ni,nij->nj", normals, projection.jacobian(points))
     place = np.array([0.1, -0.2, 1.7])
     start = Pose(np.eye(3), place, np.eye(6), "corners", 4, 0.1)
-    prior = Prior(start, None, projection.shutter, None)
+    prior = Prior(start, None, projection, None)
     unknowns = Unknowns(prior.table(prior.begin(), by_point, points - place, times, None))
     beyond = unknowns["beyond"]
     lacking = unknowns.rows[beyond]

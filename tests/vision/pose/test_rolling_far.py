@@ -75,7 +75,7 @@ def test_how_far_a_fit_is_from_its_place_is_told_without_damping() -> None:
     pixels, _, start = turning_view(1)
     projection = Projection(LENS)
     prints = Prints(PAD.target, projection)
-    prior = Prior(start, None, projection.shutter, prints.sheet)
+    prior = Prior(start, None, projection, prints.sheet)
     at = prior.begin(0.7)
     models = prints.seen(at.rotation, at.position)
     step = PhotoFit(PAD.target, projection).step(pixels, models, at, prior)

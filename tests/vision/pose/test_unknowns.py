@@ -6,12 +6,15 @@ import numpy as np
 import pytest
 
 from mkdaemon.vision.pose.pose import Pose, angle_between, turn
+from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.pose.rolling import KnownMotion, Shutter
 from mkdaemon.vision.pose.unknowns import Level, Prior, Unknown, Unknowns
+from tests.vision.views import VGA
 
 RNG = np.random.default_rng(3)
 PLACE = np.array([0.1, -0.2, 1.5])
 START = Pose(turn(np.eye(3), np.array([3.0, 0.1, 0.2])), PLACE, np.eye(6), "corners", 4, 0.1)
+STILL = Projection(VGA)
 POINTS, SLOPES = (np.asfortranarray(RNG.standard_normal((40, 3))) for _ in range(2))
 
 
@@ -34,7 +37,7 @@ def test_a_step_is_least_squares_with_what_is_known_as_further_measurements() ->
 def test_a_level_turns_a_target_upright_where_an_image_says_little() -> None:
     up = START.rotation[:, 2] + np.array([0.02, -0.01, 0.0])
     up /= np.linalg.norm(up)
-    prior = Prior(START, Level(up, 0.01), None, None)
+    prior = Prior(START, Level(up, 0.01), STILL, None)
     state = prior.begin()
     unknowns = Unknowns(prior.table(state, SLOPES, POINTS, np.zeros(40), None))
     change = np.linalg.solve(*unknowns.equations(np.full(40, 1e-3), np.zeros(40), 1.0))
@@ -49,7 +52,8 @@ def test_what_an_image_says_of_a_motion_is_without_what_was_known_of_it() -> Non
     known = KnownMotion(np.array([0.1, 0.2, -0.1, 0.3]), np.full(4, 0.5))
     shutter = Shutter(None, 100.0)
     asked = shutter.motion(known)
-    prior = Prior(Pose(START.rotation, PLACE, np.eye(6), "corners", 4, 0.1, known_motion=known), None, shutter, None)
+    start = Pose(START.rotation, PLACE, np.eye(6), "corners", 4, 0.1, known_motion=known)
+    prior = Prior(start, None, Projection(VGA, shutter), None)
     state = prior.begin()
     unknowns = Unknowns(prior.table(state, SLOPES, POINTS, RNG.standard_normal(40), None))
     image = np.diag([1.0, 2.0, 3.0, 4.0])
@@ -59,7 +63,7 @@ def test_what_an_image_says_of_a_motion_is_without_what_was_known_of_it() -> Non
     assert seen is not None
     np.testing.assert_allclose(seen.information, image, atol=1e-9)
     np.testing.assert_allclose(seen.pull, -asked.expected / asked.spread**2)
-    assert Prior(START, None, Shutter(30e-6), None).seen_motion(state, unknowns, covariance) is None
+    assert Prior(START, None, Projection(VGA, Shutter(30e-6)), None).seen_motion(state, unknowns, covariance) is None
 
 
 @pytest.mark.parametrize(
@@ -67,5 +71,5 @@ def test_what_an_image_says_of_a_motion_is_without_what_was_known_of_it() -> Non
     [((0.1, -0.2, 1.5), False), ((0.1, -0.2, 1.9), True), ((0.0, 0.0, -1.0), True), ((np.nan,) * 3, True)],
 )
 def test_a_fit_that_leaves_the_neighbourhood_of_its_start_ran_away(place: tuple[float, ...], ran: bool) -> None:
-    begun = Prior(Pose(START.rotation, np.array(place), np.eye(6), "corners", 4, 0.1), None, None, None).begin()
+    begun = Prior(Pose(START.rotation, np.array(place), np.eye(6), "corners", 4, 0.1), None, STILL, None).begin()
     assert begun.ran_away(START) is ran

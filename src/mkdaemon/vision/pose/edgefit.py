@@ -155,7 +155,7 @@ class EdgeStep:
         if "rise" in self.unknowns:
             rise = self.unknowns["rise"]
             normal[rise, rise] += (noise - self._expected) * self.unknowns.information[rise, rise]
-        covariance = noise * inverted(normal)
+        covariance = self.unknowns.covariance(inverted(normal), self.weights, noise)
         of_pose, bend = prior.measured(at, self.unknowns, covariance)
         limits, edges, size = LIMITS.edges, self.edges, np.abs(self._residual)
         return Pose(
@@ -178,7 +178,6 @@ class EdgeStep:
             seen_motion=prior.seen_motion(at, self.unknowns, covariance),
             bend=bend,
             known_bend=prior.bend,
-            stretch=None if at.stretch is None else float(at.stretch[0]),
         )
 
 
@@ -198,9 +197,7 @@ class EdgeFit:
         self._terms = None if self._sheet is None else self._sheet.terms(self._points)
         self._projection = projection
 
-    def fit(
-        self, pixels: Grey, start: Pose, iterations: int = 12, level: Level | None = None, stretch_sd: float = 0.0
-    ) -> Pose | None:
+    def fit(self, pixels: Grey, start: Pose, iterations: int = 12, level: Level | None = None) -> Pose | None:
         """Refine a pose.
 
         Args:
@@ -208,8 +205,6 @@ class EdgeFit:
             start: within about half a cell of the truth.
             iterations: Gauss-Newton steps at most.
             level: where the target's normal should point.
-            stretch_sd: deviation of the ratio of the focal lengths, which is unknown then; zero takes them as exact.
-                Stills that doubt the lens show no motion of the camera, and take the print for flat.
 
         Returns:
             The pose, or none when too few edges were seen or the fit ran away.
@@ -217,8 +212,7 @@ class EdgeFit:
         limits = LIMITS.edges
         last: EdgeStep | None = None
         moved, to_go = np.inf, np.zeros(6)
-        shutter, sheet = (None, None) if stretch_sd > 0.0 else (self._projection.shutter, self._sheet)
-        prior = Prior(start, level, shutter, sheet, stretch_sd)
+        prior = Prior(start, level, self._projection, self._sheet)
         state = prior.begin()
         for k in range(iterations):
             reach = limits.reach_px[min(k, len(limits.reach_px) - 1)]
@@ -253,7 +247,7 @@ class EdgeFit:
 
         None when too few are in view or found.
         """
-        prior = Prior(pose, None, self._projection.shutter, self._sheet)
+        prior = Prior(pose, None, self._projection, self._sheet)
         found = self._find(pixels, prior.begin(), prior, LIMITS.edges.reach_px[-1])
         if found is None:
             return None
@@ -267,10 +261,9 @@ class EdgeFit:
         limits, count, points = LIMITS, len(self.model.points), self._points
         if self._sheet is not None and self._terms is not None and at.rise is not None and at.rise.any():
             points = self._sheet.bent(points, self._terms, at.rise)
-        projection = self._projection if at.stretch is None else self._projection.stretch(float(at.stretch[0]))
         still = (at.rotation @ points.T + at.position[:, None]).T
-        seen, times = projection.exposed(still, at.motion)
-        pixels_at, are_visible = projection.project(seen)
+        seen, times = self._projection.exposed(still, at.motion)
+        pixels_at, are_visible = self._projection.project(seen)
         uv, visible = pixels_at[:count], are_visible.reshape(3, count).all(axis=0)
         normals, cell_px = seen_across(pixels_at)
         reaches = np.minimum(reach, HALF * cell_px)
@@ -288,14 +281,11 @@ class EdgeFit:
         edges = find_edges(pixels, samples)
         if np.count_nonzero(edges.found) < LEAST_EDGES:
             return None
-        point = projection.jacobian(seen)
+        point = self._projection.jacobian(seen)
         by_point = normals[:, :1] * point[:, 0] + normals[:, 1:] * point[:, 1]
         # The bend comes last: edges that are not yet found would bend a print.
         heights = self._terms[:RISES, index] if are_near and self._terms is not None else None
         table = prior.table(at, by_point, still - at.position, times[index], heights)
-        if at.stretch is not None:
-            by_stretch = (normals * projection.stretch_jacobian(uv)).sum(axis=1)
-            table.append(Unknown("stretch", by_stretch[None], np.array([prior.stretch_sd**-2]), -at.stretch))
         if edges.light is not None:
             table.append(edges.light)
         table.append(shifts(edges.toned, self.model.smaller[index]))

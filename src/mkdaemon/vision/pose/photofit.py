@@ -211,8 +211,7 @@ class PhotoStep:
         cost: robust mean square of the residuals before the step [grey^2], with what prior knowledge adds, and a
             clarity of mean logarithm zero: a cost by which two states compare, each with a clarity of its own.
         to_go: what of the pose would change without damping: how far it is from its place `(6,)`.
-        length2: of that, in deviations of the pose's covariance, squared.
-        covariance: of all unknowns `(k, k)`.
+        length2: of that, in deviations that the noise leaves, squared.
     """
 
     def __init__(self, parts: Sequence[Part], table: Sequence[Unknown], at: State) -> None:
@@ -234,9 +233,9 @@ class PhotoStep:
         noise *= larger * self._shared * streak_doubt(at.spread)
         self._normal, self._right = unknowns.equations(weights, self._residual, noise)
         inverse = inverted(self._normal)
-        self.unknowns, self.covariance = unknowns, noise * inverse
+        self.unknowns, self._inverse, self._weights, self._noise = unknowns, inverse, weights, noise
         self.to_go = (inverse @ self._right)[POSE]
-        self.length2 = length2(self.to_go, self.covariance[POSE, POSE])
+        self.length2 = length2(self.to_go, noise * inverse[POSE, POSE])
         self._square = squares / count
         clearness = exp(2.0 * float(np.log(clear).sum()) / count)
         self.cost = self._square / clearness * (1.0 + unknowns.surprise / count)
@@ -257,7 +256,8 @@ class PhotoStep:
         is_agreeing, match = self._share**2 > HALF, self.match
         # Residual as a shift of edges: rms over the rms slope of the lit prints [grey / (grey/px)].
         steepness = sqrt(sum(float(p.at.steep.sum()) * float(p.gain[0]) ** 2 for p in self._parts) / self._size.size)
-        covariance, bend = prior.measured(at, self.unknowns, self.covariance)
+        every = self.unknowns.covariance(self._inverse, self._weights, self._noise)
+        covariance, bend = prior.measured(at, self.unknowns, every)
         return Pose(
             at.rotation,
             at.position,
@@ -375,7 +375,7 @@ class PhotoFit:
     ) -> Pose | None:
         """The same on all pixels, however large the cells are; see `fit`."""
         known = start.blur_px if start.source == "photometric" else None
-        prior = Prior(start, level, self._shutter, self.prints.sheet)
+        prior = Prior(start, level, self._projection, self.prints.sheet)
         at = prior.begin(blur_px or known or START_BLUR_PX)
         seen = self.prints.seen(at.rotation, at.position)
         near = seen if len(seen) == 1 else self._alike(pixels, seen, at, LIMITS.likeness.alike) or seen

@@ -81,7 +81,6 @@ class Pose:
         seen_motion: what the image alone says about it, where the line time is not told.
         bend: of the print, where the fit asked.
         known_bend: what was known about it before the fit.
-        stretch: logarithm of the ratio of the focal lengths over the calibrated one, where the fit was free to ask.
         shared: factor on the variance by residuals that neighbouring pixels share (`photofit`).
         common: share of the residuals' variance that neighbouring pixels share: the rest is noise.
         cost: robust mean square of the residuals of a fit to grey values [grey^2], with what its bend and motion cost.
@@ -107,7 +106,6 @@ class Pose:
     seen_motion: SeenMotion | None = None
     bend: Bend | None = None
     known_bend: Bend | None = None
-    stretch: float | None = None
     shared: float = 1.0
     common: float = 1.0
     cost: float | None = None

@@ -99,6 +99,7 @@ class Projection:
         intrinsics: its calibration.
         shutter: that learns; what the calibration says where absent, a global one where that says nothing: stills.
         rows: rows of the sensor that make up one of the image.
+        aspect_sd: deviation of the ratio of its focal lengths, as a share.
 
     Attributes:
         intrinsics: its calibration.
@@ -106,15 +107,18 @@ class Projection:
         centre: principal point `(2,)` [px].
         is_distorted: whether the lens bends directions.
         shutter: what is known of its line time.
+        aspect_sd: see above.
     """
 
-    def __init__(self, intrinsics: Intrinsics, shutter: Shutter | None = None, rows: int = 1) -> None:
+    def __init__(
+        self, intrinsics: Intrinsics, shutter: Shutter | None = None, rows: int = 1, aspect_sd: float = 0.0
+    ) -> None:
         self.intrinsics = intrinsics
         self.focal = np.array([intrinsics.fx, intrinsics.fy])
         self.centre = np.array([intrinsics.cx, intrinsics.cy])
         self.is_distorted = intrinsics.model == "fisheye" or bool(np.any(intrinsics.distortion != 0.0))
         self.shutter = shutter or Shutter(intrinsics.line_time or 0.0)
-        self._rows = rows
+        self._rows, self.aspect_sd = rows, aspect_sd
         self._lens = Lens(intrinsics)
 
     @property
@@ -148,7 +152,7 @@ class Projection:
         i = self.intrinsics
         size = {"width": i.width // 2, "height": i.height // 2, "fx": i.fx / 2, "fy": i.fy / 2}
         middle = {"cx": (i.cx - 0.5) / 2, "cy": (i.cy - 0.5) / 2}
-        return Projection(i.model_copy(update={**size, **middle}), self.shutter, 2 * self._rows)
+        return Projection(i.model_copy(update={**size, **middle}), self.shutter, 2 * self._rows, self.aspect_sd)
 
     def project(self, points_cam: Array, motion: Array | None = None) -> tuple[Array, Bools]:
         """Project `(n, 3)` [m; RDF], as their rows see them where a motion is given; see `exposed`.
@@ -176,17 +180,6 @@ class Projection:
         jacobian[:, :2] = self.focal[:, None, None] * iz * slope
         jacobian[:, 2] = -(jacobian[:, :2] * d).sum(axis=1)
         return jacobian.transpose(2, 0, 1)
-
-    def stretch(self, stretch: float) -> Projection:
-        """The same lens with another ratio of the focal lengths, their product kept; `stretch` is its logarithm."""
-        i = self.intrinsics
-        wide = float(np.exp(stretch / 2))
-        return Projection(i.model_copy(update={"fx": i.fx * wide, "fy": i.fy / wide}))
-
-    def stretch_jacobian(self, pixels: Array) -> Array:
-        """Derivative of pixels `(n, 2)` with respect to `stretch` `(n, 2)` [px]."""
-        moved: Array = (pixels - self.centre) * np.array([0.5, -0.5])
-        return moved
 
     def undistort(self, pixels: Array) -> Array:
         """Turn pixels `(n, 2)` into directions `(n, 2)` at unit depth."""

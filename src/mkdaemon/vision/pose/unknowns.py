@@ -5,27 +5,29 @@ information P that is known beforehand and e, what is expected less where the fi
 
     x = (J W J^T + v P)^-1 (J W d + v P e)
 
-and v times that inverse the covariance of all unknowns.
+and v times that inverse the covariance of all unknowns. Errors with rows K and the covariance Q that no fit asks for move
+it by S = (J W J^T + v P)^-1 J W K^T, which adds S Q S^T: Schmidt's consider analysis, Bierman, Factorization Methods for
+Discrete Sequential Estimation, VIII.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from math import hypot
 from typing import Final
 
 import numpy as np
 
 from mkdaemon.vision.arrays import Array
-from mkdaemon.vision.limits import LIMITS
+from mkdaemon.vision.limits import HALF, LIMITS
 from mkdaemon.vision.pose.pose import Bend, Pose, damped, turn
 from mkdaemon.vision.pose.prints import Sheet
-from mkdaemon.vision.pose.projection import NEAR_M
+from mkdaemon.vision.pose.projection import NEAR_M, Projection
 from mkdaemon.vision.pose.rolling import (
     MOTIONS,
     KnownMotion,
     SeenMotion,
-    Shutter,
     beyond_motion,
     cross,
     motion_jacobian,
@@ -38,7 +40,7 @@ ANY_MOTION: Final = KnownMotion(np.zeros(MOTIONS), np.array([LIMITS.edges.turnin
 """What is known of a motion that nobody knows."""
 BEYOND_SD: Final = np.array([LIMITS.edges.acceleration_sd] * 3 + [LIMITS.edges.speed_sd] * 2)
 """Deviations of what a motion lacks: three angular accelerations [rad/s^2], two speeds [m/s]."""
-CARRIED: Final = ("place", "turn", "rise", "motion", "stretch", "spread")
+CARRIED: Final = ("place", "turn", "rise", "motion", "spread")
 """Unknowns that a state carries from step to step; each step asks for all of the others."""
 
 
@@ -51,12 +53,14 @@ class Unknown:
         rows: derivative of what is measured by each `(k, n)`.
         information: inverse covariance of what is expected `(k, k)`, or its diagonal `(k,)`; none where nothing is.
         off: what is expected, less where the fit is `(k,)`; zero if none is given.
+        is_asked: whether a step is solved for them; others only make it less certain.
     """
 
     name: str
     rows: Array
     information: Array | None = None
     off: Array | None = None
+    is_asked: bool = True
 
 
 class Unknowns:
@@ -73,6 +77,8 @@ class Unknowns:
     """
 
     def __init__(self, table: Sequence[Unknown]) -> None:
+        self._beside = [line for line in table if not line.is_asked]
+        table = [line for line in table if line.is_asked]
         self.rows = np.concatenate([line.rows for line in table])
         count, stop = len(self.rows), 0
         self.carried = 0
@@ -109,6 +115,14 @@ class Unknowns:
         normal = weighted @ self.rows.T + variance * self.information
         return damped(normal), weighted @ measured + variance * self._pull
 
+    def covariance(self, inverse: Array, weights: Array, variance: float) -> Array:
+        """Of all unknowns `(k, k)`, by the inverse of the normal matrix; see `equations`."""
+        covariance = variance * inverse
+        for line in self._beside:
+            moved = inverse @ (self.rows * weights) @ line.rows.T
+            covariance += moved / line.information @ moved.T
+        return covariance
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class State:
@@ -120,7 +134,6 @@ class State:
         spread: covariance of the point spread `(2, 2)` [px^2]; fits to edges ask for none.
         motion: of the camera under a rolling shutter `(4,)`; none under a global one. See `rolling`.
         rise: of the print `(3,)`; none where it does not bend.
-        stretch: of the ratio of the focal lengths `(1,)`, in fits to edges that doubt it.
     """
 
     rotation: Array
@@ -128,15 +141,10 @@ class State:
     spread: Array
     motion: Array | None = None
     rise: Array | None = None
-    stretch: Array | None = None
 
     def moved(self, unknowns: Unknowns, change: Array) -> State:
         """After a step `(k,)`; the point spread, which has bounds, is moved by its fit."""
-        added = {
-            name: getattr(self, name) + change[unknowns[name]]
-            for name in ("motion", "rise", "stretch")
-            if name in unknowns
-        }
+        added = {name: getattr(self, name) + change[unknowns[name]] for name in ("motion", "rise") if name in unknowns}
         rotation = turn(self.rotation, change[unknowns["turn"]])
         return replace(self, rotation=rotation, position=self.position + change[unknowns["place"]], **added)
 
@@ -166,27 +174,20 @@ class Prior:
     Args:
         start: of the fit; may know motion and bend.
         level: where the target's normal should point, if anywhere.
-        shutter: of the camera; none where it stood still.
+        projection: of the camera.
         sheet: that the print is on; none where it does not bend.
-        stretch_sd: deviation of the ratio of the focal lengths; zero takes them as exact.
 
     Attributes:
-        start, stretch_sd: see above.
+        start: see above.
         bend: what is known of that; none where the print does not bend.
     """
 
-    def __init__(
-        self,
-        start: Pose,
-        level: Level | None,
-        shutter: Shutter | None,
-        sheet: Sheet | None,
-        stretch_sd: float = 0.0,
-    ) -> None:
-        self.start, self.stretch_sd = start, stretch_sd
-        self._level, self._shutter, self._sheet = level, shutter, sheet
+    def __init__(self, start: Pose, level: Level | None, projection: Projection, sheet: Sheet | None) -> None:
+        self.start = start
+        self._level, self._projection, self._sheet = level, projection, sheet
         self._motion: KnownMotion | None = None
-        if shutter is not None and shutter.rolls:
+        shutter = projection.shutter
+        if shutter.rolls:
             self._motion = shutter.motion(start.known_motion or ANY_MOTION)
             # Times the line time over the nominal one; of an acceleration twice.
             self._beyond_sd = BEYOND_SD * shutter.scale ** np.array([2, 2, 2, 1, 1])
@@ -197,8 +198,7 @@ class Prior:
         at_start = np.zeros(MOTIONS) if self.start.motion is None else self.start.motion
         motion = None if self._motion is None else at_start
         rise = None if self.bend is None else (self.start.bend or self.bend).mean
-        stretch = np.zeros(1) if self.stretch_sd > 0.0 else None
-        return State(self.start.rotation, self.start.position, blur_px**2 * np.eye(2), motion, rise, stretch)
+        return State(self.start.rotation, self.start.position, blur_px**2 * np.eye(2), motion, rise)
 
     def table(self, at: State, by_point: Array, arm: Array, times: Array, heights: Array | None) -> list[Unknown]:
         """The unknowns that all fits have, of what is measured at points of the print.
@@ -227,7 +227,20 @@ class Prior:
             lacking = beyond_motion(rows, by_point, times, at.position)
             table.append(Unknown("motion", rows, self._motion.spread**-2, self._motion.expected - at.motion))
             table.append(Unknown("beyond", lacking, self._beyond_sd**-2))
-        return table
+        return [*table, self._aspect(at, by_point, arm)]
+
+    def _aspect(self, at: State, by_point: Array, arm: Array) -> Unknown:
+        """By which share an image is longer along its rows than its columns, and along one diagonal than the other.
+
+        Seen from the front a tilt t looks like a share of t^2 / 2: an error of it is one of the tilt by so much over t.
+        It is asked for where the calibration may be wrong; what no number of measurements averages out is not.
+        """
+        (across, down, _), (x, y, _) = by_point.T, arm.T
+        rows = HALF * np.stack([across * x - down * y, across * y + down * x])
+        reach_px = float(self._projection.focal[0] * np.sqrt((x * x + y * y).max()) / at.position[2])
+        lens_sd = self._projection.aspect_sd
+        sd = hypot(LIMITS.edges.systematic_px / reach_px, lens_sd)
+        return Unknown("aspect", rows, np.full(len(rows), sd**-2), is_asked=lens_sd > 0.0)
 
     def measured(self, at: State, unknowns: Unknowns, covariance: Array) -> tuple[Array, Bend | None]:
         """Covariance of the pose `(6, 6)`, and what was found of the bend, by that of all unknowns `(k, k)`."""
@@ -243,7 +256,7 @@ class Prior:
 
         What the fit was told, W and m0, is taken out of what it found, C and m: C^-1 - W, and C^-1 m - W m0.
         """
-        if at.motion is None or self._motion is None or self._shutter is None or not self._shutter.is_open:
+        if at.motion is None or self._motion is None or not self._projection.shutter.is_open:
             return None
         found = np.linalg.inv(covariance[unknowns["motion"], unknowns["motion"]])
         given = self._motion.spread**-2

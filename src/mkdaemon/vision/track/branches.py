@@ -46,6 +46,8 @@ FLOOR = 0.002
 """Deviation of the lens from what a pose says that is always possible, of the range."""
 KEPT = 6
 """Branches that are followed: a pose, its mirror image and neither, each seen in the newest image or missed in it."""
+ONE2 = 1.0
+"""Squared distance of two states, in deviations of the likelier one, up to which they are one reading."""
 SCATTER = 0.1
 """Deviation of a place that a wrong fit gives, of the range: six degrees of tilt."""
 LEAST_WRONG = 0.01
@@ -158,10 +160,9 @@ class Branches:
         course = Course.begin(time, *places(candidates), MOVING_PSD if moving else ACCELERATION_PSD)
         weight = (0.0 if log_prior is None else log_prior) - _evidence(candidates)
         missed, together = np.zeros(len(weight), dtype=bool), np.zeros(len(weight))
-        kept = _likeliest(course.centre, weight, missed)
-        best = kept[0]
-        anywhere = replace(course[best], covariance=ANYWHERE * np.eye(6))
-        return cls(course[kept], weight[kept] - weight[best], missed[kept], together[kept], anywhere, candidates[best])
+        kept, odds = _followed(course, weight, missed)
+        anywhere = replace(course[kept[0]], covariance=ANYWHERE * np.eye(6))
+        return cls(course[kept], odds, missed[kept], together[kept], anywhere, candidates[kept[0]])
 
     @property
     def lead(self) -> float:
@@ -210,11 +211,11 @@ class Branches:
         parent, chosen = np.divmod(np.arange(len(weight)), len(candidates) + 1)
         missed = chosen == len(candidates)
         chosen[missed] = nearest
-        kept = _likeliest(course.centre, weight, missed)
+        kept, odds = _followed(course, weight, missed)
         best = kept[0]
         return Branches(
             course[kept],
-            np.maximum(weight[kept] - weight[best], -MOST_ODDS),
+            odds,
             missed[kept],
             self._summed_against(centre, candidates)[chosen[kept]],
             prior[parent[best]],
@@ -264,15 +265,18 @@ def _angles(some: Array, others: Array) -> Array:
     return np.asarray(np.arccos(np.clip(a @ b.T, -1.0, 1.0)))
 
 
-def _likeliest(centre: Array, weight: Array, missed: npt.NDArray[np.bool_]) -> list[int]:
-    """Which few of many branches are followed, the likeliest first."""
-    # What is crowded out would count as impossible. So of those whose difference would be wrong each has a place first,
-    # and before others those that join the newest image.
-    lost = weight.max() - MOST_ODDS
-    order = [k for k in np.argsort(-weight, kind="stable").tolist() if weight[k] > lost or not missed[k]]
-    apart, kept = _angles(centre, centre), list[int]()
-    for k in sorted(order, key=lambda k: bool(missed[k])):
-        if len(kept) < KEPT and bool((apart[k, kept] > CERTAINTY.wrong_angle).all()):
-            kept.append(k)
-    kept += [k for k in order if k not in kept][: KEPT - len(kept)]
-    return sorted(kept, key=order.index)
+def _followed(course: Course, weight: Array, missed: npt.NDArray[np.bool_]) -> tuple[list[int], Array]:
+    """Which few of many branches are followed, the likeliest first, and their log odds against that one `(k,)`."""
+    apart = course.state[:, None] - course.state
+    is_same = ((apart @ np.linalg.inv(course.covariance)) * apart).sum(axis=-1) < ONE2
+    likely = (weight > weight.max() - MOST_ODDS) | ~missed
+    left = [k for k in np.argsort(-weight, kind="stable").tolist() if likely[k]]
+    odds: dict[int, float] = {}
+    while left:
+        # Copies of a reading would crowd out others, which would then count as impossible.
+        copies = [k for k in left if is_same[left[0], k]]
+        odds[left[0]] = float(np.logaddexp.reduce(weight[copies]))
+        left = [k for k in left if k not in copies]
+    # Those that join the newest image have a place before others.
+    kept = sorted(sorted(odds, key=lambda k: bool(missed[k]))[:KEPT], key=lambda k: -odds[k])
+    return kept, np.maximum(np.array([odds[k] - odds[kept[0]] for k in kept]), -MOST_ODDS)
