@@ -131,7 +131,7 @@ class StillEye:
             return None
         candidates = self._fitter(target, self._intrinsics).cold(pixels, tags)
         if all(pose.source == "edges" and pose.rms_px >= LIMITS.health.drift_px for pose in candidates):
-            # Its residual doubts the lens. The sides of a frontal tag tell no wrong ratio from a tilt: it costs degrees.
+            # Residuals doubt the lens. The sides of a frontal tag tell no wrong ratio from a tilt: it costs degrees.
             candidates = self._fitter(target, self._intrinsics, FLOOR_RANGE).cold(pixels, tags)
         if not candidates:
             return None

@@ -12,10 +12,10 @@ from lab.vision.stills import error_of, target_named
 from mkdaemon.vision.camera.calibration_file import Intrinsics
 from mkdaemon.vision.pose import photofit
 from mkdaemon.vision.pose.photofit import PhotoFit
-from mkdaemon.vision.pose.pose import Pose, turn
+from mkdaemon.vision.pose.pose import Pose, length2, turn
 from mkdaemon.vision.pose.prints import Prints
 from mkdaemon.vision.pose.projection import Projection
-from mkdaemon.vision.pose.unknowns import POSE, Prior
+from mkdaemon.vision.pose.unknowns import Prior
 from mksim.scene.light import Conditions
 from mksim.scene.motion import Platform
 from mksim.scene.scene import Scene, SceneTarget, cam_from_target
@@ -81,5 +81,5 @@ def test_how_far_a_fit_is_from_its_place_is_told_without_damping() -> None:
     step = PhotoFit(PAD.target, projection).step(pixels, models, at, prior)
     assert step is not None
     taken = step.change(1.0)[:6]
-    assert float(taken @ np.linalg.solve(step.covariance[POSE, POSE], taken)) < 0.5 * step.length2
+    assert length2(taken, step.pose(at, prior).covariance) < 0.5 * step.length2
     np.testing.assert_allclose(step.to_go, step.change(1e-7)[:6], rtol=1e-2, atol=1e-5)

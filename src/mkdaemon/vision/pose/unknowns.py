@@ -5,9 +5,9 @@ information P that is known beforehand and e, what is expected less where the fi
 
     x = (J W J^T + v P)^-1 (J W d + v P e)
 
-and v times that inverse the covariance of all unknowns. Errors with rows K and the covariance Q that no fit asks for move
-it by S = (J W J^T + v P)^-1 J W K^T, which adds S Q S^T: Schmidt's consider analysis, Bierman, Factorization Methods for
-Discrete Sequential Estimation, VIII.
+and v times that inverse the covariance of all unknowns. Errors that no fit asks for, with rows K and the covariance Q,
+move it by S = (J W J^T + v P)^-1 J W K^T and add S Q S^T. Source: consider analysis, Bierman, Factorization Methods for
+Discrete Sequential Estimation, Academic Press 1977, chapter VIII.
 """
 
 from __future__ import annotations

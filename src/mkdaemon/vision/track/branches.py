@@ -267,16 +267,20 @@ def _angles(some: Array, others: Array) -> Array:
 
 def _followed(course: Course, weight: Array, missed: npt.NDArray[np.bool_]) -> tuple[list[int], Array]:
     """Which few of many branches are followed, the likeliest first, and their log odds against that one `(k,)`."""
-    apart = course.state[:, None] - course.state
-    is_same = ((apart @ np.linalg.inv(course.covariance)) * apart).sum(axis=-1) < ONE2
-    likely = (weight > weight.max() - MOST_ODDS) | ~missed
-    left = [k for k in np.argsort(-weight, kind="stable").tolist() if likely[k]]
-    odds: dict[int, float] = {}
+    # Copies of a reading are one, or they would crowd out others, which would then count as impossible.
+    step = course.state[:, None] - course.state
+    is_same = ((step @ np.linalg.inv(course.covariance)) * step).sum(axis=-1) < ONE2
+    is_followed = (weight > weight.max() - MOST_ODDS) | ~missed
+    left, odds = [k for k in np.argsort(-weight, kind="stable").tolist() if is_followed[k]], dict[int, float]()
     while left:
-        # Copies of a reading would crowd out others, which would then count as impossible.
         copies = [k for k in left if is_same[left[0], k]]
         odds[left[0]] = float(np.logaddexp.reduce(weight[copies]))
         left = [k for k in left if k not in copies]
-    # Those that join the newest image have a place before others.
-    kept = sorted(sorted(odds, key=lambda k: bool(missed[k]))[:KEPT], key=lambda k: -odds[k])
+    # Of those whose difference would be wrong each has a place first; before others those that join the newest image.
+    apart, kept = _angles(course.centre, course.centre), list[int]()
+    for k in sorted(odds, key=lambda k: bool(missed[k])):
+        if len(kept) < KEPT and bool((apart[k, kept] > CERTAINTY.wrong_angle).all()):
+            kept.append(k)
+    kept += [k for k in odds if k not in kept][: KEPT - len(kept)]
+    kept.sort(key=lambda k: -odds[k])
     return kept, np.maximum(np.array([odds[k] - odds[kept[0]] for k in kept]), -MOST_ODDS)
