@@ -170,7 +170,6 @@ class SeeingEyes(Eyes):
             latency_p50_ms=80.0,
             latency_p99_ms=90.0,
             settings_refused=(),
-            detector="apriltag",
         )
 
 

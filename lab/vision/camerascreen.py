@@ -92,6 +92,5 @@ def _stats() -> VisionStats:
         latency_p50_ms=41.0,
         latency_p99_ms=63.0,
         settings_refused=(),
-        detector="AprilTag",
         exposure=Exposure(exposure_ms=18.0, gain=1.0, black=14.0, white=150.0, noise=2.0),
     )

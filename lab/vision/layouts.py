@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from lab.campaign import Case, Part
 from lab.vision.stills import SeedSet, target_named
-from mkdaemon.vision.tags.detector import AprilTagSearch
+from mkdaemon.vision.tags.detector import find_codes
 from mkdaemon.vision.tags.tagfamily import find_family
 from mkdaemon.vision.tags.tagmap import Target, single
 from mksim.scene.layers import INK, PAPER
@@ -114,7 +114,7 @@ def read_share(
     layout: Layout, seed: int, views: int, distances: Sequence[float] = DISTANCES, gammas: Sequence[float] = GAMMAS
 ) -> dict[tuple[float, float], float]:
     """Share of views in which plain AprilTag reads the outer tag, by distance and gamma."""
-    printed, search = drawn(layout), AprilTagSearch((FAMILY,))
+    printed = drawn(layout)
     shares = {}
     for distance in distances:
         for gamma in gammas:
@@ -122,7 +122,7 @@ def read_share(
             found = 0
             for _ in range(views):
                 image = seen(printed, distance, gamma, rng)
-                found += any(tag.tag_id == layout.outer for tag in search.find(image))
+                found += any(tag.tag_id == layout.outer for tag in find_codes((FAMILY,), image))
             shares[distance, gamma] = found / views
     return shares
 

@@ -7,9 +7,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import cache, partial
 from math import radians
 from typing import Any, Final
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -19,8 +21,8 @@ from lab.vision.stills import SeedSet, error_of, target_named
 from mkdaemon.vision.camera.calibration_file import Intrinsics
 from mkdaemon.vision.pose.pose import Pose, solve, with_floor
 from mkdaemon.vision.pose.projection import Projection
-from mkdaemon.vision.tags.cellread import CodeReader, Detection
-from mkdaemon.vision.tags.detector import AprilTagSearch, ArucoSearch
+from mkdaemon.vision.tags.cellread import Detection
+from mkdaemon.vision.tags.detector import find_codes
 from mkdaemon.vision.tags.tagmap import TagMap, Target
 from mkdaemon.vision.track.attitude import LOOKING_DOWN
 from mkdaemon.vision.track.follower import TargetPose
@@ -31,6 +33,8 @@ from mksim.scene.processing import Processing
 Array = npt.NDArray[np.float64]
 Grey = npt.NDArray[np.uint8]
 
+FAMILY: Final = "tag36h11"
+"""Of every target that is seen."""
 SECONDS: Final = 4.0
 NEAR_M, FAR_M, MIDDLE_M = 0.35, 8.0, 4.0
 READOUT: Final = 0.030
@@ -100,11 +104,9 @@ def look_at(frames: Iterable[FlightFrame], target: Target, lens: Intrinsics) -> 
         lens: what all of them believe it to be.
     """
     eyes, projection = _eyes(target, lens), Projection(lens)
-    wanted = TagMap((target,)).whitelist
-    april, opencv = AprilTagSearch(tuple(wanted)), ArucoSearch(tuple(wanted), CodeReader(wanted, {}))
     plain: dict[str, Callable[[Grey], list[Detection]]] = {
-        "apriltag": april.find,
-        "opencv": opencv.find,
+        "apriltag": partial(find_codes, (FAMILY,)),
+        "opencv": find_by_opencv,
     }
     looks: dict[str, list[Look]] = {program: [] for program in (*eyes, *plain)}
     for frame in frames:
@@ -119,6 +121,24 @@ def look_at(frames: Iterable[FlightFrame], target: Target, lens: Intrinsics) -> 
         for program, search in plain.items():
             looks[program].append(_plain_look(frame, target, search(frame.image.pixels), projection))
     return looks
+
+
+@cache
+def _opencv() -> cv2.aruco.ArucoDetector:
+    """OpenCV's search for tags, with sub-pixel corners."""
+    parameters = cv2.aruco.DetectorParameters()
+    parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
+    parameters.cornerRefinementWinSize = 3
+    parameters.minMarkerPerimeterRate = 0.02
+    return cv2.aruco.ArucoDetector(cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11), parameters)
+
+
+def find_by_opencv(pixels: Grey) -> list[Detection]:
+    """The codes that OpenCV sees in `(h, w)` uint8; it draws them upside down."""
+    quads, ids, _ = _opencv().detectMarkers(pixels)
+    corners = (np.roll(np.asarray(quad, dtype=np.float64).reshape(4, 2), 2, axis=0) for quad in quads)
+    codes = [] if ids is None else ids.ravel()
+    return [Detection(FAMILY, int(code), 0, 0.0, at) for code, at in zip(codes, corners, strict=True)]
 
 
 def _eyes(target: Target, lens: Intrinsics) -> dict[str, Tracker]:

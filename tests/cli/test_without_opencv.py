@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import sys
+from importlib import import_module
 
 import pytest
 
 from mkdaemon.cli.mkdaemon.doctor.check import Severity
 from mkdaemon.cli.mkdaemon.doctor.machine import Machine
 from mkdaemon.cli.mkdaemon.doctor.table import examine
+from mkdaemon.errors import ConfigError
 from tests.bus.support import free_endpoint
 from tests.cli.oneprocess import run_alone, run_commands
 from tests.places import CONFIGS
@@ -69,3 +71,10 @@ def test_the_doctor_finds_it(tmp_path, monkeypatch):
     monkeypatch.delitem(sys.modules, "mkdaemon.vision", raising=False)
     found = [finding for finding in examine(machine, config).findings if finding.check == "configuration"]
     assert (found[0].severity, found[0].what) == (Severity.ERROR, FIX)
+
+
+def test_opencv_without_pyapriltags_sees_no_tags(monkeypatch):
+    monkeypatch.setitem(sys.modules, "pyapriltags", None)
+    monkeypatch.delitem(sys.modules, "mkdaemon.vision", raising=False)
+    with pytest.raises(ConfigError, match=r"need pyapriltags, .*pip install 'mkdaemon\[vision\]'"):
+        import_module("mkdaemon.vision")

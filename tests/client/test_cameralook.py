@@ -41,7 +41,6 @@ RIGHT = {
     "latency_p50_ms": 41.0,
     "latency_p99_ms": 63.0,
     "settings_refused": (),
-    "detector": "AprilTag",
     "exposure": Exposure(exposure_ms=4.0, gain=2.0, black=20.0, white=160.0, noise=2.0),
 }
 

@@ -253,8 +253,6 @@ class VisionStats(Stamped):
     """99th percentile [ms]."""
     settings_refused: tuple[str, ...]
     """Settings the camera's driver did not take."""
-    detector: str
-    """What searches for tags; says what is lost when it is not the best one."""
     selfcal: tuple[SelfCalibration, ...] = ()
     """What the flight says about camera file and target files, one for each target seen."""
     exposure: Exposure | None = None

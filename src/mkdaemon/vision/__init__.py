@@ -1,4 +1,4 @@
-"""Tag localisation: cameras, calibration, detection, pose, tracking. It needs the extra `vision` (OpenCV)."""
+"""Tag localisation: cameras, calibration, detection, pose, tracking. It needs the extra `vision`."""
 
 from __future__ import annotations
 
@@ -6,5 +6,7 @@ from importlib.util import find_spec
 
 from mkdaemon.errors import ConfigError
 
-if find_spec("cv2") is None:
-    raise ConfigError("cameras and tags need OpenCV, which is not installed: pip install 'mkdaemon[vision]'")
+for _module, _name in (("cv2", "OpenCV"), ("pyapriltags", "pyapriltags")):
+    if find_spec(_module) is None:
+        msg = f"cameras and tags need {_name}, which is not installed: pip install 'mkdaemon[vision]'"
+        raise ConfigError(msg)

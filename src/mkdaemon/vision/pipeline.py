@@ -284,7 +284,6 @@ class CameraPipeline:
             latency_p50_ms=float(latency_p50),
             latency_p99_ms=float(latency_p99),
             settings_refused=stream.refused,
-            detector=self.tracker.detector.warning or self.tracker.detector.backend,
             exposure=exposure_of(stream.exposure) if stream.exposure is not None else None,
             selfcal=self.selfcheck.reports(),
         )

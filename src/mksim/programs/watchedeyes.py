@@ -104,5 +104,4 @@ class WatchedEyes:
             latency_p50_ms=p50,
             latency_p99_ms=p99,
             settings_refused=(),
-            detector="virtual time",
         )

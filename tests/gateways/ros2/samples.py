@@ -230,5 +230,4 @@ def eyes(state=EyeState.OK, reason="", alarms=None):
         latency_p50_ms=60.0,
         latency_p99_ms=90.0,
         settings_refused=(),
-        detector="pyapriltags",
     )

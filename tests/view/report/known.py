@@ -94,7 +94,7 @@ def known_flight(word: str = "", vehicle: str = "mk1") -> Tape:
         echo = {"sent_total": 100, "lost_total": 2, "p50_ms": 20.0, "p95_ms": 30.0 + tick, "loss_percent": 2.0}
         tape.add(at, "link/health", {"echo": echo, "confirm": {}})
         stats = {"camera": "down", "state": "ok", "reason": word, "posed": 0.5, "processed": 10 * tick, "fps": 10.0}
-        tape.add(at, "vision/down/stats", stats | {"latency_p50_ms": 60.0, "latency_p99_ms": 70.0, "detector": word})
+        tape.add(at, "vision/down/stats", stats | {"latency_p50_ms": 60.0, "latency_p99_ms": 70.0})
         tape.add(at, "vision/down/image", picture(20 * tick), Kind.IMAGE, issuer="driver")
     link = {"reason": word, "port": "/dev/x" + word, "baud": 57600, "firmware": "FlightCtrl 2.12a" + word}
     tape.add(0.0, "link/state", {"condition": "up", **link})

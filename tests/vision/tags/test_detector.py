@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from lab.vision.stills import search_in_turn
-from mkdaemon.vision.tags.cellread import CodeReader, has_sides
-from mkdaemon.vision.tags.detector import FIRST, ArucoSearch, Detector, looks_of
+from mkdaemon.vision.tags.cellread import has_sides
+from mkdaemon.vision.tags.detector import FIRST, Detector, looks_of
 from mkdaemon.vision.tags.tagfamily import cells, find_family
 from mkdaemon.vision.tags.tagmap import TagMap, covered_cells
 from mksim.scene.gloss import Gloss
@@ -59,24 +59,13 @@ def test_tag_drawn_by_opencv_is_seen_upside_down():
 
 
 @pytest.mark.parametrize("family", ["tag36h11", "tag25h9", "tag16h5"])
-def test_opencv_fallback_agrees_about_the_corners(family):
+def test_corners_are_those_of_the_black_square_of_every_classic_family(family):
     n = find_family(family).black_cells
     image = printed(cells(family, 5), PX, MARGIN)
     high = PX * (MARGIN + n) - 0.5
     expected = np.array([[LOW, LOW], [high, LOW], [high, high], [LOW, high]])
-    with_lib = search_in_turn(Detector({family: frozenset({5})}), image)
-    without = search_in_turn(Detector({family: frozenset({5})}, backend="aruco"), image)
-    assert np.abs(with_lib[0].corners - expected).max() < 0.15
-    assert np.abs(without[0].corners - expected).max() < 1.0
-    assert without[0].hamming == 0
-
-
-def test_fallback_says_what_is_lost():
-    fallback = Detector({"tag36h11": frozenset({0})}, backend="aruco")
-    assert "range" in fallback.warning
-    assert "pyapriltags" in fallback.warning
-    assert Detector({"tag36h11": frozenset({0})}, backend="apriltag").warning == ""
-    assert ArucoSearch(("tag36h11",), CodeReader({}, {})).find(np.full((100, 100), 200, np.uint8)) == []
+    found = search_in_turn(Detector({family: frozenset({5})}), image)
+    assert np.abs(found[0].corners - expected).max() < 0.15
 
 
 @pytest.mark.parametrize("distance", [0.8, 2.0, 4.0, 8.0])

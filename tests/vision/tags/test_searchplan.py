@@ -49,16 +49,15 @@ def test_tiles_cover_every_pixel_unshrunk(size: tuple[int, int], view: str) -> N
     assert seen.all()
 
 
-@pytest.mark.parametrize("backend", ["apriltag", "aruco"])
 @pytest.mark.parametrize("look", [*FIRST, Look("grey"), Look("log"), Look("outline")])
-def test_corners_of_a_shrunk_search_lie_where_those_of_the_whole_one_do(look: Look, backend: str) -> None:
+def test_corners_of_a_shrunk_search_lie_where_those_of_the_whole_one_do(look: Look) -> None:
     tag = cv2.resize(printed(cells("tag36h11", 17), 40, 3), None, fx=0.9, fy=0.9, interpolation=cv2.INTER_AREA)
     image = np.full((1081, 1923), 200, np.uint8)
     image[331 : 331 + tag.shape[0], 777 : 777 + tag.shape[1]] = tag
-    detector = Detector({"tag36h11": frozenset({17})}, backend=backend)
+    detector = Detector({"tag36h11": frozenset({17})})
     (whole,) = detector.search_all(image, look.view)
     (shrunk,) = detector.search(image, *look)
-    is_fine = backend == "apriltag" and look.view != "outline"
+    is_fine = look.view != "outline"
     assert (whole.shrunk, shrunk.shrunk) == (1, 1 if is_fine else 3)
     np.testing.assert_allclose(shrunk.corners, whole.corners, atol=0.02 if is_fine else 1.0)
 

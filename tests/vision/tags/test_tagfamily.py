@@ -6,14 +6,20 @@ import math
 
 import cv2
 import numpy as np
+import pyapriltags
 import pytest
 
 from mkdaemon.errors import VisionError
-from mkdaemon.vision.tags.detector import AprilTagSearch
-from mkdaemon.vision.tags.tagfamily import FAMILIES, TagFamily, cells, draw, find_family
+from mkdaemon.vision.tags.detector import library_of
+from mkdaemon.vision.tags.tagfamily import FAMILIES, TagFamily, cells, find_family
 from tests.vision.views import printed
 
-PYAPRILTAGS = pytest.importorskip("pyapriltags")
+DICTIONARIES = {
+    "tag36h11": cv2.aruco.DICT_APRILTAG_36h11,
+    "tag25h9": cv2.aruco.DICT_APRILTAG_25h9,
+    "tag16h5": cv2.aruco.DICT_APRILTAG_16h5,
+}
+"""OpenCV's, of the classic families."""
 CLASSIC = [family for family in FAMILIES.values() if not family.is_inverted]
 INVERTED = [family for family in FAMILIES.values() if family.is_inverted]
 
@@ -24,7 +30,7 @@ def distance(family: TagFamily) -> int:
 
 
 def test_the_table_holds_all_families_of_the_wheel_as_the_library_has_them():
-    library = PYAPRILTAGS.Detector(families="")
+    library = pyapriltags.Detector(families="")
     assert set(FAMILIES) == set(library._SUPPORTED_FAMILIES)
     for family in FAMILIES.values():
         there = getattr(library.libc, f"{family.name}_create")().contents
@@ -39,13 +45,6 @@ def test_tables_of_flipped_codes_stay_small(family):
     assert listed[family.corrected_bits] <= 1_000_000
     assert family.corrected_bits == 2 or listed[family.corrected_bits + 1] > 1_000_000
     assert (family.corrected_bits == 2) == (family.ids < 1000)
-
-
-@pytest.mark.parametrize("family", CLASSIC, ids=lambda family: family.name)
-def test_libapriltag_draws_classic_tags_as_the_official_prints(family):
-    for tag_id in (0, 3, family.ids - 1):
-        drawn = draw(family.name, tag_id)
-        assert np.array_equal(drawn[1:-1, 1:-1], cells(family.name, tag_id))
 
 
 @pytest.mark.parametrize("family", INVERTED, ids=lambda family: family.name)
@@ -63,7 +62,7 @@ def test_inverted_prints_have_a_white_square_in_a_black_ring(family):
 
 @pytest.mark.parametrize("family", FAMILIES.values(), ids=lambda family: family.name)
 def test_libapriltag_reads_every_print_upright(family):
-    lib = AprilTagSearch((family.name,)).library
+    lib = library_of((family.name,))
     for tag_id in {0, 1, family.ids // 2, family.ids - 1}:
         found = lib.detect(printed(cells(family.name, tag_id)))
         assert [(item.tag_id, item.hamming) for item in found] == [(tag_id, 0)]
@@ -74,9 +73,9 @@ def test_libapriltag_reads_every_print_upright(family):
 
 @pytest.mark.parametrize("family", CLASSIC, ids=lambda family: family.name)
 def test_opencv_draws_the_same_codes_upside_down(family):
-    dictionary = cv2.aruco.getPredefinedDictionary(family.dictionary)
+    dictionary = cv2.aruco.getPredefinedDictionary(DICTIONARIES[family.name])
     assert dictionary.bytesList.shape[0] == family.ids
-    for tag_id in (0, family.ids - 1):
+    for tag_id in range(family.ids):
         drawn = cv2.aruco.generateImageMarker(dictionary, tag_id, family.black_cells)
         assert np.array_equal(cells(family.name, tag_id), np.rot90(drawn, 2))
 

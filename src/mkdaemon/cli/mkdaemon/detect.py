@@ -148,11 +148,9 @@ class _Eyes:
         self._tagmap, self._tag_size, self._families, self._ids = tagmap, tag_size, families, ids
         self._eyes: dict[Intrinsics | None, StillEye] = {}
         try:
-            warning = self.of(None).detector.warning
+            self.of(None)
         except VisionError as error:
             raise ConfigError(str(error)) from None
-        if warning:
-            print(f"mkdaemon: {warning}", file=sys.stderr)
 
     def of(self, k: Intrinsics | None) -> StillEye:
         """The eye of a calibration."""

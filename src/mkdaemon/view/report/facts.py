@@ -145,9 +145,6 @@ def version_rows(flight: Flight, session: Session | None) -> list[Row]:
     for path, title in (("firmware", "boards"), ("external_control", "layout of stick frames")):
         if words := text_of(state, path):
             rows.append((title, words))
-    for camera in flight.cameras:
-        if words := text_of(flight.last.get(f"vision/{camera}/stats", {}), "detector"):
-            rows.append((f"detector of {camera}", words))
     if note := text_of(health, "note"):
         rows.append(("note", note))
     rows += [(f"model: {short(name)}", f"{value:.5g}") for name, value in flight.model.items() if _is_number(value)]

@@ -162,16 +162,15 @@ class CodeReader:
             self._codes[name] = _Codes(ids, *np.stack(turned, axis=2).reshape(2, len(ids) * TURNS, -1))
         self.sizes = sorted({find_family(name).black_cells for name in self._codes})
 
-    def read(self, pixels: Grey, quads: Iterable[Array], max_chance: float = LIMITS.read.max_chance) -> list[Detection]:
+    def read(self, pixels: Grey, quads: Iterable[Array]) -> list[Detection]:
         """The codes that the readable cells of quads agree with, the clearest of each.
 
         Args:
             pixels: `(h, w)` uint8.
             quads: corners of black squares, clockwise in the image `(4, 2)` [px].
-            max_chance: that a random quad reads as well.
         """
         read = (self._explain(pixels, quad, *of) for quad in quads for of in self._codes.items())
-        return best_of_codes(found for by_chance, found in read if by_chance <= max_chance)
+        return best_of_codes(found for by_chance, found in read if by_chance <= LIMITS.read.max_chance)
 
     def _explain(self, pixels: Grey, quad: Array, name: str, codes: _Codes) -> tuple[float, Detection]:
         """The likeliest code of a family, and the probability that chance reads as well."""

@@ -10,13 +10,14 @@ from __future__ import annotations
 import itertools
 import math
 import threading
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 from functools import lru_cache
-from typing import Any, Final, Literal, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import cv2
 import numpy as np
+import pyapriltags
 
 from mkdaemon.vision.arrays import Grey
 from mkdaemon.vision.limits import HALF, LIMITS
@@ -31,7 +32,7 @@ from mkdaemon.vision.tags.cellread import (
     has_sides,
 )
 from mkdaemon.vision.tags.outline import read_outlines
-from mkdaemon.vision.tags.tagfamily import dictionary_of, find_family, is_installed, open_library
+from mkdaemon.vision.tags.tagfamily import find_family
 
 Part = tuple[int, int, int, int]
 """`(x0, y0, x1, y1)` [px], end exclusive."""
@@ -59,11 +60,6 @@ _LOG: Final[Grey] = np.round(100 + 14 * (np.log10(np.arange(256) + 4.0) - np.log
 _LIGHT: Final[Grey] = np.round(255 * (np.arange(256) / 255) ** LIMITS.search.tone).astype(np.uint8)
 _SEEN: Final[Mapping[View, Grey]] = {"light": _LIGHT, "log": _LOG}
 """What is seen in place of each grey value; the other views see it as it is."""
-LOST_WITHOUT_APRILTAG: Final = (
-    "pyapriltags is not installed: tags are searched with cv2.aruco, which loses range (4 m instead of 10 m for a"
-    " 12 inch tag on VGA), corner precision (0.2-0.5 px instead of 0.02 px), hard shadows and the outer one of nested"
-    " tags; install mkdaemon with its pyapriltags wheel"
-)
 
 
 @lru_cache(maxsize=16)
@@ -98,15 +94,10 @@ class Detector:
     Args:
         whitelist: ids by family.
         max_chance: that a random quad reads as one of them, where cells read wrong or not at all.
-        backend: which library; `auto` takes the best that is installed.
         covered: cells that another tag lies on (`tagmap.covered_cells`); a broken outline is read without them.
 
     Raises:
-        VisionError: an unknown family, or one that only pyapriltags can search for, without its wheel.
-
-    Attributes:
-        backend: `apriltag` or, without its wheel, `aruco`.
-        warning: what the fallback loses; empty with `apriltag`.
+        VisionError: an unknown family.
     """
 
     def __init__(
@@ -114,18 +105,12 @@ class Detector:
         whitelist: Mapping[str, frozenset[int]],
         *,
         max_chance: float = LIMITS.read.max_chance,
-        backend: Literal["auto", "apriltag", "aruco"] = "auto",
         covered: Covered | None = None,
     ) -> None:
-        if backend == "auto":
-            backend = "apriltag" if is_installed() else "aruco"
-        self.backend = backend
-        self.warning = LOST_WITHOUT_APRILTAG if backend == "aruco" else ""
         self._whitelist, self._max_chance = whitelist, max_chance
         # Outlines are those of something black, and an inverted tag has data there.
         classic = {name: ids for name, ids in whitelist.items() if not find_family(name).is_inverted}
-        families, self._reader = tuple(whitelist), CodeReader(classic, covered or {})
-        self._library = AprilTagSearch(families) if backend == "apriltag" else ArucoSearch(families, self._reader)
+        self._reader = CodeReader(classic, covered or {})
 
     def search(self, pixels: Grey, view: View, part: Part | None = None, decimate: int = 1) -> list[Detection]:
         """Run one search at a bounded cost.
@@ -152,13 +137,12 @@ class Detector:
             return []  # libapriltag crashes on a few rows
         if view in _SEEN:
             seen = np.asarray(cv2.LUT(seen, _SEEN[view]), dtype=np.uint8)
-        if view != "outline" and isinstance(self._library, AprilTagSearch):
-            found, ratio = self._library.find(seen, decimate * shrunk), np.ones(2)
-        else:
+        if view == "outline":
             resized = cv2.resize(seen, None, fx=1 / shrunk, fy=1 / shrunk, interpolation=cv2.INTER_AREA)
             small = np.asarray(resized, dtype=np.uint8)
-            found = read_outlines(small, self._reader) if view == "outline" else self._library.find(small)
-            ratio = np.divide(seen.shape, small.shape)[::-1]
+            found, ratio = read_outlines(small, self._reader), np.divide(seen.shape, small.shape)[::-1]
+        else:
+            found, ratio = find_codes(self._whitelist, seen, decimate * shrunk), np.ones(2)
         # Centres of pixels are whole numbers.
         first = np.array([x0, y0]) - HALF
         coarse = round(ratio[0])
@@ -180,66 +164,33 @@ _of_thread = threading.local()
 """Libraries this thread has opened, by their families; they end with it."""
 
 
-class AprilTagSearch:
-    """libapriltag through pyapriltags, in one thread.
+def library_of(families: Collection[str]) -> Any:
+    """Libapriltag with the tables of families; they take time and serve one thread, whose searches share them.
 
     pyapriltags carries upstream's fix of `refine_edges`, which pupil-apriltags and dt-apriltags lack.
     """
-
-    def __init__(self, families: tuple[str, ...]) -> None:
-        self._families = families
-
-    @property
-    def library(self) -> Any:
-        """The library with its tables; they take time and serve one thread, whose searches share them."""
-        of_thread, key = vars(_of_thread), " ".join(self._families)
-        if key not in of_thread:
-            of_thread[key] = _library(self._families)
-        return of_thread[key]
-
-    def find(self, pixels: Grey, decimate: float = 1.0) -> list[Detection]:
-        """All codes libapriltag sees in `(h, w)` uint8; it looks for quads alone in an image so much smaller."""
-        library = self.library
-        library.tag_detector_ptr.contents.quad_decimate = decimate
-        return [
-            Detection(
-                family=item.tag_family.decode(),
-                tag_id=item.tag_id,
-                hamming=item.hamming,
-                decision_margin=float(item.decision_margin),
-                # libapriltag: counter-clockwise from the print's bottom-left, pixel centres at +0.5.
-                corners=item.corners[[3, 2, 1, 0]] - 0.5,
-            )
-            for item in library.detect(np.asarray(pixels, dtype=np.uint8, order="C"))
-        ]
+    of_thread, key = vars(_of_thread), " ".join(families)
+    if key not in of_thread:
+        library: Any = pyapriltags.Detector(families="", nthreads=1, refine_edges=1)
+        for name in families:
+            family, bits = getattr(library.libc, f"{name}_create")(), find_family(name).corrected_bits
+            library.libc.apriltag_detector_add_family_bits(library.tag_detector_ptr, family, bits)
+        of_thread[key] = library
+    return of_thread[key]
 
 
-def _library(families: tuple[str, ...]) -> Any:
-    """Libapriltag with the tables of families."""
-    library = open_library()
-    for name in families:
-        family, bits = getattr(library.libc, f"{name}_create")(), find_family(name).corrected_bits
-        library.libc.apriltag_detector_add_family_bits(library.tag_detector_ptr, family, bits)
-    return library
-
-
-class ArucoSearch:
-    """cv2.aruco with sub-pixel corners; its range is short and it is blind to the outer one of nested tags.
-
-    Raises:
-        VisionError: a family OpenCV has no dictionary of.
-    """
-
-    def __init__(self, families: tuple[str, ...], reader: CodeReader) -> None:
-        self._reader = reader
-        parameters = cv2.aruco.DetectorParameters()
-        parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
-        parameters.cornerRefinementWinSize = 3
-        parameters.minMarkerPerimeterRate = 0.02
-        self._detector = cv2.aruco.ArucoDetector([dictionary_of(name) for name in families], parameters)
-
-    def find(self, pixels: Grey) -> list[Detection]:
-        """The codes in the quads that cv2.aruco finds in `(h, w)` uint8."""
-        quads, *_ = self._detector.detectMarkersMultiDict(np.ascontiguousarray(pixels))
-        corners = (np.asarray(quad, dtype=np.float64).reshape(4, 2) for quad in quads)
-        return self._reader.read(pixels, corners, max_chance=1.0)
+def find_codes(families: Collection[str], pixels: Grey, decimate: float = 1.0) -> list[Detection]:
+    """All codes libapriltag sees in `(h, w)` uint8; it looks for quads alone in an image so much smaller."""
+    library = library_of(families)
+    library.tag_detector_ptr.contents.quad_decimate = decimate
+    return [
+        Detection(
+            family=item.tag_family.decode(),
+            tag_id=item.tag_id,
+            hamming=item.hamming,
+            decision_margin=float(item.decision_margin),
+            # libapriltag: counter-clockwise from the print's bottom-left, pixel centres at +0.5.
+            corners=item.corners[[3, 2, 1, 0]] - 0.5,
+        )
+        for item in library.detect(np.asarray(pixels, dtype=np.uint8, order="C"))
+    ]

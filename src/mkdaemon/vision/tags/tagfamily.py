@@ -10,20 +10,18 @@ Conventions used everywhere in `mkdaemon.vision`:
 * The frame of a tag has its origin in the centre of the print, x to the right, y to the top and z out of the paper
   towards the reader.
 
-OpenCV carries the same codes turned by 180 degrees (measured), so every bitmap is turned once, here. The inverted
-families are unknown to OpenCV; they are drawn from the codes of libapriltag.
+Bitmaps are drawn from the codes of libapriltag; OpenCV has those of the classic families turned by 180 degrees.
 """
 
 from __future__ import annotations
 
-import importlib.util
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
+from typing import Any, Final
 
-import cv2
 import numpy as np
 import numpy.typing as npt
+import pyapriltags
 
 from mkdaemon.errors import VisionError
 from mkdaemon.vision.arrays import Array, Grey
@@ -44,7 +42,6 @@ class TagFamily:
         ids: number of codes; valid ids are 0 to `ids - 1`.
         corrected_bits: wrong bits that libapriltag corrects, two at most: it lists all codes with so many flipped, here
             a million at most, 48 bytes each (apriltag.c, `quick_decode_init`).
-        dictionary: OpenCV's predefined dictionary of the same codes, turned by 180 degrees; none for inverted families.
         hole_cells: side of the square in the middle that carries nothing, room for a smaller tag [cells].
     """
 
@@ -54,21 +51,20 @@ class TagFamily:
     bits: int
     ids: int
     corrected_bits: int
-    dictionary: int | None = None
     hole_cells: int = 0
 
     @property
     def is_inverted(self) -> bool:
         """Whether the square is white inside a black ring, and data lie outside that."""
-        return self.dictionary is None
+        return self.size_cells != self.black_cells
 
 
 FAMILIES: dict[str, TagFamily] = {
     family.name: family
     for family in (
-        TagFamily("tag36h11", 8, 8, 36, 587, 2, cv2.aruco.DICT_APRILTAG_36h11),
-        TagFamily("tag25h9", 7, 7, 25, 35, 2, cv2.aruco.DICT_APRILTAG_25h9),
-        TagFamily("tag16h5", 6, 6, 16, 30, 2, cv2.aruco.DICT_APRILTAG_16h5),
+        TagFamily("tag36h11", 8, 8, 36, 587, 2),
+        TagFamily("tag25h9", 7, 7, 25, 35, 2),
+        TagFamily("tag16h5", 6, 6, 16, 30, 2),
         TagFamily("tagStandard41h12", 5, 9, 41, 2115, 1),
         TagFamily("tagStandard52h13", 6, 10, 52, 48714, 0),
         TagFamily("tagCustom48h12", 6, 10, 48, 42211, 0, hole_cells=2),
@@ -79,6 +75,8 @@ FAMILIES: dict[str, TagFamily] = {
 """All families pyapriltags has. Sources: Olson, AprilTag, ICRA 2011 (name = tag<bits>h<distance>); Krogius,
 Haggenmiller and Olson, Flexible layouts for fiducial tags, IROS 2019; figures: `apriltag_family_t`. The distance is
 the smallest between two codes, rotations included [bit]."""
+_LIBRARY: Final[Any] = pyapriltags.Detector(families="").libc
+"""Functions of libapriltag."""
 
 
 def to_rim(n: int) -> npt.NDArray[np.intp]:
@@ -118,61 +116,25 @@ def cells(family: str, tag_id: int) -> Grey:
         `(n, n)` uint8, 0 black and 255 white, row 0 at the top, `n = black_cells`; read-only.
 
     Raises:
-        VisionError: unknown family or id, or one that only pyapriltags can draw, without its wheel.
+        VisionError: unknown family or id.
     """
     known = find_family(family)
     if not 0 <= tag_id < known.ids:
         msg = f"{family} has no id {tag_id}: use 0 to {known.ids - 1}"
         raise VisionError(msg)
-    if known.is_inverted and is_installed():
-        bitmap = draw(family, tag_id)
-    else:
-        drawn = cv2.aruco.generateImageMarker(dictionary_of(family), tag_id, known.black_cells)
-        bitmap = np.ascontiguousarray(np.rot90(drawn, 2), dtype=np.uint8)
+    codes, ring = _codes_of(family), (known.black_cells - known.size_cells) // 2
+    # Outwards: the square's own ring is white in inverted families alone, the next one is black, and all others white.
+    beyond = ring - to_rim(known.black_cells)
+    white = (beyond > 1) | (known.is_inverted & (beyond == 0))
+    white[ring + np.array(codes.bit_y[: known.bits]), ring + np.array(codes.bit_x[: known.bits])] = [
+        bit == "1" for bit in f"{codes.codes[tag_id]:0{known.bits}b}"
+    ]
+    bitmap = np.where(white, 255, 0).astype(np.uint8)
     bitmap.setflags(write=False)
     return bitmap
 
 
-def dictionary_of(family: str) -> cv2.aruco.Dictionary:
-    """OpenCV's codes of a family, turned by 180 degrees.
-
-    Raises:
-        VisionError: unknown family, or one that OpenCV has not.
-    """
-    known = find_family(family).dictionary
-    if known is None:
-        names = ", ".join(one.name for one in FAMILIES.values() if one.dictionary is not None)
-        msg = f"tag family {family} needs the pyapriltags wheel; install it, or use one of {names}"
-        raise VisionError(msg)
-    return cv2.aruco.getPredefinedDictionary(known)
-
-
-def is_installed() -> bool:
-    """Whether the pyapriltags wheel is there."""
-    return importlib.util.find_spec("pyapriltags") is not None
-
-
-def open_library() -> Any:
-    """Libapriltag through pyapriltags, whose wheel has to be there: a detector in one thread, without families."""
-    from pyapriltags import Detector as LibDetector
-
-    return LibDetector(families="", nthreads=1, refine_edges=1)
-
-
 @lru_cache(maxsize=16)
-def _in_library(name: str) -> Any:
-    """Codes of a family, and where their bits stand, as libapriltag has them."""
-    return getattr(open_library().libc, f"{name}_create")().contents
-
-
-def draw(name: str, tag_id: int) -> Grey:
-    """Cells of a code as the wheel's library has it `(n, n)` uint8, with the white border of classic families."""
-    family = _in_library(name)
-    n, count, start = family.total_width, family.nbits, (family.total_width - family.width_at_border) // 2
-    beyond = start - to_rim(n)
-    # All prints have two rings, and nothing beyond them.
-    white = (beyond > 1) | (beyond == (0 if family.reversed_border else 1))
-    white[start + np.array(family.bit_y[:count]), start + np.array(family.bit_x[:count])] = [
-        bit == "1" for bit in f"{family.codes[tag_id]:0{count}b}"
-    ]
-    return np.where(white, 255, 0).astype(np.uint8)
+def _codes_of(name: str) -> Any:
+    """Codes of a family, and where their bits stand from the corner of the square: `apriltag_family_t`."""
+    return getattr(_LIBRARY, f"{name}_create")().contents
