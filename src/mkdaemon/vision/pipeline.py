@@ -15,7 +15,6 @@ from mkdaemon.errors import ConfigError, VisionError
 from mkdaemon.frames import quaternion_from_rotation
 from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.base import Telemetry
-from mkdaemon.telemetry.image import CameraFrame
 from mkdaemon.telemetry.vision import (
     Alarm,
     AttitudeLoss,
@@ -37,7 +36,7 @@ from mkdaemon.vision.camera.calibration_file import Intrinsics, load_camera, mou
 from mkdaemon.vision.camera.camera import StreamStatus
 from mkdaemon.vision.camera.exposure import ExposureControl
 from mkdaemon.vision.camera.image import CameraImage, in_light
-from mkdaemon.vision.camera.imagecodec import encode_jpeg
+from mkdaemon.vision.camera.imagecodec import frame_of
 from mkdaemon.vision.pose.pose import calibration_sd
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.pose.rolling import skew
@@ -217,17 +216,8 @@ class CameraPipeline:
             return None
         period = 1.0 / self.cfg.jpeg_hz
         self._next_jpeg = max(self._next_jpeg + period, image.received_at + 0.5 * period)
-        pixels, width, height = encode_jpeg(image.pixels, self.cfg.jpeg_quality, self.cfg.jpeg_width)
-        frame = CameraFrame(
-            camera=image.camera,
-            sequence=image.sequence,
-            width=width,
-            height=height,
-            coding="jpeg",
-            stamp=self._clock.stamp(image.captured_at),
-            pixels=pixels,
-        )
-        return f"vision/{image.camera}/image", frame
+        stamp = self._clock.stamp(image.captured_at)
+        return f"vision/{image.camera}/image", frame_of(image, stamp, self.cfg.jpeg_quality, self.cfg.jpeg_width)
 
     def mount(self, stamp: Stamp) -> Transform | None:
         """The camera in the body; None where nobody said how it sits."""

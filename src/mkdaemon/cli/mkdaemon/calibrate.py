@@ -2,26 +2,27 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
+import math
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated, Final, Literal
 
-import zenoh
 from cyclopts import App, Parameter
 from rich.live import Live
 from rich.text import Text
 
-from mkdaemon.bus.session import session_config
+from mkdaemon.bus.session import open_session, session_config
 from mkdaemon.cli.console import Console
 from mkdaemon.cli.mkdaemon.calibrate_mount import mount as mount_of_flight
 from mkdaemon.cli.mkdaemon.calibrate_shutter import shutter
 from mkdaemon.config.camera import CameraSection, MountSection
-from mkdaemon.errors import ConfigError, MkError, VisionError
+from mkdaemon.errors import ConfigError, VisionError
 from mkdaemon.files import refuse_existing
 from mkdaemon.telemetry.vision import EyeState
 from mkdaemon.vision.calibrate.board import CalibrationBoard, CharucoBoard, TagBoard
@@ -173,23 +174,15 @@ def _from_folder(folder: Path, board: CalibrationBoard, *, quiet: bool) -> Views
 @contextmanager
 def _streaming(cfg: CameraSection, connect: str) -> Iterator[tuple[CameraStream, NewestSlot[CameraImage]]]:
     """Run the camera; a bus session is opened only for a source on the bus."""
-    session: zenoh.Session | None = None
-    if cfg.source.startswith("zenoh:"):
-        try:
-            session = zenoh.open(session_config("client", connect=[connect]))
-        except zenoh.ZError:
-            msg = f"nobody answers at {connect}: is mkdaemon running there?"
-            raise MkError(msg) from None
-    slot: NewestSlot[CameraImage] = NewestSlot()
-    opened = session
-    stream = CameraStream(cfg, source_of(cfg, (lambda: opened) if opened is not None else None), slot)
-    stream.start()
-    try:
+    with ExitStack() as stack:
+        session = None
+        if cfg.source.startswith("zenoh:"):
+            session = stack.enter_context(asyncio.run(open_session(session_config("client", connect=[connect]))))
+        slot: NewestSlot[CameraImage] = NewestSlot()
+        stream = CameraStream(cfg, source_of(cfg, None if session is None else lambda: session), slot)
+        stream.start()
+        stack.callback(stream.stop)
         yield stream, slot
-    finally:
-        stream.stop()
-        if session is not None:
-            session.close()  # type: ignore[no-untyped-call]
 
 
 def _live(
@@ -197,9 +190,9 @@ def _live(
 ) -> Views:
     """Guide until the views will do, the time is over, or Ctrl-C says that is enough."""
     views = Views(board, keep)
-    deadline, received_at = time.monotonic() + seconds, time.monotonic()
+    deadline, received_at, guided_at = time.monotonic() + seconds, time.monotonic(), -math.inf
     received = False
-    with _streaming(cfg, connect) as (stream, slot), _guiding(quiet=quiet) as guide:
+    with _streaming(cfg, connect) as (stream, slot), _guiding(quiet=quiet) as (show, pause):
         try:
             while time.monotonic() < deadline:
                 image = slot.take(0.2)
@@ -213,7 +206,9 @@ def _live(
                     continue
                 received, received_at = True, now
                 report = views.take(f"image {image.sequence}", image.pixels, is_live=True)
-                guide(report, views)
+                if report.is_taken or now - guided_at > pause:
+                    guided_at = now
+                    show(_guidance(report, views))
                 if not views.missing():
                     break
         except KeyboardInterrupt:
@@ -224,35 +219,15 @@ def _live(
     return views
 
 
-Guide = Callable[[ViewReport, Views], None]
-
-
 @contextmanager
-def _guiding(*, quiet: bool) -> Iterator[Guide]:
-    """Show what has been covered and what to do next: in place on a terminal, else a line now and then."""
+def _guiding(*, quiet: bool) -> Iterator[tuple[Callable[[str], None], float]]:
+    """What shows guidance, in place on a terminal, and the pause before the next where no view is taken [s]."""
     console = Console()
     if quiet or not console.is_terminal:
-        yield _line_guide(quiet=quiet)
+        yield (lambda words: None) if quiet else print, GUIDE_EVERY
         return
     with Live(console=console, refresh_per_second=8) as live:
-
-        def show(report: ViewReport, views: Views) -> None:
-            live.update(Text(_guidance(report, views)))
-
-        yield show
-
-
-def _line_guide(*, quiet: bool) -> Guide:
-    guided = -GUIDE_EVERY
-
-    def print_line(report: ViewReport, views: Views) -> None:
-        nonlocal guided
-        now = time.monotonic()
-        if not quiet and (report.is_taken or now - guided > GUIDE_EVERY):
-            guided = now
-            print(_guidance(report, views))
-
-    return print_line
+        yield lambda words: live.update(Text(words)), 0.0
 
 
 def _guidance(report: ViewReport, views: Views) -> str:
@@ -266,21 +241,9 @@ def _guidance(report: ViewReport, views: Views) -> str:
 def _explain(result: CalibrationResult, views: Views) -> None:
     k = result.intrinsics
     print(f"{len(result.used)} of {len(views.taken)} views used, rms {result.rms_px:.3f} px")
-    for name, unit in (
-        ("fx", " px"),
-        ("fy", " px"),
-        ("cx", " px"),
-        ("cy", " px"),
-        ("k1", ""),
-        ("k2", ""),
-        ("p1", ""),
-        ("p2", ""),
-        ("k3", ""),
-        ("k4", ""),
-    ):
-        if name not in result.sd:
-            continue
-        print(f"  {name} = {getattr(k, name):10.4f} +- {result.sd[name]:.4f}{unit}")
+    for name, sd in result.sd.items():
+        unit = " px" if name in ("fx", "fy", "cx", "cy") else ""
+        print(f"  {name} = {getattr(k, name):10.4f} +- {sd:.4f}{unit}")
     print(f"  focal length known to {result.focal_sd_percent:.3f} %, image centre to {result.centre_sd_px:.2f} px")
     for words in views.missing():
         print(f"  better with: {words}")
