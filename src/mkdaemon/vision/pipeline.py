@@ -250,20 +250,12 @@ class CameraPipeline:
         figures = np.array(self._timings or [(0.0, 0.0, False)])
         (detect_p50, latency_p50), (detect_p99, latency_p99) = 1000.0 * np.percentile(figures[:, :2], (50, 99), axis=0)
         return VisionStats(
+            **stream._replace(state=state, reason=reason)._asdict(),
             camera=self.cfg.name,
             stamp=stamp,
-            state=state,
-            reason=reason,
             alarms=self.alarms(stream),
             source=self.cfg.source,
-            width=stream.width,
-            height=stream.height,
-            fps=stream.fps,
             processed=self._processed,
-            dropped=stream.dropped,
-            lost=stream.lost,
-            damaged=stream.damaged,
-            reopened=stream.reopened,
             faults=self._faults,
             restarts=self._restarts,
             posed=float(figures[:, 2].mean()),
@@ -273,9 +265,8 @@ class CameraPipeline:
             detect_p99_ms=float(detect_p99),
             latency_p50_ms=float(latency_p50),
             latency_p99_ms=float(latency_p99),
-            settings_refused=stream.refused,
             detector=self.tracker.detector.warning or self.tracker.detector.backend,
-            exposure=exposure_of(stream.exposure) if stream.exposure is not None else None,
+            exposure=exposure_of(stream.control) if stream.control is not None else None,
             selfcal=self.selfcheck.reports(),
         )
 
@@ -393,11 +384,10 @@ def outlines_of(result: VisionResult, tagmap: TagMap, projection: Projection | N
     if projection is None:
         return found
     posed = {pose.target: pose.pose for pose in result.poses}
-    for pose, target in ((posed[target.name], target) for target in tagmap.targets if target.name in posed):
-        for tag in target.tags:
-            corners, visible = projection.project(tag.corners @ pose.rotation.T + pose.position)
-            if visible.all():
-                found.append(corners)
+    for pose, tag in ((posed[owner.name], tag) for owner, tag in tagmap.owners.values() if owner.name in posed):
+        corners, visible = projection.project(tag.corners @ pose.rotation.T + pose.position)
+        if visible.all():
+            found.append(corners)
     return found
 
 
