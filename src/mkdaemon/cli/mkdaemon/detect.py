@@ -6,7 +6,7 @@ import json
 import re
 import sys
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Final
@@ -24,7 +24,7 @@ from mkdaemon.vision.camera.imagecodec import read_picture, write_picture
 from mkdaemon.vision.camera.sources import CLIPS, Recorded, list_pictures, open_clip
 from mkdaemon.vision.pose.pose import with_floor
 from mkdaemon.vision.still import StillEye, StillPose, StillResult, StillTag, draw
-from mkdaemon.vision.tags.tagmap import load
+from mkdaemon.vision.tags.tagmap import TagMap, load
 
 _CODE: Final = r"[0-9]{1,5}"
 """Of a tag; the largest family has 48,714."""
@@ -81,35 +81,36 @@ def detect(
     if target and (tag_size is not None or ids is not None):
         msg = f"give --target or {'--tag-size' if tag_size is not None else '--ids'}, not both"
         raise ConfigError(msg)
-    known = _intrinsics(intrinsics) if intrinsics is not None else None
-    if camera is not None:
-        known = load_camera(camera).intrinsics
-    tagmap, codes = load(target) if target else None, _ids(ids) if ids is not None else None
-    try:
-        eye = StillEye(tagmap=tagmap, tag_size=tag_size, families=family, ids=codes)
-    except VisionError as error:
-        raise ConfigError(str(error)) from None
-    if eye.detector.warning:
-        print(f"mkdaemon: {eye.detector.warning}", file=sys.stderr)
+    figures = _intrinsics(intrinsics) if intrinsics is not None else None
+    lens = load_camera(camera).intrinsics if camera is not None else None
+    eye = _eye(load(target) if target else None, tag_size, family, _ids(ids) if ids is not None else None)
     pictures, failed = list(_inputs(images)), 0
-    for picture in _pictures(pictures):
-        k, fault = known, picture.error
-        if picture.pixels is not None and known is not None:
-            height, width = picture.pixels.shape
-            if camera is None:
-                k = known.model_copy(update={"width": width, "height": height})
-            elif (known.width, known.height) != (width, height):
-                fault = f"the picture is {width}x{height}, the calibration is for {known.width}x{known.height}"
-        if picture.pixels is None or fault:
+    for picture in _pictures(pictures, lens):
+        if picture.pixels is None:
             failed += 1
-            _print_picture(replace(picture, pixels=None, error=fault), None, None, as_json=as_json)
+            _print_picture(picture, None, None, as_json=as_json)
             continue
+        height, width = picture.pixels.shape
+        k = lens if figures is None else figures.model_copy(update={"width": width, "height": height})
         result = eye.look(picture.pixels, k)
         _print_picture(picture, result, k, as_json=as_json, sized=bool(target) or tag_size is not None)
         if overlay is not None:
             path = _overlay_path(overlay, picture, single=len(pictures) == 1)
             write_picture(path, draw(picture.pixels, result, k), overwrite=force)
     return 1 if failed else 0
+
+
+def _eye(
+    tagmap: TagMap | None, tag_size: float | None, families: tuple[str, ...], ids: frozenset[int] | None
+) -> StillEye:
+    """What looks at the images; it says what is wrong with families, codes and size."""
+    try:
+        eye = StillEye(tagmap=tagmap, tag_size=tag_size, families=families, ids=ids)
+    except VisionError as error:
+        raise ConfigError(str(error)) from None
+    if eye.detector.warning:
+        print(f"mkdaemon: {eye.detector.warning}", file=sys.stderr)
+    return eye
 
 
 def _intrinsics(text: str) -> Intrinsics:
@@ -141,11 +142,7 @@ def _ids(text: str) -> frozenset[int]:
 
 
 def _inputs(paths: list[Path]) -> Iterator[Path]:
-    """Files behind the arguments; folders are listed.
-
-    Raises:
-        ConfigError: there is no such file, or a folder holds no pictures.
-    """
+    """Files behind the arguments; folders are listed."""
     for path in paths:
         if path.is_dir():
             try:
@@ -159,8 +156,8 @@ def _inputs(paths: list[Path]) -> Iterator[Path]:
             raise ConfigError(msg)
 
 
-def _pictures(paths: list[Path]) -> Iterator[Picture]:
-    """All images of pictures and videos, and what is wrong with those that are none."""
+def _pictures(paths: list[Path], lens: Intrinsics | None) -> Iterator[Picture]:
+    """All images of pictures and videos, and what is wrong with those that are none, or not of this lens."""
     for path in paths:
         is_clip, number = path.suffix.lower() in CLIPS, -1
         try:
@@ -171,12 +168,21 @@ def _pictures(paths: list[Path]) -> Iterator[Picture]:
         for number, (_, decode) in enumerate(images):
             pixels, fault = None, ""
             try:
-                pixels = decode()
+                pixels = _of_lens(decode(), lens)
             except PictureError as error:
                 fault = str(error)
             yield Picture(str(path), number if is_clip else None, pixels, fault)
         if number < 0:
             yield Picture(str(path), None, None, "no image in this video")
+
+
+def _of_lens(pixels: Grey, lens: Intrinsics | None) -> Grey:
+    """An image, which is an error where it is of another size than a lens is known for."""
+    height, width = pixels.shape
+    if lens is not None and (lens.width, lens.height) != (width, height):
+        msg = f"the picture is {width}x{height}, the calibration is for {lens.width}x{lens.height}"
+        raise PictureError(msg)
+    return pixels
 
 
 def _print_picture(
