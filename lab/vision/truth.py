@@ -140,7 +140,7 @@ def rotation_series(folder: Path) -> dict[str, Any]:
     stills weigh such a residual against what a calibration knows of the ratio. `exact_camera` holds the figures of fits
     that take the published camera as exact.
     """
-    eye = StillEye(ROTATION_CAMERA, tag_size=ROTATION_TAG_M)
+    eye = StillEye(tag_size=ROTATION_TAG_M)
     tags: set[int] = set()
     poses: dict[int, Pose] = {}
     exact: dict[int, Pose] = {}
@@ -149,7 +149,7 @@ def rotation_series(folder: Path) -> dict[str, Any]:
         if image is None:
             continue
         pixels = np.asarray(image, dtype=np.uint8)
-        seen = [tag for tag in eye.look(pixels).tags if tag.pose is not None]
+        seen = [tag for tag in eye.look(pixels, ROTATION_CAMERA).tags if tag.pose is not None]
         if not seen:
             continue
         tag = max(seen, key=lambda item: item.found.side_px)

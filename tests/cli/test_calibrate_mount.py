@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from mkdaemon.cli.mkdaemon import calibrate_mount
+from mkdaemon.cli.mkdaemon import calibrate
 from mkdaemon.cli.mkdaemon.app import app
 from mkdaemon.cli.program import EXIT_CONFIG, EXIT_FAILURE, EXIT_OK, run
 from mkdaemon.config.camera import MountSection
@@ -69,7 +69,7 @@ def bus(monkeypatch: pytest.MonkeyPatch) -> Bus:
         async def connect(*_where: str) -> AsyncIterator[SimpleNamespace]:
             yield SimpleNamespace(get_all=get_all, absence=absence)
 
-        monkeypatch.setattr(calibrate_mount, "connect", connect)
+        monkeypatch.setattr(calibrate, "connect", connect)
 
     return says
 

@@ -156,7 +156,7 @@ def test_unusable_images_are_named_and_give_no_pose(
     taken = pictures()
     values = feed(pipeline, taken)
     height, width = taken[-1].shape
-    found = stats(pipeline, replace(STREAMING, width=width, height=height))
+    found = stats(pipeline, STREAMING._replace(width=width, height=height))
     assert poses(values) == []
     assert (found.state, found.posed, found.faults) == (state, 0.0, 0)
     assert words in found.reason

@@ -258,18 +258,7 @@ class ImageRecorder:
         )
 
     def _compressed(self, image: CameraImage, stamp: Stamp) -> tuple[bytes, str]:
-        from mkdaemon.vision.camera.imagecodec import encode_jpeg, encode_png
+        from mkdaemon.vision.camera.imagecodec import frame_of
 
-        height, width = image.pixels.shape
-        is_png = self._cfg.coding == "png"
-        pixels = encode_png(image.pixels) if is_png else encode_jpeg(image.pixels, self._cfg.jpeg_quality, width)[0]
-        frame = CameraFrame(
-            stamp=stamp,
-            camera=image.camera,
-            sequence=image.sequence,
-            width=width,
-            height=height,
-            coding=self._cfg.coding,
-            pixels=pixels,
-        )
-        return encode(frame), encoding_of(CameraFrame)
+        quality = None if self._cfg.coding == "png" else self._cfg.jpeg_quality
+        return encode(frame_of(image, stamp, quality, image.pixels.shape[1])), encoding_of(CameraFrame)

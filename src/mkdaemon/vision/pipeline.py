@@ -15,7 +15,6 @@ from mkdaemon.errors import ConfigError, VisionError
 from mkdaemon.frames import quaternion_from_rotation
 from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.base import Telemetry
-from mkdaemon.telemetry.image import CameraFrame
 from mkdaemon.telemetry.vision import (
     Alarm,
     AttitudeLoss,
@@ -37,7 +36,7 @@ from mkdaemon.vision.camera.calibration_file import Intrinsics, load_camera, mou
 from mkdaemon.vision.camera.camera import StreamStatus
 from mkdaemon.vision.camera.exposure import ExposureControl
 from mkdaemon.vision.camera.image import CameraImage, in_light
-from mkdaemon.vision.camera.imagecodec import encode_jpeg
+from mkdaemon.vision.camera.imagecodec import frame_of
 from mkdaemon.vision.pose.pose import calibration_sd
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.pose.rolling import skew
@@ -217,17 +216,8 @@ class CameraPipeline:
             return None
         period = 1.0 / self.cfg.jpeg_hz
         self._next_jpeg = max(self._next_jpeg + period, image.received_at + 0.5 * period)
-        pixels, width, height = encode_jpeg(image.pixels, self.cfg.jpeg_quality, self.cfg.jpeg_width)
-        frame = CameraFrame(
-            camera=image.camera,
-            sequence=image.sequence,
-            width=width,
-            height=height,
-            coding="jpeg",
-            stamp=self._clock.stamp(image.captured_at),
-            pixels=pixels,
-        )
-        return f"vision/{image.camera}/image", frame
+        stamp = self._clock.stamp(image.captured_at)
+        return f"vision/{image.camera}/image", frame_of(image, stamp, self.cfg.jpeg_quality, self.cfg.jpeg_width)
 
     def mount(self, stamp: Stamp) -> Transform | None:
         """The camera in the body; None where nobody said how it sits."""
@@ -260,20 +250,12 @@ class CameraPipeline:
         figures = np.array(self._timings or [(0.0, 0.0, False)])
         (detect_p50, latency_p50), (detect_p99, latency_p99) = 1000.0 * np.percentile(figures[:, :2], (50, 99), axis=0)
         return VisionStats(
+            **stream._replace(state=state, reason=reason)._asdict(),
             camera=self.cfg.name,
             stamp=stamp,
-            state=state,
-            reason=reason,
             alarms=self.alarms(stream),
             source=self.cfg.source,
-            width=stream.width,
-            height=stream.height,
-            fps=stream.fps,
             processed=self._processed,
-            dropped=stream.dropped,
-            lost=stream.lost,
-            damaged=stream.damaged,
-            reopened=stream.reopened,
             faults=self._faults,
             restarts=self._restarts,
             posed=float(figures[:, 2].mean()),
@@ -283,8 +265,7 @@ class CameraPipeline:
             detect_p99_ms=float(detect_p99),
             latency_p50_ms=float(latency_p50),
             latency_p99_ms=float(latency_p99),
-            settings_refused=stream.refused,
-            exposure=exposure_of(stream.exposure) if stream.exposure is not None else None,
+            exposure=exposure_of(stream.control) if stream.control is not None else None,
             selfcal=self.selfcheck.reports(),
         )
 
@@ -402,11 +383,10 @@ def outlines_of(result: VisionResult, tagmap: TagMap, projection: Projection | N
     if projection is None:
         return found
     posed = {pose.target: pose.pose for pose in result.poses}
-    for pose, target in ((posed[target.name], target) for target in tagmap.targets if target.name in posed):
-        for tag in target.tags:
-            corners, visible = projection.project(tag.corners @ pose.rotation.T + pose.position)
-            if visible.all():
-                found.append(corners)
+    for pose, tag in ((posed[owner.name], tag) for owner, tag in tagmap.owners.values() if owner.name in posed):
+        corners, visible = projection.project(tag.corners @ pose.rotation.T + pose.position)
+        if visible.all():
+            found.append(corners)
     return found
 
 

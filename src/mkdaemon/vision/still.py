@@ -67,7 +67,7 @@ class StillResult:
 class StillEye:
     """Looks at images one by one: for targets, or for tags that stand alone, of some families and codes.
 
-    Without a calibration, or a size [m] of tags that stand alone, there are no poses.
+    Without the lens of an image, or a size [m] of tags that stand alone, there are no poses.
 
     Raises:
         VisionError: unknown family or id.
@@ -76,7 +76,6 @@ class StillEye:
 
     def __init__(
         self,
-        intrinsics: Intrinsics | None,
         *,
         tagmap: TagMap | None = None,
         tag_size: float | None = None,
@@ -84,9 +83,7 @@ class StillEye:
         ids: Iterable[int] | None = None,
     ) -> None:
         self._tagmap, self._tag_size, self._cfg = tagmap, tag_size, TrackerSection()
-        self._intrinsics = intrinsics
-        self._gamma = intrinsics.gamma if intrinsics is not None else 1.0
-        self._fitters: dict[tuple[str, float], TargetFitter] = {}
+        self._fitters: dict[tuple[str, Intrinsics, float], TargetFitter] = {}
         wanted = None if ids is None else frozenset(ids)
         alone = {name: wanted or frozenset(range(find_family(name).ids)) for name in families}
         max_chance = LIMITS.read.max_chance if tagmap is not None or wanted else ANY_ID_FALSE_RATE
@@ -94,14 +91,14 @@ class StillEye:
         if tag_size is not None:
             single(tag_size, 0)  # says what is wrong with the size before any image
 
-    def look(self, pixels: Grey) -> StillResult:
-        """Find everything in `(h, w)` uint8."""
-        pixels = in_light(pixels, self._gamma)
+    def look(self, pixels: Grey, intrinsics: Intrinsics | None = None) -> StillResult:
+        """Find everything in `(h, w)` uint8, taken by a lens."""
+        pixels = pixels if intrinsics is None else in_light(pixels, intrinsics.gamma)
         found = self._search(pixels)
         if self._tagmap is None:
-            poses = alone = [self._alone(pixels, tag) for tag in found]
+            poses = alone = [self._alone(pixels, tag, intrinsics) for tag in found]
         else:
-            poses = [self._pose(pixels, target, found) for target in self._tagmap.targets]
+            poses = [self._pose(pixels, target, found, intrinsics) for target in self._tagmap.targets]
             alone = [None] * len(found)
         return StillResult(tuple(map(StillTag, found, alone)), tuple(pose for pose in poses if pose is not None))
 
@@ -116,23 +113,25 @@ class StillEye:
                     found.append(tag)
         return sorted(found, key=lambda tag: -tag.side_px)
 
-    def _alone(self, pixels: Grey, found: Detection) -> StillPose | None:
+    def _alone(self, pixels: Grey, found: Detection, intrinsics: Intrinsics | None) -> StillPose | None:
         if self._tag_size is None:
             return None
         target = single(self._tag_size, found.tag_id, family=found.family)
-        return self._pose(pixels, replace(target, name=f"{found.family}:{found.tag_id}"), [found])
+        return self._pose(pixels, replace(target, name=f"{found.family}:{found.tag_id}"), [found], intrinsics)
 
-    def _pose(self, pixels: Grey, target: Target, found: Sequence[Detection]) -> StillPose | None:
+    def _pose(
+        self, pixels: Grey, target: Target, found: Sequence[Detection], intrinsics: Intrinsics | None
+    ) -> StillPose | None:
         """The best candidate of one target, with what speaks against it."""
         own = {(tag.family.name, tag.tag_id): tag for tag in target.tags}
         largest = {one.code: one for one in reversed(found)}
         tags = [(own[code], one) for code, one in reversed(largest.items()) if code in own]
-        if self._intrinsics is None or not tags:
+        if intrinsics is None or not tags:
             return None
-        candidates = self._fitter(target, self._intrinsics).cold(pixels, tags)
+        candidates = self._fitter(target, intrinsics).cold(pixels, tags)
         if all(pose.source == "edges" and pose.rms_px >= LIMITS.health.drift_px for pose in candidates):
             # Residuals doubt the lens. The sides of a frontal tag tell no wrong ratio from a tilt: it costs degrees.
-            candidates = self._fitter(target, self._intrinsics, FLOOR_RANGE).cold(pixels, tags)
+            candidates = self._fitter(target, intrinsics, FLOOR_RANGE).cold(pixels, tags)
         if not candidates:
             return None
         best, *others = sorted(candidates, key=lambda pose: pose.loss)
@@ -143,7 +142,7 @@ class StillEye:
 
     def _fitter(self, target: Target, intrinsics: Intrinsics, aspect_sd: float = 0.0) -> TargetFitter:
         """Measures a target by a lens whose focal lengths have a ratio of such a deviation."""
-        key = target.name, aspect_sd
+        key = target.name, intrinsics, aspect_sd
         if key not in self._fitters:
             self._fitters[key] = TargetFitter(target, Projection(intrinsics, aspect_sd=aspect_sd))
         return self._fitters[key]

@@ -182,7 +182,7 @@ class VisionWorker:
             attitude, eye = AttitudeHistory(tuple(self._attitudes)), self._eyes[image.camera]
             self._record(image, attitude)
             self._hand_over(eye.pipeline.process(image, attitude))
-            values += eye.pipeline.look_again(image, eye.stream.status().exposure)
+            values += eye.pipeline.look_again(image, eye.stream.status().control)
         for eye in self._eyes.values():
             values += eye.pipeline.report(eye.stream.status(), self._clock.stamp())
         self._hand_over(values)

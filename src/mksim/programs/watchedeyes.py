@@ -10,11 +10,10 @@ import numpy as np
 from mkdaemon.clock import Clock
 from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.base import Telemetry
-from mkdaemon.telemetry.image import CameraFrame
 from mkdaemon.telemetry.vision import EyeState, VisionStats
 from mkdaemon.vision.camera.calibration_file import Intrinsics
 from mkdaemon.vision.camera.image import CameraImage
-from mkdaemon.vision.camera.imagecodec import encode_jpeg
+from mkdaemon.vision.camera.imagecodec import frame_of
 from mkdaemon.vision.pipeline import setup_of
 from mkdaemon.vision.tags.tagmap import TagMap
 from mkdaemon.vision.track.attitude import Mounting
@@ -58,19 +57,7 @@ class WatchedEyes:
         if self._is_due("stats", now):
             yield f"{root}/stats", self._stats(clock.stamp(now))
         if self._is_due("image", now):
-            pixels, width, height = encode_jpeg(image.pixels, QUALITY, self._intrinsics.width)
-            yield (
-                f"{root}/image",
-                CameraFrame(
-                    stamp=clock.stamp(image.captured_at),
-                    camera=self._name,
-                    sequence=image.sequence,
-                    width=width,
-                    height=height,
-                    coding="jpeg",
-                    pixels=pixels,
-                ),
-            )
+            yield f"{root}/image", frame_of(image, clock.stamp(image.captured_at), QUALITY, self._intrinsics.width)
 
     def _is_due(self, kind: str, now: float) -> bool:
         is_due = now >= self._due[kind]

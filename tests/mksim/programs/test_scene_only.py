@@ -84,7 +84,7 @@ async def test_another_program_flies_and_our_camera_sees_the_target_from_there()
     assert image.stamped_by == "header"
     assert image.received_at - image.captured_at >= 0.0199
     camera = SceneCamera(SCENE, 1)
-    [pose] = StillEye(camera.camera.intrinsics, tagmap=TagMap(camera.targets)).look(image.pixels).poses
+    [pose] = StillEye(tagmap=TagMap(camera.targets)).look(image.pixels, camera.camera.intrinsics).poses
     assert np.linalg.norm(pose.pose.position) == pytest.approx(np.hypot(2.0, 0.2), abs=0.05)
 
 

@@ -38,7 +38,7 @@ def state(height: float = 1.5, moved: float = 0.1, at: float = 0.0, spin: float 
 
 
 def look(camera: SceneCamera, pixels: np.ndarray) -> StillResult:
-    return StillEye(camera.camera.intrinsics, tagmap=TagMap(camera.targets)).look(pixels)
+    return StillEye(tagmap=TagMap(camera.targets)).look(pixels, camera.camera.intrinsics)
 
 
 def vehicle_of(camera: SceneCamera, result: StillResult) -> np.ndarray:

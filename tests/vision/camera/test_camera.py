@@ -87,7 +87,7 @@ def test_an_unplugged_camera_is_named_and_comes_back() -> None:
     assert source.drained.wait(PATIENCE)
     status = wait_for_status(stream, lambda s: s.images == 3)
     assert status.state is EyeState.OK
-    assert status.refused == ("gain=3: the driver has 1",)
+    assert status.settings_refused == ("gain=3: the driver has 1",)
     assert (source.opened, status.reopened) == (3, 2)  # lost, missing once, back
     image = slot.take(0.0)
     assert image is not None

@@ -148,7 +148,7 @@ def test_the_thread_of_the_camera_tells_it() -> None:
     stream = CameraStream(CameraSection(source="/dev/video0"), camera, NewestSlot[CameraImage]())
     stream.start()
     assert camera.was_told.wait(20.0)
-    control = stream.status().exposure
+    control = stream.status().control
     assert control is not None
     camera.was_told.clear()
     control.setting = Setting(4e-3, 2.0)

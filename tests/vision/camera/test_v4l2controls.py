@@ -243,18 +243,18 @@ def test_images_go_on_whatever_the_camera_refuses_and_end_when_it_is_unplugged(
     stream = CameraStream(cfg, source_of(cfg), NewestSlot[CameraImage]())
     stream.start()
     wait_for_status(stream, lambda s: s.images >= 1)
-    control = stream.status().exposure
+    control = stream.status().control
     assert control is not None
     control.setting = SETTING
     busy = (
         "autogain=0: the driver says Permission denied",
         "exposure_absolute=40: the driver says " + os.strerror(16),
     )
-    status = wait_for_status(stream, lambda s: s.refused == busy)
+    status = wait_for_status(stream, lambda s: s.settings_refused == busy)
     assert (status.state, status.reopened) == (EyeState.OK, 0)
     kernel.errors.clear()
     control.setting = SETTING._replace()
-    wait_for_status(stream, lambda s: s.refused == busy[:1])
+    wait_for_status(stream, lambda s: s.settings_refused == busy[:1])
     kernel.is_there = False
     wait_for_status(stream, lambda s: s.reopened >= 2)  # it cannot be opened either, and nothing stays open
     kernel.is_there = True

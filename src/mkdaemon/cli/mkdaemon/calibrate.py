@@ -1,44 +1,52 @@
-"""`mkdaemon calibrate camera`: intrinsics of a camera from pictures of a board, or live with guidance."""
+"""`mkdaemon calibrate`: intrinsics by pictures of a board or live with guidance, mounting by a flight, line time."""
 
 from __future__ import annotations
 
-import json
+import asyncio
+import math
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Annotated, Final, Literal
+from typing import Annotated, Any, Final, Literal
 
-import zenoh
+import numpy as np
 from cyclopts import App, Parameter
 from rich.live import Live
 from rich.text import Text
 
-from mkdaemon.bus.session import session_config
+from mkdaemon.bus.session import open_session, session_config
 from mkdaemon.cli.console import Console
-from mkdaemon.cli.mkdaemon.calibrate_mount import mount as mount_of_flight
-from mkdaemon.cli.mkdaemon.calibrate_shutter import shutter
+from mkdaemon.cli.printing import json_line
+from mkdaemon.client import connect
+from mkdaemon.client.connection import DEFAULT_ENDPOINT, DEFAULT_VEHICLE
 from mkdaemon.config.camera import CameraSection, MountSection
 from mkdaemon.errors import ConfigError, MkError, VisionError
 from mkdaemon.files import refuse_existing
+from mkdaemon.telemetry.selfcal import SelfCalibration
 from mkdaemon.telemetry.vision import EyeState
 from mkdaemon.vision.calibrate.board import CalibrationBoard, CharucoBoard, TagBoard
-from mkdaemon.vision.calibrate.calibration import CalibrationResult, calibrate
+from mkdaemon.vision.calibrate.calibration import CalibrationResult, calibrate, line_time_of
 from mkdaemon.vision.calibrate.views import ViewReport, Views
-from mkdaemon.vision.camera.calibration_file import CalibrationRecord, Camera, save_camera
+from mkdaemon.vision.camera.calibration_file import CalibrationRecord, Camera, load_camera, save_camera
 from mkdaemon.vision.camera.camera import CameraStream
 from mkdaemon.vision.camera.image import CameraImage, NewestSlot
-from mkdaemon.vision.camera.sources import source_of
+from mkdaemon.vision.camera.imagecodec import read_picture
+from mkdaemon.vision.camera.sources import list_pictures, source_of
 from mkdaemon.vision.tags.tagmap import load
 
 app = App(name="calibrate", help="Calibration: what a camera's pixels mean, and how it sits on the vehicle.")
-app.command(mount_of_flight, name="mount")
-app.command(shutter)
 
 GUIDE_EVERY: Final = 1.5
 PATIENCE_TIME: Final = 10.0
+KNOWN_DEG: Final = 0.5
+"""Deviation of roll and pitch up to which a mounting is stored [deg]."""
+SAME_DEG: Final = 0.05
+"""Angles that differ by less are the same [deg]."""
+READOUT_MS: Final = 60.0
+"""A readout of all rows longer than this is none [ms]."""
 
 Looks = Literal["down", "forward", "back", "left", "right", "up"]
 
@@ -113,14 +121,10 @@ def _refuse_existing(output: Path, keep: Path | None, *, overwrite: bool) -> Non
 
 
 def _show(result: CalibrationResult, views: Views, output: Path, *, accept_poor: bool, as_json: bool) -> None:
-    """Print what was found.
-
-    Raises:
-        VisionError: it is poor, and is not to be stored.
-    """
+    """Print what was found; it is an error where it is poor and not to be stored."""
     faults = result.faults()
     if as_json:
-        print(json.dumps(_summary(result, views, str(output), stored=not faults or accept_poor)))
+        print(json_line(_summary(result, views, str(output), stored=not faults or accept_poor)))
     else:
         _explain(result, views)
     if faults and not accept_poor:
@@ -173,23 +177,15 @@ def _from_folder(folder: Path, board: CalibrationBoard, *, quiet: bool) -> Views
 @contextmanager
 def _streaming(cfg: CameraSection, connect: str) -> Iterator[tuple[CameraStream, NewestSlot[CameraImage]]]:
     """Run the camera; a bus session is opened only for a source on the bus."""
-    session: zenoh.Session | None = None
-    if cfg.source.startswith("zenoh:"):
-        try:
-            session = zenoh.open(session_config("client", connect=[connect]))
-        except zenoh.ZError:
-            msg = f"nobody answers at {connect}: is mkdaemon running there?"
-            raise MkError(msg) from None
-    slot: NewestSlot[CameraImage] = NewestSlot()
-    opened = session
-    stream = CameraStream(cfg, source_of(cfg, (lambda: opened) if opened is not None else None), slot)
-    stream.start()
-    try:
+    with ExitStack() as stack:
+        session = None
+        if cfg.source.startswith("zenoh:"):
+            session = stack.enter_context(asyncio.run(open_session(session_config("client", connect=[connect]))))
+        slot: NewestSlot[CameraImage] = NewestSlot()
+        stream = CameraStream(cfg, source_of(cfg, None if session is None else lambda: session), slot)
+        stream.start()
+        stack.callback(stream.stop)
         yield stream, slot
-    finally:
-        stream.stop()
-        if session is not None:
-            session.close()  # type: ignore[no-untyped-call]
 
 
 def _live(
@@ -197,9 +193,9 @@ def _live(
 ) -> Views:
     """Guide until the views will do, the time is over, or Ctrl-C says that is enough."""
     views = Views(board, keep)
-    deadline, received_at = time.monotonic() + seconds, time.monotonic()
+    deadline, received_at, guided_at = time.monotonic() + seconds, time.monotonic(), -math.inf
     received = False
-    with _streaming(cfg, connect) as (stream, slot), _guiding(quiet=quiet) as guide:
+    with _streaming(cfg, connect) as (stream, slot), _guiding(quiet=quiet) as (show, pause):
         try:
             while time.monotonic() < deadline:
                 image = slot.take(0.2)
@@ -213,7 +209,9 @@ def _live(
                     continue
                 received, received_at = True, now
                 report = views.take(f"image {image.sequence}", image.pixels, is_live=True)
-                guide(report, views)
+                if report.is_taken or now - guided_at > pause:
+                    guided_at = now
+                    show(_guidance(report, views))
                 if not views.missing():
                     break
         except KeyboardInterrupt:
@@ -224,35 +222,15 @@ def _live(
     return views
 
 
-Guide = Callable[[ViewReport, Views], None]
-
-
 @contextmanager
-def _guiding(*, quiet: bool) -> Iterator[Guide]:
-    """Show what has been covered and what to do next: in place on a terminal, else a line now and then."""
+def _guiding(*, quiet: bool) -> Iterator[tuple[Callable[[str], None], float]]:
+    """What shows guidance, in place on a terminal, and the pause before the next where no view is taken [s]."""
     console = Console()
     if quiet or not console.is_terminal:
-        yield _line_guide(quiet=quiet)
+        yield (lambda words: None) if quiet else print, GUIDE_EVERY
         return
     with Live(console=console, refresh_per_second=8) as live:
-
-        def show(report: ViewReport, views: Views) -> None:
-            live.update(Text(_guidance(report, views)))
-
-        yield show
-
-
-def _line_guide(*, quiet: bool) -> Guide:
-    guided = -GUIDE_EVERY
-
-    def print_line(report: ViewReport, views: Views) -> None:
-        nonlocal guided
-        now = time.monotonic()
-        if not quiet and (report.is_taken or now - guided > GUIDE_EVERY):
-            guided = now
-            print(_guidance(report, views))
-
-    return print_line
+        yield lambda words: live.update(Text(words)), 0.0
 
 
 def _guidance(report: ViewReport, views: Views) -> str:
@@ -266,21 +244,9 @@ def _guidance(report: ViewReport, views: Views) -> str:
 def _explain(result: CalibrationResult, views: Views) -> None:
     k = result.intrinsics
     print(f"{len(result.used)} of {len(views.taken)} views used, rms {result.rms_px:.3f} px")
-    for name, unit in (
-        ("fx", " px"),
-        ("fy", " px"),
-        ("cx", " px"),
-        ("cy", " px"),
-        ("k1", ""),
-        ("k2", ""),
-        ("p1", ""),
-        ("p2", ""),
-        ("k3", ""),
-        ("k4", ""),
-    ):
-        if name not in result.sd:
-            continue
-        print(f"  {name} = {getattr(k, name):10.4f} +- {result.sd[name]:.4f}{unit}")
+    for name, sd in result.sd.items():
+        unit = " px" if name in ("fx", "fy", "cx", "cy") else ""
+        print(f"  {name} = {getattr(k, name):10.4f} +- {sd:.4f}{unit}")
     print(f"  focal length known to {result.focal_sd_percent:.3f} %, image centre to {result.centre_sd_px:.2f} px")
     for words in views.missing():
         print(f"  better with: {words}")
@@ -301,3 +267,122 @@ def _summary(result: CalibrationResult, views: Views, output: str, *, stored: bo
         "faults": result.faults(),
         "missing": views.missing(),
     }
+
+
+@app.command(name="mount")
+async def mount_of_flight(
+    file: Annotated[Path, Parameter(help="Camera file the daemon flies with.")],
+    /,
+    *,
+    camera: Annotated[str | None, Parameter(help="Name of the camera; the only one unless said.")] = None,
+    store: Annotated[bool, Parameter(negative=(), help="Write the angles into the camera file.")] = False,
+    vehicle: Annotated[str, Parameter(env_var="MK_VEHICLE", help="Name of the vehicle.")] = DEFAULT_VEHICLE,
+    connect_to: Annotated[
+        str, Parameter(name="--connect", env_var="MK_CONNECT", help="Zenoh endpoint of the daemon.")
+    ] = DEFAULT_ENDPOINT,
+    as_json: Annotated[bool, Parameter(name="--json", negative=(), help="Answer as one JSON object.")] = False,
+) -> None:
+    """Compare `mount.rpy_deg` of a camera file with what the running daemon saw in flight, and store it if asked.
+
+    Fly for ten seconds over a level target and turn (yaw) by 60 degrees to both sides: without turning, a camera that
+    sits askew and a target that lies askew look the same. The daemon reads the file when it starts.
+
+    Example: mkdaemon calibrate mount flight.mcap --camera down --store
+
+    Raises:
+        ConfigError: the camera file cannot be used, or is not the one the daemon flies with.
+        MkError: no daemon, no such camera, or the flight does not say it yet.
+    """
+    before = load_camera(file)
+    async with connect(vehicle, connect_to) as client:
+        found = await client.get_all(f"vision/{camera or '*'}/stats")
+        absence = await client.absence() if not found else ""
+    if len(found) != 1:
+        names = ", ".join(sorted(suffix.split("/")[1] for suffix in found))
+        choice = f"cameras {names}: give one with --camera" if names else ""
+        raise MkError(choice or absence or "no camera reports: is one configured?")
+    estimate = _estimate(next(iter(found.values())).fields, before.mount, file)
+    after = before.mount.model_copy(update={"rpy_deg": tuple(round(angle, 2) for angle in estimate.mount_rpy_deg)})
+    if store:
+        save_camera(before.model_copy(update={"mount": after}), file, overwrite=True)
+    if as_json:
+        print(
+            json_line(
+                {"before": before.mount.rpy_deg, "after": after.rpy_deg, "stored": store, **estimate.model_dump()}
+            )
+        )
+        return
+    print(f"mount.rpy_deg  file {_words(before.mount.rpy_deg)}  flight {_words(after.rpy_deg)}")
+    turn, sd = _words(estimate.mounting_deg), _words(estimate.mounting_sd_deg)
+    print(f"turned by {turn} +- {sd} deg, from {estimate.looks} images")
+    print(f"stored in {file}; restart the daemon" if store else f"nothing written; --store writes it into {file}")
+
+
+def _estimate(stats: dict[str, Any], believed: MountSection, file: Path) -> SelfCalibration:
+    """What the target says that knows the mounting best, once it is known, of a daemon that flies with this file."""
+    estimates = [SelfCalibration.model_validate(one) for one in stats.get("selfcal", ())]
+    if not estimates:
+        raise MkError("the camera has seen no target near enough since the daemon started: fly over one first")
+    estimate = min(estimates, key=lambda one: max(one.mounting_sd_deg[:2]))
+    worst = max(estimate.mounting_sd_deg[:2])
+    if worst > KNOWN_DEG:
+        msg = (
+            f"the mounting is known to {worst:.1f} deg after {estimate.looks} images, {KNOWN_DEG:g} is needed: turn"
+            " (yaw) by 60 deg to both sides over a level target for ten seconds"
+        )
+        raise MkError(msg)
+    if np.abs(np.subtract(believed.rpy_deg, estimate.mount_believed_deg)).max() > SAME_DEG:
+        msg = (
+            f"camera file {file}: mount.rpy_deg {_words(believed.rpy_deg)}, the daemon flies with"
+            f" {_words(estimate.mount_believed_deg)}: give the file its configuration names, restart it after a change,"
+            " and leave `mount` out of [[cameras]]"
+        )
+        raise ConfigError(msg)
+    return estimate
+
+
+def _words(angles: tuple[float, float, float]) -> str:
+    return ", ".join(f"{angle:.2f}" for angle in angles)
+
+
+@app.command
+def shutter(
+    file: Annotated[Path, Parameter(help="Camera file to write.")],
+    pictures: Annotated[Path, Parameter(help="Folder of pictures of a plain wall, nothing moving.")],
+    /,
+    *,
+    mains: Annotated[Literal["50", "60"], Parameter(help="Frequency of the mains [Hz].")] = "50",
+    store: Annotated[bool, Parameter(negative=(), help="Write it into the camera file.")] = False,
+    as_json: Annotated[bool, Parameter(name="--json", negative=(), help="Answer as one JSON object.")] = False,
+) -> None:
+    """Measure the time between rows from the bands that a lamp on mains makes.
+
+    Hold the camera still before a plain wall under a lamp that flickers (fluorescent, cheap LED), exposure below 5 ms,
+    and keep ten or more pictures at the size of the calibration. A global shutter shows no bands.
+
+    Example: mkdaemon calibrate shutter camera.toml pictures/ --mains 50
+
+    Raises:
+        ConfigError: the camera file cannot be used, or the pictures are of another size.
+        VisionError: too few pictures, or no bands in them.
+    """
+    camera = load_camera(file)
+    k = camera.intrinsics
+    images = [read_picture(path) for path in list_pictures(pictures)]
+    if any(image.shape != (k.height, k.width) for image in images):
+        msg = f"{pictures}: pictures of another size than {k.width}x{k.height}, which {file} is for"
+        raise ConfigError(msg)
+    line_time, sd = line_time_of(images, 2.0 * float(mains))
+    readout_ms = 1000.0 * line_time * k.height
+    if readout_ms > READOUT_MS:
+        msg = f"the bands would mean a readout of {readout_ms:.0f} ms: something else moves in the pictures"
+        raise VisionError(msg)
+    if store:
+        changed = k.model_copy(update={"line_time": round(line_time, 9)})
+        save_camera(camera.model_copy(update={"intrinsics": changed}), file, overwrite=True)
+    if as_json:
+        print(json_line({"before": k.line_time, "line_time": line_time, "sd": sd, "stored": store}))
+        return
+    before = "none" if k.line_time is None else f"{1e6 * k.line_time:.2f}"
+    print(f"line time {1e6 * line_time:.2f} +- {1e6 * sd:.2f} us, readout {readout_ms:.1f} ms; the file has {before}")
+    print(f"stored in {file}" if store else f"nothing written; --store writes it into {file}")

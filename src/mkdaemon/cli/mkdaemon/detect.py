@@ -5,27 +5,27 @@ from __future__ import annotations
 import json
 import re
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Final
 
 import numpy as np
-import numpy.typing as npt
 from cyclopts import Parameter
 
 from mkdaemon.cli.terminal import on_one_line
 from mkdaemon.errors import ConfigError, VisionError
 from mkdaemon.frames import quaternion_from_rotation
+from mkdaemon.vision.arrays import Grey
 from mkdaemon.vision.camera.calibration_file import Intrinsics, load_camera
 from mkdaemon.vision.camera.image import PictureError
 from mkdaemon.vision.camera.imagecodec import read_picture, write_picture
-from mkdaemon.vision.camera.sources import CLIPS, list_pictures, open_clip
+from mkdaemon.vision.camera.sources import CLIPS, Recorded, list_pictures, open_clip
 from mkdaemon.vision.pose.pose import with_floor
 from mkdaemon.vision.still import StillEye, StillPose, StillResult, StillTag, draw
 from mkdaemon.vision.tags.tagmap import TagMap, load
 
-Grey = npt.NDArray[np.uint8]
 _CODE: Final = r"[0-9]{1,5}"
 """Of a tag; the largest family has 48,714."""
 
@@ -81,20 +81,18 @@ def detect(
     if target and (tag_size is not None or ids is not None):
         msg = f"give --target or {'--tag-size' if tag_size is not None else '--ids'}, not both"
         raise ConfigError(msg)
-    if intrinsics is not None:
-        _intrinsics(intrinsics, 1, 1)  # a mistake is said before any image is read
-    calibration = _Calibration(load_camera(camera).intrinsics if camera is not None else None, intrinsics)
-    tagmap = load(target) if target else None
-    eyes = _Eyes(tagmap, tag_size, family, _ids(ids) if ids is not None else None)
+    figures = _intrinsics(intrinsics) if intrinsics is not None else None
+    lens = load_camera(camera).intrinsics if camera is not None else None
+    eye = _eye(load(target) if target else None, tag_size, family, _ids(ids) if ids is not None else None)
     pictures, failed = list(_inputs(images)), 0
-    for picture in _pictures(pictures):
-        fault = picture.error if picture.pixels is None else calibration.fault(picture.pixels)
-        if picture.pixels is None or fault:
+    for picture in _pictures(pictures, lens):
+        if picture.pixels is None:
             failed += 1
-            _print_picture(Picture(picture.file, picture.frame, None, fault), None, None, as_json=as_json)
+            _print_picture(picture, None, None, as_json=as_json)
             continue
-        k = calibration.of(picture.pixels)
-        result = eyes.of(k).look(picture.pixels)
+        height, width = picture.pixels.shape
+        k = lens if figures is None else figures.model_copy(update={"width": width, "height": height})
+        result = eye.look(picture.pixels, k)
         _print_picture(picture, result, k, as_json=as_json, sized=bool(target) or tag_size is not None)
         if overlay is not None:
             path = _overlay_path(overlay, picture, single=len(pictures) == 1)
@@ -102,31 +100,18 @@ def detect(
     return 1 if failed else 0
 
 
-@dataclass(frozen=True, slots=True)
-class _Calibration:
-    """What is known about the camera: its file, or figures that hold for any size of image, or nothing."""
-
-    fixed: Intrinsics | None
-    figures: str | None
-
-    def of(self, pixels: Grey) -> Intrinsics | None:
-        """The intrinsics of an image; none are known without a calibration."""
-        if self.figures is None:
-            return self.fixed
-        height, width = pixels.shape
-        return _intrinsics(self.figures, width, height)
-
-    def fault(self, pixels: Grey) -> str:
-        """Why an image cannot come from this camera; empty where it can."""
-        height, width = pixels.shape
-        k = self.of(pixels)
-        if k is None or (k.width, k.height) == (width, height):
-            return ""
-        return f"the picture is {width}x{height}, the calibration is for {k.width}x{k.height}"
+def _eye(
+    tagmap: TagMap | None, tag_size: float | None, families: tuple[str, ...], ids: frozenset[int] | None
+) -> StillEye:
+    """What looks at the images; it says what is wrong with families, codes and size."""
+    try:
+        return StillEye(tagmap=tagmap, tag_size=tag_size, families=families, ids=ids)
+    except VisionError as error:
+        raise ConfigError(str(error)) from None
 
 
-def _intrinsics(text: str, width: int, height: int) -> Intrinsics:
-    """Read `FX,FY,CX,CY[,K1,K2,P1,P2,K3]` for an image of a size [px]."""
+def _intrinsics(text: str) -> Intrinsics:
+    """Read `FX,FY,CX,CY[,K1,K2,P1,P2,K3]`, which hold for any size of image."""
     try:
         numbers = [float(part) for part in text.split(",")]
     except ValueError:
@@ -135,30 +120,7 @@ def _intrinsics(text: str, width: int, height: int) -> Intrinsics:
     if not 4 <= len(numbers) <= len(names) or not np.isfinite(numbers).all() or min(numbers[:2]) <= 0:
         msg = f"intrinsics '{text}': give FX,FY,CX,CY[,K1,K2,P1,P2,K3] as finite numbers, focal lengths above zero"
         raise ConfigError(msg)
-    return Intrinsics(width=width, height=height, **dict(zip(names, numbers, strict=False)))
-
-
-class _Eyes:
-    """What looks at the images: one eye for each calibration."""
-
-    def __init__(
-        self, tagmap: TagMap | None, tag_size: float | None, families: tuple[str, ...], ids: frozenset[int] | None
-    ) -> None:
-        """Begin with an eye without calibration: it says what is wrong with families, codes and size."""
-        self._tagmap, self._tag_size, self._families, self._ids = tagmap, tag_size, families, ids
-        self._eyes: dict[Intrinsics | None, StillEye] = {}
-        try:
-            self.of(None)
-        except VisionError as error:
-            raise ConfigError(str(error)) from None
-
-    def of(self, k: Intrinsics | None) -> StillEye:
-        """The eye of a calibration."""
-        if k not in self._eyes:
-            self._eyes[k] = StillEye(
-                k, tagmap=self._tagmap, tag_size=self._tag_size, families=self._families, ids=self._ids
-            )
-        return self._eyes[k]
+    return Intrinsics(width=1, height=1, **dict(zip(names, numbers, strict=False)))
 
 
 def _ids(text: str) -> frozenset[int]:
@@ -177,11 +139,7 @@ def _ids(text: str) -> frozenset[int]:
 
 
 def _inputs(paths: list[Path]) -> Iterator[Path]:
-    """Files behind the arguments; folders are listed.
-
-    Raises:
-        ConfigError: there is no such file, or a folder holds no pictures.
-    """
+    """Files behind the arguments; folders are listed."""
     for path in paths:
         if path.is_dir():
             try:
@@ -195,36 +153,33 @@ def _inputs(paths: list[Path]) -> Iterator[Path]:
             raise ConfigError(msg)
 
 
-def _pictures(paths: list[Path]) -> Iterator[Picture]:
+def _pictures(paths: list[Path], lens: Intrinsics | None) -> Iterator[Picture]:
+    """All images of pictures and videos, and what is wrong with those that are none, or not of this lens."""
     for path in paths:
-        if path.suffix.lower() in CLIPS:
-            yield from _frames(path)
-            continue
+        is_clip, number = path.suffix.lower() in CLIPS, -1
         try:
-            pixels = read_picture(path)
-        except PictureError as error:
-            yield Picture(str(path), None, None, str(error))
+            images: Iterable[Recorded] = open_clip(path) if is_clip else [(0.0, partial(read_picture, path))]
+        except VisionError:
+            yield Picture(str(path), None, None, "no video that can be read")
             continue
-        yield Picture(str(path), None, pixels)
+        for number, (_, decode) in enumerate(images):
+            pixels, fault = None, ""
+            try:
+                pixels = _of_lens(decode(), lens)
+            except PictureError as error:
+                fault = str(error)
+            yield Picture(str(path), number if is_clip else None, pixels, fault)
+        if number < 0:
+            yield Picture(str(path), None, None, "no image in this video")
 
 
-def _frames(path: Path) -> Iterator[Picture]:
-    """All images of a video."""
-    try:
-        pictures = open_clip(path)
-    except VisionError:
-        yield Picture(str(path), None, None, "no video that can be read")
-        return
-    count = 0
-    for count, (_, decode) in enumerate(pictures, 1):
-        try:
-            pixels = decode()
-        except PictureError as error:
-            yield Picture(str(path), count - 1, None, str(error))
-        else:
-            yield Picture(str(path), count - 1, pixels)
-    if not count:
-        yield Picture(str(path), None, None, "no image in this video")
+def _of_lens(pixels: Grey, lens: Intrinsics | None) -> Grey:
+    """An image, which is an error where it is of another size than a lens is known for."""
+    height, width = pixels.shape
+    if lens is not None and (lens.width, lens.height) != (width, height):
+        msg = f"the picture is {width}x{height}, the calibration is for {lens.width}x{lens.height}"
+        raise PictureError(msg)
+    return pixels
 
 
 def _print_picture(

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
 
+from mkdaemon.cli.printing import json_line
 from mkdaemon.config.vision import TagPlacement, TargetSection
 from mkdaemon.errors import ConfigError
 from mkdaemon.files import refuse_existing, save
@@ -66,16 +66,8 @@ def target(
 
 def _print_page(page: Page, output: Path, *, as_json: bool) -> None:
     if as_json:
-        print(
-            json.dumps(
-                {
-                    "file": str(output),
-                    "width_mm": round(page.width, 3),
-                    "height_mm": round(page.height, 3),
-                    "title": page.title,
-                }
-            )
-        )
+        size = {"width_mm": round(page.width, 3), "height_mm": round(page.height, 3)}
+        print(json_line({"file": output, **size, "title": page.title}))
         return
     print(f"{output}: {page.width:.1f} x {page.height:.1f} mm, {page.title}")
     print("Print at 100 %, then measure the ruler: it must be 100 mm.")

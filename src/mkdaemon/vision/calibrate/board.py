@@ -130,7 +130,7 @@ class TagBoard:
 
     @property
     def title(self) -> str:
-        """For example `target board: 24 tags of 0.06 m`."""
+        """For example `target deck: 24 tags of 0.06 m`."""
         return f"target {self._target.name}: {len(self._target.tags)} tags of {self._target.tags[0].size:g} m"
 
     def find(self, pixels: Grey) -> BoardPoints | None:

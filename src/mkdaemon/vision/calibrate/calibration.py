@@ -214,7 +214,6 @@ FINER: Final = 20
 """Frequencies tried between those of a Fourier transform."""
 CLEAR: Final = 6.0
 """Power of the bands over the median power from which they are bands."""
-EXPOSURE_HELP: Final = "show a plain wall under a lamp on mains, exposure below 5 ms, nothing moving"
 
 
 def line_time_of(images: Sequence[Grey], flicker_hz: float) -> tuple[float, float]:
@@ -244,8 +243,8 @@ def line_time_of(images: Sequence[Grey], flicker_hz: float) -> tuple[float, floa
     power = each.sum(axis=0)
     best = int(power.argmax())
     if best in (0, len(tried) - 1) or power[best] < CLEAR * float(np.median(power)):
-        msg = f"no bands of a flickering lamp in the images: {EXPOSURE_HELP}"
-        raise VisionError(msg)
+        msg = "no bands of a flickering lamp in the images"
+        raise VisionError(f"{msg}: show a plain wall under a lamp on mains, exposure below 5 ms, nothing moving")
     parts = np.array_split(each, min(len(images) // 2, LEAST_IMAGES))
     found = [tried[part.sum(axis=0).argmax()] for part in parts]
     sd = float(np.std(found)) / np.sqrt(len(found)) + 0.5 / (FINER * height)

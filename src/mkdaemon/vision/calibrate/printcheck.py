@@ -97,7 +97,7 @@ def check_print(
     """
     projection = None if intrinsics is None else Projection(intrinsics)
     tagmap = TagMap((target,))
-    tags = best_of_codes(tag.found for tag in StillEye(None, tagmap=tagmap).look(pixels).tags)
+    tags = best_of_codes(tag.found for tag in StillEye(tagmap=tagmap).look(pixels).tags)
     found = [_measure(pixels, tagmap.owners[seen.code][1], seen, projection) for seen in tags]
     measured = [one for one in found if one is not None]
     if not measured:

@@ -11,11 +11,10 @@ from pathlib import Path
 import numpy as np
 
 from mkdaemon.errors import VisionError
-from mkdaemon.files import save
 from mkdaemon.vision.arrays import Grey
 from mkdaemon.vision.calibrate.board import BoardPoints, CalibrationBoard
 from mkdaemon.vision.camera.image import PictureError
-from mkdaemon.vision.camera.imagecodec import encode_png, read_picture
+from mkdaemon.vision.camera.imagecodec import read_picture, write_picture
 from mkdaemon.vision.camera.sources import list_pictures
 
 POINTS_PER_PART = 6
@@ -98,7 +97,7 @@ class Views:
             return ViewReport(name, is_taken=False, words="move on")
         self.add(view)
         if self._keep is not None:
-            save(self._keep / f"view{len(self.taken):03d}.png", encode_png(pixels), overwrite=True)
+            write_picture(self._keep / f"view{len(self.taken):03d}.png", pixels, overwrite=True)
         return ViewReport(name, is_taken=True, words=f"{len(view.ids)} points")
 
     def take_folder(self, folder: Path) -> Iterator[ViewReport]:

@@ -6,7 +6,7 @@ import math
 import threading
 import time
 from collections import deque
-from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 from mkdaemon.config.camera import CameraSection
 from mkdaemon.errors import VisionError
@@ -83,14 +83,13 @@ class StampClock:
         return min(delay for at, delay in self._seen if since <= at <= until)
 
 
-@dataclass(frozen=True, slots=True)
-class StreamStatus:
-    """What is known about a camera now; figures that are not described here are those of `VisionStats`.
+class StreamStatus(NamedTuple):
+    """What is known about a camera now; what is not described here is in `VisionStats` by the same name.
 
     Attributes:
+        images: that came.
         damage: what was wrong with the newest damaged image, for a second after it; empty otherwise.
-        refused: settings the driver did not take.
-        exposure: chooses what the camera is told before an image; none where it takes nothing.
+        control: chooses what the camera is told before an image; none where it takes nothing.
     """
 
     state: EyeState = EyeState.OPENING
@@ -104,8 +103,8 @@ class StreamStatus:
     fps: float = 0.0
     width: int = 0
     height: int = 0
-    refused: tuple[str, ...] = ()
-    exposure: ExposureControl | None = None
+    settings_refused: tuple[str, ...] = ()
+    control: ExposureControl | None = None
 
 
 class CameraStream:
@@ -135,13 +134,13 @@ class CameraStream:
 
     def status(self) -> StreamStatus:
         """The camera's state now; an image that is overdue makes it silent."""
-        status, now = replace(self._status, dropped=self._slot.dropped[self.cfg.name]), time.monotonic()
+        status, now = self._status._replace(dropped=self._slot.dropped[self.cfg.name]), time.monotonic()
         if now - self._damaged_at > DAMAGE_SHOWN:
-            status = replace(status, damage="")
+            status = status._replace(damage="")
         overdue = now - self._last_arrival
         if status.state is EyeState.OK and self._source.live and overdue > self.cfg.silent_after:
             reason = status.damage or f"no image for {overdue:.1f} s"
-            return replace(status, state=EyeState.SILENT, reason=reason, fps=0.0)
+            return status._replace(state=EyeState.SILENT, reason=reason, fps=0.0)
         return status
 
     def _run(self) -> None:
@@ -155,12 +154,12 @@ class CameraStream:
                     self._source.close()
             except EndOfImages:
                 self._slot.wait_taken(self.cfg.name)
-                self._status = replace(self._status, state=EyeState.ENDED, reason="all images were shown", fps=0.0)
+                self._status = self._status._replace(state=EyeState.ENDED, reason="all images were shown", fps=0.0)
                 return
             except Exception as error:  # noqa: BLE001  # no driver and no image may end this thread
                 reason = str(error) if isinstance(error, VisionError) else f"{type(error).__name__}: {error}"
                 reopened = self._status.reopened + 1
-                self._status = replace(self._status, state=EyeState.GONE, reason=reason, fps=0.0, reopened=reopened)
+                self._status = self._status._replace(state=EyeState.GONE, reason=reason, fps=0.0, reopened=reopened)
             if self._status.images > before:
                 delay = self.cfg.reopen_min
             self._stop.wait(delay)
@@ -170,19 +169,19 @@ class CameraStream:
         """Read until told to stop or the source is gone; `refused` are settings it did not take when it was opened."""
         controls, applied = self._source.controls, None
         reach = controls.reach if controls is not None else None
-        exposure = ExposureControl(reach) if reach is not None else None
+        control = ExposureControl(reach) if reach is not None else None
         self._last_arrival = time.monotonic()
-        self._status = replace(self._status, state=EyeState.OK, reason="", refused=refused, exposure=exposure)
+        self._status = self._status._replace(state=EyeState.OK, reason="", settings_refused=refused, control=control)
         self._arrivals.clear()
         while not self._stop.is_set():
-            if controls is not None and exposure is not None and exposure.setting is not applied:
-                applied = exposure.setting
-                self._status = replace(self._status, refused=(*refused, *controls.adjust(applied)))
+            if controls is not None and control is not None and control.setting is not applied:
+                applied = control.setting
+                self._status = self._status._replace(settings_refused=(*refused, *controls.adjust(applied)))
             try:
                 shot = self._source.read(READ_TIMEOUT)
             except PictureError as error:
                 self._damaged_at = time.monotonic()
-                self._status = replace(self._status, damaged=self._status.damaged + 1, damage=str(error))
+                self._status = self._status._replace(damaged=self._status.damaged + 1, damage=str(error))
                 continue
             if shot is not None:
                 self._hand_over(shot)
@@ -202,6 +201,6 @@ class CameraStream:
         self._last_arrival = shot.arrived
         height, width = shot.pixels.shape
         images, fps = self._status.images + 1, (len(self._arrivals) - 1) / spent if spent > 0.0 else 0.0
-        self._status = replace(self._status, images=images, lost=lost, fps=fps, width=width, height=height)
+        self._status = self._status._replace(images=images, lost=lost, fps=fps, width=width, height=height)
         image = CameraImage(shot.pixels, captured_at, shot.arrived, images + lost, self.cfg.name, stamped_by)
         self._slot.put(image, self.cfg.name)

@@ -23,9 +23,10 @@ from pydantic import ValidationError
 from mkdaemon.errors import ConfigError
 from mkdaemon.files import save
 from mkdaemon.reading import LONGEST_PICTURE, read_bytes
+from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.image import CameraFrame
 from mkdaemon.vision.arrays import Grey
-from mkdaemon.vision.camera.image import PictureError
+from mkdaemon.vision.camera.image import CameraImage, PictureError
 
 MAX_PIXELS: Final = 64_000_000
 JPEG: Final = b"\xff\xd8\xff"
@@ -145,10 +146,22 @@ def encode_jpeg(pixels: Grey, quality: int, max_width: int) -> tuple[bytes, int,
     return coded.tobytes(), pixels.shape[1], pixels.shape[0]
 
 
-def encode_png(pixels: Grey) -> bytes:
-    """Compress without loss."""
-    _, coded = cv2.imencode(".png", pixels, [cv2.IMWRITE_PNG_COMPRESSION, 1])
-    return coded.tobytes()
+def frame_of(image: CameraImage, stamp: Stamp, quality: int | None, max_width: int) -> CameraFrame:
+    """The image as JPEG of a quality, at most so wide [px]; without a quality whole, as PNG."""
+    if quality is None:
+        _, coded = cv2.imencode(".png", image.pixels, [cv2.IMWRITE_PNG_COMPRESSION, 1])
+        pixels, (height, width) = coded.tobytes(), image.pixels.shape
+    else:
+        pixels, width, height = encode_jpeg(image.pixels, quality, max_width)
+    return CameraFrame(
+        stamp=stamp,
+        camera=image.camera,
+        sequence=image.sequence,
+        width=width,
+        height=height,
+        coding="png" if quality is None else "jpeg",
+        pixels=pixels,
+    )
 
 
 def write_picture(path: Path, pixels: Grey, *, overwrite: bool = False) -> None:

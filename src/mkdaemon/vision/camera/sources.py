@@ -73,7 +73,8 @@ def source_of(cfg: CameraSection, session: Sessions = None) -> Source:
         case "zenoh":
             return ZenohSource(rest, session, cfg.image_secret())
         case "folder":
-            return PlayedSource(partial(open_folder, Path(rest), cfg.fps or FOLDER_HZ), cfg)
+            pause, folder = 1.0 / (cfg.fps or FOLDER_HZ), Path(rest)
+            return PlayedSource(lambda: ((pause, partial(read_picture, file)) for file in list_pictures(folder)), cfg)
         case "file":
             return PlayedSource(partial(open_clip, Path(rest)), cfg)
         case "v4l2":
@@ -177,11 +178,6 @@ class PlayedSource(Source):
     def close(self) -> None:
         """Let go of the file."""
         self._pictures = iter(())
-
-
-def open_folder(path: Path, hz: float) -> Iterator[Recorded]:
-    """The pictures of a folder; see `list_pictures`."""
-    return ((1.0 / hz, partial(read_picture, file)) for file in list_pictures(path))
 
 
 def list_pictures(folder: Path) -> list[Path]:
