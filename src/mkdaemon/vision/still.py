@@ -124,7 +124,7 @@ class StillEye:
 
     def _pose(self, pixels: Grey, target: Target, found: Sequence[Detection]) -> StillPose | None:
         """The best candidate of one target, with what speaks against it."""
-        own = {(tag.family.name, tag.tag_id): tag for tag in target.tags}
+        own = {tag.code: tag for tag in target.tags}
         largest = {one.code: one for one in reversed(found)}
         tags = [(own[code], one) for code, one in reversed(largest.items()) if code in own]
         if self._intrinsics is None or not tags:

@@ -225,6 +225,6 @@ def test_decoded_corners_are_compared_with_where_their_rows_saw_them(turning: fl
     (tag,) = target.tags
     seen = projection.exposed(tag.corners @ pose.rotation.T + pose.position, motion)[0]
     corners = projection.project(seen)[0]
-    decoded = [(tag, Detection(tag.family.name, tag.tag_id, 0, 60.0, corners))]
+    decoded = [(tag, Detection(*tag.code, 0, 60.0, corners))]
     assert fitter.disagreement(pose, decoded) < 0.02
     assert fitter.disagreement(replace(pose, motion=None), decoded) > HALF

@@ -449,7 +449,7 @@ class Follower:
     def _own(self, found: Sequence[Detection]) -> list[tuple[Tag, Detection]]:
         """The target's own tags among decoded ones."""
         tags = self._fitter.target.tags
-        return [(tag, one) for one in found for tag in tags if (tag.family.name, tag.tag_id) == one.code]
+        return [(tag, one) for one in found for tag in tags if tag.code == one.code]
 
     def _predicted(self, seen: Sight) -> Pose:
         """What the track expects in an image, with what is known of the print's bend."""
