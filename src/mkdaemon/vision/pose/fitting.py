@@ -3,107 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Final
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from mkdaemon.vision.arrays import Array, Grey
 from mkdaemon.vision.limits import APART2, HALF, LIMITS
 from mkdaemon.vision.pose.edgefind import HALF_WIDTH
-from mkdaemon.vision.pose.edgefit import MAD, EdgeFit
-from mkdaemon.vision.pose.gates import CellEvidence, CellReader, grey_evidence
+from mkdaemon.vision.pose.edgefit import EdgeFit
+from mkdaemon.vision.pose.gates import CellReader
 from mkdaemon.vision.pose.photofit import PhotoFit
-from mkdaemon.vision.pose.pose import Bend, Pose, apart, damped, length2, median, solve
+from mkdaemon.vision.pose.pose import Bend, Pose, apart, length2, solve
 from mkdaemon.vision.pose.prints import SQUARE
 from mkdaemon.vision.pose.projection import NEAR_M, Projection
 from mkdaemon.vision.pose.rolling import KnownMotion
-from mkdaemon.vision.pose.unknowns import POSE, Level
-from mkdaemon.vision.tags.cellread import Detection, sample
+from mkdaemon.vision.pose.unknowns import Level
+from mkdaemon.vision.tags.cellread import Detection
 from mkdaemon.vision.tags.tagmap import Tag, Target
 
 
 def _shrink(part: Grey, scale: float) -> Grey:
     return np.asarray(cv2.resize(part, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), dtype=np.uint8)
-
-
-CLEAR_PERCENT = 75
-"""Percentile of the contrast that the clear edges have."""
-
-
-@dataclass(frozen=True, slots=True)
-class Evidence:
-    """What the edges say about a pose.
-
-    Attributes:
-        seen: share of the edges in view with the print's contrast.
-        agreeing: share of these that lie where the pose puts them.
-        leverage: largest turn of the pose when one straight line of edges is taken away [rad].
-    """
-
-    seen: float
-    agreeing: float
-    leverage: float
-
-    def supports(self) -> bool:
-        """Whether the pose can be believed with parts of the target hidden."""
-        agrees = self.seen >= HALF and self.agreeing >= LIMITS.agreement.whole
-        return agrees and self.leverage <= LIMITS.edges.max_leverage
-
-
-class EdgeEvidence:
-    """Asks the edges of one target whether they support a pose, or could be faked by what lies over it.
-
-    Two questions tell a right pose from one that follows the rim of something lying on the print: do the edges agree
-    whose cells are seen, and does the pose stay where it is when any one straight line of edges is taken away? A rim is
-    straight and covers one line of the grid.
-    """
-
-    def __init__(self, target: Target, projection: Projection) -> None:
-        self._projection = projection
-        self._fit = EdgeFit(target, projection)
-        self._sides, self._line = self._fit.model.sides, self._fit.model.line
-
-    def measure(self, pixels: Grey, pose: Pose) -> Evidence | None:
-        """Ask all edges about a fitted pose; none when too few are in view.
-
-        Args:
-            pixels: `(h, w)` uint8.
-            pose: fitted to edges.
-        """
-        located = self._fit.locate(pixels, pose)
-        if located is None:
-            return None
-        samples, edges, unknowns = located
-        index = samples.index
-        sides = self._sides[:, index] @ pose.rotation.T + pose.position
-        dark, bright = (sample(pixels, self._projection.project(points, pose.motion)[0]) for points in sides)
-        contrast = bright - dark
-        clear = max(float(np.percentile(contrast, CLEAR_PERCENT)), 1.0)
-        seen = contrast > HALF * clear
-        size = np.abs(edges.offsets)
-        scatter = max(MAD * median(size[edges.found]), LIMITS.health.drift_px)
-        agrees = edges.found & (size < LIMITS.certainty.deviations * scatter)
-        return Evidence(
-            float(seen.mean()),
-            float((agrees & seen).sum()) / max(int(seen.sum()), 1),
-            _leverage(unknowns.rows[POSE].T[agrees], edges.offsets[agrees], self._line[index][agrees]),
-        )
-
-
-def _leverage(jacobian: Array, offsets: Array, line: npt.NDArray[np.intp]) -> float:
-    """Largest turn [rad] that leaving out the samples of one line gives, to first order.
-
-    Without the rows L of a line the least-squares pose moves by (J^T J - L^T L)^-1 L^T d_L.
-    """
-    normal, turns = damped(jacobian.T @ jacobian), [0.0]
-    for k in np.unique(line):
-        part = jacobian[line == k]
-        step = np.linalg.solve(normal - part.T @ part, part.T @ offsets[line == k])
-        turns.append(float(np.linalg.norm(step[3:])))
-    return max(turns)
 
 
 ROOM, ROOM_PX = 0.2, 14.0
@@ -119,6 +41,8 @@ class TargetFitter:
 
     Attributes:
         target: that is measured.
+        edges: fits it to edges, and asks them.
+        cells: reads them.
         shutter: what is known of the camera's line time.
         bend_known: what is known about the bend of the print.
         effort: spent since it was set to zero, in fits to edges; one to grey values takes as long as `GREY_EFFORT`.
@@ -129,12 +53,11 @@ class TargetFitter:
         self.effort = 0
         self.shutter = projection.shutter
         self._projection = projection
-        self._edges = EdgeFit(target, projection)
+        self.edges = EdgeFit(target, projection)
         self._photo = PhotoFit(target, projection)
         sheet = self._photo.prints.sheet
         self.bend_known = None if sheet is None else sheet.prior
-        self._cells = CellReader(target, projection)
-        self._evidence = EdgeEvidence(target, projection)
+        self.cells = CellReader(target, projection)
         self._outline = np.concatenate([tag.place(SQUARE * tag.paper / 2) for tag in target.tags])
 
     def cold(
@@ -218,34 +141,10 @@ class TargetFitter:
         """Fit by one method; see `PhotoFit.fit`."""
         if not photometric:
             self.effort += 1
-            return self._edges.fit(pixels, start, level=level)
+            return self.edges.fit(pixels, start, level=level)
         fitted = self._photo.fit(pixels, start, level=level, blur_px=blur_px)
         self.effort += 1 if fitted is None else GREY_EFFORT
         return fitted if fitted is not None and np.isfinite(fitted.rms_px) else None
-
-    def evidence(self, pixels: Grey, pose: Pose) -> CellEvidence:
-        """What the image says about where a pose puts the target: its cells, or all pixels of a fit to grey values."""
-        if pose.likeness is not None:
-            return grey_evidence(pose.likeness, pose)
-        return self._cells.evidence(pixels, pose)
-
-    def shows(self, pixels: Grey, start: Pose) -> bool:
-        """Whether the image shows the target where a start puts it, as far as it can be told."""
-        return self._cells.shows(pixels, start)
-
-    def beside(self, pixels: Grey, pose: Pose) -> float:
-        """By how much more the cells speak for a place some whole cells beside [nats]."""
-        return self._cells.beside(pixels, pose)
-
-    def is_supported(self, pixels: Grey, pose: Pose) -> bool:
-        """Whether the edges that are seen support a pose with parts of the target hidden."""
-        evidence = self._evidence.measure(pixels, pose)
-        return evidence is not None and evidence.supports()
-
-    def explains_seen_edges(self, pixels: Grey, pose: Pose) -> bool:
-        """Whether the edges that are seen lie where a pose puts them, however many are hidden."""
-        evidence = self._evidence.measure(pixels, pose)
-        return evidence is not None and evidence.agreeing >= LIMITS.likeness.clear
 
     def fit_mirrored(self, pixels: Grey, pose: Pose) -> Pose | None:
         """Fit the rival of a pose, its normal mirrored about the line of sight: `pose` again, perhaps, or none."""

@@ -80,7 +80,15 @@ class CellReader:
         ]
 
     def evidence(self, pixels: Grey, pose: Pose) -> CellEvidence:
-        """What the cells say about where a pose puts the target; the edges that agree say what share is in view."""
+        """What the image says about where a pose puts the target: its cells, or all pixels of a fit to grey values.
+
+        Edges that agree say what share of the cells is in view. Of n pixels and the likeness L grey values say
+        n / 2 ln(1 / (1 - L^2)), the `log_odds` of an even print.
+        """
+        if pose.likeness is not None:
+            half, best = HALF * facts(pose.points, pose.shared), LIMITS.likeness.explained
+            odds, most = (-half * log(1.0 - alike**2) for alike in (min(max(pose.likeness, 0.0), best), best))
+            return CellEvidence(odds, most, odds)
         right, wrong = _odds(pose.inliers)
         counts = [found[:, 0].tolist() for found in self._read(pixels, pose)]
         tags = [
@@ -121,13 +129,6 @@ class CellReader:
             clear = in_view & (np.abs(white - black) > NOISE_GREY) & (np.abs(rise) > usual)
             found.append(np.stack([clear & (rise > 0.0), clear & (rise < 0.0), in_view]).sum(axis=2))
         return found
-
-
-def grey_evidence(likeness: float, pose: Pose) -> CellEvidence:
-    """The same of a fit to grey values of a likeness L: n / 2 ln(1 / (1 - L^2)), the `log_odds` of an even print."""
-    half, best = HALF * facts(pose.points, pose.shared), LIMITS.likeness.explained
-    odds, most = (-half * log(1.0 - alike**2) for alike in (min(max(likeness, 0.0), best), best))
-    return CellEvidence(odds, most, odds)
 
 
 def _odds(shown: float) -> tuple[float, float]:

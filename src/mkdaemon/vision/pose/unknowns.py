@@ -13,7 +13,7 @@ Discrete Sequential Estimation, Academic Press 1977, chapter VIII.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from math import hypot
 from typing import Final
 
@@ -51,15 +51,15 @@ class Unknown:
     Attributes:
         name: of these unknowns.
         rows: derivative of what is measured by each `(k, n)`.
-        information: inverse covariance of what is expected `(k, k)`, or its diagonal `(k,)`; none where nothing is.
-        off: what is expected, less where the fit is `(k,)`; zero if none is given.
+        information: inverse covariance of what is expected `(k, k)`, or its diagonal `(k,)`; zero where nothing is.
+        off: what is expected, less where the fit is `(k,)`.
         is_asked: whether a step is solved for them; others only make it less certain.
     """
 
     name: str
     rows: Array
-    information: Array | None = None
-    off: Array | None = None
+    information: Array = field(default_factory=lambda: np.zeros(1))
+    off: Array = field(default_factory=lambda: np.zeros(1))
     is_asked: bool = True
 
 
@@ -89,11 +89,9 @@ class Unknowns:
             block = self._blocks[line.name] = slice(start, stop)
             if line.name in CARRIED:
                 self.carried = stop
-            if line.information is not None:
-                known = line.information
-                self.information[block, block] = known if known.ndim > 1 else np.diag(known)
-            if line.off is not None:
-                off[block] = line.off
+            known = line.information
+            self.information[block, block] = known if known.ndim > 1 else np.diag(known)
+            off[block] = line.off
         self._pull = self.information @ off
         self.surprise = float(off @ self._pull)
 
@@ -212,13 +210,13 @@ class Prior:
             times: when they are exposed `(n,)` [s].
             heights: of the points by the rise of the print `(3, n)` [m]; none where that is not asked for.
         """
-        turn_known = turn_off = None
+        turning = Unknown("turn", cross(arm, by_point).T)
         if self._level is not None:
             # The turn that levels a normal n is n x up; about n it is free.
             normal = at.rotation[:, 2]
-            turn_known = (np.eye(3) - np.outer(normal, normal)) / self._level.spread**2
-            turn_off = skew(normal) @ self._level.up
-        table = [Unknown("place", by_point.T), Unknown("turn", cross(arm, by_point).T, turn_known, turn_off)]
+            known = (np.eye(3) - np.outer(normal, normal)) / self._level.spread**2
+            turning = replace(turning, information=known, off=skew(normal) @ self._level.up)
+        table = [Unknown("place", by_point.T), turning]
         if heights is not None and self._sheet is not None and self.bend is not None and at.rise is not None:
             along = by_point @ (at.rotation @ self._sheet.normal)
             table.append(Unknown("rise", along * heights, self.bend.information, self.bend.mean - at.rise))

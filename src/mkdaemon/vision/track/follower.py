@@ -310,7 +310,7 @@ class Follower:
         """The prediction, and the last pose carried over: before it where the image does not show what it expects."""
         track, predicted = self.track, self._predicted(seen)
         is_expected = track.has_velocity or seen.turned_since(track.last_seen) is not None
-        if is_expected and self._fitter.shows(seen.pixels, predicted):
+        if is_expected and self._fitter.cells.shows(seen.pixels, predicted):
             yield "predicted", predicted
             is_expected = False
             if self._fitter.effort >= MOST_EFFORT:
@@ -427,7 +427,7 @@ class Follower:
             track.decoded_at = now
             return True
         # Clear cells stand in for a tag that cannot be decoded: one that leaves the image, or is partly hidden.
-        if not tags and (overdue < self._cfg.coast or self._fitter.evidence(pixels, pose).is_clear):
+        if not tags and (overdue < self._cfg.coast or self._fitter.cells.evidence(pixels, pose).is_clear):
             return True
         frame.refused[self.name] = PoseRefusal.DECODED_ELSEWHERE if tags else PoseRefusal.NOT_DECODED
         track.lose()

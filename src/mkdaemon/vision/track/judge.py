@@ -189,7 +189,7 @@ class Judge:
         is_partial = self.is_partial(chosen)
         is_plain = branches.prior.angle_sd < CERTAINTY.blind_angle_sd or self.is_plain(seen, fused)
         # Hidden parts, or a border faked by what hides them: the edges seen tell these apart.
-        is_plain = is_plain or (is_partial and self._fitter.is_supported(seen.pixels, chosen))
+        is_plain = is_plain or (is_partial and self._fitter.edges.evidence(seen.pixels, chosen).supports)
         if is_partial and not is_plain:
             return Verdict(fused, PoseRefusal.INLIERS, branches=branches)
         refused = certainty_refusal(fused, has_attitude=False, is_plain=is_plain)
@@ -201,13 +201,13 @@ class Judge:
         refused = fit_refusal(pose, self._cfg)
         if refused is not None:
             return refused
-        if not self._fitter.evidence(seen.pixels, pose).vouches:
+        if not self._fitter.cells.evidence(seen.pixels, pose).vouches:
             return PoseRefusal.BITS
         if self.is_partial(pose):
-            if self._fitter.beside(seen.pixels, pose) > HALF * LIMITS.ambiguity.decided:
+            if self._fitter.cells.beside(seen.pixels, pose) > HALF * LIMITS.ambiguity.decided:
                 return PoseRefusal.BITS
             # What lies over a target hides edges; one that is beside its place has other edges in view.
-            if pose.inliers < LIMITS.agreement.blind and not self._fitter.explains_seen_edges(seen.pixels, pose):
+            if pose.inliers < LIMITS.agreement.blind and not self._fitter.edges.evidence(seen.pixels, pose).explains:
                 return PoseRefusal.INLIERS
         return PoseRefusal.ATTITUDE if self.level.refuses(seen, pose, is_hidden=is_hidden) else None
 
@@ -235,7 +235,7 @@ class Judge:
 
     def is_plain(self, seen: Sight, pose: Pose) -> bool:
         """Whether the target is large and its cells are read clearly: hidden parts then mislead nobody."""
-        return self._is_large(pose) and self._fitter.evidence(seen.pixels, pose).is_clear
+        return self._is_large(pose) and self._fitter.cells.evidence(seen.pixels, pose).is_clear
 
     def is_plainly_there(self, seen: Sight, pose: Pose) -> bool:
         """Whether a large target lies as a pose says, for all but the attitude."""
