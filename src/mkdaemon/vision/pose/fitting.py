@@ -9,16 +9,15 @@ from typing import Final
 import cv2
 import numpy as np
 
-from mkdaemon.vision.arrays import Array, Grey
+from mkdaemon.vision.arrays import Array, Estimate, Grey
 from mkdaemon.vision.limits import APART2, HALF, LIMITS
 from mkdaemon.vision.pose.edgefind import HALF_WIDTH
 from mkdaemon.vision.pose.edgefit import EdgeFit
 from mkdaemon.vision.pose.gates import CellReader
 from mkdaemon.vision.pose.photofit import PhotoFit
-from mkdaemon.vision.pose.pose import Bend, Pose, apart, length2, solve
+from mkdaemon.vision.pose.pose import Pose, apart, length2, solve
 from mkdaemon.vision.pose.prints import SQUARE
 from mkdaemon.vision.pose.projection import NEAR_M, Projection
-from mkdaemon.vision.pose.rolling import KnownMotion
 from mkdaemon.vision.pose.unknowns import Level
 from mkdaemon.vision.tags.cellread import Detection
 from mkdaemon.vision.tags.tagmap import Tag, Target
@@ -64,8 +63,8 @@ class TargetFitter:
         self,
         pixels: Grey,
         tags: Sequence[tuple[Tag, Detection]],
-        motion_at: Callable[[Array], KnownMotion] | None = None,
-        bend: Bend | None = None,
+        motion_at: Callable[[Array], Estimate] | None = None,
+        bend: Estimate | None = None,
     ) -> list[Pose]:
         """Fit every candidate that decoded tags allow; rival poses stay in the list.
 

@@ -15,9 +15,9 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from mkdaemon.vision.arrays import Array
+from mkdaemon.vision.arrays import Array, Estimate
 from mkdaemon.vision.pose.projection import Projection
-from mkdaemon.vision.pose.rolling import KnownMotion, SeenMotion, skew
+from mkdaemon.vision.pose.rolling import skew
 from mkdaemon.vision.tags.cellread import Detection
 from mkdaemon.vision.tags.tagmap import SAME_HEIGHT_M, Tag
 
@@ -36,24 +36,6 @@ FLOOR_LATERAL = 0.002
 """Lateral error a calibration leaves, of the range: principal point."""
 FLOOR_ANGLE = np.radians(0.1)
 """Angle error a calibration leaves [rad]: lens model and flatness of the print."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Bend:
-    """What is known about the rise of a print; see `prints.Sheet`.
-
-    Attributes:
-        mean: a, b, c `(3,)`, in shares of the side.
-        covariance: of them `(3, 3)`.
-    """
-
-    mean: Array
-    covariance: Array
-
-    @property
-    def information(self) -> Array:
-        """Inverse of the covariance `(3, 3)`."""
-        return inverted(self.covariance)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -102,10 +84,10 @@ class Pose:
     shift_px: float = 0.0
     blown: float = 0.0
     motion: Array | None = None
-    known_motion: KnownMotion | None = None
-    seen_motion: SeenMotion | None = None
-    bend: Bend | None = None
-    known_bend: Bend | None = None
+    known_motion: Estimate | None = None
+    seen_motion: Estimate | None = None
+    bend: Estimate | None = None
+    known_bend: Estimate | None = None
     shared: float = 1.0
     common: float = 1.0
     cost: float | None = None

@@ -22,9 +22,9 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from mkdaemon.vision.arrays import Array, Bools, Grey
+from mkdaemon.vision.arrays import Array, Bools, Estimate, Grey
 from mkdaemon.vision.limits import HALF, LIMITS
-from mkdaemon.vision.pose.pose import Bend, Pose, correlation, refined
+from mkdaemon.vision.pose.pose import Pose, correlation, refined
 from mkdaemon.vision.pose.projection import NEAR_M, Projection
 from mkdaemon.vision.pose.rolling import skew
 from mkdaemon.vision.tags.tagfamily import QUIET_ZONE_CELLS
@@ -97,7 +97,7 @@ class Sheet:
     """
 
     def __init__(self, tag: Tag, rise: float) -> None:
-        self.prior = Bend(np.zeros(RISES), rise**2 * OF_A_CYLINDER)
+        self.prior = Estimate(np.zeros(RISES), rise**2 * OF_A_CYLINDER)
         self.normal = tag.rotation[:, 2]
         self._origin, self._axes = tag.position, tag.rotation[:, :2]
         self._scale = 4.0 / tag.size
@@ -124,7 +124,7 @@ class Sheet:
         bent: Array = points + (np.column_stack([np.outer(self.normal, rise), chord]) @ terms).T
         return bent
 
-    def plane_covariance(self, rotation: Array, bend: Bend) -> Array:
+    def plane_covariance(self, rotation: Array, bend: Estimate) -> Array:
         """Covariance `(3, 3)` [m^2; camera] of where the print's plane lies along its normal, seen by a rotation."""
         square = bend.covariance + np.outer(bend.mean, bend.mean)
         normal = rotation @ self.normal

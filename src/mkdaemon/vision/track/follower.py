@@ -13,13 +13,13 @@ import numpy as np
 
 from mkdaemon.config.vision import TrackerSection
 from mkdaemon.telemetry.vision import PoseRefusal
-from mkdaemon.vision.arrays import Array, Grey
+from mkdaemon.vision.arrays import Array, Estimate, Grey
 from mkdaemon.vision.limits import HALF, LIMITS
 from mkdaemon.vision.pose.ambiguity import Decision, prefers
 from mkdaemon.vision.pose.fitting import TargetFitter
-from mkdaemon.vision.pose.pose import Bend, Pose, inverse, with_floor
+from mkdaemon.vision.pose.pose import Pose, inverse, with_floor
 from mkdaemon.vision.pose.projection import Projection
-from mkdaemon.vision.pose.rolling import MOTIONS, KnownMotion, Shutter, motion_of
+from mkdaemon.vision.pose.rolling import MOTIONS, Shutter, motion_of
 from mkdaemon.vision.tags.cellread import Detection
 from mkdaemon.vision.tags.detector import TONES, Detector, Part
 from mkdaemon.vision.tags.tagmap import Tag, Target
@@ -186,7 +186,7 @@ class Track:
         return replace(last, rotation=rotation, position=position, known_motion=known)
 
 
-def known_motion(place: Array, speed: Array | None, turning: Turning | None, speed_sd: float = 0.0) -> KnownMotion:
+def known_motion(place: Array, speed: Array | None, turning: Turning | None, speed_sd: float = 0.0) -> Estimate:
     """What is known about the motion of a camera while an image is read.
 
     Args:
@@ -203,7 +203,7 @@ def known_motion(place: Array, speed: Array | None, turning: Turning | None, spe
             spread += limits.speed_sd / float(np.linalg.norm(place))
     along = limits.speed_sd if speed is None else hypot(SINCE, speed_sd)
     expected = motion_of(place, np.zeros(3) if speed is None else speed, rate)
-    return KnownMotion(expected, np.array([spread] * 3 + [along]))
+    return Estimate(expected, np.diag([spread] * 3 + [along]) ** 2)
 
 
 MOVED: Final = 16.3
@@ -215,17 +215,17 @@ LASTS: Final = 300.0
 class LearnedBend:
     """The bend of one print: what near edges showed is carried on, and returns to the prior within minutes."""
 
-    def __init__(self, prior: Bend | None) -> None:
+    def __init__(self, prior: Estimate | None) -> None:
         self._prior = self._last = prior
         self._time = -np.inf
 
-    def at(self, time: float) -> Bend | None:
+    def at(self, time: float) -> Estimate | None:
         """What is known at a time; none for a target that does not bend."""
         if self._prior is None or self._last is None:
             return None
         kept = exp(-max(time - self._time, 0.0) / LASTS)
         mean = kept * self._last.mean + (1.0 - kept) * self._prior.mean
-        return Bend(mean, kept**2 * self._last.covariance + (1.0 - kept**2) * self._prior.covariance)
+        return Estimate(mean, kept**2 * self._last.covariance + (1.0 - kept**2) * self._prior.covariance)
 
     def learn(self, time: float, pose: Pose) -> None:
         """Take in what the edges of a published pose say."""
@@ -255,7 +255,7 @@ def learn_rows(shutter: Shutter, published: Sequence[tuple[float, Pose]]) -> Non
     turned = -np.asarray(cv2.Rodrigues(after.rotation @ before.rotation.T)[0], dtype=np.float64).ravel()
     sight = between.position / between.range_m
     turning, speed = (turned @ sight) * sight / (end - start), (after.position - before.position) / (end - start)
-    known = KnownMotion(motion_of(between.position, speed, turning), np.full(MOTIONS, RATE_SD))
+    known = Estimate(motion_of(between.position, speed, turning), RATE_SD**2 * np.eye(MOTIONS))
     shutter.learn(known, between.seen_motion)
 
 
