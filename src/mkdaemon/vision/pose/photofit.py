@@ -30,7 +30,7 @@ from mkdaemon.vision.limits import APART2, HALF, LIMITS, NOISE_GREY
 from mkdaemon.vision.pose.ambiguity import loss_of
 from mkdaemon.vision.pose.edgefind import HALF_WIDTH
 from mkdaemon.vision.pose.edgefit import MAD
-from mkdaemon.vision.pose.pose import Pose, apart, correlation, damped, inverted, length2, median
+from mkdaemon.vision.pose.pose import LEAST_NORM, Pose, apart, correlation, damped, inverted, length2, median
 from mkdaemon.vision.pose.prints import BOX, PrintModel, Prints, PrintSamples, principal
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.pose.unknowns import POSE, Level, Prior, State, Unknown, Unknowns, not_arrived
@@ -254,6 +254,9 @@ class PhotoStep:
     def pose(self, at: State, prior: Prior) -> Pose:
         """The pose of the state the step starts from, or of where it led, with what was known beforehand."""
         is_agreeing, match = self._share**2 > HALF, self.match
+        # With c^2 = S / (S + N) of a model of variance S and residuals of variance N, of which r N are shared, the
+        # square of the likeness is S / (S + r N).
+        likeness = match / sqrt(max(match**2 + self._common * (1.0 - match**2), LEAST_NORM))
         # Residual as a shift of edges: rms over the rms slope of the lit prints [grey / (grey/px)].
         steepness = sqrt(sum(float(p.at.steep.sum()) * float(p.gain[0]) ** 2 for p in self._parts) / self._size.size)
         every = self.unknowns.covariance(self._inverse, self._weights, self._noise)
@@ -268,7 +271,7 @@ class PhotoStep:
             float(is_agreeing.mean()),
             float(np.linalg.norm(self.to_go[:3])) / max(float(np.linalg.norm(at.position)), 1e-9),
             loss_of(self._size, LIMITS.photo.lost_grey, NOISE_GREY),
-            match,
+            likeness,
             float(np.linalg.det(at.spread)) ** 0.25,
             cost=self.cost,
             motion=at.motion,

@@ -52,7 +52,7 @@ class Pose:
         inliers: share of the measurements that agree.
         step: length of the last step of the fit against the range.
         loss: geometric mean of the bounded squared residuals of all samples, by which rival fits of an image compare.
-        match: correlation between model and image, where the fit knows it.
+        likeness: correlation between model and image without the noise of single pixels, where the fit knows it.
         blur_px: half width of an edge in the image, or of grey values the deviation of the point spread, where known.
         widest_px: the same of the edges that run the way of the wider ones, in a fit to edges.
         ragged_px: residual of the edges that run the way that agrees less, in a fit to edges [px].
@@ -77,7 +77,7 @@ class Pose:
     inliers: float = 1.0
     step: float = 0.0
     loss: float = 0.0
-    match: float | None = None
+    likeness: float | None = None
     blur_px: float | None = None
     widest_px: float | None = None
     ragged_px: float | None = None
@@ -96,18 +96,6 @@ class Pose:
     def unexplained_px(self) -> float:
         """Residual without the noise of single pixels [px]: what the model lacks, or has not reached, is shared."""
         return self.rms_px * sqrt(self.common)
-
-    @property
-    def likeness(self) -> float | None:
-        """Correlation between model and image without the noise of single pixels; none where no fit knows it.
-
-        With c^2 = S / (S + N) of a model of variance S and residuals of variance N, of which r N are shared, its
-        square is S / (S + r N).
-        """
-        if self.match is None:
-            return None
-        squared = self.match**2
-        return self.match / sqrt(max(squared + self.common * (1.0 - squared), LEAST_NORM))
 
     @property
     def range_m(self) -> float:
