@@ -161,6 +161,8 @@ class EdgeStep:
         covariance = self.unknowns.covariance(inverted(normal), self.weights, noise)
         of_pose, bend = prior.measured(at, self.unknowns, covariance)
         limits, edges, size = LIMITS.edges, self.edges, np.abs(self._residual)
+        # Melted edges leave a residual, at least in one of the two ways that they run.
+        ragged_px = MAD * max(median(size[kind]) for kind in kinds_of(edges.found, self._samples.upright))
         return Pose(
             at.rotation,
             at.position,
@@ -172,8 +174,7 @@ class EdgeStep:
             float(np.linalg.norm(self.change[:3])) / max(float(np.linalg.norm(at.position)), 1e-9),
             loss=loss_of(np.where(self.agrees, size, np.inf), 2.0 * limits.located_px, limits.least_scale_px),
             blur_px=edges.width,
-            widest_px=edges.widest,
-            ragged_px=MAD * max(median(size[kind]) for kind in kinds_of(edges.found, self._samples.upright)),
+            melted_px=LIMITS.cells.melted_widths * edges.widest if ragged_px >= LIMITS.health.drift_px else 0.0,
             shift_px=float(self.change[-1]),
             blown=edges.blown,
             motion=at.motion,

@@ -97,9 +97,10 @@ class TargetFitter:
         edges = self._fit(pixels, start, photometric=False, level=level)
         if edges is None:
             return grey
-        is_melted, is_noisy = self._are_melted(edges), edges.rms_px > LIMITS.edges.located_px
+        cell_px = self._photo.prints.cell_px(edges)
+        is_melted, is_noisy = cell_px < edges.melted_px, edges.rms_px > LIMITS.edges.located_px
         # The dimmer corners of small white cells are clipped less than their middle, which moves edges differently.
-        is_flooded = edges.blown > HALF and self._photo.prints.cell_px(edges) < LIMITS.cells.small_px
+        is_flooded = edges.blown > HALF and cell_px < LIMITS.cells.small_px
         if grey is None and (is_melted or is_noisy or is_flooded):
             # Edges that melted lie; others have found the place, from which a few steps are left.
             blur_px = (edges.blur_px or 0.0) / HALF_WIDTH
@@ -127,12 +128,6 @@ class TargetFitter:
     def _wants_photometric(self, start: Pose) -> bool:
         is_steep = self._photo.prints.looked_at(start)[2] > LIMITS.cells.edges_up_to
         return is_steep or self._has_small_cells(start)
-
-    def _are_melted(self, pose: Pose) -> bool:
-        """Whether the edges of a fit have run into their neighbours; they leave a residual then."""
-        if pose.widest_px is None or pose.ragged_px is None or pose.ragged_px < LIMITS.health.drift_px:
-            return False
-        return self._photo.prints.cell_px(pose) < LIMITS.cells.melted_widths * pose.widest_px
 
     def _fit(
         self, pixels: Grey, start: Pose, *, photometric: bool, level: Level | None = None, blur_px: float | None = None

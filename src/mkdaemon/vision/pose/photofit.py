@@ -341,7 +341,6 @@ class PhotoFit:
         self._target, self._projection = target, projection
         self._halved: PhotoFit | None = None
         self.prints = Prints(target, projection)
-        self._shutter = projection.shutter
 
     def fit(self, pixels: Grey, start: Pose, level: Level | None = None, blur_px: float | None = None) -> Pose | None:
         """Refine a pose; large cells in an image of half the size.
@@ -387,9 +386,10 @@ class PhotoFit:
             return found
         seen = self.prints.seen(found.rotation, found.position)
         # The best of them says what is right here; what is hidden in part still looks like a print.
-        shown = self._alike(pixels, seen, _state_of(found), LIMITS.likeness.clear, LIMITS.likeness.explained)
+        at = Prior(found, level, self._projection, self.prints.sheet).begin(found.blur_px or START_BLUR_PX)
+        shown = self._alike(pixels, seen, at, LIMITS.likeness.clear, LIMITS.likeness.explained)
         if shown and set(shown) != set(near):
-            found = self._fit(pixels, shown, _state_of(found), prior)
+            found = self._fit(pixels, shown, at, prior)
         return None if found is None or not shown else self._with_missing(found, seen, shown)
 
     def _with_missing(self, pose: Pose, seen: Sequence[PrintModel], shown: Sequence[PrintModel]) -> Pose:
@@ -490,23 +490,18 @@ class PhotoFit:
             pixels: `(h, w)` uint8.
             pose: fitted to edges, whole target in view; given back where grey values do not improve it.
         """
-        limits, whole = LIMITS, LIMITS.agreement.whole
+        is_whole = pose.source == "edges" and pose.inliers >= LIMITS.agreement.whole
         cell_px = self.prints.cell_px(pose)
-        if self._shutter.rolls or pose.source != "edges" or cell_px > limits.cells.small_px or pose.inliers < whole:
+        if self._projection.shutter.rolls or not is_whole or cell_px > LIMITS.cells.small_px:
             return pose
         grey = self.fit_whole(pixels, pose)
         if grey is None or not self.explains(grey):
             return pose
         if float(np.linalg.det(grey.covariance)) >= float(np.linalg.det(pose.covariance)):
             return pose
-        if length2(apart(pose, grey), pose.covariance) > APART2 and cell_px >= limits.cells.mixed_px:
+        if length2(apart(pose, grey), pose.covariance) > APART2 and cell_px >= LIMITS.cells.mixed_px:
             return pose
         return replace(pose, rotation=grey.rotation, position=grey.position, covariance=grey.covariance, bend=grey.bend)
-
-
-def _state_of(pose: Pose) -> State:
-    """Where a fit to several prints, which do not bend, has put them."""
-    return State(pose.rotation, pose.position, (pose.blur_px or START_BLUR_PX) ** 2 * np.eye(2), pose.motion)
 
 
 def _spread_moved(spread: Array, change: Array) -> Array:

@@ -54,8 +54,7 @@ class Pose:
         loss: geometric mean of the bounded squared residuals of all samples, by which rival fits of an image compare.
         likeness: correlation between model and image without the noise of single pixels, where the fit knows it.
         blur_px: half width of an edge in the image, or of grey values the deviation of the point spread, where known.
-        widest_px: the same of the edges that run the way of the wider ones, in a fit to edges.
-        ragged_px: residual of the edges that run the way that agrees less, in a fit to edges [px].
+        melted_px: side of cells below which a fit to edges has found edges that run into their neighbours [px].
         shift_px: how far all edges lie towards their bright side, where the fit asked [px].
         blown: share of the edges whose bright side is blown.
         motion: of the camera while its rows were read `(4,)`, where the fit asked; see `rolling`.
@@ -79,8 +78,7 @@ class Pose:
     loss: float = 0.0
     likeness: float | None = None
     blur_px: float | None = None
-    widest_px: float | None = None
-    ragged_px: float | None = None
+    melted_px: float = 0.0
     shift_px: float = 0.0
     blown: float = 0.0
     motion: Array | None = None

@@ -15,7 +15,7 @@ from mkdaemon.config.vision import TrackerSection
 from mkdaemon.telemetry.vision import PoseRefusal
 from mkdaemon.vision.arrays import Array, Estimate, Grey
 from mkdaemon.vision.limits import HALF, LIMITS
-from mkdaemon.vision.pose.ambiguity import Decision, prefers
+from mkdaemon.vision.pose.ambiguity import prefers
 from mkdaemon.vision.pose.fitting import TargetFitter
 from mkdaemon.vision.pose.pose import Pose, inverse, with_floor
 from mkdaemon.vision.pose.projection import Projection
@@ -25,7 +25,7 @@ from mkdaemon.vision.tags.detector import TONES, Detector, Part
 from mkdaemon.vision.tags.tagmap import Tag, Target
 from mkdaemon.vision.track.attitude import Mounting, Sight, Turning
 from mkdaemon.vision.track.branches import Branches
-from mkdaemon.vision.track.judge import Judge, Verdict
+from mkdaemon.vision.track.judge import Decision, Judge, Verdict
 from mkdaemon.vision.track.level import LevelKnowledge
 
 FoundBy = Literal["predicted", "flow", "roi", "search"]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import inf
-from typing import Final
+from typing import Final, Literal
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from mkdaemon.config.vision import TrackerSection
 from mkdaemon.telemetry.vision import PoseRefusal
 from mkdaemon.vision.arrays import Array
 from mkdaemon.vision.limits import HALF, LIMITS
-from mkdaemon.vision.pose.ambiguity import Decision, prefers, residual_ratio
+from mkdaemon.vision.pose.ambiguity import prefers, residual_ratio
 from mkdaemon.vision.pose.fitting import TargetFitter
 from mkdaemon.vision.pose.gates import certainty_refusal, fit_refusal
 from mkdaemon.vision.pose.pose import Pose, angle_between, turn
@@ -23,6 +23,8 @@ from mkdaemon.vision.track.branches import Branches
 from mkdaemon.vision.track.level import LevelKnowledge
 
 CERTAINTY: Final = LIMITS.certainty
+Decision = Literal["unique", "image", "attitude", "track"]
+"""What settled which reading of a target is true."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -115,7 +117,7 @@ class Judge:
         if not fits:
             return Verdict(None, next(filter(None, refusals), PoseRefusal.NO_FIT))
         fits = self.candidates(seen, fits)
-        verdict = alone = self._judge_alone(seen.without_attitude(), fits)
+        verdict = alone = self._judge_alone(seen, fits)
         vertical = self.level.vertical(seen)
         if vertical is not None:
             verdict = self._judge_beside(seen, fits, vertical)
