@@ -10,6 +10,8 @@ import numpy.typing as npt
 Array = npt.NDArray[np.float64]
 Grey = npt.NDArray[np.uint8]
 Bools = npt.NDArray[np.bool_]
+Numbers = npt.NDArray[np.intp]
+Array32 = npt.NDArray[np.float32]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

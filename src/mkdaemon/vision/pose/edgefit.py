@@ -19,10 +19,10 @@ from math import sqrt
 
 import numpy as np
 
-from mkdaemon.vision.arrays import Array, Bools, Grey
+from mkdaemon.vision.arrays import Array, Bools, Grey, Numbers
 from mkdaemon.vision.limits import APART2, HALF, LIMITS
 from mkdaemon.vision.pose.ambiguity import loss_of
-from mkdaemon.vision.pose.edgefind import LEAST_OF_A_KIND, FoundEdges, Numbers, find_edges, kinds_of
+from mkdaemon.vision.pose.edgefind import LEAST_OF_A_KIND, FoundEdges, find_edges, kinds_of
 from mkdaemon.vision.pose.edgemodel import EdgeModel, Samples, seen_across
 from mkdaemon.vision.pose.pose import LEAST_RIDGE, Pose, damped, inverted, length2, median
 from mkdaemon.vision.pose.prints import RISES, sheet_of

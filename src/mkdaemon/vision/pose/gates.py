@@ -8,11 +8,10 @@ from math import log
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from mkdaemon.config.vision import TrackerSection
 from mkdaemon.telemetry.vision import PoseRefusal
-from mkdaemon.vision.arrays import Grey
+from mkdaemon.vision.arrays import Grey, Numbers
 from mkdaemon.vision.limits import HALF, LIMITS, NOISE_GREY
 from mkdaemon.vision.pose.ambiguity import facts
 from mkdaemon.vision.pose.edgemodel import EdgeModel
@@ -20,8 +19,6 @@ from mkdaemon.vision.pose.pose import Pose, largest_variance, quantile
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.tags.cellread import sample
 from mkdaemon.vision.tags.tagmap import Target
-
-Counts = npt.NDArray[np.intp]
 
 CLEAR: Final = 3.0 * LIMITS.ambiguity.decided
 """What cells say that are read clearly: as much as three images that decide [nats]."""
@@ -110,9 +107,9 @@ class CellReader:
         found = [read * right + (in_view - read) * wrong for read, _, in_view in self._read(pixels, pose, beside=True)]
         return max(float(odds.max() - max(odds[0], 0.0)) for odds in found)
 
-    def _read(self, pixels: Grey, pose: Pose, *, beside: bool = False) -> list[Counts]:
+    def _read(self, pixels: Grey, pose: Pose, *, beside: bool = False) -> list[Numbers]:
         """Pairs of each tag that are read, misread, and in view, in its place and whole cells beside `(3, steps)`."""
-        found: list[Counts] = []
+        found: list[Numbers] = []
         for cell, ends, all_steps in self._tags:
             steps = all_steps if beside else all_steps[:1]
             points = (ends[:, None] + steps[:, None]).reshape(-1, 3)

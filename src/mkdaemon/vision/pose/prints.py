@@ -20,17 +20,14 @@ from typing import Final
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
-from mkdaemon.vision.arrays import Array, Bools, Estimate, Grey
+from mkdaemon.vision.arrays import Array, Array32, Bools, Estimate, Grey
 from mkdaemon.vision.limits import HALF, LIMITS
 from mkdaemon.vision.pose.pose import Pose, correlation, refined
 from mkdaemon.vision.pose.projection import NEAR_M, Projection
 from mkdaemon.vision.pose.rolling import skew
 from mkdaemon.vision.tags.tagfamily import QUIET_ZONE_CELLS
 from mkdaemon.vision.tags.tagmap import ONE_PLANE, Tag, Target, covered
-
-Image32 = npt.NDArray[np.float32]
 
 TEXELS: Final = 24
 """Of a cell, each way, of a drawn print."""
@@ -241,7 +238,7 @@ class PrintTexture:
 
     def __init__(self, first: Tag, tags: Sequence[Tag]) -> None:
         self._cells = first.family.black_cells + 2 * QUIET_ZONE_CELLS
-        self._levels: dict[int, Image32] = {}
+        self._levels: dict[int, Array32] = {}
         # Cells of a smaller tag end within a texel, which is their mean.
         fine = TEXELS * TEXEL_PARTS
         drawn = np.full((self._cells * fine,) * 2, 255, dtype=np.uint8)
@@ -256,7 +253,7 @@ class PrintTexture:
         small = cv2.resize(drawn.astype(np.float32), (self._cells * TEXELS,) * 2, interpolation=cv2.INTER_AREA)
         self._drawn = small / np.float32(255)
 
-    def _level(self, number: int) -> Image32:
+    def _level(self, number: int) -> Array32:
         """Value, its slopes by x and y, and its second derivatives by xx, xy, yy `(side, side, 6)`."""
         if number not in self._levels:
             blur = SHARPEST * 2.0 ** (number / PER_OCTAVE / 2)
