@@ -18,7 +18,7 @@ from mkdaemon.vision.limits import HALF, LIMITS
 from mkdaemon.vision.pose.ambiguity import evidence, residual_ratio
 from mkdaemon.vision.pose.fitting import TargetFitter
 from mkdaemon.vision.pose.gates import fit_refusal
-from mkdaemon.vision.pose.pose import FLOOR_RANGE, Pose, angle_between
+from mkdaemon.vision.pose.pose import FLOOR_RANGE, Pose, angle_between, solve
 from mkdaemon.vision.pose.projection import NEAR_M, Projection
 from mkdaemon.vision.tags.cellread import Detection
 from mkdaemon.vision.tags.detector import Detector, Look
@@ -129,10 +129,12 @@ class StillEye:
         tags = [(own[code], one) for code, one in reversed(largest.items()) if code in own]
         if self._intrinsics is None or not tags:
             return None
-        candidates = self._fitter(target, self._intrinsics).cold(pixels, tags)
+        fitter = self._fitter(target, self._intrinsics)
+        candidates = fitter.cold(pixels, solve(tags, fitter.projection))
         if all(pose.source == "edges" and pose.rms_px >= LIMITS.health.drift_px for pose in candidates):
             # Residuals doubt the lens. The sides of a frontal tag tell no wrong ratio from a tilt: it costs degrees.
-            candidates = self._fitter(target, self._intrinsics, FLOOR_RANGE).cold(pixels, tags)
+            fitter = self._fitter(target, self._intrinsics, FLOOR_RANGE)
+            candidates = fitter.cold(pixels, solve(tags, fitter.projection))
         if not candidates:
             return None
         best, *others = sorted(candidates, key=lambda pose: pose.loss)

@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Final
 
 import cv2
 import numpy as np
 
-from mkdaemon.vision.arrays import Array, Estimate, Grey
+from mkdaemon.vision.arrays import Grey
 from mkdaemon.vision.limits import APART2, HALF, LIMITS
 from mkdaemon.vision.pose.edgefind import HALF_WIDTH
 from mkdaemon.vision.pose.edgefit import EdgeFit
 from mkdaemon.vision.pose.gates import CellReader
 from mkdaemon.vision.pose.photofit import PhotoFit
-from mkdaemon.vision.pose.pose import Pose, apart, length2, solve
+from mkdaemon.vision.pose.pose import Pose, apart, length2
 from mkdaemon.vision.pose.prints import SQUARE
 from mkdaemon.vision.pose.projection import NEAR_M, Projection
 from mkdaemon.vision.pose.unknowns import Level
@@ -40,9 +40,9 @@ class TargetFitter:
 
     Attributes:
         target: that is measured.
+        projection: of the camera.
         edges: fits it to edges, and asks them.
         cells: reads them.
-        shutter: what is known of the camera's line time.
         bend_known: what is known about the bend of the print.
         effort: spent since it was set to zero, in fits to edges; one to grey values takes as long as `GREY_EFFORT`.
     """
@@ -50,8 +50,7 @@ class TargetFitter:
     def __init__(self, target: Target, projection: Projection) -> None:
         self.target = target
         self.effort = 0
-        self.shutter = projection.shutter
-        self._projection = projection
+        self.projection = projection
         self.edges = EdgeFit(target, projection)
         self._photo = PhotoFit(target, projection)
         sheet = self._photo.prints.sheet
@@ -59,25 +58,9 @@ class TargetFitter:
         self.cells = CellReader(target, projection)
         self._outline = np.concatenate([tag.place(SQUARE * tag.paper / 2) for tag in target.tags])
 
-    def cold(
-        self,
-        pixels: Grey,
-        tags: Sequence[tuple[Tag, Detection]],
-        motion_at: Callable[[Array], Estimate] | None = None,
-        bend: Estimate | None = None,
-    ) -> list[Pose]:
-        """Fit every candidate that decoded tags allow; rival poses stay in the list.
-
-        Args:
-            pixels: `(h, w)` uint8.
-            tags: decoded, with their places in the target.
-            motion_at: what is known about the motion of a target at a place `(3,)` [m; RDF] under a rolling shutter.
-            bend: what is known about that of the print.
-        """
-        candidates = [replace(pose, known_bend=bend) for pose in solve(tags, self._projection)]
-        if motion_at is not None:
-            candidates = [replace(pose, known_motion=motion_at(pose.position)) for pose in candidates]
-        candidates = [self._photo.prints.gathered(pixels, candidate) for candidate in candidates]
+    def cold(self, pixels: Grey, starts: Sequence[Pose]) -> list[Pose]:
+        """Fit every pose that decoded tags allow, as `solve` finds them; rival poses stay in the list."""
+        candidates = [self._photo.prints.gathered(pixels, start) for start in starts]
         # Losses compare only between fits of one kind.
         for photometric in (True, False) if any(self._wants_photometric(c) for c in candidates) else (False,):
             fitted = [self._fit(pixels, candidate, photometric=photometric) for candidate in candidates]
@@ -156,7 +139,7 @@ class TargetFitter:
 
     def window(self, pose: Pose, shape: tuple[int, ...]) -> tuple[int, int, int, int] | None:
         """Part of the image `(x0, y0, x1, y1)` [px] that holds the target with room to spare."""
-        seen, visible = self._projection.project(self._outline @ pose.rotation.T + pose.position)
+        seen, visible = self.projection.project(self._outline @ pose.rotation.T + pose.position)
         if not bool(visible.any()):
             return None
         low, high = seen[visible].min(axis=0), seen[visible].max(axis=0)
@@ -170,16 +153,13 @@ class TargetFitter:
     def carried(self, before: Grey, now: Grey, last: Pose) -> Pose | None:
         """Where a camera that only turned sees the target, by where its whole image is found again; none if it is not.
 
-        Args:
-            before: image of the last pose `(h, w)` uint8.
-            now: image to look in.
-            last: pose in `before`.
+        `last` is its pose in the image `before` `(h, w)`.
         """
         outline = np.concatenate([tag.outline for tag in self.target.tags])
-        reach = int(LIMITS.search.shake * float(self._projection.focal[0]))
+        reach = int(LIMITS.search.shake * float(self.projection.focal[0]))
         height, width = now.shape
-        seen, visible = self._projection.project(outline @ last.rotation.T + last.position)
-        centre, ahead = self._projection.project(last.position[None, :])
+        seen, visible = self.projection.project(outline @ last.rotation.T + last.position)
+        centre, ahead = self.projection.project(last.position[None, :])
         if not bool(visible.all() and ahead.all()):
             return None
         # Of a target that leaves the image the part is asked that is still in it after a shake.
@@ -193,21 +173,21 @@ class TargetFitter:
         _, likeness, _, place = cv2.minMaxLoc(cv2.matchTemplate(area, patch, cv2.TM_CCOEFF_NORMED))
         if likeness < LIMITS.likeness.alike:
             return None
-        rays = self._projection.undistort(np.vstack([centre, centre + np.array(place) / coarse - reach]))
+        rays = self.projection.undistort(np.vstack([centre, centre + np.array(place) / coarse - reach]))
         old, new = (np.append(ray, 1.0) / np.hypot(1.0, np.linalg.norm(ray)) for ray in rays)
         turned = np.asarray(cv2.Rodrigues(np.cross(old, new))[0], dtype=np.float64)
         return replace(last, rotation=turned @ last.rotation, position=turned @ last.position)
 
     def side_px(self, pose: Pose) -> float:
         """Side of the largest tag in the image [px]."""
-        return float(self._projection.focal[0]) * self.target.tags[0].size / max(float(pose.position[2]), NEAR_M)
+        return float(self.projection.focal[0]) * self.target.tags[0].size / max(float(pose.position[2]), NEAR_M)
 
     def disagreement(self, pose: Pose, tags: Sequence[tuple[Tag, Detection]]) -> float:
         """Largest mean corner distance between decoded tags and where the pose puts them [cells of the tag]."""
         worst = 0.0
         for tag, found in tags:
             corners = tag.corners @ pose.rotation.T + pose.position
-            seen, visible = self._projection.project(corners, pose.motion)
+            seen, visible = self.projection.project(corners, pose.motion)
             if not bool(visible.all()):
                 return float("inf")
             distance = float(np.linalg.norm(seen - found.corners, axis=1).mean())

@@ -485,10 +485,6 @@ class PhotoFit:
 
         Cells of five to ten pixels have few edges; the pixels between tell as much again. Edges of smaller cells melt
         and object to nothing. Under a rolling shutter pixels know a first image's motion no better.
-
-        Args:
-            pixels: `(h, w)` uint8.
-            pose: fitted to edges, whole target in view; given back where grey values do not improve it.
         """
         is_whole = pose.source == "edges" and pose.inliers >= LIMITS.agreement.whole
         cell_px = self.prints.cell_px(pose)

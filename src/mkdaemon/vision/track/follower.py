@@ -17,7 +17,7 @@ from mkdaemon.vision.arrays import Array, Estimate, Grey
 from mkdaemon.vision.limits import HALF, LIMITS
 from mkdaemon.vision.pose.ambiguity import prefers
 from mkdaemon.vision.pose.fitting import TargetFitter
-from mkdaemon.vision.pose.pose import Pose, inverse, with_floor
+from mkdaemon.vision.pose.pose import Pose, inverse, solve, with_floor
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.pose.rolling import MOTIONS, Shutter, motion_of
 from mkdaemon.vision.tags.cellread import Detection
@@ -323,7 +323,7 @@ class Follower:
 
     def _with_climb(self, seen: Sight, start: Pose) -> Pose:
         """The start of a track's second image with the speed that both ranges tell: rows make a tilt of a climb."""
-        if not self._fitter.shutter.rolls or self.track.has_velocity:
+        if not self._fitter.projection.shutter.rolls or self.track.has_velocity:
             return start
         found = self._fitter.refine(seen.pixels, start)
         if found is None or found.inliers < LIMITS.agreement.blind or not self.track.goes_on(seen.time):
@@ -369,7 +369,7 @@ class Follower:
         else:
             track.published.append((time, pose))
             self._bend.learn(time, pose)
-            learn_rows(self._fitter.shutter, track.published)
+            learn_rows(self._fitter.projection.shutter, track.published)
             frame.refused.pop(self.name, None)
             self.contradicting = None
             known = self.name, self._fitter.target.frame, pose, verdict.ratio, verdict.decided_by, mode
@@ -400,9 +400,12 @@ class Follower:
             return
         frame.started.add(self.name)
         seen, track = self.level.sight(frame.sight), self.track
-        candidates = self._fitter.cold(
-            seen.pixels, tags, lambda place: known_motion(place, None, seen.turning), self._bend.at(seen.time)
-        )
+        bend = self._bend.at(seen.time)
+        starts = [
+            replace(pose, known_motion=known_motion(pose.position, None, seen.turning), known_bend=bend)
+            for pose in solve(tags, self._fitter.projection)
+        ]
+        candidates = self._fitter.cold(seen.pixels, starts)
         if candidates and not any(track.can_be_at(seen.time, pose) for pose in candidates):
             frame.refused[self.name] = PoseRefusal.OFF_COURSE
             return
