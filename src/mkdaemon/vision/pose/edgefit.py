@@ -264,7 +264,7 @@ class EdgeFit:
             # Edges wider than they were looked for are cut off, and less far from their place than they are.
             is_cut = edges.widest > CUT * reach
             to_go = step.change[POSE]
-            is_longer = last is not None and k > len(limits.reach_px) - 1 and moved > before and not is_cut
+            is_longer = k > len(limits.reach_px) - 1 and moved > before and not is_cut
             if is_longer and step.length2 < APART2:
                 # Edges of jagged pixels answer more than a move asks: the step before was nearer.
                 break

@@ -147,20 +147,14 @@ def fit_refusal(pose: Pose, cfg: TrackerSection) -> PoseRefusal | None:
     return next((refusal for is_wrong, refusal in signs if is_wrong), None)
 
 
-def certainty_refusal(pose: Pose, *, has_attitude: bool, is_plain: bool = False) -> PoseRefusal | None:
+def certainty_refusal(pose: Pose, *, has_attitude: bool) -> PoseRefusal | None:
     """Refuse poses whose own covariance or residual says they may be wrong; none when certain enough.
 
-    Args:
-        pose: measured.
-        has_attitude: whether an attitude stands against it.
-        is_plain: the target is large in the image and its cells are read clearly; hidden parts then mislead nobody.
+    `has_attitude`: whether an attitude stands against it.
     """
     certain = LIMITS.certainty
-    if not has_attitude:
-        if pose.unexplained_px > certain.blind_rms_px:
-            return PoseRefusal.RESIDUAL
-        if pose.inliers < LIMITS.agreement.blind and not is_plain:
-            return PoseRefusal.INLIERS
+    if not has_attitude and pose.unexplained_px > certain.blind_rms_px:
+        return PoseRefusal.RESIDUAL
     variance = largest_variance(pose.covariance[3:, 3:])
     if not np.isfinite(variance) or variance > (certain.angle_sd if has_attitude else certain.blind_angle_sd) ** 2:
         return PoseRefusal.ANGLE_UNCERTAIN

@@ -284,8 +284,8 @@ class PhotoStep:
 
 
 def matched(parts: Sequence[Part], residual: Array) -> float:
-    """Correlation of an image with what it shows of prints, less residuals `(n,)`; -1 for none or a negative."""
-    if not parts or not all(part.gain[0] > 0.0 for part in parts):
+    """Correlation of an image with what it shows of prints, less residuals `(n,)`; -1 for a negative."""
+    if not all(part.gain[0] > 0.0 for part in parts):
         return -1.0
     grey = of_all([part.at.grey for part in parts])
     return correlation(grey, grey - residual)

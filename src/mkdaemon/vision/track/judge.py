@@ -192,9 +192,9 @@ class Judge:
         is_plain = branches.prior.angle_sd < CERTAINTY.blind_angle_sd or self.is_plain(seen, fused)
         # Hidden parts, or a border faked by what hides them: the edges seen tell these apart.
         is_plain = is_plain or (is_partial and self._fitter.edges.evidence(seen.pixels, chosen).supports)
-        if is_partial and not is_plain:
+        if not is_plain and (is_partial or chosen.inliers < LIMITS.agreement.blind):
             return Verdict(fused, PoseRefusal.INLIERS, branches=branches)
-        refused = certainty_refusal(fused, has_attitude=False, is_plain=is_plain)
+        refused = certainty_refusal(fused, has_attitude=False)
         alone = fused if refused is None else None
         return Verdict(fused, refused, alone, branches, ratio=residual_ratio(chosen, candidates))
 
@@ -241,7 +241,7 @@ class Judge:
 
     def is_plainly_there(self, seen: Sight, pose: Pose) -> bool:
         """Whether a large target lies as a pose says, for all but the attitude."""
-        return self.is_plain(seen, pose) and certainty_refusal(pose, has_attitude=False, is_plain=True) is None
+        return self.is_plain(seen, pose) and certainty_refusal(pose, has_attitude=False) is None
 
     def _is_large(self, pose: Pose) -> bool:
         """Whether perspective tells a pose from its mirror image."""
