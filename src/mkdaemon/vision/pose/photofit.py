@@ -394,7 +394,7 @@ class PhotoFit:
 
     def _with_missing(self, pose: Pose, seen: Sequence[PrintModel], shown: Sequence[PrintModel]) -> Pose:
         """The pose with what speaks against it: prints that it puts into the image and that are not shown."""
-        size = {model: (model.half / model.depth(pose.rotation, pose.position)) ** 2 for model in {*seen, *shown}}
+        size = {model: (model.tag.paper / model.depth(pose.rotation, pose.position)) ** 2 for model in {*seen, *shown}}
         share = sum(size[model] for model in shown) / sum(size.values())
         loss = pose.loss**share * LIMITS.photo.lost_grey ** (2.0 * (1.0 - share))
         return replace(pose, inliers=share * pose.inliers, loss=loss)
@@ -443,7 +443,7 @@ class PhotoFit:
         by_point = contrast * of_all([part.at.by_point for part in parts])
         times = self._projection.row_times(of_all([part.at.row for part in parts]))
         sheet = self.prints.sheet
-        heights = None if sheet is None else sheet.heights(*(prints[0].cell * parts[0].at.place))
+        heights = None if sheet is None else sheet.heights(*(prints[0].tag.module * parts[0].at.place))
         # Columns that lie together in memory are added and multiplied faster than rows of three.
         table = prior.table(at, by_point.T, of_all([part.at.arm for part in parts]).T, times, heights)
         table.insert(2, Unknown("spread", contrast * of_all([part.at.by_spread for part in parts])))
