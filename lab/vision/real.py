@@ -155,8 +155,8 @@ def _eyes_look(frame: FlightFrame, found: TargetPose | None) -> Look:
 
 def _plain_look(frame: FlightFrame, target: Target, found: Sequence[Detection], projection: Projection) -> Look:
     """The better of both solutions of the corners, as a program without a track takes it."""
-    own = {(tag.family.name, tag.tag_id): tag for tag in target.tags}
-    pairs = [(own[tag.family, tag.tag_id], tag) for tag in found if (tag.family, tag.tag_id) in own]
+    own = {tag.code: tag for tag in target.tags}
+    pairs = [(own[tag.code], tag) for tag in found if tag.code in own]
     poses = solve(pairs, projection) if pairs else []
     if not poses:
         return Look(float(np.linalg.norm(frame.position)))

@@ -11,7 +11,7 @@ from typing import Any, Final
 from lab.vision.flight import VGA, FlightFrame, fly
 from lab.vision.stills import SeedSet, target_named
 from mkdaemon.vision.pose.edgefit import EdgeFit
-from mkdaemon.vision.pose.fitting import EdgeEvidence, TargetFitter
+from mkdaemon.vision.pose.fitting import TargetFitter
 from mkdaemon.vision.pose.gates import CellReader
 from mkdaemon.vision.pose.photofit import PhotoFit
 from mkdaemon.vision.tags.detector import Detector
@@ -27,7 +27,7 @@ STAGES: Final[dict[str, tuple[Callable[..., Any], ...]]] = {
     "edge fit": (EdgeFit.fit,),
     "grey-value fit": (PhotoFit.fit,),
     "cells": (CellReader.evidence, CellReader.shows, CellReader.beside),
-    "evidence": (EdgeEvidence.measure,),
+    "evidence": (EdgeFit.evidence,),
     "branches": (Branches.after,),
     "carry": (TargetFitter.carried,),
     "search": (Detector.search,),

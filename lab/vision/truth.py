@@ -19,7 +19,7 @@ from lab.vision.lens import drawn_lens
 from lab.vision.stills import SeedSet, Studio, error_of, look_once, target_named
 from mkdaemon.vision.camera.calibration_file import Intrinsics
 from mkdaemon.vision.pose.fitting import TargetFitter
-from mkdaemon.vision.pose.pose import Pose
+from mkdaemon.vision.pose.pose import Pose, solve
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.still import StillEye
 from mkdaemon.vision.tags.cellread import Detection
@@ -172,7 +172,8 @@ def rotation_series(folder: Path) -> dict[str, Any]:
 def rotation_pose(pixels: npt.NDArray[np.uint8], found: Detection, camera: Intrinsics) -> Pose:
     """Pose of a tag of the rotation series with an exact camera: of both candidates the better fit."""
     target = single(ROTATION_TAG_M, found.tag_id)
-    poses = TargetFitter(target, Projection(camera)).cold(pixels, [(target.tags[0], found)])
+    projection = Projection(camera)
+    poses = TargetFitter(target, projection).cold(pixels, solve([(target.tags[0], found)], projection))
     return min(poses, key=lambda pose: pose.loss)
 
 

@@ -1,6 +1,8 @@
-"""Types of the arrays that the eyes hand on; shape, unit and frame stand where each is used."""
+"""Types of the arrays that the eyes hand on, and estimates; shape, unit and frame stand where each is used."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -8,3 +10,23 @@ import numpy.typing as npt
 Array = npt.NDArray[np.float64]
 Grey = npt.NDArray[np.uint8]
 Bools = npt.NDArray[np.bool_]
+Numbers = npt.NDArray[np.intp]
+Array32 = npt.NDArray[np.float32]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Estimate:
+    """What is known of some unknowns.
+
+    Attributes:
+        mean: of each `(k,)`.
+        covariance: `(k, k)`.
+    """
+
+    mean: Array
+    covariance: Array
+
+    @property
+    def information(self) -> Array:
+        """Inverse of the covariance `(k, k)`."""
+        return np.asarray(np.linalg.inv(self.covariance), np.float64)

@@ -18,7 +18,7 @@ from mkdaemon.vision.limits import HALF, LIMITS
 from mkdaemon.vision.pose.ambiguity import evidence, residual_ratio
 from mkdaemon.vision.pose.fitting import TargetFitter
 from mkdaemon.vision.pose.gates import fit_refusal
-from mkdaemon.vision.pose.pose import FLOOR_RANGE, Pose, angle_between
+from mkdaemon.vision.pose.pose import FLOOR_RANGE, Pose, angle_between, solve
 from mkdaemon.vision.pose.projection import NEAR_M, Projection
 from mkdaemon.vision.tags.cellread import Detection
 from mkdaemon.vision.tags.detector import Detector, Look
@@ -123,15 +123,17 @@ class StillEye:
         self, pixels: Grey, target: Target, found: Sequence[Detection], intrinsics: Intrinsics | None
     ) -> StillPose | None:
         """The best candidate of one target, with what speaks against it."""
-        own = {(tag.family.name, tag.tag_id): tag for tag in target.tags}
+        own = {tag.code: tag for tag in target.tags}
         largest = {one.code: one for one in reversed(found)}
         tags = [(own[code], one) for code, one in reversed(largest.items()) if code in own]
         if intrinsics is None or not tags:
             return None
-        candidates = self._fitter(target, intrinsics).cold(pixels, tags)
+        fitter = self._fitter(target, intrinsics)
+        starts = solve(tags, fitter.projection)
+        candidates = fitter.cold(pixels, starts)
         if all(pose.source == "edges" and pose.rms_px >= LIMITS.health.drift_px for pose in candidates):
             # Residuals doubt the lens. The sides of a frontal tag tell no wrong ratio from a tilt: it costs degrees.
-            candidates = self._fitter(target, intrinsics, FLOOR_RANGE).cold(pixels, tags)
+            candidates = self._fitter(target, intrinsics, FLOOR_RANGE).cold(pixels, starts)
         if not candidates:
             return None
         best, *others = sorted(candidates, key=lambda pose: pose.loss)

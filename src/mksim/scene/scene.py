@@ -432,7 +432,7 @@ def true_corners(target: SceneTarget, view: CameraView) -> dict[tuple[str, int],
         normal = pose.enu_from_body @ tag.rotation[:, 2]
         if float((view.position_enu - pose.points(tag.position[None])[0]) @ normal) > NEAR_M:
             corners = project(view.camera_points(pose.points(tag.corners)), view.intrinsics)
-            seen[tag.family.name, tag.tag_id] = corners
+            seen[tag.code] = corners
     return seen
 
 

@@ -7,8 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mkdaemon.vision.pose.edgefit import EdgeFit
-from mkdaemon.vision.pose.fitting import EdgeEvidence
+from mkdaemon.vision.pose.edgefit import EdgeEvidence, EdgeFit
 from mkdaemon.vision.pose.pose import Pose, turn
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.tags.tagmap import TagMap
@@ -32,17 +31,17 @@ def test_a_right_pose_is_borne_out_behind_a_cover(name, reflectance, share):
     target = shipped(name)
     view = View(target, place(1.1, 0.35, around=1.0, roll=0.5), strip(target.tags[0].size, share, reflectance))
     start = Pose(view.rotation, view.position, np.eye(6), "edges", 0, 0.0)
-    fitted = EdgeFit(target, PROJECTION).fit(view.pixels, start)
+    fit = EdgeFit(target, PROJECTION)
+    fitted = fit.fit(view.pixels, start)
     assert fitted is not None
     assert angle_deg(fitted.rotation, view.rotation) < 0.5
-    evidence = EdgeEvidence(target, PROJECTION).measure(view.pixels, fitted)
-    assert evidence is not None
-    assert evidence.supports(), evidence
+    evidence = fit.evidence(view.pixels, fitted)
+    assert evidence.supports, evidence
 
 
 def test_no_wrong_fit_is_borne_out():
     target = shipped("single")
-    fit, evidence = EdgeFit(target, PROJECTION), EdgeEvidence(target, PROJECTION)
+    fit = EdgeFit(target, PROJECTION)
     rng = np.random.default_rng(5)
     wrong = 0
     for k in range(30):
@@ -56,8 +55,8 @@ def test_no_wrong_fit_is_borne_out():
         if fitted is None or angle_deg(fitted.rotation, view.rotation) < 2.0:
             continue
         wrong += 1
-        found = evidence.measure(view.pixels, fitted)
-        assert found is None or not found.supports(), (k, found)
+        found = fit.evidence(view.pixels, fitted)
+        assert not found.supports, (k, found)
     assert wrong >= 5
 
 
@@ -65,12 +64,12 @@ def test_nothing_is_borne_out_where_there_is_no_target():
     target = shipped("single")
     view = View(target, place(1.0, 0.2))
     pose = Pose(view.rotation, view.position, np.eye(6), "edges", 0, 0.0)
-    evidence = EdgeEvidence(target, PROJECTION)
-    assert evidence.measure(np.full((480, 640), 90, np.uint8), pose) is None
+    fit = EdgeFit(target, PROJECTION)
+    assert fit.evidence(np.full((480, 640), 90, np.uint8), pose) == EdgeEvidence()
     noise = np.random.default_rng(1).integers(0, 255, (480, 640)).astype(np.uint8)
-    found = evidence.measure(noise, pose)
-    assert found is None or not found.supports()
-    assert evidence.measure(view.pixels, replace(pose, position=np.array([9.0, 0.0, 1.0]))) is None
+    assert not EdgeEvidence().supports
+    assert not fit.evidence(noise, pose).supports
+    assert fit.evidence(view.pixels, replace(pose, position=np.array([9.0, 0.0, 1.0]))) == EdgeEvidence()
 
 
 @pytest.mark.parametrize("reflectance", [0.1, 0.5, 0.8])

@@ -12,7 +12,8 @@ from lab.vision import flight
 from lab.vision.flight import VGA, Device, FlightFrame, fly
 from lab.vision.stills import error_of, target_named
 from mkdaemon.telemetry.vision import Alarm
-from mkdaemon.vision.pose.rolling import HIDDEN, LONGEST, MOTIONS, NOMINAL, KnownMotion, SeenMotion, Shutter
+from mkdaemon.vision.arrays import Estimate
+from mkdaemon.vision.pose.rolling import HIDDEN, LONGEST, MOTIONS, NOMINAL, Shutter
 from mkdaemon.vision.tags.tagmap import TagMap
 from mkdaemon.vision.track.attitude import LOOKING_DOWN, AttitudeHistory
 from mkdaemon.vision.track.tracker import Tracker
@@ -27,12 +28,11 @@ BIAS = np.radians(0.7)
 def learned(line_time: float, images: int, rate: float = 0.5, seed: int = 1) -> Shutter:
     """A shutter after images of a camera that turns, seen to 0.05 rad/s and known to 0.1."""
     rng, shutter = np.random.default_rng([seed, 0x5B]), Shutter(None, REACH_PX)
-    information = np.eye(MOTIONS) / 0.05**2
     for _ in range(images):
         motion = rate * rng.standard_normal(MOTIONS)
         seen = motion * line_time / NOMINAL + 0.05 * rng.standard_normal(MOTIONS)
-        known = KnownMotion(motion + 0.1 * rng.standard_normal(MOTIONS), np.full(MOTIONS, 0.1))
-        shutter.learn(known, SeenMotion(information, information @ seen))
+        known = Estimate(motion + 0.1 * rng.standard_normal(MOTIONS), 0.1**2 * np.eye(MOTIONS))
+        shutter.learn(known, Estimate(seen, 0.05**2 * np.eye(MOTIONS)))
     return shutter
 
 
@@ -55,14 +55,16 @@ def test_a_camera_at_rest_tells_nothing() -> None:
 
 
 def test_what_is_not_told_makes_a_motion_less_certain_by_the_variance_of_the_product() -> None:
-    known = KnownMotion(np.array([0.4, 0.0, -0.2, 1.0]), np.array([0.1, 0.2, 0.1, 0.1]))
+    mean, spread = np.array([0.4, 0.0, -0.2, 1.0]), np.array([0.1, 0.2, 0.1, 0.1])
+    known = Estimate(mean, np.diag(spread**2))
     rng = np.random.default_rng(5)
-    drawn = rng.uniform(0.0, 2.0, (200_000, 1)) * (known.expected + known.spread * rng.standard_normal((200_000, 4)))
+    drawn = rng.uniform(0.0, 2.0, (200_000, 1)) * (mean + spread * rng.standard_normal((200_000, 4)))
     found = Shutter(None, REACH_PX).motion(known)
-    np.testing.assert_allclose(found.expected, drawn.mean(axis=0), atol=0.01)
-    np.testing.assert_allclose(found.spread, drawn.std(axis=0), rtol=0.02)
+    np.testing.assert_allclose(found.mean, drawn.mean(axis=0), atol=0.01)
+    np.testing.assert_allclose(np.sqrt(np.diag(found.covariance)), drawn.std(axis=0), rtol=0.02)
     told = Shutter(30e-6).motion(known)
-    np.testing.assert_allclose([told.expected, told.spread], [known.expected, known.spread])
+    np.testing.assert_allclose(told.mean, known.mean)
+    np.testing.assert_allclose(told.covariance, known.covariance)
 
 
 @pytest.fixture(scope="module")

@@ -149,7 +149,7 @@ def test_grey_values_on_their_way_give_way_to_the_edges_of_large_cells(monkeypat
     start = Pose(view.rotation, 1.002 * view.position, 1e-6 * np.eye(6), "edges", 200, 0.05)
     fitter = TargetFitter(target, Projection(VGA))
     for rms_px, source in ((0.1, "photometric"), (0.8, "edges")):
-        explained = {"source": "photometric", "inliers": 1.0, "match": 1.0}
+        explained = {"source": "photometric", "inliers": 1.0, "likeness": 1.0}
         grey = replace(start, position=1.03 * view.position, rms_px=rms_px, **explained)
         monkeypatch.setattr(PhotoFit, "fit", lambda *_, found=grey, **__: found)
         fitted = fitter.refine(view.pixels, start)

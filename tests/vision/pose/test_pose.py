@@ -209,8 +209,8 @@ def test_photometric_fit_of_far_tags(distance, most):
         fits = [PhotoFit(target, PROJECTION).fit(view.pixels, start) for start in tagged]
         best = min((fit for fit in fits if fit is not None), key=lambda pose: pose.loss)
         assert best.source == "photometric"
-        assert best.match is not None
-        assert best.match > 0.97
+        assert best.likeness is not None
+        assert best.likeness > 0.999
         errors.append(np.linalg.norm(best.position - view.position))
     assert np.median(errors) < most
 

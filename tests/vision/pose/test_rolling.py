@@ -9,6 +9,7 @@ import numpy.typing as npt
 import pytest
 
 from lab.vision.stills import error_of, target_named
+from mkdaemon.vision.arrays import Estimate
 from mkdaemon.vision.camera.calibration_file import Intrinsics
 from mkdaemon.vision.limits import HALF, LIMITS
 from mkdaemon.vision.pose.edgefit import EdgeFit
@@ -16,7 +17,7 @@ from mkdaemon.vision.pose.fitting import TargetFitter
 from mkdaemon.vision.pose.photofit import PhotoFit
 from mkdaemon.vision.pose.pose import Pose, turn
 from mkdaemon.vision.pose.projection import Projection
-from mkdaemon.vision.pose.rolling import KnownMotion, motion_jacobian, motion_of
+from mkdaemon.vision.pose.rolling import motion_jacobian, motion_of
 from mkdaemon.vision.pose.unknowns import Level, Prior, Unknowns
 from mkdaemon.vision.tags.cellread import Detection
 from mksim.scene.light import CLEAN, Conditions
@@ -42,12 +43,12 @@ def moving_view() -> CameraView:
     )
 
 
-def climb(speed: float) -> KnownMotion:
+def climb(speed: float) -> Estimate:
     """A speed along the optical axis that a track knows, and nothing about turns."""
-    return KnownMotion(np.array([0.0, 0.0, 0.0, speed]), np.array([1.0, 1.0, 1.0, 0.1]))
+    return Estimate(np.array([0.0, 0.0, 0.0, speed]), np.diag([1.0, 1.0, 1.0, 0.1**2]))
 
 
-def fit(lens: Intrinsics, known: KnownMotion | None = None) -> tuple[Pose, float, float]:
+def fit(lens: Intrinsics, known: Estimate | None = None) -> tuple[Pose, float, float]:
     """A fit of a moving camera's image, with its errors [m], [deg]."""
     view = moving_view()
     rotation, position = cam_from_target(PAD, view)
@@ -136,7 +137,7 @@ def test_a_far_print_under_a_rolling_shutter_is_fitted_with_what_is_known_of_the
     view = CameraView(GLOBAL, at_rest.enu_from_cam, at_rest.position_enu, rate_cam=rate, line_time=LINE_TIME)
     rotation, position = cam_from_target(PAD, view)
     pixels = SCENE.render(view, CLEAN)
-    known = KnownMotion(np.array([*rate, 0.0]), np.array([0.05, 0.05, 0.05, 0.1]))
+    known = Estimate(np.array([*rate, 0.0]), np.diag([0.05, 0.05, 0.05, 0.1]) ** 2)
     start = Pose(rotation, position * 1.002, np.eye(6), "corners", 4, 0.1)
     plain = PhotoFit(PAD.target, Projection(GLOBAL)).fit(pixels, start)
     found = PhotoFit(PAD.target, Projection(LENS)).fit(pixels, replace(start, known_motion=known))
@@ -154,7 +155,7 @@ def test_a_turn_about_the_optical_axis_bends_a_far_print_and_turns_no_pose() -> 
         rate = np.array([0.0, 0.0, turning])
         view = CameraView(GLOBAL, at_rest.enu_from_cam, at_rest.position_enu, rate_cam=rate, line_time=LINE_TIME)
         rotation, position = cam_from_target(PAD, view)
-        known = KnownMotion(np.array([*rate, 0.0]), np.array([0.05, 0.05, 0.05, 0.1]))
+        known = Estimate(np.array([*rate, 0.0]), np.diag([0.05, 0.05, 0.05, 0.1]) ** 2)
         start = Pose(rotation, position * 1.002, np.eye(6), "corners", 4, 0.1, known_motion=known)
         found = PhotoFit(PAD.target, Projection(LENS)).fit(SCENE.render(view, CLEAN), start)
         assert found is not None
@@ -174,7 +175,7 @@ def test_a_far_fit_under_a_rolling_shutter_passes_a_rise_of_its_cost(seed: int) 
     rotation, position = cam_from_target(PAD, view)
     pixels = SCENE.render(view, Conditions())
     expected = np.array([*(rate + 0.12 * rng.standard_normal(3)), 0.0])
-    known = KnownMotion(expected, np.array([0.12, 0.12, 0.12, 4.0]))
+    known = Estimate(expected, np.diag([0.12, 0.12, 0.12, 4.0]) ** 2)
     ends = []
     for degrees, nearer in ((9.0, 0.97), (0.5, 1.0)):
         axis = rng.standard_normal(3) * (1.0, 1.0, 0.2)
@@ -225,6 +226,6 @@ def test_decoded_corners_are_compared_with_where_their_rows_saw_them(turning: fl
     (tag,) = target.tags
     seen = projection.exposed(tag.corners @ pose.rotation.T + pose.position, motion)[0]
     corners = projection.project(seen)[0]
-    decoded = [(tag, Detection(tag.family.name, tag.tag_id, 0, 60.0, corners))]
+    decoded = [(tag, Detection(*tag.code, 0, 60.0, corners))]
     assert fitter.disagreement(pose, decoded) < 0.02
     assert fitter.disagreement(replace(pose, motion=None), decoded) > HALF

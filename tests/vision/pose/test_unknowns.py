@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from mkdaemon.vision.arrays import Estimate
 from mkdaemon.vision.pose.pose import Pose, angle_between, turn
 from mkdaemon.vision.pose.projection import Projection
-from mkdaemon.vision.pose.rolling import KnownMotion, Shutter
-from mkdaemon.vision.pose.unknowns import Level, Prior, Unknown, Unknowns
+from mkdaemon.vision.pose.rolling import Shutter
+from mkdaemon.vision.pose.unknowns import RIDGE, Level, Prior, Unknown, Unknowns
 from tests.vision.views import VGA
 
 RNG = np.random.default_rng(3)
@@ -49,7 +50,7 @@ def test_a_level_turns_a_target_upright_where_an_image_says_little() -> None:
 
 
 def test_what_an_image_says_of_a_motion_is_without_what_was_known_of_it() -> None:
-    known = KnownMotion(np.array([0.1, 0.2, -0.1, 0.3]), np.full(4, 0.5))
+    known = Estimate(np.array([0.1, 0.2, -0.1, 0.3]), 0.5**2 * np.eye(4))
     shutter = Shutter(None, 100.0)
     asked = shutter.motion(known)
     start = Pose(START.rotation, PLACE, np.eye(6), "corners", 4, 0.1, known_motion=known)
@@ -58,11 +59,11 @@ def test_what_an_image_says_of_a_motion_is_without_what_was_known_of_it() -> Non
     unknowns = Unknowns(prior.table(state, SLOPES, POINTS, RNG.standard_normal(40), None))
     image = np.diag([1.0, 2.0, 3.0, 4.0])
     covariance = np.eye(len(unknowns.rows))
-    covariance[unknowns["motion"], unknowns["motion"]] = np.linalg.inv(image + np.diag(asked.spread**-2))
+    covariance[unknowns["motion"], unknowns["motion"]] = np.linalg.inv(image + asked.information)
     seen = prior.seen_motion(state, unknowns, covariance)
     assert seen is not None
-    np.testing.assert_allclose(seen.information, image, atol=1e-9)
-    np.testing.assert_allclose(seen.pull, -asked.expected / asked.spread**2)
+    np.testing.assert_allclose(seen.information, image, atol=2.0 * RIDGE)
+    np.testing.assert_allclose(image @ seen.mean, -asked.information @ asked.mean, rtol=2.0 * RIDGE)
     assert Prior(START, None, Projection(VGA, Shutter(30e-6)), None).seen_motion(state, unknowns, covariance) is None
 
 

@@ -29,8 +29,8 @@ def flooded(pixels_per_cell: int) -> np.ndarray:
 def test_the_inner_tag_covers_the_middle_of_the_outer_one(name: str) -> None:
     outer, inner = shipped(name).tags
     covered = covered_cells(TagMap((shipped(name),)))
-    assert not covered[inner.family.name, inner.tag_id].any()
-    under = covered[outer.family.name, outer.tag_id]
+    assert not covered[inner.code].any()
+    under = covered[outer.code]
     assert under[MIDDLE].all()
     assert under.sum() == 4
 

@@ -34,6 +34,6 @@ def test_three_borders_in_view_are_a_start(distance: float, reflectance: float, 
     covered = replace(Conditions(), covers=(shoe(0.15, reflectance, quarters),))
     view = View(TARGET, place(distance, 0.3), covered)
     (found,) = DETECTOR.search(view.pixels, "outline")
-    corners = view.corners[TAG.family.name, TAG.tag_id]
+    corners = view.corners[TAG.code]
     off = np.linalg.norm(found.corners - corners, axis=1).max() / (found.side_px / TAG.family.black_cells)
     assert off < 0.6  # cells; the fit to edges begins within half of one or so

@@ -15,6 +15,7 @@ from mkdaemon.vision.calibrate.target_print import svg, target_page
 from mkdaemon.vision.camera.image import CameraImage
 from mkdaemon.vision.pose.fitting import TargetFitter
 from mkdaemon.vision.pose.gates import CellReader
+from mkdaemon.vision.pose.pose import solve
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.tags import tagfamily
 from mkdaemon.vision.tags.detector import Detector, library_of
@@ -56,7 +57,8 @@ def test_a_rendered_tag_is_found_with_its_corners_and_posed(name):
         true = true_corners(placed, view)[name, 7]
         assert (found.family, found.tag_id, found.hamming) == (name, 7, 0)
         assert np.abs(found.corners - true).max() < (0.3 if distance < 3.0 else 0.8)
-        fitted = TargetFitter(target, Projection(VGA)).cold(pixels, [(target.tags[0], found)])
+        starts = solve([(target.tags[0], found)], Projection(VGA))
+        fitted = TargetFitter(target, Projection(VGA)).cold(pixels, starts)
         rotation, position = cam_from_target(placed, view)
         errors = [error_of(pose.rotation, pose.position, rotation, position) for pose in fitted]
         best = min(errors, key=lambda error: error.angle_deg)

@@ -47,23 +47,23 @@ def shot(**change: float) -> np.ndarray:
     ],
 )
 def test_one_image(image: Callable[[], np.ndarray], alarms: list[str]) -> None:
-    assert ImageHealth(640, 480).check(image()) == alarms
+    assert ImageHealth(VGA).check(image()) == alarms
 
 
 def test_without_a_calibration_any_size_will_do() -> None:
-    assert ImageHealth(None, None).check(shot()[:100, :100]) == []
+    assert ImageHealth(None).check(shot()[:100, :100]) == []
 
 
 def test_equal_images_are_a_frozen_camera() -> None:
     image, fresh = shot(), shot()
-    health = ImageHealth(640, 480)
+    health = ImageHealth(VGA)
     frozen = ["frozen" in health.check(image) for _ in range(LIMITS.health.frozen_images + 2)]
     assert frozen == [False] * LIMITS.health.frozen_images + [True] * 2
     assert "frozen" not in health.check(fresh)
 
 
 def test_a_covered_lens_is_dark_and_not_frozen() -> None:
-    health = ImageHealth(640, 480)
+    health = ImageHealth(VGA)
     for _ in range(LIMITS.health.frozen_images + 3):
         assert health.check(np.zeros((480, 640), np.uint8)) == ["dark"]
 
@@ -80,7 +80,7 @@ def test_a_covered_lens_is_dark_and_not_frozen() -> None:
     ],
 )
 def test_images_without_focus_are_told_however_they_were_measured(source, blur_px, side_px, alarms) -> None:
-    health = ImageHealth(640, 480)
+    health = ImageHealth(VGA)
     pose = Pose(np.eye(3), np.array([0.0, 0.0, 2.0]), np.eye(6), source, 200, 0.05, blur_px=blur_px)
     for _ in range(30):
         health.note(pose, side_px)

@@ -55,8 +55,8 @@ def test_a_pose_two_cells_of_the_inner_tag_beside_its_place_is_refused(name, dis
     view = View(shipped(name), place(distance, 0.2))
     fitter, seen = TargetFitter(shipped(name), Projection(VGA)), sight(view)
     doubted = replace(beside(name, view, cells), inliers=0.5)  # as of a fit that stays there
-    assert fitter.evidence(view.pixels, doubted).vouches, "all cells together do not tell"
-    assert fitter.beside(view.pixels, doubted) > HALF * LIMITS.ambiguity.decided
+    assert fitter.cells.evidence(view.pixels, doubted).vouches, "all cells together do not tell"
+    assert fitter.cells.beside(view.pixels, doubted) > HALF * LIMITS.ambiguity.decided
     assert judge_of(fitter).refusal(seen, doubted) is PoseRefusal.BITS
 
 
@@ -81,7 +81,7 @@ def test_a_right_pose_with_the_inner_tag_hidden_stays(texture):
     pose = fitter.refine(pixels, truth(view))
     assert pose is not None
     assert off(pose, view) < 1e-3
-    assert fitter.beside(pixels, pose) == 0.0
+    assert fitter.cells.beside(pixels, pose) == 0.0
     assert judge_of(fitter).refusal(sight(view, pixels), pose) is None
 
 
@@ -90,9 +90,9 @@ def test_cells_outside_the_image_or_too_small_tell_nothing():
     fitter = TargetFitter(target, Projection(VGA))
     away = replace(truth(view), position=view.position + np.array([5.0, 0.0, 0.0]))
     far = replace(truth(view), position=20.0 * view.position)
-    assert fitter.evidence(view.pixels, away) == NOTHING
-    assert fitter.evidence(view.pixels, far) == NOTHING
-    assert fitter.beside(view.pixels, far) == 0.0
+    assert fitter.cells.evidence(view.pixels, away) == NOTHING
+    assert fitter.cells.evidence(view.pixels, far) == NOTHING
+    assert fitter.cells.beside(view.pixels, far) == 0.0
 
 
 def turned_away(name: str, distance: float, toward: float, way: float = 1.0, tilt: float = 0.2) -> View:
@@ -134,7 +134,7 @@ def test_where_few_edges_agree_those_that_are_seen_have_to(distance, toward, ste
     beside, right = fitter.refine(view.pixels, start), fitter.refine(view.pixels, truth(view))
     assert off(beside, view) > 0.01
     assert beside.inliers < LIMITS.agreement.blind
-    assert not fitter.explains_seen_edges(view.pixels, beside)
+    assert not fitter.edges.evidence(view.pixels, beside).explains
     assert judge.refusal(seen, beside) in (PoseRefusal.INLIERS, PoseRefusal.RESIDUAL)
     assert off(right, view) < 1e-3
     assert judge.refusal(seen, right) is None
@@ -150,4 +150,4 @@ def test_a_target_that_is_covered_by_half_shows_the_other_edges_where_they_are()
     pose = fitter.refine(pixels, truth(view))
     assert off(pose, view) < 1e-3
     assert pose.inliers < LIMITS.agreement.blind
-    assert fitter.explains_seen_edges(pixels, pose)
+    assert fitter.edges.evidence(pixels, pose).explains

@@ -38,7 +38,7 @@ def test_a_target_is_decoded_again_one_way_at_a_time_and_large_ones_at_half_the_
     looks = [(tone, decimate) for tone in TONES]
     assert blind.looks == looks
     (tag,) = target.tags
-    blind.found = [Detection(tag.family.name, tag.tag_id, 0, 50.0, np.zeros((4, 2)))]
+    blind.found = [Detection(*tag.code, 0, 50.0, np.zeros((4, 2)))]
     for _ in range(2):
         follower._search_again(np.zeros((480, 640), np.uint8), (0, 0, side, 400))
     assert blind.looks[len(looks) :] == looks[:1] * 2, "what finds it stays"

@@ -11,6 +11,7 @@ import pytest
 from mkdaemon.config.vision import TrackerSection
 from mkdaemon.telemetry.vision import PoseRefusal
 from mkdaemon.vision.limits import LIMITS
+from mkdaemon.vision.pose.edgefit import EdgeEvidence
 from mkdaemon.vision.pose.gates import CellEvidence
 from mkdaemon.vision.pose.pose import Pose, turn
 from mkdaemon.vision.tags.tagmap import TagMap, Target
@@ -46,6 +47,13 @@ CLEAR, UNCLEAR = CellEvidence(30.0, 40.0, 30.0), CellEvidence(10.0, 20.0, 10.0)
 UNREAD, UNKNOWN = CellEvidence(-4.0, 20.0, -4.0), CellEvidence()
 
 
+class Answers:
+    """Cells or edges that answer what the test says."""
+
+    def __init__(self, evidence: CellEvidence | EdgeEvidence, beside: float = 0.0) -> None:
+        self.evidence, self.beside = (lambda _pixels, _pose: evidence), (lambda _pixels, _pose: beside)
+
+
 @dataclass
 class GivenFits:
     """A fitter that answers what the test says."""
@@ -53,7 +61,7 @@ class GivenFits:
     free: Pose | None = None
     held: Pose | None = None
     mirror: Pose | None = None
-    cells: CellEvidence = CLEAR
+    read: CellEvidence = CLEAR
     beside_nats: float = 0.0
     cell_px: float = 10.0
     grey: list[Pose] = field(default_factory=list)
@@ -73,17 +81,13 @@ class GivenFits:
     def fit_grey_values(self, pixels, rivals):
         return self.grey
 
-    def evidence(self, pixels, pose):
-        return self.cells
+    @property
+    def cells(self):
+        return Answers(self.read, self.beside_nats)
 
-    def beside(self, pixels, pose):
-        return self.beside_nats
-
-    def is_supported(self, pixels, pose):
-        return self.supported
-
-    def explains_seen_edges(self, pixels, pose):
-        return self.explains
+    @property
+    def edges(self):
+        return Answers(EdgeEvidence(seen=float(self.supported), agreeing=float(self.explains)))
 
     def side_px(self, pose):
         return self.cell_px * self.target.tags[0].family.size_cells
@@ -135,7 +139,7 @@ def test_a_fit_beside_an_attitude(pose, refusal, is_kept):
     ],
 )
 def test_cells_are_asked_and_where_edges_disagree_those_beside_too(cells, beside, inliers, refusal) -> None:
-    fits = GivenFits(fitted(inliers=inliers), cells=cells, beside_nats=beside)
+    fits = GivenFits(fitted(inliers=inliers), read=cells, beside_nats=beside)
     assert judge_of(fits).measure(sight(), fitted()).refusal is refusal
 
 
@@ -187,9 +191,9 @@ TILTED = fitted(tilt_deg=12.0)
 WITHOUT_ATTITUDE = [
     # large in the image: perspective tells
     ({"cell_px": 30.0}, TILTED, None),
-    ({"cell_px": 30.0, "cells": UNCLEAR}, replace(TILTED, inliers=0.7), PoseRefusal.INLIERS),
-    ({"cell_px": 30.0, "cells": CLEAR}, replace(TILTED, inliers=0.7), None),
-    ({"cell_px": 30.0, "cells": CLEAR}, replace(TILTED, rms_px=0.7), PoseRefusal.RESIDUAL),
+    ({"cell_px": 30.0, "read": UNCLEAR}, replace(TILTED, inliers=0.7), PoseRefusal.INLIERS),
+    ({"cell_px": 30.0, "read": CLEAR}, replace(TILTED, inliers=0.7), None),
+    ({"cell_px": 30.0, "read": CLEAR}, replace(TILTED, rms_px=0.7), PoseRefusal.RESIDUAL),
     # blur hides perspective, the mirror image fits as well
     ({"cell_px": 30.0, "mirror": mirrored(TILTED)}, replace(TILTED, blur_px=4.0), PoseRefusal.AMBIGUOUS),
     # small: the mirror image fits as well, much worse, or is the same pose
@@ -260,7 +264,7 @@ FIRST = [
     # fits, candidates, attitude known, refusal
     ({}, [], True, PoseRefusal.NO_FIT),
     ({}, [fitted()], True, None),
-    ({"cells": UNREAD}, [fitted()], True, PoseRefusal.BITS),
+    ({"read": UNREAD}, [fitted()], True, PoseRefusal.BITS),
     ({}, [fitted(tilt_deg=8.0)], True, PoseRefusal.ATTITUDE),
     # the image alone would publish it
     ({"held": fitted()}, [fitted(tilt_deg=8.0)], True, PoseRefusal.ATTITUDE),

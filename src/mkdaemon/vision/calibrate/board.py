@@ -126,7 +126,7 @@ class TagBoard:
             raise ConfigError(msg)
         self._target = target
         self._detector = Detector(TagMap((target,)).whitelist)
-        self._place = {(tag.family.name, tag.tag_id): (k, tag) for k, tag in enumerate(target.tags)}
+        self._place = {tag.code: (k, tag) for k, tag in enumerate(target.tags)}
 
     @property
     def title(self) -> str:

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Literal
 
 import numpy as np
 
 from mkdaemon.vision.arrays import Array
 from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.pose import Pose, angle_between
-
-Decision = Literal["unique", "image", "attitude", "track"]
 
 CAUTION = 4.0
 """Images over which the errors of a pose last, where light, blur or cover cause them: a factor on its variance, and by

@@ -21,17 +21,13 @@ from math import erf, pi, sqrt
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
-from mkdaemon.vision.arrays import Array, Bools, Grey
+from mkdaemon.vision.arrays import Array, Array32, Bools, Grey, Numbers
 from mkdaemon.vision.camera.image import BRIGHTEST
 from mkdaemon.vision.limits import HALF, LIMITS, NOISE_GREY
 from mkdaemon.vision.pose.edgemodel import Samples
 from mkdaemon.vision.pose.pose import median, quantile
 from mkdaemon.vision.pose.unknowns import Unknown
-
-Array32 = npt.NDArray[np.float32]
-Numbers = npt.NDArray[np.intp]
 
 STEP_PX = 0.5
 """Distance of the grey values along a normal [px]; more while the reach is long."""
@@ -194,19 +190,19 @@ def find_edges(pixels: Grey, samples: Samples) -> FoundEdges:
     return FoundEdges(centre - moved, found, widths, trust, room, share, light)
 
 
-def _profiles(pixels: Grey, samples: Samples) -> tuple[Array32, npt.NDArray[np.floating], float]:
+def _profiles(pixels: Grey, samples: Samples) -> tuple[Array32, Array, float]:
     """Grey values along the normals, a column a sample, the places along them, and from one place to the next [px]."""
     longest = float(samples.reach.max())
     spacing = max(STEP_PX, longest / STEPS)
     count = int(np.ceil((longest + 1.0) / spacing))
-    along = np.arange(-count, count + 1) * spacing
+    along = np.asarray(np.arange(-count, count + 1) * spacing, np.float64)
     x = (samples.pixels[:, 0] + along[:, None] * samples.normals[:, 0]).astype(np.float32)
     y = (samples.pixels[:, 1] + along[:, None] * samples.normals[:, 1]).astype(np.float32)
     profile = cv2.remap(pixels, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE).astype(np.float32)
     return profile, along, spacing
 
 
-def _sides(profile: Array32, along: npt.NDArray[np.floating], reach: Array) -> Array:
+def _sides(profile: Array32, along: Array, reach: Array) -> Array:
     """Grey values at both ends of the profiles, dark and bright `(2, n)`, at their reach `(n,)` [px]."""
     end = np.searchsorted(along, reach, side="right") - 1
     columns = np.arange(profile.shape[1])

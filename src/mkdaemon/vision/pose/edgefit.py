@@ -14,20 +14,21 @@ Source: model-edge tracking, Drummond and Cipolla, PAMI 24(7), 2002; Tukey weigh
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from math import sqrt
 
 import numpy as np
 
-from mkdaemon.vision.arrays import Array, Bools, Grey
+from mkdaemon.vision.arrays import Array, Bools, Grey, Numbers
 from mkdaemon.vision.limits import APART2, HALF, LIMITS
 from mkdaemon.vision.pose.ambiguity import loss_of
-from mkdaemon.vision.pose.edgefind import LEAST_OF_A_KIND, FoundEdges, Numbers, find_edges, kinds_of
+from mkdaemon.vision.pose.edgefind import LEAST_OF_A_KIND, FoundEdges, find_edges, kinds_of
 from mkdaemon.vision.pose.edgemodel import EdgeModel, Samples, seen_across
-from mkdaemon.vision.pose.pose import LEAST_RIDGE, Pose, inverted, length2, median
+from mkdaemon.vision.pose.pose import LEAST_RIDGE, Pose, damped, inverted, length2, median
 from mkdaemon.vision.pose.prints import RISES, sheet_of
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.pose.unknowns import POSE, Level, Prior, State, Unknown, Unknowns, not_arrived
+from mkdaemon.vision.tags.cellread import sample
 from mkdaemon.vision.tags.tagmap import Target
 
 LEAST_EDGES = 12
@@ -45,6 +46,8 @@ GIVES_WAY = (1.0 / 2.0, 3.0 / 4.0, 5.0 / 6.0)
 """Each term of the series of (1 - h)^-1/2 over h times the one before."""
 ROUNDS = 3
 """Weights and step depend on each other: so often."""
+CLEAR_PERCENT = 75
+"""Percentile of the contrast that the clear edges have."""
 
 
 class EdgeStep:
@@ -158,6 +161,8 @@ class EdgeStep:
         covariance = self.unknowns.covariance(inverted(normal), self.weights, noise)
         of_pose, bend = prior.measured(at, self.unknowns, covariance)
         limits, edges, size = LIMITS.edges, self.edges, np.abs(self._residual)
+        # Melted edges leave a residual, at least in one of the two ways that they run.
+        ragged_px = MAD * max(median(size[kind]) for kind in kinds_of(edges.found, self._samples.upright))
         return Pose(
             at.rotation,
             at.position,
@@ -169,8 +174,7 @@ class EdgeStep:
             float(np.linalg.norm(self.change[:3])) / max(float(np.linalg.norm(at.position)), 1e-9),
             loss=loss_of(np.where(self.agrees, size, np.inf), 2.0 * limits.located_px, limits.least_scale_px),
             blur_px=edges.width,
-            widest_px=edges.widest,
-            ragged_px=MAD * max(median(size[kind]) for kind in kinds_of(edges.found, self._samples.upright)),
+            melted_px=LIMITS.cells.melted_widths * edges.widest if ragged_px >= LIMITS.health.drift_px else 0.0,
             shift_px=float(self.change[-1]),
             blown=edges.blown,
             motion=at.motion,
@@ -185,6 +189,36 @@ def _inside(size: Array, kinds: Sequence[Numbers]) -> Array:
     """Root of Tukey's weights by the sizes of all residuals `(n,)` [px]: the larger median of both kinds is usual."""
     usual = max(MAD * max(median(size[kind]) for kind in kinds), LIMITS.edges.least_scale_px)
     return np.asarray(np.maximum(1.0 - (size / (LIMITS.edges.tukey * usual)) ** 2, 0.0), np.float64)
+
+
+@dataclass(frozen=True, slots=True)
+class EdgeEvidence:
+    """What the edges say about a fitted pose.
+
+    Two questions tell a right pose from one that follows the rim of something lying on the print: do the edges agree
+    whose cells are seen, and does the pose stay where it is when any one straight line of edges is taken away? A rim is
+    straight and covers one line of the grid.
+
+    Attributes:
+        seen: share of the edges in view with the print's contrast.
+        agreeing: share of these that lie where the pose puts them.
+        leverage: largest turn of the pose when one straight line of edges is taken away [rad].
+    """
+
+    seen: float = 0.0
+    agreeing: float = 0.0
+    leverage: float = 0.0
+
+    @property
+    def supports(self) -> bool:
+        """Whether the pose can be believed with parts of the target hidden."""
+        agrees = self.seen >= HALF and self.agreeing >= LIMITS.agreement.whole
+        return agrees and self.leverage <= LIMITS.edges.max_leverage
+
+    @property
+    def explains(self) -> bool:
+        """Whether the edges that are seen lie where the pose puts them, however many are hidden."""
+        return self.agreeing >= LIMITS.likeness.clear
 
 
 class EdgeFit:
@@ -230,7 +264,7 @@ class EdgeFit:
             # Edges wider than they were looked for are cut off, and less far from their place than they are.
             is_cut = edges.widest > CUT * reach
             to_go = step.change[POSE]
-            is_longer = last is not None and k > len(limits.reach_px) - 1 and moved > before and not is_cut
+            is_longer = k > len(limits.reach_px) - 1 and moved > before and not is_cut
             if is_longer and step.length2 < APART2:
                 # Edges of jagged pixels answer more than a move asks: the step before was nearer.
                 break
@@ -253,6 +287,23 @@ class EdgeFit:
             return None
         samples, edges, unknowns = found
         return samples, replace(edges, offsets=edges.offsets - pose.shift_px * edges.toned), unknowns
+
+    def evidence(self, pixels: Grey, pose: Pose) -> EdgeEvidence:
+        """Ask all edges of an image `(h, w)` about a pose fitted to some; too few in view say nothing."""
+        located = self.locate(pixels, pose)
+        if located is None:
+            return EdgeEvidence()
+        samples, edges, unknowns = located
+        sides = self.model.sides[:, samples.index] @ pose.rotation.T + pose.position
+        dark, bright = (sample(pixels, self._projection.project(points, pose.motion)[0]) for points in sides)
+        contrast = bright - dark
+        seen = contrast > HALF * max(float(np.percentile(contrast, CLEAR_PERCENT)), 1.0)
+        size = np.abs(edges.offsets)
+        scatter = max(MAD * median(size[edges.found]), LIMITS.health.drift_px)
+        agrees = edges.found & (size < LIMITS.certainty.deviations * scatter)
+        line = self.model.line[samples.index]
+        leverage = _leverage(unknowns.rows[POSE].T[agrees], edges.offsets[agrees], line[agrees])
+        return EdgeEvidence(float(seen.mean()), float((agrees & seen).sum()) / max(int(seen.sum()), 1), leverage)
 
     def _find(
         self, pixels: Grey, at: State, prior: Prior, reach: float, *, are_near: bool = True
@@ -290,6 +341,19 @@ class EdgeFit:
             table.append(edges.light)
         table.append(shifts(edges.toned, self.model.smaller[index]))
         return samples, edges, Unknowns(table)
+
+
+def _leverage(jacobian: Array, offsets: Array, line: Numbers) -> float:
+    """Largest turn [rad] that leaving out the samples of one line gives, to first order.
+
+    Without the rows L of a line the least-squares pose moves by (J^T J - L^T L)^-1 L^T d_L.
+    """
+    normal, turns = damped(jacobian.T @ jacobian), [0.0]
+    for k in np.unique(line):
+        part = jacobian[line == k]
+        step = np.linalg.solve(normal - part.T @ part, part.T @ offsets[line == k])
+        turns.append(float(np.linalg.norm(step[3:])))
+    return max(turns)
 
 
 def shifts(toned: Array, smaller: Bools) -> Unknown:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from mkdaemon.vision.arrays import Array, Bools
+from mkdaemon.vision.arrays import Array, Bools, Numbers
 from mkdaemon.vision.tags.tagmap import Target, covered
 
 SAMPLED = (0.15, 0.7)
@@ -42,9 +42,9 @@ class EdgeModel:
     normals: Array
     tangents: Array
     cell: Array
-    tag: npt.NDArray[np.intp]
-    square: npt.NDArray[np.intp]
-    line: npt.NDArray[np.intp]
+    tag: Numbers
+    square: Numbers
+    line: Numbers
     smaller: Bools
     upright: Bools
 
@@ -91,7 +91,7 @@ class Samples:
         are_near: whether they are about in their place.
     """
 
-    index: npt.NDArray[np.intp]
+    index: Numbers
     pixels: Array
     normals: Array
     reach: Array
@@ -126,7 +126,7 @@ def _tag_edges(target: Target, k: int, per_cell: int) -> tuple[npt.NDArray[Any],
     along = SAMPLED[0] + SAMPLED[1] * (np.arange(per_cell) + 0.5) / per_cell
     places: list[Array] = []
     ways: list[Array] = []
-    lines: list[npt.NDArray[np.intp]] = []
+    lines: list[Numbers] = []
     # Across x and, on the transposed grid, across y; row 0 is the top, where y is positive.
     for grid, xy in ((bright, (0, 1)), (bright.T, (1, 0))):
         rise = np.diff(grid[1:-1], axis=1)

@@ -2,108 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import Final
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
-from mkdaemon.vision.arrays import Array, Grey
+from mkdaemon.vision.arrays import Grey
 from mkdaemon.vision.limits import APART2, HALF, LIMITS
 from mkdaemon.vision.pose.edgefind import HALF_WIDTH
-from mkdaemon.vision.pose.edgefit import MAD, EdgeFit
-from mkdaemon.vision.pose.gates import CellEvidence, CellReader, grey_evidence
+from mkdaemon.vision.pose.edgefit import EdgeFit
+from mkdaemon.vision.pose.gates import CellReader
 from mkdaemon.vision.pose.photofit import PhotoFit
-from mkdaemon.vision.pose.pose import Bend, Pose, apart, damped, length2, median, solve
+from mkdaemon.vision.pose.pose import Pose, apart, length2
 from mkdaemon.vision.pose.prints import SQUARE
 from mkdaemon.vision.pose.projection import NEAR_M, Projection
-from mkdaemon.vision.pose.rolling import KnownMotion
-from mkdaemon.vision.pose.unknowns import POSE, Level
-from mkdaemon.vision.tags.cellread import Detection, sample
+from mkdaemon.vision.pose.unknowns import Level
+from mkdaemon.vision.tags.cellread import Detection
 from mkdaemon.vision.tags.tagmap import Tag, Target
 
 
 def _shrink(part: Grey, scale: float) -> Grey:
     return np.asarray(cv2.resize(part, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), dtype=np.uint8)
-
-
-CLEAR_PERCENT = 75
-"""Percentile of the contrast that the clear edges have."""
-
-
-@dataclass(frozen=True, slots=True)
-class Evidence:
-    """What the edges say about a pose.
-
-    Attributes:
-        seen: share of the edges in view with the print's contrast.
-        agreeing: share of these that lie where the pose puts them.
-        leverage: largest turn of the pose when one straight line of edges is taken away [rad].
-    """
-
-    seen: float
-    agreeing: float
-    leverage: float
-
-    def supports(self) -> bool:
-        """Whether the pose can be believed with parts of the target hidden."""
-        agrees = self.seen >= HALF and self.agreeing >= LIMITS.agreement.whole
-        return agrees and self.leverage <= LIMITS.edges.max_leverage
-
-
-class EdgeEvidence:
-    """Asks the edges of one target whether they support a pose, or could be faked by what lies over it.
-
-    Two questions tell a right pose from one that follows the rim of something lying on the print: do the edges agree
-    whose cells are seen, and does the pose stay where it is when any one straight line of edges is taken away? A rim is
-    straight and covers one line of the grid.
-    """
-
-    def __init__(self, target: Target, projection: Projection) -> None:
-        self._projection = projection
-        self._fit = EdgeFit(target, projection)
-        self._sides, self._line = self._fit.model.sides, self._fit.model.line
-
-    def measure(self, pixels: Grey, pose: Pose) -> Evidence | None:
-        """Ask all edges about a fitted pose; none when too few are in view.
-
-        Args:
-            pixels: `(h, w)` uint8.
-            pose: fitted to edges.
-        """
-        located = self._fit.locate(pixels, pose)
-        if located is None:
-            return None
-        samples, edges, unknowns = located
-        index = samples.index
-        sides = self._sides[:, index] @ pose.rotation.T + pose.position
-        dark, bright = (sample(pixels, self._projection.project(points, pose.motion)[0]) for points in sides)
-        contrast = bright - dark
-        clear = max(float(np.percentile(contrast, CLEAR_PERCENT)), 1.0)
-        seen = contrast > HALF * clear
-        size = np.abs(edges.offsets)
-        scatter = max(MAD * median(size[edges.found]), LIMITS.health.drift_px)
-        agrees = edges.found & (size < LIMITS.certainty.deviations * scatter)
-        return Evidence(
-            float(seen.mean()),
-            float((agrees & seen).sum()) / max(int(seen.sum()), 1),
-            _leverage(unknowns.rows[POSE].T[agrees], edges.offsets[agrees], self._line[index][agrees]),
-        )
-
-
-def _leverage(jacobian: Array, offsets: Array, line: npt.NDArray[np.intp]) -> float:
-    """Largest turn [rad] that leaving out the samples of one line gives, to first order.
-
-    Without the rows L of a line the least-squares pose moves by (J^T J - L^T L)^-1 L^T d_L.
-    """
-    normal, turns = damped(jacobian.T @ jacobian), [0.0]
-    for k in np.unique(line):
-        part = jacobian[line == k]
-        step = np.linalg.solve(normal - part.T @ part, part.T @ offsets[line == k])
-        turns.append(float(np.linalg.norm(step[3:])))
-    return max(turns)
 
 
 ROOM, ROOM_PX = 0.2, 14.0
@@ -119,7 +40,9 @@ class TargetFitter:
 
     Attributes:
         target: that is measured.
-        shutter: what is known of the camera's line time.
+        projection: of the camera.
+        edges: fits it to edges, and asks them.
+        cells: reads them.
         bend_known: what is known about the bend of the print.
         effort: spent since it was set to zero, in fits to edges; one to grey values takes as long as `GREY_EFFORT`.
     """
@@ -127,35 +50,17 @@ class TargetFitter:
     def __init__(self, target: Target, projection: Projection) -> None:
         self.target = target
         self.effort = 0
-        self.shutter = projection.shutter
-        self._projection = projection
-        self._edges = EdgeFit(target, projection)
+        self.projection = projection
+        self.edges = EdgeFit(target, projection)
         self._photo = PhotoFit(target, projection)
         sheet = self._photo.prints.sheet
         self.bend_known = None if sheet is None else sheet.prior
-        self._cells = CellReader(target, projection)
-        self._evidence = EdgeEvidence(target, projection)
+        self.cells = CellReader(target, projection)
         self._outline = np.concatenate([tag.place(SQUARE * tag.paper / 2) for tag in target.tags])
 
-    def cold(
-        self,
-        pixels: Grey,
-        tags: Sequence[tuple[Tag, Detection]],
-        motion_at: Callable[[Array], KnownMotion] | None = None,
-        bend: Bend | None = None,
-    ) -> list[Pose]:
-        """Fit every candidate that decoded tags allow; rival poses stay in the list.
-
-        Args:
-            pixels: `(h, w)` uint8.
-            tags: decoded, with their places in the target.
-            motion_at: what is known about the motion of a target at a place `(3,)` [m; RDF] under a rolling shutter.
-            bend: what is known about that of the print.
-        """
-        candidates = [replace(pose, known_bend=bend) for pose in solve(tags, self._projection)]
-        if motion_at is not None:
-            candidates = [replace(pose, known_motion=motion_at(pose.position)) for pose in candidates]
-        candidates = [self._photo.prints.gathered(pixels, candidate) for candidate in candidates]
+    def cold(self, pixels: Grey, starts: Sequence[Pose]) -> list[Pose]:
+        """Fit every pose that decoded tags allow, as `solve` finds them; rival poses stay in the list."""
+        candidates = [self._photo.prints.gathered(pixels, start) for start in starts]
         # Losses compare only between fits of one kind.
         for photometric in (True, False) if any(self._wants_photometric(c) for c in candidates) else (False,):
             fitted = [self._fit(pixels, candidate, photometric=photometric) for candidate in candidates]
@@ -175,9 +80,10 @@ class TargetFitter:
         edges = self._fit(pixels, start, photometric=False, level=level)
         if edges is None:
             return grey
-        is_melted, is_noisy = self._are_melted(edges), edges.rms_px > LIMITS.edges.located_px
+        cell_px = self._photo.prints.cell_px(edges)
+        is_melted, is_noisy = cell_px < edges.melted_px, edges.rms_px > LIMITS.edges.located_px
         # The dimmer corners of small white cells are clipped less than their middle, which moves edges differently.
-        is_flooded = edges.blown > HALF and self._photo.prints.cell_px(edges) < LIMITS.cells.small_px
+        is_flooded = edges.blown > HALF and cell_px < LIMITS.cells.small_px
         if grey is None and (is_melted or is_noisy or is_flooded):
             # Edges that melted lie; others have found the place, from which a few steps are left.
             blur_px = (edges.blur_px or 0.0) / HALF_WIDTH
@@ -206,46 +112,16 @@ class TargetFitter:
         is_steep = self._photo.prints.looked_at(start)[2] > LIMITS.cells.edges_up_to
         return is_steep or self._has_small_cells(start)
 
-    def _are_melted(self, pose: Pose) -> bool:
-        """Whether the edges of a fit have run into their neighbours; they leave a residual then."""
-        if pose.widest_px is None or pose.ragged_px is None or pose.ragged_px < LIMITS.health.drift_px:
-            return False
-        return self._photo.prints.cell_px(pose) < LIMITS.cells.melted_widths * pose.widest_px
-
     def _fit(
         self, pixels: Grey, start: Pose, *, photometric: bool, level: Level | None = None, blur_px: float | None = None
     ) -> Pose | None:
         """Fit by one method; see `PhotoFit.fit`."""
         if not photometric:
             self.effort += 1
-            return self._edges.fit(pixels, start, level=level)
+            return self.edges.fit(pixels, start, level=level)
         fitted = self._photo.fit(pixels, start, level=level, blur_px=blur_px)
         self.effort += 1 if fitted is None else GREY_EFFORT
         return fitted if fitted is not None and np.isfinite(fitted.rms_px) else None
-
-    def evidence(self, pixels: Grey, pose: Pose) -> CellEvidence:
-        """What the image says about where a pose puts the target: its cells, or all pixels of a fit to grey values."""
-        if pose.likeness is not None:
-            return grey_evidence(pose.likeness, pose)
-        return self._cells.evidence(pixels, pose)
-
-    def shows(self, pixels: Grey, start: Pose) -> bool:
-        """Whether the image shows the target where a start puts it, as far as it can be told."""
-        return self._cells.shows(pixels, start)
-
-    def beside(self, pixels: Grey, pose: Pose) -> float:
-        """By how much more the cells speak for a place some whole cells beside [nats]."""
-        return self._cells.beside(pixels, pose)
-
-    def is_supported(self, pixels: Grey, pose: Pose) -> bool:
-        """Whether the edges that are seen support a pose with parts of the target hidden."""
-        evidence = self._evidence.measure(pixels, pose)
-        return evidence is not None and evidence.supports()
-
-    def explains_seen_edges(self, pixels: Grey, pose: Pose) -> bool:
-        """Whether the edges that are seen lie where a pose puts them, however many are hidden."""
-        evidence = self._evidence.measure(pixels, pose)
-        return evidence is not None and evidence.agreeing >= LIMITS.likeness.clear
 
     def fit_mirrored(self, pixels: Grey, pose: Pose) -> Pose | None:
         """Fit the rival of a pose, its normal mirrored about the line of sight: `pose` again, perhaps, or none."""
@@ -263,7 +139,7 @@ class TargetFitter:
 
     def window(self, pose: Pose, shape: tuple[int, ...]) -> tuple[int, int, int, int] | None:
         """Part of the image `(x0, y0, x1, y1)` [px] that holds the target with room to spare."""
-        seen, visible = self._projection.project(self._outline @ pose.rotation.T + pose.position)
+        seen, visible = self.projection.project(self._outline @ pose.rotation.T + pose.position)
         if not bool(visible.any()):
             return None
         low, high = seen[visible].min(axis=0), seen[visible].max(axis=0)
@@ -277,16 +153,13 @@ class TargetFitter:
     def carried(self, before: Grey, now: Grey, last: Pose) -> Pose | None:
         """Where a camera that only turned sees the target, by where its whole image is found again; none if it is not.
 
-        Args:
-            before: image of the last pose `(h, w)` uint8.
-            now: image to look in.
-            last: pose in `before`.
+        `last` is its pose in the image `before` `(h, w)`.
         """
         outline = np.concatenate([tag.outline for tag in self.target.tags])
-        reach = int(LIMITS.search.shake * float(self._projection.focal[0]))
+        reach = int(LIMITS.search.shake * float(self.projection.focal[0]))
         height, width = now.shape
-        seen, visible = self._projection.project(outline @ last.rotation.T + last.position)
-        centre, ahead = self._projection.project(last.position[None, :])
+        seen, visible = self.projection.project(outline @ last.rotation.T + last.position)
+        centre, ahead = self.projection.project(last.position[None, :])
         if not bool(visible.all() and ahead.all()):
             return None
         # Of a target that leaves the image the part is asked that is still in it after a shake.
@@ -300,21 +173,21 @@ class TargetFitter:
         _, likeness, _, place = cv2.minMaxLoc(cv2.matchTemplate(area, patch, cv2.TM_CCOEFF_NORMED))
         if likeness < LIMITS.likeness.alike:
             return None
-        rays = self._projection.undistort(np.vstack([centre, centre + np.array(place) / coarse - reach]))
+        rays = self.projection.undistort(np.vstack([centre, centre + np.array(place) / coarse - reach]))
         old, new = (np.append(ray, 1.0) / np.hypot(1.0, np.linalg.norm(ray)) for ray in rays)
         turned = np.asarray(cv2.Rodrigues(np.cross(old, new))[0], dtype=np.float64)
         return replace(last, rotation=turned @ last.rotation, position=turned @ last.position)
 
     def side_px(self, pose: Pose) -> float:
         """Side of the largest tag in the image [px]."""
-        return float(self._projection.focal[0]) * self.target.tags[0].size / max(float(pose.position[2]), NEAR_M)
+        return float(self.projection.focal[0]) * self.target.tags[0].size / max(float(pose.position[2]), NEAR_M)
 
     def disagreement(self, pose: Pose, tags: Sequence[tuple[Tag, Detection]]) -> float:
         """Largest mean corner distance between decoded tags and where the pose puts them [cells of the tag]."""
         worst = 0.0
         for tag, found in tags:
             corners = tag.corners @ pose.rotation.T + pose.position
-            seen, visible = self._projection.project(corners, pose.motion)
+            seen, visible = self.projection.project(corners, pose.motion)
             if not bool(visible.all()):
                 return float("inf")
             distance = float(np.linalg.norm(seen - found.corners, axis=1).mean())

@@ -8,11 +8,10 @@ from math import log
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from mkdaemon.config.vision import TrackerSection
 from mkdaemon.telemetry.vision import PoseRefusal
-from mkdaemon.vision.arrays import Grey
+from mkdaemon.vision.arrays import Grey, Numbers
 from mkdaemon.vision.limits import HALF, LIMITS, NOISE_GREY
 from mkdaemon.vision.pose.ambiguity import facts
 from mkdaemon.vision.pose.edgemodel import EdgeModel
@@ -20,8 +19,6 @@ from mkdaemon.vision.pose.pose import Pose, largest_variance, quantile
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.tags.cellread import sample
 from mkdaemon.vision.tags.tagmap import Target
-
-Counts = npt.NDArray[np.intp]
 
 CLEAR: Final = 3.0 * LIMITS.ambiguity.decided
 """What cells say that are read clearly: as much as three images that decide [nats]."""
@@ -80,7 +77,15 @@ class CellReader:
         ]
 
     def evidence(self, pixels: Grey, pose: Pose) -> CellEvidence:
-        """What the cells say about where a pose puts the target; the edges that agree say what share is in view."""
+        """What the image says about where a pose puts the target: its cells, or all pixels of a fit to grey values.
+
+        Edges that agree say what share of the cells is in view. Of n pixels and the likeness L grey values say
+        n / 2 ln(1 / (1 - L^2)), the `log_odds` of an even print.
+        """
+        if pose.likeness is not None:
+            half, best = HALF * facts(pose.points, pose.shared), LIMITS.likeness.explained
+            odds, most = (-half * log(1.0 - alike**2) for alike in (min(max(pose.likeness, 0.0), best), best))
+            return CellEvidence(odds, most, odds)
         right, wrong = _odds(pose.inliers)
         counts = [found[:, 0].tolist() for found in self._read(pixels, pose)]
         tags = [
@@ -102,9 +107,9 @@ class CellReader:
         found = [read * right + (in_view - read) * wrong for read, _, in_view in self._read(pixels, pose, beside=True)]
         return max(float(odds.max() - max(odds[0], 0.0)) for odds in found)
 
-    def _read(self, pixels: Grey, pose: Pose, *, beside: bool = False) -> list[Counts]:
+    def _read(self, pixels: Grey, pose: Pose, *, beside: bool = False) -> list[Numbers]:
         """Pairs of each tag that are read, misread, and in view, in its place and whole cells beside `(3, steps)`."""
-        found: list[Counts] = []
+        found: list[Numbers] = []
         for cell, ends, all_steps in self._tags:
             steps = all_steps if beside else all_steps[:1]
             points = (ends[:, None] + steps[:, None]).reshape(-1, 3)
@@ -121,13 +126,6 @@ class CellReader:
             clear = in_view & (np.abs(white - black) > NOISE_GREY) & (np.abs(rise) > usual)
             found.append(np.stack([clear & (rise > 0.0), clear & (rise < 0.0), in_view]).sum(axis=2))
         return found
-
-
-def grey_evidence(likeness: float, pose: Pose) -> CellEvidence:
-    """The same of a fit to grey values of a likeness L: n / 2 ln(1 / (1 - L^2)), the `log_odds` of an even print."""
-    half, best = HALF * facts(pose.points, pose.shared), LIMITS.likeness.explained
-    odds, most = (-half * log(1.0 - alike**2) for alike in (min(max(likeness, 0.0), best), best))
-    return CellEvidence(odds, most, odds)
 
 
 def _odds(shown: float) -> tuple[float, float]:
@@ -149,20 +147,14 @@ def fit_refusal(pose: Pose, cfg: TrackerSection) -> PoseRefusal | None:
     return next((refusal for is_wrong, refusal in signs if is_wrong), None)
 
 
-def certainty_refusal(pose: Pose, *, has_attitude: bool, is_plain: bool = False) -> PoseRefusal | None:
+def certainty_refusal(pose: Pose, *, has_attitude: bool) -> PoseRefusal | None:
     """Refuse poses whose own covariance or residual says they may be wrong; none when certain enough.
 
-    Args:
-        pose: measured.
-        has_attitude: whether an attitude stands against it.
-        is_plain: the target is large in the image and its cells are read clearly; hidden parts then mislead nobody.
+    `has_attitude`: whether an attitude stands against it.
     """
     certain = LIMITS.certainty
-    if not has_attitude:
-        if pose.unexplained_px > certain.blind_rms_px:
-            return PoseRefusal.RESIDUAL
-        if pose.inliers < LIMITS.agreement.blind and not is_plain:
-            return PoseRefusal.INLIERS
+    if not has_attitude and pose.unexplained_px > certain.blind_rms_px:
+        return PoseRefusal.RESIDUAL
     variance = largest_variance(pose.covariance[3:, 3:])
     if not np.isfinite(variance) or variance > (certain.angle_sd if has_attitude else certain.blind_angle_sd) ** 2:
         return PoseRefusal.ANGLE_UNCERTAIN

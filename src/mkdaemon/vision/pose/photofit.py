@@ -30,7 +30,7 @@ from mkdaemon.vision.limits import APART2, HALF, LIMITS, NOISE_GREY
 from mkdaemon.vision.pose.ambiguity import loss_of
 from mkdaemon.vision.pose.edgefind import HALF_WIDTH
 from mkdaemon.vision.pose.edgefit import MAD
-from mkdaemon.vision.pose.pose import Pose, apart, correlation, damped, inverted, length2, median
+from mkdaemon.vision.pose.pose import LEAST_NORM, Pose, apart, correlation, damped, inverted, length2, median
 from mkdaemon.vision.pose.prints import BOX, PrintModel, Prints, PrintSamples, principal
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.pose.unknowns import POSE, Level, Prior, State, Unknown, Unknowns, not_arrived
@@ -254,6 +254,9 @@ class PhotoStep:
     def pose(self, at: State, prior: Prior) -> Pose:
         """The pose of the state the step starts from, or of where it led, with what was known beforehand."""
         is_agreeing, match = self._share**2 > HALF, self.match
+        # With c^2 = S / (S + N) of a model of variance S and residuals of variance N, of which r N are shared, the
+        # square of the likeness is S / (S + r N).
+        likeness = match / sqrt(max(match**2 + self._common * (1.0 - match**2), LEAST_NORM))
         # Residual as a shift of edges: rms over the rms slope of the lit prints [grey / (grey/px)].
         steepness = sqrt(sum(float(p.at.steep.sum()) * float(p.gain[0]) ** 2 for p in self._parts) / self._size.size)
         every = self.unknowns.covariance(self._inverse, self._weights, self._noise)
@@ -268,7 +271,7 @@ class PhotoStep:
             float(is_agreeing.mean()),
             float(np.linalg.norm(self.to_go[:3])) / max(float(np.linalg.norm(at.position)), 1e-9),
             loss_of(self._size, LIMITS.photo.lost_grey, NOISE_GREY),
-            match,
+            likeness,
             float(np.linalg.det(at.spread)) ** 0.25,
             cost=self.cost,
             motion=at.motion,
@@ -281,8 +284,8 @@ class PhotoStep:
 
 
 def matched(parts: Sequence[Part], residual: Array) -> float:
-    """Correlation of an image with what it shows of prints, less residuals `(n,)`; -1 for none or a negative."""
-    if not parts or not all(part.gain[0] > 0.0 for part in parts):
+    """Correlation of an image with what it shows of prints, less residuals `(n,)`; -1 for a negative."""
+    if not all(part.gain[0] > 0.0 for part in parts):
         return -1.0
     grey = of_all([part.at.grey for part in parts])
     return correlation(grey, grey - residual)
@@ -338,7 +341,6 @@ class PhotoFit:
         self._target, self._projection = target, projection
         self._halved: PhotoFit | None = None
         self.prints = Prints(target, projection)
-        self._shutter = projection.shutter
 
     def fit(self, pixels: Grey, start: Pose, level: Level | None = None, blur_px: float | None = None) -> Pose | None:
         """Refine a pose; large cells in an image of half the size.
@@ -384,14 +386,15 @@ class PhotoFit:
             return found
         seen = self.prints.seen(found.rotation, found.position)
         # The best of them says what is right here; what is hidden in part still looks like a print.
-        shown = self._alike(pixels, seen, _state_of(found), LIMITS.likeness.clear, LIMITS.likeness.explained)
+        at = Prior(found, level, self._projection, self.prints.sheet).begin(found.blur_px or START_BLUR_PX)
+        shown = self._alike(pixels, seen, at, LIMITS.likeness.clear, LIMITS.likeness.explained)
         if shown and set(shown) != set(near):
-            found = self._fit(pixels, shown, _state_of(found), prior)
+            found = self._fit(pixels, shown, at, prior)
         return None if found is None or not shown else self._with_missing(found, seen, shown)
 
     def _with_missing(self, pose: Pose, seen: Sequence[PrintModel], shown: Sequence[PrintModel]) -> Pose:
         """The pose with what speaks against it: prints that it puts into the image and that are not shown."""
-        size = {model: (model.half / model.depth(pose.rotation, pose.position)) ** 2 for model in {*seen, *shown}}
+        size = {model: (model.tag.paper / model.depth(pose.rotation, pose.position)) ** 2 for model in {*seen, *shown}}
         share = sum(size[model] for model in shown) / sum(size.values())
         loss = pose.loss**share * LIMITS.photo.lost_grey ** (2.0 * (1.0 - share))
         return replace(pose, inliers=share * pose.inliers, loss=loss)
@@ -440,7 +443,7 @@ class PhotoFit:
         by_point = contrast * of_all([part.at.by_point for part in parts])
         times = self._projection.row_times(of_all([part.at.row for part in parts]))
         sheet = self.prints.sheet
-        heights = None if sheet is None else sheet.heights(*(prints[0].cell * parts[0].at.place))
+        heights = None if sheet is None else sheet.heights(*(prints[0].tag.module * parts[0].at.place))
         # Columns that lie together in memory are added and multiplied faster than rows of three.
         table = prior.table(at, by_point.T, of_all([part.at.arm for part in parts]).T, times, heights)
         table.insert(2, Unknown("spread", contrast * of_all([part.at.by_spread for part in parts])))
@@ -482,28 +485,19 @@ class PhotoFit:
 
         Cells of five to ten pixels have few edges; the pixels between tell as much again. Edges of smaller cells melt
         and object to nothing. Under a rolling shutter pixels know a first image's motion no better.
-
-        Args:
-            pixels: `(h, w)` uint8.
-            pose: fitted to edges, whole target in view; given back where grey values do not improve it.
         """
-        limits, whole = LIMITS, LIMITS.agreement.whole
+        is_whole = pose.source == "edges" and pose.inliers >= LIMITS.agreement.whole
         cell_px = self.prints.cell_px(pose)
-        if self._shutter.rolls or pose.source != "edges" or cell_px > limits.cells.small_px or pose.inliers < whole:
+        if self._projection.shutter.rolls or not is_whole or cell_px > LIMITS.cells.small_px:
             return pose
         grey = self.fit_whole(pixels, pose)
         if grey is None or not self.explains(grey):
             return pose
         if float(np.linalg.det(grey.covariance)) >= float(np.linalg.det(pose.covariance)):
             return pose
-        if length2(apart(pose, grey), pose.covariance) > APART2 and cell_px >= limits.cells.mixed_px:
+        if length2(apart(pose, grey), pose.covariance) > APART2 and cell_px >= LIMITS.cells.mixed_px:
             return pose
         return replace(pose, rotation=grey.rotation, position=grey.position, covariance=grey.covariance, bend=grey.bend)
-
-
-def _state_of(pose: Pose) -> State:
-    """Where a fit to several prints, which do not bend, has put them."""
-    return State(pose.rotation, pose.position, (pose.blur_px or START_BLUR_PX) ** 2 * np.eye(2), pose.motion)
 
 
 def _spread_moved(spread: Array, change: Array) -> Array:

@@ -15,9 +15,9 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from mkdaemon.vision.arrays import Array
+from mkdaemon.vision.arrays import Array, Estimate
 from mkdaemon.vision.pose.projection import Projection
-from mkdaemon.vision.pose.rolling import KnownMotion, SeenMotion, skew
+from mkdaemon.vision.pose.rolling import skew
 from mkdaemon.vision.tags.cellread import Detection
 from mkdaemon.vision.tags.tagmap import SAME_HEIGHT_M, Tag
 
@@ -39,24 +39,6 @@ FLOOR_ANGLE = np.radians(0.1)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Bend:
-    """What is known about the rise of a print; see `prints.Sheet`.
-
-    Attributes:
-        mean: a, b, c `(3,)`, in shares of the side.
-        covariance: of them `(3, 3)`.
-    """
-
-    mean: Array
-    covariance: Array
-
-    @property
-    def information(self) -> Array:
-        """Inverse of the covariance `(3, 3)`."""
-        return inverted(self.covariance)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class Pose:
     """Where a target is, seen from the camera.
 
@@ -70,10 +52,9 @@ class Pose:
         inliers: share of the measurements that agree.
         step: length of the last step of the fit against the range.
         loss: geometric mean of the bounded squared residuals of all samples, by which rival fits of an image compare.
-        match: correlation between model and image, where the fit knows it.
+        likeness: correlation between model and image without the noise of single pixels, where the fit knows it.
         blur_px: half width of an edge in the image, or of grey values the deviation of the point spread, where known.
-        widest_px: the same of the edges that run the way of the wider ones, in a fit to edges.
-        ragged_px: residual of the edges that run the way that agrees less, in a fit to edges [px].
+        melted_px: side of cells below which a fit to edges has found edges that run into their neighbours [px].
         shift_px: how far all edges lie towards their bright side, where the fit asked [px].
         blown: share of the edges whose bright side is blown.
         motion: of the camera while its rows were read `(4,)`, where the fit asked; see `rolling`.
@@ -95,17 +76,16 @@ class Pose:
     inliers: float = 1.0
     step: float = 0.0
     loss: float = 0.0
-    match: float | None = None
+    likeness: float | None = None
     blur_px: float | None = None
-    widest_px: float | None = None
-    ragged_px: float | None = None
+    melted_px: float = 0.0
     shift_px: float = 0.0
     blown: float = 0.0
     motion: Array | None = None
-    known_motion: KnownMotion | None = None
-    seen_motion: SeenMotion | None = None
-    bend: Bend | None = None
-    known_bend: Bend | None = None
+    known_motion: Estimate | None = None
+    seen_motion: Estimate | None = None
+    bend: Estimate | None = None
+    known_bend: Estimate | None = None
     shared: float = 1.0
     common: float = 1.0
     cost: float | None = None
@@ -114,18 +94,6 @@ class Pose:
     def unexplained_px(self) -> float:
         """Residual without the noise of single pixels [px]: what the model lacks, or has not reached, is shared."""
         return self.rms_px * sqrt(self.common)
-
-    @property
-    def likeness(self) -> float | None:
-        """Correlation between model and image without the noise of single pixels; none where no fit knows it.
-
-        With c^2 = S / (S + N) of a model of variance S and residuals of variance N, of which r N are shared, its
-        square is S / (S + r N).
-        """
-        if self.match is None:
-            return None
-        squared = self.match**2
-        return self.match / sqrt(max(squared + self.common * (1.0 - squared), LEAST_NORM))
 
     @property
     def range_m(self) -> float:

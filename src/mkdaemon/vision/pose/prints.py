@@ -20,17 +20,14 @@ from typing import Final
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
-from mkdaemon.vision.arrays import Array, Bools, Grey
+from mkdaemon.vision.arrays import Array, Array32, Bools, Estimate, Grey
 from mkdaemon.vision.limits import HALF, LIMITS
-from mkdaemon.vision.pose.pose import Bend, Pose, correlation, refined
+from mkdaemon.vision.pose.pose import Pose, correlation, refined
 from mkdaemon.vision.pose.projection import NEAR_M, Projection
 from mkdaemon.vision.pose.rolling import skew
 from mkdaemon.vision.tags.tagfamily import QUIET_ZONE_CELLS
 from mkdaemon.vision.tags.tagmap import ONE_PLANE, Tag, Target, covered
-
-Image32 = npt.NDArray[np.float32]
 
 TEXELS: Final = 24
 """Of a cell, each way, of a drawn print."""
@@ -97,7 +94,7 @@ class Sheet:
     """
 
     def __init__(self, tag: Tag, rise: float) -> None:
-        self.prior = Bend(np.zeros(RISES), rise**2 * OF_A_CYLINDER)
+        self.prior = Estimate(np.zeros(RISES), rise**2 * OF_A_CYLINDER)
         self.normal = tag.rotation[:, 2]
         self._origin, self._axes = tag.position, tag.rotation[:, :2]
         self._scale = 4.0 / tag.size
@@ -124,7 +121,7 @@ class Sheet:
         bent: Array = points + (np.column_stack([np.outer(self.normal, rise), chord]) @ terms).T
         return bent
 
-    def plane_covariance(self, rotation: Array, bend: Bend) -> Array:
+    def plane_covariance(self, rotation: Array, bend: Estimate) -> Array:
         """Covariance `(3, 3)` [m^2; camera] of where the print's plane lies along its normal, seen by a rotation."""
         square = bend.covariance + np.outer(bend.mean, bend.mean)
         normal = rotation @ self.normal
@@ -241,7 +238,7 @@ class PrintTexture:
 
     def __init__(self, first: Tag, tags: Sequence[Tag]) -> None:
         self._cells = first.family.black_cells + 2 * QUIET_ZONE_CELLS
-        self._levels: dict[int, Image32] = {}
+        self._levels: dict[int, Array32] = {}
         # Cells of a smaller tag end within a texel, which is their mean.
         fine = TEXELS * TEXEL_PARTS
         drawn = np.full((self._cells * fine,) * 2, 255, dtype=np.uint8)
@@ -256,7 +253,7 @@ class PrintTexture:
         small = cv2.resize(drawn.astype(np.float32), (self._cells * TEXELS,) * 2, interpolation=cv2.INTER_AREA)
         self._drawn = small / np.float32(255)
 
-    def _level(self, number: int) -> Image32:
+    def _level(self, number: int) -> Array32:
         """Value, its slopes by x and y, and its second derivatives by xx, xy, yy `(side, side, 6)`."""
         if number not in self._levels:
             blur = SHARPEST * 2.0 ** (number / PER_OCTAVE / 2)
@@ -305,16 +302,13 @@ class PrintModel:
         projection: of the lens.
 
     Attributes:
-        origin: centre of that tag `(3,)` [m; target].
-        axes: target from that tag `(3, 3)`.
-        half: half the side of its paper [m].
+        tag: that tag.
         corners: of its paper `(4, 3)` [m; target].
-        cell: side of its cells [m].
     """
 
     def __init__(self, target: Target, first: Tag, projection: Projection) -> None:
         self._projection = projection
-        self.origin, self.axes = first.position, first.rotation
+        self.tag = first
         tags = tuple(
             tag
             for tag in target.tags
@@ -322,10 +316,8 @@ class PrintModel:
             and abs(float(first.rotation[:, 2] @ (tag.position - first.position))) < first.module
         )
         # One quiet zone around the tag is surely white; other tags count where they lie inside it.
-        self.half = first.paper / 2
-        self.corners = first.place(SQUARE * self.half)
-        self.cell = first.module
-        self._target_from_plane = np.column_stack([self.cell * self.axes[:, :2], self.origin])
+        self.corners = first.place(SQUARE * (first.paper / 2))
+        self._target_from_plane = np.column_stack([first.module * first.rotation[:, :2], first.position])
         self._texture = _texture(first, tags)
 
     def samples(
@@ -342,9 +334,9 @@ class PrintModel:
         """
         plane = rotation @ self._target_from_plane
         plane[:, 2] += position
-        half = self.half / self.cell - LIMITS.photo.margin_cells
+        half = self.tag.paper / 2 / self.tag.module - LIMITS.photo.margin_cells
         window = self._window(pixels.shape, half * SQUARE @ plane[:, :2].T + plane[:, 2], motion)
-        in_plane = abs(float(rotation @ self.axes[:, 2] @ plane[:, 2])) < TINY  # the camera is
+        in_plane = abs(float(rotation @ self.tag.rotation[:, 2] @ plane[:, 2])) < TINY  # the camera is
         if window is None or in_plane:
             return None
         left, top, width, height = window
@@ -374,7 +366,7 @@ class PrintModel:
         # The print moves by d at a point, and its place there by (p w - W d), with w the third of W d: all on its ray.
         by_x, by_y, by_scale = plane_from_cam
         by_point = by_scale * (slope * place).sum(axis=0) - by_x * slope[0] - by_y * slope[1]
-        arm = plane[:, :2] @ place + (rotation @ self.origin)[:, None]
+        arm = plane[:, :2] @ place + (rotation @ self.tag.position)[:, None]
         grey = pixels[top : top + height, left : left + width][used].astype(np.float64)
         image_row = (row + top).astype(np.float64)
         return PrintSamples(value, steep, by_spread, by_point, arm, place, image_row, grey, left, top, used)
@@ -404,7 +396,7 @@ class PrintModel:
 
     def depth(self, rotation: Array, position: Array) -> float:
         """How far the middle of the print is along the optical axis [m]."""
-        return float((rotation @ self.origin + position)[2])
+        return float((rotation @ self.tag.position + position)[2])
 
     def _seen(self, place: Array, plane: Array, spread: Array) -> tuple[Array, Array, Array, Array]:
         """Value `(n,)`, its slope by the place `(2, n)`, that in the image, squared, and derivative by the spread.
@@ -489,7 +481,7 @@ class Prints:
             position: of the target `(3,)` [m; RDF].
         """
         shown = [model for model in self.all if self._is_shown(model, rotation, position)]
-        return tuple(sorted(shown, key=lambda model: model.depth(rotation, position) / model.cell)[:MOST])
+        return tuple(sorted(shown, key=lambda model: model.depth(rotation, position) / model.tag.module)[:MOST])
 
     def gathered(self, pixels: Grey, start: Pose) -> Pose:
         """A start, moved to where the prints are found; as it is where all are in their place, or one is found alone.
@@ -514,7 +506,8 @@ class Prints:
     def cell_px(self, pose: Pose) -> float:
         """Side of a cell of the print that is looked at [px]."""
         model = self._looked_at(pose)
-        return float(self._projection.focal[0]) * model.cell / max(model.depth(pose.rotation, pose.position), NEAR_M)
+        depth = max(model.depth(pose.rotation, pose.position), NEAR_M)
+        return float(self._projection.focal[0]) * model.tag.module / depth
 
     def looked_at(self, pose: Pose) -> tuple[Array, Array, float]:
         """The largest print that is seen, the first where none is: its middle, the way to the camera, its tilt.
@@ -524,10 +517,10 @@ class Prints:
             the normal [rad].
         """
         model = self._looked_at(pose)
-        middle = pose.rotation @ model.origin + pose.position
+        middle = pose.rotation @ model.tag.position + pose.position
         toward: Array = -middle / max(float(np.linalg.norm(middle)), NEAR_M)
-        normal = pose.rotation @ model.axes[:, 2]
-        return model.origin, toward, acos(min(max(float(normal @ toward), -1.0), 1.0))
+        normal = pose.rotation @ model.tag.rotation[:, 2]
+        return model.tag.position, toward, acos(min(max(float(normal @ toward), -1.0), 1.0))
 
     def _looked_at(self, pose: Pose) -> PrintModel:
         """The largest print that is seen; the first where none is."""

@@ -14,13 +14,12 @@ linear in T: least squares over the images, each believed as far as it agrees wi
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from math import sqrt
 from typing import Final
 
 import numpy as np
 
-from mkdaemon.vision.arrays import Array
+from mkdaemon.vision.arrays import Array, Estimate
 from mkdaemon.vision.limits import LIMITS
 
 MOTIONS: Final = 4
@@ -34,36 +33,8 @@ HIDDEN: Final = 0.1
 """Share of the line time that an estimate is off by, however many images told it; chosen on three flights."""
 PRIOR: Final = 3.0
 """Information before any image: an even chance from 0 to twice the nominal line time has the variance 1 / 3."""
-RIDGE: Final = 1e-6
-"""Information about a motion that no image shows [s^2/rad^2]."""
 FEWEST: Final = 10
 """Images before the line time is believed to be none."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class KnownMotion:
-    """What is known about the motion before the image is looked at.
-
-    Attributes:
-        expected: angular rate [rad/s] and speed along the axis [m/s] `(4,)`.
-        spread: standard deviation of each `(4,)`.
-    """
-
-    expected: Array
-    spread: Array
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class SeenMotion:
-    """What one image says about the motion, with what was known before taken out again.
-
-    Attributes:
-        information: inverse of its covariance `(4, 4)`.
-        pull: the information times the motion `(4,)`.
-    """
-
-    information: Array
-    pull: Array
 
 
 class Shutter:
@@ -113,28 +84,26 @@ class Shutter:
         """Root mean square of the line time over the nominal one."""
         return sqrt(self._mean**2 + self._variance)
 
-    def motion(self, known: KnownMotion) -> KnownMotion:
+    def motion(self, known: Estimate) -> Estimate:
         """What is known of the motion times the line time over the nominal one."""
-        spread = np.sqrt((self.scale * known.spread) ** 2 + self._variance * known.expected**2)
-        return KnownMotion(self._mean * known.expected, spread)
+        covariance = self.scale**2 * known.covariance + self._variance * np.diag(known.mean**2)
+        return Estimate(self._mean * known.mean, covariance)
 
-    def learn(self, known: KnownMotion, seen: SeenMotion) -> None:
+    def learn(self, known: Estimate, seen: Estimate) -> None:
         """Take in an image.
 
         Args:
             known: of the motion, without the image.
             seen: by the image alone.
         """
-        if not self.is_open or float(((known.expected / known.spread) ** 2).sum()) < MOVING2:
+        if not self.is_open or float(known.mean @ known.information @ known.mean) < MOVING2:
             return
-        own = np.linalg.inv(seen.information + RIDGE * np.eye(MOTIONS))
-        weight = np.linalg.inv(own + self.scale**2 * np.diag(known.spread**2))
-        motion = own @ seen.pull
-        surprise = motion - self._mean * known.expected
+        weight = np.linalg.inv(seen.covariance + self.scale**2 * known.covariance)
+        surprise = seen.mean - self._mean * known.mean
         weight /= max(1.0, float(surprise @ weight @ surprise) / MOTIONS)
         self._images += 1
-        self._known += float(known.expected @ weight @ known.expected)
-        self._agreed += float(known.expected @ weight @ motion)
+        self._known += float(known.mean @ weight @ known.mean)
+        self._agreed += float(known.mean @ weight @ seen.mean)
         self._mean = max((PRIOR + self._agreed) / (PRIOR + self._known), 0.0)
         self._variance = 1.0 / (PRIOR + self._known) + (HIDDEN * self._mean) ** 2
         most = (self._mean + 2.0 * sqrt(self._variance)) * self.line_time * self._reach_px * LIMITS.edges.turning_sd

@@ -13,33 +13,27 @@ Discrete Sequential Estimation, Academic Press 1977, chapter VIII.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from math import hypot
 from typing import Final
 
 import numpy as np
 
-from mkdaemon.vision.arrays import Array
+from mkdaemon.vision.arrays import Array, Estimate
 from mkdaemon.vision.limits import HALF, LIMITS
-from mkdaemon.vision.pose.pose import Bend, Pose, damped, turn
+from mkdaemon.vision.pose.pose import Pose, damped, turn
 from mkdaemon.vision.pose.prints import Sheet
 from mkdaemon.vision.pose.projection import NEAR_M, Projection
-from mkdaemon.vision.pose.rolling import (
-    MOTIONS,
-    KnownMotion,
-    SeenMotion,
-    beyond_motion,
-    cross,
-    motion_jacobian,
-    skew,
-)
+from mkdaemon.vision.pose.rolling import MOTIONS, beyond_motion, cross, motion_jacobian, skew
 
 POSE: Final = slice(0, 6)
 """Where the pose is among the unknowns, position before rotation: first."""
-ANY_MOTION: Final = KnownMotion(np.zeros(MOTIONS), np.array([LIMITS.edges.turning_sd] * 3 + [LIMITS.edges.speed_sd]))
+ANY_MOTION: Final = Estimate(np.zeros(MOTIONS), np.diag([LIMITS.edges.turning_sd] * 3 + [LIMITS.edges.speed_sd]) ** 2)
 """What is known of a motion that nobody knows."""
 BEYOND_SD: Final = np.array([LIMITS.edges.acceleration_sd] * 3 + [LIMITS.edges.speed_sd] * 2)
 """Deviations of what a motion lacks: three angular accelerations [rad/s^2], two speeds [m/s]."""
+RIDGE: Final = 1e-6
+"""Information about a motion that no image shows [s^2/rad^2]."""
 CARRIED: Final = ("place", "turn", "rise", "motion", "spread")
 """Unknowns that a state carries from step to step; each step asks for all of the others."""
 
@@ -51,15 +45,15 @@ class Unknown:
     Attributes:
         name: of these unknowns.
         rows: derivative of what is measured by each `(k, n)`.
-        information: inverse covariance of what is expected `(k, k)`, or its diagonal `(k,)`; none where nothing is.
-        off: what is expected, less where the fit is `(k,)`; zero if none is given.
+        information: inverse covariance of what is expected `(k, k)`, or its diagonal `(k,)`; zero where nothing is.
+        off: what is expected, less where the fit is `(k,)`.
         is_asked: whether a step is solved for them; others only make it less certain.
     """
 
     name: str
     rows: Array
-    information: Array | None = None
-    off: Array | None = None
+    information: Array = field(default_factory=lambda: np.zeros(1))
+    off: Array = field(default_factory=lambda: np.zeros(1))
     is_asked: bool = True
 
 
@@ -89,11 +83,9 @@ class Unknowns:
             block = self._blocks[line.name] = slice(start, stop)
             if line.name in CARRIED:
                 self.carried = stop
-            if line.information is not None:
-                known = line.information
-                self.information[block, block] = known if known.ndim > 1 else np.diag(known)
-            if line.off is not None:
-                off[block] = line.off
+            known = line.information
+            self.information[block, block] = known if known.ndim > 1 else np.diag(known)
+            off[block] = line.off
         self._pull = self.information @ off
         self.surprise = float(off @ self._pull)
 
@@ -185,13 +177,13 @@ class Prior:
     def __init__(self, start: Pose, level: Level | None, projection: Projection, sheet: Sheet | None) -> None:
         self.start = start
         self._level, self._projection, self._sheet = level, projection, sheet
-        self._motion: KnownMotion | None = None
+        self._motion: Estimate | None = None
         shutter = projection.shutter
         if shutter.rolls:
             self._motion = shutter.motion(start.known_motion or ANY_MOTION)
             # Times the line time over the nominal one; of an acceleration twice.
             self._beyond_sd = BEYOND_SD * shutter.scale ** np.array([2, 2, 2, 1, 1])
-        self.bend: Bend | None = None if sheet is None else start.known_bend or sheet.prior
+        self.bend: Estimate | None = None if sheet is None else start.known_bend or sheet.prior
 
     def begin(self, blur_px: float = 0.0) -> State:
         """Where the fit begins, with a round point spread of some deviation."""
@@ -212,20 +204,20 @@ class Prior:
             times: when they are exposed `(n,)` [s].
             heights: of the points by the rise of the print `(3, n)` [m]; none where that is not asked for.
         """
-        turn_known = turn_off = None
+        turning = Unknown("turn", cross(arm, by_point).T)
         if self._level is not None:
             # The turn that levels a normal n is n x up; about n it is free.
             normal = at.rotation[:, 2]
-            turn_known = (np.eye(3) - np.outer(normal, normal)) / self._level.spread**2
-            turn_off = skew(normal) @ self._level.up
-        table = [Unknown("place", by_point.T), Unknown("turn", cross(arm, by_point).T, turn_known, turn_off)]
+            known = (np.eye(3) - np.outer(normal, normal)) / self._level.spread**2
+            turning = replace(turning, information=known, off=skew(normal) @ self._level.up)
+        table = [Unknown("place", by_point.T), turning]
         if heights is not None and self._sheet is not None and self.bend is not None and at.rise is not None:
             along = by_point @ (at.rotation @ self._sheet.normal)
             table.append(Unknown("rise", along * heights, self.bend.information, self.bend.mean - at.rise))
         if at.motion is not None and self._motion is not None:
             rows = motion_jacobian(by_point, arm + at.position, times)
             lacking = beyond_motion(rows, by_point, times, at.position)
-            table.append(Unknown("motion", rows, self._motion.spread**-2, self._motion.expected - at.motion))
+            table.append(Unknown("motion", rows, self._motion.information, self._motion.mean - at.motion))
             table.append(Unknown("beyond", lacking, self._beyond_sd**-2))
         return [*table, self._aspect(at, by_point, arm)]
 
@@ -242,16 +234,16 @@ class Prior:
         sd = hypot(LIMITS.edges.systematic_px / reach_px, lens_sd)
         return Unknown("aspect", rows, np.full(len(rows), sd**-2), is_asked=lens_sd > 0.0)
 
-    def measured(self, at: State, unknowns: Unknowns, covariance: Array) -> tuple[Array, Bend | None]:
+    def measured(self, at: State, unknowns: Unknowns, covariance: Array) -> tuple[Array, Estimate | None]:
         """Covariance of the pose `(6, 6)`, and what was found of the bend, by that of all unknowns `(k, k)`."""
         pose = (covariance[POSE, POSE] + covariance[POSE, POSE].T) / 2
         if self._sheet is None or at.rise is None or "rise" not in unknowns:
             return pose, None
-        bend = Bend(at.rise, covariance[unknowns["rise"], unknowns["rise"]])
+        bend = Estimate(at.rise, covariance[unknowns["rise"], unknowns["rise"]])
         pose[:3, :3] += self._sheet.plane_covariance(at.rotation, bend)
         return pose, bend
 
-    def seen_motion(self, at: State, unknowns: Unknowns, covariance: Array) -> SeenMotion | None:
+    def seen_motion(self, at: State, unknowns: Unknowns, covariance: Array) -> Estimate | None:
         """What the image alone says about the motion, where that tells a line time; see `measured`.
 
         What the fit was told, W and m0, is taken out of what it found, C and m: C^-1 - W, and C^-1 m - W m0.
@@ -259,10 +251,10 @@ class Prior:
         if at.motion is None or self._motion is None or not self._projection.shutter.is_open:
             return None
         found = np.linalg.inv(covariance[unknowns["motion"], unknowns["motion"]])
-        given = self._motion.spread**-2
-        values, axes = np.linalg.eigh(found - np.diag(given))
-        information = (axes * np.maximum(values, 0.0)) @ axes.T
-        return SeenMotion(information, found @ at.motion - given * self._motion.expected)
+        given = self._motion.information
+        values, axes = np.linalg.eigh(found - given)
+        own = axes / (np.maximum(values, 0.0) + RIDGE) @ axes.T
+        return Estimate(own @ (found @ at.motion - given @ self._motion.mean), own)
 
 
 def not_arrived(pose: Pose, to_go: Array) -> Pose:

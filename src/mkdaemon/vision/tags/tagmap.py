@@ -50,6 +50,11 @@ class Tag:
     rotation: Array
 
     @property
+    def code(self) -> tuple[str, int]:
+        """Family and id."""
+        return self.family.name, self.tag_id
+
+    @property
     def module(self) -> float:
         """Side of one cell [m]."""
         return self.size / self.family.size_cells
@@ -62,7 +67,7 @@ class Tag:
     @property
     def bitmap(self) -> Grey:
         """Cells of everything black `(n, n)` uint8, row 0 at the tag's +y."""
-        return cells(self.family.name, self.tag_id)
+        return cells(*self.code)
 
     def place(self, points_tag: Array) -> Array:
         """Carry `(n, 2)` points of the tag plane into the target frame `(n, 3)` [m]."""
@@ -127,7 +132,7 @@ class TagMap:
     @cached_property
     def owners(self) -> dict[tuple[str, int], tuple[Target, Tag]]:
         """Target and tag by (family, id)."""
-        return {(tag.family.name, tag.tag_id): (target, tag) for target in self.targets for tag in target.tags}
+        return {tag.code: (target, tag) for target in self.targets for tag in target.tags}
 
     @cached_property
     def whitelist(self) -> dict[str, frozenset[int]]:

@@ -23,9 +23,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from mkdaemon.vision.arrays import Array
+from mkdaemon.vision.arrays import Array, Bools
 from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.ambiguity import CAUTION, evidence, log_odds
 from mkdaemon.vision.pose.pose import LEAST_NORM, Pose, inverse
@@ -144,14 +143,14 @@ class Branches:
 
     course: Course
     weight: Array
-    missed: npt.NDArray[np.bool_]
+    missed: Bools
     together: Array
     prior: Course
     pose: Pose
 
-    @classmethod
+    @staticmethod
     def begin(
-        cls, time: float, candidates: Sequence[Pose], log_prior: Array | None = None, *, moving: bool = False
+        time: float, candidates: Sequence[Pose], log_prior: Array | None = None, *, moving: bool = False
     ) -> Branches:
         """Start from the m candidates of one image at a time [s]; a single one is known to be true.
 
@@ -160,9 +159,8 @@ class Branches:
         course = Course.begin(time, *places(candidates), MOVING_PSD if moving else ACCELERATION_PSD)
         weight = (0.0 if log_prior is None else log_prior) - _evidence(candidates)
         missed, together = np.zeros(len(weight), dtype=bool), np.zeros(len(weight))
-        kept, odds = _followed(course, weight, missed)
-        anywhere = replace(course[kept[0]], covariance=ANYWHERE * np.eye(6))
-        return cls(course[kept], odds, missed[kept], together[kept], anywhere, candidates[kept[0]])
+        anywhere = replace(course, covariance=np.array([ANYWHERE * np.eye(6)] * len(weight)))
+        return _likeliest(course, weight, missed, together, anywhere, candidates)
 
     @property
     def lead(self) -> float:
@@ -211,16 +209,8 @@ class Branches:
         parent, chosen = np.divmod(np.arange(len(weight)), len(candidates) + 1)
         missed = chosen == len(candidates)
         chosen[missed] = nearest
-        kept, odds = _followed(course, weight, missed)
-        best = kept[0]
-        return Branches(
-            course[kept],
-            odds,
-            missed[kept],
-            self._summed_against(centre, candidates)[chosen[kept]],
-            prior[parent[best]],
-            candidates[chosen[best]],
-        )
+        together = self._summed_against(centre, candidates)[chosen]
+        return _likeliest(course, weight, missed, together, prior[parent], [candidates[k] for k in chosen])
 
     def _summed_against(self, centre: Array, candidates: Sequence[Pose]) -> Array:
         """What images together say against the reading of each candidate, their own image included `(m,)` [nats]."""
@@ -265,8 +255,10 @@ def _angles(some: Array, others: Array) -> Array:
     return np.asarray(np.arccos(np.clip(a @ b.T, -1.0, 1.0)))
 
 
-def _followed(course: Course, weight: Array, missed: npt.NDArray[np.bool_]) -> tuple[list[int], Array]:
-    """Which few of many branches are followed, the likeliest first, and their log odds against that one `(k,)`."""
+def _likeliest(
+    course: Course, weight: Array, missed: Bools, together: Array, prior: Course, poses: Sequence[Pose]
+) -> Branches:
+    """The few of many branches that are followed, by the attributes of each."""
     # Copies of a reading are one, or they would crowd out others, which would then count as impossible.
     step = course.state[:, None] - course.state
     is_same = ((step @ np.linalg.inv(course.covariance)) * step).sum(axis=-1) < ONE2
@@ -283,4 +275,6 @@ def _followed(course: Course, weight: Array, missed: npt.NDArray[np.bool_]) -> t
             kept.append(k)
     kept += [k for k in odds if k not in kept][: KEPT - len(kept)]
     kept.sort(key=lambda k: -odds[k])
-    return kept, np.maximum(np.array([odds[k] - odds[kept[0]] for k in kept]), -MOST_ODDS)
+    best = kept[0]
+    lead = np.maximum(np.array([odds[k] - odds[best] for k in kept]), -MOST_ODDS)
+    return Branches(course[kept], lead, missed[kept], together[kept], prior[best], poses[best])

@@ -13,19 +13,19 @@ import numpy as np
 
 from mkdaemon.config.vision import TrackerSection
 from mkdaemon.telemetry.vision import PoseRefusal
-from mkdaemon.vision.arrays import Array, Grey
+from mkdaemon.vision.arrays import Array, Estimate, Grey
 from mkdaemon.vision.limits import HALF, LIMITS
-from mkdaemon.vision.pose.ambiguity import Decision, prefers
+from mkdaemon.vision.pose.ambiguity import prefers
 from mkdaemon.vision.pose.fitting import TargetFitter
-from mkdaemon.vision.pose.pose import Bend, Pose, inverse, with_floor
+from mkdaemon.vision.pose.pose import Pose, inverse, solve, with_floor
 from mkdaemon.vision.pose.projection import Projection
-from mkdaemon.vision.pose.rolling import MOTIONS, KnownMotion, Shutter, motion_of
+from mkdaemon.vision.pose.rolling import MOTIONS, Shutter, motion_of
 from mkdaemon.vision.tags.cellread import Detection
 from mkdaemon.vision.tags.detector import TONES, Detector, Part
 from mkdaemon.vision.tags.tagmap import Tag, Target
 from mkdaemon.vision.track.attitude import Mounting, Sight, Turning
 from mkdaemon.vision.track.branches import Branches
-from mkdaemon.vision.track.judge import Judge, Verdict
+from mkdaemon.vision.track.judge import Decision, Judge, Verdict
 from mkdaemon.vision.track.level import LevelKnowledge
 
 FoundBy = Literal["predicted", "flow", "roi", "search"]
@@ -186,7 +186,7 @@ class Track:
         return replace(last, rotation=rotation, position=position, known_motion=known)
 
 
-def known_motion(place: Array, speed: Array | None, turning: Turning | None, speed_sd: float = 0.0) -> KnownMotion:
+def known_motion(place: Array, speed: Array | None, turning: Turning | None, speed_sd: float = 0.0) -> Estimate:
     """What is known about the motion of a camera while an image is read.
 
     Args:
@@ -203,7 +203,7 @@ def known_motion(place: Array, speed: Array | None, turning: Turning | None, spe
             spread += limits.speed_sd / float(np.linalg.norm(place))
     along = limits.speed_sd if speed is None else hypot(SINCE, speed_sd)
     expected = motion_of(place, np.zeros(3) if speed is None else speed, rate)
-    return KnownMotion(expected, np.array([spread] * 3 + [along]))
+    return Estimate(expected, np.diag([spread] * 3 + [along]) ** 2)
 
 
 MOVED: Final = 16.3
@@ -215,17 +215,17 @@ LASTS: Final = 300.0
 class LearnedBend:
     """The bend of one print: what near edges showed is carried on, and returns to the prior within minutes."""
 
-    def __init__(self, prior: Bend | None) -> None:
+    def __init__(self, prior: Estimate | None) -> None:
         self._prior = self._last = prior
         self._time = -np.inf
 
-    def at(self, time: float) -> Bend | None:
+    def at(self, time: float) -> Estimate | None:
         """What is known at a time; none for a target that does not bend."""
         if self._prior is None or self._last is None:
             return None
         kept = exp(-max(time - self._time, 0.0) / LASTS)
         mean = kept * self._last.mean + (1.0 - kept) * self._prior.mean
-        return Bend(mean, kept**2 * self._last.covariance + (1.0 - kept**2) * self._prior.covariance)
+        return Estimate(mean, kept**2 * self._last.covariance + (1.0 - kept**2) * self._prior.covariance)
 
     def learn(self, time: float, pose: Pose) -> None:
         """Take in what the edges of a published pose say."""
@@ -255,7 +255,7 @@ def learn_rows(shutter: Shutter, published: Sequence[tuple[float, Pose]]) -> Non
     turned = -np.asarray(cv2.Rodrigues(after.rotation @ before.rotation.T)[0], dtype=np.float64).ravel()
     sight = between.position / between.range_m
     turning, speed = (turned @ sight) * sight / (end - start), (after.position - before.position) / (end - start)
-    known = KnownMotion(motion_of(between.position, speed, turning), np.full(MOTIONS, RATE_SD))
+    known = Estimate(motion_of(between.position, speed, turning), RATE_SD**2 * np.eye(MOTIONS))
     shutter.learn(known, between.seen_motion)
 
 
@@ -310,7 +310,7 @@ class Follower:
         """The prediction, and the last pose carried over: before it where the image does not show what it expects."""
         track, predicted = self.track, self._predicted(seen)
         is_expected = track.has_velocity or seen.turned_since(track.last_seen) is not None
-        if is_expected and self._fitter.shows(seen.pixels, predicted):
+        if is_expected and self._fitter.cells.shows(seen.pixels, predicted):
             yield "predicted", predicted
             is_expected = False
             if self._fitter.effort >= MOST_EFFORT:
@@ -323,7 +323,7 @@ class Follower:
 
     def _with_climb(self, seen: Sight, start: Pose) -> Pose:
         """The start of a track's second image with the speed that both ranges tell: rows make a tilt of a climb."""
-        if not self._fitter.shutter.rolls or self.track.has_velocity:
+        if not self._fitter.projection.shutter.rolls or self.track.has_velocity:
             return start
         found = self._fitter.refine(seen.pixels, start)
         if found is None or found.inliers < LIMITS.agreement.blind or not self.track.goes_on(seen.time):
@@ -369,7 +369,7 @@ class Follower:
         else:
             track.published.append((time, pose))
             self._bend.learn(time, pose)
-            learn_rows(self._fitter.shutter, track.published)
+            learn_rows(self._fitter.projection.shutter, track.published)
             frame.refused.pop(self.name, None)
             self.contradicting = None
             known = self.name, self._fitter.target.frame, pose, verdict.ratio, verdict.decided_by, mode
@@ -400,9 +400,12 @@ class Follower:
             return
         frame.started.add(self.name)
         seen, track = self.level.sight(frame.sight), self.track
-        candidates = self._fitter.cold(
-            seen.pixels, tags, lambda place: known_motion(place, None, seen.turning), self._bend.at(seen.time)
-        )
+        bend = self._bend.at(seen.time)
+        starts = [
+            replace(pose, known_motion=known_motion(pose.position, None, seen.turning), known_bend=bend)
+            for pose in solve(tags, self._fitter.projection)
+        ]
+        candidates = self._fitter.cold(seen.pixels, starts)
         if candidates and not any(track.can_be_at(seen.time, pose) for pose in candidates):
             frame.refused[self.name] = PoseRefusal.OFF_COURSE
             return
@@ -427,7 +430,7 @@ class Follower:
             track.decoded_at = now
             return True
         # Clear cells stand in for a tag that cannot be decoded: one that leaves the image, or is partly hidden.
-        if not tags and (overdue < self._cfg.coast or self._fitter.evidence(pixels, pose).is_clear):
+        if not tags and (overdue < self._cfg.coast or self._fitter.cells.evidence(pixels, pose).is_clear):
             return True
         frame.refused[self.name] = PoseRefusal.DECODED_ELSEWHERE if tags else PoseRefusal.NOT_DECODED
         track.lose()
@@ -449,7 +452,7 @@ class Follower:
     def _own(self, found: Sequence[Detection]) -> list[tuple[Tag, Detection]]:
         """The target's own tags among decoded ones."""
         tags = self._fitter.target.tags
-        return [(tag, one) for one in found for tag in tags if (tag.family.name, tag.tag_id) == one.code]
+        return [(tag, one) for one in found for tag in tags if tag.code == one.code]
 
     def _predicted(self, seen: Sight) -> Pose:
         """What the track expects in an image, with what is known of the print's bend."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import inf
-from typing import Final
+from typing import Final, Literal
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from mkdaemon.config.vision import TrackerSection
 from mkdaemon.telemetry.vision import PoseRefusal
 from mkdaemon.vision.arrays import Array
 from mkdaemon.vision.limits import HALF, LIMITS
-from mkdaemon.vision.pose.ambiguity import Decision, prefers, residual_ratio
+from mkdaemon.vision.pose.ambiguity import prefers, residual_ratio
 from mkdaemon.vision.pose.fitting import TargetFitter
 from mkdaemon.vision.pose.gates import certainty_refusal, fit_refusal
 from mkdaemon.vision.pose.pose import Pose, angle_between, turn
@@ -23,6 +23,8 @@ from mkdaemon.vision.track.branches import Branches
 from mkdaemon.vision.track.level import LevelKnowledge
 
 CERTAINTY: Final = LIMITS.certainty
+Decision = Literal["unique", "image", "attitude", "track"]
+"""What settled which reading of a target is true."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -115,7 +117,7 @@ class Judge:
         if not fits:
             return Verdict(None, next(filter(None, refusals), PoseRefusal.NO_FIT))
         fits = self.candidates(seen, fits)
-        verdict = alone = self._judge_alone(seen.without_attitude(), fits)
+        verdict = alone = self._judge_alone(seen, fits)
         vertical = self.level.vertical(seen)
         if vertical is not None:
             verdict = self._judge_beside(seen, fits, vertical)
@@ -189,10 +191,10 @@ class Judge:
         is_partial = self.is_partial(chosen)
         is_plain = branches.prior.angle_sd < CERTAINTY.blind_angle_sd or self.is_plain(seen, fused)
         # Hidden parts, or a border faked by what hides them: the edges seen tell these apart.
-        is_plain = is_plain or (is_partial and self._fitter.is_supported(seen.pixels, chosen))
-        if is_partial and not is_plain:
+        is_plain = is_plain or (is_partial and self._fitter.edges.evidence(seen.pixels, chosen).supports)
+        if not is_plain and (is_partial or chosen.inliers < LIMITS.agreement.blind):
             return Verdict(fused, PoseRefusal.INLIERS, branches=branches)
-        refused = certainty_refusal(fused, has_attitude=False, is_plain=is_plain)
+        refused = certainty_refusal(fused, has_attitude=False)
         alone = fused if refused is None else None
         return Verdict(fused, refused, alone, branches, ratio=residual_ratio(chosen, candidates))
 
@@ -201,13 +203,13 @@ class Judge:
         refused = fit_refusal(pose, self._cfg)
         if refused is not None:
             return refused
-        if not self._fitter.evidence(seen.pixels, pose).vouches:
+        if not self._fitter.cells.evidence(seen.pixels, pose).vouches:
             return PoseRefusal.BITS
         if self.is_partial(pose):
-            if self._fitter.beside(seen.pixels, pose) > HALF * LIMITS.ambiguity.decided:
+            if self._fitter.cells.beside(seen.pixels, pose) > HALF * LIMITS.ambiguity.decided:
                 return PoseRefusal.BITS
             # What lies over a target hides edges; one that is beside its place has other edges in view.
-            if pose.inliers < LIMITS.agreement.blind and not self._fitter.explains_seen_edges(seen.pixels, pose):
+            if pose.inliers < LIMITS.agreement.blind and not self._fitter.edges.evidence(seen.pixels, pose).explains:
                 return PoseRefusal.INLIERS
         return PoseRefusal.ATTITUDE if self.level.refuses(seen, pose, is_hidden=is_hidden) else None
 
@@ -235,11 +237,11 @@ class Judge:
 
     def is_plain(self, seen: Sight, pose: Pose) -> bool:
         """Whether the target is large and its cells are read clearly: hidden parts then mislead nobody."""
-        return self._is_large(pose) and self._fitter.evidence(seen.pixels, pose).is_clear
+        return self._is_large(pose) and self._fitter.cells.evidence(seen.pixels, pose).is_clear
 
     def is_plainly_there(self, seen: Sight, pose: Pose) -> bool:
         """Whether a large target lies as a pose says, for all but the attitude."""
-        return self.is_plain(seen, pose) and certainty_refusal(pose, has_attitude=False, is_plain=True) is None
+        return self.is_plain(seen, pose) and certainty_refusal(pose, has_attitude=False) is None
 
     def _is_large(self, pose: Pose) -> bool:
         """Whether perspective tells a pose from its mirror image."""

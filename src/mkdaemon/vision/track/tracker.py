@@ -63,10 +63,10 @@ class VisionResult:
 
 
 class ImageHealth:
-    """Watches the images of one camera."""
+    """Watches the images of one camera; their size is right without intrinsics."""
 
-    def __init__(self, width: int | None, height: int | None) -> None:
-        self._shape = (height, width) if width is not None and height is not None else None
+    def __init__(self, intrinsics: Intrinsics | None) -> None:
+        self._shape = None if intrinsics is None else (intrinsics.height, intrinsics.width)
         self._last: Grey | None = None
         self._repeats = 0
         self._residuals: deque[float] = deque(maxlen=DRIFT_FITS)
@@ -128,7 +128,7 @@ class Tracker:
         self._mounting = mounting
         self._gamma = intrinsics.gamma if intrinsics is not None else 1.0
         self.detector = Detector(tagmap.whitelist, covered=covered_cells(tagmap))
-        self._health = ImageHealth(*((intrinsics.width, intrinsics.height) if intrinsics is not None else (None, None)))
+        self._health = ImageHealth(intrinsics)
         self.followers: tuple[Follower, ...] = ()
         self.shutter: Shutter | None = None
         if intrinsics is not None:
