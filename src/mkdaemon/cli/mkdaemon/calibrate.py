@@ -287,7 +287,7 @@ async def mount_of_flight(
     Fly for ten seconds over a level target and turn (yaw) by 60 degrees to both sides: without turning, a camera that
     sits askew and a target that lies askew look the same. The daemon reads the file when it starts.
 
-    Example: mkdaemon calibrate mount flight.mcap --camera down --store
+    Example: mkdaemon calibrate mount camera.toml --camera down --store
 
     Raises:
         ConfigError: the camera file cannot be used, or is not the one the daemon flies with.
