@@ -445,7 +445,8 @@ class PhotoFit:
         sheet = self.prints.sheet
         heights = None if sheet is None else sheet.heights(*(prints[0].tag.module * parts[0].at.place))
         # Columns that lie together in memory are added and multiplied faster than rows of three.
-        table = prior.table(at, by_point.T, of_all([part.at.arm for part in parts]).T, times, heights)
+        arm, error_px = of_all([part.at.arm for part in parts]).T, LIMITS.edges.systematic_px
+        table = prior.table(at, by_point.T, arm, times, heights, error_px)
         table.insert(2, Unknown("spread", contrast * of_all([part.at.by_spread for part in parts])))
         light, row, end = np.zeros((sum(len(part.gain) for part in parts), contrast.size)), 0, 0
         for part in parts:

@@ -192,7 +192,9 @@ class Prior:
         rise = None if self.bend is None else (self.start.bend or self.bend).mean
         return State(self.start.rotation, self.start.position, blur_px**2 * np.eye(2), motion, rise)
 
-    def table(self, at: State, by_point: Array, arm: Array, times: Array, heights: Array | None) -> list[Unknown]:
+    def table(
+        self, at: State, by_point: Array, arm: Array, times: Array, heights: Array | None, error_px: float = 0.0
+    ) -> list[Unknown]:
         """The unknowns that all fits have, of what is measured at points of the print.
 
         A turn w moves a point at `arm` by w x arm, so that its derivative is arm x that by the point.
@@ -203,6 +205,7 @@ class Prior:
             arm: from the target's origin to the points at rest `(n, 3)` [m; camera].
             times: when they are exposed `(n,)` [s].
             heights: of the points by the rise of the print `(3, n)` [m]; none where that is not asked for.
+            error_px: of a length in the image that no number of measurements averages out [px].
         """
         turning = Unknown("turn", cross(arm, by_point).T)
         if self._level is not None:
@@ -219,9 +222,11 @@ class Prior:
             lacking = beyond_motion(rows, by_point, times, at.position)
             table.append(Unknown("motion", rows, self._motion.information, self._motion.mean - at.motion))
             table.append(Unknown("beyond", lacking, self._beyond_sd**-2))
-        return [*table, self._aspect(at, by_point, arm)]
+        reach_px = float(self._projection.focal[0] * np.sqrt((arm[:, :2] ** 2).sum(axis=1).max()) / at.position[2])
+        aspect_sd = hypot(error_px / reach_px, self._projection.aspect_sd)
+        return [*table, self._aspect(by_point, arm, aspect_sd)] if aspect_sd > 0.0 else table
 
-    def _aspect(self, at: State, by_point: Array, arm: Array) -> Unknown:
+    def _aspect(self, by_point: Array, arm: Array, sd: float) -> Unknown:
         """By which share an image is longer along its rows than its columns, and along one diagonal than the other.
 
         Seen from the front a tilt t looks like a share of t^2 / 2: an error of it is one of the tilt by so much over t.
@@ -229,10 +234,7 @@ class Prior:
         """
         (across, down, _), (x, y, _) = by_point.T, arm.T
         rows = HALF * np.stack([across * x - down * y, across * y + down * x])
-        reach_px = float(self._projection.focal[0] * np.sqrt((x * x + y * y).max()) / at.position[2])
-        lens_sd = self._projection.aspect_sd
-        sd = hypot(LIMITS.edges.systematic_px / reach_px, lens_sd)
-        return Unknown("aspect", rows, np.full(len(rows), sd**-2), is_asked=lens_sd > 0.0)
+        return Unknown("aspect", rows, np.full(len(rows), sd**-2), is_asked=self._projection.aspect_sd > 0.0)
 
     def measured(self, at: State, unknowns: Unknowns, covariance: Array) -> tuple[Array, Estimate | None]:
         """Covariance of the pose `(6, 6)`, and what was found of the bend, by that of all unknowns `(k, k)`."""
