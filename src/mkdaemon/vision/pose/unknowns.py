@@ -14,7 +14,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from math import hypot
 from typing import Final
 
 import numpy as np
@@ -223,10 +222,10 @@ class Prior:
             table.append(Unknown("motion", rows, self._motion.information, self._motion.mean - at.motion))
             table.append(Unknown("beyond", lacking, self._beyond_sd**-2))
         reach_px = float(self._projection.focal[0] * np.sqrt((arm[:, :2] ** 2).sum(axis=1).max()) / at.position[2])
-        aspect_sd = hypot(error_px / reach_px, self._projection.aspect_sd)
-        return [*table, self._aspect(by_point, arm, aspect_sd)] if aspect_sd > 0.0 else table
+        variance = (error_px / reach_px) ** 2 + self._projection.aspect_sd**2
+        return [*table, self._aspect(by_point, arm, variance)] if variance > 0.0 else table
 
-    def _aspect(self, by_point: Array, arm: Array, sd: float) -> Unknown:
+    def _aspect(self, by_point: Array, arm: Array, variance: float) -> Unknown:
         """By which share an image is longer along its rows than its columns, and along one diagonal than the other.
 
         Seen from the front a tilt t looks like a share of t^2 / 2: an error of it is one of the tilt by so much over t.
@@ -234,7 +233,7 @@ class Prior:
         """
         (across, down, _), (x, y, _) = by_point.T, arm.T
         rows = HALF * np.stack([across * x - down * y, across * y + down * x])
-        return Unknown("aspect", rows, np.full(len(rows), sd**-2), is_asked=self._projection.aspect_sd > 0.0)
+        return Unknown("aspect", rows, np.full(len(rows), 1.0 / variance), is_asked=self._projection.aspect_sd > 0.0)
 
     def measured(self, at: State, unknowns: Unknowns, covariance: Array) -> tuple[Array, Estimate | None]:
         """Covariance of the pose `(6, 6)`, and what was found of the bend, by that of all unknowns `(k, k)`."""
