@@ -131,11 +131,11 @@ class StillEye:
         fitter = self._fitter(target, intrinsics)
         starts = solve(tags, fitter.projection)
         candidates = fitter.cold(pixels, starts)
+        if not candidates:
+            return None
         if all(pose.source == "edges" and pose.rms_px >= LIMITS.health.drift_px for pose in candidates):
             # Residuals doubt the lens. The sides of a frontal tag tell no wrong ratio from a tilt: it costs degrees.
             candidates = self._fitter(target, intrinsics, FLOOR_RANGE).cold(pixels, starts)
-        if not candidates:
-            return None
         best, *others = sorted(candidates, key=lambda pose: pose.loss)
         same, decided = LIMITS.certainty.blind_angle_sd, LIMITS.ambiguity.decided
         rivals = (pose for pose in others if angle_between(pose.rotation, best.rotation) > same)

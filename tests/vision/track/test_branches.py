@@ -10,7 +10,16 @@ import pytest
 from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.ambiguity import log_odds
 from mkdaemon.vision.pose.pose import Pose, turn
-from mkdaemon.vision.track.branches import CAUTION, KEPT, MOST_ODDS, MOVING_PSD, Branches, Course, lasting_doubt, places
+from mkdaemon.vision.track.branches import (
+    CAUTION,
+    KEPT,
+    MOST_ODDS,
+    MOVING_PSD,
+    Branches,
+    Course,
+    lasting_doubt,
+    places,
+)
 from tests.vision.views import angle_deg
 
 DOWN = np.diag([1.0, -1.0, -1.0])
@@ -236,6 +245,26 @@ def test_a_rival_is_not_crowded_out_by_histories_of_the_best_branch():
     for k in range(1, 5):
         branches = branches.after(k * STEP, [seen([0.7, 0.15 * (-1) ** k, 4.0])])
         assert (branches.course.centre[:, 0] < -0.5).any(), "or it would count as impossible"
+
+
+def test_copies_of_a_reading_leave_room_for_the_true_one():
+    """A far target that passes head on: five of six branches were one reading, published 11 degrees off."""
+    first = seen([0.4, 0.1, 6.0], sd_deg=0.9)
+    branches = Branches.begin(0.0, [first, replace(first)])
+    assert len(branches.weight) == 1
+    rng = np.random.default_rng(2)
+    for k in range(1, 50):
+        true = seen([0.4 - 0.8 * k * STEP, 0.1, 6.0], rng.normal(0, 0.9, 3), sd_deg=0.9)
+        branches = branches.after(k * STEP, [true, mirrored(true)])
+    sides = branches.course.centre[:, 0]
+    assert (sides < 0).any()
+    assert (sides > 0).any()
+
+
+def test_a_course_that_is_no_number_ends():
+    """Whatever a fit claims, choosing what is followed comes to an end."""
+    lost = replace(seen([0.4, 0.1, 6.0]), position=np.full(3, np.nan))
+    assert len(Branches.begin(0.0, [lost, lost]).weight) == 2
 
 
 def test_a_target_that_left_every_course_is_joined_again():

@@ -265,9 +265,9 @@ def _likeliest(
     is_followed = (weight > weight.max() - MOST_ODDS) | ~missed
     left, odds = [k for k in np.argsort(-weight, kind="stable").tolist() if is_followed[k]], dict[int, float]()
     while left:
-        copies = [k for k in left if is_same[left[0], k]]
-        odds[left[0]] = float(np.logaddexp.reduce(weight[copies]))
-        left = [k for k in left if k not in copies]
+        likeliest, *others = left
+        left = [k for k in others if not is_same[likeliest, k]]
+        odds[likeliest] = float(np.logaddexp.reduce(weight[[likeliest, *(k for k in others if k not in left)]]))
     # Of those whose difference would be wrong each has a place first; before others those that join the newest image.
     apart, kept = _angles(course.centre, course.centre), list[int]()
     for k in sorted(odds, key=lambda k: bool(missed[k])):
