@@ -156,16 +156,20 @@ def find_edges(pixels: Grey, samples: Samples) -> FoundEdges:
     cut = steep & are_white[1]
     # Larger cells of either way tell width and light: in small ones a neighbour cuts an edge off.
     longest = [float((samples.reach * kind).max()) for kind in (samples.upright, ~samples.upright)]
-    large = samples.reach >= LARGE * np.where(samples.upright, *longest)
+    share = samples.reach / np.where(samples.upright, *longest)
+    large = share >= LARGE
     # Width of an edge in this image: area of the slope over its peak.
     area = slope.sum(axis=0) * spacing / np.maximum(peak, 1e-3)
     widths = _widths(area, samples.upright, _least_cut(sides[1] - sides[0], steep & large, cut)[0])
     centre = place[slope.argmax(axis=0)]
+    body = slope - SKIRT * peak
+    np.maximum(body, 0.0, out=body)
     for _ in range(2):
         # The peak of a wide edge is noise: a first centre of gravity puts the window where the edge is.
-        centre = _centre(slope, place, centre, peak, widths)
+        centre = _centre(body, place, centre, widths)
     found = steep & (np.abs(centre) < samples.reach)
-    trust, room = np.ones(len(found)), np.ones(len(found))
+    # Where a pose is off by more than a small cell reaches, the edge that is found there is another one.
+    trust, room = share**2, np.ones(len(found))
     if samples.are_near:
         either *= (np.abs(place[:, None] - centre) > widths) & (away <= samples.reach + STEP_PX)
         trust = _trust(either.max(axis=0), peak, area * peak, found, cut)
@@ -206,13 +210,13 @@ def _sides(profile: Array32, along: Array, reach: Array) -> Array:
     """Grey values at both ends of the profiles, dark and bright `(2, n)`, at their reach `(n,)` [px]."""
     end = np.searchsorted(along, reach, side="right") - 1
     columns = np.arange(profile.shape[1])
-    return np.stack([profile[len(along) - 1 - end, columns], profile[end, columns]]).astype(np.float64)
+    return np.array([profile[len(along) - 1 - end, columns], profile[end, columns]]).astype(np.float64)
 
 
 def kinds_of(found: Bools, upright: Bools) -> list[Numbers]:
     """What was found of each of the two ways that edges run; all, where one has too few."""
-    every = np.flatnonzero(found)
-    kinds = (np.flatnonzero(found & kind) for kind in (upright, ~upright))
+    every = found.nonzero()[0]
+    kinds = ((found & kind).nonzero()[0] for kind in (upright, ~upright))
     return [kind if len(kind) >= LEAST_OF_A_KIND else every for kind in kinds]
 
 
@@ -237,12 +241,9 @@ def _trust(beside: Array32, peak: Array32, contrast: Array32, found: Bools, cut:
     return np.asarray(1.0 / ((1.0 + uneven**4) * (1.0 + OF_NOISE * (dimmed**2 - 1.0))))
 
 
-def _centre(slope: Array32, place: Array32, around: Array32, peak: Array32, widths: Array) -> Array32:
-    """Centre of gravity of each slope, a column, within its width of a place `(n,)` [px]."""
-    body = slope - SKIRT * peak
-    np.maximum(body, 0.0, out=body)
-    body *= np.abs(place[:, None] - around) <= widths
-    moment, mass = np.stack([place, np.ones_like(place)]) @ body
+def _centre(body: Array32, place: Array32, around: Array32, widths: Array) -> Array32:
+    """Centre of gravity of each body of a slope, a column, within its width of a place `(n,)` [px]."""
+    moment, mass = np.array([place, np.ones_like(place)]) @ (body * (np.abs(place[:, None] - around) <= widths))
     found: Array32 = moment / np.maximum(mass, 1e-6)
     return found
 
@@ -263,16 +264,17 @@ class _Light:
         self.place = (samples.pixels - middle) / size
         x, y = self.place.T
         across, down = samples.normals.T / size
-        powers = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y])
-        slopes = np.stack([np.zeros_like(x), across, down, 2.0 * x * across, y * across + x * down, 2.0 * y * down])
-        weights = telling.astype(np.float64)
+        powers = np.array([np.ones_like(x), x, y, x * x, x * y, y * y])
+        slopes = np.array([np.zeros_like(x), across, down, 2.0 * x * across, y * across + x * down, 2.0 * y * down])
+        weights, ridge = telling.astype(np.float64), RIDGE * np.eye(len(powers))
         for _ in range(ROUNDS):
             weighted = powers * weights
-            terms = np.linalg.solve(weighted @ powers.T + RIDGE * np.eye(len(powers)), weighted @ sides.T).T
-            self.grey, self.rise = terms @ powers, terms @ slopes
+            terms = np.linalg.solve(weighted @ powers.T + ridge, weighted @ sides.T).T
+            self.grey = terms @ powers
             residual = np.abs(sides - self.grey).max(axis=0)
             self.scatter = max(median(residual[telling]), 1.0)
             weights = telling / (1.0 + (residual / self.scatter) ** 2)
+        self.rise = terms @ slopes
 
 
 def _grown(samples: Samples, sides: Array, slope_sd: Array, whole: Bools) -> tuple[Array, Unknown | None]:
@@ -289,8 +291,8 @@ def _grown(samples: Samples, sides: Array, slope_sd: Array, whole: Bools) -> tup
     if size < EVEN_PX:
         return np.zeros_like(moved), None
     (x, y), (across, down) = light.place.T, samples.normals.T
-    even = size * np.stack([across, down, across * x, across * y, down * x, down * y])
-    rows = UNSURE * np.vstack([moved, even])
+    even = size * np.array([across, down, across * x, across * y, down * x, down * y])
+    rows = UNSURE * np.array([moved, *even])
     return moved, Unknown("grown", rows, np.ones(len(rows)))
 
 
@@ -308,7 +310,7 @@ def _blown(samples: Samples, sides: Array, slope_sd: Array, found: Bools, cut: B
     place = np.interp((BRIGHTEST - dark) / max(usual, 1.0), BELOW, PLACES)
     moved = -blur * np.interp(place, PLACES, MOVED) * cut
     by_contrast = -blur * np.interp(place, PLACES, BY_CONTRAST) * cut
-    rows = np.stack([samples.upright * moved, ~samples.upright * moved, by_contrast])
+    rows = np.array([samples.upright * moved, ~samples.upright * moved, by_contrast])
     flooded = light.grey[0] >= LIMITS.read.saturated - LIMITS.read.nearly_blown
     if float(flooded.mean()) >= HALF:
         flooded = np.zeros_like(flooded)

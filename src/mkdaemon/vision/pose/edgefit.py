@@ -27,7 +27,7 @@ from mkdaemon.vision.pose.edgemodel import EdgeModel, Samples, seen_across
 from mkdaemon.vision.pose.pose import LEAST_RIDGE, Pose, damped, inverted, length2, median
 from mkdaemon.vision.pose.prints import RISES, sheet_of
 from mkdaemon.vision.pose.projection import Projection
-from mkdaemon.vision.pose.unknowns import POSE, Level, Prior, State, Unknown, Unknowns, not_arrived
+from mkdaemon.vision.pose.unknowns import POSE, SETTLED, Level, Prior, State, Unknown, Unknowns, not_arrived
 from mkdaemon.vision.tags.cellread import sample
 from mkdaemon.vision.tags.tagmap import Target
 
@@ -62,6 +62,7 @@ class EdgeStep:
         samples: of the edge model.
         edges: where the image has them.
         expected: variance of a located edge [px^2].
+        are_placed: whether most edges of both ways are in their place.
 
     Attributes:
         unknowns, edges: see above.
@@ -71,7 +72,9 @@ class EdgeStep:
         agrees: whether each lies where the pose puts it, by the larger median of both ways and without trust `(n,)`.
     """
 
-    def __init__(self, unknowns: Unknowns, samples: Samples, edges: FoundEdges, expected: float) -> None:
+    def __init__(
+        self, unknowns: Unknowns, samples: Samples, edges: FoundEdges, expected: float, *, are_placed: bool = True
+    ) -> None:
         self.unknowns, self.edges = unknowns, edges
         self._samples, self._expected = samples, expected
         sure = edges.trust * edges.room
@@ -79,7 +82,7 @@ class EdgeStep:
         roomy = edges.found & (edges.room > ROOMY)
         telling = roomy if np.count_nonzero(roomy) >= LEAST_OF_A_KIND else edges.found
         kinds = kinds_of(telling, samples.upright)
-        usual = [np.flatnonzero(telling)] if samples.are_near else kinds
+        usual = [telling.nonzero()[0]] if are_placed else kinds
         residual = edges.offsets
         for _ in range(ROUNDS):
             inside = _inside(np.abs(residual) * np.sqrt(sure), usual) * edges.found
@@ -259,7 +262,7 @@ class EdgeFit:
             if found is None:
                 return None
             samples, edges, unknowns = found
-            step = EdgeStep(unknowns, samples, edges, edge_px**2)
+            step = EdgeStep(unknowns, samples, edges, edge_px**2, are_placed=k > 1)
             before, moved = moved, step.moved_px
             # Edges wider than they were looked for are cut off, and less far from their place than they are.
             is_cut = edges.widest > CUT * reach
@@ -271,7 +274,9 @@ class EdgeFit:
             last, state = step, state.moved(step.unknowns, step.change)
             if state.ran_away(start):
                 return None
-            if moved < limits.settled_px and are_near and not is_cut:
+            # Of a first step near by, which is to the next one as the one before is to it, that has to be short.
+            is_last = k > 1 or moved**2 * step.length2 <= SETTLED * before**2
+            if moved < limits.settled_px and are_near and is_last and not is_cut:
                 to_go = np.zeros(6)
                 break
         return None if last is None else not_arrived(last.pose(state, prior, self.model.square), to_go)
@@ -320,10 +325,10 @@ class EdgeFit:
         reaches = np.minimum(reach, HALF * cell_px)
         visible &= cell_px > limits.cells.readable_px
         visible &= (np.minimum(uv, np.array(pixels.shape[::-1]) - 1 - uv) > reaches[:, None] + 1.0).all(axis=1)
-        index = np.flatnonzero(visible)
+        index = visible.nonzero()[0]
         if len(index) < LEAST_EDGES:
             return None
-        most = LIMITS.edges.max_samples
+        most = limits.edges.max_samples if are_near else limits.edges.max_samples // 2
         if len(index) > most:
             index = index[np.arange(most) * len(index) // most]
         # Columns that lie together in memory are added and multiplied faster than rows of three.
@@ -365,5 +370,6 @@ def shifts(toned: Array, smaller: Bools) -> Unknown:
         toned: shift of each over that of all `(n,)`.
         smaller: which of them are on tags of each smaller size `(n, k)`.
     """
-    rows = np.vstack([smaller[:, smaller.any(axis=0) & ~smaller.all(axis=0)].T, np.ones_like(toned)]) * toned
+    count = np.count_nonzero(smaller, axis=0)
+    rows = np.concatenate([smaller[:, (count > 0) & (count < len(toned))].T, np.ones((1, len(toned)))]) * toned
     return Unknown("shift", rows, np.full(len(rows), LIMITS.edges.shift_sd_px**-2))

@@ -111,7 +111,7 @@ def seen_across(pixels: Array) -> tuple[Array, Array]:
     """
     at, across, along = pixels.reshape(3, -1, 2)
     run, rise = along - at, across - at
-    normals = np.stack([-run[:, 1], run[:, 0]]).T
+    normals = np.array([-run[:, 1], run[:, 0]]).T
     length = np.sqrt((run * run).sum(axis=1))
     normals /= np.maximum(length, ON_EDGE)[:, None]
     height = (rise * normals).sum(axis=1)

@@ -124,7 +124,7 @@ class CellReader:
             rise = (white - black) / np.maximum(np.maximum(white, black), 1.0)
             usual = HALF * quantile(np.abs(rise[in_view]), USUAL) if bool(in_view.any()) else 0.0
             clear = in_view & (np.abs(white - black) > NOISE_GREY) & (np.abs(rise) > usual)
-            found.append(np.stack([clear & (rise > 0.0), clear & (rise < 0.0), in_view]).sum(axis=2))
+            found.append(np.array([clear & (rise > 0.0), clear & (rise < 0.0), in_view]).sum(axis=2))
         return found
 
 

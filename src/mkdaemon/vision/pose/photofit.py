@@ -33,7 +33,7 @@ from mkdaemon.vision.pose.edgefit import MAD
 from mkdaemon.vision.pose.pose import LEAST_NORM, Pose, apart, correlation, damped, inverted, length2, median
 from mkdaemon.vision.pose.prints import BOX, PrintModel, Prints, PrintSamples, principal
 from mkdaemon.vision.pose.projection import Projection
-from mkdaemon.vision.pose.unknowns import POSE, Level, Prior, State, Unknown, Unknowns, not_arrived
+from mkdaemon.vision.pose.unknowns import POSE, SETTLED, Level, Prior, State, Unknown, Unknowns, not_arrived
 from mkdaemon.vision.tags.tagmap import Target
 
 DARK, BRIGHT = 0.3, 0.7
@@ -330,8 +330,6 @@ UNSETTLED = 1.0
 """Squared deviations from its place from which a fit that ended has not arrived."""
 STEPS = 8
 """Of a fit; four are usual, a streak of 20 px takes eight (of 9,536 images five lost 6, 10 to 20 won none)."""
-SETTLED = 0.3
-"""A shorter step is the last: squared length in deviations of the fit."""
 
 
 class PhotoFit:

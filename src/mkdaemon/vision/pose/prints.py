@@ -103,7 +103,7 @@ class Sheet:
 
     def heights(self, x: Array, y: Array) -> Array:
         """Derivative `(3, n)` [m] of the height over the plane by the rise, at places `(n,)` along the axes [m]."""
-        heights: Array = self._scale * np.stack([x * x, x * y, y * y]) - self._mean[:, None]
+        heights: Array = self._scale * np.array([x * x, x * y, y * y]) - self._mean[:, None]
         return heights
 
     def terms(self, points: Array) -> Array:
@@ -118,7 +118,7 @@ class Sheet:
         along_x = [a * a, 1.5 * a * b, a * c + b * b / 2, b * c / 2]
         along_y = [a * b / 2, a * c + b * b / 2, 1.5 * b * c, c * c]
         chord = (-2.0 / 3.0) * self._axes @ np.array([along_x, along_y])
-        bent: Array = points + (np.column_stack([np.outer(self.normal, rise), chord]) @ terms).T
+        bent: Array = points + (np.hstack([np.outer(self.normal, rise), chord]) @ terms).T
         return bent
 
     def plane_covariance(self, rotation: Array, bend: Estimate) -> Array:

@@ -33,6 +33,8 @@ BEYOND_SD: Final = np.array([LIMITS.edges.acceleration_sd] * 3 + [LIMITS.edges.s
 """Deviations of what a motion lacks: three angular accelerations [rad/s^2], two speeds [m/s]."""
 RIDGE: Final = 1e-6
 """Information about a motion that no image shows [s^2/rad^2]."""
+SETTLED: Final = 0.3
+"""A fit has arrived from where a step is shorter: squared length in deviations of the fit."""
 CARRIED: Final = ("place", "turn", "rise", "motion", "spread")
 """Unknowns that a state carries from step to step; each step asks for all of the others."""
 
@@ -232,7 +234,7 @@ class Prior:
         It is asked for where the calibration may be wrong; what no number of measurements averages out is not.
         """
         (across, down, _), (x, y, _) = by_point.T, arm.T
-        rows = HALF * np.stack([across * x - down * y, across * y + down * x])
+        rows = HALF * np.array([across * x - down * y, across * y + down * x])
         return Unknown("aspect", rows, np.full(len(rows), 1.0 / variance), is_asked=self._projection.aspect_sd > 0.0)
 
     def measured(self, at: State, unknowns: Unknowns, covariance: Array) -> tuple[Array, Estimate | None]:

@@ -101,8 +101,9 @@ class Course:
     def predict_at(self, time: float) -> Course:
         """The same course at a later time, before anything is seen: P' = F P F^T + Q, Q of a white acceleration."""
         dt = time - self.time
-        move = np.kron([[1.0, dt], [0.0, 1.0]], np.eye(3))
-        noise = self.psd * np.kron([[dt**3 / 3, dt**2 / 2], [dt**2 / 2, dt]], np.eye(3))
+        move = np.eye(6) + dt * np.eye(6, k=3)
+        mixed = np.eye(6, k=3) + np.eye(6, k=-3)
+        noise = self.psd * (np.diag([dt**3 / 3] * 3 + [dt] * 3) + dt**2 / 2 * mixed)
         return Course(time, self.state @ move.T, move @ self.covariance @ move.T + noise, self.psd)
 
     def join(self, centre: Array, spread: Array) -> tuple[Course, Array]:

@@ -31,7 +31,7 @@ from mkdaemon.vision.track.level import LevelKnowledge
 FoundBy = Literal["predicted", "flow", "roi", "search"]
 """How a pose was found: where it is expected, where the target's image is found again, by tags near it or anywhere."""
 LARGE_PX: Final = 160
-"""Side of a window from which half the resolution reads a target: 4 px a cell where its tag fills the window."""
+"""Side of a window at half the resolution of which a target is found, 4 px a cell; larger ones are shrunk more."""
 MOST_EFFORT: Final = 5
 """Spent on an image from which no other start is fitted, in fits to edges: one to grey values, and one to edges."""
 SINCE: Final = 0.1
@@ -444,8 +444,8 @@ class Follower:
         if rests:
             return []
         x0, y0, x1, y1 = window
-        is_large = min(x1 - x0, y1 - y0) >= LARGE_PX
-        found = self._detector.search(pixels, TONES[turn % len(TONES)], window, 2 if is_large else 1)
+        shrunk = 1 + min(x1 - x0, y1 - y0) // LARGE_PX
+        found = self._detector.search(pixels, TONES[turn % len(TONES)], window, shrunk)
         self._turn -= bool(self._own(found))
         return found
 

@@ -79,7 +79,7 @@ class _Belief:
         weight = self.weight[DECKS] / self.weight[DECKS].sum()
         seen = self.mean[DECKS] @ observe.T
         mean = weight @ seen
-        spread = observe @ np.tensordot(weight, self.covariance[DECKS], 1) @ observe.T
+        spread = observe @ np.einsum("i,ijk", weight, self.covariance[DECKS]) @ observe.T
         return mean, spread + (weight[:, None] * seen).T @ seen - mean[:, None] * mean
 
     def later(self, passed: float) -> _Belief:
@@ -91,7 +91,7 @@ class _Belief:
         came /= came.sum(axis=1, keepdims=True)
         mean = came[:, :-1] @ self.mean
         second = np.concatenate([self.covariance + self.mean[:, :, None] * self.mean[:, None], ANYHOW])
-        spread = np.tensordot(came, second, 1) - mean[:, :, None] * mean[:, None]
+        spread = np.einsum("ij,jkl", came, second) - mean[:, :, None] * mean[:, None]
         return _Belief(stays * self.weight + anew, mean, spread + (DRIFTS**2 * passed)[:, None] * np.eye(4))
 
     def measured(self, observe: Array, normal: Array, covariance: Array, *, may_be_deck: bool) -> _Belief:
