@@ -185,7 +185,7 @@ class BlurWidths:
 class EdgeLimits:
     """The fit of a pose to edges."""
 
-    reach_px: tuple[float, ...] = of((24.0, 6.0, 2.5), "px", "along the normal, by iteration", FLIGHTS)
+    reach_px: tuple[float, ...] = of((24.0, 6.0, 3.0, 2.5), "px", "along the normal, by iteration", FLIGHTS)
     max_samples: int = of(320, "", "more cost time without improving the pose", STILLS)
     max_move: float = of(0.2, "share", "of the range; a fit that moves farther ran away", FLIGHTS)
     settled_px: float = of(0.08, "px", "a step that moves samples less ends the fit", "below a located edge's error")
