@@ -251,14 +251,15 @@ class EdgeFit:
         moved, to_go = np.inf, np.zeros(6)
         prior = Prior(start, level, self._projection, self._sheet)
         state = prior.begin()
-        stage, near_from = 0, len(limits.reach_px) - 2
         for k in range(iterations):
-            reach = limits.reach_px[min(stage, near_from + 1)]
-            are_near, edge_px = stage >= near_from, limits.located_px
+            reach = limits.reach_px[min(k, len(limits.reach_px) - 1)]
+            are_near, edge_px = k > 1, limits.located_px
             if last is not None:
                 # Within less than its width an edge has no middle.
                 reach = max(reach, last.edges.widest)
                 edge_px = max(sqrt(last.variance), limits.least_scale_px)
+                # Where edges lie in line so well they are nearly in their place.
+                are_near |= edge_px < HALF * limits.located_px
             found = self._find(pixels, state, prior, reach, are_near=are_near)
             if found is None:
                 return None
@@ -268,7 +269,7 @@ class EdgeFit:
             # Edges wider than they were looked for are cut off, and less far from their place than they are.
             is_cut = edges.widest > CUT * reach
             to_go = step.change[POSE]
-            is_longer = k > near_from + 1 and moved > before and not is_cut
+            is_longer = k > len(limits.reach_px) - 1 and moved > before and not is_cut
             if is_longer and step.length2 < APART2:
                 # Edges of jagged pixels answer more than a move asks: the step before was nearer.
                 break
@@ -280,8 +281,6 @@ class EdgeFit:
             if moved < limits.settled_px and are_near and is_last and not is_cut:
                 to_go = np.zeros(6)
                 break
-            # Where edges lie in line so well they are nearly in their place.
-            stage = near_from if k == 0 and step.variance < (HALF * limits.located_px) ** 2 else stage + 1
         return None if last is None else not_arrived(last.pose(state, prior, self.model.square), to_go)
 
     def locate(self, pixels: Grey, pose: Pose) -> tuple[Samples, FoundEdges, Unknowns] | None:
