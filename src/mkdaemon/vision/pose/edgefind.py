@@ -156,8 +156,8 @@ def find_edges(pixels: Grey, samples: Samples) -> FoundEdges:
     cut = steep & are_white[1]
     # Larger cells of either way tell width and light: in small ones a neighbour cuts an edge off.
     longest = [float((samples.reach * kind).max()) for kind in (samples.upright, ~samples.upright)]
-    share = samples.reach / np.where(samples.upright, *longest)
-    large = share >= LARGE
+    of_longest = samples.reach / np.where(samples.upright, *longest)
+    large = of_longest >= LARGE
     # Width of an edge in this image: area of the slope over its peak.
     area = slope.sum(axis=0) * spacing / np.maximum(peak, 1e-3)
     widths = _widths(area, samples.upright, _least_cut(sides[1] - sides[0], steep & large, cut)[0])
@@ -169,7 +169,7 @@ def find_edges(pixels: Grey, samples: Samples) -> FoundEdges:
         centre = _centre(body, place, centre, widths)
     found = steep & (np.abs(centre) < samples.reach)
     # Where a pose is off by more than a small cell reaches, the edge that is found there is another one.
-    trust, room = share**2, np.ones(len(found))
+    trust, room = of_longest**2, np.ones(len(found))
     if samples.are_near:
         either *= (np.abs(place[:, None] - centre) > widths) & (away <= samples.reach + STEP_PX)
         trust = _trust(either.max(axis=0), peak, area * peak, found, cut)
