@@ -248,12 +248,12 @@ class EdgeFit:
         """
         limits = LIMITS.edges
         last: EdgeStep | None = None
-        moved, to_go = np.inf, np.zeros(6)
+        moved, to_go, are_near = np.inf, np.zeros(6), False
         prior = Prior(start, level, self._projection, self._sheet)
         state = prior.begin()
         for k in range(iterations):
             reach = limits.reach_px[min(k, len(limits.reach_px) - 1)]
-            are_near, edge_px = k > 1, limits.located_px
+            was_near, are_near, edge_px = are_near, k > 1, limits.located_px
             if last is not None:
                 # Within less than its width an edge has no middle.
                 reach = max(reach, last.edges.widest)
@@ -276,8 +276,8 @@ class EdgeFit:
             last, state = step, state.moved(step.unknowns, step.change)
             if state.ran_away(start):
                 return None
-            # Of a first step near by, which is to the next one as the one before is to it, that has to be short.
-            is_last = k > 1 or moved**2 * step.length2 <= SETTLED * before**2
+            # A first step near by is to the next one as the one before is to it: that one has to be short.
+            is_last = was_near or moved**2 * step.length2 <= SETTLED * before**2
             if moved < limits.settled_px and are_near and is_last and not is_cut:
                 to_go = np.zeros(6)
                 break
