@@ -1,4 +1,4 @@
-"""A fit of edges finds its place from a start that is off along one side of the print, where half of the edges stay."""
+"""A fit of edges finds its place from a start that is off along one side of the print, or by more than small cells."""
 
 from __future__ import annotations
 
@@ -32,6 +32,21 @@ def test_a_start_that_is_off_along_one_side_ends_at_the_place(name: str, distanc
         error = error_of(found.rotation, found.position, rotation, position)
         assert error.distance < 0.0002, off_px  # by one median for all edges most of them end 1-27 cm off, or nowhere
         assert found.inliers > 0.95, off_px
+
+
+@pytest.mark.parametrize("off_px", [6.0, 8.0])
+def test_cells_that_do_not_reach_their_edges_hold_no_first_step_back(off_px: float) -> None:
+    """Half a cell of the inner tag is 4 px: with as much say as the others its edges kept the target 3 px off."""
+    pad = SceneTarget.of(target_named("nested"), Platform())
+    view = view_towards(VGA, 0.7 * np.array([0.2, 0.1, 0.97]), np.zeros(3))
+    rotation, position = cam_from_target(pad, view)
+    pixels = Scene([pad], ground=None, seed=4, fine=False).render(view, CLEAN)
+    off = np.array([off_px, -off_px, 0.0]) * 0.7 / VGA.fx
+    start = Pose(rotation, position + off, np.eye(6), "corners", 4, 0.1)
+    found = EdgeFit(pad.target, Projection(VGA)).fit(pixels, start, iterations=1)
+    assert found is not None
+    left_px = VGA.fx * float(np.linalg.norm((found.position - position)[:2])) / 0.7
+    assert left_px < 0.3
 
 
 def test_a_fit_that_has_not_arrived_says_how_far_it_would_go_on() -> None:
