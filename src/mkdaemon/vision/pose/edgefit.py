@@ -330,6 +330,7 @@ class EdgeFit:
         index = visible.nonzero()[0]
         if len(index) < LEAST_EDGES:
             return None
+        # The first step leaves another one to go: half of them tell it.
         most = limits.edges.max_samples if are_near else limits.edges.max_samples // 2
         if len(index) > most:
             index = index[np.arange(most) * len(index) // most]
