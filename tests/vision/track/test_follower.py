@@ -46,7 +46,7 @@ def test_a_target_is_decoded_again_one_way_at_a_time_and_large_ones_at_half_the_
 
 def test_a_target_that_is_gone_costs_an_image_a_bounded_number_of_fits():
     target = shipped("single")
-    view = View(target, place(3.0, 0.2))
+    view = View(target, place(2.0, 0.2))
     tracker = Tracker(TagMap((target,)), VGA, LOOKING_DOWN)
     (follower,) = tracker.followers
     for k in range(2):
