@@ -113,13 +113,20 @@ class TargetFitter:
         return is_steep or self._has_small_cells(start)
 
     def _fit(
-        self, pixels: Grey, start: Pose, *, photometric: bool, level: Level | None = None, blur_px: float | None = None
+        self,
+        pixels: Grey,
+        start: Pose,
+        *,
+        photometric: bool,
+        level: Level | None = None,
+        blur_px: float | None = None,
+        rival: Pose | None = None,
     ) -> Pose | None:
         """Fit by one method; see `PhotoFit.fit`."""
         if not photometric:
             self.effort += 1
             return self.edges.fit(pixels, start, level=level)
-        fitted = self._photo.fit(pixels, start, level=level, blur_px=blur_px)
+        fitted = self._photo.fit(pixels, start, level=level, blur_px=blur_px, rival=rival)
         self.effort += 1 if fitted is None else GREY_EFFORT
         return fitted if fitted is not None and np.isfinite(fitted.rms_px) else None
 
@@ -130,7 +137,7 @@ class TargetFitter:
         turned = np.asarray(cv2.Rodrigues(axis / max(float(np.linalg.norm(axis)), 1e-9) * 2 * tilt)[0]) @ pose.rotation
         start = replace(pose, rotation=turned, position=pose.rotation @ origin + pose.position - turned @ origin)
         start = self._photo.prints.gathered(pixels, start)
-        return self._fit(pixels, start, photometric=pose.source == "photometric")
+        return self._fit(pixels, start, photometric=pose.source == "photometric", rival=pose)
 
     def fit_grey_values(self, pixels: Grey, rivals: Sequence[Pose]) -> list[Pose]:
         """Fit rivals of a small tag once more on all its pixels; empty when one of them cannot be."""

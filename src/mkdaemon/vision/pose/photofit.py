@@ -340,7 +340,14 @@ class PhotoFit:
         self._halved: PhotoFit | None = None
         self.prints = Prints(target, projection)
 
-    def fit(self, pixels: Grey, start: Pose, level: Level | None = None, blur_px: float | None = None) -> Pose | None:
+    def fit(
+        self,
+        pixels: Grey,
+        start: Pose,
+        level: Level | None = None,
+        blur_px: float | None = None,
+        rival: Pose | None = None,
+    ) -> Pose | None:
         """Refine a pose; large cells in an image of half the size.
 
         Args:
@@ -348,6 +355,7 @@ class PhotoFit:
             start: within about a cell of the truth.
             level: where the target's normal should point.
             blur_px: deviation of the point spread to begin with; that of the start, where grey values gave it, if none.
+            rival: pose that the fit will be compared with, and takes the size of the image from.
 
         Returns:
             The pose, `rms_px` being the residual over the contrast; none when the print is not in full view, too large
@@ -357,7 +365,8 @@ class PhotoFit:
         cells = LIMITS.cells
         shortest = self.prints.cell_px(start) * float(np.cos(self.prints.looked_at(start)[2]))
         is_melted = blur_px is not None and shortest < cells.melted_widths * HALF_WIDTH * blur_px
-        if shortest < (cells.mixed_px if is_melted else 2.0 * cells.photometric_px):
+        is_small = shortest < (cells.mixed_px if is_melted else 2.0 * cells.photometric_px)
+        if is_small if rival is None else not rival.is_halved:
             return self.fit_whole(pixels, start, level, blur_px)
         if self._halved is None:
             self._halved = PhotoFit(self._target, self._projection.halved())
@@ -368,7 +377,7 @@ class PhotoFit:
         found = self._halved.fit_whole(half, begin, level, None if blur_px is None else blur_px / 2)
         if found is None or found.blur_px is None:
             return None
-        return replace(found, rms_px=2.0 * found.rms_px, blur_px=2.0 * found.blur_px)
+        return replace(found, rms_px=2.0 * found.rms_px, blur_px=2.0 * found.blur_px, is_halved=True)
 
     def fit_whole(
         self, pixels: Grey, start: Pose, level: Level | None = None, blur_px: float | None = None

@@ -65,6 +65,7 @@ class Pose:
         shared: factor on the variance by residuals that neighbouring pixels share (`photofit`).
         common: share of the residuals' variance that neighbouring pixels share: the rest is noise.
         cost: robust mean square of the residuals of a fit to grey values [grey^2], with what its bend and motion cost.
+        is_halved: whether it is of an image of half the size: its loss compares with others of that size alone.
     """
 
     rotation: Array
@@ -89,6 +90,7 @@ class Pose:
     shared: float = 1.0
     common: float = 1.0
     cost: float | None = None
+    is_halved: bool = False
 
     @property
     def unexplained_px(self) -> float:
