@@ -75,6 +75,18 @@ def test_the_mirror_image_of_a_smeared_target_is_measured_the_same_way() -> None
     assert rival is None or rival.source == "photometric"
 
 
+def test_the_mirror_image_is_fitted_at_the_resolution_of_the_pose() -> None:
+    """The noise of half an image is another one: their losses did not compare, whichever was right."""
+    view = smeared(12.0, 0.1, distance=2.8, tilt=0.3)
+    fitter = TargetFitter(TARGET, Projection(VGA))
+    found = fitter.refine(view.pixels, nearly(view))
+    assert found is not None
+    assert found.is_halved
+    rival = fitter.fit_mirrored(view.pixels, found)
+    assert rival is not None
+    assert rival.is_halved
+
+
 def test_edges_that_a_streak_melts_are_believed_less_than_those_along_it() -> None:
     """Two poses beside a glare, on edges 0.7 of a cell wide one way, were off by 5 cm and claimed far less."""
     honest = []
