@@ -69,12 +69,12 @@ class CellReader:
         model = EdgeModel.of(target, per_cell=1)
         cells = range(-LIMITS.read.beside_cells, LIMITS.read.beside_cells + 1)
         steps = np.array([(0.0, 0.0), *(step for step in product(cells, repeat=2) if any(step))])
-        # Of each tag: side of a cell [m], middles of its pairs, black ones first `(2, n, 3)`, and steps to where it
-        # would lie whole cells beside its place `(k, 3)`, the first being none [m; target].
-        self._tags = [
-            (tag.module, model.sides[:, model.tag == k], tag.module * steps @ tag.rotation[:, :2].T)
-            for k, tag in enumerate(target.tags)
-        ]
+        ways = np.array([tag.module * tag.rotation[:, :2].T for tag in target.tags])
+        # Of each pair: side of a cell [m], its middles, the black one first `(2, n, 3)`, steps to where it would lie
+        # whole cells beside its place `(k, n, 3)`, the first being none [m; target], and its tag `(n, tags)`.
+        self._cell, self._ends = model.cell, model.sides
+        self._steps = (steps @ ways)[model.tag].transpose(1, 0, 2)
+        self._is_of = model.tag[:, None] == np.arange(len(target.tags))
 
     def evidence(self, pixels: Grey, pose: Pose) -> CellEvidence:
         """What the image says about where a pose puts the target: its cells, or all pixels of a fit to grey values.
@@ -87,7 +87,7 @@ class CellReader:
             odds, most = (-half * log(1.0 - alike**2) for alike in (min(max(pose.likeness, 0.0), best), best))
             return CellEvidence(odds, most, odds)
         right, wrong = _odds(pose.inliers)
-        counts = [found[:, 0].tolist() for found in self._read(pixels, pose)]
+        counts = self._read(pixels, pose)[:, 0].T.tolist()
         tags = [
             (read * right + misread * wrong, in_view * _odds(1.0)[0]) for read, misread, in_view in counts if in_view
         ]
@@ -95,7 +95,7 @@ class CellReader:
 
     def shows(self, pixels: Grey, pose: Pose) -> bool:
         """Whether half of the pairs in view are read where a pose puts them, as they are from within half a cell."""
-        read, _, in_view = np.sum(self._read(pixels, pose), axis=0)[:, 0].tolist()
+        read, _, in_view = self._read(pixels, pose)[:, 0].sum(axis=1).tolist()
         return bool(read >= HALF * in_view)
 
     def beside(self, pixels: Grey, pose: Pose) -> float:
@@ -104,28 +104,31 @@ class CellReader:
         What is hidden is read nowhere, so that what is even speaks against a place here.
         """
         right, wrong = _odds(pose.inliers)
-        found = [read * right + (in_view - read) * wrong for read, _, in_view in self._read(pixels, pose, beside=True)]
-        return max(float(odds.max() - max(odds[0], 0.0)) for odds in found)
+        read, _, in_view = self._read(pixels, pose, beside=True)
+        odds = read * right + (in_view - read) * wrong
+        return float((odds.max(axis=0) - np.maximum(odds[0], 0.0)).max())
 
-    def _read(self, pixels: Grey, pose: Pose, *, beside: bool = False) -> list[Numbers]:
-        """Pairs of each tag that are read, misread, and in view, in its place and whole cells beside `(3, steps)`."""
-        found: list[Numbers] = []
-        for cell, ends, all_steps in self._tags:
-            steps = all_steps if beside else all_steps[:1]
-            points = (ends[:, None] + steps[:, None]).reshape(-1, 3)
-            seen, _ = self._projection.exposed((pose.rotation @ points.T + pose.position[:, None]).T, pose.motion)
-            uv, visible = self._projection.project(seen)
-            visible &= (np.minimum(uv, np.array(pixels.shape[::-1]) - 1 - uv) > 1.0).all(axis=1)
-            visible &= cell * float(self._projection.focal[0]) > LIMITS.cells.readable_px * seen[:, 2]
-            black, white = sample(pixels, np.where(visible[:, None], uv, 0.0)).reshape(2, len(steps), -1)
-            # Where a highlight floods both, they say nothing.
-            in_view = visible.reshape(2, *black.shape).all(axis=0) & (np.minimum(black, white) < LIMITS.read.saturated)
-            # Ink darkens paper by a share, in the sun and in the shade.
-            rise = (white - black) / np.maximum(np.maximum(white, black), 1.0)
-            usual = HALF * quantile(np.abs(rise[in_view]), USUAL) if bool(in_view.any()) else 0.0
-            clear = in_view & (np.abs(white - black) > NOISE_GREY) & (np.abs(rise) > usual)
-            found.append(np.array([clear & (rise > 0.0), clear & (rise < 0.0), in_view]).sum(axis=2))
-        return found
+    def _read(self, pixels: Grey, pose: Pose, *, beside: bool = False) -> Numbers:
+        """Pairs that are read, misread, and in view, in their place and whole cells beside `(3, steps, tags)`."""
+        steps = self._steps if beside else self._steps[:1]
+        points = (self._ends[:, None] + steps).reshape(-1, 3)
+        seen, _ = self._projection.exposed((pose.rotation @ points.T + pose.position[:, None]).T, pose.motion)
+        uv, visible = self._projection.project(seen)
+        visible &= (np.minimum(uv, np.array(pixels.shape[::-1]) - 1 - uv) > 1.0).all(axis=1)
+        black, white = sample(pixels, np.where(visible[:, None], uv, 0.0)).reshape(2, len(steps), -1)
+        depth, focal = seen[:, 2].reshape(2, *black.shape), float(self._projection.focal[0])
+        is_readable = LIMITS.cells.readable_px * depth < self._cell * focal
+        # Where a highlight floods both, they say nothing.
+        in_view = (visible.reshape(depth.shape) & is_readable).all(axis=0)
+        in_view &= np.minimum(black, white) < LIMITS.read.saturated
+        # Ink darkens paper by a share, in the sun and in the shade.
+        rise = (white - black) / np.maximum(np.maximum(white, black), 1.0)
+        size, usual = np.abs(rise), np.zeros(len(self._cell))
+        for is_of in self._is_of.T:
+            asked = in_view & is_of
+            usual += is_of * (HALF * quantile(size[asked], USUAL) if bool(asked.any()) else 0.0)
+        clear = in_view & (np.abs(white - black) > NOISE_GREY) & (size > usual)
+        return np.asarray(np.array([clear & (rise > 0.0), clear & (rise < 0.0), in_view]) @ self._is_of.astype(np.intp))
 
 
 def _odds(shown: float) -> tuple[float, float]:

@@ -75,13 +75,13 @@ class Judge:
             alone, says_more = without_normal(fit, held)
             if says_more:
                 fit, held = alone, None
-        refused = self.refusal(seen, fit) if fit is not None else PoseRefusal.NO_FIT
+        refused = self.refusal(seen, fit, vertical) if fit is not None else PoseRefusal.NO_FIT
         if fit is not None and refused is None:
             if vertical is None:
                 # Its mirror image, the images before and the vehicle's inertia judge it.
                 candidates = self.candidates(seen, [fit])
                 branches = self.branches(seen, candidates, before)
-                refused = None if branches.pose is fit else self.refusal(seen, branches.pose)
+                refused = None if branches.pose is fit else self.refusal(seen, branches.pose, vertical)
                 return self._judge_branches(seen, branches, candidates) if refused is None else Verdict(None, refused)
             # What the images before told of the deck; with this one in it the image would count twice.
             fused = fuse_normal(fit, vertical) if held is None else fit
@@ -93,7 +93,7 @@ class Judge:
             # Elsewhere a free fit may follow what lies over the target or smears it: once more, with the tilt held.
             if is_free:
                 leaning = self._fitter.refine(seen.pixels, start, vertical)
-            if leaning is not None and self.refusal(seen, leaning) is None:
+            if leaning is not None and self.refusal(seen, leaning, vertical) is None:
                 if off is None or not self.prefers(seen, off, leaning, before):
                     return replace(self.judge_with_attitude(seen, leaning, before), branches=None)
                 is_sure = True
@@ -111,14 +111,14 @@ class Judge:
 
     def first(self, seen: Sight, candidates: Sequence[Pose]) -> Verdict:
         """Judge poses from decoded tags; what the image alone would publish elsewhere contradicts the attitude."""
-        refusals = [self.refusal(seen, pose) for pose in candidates]
+        vertical = self.level.vertical(seen)
+        refusals = [self.refusal(seen, pose, vertical) for pose in candidates]
         pairs = zip(candidates, refusals, strict=True)
         fits = [pose for pose, why in pairs if why is None or why is PoseRefusal.ATTITUDE]
         if not fits:
             return Verdict(None, next(filter(None, refusals), PoseRefusal.NO_FIT))
         fits = self.candidates(seen, fits)
         verdict = alone = self._judge_alone(seen, fits)
-        vertical = self.level.vertical(seen)
         if vertical is not None:
             verdict = self._judge_beside(seen, fits, vertical)
             if alone.pose is not None and alone.refusal is None:
@@ -145,14 +145,14 @@ class Judge:
         expected = np.array([corrected(one.covariance, *tilting(one, vertical))[2] for one in fits])
         branches = self.branches(seen, fits, log_prior=expected)
         pose = branches.pose
-        if branches.is_decided and not self.is_partial(pose) and self.refusal(seen, pose) is None:
+        if branches.is_decided and not self.is_partial(pose) and self.refusal(seen, pose, vertical) is None:
             pose = with_angle_variance(fuse_normal(pose, vertical), branches.doubt)
         else:
             # Something lying over one side gives a quad that is off by that much.
             best = min(fits, key=lambda pose: pose.loss)
             upright = turn(best.rotation, turn_between(best.rotation[:, 2], vertical.up))
             held = self._fitter.refine(seen.pixels, replace(best, rotation=upright), vertical)
-            if held is None or self.refusal(seen, held, is_hidden=True) is not None:
+            if held is None or self.refusal(seen, held, vertical, is_hidden=True) is not None:
                 return Verdict(None, PoseRefusal.ATTITUDE)
             pose, branches = held, self.branches(seen, [held])
         refused = certainty_refusal(pose, has_attitude=True)
@@ -198,8 +198,13 @@ class Judge:
         alone = fused if refused is None else None
         return Verdict(fused, refused, alone, branches, ratio=residual_ratio(chosen, candidates))
 
-    def refusal(self, seen: Sight, pose: Pose, *, is_hidden: bool = False) -> PoseRefusal | None:
-        """The first sign that a pose is wrong; `is_hidden` parts tell no tilted deck from a covered border."""
+    def refusal(
+        self, seen: Sight, pose: Pose, vertical: Level | None, *, is_hidden: bool = False
+    ) -> PoseRefusal | None:
+        """The first sign that a pose is wrong, and, beside a normal that is expected, has another one.
+
+        Parts that are hidden (`is_hidden`) tell no tilted deck from a covered border.
+        """
         refused = fit_refusal(pose, self._cfg)
         if refused is not None:
             return refused
@@ -211,7 +216,8 @@ class Judge:
             # What lies over a target hides edges; one that is beside its place has other edges in view.
             if pose.inliers < LIMITS.agreement.blind and not self._fitter.edges.evidence(seen.pixels, pose).explains:
                 return PoseRefusal.INLIERS
-        return PoseRefusal.ATTITUDE if self.level.refuses(seen, pose, is_hidden=is_hidden) else None
+        is_off = vertical is not None and self.level.refuses(vertical, pose, is_hidden=is_hidden)
+        return PoseRefusal.ATTITUDE if is_off else None
 
     def candidates(self, seen: Sight, fits: Sequence[Pose]) -> list[Pose]:
         """Distinct fits of one image, the best first, and its mirror image where perspective does not rule it out."""

@@ -74,13 +74,18 @@ class _Belief:
     mean: Array
     covariance: Array
 
-    def of_decks(self, observe: Array) -> tuple[Array, Array]:
-        """Mean m and covariance of what is observed over both decks: sum(w P) + sum(w m_i m_i^T) - m m^T."""
+    def expected(self, observe: Array) -> tuple[Array, float]:
+        """The normal that is expected of a deck `(3,)` [ENU], and its deviation along its worse axis [rad].
+
+        With what is observed by both decks m_i and P_i, the covariance is sum(w P) + sum(w m_i m_i^T) - m m^T.
+        """
         weight = self.weight[DECKS] / self.weight[DECKS].sum()
         seen = self.mean[DECKS] @ observe.T
         mean = weight @ seen
         spread = observe @ np.einsum("i,ijk", weight, self.covariance[DECKS]) @ observe.T
-        return mean, spread + (weight[:, None] * seen).T @ seen - mean[:, None] * mean
+        spread += (weight[:, None] * seen).T @ seen - mean[:, None] * mean
+        normal = np.append(mean, sqrt(max(1.0 - float(mean @ mean), 0.0)))
+        return normal, min(sqrt(largest_variance(spread)), PRIOR_SD)
 
     def later(self, passed: float) -> _Belief:
         """The same after some time [s]: another kind may have followed, and all drifts."""
@@ -146,14 +151,11 @@ class LevelKnowledge:
         known = self._attitude(seen)
         if known is None:
             return None
-        normal, sd = self._expected(seen.time, known[1])
+        normal, sd = self._at(seen.time).expected(known[1])
         return Level(known[0].T @ normal, hypot(min(self._spread, FAST), sd))
 
-    def refuses(self, seen: Sight, pose: Pose, *, is_hidden: bool = False) -> bool:
+    def refuses(self, level: Level, pose: Pose, *, is_hidden: bool = False) -> bool:
         """Whether a pose disagrees with what is expected by more than is believed; `is_hidden`: see `Judge.refusal`."""
-        level = self.vertical(seen)
-        if level is None:
-            return False
         spread = min(float(np.sqrt(largest_variance(pose.covariance[3:, 3:]))), LIMITS.certainty.angle_sd)
         gate = self._gate + spread + (0.0 if is_hidden else level.spread)
         return angle_of(pose.rotation[:, 2], level.up) > gate
@@ -168,14 +170,14 @@ class LevelKnowledge:
         # A small turn w moves the normal n by w x n; its horizontal part is what the deck is known by.
         moved = -(enu_from_cam @ skew(pose.rotation[:, 2]))[:2]
         covariance = lasting_doubt(pose) * (moved @ spread @ moved.T) + self._spread**2 * np.eye(2)
-        was_left_out, (expected, _) = self.sight(seen) is not seen, self._expected(seen.time, observe)
+        was_left_out, before = self.sight(seen) is not seen, self._at(seen.time)
         may_be_deck = angle_of(normal, UP) <= MOST_LEAN
-        self._belief = self._at(seen.time).measured(observe, normal[:2], covariance, may_be_deck=may_be_deck)
+        self._belief = before.measured(observe, normal[:2], covariance, may_be_deck=may_be_deck)
         self._time, self._asked = seen.time, (-np.inf, PRIOR)
-        wrong, off = self._belief.weight[WRONG], degrees(angle_of(normal, expected))
+        wrong = self._belief.weight[WRONG]
         odds = log(wrong / (self._belief.weight.sum() - wrong))
         is_left_out = odds > 0.0 if abs(odds) >= LIMITS.ambiguity.decided else was_left_out
-        self.contradicted_deg = off if is_left_out else None
+        self.contradicted_deg = degrees(angle_of(normal, before.expected(observe)[0])) if is_left_out else None
         return is_left_out and not was_left_out
 
     def _attitude(self, seen: Sight) -> tuple[Array, Array] | None:
@@ -185,12 +187,6 @@ class LevelKnowledge:
         # A small turn b of the vehicle moves a vertical normal by (R b) x up = (b'_north, -b'_east), b' = R b.
         (east, by_east), (north, by_north) = (seen.enu_from_cam @ self._cam_from_flu)[:2, :2].tolist()
         return seen.enu_from_cam, np.array([[1.0, 0.0, north, by_north], [0.0, 1.0, -east, -by_east]])
-
-    def _expected(self, time: float, observe: Array) -> tuple[Array, float]:
-        """The normal expected at a time `(3,)` [ENU], and its deviation along its worse axis [rad]."""
-        mean, spread = self._at(time).of_decks(observe)
-        normal = np.append(mean, sqrt(max(1.0 - float(mean @ mean), 0.0)))
-        return normal, min(sqrt(largest_variance(spread)), PRIOR_SD)
 
     def _at(self, time: float) -> _Belief:
         """What is known at a time, before anything is measured then."""
