@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -14,7 +15,7 @@ Numbers = npt.NDArray[np.intp]
 Array32 = npt.NDArray[np.float32]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Estimate:
     """What is known of some unknowns.
 
@@ -26,7 +27,7 @@ class Estimate:
     mean: Array
     covariance: Array
 
-    @property
+    @cached_property
     def information(self) -> Array:
         """Inverse of the covariance `(k, k)`."""
         return np.asarray(np.linalg.inv(self.covariance), np.float64)

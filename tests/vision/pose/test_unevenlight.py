@@ -62,7 +62,7 @@ def test_small_cells_behind_a_tone_curve_do_not_shift_large_ones(distance: float
 
 def test_what_is_known_of_shifts_is_weighed_by_the_edges_of_the_image() -> None:
     """Weighed as in a bad image, 0.1 px held the shift of small cells that are trusted little."""
-    line = shifts(np.ones(4), np.array([[True], [True], [False], [False]]))
+    line = shifts(np.ones(4), np.array([[True, True, False, False]]))
     assert line.rows.tolist() == [[1.0, 1.0, 0.0, 0.0], [1.0, 1.0, 1.0, 1.0]]
     normal, _ = Unknowns([line]).equations(np.zeros(4), np.zeros(4), 0.05**2)
     assert np.diag(normal) == pytest.approx([0.0625, 0.0625])

@@ -57,7 +57,7 @@ def test_a_pose_two_cells_of_the_inner_tag_beside_its_place_is_refused(name, dis
     doubted = replace(beside(name, view, cells), inliers=0.5)  # as of a fit that stays there
     assert fitter.cells.evidence(view.pixels, doubted).vouches, "all cells together do not tell"
     assert fitter.cells.beside(view.pixels, doubted) > HALF * LIMITS.ambiguity.decided
-    assert judge_of(fitter).refusal(seen, doubted) is PoseRefusal.BITS
+    assert judge_of(fitter).refusal(seen, doubted, None) is PoseRefusal.BITS
 
 
 @pytest.mark.parametrize(("name", "distance", "cells"), CELLS_BESIDE)
@@ -82,7 +82,7 @@ def test_a_right_pose_with_the_inner_tag_hidden_stays(texture):
     assert pose is not None
     assert off(pose, view) < 1e-3
     assert fitter.cells.beside(pixels, pose) == 0.0
-    assert judge_of(fitter).refusal(sight(view, pixels), pose) is None
+    assert judge_of(fitter).refusal(sight(view, pixels), pose, None) is None
 
 
 def test_cells_outside_the_image_or_too_small_tell_nothing():
@@ -116,9 +116,9 @@ def test_a_fit_beside_the_place_of_a_target_that_leaves_the_image_is_refused(dis
     start = replace(truth(view), position=view.position + view.rotation @ step)
     beside, right = fitter.refine(view.pixels, start), fitter.refine(view.pixels, truth(view))
     assert off(beside, view) > 0.05, "two cells on, edges agree with their neighbours'"
-    assert judge.refusal(seen, beside) is PoseRefusal.BITS
+    assert judge.refusal(seen, beside, None) is PoseRefusal.BITS
     assert off(right, view) < 1e-3
-    assert judge.refusal(seen, right) is None
+    assert judge.refusal(seen, right, None) is None
 
 
 @pytest.mark.parametrize(
@@ -135,9 +135,9 @@ def test_where_few_edges_agree_those_that_are_seen_have_to(distance, toward, ste
     assert off(beside, view) > 0.01
     assert beside.inliers < LIMITS.agreement.blind
     assert not fitter.edges.evidence(view.pixels, beside).explains
-    assert judge.refusal(seen, beside) in (PoseRefusal.INLIERS, PoseRefusal.RESIDUAL)
+    assert judge.refusal(seen, beside, None) in (PoseRefusal.INLIERS, PoseRefusal.RESIDUAL)
     assert off(right, view) < 1e-3
-    assert judge.refusal(seen, right) is None
+    assert judge.refusal(seen, right, None) is None
 
 
 def test_a_target_that_is_covered_by_half_shows_the_other_edges_where_they_are():

@@ -68,7 +68,6 @@ def test_without_attitude_or_level_target_nothing_is_said() -> None:
     slanted = LevelKnowledge(False, LOOKING_DOWN, TrackerSection())
     for level, sight in ((knowledge(), blind), (slanted, seen())):
         level.learn(sight, pose_of(DOWN))
-        assert not level.refuses(sight, pose_of(DOWN @ rotation_from_euler(1.0, 0.0, 0.0)))
         assert level.vertical(sight) is None
 
 

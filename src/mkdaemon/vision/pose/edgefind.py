@@ -74,7 +74,7 @@ AHEAD = 2.0
 """So far beyond an edge the dark side's light counts, where it grows along the normal, over the width of the slope: the
 slope is cut there (edges rendered at 1 and 2 grey/px, 1.4 to 2.4)."""
 ROUNDS = 3
-"""Of weights and light."""
+"""Of weights and light, where that is not even at a first look."""
 LEAST_CUT = 0.8
 """Quantile of the contrast from which edges are taken for the clearest, where every bright side is blown."""
 BEYOND = 1.2
@@ -258,7 +258,7 @@ class _Light:
         scatter: of the sides around it, of the one with most [grey].
     """
 
-    def __init__(self, samples: Samples, sides: Array, telling: Bools) -> None:
+    def __init__(self, samples: Samples, sides: Array, telling: Bools, rounds: int = ROUNDS) -> None:
         middle = samples.pixels.mean(axis=0)
         size = max(float(np.abs(samples.pixels - middle).max()), 1.0)
         self.place = (samples.pixels - middle) / size
@@ -267,7 +267,7 @@ class _Light:
         powers = np.array([np.ones_like(x), x, y, x * x, x * y, y * y])
         slopes = np.array([np.zeros_like(x), across, down, 2.0 * x * across, y * across + x * down, 2.0 * y * down])
         weights, ridge = telling.astype(np.float64), RIDGE * np.eye(len(powers))
-        for _ in range(ROUNDS):
+        for _ in range(rounds):
             weighted = powers * weights
             terms = np.linalg.solve(weighted @ powers.T + ridge, weighted @ sides.T).T
             self.grey = terms @ powers
@@ -282,14 +282,16 @@ def _grown(samples: Samples, sides: Array, slope_sd: Array, whole: Bools) -> tup
 
     Unsure are a share of that, and shifts in proportion that grow evenly over the print, e = n . (a + B x).
     """
-    light = _Light(samples, sides, whole)
-    contrast = np.maximum(light.grey[1] - light.grey[0], light.scatter)
-    beside = np.maximum(np.abs(sides - light.grey).max(axis=0), light.scatter)
-    explained = 1.0 / (1.0 + (beside / (LIMITS.read.faint * contrast)) ** 4)
-    moved: Array = GROWTH_MOVES * slope_sd**2 * explained * (light.rise[1] - light.rise[0]) / contrast
-    size = float(np.sqrt(np.mean(moved**2)))
-    if size < EVEN_PX:
-        return np.zeros_like(moved), None
+    # Light that is even at a first look is even; elsewhere what it does not explain is left out.
+    for rounds in (1, ROUNDS):
+        light = _Light(samples, sides, whole, rounds)
+        contrast = np.maximum(light.grey[1] - light.grey[0], light.scatter)
+        beside = np.maximum(np.abs(sides - light.grey).max(axis=0), light.scatter)
+        explained = 1.0 / (1.0 + (beside / (LIMITS.read.faint * contrast)) ** 4)
+        moved: Array = GROWTH_MOVES * slope_sd**2 * explained * (light.rise[1] - light.rise[0]) / contrast
+        size = float(np.sqrt(np.mean(moved**2)))
+        if size < EVEN_PX:
+            return np.zeros_like(moved), None
     (x, y), (across, down) = light.place.T, samples.normals.T
     even = size * np.array([across, down, across * x, across * y, down * x, down * y])
     rows = UNSURE * np.array([moved, *even])

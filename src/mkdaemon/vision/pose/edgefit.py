@@ -347,7 +347,7 @@ class EdgeFit:
         table = prior.table(at, by_point, still - at.position, times[index], heights)
         if edges.light is not None:
             table.append(edges.light)
-        table.append(shifts(edges.toned, self.model.smaller[index]))
+        table.append(shifts(edges.toned, self.model.smaller[:, index]))
         return samples, edges, Unknowns(table)
 
 
@@ -371,8 +371,8 @@ def shifts(toned: Array, smaller: Bools) -> Unknown:
 
     Args:
         toned: shift of each over that of all `(n,)`.
-        smaller: which of them are on tags of each smaller size `(n, k)`.
+        smaller: which of them are on tags of each smaller size `(k, n)`.
     """
-    count = np.count_nonzero(smaller, axis=0)
-    rows = np.concatenate([smaller[:, (count > 0) & (count < len(toned))].T, np.ones((1, len(toned)))]) * toned
+    count = smaller.sum(axis=1)
+    rows = np.concatenate([smaller[(count > 0) & (count < len(toned))], np.ones((1, len(toned)))]) * toned
     return Unknown("shift", rows, np.full(len(rows), LIMITS.edges.shift_sd_px**-2))

@@ -34,7 +34,7 @@ class EdgeModel:
         tag: index of the tag of each sample `(n,)`.
         square: number of the square of the print whose rim each sample is on; a cell is one `(n,)`.
         line: number of the straight line of the print each sample is on `(n,)`.
-        smaller: whether each sample is on a tag of a smaller size, for the second size and those after it `(n, k)`.
+        smaller: whether each sample is on a tag of a smaller size, for the second size and those after it `(k, n)`.
         upright: whether a move along x of the largest tag, rather than along its y, shifts the edge `(n,)`.
     """
 
@@ -60,7 +60,8 @@ class EdgeModel:
             np.unique(np.column_stack([tag, places]), axis=0, return_inverse=True)[1].reshape(-1)
             for places in (cells, lines)
         )
-        smaller = cell[:, None] == sorted({one.module for one in tags}, reverse=True)[1:]
+        sizes = sorted({one.module for one in tags}, reverse=True)
+        smaller = np.array(sizes[1:])[:, None] == cell
         by_axis = np.abs(normals @ tags[0].rotation[:, :2])
         return cls(points, normals, tangents, cell, tag, square, line, smaller, by_axis[:, 0] > by_axis[:, 1])
 

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from math import sqrt
 from typing import Final
 
 import numpy as np
@@ -223,8 +224,10 @@ class Prior:
             lacking = beyond_motion(rows, by_point, times, at.position)
             table.append(Unknown("motion", rows, self._motion.information, self._motion.mean - at.motion))
             table.append(Unknown("beyond", lacking, self._beyond_sd**-2))
-        reach_px = float(self._projection.focal[0] * np.sqrt((arm[:, :2] ** 2).sum(axis=1).max()) / at.position[2])
-        variance = (error_px / reach_px) ** 2 + self._projection.aspect_sd**2
+        variance = self._projection.aspect_sd**2
+        if error_px > 0.0:
+            far = sqrt(float((arm[:, :2] ** 2).sum(axis=1).max())) / float(at.position[2])
+            variance += (error_px / (float(self._projection.focal[0]) * far)) ** 2
         return [*table, self._aspect(by_point, arm, variance)] if variance > 0.0 else table
 
     def _aspect(self, by_point: Array, arm: Array, variance: float) -> Unknown:

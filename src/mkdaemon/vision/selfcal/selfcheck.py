@@ -186,7 +186,7 @@ class CameraFilter(Belief):
         every = Unknowns(
             [
                 Unknown("pose", rows[POSE]),
-                shifts(edges.toned, model.smaller[index]),
+                shifts(edges.toned, model.smaller[:, index]),
                 Unknown("attitude", np.zeros((LENS_AT, len(index)))),
                 Unknown("lens", np.stack([along.sum(axis=1), *normals.T, bent.sum(axis=1)])),
                 Unknown("sizes", grown * np.vstack([self._grow[:, index], melts])),
