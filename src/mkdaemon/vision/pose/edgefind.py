@@ -282,13 +282,14 @@ def _grown(samples: Samples, sides: Array, slope_sd: Array, whole: Bools) -> tup
 
     Unsure are a share of that, and shifts in proportion that grow evenly over the print, e = n . (a + B x).
     """
-    # Light that is even at a first look is even; elsewhere what it does not explain is left out.
     for rounds in (1, ROUNDS):
         light = _Light(samples, sides, whole, rounds)
         contrast = np.maximum(light.grey[1] - light.grey[0], light.scatter)
-        beside = np.maximum(np.abs(sides - light.grey).max(axis=0), light.scatter)
-        explained = 1.0 / (1.0 + (beside / (LIMITS.read.faint * contrast)) ** 4)
-        moved: Array = GROWTH_MOVES * slope_sd**2 * explained * (light.rise[1] - light.rise[0]) / contrast
+        moved: Array = GROWTH_MOVES * slope_sd**2 * (light.rise[1] - light.rise[0]) / contrast
+        if rounds == ROUNDS:
+            # Where light does not explain the sides it says nothing of the edges.
+            beside = np.maximum(np.abs(sides - light.grey).max(axis=0), light.scatter)
+            moved /= 1.0 + (beside / (LIMITS.read.faint * contrast)) ** 4
         size = float(np.sqrt(np.mean(moved**2)))
         if size < EVEN_PX:
             return np.zeros_like(moved), None
