@@ -115,8 +115,8 @@ class CameraPipeline:
         self._processed = self._faults = self._failing = self._restarts = 0
         self._failure = ""
         self._result = VisionResult(cfg.name, 0, 0.0, (), (), ())
-        self._unchecked: tuple[CameraImage, AttitudeHistory | None, dict[str, float]] | None = None
-        """The newest image, the attitude around it, and the vehicle's height over each target that was posed [m]."""
+        self._unchecked: tuple[CameraImage, Array | None, dict[str, float]] | None = None
+        """The newest image, the vehicle's attitude then, and its height over each target that was posed [m]."""
         self.reported: VisionStats | None = None
         self._next_jpeg = self._next_stats = self._next_setup = -math.inf
 
@@ -145,14 +145,13 @@ class CameraPipeline:
         """Ask the newest image, once, whether camera file and target files are right; a failure is counted."""
         if self._unchecked is None:
             return
-        (image, attitude, heights), result, self._unchecked = self._unchecked, self._result, None
+        (image, enu_from_flu, heights), result, self._unchecked = self._unchecked, self._result, None
         try:
             self._check.look(result.detections)
             # rows whose time is unknown would look like another lens
             if result.poses and Alarm.LINE_TIME not in result.alarms:
-                known = attitude.at(image.captured_at, self._max_attitude_age) if attitude is not None else None
                 seen = {found.target: (found.pose, heights[found.target]) for found in result.poses}
-                self.selfcheck.image_seen(in_light(image.pixels, self._gamma), seen, image.captured_at, known)
+                self.selfcheck.image_seen(in_light(image.pixels, self._gamma), seen, image.captured_at, enu_from_flu)
         except Exception as error:  # noqa: BLE001  # no image may end the thread that looks
             self._note(error)
 
@@ -165,19 +164,20 @@ class CameraPipeline:
         ready = self._clock.now()
         values = list(values_of(result, image, self._clock.stamp(image.captured_at), self._mounting, ready))
         heights = {value.target: value.position_target[2] for _, value in values if isinstance(value, VisionPose)}
-        self._unchecked = image, attitude, heights
-        self._judge_attitude(image.captured_at, attitude)
+        known = attitude.at(image.captured_at, self._max_attitude_age) if attitude is not None else None
+        self._unchecked = image, known, heights
+        self._judge_attitude(image.captured_at, attitude, known)
         self._refused.update(reason for _, reason in result.refused)
         self._timings.append((ready - started, ready - image.captured_at, bool(result.poses)))
         self._failing = 0
         return values
 
-    def _judge_attitude(self, time: float, attitude: AttitudeHistory | None) -> None:
+    def _judge_attitude(self, time: float, attitude: AttitudeHistory | None, known: Array | None) -> None:
         """Count an image that was looked at without the attitude that was reported, and say what to do."""
         self._attitude_alarms, off_deg = {}, self.tracker.contradicted_deg
         if self._mounting is None or attitude is None or attitude.is_silent:
             return
-        if attitude.at(time, self._max_attitude_age) is None:
+        if known is None:
             self.attitude_lost[AttitudeLoss.OUT_OF_REACH] += 1
             away = min((abs(sample.time - time) for sample in attitude.samples), default=None)
             found = "none of the vehicle's attitudes is a number"

@@ -6,6 +6,7 @@ from bisect import bisect_left
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from math import hypot, isfinite, sqrt
+from operator import attrgetter
 
 import cv2
 import numpy as np
@@ -37,7 +38,7 @@ class AttitudeSample:
     @property
     def is_number(self) -> bool:
         """Whether time and angles are finite."""
-        return all(isfinite(value) for value in (self.time, self.roll, self.pitch, self.yaw))
+        return isfinite(self.time + self.roll + self.pitch + self.yaw)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -111,11 +112,11 @@ class AttitudeHistory:
     def __init__(self, samples: Iterable[AttitudeSample]) -> None:
         given = tuple(samples)
         self.is_silent = not given
-        self.samples = tuple(sorted((s for s in given if s.is_number), key=lambda sample: sample.time))
+        self.samples = tuple(sorted((s for s in given if s.is_number), key=attrgetter("time")))
 
     def _beside(self, time: float) -> tuple[AttitudeSample, ...]:
         """The samples before and after a time [s], as far as there are any."""
-        k = bisect_left(self.samples, time, key=lambda sample: sample.time)
+        k = bisect_left(self.samples, time, key=attrgetter("time"))
         return self.samples[max(k - 1, 0) : k + 1]
 
     def at(self, time: float, max_age: float) -> Array | None:
