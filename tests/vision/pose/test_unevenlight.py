@@ -53,6 +53,23 @@ def test_light_that_may_move_edges_is_in_the_covariance() -> None:
     assert uneven.covariance[0, 0] > 1.35 * even.covariance[0, 0]
 
 
+def shaded(view: View, pixels: np.ndarray) -> np.ndarray:
+    """The image with three tenths of the light on the right of the target."""
+    middle = PROJECTION.project(view.position[None])[0][0]
+    y, x = np.indices(pixels.shape)
+    return np.where(x - middle[0] + 0.3 * (y - middle[1]) > 10.0, np.rint(0.3 * pixels), pixels).astype(np.uint8)
+
+
+@pytest.mark.parametrize("distance", [2.2, 2.8])
+def test_light_that_grows_is_asked_for_beside_a_shadow_too(distance: float) -> None:
+    """At a first look a shadow's rim is so far off what even light explains that it seemed to explain nothing."""
+    view = View(TARGET, place(distance, 0.2))
+    for pixels, grows in ((view.pixels, False), (shaded(view, lit(view, 0.4)), True)):
+        located = EdgeFit(TARGET, PROJECTION).locate(pixels, fitted(view, pixels))
+        assert located is not None
+        assert ("grown" in located[2]) == grows
+
+
 @pytest.mark.parametrize("distance", [1.0, 1.2, 1.4])
 def test_small_cells_behind_a_tone_curve_do_not_shift_large_ones(distance: float) -> None:
     """One shift for both tags: 0.5 to 0.8 mm."""
