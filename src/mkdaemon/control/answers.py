@@ -187,7 +187,7 @@ class AnswerWatch:
         while self._time + STEP <= until:
             while len(commands) > 1 and commands[1][0] <= self._time + STEP / 2.0:
                 commands.popleft()
-            self._state = self._state.dot(self._f.T) + commands[0][1][:, None] * self._g
+            self._state = self._state @ self._f.T + commands[0][1][:, None] * self._g
             self._time += STEP
             self._expected.append((self._time, self._state[:, 0].copy()))
         while len(self._expected) > 1 and self._expected[0][0] < until - REACH:

@@ -264,14 +264,15 @@ class Estimator:
     def motion_covariance(self) -> Array:
         """Of x, y, z (3, 3): variance of position [m2], covariance with velocity [m2/s], variance of that [m2/s2]."""
         level, upright = self._level.covariances, self._vertical.covariances[0]
-        found = np.array([*level[:, [P, P, V], [P, V, V]], upright[[H, H, S], [H, S, S]]])
+        axes = [(axis.item(P, P), axis.item(P, V), axis.item(V, V)) for axis in level]
+        found = np.array([*axes, (upright.item(H, H), upright.item(H, S), upright.item(S, S))])
         found[:, 0] += self._calibration
         return found
 
     @property
     def velocity_sd(self) -> float:
         """Standard deviation of the horizontal velocity, the larger of both axes [m/s]."""
-        return float(np.sqrt(self._level.covariances[:, V, V].max()))
+        return math.sqrt(max(self._level.covariances[:, V, V].tolist()))
 
     @property
     def stick_gain(self) -> float:
@@ -351,8 +352,8 @@ class Estimator:
             self._align(view)
             self._seen_at = max(self._seen_at, min(view.at, now))
         turn = self._turn_matrix(view.at)
-        seen, spread = turn.dot(view.position_flu), turn.dot(view.sight_covariance).dot(turn.T)
-        common = turn.dot(view.calibration_covariance).dot(turn.T)
+        seen, spread = turn @ view.position_flu, turn @ view.sight_covariance @ turn.T
+        common = turn @ view.calibration_covariance @ turn.T
         if is_trusted:
             self._calibration = common.diagonal() / shared_by
         # What all images of one camera have in common is no noise, and where there is another, it has its own.
@@ -423,15 +424,17 @@ class Estimator:
         while self._level.time + STEP <= now:
             middle = self._level.time + STEP / 2.0
             acting, before = self._commands.at(middle), self._commands.at(middle - LOST_FOR)
-            self._level.advance(acting.tilt, LOST * np.subtract(acting.tilt, before.tilt) ** 2)
+            changes = (new - old for new, old in zip(acting.tilt, before.tilt, strict=True))
+            self._level.advance(acting.tilt, [LOST * change**2 for change in changes])
             self._vertical.advance((acting.thrust,))
 
     def estimate(self, at: float) -> Estimate:
         """Return the estimate at a moment, which may lie ahead: the commands under way are known [s; monotonic]."""
         self.advance(at - MEMORY)
-        steps = max(0, round((at - self._level.time) / STEP))
-        acting = [self._commands.at(self._level.time + (k + 0.5) * STEP) for k in range(steps)]
-        variances = np.array([*self._level.covariances[:, P, P], self._vertical.covariances[0, H, H]])
+        known = self._level.time
+        steps = max(0, round((at - known) / STEP))
+        acting = [self._commands.at(known + (k + 0.5) * STEP) for k in range(steps)]
+        variances = np.array([*self._level.covariances[:, P, P].tolist(), self._vertical.covariances.item(0, H, H)])
         return Estimate(
             at=at,
             yaw=self._heading_at(at),

@@ -110,10 +110,10 @@ class TargetView:
         With p the vehicle in the target frame and R its attitude, m = -R'p, so dm = -R'dp - R'[p]x dr.
         """
         r = self.target_from_flu
-        p = -r.dot(self.position_flu)
+        p = -r @ self.position_flu
         cross = np.array([[0.0, -p[2], p[1]], [p[2], 0.0, -p[0]], [-p[1], p[0], 0.0]])
-        jacobian = np.concatenate([-r.T, -r.T.dot(cross)], axis=1)
-        covariance: Array = jacobian.dot(self.covariance).dot(jacobian.T)
+        jacobian = np.concatenate([-r.T, -r.T @ cross], axis=1)
+        covariance: Array = jacobian @ self.covariance @ jacobian.T
         return covariance
 
     @cached_property
@@ -137,7 +137,7 @@ class TargetView:
             return ViewFault.TOO_FAR
         (a, b, c), (d, e, f), (g, h, i) = rotation.tolist()
         is_mirrored = a * (e * i - f * h) + b * (f * g - d * i) + c * (d * h - e * g) < 0.0
-        if is_mirrored or np.abs(rotation.dot(rotation.T) - _IDENTITY).max() > SKEWED:
+        if is_mirrored or np.abs(rotation @ rotation.T - _IDENTITY).max() > SKEWED:
             return ViewFault.NO_ROTATION
         if np.abs(covariance - covariance.T).max() > SKEWED * widest or not _is_positive(covariance):
             return ViewFault.NO_COVARIANCE

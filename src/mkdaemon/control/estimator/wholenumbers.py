@@ -5,7 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Final
+
+import numpy as np
 
 from mkdaemon.control.linear import Array
 
@@ -13,7 +16,7 @@ _ROOT_2: Final = math.sqrt(2.0)
 _ROOT_TAU: Final = math.sqrt(math.tau)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class WholeNumbers:
     """A feedback that acts in whole counts, truncated towards zero; noise in what is counted blurs its steps.
 
@@ -31,19 +34,24 @@ class WholeNumbers:
     effect: Array
     blur: float
 
+    @cached_property
+    def _weights(self) -> Array:
+        """What each element of a covariance (n, n), in order, weighs in the variance of what is counted (n * n,)."""
+        return np.multiply.outer(self.row, self.row).ravel()
+
     def deviations(self, covariances: Array) -> list[float]:
         """Return the standard deviation of what is counted (k,) for covariances (k, n, n) [count]."""
-        spreads = covariances.dot(self.row).dot(self.row).tolist()
-        return [math.sqrt(self.blur**2 + max(spread, 0.0)) for spread in spreads]
+        spreads = covariances.reshape(len(covariances), -1) @ self._weights
+        return [math.sqrt(self.blur**2 + max(spread, 0.0)) for spread in spreads.tolist()]
 
     def counts(self, states: Array, deviations: list[float]) -> list[float]:
         """Return the mean count (k,) for states (k, n) and deviations (k,) of what is counted."""
-        means = states.dot(self.row).tolist()
+        means = (states @ self.row).tolist()
         return [_linearised(*each)[0] for each in zip(means, deviations, strict=True)]
 
     def linearised(self, states: Array, covariances: Array) -> tuple[Sequence[float], Sequence[float]]:
         """Return mean count (k,) and its slope (k,) for states (k, n) with covariances (k, n, n)."""
-        means = states.dot(self.row).tolist()
+        means = (states @ self.row).tolist()
         counts, slopes = zip(*map(_linearised, means, self.deviations(covariances)), strict=True)
         return counts, slopes
 
