@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from enum import IntEnum, StrEnum
-from functools import cached_property
 from typing import Final
 
 
@@ -17,14 +16,12 @@ class Board(IntEnum):
     OSD = 4
     BL = 5
 
-    @cached_property
+    @property
     def word(self) -> str:
         """Lower-case name used in keys and files."""
         return self.name.lower()
 
 
-_BOARDS: Final = tuple(Board)
-"""By address."""
 REDUNDANCY_ADDRESSES: Final = range(11, 27)
 """Addresses of motor controllers 1..16 on a redundant FlightCtrl's link: 11 + motor index."""
 
@@ -32,7 +29,7 @@ REDUNDANCY_ADDRESSES: Final = range(11, 27)
 def board_at(address: int) -> Board | None:
     """Return whose an address is; None where no board has it."""
     if 0 <= address <= Board.BL:
-        return _BOARDS[address]
+        return Board(address)
     return Board.BL if address in REDUNDANCY_ADDRESSES else None
 
 

@@ -424,8 +424,7 @@ class Estimator:
         while self._level.time + STEP <= now:
             middle = self._level.time + STEP / 2.0
             acting, before = self._commands.at(middle), self._commands.at(middle - LOST_FOR)
-            changes = (new - old for new, old in zip(acting.tilt, before.tilt, strict=True))
-            self._level.advance(acting.tilt, [LOST * change**2 for change in changes])
+            self._level.advance(acting.tilt, LOST * np.subtract(acting.tilt, before.tilt) ** 2)
             self._vertical.advance((acting.thrust,))
 
     def estimate(self, at: float) -> Estimate:

@@ -163,7 +163,7 @@ class RollbackFilter:
         self._f, self._g, self._counted = f, g, counted
         self._rate: Array = (f - np.eye(len(f))) / STEP  # how fast the states change [1/s]
         self._doubt_of_drive = np.multiply.outer(g, g)
-        self._inputs = g if counted is None else np.array([g, counted.effect])
+        self._inputs = g[None] if counted is None else np.array([g, counted.effect])
         self._fed_back = None if counted is None else np.multiply.outer(counted.effect, counted.row)
 
     def set_noise(self, noise: Array) -> None:
@@ -177,11 +177,11 @@ class RollbackFilter:
         self._shifted = self._shifted.copy()
         self._shifted[:, place] += amounts
 
-    def advance(self, drive: Sequence[float], doubted: Sequence[float] | None = None) -> None:
+    def advance(self, drive: Sequence[float], doubted: Array | None = None) -> None:
         """Go one step forward under an input (k,), whose variance (k,) is none where nothing is said."""
         slot = self._newest()
         slot.drive = drive
-        slot.doubt = None if doubted is None else np.array(doubted)[:, None, None] * self._doubt_of_drive
+        slot.doubt = None if doubted is None else doubted[:, None, None] * self._doubt_of_drive
         state, covariance = self._predicted(slot)
         self._slots.append(_Slot(state, covariance, self._undriven, None, self._shifted))
         if len(self._slots) > MEMORY / STEP:
@@ -284,11 +284,9 @@ class RollbackFilter:
 
     def _moved(self, state: Array, drive: Sequence[float], counts: Sequence[float] | None) -> Array:
         """The states (k, n) one step later under inputs (k,) and mean counts (k,)."""
+        inputs = [drive] if counts is None else [drive, counts]
         after: Array = state @ self._f.T
-        if counts is None:
-            after += np.array(drive)[:, None] * self._inputs
-        else:
-            after += np.array((drive, counts)).T @ self._inputs
+        after += np.array(inputs).T @ self._inputs
         return after
 
     def _corrected(self, slot: _Slot, offset: float, measurement: Measurement) -> Array:

@@ -5,10 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Final
-
-import numpy as np
 
 from mkdaemon.control.linear import Array
 
@@ -16,7 +13,7 @@ _ROOT_2: Final = math.sqrt(2.0)
 _ROOT_TAU: Final = math.sqrt(math.tau)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class WholeNumbers:
     """A feedback that acts in whole counts, truncated towards zero; noise in what is counted blurs its steps.
 
@@ -34,15 +31,10 @@ class WholeNumbers:
     effect: Array
     blur: float
 
-    @cached_property
-    def _weights(self) -> Array:
-        """What each element of a covariance (n, n), in order, weighs in the variance of what is counted (n * n,)."""
-        return np.multiply.outer(self.row, self.row).ravel()
-
     def deviations(self, covariances: Array) -> list[float]:
         """Return the standard deviation of what is counted (k,) for covariances (k, n, n) [count]."""
-        spreads = covariances.reshape(len(covariances), -1) @ self._weights
-        return [math.sqrt(self.blur**2 + max(spread, 0.0)) for spread in spreads.tolist()]
+        spreads = (covariances @ self.row @ self.row).tolist()
+        return [math.sqrt(self.blur**2 + max(spread, 0.0)) for spread in spreads]
 
     def counts(self, states: Array, deviations: list[float]) -> list[float]:
         """Return the mean count (k,) for states (k, n) and deviations (k,) of what is counted."""

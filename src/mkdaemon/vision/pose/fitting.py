@@ -122,7 +122,7 @@ class TargetFitter:
         blur_px: float | None = None,
         rival: Pose | None = None,
     ) -> Pose | None:
-        """Fit by one method; see `PhotoFit.fit`."""
+        """Fit by one method; see `EdgeFit.fit` and `PhotoFit.fit`."""
         if not photometric:
             self.effort += 1
             return self.edges.fit(pixels, start, level=level, rival=rival)

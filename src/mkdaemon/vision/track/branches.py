@@ -53,10 +53,6 @@ LEAST_WRONG = 0.01
 """Probability that a fit is wrong though all its points agree: a smeared view, a saddle between both readings."""
 LEAVES = 0.001
 """Probability that a target leaves its course from one image to the next, once in half a minute."""
-STAYS, BY_SPEED = np.eye(6), np.eye(6, k=3)
-"""Parts of what time does to a place and its speed."""
-OF_PLACE, OF_SPEED = np.diag([1.0] * 3 + [0.0] * 3), np.diag([0.0] * 3 + [1.0] * 3)
-"""Where they stand in a covariance."""
 ANYWHERE = 1e8
 """Variance of a place about which nothing is known [m^2]."""
 
@@ -105,8 +101,9 @@ class Course:
     def predict_at(self, time: float) -> Course:
         """The same course at a later time, before anything is seen: P' = F P F^T + Q, Q of a white acceleration."""
         dt = time - self.time
-        move = STAYS + dt * BY_SPEED
-        noise = self.psd * (dt**3 / 3 * OF_PLACE + dt * OF_SPEED + dt**2 / 2 * (BY_SPEED + BY_SPEED.T))
+        move = np.eye(6) + dt * np.eye(6, k=3)
+        mixed = np.eye(6, k=3) + np.eye(6, k=-3)
+        noise = self.psd * (np.diag([dt**3 / 3] * 3 + [dt] * 3) + dt**2 / 2 * mixed)
         return Course(time, self.state @ move.T, move @ self.covariance @ move.T + noise, self.psd)
 
     def join(self, centre: Array, spread: Array) -> tuple[Course, Array]:
