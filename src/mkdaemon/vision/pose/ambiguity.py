@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import log, sin
 
 import numpy as np
 
@@ -13,6 +14,8 @@ from mkdaemon.vision.pose.pose import Pose, angle_between
 CAUTION = 4.0
 """Images over which the errors of a pose last, where light, blur or cover cause them: a factor on its variance, and by
 which what it says beyond `silent` counts less."""
+MIRRORED = 0.26
+"""Mean square root of (x^2 - 1/3) cos(t) and x y across edges, half of them each way: 0.32 at rest, this at 60 degrees."""
 FIELD = 1.5
 """Power of what neighbours share, for the variance of a mean over a field: (1 + r) / (1 - r) each way, to 10 %."""
 
@@ -48,6 +51,24 @@ def evidence(first: Pose, second: Pose) -> float:
     odds = log_odds(first, second)
     odds = odds if _is_explained(first, second) else (odds - LIMITS.ambiguity.silent) / CAUTION
     return min(max(odds, 0.0), LIMITS.ambiguity.decided)
+
+
+def mirror_odds(pose: Pose, side_px: float, focal_px: float) -> float:
+    """Log odds against the mirror image of a pose by perspective alone, before an image is asked.
+
+    Points at (x, y) of a square, in halves of its side s from its middle, are s^2 / (2 f) sin(t) (x^2 cos(t), x y) off in
+    the mirror image of a tilt t; `MIRRORED` of it no move takes up. A fit that is the mirror image leaves as much, so half
+    of what a fit leaves may be that. Rivals closer than `wrong_angle` are none.
+
+    Args:
+        pose: a fit.
+        side_px: of the largest tag.
+        focal_px: of the camera.
+    """
+    tilt = max(pose.tilt, LIMITS.certainty.wrong_angle / 2)
+    off = MIRRORED * side_px**2 / (2 * focal_px) * sin(tilt)
+    left2 = max(pose.rms_px**2, LIMITS.edges.systematic_px**2)
+    return 0.5 * facts(pose.points, pose.shared) * log((left2 + off**2) / (2 * left2))
 
 
 def prefers(first: Pose, second: Pose, inertia: float = 0.0) -> bool:

@@ -13,7 +13,7 @@ from mkdaemon.config.vision import TrackerSection
 from mkdaemon.telemetry.vision import PoseRefusal
 from mkdaemon.vision.arrays import Array
 from mkdaemon.vision.limits import HALF, LIMITS
-from mkdaemon.vision.pose.ambiguity import prefers, residual_ratio
+from mkdaemon.vision.pose.ambiguity import mirror_odds, prefers, residual_ratio
 from mkdaemon.vision.pose.fitting import TargetFitter
 from mkdaemon.vision.pose.gates import certainty_refusal, fit_refusal
 from mkdaemon.vision.pose.pose import Pose, angle_between, turn
@@ -224,7 +224,7 @@ class Judge:
         # Starts may have run into one minimum; a branch without its rival would be believed unchallenged.
         best, *others = sorted(fits, key=lambda pose: pose.loss)
         is_blurred = best.blur_px is not None and best.blur_px > LIMITS.blur.smeared_px
-        if not self._is_large(best) or is_blurred:
+        if is_blurred or not (self._is_large(best) or self._has_no_rival(best)):
             rival = self._fitter.fit_mirrored(seen.pixels, best)
             others += [] if rival is None else [rival]
         distinct = [best]
@@ -232,6 +232,12 @@ class Judge:
             if all(angle_between(one.rotation, pose.rotation) >= CERTAINTY.blind_angle_sd for pose in distinct):
                 distinct.append(one)
         return distinct
+
+    def _has_no_rival(self, pose: Pose) -> bool:
+        """Whether perspective rules the mirror image of a fit to a whole target out, before an image is asked."""
+        focal_px = float(self._fitter.projection.focal[0])
+        odds = mirror_odds(pose, self._fitter.side_px(pose), focal_px)
+        return pose.inliers >= LIMITS.agreement.whole and odds >= LIMITS.ambiguity.decided
 
     def is_whole(self, pose: Pose) -> bool:
         """Whether nearly all edges of the target are seen and agree."""
