@@ -4,17 +4,19 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 
 from mkdaemon.vision.limits import LIMITS
-from mkdaemon.vision.pose.ambiguity import evidence, log_odds, residual_ratio
+from mkdaemon.vision.pose.ambiguity import MIRRORED, evidence, facts, log_odds, mirror_odds, residual_ratio
 from mkdaemon.vision.pose.pose import Pose, turn
 from mkdaemon.vision.track.attitude import AttitudeHistory, AttitudeSample
 from tests.vision.views import angle_deg
 
 DOWN = np.diag([1.0, -1.0, -1.0])
 """A target straight under a camera that looks down."""
+FOCAL_PX = 600.0
 
 
 def tilted(degrees: float, loss: float, points: int = 200) -> Pose:
@@ -71,6 +73,33 @@ def test_the_ratio_is_that_of_the_best_other_reading(losses, ratio):
 def test_odds_grow_with_samples_and_ratio():
     assert log_odds(tilted(0, 0.01, 400), tilted(9, 0.02, 400)) > log_odds(tilted(0, 0.01), tilted(9, 0.02))
     assert log_odds(tilted(0, 0.01), tilted(9, 0.01)) == 0.0
+
+
+@pytest.mark.parametrize(
+    ("side_px", "tilt_deg"), [(60.0, 15.0), (60.0, 30.0), (60.0, 50.0), (100.0, 20.0), (100.0, 40.0), (30.0, 60.0)]
+)
+def test_a_mirror_image_is_as_far_off_as_perspective_says(side_px, tilt_deg):
+    """Points of a square, fitted from the mirror image of their pose, are off by so much across edges."""
+    side = (np.arange(20) + 0.5) / 20 - 0.5
+    points = np.array([(x, y, 0.0) for x in side for y in side])
+    camera, place = np.diag([FOCAL_PX, FOCAL_PX, 1.0]), np.array([0.0, 0.0, FOCAL_PX / side_px])
+    turned, mirrored = (cv2.Rodrigues(tilted(angle, 0.0).rotation)[0] for angle in (tilt_deg, -tilt_deg))
+    seen = cv2.projectPoints(points, turned, place, camera, None)[0]
+    rival = cv2.solvePnPRefineLM(points, seen, camera, None, mirrored.copy(), place.copy())
+    left = cv2.projectPoints(points, *rival, camera, None)[0] - seen
+    off_px = np.sqrt((left**2).mean())
+    sharp = replace(tilted(tilt_deg, 0.0), position=place, rms_px=0.02)
+    said = np.sqrt(2.0 * np.exp(2.0 * mirror_odds(sharp, side_px, FOCAL_PX) / facts(200, 1.0)) - 1.0) * sharp.rms_px
+    assert 0.8 < said / off_px <= 1.05
+
+
+@pytest.mark.parametrize("tilt_deg", [0.0, 10.0, 40.0])
+def test_a_fit_that_is_the_mirror_image_rules_no_rival_out(tilt_deg):
+    """It leaves at least what its rival would."""
+    sharp = replace(tilted(tilt_deg, 0.0), rms_px=0.05)
+    off_px = MIRRORED * 200.0**2 / (2.0 * FOCAL_PX) * np.sin(max(sharp.tilt, LIMITS.certainty.wrong_angle / 2.0))
+    assert mirror_odds(sharp, 200.0, FOCAL_PX) > DECIDED
+    assert mirror_odds(replace(sharp, rms_px=off_px), 200.0, FOCAL_PX) == pytest.approx(0.0, abs=1e-9)
 
 
 def test_attitude_is_interpolated_and_not_made_up():

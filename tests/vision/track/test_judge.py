@@ -63,6 +63,7 @@ class GivenFits:
     mirror: Pose | None = None
     read: CellEvidence = CLEAR
     beside_nats: float = 0.0
+    mirror_nats: float = 0.0
     cell_px: float = 10.0
     grey: list[Pose] = field(default_factory=list)
     supported: bool = False
@@ -77,6 +78,9 @@ class GivenFits:
 
     def fit_mirrored(self, pixels, pose):
         return self.mirror
+
+    def mirror_odds(self, pose):
+        return self.mirror_nats
 
     def fit_grey_values(self, pixels, rivals):
         return self.grey
@@ -438,3 +442,18 @@ def test_a_first_pose_without_rival_is_followed_beside_its_mirror_image():
     assert judge_of(GivenFits(mirror=rival)).candidates(seen, [worse, pose]) == [pose, rival]
     again = replace(rival, loss=0.02)
     assert judge_of(GivenFits(mirror=again)).candidates(seen, [pose, rival]) == [rival, pose], "it counts once"
+
+
+@pytest.mark.parametrize(
+    ("nats", "inliers", "cell_px", "is_asked"),
+    [
+        (20.0, 1.0, 10.0, False),
+        (7.0, 1.0, 10.0, True),  # perspective alone does not decide
+        (20.0, 0.8, 10.0, True),  # what lies over the target may hide it
+        (20.0, 0.8, 30.0, False),  # not from one that is so large
+    ],
+)
+def test_a_mirror_image_that_perspective_rules_out_is_not_fitted(nats, inliers, cell_px, is_asked):
+    pose = fitted(tilt_deg=6.0, inliers=inliers)
+    fits = GivenFits(mirror=mirrored(pose, loss=0.02), mirror_nats=nats, cell_px=cell_px)
+    assert len(judge_of(fits).candidates(sight(attitude=False), [pose])) == 1 + is_asked

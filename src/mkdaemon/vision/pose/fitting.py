@@ -11,6 +11,7 @@ import numpy as np
 
 from mkdaemon.vision.arrays import Grey
 from mkdaemon.vision.limits import APART2, HALF, LIMITS
+from mkdaemon.vision.pose.ambiguity import mirror_odds
 from mkdaemon.vision.pose.edgefind import HALF_WIDTH
 from mkdaemon.vision.pose.edgefit import EdgeFit
 from mkdaemon.vision.pose.gates import CellReader
@@ -138,6 +139,10 @@ class TargetFitter:
         start = replace(pose, rotation=turned, position=pose.rotation @ origin + pose.position - turned @ origin)
         start = self._photo.prints.gathered(pixels, start)
         return self._fit(pixels, start, photometric=pose.source == "photometric", rival=pose)
+
+    def mirror_odds(self, pose: Pose) -> float:
+        """Log odds against the rival of a pose before it is fitted; see `ambiguity.mirror_odds`."""
+        return mirror_odds(pose, self.side_px(pose), float(self.projection.focal[0]))
 
     def fit_grey_values(self, pixels: Grey, rivals: Sequence[Pose]) -> list[Pose]:
         """Fit rivals of a small tag once more on all its pixels; empty when one of them cannot be."""

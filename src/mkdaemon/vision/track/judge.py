@@ -13,7 +13,7 @@ from mkdaemon.config.vision import TrackerSection
 from mkdaemon.telemetry.vision import PoseRefusal
 from mkdaemon.vision.arrays import Array
 from mkdaemon.vision.limits import HALF, LIMITS
-from mkdaemon.vision.pose.ambiguity import mirror_odds, prefers, residual_ratio
+from mkdaemon.vision.pose.ambiguity import prefers, residual_ratio
 from mkdaemon.vision.pose.fitting import TargetFitter
 from mkdaemon.vision.pose.gates import certainty_refusal, fit_refusal
 from mkdaemon.vision.pose.pose import Pose, angle_between, turn
@@ -220,11 +220,10 @@ class Judge:
         return PoseRefusal.ATTITUDE if is_off else None
 
     def candidates(self, seen: Sight, fits: Sequence[Pose]) -> list[Pose]:
-        """Distinct fits of one image, the best first, and its mirror image where perspective does not rule it out."""
+        """Distinct fits of one image, the best first, and its mirror image unless perspective rules it out."""
         # Starts may have run into one minimum; a branch without its rival would be believed unchallenged.
         best, *others = sorted(fits, key=lambda pose: pose.loss)
-        is_blurred = best.blur_px is not None and best.blur_px > LIMITS.blur.smeared_px
-        if is_blurred or not (self._is_large(best) or self._has_no_rival(best)):
+        if not self._has_no_rival(best):
             rival = self._fitter.fit_mirrored(seen.pixels, best)
             others += [] if rival is None else [rival]
         distinct = [best]
@@ -234,10 +233,9 @@ class Judge:
         return distinct
 
     def _has_no_rival(self, pose: Pose) -> bool:
-        """Whether perspective rules the mirror image of a fit to a whole target out, before an image is asked."""
-        focal_px = float(self._fitter.projection.focal[0])
-        odds = mirror_odds(pose, self._fitter.side_px(pose), focal_px)
-        return pose.inliers >= LIMITS.agreement.whole and odds >= LIMITS.ambiguity.decided
+        """Whether perspective rules the mirror image of a fit out, before an image is asked, and nothing hides that."""
+        is_seen = pose.inliers >= LIMITS.agreement.whole or self._is_large(pose)
+        return is_seen and self._fitter.mirror_odds(pose) >= LIMITS.ambiguity.decided
 
     def is_whole(self, pose: Pose) -> bool:
         """Whether nearly all edges of the target are seen and agree."""
@@ -256,7 +254,7 @@ class Judge:
         return self.is_plain(seen, pose) and certainty_refusal(pose, has_attitude=False) is None
 
     def _is_large(self, pose: Pose) -> bool:
-        """Whether perspective tells a pose from its mirror image."""
+        """Whether hidden parts leave enough of the target to tell how it is tilted."""
         return self._cell_px(pose) > LIMITS.cells.perspective_px
 
     def _cell_px(self, pose: Pose) -> float:
