@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -65,19 +63,3 @@ def test_a_fit_that_has_not_arrived_says_how_far_it_would_go_on() -> None:
     assert largest_variance(arrived.covariance[3:, 3:]) < np.radians(0.1) ** 2
     assert off.angle_deg > 0.5
     assert largest_variance(broken_off.covariance[3:, 3:]) > np.radians(off.angle_deg) ** 2
-
-
-def test_a_fit_that_comes_to_where_its_rival_is_ends_there() -> None:
-    """Half of the fits from a mirror image come back to the pose: their last steps would tell nothing new."""
-    pad = SceneTarget.of(target_named("nested"), Platform())
-    view = view_towards(VGA, 1.5 * np.array([0.2, 0.1, 0.97]), np.zeros(3))
-    rotation, position = cam_from_target(pad, view)
-    pixels = Scene([pad], ground=None, seed=4, fine=False).render(view, CLEAN)
-    fitter = EdgeFit(pad.target, Projection(VGA))
-    start = Pose(turn(rotation, np.radians([4.0, -3.0, 0.0])), position, np.eye(6), "corners", 4, 0.1)
-    found = fitter.fit(pixels, start)
-    assert found is not None
-    assert fitter.fit(pixels, start, rival=found) is None
-    elsewhere = fitter.fit(pixels, start, rival=replace(found, rotation=turn(rotation, np.radians([20.0, 0.0, 0.0]))))
-    assert elsewhere is not None
-    assert elsewhere.rotation == pytest.approx(found.rotation, abs=1e-12)

@@ -15,7 +15,7 @@ CAUTION = 4.0
 """Images over which the errors of a pose last, where light, blur or cover cause them: a factor on its variance, and by
 which what it says beyond `silent` counts less."""
 MIRRORED = 0.26
-"""Mean square root of (x^2 - 1/3) cos(t) and x y across edges, half of them each way: 0.32 at rest, this at 60 degrees."""
+"""Mean square root of (x^2 - 1/3) cos(t) and x y, half of the edges each way: 0.32 head on, this at 60 degrees."""
 FIELD = 1.5
 """Power of what neighbours share, for the variance of a mean over a field: (1 + r) / (1 - r) each way, to 10 %."""
 
@@ -56,9 +56,9 @@ def evidence(first: Pose, second: Pose) -> float:
 def mirror_odds(pose: Pose, side_px: float, focal_px: float) -> float:
     """Log odds against the mirror image of a pose by perspective alone, before an image is asked.
 
-    Points at (x, y) of a square, in halves of its side s from its middle, are s^2 / (2 f) sin(t) (x^2 cos(t), x y) off in
-    the mirror image of a tilt t; `MIRRORED` of it no move takes up. A fit that is the mirror image leaves as much, so half
-    of what a fit leaves may be that. Rivals closer than `wrong_angle` are none.
+    Points at (x, y) of a square, in halves of its side s from its middle, are s^2 / (2 f) sin(t) (x^2 cos(t), x y) off
+    in the mirror image of a tilt t; `MIRRORED` of it no move takes up. A fit that is the mirror image leaves as much,
+    so half of what a fit leaves may be that. Rivals closer than `wrong_angle` are none.
 
     Args:
         pose: a fit.

@@ -24,7 +24,7 @@ from mkdaemon.vision.limits import APART2, HALF, LIMITS
 from mkdaemon.vision.pose.ambiguity import loss_of
 from mkdaemon.vision.pose.edgefind import LEAST_OF_A_KIND, FoundEdges, find_edges, kinds_of
 from mkdaemon.vision.pose.edgemodel import EdgeModel, Samples, seen_across
-from mkdaemon.vision.pose.pose import LEAST_RIDGE, Pose, angle_between, damped, inverted, length2, median
+from mkdaemon.vision.pose.pose import LEAST_RIDGE, Pose, damped, inverted, length2, median
 from mkdaemon.vision.pose.prints import RISES, sheet_of
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.pose.unknowns import POSE, SETTLED, Level, Prior, State, Unknown, Unknowns, not_arrived
@@ -46,8 +46,6 @@ GIVES_WAY = (1.0 / 2.0, 3.0 / 4.0, 5.0 / 6.0)
 """Each term of the series of (1 - h)^-1/2 over h times the one before."""
 ROUNDS = 3
 """Weights and step depend on each other: so often."""
-SAME = HALF * LIMITS.certainty.blind_angle_sd
-"""Between a fit and its rival, from which these will be one [rad]."""
 CLEAR_PERCENT = 75
 """Percentile of the contrast that the clear edges have."""
 
@@ -236,14 +234,7 @@ class EdgeFit:
         self._terms = None if self._sheet is None else self._sheet.terms(self._points)
         self._projection = projection
 
-    def fit(
-        self,
-        pixels: Grey,
-        start: Pose,
-        iterations: int = 12,
-        level: Level | None = None,
-        rival: Pose | None = None,
-    ) -> Pose | None:
+    def fit(self, pixels: Grey, start: Pose, iterations: int = 12, level: Level | None = None) -> Pose | None:
         """Refine a pose.
 
         Args:
@@ -251,10 +242,9 @@ class EdgeFit:
             start: within about half a cell of the truth.
             iterations: Gauss-Newton steps at most.
             level: where the target's normal should point.
-            rival: pose that the fit will be compared with; one that comes to the same place ends there.
 
         Returns:
-            The pose, or none when too few edges were seen, the fit ran away, or is its rival.
+            The pose, or none when too few edges were seen or the fit ran away.
         """
         limits = LIMITS.edges
         last: EdgeStep | None = None
@@ -284,8 +274,7 @@ class EdgeFit:
                 # Edges of jagged pixels answer more than a move asks: the step before was nearer.
                 break
             last, state = step, state.moved(step.unknowns, step.change)
-            is_rival = rival is not None and angle_between(state.rotation, rival.rotation) < SAME
-            if is_rival or state.ran_away(start):
+            if state.ran_away(start):
                 return None
             # A first step near by is to the next one as the one before is to it: that one has to be short.
             is_last = was_near or moved**2 * step.length2 <= SETTLED * before**2

@@ -126,7 +126,7 @@ class TargetFitter:
         """Fit by one method; see `EdgeFit.fit` and `PhotoFit.fit`."""
         if not photometric:
             self.effort += 1
-            return self.edges.fit(pixels, start, level=level, rival=rival)
+            return self.edges.fit(pixels, start, level=level)
         fitted = self._photo.fit(pixels, start, level=level, blur_px=blur_px, rival=rival)
         self.effort += 1 if fitted is None else GREY_EFFORT
         return fitted if fitted is not None and np.isfinite(fitted.rms_px) else None
