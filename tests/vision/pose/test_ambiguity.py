@@ -89,7 +89,7 @@ def test_a_mirror_image_is_as_far_off_as_perspective_says(side_px, tilt_deg):
     left = cv2.projectPoints(points, *rival, camera, None)[0] - seen
     off_px = np.sqrt((left**2).mean())
     sharp = replace(tilted(tilt_deg, 0.0), position=place, rms_px=0.02)
-    said = np.sqrt(2.0 * np.exp(2.0 * mirror_odds(sharp, side_px, FOCAL_PX) / facts(200, 1.0)) - 1.0) * sharp.rms_px
+    said = np.sqrt(2.0 * np.exp(2.0 * mirror_odds(sharp, 1.0, FOCAL_PX) / facts(200, 1.0)) - 1.0) * sharp.rms_px
     assert 0.8 < said / off_px <= 1.05
 
 
@@ -97,9 +97,10 @@ def test_a_mirror_image_is_as_far_off_as_perspective_says(side_px, tilt_deg):
 def test_a_fit_that_is_the_mirror_image_rules_no_rival_out(tilt_deg):
     """It leaves at least what its rival would."""
     sharp = replace(tilted(tilt_deg, 0.0), rms_px=0.05)
-    off_px = MIRRORED * 200.0**2 / (2.0 * FOCAL_PX) * np.sin(max(sharp.tilt, LIMITS.certainty.wrong_angle / 2.0))
-    assert mirror_odds(sharp, 200.0, FOCAL_PX) > DECIDED
-    assert mirror_odds(replace(sharp, rms_px=off_px), 200.0, FOCAL_PX) == pytest.approx(0.0, abs=1e-9)
+    seen_px = MIRRORED * FOCAL_PX / (2.0 * sharp.range_m**2)
+    off_px = seen_px * np.sin(max(sharp.tilt, LIMITS.certainty.wrong_angle / 2.0))
+    assert mirror_odds(sharp, 1.0, FOCAL_PX) > DECIDED
+    assert mirror_odds(replace(sharp, rms_px=off_px), 1.0, FOCAL_PX) == pytest.approx(0.0, abs=1e-9)
 
 
 def test_attitude_is_interpolated_and_not_made_up():

@@ -53,22 +53,22 @@ def evidence(first: Pose, second: Pose) -> float:
     return min(max(odds, 0.0), LIMITS.ambiguity.decided)
 
 
-def mirror_odds(pose: Pose, side_px: float, focal_px: float) -> float:
+def mirror_odds(pose: Pose, side: float, focal_px: float) -> float:
     """Log odds against the mirror image of a pose by perspective alone, before an image is asked.
 
-    Points at (x, y) of a square, in halves of its side s from its middle, are s^2 / (2 f) sin(t) (x^2 cos(t), x y) off
-    in the mirror image of a tilt t; `MIRRORED` of it no move takes up. A fit that is the mirror image leaves as much,
-    so half of what a fit leaves may be that. Rivals closer than `wrong_angle` are none.
+    In the mirror image of a tilt t, points at (x, y) of a square, in halves of its side s from its middle, are
+    f s^2 / (2 r^2) sin(t) (x^2 cos(t), x y) off, at a range r; `MIRRORED` of it no move takes up. A fit that is the
+    mirror image leaves as much, so half of what a fit leaves may be that. Rivals closer than `wrong_angle` are none.
 
     Args:
         pose: a fit.
-        side_px: of the largest tag.
-        focal_px: of the camera.
+        side: of the largest tag [m].
+        focal_px: focal length.
     """
     tilt = max(pose.tilt, LIMITS.certainty.wrong_angle / 2)
-    off = MIRRORED * side_px**2 / (2 * focal_px) * sin(tilt)
+    off_px = MIRRORED * focal_px * (side / pose.range_m) ** 2 / 2 * sin(tilt)
     left2 = max(pose.rms_px**2, LIMITS.edges.systematic_px**2)
-    return 0.5 * facts(pose.points, pose.shared) * log((left2 + off**2) / (2 * left2))
+    return 0.5 * facts(pose.points, pose.shared) * log((left2 + off_px**2) / (2 * left2))
 
 
 def prefers(first: Pose, second: Pose, inertia: float = 0.0) -> bool:

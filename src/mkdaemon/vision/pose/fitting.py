@@ -142,7 +142,7 @@ class TargetFitter:
 
     def mirror_odds(self, pose: Pose) -> float:
         """Log odds against the rival of a pose before it is fitted; see `ambiguity.mirror_odds`."""
-        return mirror_odds(pose, self.side_px(pose), float(self.projection.focal[0]))
+        return mirror_odds(pose, self.target.tags[0].size, float(self.projection.focal[0]))
 
     def fit_grey_values(self, pixels: Grey, rivals: Sequence[Pose]) -> list[Pose]:
         """Fit rivals of a small tag once more on all its pixels; empty when one of them cannot be."""
