@@ -140,7 +140,7 @@ class CellSizes:
     readable_px: float = of(2.5, "px", "smaller cells have no edge, corner or grey value of their own", EARNED)
     photometric_px: float = of(4.0, "px", "smaller cells are fitted by grey values", EARNED)
     melted_widths: float = of(3.0, "half widths", "of its edges: smaller cells melt", "5 px where sharp: 1.75 px")
-    perspective_px: float = of(24.0, "px", "from here hidden parts leave enough to tell a tilt", BLIND)
+    perspective_px: float = of(24.0, "px", "from here perspective tells a tilt, whatever is hidden", BLIND)
     edges_up_to: float = of(radians(60.0), "rad", "tilt from which edges run into each other", "steep stills")
 
     @property
@@ -177,7 +177,7 @@ class BlurWidths:
     """Half width of edges in the image."""
 
     sharp_px: float = of(1.75, "px", "no edge is taken for narrower", "1.9-2.1 in focus at rest, 1.75 cut by clipping")
-    smeared_px: float = of(3.5, "px", "from here the shape of the blur moves edges", BLIND)
+    smeared_px: float = of(3.5, "px", "from here the shape of the blur moves edges, perspective drowns in it", BLIND)
     alarm_px: float = of(5.0, "px", "from here motion or focus is at fault", STILLS)
 
 

@@ -79,7 +79,7 @@ class GivenFits:
     def fit_mirrored(self, pixels, pose):
         return self.mirror
 
-    def mirror_odds(self, pose):
+    def mirror_odds(self, pixels, pose):
         return self.mirror_nats
 
     def fit_grey_values(self, pixels, rivals):

@@ -140,9 +140,14 @@ class TargetFitter:
         start = self._photo.prints.gathered(pixels, start)
         return self._fit(pixels, start, photometric=pose.source == "photometric", rival=pose)
 
-    def mirror_odds(self, pose: Pose) -> float:
-        """Log odds against the rival of a pose before it is fitted; see `ambiguity.mirror_odds`."""
-        return mirror_odds(pose, self.target.tags[0].size, float(self.projection.focal[0]))
+    def mirror_odds(self, pixels: Grey, pose: Pose) -> float:
+        """Log odds against the rival of a pose before it is fitted; see `ambiguity.mirror_odds`.
+
+        A target that is out of view in part shows too little of its perspective: zero.
+        """
+        seen, visible = self.projection.project(self._outline @ pose.rotation.T + pose.position)
+        is_in_view = visible.all() and (seen >= 0).all() and (seen < pixels.shape[::-1]).all()
+        return mirror_odds(pose, self.target.tags[0].size, float(self.projection.focal[0])) if is_in_view else 0.0
 
     def fit_grey_values(self, pixels: Grey, rivals: Sequence[Pose]) -> list[Pose]:
         """Fit rivals of a small tag once more on all its pixels; empty when one of them cannot be."""

@@ -223,7 +223,7 @@ class Judge:
         """Distinct fits of one image, the best first, and its mirror image unless perspective rules it out."""
         # Starts may have run into one minimum; a branch without its rival would be believed unchallenged.
         best, *others = sorted(fits, key=lambda pose: pose.loss)
-        if not self._has_no_rival(best):
+        if not self._has_no_rival(seen, best):
             rival = self._fitter.fit_mirrored(seen.pixels, best)
             others += [] if rival is None else [rival]
         distinct = [best]
@@ -232,10 +232,13 @@ class Judge:
                 distinct.append(one)
         return distinct
 
-    def _has_no_rival(self, pose: Pose) -> bool:
-        """Whether perspective rules the mirror image of a fit out, before an image is asked, and nothing hides that."""
-        is_seen = pose.inliers >= LIMITS.agreement.whole or self._is_large(pose)
-        return is_seen and self._fitter.mirror_odds(pose) >= LIMITS.ambiguity.decided
+    def _has_no_rival(self, seen: Sight, pose: Pose) -> bool:
+        """Whether perspective rules the mirror image of a fit out, before an image is asked."""
+        if pose.blur_px is not None and pose.blur_px > LIMITS.blur.smeared_px:
+            return False
+        is_whole = pose.inliers >= LIMITS.agreement.whole
+        odds = self._fitter.mirror_odds(seen.pixels, pose) if is_whole else 0.0
+        return self._is_large(pose) or odds >= LIMITS.ambiguity.decided
 
     def is_whole(self, pose: Pose) -> bool:
         """Whether nearly all edges of the target are seen and agree."""
@@ -254,7 +257,7 @@ class Judge:
         return self.is_plain(seen, pose) and certainty_refusal(pose, has_attitude=False) is None
 
     def _is_large(self, pose: Pose) -> bool:
-        """Whether hidden parts leave enough of the target to tell how it is tilted."""
+        """Whether perspective tells a pose from its mirror image, whatever is hidden."""
         return self._cell_px(pose) > LIMITS.cells.perspective_px
 
     def _cell_px(self, pose: Pose) -> float:
