@@ -85,9 +85,9 @@ class VisionPose(Seen):
     rms_px: float
     """Their residual [px]."""
     ambiguity: float | None
-    """Residual of the mirrored pose over this one; none where there is no rival."""
+    """Residual of the mirrored pose over this one; none where there is no rival, or none was looked for."""
     decided_by: str
-    """What told them apart."""
+    """What told them apart: `unique` (no rival, or perspective), `image`, `attitude`, `track` (images before)."""
     decode_age: float
     """Time since a tag of the target was last decoded [s]."""
     delivered: float
