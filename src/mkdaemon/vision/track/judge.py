@@ -53,8 +53,9 @@ class Verdict:
         return self.pose is not None and self.refusal is PoseRefusal.ATTITUDE
 
 
-FOLLOWED: Final = (None, PoseRefusal.AMBIGUOUS, PoseRefusal.ANGLE_UNCERTAIN)
-"""What is thought of a first pose that is followed: the next images may decide, or know how the camera climbs."""
+FOLLOWED: Final = (None, PoseRefusal.AMBIGUOUS, PoseRefusal.ANGLE_UNCERTAIN, PoseRefusal.RESIDUAL)
+"""What is thought of a first pose that is followed: the next images may decide, know how the camera climbs, or tell
+more by all their pixels."""
 
 
 class Judge:
