@@ -297,7 +297,8 @@ def test_a_first_pose(given, candidates, attitude, refusal):
     verdict = judge_of(GivenFits(**given)).first(sight(attitude=attitude), candidates)
     assert verdict.refusal is refusal
     is_contradiction = verdict.contradicts
-    assert (verdict.pose is not None) == (refusal in (None, PoseRefusal.AMBIGUOUS) or is_contradiction)
+    followed = (None, PoseRefusal.AMBIGUOUS, PoseRefusal.RESIDUAL)
+    assert (verdict.pose is not None) == (refusal in followed or is_contradiction)
 
 
 def test_all_pixels_decide_between_first_poses_whose_edges_do_not():
