@@ -237,9 +237,10 @@ class Judge:
         """Whether perspective rules the mirror image of a fit out, before an image is asked."""
         if pose.blur_px is not None and pose.blur_px > LIMITS.blur.smeared_px:
             return False
+        if self._is_large(pose):
+            return True
         is_whole = pose.inliers >= LIMITS.agreement.whole
-        odds = self._fitter.mirror_odds(seen.pixels, pose) if is_whole else 0.0
-        return self._is_large(pose) or odds >= LIMITS.ambiguity.decided
+        return is_whole and self._fitter.mirror_odds(seen.pixels, pose) >= LIMITS.ambiguity.decided
 
     def is_whole(self, pose: Pose) -> bool:
         """Whether nearly all edges of the target are seen and agree."""
