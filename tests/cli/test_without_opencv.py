@@ -73,8 +73,9 @@ def test_the_doctor_finds_it(tmp_path, monkeypatch):
     assert (found[0].severity, found[0].what) == (Severity.ERROR, FIX)
 
 
-def test_opencv_without_pyapriltags_sees_no_tags(monkeypatch):
-    monkeypatch.setitem(sys.modules, "pyapriltags", None)
+@pytest.mark.parametrize("missing", ["pyapriltags", "simplejpeg"])
+def test_opencv_alone_sees_no_tags(missing, monkeypatch):
+    monkeypatch.setitem(sys.modules, missing, None)
     monkeypatch.delitem(sys.modules, "mkdaemon.vision", raising=False)
-    with pytest.raises(ConfigError, match=r"need pyapriltags, .*pip install 'mkdaemon\[vision\]'"):
+    with pytest.raises(ConfigError, match=rf"need {missing}, .*pip install 'mkdaemon\[vision\]'"):
         import_module("mkdaemon.vision")
