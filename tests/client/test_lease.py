@@ -28,10 +28,11 @@ async def test_neutral_sticks_are_streamed_until_the_daemon_engages_then_the_wan
             await wait_until(lambda: daemon.setpoints[-1]["pitch"] == -12.0)
         pitches = [setpoint["pitch"] for setpoint in daemon.setpoints]
         first = pitches.index(-12.0)
-        assert first >= 10
+        assert first >= 10  # on a busy machine more are sent: what cannot leave at once is dropped
         assert pitches == [0.0] * first + [-12.0] * (len(pitches) - first)
         assert {setpoint["throttle"] for setpoint in daemon.setpoints} == {5.0}
-        assert [setpoint["sequence"] for setpoint in daemon.setpoints] == list(range(1, len(pitches) + 1))
+        numbers = [setpoint["sequence"] for setpoint in daemon.setpoints]
+        assert numbers == sorted(set(numbers)) and numbers[0] >= 1 and numbers[-1] <= lease.setpoints
         assert {(setpoint["epoch"], setpoint["ttl"]) for setpoint in daemon.setpoints} == {(EPOCH, 0.3)}
         assert daemon.asked[-1] == RELEASE
 
