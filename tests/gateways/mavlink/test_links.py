@@ -67,9 +67,10 @@ async def test_a_program_that_listens_is_found_and_missed():
             assert data[0] == 0xFD
             program.sendto(bytes_of(BEAT), sender)
             await wait_for(lambda: came)
-            assert station.is_present(time.monotonic()) and station.is_alive(Program(255, 1), time.monotonic())
-            program.close()  # killed: the machine says at once that nobody listens
-            await wait_for(lambda: station.send(BEAT) or not station.is_alive(Program(255, 1), time.monotonic()))
+            now = time.monotonic()
+            assert station.is_present(now) and station.is_alive(Program(255, 1), now)
+            program.close()  # killed: the machine says at once that nobody listens, and no silence has to tell it
+            await wait_for(lambda: station.send(BEAT) or not station.is_alive(Program(255, 1), now))
 
 
 async def test_each_address_that_sends_is_a_station():
