@@ -10,11 +10,11 @@ from typing import Any, Final
 import numpy as np
 
 from lab.campaign import Case, Part
-from lab.vision.flight import LEVEL, VGA, fly
+from lab.vision.flight import LEVEL, LOOKING_DOWN, VGA, fly
 from lab.vision.stills import SeedSet, error_of, target_named
 from mkdaemon.vision.pose.pose import with_floor
 from mkdaemon.vision.tags.tagmap import TagMap
-from mkdaemon.vision.track.attitude import LOOKING_DOWN, AttitudeHistory, AttitudeSample
+from mkdaemon.vision.track.attitude import AttitudeHistory, AttitudeSample
 from mkdaemon.vision.track.tracker import Tracker
 from mksim.scene.motion import Platform
 

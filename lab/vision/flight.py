@@ -14,7 +14,7 @@ from mkdaemon.frames import rotation_from_euler
 from mkdaemon.vision.camera.calibration_file import Intrinsics
 from mkdaemon.vision.camera.image import CameraImage
 from mkdaemon.vision.tags.tagmap import Target
-from mkdaemon.vision.track.attitude import LOOKING_DOWN, AttitudeHistory, AttitudeSample
+from mkdaemon.vision.track.attitude import AttitudeHistory, AttitudeSample, Mounting
 from mksim.scene.ground import GroundKind
 from mksim.scene.light import Conditions
 from mksim.scene.motion import Platform
@@ -25,6 +25,8 @@ Array = npt.NDArray[np.float64]
 
 VGA = Intrinsics(width=640, height=480, fx=600.0, fy=600.0, cx=319.5, cy=239.5, line_time=0.0)
 """The camera of every measurement unless said: 56 x 44 degrees."""
+LOOKING_DOWN = Mounting(np.array([[0.0, -1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, -1.0]]), np.zeros(3))
+"""It is under the vehicle, and its image has the nose at the top."""
 SHAKE_DEG = 0.7
 """Change of each attitude axis between two images at 30 fps, standard deviation [deg]."""
 SHAKE_TIME = 0.05

@@ -15,12 +15,12 @@ import numpy as np
 import numpy.typing as npt
 
 from lab.campaign import Case, Part, in_parts
-from lab.vision.flight import GROUNDS, VGA
+from lab.vision.flight import GROUNDS, LOOKING_DOWN, VGA
 from lab.vision.stills import WRONG_DEG, WRONG_M, SeedSet, Still, error_of, ground_of, look_along, target_named
 from mkdaemon.frames import euler_from_rotation
 from mkdaemon.vision.camera.image import CameraImage
 from mkdaemon.vision.tags.tagmap import TagMap
-from mkdaemon.vision.track.attitude import LOOKING_DOWN, AttitudeHistory, AttitudeSample
+from mkdaemon.vision.track.attitude import AttitudeHistory, AttitudeSample
 from mkdaemon.vision.track.tracker import Tracker
 from mksim.scene.motion import Platform
 from mksim.scene.scene import Scene, SceneTarget, cam_from_target

@@ -11,11 +11,10 @@ import numpy as np
 import numpy.typing as npt
 
 from lab.campaign import Case, Part, in_parts
-from lab.vision.flight import VGA, fly
+from lab.vision.flight import LOOKING_DOWN, VGA, fly
 from lab.vision.stills import SeedSet, Studio, error_of, is_flip, look_once, target_named
 from mkdaemon.vision.pose.pose import Pose
 from mkdaemon.vision.tags.tagmap import TagMap
-from mkdaemon.vision.track.attitude import LOOKING_DOWN
 from mkdaemon.vision.track.tracker import Tracker
 
 Array = npt.NDArray[np.float64]

@@ -10,11 +10,10 @@ import numpy as np
 import numpy.typing as npt
 
 from lab.campaign import Case, Part
-from lab.vision.flight import VGA, Device, fly
+from lab.vision.flight import LOOKING_DOWN, VGA, Device, fly
 from lab.vision.stills import SeedSet, error_of, target_named
 from mkdaemon.vision.camera.exposure import ExposureControl, Reach, Setting
 from mkdaemon.vision.tags.tagmap import TagMap
-from mkdaemon.vision.track.attitude import LOOKING_DOWN
 from mkdaemon.vision.track.tracker import Tracker
 from mksim.scene.electrons import PhotonSensor
 from mksim.scene.light import Conditions

@@ -25,7 +25,7 @@ import numpy.typing as npt
 
 from lab.vision import tagfree
 from lab.vision.decks import LIES
-from lab.vision.flight import GROUNDS, VGA
+from lab.vision.flight import GROUNDS, LOOKING_DOWN, VGA
 from lab.vision.leaving import CAMERAS, ways_out
 from lab.vision.pairedscenes import Setting, views
 from lab.vision.real import DEVICES
@@ -34,7 +34,7 @@ from lab.vision.weather import SKIES
 from mkdaemon.vision.camera.calibration_file import Intrinsics
 from mkdaemon.vision.camera.image import CameraImage
 from mkdaemon.vision.tags.tagmap import TagMap
-from mkdaemon.vision.track.attitude import LOOKING_DOWN, AttitudeHistory, AttitudeSample
+from mkdaemon.vision.track.attitude import AttitudeHistory, AttitudeSample
 from mkdaemon.vision.track.tracker import Tracker
 from mksim.scene.motion import Platform
 from mksim.scene.scene import Scene, SceneTarget

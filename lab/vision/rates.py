@@ -10,12 +10,11 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from lab.vision.flight import VGA, FlightFrame, fly
+from lab.vision.flight import LOOKING_DOWN, VGA, FlightFrame, fly
 from lab.vision.lag import loop_lag
 from lab.vision.stills import SeedSet, search_in_turn, target_named
 from mkdaemon.vision.tags.detector import Detector
 from mkdaemon.vision.tags.tagmap import TagMap
-from mkdaemon.vision.track.attitude import LOOKING_DOWN
 from mkdaemon.vision.track.tracker import Tracker
 
 Grey = npt.NDArray[np.uint8]

@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lab.campaign import Case, Part
-from lab.vision.flight import VGA, Device, FlightFrame, fly
+from lab.vision.flight import LOOKING_DOWN, VGA, Device, FlightFrame, fly
 from lab.vision.stills import SeedSet, error_of, target_named
 from mkdaemon.vision.camera.calibration_file import Intrinsics
 from mkdaemon.vision.pose.pose import Pose, solve, with_floor
@@ -24,7 +24,6 @@ from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.tags.cellread import Detection
 from mkdaemon.vision.tags.detector import find_codes
 from mkdaemon.vision.tags.tagmap import TagMap, Target
-from mkdaemon.vision.track.attitude import LOOKING_DOWN
 from mkdaemon.vision.track.follower import TargetPose
 from mkdaemon.vision.track.tracker import Tracker
 from mksim.scene.light import Conditions

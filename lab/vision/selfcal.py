@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lab.campaign import Case, Part
-from lab.vision.flight import GROUNDS, IDEAL, LEVEL, VGA, Device
+from lab.vision.flight import GROUNDS, IDEAL, LEVEL, LOOKING_DOWN, VGA, Device
 from lab.vision.real import DEVICES
 from lab.vision.stills import SeedSet, target_named
 from mkdaemon.config.camera import MountSection
@@ -22,7 +22,7 @@ from mkdaemon.vision.camera.calibration_file import Camera, mount_rotation
 from mkdaemon.vision.camera.image import CameraImage
 from mkdaemon.vision.selfcal.selfcheck import SelfCheck
 from mkdaemon.vision.tags.tagmap import TagMap, Target
-from mkdaemon.vision.track.attitude import LOOKING_DOWN, AttitudeHistory, AttitudeSample, Mounting
+from mkdaemon.vision.track.attitude import AttitudeHistory, AttitudeSample, Mounting
 from mkdaemon.vision.track.tracker import Tracker
 from mksim.scene.scene import Scene, SceneTarget
 from mksim.scene.view import CameraView

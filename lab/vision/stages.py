@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable
 from typing import Any, Final
 
-from lab.vision.flight import VGA, FlightFrame, fly
+from lab.vision.flight import LOOKING_DOWN, VGA, FlightFrame, fly
 from lab.vision.stills import SeedSet, target_named
 from mkdaemon.vision.pose.edgefit import EdgeFit
 from mkdaemon.vision.pose.fitting import TargetFitter
@@ -16,7 +16,6 @@ from mkdaemon.vision.pose.gates import CellReader
 from mkdaemon.vision.pose.photofit import PhotoFit
 from mkdaemon.vision.tags.detector import Detector
 from mkdaemon.vision.tags.tagmap import TagMap
-from mkdaemon.vision.track.attitude import LOOKING_DOWN
 from mkdaemon.vision.track.branches import Branches
 from mkdaemon.vision.track.follower import Track
 from mkdaemon.vision.track.tracker import ImageHealth, Tracker

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lab.places import CONFIGS
-from lab.vision.flight import GROUNDS, VGA
+from lab.vision.flight import GROUNDS, LOOKING_DOWN, VGA
 from mkdaemon.frames import euler_from_rotation
 from mkdaemon.vision.camera.calibration_file import Intrinsics
 from mkdaemon.vision.camera.image import CameraImage
@@ -21,7 +21,7 @@ from mkdaemon.vision.pose.pose import angle_between
 from mkdaemon.vision.tags.cellread import Detection
 from mkdaemon.vision.tags.detector import FIRST, Detector, looks_of
 from mkdaemon.vision.tags.tagmap import TagMap, Target, load
-from mkdaemon.vision.track.attitude import LOOKING_DOWN, AttitudeHistory, AttitudeSample
+from mkdaemon.vision.track.attitude import AttitudeHistory, AttitudeSample
 from mkdaemon.vision.track.tracker import Tracker, VisionResult
 from mksim.scene.ground import Ground, GroundKind
 from mksim.scene.light import Conditions

@@ -12,11 +12,10 @@ import numpy as np
 import numpy.typing as npt
 
 from lab.campaign import Case, Part, in_parts
-from lab.vision.flight import GROUNDS, VGA
+from lab.vision.flight import GROUNDS, LOOKING_DOWN, VGA
 from lab.vision.stills import SeedSet, target_named
 from lab.vision.truth import PHOTOGRAPHS
 from mkdaemon.vision.tags.detector import FIRST, Detector, looks_of
-from mkdaemon.vision.track.attitude import LOOKING_DOWN
 from mksim.scene.light import Conditions, Glare, Shadow
 from mksim.scene.motion import Platform
 from mksim.scene.scene import Scene, SceneTarget

@@ -10,12 +10,11 @@ import numpy as np
 import numpy.typing as npt
 
 from lab.campaign import Part
-from lab.vision.flight import VGA, Device, fly
+from lab.vision.flight import LOOKING_DOWN, VGA, Device, fly
 from lab.vision.stills import error_of, target_named
 from mkdaemon.vision.camera.calibration_file import Intrinsics
 from mkdaemon.vision.pose.pose import with_floor
 from mkdaemon.vision.tags.tagmap import TagMap
-from mkdaemon.vision.track.attitude import LOOKING_DOWN
 from mkdaemon.vision.track.tracker import Tracker
 from mksim.scene.autoexposure import AutoExposure, AutoSettings
 from mksim.scene.curl import Curl

@@ -10,12 +10,11 @@ import pytest
 
 from lab.vision.barometer import _fly
 from lab.vision.bounds import mounting_sd, scale_sd, turning_focal_sd
-from lab.vision.flight import VGA
+from lab.vision.flight import LOOKING_DOWN, VGA
 from lab.vision.selfcal import ATTITUDE_SD, FPS, SECONDS, Descent
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.selfcal.selfcheck import MOUNTING, SIZES_AT, CameraFilter, ImageEvidence
 from mkdaemon.vision.tags.tagmap import single
-from mkdaemon.vision.track.attitude import LOOKING_DOWN
 
 SEEDS = range(3_007_000, 3_007_060)
 

@@ -8,9 +8,9 @@ import cv2
 import numpy as np
 import pytest
 
+from lab.vision.flight import LOOKING_DOWN
 from lab.vision.stills import target_named
 from mkdaemon.vision.camera.calibration_file import Intrinsics
-from mkdaemon.vision.track.attitude import LOOKING_DOWN
 from mksim.config import LightConfig
 from mksim.scene.autoexposure import AutoExposure, AutoSettings
 from mksim.scene.curl import Curl, bend

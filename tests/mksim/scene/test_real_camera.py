@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from lab.vision.flight import LOOKING_DOWN
 from lab.vision.stills import target_named
 from mkdaemon.vision.camera.calibration_file import Intrinsics
 from mkdaemon.vision.tags.detector import Detector
 from mkdaemon.vision.tags.tagmap import TagMap
-from mkdaemon.vision.track.attitude import LOOKING_DOWN
 from mksim.scene.light import CLEAN
 from mksim.scene.motion import Platform
 from mksim.scene.processing import NO_PROCESSING, Processing

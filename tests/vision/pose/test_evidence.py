@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from lab.vision.flight import LOOKING_DOWN
 from mkdaemon.vision.pose.edgefit import EdgeEvidence, EdgeFit
 from mkdaemon.vision.pose.pose import Pose, turn
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.tags.tagmap import TagMap
-from mkdaemon.vision.track.attitude import LOOKING_DOWN
 from mkdaemon.vision.track.tracker import Tracker
 from mksim.scene.light import Conditions, Cover
 from tests.vision.views import VGA, View, angle_deg, place, shipped

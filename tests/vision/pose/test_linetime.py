@@ -9,13 +9,13 @@ import numpy.typing as npt
 import pytest
 
 from lab.vision import flight
-from lab.vision.flight import VGA, Device, FlightFrame, fly
+from lab.vision.flight import LOOKING_DOWN, VGA, Device, FlightFrame, fly
 from lab.vision.stills import error_of, target_named
 from mkdaemon.telemetry.vision import Alarm
 from mkdaemon.vision.arrays import Estimate
 from mkdaemon.vision.pose.rolling import HIDDEN, LONGEST, MOTIONS, NOMINAL, Shutter
 from mkdaemon.vision.tags.tagmap import TagMap
-from mkdaemon.vision.track.attitude import LOOKING_DOWN, AttitudeHistory
+from mkdaemon.vision.track.attitude import AttitudeHistory
 from mkdaemon.vision.track.tracker import Tracker
 
 Array = npt.NDArray[np.float64]

@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from lab.vision.flight import LOOKING_DOWN
 from mkdaemon.frames import rotation_from_euler
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.selfcal.selfcheck import DECK, LENS_AT, MOUNTING, SIZES_AT, TILT_SCALE, CameraFilter, ImageEvidence
-from mkdaemon.vision.track.attitude import LOOKING_DOWN
 from tests.vision.views import VGA, shipped
 
 BELIEVED = LOOKING_DOWN.flu_from_cam

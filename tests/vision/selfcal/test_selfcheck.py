@@ -10,6 +10,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from lab.vision.flight import LOOKING_DOWN
 from mkdaemon.config.camera import MountSection
 from mkdaemon.telemetry.vision import Alarm
 from mkdaemon.vision.camera.calibration_file import CalibrationRecord, Camera
@@ -18,7 +19,6 @@ from mkdaemon.vision.pose.pose import Pose
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.selfcal.selfcheck import LENS_AT, CameraFilter, SelfCheck, TargetWatch
 from mkdaemon.vision.tags.tagmap import TagMap, Target
-from mkdaemon.vision.track.attitude import LOOKING_DOWN
 from tests.vision.views import VGA, View, place, shipped
 
 NESTED = "nested"

@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
+from lab.vision.flight import LOOKING_DOWN
 from lab.vision.stills import error_of
 from mkdaemon.config.vision import TagPlacement, TargetSection
 from mkdaemon.errors import ConfigError
@@ -21,7 +22,6 @@ from mkdaemon.vision.tags import tagfamily
 from mkdaemon.vision.tags.detector import Detector, library_of
 from mkdaemon.vision.tags.tagfamily import FAMILIES
 from mkdaemon.vision.tags.tagmap import TagMap, Target, build, single
-from mkdaemon.vision.track.attitude import LOOKING_DOWN
 from mkdaemon.vision.track.tracker import Tracker
 from mksim.scene.motion import Platform
 from mksim.scene.scene import Scene, SceneTarget, cam_from_target, true_corners

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from lab.vision.flight import LOOKING_DOWN
 from mkdaemon.config.vision import TrackerSection
 from mkdaemon.vision.pose.pose import Pose, turn
-from mkdaemon.vision.track.attitude import LOOKING_DOWN, Sight, turn_between
+from mkdaemon.vision.track.attitude import Sight, turn_between
 from mkdaemon.vision.track.level import LevelKnowledge
 
 PIXELS = np.zeros((2, 2), np.uint8)

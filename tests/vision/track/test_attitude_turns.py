@@ -7,10 +7,11 @@ from functools import cache
 
 import numpy as np
 
+from lab.vision.flight import LOOKING_DOWN
 from mkdaemon.frames import euler_from_rotation
 from mkdaemon.vision.camera.image import CameraImage
 from mkdaemon.vision.tags.tagmap import TagMap
-from mkdaemon.vision.track.attitude import LOOKING_DOWN, AttitudeHistory, AttitudeSample
+from mkdaemon.vision.track.attitude import AttitudeHistory, AttitudeSample
 from mkdaemon.vision.track.tracker import Tracker
 from mksim.scene.light import Conditions, Cover
 from tests.vision.views import VGA, View, angle_deg, place, shipped

@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
+from lab.vision.flight import LOOKING_DOWN
 from mkdaemon.config.vision import TrackerSection
 from mkdaemon.telemetry.vision import PoseRefusal
 from mkdaemon.vision.limits import HALF, LIMITS
@@ -15,7 +16,7 @@ from mkdaemon.vision.pose.fitting import TargetFitter
 from mkdaemon.vision.pose.gates import CellEvidence
 from mkdaemon.vision.pose.pose import Pose
 from mkdaemon.vision.pose.projection import Projection
-from mkdaemon.vision.track.attitude import LOOKING_DOWN, Sight
+from mkdaemon.vision.track.attitude import Sight
 from mkdaemon.vision.track.judge import Judge
 from mkdaemon.vision.track.level import LevelKnowledge
 from tests.vision.views import VGA, View, place, shipped

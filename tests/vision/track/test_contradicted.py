@@ -7,11 +7,11 @@ from math import radians
 import numpy as np
 import pytest
 
-from lab.vision.flight import VGA
+from lab.vision.flight import LOOKING_DOWN, VGA
 from mkdaemon.frames import euler_from_rotation, rotation_from_euler
 from mkdaemon.vision.camera.image import CameraImage
 from mkdaemon.vision.tags.tagmap import TagMap
-from mkdaemon.vision.track.attitude import LOOKING_DOWN, AttitudeHistory, AttitudeSample
+from mkdaemon.vision.track.attitude import AttitudeHistory, AttitudeSample
 from mkdaemon.vision.track.level import LONGEST
 from mkdaemon.vision.track.tracker import Tracker
 from tests.vision.track.decks import Deck

@@ -8,13 +8,14 @@ import cv2
 import numpy as np
 import pytest
 
+from lab.vision.flight import LOOKING_DOWN
 from mkdaemon.config.vision import TrackerSection
 from mkdaemon.vision.camera.calibration_file import Intrinsics
 from mkdaemon.vision.pose.fitting import TargetFitter
 from mkdaemon.vision.pose.pose import Pose
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.tags.tagmap import TagMap
-from mkdaemon.vision.track.attitude import LOOKING_DOWN, Sight
+from mkdaemon.vision.track.attitude import Sight
 from mkdaemon.vision.track.judge import Judge
 from mkdaemon.vision.track.level import LevelKnowledge
 from mkdaemon.vision.track.tracker import Tracker

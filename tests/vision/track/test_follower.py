@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from lab.vision.flight import LOOKING_DOWN
 from mkdaemon.vision.camera.image import CameraImage
 from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.tags.cellread import Detection
 from mkdaemon.vision.tags.detector import TONES
 from mkdaemon.vision.tags.tagmap import TagMap
-from mkdaemon.vision.track.attitude import LOOKING_DOWN
 from mkdaemon.vision.track.follower import LARGE_PX, MOST_EFFORT
 from mkdaemon.vision.track.tracker import Tracker
 from tests.vision.views import VGA, View, place, shipped

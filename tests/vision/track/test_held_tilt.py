@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from lab.vision.flight import LOOKING_DOWN
 from mkdaemon.config.vision import TrackerSection
 from mkdaemon.frames import rotation_from_euler
 from mkdaemon.telemetry.vision import PoseRefusal
@@ -15,7 +16,7 @@ from mkdaemon.vision.pose.fitting import TargetFitter
 from mkdaemon.vision.pose.pose import Pose, turn
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.pose.unknowns import Level
-from mkdaemon.vision.track.attitude import LOOKING_DOWN, Sight, fuse_normal
+from mkdaemon.vision.track.attitude import Sight, fuse_normal
 from mkdaemon.vision.track.branches import Branches
 from mkdaemon.vision.track.judge import Judge, Verdict
 from mkdaemon.vision.track.level import LevelKnowledge

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from lab.vision.flight import LOOKING_DOWN
 from mkdaemon.config.vision import TrackerSection
 from mkdaemon.telemetry.vision import PoseRefusal
 from mkdaemon.vision.limits import LIMITS
@@ -15,7 +16,7 @@ from mkdaemon.vision.pose.edgefit import EdgeEvidence
 from mkdaemon.vision.pose.gates import CellEvidence
 from mkdaemon.vision.pose.pose import Pose, turn
 from mkdaemon.vision.tags.tagmap import TagMap, Target
-from mkdaemon.vision.track.attitude import LOOKING_DOWN, Sight, angle_of, fuse_normal
+from mkdaemon.vision.track.attitude import Sight, angle_of, fuse_normal
 from mkdaemon.vision.track.branches import MOST_ODDS
 from mkdaemon.vision.track.follower import Follower, Frame
 from mkdaemon.vision.track.judge import Judge, Verdict

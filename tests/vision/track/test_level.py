@@ -7,22 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lab.vision.flight import VGA
+from lab.vision.flight import LOOKING_DOWN, VGA
 from mkdaemon.config.vision import TrackerSection
 from mkdaemon.frames import rotation_from_euler
 from mkdaemon.vision.camera.image import CameraImage
 from mkdaemon.vision.pose.pose import Pose, turn
 from mkdaemon.vision.pose.unknowns import Level
 from mkdaemon.vision.tags.tagmap import TagMap
-from mkdaemon.vision.track.attitude import (
-    LOOKING_DOWN,
-    AttitudeHistory,
-    AttitudeSample,
-    Sight,
-    angle_of,
-    fuse_normal,
-    without_normal,
-)
+from mkdaemon.vision.track.attitude import AttitudeHistory, AttitudeSample, Sight, angle_of, fuse_normal, without_normal
 from mkdaemon.vision.track.level import LONGEST, PRIOR_SD, LevelKnowledge
 from mkdaemon.vision.track.tracker import Tracker
 from mksim.scene.motion import Platform

@@ -8,13 +8,13 @@ import cv2
 import numpy as np
 import pytest
 
-from lab.vision.flight import VGA, fly
+from lab.vision.flight import LOOKING_DOWN, VGA, fly
 from lab.vision.real import DEVICES
 from lab.vision.stills import error_of, target_named
 from mkdaemon.config.vision import TrackerSection
 from mkdaemon.vision.pose.pose import Pose
 from mkdaemon.vision.tags.tagmap import TagMap
-from mkdaemon.vision.track.attitude import LOOKING_DOWN, Sight
+from mkdaemon.vision.track.attitude import Sight
 from mkdaemon.vision.track.follower import Track
 from mkdaemon.vision.track.tracker import Tracker
 

@@ -8,7 +8,7 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
-from lab.vision.flight import VGA, fly
+from lab.vision.flight import LOOKING_DOWN, VGA, fly
 from mkdaemon.frames import euler_from_rotation, rotation_from_euler
 from mkdaemon.telemetry.vision import Alarm, PoseRefusal
 from mkdaemon.vision.camera.image import CameraImage
@@ -16,7 +16,7 @@ from mkdaemon.vision.pose.fitting import TargetFitter
 from mkdaemon.vision.pose.gates import certainty_refusal
 from mkdaemon.vision.pose.pose import FLOOR_ANGLE, FLOOR_RANGE
 from mkdaemon.vision.tags.tagmap import TagMap, load
-from mkdaemon.vision.track.attitude import LOOKING_DOWN, AttitudeHistory, AttitudeSample, Sight
+from mkdaemon.vision.track.attitude import AttitudeHistory, AttitudeSample, Sight
 from mkdaemon.vision.track.tracker import Tracker
 from mksim.scene.light import Conditions
 from mksim.scene.motion import Platform

@@ -97,8 +97,6 @@ LEAST_TIME = 1e-3
 """Between two samples whose difference is a rate [s]."""
 LEAST_SHARE, UNKNOWN_SHARE = 0.02, 1e-3
 """Of what the attitude says about a tilt: what an image has to say at least, and what counts where it says less."""
-LOOKING_DOWN = Mounting(np.array([[0.0, -1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, -1.0]]), np.zeros(3))
-"""A camera under the vehicle whose image has the nose at the top."""
 
 
 class AttitudeHistory:
