@@ -67,25 +67,6 @@ def favour_loop() -> bool:
     return True
 
 
-def may_be_real_time() -> bool:
-    """Whether the system would allow `favour_loop`, tried on a thread that ends at once."""
-    answers: list[bool] = []
-
-    def ask() -> None:
-        try:
-            os.sched_setscheduler(0, os.SCHED_RR | os.SCHED_RESET_ON_FORK, os.sched_param(LOWEST_REAL_TIME))
-        except OSError:
-            answers.append(False)
-        else:
-            answers.append(True)
-
-    if hasattr(os, "sched_setscheduler"):
-        thread = threading.Thread(target=ask, name="priority")
-        thread.start()
-        thread.join()
-    return any(answers)
-
-
 async def keep_threads_favoured() -> None:
     """Put the process's other threads, new ones too, before other programs, for ever.
 

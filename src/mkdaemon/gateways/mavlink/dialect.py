@@ -22,9 +22,3 @@ COMPONENT: Final = int(dialect.MAV_COMP_ID_AUTOPILOT1)
 """What the gateway is on the network: the autopilot, for it speaks in its place."""
 EVERYBODY: Final = 0
 """System or component that means all of them."""
-
-
-def name_of(enum: str, value: int) -> str:
-    """The name of a value of an enumeration, for people; the number where it has none."""
-    entry = dialect.enums.get(enum, {}).get(value)
-    return str(value) if entry is None else str(entry.name)

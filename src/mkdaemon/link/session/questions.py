@@ -51,7 +51,6 @@ class Pending:
     token: object
     expires: float = float("inf")
     sent: int = 0
-    last_sent: float = 0.0
 
 
 @dataclass(slots=True)
@@ -80,7 +79,6 @@ class RequestBook:
         """One attempt went out."""
         pending.sent += 1
         pending.attempts_left -= 1
-        pending.last_sent = now
         pending.expires = now + pending.timeout
 
     def received(self, message: WireMessage, sender: Board, now: float) -> Pending | None:
