@@ -11,14 +11,15 @@ import numpy as np
 
 from mkdaemon.config.vision import TrackerSection
 from mkdaemon.telemetry.vision import PoseRefusal
-from mkdaemon.vision.arrays import Grey, Numbers
+from mkdaemon.vision.arrays import Array, Bools, Grey, Numbers
 from mkdaemon.vision.limits import HALF, LIMITS, NOISE_GREY
 from mkdaemon.vision.pose.ambiguity import facts
 from mkdaemon.vision.pose.edgemodel import EdgeModel
 from mkdaemon.vision.pose.pose import Pose, largest_variance, quantile
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.tags.cellread import sample
-from mkdaemon.vision.tags.tagmap import Target
+from mkdaemon.vision.tags.tagfamily import coded
+from mkdaemon.vision.tags.tagmap import Tag, Target
 
 CLEAR: Final = 3.0 * LIMITS.ambiguity.decided
 """What cells say that are read clearly: as much as three images that decide [nats]."""
@@ -37,11 +38,15 @@ class CellEvidence:
         odds: of the tag that says most for it: another one may be hidden; zero where nothing can be told.
         most: that this tag says where all that is in view is read, and nothing hides a part.
         together: of all tags.
+        code: what the pairs inside of codes say, of the tag that they say most for.
+        most_code: as `most`, of these.
     """
 
     odds: float = 0.0
     most: float = 0.0
     together: float = 0.0
+    code: float = 0.0
+    most_code: float = 0.0
 
     @property
     def is_clear(self) -> bool:
@@ -52,6 +57,11 @@ class CellEvidence:
     def vouches(self) -> bool:
         """Whether a tag is read clearly, or says enough where little of it is in view."""
         return self.odds >= min(CLEAR, ENOUGH * self.most)
+
+    @property
+    def has_code(self) -> bool:
+        """Whether a code is read too, as far as it is in view: a dark tile is a border around nothing."""
+        return self.code >= min(HALF * LIMITS.ambiguity.decided, ENOUGH * self.most_code)
 
 
 class CellReader:
@@ -75,6 +85,7 @@ class CellReader:
         self._cell, self._ends = model.cell, model.sides
         self._steps = (steps @ ways)[model.tag].transpose(1, 0, 2)
         self._is_of = model.tag[:, None] == np.arange(len(target.tags))
+        self._of_code = self._is_of & np.array([_is_coded(tag, model.sides) for tag in target.tags]).T
 
     def evidence(self, pixels: Grey, pose: Pose) -> CellEvidence:
         """What the image says about where a pose puts the target: its cells, or all pixels of a fit to grey values.
@@ -87,11 +98,18 @@ class CellReader:
             odds, most = (-half * log(1.0 - alike**2) for alike in (min(max(pose.likeness, 0.0), best), best))
             return CellEvidence(odds, most, odds)
         right, wrong = _odds(pose.inliers)
-        counts = self._read(pixels, pose)[:, 0].T.tolist()
-        tags = [
-            (read * right + misread * wrong, in_view * _odds(1.0)[0]) for read, misread, in_view in counts if in_view
-        ]
-        return CellEvidence(*max(tags), sum(odds for odds, _ in tags)) if tags else CellEvidence()
+        pairs = self._pairs(pixels, pose)[:, 0]
+        every, code = (
+            [
+                (read * right + misread * wrong, in_view * _odds(1.0)[0])
+                for read, misread, in_view in (pairs @ of).T.tolist()
+                if in_view
+            ]
+            for of in (self._is_of.astype(np.intp), self._of_code.astype(np.intp))
+        )
+        if not every:
+            return CellEvidence()
+        return CellEvidence(*max(every), sum(odds for odds, _ in every), *max(code, default=(0.0, 0.0)))
 
     def shows(self, pixels: Grey, pose: Pose) -> bool:
         """Whether half of the pairs in view are read where a pose puts them, as they are from within half a cell."""
@@ -109,7 +127,11 @@ class CellReader:
         return float((odds.max(axis=0) - np.maximum(odds[0], 0.0)).max())
 
     def _read(self, pixels: Grey, pose: Pose, *, beside: bool = False) -> Numbers:
-        """Pairs that are read, misread, and in view, in their place and whole cells beside `(3, steps, tags)`."""
+        """How many pairs are read, misread, and in view, in their place and whole cells beside `(3, steps, tags)`."""
+        return np.asarray(self._pairs(pixels, pose, beside=beside) @ self._is_of.astype(np.intp))
+
+    def _pairs(self, pixels: Grey, pose: Pose, *, beside: bool = False) -> Bools:
+        """Whether each pair is read, misread, and in view, in its place and whole cells beside `(3, steps, n)`."""
         steps = self._steps if beside else self._steps[:1]
         points = (self._ends[:, None] + steps).reshape(-1, 3)
         seen, _ = self._projection.exposed((pose.rotation @ points.T + pose.position[:, None]).T, pose.motion)
@@ -128,7 +150,15 @@ class CellReader:
             asked = in_view & is_of
             usual += is_of * (HALF * quantile(size[asked], USUAL) if bool(asked.any()) else 0.0)
         clear = in_view & (np.abs(white - black) > NOISE_GREY) & (size > usual)
-        return np.asarray(np.array([clear & (rise > 0.0), clear & (rise < 0.0), in_view]) @ self._is_of.astype(np.intp))
+        return np.array([clear & (rise > 0.0), clear & (rise < 0.0), in_view])
+
+
+def _is_coded(tag: Tag, ends: Array) -> Bools:
+    """Whether both cells of pairs, by their middles `(2, n, 3)` [m; target], carry bits of a tag `(n,)`."""
+    n = tag.family.black_cells
+    column, row = np.floor(tag.local(ends)[..., :2] * (1.0, -1.0) / tag.module + n / 2).astype(np.intp).clip(-1, n).T
+    # Around the print it is white.
+    return np.asarray(np.pad(coded(tag.family), 1)[row + 1, column + 1].all(axis=1))
 
 
 def _odds(shown: float) -> tuple[float, float]:

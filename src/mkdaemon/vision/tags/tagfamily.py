@@ -24,7 +24,7 @@ import numpy.typing as npt
 import pyapriltags
 
 from mkdaemon.errors import VisionError
-from mkdaemon.vision.arrays import Array, Grey
+from mkdaemon.vision.arrays import Array, Bools, Grey
 
 QUIET_ZONE_CELLS = 1
 """White cells a print carries around everything black."""
@@ -122,16 +122,28 @@ def cells(family: str, tag_id: int) -> Grey:
     if not 0 <= tag_id < known.ids:
         msg = f"{family} has no id {tag_id}: use 0 to {known.ids - 1}"
         raise VisionError(msg)
-    codes, ring = _codes_of(family), (known.black_cells - known.size_cells) // 2
+    ring = (known.black_cells - known.size_cells) // 2
     # Outwards: the square's own ring is white in inverted families alone, the next one is black, and all others white.
     beyond = ring - to_rim(known.black_cells)
     white = (beyond > 1) | (known.is_inverted & (beyond == 0))
-    white[ring + np.array(codes.bit_y[: known.bits]), ring + np.array(codes.bit_x[: known.bits])] = [
-        bit == "1" for bit in f"{codes.codes[tag_id]:0{known.bits}b}"
-    ]
+    white[_bits_at(known)] = [bit == "1" for bit in f"{_codes_of(family).codes[tag_id]:0{known.bits}b}"]
     bitmap = np.where(white, 255, 0).astype(np.uint8)
     bitmap.setflags(write=False)
     return bitmap
+
+
+def coded(family: TagFamily) -> Bools:
+    """Which cells of a print `(n, n)` carry bits of its code; the others are those of all codes."""
+    found = np.zeros((family.black_cells,) * 2, dtype=bool)
+    found[_bits_at(family)] = True
+    return found
+
+
+def _bits_at(family: TagFamily) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
+    """Rows and columns of the bits in a bitmap of a family, in their order."""
+    codes, ring = _codes_of(family.name), (family.black_cells - family.size_cells) // 2
+    row, column = (ring + np.array(at[: family.bits], dtype=np.intp) for at in (codes.bit_y, codes.bit_x))
+    return row, column
 
 
 @lru_cache(maxsize=16)

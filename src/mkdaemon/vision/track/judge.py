@@ -209,10 +209,12 @@ class Judge:
         refused = fit_refusal(pose, self._cfg)
         if refused is not None:
             return refused
-        if not self._fitter.cells.evidence(seen.pixels, pose).vouches:
+        read = self._fitter.cells.evidence(seen.pixels, pose)
+        if not read.vouches:
             return PoseRefusal.BITS
         if self.is_partial(pose):
-            if self._fitter.cells.beside(seen.pixels, pose) > HALF * LIMITS.ambiguity.decided:
+            beside = self._fitter.cells.beside(seen.pixels, pose)
+            if beside > HALF * LIMITS.ambiguity.decided or not read.has_code:
                 return PoseRefusal.BITS
             # What lies over a target hides edges; one that is beside its place has other edges in view.
             if pose.inliers < LIMITS.agreement.blind and not self._fitter.edges.evidence(seen.pixels, pose).explains:
