@@ -49,13 +49,13 @@ class Tally:
     Attributes:
         images: by share of the way out.
         posed: published, the same way.
-        wrong: published and wrong.
+        wrong: where what was published was wrong.
         faults: exceptions, each with its place.
     """
 
     images: Counter[float] = field(default_factory=Counter)
     posed: Counter[float] = field(default_factory=Counter)
-    wrong: int = 0
+    wrong: list[str] = field(default_factory=list)
     faults: list[str] = field(default_factory=list)
 
     @classmethod
@@ -74,7 +74,8 @@ class Tally:
         return {
             "images": self.images.total(),
             "published": self.posed.total(),
-            "wrong": self.wrong,
+            "wrong": len(self.wrong),
+            "first_wrong": self.wrong[:10],
             "faults": len(self.faults),
             "first_faults": self.faults[:5],
             "posed_by_way_out": {str(way): round(self.posed[way] / n, 3) for way, n in sorted(self.images.items())},
@@ -97,18 +98,20 @@ def _leave(name: str, camera: str, count: int, seed: int, part: int) -> Tally:
     tracker = Tracker(TagMap((target,)), CAMERAS[camera], LOOKING_DOWN)
     for k, (way, still) in enumerate(ways_out(name, camera, count, seed, part)):
         has_attitude = k // len(WAY_OUT) % 2 == 0
+        place = f"{name} {camera} seed {seed} part {part} image {k}"
         tally.images[way] += 1
         try:
             found = tracker.update(still.image, still.attitude if has_attitude else None).pose_of(target.name)
         except Exception as fault:  # noqa: BLE001 - what faults is what this campaign counts
-            tally.faults.append(f"{name} {camera} seed {seed} part {part} image {k}: {fault!r}")
+            tally.faults.append(f"{place}: {fault!r}")
             continue
         if found is None:
             continue
         tally.posed[way] += 1
         error = error_of(found.pose.rotation, found.pose.position, still.rotation, still.position)
         furthest = max(WRONG_M, SHARE_M * float(np.linalg.norm(still.position)))
-        tally.wrong += error.distance > furthest or error.angle_deg > WRONG_DEG
+        if error.distance > furthest or error.angle_deg > WRONG_DEG:
+            tally.wrong.append(f"{place}: {error.distance:.3f} m, {error.angle_deg:.1f} degrees")
     return tally
 
 

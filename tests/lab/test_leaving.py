@@ -1,4 +1,4 @@
-"""The campaign of targets that leave the image: what it shows, and that faults are counted with their place."""
+"""The campaign of targets that leave the image: what it shows, and that each wrong pose and fault has its place."""
 
 from __future__ import annotations
 
@@ -14,6 +14,13 @@ def test_a_target_goes_over_the_border_and_is_posed_while_it_is_in_view() -> Non
     assert tally.images == dict.fromkeys(WAY_OUT, 2)
     assert not tally.faults
     assert tally.posed[WAY_OUT[0]] >= tally.posed[WAY_OUT[-1]]
+
+
+def test_what_is_wrong_is_counted_with_its_place(monkeypatch) -> None:
+    monkeypatch.setattr(leaving, "WRONG_DEG", -1.0)
+    whole = leaving._leave("nested", "global", 4, 3, 0).summary()
+    assert whole["wrong"] == whole["published"] > 0
+    assert whole["first_wrong"][0].startswith("nested global seed 3 part 0 image 0: 0.0")
 
 
 @pytest.mark.parametrize("camera", leaving.CAMERAS)

@@ -85,7 +85,9 @@ class CellReader:
         self._cell, self._ends = model.cell, model.sides
         self._steps = (steps @ ways)[model.tag].transpose(1, 0, 2)
         self._is_of = model.tag[:, None] == np.arange(len(target.tags))
-        self._of_code = self._is_of & np.array([_is_coded(tag, model.sides) for tag in target.tags]).T
+        of_code = self._is_of & np.array([_is_coded(tag, model.sides) for tag in target.tags]).T
+        # Which pairs are those of each tag, and of its code `(2, n, tags)`.
+        self._asked = np.array([self._is_of, of_code], dtype=np.intp)
 
     def evidence(self, pixels: Grey, pose: Pose) -> CellEvidence:
         """What the image says about where a pose puts the target: its cells, or all pixels of a fit to grey values.
@@ -102,10 +104,10 @@ class CellReader:
         every, code = (
             [
                 (read * right + misread * wrong, in_view * _odds(1.0)[0])
-                for read, misread, in_view in (pairs @ of).T.tolist()
+                for read, misread, in_view in counts
                 if in_view
             ]
-            for of in (self._is_of.astype(np.intp), self._of_code.astype(np.intp))
+            for counts in (pairs @ self._asked).swapaxes(1, 2).tolist()
         )
         if not every:
             return CellEvidence()
@@ -128,7 +130,7 @@ class CellReader:
 
     def _read(self, pixels: Grey, pose: Pose, *, beside: bool = False) -> Numbers:
         """How many pairs are read, misread, and in view, in their place and whole cells beside `(3, steps, tags)`."""
-        return np.asarray(self._pairs(pixels, pose, beside=beside) @ self._is_of.astype(np.intp))
+        return np.asarray(self._pairs(pixels, pose, beside=beside) @ self._asked[0])
 
     def _pairs(self, pixels: Grey, pose: Pose, *, beside: bool = False) -> Bools:
         """Whether each pair is read, misread, and in view, in its place and whole cells beside `(3, steps, n)`."""
