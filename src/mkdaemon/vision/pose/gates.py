@@ -102,11 +102,7 @@ class CellReader:
         right, wrong = _odds(pose.inliers)
         pairs = self._pairs(pixels, pose)[:, 0]
         every, code = (
-            [
-                (read * right + misread * wrong, in_view * _odds(1.0)[0])
-                for read, misread, in_view in counts
-                if in_view
-            ]
+            [(read * right + misread * wrong, in_view * _odds(1.0)[0]) for read, misread, in_view in counts if in_view]
             for counts in (pairs @ self._asked).swapaxes(1, 2).tolist()
         )
         if not every:
