@@ -238,6 +238,8 @@ FINE_SAMPLES = 5_000_000
 """Most sub-samples a print may take in a still for measurements."""
 LIVE_SAMPLES = 330_000
 """Most sub-samples a print may take in real time: one per pixel of 640 x 480."""
+BORDER_PX = 8
+"""How far beside the image a camera is drawn: a lens smears light from there into it, as do defocus and motion."""
 NEUTRAL = 0.45
 """Reflectance of the ground where none is drawn."""
 
@@ -315,18 +317,20 @@ class Scene:
 
     def _light(self, view: CameraView, conditions: Conditions) -> Image32:
         """Light on the sensor, 1 is a perfect reflector in full light."""
+        outer = view.wider(BORDER_PX)
         rays = self._rays.get(view.intrinsics)
         if rays is None:
-            rays = self._rays.setdefault(view.intrinsics, RayGrid(view.intrinsics))
+            rays = self._rays.setdefault(view.intrinsics, RayGrid(outer.intrinsics))
         if view.line_time > 0.0 and self.targets:
-            rays = roll(rays, view, self.targets[0].motion.pose_at(view.time))
+            rays = roll(rays, outer, self.targets[0].motion.pose_at(view.time))
         if conditions.curl is not None and self.targets:
-            rays = bend(rays, view, self.targets[0].motion.pose_at(view.time), conditions.curl)
-        light = lens_blur(self._exposed(view, conditions, rays), conditions)
+            rays = bend(rays, outer, self.targets[0].motion.pose_at(view.time), conditions.curl)
+        light = self._exposed(outer, conditions, rays)
+        if conditions.fog is not None and self.targets:
+            light = add_fog(light, conditions.fog, outer, rays, self.targets[0].motion.pose_at(view.time))
+        light = lens_blur(light, conditions)[BORDER_PX:-BORDER_PX, BORDER_PX:-BORDER_PX].copy()
         if conditions.fringe_px > 0.0:
             light = add_fringe(light, conditions.fringe_px)
-        if conditions.fog is not None and self.targets:
-            light = add_fog(light, conditions.fog, view, rays, self.targets[0].motion.pose_at(view.time))
         if conditions.flicker is not None:
             light = flickered(light, conditions.flicker, view)
         if conditions.propellers is not None:

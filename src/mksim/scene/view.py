@@ -94,6 +94,13 @@ class CameraView:
             time=self.time + time_offset,
         )
 
+    def wider(self, border: int) -> CameraView:
+        """The same camera with so many pixels more on each side."""
+        lens = self.intrinsics
+        grown = {"width": lens.width + 2 * border, "height": lens.height + 2 * border}
+        middle = {"cx": lens.cx + border, "cy": lens.cy + border}
+        return replace(self, intrinsics=lens.model_copy(update=grown | middle))
+
     def camera_points(self, points_enu: Array) -> Array:
         """World points `(n, 3)` [m; ENU] in the camera frame `(n, 3)` [m; RDF]."""
         seen: Array = (points_enu - self.position_enu) @ self.enu_from_cam

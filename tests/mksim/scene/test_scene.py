@@ -172,6 +172,17 @@ def test_turning_about_the_axis_blurs_the_rim_and_not_the_middle() -> None:
     assert change[220:260, 300:340].mean() < 0.5 * change[60:420, 140:500].mean()
 
 
+@pytest.mark.parametrize(
+    ("blurred", "rate"), [({"psf_px": 1.0}, 0.0), ({"defocus_px": 5.0}, 0.0), ({"psf_px": 0.0}, 2.0)]
+)
+def test_light_from_outside_is_smeared_into_the_image(blurred: dict[str, float], rate: float) -> None:
+    view = replace(oblique(0.5, 30, 1.0, PINHOLE), rate_cam=np.array([0.0, rate, 0.0]), exposure_time=0.008)
+    conditions, scene = replace(CLEAN, **blurred), Scene([SINGLE], seed=3)
+    more = scene.render(view.wider(40), conditions)[40:-40, 40:-40]
+    assert np.ptp(more[:, 0]) > 100, "edges of the print are at the border"
+    assert np.abs(scene.render(view, conditions).astype(int) - more).max() <= 2
+
+
 def test_a_platform_carries_its_print() -> None:
     target = SceneTarget.of(single(0.3, 7), Platform("straight", speed=0.5))
     view = replace(oblique(2.0, 0, 0.0, PINHOLE), time=0.6)
