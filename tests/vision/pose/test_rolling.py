@@ -59,6 +59,20 @@ def fit(lens: Intrinsics, known: Estimate | None = None) -> tuple[Pose, float, f
     return found, error.distance, error.angle_deg
 
 
+def test_cells_that_only_an_impossible_turn_explains_do_not_vouch() -> None:
+    """A wrong place in the upper rows, and a turn that puts it there: 9 rad/s, where 1 rad/s was expected at most."""
+    image, fitter = SCENE.render(moving_view(), CLEAN), TargetFitter(PAD.target, Projection(LENS))
+    found = fit(LENS)[0]
+    assert found.motion is not None
+    quiet, swung = (
+        fitter.cells.evidence(image, replace(found, known_motion=Estimate(found.motion + surprise, np.eye(4))))
+        for surprise in (np.zeros(4), np.array([0.0, 9.0, 0.0, 0.0]))
+    )
+    assert quiet.odds - swung.odds == pytest.approx(9.0**2 / 2)
+    assert quiet.together - swung.together == pytest.approx(9.0**2 / 2)
+    assert quiet.vouches and not swung.vouches
+
+
 def test_the_motion_while_the_rows_are_read_is_fitted_with_the_pose() -> None:
     climbing = -float((moving_view().enu_from_cam.T @ SPEED)[2])
     _, plain_off, plain_turned = fit(GLOBAL)

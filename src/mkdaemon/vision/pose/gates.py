@@ -17,6 +17,7 @@ from mkdaemon.vision.pose.ambiguity import facts
 from mkdaemon.vision.pose.edgemodel import EdgeModel
 from mkdaemon.vision.pose.pose import Pose, largest_variance, quantile
 from mkdaemon.vision.pose.projection import Projection
+from mkdaemon.vision.pose.unknowns import motion_cost
 from mkdaemon.vision.tags.cellread import sample
 from mkdaemon.vision.tags.tagfamily import coded
 from mkdaemon.vision.tags.tagmap import Tag, Target
@@ -93,12 +94,13 @@ class CellReader:
         """What the image says about where a pose puts the target: its cells, or all pixels of a fit to grey values.
 
         Edges that agree say what share of the cells is in view. Of n pixels and the likeness L grey values say
-        n / 2 ln(1 / (1 - L^2)), the `log_odds` of an even print.
+        n / 2 ln(1 / (1 - L^2)), the `log_odds` of an even print. A motion that no camera has speaks against it.
         """
+        cost = motion_cost(pose, self._projection.shutter)
         if pose.likeness is not None:
             half, best = HALF * facts(pose.points, pose.shared), LIMITS.likeness.explained
             odds, most = (-half * log(1.0 - alike**2) for alike in (min(max(pose.likeness, 0.0), best), best))
-            return CellEvidence(odds, most, odds)
+            return CellEvidence(odds - cost, most, odds - cost)
         right, wrong = _odds(pose.inliers)
         pairs = self._pairs(pixels, pose)[:, 0]
         every, code = (
@@ -107,7 +109,9 @@ class CellReader:
         )
         if not every:
             return CellEvidence()
-        return CellEvidence(*max(every), sum(odds for odds, _ in every), *max(code, default=(0.0, 0.0)))
+        odds, most = max(every)
+        together = sum(odds for odds, _ in every)
+        return CellEvidence(odds - cost, most, together - cost, *max(code, default=(0.0, 0.0)))
 
     def shows(self, pixels: Grey, pose: Pose) -> bool:
         """Whether half of the pairs in view are read where a pose puts them, as they are from within half a cell."""

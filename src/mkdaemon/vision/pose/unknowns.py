@@ -24,7 +24,7 @@ from mkdaemon.vision.limits import HALF, LIMITS
 from mkdaemon.vision.pose.pose import Pose, damped, turn
 from mkdaemon.vision.pose.prints import Sheet
 from mkdaemon.vision.pose.projection import NEAR_M, Projection
-from mkdaemon.vision.pose.rolling import MOTIONS, beyond_motion, cross, motion_jacobian, skew
+from mkdaemon.vision.pose.rolling import MOTIONS, Shutter, beyond_motion, cross, motion_jacobian, skew
 
 POSE: Final = slice(0, 6)
 """Where the pose is among the unknowns, position before rotation: first."""
@@ -182,7 +182,7 @@ class Prior:
         self._motion: Estimate | None = None
         shutter = projection.shutter
         if shutter.rolls:
-            self._motion = shutter.motion(start.known_motion or ANY_MOTION)
+            self._motion = motion_before(start, shutter)
             # Times the line time over the nominal one; of an acceleration twice.
             self._beyond_sd = BEYOND_SD * shutter.scale ** np.array([2, 2, 2, 1, 1])
         self.bend: Estimate | None = None if sheet is None else start.known_bend or sheet.prior
@@ -261,6 +261,20 @@ class Prior:
         values, axes = np.linalg.eigh(found - given)
         own = axes / (np.maximum(values, 0.0) + RIDGE) @ axes.T
         return Estimate(own @ (found @ at.motion - given @ self._motion.mean), own)
+
+
+def motion_before(pose: Pose, shutter: Shutter) -> Estimate:
+    """What is known of the motion of a pose before its image is looked at."""
+    return shutter.motion(pose.known_motion or ANY_MOTION)
+
+
+def motion_cost(pose: Pose, shutter: Shutter) -> float:
+    """What the motion that a fit found costs, by what was known of it [nats]."""
+    if pose.motion is None:
+        return 0.0
+    known = motion_before(pose, shutter)
+    surprise = pose.motion - known.mean
+    return HALF * float(surprise @ known.information @ surprise)
 
 
 def not_arrived(pose: Pose, to_go: Array) -> Pose:
