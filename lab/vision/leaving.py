@@ -83,7 +83,7 @@ class Tally:
 
 
 def _plan(quick: bool, seeds: SeedSet) -> list[Part]:
-    each = 400 if quick else 25_000
+    each = 400 if quick else 12_500
     kinds = [(name, camera) for name in ("nested", "single") for camera in CAMERAS]
     return [
         Part(_leave, (name, camera, count, seeds.base + 1300 + k, part), count)

@@ -104,7 +104,7 @@ class SceneCamera:
         self._size = self.targets[0].tags[0].size
         placed = [SceneTarget.of(self.targets[0], self.platform)]
         placed += [SceneTarget.of(target, Platform()) for target in self.targets[1:]]
-        self._scene = Scene(placed, ground=cfg.ground, seed=seed, fine=False)
+        self._scene = Scene(placed, ground=cfg.ground, seed=seed, fine=False, live=True)
         self._kind = CAMERA_KINDS[cfg.kind]
         self._auto = AutoExposure(self._kind.auto) if self._kind.auto is not None else None
         self._fair = fair_conditions(cfg.light, self._kind.conditions, self._size, seed)
