@@ -162,4 +162,4 @@ def _sum_up(_quick: bool, parts: Sequence[Part], found: Sequence[Tally]) -> dict
 
 
 LEAVING: Final = Case(_plan, _sum_up)
-"""100,000 images of targets that leave the image."""
+"""50,000 images of targets that leave the image."""
