@@ -59,6 +59,20 @@ def test_a_far_print_that_leaves_by_a_corner_gives_no_pose(
         assert pose is None or np.isfinite(pose.position).all()
 
 
+@pytest.mark.parametrize("rate", [(0.9, 0.0), (0.0, 1.1), (0.8, 0.8), (1.2, -0.6)])
+def test_a_fit_that_is_in_place_goes_on_until_it_knows_the_blur(rate: tuple[float, float]) -> None:
+    """By what it leaves it is compared with its mirror image, which takes more steps to get there."""
+    target = shipped("nested")
+    moving = replace(place(5.4, 0.08, 0.7, 0.4), rate_cam=np.array([*rate, 0.0]), exposure_time=3e-3)
+    view = View(target, moving, Conditions())
+    fit = PhotoFit(target, Projection(VGA))
+    found = fit.fit(view.pixels, Pose(view.rotation, view.position, np.eye(6), "edges", 200, 0.05))
+    assert found is not None
+    again = fit.fit(view.pixels, found, blur_px=found.blur_px)
+    assert again is not None and again.cost is not None
+    assert found.cost == pytest.approx(again.cost, rel=0.02)
+
+
 def test_a_fit_that_has_not_arrived_says_how_far_it_would_go_on(monkeypatch: pytest.MonkeyPatch) -> None:
     target = shipped("nested")
     view = View(target, place(6.5, 0.3, 0.7, 0.4), Conditions())

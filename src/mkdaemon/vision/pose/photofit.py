@@ -192,6 +192,8 @@ def _gain(columns: Array, grey: Array) -> Array:
     return np.asarray(np.linalg.solve(damped(columns @ columns.T), columns @ grey), np.float64)
 
 
+SEEN: Final = slice(0, 9)
+"""Pose and point spread among the unknowns: readings compare by what both leave, so neither may be on its way."""
 LEAST_NOISE: Final = 0.3
 """Variance of grey values rounded to integers and averaged by the fit [grey^2]."""
 
@@ -212,6 +214,7 @@ class PhotoStep:
             clarity of mean logarithm zero: a cost by which two states compare, each with a clarity of its own.
         to_go: what of the pose would change without damping: how far it is from its place `(6,)`.
         length2: of that, in deviations that the noise leaves, squared.
+        is_settled: whether neither the pose nor the point spread has far to go.
     """
 
     def __init__(self, parts: Sequence[Part], table: Sequence[Unknown], at: State) -> None:
@@ -234,8 +237,11 @@ class PhotoStep:
         self._normal, self._right = unknowns.equations(weights, self._residual, noise)
         inverse = inverted(self._normal)
         self.unknowns, self._inverse, self._weights, self._noise = unknowns, inverse, weights, noise
-        self.to_go = (inverse @ self._right)[POSE]
+        to_go = inverse @ self._right
+        self.to_go = to_go[POSE]
         self.length2 = length2(self.to_go, noise * inverse[POSE, POSE])
+        seen2 = length2(to_go[SEEN], noise * inverse[SEEN, SEEN])
+        self.is_settled = self.length2 < SETTLED and seen2 < UNSETTLED
         self._square = squares / count
         clearness = exp(2.0 * float(np.log(clear).sum()) / count)
         self.cost = self._square / clearness * (1.0 + unknowns.surprise / count)
@@ -427,7 +433,7 @@ class PhotoFit:
             change = step.change(damping)
             spread = _spread_moved(at.spread, change[step.unknowns["spread"]])
             at = replace(at.moved(step.unknowns, change), spread=spread)
-            if step.length2 < SETTLED:
+            if step.is_settled:
                 best = at, step
                 break
             if at.ran_away(prior.start):
