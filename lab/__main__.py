@@ -26,6 +26,9 @@ CAMPAIGNS: Final = (
     CommandEntry("kills", "lab.kills.main:main", "kill -9 of mkctl and of the daemon during backups and restores."),
     CommandEntry("control", "lab.control.main:main", "Hover, steps and landings of estimator and autopilot."),
     CommandEntry("fly", "lab.fly:main", "The whole daemon holds over a target, rendered camera, in real time."),
+    CommandEntry(
+        "demo", "lab.demo:main", "Many demonstrations: how many finish; the longest holes in attitude and pose."
+    ),
     CommandEntry("hil", "lab.hil.main:main", "Genuine firmware flies the same scenes as the simulated boards."),
     CommandEntry("flight", "lab.flight:main", "The simulated flight against the plant's figures."),
     CommandEntry("record", "lab.record.main:main", "Recording: what it costs, kills, disks that fail."),

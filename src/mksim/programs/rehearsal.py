@@ -64,15 +64,16 @@ EYES_TIME: Final = 0.020
 """What the eyes need for an image on an ordinary computer [s]; virtual time knows no computer."""
 
 
-def simulated_aircraft(seed: int, wind: str, fps: float) -> SimConfig:
+def simulated_aircraft(seed: int, wind: str, fps: float, loss: float | None = None) -> SimConfig:
     """An aircraft on its target: the pilot starts the motors and leaves the rest to the machine.
 
     Args:
         seed: of everything random.
         wind: none, indoor, light or moderate.
         fps: images a second.
+        loss: share of radio packets that are lost, each way; None for the radio's own.
     """
-    radio = {"kind": "xbee"}
+    radio: dict[str, Any] = {"kind": "xbee"} if loss is None else {"kind": "xbee", "loss": loss}
     platform = {"kind": "ramp", "speed": PAD_SPEED, "acceleration": 0.15, "delay": PAD_STARTS}
     scene: dict[str, Any] = {"enabled": True, "fps": fps, "exposure_ms": 6.0, "platform": platform}
     return SimConfig.model_validate(
@@ -108,7 +109,7 @@ class RehearsedEyes(Eyes):
     Attributes:
         images: looked at so far.
         posed: of those, with a pose.
-        is_watched: somebody looks at what the camera sees.
+        is_watched: somebody looks at what the camera sees; tags and poses are shown in any case.
     """
 
     def __init__(
@@ -161,8 +162,7 @@ class RehearsedEyes(Eyes):
                 if isinstance(value, VisionPose):
                     self.posed += 1
                     self._feed(PoseSeen(value), now)
-                if self.is_watched:
-                    self._show(suffix, value)
+                self._show(suffix, value)
             if self.is_watched:
                 for suffix, value in self._watched.values_due(image, bool(result.poses), self._clock):
                     self._show(suffix, value)
@@ -303,6 +303,20 @@ class Rehearsal:
         self._parts = parts
         self._part = ""
         self._kept_at = 0.0
+
+    @property
+    def scene(self) -> SceneCamera:
+        """What the camera sees."""
+        return self._scene
+
+    @property
+    def world(self) -> World:
+        """Airframe, air and pilot."""
+        return self._world
+
+    def watch_world(self, moved: Callable[[float], None]) -> None:
+        """Call a function after every step of the world with the time [s], in place of the one given at first."""
+        self._watch_world = moved
 
     def watch(self, follow: Show) -> None:
         """Let somebody hear of every value, what the camera sees among them."""
