@@ -1,10 +1,13 @@
 """Whether the aircraft answers our sticks: what the boards report, against what the model of the aircraft says. Pure.
 
-With a shut gate, or a line that loses every stick frame, a regulator by the target would wind up: nothing that it asks
-for comes back. A FlightCtrl makes the tilt that it reports follow its sticks. So two hypotheses are weighed: what is
-reported is the response to our sticks, with a factor of 0.5 to 2, or it has nothing of that response. What changes
-slowly is left out: wind moves the reported tilt too. The hypotheses differ only where tilt is asked for, and most where
-a regulator winds up.
+With a shut gate a regulator by the target would wind up: nothing that it asks for comes back. A FlightCtrl makes the
+tilt that it reports follow its sticks. So two hypotheses are weighed: what is reported is the response to our sticks,
+with a factor of 0.5 to 2, or it has nothing of that response. What changes slowly is left out: wind moves the reported
+tilt too. The hypotheses differ only where tilt is asked for, and most where a regulator winds up.
+
+A broken line is another thing: an aircraft whose frames are lost obeys the last one that arrived. Where the board
+confirms frames, its response to the confirmed ones is weighed beside its response to all: while either explains what
+is reported, the aircraft obeys. The first frame that is confirmed after a break ends what was found during it.
 
 Level sticks ask for nothing. Whether the aircraft answers again is then told by how level it is: a pilot tilts it. In
 still air he may hold it level for a while: each time that was no answer, it must be level for twice as long.
@@ -16,7 +19,7 @@ Page, "Continuous inspection schemes" (1954); they find a change within the time
 from __future__ import annotations
 
 import math
-from collections import deque
+from collections import OrderedDict, deque
 from typing import Final
 
 import numpy as np
@@ -53,6 +56,8 @@ SPARSE: Final = 0.15
 """Attitudes farther apart say nothing [s]: nobody knows how old they are."""
 PAUSE: Final = 0.3
 """Without a stick frame for longer somebody else flies, and everything begins anew [s]."""
+NUMBERED: Final = 128
+"""Written frames whose confirmation is awaited: half of the numbers there are, 2.5 s of a stream at 50 Hz."""
 GATE_FRESH: Final = 2.0
 """What a board said of the gate longer ago counts no more [s]."""
 REACH: Final = 0.3
@@ -71,35 +76,39 @@ class AnswerWatch:
         self._model = model
         self._f, self._g = tilt_response(model)
         self._sent_at = -math.inf
-        self._seen = np.zeros(2)
+        self._seen = self._asked = np.zeros(2)
         self._gate: tuple[bool, float] | None = None
+        self._written: OrderedDict[int, tuple[float, Array]] = OrderedDict()
+        self._confirmed_at = -math.inf
         self._owed, self._back_at = SURE, -math.inf
         self._begin(0.0)
 
     def forget(self) -> None:
         """Nothing is flown any more: nothing is known of an answer."""
         self.is_missing = False
-        self._evidence = np.zeros(len(SHARES))
+        self._evidence = np.zeros((2, len(SHARES)))  # response to all frames, to the confirmed ones
         self._slow: Array | None = None  # of what is expected and of what is reported, by axis
 
     def _begin(self, now: float) -> None:
         """Begin a flight with the tilt that was reported last, which somebody else's sticks ask for."""
         self.forget()
-        self._state = np.zeros((2, len(self._g)))
-        self._state[:, 0] = self._state[:, 3] = self._seen
+        self._written.clear()
+        self._state = np.zeros((2, 2, len(self._g)))  # all frames or confirmed ones, axis
+        self._state[..., 0] = self._state[..., 3] = self._seen
         self._time = self._judged_at = now
-        self._commands: deque[tuple[float, Array]] = deque([(-math.inf, self._seen)])
-        self._expected: deque[tuple[float, Array]] = deque([(now, self._seen)])
+        self._commands = tuple(deque([(-math.inf, self._seen)]) for _ in range(2))
+        self._expected: deque[tuple[float, Array]] = deque([(now, self._state[..., 0].copy())])
 
     @property
     def evidence(self) -> float:
         """That it does not answer, against the share with which it would answer best: `SURE` at most [nat]."""
-        return min(self._evidence.tolist())
+        return float(self._evidence.min())
 
     @property
     def expected(self) -> Array:
         """Pitch and roll (2,) of an aircraft that answers as the model says, at the newest report [rad]."""
-        return self._expected[-1][1]
+        expected: Array = self._expected[-1][1][0]
+        return expected
 
     @property
     def is_sure(self) -> bool:
@@ -117,8 +126,40 @@ class AnswerWatch:
         if now - self._sent_at > PAUSE:
             self._begin(now)
         self._sent_at = now
-        acts_at = max(now + self._model.uplink, self._commands[-1][0])
-        self._commands.append((acts_at, np.array([pitch, roll]) * self._model.rad_per_count))
+        self._asked = np.array([pitch, roll]) * self._model.rad_per_count
+        self._act(0, now, self._asked)
+        if self._confirmed_at == -math.inf:  # a board that confirms nothing says nothing about its frames
+            self._act(1, now, self._asked)
+
+    def frame_written(self, number: int, now: float) -> None:
+        """Take that the newest sticks left now [s], under the number by which they are confirmed."""
+        self._written.pop(number, None)
+        self._written[number] = now, self._asked
+        while len(self._written) > NUMBERED:
+            self._written.popitem(last=False)
+
+    def frame_confirmed(self, number: int, now: float) -> None:
+        """Take that the board has the frame with this number; older ones are not waited for any more."""
+        if number not in self._written:
+            return
+        while True:
+            each, (written, asked) = self._written.popitem(last=False)
+            if each == number:
+                break
+        self._act(1, written, asked)
+        if now - self._confirmed_at > PAUSE:
+            self.line_heals()
+        self._confirmed_at = now
+
+    def line_heals(self) -> None:
+        """Take that frames arrive again: an answer that was missing meanwhile is no reason to stop."""
+        if self.is_missing:
+            self.forget()
+
+    def _act(self, stream: int, sent: float, asked: Array) -> None:
+        """Let sticks that were sent at a time [s] act: of all frames (0) or of confirmed ones (1)."""
+        commands = self._commands[stream]
+        commands.append((max(sent + self._model.uplink, commands[-1][0]), asked))
 
     def attitude_received(self, at: float, pitch: float, roll: float, *, says_something: bool) -> None:
         """Take what the boards reported of a moment.
@@ -160,14 +201,15 @@ class AnswerWatch:
 
     def _weigh(self, expected: Array, passed: float) -> None:
         """Add what one report says of the fast part of the response: it is in what is reported, or it is not."""
-        signals = np.array([expected, self._seen])
+        signals = np.concatenate([expected, self._seen[None]])
         slow = signals if self._slow is None else self._slow
         self._slow = slow + (signals - slow) * (1.0 - math.exp(-passed / SLOW))
-        asked, seen = signals - self._slow
-        acts = SHARES[:, None] * asked
+        fast = signals - self._slow
+        asked, seen = fast[:2], fast[2]
+        acts = SHARES[:, None] * asked[:, None, :]
         variance = ROUGHNESS**2 + (MODEL_ERROR * acts) ** 2
         gained = ((acts - seen) ** 2 - seen**2) / (2.0 * variance)
-        evidence = self._evidence + INDEPENDENT * passed * gained.sum(axis=1)
+        evidence = self._evidence + INDEPENDENT * passed * gained.sum(axis=2)
         self._evidence = np.minimum(np.maximum(evidence, -FORGIVEN), SURE)
         self.is_missing = self.evidence >= SURE
         if self.is_missing:
@@ -183,12 +225,13 @@ class AnswerWatch:
             self.forget()
 
     def _advance(self, until: float) -> None:
-        commands = self._commands
         while self._time + STEP <= until:
-            while len(commands) > 1 and commands[1][0] <= self._time + STEP / 2.0:
-                commands.popleft()
-            self._state = self._state @ self._f.T + commands[0][1][:, None] * self._g
+            for commands in self._commands:
+                while len(commands) > 1 and commands[1][0] <= self._time + STEP / 2.0:
+                    commands.popleft()
+            drive = np.array([commands[0][1] for commands in self._commands])
+            self._state = self._state @ self._f.T + drive[..., None] * self._g
             self._time += STEP
-            self._expected.append((self._time, self._state[:, 0].copy()))
+            self._expected.append((self._time, self._state[..., 0].copy()))
         while len(self._expected) > 1 and self._expected[0][0] < until - REACH:
             self._expected.popleft()

@@ -72,6 +72,7 @@ from mkdaemon.control.sight import Sight, checked_view
 from mkdaemon.control.vehicle import VehicleFacts, VehicleMemory
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.control import ControlLine, Gains, LeaseState, Obstacle, Phase
+from mkdaemon.telemetry.link import LinkCondition
 from mkdaemon.telemetry.preflight import PreflightReport
 from mkdaemon.telemetry.refusals import TOKENS, Token, refuse
 from mkdaemon.telemetry.setpoint import Setpoint
@@ -131,8 +132,8 @@ class FlightCore:
             LineChanged: self._line_changed,
             LinkVerdict: self._link_judged,
             LinkMeasured: self._link_measured,
-            FrameSent: _noted(lambda event, now: self._output.frame_sent(event.number)),
-            FrameConfirmed: _noted(lambda event, now: self._output.frame_confirmed(event.number)),
+            FrameSent: self._frame_sent,
+            FrameConfirmed: self._frame_confirmed,
             FrameNotSent: _noted(lambda event, now: self._reports.frame_not_sent(event.error, now)),
             GuardChanged: self._guard_changed,
             GuardActed: lambda event, now: self._end(Trigger.GUARD_ACTED, "no stick frame was written in time"),
@@ -289,7 +290,20 @@ class FlightCore:
         self._preflight.line = self._output.line = self._facts.limit_line(event.line)
         return NOTED
 
+    def _frame_sent(self, event: FrameSent, now: float) -> Reply:
+        self._output.frame_sent(event.number)
+        self._sight.answer.frame_written(event.number, now)
+        return NOTED
+
+    def _frame_confirmed(self, event: FrameConfirmed, now: float) -> Reply:
+        self._output.frame_confirmed(event.number)
+        self._sight.answer.frame_confirmed(event.number, now)
+        return NOTED
+
     def _link_judged(self, event: LinkVerdict, now: float) -> Reply:
+        before = self._facts.link
+        if before is not None and before.condition is LinkCondition.ONE_WAY is not event.state.condition:
+            self._sight.answer.line_heals()
         self._facts.link_changed(event.state)
         return self._line_changed(LineChanged(self._line), now)
 

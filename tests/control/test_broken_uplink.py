@@ -1,0 +1,88 @@
+"""An uplink that breaks for half a second: the aircraft obeys its last sticks, and is flown on with the next ones."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from lab.control.camera import CameraModel
+from lab.control.corerig import CoreRig
+from lab.control.flights import Flight
+from lab.rigs.confirmingboard import ConfirmingBoard
+from mkdaemon.control.actions import PublishStatus, Release
+from mkdaemon.control.answers import PAUSE, AnswerWatch
+from mkdaemon.control.estimator.model import AircraftModel
+from mkdaemon.telemetry.control import Phase
+from mkdaemon.telemetry.setpoint import PositionSetpoint, SetpointFrame
+from mksim.config import WindClass
+from tests.control.test_answers import SHUT, Gated
+
+STEP = 10.0
+"""The client asks for a place 1 m away, and the uplink breaks [s]."""
+
+
+class Stepping(ConfirmingBoard, CoreRig):
+    """A client holds a place beside the target, then asks for one on its other side."""
+
+    farthest = 0.0
+
+    def _setpoint(self, goal, at):
+        east = -0.5 if at < STEP else 0.5
+        return PositionSetpoint(
+            epoch=self._epoch, sequence=self._sequence, ttl=0.3, position=(east, 0.0, 2.0), frame=SetpointFrame.PAD
+        )
+
+    def _control(self, at):
+        super()._control(at)
+        if STEP < at < STEP + 7.9:
+            self.farthest = max(self.farthest, float(np.hypot(*self._place(at)[:2])))
+
+    def phases(self):
+        return {action.phase for _, action in self.actions if isinstance(action, PublishStatus)}
+
+
+def step(wind, length, seed):
+    setting = Flight(seed=seed, wind=wind, seconds=18.0, start=1.9, camera=CameraModel(rate=15.0))
+    rig = Stepping(setting)
+    rig.broken = (STEP, STEP + length)
+    rig.record = rig.fly()
+    return rig
+
+
+@pytest.mark.parametrize("length", [0.45, 0.6])
+@pytest.mark.parametrize("seed", [1, 2, 5])
+def test_a_broken_uplink_is_no_aircraft_that_does_not_obey(length, seed):
+    rig = step(WindClass.LIGHT, length, seed)
+    assert rig.record.lost == ""
+    assert not [action for _, action in rig.actions if isinstance(action, Release)]
+    assert Phase.UNANSWERED not in rig.phases()
+    assert rig.farthest < 1.6
+
+
+class GatedConfirming(ConfirmingBoard, Gated):
+    """The pilot shuts the gate of a board that confirms frames all the same."""
+
+
+def test_confirmed_frames_that_tilt_nothing_are_unanswered():
+    rig = GatedConfirming(Flight(seed=1, wind=WindClass.INDOOR, seconds=9.0))
+    rig.fly()
+    assert SHUT < rig.phases()[Phase.UNANSWERED] < SHUT + 2.5
+
+
+def test_the_first_frame_that_is_confirmed_after_a_break_ends_what_was_found():
+    model = AircraftModel()
+    watch = AnswerWatch(model)
+    at = 0.0
+    for number in range(1, 151):
+        at = 0.02 * number
+        watch.sent(30.0 * math.sin(4.0 * at), 0.0, at)
+        watch.frame_written(number, at)
+        if number < 20:
+            watch.frame_confirmed(number, at + 0.01)
+        watch.attitude_received(at - 0.04, 0.0, 0.0, says_something=True)
+    watch.is_missing = True
+    assert watch.missing_words(at)
+    watch.frame_confirmed(150, at + PAUSE)
+    assert not watch.missing_words(at + PAUSE)
