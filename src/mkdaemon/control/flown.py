@@ -71,10 +71,10 @@ class Flown:
         if type(setpoint) not in self._rows:
             known = ", ".join(sorted(each.suffix for each in self._rows))
             raise refuse(Token.NO_GUIDANCE, name=setpoint.suffix, known=known)
-        wanted, before = NewManoeuvre.by(setpoint), self.concern if phase in (Phase.FLYING, Phase.STALE) else None
+        wanted, before = NewManoeuvre.by(setpoint), self.concern if phase.is_streamed else None
         if before is wanted.concern and wanted == self._admitted:
             return  # who flies on as he was admitted is asked nothing that could have changed
-        if phase in (Phase.UNANSWERED, Phase.ABORTED, Phase.LANDING):
+        if phase.is_in_flight and not phase.is_streamed:
             # It is not flown; it only has to be one that could be.
             before = wanted.concern
         refusal = self._admit(wanted, before, now)
