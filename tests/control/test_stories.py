@@ -293,3 +293,25 @@ def test_a_low_battery_lands_no_aircraft_that_stands():
         story.sticks_neutral(5 * PERIOD)
     assert story.releases
     assert ("flying", "landing") not in story.changes
+
+
+@pytest.mark.parametrize("stage", ["commit", "down"])
+def test_a_stream_that_ends_with_a_landing_leaves_the_throttle_low(stage):
+    """Clients stop at `is_done`; a board that says that it flies while its motors run must not lift it again."""
+    story = holding(0.5)
+    story.height = 0.15
+    for _ in range(200):
+        story.tell(StateValue(flight(is_flying=True)))
+        story.streams(LandSetpoint, PERIOD)
+        if story.status.stage == stage:
+            break
+    assert story.status.stage == stage
+    story.done.clear()
+    for _ in range(60):
+        story.tell(StateValue(flight(is_flying=True)))
+        story.run(PERIOD)
+    frames = story.of(SendSticks)
+    stale = [frame.counts.throttle for frame in frames if frame.age > 0.3]
+    assert len(stale) > 20
+    assert max(stale) <= min(frame.counts.throttle for frame in frames if frame.age <= 0.3)
+    assert story.releases

@@ -144,7 +144,8 @@ class Flown:
         is_lost = after.is_by_target and (age is None or age > self._cfg.autopilot.exit_after)
         end = ended(Outcome.SIGHT_LOST, target=self._sight.target, age=age or 0.0) if is_lost else None
         sticks = level_at(self._sight.hover_gas)
-        return replace(step, sticks=sticks, obstacle=obstacle, end=end, is_unanswered=True, is_done=False, stands=False)
+        shown = replace(step, is_done=False, stands=False, is_unanswered=True, is_level=True)
+        return replace(shown, sticks=sticks, obstacle=obstacle, end=end)
 
     def _resumed(self, setpoint: Setpoint, phase: Phase) -> Manoeuvre:
         """What is flown when the aircraft answers again."""
