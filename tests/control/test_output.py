@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from dataclasses import replace
 
 import pytest
 
@@ -136,6 +137,33 @@ def test_stale_throttle_is_capped_by_the_pilot_and_on_the_ground_by_what_was_sen
 
 
 # -- what becomes of frames ----------------------------------------------------------------------------------------
+
+
+def test_where_the_ground_may_be_touched_nothing_that_nobody_asked_for_raises_the_throttle():
+    """What is sent when a setpoint goes stale depends on whether the feet stand.
+
+    A board may say that the aircraft flies while its motors run; what is flown knows that it has landed.
+    """
+    facts = VehicleMemory()
+    facts.state_received(flight(is_flying=True), 1.0)
+    low = Sticks(0.0, 0.0, 0.0, -100.0)
+    out = output(facts=facts, sticks=low)
+    assert out.make(replace(order(sticks=low, age=0.4), may_touch=True), "v2", 1.1).counts.throttle == -100
+    assert output(facts=facts, sticks=low).make(order(sticks=low, age=0.4), "v2", 1.1).counts.throttle == 5
+    asked = replace(order(), may_touch=True)
+    assert out.make(asked, "v2", 1.12).counts.throttle == 20, "what somebody asked for is flown"
+
+
+@pytest.mark.parametrize(
+    ("is_flying", "motors", "throttle"), [(True, True, 5), (None, True, 5), (False, True, -100), (None, False, -100)]
+)
+def test_level_at_hover_throttle_raises_no_aircraft_that_is_known_to_stand(is_flying, motors, throttle):
+    """An abort of a flight by stick, on the pad at idle."""
+    facts, low = VehicleMemory(), Sticks(0.0, 0.0, 0.0, -100.0)
+    facts.state_received(flight(is_flying=is_flying), 1.0)
+    facts.motors_reported(motors, 1.0)
+    level = replace(order(sticks=Sticks(0.0, 0.0, 0.0, 5.0)), is_level=True)
+    assert output(facts=facts, sticks=low).make(level, "v2", 1.1).counts.throttle == throttle
 
 
 def test_frames_are_counted_from_the_hand_over_to_the_confirmation():

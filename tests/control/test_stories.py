@@ -6,15 +6,31 @@ import pytest
 
 from mkdaemon.config.autopilot import AutopilotConfig
 from mkdaemon.config.control import ControlConfig
-from mkdaemon.control.actions import PublishError, PublishEstimate, PublishStatus, ReportFailsafe, ReportMode, Warn
+from mkdaemon.control.actions import (
+    PublishError,
+    PublishEstimate,
+    PublishStatus,
+    ReportFailsafe,
+    ReportMode,
+    SendSticks,
+    Warn,
+)
 from mkdaemon.control.batterywatch import LASTING
 from mkdaemon.control.events import AbortAsked, EyeStats, FlightctrlReported, MotorsReported, PoseSeen, StateValue
 from mkdaemon.control.sight import FORGOTTEN
 from mkdaemon.telemetry.command import AbortRequest
 from mkdaemon.telemetry.control import Outcome, Phase
-from mkdaemon.telemetry.setpoint import HoldSetpoint, LandSetpoint, StickSetpoint, TakeOffSetpoint
+from mkdaemon.telemetry.setpoint import (
+    HoldSetpoint,
+    LandSetpoint,
+    PositionSetpoint,
+    SetpointFrame,
+    StickSetpoint,
+    TakeOffSetpoint,
+    VelocitySetpoint,
+)
 from tests.control.admission.situations import battery, eyes, heights
-from tests.control.events import PERIOD, Driver, pose
+from tests.control.events import PERIOD, Driver, flight, pose
 
 SOON = ControlConfig(autopilot=AutopilotConfig(takeoff_ready=0.2, entry_clean=0.5))
 """A configuration with which nobody waits for long."""
@@ -206,3 +222,96 @@ def test_what_a_camera_says_of_itself_is_known_and_warned_of():
     assert drive.core.vehicle.eyes == (wrong,)
     [warning] = [action for action in drive.tick() if isinstance(action, Warn)]
     assert "by the barometer" in warning.text
+
+
+BY_TARGET_IN_AIR = {
+    HoldSetpoint: {},
+    LandSetpoint: {},
+    PositionSetpoint: {"position": (0.0, 0.0, 2.0), "frame": SetpointFrame.PAD},
+    VelocitySetpoint: {"velocity": (0.0, 0.0, 0.5), "frame": SetpointFrame.PAD},
+}
+GROUNDED = {
+    "motors off on the pad": (0.10, {"is_flying": False, "motors_running": False}),
+    "motors off in a hand": (1.0, {"is_flying": False, "motors_running": False}),
+    "motors at idle, the board says so": (1.0, {"is_flying": False}),
+    "motors at idle, the board says that it flies": (0.12, {"is_flying": True}),
+    "motors at idle, no board says anything": (0.12, None),
+}
+
+
+@pytest.mark.parametrize("kind", BY_TARGET_IN_AIR, ids=lambda kind: kind.__name__)
+@pytest.mark.parametrize(("height", "said"), GROUNDED.values(), ids=GROUNDED)
+def test_no_flight_by_the_target_begins_with_an_aircraft_that_does_not_fly(kind, height, said):
+    """The question that was not asked: does each beginning know whether the aircraft flies?
+
+    Throttle wound up to its limit against a model that flies; when the pilot started the motors the aircraft went up
+    at 6.9 m/s.
+    """
+    story = Story(height)
+    story.see(height)
+    for _ in range(40):
+        if said is not None:
+            story.tell(MotorsReported(said.get("motors_running", True)))
+            story.tell(StateValue(flight(**said)))
+        assert story.streams(kind, 5 * PERIOD, **BY_TARGET_IN_AIR[kind]) == {None}, "it waits, it is not refused"
+    assert story.core.phase is Phase.LEASED
+    assert "waiting for an aircraft in the air" in story.status.reason
+    assert not story.of(SendSticks)
+    assert story.core._sight.estimator.hover_gas == pytest.approx(story.core._sight.hover_gas), "nothing is learnt"
+
+
+def test_what_is_flown_by_hand_on_the_ground_is_not_handed_to_the_target():
+    """On the pad at idle a hold would take off, and so would a landing."""
+    story = Story(0.12)
+    story.see(0.12)
+    story.sticks_neutral(2.2)
+    assert story.core.phase is Phase.FLYING
+    for kind, fields in BY_TARGET_IN_AIR.items():
+        assert story.streams(kind, 3 * PERIOD, **fields) == {"not_flying"}
+    assert story.status.manoeuvre == "stick"
+
+
+def test_a_landing_that_touches_the_ground_becomes_no_hold_and_no_position():
+    story = holding(0.5)
+    story.height = 0.2
+    for _ in range(150):
+        story.streams(LandSetpoint, PERIOD)
+        if story.status.stage == "commit":
+            break
+    for kind in (HoldSetpoint, PositionSetpoint, VelocitySetpoint):
+        assert story.streams(kind, 2 * PERIOD, **BY_TARGET_IN_AIR[kind]) == {"not_flying"}
+    assert story.status.manoeuvre == "land"
+
+
+def test_a_low_battery_lands_no_aircraft_that_stands():
+    """The landing would climb to its approach first."""
+    story = Story(0.12)
+    story.see(0.12)
+    story.sticks_neutral(2.2)
+    for _ in range(round((LASTING + 0.3) / (5 * PERIOD))):
+        story.tell(StateValue(battery(12.0, is_low=True)))
+        story.sticks_neutral(5 * PERIOD)
+    assert story.releases
+    assert ("flying", "landing") not in story.changes
+
+
+@pytest.mark.parametrize("stage", ["commit", "down"])
+def test_a_stream_that_ends_with_a_landing_leaves_the_throttle_low(stage):
+    """Clients stop at `is_done`; a board that says that it flies while its motors run must not lift it again."""
+    story = holding(0.5)
+    story.height = 0.15
+    for _ in range(200):
+        story.tell(StateValue(flight(is_flying=True)))
+        story.streams(LandSetpoint, PERIOD)
+        if story.status.stage == stage:
+            break
+    assert story.status.stage == stage
+    story.done.clear()
+    for _ in range(60):
+        story.tell(StateValue(flight(is_flying=True)))
+        story.run(PERIOD)
+    frames = story.of(SendSticks)
+    stale = [frame.counts.throttle for frame in frames if frame.age > 0.3]
+    assert len(stale) > 20
+    assert max(stale) <= min(frame.counts.throttle for frame in frames if frame.age <= 0.3)
+    assert story.releases

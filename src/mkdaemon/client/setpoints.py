@@ -178,10 +178,7 @@ class SetpointStream:
     @property
     def is_engaged(self) -> bool:
         """Whether the daemon has begun to send what is streamed to the aircraft."""
-        from mkdaemon.telemetry.control import Phase
-
-        flown = {Phase.FLYING, Phase.STALE, Phase.UNANSWERED, Phase.ABORTED, Phase.LANDING}
-        return self._lost is None and self._status is not None and self._status.phase in flown
+        return self._lost is None and self._status is not None and self._status.phase.is_in_flight
 
     @property
     def status(self) -> ControlStatus | None:

@@ -140,6 +140,8 @@ class Fly:
         ttl: time it claims to hold [s].
         epoch: the lease.
         sequence: the setpoint's number.
+        may_touch: the ground may be touched, see `Step.may_touch`.
+        is_level: nobody asked for this throttle, see `Step.is_level`.
     """
 
     sticks: Sticks
@@ -147,6 +149,8 @@ class Fly:
     ttl: float
     epoch: int
     sequence: int
+    may_touch: bool = False
+    is_level: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -360,7 +364,9 @@ class Authority:
         assert lease.newest is not None
         assert guided is not None
         self.progress = Progress(guided.manoeuvre, guided.stage, guided.is_done)
-        return Fly(guided.sticks, now - lease.arrived, lease.newest.ttl, lease.epoch, lease.newest.sequence)
+        age, newest = now - lease.arrived, lease.newest
+        ground = {"may_touch": guided.may_touch, "is_level": guided.is_level}
+        return Fly(guided.sticks, age, newest.ttl, lease.epoch, newest.sequence, **ground)
 
     def released(self, now: float) -> None:
         """Note that the release is done, or queued as the first bytes after the line comes back."""

@@ -405,6 +405,7 @@ class FlightCore:
             lease=self._authority.lease(now),
             flown=flown,
             seen=partial(self._sight.entry, now),
+            is_touching=self._flown.may_touch,
             unanswered=self._sight.answer.missing_words(now),
             hover_gas=self._sight.hover_gas,
             target_age=self._sight.pose_age(now),

@@ -31,6 +31,7 @@ class Flown:
     Attributes:
         current: it; None before the first setpoint.
         error: how far the aircraft was from its goal at the last step; None without a goal.
+        may_touch: what is flown may touch the ground, see `Step.may_touch`.
     """
 
     def __init__(
@@ -52,12 +53,12 @@ class Flown:
         """
         self.current: Manoeuvre | None = None
         self.error: ErrorValue | None = None
+        self.may_touch = False
         self._cfg, self._sight, self._rows = cfg, sight, rows
         self._admit, self._waits_for = admit, waits_for
         self._kind: type[Setpoint] | None = None
         self._phase: Phase | None = None
         self._left: Manoeuvre | None = None
-        self._may_touch = False
         self._admitted: NewManoeuvre | None = None
 
     # -- at the door ----------------------------------------------------------------------------------------------
@@ -71,10 +72,10 @@ class Flown:
         if type(setpoint) not in self._rows:
             known = ", ".join(sorted(each.suffix for each in self._rows))
             raise refuse(Token.NO_GUIDANCE, name=setpoint.suffix, known=known)
-        wanted, before = NewManoeuvre.by(setpoint), self.concern if phase in (Phase.FLYING, Phase.STALE) else None
+        wanted, before = NewManoeuvre.by(setpoint), self.concern if phase.is_streamed else None
         if before is wanted.concern and wanted == self._admitted:
             return  # who flies on as he was admitted is asked nothing that could have changed
-        if phase in (Phase.UNANSWERED, Phase.ABORTED, Phase.LANDING):
+        if phase.is_in_flight and not phase.is_streamed:
             # It is not flown; it only has to be one that could be.
             before = wanted.concern
         refusal = self._admit(wanted, before, now)
@@ -112,7 +113,7 @@ class Flown:
             self._left = None
             self._sight.leave_to_pilot(is_his=False)
             step = self._fly(setpoint, before, phase, now)
-        self.error, self._may_touch = step.error, step.may_touch
+        self.error, self.may_touch = step.error, step.may_touch
         self._sight.stand(is_standing=step.stands)
         is_flown = phase in IN_FLIGHT and (phase is Phase.UNANSWERED or self.is_by_target)
         self._sight.judge_answer(says_something=is_flown and not step.may_touch)
@@ -120,7 +121,7 @@ class Flown:
 
     def _is_unanswered(self, now: float) -> bool:
         """Whether the aircraft, flown by the target and off the ground, does not answer its sticks."""
-        return self.is_by_target and not self._may_touch and bool(self._sight.answer.missing_words(now))
+        return self.is_by_target and not self.may_touch and bool(self._sight.answer.missing_words(now))
 
     def _wait(self, setpoint: Setpoint, phase: Phase, now: float) -> Step:
         """Level, and ready to go on where the aircraft is as soon as it answers and is seen.
@@ -143,7 +144,8 @@ class Flown:
         is_lost = after.is_by_target and (age is None or age > self._cfg.autopilot.exit_after)
         end = ended(Outcome.SIGHT_LOST, target=self._sight.target, age=age or 0.0) if is_lost else None
         sticks = level_at(self._sight.hover_gas)
-        return replace(step, sticks=sticks, obstacle=obstacle, end=end, is_unanswered=True, is_done=False, stands=False)
+        shown = replace(step, is_done=False, stands=False, is_unanswered=True, is_level=True)
+        return replace(shown, sticks=sticks, obstacle=obstacle, end=end)
 
     def _resumed(self, setpoint: Setpoint, phase: Phase) -> Manoeuvre:
         """What is flown when the aircraft answers again."""
@@ -180,7 +182,7 @@ class Flown:
         self._sight.leave_to_pilot(is_his=False)
         self._sight.answer.forget()
         self.current = self._kind = self._left = None
-        self._may_touch = False
+        self.may_touch = False
 
     def _make(self, setpoint: Setpoint) -> Manoeuvre:
         self._kind = type(setpoint)

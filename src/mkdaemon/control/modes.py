@@ -155,9 +155,10 @@ class Row:
 
 
 _FREE, _LEASED, _FLYING, _STALE, _UNANSWERED, _ABORTED, _LANDING, _RELEASING = Phase
-IN_FLIGHT: Final = (_FLYING, _STALE, _UNANSWERED, _ABORTED, _LANDING)
+IN_FLIGHT: Final = tuple(phase for phase in Phase if phase.is_in_flight)
 """Phases in which stick frames are sent."""
-_STREAMED: Final = (_FLYING, _STALE)
+_STREAMED: Final = tuple(phase for phase in Phase if phase.is_streamed)
+_ABORTABLE: Final = tuple(phase for phase in Phase if phase.may_be_aborted)
 _UNTIL_LANDING: Final = (_FLYING, _STALE, _ABORTED)
 _HELD: Final = (_LEASED, *IN_FLIGHT)
 _WAITING: Final = "{holder} holds the lease; waiting for a live, neutral stream"
@@ -182,15 +183,7 @@ ROWS: Final = (
     Row((_FLYING,), Trigger.TICK, UNANSWERED, _UNANSWERED, Reaction.NEUTRAL, "{obstacle}"),
     Row(_STREAMED, Trigger.TICK, FRESH, _FLYING, Reaction.STICKS, _FLIES),
     Row(_STREAMED, Trigger.TICK, TOO_OLD, _STALE, Reaction.NEUTRAL, _OLD),
-    Row(
-        (*_STREAMED, _UNANSWERED, _LANDING),
-        Trigger.ABORT_REQUESTED,
-        ALWAYS,
-        _ABORTED,
-        Reaction.NOTHING,
-        "aborted: {cause}",
-        is_asked=True,
-    ),
+    Row(_ABORTABLE, Trigger.ABORT_REQUESTED, ALWAYS, _ABORTED, Reaction.NOTHING, "aborted: {cause}", is_asked=True),
     Row((_UNANSWERED,), Trigger.TICK, NOT_READY, _UNANSWERED, Reaction.NEUTRAL, "{holder} streams; {obstacle}"),
     Row((_UNANSWERED,), Trigger.TICK, READY, _FLYING, Reaction.STICKS, _FLIES),
     Row((_UNANSWERED,), Trigger.TICK, ALWAYS, _UNANSWERED, Reaction.NEUTRAL, "{reason}"),

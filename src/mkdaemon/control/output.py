@@ -82,17 +82,17 @@ class StickOutput:
             hover: throttle that carries the aircraft by the estimate [stick]; None where there is none.
             low_cell: voltage of a cell above which throttle is compensated [V]; None for the factory's.
         """
-        cfg = self._cfg.limiter
-        ttl = min(order.ttl, cfg.setpoint_ttl)
+        cfg, ttl = self._cfg.limiter, self._life(order)
+        cap = self._throttle_cap(order, now)
         sticks = limit(
-            order.sticks,
+            order.sticks if cap is None or not order.is_level else _capped(order.sticks, cap),
             self._last,
             age=order.age,
             ttl=ttl,
             dt=max(now - self._made_at, SHORTEST_STEP),
             layout=layout,
             cfg=cfg,
-            throttle_cap=self._throttle_cap(now),
+            throttle_cap=cap,
             hover=hover,
         )
         self._last, self._made_at = sticks, now
@@ -121,13 +121,28 @@ class StickOutput:
             self._awaited.remove(number)
             self.confirmed += 1
 
-    def _throttle_cap(self, now: float) -> float | None:
-        """Most throttle of a stale command: the pilot's where it is known, and never more than now on the ground."""
-        caps = [self._facts.pilot_throttle(now)]
-        if not self._facts.is_flying(now):
-            caps.append(self._last.throttle)
-        known = [cap for cap in caps if cap is not None]
-        return min(known) if known else None
+    def _throttle_cap(self, order: Fly, now: float) -> float | None:
+        """Most throttle that nobody asked for; None for any.
+
+        It does not rise where the ground may be touched: what is flown knows that best, because a board may say that
+        the aircraft flies while its motors run. A stale command counts the pilot's throttle, and a board that says
+        nothing, for the ground, too: it is over in a second.
+        """
+        facts, now_sent = self._facts, self._last.throttle
+        is_flying, pilots = facts.is_flying(now), facts.pilot_throttle(now)
+        may_stand = order.may_touch or is_flying is False or facts.motors_running(now) is False
+        if order.age <= self._life(order):
+            return now_sent if may_stand else None
+        caps = [pilots] + ([now_sent] if may_stand or is_flying is None else [])
+        return min((cap for cap in caps if cap is not None), default=None)
+
+    def _life(self, order: Fly) -> float:
+        """How long its setpoint holds [s]."""
+        return min(order.ttl, self._cfg.limiter.setpoint_ttl)
+
+
+def _capped(sticks: Sticks, cap: float) -> Sticks:
+    return sticks._replace(throttle=min(sticks.throttle, cap))
 
 
 def _differs(counts: StickCounts, asked: Sticks) -> bool:

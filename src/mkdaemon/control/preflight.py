@@ -90,6 +90,7 @@ class Preflight:
         lease: LeaseState | None,
         flown: Concern | None,
         seen: Callable[[], Entry | None],
+        is_touching: bool,
         unanswered: str,
         hover_gas: float,
         target_age: float | None,
@@ -102,6 +103,7 @@ class Preflight:
             lease: the present one; None for nobody.
             flown: the manoeuvre whose sticks are being sent; None while no stick frames are sent.
             seen: computes what the estimate says; None where there is no estimate.
+            is_touching: what is flown may touch the ground.
             unanswered: why the sticks do not act; empty where they may.
             hover_gas: throttle that carries the aircraft [count of 254].
             target_age: time since the newest image of the target [s]; None where there was none.
@@ -134,6 +136,7 @@ class Preflight:
             contradicting=self._contradicting,
             target_age=target_age,
             seen=seen,
+            is_touching=is_touching,
             unanswered=unanswered,
             compared=partial(self._stamps, now),
             free_disk=facts.free_disk,

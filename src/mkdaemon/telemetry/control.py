@@ -3,31 +3,94 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import StrEnum
+from enum import Enum, StrEnum, auto
+from typing import Self
 
 from mkdaemon.telemetry.base import Stamped, Telemetry
 
 
-class Phase(StrEnum):
-    """Where authority stands; the ladder of docs/safety.md."""
+class Tone(StrEnum):
+    """How good a state is, for every display of it."""
 
-    FREE = "free"
-    """Nobody holds the lease; nothing is sent."""
-    LEASED = "leased"
-    """Someone holds it; nothing is sent until a live, neutral stream has been seen."""
-    FLYING = "flying"
+    NOTE = "note"
+    """A fact, neither good nor bad."""
+    OK = "ok"
+    """As it should be."""
+    WARN = "warn"
+    """Somebody should look at it."""
+    BAD = "bad"
+    """Somebody must act."""
+
+
+class Trait(Enum):
+    """What can be true of a phase."""
+
+    IN_FLIGHT = auto()
     """Stick frames are sent."""
-    STALE = "stale"
+    STREAMED = auto()
+    """The newest setpoint is followed."""
+    ABORTABLE = auto()
+    """An abort changes what is flown."""
+
+
+class Phase(StrEnum):
+    """Where authority stands; the ladder of docs/safety.md. This is the one table of phases.
+
+    Attributes:
+        words: shown for it; `{holder}` is the holder of the lease.
+        tone: how good it is.
+        traits: what is true of it.
+    """
+
+    words: str
+    tone: Tone
+    traits: frozenset[Trait]
+
+    def __new__(cls, word: str, words: str, tone: Tone, *traits: Trait) -> Self:
+        """Declare one."""
+        member = str.__new__(cls, word)
+        member._value_ = word
+        member.words, member.tone, member.traits = words, tone, frozenset(traits)
+        return member
+
+    FREE = "free", "nobody holds the lease", Tone.NOTE
+    """Nobody holds the lease; nothing is sent."""
+    LEASED = "leased", "{holder} waits to fly", Tone.NOTE
+    """Someone holds it; nothing is sent until a live, neutral stream has been seen."""
+    FLYING = "flying", "{holder} flies", Tone.OK, Trait.IN_FLIGHT, Trait.STREAMED, Trait.ABORTABLE
+    """Stick frames are sent."""
+    STALE = (
+        *("stale", "{holder} is silent: neutral sticks", Tone.BAD),
+        *(Trait.IN_FLIGHT, Trait.STREAMED, Trait.ABORTABLE),
+    )
     """The setpoint is too old: neutral sticks at hover throttle are sent."""
-    UNANSWERED = "unanswered"
+    UNANSWERED = (
+        *("unanswered", "the sticks have no answer: the pilot flies", Tone.BAD),
+        *(Trait.IN_FLIGHT, Trait.ABORTABLE),
+    )
     """The aircraft does not answer its sticks, so the pilot flies it: neutral sticks at hover throttle are sent."""
-    ABORTED = "aborted"
+    ABORTED = "aborted", "aborted: it holds or flies level", Tone.WARN, Trait.IN_FLIGHT
     """A manoeuvre was stopped: the aircraft holds its place where a target is in sight, else it is level; until its
     holder ends the abort."""
-    LANDING = "landing"
+    LANDING = "landing", "battery low: it lands by itself", Tone.WARN, Trait.IN_FLIGHT, Trait.ABORTABLE
     """The battery is low: the aircraft lands on the target in sight, whatever is streamed."""
-    RELEASING = "releasing"
+    RELEASING = "releasing", "released: the pilot has it", Tone.WARN
     """A release is under way; nobody's setpoints are sent."""
+
+    @property
+    def is_in_flight(self) -> bool:
+        """Whether stick frames are sent."""
+        return Trait.IN_FLIGHT in self.traits
+
+    @property
+    def is_streamed(self) -> bool:
+        """Whether the newest setpoint is followed."""
+        return Trait.STREAMED in self.traits
+
+    @property
+    def may_be_aborted(self) -> bool:
+        """Whether an abort changes what is flown."""
+        return Trait.ABORTABLE in self.traits
 
 
 class Obstacle(StrEnum):

@@ -246,6 +246,11 @@ class Token(StrEnum):
         "{name} cannot begin from sticks or attitude now; it needs {detail}.",
         "Fly on by sticks until it is so, then stream it again; docs/flying.md lists the conditions.",
     )
+    NOT_FLYING = (
+        "not_flying",
+        "{name} flies an aircraft that is in the air, and this one is not: {detail}.",
+        "Take off (`mkctl takeoff`), or let the pilot hover over the target; `mkctl watch state/flight` shows it.",
+    )
     NO_ANSWER = (
         "no_answer",
         "the aircraft does not answer its sticks: {detail}; they are level now.",

@@ -46,7 +46,7 @@ def reception(quality):
 
 
 def flags(**flags):
-    return Flight.model_copy(flight(is_flying=False), update=flags)
+    return Flight.model_copy(flight(is_flying=None), update=flags)
 
 
 ENTRY = Entry(target="pad", age=0.1, speed=0.1, offset=0.1, height=2.0, sd=0.02, clean=3.0)
@@ -65,12 +65,13 @@ GOOD = Situation(
     active_set=SET,
     motors_running=True,
     is_testing_motors=False,
-    flight=flight(is_flying=False),
+    flight=flight(is_flying=None),
     pilot=pilot(0.0),
     position=None,
     gps=None,
     battery=battery(16.0),
     highest_voltage=16.0,
+    is_touching=False,
     unanswered="",
     hover_gas=125.0,
     gas_in_use=None,

@@ -86,7 +86,10 @@ def test_a_value_that_is_older_than_the_known_one_changes_nothing():
 @pytest.mark.parametrize(
     ("phase", "words", "tone"),
     [
+        (Phase.LEASED, "Anna waits to fly", "note"),
+        (Phase.FLYING, "Anna flies: position", "ok"),
         (Phase.STALE, "Anna is silent: neutral sticks", "bad"),
+        (Phase.UNANSWERED, "The sticks have no answer: the pilot flies", "bad"),
         (Phase.ABORTED, "Aborted: it holds or flies level", "warn"),
         (Phase.LANDING, "Battery low: it lands by itself", "warn"),
         (Phase.RELEASING, "Released: the pilot has it", "warn"),
@@ -258,3 +261,5 @@ def test_another_boot_of_the_machine_begins_anew():
 def test_what_is_known_not_to_fly_is_not_aborted():
     free = flights.status(1000.0, phase=Phase.FREE, lease=None, manoeuvre=None)
     assert picture_of([("control/status", free)]).show(NOW)["can"] == {"release": True, "abort": False}
+    ignored = flights.status(1000.0, phase=Phase.UNANSWERED)
+    assert picture_of([("control/status", ignored)]).show(NOW)["can"] == {"release": True, "abort": True}

@@ -161,7 +161,7 @@ def _put(drawing: str) -> None:
 
 def _line(lease: Lease, position: Position | None, goal: Position | None) -> str:
     status = lease.status
-    if not lease.is_engaged or status is None or status.phase in (status.phase.ABORTED, status.phase.LANDING):
+    if not lease.is_engaged or status is None or not status.phase.is_streamed:
         return lease.reason
     # What the pilot does meanwhile is said once, by itself.
     words = [status.stage.partition(":")[0]] if status.stage else []

@@ -23,7 +23,7 @@ from mkdaemon.control.admission.sightlooks import (
     stamps,
     target,
 )
-from mkdaemon.control.admission.situation import Situation
+from mkdaemon.control.admission.situation import Entry, Situation
 from mkdaemon.control.batterywatch import low_voltage
 from mkdaemon.control.estimator.model import Gap
 from mkdaemon.control.estimator.values import GAS_CENTRE
@@ -277,15 +277,45 @@ def _motors_run(now: Situation, wanted: NewManoeuvre) -> Verdict:
     return _waiting(wanted, "running motors: the pilot starts them, throttle at its lowest")
 
 
+def _in_air(now: Situation, wanted: NewManoeuvre) -> Verdict:
+    """Nothing that integrates begins while the aircraft stands or is held by hand: its throttle would wind up."""
+    entry = now.entry
+    if now.motors_running is False:
+        detail = "its motors stand still"
+    elif now.flight is not None and now.flight.is_flying is False:
+        detail = "the board says that it does not fly"
+    elif entry is not None and entry.age <= now.cfg.autopilot.entry_age and _feet(now, entry) <= STANDS:
+        detail = f"its feet are {100.0 * max(_feet(now, entry), 0.0):.0f} cm above the target"
+    else:
+        return passed()
+    return _grounded(wanted, detail)
+
+
+def _off_ground(now: Situation, wanted: NewManoeuvre) -> Verdict:
+    """A take-off or landing that touches the ground ends by itself, by an abort or by a release."""
+    if now.flown is None or now.flown is wanted.concern or not now.is_touching:
+        return passed()
+    return _grounded(wanted, f"its {now.flown} has not left the ground, or is about to touch it")
+
+
+def _grounded(wanted: NewManoeuvre, detail: str) -> Verdict:
+    refusal = refuse(Token.NOT_FLYING, name=f"setpoint/{wanted.concern}", detail=detail)
+    return Verdict(CheckState.STANDS, f"an aircraft in the air: {detail}", refusal)
+
+
+def _feet(now: Situation, entry: Entry) -> float:
+    """Height of the feet above the target [m]."""
+    return entry.height - now.cfg.autopilot.stand_height
+
+
 def _feet_down(now: Situation, wanted: NewManoeuvre) -> Verdict:
     """A take-off begins with the lowest throttle, which would drop an aircraft that a pilot holds in the air."""
     entry = now.entry
     if entry is None or entry.age > now.cfg.autopilot.entry_age:
         return passed()
-    feet = entry.height - now.cfg.autopilot.stand_height
-    if feet <= STANDS:
+    if _feet(now, entry) <= STANDS:
         return passed()
-    return _waiting(wanted, f"an aircraft on the ground: its feet are {feet:.1f} m above the target")
+    return _waiting(wanted, f"an aircraft on the ground: its feet are {_feet(now, entry):.1f} m above the target")
 
 
 def _throttle_low(now: Situation, wanted: NewManoeuvre) -> Verdict:
@@ -541,6 +571,23 @@ FLIGHT_ROWS: Final = (
         tokens=(Token.NO_ANSWER,),
         look=_answer,
         rule=Rule.WAITS,
+    ),
+    Row(
+        name="ground contact",
+        concerns=BY_TARGET,
+        stands="a take-off that no image has shown off the ground is flown, or the last centimetres of a landing",
+        tokens=(Token.NOT_FLYING,),
+        look=_off_ground,
+        rule=Rule.ALWAYS,
+    ),
+    Row(
+        name="flying aircraft",
+        concerns=_IN_SIGHT,
+        stands=f"motors stand still, the board says that it does not fly, or its feet are no more than "
+        f"{100 * STANDS:g} cm above the target",
+        tokens=(Token.NOT_FLYING,),
+        look=_in_air,
+        rule=Rule.ENTRY,
     ),
     _entry("fresh image", "the newest image is older than `entry_age`", _fresh_image, concerns=_IN_SIGHT),
     _once(_entry("speed", "it moves faster than `entry_speed` against the target", _slow, concerns=_IN_SIGHT)),

@@ -109,6 +109,7 @@ class Situation:
         contradicting: cameras whose poses contradict those of the others.
         target_age: time since the newest image of a target [s]; None where there was none.
         seen: computes `entry`: most conditions do not ask for it, and it costs a prediction of the estimate.
+        is_touching: what is flown may touch the ground: a take-off not yet seen to fly, the end of a landing.
         unanswered: why the sticks of a flight by the target do not act, in words; empty where they may.
         compared: computes `stamps`, in a millisecond.
         free_disk: where the recorder writes [bytes]; None where nobody looked.
@@ -143,6 +144,7 @@ class Situation:
     contradicting: tuple[str, ...]
     target_age: float | None
     seen: Callable[[], Entry | None]
+    is_touching: bool
     unanswered: str
     compared: Callable[[], Match | None]
     free_disk: float | None

@@ -130,7 +130,7 @@ class ByTarget(ABC):
         return False
 
     def _level(self, gas: float, end: End | None) -> Step:
-        return Step(level_at(gas), self.kind, obstacle=_NO_TARGET, end=end)
+        return Step(level_at(gas), self.kind, obstacle=_NO_TARGET, end=end, is_level=True)
 
     def _lost_sight(self, estimate: Estimate) -> End | None:
         """The end of a flight that sees no target any more; None while it may come back into sight."""

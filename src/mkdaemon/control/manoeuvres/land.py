@@ -288,4 +288,4 @@ class Land(ByTarget):
             may_touch = landing.phase is LandingPhase.COMMIT
             return Step(sticks, self.kind, stage=stage, error=error, may_touch=may_touch)
         level = level_at(estimate.hover_gas)
-        return Step(level, self.kind, stage=stage, end=self._lost_sight(estimate), error=error)
+        return Step(level, self.kind, stage=stage, end=self._lost_sight(estimate), error=error, is_level=True)

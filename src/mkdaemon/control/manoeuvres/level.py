@@ -36,7 +36,8 @@ class Level:
         """Decide the sticks."""
         self.stepped_at = now
         estimator = self._sight.estimator
-        return Step(level_at(self._sight.hover_gas if estimator is None else estimator.hover_gas), self.kind)
+        gas = self._sight.hover_gas if estimator is None else estimator.hover_gas
+        return Step(level_at(gas), self.kind, is_level=True)
 
     def height_seen(self, height: float, at: float) -> float | None:
         """Nothing follows from it."""

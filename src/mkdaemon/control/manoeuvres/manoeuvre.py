@@ -67,6 +67,7 @@ class Step:
         stands: the aircraft stands on the ground, where nothing is estimated: no model here knows the ground.
         may_touch: the ground may hold the aircraft's tilt, so that no answer to its sticks says nothing.
         is_unanswered: the aircraft does not answer its sticks.
+        is_level: no tilt at hover throttle because nothing else can be flown: not what anybody asked for.
     """
 
     sticks: Sticks
@@ -79,6 +80,7 @@ class Step:
     stands: bool = False
     may_touch: bool = False
     is_unanswered: bool = False
+    is_level: bool = False
 
 
 class Manoeuvre(Protocol):

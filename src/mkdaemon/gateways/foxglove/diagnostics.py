@@ -15,7 +15,7 @@ from foxglove import Schema
 from mkdaemon.gateways.foxglove.names import Names, time_ns
 from mkdaemon.record.entry import NANOSECONDS
 from mkdaemon.telemetry.base import Stamped
-from mkdaemon.telemetry.control import ControlStatus, Phase
+from mkdaemon.telemetry.control import ControlStatus, Tone
 from mkdaemon.telemetry.link import LinkCondition, LinkHealth
 from mkdaemon.telemetry.preflight import Blocks, CheckState, ControlPreflight, Finding
 from mkdaemon.telemetry.record import RecorderState, RecordStatus
@@ -63,16 +63,11 @@ def _link(value: LinkHealth) -> Status:
 
 
 def _control(value: ControlStatus) -> Status:
-    level = _PHASES.get(value.phase, Level.OK)
+    level = _LEVELS[value.phase.tone]
     return Status("control", level, f"{value.phase}: {value.reason}", _values(value))
 
 
-_PHASES: Final = {
-    Phase.STALE: Level.ERROR,
-    Phase.ABORTED: Level.WARN,
-    Phase.LANDING: Level.WARN,
-    Phase.RELEASING: Level.WARN,
-}
+_LEVELS: Final = {Tone.NOTE: Level.OK, Tone.OK: Level.OK, Tone.WARN: Level.WARN, Tone.BAD: Level.ERROR}
 
 
 def _battery(value: Battery) -> Status:

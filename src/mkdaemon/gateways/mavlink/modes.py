@@ -98,7 +98,6 @@ _BY_MODE: Final = {row.mode: row for row in ROWS}
 _BY_MANOEUVRE: Final = {"takeoff": Mode.TAKEOFF, "land": Mode.LAND, "hold": Mode.HOLD}
 _BY_SWITCH: Final = {GpsMode.HOLD: Mode.POSITION, GpsMode.COME_HOME: Mode.RETURN}
 _LIST_FLOWN: Final = frozenset({NaviStage.ROUTE, NaviStage.AT_POINT})
-_FLOWN: Final = frozenset({Phase.FLYING, Phase.STALE, Phase.UNANSWERED, Phase.ABORTED, Phase.LANDING})
 
 
 def row_of(mode: Mode) -> Row:
@@ -153,7 +152,7 @@ def mode_now(picture: Picture, by_sticks: Mode | None = None) -> Mode:
     status, flight = picture.get(ControlStatus), picture.get(Flight)
     if flight is not None and flight.emergency_landing:
         return Mode.LAND
-    if status is not None and status.phase in _FLOWN:
+    if status is not None and status.phase.is_in_flight:
         if status.phase is Phase.LANDING:
             return Mode.LAND
         if status.phase is Phase.ABORTED:

@@ -10,7 +10,7 @@ from typing import Any, Final
 from mkdaemon.gateways.ros2.messages import Scene, header, key_value
 from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.base import Stamped
-from mkdaemon.telemetry.control import ControlStatus, Phase
+from mkdaemon.telemetry.control import ControlStatus, Tone
 from mkdaemon.telemetry.link import LinkCondition, LinkHealth
 from mkdaemon.telemetry.state import Battery
 from mkdaemon.telemetry.vehicle import VehicleHealth
@@ -79,8 +79,8 @@ def of_battery(value: Battery) -> Diagnosis:
 
 def of_lease(value: ControlStatus) -> Diagnosis:
     """Who flies."""
-    bad = {Phase.STALE, Phase.UNANSWERED, Phase.LANDING, Phase.ABORTED}
-    level = Level.WARN if value.phase in bad or value.pilots_throttle is not None else Level.OK
+    is_well = value.phase.tone in (Tone.NOTE, Tone.OK) and value.pilots_throttle is None
+    level = Level.OK if is_well else Level.WARN
     values = {
         "phase": value.phase.value,
         "holder": None if value.lease is None else value.lease.holder,

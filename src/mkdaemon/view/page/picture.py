@@ -22,7 +22,6 @@ from mkdaemon.telemetry.control import (
     ControlFence,
     ControlOutput,
     ControlStatus,
-    Phase,
 )
 from mkdaemon.telemetry.image import CameraFrame
 from mkdaemon.telemetry.link import LinkHealth
@@ -237,7 +236,7 @@ class Picture:
     def _can(self) -> dict[str, bool]:
         """Which buttons can be pressed: both where a daemon is, unless it is known that nothing is flown to abort."""
         status = self._known.fresh("control/status", ControlStatus)
-        may_fly = status is None or status.phase in {Phase.FLYING, Phase.STALE, Phase.LANDING}
+        may_fly = status is None or status.phase.may_be_aborted
         is_live = self.is_here and not self.is_played
         return {"release": is_live, "abort": is_live and may_fly}
 

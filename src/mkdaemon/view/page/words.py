@@ -79,18 +79,9 @@ def verdict_of(known: Knowledge, *, is_here: bool, is_played: bool) -> tuple[str
         if link is None or link.condition.is_usable:
             return words, "ok"
         return f"{words}; {_LINK_WORDS[link.condition]}", "warn"
-    return _phase(status), _PHASES[status.phase][1]
+    return _phase(status), status.phase.tone
 
 
-_PHASES: Final = {
-    Phase.FREE: ("nobody holds the lease", "note"),
-    Phase.LEASED: ("{holder} waits to fly", "note"),
-    Phase.FLYING: ("{holder} flies", "ok"),
-    Phase.STALE: ("{holder} is silent: neutral sticks", "bad"),
-    Phase.ABORTED: ("Aborted: it holds or flies level", "warn"),
-    Phase.LANDING: ("Battery low: it lands by itself", "warn"),
-    Phase.RELEASING: ("Released: the pilot has it", "warn"),
-}
 _LINK_WORDS: Final = {
     LinkCondition.UP: "link up",
     LinkCondition.DEGRADED: "link degraded",
@@ -104,7 +95,7 @@ _LINK_WORDS: Final = {
 
 
 def _phase(status: ControlStatus) -> str:
-    words = _PHASES[status.phase][0].format(holder=_holder(status))
+    words = status.phase.words.format(holder=_holder(status))
     manoeuvre = f": {_manoeuvre_words(status)}" if status.phase is Phase.FLYING and status.manoeuvre else ""
     return words[:1].upper() + words[1:] + manoeuvre
 
@@ -127,10 +118,10 @@ Words = tuple[str, str]
 
 
 def _authority(status: ControlStatus, known: Knowledge) -> Words:
-    words = _PHASES[status.phase][0].format(holder=_holder(status))
+    words = status.phase.words.format(holder=_holder(status))
     words = words if status.reason in ("", words) else f"{words}; {status.reason}"
     layout = "" if status.external_control else "; external control is not possible"
-    return words + layout, _PHASES[status.phase][1]
+    return words + layout, status.phase.tone
 
 
 def _manoeuvre(status: ControlStatus, known: Knowledge) -> Words:

@@ -12,6 +12,7 @@ from typing import Any, Final, NamedTuple
 
 from mkdaemon.record.entry import NANOSECONDS, Entry, Kind, unpacked
 from mkdaemon.record.summary import Summary, Taker
+from mkdaemon.telemetry.control import Phase
 from mkdaemon.view.report.happenings import MAKERS, MOST, Happening, Sort
 from mkdaemon.view.report.said import number_of, numbers_of, part_of, text_of
 from mkdaemon.view.report.timeseries import Series
@@ -82,7 +83,7 @@ LAST: Final = frozenset(
     {"health", "link/health", "link/state", "link/traffic", "control/status", "record/status", "vision/*/stats"}
 )
 """Keys whose last value is kept whole."""
-IN_AIR: Final = frozenset({"flying", "stale", "aborted", "landing"})
+IN_AIR: Final = frozenset(phase.value for phase in Phase if phase.is_in_flight)
 """Phases in which the machine steers."""
 STATUS: Final = "control/status"
 _POSE: Final = " pose.x"

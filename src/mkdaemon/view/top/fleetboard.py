@@ -11,7 +11,19 @@ from datetime import UTC, datetime
 from typing import Final
 
 from mkdaemon.spelling import on_one_line
-from mkdaemon.view.top.panels import COLUMNS, STALE, Fields, Part, Row, Tone, Value, age_words, clipped, is_low
+from mkdaemon.view.top.panels import (
+    COLUMNS,
+    STALE,
+    Fields,
+    Part,
+    Row,
+    Tone,
+    Value,
+    age_words,
+    clipped,
+    is_low,
+    phase_part,
+)
 
 KEYS: Final = ("health", "control/status", "state/battery", "state/position")
 """What is watched of every vehicle; each comes once a second or more often."""
@@ -144,11 +156,11 @@ def _who(known: dict[str, Value], _: float) -> Part:
         return UNKNOWN
     fields = status.fields
     phase, lease = fields["phase"], fields["lease"]
-    words = [phase if phase in ("free", "leased") else phase.upper()]
+    word, tone = phase_part(phase)
+    words = [word]
     words += [on_one_line(word) for word in (fields.get("manoeuvre"), lease and lease["holder"]) if word]
     if phase == "free" and health is not None and health.fields["motors_running"]:
         words.append("motors RUN")
-    tone = Tone.PLAIN if phase in ("free", "leased") else Tone.GOOD if phase == "flying" else Tone.WARN
     return " ".join(words), tone
 
 

@@ -14,6 +14,8 @@ from typing import Any, Final
 
 from mkdaemon.client.summary import SEEN, WEAK_CELL
 from mkdaemon.spelling import on_one_line
+from mkdaemon.telemetry import control
+from mkdaemon.telemetry.control import Phase
 from mkdaemon.view.top.horizon import horizon
 
 Fields = Mapping[str, Any]
@@ -60,6 +62,13 @@ class Tone(StrEnum):
     BAR = "reverse"
 
 
+TONES: Final = {
+    control.Tone.NOTE: Tone.PLAIN,
+    control.Tone.OK: Tone.GOOD,
+    control.Tone.WARN: Tone.WARN,
+    control.Tone.BAD: Tone.BAD,
+}
+"""How a state looks."""
 Part = tuple[str, Tone]
 Row = list[Part]
 
@@ -75,6 +84,12 @@ class Value:
 
     fields: Fields
     at: float
+
+
+def phase_part(word: str) -> Part:
+    """A phase of authority; a word that this version does not know is shown like a warning."""
+    tone = next((TONES[phase.tone] for phase in Phase if phase == word), Tone.WARN)
+    return word if tone is Tone.PLAIN else on_one_line(word).upper(), tone
 
 
 class Board:
@@ -230,11 +245,9 @@ class Board:
         fields = value.fields
         holder = self.lease_holder()
         phase = fields["phase"]
-        tone = Tone.PLAIN if phase in ("free", "leased") else Tone.GOOD if phase == "flying" else Tone.WARN
         flown = on_one_line(" ".join(word for word in (fields.get("manoeuvre"), fields.get("stage")) if word))
         words = f", {holder or 'nobody'} has the lease{f', {flown}' if flown else ''}"
-        word = phase if phase in ("free", "leased") else phase.upper()
-        yield [*self._head("control", "control/status", now), (word, tone), (words, Tone.PLAIN)]
+        yield [*self._head("control", "control/status", now), phase_part(phase), (words, Tone.PLAIN)]
         hands = fields.get("hands") and f"; the pilot {on_one_line(fields['hands'])}"
         yield [("         ", Tone.PLAIN), (f"{on_one_line(fields['reason'])}{hands or ''}", Tone.DIM)]
 

@@ -12,6 +12,7 @@ from rich.text import Text
 from mkdaemon.cli.mkctl.teleop.session import Session
 from mkdaemon.cli.mkctl.teleop.watcher import Watcher
 from mkdaemon.control.teleop.hands import Hands
+from mkdaemon.telemetry.control import Phase, Tone
 
 COLUMNS: Final = 80
 """Width everything fits into."""
@@ -27,7 +28,7 @@ KEYBOARD_LEGEND: Final = (
     "f fine  l lock  c recentre  r reset  8 2 4 6 trim  T take-off  H hold  L land",
     "X stop the motors  q quit",
 )
-_FLOWN: Final = {"flying": GOOD, "stale": BAD, "unanswered": BAD, "aborted": BAD, "landing": BAD, "releasing": BAD}
+_COLOURS: Final = {Tone.NOTE: PLAIN, Tone.OK: GOOD, Tone.WARN: BAD, Tone.BAD: BAD}
 
 
 def bar(value: float | None, sent: float | None) -> str:
@@ -148,7 +149,7 @@ def _lease(session: Session, watcher: Watcher) -> Text:
     return _line(
         ("lease    ", DIM),
         (f"{'this program' if is_ours else holder[:34]:35}", "bold" if is_ours else PLAIN),
-        (f"mode {phase:10}", _FLOWN.get(phase, PLAIN)),
+        (f"mode {phase:10}", next((_COLOURS[each.tone] for each in Phase if each == phase), PLAIN)),
         *_age(watcher, "control/status"),
     )
 
