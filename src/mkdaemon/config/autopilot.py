@@ -71,7 +71,7 @@ class AutopilotConfig(Section):
     """Without an image for this long the reference stands still [s].
 
     Longer follows a reference that nobody sees; shorter stands still at every lost image."""
-    search_after: float = Field(default=0.5, gt=0, le=5)
+    search_after: float = Field(default=1.0, gt=0, le=5)
     """Without an image for this long the aircraft rises and returns to where the target was seen last [s].
 
     Longer waits while the wind carries it away; shorter leaves its place for every image that is missing."""

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from mkdaemon.config.autopilot import AutopilotConfig
 from mkdaemon.control.estimator.estimator import Estimator
 from mkdaemon.control.limiter import Sticks
-from mkdaemon.control.manoeuvres.by_target import TURNED, Arrival, error_value
+from mkdaemon.control.manoeuvres.by_target import SEARCHES, TURNED, Arrival, error_value
 from mkdaemon.control.manoeuvres.goto import Goto
 from mkdaemon.control.manoeuvres.hold import Hold
 from mkdaemon.control.manoeuvres.velocity import Velocity
@@ -67,27 +67,36 @@ def test_without_any_target_it_ends_at_once_at_the_throttle_that_was_believed():
     assert step.obstacle == "waiting for a target in sight"
 
 
-def test_out_of_sight_it_flies_on_then_is_level_then_ends(settled):
+def test_out_of_sight_it_flies_on_then_searches_then_ends(settled):
     aircraft = settled()
     hold = aircraft.begin(Hold(aircraft.sight, CFG))
     aircraft.fly(hold, 1.0)
     aircraft.sees, last = False, aircraft.now
     steps = {round(step_at - last, 3): step for step_at, step in timed(aircraft, hold, 3.2)}
-
-    def outcomes(start, end):
-        return {step.end.outcome if step.end else None for age, step in steps.items() if start < age < end}
-
-    flown = [step for age, step in steps.items() if age < CFG.level_after]
+    flown = [step for age, step in steps.items() if age < CFG.search_after]
     assert all(step.error is not None and not step.obstacle for step in flown)
-    level = [step for age, step in steps.items() if age > CFG.level_after + STEP]
-    assert {(step.sticks.pitch, step.sticks.roll, step.sticks.yaw) for step in level} == {(0.0, 0.0, 0.0)}
-    assert {step.sticks.throttle for step in level} == {round(aircraft.sight.estimator.hover_gas - 127.0)}
-    assert {(step.obstacle, step.error) for step in level} == {("waiting for a target in sight", None)}
-    assert outcomes(0.0, CFG.exit_after) == {None}
-    assert outcomes(CFG.exit_after + STEP, math.inf) == {Outcome.SIGHT_LOST}
-    [said] = {step.end.words for step in level if step.end and step.end.words.endswith("for 3.1 s")}
-    assert said == "no image of pad for 3.1 s"
-    assert next(step for step in level if step.end).end.is_failure
+    search = {age: step for age, step in steps.items() if age > CFG.search_after + 2 * STEP}
+    assert {(step.obstacle, step.stage, step.error) for age, step in search.items() if age < 1.5} == {
+        ("waiting for a target in sight", SEARCHES, None)
+    }
+    carries = aircraft.sight.estimator.hover_gas - 127.0
+    assert max(step.sticks.throttle for age, step in search.items() if age < 1.5) > carries, "it rises"
+    ends = [age for age, step in steps.items() if step.end is not None]
+    assert min(ends) == pytest.approx(CFG.exit_after, abs=2 * STEP + 1e-6)
+    end = steps[min(ends)].end
+    assert (end.outcome, end.is_failure) == (Outcome.SIGHT_LOST, True)
+    assert end.words.startswith("no image of pad for 3.")
+
+
+def test_where_the_aircraft_may_be_outside_the_fence_it_does_not_search():
+    cfg = AutopilotConfig(fence_radius=0.2)
+    aircraft = Hovering(ABOVE, cfg=cfg).watch(1.0)
+    hold = aircraft.begin(Hold(aircraft.sight, cfg))
+    aircraft.fly(hold, 1.0)
+    aircraft.sees = False
+    step = aircraft.fly(hold, 2.5)[-1]
+    level = Sticks(0.0, 0.0, 0.0, round(aircraft.sight.estimator.hover_gas - 127.0))
+    assert (step.stage, step.sticks) == ("", level)
 
 
 def timed(aircraft, manoeuvre, seconds):

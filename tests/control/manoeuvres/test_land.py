@@ -9,6 +9,7 @@ import pytest
 from mkdaemon.config.autopilot import AutopilotConfig
 from mkdaemon.control.limiter import Sticks
 from mkdaemon.control.manoeuvres.hold import Hold
+from mkdaemon.control.manoeuvres.by_target import SEARCHES
 from mkdaemon.control.manoeuvres.land import Land, LandingPhase
 from mkdaemon.control.sight import Sight
 from mkdaemon.telemetry.control import Outcome
@@ -142,7 +143,7 @@ def test_beside_the_target_it_waits_and_says_so():
     assert aircraft.fly(land, STEP)[0].sticks.pitch < 0, "towards its middle"
 
 
-def test_target_out_of_sight_is_looked_for_then_the_aircraft_is_level_then_it_ends():
+def test_target_out_of_sight_is_searched_for_then_the_landing_ends():
     aircraft, land = landing_of()
     aircraft.fly(land, 0.2)
     aircraft.sees, lost = False, aircraft.now
@@ -150,23 +151,31 @@ def test_target_out_of_sight_is_looked_for_then_the_aircraft_is_level_then_it_en
     while aircraft.now < lost + CFG.exit_after + 0.1:
         [step] = aircraft.fly(land, STEP)
         steps[round(aircraft.now - lost, 3)] = step
-    climbs = [step for age, step in steps.items() if 0.5 < age < CFG.level_after - 0.1]
-    assert climbs[-1].error.goal[2] > climbs[0].error.goal[2], "from above more is in sight"
-    level = {age: step for age, step in steps.items() if age > CFG.level_after + 0.05}
-    assert {(step.sticks.pitch, step.sticks.roll, step.sticks.yaw) for step in level.values()} == {(0.0, 0.0, 0.0)}
-    assert {step.sticks.throttle for step in level.values()} == {round(aircraft.sight.hover_gas - 127.0)}
-    assert {(step.stage, step.error is None) for step in steps.values()} == {("descend", False), ("approach", False)}
+    stages = list(dict.fromkeys(step.stage for age, step in steps.items() if age < 1.5))
+    assert stages == ["descend", "approach", SEARCHES]
     ends = {age for age, step in steps.items() if step.end is not None}
     assert min(ends) == pytest.approx(CFG.exit_after, abs=0.06)
     assert steps[max(ends)].end.outcome is Outcome.SIGHT_LOST
 
 
+def test_a_target_that_a_search_has_found_is_approached_again_from_there():
+    aircraft, land = landing_of()
+    aircraft.fly(land, 0.2)
+    aircraft.sees = False
+    assert aircraft.fly(land, CFG.search_after + 0.1)[-1].stage == SEARCHES
+    aircraft.sees = True
+    steps = aircraft.fly(land, 1.5)
+    assert {step.end for step in steps} == {None}
+    assert {step.stage for step in steps} <= {"approach", "descend"}
+    assert steps[0].error.goal[2] == pytest.approx(aircraft.place[2], abs=0.15), "not where it was before the search"
+
+
 def test_one_that_was_never_flown_does_not_go_down_blind():
     aircraft, land = landing_of()
     aircraft.sees = False
-    aircraft.watch(CFG.level_after + 0.1)
+    aircraft.watch(CFG.search_after + 0.1)
     [step] = aircraft.fly(land, STEP)
-    assert (step.obstacle, step.stage) == ("waiting for a target in sight", "")
+    assert step.obstacle == "waiting for a target in sight"
     assert land.landing is None
 
 

@@ -95,7 +95,7 @@ class ByTarget(ABC):
             return self._search(estimate, autopilot, now, step)
         if self._lost_at_height is not None:
             self._lost_at_height = None
-            self._found()
+            self._found(float(estimate.position[2]))
         return self._fly(estimate, autopilot, now, step, is_flying=is_flying)
 
     def _search(self, estimate: Estimate, autopilot: Autopilot, now: float, step: float) -> Step:
@@ -114,8 +114,8 @@ class ByTarget(ABC):
         sticks = floating(autopilot.sticks(Goal(position=over), now, step))
         return Step(sticks, self.kind, obstacle=_NO_TARGET, stage=SEARCHES)
 
-    def _found(self) -> None:
-        """The target is in sight again after a search."""
+    def _found(self, height: float) -> None:
+        """Take that a search has found the target, seen from a height [m]."""
 
     @abstractmethod
     def abort(self, now: float) -> Manoeuvre:

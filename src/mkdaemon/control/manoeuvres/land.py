@@ -198,6 +198,10 @@ class Landing:
         share = self._commit_gas(estimate.at) if self.phase is LandingPhase.COMMIT else None
         return Goal(position=np.array([0.0, 0.0, self._height]), yaw=yaw, climb=climb, gas_share=share)
 
+    def approach_again(self, height: float) -> None:
+        """Begin the approach once more at a height above the target [m]."""
+        self.phase, self._height = LandingPhase.APPROACH, height
+
     def _commit_gas(self, at: float) -> float:
         """Throttle of the commit [share of hover]: less and less where the aircraft hangs on its cushion."""
         limits = self._limits
@@ -254,7 +258,12 @@ class Land(ByTarget):
         return self if is_decided else Hold(self._sight, self._cfg)
 
     def _flies_blind(self) -> bool:
-        return self.landing is not None
+        return self.landing is not None and self.landing.phase in (LandingPhase.COMMIT, LandingPhase.DOWN)
+
+    def _found(self, height: float) -> None:
+        """Approach the target once more, from where the search has led."""
+        if self.landing is not None:
+            self.landing.approach_again(height)
 
     def step(self, now: float, *, is_flying: bool) -> Step:
         """Decide the sticks; once the feet stand they follow from no estimate."""
