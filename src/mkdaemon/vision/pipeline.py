@@ -23,6 +23,7 @@ from mkdaemon.telemetry.vision import (
     EyeState,
     LensShape,
     PoseRefusal,
+    PoseRefused,
     Tags,
     TagShape,
     TagSighting,
@@ -167,7 +168,7 @@ class CameraPipeline:
         known = attitude.at(image.captured_at, self._max_attitude_age) if attitude is not None else None
         self._unchecked = image, known, heights
         self._judge_attitude(image.captured_at, attitude, known)
-        self._refused.update(reason for _, reason in result.refused)
+        self._refused.update(one.reason for one in result.refused)
         self._timings.append((ready - started, ready - image.captured_at, bool(result.poses)))
         self._failing = 0
         return values
@@ -318,6 +319,17 @@ def values_of(
             for found in result.detections
         )
         yield f"vision/{image.camera}/tags", Tags(**_seen(image, stamp), tags=tags)
+    for one in result.refused:
+        yield (
+            f"vision/{image.camera}/refused",
+            PoseRefused(
+                **_seen(image, stamp),
+                target=one.target,
+                refusal=one.reason,
+                decode_age=one.decode_age,
+                has_attitude=result.has_attitude,
+            ),
+        )
     if mounting is None:
         return
     for pose in result.poses:
