@@ -395,6 +395,6 @@ def test_fits_that_do_not_agree_begin_no_course(before, seed):
     branches, trusted = before(15.0), []
     for k in range(30):
         aside = rng.uniform(-1.0, 1.0, 3) * (1.0, 1.0, 0.2)
-        branches = branches.after(k / 15.0, [seen([0.0, 0.0, 2.0] + aside)])
+        branches = branches.after(k / 15.0, [seen(np.add([0.0, 0.0, 2.0], aside))])
         trusted.append(is_trusted(branches))
     assert not any(trusted[1:]), trusted
