@@ -186,7 +186,7 @@ def _look_at(scene: Scenes, known: bool, make: Callable[..., Tracker]) -> list[d
             start = time.thread_time()
             result = tracker.update(replace(image, sequence=k + turn), said)
             times.append(round(1000.0 * (time.thread_time() - start), 2))
-            pose, refused = result.pose_of(target.name), ",".join(str(why) for _, why in result.refused)
+            pose, refused = result.pose_of(target.name), ",".join(str(one.reason) for one in result.refused)
             if pose is not None:
                 break
         row: dict[str, Any] = {"posed": pose is not None, "wrong": False, "ms": times, "refused": refused}

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import pytest
 
-from mkdaemon.control.vehicle import FRESH, MOTOR_TEST, VehicleMemory
+from mkdaemon.control.vehicle import FRESH, MOTOR_TEST, REFUSALS_KEPT, VehicleMemory
 from mkdaemon.telemetry.control import ControlLine, LeaseState, Obstacle
 from mkdaemon.telemetry.link import LinkHealth
 from mkdaemon.telemetry.state import Battery, Gps, GpsFix, Position
-from mkdaemon.telemetry.vision import VisionStats
+from mkdaemon.telemetry.vision import PoseRefused, VisionStats
 from tests.control.events import STAMP, flight, link_state, pilot
 
 
@@ -192,6 +192,11 @@ def test_what_else_is_told_is_kept():
     facts.link_measured(health)
     assert (facts.eyes, facts.list_changed_at, facts.free_disk) == ((down, forward), 7.0, 5e9)
     assert facts.health is health
+    refused = [PoseRefused.model_construct(sequence=number) for number in range(REFUSALS_KEPT + 1)]
+    assert facts.refused_sights == ()
+    for one in refused:
+        facts.sight_refused(one)
+    assert facts.refused_sights == tuple(refused[1:])
 
 
 @pytest.mark.parametrize("ask", [VehicleMemory.position, VehicleMemory.gps, VehicleMemory.battery])

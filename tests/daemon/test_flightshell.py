@@ -13,7 +13,7 @@ from mkdaemon.clock import Clock
 from mkdaemon.config.control import ControlConfig
 from mkdaemon.control.actions import PublishError, PublishEstimate, SendSticks
 from mkdaemon.control.core import FlightCore
-from mkdaemon.control.events import PoseSeen
+from mkdaemon.control.events import PoseSeen, SightRefused
 from mkdaemon.control.limiter import StickCounts
 from mkdaemon.daemon.deck import Deck
 from mkdaemon.daemon.eyes import PoseSink
@@ -26,6 +26,7 @@ from mkdaemon.telemetry.command import ReleaseRequest
 from mkdaemon.telemetry.control import ControlLine, ErrorValue, EstimateValue, Phase, ReleaseOutcome
 from mkdaemon.telemetry.refusals import Token, refuse
 from mkdaemon.telemetry.setpoint import StickSetpoint
+from mkdaemon.telemetry.vision import PoseRefused
 from tests.control.admission.situations import GOOD
 from tests.control.events import pose
 
@@ -196,10 +197,11 @@ async def test_a_setpoint_that_is_too_long_is_refused_by_its_length():
 
 
 @virtually
-async def test_a_pose_reaches_the_core_and_the_bus_and_other_values_only_the_bus():
-    told, bus = [], Bus()
+async def test_a_pose_and_a_refusal_reach_the_core_and_the_bus_and_other_values_only_the_bus():
+    told, bus, refused = [], Bus(), PoseRefused.model_construct(camera="down")
     sink = PoseSink(lambda event, now: told.append((event, now)), bus, Clock(monotonic=lambda: 1.2))
     sink.publish("vision/down/pose", pose(1.0))
+    sink.publish("vision/down/refused", refused)
     sink.publish("vision/down/stats", ESTIMATE)
-    assert told == [(PoseSeen(pose(1.0)), 1.2)]
-    assert [key for key, _ in bus.published] == ["vision/down/pose", "vision/down/stats"]
+    assert told == [(PoseSeen(pose(1.0)), 1.2), (SightRefused(refused), 1.2)]
+    assert [key for key, _ in bus.published] == ["vision/down/pose", "vision/down/refused", "vision/down/stats"]

@@ -36,6 +36,7 @@ from mkdaemon.control.events import (
     SetpointAccepted,
     SetpointUnreadable,
     SetpointUnsigned,
+    SightRefused,
 )
 from mkdaemon.errors import MkError
 from mkdaemon.record.entry import Kind
@@ -46,7 +47,7 @@ from mkdaemon.telemetry.control import ControlLine, LeaseGrant, Obstacle, Releas
 from mkdaemon.telemetry.link import LinkHealth, LinkState
 from mkdaemon.telemetry.refusals import Token, refuse
 from mkdaemon.telemetry.setpoint import PositionSetpoint, StickSetpoint
-from mkdaemon.telemetry.vision import VisionPose, VisionStats
+from mkdaemon.telemetry.vision import PoseRefused, VisionPose, VisionStats
 from tests.places import DATA
 
 KEY = b"k" * 16
@@ -60,6 +61,10 @@ def recorded(suffix, model):
         if entry.kind is Kind.SAMPLE and entry.suffix == suffix:
             return model.model_validate(msgpack.unpackb(entry.payload))
     raise AssertionError(suffix)
+
+
+REFUSED = {"camera": "down", "sequence": 7, "stamped_by": "driver", "target": "pad", "refusal": "off_course"}
+REFUSED |= {"decode_age": 0.4, "has_attitude": False}
 
 
 def events():
@@ -77,6 +82,7 @@ def events():
         MotorTestSent(),
         ListChanged(),
         PoseSeen(recorded("vision/down/pose", VisionPose)),
+        SightRefused(PoseRefused(stamp=recorded("vision/down/pose", VisionPose).stamp, **REFUSED)),
         EyeStats(recorded("vision/down/stats", VisionStats)),
         FreeDisk(None),
         FreeDisk(1e9),

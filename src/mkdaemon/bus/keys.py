@@ -31,7 +31,7 @@ from mkdaemon.telemetry.state import Altitude, Attitude, Battery, Flight, Gps, P
 from mkdaemon.telemetry.traffic import FrameSample, RawFrame
 from mkdaemon.telemetry.vehicle import VehicleHealth
 from mkdaemon.telemetry.verbs import VERBS
-from mkdaemon.telemetry.vision import CameraSetup, Tags, Transform, VisionPose, VisionStats
+from mkdaemon.telemetry.vision import CameraSetup, PoseRefused, Tags, Transform, VisionPose, VisionStats
 
 __all__ = ["KEYS", "REQUEST_BYTES", "KeySpec", "Use", "find", "of_use", "roots"]
 
@@ -75,6 +75,10 @@ KEYS: Final[tuple[KeySpec, ...]] = (
     KeySpec("control/navi", _P, ControlNavi, "on change; 1 Hz while it flies", "What the NaviCtrl flies by itself."),
     KeySpec("vision/<camera>/tags", _P, Tags, "every image that was searched", "Tags found, with their corners."),
     KeySpec("vision/<camera>/pose", _P, VisionPose, "every image with a pose", "The vehicle against a target."),
+    KeySpec(
+        *("vision/<camera>/refused", _P, PoseRefused, "every image whose pose is refused"),
+        "Why an image that shows a target gave no pose.",
+    ),
     KeySpec(
         "vision/<camera>/stats", _P, VisionStats, "1 Hz and on change", "Rate, latency, refusals, what is in the way."
     ),

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from mkdaemon.telemetry.state import Altitude, Attitude, Battery, Flight, Gps, Pilot, Position, Velocity
     from mkdaemon.telemetry.traffic import FrameSample, RawFrame
     from mkdaemon.telemetry.vehicle import VehicleHealth
-    from mkdaemon.telemetry.vision import CameraSetup, Tags, Transform, VisionPose, VisionStats
+    from mkdaemon.telemetry.vision import CameraSetup, PoseRefused, Tags, Transform, VisionPose, VisionStats
 
 
 class RawKeys:
@@ -115,6 +115,11 @@ class VisionCameraKeys:
             transport, f"vision/{part_of_key(camera)}/pose", "mkdaemon.telemetry.vision:VisionPose"
         )
         """`vision/<camera>/pose`, every image with a pose: The vehicle against a target."""
+        self.refused: Stream[PoseRefused] = Stream(
+            transport, f"vision/{part_of_key(camera)}/refused", "mkdaemon.telemetry.vision:PoseRefused"
+        )
+        """`vision/<camera>/refused`, every image whose pose is refused: Why an image that shows a target gave no
+        pose."""
         self.stats: Stream[VisionStats] = Stream(
             transport, f"vision/{part_of_key(camera)}/stats", "mkdaemon.telemetry.vision:VisionStats"
         )

@@ -57,6 +57,7 @@ from mkdaemon.control.events import (
     SetpointAccepted,
     SetpointUnreadable,
     SetpointUnsigned,
+    SightRefused,
     StateValue,
 )
 from mkdaemon.control.flightwatch import FlightWatch
@@ -125,6 +126,7 @@ class FlightCore:
             MotorTestSent: _noted(lambda event, now: facts.motor_test_sent(now)),
             ListChanged: _noted(lambda event, now: facts.list_changed(now)),
             PoseSeen: self._pose_seen,
+            SightRefused: _noted(lambda event, now: facts.sight_refused(event.refused)),
             EyeStats: self._eye_reported,
             FreeDisk: _noted(lambda event, now: facts.disk_measured(event.free)),
             ModelKnown: self._model_known,

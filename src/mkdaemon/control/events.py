@@ -19,7 +19,7 @@ from mkdaemon.telemetry.command import AbortRequest, LeaseRequest, ReleaseReques
 from mkdaemon.telemetry.control import ControlLine, LeaseState, ReleaseOutcome
 from mkdaemon.telemetry.link import LinkHealth, LinkState
 from mkdaemon.telemetry.setpoint import Setpoint
-from mkdaemon.telemetry.vision import VisionPose, VisionStats
+from mkdaemon.telemetry.vision import PoseRefused, VisionPose, VisionStats
 
 # -- what clients want --------------------------------------------------------------------------------------------
 
@@ -136,6 +136,13 @@ class PoseSeen:
     """A camera saw a target."""
 
     pose: VisionPose
+
+
+@dataclass(frozen=True, slots=True)
+class SightRefused:
+    """A camera saw a target and its eyes refused the pose."""
+
+    refused: PoseRefused
 
 
 @dataclass(frozen=True, slots=True)
@@ -262,6 +269,7 @@ Event = (
     | MotorTestSent
     | ListChanged
     | PoseSeen
+    | SightRefused
     | EyeStats
     | FreeDisk
     | ModelKnown

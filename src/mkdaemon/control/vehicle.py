@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from typing import Final, NamedTuple
 
 from mkdaemon.control.estimator.values import GAS_CENTRE
@@ -9,7 +10,7 @@ from mkdaemon.telemetry.base import Telemetry
 from mkdaemon.telemetry.control import ControlLine, Obstacle
 from mkdaemon.telemetry.link import LinkHealth, LinkState
 from mkdaemon.telemetry.state import Battery, Flight, Gps, Pilot, Position
-from mkdaemon.telemetry.vision import VisionStats
+from mkdaemon.telemetry.vision import PoseRefused, VisionStats
 
 FRESH: Final = 2.0
 """Knowledge about motors, flight and pilot that is older is none [s]."""
@@ -25,6 +26,9 @@ FC_LOST: Final = "the NaviCtrl does not hear its FlightCtrl, which may be bootin
 """Why nobody may fly while it does not."""
 MOTOR_TEST: Final = 1.0
 """A motor test turns motors for 0.5 s, and the last message that shows them turning may be as old again [s]."""
+
+REFUSALS_KEPT: Final = 256
+"""Refused images that are kept: four seconds of two cameras at 30 Hz, longer than a flight goes on without a pose."""
 
 
 class _Motors(NamedTuple):
@@ -60,6 +64,7 @@ class VehicleFacts:
         self._is_fc_lost = False
         self._health: LinkHealth | None = None
         self._eyes: dict[str, VisionStats] = {}
+        self._refused: deque[PoseRefused] = deque(maxlen=REFUSALS_KEPT)
         self._highest_voltage = 0.0
         self._list_changed_at = float("-inf")
         self._free_disk: float | None = None
@@ -90,6 +95,11 @@ class VehicleFacts:
     def eyes(self) -> tuple[VisionStats, ...]:
         """What each camera last said of itself."""
         return tuple(self._eyes.values())
+
+    @property
+    def refused_sights(self) -> tuple[PoseRefused, ...]:
+        """The newest images whose pose the eyes refused, of all cameras, in the order of their arrival."""
+        return tuple(self._refused)
 
     @property
     def highest_voltage(self) -> float:
@@ -206,6 +216,10 @@ class VehicleMemory(VehicleFacts):
     def eye_reported(self, stats: VisionStats) -> None:
         """Take what a camera says of itself."""
         self._eyes[stats.camera] = stats
+
+    def sight_refused(self, refused: PoseRefused) -> None:
+        """Keep an image whose pose the eyes refused."""
+        self._refused.append(refused)
 
     def disk_measured(self, free: float | None) -> None:
         """Note how much can be recorded [bytes]."""

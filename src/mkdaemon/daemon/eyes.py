@@ -13,11 +13,11 @@ import structlog
 from mkdaemon.bus.gateway import Bus
 from mkdaemon.clock import Clock
 from mkdaemon.config.root import Config
-from mkdaemon.control.events import EyeStats, Feed, PoseSeen
+from mkdaemon.control.events import EyeStats, Feed, PoseSeen, SightRefused
 from mkdaemon.daemon.audit import Outlet
 from mkdaemon.telemetry.base import Telemetry
 from mkdaemon.telemetry.state import Altitude, Attitude
-from mkdaemon.telemetry.vision import VisionPose, VisionStats
+from mkdaemon.telemetry.vision import PoseRefused, VisionPose, VisionStats
 
 if TYPE_CHECKING:
     from mkdaemon.vision.camera.image import CameraImage
@@ -77,6 +77,8 @@ class PoseSink:
         """Hand a value on; see `Bus.publish`."""
         if isinstance(value, VisionPose):
             self._feed(PoseSeen(value), self._clock.now())
+        elif isinstance(value, PoseRefused):
+            self._feed(SightRefused(value), self._clock.now())
         elif isinstance(value, VisionStats):
             self._feed(EyeStats(value), self._clock.now())
         self._bus.publish(suffix, value)

@@ -127,6 +127,19 @@ class PoseRefusal(StrEnum):
     """None of its tags was decoded for too long."""
 
 
+class PoseRefused(Seen):
+    """An image that shows a target and gave no pose: `vision/<camera>/refused`, one value a target and image."""
+
+    target: str
+    """Name of the target."""
+    refusal: PoseRefusal
+    """The first check that the measured pose failed."""
+    decode_age: float | None
+    """Time since a tag of the target was last decoded [s], 0 in this image; none where the eyes have to find it."""
+    has_attitude: bool
+    """Whether an attitude of the vehicle was used for this image."""
+
+
 class Alarm(StrEnum):
     """What is wrong with a camera's images, its calibration or its target's file."""
 

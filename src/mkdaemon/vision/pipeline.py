@@ -23,6 +23,7 @@ from mkdaemon.telemetry.vision import (
     EyeState,
     LensShape,
     PoseRefusal,
+    PoseRefused,
     Tags,
     TagShape,
     TagSighting,
@@ -32,7 +33,7 @@ from mkdaemon.telemetry.vision import (
     VisionStats,
 )
 from mkdaemon.vision.arrays import Array
-from mkdaemon.vision.camera.calibration_file import Intrinsics, load_camera, mount_rotation
+from mkdaemon.vision.camera.calibration_file import Camera, Intrinsics, load_camera, mount_rotation
 from mkdaemon.vision.camera.camera import StreamStatus
 from mkdaemon.vision.camera.exposure import ExposureControl
 from mkdaemon.vision.camera.image import CameraImage, in_light
@@ -86,10 +87,28 @@ class CameraPipeline:
         ConfigError: a camera or target file is wrong, or there is no target.
     """
 
-    def __init__(self, cfg: CameraSection, vision: VisionSection, clock: Clock) -> None:
+    def __init__(
+        self,
+        cfg: CameraSection,
+        vision: VisionSection,
+        clock: Clock,
+        *,
+        camera: Camera | None = None,
+        tagmap: TagMap | None = None,
+    ) -> None:
+        """Read the files that `cfg` names.
+
+        Args:
+            cfg: of the camera.
+            vision: of the tracker.
+            clock: stamps.
+            camera: contents of a camera file, in place of `cfg.calibration`.
+            tagmap: the targets, in place of `cfg.targets`.
+        """
         self.cfg, self._clock = cfg, clock
-        camera = load_camera(cfg.calibration) if cfg.calibration is not None else None
-        if not cfg.targets:
+        if camera is None and cfg.calibration is not None:
+            camera = load_camera(cfg.calibration)
+        if tagmap is None and not cfg.targets:
             msg = f'camera {cfg.name}: no targets; set `targets`, for example ["configs/targets/nested.toml"]'
             raise ConfigError(msg)
         mount = cfg.mount or (camera.mount if camera is not None else None)
@@ -97,7 +116,7 @@ class CameraPipeline:
         self._intrinsics = camera.intrinsics if camera is not None else None
         self._projection = Projection(self._intrinsics) if self._intrinsics is not None else None
         self._gamma = self._intrinsics.gamma if self._intrinsics is not None else 1.0
-        self._tagmap = load(cfg.targets)
+        self._tagmap = tagmap if tagmap is not None else load(cfg.targets)
         # Without a known mounting the attitude says nothing about the camera: no gate, no prediction from it.
         self.tracker = Tracker(self._tagmap, self._intrinsics, self._mounting, vision.tracker)
         self._check = TargetCheck(self._tagmap, self._projection)
@@ -167,7 +186,7 @@ class CameraPipeline:
         known = attitude.at(image.captured_at, self._max_attitude_age) if attitude is not None else None
         self._unchecked = image, known, heights
         self._judge_attitude(image.captured_at, attitude, known)
-        self._refused.update(reason for _, reason in result.refused)
+        self._refused.update(one.reason for one in result.refused)
         self._timings.append((ready - started, ready - image.captured_at, bool(result.poses)))
         self._failing = 0
         return values
@@ -318,6 +337,17 @@ def values_of(
             for found in result.detections
         )
         yield f"vision/{image.camera}/tags", Tags(**_seen(image, stamp), tags=tags)
+    for one in result.refused:
+        yield (
+            f"vision/{image.camera}/refused",
+            PoseRefused(
+                **_seen(image, stamp),
+                target=one.target,
+                refusal=one.reason,
+                decode_age=one.decode_age,
+                has_attitude=result.has_attitude,
+            ),
+        )
     if mounting is None:
         return
     for pose in result.poses:

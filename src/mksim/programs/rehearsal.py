@@ -11,7 +11,7 @@ import os
 import random
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import AbstractContextManager, ExitStack, suppress
+from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, Protocol, TypeVar
@@ -19,15 +19,15 @@ from typing import Any, Final, Protocol, TypeVar
 from pydantic import BaseModel
 
 from mkdaemon.clock import Clock
+from mkdaemon.config.camera import CameraSection
 from mkdaemon.config.link import LinkConfig
 from mkdaemon.config.record import RecordConfig
 from mkdaemon.config.root import Config
 from mkdaemon.config.vision import VisionSection
-from mkdaemon.control.events import Feed, PoseSeen
-from mkdaemon.daemon.eyes import Eyes
+from mkdaemon.control.events import Feed
+from mkdaemon.daemon.eyes import Eyes, PoseSink
 from mkdaemon.daemon.procedures import Journal
 from mkdaemon.daemon.wiring import Wiring
-from mkdaemon.errors import MkError
 from mkdaemon.telemetry.control import ControlError, ControlEstimate, ControlStatus
 from mkdaemon.telemetry.setpoint import (
     LandSetpoint,
@@ -37,19 +37,18 @@ from mkdaemon.telemetry.setpoint import (
     TakeOffSetpoint,
 )
 from mkdaemon.telemetry.state import Attitude
-from mkdaemon.telemetry.vision import VisionPose
+from mkdaemon.telemetry.vision import EyeState, VisionPose
 from mkdaemon.virtualtime import AtOnce
-from mkdaemon.vision.camera.calibration_file import Intrinsics, mount_rotation
+from mkdaemon.vision.camera.calibration_file import Intrinsics
+from mkdaemon.vision.camera.camera import StreamStatus
 from mkdaemon.vision.camera.image import CameraImage
-from mkdaemon.vision.pipeline import values_of
-from mkdaemon.vision.track.attitude import AttitudeHistory, AttitudeSample, Mounting
-from mkdaemon.vision.track.tracker import Tracker
+from mkdaemon.vision.pipeline import CameraPipeline
+from mkdaemon.vision.track.attitude import AttitudeHistory, AttitudeSample
 from mksim.config import PilotPlan, SimConfig, WindClass
 from mksim.physics.world import World
 from mksim.programs.flightrecord import Moment, Rehearsed
 from mksim.programs.flighttape import FlightTape
 from mksim.programs.virtualports import Aircraft, Cable, LocalBus
-from mksim.programs.watchedeyes import WatchedEyes
 from mksim.scene.camera import BodyState, Grey, SceneCamera, landing_world
 from mksim.scene.nested import nested_map
 from mksim.simulation import Simulation
@@ -93,6 +92,8 @@ CAMERA: Final = "down"
 """Name of the simulated camera."""
 ATTITUDES_KEPT: Final = 200
 """Attitudes kept for late images."""
+JPEG_HZ: Final = 5.0
+"""Images that are shown a second."""
 JITTER: Final = 0.005
 """Standard deviation of the latency [s]."""
 
@@ -109,30 +110,27 @@ class RehearsedEyes(Eyes):
     Attributes:
         images: looked at so far.
         posed: of those, with a pose.
-        is_watched: somebody looks at what the camera sees; tags and poses are shown in any case.
+        is_watched: somebody looks at the images.
     """
 
     def __init__(
-        self, scene: SceneCamera, world: World, feed: Feed, clock: Clock, seed: int, show: Show, lens: Intrinsics
+        self, scene: SceneCamera, world: World, feed: Feed, clock: Clock, seed: int, bus: LocalBus, lens: Intrinsics
     ) -> None:
         super().__init__(None)
         self.images = self.posed = 0
         self.is_watched = False
-        self._show = show
-        self._scene, self._world, self._feed, self._clock = scene, world, feed, clock
+        self._sink = PoseSink(feed, bus, clock)
+        self._scene, self._world, self._clock = scene, world, clock
         self._rng = random.Random(f"{seed} latency")
         self._attitudes: deque[AttitudeSample] = deque(maxlen=ATTITUDES_KEPT)
-        mount = scene.camera.mount
-        self._mounting = Mounting(mount_rotation(mount), scene.arm_flu)
-        vision = VisionSection()
-        tags = nested_map()
-        self._watched = WatchedEyes(CAMERA, lens, self._mounting, tags)
-        self._tracker = Tracker(
-            tags,
-            lens,
-            self._mounting,
-            vision.tracker,
+        self._pipeline = CameraPipeline(
+            CameraSection(name=CAMERA, source="simulated", jpeg_hz=JPEG_HZ, jpeg_quality=80, jpeg_width=lens.width),
+            VisionSection(),
+            clock,
+            camera=scene.camera.model_copy(update={"intrinsics": lens}),
+            tagmap=nested_map(),
         )
+        self._stream = StreamStatus(EyeState.OK, "", fps=scene.cfg.fps, width=lens.width, height=lens.height)
 
     def attitude_received(self, attitude: Attitude) -> None:
         """Tell the eyes how the vehicle lies."""
@@ -154,18 +152,16 @@ class RehearsedEyes(Eyes):
 
     def _look(self, pixels: Grey, exposed: float) -> None:
         self.images += 1
-        now = self._clock.now()
-        image = CameraImage(pixels, exposed, now, self.images, CAMERA, "header")
-        with suppress(MkError):
-            result = self._tracker.update(image, AttitudeHistory(tuple(self._attitudes)))
-            for suffix, value in values_of(result, image, self._clock.stamp(exposed), self._mounting, now):
-                if isinstance(value, VisionPose):
-                    self.posed += 1
-                    self._feed(PoseSeen(value), now)
-                self._show(suffix, value)
-            if self.is_watched:
-                for suffix, value in self._watched.values_due(image, bool(result.poses), self._clock):
-                    self._show(suffix, value)
+        pipeline = self._pipeline
+        image = CameraImage(pixels, exposed, self._clock.now(), self.images, CAMERA, "header")
+        values = pipeline.process(image, AttitudeHistory(tuple(self._attitudes)))
+        self.posed += any(isinstance(value, VisionPose) for _, value in values)
+        pipeline.check_files()
+        values += pipeline.report(self._stream._replace(images=self.images), self._clock.stamp())
+        if self.is_watched and (picture := pipeline.picture(image)) is not None:
+            values.append(picture)
+        for suffix, value in values:
+            self._sink.publish(suffix, value)
 
 
 HEIGHT: Final = 2.0
@@ -287,7 +283,7 @@ class Rehearsal:
 
         def make_eyes(feed: Feed) -> RehearsedEyes:
             lens = calibrated(self._scene.camera.intrinsics)
-            eyes.append(RehearsedEyes(self._scene, world, feed, clock, seed, self.bus.publish, lens))
+            eyes.append(RehearsedEyes(self._scene, world, feed, clock, seed, self.bus, lens))
             return eyes[0]
 
         self._wiring = Wiring(

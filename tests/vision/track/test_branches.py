@@ -326,3 +326,75 @@ def test_a_course_that_knows_less_expects_a_place_less():
         known.join(*places([pose]))[1][0] for known, pose in ((course, seen(course.centre)), (later, aimed))
     )
     assert before > after + 3.0
+
+
+LONG_AGO = 40.0
+"""Time for which a course was not joined [s]: beside an attitude nothing asks for it."""
+WON = 0.3
+"""Time of images in which fits that agree win against any course [s]."""
+
+
+def stood(rate_hz: float) -> Branches:
+    """A single image from close to the target: the course knows no velocity, 17 cm in the next image at 12 Hz."""
+    return Branches.begin(-1.0 / rate_hz, [seen([0.0, 0.0, 0.12])])
+
+
+def hovered(rate_hz: float) -> Branches:
+    """Two seconds over one place: a course that knows its velocity."""
+    branches = Branches.begin(-2.0, [seen([0.0, 0.0, 2.0])])
+    for k in range(1, int(2.0 * rate_hz)):
+        branches = branches.after(-2.0 + k / rate_hz, [seen([0.0, 0.0, 2.0])])
+    return branches
+
+
+def waited(rate_hz: float) -> Branches:
+    """A course that no image joined for a long time."""
+    before = hovered(rate_hz)
+    return replace(before, course=replace(before.course, time=before.course.time - LONG_AGO))
+
+
+def is_trusted(branches: Branches) -> bool:
+    """What a pose is asked before it is published: decided, and where its course expects it."""
+    is_near = branches.prior.mahalanobis2(branches.pose) <= LIMITS.certainty.deviations**2
+    return branches.is_decided and not branches.missed[0] and is_near
+
+
+@pytest.mark.parametrize("rate_hz", [15.0, 30.0])
+@pytest.mark.parametrize("inliers", [1.0, 0.7])
+@pytest.mark.parametrize(
+    ("before", "start", "velocity"),
+    [
+        (stood, (0.0, 0.0, 0.12), (0.0, 0.0, 0.0)),
+        (stood, (0.01, 0.0, 0.14), (0.1, 0.0, 0.8)),
+        (hovered, (0.28, 0.0, 2.0), (0.0, 0.0, 0.0)),  # its attitude was off by 8 degrees
+        (hovered, (0.1, 0.05, 2.0), (0.3, 0.2, 0.0)),
+        (hovered, (0.9, -0.3, 1.6), (0.0, 0.5, -0.3)),
+        (hovered, (0.0, 0.0, 4.0), (0.0, 0.0, 0.0)),
+        (waited, (0.0, 0.0, 2.0), (0.0, 0.0, 0.0)),
+        (waited, (0.3, 0.2, 1.5), (0.4, 0.0, 0.3)),
+        (waited, (-1.0, 2.0, 3.0), (0.0, -0.5, 0.0)),
+    ],
+)
+def test_fits_that_agree_win_against_any_course(before, start, velocity, inliers, rate_hz):
+    rng = np.random.default_rng(7)
+    branches, trusted = before(rate_hz), []
+    for k in range(int(1.5 * rate_hz)):
+        centre = np.add(start, np.multiply(velocity, k / rate_hz))
+        shaken = np.radians(rng.normal(0.0, 0.3, 3))
+        pose = seen(centre, rng.normal(0.0, 1.0, 3), inliers=inliers)
+        branches = branches.after(k / rate_hz, [replace(pose, rotation=turn(pose.rotation, shaken))])
+        trusted.append(is_trusted(branches))
+    assert all(trusted[int(WON * rate_hz) :]), trusted
+
+
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("before", [hovered, waited])
+def test_fits_that_do_not_agree_begin_no_course(before, seed):
+    """Wrong fits lie anywhere within half of the range."""
+    rng = np.random.default_rng(seed)
+    branches, trusted = before(15.0), []
+    for k in range(30):
+        aside = rng.uniform(-1.0, 1.0, 3) * (1.0, 1.0, 0.2)
+        branches = branches.after(k / 15.0, [seen(np.add([0.0, 0.0, 2.0], aside))])
+        trusted.append(is_trusted(branches))
+    assert not any(trusted[1:]), trusted

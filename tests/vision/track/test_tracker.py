@@ -17,7 +17,7 @@ from mkdaemon.vision.pose.gates import certainty_refusal
 from mkdaemon.vision.pose.pose import FLOOR_ANGLE, FLOOR_RANGE
 from mkdaemon.vision.tags.tagmap import TagMap, load
 from mkdaemon.vision.track.attitude import AttitudeHistory, AttitudeSample, Sight
-from mkdaemon.vision.track.tracker import Tracker
+from mkdaemon.vision.track.tracker import TargetRefusal, Tracker
 from mksim.scene.light import Conditions
 from mksim.scene.motion import Platform
 from mksim.scene.scene import Scene, SceneTarget, cam_from_target
@@ -103,7 +103,8 @@ def test_a_contradicting_attitude_stops_the_pose():
     wrong = AttitudeHistory([AttitudeSample(0.0, 0.5, 0.3, 0.0)])
     result = tracker().update(view.image(), wrong)
     assert result.poses == ()
-    assert result.refused == (("pad", "attitude"),)
+    assert result.refused == (TargetRefusal("pad", PoseRefusal.ATTITUDE, 0.0),)
+    assert result.has_attitude
     assert tracker().update(view.image(), attitude_of(view)).poses
 
 
@@ -233,7 +234,7 @@ def test_without_attitude_a_far_blurred_target_is_refused_until_its_images_decid
             found = result.pose_of("pad")
             posed.append(found is not None)
             if found is None:
-                assert result.refused[0] in (("pad", "ambiguous"), ("pad", "angle_uncertain"))
+                assert result.refused[0].reason in ("ambiguous", "angle_uncertain")
             else:
                 assert angle_deg(found.pose.rotation, view.rotation) < 2.0
                 assert np.linalg.norm(found.pose.position - view.position) < 0.05
@@ -272,7 +273,7 @@ def test_a_target_begins_anew_only_where_it_can_have_moved_to(passed, is_posed):
     result = follower.update(far.image(2 / 30 + passed, 3))
     assert bool(result.poses) is is_posed
     if not is_posed:
-        assert result.refused == (("pad", PoseRefusal.OFF_COURSE),)
+        assert result.refused == (TargetRefusal("pad", PoseRefusal.OFF_COURSE, 0.0),)
         assert follower.update(near.image(3 / 30 + passed, 4)).poses, "what is in its place is found again"
 
 

@@ -4,13 +4,18 @@ Shaking turns a camera but hardly moves it. A constant-velocity Kalman filter on
 target, predicts the target's tilt against the line of sight without any attitude of the vehicle.
 
 A pose and its mirror image explain one image of a small tag nearly as well. Each is a branch with its own course, and
-every image adds what its residuals say for or against it. What may become of a branch is a density of the place z from
-which a candidate sees the target:
+every image adds what its residuals say for or against it. A course is one hypothesis; that a new course begins at the
+fit is the other one. Three densities of the place z from which a candidate sees the target compare them:
 
 * it is joined: N(z; course, S), S the covariance of both;
 * it is missed, because the fit is wrong: the share of its points that disagrees, at least `LEAST_WRONG`, times a
-  density that is even over what a fit misses by;
-* the target has left the course, which begins anew: `LEAVES` times the same density.
+  density that is even over the volume in which such a fit may lie. That is where the course may be, widened by what a
+  fit misses by: det(C + (SCATTER r)^2 I)^-1/2, C the covariance of the course, r the range;
+* a new course begins at z: `LEAVES` times a density that is even over what a fit misses by. It ends no branch: the old
+  course goes on as missed, and the images that follow decide between both.
+
+A course that knows less than a fit misses by cannot call a fit wrong: a course that was not joined for a second, or one
+image old and close to the target. Without C in the volume it could, again and again, as its covariance grew.
 
 Sources: white-noise acceleration model, Bar-Shalom, Li and Kirubarajan, Estimation with Applications to Tracking, 6.2;
 multiple hypothesis tracking, Reid, IEEE TAC 24(6), 1979.
@@ -195,12 +200,14 @@ class Branches:
         """Go on with the m candidates of a new image: each branch is joined by each of them, or missed."""
         prior, (centre, spread) = self.course.predict_at(time), places(candidates)
         joined, density = prior[:, None].join(centre, spread)
-        anywhere = -3.0 * np.log([SCATTER * pose.range_m for pose in candidates])
-        leaps = np.log(LEAVES) + anywhere
+        scatter = np.array([SCATTER * pose.range_m for pose in candidates])
+        leaps = np.log(LEAVES) - 3.0 * np.log(scatter)
         anew, leapt = Course.begin(time, centre, spread), (density <= leaps)[..., None]
         joins = np.maximum(density, leaps) - _evidence(candidates)
         nearest = density.argmax(axis=1)
-        misses = (np.log([max(1.0 - pose.inliers, LEAST_WRONG) for pose in candidates]) + anywhere)[nearest]
+        wrong = np.log([max(1.0 - pose.inliers, LEAST_WRONG) for pose in candidates])[nearest]
+        around = prior.covariance[:, :3, :3] + (scatter[nearest] ** 2)[:, None, None] * np.eye(3)
+        misses = wrong - np.linalg.slogdet(around)[1] / 2.0
         # Of every branch first all that join it, then the one that missed.
         state = np.concatenate([np.where(leapt, anew.state, joined.state), prior.state[:, None]], axis=1)
         covariance = np.where(leapt[..., None], anew.covariance, joined.covariance)

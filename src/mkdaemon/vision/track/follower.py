@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from math import exp, hypot
+from math import exp, hypot, isfinite
 from typing import Final, Literal
 
 import cv2
@@ -385,6 +385,11 @@ class Follower:
             if self.track.is_live and all(found.target != self.name for found in frame.poses):
                 self._measured(frame, [("predicted", against)])
         self.track.misses += self.name not in frame.found
+
+    def decode_age(self, frame: Frame) -> float | None:
+        """Time since a tag of the target was last decoded [s]; None without a track and without a tag in the image."""
+        age = 0.0 if self._own(frame.detections) else frame.sight.time - self.track.decoded_at
+        return age if isfinite(age) else None
 
     def forget(self) -> None:
         """Forget the track, where the target was, and how it lies."""

@@ -35,6 +35,21 @@ BRIGHTEST = 0.99
 """Quantile of the grey values of an image that tells whether it has light."""
 
 
+@dataclass(frozen=True, slots=True)
+class TargetRefusal:
+    """A target of an image whose pose was measured and not believed.
+
+    Attributes:
+        target: its name.
+        reason: the first check that failed.
+        decode_age: time since one of its tags was last decoded [s]; None where no tag of its track was decoded.
+    """
+
+    target: str
+    reason: PoseRefusal
+    decode_age: float | None
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class VisionResult:
     """Everything one image gave.
@@ -46,7 +61,8 @@ class VisionResult:
         detections: decoded tags with their pixels; empty in images that were tracked without a search.
         poses: at most one per target.
         alarms: what is wrong with the image.
-        refused: targets whose pose was measured and not believed, each with the reason.
+        refused: targets whose pose was measured and not believed.
+        has_attitude: an attitude of the vehicle was near enough to the image and not left out.
     """
 
     camera: str
@@ -55,7 +71,8 @@ class VisionResult:
     detections: tuple[Detection, ...]
     poses: tuple[TargetPose, ...]
     alarms: tuple[Alarm, ...]
-    refused: tuple[tuple[str, PoseRefusal], ...] = ()
+    refused: tuple[TargetRefusal, ...] = ()
+    has_attitude: bool = False
 
     def pose_of(self, target: str) -> TargetPose | None:
         """The pose of a target by name."""
@@ -161,8 +178,17 @@ class Tracker:
         else:
             alarms.append(Alarm.UNCALIBRATED)
             frame.detections.extend(self._search(frame))
-        seen, refused = (tuple(frame.detections), tuple(frame.poses)), tuple(frame.refused.items())
-        return VisionResult(image.camera, image.sequence, image.captured_at, *seen, tuple(alarms), refused)
+        return VisionResult(
+            *(image.camera, image.sequence, image.captured_at),
+            *(tuple(frame.detections), tuple(frame.poses), tuple(alarms)),
+            refused=self._refused(frame),
+            has_attitude=frame.sight.enu_from_cam is not None and self.contradicted_deg is None,
+        )
+
+    def _refused(self, frame: Frame) -> tuple[TargetRefusal, ...]:
+        """The targets of an image whose pose was refused."""
+        ages = {one.name: one.decode_age(frame) for one in self.followers}
+        return tuple(TargetRefusal(name, reason, ages[name]) for name, reason in frame.refused.items())
 
     @property
     def contradicted_deg(self) -> float | None:
