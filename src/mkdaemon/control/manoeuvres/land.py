@@ -47,6 +47,10 @@ LARGEST_CUSHION: Final = 1.25
 """Largest gain of thrust near the ground; docs/simulator.md."""
 
 
+LONGEST_WAIT: Final = 60.0
+"""A wait that is longer by this than it should be widens nothing more [s]: by then nothing is asked for."""
+
+
 class Fall:
     """A fall from a commit on.
 
@@ -125,6 +129,9 @@ class LandingLimits:
         touch_height: lower than this they stand, where an image shows it [m].
         settled: time the feet must stand [s].
         pad_radius: who comes down farther from the middle has not landed on the target [m].
+        patience: so long it waits for everything above to be met [s].
+        yielding: after that every condition is twice as wide each time it has waited so much longer [s]: no landing
+            hangs in the air until the battery is empty.
     """
 
     stand_height: float = 0.10
@@ -149,6 +156,8 @@ class LandingLimits:
     touch_height: float = 0.03
     settled: float = 0.1
     pad_radius: float = 0.35
+    patience: float = 12.0
+    yielding: float = 4.0
 
 
 class Landing:
@@ -168,6 +177,7 @@ class Landing:
         self._height = float(estimate.position[2])
         self._committed = self._up_at = estimate.at
         self._fall: Fall | None = None
+        self._waited = 0.0
 
     def goal(self, estimate: Estimate, yaw: float | None, step: float) -> Goal:
         """Decide how to go on, and return where to.
@@ -181,22 +191,35 @@ class Landing:
         height = float(estimate.position[2]) - limits.stand_height
         error = float(np.hypot(*estimate.position[:2]))
         speed = float(np.hypot(*estimate.velocity[:2]))
-        inside = error < limits.base + limits.slope * max(height, 0.0) and speed < limits.speed
+        width = self._width(height, step)
+        cone = width * (limits.base + limits.slope * max(height, 0.0))
+        inside = error < cone and speed < width * limits.speed
         if self.phase in (LandingPhase.APPROACH, LandingPhase.DESCEND):
-            may_commit = error < limits.commit_error and estimate.age < limits.blind
-            is_certain = float(estimate.position_sd[2]) < limits.commit_sd
+            may_commit = error < width * limits.commit_error and estimate.age < width * limits.blind
+            is_certain = float(estimate.position_sd[2]) < width * limits.commit_sd
             if height < limits.commit_height and may_commit and is_certain:
                 self.phase = LandingPhase.COMMIT
                 self._committed = self._up_at = estimate.at
                 self._fall = Fall(height, float(estimate.velocity[2]), float(estimate.position_sd[2]))
             else:
-                descends = inside and estimate.age < limits.sight
+                descends = inside and estimate.age < width * limits.sight
                 self.phase = LandingPhase.DESCEND if descends else LandingPhase.APPROACH
-        climb = self._climb(height, estimate.age, float(estimate.position[2]), step)
+        climb = self._climb(height, estimate.age / width, float(estimate.position[2]), step)
         if self.phase is LandingPhase.COMMIT:
             self._settle(estimate, height, error, step)
         share = self._commit_gas(estimate.at) if self.phase is LandingPhase.COMMIT else None
         return Goal(position=np.array([0.0, 0.0, self._height]), yaw=yaw, climb=climb, gas_share=share)
+
+    def _width(self, height: float, step: float) -> float:
+        """How much wider its conditions are than they should be: 1 until it has waited for too long.
+
+        It waits while it does not sink, or has come so low that it should commit.
+        """
+        limits = self._limits
+        if self.phase is not LandingPhase.DESCEND or height < limits.commit_height:
+            self._waited += step
+        late = min(self._waited - limits.patience, LONGEST_WAIT)
+        return 2.0 ** max(0.0, late / limits.yielding)
 
     def _commit_gas(self, at: float) -> float:
         """Throttle of the commit [share of hover]: less and less where the aircraft hangs on its cushion."""
@@ -205,7 +228,7 @@ class Landing:
         return max(limits.least_gas, limits.commit_gas - limits.push * late)
 
     def _climb(self, height: float, age: float, up: float, step: float) -> float:
-        """Move the wanted height; returns its speed [m/s]."""
+        """Move the wanted height; returns its speed [m/s]. A stage that waits for longer takes `age` for less."""
         limits = self._limits
         if self.phase is LandingPhase.APPROACH:
             if age > 1.6 * limits.sight and up < limits.highest:
