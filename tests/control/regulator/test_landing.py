@@ -254,3 +254,29 @@ def test_a_landing_comes_to_its_end_whatever_it_waits_for(trouble):
 
 def test_a_landing_that_waits_asks_for_all_its_conditions_until_its_patience_is_over():
     assert come_down(LIMITS.patience - 0.1, from_height=0.12, east=0.2)[1] == math.inf
+
+
+def test_an_aircraft_that_is_suddenly_believed_to_be_low_is_not_committed():
+    """The question that was not asked: which decisions are final, on how much evidence, and what undoes them?
+
+    Five wrong images (0.17 s) at 1.4 m were enough, and the ground was met at 3.6 m/s.
+    """
+    landing = Landing(LIMITS, estimate(0.0, 1.4))
+    for k in range(25):
+        landing.goal(estimate(k * STEP, 0.1), None, STEP)
+    assert landing.phase in (LandingPhase.APPROACH, LandingPhase.DESCEND)
+
+
+@pytest.mark.parametrize(
+    ("height", "age", "sd", "is_taken_back"),
+    [(1.2, 0.1, 0.02, True), (0.35, 0.15, 0.02, True), (1.2, 0.2, 0.02, False), (0.3, 0.1, 0.02, False),
+     (1.2, 0.1, 0.4, False), (0.2, 0.1, 0.01, False)],
+)  # fmt: skip
+def test_a_fresh_image_of_an_aircraft_that_is_high_takes_a_commit_back(height, age, sd, is_taken_back):
+    landing = land([0.12] * 4)
+    assert landing.phase is LandingPhase.COMMIT
+    goal = landing.goal(estimate(4 * STEP, height, age=age, sd=sd), None, STEP)
+    assert (landing.phase is LandingPhase.APPROACH) is is_taken_back
+    if is_taken_back:
+        assert goal.gas_share is None, "the regulator of the height has the throttle again"
+        assert goal.position[2] == pytest.approx(height + LIMITS.stand_height), "and holds it where it is"

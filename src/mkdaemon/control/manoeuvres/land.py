@@ -1,7 +1,9 @@
 """Landing on a target that may move: down inside a cone, then through the ground effect without hesitation.
 
-Near the ground the rotors' cushion carries the aircraft away sideways, so below `commit_height` the decision is final:
-throttle falls below hover and stays there until the feet stand. That they stand needs evidence: a fresh image, or a
+Near the ground the rotors' cushion carries the aircraft away sideways, so below `commit_height` it is decided: throttle
+falls below hover and stays there until the feet stand. An aircraft that is suddenly believed to be low has not sunk
+there, and is not decided for; a fresh image of one that is high takes the decision back. That the feet stand is final,
+and needs evidence: a fresh image, or a
 fall that cannot have been shorter (`Fall`). Source: docs/lab/control.md, "Landing"; without the final push a third to
 two thirds of the landings miss.
 
@@ -97,7 +99,7 @@ class LandingPhase(StrEnum):
     DESCEND = "descend"
     """Inside the cone, sinking."""
     COMMIT = "commit"
-    """Too low to change its mind."""
+    """Too low to change its mind, unless fresh images show that it is not."""
     DOWN = "down"
     """The feet stand: throttle goes to its lowest."""
 
@@ -117,6 +119,8 @@ class LandingLimits:
         commit_height: above standing height [m].
         commit_error: largest horizontal error at which to commit [m].
         commit_sd: largest standard deviation of the height at which to commit [m].
+        leap: nothing is decided this far below the wanted height, which sinks no faster than the aircraft can [m].
+        refuted: a fresh image of the feet this high above the ground takes the commit back [m].
         commit_gas: throttle while committed [share of hover].
         push_after: time of the commit after which throttle goes down further [s].
         push: by how much [share of hover a second].
@@ -144,6 +148,8 @@ class LandingLimits:
     commit_height: float = 0.13
     commit_error: float = 0.13
     commit_sd: float = 0.05
+    leap: float = 0.5
+    refuted: float = 0.26
     commit_gas: float = 0.90
     push_after: float = 0.3
     push: float = 1.0
@@ -197,18 +203,26 @@ class Landing:
         if self.phase in (LandingPhase.APPROACH, LandingPhase.DESCEND):
             may_commit = error < width * limits.commit_error and estimate.age < width * limits.blind
             is_certain = float(estimate.position_sd[2]) < width * limits.commit_sd
-            if height < limits.commit_height and may_commit and is_certain:
+            has_sunk = self._height - float(estimate.position[2]) < width * limits.leap
+            if height < limits.commit_height and may_commit and is_certain and has_sunk:
                 self.phase = LandingPhase.COMMIT
                 self._committed = self._up_at = estimate.at
                 self._fall = Fall(height, float(estimate.velocity[2]), float(estimate.position_sd[2]))
             else:
                 descends = inside and estimate.age < width * limits.sight
                 self.phase = LandingPhase.DESCEND if descends else LandingPhase.APPROACH
+        elif self.phase is LandingPhase.COMMIT and self._is_refuted(estimate, height):
+            self.phase, self._height = LandingPhase.APPROACH, float(estimate.position[2])
         climb = self._climb(height, estimate.age / width, float(estimate.position[2]), step)
         if self.phase is LandingPhase.COMMIT:
             self._settle(estimate, height, error, step)
         share = self._commit_gas(estimate.at) if self.phase is LandingPhase.COMMIT else None
         return Goal(position=np.array([0.0, 0.0, self._height]), yaw=yaw, climb=climb, gas_share=share)
+
+    def _is_refuted(self, estimate: Estimate, height: float) -> bool:
+        """Whether an image shows that the aircraft is not as low as was believed when it was decided."""
+        is_high = height - DEVIATIONS * float(estimate.position_sd[2]) > self._limits.refuted
+        return is_high and estimate.age <= self._limits.touch_age
 
     def _width(self, height: float, step: float) -> float:
         """How much wider its conditions are than they should be: 1 until it has waited for too long.
