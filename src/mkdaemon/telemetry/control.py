@@ -129,6 +129,56 @@ class Outcome(StrEnum):
     """No image showed the aircraft off the ground."""
 
 
+class CauseKind(StrEnum):
+    """What can keep a flight from going on. This is the one table of causes.
+
+    Attributes:
+        words: shown for it; `{seconds}`, `{count}`, `{of}` and `{detail}` are those of `Cause`.
+    """
+
+    words: str
+
+    def __new__(cls, value: str, words: str) -> Self:
+        """A member with its words."""
+        member = str.__new__(cls, value)
+        member._value_, member.words = value, words
+        return member
+
+    NO_POSE = "no_pose", "no pose for {seconds:.1f} s"
+    """No image has given a pose of the target that is followed."""
+    REFUSED_IN_VIEW = "refused_in_view", "tag in view, {count} poses refused {detail}"
+    """A tag of the target is decoded, and a check refuses what is measured."""
+    REFUSED = "refused", "{count} poses refused {detail}"
+    """A check refuses what is measured, and no tag has been decoded."""
+    CAMERA = "camera", "camera {detail}"
+    """A camera delivers no images that can be used."""
+    NO_ATTITUDE = "no_attitude", "attitude silent {seconds:.1f} s"
+    """The boards report no attitude."""
+    NEVER_ATTITUDE = "never_attitude", "no attitude was ever reported"
+    """The boards have not reported an attitude since the port was opened."""
+    UNANSWERED = "unanswered", "{count} of {of} link tests unanswered"
+    """The line, or the board, loses what is sent."""
+
+
+class Cause(Telemetry):
+    """One link of the chain of causes in `control/status`."""
+
+    kind: CauseKind
+    """What is wrong."""
+    text: str
+    """The same in words."""
+    seconds: float | None = None
+    """For so long [s]; null where that says nothing."""
+    count: int | None = None
+    """So often; null where that says nothing."""
+
+    @classmethod
+    def of(cls, kind: CauseKind, *, seconds: float = 0.0, count: int = 0, of: int = 0, detail: str = "") -> Self:
+        """Make a cause, and put it into words."""
+        text = kind.words.format(seconds=seconds, count=count, of=of, detail=detail)
+        return cls(kind=kind, text=text, seconds=seconds or None, count=count or None)
+
+
 @dataclass(frozen=True, slots=True)
 class ControlLine:
     """What the link can take from the flight core.
@@ -232,6 +282,10 @@ class ControlStatus(Stamped):
     """Where authority stands."""
     reason: str
     """Why it stands there, one sentence."""
+    causes: tuple[Cause, ...] = ()
+    """Why there is no pose, in a flight by the target: the effect first, the root last; empty while there is one."""
+    releases_in: float | None = None
+    """Time until the aircraft is released, if nothing changes [s]; null while nothing is wrong."""
     lease: LeaseState | None
     """Who may fly; null for nobody."""
     setpoint_age: float | None
@@ -267,6 +321,16 @@ class ControlStatus(Stamped):
     pilots_throttle: float | None = None
     """The pilot's throttle while it is lower than ours, so that it counts [stick from the centre]: he must raise it;
     null while it is not, and where the board does not report its throttle."""
+
+    @property
+    def trouble(self) -> str:
+        """What is wrong with the flight and when it ends, as one line; empty while nothing is."""
+        if not self.causes:
+            return ""
+        first, *others = (cause.text for cause in self.causes)
+        why = f": {'; '.join(others)}" if others else ""
+        left = "" if self.releases_in is None else f"; releases in {self.releases_in:.1f} s"
+        return f"{first.upper()}{why}{left}"
 
 
 class EstimateValue(Telemetry):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 
@@ -217,3 +219,64 @@ def test_near_the_ground_thrust_carries_more(height, gain):
 def test_a_landing_keeps_its_heading(yaw):
     landing = Landing(LIMITS, estimate(0.0, 1.0))
     assert landing.goal(estimate(0.0, 1.0), yaw, STEP).yaw == yaw
+
+
+def come_down(seconds, *, from_height=1.5, **fields):
+    """An aircraft that follows the wanted height exactly; returns the landing and when it was decided [s]."""
+    landing, height = Landing(LIMITS, estimate(0.0, from_height)), from_height
+    for k in range(round(seconds / STEP)):
+        goal = landing.goal(estimate(k * STEP, height, **fields), None, STEP)
+        if landing.phase in (LandingPhase.COMMIT, LandingPhase.DOWN):
+            return landing, k * STEP
+        height = max(height + min(max(float(goal.position[2]) - 0.1 - height, -0.4 * STEP), 0.3 * STEP), 0.0)
+    return landing, math.inf
+
+
+@pytest.mark.parametrize(
+    "trouble",
+    [
+        {"age": 0.45},  # images that come late
+        {"age": 1.2},  # or seldom
+        {"sd": 0.08},  # a height that stays uncertain: it stood on the ground in `descend`
+        {"east": 0.6},  # wind that keeps it outside the cone
+        {"east": 0.6, "age": 0.9, "sd": 0.2},
+    ],
+    ids=str,
+)
+def test_a_landing_comes_to_its_end_whatever_it_waits_for(trouble):
+    """The question that was not asked: what ends each stage, and what comes then?
+
+    A landing climbed to 1.6 m and hung there for ever, for a low battery too.
+    """
+    assert come_down(60.0, **trouble)[1] < LIMITS.patience + 8 * LIMITS.yielding
+    assert come_down(10.0)[1] < 8.0, "without trouble nothing is waited for"
+
+
+def test_a_landing_that_waits_asks_for_all_its_conditions_until_its_patience_is_over():
+    assert come_down(LIMITS.patience - 0.1, from_height=0.12, east=0.2)[1] == math.inf
+
+
+def test_an_aircraft_that_is_suddenly_believed_to_be_low_is_not_committed():
+    """The question that was not asked: which decisions are final, on how much evidence, and what undoes them?
+
+    Five wrong images (0.17 s) at 1.4 m were enough, and the ground was met at 3.6 m/s.
+    """
+    landing = Landing(LIMITS, estimate(0.0, 1.4))
+    for k in range(25):
+        landing.goal(estimate(k * STEP, 0.1), None, STEP)
+    assert landing.phase in (LandingPhase.APPROACH, LandingPhase.DESCEND)
+
+
+@pytest.mark.parametrize(
+    ("height", "age", "sd", "is_taken_back"),
+    [(1.2, 0.1, 0.02, True), (0.35, 0.15, 0.02, True), (1.2, 0.2, 0.02, False), (0.3, 0.1, 0.02, False),
+     (1.2, 0.1, 0.4, False), (0.2, 0.1, 0.01, False)],
+)  # fmt: skip
+def test_a_fresh_image_of_an_aircraft_that_is_high_takes_a_commit_back(height, age, sd, is_taken_back):
+    landing = land([0.12] * 4)
+    assert landing.phase is LandingPhase.COMMIT
+    goal = landing.goal(estimate(4 * STEP, height, age=age, sd=sd), None, STEP)
+    assert (landing.phase is LandingPhase.APPROACH) is is_taken_back
+    if is_taken_back:
+        assert goal.gas_share is None, "the regulator of the height has the throttle again"
+        assert goal.position[2] == pytest.approx(height + LIMITS.stand_height), "and holds it where it is"

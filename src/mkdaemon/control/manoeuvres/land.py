@@ -1,7 +1,9 @@
 """Landing on a target that may move: down inside a cone, then through the ground effect without hesitation.
 
-Near the ground the rotors' cushion carries the aircraft away sideways, so below `commit_height` the decision is final:
-throttle falls below hover and stays there until the feet stand. That they stand needs evidence: a fresh image, or a
+Near the ground the rotors' cushion carries the aircraft away sideways, so below `commit_height` it is decided: throttle
+falls below hover and stays there until the feet stand. An aircraft that is suddenly believed to be low has not sunk
+there, and is not decided for; a fresh image of one that is high takes the decision back. That the feet stand is final,
+and needs evidence: a fresh image, or a
 fall that cannot have been shorter (`Fall`). Source: docs/lab/control.md, "Landing"; without the final push a third to
 two thirds of the landings miss.
 
@@ -45,6 +47,10 @@ ROTOR_HEIGHT: Final = 0.1
 """Of the rotors above the feet, at least [m]."""
 LARGEST_CUSHION: Final = 1.25
 """Largest gain of thrust near the ground; docs/simulator.md."""
+
+
+LONGEST_WAIT: Final = 60.0
+"""A wait that is longer by this than it should be widens nothing more [s]: by then nothing is asked for."""
 
 
 class Fall:
@@ -93,7 +99,7 @@ class LandingPhase(StrEnum):
     DESCEND = "descend"
     """Inside the cone, sinking."""
     COMMIT = "commit"
-    """Too low to change its mind."""
+    """Too low to change its mind, unless fresh images show that it is not."""
     DOWN = "down"
     """The feet stand: throttle goes to its lowest."""
 
@@ -113,6 +119,8 @@ class LandingLimits:
         commit_height: above standing height [m].
         commit_error: largest horizontal error at which to commit [m].
         commit_sd: largest standard deviation of the height at which to commit [m].
+        leap: nothing is decided this far below the wanted height, which sinks no faster than the aircraft can [m].
+        refuted: a fresh image of the feet this high above the ground takes the commit back [m].
         commit_gas: throttle while committed [share of hover].
         push_after: time of the commit after which throttle goes down further [s].
         push: by how much [share of hover a second].
@@ -125,6 +133,9 @@ class LandingLimits:
         touch_height: lower than this they stand, where an image shows it [m].
         settled: time the feet must stand [s].
         pad_radius: who comes down farther from the middle has not landed on the target [m].
+        patience: so long it waits for everything above to be met [s].
+        yielding: after that every condition is twice as wide each time it has waited so much longer [s]: no landing
+            hangs in the air until the battery is empty.
     """
 
     stand_height: float = 0.10
@@ -137,6 +148,8 @@ class LandingLimits:
     commit_height: float = 0.13
     commit_error: float = 0.13
     commit_sd: float = 0.05
+    leap: float = 0.5
+    refuted: float = 0.26
     commit_gas: float = 0.90
     push_after: float = 0.3
     push: float = 1.0
@@ -149,6 +162,8 @@ class LandingLimits:
     touch_height: float = 0.03
     settled: float = 0.1
     pad_radius: float = 0.35
+    patience: float = 12.0
+    yielding: float = 4.0
 
 
 class Landing:
@@ -168,6 +183,7 @@ class Landing:
         self._height = float(estimate.position[2])
         self._committed = self._up_at = estimate.at
         self._fall: Fall | None = None
+        self._waited = 0.0
 
     def goal(self, estimate: Estimate, yaw: float | None, step: float) -> Goal:
         """Decide how to go on, and return where to.
@@ -181,18 +197,23 @@ class Landing:
         height = float(estimate.position[2]) - limits.stand_height
         error = float(np.hypot(*estimate.position[:2]))
         speed = float(np.hypot(*estimate.velocity[:2]))
-        inside = error < limits.base + limits.slope * max(height, 0.0) and speed < limits.speed
+        width = self._width(height, step)
+        cone = width * (limits.base + limits.slope * max(height, 0.0))
+        inside = error < cone and speed < width * limits.speed
         if self.phase in (LandingPhase.APPROACH, LandingPhase.DESCEND):
-            may_commit = error < limits.commit_error and estimate.age < limits.blind
-            is_certain = float(estimate.position_sd[2]) < limits.commit_sd
-            if height < limits.commit_height and may_commit and is_certain:
+            may_commit = error < width * limits.commit_error and estimate.age < width * limits.blind
+            is_certain = float(estimate.position_sd[2]) < width * limits.commit_sd
+            has_sunk = self._height - float(estimate.position[2]) < width * limits.leap
+            if height < limits.commit_height and may_commit and is_certain and has_sunk:
                 self.phase = LandingPhase.COMMIT
                 self._committed = self._up_at = estimate.at
                 self._fall = Fall(height, float(estimate.velocity[2]), float(estimate.position_sd[2]))
             else:
-                descends = inside and estimate.age < limits.sight
+                descends = inside and estimate.age < width * limits.sight
                 self.phase = LandingPhase.DESCEND if descends else LandingPhase.APPROACH
-        climb = self._climb(height, estimate.age, float(estimate.position[2]), step)
+        elif self.phase is LandingPhase.COMMIT and self._is_refuted(estimate, height):
+            self.phase, self._height = LandingPhase.APPROACH, float(estimate.position[2])
+        climb = self._climb(height, estimate.age / width, float(estimate.position[2]), step)
         if self.phase is LandingPhase.COMMIT:
             self._settle(estimate, height, error, step)
         share = self._commit_gas(estimate.at) if self.phase is LandingPhase.COMMIT else None
@@ -202,6 +223,22 @@ class Landing:
         """Begin the approach once more at a height above the target [m]."""
         self.phase, self._height = LandingPhase.APPROACH, height
 
+    def _is_refuted(self, estimate: Estimate, height: float) -> bool:
+        """Whether an image shows that the aircraft is not as low as was believed when it was decided."""
+        is_high = height - DEVIATIONS * float(estimate.position_sd[2]) > self._limits.refuted
+        return is_high and estimate.age <= self._limits.touch_age
+
+    def _width(self, height: float, step: float) -> float:
+        """How much wider its conditions are than they should be: 1 until it has waited for too long.
+
+        It waits while it does not sink, or has come so low that it should commit.
+        """
+        limits = self._limits
+        if self.phase is not LandingPhase.DESCEND or height < limits.commit_height:
+            self._waited += step
+        late = min(self._waited - limits.patience, LONGEST_WAIT)
+        return 2.0 ** max(0.0, late / limits.yielding)
+
     def _commit_gas(self, at: float) -> float:
         """Throttle of the commit [share of hover]: less and less where the aircraft hangs on its cushion."""
         limits = self._limits
@@ -209,7 +246,7 @@ class Landing:
         return max(limits.least_gas, limits.commit_gas - limits.push * late)
 
     def _climb(self, height: float, age: float, up: float, step: float) -> float:
-        """Move the wanted height; returns its speed [m/s]."""
+        """Move the wanted height; returns its speed [m/s]. A stage that waits for longer takes `age` for less."""
         limits = self._limits
         if self.phase is LandingPhase.APPROACH:
             if age > 1.6 * limits.sight and up < limits.highest:
