@@ -142,7 +142,7 @@ def test_a_target_out_of_sight_is_searched_for_from_above_then_the_aircraft_is_r
     record = rig.fly()
     released = next(at for at, action in rig.actions if isinstance(action, Release))
     assert released == pytest.approx(gone + CFG.exit_after, abs=0.3)
-    place = {at: position for at, position in zip(record.times, record.positions, strict=True)}
+    place = dict(zip(record.times, record.positions, strict=True))
     before, after = place[min(place, key=lambda at: abs(at - gone))], record.positions[-1]
     assert after[2] > before[2] + 0.4
     assert np.hypot(*after[:2]) < 0.6, "it stays over the target"

@@ -7,7 +7,7 @@ from typing import Any
 
 from mkdaemon.control.limiter import StickCounts, Sticks
 from mkdaemon.telemetry.command import CommandResult
-from mkdaemon.telemetry.control import ErrorValue, EstimateValue, LeaseState, Outcome, Phase
+from mkdaemon.telemetry.control import Cause, ErrorValue, EstimateValue, LeaseState, Outcome, Phase
 from mkdaemon.telemetry.navi import NaviFlight
 
 
@@ -47,6 +47,9 @@ class PublishStatus:
 
     phase: Phase
     reason: str
+    causes: tuple[Cause, ...]
+    trouble: str
+    releases_in: float | None
     lease: LeaseState | None
     setpoint_age: float | None
     refused: int

@@ -336,8 +336,13 @@ class Authority:
 
     # -- what happens ---------------------------------------------------------------------------------------------
 
-    def tick(self, now: float) -> Decision:
-        """Decide what is sent now. `ReleaseOrder` comes once; nothing is sent until `released` answers it."""
+    def tick(self, now: float, why: str = "") -> Decision:
+        """Decide what is sent now. `ReleaseOrder` comes once; nothing is sent until `released` answers it.
+
+        Args:
+            now: [s].
+            why: what led to the end of a manoeuvre that fails now, in words; it is added to the reason.
+        """
         if self._pending is not None:
             order, self._pending = self._pending, None
             self.phase, self.reason = Phase.RELEASING, order.reason
@@ -350,7 +355,7 @@ class Authority:
         guided = None if lease.newest is None else self._guide(lease.newest, self.phase, now)
         if guided is not None and is_in_flight and guided.end is not None:
             event = Trigger.GUIDANCE_LOST if guided.end.is_failure else Trigger.FLIGHT_FINISHED
-            self.end(event, cause=guided.end.words)
+            self.end(event, cause="; ".join(filter(None, (guided.end.words, why if guided.end.is_failure else ""))))
             self.progress, self.outcome = flown, guided.end.outcome
             return self.tick(now)
         words = {"silence": f"{lease.silence(now, is_in_flight=is_in_flight):.2f}"}

@@ -28,7 +28,7 @@ def causes(facts: VehicleFacts, *, pose_age: float, attitude_age: float | None, 
     chain = [Cause.of(CauseKind.NO_POSE, seconds=pose_age)]
     refused = [each for each in facts.refused_sights if each.stamp.monotonic > now - pose_age]
     if refused:
-        (reason, _), = Counter(each.refusal.value for each in refused).most_common(1)
+        ((reason, _),) = Counter(each.refusal.value for each in refused).most_common(1)
         is_decoded = any(each.decode_age is not None and each.decode_age <= pose_age for each in refused)
         kind = CauseKind.REFUSED_IN_VIEW if is_decoded else CauseKind.REFUSED
         chain.append(Cause.of(kind, count=len(refused), detail=reason))

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from functools import partial
-from typing import Any
+from typing import Any, Final
 
 from mkdaemon.config.control import ControlConfig
 from mkdaemon.control.actions import Action, Release, SendSticks
@@ -26,6 +26,7 @@ from mkdaemon.control.admission import (
 )
 from mkdaemon.control.answers import AnswerWatch
 from mkdaemon.control.authority import Authority, Fly, ReleaseOrder
+from mkdaemon.control.causes import causes
 from mkdaemon.control.estimator.values import ViewFault
 from mkdaemon.control.events import (
     DUE,
@@ -72,13 +73,16 @@ from mkdaemon.control.reports import Reports
 from mkdaemon.control.sight import Sight, checked_view
 from mkdaemon.control.vehicle import VehicleFacts, VehicleMemory
 from mkdaemon.errors import CommandRejectedError
-from mkdaemon.telemetry.control import ControlLine, Gains, LeaseState, Obstacle, Phase
+from mkdaemon.telemetry.control import Cause, ControlLine, Gains, LeaseState, Obstacle, Phase
 from mkdaemon.telemetry.link import LinkCondition
 from mkdaemon.telemetry.preflight import PreflightReport
 from mkdaemon.telemetry.refusals import TOKENS, Token, refuse
 from mkdaemon.telemetry.setpoint import Setpoint
 from mkdaemon.telemetry.signature import HolderKey
 from mkdaemon.telemetry.state import Attitude, Pilot
+
+TOLD_AFTER: Final = 0.5
+"""A flight by the target without a pose for longer is in trouble [s]: ordinary flights have no longer hole."""
 
 
 class FlightCore:
@@ -384,13 +388,16 @@ class FlightCore:
                 self._authority.end(Trigger.STALLED, cause=f"{stood_still:.2f}")
             self._watch.look(self._preflight.active_set, now)
             before = self._authority.phase
-            decision = self._authority.tick(now)
+            trouble = self._trouble(now)
+            decision = self._authority.tick(now, "; ".join(cause.text for cause in trouble[1:]))
             self._reports.phase_changed()
             if isinstance(decision, Fly):
                 order = self._fly(decision, now, engaging=before is Phase.LEASED)
             elif isinstance(decision, ReleaseOrder):
                 self._release, order = decision, Release(decision.reason)
                 self._flown.end()
+        exit_after = self._cfg.autopilot.exit_after
+        self._reports.trouble(self._trouble(now), self._sight.pose_age(now), exit_after)
         self._reports.status(self._preflight.line.layout, self._watch.battery.warning, now)
         self._pacing.sends(is_flying=self._authority.phase in IN_FLIGHT, is_by_images=self._is_by_images(now))
         return ([] if order is None else [order]) + self._reports.take()
@@ -399,6 +406,16 @@ class FlightCore:
         """Whether the sticks of this tick followed from what images show."""
         current = self._flown.current
         return current is not None and current.is_by_target and current.stepped_at == now
+
+    def _trouble(self, now: float) -> tuple[Cause, ...]:
+        """Why a flight by the target has no pose; empty while it has one, or needs none."""
+        age = self._sight.pose_age(now)
+        needs_pose = self.phase in IN_FLIGHT and self._flown.is_by_target and not self._flown.may_touch
+        if not needs_pose or age is None or age <= TOLD_AFTER:
+            return ()
+        attitude = self._sight.attitude
+        silent = None if attitude is None else now - attitude.stamp.monotonic
+        return causes(self._facts, pose_age=age, attitude_age=silent, now=now)
 
     def _situation(self, flown: Concern | None, now: float) -> Situation:
         return self._preflight.situation(

@@ -26,7 +26,7 @@ from mkdaemon.control.pilots_hands import pilots_hands
 from mkdaemon.control.vehicle import VehicleFacts
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.command import CommandResult, refused
-from mkdaemon.telemetry.control import ErrorValue, EstimateValue, Phase, ReleaseOutcome
+from mkdaemon.telemetry.control import Cause, ErrorValue, EstimateValue, Phase, ReleaseOutcome, trouble_words
 from mkdaemon.telemetry.refusals import Status, Token, refuse
 from mkdaemon.telemetry.selfcal import HEIGHTS_LIKELY
 from mkdaemon.telemetry.setpoint import Setpoint
@@ -42,6 +42,8 @@ _FAILSAFES: Final = {Phase.STALE: "neutral", Phase.LANDING: "land"}
 """Phases that are a step of the ladder, and what it is called."""
 STATUS_PERIOD: Final = 1.0
 """Status is published at least this often [s]."""
+TROUBLE_PERIOD: Final = 0.2
+"""And this often while a flight has no pose: the time until the release runs down [s]."""
 NEW_GAIN: Final = 0.1
 """A stick gain that differs so much from the one reported last is reported."""
 REPORT_PERIOD: Final = 1.0
@@ -70,6 +72,8 @@ class Reports:
         self._waiting: list[Action] = []
         self._is_capped = self._is_battery_low = self._are_heights_wrong = False
         self._believed: EstimateValue | None = None
+        self._causes: tuple[Cause, ...] = ()
+        self._releases_in: float | None = None
         self._navi = NaviWatch(facts)
         self._facts = facts
 
@@ -155,6 +159,20 @@ class Reports:
             self._waiting.append(Warn(f"{found.refusal.reason} {found.refusal.fix}"))
         self._are_heights_wrong = is_wrong
 
+    def trouble(self, causes: tuple[Cause, ...], pose_age: float | None, exit_after: float) -> None:
+        """Take why a flight has no pose, and warn once when it begins to have none.
+
+        Args:
+            causes: the chain; empty while there is a pose.
+            pose_age: time since the last one [s].
+            exit_after: with this age the aircraft is released [s].
+        """
+        is_new = bool(causes) and not self._causes
+        self._causes = causes
+        self._releases_in = max(0.0, exit_after - pose_age) if causes and pose_age is not None else None
+        if is_new:
+            self._waiting.append(Warn(trouble_words(causes, self._releases_in)))
+
     def released(self, reason: str, outcome: ReleaseOutcome | None) -> None:
         """Report the end of a release nobody asked for; None where it did not end in time."""
         self._waiting.append(ReportFailsafe("release", reason, None if outcome is None else _IS_CONFIRMED[outcome]))
@@ -197,14 +215,19 @@ class Reports:
             progress,
             lid is None,
             authority.aborts,
+            tuple(cause.kind for cause in self._causes),
         )
-        if news == self._status and now - self._status_at < STATUS_PERIOD:
+        period = TROUBLE_PERIOD if self._causes else STATUS_PERIOD
+        if news == self._status and now - self._status_at < period:
             return
         self._status, self._status_at = news, now
         self._waiting.append(
             PublishStatus(
                 phase=authority.phase,
                 reason=authority.reason,
+                causes=self._causes,
+                trouble=trouble_words(self._causes, self._releases_in),
+                releases_in=self._releases_in,
                 lease=lease,
                 setpoint_age=authority.setpoint_age(now),
                 refused=self._refused,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum, StrEnum, auto
 from typing import Self
@@ -179,6 +180,16 @@ class Cause(Telemetry):
         return cls(kind=kind, text=text, seconds=seconds or None, count=count or None)
 
 
+def trouble_words(causes: Sequence[Cause], releases_in: float | None) -> str:
+    """A chain of causes and the time left before the release [s], as one line; empty without causes."""
+    if not causes:
+        return ""
+    first, *others = (cause.text for cause in causes)
+    why = f": {'; '.join(others)}" if others else ""
+    left = "" if releases_in is None else f"; releases in {releases_in:.1f} s"
+    return f"{first.upper()}{why}{left}"
+
+
 @dataclass(frozen=True, slots=True)
 class ControlLine:
     """What the link can take from the flight core.
@@ -284,6 +295,8 @@ class ControlStatus(Stamped):
     """Why it stands there, one sentence."""
     causes: tuple[Cause, ...] = ()
     """Why there is no pose, in a flight by the target: the effect first, the root last; empty while there is one."""
+    trouble: str = ""
+    """The causes and the time left before the release, as one line; empty while nothing is wrong."""
     releases_in: float | None = None
     """Time until the aircraft is released, if nothing changes [s]; null while nothing is wrong."""
     lease: LeaseState | None
@@ -321,16 +334,6 @@ class ControlStatus(Stamped):
     pilots_throttle: float | None = None
     """The pilot's throttle while it is lower than ours, so that it counts [stick from the centre]: he must raise it;
     null while it is not, and where the board does not report its throttle."""
-
-    @property
-    def trouble(self) -> str:
-        """What is wrong with the flight and when it ends, as one line; empty while nothing is."""
-        if not self.causes:
-            return ""
-        first, *others = (cause.text for cause in self.causes)
-        why = f": {'; '.join(others)}" if others else ""
-        left = "" if self.releases_in is None else f"; releases in {self.releases_in:.1f} s"
-        return f"{first.upper()}{why}{left}"
 
 
 class EstimateValue(Telemetry):

@@ -8,8 +8,8 @@ import pytest
 
 from mkdaemon.config.autopilot import AutopilotConfig
 from mkdaemon.control.limiter import Sticks
-from mkdaemon.control.manoeuvres.hold import Hold
 from mkdaemon.control.manoeuvres.by_target import SEARCHES
+from mkdaemon.control.manoeuvres.hold import Hold
 from mkdaemon.control.manoeuvres.land import Land, LandingPhase
 from mkdaemon.control.sight import Sight
 from mkdaemon.telemetry.control import Outcome

@@ -129,7 +129,8 @@ def _control(fields: Fields) -> str:
     lease = fields["lease"]
     held = "nobody holds the lease" if lease is None else f"{lease['holder']} holds the lease"
     layout = fields["external_control"]
-    return f"{fields['phase']}; {held}; external control {layout or 'not possible'}"
+    trouble = f"{fields['trouble']}; " if fields.get("trouble") else ""
+    return f"{trouble}{fields['phase']}; {held}; external control {layout or 'not possible'}"
 
 
 def _hands(fields: Fields) -> str:

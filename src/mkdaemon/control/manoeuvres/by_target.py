@@ -31,7 +31,7 @@ BRAKING: Final = 0.5
 TURNED: Final = math.radians(8.0)
 """Heading error with which a heading is reached [rad]; within half of it the compass lock holds."""
 SEARCH_RISE: Final = 1.5
-"""A search rises to this many times the height at which the target was seen last: the camera sees 2.2 times the area."""
+"""A search rises to this many times the height of the last pose: the camera sees 2.2 times the area."""
 SURE: Final = 2.0
 """The aircraft is within so many standard deviations of its estimate."""
 SEARCHES: Final = "target lost: rises and returns to where it was seen last"
@@ -101,8 +101,8 @@ class ByTarget(ABC):
     def _search(self, estimate: Estimate, autopilot: Autopilot, now: float, step: float) -> Step:
         """Look for a target that is out of sight, as long as the aircraft is certain to be inside the fence.
 
-        Level flight drifts with the wind from wherever the aircraft is, so it is never nearer to the target. After 2.7 s
-        without an image the target was in view in 13 of 14 flights in light and moderate wind, by level flight in 6 of 13.
+        Level flight drifts with the wind from wherever the aircraft is, so it is never nearer to the target. In light and
+        moderate wind the target was in view again in 13 of 14 flights after 2.7 s, by level flight in 6 of 13.
         """
         if self._lost_at_height is None:
             self._lost_at_height = float(estimate.position[2])
@@ -116,6 +116,7 @@ class ByTarget(ABC):
 
     def _found(self, height: float) -> None:
         """Take that a search has found the target, seen from a height [m]."""
+        del height  # what is flown has no stages to begin again
 
     @abstractmethod
     def abort(self, now: float) -> Manoeuvre:

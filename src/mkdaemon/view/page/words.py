@@ -73,6 +73,8 @@ def verdict_of(known: Knowledge, *, is_here: bool, is_played: bool) -> tuple[str
         return "EMERGENCY LANDING: receiver lost", "bad"
     if status is not None and status.pilots_throttle is not None:
         return f"The pilot {status.hands}", "bad"
+    if status is not None and status.trouble:
+        return status.trouble, "bad"
     if status is None or status.phase is Phase.FREE:
         flies = {True: "The pilot flies", False: "On the ground", None: "The pilot has it"}
         words = flies[None if flight is None else flight.is_flying]

@@ -248,6 +248,8 @@ class Board:
         flown = on_one_line(" ".join(word for word in (fields.get("manoeuvre"), fields.get("stage")) if word))
         words = f", {holder or 'nobody'} has the lease{f', {flown}' if flown else ''}"
         yield [*self._head("control", "control/status", now), phase_part(phase), (words, Tone.PLAIN)]
+        if trouble := fields.get("trouble"):
+            yield [("         ", Tone.PLAIN), (on_one_line(trouble), Tone.BAD)]
         hands = fields.get("hands") and f"; the pilot {on_one_line(fields['hands'])}"
         yield [("         ", Tone.PLAIN), (f"{on_one_line(fields['reason'])}{hands or ''}", Tone.DIM)]
 

@@ -1,0 +1,116 @@
+"""The chain of causes of a flight without a pose: as data, in the status, and in the reason of the release."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+
+import pytest
+
+from lab.control.camera import CameraModel
+from lab.control.corerig import CoreRig, stamp
+from lab.control.flights import Flight
+from mkdaemon.control.actions import PublishStatus, Release, Warn
+from mkdaemon.control.causes import ATTITUDE_OVERDUE, causes
+from mkdaemon.control.events import SightRefused
+from mkdaemon.control.vehicle import VehicleMemory
+from mkdaemon.telemetry.control import Cause, CauseKind, trouble_words
+from mkdaemon.telemetry.vision import PoseRefusal, PoseRefused
+from mksim.config import WindClass
+
+GONE = 3.5
+"""From then on no image gives a pose [s]."""
+
+
+def refusal_at(at, refusal=PoseRefusal.OFF_COURSE, decode_age=0.0):
+    return PoseRefused(
+        stamp=stamp(at),
+        camera="down",
+        sequence=1,
+        stamped_by="driver",
+        target="pad",
+        refusal=refusal,
+        decode_age=decode_age,
+        has_attitude=False,
+    )
+
+
+def test_refusals_since_the_last_pose_count_and_older_ones_do_not():
+    facts = VehicleMemory()
+    for at in (1.0, 8.5, 8.9, 9.5):
+        facts.sight_refused(refusal_at(at))
+    chain = causes(facts, pose_age=2.0, attitude_age=0.1, now=10.0)
+    assert [(each.kind, each.count) for each in chain] == [(CauseKind.NO_POSE, None), (CauseKind.REFUSED_IN_VIEW, 3)]
+    assert [each.text for each in chain] == ["no pose for 2.0 s", "tag in view, 3 poses refused off_course"]
+
+
+def test_a_target_whose_tags_are_not_decoded_is_not_said_to_be_in_view():
+    facts = VehicleMemory()
+    facts.sight_refused(refusal_at(9.5, decode_age=4.0))
+    assert causes(facts, pose_age=2.0, attitude_age=0.1, now=10.0)[1].kind is CauseKind.REFUSED
+
+
+@pytest.mark.parametrize(
+    ("age", "kind"),
+    [
+        (ATTITUDE_OVERDUE - 0.01, None),
+        (ATTITUDE_OVERDUE + 0.01, CauseKind.NO_ATTITUDE),
+        (None, CauseKind.NEVER_ATTITUDE),
+    ],
+)
+def test_an_attitude_that_is_overdue_is_a_cause(age, kind):
+    found = [each.kind for each in causes(VehicleMemory(), pose_age=1.0, attitude_age=age, now=10.0)]
+    assert found == [CauseKind.NO_POSE, *([] if kind is None else [kind])]
+
+
+@pytest.mark.parametrize("kind", CauseKind)
+def test_every_cause_is_one_clause(kind):
+    text = Cause.of(kind, seconds=1.5, count=3, of=9, detail="off_course").text
+    assert text
+    assert "{" not in text
+
+
+def test_the_line_begins_with_the_effect_and_ends_with_the_time_left():
+    chain = (Cause.of(CauseKind.NO_POSE, seconds=1.7), Cause.of(CauseKind.NO_ATTITUDE, seconds=2.0))
+    assert trouble_words(chain, 1.3) == "NO POSE FOR 1.7 S: attitude silent 2.0 s; releases in 1.3 s"
+    assert trouble_words((), None) == ""
+
+
+class Refused(CoreRig):
+    """The target stays in the image, and every pose is refused."""
+
+    def _control(self, at):
+        if at >= GONE and round(at * 50) % 5 == 0:
+            self.core.feed(SightRefused(refusal_at(at)), at)
+        super()._control(at)
+
+
+@pytest.fixture(scope="module")
+def flown():
+    camera = CameraModel(gone=((GONE, 99.0),))
+    rig = Refused(replace(Flight(seed=1, wind=WindClass.INDOOR, seconds=8.0, start=1.9), camera=camera))
+    rig.fly()
+    return rig
+
+
+def test_the_release_names_its_causes(flown):
+    release = next(action for _, action in flown.actions if isinstance(action, Release))
+    assert release.reason.startswith("no image of pad for 3.0 s; tag in view, ")
+    assert "poses refused off_course" in release.reason
+
+
+def test_the_status_counts_down_to_the_release(flown):
+    told = [(at, action) for at, action in flown.actions if isinstance(action, PublishStatus) and action.causes]
+    assert told[0][0] == pytest.approx(GONE + 0.5, abs=0.2)
+    left = [action.releases_in for _, action in told]
+    assert left == sorted(left, reverse=True)
+    assert left[-1] < 0.3
+    assert max(b - a for (a, _), (b, _) in pairwise(told)) < 0.25
+    warnings = [action.text for _, action in flown.actions if isinstance(action, Warn) and "NO POSE" in action.text]
+    assert len(warnings) == 1
+
+
+def test_a_flight_with_poses_is_not_in_trouble(flown):
+    early = [action for at, action in flown.actions if isinstance(action, PublishStatus) and at < GONE]
+    assert early
+    assert not any(action.causes or action.trouble for action in early)
