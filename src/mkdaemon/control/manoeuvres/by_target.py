@@ -101,8 +101,8 @@ class ByTarget(ABC):
     def _search(self, estimate: Estimate, autopilot: Autopilot, now: float, step: float) -> Step:
         """Look for a target that is out of sight, as long as the aircraft is certain to be inside the fence.
 
-        Level flight drifts with the wind from wherever the aircraft is, so it is never nearer to the target. In light and
-        moderate wind the target was in view again in 13 of 14 flights after 2.7 s, by level flight in 6 of 13.
+        Level flight drifts with the wind from wherever the aircraft is, so it is never nearer to the target. In light
+        and moderate wind the target was in view again in 13 of 14 flights after 2.7 s, by level flight in 6 of 13.
         """
         if self._lost_at_height is None:
             self._lost_at_height = float(estimate.position[2])
