@@ -10,7 +10,7 @@ from lab.control.corerig import CoreRig, stamp
 from lab.control.flights import Flight
 from mkdaemon.control.actions import PublishStatus, Release, ReportFailsafe, ReportMode, Warn
 from mkdaemon.control.activeset import UNREAD
-from mkdaemon.control.batterywatch import LASTING, RECOVERED, BatteryWatch, count_cells
+from mkdaemon.control.batterywatch import LASTING, RECOVERED, BatteryWatch
 from mkdaemon.control.events import AbortAsked, StateValue
 from mkdaemon.control.vehicle import VehicleMemory
 from mkdaemon.telemetry.command import AbortRequest
@@ -146,9 +146,57 @@ def test_who_aborts_that_landing_holds_and_is_not_landed_again():
     assert not rig.of(Release)
 
 
-@pytest.mark.parametrize(("highest", "cells"), [(0.0, None), (0.5, 1), (4.2, 1), (4.4, 2), (16.8, 4), (17.3, 5)])
-def test_cells_are_counted_by_the_highest_voltage_there_was(highest, cells):
-    assert count_cells(highest) == cells
+@pytest.mark.parametrize(("voltage", "cells"), [(0.0, None), (0.5, 1), (4.2, 1), (4.4, 2), (16.8, 4), (17.3, 5)])
+def test_cells_are_counted_by_the_voltage_where_nothing_else_is_known(voltage, cells):
+    facts = VehicleMemory()
+    facts.state_received(battery(voltage), 1.0)
+    assert facts.cells == cells
+
+
+def at_rest(voltage, known=None):
+    facts = VehicleMemory()
+    if known is not None:
+        facts.cells_known(known)
+    facts.motors_reported(False, 1.0)
+    facts.state_received(battery(voltage), 1.0)
+    return facts
+
+
+@pytest.mark.parametrize(
+    ("voltage", "known", "cells", "is_doubtful"),
+    [
+        (12.8, None, 3, True),  # three full cells, or four that are nearly empty
+        (12.8, 4, 4, False),
+        (14.6, None, 4, False),  # five cells would rest at 2.92 V
+        (16.8, None, 4, True),
+        (16.8, 4, 4, False),
+        (16.8, 3, 4, False),  # another battery than was remembered
+    ],
+)
+def test_a_battery_that_may_have_one_more_cell_is_in_doubt(voltage, known, cells, is_doubtful):
+    facts = at_rest(voltage, known)
+    assert (facts.cells, facts.are_cells_doubtful) == (cells, is_doubtful)
+
+
+def test_a_voltage_under_load_makes_no_count_certain():
+    facts = VehicleMemory()
+    facts.state_received(battery(16.4), 1.0)
+    facts.motors_reported(True, 1.0)
+    facts.state_received(battery(14.0), 1.5)
+    assert (facts.certain_cells, facts.are_cells_doubtful) == (None, True)
+    facts.motors_reported(False, 2.0)
+    facts.state_received(battery(14.8), 2.1)
+    assert (facts.certain_cells, facts.are_cells_doubtful) == (4, False)
+
+
+def test_an_empty_battery_of_four_known_cells_is_low_at_the_voltage_of_four():
+    facts = at_rest(12.7, known=4)
+    watch = BatteryWatch(facts)
+    watch.look(SET, 1.1)
+    assert watch.warning is not None, "2.9 V a cell under load used to be flown without a word"
+    unknown = BatteryWatch(at_rest(12.7))
+    unknown.look(SET, 1.1)
+    assert unknown.warning is None
 
 
 def test_figures_that_docs_safety_tells():

@@ -79,7 +79,9 @@ def test_the_active_set_is_read_for_the_checks_where_that_is_possible(boards, ki
 
     report = run_virtually(story())
     found = {each.name: each for each in report.findings}
-    assert [each.token for each in report.findings if each.token not in (None, "emergency_falls")] == []
+    assert [
+        each.token for each in report.findings if each.token not in (None, "emergency_falls", "cells_doubtful")
+    ] == []
     assert found["gate"].state == found["height control"].state == kind
     assert found["firmware and layout"].state is CheckState.PASSED
     assert (found["emergency descent"].token == "emergency_falls") is (kind == "passed")

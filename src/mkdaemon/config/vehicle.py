@@ -18,6 +18,10 @@ class VehicleConfig(Section):
     """Name in every key, `mk/<name>/...`: lower-case letters, digits, `-` and `_`.
 
     Two aircraft of one name on one bus obey the same commands. A client finds another name with `--vehicle`."""
+    battery_cells: int | None = Field(default=None, ge=1, le=14)
+    """Cells of the battery in series; unset: as many as its voltage shows, or as were remembered from earlier flights.
+
+    A number that is too low lets a battery be flown until it is damaged; one that is too high warns of a full one."""
     state_folder: Path | None = None
     """Folder of what must survive a restart, for example which parameter set has to be live; unset: systemd's
     `$STATE_DIRECTORY/<name>`, else `$XDG_STATE_HOME/mkdaemon/<name>`, else `~/.local/state/mkdaemon/<name>`.

@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import Final
 
 from mkdaemon.control.activeset import ActiveSet
-from mkdaemon.control.vehicle import HIGHEST_CELL, VehicleFacts
+from mkdaemon.control.vehicle import VehicleFacts
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.refusals import Token, refuse
 
@@ -19,19 +19,14 @@ RECOVERED: Final = 1.02
 """It is no longer low above so many times the limit."""
 
 
-def count_cells(highest: float) -> int | None:
-    """Return how many cells a battery has, counted by the highest voltage it had [V]; None where it had none."""
-    return 1 + int(highest / HIGHEST_CELL) if highest > 0.0 else None
-
-
-def low_voltage(found: ActiveSet, highest: float) -> float:
+def low_voltage(found: ActiveSet, cells: int | None) -> float:
     """Return the voltage below which a battery is low [V]; zero where the active set does not say.
 
     Args:
         found: the active set; gives the voltage of a cell.
-        highest: voltage that the battery had since the port was opened [V]; the cells are counted by it.
+        cells: of the battery; None where it has not been measured.
     """
-    return 0.0 if found.low_cell is None else found.low_cell * (count_cells(highest) or 1)
+    return 0.0 if found.low_cell is None else found.low_cell * (cells or 1)
 
 
 class BatteryWatch:
@@ -58,7 +53,7 @@ class BatteryWatch:
         battery, flight = self._facts.battery(now), self._facts.flight(now)
         if battery is None:
             return
-        limit = low_voltage(found, self._facts.highest_voltage)
+        limit = low_voltage(found, self._facts.cells)
         has_alarm = bool(battery.is_low) or (flight is not None and bool(flight.battery_low))
         if has_alarm or battery.voltage < limit:
             self._low_since = now if self._low_since is None else self._low_since

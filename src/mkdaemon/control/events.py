@@ -164,6 +164,13 @@ class FreeDisk:
 
 
 @dataclass(frozen=True, slots=True)
+class CellsKnown:
+    """How many cells the battery has, as configured or remembered."""
+
+    cells: int
+
+
+@dataclass(frozen=True, slots=True)
 class ModelKnown:
     """The model to fly by.
 
@@ -272,6 +279,7 @@ Event = (
     | SightRefused
     | EyeStats
     | FreeDisk
+    | CellsKnown
     | ModelKnown
     | ActiveSetRead
     | LineChanged

@@ -24,6 +24,8 @@ MOST_BATTERY: Final = 60.0
 """Nor one above this [V]."""
 FC_LOST: Final = "the NaviCtrl does not hear its FlightCtrl, which may be booting"
 """Why nobody may fly while it does not."""
+EMPTY_CELL: Final = 3.0
+"""A cell that rests below this is damaged by it [V], so no battery that is flown has such cells."""
 MOTOR_TEST: Final = 1.0
 """A motor test turns motors for 0.5 s, and the last message that shows them turning may be as old again [s]."""
 
@@ -66,6 +68,8 @@ class VehicleFacts:
         self._eyes: dict[str, VisionStats] = {}
         self._refused: deque[PoseRefused] = deque(maxlen=REFUSALS_KEPT)
         self._highest_voltage = 0.0
+        self._known_cells: int | None = None
+        self._certain_cells: int | None = None
         self._list_changed_at = float("-inf")
         self._free_disk: float | None = None
         self._motors: _Motors | None = None
@@ -100,6 +104,27 @@ class VehicleFacts:
     def refused_sights(self) -> tuple[PoseRefused, ...]:
         """The newest images whose pose the eyes refused, of all cameras, in the order of their arrival."""
         return tuple(self._refused)
+
+    @property
+    def cells(self) -> int | None:
+        """Cells of the battery: as many as are known, more where its voltage shows more; None where nothing says so.
+
+        The voltage alone counts them as the FlightCtrl does: a battery of four cells that rests at 12.8 V is counted as
+        one of three.
+        """
+        if self._highest_voltage <= 0.0:
+            return self._known_cells
+        return max(self._known_cells or 0, 1 + int(self._highest_voltage / HIGHEST_CELL))
+
+    @property
+    def are_cells_doubtful(self) -> bool:
+        """Whether the battery may have a cell more than its voltage shows, and nothing else says how many it has."""
+        return self._known_cells is None and self._certain_cells is None and self.cells is not None
+
+    @property
+    def certain_cells(self) -> int | None:
+        """Cells that the voltage at rest has shown beyond doubt; None where it has not."""
+        return self._certain_cells
 
     @property
     def highest_voltage(self) -> float:
@@ -181,6 +206,7 @@ class VehicleFacts:
         (pilot, at), voltage = self._pilot, self._pilot[0].compensated_at
         share = None
         if voltage is not None and LEAST_BATTERY <= voltage <= MOST_BATTERY:
+            # The FlightCtrl compensates by the cells that it counts itself, whatever is known here.
             cells = 1 + int(max(voltage, self._highest_voltage) / HIGHEST_CELL)
             share = min(1.0, cells * (low_cell or FACTORY_LOW_CELL) / voltage)
         assert pilot.throttle_in_use is not None
@@ -243,6 +269,7 @@ class VehicleMemory(VehicleFacts):
             case Battery():
                 self._battery = (value, at)
                 self._highest_voltage = max(self._highest_voltage, value.voltage)
+                self._count_cells(value.voltage, at)
             case _:
                 pass
 
@@ -252,7 +279,18 @@ class VehicleMemory(VehicleFacts):
             self._forget()
             self._is_fc_lost = False
             self._highest_voltage = 0.0
+            self._certain_cells = None
         self._link = state
+
+    def cells_known(self, cells: int) -> None:
+        """Take how many cells the battery has, as configured or remembered."""
+        self._known_cells = cells
+
+    def _count_cells(self, voltage: float, at: float) -> None:
+        """Count the cells at rest: they are certain where one more would have to be damaged."""
+        cells = self.cells
+        if cells is not None and self.motors_running(at) is False and voltage < EMPTY_CELL * (cells + 1):
+            self._certain_cells = cells
 
     def _forget(self) -> None:
         self._motors = self._flight = self._pilot = self._position = self._gps = self._battery = None

@@ -19,6 +19,7 @@ from mkdaemon.clock import Clock
 from mkdaemon.config.camera import CameraSection
 from mkdaemon.config.root import Config
 from mkdaemon.daemon.blackbox import BlackBox, open_black_box
+from mkdaemon.daemon.cellnote import CellNotes
 from mkdaemon.daemon.eyes import open_eyes
 from mkdaemon.daemon.flightnote import FlightNotes
 from mkdaemon.daemon.guard import GuardProcess, LastWord, take_report
@@ -140,6 +141,7 @@ class Daemon:
         )
         self._link, self._flight, self._audit = wiring.link, wiring.flight, wiring.audit
         self._notes = FlightNotes(state_folder(cfg.vehicle), cfg.link.port, clock)
+        self._cells = CellNotes(state_folder(cfg.vehicle), cfg.vehicle.battery_cells)
         self._local = LocalSocket(box.recorded(wiring.answer_verb))
 
     async def serve(self, stop: asyncio.Event, notifier: Notifier) -> None:
@@ -180,6 +182,8 @@ class Daemon:
                     tasks.append(above.create_task(following, name="reload"))
                 if not is_recording:
                     tasks.append(above.create_task(self._notes.follow(self._link, self._audit), name="flight note"))
+                    remembering = self._cells.follow(self._wiring.facts, self._wiring.feed, self._audit)
+                    tasks.append(above.create_task(remembering, name="battery cells"))
                 await asyncio.wait({stopped, link}, return_when=asyncio.FIRST_COMPLETED)
                 self._black_box.note_stop()
                 for task in tasks:

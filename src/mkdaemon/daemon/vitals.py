@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from mkdaemon.control.batterywatch import count_cells
 from mkdaemon.control.vehicle import VehicleFacts
 from mkdaemon.link.link import Link
 from mkdaemon.stamp import Stamp
@@ -35,7 +34,7 @@ def vehicle_health(
         motors_running=facts.motors_running(stamp.monotonic),
         error=None if flight is None else flight.error or None,
         note=note,
-        battery_cells=count_cells(facts.highest_voltage),
+        battery_cells=facts.cells,
         open_endpoints=open_endpoints,
     )
 

@@ -16,6 +16,7 @@ from mkdaemon.bus.gateway import Watcher
 from mkdaemon.bus.intake import Taker, Verifier
 from mkdaemon.clock import Clock
 from mkdaemon.config.root import Config
+from mkdaemon.control.events import Event
 from mkdaemon.control.regulator.margins import require_safe_loop
 from mkdaemon.daemon.audit import Outlet
 from mkdaemon.daemon.blackbox import recording_folder
@@ -142,6 +143,10 @@ class Wiring:
         """Take up the keys that a running daemon can; see `mkdaemon.config.reload`."""
         self._cfg = cfg
         self.requests.reconfigure(cfg.commands)
+
+    def feed(self, event: Event) -> None:
+        """Let the flight core know of something that happens now."""
+        self._deck.feed(event, self._clock.now())
 
     def _serve(self) -> None:
         """Be there for the bus: requests, setpoints, clients."""

@@ -344,6 +344,12 @@ class Token(StrEnum):
         "Switch the transmitter on, check antennas and range; the pilot must be able to take over.",
     )
     BATTERY_LOW = ("battery_low", "the battery is low: {voltage:.1f} V.", "Land, and change it.")
+    CELLS_DOUBTFUL = (
+        "cells_doubtful",
+        "the battery has {cells} cells or, nearly empty, {more} ({voltage:.1f} V is {cell:.2f} V a cell then); the "
+        "FlightCtrl counts {cells}, so its low-battery alarm may come too late.",
+        "Measure the battery, and set vehicle.battery_cells in the configuration.",
+    )
     CAMERA_UNFIT = (
         "camera_unfit",
         "no camera can be flown by: {detail}.",

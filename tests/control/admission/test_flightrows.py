@@ -56,6 +56,7 @@ STANDS = [
     ("battery", "battery_low", {"battery": battery(16.0, is_low=True)}),
     ("battery", "battery_low", {"battery": battery(12.7)}),
     ("battery", "battery_low", {"flight": flags(battery_low=True)}),
+    ("battery cells", "cells_doubtful", {"are_cells_doubtful": True}),
     ("camera", "camera_unfit", {"eyes": (eyes(EyeState.GONE, reason="unplugged"),)}),
     ("camera", "camera_opening", {"eyes": (eyes(EyeState.OPENING, reason="not opened yet"),)}),
     ("camera", "camera_opening", {"eyes": (eyes(EyeState.OPENING, reason="not yet"), eyes(EyeState.GONE, reason="?"))}),

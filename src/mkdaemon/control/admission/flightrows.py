@@ -183,9 +183,19 @@ def _battery(now: Situation) -> Verdict:
     if battery is None:
         return unknown("nobody says how full it is")
     low = battery.is_low or (flight is not None and flight.battery_low)
-    if low or battery.voltage < low_voltage(now.active_set, now.highest_voltage):
+    if low or battery.voltage < low_voltage(now.active_set, now.cells):
         return stands(refuse(Token.BATTERY_LOW, voltage=battery.voltage))
     return passed(f"{battery.voltage:.1f} V")
+
+
+def _cells(now: Situation) -> Verdict:
+    if now.battery is None or now.cells is None:
+        return unknown("nobody says how full the battery is")
+    if now.are_cells_doubtful:
+        voltage, more = now.battery.voltage, now.cells + 1
+        refusal = refuse(Token.CELLS_DOUBTFUL, voltage=voltage, cells=now.cells, more=more, cell=voltage / more)
+        return stands(refusal)
+    return passed(f"{now.cells} cells")
 
 
 def _disk(now: Situation) -> Verdict:
@@ -350,10 +360,15 @@ def _released(now: Situation) -> Verdict:
 
 
 def _check(
-    name: str, concerns: tuple[Concern, ...], stands: str, look: Callable[[Situation], Verdict], *tokens: Token
+    name: str,
+    concerns: tuple[Concern, ...],
+    stands: str,
+    look: Callable[[Situation], Verdict],
+    *tokens: Token,
+    rule: Rule = Rule.BEGINNING,
 ) -> Row:
     """A check before a flight, as `mkctl preflight` shows it."""
-    return Row(name=name, concerns=concerns, stands=stands, tokens=tokens, look=at(look), is_shown=True)
+    return Row(name=name, concerns=concerns, stands=stands, tokens=tokens, look=at(look), rule=rule, is_shown=True)
 
 
 def _entry(name: str, stands: str, look: Look, *, rule: Rule = Rule.ENTRY, concerns: tuple[Concern, ...]) -> Row:
@@ -502,6 +517,14 @@ FLIGHT_ROWS: Final = (
         "the board says that it is low, or a cell is below the voltage of the active set",
         _battery,
         Token.BATTERY_LOW,
+    ),
+    _check(
+        "battery cells",
+        _NOT_LANDING,
+        "the battery may have one cell more than its voltage shows, and the configuration does not say how many",
+        _cells,
+        Token.CELLS_DOUBTFUL,
+        rule=Rule.ADVICE,
     ),
     _check(
         "camera",

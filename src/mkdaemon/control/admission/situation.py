@@ -102,7 +102,8 @@ class Situation:
         position: by GPS; None where nobody says so.
         gps: reception of satellites; None where nobody says so.
         battery: None where nobody says so.
-        highest_voltage: that it had since the port was opened [V]; the cells are counted by it.
+        cells: of the battery; None where it has not been measured.
+        are_cells_doubtful: it may have one more than its voltage shows.
         hover_gas: throttle that carries the aircraft [count of 254].
         gas_in_use: throttle that the FlightCtrl flies with [count of 254]; None where it does not tell.
         eyes: what each camera last said of itself.
@@ -137,7 +138,8 @@ class Situation:
     position: Position | None
     gps: Gps | None
     battery: Battery | None
-    highest_voltage: float
+    cells: int | None
+    are_cells_doubtful: bool
     hover_gas: float
     gas_in_use: float | None
     eyes: tuple[VisionStats, ...]
