@@ -45,6 +45,7 @@ class Flying:
     def _situation(self, flown, now):
         sight = self.sight
         found = {"seen": lambda: sight.entry(now), "hover_gas": sight.hover_gas, "target_age": sight.pose_age(now)}
+        found["in_sight"] = sight.in_sight(now)
         found["is_touching"] = self.flown.may_touch
         found["unanswered"] = sight.answer.missing_words(now)
         return self._preflight.situation(now, phase=Phase.LEASED, lease=None, flown=flown, **found)

@@ -155,6 +155,7 @@ def test_stamps_are_compared_at_once_and_again_after_half_a_second(monkeypatch):
         "lease": None,
         "flown": None,
         "seen": lambda: None,
+        "in_sight": (),
         "is_touching": False,
         "unanswered": "",
         "hover_gas": 125.0,

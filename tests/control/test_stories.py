@@ -315,3 +315,67 @@ def test_a_stream_that_ends_with_a_landing_leaves_the_throttle_low(stage):
     assert len(stale) > 20
     assert max(stale) <= min(frame.counts.throttle for frame in frames if frame.age <= 0.3)
     assert story.releases
+
+
+def see_aside(story, target, aside=1.5, height=0.3):
+    """An image of a target that lies aside."""
+    seen = pose(story.now).model_copy(update={"position_flu": (aside, 0.0, -height), "target": target})
+    story.tell(PoseSeen(seen))
+
+
+def test_a_take_off_flies_to_no_target_that_the_aircraft_does_not_stand_on():
+    """The question that was not asked: which target is meant? The one seen first, 1.5 m aside, was flown to."""
+    story = Story()
+    story.tell(MotorsReported(True))
+    see_aside(story, "other")
+    assert story.streams(TakeOffSetpoint, 0.5, height=1.0) == {"target_unclear"}
+    assert story.core.phase is Phase.LEASED
+
+
+def test_a_take_off_that_names_its_target_waits_on_the_ground_for_no_image_and_follows_no_other():
+    story = Story()
+    story.tell(MotorsReported(True))
+    see_aside(story, "other")
+    story.run(0.2)
+    for _ in range(75):
+        see_aside(story, "other")
+        assert story.streams(TakeOffSetpoint, PERIOD, height=1.0, target="pad") == {None}
+    assert (story.core.phase, story.status.stage) == (Phase.FLYING, "throttle rises")
+    for height in (0.20, 0.21, 0.24):
+        see_aside(story, "other", height=height + 0.2)
+        story.see(height)
+        story.streams(TakeOffSetpoint, PERIOD, height=1.0, target="pad")
+    assert story.status.stage == "climbs"
+    assert story.of(PublishEstimate)[-1].value.target == "pad"
+
+
+def test_a_take_off_by_whatever_is_below_looks_at_nothing_that_lies_aside_while_it_stands():
+    story = Story()
+    story.tell(MotorsReported(True))
+    story.streams(TakeOffSetpoint, 1.5, height=1.0)
+    assert story.status.stage == "throttle rises"
+    for height in (0.20, 0.21, 0.24):
+        see_aside(story, "other", height=height + 0.2)
+        story.see(height)
+        story.streams(TakeOffSetpoint, PERIOD, height=1.0)
+    assert (story.status.stage, story.core._sight.target) == ("climbs", "pad")
+
+
+def test_of_two_targets_in_sight_one_is_named_and_a_low_battery_lands_on_the_one_that_is_flown_by():
+    story = Story(2.0)
+
+    def streams(seconds, **fields):
+        tokens = set()
+        for _ in range(round(seconds / (2 * PERIOD))):
+            see_aside(story, "other", height=2.0)
+            tokens |= story.streams(HoldSetpoint, 2 * PERIOD, **fields)
+        return tokens
+
+    assert "target_unclear" in streams(0.4)
+    assert streams(2.4, target="pad") == {None}
+    assert story.core.phase is Phase.FLYING
+    assert streams(0.2, target="other") == {"target_unclear"}
+    for _ in range(round((LASTING + 0.3) / 0.2)):
+        story.tell(StateValue(battery(12.0, is_low=True)))
+        streams(0.2, target="pad")
+    assert story.changes[-1] == ("flying", "landing")

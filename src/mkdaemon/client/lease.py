@@ -172,7 +172,9 @@ class Lease(SetpointStream):
         """
         await self._fly("hold", {}, {}, seconds, rate, patience=SIGHTING)
 
-    async def take_off(self, height: float, *, patience: float = TAKING_OFF, rate: float = RATE) -> None:
+    async def take_off(
+        self, height: float, *, target: str = "", patience: float = TAKING_OFF, rate: float = RATE
+    ) -> None:
         """Take off from the target and hold over its middle; returns at that height.
 
         The pilot has started the motors. For `control.autopilot.takeoff_ready` seconds the throttle stays at its
@@ -180,6 +182,7 @@ class Lease(SetpointStream):
 
         Args:
             height: above the target [m].
+            target: its name; empty for the one in sight.
             patience: longest time [s].
             rate: setpoints a second [Hz]; 50 unless given.
 
@@ -189,7 +192,7 @@ class Lease(SetpointStream):
             ManoeuvreError: not at height in time, or aborted.
             CommandRejectedError: `bad_field`: the height is out of range.
         """
-        await self._fly_until_done("takeoff", {"height": height}, patience, rate)
+        await self._fly_until_done("takeoff", {"height": height, "target": target}, patience, rate)
 
     async def goto(
         self,

@@ -54,6 +54,7 @@ class SetpointCalls:
     def velocity(
         self,
         *,
+        target: str = "",
         velocity: tuple[float, float, float],
         frame: SetpointFrame | Literal["home", "pad", "body"],
         yaw_rate: float = 0.0,
@@ -62,6 +63,7 @@ class SetpointCalls:
         """Velocity.
 
         Args:
+            target: Name of the target; empty for the one in sight, which is refused where there are two.
             velocity: In the axes of `frame` [m/s].
             frame: What the velocity is given in.
             yaw_rate: Nose left positive [rad/s].
@@ -71,11 +73,12 @@ class SetpointCalls:
             LeaseLostError: the lease has ended; says why.
             CommandRejectedError: `bad_field`: a number is out of range.
         """
-        self._put("velocity", {"velocity": velocity, "frame": frame, "yaw_rate": yaw_rate}, ttl)
+        self._put("velocity", {"target": target, "velocity": velocity, "frame": frame, "yaw_rate": yaw_rate}, ttl)
 
     def position(
         self,
         *,
+        target: str = "",
         position: tuple[float, float, float],
         frame: SetpointFrame | Literal["home", "pad", "body"],
         yaw: float | None = None,
@@ -84,6 +87,7 @@ class SetpointCalls:
         """Position and heading.
 
         Args:
+            target: Name of the target; empty for the one in sight, which is refused where there are two.
             position: In the axes of `frame`, from its origin [m].
             frame: What the position is given in.
             yaw: Heading about the up axis of `frame`, counter-clockwise from its first axis [rad]; None to keep the
@@ -94,26 +98,28 @@ class SetpointCalls:
             LeaseLostError: the lease has ended; says why.
             CommandRejectedError: `bad_field`: a number is out of range.
         """
-        self._put("position", {"position": position, "frame": frame, "yaw": yaw}, ttl)
+        self._put("position", {"target": target, "position": position, "frame": frame, "yaw": yaw}, ttl)
 
-    def hold(self, *, ttl: float = 0.3) -> None:
+    def hold(self, *, target: str = "", ttl: float = 0.3) -> None:
         """Stay where the aircraft is when the first of them arrives.
 
         Args:
+            target: Name of the target; empty for the one in sight, which is refused where there are two.
             ttl: Time after arrival at which it no longer holds [s].
 
         Raises:
             LeaseLostError: the lease has ended; says why.
             CommandRejectedError: `bad_field`: a number is out of range.
         """
-        self._put("hold", {}, ttl)
+        self._put("hold", {"target": target}, ttl)
 
-    def take_off(self, *, height: float, ttl: float = 0.3) -> None:
+    def take_off(self, *, target: str = "", height: float, ttl: float = 0.3) -> None:
         """Take off and hold over the middle of the target.
 
         The pilot has started the motors.
 
         Args:
+            target: Name of the target; empty for the one in sight, which is refused where there are two.
             height: Above the target [m]; never above the configured fence.
             ttl: Time after arrival at which it no longer holds [s].
 
@@ -121,14 +127,15 @@ class SetpointCalls:
             LeaseLostError: the lease has ended; says why.
             CommandRejectedError: `bad_field`: a number is out of range.
         """
-        self._put("takeoff", {"height": height}, ttl)
+        self._put("takeoff", {"target": target, "height": height}, ttl)
 
-    def land(self, *, yaw: float | None = None, ttl: float = 0.3) -> None:
+    def land(self, *, target: str = "", yaw: float | None = None, ttl: float = 0.3) -> None:
         """Land on the target in sight.
 
         Streamed until the feet stand; the aircraft is released then.
 
         Args:
+            target: Name of the target; empty for the one in sight, which is refused where there are two.
             yaw: Heading about the up axis of the target, counter-clockwise from its first axis [rad]; None to keep it.
             ttl: Time after arrival at which it no longer holds [s].
 
@@ -136,4 +143,4 @@ class SetpointCalls:
             LeaseLostError: the lease has ended; says why.
             CommandRejectedError: `bad_field`: a number is out of range.
         """
-        self._put("land", {"yaw": yaw}, ttl)
+        self._put("land", {"target": target, "yaw": yaw}, ttl)

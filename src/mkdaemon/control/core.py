@@ -174,6 +174,7 @@ class FlightCore:
         try:
             lease = self._authority.check_setpoint(setpoint, event.signed_for)
             is_of_lease = True
+            self._sight.named = getattr(setpoint, "target", "")
             phase, resumes = self._authority.phase, self._authority.is_resumed_by(setpoint)
             self._flown.check(setpoint, Phase.FLYING if phase is Phase.ABORTED and resumes else phase, now)
             is_first = lease.take_setpoint(setpoint, self._cfg.lease, now)
@@ -266,12 +267,14 @@ class FlightCore:
         if isinstance(view, ViewFault):
             self._reports.pose_refused(pose, view, now)
             return NOTED
-        is_ours = not sight.target or pose.target == sight.target
         current = self._flown.current
         lifted_by = None
-        if current is not None and is_ours:
+        is_ours = pose.target in (sight.target, sight.named) or not sight.target
+        if current is not None and is_ours and sight.may_follow(pose.target, view):
             lifted_by = current.height_seen(-float(view.position_flu[2]), view.at)
-        may_change = self._authority.phase not in IN_FLIGHT or not self._flown.is_by_target
+        is_bound = self._authority.phase in IN_FLIGHT and self._flown.is_by_target
+        may_change = not is_bound or (sight.is_standing and bool(sight.named))
+        sight.seen(pose.target, view.at)
         before = sight.view_received(pose.target, view, now, lifted_by=lifted_by, may_change=may_change)
         if before:
             self._reports.target_changed(before, sight.target)
@@ -430,6 +433,7 @@ class FlightCore:
             unanswered=self._sight.answer.missing_words(now),
             hover_gas=self._sight.hover_gas,
             target_age=self._sight.pose_age(now),
+            in_sight=self._sight.in_sight(now),
         )
 
     def _admit(self, wanted: NewManoeuvre, before: Concern | None, now: float) -> CommandRejectedError | None:
@@ -444,7 +448,7 @@ class FlightCore:
         """Whether a battery that is low is landed with: it cannot wait until entry conditions are met."""
         if not self._sight.is_fresh(now):
             return False
-        found = refusals(NewManoeuvre(Concern.LAND), self.situation(now))
+        found = refusals(NewManoeuvre(Concern.LAND, target=self._sight.target), self.situation(now))
         return all(error.token == Token.NOT_READY for error in found)
 
     def _fly(self, order: Fly, now: float, *, engaging: bool) -> SendSticks | None:

@@ -134,9 +134,10 @@ class Flown:
         after = self._resumed(setpoint, phase)
         wanted = NewManoeuvre.by(setpoint)
         if (after.is_by_target and phase is not Phase.UNANSWERED) or wanted.concern is Concern.TAKE_OFF:
-            wanted = NewManoeuvre(Concern.HOLD)
+            wanted = NewManoeuvre(Concern.HOLD, target=wanted.target)
         goes_on = after.is_by_target and self._left is not None and self._left.is_by_target
-        wanted = replace(wanted, is_resumed=goes_on)
+        if goes_on:
+            wanted = replace(wanted, is_resumed=True, target=wanted.target or self._sight.target)
         entered = after.enter(self._left if after.is_by_target else None, now)
         obstacle = self._waits_for(wanted, now) or entered
         self.current, step = after, after.step(now, is_flying=False)
@@ -181,6 +182,7 @@ class Flown:
         self._sight.stand(is_standing=False)
         self._sight.leave_to_pilot(is_his=False)
         self._sight.answer.forget()
+        self._sight.named = ""
         self.current = self._kind = self._left = None
         self.may_touch = False
 
@@ -198,7 +200,8 @@ class Flown:
         before, after = self.current, self.current.abort(now)
         if after is before:
             return
-        if isinstance(after, Hold) and self._admit(NewManoeuvre(Concern.HOLD), self.concern, now) is not None:
+        hold = NewManoeuvre(Concern.HOLD, target=self._sight.target)
+        if isinstance(after, Hold) and self._admit(hold, self.concern, now) is not None:
             after = Level(self._sight)
         after.enter(before, now)
         self.current, self._kind = after, None  # whoever ends the abort begins anew

@@ -94,6 +94,7 @@ class Preflight:
         unanswered: str,
         hover_gas: float,
         target_age: float | None,
+        in_sight: tuple[str, ...],
     ) -> Situation:
         """All that admission looks at, now; cheap.
 
@@ -107,6 +108,7 @@ class Preflight:
             unanswered: why the sticks do not act; empty where they may.
             hover_gas: throttle that carries the aircraft [count of 254].
             target_age: time since the newest image of the target [s]; None where there was none.
+            in_sight: names of all targets that images have shown lately.
         """
         facts, loop = self._facts, self._loop
         return Situation(
@@ -136,6 +138,7 @@ class Preflight:
             eyes=facts.eyes,
             contradicting=self._contradicting,
             target_age=target_age,
+            in_sight=in_sight,
             seen=seen,
             is_touching=is_touching,
             unanswered=unanswered,

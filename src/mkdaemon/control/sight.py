@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from mkdaemon.config.autopilot import AutopilotConfig
-from mkdaemon.control.admission.situation import Entry
+from mkdaemon.control.admission.situation import ASIDE, Entry
 from mkdaemon.control.answers import AnswerWatch
 from mkdaemon.control.estimator.estimator import Estimator
 from mkdaemon.control.estimator.model import AircraftModel
@@ -30,6 +30,8 @@ SHOWN: Final = 1.13
 """What a FlightCtrl reports over the angle that its sticks ask for; docs/control.md, "The attitude loop"."""
 FORGOTTEN: Final = 5.0
 """A target out of sight for longer is met anew [s]."""
+IN_SIGHT: Final = 1.0
+"""A target that was seen longer ago is not in sight [s]."""
 SENT_KEPT: Final = 50
 """Stick frames that an estimate begun in flight learns of: one second of them."""
 SHORTEST_PAIR: Final = 0.02
@@ -43,6 +45,7 @@ class Sight:
 
     Attributes:
         target: name of the target that is followed; empty before the first.
+        named: name of the target that the newest setpoint asks for; empty where it names none.
         estimator: what is believed against it; None before the first pose.
         model: what is believed of the aircraft.
         hover_gas: throttle that carries it, where no estimate says so [count of 254].
@@ -58,7 +61,8 @@ class Sight:
             cfg: when images agree with the model.
             hover_throttle: first guess of the throttle that carries the aircraft [stick from the centre].
         """
-        self.target = ""
+        self.target = self.named = ""
+        self._seen: dict[str, float] = {}
         self.estimator: Estimator | None = None
         self.model = AircraftModel()
         self.hover_gas = hover_throttle + GAS_CENTRE
@@ -152,11 +156,13 @@ class Sight:
         known, before = self.estimator, self.target
         is_other = bool(before) and target != before
         is_forgotten = known is None or view.at - known.seen_at > FORGOTTEN
-        if is_other and not (is_forgotten and may_change):
+        if is_other and not ((is_forgotten or target == self.named) and may_change):
+            return ""
+        if (may_change or self.is_standing) and not self.may_follow(target, view):
             return ""
         if self.is_standing and lifted_by is None:
             self.target = target
-        elif known is None or is_forgotten or lifted_by is not None or self._is_astray:
+        elif known is None or is_other or is_forgotten or lifted_by is not None or self._is_astray:
             # What was believed of an aircraft that stood on the ground says nothing about its throttle.
             compass = 0.0 if self.attitude is None else self.attitude.yaw
             velocity = None if is_other else velocity_between(self._last_view, view)
@@ -190,7 +196,21 @@ class Sight:
         known = self.estimator
         return self._is_others and known is not None and not known.innovation <= self._cfg.clean_innovation
 
+    def seen(self, target: str, at: float) -> None:
+        """Note that an image taken at a time [s] shows a target, whether it is followed or not."""
+        self._seen[target] = max(self._seen.get(target, at), at)
+
     # -- questions, which change nothing --------------------------------------------------------------------------
+
+    def may_follow(self, target: str, view: TargetView) -> bool:
+        """Whether the target of a view is the one that is named; where none is, it must not lie aside of who stands."""
+        if self.named:
+            return target == self.named
+        return not self.is_standing or math.hypot(*view.position_flu[:2].tolist()) <= ASIDE
+
+    def in_sight(self, now: float) -> tuple[str, ...]:
+        """Names of all targets that images have shown lately."""
+        return tuple(sorted(name for name, at in self._seen.items() if now - at <= IN_SIGHT))
 
     def is_fresh(self, now: float) -> bool:
         """Whether the target has been seen lately enough to hold or land by it."""

@@ -235,6 +235,11 @@ class Token(StrEnum):
         "{name} needs to know where the aircraft is, and no camera has seen a target yet.",
         "`mkctl watch 'vision/**'` shows what the cameras see; [[cameras]] in the configuration needs one, calibrated.",
     )
+    TARGET_UNCLEAR = (
+        "target_unclear",
+        "{name} would be flown by {found}, and {detail}.",
+        "Name the target that is meant: field `target` of the setpoint, `mkctl take-off --target`.",
+    )
     NO_FRAME = (
         "no_frame",
         "{name} cannot be followed in frame {frame}: GPS errs by 2 to 3 m, and its age is not told.",

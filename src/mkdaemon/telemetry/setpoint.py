@@ -38,6 +38,13 @@ class Setpoint(Command):
     flies on. With any other number an aborted flight stays aborted."""
 
 
+class TargetSetpoint(Setpoint):
+    """What is flown by a target."""
+
+    target: str = Field(default="", max_length=100)
+    """Name of the target; empty for the one in sight, which is refused where there are two."""
+
+
 class StickSetpoint(Setpoint):
     """Stick offsets, FLU signs: `setpoint/stick`."""
 
@@ -88,7 +95,7 @@ class AttitudeSetpoint(Setpoint):
     """Thrust along the body's up axis, as a share of the weight: 1 carries the aircraft when level."""
 
 
-class VelocitySetpoint(Setpoint):
+class VelocitySetpoint(TargetSetpoint):
     """Velocity: `setpoint/velocity`."""
 
     suffix: ClassVar[str] = "setpoint/velocity"
@@ -102,7 +109,7 @@ class VelocitySetpoint(Setpoint):
     """Nose left positive [rad/s]."""
 
 
-class PositionSetpoint(Setpoint):
+class PositionSetpoint(TargetSetpoint):
     """Position and heading: `setpoint/position`."""
 
     suffix: ClassVar[str] = "setpoint/position"
@@ -116,14 +123,14 @@ class PositionSetpoint(Setpoint):
     """Heading about the up axis of `frame`, counter-clockwise from its first axis [rad]; null to keep the heading."""
 
 
-class HoldSetpoint(Setpoint):
+class HoldSetpoint(TargetSetpoint):
     """Stay where the aircraft is when the first of them arrives: `setpoint/hold`."""
 
     suffix: ClassVar[str] = "setpoint/hold"
     about: ClassVar[str] = "Stay over the target in sight"
 
 
-class TakeOffSetpoint(Setpoint):
+class TakeOffSetpoint(TargetSetpoint):
     """Take off and hold over the middle of the target: `setpoint/takeoff`. The pilot has started the motors."""
 
     suffix: ClassVar[str] = "setpoint/takeoff"
@@ -133,7 +140,7 @@ class TakeOffSetpoint(Setpoint):
     """Above the target [m]; never above the configured fence."""
 
 
-class LandSetpoint(Setpoint):
+class LandSetpoint(TargetSetpoint):
     """Land on the target in sight: `setpoint/land`. Streamed until the feet stand; the aircraft is released then."""
 
     suffix: ClassVar[str] = "setpoint/land"

@@ -79,6 +79,7 @@ GOOD = Situation(
     eyes=(eyes(),),
     contradicting=(),
     target_age=0.1,
+    in_sight=("pad",),
     seen=lambda: ENTRY,
     compared=lambda: Match(0.01, 0.95),
     free_disk=5e9,

@@ -34,6 +34,7 @@ from mkdaemon.control.admission import (
     waits_for,
 )
 from mkdaemon.control.admission.navirows import FAR, HIGH
+from mkdaemon.control.admission.situation import ASIDE
 from mkdaemon.control.motionmatch import Match
 from mkdaemon.telemetry.control import ControlLine, Obstacle, Phase
 from mkdaemon.telemetry.danger import Confirm, Danger, Switch
@@ -127,6 +128,14 @@ CASES = [
     ("estimate", "no_estimate", NewManoeuvre(Concern.HOLD), BLIND),
     ("ground contact", "not_flying", NewManoeuvre(Concern.HOLD), {"flown": Concern.TAKE_OFF, "is_touching": True}),
     ("ground contact", "not_flying", NewManoeuvre(Concern.POSITION), {"flown": Concern.LAND, "is_touching": True}),
+    ("one target", "target_unclear", NewManoeuvre(Concern.LAND), {"in_sight": ("pad", "other")}),
+    ("one target", "target_unclear", NewManoeuvre(Concern.TAKE_OFF), sees(offset=0.6, target="other")),
+    (
+        "target that is flown by",
+        "target_unclear",
+        NewManoeuvre(Concern.POSITION, target="other"),
+        {"flown": Concern.HOLD},
+    ),
     ("frame", "no_frame", NewManoeuvre(Concern.POSITION, SetpointFrame.HOME), {}),
     ("take-off from the ground", "not_on_ground", NewManoeuvre(Concern.TAKE_OFF), {"flown": Concern.STICK}),
 ]
@@ -199,7 +208,9 @@ def test_before_the_flight_the_stream_waits_and_in_flight_only_a_change_from_han
 
 def test_every_row_has_its_situation():
     checked = {each.name for each in ROWS if each.is_shown}
-    assert {name for name, *_ in (*CASES, *WAITING)} | checked | {"height of the place"} == {each.name for each in ROWS}
+    assert {name for name, *_ in (*CASES, *WAITING)} | checked | {"height of the place", "named target"} == {
+        each.name for each in ROWS
+    }
     assert len({each.name for each in ROWS}) == len(ROWS)
     assert {token for each in ROWS for token in each.tokens} <= set(Token)
 
@@ -221,6 +232,21 @@ def test_what_stands_since_the_last_setpoint_holds_the_flight_back():
 def test_a_step_of_a_procedure_is_not_refused_for_its_procedure():
     step = request(is_slow=True, is_step=True, danger=IN_FLIGHT, is_confirmed=True)
     assert refusal(step, replace(GOOD, work=Work(RUNNING, is_alone=True, owed=OWED), phase=Phase.LEASED)) is None
+
+
+def test_who_names_a_target_is_flown_by_that_one_or_waits_for_it():
+    """The question that was not asked: which target is meant?"""
+    named, other = NewManoeuvre(Concern.TAKE_OFF, target="pad"), NewManoeuvre(Concern.HOLD, target="other")
+    assert refusal(named, replace(STANDING, in_sight=("other", "pad"))) is None
+    assert waits_for(named, replace(STANDING, in_sight=("other", "pad"))) == ""
+    assert "an image of other: pad is in sight" in waits_for(other, GOOD)
+    by_hand = refusal(other, replace(GOOD, flown=Concern.STICK))
+    assert by_hand is not None
+    assert by_hand.token == Token.NOT_READY
+    assert refusal(replace(other, target="pad"), replace(GOOD, flown=Concern.LAND)) is None
+    assert refusal(NewManoeuvre(Concern.POSITION), replace(GOOD, flown=Concern.HOLD, in_sight=("other", "pad"))) is None
+    far = replace(named, target="other")
+    assert refusal(far, replace(STANDING, **sees(offset=1.5, height=0.1, target="other"))) is None, "it is meant"
 
 
 def test_points_that_are_meant_and_points_close_by_are_taken():
@@ -253,6 +279,7 @@ CHANGES = {
     "motors": {"motors_running": False},
     "touching": {"is_touching": True},
     "work": {"work": Work(RUNNING, is_alone=True, owed=OWED)},
+    "two targets": {"in_sight": ("pad", "other")},
     "config": {"cfg": ControlConfig()},
 }
 
@@ -300,7 +327,7 @@ def test_a_change_from_hand_in_flight_is_refused_for_all_that_refuses_the_first_
 @given(situations())
 def test_what_is_shown_as_ready_is_not_refused(found):
     on_ground, shown = replace(found, flown=None, work=Work(), phase=Phase.FREE), findings(found)
-    if is_ready(shown) and found.entry is not None:
+    if is_ready(shown) and found.entry is not None and len(found.in_sight) == 1 and found.entry.offset <= ASIDE:
         assert refusal(TakeLease(holder="alice"), on_ground) is None
         for concern in BY_TARGET:
             assert refusal(NewManoeuvre(concern), on_ground) is None

@@ -478,7 +478,7 @@ def test_a_camera_is_doubted_after_images_that_were_refused_one_after_the_other_
     assert cameras.contradicting == ("down",)
     assert not cameras.doubts("down", 1.0), "the other half agrees"
     cameras.seen("down", 1.6 + TOGETHER)
-    assert cameras.doubts("down", 1.6 + TOGETHER), "no other camera has a say"
+    assert not cameras.doubts("down", 1.6 + TOGETHER), "what the other camera showed of it is still known"
 
 
 # -- whatever comes ------------------------------------------------------------------------------------------------

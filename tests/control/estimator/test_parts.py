@@ -73,6 +73,44 @@ def test_a_majority_contradicts_and_where_all_do_the_estimate_is_wrong():
     assert not cameras.doubts("c", 0.0)
 
 
+def test_what_is_known_of_a_camera_outlives_the_silence_of_the_one_that_showed_it():
+    """The question that was not asked: who says that a sensor that was found wrong is right now?
+
+    A slipped camera was believed when the right one gave no image for half a second, and the right one was left out.
+    """
+    cameras = Cameras(3)
+    for at in (0.0, 0.1):
+        cameras.seen("right", at)
+        cameras.judged("right", is_refused=False)
+    refused(cameras, "slipped", 0.1)
+    assert cameras.contradicting == ("slipped",)
+    for at in (0.7, 1.0, 9.0):
+        refused(cameras, "slipped", at)
+        assert (cameras.contradicting, cameras.doubts("slipped", at)) == (("slipped",), False), at
+        cameras.judged("slipped", is_refused=False)  # a blind estimate knows nothing better
+        assert cameras.contradicting == ("slipped",)
+    refused(cameras, "slipped", 9.1)
+    cameras.seen("right", 9.1)
+    cameras.judged("right", is_refused=False)
+    assert cameras.contradicting == ("slipped",)
+    cameras.judged("slipped", is_refused=False)
+    assert (cameras.contradicting, cameras._records["slipped"].is_wrong) == ((), False), "they agree again"
+
+
+def test_where_the_right_camera_is_refused_too_the_estimate_was_wrong_and_it_leads():
+    cameras = Cameras(3)
+    cameras.seen("right", 0.0)
+    cameras.judged("right", is_refused=False)
+    refused(cameras, "slipped", 0.1)
+    refused(cameras, "slipped", 1.0)
+    refused(cameras, "right", 1.1)
+    assert (cameras.contradicting, cameras.doubts("right", 1.1), cameras.doubts("slipped", 1.1)) == (
+        ("slipped",),
+        True,
+        False,
+    )
+
+
 def test_after_a_change_one_refused_image_is_enough():
     cameras = Cameras(3)
     cameras.seen("down", 0.0)

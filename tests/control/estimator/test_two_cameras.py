@@ -148,7 +148,8 @@ def test_most_cameras_are_right() -> None:
     assert rms(found) < 0.02
 
 
-def test_a_camera_that_is_left_alone_is_believed_in_the_end() -> None:
+def test_a_camera_that_was_found_wrong_is_not_believed_when_it_is_left_alone() -> None:
+    """A flight by it ends as one whose target is out of sight; what was known of it does not end with the other's."""
     plant = Plant(yaw=0.4)
     first = replace(view(plant.now, plant.axes, 2.0, plant.yaw), camera="down")
     estimator = Estimator(MODEL, first, HOVER)
@@ -163,8 +164,8 @@ def test_a_camera_that_is_left_alone_is_believed_in_the_end() -> None:
                 estimator.target_seen(replace(seen, camera="down"), plant.now)
         if k == 130:
             assert estimator.contradicting == ("forward",)
-    assert estimator.contradicting == ()
-    assert estimator.estimate(plant.now).age < 0.05
+    assert estimator.contradicting == ("forward",)
+    assert estimator.estimate(plant.now).age > 1.5
 
 
 def test_each_direction_counts_by_its_own_variance() -> None:

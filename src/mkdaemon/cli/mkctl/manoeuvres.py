@@ -168,6 +168,7 @@ async def take_off(
     /,
     *,
     seconds: Annotated[float, Parameter(name=["--seconds", "-s"], help="How long it holds there.")] = 10.0,
+    target: Annotated[str, Parameter(help="Name of the target; else the one in sight.")] = "",
     force: Force = False,
     connection: Connection = HERE,
 ) -> None:
@@ -188,7 +189,7 @@ async def take_off(
     require_length(seconds, "--seconds")
     async with connection.open() as uav, leased(uav, connection, force=force) as lease:
         async with showing(uav, lease, connection, lambda: None) as shown:
-            await lease.take_off(height)
+            await lease.take_off(height, target=target)
             await lease.hold(seconds=seconds)
         print_end({"position": shown.position}, f"took off; now at {metres(shown.position)}", connection)
 

@@ -75,11 +75,13 @@ class NewManoeuvre:
     Attributes:
         concern: what begins; one of `MANOEUVRES`.
         frame: in which it is given; None for a kind that has none.
+        target: name of the target it is flown by; empty for the one in sight.
         is_resumed: a flight by the target goes on with it, in the air, when the aircraft answers its sticks again.
     """
 
     concern: Concern
     frame: SetpointFrame | None = None
+    target: str = ""
     is_resumed: bool = False
 
     @property
@@ -90,7 +92,7 @@ class NewManoeuvre:
     @classmethod
     def by(cls, setpoint: Setpoint) -> NewManoeuvre:
         """The manoeuvre that a setpoint asks for."""
-        return cls(Concern(setpoint.kind), getattr(setpoint, "frame", None))
+        return cls(Concern(setpoint.kind), getattr(setpoint, "frame", None), getattr(setpoint, "target", ""))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -23,7 +23,7 @@ from mkdaemon.control.admission.sightlooks import (
     stamps,
     target,
 )
-from mkdaemon.control.admission.situation import Entry, Situation
+from mkdaemon.control.admission.situation import ASIDE, Entry, Situation
 from mkdaemon.control.batterywatch import low_voltage
 from mkdaemon.control.estimator.model import Gap
 from mkdaemon.control.estimator.values import GAS_CENTRE
@@ -222,6 +222,38 @@ def _frame(now: Situation, wanted: NewManoeuvre) -> Verdict:
     return stands(refuse(Token.NO_FRAME, name=f"setpoint/{wanted.concern}", frame=SetpointFrame.HOME.value))
 
 
+def _one_target(now: Situation, wanted: NewManoeuvre) -> Verdict:
+    """Whoever names no target means the one that is flown by, else the one in sight, or below."""
+    if wanted.target or (now.flown is not None and now.flown.is_by_target):
+        return passed()
+    entry, name = now.entry, f"setpoint/{wanted.concern}"
+    if len(now.in_sight) > 1:
+        found = ", ".join(now.in_sight)
+        detail = "more than one target is in sight"
+        return stands(refuse(Token.TARGET_UNCLEAR, name=name, found=f"one of {found}", detail=detail))
+    if wanted.concern is Concern.TAKE_OFF and entry is not None and entry.offset > ASIDE:
+        detail = f"the aircraft stands {entry.offset:.1f} m beside its middle"
+        return stands(refuse(Token.TARGET_UNCLEAR, name=name, found=entry.target, detail=detail))
+    return passed()
+
+
+def _flown_target(now: Situation, wanted: NewManoeuvre) -> Verdict:
+    """In flight by a target no other one takes its place."""
+    if not wanted.target or now.flown is None or not now.flown.is_by_target or now.entry is None:
+        return passed()
+    if wanted.target == now.entry.target:
+        return passed()
+    name, detail = f"setpoint/{wanted.concern}", f"{wanted.target} is asked for"
+    return stands(refuse(Token.TARGET_UNCLEAR, name=name, found=now.entry.target, detail=detail))
+
+
+def _named_target(now: Situation, wanted: NewManoeuvre) -> Verdict:
+    entry = now.entry
+    if entry is None or wanted.target in ("", entry.target):
+        return passed()
+    return _waiting(wanted, f"an image of {wanted.target}: {entry.target} is in sight")
+
+
 def _on_ground(now: Situation) -> Verdict:
     return when(refuse(Token.NOT_ON_GROUND) if now.flown in BY_HAND else None)
 
@@ -321,7 +353,7 @@ def _feet(now: Situation, entry: Entry) -> float:
 def _feet_down(now: Situation, wanted: NewManoeuvre) -> Verdict:
     """A take-off begins with the lowest throttle, which would drop an aircraft that a pilot holds in the air."""
     entry = now.entry
-    if entry is None or entry.age > now.cfg.autopilot.entry_age:
+    if entry is None or entry.age > now.cfg.autopilot.entry_age or wanted.target not in ("", entry.target):
         return passed()
     if _feet(now, entry) <= STANDS:
         return passed()
@@ -455,6 +487,21 @@ FLIGHT_ROWS: Final = (
         stands="no camera has seen a target yet",
         tokens=(Token.NO_ESTIMATE,),
         look=_estimate,
+        rule=Rule.ALWAYS,
+    ),
+    Row(
+        name="one target",
+        concerns=BY_TARGET,
+        stands=f"it names no target, and two are in sight, or the one of a take-off is more than {ASIDE:g} m aside",
+        tokens=(Token.TARGET_UNCLEAR,),
+        look=_one_target,
+    ),
+    Row(
+        name="target that is flown by",
+        concerns=BY_TARGET,
+        stands="it names another target than the one that is flown by",
+        tokens=(Token.TARGET_UNCLEAR,),
+        look=_flown_target,
         rule=Rule.ALWAYS,
     ),
     _check(
@@ -612,6 +659,7 @@ FLIGHT_ROWS: Final = (
         look=_in_air,
         rule=Rule.ENTRY,
     ),
+    _entry("named target", "it names another target than the one in sight", _named_target, concerns=_IN_SIGHT),
     _entry("fresh image", "the newest image is older than `entry_age`", _fresh_image, concerns=_IN_SIGHT),
     _once(_entry("speed", "it moves faster than `entry_speed` against the target", _slow, concerns=_IN_SIGHT)),
     _once(

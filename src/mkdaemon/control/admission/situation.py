@@ -51,6 +51,8 @@ class Work:
     leases: int = 0
 
 
+ASIDE = 0.5
+"""An aircraft stands on no target whose middle is farther aside [m]."""
 NO_WORK = Work()
 """Nothing is under way."""
 
@@ -109,6 +111,7 @@ class Situation:
         eyes: what each camera last said of itself.
         contradicting: cameras whose poses contradict those of the others.
         target_age: time since the newest image of a target [s]; None where there was none.
+        in_sight: names of all targets that images have shown lately.
         seen: computes `entry`: most conditions do not ask for it, and it costs a prediction of the estimate.
         is_touching: what is flown may touch the ground: a take-off not yet seen to fly, the end of a landing.
         unanswered: why the sticks of a flight by the target do not act, in words; empty where they may.
@@ -145,6 +148,7 @@ class Situation:
     eyes: tuple[VisionStats, ...]
     contradicting: tuple[str, ...]
     target_age: float | None
+    in_sight: tuple[str, ...]
     seen: Callable[[], Entry | None]
     is_touching: bool
     unanswered: str

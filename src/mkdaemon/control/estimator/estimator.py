@@ -75,10 +75,12 @@ class _Record:
     Attributes:
         at: when its newest image was taken [s].
         refused: its images refused one after the other.
+        is_wrong: it contradicted another camera that was believed, until the two agree.
     """
 
     at: float
     refused: int = 0
+    is_wrong: bool = False
 
 
 class Cameras:
@@ -102,6 +104,9 @@ class Cameras:
         """Note what became of an image of a camera that was seen."""
         record = self._records[camera]
         record.refused = record.refused + 1 if is_refused else 0
+        others = [each for each in self._records.values() if each is not record and record.at - each.at <= TOGETHER]
+        if any(each.refused < self._patience for each in others):
+            record.is_wrong = record.refused >= self._patience or (record.is_wrong and is_refused)
 
     def expect_change(self) -> None:
         """Let the next image of any camera count as one after too many refused ones."""
@@ -109,8 +114,12 @@ class Cameras:
             record.refused = self._patience
 
     def doubts(self, camera: str, at: float) -> bool:
-        """Whether the estimate is wrong and not a camera that was refused: most cameras contradict it."""
-        if self._records[camera].refused < self._patience:
+        """Whether the estimate is wrong and not a camera that was refused: most cameras contradict it.
+
+        What is known of a camera outlives the silence of the one that showed it.
+        """
+        record = self._records[camera]
+        if record.refused < self._patience or (record.is_wrong and self._are_wrong_outvoted):
             return False
         recent = [each for each in self._records.values() if at - each.at <= TOGETHER]
         refused = sum(each.refused >= self._patience for each in recent)
@@ -123,8 +132,15 @@ class Cameras:
             return ()
         newest = max((each.at for each in self._records.values()), default=0.0)
         recent = {name: each for name, each in self._records.items() if newest - each.at <= TOGETHER}
-        refused = tuple(sorted(name for name, each in recent.items() if each.refused >= self._patience))
-        return refused if len(refused) < len(recent) else ()
+        refused = sorted(name for name, each in recent.items() if each.is_wrong or each.refused >= self._patience)
+        if len(refused) == len(recent):
+            refused = [name for name in refused if recent[name].is_wrong and self._are_wrong_outvoted]
+        return tuple(refused)
+
+    @property
+    def _are_wrong_outvoted(self) -> bool:
+        """Whether no more than half of all cameras were found wrong."""
+        return 2 * sum(each.is_wrong for each in self._records.values()) <= len(self._records)
 
 
 def _leant(tilt: Array, seen: Array) -> Array:

@@ -237,7 +237,7 @@ class Landing:
         if self.phase is not LandingPhase.DESCEND or height < limits.commit_height:
             self._waited += step
         late = min(self._waited - limits.patience, LONGEST_WAIT)
-        return float(2.0 ** max(0.0, late / limits.yielding))
+        return math.exp2(max(0.0, late / limits.yielding))
 
     def _commit_gas(self, at: float) -> float:
         """Throttle of the commit [share of hover]: less and less where the aircraft hangs on its cushion."""
