@@ -203,9 +203,11 @@ class ChannelConfig(Section):
     latency_max: float = Field(default=0.062, ge=0.0)
     """XBee: the spikes [s]."""
     loss: float = Field(default=0.01, ge=0.0, le=0.5)
-    """XBee: share of packets lost, in bursts."""
+    """XBee: share of packets lost."""
+    lost_alone: float = Field(default=0.25, ge=0.0, le=1.0)
+    """XBee: share of the lost packets that are lost alone; the others are lost in bursts."""
     mean_burst: float = Field(default=4.0, ge=1.0)
-    """XBee: packets lost in a row, on average."""
+    """XBee: packets lost in a burst, on average."""
     outages_per_minute: float = Field(default=0.0, ge=0.0)
     """Drop-outs of the whole direction, at random [1/min]."""
     outage_duration: float = Field(default=1.0, gt=0.0)

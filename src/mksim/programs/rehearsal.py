@@ -64,15 +64,19 @@ EYES_TIME: Final = 0.020
 """What the eyes need for an image on an ordinary computer [s]; virtual time knows no computer."""
 
 
-def simulated_aircraft(seed: int, wind: str, fps: float) -> SimConfig:
+def simulated_aircraft(seed: int, wind: str, fps: float, loss: float | None = None) -> SimConfig:
     """An aircraft on its target: the pilot starts the motors and leaves the rest to the machine.
 
     Args:
         seed: of everything random.
         wind: none, indoor, light or moderate.
         fps: images a second.
+        loss: share of the radio's packets that are lost, each way; None for the radio's default.
+
+    Raises:
+        ValidationError: `loss` is not between 0 and 0.5.
     """
-    radio = {"kind": "xbee"}
+    radio: dict[str, Any] = {"kind": "xbee"} if loss is None else {"kind": "xbee", "loss": loss}
     platform = {"kind": "ramp", "speed": PAD_SPEED, "acceleration": 0.15, "delay": PAD_STARTS}
     scene: dict[str, Any] = {"enabled": True, "fps": fps, "exposure_ms": 6.0, "platform": platform}
     return SimConfig.model_validate(
