@@ -256,6 +256,15 @@ class PlatformConfig(Section):
     """Of the ramp [m/s2]."""
     delay: float = Field(default=0.0, ge=0.0)
     """It stands at its start for so long first [s]."""
+    tilt_deg: float = Field(default=0.0, ge=0.0, le=20.0)
+    """A standing target slopes down along its x axis by so much [deg]; set `start_enu` so that its low edge is above
+    the ground."""
+
+    @model_validator(mode="after")
+    def _tilted_at_rest(self) -> Self:
+        if self.tilt_deg and self.kind != "still":
+            raise ValueError(f"tilt_deg {self.tilt_deg:g} needs a target at rest, kind = still, not {self.kind}")
+        return self
 
 
 class LightConfig(Section):

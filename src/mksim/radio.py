@@ -1,6 +1,6 @@
 """One direction of the serial link, byte by byte: wire time, radio packets, loss, drop-outs, USB timer.
 
-The only model of a radio: the simulator, the proving ground and the flights of the lab use it. Packets keep their order,
+The only model of a radio: the simulator, the proving ground and the lab use it. Packets keep their order,
 so those behind a late one arrive back to back: the receiver gets frames without a pause that were sent with one.
 
 Pure: time is an argument, randomness comes from a seed. Bytes never overtake each other.
