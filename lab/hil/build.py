@@ -1,10 +1,11 @@
 """Builds a FlightCtrl for the proving ground, from the user's own checkouts; see `lab.hil.make`.
 
 Neither firmware nor simavr is part of this project (their licences); nothing is copied out of `build/hil`, which git
-does not see. simavr needs two repairs for this firmware, made in the copies that are compiled:
+does not see. simavr needs three repairs for this firmware, made in the copies that are compiled:
 
 * its I2C bus is five times too fast, so that the firmware's motor loop never waits;
-* `EEPE` does not stay set while the EEPROM writes, so that a parameter set is lost byte by byte.
+* `EEPE` does not stay set while the EEPROM writes, so that a parameter set is lost byte by byte;
+* its serial input shows a byte one character after its last bit, and keeps 64 bytes where the processor keeps three.
 """
 
 from __future__ import annotations
@@ -36,8 +37,8 @@ PACKAGES: Final = {
 """Programs and the Debian packages they come in."""
 CORES: Final = {"atmega1284p": "mega1284", "atmega644p": "mega644", "atmega644": "mega644"}
 """Processors of FlightCtrls, and what simavr calls them."""
-LEFT_OUT: Final = {"run_avr.c", "avr_twi.c", "avr_eeprom.c"}
-"""Of simavr's sources: a program of its own, and the two that are repaired."""
+LEFT_OUT: Final = {"run_avr.c", "avr_twi.c", "avr_eeprom.c", "avr_uart.c"}
+"""Of simavr's sources: a program of its own, and those that are repaired."""
 OWN_LID: Final = re.compile(rb"^(\s*)ChannelGas = ExternalControl\.Gas;", re.MULTILINE)
 STOCK_LID: Final = rb"\1if(ExternalControl.Gas < ChannelGas) ChannelGas = ExternalControl.Gas;"
 """A public fork takes our throttle as it is; stock firmware takes the smaller of the pilot's and ours."""
@@ -120,11 +121,12 @@ def _build_library(simavr: Path) -> None:
     work = OUTPUT / "simavr"
     work.mkdir(parents=True, exist_ok=True)
     _configure(work)
-    for name, repair in (("avr_twi.c", _slow_i2c), ("avr_eeprom.c", _busy_eeprom)):
+    repairs = {"avr_twi.c": _slow_i2c, "avr_eeprom.c": _busy_eeprom, "avr_uart.c": _prompt_uart}
+    for name, repair in repairs.items():
         (work / name).write_text(repair((simavr / "sim" / name).read_text(encoding="latin1")), encoding="latin1")
     sources = [path for path in sorted((simavr / "sim").glob("*.c")) if path.name not in LEFT_OUT]
     sources += [simavr / "cores" / f"sim_{core}.c" for core in ("mega1284", "megax4", "mega644")]
-    sources += [work / "avr_twi.c", work / "avr_eeprom.c", ROOT / "lab" / "hil" / "board.c"]
+    sources += [*(work / name for name in repairs), ROOT / "lab" / "hil" / "board.c"]
     folders = (work, simavr / "sim", simavr / "sim" / "avr", simavr / "cores")
     command = ["gcc", "-O3", "-march=native", "-fPIC", "-shared", "-w", "-fno-semantic-interposition", "-flto=auto"]
     command += [f"-I{folder}" for folder in folders] + ["-include", str(work / "sim_core_config.h")]
@@ -156,6 +158,27 @@ def _slow_i2c(text: str) -> str:
         "p->io.avr, twi_cycles * 5, avr_twi_set_state_timer, p);",
         "avr_twi.c",
     )
+
+
+def _prompt_uart(text: str) -> str:
+    """Show a received byte at once, and lose one that comes while two are kept and a third is in the shift register.
+
+    Source: data sheet of the ATmega1284P, chapter 20.7 (two bytes of buffer and the shift register).
+    """
+    steps = (
+        (
+            "avr_cycle_timer_register(avr, p->cycles_per_byte, avr_uart_rxc_raise, p); // start the rx pump",
+            "avr_cycle_timer_register(avr, 1, avr_uart_rxc_raise, p);",
+        ),
+        (
+            'AVR_LOG(avr, LOG_ERROR, "UART%c: %s: RX buffer overrun',
+            'AVR_LOG(avr, LOG_TRACE, "UART%c: %s: RX buffer overrun',
+        ),
+        ("} else if (uart_fifo_isfull(&p->input)) {", "} else if (uart_fifo_get_read_size(&p->input) >= 3) {"),
+    )
+    for old, new in steps:
+        text = _replaced(text, old, new, "avr_uart.c")
+    return text
 
 
 def _busy_eeprom(text: str) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import struct
+from dataclasses import dataclass
 from typing import Final
 
 from lab.hil.build import LIBRARY, Firmware
@@ -14,6 +15,12 @@ ANALOG: Final = 8
 MOTORS: Final = 12
 CHANNELS: Final = 16
 READ_AT_ONCE: Final = 4096
+TAKEN_AT_ONCE: Final = 64
+FRAME: Final = 48
+HELD: Final = 16
+"""Bytes that are kept of a received frame, and of external control."""
+BUFFER: Final = ("NeuerDatensatzEmpfangen", "AnzahlEmpfangsBytes", "RxdBuffer")
+"""The firmware's variables of its receive buffer: a frame waits, its length, its bytes (uart.c)."""
 SHIFT_OUTPUTS: Final = {"atmega1284p": 0x47, "atmega644p": 0x47, "atmega644": 0x47}
 """OCR0A, the output that shifts the barometer's amplifier, in the memory of each processor (ATmega data sheets)."""
 EEPROM_SIZES: Final = {"atmega1284p": 4096, "atmega644p": 2048, "atmega644": 2048}
@@ -33,6 +40,35 @@ class Lines(ctypes.Structure):
         ("motors", ctypes.c_int32),
         ("shift_address", ctypes.c_int32),
     )
+
+
+class _Taken(ctypes.Structure):
+    """A frame in the receive buffer; see `struct taken` of board.c."""
+
+    _fields_ = (
+        ("at", ctypes.c_double),
+        ("done", ctypes.c_double),
+        ("length", ctypes.c_int32),
+        ("frame", ctypes.c_uint8 * FRAME),
+        ("held", ctypes.c_uint8 * HELD),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class TakenFrame:
+    """A frame that the firmware had in its receive buffer.
+
+    Attributes:
+        at: when the buffer had it whole [s].
+        done: when the main loop had handled it, and the buffer was free again [s].
+        frame: its bytes, the first `FRAME` of a longer one.
+        held: the firmware's variable of external control at `done`.
+    """
+
+    at: float
+    done: float
+    frame: bytes
+    held: bytes
 
 
 class Chip:
@@ -66,6 +102,7 @@ class Chip:
         self._content = content
         self._bytes = ctypes.create_string_buffer(READ_AT_ONCE)
         self._times = (ctypes.c_double * READ_AT_ONCE)()
+        self._taken = (_Taken * TAKEN_AT_ONCE)()
         self.lines: Lines = self._library.board_lines(self._board).contents
         self.lines.motors = 4
         self.lines.shift_address = SHIFT_OUTPUTS[firmware.mcu]
@@ -95,6 +132,25 @@ class Chip:
         count = self._library.board_read(self._board, self._bytes, self._times, READ_AT_ONCE)
         raw = self._bytes.raw
         return [(self._times[i], raw[i]) for i in range(count)]
+
+    def watch_frames(self, control: str) -> None:
+        """Keep every frame that the firmware receives from now on, for `taken`.
+
+        Args:
+            control: name of the firmware's variable of external control.
+        """
+        symbols = self.firmware.symbols
+        self._library.board_watch(self._board, *(symbols[name] for name in (*BUFFER, control)))
+
+    def taken(self) -> list[TakenFrame]:
+        """Frames that the main loop has handled since the last call; call it at least once a second."""
+        found = []
+        while count := self._library.board_taken(self._board, self._taken, TAKEN_AT_ONCE):
+            found += [
+                TakenFrame(each.at, each.done, bytes(each.frame[: each.length]), bytes(each.held))
+                for each in self._taken[:count]
+            ]
+        return found
 
     def connect(self, exchange: int) -> None:
         """Connect a board to its SPI bus: the address of a function that answers a byte at a time [s] with another."""
@@ -153,6 +209,8 @@ def _describe(library: ctypes.CDLL) -> None:
     library.board_read.argtypes = [board, text, ctypes.c_void_p, ctypes.c_int]
     library.board_peek.argtypes = library.board_poke.argtypes = [board, ctypes.c_int, text, ctypes.c_int]
     library.board_connect.argtypes = [board, ctypes.c_void_p]
+    library.board_watch.argtypes = [board, *(ctypes.c_int,) * 4]
+    library.board_taken.argtypes = [board, ctypes.c_void_p, ctypes.c_int]
     library.board_eeprom.argtypes = [board, text, ctypes.c_int]
     for name in ("board_lines", "board_time", "board_reset"):
         getattr(library, name).argtypes = [board]

@@ -28,11 +28,10 @@ from mkdaemon.telemetry.event import LogEvent
 from mkdaemon.virtualtime import run_virtually
 from mksim.config import BatteryConfig, FlightConfig, PilotPlan, SimConfig, WindClass
 from mksim.physics.battery import OPEN_CIRCUIT_V
-from mksim.physics.deck import MovingDeck
 from mksim.physics.world import StartState, World
 from mksim.programs.flightrecord import Moment
 from mksim.programs.rehearsal import FlightPart, FlyingAircraft, Rehearsal, land, over_pad, take_off
-from mksim.scene.camera import DECK_RADIUS_M, platform_of
+from mksim.scene.camera import deck_of
 from mksim.simulation import Simulation
 
 Array = npt.NDArray[np.float64]
@@ -136,8 +135,7 @@ def fly(setting: Setting) -> dict[str, Any]:
 
 async def _fly(setting: Setting) -> dict[str, Any]:
     config = config_of(setting)
-    platform = platform_of(config.scene.platform)
-    deck = MovingDeck(lambda time: platform.pose_at(time).position_enu, radius=DECK_RADIUS_M)
+    deck = deck_of(config.scene.platform)
     start = StartState(yaw=setting.yaw)
     aircraft: FlyingAircraft
     if setting.firmware is None:

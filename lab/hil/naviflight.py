@@ -19,10 +19,9 @@ from lab.hil.navibuild import built_navictrl
 from lab.hil.navipair import NaviPair
 from lab.hil.quiet import be_quiet
 from mkdaemon.virtualtime import run_virtually
-from mksim.physics.deck import MovingDeck
 from mksim.physics.world import StartState
 from mksim.programs.rehearsal import land, over_pad, take_off
-from mksim.scene.camera import DECK_RADIUS_M, platform_of
+from mksim.scene.camera import deck_of
 
 VOLTAGE: Final = 15.6
 BOOTED: Final = 10.0
@@ -55,8 +54,7 @@ def fly_pair(flight: str, seed: int) -> dict[str, Any]:
 async def _fly(flight: str, seed: int) -> dict[str, Any]:
     setting = Setting(flight, seed, voltage=VOLTAGE)
     config = config_of(setting).model_copy(update={"pilot_wait": START})
-    platform = platform_of(config.scene.platform)
-    deck = MovingDeck(lambda time: platform.pose_at(time).position_enu, radius=DECK_RADIUS_M)
+    deck = deck_of(config.scene.platform)
     start = StartState(yaw=setting.yaw)
     pair = NaviPair(built(flight), built_navictrl(), config, voltage=VOLTAGE, start=start, ground=deck)
     await asyncio.sleep(BOOTED)

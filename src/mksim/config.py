@@ -203,9 +203,11 @@ class ChannelConfig(Section):
     latency_max: float = Field(default=0.062, ge=0.0)
     """XBee: the spikes [s]."""
     loss: float = Field(default=0.01, ge=0.0, le=0.5)
-    """XBee: share of packets lost, in bursts."""
+    """XBee: share of packets lost."""
+    lost_alone: float = Field(default=0.25, ge=0.0, le=1.0)
+    """XBee: share of the lost packets that are lost alone; the others are lost in bursts."""
     mean_burst: float = Field(default=4.0, ge=1.0)
-    """XBee: packets lost in a row, on average."""
+    """XBee: packets lost in a burst, on average."""
     outages_per_minute: float = Field(default=0.0, ge=0.0)
     """Drop-outs of the whole direction, at random [1/min]."""
     outage_duration: float = Field(default=1.0, gt=0.0)
@@ -254,6 +256,15 @@ class PlatformConfig(Section):
     """Of the ramp [m/s2]."""
     delay: float = Field(default=0.0, ge=0.0)
     """It stands at its start for so long first [s]."""
+    tilt_deg: float = Field(default=0.0, ge=0.0, le=20.0)
+    """A standing target slopes down along its x axis by so much [deg]; set `start_enu` so that its low edge is above
+    the ground."""
+
+    @model_validator(mode="after")
+    def _tilted_at_rest(self) -> Self:
+        if self.tilt_deg and self.kind != "still":
+            raise ValueError(f"tilt_deg {self.tilt_deg:g} needs a target at rest, kind = still, not {self.kind}")
+        return self
 
 
 class LightConfig(Section):

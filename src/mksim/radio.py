@@ -1,4 +1,7 @@
-"""One direction of the serial link, byte by byte: wire time, radio packets, loss in bursts, drop-outs, USB timer.
+"""One direction of the serial link, byte by byte: wire time, radio packets, loss, drop-outs, USB timer.
+
+The only model of a radio: the simulator, the proving ground and the lab use it. Packets keep their order,
+so those behind a late one arrive back to back: the receiver gets frames without a pause that were sent with one.
 
 Pure: time is an argument, randomness comes from a seed. Bytes never overtake each other.
 """
@@ -22,6 +25,64 @@ USB_PACKET_BYTES: Final = 62
 """Payload that makes a full-speed serial adapter deliver before its timer (FTDI AN232B-04)."""
 
 
+class Air:
+    """The way of packets through the air: latency, and loss alone and in bursts. Packets keep their order.
+
+    Attributes:
+        packets: sent.
+        packets_lost: of these, lost.
+    """
+
+    def __init__(self, cfg: ChannelConfig, seed: int | str) -> None:
+        """Start with nothing in the air.
+
+        Args:
+            cfg: the figures.
+            seed: of this direction alone.
+        """
+        self._byte_time = BITS_PER_BYTE / cfg.baud
+        self._latency_min = cfg.latency_min
+        self._span = cfg.latency_max - cfg.latency_min
+        self._scale = _exponential_scale(cfg.latency_mean - cfg.latency_min, self._span)
+        in_bursts = cfg.loss * (1.0 - cfg.lost_alone)
+        self._lost_alone = cfg.loss * cfg.lost_alone / (1.0 - in_bursts)
+        self._leave_burst = 1.0 / cfg.mean_burst
+        self._enter_burst = self._leave_burst * in_bursts / (1.0 - in_bursts)
+        self._rng = random.Random(f"{seed} radio")
+        self._alone_rng = random.Random(f"{seed} alone")
+        self._in_burst = self._rng.random() < in_bursts
+        self._out_until = -math.inf
+        self.packets = self.packets_lost = 0
+
+    def carry(self, size: int, last: float, at: float) -> float | None:
+        """Send a packet.
+
+        Args:
+            size: of the packet [byte].
+            last: when its last byte had reached the module [s].
+            at: when the module sends it [s].
+
+        Returns:
+            When its first byte begins to leave the other module [s]; None if the packet is lost.
+        """
+        rng = self._rng
+        self.packets += 1
+        self._in_burst = rng.random() >= self._leave_burst if self._in_burst else rng.random() < self._enter_burst
+        latency = self._latency_min + self._draw_excess()
+        is_lost_alone = self._alone_rng.random() < self._lost_alone
+        if self._in_burst or is_lost_alone:
+            self.packets_lost += 1
+            return None
+        leaves = max(last + latency, at, self._out_until)
+        self._out_until = leaves + size * self._byte_time
+        return leaves
+
+    def _draw_excess(self) -> float:
+        """Latency above the minimum: exponential, cut off at the span, by inversion [s]."""
+        reach = 1.0 - math.exp(-self._span / self._scale)
+        return -self._scale * math.log(1.0 - self._rng.random() * reach)
+
+
 class Channel:
     """Carries bytes one way.
 
@@ -30,8 +91,6 @@ class Channel:
         bytes_in: accepted from the sender.
         bytes_out: handed to the receiver.
         bytes_lost: cut or lost on the air.
-        packets: radio packets sent.
-        packets_lost: of these, lost.
     """
 
     def __init__(self, cfg: ChannelConfig, seed: int | str) -> None:
@@ -43,29 +102,32 @@ class Channel:
         """
         self._byte_time = BITS_PER_BYTE / cfg.baud
         self._is_radio = cfg.kind is RadioKind.XBEE
-        self._latency_min = cfg.latency_min
-        self._span = cfg.latency_max - cfg.latency_min
-        self._scale = _exponential_scale(cfg.latency_mean - cfg.latency_min, self._span)
-        self._leave_burst = 1.0 / cfg.mean_burst
-        self._enter_burst = self._leave_burst * cfg.loss / (1.0 - cfg.loss)
-        self._rng = random.Random(f"{seed} radio")
-        self._in_burst = self._rng.random() < cfg.loss
+        self._air = Air(cfg, seed)
         self._outage_rng = random.Random(f"{seed} outage")
         self._outage_gap = 60.0 / cfg.outages_per_minute if cfg.outages_per_minute else math.inf
         self._outage_mean = cfg.outage_duration
         self._outage = self._draw_outage(0.0)
         self._usb_timer = cfg.usb_timer
-        self._usb_last = -self._rng.uniform(0.0, cfg.usb_timer)
+        self._usb_last = -random.Random(f"{seed} usb").uniform(0.0, cfg.usb_timer)
         self._usb_due = math.inf
         self._usb = bytearray()
         self._packet = bytearray()
         self._packet_last = 0.0
         self._packet_closes = math.inf
         self._busy_until = -math.inf
-        self._out_until = -math.inf
         self._arrivals: deque[tuple[float, bytes]] = deque()
         self.is_cut = False
-        self.bytes_in = self.bytes_out = self.bytes_lost = self.packets = self.packets_lost = 0
+        self.bytes_in = self.bytes_out = self.bytes_lost = 0
+
+    @property
+    def packets(self) -> int:
+        """Radio packets sent."""
+        return self._air.packets
+
+    @property
+    def packets_lost(self) -> int:
+        """Of these, lost."""
+        return self._air.packets_lost
 
     @property
     def next_time(self) -> float:
@@ -112,27 +174,15 @@ class Channel:
     def _close_packet(self, at: float) -> None:
         """Send the packet over the air, or lose it."""
         data = bytes(self._packet)
-        last = self._packet_last
         self._packet.clear()
         self._packet_closes = math.inf
-        rng = self._rng
-        self.packets += 1
-        self._in_burst = rng.random() >= self._leave_burst if self._in_burst else rng.random() < self._enter_burst
-        latency = self._latency_min + self._draw_excess()
-        if self._in_burst:
-            self.packets_lost += 1
+        leaves = self._air.carry(len(data), self._packet_last, at)
+        if leaves is None:
             self.bytes_lost += len(data)
             return
-        leaves = max(last + latency, at, self._out_until)
         for value in data:
             leaves += self._byte_time
             self._arrive(value, leaves)
-        self._out_until = leaves
-
-    def _draw_excess(self) -> float:
-        """Latency above the minimum: exponential, cut off at the span, by inversion [s]."""
-        reach = 1.0 - math.exp(-self._span / self._scale)
-        return -self._scale * math.log(1.0 - self._rng.random() * reach)
 
     def _arrive(self, value: int, at: float) -> None:
         """Take a byte at the receiving end."""

@@ -74,17 +74,53 @@ def test_xbee_latency_is_that_of_2010() -> None:
 
 @pytest.mark.parametrize("loss", [0.03])
 def test_loss_comes_in_bursts_of_four(loss: float) -> None:
-    delays = first_arrivals(ChannelConfig(kind=RadioKind.XBEE, loss=loss), 20000, 0.1)
-    lost = [delay is None for delay in delays]
+    lost = losses(ChannelConfig(kind=RadioKind.XBEE, loss=loss, lost_alone=0.0))
+    lengths = burst_lengths(lost)
+    assert sum(lost) / len(lost) == pytest.approx(loss, rel=0.35)
+    assert np.mean(lengths) == pytest.approx(4.0, rel=0.25)
+
+
+def losses(config: ChannelConfig) -> list[bool]:
+    """Whether each of 20,000 frames was lost."""
+    return [delay is None for delay in first_arrivals(config, 20000, 0.1)]
+
+
+def burst_lengths(lost: list[bool]) -> list[int]:
+    """How many frames in a row were lost each time."""
     bursts = [0]
     for is_lost in lost:
         if is_lost:
             bursts[-1] += 1
         elif bursts[-1]:
             bursts.append(0)
-    lengths = [length for length in bursts if length]
-    assert sum(lost) / len(lost) == pytest.approx(loss, rel=0.35)
-    assert np.mean(lengths) == pytest.approx(4.0, rel=0.25)
+    return [length for length in bursts if length]
+
+
+@pytest.mark.parametrize("loss", [0.05, 0.15])
+def test_packets_are_lost_alone_and_in_bursts_and_both_are_within_the_share(loss: float) -> None:
+    lost = losses(ChannelConfig(kind=RadioKind.XBEE, loss=loss))
+    lengths = burst_lengths(lost)
+    assert sum(lost) / len(lost) == pytest.approx(loss, rel=0.15)
+    assert 1.5 < np.mean(lengths) < 3.0
+    assert sum(length == 1 for length in lengths) > 0.5 * len(lengths)
+    assert sum(length >= 4 for length in lengths) > 0.1 * len(lengths)
+    alone = losses(ChannelConfig(kind=RadioKind.XBEE, loss=loss, lost_alone=1.0))
+    assert sum(alone) / len(alone) == pytest.approx(loss, rel=0.15)
+    assert np.mean(burst_lengths(alone)) == pytest.approx(1.0 / (1.0 - loss), rel=0.05)
+
+
+def test_packets_behind_a_late_one_arrive_back_to_back() -> None:
+    """Frames sent every 16 ms: the radio's jitter leaves some of them without a pause."""
+    channel = Channel(XBEE, 5)
+    for k in range(2000):
+        channel.push(FRAME, 0.016 * k)
+    firsts, lasts = [], []
+    arrived = drain(channel)
+    for k in range(2000):
+        firsts.append(arrived[k * len(FRAME)][0])
+        lasts.append(arrived[(k + 1) * len(FRAME) - 1][0])
+    gaps = np.array(firsts[1:]) - np.array(lasts[:-1]) - BYTE
+    assert np.mean(gaps < 1e-6) == pytest.approx(0.25, abs=0.1)
 
 
 def test_no_loss_means_none() -> None:

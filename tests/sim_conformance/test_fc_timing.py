@@ -104,6 +104,34 @@ def test_second_of_two_frames_is_lost_as_measured(gap_ms, low, high):
     assert low <= lost / pairs <= high
 
 
+LOSS_IN_FLIGHT = [
+    # gap after the CR [ms], share lost at least, at most. The share of 3163 frames of two flights of genuine 2.12a that
+    # stayed in the buffer for longer: 47, 21, 8.3, 3.9, 0.9, 0.03 %
+    (2.0, 0.38, 0.54),
+    (4.0, 0.14, 0.26),
+    (6.0, 0.05, 0.12),
+    (8.0, 0.02, 0.065),
+    (12.0, 0.001, 0.018),
+    (20.0, 0.0, 0.002),
+]
+
+
+@pytest.mark.parametrize(("gap_ms", "low", "high"), LOSS_IN_FLIGHT)
+def test_with_motors_running_a_frame_waits_longer_and_the_second_is_lost_at_wider_gaps(gap_ms, low, high):
+    bench = fc_bench()
+    bench.board.core.start()
+    lost = 0
+    pairs = 800
+    version, state = encode_frame(1, "v"), encode_frame(1, "g")
+    for at in moments(3, pairs, 0.08):
+        free = bench.send(version, at)
+        bench.send(state, free + gap_ms * 1e-3)
+        ids = bench.ids(bench.run(at + 0.07))
+        assert "V" in ids, "the first is never lost"
+        lost += "G" not in ids
+    assert low <= lost / pairs <= high
+
+
 PERIODIC_B = [
     # rate [Hz], jitter [ms], share lost at least, at most; measured to 0.1 %
     (100, 0, 0.0, 0.0),
@@ -151,7 +179,7 @@ def test_b_is_confirmed_before_it_acts_and_acts_with_the_receiver():
     bench = fc_bench(gas_law=GasLaw.FORK)
     bench.board.core.start()
     bench.run(1.5)
-    delays = []
+    delays, confirms = [], []
     for number, at in enumerate(moments(4, 120, 0.11, 1.5), 1):
         before = len(bench.aircraft.sticks)
         free = bench.send(encode_frame(1, "b", bytes([0, 0, 0, number % 60, 1 + number % 250, 1, 0])), at)
@@ -159,7 +187,10 @@ def test_b_is_confirmed_before_it_acts_and_acts_with_the_receiver():
         flown = bench.aircraft.sticks
         acted = next(when for when, sticks in flown[before:] if sticks.gas != flown[before - 1][1].gas)
         delays.append((acted - free) * 1e3)
-        assert confirmed.first - free < 6e-3
+        confirms.append((confirmed.first - free) * 1e3)
+    # with motors running the serial part leaves passes out, twenty milliseconds of them at most
+    assert median(confirms) < 7.0
+    assert max(confirms) < 26.0
     assert min(delays) == pytest.approx(4.5, abs=1.5)
     assert median(delays) == pytest.approx(15.0, rel=0.15)
-    assert max(delays) <= 28.2 + 1.5
+    assert max(delays) <= 28.2 + 20.0

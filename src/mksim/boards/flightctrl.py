@@ -1,5 +1,7 @@
 """The FlightCtrl: one loop pass every 2 ms, one receive buffer, one frame leaving at a time; and its commands.
 
+With motors running some passes have no time for the serial line: a frame then waits longer in the one buffer.
+
 `receive` takes characters with the time they were put on the line, `advance` runs the board to a time, `poll` returns
 characters with the time their stop bit was out. Nothing here knows real time. Behaviour and figures:
 docs/firmware-notes. The board's state is in `flightctrl_state`, what it sends in `flightctrl_replies`.
@@ -36,6 +38,7 @@ from mksim.boards.generations import (
     LONG_SHARE,
     LONGEST_PASS,
     LONGEST_SHARE,
+    SERIAL_PASSES,
     SHORT_PASS,
     SLOW_TICK,
     FcGeneration,
@@ -383,6 +386,7 @@ class FlightCtrl(FcBoard):
 
     def _reset_loop(self) -> None:
         self._next_tick = self.now
+        self._skipped_passes = 0
         self._reset_at: float | None = None
         self._sticks = self._next_sticks = MOTORS_OFF
         self._sticks_at = 0.0
@@ -421,6 +425,21 @@ class FlightCtrl(FcBoard):
         self._run_slow_ticks(now)
         if self.core.is_due(now):
             self._evaluate(now)
+        if self._has_time_for_serial():
+            self._run_serial(now)
+
+    def _has_time_for_serial(self) -> bool:
+        """Whether this pass runs the serial part: with motors running the regulator leaves no time for it in some."""
+        if not self.core.running:
+            return True
+        if self._skipped_passes:
+            self._skipped_passes -= 1
+            return False
+        (self._skipped_passes,) = self._rng.choices(range(len(SERIAL_PASSES)), SERIAL_PASSES)
+        return True
+
+    def _run_serial(self, now: float) -> None:
+        """Send what is due, then handle the frame that waits."""
         if self._out.busy_until <= now:
             start_next_frame(self, now)
         if self.rx.has_frame:

@@ -17,6 +17,10 @@ _CONTACT_STIFFNESS: Final = 900.0
 """Righting acceleration of the legs per radian [1/s2]; settles a leaning aircraft in 0.1 s."""
 _CONTACT_DAMPING: Final = 60.0
 """Damping of that motion [1/s]."""
+_ROUNDING: Final = 1e-9
+"""What rounding makes of a contact [m; m/s]: feet on a surface at any height stay on it."""
+_SLOPE_REACH: Final = 1e-3
+"""The slope of the ground is taken over twice this [m]."""
 _MAX_RATE: Final = 35.0
 """Bound on body rates [rad/s] (2000 deg/s, where any gyro of the time is long saturated)."""
 
@@ -168,7 +172,7 @@ class Airframe:
         a_up = r[8] * push - drag * (self.v_up - wind[2]) - GRAVITY
         v_east, v_north, v_up = self.v_east + a_east * dt, self.v_north + a_north * dt, self.v_up + a_up * dt
         clearance = height - self._leg
-        self.on_ground = clearance <= 0.0 and v_up <= ground_up + 1e-9
+        self.on_ground = clearance <= _ROUNDING and v_up <= ground_up + _ROUNDING
         load = 0.0
         if self.on_ground:
             self._check_impact(self.v_up - ground_up, math.hypot(v_east - ground_east, v_north - ground_north))
@@ -184,7 +188,7 @@ class Airframe:
         self.east += v_east * dt
         self.north += v_north * dt
         self.up += v_up * dt
-        self._rotate(torque, load, dt)
+        self._rotate(torque, load, now, dt)
 
     def _ground_effect(self, height: float) -> float:
         """Thrust gain near the ground (Cheeseman and Bennett, ARC R&M 3021, 1955)."""
@@ -223,7 +227,7 @@ class Airframe:
         self.force_y = r[1] * f_east + r[4] * f_north + r[7] * f_up
         self.force_z = r[2] * f_east + r[5] * f_north + r[8] * f_up
 
-    def _rotate(self, torque: tuple[float, float, float], load: float, dt: float) -> None:
+    def _rotate(self, torque: tuple[float, float, float], load: float, now: float, dt: float) -> None:
         """Advance attitude and rates; `load` is the legs' share of the weight [m/s2]."""
         config = self._config
         jx, jy, jz = config.inertia_roll, config.inertia_pitch, config.inertia_yaw
@@ -232,7 +236,7 @@ class Airframe:
         alpha_y = (torque[1] - (jx - jz) * s * p) / jy
         alpha_z = (torque[2] - (jy - jx) * p * q) / jz
         if load > 0.0 and not self.crashed:
-            alpha_x, alpha_y, alpha_z = self._add_leg_torque(alpha_x, alpha_y, alpha_z, load, dt)
+            alpha_x, alpha_y, alpha_z = self._add_leg_torque(alpha_x, alpha_y, alpha_z, load, now, dt)
         if self.crashed:
             p = q = s = alpha_x = alpha_y = alpha_z = 0.0
         p = max(-_MAX_RATE, min(_MAX_RATE, p + alpha_x * dt))
@@ -252,14 +256,15 @@ class Airframe:
         self.enu_from_flu = self._rotation()
 
     def _add_leg_torque(
-        self, alpha_x: float, alpha_y: float, alpha_z: float, load: float, dt: float
+        self, alpha_x: float, alpha_y: float, alpha_z: float, load: float, now: float, dt: float
     ) -> tuple[float, float, float]:
-        """Add what the legs do: right the aircraft as far as their load and radius allow, and stop it turning."""
+        """Add what the legs do: turn the aircraft to the ground's slope as far as their load and radius allow."""
         config = self._config
         moment = config.mass * load * config.foot_radius
         most_x, most_y = moment / config.inertia_roll, moment / config.inertia_pitch
-        right_x = -_CONTACT_STIFFNESS * self.roll - _CONTACT_DAMPING * self.rate_x
-        right_y = -_CONTACT_STIFFNESS * self.pitch - _CONTACT_DAMPING * self.rate_y
+        roll, pitch = self._slope(now)
+        right_x = -_CONTACT_STIFFNESS * (self.roll - roll) - _CONTACT_DAMPING * self.rate_x
+        right_y = -_CONTACT_STIFFNESS * (self.pitch - pitch) - _CONTACT_DAMPING * self.rate_y
         most_z = config.friction * moment / config.inertia_yaw
         stop_z = -alpha_z - self.rate_z / dt
         return (
@@ -267,6 +272,14 @@ class Airframe:
             alpha_y + max(-most_y, min(most_y, right_y - alpha_y)),
             alpha_z + max(-most_z, min(most_z, stop_z)),
         )
+
+    def _slope(self, now: float) -> tuple[float, float]:
+        """Roll and pitch of an aircraft that stands flat on the ground below [rad]."""
+        east, north, reach, at = self.east, self.north, _SLOPE_REACH, self.ground.at
+        to_east = (at(east + reach, north, now)[0] - at(east - reach, north, now)[0]) / (2.0 * reach)
+        to_north = (at(east, north + reach, now)[0] - at(east, north - reach, now)[0]) / (2.0 * reach)
+        cos, sin = math.cos(self.yaw), math.sin(self.yaw)
+        return math.atan(to_north * cos - to_east * sin), -math.atan(to_east * cos + to_north * sin)
 
     def _rotation(self) -> tuple[float, float, float, float, float, float, float, float, float]:
         """Rotation of the quaternion, row by row."""

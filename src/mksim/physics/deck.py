@@ -1,4 +1,4 @@
-"""A landing deck that moves over flat ground, as something to stand on."""
+"""Landing decks over flat ground, as something to stand on: one that moves, and one that is tilted."""
 
 from __future__ import annotations
 
@@ -50,3 +50,28 @@ class MovingDeck:
         self._position = (float(here[0]), float(here[1]), float(here[2]))
         step = (there - here) / _SAMPLE
         self._velocity = (float(step[0]), float(step[1]), float(step[2]))
+
+
+class TiltedDeck:
+    """A round deck at rest that slopes down in one direction; flat ground at height zero around it."""
+
+    __slots__ = ("_centre", "_fall", "_radius")
+
+    def __init__(self, centre: tuple[float, float, float], *, tilt: float, heading: float, radius: float) -> None:
+        """Set it up.
+
+        Args:
+            centre: of its surface [m; ENU].
+            tilt: from level [rad].
+            heading: direction in which it slopes down, counter-clockwise from east [rad].
+            radius: [m].
+        """
+        self._centre, self._radius = centre, radius
+        self._fall = math.tan(tilt) * math.cos(heading), math.tan(tilt) * math.sin(heading)
+
+    def at(self, east: float, north: float, now: float) -> tuple[float, float, float, float]:
+        """Return height [m] and velocity east, north, up [m/s] of the surface below a point."""
+        x, y = east - self._centre[0], north - self._centre[1]
+        if math.hypot(x, y) > self._radius:
+            return 0.0, 0.0, 0.0, 0.0
+        return self._centre[2] - self._fall[0] * x - self._fall[1] * y, 0.0, 0.0, 0.0

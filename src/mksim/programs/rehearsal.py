@@ -70,7 +70,10 @@ def simulated_aircraft(seed: int, wind: str, fps: float, loss: float | None = No
         seed: of everything random.
         wind: none, indoor, light or moderate.
         fps: images a second.
-        loss: share of radio packets that are lost, each way; None for the radio's own.
+        loss: share of the radio's packets that are lost, each way; None for the radio's default.
+
+    Raises:
+        ValidationError: `loss` is not between 0 and 0.5.
     """
     radio: dict[str, Any] = {"kind": "xbee"} if loss is None else {"kind": "xbee", "loss": loss}
     platform = {"kind": "ramp", "speed": PAD_SPEED, "acceleration": 0.15, "delay": PAD_STARTS}

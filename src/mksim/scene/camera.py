@@ -11,7 +11,8 @@ import numpy.typing as npt
 from mkdaemon.vision.camera.calibration_file import Camera, Intrinsics, load_camera, mount_rotation
 from mkdaemon.vision.tags.tagmap import load
 from mksim.config import PlatformConfig, SceneConfig, SimConfig
-from mksim.physics.deck import MovingDeck
+from mksim.physics.airframe import Ground
+from mksim.physics.deck import MovingDeck, TiltedDeck
 from mksim.physics.world import World
 from mksim.scene.autoexposure import AutoExposure
 from mksim.scene.hardships import LEAF_PERIOD, LEAF_SWAY_M, fair_conditions, shadow_of_vehicle
@@ -66,18 +67,26 @@ def platform_of(cfg: PlatformConfig) -> Platform:
         cfg.speed,
         cfg.radius,
         cfg.acceleration,
+        pitch=math.radians(cfg.tilt_deg),
         delay=cfg.delay,
     )
+
+
+def deck_of(cfg: PlatformConfig) -> Ground:
+    """The configured target as something to stand on."""
+    if cfg.tilt_deg:
+        tilt, heading = math.radians(cfg.tilt_deg), math.radians(cfg.heading_deg)
+        return TiltedDeck(cfg.start_enu, tilt=tilt, heading=heading, radius=DECK_RADIUS_M)
+    motion = platform_of(cfg)
+    return MovingDeck(lambda time: motion.pose_at(time).position_enu, radius=DECK_RADIUS_M)
 
 
 def landing_world(config: SimConfig) -> World | None:
     """The world with the scene's platform as something to stand on; None where it lies still on the ground."""
     platform = config.scene.platform
-    if platform.kind == "still" and platform.start_enu[2] == 0.0:
+    if platform.kind == "still" and platform.start_enu[2] == 0.0 and not platform.tilt_deg:
         return None
-    motion = platform_of(platform)
-    deck = MovingDeck(lambda time: motion.pose_at(time).position_enu, radius=DECK_RADIUS_M)
-    return World(config.flight, seed=config.seed, ground=deck)
+    return World(config.flight, seed=config.seed, ground=deck_of(platform))
 
 
 class SceneCamera:

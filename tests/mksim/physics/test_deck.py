@@ -1,12 +1,14 @@
-"""A moving deck under the legs."""
+"""A moving deck, and a tilted one, under the legs."""
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 import pytest
 
 from mksim.config import FlightConfig, SensorConfig, WindClass
-from mksim.physics.deck import MovingDeck
+from mksim.physics.deck import MovingDeck, TiltedDeck
 from mksim.physics.world import DT, MOTORS_OFF, StartState, World
 
 STILL_AIR = FlightConfig(wind=WindClass.NONE, sensors=SensorConfig.ideal())
@@ -38,3 +40,25 @@ def test_an_aircraft_beside_the_deck_stays() -> None:
     for _ in range(round(2.0 / DT)):
         world.step(MOTORS_OFF)
     assert world.truth.position_enu == pytest.approx([0.0, 2.0, 0.1], abs=1e-9)
+
+
+@pytest.mark.parametrize("tilt_deg", [4.0, 12.0])
+@pytest.mark.parametrize("yaw_deg", [0.0, 90.0, 200.0])
+def test_an_aircraft_on_a_tilted_deck_stands_as_the_deck_slopes(tilt_deg: float, yaw_deg: float) -> None:
+    """The deck slopes down towards the east: who faces east has the nose low, who faces north the right side."""
+    deck = TiltedDeck((0.0, 0.0, 0.2), tilt=math.radians(tilt_deg), heading=0.0, radius=0.6)
+    yaw = math.radians(yaw_deg)
+    world = World(STILL_AIR, seed=1, start=StartState(yaw=yaw), ground=deck)
+    for _ in range(round(2.0 / DT)):
+        world.step(MOTORS_OFF)
+    slope = math.tan(math.radians(tilt_deg))
+    assert world.truth.pitch == pytest.approx(math.atan(slope * math.cos(yaw)), abs=2e-3)
+    assert world.truth.roll == pytest.approx(math.atan(slope * math.sin(yaw)), abs=2e-3)
+    assert world.truth.on_ground
+    assert world.truth.position_enu == pytest.approx([0.0, 0.0, 0.3], abs=1e-3)
+
+
+def test_beside_a_tilted_deck_the_ground_is_flat() -> None:
+    deck = TiltedDeck((0.0, 0.0, 0.2), tilt=0.2, heading=0.0, radius=0.6)
+    assert deck.at(0.5, 0.0, 0.0)[0] < deck.at(-0.5, 0.0, 0.0)[0]
+    assert deck.at(0.7, 0.0, 0.0) == (0.0, 0.0, 0.0, 0.0)
