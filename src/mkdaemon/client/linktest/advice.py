@@ -124,8 +124,8 @@ def _gap(load: _Load, *, is_radio: bool) -> Iterator[str]:
     if is_radio or control.lost - control.replaced < ENOUGH or control.line_loss_percent < 2 * echo.loss_percent + 0.2:
         return
     yield (
-        f"Gap: {control.line_loss_percent:.1f} % of the stick frames are lost and {echo.loss_percent:.1f} % of the link "
-        "tests, so the board has no time for them: raise link.gap_ms (5 by default) to 8, or lower control.rate."
+        f"Gap: {control.line_loss_percent:.1f} % of the stick frames are lost and {echo.loss_percent:.1f} % of the "
+        "link tests, so the board has no time for them: raise link.gap_ms (12 by default) to 16, or lower control.rate."
     )
 
 

@@ -5,10 +5,10 @@ place. One request of a kind and board is outstanding at a time, because boards 
 receive buffer (FlightCtrl). Nothing is written ahead of the wire: a frame is given out when the line is free, so the
 newest setpoint never waits behind bytes already handed over. Source: docs/firmware-notes, "Losses".
 
-A FlightCtrl loses a frame that comes too soon after another, and a radio delivers frames closer together than they were
-sent. So a request to it keeps the gap of the rules on both sides, and by radio a longer `distance` from the frame before.
-Where setpoints come too often for that, the request takes the place of one: setpoints wait until the request has left,
-and the newest one follows.
+A FlightCtrl loses a frame that comes too soon after another, and a radio delivers frames closer together than they
+were sent. So a request to it keeps the gap of the rules on both sides, and by radio a longer `distance` from the frame
+before. Where setpoints come too often for that, the request takes the place of one: setpoints wait until the request
+has left, and the newest one follows.
 """
 
 from __future__ import annotations
