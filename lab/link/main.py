@@ -165,7 +165,7 @@ async def measure(case: Case, seconds: float) -> dict[str, Any]:
         "cpu_percent": round(100 * cpu / elapsed, 1),
         "echoes": after.echo.sent_total - before.echo.sent_total,
         "setpoints": meter.tx["b"],
-        "confirms_hidden": after.confirm_hidden - before.confirm_hidden,
+        "confirms_replaced": after.stick_frames.replaced - before.stick_frames.replaced,
         "radio_loss": radio_loss(truth["packets"], truth["packets_lost"]),
         "frames_unequal": _unequal(meter, truth),
         "bytes_dropped": dict(meter.losses),

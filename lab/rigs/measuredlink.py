@@ -59,7 +59,7 @@ class _LedgerBus:
     def publish(self, suffix: str, value: BaseModel, *, schema: type[BaseModel] | None = None) -> None:
         """Hand a frame to the ledger, if it follows such."""
         if self.ledger is not None and suffix == "link/health":
-            self.ledger.take_hidden(cast("LinkHealth", value).confirm_hidden)
+            self.ledger.take_replaced(cast("LinkHealth", value).stick_frames.replaced)
         direction, _, rest = suffix.partition("/")
         key = f"{direction}/{rest.rpartition('/')[2]}"
         if self.ledger is not None and (suffix in self._keys or key in self._keys):

@@ -165,7 +165,9 @@ def by_images(apart, step=SHORTEST_STEP, images=3):
     [
         # The last of `between` ticks leaves room for the boards and for an image 3 ms early; the next one waits.
         (1 / 15, 0.01, [0.01789, 0.03578, 0.05367, 0.07367, 0.09367]),
-        (1 / 30, 0.01, [0.02, 0.04, 0.06]),
+        (1 / 30, 0.01, [0.02, 0.04033, 0.06033]),
+        (1 / 15, 1 / 44, [0.03182, 0.07276, 0.09276]),  # 30 a second: one more would hold up the next image
+        (1 / 20, 1 / 44, [0.02427, 0.05609]),
         (1 / 50, 0.01, [0.027, 0.047, 0.067]),
         (1 / 4.2, 0.025, [0.035, 0.07, 0.105, 0.14, 0.175, 0.21]),
         (1 / 3.9, 0.01, [0.02, 0.04]),  # too far apart for a rhythm

@@ -180,7 +180,7 @@ def test_loss_counts_within_the_window_only():
     trips = RoundTrips(window=10.0, timeout=0.25)
     trips.sent("a", 0.0)
     trips.sent("b", 0.1)
-    assert trips.unanswered == 2
+    assert trips.tally.fates().waiting == 2
     assert trips.expire(0.2) == 0
     assert trips.expire(0.3) == 1
     trips.answered("b", 0.2)
@@ -201,26 +201,58 @@ def test_late_double_and_stray_answers_are_told_apart():
     assert (stats.late, stats.duplicate, stats.lost) == (1, 2, 1)
 
 
-def test_what_is_forgotten_or_cleared_counts_neither_way():
+def test_what_stays_unanswered_is_counted_with_its_reason_and_blames_the_line_only_for_what_it_lost():
     trips = RoundTrips(window=10.0, timeout=0.25)
-    trips.sent("hidden", 0.0)
-    trips.forget("hidden")
-    trips.sent("gone", 0.0)
-    trips.clear()
-    assert trips.expire(9.0) == 0
-    assert trips.statistics(9.0).sent == 0
+    trips.sent("replaced", 0.0)
+    trips.replaced("replaced", 0.1)
+    trips.sent("gone", 0.2)
+    trips.interrupted(0.3)
+    trips.forgive(0.3)
+    trips.sent("lost", 0.4)
+    assert trips.expire(9.0) == 1
+    fates = trips.tally.fates()
+    assert (fates.sent, fates.unanswered, fates.replaced, fates.outage, fates.lost) == (3, 3, 1, 1, 1)
+    stats = trips.statistics(9.0)
+    assert (stats.sent, stats.lost, stats.replaced) == (3, 3, 1)
+    assert trips.losses(9.0) == (1, 1)
 
 
-def test_forgiving_drops_losses_and_keeps_round_trips():
+@pytest.mark.parametrize(
+    ("answers_at", "expected"),
+    [
+        # (sent at 0, 0.1, 0.2; the fastest answer takes 30 ms) round trips of those that are answered
+        ((0.05, 0.15, 0.25), [0.05, 0.05, 0.05]),
+        ((0.15, 0.25), [0.05, 0.05]),  # the first was lost
+        ((0.11, 0.15, 0.25), [0.11, 0.05, 0.05]),  # the second cannot be back after 10 ms
+        ((0.14, 0.16, 0.25), [0.04, 0.16, 0.05]),  # one of two: the counts are right, whichever it was
+    ],
+)
+def test_answers_without_a_token_belong_to_the_newest_that_can_be_back(answers_at, expected):
+    trips = RoundTrips(window=10.0, timeout=0.25)
+    trips.sent("first", -1.0)
+    trips.answered("first", -0.97)
+    found, asked = [], [0.0, 0.1, 0.2]
+    for at in sorted((*answers_at, *asked)):
+        if at in asked:
+            trips.sent(at, at)
+        else:
+            found.append(trips.answered(trips.asked(at), at))
+    assert found == pytest.approx(expected)
+    trips.expire(1.0)
+    assert trips.tally.answered == 1 + len(answers_at)
+    assert trips.tally.unanswered == 3 - len(answers_at)
+
+
+def test_forgiving_keeps_the_counts_and_the_round_trips():
     trips = RoundTrips(window=10.0, timeout=0.25)
     trips.sent("lost", 0.0)
     trips.expire(0.3)
     trips.sent("good", 0.4)
     trips.answered("good", 0.41)
     trips.sent("under way", 0.5)
-    trips.forget_losses()
-    assert trips.fates(0.6) == (1, 0)
-    assert (trips.statistics(0.6).sent_total, trips.statistics(0.6).lost_total) == (2, 1)
+    trips.forgive(0.6)
+    assert trips.losses(0.6) == (1, 0)
+    assert (trips.statistics(0.6).sent_total, trips.statistics(0.6).lost_total) == (3, 2)
     trips.answered("under way", 0.7)
     assert trips.statistics(0.7).late == 1
 
@@ -242,7 +274,7 @@ def test_memory_is_bounded():
             trips.answered(number, number + 0.01)
         else:
             trips.expire(number + 0.3)
-    assert trips.fates(0.0) == (CAPACITY, CAPACITY // 2)
+    assert trips.losses(0.0) == (CAPACITY, CAPACITY // 2)
 
 
 def test_percentile_of_nothing():

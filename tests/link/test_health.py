@@ -310,7 +310,7 @@ def test_unanswered_beside_damage_is_called_damage():
     assert line.health.verdict.reason == "frames arrive damaged, and nothing we send is answered"
 
 
-def test_an_outage_is_not_counted_as_loss_afterwards():
+def test_an_outage_is_counted_and_says_nothing_about_the_line_afterwards():
     line = up()
     line.talks = False
     line.until(LinkCondition.MUTE, 0.5)
@@ -319,7 +319,10 @@ def test_an_outage_is_not_counted_as_loss_afterwards():
     line.until(LinkCondition.UP, 0.5)
     line.run(1.0)
     assert line.health.verdict.condition is LinkCondition.UP
-    assert line.health.echo.statistics(line.now).lost == 0
+    assert line.health.echo.losses(line.now)[1] == 0
+    fates = line.health.echo.tally.fates()
+    assert fates.outage > 0
+    assert fates.unanswered == line.health.echo.statistics(line.now).lost
 
 
 def test_a_lost_port_is_down_or_absent_at_once():

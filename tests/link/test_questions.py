@@ -150,7 +150,7 @@ def test_an_answer_closes_its_question_only():
     first, second = ask(book, 1, 0.0), ask(book, 2, 0.0)
     assert book.received(label(2), Board.NC, 0.1) is second
     assert book.pending == (first,)
-    assert book.answered == 1
+    assert book.tally.answered == 1
 
 
 def test_a_question_not_sent_yet_is_not_answered():
@@ -161,7 +161,7 @@ def test_a_question_not_sent_yet_is_not_answered():
     assert book.next_time() == math.inf
     book.withdraw(pending, 0.2)
     assert book.received(label(1), Board.NC, 0.3) is None
-    assert (book.late, book.duplicate) == (0, 0)
+    assert (book.tally.late, book.duplicate) == (0, 0)
 
 
 def test_attempts_time_out_one_by_one():
@@ -170,20 +170,23 @@ def test_attempts_time_out_one_by_one():
     assert book.due(0.2) == []
     assert book.next_time() == pytest.approx(0.3)
     assert book.due(0.3) == [pending]
+    book.timed_out(pending)
     book.sent(pending, 0.35)
     assert pending.attempts_left == 0
     assert pending.sent == 2
+    book.timed_out(pending)
     book.give_up(pending, 0.7)
-    assert (book.unanswered, book.pending) == (1, ())
+    assert (book.tally.unanswered, book.pending) == (2, ())
 
 
 def test_late_and_double_answers_are_counted_once():
     book = RequestBook()
     given_up, answered = ask(book, 1, 0.0), ask(book, 2, 0.0)
+    book.timed_out(given_up)
     book.give_up(given_up, 0.3)
     assert book.received(label(1), Board.NC, 0.4) is None
     assert book.received(label(1), Board.NC, 0.5) is None
-    assert book.late == 1
+    assert book.tally.late == 1
     book.sent(answered, 0.3)
     assert book.received(label(2), Board.NC, 0.4) is answered
     assert book.received(label(2), Board.NC, 0.5) is None
@@ -195,7 +198,7 @@ def test_an_old_question_is_forgotten():
     book = RequestBook()
     book.give_up(ask(book, 1, 0.0), 0.3)
     book.received(label(1), Board.NC, 1.0 + LATE_WINDOW)
-    assert book.late == 0
+    assert book.tally.late == 0
 
 
 def test_one_answer_to_one_sending_is_no_double():
@@ -271,7 +274,7 @@ def test_silence_is_asked_again_more_patiently_and_then_given_up_in_words():
     assert second - first == pytest.approx(0.2, abs=0.02)
     assert third - second == pytest.approx(0.3, abs=0.02)
     assert bench.questions.take_finished() == [Unanswered(pending, "nc did not answer, asked 3 times")]
-    assert bench.questions.book.unanswered == 1
+    assert bench.questions.book.tally.unanswered == 3
 
 
 def test_too_much_waiting_is_refused_and_leaves_nothing_behind():

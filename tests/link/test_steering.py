@@ -38,6 +38,10 @@ def lost(path: ControlPath, now: float) -> int:
     return path._health.confirm.statistics(now).lost_total
 
 
+def replaced(path: ControlPath) -> int:
+    return path._health.confirm.tally.fates().replaced
+
+
 def test_numbers_roll_and_never_are_zero(path):
     numbers = [path.entry(STICKS, Purpose.SETPOINT, 1.0).number for _ in range(600)]
     assert set(numbers) == set(range(1, 256))
@@ -56,17 +60,18 @@ def test_a_confirmation_missing_beside_a_free_transmitter_is_a_loss(path):
     first, second = send(path, 0.0), send(path, 0.02)
     path.confirmed(second, 0.028)
     assert lost(path, 1.0) == 1
-    assert path.hidden == 0
+    assert replaced(path) == 0
     assert first != second
 
 
-def test_one_hidden_by_a_long_frame_is_none(path):
+def test_one_replaced_behind_a_long_frame_is_counted_and_does_not_blame_the_line(path):
     send(path, 0.0)
     second = send(path, 0.01)
     path.board_was_busy(0.004, 0.021)
     path.confirmed(second, 0.023)
-    assert lost(path, 1.0) == 0
-    assert path.hidden == 1
+    assert lost(path, 1.0) == 1  # it is counted, with the reason
+    assert replaced(path) == 1
+    assert path._health.confirm.losses(1.0) == (1, 0)
 
 
 def test_frames_on_end_are_one_stretch(path):
@@ -75,15 +80,15 @@ def test_frames_on_end_are_one_stretch(path):
     path.board_was_busy(0.004, 0.021)
     path.board_was_busy(0.023, 0.030)
     path.confirmed(second, 0.032)
-    assert path.hidden == 1
+    assert replaced(path) == 1
 
 
-def test_a_short_frame_hides_nothing(path):
+def test_behind_a_short_frame_none_is_replaced(path):
     send(path, 0.0)
     second = send(path, 0.02)
     path.board_was_busy(0.009, 0.013)
     path.confirmed(second, 0.029)
-    assert path.hidden == 0
+    assert replaced(path) == 0
     assert lost(path, 1.0) == 1
 
 
@@ -94,19 +99,20 @@ def test_the_way_by_radio_is_taken_into_account(path):
     second = send(path, 10.01)
     path.board_was_busy(10.044, 10.061)
     path.confirmed(second, 10.063)
-    assert path.hidden == 1
+    assert replaced(path) == 1
 
 
-def test_strange_confirmations_hide_nothing(path):
+def test_strange_confirmations_replace_nothing(path):
     send(path, 0.0)
     path.confirmed(99, 0.01)
-    assert path.hidden == 0
+    assert replaced(path) == 0
 
 
 def test_where_none_can_come_none_is_missed(path):
     path.sent(path.entry(STICKS, Purpose.RELEASE, 1.0), 0.0, confirms=False)
     assert path.last_command is None
     assert lost(path, 1.0) == 0
+    assert path._health.confirm.tally.fates().silent == 1
 
 
 VERSION_2_08 = VersionFc200.decode(bytes((2, 8, 11, 0, 0, 0, 0, 0, 0, 0, 0, 0)))

@@ -13,8 +13,9 @@ from mkdaemon.config.link import LinkConfig
 from mkdaemon.errors import CommandRejectedError, ConfigError
 from mkdaemon.link.session import budget
 from mkdaemon.link.session.line import LineRules
+from mkdaemon.link.session.renewal import HeardShare
 from mkdaemon.link.session.streamkinds import FASTEST, KINDS, SLOWEST_TIME, TICK_TIME, kind_of, round_up_interval
-from mkdaemon.link.session.streams import ASK_AGAIN, Streams, Subscriptions, check_rates
+from mkdaemon.link.session.streams import ASK_AGAIN, ASK_RARELY, OVERDUE_PERIODS, Streams, Subscriptions, check_rates
 from mkdaemon.protocol.messages import AttitudeRequest, DebugRequest, OsdRequestV1
 from mkdaemon.protocol.wire import Board
 
@@ -34,7 +35,7 @@ def requests_until(subscriptions: Subscriptions, end: float, now: float = 0.0) -
 
 
 def test_wanted_streams_are_asked_for_at_once_and_once():
-    subscriptions = Subscriptions(Board.NC)
+    subscriptions = Subscriptions(Board.NC, HeardShare())
     subscriptions.want("osd", 0.1)
     subscriptions.want("debug", 0.2)
     assert subscriptions.next_time() == -math.inf
@@ -43,43 +44,45 @@ def test_wanted_streams_are_asked_for_at_once_and_once():
 
 
 def test_the_renewal_is_a_kind_nobody_wants_because_interval_0_costs_no_frame():
-    subscriptions = Subscriptions(Board.NC, renew=1.5)
+    subscriptions = Subscriptions(Board.NC, HeardShare(), renew=1.5)
     subscriptions.want("osd", 0.1)
     asked = requests_until(subscriptions, 10.0)
     assert asked[0][1] == OsdRequestV1(interval=10)
-    assert [message for _, message in asked[1:]] == [AttitudeRequest(interval=0)] * 6
+    assert {message for _, message in asked[1:]} == {AttitudeRequest(interval=0)}
     gaps = [b[0] - a[0] for a, b in itertools.pairwise(asked)]
-    assert max(gaps) < 2.0
+    assert max(gaps) == pytest.approx(subscriptions.renewal, abs=0.011)
+    assert min(gaps) == pytest.approx(subscriptions.renewal, abs=0.011)
 
 
 def test_where_all_are_wanted_the_shortest_frame_renews():
-    subscriptions = Subscriptions(Board.NC)
+    subscriptions = Subscriptions(Board.NC, HeardShare())
     for key in ("osd", "debug", "attitude"):
         subscriptions.want(key, 0.1)
     asked = requests_until(subscriptions, 4.0)
-    assert [message for _, message in asked[3:]] == [AttitudeRequest(interval=10)] * 2
+    assert {message for _, message in asked[3:]} == {AttitudeRequest(interval=10)}
 
 
 def test_a_display_request_is_no_renewal_because_it_answers_at_once():
-    subscriptions = Subscriptions(Board.FC)
+    subscriptions = Subscriptions(Board.FC, HeardShare())
     subscriptions.want("attitude", 0.1)
     subscriptions.want("debug", 0.1)
     assert all(message.spec.id != "h" for _, message in requests_until(subscriptions, 5.0))
 
 
 def test_only_a_changed_rate_is_asked_for_again():
-    subscriptions = Subscriptions(Board.NC)
+    subscriptions = Subscriptions(Board.NC, HeardShare())
     subscriptions.want("osd", 0.1)
     subscriptions.want("debug", 0.1)
     subscriptions.due(0.0)
     subscriptions.want("osd", 0.1)
+    flow(subscriptions, 0.1)
     assert subscriptions.due(0.1) == []
     subscriptions.want("osd", 0.2)
     assert subscriptions.due(0.2) == [OsdRequestV1(interval=20)]
 
 
 def test_ending_a_stream_stops_it_and_keeps_the_others():
-    subscriptions = Subscriptions(Board.NC)
+    subscriptions = Subscriptions(Board.NC, HeardShare())
     subscriptions.want("osd", 0.1)
     subscriptions.want("debug", 0.1)
     subscriptions.due(0.0)
@@ -91,23 +94,59 @@ def test_ending_a_stream_stops_it_and_keeps_the_others():
 
 
 def test_without_wishes_nothing_is_sent():
-    subscriptions = Subscriptions(Board.NC)
+    subscriptions = Subscriptions(Board.NC, HeardShare())
     assert subscriptions.next_time() == math.inf
     assert subscriptions.due(100.0) == []
 
 
 def test_a_stream_that_does_not_come_is_asked_for_again():
-    subscriptions = Subscriptions(Board.NC)
+    subscriptions = Subscriptions(Board.NC, HeardShare())
     subscriptions.want("osd", 0.1)
     subscriptions.due(0.0)
+    assert OsdRequestV1(interval=10) not in subscriptions.due(ASK_AGAIN - 0.01)
     assert OsdRequestV1(interval=10) in subscriptions.due(ASK_AGAIN)
     subscriptions.frame_received("osd", 2.0)
-    subscriptions.frame_received("attitude", 2.0)
-    assert OsdRequestV1(interval=10) not in subscriptions.due(2.5)
+    assert OsdRequestV1(interval=10) not in subscriptions.due(2.0 + OVERDUE_PERIODS * 0.1 - 0.01)
+    assert OsdRequestV1(interval=10) in subscriptions.due(2.0 + OVERDUE_PERIODS * 0.1)
+
+
+def asked_for(key: str, interval: float, silent_for: float) -> list[float]:
+    """When a stream is asked for that ran for a second and then fell silent; from its last frame on [s]."""
+    subscriptions = Subscriptions(Board.FC, HeardShare())
+    subscriptions.want(key, interval)
+    requests_until(subscriptions, 1.0)
+    ask, times, now = KINDS[key].ask(interval), [], 1.0
+    while now < 1.0 + silent_for:
+        times += [now - 0.99 for message in subscriptions.due(now) if message == ask]
+        now += 0.001
+    return times
+
+
+@pytest.mark.parametrize("interval", [0.03, 0.05, 0.1])
+def test_the_attitude_is_asked_for_after_three_periods_and_then_until_it_comes(interval):
+    times = asked_for("attitude", interval, 5.0)
+    assert times[0] == pytest.approx(OVERDUE_PERIODS * interval, abs=0.011)
+    gaps = [after - before for before, after in itertools.pairwise(times)]
+    assert len(times) > 25
+    assert all(0.1 <= gap <= 0.2 for gap in gaps)
+
+
+def test_a_stream_that_flight_does_not_need_is_asked_for_more_and_more_rarely():
+    gaps = [after - before for before, after in itertools.pairwise(asked_for("debug", 0.1, 8.0))]
+    assert all(after > 0.99 * before for before, after in itertools.pairwise(gaps))
+    assert gaps[0] < 0.35
+    assert max(gaps) == pytest.approx(ASK_RARELY, abs=0.01)
+
+
+def test_the_attitude_is_asked_for_first():
+    subscriptions = Subscriptions(Board.FC, HeardShare())
+    for key in ("debug", "attitude"):
+        subscriptions.want(key, 0.1)
+    assert [message.spec.id for message in subscriptions.due(0.0)] == ["c", "d"]
 
 
 def test_after_a_reboot_everything_is_asked_for_again():
-    subscriptions = Subscriptions(Board.NC)
+    subscriptions = Subscriptions(Board.NC, HeardShare())
     subscriptions.want("osd", 0.1)
     requests_until(subscriptions, 3.0)
     subscriptions.forget()
@@ -118,14 +157,14 @@ def test_after_a_reboot_everything_is_asked_for_again():
     ("wish", "ticks"), [(0.001, 2), (0.02, 2), (0.025, 3), (0.1, 10), (0.1049, 11), (0.29, 29), (9.0, 255)]
 )
 def test_intervals_are_what_the_board_can_count(wish, ticks):
-    subscriptions = Subscriptions(Board.NC)
+    subscriptions = Subscriptions(Board.NC, HeardShare())
     subscriptions.want("osd", wish)
     assert subscriptions.due(0.0) == [OsdRequestV1(interval=ticks)]
 
 
 def test_a_stream_a_board_does_not_have_is_refused_with_those_it_has():
     with pytest.raises(CommandRejectedError) as caught:
-        Subscriptions(Board.FC).want("osd", 0.1)
+        Subscriptions(Board.FC, HeardShare()).want("osd", 0.1)
     assert caught.value.token == "no_such_stream"
     assert "attitude" in caught.value.fix
     with pytest.raises(CommandRejectedError):
@@ -139,12 +178,12 @@ def test_lengths_are_those_of_the_frames():
 
 
 def test_a_stream_is_ended_once_and_only_on_a_board_that_has_it():
-    subscriptions = Subscriptions(Board.NC)
+    subscriptions = Subscriptions(Board.NC, HeardShare())
     for _ in range(2):
         subscriptions.end("debug")
     assert len(subscriptions.due(0.0)) == 1
     assert subscriptions.due(1.0) == []
-    subscriptions = Subscriptions(Board.FC)
+    subscriptions = Subscriptions(Board.FC, HeardShare())
     subscriptions.end("osd")
     assert subscriptions.due(0.0) == []
 

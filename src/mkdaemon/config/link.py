@@ -67,18 +67,21 @@ class LinkConfig(Section):
 
     Higher leaves no room for requests and repeats: answers come late, and frames are lost. Lower refuses streams
     that would fit."""
-    gap_ms: Annotated[float, Field(ge=2.25, le=100)] = 5.0
+    gap_ms: Annotated[float, Field(ge=2.25, le=100)] = 12.0
     """Idle line after each frame to a FlightCtrl, which has one receive buffer [ms].
 
-    Below 2.25 ms a FlightCtrl loses the next frame; higher costs stick frames a second."""
-    setpoint_hz: Annotated[float, Field(gt=0, le=100)] = 100.0
+    In flight a FlightCtrl loses 9 of 100 frames that come 5 ms after another, and none after 12 ms; higher costs stick
+    frames a second."""
+    setpoint_hz: Annotated[float, Field(gt=0, le=100)] = 44.0
     """Most external control frames a second; 40 where a NaviCtrl 0.24 passes them on [Hz].
 
-    Higher than the boards take loses frames; lower makes steps in the flight."""
+    A FlightCtrl looks at the sticks with every frame of its receiver: 44 times a second with PPM. Higher loses frames
+    by radio and moves nothing sooner; lower makes steps in the flight."""
     renewal: Annotated[float, Field(ge=0.5, le=2.0)] = 1.5
-    """How often subscriptions are renewed [s]; boards drop them after 4.0 s (NaviCtrl) and 4.1 s (FlightCtrl).
+    """Longest time between two renewals of the subscriptions [s]; boards drop them after 4.0 s.
 
-    Above 2 s one lost renewal ends a stream; lower takes room on the line."""
+    They are renewed as often as the measured losses ask for, so that they run out less than once in 100 hours; a line
+    that loses nothing is renewed about every half second. Lower takes room on the line."""
     max_loss_percent: Annotated[float, Field(gt=0, le=100)] = 5.0
     """Loss over the moving window above which the link counts as degraded [%].
 

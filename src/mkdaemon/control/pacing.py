@@ -110,8 +110,9 @@ class Pacing:
         longest = max(period, SLOW_LINE * step)
         last = images - step - EARLY
         between = max(0, min(math.ceil(last / longest - NEARLY), math.floor(last / step)))
+        apart = max(step, min(last / between, longest)) if between else 0.0
         if self._ticks_since_image < between:
-            return max(step, min(last / between, longest))
+            return apart
         if self._ticks_since_image == between:
-            return longest if between else max(longest, images + longest - step - EARLY)
+            return max(longest, images - between * apart + longest - step - EARLY)
         return period

@@ -45,10 +45,12 @@ class Stream:
         key: the message that is streamed, as in keys.
         renews: place in the order in which a stream nobody wants is asked for with interval 0, to renew the others
             without costing a frame; None for a stream that is answered even then.
+        is_vital: a flight by setpoints or images needs it.
     """
 
     key: str
     renews: int | None = None
+    is_vital: bool = False
 
 
 @dataclass(frozen=True, slots=True)

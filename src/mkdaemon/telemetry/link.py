@@ -73,19 +73,51 @@ class LinkState(Stamped):
     """How often the port was opened since the start."""
 
 
+class Fates(Telemetry):
+    """What became of everything of one kind that was sent, since the start.
+
+    `sent` is `answered` + `late` + `unanswered` + `waiting` + `silent`. `unanswered` is `lost` + `replaced` + `outage`
+    + `withdrawn`: why it is thought to have stayed without an answer. Nothing is left out.
+    """
+
+    sent: int = 0
+    """Written to the port."""
+    answered: int = 0
+    """Answered in time."""
+    late: int = 0
+    """Answered after the time-out."""
+    unanswered: int = 0
+    """Not answered at all."""
+    waiting: int = 0
+    """Sent a moment ago: the answer can still come in time."""
+    silent: int = 0
+    """Sent where no answer is due: a NaviCtrl 0.24 confirms no stick frame, some requests have no reply."""
+    lost: int = 0
+    """Unanswered while the line worked: the frame or its answer was lost, or the board did not take it."""
+    replaced: int = 0
+    """Unanswered because the board was sending something else until a newer frame replaced the number to confirm: a
+    FlightCtrl keeps one."""
+    outage: int = 0
+    """Unanswered while the line was lost, or while this program stood still."""
+    withdrawn: int = 0
+    """Unanswered when whoever had asked stopped waiting."""
+
+
 class RoundTripStats(Telemetry):
     """Answered and unanswered probes over the moving window."""
 
     sent: int = 0
-    """Probes sent within the window whose fate is known."""
+    """Probes of the window whose fate is known."""
     lost: int = 0
-    """Of those, never answered."""
+    """Of those, not answered in time, whatever the reason."""
+    replaced: int = 0
+    """Of the lost ones: the board confirms only a newer frame, see `Fates`; the verdict on the line leaves them out."""
     loss_percent: float = 0.0
     """100 * lost / sent."""
     sent_total: int = 0
     """Probes whose fate is known, since the start."""
     lost_total: int = 0
-    """Of those, never answered; what an outage swallowed included."""
+    """Of those, not answered in time, whatever the reason."""
     last_ms: float | None = None
     """Latest round trip [ms]."""
     mean_ms: float | None = None
@@ -130,12 +162,12 @@ class LinkHealth(Stamped):
     """Link test frames: `z` on a NaviCtrl, version requests on a FlightCtrl, which has no link test."""
     confirm: RoundTripStats
     """External control frames and their confirmations (`B`): the control path."""
-    confirm_hidden: int = 0
-    """Confirmations that could not be seen because the board's transmitter was busy, since the start."""
-    requests_answered: int = 0
-    """Requests answered, since the start."""
-    requests_unanswered: int = 0
-    """Requests given up, since the start."""
+    link_tests: Fates = Fates()
+    """What became of every link test."""
+    requests: Fates = Fates()
+    """What became of every request, each attempt counted."""
+    stick_frames: Fates = Fates()
+    """What became of every external control frame."""
     heard_age: float | None = None
     """Time since the latest right frame [s]; None before the first."""
     answer_age: float | None = None
@@ -169,6 +201,14 @@ class LinkTraffic(Stamped):
     """Share the wanted streams and replies need [0..1]."""
     tx_planned: float
     """Share the renewals, echoes and setpoints need [0..1]."""
+    renewal: float | None = None
+    """Time between two renewals of the streams, so that they run out less than once in 100 hours [s]; None in older
+    recordings."""
+    heard_share: float | None = None
+    """Share of requests that the board hears, by the link tests and a cautious prior [0..1]; None in older
+    recordings."""
+    request_distance: float = 0.0
+    """Idle line that a request to the FlightCtrl keeps from the frame before, as the radio asks for [s]; 0 by cable."""
     rx_kinds: dict[str, int]
     """Frames received since the start, by board and command letter (`nc.O`)."""
     tx_kinds: dict[str, int]

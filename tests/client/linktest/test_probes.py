@@ -102,17 +102,15 @@ def test_stick_frames_count_where_the_board_confirms_any(line):
     assert line.trips(ProbeKind.CONTROL) == [None, None, None, pytest.approx(0.02)]
 
 
-def test_a_confirmation_that_a_newer_one_replaced_is_neither_answered_nor_lost(line):
-    line.ledger.take_hidden(7)
+def test_a_confirmation_that_a_newer_one_replaced_is_lost_with_that_reason(line):
+    line.ledger.take_replaced(7)
     for number, at in ((1, 0.0), (2, 0.02), (3, 0.04)):
         line.steer(number, at)
     line.confirm(3, 0.05)
     line.ask(1, 1.0)
     line.answer(1, 1.01)
     assert line.trips(ProbeKind.CONTROL) == [None, None, pytest.approx(0.01)]
-    line.ledger.take_hidden(8)
-    assert line.trips(ProbeKind.CONTROL) == [None, pytest.approx(0.01)]
-    for at in (2.0, 3.0):
-        line.ask(2, at)
-        line.answer(2, at + 0.05)
-    assert line.trips(ProbeKind.CONTROL) == [None, None, pytest.approx(0.01)]  # by radio nobody can tell
+    line.ledger.take_replaced(8)
+    assert line.trips(ProbeKind.CONTROL) == [None, None, pytest.approx(0.01)]
+    sticks = [probe for probe in line.ledger.probes() if probe.kind is ProbeKind.CONTROL]
+    assert [probe.is_replaced for probe in sticks] == [False, True, False]

@@ -19,6 +19,7 @@ from mkdaemon.cli.mkctl.connection import HERE, Connection
 from mkdaemon.cli.printing import json_line
 from mkdaemon.cli.sparkline import sparkline
 from mkdaemon.errors import MkError
+from mkdaemon.telemetry.link import Fates
 
 KEY = "link/health"
 _COLOURS = {"up": "green", "degraded": "yellow"}
@@ -77,7 +78,8 @@ def render(fields: Mapping[str, Any], minute: Sequence[Mapping[str, Any]] = ()) 
     head = Text.assemble((f"{state['condition']} ", f"bold {colour}"), state["reason"])
     ears = f"we hear the board: {_yes(state['hears_board'])}; it hears us: {_yes(state['board_hears_us'])}"
     where = f"{state['port']}, {state['baud']} baud; {state['firmware'] or 'firmware unknown'}"
-    return Group(head, Text(ears), Text(where, style="dim"), _round_trips(fields, minute), _streams(fields["kinds"]))
+    tables = (_round_trips(fields, minute), _fates(fields), _streams(fields["kinds"]))
+    return Group(head, Text(ears), Text(where, style="dim"), *tables)
 
 
 def _yes(value: bool) -> str:
@@ -96,6 +98,18 @@ def _round_trips(fields: Mapping[str, Any], minute: Sequence[Mapping[str, Any]])
         counts = (str(trip["late"]), str(trip["duplicate"]))
         trend = [sparkline([one[name]["p95_ms"] for one in minute], BARS)] if has_trend else []
         table.add_row(title, str(trip["sent"]), str(trip["lost"]), loss, *times, *counts, *trend)
+    return table
+
+
+FATES: Final = tuple(Fates.model_fields)
+"""Columns of the table of what was sent."""
+
+
+def _fates(fields: Mapping[str, Any]) -> Table:
+    """What became of everything that was sent since the start; nothing is left out."""
+    table = Table("since the start", *FATES)
+    for name, title in (("link_tests", "link tests"), ("requests", "requests"), ("stick_frames", "stick frames")):
+        table.add_row(title, *(str(fields[name][column]) for column in FATES))
     return table
 
 

@@ -232,7 +232,20 @@ def _print(runs: Sequence[LoadRun], other: Sequence[LoadRun], verdict: Verdict) 
             for line in (*_histogram(probes), _over_time(probes)):
                 console.print(line)
             console.print()
-    titles = ("line", "load", "probe", "sent", "lost %", "in a row", "50", "95", "99 %", "most", "weighted ms")
+    titles = (
+        "line",
+        "load",
+        "probe",
+        "sent",
+        "lost %",
+        "replaced",
+        "in a row",
+        "50",
+        "95",
+        "99 %",
+        "most",
+        "weighted ms",
+    )
     table = Table(*titles, box=None, pad_edge=False)
     for run in (*other, *runs):
         for kind in ProbeKind:
@@ -250,6 +263,7 @@ def _cells(figures: Measures) -> tuple[str, ...]:
     return (
         str(figures.sent),
         f"{figures.loss_percent:.2f}",
+        str(figures.replaced),
         str(figures.longest_run),
         *("-" if value is None else f"{value:.1f}" for value in times),
     )

@@ -79,7 +79,7 @@ _ORDER: Final = (Grade.POOR, Grade.USABLE, Grade.GOOD)
 
 def _grade(load: _Load) -> tuple[Grade, str]:
     echo, control = load.echo, load.control
-    loss = max(echo.loss_percent, control.loss_percent)
+    loss = max(echo.loss_percent, control.line_loss_percent)
     if echo.p99_ms is None:
         return Grade.POOR, f"{load.run.load} load: not one link test was answered"
     words = f"{load.run.load} load: {loss:.2f} % lost, 99 of 100 round trips within {echo.p99_ms:.0f} ms"
@@ -121,11 +121,11 @@ def _timer(load: _Load, *, is_radio: bool) -> Iterator[str]:
 def _gap(load: _Load, *, is_radio: bool) -> Iterator[str]:
     """Stick frames that are lost where link tests are not: the FlightCtrl had no time for them."""
     echo, control = load.echo, load.control
-    if is_radio or control.lost < ENOUGH or control.loss_percent < 2 * echo.loss_percent + 0.2:
+    if is_radio or control.lost - control.replaced < ENOUGH or control.line_loss_percent < 2 * echo.loss_percent + 0.2:
         return
     yield (
-        f"Gap: {control.loss_percent:.1f} % of the stick frames are lost and {echo.loss_percent:.1f} % of the link "
-        "tests, so the board has no time for them: raise link.gap_ms (5 by default) to 8, or lower control.rate."
+        f"Gap: {control.line_loss_percent:.1f} % of the stick frames are lost and {echo.loss_percent:.1f} % of the "
+        "link tests, so the board has no time for them: raise link.gap_ms (12 by default) to 16, or lower control.rate."
     )
 
 

@@ -268,7 +268,7 @@ class _Line:
         match sample.suffix:
             case "link/health":
                 self._beats.append(sample.value.stamp.monotonic)
-                ledger.take_hidden(sample.value.confirm_hidden)
+                ledger.take_replaced(sample.value.stick_frames.replaced)
             case "link/traffic":
                 traffic = sample.value
                 self.share = max(self.share or 0.0, traffic.rx_share, traffic.tx_share)

@@ -51,6 +51,7 @@ class Measures:
     Attributes:
         sent: probes whose fate is known.
         lost: of these, without an answer in time.
+        replaced: of the lost ones, those where the board confirms only a newer frame.
         least_ms: shortest round trip [ms]; like all of them None where nothing was answered.
         mean_ms: arithmetic mean [ms].
         weighted_ms: weighted average at the end: every new round trip counts an eighth [ms].
@@ -66,6 +67,7 @@ class Measures:
 
     sent: int
     lost: int
+    replaced: int
     least_ms: float | None
     mean_ms: float | None
     weighted_ms: float | None
@@ -83,6 +85,11 @@ class Measures:
         """100 * lost / sent [%]; 0 where nothing was sent."""
         return 100 * self.lost / self.sent if self.sent else 0.0
 
+    @property
+    def line_loss_percent(self) -> float:
+        """The same without what the board replaced, which says nothing about the line [%]."""
+        return 100 * (self.lost - self.replaced) / self.sent if self.sent else 0.0
+
 
 def measure(probes: Sequence[Probe]) -> Measures:
     """Sum up probes of one kind, in the order in which they were sent."""
@@ -95,6 +102,7 @@ def measure(probes: Sequence[Probe]) -> Measures:
     return Measures(
         sent=len(probes),
         lost=len(probes) - len(trips),
+        replaced=sum(probe.is_replaced and probe.trip is None for probe in probes),
         least_ms=ordered[0] if ordered else None,
         mean_ms=sum(trips) / len(trips) if trips else None,
         weighted_ms=averages[-1] if averages else None,

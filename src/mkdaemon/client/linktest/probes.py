@@ -48,11 +48,13 @@ class Probe:
         kind: what it was.
         sent: since the measurement began [s].
         trip: until its answer was there [s]; None where none came in time.
+        is_replaced: none came because the board confirms only a newer one; see `Fates.replaced`.
     """
 
     kind: ProbeKind
     sent: float
     trip: float | None
+    is_replaced: bool = False
 
 
 @dataclass(slots=True)
@@ -61,7 +63,7 @@ class _Open:
     sent: float
     trip: float | None = None
     is_known: bool = False
-    is_hidden: bool = False
+    is_replaced: bool = False
 
 
 class Ledger:
@@ -81,7 +83,7 @@ class Ledger:
         self._all: list[_Open] = []
         self._waiting: dict[tuple[ProbeKind, Hashable], _Open] = {}
         self._overtaken: deque[_Open] = deque(maxlen=64)
-        self._hidden: int | None = None
+        self._replaced: int | None = None
 
     @property
     def elapsed(self) -> float:
@@ -113,7 +115,7 @@ class Ledger:
             case "control_confirm":
                 self._confirmed(frame.fields.frame, now)
 
-    def take_hidden(self, total: int) -> None:
+    def take_replaced(self, total: int) -> None:
         """Note how many confirmations the board could not send so far.
 
         A FlightCtrl keeps one number to confirm: while it sends something else a newer number replaces the older one,
@@ -122,10 +124,10 @@ class Ledger:
         Args:
             total: since the daemon's start, as `link/health` has it.
         """
-        more = 0 if self._hidden is None else total - self._hidden
-        self._hidden = total
+        more = 0 if self._replaced is None else total - self._replaced
+        self._replaced = total
         for _ in range(min(more, len(self._overtaken))):
-            self._overtaken.pop().is_hidden = True
+            self._overtaken.pop().is_replaced = True
 
     def end(self) -> None:
         """Follow no further frame; answers to those that wait still count."""
@@ -139,19 +141,14 @@ class Ledger:
     def probes(self) -> list[Probe]:
         """All whose fate is known, in the order in which they were sent.
 
-        Stick frames are left out where the board has not confirmed a single one: such a board confirms none. What the
-        daemon counts as hidden is believed over a wire; by radio it cannot be told from what the radio took.
+        Stick frames are left out where the board has not confirmed a single one: such a board confirms none.
         """
-        trips = sorted(one.trip for one in self._all if one.trip is not None and one.kind is ProbeKind.ECHO)
-        is_wire = bool(trips) and trips[len(trips) // 2] < RADIO_TRIP
         began = self._began or 0.0
         kinds = {one.kind for one in self._all if one.trip is not None} | {ProbeKind.ECHO}
         return [
-            Probe(one.kind, one.sent - began, one.trip)
+            Probe(one.kind, one.sent - began, one.trip, one.is_replaced)
             for one in self._all
-            if one.kind in kinds
-            and not (one.is_hidden and is_wire)
-            and (one.is_known or self._latest - one.sent > TIMEOUT)
+            if one.kind in kinds and (one.is_known or self._latest - one.sent > TIMEOUT)
         ]
 
     def _sent(self, kind: ProbeKind, token: Hashable, now: float) -> None:

@@ -64,6 +64,12 @@ def of_link(value: LinkHealth) -> Diagnosis:
         "echo_p99_ms": value.echo.p99_ms,
         "echo_loss_percent": value.echo.loss_percent,
         "confirm_p99_ms": value.confirm.p99_ms,
+        "confirm_loss_percent": value.confirm.loss_percent,
+        **{
+            f"{name}_{count}": number
+            for name in ("link_tests", "requests", "stick_frames")
+            for count, number in getattr(value, name).model_dump().items()
+        },
         "checksum_errors_per_s": value.checksum_error_rate,
         "garbage_bytes_per_s": value.garbage_bytes_per_s,
     } | {f"{kind.board}.{kind.key}_hz": kind.rate for kind in value.kinds}

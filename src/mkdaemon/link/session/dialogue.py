@@ -17,7 +17,7 @@ from mkdaemon.link.session.health import HealthMonitor
 from mkdaemon.link.session.identity import LOOK, Identity, Standstill
 from mkdaemon.link.session.line import FORWARDING_GAP, LineRules
 from mkdaemon.link.session.peers import AFTER_PASSAGE, VERSION_KEY, Peers
-from mkdaemon.link.session.prober import VERSION_TOKEN, Prober
+from mkdaemon.link.session.prober import Prober
 from mkdaemon.link.session.questions import Pending, Questions
 from mkdaemon.link.session.scheduler import Entry, TransmitScheduler
 from mkdaemon.link.session.steering import ControlEntry, Steering
@@ -100,7 +100,7 @@ class Dialogue:
         self.scheduler = TransmitScheduler(self.rules)
         self.health = HealthMonitor(window=cfg.window, max_loss_percent=cfg.max_loss_percent, now=now)
         self.prober = Prober(cfg.echo_hz, self.health)
-        self.streams = Streams(cfg)
+        self.streams = Streams(cfg, self.health.share)
         self.peers = Peers()
         self.questions = Questions(self.scheduler, self.peers, self.health)
         self.steering = Steering(self.scheduler, self.peers, self.health)
@@ -177,10 +177,11 @@ class Dialogue:
             case ControlConfirm():
                 if self.steering.confirmed(FrameNumber(message.frame), now):
                     self._pace_for_board()
-            case _ if message.spec.key == VERSION_KEY and self.health.echo.began(VERSION_TOKEN) is not None:
-                self.health.probe_answered(VERSION_TOKEN, now)
+            case _ if message.spec.key == VERSION_KEY and self.peers.direct is not Board.NC:
+                self.health.version_received(now, is_requested=self.questions.awaits_version)
             case _:
-                pass
+                return
+        self.scheduler.distance = self.health.radio_distance
 
     def bytes_damaged(self, loss: Dropped, now: float) -> bool:
         """Bytes arrived that are no frame; returns whether the boards must be discovered anew."""

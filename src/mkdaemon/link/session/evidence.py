@@ -6,8 +6,9 @@ import math
 from collections import deque
 from collections.abc import Hashable
 from dataclasses import dataclass, field
-from typing import Final
+from typing import Final, NamedTuple
 
+from mkdaemon.link.session.fates import Tally, Why
 from mkdaemon.protocol.framing import DropReason
 from mkdaemon.telemetry.link import KindHealth, RoundTripStats
 
@@ -273,8 +274,29 @@ CAPACITY: Final = 4096
 """Fates remembered at most; a window of 10 s at 100 Hz needs 1000."""
 
 
+class _GivenUp(NamedTuple):
+    """A probe without an answer in time: when it was given up [s], and why it has none."""
+
+    token: Hashable
+    at: float
+    why: Why
+
+
+class _Fate(NamedTuple):
+    """When a fate was known [s]; the round trip [s], or why there was none."""
+
+    at: float
+    trip: float | None
+    why: Why | None = None
+
+
 class RoundTrips:
-    """Follows probes that carry a token."""
+    """Follows probes that carry a token.
+
+    Attributes:
+        timeout: see `__init__`.
+        tally: what became of all of them.
+    """
 
     def __init__(self, *, window: float, timeout: float, own: OwnTime | None = None) -> None:
         """Start empty.
@@ -287,23 +309,16 @@ class RoundTrips:
         self._own = own or OwnTime()
         self.timeout = timeout
         self._window = window
+        self.tally = Tally()
         self._open: dict[Hashable, float] = {}
-        self._given_up: deque[tuple[Hashable, float]] = deque(maxlen=64)
-        self._fates: deque[tuple[float, float | None]] = deque()
-        self._lost = 0
-        self._sent_total = 0
-        self._lost_total = 0
-        self._late = 0
+        self._given_up: deque[_GivenUp] = deque(maxlen=64)
+        self._fates: deque[_Fate] = deque()
+        self._forgiven_until = -math.inf
         self._duplicate = 0
         self._mean: float | None = None
         self._jitter = 0.0
         self._latest: deque[float] = deque(maxlen=64)
         self._last: float | None = None
-
-    @property
-    def unanswered(self) -> int:
-        """Probes still waiting for their answer."""
-        return len(self._open)
 
     def began(self, token: Hashable) -> float | None:
         """When a waiting probe was sent [s]; None where it does not wait."""
@@ -323,9 +338,33 @@ class RoundTrips:
         """Weighted mean deviation of the round trips from their mean [s]."""
         return self._jitter
 
+    @property
+    def spread(self) -> float:
+        """By how much the median of the latest round trips is longer than the shortest [s]; 0 before the first."""
+        middle = percentile(sorted(self._latest), 0.5)
+        return 0.0 if middle is None else middle - self.fastest
+
+    def asked(self, now: float) -> Hashable | None:
+        """The probe that an answer without a token belongs to; None where none waits.
+
+        That is the newest one sent so long ago that an answer can be back: answers do not overtake each other, and one
+        of two requests may be lost.
+        """
+        waiting = list(self._open)
+        fitting = [token for token in waiting if now - self._open[token] >= self.fastest]
+        return fitting[-1] if fitting else next(iter(waiting), None)
+
+    def asked_before(self, now: float) -> Hashable | None:
+        """The probe given up a moment ago that a late answer without a token belongs to; None where there is none."""
+        return next((gone.token for gone in self._given_up if now - gone.at < LATE_PROOF), None)
+
     def sent(self, token: Hashable, now: float) -> None:
-        """A probe went out; a token used again replaces the old probe."""
-        self._open.pop(token, None)
+        """A probe went out; a token used again gives the old probe up."""
+        if token in self._open:
+            self._give_up(token, now, Why.LOST)
+        for gone in [gone for gone in self._given_up if gone.token == token]:
+            self._given_up.remove(gone)
+        self.tally.sent += 1
         self._open[token] = now
 
     def answered(self, token: Hashable, now: float) -> float | None:
@@ -335,7 +374,8 @@ class RoundTrips:
             self._count_stray(token)
             return None
         trip = now - began
-        self._note(now, trip)
+        self.tally.answered += 1
+        self._note(_Fate(now, trip))
         self._last = trip
         self._latest.append(trip)
         if self._mean is not None:
@@ -345,80 +385,88 @@ class RoundTrips:
 
     def proves_hearing(self, token: Hashable, now: float) -> bool:
         """Whether an answer now shows that the other end hears us; one that was given up a moment ago does, too."""
-        return token in self._open or any(
-            given_up == token and now - at < LATE_PROOF for given_up, at in self._given_up
-        )
+        return token in self._open or any(gone.token == token and now - gone.at < LATE_PROOF for gone in self._given_up)
 
-    def forget(self, token: Hashable) -> None:
-        """A probe's fate cannot be known: it counts neither way."""
-        self._open.pop(token, None)
+    def replaced(self, token: Hashable, now: float) -> None:
+        """The board answers only a newer probe: no answer to this one will come."""
+        if token in self._open:
+            self._give_up(token, now, Why.REPLACED)
 
-    def expire(self, now: float) -> int:
-        """Give up probes without an answer in time; returns how many."""
+    def expire(self, now: float, why: Why = Why.LOST) -> int:
+        """Give up probes without an answer in time, for a reason; returns how many."""
         lost = 0
         while self._open:
             token, began = next(iter(self._open.items()))
             if self._own.elapsed(began, now) < self.timeout:
                 break
-            del self._open[token]
-            self._given_up.append((token, now))
-            self._note(now, None)
+            self._give_up(token, now, why)
             lost += 1
         return lost
 
-    def clear(self) -> None:
-        """The port was lost: nothing that waits will be answered, and that is not the board's loss."""
-        self._open.clear()
-        self._given_up.clear()
+    def interrupted(self, now: float) -> None:
+        """The port was lost, or this program stood still: no answer to what waits will be seen."""
+        for token in list(self._open):
+            self._give_up(token, now, Why.OUTAGE)
 
-    def forget_losses(self) -> None:
-        """Forget the losses of the window and what waits; round trips stay, and a late answer is known as late."""
-        self._given_up.extend(self._open.items())
-        self._open.clear()
-        self._fates = deque(fate for fate in self._fates if fate[1] is not None)
-        self._lost = 0
+    def forgive(self, now: float) -> None:
+        """An outage is over: what it swallowed is counted, and says nothing about the line as it is now."""
+        self.interrupted(now)
+        self._forgiven_until = now
 
-    def fates(self, now: float) -> tuple[int, int]:
-        """Return how many probes of the window have a known fate, and how many of them are lost."""
-        while self._fates and self._fates[0][0] < now - self._window:
-            self._drop_oldest()
-        return len(self._fates), self._lost
+    def losses(self, now: float) -> tuple[int, int]:
+        """Return the probes of the window that tell how the line is, and how many of them are lost.
+
+        Those before the end of an outage that were lost tell nothing about it, nor do those that the board replaced.
+        """
+        telling = [
+            fate
+            for fate in self._of_window(now)
+            if fate.trip is not None or (fate.why is not Why.REPLACED and fate.at > self._forgiven_until)
+        ]
+        return len(telling), sum(fate.trip is None for fate in telling)
+
+    def _of_window(self, now: float) -> deque[_Fate]:
+        while self._fates and self._fates[0].at < now - self._window:
+            self._fates.popleft()
+        return self._fates
 
     def statistics(self, now: float) -> RoundTripStats:
         """Sum up the window."""
-        sent, lost = self.fates(now)
-        trips = sorted(trip for _, trip in self._fates if trip is not None)
+        fates, tally = self._of_window(now), self.tally
+        trips = sorted(fate.trip for fate in fates if fate.trip is not None)
+        sent, lost = len(fates), len(fates) - len(trips)
         return RoundTripStats(
             sent=sent,
             lost=lost,
-            sent_total=self._sent_total,
-            lost_total=self._lost_total,
+            replaced=sum(fate.why is Why.REPLACED for fate in fates),
+            sent_total=tally.answered + tally.late + tally.unanswered,
+            lost_total=tally.late + tally.unanswered,
             loss_percent=100 * lost / sent if sent else 0.0,
             last_ms=_ms(self._last),
             mean_ms=_ms(self._mean),
             p50_ms=_ms(percentile(trips, 0.50)),
             p95_ms=_ms(percentile(trips, 0.95)),
             p99_ms=_ms(percentile(trips, 0.99)),
-            late=self._late,
+            late=tally.late,
             duplicate=self._duplicate,
         )
 
-    def _note(self, now: float, trip: float | None) -> None:
+    def _note(self, fate: _Fate) -> None:
         if len(self._fates) == CAPACITY:
-            self._drop_oldest()
-        self._fates.append((now, trip))
-        self._lost += trip is None
-        self._sent_total += 1
-        self._lost_total += trip is None
+            self._fates.popleft()
+        self._fates.append(fate)
 
-    def _drop_oldest(self) -> None:
-        self._lost -= self._fates.popleft()[1] is None
+    def _give_up(self, token: Hashable, now: float, why: Why) -> None:
+        del self._open[token]
+        self._given_up.append(_GivenUp(token, now, why))
+        self.tally.gave_up(why)
+        self._note(_Fate(now, None, why))
 
     def _count_stray(self, token: Hashable) -> None:
-        for entry in self._given_up:
-            if entry[0] == token:
-                self._late += 1
-                self._given_up.remove(entry)
+        for gone in self._given_up:
+            if gone.token == token:
+                self.tally.came_late(gone.why)
+                self._given_up.remove(gone)
                 return
         self._duplicate += 1
 

@@ -16,6 +16,8 @@ from typing import Final
 
 from mkdaemon.link.session import verdict
 from mkdaemon.link.session.evidence import STALE_PERIODS, Arrivals, OwnTime, ReceivedBytes, RoundTrips
+from mkdaemon.link.session.fates import Why
+from mkdaemon.link.session.renewal import HeardShare
 from mkdaemon.link.session.verdict import Cause, Finding, Verdict
 from mkdaemon.protocol.framing import DropReason
 from mkdaemon.telemetry.link import KindHealth, LinkCondition
@@ -59,6 +61,19 @@ PROBE_TIMEOUT: Final = 0.25
 the longest radio round trip 0.13 s."""
 
 
+RADIO_TRIP: Final = 0.02
+"""The shortest round trip of a link test by cable is shorter than this [s]: 4 ms to a NaviCtrl, 7 ms to a FlightCtrl;
+by radio it is 30 ms."""
+BOARD_BUSY: Final = 0.005
+"""In flight nine of ten frames leave the receive buffer of a FlightCtrl within this [s]; docs/firmware-notes,
+"Losses"."""
+DISTANCE_SPREADS: Final = 2.1
+"""One frame of 50 catches up with the one before at this distance, as part of the spread of round trips [1]: with
+delays of mean `s` above the shortest, half of exp(-distance / s) do, and the median of two is 1.5 `s` above it."""
+LONGEST_DISTANCE: Final = 0.04
+"""A longer distance costs more stick frames than it saves requests [s]."""
+
+
 class HealthMonitor:
     """Collects evidence and judges it."""
 
@@ -66,6 +81,7 @@ class HealthMonitor:
         self._own = OwnTime()
         self.echo = RoundTrips(window=window, timeout=PROBE_TIMEOUT, own=self._own)
         self.confirm = RoundTrips(window=window, timeout=PROBE_TIMEOUT, own=self._own)
+        self.share = HeardShare()
         self.backlog = 0
         self._window = window
         self._max_loss = max_loss_percent
@@ -109,8 +125,8 @@ class HealthMonitor:
     def port_lost(self, now: float, reason: str, condition: LinkCondition = LinkCondition.DOWN) -> None:
         """The port is gone, or could not be opened."""
         self._opened = None
-        self.echo.clear()
-        self.confirm.clear()
+        self.echo.interrupted(now)
+        self.confirm.interrupted(now)
         self._conclude(Finding(condition, reason), now)
 
     def bytes_received(self, size: int, now: float) -> None:
@@ -133,8 +149,8 @@ class HealthMonitor:
         """This program did not run for so long [s] that the boards have stopped what they were asked for."""
         self.pause(now + SILENCE_TIME)
         self._open_questions.clear()
-        self.echo.clear()
-        self.confirm.clear()
+        self.echo.interrupted(now)
+        self.confirm.interrupted(now)
         self._stopped_until, self._stopped_for = now + SILENCE_TIME + HOLD, seconds
 
     def damaged(self, reason: DropReason, raw: bytes, now: float) -> None:
@@ -159,9 +175,28 @@ class HealthMonitor:
     def probe_answered(self, token: Hashable, now: float) -> None:
         """A link test came back."""
         hears = self.echo.proves_hearing(token, now)
-        self.echo.answered(token, now)
+        if self.echo.answered(token, now) is not None:
+            self.share.note(is_answered=True)
         if hears:
             self.board_answered(now)
+
+    def version_received(self, now: float, *, is_requested: bool) -> None:
+        """A version reply came, which repeats no token; `is_requested`: a request waits for one as well."""
+        token = self.echo.asked(now)
+        if token is None and not is_requested:
+            token = self.echo.asked_before(now)
+        if token is not None:
+            self.probe_answered(token, now)
+
+    @property
+    def radio_distance(self) -> float:
+        """Idle line after which a frame arrives apart from the one before, however long both take [s]; 0 by cable.
+
+        One of two frames is late by the other's delay at most. Round trips spread as the sum of two such delays.
+        """
+        if self.echo.fastest < RADIO_TRIP:
+            return 0.0
+        return min(BOARD_BUSY + DISTANCE_SPREADS * self.echo.spread, LONGEST_DISTANCE)
 
     def confirmed(self, token: Hashable, now: float) -> None:
         """An external control frame was confirmed."""
@@ -240,16 +275,19 @@ class HealthMonitor:
 
     def judge(self, now: float) -> bool:
         """Weigh the evidence; returns whether the condition changed."""
-        self.echo.expire(now)
-        self.confirm.expire(now)
+        before = self._verdict.condition
+        why = Why.LOST if before.is_usable else Why.OUTAGE
+        for _ in range(self.echo.expire(now, why)):
+            if before.is_usable:
+                self.share.note(is_answered=False)
+        self.confirm.expire(now, why)
         if self._opened is None:
             return False
-        before = self._verdict.condition
         finding = self._weigh(self._opened, now)
         if finding.condition.is_usable and not before.is_usable:
             # The outage has had its verdict; what it swallowed says nothing about the line as it is now.
-            self.echo.forget_losses()
-            self.confirm.forget_losses()
+            self.echo.forgive(now)
+            self.confirm.forgive(now)
             self._bytes.forget_damage()
             finding = self._weigh(self._opened, now)
         if before.is_usable and not finding.condition.is_usable:
@@ -318,7 +356,7 @@ class HealthMonitor:
             reason = f"{worst.board} {worst.key} is overdue: asked every {worst.interval:g} s{only}"
             return Finding(LinkCondition.DEGRADED, reason)
         for name, trips in (("link test", self.echo), ("control frame", self.confirm)):
-            sent, lost = trips.fates(now)
+            sent, lost = trips.losses(now)
             # One lost probe proves nothing; the limit counts from the second on.
             if lost >= 2 and 100 * lost > self._max_loss * sent:
                 reason = f"{100 * lost / sent:.1f} % of {name}s lost in {self._window:g} s"

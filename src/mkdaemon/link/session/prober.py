@@ -18,8 +18,6 @@ from mkdaemon.protocol.wire import Board, WireMessage
 
 AUTO: Final = 0.2
 """With `auto`: how old the latest proof of both directions may become before a link test is sent [s]."""
-VERSION_TOKEN: Final = -1
-"""Stands for the one version request that may be out; patterns are positive."""
 _DEADLINE: Final = 0.5
 """A link test that had no turn for this long is dropped; the next one says the same [s]."""
 
@@ -60,12 +58,8 @@ class Prober:
     def make(self, board: Board, now: float) -> Entry:
         """Return the next link test of a board."""
         self._waiting = True
-        message: WireMessage
-        if board is Board.NC:
-            self._pattern = self._pattern % 0xFFFF + 1
-            message, token = EchoRequest(pattern=self._pattern), self._pattern
-        else:
-            message, token = VersionRequest(), VERSION_TOKEN
+        self._pattern = self._pattern % 0xFFFF + 1
+        message: WireMessage = EchoRequest(pattern=self._pattern) if board is Board.NC else VersionRequest()
         return Entry(
             message.to_frame(board),
             Purpose.ECHO,
@@ -74,7 +68,7 @@ class Prober:
             message,
             slot=(board, message.spec.reply or ""),
             reply_within=PROBE_PATIENCE,
-            tag=token,
+            tag=self._pattern,
         )
 
     def sent(self, entry: Entry, now: float) -> None:

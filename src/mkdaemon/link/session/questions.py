@@ -11,6 +11,7 @@ import math
 from dataclasses import dataclass, field
 from typing import Final
 
+from mkdaemon.link.session.fates import Tally, Why
 from mkdaemon.link.session.health import HealthMonitor
 from mkdaemon.link.session.peers import Peers
 from mkdaemon.link.session.scheduler import Entry, TransmitScheduler
@@ -41,6 +42,8 @@ class Pending:
         timeout: for the attempt under way [s].
         expires: when this attempt is given up [s]; infinite while it waits for its turn.
         sent: attempts made.
+        is_out: an attempt waits for its answer.
+        why: the last attempt stayed unanswered.
         token: the caller's handle.
     """
 
@@ -51,6 +54,8 @@ class Pending:
     token: object
     expires: float = float("inf")
     sent: int = 0
+    is_out: bool = False
+    why: Why = Why.LOST
 
 
 @dataclass(slots=True)
@@ -58,15 +63,11 @@ class RequestBook:
     """All questions under way, and those ended lately.
 
     Attributes:
-        answered: questions answered, since the start.
-        unanswered: questions given up.
-        late: answers to questions given up.
+        tally: what became of every attempt, since the start.
         duplicate: answers to questions already answered.
     """
 
-    answered: int = 0
-    unanswered: int = 0
-    late: int = 0
+    tally: Tally = field(default_factory=Tally)
     duplicate: int = 0
     _open: list[Pending] = field(default_factory=list)
     _ended: list[tuple[float, Pending, bool]] = field(default_factory=list)
@@ -80,12 +81,18 @@ class RequestBook:
         pending.sent += 1
         pending.attempts_left -= 1
         pending.expires = now + pending.timeout
+        pending.is_out = True
+        self.tally.sent += 1
 
     def received(self, message: WireMessage, sender: Board, now: float) -> Pending | None:
         """Return the question this message answers, and close it; counts late and double answers."""
         for pending in self._open:
             if pending.sent and answers(pending.message, pending.board, message, sender):
-                self._close(pending, now, answered=True)
+                if pending.is_out:
+                    self.tally.answered += 1
+                else:
+                    self.tally.came_late(Why.LOST)
+                self._close(pending, now, is_answered=True)
                 return pending
         if self._ended:
             self._recognise(message, sender, now)
@@ -94,7 +101,17 @@ class RequestBook:
     def withdraw(self, pending: Pending, now: float) -> None:
         """The caller does not wait any more; its answer will be recognised and dropped."""
         if pending in self._open:
-            self._close(pending, now, answered=None)
+            self._end_attempt(pending, Why.WITHDRAWN)
+            self._close(pending, now)
+
+    def sent_for_good(self, pending: Pending, now: float) -> None:
+        """It was sent, and nobody ever answers it."""
+        self.tally.silent += 1
+        self._close(pending, now)
+
+    def timed_out(self, pending: Pending) -> None:
+        """The attempt under way has had its time."""
+        self._end_attempt(pending, Why.LOST)
 
     def due(self, now: float) -> list[Pending]:
         """Return the questions whose attempt has timed out, without closing them."""
@@ -102,7 +119,7 @@ class RequestBook:
 
     def give_up(self, pending: Pending, now: float) -> None:
         """No attempt is left."""
-        self._close(pending, now, answered=False)
+        self._close(pending, now)
 
     def next_time(self) -> float:
         """When the next attempt times out [s]; infinite while none is under way."""
@@ -111,6 +128,8 @@ class RequestBook:
     def drain(self) -> list[Pending]:
         """Forget everything, because the port was lost; returns the questions under way."""
         left, self._open = self._open, []
+        for pending in left:
+            self._end_attempt(pending, Why.OUTAGE)
         self._ended.clear()
         return left
 
@@ -119,21 +138,22 @@ class RequestBook:
         """Questions under way."""
         return tuple(self._open)
 
-    def _close(self, pending: Pending, now: float, *, answered: bool | None) -> None:
+    def _end_attempt(self, pending: Pending, why: Why) -> None:
+        if pending.is_out:
+            pending.is_out, pending.why = False, why
+            self.tally.gave_up(why)
+
+    def _close(self, pending: Pending, now: float, *, is_answered: bool = False) -> None:
         self._open.remove(pending)
-        if answered:
-            self.answered += 1
-        elif answered is False:
-            self.unanswered += 1
-        if pending.sent:
-            self._ended.append((now, pending, bool(answered)))
+        if pending.sent and pending.message.spec.reply is not None:
+            self._ended.append((now, pending, is_answered))
 
     def _recognise(self, message: WireMessage, sender: Board, now: float) -> None:
         self._ended = [entry for entry in self._ended if now - entry[0] <= LATE_WINDOW]
         for index, (_, pending, was_answered) in enumerate(self._ended):
             if answers(pending.message, pending.board, message, sender):
                 if not was_answered:
-                    self.late += 1
+                    self.tally.came_late(pending.why)
                     del self._ended[index]
                 elif pending.sent > 1:
                     self.duplicate += 1
@@ -241,7 +261,7 @@ class Questions:
             self._scheduler.deafen(pending.board, now + deaf)
             self._health.pause(now + deaf)
         if pending.message.spec.reply is None:
-            self.book.withdraw(pending, now)
+            self.book.sent_for_good(pending, now)
             self._finished.append(Answered(pending, None))
 
     def received(self, message: WireMessage, board: Board, now: float) -> Pending | None:
@@ -256,6 +276,7 @@ class Questions:
         """Ask again what was not answered in time, or give it up."""
         for pending in self.book.due(now):
             self._scheduler.resynchronise()
+            self.book.timed_out(pending)
             if pending.attempts_left > 0:
                 pending.expires = math.inf
                 pending.timeout *= 1.5
@@ -274,6 +295,14 @@ class Questions:
         """Nothing under way will be answered any more."""
         self.deaf_until = -math.inf
         self._finished.extend(Unanswered(pending, reason) for pending in self.book.drain())
+
+    @property
+    def awaits_version(self) -> bool:
+        """Whether a version request waits for its answer."""
+        return any(
+            pending.sent and isinstance(pending.message, VersionRequest | VersionRequestWhich)
+            for pending in self.book.pending
+        )
 
     def take_finished(self) -> list[Outcome]:
         """Return questions that ended since the last call, each with its outcome."""

@@ -96,9 +96,9 @@ class Reporter:
             state=self.state(now),
             echo=monitor.echo.statistics(now),
             confirm=monitor.confirm.statistics(now),
-            confirm_hidden=dialogue.steering.control.hidden,
-            requests_answered=dialogue.questions.book.answered,
-            requests_unanswered=dialogue.questions.book.unanswered,
+            link_tests=monitor.echo.tally.fates(),
+            requests=dialogue.questions.book.tally.fates(),
+            stick_frames=monitor.confirm.tally.fates(),
             heard_age=silence if math.isfinite(silence) else None,
             answer_age=answered if math.isfinite(answered) else None,
             garbage_bytes_per_s=garbage,
@@ -115,7 +115,8 @@ class Reporter:
         began, rx, tx = self._bytes[0]
         span = now - began
         per_byte = dialogue.rules.wire_time(b"#")
-        planned = budget.plan(dialogue.demand(dialogue.streams.wanted), dialogue.rules)
+        renewal = dialogue.streams.renewal
+        planned = budget.plan(dialogue.demand(dialogue.streams.wanted), dialogue.rules, renew=renewal)
         return LinkTraffic(
             stamp=self._clock.stamp(now),
             rx_bytes=counters.rx_bytes,
@@ -126,6 +127,9 @@ class Reporter:
             tx_share=(counters.tx_bytes - tx) * per_byte / span if span > 0 else 0.0,
             rx_planned=planned.rx,
             tx_planned=planned.tx,
+            renewal=renewal,
+            heard_share=dialogue.health.share.heard,
+            request_distance=dialogue.scheduler.distance,
             rx_kinds=dict(counters.rx),
             tx_kinds=dict(counters.tx),
             dropped=dict(counters.dropped),

@@ -4,6 +4,11 @@ Order: release, setpoint, retries, requests, subscriptions, echo, background. A 
 place. One request of a kind and board is outstanding at a time, because boards have one slot (NaviCtrl) or one
 receive buffer (FlightCtrl). Nothing is written ahead of the wire: a frame is given out when the line is free, so the
 newest setpoint never waits behind bytes already handed over. Source: docs/firmware-notes, "Losses".
+
+A FlightCtrl loses a frame that comes too soon after another, and a radio delivers frames closer together than they
+were sent. So a request to it keeps the gap of the rules on both sides, and by radio a longer `distance` from the frame
+before. Where setpoints come too often for that, the request takes the place of one: setpoints wait until the request
+has left, and the newest one follows.
 """
 
 from __future__ import annotations
@@ -28,6 +33,8 @@ PATIENCE_TIME: Final = {
     Purpose.BACKGROUND: 0.2,
 }
 """How long an entry lets the next expected setpoint pass first, before it takes its turn all the same [s]."""
+REQUESTS: Final = tuple(PATIENCE_TIME)
+"""What is no stick frame, in the order in which it is sent."""
 AFTER_SETPOINT: Final = 0.0015
 """How long after the expected setpoint an entry looks again: setpoints come with some jitter [s]."""
 SLOWEST_SETPOINT: Final = 0.25
@@ -38,6 +45,10 @@ at 100 Hz with 3 ms of jitter, a NaviCtrl that passes them on has no such margin
 CREEP: Final = 0.97
 """Part of the setpoint interval that is kept on average, so that setpoints that come exactly as often as allowed do not
 stay late once they were: 103 Hz at most, where a FlightCtrl loses none up to 150 Hz without jitter."""
+BETWEEN: Final = 2
+"""So many setpoints go out between two requests that each take the place of one."""
+BOTH_FRAMES: Final = 0.006
+"""Time of a setpoint and of a request on the wire [s]: 22 and 10 characters."""
 RESYNC_AFTER: Final = 2.0
 """After this silence on our side the next frame is led by CR CR: noise may have left a `#` in a receiver [s]."""
 
@@ -77,6 +88,10 @@ class TransmitScheduler:
     """Gives out one frame at a time, when the line and the boards can take it.
 
     While it `holds_setpoints`, the newest one waits here, because an earlier one has not left the machine.
+
+    Attributes:
+        distance: idle line between a frame and a request that follows it to a FlightCtrl, where the radio asks for
+            more than the gap of the rules [s]; 0 by cable.
     """
 
     def __init__(self, rules: LineRules) -> None:
@@ -85,6 +100,9 @@ class TransmitScheduler:
         self._taken: dict[tuple[Board, str], float] = {}
         self._line_free = 0.0
         self._fc_free = 0.0
+        self._fc_end = -math.inf
+        self._setpoints_since = BETWEEN
+        self.distance = 0.0
         self._last_end: float | None = None
         self._setpoint_turn = 0.0
         self._passed_on = 0.0
@@ -109,6 +127,8 @@ class TransmitScheduler:
             self._expired.extend(queue)
             queue.clear()
             self._learn_period(now)
+            if self._setpoints_since == 0 and self._fc_free > now + AFTER_SETPOINT:
+                self._let_newer_replace(entry, now)
         elif len(queue) >= QUEUE_LIMIT:
             return False
         queue.append(entry)
@@ -137,6 +157,9 @@ class TransmitScheduler:
         self._setpoint_period = self._arrived = None
         self._setpoint_turn = self._passed_on = 0.0
         self._line_free = self._fc_free = 0.0
+        self._fc_end = -math.inf
+        self._setpoints_since = BETWEEN
+        self.distance = 0.0
         self._last_end = None
         self._needs_resync = True
         return left
@@ -240,15 +263,45 @@ class TransmitScheduler:
         if entry.slot is not None:
             ready = max(ready, self._taken.get(entry.slot, 0.0))
         if entry.purpose is Purpose.SETPOINT:
-            return math.inf if self.holds_setpoints else max(ready, self._setpoint_turn)
-        return self._let_setpoint_pass(entry, max(ready, now, self._line_free))
+            return math.inf if self.holds_setpoints else max(ready, self._setpoint_turn, self._given_up_for(now))
+        ready = max(ready, now, self._line_free)
+        if touches_fc:
+            ready = max(ready, self._fc_end + self.distance)
+            if self._replaces_setpoint(now):
+                return ready if self._setpoints_since >= BETWEEN else max(ready, self._setpoints_end)
+        return self._let_setpoint_pass(entry, ready)
+
+    def _replaces_setpoint(self, now: float) -> bool:
+        """Whether setpoints come too often for a request to keep its distance between two."""
+        gap = self.rules.gap_after(reaches_fc=True)
+        needed = max(gap, self.distance) + gap + BOTH_FRAMES
+        return self._expect_setpoint(now) is not None and (self._setpoint_period or 0.0) < needed
+
+    @property
+    def _setpoints_end(self) -> float:
+        """When a rhythm that goes on no more counts as ended [s]."""
+        assert self._arrived is not None
+        assert self._setpoint_period is not None
+        return self._arrived + 2.0 * self._setpoint_period + 1e-6
+
+    def _given_up_for(self, now: float) -> float:
+        """When setpoints may go on after the request that takes the place of one [s]; 0 where none waits for that."""
+        if self._setpoints_since < BETWEEN or not self._replaces_setpoint(now):
+            return 0.0
+        latest = max(now, self._fc_free, self._fc_end + self.distance) + 1e-9
+        for purpose in REQUESTS:
+            for entry in self._queues[purpose]:
+                if self._touches_fc(entry) and (at := self._ready_at(entry, now)) <= latest:
+                    return at + self.rules.wire_time(entry.raw) + self.rules.gap_after(reaches_fc=True)
+        return 0.0
 
     def _let_setpoint_pass(self, entry: Entry, begin: float) -> float:
         """Do not begin a frame that would hold up the next setpoint, within the entry's patience."""
         expected = self._expect_setpoint(begin)
         if expected is None:
             return begin
-        busy = self.rules.wire_time(entry.raw) + self.rules.gap_after(reaches_fc=entry.reaches_fc)
+        gap = self.rules.gap_after(reaches_fc=entry.reaches_fc)
+        busy = self.rules.wire_time(entry.raw) + (max(gap, self.distance) if self._touches_fc(entry) else gap)
         if begin + busy <= expected:
             return begin
         return max(begin, min(expected + AFTER_SETPOINT, entry.queued + PATIENCE_TIME[entry.purpose]))
@@ -279,7 +332,8 @@ class TransmitScheduler:
         end = now + self.rules.wire_time(entry.raw)
         self._line_free = self._last_end = end
         if self._touches_fc(entry):
-            self._fc_free = end + self.rules.gap_after(reaches_fc=True)
+            self._fc_end, self._fc_free = end, end + self.rules.gap_after(reaches_fc=True)
+            self._take_its_place(entry, now)
         is_passed_on = self.rules.setpoint_interval >= FORWARDING_GAP
         if is_passed_on and entry.purpose in (Purpose.SETPOINT, Purpose.RELEASE):
             self._passed_on = now + FORWARDING_GAP
@@ -291,6 +345,20 @@ class TransmitScheduler:
         if entry.slot is not None:
             self._taken[entry.slot] = end + entry.reply_within
         return entry
+
+    def _take_its_place(self, entry: Entry, now: float) -> None:
+        """Count setpoints between requests; one that waited for this request lets a newer one replace it."""
+        if entry.purpose is Purpose.SETPOINT:
+            self._setpoints_since += 1
+        elif entry.purpose in REQUESTS:
+            self._setpoints_since = 0
+            for waiting in self._queues[Purpose.SETPOINT]:
+                self._let_newer_replace(waiting, now)
+
+    def _let_newer_replace(self, waiting: Entry, now: float) -> None:
+        """A setpoint that has to wait for a request leaves only where no newer one comes in its time."""
+        if self._setpoint_period is not None and self._arrived is not None:
+            waiting.not_before = max(now, self._arrived + self._setpoint_period) + AFTER_SETPOINT
 
     def _expire(self, now: float) -> None:
         for queue in filter(None, self._queues.values()):

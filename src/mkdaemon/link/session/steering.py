@@ -57,13 +57,10 @@ class ControlPath:
     """The way of external control frames to the board and of their confirmations back.
 
     Attributes:
-        hidden: confirmations that could not be seen: a FlightCtrl keeps one number to confirm, so while it sends a long
-            frame a newer number replaces the older one.
         last_command: the latest frame sent that the aircraft may still obey; None after a release.
     """
 
     def __init__(self, health: HealthMonitor) -> None:
-        self.hidden = 0
         self.last_command: WireMessage | None = None
         self._health = health
         self._number = FrameNumber(0)
@@ -90,6 +87,9 @@ class ControlPath:
         """A frame went out."""
         if confirms:
             self._health.confirm.sent(entry.number, now)
+        else:
+            tally = self._health.confirm.tally
+            tally.sent, tally.silent = tally.sent + 1, tally.silent + 1
         if entry.purpose is Purpose.SETPOINT:
             self.last_command = entry.message
 
@@ -100,7 +100,7 @@ class ControlPath:
         self._rx_busy.append((began, ended))
 
     def confirmed(self, number: FrameNumber, now: float) -> None:
-        """A confirmation came; older numbers it replaced before they could be sent are hidden, not lost."""
+        """A confirmation came; older numbers that it replaced in the board, which keeps one, are not confirmed."""
         confirm = self._health.confirm
         began = confirm.began(number)
         if began is not None:
@@ -110,12 +110,11 @@ class ControlPath:
             for (older, sent), (_, replaced) in itertools.pairwise(waiting):
                 # A radio bunches frames: two may arrive together however far apart they were sent.
                 spread = confirm.jitter * (3.0 if delay > _RADIO else 1.0)
-                if self._was_hidden(sent + delay, replaced + delay, _TOLERANCE_TIME + spread):
-                    confirm.forget(older)
-                    self.hidden += 1
+                if self._was_busy(sent + delay, replaced + delay, _TOLERANCE_TIME + spread):
+                    confirm.replaced(older, now)
         self._health.confirmed(number, now)
 
-    def _was_hidden(self, sent: float, replaced: float, unsure: float) -> bool:
+    def _was_busy(self, sent: float, replaced: float, unsure: float) -> bool:
         """Whether one stretch kept the board's transmitter busy from one external control frame to the next."""
         first, last = sent + _CONFIRM_DELAY + unsure, replaced + _CONFIRM_DELAY - unsure
         return any(start < first and end > last for start, end in self._rx_busy)

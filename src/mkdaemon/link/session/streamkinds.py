@@ -29,6 +29,7 @@ class StreamKind:
         boards: who streams it.
         request: message class that asks for it.
         renews: see `Stream.renews`.
+        is_vital: see `Stream.is_vital`.
     """
 
     key: str
@@ -37,6 +38,7 @@ class StreamKind:
     boards: frozenset[Board]
     request: Callable[..., WireMessage]
     renews: int | None
+    is_vital: bool = False
 
     def ask(self, interval: float) -> WireMessage:
         """Return the request for an interval [s]; 0 stops the stream."""
@@ -57,6 +59,7 @@ def find_streams() -> dict[str, StreamKind]:
             frozenset(cls.spec.boards),
             cls,
             stream.renews,
+            stream.is_vital,
         )
         for stream, cls in sorted(requests.items(), key=lambda item: (item[0].renews is None, item[0].renews))
     }

@@ -4,7 +4,8 @@ They are wanted by configuration, by `auto`, or since they were changed at run t
 streams (NaviCtrl 4.0 s, FlightCtrl 4.1 s); any stream request renews them all. A request with interval 0 renews without
 costing a frame, so a kind nobody wants is the renewal; where all kinds are wanted, the one with the shortest reply is.
 Every other request costs one frame and restarts the phase of its stream, so a stream is asked for again only when its
-rate changes or it went stale. Source: docs/firmware-notes, "Subscriptions".
+rate changes or it is overdue. How often they are renewed follows from the share of requests that the board hears; see
+`renewal`. Source: docs/firmware-notes, "Subscriptions".
 """
 
 from __future__ import annotations
@@ -21,13 +22,19 @@ from mkdaemon.errors import CommandRejectedError, ConfigError
 from mkdaemon.link.session import budget
 from mkdaemon.link.session.line import LineRules
 from mkdaemon.link.session.prober import AUTO
+from mkdaemon.link.session.renewal import HeardShare, renewal_interval
 from mkdaemon.link.session.scheduler import Entry
 from mkdaemon.link.session.streamkinds import KINDS, TICK_TIME, kind_of, round_up_interval
 from mkdaemon.link.session.traffic import Purpose
 from mkdaemon.protocol.wire import Board, WireMessage
 
-ASK_AGAIN: Final = 1.0
-"""How soon a stream that does not come is asked for again [s]."""
+OVERDUE_PERIODS: Final = 3
+"""A stream of which nothing came for so many periods is asked for again."""
+ASK_AGAIN: Final = 0.15
+"""Shortest time between two requests for the same stream [s]; the longest round trip by radio is 0.13 s."""
+ASK_RARELY: Final = 1.0
+"""Longest such time for a stream that flight does not need [s]: each request without an answer takes twice as long as
+the one before."""
 
 
 @dataclass(slots=True)
@@ -35,14 +42,39 @@ class _Stream:
     interval: float
     asked_at: float = -math.inf
     seen_at: float = -math.inf
+    patience: float = ASK_AGAIN
+
+    def due_at(self) -> float:
+        """When it must be asked for [s]: at once, or when it is overdue and the last request has had its time."""
+        if self.asked_at == -math.inf:
+            return -math.inf
+        periods = OVERDUE_PERIODS * self.interval
+        if self.seen_at >= self.asked_at:
+            return max(self.seen_at + periods, self.asked_at + ASK_AGAIN)
+        return max(self.seen_at + periods, self.asked_at + self.patience)
+
+    def ask(self, now: float, *, is_vital: bool) -> None:
+        """Note a request; one that stayed without an answer makes the next one wait longer where flight can."""
+        is_answered = self.seen_at >= self.asked_at
+        self.patience = ASK_AGAIN if is_answered or is_vital else min(2.0 * self.patience, ASK_RARELY)
+        self.asked_at = now
 
 
 class Subscriptions:
     """The streams of one board."""
 
-    def __init__(self, board: Board, *, renew: float = 1.5) -> None:
+    def __init__(self, board: Board, share: HeardShare, *, renew: float = 1.5) -> None:
+        """Want nothing yet.
+
+        Args:
+            board: who streams.
+            share: how many requests it hears.
+            renew: longest time between two renewals [s].
+        """
         self.board = board
+        self._share = share
         self._renew = renew
+        self._chosen = (-1, renew)
         self._wanted: dict[str, _Stream] = {}
         self._to_stop: list[str] = []
         self._renewed_at = -math.inf
@@ -89,13 +121,14 @@ class Subscriptions:
         """Return the requests to send now and note them as asked."""
         messages = [KINDS[key].ask(0) for key in self._to_stop]
         self._to_stop.clear()
-        for key, stream in self._wanted.items():
-            if now >= self._asks_at(stream):
-                stream.asked_at = now
+        for key in sorted(self._wanted, key=lambda key: not KINDS[key].is_vital):
+            stream = self._wanted[key]
+            if now >= stream.due_at():
+                stream.ask(now, is_vital=KINDS[key].is_vital)
                 messages.append(KINDS[key].ask(stream.interval))
         if messages:
             self._renewed_at = now
-        elif self._wanted and now >= self._renewed_at + self._renew:
+        elif self._wanted and now >= self._renewed_at + self.renewal:
             self._renewed_at = now
             messages.append(self._renewal(now))
         return messages
@@ -106,15 +139,14 @@ class Subscriptions:
             return -math.inf
         if not self._wanted:
             return math.inf
-        return min(self._renewed_at + self._renew, *(self._asks_at(stream) for stream in self._wanted.values()))
+        return min(self._renewed_at + self.renewal, *(stream.due_at() for stream in self._wanted.values()))
 
-    @staticmethod
-    def _asks_at(stream: _Stream) -> float:
-        """When a stream must be asked for (again): at once, or when three periods went by without a frame."""
-        if stream.asked_at == -math.inf:
-            return -math.inf
-        patience = max(ASK_AGAIN, 3 * stream.interval)
-        return max(stream.asked_at, stream.seen_at) + patience
+    @property
+    def renewal(self) -> float:
+        """Time between two renewals, as the line is now [s]."""
+        if self._chosen[0] != self._share.noted:
+            self._chosen = (self._share.noted, renewal_interval(self._share, self._renew))
+        return self._chosen[1]
 
     def _renewal(self, now: float) -> WireMessage:
         for key, kind in KINDS.items():
@@ -172,10 +204,12 @@ class Streams:
         is_on: the board was asked for them since the port was opened.
     """
 
-    def __init__(self, cfg: LinkConfig) -> None:
+    def __init__(self, cfg: LinkConfig, share: HeardShare | None = None) -> None:
+        """Want what is configured; requests are heard as `share` says, by default as its prior does."""
         self.is_on = False
         self._cfg = cfg
-        self._subscriptions = Subscriptions(Board.ANY, renew=cfg.renewal)
+        self._share = share or HeardShare()
+        self._subscriptions = Subscriptions(Board.ANY, self._share, renew=cfg.renewal)
         self._borrowed: dict[str, _Borrowed] = {}
         self._ended: list[str] = []
         self._left_over: dict[str, deque[float]] = {}
@@ -185,6 +219,11 @@ class Streams:
     def wanted(self) -> dict[str, float]:
         """Interval of every wanted stream [s]."""
         return self._subscriptions.wanted
+
+    @property
+    def renewal(self) -> float:
+        """Time between two renewals, as the line is now [s]."""
+        return self._subscriptions.renewal
 
     def restart(self) -> None:
         """A port was opened: nothing runs."""
@@ -202,7 +241,7 @@ class Streams:
         for key in list(self._borrowed):
             self._give_back(key)
         wanted = self._subscriptions.wanted
-        self._subscriptions = Subscriptions(board, renew=self._cfg.renewal)
+        self._subscriptions = Subscriptions(board, self._share, renew=self._cfg.renewal)
         for key, period in wanted.items():
             if board in KINDS[key].boards:
                 self._subscriptions.want(key, period)

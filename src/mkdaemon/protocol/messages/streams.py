@@ -61,7 +61,7 @@ class DebugDataNc(_Debug):
     firmware="FC 0.72o and later, NC",
     since=(0, 18),
     source=(Source.FC_RECEIVE, Source.NC_RECEIVE),
-    stream=Stream("attitude", renews=1),
+    stream=Stream("attitude", renews=1, is_vital=True),
     any_address=True,
 )
 class AttitudeRequest(WireMessage):

@@ -14,6 +14,7 @@ from mkdaemon.protocol.settings_file import spell_value
 from mkdaemon.record.entry import NANOSECONDS
 from mkdaemon.record.layout import Session
 from mkdaemon.record.summary import Summary
+from mkdaemon.telemetry.link import Fates
 from mkdaemon.view.report.flight import Flight
 from mkdaemon.view.report.said import number_of, part_of, short, text_of
 
@@ -53,10 +54,7 @@ def link_rows(flight: Flight) -> list[Row]:
             rows.append((f"{title}, lost", f"{lost or 0:.0f} of {sent:.0f} ({share:.2f} %)"))
             trip = (number_of(health, f"{name}.{what}_ms") for what in ("p50", "p95", "p99"))
             rows.append((f"{title}, round trip at the end", _percentiles(*trip)))
-    for path, title in (("requests_unanswered", "requests without answer"), ("confirm_hidden", "confirmations hidden")):
-        number = number_of(health, path)
-        if number:
-            rows.append((title, f"{number:.0f}"))
+    rows += fate_rows(health)
     rows += [
         (title, f"{number_of(traffic, path):.0f}")
         for path, title in (("rx_frames", "frames received"), ("tx_frames", "frames sent"))
@@ -66,6 +64,17 @@ def link_rows(flight: Flight) -> list[Row]:
     if isinstance(dropped, Mapping) and dropped:
         words = ", ".join(f"{short(word)} {short(number)}" for word, number in dropped.items())
         rows.append(("dropped", short(words)))
+    return rows
+
+
+def fate_rows(health: Mapping[str, object]) -> list[Row]:
+    """What became of everything that was sent: the counts of `link/health` that are not 0."""
+    rows: list[Row] = []
+    for name, title in (("link_tests", "link tests"), ("requests", "requests"), ("stick_frames", "stick frames")):
+        counts = [(field, number_of(health, f"{name}.{field}")) for field in Fates.model_fields]
+        words = ", ".join(f"{number:.0f} {field}" for field, number in counts if number)
+        if words:
+            rows.append((f"{title}, in all", words))
     return rows
 
 

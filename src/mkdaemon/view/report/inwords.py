@@ -102,7 +102,7 @@ def _line(flight: Flight) -> list[str]:
     trips = flight.series.get("link.echo_p95")
     words = f"The link was up for {100.0 * times.get('up', 0.0) / total:.0f} % of the time"
     if sent:
-        words += f", {lost or 0:.0f} of {sent:.0f} link tests were lost"
+        words += f", {lost or 0:.0f} of {sent:.0f} link tests were not answered in time"
     if trips is not None:
         words += f", and p95 of the round trip was {max(trips.values):.0f} ms at worst"
     return [f"{words}."]
