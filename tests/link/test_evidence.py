@@ -252,9 +252,15 @@ def test_forgiving_keeps_the_counts_and_the_round_trips():
     trips.sent("under way", 0.5)
     trips.forgive(0.6)
     assert trips.losses(0.6) == (1, 0)
-    assert (trips.statistics(0.6).sent_total, trips.statistics(0.6).lost_total) == (3, 2)
-    trips.answered("under way", 0.7)
-    assert trips.statistics(0.7).late == 1
+    assert (trips.statistics(0.6).sent_total, trips.statistics(0.6).lost_total) == (2, 1)
+    trips.sent("lost, too", 0.6)
+    trips.answered("under way", 0.65)
+    assert trips.expire(0.9) == 1
+    assert trips.losses(0.9) == (2, 0)
+    assert trips.tally.fates().outage == 1
+    trips.answered("lost, too", 0.95)
+    assert trips.statistics(0.95).late == 1
+    assert trips.tally.fates().outage == 0
 
 
 def test_times_of_what_waits():

@@ -54,7 +54,7 @@ async def test_the_right_word_within_half_a_second_and_back_again(make, phase, f
         if r.socket.port.fault is not LineFault.NONE and not r.socket.port.is_closed:
             r.socket.port.inject(LineFault.NONE)
         await r.until(lambda: r.condition in ("up", "degraded") and r.log.kinds(r.log.tx[-1].at) != {}, 3)
-        await r.until_up(11 if fault in (LineFault.BYTE_LOSS, LineFault.BIT_FLIPS) else 4)
+        await r.until_up(12 if fault in (LineFault.BYTE_LOSS, LineFault.BIT_FLIPS) else 4)
 
 
 @virtually

@@ -283,9 +283,10 @@ class _GivenUp(NamedTuple):
 
 
 class _Fate(NamedTuple):
-    """When a fate was known [s]; the round trip [s], or why there was none."""
+    """When a fate was known, and when it was sent [s]; the round trip [s], or why there was none."""
 
     at: float
+    sent: float
     trip: float | None
     why: Why | None = None
 
@@ -375,7 +376,7 @@ class RoundTrips:
             return None
         trip = now - began
         self.tally.answered += 1
-        self._note(_Fate(now, trip))
+        self._note(_Fate(now, began, trip))
         self._last = trip
         self._latest.append(trip)
         if self._mean is not None:
@@ -399,7 +400,7 @@ class RoundTrips:
             token, began = next(iter(self._open.items()))
             if self._own.elapsed(began, now) < self.timeout:
                 break
-            self._give_up(token, now, why)
+            self._give_up(token, now, Why.OUTAGE if began <= self._forgiven_until else why)
             lost += 1
         return lost
 
@@ -410,18 +411,17 @@ class RoundTrips:
 
     def forgive(self, now: float) -> None:
         """An outage is over: what it swallowed is counted, and says nothing about the line as it is now."""
-        self.interrupted(now)
         self._forgiven_until = now
 
     def losses(self, now: float) -> tuple[int, int]:
         """Return the probes of the window that tell how the line is, and how many of them are lost.
 
-        Those before the end of an outage that were lost tell nothing about it, nor do those that the board replaced.
+        Those lost that were sent before the end of an outage tell nothing, nor do those that the board replaced.
         """
         telling = [
             fate
             for fate in self._of_window(now)
-            if fate.trip is not None or (fate.why is not Why.REPLACED and fate.at > self._forgiven_until)
+            if fate.trip is not None or (fate.why is not Why.REPLACED and fate.sent > self._forgiven_until)
         ]
         return len(telling), sum(fate.trip is None for fate in telling)
 
@@ -457,10 +457,10 @@ class RoundTrips:
         self._fates.append(fate)
 
     def _give_up(self, token: Hashable, now: float, why: Why) -> None:
-        del self._open[token]
+        began = self._open.pop(token)
         self._given_up.append(_GivenUp(token, now, why))
         self.tally.gave_up(why)
-        self._note(_Fate(now, None, why))
+        self._note(_Fate(now, began, None, why))
 
     def _count_stray(self, token: Hashable) -> None:
         for gone in self._given_up:
