@@ -30,7 +30,7 @@ from mkdaemon.telemetry.setpoint import (
     VelocitySetpoint,
 )
 from tests.control.admission.situations import battery, eyes, heights
-from tests.control.events import PERIOD, Driver, flight, pose
+from tests.control.events import PERIOD, Driver, flight, pilot, pose
 
 SOON = ControlConfig(autopilot=AutopilotConfig(takeoff_ready=0.2, entry_clean=0.5))
 """A configuration with which nobody waits for long."""
@@ -379,3 +379,49 @@ def test_of_two_targets_in_sight_one_is_named_and_a_low_battery_lands_on_the_one
         story.tell(StateValue(battery(12.0, is_low=True)))
         streams(0.2, target="pad")
     assert story.changes[-1] == ("flying", "landing")
+
+
+def gate(story, *, is_open):
+    """What a board that reports the gate says."""
+    story.tell(StateValue(pilot(0.0).model_copy(update={"is_gate_open": is_open, "throttle": None})))
+
+
+def test_after_an_abort_while_the_sticks_had_no_answer_the_resumed_position_is_flown_and_not_only_reported():
+    """The question that was not asked: is what is reported what is flown?
+
+    A memory of the streamed kind said position, the manoeuvre was the hold of the abort, for ever.
+    """
+    story, place = Story(2.0), {"position": (1.0, 0.0, 2.0), "frame": SetpointFrame.PAD}
+    story.see(2.0)
+    story.streams(PositionSetpoint, 2.4, **place)
+    gate(story, is_open=False)
+    story.streams(PositionSetpoint, 0.1, **place)
+    assert story.core.phase is Phase.UNANSWERED
+    story.abort()
+    story.streams(PositionSetpoint, 0.2, **place)
+    gate(story, is_open=True)
+    story.streams(PositionSetpoint, 1.0, **place)
+    assert (story.core.phase, story.status.manoeuvre) == (Phase.ABORTED, "hold")
+    story.streams(PositionSetpoint, 0.5, after_abort=story.status.aborts, **place)
+    assert (story.core.phase, story.status.manoeuvre) == (Phase.FLYING, "position")
+    assert story.of(PublishError)[-1].value.goal == (1.0, 0.0, 2.0)
+
+
+def test_a_falling_aircraft_is_not_handed_over():
+    """Its height over the target counts like its place: 1 m above it at -2 m/s was accepted."""
+    story, height = Story(), 9.0
+    story.see(height)
+    for _ in range(200):
+        height -= 2.0 * PERIOD
+        story.see(height)
+        story.streams(HoldSetpoint, PERIOD)
+    assert story.core.phase is Phase.LEASED
+    assert "a slower aircraft: it moves at 2.0 m/s" in story.status.reason
+
+
+def test_a_pose_whose_quaternion_has_no_length_is_refused_at_the_door():
+    story = Story()
+    story.tell(PoseSeen(pose(story.now).model_copy(update={"quaternion_target_from_flu": (0.0, 0.0, 0.0, 0.0)})))
+    assert story.core._sight.estimator is None
+    story.run(0.1)
+    assert ["is no rotation" in warning.text for warning in story.of(Warn)] == [True]

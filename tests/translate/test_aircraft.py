@@ -21,7 +21,6 @@ from mkdaemon.control.estimator.model import (
 from mkdaemon.protocol.dialect import Dialect
 from mkdaemon.protocol.generations import Release
 from mkdaemon.protocol.settings import ParameterSet, layout_of
-from mkdaemon.protocol.settings_fields import Kind
 from mkdaemon.translate import aircraft_model, assumed_model
 from mksim.boards.parameters import factory_set
 
@@ -97,24 +96,10 @@ def test_a_parameter_that_makes_no_aircraft_is_named_with_its_value(name):
 
 
 @pytest.mark.parametrize("value", [248, 251, 255])
-@pytest.mark.parametrize("name", ["gyro_p", "gyro_i", "integral_factor", "gyro_stability"])
+@pytest.mark.parametrize("name", EASY)
 def test_a_gain_on_a_potentiometer_is_no_gain(name, value):
     assert model(**{name: value}) == ModelUnknown(Gap.ON_POTENTIOMETER, name, value, 256 - value)
     assert isinstance(model(**{name: 247}), AircraftModel)
-
-
-@pytest.mark.parametrize("name", ["stick_p", "stick_yaw_p"])
-def test_a_gain_that_cannot_be_on_a_potentiometer_is_the_number_it_is(name):
-    assert isinstance(model(**{name: 255}), AircraftModel)
-
-
-def test_which_gains_can_be_on_a_potentiometer_is_what_the_table_of_settings_declares(monkeypatch):
-    layout = parameters().layout
-    place = layout.places["stick_p"]
-    declared = place._replace(parameter=replace(place.parameter, kind=Kind.POTI))
-    changed = replace(layout, places={**layout.places, "stick_p": declared})
-    monkeypatch.setattr(ParameterSet, "layout", property(lambda self: changed))
-    assert model(stick_p=250) == ModelUnknown(Gap.ON_POTENTIOMETER, "stick_p", 250, 6)
 
 
 def test_a_set_that_says_too_little_is_unread():

@@ -27,6 +27,7 @@ from mkdaemon.control.admission import (
 from mkdaemon.control.answers import AnswerWatch
 from mkdaemon.control.authority import Authority, Fly, ReleaseOrder
 from mkdaemon.control.causes import causes
+from mkdaemon.control.estimator.model import Gap
 from mkdaemon.control.estimator.values import ViewFault
 from mkdaemon.control.events import (
     DUE,
@@ -288,13 +289,23 @@ class FlightCore:
         return NOTED
 
     def _model_known(self, event: ModelKnown, now: float) -> Reply:
+        """Take the model; a read that failed under a lease, or that ends in flight, changes nothing."""
+        has_failed = event.unknown is not None and event.unknown.gap is Gap.UNREAD
+        if self.phase in IN_FLIGHT or self._is_read_again(has_failed):
+            return NOTED
         self._sight.model_known(event.model)
-        self._preflight.model_known(event.model, event.unknown, is_flying=self.phase in IN_FLIGHT)
+        self._preflight.model_known(event.model, event.unknown)
         return NOTED
 
     def _active_set_read(self, event: ActiveSetRead, now: float) -> Reply:
+        if self.phase in IN_FLIGHT or self._is_read_again(not event.found.is_known):
+            return NOTED
         self._preflight.active_set = event.found
         return NOTED
+
+    def _is_read_again(self, has_failed: bool) -> bool:
+        """Whether a read failed after one, for the same lease, that did not."""
+        return has_failed and self._preflight.active_set.is_known and self._authority.holder_key is not None
 
     def _line_changed(self, event: LineChanged, now: float) -> Reply:
         self._line = event.line
@@ -374,9 +385,9 @@ class FlightCore:
         """Model, gains and margins of the horizontal loop.
 
         Raises:
-            CommandRejectedError: `loop_unstable`, `busy`.
+            CommandRejectedError: `loop_unstable`.
         """
-        return self._preflight.gains(is_flying=self.phase in IN_FLIGHT)
+        return self._preflight.gains()
 
     # -- the tick -------------------------------------------------------------------------------------------------
 

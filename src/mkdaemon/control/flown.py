@@ -56,7 +56,6 @@ class Flown:
         self.may_touch = False
         self._cfg, self._sight, self._rows = cfg, sight, rows
         self._admit, self._waits_for = admit, waits_for
-        self._kind: type[Setpoint] | None = None
         self._phase: Phase | None = None
         self._left: Manoeuvre | None = None
         self._admitted: NewManoeuvre | None = None
@@ -171,7 +170,7 @@ class Flown:
         elif phase is Phase.ABORTED:
             if before is not Phase.ABORTED:
                 self._abort(now)
-        elif type(setpoint) is not self._kind:
+        elif setpoint.kind != self.current.kind:
             self._change(self._make(setpoint), now)
         else:
             self.current.follow(setpoint)
@@ -183,12 +182,11 @@ class Flown:
         self._sight.leave_to_pilot(is_his=False)
         self._sight.answer.forget()
         self._sight.named = ""
-        self.current = self._kind = self._left = None
+        self.current = self._left = None
         self.may_touch = False
 
     def _make(self, setpoint: Setpoint) -> Manoeuvre:
-        self._kind = type(setpoint)
-        return self._rows[self._kind].make(self._sight, self._cfg, setpoint)
+        return self._rows[type(setpoint)].make(self._sight, self._cfg, setpoint)
 
     def _change(self, after: Manoeuvre, now: float) -> None:
         after.enter(self.current, now)
@@ -204,4 +202,4 @@ class Flown:
         if isinstance(after, Hold) and self._admit(hold, self.concern, now) is not None:
             after = Level(self._sight)
         after.enter(before, now)
-        self.current, self._kind = after, None  # whoever ends the abort begins anew
+        self.current = after

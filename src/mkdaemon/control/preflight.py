@@ -20,7 +20,6 @@ from mkdaemon.control.regulator.margins import gains_of, loop_refusal
 from mkdaemon.control.vehicle import VehicleFacts
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.control import ControlLine, Gains, LeaseState, Phase
-from mkdaemon.telemetry.refusals import Token, refuse
 from mkdaemon.telemetry.vision import VisionPose
 
 MATCHED_FOR: Final = 0.5
@@ -61,19 +60,17 @@ class Preflight:
         self.motion.target_seen(pose.target, pose.stamp.monotonic, pose.position_flu, pose.camera)
         self._followed, self._contradicting = followed, contradicting
 
-    def model_known(self, model: AircraftModel, unknown: ModelUnknown | None, *, is_flying: bool = False) -> None:
+    def model_known(self, model: AircraftModel, unknown: ModelUnknown | None) -> None:
         """Take the model to fly by.
 
         Args:
             model: of the aircraft.
             unknown: why it is not that of the aircraft's own parameter set; None where it is.
-            is_flying: stick frames are being sent: its loop is not computed now.
         """
         self._unknown = unknown
         if model != self._model:
             self._model, self._loop = model, None
-        if not is_flying:
-            self.compute_loop()
+        self.compute_loop()
 
     def compute_loop(self) -> None:
         """Judge the control loop on the present model; 0.06 to 0.12 s for a new one: never in flight."""
@@ -160,14 +157,12 @@ class Preflight:
         throttle = self._facts.throttle_in_use(self.active_set.low_cell)
         return throttle.stick if throttle is not None and now - throttle.at <= REPORTED else None
 
-    def gains(self, *, is_flying: bool = False) -> Gains:
+    def gains(self) -> Gains:
         """Model, gains and margins of the loop.
 
         Raises:
-            CommandRejectedError: `loop_unstable`: there are none; `busy`: in flight nothing is computed.
+            CommandRejectedError: `loop_unstable`: there are none.
         """
-        if self._loop is None and is_flying:
-            raise refuse(Token.BUSY, detail="the loop is not computed in flight")
         self.compute_loop()
         assert self._loop is not None
         if self._loop.gains is None:

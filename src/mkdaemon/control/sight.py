@@ -240,7 +240,7 @@ class Sight:
         return Entry(
             target=self.target,
             age=estimate.age,
-            speed=float(np.hypot(*estimate.velocity[:2])),
+            speed=math.hypot(*estimate.velocity.tolist()),
             offset=float(np.hypot(*estimate.position[:2])),
             height=float(estimate.position[2]),
             sd=float(estimate.position_sd.max()),
@@ -285,6 +285,8 @@ def checked_view(pose: VisionPose, now: float) -> TargetView | ViewFault:
     """A pose that arrives now [s] as the estimator takes it, or why nobody may use it."""
     if not all(math.isfinite(number) for number in pose.quaternion_target_from_flu):
         return ViewFault.NOT_FINITE
+    if not math.hypot(*pose.quaternion_target_from_flu) > 0.0:
+        return ViewFault.NO_ROTATION
     view = view_of(pose)
     return fault_of(view, now) or view
 

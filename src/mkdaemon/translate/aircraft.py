@@ -9,7 +9,6 @@ from mkdaemon.control.estimator.model import NO_FILTER, STICK_FILTER, AircraftMo
 from mkdaemon.protocol.dialect import Dialect
 from mkdaemon.protocol.generations import fc_generation
 from mkdaemon.protocol.settings import ParameterSet, poti_number
-from mkdaemon.protocol.settings_fields import Kind
 
 _NAMES: Final = ("stick_p", "gyro_p", "gyro_i", "integral_factor", "gyro_stability", "stick_yaw_p")
 
@@ -58,7 +57,7 @@ def aircraft_model(
         if name not in layout.places:
             return ModelUnknown(Gap.UNREAD, name)
         value = cast("int", parameters[name])  # all six are plain numbers in every layout
-        poti = poti_number(value) if layout.places[name].parameter.kind is Kind.POTI else None
+        poti = poti_number(value)  # of a gain that the firmware takes as it stands, too: no aircraft flies with 248
         if poti is not None:
             return ModelUnknown(Gap.ON_POTENTIOMETER, name, value, poti)
         numbers[name] = value

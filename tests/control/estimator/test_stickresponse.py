@@ -298,3 +298,12 @@ def test_a_delay_is_as_likely_as_its_share_of_what_the_best_leaves_over():
     found = swung(size, model=replace(MODEL, line_sd=9.0), frequencies=(frequency, frequency))
     expected = mean_lag(lambda lags: (1.0 + mean_square * np.sin(frequency * lags) ** 2 / least) ** -20.0)
     assert found.lag == pytest.approx(expected, abs=5e-4)
+
+
+def test_a_first_report_that_is_as_old_as_the_beginning_weighs_nothing_and_breaks_nothing():
+    """No time has passed then: a logarithm of zero, and warnings are errors in flight code."""
+    found = StickResponse(MODEL, 10.0)
+    found.sent(9.0, np.array([0.1, 0.0]))
+    for at in (10.0, 10.0, 10.04):
+        found.attitude_received(at, np.zeros(2))
+    assert (found.lag, found.gain, found.has_other_filter) == (pytest.approx(0.0, abs=0.01), 1.0, False)

@@ -64,7 +64,7 @@ class Entry:
     Attributes:
         target: name of the target that is followed.
         age: of its newest image [s].
-        speed: over ground against the target [m/s].
+        speed: against the target, up and down included [m/s].
         offset: from the middle of the target, over ground [m].
         height: above the target [m].
         sd: standard deviation of the worst known axis of the position [m].

@@ -155,7 +155,7 @@ class StickResponse:
     def _judge(self) -> None:
         """Choose the filter, and weigh the delays."""
         fitted = np.maximum(self._products, 0.0) ** 2 / np.maximum(self._squares, 1e-12)
-        left = np.maximum(self._reported - fitted, 0.0) + LEAST_LEFT**2 * self._seen
+        left = np.maximum(self._reported - fitted, 0.0) + LEAST_LEFT**2 * max(self._seen, STEP)
         likelihood = -0.5 * INDEPENDENT * self._seen * np.log(left) + self._prior
         best = likelihood.max(axis=1)
         chosen = int(self.has_other_filter)
