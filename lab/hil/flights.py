@@ -52,6 +52,10 @@ TRUTH_PERIOD: Final = 0.01
 """[s]."""
 STEP: Final = 1.0
 """Length of the step [m]."""
+ON_TARGET: Final = 0.3
+"""An aircraft this far from the middle of the target, or nearer, has landed on it [m]."""
+STOPPED_WITHIN: Final = 10.0
+"""Longest wait for the motors to stop after a landing [s]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,6 +121,7 @@ class Flown:
         unanswered: largest evidence that the aircraft does not answer its sticks [nat].
         end: why the flight ended.
         crashed: why the aircraft broke; empty while whole.
+        motors_run: whether the board turned the motors at the end.
     """
 
     truth: list[tuple[float, ...]] = field(default_factory=list)
@@ -126,6 +131,7 @@ class Flown:
     unanswered: float = -math.inf
     end: str = ""
     crashed: str = ""
+    motors_run: bool = False
 
 
 def fly(setting: Setting) -> dict[str, Any]:
@@ -178,6 +184,7 @@ class SceneFlight(Rehearsal):
         )
         self.flown, self.found = Flown(), dict[str, Any](lost=["no flight began"], warnings=[])
         self._legs, self._truth, self._kept = legs, aircraft.world.truth, -math.inf
+        self._aircraft = aircraft
         self.bus.followers.append(self._hear)
 
     async def _fly_parts(self) -> None:
@@ -186,6 +193,7 @@ class SceneFlight(Rehearsal):
             goes_on = goes_on and await self._follow(leg.parts)
             for name, parts in leg.copies.items() if goes_on else ():
                 copies[name] = await in_a_copy(partial(self._told, parts)) or {"lost": ["the copy died"]}
+        await self._await_motors()
         self.found = self._figures(goes_on=goes_on)
         for name, told in copies.items():
             self.found["lost"] += [f"{name}: {why}" for why in told.pop("lost")]
@@ -196,12 +204,20 @@ class SceneFlight(Rehearsal):
     async def _told(self, parts: Sequence[FlightPart]) -> dict[str, Any]:
         """What a copy tells of parts of its own."""
         self.flown = Flown()
-        return self._figures(goes_on=await self._follow(parts))
+        goes_on = await self._follow(parts)
+        await self._await_motors()
+        return self._figures(goes_on=goes_on)
+
+    async def _await_motors(self) -> None:
+        """After a landing, wait until the board has stopped the motors."""
+        if self._part == "land":
+            await self._wait(lambda: not motors_run(self._aircraft), STOPPED_WITHIN)
 
     def _figures(self, *, goes_on: bool) -> dict[str, Any]:
         status, flown = self._value("control/status", ControlStatus), self.flown
         flown.end = "" if goes_on or status is None else status.reason
         flown.crashed = self._truth.crash_reason
+        flown.motors_run = motors_run(self._aircraft)
         return figures(flown)
 
     def _begin(self, part: str) -> None:
@@ -224,6 +240,14 @@ class SceneFlight(Rehearsal):
             )
         elif isinstance(value, LogEvent) and value.level != "info":
             self.flown.warnings.append((value.stamp.monotonic, value.text))
+
+
+def motors_run(aircraft: FlyingAircraft) -> bool:
+    """Whether the board turns the motors; the firmware's memory says so where there is one."""
+    if isinstance(aircraft, GenuineAircraft):
+        return aircraft.world.is_armed
+    assert isinstance(aircraft, Simulation)
+    return aircraft.flight.core.running
 
 
 def _unwatched(moment: Moment, status: ControlStatus | None) -> None:
@@ -269,8 +293,8 @@ def figures(flown: Flown) -> dict[str, Any]:
     A part that was not flown has no figures. `lost` says why an aircraft was lost, or did not do what it was to do.
     """
     truth, parts = np.array(flown.truth).reshape(-1, 6), flown.parts
-    found: dict[str, Any] = {"lost": _lost(flown), "unanswered_nat": round(flown.unanswered, 3)}
-    found["warnings"] = [text for at, text in flown.warnings if at > parts.get("hold", 0.0) and "moderate" not in parts]
+    found: dict[str, Any] = {"lost": _lost(flown, truth), "unanswered_nat": round(flown.unanswered, 3)}
+    found["warnings"] = [text for at, text in flown.warnings if at >= parts.get("take-off", 0.0)]
     if "take-off" in parts:
         rows = _between(truth, parts["take-off"], parts.get("hold", math.inf))
         found["take_off_far_cm"] = 100 * float(np.hypot(rows[:, 1], rows[:, 2]).max(initial=0.0))
@@ -280,6 +304,8 @@ def figures(flown: Flown) -> dict[str, Any]:
             found[f"{part}_cm"] = 100 * math.sqrt(float((rows[:, 1:3] ** 2).sum(axis=1).mean()))
     if "step" in parts:
         found |= _step(_between(truth, parts["step"], math.inf), parts["step"])
+        if "step_t90" not in found:
+            found["lost"].append("nine tenths of the step were never reached")
     if "land" in parts:
         on = "moving_" if "follow" in parts else ""
         found |= {on + key: value for key, value in _landing(_between(truth, parts["land"], math.inf)).items()}
@@ -288,12 +314,31 @@ def figures(flown: Flown) -> dict[str, Any]:
     return found
 
 
-def _lost(flown: Flown) -> list[str]:
+def _lost(flown: Flown, truth: Array) -> list[str]:
+    """Why the aircraft was lost, or did not do what it was to do; physics and the board say so, not the daemon."""
     if flown.crashed:
         return [flown.crashed]
-    is_landing = list(flown.parts)[-1:] == ["land"]
-    is_right = flown.end.startswith("landed on") if is_landing else not flown.end
-    return [] if is_right else [flown.end or "it did not land"]
+    if list(flown.parts)[-1:] != ["land"]:
+        return [flown.end] if flown.end else []
+    return not_landed(_between(truth, flown.parts["land"], math.inf), flown.end, motors_run=flown.motors_run)
+
+
+def not_landed(rows: Array, end: str, *, motors_run: bool) -> list[str]:
+    """What is missing of a landing on the target.
+
+    Args:
+        rows: truth from the begin of the landing to the end of the flight; see `Flown.truth`.
+        end: why the daemon ended the flight.
+        motors_run: whether the board turns the motors at the end.
+
+    Returns:
+        Reasons; none where the aircraft stands on the target with its motors off.
+    """
+    if not len(rows) or not rows[-1, 5]:
+        return [f"it did not land: {end or 'it is in the air at the end'}"]
+    off = float(np.hypot(rows[-1, 1], rows[-1, 2]))
+    found = [f"it stands {100 * off:.0f} cm from the middle of the target"] if off > ON_TARGET else []
+    return found + (["its motors run on the ground"] if motors_run else [])
 
 
 def _between(rows: Array, begin: float, end: float) -> Array:

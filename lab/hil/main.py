@@ -10,11 +10,11 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from itertools import product
 from pathlib import Path
-from typing import Any, Final, Literal
+from typing import Any, Final, Literal, TypeVar
 
 from rich.table import Table
 
-from lab.hil import generations, navicase, navipairs
+from lab.hil import endings, generations, navicase, navipairs
 from lab.hil.build import built, names
 from lab.hil.flights import fly
 from lab.hil.quiet import be_quiet
@@ -27,6 +27,7 @@ from mkdaemon.errors import ConfigError
 
 Work = tuple[str, str, int]
 """Board, line, seed."""
+_Asked = TypeVar("_Asked")
 RUNS: Final = 10
 """Flights of each board by each line, and flights in which every trigger fires."""
 
@@ -34,11 +35,13 @@ RUNS: Final = 10
 def main(
     *,
     firmware: str = "",
-    case: Literal["scenes", "triggers", "control", "navictrl", "pair"] = "scenes",
+    case: Literal["scenes", "flights", "triggers", "control", "navictrl", "pair"] = "scenes",
     line: Literal["both", "cable", "radio"] = "both",
     boards: Literal["both", "genuine", "simulated"] = "both",
     runs: int = RUNS,
     first_seed: int = FIRST_SEED,
+    loss: float | None = None,
+    tilt: float = 0.0,
     jobs: int = 2,
     results: Path | None = None,
     as_json: AsJson = False,
@@ -50,13 +53,15 @@ def main(
 
     Args:
         firmware: Name of one that was built; the first by default.
-        case: The scenes; what happens when something fails, judged by the firmware's memory; how long it holds stick
-            frames; a genuine NaviCtrl and the simulator's, side by side (`make hil NAVICTRL=<folder>`); or a genuine
-            pair of both boards.
+        case: The scenes; flights, how each ended and what became of every frame; what happens when something fails,
+            judged by the firmware's memory; how long it holds stick frames; a genuine NaviCtrl and the simulator's,
+            side by side (`make hil NAVICTRL=<folder>`); or a genuine pair of both boards.
         line: To the boards.
         boards: Genuine, simulated, or both side by side.
         runs: Flights of each board by each line; of a pair; silences of `control`.
         first_seed: Seeds count up from here.
+        loss: Of `flights`: share of the radio's packets that are lost, each way, for example 0.05.
+        tilt: Of `flights`: of the pad, 0 to 20 degrees.
         jobs: Processes.
         results: File in which every flight is kept as it ends; flights that are in it are not flown again.
         as_json: Print JSON, one object a line, in place of a table.
@@ -76,22 +81,40 @@ def main(
     seeds = range(first_seed, first_seed + runs)
     if case == "triggers":
         work = [(genuine, "cable", seed) for seed in seeds]
-        return _show_triggers(genuine, _flown("triggers", _tell_one, work, kept, jobs), as_json=as_json)
+        return _show_triggers(genuine, _flown("triggers", _tell_one, work, kept, jobs, _key), as_json=as_json)
     flown = {"both": (genuine, SIMULATED), "genuine": (genuine,), "simulated": (SIMULATED,)}[boards]
     lines = LINES if line == "both" else (line,)
+    if case == "flights":
+        asked = [endings.Work(board, by, seed, loss, tilt) for seed in seeds for board, by in product(flown, lines)]
+        return endings.show(
+            _flown("flights", _end_one, asked, kept, jobs, lambda each: each.key), flown, lines, as_json=as_json
+        )
     work = [(board, by, seed) for seed in seeds for board, by in product(flown, lines)]
-    return _show_scenes(_flown("scenes", _fly_one, work, kept, jobs), flown, lines, as_json=as_json)
+    return _show_scenes(_flown("scenes", _fly_one, work, kept, jobs, _key), flown, lines, as_json=as_json)
 
 
-def _flown(kind: str, flight: Callable[[Work], Row], work: Sequence[Work], kept: Results, jobs: int) -> list[Row]:
-    """The rows of some work: those that are kept, and the others flown now."""
-    keys = [{"board": board, "line": line, "seed": seed} for board, line, seed in work]
+def _flown(
+    kind: str,
+    flight: Callable[[_Asked], Row],
+    work: Sequence[_Asked],
+    kept: Results,
+    jobs: int,
+    key_of: Callable[[_Asked], Row],
+) -> list[Row]:
+    """The rows of some work: those that are kept, and the others flown now, each told as it ends."""
+    keys = [key_of(each) for each in work]
     left = [each for each, key in zip(work, keys, strict=True) if not kept.has(kind, key)]
     with ProcessPoolExecutor(max(1, min(jobs, len(left))), multiprocessing.get_context("spawn")) as pool:
         for count, row in enumerate(pool.map(flight, left), 1):
             kept.add(kind, row)
-            print(f"{kind}: {count} of {len(left)} flights", file=sys.stderr, flush=True)
+            ending = f", seed {row['seed']} {row['ending']}" if "ending" in row else ""
+            print(f"{kind}: {count} of {len(left)} flights{ending}", file=sys.stderr, flush=True)
     return [row for row in kept.rows[kind] if any(key.items() <= row.items() for key in keys)]
+
+
+def _end_one(work: endings.Work) -> Row:
+    be_quiet()
+    return endings.fly(work)
 
 
 def _fly_one(work: Work) -> Row:

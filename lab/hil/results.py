@@ -6,19 +6,21 @@ import json
 import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from mkdaemon.errors import ConfigError
 from mkdaemon.files import write_whole
 
 Row = dict[str, Any]
+KINDS: Final = ("scenes", "triggers", "flights")
+"""Cases whose flights are kept."""
 
 
 class Results:
     """What was flown so far.
 
     Attributes:
-        rows: of `scenes` and `triggers`, in the order in which they were flown.
+        rows: of every kind, in the order in which they were flown.
     """
 
     def __init__(self, path: Path | None) -> None:
@@ -28,10 +30,10 @@ class Results:
             ConfigError: it is none of results.
         """
         self._path = path
-        self.rows: dict[str, list[Row]] = {"scenes": [], "triggers": []}
+        self.rows: dict[str, list[Row]] = {kind: [] for kind in KINDS}
         if path is not None and path.exists():
             try:
-                self.rows |= {kind: list(json.loads(path.read_text(encoding="utf-8"))[kind]) for kind in self.rows}
+                self.rows |= {kind: list(_stored(path).get(kind, [])) for kind in self.rows}
             except (ValueError, KeyError, TypeError) as error:
                 raise ConfigError(f"{path}: no results of lab hil ({error}); move it away or name another") from None
 
@@ -49,6 +51,14 @@ class Results:
             for name, rows in self.rows.items()
         )
         write_whole(self._path, "{" + ",\n".join(lists) + "}\n", overwrite=True)
+
+
+def _stored(path: Path) -> dict[str, Any]:
+    """The rows of a file, by kind; one that holds none of the kinds is no file of results."""
+    stored = dict(json.loads(path.read_text(encoding="utf-8")))
+    if not stored.keys() & set(KINDS):
+        raise KeyError(", ".join(KINDS))
+    return stored
 
 
 def _plain(value: Any) -> Any:

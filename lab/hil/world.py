@@ -115,6 +115,15 @@ class GenuineWorld(World):
         """External control as the firmware holds it: pitch, roll, yaw, throttle, whether it is valid."""
         return self._layout.held(self.chip)
 
+    @property
+    def control_size(self) -> int:
+        """Of external control in the firmware's memory [byte]."""
+        return self._layout.size
+
+    def watch_frames(self) -> None:
+        """Let the chip keep every frame that the firmware receives."""
+        self.chip.watch_frames(self._layout.symbol)
+
     def _fly(self, sticks: StickInput) -> None:
         """Let the firmware fly one step; the sticks it flies by are in its own memory."""
         self._transmit()

@@ -10,22 +10,27 @@ import ctypes
 import ctypes.util
 import math
 
+import numpy as np
 import pytest
 
 from lab.hil import build as building
-from lab.hil import chip
+from lab.hil import chip, endings
 from lab.hil.copies import in_a_copy
 from lab.hil.eeprom import SETTINGS, _checksum, _is_set
-from lab.hil.flights import Flown, Setting, figures
+from lab.hil.flights import Flown, Setting, config_of, figures
 from lab.hil.main import main
 from lab.hil.quiet import aside
 from lab.hil.results import Results
 from lab.hil.scenes import VOLTAGES, setting_of, summary
 from lab.hil.triggers import Flight, missed, story_figures
 from mkdaemon.errors import ConfigError
+from mkdaemon.protocol.framing import encode_frame
 from mkdaemon.protocol.settings import ParameterSet, layout_of
 from mkdaemon.virtualtime import run_virtually
 from mksim.boards.parameters import factory_set
+from mksim.config import SimConfig
+from mksim.scene.camera import deck_of
+from mksim.simulation import Simulation
 
 REPAIRED = """
 static avr_cycle_count_t avr_eei_raise(
@@ -77,6 +82,8 @@ def test_another_simavr_is_not_repaired_blindly():
         building._busy_eeprom(REPAIRED.replace("write operation", "writing"))
     with pytest.raises(ConfigError, match=r"avr_twi\.c"):
         building._slow_i2c("nothing of it")
+    with pytest.raises(ConfigError, match=r"avr_uart\.c"):
+        building._prompt_uart("nothing of it")
 
 
 def test_the_lid_of_stock_firmware_takes_the_place_of_a_forks():
@@ -122,16 +129,42 @@ def test_figures_of_copies():
     assert found["step_t90"] == pytest.approx(1.81)
     assert found["step_over_percent"] == pytest.approx(5.0)
     assert found["lost"] == []
-    assert figures(Flown(rows, parts={"land": 0.0}))["lost"] == ["it did not land"]
+    assert figures(Flown(rows, parts={"land": 0.0}))["lost"] == ["it did not land: it is in the air at the end"]
     assert figures(Flown(rows, parts={"moderate": 0.0}, end="sight lost"))["lost"] == ["sight lost"]
     assert figures(Flown(rows, parts={"moderate": 0.0}, crashed="hit the ground"))["lost"] == ["hit the ground"]
 
 
-def test_warnings_in_flight_count_and_those_of_moderate_wind_do_not():
+def test_a_landing_that_only_the_daemon_claims_is_lost():
+    """The aircraft is in the air all along, beside the target, or its motors run."""
     record = flown()
-    record.warnings += [(0.5, "on the ground"), (5.0, "the pilot's throttle (-40) caps ours: ...")]
-    assert figures(record)["warnings"] == ["the pilot's throttle (-40) caps ours: ..."]
-    assert figures(Flown(record.truth, warnings=record.warnings, parts={"moderate": 0.0}))["warnings"] == []
+    record.truth = [(*row[:5], 0.0) for row in record.truth]
+    assert figures(record)["lost"] == ["it did not land: landed on pad"]
+    record = flown()
+    record.truth = [(at, 0.5, *rest) for at, _, *rest in record.truth]
+    assert figures(record)["lost"] == ["it stands 50 cm from the middle of the target"]
+    record = flown()
+    record.motors_run = True
+    assert figures(record)["lost"] == ["its motors run on the ground"]
+
+
+def test_a_landing_whose_end_the_daemon_words_otherwise_is_none_the_less_one():
+    record = flown()
+    record.end = "the link went down"
+    assert figures(record)["lost"] == []
+
+
+def test_a_step_that_is_never_flown_is_lost():
+    rows = [(t / 100, -0.5, 0.0, 2.0, 0.0, 0.0) for t in range(600)]
+    assert figures(Flown(rows, parts={"step": 0.0}))["lost"] == ["nine tenths of the step were never reached"]
+
+
+def test_warnings_count_from_the_take_off_on_in_every_scene():
+    record = flown()
+    record.parts = {name: at + 1.0 for name, at in record.parts.items()}
+    record.warnings += [(0.5, "on the ground"), (1.5, "in the take-off"), (5.0, "caps ours: ...")]
+    assert figures(record)["warnings"] == ["in the take-off", "caps ours: ..."]
+    scene = Flown(record.truth, warnings=record.warnings, parts={"moderate": 0.0})
+    assert figures(scene)["warnings"] == ["on the ground", "in the take-off", "caps ours: ..."]
 
 
 @pytest.mark.parametrize(
@@ -142,11 +175,14 @@ def test_warnings_in_flight_count_and_those_of_moderate_wind_do_not():
         ("radio", {"hold_cm": 4.0}, []),
         ("cable", {"warnings": ["the pilot's throttle (-40) caps ours"]}, ["false_warnings: worst 0"]),
         ("radio", {"warnings": ["/dev/ttyUSB0: degraded: fc attitude is overdue: asked every 0.03 s"]}, []),
+        ("cable", {"warnings": ["/dev/ttyUSB0: degraded: fc attitude is overdue"]}, ["false_warnings: worst 0"]),
         ("radio", {"nees_height": 0.2}, ["nees_height: mean 0.7 to 1.5"]),
+        ("cable", {"step_t90": None}, ["step_t90: not measured in 1 of 1 flights"]),
     ],
 )
 def test_goals_are_judged_by_what_they_name(line, change, missed):
-    whole = figures(flown()) | {"nees_level": 1.0, "nees_height": 1.0, "seed": 1}
+    copies = {"moderate_cm": 9.0, "step_t90": 1.5, "step_over_percent": 3.0, "touch_cm": 2.0}
+    whole = figures(flown()) | copies | {"nees_level": 1.0, "nees_height": 1.0, "seed": 1}
     assert summary(line, [whole])["missed"] == []
     summed = summary(line, [whole | change])
     assert summed["missed"] == missed
@@ -239,3 +275,77 @@ def test_what_a_library_prints_while_a_firmware_is_loaded_does_not_come_between_
     said = capfd.readouterr()
     assert said.out == "before\nafter\n"
     assert "Loaded" in said.err
+
+
+def rows_of(*, height, stands, off=0.0):
+    """Truth of a flight up to a height that ends at 2 s, on the ground or in the air."""
+    climb = [(t / 100, off, 0.0, 0.1 + height * t / 100, 0.0, 0.0) for t in range(100)]
+    return np.array(
+        climb + [(1 + t / 100, off, 0.0, 0.1 if stands else height, 0.0, float(stands)) for t in range(101)]
+    )
+
+
+@pytest.mark.parametrize(
+    ("height", "stands", "off", "crashed", "motors", "ending"),
+    [
+        (2.0, True, 0.05, "", False, "finished"),
+        (2.0, True, 0.05, "", True, "lost"),
+        (2.0, True, 0.45, "", False, "lost"),
+        (2.0, False, 0.05, "", True, "released"),
+        (2.0, True, 0.05, "hit the ground at 3.1 m/s", False, "lost"),
+        (0.1, True, 0.05, "", False, "refused"),
+    ],
+)
+def test_physics_and_motors_say_how_a_flight_ended(height, stands, off, crashed, motors, ending):
+    rows = rows_of(height=height, stands=stands, off=off)
+    assert endings.judged(rows, 2.0, crashed, motors_run=motors)["ending"] == ending
+
+
+def test_what_the_aircraft_did_after_it_was_let_go_of_is_not_the_flights():
+    rows = rows_of(height=2.0, stands=True)
+    assert endings.judged(rows, 0.5, "", motors_run=False)["ending"] == "released"
+    assert endings.judged(rows, 0.5, "hit the ground", motors_run=False)["ending"] == "lost"
+
+
+def test_a_flight_that_never_began_is_refused():
+    assert endings.judged(np.zeros((0, 6)), math.inf, "", motors_run=False)["ending"] == "refused"
+
+
+def test_endings_and_counts_are_summed_and_a_release_fails(capsys):
+    counted = {"sticks_sent": 100, "sticks_in_memory": 98, "sticks_obeyed": 98, "requests_sent": 4, "warnings": []}
+    good = counted | {"board": "fc", "line": "cable", "seed": 1, "ending": "finished", "reason": "landed on pad"}
+    bad = good | {"seed": 2, "ending": "released", "reason": "no image of pad for 3.0 s"}
+    summed = endings.summed([good, bad])
+    assert (summed["finished"], summed["released"], summed["sticks_sent"], summed["sticks_in_memory"]) == (
+        1,
+        1,
+        200,
+        196,
+    )
+    assert summed["why"] == ["2 released: no image of pad for 3.0 s"]
+    assert endings.show([good], ["fc"], ["cable"], as_json=False) == 0
+    assert endings.show([good, bad], ["fc"], ["cable"], as_json=False) == 1
+    assert "sticks: 200 sent, 196 in memory (98.0 %)" in capsys.readouterr().out
+
+
+def test_frames_are_counted_where_the_daemon_sends_and_hears_them():
+    simulation = Simulation(SimConfig(board="fc"))
+    tap = endings.Tap(simulation)
+    tap.is_counting = True
+    for k in range(20):
+        tap.write(encode_frame(1, "v"), 0.1 * k)
+        tap.write(encode_frame(1, "b", bytes((0, 0, 0, 0, k + 1, 0, 0))), 0.1 * k + 0.05)
+        tap.advance(0.1 * (k + 1))
+    found = endings.counts(tap)
+    assert (found["sticks_sent"], found["requests_sent"]) == (20, 20)
+    assert (found["link_tests_sent"], found["link_tests_answered"]) == (20, 20)
+    assert "sticks_in_memory" not in found, "a simulated board has no memory to look into"
+
+
+def test_a_pad_is_tilted_and_its_low_edge_is_above_the_ground():
+    work = endings.Work("simulated", "radio", 3, loss=0.05, tilt_deg=12.0)
+    config = endings._config(config_of(setting_of("simulated", "radio", 3)), work)
+    pad = deck_of(config.scene.platform)
+    assert pad.at(0.59, 0.0, 0.0)[0] >= 0.0
+    assert pad.at(-0.5, 0.0, 0.0)[0] - pad.at(0.5, 0.0, 0.0)[0] == pytest.approx(math.tan(math.radians(12.0)))
+    assert (config.radio.to_board.loss, config.radio.to_host.loss) == (0.05, 0.05)

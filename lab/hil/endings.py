@@ -1,0 +1,291 @@
+"""`python -m lab hil --case flights`: many flights, how each ended, and what became of every frame.
+
+Take-off, hold, a step of 1 m, light wind, landing; by cable or by the radio with a chosen loss, from a level or a
+tilted pad. Physics and the firmware's memory judge: where the aircraft stands, whether its motors turn, and which
+frames its receive buffer took.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import product
+from typing import Any, Final
+
+import numpy as np
+
+from lab.hil.aircraft import GenuineAircraft
+from lab.hil.build import built
+from lab.hil.flights import ON_TARGET, Array, Leg, SceneFlight, config_of, motors_run
+from lab.hil.scenes import SIMULATED, setting_of
+from mkdaemon.protocol.framing import Frame, FrameDecoder
+from mkdaemon.virtualtime import run_virtually
+from mksim.config import SimConfig, WindClass
+from mksim.physics.world import StartState, World
+from mksim.programs.rehearsal import FlightPart, FlyingAircraft, land, over_pad, take_off
+from mksim.scene.camera import DECK_RADIUS_M, deck_of
+from mksim.simulation import Simulation
+
+PARTS: Final = (
+    take_off(),
+    over_pad("hold", 0.0, 8.0),
+    over_pad("aside", -0.5),
+    over_pad("step", 0.5, 4.0),
+    over_pad("light", 0.0, 6.0, wind=WindClass.LIGHT),
+    land(),
+)
+LIFTED: Final = 0.4
+"""An aircraft whose centre of gravity was higher than this above the target has taken off [m]."""
+STICKS: Final = "b"
+"""The letter of a stick frame; every other letter is a request."""
+LINK_TEST: Final = "v"
+COUNTS: Final = (
+    "sticks_sent",
+    "sticks_in_memory",
+    "sticks_obeyed",
+    "requests_sent",
+    "requests_in_memory",
+    "link_tests_sent",
+    "link_tests_in_memory",
+    "link_tests_answered",
+)
+ENDINGS: Final = ("finished", "refused", "released", "lost")
+"""How a flight ends: it stands on the target with its motors off; it never left the ground; the daemon let go of it in
+the air; everything else, a crash among it."""
+
+
+class Tap:
+    """The aircraft, and every frame that crosses its line while `is_counting`.
+
+    Attributes:
+        aircraft: behind it.
+        now: simulated time [s].
+        is_counting: frames count from here on.
+        sent: frames written by the daemon, by letter.
+        heard: frames of the board that reached the daemon, by letter.
+        taken: frames that the firmware's receive buffer took, by letter.
+        obeyed: stick frames that external control held once they were handled.
+        waits: how long each frame stayed in the receive buffer [s].
+    """
+
+    def __init__(self, aircraft: FlyingAircraft) -> None:
+        self.aircraft, self.now = aircraft, aircraft.now
+        self.is_counting = False
+        self.sent, self.heard = Counter[str](), Counter[str]()
+        self.taken, self.obeyed = Counter[str](), 0
+        self.waits = list[float]()
+        self._out, self._in = FrameDecoder(), FrameDecoder()
+        if isinstance(aircraft, GenuineAircraft):
+            aircraft.world.watch_frames()
+
+    @property
+    def world(self) -> World:
+        """Airframe, air, pilot and faults."""
+        return self.aircraft.world
+
+    def write(self, data: bytes, at: float) -> None:
+        """Bytes of the daemon."""
+        self._count(self.sent, self._out, data)
+        self.aircraft.write(data, at)
+
+    def advance(self, to: float) -> list[tuple[float, bytes]]:
+        """Run on; see `FlyingAircraft`."""
+        said = self.aircraft.advance(to)
+        self.now = to
+        self._count(self.heard, self._in, b"".join(data for _, data in said))
+        if isinstance(self.aircraft, GenuineAircraft):
+            self._look_into_memory(self.aircraft)
+        return said
+
+    def _count(self, counts: Counter[str], decoder: FrameDecoder, data: bytes) -> None:
+        for found in decoder.feed(data):
+            if isinstance(found, Frame) and self.is_counting:
+                counts[found.id] += 1
+
+    def _look_into_memory(self, aircraft: GenuineAircraft) -> None:
+        for taken in aircraft.world.chip.taken():
+            frames = [found for found in FrameDecoder().feed(taken.frame) if isinstance(found, Frame)]
+            if not frames or not self.is_counting:
+                continue
+            self.taken[frames[0].id] += 1
+            self.waits.append(taken.done - taken.at)
+            size = aircraft.world.control_size
+            self.obeyed += frames[0].id == STICKS and taken.held[:size] == frames[0].payload[:size]
+
+
+@dataclass(frozen=True, slots=True)
+class Work:
+    """One flight.
+
+    Attributes:
+        board: name of a firmware, or `simulated`.
+        line: `cable` or `radio`.
+        seed: of everything random.
+        loss: share of the radio's packets that are lost, each way; None for the radio's default.
+        tilt_deg: of the pad [deg].
+    """
+
+    board: str
+    line: str
+    seed: int
+    loss: float | None = None
+    tilt_deg: float = 0.0
+
+    @property
+    def key(self) -> dict[str, Any]:
+        """What the flight is kept under."""
+        return {name: getattr(self, name) for name in ("board", "line", "seed", "loss", "tilt_deg")}
+
+
+def fly(work: Work) -> dict[str, Any]:
+    """Fly once in virtual time: how it ended, and what became of the frames."""
+    return run_virtually(_fly(work))
+
+
+async def _fly(work: Work) -> dict[str, Any]:
+    setting = setting_of(work.board, work.line, work.seed)
+    config = _config(config_of(setting), work)
+    deck, start = deck_of(config.scene.platform), StartState(yaw=setting.yaw)
+    aircraft: FlyingAircraft
+    if work.board == SIMULATED:
+        aircraft = Simulation(config, World(config.flight, seed=setting.seed, start=start, ground=deck))
+    else:
+        aircraft = GenuineAircraft(
+            built(work.board),
+            config,
+            start=start,
+            ground=deck,
+            voltage=setting.voltage,
+            has_compass=setting.has_compass,
+        )
+    tap = Tap(aircraft)
+    flight = EndFlight(config, tap)
+    await flight.fly()
+    return work.key | flight.ending() | counts(tap)
+
+
+def _config(config: SimConfig, work: Work) -> SimConfig:
+    """The configuration with a pad at rest, tilted as asked, and with the loss."""
+    raw = config.model_dump()
+    height = DECK_RADIUS_M * math.tan(math.radians(work.tilt_deg))
+    raw["scene"]["platform"] = {"start_enu": (0.0, 0.0, height), "tilt_deg": work.tilt_deg}
+    if work.loss is not None:
+        for way in raw["radio"].values():
+            way["loss"] = work.loss
+    return SimConfig.model_validate(raw)
+
+
+class EndFlight(SceneFlight):
+    """Flies `PARTS`; its tap counts from the take-off on.
+
+    Attributes:
+        let_go_at: when the daemon had ended the flight [s]; infinite before.
+    """
+
+    def __init__(self, config: SimConfig, tap: Tap) -> None:
+        """Set everything up; needs a running loop."""
+        super().__init__(config, tap, (Leg(PARTS),))
+        self._tap, self._aircraft = tap, tap.aircraft
+        self.let_go_at = math.inf
+
+    async def _follow(self, parts: Sequence[FlightPart]) -> bool:
+        self._tap.is_counting = True
+        goes_on = await super()._follow(parts)
+        self._tap.is_counting = False
+        self.let_go_at = self._loop.time()
+        return goes_on
+
+    def ending(self) -> dict[str, Any]:
+        """How it ended and why, by the physics and the board's motors; the daemon's reason is only told."""
+        truth = np.array(self.flown.truth).reshape(-1, 6)
+        found = {"reason": self.flown.end, "warnings": self.found["warnings"]}
+        return found | judged(truth, self.let_go_at, self.flown.crashed, motors_run=motors_run(self._aircraft))
+
+
+def judged(truth: Array, let_go_at: float, crashed: str, *, motors_run: bool) -> dict[str, Any]:
+    """How a flight ended; see `ENDINGS`.
+
+    Args:
+        truth: see `Flown.truth`.
+        let_go_at: when the daemon had ended the flight [s].
+        crashed: why the aircraft broke; empty while whole.
+        motors_run: whether the board turns the motors at the end.
+    """
+    if crashed:
+        return {"ending": "lost", "reason": crashed}
+    if not len(truth) or truth[:, 3].max() < LIFTED:
+        return {"ending": "refused"}
+    row = truth[truth[:, 0] <= let_go_at][-1]
+    if not row[5]:
+        return {"ending": "released"}
+    off = float(np.hypot(row[1], row[2]))
+    if off > ON_TARGET or motors_run:
+        return {
+            "ending": "lost",
+            "reason": f"{100 * off:.0f} cm from the middle, motors {'on' if motors_run else 'off'}",
+        }
+    return {"ending": "finished", "off_cm": 100 * off}
+
+
+def counts(tap: Tap) -> dict[str, Any]:
+    """What became of the frames; of simulated boards nothing is known from a memory."""
+    is_genuine = isinstance(tap.aircraft, GenuineAircraft)
+    sent, taken, heard = tap.sent, tap.taken, tap.heard
+    found: dict[str, Any] = {
+        "sticks_sent": sent[STICKS],
+        "requests_sent": sent.total() - sent[STICKS],
+        "link_tests_sent": sent[LINK_TEST],
+        "link_tests_answered": heard[LINK_TEST.upper()],
+    }
+    if is_genuine:
+        found |= {
+            "sticks_in_memory": taken[STICKS],
+            "sticks_obeyed": tap.obeyed,
+            "requests_in_memory": taken.total() - taken[STICKS],
+            "link_tests_in_memory": taken[LINK_TEST],
+            "buffer_held_ms": [1000 * float(part) for part in np.percentile(tap.waits or [math.nan], (50, 99, 100))],
+        }
+    return found
+
+
+def summed(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """How many flights ended how, why those that did not finish, and the sum of the counts."""
+    found: dict[str, Any] = {ending: sum(row["ending"] == ending for row in rows) for ending in ENDINGS}
+    found["why"] = [f"{row['seed']} {row['ending']}: {row['reason']}" for row in rows if row["ending"] != "finished"]
+    found["warnings"] = dict(Counter(text for row in rows for text in row["warnings"]).most_common(5))
+    for name in COUNTS:
+        values = [row[name] for row in rows if name in row]
+        if values:
+            found[name] = sum(values)
+    return found
+
+
+def show(rows: Sequence[Mapping[str, Any]], boards: Sequence[str], lines: Sequence[str], *, as_json: bool) -> int:
+    """Print a summary of every board and line; exit code 1 unless every flight finished or was refused."""
+    holds = True
+    for board, line in product(boards, lines):
+        part = summed([row for row in rows if (row["board"], row["line"]) == (board, line)])
+        holds &= not part["released"] and not part["lost"]
+        if as_json:
+            print(json.dumps({"board": board, "line": line} | part), flush=True)
+            continue
+        print(f"{board} by {line}: " + ", ".join(f"{part[ending]} {ending}" for ending in ENDINGS))
+        for name in ("sticks", "requests", "link_tests"):
+            print("  " + _shares(name, part))
+        for text in (*part["why"], *(f"{count} times: {text}" for text, count in part["warnings"].items())):
+            print(f"  {text}")
+    return 0 if holds else 1
+
+
+def _shares(name: str, part: Mapping[str, Any]) -> str:
+    """Counts of a kind of frame, each with its share of those sent."""
+    sent = part.get(f"{name}_sent", 0)
+    told = [f"{name.replace('_', ' ')}: {sent} sent"]
+    for what in ("in_memory", "obeyed", "answered"):
+        count = part.get(f"{name}_{what}")
+        if count is not None:
+            told.append(f"{count} {what.replace('_', ' ')} ({100 * count / max(sent, 1):.1f} %)")
+    return ", ".join(told)
