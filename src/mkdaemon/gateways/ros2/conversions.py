@@ -29,6 +29,8 @@ from mkdaemon.telemetry.vision import Transform, VisionPose
 
 UNKNOWN_VARIANCE: Final = 1e6
 """Variance of what an odometry does not know [rad2, (rad/s)2]: there is no mark for it, and zero would mean certain."""
+HEADING_SD: Final = 0.02
+"""Least standard deviation of a heading that images give [rad]; `EstimatorTuning.yaw_floor`."""
 TOGETHER: Final = 0.5
 """A position and an attitude that make one transform are no farther apart in time [s]."""
 LEVELS: Final = {"info": 20, "warning": 30, "error": 40}
@@ -82,8 +84,25 @@ def target_from_flu(value: ControlEstimate) -> Doubles:
     return rotation
 
 
+def heading_variance(value: ControlEstimate, scene: Scene) -> float:
+    """Variance of an estimate's heading [rad2]: that of the newest image of its target, and the floor of all images.
+
+    It is an upper bound: the flight core averages the offset between compass and target over several images.
+    """
+    seen = (
+        pose
+        for suffix, pose in scene.latest.items()
+        if suffix.startswith("vision/") and isinstance(pose, VisionPose) and pose.target == value.target
+    )
+    newest = max(seen, key=lambda pose: pose.stamp.monotonic, default=None)
+    return HEADING_SD**2 + (0.0 if newest is None else newest.covariance[35])
+
+
 def odometry(value: ControlEstimate, scene: Scene) -> Any:
-    """Odometry of the flight core: pose in the frame of the target, twist in the body; relative to the target."""
+    """Odometry of the flight core: pose in the frame of the target, twist in the body; relative to the target.
+
+    The boards' tilt has no known error, so the variances of roll and pitch are `UNKNOWN_VARIANCE`.
+    """
     types = scene.types
     rotation = target_from_flu(value)
     if value.covariance is None:
@@ -92,6 +111,7 @@ def odometry(value: ControlEstimate, scene: Scene) -> Any:
         places, speeds = [axis[0] for axis in value.covariance], [axis[2] for axis in value.covariance]
     spread, twist_spread = np.diag([UNKNOWN_VARIANCE] * 6), np.diag([UNKNOWN_VARIANCE] * 6)
     spread[:3, :3] = np.diag(places)
+    spread[5, 5] = heading_variance(value, scene)
     twist_spread[:3, :3] = rotation.T @ np.diag(speeds) @ rotation
     return types.new(
         "nav_msgs/msg/Odometry",

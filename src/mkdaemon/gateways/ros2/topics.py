@@ -16,13 +16,26 @@ class Quality(Enum):
     """Qualities of service, by what ROS expects of such a topic."""
 
     SENSOR = "sensor"
-    """Best effort, the newest five: streams (`SensorDataQoS`)."""
+    """Reliable, the newest five: streams. REP 2003: a driver publishes reliably, which serves both kinds of subscriber."""
     RELIABLE = "reliable"
     """Reliable, the newest ten."""
     LATCHED = "latched"
     """Reliable and transient local: who comes late gets the last one."""
     TREE = "tree"
     """Of `/tf`: reliable, the newest hundred."""
+
+    @property
+    def depth(self) -> int:
+        """How many messages wait for a slow subscriber; then the oldest is dropped."""
+        return _DEPTHS[self]
+
+    @property
+    def is_latched(self) -> bool:
+        """A late subscriber gets the last message: transient local."""
+        return self is Quality.LATCHED
+
+
+_DEPTHS: Final = {Quality.SENSOR: 5, Quality.RELIABLE: 10, Quality.LATCHED: 1, Quality.TREE: 100}
 
 
 Convert = Callable[[Any, Scene], Any]
@@ -100,7 +113,9 @@ TOPICS: Final = (
 
 DIAGNOSTICS: Final = "/diagnostics"
 """Once a second, of the newest values: `diagnostics.report`."""
-KEPT: Final = frozenset({"state/attitude", "health", "vision/*/setup", "tf", *(look.key for look in diagnostics.LOOKS)})
+KEPT: Final = frozenset(
+    {"state/attitude", "health", "vision/*/setup", "vision/*/pose", "tf", *(look.key for look in diagnostics.LOOKS)}
+)
 """Keys whose newest value a conversion or a diagnosis looks at."""
 
 
