@@ -61,10 +61,10 @@ def export(
                 text.writelines(line.encode() for line in make(tracks))
             written = [track]
         case "ros":
-            from mkdaemon.client.export.ros import RosExport
+            from mkdaemon.gateways.ros2.bag import write as write_bag
 
             bag = output or Path(f"{file.stem}-ros")
-            RosExport().write(read_values(file, key), bag, overwrite=force)
+            write_bag(read_values(file, key, images=True), bag, overwrite=force)
             written = [bag]
     for path in written:
         print(json_line({"written": str(path)}) if as_json else path)

@@ -100,12 +100,13 @@ class Value:
         )
 
 
-def read_values(path: Path, patterns: tuple[str, ...] = ()) -> Iterator[Value]:
+def read_values(path: Path, patterns: tuple[str, ...] = (), *, images: bool = False) -> Iterator[Value]:
     """Every published value of a recording, in its order.
 
     Args:
         path: the recording.
         patterns: keys that are wanted; all of them for none.
+        images: with the images that the recorder kept, as values of `vision/<camera>/image`.
 
     Raises:
         MkError: the file cannot be opened.
@@ -115,7 +116,8 @@ def read_values(path: Path, patterns: tuple[str, ...] = ()) -> Iterator[Value]:
     if recording.read_session() is None:
         msg = f"{path}: no recording of mkdaemon; `mkctl log list` shows recordings"
         raise ConfigError(msg)
-    for entry in recording.entries(lambda facts: facts.kind is Kind.SAMPLE and matches_any(facts.key, patterns)):
+    kinds = {Kind.SAMPLE, Kind.IMAGE} if images else {Kind.SAMPLE}
+    for entry in recording.entries(lambda facts: facts.kind in kinds and matches_any(facts.key, patterns)):
         value = _value(entry)
         if value is not None:
             yield value

@@ -21,6 +21,7 @@ from mkdaemon.client.rosmessages import (
 )
 from mkdaemon.frames import quaternion_from_rotation, rotation_from_euler, rotation_from_quaternion
 from mkdaemon.gateways.ros2.messages import Scene, header, name_part, stamped_transform, time
+from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.control import ControlEstimate, ControlOutput
 from mkdaemon.telemetry.event import FailsafeEvent, LogEvent, ModeEvent
 from mkdaemon.telemetry.state import Attitude, Battery, Gps, GpsFix, Pilot, Position, Velocity
@@ -150,9 +151,19 @@ def mount(value: Transform, scene: Scene) -> Any | None:
     if not value.static:
         return None
     mounts = {known.child: known for known in scene.latest.get("mounts", ())} | {value.child: value}
+    return tree(scene.types, _fixed(value.stamp, scene), *(_edge(known, scene) for known in mounts.values()))
+
+
+def origin(value: Position, scene: Scene) -> Any | None:
+    """TFMessage of odom in map at the first position, for a vehicle without mounts; `mount` sends it with them."""
+    if scene.latest.get("mounts") or "state/position" in scene.latest:
+        return None
+    return tree(scene.types, _fixed(value.stamp, scene))
+
+
+def _fixed(stamp: Stamp, scene: Scene) -> Any:
     frames = scene.frames
-    fixed = stamped_transform(scene, value.stamp, frames.map, frames.odom, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0))
-    return tree(scene.types, fixed, *(_edge(known, scene) for known in mounts.values()))
+    return stamped_transform(scene, stamp, frames.map, frames.odom, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0))
 
 
 def place(value: Position, scene: Scene) -> Any | None:

@@ -39,8 +39,6 @@ from mkdaemon.gateways.ros2.topics import TOPICS, Newest, Quality, Topic
 
 STALE: Final = 0.3
 """A setpoint whose stamp was older when it came is not flown [s]; docs/safety.md."""
-REPORTING: Final = 1.0
-"""Between two reports of diagnostics [s]."""
 MOST_CALLS: Final = 8
 """Services that may be under way at once; a further call is refused."""
 BACKLOG: Final = 256
@@ -295,7 +293,7 @@ class Gateway:
 
     async def _report(self) -> None:
         while True:
-            await asyncio.sleep(REPORTING)
+            await asyncio.sleep(topics.REPORTING)
             missing = ", ".join(sorted(self.publishing.missing))
             mistyped = self._look_for_other_types()
             values = {"flown": self.deck.flown, "not_installed": missing, "other_type": "; ".join(mistyped)}
