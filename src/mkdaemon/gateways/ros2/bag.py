@@ -15,7 +15,7 @@ import numpy as np
 
 from mkdaemon.client.export.values import Value
 from mkdaemon.client.rosmessages import LAST_SECOND
-from mkdaemon.errors import ConfigError, MkError, ProtocolError
+from mkdaemon.errors import ConfigError, MkError
 from mkdaemon.gateways.ros2.diagnostics import report
 from mkdaemon.gateways.ros2.messages import Frames, Scene, name_part
 from mkdaemon.gateways.ros2.topics import DIAGNOSTICS, REPORTING, TOPICS, Newest, Quality, Topic
@@ -178,16 +178,7 @@ def _typed(value: Value) -> Stamped:
     if value.wall > LAST_SECOND:
         msg = f"{value.suffix} of {value.vehicle} is of a time after 2038, which ROS cannot have; `mkctl log cut` it"
         raise MkError(msg)
-    try:
-        found, why = value.typed, f"its schema {value.schema!r} is unknown here"
-    except ProtocolError as error:
-        found, why = None, str(error)
-    if not isinstance(found, Stamped):
-        raise MkError(
-            f"{value.suffix} of {value.vehicle} at {value.wall:.3f} s: {why}; "
-            "--format csv takes every value, `mkctl log cut` leaves some out"
-        )
-    return found
+    return value.stamped
 
 
 def _offered(quality: Quality) -> Any:

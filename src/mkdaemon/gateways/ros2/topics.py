@@ -16,7 +16,7 @@ class Quality(Enum):
     """Qualities of service, by what ROS expects of such a topic."""
 
     SENSOR = "sensor"
-    """Reliable, the newest five: streams. By REP 2003 a driver publishes reliably; best-effort subscribers get it too."""
+    """Reliable, the newest five: streams. REP 2003: a driver publishes reliably; best-effort subscribers receive."""
     RELIABLE = "reliable"
     """Reliable, the newest ten."""
     LATCHED = "latched"
