@@ -106,6 +106,18 @@ async def test_reliable_and_best_effort_subscribers_both_receive():
             await wait_for(both, 60.0, 0.05)
 
 
+async def test_a_topic_can_have_the_name_that_mavros_gives_it():
+    with domain(), tutorial() as node:
+        async with fake_daemon() as daemon, gateway(daemon.endpoint, VEHICLE, *CHOSEN, "-r", "imu:=imu/data"):
+            node.listen(f"/{VEHICLE}/imu/data", "sensor_msgs/msg/Imu", 10)
+
+            def received():
+                daemon.bus.publish("state/attitude", samples.attitude())
+                return node.messages[f"/{VEHICLE}/imu/data"]
+
+            await wait_for(received, 60.0, 0.05)
+
+
 async def test_cmd_vel_as_nav2_publishes_it_is_reported_or_flies():
     def stamped():
         message = type_of("geometry_msgs/msg/TwistStamped")()
