@@ -6,17 +6,16 @@ are the wall times of the values.
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Final
 
-import foxglove
-from foxglove import Channel, Context
+from foxglove import Schema
+from mcap.writer import Writer
 
 from mkdaemon.client.export.values import Value
 from mkdaemon.errors import MkError
-from mkdaemon.files import refuse_existing
+from mkdaemon.files import saving
 from mkdaemon.gateways.foxglove.names import LATEST, Names
 from mkdaemon.gateways.foxglove.topics import (
     CAMERA,
@@ -32,14 +31,15 @@ from mkdaemon.record.reader import matches_any
 
 _JSON: Final = None
 """In place of a conversion: the value is shown as JSON."""
-_Line = tuple[Channel, Conversion | None]
+_Line = tuple[int, Conversion | None]
+"""Id of the channel, and the conversion."""
 
 
 class _Aircraft:
     """The channels of one vehicle; each is made when its first value comes."""
 
-    def __init__(self, names: Names, context: Context) -> None:
-        self._names, self._context = names, context
+    def __init__(self, names: Names, writer: Writer) -> None:
+        self._names, self._writer = names, writer
         self._lines: dict[str, list[_Line]] = {}
         self._topics: dict[str, _Line] = {}
 
@@ -51,7 +51,7 @@ class _Aircraft:
         for channel, convert in self._lines[value.suffix]:
             message = json_message(value.fields) if convert is None else convert(value.suffix, value.stamped)
             if message is not None:
-                channel.log(message, log_time=at)
+                self._writer.add_message(channel, log_time=at, data=message, publish_time=at)
                 count += 1
         return count
 
@@ -70,8 +70,9 @@ class _Aircraft:
             self._topics[row.name] = channel, row.convert(self._names)
         return self._topics[row.name]
 
-    def _channel(self, name: str, encoding: str, schema: foxglove.Schema) -> Channel:
-        return Channel(self._names.topic(name), message_encoding=encoding, schema=schema, context=self._context)
+    def _channel(self, name: str, encoding: str, schema: Schema) -> int:
+        known = self._writer.register_schema(schema.name, schema.encoding, schema.data)
+        return self._writer.register_channel(self._names.topic(name), encoding, known)
 
 
 def write(values: Iterable[Value], path: Path, *, overwrite: bool) -> int:
@@ -83,29 +84,21 @@ def write(values: Iterable[Value], path: Path, *, overwrite: bool) -> int:
         overwrite: replace a file that is there.
 
     Raises:
-        ConfigError: it is there already, and `overwrite` is off.
+        ConfigError: it is there already, and `overwrite` is off; or there is no such folder.
         MkError: it cannot be written, a value is not what its key carries, or nothing was recorded.
     """
-    refuse_existing(path, overwrite=overwrite)
-    try:
-        with tempfile.TemporaryDirectory(prefix=f".{path.name}.", dir=path.parent) as fresh:
-            count = _fill(values, Path(fresh) / path.name)
-            if count == 0:
-                msg = f"{path}: there is nothing to export in the recording"
-                raise MkError(msg)
-            (Path(fresh) / path.name).replace(path)
-    except OSError as error:
-        msg = f"{path}: cannot be written ({error.strerror}); choose another place"
-        raise MkError(msg) from error
-    return count
-
-
-def _fill(values: Iterable[Value], path: Path) -> int:
-    context, fleet, count = Context(), dict[str, _Aircraft](), 0
-    with foxglove.open_mcap(path, context=context):
+    fleet, count = dict[str, _Aircraft](), 0
+    with saving(path, overwrite=overwrite) as file:
+        # The SDK's own writer logs a full disk for every message and goes on.
+        writer = Writer(file)
+        writer.start(library="mkdaemon")
         for value in values:
             if value.vehicle not in fleet:
                 names = Names(value.vehicle, f"{value.vehicle}/" if fleet else "")
-                fleet[value.vehicle] = _Aircraft(names, context)
+                fleet[value.vehicle] = _Aircraft(names, writer)
             count += fleet[value.vehicle].take(value)
+        writer.finish()
+        if count == 0:
+            msg = f"{path}: there is nothing to export in the recording"
+            raise MkError(msg)
     return count
