@@ -97,7 +97,7 @@ def write(values: Iterable[Value], path: Path, *, overwrite: bool) -> int:
                 names = Names(value.vehicle, f"{value.vehicle}/" if fleet else "")
                 fleet[value.vehicle] = _Aircraft(names, writer)
             count += fleet[value.vehicle].take(value)
-        writer.finish()
+        writer.finish()  # type: ignore[no-untyped-call]
         if count == 0:
             msg = f"{path}: there is nothing to export in the recording"
             raise MkError(msg)
