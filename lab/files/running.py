@@ -43,7 +43,7 @@ RAISED: Final = 70
 APPS: Final[dict[str, App]] = {"mkctl": mkctl, "mkdaemon": mkdaemon}
 _LATER: Final = (
     *("mkdaemon.record.rewrite", "mkdaemon.record.summary", "mkdaemon.client.export.tracks"),
-    *("mkdaemon.client.export.ros", "mkdaemon.client.export.parquet", "mkdaemon.replay.report"),
+    *("mkdaemon.gateways.ros2.bag", "mkdaemon.client.export.parquet", "mkdaemon.replay.report"),
     *("rosbags.typesys", "rosbags.rosbag2", "mkdaemon.client.player", "mkdaemon.client.playselection"),
     *("mkdaemon.record.view", "mkdaemon.client.samples", "rich.progress"),
 )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import sys
 from xml.etree import ElementTree
 
 import pytest
@@ -54,6 +55,20 @@ def test_a_bag_is_a_folder(export, tmp_path):
     assert sorted(path.name for path in (tmp_path / "bag").iterdir()) == ["bag.mcap", "metadata.yaml"]
 
 
+def test_a_file_for_viewers(export, tmp_path):
+    assert export(FLIGHT, "-f", "foxglove", "-k", "state/*")[:2] == (EXIT_OK, "nc_lost_client-foxglove.mcap\n")
+    assert (tmp_path / "nc_lost_client-foxglove.mcap").stat().st_size > 1000
+
+
+def test_viewers_need_their_sdk(export, monkeypatch):
+    for name in [name for name in sys.modules if name.startswith("mkdaemon.gateways.foxglove")]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, "foxglove", None)
+    code, _, err = export(FLIGHT, "-f", "foxglove")
+    assert code == EXIT_CONFIG
+    assert "pip install" in err
+
+
 @pytest.mark.parametrize(
     ("words", "code", "expected"),
     [
@@ -61,7 +76,7 @@ def test_a_bag_is_a_folder(export, tmp_path):
         ((__file__,), EXIT_CONFIG, "no recording of mkdaemon"),
         ((FLIGHT, "-k", "nothing/*"), EXIT_FAILURE, "nothing to export"),
         ((FLIGHT, "-f", "gpx", "-k", "state/battery"), EXIT_FAILURE, "no state/position"),
-        ((FLIGHT, "-f", "ros", "-k", "health"), EXIT_FAILURE, "nothing in the recording has a message of ROS"),
+        ((FLIGHT, "-f", "ros", "-k", "state/altitude"), EXIT_FAILURE, "nothing in the recording has a message of ROS"),
         ((FLIGHT, "-f", "gpx", "-o", "no/folder/a.gpx"), EXIT_CONFIG, "there is no folder"),
         ((FLIGHT, "-f", "pdf"), EXIT_CONFIG, "pdf"),
     ],

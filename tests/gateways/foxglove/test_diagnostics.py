@@ -6,7 +6,7 @@ import json
 
 import pytest
 
-from mkdaemon.gateways.foxglove.diagnostics import Level, diagnostics, schema
+from mkdaemon.gateways.foxglove.diagnostics import Diagnostics, Level, schema
 from mkdaemon.gateways.foxglove.names import Names
 from mkdaemon.telemetry.control import Phase
 from mkdaemon.telemetry.link import LinkCondition
@@ -54,7 +54,7 @@ ROWS = [
 
 
 def shown(value):
-    return json.loads(diagnostics(NAMES, "", value))
+    return json.loads(Diagnostics(NAMES)("", value))
 
 
 @pytest.mark.parametrize(("value", "name", "level"), ROWS)
@@ -88,9 +88,30 @@ def test_every_check_before_a_flight_is_a_line():
 
 def test_the_time_is_the_values_and_other_values_say_nothing():
     assert shown(flights.status(1.5))["header"]["stamp"] == {"sec": 1700000001, "nsec": 500000000}
-    assert diagnostics(NAMES, "", flights.attitude(1.0)) is None
+    assert Diagnostics(NAMES)("", flights.attitude(1.0)) is None
 
 
 def test_the_schema_has_the_name_that_panels_look_for_and_viewers_can_read_it():
     assert (schema().name, schema().encoding) == ("diagnostic_msgs/DiagnosticArray", "jsonschema")
     assert list(complaints(json.loads(schema().data))) == []
+
+
+def test_what_stays_as_it_is_is_shown_once_a_second_and_what_changes_at_once():
+    show, shown_at = Diagnostics(NAMES), []
+    for n in range(100):  # 4.95 s at 20 Hz, low from 2.5 s on; the voltage is another each time
+        at, is_low = n * 0.05, n >= 50
+        numbers = flights.BATTERY | {"is_low": is_low, "voltage": 15.0 + n * 0.01}
+        message = show("state/battery", Battery(stamp=flights.stamp(at), source="fc", **numbers))
+        if message is not None:
+            (line,) = json.loads(message)["status"]
+            shown_at.append((at, line["level"]))
+    assert [level for _, level in shown_at] == [0, 0, 0, 2, 2, 2]
+    assert [at for at, _ in shown_at] == pytest.approx([0.0, 1.0, 2.0, 2.5, 3.5, 4.5])
+
+
+def test_a_part_that_falls_silent_is_not_shown_again():
+    show = Diagnostics(NAMES)
+    assert json.loads(show("", flights.status(1.0)))["status"][0]["name"] == "control"
+    show("", battery(is_low=False))
+    later = battery(is_low=False).model_copy(update={"stamp": flights.stamp(9.0)})
+    assert {one["name"] for one in json.loads(show("", later))["status"]} == {"battery"}

@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 import websockets
 import zenoh
+from structlog.testing import capture_logs
 
 from lab.rigs.waiting import wait_until
 from mkdaemon.bus.codec import encode, encoding_of, with_age
@@ -239,6 +240,33 @@ def test_only_its_port_is_changed_and_nothing_is_left_open():
         _send_at_once(port)
         assert other.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY)
         assert sorted(file.name for file in Path("/proc/self/fd").iterdir()) == opened
+
+
+@pytest.mark.parametrize(
+    ("offered", "chosen"),
+    [
+        (["foxglove.sdk.v1"], "foxglove.sdk.v1"),
+        (["foxglove.websocket.v1", "foxglove.sdk.v1"], "foxglove.sdk.v1"),
+        (["foxglove.websocket.v1"], None),
+        (None, None),
+    ],
+    ids=["new", "both", "old", "none"],
+)
+async def test_a_viewer_of_the_old_protocol_is_refused_with_the_reason_in_the_log(offered, chosen):
+    with capture_logs() as logged:
+        async with flying("mk1") as (address, _):
+            if chosen is not None:
+                async with websockets.connect(address, subprotocols=offered) as viewer:
+                    assert viewer.subprotocol == chosen
+                assert not [one for one in logged if one["event"] == "viewer_refused"]
+                return
+            with pytest.raises(websockets.InvalidStatus, match="400"):
+                await websockets.connect(address, subprotocols=offered)
+            await wait_until(lambda: any(one["event"] == "viewer_refused" for one in logged))
+    (refused,) = (one for one in logged if one["event"] == "viewer_refused")
+    assert refused["viewer"].startswith("127.0.0.1:")
+    assert "foxglove.sdk.v1" in refused["words"]
+    assert "update it" in refused["words"]
 
 
 async def test_an_address_that_is_in_use_is_one_line():

@@ -80,7 +80,22 @@ def test_odometry_is_of_the_body_in_the_frame_of_the_target(yaw, x, y):
     assert np.allclose(made.pose.covariance.reshape(6, 6)[:3, :3], np.diag([0.01, 0.04, 0.09]))
     turned = rotation @ made.twist.covariance.reshape(6, 6)[:3, :3] @ rotation.T
     assert np.allclose(turned, np.diag([0.02, 0.05, 0.08]))
-    assert (np.diag(made.pose.covariance.reshape(6, 6))[3:] == conversions.UNKNOWN_VARIANCE).all()
+    turns = np.diag(made.pose.covariance.reshape(6, 6))[3:]
+    assert list(turns) == [conversions.UNKNOWN_VARIANCE] * 2 + [0.0004]
+
+
+def test_the_heading_of_an_odometry_is_as_sure_as_the_newest_image_of_its_target():
+    def seen(target, variance, late):
+        spread = (*([0.0] * 35), variance)
+        return samples.vision_pose(target=target, covariance=spread).model_copy(update={"stamp": samples.at(late)})
+
+    latest = {
+        "vision/a/pose": seen("pad", 0.01, 0.0),
+        "vision/b/pose": seen("pad", 0.0025, 0.1),
+        "vision/c/pose": seen("other", 0.5, 0.2),
+    }
+    made = conversions.odometry(samples.estimate(), scene(latest))
+    assert made.pose.covariance[35] == pytest.approx(0.0029)
 
 
 @given(yaw=angles)

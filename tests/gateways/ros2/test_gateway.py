@@ -37,7 +37,7 @@ class Node:
 
     def __init__(self, **given):
         self.given, self.publishers, self.subscribed, self.services = given, {}, {}, {}
-        self.changed = None
+        self.changed, self.kinds, self.typed = None, {}, {}
 
     def parameters(self, table, changed):
         self.changed = changed
@@ -52,6 +52,11 @@ class Node:
 
     def subscribe(self, name, kind, arrived):
         self.subscribed[name] = arrived
+
+        self.kinds[name] = kind
+
+    def types_published(self, name):
+        return frozenset(self.typed.get(name, ()))
 
     def serve(self, name, kind, answer):
         self.services[name] = answer
@@ -211,3 +216,33 @@ def test_the_command_says_what_to_install(monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "rclpy", None)
     with pytest.raises(ConfigError, match=r"needs rclpy.*pip install 'mkdaemon\[ros2\]'"):
         asyncio.run(ros2.ros2())
+
+
+async def test_cmd_vel_of_another_type_is_reported_with_the_remedy():
+    node = Node()
+    node.typed["cmd_vel"] = ["geometry_msgs/msg/Twist", "geometry_msgs/msg/TwistStamped"]
+    async with running(node):
+        await wait_for(lambda: node.sent("/diagnostics"))
+        (gateway,) = (s for s in node.sent("/diagnostics")[-1].status if s.name.endswith("gateway"))
+        assert gateway.level == 1
+        assert "cmd_vel is published as geometry_msgs/msg/TwistStamped" in gateway.message
+        assert "cmd_vel.stamped:=true" in gateway.message
+
+
+async def test_cmd_vel_is_a_twist_stamped_where_the_parameter_says_so():
+    node = Node(**{"cmd_vel.stamped": True})
+    async with running(node) as run:
+        assert node.kinds["cmd_vel"] == "geometry_msgs/msg/TwistStamped"
+        stamped = TYPES.new(
+            "geometry_msgs/msg/TwistStamped",
+            header=SimpleNamespace(stamp=SimpleNamespace(sec=0, nanosec=0), frame_id="target/pad"),
+            twist=TYPES.new(
+                "geometry_msgs/msg/Twist", linear=vector(TYPES, (0.25, 0, 0)), angular=vector(TYPES, (0, 0, 0))
+            ),
+        )
+
+        def flies():
+            node.subscribed["cmd_vel"](stamped)
+            return any("velocity" in fields and fields["frame"] == "pad" for fields in run.daemon.setpoints)
+
+        await wait_for(flies)

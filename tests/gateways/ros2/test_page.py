@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import re
 
+from mkdaemon.bus.keys import KEYS
 from mkdaemon.gateways.ros2.parameters import PARAMETERS, RATES
 from mkdaemon.gateways.ros2.services import SERVICES
-from mkdaemon.gateways.ros2.topics import TOPICS
+from mkdaemon.gateways.ros2.topics import TOPICS, Quality
 from tests.places import DOCS
 
 PAGE = (DOCS / "ros.md").read_text(encoding="utf-8")
@@ -18,6 +19,25 @@ ROWS = {
 def test_every_topic_stands_there_with_its_type():
     wanted = {row.name.replace("{camera}", "<camera>"): re.sub("/msg", "", row.type) for row in TOPICS}
     assert {name: ROWS.get(name) for name in wanted} == wanted
+
+
+QUALITIES = {Quality.SENSOR: "stream", Quality.RELIABLE: "event", Quality.LATCHED: "latched", Quality.TREE: "tree"}
+CELLS = {
+    cells[0].strip("`"): cells[1:]
+    for cells in (re.findall(r" ([^|]*?) \|", line) for line in PAGE.splitlines())
+    if cells
+}
+
+
+def test_every_topic_stands_there_with_its_frame_quality_keys_and_rates():
+    when = {spec.suffix: spec.when for spec in KEYS}
+    for name in {row.name for row in TOPICS}:
+        rows = [row for row in TOPICS if row.name == name]
+        keys = list(dict.fromkeys(row.key.replace("*", "<camera>") for row in rows))
+        _, frame, quality, source, _ = CELLS[name.replace("{camera}", "<camera>")]
+        assert frame.strip("`") == rows[0].frame, name
+        assert quality == QUALITIES[rows[0].quality], name
+        assert source == "; ".join(f"`{key}`, {when[key]}" for key in keys), name
 
 
 def test_every_service_stands_there_with_its_type():

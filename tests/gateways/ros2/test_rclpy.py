@@ -92,6 +92,50 @@ async def test_a_node_as_in_a_tutorial_receives_every_topic_and_rosbags_reads_a_
     assert (turned.z, turned.w) == pytest.approx((0.479425538604203, 0.8775825618903728))
 
 
+async def test_reliable_and_best_effort_subscribers_both_receive():
+    name, kind = f"/{VEHICLE}/imu", "sensor_msgs/msg/Imu"
+    with domain(), tutorial() as reliable, tutorial() as best_effort:
+        async with fake_daemon() as daemon, gateway(daemon.endpoint, VEHICLE, *CHOSEN):
+            reliable.listen(name, kind, 10)  # a number is the tutorial's way, and reliable
+            best_effort.listen(name, kind)
+
+            def both():
+                daemon.bus.publish("state/attitude", samples.attitude())
+                return reliable.messages[name] and best_effort.messages[name]
+
+            await wait_for(both, 60.0, 0.05)
+
+
+async def test_a_topic_can_have_the_name_that_mavros_gives_it():
+    with domain(), tutorial() as node:
+        async with fake_daemon() as daemon, gateway(daemon.endpoint, VEHICLE, *CHOSEN, "-r", "imu:=imu/data"):
+            node.listen(f"/{VEHICLE}/imu/data", "sensor_msgs/msg/Imu", 10)
+
+            def received():
+                daemon.bus.publish("state/attitude", samples.attitude())
+                return node.messages[f"/{VEHICLE}/imu/data"]
+
+            await wait_for(received, 60.0, 0.05)
+
+
+async def test_cmd_vel_as_nav2_publishes_it_is_reported_or_flies():
+    def stamped():
+        message = type_of("geometry_msgs/msg/TwistStamped")()
+        message.header.frame_id = "base_link"
+        message.twist.linear.x = 0.25
+        return message
+
+    with domain(), tutorial() as node:
+        publisher = node.say(f"/{VEHICLE}/cmd_vel", "geometry_msgs/msg/TwistStamped")
+        async with fake_daemon() as daemon:
+            node.listen(DIAGNOSTICS, "diagnostic_msgs/msg/DiagnosticArray")
+            async with gateway(daemon.endpoint, VEHICLE):
+                await stream_until(publisher, stamped, lambda: "cmd_vel.stamped:=true" in gateway_words(node))
+                assert daemon.setpoints == []
+            async with gateway(daemon.endpoint, VEHICLE, "--", "--ros-args", "-p", "cmd_vel.stamped:=true"):
+                await stream_until(publisher, stamped, lambda: any("velocity" in f for f in daemon.setpoints))
+
+
 async def measured_and_not_arrival(daemon, node):
     """A value that was measured long ago keeps its time."""
     name = f"/{VEHICLE}/imu"

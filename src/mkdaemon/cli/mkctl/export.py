@@ -1,7 +1,8 @@
-"""`mkctl export`: a recording as tables, tracks or a ROS 2 bag."""
+"""`mkctl export`: a recording as tables, tracks, a ROS 2 bag, or for Foxglove."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -9,8 +10,9 @@ from cyclopts import Parameter
 
 from mkdaemon.cli.arguments import AsJson
 from mkdaemon.cli.printing import json_line
+from mkdaemon.errors import ConfigError
 
-Format = Literal["csv", "parquet", "gpx", "kml", "ros"]
+Format = Literal["csv", "parquet", "gpx", "kml", "ros", "foxglove"]
 
 
 def export(
@@ -26,13 +28,14 @@ def export(
     """Write a recording for other programs.
 
     csv and parquet: a folder with one file a key, units in the names of the columns. gpx and kml: the track of
-    `state/position`. ros: a ROS 2 bag (MCAP, CDR). Files appear whole or not at all; docs/replay.md has the details.
+    `state/position`. ros: a ROS 2 bag (MCAP, CDR). foxglove: an MCAP file for Foxglove and Lichtblick. Files appear
+    whole or not at all; docs/replay.md has the details.
 
     Example: mkctl export flight.mcap --format csv
 
     Args:
         file: The recording.
-        to: csv, parquet, gpx, kml or ros.
+        to: csv, parquet, gpx, kml, ros or foxglove.
         output: Folder or file to write; by default the recording's name with another ending, here.
         key: Only these keys, for example `-k 'state/*'`.
         force: Replace what is there.
@@ -61,10 +64,29 @@ def export(
                 text.writelines(line.encode() for line in make(tracks))
             written = [track]
         case "ros":
-            from mkdaemon.client.export.ros import RosExport
+            from mkdaemon.gateways.ros2.bag import write as write_bag
 
             bag = output or Path(f"{file.stem}-ros")
-            RosExport().write(read_values(file, key), bag, overwrite=force)
+            write_bag(read_values(file, key, images=True), bag, overwrite=force)
             written = [bag]
+        case "foxglove":
+            written = [output or Path(f"{file.stem}-foxglove.mcap")]
+            write_foxglove = _foxglove_writer()
+            write_foxglove(read_values(file, key, images=True), written[0], overwrite=force)
     for path in written:
         print(json_line({"written": str(path)}) if as_json else path)
+
+
+def _foxglove_writer() -> Callable[..., int]:
+    """The writer of `--format foxglove`.
+
+    Raises:
+        ConfigError: foxglove-sdk is not installed.
+    """
+    try:
+        from mkdaemon.gateways.foxglove.recording import write
+    except ModuleNotFoundError as error:
+        if (error.name or "").partition(".")[0] != "foxglove":
+            raise
+        raise ConfigError('--format foxglove needs foxglove-sdk: pip install "mkdaemon[foxglove]"') from None
+    return write

@@ -16,9 +16,10 @@ from mkdaemon.bus.codec import schema_name
 from mkdaemon.bus.keys import KEYS
 from mkdaemon.client.samples import typed_value
 from mkdaemon.described import meanings_of
-from mkdaemon.errors import ConfigError, MkError
+from mkdaemon.errors import ConfigError, MkError, ProtocolError
 from mkdaemon.record.entry import Entry, Kind, unpacked
 from mkdaemon.record.reader import Recording, matches_any
+from mkdaemon.telemetry.base import Stamped
 
 Row = dict[str, Any]
 """The cells of a value, by the name of their column."""
@@ -53,6 +54,21 @@ class Value:
             ProtocolError: the map does not fit the schema it names.
         """
         return typed_value(self.schema, self.fields)
+
+    @property
+    def stamped(self) -> Stamped:
+        """The telemetry value.
+
+        Raises:
+            MkError: it is not what its key carries: somebody else wrote it, or another version.
+        """
+        try:
+            found, why = self.typed, f"its schema {self.schema!r} is unknown here"
+        except ProtocolError as error:
+            found, why = None, str(error)
+        if not isinstance(found, Stamped):
+            raise self._refused(why)
+        return found
 
     def number(self, name: str) -> float:
         """A field that is a number.
@@ -94,18 +110,22 @@ class Value:
 
     def _wrong(self, name: str, wanted: str) -> MkError:
         found = f"{self.fields.get(name)!r:.40}"
+        return self._refused(f"{name} is {found}, no {wanted}")
+
+    def _refused(self, why: str) -> MkError:
         return MkError(
-            f"{self.suffix} of {self.vehicle} at {self.wall:.3f} s: {name} is {found}, no {wanted}; "
+            f"{self.suffix} of {self.vehicle} at {self.wall:.3f} s: {why}; "
             "--format csv takes every value, `mkctl log cut` leaves some out"
         )
 
 
-def read_values(path: Path, patterns: tuple[str, ...] = ()) -> Iterator[Value]:
+def read_values(path: Path, patterns: tuple[str, ...] = (), *, images: bool = False) -> Iterator[Value]:
     """Every published value of a recording, in its order.
 
     Args:
         path: the recording.
         patterns: keys that are wanted; all of them for none.
+        images: with the images that the recorder kept, as values of `vision/<camera>/image`.
 
     Raises:
         MkError: the file cannot be opened.
@@ -115,7 +135,8 @@ def read_values(path: Path, patterns: tuple[str, ...] = ()) -> Iterator[Value]:
     if recording.read_session() is None:
         msg = f"{path}: no recording of mkdaemon; `mkctl log list` shows recordings"
         raise ConfigError(msg)
-    for entry in recording.entries(lambda facts: facts.kind is Kind.SAMPLE and matches_any(facts.key, patterns)):
+    kinds = {Kind.SAMPLE, Kind.IMAGE} if images else {Kind.SAMPLE}
+    for entry in recording.entries(lambda facts: facts.kind in kinds and matches_any(facts.key, patterns)):
         value = _value(entry)
         if value is not None:
             yield value

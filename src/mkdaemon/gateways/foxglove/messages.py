@@ -55,17 +55,33 @@ def location_fix(names: Names, value: Position) -> LocationFix:
     )
 
 
-def home_fix(names: Names, value: Position) -> LocationFix | None:
-    """Where home is on earth; None until it is known."""
-    if value.home_latitude_deg is None or value.home_longitude_deg is None:
-        return None
-    return LocationFix(
-        timestamp=timestamp(value.stamp),
-        frame_id=names.home,
-        latitude=value.home_latitude_deg,
-        longitude=value.home_longitude_deg,
-        altitude=math.nan,
-    )
+class Home:
+    """Where home is on earth: once, and when it changes."""
+
+    def __init__(self, names: Names) -> None:
+        """Have shown nothing yet.
+
+        Args:
+            names: of the vehicle.
+        """
+        self._frame = names.home
+        self._shown: tuple[float, float] | None = None
+
+    def __call__(self, suffix: str, value: Stamped) -> bytes | None:
+        """The home of a position; None until it is known, and where it is the one that was shown."""
+        if not isinstance(value, Position) or value.home_latitude_deg is None or value.home_longitude_deg is None:
+            return None
+        home = value.home_latitude_deg, value.home_longitude_deg
+        if home == self._shown:
+            return None
+        self._shown = home
+        return LocationFix(
+            timestamp=timestamp(value.stamp),
+            frame_id=self._frame,
+            latitude=home[0],
+            longitude=home[1],
+            altitude=math.nan,
+        ).encode()
 
 
 def compressed_image(names: Names, value: CameraFrame) -> CompressedImage:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import logging
 import os
 import socket
 from collections.abc import AsyncIterator, Callable, Sequence
@@ -11,6 +12,7 @@ from pathlib import Path
 from typing import Final
 
 import foxglove
+import structlog
 from foxglove.websocket import Capability, ChannelView, Client, ServerListener, WebSocketServer
 
 from mkdaemon.client import Vehicle
@@ -28,6 +30,28 @@ TICK_NS: Final = 50_000_000
 """Between two times that viewers are told [ns]."""
 BACK_NS: Final = 5_000_000_000
 """A time that goes back by less is a value that came late; by more, a recording goes on at another place [ns]."""
+OLD_VIEWER: Final = (
+    "it does not offer the WebSocket subprotocol foxglove.sdk.v1, the only one spoken here. Viewers that offer "
+    "foxglove.websocket.v1 alone are too old (Lichtblick up to 1.21): update it, or open a recording that "
+    "`mkctl export --format foxglove` wrote."
+)
+_log = structlog.get_logger("gateway.foxglove")
+
+
+class _Refusals(logging.Filter):
+    """Puts the reason and the remedy in place of what the SDK logs about a connection that it answers with 400."""
+
+    def filter(self, record: logging.LogRecord) -> bool:
+        """Whether the SDK's own record is logged."""
+        words = record.getMessage()
+        if "handshake failed" not in words:
+            return True
+        viewer = words.removeprefix("Dropping client ").removesuffix(": handshake failed")
+        _log.warning("viewer_refused", viewer=viewer, words=OLD_VIEWER)
+        return False
+
+
+_REFUSALS: Final = _Refusals()
 
 
 class Gateway:
@@ -68,6 +92,7 @@ class Gateway:
         Raises:
             ConfigError: the address is in use, or not of this machine.
         """
+        logging.getLogger("foxglove.websocket.server").addFilter(_REFUSALS)
         try:
             self._server = foxglove.start_server(
                 name="mkdaemon",

@@ -8,7 +8,6 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any, Final, Protocol
 
 import foxglove.messages as fg
@@ -89,11 +88,11 @@ TOPICS: Final[tuple[Topic, ...]] = (
     _typed("/tf", (*PLACE_KEYS, _SETUP), fg.FrameTransforms, Frames),
     _typed("/pose", PLACE_KEYS, fg.PoseInFrame, Poses),
     _typed("/fix", ("state/position",), fg.LocationFix, _each(messages.location_fix)),
-    _typed("/home", ("state/position",), fg.LocationFix, _each(messages.home_fix)),
+    _typed("/home", ("state/position",), fg.LocationFix, messages.Home),
     _typed("/log", ("event/*",), fg.Log, _each(messages.log_line)),
     Topic(
         *("/diagnostics", diagnostics.KEYS, "json", diagnostics.schema),
-        lambda names: partial(diagnostics.diagnostics, names),
+        diagnostics.Diagnostics,
     ),
     *(
         _typed(f"/camera/{CAMERA}/{word}", (f"vision/{CAMERA}/{key}",), message, _each(convert))

@@ -28,6 +28,8 @@ BUTTONS: Final = (
     "BTN_THUMBR",
 )
 """The same for its buttons."""
+TWIST: Final = "geometry_msgs/msg/Twist"
+TWIST_STAMPED: Final = "geometry_msgs/msg/TwistStamped"
 SILENCE: Final = 1.0
 """A topic whose commands have ended must be silent for so long before it counts again [s]."""
 GONE: Final = 0.9
@@ -79,6 +81,22 @@ def age_of(stamp: Any, wall: float) -> float:
         return 0.0
     sent = float(stamp.sec) + float(stamp.nanosec) / NANOSECONDS
     return max(wall - sent, 0.0)
+
+
+def other_type(name: str, subscribed: str, published: str) -> str:
+    """Words for a publisher whose messages never arrive, with the remedy.
+
+    Args:
+        name: of the topic.
+        subscribed: type that the gateway takes.
+        published: type that somebody publishes.
+    """
+    words = f"{name} is published as {published}, which is not read: the gateway takes {subscribed} there"
+    if name == "cmd_vel" and published == TWIST_STAMPED:
+        return f"{words}. Start it with -p cmd_vel.stamped:=true, or publish to cmd_vel_stamped."
+    if name == "cmd_vel" and published == TWIST:
+        return f"{words}. Start it with -p cmd_vel.stamped:=false."
+    return f"{words}."
 
 
 def velocity_fields(twist: Any, frame: str) -> dict[str, Any]:

@@ -21,6 +21,7 @@ from mkdaemon.client.rosmessages import (
 )
 from mkdaemon.frames import quaternion_from_rotation, rotation_from_euler, rotation_from_quaternion
 from mkdaemon.gateways.ros2.messages import Scene, header, name_part, stamped_transform, time
+from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.control import ControlEstimate, ControlOutput
 from mkdaemon.telemetry.event import FailsafeEvent, LogEvent, ModeEvent
 from mkdaemon.telemetry.state import Attitude, Battery, Gps, GpsFix, Pilot, Position, Velocity
@@ -29,6 +30,8 @@ from mkdaemon.telemetry.vision import Transform, VisionPose
 
 UNKNOWN_VARIANCE: Final = 1e6
 """Variance of what an odometry does not know [rad2, (rad/s)2]: there is no mark for it, and zero would mean certain."""
+HEADING_SD: Final = 0.02
+"""Least standard deviation of a heading that images give [rad]; `EstimatorTuning.yaw_floor`."""
 TOGETHER: Final = 0.5
 """A position and an attitude that make one transform are no farther apart in time [s]."""
 LEVELS: Final = {"info": 20, "warning": 30, "error": 40}
@@ -82,8 +85,25 @@ def target_from_flu(value: ControlEstimate) -> Doubles:
     return rotation
 
 
+def heading_variance(value: ControlEstimate, scene: Scene) -> float:
+    """Variance of an estimate's heading [rad2]: that of the newest image of its target, and the floor of all images.
+
+    It is an upper bound: the flight core averages the offset between compass and target over several images.
+    """
+    seen = (
+        pose
+        for suffix, pose in scene.latest.items()
+        if suffix.startswith("vision/") and isinstance(pose, VisionPose) and pose.target == value.target
+    )
+    newest = max(seen, key=lambda pose: pose.stamp.monotonic, default=None)
+    return HEADING_SD**2 + (0.0 if newest is None else newest.covariance[35])
+
+
 def odometry(value: ControlEstimate, scene: Scene) -> Any:
-    """Odometry of the flight core: pose in the frame of the target, twist in the body; relative to the target."""
+    """Odometry of the flight core: pose in the frame of the target, twist in the body; relative to the target.
+
+    The boards' tilt has no known error, so the variances of roll and pitch are `UNKNOWN_VARIANCE`.
+    """
     types = scene.types
     rotation = target_from_flu(value)
     if value.covariance is None:
@@ -92,6 +112,7 @@ def odometry(value: ControlEstimate, scene: Scene) -> Any:
         places, speeds = [axis[0] for axis in value.covariance], [axis[2] for axis in value.covariance]
     spread, twist_spread = np.diag([UNKNOWN_VARIANCE] * 6), np.diag([UNKNOWN_VARIANCE] * 6)
     spread[:3, :3] = np.diag(places)
+    spread[5, 5] = heading_variance(value, scene)
     twist_spread[:3, :3] = rotation.T @ np.diag(speeds) @ rotation
     return types.new(
         "nav_msgs/msg/Odometry",
@@ -130,9 +151,19 @@ def mount(value: Transform, scene: Scene) -> Any | None:
     if not value.static:
         return None
     mounts = {known.child: known for known in scene.latest.get("mounts", ())} | {value.child: value}
+    return tree(scene.types, _fixed(value.stamp, scene), *(_edge(known, scene) for known in mounts.values()))
+
+
+def origin(value: Position, scene: Scene) -> Any | None:
+    """TFMessage of odom in map at the first position, for a vehicle without mounts; `mount` sends it with them."""
+    if scene.latest.get("mounts") or "state/position" in scene.latest:
+        return None
+    return tree(scene.types, _fixed(value.stamp, scene))
+
+
+def _fixed(stamp: Stamp, scene: Scene) -> Any:
     frames = scene.frames
-    fixed = stamped_transform(scene, value.stamp, frames.map, frames.odom, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0))
-    return tree(scene.types, fixed, *(_edge(known, scene) for known in mounts.values()))
+    return stamped_transform(scene, stamp, frames.map, frames.odom, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0))
 
 
 def place(value: Position, scene: Scene) -> Any | None:

@@ -144,16 +144,18 @@ LOOKS: Final = (
 """Everything that is diagnosed; a further thing is one row."""
 
 
-def report(scene: Scene, now: Stamp, gateway: Diagnosis) -> Any:
+def report(scene: Scene, now: Stamp, gateway: Diagnosis | None = None) -> Any:
     """DiagnosticArray of everything.
 
     Args:
         scene: with the newest values.
         now: the present moment, on the clocks of the values' stamps where they are of this machine.
-        gateway: how the gateway itself is.
+        gateway: how the gateway itself is; None in a bag, which has none.
     """
     found = [(look.name, stale_or(look, value, now)) for look in LOOKS for value in _values(scene, look)]
-    status = [status_of(scene, name, diagnosis) for name, diagnosis in (*found, ("gateway", gateway))]
+    if gateway is not None:
+        found.append(("gateway", gateway))
+    status = [status_of(scene, name, diagnosis) for name, diagnosis in found]
     return scene.types.new("diagnostic_msgs/msg/DiagnosticArray", header=header(scene.types, now, ""), status=status)
 
 

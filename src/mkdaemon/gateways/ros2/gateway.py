@@ -20,8 +20,11 @@ from mkdaemon.clock import Clock
 from mkdaemon.errors import MkError, ProtocolError
 from mkdaemon.gateways.ros2 import topics
 from mkdaemon.gateways.ros2.commands import (
+    TWIST,
+    TWIST_STAMPED,
     age_of,
     newer,
+    other_type,
     pad_state,
     position_fields,
     setpoint_frame,
@@ -36,8 +39,6 @@ from mkdaemon.gateways.ros2.topics import TOPICS, Newest, Quality, Topic
 
 STALE: Final = 0.3
 """A setpoint whose stamp was older when it came is not flown [s]; docs/safety.md."""
-REPORTING: Final = 1.0
-"""Between two reports of diagnostics [s]."""
 MOST_CALLS: Final = 8
 """Services that may be under way at once; a further call is refused."""
 BACKLOG: Final = 256
@@ -57,6 +58,9 @@ class Node(Protocol):
 
     def subscribe(self, name: str, kind: str, arrived: Any) -> None:
         """Subscribe to the newest message of a topic."""
+
+    def types_published(self, name: str) -> frozenset[str]:
+        """Types of the publishers of a topic."""
 
     def serve(self, name: str, kind: str, answer: Any) -> None:
         """Offer a service."""
@@ -177,6 +181,8 @@ class Gateway:
         self._is_ending = False
         self._diagnostics = node.publisher(topics.DIAGNOSTICS, "diagnostic_msgs/msg/DiagnosticArray", Quality.RELIABLE)
         self._pad_stamp: Any = None
+        self._subscribed: dict[str, str] = {}
+        self._mistyped: frozenset[str] = frozenset()
         self._offer()
 
     def _changed(self, name: str, value: Any) -> None:
@@ -187,13 +193,17 @@ class Gateway:
         """Subscribe to what flies, and offer services."""
         desk = Desk(self._uav, self.deck, self._scene)
         if self._settings.commands:
-            for name, kind, take in (
-                ("joy", "sensor_msgs/msg/Joy", self._joy),
-                ("cmd_vel", "geometry_msgs/msg/Twist", self._twist),
-                ("cmd_vel_stamped", "geometry_msgs/msg/TwistStamped", self._twist_stamped),
-                ("setpoint_pose", "geometry_msgs/msg/PoseStamped", self._pose),
-            ):
+            plain, stamped = (TWIST, self._twist), (TWIST_STAMPED, partial(self._twist_stamped, "cmd_vel_stamped"))
+            if self._settings.is_stamped:
+                plain = (TWIST_STAMPED, partial(self._twist_stamped, "cmd_vel"))
+            for name, (kind, take) in {
+                "joy": ("sensor_msgs/msg/Joy", self._joy),
+                "cmd_vel": plain,
+                "cmd_vel_stamped": stamped,
+                "setpoint_pose": ("geometry_msgs/msg/PoseStamped", self._pose),
+            }.items():
                 self._node.subscribe(name, kind, partial(self._hand_over, take))
+                self._subscribed[name] = kind
         for service in SERVICES:
             if self._settings.commands or not service.flies:
                 self._node.serve(service.name, service.type, partial(self._serve, service, desk))
@@ -236,9 +246,9 @@ class Gateway:
             fields = velocity_fields(message, self._settings.velocity_frame)
             self.deck.command_arrived(self.deck.velocity, "velocity", fields)
 
-    def _twist_stamped(self, message: Any) -> None:
+    def _twist_stamped(self, name: str, message: Any) -> None:
         with self._refusing():
-            frame = self._frame(message, "cmd_vel_stamped", self._settings.velocity_frame)
+            frame = self._frame(message, name, self._settings.velocity_frame)
             self.deck.command_arrived(self.deck.velocity, "velocity", velocity_fields(message.twist, frame))
 
     def _pose(self, message: Any) -> None:
@@ -283,11 +293,24 @@ class Gateway:
 
     async def _report(self) -> None:
         while True:
-            await asyncio.sleep(REPORTING)
+            await asyncio.sleep(topics.REPORTING)
             missing = ", ".join(sorted(self.publishing.missing))
-            values = {"flown": self.deck.flown, "not_installed": missing}
-            mine = Diagnosis(Level.WARN if missing else Level.OK, self.deck.words, values)
+            mistyped = self._look_for_other_types()
+            values = {"flown": self.deck.flown, "not_installed": missing, "other_type": "; ".join(mistyped)}
+            level = Level.WARN if missing or mistyped else Level.OK
+            mine = Diagnosis(level, " ".join((*mistyped, self.deck.words)), values)
             self._diagnostics.publish(report(self._scene, self._clock.stamp(), mine))
+
+    def _look_for_other_types(self) -> list[str]:
+        """Name every topic that flies and has a publisher of a type that is not subscribed; log each once."""
+        found = []
+        for name, kind in self._subscribed.items():
+            found += [other_type(name, kind, one) for one in sorted(self._node.types_published(name) - {kind})]
+        for words in found:
+            if words not in self._mistyped:
+                _log.warning("other_type", words=words)
+        self._mistyped = frozenset(found)
+        return found
 
 
 class _Refusing:

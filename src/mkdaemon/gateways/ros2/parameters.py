@@ -40,6 +40,7 @@ PARAMETERS: Final = (
     Parameter("frame_prefix", "", "Before every frame, for several aircraft in one tree: mk1/."),
     Parameter("commands", True, "Whether joy, cmd_vel, setpoint_pose and the verbs that fly are there."),
     Parameter("cmd_vel.frame", "body", "Axes of cmd_vel: body, forward and left, or pad, those of the target."),
+    Parameter("cmd_vel.stamped", False, "Whether cmd_vel is a TwistStamped, as Nav2 publishes it since Kilted."),
     Parameter("setpoint_pose.frame", "pad", "Frame of a setpoint_pose whose header names none: pad or body."),
     Parameter("take_off.height", 1.5, "Height of the service take_off above the target [m]."),
     Parameter("hold.seconds", 60.0, "How long it holds a place while nothing else is flown, before it lands [s]."),
@@ -63,6 +64,7 @@ class Settings:
         frames: names of frames.
         commands: whether the gateway flies.
         velocity_frame: of `cmd_vel`.
+        is_stamped: `cmd_vel` is a TwistStamped.
         pose_frame: of `setpoint_pose` without a frame.
         axes: the kernel's names, in the order of `joy`.
         buttons: the same.
@@ -73,6 +75,7 @@ class Settings:
     frames: Frames
     commands: bool
     velocity_frame: str
+    is_stamped: bool
     pose_frame: str
     axes: tuple[str, ...]
     buttons: tuple[str, ...]
@@ -100,6 +103,7 @@ def settings_of(given: Mapping[str, Any]) -> Settings:
         frames=Frames(str(given["frame_prefix"])),
         commands=bool(given["commands"]),
         velocity_frame=frame_word(given["cmd_vel.frame"], "cmd_vel.frame"),
+        is_stamped=bool(given["cmd_vel.stamped"]),
         pose_frame=frame_word(given["setpoint_pose.frame"], "setpoint_pose.frame"),
         axes=axes,
         buttons=buttons,

@@ -28,12 +28,6 @@ from mkdaemon.gateways.ros2.topics import Quality
 NAME: Final = "mkdaemon"
 THREADS: Final = 12
 """Of the executor: a service that flies keeps one until it is done."""
-QUALITIES: Final = {
-    Quality.SENSOR: (5, ReliabilityPolicy.BEST_EFFORT, DurabilityPolicy.VOLATILE),
-    Quality.RELIABLE: (10, ReliabilityPolicy.RELIABLE, DurabilityPolicy.VOLATILE),
-    Quality.LATCHED: (1, ReliabilityPolicy.RELIABLE, DurabilityPolicy.TRANSIENT_LOCAL),
-    Quality.TREE: (100, ReliabilityPolicy.RELIABLE, DurabilityPolicy.VOLATILE),
-}
 NEWEST: Final = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT, history=HistoryPolicy.KEEP_LAST)
 """Of what flies: no FIFO carries a setpoint."""
 
@@ -148,8 +142,8 @@ class RosNode:
         found = type_of(kind)
         if found is None:
             return None
-        depth, reliability, durability = QUALITIES[quality]
-        profile = QoSProfile(depth=depth, reliability=reliability, durability=durability)
+        durability = DurabilityPolicy.TRANSIENT_LOCAL if quality.is_latched else DurabilityPolicy.VOLATILE
+        profile = QoSProfile(depth=quality.depth, reliability=ReliabilityPolicy.RELIABLE, durability=durability)
         return self._node.create_publisher(found, name, profile)
 
     def subscribe(self, name: str, kind: str, arrived: Callable[[Any], None]) -> None:
@@ -161,6 +155,14 @@ class RosNode:
             arrived: hears of it, on a thread of rclpy.
         """
         self._node.create_subscription(type_of(kind), name, arrived, NEWEST)
+
+    def types_published(self, name: str) -> frozenset[str]:
+        """Types of the publishers of a topic, for example `geometry_msgs/msg/TwistStamped`.
+
+        Args:
+            name: of the topic, as it was subscribed.
+        """
+        return frozenset(one.topic_type for one in self._node.get_publishers_info_by_topic(name))
 
     def serve(self, name: str, kind: str, answer: Callable[[Any], dict[str, Any]]) -> None:
         """Offer a service; calls of one do not wait for calls of another.

@@ -16,13 +16,26 @@ class Quality(Enum):
     """Qualities of service, by what ROS expects of such a topic."""
 
     SENSOR = "sensor"
-    """Best effort, the newest five: streams (`SensorDataQoS`)."""
+    """Reliable, the newest five: streams. REP 2003: a driver publishes reliably; best-effort subscribers receive."""
     RELIABLE = "reliable"
     """Reliable, the newest ten."""
     LATCHED = "latched"
     """Reliable and transient local: who comes late gets the last one."""
     TREE = "tree"
     """Of `/tf`: reliable, the newest hundred."""
+
+    @property
+    def depth(self) -> int:
+        """How many messages wait for a slow subscriber; then the oldest is dropped."""
+        return _DEPTHS[self]
+
+    @property
+    def is_latched(self) -> bool:
+        """A late subscriber gets the last message: transient local."""
+        return self is Quality.LATCHED
+
+
+_DEPTHS: Final = {Quality.SENSOR: 5, Quality.RELIABLE: 10, Quality.LATCHED: 1, Quality.TREE: 100}
 
 
 Convert = Callable[[Any, Scene], Any]
@@ -38,6 +51,7 @@ class Topic:
         key: of the daemon; a `*` stands for a camera.
         type: of the message.
         convert: makes it.
+        frame: of its headers, as the page writes it; empty where it has no header, or frames of both ends.
         quality: of service.
     """
 
@@ -45,7 +59,12 @@ class Topic:
     key: str
     type: str
     convert: Convert
+    frame: str = ""
     quality: Quality = Quality.SENSOR
+
+    def is_of(self, suffix: str) -> bool:
+        """Whether a key is one that its own stands for."""
+        return matches(self.key, suffix)
 
     def name_for(self, suffix: str) -> str:
         """Its name for one key that its own stands for."""
@@ -63,44 +82,49 @@ _IMAGE: Final = "vision/*/image"
 _TAGS: Final = "vision/*/tags"
 _TF: Final = "tf2_msgs/msg/TFMessage"
 _LOG: Final = "rcl_interfaces/msg/Log"
+_INFO: Final = "sensor_msgs/msg/CameraInfo"
+_STATUS: Final = "diagnostic_msgs/msg/DiagnosticStatus"
+_BODY: Final = "base_link"
+_CAMERA: Final = "<camera>_optical_frame"
+_TARGET: Final = "target/<name>"
 
 TOPICS: Final = (
-    Topic("fix", "state/position", "sensor_msgs/msg/NavSatFix", conversions.fix),
-    Topic("fix", "state/gps", "sensor_msgs/msg/NavSatFix", conversions.no_fix),
-    Topic("velocity", "state/velocity", "geometry_msgs/msg/TwistStamped", conversions.velocity),
-    Topic("imu", "state/attitude", "sensor_msgs/msg/Imu", conversions.imu),
-    Topic("battery_state", "state/battery", "sensor_msgs/msg/BatteryState", conversions.battery_state),
-    Topic("odom", "control/estimate", "nav_msgs/msg/Odometry", conversions.odometry),
-    Topic("pose", "vision/*/pose", "geometry_msgs/msg/PoseWithCovarianceStamped", conversions.vision_pose),
-    Topic("/tf", "tf", _TF, conversions.edge, Quality.TREE),
-    Topic("/tf", "state/position", _TF, conversions.place, Quality.TREE),
-    Topic("/tf_static", "tf", _TF, conversions.mount, Quality.LATCHED),
-    Topic("{camera}/image", _IMAGE, "sensor_msgs/msg/Image", cameras.image),
-    Topic("{camera}/image/compressed", _IMAGE, "sensor_msgs/msg/CompressedImage", cameras.compressed),
-    Topic("{camera}/camera_info", "vision/*/setup", "sensor_msgs/msg/CameraInfo", cameras.info, Quality.LATCHED),
-    Topic("{camera}/camera_info", _IMAGE, "sensor_msgs/msg/CameraInfo", cameras.info_of_image, Quality.LATCHED),
-    Topic("{camera}/tags", _TAGS, "apriltag_msgs/msg/AprilTagDetectionArray", cameras.detections),
-    Topic("{camera}/tag_markers", _TAGS, "visualization_msgs/msg/ImageMarker", cameras.markers),
-    Topic("sticks", "control/output", "sensor_msgs/msg/Joy", conversions.sticks),
-    Topic("pilot", "state/pilot", "sensor_msgs/msg/Joy", conversions.pilot),
-    Topic(
-        "status",
-        "control/status",
-        "diagnostic_msgs/msg/DiagnosticStatus",
-        diagnostics.lease_status,
-        Quality.LATCHED,
-    ),
-    Topic("events", "event/log", _LOG, conversions.log_event, Quality.RELIABLE),
-    Topic("events", "event/failsafe", _LOG, conversions.failsafe_event, Quality.RELIABLE),
-    Topic("events", "event/mode", _LOG, conversions.mode_event, Quality.RELIABLE),
+    Topic("fix", "state/position", "sensor_msgs/msg/NavSatFix", conversions.fix, _BODY),
+    Topic("fix", "state/gps", "sensor_msgs/msg/NavSatFix", conversions.no_fix, _BODY),
+    Topic("velocity", "state/velocity", "geometry_msgs/msg/TwistStamped", conversions.velocity, "map"),
+    Topic("imu", "state/attitude", "sensor_msgs/msg/Imu", conversions.imu, _BODY),
+    Topic("battery_state", "state/battery", "sensor_msgs/msg/BatteryState", conversions.battery_state, _BODY),
+    Topic("odom", "control/estimate", "nav_msgs/msg/Odometry", conversions.odometry, _TARGET),
+    Topic("pose", "vision/*/pose", "geometry_msgs/msg/PoseWithCovarianceStamped", conversions.vision_pose, _TARGET),
+    Topic("/tf", "tf", _TF, conversions.edge, quality=Quality.TREE),
+    Topic("/tf", "state/position", _TF, conversions.place, quality=Quality.TREE),
+    Topic("/tf_static", "tf", _TF, conversions.mount, quality=Quality.LATCHED),
+    Topic("/tf_static", "state/position", _TF, conversions.origin, quality=Quality.LATCHED),
+    Topic("{camera}/image", _IMAGE, "sensor_msgs/msg/Image", cameras.image, _CAMERA),
+    Topic("{camera}/image/compressed", _IMAGE, "sensor_msgs/msg/CompressedImage", cameras.compressed, _CAMERA),
+    Topic("{camera}/camera_info", "vision/*/setup", _INFO, cameras.info, _CAMERA, Quality.LATCHED),
+    Topic("{camera}/camera_info", _IMAGE, _INFO, cameras.info_of_image, _CAMERA, Quality.LATCHED),
+    Topic("{camera}/tags", _TAGS, "apriltag_msgs/msg/AprilTagDetectionArray", cameras.detections, _CAMERA),
+    Topic("{camera}/tag_markers", _TAGS, "visualization_msgs/msg/ImageMarker", cameras.markers, _CAMERA),
+    Topic("sticks", "control/output", "sensor_msgs/msg/Joy", conversions.sticks, _BODY),
+    Topic("pilot", "state/pilot", "sensor_msgs/msg/Joy", conversions.pilot, _BODY),
+    Topic("status", "control/status", _STATUS, diagnostics.lease_status, quality=Quality.LATCHED),
+    Topic("events", "event/log", _LOG, conversions.log_event, quality=Quality.RELIABLE),
+    Topic("events", "event/failsafe", _LOG, conversions.failsafe_event, quality=Quality.RELIABLE),
+    Topic("events", "event/mode", _LOG, conversions.mode_event, quality=Quality.RELIABLE),
     Topic("raw/rx", "raw/rx", "std_msgs/msg/UInt8MultiArray", conversions.raw_frame),
     Topic("raw/tx", "raw/tx", "std_msgs/msg/UInt8MultiArray", conversions.raw_frame),
 )
 """Everything that is published with a value; a further topic is one row here, and its conversion."""
 
 DIAGNOSTICS: Final = "/diagnostics"
-"""Once a second, of the newest values: `diagnostics.report`."""
-KEPT: Final = frozenset({"state/attitude", "health", "vision/*/setup", "tf", *(look.key for look in diagnostics.LOOKS)})
+"""Of the newest values: `diagnostics.report`."""
+REPORTING: Final = 1.0
+"""Between two of them [s]."""
+KEPT: Final = frozenset(
+    {"state/attitude", "state/position", "health", "vision/*/setup", "vision/*/pose", "tf"}
+    | {look.key for look in diagnostics.LOOKS}
+)
 """Keys whose newest value a conversion or a diagnosis looks at."""
 
 

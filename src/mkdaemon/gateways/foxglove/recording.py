@@ -1,0 +1,104 @@
+"""A recording as an MCAP file for Foxglove and Lichtblick: the topics, schemas and frames of the gateway.
+
+Topics and conversions are those of `topics.TOPICS`, so that a layout made for the gateway shows the file too. Log times
+are the wall times of the values.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Final
+
+from foxglove import Schema
+from mcap.writer import Writer
+
+from mkdaemon.client.export.values import Value
+from mkdaemon.errors import MkError
+from mkdaemon.files import saving
+from mkdaemon.gateways.foxglove.names import LATEST, Names
+from mkdaemon.gateways.foxglove.topics import (
+    CAMERA,
+    SHOWN_OTHERWISE,
+    TOPICS,
+    Conversion,
+    Topic,
+    json_message,
+    json_schema,
+)
+from mkdaemon.record.entry import nanoseconds
+from mkdaemon.record.reader import matches_any
+
+_JSON: Final = None
+"""In place of a conversion: the value is shown as JSON."""
+_Line = tuple[int, Conversion | None]
+"""Id of the channel, and the conversion."""
+
+
+class _Aircraft:
+    """The channels of one vehicle; each is made when its first value comes."""
+
+    def __init__(self, names: Names, writer: Writer) -> None:
+        self._names, self._writer = names, writer
+        self._lines: dict[str, list[_Line]] = {}
+        self._topics: dict[str, _Line] = {}
+
+    def take(self, value: Value) -> int:
+        """Write every message that a value makes; their number. Raises `MkError` as `Value.stamped` does."""
+        if value.suffix not in self._lines:
+            self._lines[value.suffix] = self._lines_of(value)
+        count, at = 0, min(max(nanoseconds(value.wall), 0), LATEST)
+        for channel, convert in self._lines[value.suffix]:
+            message = json_message(value.fields) if convert is None else convert(value.suffix, value.stamped)
+            if message is not None:
+                self._writer.add_message(channel, log_time=at, data=message, publish_time=at)
+                count += 1
+        return count
+
+    def _lines_of(self, value: Value) -> list[_Line]:
+        head, _, rest = value.suffix.partition("/")
+        camera = rest.partition("/")[0] if head == "vision" else ""
+        rows = [topic.of(camera) if topic.is_of_a_camera else topic for topic in TOPICS]
+        lines = [self._line_of(row) for row in rows if matches_any(f"mk/v/{value.suffix}", row.keys)]
+        if value.suffix.replace(f"vision/{camera}/", f"vision/{CAMERA}/") not in SHOWN_OTHERWISE:
+            lines.append((self._channel(f"/{value.suffix}", "json", json_schema(value.schema)), _JSON))
+        return lines
+
+    def _line_of(self, row: Topic) -> _Line:
+        if row.name not in self._topics:
+            channel = self._channel(row.name, row.encoding, row.schema())
+            self._topics[row.name] = channel, row.convert(self._names)
+        return self._topics[row.name]
+
+    def _channel(self, name: str, encoding: str, schema: Schema) -> int:
+        known = self._writer.register_schema(schema.name, schema.encoding, schema.data)
+        return self._writer.register_channel(self._names.topic(name), encoding, known)
+
+
+def write(values: Iterable[Value], path: Path, *, overwrite: bool) -> int:
+    """Write a file, whole or not at all; returns the number of messages.
+
+    Args:
+        values: of a recording. Topics and frames of every vehicle but the first begin with its name.
+        path: the file.
+        overwrite: replace a file that is there.
+
+    Raises:
+        ConfigError: it is there already, and `overwrite` is off; or there is no such folder.
+        MkError: it cannot be written, a value is not what its key carries, or nothing was recorded.
+    """
+    fleet, count = dict[str, _Aircraft](), 0
+    with saving(path, overwrite=overwrite) as file:
+        # The SDK's own writer logs a full disk for every message and goes on.
+        writer = Writer(file)
+        writer.start(library="mkdaemon")
+        for value in values:
+            if value.vehicle not in fleet:
+                names = Names(value.vehicle, f"{value.vehicle}/" if fleet else "")
+                fleet[value.vehicle] = _Aircraft(names, writer)
+            count += fleet[value.vehicle].take(value)
+        writer.finish()  # type: ignore[no-untyped-call]
+        if count == 0:
+            msg = f"{path}: there is nothing to export in the recording"
+            raise MkError(msg)
+    return count

@@ -1,0 +1,106 @@
+"""A recording for viewers: what the shipped layouts look at is in the file, as the gateway would have sent it."""
+
+from __future__ import annotations
+
+import errno
+import json
+import re
+from collections import Counter
+
+import pytest
+from mcap.reader import make_reader
+
+from mkdaemon.bus.codec import schema_name
+from mkdaemon.cli.mkctl.export import export
+from mkdaemon.client.export.values import Value, read_values
+from mkdaemon.errors import ConfigError, MkError
+from mkdaemon.gateways.foxglove.recording import write
+from tests.gateways.foxglove.viewer import read
+from tests.places import CONFIGS, DATA
+from tests.view.page import flights
+
+OVER_TARGET = DATA / "recordings" / "fc_over_target.mcap"
+BY_GPS = DATA / "recordings" / "nc_lost_client.mcap"
+LAYOUT = (CONFIGS / "foxglove" / "flight.json").read_text(encoding="utf-8")
+OF_FLIGHT = {"/scene", "/pose", "/fix", "/home", "/log", "/diagnostics"}
+"""Topics of the layout of a flight that are no key."""
+
+
+def messages_of(path):
+    """(topic, log time [ns], what it says) of every message, in the order of the log times."""
+    with path.open("rb") as file:
+        return [
+            (channel.topic, message.log_time, json.loads(message.data))
+            if channel.message_encoding == "json"
+            else (channel.topic, message.log_time, read(schema, message.data))
+            for schema, channel, message in make_reader(file).iter_messages()
+        ]
+
+
+def exported(recording, folder):
+    export(recording, to="foxglove", output=folder / "shown.mcap")
+    return messages_of(folder / "shown.mcap")
+
+
+def value(suffix, model, vehicle="mk1"):
+    fields = model.model_dump(mode="json")
+    return Value(vehicle, suffix, model.stamp.wall, model.stamp.monotonic, fields, schema_name(type(model)))
+
+
+def test_the_layout_of_a_flight_finds_its_topics_in_an_exported_recording(tmp_path):
+    wanted = set(re.findall(r"\"(/[a-z_/]+?)[\".]", LAYOUT))
+    assert wanted >= OF_FLIGHT
+    by_target = {topic for topic, *_ in exported(OVER_TARGET, tmp_path)}
+    (tmp_path / "shown.mcap").unlink()
+    by_gps = {topic for topic, *_ in exported(BY_GPS, tmp_path)}
+    assert wanted - by_target - by_gps == set()
+    assert {"/scene", "/tf", "/pose", "/log", "/camera/down/image", "/camera/down/annotations"} <= by_target
+
+
+def test_messages_have_the_times_and_numbers_of_the_recording(tmp_path):
+    found = exported(BY_GPS, tmp_path)
+    positions = [one for one in read_values(BY_GPS) if one.suffix == "state/position"]
+    fixes = [(at, one["latitude"]) for topic, at, one in found if topic == "/fix"]
+    assert [latitude for _, latitude in fixes] == [one.fields["latitude_deg"] for one in positions]
+    assert [at / 1e9 for at, _ in fixes] == pytest.approx([one.wall for one in positions])
+    counts = Counter(topic for topic, *_ in found)
+    assert counts["/state/attitude"] == sum(one.suffix == "state/attitude" for one in read_values(BY_GPS)) == 12
+    assert counts["/home"] == 1
+    assert not {"/tf", "/vision/down/image"} & {topic for topic, *_ in found if topic.startswith("/vision")}
+
+
+def test_a_second_vehicle_has_topics_of_its_own(tmp_path):
+    both = [value("state/attitude", flights.attitude(1.0)), value("state/attitude", flights.attitude(1.0), "mk2")]
+    write(both, tmp_path / "both.mcap", overwrite=False)
+    topics = {topic for topic, *_ in messages_of(tmp_path / "both.mcap")}
+    assert {"/state/attitude", "/tf", "/mk2/state/attitude", "/mk2/tf"} <= topics
+
+
+def test_a_file_is_whole_or_not_there_and_only_replaced_by_force(tmp_path):
+    path = tmp_path / "shown.mcap"
+    good = value("state/attitude", flights.attitude(1.0))
+    bad = Value("mk1", "state/position", 1.7e9, 1.0, {"latitude_deg": "north"}, "Position.v1")
+    with pytest.raises(MkError, match=r"state/position of mk1 at .*--format csv takes every value"):
+        write([good, bad], path, overwrite=False)
+    with pytest.raises(MkError, match="nothing to export"):
+        write([], path, overwrite=False)
+    assert list(tmp_path.iterdir()) == []
+    write([good], path, overwrite=False)
+    with pytest.raises(ConfigError, match="--force"):
+        write([good], path, overwrite=False)
+    write([good, good], path, overwrite=True)
+    assert len(messages_of(path)) > 2
+
+
+def test_a_disk_that_fills_is_one_line_and_leaves_nothing(tmp_path, monkeypatch):
+    many = [value("state/attitude", flights.attitude(n * 0.1)) for n in range(20)]
+
+    def full(*_, **__):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr("mcap.writer.Writer.finish", full)
+    with pytest.raises(MkError, match=r"shown\.mcap: cannot be written \(No space left on device\)"):
+        write(many, tmp_path / "shown.mcap", overwrite=False)
+    assert list(tmp_path.iterdir()) == []
+    with pytest.raises(ConfigError, match="there is no folder"):
+        write(many, tmp_path / "no" / "shown.mcap", overwrite=False)

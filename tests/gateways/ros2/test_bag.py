@@ -1,0 +1,176 @@
+"""A recording as a bag: the topics, types and frames of the live gateway, read back with rosbags."""
+
+from __future__ import annotations
+
+import pytest
+from rosbags.highlevel import AnyReader
+
+from mkdaemon.bus.codec import schema_name
+from mkdaemon.client.export.values import Value, read_values
+from mkdaemon.errors import ConfigError, MkError
+from mkdaemon.gateways.ros2.bag import write
+from mkdaemon.gateways.ros2.messages import name_part
+from mkdaemon.gateways.ros2.topics import TOPICS
+from mkdaemon.telemetry.event import FailsafeEvent, LogEvent, ModeEvent
+from tests.gateways.ros2 import samples
+from tests.places import DATA
+
+FLIGHT = DATA / "recordings" / "fc_over_target.mcap"
+SQUARE = ((10.0, 10.0), (30.0, 10.0), (30.0, 30.0), (10.0, 30.0))
+
+
+def value(suffix, model, vehicle="mk1"):
+    return Value(vehicle, suffix, model.stamp.wall, model.stamp.monotonic, model.model_dump(), schema_name(type(model)))
+
+
+def every_value():
+    """One value of every key that has a topic; the setup of a camera before its images."""
+    jpeg = samples.frame("png", b"as it came")
+    return [
+        value("tf", samples.edge()),
+        value("tf", samples.edge("camera/down", "pad", static=False)),
+        value("state/attitude", samples.attitude(yaw=1.0)),
+        value("state/position", samples.position()),
+        value("state/gps", samples.gps()),
+        value("state/velocity", samples.velocity()),
+        value("state/battery", samples.battery()),
+        value("state/pilot", samples.pilot()),
+        value("control/estimate", samples.estimate()),
+        value("control/output", samples.output(roll=127, limited=True)),
+        value("control/status", samples.status()),
+        value("vision/down/setup", samples.setup()),
+        value("vision/down/pose", samples.vision_pose()),
+        value("vision/down/image", samples.frame()),
+        value("vision/down/image", jpeg),
+        value("vision/down/tags", samples.tags(SQUARE)),
+        value("event/log", LogEvent(stamp=samples.STAMP, level="info", text="look")),
+        value("event/failsafe", FailsafeEvent(stamp=samples.STAMP, action="release", reason="why")),
+        value("event/mode", ModeEvent(stamp=samples.STAMP, before="free", after="leased", reason="why")),
+        value("raw/rx", samples.raw()),
+        value("raw/tx", samples.raw(purpose="echo")),
+    ]
+
+
+def read(folder):
+    """(topic, type, message) in the bag's order, and the offered reliability and durability of each topic."""
+    with AnyReader([folder]) as reader:
+        found = [(c.topic, c.msgtype, reader.deserialize(raw, c.msgtype)) for c, _, raw in reader.messages()]
+        offered = {c.topic: c.ext.offered_qos_profiles[0] for c in reader.connections}
+    return found, offered
+
+
+def test_a_bag_has_every_topic_of_the_gateway_with_its_type_and_quality(tmp_path):
+    write(every_value(), tmp_path / "bag", overwrite=False)
+    found, offered = read(tmp_path / "bag")
+    wanted = {}
+    for row in TOPICS:
+        name = row.name.format(camera="down")
+        wanted[name if name.startswith("/") else f"/mk1/{name}"] = row
+    assert {topic: kind for topic, kind, _ in found} == {name: row.type for name, row in wanted.items()} | {
+        "/diagnostics": "diagnostic_msgs/msg/DiagnosticArray"
+    }
+    for name, row in wanted.items():
+        assert offered[name].depth == row.quality.depth, name
+        assert offered[name].reliability.name == "RELIABLE", name
+        assert (offered[name].durability.name == "TRANSIENT_LOCAL") == row.quality.is_latched, name
+
+
+def test_every_frame_of_a_header_is_one_that_the_table_names_and_the_tree_holds(tmp_path):
+    write(every_value(), tmp_path / "bag", overwrite=False)
+    found, _ = read(tmp_path / "bag")
+    tree = {}
+    for topic, _, message in found:
+        if topic in {"/tf", "/tf_static"}:
+            tree |= {one.child_frame_id: one.header.frame_id for one in message.transforms}
+    assert tree == {
+        "odom": "map",
+        "base_link": "odom",
+        "down_optical_frame": "base_link",
+        "target/pad": "down_optical_frame",
+    }
+    frames = {f"/mk1/{row.name.format(camera='down')}": row.frame for row in TOPICS if row.frame}
+    for topic, _, message in found:
+        if topic in frames:
+            assert message.header.frame_id == frames[topic].replace("<camera>", "down").replace("<name>", "pad"), topic
+            assert message.header.frame_id in {*tree, "map"}, topic
+
+
+def test_values_are_in_the_axes_and_units_of_ros_with_their_own_times(tmp_path):
+    write(every_value(), tmp_path / "bag", overwrite=False)
+    found = {topic: message for topic, _, message in read(tmp_path / "bag")[0]}
+    imu = found["/mk1/imu"]
+    assert (imu.orientation.z, imu.orientation.w) == pytest.approx((0.479425538604203, 0.8775825618903728))
+    assert (imu.header.stamp.sec, imu.header.stamp.nanosec) == (1_600_000_000, 250_000_000)
+    assert found["/mk1/battery_state"].current == -12.5
+    assert list(found["/mk1/sticks"].axes) == [0.0, 1.0, 0.0, 0.0]
+    assert found["/mk1/down/image"].data.tobytes() == bytes(range(12))
+    assert found["/mk1/down/image/compressed"].data.tobytes() == b"as it came"
+    assert list(found["/mk1/down/camera_info"].k[:3]) == [425.0, 0.0, 319.5]
+    assert found["/mk1/pose"].pose.pose.position.z == 2.0
+
+
+def test_diagnoses_come_once_a_second_of_the_recording(tmp_path):
+    values = [
+        value("state/battery", samples.battery(stamp=samples.at(n * 0.05))) for n in range(50)
+    ]  # 2.45 s: at 0, 1 and 2 s
+    write(values, tmp_path / "bag", overwrite=False)
+    assert sum(topic == "/diagnostics" for topic, *_ in read(tmp_path / "bag")[0]) == 3
+
+
+def test_a_recorded_flight_has_its_images_and_its_odometry(tmp_path):
+    values = list(read_values(FLIGHT, images=True))
+    write(values, tmp_path / "bag", overwrite=False)
+    found, _ = read(tmp_path / "bag")
+    root = f"/{name_part(values[0].vehicle)}"
+
+    def count(topic):
+        return sum(one == f"{root}/{topic}" for one, *_ in found)
+
+    assert count("odom") == sum(one.suffix == "control/estimate" for one in values) == 59
+    assert count("down/image") + count("down/image/compressed") >= 29
+    assert count("battery_state") == 34
+
+
+def test_a_second_vehicle_has_frames_of_its_own(tmp_path):
+    write(
+        [value("state/attitude", samples.attitude()), value("state/attitude", samples.attitude(), "mk-2")],
+        tmp_path / "bag",
+        overwrite=False,
+    )
+    frames = {topic: message.header.frame_id for topic, _, message in read(tmp_path / "bag")[0] if "imu" in topic}
+    assert frames == {"/mk1/imu": "base_link", "/mk_2/imu": "mk_2/base_link"}
+
+
+def test_a_bag_that_is_there_is_only_replaced_by_force(tmp_path):
+    values = [value("state/attitude", samples.attitude())]
+    assert write(values, tmp_path / "bag", overwrite=False) == 2, "imu and the first diagnoses"
+    with pytest.raises(ConfigError, match="--force"):
+        write(values, tmp_path / "bag", overwrite=False)
+    assert write(values, tmp_path / "bag", overwrite=True) == 2
+    with pytest.raises(ConfigError, match="there is no folder"):
+        write(values, tmp_path / "no" / "bag", overwrite=False)
+    with pytest.raises(MkError, match="nothing in the recording"):
+        write([value("state/altitude", samples.attitude())], tmp_path / "other", overwrite=False)
+
+
+@pytest.mark.parametrize(
+    ("suffix", "schema", "fields"),
+    [
+        ("state/attitude", "Attitude.v1", {"quaternion": [1.0, 0.0]}),
+        ("state/battery", "Battery.v1", {"voltage": b"12"}),
+        ("state/position", "Position.v1", {"latitude_deg": float("nan")}),
+        ("tf", "Transform.v1", {"parent": "a", "child": 3}),
+        ("control/output", "ControlOutput.v7", {"pitch": 1}),
+    ],
+)
+def test_a_value_that_is_not_what_its_key_carries_is_named(tmp_path, suffix, schema, fields):
+    broken = Value("mk1", suffix, 1.7e9, 5.0, {"stamp": samples.STAMP.model_dump()} | fields, schema)
+    with pytest.raises(MkError, match=f"{suffix} of mk1 at .*--format csv takes every value"):
+        write([broken], tmp_path / "bag", overwrite=False)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_time_that_ros_cannot_have_is_named(tmp_path):
+    late = value("state/battery", samples.battery(stamp=samples.at(1.4e9)))
+    with pytest.raises(MkError, match="after 2038"):
+        write([late], tmp_path / "bag", overwrite=False)
