@@ -12,7 +12,14 @@ from mkdaemon.client.answers import Answer
 from mkdaemon.client.samples import Sample, typed_value
 from mkdaemon.client.setpointcalls import SetpointCalls
 from mkdaemon.client.transport import SetpointPublisher, Transport
-from mkdaemon.errors import CommandRejectedError, LeaseLostError, ManoeuvreError, MkError, NotEngagedError
+from mkdaemon.errors import (
+    CommandRejectedError,
+    LeaseLostError,
+    ManoeuvreError,
+    MkError,
+    NotEngagedError,
+    ProtocolError,
+)
 from mkdaemon.telemetry.refusals import Status, Token
 
 if TYPE_CHECKING:
@@ -353,11 +360,15 @@ class SetpointStream:
     async def _follow(self) -> None:
         """Learn from `control/status` whether the lease is still held, and which setpoints are refused."""
         async for sample in self._statuses:
+            try:
+                value = sample.value
+            except ProtocolError:  # put there by another program than the daemon
+                continue
             self._received_at = self._loop.time()
             if sample.suffix == "control/status":
-                self._status_arrived(sample.value)
+                self._status_arrived(value)
             else:
-                self._event_arrived(sample.value)
+                self._event_arrived(value)
 
     def _event_arrived(self, event: CommandEvent) -> None:
         is_ours = event.key.startswith("setpoint/") and event.fields.get("epoch") == self.epoch
