@@ -6,13 +6,13 @@ dropped and counted. An exception would be printed with its traceback, once for 
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable
 from typing import Any, TypeVar
 
-import structlog
 import zenoh
 
-_log = structlog.get_logger(__name__)
+_log = logging.getLogger(__name__)
 _Item = TypeVar("_Item")
 
 

@@ -29,6 +29,7 @@ from mkdaemon.bus.names import heard_suffix, key
 from mkdaemon.bus.published import PublishedValues
 from mkdaemon.bus.recording import BusRecorder, NoRecorder, recorded_taker
 from mkdaemon.bus.schema import schema_json, schema_names
+from mkdaemon.bus.senderclock import SenderClock
 from mkdaemon.bus.session import close_session, open_session, session_config
 from mkdaemon.bus.setpointroot import NEIGHBOURS, PLAIN_ROOT, below, extend_access, new_setpoint_root
 from mkdaemon.config.bus import BusConfig
@@ -71,6 +72,7 @@ class Bus:
         self._clock = clock
         self._published = PublishedValues(session, vehicle, recorder)
         self._shed = ShedCounter()
+        self._sender = SenderClock()
         self._uninvited: dict[str, Callable[[Arrived], None]] = {}
         self._commands = CommandServer(session, vehicle, recorder, self._shed, cfg.max_queries, clock)
         # One of its own, so that who reads no last values holds up no answer to a command.
@@ -210,7 +212,7 @@ class Bus:
                 publisher.put(arrived.payload, attachment=arrived.proof, source_info=arrived.source)
 
         shed = partial(self._shed.add, f"setpoints to {suffix}")
-        intake = SetpointIntake(self._loop, take_and_show, verify, shed, self._clock)
+        intake = SetpointIntake(self._loop, take_and_show, verify, shed, self._clock, self._sender)
 
         def on_sample(sample: zenoh.Sample) -> None:
             payload = read_payload(sample.payload, suffix)

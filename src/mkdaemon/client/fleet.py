@@ -10,6 +10,7 @@ from typing import Final
 
 import msgpack
 import zenoh
+from pydantic import ValidationError
 
 from mkdaemon.bus.callbacks import direct
 from mkdaemon.bus.names import REPLAY, ROOT, heard_vehicle
@@ -141,7 +142,10 @@ class Fleet:
         fields = read_payload(str(answers[0].encoding), answers[0].payload.to_bytes())
         if "reason" in fields:
             raise MkError(str(fields["reason"]))
-        return PlayStatus.model_validate(fields)
+        try:
+            return PlayStatus.model_validate(fields)
+        except ValidationError as error:
+            raise MkError(f"the player of {name} answers nothing that is known here: update mkdaemon") from error
 
     def _seen(self, sighting: Sighting, is_here: bool, changed: Callable[[], None]) -> None:
         before = set(self.here)

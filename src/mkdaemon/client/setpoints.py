@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import time
 from collections.abc import AsyncIterator, Mapping
 from contextlib import suppress
 from functools import cache
@@ -25,7 +26,7 @@ from mkdaemon.telemetry.refusals import Status, Token
 if TYPE_CHECKING:
     from pydantic import BaseModel
 
-    from mkdaemon.telemetry.control import ControlStatus, LeaseGrant, LeaseState, Outcome
+    from mkdaemon.telemetry.control import ControlStatus, HolderGrant, LeaseState, Outcome
     from mkdaemon.telemetry.event import CommandEvent
 
 RATE: Final = 50.0
@@ -51,6 +52,8 @@ GIVING_BACK: Final = 3.0
 """Longest wait for the answer when the lease is given back [s]; the end of the liveliness token ends it as well."""
 _OF_STRANGERS: Final = frozenset({Token.NOT_HOLDER, Token.BAD_FIELD, Token.MALFORMED})
 """Refusals that no setpoint from here can meet: signed and checked as they are, others send those under our epoch."""
+_OF_THE_WAY: Final = frozenset({Token.SETPOINT_LATE})
+"""Refusals of a network or machine that stood still: the stream goes on, and ends with the lease where it is no use."""
 _OF_THE_END: Final = frozenset({Token.WRONG_EPOCH, Token.NOT_LEASED})
 """Refusals of a lease that has ended; `control/status`, which follows them, says why."""
 
@@ -63,7 +66,7 @@ class Setpoints:
         after_abort: number of the abort that they end; 0 for none.
     """
 
-    def __init__(self, transport: Transport, grant: LeaseGrant) -> None:
+    def __init__(self, transport: Transport, grant: HolderGrant) -> None:
         self.sequence = self.after_abort = 0
         self._transport = transport
         self._grant = grant
@@ -99,7 +102,7 @@ class Setpoints:
             MkError: there is no such kind.
         """
         from mkdaemon.bus.codec import encode, encoding_of
-        from mkdaemon.telemetry.signature import sign
+        from mkdaemon.telemetry.signature import sign, stamped_proof
 
         setpoint = self.check(kind, ttl, fields)
         if kind not in self._publishers:
@@ -107,8 +110,12 @@ class Setpoints:
             self._publishers[kind] = (publisher, encoding_of(type(setpoint)))
         publisher, encoding = self._publishers[kind]
         self.sequence += 1
-        payload = encode(setpoint)
-        publisher.put(payload, encoding=encoding, attachment=sign(self._grant.secret, f"setpoint/{kind}", payload))
+        payload, suffix, secret = encode(setpoint), f"setpoint/{kind}", self._grant.secret
+        is_stamped = self._grant.takes_stamps
+        proof = (
+            stamped_proof(secret, suffix, payload, time.monotonic()) if is_stamped else sign(secret, suffix, payload)
+        )
+        publisher.put(payload, encoding=encoding, attachment=proof)
 
 
 def load_models() -> None:
@@ -143,7 +150,7 @@ class SetpointStream:
         set: sends one setpoint; for programs that stream at their own rate, at least twice a second.
     """
 
-    def __init__(self, transport: Transport, holder: str, grant: LeaseGrant, statuses: AsyncIterator[Sample]) -> None:
+    def __init__(self, transport: Transport, holder: str, grant: HolderGrant, statuses: AsyncIterator[Sample]) -> None:
         self.holder = holder
         self.epoch = grant.epoch
         self._secret = grant.secret
@@ -218,7 +225,7 @@ class SetpointStream:
         Args:
             kind: last word of a key `setpoint/<kind>`.
             fields: of the setpoint, without epoch and sequence.
-            ttl: time after arrival at which it no longer holds [s].
+            ttl: age at which it no longer holds [s].
 
         Raises:
             LeaseLostError: the lease has ended; says why.
@@ -372,7 +379,7 @@ class SetpointStream:
 
     def _event_arrived(self, event: CommandEvent) -> None:
         is_ours = event.key.startswith("setpoint/") and event.fields.get("epoch") == self.epoch
-        if is_ours and event.token is not None and event.token not in _OF_STRANGERS | _OF_THE_END:
+        if is_ours and event.token is not None and event.token not in _OF_STRANGERS | _OF_THE_END | _OF_THE_WAY:
             self._refusal = Answer(Status.DENIED, {}, event.token, event.reason, event.fix).refusal
 
     def _status_arrived(self, status: ControlStatus) -> None:

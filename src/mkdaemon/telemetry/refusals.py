@@ -219,6 +219,16 @@ class Token(StrEnum):
         "sequence {sequence} is not after {last}.",
         "Count sequence up from one setpoint to the next.",
     )
+    SETPOINT_LATE = (
+        "setpoint_late",
+        "the setpoint arrived {age:.2f} s after it was sent, and may be {limit:g} s old.",
+        "Send fewer setpoints, 50 a second are enough; or fly from nearer.",
+    )
+    SETPOINTS_UNSTAMPED = (
+        "setpoints_unstamped",
+        "setpoints come faster than 200 a second and do not say when they were sent.",
+        "Send fewer, 50 a second are enough; or stamp them (docs/keys.md, Flying by sticks).",
+    )
     SEQUENCE_JUMP = (
         "sequence_jump",
         "sequence {sequence} is more than {limit} after {last}.",
