@@ -84,7 +84,7 @@ _FLYING: Final = """## Flying by sticks
    byte of value 1, the stamp and the payload, and behind it the stamp, 8 bytes: nanoseconds of any clock of yours that
    is never set (`CLOCK_MONOTONIC`), unsigned, the most significant byte first. The age of a setpoint counts from there:
    one that arrives more than 0.3 s late is refused (`setpoint_late`). Without a stamp it counts from arrival, and
-   nothing is taken while more than 200 a second come (`setpoints_unstamped`).
+   nothing is taken while more than 200 a second come (`setpoint_late`).
 4. Fly. A setpoint older than its `ttl` (0.3 s at most) is replaced by neutral sticks; after 1 s of silence the
    aircraft is released and the lease is gone.
 5. Query `do/lease` with `{action: "release", epoch: ..., secret: ...}`. Anyone may query `do/release` at any time.

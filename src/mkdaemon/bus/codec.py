@@ -104,15 +104,15 @@ def decode_map(payload: Payload) -> dict[str, Any]:
     """Unpack what somebody sent; nothing at all is an empty map.
 
     Raises:
-        CommandRejectedError: `setpoint_late`, `setpoints_unstamped`; `malformed`: too long, no msgpack, no map, keys
+        CommandRejectedError: `setpoint_late`; `malformed`: too long, no msgpack, no map, keys
             that are no words or come twice, parts longer or nested deeper than any honest request.
     """
     if isinstance(payload, TooLong):
         raise refuse(Token.MALFORMED, detail=f"{payload.size} bytes are more than {payload.limit}")
     if isinstance(payload, TooLate):
-        if payload.age is None:
-            raise refuse(Token.SETPOINTS_UNSTAMPED)
-        raise refuse(Token.SETPOINT_LATE, age=payload.age, limit=payload.limit)
+        unstamped = "too many come to know it, and they do not say when they were sent"
+        late = "" if payload.age is None else f"sent {payload.age:.2f} s ago; {payload.limit:g} s is the limit"
+        raise refuse(Token.SETPOINT_LATE, detail=late or unstamped)
     if not payload:
         return {}
     try:

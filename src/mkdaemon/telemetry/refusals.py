@@ -221,13 +221,8 @@ class Token(StrEnum):
     )
     SETPOINT_LATE = (
         "setpoint_late",
-        "the setpoint arrived {age:.2f} s after it was sent, and may be {limit:g} s old.",
-        "Send fewer setpoints, 50 a second are enough; or fly from nearer.",
-    )
-    SETPOINTS_UNSTAMPED = (
-        "setpoints_unstamped",
-        "setpoints come faster than 200 a second and do not say when they were sent.",
-        "Send fewer, 50 a second are enough; or stamp them (docs/keys.md, Flying by sticks).",
+        "the setpoint may be too old: {detail}.",
+        "Send fewer, 50 a second are enough, each with its stamp (docs/keys.md, Flying by sticks); or fly from nearer.",
     )
     SEQUENCE_JUMP = (
         "sequence_jump",

@@ -223,7 +223,7 @@ def _play_action(fields: dict[str, Any]) -> PlayAction:
         BadRequestError: it is nothing that a player does.
     """
     try:
-        return PlayAction(fields.get("action"))
+        return PlayAction(str(fields.get("action")))
     except ValueError:
         raise BadRequestError(HTTPStatus.BAD_REQUEST, f"action: {', '.join(PlayAction)}") from None
 
