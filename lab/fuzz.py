@@ -19,7 +19,7 @@ from collections import Counter
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any, Final
+from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import msgpack
 import zenoh
@@ -43,6 +43,9 @@ from mkdaemon.telemetry.verbs import VERBS
 from mksim.config import PilotPlan, SimConfig
 from mksim.runtime import Runtime
 from mksim.simulation import Simulation
+
+if TYPE_CHECKING:
+    from lab.busfuzz import BusFindings
 
 PERIOD: Final = 0.02
 """Between two pieces of nonsense [s]: below the rates at which the daemon sheds what is too much."""
@@ -394,15 +397,22 @@ def main(
     *,
     seconds: Annotated[float, Parameter(help="How long [s].")] = 600.0,
     seed: Annotated[int, Parameter(help="Of the nonsense.")] = 1,
+    bus: Annotated[bool, Parameter(help="Key expressions of every kind in place of requests, with readers.")] = False,
+    count: Annotated[int, Parameter(help="With --bus: puts, deletions, queries and tokens.")] = 100_000,
     as_json: AsJson = False,
 ) -> int:
     """Ask, tell and configure a running daemon nonsense for ten minutes; exit code 1 if it minds.
 
     It must live and not grow, answer every query, name every refusal by a token that docs/keys.md lists, count every
     setpoint that it refuses, and say of every damaged configuration file what is wrong with it, or take it up.
+
+    With `--bus` the daemon and the programs that read from it must live and write no traceback (a few minutes).
     """
+    from lab.busfuzz import fuzz_bus  # it draws its nonsense from here
+
     silence_log()
-    findings = asyncio.run(fuzz(seconds, seed, shows=True))
+    findings: Findings | BusFindings
+    findings = asyncio.run(fuzz_bus(count, seed)) if bus else asyncio.run(fuzz(seconds, seed, shows=True))
     row = vars(findings) | {"holds": findings.holds}
     if as_json:
         print(json.dumps(row))

@@ -79,7 +79,12 @@ _FLYING: Final = """## Flying by sticks
    `@`) with that epoch, a rising `sequence` and a `ttl`, with neutral pitch, roll and yaw, until `control/status` says
    `flying`. The attachment of each sample is its signature, 32 bytes: HMAC-SHA256 with the secret (UTF-8) as its key,
    over `setpoint/stick`, a zero byte and the payload. The daemon puts what it took once more to `setpoint/stick`:
-   others can read setpoints there, but not make one. What somebody else puts there is refused.
+   others can read setpoints there, but not make one. What somebody else puts there is refused. If the grant says
+   `takes_stamps`, add when the setpoint is sent: the attachment then has 40 bytes, a signature over `setpoint/stick`, a
+   byte of value 1, the stamp and the payload, and behind it the stamp, 8 bytes: nanoseconds of any clock of yours that
+   is never set (`CLOCK_MONOTONIC`), unsigned, the most significant byte first. The age of a setpoint counts from there:
+   one that arrives more than 0.3 s late is refused (`setpoint_late`). Without a stamp it counts from arrival, and
+   nothing is taken while more than 200 a second come (`setpoint_late`).
 4. Fly. A setpoint older than its `ttl` (0.3 s at most) is replaced by neutral sticks; after 1 s of silence the
    aircraft is released and the lease is gone.
 5. Query `do/lease` with `{action: "release", epoch: ..., secret: ...}`. Anyone may query `do/release` at any time.

@@ -19,6 +19,7 @@ from cyclopts import Parameter
 from rich.console import Console
 from rich.table import Table
 
+from lab.attack.backlog import Backlog, backlog_plans
 from lab.attack.deaths import BOARDS, Attack, Death, attack
 from lab.attack.flights import AnyFlight, Flights, Plan, flight_pool, fly_all
 from lab.attack.floods import Ride, flood_plans
@@ -29,7 +30,7 @@ from lab.rigs.cockpit import Boards
 from lab.stories.losses import silence_log
 from mkdaemon.cli.arguments import AsJson
 
-Case = Literal["deaths", "virtual", "floods", "guard", "quiet"]
+Case = Literal["deaths", "virtual", "floods", "backlog", "guard", "quiet"]
 Rows = Iterator[dict[str, Any]]
 QUIET: Final = "none: the guard is quiet"
 ON_TCP: Final = "FC 2.08 on TCP"
@@ -135,6 +136,23 @@ def flood_row(flights: Flights[Ride]) -> dict[str, Any]:
     )
 
 
+def run_backlogs(scope: Scope) -> Rows:
+    """Floods of the holder, one at a time."""
+    return map(backlog_row, scope.alone().fly(backlog_plans(ON_TCP)))
+
+
+def backlog_row(flights: Flights[Backlog]) -> dict[str, Any]:
+    """One line of the same flood and end."""
+    flown = flights.flown
+    return _row(
+        flights,
+        neutral_max_s=_largest(one.neutral for one in flown),
+        released_max_s=_largest(one.released for one in flown),
+        lost_before=sum(one.lost_before for one in flown),
+        rates=[one.rate for one in flown],
+    )
+
+
 def run_guard_deaths(scope: Scope) -> Rows:
     """The guard is killed."""
     return map(guard_row, scope.fly([Plan("guard killed", ON_TCP, kill_guard)]))
@@ -187,6 +205,7 @@ _CASES: Final[dict[str, Callable[[Scope], Rows]]] = {
     "deaths": run_deaths,
     "virtual": run_virtual_deaths,
     "floods": run_floods,
+    "backlog": run_backlogs,
     "guard": run_guard_deaths,
     "quiet": run_quiet_flights,
 }

@@ -18,7 +18,7 @@ from mkdaemon.client.samples import Sample
 from mkdaemon.client.transport import Transport
 from mkdaemon.errors import MkError
 from mkdaemon.telemetry.command import LeaseRequest
-from mkdaemon.telemetry.control import LeaseGrant
+from mkdaemon.telemetry.control import HolderGrant, LeaseGrant
 from mkdaemon.telemetry.refusals import Status
 from mkdaemon.telemetry.setpoint import SETPOINTS
 
@@ -113,7 +113,7 @@ class CockpitClient:
             granted = await self._flown.flight.lease(LeaseRequest(action="take", holder=self.name))
             assert isinstance(granted, LeaseGrant)
             transport = cast("Transport", self)
-            async with Lease(transport, self.name, granted, _listen(queue)) as lease:
+            async with Lease(transport, self.name, HolderGrant(**dict(granted)), _listen(queue)) as lease:
                 yield lease
         finally:
             self._published.listeners.remove(queue)

@@ -15,7 +15,7 @@ from lab.rigs.waiting import PATIENCE, wait_until
 from mkdaemon.bus.codec import encode_map
 from mkdaemon.client import Vehicle
 from mkdaemon.errors import MkError
-from mkdaemon.telemetry.signature import sign
+from mkdaemon.telemetry.signature import stamped_proof
 
 ENGAGE_WAIT: Final = 4.0
 """A stream that lives is obeyed within this time [s]; the daemon wants one second of it first."""
@@ -106,6 +106,7 @@ class Pilot:
                 fields = {**self.sticks, "epoch": self.epoch, "sequence": self._sequence, "ttl": 0.3}
                 payload = encode_map(fields)
                 self.puts.append(time.monotonic())
-                self._publisher.put(payload, attachment=sign(self.secret, "setpoint/stick", payload))
+                proof = stamped_proof(self.secret, "setpoint/stick", payload, time.monotonic())
+                self._publisher.put(payload, attachment=proof)
                 due = max(due + self._period, loop.time())
                 await asyncio.sleep(due - loop.time())

@@ -7,6 +7,7 @@ from collections import Counter
 import msgpack
 import pytest
 
+from lab.busfuzz import BusFindings, fuzz_bus
 from lab.fuzz import REQUESTS, Findings, Nonsense, fuzz
 from mkdaemon.telemetry.verbs import VERBS
 
@@ -58,3 +59,25 @@ async def test_a_daemon_bears_three_seconds_of_it():
     assert findings.refused.total() > 10
     findings.growth_mb = 0.0  # it has just begun, and still imports
     assert findings.holds, Counter(findings.refused)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"silences": 1},
+        {"growth_mb": 25.0},
+        {"tracebacks": Counter(daemon=1)},
+        {"ended": ["view: exit code 1"]},
+        {"exit_code": 1},
+    ],
+)
+def test_a_daemon_or_reader_that_minds_a_key_is_no_success(wrong):
+    assert BusFindings(1).holds
+    assert not BusFindings(1, **wrong).holds
+
+
+async def test_a_daemon_bears_a_thousand_puts_and_queries_under_every_kind_of_key():
+    findings = await fuzz_bus(1000, 3, only=())
+    assert min(findings.sent[kind] for kind in ("put", "delete", "get", "token")) > 50
+    assert findings.malformed < 200
+    assert findings.holds, findings

@@ -43,7 +43,22 @@ class TooLong:
     limit: int
 
 
-Payload = bytes | TooLong
+@dataclass(frozen=True, slots=True)
+class TooLate:
+    """Stands for a setpoint that was not read because it was sent too long ago, or nobody knows when.
+
+    Attributes:
+        size: its length [bytes].
+        age: time since it was sent [s]; None where it has no stamp and came in a flood.
+        limit: most that it may be [s].
+    """
+
+    size: int
+    age: float | None
+    limit: float
+
+
+Payload = bytes | TooLong | TooLate
 """What somebody sent."""
 
 
@@ -89,11 +104,15 @@ def decode_map(payload: Payload) -> dict[str, Any]:
     """Unpack what somebody sent; nothing at all is an empty map.
 
     Raises:
-        CommandRejectedError: `malformed`: too long, no msgpack, no map, keys that are no words or come twice, parts
-            longer or nested deeper than any honest request.
+        CommandRejectedError: `setpoint_late`; `malformed`: too long, no msgpack, no map, keys
+            that are no words or come twice, parts longer or nested deeper than any honest request.
     """
     if isinstance(payload, TooLong):
         raise refuse(Token.MALFORMED, detail=f"{payload.size} bytes are more than {payload.limit}")
+    if isinstance(payload, TooLate):
+        unstamped = "too many come to know it, and they do not say when they were sent"
+        late = "" if payload.age is None else f"sent {payload.age:.2f} s ago; {payload.limit:g} s is the limit"
+        raise refuse(Token.SETPOINT_LATE, detail=late or unstamped)
     if not payload:
         return {}
     try:

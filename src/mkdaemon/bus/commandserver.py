@@ -10,6 +10,7 @@ from __future__ import annotations
 import asyncio
 import time
 from collections.abc import Awaitable, Callable
+from functools import partial
 from itertools import count
 from typing import Final
 
@@ -17,11 +18,12 @@ import structlog
 import zenoh
 
 from mkdaemon.bus.answers import AnswerThread
+from mkdaemon.bus.callbacks import direct
 from mkdaemon.bus.codec import Payload, encode, encoding_of
 from mkdaemon.bus.floods import URGENT, QueryBudgets, ShedCounter
 from mkdaemon.bus.intake import read_payload, read_source
 from mkdaemon.bus.keys import find
-from mkdaemon.bus.names import key, suffix_of
+from mkdaemon.bus.names import heard_suffix, key
 from mkdaemon.bus.recording import BusRecorder
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.command import CommandResult, refused
@@ -83,7 +85,8 @@ class CommandServer:
             self._replies.shed(query)
 
         whole = key(self._vehicle, f"{root}/**")
-        self._session.declare_queryable(whole, zenoh.handlers.Callback(on_query, indirect=False))
+        dropped = partial(self._shed.add, "queries that cannot be read")
+        self._session.declare_queryable(whole, direct(on_query, dropped))
 
     async def stop(self) -> None:
         """End what is being worked on; what is asked from now on gets no answer."""
@@ -116,8 +119,9 @@ class CommandServer:
         result: CommandResult | None = None
         exchange = 0
         try:
-            if "*" not in whole and "$" not in whole:  # a wildcard that looks around commands nothing
-                suffix, exchange = suffix_of(self._vehicle, whole), next(self._exchanges)
+            suffix = heard_suffix(self._vehicle, whole)
+            if suffix is not None:  # a wildcard that looks around commands nothing
+                exchange = next(self._exchanges)
                 payload = read_payload(query.payload, suffix)
                 source = read_source(query.source_info)
                 self._recorder.query(suffix, payload if isinstance(payload, bytes) else b"", exchange, source)
@@ -130,8 +134,8 @@ class CommandServer:
     ) -> None:
         """Reply to a command, off the loop; None for no answer."""
         payload = None if result is None else encode(result)
-        if payload is not None and exchange:
-            suffix = suffix_of(self._vehicle, str(query.key_expr))
+        suffix = heard_suffix(self._vehicle, str(query.key_expr))
+        if payload is not None and exchange and suffix is not None:
             self._recorder.reply(suffix, payload, _ENCODING, exchange)
 
         def reply(query: zenoh.Query) -> None:

@@ -18,6 +18,8 @@ from mkdaemon.bus.names import key
 
 STRANGER_RATE: Final = 100.0
 """Setpoints of one kind below the secret root that the holder did not sign, from all connections together [Hz]."""
+UNSTAMPED_RATE: Final = 200.0
+"""Setpoints of the holder that do not say when they were sent [Hz]: while more come than that, none is taken."""
 LONGEST_SETPOINT: Final = 1 << 16
 """A longer one is dropped without a word [bytes]; one of more than 512 is refused with a reason."""
 LONGEST_MESSAGE: Final = 1 << 20
@@ -115,6 +117,29 @@ class Budget:
                 return False
             self._left -= cost
             return True
+
+
+class Silencer:
+    """Admits nothing while more comes than so many a second, and for half a second after that; from any thread."""
+
+    def __init__(self, rate: float, clock: Callable[[], float] = time.monotonic) -> None:
+        """Begin with a full second's worth.
+
+        Args:
+            rate: [Hz].
+            clock: [s].
+        """
+        self._rate, self._clock = rate, clock
+        self._left, self._at = rate, clock()
+        self._lock = threading.Lock()
+
+    def admits(self) -> bool:
+        """Whether one more is taken now; one that is not taken counts as well."""
+        with self._lock:
+            now = self._clock()
+            left = min(self._rate, self._left + (now - self._at) * self._rate)
+            self._left, self._at = max(left - 1.0, -self._rate / 2), now
+            return self._left >= 0.0
 
 
 class QueryBudgets:

@@ -18,16 +18,18 @@ import zenoh
 from pydantic import BaseModel
 
 from mkdaemon.bus.answers import AnswerThread
+from mkdaemon.bus.callbacks import direct
 from mkdaemon.bus.codec import MEDIA_TYPE, encoding_of
 from mkdaemon.bus.commandserver import CommandServer, Handler
 from mkdaemon.bus.exposure import check_exposure
 from mkdaemon.bus.floods import ShedCounter, flood_settings
 from mkdaemon.bus.intake import Arrived, SetpointIntake, Taker, Verifier, read_payload, read_signature
 from mkdaemon.bus.keys import Use, find, of_use, roots
-from mkdaemon.bus.names import key, suffix_of
+from mkdaemon.bus.names import heard_suffix, key
 from mkdaemon.bus.published import PublishedValues
 from mkdaemon.bus.recording import BusRecorder, NoRecorder, recorded_taker
 from mkdaemon.bus.schema import schema_json, schema_names
+from mkdaemon.bus.senderclock import SenderClock
 from mkdaemon.bus.session import close_session, open_session, session_config
 from mkdaemon.bus.setpointroot import NEIGHBOURS, PLAIN_ROOT, below, extend_access, new_setpoint_root
 from mkdaemon.config.bus import BusConfig
@@ -35,6 +37,8 @@ from mkdaemon.config.bus import BusConfig
 _JSON: Final = "application/schema+json"
 LOOK: Final = 0.05
 """How long it is looked, each time, for setpoints put where nobody may [s]."""
+UNKNOWN_SETPOINTS: Final = "setpoints to no key of a setpoint"
+"""What was put to a wildcard, or to another word than a kind of setpoint."""
 
 Watcher = Callable[[str, bool], None]
 """Takes a client's coming (True) or going (False), by its name; called on the loop."""
@@ -68,6 +72,7 @@ class Bus:
         self._clock = clock
         self._published = PublishedValues(session, vehicle, recorder)
         self._shed = ShedCounter()
+        self._sender = SenderClock()
         self._uninvited: dict[str, Callable[[Arrived], None]] = {}
         self._commands = CommandServer(session, vehicle, recorder, self._shed, cfg.max_queries, clock)
         # One of its own, so that who reads no last values holds up no answer to a command.
@@ -169,7 +174,7 @@ class Bus:
         # What this session itself subscribes to, the setpoints, is no audience.
         outside = zenoh.Locality.REMOTE
         with self._session.declare_publisher(key(self.vehicle, "**"), allowed_destination=outside) as publisher:
-            listener = publisher.declare_matching_listener(zenoh.handlers.Callback(on_change, indirect=False))
+            listener = publisher.declare_matching_listener(direct(on_change))
             with listener:
                 present: zenoh.MatchingStatus = publisher.matching_status  # type: ignore[assignment]  # the stub errs
                 if not present.matching:
@@ -207,14 +212,14 @@ class Bus:
                 publisher.put(arrived.payload, attachment=arrived.proof, source_info=arrived.source)
 
         shed = partial(self._shed.add, f"setpoints to {suffix}")
-        intake = SetpointIntake(self._loop, take_and_show, verify, shed, self._clock)
+        intake = SetpointIntake(self._loop, take_and_show, verify, shed, self._clock, self._sender)
 
         def on_sample(sample: zenoh.Sample) -> None:
             payload = read_payload(sample.payload, suffix)
             intake.arrived(payload, read_signature(sample.attachment), sample.source_info)
 
         whole = key(self.vehicle, below(self.setpoint_root, suffix))
-        self._session.declare_subscriber(whole, zenoh.handlers.Callback(on_sample, indirect=False))
+        self._session.declare_subscriber(whole, direct(on_sample, shed))
         self._uninvited[suffix] = recorded
 
     async def refuse_uninvited(self) -> None:
@@ -232,10 +237,13 @@ class Bus:
         finally:
             looks.undeclare()  # type: ignore[no-untyped-call]
         for sample in found:
-            suffix = suffix_of(self.vehicle, str(sample.key_expr))
-            if (take := self._uninvited.get(suffix)) is not None:
-                payload = read_payload(sample.payload, suffix)
-                take(Arrived(time.monotonic(), payload, b"", None, sample.source_info))
+            suffix = heard_suffix(self.vehicle, str(sample.key_expr))
+            take = None if suffix is None else self._uninvited.get(suffix)
+            if suffix is None or take is None:
+                self._shed.add(UNKNOWN_SETPOINTS)
+                continue
+            payload = read_payload(sample.payload, suffix)
+            take(Arrived(time.monotonic(), payload, b"", None, sample.source_info))
 
     def take_shed(self) -> dict[str, int]:
         """How much of what was shed since the last call, because it was too much."""
@@ -246,12 +254,14 @@ class Bus:
         loop = self._loop
 
         def on_token(sample: zenoh.Sample) -> None:
-            name = str(sample.key_expr).rpartition("/")[2]
+            suffix = heard_suffix(self.vehicle, str(sample.key_expr))
+            if suffix is None:
+                self._shed.add("tokens that name no client")
+                return
+            name = suffix.rpartition("/")[2]
             loop.call_soon_threadsafe(watcher, name, sample.kind == zenoh.SampleKind.PUT)
 
-        self._session.liveliness().declare_subscriber(
-            key(self.vehicle, "client/*"), zenoh.handlers.Callback(on_token, indirect=False), history=True
-        )
+        self._session.liveliness().declare_subscriber(key(self.vehicle, "client/*"), direct(on_token), history=True)
 
     def _declare_lookup(self, suffix: str, answer: Callable[[zenoh.Query], None]) -> None:
         """Have queries answered without the loop."""
@@ -259,7 +269,8 @@ class Bus:
         def on_query(query: zenoh.Query) -> None:
             self._lookups.submit(query, answer)
 
-        self._session.declare_queryable(key(self.vehicle, suffix), zenoh.handlers.Callback(on_query, indirect=False))
+        dropped = partial(self._shed.add, "queries that cannot be read")
+        self._session.declare_queryable(key(self.vehicle, suffix), direct(on_query, dropped))
 
     def _answer_schema(self, query: zenoh.Query) -> None:
         for name in schema_names():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import math
 import threading
 import time
 from collections import deque
@@ -11,20 +12,26 @@ from typing import Final, NamedTuple
 
 import zenoh
 
-from mkdaemon.bus.codec import Payload, TooLong
-from mkdaemon.bus.floods import STRANGER_RATE, Budget
+from mkdaemon.bus.codec import Payload, TooLate, TooLong
+from mkdaemon.bus.floods import STRANGER_RATE, UNSTAMPED_RATE, Budget, Silencer
 from mkdaemon.bus.keys import REQUEST_BYTES, find
+from mkdaemon.bus.senderclock import SenderClock
 from mkdaemon.errors import CommandRejectedError
-from mkdaemon.telemetry.signature import SIGNATURE_BYTES
+from mkdaemon.telemetry.signature import SIGNATURE_BYTES, STAMP_BYTES, stamp_of
 
-FLOOD: Final = 64
-"""Setpoints of the holder taken in one turn of the loop; an honest client sends one in twenty milliseconds."""
+PERIOD: Final = 0.005
+"""Between two setpoints of the holder that are handed to the loop [s]; an honest client sends one in 0.02 s."""
+LATEST: Final = 0.3
+"""A setpoint that was sent longer ago is not read [s]: `control.limiter.setpoint_ttl` is the same where it is not
+configured, and what is older is not flown."""
+FLOOD: Final = 8
+"""So many that a newer one replaced within `PERIOD` are no flood: a network that stood still delivers them together."""
 STRANGERS: Final = 4
 """Setpoints of others taken in one turn, so that they are refused by name."""
 
 Taker = Callable[[float, Payload, int | None], CommandRejectedError | None]
-"""Takes a setpoint: arrival [s; monotonic], payload, epoch of the lease whose holder signed it; called on the loop,
-returns at once, never raises. Returns why it was refused."""
+"""Takes a setpoint: when it was sent, or else when it arrived [s; monotonic], payload, epoch of the lease whose holder
+signed it; called on the loop, returns at once, never raises. Returns why it was refused."""
 Verifier = Callable[[Payload, bytes], int | None]
 """Epoch of the lease whose holder signed a payload; None where he did not. Called on any thread, once a setpoint."""
 
@@ -38,6 +45,7 @@ class Arrived(NamedTuple):
         proof: its signature.
         signed_for: epoch of the lease whose holder signed it; None where he did not.
         source: the session it says it comes from; None where it says nothing.
+        sent: when it was sent, by our clock [s; monotonic]; None where it does not say.
     """
 
     at: float
@@ -45,14 +53,15 @@ class Arrived(NamedTuple):
     proof: bytes
     signed_for: int | None
     source: zenoh.SourceInfo | None
+    sent: float | None = None
 
 
 class SetpointIntake:
-    """Hands every setpoint of a key to the loop, those of the holder on a way of their own.
+    """Hands setpoints of a key to the loop, those of the holder on a way of their own: of these the newest alone.
 
-    Nothing waits here: all that arrived is handed over in the next turn of the loop, and the newest valid one wins
-    there. It is not one slot, or a stranger's setpoint, refused a moment later, would displace the pilot's. Of a flood,
-    the newest of each turn are handed over and the older ones dropped: the loop has other work.
+    It is not one slot for all, or a stranger's setpoint, refused a moment later, would displace the pilot's. The
+    holder's are handed over `PERIOD` apart at least: one that floods costs the loop no more than one that does not,
+    and what waits for a thread of Zenoh is read at the speed of that thread. What was sent too long ago is not read.
     """
 
     def __init__(
@@ -62,6 +71,7 @@ class SetpointIntake:
         verify: Verifier,
         shed: Callable[[], None],
         clock: Callable[[], float] = time.monotonic,
+        sender: SenderClock | None = None,
     ) -> None:
         """Take setpoints of one key.
 
@@ -70,44 +80,86 @@ class SetpointIntake:
             take: takes them.
             verify: tells those of the holder from others.
             shed: called, on any thread, for each setpoint that was dropped.
-            clock: what a second is, for strangers' setpoints that are too many in it [s].
+            clock: what a second is, for setpoints that are too many in it [s].
+            sender: learns when the holder's were sent; one for all keys.
         """
         self._loop, self._take, self._verify, self._shed = loop, take, verify, shed
+        self._sender = sender or SenderClock()
         self._lock = threading.Lock()
-        self._holders: deque[Arrived] = deque(maxlen=FLOOD)
+        self._newest: Arrived | None = None
+        self._late: Arrived | None = None
+        self._superseded = 0
         self._others: deque[Arrived] = deque(maxlen=STRANGERS)
         self._strangers = Budget(STRANGER_RATE, clock)
+        self._unstamped = Silencer(UNSTAMPED_RATE, clock)
         self._is_called = False
+        self._next_at = -math.inf
 
     def arrived(self, payload: Payload, proof: bytes, source: zenoh.SourceInfo | None = None) -> None:
         """Take a setpoint; from any thread, returns at once."""
-        signed_for = self._verify(payload, proof)
+        signed_for, now = self._verify(payload, proof), time.monotonic()
         if signed_for is None and not self._strangers.admits():
             self._shed()
             return
-        waiting = self._others if signed_for is None else self._holders
+        setpoint = self._judge(Arrived(now, payload, proof, signed_for, source))
         with self._lock:
-            is_full = len(waiting) == waiting.maxlen
-            waiting.append(Arrived(time.monotonic(), payload, proof, signed_for, source))
+            is_shed = self._keep(setpoint)
             must_call, self._is_called = not self._is_called, True
-        if is_full:
+        if is_shed:
             self._shed()
         if must_call:
-            self._loop.call_soon_threadsafe(self._drain)
+            self._loop.call_soon_threadsafe(self._begin)
+
+    def _judge(self, setpoint: Arrived) -> Arrived:
+        """Find out when a setpoint of the holder was sent; too late a one is not to be read."""
+        if setpoint.signed_for is None:
+            return setpoint
+        stamp, size = stamp_of(setpoint.proof), len(setpoint.payload) if isinstance(setpoint.payload, bytes) else 0
+        if stamp is None:
+            late = None if self._unstamped.admits() else TooLate(size, None, LATEST)
+            return setpoint if late is None else setpoint._replace(payload=late)
+        sent = self._sender.sent(setpoint.signed_for, stamp, setpoint.at)
+        age = setpoint.at - sent
+        return setpoint._replace(sent=sent, payload=TooLate(size, age, LATEST) if age > LATEST else setpoint.payload)
+
+    def _keep(self, setpoint: Arrived) -> bool:
+        """Let it wait for the loop; returns whether one was dropped that counts."""
+        if setpoint.signed_for is None:
+            is_full = len(self._others) == STRANGERS
+            self._others.append(setpoint)
+            return is_full
+        if isinstance(setpoint.payload, TooLate):
+            is_shed, self._late = self._late is not None, setpoint
+            return is_shed
+        self._superseded += self._newest is not None
+        self._newest = setpoint
+        return self._superseded > FLOOD
+
+    def _begin(self) -> None:
+        """Hand over now, or when the time has come; on the loop."""
+        now = time.monotonic()
+        if now >= self._next_at:
+            self._drain()
+        else:
+            self._loop.call_later(self._next_at - now, self._drain)
 
     def _drain(self) -> None:
         with self._lock:
             self._is_called = False
-            arrived = [*self._others, *self._holders]
+            arrived = [*self._others, *(one for one in (self._late, self._newest) if one is not None)]
+            if self._newest is not None or self._late is not None:
+                self._next_at = time.monotonic() + PERIOD
+            self._newest = self._late = None
+            self._superseded = 0
             self._others.clear()
-            self._holders.clear()
         for setpoint in arrived:
             self._take(setpoint)
 
 
 def read_signature(attachment: zenoh.ZBytes | None) -> bytes:
-    """Copy a signature; what has not its length is none."""
-    is_signed = attachment is not None and len(attachment) == SIGNATURE_BYTES
+    """Copy a signature, with its stamp; what has not its length is none."""
+    lengths = (SIGNATURE_BYTES, SIGNATURE_BYTES + STAMP_BYTES)
+    is_signed = attachment is not None and len(attachment) in lengths
     return attachment.to_bytes() if attachment is not None and is_signed else b""
 
 

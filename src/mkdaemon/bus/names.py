@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Final
 
+WILDCARD: Final = "*"
+"""In every key expression that stands for more than one key; no key has it."""
 ROOT: Final = "mk"
 
 
@@ -27,3 +29,19 @@ def suffix_of(vehicle: str, whole: str, root: str = ROOT) -> str:
         msg = f"{whole} is no key of vehicle {vehicle}"
         raise ValueError(msg)
     return whole[len(head) :]
+
+
+def heard_suffix(vehicle: str, whole: str, root: str = ROOT) -> str | None:
+    """What follows `<root>/<vehicle>/` in the key of something that arrived.
+
+    Returns:
+        None where it names no key of this vehicle: everybody may put to a wildcard, `mk/**`, and it arrives so.
+    """
+    head = f"{root}/{vehicle}/"
+    return whole[len(head) :] if whole.startswith(head) and WILDCARD not in whole else None
+
+
+def heard_vehicle(whole: str) -> str | None:
+    """The vehicle in the key of something that arrived; None where it names none."""
+    chunks = whole.split("/")
+    return None if WILDCARD in whole or len(chunks) < 3 else chunks[1]

@@ -72,14 +72,15 @@ def recorded_taker(recorder: BusRecorder, suffix: str, encoding: str, take: Take
     """
 
     def record_and_take(arrived: Arrived) -> None:
-        at, payload, proof, signed_for, source = arrived
+        at, payload, proof, signed_for, source, sent = arrived
+        counts_from = at if sent is None else sent
         if not isinstance(payload, bytes):
-            take(at, payload, signed_for)
+            take(counts_from, payload, signed_for)
             return
         is_holder = signed_for is not None
         source_id = read_source(source)
         recorder.setpoint(suffix, payload, encoding, proof, at=at, source=source_id, is_holder=is_holder)
-        refusal = take(at, payload, signed_for)
+        refusal = take(counts_from, payload, signed_for)
         if refusal is not None:
             recorder.setpoint_refused(suffix, refusal.token, refusal.reason)
 

@@ -10,10 +10,13 @@ from typing import Final
 
 import msgpack
 import zenoh
+from pydantic import ValidationError
 
-from mkdaemon.bus.names import REPLAY, ROOT
+from mkdaemon.bus.callbacks import direct
+from mkdaemon.bus.names import REPLAY, ROOT, heard_vehicle
 from mkdaemon.client.playcontrol import control_key, status_key
 from mkdaemon.client.samples import Sample, read_payload
+from mkdaemon.client.transport import read_sample
 from mkdaemon.client.vehicle import Vehicle
 from mkdaemon.client.watch import Handover, Watch
 from mkdaemon.errors import MkError
@@ -68,23 +71,29 @@ class Fleet:
         """
 
         def on_token(sample: zenoh.Sample) -> None:
-            root, name, token = str(sample.key_expr).split("/")
+            whole = str(sample.key_expr)
+            if heard_vehicle(whole) is None:
+                return  # a token that stands for many names is nobody's
+            root, name, token = whole.split("/")
             sighting = Sighting(name, root, token == "playing")
             is_here = sample.kind == zenoh.SampleKind.PUT
             with suppress(RuntimeError):  # the loop may be closing
                 self._loop.call_soon_threadsafe(self._seen, sighting, is_here, changed)
 
         def on_status(sample: zenoh.Sample) -> None:
-            name = str(sample.key_expr).rpartition("/")[2]
+            whole = str(sample.key_expr)
+            if heard_vehicle(whole) is None:
+                return
+            name = whole.rpartition("/")[2]
             fields = read_payload(str(sample.encoding), sample.payload.to_bytes())
             with suppress(ValueError, RuntimeError):
                 self._loop.call_soon_threadsafe(played, name, PlayStatus.model_validate(fields))
 
         with ExitStack() as stack:
-            tokens = zenoh.handlers.Callback(on_token, indirect=False)
+            tokens = direct(on_token)
             for one in _TOKENS:
                 stack.enter_context(self._session.liveliness().declare_subscriber(one, tokens, history=True))
-            statuses = zenoh.handlers.Callback(on_status, indirect=False)
+            statuses = direct(on_status)
             stack.enter_context(self._session.declare_subscriber(status_key("*"), statuses))
             yield
 
@@ -101,10 +110,9 @@ class Fleet:
         """
         expressions = [zenoh.KeyExpr(f"{ROOT}/*/{suffix}") for suffix in suffixes]
 
-        def read(sample: zenoh.Sample) -> Sample:
-            encoding = str(sample.encoding)
-            fields = read_payload(encoding, sample.payload.to_bytes())
-            return Sample(str(sample.key_expr).removeprefix(f"{ROOT}/"), fields, encoding)
+        def read(sample: zenoh.Sample) -> Sample | None:
+            whole = str(sample.key_expr)
+            return None if heard_vehicle(whole) is None else read_sample(sample, whole.removeprefix(f"{ROOT}/"))
 
         return Watch(self._session, expressions, read, Handover(self._loop))
 
@@ -134,7 +142,10 @@ class Fleet:
         fields = read_payload(str(answers[0].encoding), answers[0].payload.to_bytes())
         if "reason" in fields:
             raise MkError(str(fields["reason"]))
-        return PlayStatus.model_validate(fields)
+        try:
+            return PlayStatus.model_validate(fields)
+        except ValidationError as error:
+            raise MkError(f"the player of {name} answers nothing that is known here: update mkdaemon") from error
 
     def _seen(self, sighting: Sighting, is_here: bool, changed: Callable[[], None]) -> None:
         before = set(self.here)

@@ -16,6 +16,8 @@ from typing import Final
 
 import zenoh
 
+from mkdaemon.bus.callbacks import direct
+from mkdaemon.bus.names import heard_vehicle
 from mkdaemon.bus.schema import schema_json
 from mkdaemon.bus.session import close_session, open_session, session_config
 from mkdaemon.clock import Clock
@@ -61,7 +63,12 @@ class VehicleTally:
 
 
 class GroundTap:
-    """Makes entries of what arrives. Called on Zenoh's threads, of several sessions if need be."""
+    """Makes entries of what arrives. Called on Zenoh's threads, of several sessions if need be.
+
+    Attributes:
+        vehicles: what came of each.
+        dropped: what arrived and is no value of a key: put to a wildcard, or a deletion.
+    """
 
     def __init__(self, queue: EntryQueue, clock: Clock, base: TimeBase) -> None:
         """Put entries into a queue.
@@ -72,6 +79,7 @@ class GroundTap:
             base: of the recording.
         """
         self.vehicles: dict[str, VehicleTally] = {}
+        self.dropped = 0
         self._queue = queue
         self._clock = clock
         self._base = base
@@ -87,7 +95,7 @@ class GroundTap:
         for expression in expressions:
             arrive = self._arrive if SIMULATED_IMAGES in expression else self._arrive_without_images
             try:
-                session.declare_subscriber(expression, zenoh.handlers.Callback(arrive, indirect=False))
+                session.declare_subscriber(expression, direct(arrive, self._drop))
             except zenoh.ZError as error:
                 msg = f"{expression!r} is no key expression: {error}"
                 raise ConfigError(msg) from error
@@ -129,12 +137,17 @@ class GroundTap:
         tally.received += 1
         tally.check.take(suffix, payload)
 
+    def _drop(self) -> None:
+        with self._lock:
+            self.dropped += 1
+
     def _arrive_without_images(self, sample: zenoh.Sample) -> None:
         if SIMULATED_IMAGES not in str(sample.key_expr):
             self._arrive(sample)
 
     def _arrive(self, sample: zenoh.Sample) -> None:
-        if sample.kind != zenoh.SampleKind.PUT:
+        if sample.kind != zenoh.SampleKind.PUT or heard_vehicle(str(sample.key_expr)) is None:
+            self._drop()
             return
         attachment, info = sample.attachment, sample.source_info
         is_dropped = sample.congestion_control == zenoh.CongestionControl.DROP

@@ -13,7 +13,7 @@ from mkdaemon.errors import LeaseLostError, ManoeuvreError
 from mkdaemon.telemetry.refusals import Token
 
 if TYPE_CHECKING:
-    from mkdaemon.telemetry.control import LeaseGrant, LeaseState
+    from mkdaemon.telemetry.control import HolderGrant, LeaseState
 
 LANDING: Final = 60.0
 """Longest time of a landing [s]; from 2 m it takes about ten."""
@@ -290,7 +290,7 @@ class Leases:
 
     async def take(
         self, *, force: bool = False, ttl: float | None = None, holder: str | None = None, use_remembered: bool = False
-    ) -> LeaseGrant:
+    ) -> HolderGrant:
         """Take the lease without a context: it ends by itself when nothing follows. Arguments as for `uav.lease()`.
 
         The daemon measures the path to this program first, and grants none over a slow one.
@@ -305,7 +305,7 @@ class Leases:
             CommandRejectedError: as `uav.lease()`.
             MkError: no daemon speaks for this vehicle.
         """
-        from mkdaemon.telemetry.control import LeaseGrant
+        from mkdaemon.telemetry.control import HolderGrant
 
         fields: dict[str, Any] = {"action": "take", "holder": holder or client_name(), "force": force}
         if ttl is not None:
@@ -319,7 +319,7 @@ class Leases:
             answer = await self._transport.command("do", "lease", {**fields, **echo})
             if answer.token != Token.SLOW_PATH:
                 break
-        return answer.as_a(LeaseGrant)
+        return answer.as_a(HolderGrant)
 
     async def release(self, epoch: int, secret: str) -> None:
         """Give back a lease that was taken without a context; the aircraft is released.

@@ -9,6 +9,7 @@ from typing import Final
 import zenoh
 
 from mkdaemon.bus.answers import AnswerThread
+from mkdaemon.bus.callbacks import direct
 from mkdaemon.bus.codec import encode, encoding_of, read_command
 from mkdaemon.bus.names import REPLAY
 from mkdaemon.errors import CommandRejectedError
@@ -57,7 +58,7 @@ def answer_controls(session: zenoh.Session, vehicle: str, obey: Callable[[PlayCo
     def on_query(query: zenoh.Query) -> None:
         answers.submit(query, answer)
 
-    handler = zenoh.handlers.Callback(on_query, indirect=False)
+    handler = direct(on_query)
     with session.declare_queryable(key, handler):
         try:
             yield

@@ -12,6 +12,7 @@ from typing import Final
 import zenoh
 
 from mkdaemon.bus.answers import AnswerThread
+from mkdaemon.bus.callbacks import direct
 from mkdaemon.bus.codec import encode, encoding_of, with_age
 from mkdaemon.bus.keys import Use, find
 from mkdaemon.bus.schema import schema_json, schema_names
@@ -68,7 +69,7 @@ class PlayedValues:
             asked()
             answers.submit(query, self._answer)
 
-        handler = zenoh.handlers.Callback(on_query, indirect=False)
+        handler = direct(on_query)
         with ExitStack() as stack:
             stack.callback(answers.close)
             for root in self._roots:

@@ -18,8 +18,9 @@ from typing import Final
 
 import zenoh
 
+from mkdaemon.bus.callbacks import direct
 from mkdaemon.bus.codec import encode, encoding_of
-from mkdaemon.bus.names import REPLAY, ROOT
+from mkdaemon.bus.names import REPLAY, ROOT, heard_vehicle
 from mkdaemon.bus.session import close_session, open_session, session_config
 from mkdaemon.client.playcontrol import answer_controls
 from mkdaemon.client.playedvalues import PlayedValues
@@ -183,7 +184,7 @@ class Player:
             return
         ask = self._session.liveliness().get
         replies = await asyncio.to_thread(lambda: list(ask(f"{ROOT}/*/alive", timeout=LOOK_AROUND)))
-        alive = {str(reply.ok.key_expr).split("/")[1] for reply in replies if reply.ok is not None}
+        alive = {heard_vehicle(str(reply.ok.key_expr)) for reply in replies if reply.ok is not None}
         self._refuse(names & alive)
 
     @contextmanager
@@ -224,7 +225,7 @@ class Player:
         with ExitStack() as stack:
             for root in roots:
                 publisher = stack.enter_context(self._session.declare_publisher(f"{root}/**"))
-                handler = zenoh.handlers.Callback(on_change, indirect=False)
+                handler = direct(on_change)
                 stack.enter_context(publisher.declare_matching_listener(handler))
                 present: zenoh.MatchingStatus = publisher.matching_status  # type: ignore[assignment]  # the stub errs
                 if present.matching:
@@ -414,13 +415,13 @@ class Player:
         names = self._selection.vehicles
 
         def on_token(sample: zenoh.Sample) -> None:
-            name = str(sample.key_expr).split("/")[1]
-            if sample.kind == zenoh.SampleKind.PUT and name in names:
+            name = heard_vehicle(str(sample.key_expr))
+            if sample.kind == zenoh.SampleKind.PUT and name is not None and name in names:
                 with self._turn:
                     self._found.add(name)
                     self._turn.notify()
 
-        handler = zenoh.handlers.Callback(on_token, indirect=False)
+        handler = direct(on_token)
         subscriber = self._session.liveliness().declare_subscriber(f"{ROOT}/*/alive", handler)
         try:
             yield

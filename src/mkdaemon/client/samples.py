@@ -6,7 +6,7 @@ import json
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cache, cached_property, lru_cache
 from typing import TYPE_CHECKING, Any
 
 import msgpack
@@ -43,7 +43,7 @@ class Sample:
     def age(self) -> float | None:
         """Time since the daemon published it, when the query was answered [s]; None for a value that was watched."""
         age = self.fields.get("age")
-        return None if age is None else float(age)
+        return float(age) if isinstance(age, int | float) else None
 
     @cached_property
     def value(self) -> Any:
@@ -52,8 +52,12 @@ class Sample:
         A frame under `rx/` or `tx/` is a `FrameSample` whose `fields` are the typed message.
 
         Raises:
-            ProtocolError: the map does not fit the schema it names.
+            ProtocolError: the map does not fit the schema it names, or its key carries another one.
         """
+        carried = _schema_at(self.suffix)
+        if carried is not None and self.schema != carried:
+            msg = f"{self.suffix} carries {self.schema}, no {carried}; update mkdaemon here or there"
+            raise ProtocolError(msg)
         return typed_value(self.schema, self.fields)
 
 
@@ -65,7 +69,18 @@ def read_payload(encoding: str, raw: bytes) -> dict[str, Any]:
             value = msgpack.unpackb(raw)
         elif "json" in encoding:
             value = json.loads(raw)
-    return value if isinstance(value, dict) else {"value": value}
+    return value if isinstance(value, dict) and all(isinstance(name, str) for name in value) else {"value": value}
+
+
+@lru_cache(maxsize=512)
+def _schema_at(suffix: str) -> str | None:
+    """The one schema that a key carries; None where it carries several, or is not in the table of keys."""
+    from mkdaemon.bus.codec import schema_name
+    from mkdaemon.bus.keys import find
+    from mkdaemon.telemetry.traffic import FrameSample
+
+    spec = find(suffix)
+    return None if spec is None or spec.carries in (None, FrameSample) else schema_name(spec.carries)
 
 
 def typed_value(schema: str | None, fields: dict[str, Any]) -> Any:

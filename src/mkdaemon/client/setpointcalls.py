@@ -27,7 +27,7 @@ class SetpointCalls:
             yaw: Nose left positive [stick].
             throttle: More lift positive [stick from the centre]. Stock firmware takes the smaller of this and the
                 pilot's.
-            ttl: Time after arrival at which it no longer holds [s].
+            ttl: Age at which it no longer holds [s].
 
         Raises:
             LeaseLostError: the lease has ended; says why.
@@ -43,7 +43,7 @@ class SetpointCalls:
             pitch: Nose down positive [rad].
             yaw_rate: Nose left positive [rad/s].
             thrust: Thrust along the body's up axis, as a share of the weight: 1 carries the aircraft when level.
-            ttl: Time after arrival at which it no longer holds [s].
+            ttl: Age at which it no longer holds [s].
 
         Raises:
             LeaseLostError: the lease has ended; says why.
@@ -67,7 +67,7 @@ class SetpointCalls:
             velocity: In the axes of `frame` [m/s].
             frame: What the velocity is given in.
             yaw_rate: Nose left positive [rad/s].
-            ttl: Time after arrival at which it no longer holds [s].
+            ttl: Age at which it no longer holds [s].
 
         Raises:
             LeaseLostError: the lease has ended; says why.
@@ -92,7 +92,7 @@ class SetpointCalls:
             frame: What the position is given in.
             yaw: Heading about the up axis of `frame`, counter-clockwise from its first axis [rad]; None to keep the
                 heading.
-            ttl: Time after arrival at which it no longer holds [s].
+            ttl: Age at which it no longer holds [s].
 
         Raises:
             LeaseLostError: the lease has ended; says why.
@@ -105,7 +105,7 @@ class SetpointCalls:
 
         Args:
             target: Name of the target; empty for the one in sight, which is refused where there are two.
-            ttl: Time after arrival at which it no longer holds [s].
+            ttl: Age at which it no longer holds [s].
 
         Raises:
             LeaseLostError: the lease has ended; says why.
@@ -121,7 +121,7 @@ class SetpointCalls:
         Args:
             target: Name of the target; empty for the one in sight, which is refused where there are two.
             height: Above the target [m]; never above the configured fence.
-            ttl: Time after arrival at which it no longer holds [s].
+            ttl: Age at which it no longer holds [s].
 
         Raises:
             LeaseLostError: the lease has ended; says why.
@@ -137,7 +137,7 @@ class SetpointCalls:
         Args:
             target: Name of the target; empty for the one in sight, which is refused where there are two.
             yaw: Heading about the up axis of the target, counter-clockwise from its first axis [rad]; None to keep it.
-            ttl: Time after arrival at which it no longer holds [s].
+            ttl: Age at which it no longer holds [s].
 
         Raises:
             LeaseLostError: the lease has ended; says why.

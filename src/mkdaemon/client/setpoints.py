@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import time
 from collections.abc import AsyncIterator, Mapping
 from contextlib import suppress
 from functools import cache
@@ -12,13 +13,20 @@ from mkdaemon.client.answers import Answer
 from mkdaemon.client.samples import Sample, typed_value
 from mkdaemon.client.setpointcalls import SetpointCalls
 from mkdaemon.client.transport import SetpointPublisher, Transport
-from mkdaemon.errors import CommandRejectedError, LeaseLostError, ManoeuvreError, MkError, NotEngagedError
+from mkdaemon.errors import (
+    CommandRejectedError,
+    LeaseLostError,
+    ManoeuvreError,
+    MkError,
+    NotEngagedError,
+    ProtocolError,
+)
 from mkdaemon.telemetry.refusals import Status, Token
 
 if TYPE_CHECKING:
     from pydantic import BaseModel
 
-    from mkdaemon.telemetry.control import ControlStatus, LeaseGrant, LeaseState, Outcome
+    from mkdaemon.telemetry.control import ControlStatus, HolderGrant, LeaseState, Outcome
     from mkdaemon.telemetry.event import CommandEvent
 
 RATE: Final = 50.0
@@ -44,6 +52,8 @@ GIVING_BACK: Final = 3.0
 """Longest wait for the answer when the lease is given back [s]; the end of the liveliness token ends it as well."""
 _OF_STRANGERS: Final = frozenset({Token.NOT_HOLDER, Token.BAD_FIELD, Token.MALFORMED})
 """Refusals that no setpoint from here can meet: signed and checked as they are, others send those under our epoch."""
+_OF_THE_WAY: Final = frozenset({Token.SETPOINT_LATE})
+"""Refusals of a network or machine that stood still: the stream goes on, and ends with the lease where it is no use."""
 _OF_THE_END: Final = frozenset({Token.WRONG_EPOCH, Token.NOT_LEASED})
 """Refusals of a lease that has ended; `control/status`, which follows them, says why."""
 
@@ -56,7 +66,7 @@ class Setpoints:
         after_abort: number of the abort that they end; 0 for none.
     """
 
-    def __init__(self, transport: Transport, grant: LeaseGrant) -> None:
+    def __init__(self, transport: Transport, grant: HolderGrant) -> None:
         self.sequence = self.after_abort = 0
         self._transport = transport
         self._grant = grant
@@ -92,7 +102,7 @@ class Setpoints:
             MkError: there is no such kind.
         """
         from mkdaemon.bus.codec import encode, encoding_of
-        from mkdaemon.telemetry.signature import sign
+        from mkdaemon.telemetry.signature import sign, stamped_proof
 
         setpoint = self.check(kind, ttl, fields)
         if kind not in self._publishers:
@@ -100,8 +110,12 @@ class Setpoints:
             self._publishers[kind] = (publisher, encoding_of(type(setpoint)))
         publisher, encoding = self._publishers[kind]
         self.sequence += 1
-        payload = encode(setpoint)
-        publisher.put(payload, encoding=encoding, attachment=sign(self._grant.secret, f"setpoint/{kind}", payload))
+        payload, suffix, secret = encode(setpoint), f"setpoint/{kind}", self._grant.secret
+        is_stamped = self._grant.takes_stamps
+        proof = (
+            stamped_proof(secret, suffix, payload, time.monotonic()) if is_stamped else sign(secret, suffix, payload)
+        )
+        publisher.put(payload, encoding=encoding, attachment=proof)
 
 
 def load_models() -> None:
@@ -136,7 +150,7 @@ class SetpointStream:
         set: sends one setpoint; for programs that stream at their own rate, at least twice a second.
     """
 
-    def __init__(self, transport: Transport, holder: str, grant: LeaseGrant, statuses: AsyncIterator[Sample]) -> None:
+    def __init__(self, transport: Transport, holder: str, grant: HolderGrant, statuses: AsyncIterator[Sample]) -> None:
         self.holder = holder
         self.epoch = grant.epoch
         self._secret = grant.secret
@@ -208,7 +222,7 @@ class SetpointStream:
         Args:
             kind: last word of a key `setpoint/<kind>`.
             fields: of the setpoint, without epoch and sequence.
-            ttl: time after arrival at which it no longer holds [s].
+            ttl: age at which it no longer holds [s].
 
         Raises:
             LeaseLostError: the lease has ended; says why.
@@ -350,15 +364,19 @@ class SetpointStream:
     async def _follow(self) -> None:
         """Learn from `control/status` whether the lease is still held, and which setpoints are refused."""
         async for sample in self._statuses:
+            try:
+                value = sample.value
+            except ProtocolError:  # put there by another program than the daemon
+                continue
             self._received_at = self._loop.time()
             if sample.suffix == "control/status":
-                self._status_arrived(sample.value)
+                self._status_arrived(value)
             else:
-                self._event_arrived(sample.value)
+                self._event_arrived(value)
 
     def _event_arrived(self, event: CommandEvent) -> None:
         is_ours = event.key.startswith("setpoint/") and event.fields.get("epoch") == self.epoch
-        if is_ours and event.token is not None and event.token not in _OF_STRANGERS | _OF_THE_END:
+        if is_ours and event.token is not None and event.token not in _OF_STRANGERS | _OF_THE_END | _OF_THE_WAY:
             self._refusal = Answer(Status.DENIED, {}, event.token, event.reason, event.fix).refusal
 
     def _status_arrived(self, status: ControlStatus) -> None:

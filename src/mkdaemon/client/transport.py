@@ -14,7 +14,8 @@ from typing import Any, Final
 import msgpack
 import zenoh
 
-from mkdaemon.bus.names import ROOT, key, suffix_of
+from mkdaemon.bus.callbacks import direct
+from mkdaemon.bus.names import ROOT, heard_suffix, heard_vehicle, key
 from mkdaemon.client.answers import Answer
 from mkdaemon.client.patterns import require_known
 from mkdaemon.client.samples import Sample, read_payload
@@ -203,7 +204,8 @@ class Transport:
         # Each by its name: access control answers no question that asks for more than it allows.
         asked = [self._session.liveliness().get(f"{ROOT}/*/{token}", timeout=1) for token in ("alive", "playing")]
         replies = await asyncio.to_thread(lambda: [reply for one in asked for reply in one])
-        return sorted({str(reply.ok.key_expr).split("/")[1] for reply in replies if reply.ok is not None})
+        heard = {heard_vehicle(str(reply.ok.key_expr)) for reply in replies if reply.ok is not None}
+        return sorted(name for name in heard if name is not None)
 
     def _key(self, suffix: str) -> str:
         return key(self.vehicle, suffix, self._root)
@@ -247,7 +249,7 @@ class Transport:
             with suppress(RuntimeError):
                 loop.call_soon_threadsafe(finish)
 
-        handler = zenoh.handlers.Callback(on_reply, on_end, indirect=False)
+        handler = direct(on_reply, end=on_end)
         # Every answer, also a second one of the same key: a router would keep only one of two daemons' answers.
         self._session.get(
             zenoh.Selector(self._expression(suffix), dict(parameters)),
@@ -260,11 +262,12 @@ class Transport:
         await done
         if errors and not replies:
             _raise_refusal(errors[0])
-        return [self._sample(reply) for reply in replies]
+        return [sample for reply in replies if (sample := self._sample(reply)) is not None]
 
-    def _sample(self, sample: zenoh.Sample) -> Sample:
-        encoding, raw = str(sample.encoding), sample.payload.to_bytes()
-        return Sample(suffix_of(self.vehicle, str(sample.key_expr), self._root), read_payload(encoding, raw), encoding)
+    def _sample(self, sample: zenoh.Sample) -> Sample | None:
+        """Read what arrived; None where it names no key of this vehicle, or is no value."""
+        suffix = heard_suffix(self.vehicle, str(sample.key_expr), self._root)
+        return None if suffix is None else read_sample(sample, suffix)
 
     async def absence(self) -> str | None:
         """Say that there is no daemon for this vehicle, and what there is; None while there is one."""
@@ -282,6 +285,19 @@ class Transport:
                 f"no daemon for vehicle {self.vehicle} at {self.endpoint}; there is {', '.join(others)}: use --vehicle"
             )
         return f"no daemon at {self.endpoint}: start `mkdaemon run`, or use --connect"
+
+
+def read_sample(sample: zenoh.Sample, suffix: str) -> Sample | None:
+    """Read what arrived at a key; None for a deletion, which is no value.
+
+    Args:
+        sample: as it arrived.
+        suffix: of its key, as the reader is to see it.
+    """
+    if sample.kind != zenoh.SampleKind.PUT:
+        return None
+    encoding = str(sample.encoding)
+    return Sample(suffix, read_payload(encoding, sample.payload.to_bytes()), encoding)
 
 
 def _raise_refusal(error: zenoh.ReplyError) -> None:

@@ -10,6 +10,7 @@ from typing import Final
 
 import zenoh
 
+from mkdaemon.bus.callbacks import direct
 from mkdaemon.client.samples import Sample
 
 BACKLOG: Final = 4096
@@ -49,13 +50,16 @@ class Watch:
     `async for sample in watch` subscribes when the loop begins. `async with watch as samples` subscribes at once, so
     that nothing is missed of what a command sets off, and ends the subscription on leaving. The oldest samples are
     dropped when the reader is that many behind (4096 unless given).
+
+    Attributes:
+        dropped: what arrived and is no value of a key of this vehicle: put to a wildcard, or a deletion.
     """
 
     def __init__(
         self,
         session: zenoh.Session,
         expressions: Sequence[zenoh.KeyExpr],
-        read: Callable[[zenoh.Sample], Sample],
+        read: Callable[[zenoh.Sample], Sample | None],
         handover: Handover,
         backlog: int | None = None,
     ) -> None:
@@ -63,6 +67,7 @@ class Watch:
         self._handover = handover
         self._expressions = expressions
         self._read = read
+        self.dropped = 0
         self._queue: asyncio.Queue[zenoh.Sample] = asyncio.Queue(BACKLOG if backlog is None else backlog)
         self._subscribers: list[zenoh.Subscriber[None]] = []
 
@@ -77,7 +82,7 @@ class Watch:
         def on_sample(sample: zenoh.Sample) -> None:
             handover.arrived(put, sample)
 
-        handler = zenoh.handlers.Callback(on_sample, indirect=False)
+        handler = direct(on_sample, self._drop)
         self._subscribers = [self._session.declare_subscriber(one, handler) for one in self._expressions]
         return self._samples()
 
@@ -97,4 +102,11 @@ class Watch:
 
     async def _samples(self) -> AsyncIterator[Sample]:
         while True:
-            yield self._read(await self._queue.get())
+            sample = self._read(await self._queue.get())
+            if sample is None:
+                self._drop()
+            else:
+                yield sample
+
+    def _drop(self) -> None:
+        self.dropped += 1

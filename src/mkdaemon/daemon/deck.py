@@ -9,9 +9,9 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable
 from dataclasses import fields
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from mkdaemon.bus.codec import Payload, TooLong, check_command, decode_map
+from mkdaemon.bus.codec import Payload, check_command, decode_map
 from mkdaemon.clock import Clock
 from mkdaemon.config.control import ControlConfig
 from mkdaemon.control.actions import (
@@ -126,14 +126,16 @@ class Deck:
 
         Args:
             kind: what the key carries.
-            arrived: [s; monotonic].
+            arrived: when it was sent, by our clock, where that is known; else when it arrived [s; monotonic].
             payload: as it came.
             signed_for: epoch of the lease whose holder signed it, see `signed_for`; None where he did not.
 
         Returns:
             Why it was refused; None where it was taken.
         """
-        fields = {"bytes": payload.size if isinstance(payload, TooLong) else len(payload)}
+        fields: dict[str, Any] = {"bytes": len(payload) if isinstance(payload, bytes) else payload.size}
+        if signed_for is not None:
+            fields["epoch"] = signed_for  # so that the holder knows it for its own
         try:
             fields = decode_map(payload)
             setpoint = check_command(kind, fields)

@@ -27,7 +27,7 @@ from mkdaemon.telemetry.command import (
     RatesRequest,
     ReleaseRequest,
 )
-from mkdaemon.telemetry.control import LeaseGrant, LeaseProbe, ReleaseOutcome, ReleaseReport
+from mkdaemon.telemetry.control import HolderGrant, LeaseGrant, LeaseProbe, ReleaseOutcome, ReleaseReport
 from mkdaemon.telemetry.record import MarkRequest
 from mkdaemon.telemetry.refusals import Status, Token, refuse
 from mkdaemon.telemetry.verbs import VERBS
@@ -95,7 +95,7 @@ class Verbs:
         else:
             lease = await self._flight.lease(request)
         if isinstance(lease, LeaseGrant):
-            lease = lease.model_copy(update={"setpoint_root": self._setpoint_root})
+            lease = HolderGrant(**{**dict(lease), "setpoint_root": self._setpoint_root, "takes_stamps": True})
         # Where nobody holds it there is nothing to describe.
         return CommandResult(status=Status.ACCEPTED) if lease is None else _accepted(lease)
 

@@ -282,6 +282,13 @@ class LeaseGrant(LeaseState):
     """Setpoints are put below it: `<setpoint_root>/stick`. Never published."""
 
 
+class HolderGrant(LeaseGrant):
+    """The same, and what the bus of this daemon knows beyond the flight core, whose answers are recorded."""
+
+    takes_stamps: bool = False
+    """A setpoint may say when it was sent (see Flying by sticks); an older daemon takes no such attachment."""
+
+
 class ControlStatus(Stamped):
     """Authority and what it does: `control/status`, on every change and once a second.
 

@@ -219,6 +219,11 @@ class Token(StrEnum):
         "sequence {sequence} is not after {last}.",
         "Count sequence up from one setpoint to the next.",
     )
+    SETPOINT_LATE = (
+        "setpoint_late",
+        "the setpoint may be too old: {detail}.",
+        "Send fewer, 50 a second are enough, each with its stamp (docs/keys.md, Flying by sticks); or fly from nearer.",
+    )
     SEQUENCE_JUMP = (
         "sequence_jump",
         "sequence {sequence} is more than {limit} after {last}.",

@@ -12,7 +12,7 @@ from mkdaemon.telemetry.base import Command
 
 
 class Setpoint(Command):
-    """What every setpoint carries. The daemon stamps its arrival; clocks of clients are not trusted.
+    """What every setpoint carries. Its age counts from when it was sent, if its proof says when, else from arrival.
 
     Attributes:
         suffix: key it is streamed to, without `mk/<vehicle>/`.
@@ -32,7 +32,7 @@ class Setpoint(Command):
     sequence: int = Field(ge=0)
     """Counts up from one setpoint of an epoch to the next, whatever their kind."""
     ttl: float = Field(gt=0, le=1.0)
-    """Time after arrival at which it no longer holds [s]; the daemon's own limit applies as well."""
+    """Age at which it no longer holds [s]; the daemon's own limit applies as well."""
     after_abort: int = Field(default=0, ge=0)
     """Number of the abort that it ends, as `aborts` of `control/status` counts them: its holder has been told of it and
     flies on. With any other number an aborted flight stays aborted."""

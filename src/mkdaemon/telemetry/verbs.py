@@ -71,7 +71,11 @@ class Verb:
 
 VERBS: Final[tuple[Verb, ...]] = (
     Verb(
-        "lease", "Take, renew, give back or show the lease.", command.LeaseRequest, control.LeaseGrant, has_method=False
+        "lease",
+        "Take, renew, give back or show the lease.",
+        command.LeaseRequest,
+        control.HolderGrant,
+        has_method=False,
     ),
     Verb("release", "Let go of the aircraft now; anyone may.", command.ReleaseRequest, control.ReleaseReport),
     Verb("gains", "The model flown on, its gains and margins.", command.GainsRequest, control.Gains),

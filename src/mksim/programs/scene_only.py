@@ -14,6 +14,7 @@ import structlog
 import zenoh
 from pydantic import ValidationError
 
+from mkdaemon.bus.callbacks import direct
 from mkdaemon.bus.codec import decode_map, first_mistake
 from mkdaemon.clock import Clock
 from mkdaemon.errors import CommandRejectedError, ConfigError
@@ -148,7 +149,7 @@ async def film_poses(config: SimConfig, vehicle: str, expression: str) -> AsyncI
         stream.take(str(sample.encoding), sample.payload.to_bytes())
 
     async def serve(session: zenoh.Session) -> None:
-        handler = zenoh.handlers.Callback(arrived, indirect=False)
+        handler = direct(arrived)
         with publisher.open(session), contextlib.closing(_Subscription(session.declare_subscriber(where, handler))):
             await asyncio.Event().wait()
 

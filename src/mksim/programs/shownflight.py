@@ -18,6 +18,7 @@ import msgpack
 import zenoh
 from pydantic import BaseModel
 
+from mkdaemon.bus.callbacks import direct
 from mkdaemon.bus.codec import encode, encoding_of, with_age
 from mkdaemon.bus.endpoint import reserved_endpoint
 from mkdaemon.bus.names import key
@@ -93,7 +94,7 @@ def _showing(session: zenoh.Session, bus: LocalBus, clock: Clock) -> Iterator[Sh
                 query.reply(whole + known, packed, encoding=encoding_of(type(value)))
 
     with ExitStack() as stack:
-        handler = zenoh.handlers.Callback(on_query, indirect=False)
+        handler = direct(on_query)
         stack.enter_context(session.declare_queryable(f"{whole}**", handler))
         stack.enter_context(session.liveliness().declare_token(f"{whole}alive"))
         yield follow

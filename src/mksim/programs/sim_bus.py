@@ -15,6 +15,7 @@ import structlog
 import zenoh
 from pydantic import BaseModel
 
+from mkdaemon.bus.callbacks import direct
 from mkdaemon.bus.codec import encode, encoding_of, read_command, schema_name, with_age
 from mkdaemon.bus.names import key
 from mkdaemon.clock import Clock
@@ -119,7 +120,7 @@ class SimBus:
         def on_query(query: zenoh.Query) -> None:
             loop.call_soon_threadsafe(self._answer, query)
 
-        handler = zenoh.handlers.Callback(on_query, indirect=False)
+        handler = direct(on_query)
         session.declare_queryable(key(vehicle, "sim/*"), handler)
 
     async def publish(self, rate_hz: float) -> None:

@@ -87,7 +87,7 @@ async def test_another_name_that_leads_here_is_refused():
         assert head.startswith("HTTP/1.1 403 ") and b"the page is at http://127.0.0.1" in content
 
 
-@pytest.mark.parametrize("headers", [{}, {"X_Page": "guessed"}])
+@pytest.mark.parametrize("headers", [{}, {"X_Page": "guessed"}, {"X_Page": "\xe9\xff"}])
 async def test_another_page_cannot_press_a_button(headers):
     async with page() as (stand, _, port):
         head, _ = await ask(port, "/release", "POST", '{"vehicle":"mk1"}', **headers)
@@ -116,6 +116,11 @@ async def test_buttons_do_what_they_say_and_tell_what_came_of_it():
         ("/play", '{"action":"leap"}', 400),
         ("/play", '{"action":"seek","place":"there"}', 400),
         ("/play", '{"action":"speed","speed":"fast"}', 400),
+        ("/play", '{"action":["speed"],"speed":1}', 400),
+        ("/play", '{"action":{"speed":1}}', 400),
+        ("/play", '{"action":"seek","place":' + "9" * 400 + "}", 400),
+        ("/play", '{"action":"seek","place":NaN}', 400),
+        ("/play", '{"action":"speed","speed":-Infinity}', 400),
         ("/arm", "{}", 404),
         ("/release", '{"vehicle":"' + "x" * 5000 + '"}', 413),
     ],

@@ -224,5 +224,6 @@ def _value(sample: Sample) -> Any:
 
 def _moment(sample: Sample) -> tuple[str, float]:
     """Name of the clock and time of a stamp [s]."""
-    stamp = sample.fields.get("stamp", {})
-    return stamp.get("boot", ""), stamp.get("monotonic", 0.0)
+    stamp = sample.fields.get("stamp")
+    boot, at = (stamp.get("boot", ""), stamp.get("monotonic", 0.0)) if isinstance(stamp, dict) else ("", 0.0)
+    return str(boot), float(at) if isinstance(at, int | float) else 0.0

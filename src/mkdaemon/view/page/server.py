@@ -27,6 +27,8 @@ ROOM: Final = 65_536
 """What waits in a connection before its page is given nothing more [bytes]."""
 STUCK: Final = 20.0
 """A page that takes nothing for so long is disconnected [s]; it connects again when it lives."""
+LARGEST: Final = 1e9
+"""Of a speed or a place that a page asks for; 30 years [s]."""
 _FILES: Final = {
     "/": ("index.html", "text/html; charset=utf-8"),
     "/page.js": ("page.js", "text/javascript; charset=utf-8"),
@@ -141,7 +143,8 @@ class PageServer:
         if request.headers.get("host") not in self._hosts:
             raise BadRequestError(HTTPStatus.FORBIDDEN, f"the page is at {self.address}")
         if request.method == "POST":
-            if not secrets.compare_digest(request.headers.get("x-page", ""), self._token):
+            # As bytes: it compares no text that is not ASCII.
+            if not secrets.compare_digest(request.headers.get("x-page", "").encode(), self._token.encode()):
                 raise BadRequestError(HTTPStatus.FORBIDDEN, "only the page itself may ask; load it again")
         elif request.method != "GET":
             raise BadRequestError(HTTPStatus.METHOD_NOT_ALLOWED, "GET or POST")
@@ -219,9 +222,10 @@ def _play_action(fields: dict[str, Any]) -> PlayAction:
     Raises:
         BadRequestError: it is nothing that a player does.
     """
-    if fields.get("action") not in set(PlayAction):
-        raise BadRequestError(HTTPStatus.BAD_REQUEST, f"action: {', '.join(PlayAction)}")
-    return PlayAction(fields["action"])
+    try:
+        return PlayAction(str(fields.get("action")))
+    except ValueError:
+        raise BadRequestError(HTTPStatus.BAD_REQUEST, f"action: {', '.join(PlayAction)}") from None
 
 
 def _play_numbers(fields: dict[str, Any]) -> dict[str, float]:
@@ -231,6 +235,6 @@ def _play_numbers(fields: dict[str, Any]) -> dict[str, float]:
         BadRequestError: one is no number.
     """
     found = {name: fields[name] for name in ("speed", "place") if name in fields}
-    if not all(isinstance(number, int | float) for number in found.values()):
+    if not all(isinstance(number, int | float) and abs(number) <= LARGEST for number in found.values()):
         raise BadRequestError(HTTPStatus.BAD_REQUEST, "speed and place are numbers")
     return {name: float(number) for name, number in found.items()}

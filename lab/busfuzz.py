@@ -1,0 +1,259 @@
+"""`python -m lab fuzz --bus`: a stranger puts, deletes, asks and shows tokens under every kind of key expression.
+
+Real time: `mkdaemon run` as a process before simulated boards, and beside it programs that subscribe: `mkctl watch`,
+`mkctl record`, `mkctl view` and the gateways. None may end or write a traceback, and the daemon must go on answering.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import signal
+import sys
+import tempfile
+import time
+from collections import Counter
+from collections.abc import AsyncIterator, Sequence
+from contextlib import AsyncExitStack, asynccontextmanager, suppress
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any, Final
+
+import zenoh
+
+from lab.fuzz import LONGEST_SILENCE, LOOK_PERIOD, Nonsense
+from lab.rigs.processes import PROGRAM, START, VEHICLE, connected, daemon_process
+from mkdaemon.bus.codec import encoding_of
+from mkdaemon.bus.endpoint import reserved_endpoint
+from mkdaemon.bus.keys import KEYS
+from mkdaemon.bus.session import session_config
+from mkdaemon.client import Vehicle
+from mkdaemon.telemetry.refusals import Token
+from mksim.config import PilotPlan, SimConfig
+from mksim.runtime import Runtime
+from mksim.simulation import Simulation
+
+AT_ONCE: Final = 20
+"""Pieces of nonsense between two pauses."""
+PAUSE: Final = 0.01
+"""After these [s]: about 1,000 a second, where the machine has time."""
+SETTLING: Final = 2.0
+"""For what is under way at the end [s]."""
+MOST_GROWTH_MB: Final = 24.0
+"""Of the daemon's memory [MiB]: what waits for answers is bounded to 8, and last values of the boards come in."""
+ENDING: Final = 30.0
+"""Longest end of a reader [s]."""
+MKCTL: Final = ("-m", "mkdaemon.cli.mkctl.app")
+_CHUNKS: Final = ("*", "**", "@x", "mk", "mk1", VEHICLE, "setpoint", "do", "stick", "client", "alive", "a" * 200, "ü")
+_ENDS: Final = ("mk/**", "**", "*/**", "mk/*/**", "mk/*/setpoint/*", f"mk/{VEHICLE}/**", f"mk/{VEHICLE}/setpoint/**")
+_ENCODINGS: Final = (
+    "",
+    "application/msgpack",
+    "application/json",
+    "text/plain;ä",
+    "application/msgpack;mk.",
+    "x" * 200,
+)
+"""Zenoh 1.10 panics in the sender of one that is longer than 255 bytes."""
+_PROOFS: Final = (None, b"", bytes(32), bytes(40), bytes(33), bytes(400))
+_SPARED: Final = frozenset({"do/release", "do/abort", "do/cancel"})
+"""Requests that would rightly do something although they say nothing."""
+_PARAMETERS: Final = ("", "?past=nan", "?past=1e400;ahead=-1", "?_time=[..]", "?a=b;a=c;;=", "?" + "x" * 500)
+
+
+@dataclass
+class BusFindings:
+    """What a run showed.
+
+    Attributes:
+        count: how much nonsense was sent.
+        sent: by kind.
+        malformed: that Zenoh itself did not send.
+        seconds: how long it took.
+        silences: looks at which the link's health was too old, or not told.
+        growth_mb: of the daemon's memory, most at any time against the beginning.
+        tracebacks: by program.
+        ended: programs that ended by themselves.
+        exit_code: of the daemon's end by SIGTERM.
+    """
+
+    count: int
+    sent: Counter[str] = field(default_factory=Counter)
+    malformed: int = 0
+    seconds: float = 0.0
+    silences: int = 0
+    growth_mb: float = 0.0
+    tracebacks: Counter[str] = field(default_factory=Counter)
+    ended: list[str] = field(default_factory=list)
+    exit_code: int = 0
+
+    @property
+    def holds(self) -> bool:
+        """Whether nothing went wrong."""
+        wrong = (self.silences, self.tracebacks.total(), self.ended, self.exit_code)
+        return not any(wrong) and self.growth_mb <= MOST_GROWTH_MB
+
+
+class BusStranger:
+    """Sends nonsense through a session of its own."""
+
+    def __init__(self, endpoint: str, nonsense: Nonsense, findings: BusFindings) -> None:
+        self._nonsense, self._findings = nonsense, findings
+        self._session = zenoh.open(session_config("client", connect=[endpoint]))
+        self._tokens: list[zenoh.LivelinessToken] = []
+        models = [encoding_of(spec.carries) for spec in KEYS if spec.carries is not None]
+        self._encodings = (*_ENCODINGS, *dict.fromkeys(models))
+
+    def close(self) -> None:
+        """End the session."""
+        self._session.close()  # type: ignore[no-untyped-call]
+
+    def strike(self) -> None:
+        """Send one piece, unless Zenoh knows better."""
+        rng = self._nonsense.rng
+        kind, (where, payload) = rng.choice(("put", "put", "put", "delete", "get", "token")), self._place()
+        try:
+            if kind == "put":
+                more: dict[str, Any] = {"encoding": rng.choice(self._encodings), "attachment": rng.choice(_PROOFS)}
+                if rng.random() < 0.3:
+                    at = datetime.fromtimestamp(rng.choice((0, 1, 2**31, 4e9)), UTC)
+                    more["timestamp"] = zenoh.Timestamp(at, bytes([1]) * 16)
+                self._session.put(where, payload, **more)
+            elif kind == "delete":
+                self._session.delete(where)
+            elif kind == "get":
+                asked = where + rng.choice(_PARAMETERS)
+                handler: zenoh.handlers.Callback[zenoh.Reply] = zenoh.handlers.Callback(
+                    lambda reply: None, lambda: None, indirect=False
+                )
+                self._session.get(asked, handler, payload=payload, attachment=rng.choice(_PROOFS), timeout=5)
+            else:
+                self._tokens.append(self._session.liveliness().declare_token(where))
+                if len(self._tokens) > 8:
+                    self._tokens.pop(rng.randrange(8)).undeclare()  # type: ignore[no-untyped-call]
+        except (zenoh.ZError, ValueError):
+            self._findings.malformed += 1
+        self._findings.sent[kind] += 1
+
+    def _place(self) -> tuple[str, bytes]:
+        """A key expression, and what is sent there."""
+        rng, nonsense = self._nonsense.rng, self._nonsense
+        kind = rng.randrange(4)
+        if kind == 0:
+            return rng.choice(_ENDS), nonsense.payload(("stamp", "epoch"))
+        if kind == 1:
+            chunks = [rng.choice(_CHUNKS) for _ in range(rng.randrange(1, 7))]
+            return "/".join(chunks), nonsense.payload(("stamp", "epoch"))
+        spec = rng.choice([spec for spec in KEYS if spec.suffix not in _SPARED])
+        names = () if spec.carries is None else tuple(spec.carries.model_fields)
+        suffix = spec.pattern.replace("*", rng.choice(("fc", "nc", "*", "x", "**", "@y")))
+        payload = b"" if rng.random() < 0.2 else nonsense.payload(names)
+        return f"mk/{VEHICLE if kind == 2 else rng.choice(_CHUNKS)}/{suffix}", payload
+
+
+def readers(endpoint: str, folder: Path) -> dict[str, tuple[str, ...]]:
+    """Programs that subscribe, as a user starts them, by name: what Python runs."""
+    whose = ("--connect", endpoint, "--vehicle", VEHICLE)
+    found = {
+        "watch": (*MKCTL, "watch", "**", *whose),
+        "record": (*MKCTL, "record", "--folder", str(folder / "ground"), *whose),
+        "view": (*MKCTL, "view", "--port", "0", "--no-browser", *whose),
+        "mavlink": (*PROGRAM, "gateway", "mavlink", "--link", "udpout:127.0.0.1:9", *whose),
+        "foxglove": (*PROGRAM, "gateway", "foxglove", "--port", "0", *whose),
+    }
+    needs = {"mavlink": "pymavlink", "foxglove": "websockets"}
+    return {name: words for name, words in found.items() if name not in needs or find_spec(needs[name]) is not None}
+
+
+@asynccontextmanager
+async def _reading(name: str, words: Sequence[str], findings: BusFindings, folder: Path) -> AsyncIterator[None]:
+    """Run a reader while the context lasts, and judge it."""
+    errors = folder / f"{name}.err"
+    with errors.open("wb") as file:
+        process = await asyncio.create_subprocess_exec(
+            sys.executable, *words, stdout=asyncio.subprocess.DEVNULL, stderr=file, start_new_session=True
+        )
+        try:
+            yield
+        finally:
+            if process.returncode is not None:
+                findings.ended.append(f"{name}: exit code {process.returncode}")
+            with suppress(ProcessLookupError):
+                process.send_signal(signal.SIGINT)
+            with suppress(TimeoutError):
+                async with asyncio.timeout(ENDING):
+                    await process.wait()
+            with suppress(ProcessLookupError):
+                process.kill()
+            await process.wait()
+    said = errors.read_text(encoding="utf-8", errors="replace")
+    if "Traceback" in said:
+        findings.tracebacks[name] += said.count("Traceback")
+        print(f"{name}: {said[-4000:]}", file=sys.stderr)
+
+
+async def _health_is_late(client: Vehicle) -> bool:
+    try:
+        health = await client.get("link/health")
+    except Exception as error:  # noqa: BLE001
+        if getattr(error, "token", None) == Token.BUSY:
+            return False  # it lives, and says that it has too much to do
+        print(f"an honest client: {type(error).__name__}: {error}", file=sys.stderr)
+        return True
+    return health is None or health.age is None or health.age > LONGEST_SILENCE
+
+
+async def fuzz_bus(count: int, seed: int, *, only: Sequence[str] | None = None) -> BusFindings:
+    """Run a daemon and its readers, and send nonsense.
+
+    Args:
+        count: puts, deletions, queries and tokens.
+        seed: of the nonsense.
+        only: names of the readers that run; all by default.
+
+    Raises:
+        TimeoutError: the daemon did not come up.
+    """
+    findings = BusFindings(count)
+    plan = SimConfig.model_validate({"pilot_plan": PilotPlan.NOTHING, "calibrated": True, "seed": seed})
+    with reserved_endpoint() as port, tempfile.TemporaryDirectory() as name:
+        where, folder = port.removeprefix("tcp/"), Path(name)
+        async with (
+            Runtime(Simulation(plan), listen=where).serve(),
+            daemon_process(f"tcp:{where}", folder) as daemon,
+            connected(daemon.endpoint, patience=START) as client,
+            AsyncExitStack() as stack,
+        ):
+            for reader, words in readers(daemon.endpoint, folder).items():
+                if only is None or reader in only:
+                    await stack.enter_async_context(_reading(reader, words, findings, folder))
+            await asyncio.sleep(SETTLING)
+            before = daemon.resident_mb()
+            await _send(daemon.endpoint, client, Nonsense(seed), findings)
+            findings.growth_mb = round(daemon.most_resident_mb() - before, 1)
+            await stack.aclose()
+            findings.exit_code = await daemon.end(signal.SIGTERM)
+            if "Traceback" in daemon.errors:
+                findings.tracebacks["daemon"] += daemon.errors.count("Traceback")
+                print(daemon.errors[-5000:], file=sys.stderr)
+    return findings
+
+
+async def _send(endpoint: str, client: Vehicle, nonsense: Nonsense, findings: BusFindings) -> None:
+    """Send it all, and look at the daemon now and then."""
+    stranger, began, next_look = BusStranger(endpoint, nonsense, findings), time.monotonic(), 0.0
+    for number in range(findings.count):
+        stranger.strike()
+        if number % AT_ONCE:
+            continue
+        await asyncio.sleep(PAUSE)
+        elapsed = time.monotonic() - began
+        if elapsed >= next_look:
+            next_look = elapsed + LOOK_PERIOD
+            findings.silences += await _health_is_late(client)
+            print(f"{elapsed:4.0f} s: {dict(findings.sent)}", file=sys.stderr)
+    await asyncio.sleep(SETTLING)
+    findings.seconds = round(time.monotonic() - began, 1)
+    findings.silences += await _health_is_late(client)
+    await asyncio.to_thread(stranger.close)
