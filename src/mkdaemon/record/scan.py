@@ -94,7 +94,7 @@ def read_metadata(content: bytes) -> tuple[str, dict[str, str]] | None:
         return None
 
 
-MOST_CHUNK_BYTES: Final = 1 << 27
+MOST_CHUNK_BYTES: Final = 1 << 26
 """Largest chunk read [bytes]; ours hold 1 MB and a message, some programs put a whole file into one."""
 _MISFIT: Final = f"it is cut off, or longer than {MOST_CHUNK_BYTES >> 20} MiB (mcap compress writes small ones)"
 _PRIVATE: Final = 0x80
@@ -434,6 +434,7 @@ def _decompress(stored: bytes, size: int) -> bytes:
 
 def _decompress_lz4(stored: bytes, size: int) -> bytes:
     try:
-        return bytes(lz4.frame.LZ4FrameDecompressor().decompress(stored, max_length=size + 1))
+        content: bytes = lz4.frame.LZ4FrameDecompressor().decompress(stored, max_length=size + 1)
+        return content
     except RuntimeError as error:
         raise ValueError(str(error)) from error
