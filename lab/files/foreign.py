@@ -77,11 +77,11 @@ def _mission(count: int, notes: int) -> Callable[[Path], str]:
     """A mission has so many points that are flown to, and so many notes at least."""
 
     def fault(path: Path) -> str:
-        told: list[str] = []
-        found = read_mission(path, altitude=10.0, tell=told.append)
+        found_notes: list[str] = []
+        found = read_mission(path, altitude=10.0, notify=found_notes.append)
         flown = sum(point.kind is not PointKind.POI for point in found.points)
-        if flown != count or len(told) < notes:
-            return f"{flown} of {count} points, {len(told)} of {notes} notes"
+        if flown != count or len(found_notes) < notes:
+            return f"{flown} of {count} points, {len(found_notes)} of {notes} notes"
         return ""
 
     return fault

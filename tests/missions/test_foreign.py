@@ -81,14 +81,14 @@ LIST = (
 def test_a_list_of_mission_planner_is_read_without_home(tmp_path: Path, suffix: str) -> None:
     path, told = tmp_path / f"list{suffix}", list[str]()
     path.write_text("\ufeff" + LIST)
-    points = read_mission(path, tell=told.append).points
+    points = read_mission(path, notify=told.append).points
     assert [(p.latitude_deg, p.altitude, p.hold, p.speed, p.heading_deg) for p in points] == [
         (53.1, 20.0, 2, 4.5, None), (53.2, 25.0, 0, 4.5, None),
     ]  # fmt: skip
     assert told == [f"{path}:2: home is not flown to"]
 
 
-def test_a_list_with_a_command_nobody_flies_names_its_line() -> None:
+def test_a_list_with_a_command_that_is_not_flown_names_its_line() -> None:
     with pytest.raises(ConfigError, match=r"^a\.waypoints:4: .*command 177 \(jump\)"):
         FORMATS[".waypoints"].read(LIST.replace("3\t16\t2", "3\t177\t2"), "a.waypoints")
     with pytest.raises(ConfigError, match=r"^a\.waypoints:4: 11 cells in place of 12"):
@@ -114,7 +114,7 @@ def test_points_in_a_multigeometry_are_read_and_what_is_left_out_is_told(tmp_pat
     with zipfile.ZipFile(path, "w") as packed:
         packed.writestr("files/other.kml", kml(LEG))
         packed.writestr("doc.kml", kml(f"{grouped}<Placemark>{mark(8.3)}</Placemark>{BOX}"))
-    assert [p.longitude_deg for p in read_mission(path, tell=told.append).points] == [8.1, 8.2, 8.3]
+    assert [p.longitude_deg for p in read_mission(path, notify=told.append).points] == [8.1, 8.2, 8.3]
     assert told == [f"{path}: left out: beside the mission, polygons: 1"]
 
 

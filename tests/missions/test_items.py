@@ -77,10 +77,10 @@ def test_a_changed_parameter_changes_the_mission_or_is_refused_or_told(
         steps = {"latitude_deg": 1e-6, "longitude_deg": 1e-6, "altitude": 1e-3}
         close = abs(value - (VALID[command][index] or 0)) <= steps.get(param.field, 1.0)
         assert not same or close or value in {*param.nothing, 0.0, 1.0, 3.0}
-    elif param.otherwise is Otherwise.TOLD and value not in (0.0, *param.nothing) and not math.isnan(value):
+    elif param.otherwise is Otherwise.NOTED and value not in (0.0, *param.nothing) and not math.isnan(value):
         assert any(param.word in note for note in found.notes)
     elif param.otherwise is not Otherwise.NOTHING:
-        assert value in param.nothing or math.isnan(value) or param.otherwise is Otherwise.TOLD
+        assert value in param.nothing or math.isnan(value) or param.otherwise is Otherwise.NOTED
 
 
 def test_speeds_of_climb_and_descent_are_rates_of_climb_of_what_follows() -> None:

@@ -55,7 +55,7 @@ def read_mission(
     *,
     start_elevation: float | None = None,
     altitude: float | None = None,
-    tell: Callable[[str], None] = log.warning,
+    notify: Callable[[str], None] = log.warning,
 ) -> Mission:
     """Read a mission from a file of any known format; altitudes become heights above the start.
 
@@ -63,7 +63,7 @@ def read_mission(
         path: the file; its suffix tells the format.
         start_elevation: elevation of the starting place above mean sea level [m], for files with such altitudes.
         altitude: put every point at this height above the start [m].
-        tell: is given one line for everything in the file that the mission leaves out.
+        notify: is given one line for everything in the file that the mission leaves out.
 
     Raises:
         ConfigError: the file cannot be read or used; one line naming file, line and fix.
@@ -79,7 +79,7 @@ def read_mission(
         raise ConfigError(msg) from error
     draft = chosen.read(text, str(path))
     for note in draft.notes:
-        tell(note if note.startswith(str(path)) else f"{path}: left out: {note}")
+        notify(note if note.startswith(str(path)) else f"{path}: left out: {note}")
     return draft.settled(str(path), start_elevation=start_elevation, altitude=altitude)
 
 

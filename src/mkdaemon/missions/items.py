@@ -37,7 +37,7 @@ class Otherwise(StrEnum):
 
     REFUSED = "refused"
     """The item is refused."""
-    TOLD = "told"
+    NOTED = "noted"
     """The item is read without it, and a note says so."""
     NOTHING = "nothing"
     """It means nothing: MAVLink has no such parameter, or only for aircraft that cannot stand in the air."""
@@ -164,7 +164,7 @@ COMMANDS: Final[Mapping[int, Command]] = {
         (
             Param("distance", "photo_distance"),
             Param("shutter", nothing=(-1.0, 0.0), why="the camera decides"),
-            Param("picture at once", otherwise=Otherwise.TOLD, why="the first picture comes after the first distance"),
+            Param("picture at once", otherwise=Otherwise.NOTED, why="the first picture comes after the first distance"),
             Param("camera", why="a MikroKopter has one camera"),
             *_ONE_SHAPE,
         ),
@@ -275,7 +275,7 @@ def checked(place: Place, command: Any, frame: Any, params: Sequence[Any], autop
         says = value is not None and value not in param.nothing
         if says and not param.field and param.otherwise is Otherwise.REFUSED:
             raise _refusal(place, command, index, param, value)
-        if says and param.otherwise is Otherwise.TOLD:
+        if says and param.otherwise is Otherwise.NOTED:
             notes.append(f"{param.word} {value:g} of {spec.word} is left out: {param.why}")
         values.append(value if says and param.field else None)
     return Item(command, frame, tuple(values), tuple(notes), place)

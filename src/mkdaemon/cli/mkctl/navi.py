@@ -11,7 +11,7 @@ from cyclopts import App, Parameter
 from mkdaemon.cli.arguments import require_length
 from mkdaemon.cli.mkctl.connection import HERE, Connection
 from mkdaemon.cli.mkctl.flightshow import print_end, require_finite
-from mkdaemon.cli.mkctl.waypoints import tell
+from mkdaemon.cli.mkctl.waypoints import notify
 from mkdaemon.errors import ConfigError
 from mkdaemon.missions import read_mission
 
@@ -100,7 +100,7 @@ async def route(
     """
     _require(patience, confirm=confirm)
     mission = (
-        None if file is None else read_mission(file, start_elevation=start_elevation, altitude=altitude, tell=tell)
+        None if file is None else read_mission(file, start_elevation=start_elevation, altitude=altitude, notify=notify)
     )
     async with connection.open() as uav:
         source = "" if file is None else str(file)

@@ -47,7 +47,7 @@ async def upload(
 
     Example: mkctl waypoints upload survey.plan --altitude 10
     """
-    mission = read_mission(file, start_elevation=start_elevation, altitude=altitude, tell=tell)
+    mission = read_mission(file, start_elevation=start_elevation, altitude=altitude, notify=notify)
     async with connection.open() as uav, showing_progress(uav, "upload", quiet=connection.json) as report:
         done = await uav.waypoints.upload(
             mission.points, source=str(file), in_flight=in_flight, allow_unusual=allow_unusual, on_progress=report
@@ -90,7 +90,7 @@ async def verify(
 
     Example: mkctl waypoints verify survey.plan --altitude 10
     """
-    mission = read_mission(file, start_elevation=start_elevation, altitude=altitude, tell=tell)
+    mission = read_mission(file, start_elevation=start_elevation, altitude=altitude, notify=notify)
     async with connection.open() as uav, showing_progress(uav, "verify", quiet=connection.json) as report:
         found = await uav.waypoints.verify(mission.points, on_progress=report)
     text = "\n".join(found.differences)
@@ -126,14 +126,14 @@ def convert(
 
     Example: mkctl waypoints convert survey.plan survey.toml
     """
-    mission = read_mission(source, start_elevation=start_elevation, altitude=altitude, tell=tell)
+    mission = read_mission(source, start_elevation=start_elevation, altitude=altitude, notify=notify)
     lost = write_mission(mission, target, overwrite=force)
     _warn(target, lost)
     count = len(mission.points)
     _print_result(connection, f"{count} points written to {target}", count=count, file=str(target), lost=lost)
 
 
-def tell(note: str) -> None:
+def notify(note: str) -> None:
     """Say on standard error what a mission leaves out of its file."""
     print(f"mkctl: {note}", file=sys.stderr)
 
