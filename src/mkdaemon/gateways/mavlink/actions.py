@@ -8,7 +8,6 @@ stock firmware by nothing else.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from typing import Final
 
 from mkdaemon.client import Vehicle
@@ -23,6 +22,7 @@ from mkdaemon.gateways.mavlink.steering import By, Order, Steering
 from mkdaemon.protocol import Board
 from mkdaemon.protocol.messages import ArmMotors
 from mkdaemon.telemetry.control import ControlEstimate
+from mkdaemon.telemetry.navi import ControlNavi
 from mkdaemon.telemetry.state import Flight, Position
 
 TAKE_OFF_HEIGHT: Final = 2.0
@@ -37,9 +37,7 @@ _PILOTS: Final = "the pilot turns his GPS switch to coming home: nothing on the 
 class Actions:
     """Commands that fly, or look as if they would."""
 
-    def __init__(
-        self, uav: Vehicle, picture: Picture, steering: Steering, hands: HandControl, clear_route: Callable[[], None]
-    ) -> None:
+    def __init__(self, uav: Vehicle, picture: Picture, steering: Steering, hands: HandControl) -> None:
         """Act for ground stations.
 
         Args:
@@ -47,10 +45,8 @@ class Actions:
             picture: what is known of it.
             steering: flies.
             hands: the setpoints that ground stations stream.
-            clear_route: told when the NaviCtrl's list was emptied from here.
         """
         self._uav, self._picture, self._steering, self._hands = uav, picture, steering, hands
-        self._clear_route = clear_route
 
     def table(self) -> dict[int, Handler]:
         """Handlers by the number of the command."""
@@ -146,14 +142,17 @@ class Actions:
         ground = self._picture.ground
         return None if ground is None else height - ground
 
-    async def return_home(self, _: Asked) -> Answered:
-        """NAV_RETURN_TO_LAUNCH: the list is emptied, so that the pilot's switch flies home."""
+    async def return_home(self, asked: Asked) -> Answered:
+        """NAV_RETURN_TO_LAUNCH: the pilot's switch flies home, where the NaviCtrl holds no list that it would fly."""
         if self._steering.order is not None:
-            self._steering.give_back()
+            self._steering.give_back(By(asked.station, asked.program))
             return accepted(f"the aircraft is given back to the pilot; {_PILOTS}, home")
-        await self._uav.route.end(confirm=True)
-        self._clear_route()
-        return accepted(f"the list is empty; {_PILOTS}, home")
+        navi = self._picture.get(ControlNavi, math.inf)  # it comes on change
+        if navi is None:
+            return denied("whether the NaviCtrl holds a list, which the same switch would fly, is not known")
+        if navi.waypoints:
+            return denied(f"the NaviCtrl holds {navi.waypoints} points, which the same switch flies: clear the mission")
+        return accepted(f"{_PILOTS}, home")
 
     async def start_mission(self, _: Asked) -> Answered:
         """MISSION_START: the list is made ready for the pilot's switch."""
@@ -220,7 +219,7 @@ class Actions:
             return accepted()
         if mode is Mode.STABILIZED:
             if self._steering.order is not None:
-                self._steering.give_back()
+                self._steering.give_back(by)
                 return accepted("the aircraft is given back to the pilot")
             return accepted()
         if mode is Mode.OFFBOARD:

@@ -16,6 +16,8 @@ from typing import Final
 from mkdaemon.gateways.mavlink.dialect import COMPONENT, Message, mavlink
 
 _HEADER = {0xFE: 6, 0xFD: 10}
+MAGIC: Final = frozenset(_HEADER)
+"""First byte of a frame of MAVLink 1 and 2."""
 _SIGNED: Final = 1
 _SIGNATURE: Final = 13
 _EPOCH: Final = 1_420_070_400
@@ -164,7 +166,7 @@ class Decoder:
         """The message of a frame; None where it is none, or its signature is missing or wrong."""
         try:
             message = self._mav.decode(bytearray(frame))
-        except mavlink.MAVError:
+        except (mavlink.MAVError, ValueError, struct.error):  # the last two by a field that pymavlink cannot unpack
             self.counts.bad += 1
             return None
         if message.get_msgId() < 0:  # a message nobody knows; its checksum cannot be proven
