@@ -1,7 +1,7 @@
 """QGroundControl plans (`.plan`): JSON with one MAVLink command for each mission item.
 
-Commands a MikroKopter point can express are read: waypoint, timed loiter, land, speed, region of interest, camera tilt
-and camera distance. Any other is refused by name, because dropping it would fly another mission.
+What a MikroKopter point can express is read (`missions.items` has the table), anything else is refused by name,
+because dropping it would fly another mission.
 Sources: QGroundControl developer guide, "Plan file format"; MAVLink common message set, `MAV_CMD`.
 """
 
@@ -9,30 +9,39 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from mkdaemon.errors import ConfigError
+from mkdaemon.missions import items as table
+from mkdaemon.missions.items import (
+    ARDUPILOT,
+    CAMERA_DISTANCE,
+    CHANGE_SPEED,
+    FRAMES,
+    GENERIC,
+    LAND,
+    MOUNT_CONTROL,
+    NO_FRAME,
+    RELATIVE_FRAME,
+    ROI_LOCATION,
+    ROI_NONE,
+    WAYPOINT,
+    Item,
+    checked,
+)
 from mkdaemon.missions.source import AltitudeReference, MissionDraft, Place, assemble, require_few
 from mkdaemon.reading import parse_json
 from mkdaemon.telemetry.mission import AUTOMATIC_CAMERA, Mission, MissionPoint, PointKind
 
-_WAYPOINT, _LOITER_TIME, _LAND = 16, 19, 21
-_CHANGE_SPEED, _ROI_LOCATION, _ROI_NONE, _ROI = 178, 195, 197, 201
-_MOUNT_CONTROL, _CAMERA_DISTANCE = 205, 206
-_NAMES = {17: "loiter", 18: "loiter turns", 20: "return to launch", 22: "take-off", 93: "delay", 177: "jump"}
-COMMANDS = frozenset(
-    {
-        *(_WAYPOINT, _LOITER_TIME, _LAND, _CHANGE_SPEED, _ROI_LOCATION, _ROI_NONE, _ROI),
-        *(_MOUNT_CONTROL, _CAMERA_DISTANCE),
-    }
-)
-"""Commands that are read."""
-_FRAMES = {0: AltitudeReference.SEA_LEVEL, 3: AltitudeReference.START}
-_RELATIVE_FRAME, _NO_FRAME = 3, 2
 _SAME_SPEED, _DEFAULT_SPEED = -1, -2
 """Speeds of `MAV_CMD_DO_CHANGE_SPEED` that mean "no change" and "the vehicle's own" (0 in a point)."""
+_AIRSPEED, _GROUND_SPEED, _CLIMB_SPEED, _DESCENT_SPEED = 0, 1, 2, 3
+_ROI_MODE_NONE, _ROI_MODE_LOCATION = 0, 3
+_CLIMB = MissionPoint.model_fields["climb"].default
+_SLOWEST = 0.1
+"""Slowest speed that a point on the wire has [m/s]; 0 there means the fastest."""
 _ITEMS = re.compile(r'"items"\s*:\s*\[')
 
 
@@ -40,12 +49,22 @@ _ITEMS = re.compile(r'"items"\s*:\s*\[')
 class _Reading:
     """What earlier items have set for the points that follow."""
 
+    autopilot: int
     points: list[MissionPoint] = field(default_factory=list)
+    origins: list[int] = field(default_factory=list)
     references: set[AltitudeReference] = field(default_factory=set)
+    notes: list[str] = field(default_factory=list)
     speed: float = 0.0
+    climb: float = _CLIMB
+    descent: float = _CLIMB
     poi: int | None = None
     camera_angle_deg: int = 0
     photo_distance: int = 0
+
+    def climb_to(self, altitude: float) -> float:
+        """Rate of climb or descent towards a height, from the point before; the first point lies above the start."""
+        before = next((point.altitude for point in reversed(self.points) if point.kind is not PointKind.POI), 0.0)
+        return self.descent if altitude < before else self.climb
 
 
 def read(text: str, name: str) -> MissionDraft:
@@ -66,31 +85,48 @@ def read(text: str, name: str) -> MissionDraft:
     if not isinstance(items, list):
         raise Place(name, 1).wrong("the plan holds no mission", "add waypoints and save it again")
     require_few(name, len(items))
-    return draft_of(items, (Place(name, line) for line in _lines(text, len(items))))
+    firmware = mission.get("firmwareType") if isinstance(mission, dict) else None
+    places = (Place(name, line) for line in _lines(text, len(items)))
+    draft = draft_of(items, places, firmware if isinstance(firmware, int) else GENERIC)
+    return replace(draft, notes=(*_beside(plan), *draft.notes))
 
 
-def draft_of(items: Sequence[Any], places: Iterable[Place]) -> MissionDraft:
+def _beside(plan: dict[str, Any]) -> Iterator[str]:
+    """What a plan holds beside its mission."""
+    for key, lists, what in (
+        ("geoFence", ("circles", "polygons"), "geofence"),
+        ("rallyPoints", ("points",), "rally points"),
+    ):
+        held = plan.get(key)
+        if isinstance(held, dict) and any(held.get(name) for name in lists):
+            yield f"the {what} of the plan: a NaviCtrl has none"
+
+
+def draft_of(items: Sequence[Any], places: Iterable[Place], autopilot: int = GENERIC) -> MissionDraft:
     """Read mission items, each a map as a plan has it.
 
     Args:
-        items: `type`, `command`, `frame` and seven `params`, of which None is one that is not given.
+        items: `type`, `command`, `frame`, seven `params`, of which None is one that is not given, and `autoContinue`.
         places: of the items, for messages.
+        autopilot: of `MAV_AUTOPILOT`: whose reading of the items counts.
 
     Raises:
         ConfigError: no item, one that a MikroKopter cannot fly, or a wrong value; names its place and the fix.
     """
-    reading = _Reading()
+    reading = _Reading(autopilot)
     first = Place("mission", 1)
     for number, (place, item) in enumerate(zip(places, items, strict=True)):
         first = place if number == 0 else first
         _take(place, item, reading)
+        reading.origins += [number] * (len(reading.points) - len(reading.origins))
     if len(reading.references) > 1:
         raise first.wrong("altitudes are partly relative, partly above sea level", "choose relative for all")
-    return MissionDraft(assemble(first.name, reading.points), *reading.references)
+    mission = assemble(first.name, reading.points)
+    return MissionDraft(mission, *reading.references, notes=tuple(reading.notes), origins=tuple(reading.origins))
 
 
 def write(mission: Mission) -> str:
-    """Return the mission as a plan; events, names and rates of climb, which plans cannot express, are left out.
+    """Return the mission as a plan; events and names, which plans cannot express, are left out.
 
     Raises:
         ConfigError: a fail-safe point, which a plan would fly to.
@@ -127,7 +163,8 @@ def items_of(mission: Mission) -> list[tuple[dict[str, Any], int | None]]:
     """
     items: list[dict[str, Any]] = []
     flown: dict[int, int] = {}
-    speed, poi, photo, tilt = 0.0, None, 0, 0
+    speed, poi, photo, tilt, height = 0.0, None, 0, 0, 0.0
+    climbs = {_CLIMB_SPEED: _CLIMB, _DESCENT_SPEED: _CLIMB}
     for number, point in enumerate(mission.points, 1):
         if point.kind is PointKind.POI:
             continue
@@ -135,21 +172,26 @@ def items_of(mission: Mission) -> list[tuple[dict[str, Any], int | None]]:
             msg = f"point {number} is a fail-safe point, which a plan would fly to; choose .gpx, .kml, .csv or .wpl"
             raise ConfigError(msg)
         if point.speed != speed:
-            items.append(_item(items, _CHANGE_SPEED, [1, point.speed or _DEFAULT_SPEED, -1, 0, 0, 0, 0], _NO_FRAME))
+            items.append(_speed(items, _GROUND_SPEED, point.speed or _DEFAULT_SPEED))
+        rate = _DESCENT_SPEED if point.altitude < height else _CLIMB_SPEED
+        if point.climb != climbs[rate] and point.climb:
+            items.append(_speed(items, rate, point.climb))
+            climbs[rate] = point.climb
         if point.poi != poi:
             items.append(_roi(items, mission.points[point.poi - 1] if point.poi else None))
         if point.photo_distance != photo:
-            items.append(_item(items, _CAMERA_DISTANCE, [point.photo_distance, 0, 0, 0, 0, 0, 0], _NO_FRAME))
+            items.append(_item(items, CAMERA_DISTANCE, [point.photo_distance, 0, 0, 0, 0, 0, 0], NO_FRAME))
         if point.camera_angle_deg not in (tilt, AUTOMATIC_CAMERA):
-            items.append(_item(items, _MOUNT_CONTROL, [-point.camera_angle_deg, 0, 0, 0, 0, 0, 2], _NO_FRAME))
-        speed, poi, photo, tilt = point.speed, point.poi, point.photo_distance, point.camera_angle_deg
+            items.append(_item(items, MOUNT_CONTROL, [-point.camera_angle_deg, 0, 0, 0, 0, 0, 2], NO_FRAME))
+        speed, poi, photo, height = point.speed, point.poi, point.photo_distance, point.altitude
+        tilt = tilt if point.camera_angle_deg == AUTOMATIC_CAMERA else point.camera_angle_deg
         place = [point.latitude_deg, point.longitude_deg, point.altitude]
         flown[len(items)] = number
         if point.kind is PointKind.LAND:
-            items.append(_item(items, _LAND, [0, 0, 0, point.heading_deg, *place], _RELATIVE_FRAME))
+            items.append(_item(items, LAND, [0, 0, 0, point.heading_deg, *place], RELATIVE_FRAME))
         else:
             values = [point.hold, point.radius, 0, point.heading_deg, *place]
-            items.append(_item(items, _WAYPOINT, values, _RELATIVE_FRAME))
+            items.append(_item(items, WAYPOINT, values, RELATIVE_FRAME))
     return [(item, flown.get(index)) for index, item in enumerate(items)]
 
 
@@ -164,11 +206,15 @@ def _item(items: list[dict[str, Any]], command: int, params: list[Any], frame: i
     }
 
 
+def _speed(items: list[dict[str, Any]], kind: int, speed: float) -> dict[str, Any]:
+    return _item(items, CHANGE_SPEED, [kind, speed, -1, 0, 0, 0, 0], NO_FRAME)
+
+
 def _roi(items: list[dict[str, Any]], poi: MissionPoint | None) -> dict[str, Any]:
     if poi is None:
-        return _item(items, _ROI_NONE, [0, 0, 0, 0, 0, 0, 0], _NO_FRAME)
+        return _item(items, ROI_NONE, [0, 0, 0, 0, 0, 0, 0], NO_FRAME)
     place = [poi.latitude_deg, poi.longitude_deg, poi.altitude]
-    return _item(items, _ROI_LOCATION, [0, 0, 0, 0, *place], _RELATIVE_FRAME)
+    return _item(items, ROI_LOCATION, [0, 0, 0, 0, *place], RELATIVE_FRAME)
 
 
 def _lines(text: str, count: int) -> list[int]:
@@ -192,62 +238,117 @@ def _take(place: Place, item: Any, reading: _Reading) -> None:
     params = item.get("params")
     if not isinstance(params, list) or len(params) != 7:
         raise place.wrong("an item needs 7 params", "save the plan again")
-    command = item.get("command")
-    if command in (_WAYPOINT, _LOITER_TIME, _LAND):
-        _take_point(place, item, command, params, reading)
-    elif command == _CHANGE_SPEED:
-        speed = _value(place, "speed", params[1])
-        reading.speed = reading.speed if speed == _SAME_SPEED else max(speed, 0.0)
-    elif command in (_ROI_LOCATION, _ROI):
-        reading.points.append(_position(place, item, params, reading, kind=PointKind.POI))
-        reading.poi = len(reading.points)
-    elif command == _ROI_NONE:
-        reading.poi = None
-    elif command == _MOUNT_CONTROL:
-        reading.camera_angle_deg = round(abs(_value(place, "camera pitch", params[0])))
-    elif command == _CAMERA_DISTANCE:
-        reading.photo_distance = round(_value(place, "camera distance", params[0]))
-    else:
-        known = _NAMES.get(command, "") if isinstance(command, int) else ""
-        raise place.wrong(
-            f"MikroKopter points cannot express command {command}{f' ({known})' if known else ''}",
-            "remove the item: take-off, return and landing are flown by the pilot or mkctl",
-        )
+    # ArduPilot does not read autoContinue, and the programs written for it leave it at 0.
+    if item.get("autoContinue", True) in (False, 0) and reading.autopilot != ARDUPILOT:
+        raise place.wrong("the mission is to wait here (autoContinue)", "give the waypoint a hold time of up to 255 s")
+    found = checked(place, item.get("command"), item.get("frame"), params, reading.autopilot)
+    reading.notes += (f"{place.name}:{place.line}: {note}" for note in found.notes)
+    match found.command:
+        case table.WAYPOINT | table.LOITER_TIME | table.LAND:
+            _take_point(found, reading)
+        case table.TAKEOFF:
+            _take_take_off(found, reading)
+        case table.CHANGE_SPEED:
+            _take_speed(found, reading)
+        case table.ROI_LOCATION | table.ROI:
+            _take_region(found, reading)
+        case table.ROI_NONE:
+            reading.poi = None
+        case table.MOUNT_CONTROL:
+            angle = -round(found.needed(0))
+            if not 0 <= angle < AUTOMATIC_CAMERA:
+                raise found.refused(0)
+            reading.camera_angle_deg = angle
+        case table.CAMERA_DISTANCE:
+            reading.photo_distance = _at_least_one(found, 0)
 
 
-def _take_point(place: Place, item: dict[str, Any], command: int, params: list[Any], reading: _Reading) -> None:
-    heading = params[3]
+def _take_point(item: Item, reading: _Reading) -> None:
+    is_land = item.command == table.LAND
     fields: dict[str, Any] = {
-        "kind": PointKind.LAND if command == _LAND else PointKind.WAYPOINT,
+        "kind": PointKind.LAND if is_land else PointKind.WAYPOINT,
         "speed": reading.speed,
         "poi": reading.poi,
         "camera_angle_deg": reading.camera_angle_deg,
         "photo_distance": reading.photo_distance,
     }
-    if command != _LAND:
-        fields["hold"] = round(_value(place, "hold time", params[0] or 0))
-    if command == _WAYPOINT and params[1]:
-        fields["radius"] = round(_value(place, "acceptance radius", params[1]))
-    if heading is not None and reading.poi is None:
+    if item.command in (table.WAYPOINT, table.LOITER_TIME):
+        fields["hold"] = _at_least_one(item, 0)
+    if item.command == table.WAYPOINT and item.values[1] is not None:
+        fields["radius"] = _at_least_one(item, 1)
+    if item.values[3] is not None and reading.poi is None:
         # A plan's 0 is north, but a MikroKopter's 0 keeps the heading: north is 360 there.
-        fields["heading_deg"] = round(_value(place, "yaw", heading)) % 360 or 360
-    reading.points.append(_position(place, item, params, reading, **fields))
+        fields["heading_deg"] = round(item.values[3]) % 360 or 360
+    reading.points.append(_position(item, reading, **fields))
 
 
-def _position(place: Place, item: dict[str, Any], params: list[Any], reading: _Reading, **fields: Any) -> MissionPoint:
-    frame = item.get("frame")
-    if frame not in _FRAMES:
-        raise place.wrong(f"altitude frame {frame} is not supported", "set the altitude mode to relative")
-    reading.references.add(_FRAMES[frame])
-    return place.point(
-        latitude_deg=_value(place, "latitude", params[4]),
-        longitude_deg=_value(place, "longitude", params[5]),
-        altitude=_value(place, "altitude", params[6]),
-        **fields,
-    )
+def _take_take_off(item: Item, reading: _Reading) -> None:
+    """The pilot or a client takes off: what a list can keep of it is the place and the height to fly to first."""
+    if reading.points:
+        raise item.place.wrong("a take-off after the first point cannot be flown", "remove the item")
+    what = "a NaviCtrl's list begins in the air: take off by hand or with mkctl takeoff"
+    if item.has_place:
+        _take_point(item, reading)
+        reading.notes.append(f"{item.place.name}:{item.place.line}: take-off is read as a waypoint: {what}")
+    else:
+        reading.notes.append(f"{item.place.name}:{item.place.line}: take-off without a place is left out: {what}")
 
 
-def _value(place: Place, word: str, value: Any) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise place.wrong(f"{word} is {value!r}, no number", "save the plan again")
-    return float(value)
+def _take_speed(item: Item, reading: _Reading) -> None:
+    kind, speed = item.needed(0), item.values[1]
+    is_ground = kind == _GROUND_SPEED or (kind == _AIRSPEED and reading.autopilot == ARDUPILOT)
+    if not is_ground and kind not in (_CLIMB_SPEED, _DESCENT_SPEED):
+        raise item.refused(0)
+    if speed is None:
+        return
+    if speed != _DEFAULT_SPEED and speed < _SLOWEST:
+        raise item.refused(1)
+    if is_ground:
+        reading.speed = max(speed, 0.0)
+        return
+    rate = _CLIMB if speed == _DEFAULT_SPEED else speed
+    if kind == _CLIMB_SPEED:
+        reading.climb = rate
+    else:
+        reading.descent = rate
+
+
+def _take_region(item: Item, reading: _Reading) -> None:
+    is_ardupilot = reading.autopilot == ARDUPILOT
+    if item.command == table.ROI:
+        mode = item.needed(0)
+        if mode not in (_ROI_MODE_NONE, _ROI_MODE_LOCATION):
+            raise item.refused(0)
+        if mode == _ROI_MODE_NONE and not (is_ardupilot and item.has_place):
+            reading.poi = None
+            return
+    if is_ardupilot and not item.has_place:
+        reading.poi = None
+        return
+    reading.points.append(_position(item, reading, kind=PointKind.POI))
+    reading.poi = len(reading.points)
+
+
+def _at_least_one(item: Item, index: int) -> int:
+    """A whole number that a fraction above 0 does not make 0.
+
+    Raises:
+        ConfigError: it is negative.
+    """
+    value = item.values[index] or 0.0
+    if value < 0.0:
+        raise item.refused(index)
+    return max(round(value), 1) if value else 0
+
+
+def _position(item: Item, reading: _Reading, **fields: Any) -> MissionPoint:
+    reference = FRAMES.get(item.frame) if isinstance(item.frame, int) else None
+    if reference is None:
+        raise item.place.wrong(f"altitude frame {item.frame} is not supported", "set the altitude mode to relative")
+    latitude, longitude, altitude = item.needed(4), item.needed(5), item.needed(6)
+    if not item.has_place:
+        raise item.place.wrong("the place is 0 N 0 E, which programs write for none", "give the item a place")
+    reading.references.add(reference)
+    if fields["kind"] is not PointKind.POI:
+        fields["climb"] = reading.climb_to(altitude)
+    return item.place.point(latitude_deg=latitude, longitude_deg=longitude, altitude=altitude, **fields)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import unicodedata
 from dataclasses import dataclass
 from enum import StrEnum
@@ -34,10 +35,14 @@ class MissionDraft:
     Attributes:
         mission: points; `altitude` is measured from `reference` [m].
         reference: what the altitudes are measured from.
+        notes: what the file holds beside the mission and is left out, each in words.
+        origins: of items, for each point the number of the item it was made of, from 0.
     """
 
     mission: Mission
     reference: AltitudeReference = AltitudeReference.START
+    notes: tuple[str, ...] = ()
+    origins: tuple[int, ...] = ()
 
     def settled(self, name: str, *, start_elevation: float | None = None, altitude: float | None = None) -> Mission:
         """Return the mission with altitudes above the starting place.
@@ -91,13 +96,36 @@ class Place:
         """Read a decimal number.
 
         Raises:
-            ConfigError: it is absent or no number.
+            ConfigError: it is absent or no finite number.
         """
         try:
-            return float(text or "")
+            if "_" in (text or ""):  # Python's own reading of 1_5 is 15
+                raise ValueError
+            value = float(text or "")
         except ValueError:
             shown = "is missing" if text is None or not text.strip() else f"is {text.strip()!r}, no number"
             raise self.wrong(f"{word} {shown}", "write a decimal number such as 48.137") from None
+        if not math.isfinite(value):
+            raise self.wrong(f"{word} is {(text or '').strip()!r}, no finite number", "write a decimal number")
+        return value
+
+    def given(self, word: str, value: Any) -> float | None:
+        """A number of a document; None where it is not given, which NaN says too.
+
+        Raises:
+            ConfigError: it is no number, or infinite.
+        """
+        if value is None or (isinstance(value, float) and math.isnan(value)):
+            return None
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise self.wrong(f"{word} is {value!r}, no number", "save the mission again")
+        try:
+            number = float(value)
+        except OverflowError:
+            number = math.inf
+        if math.isinf(number):
+            raise self.wrong(f"{word} is infinite", "correct the value")
+        return number
 
     def whole(self, word: str, text: str | None) -> int:
         """Read a whole number; a fraction of zero ("3.0") is one too.
@@ -106,7 +134,7 @@ class Place:
             ConfigError: it is absent or not whole.
         """
         value = self.number(word, text)
-        if value != value or value in (float("inf"), float("-inf")) or value != int(value):
+        if value != int(value):
             raise self.wrong(f"{word} is {(text or '').strip()}", "write a whole number")
         return int(value)
 

@@ -7,7 +7,7 @@ from pymavlink.dialects.v20 import all as mavlink
 
 from mkdaemon.gateways.mavlink import actions, missions, parameters
 from mkdaemon.gateways.mavlink.faults import Faults
-from mkdaemon.gateways.mavlink.modes import Mode
+from mkdaemon.gateways.mavlink.modes import Mode, Numbering
 from mkdaemon.telemetry.control import Phase
 from mkdaemon.telemetry.refusals import Token
 from tests.gateways.mavlink.rig import (
@@ -271,3 +271,20 @@ async def test_heights_have_one_reference_whatever_the_gps_drifts():
             await beat(ears, 2.5, arrive)
             place, home = ears.named("GLOBAL_POSITION_INT")[-1], ears.named("HOME_POSITION")[-1]
             assert place.alt - home.altitude == place.relative_alt
+
+
+@virtually
+async def test_a_link_for_qgroundcontrol_calls_itself_px4_and_reads_its_buttons():
+    """QGroundControl offers no take-off, landing or go-to for a GENERIC autopilot (`FirmwarePlugin.h`, `isCapable`)."""
+    vehicle = FakeVehicle()
+    async with serving(vehicle) as gateway:
+        ears = Ears(gateway, Numbering.AS_PX4)
+        nan = float("nan")
+        ground = gateway.picture.ground
+        ears.command(22, -1, 0, 0, nan, nan, nan, ground + 3.0)
+        await beat(ears, 1.0)
+        assert ears.named("HEARTBEAT")[-1].autopilot == mavlink.MAV_AUTOPILOT_PX4
+        assert ears.acks[-1] == (22, ACCEPTED) and vehicle.setpoints[-1][2]["height"] == pytest.approx(3.0)
+        ears.command(192, -1, 1, 0, nan, nan, nan, nan)
+        await beat(ears, 1.0)
+        assert ears.acks[-1] == (192, ACCEPTED) and vehicle.setpoints[-1][1] == "hold"

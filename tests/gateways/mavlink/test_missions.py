@@ -144,14 +144,14 @@ async def test_items_of_old_are_taken():
 @pytest.mark.parametrize(
     ("items", "result", "words"),
     [
-        ([item(0, 22), item(1)], UNSUPPORTED, "item 0: MikroKopter points cannot express command 22 (take-off)"),
+        ([item(0), item(1, 22)], INVALID, "item 1: a take-off after the first point cannot be flown"),
         (
             [item(0), item(1, 20)],
             UNSUPPORTED,
             "item 1: MikroKopter points cannot express command 20 (return to launch)",
         ),
         ([item(0), item(1, frame=10)], FRAME, "item 1: frame 10 cannot be flown"),
-        ([item(0, z=NAN)], INVALID, "item 0: altitude is None"),
+        ([item(0, z=NAN)], INVALID, "item 0: altitude is not given"),
         ([item(0, params=(999.0, 0, 0, NAN))], INVALID, "item 0: hold is 999"),
         ([item(0, frame=6), item(1, frame=5)], INVALID, "altitudes are partly relative"),
         ([item(0, x=2_000_000_000)], INVALID, "item 0: latitude_deg is 200"),

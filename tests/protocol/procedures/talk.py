@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator
 from typing import TypeVar
 
 from mkdaemon.protocol.flags import PositionStatus
+from mkdaemon.protocol.framing import padded_length
 from mkdaemon.protocol.messages import (
     Settings,
     SettingsRequest,
@@ -46,6 +47,11 @@ def drive(
             assert 0 <= step.done <= step.total
 
 
+def received(payload: bytes) -> bytes:
+    """A payload as the line delivers it: padded."""
+    return payload.ljust(padded_length(len(payload)), b"\0")
+
+
 class NaviCtrl:
     """The waypoint list of a NaviCtrl 0.24, as its answers show it."""
 
@@ -74,12 +80,14 @@ class NaviCtrl:
 
 
 class FlightCtrl:
-    """The parameter sets of a FlightCtrl 2.12a: reading loads, writing activates."""
+    """The parameter sets of a FlightCtrl, 2.12a where nothing else is said: reading loads, writing activates."""
 
-    def __init__(self, active: int = 3, size: int = 144) -> None:
+    def __init__(self, active: int = 3, size: int = 144, revision: int = 106) -> None:
+        self.revision, self.size = revision, size
         self.sets = {
-            slot: bytes([106, slot] + [(slot * 7 + n) & 0xFF for n in range(size - 2)]) for slot in range(1, 6)
+            slot: bytes([revision, slot] + [(slot * 7 + n) & 0xFF for n in range(size - 2)]) for slot in range(1, 6)
         }
+        self.release = (2, 12)
         self.active = active
         self.live = self.sets[active]
         self.motors_running = False
@@ -87,15 +95,15 @@ class FlightCtrl:
 
     def __call__(self, request: WireMessage) -> Reply:
         if isinstance(request, VersionRequest):
-            return VersionFc210.decode(bytes((2, 12, 11, 0xBA, 0, 0, 0, 22, 103, 1)))
+            return VersionFc210.decode(bytes((*self.release, 11, 0xBA, 0, 0, 0, 22, 103, 1)))
         if isinstance(request, SettingsRequest):
             index = self.active if request.index == 255 else request.index
             self.live = self.sets[index]
-            return Settings(index=index, parameters=self.live + bytes(2))
+            return Settings.decode(received(bytes([index]) + self.live))
         if isinstance(request, WriteSettings):
-            if self.motors_running or request.parameters[0] != 106:
+            if self.motors_running or request.parameters[0] != self.revision:
                 return SettingsWritten(index=0)
-            self.sets[request.index] = self.live = self.rule(request.parameters[:144])
+            self.sets[request.index] = self.live = self.rule(request.parameters[: self.size])
             self.active = request.index
             return SettingsWritten(index=request.index)
         return None

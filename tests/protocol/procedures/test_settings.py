@@ -8,10 +8,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mkdaemon.errors import CommandRejectedError, MkError, RequestTimeoutError
+from mkdaemon.protocol.framing import Frame, FrameDecoder, encode_frame
+from mkdaemon.protocol.generations import FC_GENERATIONS
 from mkdaemon.protocol.messages import Settings, SettingsRequest, WriteSettings
 from mkdaemon.protocol.procedures import Patience
-from mkdaemon.protocol.procedures.live_set import differing
+from mkdaemon.protocol.procedures.live_set import differing, pad_set, write_set
 from mkdaemon.protocol.procedures.settings_slots import backup_settings, restore_settings
+from mkdaemon.protocol.settings import known_revisions, layout_of
 from mkdaemon.protocol.wire import WireMessage
 
 from .talk import FlightCtrl, Reply, drive, losing
@@ -277,3 +280,27 @@ def test_a_board_that_stores_something_else_each_time_is_told_as_it_is() -> None
 
     done = drive(restore_settings({3: wanted}, PATIENCE), talk)
     assert differing(wanted, done.stored[3]) == (62,)
+
+
+@pytest.mark.parametrize("revision", known_revisions())
+@given(data=st.data())
+def test_every_revision_is_written_read_back_and_restored(revision: int, data: st.DataObject) -> None:
+    layout = layout_of(revision)
+    assert layout is not None
+    board = FlightCtrl(active=2, size=layout.size, revision=revision)
+    first, before = board.sets[1], dict(board.sets)
+    # A set may also come padded, as the line delivers it.
+    wanted = bytes([revision]) + data.draw(st.binary(min_size=layout.size - 1, max_size=layout.size - 1))
+    given = data.draw(st.sampled_from([wanted, pad_set(wanted)]))
+    stored = drive(write_set(1, pad_set(given), PATIENCE), board)
+    assert (differing(wanted, stored), board.sets[1]) == ((), wanted)
+    wire = encode_frame(1, "s", WriteSettings(index=1, parameters=pad_set(wanted)).encode())
+    [heard] = [item for item in FrameDecoder().feed(wire) if isinstance(item, Frame)]
+    assert WriteSettings.decode(heard.payload).parameters == pad_set(wanted)
+    generation = next((g for g in FC_GENERATIONS if revision in g.revisions), None)
+    if generation is None:
+        return
+    board.release = generation.since
+    assert drive(restore_settings({1: first}, PATIENCE), board).written in ((1,), ())
+    assert board.sets == before
+    assert board.live == first

@@ -16,7 +16,7 @@ from mkdaemon.gateways.mavlink.commands import LOCAL_FRAMES, Answered, Asked, Ha
 from mkdaemon.gateways.mavlink.dialect import mavlink
 from mkdaemon.gateways.mavlink.frames import compass_from_yaw, ned_from_enu, offset_enu, wrapped
 from mkdaemon.gateways.mavlink.handcontrol import HandControl
-from mkdaemon.gateways.mavlink.modes import Mode, is_armed, mode_of_custom, mode_of_numbers, mode_of_standard
+from mkdaemon.gateways.mavlink.modes import Mode, Numbering, is_armed, mode_of_custom, mode_of_numbers, mode_of_standard
 from mkdaemon.gateways.mavlink.picture import Picture
 from mkdaemon.gateways.mavlink.steering import By, Order, Steering
 from mkdaemon.protocol import Board
@@ -73,8 +73,12 @@ class Actions:
 
     async def take_off(self, asked: Asked) -> Answered:
         """NAV_TAKEOFF: by the daemon over the target, when the pilot has started the motors."""
-        height = asked.number(7) or TAKE_OFF_HEIGHT
-        if asked.frame in _ABOVE_SEA:
+        given = asked.number(7)
+        height = given or TAKE_OFF_HEIGHT
+        is_above_sea = asked.frame in _ABOVE_SEA or (
+            asked.frame is None and asked.station.numbering is Numbering.AS_PX4  # so PX4 reads a COMMAND_LONG
+        )
+        if given and is_above_sea:
             ground = self._picture.ground
             if ground is None:
                 return denied("the height of the ground above the sea is not known: give the height above home")
@@ -110,6 +114,8 @@ class Actions:
             heading = asked.number(4)
             yaw = None if heading is None else compass_from_yaw(heading)
             return await self._fly(asked, "position", {"position": place, "frame": "pad", "yaw": yaw}, "")
+        if all(asked.number(index) is None for index in (5, 6, 7)):  # how QGroundControl pauses a PX4
+            return await self.hold(asked)
         return await self._reposition_on_globe(asked)
 
     async def _reposition_on_globe(self, asked: Asked) -> Answered:

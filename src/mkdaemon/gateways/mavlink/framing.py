@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from mkdaemon.gateways.mavlink.dialect import COMPONENT, Message, mavlink
+from mkdaemon.gateways.mavlink.signingtimes import SigningTimes
 
 _HEADER = {0xFE: 6, 0xFD: 10}
 MAGIC: Final = frozenset(_HEADER)
@@ -61,9 +62,15 @@ class Signing:
         key: 32 bytes.
     """
 
-    def __init__(self, key: bytes) -> None:
+    def __init__(self, key: bytes, times: SigningTimes | None = None) -> None:
+        """Sign and check.
+
+        Args:
+            key: 32 bytes.
+            times: newest time of each stream, from the run before; None to begin without.
+        """
         self.key = key
-        self._newest: dict[tuple[int, int, int], int] = {}
+        self._newest = SigningTimes() if times is None else times
 
     def is_right(self, frame: bytes, wall: float) -> bool:
         """Whether a signed frame of MAVLink 2 has a right signature, and is newer than the last of its stream.
@@ -83,7 +90,7 @@ class Signing:
                 return False
         elif stamp <= newest:
             return False
-        self._newest[stream] = stamp
+        self._newest.put(stream, stamp)
         return True
 
 

@@ -12,19 +12,21 @@ from typing import Any, Final
 
 from mkdaemon.errors import ConfigError
 from mkdaemon.gateways.mavlink.dialect import NAN, Message, mavlink
+from mkdaemon.missions import items as table
 from mkdaemon.missions import qgc
-from mkdaemon.missions.source import Place
-from mkdaemon.telemetry.mission import Mission, MissionPoint
+from mkdaemon.missions.source import AltitudeReference, Place
+from mkdaemon.telemetry.mission import Mission, MissionPoint, PointKind
 
 _PLAIN: Final = {
     int(mavlink.MAV_FRAME_GLOBAL_INT): int(mavlink.MAV_FRAME_GLOBAL),
     int(mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT): int(mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT),
 }
 """Frames that mean the same as one of a plan."""
-_GLOBAL: Final = frozenset({int(mavlink.MAV_FRAME_GLOBAL), int(mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT)})
-_PLACED: Final = frozenset({16, 19, 21, 195, 201})
+_PLACED: Final = frozenset(number for number, row in table.COMMANDS.items() if row.params[4].field)
 """Commands that have a place."""
 _E7: Final = 1e7
+_NOT_GIVEN: Final = 0x7FFF_FFFF
+"""A coordinate that is not given."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,30 +84,36 @@ def item_from(message: Message) -> Item:
 
 
 def _scaled(degrees: float) -> int:
-    return round(degrees * _E7) if math.isfinite(degrees) and abs(degrees) <= 180.0 else 0x7FFF_FFFF
+    return round(degrees * _E7) if math.isfinite(degrees) and abs(degrees) <= 180.0 else _NOT_GIVEN
 
 
-def mission_of(items: Sequence[Item], ground: float | None, first: int = 0) -> Mission | Refused:
+def mission_of(
+    items: Sequence[Item], ground: float | None, first: int = 0, autopilot: int = table.GENERIC
+) -> tuple[Mission, tuple[str, ...]] | Refused:
     """The mission of some items.
 
     Args:
         items: as they came.
         ground: height of home above the sea; None where it is not known [m].
         first: number of the first of them, for messages.
+        autopilot: of `MAV_AUTOPILOT`: whose reading of the items counts.
 
     Returns:
-        The mission, heights above home, or why there is none.
+        The mission, heights above home, with what is left out of it in words; or why there is none.
     """
     for number, item in enumerate(items, first):
-        if item.command not in qgc.COMMANDS:
+        if item.command not in table.COMMANDS:
             result, what = mavlink.MAV_MISSION_UNSUPPORTED, _unsupported(item, number)
             return Refused(int(result), what)
-        if item.command in _PLACED and _PLAIN.get(item.frame, item.frame) not in _GLOBAL:
+        if item.command in _PLACED and item.frame not in table.FRAMES:
             what = f"item {number}: frame {item.frame} cannot be flown; set heights relative to home"
             return Refused(int(mavlink.MAV_MISSION_UNSUPPORTED_FRAME), what)
     try:
-        draft = qgc.draft_of([_plan_item(item) for item in items], _places(len(items), first))
-        return draft.settled("mission", start_elevation=ground)
+        draft = qgc.draft_of([_plan_item(item) for item in items], _places(len(items), first), autopilot)
+        if ground is None and draft.reference is AltitudeReference.SEA_LEVEL:
+            what = "heights are above the sea, and that of home is not known; set heights relative to home"
+            return Refused(int(mavlink.MAV_MISSION_UNSUPPORTED_FRAME), what)
+        return draft.settled("mission", start_elevation=ground), draft.notes
     except ConfigError as error:
         return Refused(int(mavlink.MAV_MISSION_INVALID), str(error).replace("item:", "item "))
 
@@ -123,11 +131,13 @@ def _places(count: int, first: int) -> Iterable[Place]:
 
 
 def _plan_item(item: Item) -> dict[str, Any]:
-    numbers = (*item.params, item.x / _E7, item.y / _E7, item.z)
+    place = (math.nan if number == _NOT_GIVEN else number / _E7 for number in (item.x, item.y))
+    numbers = (*item.params, *place, item.z)
     return {
         "type": "SimpleItem",
         "command": item.command,
         "frame": _PLAIN.get(item.frame, item.frame),
+        "autoContinue": bool(item.autocontinue),
         "params": [number if math.isfinite(number) else None for number in numbers],
     }
 
@@ -151,13 +161,19 @@ class Held:
         return self.flown.index(point) if point in self.flown else None
 
 
-def held_from(points: Sequence[MissionPoint], digest: str, items: Sequence[Item] | None = None) -> Held:
+def held_from(
+    points: Sequence[MissionPoint],
+    digest: str,
+    items: Sequence[Item] | None = None,
+    autopilot: int = table.GENERIC,
+) -> Held:
     """What is sent of a list.
 
     Args:
         points: of the list.
         digest: of the list.
         items: those it was uploaded as; None to make them of the points.
+        autopilot: of `MAV_AUTOPILOT`: whose reading of the items counted.
 
     Raises:
         ConfigError: a point that no item says, as a fail-safe point.
@@ -168,18 +184,13 @@ def held_from(points: Sequence[MissionPoint], digest: str, items: Sequence[Item]
     flown = tuple(point for _, point in made)
     if items is None:
         return Held(tuple(_item_of(item, index == 0) for index, (item, _) in enumerate(made)), digest, flown)
-    return Held(tuple(items), digest, tuple(_flown(items, points)))
-
-
-def _flown(items: Sequence[Item], points: Sequence[MissionPoint]) -> Iterable[int | None]:
-    """The points that uploaded items fly to: points follow the items that have a place, in order."""
-    number = 0
-    for item in items:
-        if item.command not in _PLACED:
-            yield None
-            continue
-        number += 1
-        yield number if number <= len(points) and item.command in {16, 19, 21} else None
+    draft = qgc.draft_of([_plan_item(item) for item in items], _places(len(items), 0), autopilot)
+    made_of = {
+        index: number
+        for number, index in enumerate(draft.origins, 1)
+        if draft.mission.points[number - 1].kind is not PointKind.POI
+    }
+    return Held(tuple(items), digest, tuple(made_of.get(index) for index in range(len(items))))
 
 
 def _item_of(item: dict[str, Any], is_first: bool) -> Item:

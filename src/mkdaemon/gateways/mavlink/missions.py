@@ -21,7 +21,8 @@ from mkdaemon.gateways.mavlink.missionitems import Held, Item, Refused, held_fro
 from mkdaemon.gateways.mavlink.modes import Numbering
 from mkdaemon.gateways.mavlink.picture import Picture
 from mkdaemon.gateways.mavlink.stations import Program, Station
-from mkdaemon.gateways.mavlink.texts import Notify, words_of
+from mkdaemon.gateways.mavlink.texts import INFO, Notify, words_of
+from mkdaemon.missions.items import ARDUPILOT, GENERIC
 from mkdaemon.telemetry.mission import Mission, MissionEvent
 from mkdaemon.telemetry.navi import ControlNavi, NaviStage
 from mkdaemon.telemetry.refusals import Token
@@ -77,6 +78,11 @@ class Upload:
     def is_from(self, station: Station, program: Program) -> bool:
         """Whether a message belongs to it."""
         return self.station is station and self.program == program
+
+
+def _autopilot(station: Station) -> int:
+    """Whose reading of mission items a station means."""
+    return ARDUPILOT if station.numbering is Numbering.ARDUPILOT else GENERIC
 
 
 class MissionServer:
@@ -323,11 +329,13 @@ class MissionServer:
         items = upload.items[skipped:]
         mission: Mission | None = None
         if items:
-            found = mission_of(items, self._picture.ground, skipped)
+            found = mission_of(items, self._picture.ground, skipped, _autopilot(upload.station))
             if isinstance(found, Refused):
                 self._notify(upload.station, found.reason)
                 return found.result
-            mission = found
+            mission, notes = found
+            for note in notes:
+                self._notify(upload.station, note, INFO)
         self._require_not_flown()
         async with self._lock:
             if mission is None:
@@ -336,7 +344,7 @@ class MissionServer:
                 self._on_board = cleared.digest
                 return int(mavlink.MAV_MISSION_ACCEPTED)
             stored = await self._uav.waypoints.upload(mission.points, in_flight=True, source="MAVLink")
-            self._held = held_from(mission.points, stored.digest, items)
+            self._held = held_from(mission.points, stored.digest, items, _autopilot(upload.station))
             self._on_board = stored.digest
         return int(mavlink.MAV_MISSION_ACCEPTED)
 

@@ -15,6 +15,7 @@ from mkdaemon.errors import ConfigError
 from mkdaemon.gateways.mavlink.addresses import DEFAULTS, check_addresses, read_address
 from mkdaemon.gateways.mavlink.framing import Signing, key_from
 from mkdaemon.gateways.mavlink.gateway import Gateway, Options
+from mkdaemon.gateways.mavlink.signingtimes import SigningTimes
 from mkdaemon.reading import read_text
 
 _LONGEST_KEY: Final = 1000
@@ -38,9 +39,12 @@ def options_from(
     addresses = tuple(read_address(text) for text in links or DEFAULTS)
     if not 1 <= system <= 250:
         raise ConfigError(f"--system {system}: an aircraft has a number of 1 to 250")
-    signing = None if signing_key is None else Signing(_read_key(signing_key))
+    folder = backups or backups_folder()
+    signing = None
+    if signing_key is not None:
+        signing = Signing(_read_key(signing_key), SigningTimes(folder / "signing-times.json"))
     check_addresses(addresses, has_key=signing is not None, allow_open=allow_open)
-    return Options(addresses, system, signing, backups or backups_folder())
+    return Options(addresses, system, signing, folder)
 
 
 def _read_key(path: Path) -> bytes:

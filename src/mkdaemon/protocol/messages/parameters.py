@@ -8,6 +8,7 @@ from __future__ import annotations
 from typing import Annotated, Final
 
 from mkdaemon.protocol.fields import S8, U8, Rest, Text
+from mkdaemon.protocol.framing import padded_length
 from mkdaemon.protocol.matching import same
 from mkdaemon.protocol.sources import Source
 from mkdaemon.protocol.spec import Policy
@@ -20,8 +21,8 @@ ACTIVE_SET: Final = 255
 
 _SHORTEST: Final = 88
 """Bytes of a parameter set of revision 73."""
-_LONGEST: Final = 178
-"""Bytes of a parameter set of revision 108 and later."""
+_LONGEST: Final = padded_length(1 + 178) - 1
+"""Bytes of a parameter set of revision 108 and later, as it is received after its index: padded."""
 
 
 def _is_reset(payload: bytes) -> bool:
