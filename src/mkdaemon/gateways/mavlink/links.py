@@ -214,9 +214,7 @@ class _Datagrams(asyncio.DatagramProtocol):
                 self._links.remove(silent)
                 del self._stations[old]
         name = "" if key is None else f"from {key[0]}:{key[1]}"
-        station = self._links.add(
-            name, self._address, lambda data: self._put(data, key), lambda: self._drop(key)
-        )
+        station = self._links.add(name, self._address, lambda data: self._put(data, key), lambda: self._drop(key))
         if station is not None:
             self._stations[key] = station
         return station

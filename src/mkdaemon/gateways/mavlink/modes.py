@@ -4,7 +4,9 @@ The autopilot calls itself GENERIC: PX4 and ArduPilot would promise parameters, 
 MikroKopter has, and QGroundControl would ask for their set-up. A GENERIC autopilot may number its modes as it likes,
 and the programs read the numbers as somebody else's: MAVSDK as PX4's (for every autopilot that is not ArduPilot's),
 pymavlink and with it MAVProxy as those of ArduCopter (for every quadrotor that is not PX4's). So each link has one of
-the two numberings, and may call itself PX4 for QGroundControl. What a number means is told besides by AVAILABLE_MODES, by name and by MAV_STANDARD_MODE.
+the two numberings, and may
+call itself PX4 for QGroundControl. What a number means is told besides by AVAILABLE_MODES, by name and by
+MAV_STANDARD_MODE.
 Sources: https://mavlink.io/en/services/standard_modes.html; PX4 `px4_custom_mode.h`; ArduCopter `mode.h`.
 """
 

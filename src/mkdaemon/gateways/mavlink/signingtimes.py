@@ -7,7 +7,6 @@ next run takes nothing up to it. Source: https://mavlink.io/en/guide/message_sig
 from __future__ import annotations
 
 import json
-import os
 from pathlib import Path
 from typing import Final
 
@@ -54,7 +53,7 @@ class SigningTimes:
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             part.write_text(json.dumps(rows), encoding="ascii")
-            os.replace(part, path)
+            part.replace(path)
         except OSError as error:
             _log.warning("signing times are not kept: a recorded stream may be taken after a restart", error=str(error))
             self._path = None
