@@ -111,7 +111,7 @@ def mission_of(
     try:
         draft = qgc.draft_of([_plan_item(item) for item in items], _places(len(items), first), autopilot)
         if ground is None and draft.reference is AltitudeReference.SEA_LEVEL:
-            what = "heights are above the sea, and that of home is not known; set heights relative to home"
+            what = "heights are above sea level, and that of home is not known; set heights relative to home"
             return Refused(int(mavlink.MAV_MISSION_INVALID), what)
         return draft.settled("mission", start_elevation=ground), draft.notes
     except ConfigError as error:
