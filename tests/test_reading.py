@@ -15,6 +15,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from mkdaemon import reading
 from mkdaemon.bus.session import session_config
 from mkdaemon.cli.mkctl.app import app as mkctl
 from mkdaemon.cli.mkctl.mixer import from_toml
@@ -380,3 +381,12 @@ def test_a_file_that_fails_while_it_is_read_is_named(capsys):
     assert capsys.readouterr().err == "mkdaemon: /proc/self/mem: Input/output error\n"
     print("goes on")
     assert capsys.readouterr().out == "goes on\n"
+
+
+def test_a_byte_order_mark_is_no_part_of_a_document(tmp_path):
+    path = tmp_path / "a.toml"
+    path.write_text("\ufeffa = 1\n", encoding="utf-8")
+    assert reading.read_text(path) == "a = 1\n"
+    assert reading.parse_toml("\ufeffa = 1\n") == {"a": 1}
+    assert reading.parse_json('\ufeff{"a": 1}') == {"a": 1}
+    assert reading.parse_json(b'\xef\xbb\xbf{"a": 1}') == {"a": 1}

@@ -18,6 +18,7 @@ from typing import Annotated, Any, Final
 from cyclopts import Parameter
 
 from lab.files.commands import READERS, Reader
+from lab.files.foreign import run_foreign
 from lab.files.mutations import LONG, REPEATED, SPECIAL, spoil
 from lab.files.originals import Kind, originals
 from lab.files.running import MOST_CPU, MOST_MEMORY, PATIENCE, Ended, prepare, run_forked
@@ -147,6 +148,9 @@ def main(
     first: Annotated[int, Parameter(help="The first seed.")] = 0,
     only: Annotated[str, Parameter(help="Only commands whose line holds this.")] = "",
     keep: Annotated[Path | None, Parameter(help="Folder for files that a command could not stand.")] = None,
+    foreign: Annotated[
+        bool, Parameter(negative=(), help="In place of these, files as other programs write them: nothing is lost.")
+    ] = False,
     as_json: AsJson = False,
 ) -> int:
     """Give hostile files to every command that reads one; exit code 1 if one of them breaks a limit.
@@ -155,6 +159,12 @@ def main(
     nothing that a terminal acts on. With 30 seeds it takes about fifteen minutes.
     """
     require_count(seeds, "--seeds")
+    if foreign:
+        read = run_foreign(range(first, first + seeds))
+        print(json.dumps(read) if as_json else f"{read['files']} files: {read['ends']}, {len(read['wrong'])} wrong")
+        for one in () if as_json else read["wrong"]:
+            print(json.dumps(one))
+        return 1 if read["wrong"] else 0
     prepare()
     os.environ["MK_CONNECT"] = "tcp/127.0.0.1:9"
     rows: list[dict[str, Any]] = []

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import getpass
 import os
 import stat
 import tempfile
@@ -10,11 +11,40 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import BinaryIO
+from typing import BinaryIO, Final
 
 from mkdaemon.errors import ConfigError, MkError
 
+_BASES: Final = {"XDG_STATE_HOME": Path(".local", "state"), "XDG_CONFIG_HOME": Path(".config")}
+"""Folders of a user by the variable that moves them, and their usual place at home."""
 _reading_umask = threading.Lock()
+
+
+def user_folder(variable: str) -> Path:
+    """Folder of this user for our files. Source: XDG Base Directory Specification 0.8.
+
+    Args:
+        variable: `XDG_STATE_HOME` or `XDG_CONFIG_HOME`.
+
+    Raises:
+        ConfigError: the user has no home: no `HOME`, and no entry in passwd, as in a container run with `--user`.
+    """
+    given = os.environ.get(variable)
+    if given:
+        return Path(given) / "mkdaemon"
+    try:
+        return Path.home() / _BASES[variable] / "mkdaemon"
+    except RuntimeError as error:
+        msg = f"user {os.getuid()} has no home folder; set HOME or {variable}, for the daemon also vehicle.state_folder"
+        raise ConfigError(msg) from error
+
+
+def user_name() -> str:
+    """Name of this user; the number of one that has no entry in passwd."""
+    try:
+        return getpass.getuser()
+    except (KeyError, OSError, ImportError):
+        return str(os.getuid())
 
 
 def refuse_existing(path: Path, *, overwrite: bool) -> None:

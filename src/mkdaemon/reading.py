@@ -13,6 +13,7 @@ import os
 import re
 import stat
 import tomllib
+from codecs import BOM_UTF8
 from pathlib import Path
 from typing import Any, BinaryIO, Final
 
@@ -79,8 +80,8 @@ def read_bytes(path: Path, limit: int) -> bytes:
         return file.read(limit)
 
 
-def read_text(path: Path, *, encoding: str = "utf-8", limit: int = LONGEST_TEXT) -> str:
-    """Read a regular text file.
+def read_text(path: Path, *, encoding: str = "utf-8-sig", limit: int = LONGEST_TEXT) -> str:
+    """Read a regular text file; a byte order mark before it is no part of the text.
 
     Raises:
         OSError: see `open_regular`.
@@ -98,7 +99,7 @@ def parse_toml(text: str) -> dict[str, Any]:
     if _has_long_key(text):
         raise tomllib.TOMLDecodeError(_TOO_DEEP)
     try:
-        tree = tomllib.loads(text)
+        tree = tomllib.loads(text.removeprefix("\ufeff"))
     except RecursionError:
         raise tomllib.TOMLDecodeError(_TOO_DEEP) from None
     except tomllib.TOMLDecodeError:
@@ -117,7 +118,7 @@ def parse_json(text: str | bytes) -> Any:
         json.JSONDecodeError: it is none, nests too deep, or has a number with thousands of digits.
     """
     try:
-        tree = json.loads(text)
+        tree = json.loads(text.removeprefix("\ufeff") if isinstance(text, str) else text.removeprefix(BOM_UTF8))
     except RecursionError:
         raise json.JSONDecodeError(_TOO_DEEP, "", 0) from None
     except json.JSONDecodeError:

@@ -15,6 +15,7 @@ import pytest
 from lab.rigs.linkrig import Log
 from lab.rigs.waiting import wait_until
 from mkdaemon.config.link import LinkConfig
+from mkdaemon.errors import LinkLostError
 from mkdaemon.link.discovery import discover
 from mkdaemon.link.link import Link
 from mkdaemon.link.session.reopening import AliasMemory
@@ -148,3 +149,20 @@ def test_a_device_that_is_where_it_was_needs_no_alias(tmp_path, adapters):
     assert memory.find(str(number)) == str(by_id / BY_ID)
     (by_id / BY_ID).unlink()
     assert memory.find(str(number)) is None
+
+
+def test_an_address_that_another_adapter_has_taken_is_not_opened(tmp_path, adapters):
+    ours, other = adapters
+    by_id = tmp_path / "by-id"
+    by_id.mkdir()
+    point(by_id / BY_ID, ours.device)
+    number = tmp_path / "ttyUSB0"
+    point(number, ours.device)
+    memory = AliasMemory(by_id)
+    memory.learn(str(number))
+    point(number, other.device)
+    assert memory.find(str(number)) == str(by_id / BY_ID), "ours has another number now"
+    (by_id / BY_ID).unlink()
+    point(by_id / "usb-Another-if00", other.device)
+    with pytest.raises(LinkLostError, match=r"ttyUSB0 is another adapter now \(usb-Another-if00\) and is not opened"):
+        memory.find(str(number))

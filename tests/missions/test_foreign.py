@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import zipfile
+from pathlib import Path
+
 import pytest
 
 from mkdaemon.errors import ConfigError
-from mkdaemon.missions import FORMATS, AltitudeReference
+from mkdaemon.missions import FORMATS, AltitudeReference, read_mission
 
 
 def test_a_table_of_a_spreadsheet() -> None:
@@ -63,3 +66,88 @@ def test_a_plan_with_speeds_that_stay_and_end() -> None:
     points = FORMATS[".plan"].read(text, "a.plan").mission.points
     assert [p.speed for p in points] == [4.5, 4.5, 0.0]
     assert [p.hold for p in points] == [0, 0, 0]
+
+
+LIST = (
+    "QGC WPL 110\r\n"
+    "0\t1\t0\t16\t0\t0\t0\t0\t53.0\t8.0\t10.0\t1\r\n"
+    "1\t0\t3\t178\t0\t4.5\t0\t0\t0\t0\t0\t1\r\n"
+    "2\t0\t3\t16\t2\t0\t0\t0\t53.1\t8.1\t20.0\t1\r\n"
+    "3\t0\t3\t16\t0\t0\t0\t0\t53.2\t8.2\t25.0\t1\r\n"
+)
+
+
+@pytest.mark.parametrize("suffix", [".waypoints", ".wpl"])
+def test_a_list_of_mission_planner_is_read_without_home(tmp_path: Path, suffix: str) -> None:
+    path, told = tmp_path / f"list{suffix}", list[str]()
+    path.write_text("\ufeff" + LIST)
+    points = read_mission(path, tell=told.append).points
+    assert [(p.latitude_deg, p.altitude, p.hold, p.speed, p.heading_deg) for p in points] == [
+        (53.1, 20.0, 2, 4.5, None), (53.2, 25.0, 0, 4.5, None),
+    ]  # fmt: skip
+    assert told == [f"{path}:2: home is not flown to"]
+
+
+def test_a_list_with_a_command_nobody_flies_names_its_line() -> None:
+    with pytest.raises(ConfigError, match=r"^a\.waypoints:4: .*command 177 \(jump\)"):
+        FORMATS[".waypoints"].read(LIST.replace("3\t16\t2", "3\t177\t2"), "a.waypoints")
+    with pytest.raises(ConfigError, match=r"^a\.waypoints:4: 11 cells in place of 12"):
+        FORMATS[".waypoints"].read(LIST.replace("53.1\t", ""), "a.waypoints")
+
+
+def kml(body: str) -> str:
+    return f"<kml><Document>{body}</Document></kml>"
+
+
+def mark(longitude: float) -> str:
+    place = f"<altitudeMode>relativeToGround</altitudeMode><coordinates>{longitude},53,15</coordinates>"
+    return f"<Point>{place}</Point>"
+
+
+LEG = "<Placemark><LineString><coordinates>8,53,1 8.1,53,1</coordinates></LineString></Placemark>"
+BOX = "<Placemark><Polygon><outerBoundaryIs/></Polygon></Placemark>"
+
+
+def test_points_in_a_multigeometry_are_read_and_what_is_left_out_is_told(tmp_path: Path) -> None:
+    grouped = f"<Placemark><MultiGeometry>{mark(8.1)}{mark(8.2)}</MultiGeometry></Placemark>"
+    path, told = tmp_path / "multi.kmz", list[str]()
+    with zipfile.ZipFile(path, "w") as packed:
+        packed.writestr("files/other.kml", kml(LEG))
+        packed.writestr("doc.kml", kml(f"{grouped}<Placemark>{mark(8.3)}</Placemark>{BOX}"))
+    assert [p.longitude_deg for p in read_mission(path, tell=told.append).points] == [8.1, 8.2, 8.3]
+    assert told == [f"{path}: left out: beside the mission, polygons: 1"]
+
+
+@pytest.mark.parametrize(
+    ("content", "says"),
+    [(b"no zip", "no KMZ file that can be read"), (b"PK\x05\x06" + bytes(18), "no KML document in this file")],
+)
+def test_a_kmz_that_is_none(tmp_path: Path, content: bytes, says: str) -> None:
+    path = tmp_path / "a.kmz"
+    path.write_bytes(content)
+    with pytest.raises(ConfigError, match=says):
+        read_mission(path)
+
+
+@pytest.mark.parametrize(
+    ("suffix", "text", "says"),
+    [
+        (".kml", kml(LEG + LEG), "the file holds 2 paths; join them"),
+        (".kml", kml(f"<Placemark>{mark(8.1)}</Placemark>{LEG}"), "both 1 placemarks with a point and a path"),
+        (".gpx", "<gpx>" + '<rte><rtept lat="1" lon="2"/></rte>' * 2 + "</gpx>", "the file holds 2 routes; keep"),
+        (".csv", "lat,lon,altitude\n53,8,1_5\n", "altitude is '1_5', no number"),
+        (".csv", "lat,lon,altitude\n53,8,inf\n", "altitude is 'inf', no finite number"),
+    ],
+)
+def test_what_could_be_two_missions_is_refused(suffix: str, text: str, says: str) -> None:
+    with pytest.raises(ConfigError, match=says):
+        FORMATS[suffix].read(text, "a" + suffix)
+
+
+def test_waypoints_beside_a_route_are_told_and_an_empty_route_is_none() -> None:
+    loose = '<wpt lat="1" lon="2"/>'
+    draft = FORMATS[".gpx"].read(f'<gpx>{loose}<rte><rtept lat="3" lon="4"/></rte><trk/></gpx>', "a.gpx")
+    assert [p.latitude_deg for p in draft.mission.points] == [3]
+    assert draft.notes == ("beside the mission, waypoints: 1", "beside the mission, tracks: 1")
+    draft = FORMATS[".gpx"].read(f"<gpx>{loose}<rte/></gpx>", "a.gpx")
+    assert [p.latitude_deg for p in draft.mission.points] == [1]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import getpass
 import os
 import socket
 from collections.abc import AsyncIterator, Callable, Mapping
@@ -12,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Final, TypeVar
 from mkdaemon.client.answers import Answer
 from mkdaemon.client.samples import Sample
 from mkdaemon.client.transport import Transport
+from mkdaemon.files import user_name
 
 if TYPE_CHECKING:
     from pydantic import BaseModel
@@ -28,7 +28,7 @@ _Reply = TypeVar("_Reply", bound="BaseModel")
 
 def client_name() -> str:
     """A name for this program that no other has: user, machine, process."""
-    raw = f"{getpass.getuser()}-{socket.gethostname()}-{os.getpid()}"
+    raw = f"{user_name()}-{socket.gethostname()}-{os.getpid()}"
     return "".join(c if c.isalnum() or c in "._-" else "_" for c in raw)[:64]
 
 

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 from mkdaemon.config.gamepad import Gamepad
 from mkdaemon.config.reader import load_section, samples_folder
 from mkdaemon.errors import ConfigError
+from mkdaemon.files import user_folder
 
 
 def own_folder() -> Path:
     """Where the mappings are that were learned on this machine; they go before those of mkdaemon."""
-    base = os.environ.get("XDG_CONFIG_HOME") or str(Path.home() / ".config")
-    return Path(base) / "mkdaemon" / "gamepads"
+    return user_folder("XDG_CONFIG_HOME") / "gamepads"
 
 
 def shipped_folder() -> Path:

@@ -373,13 +373,8 @@ class Link:
 
     async def _open(self) -> Port:
         url = self._cfg.port
-        try:
-            port = await self._opener(url, baud=self._exchange.bauds.current)
-        except LinkLostError:
-            alias = self._aliases.find(url)
-            if alias is None:
-                raise
-            return await self._opener(alias, baud=self._exchange.bauds.current)
+        # Asked before each opening: another adapter may have got the number of ours meanwhile.
+        port = await self._opener(self._aliases.find(url) or url, baud=self._exchange.bauds.current)
         self._aliases.learn(url)
         return port
 

@@ -1,4 +1,4 @@
-"""Mission files: GPX, KML, QGroundControl plan, CSV and the MikroKopter-Tool's WPL, read and written.
+"""Mission files: GPX, KML, QGroundControl plan, CSV, the MikroKopter-Tool's and Mission Planner's lists.
 
 A file that cannot be used is refused with one line naming the file, the line and the fix.
 """

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable
 from pathlib import Path
 from typing import Final, NamedTuple
 
 from mkdaemon.errors import ConfigError
 from mkdaemon.files import refuse_existing, save
-from mkdaemon.missions import csv, gpx, kml, qgc, wpl
+from mkdaemon.missions import csv, gpx, kml, qgc, wpl, wpl110
+from mkdaemon.missions.kmz import read_kmz
 from mkdaemon.missions.losses import lost
 from mkdaemon.missions.source import MissionDraft
 from mkdaemon.reading import read_text
 from mkdaemon.telemetry.mission import Mission
 
+log = logging.getLogger(__name__)
 MAX_BYTES: Final = 4_000_000
 """Largest file read [bytes]; 31 points need some ten thousand."""
 
@@ -25,37 +28,49 @@ class Format(NamedTuple):
         read: from text and file name.
         write: to text.
         about: what it is, for help texts.
+        is_packed: it is a ZIP file around the text; it is only read.
     """
 
     read: Callable[[str, str], MissionDraft]
     write: Callable[[Mission], str]
     about: str
+    is_packed: bool = False
 
 
 FORMATS: Final = {
     ".gpx": Format(gpx.read, gpx.write, "GPX 1.1 route"),
     ".kml": Format(kml.read, kml.write, "KML 2.2 placemarks or path"),
+    ".kmz": Format(kml.read, kml.write, "packed KML, read only", is_packed=True),
     ".plan": Format(qgc.read, qgc.write, "QGroundControl plan"),
     ".csv": Format(csv.read, csv.write, "table, one point a line"),
     ".wpl": Format(wpl.read, wpl.write, "MikroKopter-Tool waypoint list"),
+    ".waypoints": Format(wpl110.read, wpl110.write, "Mission Planner list (QGC WPL 110)"),
 }
 """By suffix, lower case."""
+_WRITTEN: Final = tuple(suffix for suffix, form in FORMATS.items() if not form.is_packed)
 
 
-def read_mission(path: Path, *, start_elevation: float | None = None, altitude: float | None = None) -> Mission:
+def read_mission(
+    path: Path,
+    *,
+    start_elevation: float | None = None,
+    altitude: float | None = None,
+    tell: Callable[[str], None] = log.warning,
+) -> Mission:
     """Read a mission from a file of any known format; altitudes become heights above the start.
 
     Args:
         path: the file; its suffix tells the format.
         start_elevation: elevation of the starting place above mean sea level [m], for files with such altitudes.
         altitude: put every point at this height above the start [m].
+        tell: is given one line for everything in the file that the mission leaves out.
 
     Raises:
         ConfigError: the file cannot be read or used; one line naming file, line and fix.
     """
     chosen = _format(path)
     try:
-        text = read_text(path, encoding="utf-8-sig", limit=MAX_BYTES)
+        text = read_kmz(path, MAX_BYTES) if chosen.is_packed else read_text(path, limit=MAX_BYTES)
     except OSError as error:
         msg = f"{path}: cannot be read ({error.strerror}); check the name and its permissions"
         raise ConfigError(msg) from error
@@ -63,6 +78,8 @@ def read_mission(path: Path, *, start_elevation: float | None = None, altitude: 
         msg = f"{path}: not UTF-8 text (byte {error.start}); save it as UTF-8"
         raise ConfigError(msg) from error
     draft = chosen.read(text, str(path))
+    for note in draft.notes:
+        tell(note if note.startswith(str(path)) else f"{path}: left out: {note}")
     return draft.settled(str(path), start_elevation=start_elevation, altitude=altitude)
 
 
@@ -70,9 +87,11 @@ def check_place(path: Path, *, overwrite: bool) -> None:
     """Check that a mission may be written to a file, before the work that fills it.
 
     Raises:
-        ConfigError: it is there already, and `overwrite` is off; or its suffix is no format.
+        ConfigError: it is there already, and `overwrite` is off; or its suffix is no format that is written.
     """
-    _format(path)
+    if _format(path).is_packed:
+        msg = f"{path}: {path.suffix.lower()} is only read; choose another suffix: {', '.join(_WRITTEN)}"
+        raise ConfigError(msg)
     refuse_existing(path, overwrite=overwrite)
 
 

@@ -1,4 +1,4 @@
-"""GPX 1.1 missions: the points of the first route, or else the waypoints of the file.
+"""GPX 1.1 missions: the points of the one route, or else the waypoints of the file; what is left out is named.
 
 GPX knows position, elevation above sea level and a name; everything else a point carries stands in `<extensions>` under
 our own namespace, where other programs ignore it. Source: GPX 1.1 schema documentation (topografix.com/GPX/1/1).
@@ -22,13 +22,18 @@ def read(text: str, name: str) -> MissionDraft:
     """Read a GPX mission.
 
     Raises:
-        ConfigError: the file is no GPX, holds only tracks, or a value is wrong; names file, line and fix.
+        ConfigError: the file is no GPX, holds only tracks or several routes, or a value is wrong; names file,
+            line and fix.
     """
     root = parse_xml(text, name)
     if root.name != "gpx":
         raise root.place.wrong(f"<{root.name}> is no GPX document", "the outermost element must be <gpx>")
-    route = root.find("rte")
-    found = list((route or root).walk("rtept" if route else "wpt"))
+    routes = [route for route in root.walk("rte") if route.find("rtept") is not None]
+    if len(routes) > 1:
+        raise routes[1].place.wrong(f"the file holds {len(routes)} routes", "keep the one that is to be flown")
+    route = routes[0] if routes else None
+    loose = list(root.walk("wpt"))
+    found = list(route.walk("rtept")) if route else loose
     if not found:
         what = "only a recorded track" if root.find("trk") else "neither a route nor waypoints"
         raise root.place.wrong(f"the file holds {what}", "export a route (<rte>) of at most 31 points")
@@ -39,7 +44,9 @@ def read(text: str, name: str) -> MissionDraft:
     points = [_read_point(element, extra, relative) for element, extra in zip(found, ours, strict=True)]
     title = (route.text_of("name") if route else None) or ""
     sea_or_none = AltitudeReference.SEA_LEVEL if elevated else AltitudeReference.ABSENT
-    return MissionDraft(assemble(name, points, title), AltitudeReference.START if relative else sea_or_none)
+    beside = {"waypoint": loose if route else [], "track": list(root.walk("trk"))}
+    notes = tuple(f"beside the mission, {what}s: {len(left)}" for what, left in beside.items() if left)
+    return MissionDraft(assemble(name, points, title), AltitudeReference.START if relative else sea_or_none, notes)
 
 
 def write(mission: Mission) -> str:

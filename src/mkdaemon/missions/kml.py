@@ -1,4 +1,4 @@
-"""KML 2.2 missions: one placemark with a point for each waypoint, or the vertices of the first line string.
+"""KML 2.2 missions: the points of the placemarks, or the vertices of the one line string; the rest is named.
 
 `relativeToGround` counts as height above the start (level ground assumed), `absolute` as above sea level, and the
 default `clampToGround` gives no altitude, as the standard says. Source: OGC 07-147r2, KML 2.2.
@@ -6,6 +6,7 @@ default `clampToGround` gives no altitude, as the standard says. Source: OGC 07-
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from xml.sax.saxutils import escape
 
 from mkdaemon.missions.gpx import read_extras
@@ -18,32 +19,56 @@ _REFERENCES = {
     "absolute": AltitudeReference.SEA_LEVEL,
     "clampToGround": AltitudeReference.ABSENT,
 }
+_NO_ROUTE = {
+    "Polygon": "polygon",
+    "LinearRing": "ring",
+    "Track": "track",
+    "Model": "model",
+    "NetworkLink": "linked document",
+    "GroundOverlay": "overlay",
+    "PhotoOverlay": "photograph",
+    "Tour": "tour",
+}
+"""Elements that are left out, and what they are."""
 
 
 def read(text: str, name: str) -> MissionDraft:
     """Read a KML mission.
 
     Raises:
-        ConfigError: the file is no KML, mixes altitude modes, or a value is wrong; names file, line and fix.
+        ConfigError: the file is no KML, mixes altitude modes, points and paths, or a value is wrong; names file,
+            line and fix.
     """
     root = parse_xml(text, name)
     if root.name != "kml":
         raise root.place.wrong(f"<{root.name}> is no KML document", "the outermost element must be <kml>")
     title = next((child.text_of("name") for child in root.children), None) or ""
-    shapes = [(mark, mark.find("Point")) for mark in root.walk("Placemark")]
-    marks = [(mark, shape) for mark, shape in shapes if shape is not None]
+    marks = [(mark, shape) for mark in root.walk("Placemark") for shape in mark.walk("Point")]
+    lines = list(root.walk("LineString"))
     require_few(name, len(marks))
+    if marks and lines:
+        what = f"both {len(marks)} placemarks with a point and a path"
+        raise lines[0].place.wrong(f"the file holds {what}", "keep what is to be flown, and export it alone")
+    if len(lines) > 1:
+        raise lines[1].place.wrong(f"the file holds {len(lines)} paths", "join them to one, or keep one")
     if marks:
         points = [_read_mark(mark, shape) for mark, shape in marks]
         modes = {_mode(shape) for _, shape in marks}
+    elif lines:
+        points, modes = _read_line(lines[0]), {_mode(lines[0])}
     else:
-        line = next(root.walk("LineString"), None)
-        if line is None:
-            raise root.place.wrong("no point and no path in this file", "draw a path or placemarks and export again")
-        points, modes = _read_line(line), {_mode(line)}
+        raise root.place.wrong("no point and no path in this file", "draw a path or placemarks and export again")
     if len(modes) > 1:
         raise root.place.wrong("the points differ in altitudeMode", "use relativeToGround for all of them")
-    return MissionDraft(assemble(name, points, title), modes.pop())
+    return MissionDraft(assemble(name, points, title), modes.pop(), tuple(_beside(root)))
+
+
+def _beside(root: Element) -> Iterator[str]:
+    """What a document holds beside points and paths."""
+    for element, what in _NO_ROUTE.items():
+        count = sum(1 for _ in root.walk(element))
+        if count:
+            yield f"beside the mission, {what}s: {count}"
 
 
 def write(mission: Mission) -> str:

@@ -122,7 +122,8 @@ def draft_of(items: Sequence[Any], places: Iterable[Place], autopilot: int = GEN
     if len(reading.references) > 1:
         raise first.wrong("altitudes are partly relative, partly above sea level", "choose relative for all")
     mission = assemble(first.name, reading.points)
-    return MissionDraft(mission, *reading.references, notes=tuple(reading.notes), origins=tuple(reading.origins))
+    reference = next(iter(reading.references))
+    return MissionDraft(mission, reference, tuple(reading.notes), tuple(reading.origins))
 
 
 def write(mission: Mission) -> str:

@@ -10,7 +10,7 @@ The format has no specification; these facts were taken from programs that excha
   speed, camera and type, and one `[POI]` with `UsePOI`; there, `Heading=-1` means that POI, which therefore stands
   first in the list that is sent.
 
-QGroundControl's text format "QGC WPL" shares only the file name and is refused.
+The text format "QGC WPL" of Mission Planner shares the file name: it is read by `missions.wpl110`.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from __future__ import annotations
 import re
 from typing import Any, Final, NamedTuple
 
+from mkdaemon.missions import wpl110
 from mkdaemon.missions.source import MissionDraft, Place, assemble, require_few
 from mkdaemon.telemetry.mission import Mission, MissionPoint, PointKind
 
@@ -55,8 +56,8 @@ def read(text: str, name: str) -> MissionDraft:
     Raises:
         ConfigError: it is another format, its counts disagree, or a value is wrong; names file, line and fix.
     """
-    if text.lstrip().startswith("QGC WPL"):
-        raise Place(name, 1).wrong("this is QGroundControl's text format, not MikroKopter's", "export a .plan instead")
+    if text.lstrip("\ufeff").startswith(wpl110.HEAD):
+        return wpl110.read(text, name)
     sections = _split(text, name)
     general = sections.get("general")
     if general is None:

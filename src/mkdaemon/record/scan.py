@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import BinaryIO, Final
 
+import lz4.frame
 import zstandard
 from mcap.opcode import Opcode
 
@@ -93,8 +94,14 @@ def read_metadata(content: bytes) -> tuple[str, dict[str, str]] | None:
         return None
 
 
-MOST_CHUNK_BYTES: Final = 1 << 25
-"""A chunk that claims to be larger is damaged, or not ours, which hold 1 MB and a message [bytes]."""
+MOST_CHUNK_BYTES: Final = 1 << 26
+"""Largest chunk read [bytes]; ours hold 1 MB and a message, some programs put a whole file into one."""
+_MISFIT: Final = f"it is cut off, or longer than {MOST_CHUNK_BYTES >> 20} MiB (mcap compress writes small ones)"
+_PRIVATE: Final = 0x80
+"""From this opcode on records belong to applications, and are stepped over. Source: MCAP specification, "Opcodes"."""
+_MESSAGE: Final = struct.Struct("<HIQQ")
+_MOST_LOOSE_BYTES: Final = 1 << 20
+"""Messages outside of chunks are read in runs of so many [bytes]."""
 MOST_SUMMARY_BYTES: Final = 1 << 26
 """Of any other record [bytes]."""
 EXPANSION: Final = 200
@@ -171,8 +178,10 @@ class Chunk:
                 content = self.stored
             case "zstd":
                 content = _decompress(self.stored, self.size)
+            case "lz4":
+                content = _decompress_lz4(self.stored, self.size)
             case _:
-                msg = f"unknown compression {self.compression!r}"
+                msg = f"compression {self.compression!r} is not supported; convert it: mcap compress --compression zstd"
                 raise ValueError(msg)
         if len(content) != self.size:
             msg = "another length than it says"
@@ -234,9 +243,14 @@ class Scanner:
                 at = unproven = self._resume(unproven, at, record)
                 continue
             end = at + _HEAD.size + len(record.content)
-            if record.opcode == Opcode.CHUNK:
+            if record.opcode == Opcode.MESSAGE:
+                loose = self._loose(at, record)
+                end = unproven = at + len(loose.stored)
+                self._file.seek(end)
+                yield loose
+            elif record.opcode == Opcode.CHUNK:
                 chunk = read_chunk(record.content, at)
-                fault = "it is too short, or too long" if chunk is None else self._fault(chunk, end)
+                fault = _MISFIT if chunk is None else self._fault(chunk, end)
                 if chunk is None or fault:
                     self.damages.append(Damage(at, end - at, f"a chunk is damaged: {fault}"))
                     unproven = at + 1  # its length may be wrong as well
@@ -254,6 +268,17 @@ class Scanner:
         if not self.damages:
             self.damages.append(Damage(self._size, 0, "it ends without an index"))
 
+    def _loose(self, at: int, record: Record) -> Chunk:
+        """The messages that begin somewhere outside of a chunk, one after the other, as a chunk without a checksum."""
+        parts, times, size = list[bytes](), list[int](), 0
+        found: Record | str = record
+        while isinstance(found, Record) and found.opcode == Opcode.MESSAGE and size < _MOST_LOOSE_BYTES:
+            parts += [_HEAD.pack(found.opcode, len(found.content)), found.content]
+            times.append(_MESSAGE.unpack_from(found.content)[2])
+            size += _HEAD.size + len(found.content)
+            found = self._record_at(at + size) if at + size < self._size else ""
+        return Chunk(at, min(times), max(times), b"".join(parts), "", size, 0)
+
     def _fault(self, chunk: Chunk, end: int) -> str:
         """What is wrong with a chunk that ends somewhere; empty where it is right."""
         if self._expanded + chunk.size > FREE_BYTES + EXPANSION * end:
@@ -267,7 +292,8 @@ class Scanner:
         if len(head) < _HEAD.size:
             return "it is cut off"
         opcode, length = _HEAD.unpack(head)
-        if opcode not in _OPCODES or length > (MOST_CHUNK_BYTES if opcode == Opcode.CHUNK else MOST_SUMMARY_BYTES):
+        is_known = opcode in _OPCODES or opcode >= _PRIVATE
+        if not is_known or length > (MOST_CHUNK_BYTES if opcode == Opcode.CHUNK else MOST_SUMMARY_BYTES):
             return "no record begins here"
         if at + _HEAD.size + length > self._size:
             return "it is cut off"
@@ -388,6 +414,10 @@ def _is_plausible(record: Record) -> bool:
             return length >= 6 and int.from_bytes(record.content[2:6], "little") == length - 6
         case Opcode.CHANNEL:
             return read_channel(record.content) is not None
+        case Opcode.MESSAGE:
+            return length >= _MESSAGE.size
+        case opcode if opcode >= _PRIVATE:
+            return read_chunk(record.content) is None  # a chunk whose opcode was damaged
         case _:
             return True
 
@@ -399,4 +429,12 @@ def _decompress(stored: bytes, size: int) -> bytes:
             raise ValueError(msg)
         return zstandard.ZstdDecompressor().decompress(stored, max_output_size=size)
     except zstandard.ZstdError as error:
+        raise ValueError(str(error)) from error
+
+
+def _decompress_lz4(stored: bytes, size: int) -> bytes:
+    try:
+        content: bytes = lz4.frame.LZ4FrameDecompressor().decompress(stored, max_length=size + 1)
+        return content
+    except RuntimeError as error:
         raise ValueError(str(error)) from error

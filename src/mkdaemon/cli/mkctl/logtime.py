@@ -3,26 +3,25 @@
 from __future__ import annotations
 
 import os
+from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Final
 
 from mkdaemon.errors import ConfigError
+from mkdaemon.files import user_folder
 
 SERVICE_FOLDER: Final = Path("/var/lib/mkdaemon")
 """Where the daemon's service keeps its state."""
 
 
-def user_folder() -> Path:
-    """Where programs of this user keep their state."""
-    home = os.environ.get("XDG_STATE_HOME")
-    return (Path(home) if home else Path.home() / ".local" / "state") / "mkdaemon"
-
-
 def recording_folders() -> list[Path]:
     """Where daemons and recorders of this machine write, as far as this user may look."""
     found: list[Path] = []
-    for place in (SERVICE_FOLDER, user_folder()):
+    places = [SERVICE_FOLDER]
+    with suppress(ConfigError):  # a user without a home has none of his own
+        places.append(user_folder("XDG_STATE_HOME"))
+    for place in places:
         found += sorted(path for path in place.glob("*/recordings") if os.access(path, os.R_OK))
     return found
 

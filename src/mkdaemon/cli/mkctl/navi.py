@@ -11,6 +11,7 @@ from cyclopts import App, Parameter
 from mkdaemon.cli.arguments import require_length
 from mkdaemon.cli.mkctl.connection import HERE, Connection
 from mkdaemon.cli.mkctl.flightshow import print_end, require_finite
+from mkdaemon.cli.mkctl.waypoints import tell
 from mkdaemon.errors import ConfigError
 from mkdaemon.missions import read_mission
 
@@ -98,7 +99,9 @@ async def route(
         MkError: the daemon refused, or the end was not reached; says why and where it stood.
     """
     _require(patience, confirm=confirm)
-    mission = None if file is None else read_mission(file, start_elevation=start_elevation, altitude=altitude)
+    mission = (
+        None if file is None else read_mission(file, start_elevation=start_elevation, altitude=altitude, tell=tell)
+    )
     async with connection.open() as uav:
         source = "" if file is None else str(file)
         end = await uav.navi.route(mission, source=source, patience=patience, on_stage=Shown().show)

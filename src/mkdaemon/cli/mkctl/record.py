@@ -15,11 +15,11 @@ from cyclopts import Parameter
 
 from mkdaemon.cli.arguments import require_count, require_length
 from mkdaemon.cli.mkctl.connection import HERE, Connection
-from mkdaemon.cli.mkctl.logtime import user_folder
 from mkdaemon.cli.printing import json_line
 from mkdaemon.cli.program import EXIT_FAILURE, EXIT_OK
 from mkdaemon.cli.promptness import favour_threads
 from mkdaemon.cli.sparkline import sparkline
+from mkdaemon.files import user_folder
 
 if TYPE_CHECKING:
     from mkdaemon.client.groundrecorder import GroundPlan, GroundRecording
@@ -81,7 +81,7 @@ async def record(
         require_count(number, f"--{name}-mb")
     plan = GroundPlan(
         endpoints=(connection.connect, *also),
-        folder=folder or user_folder() / "ground" / "recordings",
+        folder=folder or user_folder("XDG_STATE_HOME") / "ground" / "recordings",
         limits=Limits(file_mb * MEGA, file_minutes * 60, total_mb * MEGA, free_mb * MEGA, delete_oldest),
         expressions=key or EVERYTHING,
         zenoh_file=connection.zenoh_file,

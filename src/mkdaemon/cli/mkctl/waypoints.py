@@ -17,7 +17,7 @@ from mkdaemon.telemetry.mission import Mission
 
 app = App(
     name="waypoints",
-    help="Missions: GPX, KML, QGroundControl .plan, CSV and MikroKopter-Tool .wpl, told apart by the file's suffix.",
+    help="Missions: GPX, KML, KMZ, .plan, CSV, .wpl and .waypoints, told apart by the file's suffix.",
 )
 
 MissionFile = Annotated[Path, Parameter(help="Mission file; its suffix tells the format.")]
@@ -47,7 +47,7 @@ async def upload(
 
     Example: mkctl waypoints upload survey.plan --altitude 10
     """
-    mission = read_mission(file, start_elevation=start_elevation, altitude=altitude)
+    mission = read_mission(file, start_elevation=start_elevation, altitude=altitude, tell=tell)
     async with connection.open() as uav, showing_progress(uav, "upload", quiet=connection.json) as report:
         done = await uav.waypoints.upload(
             mission.points, source=str(file), in_flight=in_flight, allow_unusual=allow_unusual, on_progress=report
@@ -90,7 +90,7 @@ async def verify(
 
     Example: mkctl waypoints verify survey.plan --altitude 10
     """
-    mission = read_mission(file, start_elevation=start_elevation, altitude=altitude)
+    mission = read_mission(file, start_elevation=start_elevation, altitude=altitude, tell=tell)
     async with connection.open() as uav, showing_progress(uav, "verify", quiet=connection.json) as report:
         found = await uav.waypoints.verify(mission.points, on_progress=report)
     text = "\n".join(found.differences)
@@ -126,11 +126,16 @@ def convert(
 
     Example: mkctl waypoints convert survey.plan survey.toml
     """
-    mission = read_mission(source, start_elevation=start_elevation, altitude=altitude)
+    mission = read_mission(source, start_elevation=start_elevation, altitude=altitude, tell=tell)
     lost = write_mission(mission, target, overwrite=force)
     _warn(target, lost)
     count = len(mission.points)
     _print_result(connection, f"{count} points written to {target}", count=count, file=str(target), lost=lost)
+
+
+def tell(note: str) -> None:
+    """Say on standard error what a mission leaves out of its file."""
+    print(f"mkctl: {note}", file=sys.stderr)
 
 
 def _warn(file: Path, lost: tuple[str, ...]) -> None:

@@ -386,3 +386,27 @@ def shutter(
     before = "none" if k.line_time is None else f"{1e6 * k.line_time:.2f}"
     print(f"line time {1e6 * line_time:.2f} +- {1e6 * sd:.2f} us, readout {readout_ms:.1f} ms; the file has {before}")
     print(f"stored in {file}" if store else f"nothing written; --store writes it into {file}")
+
+
+@app.command(name="import")
+def import_camera(
+    source: Annotated[Path, Parameter(help="ROS camera_info YAML or ost.txt, or Kalibr's camchain YAML.")],
+    file: Annotated[Path, Parameter(help="Camera file to write.")],
+    /,
+    *,
+    force: Annotated[bool, Parameter(negative=(), help="Overwrite a file that is there.")] = False,
+) -> None:
+    """Make a camera file of another program's calibration; fill in mount and line_time afterwards.
+
+    Such a calibration can also be named wherever a camera file is.
+
+    Example: mkdaemon calibrate import ost.yaml camera.toml
+
+    Raises:
+        ConfigError: the source cannot be used, or the file is there already.
+    """
+    camera = load_camera(source)
+    record = CalibrationRecord(board=f"imported from {source.name}")
+    save_camera(camera.model_copy(update={"calibration": record}), file, overwrite=force)
+    k = camera.intrinsics
+    print(f"{k.model} {k.width}x{k.height}, fx {k.fx:g}, fy {k.fy:g} written to {file}")

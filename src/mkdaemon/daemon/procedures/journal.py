@@ -16,7 +16,7 @@ from typing import Final, Literal, TypeVar
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from mkdaemon.config.vehicle import VehicleConfig
-from mkdaemon.files import flush_folder, write_whole
+from mkdaemon.files import flush_folder, user_folder, write_whole
 from mkdaemon.protocol.procedures.steps import LiveSet
 from mkdaemon.reading import LONGEST_TEXT, read_bytes
 from mkdaemon.stamp import Stamp
@@ -148,5 +148,4 @@ def state_folder(vehicle: VehicleConfig) -> Path:
     given = os.environ.get("STATE_DIRECTORY", "").partition(":")[0]
     if given:
         return Path(given) / vehicle.name
-    home = os.environ.get("XDG_STATE_HOME")
-    return (Path(home) if home else Path.home() / ".local" / "state") / "mkdaemon" / vehicle.name
+    return user_folder("XDG_STATE_HOME") / vehicle.name

@@ -14,6 +14,7 @@ import structlog
 
 from mkdaemon.client import Vehicle
 from mkdaemon.errors import ConfigError, MkError
+from mkdaemon.files import user_folder
 from mkdaemon.gateways.mavlink.addresses import DEFAULTS, check_addresses, read_address
 from mkdaemon.gateways.mavlink.framing import Signing, key_from
 from mkdaemon.gateways.mavlink.gateway import Gateway, Options
@@ -67,8 +68,7 @@ def backups_folder() -> Path:
     given = os.environ.get("STATE_DIRECTORY")
     if given:
         return Path(given.partition(":")[0])
-    state = os.environ.get("XDG_STATE_HOME")
-    return (Path(state) if state else Path.home() / ".local" / "state") / "mkdaemon" / "gateway-mavlink"
+    return user_folder("XDG_STATE_HOME") / "gateway-mavlink"
 
 
 async def serve(

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
-from mkdaemon.errors import ConfigError
+from mkdaemon.errors import ConfigError, LinkLostError
 from mkdaemon.link.ports.port import parse_address
 from mkdaemon.link.session.verdict import Cause, Finding, Verdict
 from mkdaemon.telemetry.link import LinkCondition
@@ -99,19 +99,39 @@ class AliasMemory:
         self._alias: str | None = None
 
     def learn(self, url: str) -> None:
-        """A port was opened under this address: remember its lasting name."""
+        """A port was opened under this address: remember its lasting name, the first time."""
         address = parse_address(url)
-        if address.scheme != "serial" or not self._folder.is_dir():
+        if self._alias is not None or address.scheme != "serial" or not self._folder.is_dir():
             return
-        device = Path(address.target).resolve()
-        for entry in sorted(self._folder.iterdir()):
-            if entry.resolve() == device:
-                self._alias = str(entry)
+        name = self._name_of(Path(address.target))
+        if name is not None:
+            self._alias = str(self._folder / name)
 
     def find(self, url: str) -> str | None:
-        """Return the lasting name of a device that is not where it was; None where there is none."""
+        """Return the lasting name of a device that is not where it was; None where there is none.
+
+        Raises:
+            LinkLostError: another device has taken its address, and it is nowhere: that one must not be written to.
+        """
+        if self._alias is None:
+            return None
         try:
-            here = Path(parse_address(url).target).exists()
+            device = Path(parse_address(url).target)
         except ConfigError:
             return None
-        return self._alias if not here and self._alias is not None and Path(self._alias).exists() else None
+        if Path(self._alias).exists():
+            return self._alias if device.resolve() != Path(self._alias).resolve() else None
+        other = self._name_of(device) if device.exists() else None
+        if other is not None:
+            msg = (
+                f"{device} is another adapter now ({other}) and is not opened: plug {Path(self._alias).name} in, "
+                "or name the other one in link.port and start the daemon again"
+            )
+            raise LinkLostError(msg)
+        return None
+
+    def _name_of(self, device: Path) -> str | None:
+        """The lasting name of what is at an address; None where it has none."""
+        here = device.resolve()
+        entries = sorted(self._folder.iterdir()) if self._folder.is_dir() else []
+        return next((entry.name for entry in entries if entry.resolve() == here), None)

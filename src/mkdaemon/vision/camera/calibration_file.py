@@ -7,16 +7,17 @@ from pathlib import Path
 from typing import Literal, Self
 
 import numpy as np
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, ValidationError, field_validator, model_validator
 
 from mkdaemon.config.base import Section
 from mkdaemon.config.camera import MountSection
 from mkdaemon.config.keys import toml_value
-from mkdaemon.config.reader import load_section
+from mkdaemon.config.reader import load_section, read_file
 from mkdaemon.errors import ConfigError
 from mkdaemon.files import save
 from mkdaemon.frames import FLU_FROM_RDF, rotation_from_euler
 from mkdaemon.vision.arrays import Array
+from mkdaemon.vision.camera.foreign import figures_of
 
 FOCAL_SIDES = (0.15, 60.0)
 """Focal lengths there are, in longer sides of the image: from a fish-eye to a telescope."""
@@ -156,13 +157,13 @@ def _slip(k: Intrinsics) -> str:
 
 
 def load_camera(path: Path) -> Camera:
-    """Read a camera file.
+    """Read a camera file, ours or the calibration of ROS or Kalibr.
 
     Raises:
         ConfigError: missing, unreadable, or a key or value is wrong; one line names file, place and fix.
     """
     try:
-        camera = load_section(Camera, path)
+        camera = _of_others(path) or load_section(Camera, path)
     except ConfigError as error:
         msg = f"camera file {error}; make one with mkdaemon calibrate camera, every key is in docs/configuration.md"
         raise ConfigError(msg) from None
@@ -173,16 +174,41 @@ def load_camera(path: Path) -> Camera:
     return camera
 
 
+def _of_others(path: Path) -> Camera | None:
+    """A calibration of another program; None where the file is none.
+
+    Raises:
+        ConfigError: it cannot be read, or a figure is wrong.
+    """
+    text = read_file(path)
+    try:
+        found = figures_of(text)
+        if found is None:
+            return None
+        return Camera(name=found.name, intrinsics=Intrinsics(**found.intrinsics))
+    except ValidationError as error:
+        first = error.errors()[0]
+        msg = f"{path}: {'.'.join(map(str, first['loc']))}: {first['msg']}"
+        raise ConfigError(msg) from error
+    except ConfigError as error:
+        msg = f"{path}: {error}"
+        raise ConfigError(msg) from error
+
+
 def save_camera(camera: Camera, path: Path, *, overwrite: bool = False) -> None:
     """Write a camera file, whole or not at all.
 
     Raises:
-        ConfigError: the file is there already and `overwrite` is off, or no lens has such figures.
+        ConfigError: the file is there already and `overwrite` is off, it is another program's, or no lens has such
+            figures.
         MkError: the file cannot be written; what was there is untouched.
     """
     slip = _slip(camera.intrinsics)
     if slip:
         msg = f"camera file {path} not written: {slip}: take more views, turned to every side"
+        raise ConfigError(msg)
+    if overwrite and path.exists() and figures_of(read_file(path)) is not None:
+        msg = f"{path} is the calibration of another program; first: mkdaemon calibrate import {path} camera.toml"
         raise ConfigError(msg)
     lines = [f"name = {toml_value(camera.name)}"]
     for title in ("intrinsics", "mount", "calibration"):

@@ -238,7 +238,10 @@ def _open_quietly(address: str, backend: int = cv2.CAP_FFMPEG, options: Sequence
     level = cv2.utils.logging.getLogLevel()
     cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
     try:
-        return cv2.VideoCapture(address, backend, options)
+        capture = cv2.VideoCapture(address, backend, options)
+        # The lens is fixed to the sensor: what a phone writes of how it was held counts for nothing, as in photographs.
+        capture.set(cv2.CAP_PROP_ORIENTATION_AUTO, 0)
+        return capture
     finally:
         cv2.utils.logging.setLogLevel(level)
 

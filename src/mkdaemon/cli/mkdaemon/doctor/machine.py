@@ -5,7 +5,6 @@ A test gives it another root, with a fake /dev, /proc and /sys below it, and oth
 
 from __future__ import annotations
 
-import getpass
 import grp
 import os
 import time
@@ -21,6 +20,7 @@ from mkdaemon.cli.mkdaemon.doctor.daemonreport import DaemonReport, ask_daemon
 from mkdaemon.cli.systemcommands import Answered, run_command
 from mkdaemon.clock import kernel_synchronised
 from mkdaemon.config.root import Config
+from mkdaemon.files import user_name
 
 PTY_MAKER: Final = frozenset({"/dev/ptmx", "/dev/pts/ptmx"})
 """What a program has open that made a pseudo terminal; it may keep both ends."""
@@ -97,14 +97,6 @@ def installed_version(package: str) -> str | None:
         return version(package)
     except PackageNotFoundError:
         return None
-
-
-def user_name() -> str:
-    """Of whoever runs the doctor."""
-    try:
-        return getpass.getuser()
-    except (KeyError, OSError):
-        return str(os.getuid())
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,202 @@
+"""`python -m lab files --foreign`: files as other programs write them, seeded, with what each holds known beside it.
+
+Each file is read by the product. It ends in a result that has everything the file holds, a note for what it has not,
+or one line of refusal; anything else is wrong. The oracle counts what the generator put in, not what the reader says.
+"""
+
+from __future__ import annotations
+
+import json
+import random
+import tempfile
+from collections import Counter
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from mkdaemon.config.reader import load
+from mkdaemon.errors import MkError
+from mkdaemon.missions import read_mission
+from mkdaemon.missions.items import COMMANDS
+from mkdaemon.telemetry.mission import PointKind
+from mkdaemon.vision.camera.calibration_file import load_camera
+
+_BOM: Final = "\ufeff"
+_NUMBERS: Final = (
+    0,
+    0,
+    0,
+    1,
+    -1,
+    2,
+    5,
+    0.5,
+    90,
+    -30,
+    None,
+    float("nan"),
+    float("inf"),
+    -float("inf"),
+    10**400,
+    "7",
+    True,
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Foreign:
+    """One file of another program.
+
+    Attributes:
+        suffix: of its name.
+        text: what stands in it.
+        fault: what is wrong with how it was read, given its path; empty for nothing.
+    """
+
+    suffix: str
+    text: str
+    fault: Callable[[Path], str]
+
+
+def foreign_files(seed: int) -> Iterator[Foreign]:
+    """One file of each kind."""
+    rng = random.Random(seed)
+    yield from (make(rng) for make in (_plan, _waypoints, _kml, _gpx, _table, _toml, _calibration))
+
+
+def _place(rng: random.Random) -> list[float]:
+    return [round(rng.uniform(-80, 80), 6), round(rng.uniform(1, 170), 6), rng.randint(2, 90)]
+
+
+def _marked(rng: random.Random, text: str) -> str:
+    return (_BOM if rng.random() < 0.3 else "") + text
+
+
+def _mission(count: int, notes: int) -> Callable[[Path], str]:
+    """A mission has so many points that are flown to, and so many notes at least."""
+
+    def fault(path: Path) -> str:
+        told: list[str] = []
+        found = read_mission(path, altitude=10.0, tell=told.append)
+        flown = sum(point.kind is not PointKind.POI for point in found.points)
+        if flown != count or len(told) < notes:
+            return f"{flown} of {count} points, {len(told)} of {notes} notes"
+        return ""
+
+    return fault
+
+
+def _plan(rng: random.Random) -> Foreign:
+    items: list[dict[str, Any]] = []
+    flown = 0
+    for _ in range(rng.randint(1, 6)):
+        command = rng.choice([16, 16, 16, *COMMANDS, 20, 93])
+        params: list[Any] = [0, 0, 0, None, *_place(rng)] if command in (16, 19, 21, 22, 195) else [0] * 7
+        if rng.random() < 0.3:
+            params[rng.randrange(7)] = rng.choice(_NUMBERS)
+        flown += command in (16, 19, 21) or (command == 22 and bool(params[4] or params[5]))
+        waits = rng.random() < 0.05
+        items.append(
+            {"type": "SimpleItem", "command": command, "frame": 3, "params": params, "autoContinue": not waits}
+        )
+    fence, rally = rng.random() < 0.3, rng.random() < 0.3
+    plan = {
+        "fileType": "Plan",
+        "geoFence": {"circles": [{"circle": {"center": [1, 2], "radius": 9}}] if fence else [], "polygons": []},
+        "rallyPoints": {"points": [[1, 2, 3]] if rally else []},
+        "mission": {"firmwareType": rng.choice([0, 3, 12]), "items": items},
+    }
+    return Foreign(".plan", _marked(rng, json.dumps(plan)), _mission(flown, fence + rally))
+
+
+def _waypoints(rng: random.Random) -> Foreign:
+    rows, count = ["QGC WPL 110", "0\t1\t0\t16\t0\t0\t0\t0\t53\t8\t10\t1"], rng.randint(1, 9)
+    for number in range(1, count + 1):
+        cells = [number, 0, 3, 16, 0, 0, 0, rng.choice([0, 90]), *_place(rng), rng.choice([0, 1])]
+        rows.append("\t".join(map(str, cells)))
+    end = rng.choice(["\n", "\r\n"])
+    return Foreign(rng.choice([".waypoints", ".wpl"]), _marked(rng, end.join(rows)), _mission(count, 1))
+
+
+def _kml(rng: random.Random) -> Foreign:
+    count, boxes, body = rng.randint(1, 6), rng.randint(0, 2), ""
+    for _ in range(count):
+        latitude, longitude, height = _place(rng)
+        point = f"<Point><coordinates>{longitude},{latitude},{height}</coordinates></Point>"
+        body += f"<Placemark>{rng.choice([point, f'<MultiGeometry>{point}</MultiGeometry>'])}</Placemark>"
+    body += "<Placemark><Polygon/></Placemark>" * boxes
+    lines = rng.choice([0, 0, 0, 1])
+    body += "<Placemark><LineString><coordinates>1,2 3,4</coordinates></LineString></Placemark>" * lines
+    # A path beside points has to be refused: no count is right.
+    return Foreign(
+        ".kml", _marked(rng, f"<kml><Folder>{body}</Folder></kml>"), _mission(-1 if lines else count, boxes > 0)
+    )
+
+
+def _gpx(rng: random.Random) -> Foreign:
+    sizes = [rng.randint(0, 3) for _ in range(rng.randint(0, 2))]
+    loose = rng.randint(0, 2)
+    point = '<{0} lat="1.5" lon="2.5"/>'
+    body = point.format("wpt") * loose + "".join(f"<rte>{point.format('rtept') * size}</rte>" for size in sizes)
+    routes = [size for size in sizes if size]
+    count = -1 if len(routes) > 1 else (routes[0] if routes else loose)
+    return Foreign(".gpx", _marked(rng, f"<gpx>{body}</gpx>"), _mission(count, bool(routes and loose)))
+
+
+def _table(rng: random.Random) -> Foreign:
+    cell, count = rng.choice(["12", "1_2", "nan", "inf", "1e999", "12.5"]), rng.randint(1, 5)
+    rows = [f"53.{number},8,{cell}" for number in range(count)]
+    right = cell in ("12", "12.5")
+    return Foreign(".csv", _marked(rng, "\n".join(["lat,lon,altitude", *rows])), _mission(count if right else -1, 0))
+
+
+def _toml(rng: random.Random) -> Foreign:
+    name = rng.choice(["mk1", "a2"])
+
+    def fault(path: Path) -> str:
+        found = load(path).vehicle.name
+        return "" if found == name else f"vehicle {found} is not {name}"
+
+    return Foreign(".toml", _marked(rng, f'[vehicle]\nname = "{name}"\n'), fault)
+
+
+def _calibration(rng: random.Random) -> Foreign:
+    model = rng.choice(["plumb_bob", "rational_polynomial", "equidistant"])
+    coefficients = [round(rng.uniform(-0.1, 0.1), 4) for _ in range(rng.choice([4, 5, 8]))]
+    kept = 4 if model == "equidistant" else 5
+    focal = rng.choice([500.0, 601.25, float("nan")])
+    text = (
+        "image_width: 640\nimage_height: 480\n"
+        f"camera_matrix:\n  rows: 3\n  data: [{focal}, 0, 320, 0, 600, 240, 0, 0, 1]\n"
+        f"distortion_model: {model}\ndistortion_coefficients:\n  cols: {len(coefficients)}\n  data: {coefficients}\n"
+    )
+
+    def fault(path: Path) -> str:
+        found = load_camera(path).intrinsics
+        wanted = [*coefficients, 0.0][:kept]
+        right = found.fx == focal and not any(coefficients[kept:]) and list(found.distortion) == wanted
+        return "" if right else f"{found} is not {coefficients}"
+
+    return Foreign(".yaml", _marked(rng, text), fault)
+
+
+def run_foreign(seeds: range) -> dict[str, Any]:
+    """Read every file; what came of them by suffix, and what was wrong."""
+    ends: Counter[str] = Counter()
+    wrong: list[dict[str, Any]] = []
+    with tempfile.TemporaryDirectory() as folder:
+        for seed in seeds:
+            for one in foreign_files(seed):
+                path = Path(folder) / f"foreign{one.suffix}"
+                path.write_text(one.text, encoding="utf-8")
+                try:
+                    fault, end = one.fault(path), "read"
+                except MkError as error:
+                    fault, end = "" if "\n" not in str(error) else "more than one line", "refused"
+                except Exception as error:  # noqa: BLE001 - that is what is looked for
+                    fault, end = f"{type(error).__name__}: {error}", "traceback"
+                ends[f"{one.suffix} {end}"] += 1
+                if fault:
+                    wrong.append({"seed": seed, "file": one.suffix, "fault": fault[:200]})
+    return {"files": ends.total(), "ends": dict(sorted(ends.items())), "wrong": wrong}

@@ -1,0 +1,96 @@
+"""Valid MCAP as other programs write it: without chunks, compressed otherwise, with records of their own."""
+
+from __future__ import annotations
+
+import struct
+from pathlib import Path
+from typing import Any
+
+import pytest
+from mcap.records import Channel, Message, Metadata, Schema
+from mcap.stream_reader import StreamReader
+from mcap.writer import CompressionType, Writer
+
+from mkdaemon.cli.mkctl.app import app as mkctl
+from mkdaemon.cli.program import run
+from mkdaemon.record.reader import Recording
+from tests.record.support import sample
+from tests.record.test_strangers import recording
+
+PRIVATE = struct.pack("<BQ", 0x91, 60) + bytes(60)
+
+
+def rewritten(source: Path, target: Path, **how: Any) -> Path:
+    """A recording written again with the writer of the MCAP project."""
+    schemas, channels = dict[int, int](), dict[int, int]()
+    with source.open("rb") as file, target.open("wb") as out:
+        writer = Writer(out, **how)
+        writer.start()
+        for record in StreamReader(file).records:
+            match record:
+                case Schema():
+                    schemas[record.id] = writer.register_schema(record.name, record.encoding, record.data)
+                case Channel() if record.id not in channels:
+                    schema = schemas.get(record.schema_id, 0)
+                    channels[record.id] = writer.register_channel(
+                        record.topic, record.message_encoding, schema, record.metadata
+                    )
+                case Metadata():
+                    writer.add_metadata(record.name, record.metadata)
+                case Message():
+                    number = channels[record.channel_id]
+                    writer.add_message(number, record.log_time, record.data, record.publish_time, record.sequence)
+        writer.finish()
+    return target
+
+
+WAYS: dict[str, dict[str, Any]] = {
+    "no chunks": {"use_chunking": False},
+    "lz4": {"compression": CompressionType.LZ4},
+    "not compressed": {"compression": CompressionType.NONE},
+    "small chunks": {"chunk_size": 100},
+}
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_what_another_writer_wrote_is_whole(tmp_path: Path, way: str) -> None:
+    source = recording(tmp_path / "a.mcap", [sample(number) for number in range(1, 40)])
+    found = Recording(rewritten(source, tmp_path / "b.mcap", **WAYS[way]))
+    ours = list(Recording(source).entries())
+    assert list(found.entries()) == ours and len(ours) == 39
+    assert found.report.is_whole, found.report.damages
+    times = [at for _, at in found.times()]
+    assert list(found.entries(first=times[20], last=times[20])) == ours[20:21], "the second reading goes by places"
+    target = tmp_path / "c.mcap"
+    assert run(mkctl, ["log", "recover", str(found.path), "-o", str(target)]) == 0
+    assert list(Recording(target).entries()) == ours
+
+
+def test_records_of_an_application_are_stepped_over(tmp_path: Path) -> None:
+    source = recording(tmp_path / "a.mcap", [sample(number) for number in range(1, 40)])
+    raw = source.read_bytes()
+    path = tmp_path / "b.mcap"
+    path.write_bytes(raw[:8] + PRIVATE + raw[8:])
+    found = Recording(path)
+    assert len(list(found.entries())) == 39 and found.report.is_whole
+
+
+def test_a_chunk_whose_opcode_was_damaged_is_no_record_of_an_application(tmp_path: Path) -> None:
+    source = recording(tmp_path / "a.mcap", [sample(number) for number in range(1, 40)])
+    raw = bytearray(source.read_bytes())
+    at = 8
+    while raw[at] != 6:
+        at += 9 + int.from_bytes(raw[at + 1 : at + 9], "little")
+    raw[at] |= 0x80
+    source.write_bytes(raw)
+    found = Recording(source)
+    assert list(found.entries()) == [] and found.report.damages
+
+
+def test_an_unknown_compression_is_not_called_damage_alone(tmp_path: Path) -> None:
+    source = recording(tmp_path / "a.mcap", [sample(number) for number in range(1, 40)])
+    raw = source.read_bytes().replace(b"\x04\0\0\0zstd", b"\x04\0\0\0brot")
+    source.write_bytes(raw)
+    found = Recording(source)
+    assert list(found.entries()) == []
+    assert "compression 'brot' is not supported; convert it: mcap compress" in found.report.damages[0].reason
