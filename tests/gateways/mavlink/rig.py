@@ -287,7 +287,7 @@ class Ears:
         self.gateway, self.program = gateway, program
         self._parser = mavlink.MAVLink(None)
         self.station = Station("test", numbering, Encoder(1, None), self._take, lambda: WALL)
-        gateway.links._stations.append(self.station)
+        gateway.links._stations[self.station] = lambda: None
         self.say(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3))
 
     def _take(self, data):

@@ -7,8 +7,9 @@ import asyncio
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
-from mkdaemon.errors import CommandRejectedError, MkError
+from mkdaemon.errors import MkError
 from mkdaemon.gateways.mavlink.modes import Numbering
+from mkdaemon.gateways.mavlink.texts import words_of
 from mkdaemon.telemetry.control import Outcome, Phase
 from mkdaemon.telemetry.event import FailsafeEvent
 from mkdaemon.telemetry.refusals import Token, refuse
@@ -16,7 +17,7 @@ from tests.gateways.mavlink import rig
 from tests.gateways.mavlink.rig import Ears, FakeVehicle, beat, serving, virtually
 
 ACCEPTED, REJECTED, DENIED, UNSUPPORTED, FAILED, IN_PROGRESS = range(6)
-TAKE_OFF, LAND, RTL, REPOSITION, SET_MODE, ARM = 22, 21, 20, 192, 176, 400
+TAKE_OFF, LAND, RTL, REPOSITION, SET_MODE, ARM, START = 22, 21, 20, 192, 176, 400, 300
 ON_GROUND = rig.flight(is_flying=False)
 STANDING = rig.flight(is_flying=False, motors_running=False)
 
@@ -194,8 +195,7 @@ async def test_a_refusal_is_told_in_the_daemons_words(refusals, result):
         await beat(ears, 0.5)
         assert ears.acks == [(LAND, result)]
         error = refusals["lease"]
-        words = f"{error.reason} {error.fix}" if isinstance(error, CommandRejectedError) else str(error)
-        assert ears.words == words and gateway.steering.order is None
+        assert ears.words == words_of(error) and gateway.steering.order is None
 
 
 @virtually
@@ -257,13 +257,13 @@ async def test_the_same_command_is_done_once():
     vehicle.slow = 1.0
     async with serving(vehicle) as gateway:
         ears = Ears(gateway)
-        ears.command(RTL)
-        ears.command(RTL, confirmation=1)
+        ears.command(START)
+        ears.command(START, confirmation=1)
         await beat(ears, 1.5)
-        assert ears.acks[0] == (RTL, IN_PROGRESS) and ears.acks[-1] == (RTL, ACCEPTED)
-        ears.command(RTL, confirmation=2)
+        assert ears.acks[0] == (START, IN_PROGRESS) and ears.acks[-1] == (START, ACCEPTED)
+        ears.command(START, confirmation=2)
         await beat(ears, 1.5)
-        assert [name for name, *_ in vehicle.calls] == ["end"] and ears.acks[-1] == (RTL, ACCEPTED)
+        assert [name for name, *_ in vehicle.calls] == ["start"] and ears.acks[-1] == (START, ACCEPTED)
 
 
 @pytest.mark.parametrize(
@@ -340,8 +340,8 @@ async def test_a_place_on_the_globe_is_the_navictrls():
 @pytest.mark.parametrize(
     ("numbering", "params", "result", "called"),
     [
-        (Numbering.PX4, (1, 4, 5), ACCEPTED, ["end"]),
-        (Numbering.ARDUPILOT, (1, 6), ACCEPTED, ["end"]),
+        (Numbering.PX4, (1, 4, 5), ACCEPTED, []),
+        (Numbering.ARDUPILOT, (1, 6), ACCEPTED, []),
         (Numbering.PX4, (1, 4, 4), ACCEPTED, ["start"]),
         (Numbering.ARDUPILOT, (1, 3), ACCEPTED, ["start"]),
         (Numbering.PX4, (1, 7, 0), ACCEPTED, []),
@@ -381,7 +381,7 @@ async def test_the_old_message_sets_modes_too_and_standard_modes_do():
         await beat(ears, 0.2)
         ears.command(262, mavlink.MAV_STANDARD_MODE_MISSION)
         await beat(ears, 0.2)
-        assert [name for name, *_ in vehicle.calls] == ["end", "start"]
+        assert [name for name, *_ in vehicle.calls] == ["start"]
         assert ears.acks == [(SET_MODE, ACCEPTED), (262, ACCEPTED)]
 
 

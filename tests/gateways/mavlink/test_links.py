@@ -134,6 +134,48 @@ async def test_a_station_that_does_not_read_loses_messages_and_holds_nobody_up()
         writer.close()
 
 
+async def test_a_script_that_is_restarted_again_and_again_finds_room(monkeypatch):
+    """Each start comes from a port of its own; the tenth within half a minute got no answer, and the log no line."""
+    monkeypatch.setattr("mkdaemon.gateways.mavlink.links.SILENCE", 0.05)
+    port = free_port(socket.SOCK_DGRAM)
+    async with linked(Address(Kind.UDP_IN, "127.0.0.1", port)) as (links, came):
+        for start in range(MOST_STATIONS + 4):
+            with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as script:
+                script.sendto(bytes_of(BEAT), ("127.0.0.1", port))
+                await wait_for(lambda start=start: len(came) == start + 1)
+            await asyncio.sleep(0.06)
+        assert len(links.stations) <= MOST_STATIONS
+
+
+async def test_silent_connections_make_room_for_one_that_speaks(monkeypatch):
+    monkeypatch.setattr("mkdaemon.gateways.mavlink.links.SILENCE", 0.05)
+    port = free_port()
+    async with linked(Address(Kind.TCP_IN, "127.0.0.1", port)) as (links, came):
+        silent = [await asyncio.open_connection("127.0.0.1", port) for _ in range(MOST_STATIONS)]
+        await wait_for(lambda: len(links.stations) == MOST_STATIONS)
+        await asyncio.sleep(0.06)
+        _, writer = await asyncio.open_connection("127.0.0.1", port)
+        writer.write(bytes_of(BEAT))
+        await wait_for(lambda: came)
+        assert await silent[0][0].read() == b""
+        for _, one in [*silent, (None, writer)]:
+            one.close()
+        await wait_for(lambda: not links.stations)
+
+
+@pytest.mark.parametrize("head", [b"POST / HTTP/1.1\r\nHost: x\r\n\r\n", b"\x16\x03\x01", b"SSH-2.0-x\r\n"])
+async def test_a_connection_that_begins_as_something_else_is_closed_and_not_read(head):
+    """What a web page posts holds the bytes that it wants; PARAM_SET reached a board so."""
+    port = free_port()
+    write = mavlink.MAVLink_param_set_message(1, 1, b"GYRO_P", 55.0, 9)
+    async with linked(Address(Kind.TCP_IN, "127.0.0.1", port)) as (links, came):
+        reader, writer = await asyncio.open_connection("127.0.0.1", port)
+        writer.write(head + bytes_of(write))
+        assert await reader.read() == b""
+        assert not came and not links.stations
+        writer.close()
+
+
 async def test_a_serial_line_is_opened_again():
     first, second = os.openpty()
     async with linked(Address(Kind.SERIAL, os.ttyname(second), 57_600)) as (links, came):

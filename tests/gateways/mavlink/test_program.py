@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from mkdaemon.cli.mkdaemon.gateway.mavlink import mavlink as command
-from mkdaemon.errors import ConfigError
+from mkdaemon.errors import ConfigError, MkError
 from mkdaemon.gateways.mavlink.addresses import DEFAULTS
 from mkdaemon.gateways.mavlink.program import backups_folder, options_from, serve
 from tests.gateways.mavlink.rig import FakeVehicle
@@ -85,3 +85,22 @@ async def test_it_serves_until_it_is_stopped():
         await ready.wait()
         stop.set()
         await serving
+
+
+async def test_it_waits_for_a_daemon_that_is_started_later(monkeypatch):
+    monkeypatch.setattr("mkdaemon.gateways.mavlink.program._AGAIN", 0.01)
+    stop, ready, attempts = asyncio.Event(), asyncio.Event(), []
+
+    @asynccontextmanager
+    async def open_vehicle():
+        attempts.append(1)
+        if len(attempts) < 3:
+            raise MkError("no daemon answers")
+        yield FakeVehicle()
+
+    serving = asyncio.create_task(serve(open_vehicle, options(f"tcpin:127.0.0.1:{free_port()}"), stop, ready.set))
+    async with asyncio.timeout(20.0):
+        await ready.wait()
+        stop.set()
+        await serving
+    assert len(attempts) == 3

@@ -8,7 +8,6 @@ stock firmware by nothing else.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from typing import Final
 
 from mkdaemon.client import Vehicle
@@ -17,12 +16,13 @@ from mkdaemon.gateways.mavlink.commands import LOCAL_FRAMES, Answered, Asked, Ha
 from mkdaemon.gateways.mavlink.dialect import mavlink
 from mkdaemon.gateways.mavlink.frames import compass_from_yaw, ned_from_enu, offset_enu, wrapped
 from mkdaemon.gateways.mavlink.handcontrol import HandControl
-from mkdaemon.gateways.mavlink.modes import Mode, is_armed, mode_of_custom, mode_of_numbers, mode_of_standard
+from mkdaemon.gateways.mavlink.modes import Mode, Numbering, is_armed, mode_of_custom, mode_of_numbers, mode_of_standard
 from mkdaemon.gateways.mavlink.picture import Picture
 from mkdaemon.gateways.mavlink.steering import By, Order, Steering
 from mkdaemon.protocol import Board
 from mkdaemon.protocol.messages import ArmMotors
 from mkdaemon.telemetry.control import ControlEstimate
+from mkdaemon.telemetry.navi import ControlNavi
 from mkdaemon.telemetry.state import Flight, Position
 
 TAKE_OFF_HEIGHT: Final = 2.0
@@ -37,9 +37,7 @@ _PILOTS: Final = "the pilot turns his GPS switch to coming home: nothing on the 
 class Actions:
     """Commands that fly, or look as if they would."""
 
-    def __init__(
-        self, uav: Vehicle, picture: Picture, steering: Steering, hands: HandControl, clear_route: Callable[[], None]
-    ) -> None:
+    def __init__(self, uav: Vehicle, picture: Picture, steering: Steering, hands: HandControl) -> None:
         """Act for ground stations.
 
         Args:
@@ -47,10 +45,8 @@ class Actions:
             picture: what is known of it.
             steering: flies.
             hands: the setpoints that ground stations stream.
-            clear_route: told when the NaviCtrl's list was emptied from here.
         """
         self._uav, self._picture, self._steering, self._hands = uav, picture, steering, hands
-        self._clear_route = clear_route
 
     def table(self) -> dict[int, Handler]:
         """Handlers by the number of the command."""
@@ -77,8 +73,12 @@ class Actions:
 
     async def take_off(self, asked: Asked) -> Answered:
         """NAV_TAKEOFF: by the daemon over the target, when the pilot has started the motors."""
-        height = asked.number(7) or TAKE_OFF_HEIGHT
-        if asked.frame in _ABOVE_SEA:
+        given = asked.number(7)
+        height = given or TAKE_OFF_HEIGHT
+        is_above_sea = asked.frame in _ABOVE_SEA or (
+            asked.frame is None and asked.station.numbering is Numbering.AS_PX4  # so PX4 reads a COMMAND_LONG
+        )
+        if given and is_above_sea:
             ground = self._picture.ground
             if ground is None:
                 return denied("the height of the ground above the sea is not known: give the height above home")
@@ -114,6 +114,8 @@ class Actions:
             heading = asked.number(4)
             yaw = None if heading is None else compass_from_yaw(heading)
             return await self._fly(asked, "position", {"position": place, "frame": "pad", "yaw": yaw}, "")
+        if all(asked.number(index) is None for index in (5, 6, 7)):  # how QGroundControl pauses a PX4
+            return await self.hold(asked)
         return await self._reposition_on_globe(asked)
 
     async def _reposition_on_globe(self, asked: Asked) -> Answered:
@@ -146,14 +148,17 @@ class Actions:
         ground = self._picture.ground
         return None if ground is None else height - ground
 
-    async def return_home(self, _: Asked) -> Answered:
-        """NAV_RETURN_TO_LAUNCH: the list is emptied, so that the pilot's switch flies home."""
+    async def return_home(self, asked: Asked) -> Answered:
+        """NAV_RETURN_TO_LAUNCH: the pilot's switch flies home, where the NaviCtrl holds no list that it would fly."""
         if self._steering.order is not None:
-            self._steering.give_back()
+            self._steering.give_back(By(asked.station, asked.program))
             return accepted(f"the aircraft is given back to the pilot; {_PILOTS}, home")
-        await self._uav.route.end(confirm=True)
-        self._clear_route()
-        return accepted(f"the list is empty; {_PILOTS}, home")
+        navi = self._picture.get(ControlNavi, math.inf)  # it comes on change
+        if navi is None:
+            return denied("whether the NaviCtrl holds a list, which the same switch would fly, is not known")
+        if navi.waypoints:
+            return denied(f"the NaviCtrl holds {navi.waypoints} points, which the same switch flies: clear the mission")
+        return accepted(f"{_PILOTS}, home")
 
     async def start_mission(self, _: Asked) -> Answered:
         """MISSION_START: the list is made ready for the pilot's switch."""
@@ -220,7 +225,7 @@ class Actions:
             return accepted()
         if mode is Mode.STABILIZED:
             if self._steering.order is not None:
-                self._steering.give_back()
+                self._steering.give_back(by)
                 return accepted("the aircraft is given back to the pilot")
             return accepted()
         if mode is Mode.OFFBOARD:

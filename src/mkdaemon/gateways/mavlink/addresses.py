@@ -13,9 +13,7 @@ from mkdaemon.gateways.mavlink.modes import Numbering
 
 DEFAULTS: Final = ("udpout:127.0.0.1:14550", "tcpin:127.0.0.1:5760")
 """QGroundControl, MAVSDK and MAVProxy listen at the first; any number of programs may connect to the second."""
-_FORM: Final = (
-    "udpout:HOST:PORT, udpin:HOST:PORT, tcpin:HOST:PORT or serial:DEVICE:BAUD, each with ,ardupilot if wanted"
-)
+_FORM: Final = "udpout:HOST:PORT, udpin:HOST:PORT, tcpin:HOST:PORT or serial:DEVICE:BAUD, and ,ardupilot or ,as-px4"
 
 
 class Kind(Enum):

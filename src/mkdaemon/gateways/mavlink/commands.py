@@ -15,8 +15,9 @@ from typing import Any, Final
 
 from mkdaemon.errors import CommandRejectedError, ManoeuvreError, MkError, NotEngagedError
 from mkdaemon.gateways.mavlink.dialect import Message, mavlink
+from mkdaemon.gateways.mavlink.faults import Faults
 from mkdaemon.gateways.mavlink.stations import Program, Station
-from mkdaemon.gateways.mavlink.texts import INFO, WARNING, Notify
+from mkdaemon.gateways.mavlink.texts import INFO, WARNING, Notify, words_of
 from mkdaemon.telemetry.refusals import Status, Token
 
 AT_ONCE: Final = 0.25
@@ -30,6 +31,8 @@ LOCAL_FRAMES: Final = frozenset({mavlink.MAV_FRAME_LOCAL_NED, mavlink.MAV_FRAME_
 """Frames of a command whose place is the daemon's to fly."""
 _LOCAL_SCALE: Final = 1e4
 _GLOBAL_SCALE: Final = 1e7
+_MODES: Final = frozenset({mavlink.MAV_CMD_DO_SET_MODE, mavlink.MAV_CMD_DO_SET_STANDARD_MODE})
+"""Commands that ask for a mode: HEARTBEAT says when it is entered, STATUSTEXT why it is not."""
 _NOT_GIVEN: Final = 0x7FFF_FFFF
 """Fifth and sixth number of a COMMAND_INT that are not given."""
 _LATER: Final = frozenset(
@@ -133,15 +136,15 @@ Handler = Callable[[Asked], Awaitable[Answered] | Answered]
 class CommandDesk:
     """Answers commands; the same one asked again while it runs, or because its answer was lost, is done once."""
 
-    def __init__(self, handlers: dict[int, Handler], notify: Notify, now: Callable[[], float]) -> None:
+    def __init__(self, handlers: dict[int, Handler], notify: Notify, faults: Faults) -> None:
         """Answer commands.
 
         Args:
             handlers: by the number of the command; others are unsupported.
             notify: tells a ground station why.
-            now: the clock [s].
+            faults: counts what a handler fails by.
         """
-        self._handlers, self._notify, self._now = handlers, notify, now
+        self._handlers, self._notify, self._faults = handlers, notify, faults
         self._running: dict[tuple[Any, ...], asyncio.Task[None]] = {}
         self._answered: OrderedDict[tuple[Any, ...], Answered] = OrderedDict()
 
@@ -149,7 +152,7 @@ class CommandDesk:
         """Do a command and answer it."""
         key = (id(asked.station), asked.program, asked.command)
         if key in self._running:
-            _acknowledge(asked, int(mavlink.MAV_RESULT_IN_PROGRESS))
+            _acknowledge(asked, _meanwhile(asked))
             return
         done = self._answered.get((*key, asked.params))
         if asked.confirmation > 0 and done is not None:
@@ -166,8 +169,8 @@ class CommandDesk:
             return
         try:
             made = handler(asked)
-        except MkError as error:
-            self._answer(asked, key, answer_of(error))
+        except Exception as error:  # noqa: BLE001  # a fault ends this command
+            self._answer(asked, key, self._answer_of(asked, error))
             return
         if isinstance(made, Answered):
             self._answer(asked, key, made)
@@ -182,29 +185,44 @@ class CommandDesk:
 
     async def _run(self, asked: Asked, key: tuple[Any, ...], work: Awaitable[Answered]) -> None:
         doing = asyncio.ensure_future(work)
+        patience = AT_ONCE
         try:
-            patience = AT_ONCE
             while not (await asyncio.wait({doing}, timeout=patience))[0]:
-                _acknowledge(asked, int(mavlink.MAV_RESULT_IN_PROGRESS))
+                _acknowledge(asked, _meanwhile(asked))
                 patience = PROGRESS
-            error = doing.exception()
-            if error is None:
-                self._answer(asked, key, doing.result())
-            elif isinstance(error, MkError):
-                self._answer(asked, key, answer_of(error))
-            else:
-                raise error
+                if asked.command in _MODES:
+                    break
+            self._finish(asked, key, await doing, is_late=patience == PROGRESS)
+        except Exception as error:  # noqa: BLE001  # a fault ends this command
+            self._finish(asked, key, self._answer_of(asked, error), is_late=patience == PROGRESS)
         finally:
             doing.cancel()
             self._running.pop(key, None)
+
+    def _finish(self, asked: Asked, key: tuple[Any, ...], answer: Answered, *, is_late: bool) -> None:
+        """Answer a command; a mode that was accepted meanwhile is not answered again, only its words are sent."""
+        if not (is_late and asked.command in _MODES):
+            self._answer(asked, key, answer)
+        elif answer.words:
+            self._tell(asked, answer)
+
+    def _tell(self, asked: Asked, answer: Answered) -> None:
+        is_done = answer.result == mavlink.MAV_RESULT_ACCEPTED
+        self._notify(asked.station, answer.words, INFO if is_done else WARNING)
+
+    def _answer_of(self, asked: Asked, error: Exception) -> Answered:
+        """The answer where a handler raised."""
+        if isinstance(error, MkError):
+            return answer_of(error)
+        self._faults.note(f"command {asked.command}", error)
+        return Answered(int(mavlink.MAV_RESULT_FAILED), f"command {asked.command}: a defect of the gateway")
 
     def _answer(self, asked: Asked, key: tuple[Any, ...], answer: Answered) -> None:
         self._answered[(*key, asked.params)] = answer
         while len(self._answered) > _REMEMBERED:
             self._answered.popitem(last=False)
         if answer.words:
-            is_done = answer.result == mavlink.MAV_RESULT_ACCEPTED
-            self._notify(asked.station, answer.words, INFO if is_done else WARNING)
+            self._tell(asked, answer)
         _acknowledge(asked, answer.result)
 
 
@@ -215,10 +233,15 @@ def answer_of(error: MkError) -> Answered:
         result = _BY_STATUS.get(status, mavlink.MAV_RESULT_DENIED)
         if error.token in _LATER:
             result = mavlink.MAV_RESULT_TEMPORARILY_REJECTED
-        return Answered(int(result), f"{error.reason} {error.fix}".strip())
+        return Answered(int(result), words_of(error))
     if isinstance(error, NotEngagedError | ManoeuvreError):
         return Answered(int(mavlink.MAV_RESULT_TEMPORARILY_REJECTED), str(error))
     return Answered(int(mavlink.MAV_RESULT_FAILED), str(error))
+
+
+def _meanwhile(asked: Asked) -> int:
+    """The result of a command that is being done: a mode is accepted, for MAVSDK 4.1 crashes at IN_PROGRESS there."""
+    return int(mavlink.MAV_RESULT_ACCEPTED if asked.command in _MODES else mavlink.MAV_RESULT_IN_PROGRESS)
 
 
 def _acknowledge(asked: Asked, result: int) -> None:

@@ -14,8 +14,11 @@ from dataclasses import dataclass
 from typing import Final
 
 from mkdaemon.gateways.mavlink.dialect import COMPONENT, Message, mavlink
+from mkdaemon.gateways.mavlink.signingtimes import SigningTimes
 
 _HEADER = {0xFE: 6, 0xFD: 10}
+MAGIC: Final = frozenset(_HEADER)
+"""First byte of a frame of MAVLink 1 and 2."""
 _SIGNED: Final = 1
 _SIGNATURE: Final = 13
 _EPOCH: Final = 1_420_070_400
@@ -59,9 +62,15 @@ class Signing:
         key: 32 bytes.
     """
 
-    def __init__(self, key: bytes) -> None:
+    def __init__(self, key: bytes, times: SigningTimes | None = None) -> None:
+        """Sign and check.
+
+        Args:
+            key: 32 bytes.
+            times: newest time of each stream, from the run before; None to begin without.
+        """
         self.key = key
-        self._newest: dict[tuple[int, int, int], int] = {}
+        self._newest = SigningTimes() if times is None else times
 
     def is_right(self, frame: bytes, wall: float) -> bool:
         """Whether a signed frame of MAVLink 2 has a right signature, and is newer than the last of its stream.
@@ -81,7 +90,7 @@ class Signing:
                 return False
         elif stamp <= newest:
             return False
-        self._newest[stream] = stamp
+        self._newest.put(stream, stamp)
         return True
 
 
@@ -164,7 +173,7 @@ class Decoder:
         """The message of a frame; None where it is none, or its signature is missing or wrong."""
         try:
             message = self._mav.decode(bytearray(frame))
-        except mavlink.MAVError:
+        except (mavlink.MAVError, ValueError, struct.error):  # the last two by a field that pymavlink cannot unpack
             self.counts.bad += 1
             return None
         if message.get_msgId() < 0:  # a message nobody knows; its checksum cannot be proven

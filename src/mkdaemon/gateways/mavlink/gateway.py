@@ -16,6 +16,7 @@ from mkdaemon.gateways.mavlink.actions import Actions
 from mkdaemon.gateways.mavlink.addresses import Address
 from mkdaemon.gateways.mavlink.commands import Asked, CommandDesk, asked_from
 from mkdaemon.gateways.mavlink.dialect import COMPONENT, EVERYBODY, Message, mavlink
+from mkdaemon.gateways.mavlink.faults import Faults
 from mkdaemon.gateways.mavlink.framing import Signing
 from mkdaemon.gateways.mavlink.handcontrol import HandControl
 from mkdaemon.gateways.mavlink.links import Links
@@ -31,6 +32,7 @@ from mkdaemon.gateways.mavlink.texts import Texts, text_of
 from mkdaemon.telemetry.control import ControlStatus
 from mkdaemon.telemetry.mission import MissionEvent
 from mkdaemon.telemetry.procedure import ProcedureProgress
+from mkdaemon.telemetry.vehicle import VehicleHealth
 
 TICK: Final = 0.05
 """How often the clock is looked at [s]."""
@@ -38,6 +40,7 @@ BEAT: Final = 1.0
 """Between two heartbeats [s]."""
 _MOST_WORK: Final = 32
 """Answers that are worked on at once; further requests are dropped, and come again."""
+_SILENT: Final = "mkdaemon is silent: nothing is known of the aircraft, and nothing can be asked of it"
 _SETTINGS: Final = frozenset({"settings_write", "settings_restore"})
 
 
@@ -65,6 +68,7 @@ class Gateway:
         links: where they are.
         picture: what is known of the vehicle.
         steering: what is flown for them.
+        faults: of the gateway's own; each ended one message.
     """
 
     def __init__(self, uav: Vehicle, options: Options, now: Callable[[], float], wall: Callable[[], float]) -> None:
@@ -77,20 +81,21 @@ class Gateway:
             wall: the system clock [s].
         """
         self._uav, self._options, self._now = uav, options, now
-        self.picture = Picture()
+        self.picture, self.faults = Picture(), Faults()
         self.links = Links(options.system, options.signing, self.message_arrived, now, wall)
-        self.steering = Steering(uav, self.announce, now)
+        self.steering = Steering(uav, self.announce, now, self.faults)
         self._hands = HandControl(self.steering, self.picture, self.notify, now)
-        self._missions = MissionServer(uav, self.picture, self.notify, now)
+        self._missions = MissionServer(uav, self.picture, self.notify, now, self.faults)
         self._parameters = ParameterServer(uav, options.backups, self.notify, now)
         self._queries = Queries(self.picture, self._mode, self._missions.current)
-        actions = Actions(uav, self.picture, self.steering, self._hands, self._missions.forget)
-        self._desk = CommandDesk(actions.table() | self._queries.table(), self.notify, now)
+        actions = Actions(uav, self.picture, self.steering, self._hands)
+        self._desk = CommandDesk(actions.table() | self._queries.table(), self.notify, self.faults)
         self._texts = Texts()
         self._work: set[asyncio.Task[None]] = set()
         self._tasks: asyncio.TaskGroup | None = None
         self._beat_at = 0.0
         self._hands_words = ""
+        self._is_daemon_heard = True
 
     async def run(self, on_ready: Callable[[], None]) -> None:
         """Serve until cancelled; the lease is given back then.
@@ -111,7 +116,7 @@ class Gateway:
                 on_ready()
                 tasks.create_task(self._clock(), name="clock")
                 async for sample in samples:
-                    with suppress(ProtocolError):  # of a newer daemon; what is known goes on
+                    with self.faults.contained("a value of the daemon"), suppress(ProtocolError):  # of a newer daemon
                         self.value_arrived(sample.value)
             finally:
                 self._tasks = None
@@ -145,6 +150,14 @@ class Gateway:
             if row.source is kind:
                 self._send(name, now)
 
+    def _announce_daemon(self) -> None:
+        """Say when the daemon falls silent, for HEARTBEAT goes on, and when it is heard again."""
+        is_heard = self.picture.get(VehicleHealth) is not None
+        if is_heard != self._is_daemon_heard:
+            self._is_daemon_heard = is_heard
+            words = (texts.INFO, "mkdaemon is heard again") if is_heard else (texts.CRITICAL, _SILENT)
+            self.announce(*words)
+
     def _announce_hands(self, status: ControlStatus) -> None:
         """What the pilot's hands do changes with the phase, and his operator reads it out."""
         if status.hands and status.hands != self._hands_words and status.lease is not None:
@@ -156,15 +169,19 @@ class Gateway:
         made: Message | None = None
         for station in self.links.stations:
             if station.is_present(now) and station.is_due(name, now):
-                made = made or TABLE[name].make(self.picture)
+                with self.faults.contained(name):
+                    made = made or TABLE[name].make(self.picture)
+                    if made is not None:
+                        station.send(made)
                 if made is None:
                     return
-                station.send(made)
 
     async def _clock(self) -> None:
         while True:
-            self.tick()
-            await self._missions.tick()
+            with self.faults.contained("clock"):
+                self.tick()
+            with self.faults.contained("missions"):
+                self._missions.tick()
             await asyncio.sleep(TICK)
 
     def tick(self) -> None:
@@ -176,6 +193,7 @@ class Gateway:
         if now - self._beat_at < BEAT:
             return
         self._beat_at = now
+        self._announce_daemon()
         mode, reached = self._mode(), self._missions.reached()
         for station in self.links.stations:
             station.send(heartbeat(self.picture, mode, station.numbering))
@@ -200,12 +218,17 @@ class Gateway:
             station.send(message)
 
     def message_arrived(self, station: Station, message: Message) -> None:
-        """Take a message of a ground station."""
+        """Take a message of a ground station; one that meets a fault ends there."""
+        with self.faults.contained(message.get_type()):
+            self._take(station, message)
+
+    def _take(self, station: Station, message: Message) -> None:
         now, name = self._now(), message.get_type()
         program = Program(message.get_srcSystem(), message.get_srcComponent())
         if program.system in (EVERYBODY, self._options.system):  # ourselves, or nobody
             return
-        station.note_message(program, now, is_heartbeat=name == "HEARTBEAT")
+        if not station.note_message(program, now, is_heartbeat=name == "HEARTBEAT"):
+            return
         if name in ("COMMAND_LONG", "COMMAND_INT"):
             if message.target_system in (EVERYBODY, self._options.system):
                 self._desk.take(asked_from(station, message))
@@ -216,9 +239,9 @@ class Gateway:
             if getattr(message, "target", self._options.system) == self._options.system:
                 self._hands.take(By(station, program), message)
         elif name in parameters.MESSAGES:
-            self._start(self._parameters.take(station, message))
+            self._start(name, self._parameters.take(station, message))
         elif name in missions.MESSAGES:
-            self._start(self._missions.take(station, message))
+            self._start(name, self._missions.take(station, message))
         elif name in queries.MESSAGES:
             self._queries.take(station, message)
         elif name == "SET_MODE":
@@ -230,11 +253,11 @@ class Gateway:
         target = Program(self._options.system, COMPONENT)
         self._desk.take(Asked(station, program, int(mavlink.MAV_CMD_DO_SET_MODE), params, None, 0, target))
 
-    def _start(self, work: Coroutine[Any, Any, None]) -> None:
+    def _start(self, name: str, work: Coroutine[Any, Any, None]) -> None:
         """Work on an answer beside everything else; what is too much is dropped and comes again."""
         if self._tasks is None or len(self._work) >= _MOST_WORK:
             work.close()
             return
-        task = self._tasks.create_task(work, name="answer")
+        task = self._tasks.create_task(self.faults.contain(name, work), name="answer")
         self._work.add(task)
         task.add_done_callback(self._work.discard)

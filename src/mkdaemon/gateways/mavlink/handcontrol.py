@@ -10,6 +10,7 @@ from mkdaemon.gateways.mavlink.dialect import Message
 from mkdaemon.gateways.mavlink.modes import Mode
 from mkdaemon.gateways.mavlink.picture import Picture
 from mkdaemon.gateways.mavlink.setpoints import (
+    ON_THE_GLOBE,
     Axes,
     Unusable,
     Wanted,
@@ -21,11 +22,14 @@ from mkdaemon.gateways.mavlink.setpoints import (
     sticks,
 )
 from mkdaemon.gateways.mavlink.steering import STREAMED, By, Steering
-from mkdaemon.gateways.mavlink.texts import Notify
+from mkdaemon.gateways.mavlink.texts import Notify, words_of
 from mkdaemon.telemetry.control import ControlEstimate
 
 MESSAGES: Final = frozenset(
-    {"MANUAL_CONTROL", "RC_CHANNELS_OVERRIDE", "SET_POSITION_TARGET_LOCAL_NED", "SET_ATTITUDE_TARGET"}
+    {
+        *("MANUAL_CONTROL", "RC_CHANNELS_OVERRIDE", "SET_POSITION_TARGET_LOCAL_NED", "SET_ATTITUDE_TARGET"),
+        "SET_POSITION_TARGET_GLOBAL_INT",
+    }
 )
 """What is taken here."""
 _MOST: Final = 64
@@ -61,6 +65,8 @@ class HandControl:
             return
         if name == "SET_ATTITUDE_TARGET":
             found = attitude_target(message)
+        elif name == "SET_POSITION_TARGET_GLOBAL_INT":
+            found = ON_THE_GLOBE
         else:
             found = local_target(message, self._picture.get(ControlEstimate))
         if isinstance(found, Unusable):
@@ -82,7 +88,7 @@ class HandControl:
         try:
             self._steering.stream(by, wanted.kind, wanted.fields)
         except CommandRejectedError as refusal:
-            self._notify(by.station, f"{refusal.reason} {refusal.fix}")
+            self._notify(by.station, words_of(refusal))
 
     def streamed(self, by: By, mode: Mode) -> str | None:
         """What a program streams that a mode would fly, as the last word of a key; None where it streams nothing.

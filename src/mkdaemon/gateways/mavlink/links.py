@@ -10,18 +10,24 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import Any, Final
 
+import structlog
+
 from mkdaemon.errors import MkError
 from mkdaemon.gateways.mavlink.addresses import Address, Kind
 from mkdaemon.gateways.mavlink.dialect import Message
-from mkdaemon.gateways.mavlink.framing import Counts, Decoder, Encoder, Signing
-from mkdaemon.gateways.mavlink.stations import Station
+from mkdaemon.gateways.mavlink.framing import MAGIC, Counts, Decoder, Encoder, Signing
+from mkdaemon.gateways.mavlink.stations import SILENCE, Station
 
 MOST_STATIONS: Final = 8
-"""Stations of one link."""
+"""Stations of one link; a further one takes the place of the one that has been silent longest."""
 _MOST_WAITING: Final = 65_536
 """Bytes that may wait for a slow station."""
 _RETRY: Final = 1.0
 """Time between two attempts to open a serial line [s]."""
+
+_LOG_AGAIN: Final = 10.0
+"""The same thing about a link is logged again after this time [s]."""
+_log: Final = structlog.get_logger("gateway.mavlink")
 
 OnMessage = Callable[[Station, Message], None]
 """Takes a message and whose it is."""
@@ -48,7 +54,8 @@ class Links:
         self.counts = Counts()
         self._system, self._signing, self._on_message = system, signing, on_message
         self._now, self._wall = now, wall
-        self._stations: list[Station] = []
+        self._stations: dict[Station, Callable[[], None]] = {}
+        self._logged: dict[tuple[Address, str], float] = {}
         self._closing: list[Callable[[], None]] = []
         self._link_ids = 0
 
@@ -96,22 +103,49 @@ class Links:
             station.is_open = False
         self._stations.clear()
 
-    def add(self, name: str, address: Address, put: Callable[[bytes], bool]) -> Station | None:
-        """Meet a station; None where there are too many of its link."""
-        same = [one for one in self._stations if one.name.startswith(str(address))]
-        if len(same) >= MOST_STATIONS:
+    def add(self, name: str, address: Address, put: Callable[[bytes], bool], end: Callable[[], None]) -> Station | None:
+        """Meet a station; None where its link is full of stations that speak.
+
+        Args:
+            name: for people, behind the address.
+            address: of the link.
+            put: hands bytes over; says whether they were taken.
+            end: ends its connection, where another station takes its place.
+        """
+        if not self._has_room(address):
+            self.log(address, "station refused: its link is full", stations=MOST_STATIONS, station=name)
             return None
         self._link_ids = (self._link_ids + 1) % 256
         encoder = Encoder(self._system, self._signing, self._link_ids)
         station = Station(f"{address} {name}".strip(), address.numbering, encoder, put, self._wall)
-        self._stations.append(station)
+        station.heard_at = self._now()
+        self._stations[station] = end
         return station
+
+    def _has_room(self, address: Address) -> bool:
+        """Whether a link can take a further station; one that is silent is ended for it."""
+        same = [one for one in self._stations if one.name.startswith(f"{address} ")]
+        if len(same) < MOST_STATIONS:
+            return True
+        oldest = min(same, key=lambda one: one.heard_at)
+        if self._now() - oldest.heard_at < SILENCE:
+            return False
+        end = self._stations[oldest]
+        self.remove(oldest)
+        end()
+        return True
+
+    def log(self, address: Address, event: str, **words: object) -> None:
+        """Log what happens at a link, each thing seldom enough that a flood does not fill the log."""
+        last = self._logged.get((address, event))
+        if last is None or self._now() - last >= _LOG_AGAIN:
+            self._logged[address, event] = self._now()
+            _log.warning(event, link=str(address), **words)
 
     def remove(self, station: Station) -> None:
         """Forget a station."""
         station.is_open = False
-        with suppress(ValueError):
-            self._stations.remove(station)
+        self._stations.pop(station, None)
 
     def received(self, station: Station, messages: list[Message]) -> None:
         """Hand on what came."""
@@ -180,10 +214,13 @@ class _Datagrams(asyncio.DatagramProtocol):
                 self._links.remove(silent)
                 del self._stations[old]
         name = "" if key is None else f"from {key[0]}:{key[1]}"
-        station = self._links.add(name, self._address, lambda data: self._put(data, key))
+        station = self._links.add(name, self._address, lambda data: self._put(data, key), lambda: self._drop(key))
         if station is not None:
             self._stations[key] = station
         return station
+
+    def _drop(self, key: Any) -> None:
+        self._stations.pop(key, None)
 
     def _put(self, data: bytes, key: Any) -> bool:
         transport = self._transport
@@ -201,18 +238,30 @@ class _Stream(asyncio.Protocol):
         self._decoder = links.decoder()
         self._station: Station | None = None
         self._transport: Any = None
+        self._has_begun = False
 
     def connection_made(self, transport: Any) -> None:
         self._transport = transport
         peer = transport.get_extra_info("peername")
         name = f"from {peer[0]}:{peer[1]}" if peer else ""
-        self._station = self._links.add(name, self._address, self._put)
+        self._station = self._links.add(name, self._address, self._put, transport.close)
         if self._station is None:
             transport.close()
 
     def data_received(self, data: bytes) -> None:
-        if self._station is not None:
-            self._links.received(self._station, self._links.read(self._decoder, data, is_datagram=False))
+        if self._station is None:
+            return
+        if self._address.kind is Kind.TCP_IN and not self._has_begun and data[0] not in MAGIC:
+            # A browser sends whatever a web page asks it to, but always behind a line of HTTP.
+            self._links.log(
+                self._address, "connection closed: it does not begin with MAVLink", station=self._station.name
+            )
+            self._transport.close()
+            self._links.remove(self._station)
+            self._station = None
+            return
+        self._has_begun = True
+        self._links.received(self._station, self._links.read(self._decoder, data, is_datagram=False))
 
     def connection_lost(self, exc: Exception | None) -> None:
         if self._station is not None:

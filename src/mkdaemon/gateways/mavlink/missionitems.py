@@ -14,7 +14,7 @@ from mkdaemon.errors import ConfigError
 from mkdaemon.gateways.mavlink.dialect import NAN, Message, mavlink
 from mkdaemon.missions import items as table
 from mkdaemon.missions import qgc
-from mkdaemon.missions.source import Place
+from mkdaemon.missions.source import AltitudeReference, Place
 from mkdaemon.telemetry.mission import Mission, MissionPoint, PointKind
 
 _PLAIN: Final = {
@@ -25,6 +25,8 @@ _PLAIN: Final = {
 _PLACED: Final = frozenset(number for number, row in table.COMMANDS.items() if row.params[4].field)
 """Commands that have a place."""
 _E7: Final = 1e7
+_NOT_GIVEN: Final = 0x7FFF_FFFF
+"""A coordinate that is not given."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,12 +84,12 @@ def item_from(message: Message) -> Item:
 
 
 def _scaled(degrees: float) -> int:
-    return round(degrees * _E7) if math.isfinite(degrees) and abs(degrees) <= 180.0 else 0x7FFF_FFFF
+    return round(degrees * _E7) if math.isfinite(degrees) and abs(degrees) <= 180.0 else _NOT_GIVEN
 
 
 def mission_of(
     items: Sequence[Item], ground: float | None, first: int = 0, autopilot: int = table.GENERIC
-) -> Mission | Refused:
+) -> tuple[Mission, tuple[str, ...]] | Refused:
     """The mission of some items.
 
     Args:
@@ -97,7 +99,7 @@ def mission_of(
         autopilot: of `MAV_AUTOPILOT`: whose reading of the items counts.
 
     Returns:
-        The mission, heights above home, or why there is none.
+        The mission, heights above home, with what is left out of it in words; or why there is none.
     """
     for number, item in enumerate(items, first):
         if item.command not in table.COMMANDS:
@@ -108,7 +110,10 @@ def mission_of(
             return Refused(int(mavlink.MAV_MISSION_UNSUPPORTED_FRAME), what)
     try:
         draft = qgc.draft_of([_plan_item(item) for item in items], _places(len(items), first), autopilot)
-        return draft.settled("mission", start_elevation=ground)
+        if ground is None and draft.reference is AltitudeReference.SEA_LEVEL:
+            what = "heights are above sea level, and that of home is not known; set heights relative to home"
+            return Refused(int(mavlink.MAV_MISSION_INVALID), what)
+        return draft.settled("mission", start_elevation=ground), draft.notes
     except ConfigError as error:
         return Refused(int(mavlink.MAV_MISSION_INVALID), str(error).replace("item:", "item "))
 
@@ -126,7 +131,8 @@ def _places(count: int, first: int) -> Iterable[Place]:
 
 
 def _plan_item(item: Item) -> dict[str, Any]:
-    numbers = (*item.params, item.x / _E7, item.y / _E7, item.z)
+    place = (math.nan if number == _NOT_GIVEN else number / _E7 for number in (item.x, item.y))
+    numbers = (*item.params, *place, item.z)
     return {
         "type": "SimpleItem",
         "command": item.command,

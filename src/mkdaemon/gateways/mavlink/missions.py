@@ -15,12 +15,13 @@ from typing import Final
 from mkdaemon.client import Vehicle
 from mkdaemon.errors import CommandRejectedError, ConfigError, ManoeuvreError, MkError
 from mkdaemon.gateways.mavlink.dialect import UINT16_UNKNOWN, Message, mavlink
+from mkdaemon.gateways.mavlink.faults import Faults
 from mkdaemon.gateways.mavlink.frames import degrees_e7
 from mkdaemon.gateways.mavlink.missionitems import Held, Item, Refused, held_from, item_from, mission_of
 from mkdaemon.gateways.mavlink.modes import Numbering
 from mkdaemon.gateways.mavlink.picture import Picture
 from mkdaemon.gateways.mavlink.stations import Program, Station
-from mkdaemon.gateways.mavlink.texts import Notify
+from mkdaemon.gateways.mavlink.texts import INFO, Notify, words_of
 from mkdaemon.missions.items import ARDUPILOT, GENERIC
 from mkdaemon.telemetry.mission import Mission, MissionEvent
 from mkdaemon.telemetry.navi import ControlNavi, NaviStage
@@ -32,6 +33,7 @@ MESSAGES: Final = frozenset(
     {
         *("MISSION_REQUEST_LIST", "MISSION_REQUEST_INT", "MISSION_REQUEST", "MISSION_COUNT", "MISSION_ITEM_INT"),
         *("MISSION_ITEM", "MISSION_CLEAR_ALL", "MISSION_ACK", "MISSION_SET_CURRENT"),
+        *("MISSION_WRITE_PARTIAL_LIST", "MISSION_REQUEST_PARTIAL_LIST"),
     }
 )
 AGAIN: Final = 0.7
@@ -60,6 +62,7 @@ class Upload:
         items: those that came.
         asked_at: when the next was last asked for [s].
         attempts: how often.
+        is_old: whether its sender answers MISSION_REQUEST, and not MISSION_REQUEST_INT.
         storing: the procedure that stores them; None while they come.
     """
 
@@ -69,6 +72,7 @@ class Upload:
     asked_at: float
     items: list[Item] = field(default_factory=list)
     attempts: int = 0
+    is_old: bool = False
     storing: asyncio.Task[None] | None = None
 
     def is_from(self, station: Station, program: Program) -> bool:
@@ -84,7 +88,9 @@ def _autopilot(station: Station) -> int:
 class MissionServer:
     """Answers the mission protocol."""
 
-    def __init__(self, uav: Vehicle, picture: Picture, notify: Notify, now: Callable[[], float]) -> None:
+    def __init__(
+        self, uav: Vehicle, picture: Picture, notify: Notify, now: Callable[[], float], faults: Faults
+    ) -> None:
         """Serve missions.
 
         Args:
@@ -92,8 +98,9 @@ class MissionServer:
             picture: what is known of it.
             notify: tells a ground station why.
             now: the clock [s].
+            faults: counts what an upload fails by.
         """
-        self._uav, self._picture, self._notify, self._now = uav, picture, notify, now
+        self._uav, self._picture, self._notify, self._now, self._faults = uav, picture, notify, now, faults
         self._held: Held | None = None
         self._on_board: str | None = None
         self._upload: Upload | None = None
@@ -105,10 +112,6 @@ class MissionServer:
         self._on_board = event.digest or None
         if self._held is not None and event.action != "started" and self._held.digest != event.digest:
             self._held = None
-
-    def forget(self) -> None:
-        """The list was emptied from here."""
-        self._held = None
 
     async def take(self, station: Station, message: Message) -> None:
         """Answer a message of the protocol."""
@@ -135,6 +138,9 @@ class MissionServer:
                     self._upload = None
             case "MISSION_SET_CURRENT":
                 self._notify(station, "the NaviCtrl flies its list from the first point")
+            case "MISSION_WRITE_PARTIAL_LIST" | "MISSION_REQUEST_PARTIAL_LIST":
+                self._notify(station, "the list is read and written whole only")
+                self._acknowledge(station, program, mavlink.MAV_MISSION_UNSUPPORTED)
 
     @staticmethod
     def _take_other(station: Station, program: Program, message: Message) -> None:
@@ -147,14 +153,14 @@ class MissionServer:
             result = mavlink.MAV_MISSION_ACCEPTED if is_nothing else mavlink.MAV_MISSION_UNSUPPORTED
             station.send(mavlink.MAVLink_mission_ack_message(*program, result, kind))
 
-    async def tick(self) -> None:
+    def tick(self) -> None:
         """Ask again for what does not come, and end an upload that has stopped."""
         upload = self._upload
         if upload is None:
             return
         now = self._now()
         if upload.storing is not None:
-            if now - upload.asked_at >= STORING:
+            if upload.count and now - upload.asked_at >= STORING:  # an empty list has no item to ask for
                 self._ask(upload, upload.count - 1)
             return
         if now - upload.asked_at < AGAIN:
@@ -217,11 +223,11 @@ class MissionServer:
         try:
             held = await self._known()
         except (MkError, ConfigError) as error:
-            self._notify(station, f"the mission cannot be read: {_words(error)}")
+            self._notify(station, f"the mission cannot be read: {words_of(error)}")
             self._acknowledge(station, program, mavlink.MAV_MISSION_ERROR)
             return
         count = len(held.items)
-        if count and station.numbering is Numbering.ARDUPILOT:
+        if station.numbering is Numbering.ARDUPILOT:
             count += 1
         station.send(mavlink.MAVLink_mission_count_message(*program, count, mavlink.MAV_MISSION_TYPE_MISSION))
 
@@ -229,11 +235,11 @@ class MissionServer:
         try:
             held = await self._known()
         except MkError as error:
-            self._notify(station, f"the mission cannot be read: {_words(error)}")
+            self._notify(station, f"the mission cannot be read: {words_of(error)}")
             self._acknowledge(station, program, mavlink.MAV_MISSION_ERROR)
             return
         items = held.items
-        if items and station.numbering is Numbering.ARDUPILOT:
+        if station.numbering is Numbering.ARDUPILOT:
             items = (self._home(), *items)
         if seq >= len(items):
             self._acknowledge(station, program, mavlink.MAV_MISSION_INVALID_SEQUENCE)
@@ -270,7 +276,10 @@ class MissionServer:
 
     def _ask(self, upload: Upload, seq: int) -> None:
         upload.asked_at, upload.attempts = self._now(), upload.attempts + 1
-        upload.station.send(mavlink.MAVLink_mission_request_int_message(*upload.program, seq, 0))
+        # DroneKit knows the old request only; whoever answers one of the two is asked in the same way from then on.
+        is_old = upload.is_old if upload.items else upload.attempts % 2 == 0
+        make = mavlink.MAVLink_mission_request_message if is_old else mavlink.MAVLink_mission_request_int_message
+        upload.station.send(make(*upload.program, seq, 0))
 
     async def _take_item(self, station: Station, program: Program, message: Message) -> None:
         upload = self._upload
@@ -283,6 +292,8 @@ class MissionServer:
             if self._now() - upload.asked_at > AGAIN / 2:
                 self._ask(upload, len(upload.items))
             return
+        if not upload.items:
+            upload.is_old = message.get_type() == "MISSION_ITEM" and upload.attempts % 2 == 0
         upload.items.append(item_from(message))
         upload.attempts = 0
         if len(upload.items) < upload.count:
@@ -299,8 +310,11 @@ class MissionServer:
         try:
             result = await self._replace(upload)
         except (MkError, ConfigError) as error:
-            self._notify(station, f"the mission is not stored: {_words(error)}")
+            self._notify(station, f"the mission is not stored: {words_of(error)}")
             result = _result_of(error)
+        except Exception as error:  # noqa: BLE001  # a fault ends this upload
+            self._faults.note("mission upload", error)
+            result = int(mavlink.MAV_MISSION_ERROR)
         finally:
             self._upload = None
         self._acknowledge(station, program, result)
@@ -319,7 +333,9 @@ class MissionServer:
             if isinstance(found, Refused):
                 self._notify(upload.station, found.reason)
                 return found.result
-            mission = found
+            mission, notes = found
+            for note in notes:
+                self._notify(upload.station, note, INFO)
         self._require_not_flown()
         async with self._lock:
             if mission is None:
@@ -350,7 +366,7 @@ class MissionServer:
                 self._held = Held((), cleared.digest, ())
                 self._on_board = cleared.digest
         except MkError as error:
-            self._notify(station, f"the mission is not cleared: {_words(error)}")
+            self._notify(station, f"the mission is not cleared: {words_of(error)}")
             self._acknowledge(station, program, mavlink.MAV_MISSION_DENIED)
             return
         self._acknowledge(station, program, mavlink.MAV_MISSION_ACCEPTED)
@@ -373,7 +389,3 @@ def _result_of(error: MkError) -> int:
     if not isinstance(error, CommandRejectedError):
         return int(mavlink.MAV_MISSION_ERROR)
     return int(_RESULTS.get(error.token, mavlink.MAV_MISSION_DENIED))
-
-
-def _words(error: MkError) -> str:
-    return f"{error.reason} {error.fix}" if isinstance(error, CommandRejectedError) else str(error)

@@ -4,7 +4,9 @@ The autopilot calls itself GENERIC: PX4 and ArduPilot would promise parameters, 
 MikroKopter has, and QGroundControl would ask for their set-up. A GENERIC autopilot may number its modes as it likes,
 and the programs read the numbers as somebody else's: MAVSDK as PX4's (for every autopilot that is not ArduPilot's),
 pymavlink and with it MAVProxy as those of ArduCopter (for every quadrotor that is not PX4's). So each link has one of
-the two numberings. What a number means is told besides by AVAILABLE_MODES, by name and by MAV_STANDARD_MODE.
+the two numberings, and may
+call itself PX4 for QGroundControl. What a number means is told besides by AVAILABLE_MODES, by name and by
+MAV_STANDARD_MODE.
 Sources: https://mavlink.io/en/services/standard_modes.html; PX4 `px4_custom_mode.h`; ArduCopter `mode.h`.
 """
 
@@ -26,6 +28,8 @@ class Numbering(Enum):
 
     PX4 = "px4"
     """Main mode in bits 16 to 23, sub-mode in bits 24 to 31."""
+    AS_PX4 = "as-px4"
+    """The same, and HEARTBEAT calls the autopilot PX4: QGroundControl offers no button for a GENERIC one."""
     ARDUPILOT = "ardupilot"
     """ArduCopter's; besides, item 0 of a mission is the home position."""
 
@@ -125,9 +129,11 @@ def mode_of_numbers(numbering: Numbering, main: int, sub: int) -> Mode | None:
                 return row.mode
         elif (main, sub) == row.px4:
             return row.mode
-    if numbering is Numbering.PX4 and (main, sub) == (1, 0):  # MANUAL: nothing of ours is more manual than its sticks
+    if numbering is Numbering.ARDUPILOT:
+        return None
+    if (main, sub) == (1, 0):  # MANUAL: nothing of ours is more manual than its sticks
         return Mode.STABILIZED
-    return Mode.HOLD if numbering is Numbering.PX4 and (main, sub) == (4, 0) else None
+    return Mode.HOLD if (main, sub) == (4, 0) else None
 
 
 def mode_of_custom(numbering: Numbering, custom: int) -> Mode | None:
@@ -174,11 +180,11 @@ def is_armed(picture: Picture) -> bool:
 
 
 def heartbeat(picture: Picture, mode: Mode, numbering: Numbering) -> Message:
-    """HEARTBEAT: a quadrotor of a generic autopilot. See the module for the numbers."""
+    """HEARTBEAT: a quadrotor of a generic autopilot, or of what its link says. See the module for the numbers."""
     armed = mavlink.MAV_MODE_FLAG_SAFETY_ARMED if is_armed(picture) else 0
     return mavlink.MAVLink_heartbeat_message(
         mavlink.MAV_TYPE_QUADROTOR,
-        mavlink.MAV_AUTOPILOT_GENERIC,
+        mavlink.MAV_AUTOPILOT_PX4 if numbering is Numbering.AS_PX4 else mavlink.MAV_AUTOPILOT_GENERIC,
         row_of(mode).flags | armed,
         number_of(mode, numbering),
         system_state(picture),

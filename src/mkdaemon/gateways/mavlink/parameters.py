@@ -16,12 +16,12 @@ from typing import Final
 
 from mkdaemon.client import Vehicle
 from mkdaemon.client.settings_files import write_backup
-from mkdaemon.errors import CommandRejectedError, MkError
+from mkdaemon.errors import MkError
 from mkdaemon.gateways.mavlink.dialect import Message, mavlink
 from mkdaemon.gateways.mavlink.framing import float_bits
 from mkdaemon.gateways.mavlink.parameterids import ParameterId, change_to, ids_of, value_of
 from mkdaemon.gateways.mavlink.stations import Program, Station
-from mkdaemon.gateways.mavlink.texts import Notify
+from mkdaemon.gateways.mavlink.texts import Notify, words_of
 from mkdaemon.protocol.settings import ParameterSet
 from mkdaemon.telemetry.settings import SettingsBackup
 
@@ -32,6 +32,11 @@ FRESH: Final = 10.0
 """A set that was read longer ago is read anew for a list [s]: the pilot may have chosen another one."""
 PACE: Final = 0.005
 """Between two values of a list [s]: a hundred at once would be lost by a radio."""
+OLD_VALUE: Final = 0.8
+"""A write that takes longer is answered with the value as it still is, and with the new one once it is read back [s].
+
+QGroundControl waits 1 s and asks three times (`src/FactSystem/ParameterManager.h`, `kWaitForParamValueAckMs`).
+"""
 _TINY: Final = 1e-30
 """A float below this is a whole number whose bits were put there (`MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_BYTEWISE`)."""
 
@@ -53,6 +58,7 @@ class ParameterServer:
         self._read_at = -math.inf
         self._reading: asyncio.Task[None] | None = None
         self._is_saved = False
+        self._writing: set[tuple[str, int]] = set()
         self._lock = asyncio.Lock()
 
     def forget(self) -> None:
@@ -91,7 +97,7 @@ class ParameterServer:
             await asyncio.shield(self._reading)
         except MkError as error:
             what = "the settings are those read before" if self._found else "no settings yet"
-            self._notify(station, f"{what}: {_words(error)}")
+            self._notify(station, f"{what}: {words_of(error)}")
 
     async def _read_now(self) -> None:
         async with self._lock:
@@ -149,13 +155,25 @@ class ParameterServer:
             self._notify(station, f"{rows[index].id}: {why}")
             _refuse(station, program, message, error)
         else:
+            wanted = (rows[index].id, value)
+            if wanted in self._writing:  # asked again, for it takes longer than its sender waits
+                return
+            self._writing.add(wanted)
             try:
-                async with self._lock:
-                    await self._write(rows[index], value)
+                writing = asyncio.ensure_future(self._write_in_turn(rows[index], value))
+                if not (await asyncio.wait({writing}, timeout=OLD_VALUE))[0]:
+                    self._send(station, index, rows)
+                await writing
             except MkError as refusal:
-                self._notify(station, f"{rows[index].id} is not written: {_words(refusal)}")
+                self._notify(station, f"{rows[index].id} is not written: {words_of(refusal)}")
                 _refuse(station, program, message, mavlink.MAV_PARAM_ERROR_PERMISSION_DENIED)
+            finally:
+                self._writing.discard(wanted)
         self._send(station, index, rows)
+
+    async def _write_in_turn(self, row: ParameterId, value: int) -> None:
+        async with self._lock:
+            await self._write(row, value)
 
     async def _write(self, row: ParameterId, value: int) -> None:
         """Write a setting and keep what was read back.
@@ -206,7 +224,3 @@ def _refuse(station: Station, program: Program, message: Message, error: int) ->
     index = getattr(message, "param_index", -1)
     name = _name(message).encode("ascii", "replace")[:16]
     station.send(mavlink.MAVLink_param_error_message(program.system, program.component, name, index, error))
-
-
-def _words(error: MkError) -> str:
-    return f"{error.reason} {error.fix}" if isinstance(error, CommandRejectedError) else str(error)

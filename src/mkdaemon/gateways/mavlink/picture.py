@@ -120,6 +120,18 @@ class Picture:
             assert here.altitude is not None and here.altitude_above_start is not None
             self.ground = here.altitude - here.altitude_above_start
 
+    @property
+    def above_sea(self) -> float | None:
+        """Height above the sea that is told: that of home, which stays, and the height above it [m].
+
+        One reference for all heights, so that a place that is asked for at the height that was told is that height:
+        the altitude of the GPS drifts by metres against the barometer that the NaviCtrl flies by.
+        """
+        here = self.get(Position)
+        if here is None or here.altitude_above_start is None or self.ground is None:
+            return None
+        return self.ground + here.altitude_above_start
+
     def get(self, kind: type[_Value], limit: float | None = None) -> _Value | None:
         """The newest value of a kind; None where there is none, or it is too old.
 

@@ -6,19 +6,25 @@ import asyncio
 import os
 import time
 from collections.abc import Callable
-from contextlib import AbstractAsyncContextManager
+from contextlib import AbstractAsyncContextManager, AsyncExitStack
 from pathlib import Path
 from typing import Final
 
+import structlog
+
 from mkdaemon.client import Vehicle
-from mkdaemon.errors import ConfigError
+from mkdaemon.errors import ConfigError, MkError
 from mkdaemon.files import user_folder
 from mkdaemon.gateways.mavlink.addresses import DEFAULTS, check_addresses, read_address
 from mkdaemon.gateways.mavlink.framing import Signing, key_from
 from mkdaemon.gateways.mavlink.gateway import Gateway, Options
+from mkdaemon.gateways.mavlink.signingtimes import SigningTimes
 from mkdaemon.reading import read_text
 
 _LONGEST_KEY: Final = 1000
+_AGAIN: Final = 2.0
+"""Between two attempts to reach the daemon [s]."""
+_log: Final = structlog.get_logger("gateway.mavlink")
 
 
 def options_from(
@@ -39,9 +45,12 @@ def options_from(
     addresses = tuple(read_address(text) for text in links or DEFAULTS)
     if not 1 <= system <= 250:
         raise ConfigError(f"--system {system}: an aircraft has a number of 1 to 250")
-    signing = None if signing_key is None else Signing(_read_key(signing_key))
+    folder = backups or backups_folder()
+    signing = None
+    if signing_key is not None:
+        signing = Signing(_read_key(signing_key), SigningTimes(folder / "signing-times.json"))
     check_addresses(addresses, has_key=signing is not None, allow_open=allow_open)
-    return Options(addresses, system, signing, backups or backups_folder())
+    return Options(addresses, system, signing, folder)
 
 
 def _read_key(path: Path) -> bytes:
@@ -68,7 +77,7 @@ async def serve(
     stop: asyncio.Event,
     on_ready: Callable[[], None],
 ) -> None:
-    """Serve ground stations until `stop` is set.
+    """Serve ground stations until `stop` is set; a daemon that is not there yet is waited for.
 
     Args:
         open_vehicle: connects to the daemon.
@@ -77,16 +86,35 @@ async def serve(
         on_ready: called when all links are open.
 
     Raises:
-        MkError: the daemon cannot be reached, or a link cannot be opened.
+        MkError: a link cannot be opened, or the vehicle is not named rightly.
     """
-    async with open_vehicle() as uav:
-        gateway = Gateway(uav, options, time.monotonic, time.time)
-        serving = asyncio.create_task(gateway.run(on_ready), name="gateway")
-        stopping = asyncio.create_task(stop.wait(), name="stop")
-        await asyncio.wait({serving, stopping}, return_when=asyncio.FIRST_COMPLETED)
-        stopping.cancel()
-        serving.cancel()
-        try:
-            await serving
-        except asyncio.CancelledError:
+    serving = asyncio.create_task(_serve(open_vehicle, options, on_ready), name="gateway")
+    stopping = asyncio.create_task(stop.wait(), name="stop")
+    await asyncio.wait({serving, stopping}, return_when=asyncio.FIRST_COMPLETED)
+    stopping.cancel()
+    serving.cancel()
+    try:
+        await serving
+    except asyncio.CancelledError:
+        return
+
+
+async def _serve(
+    open_vehicle: Callable[[], AbstractAsyncContextManager[Vehicle]], options: Options, on_ready: Callable[[], None]
+) -> None:
+    """Connect to the daemon, again and again until it is there, and serve."""
+    is_told = False
+    while True:
+        async with AsyncExitStack() as stack:
+            try:
+                uav = await stack.enter_async_context(open_vehicle())
+            except ConfigError:
+                raise
+            except MkError as error:
+                if not is_told:
+                    _log.warning("the daemon is not there yet: waiting for it", error=str(error))
+                    is_told = True
+                await asyncio.sleep(_AGAIN)
+                continue
+            await Gateway(uav, options, time.monotonic, time.time).run(on_ready)
             return

@@ -73,6 +73,10 @@ class Unusable:
     reason: str
 
 
+ON_THE_GLOBE: Final = Unusable("a stream of places on the globe cannot be flown: DO_REPOSITION, or LOCAL_NED")
+"""Why a SET_POSITION_TARGET_GLOBAL_INT is not flown: the NaviCtrl stores one target, it follows no stream."""
+
+
 @dataclass(frozen=True, slots=True)
 class Axes:
     """The four axes of a hand controller, each -1 to 1.

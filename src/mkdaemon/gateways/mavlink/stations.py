@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Final, NamedTuple
 
@@ -15,7 +16,7 @@ SILENCE: Final = 2.5
 FORGOTTEN: Final = 30.0
 """A station that has been silent for so long is not sent streams any more [s]."""
 _MOST_PROGRAMS: Final = 16
-"""Programs, by system and component, that are told apart behind one address."""
+"""Programs, by system and component, behind one address; a further one waits until one of them is silent."""
 _EARLY: Final = 0.2
 """A value that comes by this share of the period before it is due is sent: sources are not that regular."""
 
@@ -35,6 +36,8 @@ class Station:
         name: for people.
         is_open: whether its connection stands.
         dropped: messages that it was too slow to take.
+        refused: messages of programs that were one too many.
+        heard_at: when something last came from there, or it was met [s].
     """
 
     def __init__(
@@ -56,7 +59,8 @@ class Station:
         """
         self.name, self.numbering = name, numbering
         self.is_open = True
-        self.dropped = 0
+        self.dropped = self.refused = 0
+        self.heard_at = -math.inf
         self.wish_for: dict[str, float] = {}
         self._encoder, self._put, self._wall = encoder, put, wall
         self._received: dict[Program, float] = {}
@@ -68,12 +72,22 @@ class Station:
         if self.is_open and not self._put(self._encoder.encode(message, self._wall())):
             self.dropped += 1
 
-    def note_message(self, program: Program, now: float, *, is_heartbeat: bool) -> None:
-        """Note that something came from a program there."""
-        for known in (self._received, self._beaten) if is_heartbeat else (self._received,):
-            if program not in known and len(known) >= _MOST_PROGRAMS:
-                del known[min(known, key=lambda one: known[one])]
-            known[program] = now
+    def note_message(self, program: Program, now: float, *, is_heartbeat: bool) -> bool:
+        """Note that something came from a program there; whether its message is taken.
+
+        A program that still speaks is never forgotten for another one: it may be the one that flies.
+        """
+        if program not in self._received and len(self._received) >= _MOST_PROGRAMS:
+            oldest = min(self._received, key=self._received.__getitem__)
+            if now - self._received[oldest] < SILENCE:
+                self.refused += 1
+                return False
+            del self._received[oldest]
+            self._beaten.pop(oldest, None)
+        self._received[program] = self.heard_at = now
+        if is_heartbeat:
+            self._beaten[program] = now
+        return True
 
     def forget(self) -> None:
         """Nobody is there any more; the next message begins anew."""

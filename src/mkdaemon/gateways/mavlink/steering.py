@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, Final
 from mkdaemon.client import Vehicle
 from mkdaemon.client.asking import client_name
 from mkdaemon.errors import CommandRejectedError, LeaseLostError, ManoeuvreError, MkError, NotEngagedError
+from mkdaemon.gateways.mavlink.faults import Faults
 from mkdaemon.gateways.mavlink.modes import Mode
 from mkdaemon.gateways.mavlink.stations import Program, Station
 from mkdaemon.gateways.mavlink.texts import INFO, WARNING
@@ -39,6 +40,7 @@ _SETTLING: Final = 2.0
 _STOPPING: Final = frozenset({"hold", "land"})
 """Manoeuvres that another ground station than the one that flies may order too: they end what is flown."""
 
+_ITS_FLIGHT: Final = "another ground station may order hold or landing, nothing else"
 Announce = Callable[[int, str], None]
 """Tells everybody: severity and words."""
 
@@ -94,16 +96,17 @@ class Steering:
         order: what is flown, or wanted; None for nothing.
     """
 
-    def __init__(self, uav: Vehicle, announce: Announce, now: Callable[[], float]) -> None:
+    def __init__(self, uav: Vehicle, announce: Announce, now: Callable[[], float], faults: Faults) -> None:
         """Fly nothing.
 
         Args:
             uav: the vehicle.
             announce: tells all ground stations.
             now: the clock [s].
+            faults: counts what a flight fails by.
         """
         self.order: Order | None = None
-        self._uav, self._announce, self._now = uav, announce, now
+        self._uav, self._announce, self._now, self._faults = uav, announce, now, faults
         self._lease: Lease | None = None
         self._status: ControlStatus | None = None
         self._granted_at = 0.0
@@ -139,7 +142,7 @@ class Steering:
         """
         before = self.order
         if before is not None and before.by != order.by and order.kind not in _STOPPING:
-            raise ManoeuvreError(f"{before.by} flies; it gives the aircraft back, or orders hold or landing")
+            raise ManoeuvreError(f"{before.by} flies: {_ITS_FLIGHT}")
         self.order, self._failure = order, None
         if self._holding is None or self._holding.done():
             self._holding = asyncio.create_task(self._hold(), name="lease of ground stations")
@@ -195,8 +198,17 @@ class Steering:
             return False
         return True
 
-    def give_back(self) -> None:
-        """Nobody flies any more: the aircraft is released, and the pilot has it."""
+    def give_back(self, by: By) -> None:
+        """Release the aircraft, which the pilot has then; nothing to do where nothing is flown.
+
+        Args:
+            by: the program that asks; only the one that flies may.
+
+        Raises:
+            ManoeuvreError: another ground station flies.
+        """
+        if self.order is not None and self.order.by != by:
+            raise ManoeuvreError(f"{self.order.by} flies: {_ITS_FLIGHT}")
         self.order = None
 
     async def close(self) -> None:
@@ -210,16 +222,19 @@ class Steering:
 
     async def _hold(self) -> None:
         """Hold the lease for as long as there is an order."""
-        assert self.order is not None
         holder = f"{client_name()}-mavlink"[-64:]
-        try:
-            async with self._uav.lease(holder=holder) as lease:
-                self._lease, self._granted_at, self._was_ours = lease, self._now(), False
-                await self._serve(lease)
-        except MkError as error:
-            self._end(error)
-        finally:
-            self._lease = None
+        while self.order is not None:  # None: given back before the lease was asked for; again: ordered while it ended
+            try:
+                async with self._uav.lease(holder=holder) as lease:
+                    self._lease, self._granted_at, self._was_ours = lease, self._now(), False
+                    await self._serve(lease)
+            except MkError as error:
+                self._end(error)
+            except Exception as error:  # noqa: BLE001  # the lease has been given back; the gateway goes on
+                self._faults.note("flight", error)
+                self._end(MkError("a defect of the gateway ended the flight"))
+            finally:
+                self._lease = None
 
     async def _serve(self, lease: Lease) -> None:
         """Stream what is ordered until nobody flies any more."""

@@ -88,7 +88,8 @@ def attitude_quaternion(picture: Picture) -> Message | None:
 def global_position(picture: Picture) -> Message | None:
     """GLOBAL_POSITION_INT: only while the GPS position is valid and its altitude known."""
     now, speed = picture.get(Position), picture.get(Velocity)
-    if now is None or speed is None or now.altitude is None or now.altitude_above_start is None:
+    above_sea = picture.above_sea
+    if now is None or speed is None or above_sea is None or now.altitude_above_start is None:
         return None
     turn = picture.get(Attitude)
     north, east, down = (_clipped(100 * part, -32767, 32767) for part in ned_from_enu(speed.velocity_enu))
@@ -96,7 +97,7 @@ def global_position(picture: Picture) -> Message | None:
         boot_ms(now.stamp),
         degrees_e7(now.latitude_deg),
         degrees_e7(now.longitude_deg),
-        round(1000 * now.altitude),
+        round(1000 * above_sea),
         round(1000 * now.altitude_above_start),
         north,
         east,
@@ -135,21 +136,21 @@ def vfr_hud(picture: Picture) -> Message | None:
     turn = picture.get(Attitude)
     if turn is None:
         return None
-    speed, place, pilot = picture.get(Velocity), picture.get(Position), picture.get(Pilot)
+    speed, above_sea, pilot = picture.get(Velocity), picture.above_sea, picture.get(Pilot)
     throttle = None if pilot is None else _first(pilot.throttle_in_use, pilot.throttle)
     return mavlink.MAVLink_vfr_hud_message(
         NAN,
         NAN if speed is None else speed.ground_speed,
         heading_cdeg(turn.yaw) // 100,
         0 if throttle is None else _clipped((throttle + 127) / 2.54, 0, 100),
-        NAN if place is None or place.altitude is None else place.altitude,
+        NAN if above_sea is None else above_sea,
         NAN if speed is None else speed.climb_rate,
     )
 
 
 def altitude(picture: Picture) -> Message | None:
     """ALTITUDE: above the start by barometer; local is above the target."""
-    now, place, estimate = picture.get(Altitude), picture.get(Position), picture.get(ControlEstimate)
+    now, above_sea, estimate = picture.get(Altitude), picture.above_sea, picture.get(ControlEstimate)
     if now is None:
         return None
     pose = picture.get(VisionPose)
@@ -157,7 +158,7 @@ def altitude(picture: Picture) -> Message | None:
     return mavlink.MAVLink_altitude_message(
         boot_us(now.stamp),
         now.above_start,
-        NAN if place is None or place.altitude is None else place.altitude,
+        NAN if above_sea is None else above_sea,
         local if estimate is None else estimate.position[2],
         now.above_start,
         -10_000.0,
@@ -201,7 +202,7 @@ def rc_channels(picture: Picture) -> Message | None:
         sticks = (roll, -pitch, now.throttle, -yaw)
         channels[:4] = [_clipped(_MIDDLE_US + STICK_US * stick, 900, 2100) for stick in sticks]
         count = 4
-    quality = _clipped(254 * now.rc_quality, 0, 254)
+    quality = _clipped(100 * now.rc_quality, 0, 100)  # per cent, as PX4 sends it and MAVSDK and QGroundControl show it
     return mavlink.MAVLink_rc_channels_message(boot_ms(now.stamp), count, *channels, quality)
 
 
@@ -396,7 +397,11 @@ def _sensors(picture: Picture) -> tuple[int, int]:
             picture.get(Altitude, ever) is not None,
             picture.get(Altitude) is not None,
         ),
-        (mavlink.MAV_SYS_STATUS_SENSOR_GPS, picture.get(Gps, ever) is not None, gps is not None and gps.is_usable),
+        (
+            mavlink.MAV_SYS_STATUS_SENSOR_GPS,
+            picture.get(Gps, ever) is not None,
+            gps is not None and gps.fix is GpsFix.VALID and picture.get(Position) is not None,
+        ),
         (
             mavlink.MAV_SYS_STATUS_SENSOR_RC_RECEIVER,
             picture.get(Pilot, ever) is not None,
@@ -415,7 +420,9 @@ def _sensors(picture: Picture) -> tuple[int, int]:
         (mavlink.MAV_SYS_STATUS_PREARM_CHECK, True, can_fly and link is not None and link.condition.is_usable),
     )
     present = sum(bits for bits, is_there, _ in table if is_there)
-    return present, sum(bits for bits, is_there, works in table if is_there and works)
+    healthy = sum(bits for bits, is_there, works in table if is_there and works)
+    # There is no fence; MAVProxy calls it breached unless it is healthy.
+    return present, healthy | mavlink.MAV_SYS_STATUS_GEOFENCE
 
 
 def _clipped(value: float, low: int, high: int) -> int:

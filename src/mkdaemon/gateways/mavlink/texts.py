@@ -8,10 +8,12 @@ from __future__ import annotations
 from collections import OrderedDict
 from typing import Any, Final, Protocol
 
+from mkdaemon.errors import CommandRejectedError, MkError
 from mkdaemon.gateways.mavlink.dialect import Message, mavlink
 from mkdaemon.gateways.mavlink.stations import Station
 from mkdaemon.telemetry.event import FailsafeEvent, LogEvent, ModeEvent
 from mkdaemon.telemetry.mission import MissionEvent
+from mkdaemon.telemetry.refusals import Token
 
 PIECE: Final = 50
 _LONGEST: Final = 400
@@ -26,6 +28,24 @@ ERROR: Final = int(mavlink.MAV_SEVERITY_ERROR)
 WARNING: Final = int(mavlink.MAV_SEVERITY_WARNING)
 NOTICE: Final = int(mavlink.MAV_SEVERITY_NOTICE)
 INFO: Final = int(mavlink.MAV_SEVERITY_INFO)
+REMEDIES: Final[dict[str, str]] = {
+    Token.MALFORMED: "This is a defect of the gateway.",
+    Token.BAD_FIELD: "Correct it in the ground station.",
+    Token.REMEMBERED_ONLY: "Land and stop the motors, then try again.",
+    Token.NOTHING_REMEMBERED: "Land and stop the motors, then try again.",
+    Token.BOARD_UNPROVEN: "Behind a NaviCtrl the line goes to another board: switch it back.",
+    Token.NOT_CONFIRMED: "This is a defect of the gateway.",
+    Token.FLYING_STOP: "Land first; a disarm that is forced stops the motors in the air.",
+    Token.LEASE_HELD: "Ask the holder to give it back.",
+    Token.NO_FRAME: "Give it in LOCAL_NED or BODY_FRD.",
+    Token.GATE_CONSTANT: "Set EXTERNAL_CONTROL to a switch of the transmitter.",
+    Token.IN_FLIGHT_NEEDED: "Land and stop the motors, then try again.",
+    Token.POINT_UNUSUAL: "Correct the point.",
+    Token.POSITION_POOR: "Start the motors under open sky with a fix, for that sets home.",
+    Token.RECORDING: "Connect an aircraft.",
+    Token.NOT_SIMULATED: "Start a simulator.",
+}
+"""What a user of a ground station can do, where the refusal's own fix names an option of another program."""
 _LEVELS: Final = {"error": ERROR, "warning": WARNING}
 
 
@@ -71,6 +91,13 @@ class Texts:
         return [
             mavlink.MAVLink_statustext_message(severity, part, self._number, index) for index, part in enumerate(parts)
         ]
+
+
+def words_of(error: MkError) -> str:
+    """What a ground station is told of an error."""
+    if not isinstance(error, CommandRejectedError):
+        return str(error)
+    return f"{error.reason} {REMEDIES.get(error.token, error.fix)}".strip()
 
 
 def text_of(event: Any) -> tuple[int, str] | None:

@@ -1,0 +1,58 @@
+"""Faults of the gateway's own: each ends the one message that met it, and is counted and logged."""
+
+from __future__ import annotations
+
+from collections.abc import Awaitable, Iterator
+from contextlib import contextmanager
+from typing import Final
+
+import structlog
+
+_log: Final = structlog.get_logger("gateway.mavlink")
+
+
+class Faults:
+    """Ends what fails without ending the gateway.
+
+    Attributes:
+        count: faults since the start.
+    """
+
+    def __init__(self) -> None:
+        self.count = 0
+        self._logged: set[tuple[str, str]] = set()
+
+    def note(self, what: str, error: Exception) -> None:
+        """Count a fault; the first of each place and kind is logged with its traceback.
+
+        Args:
+            what: name of the message or of the work that failed.
+            error: what was raised.
+        """
+        self.count += 1
+        kind = (what, type(error).__name__)
+        if kind not in self._logged:
+            self._logged.add(kind)
+            _log.error("dropped: a defect of the gateway", what=what, exc_info=error)
+
+    @contextmanager
+    def contained(self, what: str) -> Iterator[None]:
+        """Drop what fails inside.
+
+        Args:
+            what: name of the message or of the work.
+        """
+        try:
+            yield
+        except Exception as error:  # noqa: BLE001  # whatever a message does, it ends that message only
+            self.note(what, error)
+
+    async def contain(self, what: str, work: Awaitable[None]) -> None:
+        """Do some work, and drop it where it fails.
+
+        Args:
+            what: name of the message or of the work.
+            work: what is awaited.
+        """
+        with self.contained(what):
+            await work
