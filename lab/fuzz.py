@@ -25,6 +25,7 @@ import msgpack
 import zenoh
 from cyclopts import Parameter
 
+from lab.control.corefuzz import run_sequences
 from lab.rigs.processes import START, VEHICLE, DaemonProcess, connected, daemon_process
 from lab.rigs.waiting import wait_until
 from lab.stories.losses import silence_log
@@ -65,6 +66,8 @@ MOST_DESCRIPTORS: Final = 3
 """More open files at the end than when it was warm."""
 LAST_ANSWERS: Final = 60.0
 """Longest wait for what is still to be answered at the end [s]."""
+MOST_SHOWN: Final = 20
+"""Sequences whose first breach is printed."""
 LONGEST_SILENCE: Final = 3.0
 """Of `link/health`, which comes every second [s]."""
 NUMBERS: Final = (
@@ -396,9 +399,14 @@ async def fuzz(seconds: float, seed: int, *, shows: bool = False) -> Findings:
 def main(
     *,
     seconds: Annotated[float, Parameter(help="How long [s].")] = 600.0,
-    seed: Annotated[int, Parameter(help="Of the nonsense.")] = 1,
+    seed: Annotated[int, Parameter(help="Of the nonsense, or of the first sequence.")] = 1,
     bus: Annotated[bool, Parameter(help="Key expressions of every kind in place of requests, with readers.")] = False,
     count: Annotated[int, Parameter(help="With --bus: puts, deletions, queries and tokens.")] = 100_000,
+    core: Annotated[
+        bool, Parameter(help="The flight core alone, in virtual time: sequences of random events.")
+    ] = False,
+    seeds: Annotated[int, Parameter(help="How many sequences, with --core.")] = 20_000,
+    jobs: Annotated[int, Parameter(help="How many processes, with --core.")] = 1,
     as_json: AsJson = False,
 ) -> int:
     """Ask, tell and configure a running daemon nonsense for ten minutes; exit code 1 if it minds.
@@ -407,10 +415,15 @@ def main(
     setpoint that it refuses, and say of every damaged configuration file what is wrong with it, or take it up.
 
     With `--bus` the daemon and the programs that read from it must live and write no traceback (a few minutes).
+
+    With --core a toy aircraft, a client, a pilot, boards and cameras do 300 random things a sequence to the flight
+    core; `lab.control.corefuzz` lists what must never be.
     """
     from lab.busfuzz import fuzz_bus  # it draws its nonsense from here
 
     silence_log()
+    if core:
+        return _fuzz_core(seed, seeds, jobs, as_json=as_json)
     findings: Findings | BusFindings
     findings = asyncio.run(fuzz_bus(count, seed)) if bus else asyncio.run(fuzz(seconds, seed, shows=True))
     row = vars(findings) | {"holds": findings.holds}
@@ -420,3 +433,14 @@ def main(
         for name, value in row.items():
             print(f"{name:18} {json.dumps(value)}")
     return 0 if findings.holds else 1
+
+
+def _fuzz_core(first: int, count: int, jobs: int, *, as_json: bool) -> int:
+    """Run sequences of events for the flight core; exit code 1 if something was that must not be."""
+    wrong, flown = run_sequences(first, count, jobs)
+    seconds = {kind or "none": round(time) for kind, time in sorted(flown.items())}
+    row = {"sequences": count, "breaches": len(wrong), "flown_s": seconds}
+    print(json.dumps(row | {"wrong": {each.seed: each.breaches for each in wrong}}) if as_json else json.dumps(row))
+    for sequence in () if as_json else wrong[:MOST_SHOWN]:
+        print(f"seed {sequence.seed}: {sequence.breaches[0]}")
+    return 1 if wrong else 0
