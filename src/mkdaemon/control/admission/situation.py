@@ -118,7 +118,6 @@ class Situation:
         free_disk: where the recorder writes [bytes]; None where nobody looked.
         model: why the model of the aircraft is not known from its set; None where it is.
         loop: why the control loop must not be flown; None where it is safe.
-        is_loop_known: that has been computed.
     """
 
     cfg: ControlConfig
@@ -154,7 +153,6 @@ class Situation:
     free_disk: float | None
     model: ModelUnknown | None
     loop: CommandRejectedError | None
-    is_loop_known: bool
 
     @cached_property
     def entry(self) -> Entry | None:
