@@ -93,19 +93,9 @@ class Preflight:
         target_age: float | None,
         in_sight: tuple[str, ...],
     ) -> Situation:
-        """All that admission looks at, now; cheap.
+        """All that admission looks at, now [s]; cheap.
 
-        Args:
-            now: [s].
-            phase: where authority stands.
-            lease: the present one; None for nobody.
-            flown: the manoeuvre whose sticks are being sent; None while no stick frames are sent.
-            seen: computes what the estimate says; None where there is no estimate.
-            is_touching: what is flown may touch the ground.
-            unanswered: why the sticks do not act; empty where they may.
-            hover_gas: throttle that carries the aircraft [count of 254].
-            target_age: time since the newest image of the target [s]; None where there was none.
-            in_sight: names of all targets that images have shown lately.
+        The lease is the present one, None for nobody; all other arguments are fields of `Situation`, explained there.
         """
         facts, loop = self._facts, self._loop
         return Situation(
@@ -143,7 +133,6 @@ class Preflight:
             free_disk=facts.free_disk,
             model=self._unknown,
             loop=None if loop is None else loop.refusal,
-            is_loop_known=loop is not None,
         )
 
     def _stamps(self, now: float) -> Match | None:

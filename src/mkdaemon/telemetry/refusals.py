@@ -305,11 +305,6 @@ class Token(StrEnum):
         "with {cause} the control loop is not safe on the model of this aircraft: {detail}.",
         "`mkctl gains` shows the loop; {remedy}.",
     )
-    LOOP_UNKNOWN = (
-        "loop_unknown",
-        "the control loop has not been computed for the model of this aircraft, and is not computed in flight.",
-        "Land, or fly by sticks; `mkctl preflight` and the next lease compute it.",
-    )
     GAIN_ON_POTI = (
         "gain_on_poti",
         "{parameter} = {value} of the active set is potentiometer {poti} of the transmitter and no number: nobody can "

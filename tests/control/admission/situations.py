@@ -85,7 +85,6 @@ GOOD = Situation(
     free_disk=5e9,
     model=None,
     loop=None,
-    is_loop_known=True,
 )
 
 

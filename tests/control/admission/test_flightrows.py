@@ -50,7 +50,6 @@ STANDS = [
     ("aircraft model", "gain_on_poti", {"model": ModelUnknown(Gap.ON_POTENTIOMETER, "gyro_i", 255, 1)}),
     ("aircraft model", "gain_zero", {"model": ModelUnknown(Gap.NO_AIRCRAFT, "stick_p", 0)}),
     ("control loop", "loop_unstable", {"loop": refuse(Token.LOOP_UNSTABLE, detail="x", cause="y", remedy="z")}),
-    ("control loop", "loop_unknown", {"is_loop_known": False}),
     ("receiver", "receiver_weak", {"pilot": reception(0.7)}),
     ("receiver", "receiver_weak", {"flight": flags(emergency_landing=True)}),
     ("battery", "battery_low", {"battery": battery(16.0, is_low=True)}),

@@ -258,7 +258,6 @@ def test_points_that_are_meant_and_points_close_by_are_taken():
 
 CHANGES = {
     "loop": {"loop": refuse(Token.LOOP_UNSTABLE, detail="x", cause="y", remedy="z")},
-    "loop unknown": {"is_loop_known": False},
     "battery": {"battery": battery(16.0, is_low=True)},
     "disk": {"free_disk": 1e8},
     "losses": {"health": health(lost=40)},

@@ -11,7 +11,29 @@ from dataclasses import replace
 from typing import Final
 
 from mkdaemon.control.activeset import OPEN_ABOVE, GateKind
-from mkdaemon.control.admission.beginnings import BY_HAND, BY_TARGET, MANOEUVRES, Concern, NewManoeuvre, TakeLease
+from mkdaemon.control.admission.beginnings import BY_TARGET, MANOEUVRES, Concern, TakeLease
+from mkdaemon.control.admission.manoeuvrelooks import (
+    CARRIES,
+    STANDS,
+    answer,
+    board_listens,
+    certain,
+    clean,
+    estimate,
+    feet_down,
+    flown_target,
+    frame,
+    fresh_image,
+    in_air,
+    motors_run,
+    named_target,
+    near,
+    off_ground,
+    on_ground,
+    one_target,
+    slow,
+    throttle_low,
+)
 from mkdaemon.control.admission.row import Look, Row, Rule, Verdict, at, passed, stands, unknown, when
 from mkdaemon.control.admission.sightlooks import (
     LATEST_IMAGES,
@@ -23,16 +45,13 @@ from mkdaemon.control.admission.sightlooks import (
     stamps,
     target,
 )
-from mkdaemon.control.admission.situation import ASIDE, Entry, Situation
+from mkdaemon.control.admission.situation import ASIDE, Situation
 from mkdaemon.control.batterywatch import low_voltage
 from mkdaemon.control.estimator.model import Gap
-from mkdaemon.control.estimator.values import GAS_CENTRE
 from mkdaemon.errors import CommandRejectedError
-from mkdaemon.telemetry.control import Obstacle, Phase
+from mkdaemon.telemetry.control import Phase
 from mkdaemon.telemetry.link import LinkCondition
-from mkdaemon.telemetry.preflight import CheckState
 from mkdaemon.telemetry.refusals import Token, refuse
-from mkdaemon.telemetry.setpoint import SetpointFrame
 from mkdaemon.telemetry.state import GpsMode
 
 LEAST_QUALITY: Final = 0.75
@@ -45,10 +64,6 @@ LOWEST_EMERGENCY: Final = 0.7
 """With one below this the aircraft falls: half of its weight is carried [share of the hover throttle]."""
 LEAST_DISK: Final = 200e6
 """Free space with which a flight may begin [bytes]: an hour of the recorder's small streams."""
-STANDS: Final = 0.15
-"""Who is no higher than this above its standing height is on the ground [m]."""
-CARRIES: Final = 0.6
-"""Who flies with more throttle may be in the air [share of hover]; a third of the weight is carried."""
 
 
 def _guard(now: Situation) -> Verdict:
@@ -159,8 +174,6 @@ def _model(now: Situation) -> Verdict:
 
 
 def _loop(now: Situation) -> Verdict:
-    if not now.is_loop_known:
-        return stands(refuse(Token.LOOP_UNKNOWN))
     if now.loop is not None:
         # A new one: whoever raises it would hang the way it went to one that is kept.
         return stands(CommandRejectedError(now.loop.token, now.loop.reason, now.loop.fix))
@@ -204,168 +217,6 @@ def _disk(now: Situation) -> Verdict:
     if now.free_disk < LEAST_DISK:
         return stands(refuse(Token.DISK_FULL, free=now.free_disk / 1e6, limit=LEAST_DISK / 1e6))
     return passed(f"{now.free_disk / 1e9:.1f} GB free")
-
-
-# -- what a manoeuvre itself needs --------------------------------------------------------------------------------
-
-
-def _estimate(now: Situation, wanted: NewManoeuvre) -> Verdict:
-    """Who lands has no estimate once he stands, and goes on landing."""
-    if now.flown is wanted.concern or now.entry is not None:
-        return passed()
-    return stands(refuse(Token.NO_ESTIMATE, name=f"setpoint/{wanted.concern}"))
-
-
-def _frame(now: Situation, wanted: NewManoeuvre) -> Verdict:
-    if wanted.frame is not SetpointFrame.HOME:
-        return passed()
-    return stands(refuse(Token.NO_FRAME, name=f"setpoint/{wanted.concern}", frame=SetpointFrame.HOME.value))
-
-
-def _one_target(now: Situation, wanted: NewManoeuvre) -> Verdict:
-    """Whoever names no target means the one that is flown by, else the one in sight, or below."""
-    if wanted.target or (now.flown is not None and now.flown.is_by_target):
-        return passed()
-    entry, name = now.entry, f"setpoint/{wanted.concern}"
-    if len(now.in_sight) > 1:
-        found = ", ".join(now.in_sight)
-        detail = "more than one target is in sight"
-        return stands(refuse(Token.TARGET_UNCLEAR, name=name, found=f"one of {found}", detail=detail))
-    if wanted.concern is Concern.TAKE_OFF and entry is not None and entry.offset > ASIDE:
-        detail = f"the aircraft stands {entry.offset:.1f} m beside its middle"
-        return stands(refuse(Token.TARGET_UNCLEAR, name=name, found=entry.target, detail=detail))
-    return passed()
-
-
-def _flown_target(now: Situation, wanted: NewManoeuvre) -> Verdict:
-    """In flight by a target no other one takes its place."""
-    if not wanted.target or now.flown is None or not now.flown.is_by_target or now.entry is None:
-        return passed()
-    if wanted.target == now.entry.target:
-        return passed()
-    name, detail = f"setpoint/{wanted.concern}", f"{wanted.target} is asked for"
-    return stands(refuse(Token.TARGET_UNCLEAR, name=name, found=now.entry.target, detail=detail))
-
-
-def _named_target(now: Situation, wanted: NewManoeuvre) -> Verdict:
-    entry = now.entry
-    if entry is None or wanted.target in ("", entry.target):
-        return passed()
-    return _waiting(wanted, f"an image of {wanted.target}: {entry.target} is in sight")
-
-
-def _on_ground(now: Situation) -> Verdict:
-    return when(refuse(Token.NOT_ON_GROUND) if now.flown in BY_HAND else None)
-
-
-def _waiting(wanted: NewManoeuvre, detail: str) -> Verdict:
-    """Say what a manoeuvre waits for; the words stand after "waiting for"."""
-    refusal = refuse(Token.NOT_READY, name=wanted.concern.value, detail=detail)
-    return Verdict(CheckState.STANDS, detail, refusal)
-
-
-def _board_listens(now: Situation, wanted: NewManoeuvre) -> Verdict:
-    """Begin no flight while a board does not listen: the first frame it hears must be one of neutral sticks."""
-    return _waiting(wanted, now.line.reason) if now.line.obstacle is Obstacle.DEAF else passed()
-
-
-def _answer(now: Situation, wanted: NewManoeuvre) -> Verdict:
-    """Begin no flight whose sticks would not act: they would wind up until the gate is opened."""
-    if not now.unanswered:
-        return passed()
-    refusal = refuse(Token.NO_ANSWER, detail=now.unanswered)
-    return Verdict(CheckState.STANDS, f"an answer to the sticks: {now.unanswered}", refusal)
-
-
-def _fresh_image(now: Situation, wanted: NewManoeuvre) -> Verdict:
-    entry = now.entry
-    if entry is None or entry.age <= now.cfg.autopilot.entry_age:
-        return passed()
-    return _waiting(wanted, f"a fresh image of {entry.target}: the last is {entry.age:.2f} s old")
-
-
-def _slow(now: Situation, wanted: NewManoeuvre) -> Verdict:
-    entry = now.entry
-    if entry is None or entry.speed <= now.cfg.autopilot.entry_speed:
-        return passed()
-    return _waiting(wanted, f"a slower aircraft: it moves at {entry.speed:.1f} m/s over {entry.target}")
-
-
-def _near(now: Situation, wanted: NewManoeuvre) -> Verdict:
-    entry = now.entry
-    if entry is None or entry.offset <= now.cfg.autopilot.entry_offset * entry.height:
-        return passed()
-    where = f"it is {entry.offset:.1f} m beside its middle, {entry.height:.1f} m up"
-    return _waiting(wanted, f"a place nearer over {entry.target}: {where}")
-
-
-def _certain(now: Situation, wanted: NewManoeuvre) -> Verdict:
-    entry = now.entry
-    if entry is None or entry.sd <= now.cfg.autopilot.entry_sd:
-        return passed()
-    return _waiting(wanted, f"a certain position: its standard deviation is {100 * entry.sd:.0f} cm")
-
-
-def _clean(now: Situation, wanted: NewManoeuvre) -> Verdict:
-    entry = now.entry
-    if entry is None or entry.clean >= now.cfg.autopilot.entry_clean:
-        return passed()
-    return _waiting(wanted, f"images that agree with the model for {now.cfg.autopilot.entry_clean:g} s")
-
-
-def _motors_run(now: Situation, wanted: NewManoeuvre) -> Verdict:
-    if now.motors_running is not False:
-        return passed()
-    return _waiting(wanted, "running motors: the pilot starts them, throttle at its lowest")
-
-
-def _in_air(now: Situation, wanted: NewManoeuvre) -> Verdict:
-    """Nothing that integrates begins while the aircraft stands or is held by hand: its throttle would wind up."""
-    entry = now.entry
-    if now.motors_running is False:
-        detail = "its motors stand still"
-    elif now.flight is not None and now.flight.is_flying is False:
-        detail = "the board says that it does not fly"
-    elif entry is not None and entry.age <= now.cfg.autopilot.entry_age and _feet(now, entry) <= STANDS:
-        detail = f"its feet are {100.0 * max(_feet(now, entry), 0.0):.0f} cm above the target"
-    else:
-        return passed()
-    return _grounded(wanted, detail)
-
-
-def _off_ground(now: Situation, wanted: NewManoeuvre) -> Verdict:
-    """A take-off or landing that touches the ground ends by itself, by an abort or by a release."""
-    if now.flown is None or now.flown is wanted.concern or not now.is_touching:
-        return passed()
-    return _grounded(wanted, f"its {now.flown} has not left the ground, or is about to touch it")
-
-
-def _grounded(wanted: NewManoeuvre, detail: str) -> Verdict:
-    refusal = refuse(Token.NOT_FLYING, name=f"setpoint/{wanted.concern}", detail=detail)
-    return Verdict(CheckState.STANDS, f"an aircraft in the air: {detail}", refusal)
-
-
-def _feet(now: Situation, entry: Entry) -> float:
-    """Height of the feet above the target [m]."""
-    return entry.height - now.cfg.autopilot.stand_height
-
-
-def _feet_down(now: Situation, wanted: NewManoeuvre) -> Verdict:
-    """A take-off begins with the lowest throttle, which would drop an aircraft that a pilot holds in the air."""
-    entry = now.entry
-    if entry is None or entry.age > now.cfg.autopilot.entry_age or wanted.target not in ("", entry.target):
-        return passed()
-    if _feet(now, entry) <= STANDS:
-        return passed()
-    return _waiting(wanted, f"an aircraft on the ground: its feet are {_feet(now, entry):.1f} m above the target")
-
-
-def _throttle_low(now: Situation, wanted: NewManoeuvre) -> Verdict:
-    gas = now.gas_in_use
-    if gas is None or gas <= CARRIES * now.hover_gas:
-        return passed()
-    found = f"it is at {gas - GAS_CENTRE:+.0f}, which may carry the aircraft"
-    return _waiting(wanted, f"the pilot's throttle at its lowest: {found}")
 
 
 # -- the lease ----------------------------------------------------------------------------------------------------
@@ -478,7 +329,7 @@ FLIGHT_ROWS: Final = (
         concerns=(Concern.VELOCITY, Concern.POSITION),
         stands="it is given in frame home",
         tokens=(Token.NO_FRAME,),
-        look=_frame,
+        look=frame,
         rule=Rule.ALWAYS,
     ),
     Row(
@@ -486,7 +337,7 @@ FLIGHT_ROWS: Final = (
         concerns=_IN_SIGHT,
         stands="no camera has seen a target yet",
         tokens=(Token.NO_ESTIMATE,),
-        look=_estimate,
+        look=estimate,
         rule=Rule.ALWAYS,
     ),
     Row(
@@ -494,14 +345,14 @@ FLIGHT_ROWS: Final = (
         concerns=BY_TARGET,
         stands=f"it names no target, and two are in sight, or the one of a take-off is more than {ASIDE:g} m aside",
         tokens=(Token.TARGET_UNCLEAR,),
-        look=_one_target,
+        look=one_target,
     ),
     Row(
         name="target that is flown by",
         concerns=BY_TARGET,
         stands="it names another target than the one that is flown by",
         tokens=(Token.TARGET_UNCLEAR,),
-        look=_flown_target,
+        look=flown_target,
         rule=Rule.ALWAYS,
     ),
     _check(
@@ -546,10 +397,9 @@ FLIGHT_ROWS: Final = (
     _check(
         "control loop",
         BY_TARGET,
-        "the loop with the configured limits is not safe on the model of this aircraft, or is not computed for it",
+        "the loop with the configured limits is not safe on the model of this aircraft",
         _loop,
         Token.LOOP_UNSTABLE,
-        Token.LOOP_UNKNOWN,
     ),
     _check(
         "receiver",
@@ -625,12 +475,12 @@ FLIGHT_ROWS: Final = (
         concerns=_TAKE_OFF,
         stands="sticks or attitudes of a client are being flown",
         tokens=(Token.NOT_ON_GROUND,),
-        look=at(_on_ground),
+        look=at(on_ground),
     ),
     _entry(
         "board that listens",
         "a board works on a request and does not listen",
-        _board_listens,
+        board_listens,
         rule=Rule.WAITS,
         concerns=MANOEUVRES,
     ),
@@ -639,7 +489,7 @@ FLIGHT_ROWS: Final = (
         concerns=BY_TARGET,
         stands="a board reports the gate shut, or the aircraft that is flown does not answer its sticks",
         tokens=(Token.NO_ANSWER,),
-        look=_answer,
+        look=answer,
         rule=Rule.WAITS,
     ),
     Row(
@@ -647,7 +497,7 @@ FLIGHT_ROWS: Final = (
         concerns=BY_TARGET,
         stands="a take-off that no image has shown off the ground is flown, or the last centimetres of a landing",
         tokens=(Token.NOT_FLYING,),
-        look=_off_ground,
+        look=off_ground,
         rule=Rule.ALWAYS,
     ),
     Row(
@@ -656,36 +506,34 @@ FLIGHT_ROWS: Final = (
         stands=f"motors stand still, the board says that it does not fly, or its feet are no more than "
         f"{100 * STANDS:g} cm above the target",
         tokens=(Token.NOT_FLYING,),
-        look=_in_air,
+        look=in_air,
         rule=Rule.ENTRY,
     ),
-    _entry("named target", "it names another target than the one in sight", _named_target, concerns=_IN_SIGHT),
-    _entry("fresh image", "the newest image is older than `entry_age`", _fresh_image, concerns=_IN_SIGHT),
-    _once(_entry("speed", "it moves faster than `entry_speed` against the target", _slow, concerns=_IN_SIGHT)),
-    _once(
-        _entry("offset", "it is more than `entry_offset` of its height beside the target", _near, concerns=_IN_SIGHT)
-    ),
-    _entry("certainty", "the standard deviation of its position is above `entry_sd`", _certain, concerns=_IN_SIGHT),
+    _entry("named target", "it names another target than the one in sight", named_target, concerns=_IN_SIGHT),
+    _entry("fresh image", "the newest image is older than `entry_age`", fresh_image, concerns=_IN_SIGHT),
+    _once(_entry("speed", "it moves faster than `entry_speed` against the target", slow, concerns=_IN_SIGHT)),
+    _once(_entry("offset", "it is more than `entry_offset` of its height beside the target", near, concerns=_IN_SIGHT)),
+    _entry("certainty", "the standard deviation of its position is above `entry_sd`", certain, concerns=_IN_SIGHT),
     _once(
         _entry(
             "clean images",
             "images have agreed with the model for less than `entry_clean`",
-            _clean,
+            clean,
             concerns=_IN_SIGHT,
         )
     ),
-    _entry("running motors", "motors stand still", _motors_run, rule=Rule.WAITS, concerns=_TAKE_OFF),
+    _entry("running motors", "motors stand still", motors_run, rule=Rule.WAITS, concerns=_TAKE_OFF),
     _entry(
         "feet on the ground",
         f"its feet are more than {100 * STANDS:g} cm above the target",
-        _feet_down,
+        feet_down,
         rule=Rule.WAITS,
         concerns=_TAKE_OFF,
     ),
     _entry(
         "throttle at its lowest",
         f"it flies with more than {100 * CARRIES:g} % of the hover throttle",
-        _throttle_low,
+        throttle_low,
         rule=Rule.WAITS,
         concerns=_TAKE_OFF,
     ),

@@ -119,7 +119,6 @@ class Situation:
         free_disk: where the recorder writes [bytes]; None where nobody looked.
         model: why the model of the aircraft is not known from its set; None where it is.
         loop: why the control loop must not be flown; None where it is safe.
-        is_loop_known: that has been computed.
     """
 
     cfg: ControlConfig
@@ -156,7 +155,6 @@ class Situation:
     free_disk: float | None
     model: ModelUnknown | None
     loop: CommandRejectedError | None
-    is_loop_known: bool
 
     @cached_property
     def entry(self) -> Entry | None:

@@ -1,0 +1,188 @@
+"""Looks at what a manoeuvre itself needs: a target, an estimate, an aircraft that flies or stands."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from mkdaemon.control.admission.beginnings import BY_HAND, Concern, NewManoeuvre
+from mkdaemon.control.admission.row import Verdict, passed, stands, when
+from mkdaemon.control.admission.situation import ASIDE, Entry, Situation
+from mkdaemon.control.estimator.values import GAS_CENTRE
+from mkdaemon.telemetry.control import Obstacle
+from mkdaemon.telemetry.preflight import CheckState
+from mkdaemon.telemetry.refusals import Token, refuse
+from mkdaemon.telemetry.setpoint import SetpointFrame
+
+STANDS: Final = 0.15
+"""Who is no higher than this above its standing height is on the ground [m]."""
+CARRIES: Final = 0.6
+"""Who flies with more throttle may be in the air [share of hover]; a third of the weight is carried."""
+
+
+def estimate(now: Situation, wanted: NewManoeuvre) -> Verdict:
+    """Who lands has no estimate once he stands, and goes on landing."""
+    if now.flown is wanted.concern or now.entry is not None:
+        return passed()
+    return stands(refuse(Token.NO_ESTIMATE, name=f"setpoint/{wanted.concern}"))
+
+
+def frame(now: Situation, wanted: NewManoeuvre) -> Verdict:
+    """Nothing is flown in frame home."""
+    if wanted.frame is not SetpointFrame.HOME:
+        return passed()
+    return stands(refuse(Token.NO_FRAME, name=f"setpoint/{wanted.concern}", frame=SetpointFrame.HOME.value))
+
+
+def one_target(now: Situation, wanted: NewManoeuvre) -> Verdict:
+    """Whoever names no target means the one that is flown by, else the one in sight, or below."""
+    if wanted.target or (now.flown is not None and now.flown.is_by_target):
+        return passed()
+    entry, name = now.entry, f"setpoint/{wanted.concern}"
+    if len(now.in_sight) > 1:
+        found = ", ".join(now.in_sight)
+        detail = "more than one target is in sight"
+        return stands(refuse(Token.TARGET_UNCLEAR, name=name, found=f"one of {found}", detail=detail))
+    if wanted.concern is Concern.TAKE_OFF and entry is not None and entry.offset > ASIDE:
+        detail = f"the aircraft stands {entry.offset:.1f} m beside its middle"
+        return stands(refuse(Token.TARGET_UNCLEAR, name=name, found=entry.target, detail=detail))
+    return passed()
+
+
+def flown_target(now: Situation, wanted: NewManoeuvre) -> Verdict:
+    """In flight by a target no other one takes its place."""
+    if not wanted.target or now.flown is None or not now.flown.is_by_target or now.entry is None:
+        return passed()
+    if wanted.target == now.entry.target:
+        return passed()
+    name, detail = f"setpoint/{wanted.concern}", f"{wanted.target} is asked for"
+    return stands(refuse(Token.TARGET_UNCLEAR, name=name, found=now.entry.target, detail=detail))
+
+
+def named_target(now: Situation, wanted: NewManoeuvre) -> Verdict:
+    """A target that is named must be the one in sight."""
+    entry = now.entry
+    if entry is None or wanted.target in ("", entry.target):
+        return passed()
+    return _waiting(wanted, f"an image of {wanted.target}: {entry.target} is in sight")
+
+
+def on_ground(now: Situation) -> Verdict:
+    """A take-off begins on the ground, where nobody flies by hand."""
+    return when(refuse(Token.NOT_ON_GROUND) if now.flown in BY_HAND else None)
+
+
+def _waiting(wanted: NewManoeuvre, detail: str) -> Verdict:
+    """Say what a manoeuvre waits for; the words stand after "waiting for"."""
+    refusal = refuse(Token.NOT_READY, name=wanted.concern.value, detail=detail)
+    return Verdict(CheckState.STANDS, detail, refusal)
+
+
+def board_listens(now: Situation, wanted: NewManoeuvre) -> Verdict:
+    """Begin no flight while a board does not listen: the first frame it hears must be one of neutral sticks."""
+    return _waiting(wanted, now.line.reason) if now.line.obstacle is Obstacle.DEAF else passed()
+
+
+def answer(now: Situation, wanted: NewManoeuvre) -> Verdict:
+    """Begin no flight whose sticks would not act: they would wind up until the gate is opened."""
+    if not now.unanswered:
+        return passed()
+    refusal = refuse(Token.NO_ANSWER, detail=now.unanswered)
+    return Verdict(CheckState.STANDS, f"an answer to the sticks: {now.unanswered}", refusal)
+
+
+def fresh_image(now: Situation, wanted: NewManoeuvre) -> Verdict:
+    """The newest image must be young."""
+    entry = now.entry
+    if entry is None or entry.age <= now.cfg.autopilot.entry_age:
+        return passed()
+    return _waiting(wanted, f"a fresh image of {entry.target}: the last is {entry.age:.2f} s old")
+
+
+def slow(now: Situation, wanted: NewManoeuvre) -> Verdict:
+    """The aircraft must hover."""
+    entry = now.entry
+    if entry is None or entry.speed <= now.cfg.autopilot.entry_speed:
+        return passed()
+    return _waiting(wanted, f"a slower aircraft: it moves at {entry.speed:.1f} m/s over {entry.target}")
+
+
+def near(now: Situation, wanted: NewManoeuvre) -> Verdict:
+    """The aircraft must be over the target."""
+    entry = now.entry
+    if entry is None or entry.offset <= now.cfg.autopilot.entry_offset * entry.height:
+        return passed()
+    where = f"it is {entry.offset:.1f} m beside its middle, {entry.height:.1f} m up"
+    return _waiting(wanted, f"a place nearer over {entry.target}: {where}")
+
+
+def certain(now: Situation, wanted: NewManoeuvre) -> Verdict:
+    """Its position must be known."""
+    entry = now.entry
+    if entry is None or entry.sd <= now.cfg.autopilot.entry_sd:
+        return passed()
+    return _waiting(wanted, f"a certain position: its standard deviation is {100 * entry.sd:.0f} cm")
+
+
+def clean(now: Situation, wanted: NewManoeuvre) -> Verdict:
+    """Images must have agreed with the model for a while."""
+    entry = now.entry
+    if entry is None or entry.clean >= now.cfg.autopilot.entry_clean:
+        return passed()
+    return _waiting(wanted, f"images that agree with the model for {now.cfg.autopilot.entry_clean:g} s")
+
+
+def motors_run(now: Situation, wanted: NewManoeuvre) -> Verdict:
+    """A take-off needs motors that the pilot has started."""
+    if now.motors_running is not False:
+        return passed()
+    return _waiting(wanted, "running motors: the pilot starts them, throttle at its lowest")
+
+
+def in_air(now: Situation, wanted: NewManoeuvre) -> Verdict:
+    """Nothing that integrates begins while the aircraft stands or is held by hand: its throttle would wind up."""
+    entry = now.entry
+    if now.motors_running is False:
+        detail = "its motors stand still"
+    elif now.flight is not None and now.flight.is_flying is False:
+        detail = "the board says that it does not fly"
+    elif entry is not None and entry.age <= now.cfg.autopilot.entry_age and _feet(now, entry) <= STANDS:
+        detail = f"its feet are {100.0 * max(_feet(now, entry), 0.0):.0f} cm above the target"
+    else:
+        return passed()
+    return _grounded(wanted, detail)
+
+
+def off_ground(now: Situation, wanted: NewManoeuvre) -> Verdict:
+    """A take-off or landing that touches the ground ends by itself, by an abort or by a release."""
+    if now.flown is None or now.flown is wanted.concern or not now.is_touching:
+        return passed()
+    return _grounded(wanted, f"its {now.flown} has not left the ground, or is about to touch it")
+
+
+def _grounded(wanted: NewManoeuvre, detail: str) -> Verdict:
+    refusal = refuse(Token.NOT_FLYING, name=f"setpoint/{wanted.concern}", detail=detail)
+    return Verdict(CheckState.STANDS, f"an aircraft in the air: {detail}", refusal)
+
+
+def _feet(now: Situation, entry: Entry) -> float:
+    """Height of the feet above the target [m]."""
+    return entry.height - now.cfg.autopilot.stand_height
+
+
+def feet_down(now: Situation, wanted: NewManoeuvre) -> Verdict:
+    """A take-off begins with the lowest throttle, which would drop an aircraft that a pilot holds in the air."""
+    entry = now.entry
+    if entry is None or entry.age > now.cfg.autopilot.entry_age or wanted.target not in ("", entry.target):
+        return passed()
+    if _feet(now, entry) <= STANDS:
+        return passed()
+    return _waiting(wanted, f"an aircraft on the ground: its feet are {_feet(now, entry):.1f} m above the target")
+
+
+def throttle_low(now: Situation, wanted: NewManoeuvre) -> Verdict:
+    """The pilot's throttle must not carry the aircraft."""
+    gas = now.gas_in_use
+    if gas is None or gas <= CARRIES * now.hover_gas:
+        return passed()
+    found = f"it is at {gas - GAS_CENTRE:+.0f}, which may carry the aircraft"
+    return _waiting(wanted, f"the pilot's throttle at its lowest: {found}")
