@@ -238,7 +238,7 @@ def main(
         lines = results.read_text(encoding="utf-8").splitlines()
         rows = [Row(**{**each, "verdict": Verdict(each["verdict"])}) for each in map(json.loads, lines)]
     known = {(row.seed, row.loss) for row in rows}
-    wanted = [(seed, share) for share in (loss or (None,)) for seed in range(first, first + seeds)]
+    wanted = [(seed, share) for seed in range(first, first + seeds) for share in (loss or (None,))]
     todo = [each for each in wanted if each not in known]
     began = time.monotonic()
     for count, row in enumerate(flights(todo, jobs, wind, fps), start=1):
